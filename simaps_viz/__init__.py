@@ -1,0 +1,1 @@
+"""Semantic Instance Maps from posed RGB-D."""

@@ -1,0 +1,81 @@
+"""What a build tells those who watch it. Observers only look: nothing they do changes the map."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Protocol
+
+from numpy.typing import NDArray
+
+from simaps_viz.structures import Frame, Grid, MergeLog, Segmentation, SIMap
+
+
+@dataclass(frozen=True, eq=False)
+class BuildStarted:
+    """The sequence is open and checked; no frame has been read."""
+
+    name: str
+    frame_names: tuple[str, ...]
+    T_map_world: NDArray
+    segmentation_source: str
+    """In words, e.g. "renderer" or "simulated network errors, light, seed 0"."""
+    simulated: bool
+    """The segmentation (or the frames) are simulated and must be called so wherever shown."""
+
+
+@dataclass(frozen=True, eq=False)
+class FrameProjected:
+    """One frame is on the grid."""
+
+    frame: Frame
+    segmentation: Segmentation
+    T_map_camera: NDArray
+    cells: NDArray
+    """int32 [n, 2], (row, col) on the grid ``snapshot`` gives now: the cells this frame saw."""
+    new_edges: NDArray
+    """int32 [m, 4], (row_a, col_a, row_b, col_b) of cell pairs first linked by this frame, same grid."""
+    new_edge_labels: NDArray
+    """int16 [m], class index of each."""
+    snapshot: Callable[[], Grid]
+    """Copies the map as it is now; call it before returning."""
+
+
+@dataclass(frozen=True, eq=False)
+class CommunitiesFound:
+    """Louvain ran: every so often while building (``final`` False) and once at the end."""
+
+    grid: Grid
+    community: NDArray
+    """int32 [rows, cols], 0 = none."""
+    frame_index: int
+    """The last frame it knows of."""
+    final: bool
+
+
+@dataclass(frozen=True, eq=False)
+class MergesFound:
+    """The whole merge log, down to K = 0, and how many steps of it the chosen K uses."""
+
+    grid: Grid
+    community: NDArray
+    """int32 [rows, cols], finest communities, 0 = none."""
+    log: MergeLog
+    applied: NDArray
+    """bool [steps]: belongs to the prefix that the chosen K takes."""
+
+
+@dataclass(frozen=True, eq=False)
+class BuildFinished:
+    """The map is done."""
+
+    simap: SIMap
+
+
+Event = BuildStarted | FrameProjected | CommunitiesFound | MergesFound | BuildFinished
+
+
+class Observer(Protocol):
+    """Something that watches a build: the recorder, a progress bar, the viewer."""
+
+    def on_event(self, event: Event) -> None:
+        """Take one event; called in order, from the building thread."""
+        ...

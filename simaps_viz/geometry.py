@@ -1,0 +1,102 @@
+"""Poses, back-projection and the map frame.
+
+World: as the sequence gives it. Map frame: right-handed, metres, +z up, floor at z = 0, x east, y north.
+Camera: OpenCV axes (x right, y down, z forward). ``T_a_b`` takes points of frame b to frame a.
+Headings are degrees clockwise from north at the user's surface, radians counter-clockwise from +x inside.
+"""
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from simaps_viz.errors import InputError
+
+
+def heading_to_yaw(heading_deg: float) -> float:
+    """Turn a compass heading (degrees clockwise from north) into a yaw (radians from +x, counter-clockwise)."""
+    return wrap_angle(np.deg2rad(90.0 - heading_deg))
+
+
+def yaw_to_heading(yaw_rad: float) -> float:
+    """Turn a yaw (radians from +x, counter-clockwise) into a compass heading in [0, 360) degrees."""
+    return float((90.0 - np.rad2deg(yaw_rad)) % 360.0)
+
+
+def wrap_angle(angle_rad: float) -> float:
+    """Bring an angle in radians into (-pi, pi]."""
+    return float(-((-angle_rad + np.pi) % (2.0 * np.pi) - np.pi))
+
+
+def transform_points(T_a_b: NDArray, points_b: NDArray) -> NDArray:
+    """Move points [..., 3] of frame b to frame a by the rigid transform ``T_a_b`` [4, 4]."""
+    return points_b @ T_a_b[:3, :3].T + T_a_b[:3, 3]
+
+
+def invert_pose(T_a_b: NDArray) -> NDArray:
+    """Invert a rigid transform [4, 4] by transposing its rotation."""
+    T_b_a = np.eye(4)
+    T_b_a[:3, :3] = T_a_b[:3, :3].T
+    T_b_a[:3, 3] = -T_a_b[:3, :3].T @ T_a_b[:3, 3]
+    return T_b_a
+
+
+def back_project(depth_m: NDArray, fx: float, fy: float, cx: float, cy: float) -> NDArray:
+    """Back-project a depth image to camera points.
+
+    Pinhole model: ``x = (u - cx) / fx * z``, ``y = (v - cy) / fy * z``, pixel centres at whole numbers.
+
+    Args:
+        depth_m: [H, W], metres along the optical axis, 0 = invalid.
+
+    Returns:
+        float64 [H, W, 3], camera frame, metres; all zero where the depth is invalid.
+    """
+    height, width = depth_m.shape
+    v, u = np.mgrid[:height, :width]
+    z = depth_m.astype(np.float64)
+    return np.stack([(u - cx) / fx * z, (v - cy) / fy * z, z], axis=-1)
+
+
+def project(points_camera: NDArray, fx: float, fy: float, cx: float, cy: float) -> NDArray:
+    """Project camera points [..., 3] (z > 0) to pixel coordinates (u, v) [..., 2]."""
+    z = points_camera[..., 2]
+    return np.stack([points_camera[..., 0] / z * fx + cx, points_camera[..., 1] / z * fy + cy], axis=-1)
+
+
+def check_rotation(rotation: NDArray, where: str, tolerance: float = 1e-2) -> None:
+    """Raise InputError, naming ``where``, unless the 3x3 matrix is finite, orthonormal and right-handed."""
+    if not np.isfinite(rotation).all():
+        raise InputError(f"{where}: expected a finite rotation, found NaN or infinity")
+    error = float(np.abs(rotation @ rotation.T - np.eye(3)).max())
+    if error > tolerance:
+        raise InputError(f"{where}: expected an orthonormal rotation, found one off by {error:.3g}")
+    if np.linalg.det(rotation) < 0:
+        raise InputError(f"{where}: expected a right-handed rotation (determinant 1), found a mirrored one")
+
+
+def map_from_world(up: ArrayLike, floor_height_m: float) -> NDArray:
+    """Find ``T_map_world`` [4, 4] from the world's up direction and the floor's height along it.
+
+    The rotation is the shortest one that takes ``up`` to +z (Rodrigues), so a world that is z-up already
+    keeps its x and y.
+
+    Args:
+        up: [3], world frame, any length but zero.
+        floor_height_m: ``up_unit . p`` of every floor point p, metres.
+    """
+    up_world = np.asarray(up, dtype=np.float64)
+    norm = np.linalg.norm(up_world)
+    if up_world.shape != (3,) or not np.isfinite(norm) or norm < 1e-9:
+        raise InputError(f"up: expected three finite numbers that are not all zero, found {up!r}")
+    up_world = up_world / norm
+    z = np.array([0.0, 0.0, 1.0])
+    axis = np.cross(up_world, z)
+    cosine = float(up_world @ z)
+    if cosine < -1.0 + 1e-9:  # upside down: half a turn about x
+        rotation = np.diag([1.0, -1.0, -1.0])
+    else:
+        skew = np.array([[0, -axis[2], axis[1]], [axis[2], 0, -axis[0]], [-axis[1], axis[0], 0]])
+        rotation = np.eye(3) + skew + skew @ skew / (1.0 + cosine)
+    T_map_world = np.eye(4)
+    T_map_world[:3, :3] = rotation
+    T_map_world[2, 3] = -floor_height_m
+    return T_map_world

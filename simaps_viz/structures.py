@@ -1,0 +1,310 @@
+"""The things that flow through the program. All are frozen; arrays are documented, never copied on construction."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from simaps_viz.errors import InputError
+from simaps_viz.geometry import heading_to_yaw, yaw_to_heading
+
+
+def _expect(name: str, array: NDArray, shape: tuple[int, ...], dtype: type) -> None:
+    if array.shape != shape or array.dtype != dtype:
+        wanted = f"{np.dtype(dtype).name} {list(shape)}"
+        raise InputError(f"{name}: expected {wanted}, found {array.dtype.name} {list(array.shape)}")
+
+
+@dataclass(frozen=True)
+class Intrinsics:
+    """Pinhole camera without distortion; pixel centres at whole numbers."""
+
+    width: int
+    height: int
+    fx: float
+    """Focal length along u, pixels."""
+    fy: float
+    """Focal length along v, pixels."""
+    cx: float
+    """Principal point, pixels from the centre of the leftmost column."""
+    cy: float
+    """Principal point, pixels from the centre of the top row."""
+
+    def matrix(self) -> NDArray:
+        """Give K, float64 [3, 3]."""
+        return np.array([[self.fx, 0, self.cx], [0, self.fy, self.cy], [0, 0, 1]], dtype=np.float64)
+
+
+@dataclass(frozen=True, eq=False)
+class Frame:
+    """One posed RGB-D picture."""
+
+    index: int
+    """Position in the sequence, from 0."""
+    name: str
+    depth_m: NDArray
+    """float32 [H, W], metres along the optical axis, 0 = invalid."""
+    T_world_camera: NDArray
+    """float64 [4, 4], camera (OpenCV axes) to world, metres."""
+    intrinsics: Intrinsics
+    color: NDArray | None = None
+    """uint8 [H, W, 3], RGB; None when nobody asked for it to be decoded."""
+
+    def __post_init__(self) -> None:
+        shape = (self.intrinsics.height, self.intrinsics.width)
+        _expect(f"frame {self.name}: depth", self.depth_m, shape, np.float32)
+        if self.color is not None:
+            _expect(f"frame {self.name}: color", self.color, (*shape, 3), np.uint8)
+
+
+@dataclass(frozen=True)
+class Segment:
+    """One segment of one frame."""
+
+    id: int
+    """Pixel value in ``Segmentation.ids``, >= 1. Means nothing in other frames."""
+    label: str
+    score: float = 1.0
+    """Confidence in [0, 1]."""
+    is_thing: bool = True
+    """Countable (chair), not stuff (floor)."""
+
+
+@dataclass(frozen=True, eq=False)
+class Segmentation:
+    """The panoptic segmentation of one frame."""
+
+    ids: NDArray
+    """int32 [H, W], 0 = nothing; every other value is the id of one of ``segments``."""
+    segments: tuple[Segment, ...]
+
+    def __post_init__(self) -> None:
+        _expect("segmentation: ids", self.ids, self.ids.shape[:2], np.int32)
+
+
+@dataclass(frozen=True)
+class GridSpec:
+    """Where the grid's cells lie: cell (row, col) covers x in [x0 + col s, x0 + (col+1) s), y likewise by row."""
+
+    rows: int
+    cols: int
+    cell_size_m: float
+    x0_m: float
+    y0_m: float
+
+    def cell_of(self, x_m: float, y_m: float) -> tuple[int, int]:
+        """Give the (row, col) that holds a point of the map frame; may lie outside the grid."""
+        return (
+            int(np.floor((y_m - self.y0_m) / self.cell_size_m)),
+            int(np.floor((x_m - self.x0_m) / self.cell_size_m)),
+        )
+
+    def centre_of(self, row: float, col: float) -> tuple[float, float]:
+        """Give the map-frame (x, y) of a cell's centre, metres."""
+        return (self.x0_m + (col + 0.5) * self.cell_size_m, self.y0_m + (row + 0.5) * self.cell_size_m)
+
+    def contains(self, row: int, col: int) -> bool:
+        """Tell whether (row, col) is a cell of the grid."""
+        return 0 <= row < self.rows and 0 <= col < self.cols
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """(rows, cols)."""
+        return (self.rows, self.cols)
+
+    @property
+    def extent_m(self) -> tuple[float, float, float, float]:
+        """(xmin, ymin, xmax, ymax) of the grid, metres."""
+        s = self.cell_size_m
+        return (self.x0_m, self.y0_m, self.x0_m + self.cols * s, self.y0_m + self.rows * s)
+
+
+@dataclass(frozen=True, eq=False)
+class Grid:
+    """The top-down map before anything is told apart: what each cell's top is."""
+
+    spec: GridSpec
+    labels: tuple[str, ...]
+    """Class names; ``labels[0]`` is "none"."""
+    is_thing: tuple[bool, ...]
+    """Aligned with ``labels``: countable classes."""
+    label: NDArray
+    """int16 [rows, cols], index into ``labels``, 0 = none."""
+    height_m: NDArray
+    """float32 [rows, cols], height of the highest pixel over the floor, NaN = never seen."""
+    lowest_m: NDArray
+    """float32 [rows, cols], lowest pixel at least 0.1 m over the floor, NaN = there was none (free to drive)."""
+    observations: NDArray
+    """int32 [rows, cols], number of frames that saw the cell."""
+
+    def __post_init__(self) -> None:
+        for name, dtype in (("label", np.int16), ("height_m", np.float32), ("lowest_m", np.float32)):
+            _expect(f"grid: {name}", getattr(self, name), self.spec.shape, dtype)
+        _expect("grid: observations", self.observations, self.spec.shape, np.int32)
+
+
+@dataclass(frozen=True, eq=False)
+class CellGraph:
+    """The weighted graph over the cells of one class."""
+
+    label: int
+    """Index of the class."""
+    cells: NDArray
+    """int64 [n], flat cell numbers (row * cols + col), ascending."""
+    edges: NDArray
+    """int32 [m, 2], positions in ``cells``, first < second, sorted, no duplicates."""
+    counts: NDArray
+    """int64 [m], pixel pairs of one segment that fell in the two cells, over all frames."""
+    weights: NDArray
+    """float64 [m], counts / mean number of frames that saw the two cells."""
+
+
+@dataclass(frozen=True, eq=False)
+class MergeLog:
+    """Which communities were joined, in the order it happened, class by class."""
+
+    label: NDArray
+    """int16 [steps], index of the class."""
+    source: NDArray
+    """int32 [steps], community that ended."""
+    target: NDArray
+    """int32 [steps], community it joined."""
+    score: NDArray
+    """float32 [steps]: share of the source's cells that neighbour the target (method paper), or pooled affinity."""
+
+    def __len__(self) -> int:
+        return len(self.source)
+
+
+@dataclass(frozen=True, eq=False)
+class Views:
+    """Which segment of which frame named how many cells of which finest community."""
+
+    community: NDArray
+    """int32 [v]."""
+    frame: NDArray
+    """int32 [v], index into ``SIMap.frame_names``."""
+    segment: NDArray
+    """int32 [v], id in that frame's segmentation."""
+    cells: NDArray
+    """int32 [v], number of the community's cells whose highest pixel of that frame lies in the segment."""
+    score: NDArray
+    """float32 [v], confidence of the segment."""
+
+
+@dataclass(frozen=True)
+class Instance:
+    """One object on the map."""
+
+    id: int
+    """Value in ``SIMap.instance``, >= 1; the smallest of its communities, so it is stable while K moves."""
+    label: str
+    cells: int
+    centroid_m: tuple[float, float, float]
+    """Mean of its cells' centres and of their heights, map frame."""
+    aabb_m: tuple[tuple[float, float, float], tuple[float, float, float]]
+    """Lowest and highest corner of its cells; z from the lowest to the highest cell top. Map frame."""
+    frames: int
+    """Number of frames in which a segment of its class named one of its cells."""
+    score: float
+    """Mean confidence of the segments that named its cells, weighted by cells."""
+
+    def area_m2(self, cell_size_m: float) -> float:
+        """Give the area its cells cover, square metres."""
+        return self.cells * cell_size_m**2
+
+
+@dataclass(frozen=True, eq=False)
+class SIMap:
+    """A Semantic Instance Map, with what is needed to ask it why and to partition it anew."""
+
+    grid: Grid
+    instance: NDArray
+    """int32 [rows, cols], unique over the whole map, 0 = none (nothing there, or stuff)."""
+    instances: tuple[Instance, ...]
+    """Sorted by class, then id."""
+    T_map_world: NDArray
+    """float64 [4, 4], world to map frame."""
+    method: str
+    parameters: Mapping[str, Any]
+    """JSON-able; holds at least ``k_percent`` and ``resolution`` for method paper."""
+    provenance: Mapping[str, Any]
+    """JSON-able: where the map came from (``sequence`` path, ``segmentation`` source, ``simulated``, versions)."""
+    community: NDArray
+    """int32 [rows, cols], finest communities before any merge, unique over the map, 0 = none."""
+    merges: MergeLog
+    graphs: tuple[CellGraph, ...]
+    """One for each thing class that has cells."""
+    views: Views
+    frame_names: tuple[str, ...]
+    T_map_camera: NDArray
+    """float64 [frames, 4, 4], camera to map frame."""
+
+    def __post_init__(self) -> None:
+        _expect("map: instance", self.instance, self.grid.spec.shape, np.int32)
+        _expect("map: community", self.community, self.grid.spec.shape, np.int32)
+
+    @property
+    def spec(self) -> GridSpec:
+        """Where the cells lie."""
+        return self.grid.spec
+
+    def by_id(self, instance_id: int) -> Instance:
+        """Give the instance with that id, or raise InputError naming the range there is."""
+        for instance in self.instances:
+            if instance.id == instance_id:
+                return instance
+        raise InputError(f"instance {instance_id}: not on this map, which has {len(self.instances)} instances")
+
+    def at(self, x_m: float, y_m: float) -> Instance | None:
+        """Give the instance whose cell holds the map-frame point, or None."""
+        row, col = self.spec.cell_of(x_m, y_m)
+        if not self.spec.contains(row, col) or self.instance[row, col] == 0:
+            return None
+        return self.by_id(int(self.instance[row, col]))
+
+    def of_class(self, label: str) -> tuple[Instance, ...]:
+        """Give the instances of a class, by id; empty when there is none."""
+        return tuple(i for i in self.instances if i.label == label)
+
+    def counts(self) -> dict[str, int]:
+        """Give {class name: number of instances}, most first, then by name."""
+        names = [i.label for i in self.instances]
+        return {n: names.count(n) for n in sorted(set(names), key=lambda n: (-names.count(n), n))}
+
+
+@dataclass(frozen=True)
+class Pose2:
+    """Where the robot stands on the map."""
+
+    x_m: float
+    y_m: float
+    yaw_rad: float
+    """Counter-clockwise from +x."""
+
+    @classmethod
+    def from_heading(cls, x_m: float, y_m: float, heading_deg: float) -> "Pose2":
+        """Make a pose from a compass heading, degrees clockwise from north."""
+        return cls(float(x_m), float(y_m), heading_to_yaw(heading_deg))
+
+    @property
+    def heading_deg(self) -> float:
+        """Compass heading, degrees clockwise from north, [0, 360)."""
+        return yaw_to_heading(self.yaw_rad)
+
+
+@dataclass(frozen=True, eq=False)
+class Path:
+    """A way over free cells."""
+
+    points_m: NDArray
+    """float64 [n, 2], map frame, from start to goal."""
+    cost_m: float = field(default=0.0)
+    """Octile cost of the grid path it was smoothed from, metres."""
+
+    @property
+    def length_m(self) -> float:
+        """Length of the polyline, metres."""
+        return float(np.linalg.norm(np.diff(self.points_m, axis=0), axis=1).sum()) if len(self.points_m) > 1 else 0.0
