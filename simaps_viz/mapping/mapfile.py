@@ -1,0 +1,213 @@
+"""The map file, ``simap/1``: one .npz without pickles, written whole or not at all."""
+
+import io
+import json
+import os
+import tempfile
+import zipfile
+from collections.abc import Mapping
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from simaps_viz.errors import InputError
+from simaps_viz.mapping.graph import weighted
+from simaps_viz.structures import CellGraph, Grid, GridSpec, Instance, MergeLog, SIMap, Views
+
+FORMAT = "simap/1"
+
+_ARRAYS: dict[str, tuple[type, int]] = {
+    "label": (np.int16, 2), "instance": (np.int32, 2), "height": (np.float32, 2), "lowest": (np.float32, 2),
+    "observations": (np.int32, 2), "community": (np.int32, 2), "T_map_camera": (np.float64, 3),
+    "merge_label": (np.int16, 1), "merge_source": (np.int32, 1), "merge_target": (np.int32, 1),
+    "merge_score": (np.float32, 1), "graph_label": (np.int16, 1), "graph_edges": (np.int64, 1),
+    "edge_first": (np.int32, 1), "edge_step": (np.int32, 1), "edge_count": (np.int32, 1),
+    "view_community": (np.int32, 1), "view_frame": (np.int32, 1), "view_segment": (np.int32, 1),
+    "view_cells": (np.int32, 1), "view_score": (np.float32, 1),
+}  # fmt: skip
+"""Every array of the file: dtype and number of axes."""
+
+
+def check_writable(path: Path) -> None:
+    """Raise InputError, naming the path, unless a map file can be written there; leaves nothing behind."""
+    path = Path(path)
+    if path.is_dir():
+        raise InputError(f"{path}: expected a file name for the map, found a folder")
+    try:
+        handle, name = tempfile.mkstemp(prefix=f".{path.name}.", dir=path.parent)
+    except OSError as error:
+        raise InputError(f"{path}: expected a place that can be written, found: {error.strerror or error}") from error
+    os.close(handle)
+    os.unlink(name)
+
+
+def save_map(simap: SIMap, path: Path) -> None:
+    """Write a map file, replacing an earlier one only once the new one is complete on disk.
+
+    Raises:
+        InputError: the file cannot be written; an earlier file is left as it was.
+    """
+    path = Path(path)
+    check_writable(path)
+    buffer = io.BytesIO()
+    np.savez_compressed(buffer, allow_pickle=False, metadata=np.array(json.dumps(_metadata(simap))), **_arrays(simap))
+    handle, temporary = tempfile.mkstemp(prefix=f".{path.name}.", dir=path.parent)
+    try:
+        with os.fdopen(handle, "wb") as file:
+            file.write(buffer.getbuffer())
+            file.flush()
+            os.fsync(file.fileno())
+        os.chmod(temporary, 0o644)
+        os.replace(temporary, path)
+    except BaseException as error:
+        Path(temporary).unlink(missing_ok=True)
+        if isinstance(error, OSError):
+            raise InputError(f"{path}: could not write the map: {error.strerror or error}") from error
+        raise
+
+
+def _metadata(simap: SIMap) -> dict[str, Any]:
+    spec = simap.spec
+    return {
+        "format": FORMAT,
+        "cell_size_m": spec.cell_size_m,
+        "origin_m": [spec.x0_m, spec.y0_m],
+        "T_map_world": np.asarray(simap.T_map_world).tolist(),
+        "labels": list(simap.grid.labels),
+        "is_thing": list(simap.grid.is_thing),
+        "method": simap.method,
+        "parameters": dict(simap.parameters),
+        "instances": [asdict(instance) for instance in simap.instances],
+        "provenance": dict(simap.provenance),
+        "frame_names": list(simap.frame_names),
+    }
+
+
+def _arrays(simap: SIMap) -> dict[str, NDArray]:
+    grid, views, log = simap.grid, simap.views, simap.merges
+    first = [g.cells[g.edges[:, 0]] for g in simap.graphs]
+    step = [g.cells[g.edges[:, 1]] - g.cells[g.edges[:, 0]] for g in simap.graphs]  # small numbers pack well
+    arrays = {
+        "label": grid.label, "instance": simap.instance, "height": grid.height_m, "lowest": grid.lowest_m,
+        "observations": grid.observations, "community": simap.community, "T_map_camera": simap.T_map_camera,
+        "merge_label": log.label, "merge_source": log.source, "merge_target": log.target, "merge_score": log.score,
+        "graph_label": [g.label for g in simap.graphs], "graph_edges": [len(g.edges) for g in simap.graphs],
+        "edge_first": np.concatenate([[], *first]), "edge_step": np.concatenate([[], *step]),
+        "edge_count": np.concatenate([[], *[g.counts for g in simap.graphs]]),
+        "view_community": views.community, "view_frame": views.frame, "view_segment": views.segment,
+        "view_cells": views.cells, "view_score": views.score,
+    }  # fmt: skip
+    return {name: np.asarray(array, dtype=_ARRAYS[name][0]) for name, array in arrays.items()}
+
+
+def load_map(path: Path) -> SIMap:
+    """Read a map file.
+
+    Raises:
+        InputError: it is missing, damaged, or not a ``simap/1`` file.
+    """
+    path = Path(path)
+    if not path.is_file():
+        raise InputError(f"{path}: expected a map file ({FORMAT}), found {'a folder' if path.is_dir() else 'nothing'}")
+    try:
+        with np.load(path, allow_pickle=False) as archive:
+            data = {name: archive[name] for name in archive.files}
+    except (OSError, ValueError, zipfile.BadZipFile, EOFError) as error:
+        raise InputError(f"{path}: expected a whole {FORMAT} file, found a damaged or foreign one ({error})") from error
+    meta = _read_metadata(path, data)
+    _check_arrays(path, data)
+    try:
+        return _rebuild(meta, data)
+    except (KeyError, TypeError, ValueError, IndexError) as error:
+        raise InputError(f"{path}: expected consistent {FORMAT} contents, found otherwise ({error!r})") from error
+
+
+def _read_metadata(path: Path, data: Mapping[str, NDArray]) -> dict[str, Any]:
+    try:
+        meta = json.loads(str(data["metadata"]))
+        found = meta["format"]
+    except (KeyError, TypeError, ValueError) as error:
+        raise InputError(f"{path}: expected JSON metadata of format {FORMAT}, found none") from error
+    if found != FORMAT:
+        raise InputError(f"{path}: expected format {FORMAT}, found {found!r}")
+    return meta
+
+
+def _check_arrays(path: Path, data: Mapping[str, NDArray]) -> None:
+    shape = data["label"].shape if "label" in data else ()
+    for name, (dtype, axes) in _ARRAYS.items():
+        array = data.get(name)
+        wanted = f"{np.dtype(dtype).name} with {axes} axes"
+        if array is None:
+            raise InputError(f"{path}: expected an array {name} ({wanted}), found none")
+        if array.dtype != dtype or array.ndim != axes:
+            raise InputError(f"{path}: {name}: expected {wanted}, found {array.dtype} {list(array.shape)}")
+        if axes == 2 and array.shape != shape:
+            raise InputError(f"{path}: {name}: expected shape {list(shape)} as label, found {list(array.shape)}")
+
+
+def _rebuild(meta: Mapping[str, Any], data: Mapping[str, NDArray]) -> SIMap:
+    rows, cols = data["label"].shape
+    x0, y0 = meta["origin_m"]
+    grid = Grid(
+        spec=GridSpec(rows, cols, float(meta["cell_size_m"]), float(x0), float(y0)),
+        labels=tuple(meta["labels"]),
+        is_thing=tuple(meta["is_thing"]),
+        label=data["label"],
+        height_m=data["height"],
+        lowest_m=data["lowest"],
+        observations=data["observations"],
+    )
+    if data["label"].size and not 0 <= int(data["label"].min()) <= int(data["label"].max()) < len(grid.labels):
+        raise ValueError("label out of range")
+    if data["community"].size and int(data["community"].min()) < 0:
+        raise ValueError("community out of range")
+    return SIMap(
+        grid=grid,
+        instance=data["instance"],
+        instances=tuple(_instance(entry) for entry in meta["instances"]),
+        T_map_world=np.array(meta["T_map_world"], dtype=np.float64).reshape(4, 4),
+        method=str(meta["method"]),
+        parameters=meta["parameters"],
+        provenance=meta["provenance"],
+        community=data["community"],
+        merges=MergeLog(data["merge_label"], data["merge_source"], data["merge_target"], data["merge_score"]),
+        graphs=_rebuild_graphs(grid, data),
+        views=Views(
+            data["view_community"], data["view_frame"], data["view_segment"], data["view_cells"], data["view_score"]
+        ),
+        frame_names=tuple(meta["frame_names"]),
+        T_map_camera=data["T_map_camera"].reshape(-1, 4, 4),
+    )
+
+
+def _instance(entry: Mapping[str, Any]) -> Instance:
+    low, high = (tuple(float(v) for v in corner) for corner in entry["aabb_m"])
+    return Instance(
+        id=int(entry["id"]),
+        label=str(entry["label"]),
+        cells=int(entry["cells"]),
+        centroid_m=tuple(float(v) for v in entry["centroid_m"]),  # pyright: ignore[reportArgumentType]
+        aabb_m=(low, high),  # pyright: ignore[reportArgumentType]
+        frames=int(entry["frames"]),
+        score=float(entry["score"]),
+    )
+
+
+def _rebuild_graphs(grid: Grid, data: Mapping[str, NDArray]) -> tuple[CellGraph, ...]:
+    graphs, start = [], 0
+    flat_label = grid.label.reshape(-1)
+    for label, edges in zip(data["graph_label"].tolist(), data["graph_edges"].tolist(), strict=True):
+        span = slice(start, start + edges)
+        start += edges
+        cells = np.flatnonzero(flat_label == label)
+        first = data["edge_first"][span].astype(np.int64)
+        ends = np.stack([first, first + data["edge_step"][span]], axis=1)
+        at = np.searchsorted(cells, ends)
+        if len(ends) and (at.max() >= len(cells) or not np.array_equal(cells[at], ends)):
+            raise ValueError(f"edges of class {label} leave its cells")
+        graphs.append(weighted(grid, label, cells, at.astype(np.int32), data["edge_count"][span]))
+    return tuple(graphs)
