@@ -16,6 +16,3 @@ class CommandError(SIMapsError):
 class PlanningError(SIMapsError):
     """There is no free path from where the robot stands to where it should go."""
 
-
-class BuildCancelled(SIMapsError):
-    """A build was stopped by its user before it was done."""

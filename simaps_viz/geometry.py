@@ -46,6 +46,10 @@ def back_project(depth_m: NDArray, fx: float, fy: float, cx: float, cy: float) -
 
     Args:
         depth_m: [H, W], metres along the optical axis, 0 = invalid.
+        fx: focal length along u, pixels.
+        fy: focal length along v, pixels.
+        cx: principal point along u, pixels.
+        cy: principal point along v, pixels.
 
     Returns:
         float64 [H, W, 3], camera frame, metres; all zero where the depth is invalid.

@@ -13,7 +13,13 @@ from numpy.typing import NDArray
 
 from simaps_viz.errors import InputError
 from simaps_viz.events import (
-    BuildFinished, BuildStarted, CommunitiesFound, Event, FrameProjected, MergesFound, Observer,
+    BuildFinished,
+    BuildStarted,
+    CommunitiesFound,
+    Event,
+    FrameProjected,
+    MergesFound,
+    Observer,
 )  # fmt: skip
 from simaps_viz.mapping.accumulator import MapAccumulator, ProjectionSettings
 from simaps_viz.mapping.graph import class_graphs
@@ -26,26 +32,59 @@ class FrameSource(Protocol):
     """What a build reads; every dataset reader gives this."""
 
     @property
-    def name(self) -> str: ...
+    def name(self) -> str:
+        """What to call the sequence."""
+        ...
+
     @property
-    def path(self) -> Path: ...
+    def path(self) -> Path:
+        """The file it was opened from."""
+        ...
+
     @property
-    def frame_names(self) -> tuple[str, ...]: ...
+    def frame_names(self) -> tuple[str, ...]:
+        """In order."""
+        ...
+
     @property
-    def poses(self) -> NDArray: ...
+    def poses(self) -> NDArray:
+        """float64 [n, 4, 4], T_world_camera."""
+        ...
+
     @property
-    def T_map_world(self) -> NDArray: ...
+    def T_map_world(self) -> NDArray:
+        """float64 [4, 4], world to map frame."""
+        ...
+
     @property
-    def labels(self) -> tuple[str, ...]: ...
+    def labels(self) -> tuple[str, ...]:
+        """Class names; index 0 is "none"."""
+        ...
+
     @property
-    def is_thing(self) -> tuple[bool, ...]: ...
+    def is_thing(self) -> tuple[bool, ...]:
+        """Aligned with ``labels``."""
+        ...
+
     @property
-    def segmentation_source(self) -> str: ...
+    def segmentation_source(self) -> str:
+        """In words."""
+        ...
+
     @property
-    def simulated(self) -> bool: ...
+    def simulated(self) -> bool:
+        """Frames or masks are simulated."""
+        ...
+
     def __len__(self) -> int: ...
-    def read(self, index: int, *, color: bool = False) -> Frame: ...
-    def segmentation(self, index: int) -> Segmentation: ...
+
+    def read(self, index: int, *, color: bool = False) -> Frame:
+        """Decode a frame, its colour only when asked."""
+        ...
+
+    def segmentation(self, index: int) -> Segmentation:
+        """Decode a frame's segmentation."""
+        ...
 
 
 @dataclass(frozen=True)

@@ -1,0 +1,1 @@
+"""Frames to a Semantic Instance Map, stage by stage."""

@@ -174,21 +174,22 @@ class MapAccumulator:
         self._allocate(int(row0), int(col0), int(row1 - row0), int(col1 - col0))
 
     def _allocate(self, row0: int, col0: int, rows: int, cols: int) -> None:
-        kept = {
-            "_label": (np.int16, 0),
-            "_top": (np.float32, -np.inf),
-            "_lowest": (np.float32, np.inf),
-            "_observations": (np.int32, 0),
-            "_stamp": (np.int32, -1),
-        }
-        inside = (slice(self._row0 - row0, self._row0 - row0 + self._rows),
-                  slice(self._col0 - col0, self._col0 - col0 + self._cols))  # fmt: skip
-        for name, (dtype, empty) in kept.items():
-            grown = np.full((rows, cols), empty, dtype=dtype)
-            if self._rows:
-                grown[inside] = self._window(getattr(self, name))
-            setattr(self, name, grown.reshape(-1))
+        self._label = self._moved(getattr(self, "_label", None), 0, np.int16, row0, col0, rows, cols)
+        self._top = self._moved(getattr(self, "_top", None), -np.inf, np.float32, row0, col0, rows, cols)
+        self._lowest = self._moved(getattr(self, "_lowest", None), np.inf, np.float32, row0, col0, rows, cols)
+        self._observations = self._moved(getattr(self, "_observations", None), 0, np.int32, row0, col0, rows, cols)
+        self._stamp = self._moved(getattr(self, "_stamp", None), -1, np.int32, row0, col0, rows, cols)
         self._frame_top = np.zeros(rows * cols, dtype=np.float32)
         self._frame_segment = np.zeros(rows * cols, dtype=np.int32)
         self._touched = np.zeros(rows * cols, dtype=np.int32)
         self._row0, self._col0, self._rows, self._cols = row0, col0, rows, cols
+
+    def _moved(
+        self, old: NDArray | None, empty: float, dtype: type, row0: int, col0: int, rows: int, cols: int
+    ) -> NDArray:
+        """Copy a layer of the old window to where it lies in a larger one."""
+        grown = np.full((rows, cols), empty, dtype=dtype)
+        if old is not None and self._rows:
+            top, left = self._row0 - row0, self._col0 - col0
+            grown[top : top + self._rows, left : left + self._cols] = self._window(old)
+        return grown.reshape(-1)

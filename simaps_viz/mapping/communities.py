@@ -34,6 +34,6 @@ def find_communities(graph: CellGraph, *, resolution: float = 1.0, seed: int = 0
 def renumber(community: NDArray) -> NDArray:
     """Number communities from 0 in the order in which they first appear; int32 [n]."""
     _, first, inverse = np.unique(community, return_index=True, return_inverse=True)
-    rank = np.empty_like(first)  # noqa: NPY - every element is set on the next line
+    rank = np.zeros_like(first)
     rank[np.argsort(first)] = np.arange(len(first))
     return rank[inverse].astype(np.int32)

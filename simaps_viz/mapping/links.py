@@ -10,7 +10,7 @@ _HALF = 1 << 15  # cells are addressed within +-32768 of the map's origin: 1.6 k
 @njit(cache=True, nogil=True, inline="always")
 def _slot_of(key: np.uint64, label: int, mask: int) -> int:
     mixed = (key ^ (np.uint64(label) << np.uint64(59))) * np.uint64(0x9E3779B97F4A7C15)
-    return np.int64(mixed >> np.uint64(20)) & mask
+    return int(mixed >> np.uint64(20)) & mask
 
 
 @njit(cache=True, nogil=True)
@@ -30,7 +30,7 @@ def _find_or_add(key, label, slots, mask, keys, labels, counts, size):
 
 
 @njit(cache=True, nogil=True)
-def count_links(
+def count_links(  # noqa: C901, PLR0912 - one pass over the pixels, split up it would be slower
     cells: NDArray,  # int32 [H, W], -1 = none
     ids: NDArray,  # int32 [H, W]
     graph_label_of_id: NDArray,  # int16 [max id + 1], 0 where the segment gets no graph

@@ -113,7 +113,7 @@ def load_map(path: Path) -> SIMap:
     if not path.is_file():
         raise InputError(f"{path}: expected a map file ({FORMAT}), found {'a folder' if path.is_dir() else 'nothing'}")
     try:
-        with np.load(path, allow_pickle=False) as archive:
+        with path.open("rb") as file, np.load(file, allow_pickle=False) as archive:
             data = {name: archive[name] for name in archive.files}
     except (OSError, ValueError, zipfile.BadZipFile, EOFError) as error:
         raise InputError(f"{path}: expected a whole {FORMAT} file, found a damaged or foreign one ({error})") from error

@@ -56,8 +56,8 @@ def project_pixels(
             h = (r20 * a + z_row) * z + tz
             if h >= cut_m or h <= floor_m:
                 continue
-            col = int(math.floor(((r00 * a + x_row) * z + tx) * per_m)) - col0
-            row = int(math.floor(((r10 * a + y_row) * z + ty) * per_m)) - row0
+            col = math.floor(((r00 * a + x_row) * z + tx) * per_m) - col0
+            row = math.floor(((r10 * a + y_row) * z + ty) * per_m) - row0
             if row < 0 or row >= rows or col < 0 or col >= cols:
                 continue
             cells[v, u] = row * cols + col

@@ -141,9 +141,7 @@ def recommunity(simap: SIMap, *, resolution: float, k_percent: float | None = No
     k = float(simap.parameters["k_percent"]) if k_percent is None else float(k_percent)
     if not 0.0 <= k <= 100.0:
         raise InputError(f"K: expected a percentage from 0 to 100, found {k:g}")
-    origin = replace(
-        origin_of(simap), parameters={**simap.parameters, "k_percent": k, "resolution": float(resolution)}
-    )
+    origin = replace(origin_of(simap), parameters={**simap.parameters, "k_percent": k, "resolution": float(resolution)})
     views = _share_views(simap, community)
     return assemble(simap.grid, simap.graphs, community, log, views, origin)
 

@@ -1,0 +1,159 @@
+"""Finds up and the floor in posed depth images, for sequences that do not say where they are.
+
+People hold cameras upright and look around, so the mean of the cameras' up axes is close to the true one; the surface
+normals near it then vote, and the lowest large plane among the surfaces that face up is the floor.
+"""
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from simaps_viz.errors import InputError
+from simaps_viz.geometry import back_project
+from simaps_viz.structures import Frame
+
+COLUMNS = 90
+"""Points taken along a row of pixels, about; rows are taken as densely."""
+RANGE_M = (0.3, 6.0)
+PRIOR_CONE_DEG = 45.0
+"""How far true up may lie from the mean of the cameras' up axes."""
+PRIOR_SHARE = 0.2
+"""Votes that the best direction in the cone needs, as a share of the best one anywhere; else the prior is dropped."""
+BIN_M = 0.02
+FLOOR_SHARE = 0.2
+"""Seen area that a plane needs to be the floor, as a share of the largest plane's."""
+FLOOR_BAND_M = 0.05
+BELOW_CAMERA_M = (0.2, 10.0)
+"""How far the floor lies below the median camera."""
+
+
+@dataclass(frozen=True, eq=False)
+class _Surface:
+    """Sampled surface points of all frames."""
+
+    points: NDArray
+    """float64 [n, 3], world frame, metres."""
+    normals: NDArray
+    """float64 [n, 3], world frame, unit length, towards the camera."""
+    areas_m2: NDArray
+    """float64 [n], area between neighbouring samples, so that a near table top does not outweigh a far floor."""
+
+
+def estimate_gravity(frames: Iterable[Frame], *, up: NDArray | None = None) -> tuple[NDArray, float]:
+    """Estimate which way is up and where the floor is.
+
+    Nothing is random: frames and pixels are taken at even steps, directions are tried on a fixed lattice.
+
+    Args:
+        frames: Some forty frames spread over the sequence are enough.
+        up: [3], world frame, any length: known already, only the floor is looked for.
+
+    Returns:
+        Unit vector [3], world frame, and the floor's height along it, metres.
+
+    Raises:
+        InputError: There are too few surface points, or no plane that faces up lies below the cameras.
+    """
+    frames = list(frames)
+    surface = _sample_surface(frames)
+    if len(surface.points) < 100:
+        raise InputError(
+            f"up and floor_height_m: expected surfaces to estimate them from, found {len(surface.points)} points; "
+            "give both in the manifest"
+        )
+    poses = np.stack([frame.T_world_camera for frame in frames])
+    if up is not None:
+        unit_up = np.asarray(up, dtype=np.float64) / np.linalg.norm(up)
+        return unit_up, _floor_height(surface, poses, unit_up)
+    found_up = _refine_direction(surface.normals, _vote(surface.normals, -poses[:, :3, 1].mean(axis=0)))
+    for _ in range(3):
+        found_up = _fit_plane(surface, found_up, _floor_height(surface, poses, found_up))
+    return found_up, _floor_height(surface, poses, found_up)
+
+
+def _sample_surface(frames: list[Frame]) -> _Surface:
+    points, normals, areas_m2 = [], [], []
+    for frame in frames:
+        k = frame.intrinsics
+        step = max(1, k.width // COLUMNS)
+        camera_points = back_project(frame.depth_m[::step, ::step], k.fx / step, k.fy / step, k.cx / step, k.cy / step)
+        right, below = camera_points[:-1, 1:], camera_points[1:, :-1]
+        corner = camera_points[:-1, :-1]
+        z = corner[..., 2]
+        near = 0.1 * z  # a step of more than this in depth is an edge, not a surface
+        valid = (z > RANGE_M[0]) & (z < RANGE_M[1])
+        valid &= (np.abs(right[..., 2] - z) < near) & (np.abs(below[..., 2] - z) < near)
+        normal = np.cross((below - corner)[valid], (right - corner)[valid])  # v x u: towards the camera
+        area_m2 = np.linalg.norm(normal, axis=1)
+        normal /= area_m2[:, None]
+        rotation = frame.T_world_camera[:3, :3]
+        points.append(corner[valid] @ rotation.T + frame.T_world_camera[:3, 3])
+        normals.append(normal @ rotation.T)
+        areas_m2.append(area_m2)
+    return _Surface(np.concatenate(points), np.concatenate(normals), np.concatenate(areas_m2))
+
+
+def _vote(normals: NDArray, prior: NDArray) -> NDArray:
+    """Give the direction of a lattice that most normals are within 10 degrees of, near the prior if one is there."""
+    lattice = _fibonacci_sphere(800)
+    every = max(1, len(normals) // 20000)
+    votes = (normals[::every] @ lattice.T > np.cos(np.deg2rad(10.0))).sum(axis=0)
+    if np.linalg.norm(prior) > 0.2:  # else the cameras disagree about it altogether
+        in_cone = lattice @ prior / np.linalg.norm(prior) > np.cos(np.deg2rad(PRIOR_CONE_DEG))
+        if votes[in_cone].max() >= PRIOR_SHARE * votes.max():
+            votes = np.where(in_cone, votes, 0)
+    return lattice[int(np.argmax(votes))]
+
+
+def _refine_direction(normals: NDArray, direction: NDArray) -> NDArray:
+    """Move to the mean of the normals around, in narrowing cones (mean shift)."""
+    for cone_deg in (15.0, 12.0, 10.0, 8.0, 6.0, 5.0):
+        near = normals[normals @ direction > np.cos(np.deg2rad(cone_deg))]
+        if len(near):
+            direction = near.mean(axis=0) / np.linalg.norm(near.mean(axis=0))
+    return direction
+
+
+def _floor_height(surface: _Surface, poses: NDArray, up: NDArray) -> float:
+    """Give the height along ``up`` of the lowest plane of a good share of the upward-facing area below the cameras."""
+    camera_height_m = float(np.median(poses[:, :3, 3] @ up))
+    below_m = camera_height_m - surface.points @ up
+    chosen = _faces_up(surface, up) & (below_m > BELOW_CAMERA_M[0]) & (below_m < BELOW_CAMERA_M[1])
+    heights = camera_height_m - below_m[chosen]
+    if len(heights) < 50:
+        raise InputError(
+            f"floor_height_m: expected surfaces below the cameras to estimate it from, found {len(heights)} points "
+            "that face up; give up and floor_height_m in the manifest"
+        )
+    low = heights.min()
+    areas_m2 = np.bincount(((heights - low) / BIN_M).astype(np.int64), weights=surface.areas_m2[chosen])
+    band = np.convolve(areas_m2, np.ones(3), mode="same")
+    candidates = np.flatnonzero(band >= FLOOR_SHARE * band.max())
+    first = int(candidates[0])
+    window = band[first : first + 6]  # climb from the foot of the lowest peak to its top
+    centre = low + (first + int(np.argmax(window)) + 0.5) * BIN_M
+    return float(np.median(heights[np.abs(heights - centre) < FLOOR_BAND_M]))
+
+
+def _fit_plane(surface: _Surface, up: NDArray, height_m: float) -> NDArray:
+    """Give the normal of the plane through the floor's points: their direction of least spread."""
+    near = _faces_up(surface, up) & (np.abs(surface.points @ up - height_m) < FLOOR_BAND_M)
+    points = surface.points[near]
+    centred = points - points.mean(axis=0)
+    normal = np.linalg.eigh(centred.T @ centred)[1][:, 0]
+    return normal if normal @ up > 0 else -normal
+
+
+def _faces_up(surface: _Surface, up: NDArray) -> NDArray:
+    return surface.normals @ up > np.cos(np.deg2rad(20.0))
+
+
+def _fibonacci_sphere(count: int) -> NDArray:
+    """Give [count, 3] unit vectors, nearly evenly spread (spherical Fibonacci lattice)."""
+    i = np.arange(count) + 0.5
+    z = 1.0 - 2.0 * i / count
+    azimuth = np.pi * (1.0 + np.sqrt(5.0)) * i
+    radius = np.sqrt(1.0 - z**2)
+    return np.stack([radius * np.cos(azimuth), radius * np.sin(azimuth), z], axis=1)

@@ -1,0 +1,189 @@
+"""Reads sequences in the folder format ``posed-frames/1``. Everything that can be checked cheaply is, on opening."""
+
+import os
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from simaps_viz.datasets.calibration import read_intrinsics, read_poses
+from simaps_viz.datasets.gravity import estimate_gravity
+from simaps_viz.datasets.images import read_color, read_depth, read_ids
+from simaps_viz.datasets.manifest import Manifest, read_manifest
+from simaps_viz.datasets.segment_tables import (
+    FrameSegments,
+    WorldSegments,
+    few,
+    read_frame_segments,
+    read_world_segments,
+)
+from simaps_viz.errors import InputError
+from simaps_viz.geometry import map_from_world
+from simaps_viz.structures import Frame, Intrinsics, Segmentation
+
+DEPTH_RANGE_M = (0.15, 30.0)
+"""The median depth of a sequence lies in here, or its unit is wrong."""
+
+_USUAL_UNITS_M = (0.001, 0.0002, 0.00025, 0.0001, 0.01)
+_SAMPLED_FOR_UNIT = 5
+_SAMPLED_FOR_GRAVITY = 40
+
+
+def open_sequence(path: Path) -> "PosedFrames":
+    """Open a sequence and check it.
+
+    Read are the manifest, the calibration, the segment table, the first frame's images and a few depth images; that
+    the images of all frames exist is looked up. Without ``up`` or ``floor_height_m`` in the manifest gravity is
+    estimated from some forty frames, which takes up to a second.
+
+    Args:
+        path: The folder, or a manifest (.json) in it.
+
+    Raises:
+        InputError: Anything is not as the format wants it; the message names the file, what was expected and found.
+    """
+    return PosedFrames(read_manifest(Path(path)))
+
+
+class PosedFrames:
+    """A checked sequence. Reading keeps no state, so several threads may read at once."""
+
+    def __init__(self, manifest: Manifest) -> None:
+        self.manifest = manifest
+        self.name: str = manifest.name
+        self.path: Path = manifest.path
+        self.simulated: bool = manifest.simulated
+        self.frame_names: tuple[str, ...]
+        self.poses: NDArray
+        """float64 [n, 4, 4], ``T_world_camera``, metres."""
+        self.frame_names, self.poses = read_poses(manifest.file(manifest.poses))
+        _check_files_exist(manifest, self.frame_names)
+        height, width = read_color(manifest.file(manifest.color, self.frame_names[0])).shape[:2]
+        self.intrinsics: Intrinsics = read_intrinsics(manifest.file(manifest.intrinsics), width=width, height=height)
+        self._check_depth_unit()
+        self._table = _read_table(manifest, self.frame_names)
+        classes = self._table.classes() if self._table else {}
+        self.labels: tuple[str, ...] = ("none", *sorted(classes))
+        """Class names; index 0 is "none"."""
+        self.is_thing: tuple[bool, ...] = (False, *(classes[label] for label in sorted(classes)))
+        """Aligned with ``labels``."""
+        if self._table:
+            self.segmentation(0)
+        self.gravity_estimated: bool = manifest.up is None or manifest.floor_height_m is None
+        """Up or the floor was not in the manifest and was found in the depth images."""
+        self.T_map_world: NDArray = self._find_map_frame()
+        """float64 [4, 4], world to map frame."""
+
+    def __len__(self) -> int:
+        return len(self.frame_names)
+
+    @property
+    def segmentation_source(self) -> str:
+        """Who made the precomputed segmentation, in words; "none" when there is none."""
+        return self.manifest.segmentation.source if self.manifest.segmentation else "none"
+
+    @property
+    def ground_truth(self) -> bool:
+        """The precomputed segmentation is the truth."""
+        return self.manifest.segmentation is not None and self.manifest.segmentation.ground_truth
+
+    def read(self, index: int, *, color: bool = False) -> Frame:
+        """Read a frame; its colour image only when asked for, as decoding it costs half as much again.
+
+        Raises:
+            InputError: An image is damaged, of another size or kind, or there is no frame of that index.
+        """
+        name = self._name(index)
+        path = self.manifest.file(self.manifest.depth, name)
+        depth_m = read_depth(path, self.manifest.depth_unit_m)
+        self._check_size(path, depth_m)
+        return Frame(
+            index=index,
+            name=name,
+            depth_m=depth_m,
+            T_world_camera=self.poses[index],
+            intrinsics=self.intrinsics,
+            color=self.color(index) if color else None,
+        )
+
+    def color(self, index: int) -> NDArray:
+        """Read a frame's colour image, uint8 [H, W, 3], RGB; raises InputError like ``read``."""
+        path = self.manifest.file(self.manifest.color, self._name(index))
+        rgb = read_color(path)
+        self._check_size(path, rgb)
+        return rgb
+
+    def segmentation(self, index: int) -> Segmentation:
+        """Read a frame's precomputed segmentation.
+
+        Raises:
+            InputError: There is none, its image is damaged or of another size, or it holds an id without an entry.
+        """
+        name = self._name(index)
+        if self.manifest.segmentation is None or self._table is None:
+            raise InputError(f'{self.path}: expected "segmentation", found none: a network has to segment these frames')
+        path = self.manifest.file(self.manifest.segmentation.ids, name)
+        ids = read_ids(path)
+        self._check_size(path, ids)
+        return self._table.segmentation(name, path, ids)
+
+    def _name(self, index: int) -> str:
+        if not 0 <= index < len(self):
+            raise InputError(f"{self.path}: expected a frame index from 0 to {len(self) - 1}, found {index}")
+        return self.frame_names[index]
+
+    def _check_size(self, path: Path, image: NDArray) -> None:
+        height, width = image.shape[:2]
+        if (width, height) != (self.intrinsics.width, self.intrinsics.height):
+            wanted = f"{self.intrinsics.width}x{self.intrinsics.height}"
+            raise InputError(f"{path}: expected {wanted} pixels like the first colour image, found {width}x{height}")
+
+    def _sample(self, count: int) -> list[int]:
+        """Give indices of frames spread evenly over the sequence, the first included."""
+        return sorted({int(i) for i in np.linspace(0, len(self) - 1, min(count, len(self)))})
+
+    def _check_depth_unit(self) -> None:
+        depths = [frame.depth_m[frame.depth_m > 0] for frame in map(self.read, self._sample(_SAMPLED_FOR_UNIT))]
+        valid = np.concatenate(depths)
+        if not len(valid):
+            pattern = self.path.parent / self.manifest.depth
+            raise InputError(f"{pattern}: expected depth readings, found only 0 in {len(depths)} sampled frames")
+        median, unit = float(np.median(valid)), self.manifest.depth_unit_m
+        low, high = DEPTH_RANGE_M
+        if not low <= median <= high:
+            better = [u for u in _USUAL_UNITS_M if 2 * low <= median / unit * u <= high / 3]
+            hint = f"; depth_unit_m {better[0]:g} would make it {median / unit * better[0]:.2f} m" if better else ""
+            raise InputError(
+                f"{self.path}: depth_unit_m: expected a median depth of {low:g} to {high:g} m, found {median:.3g} m "
+                f"with {unit:g}{hint}"
+            )
+
+    def _find_map_frame(self) -> NDArray:
+        up, floor_height_m = self.manifest.up, self.manifest.floor_height_m
+        if up is not None and floor_height_m is not None:
+            return map_from_world(up, floor_height_m)
+        frames = [self.read(index) for index in self._sample(_SAMPLED_FOR_GRAVITY)]
+        try:
+            found_up, found_floor_height_m = estimate_gravity(frames, up=None if up is None else np.array(up))
+        except InputError as error:
+            raise InputError(f"{self.path}: {error}") from error
+        return map_from_world(found_up, found_floor_height_m if floor_height_m is None else floor_height_m)
+
+
+def _check_files_exist(manifest: Manifest, frames: tuple[str, ...]) -> None:
+    patterns = [manifest.color, manifest.depth] + ([manifest.segmentation.ids] if manifest.segmentation else [])
+    for pattern in patterns:
+        missing = [frame for frame in frames if not os.path.isfile(manifest.file(pattern, frame))]
+        if missing:
+            first = manifest.file(pattern, missing[0])
+            raise InputError(
+                f"{first}: expected a file for each of {len(frames)} frames, found none for {len(missing)}: "
+                f"{few(missing)}"
+            )
+
+
+def _read_table(manifest: Manifest, frames: tuple[str, ...]) -> FrameSegments | WorldSegments | None:
+    if manifest.segmentation is None:
+        return None
+    path = manifest.file(manifest.segmentation.table)
+    return read_world_segments(path) if manifest.segmentation.world_wide else read_frame_segments(path, frames)
