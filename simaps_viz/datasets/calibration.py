@@ -12,6 +12,9 @@ from simaps_viz.structures import Intrinsics
 FIELD_OF_VIEW_DEG = (20.0, 150.0)
 """A pinhole camera outside this range is a mistake in the file, not a camera."""
 
+REACH_M = 1000.0
+"""How far a camera may stand from the median one: further, the grid would not fit in memory."""
+
 
 def read_intrinsics(path: Path, *, width: int, height: int) -> Intrinsics:
     """Read and check a 3x3 camera matrix for images of that size, pixels.
@@ -48,7 +51,7 @@ def read_poses(path: Path) -> tuple[tuple[str, ...], NDArray]:
 
     Raises:
         InputError: A line has another number of columns, something that is not a finite number, a matrix that is no
-            rigid transform, or a frame that was there before; or there is no line at all.
+            rigid transform, a frame that was there before or a camera far away; or there is no line at all.
     """
     seen: dict[str, int] = {}
     poses = []
@@ -63,7 +66,9 @@ def read_poses(path: Path) -> tuple[tuple[str, ...], NDArray]:
         poses.append(_pose(f"{where}, frame {name}", np.array(_numbers(path, number, columns)).reshape(4, 4)))
     if not poses:
         raise InputError(f"{path}: expected a pose per frame, found none")
-    return tuple(seen), np.stack(poses)
+    T_world_camera = np.stack(poses)
+    _check_reach(path, seen, T_world_camera[:, :3, 3])
+    return tuple(seen), T_world_camera
 
 
 def _pose(where: str, T_world_camera: NDArray) -> NDArray:
@@ -73,6 +78,16 @@ def _pose(where: str, T_world_camera: NDArray) -> NDArray:
         raise InputError(f"{where}: expected 0 0 0 1 as the last row, found {found}{hint}")
     check_rotation(T_world_camera[:3, :3], where)
     return T_world_camera
+
+
+def _check_reach(path: Path, lines: dict[str, int], positions: NDArray) -> None:
+    distances = np.linalg.norm(positions - np.median(positions, axis=0), axis=1)
+    if distances.max() > REACH_M:
+        frame = list(lines)[int(distances.argmax())]
+        raise InputError(
+            f"{path}, line {lines[frame]}, frame {frame}: expected a camera within {REACH_M:g} m of the others, "
+            f"found one {distances.max():.4g} m away; are the positions in metres?"
+        )
 
 
 def _lines(path: Path) -> list[tuple[int, str]]:

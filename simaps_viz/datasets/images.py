@@ -69,7 +69,7 @@ def _decode(path: Path, flags: int, *, lossless: bool = False) -> NDArray:
 
 
 def _fault(data: bytes) -> str | None:
-    """Say what is wrong with the bytes of an image file, or None. The check costs 2 to 4 % of decoding."""
+    """Say what is wrong with the bytes of an image file, or None. Costs about 1 % of decoding a PNG, 5 % of a JPEG."""
     if not data:
         return "an empty file"
     if data.startswith(_PNG_START):

@@ -172,8 +172,8 @@ class _Table:
     def file(self, key: str) -> str:
         """Give a path relative to the manifest."""
         value = self.text(key)
-        if Path(value).is_absolute() or "\0" in value:
-            raise self._wrong(key, "a path relative to the manifest")
+        if Path(value).is_absolute() or not value.isprintable():
+            raise self._wrong(key, "a printable path relative to the manifest")
         return value
 
     def pattern(self, key: str) -> str:

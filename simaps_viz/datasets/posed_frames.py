@@ -154,7 +154,7 @@ class PosedFrames:
             better = [u for u in _USUAL_UNITS_M if 2 * low <= median / unit * u <= high / 3]
             hint = f"; depth_unit_m {better[0]:g} would make it {median / unit * better[0]:.2f} m" if better else ""
             raise InputError(
-                f"{self.path}: depth_unit_m: expected a median depth of {low:g} to {high:g} m, found {median:.3g} m "
+                f"{self.path}: depth_unit_m: expected a median depth of {low:g} to {high:g} m, found {median:.4g} m "
                 f"with {unit:g}{hint}"
             )
 

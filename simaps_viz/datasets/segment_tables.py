@@ -100,7 +100,7 @@ def read_world_segments(path: Path) -> WorldSegments:
             raise InputError(f"{path}: instances: expected each id once, found {segment.id} again")
         if is_thing.setdefault(segment.label, segment.is_thing) != segment.is_thing:
             raise InputError(
-                f'{path}: instances: expected "{segment.label}" to be either thing or stuff, found isthing both ways'
+                f"{path}: instances: expected {shown(segment.label)} to be thing or stuff, found isthing both ways"
             )
         by_id[segment.id] = segment
     return WorldSegments(path, by_id)
