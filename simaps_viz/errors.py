@@ -15,4 +15,3 @@ class CommandError(SIMapsError):
 
 class PlanningError(SIMapsError):
     """There is no free path from where the robot stands to where it should go."""
-

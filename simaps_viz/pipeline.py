@@ -99,6 +99,8 @@ class BuildConfig:
     """Louvain's: higher gives more and smaller communities."""
     seed: int = 0
     """Of Louvain's random order."""
+    min_cells: int = 4
+    """What covers fewer cells is not called an instance; 4 cells of 5 cm are a cup."""
     literal: bool = False
     """The paper's literal reading: depth jumps inside a segment link cells too."""
     projection: ProjectionSettings = field(default_factory=ProjectionSettings)
@@ -109,6 +111,8 @@ class BuildConfig:
             raise InputError(f"K: expected a percentage from 0 to 100, found {self.k_percent:g}")
         if not self.resolution > 0.0:
             raise InputError(f"resolution: expected a number above 0, found {self.resolution:g}")
+        if self.min_cells < 1:
+            raise InputError(f"smallest instance: expected at least 1 cell, found {self.min_cells}")
         if not 0.005 <= self.projection.cell_size_m <= 1.0:
             raise InputError(f"cell size: expected 0.005 to 1 m, found {self.projection.cell_size_m:g} m")
 
@@ -148,9 +152,7 @@ def build_map(
             observer.on_event(event)
 
     tell(_started(sequence))
-    accumulator = MapAccumulator(
-        sequence.labels, sequence.is_thing, config.projection, reach_cells=-1 if config.literal else 2
-    )
+    accumulator = empty_accumulator(sequence, config)
     T_map_camera = sequence.T_map_world @ sequence.poses
     segments: list[Segmentation] = []
     links_told = 0
@@ -161,11 +163,11 @@ def build_map(
             tell(_projected(frame, segmentation, T_map_camera[frame.index], accumulator, seen, links_told))
             links_told = accumulator.links.size
             if communities_every and (frame.index + 1) % communities_every == 0:
-                grid, graphs = _graphs(accumulator)
+                grid, graphs = graphs_so_far(accumulator)
                 community, _ = partition_grid(grid, graphs, resolution=config.resolution, seed=config.seed)
                 tell(CommunitiesFound(grid, community, frame.index, final=False))
 
-    grid, graphs = _graphs(accumulator)
+    grid, graphs = graphs_so_far(accumulator)
     community, log = partition_grid(grid, graphs, resolution=config.resolution, seed=config.seed)
     tell(CommunitiesFound(grid, community, len(sequence) - 1, final=True))
     tell(MergesFound(grid, community, log, applied_steps(log, config.k_percent / 100.0)))
@@ -181,6 +183,12 @@ def build_map(
     simap = assemble(grid, graphs, community, log, views, origin)
     tell(BuildFinished(simap))
     return simap
+
+
+def empty_accumulator(sequence: FrameSource, config: BuildConfig) -> MapAccumulator:
+    """Give what a build gathers its frames in."""
+    reach = -1 if config.literal else 2
+    return MapAccumulator(sequence.labels, sequence.is_thing, config.projection, reach_cells=reach)
 
 
 _NO_IDS = np.zeros((0, 0), dtype=np.int32)
@@ -241,7 +249,8 @@ def _projected(
     )
 
 
-def _graphs(accumulator: MapAccumulator) -> tuple[Grid, tuple[CellGraph, ...]]:
+def graphs_so_far(accumulator: MapAccumulator) -> tuple[Grid, tuple[CellGraph, ...]]:
+    """Give the map as it is now, and the cell graph of each of its thing classes."""
     grid = accumulator.snapshot()
     edges, labels, counts = accumulator.links.entries()
     return grid, class_graphs(grid, edges - np.tile(np.array(accumulator.origin_cell), 2), labels, counts)

@@ -13,12 +13,12 @@ from simaps_viz.errors import InputError
 from simaps_viz.mapping import mapfile
 from simaps_viz.mapping.mapfile import load_map, save_map
 from simaps_viz.mapping.simap import recommunity, repartition
-from simaps_viz.pipeline import build_map
+from simaps_viz.pipeline import BuildConfig, build_map
 
 
 @pytest.fixture(scope="module")
 def simap(tmp_path_factory):
-    return build_map(open_sequence(write_tiny_sequence(tmp_path_factory.mktemp("tiny"))))
+    return build_map(open_sequence(write_tiny_sequence(tmp_path_factory.mktemp("tiny"))), BuildConfig(min_cells=1))
 
 
 def test_round_trip(simap, tmp_path):

@@ -104,6 +104,13 @@ def test_the_same_build_twice_is_the_same_bit_for_bit(tiny):
     assert np.array_equal(one.grid.height_m, two.grid.height_m, equal_nan=True)
 
 
+def test_what_covers_too_few_cells_is_no_instance_but_keeps_its_class(tiny):
+    simap = build_map(tiny, BuildConfig(min_cells=17))
+    assert simap.instances == () and not simap.instance.any()
+    assert (simap.grid.label == simap.grid.labels.index("chair")).sum() == 32
+    assert len(build_map(tiny, BuildConfig(min_cells=16)).instances) == 2
+
+
 @pytest.mark.parametrize(
     ("config", "message"),
     [

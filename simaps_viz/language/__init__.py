@@ -1,0 +1,1 @@
+"""Spoken commands and robot programs: words to a program, a program to steps, phrases to instances."""

@@ -104,9 +104,12 @@ def _triple(axes: list[NDArray], i: int) -> tuple[float, float, float]:
 def _seen(views: Views, instance_of: NDArray, ids: NDArray) -> tuple[NDArray, NDArray]:
     """Count the frames that saw each instance, and the mean confidence of the segments that named its cells."""
     instance = instance_of[views.community]
+    known = instance > 0
+    views_cells, views_score, views_frame = views.cells[known], views.score[known], views.frame[known]
+    instance = instance[known]
     at = np.searchsorted(ids, instance)
-    pairs = np.unique(at.astype(np.int64) << 32 | views.frame.astype(np.int64))
+    pairs = np.unique(at.astype(np.int64) << 32 | views_frame.astype(np.int64))
     frames = np.bincount(pairs >> 32, minlength=len(ids))
-    cells = np.bincount(at, weights=views.cells, minlength=len(ids))
-    total = np.bincount(at, weights=views.cells * views.score.astype(np.float64), minlength=len(ids))
+    cells = np.bincount(at, weights=views_cells, minlength=len(ids))
+    total = np.bincount(at, weights=views_cells * views_score.astype(np.float64), minlength=len(ids))
     return frames, total / np.maximum(cells, 1)

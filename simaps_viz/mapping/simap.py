@@ -85,9 +85,11 @@ def count_views(grid: Grid, community: NDArray, seen: SeenCells) -> Views:
 def assemble(
     grid: Grid, graphs: Sequence[CellGraph], community: NDArray, log: MergeLog, views: Views, origin: Origin
 ) -> SIMap:
-    """Put the stages together; the instances follow from ``origin.parameters["k_percent"]``."""
+    """Put the stages together; the instances follow from the parameters ``k_percent`` and ``min_cells``."""
     applied = applied_steps(log, float(origin.parameters["k_percent"]) / 100.0)
     instance_of = instance_of_community(log, applied, int(community.max(initial=0)))
+    cells = np.bincount(instance_of[community].reshape(-1), minlength=len(instance_of))
+    instance_of[cells[instance_of] < int(origin.parameters.get("min_cells", 1))] = 0
     instance = instance_of[community]
     return SIMap(
         grid=grid,

@@ -1,0 +1,1 @@
+"""Planning over the free cells of a map, and a simulated robot that drives a program."""

@@ -1,0 +1,57 @@
+# Every target sets up what it needs: a virtual environment, the dependencies, and for the browser tests Chromium.
+PYTHON ?= python3
+VENV := .venv
+BIN := $(VENV)/bin
+READY := $(VENV)/.ready
+DEV_READY := $(VENV)/.ready-dev
+# Two workers: the machines this runs on have two cores; tests of one file share their fixtures.
+WORKERS ?= 2
+
+.PHONY: demo test check format bench recordings screenshots clean chromium
+
+demo: $(READY)
+	@$(BIN)/simaps demo
+
+test: $(DEV_READY) chromium
+	@$(BIN)/python -m pytest -n $(WORKERS) --dist loadfile
+
+check: $(DEV_READY)
+	@$(BIN)/ruff check .
+	@$(BIN)/ruff format --check .
+	@$(BIN)/pyright
+
+format: $(DEV_READY)
+	@$(BIN)/ruff check --fix .
+	@$(BIN)/ruff format .
+
+bench: $(DEV_READY)
+	@$(BIN)/python apps/bench.py
+
+recordings: $(READY)
+	@$(BIN)/python apps/record_build.py
+
+screenshots: $(DEV_READY) chromium
+	@$(BIN)/python apps/screenshots.py
+
+clean:
+	rm -rf $(VENV) build dist .pytest_cache .ruff_cache .hypothesis
+
+$(READY): pyproject.toml
+	@$(PYTHON) -c 'import sys; v = sys.version_info; sys.exit(0 if (3, 11) <= v < (3, 14) else \
+		f"make: expected Python 3.11 to 3.13, found {v.major}.{v.minor}; try make PYTHON=python3.11")'
+	@echo "Setting up $(VENV) (once; a few minutes on a slow line)"
+	@test -x $(BIN)/python || $(PYTHON) -m venv $(VENV)
+	@$(BIN)/python -m pip install --quiet --disable-pip-version-check --progress-bar on -e .
+	@touch $@
+
+$(DEV_READY): $(READY)
+	@echo "Adding what tests and checks need"
+	@$(BIN)/python -m pip install --quiet --disable-pip-version-check -e '.[dev]'
+	@touch $@
+
+# The browser tests drive Debian's Chromium; elsewhere set SIMAPS_CHROMIUM to one.
+chromium:
+	@test -n "$$SIMAPS_CHROMIUM" || command -v chromium >/dev/null || { \
+		echo "Installing chromium (apt)"; \
+		if [ "$$(id -u)" = 0 ]; then SUDO=; else SUDO=sudo; fi; \
+		$$SUDO apt-get update -qq && $$SUDO apt-get install -y -qq --no-install-recommends chromium >/dev/null; }

@@ -1,0 +1,255 @@
+"""`simaps`: one command line for building, seeing, questioning and driving on Semantic Instance Maps."""
+
+import dataclasses
+import os
+import sys
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Literal
+
+import tyro
+from rich.console import Console
+
+from simaps_viz import wiring
+from simaps_viz.datasets.posed_frames import open_sequence
+from simaps_viz.errors import InputError, SIMapsError
+from simaps_viz.mapping.accumulator import ProjectionSettings
+from simaps_viz.mapping.mapfile import load_map
+from simaps_viz.navigation.agent import answer
+from simaps_viz.pipeline import BuildConfig
+from simaps_viz.progress import console, emit, stage_progress
+from simaps_viz.structures import Pose2
+from simaps_viz.tables import map_tables
+
+OK, NO, BAD_INPUT, INTERRUPTED = 0, 1, 2, 130
+
+Level = Literal["none", "light", "medium", "heavy"]
+
+
+@dataclass(frozen=True)
+class Mapping:
+    """How cells become instances."""
+
+    method: Literal["paper"] = "paper"
+    """Graph of cells seen in the same segment, Louvain communities, merge by K %."""
+    k: float = 5.0
+    """Join a community to its neighbour while more than this percentage of its cells touch it (0-100)."""
+    resolution: float = 1.0
+    """Of Louvain: higher gives more and smaller communities."""
+    seed: int = 0
+    """Of Louvain's random order; the same seed gives the same map."""
+    min_cells: int = 4
+    """Do not call anything an instance that covers fewer cells than this."""
+    literal: bool = False
+    """Also link cells across depth jumps inside a segment, as the paper's text reads."""
+    cell_size: float = 0.05
+    """Side of a cell, metres."""
+    cut_height: float = 2.0
+    """Leave out what is higher than this over the floor, metres."""
+    max_depth: float = 6.0
+    """Leave out what is farther from the camera than this, metres."""
+
+
+@dataclass(frozen=True)
+class Demo:
+    """Make the embedded café (rendered, with simulated network errors), map it, and open the workbench."""
+
+    mapping: Annotated[Mapping, tyro.conf.arg(name="")] = dataclasses.field(default_factory=Mapping)
+    errors: Level = "light"
+    """Simulated errors of the segmentation network."""
+    port: int = 8080
+    """Where to serve the page; the next free one when it is taken."""
+    browser: bool = True
+    """Open the page in the browser."""
+    serve: bool = True
+    """Serve the page; with --no-serve only prepare everything."""
+
+
+@dataclass(frozen=True)
+class Build:
+    """Build a map from a sequence of posed RGB-D frames.
+
+    Example: simaps build ../scans/breakroom -o breakroom.npz --record breakroom.rrd
+    """
+
+    sequence: tyro.conf.Positional[Path]
+    """Folder in the posed-frames/1 format, or its manifest (.json)."""
+    output: Annotated[Path, tyro.conf.arg(aliases=["-o"])]
+    """Map file to write (.npz)."""
+    mapping: Annotated[Mapping, tyro.conf.arg(name="")] = dataclasses.field(default_factory=Mapping)
+    segmentation: str = "precomputed"
+    """Where segments come from: "precomputed", the ones the sequence has."""
+    record: Path | None = None
+    """Also record the build for rerun (.rrd)."""
+    json: bool = False
+    """Print JSON lines on stdout."""
+
+
+@dataclass(frozen=True)
+class View:
+    """Open the workbench on a map, or on a sequence (which is mapped first)."""
+
+    path: tyro.conf.Positional[Path]
+    """Map file (.npz), sequence folder or manifest (.json)."""
+    mapping: Annotated[Mapping, tyro.conf.arg(name="")] = dataclasses.field(default_factory=Mapping)
+    recording: Path | None = None
+    """Recorded build to dock beside the map; by default the .rrd of the map's name."""
+    port: int = 8080
+    """Where to serve the page; the next free one when it is taken."""
+    browser: bool = True
+    """Open the page in the browser."""
+
+
+@dataclass(frozen=True)
+class Query:
+    """Ask a robot on a map to do something, in English or as a program; nothing is shown, the answer is printed.
+
+    Example: simaps query cafe.npz "go to the third chair" "turn left" --pose 1.5 2 90 --json
+    """
+
+    map: tyro.conf.Positional[Path]
+    """Map file (.npz)."""
+    command: tyro.conf.Positional[tuple[str, ...]]
+    """One or more commands, each carried out from the given pose."""
+    pose: tuple[float, float, float] | None = None
+    """Where the robot stands: x and y in metres, heading in degrees clockwise from north. By default where the first
+    camera stood."""
+    json: bool = False
+    """Print one JSON line a command."""
+
+
+@dataclass(frozen=True)
+class Info:
+    """Say what is on a map."""
+
+    map: tyro.conf.Positional[Path]
+    """Map file (.npz)."""
+    json: bool = False
+    """Print it as one JSON line."""
+
+
+Command = Demo | Build | View | Query | Info
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run `simaps`; the exit status is 0 done, 1 the answer is no, 2 bad input or usage, 130 interrupted."""
+    commands = tyro.conf.OmitSubcommandPrefixes[Command]
+    command: Command = tyro.cli(commands, prog="simaps", description=__doc__, args=arguments)  # pyright: ignore
+    try:
+        return _RUN[type(command)](command)
+    except SIMapsError as error:
+        _say_error(str(error))
+        return BAD_INPUT
+    except KeyboardInterrupt:
+        _say_error("interrupted; nothing was left half-written")
+        return INTERRUPTED
+    except BrokenPipeError:  # the reader of our output has gone
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return BAD_INPUT
+
+
+def _say_error(message: str) -> None:
+    console.print(f"simaps: {message}", markup=False, soft_wrap=True, style="red")
+
+
+def _config(mapping: Mapping) -> BuildConfig:
+    settings = ProjectionSettings(
+        cell_size_m=mapping.cell_size, cut_height_m=mapping.cut_height, far_m=mapping.max_depth
+    )
+    return BuildConfig(
+        method=mapping.method, k_percent=mapping.k, resolution=mapping.resolution, seed=mapping.seed,
+        min_cells=mapping.min_cells, literal=mapping.literal, projection=settings,
+    )  # fmt: skip
+
+
+def _demo(command: Demo) -> int:
+    from simaps_viz.scenes.demo import ensure_demo  # noqa: PLC0415 - the ray caster is only needed here
+
+    with stage_progress() as progress:
+        manifest = ensure_demo(level=command.errors, cache_dir=wiring.cache_folder(), progress=progress)
+        simap, recording = wiring.cached_build(open_sequence(manifest), _config(command.mapping), progress)
+    console.print(f"On the map: {wiring.counts_in_words(simap.counts())}", markup=False)
+    if command.serve:
+        wiring.serve(simap, recording=recording, port=command.port, browser=command.browser)
+    return OK
+
+
+def _build(command: Build) -> int:
+
+    if command.segmentation != "precomputed":
+        raise InputError(f"--segmentation {command.segmentation}: expected precomputed, the only source so far")
+    config = _config(command.mapping)
+    with stage_progress(quiet=command.json) as progress:
+        simap = wiring.build_to_file(
+            open_sequence(command.sequence), config, command.output,
+            record=command.record, progress=progress, json_lines=command.json,
+        )  # fmt: skip
+    if command.json:
+        emit({"event": "done", "map": str(command.output), "record": str(command.record) if command.record else None,
+              "counts": simap.counts(), "instances": len(simap.instances)})  # fmt: skip
+    else:
+        console.print(f"{command.output}: {wiring.counts_in_words(simap.counts())}", markup=False)
+        console.print(f"Look at it: simaps view {command.output}", markup=False)
+    return OK
+
+
+def _view(command: View) -> int:
+
+    if command.path.is_dir() or command.path.suffix == ".json":
+        with stage_progress() as progress:
+            simap, recording = wiring.cached_build(open_sequence(command.path), _config(command.mapping), progress)
+        recording = wiring.recording_beside(command.path, command.recording) or recording
+    else:
+        simap = load_map(command.path)
+        recording = wiring.recording_beside(command.path, command.recording)
+    wiring.serve(simap, recording=recording, port=command.port, browser=command.browser)
+    return OK
+
+
+def _query(command: Query) -> int:
+
+    if not command.command:
+        raise InputError('query: expected at least one command, for example "go to the second chair", found none')
+    simap = load_map(command.map)
+    pose = Pose2.from_heading(*command.pose) if command.pose else wiring.start_pose(simap)
+    good = True
+    for text in command.command:
+        result = answer(simap, text, pose)
+        good = good and result.status == "ok"
+        record = {"command": text, **result.to_json()}
+        if command.json:
+            emit(record)
+        else:
+            _print_answer(record)
+    return OK if good else NO
+
+
+def _print_answer(record: dict) -> None:
+    out = sys.stdout
+    out.write(f"> {record['command']}\n")
+    for line in (record["program"] or "").strip().splitlines():
+        out.write(f"    {line}\n")
+    if record["status"] != "ok":
+        out.write(f"{record['status']}: {record['reason']}\n")
+        return
+    x, y, heading = record["final_pose"]
+    out.write(f"ok: drove {record['path_length_m']:.2f} m to x {x:.2f} m, y {y:.2f} m, heading {heading:.0f}°\n")
+
+
+def _info(command: Info) -> int:
+
+    facts = wiring.summary(load_map(command.map))
+    if command.json:
+        emit(facts)
+        return OK
+
+    for table in map_tables(facts):
+        Console(highlight=False).print(table)
+    return OK
+
+
+_RUN = {Demo: _demo, Build: _build, View: _view, Query: _query, Info: _info}
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,1 @@
+"""Measuring: how good the instances are, how fast the stages."""

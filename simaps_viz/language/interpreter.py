@@ -1,0 +1,264 @@
+"""Runs a validated program over its syntax tree, statement by statement, within budgets."""
+
+import ast
+import math
+import operator
+import time
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass
+from typing import Any, Final, Literal, NoReturn
+
+from simaps_viz.errors import CommandError, PlanningError
+from simaps_viz.language.primitives import PRIMITIVES, Parameter, Primitive
+from simaps_viz.language.program import Program, ProgramError, ProgramStuckError, bind, check_argument
+from simaps_viz.structures import Instance
+
+_OPERATORS: Final[Mapping[type, Callable[[Any, Any], Any]]] = {
+    ast.Add: operator.add,
+    ast.Sub: operator.sub,
+    ast.Mult: operator.mul,
+    ast.Div: operator.truediv,
+    ast.Eq: operator.eq,
+    ast.NotEq: operator.ne,
+    ast.Lt: operator.lt,
+    ast.LtE: operator.le,
+    ast.Gt: operator.gt,
+    ast.GtE: operator.ge,
+}
+_MAX_VALUE = 1e12
+
+Caller = Callable[[Primitive, Mapping[str, Any]], Any]
+"""Carries out one primitive: gets all its arguments by name, gives what a look-up found."""
+
+
+class BudgetError(ProgramError):
+    """A program took more steps, turns, time or way than it may."""
+
+
+@dataclass(frozen=True)
+class Budget:
+    """What one program may use."""
+
+    steps: int = 10_000
+    """Statements and expressions evaluated."""
+    loop_turns: int = 1_000
+    """Turns of all loops together."""
+    seconds: float = 20.0
+    """Computing time; the time between two statements, while a viewer animates or pauses, does not count."""
+    path_m: float = 1_000.0
+    """Way driven."""
+
+
+@dataclass(frozen=True)
+class Turn:
+    """The program is about to run, or has just run, one statement."""
+
+    line: int
+    """Counted from 1."""
+    phase: Literal["before", "after"]
+
+
+def interpret(program: Program, call: Caller, *, budget: Budget | None = None) -> Iterator[Turn]:
+    """Run a program as a generator that stops before and after every statement.
+
+    Dropping the generator stops the program.
+
+    Raises:
+        CommandError: at run time, naming line and primitive; BudgetError when a budget is used up.
+        PlanningError: naming line and primitive.
+    """
+    runner = _Runner(call, budget or Budget())
+    turns = runner.block(program.tree.body)
+    while True:
+        runner.resume()
+        turn = next(turns, None)
+        if turn is None:
+            return
+        runner.pause()
+        yield turn
+
+
+class _Runner:
+    def __init__(self, call: Caller, budget: Budget) -> None:
+        self._call_primitive = call
+        self._budget = budget
+        self._names: dict[str, Any] = {}
+        self._steps = 0
+        self._turns = 0
+        self._seconds = 0.0
+        self._since = 0.0
+
+    def resume(self) -> None:
+        self._since = time.monotonic()
+
+    def pause(self) -> None:
+        self._seconds += time.monotonic() - self._since
+
+    def block(self, body: list[ast.stmt]) -> Iterator[Turn]:
+        for statement in body:
+            yield Turn(statement.lineno, "before")
+            yield from self._statement(statement)
+            yield Turn(statement.lineno, "after")
+
+    def _statement(self, node: ast.stmt) -> Iterator[Turn]:
+        self._step(node)
+        match node:
+            case ast.Expr(value=value):
+                self._value(value)
+            case ast.Assign(targets=[ast.Name(id=name)], value=value):
+                self._names[name] = self._value(value)
+            case ast.For(target=ast.Name(id=name), iter=source, body=body):
+                for item in self._list(source):
+                    self._turns += 1
+                    self._within(node, self._turns, self._budget.loop_turns, "loop turns")
+                    self._names[name] = item
+                    yield from self.block(body)
+            case ast.If(test=test, body=body, orelse=orelse):
+                yield from self.block(body if self._value(test) else orelse)
+            case _:
+                self._refuse(node, "not allowed in a program")
+
+    def _value(self, node: ast.expr) -> Any:
+        self._step(node)
+        evaluate = {
+            ast.Constant: self._constant,
+            ast.Name: self._name,
+            ast.Call: self._call,
+            ast.List: self._items,
+            ast.Tuple: self._items,
+            ast.Subscript: self._item,
+            ast.UnaryOp: self._unary,
+            ast.BoolOp: self._choose,
+            ast.BinOp: self._arithmetic,
+            ast.Compare: self._compare,
+        }.get(type(node))
+        if evaluate is None:
+            self._refuse(node, "not allowed in a program")
+        return evaluate(node)
+
+    def _constant(self, node: ast.Constant) -> Any:
+        return node.value
+
+    def _name(self, node: ast.Name) -> Any:
+        return self._names[node.id]
+
+    def _items(self, node: ast.List | ast.Tuple) -> list:
+        return [self._value(item) for item in node.elts]
+
+    def _unary(self, node: ast.UnaryOp) -> Any:
+        if isinstance(node.op, ast.Not):
+            return not self._value(node.operand)
+        number = self._number(node.operand)
+        return -number if isinstance(node.op, ast.USub) else number
+
+    def _call(self, node: ast.Call) -> Any:
+        call = bind(node)
+        primitive = PRIMITIVES[call.primitive.name]
+        arguments = {}
+        for parameter in primitive.parameters:
+            written = call.arguments.get(parameter.name)
+            value = parameter.default if written is None else self._value(written)
+            arguments[parameter.name] = value if written is None else self._checked(node, primitive, parameter, value)
+        try:
+            return self._call_primitive(primitive, arguments)
+        except (ProgramError, ProgramStuckError):
+            raise
+        except CommandError as error:
+            raise ProgramError(node.lineno, primitive.name, str(error)) from None
+        except PlanningError as error:
+            raise ProgramStuckError(node.lineno, primitive.name, str(error)) from None
+
+    def _checked(self, node: ast.Call, primitive: Primitive, parameter: Parameter, value: Any) -> Any:
+        """Check an argument's value; whole numbers become int, a position becomes a pair of floats."""
+        if isinstance(value, Instance):
+            wrong = None if parameter.type in ("instance", "object") else f"{parameter.name}: found an instance"
+        elif isinstance(value, list):
+            pair = len(value) == 2 and all(_is_number(v) for v in value)
+            wrong = None if parameter.type == "position" and pair else f"{parameter.name}: found a list"
+        else:
+            wrong = check_argument(parameter, value)
+        if wrong:
+            raise ProgramError(node.lineno, primitive.name, wrong)
+        if parameter.type in ("instance", "count") and isinstance(value, int | float):
+            return int(value)
+        return value
+
+    def _list(self, node: ast.expr) -> list:
+        value = self._value(node)
+        if not isinstance(value, list):
+            self._refuse(node, f"expected a list, found {_kind(value)}")
+        return value
+
+    def _item(self, node: ast.Subscript) -> Any:
+        items, index = self._list(node.value), self._value(node.slice)
+        if not _is_number(index) or index != int(index):
+            self._refuse(node, f"an index is a whole number, found {_kind(index)}")
+        if not -len(items) <= index < len(items):
+            self._refuse(node, f"there is no item {int(index)} in a list of {len(items)}")
+        return items[int(index)]
+
+    def _number(self, node: ast.expr) -> float:
+        value = self._value(node)
+        if not _is_number(value):
+            self._refuse(node, f"arithmetic is for numbers, found {_kind(value)}")
+        return value
+
+    def _arithmetic(self, node: ast.BinOp) -> float:
+        operation, left, right = _OPERATORS[type(node.op)], self._number(node.left), self._number(node.right)
+        if operation is operator.truediv and right == 0:
+            self._refuse(node, "division by zero")
+        value = operation(left, right)
+        if not math.isfinite(value) or abs(value) > _MAX_VALUE:
+            self._refuse(node, "a number grew too large")
+        return value
+
+    def _compare(self, node: ast.Compare) -> bool:
+        left = self._plain(node.left)
+        for operation, other in zip(node.ops, node.comparators, strict=True):
+            right = self._plain(other)
+            ordered = not isinstance(operation, ast.Eq | ast.NotEq)
+            if ordered and not (_is_number(left) and _is_number(right)):
+                self._refuse(node, f"only numbers have an order, found {_kind(left)} and {_kind(right)}")
+            if not _OPERATORS[type(operation)](left, right):
+                return False
+            left = right
+        return True
+
+    def _plain(self, node: ast.expr) -> Any:
+        value = self._value(node)
+        if isinstance(value, list):
+            self._refuse(node, "lists and positions cannot be compared")
+        return value
+
+    def _choose(self, node: ast.BoolOp) -> Any:
+        value = None
+        for part in node.values:
+            value = self._value(part)
+            if bool(value) != isinstance(node.op, ast.And):
+                break
+        return value
+
+    def _step(self, node: ast.stmt | ast.expr) -> None:
+        self._steps += 1
+        self._within(node, self._steps, self._budget.steps, "steps")
+        spent = self._seconds + time.monotonic() - self._since
+        self._within(node, spent, self._budget.seconds, "seconds of computing")
+
+    @staticmethod
+    def _within(node: ast.stmt | ast.expr, used: float, allowed: float, unit: str) -> None:
+        if used > allowed:
+            raise BudgetError(node.lineno, None, f"stopped: the program took more than {allowed:g} {unit}")
+
+    @staticmethod
+    def _refuse(node: ast.AST, message: str) -> NoReturn:
+        raise ProgramError(getattr(node, "lineno", 1), None, message)
+
+
+def _is_number(value: object) -> bool:
+    return isinstance(value, int | float) and not isinstance(value, bool)
+
+
+def _kind(value: object) -> str:
+    if isinstance(value, Instance):
+        return "an instance"
+    return {str: "a string", bool: "a truth value", list: "a list"}.get(type(value), "a number")

@@ -1,0 +1,343 @@
+"""The small Python of robot programs: parsed to a syntax tree and validated whole, before the robot moves.
+
+A program is lines of calls on ``robot``, assignments to a name, ``for`` over a look-up or list, and ``if``; values are
+numbers, strings, lists, indexing with ``[]``, ``+ - * /`` on numbers, comparisons, ``and``, ``or``, ``not``.
+Nothing is ever handed to Python to run: ``interpreter`` walks the tree.
+"""
+
+import ast
+import math
+import warnings
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Final, NoReturn
+
+from simaps_viz.errors import CommandError, PlanningError
+from simaps_viz.language.primitives import PRIMITIVES, SIDES, Parameter, Primitive
+
+MAX_SOURCE: Final = 10_000
+"""Characters of a program."""
+MAX_DEPTH: Final = 24
+"""Levels of the syntax tree."""
+MAX_NUMBER: Final = 1e6
+MAX_TEXT: Final = 100
+"""Characters of one string."""
+
+_RESULT_TYPES = {"instances": "instance", "positions": "position", "position": "number", "list": "any", "any": "any"}
+_ACCEPTS = {
+    "label": ("text",),
+    "side": ("text",),
+    "number": ("number",),
+    "count": ("number",),
+    "instance": ("number", "instance"),
+    "object": ("text", "instance"),
+    "position": ("position", "list"),
+}
+_WANTED = {
+    "label": "a name in quotes",
+    "side": f"one of {', '.join(SIDES)}, in quotes",
+    "number": "a number",
+    "count": "a whole number from 1",
+    "instance": "a rank (whole number from 1) or an instance from a look-up",
+    "object": "a name in quotes or an instance from a look-up",
+    "position": "a position [x, y]",
+}
+_ARITHMETIC = (ast.Add, ast.Sub, ast.Mult, ast.Div)
+_COMPARISONS = (ast.Eq, ast.NotEq, ast.Lt, ast.LtE, ast.Gt, ast.GtE)
+_SMALL_PYTHON = "a program is calls on robot, assignments, for, if, numbers, strings, lists and indexing"
+
+
+def located(line: int, primitive: str | None, message: str) -> str:
+    """Give "line 2: move_to: …"."""
+    return f"line {line}: {primitive}: {message}" if primitive else f"line {line}: {message}"
+
+
+class ProgramError(CommandError):
+    """A program cannot be carried out; knows the line and, if there is one, the primitive."""
+
+    def __init__(self, line: int, primitive: str | None, message: str) -> None:
+        super().__init__(located(line, primitive, message))
+        self.line, self.primitive, self.message = line, primitive, message
+
+
+class ProgramStuckError(PlanningError):
+    """The robot cannot get where a line of a program sends it."""
+
+    def __init__(self, line: int, primitive: str | None, message: str) -> None:
+        super().__init__(located(line, primitive, message))
+        self.line, self.primitive, self.message = line, primitive, message
+
+
+@dataclass(frozen=True, eq=False)
+class Call:
+    """One call on ``robot``, as written."""
+
+    line: int
+    primitive: Primitive
+    arguments: Mapping[str, ast.expr]
+    """By parameter name; what was left out is not in it."""
+
+    def constant(self, name: str) -> object:
+        """Give the argument if it is written out as a number or string, else None."""
+        node = self.arguments.get(name)
+        return node.value if isinstance(node, ast.Constant) else None
+
+
+@dataclass(frozen=True, eq=False)
+class Program:
+    """A validated program."""
+
+    text: str
+    tree: ast.Module
+    calls: tuple[Call, ...]
+    """In the order of the text."""
+
+    def line(self, number: int) -> str:
+        """Give the text of a line, counted from 1, without its indent."""
+        return self.text.splitlines()[number - 1].strip()
+
+
+def parse_program(text: str) -> Program:
+    """Parse and validate a program.
+
+    Raises:
+        CommandError: naming the line and, where there is one, the primitive.
+    """
+    if len(text) > MAX_SOURCE:
+        raise CommandError(f"program: expected at most {MAX_SOURCE} characters, found {len(text)}")
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            tree = ast.parse(text)
+    except SyntaxError as error:
+        raise ProgramError(error.lineno or 1, None, f"this is not a program: {error.msg}") from None
+    except (ValueError, RecursionError, MemoryError):
+        raise CommandError("program: too deeply nested, or with characters no program has") from None
+    if not tree.body:
+        raise CommandError("program: expected at least one line, found none")
+    _check_depth(tree)
+    validator = _Validator(text)
+    validator.block(tree.body, {})
+    return Program(text, tree, tuple(validator.calls))
+
+
+def bind(node: ast.Call) -> Call:
+    """Match a call's arguments to the parameters of its primitive, or raise ProgramError."""
+    function = node.func
+    if not (isinstance(function, ast.Attribute) and isinstance(function.value, ast.Name)):
+        raise ProgramError(node.lineno, None, "only calls of the form robot.primitive(…) are allowed")
+    if function.value.id != "robot":
+        raise ProgramError(node.lineno, None, f"only robot can be called upon, not {function.value.id!r}")
+    primitive = PRIMITIVES.get(function.attr)
+    if primitive is None:
+        known = ", ".join(PRIMITIVES)
+        raise ProgramError(node.lineno, function.attr[:40], f"not a primitive; there are: {known}")
+
+    def refuse(message: str) -> NoReturn:
+        raise ProgramError(node.lineno, primitive.name, f"{message}; it is {primitive.signature}")
+
+    names = [parameter.name for parameter in primitive.parameters]
+    if len(node.args) > len(names):
+        refuse(f"expected at most {len(names)} arguments, found {len(node.args)}")
+    arguments = dict(zip(names, node.args, strict=False))
+    for keyword in node.keywords:
+        if keyword.arg not in names:
+            refuse(f"no parameter {keyword.arg!r}")
+        if keyword.arg in arguments:
+            refuse(f"parameter {keyword.arg!r} given twice")
+        arguments[keyword.arg] = keyword.value
+    missing = [p.name for p in primitive.parameters if p.required and p.name not in arguments]
+    if missing:
+        refuse(f"missing {', '.join(missing)}")
+    return Call(node.lineno, primitive, arguments)
+
+
+def check_argument(parameter: Parameter, value: object) -> str | None:
+    """Give what is wrong with a number or string for a parameter, in words, or None when it will do."""
+    wanted = f"{parameter.name}: expected {_WANTED[parameter.type]}, found {value!r}"
+    if isinstance(value, bool):
+        return wanted
+    if isinstance(value, int | float):
+        if parameter.type in ("label", "side", "object", "position"):
+            return wanted
+        whole = parameter.type == "number" or (value >= 1 and value == int(value))
+        return None if whole else wanted
+    if isinstance(value, str) and parameter.type in ("label", "object"):
+        return None if value.strip() else wanted
+    return None if isinstance(value, str) and parameter.type == "side" and value in SIDES else wanted
+
+
+def _check_depth(tree: ast.Module) -> None:
+    """Raise ProgramError for trees too deep to walk; goes level by level, so it cannot itself run too deep."""
+    level: list[ast.AST] = [tree]
+    for _ in range(MAX_DEPTH):
+        level = [child for node in level for child in ast.iter_child_nodes(node)]
+        if not level:
+            return
+    line = next((getattr(node, "lineno", None) for node in level if hasattr(node, "lineno")), 1)
+    raise ProgramError(line or 1, None, f"too deeply nested; at most {MAX_DEPTH} levels are allowed")
+
+
+class _Validator:
+    """Walks the whole tree once; infers the type of every expression from what each look-up gives."""
+
+    def __init__(self, text: str) -> None:
+        self._text = text
+        self.calls: list[Call] = []
+
+    def block(self, body: list[ast.stmt], names: dict[str, str]) -> None:
+        for statement in body:
+            self._statement(statement, names)
+
+    def _statement(self, node: ast.stmt, names: dict[str, str]) -> None:
+        match node:
+            case ast.Expr(value=ast.Call() as call):
+                self._call(call, names)
+            case ast.Assign(targets=[ast.Name() as target], value=value):
+                names[self._new_name(target)] = self._value(value, names)
+            case ast.For(target=ast.Name() as target, iter=source, body=body, orelse=[]):
+                kind = self._value(source, names)
+                if kind not in _RESULT_TYPES:
+                    self._refuse(node, f"for goes over a look-up or a list, not over a {kind}")
+                self.block(body, {**names, self._new_name(target): _RESULT_TYPES[kind]})
+            case ast.If(test=test, body=body, orelse=orelse):
+                self._value(test, names)
+                taken, skipped = dict(names), dict(names)
+                self.block(body, taken)
+                self.block(orelse, skipped)
+                for name in taken.keys() & skipped.keys():
+                    names[name] = taken[name] if taken[name] == skipped[name] else "any"
+            case _:
+                self._not_allowed(node)
+
+    def _new_name(self, node: ast.Name) -> str:
+        self._ascii(node)
+        if node.id == "robot" or node.id.startswith("_"):
+            self._refuse(node, f"{node.id[:40]!r} cannot be assigned")
+        return node.id
+
+    def _value(self, node: ast.expr, names: dict[str, str]) -> str:
+        kind = self._expression(node, names)
+        if kind == "nothing":
+            self._refuse(node, "a motion gives no value; write it on a line of its own")
+        return kind
+
+    def _expression(self, node: ast.expr, names: dict[str, str]) -> str:
+        check = {
+            ast.Constant: self._constant,
+            ast.Name: self._name,
+            ast.Call: self._call,
+            ast.List: self._items,
+            ast.Tuple: self._items,
+            ast.Subscript: self._item,
+            ast.UnaryOp: self._unary,
+            ast.BoolOp: self._choice,
+            ast.BinOp: self._arithmetic,
+            ast.Compare: self._comparison,
+        }.get(type(node))
+        if check is None:
+            self._not_allowed(node)
+        return check(node, names)
+
+    def _items(self, node: ast.List | ast.Tuple, names: dict[str, str]) -> str:
+        kinds = [self._value(item, names) for item in node.elts]
+        return "position" if kinds == ["number", "number"] else "list"
+
+    def _unary(self, node: ast.UnaryOp, names: dict[str, str]) -> str:
+        if isinstance(node.op, ast.Not):
+            self._value(node.operand, names)
+            return "truth"
+        if isinstance(node.op, ast.Invert):
+            self._not_allowed(node.op, node)
+        return self._number(node, [node.operand], names)
+
+    def _choice(self, node: ast.BoolOp, names: dict[str, str]) -> str:
+        kinds = {self._value(value, names) for value in node.values}
+        return kinds.pop() if len(kinds) == 1 else "any"
+
+    def _arithmetic(self, node: ast.BinOp, names: dict[str, str]) -> str:
+        if not isinstance(node.op, _ARITHMETIC):
+            self._not_allowed(node.op, node)
+        return self._number(node, [node.left, node.right], names)
+
+    def _comparison(self, node: ast.Compare, names: dict[str, str]) -> str:
+        for operation in node.ops:
+            if not isinstance(operation, _COMPARISONS):
+                self._not_allowed(operation, node)
+        for value in (node.left, *node.comparators):
+            if self._value(value, names) in ("list", "position", "instances", "positions"):
+                self._refuse(node, "lists and positions cannot be compared")
+        return "truth"
+
+    def _constant(self, node: ast.Constant, names: dict[str, str]) -> str:
+        value = node.value
+        if isinstance(value, bool):
+            return "truth"
+        if isinstance(value, int | float):
+            if not math.isfinite(value) or abs(value) > MAX_NUMBER:
+                self._refuse(node, f"numbers go up to {MAX_NUMBER:.0f}")
+            return "number"
+        if isinstance(value, str):
+            if len(value) > MAX_TEXT:
+                self._refuse(node, f"strings have at most {MAX_TEXT} characters")
+            return "text"
+        self._refuse(node, f"a value of type {type(value).__name__} is not allowed; {_SMALL_PYTHON}")
+
+    def _name(self, node: ast.Name, names: dict[str, str]) -> str:
+        self._ascii(node)
+        if node.id not in names:
+            hint = "robot is only there to be called" if node.id == "robot" else "no value on every way to this line"
+            self._refuse(node, f"{node.id[:40]!r}: {hint}")
+        return names[node.id]
+
+    def _item(self, node: ast.Subscript, names: dict[str, str]) -> str:
+        kind, index = self._value(node.value, names), node.slice
+        if kind not in _RESULT_TYPES:
+            self._refuse(node, f"a {kind} cannot be indexed")
+        if isinstance(index, ast.Slice) or self._value(index, names) not in ("number", "any"):
+            self._refuse(node, "an index is a whole number")
+        return _RESULT_TYPES[kind]
+
+    def _number(self, node: ast.expr, operands: list[ast.expr], names: dict[str, str]) -> str:
+        for operand in operands:
+            kind = self._value(operand, names)
+            if kind not in ("number", "any"):
+                self._refuse(node, f"arithmetic is for numbers, not for a {kind}")
+        return "number"
+
+    def _call(self, node: ast.Call, names: dict[str, str]) -> str:
+        self._ascii(node.func)
+        call = bind(node)
+        self.calls.append(call)
+        primitive = call.primitive
+        for parameter in primitive.parameters:
+            value = call.arguments.get(parameter.name)
+            if value is None:
+                continue
+            kind = self._value(value, names)
+            wrong = None
+            if isinstance(value, ast.Constant):
+                wrong = check_argument(parameter, value.value)
+            elif kind not in (*_ACCEPTS[parameter.type], "any"):
+                wrong = f"{parameter.name}: expected {_WANTED[parameter.type]}, found a {kind}"
+            if wrong:
+                raise ProgramError(node.lineno, primitive.name, wrong)
+        return primitive.result
+
+    def _ascii(self, node: ast.AST) -> None:
+        """Refuse names that only look like others: Python folds a wide "ｒobot" into "robot"."""
+        if not (ast.get_source_segment(self._text, node) or "").isascii():
+            self._refuse(node, "names are written in plain letters")
+
+    def _not_allowed(self, piece: ast.AST, within: ast.AST | None = None) -> NoReturn:
+        self._refuse(within or piece, f"{_name_of(piece)} is not allowed; {_SMALL_PYTHON}")
+
+    def _refuse(self, node: ast.AST, message: str) -> NoReturn:
+        raise ProgramError(getattr(node, "lineno", 1), None, message)
+
+
+def _name_of(node: ast.AST) -> str:
+    """Give what Python calls a piece of syntax, in lower case words."""
+    known = {"FunctionDef": "a definition", "Lambda": "lambda", "JoinedStr": "an f-string", "ListComp": "comprehension"}
+    known |= {"ImportFrom": "import", "Attribute": "an attribute other than a call on robot", "While": "while"}
+    return known.get(type(node).__name__, type(node).__name__.lower())

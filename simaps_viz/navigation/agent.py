@@ -1,0 +1,228 @@
+"""A simulated robot that carries out programs and spoken commands on a map."""
+
+import re
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Any, Literal
+from weakref import WeakKeyDictionary
+
+import numpy as np
+from numpy.typing import NDArray
+
+from simaps_viz.errors import CommandError, PlanningError
+from simaps_viz.language.commands import Reading, read_command
+from simaps_viz.language.interpreter import Budget, BudgetError, interpret
+from simaps_viz.language.primitives import SELF
+from simaps_viz.language.program import Call, Program, ProgramError, ProgramStuckError, parse_program
+from simaps_viz.navigation.drive import Motion
+from simaps_viz.navigation.planner import Planner, RobotShape
+from simaps_viz.navigation.robot import Goal, Robot
+from simaps_viz.structures import Pose2, SIMap
+
+_CALL_ON_ROBOT = re.compile(r"\brobot\s*\.\s*[^\W\d]\w*\s*\(")
+_RANK_OF = {"instance": "name", "n": "name", "instance_a": "name_a", "instance_b": "name_b"}
+_PLANNERS: WeakKeyDictionary[SIMap, dict[RobotShape, Planner]] = WeakKeyDictionary()
+
+
+@dataclass(frozen=True, eq=False)
+class StepEvent:
+    """The agent is about to run (``done`` False) or has run (``done`` True) one statement."""
+
+    line: int
+    """Counted from 1."""
+    text: str
+    """The line, without its indent."""
+    poses: NDArray
+    """float64 [n, 3], (x, y, yaw) every ``Motion.dt_s``, map frame: what the statement drove; empty before it ran."""
+    goal: Goal | None
+    """What the statement drove or turned to; None before it ran and for look-ups."""
+    done: bool
+
+
+@dataclass(frozen=True, eq=False)
+class Answer:
+    """What came of one command: nothing here moved, the robot is simulated."""
+
+    status: Literal["ok", "refused", "failed"]
+    """refused: not understood, not a program, or not on this map; failed: no way there, or a budget used up."""
+    reason: str | None
+    """In words; None when ok."""
+    program: str
+    """The program that was run; empty when the command was not understood."""
+    goals: tuple[Goal, ...]
+    path_m: NDArray
+    """float64 [n, 2], map frame, starts where the robot stood; as far as it came."""
+    final_pose: Pose2
+    path_length_m: float
+    notes: tuple[str, ...] = ()
+    """How words were read."""
+    alternatives: tuple[str, ...] = ()
+    """Other programs the command could mean."""
+
+    def to_json(self) -> dict[str, Any]:
+        """Give the line ``simaps query`` prints, as a dict; angles in degrees clockwise from north."""
+        pose = self.final_pose
+        return {
+            "status": self.status,
+            "reason": self.reason,
+            "program": self.program,
+            "goals": [goal.to_json() for goal in self.goals],
+            "path": [[round(float(v), 6) for v in point] for point in self.path_m],
+            "final_pose": [round(pose.x_m, 6), round(pose.y_m, 6), round(pose.heading_deg, 6) % 360.0],
+            "path_length_m": round(self.path_length_m, 6),
+            "notes": list(self.notes),
+            "alternatives": list(self.alternatives),
+        }
+
+
+class Agent:
+    """Runs programs one after the other, each from where the last one ended.
+
+    Args:
+        simap: the map.
+        pose: where the robot stands.
+        robot: its shape.
+        budget: what one program may use.
+        motion: speeds and sampling of the drive.
+    """
+
+    def __init__(
+        self,
+        simap: SIMap,
+        pose: Pose2,
+        robot: RobotShape | None = None,
+        *,
+        budget: Budget | None = None,
+        motion: Motion | None = None,
+    ) -> None:
+        self.simap = simap
+        self.planner = planner_of(simap, robot or RobotShape())
+        self._budget = budget or Budget()
+        self._motion = motion
+        self.robot = self._new_robot(pose)
+
+    @property
+    def pose(self) -> Pose2:
+        """Where the robot stands now."""
+        return self.robot.pose
+
+    def steps(self, program: str) -> Iterator[StepEvent]:
+        """Validate a program whole, then give a generator that runs it statement by statement.
+
+        Nothing moves before the first ``next``; dropping the generator stops the robot where it is.
+
+        Raises:
+            CommandError: at once when the program is invalid or names what the map has not; later, from the generator,
+                when a look-up finds nothing or a budget is used up.
+            PlanningError: from the generator.
+        """
+        parsed = parse_program(program)
+        self.robot = self._new_robot(self.robot.pose)
+        _check_names(parsed, self.robot)
+        return self._run(parsed, self.robot)
+
+    def run_program(self, program: str) -> list[StepEvent]:
+        """Run a program to its end; gives all its events."""
+        return list(self.steps(program))
+
+    def _new_robot(self, pose: Pose2) -> Robot:
+        return Robot(self.simap, self.planner, pose, motion=self._motion, max_path_m=self._budget.path_m)
+
+    def _run(self, program: Program, robot: Robot) -> Iterator[StepEvent]:
+        told = 0
+        for turn in interpret(program, robot.call, budget=self._budget):
+            goal = robot.goals[-1] if len(robot.goals) > told else None
+            told = len(robot.goals)
+            yield StepEvent(turn.line, program.line(turn.line), robot.take_poses(), goal, turn.phase == "after")
+
+
+def answer(
+    simap: SIMap, command: str, pose: Pose2, *, robot: RobotShape | None = None, program: str | None = None
+) -> Answer:
+    """Carry out one spoken command, or one program, in simulation.
+
+    Args:
+        simap: the map.
+        command: English, or a program (anything that calls ``robot.``).
+        pose: where the command is given.
+        robot: the robot's shape.
+        program: run this program for the command instead of reading the words.
+
+    Returns:
+        An answer; refusals and failures are answers too. A refused command leaves the robot where it was.
+    """
+    agent = Agent(simap, pose, robot)
+    written = command if program is None and is_program(command) else program
+    try:
+        reading = Reading(written) if written is not None else read_command(command, tuple(simap.counts()))
+    except CommandError as error:
+        return _answer(agent, Reading(""), "refused", str(error))
+    try:
+        agent.run_program(reading.program)
+    except (ProgramError, ProgramStuckError) as error:
+        failed = isinstance(error, ProgramStuckError | BudgetError)
+        return _answer(
+            agent, reading, "failed" if failed else "refused", str(error) if written else error.message, pose
+        )
+    except CommandError as error:
+        return _answer(agent, reading, "refused", str(error), pose)
+    except PlanningError as error:
+        return _answer(agent, reading, "failed", str(error), pose)
+    return _answer(agent, reading, "ok", None)
+
+
+def is_program(command: str) -> bool:
+    """Tell whether a command is a program rather than English: it calls something on ``robot``."""
+    return command.lstrip().startswith("robot.") or _CALL_ON_ROBOT.search(command) is not None
+
+
+def planner_of(simap: SIMap, robot: RobotShape) -> Planner:
+    """Give the planner of a map and robot, made once for as long as the map lives."""
+    planners = _PLANNERS.setdefault(simap, {})
+    if robot not in planners:
+        planners[robot] = Planner(simap.grid, robot)
+    return planners[robot]
+
+
+def _answer(
+    agent: Agent,
+    reading: Reading,
+    status: Literal["ok", "refused", "failed"],
+    reason: str | None,
+    stays_at: Pose2 | None = None,
+) -> Answer:
+    robot = agent.robot
+    stays = status == "refused" and stays_at is not None
+    return Answer(
+        status=status,
+        reason=reason,
+        program=reading.program,
+        goals=() if stays else tuple(robot.goals),
+        path_m=np.array(robot.path_m[:1] if stays else robot.path_m, np.float64),
+        final_pose=stays_at if stays and stays_at else robot.pose,
+        path_length_m=0.0 if stays else robot.path_length_m,
+        notes=reading.notes,
+        alternatives=reading.alternatives,
+    )
+
+
+def _check_names(program: Program, robot: Robot) -> None:
+    """Refuse, before anything moves, every name and rank written in the program that the map has not."""
+    for call in program.calls:
+        try:
+            _check_call(call, robot)
+        except CommandError as error:
+            raise ProgramError(call.line, call.primitive.name, str(error)) from None
+
+
+def _check_call(call: Call, robot: Robot) -> None:
+    for parameter in call.primitive.parameters:
+        value = call.constant(parameter.name)
+        asks_itself = call.primitive.name == "get_pos" and value == SELF
+        if parameter.type in ("label", "object") and isinstance(value, str) and not asks_itself:
+            robot.grounding.label_of(value)
+        if parameter.type in ("instance", "count") and isinstance(value, int | float):
+            of = "other" if call.primitive.name == "closest_to" else _RANK_OF[parameter.name]
+            name = call.constant(of)
+            if isinstance(name, str) and name != SELF:
+                robot.grounding.pick(name, int(value))

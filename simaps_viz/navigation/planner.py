@@ -1,0 +1,239 @@
+"""Where the robot fits, and the cheapest way there."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import ndimage
+from scipy.spatial import KDTree
+
+from simaps_viz.errors import InputError, PlanningError
+from simaps_viz.navigation.astar import clear_length, pull_straight, search
+from simaps_viz.structures import Grid, Path
+
+SNAP_M: Final = 0.5
+"""A start that is not free moves to the nearest free cell within this distance: maps are noisy."""
+APPROACH_M: Final = 1.5
+"""Further than this from what was asked for does not count as having got there."""
+_POCKET_M2 = 0.5
+_MAX_TRIES = 200
+
+
+@dataclass(frozen=True)
+class RobotShape:
+    """An upright cylinder."""
+
+    radius_m: float = 0.2
+    height_m: float = 1.5
+
+    def __post_init__(self) -> None:
+        for name in ("radius_m", "height_m"):
+            value = getattr(self, name)
+            if not (np.isfinite(value) and 0.0 < value <= 5.0):
+                raise InputError(f"robot {name}: expected metres between 0 and 5, found {value}")
+
+
+class Planner:
+    """Plans over one grid for one robot; occupancy and connected areas are computed once.
+
+    A cell is *blocked* when something at least 0.1 m over its floor is no higher than the robot. A cell is *free* when
+    it was seen and no blocked cell's nearest edge is closer to its centre than the robot's radius (measured along the
+    distance of centres, less half a cell). Never-seen cells are not free, but they are not grown.
+    """
+
+    def __init__(self, grid: Grid, robot: RobotShape | None = None) -> None:
+        self.grid = grid
+        self.robot = robot or RobotShape()
+        self.spec = grid.spec
+
+    @cached_property
+    def blocked(self) -> NDArray:
+        """Cells the robot would touch, bool [rows, cols]."""
+        with np.errstate(invalid="ignore"):
+            return self.grid.lowest_m <= self.robot.height_m
+
+    @cached_property
+    def free(self) -> NDArray:
+        """Cells in which the robot's centre can be, bool [rows, cols]."""
+        seen = ~np.isnan(self.grid.height_m)
+        if not self.blocked.any():
+            return seen
+        clearance_cells = ndimage.distance_transform_edt(~self.blocked)
+        needed = self.robot.radius_m / self.spec.cell_size_m + 0.5
+        return seen & (np.asarray(clearance_cells) >= needed - 1e-9) & ~self.blocked
+
+    @cached_property
+    def _areas(self) -> NDArray:
+        """Number of the connected area of each free cell, int32 [rows, cols], 0 = not free.
+
+        Areas are 4-connected, which is the same as reachable: a diagonal step needs both cells beside it.
+        """
+        return np.asarray(ndimage.label(self.free)[0])  # pyright: ignore[reportIndexIssue]
+
+    @cached_property
+    def _area_sizes(self) -> NDArray:
+        return np.bincount(self._areas.ravel())
+
+    def start_cell(self, x_m: float, y_m: float) -> tuple[int, int]:
+        """Give the free cell the robot starts from: its own, or the nearest within 0.5 m, pockets avoided.
+
+        Raises:
+            PlanningError: when there is none.
+        """
+        row, col = self.spec.cell_of(x_m, y_m)
+        if self.spec.contains(row, col) and self.free[row, col]:
+            return row, col
+        rows, cols = self._window(self.free, np.array([[x_m, y_m]]), SNAP_M)
+        squared, _ = self._squared_cells(rows, cols, np.array([[x_m, y_m]]))
+        if len(rows) == 0 or squared.min() > (SNAP_M / self.spec.cell_size_m) ** 2 + 1e-6:
+            raise PlanningError(
+                f"the robot cannot start at ({x_m:.2f}, {y_m:.2f}): there is no free floor within {SNAP_M} m of it"
+            )
+        roomy = self._area_sizes[self._areas[rows, cols]] * self.spec.cell_size_m**2 >= _POCKET_M2
+        beyond = squared > (SNAP_M / self.spec.cell_size_m) ** 2 + 1e-6
+        best = np.lexsort((cols, rows, squared, ~roomy, beyond))[0]
+        return int(rows[best]), int(cols[best])
+
+    def reachable(self, x_m: float, y_m: float) -> NDArray:
+        """Give the free cells that can be reached from a point, bool [rows, cols]."""
+        return self._areas == self._areas[self.start_cell(x_m, y_m)]
+
+    def plan(self, start_m: tuple[float, float], goal_m: tuple[float, float]) -> Path:
+        """Plan from a point to the centre of the cell that holds another; that cell has to be free.
+
+        Raises:
+            PlanningError: naming why there is no way.
+        """
+        goal = np.zeros(self.spec.shape, np.bool_)
+        row, col = self.spec.cell_of(*goal_m)
+        if not self.spec.contains(row, col):
+            raise PlanningError(f"({goal_m[0]:.2f}, {goal_m[1]:.2f}) lies outside the map")
+        if not self.free[row, col]:
+            raise PlanningError(f"({goal_m[0]:.2f}, {goal_m[1]:.2f}) is not free floor for this robot")
+        goal[row, col] = True
+        return self._plan_to(start_m, goal, f"to ({goal_m[0]:.2f}, {goal_m[1]:.2f})")
+
+    def plan_near(
+        self,
+        start_m: tuple[float, float],
+        target_m: NDArray,
+        what: str,
+        *,
+        allowed: NDArray | None = None,
+        see_through: NDArray | None = None,
+        watch_m: NDArray | None = None,
+        limit_m: float = APPROACH_M,
+    ) -> Path:
+        """Plan to the reachable free cell nearest to any of the target points; of equally near ones, the shortest way.
+
+        Args:
+            start_m: where the robot stands.
+            target_m: float64 [n, 2], map frame.
+            what: names the target in an error, e.g. "to the chair", "left of the chair".
+            allowed: bool [rows, cols], only these cells will do.
+            see_through: bool [rows, cols], cells that hide nothing; a cell from which the target is hidden (it lies
+                behind a wall) is used only when there is no other.
+            watch_m: float64 [2], what has to be seen instead of the nearest target point.
+            limit_m: how far off the goal may be.
+
+        Raises:
+            PlanningError: when no cell will do.
+        """
+        usable = self.reachable(*start_m)
+        if allowed is not None:
+            usable &= allowed
+        rows, cols = self._window(usable, target_m, limit_m)
+        squared, nearest = self._squared_cells(rows, cols, target_m)
+        order = np.lexsort((cols, rows, squared))
+        order = order[squared[order] <= (limit_m / self.spec.cell_size_m) ** 2 + 1e-6]
+        if len(order) == 0:
+            raise PlanningError(self._why_not(usable, target_m, what, limit_m))
+
+        def sees(i: int) -> bool:
+            x, y = self._in_cells(target_m[nearest[i]] if watch_m is None else watch_m)
+            return see_through is None or clear_length(see_through, cols[i] + 0.5, rows[i] + 0.5, x, y) >= 1.0
+
+        best = next((i for i in order[:_MAX_TRIES] if sees(i)), order[0])
+        ties = order[np.abs(squared[order] - squared[best]) < 1e-6]
+        ties = [i for i in ties if sees(i)] or ties
+        goal = np.zeros(self.spec.shape, np.bool_)
+        goal[rows[ties], cols[ties]] = True
+        return self._plan_to(start_m, goal, what)
+
+    def clear_ahead_m(self, start_m: tuple[float, float], end_m: tuple[float, float]) -> float:
+        """Give how far a straight drive gets over free cells before it has to stop, metres.
+
+        A start that is not free may be left, as long as the drive is on free cells within 0.5 m.
+        """
+        start, end = np.array(start_m), np.array(end_m)
+        length = float(np.linalg.norm(end - start))
+        if length == 0.0:
+            return 0.0
+        skip = next(
+            (d for d in np.arange(0.0, SNAP_M + 1e-9, 0.01) if self._is_free(start + (end - start) * d / length)), 0.0
+        )
+        begin = start + (end - start) * min(float(skip) / length, 1.0)
+        share = clear_length(self.free, *self._in_cells(begin), *self._in_cells(end))
+        reached = begin + (end - begin) * share
+        return float(np.linalg.norm(reached - start)) if share > 0.0 else 0.0
+
+    def obstacle_near(self, point_m: tuple[float, float]) -> str:
+        """Say what keeps the robot's centre from a point: a class, the edge of the map, or floor never seen."""
+        row, col = self.spec.cell_of(*point_m)
+        if not self.spec.contains(row, col):
+            return "the edge of the map"
+        rows, cols = self._window(self.blocked, np.array([point_m]), self.robot.radius_m + 2.0 * self.spec.cell_size_m)
+        if len(rows) == 0:
+            return "floor that was never seen"
+        nearest = int(self._squared_cells(rows, cols, np.array([point_m]))[0].argmin())
+        label = self.grid.labels[self.grid.label[rows[nearest], cols[nearest]]]
+        return "something without a class" if label == "none" else f"a {label}"
+
+    def _is_free(self, point_m: NDArray) -> bool:
+        row, col = self.spec.cell_of(float(point_m[0]), float(point_m[1]))
+        return self.spec.contains(row, col) and bool(self.free[row, col])
+
+    def _plan_to(self, start_m: tuple[float, float], goal: NDArray, what: str) -> Path:
+        start = self.start_cell(*start_m)
+        rows, cols = np.nonzero(goal)
+        box = np.array([rows.min(), rows.max(), cols.min(), cols.max()], np.int64)
+        cells, cost_cells = search(self.free, start, goal, box)
+        if len(cells) == 0:
+            raise PlanningError(f"there is no free way from ({start_m[0]:.2f}, {start_m[1]:.2f}) {what}")
+        inside = self.spec.cell_of(*start_m) == start
+        if inside and len(cells) == 1:
+            return Path(np.array([start_m], np.float64), 0.0)
+        # inside its cell, the robot leaves from where it stands; a start that was moved is left in a straight line
+        way = pull_straight(
+            self.free, np.vstack([self._in_cells(start_m), cells[1:, ::-1] + 0.5]) if inside else cells[:, ::-1] + 0.5
+        )
+        points_m = way * self.spec.cell_size_m + (self.spec.x0_m, self.spec.y0_m)
+        return Path(points_m if inside else np.vstack([start_m, points_m]), cost_cells * self.spec.cell_size_m)
+
+    def _in_cells(self, point_m: Sequence[float] | NDArray) -> tuple[float, float]:
+        s = self.spec.cell_size_m
+        return (point_m[0] - self.spec.x0_m) / s, (point_m[1] - self.spec.y0_m) / s
+
+    def _window(self, mask: NDArray, target_m: NDArray, margin_m: float) -> tuple[NDArray, NDArray]:
+        """Give rows and cols of the cells of a mask within a margin of the targets' bounding box."""
+        (x_low, y_low), (x_high, y_high) = target_m.min(axis=0) - margin_m, target_m.max(axis=0) + margin_m
+        row, col = np.maximum(self.spec.cell_of(x_low, y_low), 0)
+        row_end, col_end = np.maximum(self.spec.cell_of(x_high, y_high), -1) + np.int64(1)
+        rows, cols = np.nonzero(mask[row:row_end, col:col_end])
+        return rows + row, cols + col
+
+    def _squared_cells(self, rows: NDArray, cols: NDArray, target_m: NDArray) -> tuple[NDArray, NDArray]:
+        """Give the squared distance of cells to the nearest target, in cells, and which target that is."""
+        targets = (target_m - (self.spec.x0_m, self.spec.y0_m)) / self.spec.cell_size_m
+        distance, nearest = KDTree(targets).query(np.column_stack([cols, rows]) + 0.5)
+        return np.asarray(distance) ** 2, np.asarray(nearest)
+
+    def _why_not(self, usable: NDArray, target_m: NDArray, what: str, limit_m: float) -> str:
+        rows, cols = np.nonzero(usable)
+        if len(rows) == 0:
+            return f"there is no free floor the robot can reach {what}"
+        near_m = float(np.sqrt(self._squared_cells(rows, cols, target_m)[0].min())) * self.spec.cell_size_m
+        return f"the robot cannot get {what}: the nearest it can stand is {near_m:.2f} m off (at most {limit_m:g} m)"

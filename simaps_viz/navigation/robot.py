@@ -1,0 +1,302 @@
+"""The simulated robot: carries out one primitive at a time on a map, and keeps its pose, goals and path."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any, Final
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from simaps_viz.errors import CommandError, InputError, PlanningError
+from simaps_viz.geometry import heading_to_yaw, wrap_angle
+from simaps_viz.language.grounding import Grounding
+from simaps_viz.language.primitives import SELF, Primitive
+from simaps_viz.navigation.drive import Motion, drive, spin, straight
+from simaps_viz.navigation.planner import Planner
+from simaps_viz.structures import Instance, Path, Pose2, SIMap
+
+CLEARANCE_M: Final = 0.3
+"""Between the robot's hull and the object when it stops beside it."""
+_MAX_TURN_DEG = 3600.0
+_MAX_CONTOUR = 400
+
+
+@dataclass(frozen=True)
+class Goal:
+    """What one motion was about."""
+
+    primitive: str
+    label: str | None
+    """Class of the object, None when there is none."""
+    instance: int | None
+    point_m: tuple[float, float]
+    """Where the robot drives to; for turns towards an object, the object's centroid. Map frame."""
+    other_label: str | None = None
+    """The second object of move_in_between."""
+    other_instance: int | None = None
+
+    def to_json(self) -> dict[str, Any]:
+        """Give primitive, label, instance and point; for move_in_between other_label and other_instance as well."""
+        known = {"primitive": self.primitive, "label": self.label, "instance": self.instance}
+        goal = {**known, "point": [round(v, 6) for v in self.point_m]}
+        if self.other_label is not None:
+            goal |= {"other_label": self.other_label, "other_instance": self.other_instance}
+        return goal
+
+
+class Robot:
+    """A kinematic robot on a map; simulated, it always does exactly what it plans.
+
+    Args:
+        simap: the map.
+        planner: plans over the map's grid.
+        pose: where the command is given; ranks and sides refer to it, also after the robot has moved.
+        motion: speeds and sampling of the drive.
+        max_path_m: driving further than this fails.
+    """
+
+    def __init__(
+        self, simap: SIMap, planner: Planner, pose: Pose2, *, motion: Motion | None = None, max_path_m: float = np.inf
+    ) -> None:
+        if not np.isfinite([pose.x_m, pose.y_m, pose.yaw_rad]).all():
+            raise InputError(f"pose: expected three finite numbers, found {pose.x_m}, {pose.y_m}, {pose.yaw_rad}")
+        self.simap, self.planner, self.viewer, self.pose = simap, planner, pose, pose
+        self.grounding = Grounding(simap, pose)
+        self.goals: list[Goal] = []
+        self.path_m: list[tuple[float, float]] = [(pose.x_m, pose.y_m)]
+        self.path_length_m = 0.0
+        self._motion = motion or Motion()
+        self._max_path_m = max_path_m
+        self._poses: list[NDArray] = []
+
+    def call(self, primitive: Primitive, arguments: Mapping[str, Any]) -> Any:
+        """Carry out a primitive with checked arguments; gives what a look-up found, else None.
+
+        Raises:
+            CommandError: when the map has not what is asked for.
+            PlanningError: when the robot cannot get there.
+        """
+        return getattr(self, f"_{primitive.name}")(**arguments)
+
+    def take_poses(self) -> NDArray:
+        """Give the poses driven since the last call, float64 [n, 3] (x, y, yaw), and forget them."""
+        poses = np.concatenate(self._poses) if self._poses else np.zeros((0, 3))
+        self._poses.clear()
+        return poses
+
+    def _move_to(self, pos: list[float]) -> None:
+        x, y = float(pos[0]), float(pos[1])
+        if not self.simap.spec.contains(*self.simap.spec.cell_of(x, y)):
+            xmin, ymin, xmax, ymax = self.simap.spec.extent_m
+            raise CommandError(
+                f"({x:g}, {y:g}) lies outside the map, which has x {xmin:g} to {xmax:g} and y {ymin:g} to {ymax:g} m"
+            )
+        there = self.simap.at(x, y)
+        targets = np.array([[x, y]]) if there is None else self.grounding.cells_of(there)
+        path = self.planner.plan_near(
+            self._here, targets, f"to ({x:g}, {y:g})", see_through=self._see_through(*([there] if there else []))
+        )
+        self._go("move_to", path, there)
+
+    def _move_forward(self, meters: float) -> None:
+        end = straight(self.pose, meters, self._motion)[-1]
+        clear_m = self.planner.clear_ahead_m(self._here, (end[0], end[1]))
+        if clear_m < abs(meters) - 1e-6:
+            way = "ahead" if meters > 0 else "behind"
+            toward = np.sign(meters) * (clear_m + 0.5 * self.simap.spec.cell_size_m)
+            stop = (
+                self.pose.x_m + toward * float(np.cos(self.pose.yaw_rad)),
+                self.pose.y_m + toward * float(np.sin(self.pose.yaw_rad)),
+            )
+            what = self.planner.obstacle_near(stop)
+            raise PlanningError(f"the way {way} is free for {clear_m:.2f} m, then {what}; {abs(meters):g} m were asked")
+        self._add_way(np.array([self._here, end[:2]]), straight(self.pose, meters, self._motion), "move_forward")
+
+    def _turn(self, angle_deg: float) -> None:
+        if abs(angle_deg) > _MAX_TURN_DEG:
+            raise CommandError(f"a turn is at most {_MAX_TURN_DEG:g} degrees, {angle_deg:g} were asked for")
+        self._spin(-np.deg2rad(angle_deg))
+
+    def _turn_absolute(self, angle_deg: float) -> None:
+        self._spin(wrap_angle(heading_to_yaw(angle_deg) - self.pose.yaw_rad))
+
+    def _face(self, name: str, instance: int | Instance) -> None:
+        self._turn_to("face", self.grounding.pick(name, instance), 0.0)
+
+    def _with_object_on_left(self, name: str, instance: int | Instance) -> None:
+        self._turn_to("with_object_on_left", self.grounding.pick(name, instance), -np.pi / 2.0)
+
+    def _with_object_on_right(self, name: str, instance: int | Instance) -> None:
+        self._turn_to("with_object_on_right", self.grounding.pick(name, instance), np.pi / 2.0)
+
+    def _move_to_object(self, name: str, instance: int | Instance) -> None:
+        self._approach("move_to_object", self.grounding.pick(name, instance))
+
+    def _move_to_nth_closest(self, name: str, n: int) -> None:
+        self._approach("move_to_nth_closest", self.grounding.pick(name, n))
+
+    def _move_to_left(self, name: str, instance: int | Instance) -> None:
+        target = self.grounding.pick(name, instance)
+        dx, dy = self._from_viewer(target)
+        self._go_beside("move_to_left", target, np.array([-dy, dx]), "to the left of")
+
+    def _move_to_right(self, name: str, instance: int | Instance) -> None:
+        target = self.grounding.pick(name, instance)
+        dx, dy = self._from_viewer(target)
+        self._go_beside("move_to_right", target, np.array([dy, -dx]), "to the right of")
+
+    def _move_north(self, name: str, instance: int | Instance) -> None:
+        self._go_beside("move_north", self.grounding.pick(name, instance), np.array([0.0, 1.0]), "north of")
+
+    def _move_south(self, name: str, instance: int | Instance) -> None:
+        self._go_beside("move_south", self.grounding.pick(name, instance), np.array([0.0, -1.0]), "south of")
+
+    def _move_east(self, name: str, instance: int | Instance) -> None:
+        self._go_beside("move_east", self.grounding.pick(name, instance), np.array([1.0, 0.0]), "east of")
+
+    def _move_west(self, name: str, instance: int | Instance) -> None:
+        self._go_beside("move_west", self.grounding.pick(name, instance), np.array([-1.0, 0.0]), "west of")
+
+    def _move_in_between(
+        self, name_a: str, name_b: str, instance_a: int | Instance, instance_b: int | Instance | None
+    ) -> None:
+        first = self.grounding.pick(name_a, instance_a)
+        second = name_b if instance_b is None else self.grounding.pick(name_b, instance_b)
+        a, b = self.grounding.pair(first, second)
+        start, end = np.array(a.centroid_m[:2]), np.array(b.centroid_m[:2])
+        x, y = _cell_centres(self.simap)
+        along = ((x - start[0]) * (end - start)[0] + (y - start[1]) * (end - start)[1]) / (
+            (end - start) @ (end - start)
+        )
+        path = self.planner.plan_near(
+            self._here,
+            self._gap_middle(a, b)[None],
+            f"between the {a.label} and the {b.label}",
+            allowed=(along >= 0.0) & (along <= 1.0),
+            see_through=self._see_through(a, b),
+        )
+        self._go("move_in_between", path, a, b)
+
+    def _get_pos(self, name: str, instance: int | Instance) -> list[float]:
+        if name == SELF:
+            return [self.pose.x_m, self.pose.y_m]
+        return [float(v) for v in self.grounding.pick(name, instance).centroid_m[:2]]
+
+    def _get_contour(self, name: str, instance: int | Instance) -> list[list[float]]:
+        mask = (self.simap.instance == self.grounding.pick(name, instance).id).astype(np.uint8)
+        outlines, _ = cv2.findContours(mask, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)
+        longest = max(outlines, key=len)[:, 0, :]
+        every = max(1, -(-len(longest) // _MAX_CONTOUR))
+        return [list(self.simap.spec.centre_of(int(row), int(col))) for col, row in longest[::every]]
+
+    def _instances(self, name: str) -> list[Instance]:
+        return list(self.grounding.instances(name))
+
+    def _nth_from(self, name: str, side: str, n: int) -> Instance:
+        return self.grounding.nth_from(name, side, n)
+
+    def _closest_to(self, name: str, other: str | Instance, instance: int | Instance) -> Instance:
+        return self.grounding.closest_to(name, other, instance)
+
+    def _between(self, name: str, other_a: str | Instance, other_b: str | Instance) -> Instance:
+        return self.grounding.between(name, other_a, other_b)
+
+    def _in_view(self, name: str) -> list[Instance]:
+        return list(self.grounding.in_view(name))
+
+    @property
+    def _here(self) -> tuple[float, float]:
+        return self.pose.x_m, self.pose.y_m
+
+    def _from_viewer(self, target: Instance) -> tuple[float, float]:
+        """Give the unit vector from where the command was given to the object's centroid."""
+        offset = np.array(target.centroid_m[:2]) - (self.viewer.x_m, self.viewer.y_m)
+        length = float(np.linalg.norm(offset))
+        if length < 1e-6:
+            return float(np.cos(self.viewer.yaw_rad)), float(np.sin(self.viewer.yaw_rad))
+        return float(offset[0]) / length, float(offset[1]) / length
+
+    def _see_through(self, *targets: Instance) -> NDArray:
+        """Give what hides nothing, bool [rows, cols]: the objects themselves, and all that is not opaque."""
+        return ~self.grounding.opaque | np.isin(self.simap.instance, [target.id for target in targets])
+
+    def _approach(self, primitive: str, target: Instance) -> None:
+        cells = self.grounding.cells_of(target)
+        path = self.planner.plan_near(
+            self._here, cells, f"to the {target.label}", see_through=self._see_through(target)
+        )
+        self._go(primitive, path, target)
+
+    def _go_beside(self, primitive: str, target: Instance, side: NDArray, words: str) -> None:
+        """Drive to the point beside an object, in the direction ``side`` (unit vector [2], map frame)."""
+        centroid = np.array(target.centroid_m[:2])
+        half_cell = self.simap.spec.cell_size_m / 2.0
+        extent_m = float(((self.grounding.cells_of(target) - centroid) @ side).max()) + half_cell
+        x, y = _cell_centres(self.simap)
+        along = (x - centroid[0]) * side[0] + (y - centroid[1]) * side[1]
+        across = np.abs((y - centroid[1]) * side[0] - (x - centroid[0]) * side[1])
+        point = centroid + side * (extent_m + self.planner.robot.radius_m + CLEARANCE_M)
+        path = self.planner.plan_near(
+            self._here,
+            point[None],
+            f"{words} the {target.label}",
+            allowed=(along >= extent_m) & (across <= along),
+            see_through=self._see_through(target),
+            watch_m=centroid,
+        )
+        self._go(primitive, path, target)
+
+    def _gap_middle(self, a: Instance, b: Instance) -> NDArray:
+        """Give the middle of the part of the line between two centroids that lies in neither object."""
+        start, end = np.array(a.centroid_m[:2]), np.array(b.centroid_m[:2])
+        share = np.linspace(0.0, 1.0, 2001)
+        points = start + share[:, None] * (end - start)
+        spec = self.simap.spec
+        cells = np.floor((points - (spec.x0_m, spec.y0_m)) / spec.cell_size_m).astype(np.int64)
+        ids = self.simap.instance[cells[:, 1], cells[:, 0]]
+        leave = share[ids == a.id].max(initial=0.0)
+        enter = share[(ids == b.id) & (share > leave)].min(initial=1.0)
+        return start + (leave + enter) / 2.0 * (end - start)
+
+    def _turn_to(self, primitive: str, target: Instance, offset_rad: float) -> None:
+        """Turn so that the object's centroid lies at ``-offset_rad`` from straight ahead."""
+        x, y = target.centroid_m[:2]
+        bearing = float(np.arctan2(y - self.pose.y_m, x - self.pose.x_m))
+        self.goals.append(Goal(primitive, target.label, target.id, (x, y)))
+        self._spin(wrap_angle(bearing + offset_rad - self.pose.yaw_rad))
+
+    def _spin(self, angle_rad: float) -> None:
+        poses = spin(self.pose, float(angle_rad), self._motion)
+        self._poses.append(poses)
+        self.pose = Pose2(self.pose.x_m, self.pose.y_m, float(poses[-1, 2]))
+
+    def _go(self, primitive: str, path: Path, target: Instance | None, other: Instance | None = None) -> None:
+        about = (target.label, target.id) if target else (None, None)
+        self._add_way(path.points_m, drive(path, self.pose.yaw_rad, self._motion), primitive, about, other)
+
+    def _add_way(
+        self,
+        points_m: NDArray,
+        poses: NDArray,
+        primitive: str,
+        about: tuple[str | None, int | None] = (None, None),
+        other: Instance | None = None,
+    ) -> None:
+        length_m = Path(points_m).length_m
+        if self.path_length_m + length_m > self._max_path_m:
+            raise PlanningError(f"stopped: the program would drive more than {self._max_path_m:g} m")
+        self.path_length_m += length_m
+        end = (float(points_m[-1, 0]), float(points_m[-1, 1]))
+        self.path_m += [(float(x), float(y)) for x, y in points_m[1:]]
+        self.pose = Pose2(*end, float(poses[-1, 2]))
+        self._poses.append(poses)
+        self.goals.append(Goal(primitive, *about, end, *((other.label, other.id) if other else (None, None))))
+
+
+def _cell_centres(simap: SIMap) -> tuple[NDArray, NDArray]:
+    """Give x [1, cols] and y [rows, 1] of the cells' centres, metres."""
+    spec = simap.spec
+    x = spec.x0_m + (np.arange(spec.cols) + 0.5) * spec.cell_size_m
+    y = spec.y0_m + (np.arange(spec.rows) + 0.5) * spec.cell_size_m
+    return x[None, :], y[:, None]

@@ -1,0 +1,26 @@
+"""What the command line prints as tables."""
+
+from typing import Any
+
+from rich.table import Table
+
+
+def map_tables(facts: dict[str, Any]) -> list[Table]:
+    """Lay out a map's facts, as `wiring.summary` gives them: the map, then its instances."""
+    head = Table(show_header=False, box=None, title=f"{facts['name']}", title_justify="left")
+    rows = {
+        "method": f"{facts['method']}, K = {facts['parameters'].get('k_percent', 0):g} %",
+        "grid": f"{facts['rows']} x {facts['cols']} cells of {facts['cell_size_m']:g} m",
+        "seen": f"{facts['seen_m2']:.1f} m² in {facts['frames']} frames",
+        "segmentation": str(facts["provenance"].get("segmentation")),
+        "from": str(facts["provenance"].get("sequence")),
+    }
+    for key, value in rows.items():
+        head.add_row(key, value)
+    body = Table("id", "class", "cells", "area m²", "x m", "y m", "frames", "score", title_justify="left")
+    for one in facts["instances"]:
+        x, y, _ = one["centroid_m"]
+        area = one["cells"] * facts["cell_size_m"] ** 2
+        body.add_row(str(one["id"]), one["label"], str(one["cells"]), f"{area:.2f}", f"{x:.2f}", f"{y:.2f}",
+                     str(one["frames"]), f"{one['score']:.2f}")  # fmt: skip
+    return [head, body]

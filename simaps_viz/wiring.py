@@ -1,0 +1,157 @@
+"""Puts the parts together for the command line and the apps: sequence to map, map to page."""
+
+import hashlib
+import json
+import os
+import webbrowser
+from collections.abc import Sequence
+from dataclasses import asdict
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from platformdirs import user_cache_path
+
+from simaps_viz.datasets.posed_frames import PosedFrames, open_sequence
+from simaps_viz.errors import InputError
+from simaps_viz.events import Observer
+from simaps_viz.mapping.mapfile import check_writable, load_map, save_map
+from simaps_viz.mapping.simap import recommunity, repartition
+from simaps_viz.navigation.agent import answer
+from simaps_viz.pipeline import BuildConfig, build_map
+from simaps_viz.progress import BuildProgress, StageProgress, console
+from simaps_viz.structures import Pose2, SIMap
+
+COMMUNITIES_EVERY = 20
+"""A recording shows the communities after every so many frames."""
+
+
+def cache_folder() -> Path:
+    """Give the folder for what can be made again: ``SIMAPS_CACHE``, or the user's cache directory."""
+    chosen = os.environ.get("SIMAPS_CACHE")
+    return Path(chosen) if chosen else user_cache_path("simaps")
+
+
+def build_to_file(
+    sequence: PosedFrames,
+    config: BuildConfig,
+    output: Path,
+    *,
+    record: Path | None,
+    progress: StageProgress,
+    json_lines: bool = False,
+) -> SIMap:
+    """Build a map, write it, and record the build if asked; nothing is left half-written."""
+    check_writable(output)
+    watching: list[Observer] = [BuildProgress(progress, json_lines=json_lines)]
+    if record is None:
+        simap = build_map(sequence, config, watching)
+    else:
+        from simaps_viz.recorder.recorder import RerunRecorder  # noqa: PLC0415 - rerun is slow to import
+
+        with RerunRecorder(record) as recorder:
+            simap = build_map(sequence, config, [*watching, recorder], communities_every=COMMUNITIES_EVERY)
+    save_map(simap, output)
+    return simap
+
+
+def cached_build(sequence: PosedFrames, config: BuildConfig, progress: StageProgress) -> tuple[SIMap, Path]:
+    """Build a map with its recording in the cache, or take both from there; they depend on all that goes in."""
+    what = [str(sequence.path.resolve()), sequence.path.stat().st_mtime_ns, asdict(config), version("simaps-viz")]
+    key = hashlib.sha256(json.dumps(what).encode()).hexdigest()[:16]
+    folder = cache_folder() / "maps"
+    folder.mkdir(parents=True, exist_ok=True)
+    output, record = folder / f"{sequence.name}-{key}.npz", folder / f"{sequence.name}-{key}.rrd"
+    if output.is_file() and record.is_file():
+        return load_map(output), record
+    return build_to_file(sequence, config, output, record=record, progress=progress), record
+
+
+def sequence_of(simap: SIMap) -> PosedFrames | None:
+    """Open the sequence a map was built from, if it is still where it was."""
+    path = Path(str(simap.provenance.get("sequence", "")))
+    try:
+        return open_sequence(path)
+    except InputError:
+        return None
+
+
+def start_pose(simap: SIMap) -> Pose2:
+    """Give where the robot starts: where the first camera stood, looking its way."""
+    if len(simap.T_map_camera) == 0:
+        raise InputError("start pose: expected a map with at least one camera, found none")
+    T = simap.T_map_camera[0]
+    return Pose2(float(T[0, 3]), float(T[1, 3]), float(np.arctan2(T[1, 2], T[0, 2])))
+
+
+def serve(simap: SIMap, *, recording: Path | None, port: int, browser: bool) -> None:
+    """Show the workbench until Ctrl-C."""
+    from simaps_viz.viewer.workbench import Workbench  # noqa: PLC0415 - viser is slow to import
+
+    with Workbench(simap, services=_services(simap, recording), port=port, start=start_pose(simap)) as workbench:
+        console.print(f"Workbench: {workbench.url}  (Ctrl-C to stop)", soft_wrap=True)
+        if browser:
+            webbrowser.open(workbench.url)
+        workbench.wait()
+
+
+def _services(simap: SIMap, recording: Path | None) -> Any:
+    from simaps_viz.recorder.web_viewer import (  # noqa: PLC0415 - rerun is slow to import
+        CONTENT_SECURITY_POLICY,
+        rerun_page,
+        viewer_assets,
+    )  # fmt: skip
+    from simaps_viz.viewer.services import Services  # noqa: PLC0415 - viser is slow to import
+
+    sequence = sequence_of(simap)
+
+    def view(index: int) -> tuple[np.ndarray, np.ndarray] | None:
+        if sequence is None:
+            return None
+        return sequence.color(index), sequence.segmentation(index).ids
+
+    return Services(
+        repartition=lambda m, k: repartition(m, k_percent=k),
+        recommunity=lambda m, resolution, k: recommunity(m, resolution=resolution, k_percent=k),
+        ask=answer,
+        view=view,
+        rerun_page=rerun_page if recording else None,
+        rerun_assets=viewer_assets() if recording else {},
+        csp=CONTENT_SECURITY_POLICY,
+        recordings=(recording,) if recording else (),
+    )
+
+
+def recording_beside(path: Path, given: Path | None) -> Path | None:
+    """Find a map's recording: the one given (which must exist), or the .rrd of the same name beside the map."""
+    if given is not None:
+        if not given.is_file():
+            raise InputError(f"{given}: expected a recording (.rrd), found nothing")
+        return given
+    beside = path.with_suffix(".rrd")
+    return beside if beside.is_file() else None
+
+
+def summary(simap: SIMap) -> dict[str, Any]:
+    """Give what is worth knowing of a map, JSON-able."""
+    spec = simap.spec
+    return {
+        "name": simap.provenance.get("name"),
+        "method": simap.method,
+        "parameters": dict(simap.parameters),
+        "provenance": dict(simap.provenance),
+        "rows": spec.rows,
+        "cols": spec.cols,
+        "cell_size_m": spec.cell_size_m,
+        "extent_m": [round(v, 3) for v in spec.extent_m],
+        "seen_m2": round(float((simap.grid.observations > 0).sum()) * spec.cell_size_m**2, 2),
+        "frames": len(simap.frame_names),
+        "counts": simap.counts(),
+        "instances": [asdict(instance) for instance in simap.instances],
+    }
+
+
+def counts_in_words(counts: dict[str, int] | Sequence[tuple[str, int]]) -> str:
+    """Say what a map has: "chair (17), dining table (4)"."""
+    return ", ".join(f"{name} ({n})" for name, n in dict(counts).items()) or "no instances"
