@@ -133,9 +133,13 @@ Command = Demo | Build | View | Query | Info
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Run `simaps`; the exit status is 0 done, 1 the answer is no, 2 bad input or usage, 130 interrupted."""
+    """Read the command line and run it; see `run` for the exit status."""
     commands = tyro.conf.OmitSubcommandPrefixes[Command]
-    command: Command = tyro.cli(commands, prog="simaps", description=__doc__, args=arguments)  # pyright: ignore
+    return run(tyro.cli(commands, prog="simaps", description=__doc__, args=arguments))  # pyright: ignore
+
+
+def run(command: Command) -> int:
+    """Run one command; the exit status is 0 done, 1 the answer is no, 2 bad input or usage, 130 interrupted."""
     try:
         return _RUN[type(command)](command)
     except SIMapsError as error:

@@ -1,0 +1,38 @@
+"""Record a build of the embedded scene for `recordings/`. `make recordings`."""
+
+import sys
+import tempfile
+from dataclasses import dataclass
+from pathlib import Path
+
+import tyro
+
+from simaps_viz import BuildConfig, open_sequence
+from simaps_viz.progress import stage_progress
+from simaps_viz.scenes.demo import ensure_demo
+from simaps_viz.wiring import build_to_file, cache_folder
+
+RECORDINGS = Path(__file__).parents[1] / "recordings"
+
+
+@dataclass(frozen=True)
+class Record:
+    """Which build to record, and where to."""
+
+    output: Path = RECORDINGS / "cafe-paper.rrd"
+    """The recording to write."""
+    k: float = 5.0
+    """Percentage of the merge rule."""
+
+
+def main(config: Record) -> None:
+    """Render the scene if need be, build it, keep the recording and drop the map."""
+    with stage_progress() as progress, tempfile.TemporaryDirectory() as scratch:
+        sequence = open_sequence(ensure_demo(cache_dir=cache_folder(), progress=progress))
+        build = BuildConfig(k_percent=config.k)
+        build_to_file(sequence, build, Path(scratch) / "cafe.npz", record=config.output, progress=progress)
+    sys.stdout.write(f"{config.output}: {config.output.stat().st_size / 2**20:.1f} MiB\n")
+
+
+if __name__ == "__main__":
+    main(tyro.cli(Record))

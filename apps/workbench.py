@@ -1,0 +1,10 @@
+"""Open the workbench on a map or on a sequence, which is mapped first: `python apps/workbench.py MAP|SEQUENCE`."""
+
+import sys
+
+import tyro
+
+from simaps_viz.cli import View, run
+
+if __name__ == "__main__":
+    sys.exit(run(tyro.cli(View)))
