@@ -3,6 +3,7 @@
 import hashlib
 import json
 import os
+import re
 import webbrowser
 from collections.abc import Sequence
 from dataclasses import asdict
@@ -16,9 +17,11 @@ from platformdirs import user_cache_path
 from simaps_viz.datasets.posed_frames import PosedFrames, open_sequence
 from simaps_viz.errors import InputError
 from simaps_viz.events import Observer
+from simaps_viz.language.grounding import Grounding
 from simaps_viz.mapping.mapfile import check_writable, load_map, save_map
 from simaps_viz.mapping.simap import recommunity, repartition
-from simaps_viz.navigation.agent import answer
+from simaps_viz.navigation.agent import Agent, answer
+from simaps_viz.navigation.planner import RobotShape
 from simaps_viz.pipeline import BuildConfig, build_map
 from simaps_viz.progress import BuildProgress, StageProgress, console
 from simaps_viz.structures import Pose2, SIMap
@@ -62,7 +65,8 @@ def cached_build(sequence: PosedFrames, config: BuildConfig, progress: StageProg
     key = hashlib.sha256(json.dumps(what).encode()).hexdigest()[:16]
     folder = cache_folder() / "maps"
     folder.mkdir(parents=True, exist_ok=True)
-    output, record = folder / f"{sequence.name}-{key}.npz", folder / f"{sequence.name}-{key}.rrd"
+    stem = f"{re.sub('[^a-z0-9]+', '-', sequence.name.lower()).strip('-')}-{key}"
+    output, record = folder / f"{stem}.npz", folder / f"{stem}.rrd"
     if output.is_file() and record.is_file():
         return load_map(output), record
     return build_to_file(sequence, config, output, record=record, progress=progress), record
@@ -89,7 +93,8 @@ def serve(simap: SIMap, *, recording: Path | None, port: int, browser: bool) -> 
     """Show the workbench until Ctrl-C."""
     from simaps_viz.viewer.workbench import Workbench  # noqa: PLC0415 - viser is slow to import
 
-    with Workbench(simap, services=_services(simap, recording), port=port, start=start_pose(simap)) as workbench:
+    services, start = _services(simap, recording), start_pose(simap)
+    with Workbench(simap, services=services, port=port, start=start, robot_radius_m=RobotShape().radius_m) as workbench:
         console.print(f"Workbench: {workbench.url}  (Ctrl-C to stop)", soft_wrap=True)
         if browser:
             webbrowser.open(workbench.url)
@@ -115,6 +120,8 @@ def _services(simap: SIMap, recording: Path | None) -> Any:
         repartition=lambda m, k: repartition(m, k_percent=k),
         recommunity=lambda m, resolution, k: recommunity(m, resolution=resolution, k_percent=k),
         ask=answer,
+        steps=lambda m, program, pose: Agent(m, pose).steps(program),
+        candidates=lambda m, label, pose: Grounding(m, pose).candidates(label),
         view=view,
         rerun_page=rerun_page if recording else None,
         rerun_assets=viewer_assets() if recording else {},

@@ -1,0 +1,1 @@
+"""The page on which a person sees, questions and drives on a map."""

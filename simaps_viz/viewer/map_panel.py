@@ -1,0 +1,130 @@
+"""The panel about the whole map: where it is from, how it is cut into instances, what its colours mean."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from html import escape
+from pathlib import PurePath
+from typing import cast
+
+import viser
+
+from simaps_viz.structures import SIMap
+from simaps_viz.viewer.legend import counts_text, legend_html
+from simaps_viz.viewer.texture import COLOR_MODES, ColorMode
+
+TOP, SLANT = "Top view", "3-D view"
+EVERY_CLASS = "all classes"
+DEFAULT_RESOLUTION = 1.0
+
+
+@dataclass(frozen=True)
+class MapActions:
+    """Whom the panel tells; none of these may take long."""
+
+    partition: Callable[[float, float], None]
+    """(K in percent, Louvain resolution) were chosen."""
+    restyle: Callable[[], None]
+    """The colour mode or the class to emphasise changed."""
+    look: Callable[[str], None]
+    """TOP or SLANT was asked for."""
+
+
+class MapPanel:
+    """The widgets; the map they speak of comes with ``show``."""
+
+    def __init__(
+        self, gui: viser.GuiApi, simap: SIMap, actions: MapActions, *, with_k: bool, with_resolution: bool
+    ) -> None:
+        """Fill the current container."""
+        self._actions = actions
+        self._k0 = float(simap.parameters.get("k_percent", 5.0))
+        self._resolution0 = float(simap.parameters.get("resolution", DEFAULT_RESOLUTION))
+        self._origin = gui.add_html(origin_html(simap))
+        self._counts = gui.add_html("")
+        self._k = gui.add_slider(
+            "K (%)",
+            0.0,
+            100.0,
+            0.5,
+            self._k0,
+            visible=with_k,
+            hint="Two communities merge when more than K % of the smaller one's cells neighbour the other.",
+        )
+        self._resolution = gui.add_slider(
+            "Resolution",
+            0.05,
+            5.0,
+            0.05,
+            min(max(self._resolution0, 0.05), 5.0),
+            visible=with_resolution,
+            hint="Louvain resolution: higher values cut objects into more communities before they are merged.",
+        )
+        for slider in (self._k, self._resolution):
+            slider.on_update(self._chosen)
+        self._reset = gui.add_button(
+            "Reset K and resolution", icon=viser.Icon.ARROW_BACK_UP, color="gray", visible=with_k or with_resolution
+        )
+        self._reset.on_click(lambda _: self.reset())
+        view = gui.add_button_group("View", (TOP, SLANT))
+        view.on_click(lambda event: actions.look(event.target.value))
+        self._mode = gui.add_dropdown("Colours", COLOR_MODES, initial_value=COLOR_MODES[0])
+        self._class = gui.add_dropdown("Show", (EVERY_CLASS, *simap.counts()), initial_value=EVERY_CLASS)
+        for widget in (self._mode, self._class):
+            widget.on_update(lambda _: actions.restyle())
+        self._legend = gui.add_html("")
+
+    @property
+    def mode(self) -> ColorMode:
+        """What the colours shall mean."""
+        return cast(ColorMode, self._mode.value)
+
+    @property
+    def shown_class(self) -> str | None:
+        """The class to emphasise, or None for all."""
+        return None if self._class.value == EVERY_CLASS else self._class.value
+
+    def show(self, simap: SIMap) -> None:
+        """Say what is on the map now."""
+        self._counts.content = counts_html(simap)
+        self._legend.content = legend_html(simap, self.mode)
+        options = (EVERY_CLASS, *simap.counts())
+        if options != tuple(self._class.options):
+            self._class.options = options
+
+    def reset(self) -> None:
+        """Go back to the K and resolution the map came with."""
+        self._k.value = self._k0
+        self._resolution.value = self._resolution0
+        self._actions.partition(self._k0, self._resolution0)
+
+    def _chosen(self, event: viser.GuiEvent) -> None:
+        if event.client_id is not None:
+            self._actions.partition(float(self._k.value), float(self._resolution.value))
+
+
+def origin_html(simap: SIMap) -> str:
+    """Say where a map comes from, and that it is simulated where it is."""
+    sequence = PurePath(str(simap.provenance.get("sequence", "unknown sequence")))
+    folder = sequence.parent.name if sequence.suffix == ".json" and sequence.parent.name else sequence.name
+    name = str(simap.provenance.get("name") or folder)
+    source = str(simap.provenance.get("segmentation", "unknown"))
+    badge = ""
+    if simap.provenance.get("simulated"):
+        badge = (
+            '<span style="background:#fff3cd;color:#7a5b00;border-radius:3px;padding:0 .4em;font-weight:600">'
+            "simulated</span> "
+        )
+    return (
+        '<div style="padding:.5em .8em 0;font-size:.82em;line-height:1.5">'
+        f'<div style="font-size:1.15em;font-weight:600">{escape(name)}</div>'
+        f"<div>method <b>{escape(simap.method)}</b> · {len(simap.frame_names)} frames · "
+        f"{simap.spec.cell_size_m * 100:g} cm cells</div><div>{badge}segmentation: {escape(source)}</div></div>"
+    )
+
+
+def counts_html(simap: SIMap) -> str:
+    """Put the counts in a line of their own."""
+    return (
+        '<div style="padding:.2em .8em .4em;font-size:.88em;font-weight:600;line-height:1.4">'
+        f"{escape(counts_text(simap))}</div>"
+    )

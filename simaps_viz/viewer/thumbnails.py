@@ -1,0 +1,71 @@
+"""Small pictures of an instance as the camera saw it, its mask outlined."""
+
+from collections.abc import Collection, Sequence
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+OUTLINE = (255, 214, 10)
+WIDTH = 360
+"""Width of a thumbnail, pixels."""
+HEIGHT = 270
+GAP = 6
+
+
+def outlined(rgb: NDArray, ids: NDArray, segments: Collection[int]) -> NDArray:
+    """Cut a picture to the surroundings of some segments and outline them.
+
+    Args:
+        rgb: uint8 [H, W, 3].
+        ids: int32 [H, W], the frame's segmentation; may be of another size than the picture.
+        segments: ids to outline.
+
+    Returns:
+        uint8 [HEIGHT, WIDTH, 3], RGB.
+    """
+    height, width = rgb.shape[:2]
+    if ids.shape != (height, width):
+        ids = cv2.resize(ids.astype(np.float32), (width, height), interpolation=cv2.INTER_NEAREST).astype(np.int32)
+    mask = np.isin(ids, list(segments)).astype(np.uint8)
+    x0, y0, x1, y1 = _window(mask)
+    scale = WIDTH / (x1 - x0)
+    picture = cv2.resize(
+        rgb[y0:y1, x0:x1], (WIDTH, HEIGHT), interpolation=cv2.INTER_AREA if scale < 1 else cv2.INTER_LINEAR
+    )
+    large = cv2.resize(mask[y0:y1, x0:x1], (WIDTH, HEIGHT), interpolation=cv2.INTER_NEAREST)
+    contours, _ = cv2.findContours(large, cv2.RETR_LIST, cv2.CHAIN_APPROX_NONE)
+    picture = np.ascontiguousarray(picture)
+    cv2.drawContours(picture, contours, -1, (20, 20, 20), 6, cv2.LINE_AA)
+    cv2.drawContours(picture, contours, -1, OUTLINE, 3, cv2.LINE_AA)
+    return picture
+
+
+def gallery(pictures: Sequence[NDArray]) -> NDArray:
+    """Lay out one to three thumbnails on white: the first large, the others stacked beside it; uint8 [h, w, 3]."""
+    first, others = pictures[0], pictures[1:3]
+    height, width = 2 * HEIGHT + GAP, round((2 * HEIGHT + GAP) * WIDTH / HEIGHT)
+    page = np.full((height, width + GAP + WIDTH, 3), 255, np.uint8)
+    page[:, :width] = cv2.resize(first, (width, height), interpolation=cv2.INTER_LINEAR)
+    for row, picture in enumerate(others):
+        top = row * (HEIGHT + GAP)
+        page[top : top + HEIGHT, width + GAP :] = picture
+    return page
+
+
+def _window(mask: NDArray) -> tuple[int, int, int, int]:
+    """Give the part (x0, y0, x1, y1) to show: the mask with room around it, 4:3, never beyond the picture."""
+    height, width = mask.shape
+    rows, cols = np.nonzero(mask)
+    if len(rows) == 0:
+        return _fit(width / 2, height / 2, width, width, height)
+    wide = max((np.ptp(cols) + 1) * 1.8, (np.ptp(rows) + 1) * 1.8 * WIDTH / HEIGHT, width / 3)
+    return _fit((cols.min() + cols.max()) / 2, (rows.min() + rows.max()) / 2, wide, width, height)
+
+
+def _fit(x: float, y: float, wide: float, width: int, height: int) -> tuple[int, int, int, int]:
+    wide = min(wide, width, height * WIDTH / HEIGHT)
+    w, h = max(1, int(wide)), max(1, int(wide * HEIGHT / WIDTH))
+    x0 = int(np.clip(x - w / 2, 0, width - w))
+    y0 = int(np.clip(y - h / 2, 0, height - h))
+    return x0, y0, x0 + w, y0 + h

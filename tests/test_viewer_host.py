@@ -1,0 +1,122 @@
+"""The small server beside the page."""
+
+import http.client
+import json
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from simaps_viz.errors import InputError
+from simaps_viz.viewer.host import Host, parse_range
+
+
+@pytest.fixture
+def served(tmp_path):
+    recording, secret = tmp_path / "a b.rrd", tmp_path / "secret.txt"
+    recording.write_bytes(bytes(range(200)))
+    secret.write_text("secret")
+    events, addresses = [], []
+    host = Host(
+        page=lambda urls: addresses.extend(urls) or "<p>page</p>",
+        assets={"v.js": (b"js()", "text/javascript"), "v.wasm": (recording, "application/wasm")},
+        recordings=[recording],
+        on_event=events.append,
+    )
+    yield host, events, addresses
+    host.close()
+
+
+def ask(host, path, *, method="GET", body=None, headers=None):
+    connection = http.client.HTTPConnection("127.0.0.1", host.port, timeout=5)
+    connection.request(method, path, body=body, headers=headers or {})
+    response = connection.getresponse()
+    content = response.read()
+    connection.close()
+    return response.status, content, response.headers
+
+
+def test_serves_what_it_was_given_and_nothing_else(served):
+    host, _, addresses = served
+    assert addresses == [f"http://127.0.0.1:{host.port}/recordings/a%20b.rrd"]
+    status, body, headers = ask(host, "/rerun/?x=1")
+    assert (status, body) == (200, b"<p>page</p>")
+    assert "default-src 'self'" in headers["Content-Security-Policy"]
+    assert ask(host, "/rerun/v.js")[1] == b"js()"
+    assert ask(host, "/rerun/v.wasm")[2]["Content-Type"] == "application/wasm"
+    assert ask(host, "/recordings/a%20b.rrd")[1] == bytes(range(200))
+    for path in ("/", "/recordings/secret.txt", "/recordings/../secret.txt", "/rerun/a%20b.rrd", "/recordings/"):
+        assert ask(host, path)[0] == 404
+
+
+def test_serves_parts(served):
+    host, _, _ = served
+    status, body, headers = ask(host, "/recordings/a%20b.rrd", headers={"Range": "bytes=10-19"})
+    assert (status, body, headers["Content-Range"]) == (206, bytes(range(10, 20)), "bytes 10-19/200")
+    assert ask(host, "/recordings/a%20b.rrd", headers={"Range": "bytes=-5"})[1] == bytes(range(195, 200))
+    assert ask(host, "/recordings/a%20b.rrd", headers={"Range": "bytes=200-"})[0] == 416
+
+
+@given(st.integers(1, 500), st.integers(0, 600), st.integers(0, 600))
+def test_ranges_lie_inside_the_file(size, first, last):
+    try:
+        found = parse_range(f"bytes={first}-{last}", size)
+    except ValueError:
+        assert first >= size or last < first
+    else:
+        assert found == (first, min(last, size - 1))
+    assert parse_range("", size) is None
+
+
+def test_refuses_other_names_and_other_sites(served):
+    host, events, _ = served
+    assert ask(host, "/rerun/", headers={"Host": "evil.example"})[0] == 403
+    event = json.dumps({"type": "time_update"})
+    assert ask(host, "/rerun/event", method="POST", body=event, headers={"Origin": "http://evil.example"})[0] == 403
+    assert events == []
+    assert ask(host, "/rerun/", headers={"Host": f"localhost:{host.port}"})[0] == 200
+
+
+def test_takes_events_and_refuses_nonsense(served):
+    host, events, _ = served
+    assert ask(host, "/rerun/event", method="POST", body='{"type": "time_update", "time": 3}')[0] == 200
+    assert events == [{"type": "time_update", "time": 3}]
+    assert ask(host, "/rerun/event", method="POST", body="{")[0] == 400
+    assert ask(host, "/rerun/event", method="POST", body="x" * 70_000)[0] == 400
+    assert ask(host, "/other", method="POST", body="{}")[0] == 400
+    assert len(events) == 1
+
+
+def test_an_event_that_fails_does_not_end_the_server(served):
+    host, _, _ = served
+    host.on_event = lambda event: 1 // 0
+    assert ask(host, "/rerun/event", method="POST", body="{}")[0] == 200
+    assert ask(host, "/rerun/")[0] == 200
+
+
+def test_pushes_to_those_who_listen(served):
+    host, _, _ = served
+    connection = http.client.HTTPConnection("127.0.0.1", host.port, timeout=5)
+    heard = []
+    host.on_listen = lambda: heard.append(True)
+    connection.request("GET", "/rerun/events")
+    response = connection.getresponse()
+    assert response.headers["Content-Type"] == "text/event-stream"
+    host.push({"set_time": {"timeline": "frame", "time": 4}})
+    assert response.fp.readline() == b'data: {"set_time": {"timeline": "frame", "time": 4}}\n'
+    assert heard == [True]
+    connection.close()
+
+
+def test_names_a_missing_recording_and_a_taken_port(served, tmp_path):
+    host, _, _ = served
+    with pytest.raises(InputError, match=r"none\.rrd: expected a recording"):
+        Host(page=lambda _: "", assets={}, recordings=[tmp_path / "none.rrd"])
+    with pytest.raises(InputError, match=f"port {host.port}: expected a free one"):
+        Host(page=lambda _: "", assets={}, port=host.port)
+
+
+def test_frees_its_port():
+    first = Host(page=lambda _: "", assets={})
+    first.close()
+    Host(page=lambda _: "", assets={}, port=first.port).close()

@@ -1,0 +1,178 @@
+"""The ride, the worker, the two scrubbers, the cameras. No browser."""
+
+import threading
+import time
+from dataclasses import dataclass
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from toy_maps import TOY_POSE, TOY_SPEC, toy_map
+
+from simaps_viz.language.grounding import Grounding
+from simaps_viz.structures import Pose2
+from simaps_viz.viewer.build_panel import ECHO_S, SETTLE_S, FrameLink
+from simaps_viz.viewer.camera import slanted_view, top_view
+from simaps_viz.viewer.command_panel import examples, message_html, program_html
+from simaps_viz.viewer.drive import SPEED_M_S, TURN_RAD_S, Drive, poses_along, trajectory
+from simaps_viz.viewer.robot import candidate_labels, goal_labels, open_floor, poses_of_steps
+from simaps_viz.viewer.worker import Worker
+
+coordinate = st.floats(-20.0, 20.0)
+pose_rows = st.lists(st.tuples(coordinate, coordinate, st.floats(-3.1, 3.1)), min_size=1, max_size=12)
+
+
+@given(pose_rows, st.floats(0.0, 1.0))
+def test_a_ride_passes_every_pose_and_never_hurries(rows, share):
+    ride = trajectory(rows)
+    for row, at in zip(ride.poses, ride.times_s, strict=True):
+        pose = ride.at(at + 1e-9)
+        assert (pose.x_m, pose.y_m) == pytest.approx(tuple(row[:2]), abs=1e-6) or (np.diff(ride.times_s) < 1e-8).any()
+    a, b = ride.at(share * ride.duration_s), ride.at(share * ride.duration_s + 0.01)
+    assert np.hypot(b.x_m - a.x_m, b.y_m - a.y_m) <= SPEED_M_S * 0.01 + 1e-6
+    turn = abs((b.yaw_rad - a.yaw_rad + np.pi) % (2 * np.pi) - np.pi)
+    assert turn <= TURN_RAD_S * 0.01 + 1e-6
+
+
+def test_a_path_is_driven_forwards_and_ends_as_it_should():
+    poses = poses_along(Pose2(0, 0, 0), [[0, 0], [0, 2], [3, 2]], Pose2(3, 2, 1.0))
+    moving = np.hypot(*np.diff(poses[:, :2], axis=0).T) > 0
+    direction = np.arctan2(*np.diff(poses[:, :2], axis=0).T[::-1])
+    assert poses[1:, 2][moving] == pytest.approx(direction[moving])
+    assert tuple(poses[-1]) == (3.0, 2.0, 1.0)
+    assert trajectory(poses).duration_s == pytest.approx(
+        5.0 / SPEED_M_S + (np.pi / 2 + np.pi / 2 + 1.0) / TURN_RAD_S, rel=1e-6
+    )
+
+
+def test_drive_plays_pauses_and_arrives():
+    seen, arrived = [], threading.Event()
+    drive = Drive(lambda pose, share, leg: seen.append(pose.x_m), arrived.set)
+    drive.speed = 8.0
+    drive.start(trajectory([[0, 0, 0], [2.0, 0, 0]]))
+    drive.pause(True)
+    time.sleep(0.15)
+    held = len(seen)
+    time.sleep(0.15)
+    assert drive.paused and len(seen) == held
+    drive.pause(False)
+    assert arrived.wait(5.0) and not drive.active
+    assert seen[-1] == 2.0 and seen == sorted(seen)
+
+
+def test_a_stopped_drive_does_not_arrive():
+    arrived = threading.Event()
+    drive = Drive(lambda pose, share, leg: None, arrived.set)
+    drive.start(trajectory([[0, 0, 0], [50.0, 0, 0]]))
+    drive.stop()
+    assert not arrived.wait(0.3) and not drive.active
+
+
+def test_worker_runs_only_the_latest_of_a_name_and_survives_errors():
+    errors, done = [], []
+    worker = Worker(errors.append)
+    gate = threading.Event()
+
+    def wait_at_gate() -> None:
+        gate.wait(5.0)
+
+    worker.submit("block", wait_at_gate)
+    time.sleep(0.05)
+    for k in range(20):
+        worker.submit("k", lambda k=k: done.append(k))
+    worker.submit("bad", lambda: done.append(1 // 0))
+    worker.submit("after", lambda: done.append("after"))
+    gate.set()
+    assert worker.wait_idle()
+    assert done == [19, "after"] and [type(e) for e in errors] == [ZeroDivisionError]
+    worker.stop()
+
+
+def test_scrubbers_do_not_chase_one_another():
+    now = [0.0]
+    sent: list[int] = []
+    link = FrameLink(sent.append, clock=lambda: now[0])
+    link.push(7)
+    assert not link.accept(7, current=9)  # an echo that comes late
+    assert link.accept(3, current=9)
+    assert not link.accept(9, current=9)
+    now[0] += ECHO_S + 0.1
+    assert link.accept(7, current=9)
+    assert sent == [7]
+
+
+def test_an_opened_recording_is_brought_to_the_page():
+    now = [0.0]
+    sent: list[int] = []
+    link = FrameLink(sent.append, clock=lambda: now[0])
+    link.opened(4)
+    assert not link.accept(0, current=4)  # the recording's own choice
+    assert sent == [4, 4]
+    now[0] += SETTLE_S + 0.1
+    assert link.accept(0, current=4)
+    link.opened(4)
+    assert link.accept(2, current=4)  # a person's choice, who may then go to the first frame too
+    assert link.accept(0, current=2)
+    assert sent == [4, 4, 4]
+
+
+@given(st.floats(0.5, 40.0), st.floats(0.5, 40.0), st.floats(0.3, 3.0))
+def test_top_view_just_fits_the_extent(width, height, aspect):
+    extent = (-1.0, 2.0, -1.0 + width, 2.0 + height)
+    view = top_view(extent, aspect)
+    half = np.tan(view.fov_rad / 2.0) * view.position[2]
+    assert half >= height / 2 - 1e-9 and half * aspect >= width / 2 - 1e-9
+    assert min(half - height / 2, half * aspect - width / 2) == pytest.approx(0.0, abs=1e-6)
+    assert view.look_at[:2] == pytest.approx((-1.0 + width / 2, 2.0 + height / 2))
+    slant = slanted_view(extent, aspect)
+    assert slant.position[1] < slant.look_at[1] and slant.position[2] > 0
+
+
+def test_the_robot_starts_on_open_floor():
+    simap = toy_map()
+    pose = open_floor(simap)
+    row, col = TOY_SPEC.cell_of(pose.x_m, pose.y_m)
+    block = np.s_[row - 10 : row + 11, col - 10 : col + 11]
+    assert (simap.instance[block] == 0).all() and (simap.grid.height_m[block] < 0.1).all()
+
+
+def test_goals_are_numbered_on_their_objects():
+    simap = toy_map()
+    goals = [{"instance": 3}, {"instance": None, "point": (0, 0)}, {"instance": 1}, {"instance": 3}]
+    (first, *at_3), (second, *at_1) = goal_labels(simap, goals)
+    assert (first, second) == ("1, 4", "3")
+    assert at_3 == pytest.approx(simap.by_id(3).centroid_m[:2]) and at_1 == pytest.approx(simap.by_id(1).centroid_m[:2])
+
+
+@dataclass(frozen=True)
+class Step:
+    line: int
+    poses: np.ndarray
+
+
+def test_a_ride_knows_its_lines():
+    steps = [Step(1, np.zeros((0, 3))), Step(2, np.ones((2, 3))), Step(4, np.full((3, 3), 2.0))]
+    poses, lines = poses_of_steps(steps)
+    assert poses.tolist() == [[1.0] * 3] * 2 + [[2.0] * 3] * 3
+    assert lines.tolist() == [2, 2, 4, 4, 4]
+    assert [len(part) for part in poses_of_steps([])] == [0, 0]
+
+
+def test_candidates_are_numbered_with_the_chosen_one_marked():
+    simap = toy_map()
+    texts = candidate_labels(Grounding(simap, TOY_POSE).candidates("chair"), {4}, most=2)
+    assert [text.split(" · ")[0] for text, _, _ in texts] == ["1", "2", "▶ 3"]
+    assert texts[2][1:] == pytest.approx(simap.by_id(4).centroid_m[:2])
+
+
+def test_examples_speak_of_this_map_and_html_is_escaped():
+    assert examples(toy_map()) == [
+        "go to the third chair from here",
+        "go to the chair",
+        "go to the chair nearest the dining table",
+    ]
+    assert "<script>" not in message_html("a", "<script>", "bad")
+    html = program_html("a = 1\nb = '<'\n", line=2)
+    assert "&lt;" in html and html.count("background:#fff1b8") == 1
+    assert TOY_POSE.heading_deg == pytest.approx(90.0)
