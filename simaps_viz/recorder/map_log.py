@@ -1,0 +1,183 @@
+"""The map as it grows: pictures of the grid, new edges, where the camera went, and counts."""
+
+import numpy as np
+import rerun as rr
+from numpy.typing import NDArray
+
+from simaps_viz.events import CommunitiesFound, FrameProjected
+from simaps_viz.labels import class_color, instance_color
+from simaps_viz.recorder.map_pictures import (
+    GROUND,
+    cell_centres,
+    class_entries,
+    class_picture,
+    ground_picture,
+    height_entries,
+    height_picture,
+    object_entries,
+    object_picture,
+    on_picture,
+    thing_picture,
+)
+from simaps_viz.recorder.settings import RecorderSettings
+from simaps_viz.recorder.streams import annotations, log_entries, log_map_picture
+from simaps_viz.structures import Grid, SIMap
+
+CAMERA_COLOR = (22, 110, 235)
+TRAIL_POINTS = 200
+"""The way the camera came is thinned out to so many points."""
+WEDGE_M = 0.6
+"""Length of the two lines that show where the camera looks."""
+MOST_LABELS = 20
+"""More names than that would hide each other; they show when the pointer rests on an object."""
+BOTTOM, MIDDLE = -10.0, -5.0
+"""Draw orders: the ground lies under the objects, lines and labels (0 and more) above both."""
+COUNTS = {
+    "/counts/cells/seen": "seen cells",
+    "/counts/cells/named": "named cells",
+    "/counts/edges": "edges",
+    "/counts/few/classes": "classes",
+    "/counts/few/communities": "communities",
+}
+
+
+class MapLog:
+    """Logs the map to ``/map`` and the counts to ``/counts``."""
+
+    def __init__(self, stream: rr.RecordingStream, settings: RecorderSettings) -> None:
+        self._stream, self._settings = stream, settings
+        self._classes: tuple[str, ...] | None = None
+        self._edges = 0
+        self._trail: list[NDArray] = []
+
+    def log_start(self) -> None:
+        """Log what never changes: what the pixel values mean, and what the curves are called."""
+        log_entries(self._stream, "/map/ground", GROUND)
+        log_entries(self._stream, "/map/heights", height_entries())
+        for path, name in COUNTS.items():
+            self._stream.log(path, rr.SeriesLines(names=name), static=True)
+
+    def log_frame(self, event: FrameProjected, *, last: bool) -> Grid | None:
+        """Log what one frame did to the map; the timeline is set already. Gives the map if it was kept."""
+        self._edges += len(event.new_edges)
+        self._stream.log("/counts/edges", rr.Scalars(float(self._edges)))
+        self._log_camera(event.T_map_camera)
+        if event.frame.index % self._settings.map_every and not last:
+            return None
+        grid = event.snapshot()
+        self.log_grid(grid)
+        self._log_edges(grid, event.new_edges, event.new_edge_labels)
+        self._stream.log("/counts/cells/seen", rr.Scalars(float((grid.observations > 0).sum())))
+        self._stream.log("/counts/cells/named", rr.Scalars(float((grid.label > 0).sum())))
+        self._stream.log("/counts/few/classes", rr.Scalars(float(len(np.unique(grid.label[grid.label > 0])))))
+        return grid
+
+    def log_grid(self, grid: Grid) -> None:
+        """Log ground, classes and heights at the present time."""
+        if grid.labels != self._classes:
+            self._classes = grid.labels
+            log_entries(self._stream, "/map/classes", class_entries(grid.labels))
+        log_map_picture(self._stream, "/map/ground", ground_picture(grid), grid.spec, draw_order=BOTTOM)
+        log_map_picture(self._stream, "/map/classes", class_picture(grid), grid.spec, draw_order=BOTTOM)
+        log_map_picture(self._stream, "/map/heights", height_picture(grid), grid.spec, draw_order=BOTTOM)
+
+    def log_things(self, grid: Grid) -> None:
+        """Log the countable classes where the objects will be, before anything is told apart."""
+        self._name_objects(grid, np.zeros_like(grid.label))
+        self._log_object_picture(grid, thing_picture(grid))
+
+    def log_objects(self, grid: Grid, ids: NDArray) -> None:
+        """Log communities or instances, int32 [rows, cols], each in the colour of its id."""
+        self._name_objects(grid, ids)
+        self._log_object_picture(grid, object_picture(ids))
+
+    def log_object_ids(self, grid: Grid, ids: NDArray) -> None:
+        """Log new ids of the same cells, of which names and colours are known on this timeline."""
+        picture = object_picture(ids)
+        log_map_picture(self._stream, "/map/objects", picture, grid.spec, draw_order=MIDDLE)
+        values = picture[::-1]
+        self._stream.log("/world/cells", rr.Points3D.from_fields(class_ids=values[values > 0]))
+
+    def _name_objects(self, grid: Grid, ids: NDArray) -> None:
+        names = annotations(object_entries(grid, ids))
+        self._stream.log("/map/objects", names)
+        self._stream.log("/world/cells", names)
+
+    def _log_object_picture(self, grid: Grid, picture: NDArray) -> None:
+        """Log objects on the map, and their cells as points at their heights in the room."""
+        log_map_picture(self._stream, "/map/objects", picture, grid.spec, draw_order=MIDDLE)
+        values = picture[::-1]  # south up again, like the grid
+        rows, cols = np.nonzero(values)
+        tops = np.nan_to_num(grid.height_m[rows, cols])[:, None]
+        points = np.concatenate([cell_centres(grid.spec, rows, cols), tops], axis=1)
+        self._stream.log(
+            "/world/cells",
+            rr.Points3D(points, class_ids=values[rows, cols], radii=grid.spec.cell_size_m / 2, show_labels=False),
+        )
+
+    def log_communities(self, event: CommunitiesFound) -> int:
+        """Log communities found on the way, at the present time; gives how many there are."""
+        self.log_objects(event.grid, event.community)
+        count = int(np.count_nonzero(np.unique(event.community)))
+        self._stream.log("/counts/few/communities", rr.Scalars(float(count)))
+        return count
+
+    def log_instances(self, simap: SIMap) -> None:
+        """Log the finished objects, on the map and as boxes in the room, with their names."""
+        self.log_objects(simap.grid, simap.instance)
+        if not simap.instances:
+            return
+        names = short_names(simap)
+        colors = [instance_color(instance.id) for instance in simap.instances]
+        corners = np.array([instance.aabb_m for instance in simap.instances])
+        low, high = on_picture(corners[:, 0]), on_picture(corners[:, 1])
+        self._stream.log(
+            "/map/names",
+            rr.Boxes2D(centers=(low + high) / 2, half_sizes=np.abs(high - low) / 2, colors=colors, labels=names,
+                       radii=0.01, draw_order=20.0, show_labels=False),
+        )  # fmt: skip
+        self._stream.log(
+            "/world/objects",
+            rr.Boxes3D(mins=corners[:, 0], sizes=corners[:, 1] - corners[:, 0], colors=colors, labels=names,
+                       radii=0.01, show_labels=len(names) <= MOST_LABELS),
+        )  # fmt: skip
+
+    def _log_edges(self, grid: Grid, edges: NDArray, labels: NDArray) -> None:
+        """Draw an even sample of the edges a frame added, in the colours of their classes."""
+        if len(edges) > self._settings.edges:
+            kept = np.linspace(0, len(edges), self._settings.edges, endpoint=False).astype(int)
+            edges, labels = edges[kept], labels[kept]
+        ends = cell_centres(grid.spec, edges.reshape(-1, 2, 2)[..., 0], edges.reshape(-1, 2, 2)[..., 1])
+        palette = np.array([class_color(name) for name in grid.labels], np.uint8)
+        self._stream.log(
+            "/map/edges",
+            rr.LineStrips2D(on_picture(ends), colors=palette[labels], radii=0.012, draw_order=10.0),
+        )
+
+    def _log_camera(self, T_map_camera: NDArray) -> None:
+        """Draw the way the camera came and where it looks."""
+        at = T_map_camera[:3, 3]
+        self._trail.append(on_picture(at))
+        thinned = [*self._trail[:: max(1, len(self._trail) // TRAIL_POINTS)], self._trail[-1]]
+        looks = [T_map_camera[:3, :3] @ (side, 0.0, 1.0) for side in (-0.5, 0.5)]
+        flat = [look[:2] / max(float(np.linalg.norm(look[:2])), 1e-9) for look in looks]
+        left, right = (on_picture(at[:2] + WEDGE_M * direction) for direction in flat)
+        self._stream.log(
+            "/map/camera",
+            rr.LineStrips2D(
+                [np.array(thinned), np.array([left, self._trail[-1], right, left])],
+                colors=[(*CAMERA_COLOR, 110), CAMERA_COLOR],
+                radii=[0.015, 0.025],
+                draw_order=15.0,
+            ),
+        )
+
+
+def short_names(simap: SIMap) -> list[str]:
+    """Name the instances, in their order: "chair 7" is the seventh of its class by id, as in the workbench."""
+    seen: dict[str, int] = {}
+    names = []
+    for instance in simap.instances:
+        seen[instance.label] = seen.get(instance.label, 0) + 1
+        names.append(f"{instance.label} {seen[instance.label]}")
+    return names

@@ -1,0 +1,111 @@
+"""Two more timelines: Louvain before and after, and the merge log step by step."""
+
+import numpy as np
+import rerun as rr
+from numpy.typing import NDArray
+
+from simaps_viz.events import CommunitiesFound, MergesFound
+from simaps_viz.recorder.map_log import MapLog
+from simaps_viz.recorder.map_pictures import Merging, cell_centres, merge_order, on_picture, shown_steps
+from simaps_viz.recorder.settings import RecorderSettings
+from simaps_viz.structures import Grid, SIMap
+
+MARK_COLOR = (20, 20, 20)
+MARK_MARGIN_M = 0.15
+"""Between the cells of two groups that join and the rectangle around them."""
+
+
+def log_louvain(stream: rr.RecordingStream, map_log: MapLog, event: CommunitiesFound) -> None:
+    """Log timeline "louvain": 0 = classes only, 1 = the final communities, each in the colour of its id."""
+    stream.reset_time()
+    stream.set_time("louvain", sequence=0)
+    map_log.log_grid(event.grid)
+    map_log.log_things(event.grid)
+    stream.log("/now", _document("**Before**: the map knows classes, not objects."))
+    stream.set_time("louvain", sequence=1)
+    map_log.log_objects(event.grid, event.community)
+    count = np.count_nonzero(np.unique(event.community))
+    stream.log("/now", _document(f"**Louvain** found {count} communities: pieces of objects, or whole ones."))
+    stream.reset_time()
+
+
+def log_merges(
+    stream: rr.RecordingStream, map_log: MapLog, event: MergesFound, settings: RecorderSettings, simap: SIMap | None
+) -> None:
+    """Log timeline "merge": 0 = the finest communities, n = after n merges.
+
+    The steps the chosen K takes come first, in the order of the log, so that the map after them is the finished one
+    (but for specks too small for an instance); those that only a smaller K would take follow. Not every
+    step gets a picture, but each is told in words.
+    """
+    log, grid = event.log, event.grid
+    order = merge_order(event.applied)
+    applied = int(event.applied.sum())
+    pictures = set(shown_steps(len(log), applied, settings.merge_pictures).tolist())
+    merging = Merging(log, order, int(event.community.max(initial=0)))
+    places = _Places(grid, event.community)
+    stream.reset_time()
+    stream.set_time("merge", sequence=0)
+    map_log.log_grid(grid)
+    map_log.log_objects(grid, event.community)
+    stream.log("/now", _document(f"**Merge log**: {len(log)} steps, {applied} of them taken{_chosen(simap)}."))
+    for position in range(len(log)):
+        stream.set_time("merge", sequence=position + 1)
+        before = merging.name_of.copy()
+        source, target = merging.step(position)
+        stream.log("/map/merge", _mark(places, before == source, before == target))
+        at = int(order[position])
+        name, share = grid.labels[int(log.label[at])], float(log.score[at])
+        taken = f"taken{_chosen(simap)}" if position < applied else f"**not** taken{_chosen(simap)}"
+        text = f"{name}: community {source} joins {target}, {_score(share, simap)}"
+        stream.log("/now", _document(f"**Step {position + 1} of {len(log)}**, {taken}. {text}."))
+        stream.log("/log", rr.TextLog(f"{position + 1}: {text}", level="INFO" if position < applied else "DEBUG"))
+        if position + 1 in pictures:
+            map_log.log_object_ids(grid, merging.name_of[event.community])
+    stream.reset_time()
+
+
+class _Places:
+    """Where groups of communities lie. A group is given as bool [communities + 1]."""
+
+    def __init__(self, grid: Grid, community: NDArray) -> None:
+        rows, cols = np.nonzero(community)
+        of_cell = community[rows, cols]
+        xy = cell_centres(grid.spec, rows, cols)
+        size = int(community.max(initial=0)) + 1
+        self._cells = np.bincount(of_cell, minlength=size)
+        self._sums = np.stack([np.bincount(of_cell, weights=xy[:, axis], minlength=size) for axis in (0, 1)], axis=-1)
+        self._low, self._high = np.full((size, 2), np.inf), np.full((size, 2), -np.inf)
+        np.minimum.at(self._low, of_cell, xy)
+        np.maximum.at(self._high, of_cell, xy)
+
+    def centre(self, group: NDArray) -> NDArray:
+        """Give the mean of the group's cells, float64 [2], map frame, metres."""
+        return self._sums[group].sum(axis=0) / max(int(self._cells[group].sum()), 1)
+
+    def frame(self, group: NDArray) -> NDArray:
+        """Give the corners of a rectangle around the group, closed, float64 [5, 2], map frame, metres."""
+        (x0, y0), (x1, y1) = self._low[group].min(axis=0) - MARK_MARGIN_M, self._high[group].max(axis=0) + MARK_MARGIN_M
+        return np.array([(x0, y0), (x1, y0), (x1, y1), (x0, y1), (x0, y0)])
+
+
+def _mark(places: _Places, source: NDArray, target: NDArray) -> rr.LineStrips2D:
+    """Draw a rectangle around two groups that join, and a line from the middle of one to that of the other."""
+    link = np.stack([places.centre(source), places.centre(target)])
+    strips = [on_picture(link), on_picture(places.frame(source | target))]
+    return rr.LineStrips2D(strips, colors=MARK_COLOR, radii=0.025, draw_order=30.0)
+
+
+def _chosen(simap: SIMap | None) -> str:
+    k = simap.parameters.get("k_percent") if simap is not None else None
+    return f" at K = {k:g} %" if isinstance(k, int | float) and simap is not None and simap.method == "paper" else ""
+
+
+def _score(score: float, simap: SIMap | None) -> str:
+    if simap is not None and simap.method == "paper":
+        return f"{100 * score:.0f} % of its cells neighbour it"
+    return f"score {score:.2f}"
+
+
+def _document(text: str) -> rr.TextDocument:
+    return rr.TextDocument(text, media_type="text/markdown")

@@ -1,0 +1,235 @@
+"""Records a build for rerun: to a file, to a live viewer, or both."""
+
+import os
+import socket
+from pathlib import Path
+from types import TracebackType
+
+import rerun as rr
+
+from simaps_viz.errors import InputError
+from simaps_viz.events import BuildFinished, BuildStarted, CommunitiesFound, Event, FrameProjected, MergesFound
+from simaps_viz.recorder.blueprint import build_blueprint
+from simaps_viz.recorder.camera_log import CameraLog
+from simaps_viz.recorder.map_log import MapLog
+from simaps_viz.recorder.merge_log import log_louvain, log_merges
+from simaps_viz.recorder.settings import SMALL, RecorderSettings
+from simaps_viz.recorder.streams import markdown_table
+from simaps_viz.structures import Grid, SIMap
+
+
+class RerunRecorder:
+    """An observer of builds that writes what it is told to a recording (``.rrd``).
+
+    The file is written under a temporary name beside ``path`` and takes its name when the build is finished (or, when
+    it also streams live, on closing). After an error or Ctrl-C inside the ``with`` block there is no file.
+    """
+
+    wants_color = True
+    """The build decodes the colour of its frames for it."""
+
+    def __init__(
+        self,
+        path: Path | None = None,
+        *,
+        application_id: str = "simaps",
+        settings: RecorderSettings = SMALL,
+        live: bool = False,
+        live_port: int = 0,
+    ) -> None:
+        """Open the recording.
+
+        Args:
+            path: the file to write, ending in ".rrd"; one that is there is replaced.
+            application_id: recordings of one application share their layout in the viewer.
+            settings: how much is kept.
+            live: serve the recording to viewers on 127.0.0.1 while it is made, at ``live_url``.
+            live_port: where; 0 takes a free port.
+
+        Raises:
+            InputError: neither file nor live, or the file cannot be written.
+        """
+        if path is None and not live:
+            raise InputError("recorder: expected a file to write or a live stream, found neither")
+        self.path = path
+        self.live_url: str | None = None
+        self._partial = _open_partial(path) if path is not None else None
+        self._stream = rr.RecordingStream(application_id)
+        self._stream.set_log_time_enabled(False)
+        self._stream.set_log_tick_enabled(False)
+        self._stream.set_sinks(*self._sinks(live, live_port))
+        self._stream.send_blueprint(build_blueprint())  # once more at the end, when the map's extent is known
+        self._open = True
+        self._camera_log, self._map_log = CameraLog(self._stream, settings), MapLog(self._stream, settings)
+        self._settings = settings
+        self._started: BuildStarted | None = None
+        self._merges: MergesFound | None = None
+        self._finished = False
+
+    def __enter__(self) -> "RerunRecorder":
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
+    ) -> None:
+        if kind is None:
+            self.close()
+        else:
+            self.discard()
+
+    def on_event(self, event: Event) -> None:
+        """Write one event; nothing is written after the file has got its name."""
+        if not self._open:
+            return
+        if isinstance(event, BuildStarted):
+            self._on_started(event)
+        elif isinstance(event, FrameProjected):
+            self._on_frame(event)
+        elif isinstance(event, CommunitiesFound):
+            self._on_communities(event)
+        elif isinstance(event, MergesFound):
+            self._merges = event  # told in words that only the finished map knows
+        elif isinstance(event, BuildFinished):
+            self._on_finished(event.simap)
+
+    def close(self) -> None:
+        """End the recording; the file gets its name. Doing it twice does nothing."""
+        if not self._open:
+            return
+        if not self._finished:
+            self._write_merges(None)
+        self._disconnect()
+        if self._partial is not None and self.path is not None:
+            try:
+                os.replace(self._partial, self.path)
+            except OSError as error:
+                self._partial.unlink(missing_ok=True)
+                raise InputError(f"{self.path}: the recording could not be put there ({error.strerror})") from error
+
+    def discard(self) -> None:
+        """End the recording and remove what was written of it, unless it has its name already."""
+        if not self._open:
+            return
+        self._disconnect()
+        if self._partial is not None:
+            self._partial.unlink(missing_ok=True)
+
+    def _disconnect(self) -> None:
+        self._open = False
+        self._stream.flush()
+        self._stream.disconnect()
+
+    def _sinks(self, live: bool, live_port: int) -> list[rr.GrpcServerSink | rr.FileSink]:
+        sinks: list[rr.GrpcServerSink | rr.FileSink] = []
+        if live:
+            port = _check_port(live_port)
+            self.live_url = f"rerun+http://127.0.0.1:{port}/proxy"
+            sinks.append(rr.GrpcServerSink(bind_ip="127.0.0.1", port=port))
+        if self._partial is not None:
+            sinks.append(rr.FileSink(str(self._partial)))
+        return sinks
+
+    def _on_started(self, event: BuildStarted) -> None:
+        self._started = event
+        self._stream.send_recording_name(event.name)
+        self._stream.log("/world", rr.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)
+        self._stream.log("/about", _markdown(about(event, None)), static=True)
+        self._map_log.log_start()
+
+    def _on_frame(self, event: FrameProjected) -> None:
+        names = self._started.frame_names if self._started is not None else ()
+        index = event.frame.index
+        self._stream.reset_time()
+        self._stream.set_time("frame", sequence=index)
+        self._camera_log.log(event)
+        self._map_log.log_frame(event, last=index == len(names) - 1)
+        simulated = ", simulated" if self._started is not None and self._started.simulated else ""
+        self._stream.log(
+            "/now",
+            _markdown(
+                f"**Frame {index + 1} of {len(names)}** ({event.frame.name}{simulated}):"
+                f" {_plural(len(event.segmentation.segments), 'segment')}, {_plural(len(event.new_edges), 'new edge')}."
+            ),
+        )
+
+    def _on_communities(self, event: CommunitiesFound) -> None:
+        if event.final:
+            log_louvain(self._stream, self._map_log, event)
+            return
+        self._stream.reset_time()
+        self._stream.set_time("frame", sequence=event.frame_index)
+        count = self._map_log.log_communities(event)
+        self._stream.log("/log", rr.TextLog(f"Louvain after frame {event.frame_index + 1}: {count} communities"))
+
+    def _write_merges(self, simap: SIMap | None) -> None:
+        if self._merges is not None:
+            log_merges(self._stream, self._map_log, self._merges, self._settings, simap)
+            self._merges = None
+
+    def _on_finished(self, simap: SIMap) -> None:
+        self._write_merges(simap)
+        self._stream.reset_time()
+        self._stream.set_time("frame", sequence=max(len(simap.frame_names) - 1, 0))
+        self._map_log.log_instances(simap)
+        self._stream.log("/log", rr.TextLog(f"Finished: {_plural(len(simap.instances), 'instance')}"))
+        if self._started is not None:
+            self._stream.log("/about", _markdown(about(self._started, simap)), static=True)
+        self._stream.send_blueprint(build_blueprint(_extent(simap.grid)))
+        self._finished = True
+        if self.live_url is None:
+            self.close()
+        else:
+            self._stream.flush()
+
+
+def about(event: BuildStarted, simap: SIMap | None) -> str:
+    """Say in Markdown what a recording shows, and what was found once it is known."""
+    simulated = "\n\n**Simulated**: these are not pictures or masks of a real place." if event.simulated else ""
+    text = (
+        f"# {event.name}\n\nA Semantic Instance Map being built from {len(event.frame_names)} frames."
+        f" Segmentation: {event.segmentation_source}.{simulated}\n\n"
+        "North is up. Sand: named, not told apart yet. Timelines: *frame* (the build), *louvain* (0 classes,"
+        " 1 communities), *merge* (one step per merge).\n"
+    )
+    if simap is None:
+        return text
+    rows = [(name, count) for name, count in simap.counts().items()]
+    settings = ", ".join(f"{k} {v}" for k, v in simap.parameters.items() if k in ("k_percent", "resolution"))
+    found = f"\nMethod **{simap.method}**{f' ({settings})' if settings else ''}: {len(simap.instances)} instances.\n\n"
+    return text + found + markdown_table(("class", "instances"), rows)
+
+
+def _plural(count: int, noun: str) -> str:
+    return f"{count} {noun}{'' if count == 1 else 's'}"
+
+
+def _markdown(text: str) -> rr.TextDocument:
+    return rr.TextDocument(text, media_type="text/markdown")
+
+
+def _extent(grid: Grid) -> tuple[float, float, float, float] | None:
+    return grid.spec.extent_m if grid.spec.rows and grid.spec.cols else None
+
+
+def _open_partial(path: Path) -> Path:
+    """Find out whether a recording can be written there; gives the temporary name, beside it."""
+    if path.suffix != ".rrd":
+        raise InputError(f"{path}: expected a name ending in .rrd for a recording")
+    if path.is_dir():
+        raise InputError(f"{path}: expected a file to write the recording to, found a folder")
+    partial = path.with_name(f".{path.stem}.{os.getpid()}.partial.rrd")
+    try:
+        partial.open("wb").close()
+    except OSError as error:
+        raise InputError(f"{path}: expected a place where a recording can be written ({error.strerror})") from error
+    return partial
+
+
+def _check_port(port: int) -> int:
+    """Give a port of 127.0.0.1 that is free: the one wanted, or any for 0."""
+    with socket.socket() as probe:
+        try:
+            probe.bind(("127.0.0.1", port))
+        except OSError as error:
+            raise InputError(f"port {port}: expected a free one, found it taken ({error.strerror})") from error
+        return int(probe.getsockname()[1])

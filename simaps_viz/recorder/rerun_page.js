@@ -1,0 +1,138 @@
+// Runs rerun 0.41's web viewer on the whole page and keeps its time cursor in step with the workbench.
+//
+// Workbench to rerun: server-sent events at /rerun/events, {"set_time": {"timeline": "frame", "time": 12}}; "recording"
+// (an id) and "play" ("paused", "playing" or "following") may be given too.
+// Rerun to workbench: every viewer event (time_update, selection_change, recording_open, ...) as JSON to /rerun/event,
+// except the time_update that only echoes a time set from outside. A time_update tells its timeline too.
+"use strict";
+
+const config = JSON.parse(document.getElementById("config").textContent);
+
+// viewer_control.proto of rerun 0.41: ViewerControlRequest holds SetTimeCursor in field 6.
+const PLAY_STATES = { paused: 1, playing: 2, following: 3 };
+
+function varint(value) {
+  const bytes = [];
+  let rest = BigInt.asUintN(64, BigInt(value));
+  do {
+    let byte = Number(rest & 127n);
+    rest >>= 7n;
+    if (rest) byte |= 128;
+    bytes.push(byte);
+  } while (rest);
+  return bytes;
+}
+
+const field = (number, bytes) => [(number << 3) | 2, ...varint(bytes.length), ...bytes];
+const text = (number, string) => field(number, [...new TextEncoder().encode(string)]);
+
+function encodeSetTime({ recording, timeline, time, play }) {
+  const message = [];
+  if (recording) message.push(...text(1, recording));
+  if (timeline) message.push(...field(2, text(1, timeline)));
+  if (time !== undefined) message.push(...field(3, time === 0 ? [] : [1 << 3, ...varint(time)]));
+  if (play) message.push(5 << 3, PLAY_STATES[play]);
+  return new Uint8Array(field(6, message));
+}
+
+// Times set from outside, so that their echo can be told from a person's scrubbing. {"timeline time": milliseconds}
+const ECHO_MS = 1500;
+const commanded = new Map();
+
+function isEcho(event) {
+  const since = commanded.get(`${event.timeline} ${Number(event.time)}`);
+  return event.type === "time_update" && since !== undefined && performance.now() - since < ECHO_MS;
+}
+
+// One command at a time; while it is under way only the newest of the waiting ones survives.
+let viewer = null;
+let waiting = null;
+let busy = false;
+
+async function setTime(command) {
+  waiting = command;
+  if (busy || !viewer) return;
+  busy = true;
+  while (waiting) {
+    const next = waiting;
+    waiting = null;
+    commanded.set(`${next.timeline} ${next.time}`, performance.now());
+    if (commanded.size > 500) commanded.delete(commanded.keys().next().value);
+    try {
+      await viewer.viewer_control(encodeSetTime({ play: "paused", ...next }));
+    } catch (error) {
+      console.error("set_time", error.code, error.message);
+    }
+  }
+  busy = false;
+}
+
+// Events leave in order; of several waiting time updates only the newest one does.
+const outbox = [];
+let posting = false;
+
+async function post(event) {
+  const last = outbox.length - 1;
+  if (last >= 0 && event.type === "time_update" && outbox[last].type === "time_update") outbox[last] = event;
+  else outbox.push(event);
+  if (posting) return;
+  posting = true;
+  while (outbox.length) {
+    const body = JSON.stringify(outbox.shift());
+    try {
+      await fetch("/rerun/event", { method: "POST", headers: { "Content-Type": "application/json" }, body });
+    } catch (error) {
+      console.warn("the workbench did not take an event", error);
+    }
+  }
+  posting = false;
+}
+
+let timeline = null;
+
+function onViewerEvent(json) {
+  const event = JSON.parse(json);
+  if (event.type === "timeline_change") timeline = event.timeline;
+  if (event.type === "time_update") event.timeline = timeline;
+  window.simapsEvents.push(event);
+  if (window.simapsEvents.length > 500) window.simapsEvents.splice(0, 250);
+  if (!isEcho(event)) post(event);
+}
+
+function listen() {
+  const source = new EventSource("/rerun/events");
+  source.onmessage = (message) => {
+    const data = JSON.parse(message.data);
+    if (data.set_time) setTime(data.set_time);
+  };
+}
+
+function showFailure(error) {
+  const message = document.getElementById("message");
+  message.textContent = `The recording cannot be shown here (${error}). It needs WebGL 2 and WebAssembly.`;
+  message.hidden = false;
+  console.error(error);
+}
+
+async function main() {
+  await wasm_bindgen({ module_or_path: "/rerun/re_viewer_bg.wasm" });
+  const handle = new wasm_bindgen.WebHandle({
+    url: config.recordings.map((address) => new URL(address, location.href).href), // rerun wants them absolute
+    theme: config.theme,
+    hide_welcome_screen: true,
+    enable_history: false,
+    persist: false,
+    panel_state_overrides: { top: "Hidden", blueprint: "Hidden", selection: "Hidden" },
+    on_viewer_event: onViewerEvent,
+  });
+  await handle.start(document.getElementById("viewer"));
+  viewer = handle;
+  document.getElementById("message").hidden = true;
+  listen();
+  window.simapsReady = true;
+}
+
+window.simapsEvents = [];
+window.simapsReady = false;
+window.simapsSetTime = setTime;
+main().catch(showFailure);

@@ -1,0 +1,339 @@
+"""A recording read back holds exactly what the build told."""
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+import pytest
+import rerun.chunk as rc
+from numpy.typing import NDArray
+
+from simaps_viz.events import BuildFinished, BuildStarted, CommunitiesFound, Event, FrameProjected, MergesFound
+from simaps_viz.labels import class_color, instance_color
+from simaps_viz.recorder.map_pictures import CLASS_BASE, FLOOR, UNPARTED, UNSEEN
+from simaps_viz.recorder.recorder import RerunRecorder
+from simaps_viz.recorder.settings import RecorderSettings
+from simaps_viz.structures import (
+    Frame,
+    Grid,
+    GridSpec,
+    Instance,
+    Intrinsics,
+    MergeLog,
+    Segment,
+    Segmentation,
+    SIMap,
+    Views,
+)
+
+LABELS, IS_THING = ("none", "chair", "floor"), (False, True, False)
+CELL_M = 0.1
+CAMERA = Intrinsics(width=16, height=12, fx=10.0, fy=10.0, cx=7.5, cy=5.5)
+WHOLE = RecorderSettings(
+    color_every=1, color_divide=1, depth_every=1, depth_divide=2, segmentation_divide=1, points=4000, edges=100
+)
+FRAMES = 4
+
+
+def grid(step: int) -> Grid:
+    """4 + step columns, 3 rows: a column of floor is found in the west at each step, so the origin moves.
+
+    Two chair cells in the northern row stay where they are: x from 0.2 to 0.4 m.
+    """
+    spec = GridSpec(rows=3, cols=4 + step, cell_size_m=CELL_M, x0_m=-CELL_M * step, y0_m=1.0)
+    label = np.full(spec.shape, 2, np.int16)
+    label[2, 2 + step : 4 + step] = 1
+    label[0, -1] = 0
+    height = np.where(label == 1, 0.5, 0.0).astype(np.float32)
+    height[label == 0] = np.nan
+    seen = (label > 0).astype(np.int32)
+    return Grid(spec, LABELS, IS_THING, label, height, np.where(label == 1, 0.5, np.nan).astype(np.float32), seen)
+
+
+def pose(step: int) -> NDArray:
+    """Camera at (step, 2, 1), looking north: camera z is y, camera y is -z."""
+    T = np.eye(4)
+    T[:3, :3] = np.array([[1, 0, 0], [0, 0, 1], [0, -1, 0]], dtype=float)
+    T[:3, 3] = (step, 2.0, 1.0)
+    return T
+
+
+def projected(step: int) -> FrameProjected:
+    """Depth 2 m everywhere but one invalid pixel; segment 7 is the left half."""
+    depth = np.full((CAMERA.height, CAMERA.width), 2.0, np.float32)
+    depth[0, 0] = 0.0
+    color = np.full((*depth.shape, 3), (200, 100, 50), np.uint8)
+    ids = np.zeros(depth.shape, np.int32)
+    ids[:, :8] = 7
+    edges = np.array([[2, 2 + step, 2, 3 + step]], np.int32)[: 1 if step < 3 else 0]
+    return FrameProjected(
+        frame=Frame(step, f"{step:04d}", depth, pose(step), CAMERA, color),
+        segmentation=Segmentation(ids, (Segment(7, "chair", 0.875),)),
+        T_map_camera=pose(step),
+        cells=np.argwhere(grid(step).observations > 0).astype(np.int32),
+        new_edges=edges,
+        new_edge_labels=np.ones(len(edges), np.int16),
+        snapshot=lambda: grid(step),
+    )
+
+
+def communities(step: int) -> NDArray:
+    """Two chair cells, communities 4 and 9."""
+    found = np.zeros(grid(step).spec.shape, np.int32)
+    found[2, 2 + step], found[2, 3 + step] = 9, 4
+    return found
+
+
+MERGES = MergeLog(
+    np.array([1], np.int16), np.array([9], np.int32), np.array([4], np.int32), np.array([0.5], np.float32)
+)
+EMPTY = np.zeros(0, np.int32)
+
+
+def finished() -> SIMap:
+    last = grid(FRAMES - 1)
+    return SIMap(
+        grid=last,
+        instance=np.where(communities(FRAMES - 1) > 0, 4, 0).astype(np.int32),
+        instances=(Instance(4, "chair", 2, (0.3, 1.25, 0.5), ((0.2, 1.2, 0.5), (0.4, 1.3, 0.5)), 4, 0.875),),
+        T_map_world=np.eye(4),
+        method="paper",
+        parameters={"k_percent": 5.0, "resolution": 1.0},
+        provenance={},
+        community=communities(FRAMES - 1),
+        merges=MERGES,
+        graphs=(),
+        views=Views(EMPTY, EMPTY, EMPTY, EMPTY, np.zeros(0, np.float32)),
+        frame_names=tuple(f"{i:04d}" for i in range(FRAMES)),
+        T_map_camera=np.stack([pose(i) for i in range(FRAMES)]),
+    )
+
+
+def story(*, simulated: bool = True) -> Iterator[Event]:
+    yield BuildStarted("toy", finished().frame_names, np.eye(4), "made by hand", simulated)
+    for step in range(FRAMES):
+        yield projected(step)
+        if step == 1:
+            yield CommunitiesFound(grid(1), communities(1), 1, final=False)
+    last = grid(FRAMES - 1)
+    yield CommunitiesFound(last, communities(FRAMES - 1), FRAMES - 1, final=True)
+    yield MergesFound(last, communities(FRAMES - 1), MERGES, np.array([True]))
+    yield BuildFinished(finished())
+
+
+def record(path: Path, settings: RecorderSettings = WHOLE, *, simulated: bool = True) -> Path:
+    with RerunRecorder(path, settings=settings) as recorder:
+        for event in story(simulated=simulated):
+            recorder.on_event(event)
+    return path
+
+
+@pytest.fixture(scope="module")
+def recording(tmp_path_factory: pytest.TempPathFactory) -> Any:
+    return rc.RrdReader(record(tmp_path_factory.mktemp("recording") / "toy.rrd")).stream().collect()
+
+
+def rows(recording: Any, contents: str, *, timeline: str | None = "frame", at: list[int] | None = None) -> dict:
+    """Column name without its path -> one value per row; what holds at the times ``at``, or the rows there are."""
+    more = {} if at is None else {"using_index_values": np.array(at), "fill_latest_at": True}
+    table = recording.reader(index=timeline, contents=contents, **more).to_arrow_table().to_pydict()
+    return {name.rsplit(":", 1)[-1]: values for name, values in table.items()}
+
+
+def image(found: dict, row: int, dtype: type) -> NDArray:
+    shape = found["format"][row][0]
+    buffer = np.array(found["buffer"][row][0], np.uint8)
+    return buffer.view(dtype).reshape(shape["height"], shape["width"])
+
+
+def palette(found: dict, row: int) -> dict[int, tuple[str, int]]:
+    entries = [entry["class_description"]["info"] for entry in found["context"][row][0]]
+    return {entry["id"]: (entry["label"], entry["color"]) for entry in entries}
+
+
+def rgba(color: tuple[int, int, int]) -> int:
+    return (color[0] << 24) | (color[1] << 16) | (color[2] << 8) | 255
+
+
+def test_timelines_are_those_of_the_build(recording: Any) -> None:
+    assert rows(recording, "/world/camera")["frame"] == list(range(FRAMES))
+    assert rows(recording, "/map/objects")["frame"] == [1, FRAMES - 1]
+    assert rows(recording, "/map/objects", timeline="louvain")["louvain"] == [0, 1]
+    assert rows(recording, "/map/objects", timeline="merge")["merge"] == [0, 1]
+    names = set(recording.reader(index="frame").to_arrow_table().column_names)
+    assert not names & {"log_tick", "log_time"}
+
+
+def test_poses(recording: Any) -> None:
+    found = rows(recording, "/world/camera")
+    for step in range(FRAMES):
+        assert found["translation"][step][0] == [step, 2.0, 1.0]
+        column_major = np.array(found["mat3x3"][step][0]).reshape(3, 3).T
+        assert column_major.tolist() == pose(step)[:3, :3].tolist()
+
+
+def test_every_picture_has_the_camera_of_its_size(recording: Any) -> None:
+    for name, divide in (("color", 1), ("depth", 2), ("segmentation", 1)):
+        found = rows(recording, f"/world/camera/{name}", timeline=None)
+        K = np.array(found["image_from_camera"][0][0]).reshape(3, 3).T
+        assert K.tolist() == [[10 / divide, 0, 7.5 / divide], [0, 10 / divide, 5.5 / divide], [0, 0, 1]]
+        assert found["resolution"][0][0] == [16 / divide, 12 / divide]
+
+
+def test_color_depth_and_segments(recording: Any) -> None:
+    jpeg = rows(recording, "/world/camera/color")["blob"][2][0]
+    color = cv2.imdecode(np.array(jpeg, np.uint8), cv2.IMREAD_COLOR)
+    assert color is not None and color.shape == (12, 16, 3)
+    assert np.abs(color.astype(int) - (50, 100, 200)).max() <= 4
+
+    found = rows(recording, "/world/camera/depth")
+    depth = image(found, 2, np.uint16)
+    assert found["meter"][2] == [1000.0]
+    assert depth.shape == (6, 8) and depth[0, 0] == 0 and (np.delete(depth.reshape(-1), 0) == 2000).all()
+
+    found = rows(recording, "/world/camera/segmentation")
+    ids = image(found, 2, np.uint8)
+    assert (ids[:, :8] == 7).all() and (ids[:, 8:] == 0).all()
+    assert palette(found, 2)[7] == ("chair 0.88", rgba(instance_color(7)))
+
+
+def test_points_are_what_the_depth_says(recording: Any) -> None:
+    found = rows(recording, "/world/points")
+    points = np.array(found["positions"][3])
+    expected = {
+        (round(3 + (u - 7.5) / 5, 3), 4.0, round(1 - (v - 5.5) / 5, 3))
+        for u in range(16)
+        for v in range(12)
+        if (u, v) != (0, 0) and -0.3 <= 1 - (v - 5.5) / 5 <= 2.0
+    }
+    assert {tuple(p) for p in points.round(3).tolist()} == expected and len(points) == len(expected)
+    assert set(found["colors"][3]) == {rgba((200, 100, 50))}
+
+
+def test_points_above_the_cut_are_left_out(tmp_path: Path) -> None:
+    settings = RecorderSettings(points=4000, cut_height_m=1.0)
+    found = rows(rc.RrdReader(record(tmp_path / "low.rrd", settings)).stream().collect(), "/world/points")
+    assert 0.8 < np.array(found["positions"][0])[:, 2].max() <= 1.0
+
+
+def test_map_is_north_up_and_stays_in_place_while_it_grows(recording: Any) -> None:
+    found = rows(recording, "/map/classes")
+    assert found["frame"] == list(range(FRAMES))
+    for step in range(FRAMES):
+        assert found["translation"][step][0] == pytest.approx([-CELL_M * step, -1.3, 0.0])
+        assert found["scale"][step][0] == pytest.approx([CELL_M, CELL_M, 1.0])
+        picture = image(found, step, np.uint8)
+        assert picture.shape == (3, 4 + step)
+        assert (picture[0] == [3] * (2 + step) + [2, 2]).all(), "the chairs lie in the north, so in the first row"
+        assert picture[2, -1] == 0, "never seen"
+        ground = image(rows(recording, "/map/ground"), step, np.uint8)
+        assert (ground[0] == [FLOOR] * (2 + step) + [UNPARTED, UNPARTED]).all() and ground[2, -1] == UNSEEN
+        heights = image(rows(recording, "/map/heights"), step, np.uint8)
+        assert (heights[0] == [1] * (2 + step) + [26, 26]).all() and heights[2, -1] == 0
+    assert palette(rows(recording, "/map/classes", timeline=None), 0)[2] == ("chair", rgba(class_color("chair")))
+    assert palette(rows(recording, "/map/heights", timeline=None), 0)[26][0] == "0.50 m"
+
+
+def test_edges_are_drawn_where_their_cells_are(recording: Any) -> None:
+    found = rows(recording, "/map/edges")
+    for step in range(FRAMES - 1):
+        assert np.allclose(found["strips"][step], [[[0.25, -1.25], [0.35, -1.25]]], atol=1e-6)
+        assert found["colors"][step] == [rgba(class_color("chair"))]
+    assert not found["strips"][FRAMES - 1], "the last frame added none"
+
+
+def test_counts(recording: Any) -> None:
+    def series(name: str) -> list[list[float]]:
+        return rows(recording, f"/counts/{name}")["scalars"]
+
+    assert series("edges") == [[1.0], [2.0], [3.0], [3.0]]
+    assert series("cells/seen") == [[11.0 + 3 * step] for step in range(FRAMES)]
+    assert series("cells/named") == series("cells/seen")
+    assert series("few/classes") == [[2.0]] * FRAMES
+    assert series("few/communities") == [[2.0]]
+
+
+def test_objects_have_the_colors_of_their_ids(recording: Any) -> None:
+    found = rows(recording, "/map/objects", at=[0, 1, 2, 3])
+    assert found["buffer"][0] is None, "nothing is told apart yet"
+    for row in (1, 2):
+        assert (image(found, row, np.uint16)[0] == [0, 0, 0, 9, 4]).all()
+        assert found["translation"][row][0] == pytest.approx([-CELL_M, -1.3, 0.0]), "it keeps the place it was found at"
+        assert palette(found, row)[9] == ("chair (id 9)", rgba(instance_color(9)))
+        assert palette(found, row)[0][1] == 0, "no object: transparent"
+    assert (image(found, 3, np.uint16)[0] == [0, 0, 0, 0, 0, 4, 4]).all(), "the finished map, both cells one chair"
+    assert palette(found, 3)[4] == ("chair (id 4)", rgba(instance_color(4)))
+    cells = rows(recording, "/world/cells", at=[3])
+    assert np.allclose(cells["positions"][0], [[0.25, 1.25, 0.5], [0.35, 1.25, 0.5]]) and cells["class_ids"][0] == [
+        4,
+        4,
+    ]
+
+
+def test_louvain_goes_from_classes_to_communities(recording: Any) -> None:
+    found = rows(recording, "/map/objects", timeline="louvain")
+    assert (image(found, 0, np.uint16)[0] == [0] * 5 + [CLASS_BASE + 1] * 2).all()
+    assert palette(found, 0)[CLASS_BASE + 1] == ("chair", rgba(class_color("chair")))
+    assert (image(found, 1, np.uint16)[0] == [0] * 5 + [9, 4]).all()
+
+
+def test_merge_timeline_ends_at_the_finished_map(recording: Any) -> None:
+    found = rows(recording, "/map/objects", timeline="merge", at=[0, 1])
+    assert (image(found, 0, np.uint16)[0] == [0] * 5 + [9, 4]).all()
+    assert (image(found, 1, np.uint16)[0] == [0] * 5 + [4, 4]).all()
+    assert palette(found, 1)[4][1] == rgba(instance_color(4))
+    text = rows(recording, "/now", timeline="merge")["text"][1][0]
+    assert text == "**Step 1 of 1**, taken at K = 5 %. chair: community 9 joins 4, 50 % of its cells neighbour it."
+    mark = rows(recording, "/map/merge", timeline="merge")["strips"][0]
+    assert np.allclose(mark[0], [[0.25, -1.25], [0.35, -1.25]], atol=1e-6)
+    assert rows(recording, "/world/cells", timeline="merge", at=[1])["class_ids"][0] == [4, 4]
+
+
+def test_boxes_and_counts_of_the_finished_map(recording: Any) -> None:
+    found = rows(recording, "/world/objects")
+    assert found["frame"] == [FRAMES - 1] and found["labels"] == [["chair 1"]]
+    assert found["colors"] == [[rgba(instance_color(4))]]
+    assert np.allclose(found["centers"][0], [[0.3, 1.25, 0.5]]) and np.allclose(
+        found["half_sizes"][0], [[0.1, 0.05, 0]]
+    )
+    assert np.allclose(rows(recording, "/map/names")["centers"][0], [[0.3, -1.25]])
+    about = rows(recording, "/about", timeline=None)["text"][0][0]
+    assert "| chair | 1 |" in about and "**paper**" in about
+
+
+@pytest.mark.parametrize("simulated", [True, False])
+def test_simulated_is_said(tmp_path: Path, simulated: bool) -> None:
+    found = rc.RrdReader(record(tmp_path / "a.rrd", simulated=simulated)).stream().collect()
+    about = rows(found, "/about", timeline=None)["text"][0][0]
+    assert ("imulated" in about) == simulated
+    assert ("simulated" in rows(found, "/now")["text"][0][0]) == simulated
+
+
+def test_thinning_keeps_what_it_says(tmp_path: Path) -> None:
+    settings = RecorderSettings(color_every=3, color_divide=2, depth_every=2, points=5, edges=0, map_every=2)
+    found = rc.RrdReader(record(tmp_path / "a.rrd", settings)).stream().collect()
+    assert rows(found, "/world/camera/color")["frame"] == [0, 3]
+    assert rows(found, "/world/camera/depth")["frame"] == [0, 2]
+    assert rows(found, "/map/classes")["frame"] == [0, 2, 3], "the last frame's map is always there"
+    assert rows(found, "/counts/edges")["scalars"][-1] == [3.0], "all edges count, drawn or not"
+    assert all(len(points) <= 5 for points in rows(found, "/world/points")["positions"])
+    jpeg = np.array(rows(found, "/world/camera/color")["blob"][0][0], np.uint8)
+    picture = cv2.imdecode(jpeg, cv2.IMREAD_COLOR)
+    assert picture is not None and picture.shape == (6, 8, 3)
+
+
+def test_map_without_objects(tmp_path: Path) -> None:
+    """Nothing countable, nothing merged: the recording is short but whole."""
+    empty = finished()
+    none = np.zeros_like(empty.instance)
+    log = MergeLog(np.zeros(0, np.int16), EMPTY, EMPTY, np.zeros(0, np.float32))
+    bare = SIMap(**{**vars(empty), "instance": none, "instances": (), "community": none, "merges": log})
+    with RerunRecorder(tmp_path / "a.rrd") as recorder:
+        recorder.on_event(next(story()))
+        recorder.on_event(CommunitiesFound(bare.grid, none, 3, final=True))
+        recorder.on_event(MergesFound(bare.grid, none, log, np.zeros(0, bool)))
+        recorder.on_event(BuildFinished(bare))
+    found = rc.RrdReader(tmp_path / "a.rrd").stream().collect()
+    assert rows(found, "/map/objects", timeline="merge")["merge"] == [0]
