@@ -164,6 +164,8 @@ class Builder(Transformer):
             self._note(f'"{one}" is read as {label}')
         return Noun(label)
 
+    nouns = noun
+
     def pair(self, children: Children) -> Pair:
         a, b = [child for child in children if isinstance(child, Thing)]
         return Pair(a, b)

@@ -4,13 +4,15 @@ import ast
 import math
 import operator
 import time
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Generator, Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any, Final, Literal, NoReturn
 
 from simaps_viz.errors import CommandError, PlanningError
+from simaps_viz.language.grounding import ordinal
 from simaps_viz.language.primitives import PRIMITIVES, Parameter, Primitive
 from simaps_viz.language.program import Program, ProgramError, ProgramStuckError, bind, check_argument
+from simaps_viz.language.words import plural
 from simaps_viz.structures import Instance
 
 _OPERATORS: Final[Mapping[type, Callable[[Any, Any], Any]]] = {
@@ -58,7 +60,7 @@ class Turn:
     phase: Literal["before", "after"]
 
 
-def interpret(program: Program, call: Caller, *, budget: Budget | None = None) -> Iterator[Turn]:
+def interpret(program: Program, call: Caller, *, budget: Budget | None = None) -> Generator[Turn, None, None]:
     """Run a program as a generator that stops before and after every statement.
 
     Dropping the generator stops the program.
@@ -194,7 +196,7 @@ class _Runner:
         if not _is_number(index) or index != int(index):
             self._refuse(node, f"an index is a whole number, found {_kind(index)}")
         if not -len(items) <= index < len(items):
-            self._refuse(node, f"there is no item {int(index)} in a list of {len(items)}")
+            self._refuse(node, _too_few(node.value, len(items), int(index)))
         return items[int(index)]
 
     def _number(self, node: ast.expr) -> float:
@@ -256,6 +258,19 @@ class _Runner:
 
 def _is_number(value: object) -> bool:
     return isinstance(value, int | float) and not isinstance(value, bool)
+
+
+def _too_few(source: ast.expr, found: int, index: int) -> str:
+    """Say that a list is too short for an index; of a look-up written out, in the words of the map."""
+    rank = ordinal(index + 1 if index >= 0 else -index)
+    arguments = source.args if isinstance(source, ast.Call) else []
+    if not (arguments and isinstance(arguments[0], ast.Constant) and isinstance(source, ast.Call)):
+        return f"the {rank} item was asked for, but the list has {found}"
+    where = "in view" if isinstance(source.func, ast.Attribute) and source.func.attr == "in_view" else "on this map"
+    if found == 0:
+        return f"There is no {arguments[0].value} {where}."
+    name = f"only 1 {arguments[0].value}" if found == 1 else f"only {found} {plural(str(arguments[0].value))}"
+    return f"There {'is' if found == 1 else 'are'} {name} {where}; the {rank} was asked for."
 
 
 def _kind(value: object) -> str:

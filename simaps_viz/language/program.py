@@ -42,6 +42,27 @@ _WANTED = {
     "object": "a name in quotes or an instance from a look-up",
     "position": "a position [x, y]",
 }
+_IN_WORDS = {
+    "text": "a string",
+    "truth": "a truth value",
+    "instance": "an instance",
+    "instances": "a list of instances",
+    "positions": "a list of positions",
+    "list": "a list",
+    "position": "a position",
+    "number": "a number",
+}
+_SYNTAX = {
+    "Attribute": "an attribute other than a call on robot",
+    "Expr": "a value that goes nowhere",
+    "FloorDiv": "//",
+    "FunctionDef": "a definition",
+    "ImportFrom": "import",
+    "JoinedStr": "an f-string",
+    "ListComp": "a comprehension",
+    "Mod": "%",
+    "Pow": "**",
+}
 _ARITHMETIC = (ast.Add, ast.Sub, ast.Mult, ast.Div)
 _COMPARISONS = (ast.Eq, ast.NotEq, ast.Lt, ast.LtE, ast.Gt, ast.GtE)
 _SMALL_PYTHON = "a program is calls on robot, assignments, for, if, numbers, strings, lists and indexing"
@@ -79,8 +100,7 @@ class Call:
 
     def constant(self, name: str) -> object:
         """Give the argument if it is written out as a number or string, else None."""
-        node = self.arguments.get(name)
-        return node.value if isinstance(node, ast.Constant) else None
+        return literal(self.arguments.get(name))
 
 
 @dataclass(frozen=True, eq=False)
@@ -121,6 +141,16 @@ def parse_program(text: str) -> Program:
     return Program(text, tree, tuple(validator.calls))
 
 
+def literal(node: ast.expr | None) -> object:
+    """Give the value of a number (also with a minus) or string written out, else None."""
+    match node:
+        case ast.Constant(value=value):
+            return value
+        case ast.UnaryOp(op=ast.USub(), operand=ast.Constant(value=int() | float() as value)):
+            return -value
+    return None
+
+
 def bind(node: ast.Call) -> Call:
     """Match a call's arguments to the parameters of its primitive, or raise ProgramError."""
     function = node.func
@@ -142,7 +172,7 @@ def bind(node: ast.Call) -> Call:
     arguments = dict(zip(names, node.args, strict=False))
     for keyword in node.keywords:
         if keyword.arg not in names:
-            refuse(f"no parameter {keyword.arg!r}")
+            refuse(f"no parameter {(keyword.arg or '**')[:40]!r}")
         if keyword.arg in arguments:
             refuse(f"parameter {keyword.arg!r} given twice")
         arguments[keyword.arg] = keyword.value
@@ -198,7 +228,7 @@ class _Validator:
             case ast.For(target=ast.Name() as target, iter=source, body=body, orelse=[]):
                 kind = self._value(source, names)
                 if kind not in _RESULT_TYPES:
-                    self._refuse(node, f"for goes over a look-up or a list, not over a {kind}")
+                    self._refuse(node, f"for goes over a look-up or a list, not over {_IN_WORDS[kind]}")
                 self.block(body, {**names, self._new_name(target): _RESULT_TYPES[kind]})
             case ast.If(test=test, body=body, orelse=orelse):
                 self._value(test, names)
@@ -293,7 +323,7 @@ class _Validator:
     def _item(self, node: ast.Subscript, names: dict[str, str]) -> str:
         kind, index = self._value(node.value, names), node.slice
         if kind not in _RESULT_TYPES:
-            self._refuse(node, f"a {kind} cannot be indexed")
+            self._refuse(node, f"{_IN_WORDS[kind]} cannot be indexed")
         if isinstance(index, ast.Slice) or self._value(index, names) not in ("number", "any"):
             self._refuse(node, "an index is a whole number")
         return _RESULT_TYPES[kind]
@@ -302,7 +332,7 @@ class _Validator:
         for operand in operands:
             kind = self._value(operand, names)
             if kind not in ("number", "any"):
-                self._refuse(node, f"arithmetic is for numbers, not for a {kind}")
+                self._refuse(node, f"arithmetic is for numbers, not for {_IN_WORDS[kind]}")
         return "number"
 
     def _call(self, node: ast.Call, names: dict[str, str]) -> str:
@@ -316,10 +346,10 @@ class _Validator:
                 continue
             kind = self._value(value, names)
             wrong = None
-            if isinstance(value, ast.Constant):
-                wrong = check_argument(parameter, value.value)
+            if literal(value) is not None:
+                wrong = check_argument(parameter, literal(value))
             elif kind not in (*_ACCEPTS[parameter.type], "any"):
-                wrong = f"{parameter.name}: expected {_WANTED[parameter.type]}, found a {kind}"
+                wrong = f"{parameter.name}: expected {_WANTED[parameter.type]}, found {_IN_WORDS[kind]}"
             if wrong:
                 raise ProgramError(node.lineno, primitive.name, wrong)
         return primitive.result
@@ -338,6 +368,5 @@ class _Validator:
 
 def _name_of(node: ast.AST) -> str:
     """Give what Python calls a piece of syntax, in lower case words."""
-    known = {"FunctionDef": "a definition", "Lambda": "lambda", "JoinedStr": "an f-string", "ListComp": "comprehension"}
-    known |= {"ImportFrom": "import", "Attribute": "an attribute other than a call on robot", "While": "while"}
-    return known.get(type(node).__name__, type(node).__name__.lower())
+    name = type(node).__name__
+    return _SYNTAX.get(name, name.lower())

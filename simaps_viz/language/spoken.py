@@ -71,23 +71,25 @@ _KEYWORDS: Final[dict[str, str]] = {
     "WEST": "west, westward, westwards, western",
     "WITH": "with",
 }
-_SILENT: Final = frozenset(
+_POLITE: Final = (
     "please could can would will you kindly hey hi hello ok okay robot just now thanks thank also i want like need us "
-    "let so that which is are there yourself d ll very much good".split()
+    "let so that which is are there yourself d ll very much good"
 )
-_UNITS: Final = "zero one two three four five six seven eight nine ten eleven twelve thirteen fourteen fifteen sixteen "
+_SILENT: Final = frozenset(_POLITE.split())
+_UNITS: Final = (
+    "zero one two three four five six seven eight nine ten eleven twelve thirteen fourteen fifteen sixteen seventeen "
+    "eighteen nineteen"
+)
+_TENS: Final = "twenty thirty forty fifty sixty seventy eighty ninety"
+_RANKS: Final = (
+    "first second third fourth fifth sixth seventh eighth ninth tenth eleventh twelfth thirteenth fourteenth fifteenth "
+    "sixteenth seventeenth eighteenth nineteenth twentieth"
+)
 _NUMBERS: Final = {
-    **{word: n for n, word in enumerate((_UNITS + "seventeen eighteen nineteen").split())},
-    **{word: 10 * n for n, word in enumerate("twenty thirty forty fifty sixty seventy eighty ninety".split(), start=2)},
+    **{word: n for n, word in enumerate(_UNITS.split())},
+    **{word: 10 * n for n, word in enumerate(_TENS.split(), start=2)},
 }
-_ORDINALS: Final = {
-    word: n
-    for n, word in enumerate(
-        "first second third fourth fifth sixth seventh eighth ninth tenth eleventh twelfth thirteenth fourteenth "
-        "fifteenth sixteenth seventeenth eighteenth nineteenth twentieth".split(),
-        start=1,
-    )
-}
+_ORDINALS: Final = {"last": -1, **{word: n for n, word in enumerate(_RANKS.split(), start=1)}}
 _PIECE: Final = re.compile(
     r"(?P<ordinal>\d+)(?:st|nd|rd|th)\b|(?P<number>(?<![\w.])-?\d+(?:\.\d+)?|\d+(?:\.\d+)?)|(?P<poss>['’]s\b)"
     r"|(?P<word>[^\W\d_]+)|(?P<mark>[,.;:!#°])|(?P<other>[^\s\-_?()\"'’\[\]]+)"
@@ -136,26 +138,20 @@ def _token(
 ) -> tuple[Token | None, int]:
     """Give the token that starts at a piece (None: left out), and how many pieces it takes."""
     kind, piece = pieces[at]
-    if kind == "ordinal":
-        return Token("ORD", piece), 1
-    if kind == "number":
-        return Token("NUM", piece), 1
+    if kind in ("ordinal", "number"):
+        return Token("ORD" if kind == "ordinal" else "NUM", piece), 1
     length, keyword = _keyword(words, at)
     thing = vocabulary.match(words[at : at + 6])
+    number, digits = _spoken_number(words, at)
     if thing > 0 and thing >= length:
         name = " ".join(words[at : at + thing])
         return Token("NOUNS" if singular(name) != name else "NOUN", name), thing
-    if length == 1 and piece in _SILENT and length >= thing:
-        return None, 1
-    if length:
+    if length > 0:
         return Token(keyword, " ".join(words[at : at + length])), length
-    number, length = _spoken_number(words, at)
-    if length:
-        return Token("NUM", str(number)), length
+    if digits > 0:
+        return Token("NUM", str(number)), digits
     if piece in _ORDINALS:
         return Token("ORD", str(_ORDINALS[piece])), 1
-    if piece == "last":
-        return Token("ORD", "-1"), 1
     return (None if piece in _SILENT else Token("WORD", piece)), 1
 
 

@@ -1,7 +1,7 @@
 """A simulated robot that carries out programs and spoken commands on a map."""
 
 import re
-from collections.abc import Iterator
+from collections.abc import Generator
 from dataclasses import dataclass
 from typing import Any, Literal
 from weakref import WeakKeyDictionary
@@ -106,7 +106,7 @@ class Agent:
         """Where the robot stands now."""
         return self.robot.pose
 
-    def steps(self, program: str) -> Iterator[StepEvent]:
+    def steps(self, program: str) -> Generator[StepEvent, None, None]:
         """Validate a program whole, then give a generator that runs it statement by statement.
 
         Nothing moves before the first ``next``; dropping the generator stops the robot where it is.
@@ -128,7 +128,7 @@ class Agent:
     def _new_robot(self, pose: Pose2) -> Robot:
         return Robot(self.simap, self.planner, pose, motion=self._motion, max_path_m=self._budget.path_m)
 
-    def _run(self, program: Program, robot: Robot) -> Iterator[StepEvent]:
+    def _run(self, program: Program, robot: Robot) -> Generator[StepEvent, None, None]:
         told = 0
         for turn in interpret(program, robot.call, budget=self._budget):
             goal = robot.goals[-1] if len(robot.goals) > told else None
@@ -158,7 +158,8 @@ def answer(
     except CommandError as error:
         return _answer(agent, Reading(""), "refused", str(error))
     try:
-        agent.run_program(reading.program)
+        for _ in agent.steps(reading.program):
+            pass
     except (ProgramError, ProgramStuckError) as error:
         failed = isinstance(error, ProgramStuckError | BudgetError)
         return _answer(

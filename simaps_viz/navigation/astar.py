@@ -165,7 +165,21 @@ def pull_straight(free: NDArray, points: NDArray) -> NDArray:
     keep[0] = keep[-1] = True
     anchor = 0
     for i in range(1, len(points) - 1):
-        if clear_length(free, points[anchor, 0], points[anchor, 1], points[i + 1, 0], points[i + 1, 1]) < 1.0:
+        if not _is_clear(free, points, anchor, i + 1):
             keep[i] = True
             anchor = i
-    return points[keep]
+    kept = np.flatnonzero(keep)
+    shorter = [kept[0]]
+    at = 0
+    while at < len(kept) - 1:  # the first pass stops at every hidden point, even if a later one is in sight
+        ahead = len(kept) - 1
+        while ahead > at + 1 and not _is_clear(free, points, kept[at], kept[ahead]):
+            ahead -= 1
+        at = ahead
+        shorter.append(kept[at])
+    return points[np.array(shorter)]
+
+
+@numba.njit(cache=True)
+def _is_clear(free: NDArray, points: NDArray, a: int, b: int) -> bool:
+    return clear_length(free, points[a, 0], points[a, 1], points[b, 0], points[b, 1]) >= 1.0

@@ -19,7 +19,6 @@ SNAP_M: Final = 0.5
 APPROACH_M: Final = 1.5
 """Further than this from what was asked for does not count as having got there."""
 _POCKET_M2 = 0.5
-_MAX_TRIES = 200
 
 
 @dataclass(frozen=True)
@@ -86,8 +85,9 @@ class Planner:
         row, col = self.spec.cell_of(x_m, y_m)
         if self.spec.contains(row, col) and self.free[row, col]:
             return row, col
-        rows, cols = self._window(self.free, np.array([[x_m, y_m]]), SNAP_M)
-        squared, _ = self._squared_cells(rows, cols, np.array([[x_m, y_m]]))
+        here_m = np.clip([[x_m, y_m]], -1e6, 1e6)
+        rows, cols = self._window(self.free, here_m, SNAP_M)
+        squared, _ = self._squared_cells(rows, cols, here_m)
         if len(rows) == 0 or squared.min() > (SNAP_M / self.spec.cell_size_m) ** 2 + 1e-6:
             raise PlanningError(
                 f"the robot cannot start at ({x_m:.2f}, {y_m:.2f}): there is no free floor within {SNAP_M} m of it"
@@ -102,19 +102,17 @@ class Planner:
         return self._areas == self._areas[self.start_cell(x_m, y_m)]
 
     def plan(self, start_m: tuple[float, float], goal_m: tuple[float, float]) -> Path:
-        """Plan from a point to the centre of the cell that holds another; that cell has to be free.
+        """Plan from a point to another, whose cell has to be free.
 
         Raises:
             PlanningError: naming why there is no way.
         """
         goal = np.zeros(self.spec.shape, np.bool_)
         row, col = self.spec.cell_of(*goal_m)
-        if not self.spec.contains(row, col):
-            raise PlanningError(f"({goal_m[0]:.2f}, {goal_m[1]:.2f}) lies outside the map")
-        if not self.free[row, col]:
+        if not self._holds(self.free, goal_m):
             raise PlanningError(f"({goal_m[0]:.2f}, {goal_m[1]:.2f}) is not free floor for this robot")
         goal[row, col] = True
-        return self._plan_to(start_m, goal, f"to ({goal_m[0]:.2f}, {goal_m[1]:.2f})")
+        return self._plan_to(start_m, goal, f"to ({goal_m[0]:.2f}, {goal_m[1]:.2f})", goal_m)
 
     def plan_near(
         self,
@@ -128,6 +126,8 @@ class Planner:
         limit_m: float = APPROACH_M,
     ) -> Path:
         """Plan to the reachable free cell nearest to any of the target points; of equally near ones, the shortest way.
+
+        The path ends at the cell's centre, or exactly at the target if that is one point in that very cell.
 
         Args:
             start_m: where the robot stands.
@@ -145,6 +145,13 @@ class Planner:
         usable = self.reachable(*start_m)
         if allowed is not None:
             usable &= allowed
+
+        def is_seen(x: float, y: float, target: int) -> bool:
+            seen = self._in_cells(target_m[target] if watch_m is None else watch_m)
+            return see_through is None or clear_length(see_through, x, y, *seen) >= 1.0
+
+        if len(target_m) == 1 and self._holds(usable, target_m[0]) and is_seen(*self._in_cells(target_m[0]), 0):
+            return self.plan(start_m, (float(target_m[0, 0]), float(target_m[0, 1])))
         rows, cols = self._window(usable, target_m, limit_m)
         squared, nearest = self._squared_cells(rows, cols, target_m)
         order = np.lexsort((cols, rows, squared))
@@ -153,10 +160,9 @@ class Planner:
             raise PlanningError(self._why_not(usable, target_m, what, limit_m))
 
         def sees(i: int) -> bool:
-            x, y = self._in_cells(target_m[nearest[i]] if watch_m is None else watch_m)
-            return see_through is None or clear_length(see_through, cols[i] + 0.5, rows[i] + 0.5, x, y) >= 1.0
+            return is_seen(cols[i] + 0.5, rows[i] + 0.5, nearest[i])
 
-        best = next((i for i in order[:_MAX_TRIES] if sees(i)), order[0])
+        best = next((i for i in order if sees(i)), order[0])
         ties = order[np.abs(squared[order] - squared[best]) < 1e-6]
         ties = [i for i in ties if sees(i)] or ties
         goal = np.zeros(self.spec.shape, np.bool_)
@@ -172,10 +178,9 @@ class Planner:
         length = float(np.linalg.norm(end - start))
         if length == 0.0:
             return 0.0
-        skip = next(
-            (d for d in np.arange(0.0, SNAP_M + 1e-9, 0.01) if self._is_free(start + (end - start) * d / length)), 0.0
-        )
-        begin = start + (end - start) * min(float(skip) / length, 1.0)
+        ahead = (end - start) / length
+        leaving = (d for d in np.arange(0.0, SNAP_M + 1e-9, 0.01) if self._holds(self.free, start + ahead * d))
+        begin = start + ahead * min(float(next(leaving, 0.0)), length)
         share = clear_length(self.free, *self._in_cells(begin), *self._in_cells(end))
         reached = begin + (end - begin) * share
         return float(np.linalg.norm(reached - start)) if share > 0.0 else 0.0
@@ -192,26 +197,33 @@ class Planner:
         label = self.grid.labels[self.grid.label[rows[nearest], cols[nearest]]]
         return "something without a class" if label == "none" else f"a {label}"
 
-    def _is_free(self, point_m: NDArray) -> bool:
+    def _holds(self, mask: NDArray, point_m: Sequence[float] | NDArray) -> bool:
         row, col = self.spec.cell_of(float(point_m[0]), float(point_m[1]))
-        return self.spec.contains(row, col) and bool(self.free[row, col])
+        return self.spec.contains(row, col) and bool(mask[row, col])
 
-    def _plan_to(self, start_m: tuple[float, float], goal: NDArray, what: str) -> Path:
+    def _plan_to(
+        self, start_m: tuple[float, float], goal: NDArray, what: str, end_m: tuple[float, float] | None = None
+    ) -> Path:
         start = self.start_cell(*start_m)
         rows, cols = np.nonzero(goal)
         box = np.array([rows.min(), rows.max(), cols.min(), cols.max()], np.int64)
         cells, cost_cells = search(self.free, start, goal, box)
         if len(cells) == 0:
             raise PlanningError(f"there is no free way from ({start_m[0]:.2f}, {start_m[1]:.2f}) {what}")
-        inside = self.spec.cell_of(*start_m) == start
-        if inside and len(cells) == 1:
+        cells_xy = cells[:, ::-1] + 0.5
+        if end_m is not None and self.spec.cell_of(*end_m) == tuple(cells[-1]):
+            cells_xy[-1] = self._in_cells(end_m)
+        cost_m = cost_cells * self.spec.cell_size_m
+        if self.spec.cell_of(*start_m) != start:  # a start that is not free is left in a straight line
+            return Path(np.vstack([start_m, self._in_metres(pull_straight(self.free, cells_xy))]), cost_m)
+        if len(cells) == 1 and end_m is None:
             return Path(np.array([start_m], np.float64), 0.0)
-        # inside its cell, the robot leaves from where it stands; a start that was moved is left in a straight line
-        way = pull_straight(
-            self.free, np.vstack([self._in_cells(start_m), cells[1:, ::-1] + 0.5]) if inside else cells[:, ::-1] + 0.5
-        )
-        points_m = way * self.spec.cell_size_m + (self.spec.x0_m, self.spec.y0_m)
-        return Path(points_m if inside else np.vstack([start_m, points_m]), cost_cells * self.spec.cell_size_m)
+        # within its cell the robot leaves from where it stands
+        way = np.vstack([self._in_cells(start_m), cells_xy[1:] if len(cells) > 1 else cells_xy])
+        return Path(self._in_metres(pull_straight(self.free, way)), cost_m)
+
+    def _in_metres(self, points: NDArray) -> NDArray:
+        return points * self.spec.cell_size_m + (self.spec.x0_m, self.spec.y0_m)
 
     def _in_cells(self, point_m: Sequence[float] | NDArray) -> tuple[float, float]:
         s = self.spec.cell_size_m

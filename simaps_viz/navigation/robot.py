@@ -100,6 +100,8 @@ class Robot:
         self._go("move_to", path, there)
 
     def _move_forward(self, meters: float) -> None:
+        if meters == 0.0:
+            return
         end = straight(self.pose, meters, self._motion)[-1]
         clear_m = self.planner.clear_ahead_m(self._here, (end[0], end[1]))
         if clear_m < abs(meters) - 1e-6:
@@ -110,7 +112,9 @@ class Robot:
                 self.pose.y_m + toward * float(np.sin(self.pose.yaw_rad)),
             )
             what = self.planner.obstacle_near(stop)
-            raise PlanningError(f"the way {way} is free for {clear_m:.2f} m, then {what}; {abs(meters):g} m were asked")
+            raise PlanningError(
+                f"the way {way} is free for {clear_m:.2f} m, then {what}; {abs(meters):g} m were asked for"
+            )
         self._add_way(np.array([self._here, end[:2]]), straight(self.pose, meters, self._motion), "move_forward")
 
     def _turn(self, angle_deg: float) -> None:

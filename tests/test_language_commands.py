@@ -1,0 +1,234 @@
+"""Phrasings, the program each is read as, and where it ends on the toy map."""
+
+import pytest
+from toy_maps import TOY_POSE, toy_map
+
+from simaps_viz.errors import CommandError
+from simaps_viz.language.commands import read_command
+from simaps_viz.navigation.agent import answer
+
+LABELS = ("chair", "dining table", "couch", "potted plant")
+
+# what is said -> the program, with "chair" etc. shortened: c, t, s, p for the quoted names of the four classes
+SHORT = {"c": '"chair"', "t": '"dining table"', "s": '"couch"', "p": '"potted plant"'}
+
+# spoken command, calls in the short form, instance ids of the goals in order (None: a goal without an object)
+PHRASES: list[tuple[str, str, list[int | None]]] = [
+    ("go to the chair", "move_to_object({c})", [3]),
+    ("Go to a chair.", "move_to_object({c})", [3]),
+    ("please drive to the nearest chair", "move_to_object({c})", [3]),
+    ("could you please walk to the closest chair?", "move_to_object({c})", [3]),
+    ("navigate to the chair closest to me", "move_to_object({c})", [3]),
+    ("go to the first chair", "move_to_nth_closest({c}, 1)", [3]),
+    ("go to the second chair", "move_to_nth_closest({c}, 2)", [1]),
+    ("go to the third chair from here", "move_to_nth_closest({c}, 3)", [4]),
+    ("Go to the 3rd closest chair", "move_to_nth_closest({c}, 3)", [4]),
+    ("I'd like you to go to the second-nearest chair from where you are", "move_to_nth_closest({c}, 2)", [1]),
+    ("go to chair number 3", "move_to_nth_closest({c}, 3)", [4]),
+    ("go to chair #2", "move_to_nth_closest({c}, 2)", [1]),
+    ("go to chair two", "move_to_nth_closest({c}, 2)", [1]),
+    ("go to the farthest chair", "move_to_object({c}, robot.instances({c})[-1])", [4]),
+    ("go to the second furthest chair", "move_to_object({c}, robot.instances({c})[-2])", [1]),
+    ("go to the last chair", "move_to_object({c}, robot.instances({c})[-1])", [4]),
+    ("approach the sofa", "move_to_object({s})", [5]),
+    ("take me to the settee", "move_to_object({s})", [5]),
+    ("go near the plant", "move_to_object({p})", [9]),
+    ("stop next to the plant", "move_to_object({p})", [9]),
+    ("go back to the table", "move_to_object({t})", [6]),
+    ("go to the chair nearest the couch", "move_to_object({c}, robot.closest_to({c}, {s}))", [1]),
+    ("go to the nearest chair to the plant", "move_to_object({c}, robot.closest_to({c}, {p}))", [4]),
+    ("go to the chair that is next to the second table", "move_to_object({c}, robot.closest_to({c}, {t}, 2))", [4]),
+    (
+        "go to the chair closest to the table nearest the couch",
+        "move_to_object({c}, robot.closest_to({c}, robot.closest_to({t}, {s})))",
+        [4],
+    ),
+    ("go to the chair between the table and the couch", "move_to_object({c}, robot.between({c}, {t}, {s}))", [1]),
+    (
+        "go to the chair between the second table and the plant",
+        "move_to_object({c}, robot.between({c}, robot.instances({t})[1], {p}))",
+        [4],
+    ),
+    ("go to the second chair from the left", "move_to_object({c}, robot.nth_from({c}, 'left', 2))", [4]),
+    ("go to the leftmost chair", "move_to_object({c}, robot.nth_from({c}, 'left', 1))", [1]),
+    ("go to the second rightmost chair", "move_to_object({c}, robot.nth_from({c}, 'right', 2))", [4]),
+    ("go to the last chair from the left", "move_to_object({c}, robot.nth_from({c}, 'right', 1))", [3]),
+    ("go to the chair on the right", "move_to_object({c}, robot.nth_from({c}, 'right', 1))", [3]),
+    ("go to the 2nd chair from the north", "move_to_object({c}, robot.nth_from({c}, 'north', 2))", [4]),
+    ("go to the westernmost chair", "move_to_object({c}, robot.nth_from({c}, 'west', 1))", [3]),
+    ("go to the chair in view", "move_to_object({c}, robot.in_view({c})[0])", [4]),
+    ("go to the nearest visible table", "move_to_object({t}, robot.in_view({t})[0])", [8]),
+    ("go to the chair that you can see", "move_to_object({c}, robot.in_view({c})[0])", [4]),
+    ("go between the couch and the plant", "move_in_between({s}, {p})", [5]),
+    ("stand in between the two tables", "move_in_between({t}, {t})", [6]),
+    ("go between the tables", "move_in_between({t}, {t})", [6]),
+    ("go between chair 1 and chair 3", "move_in_between({c}, {c}, 1, 3)", [3]),
+    ("go to the left of the couch", "move_to_left({s})", [5]),
+    ("go right of the second chair", "move_to_right({c}, 2)", [1]),
+    ("go to the couch's left side", "move_to_left({s})", [5]),
+    ("stand on the right hand side of the plant", "move_to_right({p})", [9]),
+    ("go north of the table", "move_north({t})", [6]),
+    ("go to the south side of the couch", "move_south({s})", [5]),
+    ("go to the east of the chair", "move_east({c})", [3]),
+    ("move west of the plant", "move_west({p})", [9]),
+    ("turn left", "turn(-90)", []),
+    ("turn right 90 degrees", "turn(90)", []),
+    ("turn 45° to the left", "turn(-45)", []),
+    ("rotate counterclockwise by thirty degrees", "turn(-30)", []),
+    ("turn right one hundred eighty degrees", "turn(180)", []),
+    ("turn around", "turn(180)", []),
+    ("face north", "turn_absolute(0)", []),
+    ("turn to the west", "turn_absolute(270)", []),
+    ("turn to heading 135 degrees", "turn_absolute(135)", []),
+    ("face the couch", "face({s})", [5]),
+    ("look at the second chair", "face({c}, 2)", [1]),
+    ("turn towards the plant", "face({p})", [9]),
+    ("turn so that the couch is on your left", "with_object_on_left({s})", [5]),
+    ("keep the table on your right side", "with_object_on_right({t})", [6]),
+    ("go forward 2 m", "move_forward(2)", [None]),
+    ("move straight ahead for 1.5 metres", "move_forward(1.5)", [None]),
+    ("drive half a meter forward", "move_forward(0.5)", [None]),
+    ("move back 50 cm", "move_forward(-0.5)", [None]),
+    ("back up a metre", "move_forward(-1)", [None]),
+    ("go to position 1.5, -0.5", "move_to([1.5, -0.5])", [None]),
+]
+SEQUENCES: list[tuple[str, list[str], list[int | None]]] = [
+    ("go 1 m west", ["turn_absolute(270)", "move_forward(1)"], [None]),
+    ("move 50 cm to the right", ["turn(90)", "move_forward(0.5)"], [None]),
+    ("go to the couch, then to the second table", ["move_to_object({s})", "move_to_nth_closest({t}, 2)"], [5, 8]),
+    ("go to the chair and turn left", ["move_to_object({c})", "turn(-90)"], [3]),
+    ("go to the couch and face it", ["move_to_object({s})", "face({s})"], [5, 5]),
+    ("First go to the table, and then look at the plant!", ["move_to_object({t})", "face({p})"], [6, 9]),
+    ("go to the table, the couch and the plant", [f"move_to_object({{{x}}})" for x in "tsp"], [6, 5, 9]),
+    ("turn right. Then go 1 m forward", ["turn(90)", "move_forward(1)"], [None]),
+    ("face west; go forward 1 m; turn around", ["turn_absolute(270)", "move_forward(1)", "turn(180)"], [None]),
+]
+WHOLE: list[tuple[str, str, list[int | None]]] = [
+    (
+        "visit every chair",
+        'for chair in robot.instances("chair"):\n    robot.move_to_object("chair", chair)',
+        [3, 1, 4],
+    ),
+    (
+        "go to each of the tables in view",
+        'for dining_table in robot.in_view("dining table"):\n    robot.move_to_object("dining table", dining_table)',
+        [8],
+    ),
+    (
+        "visit all the chairs and face it, then turn around",
+        'for chair in robot.instances("chair"):\n    robot.move_to_object("chair", chair)\n'
+        '    robot.face("chair", chair)\n'
+        "robot.turn(180)",
+        [3, 3, 1, 1, 4, 4],
+    ),
+    (
+        "go to the couch and come back",
+        'start = robot.get_pos("robot")\nrobot.move_to_object("couch")\nrobot.move_to(start)',
+        [5, None],
+    ),
+    (
+        "go to the plant, then return to where you started",
+        'start = robot.get_pos("robot")\nrobot.move_to_object("potted plant")\nrobot.move_to(start)',
+        [9, None],
+    ),
+]
+
+
+def expanded(short: str) -> str:
+    return "robot." + short.replace("'", '"').format(**SHORT)
+
+
+ALL = [
+    *((said, expanded(short), ids) for said, short, ids in PHRASES),
+    *((said, "\n".join(expanded(short) for short in shorts), ids) for said, shorts, ids in SEQUENCES),
+    *WHOLE,
+]
+
+
+@pytest.fixture(scope="module")
+def simap():
+    return toy_map()
+
+
+@pytest.mark.parametrize(("said", "program", "ids"), ALL, ids=[said for said, _, _ in ALL])
+def test_phrase(simap, said: str, program: str, ids: list[int | None]) -> None:
+    assert read_command(said, LABELS).program == program
+    done = answer(simap, said, TOY_POSE)
+    assert (done.status, done.reason) == ("ok", None)
+    assert [goal.instance for goal in done.goals] == ids
+
+
+def test_there_are_enough_phrases() -> None:
+    assert len({said for said, _, _ in ALL}) == len(ALL) >= 80
+
+
+@pytest.mark.parametrize(
+    ("said", "words"),
+    [
+        ("dance the macarena", "dance, macarena"),
+        ("go to the big red chair", "big, red"),
+        ("go to the chair quickly", "quickly"),
+        ("make me a coffee", "make, coffee"),
+    ],
+)
+def test_words_not_understood_are_named_with_examples_that_work(simap, said: str, words: str) -> None:
+    with pytest.raises(CommandError) as error:
+        read_command(said, LABELS)
+    message = str(error.value)
+    assert message.startswith(f"Not understood: {words}. Try: ")
+    for example in message.split('"')[1::2]:
+        assert answer(simap, example, TOY_POSE).status == "ok", example
+
+
+@pytest.mark.parametrize(
+    ("said", "message"),
+    [
+        ("", "nothing to do was said"),
+        ("please!", "Not understood"),
+        ("go", 'Not understood: "go" seems to be cut short.'),
+        ("go to the", "seems to be cut short"),
+        ("go to the chair the", 'Not understood, from "the" on'),
+        ("face it", '"it" was not understood: nothing was named before it'),
+        ("go between the three tables", "between takes two things, not 3"),
+        ("go to chair number 1.5", "the number of a thing is a whole number from 1"),
+        ("go to the 0th chair", "ranks count from 1 to 10000"),
+        ("go to the chair " * 60, "a command has at most 500 characters"),
+    ],
+)
+def test_refusals(said: str, message: str) -> None:
+    with pytest.raises(CommandError, match=message):
+        read_command(said, LABELS)
+
+
+def test_a_thing_the_map_has_not_is_kept_by_its_name() -> None:
+    assert read_command("go to the piano", LABELS).program == 'robot.move_to_object("piano")'
+    assert read_command("go to the second grand piano", LABELS).program == 'robot.move_to_nth_closest("grand piano", 2)'
+    assert read_command("go to the fridge", LABELS).program == 'robot.move_to_object("fridge")'
+
+
+def test_synonyms_are_noted() -> None:
+    assert read_command("go to the sofa", LABELS).notes == ('"sofa" is read as couch',)
+    assert read_command("go to the couches", LABELS).notes == ()
+    assert "no distance was said: 1 m" in read_command("go forward", LABELS).notes
+
+
+def test_a_generic_word_gives_the_other_reading() -> None:
+    reading = read_command("go to the second table", ("chair", "coffee table", "dining table"))
+    assert reading.program == 'robot.move_to_nth_closest("dining table", 2)'
+    assert reading.alternatives == ('robot.move_to_nth_closest("coffee table", 2)',)
+    assert reading.notes == ('"table" is read as dining table; this map also has coffee table',)
+    exact = read_command("go to the table", ("table", "dining table"))
+    assert exact.program == 'robot.move_to_object("table")'
+
+
+def test_labels_with_odd_names() -> None:
+    assert read_command("visit every tv monitor", ("tv_monitor",)).program.startswith("for tv_monitor in ")
+    assert read_command("visit every class", ("class",)).program.startswith("for thing in ")
+    assert read_command("go to the table", ("table-merged",)).program == 'robot.move_to_object("table-merged")'
+    assert '"' not in read_command('go to the cha"ir', ('cha"ir',)).program.split("(")[1].strip('")')
+
+
+def test_long_commands_are_read_at_once() -> None:
+    assert read_command("and " * 60 + "go to the chair", LABELS).program == 'robot.move_to_object("chair")'
+    steps = read_command("go to the chair then " * 20 + "turn left", LABELS).program.splitlines()
+    assert len(steps) == 21
