@@ -221,10 +221,10 @@ class _Handler(BaseHTTPRequestHandler):
 
     def _stream_events(self) -> None:
         self.close_connection = True
-        self.send_response(200)
-        self._headers("text/event-stream", None, "no-store")
-        listener = self.host.listen()
+        listener = self.host.listen()  # before the answer goes out: whoever has it must miss no message
         try:
+            self.send_response(200)
+            self._headers("text/event-stream", None, "no-store")
             self.host.on_listen()
             while True:
                 try:
