@@ -161,12 +161,12 @@ class _Handler(BaseHTTPRequestHandler):
         except ValueError:
             self._refuse(400, "not JSON")
             return
-        self._send_asset((b"{}", "application/json"), cache="no-store")
         if isinstance(event, dict):
             try:
                 self.host.on_event(event)
             except Exception:
                 logger.exception("an event of the recorded build could not be handled")
+        self._send_asset((b"{}", "application/json"), cache="no-store")
 
     def _welcome(self) -> bool:
         """Refuse other names for this machine (DNS rebinding) and other sites' pages."""

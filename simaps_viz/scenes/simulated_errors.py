@@ -1,0 +1,262 @@
+"""Simulated network errors: exact instance ids spoiled the way a panoptic network errs. Never called anything else.
+
+What goes wrong, in this order: borders wander (a smooth random displacement of the whole picture), objects are
+missed, get a wrong name, are cut in two; and two neighbours of one class become one segment. Stuff keeps its name;
+all stuff of one class is one segment, as networks give it.
+"""
+
+import zlib
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from simaps_viz.errors import InputError
+
+
+@dataclass(frozen=True)
+class ErrorLevel:
+    """How often what goes wrong. Chances are per object and frame, or per pair of neighbours and frame."""
+
+    border_px: float
+    """Standard deviation of the displacement's control points, pixels at 512 pixels width."""
+    miss: float
+    flip: float
+    """The object gets the name of another thing class of the scene."""
+    split: float
+    """The object is cut in two at its middle, along a random line."""
+    merge: float
+    """Two segments of one class become one, if their objects' middles are less than ``MERGE_DISTANCE_M`` apart."""
+
+
+LEVELS: dict[str, ErrorLevel] = {
+    "none": ErrorLevel(border_px=0.0, miss=0.0, flip=0.0, split=0.0, merge=0.0),
+    "light": ErrorLevel(border_px=1.0, miss=0.05, flip=0.01, split=0.03, merge=0.05),
+    "medium": ErrorLevel(border_px=2.0, miss=0.10, flip=0.03, split=0.05, merge=0.10),
+    "heavy": ErrorLevel(border_px=4.0, miss=0.20, flip=0.05, split=0.10, merge=0.25),
+}
+CONTROL_SPACING_PX = 32
+"""Distance of the displacement's control points, at 512 pixels width."""
+SMALLEST_PX = 60
+"""Things of fewer pixels (at 512 x 384) are never found."""
+MERGE_DISTANCE_M = 1.2
+"""Horizontal distance of two objects' middles."""
+MERGE_GAP = 0.03
+"""Two segments merge only if the boxes round them are at most this share of the picture's width apart."""
+
+
+@dataclass(frozen=True)
+class KnownInstance:
+    """What is known of one object of the world."""
+
+    label: str
+    is_thing: bool
+    centre_m: tuple[float, float]
+    """Horizontal middle of its box, world frame (z up)."""
+
+
+def known_instances(scene: Mapping[str, Any]) -> dict[int, KnownInstance]:
+    """Read the instance table of a ``scene.json``: {id: what is known}."""
+    known = {}
+    for row in scene["instances"]:
+        x, y = ((row["aabb_min"][i] + row["aabb_max"][i]) / 2 for i in range(2))
+        known[int(row["id"])] = KnownInstance(row["label"], bool(row["isthing"]), (x, y))
+    return known
+
+
+def check_level(level: str) -> str:
+    """Give the level back; raises InputError when there is none of that name."""
+    if level not in LEVELS:
+        raise InputError(f"error level: expected one of {', '.join(LEVELS)}, found {level!r}")
+    return level
+
+
+@dataclass(frozen=True, eq=False)
+class _Draws:
+    """All chance of one frame. Does not depend on the level, so a heavier level errs wherever a lighter one does."""
+
+    miss: NDArray
+    flip: NDArray
+    split: NDArray
+    other: NDArray
+    """[ids], 0-1: which wrong name."""
+    angle: NDArray
+    """[ids], 0-1: direction of the cut."""
+    score: NDArray
+    """[ids], 0-1."""
+    merge: NDArray
+    """[ids, ids]."""
+    wander: NDArray
+    """float32 [2, rows, cols], standard normal, displacement of the control points."""
+
+
+def _draw(seed: int, frame: str, ids: int, control: tuple[int, int]) -> _Draws:
+    rng = np.random.default_rng([seed, zlib.crc32(frame.encode())])
+    wander = rng.standard_normal((2, *control), dtype=np.float32)
+    miss, flip, split, other, angle, score = rng.random((6, ids))
+    return _Draws(miss, flip, split, other, angle, score, rng.random((ids, ids)), wander)
+
+
+def simulate_errors(
+    ids: NDArray, instances: Mapping[int, KnownInstance], *, level: str, seed: int, frame: str
+) -> tuple[NDArray, list[dict[str, Any]]]:
+    """Spoil the exact ids of one frame.
+
+    The outcome depends on the arguments alone, not on other frames or their order.
+
+    Args:
+        ids: Whole numbers [H, W], exact instance ids, 0 = nothing.
+        instances: What the ids are; other ids count as nothing.
+        level: A key of ``LEVELS``.
+        seed: Not negative.
+        frame: Name of the frame.
+
+    Returns:
+        Segment ids uint16 [H, W], 0 = nothing; and one row for each: id, label, score, area (pixels).
+
+    Raises:
+        InputError: There is no such level.
+    """
+    chance = LEVELS[check_level(level)]
+    height, width = ids.shape
+    scale = width / 512.0
+    spacing = max(4.0, CONTROL_SPACING_PX * scale)
+    control = (int(height / spacing) + 2, int(width / spacing) + 2)
+    draws = _draw(seed, frame, max(instances, default=0) + 1, control)
+    moved = _wander(ids.astype(np.uint16), chance.border_px * scale, draws)
+    area = np.bincount(moved.ravel(), minlength=max(instances, default=0) + 1)
+    present = [int(i) for i in np.flatnonzero(area) if int(i) in instances]
+    smallest = SMALLEST_PX * scale**2 if level != "none" else 0
+    found = [
+        i for i in present
+        if not instances[i].is_thing or (area[i] >= smallest and draws.miss[i] >= chance.miss)
+    ]  # fmt: skip
+    names = _names(found, instances, chance, draws)
+    segment_of = _numbers(found, names, instances)
+    segments = {segment_of[i]: (names[i], _score(i, names[i], instances, draws)) for i in found}
+    lookup = np.zeros(max(int(moved.max()), max(instances, default=0)) + 1, dtype=np.uint16)
+    for i in found:
+        lookup[i] = segment_of[i]
+    spoiled = lookup[moved]
+    _split(spoiled, [i for i in found if draws.split[i] < chance.split], instances, segment_of, segments, draws)
+    _merge(spoiled, [i for i in found if instances[i].is_thing], names, instances, segment_of, chance, draws)
+    areas = np.bincount(spoiled.ravel(), minlength=len(segments) + 1)
+    rows = [
+        {"id": number, "label": label, "score": score, "area": int(areas[number])}
+        for number, (label, score) in sorted(segments.items())
+        if areas[number]
+    ]
+    return spoiled, rows
+
+
+def _wander(ids: NDArray, sigma_px: float, draws: _Draws) -> NDArray:
+    """Displace the picture smoothly by about ``sigma_px``."""
+    if sigma_px <= 0:
+        return ids
+    height, width = ids.shape
+    v, u = np.mgrid[:height, :width].astype(np.float32)
+    du, dv = (
+        cv2.resize(w, (width, height), interpolation=cv2.INTER_CUBIC) * np.float32(sigma_px) for w in draws.wander
+    )
+    return cv2.remap(ids, u + du, v + dv, cv2.INTER_NEAREST, borderMode=cv2.BORDER_REPLICATE)
+
+
+def _names(
+    found: list[int], instances: Mapping[int, KnownInstance], chance: ErrorLevel, draws: _Draws
+) -> dict[int, str]:
+    """Name every found object, a few of them wrongly."""
+    things = sorted({known.label for known in instances.values() if known.is_thing})
+    names = {}
+    for i in found:
+        label = instances[i].label
+        if instances[i].is_thing and draws.flip[i] < chance.flip and len(things) > 1:
+            others = [name for name in things if name != label]
+            label = others[int(draws.other[i] * len(others))]
+        names[i] = label
+    return names
+
+
+def _numbers(found: list[int], names: Mapping[int, str], instances: Mapping[int, KnownInstance]) -> dict[int, int]:
+    """Number the segments from 1: one for each thing, one for all stuff of a class."""
+    numbers: dict[int, int] = {}
+    stuff: dict[str, int] = {}
+    count = 0
+    for i in found:
+        if not instances[i].is_thing and names[i] in stuff:
+            numbers[i] = stuff[names[i]]
+            continue
+        count += 1
+        numbers[i] = count
+        if not instances[i].is_thing:
+            stuff[names[i]] = count
+    return numbers
+
+
+def _score(i: int, name: str, instances: Mapping[int, KnownInstance], draws: _Draws) -> float:
+    """Give a confidence: lower for a wrong name."""
+    low, high = (0.70, 0.99) if name == instances[i].label else (0.40, 0.80)
+    return round(float(low + (high - low) * draws.score[i]), 3)
+
+
+def _split(
+    spoiled: NDArray,
+    chosen: list[int],
+    instances: Mapping[int, KnownInstance],
+    segment_of: Mapping[int, int],
+    segments: dict[int, tuple[str, float]],
+    draws: _Draws,
+) -> None:
+    """Cut chosen things in two halves of equal area; the second half becomes a segment of its own."""
+    for i in chosen:
+        if not instances[i].is_thing:
+            continue
+        v, u = np.nonzero(spoiled == segment_of[i])
+        if len(u) < 2:
+            continue
+        angle = np.pi * draws.angle[i]
+        across = np.cos(angle) * u + np.sin(angle) * v
+        half = across > np.median(across)
+        number = max(segments) + 1
+        spoiled[v[half], u[half]] = number
+        segments[number] = segments[segment_of[i]]
+
+
+def _merge(
+    spoiled: NDArray,
+    things: list[int],
+    names: Mapping[int, str],
+    instances: Mapping[int, KnownInstance],
+    segment_of: Mapping[int, int],
+    chance: ErrorLevel,
+    draws: _Draws,
+) -> None:
+    """Join neighbours of one name, pair by pair; chains can join more than two."""
+    now = {i: segment_of[i] for i in things}
+    gap = MERGE_GAP * spoiled.shape[1]
+    for position, a in enumerate(things):
+        for b in things[position + 1 :]:
+            if names[a] != names[b] or draws.merge[a, b] >= chance.merge or now[a] == now[b]:
+                continue
+            (xa, ya), (xb, yb) = instances[a].centre_m, instances[b].centre_m
+            if np.hypot(xa - xb, ya - yb) >= MERGE_DISTANCE_M or _box_gap(spoiled, now[a], now[b]) > gap:
+                continue
+            ended = now[b]
+            spoiled[spoiled == ended] = now[a]
+            now.update({i: now[a] for i in things if now[i] == ended})
+
+
+def _box_gap(spoiled: NDArray, a: int, b: int) -> float:
+    """Give the distance between the boxes round two segments, pixels; infinite when one has no pixel."""
+    boxes = []
+    for number in (a, b):
+        mask = (spoiled == number).astype(np.uint8)
+        if not mask.any():
+            return float("inf")
+        boxes.append(cv2.boundingRect(mask))
+    (xa, ya, wa, ha), (xb, yb, wb, hb) = boxes
+    across = max(xb - (xa + wa), xa - (xb + wb), 0)
+    down = max(yb - (ya + ha), ya - (yb + hb), 0)
+    return float(max(across, down))

@@ -1,0 +1,175 @@
+"""Simulated network errors: what may go wrong does, and nothing else."""
+
+import numpy as np
+import pytest
+
+from simaps_viz.errors import InputError
+from simaps_viz.scenes.simulated_errors import LEVELS, ErrorLevel, KnownInstance, known_instances, simulate_errors
+
+HEIGHT, WIDTH = 120, 160
+LABELS = {1: "floor", 2: "floor", 3: "chair", 4: "chair", 5: "chair", 6: "couch", 7: "couch", 8: "cup"}
+
+
+def known(distance_m: float = 0.5) -> dict[int, KnownInstance]:
+    return {i: KnownInstance(label, label != "floor", (distance_m * i, 0.0)) for i, label in LABELS.items()}
+
+
+def picture() -> np.ndarray:
+    """Two floors and six upright strips, side by side, a little apart."""
+    ids = np.ones((HEIGHT, WIDTH), dtype=np.uint8)
+    ids[60:] = 2
+    for k, i in enumerate(range(3, 9)):
+        ids[20:100, 10 + 24 * k : 30 + 24 * k] = i
+    return ids
+
+
+def only(monkeypatch: pytest.MonkeyPatch, **chances: float) -> str:
+    """Make a level where only the given things go wrong."""
+    values = {"border_px": 0.0, "miss": 0.0, "flip": 0.0, "split": 0.0, "merge": 0.0} | chances
+    monkeypatch.setitem(LEVELS, "custom", ErrorLevel(**values))
+    return "custom"
+
+
+def spoil(level: str, *, seed: int = 0, frame: str = "000000", distance_m: float = 0.5):
+    return simulate_errors(picture(), known(distance_m), level=level, seed=seed, frame=frame)
+
+
+def damage(ids: np.ndarray, rows: list[dict]) -> float:
+    """1 - mean IoU of the things with their best segment of the same name."""
+    exact, losses = picture(), []
+    label = {row["id"]: row["label"] for row in rows}
+    for i in range(3, 9):
+        mask = exact == i
+        ious = [
+            (mask & (ids == s)).sum() / (mask | (ids == s)).sum()
+            for s in np.unique(ids[mask])
+            if label.get(int(s)) == LABELS[i]
+        ]
+        losses.append(1 - max(ious, default=0.0))
+    return float(np.mean(losses))
+
+
+def test_level_none_keeps_every_pixel():
+    ids, rows = spoil("none")
+    label = {0: "", **{row["id"]: row["label"] for row in rows}}
+    exact = picture()
+    for i in range(3, 9):
+        segment = np.unique(ids[exact == i])
+        assert len(segment) == 1
+        assert ((ids == segment[0]) == (exact == i)).all()
+        assert label[int(segment[0])] == LABELS[i]
+    assert len(np.unique(ids[(exact == 1) | (exact == 2)])) == 1  # stuff of one class is one segment
+    assert {row["id"]: row["area"] for row in rows} == {i: int((ids == i).sum()) for i in np.unique(ids)}
+
+
+def test_the_outcome_depends_on_level_seed_and_frame_only():
+    ids, rows = spoil("heavy", seed=3, frame="000007")
+    spoil("light", seed=1, frame="000001")
+    again, rows_again = spoil("heavy", seed=3, frame="000007")
+    assert (ids == again).all() and rows == rows_again
+    assert (spoil("heavy", seed=4, frame="000007")[0] != ids).any()
+    assert (spoil("heavy", seed=3, frame="000008")[0] != ids).any()
+
+
+def test_merges_join_only_one_class_and_only_neighbours(monkeypatch):
+    level = only(monkeypatch, merge=1.0)
+    ids, rows = spoil(level)
+    exact = picture()
+    groups = [set(np.unique(exact[ids == row["id"]]).tolist()) for row in rows]
+    assert sorted(map(sorted, groups)) == [[1, 2], [3, 4, 5], [6, 7], [8]]
+    assert {row["label"] for row in rows} == set(LABELS.values())
+    far, _ = spoil(level, distance_m=1.3)
+    assert len(np.unique(far)) == 1 + 6
+
+
+def test_segments_far_apart_in_the_picture_do_not_merge(monkeypatch):
+    level = only(monkeypatch, merge=1.0)
+    ids = np.zeros((HEIGHT, WIDTH), dtype=np.uint8)
+    ids[10:60, :30] = 3
+    ids[10:60, 130:] = 4
+    assert len(simulate_errors(ids, known(), level=level, seed=0, frame="a")[1]) == 2
+
+
+def test_misses_remove_things_and_never_stuff(monkeypatch):
+    ids, rows = spoil(only(monkeypatch, miss=1.0))
+    assert [row["label"] for row in rows] == ["floor"]
+    assert (ids[picture() >= 3] == 0).all()
+
+
+def test_flips_rename_things_to_other_things(monkeypatch):
+    exact = picture()
+    ids, rows = spoil(only(monkeypatch, flip=1.0))
+    label = {row["id"]: row["label"] for row in rows}
+    for i in range(3, 9):
+        wrong = label[int(ids[exact == i][0])]
+        assert wrong != LABELS[i] and wrong in {"chair", "couch", "cup"}
+    assert label[int(ids[0, 0])] == "floor"
+
+
+def test_splits_cut_things_in_equal_halves(monkeypatch):
+    exact = picture()
+    ids, rows = spoil(only(monkeypatch, split=1.0))
+    assert len(rows) == 1 + 2 * 6
+    for i in range(3, 9):
+        halves = np.unique(ids[exact == i], return_counts=True)[1]
+        assert len(halves) == 2
+        assert halves.min() / halves.sum() > 0.4
+
+
+def test_borders_wander_by_about_what_the_level_says(monkeypatch):
+    ids, _ = spoil(only(monkeypatch, border_px=4.0))
+    exact, plain = picture(), spoil("none")[0]
+    changed = ids != plain
+    assert 0.005 < changed.mean() < 0.15
+    inner = exact[50, 12 + 24 * 1 + 8]
+    assert ids[58:62, 44:46].tolist() == plain[58:62, 44:46].tolist(), inner  # the middle of a thing stays
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_heavier_levels_do_more_damage(seed):
+    means = []
+    for level in ("none", "light", "medium", "heavy"):
+        frames = [spoil(level, seed=seed, frame=f"{i:06d}") for i in range(30)]
+        means.append(np.mean([damage(ids, rows) for ids, rows in frames]))
+    assert means[0] == 0
+    assert means[0] < means[1] < means[2] < means[3]
+
+
+def test_shares_of_misses_are_those_of_the_level():
+    for name in ("light", "heavy"):
+        missed = [6 - len(set(np.unique(_kept(name, i)))) for i in range(300)]
+        assert np.mean(missed) / 6 == pytest.approx(LEVELS[name].miss, rel=0.25)
+
+
+def _kept(level: str, frame: int) -> np.ndarray:
+    """Exact ids whose middle pixel still belongs to something."""
+    ids, _ = spoil(level, frame=f"f{frame}")
+    middles = [(60, 20 + 24 * k) for k in range(6)]
+    return np.array([picture()[v, u] for v, u in middles if ids[v, u] > 0])
+
+
+def test_small_things_are_never_found():
+    ids = np.ones((384, 512), dtype=np.uint16)
+    ids[100:105, 100:105] = 8
+    assert [r["label"] for r in simulate_errors(ids, known(), level="light", seed=0, frame="a")[1]] == ["floor"]
+    assert len(simulate_errors(ids, known(), level="none", seed=0, frame="a")[1]) == 2
+
+
+def test_an_empty_picture_stays_empty():
+    ids, rows = simulate_errors(np.zeros((30, 40), dtype=np.uint8), known(), level="heavy", seed=0, frame="a")
+    assert not ids.any() and rows == []
+
+
+def test_unknown_ids_count_as_nothing():
+    ids, rows = simulate_errors(np.full((30, 40), 99, dtype=np.uint8), known(), level="none", seed=0, frame="a")
+    assert not ids.any() and rows == []
+
+
+def test_an_unknown_level_is_refused_by_name():
+    with pytest.raises(InputError, match="expected one of none, light, medium, heavy, found 'extreme'"):
+        spoil("extreme")
+
+
+def test_instance_table_is_read():
+    row = {"id": 4, "label": "chair", "isthing": True, "aabb_min": [0, 2, 0], "aabb_max": [1, 3, 1]}
+    assert known_instances({"instances": [row]}) == {4: KnownInstance("chair", True, (0.5, 2.5))}
