@@ -9,9 +9,12 @@ import tyro
 
 from simaps_viz import BuildConfig, open_sequence
 from simaps_viz.progress import stage_progress
+from simaps_viz.recorder.settings import RecorderSettings
 from simaps_viz.scenes.demo import ensure_demo
 from simaps_viz.wiring import build_to_file, cache_folder
 
+# A little less than the default, so that the repository stays small.
+SHIPPED = RecorderSettings(color_every=2, depth_every=4, map_every=2, points=800, edges=400)
 RECORDINGS = Path(__file__).parents[1] / "recordings"
 
 
@@ -30,7 +33,10 @@ def main(config: Record) -> None:
     with stage_progress() as progress, tempfile.TemporaryDirectory() as scratch:
         sequence = open_sequence(ensure_demo(cache_dir=cache_folder(), progress=progress))
         build = BuildConfig(k_percent=config.k)
-        build_to_file(sequence, build, Path(scratch) / "cafe.npz", record=config.output, progress=progress)
+        build_to_file(
+            sequence, build, Path(scratch) / "cafe.npz",
+            record=config.output, progress=progress, recorder_settings=SHIPPED,
+        )  # fmt: skip
     sys.stdout.write(f"{config.output}: {config.output.stat().st_size / 2**20:.1f} MiB\n")
 
 

@@ -9,7 +9,7 @@ from collections.abc import Sequence
 from dataclasses import asdict
 from importlib.metadata import version
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from platformdirs import user_cache_path
@@ -25,6 +25,10 @@ from simaps_viz.navigation.planner import RobotShape
 from simaps_viz.pipeline import BuildConfig, build_map
 from simaps_viz.progress import BuildProgress, StageProgress, console
 from simaps_viz.structures import Pose2, SIMap
+
+if TYPE_CHECKING:
+    from simaps_viz.recorder.settings import RecorderSettings
+    from simaps_viz.viewer.workbench import Workbench
 
 COMMUNITIES_EVERY = 20
 """A recording shows the communities after every so many frames."""
@@ -44,6 +48,7 @@ def build_to_file(
     record: Path | None,
     progress: StageProgress,
     json_lines: bool = False,
+    recorder_settings: "RecorderSettings | None" = None,
 ) -> SIMap:
     """Build a map, write it, and record the build if asked; nothing is left half-written."""
     check_writable(output)
@@ -52,8 +57,9 @@ def build_to_file(
         simap = build_map(sequence, config, watching)
     else:
         from simaps_viz.recorder.recorder import RerunRecorder  # noqa: PLC0415 - rerun is slow to import
+        from simaps_viz.recorder.settings import SMALL  # noqa: PLC0415 - as above
 
-        with RerunRecorder(record) as recorder:
+        with RerunRecorder(record, settings=recorder_settings or SMALL) as recorder:
             simap = build_map(sequence, config, [*watching, recorder], communities_every=COMMUNITIES_EVERY)
     save_map(simap, output)
     return simap
@@ -89,16 +95,21 @@ def start_pose(simap: SIMap) -> Pose2:
     return Pose2(float(T[0, 3]), float(T[1, 3]), float(np.arctan2(T[1, 2], T[0, 2])))
 
 
-def serve(simap: SIMap, *, recording: Path | None, port: int, browser: bool) -> None:
-    """Show the workbench until Ctrl-C."""
+def workbench(simap: SIMap, *, recording: Path | None, port: int) -> "Workbench":
+    """Start the page on a map, with everything behind it; use it in a ``with`` block."""
     from simaps_viz.viewer.workbench import Workbench  # noqa: PLC0415 - viser is slow to import
 
     services, start = _services(simap, recording), start_pose(simap)
-    with Workbench(simap, services=services, port=port, start=start, robot_radius_m=RobotShape().radius_m) as workbench:
-        console.print(f"Workbench: {workbench.url}  (Ctrl-C to stop)", soft_wrap=True)
+    return Workbench(simap, services=services, port=port, start=start, robot_radius_m=RobotShape().radius_m)
+
+
+def serve(simap: SIMap, *, recording: Path | None, port: int, browser: bool) -> None:
+    """Show the workbench until Ctrl-C."""
+    with workbench(simap, recording=recording, port=port) as page:
+        console.print(f"Workbench: {page.url}  (Ctrl-C to stop)", soft_wrap=True)
         if browser:
-            webbrowser.open(workbench.url)
-        workbench.wait()
+            webbrowser.open(page.url)
+        page.wait()
 
 
 def _services(simap: SIMap, recording: Path | None) -> Any:
