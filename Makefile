@@ -16,7 +16,7 @@ test: $(DEV_READY) chromium
 	@$(BIN)/python -m pytest -n $(WORKERS) --dist loadfile
 
 check: $(DEV_READY)
-	@$(BIN)/ruff check .
+	@$(BIN)/ruff check --no-cache .
 	@$(BIN)/ruff format --check .
 	@$(BIN)/pyright
 

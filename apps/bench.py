@@ -6,11 +6,11 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import tyro
-from simaps_viz.scenes.demo import ensure_demo
 
 from simaps_viz import build_map, open_sequence
 from simaps_viz.evaluation.bench import bench_build, bench_sliders
 from simaps_viz.progress import stage_progress
+from simaps_viz.scenes.demo import ensure_demo
 from simaps_viz.wiring import cache_folder
 
 SHARED = Path(__file__).parents[1].parent / "shared" / "data"
