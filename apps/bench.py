@@ -5,12 +5,15 @@ import tempfile
 from dataclasses import dataclass
 from pathlib import Path
 
+import cv2
 import tyro
 
 from simaps_viz import build_map, open_sequence
 from simaps_viz.evaluation.bench import bench_build, bench_sliders
 from simaps_viz.progress import stage_progress
 from simaps_viz.scenes.demo import ensure_demo
+from simaps_viz.structures import SIMap
+from simaps_viz.viewer.texture import map_image, pixels_per_cell
 from simaps_viz.wiring import cache_folder
 
 SHARED = Path(__file__).parents[1].parent / "shared" / "data"
@@ -26,6 +29,11 @@ class Bench:
     """Measured runs of each piece of work."""
 
 
+def paint(simap: SIMap) -> object:
+    """Make the picture that the page shows."""
+    return cv2.imencode(".png", map_image(simap, scale=pixels_per_cell(simap)))
+
+
 def main(config: Bench) -> None:
     """Measure every sequence and print ratios."""
     paths = list(config.sequences)
@@ -39,7 +47,7 @@ def main(config: Bench) -> None:
             sequence = open_sequence(path)
             for line in bench_build(sequence, runs=config.runs):
                 sys.stdout.write(line + "\n")
-            for line in bench_sliders(build_map(sequence), scratch=Path(scratch)):
+            for line in bench_sliders(build_map(sequence), paint=paint, scratch=Path(scratch)):
                 sys.stdout.write(line + "\n")
 
 

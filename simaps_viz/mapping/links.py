@@ -4,6 +4,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+_RECENT = 1 << 12
 _HALF = 1 << 15  # cells are addressed within +-32768 of the map's origin: 1.6 km at 5 cm
 
 
@@ -54,7 +55,10 @@ def count_links(  # noqa: C901, PLR0912 - one pass over the pixels, split up it 
     """
     height, width = cells.shape
     mask = slots.shape[0] - 1
-    last_first, last_second, last_label, last_entry = -1, -1, 0, 0
+    # Row after row meets the same pairs along a cell's border: a small direct-mapped cache spares most look-ups.
+    recent_pair = np.full((_RECENT, 2), -1, dtype=np.int32)
+    recent_label = np.zeros(_RECENT, dtype=np.int16)
+    recent_entry = np.zeros(_RECENT, dtype=np.int32)
     for v in range(start_row, height):
         if size + 2 * width > keys.shape[0]:
             return size, v
@@ -78,9 +82,9 @@ def count_links(  # noqa: C901, PLR0912 - one pass over the pixels, split up it 
                 if other < 0 or other == c:
                     continue
                 first, second = min(c, other), max(c, other)
-                # Neighbouring pixels mostly repeat the pair before them: no need to look it up again.
-                if first == last_first and second == last_second and label == last_label:
-                    counts[last_entry] += 1
+                at = (first * 7 + second) & (_RECENT - 1)
+                if recent_pair[at, 0] == first and recent_pair[at, 1] == second and recent_label[at] == label:
+                    counts[recent_entry[at]] += 1
                     continue
                 row_a, row_b = first // cols, second // cols
                 col_a, col_b = first - row_a * cols, second - row_b * cols
@@ -92,7 +96,8 @@ def count_links(  # noqa: C901, PLR0912 - one pass over the pixels, split up it 
                 if entry == size:
                     size += 1
                 counts[entry] += 1
-                last_first, last_second, last_label, last_entry = first, second, label, entry
+                recent_pair[at, 0], recent_pair[at, 1] = first, second
+                recent_label[at], recent_entry[at] = label, entry
     return size, height
 
 
