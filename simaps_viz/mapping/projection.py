@@ -95,7 +95,6 @@ def raise_cells(
             h = heights[v, u]
             if stamp[c] != frame_index:
                 stamp[c] = frame_index
-                observations[c] += 1
                 touched[n_touched] = c
                 n_touched += 1
                 frame_top[c] = h
@@ -103,9 +102,13 @@ def raise_cells(
             elif h > frame_top[c]:
                 frame_top[c] = h
                 frame_segment[c] = ids[v, u]
-            if h > top[c]:
-                top[c] = h
-                label[c] = label_of_id[ids[v, u]]
             if h >= obstacle_m and h < lowest[c]:
                 lowest[c] = h
+    # What the frame saw of a cell meets what earlier frames saw once a cell, not once a pixel.
+    for i in range(n_touched):
+        c = touched[i]
+        observations[c] += 1
+        if frame_top[c] > top[c]:
+            top[c] = frame_top[c]
+            label[c] = label_of_id[frame_segment[c]]
     return n_touched

@@ -8,7 +8,7 @@ import tempfile
 import time
 from collections.abc import Callable, Iterator
 from concurrent.futures import Future, ThreadPoolExecutor, as_completed
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -141,8 +141,9 @@ def _whole_or_nothing(target: Path) -> Iterator[Path]:
     """
     target.parent.mkdir(parents=True, exist_ok=True)
     for old in target.parent.glob(f"{_PARTIAL}*"):
-        if time.time() - old.stat().st_mtime > STALE_AFTER_S:
-            shutil.rmtree(old, ignore_errors=True)
+        with suppress(FileNotFoundError):  # its owner may have finished meanwhile
+            if time.time() - old.stat().st_mtime > STALE_AFTER_S:
+                shutil.rmtree(old, ignore_errors=True)
     partial = Path(tempfile.mkdtemp(prefix=_PARTIAL, dir=target.parent))
     try:
         yield partial
@@ -229,9 +230,12 @@ def _write_manifest(path: Path, name: str, segmentation: dict[str, Any]) -> None
         "floor_height_m": 0.0,
         "segmentation": segmentation,
     }
-    partial = path.with_name(f"{_PARTIAL}{os.getpid()}-{path.name}")
+    handle, name = tempfile.mkstemp(prefix=_PARTIAL, dir=path.parent)  # threads of one process must not share it
+    partial = Path(name)
     try:
-        partial.write_text(json.dumps(manifest, indent=1, ensure_ascii=False) + "\n", encoding="utf-8")
+        with os.fdopen(handle, "w", encoding="utf-8") as file:
+            file.write(json.dumps(manifest, indent=1, ensure_ascii=False) + "\n")
+        partial.chmod(0o644)
         os.replace(partial, path)
     finally:
         partial.unlink(missing_ok=True)
