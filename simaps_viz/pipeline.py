@@ -1,16 +1,14 @@
 """The order of the stages: frames in, a SIMap out, everything told to those who watch."""
 
-from collections import deque
-from collections.abc import Iterator, Mapping, Sequence
-from concurrent.futures import Future, ThreadPoolExecutor
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from importlib.metadata import version
-from pathlib import Path
-from typing import Any, Literal, Protocol
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
+from simaps_viz.datasets.source import FrameSource, read_ahead
 from simaps_viz.errors import InputError
 from simaps_viz.events import (
     BuildFinished,
@@ -26,65 +24,6 @@ from simaps_viz.mapping.graph import class_graphs
 from simaps_viz.mapping.partition import applied_steps
 from simaps_viz.mapping.simap import Origin, SeenCells, assemble, count_views, partition_grid
 from simaps_viz.structures import CellGraph, Frame, Grid, Segmentation, SIMap
-
-
-class FrameSource(Protocol):
-    """What a build reads; every dataset reader gives this."""
-
-    @property
-    def name(self) -> str:
-        """What to call the sequence."""
-        ...
-
-    @property
-    def path(self) -> Path:
-        """The file it was opened from."""
-        ...
-
-    @property
-    def frame_names(self) -> tuple[str, ...]:
-        """In order."""
-        ...
-
-    @property
-    def poses(self) -> NDArray:
-        """float64 [n, 4, 4], T_world_camera."""
-        ...
-
-    @property
-    def T_map_world(self) -> NDArray:
-        """float64 [4, 4], world to map frame."""
-        ...
-
-    @property
-    def labels(self) -> tuple[str, ...]:
-        """Class names; index 0 is "none"."""
-        ...
-
-    @property
-    def is_thing(self) -> tuple[bool, ...]:
-        """Aligned with ``labels``."""
-        ...
-
-    @property
-    def segmentation_source(self) -> str:
-        """In words."""
-        ...
-
-    @property
-    def simulated(self) -> bool:
-        """Frames or masks are simulated."""
-        ...
-
-    def __len__(self) -> int: ...
-
-    def read(self, index: int, *, color: bool = False) -> Frame:
-        """Decode a frame, its colour only when asked."""
-        ...
-
-    def segmentation(self, index: int) -> Segmentation:
-        """Decode a frame's segmentation."""
-        ...
 
 
 @dataclass(frozen=True)
@@ -121,12 +60,6 @@ class BuildConfig:
         kept = {**asdict(self), **asdict(self.projection)}
         del kept["projection"], kept["method"]
         return kept
-
-
-READ_TOGETHER = 4
-"""Frames that a thread reads in one go: handing over each by itself costs more than a tenth of the reading."""
-READ_AHEAD = 3
-"""Such batches read before they are needed; two threads read while a third maps."""
 
 
 def build_map(
@@ -194,27 +127,6 @@ def empty_accumulator(sequence: FrameSource, config: BuildConfig) -> MapAccumula
 
 
 _NO_IDS = np.zeros((0, 0), dtype=np.int32)
-
-
-def read_ahead(sequence: FrameSource, *, color: bool) -> Iterator[tuple[Frame, Segmentation]]:
-    """Read a sequence in order, a few frames ahead of their use, on two threads."""
-
-    def read(first: int) -> list[tuple[Frame, Segmentation]]:
-        indices = range(first, min(first + READ_TOGETHER, len(sequence)))
-        return [(sequence.read(index, color=color), sequence.segmentation(index)) for index in indices]
-
-    with ThreadPoolExecutor(max_workers=2, thread_name_prefix="read") as pool:
-        waiting: deque[Future[list[tuple[Frame, Segmentation]]]] = deque()
-        try:
-            for first in range(0, len(sequence), READ_TOGETHER):
-                waiting.append(pool.submit(read, first))
-                if len(waiting) > READ_AHEAD:
-                    yield from waiting.popleft().result()
-            while waiting:
-                yield from waiting.popleft().result()
-        finally:
-            for future in waiting:
-                future.cancel()
 
 
 def _wants_color(observers: Sequence[Observer]) -> bool:

@@ -11,9 +11,10 @@ import cv2
 import numpy as np
 
 from simaps_viz.datasets.posed_frames import PosedFrames
+from simaps_viz.datasets.source import read_ahead
 from simaps_viz.mapping.mapfile import save_map
 from simaps_viz.mapping.simap import recommunity, repartition
-from simaps_viz.pipeline import BuildConfig, build_map, empty_accumulator, graphs_so_far, read_ahead
+from simaps_viz.pipeline import BuildConfig, build_map, empty_accumulator, graphs_so_far
 from simaps_viz.structures import SIMap
 
 

@@ -1,0 +1,97 @@
+"""What a build reads: frames one by one, with their segmentation, a few of them ahead of their use."""
+
+from collections import deque
+from collections.abc import Iterator
+from concurrent.futures import Future, ThreadPoolExecutor
+from pathlib import Path
+from typing import Protocol
+
+from numpy.typing import NDArray
+
+from simaps_viz.structures import Frame, Segmentation
+
+
+class FrameSource(Protocol):
+    """What a build reads; every dataset reader gives this."""
+
+    @property
+    def name(self) -> str:
+        """What to call the sequence."""
+        ...
+
+    @property
+    def path(self) -> Path:
+        """The file it was opened from."""
+        ...
+
+    @property
+    def frame_names(self) -> tuple[str, ...]:
+        """In order."""
+        ...
+
+    @property
+    def poses(self) -> NDArray:
+        """float64 [n, 4, 4], T_world_camera."""
+        ...
+
+    @property
+    def T_map_world(self) -> NDArray:
+        """float64 [4, 4], world to map frame."""
+        ...
+
+    @property
+    def labels(self) -> tuple[str, ...]:
+        """Class names; index 0 is "none"."""
+        ...
+
+    @property
+    def is_thing(self) -> tuple[bool, ...]:
+        """Aligned with ``labels``."""
+        ...
+
+    @property
+    def segmentation_source(self) -> str:
+        """In words."""
+        ...
+
+    @property
+    def simulated(self) -> bool:
+        """Frames or masks are simulated."""
+        ...
+
+    def __len__(self) -> int: ...
+
+    def read(self, index: int, *, color: bool = False) -> Frame:
+        """Decode a frame, its colour only when asked."""
+        ...
+
+    def segmentation(self, index: int) -> Segmentation:
+        """Decode a frame's segmentation."""
+        ...
+
+
+READ_TOGETHER = 4
+"""Frames that a thread reads in one go: handing over each by itself costs more than a tenth of the reading."""
+READ_AHEAD = 3
+"""Such batches read before they are needed; two threads read while a third maps."""
+
+
+def read_ahead(sequence: FrameSource, *, color: bool) -> Iterator[tuple[Frame, Segmentation]]:
+    """Read a sequence in order, a few frames ahead of their use, on two threads."""
+
+    def read(first: int) -> list[tuple[Frame, Segmentation]]:
+        indices = range(first, min(first + READ_TOGETHER, len(sequence)))
+        return [(sequence.read(index, color=color), sequence.segmentation(index)) for index in indices]
+
+    with ThreadPoolExecutor(max_workers=2, thread_name_prefix="read") as pool:
+        waiting: deque[Future[list[tuple[Frame, Segmentation]]]] = deque()
+        try:
+            for first in range(0, len(sequence), READ_TOGETHER):
+                waiting.append(pool.submit(read, first))
+                if len(waiting) > READ_AHEAD:
+                    yield from waiting.popleft().result()
+            while waiting:
+                yield from waiting.popleft().result()
+        finally:
+            for future in waiting:
+                future.cancel()
