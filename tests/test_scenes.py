@@ -233,12 +233,16 @@ def test_pictures_are_neither_dark_nor_burnt_out():
         assert (color.max(axis=-1) == 255).mean() < 0.05
 
 
+def measured(depth, incidence, sensor, rng):
+    return sense(depth, incidence, np.ones(depth.shape, np.uint8), sensor, rng)[0]
+
+
 def test_noise_follows_its_formula():
     sensor = DepthSensor(lateral_sigma_px=0.0)
     rng = np.random.default_rng(0)
     for z in (1.0, 2.5, 4.5):
         depth = np.full((200, 200), z, dtype=np.float32)
-        seen = sense(depth, np.ones_like(depth), sensor, rng) / 1000.0
+        seen = measured(depth, np.ones_like(depth), sensor, rng) / 1000.0
         assert (seen > 0).all()
         assert seen.mean() == pytest.approx(z, abs=6e-4)
         assert seen.std() == pytest.approx(0.0012 + 0.0019 * (z - 0.4) ** 2, rel=0.05)
@@ -248,16 +252,26 @@ def test_depth_is_lost_beyond_the_range_at_edges_and_at_grazing_angles():
     sensor, rng = DepthSensor(), np.random.default_rng(0)
     depth = np.full((120, 120), 2.0, dtype=np.float32)
     flat = np.full_like(depth, 0.01)
-    assert (sense(depth, flat, sensor, rng) == 0).mean() > 0.75
+    assert (measured(depth, flat, sensor, rng) == 0).mean() > 0.75
     for outside in (0.1, 7.0, 0.0):
-        assert (sense(np.full_like(depth, outside), np.ones_like(depth), sensor, rng) == 0).all()
+        assert (measured(np.full_like(depth, outside), np.ones_like(depth), sensor, rng) == 0).all()
     depth[:, 60:] = 4.0
-    lost = sense(depth, np.ones_like(depth), sensor, rng) == 0
+    lost = measured(depth, np.ones_like(depth), sensor, rng) == 0
     assert 0.3 < lost[:, 59:61].mean() < 0.5
     assert not lost[:, :50].any() and not lost[:, 70:].any()
 
 
 def test_exact_depth_when_the_sensor_is_ideal():
     depth = np.array([[0.2, 1.2344, 5.9, 6.1]], dtype=np.float32)
-    seen = sense(depth, np.zeros_like(depth), DepthSensor(enabled=False), np.random.default_rng(0))
+    seen = measured(depth, np.zeros_like(depth), DepthSensor(enabled=False), np.random.default_rng(0))
     assert seen.tolist() == [[0, 1234, 5900, 0]]
+
+
+def test_an_id_wanders_with_its_depth():
+    depth = np.full((200, 200), 2.0, dtype=np.float32)
+    depth[:, 100:] = 4.0
+    ids = np.where(depth < 3.0, 7, 9).astype(np.uint8)
+    sensor = DepthSensor(lateral_sigma_px=5.0, sigma_growth_per_m=0.0)
+    seen, moved = sense(depth, np.ones_like(depth), ids, sensor, np.random.default_rng(0))
+    assert (moved != ids).sum() > 100  # the edge is ragged
+    assert ((moved == 7) == (seen < 3000))[seen > 0].all()

@@ -85,7 +85,7 @@ def test_same_settings_same_bytes_and_other_seeds_other_bytes(rendered, tmp_path
     noisy = ensure_demo(cache_dir=tmp_path / "b", settings=DemoSettings(8, 160, 120, sensor_seed=1))
     second = fingerprint(noisy.parent)
     assert second["depth/000000.png"] != first["depth/000000.png"]
-    assert second["instance/000000.png"] == first["instance/000000.png"]
+    assert second["color/000000.jpg"] == first["color/000000.jpg"]
     assert noisy.parent.name != rendered.parent.name
     other = ensure_demo(seed=1, cache_dir=tmp_path / "a", settings=TINY)
     assert other.name == "sequence-light-seed1.json"

@@ -198,10 +198,10 @@ def _render(folder: Path, settings: DemoSettings, tell: Progress) -> None:
             frame = renderer.render(walk.T_world_camera[index])
             rng = np.random.default_rng([settings.sensor_seed, index])
             name = f"{index:06d}"
-            depth = sense(frame.depth_m, frame.incidence, settings.sensor, rng)
+            depth, instance = sense(frame.depth_m, frame.incidence, frame.instance, settings.sensor, rng)
             _write_image(partial / "color" / f"{name}.jpg", cv2.cvtColor(frame.color, cv2.COLOR_RGB2BGR), _JPEG)
             _write_image(partial / "depth" / f"{name}.png", depth, _FAST_PNG)
-            _write_image(partial / "instance" / f"{name}.png", frame.instance, _FAST_PNG)
+            _write_image(partial / "instance" / f"{name}.png", instance, _FAST_PNG)
 
         _in_parallel(one, settings.frames, "rendering frames", tell)
         np.savetxt(partial / "intrinsics.txt", intrinsics.matrix(), fmt="%.9g")
