@@ -156,9 +156,13 @@ class CellGraph:
     edges: NDArray
     """int32 [m, 2], positions in ``cells``, first < second, sorted, no duplicates."""
     counts: NDArray
-    """int64 [m], pixel pairs of one segment that fell in the two cells, over all frames."""
+    """int64 [m]. Method paper: pixel pairs of one segment that fell in the two cells, over all frames. Method evidence:
+    frames that saw the two cells in the same segment."""
     weights: NDArray
-    """float64 [m], counts / mean number of frames that saw the two cells."""
+    """float64 [m]. Method paper: counts / mean number of frames that saw the two cells. Method evidence: affinity,
+    same / (same + different + 1)."""
+    different: NDArray
+    """int64 [m], frames that saw the two cells in two different segments of the class; zeros with method paper."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -172,7 +176,8 @@ class MergeLog:
     target: NDArray
     """int32 [steps], community it joined."""
     score: NDArray
-    """float32 [steps]: share of the source's cells that neighbour the target (method paper), or pooled affinity."""
+    """float32 [steps]: share of the source's cells that neighbour the target (method paper), or the pooled affinity of
+    the two (method evidence)."""
 
     def __len__(self) -> int:
         return len(self.source)

@@ -100,6 +100,75 @@ def test_tall_furniture_hides_and_low_does_not() -> None:
         assert bool(Grounding(simap, Pose2(0.5, 0.5, 0.0)).in_view("chair")) is seen
 
 
+def plainly_seen(simap, viewer: Pose2, number: int, eye_m: float) -> bool:
+    """The same rule as ``sight``, one ray and one centimetre at a time, to every cell of the object."""
+    spec, grid = simap.spec, simap.grid
+    for row, col in np.argwhere(simap.instance == number):
+        x, y = spec.centre_of(row, col)
+        far = float(np.hypot(x - viewer.x_m, y - viewer.y_m))
+        bearing = np.arctan2(y - viewer.y_m, x - viewer.x_m) - viewer.yaw_rad
+        if abs((bearing + np.pi) % (2 * np.pi) - np.pi) > np.pi / 4:
+            continue
+        free = True
+        for along in np.arange(0.2, far, 0.01):
+            at = spec.cell_of(viewer.x_m + along / far * (x - viewer.x_m), viewer.y_m + along / far * (y - viewer.y_m))
+            height = eye_m + along / far * (float(grid.height_m[row, col]) - eye_m)
+            wall = grid.labels[grid.label[at]] == "wall"
+            hangs = grid.lowest_m[at] > 1.0 and not wall
+            low = float(grid.lowest_m[at]) if hangs else 0.0
+            stops = wall or low <= height <= float(grid.height_m[at])
+            free &= not (stops and simap.instance[at] != number)
+        if free:
+            return True
+    return False
+
+
+@pytest.mark.parametrize("heading", [0.0, 45.0, 90.0, 135.0, 200.0, 290.0])
+@pytest.mark.parametrize("place", [(0.5, 0.5), (2.6, 0.4), (3.2, -1.2)])
+def test_what_is_seen_is_what_a_plain_ray_caster_sees(place: tuple[float, float], heading: float) -> None:
+    simap, viewer = toy_map(), Pose2.from_heading(*place, heading)
+    ground = Grounding(simap, viewer)
+    assert ground.sight.eye_height_m == 1.2  # of the toy's cameras
+    for instance in simap.instances:
+        seen = instance.id in ids(ground.in_view(instance.label))
+        assert seen == plainly_seen(simap, viewer, instance.id, 1.2), instance
+
+
+def test_a_higher_camera_looks_over_more_and_a_lamp_or_lintel_hides_nothing_below() -> None:
+    spec = GridSpec(20, 80, 0.05, 0.0, 0.0)
+    chair, here = Box("chair", 6, 60, 6, 6, 0.8), Pose2(0.5, 0.45, 0.0)
+    shelf = map_of_boxes(spec, [Box("dining table", 0, 40, 20, 4, 1.1), chair])
+    assert not Grounding(shelf, here, eye_height_m=1.2).in_view("chair")
+    assert Grounding(shelf, here, eye_height_m=1.8).in_view("chair")
+    lamp = map_of_boxes(spec, [Box("dining table", 0, 40, 20, 4, 2.0, lowest_m=1.7), chair])
+    assert Grounding(lamp, here, eye_height_m=1.2).in_view("chair")
+    low_lamp = map_of_boxes(spec, [Box("dining table", 0, 40, 20, 4, 2.0, lowest_m=0.6), chair])
+    assert not Grounding(low_lamp, here, eye_height_m=1.2).in_view("chair")
+
+
+def test_a_low_thing_hides_behind_a_higher_one_but_not_the_other_way_round() -> None:
+    spec = GridSpec(20, 80, 0.05, 0.0, 0.0)
+    near, far = Box("couch", 0, 50, 20, 8, 0.9), Box("chair", 6, 60, 6, 6, 0.3)
+    assert not Grounding(map_of_boxes(spec, [near, far]), Pose2(0.5, 0.45, 0.0)).in_view("chair")
+    tall = Box("chair", 6, 60, 6, 6, 1.0)
+    assert Grounding(map_of_boxes(spec, [near, tall]), Pose2(0.5, 0.45, 0.0)).in_view("chair")
+
+
+def test_generic_names_take_classes_together(ground: Grounding) -> None:
+    assert ground.labels_of("seat") == ("chair", "couch")
+    assert ids(ground.instances("seats")) == [3, 1, 5, 4]
+    assert ground.pick("seat", 3).id == 5
+    assert ground.pick("seat", ground.pick("couch")).id == 5
+    assert ground.nth_from("seat", "north", 1).id == 5
+    assert ground.closest_to("seat", "dining table").id == 1
+    assert ground.closest_to("furniture", "potted plant").id == 4
+    with pytest.raises(CommandError) as error:
+        ground.pick("seat", 5)
+    assert str(error.value) == "There are only 4 seats on this map; the 5th was asked for."
+    with pytest.raises(CommandError, match="instance 9 is a potted plant, but a seat was asked for"):
+        ground.pick("seat", ground.pick("plant"))
+
+
 def test_field_of_view_edges() -> None:
     simap = map_of_boxes(GridSpec(80, 80, 0.05, 0.0, 0.0), [Box("chair", 60, 20, 4, 4, 0.8)])  # at (1.1, 3.1)
     viewer = (1.1, 1.1)

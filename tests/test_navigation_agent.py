@@ -1,5 +1,6 @@
 import json
 import math
+from itertools import islice
 
 import numpy as np
 import pytest
@@ -7,10 +8,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from toy_maps import TOY_POSE, Box, map_from_drawing, map_of_boxes, toy_map
 
-from simaps_viz.errors import CommandError, InputError
+from simaps_viz.errors import CommandError, InputError, PlanningError
 from simaps_viz.navigation.agent import Agent, answer, is_program
-from simaps_viz.navigation.drive import Motion, drive, spin
+from simaps_viz.navigation.drive import MAX_STRAIGHT_M, Motion, drive, spin, straight
 from simaps_viz.navigation.planner import RobotShape
+from simaps_viz.navigation.robot import Robot
 from simaps_viz.structures import GridSpec, Path, Pose2
 
 POINT = RobotShape(radius_m=0.02)
@@ -233,6 +235,99 @@ def test_the_whole_program_is_checked_before_the_first_step(simap) -> None:
     with pytest.raises(CommandError, match=r"^line 1: closest_to: There is only 1 couch"):
         agent.steps("x = robot.closest_to('chair', 'couch', 2)")
     assert agent.pose == TOY_POSE
+
+
+LOOP = """x = robot.get_pos("robot")
+for c in robot.instances("chair"):
+    if c == robot.instances("chair")[0]:
+        robot.move_to_object("chair", c)
+    else:
+        robot.face("chair", c)
+"""
+
+
+def test_a_loop_is_stepped_paused_and_stopped(simap) -> None:
+    whole = [(e.line, e.done, e.text) for e in Agent(simap, TOY_POSE).steps(LOOP)]
+    assert [line for line, done, _ in whole if not done] == [1, 2, 3, 4, 3, 6, 3, 6]
+    for taken in range(len(whole) + 1):
+        agent = Agent(simap, TOY_POSE)
+        steps = agent.steps(LOOP)
+        assert [(e.line, e.done, e.text) for e in islice(steps, taken)] == whole[:taken]
+        steps.close()
+        assert next(steps, None) is None
+        arrived = taken > whole.index((4, True, 'robot.move_to_object("chair", c)'))
+        assert (agent.robot.path_length_m > 0) == arrived
+        assert agent.pose == agent.robot.pose
+        agent.run_program("robot.turn(0)")  # and the robot takes the next program from there
+
+
+def test_a_new_program_stops_the_one_before(simap) -> None:
+    agent = Agent(simap, TOY_POSE)
+    first = agent.steps("robot.move_forward(1)\nrobot.move_forward(1)")
+    list(islice(first, 2))
+    second = agent.steps("robot.turn(90)")
+    assert next(first, None) is None
+    list(second)
+    assert (agent.pose.x_m, agent.pose.y_m) == pytest.approx((1.5, 0.5))
+    assert agent.pose.heading_deg == pytest.approx(180.0)
+
+
+def test_a_refused_program_leaves_the_one_before_running(simap) -> None:
+    agent = Agent(simap, TOY_POSE)
+    first = agent.steps("robot.move_forward(1)\nrobot.move_forward(0.5)")
+    list(islice(first, 2))
+    with pytest.raises(CommandError, match="There is no piano"):
+        agent.steps("robot.face('piano')")
+    list(first)
+    assert agent.pose.x_m == pytest.approx(2.0)
+
+
+@pytest.mark.parametrize(
+    ("program", "reason"),
+    [
+        ("robot.move_forward(1)\nfor x in ['couch', 'piano']:\n    robot.face(x)", "line 3: face: There is no piano"),
+        (
+            "robot.move_forward(1)\nc = robot.instances('chair')[3]",
+            "line 2: There are only 3 chairs on this map; the 4th",
+        ),
+        ("robot.move_forward(1)\nx = robot.between('couch', 'chair', 'chair')", "line 2: between: There is no couch"),
+        ("robot.move_forward(1)\nx = 1 / 0", "line 2: division by zero"),
+        ("robot.turn(1)\np = robot.get_pos('robot')\nrobot.turn(1 / (p[0] - 0.5))", "line 3: division by zero"),
+    ],
+)
+def test_what_is_bound_to_be_refused_never_starts(simap, program: str, reason: str) -> None:
+    agent = Agent(simap, TOY_POSE)
+    with pytest.raises(CommandError, match=f"^{reason}"):
+        agent.steps(program)
+    assert agent.pose == TOY_POSE
+
+
+def test_the_rehearsal_does_not_guess_where_the_robot_will_be(simap) -> None:
+    """Whether the branch is taken depends on the drive, so only the run can tell."""
+    program = "robot.move_forward(1)\np = robot.get_pos('robot')\nif p[0] > {}:\n    x = [][0]\nrobot.turn(90)"
+    assert answer(simap, program.format(2.0), TOY_POSE).status == "ok"
+    agent = Agent(simap, TOY_POSE)
+    steps = agent.steps(program.format(1.0))
+    with pytest.raises(CommandError, match=r"^line 4: the 1st item"):
+        list(steps)
+    assert agent.pose.x_m == pytest.approx(1.5)
+
+
+def test_look_ups_are_answered_once_but_the_position_anew(simap, monkeypatch: pytest.MonkeyPatch) -> None:
+    asked = []
+    in_view = Robot._in_view
+    monkeypatch.setattr(Robot, "_in_view", lambda self, name: asked.append(name) or in_view(self, name))
+    program = "a = robot.get_pos('robot')\nfor x in [1, 2, 3]:\n    y = robot.in_view('chair')\n"
+    program += "robot.move_forward(1)\nb = robot.get_pos('robot')\nrobot.turn((b[0] - a[0]) * 90)"
+    assert answer(simap, program, TOY_POSE).final_pose.heading_deg == pytest.approx(180.0)
+    assert asked == ["chair"]
+
+
+def test_a_drive_too_long_to_sample_is_refused() -> None:
+    assert len(straight(TOY_POSE, MAX_STRAIGHT_M)) > 100_000
+    for metres in (MAX_STRAIGHT_M * 1.001, -1e12):
+        with pytest.raises(PlanningError, match=r"^one straight drive is at most 10000 m"):
+            straight(TOY_POSE, metres)
 
 
 def test_poses_follow_the_path_within_the_limits(simap) -> None:

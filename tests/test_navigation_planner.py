@@ -1,5 +1,6 @@
 import heapq
 import math
+from itertools import pairwise
 
 import networkx as nx
 import numpy as np
@@ -9,7 +10,9 @@ from hypothesis import strategies as st
 from toy_maps import IS_THING, LABELS, TOY_POSE, Box, map_from_drawing, map_of_boxes, toy_map
 
 from simaps_viz.errors import InputError, PlanningError
-from simaps_viz.navigation.astar import clear_length, search
+from simaps_viz.evaluation.bench_planner import bench_commands, bench_planner, networkx_cost, octile_graph
+from simaps_viz.navigation.astar import clear_length, pull_straight, search
+from simaps_viz.navigation.jumps import EAST, NORTH, SOUTH, WEST, straight_jumps
 from simaps_viz.navigation.planner import Planner, RobotShape
 from simaps_viz.structures import Grid, GridSpec
 
@@ -54,7 +57,7 @@ def test_astar_costs_what_dijkstra_costs(seed: int, rows: int, cols: int, share:
     free[0, 0] = True
     goal = np.zeros_like(free)
     goal.flat[random.integers(0, free.size, goals)] = True
-    cells, cost = search(free, (0, 0), goal, box_of(goal))
+    cells, cost = search(free, straight_jumps(free), (0, 0), goal, box_of(goal))
     known = plain_dijkstra(plain_graph(free), (0, 0))
     best = min((known[int(r), int(c)] for r, c in np.argwhere(goal & free) if (r, c) in known), default=math.inf)
     assert cost == pytest.approx(best)
@@ -70,14 +73,129 @@ def test_astar_costs_what_dijkstra_costs(seed: int, rows: int, cols: int, share:
         assert len(cells) == 0
 
 
+def random_floor(seed: int, rows: int, cols: int) -> np.ndarray:
+    """Rooms, furniture and speckles: long straight jumps as well as narrow places."""
+    random = np.random.default_rng(seed)
+    free = random.random((rows, cols)) >= random.choice([0.0, 0.02, 0.2])
+    for _ in range(random.integers(0, 14)):
+        row, col, high, wide = (int(v) for v in random.integers((0, 0, 1, 1), (rows, cols, 9, 9)))
+        free[row : row + high, col : col + wide] = False
+    free[0, 0] = free[-1, -1] = True
+    return free
+
+
+@settings(max_examples=60, deadline=None)
+@given(st.integers(0, 100_000), st.integers(2, 40), st.integers(2, 40))
+def test_astar_costs_what_networkx_finds(seed: int, rows: int, cols: int) -> None:
+    free = random_floor(seed, rows, cols)
+    goal = np.zeros_like(free)
+    goal[-1, -1] = True
+    cells, cost = search(free, straight_jumps(free), (0, 0), goal, box_of(goal))
+    graph = octile_graph(free)
+    by_cell = nx.relabel_nodes(graph, {n: divmod(n, cols) for n in graph})
+    assert nx.utils.graphs_equal(by_cell, plain_graph(free))
+    if not nx.has_path(graph, 0, free.size - 1):
+        assert math.isinf(cost) and len(cells) == 0
+    else:
+        assert cost == pytest.approx(nx.dijkstra_path_length(graph, 0, free.size - 1, weight="cost"))
+        assert cost == pytest.approx(networkx_cost(graph, 0, free.size - 1, cols))
+
+
+@settings(max_examples=60, deadline=None)
+@given(st.integers(0, 100_000), st.integers(1, 12), st.integers(1, 12), st.floats(0.0, 0.6))
+def test_straight_jumps_against_walking(seed: int, rows: int, cols: int, share: float) -> None:
+    free = np.random.default_rng(seed).random((rows, cols)) >= share
+    jumps = straight_jumps(free)
+
+    def is_free(row: int, col: int) -> bool:
+        return 0 <= row < rows and 0 <= col < cols and bool(free[row, col])
+
+    for side, (dr, dc) in ((EAST, (0, 1)), (WEST, (0, -1)), (NORTH, (1, 0)), (SOUTH, (-1, 0))):
+        for row, col in np.ndindex(rows, cols):
+            n, found = 0, False
+            while is_free(row, col) and not found and is_free(row + (n + 1) * dr, col + (n + 1) * dc):
+                n += 1
+                r, c = row + n * dr, col + n * dc
+                found = any(
+                    is_free(r + h * dc, c + h * dr) and not is_free(r + h * dc - dr, c + h * dr - dc) for h in (1, -1)
+                )
+            assert jumps[row, col, side] == (n if found else -n)
+
+
+@settings(max_examples=60, deadline=None)
+@given(st.integers(0, 100_000), st.integers(2, 40), st.integers(2, 40))
+def test_smoothing_never_cuts_an_obstacle(seed: int, rows: int, cols: int) -> None:
+    """Every cell that a stretch of the path so much as touches is free, and no stretch is longer than what it skips."""
+    free = random_floor(seed, rows, cols)
+    goal = np.zeros_like(free)
+    goal[-1, -1] = True
+    cells, cost = search(free, straight_jumps(free), (0, 0), goal, box_of(goal))
+    if len(cells) == 0:
+        return
+    way = cells[:, ::-1] + 0.5
+    short = pull_straight(free, way)
+    assert (short[0] == way[0]).all() and (short[-1] == way[-1]).all()
+    kept = [np.flatnonzero((way == point).all(axis=1))[0] for point in short]
+    assert kept == sorted(kept), "only points of the way, in its order"
+    lengths = np.linalg.norm(np.diff(short, axis=0), axis=1)
+    assert lengths.sum() <= cost + 1e-9
+    for (x0, y0), (x1, y1) in pairwise(short):
+        for row, col in np.argwhere(~free):
+            assert not crosses_cell(x0, y0, x1, y1, int(row), int(col))
+
+
+def crosses_cell(x0: float, y0: float, x1: float, y1: float, row: int, col: int) -> bool:
+    """Tell whether a segment runs through the inside of a cell: clipped to it, something is left (Liang and Barsky)."""
+    enter, leave = 0.0, 1.0
+    for start, delta, low in ((x0, x1 - x0, col), (y0, y1 - y0, row)):
+        if delta == 0.0:
+            if not low < start < low + 1:
+                return False
+        else:
+            a, b = sorted(((low - start) / delta, (low + 1 - start) / delta))
+            enter, leave = max(enter, a), min(leave, b)
+    return leave - enter > 1e-9
+
+
+@settings(max_examples=25, deadline=None)
+@given(st.integers(0, 100_000), st.sampled_from([0.05, 0.12, 0.2]))
+def test_a_planned_path_keeps_the_robot_off_every_obstacle(seed: int, radius_m: float) -> None:
+    """Measured without the planner's own masks: the hull stays off the blocked cells, but for the inflation's rounding.
+
+    A centre may lie anywhere in a free cell, half a diagonal from the cell's centre that the distance was taken of.
+    """
+    floor = random_floor(seed, 40, 40)
+    spec = GridSpec(40, 40, 0.05, 0.0, 0.0)
+    height = np.where(floor, 0.0, 0.8).astype(np.float32)
+    planner = Planner(grid_of(spec, height, np.where(floor, np.nan, 0.12).astype(np.float32)), RobotShape(radius_m))
+    cells = np.argwhere(planner.free)
+    if len(cells) == 0 or floor.all():
+        return
+    start = spec.centre_of(*cells[0])
+    reachable = np.argwhere(planner.reachable(*start))
+    path = planner.plan(start, spec.centre_of(*reachable[-1]))
+    blocked = (np.argwhere(~floor)[:, ::-1] + 0.5) * 0.05
+    for p, q in zip(path.points_m[:-1], path.points_m[1:], strict=True):
+        for point in p + np.linspace(0.0, 1.0, 100)[:, None] * (q - p):
+            gap = np.linalg.norm(np.maximum(np.abs(blocked - point) - 0.025, 0.0), axis=1).min()
+            assert gap >= radius_m - 0.025 * math.sqrt(2.0) - 1e-9
+
+
+def test_bench_says_costs_are_equal() -> None:
+    lines = list(bench_planner(side_cells=250, pairs=3, compared=2))
+    assert lines[-1].split() == ["costs", "equal", "2", "of", "2", "pairs"]
+    said = list(bench_commands(toy_map(), ["go to the chair", "go to the piano"], TOY_POSE, name="toy"))
+    assert [line.split()[2] for line in said[1:]] == ["ok", "refused"]
+
+
 def test_astar_is_deterministic() -> None:
     free = np.random.default_rng(3).random((60, 60)) > 0.2
     free[0, 0] = free[-1, -1] = True
     goal = np.zeros_like(free)
     goal[-1, -1] = True
-    first = search(free, (0, 0), goal, box_of(goal))
+    first = search(free, straight_jumps(free), (0, 0), goal, box_of(goal))
     for _ in range(3):
-        again = search(free.copy(), (0, 0), goal, box_of(goal))
+        again = search(free.copy(), straight_jumps(free), (0, 0), goal, box_of(goal))
         assert np.array_equal(first[0], again[0]) and first[1] == again[1]
 
 

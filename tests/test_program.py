@@ -8,7 +8,8 @@ import pytest
 from simaps_viz.errors import CommandError, PlanningError
 from simaps_viz.language.interpreter import Budget, BudgetError, interpret
 from simaps_viz.language.primitives import Primitive
-from simaps_viz.language.program import ProgramError, ProgramStuckError, parse_program
+from simaps_viz.language.program import parse_program
+from simaps_viz.language.program_text import ProgramError, ProgramStuckError
 from simaps_viz.structures import Instance
 
 
@@ -101,6 +102,39 @@ def test_dropping_the_generator_stops_the_program() -> None:
     next(turns)
     turns.close()
     assert spy.did == [("turn", (1,))]
+
+
+def test_every_statement_is_a_step_also_inside_for_and_if() -> None:
+    text = "for c in [1, 2]:\n    if c == 2:\n        robot.turn(c)\n    else:\n        x = c\nrobot.turn(9)"
+    steps = [(line, phase == "after") for line, phase in lines(text)]
+    first = [(2, False), (5, False), (5, True), (2, True)]
+    second = [(2, False), (3, False), (3, True), (2, True)]
+    assert steps == [(1, False), *first, *second, (1, True), (6, False), (6, True)]
+
+
+@pytest.mark.parametrize("taken", range(8))
+def test_stopping_anywhere_in_a_loop_does_nothing_more(taken: int) -> None:
+    spy = Spy()
+    turns = interpret(parse_program("for x in [1, 2, 3]:\n    robot.turn(x)\nrobot.turn(9)"), spy)
+    for _ in range(taken):
+        next(turns)
+    turns.close()
+    done = [("turn", (x,)) for x in (1, 2, 3)][: max(0, (taken - 1) // 2)]
+    assert spy.did == done
+    assert next(turns, None) is None
+
+
+def test_a_pause_costs_nothing_of_the_time(monkeypatch: pytest.MonkeyPatch) -> None:
+    now = [0.0]
+    monkeypatch.setattr("simaps_viz.language.interpreter.time.monotonic", lambda: now[0])
+    for _ in interpret(parse_program("for x in [1, 2]:\n    robot.turn(x)"), Spy(), budget=Budget(seconds=1.0)):
+        now[0] += 3600.0
+
+    def slow(primitive: Primitive, _: Mapping[str, Any]) -> None:
+        now[0] += 0.6
+
+    with pytest.raises(BudgetError, match=r"^line 2: stopped: the program took more than 1 seconds of computing$"):
+        list(interpret(parse_program("robot.turn(1)\nrobot.turn(2); robot.turn(3)"), slow, budget=Budget(seconds=1.0)))
 
 
 @pytest.mark.parametrize(

@@ -1,24 +1,33 @@
-"""Turns the syntax tree of a spoken command into program text: one method for each rule of ``commands.lark``."""
+"""Turns the syntax trees of spoken steps to program text: one method for each rule of ``commands.lark``."""
 # ruff: noqa: D102 - the grammar says what each rule means
 
-import keyword
-import re
 from collections.abc import Mapping, Sequence
+from typing import Final
 
-from lark import Token, Transformer
+from lark import Token
 
-from simaps_viz.errors import CommandError
-from simaps_viz.language.meanings import Measure, Noun, Pair, Side, Step, Thing, first, quoted, tidy, token
-from simaps_viz.language.words import Vocabulary, plain, singular
+from simaps_viz.language import places
+from simaps_viz.language.meanings import Measure, Pair, Side, Step, Thing, first, maybe, quoted, tidy, token
+from simaps_viz.language.things import Children, ThingBuilder
+from simaps_viz.language.words import Vocabulary
 
-_OPPOSITE = {"left": "right", "right": "left", "north": "south", "south": "north", "east": "west", "west": "east"}
-_MAX_RANK = 10_000
+_METRES: Final = {
+    "METRES": 1.0,
+    "CENTIMETRES": 0.01,
+    "MILLIMETRES": 0.001,
+    "KILOMETRES": 1000.0,
+    "FEET": 0.3048,
+    "INCHES": 0.0254,
+    "YARDS": 0.9144,
+    "STEPS": 0.7,
+}
+_A_LITTLE_M: Final = "0.5"
+_A_LITTLE_DEG: Final = "30"
+_LATERAL: Final = ("left", "right")
 
-Children = Sequence[object]
 
-
-class Builder(Transformer):
-    """Builds program text, noting how words were read.
+class Builder(ThingBuilder):
+    """Builds program text, step by step, noting how words were read.
 
     Args:
         vocabulary: of the map.
@@ -26,69 +35,155 @@ class Builder(Transformer):
     """
 
     def __init__(self, vocabulary: Vocabulary, choices: Mapping[str, str] | None = None) -> None:
-        super().__init__()
-        self._vocabulary = vocabulary
-        self._choices = choices or {}
-        self._last: Thing | None = None
-        self._returns = False
-        self._used_loop = False
-        self.notes: list[str] = []
-        self.ambiguous: dict[str, tuple[str, ...]] = {}
-        """{spoken word: the other classes it may mean}."""
+        super().__init__(vocabulary, choices)
+        self._loop_of: Thing | None = None
+        self._verb = "go"
+        self.lines: list[str] = []
 
-    # ---- the whole
+    def copy(self) -> "Builder":
+        """Give one in the same state, that can go its own way."""
+        other = Builder(self._vocabulary, self._choices)
+        other._last, other._before = self._last, self._before
+        other._names, other._loop_of = dict(self._names), self._loop_of
+        other._verb, other.lines = self._verb, list(self.lines)
+        other.notes, other.ambiguous = list(self.notes), dict(self.ambiguous)
+        return other
 
-    def start(self, children: Children) -> str:
-        lines = ['start = robot.get_pos("robot")'] if self._returns else []
-        for step in children:
-            if isinstance(step, Step):
-                lines += [f"    {line}" if step.in_loop else line for line in step.lines]
-        return "\n".join(lines)
+    @property
+    def program(self) -> str:
+        """The program so far."""
+        start = places.START
+        head = [start] if any("start" in line for line in self.lines) else []
+        return "\n".join([*head, *(line for line in self.lines if line.strip() != start)])
 
-    def step(self, children: Children) -> Step:
-        return first(Step, children)
+    # ---- the whole of a step
+
+    def start(self, children: Children) -> None:
+        lines = list(first(Step, children).lines)
+        times = 2 if token("TWICE", children) else int(float(m.text)) if (m := maybe(Measure, children)) else 1
+        if times > 1:
+            head = f"for {self._fresh('turn')} in [{', '.join(str(n + 1) for n in range(min(times, 100)))}]:"
+            lines = [head, *(f"    {line}" for line in lines)]
+        self.lines += lines
+        self._before = self._last
+
+    start_go = start_turn = start_any = start
+
+    def _do(self, call: str, thing: Thing | None = None) -> Step:
+        """Give the lines of one call, in the loop it belongs to; ``{}`` in the call is the thing's arguments."""
+        written = f"robot.{call.format(thing.arguments) if thing else call}"
+        return self._lines([written], thing)
+
+    def _lines(self, lines: Sequence[str], thing: Thing | None = None) -> Step:
+        if thing is None or (not thing.loop and not thing.indent):
+            self._loop_of = None if thing is None or not thing.indent else self._loop_of
+            return Step((*(thing.before if thing else ()), *lines))
+        indented = tuple(thing.indent + line for line in lines)
+        if thing.loop:
+            self._loop_of = thing
+            return Step((*thing.before, *thing.loop, *indented))
+        return Step(indented if self._loop_of and self._loop_of.which == thing.which else tuple(lines))
 
     # ---- driving to things
 
     def go_object(self, children: Children) -> Step:
         thing = first(Thing, children)
-        if thing.which.isdigit():
-            return self._do(f"move_to_nth_closest({thing.arguments})")
-        return self._do(f"move_to_object({thing.arguments})")
-
-    def go_each(self, children: Children) -> Step:
-        label = first(Noun, children).label
-        lookup = "in_view" if "view" in children else "instances"
-        name = re.sub(r"\W+", "_", label.lower()).strip("_")
-        if not (name.isidentifier() and name.isascii()) or keyword.iskeyword(name) or name in ("robot", "start"):
-            name = "thing"
-        self._last = Thing(label, name, is_loop=True)
-        go = f"    robot.move_to_object({quoted(label)}, {name})"
-        return Step((f"for {name} in robot.{lookup}({quoted(label)}):", go))
+        verb = self._verb if len(children) == 1 or all(isinstance(c, Thing) for c in children) else "go"
+        if verb == "face":
+            return self._do("face({})", thing)
+        self._verb = "go"
+        if thing.which.isdigit() and not thing.loop:
+            return self._do("move_to_nth_closest({})", thing)
+        return self._do("move_to_object({})", thing)
 
     def go_between(self, children: Children) -> Step:
         pair = first(Pair, children)
         names = f"{quoted(pair.a.label)}, {quoted(pair.b.label)}"
+        before = (*pair.a.before, *pair.b.before)
         if pair.b.which:
-            return self._do(f"move_in_between({names}, {pair.a.which or 1}, {pair.b.which})")
-        return self._do(f"move_in_between({names}{', ' + pair.a.which if pair.a.which else ''})")
+            call = f"robot.move_in_between({names}, {pair.a.which or 1}, {pair.b.which})"
+        else:
+            call = f"robot.move_in_between({names}{', ' + pair.a.which if pair.a.which else ''})"
+        return Step((*before, *self._lines([call]).lines))
+
+    def go_middle(self, children: Children) -> Step:
+        thing = first(Thing, children)
+        return self._do("move_to(robot.get_pos({}))", thing)
 
     def go_beside(self, children: Children) -> Step:
         side = first(Side, children).name
-        return self._do(f"move_{'to_' if side in _LATERAL else ''}{side}({first(Thing, children).arguments})")
+        return self._do(f"move_{'to_' if side in _LATERAL else ''}{side}({{}})", first(Thing, children))
+
+    def beside_at(self, children: Children) -> Step:
+        return self._go_off(first(Side, children).name, children)
+
+    def front_at(self, children: Children) -> Step:
+        return self._go_off("front", children)
+
+    def behind_at(self, children: Children) -> Step:
+        return self._go_off("behind", children)
+
+    def _go_off(self, side: str, children: Children) -> Step:
+        thing, distance = first(Thing, children), first(Measure, children)
+        self._note(f"{distance.text} m is measured from the middle of {thing.in_words}")
+        return self._lines(places.off(thing, side, distance.text, self._fresh), thing)
+
+    def go_toward(self, children: Children) -> Step:
+        thing = first(Thing, children)
+        distance = first(Measure, children).text
+        return self._lines([f"robot.face({thing.arguments})", f"robot.move_forward({distance})"], thing)
+
+    def go_away(self, children: Children) -> Step:
+        thing = first(Thing, children)
+        back = self._distance(children).negated().text
+        return self._lines([f"robot.face({thing.arguments})", f"robot.move_forward({back})"], thing)
+
+    def go_halfway(self, children: Children) -> Step:
+        thing = first(Thing, children)
+        self._note(f"half way is on the straight line to the middle of {thing.in_words}")
+        return self._lines(places.halfway(thing, self._fresh), thing)
+
+    def go_corner(self, children: Children) -> Step:
+        thing, side = first(Thing, children), first(Side, children)
+        return self._lines(places.corner(thing, side.heading_deg or 0.0, self._fresh), thing)
+
+    def go_front(self, children: Children) -> Step:
+        return self._facing_side(first(Thing, children), "in front of", False)
+
+    def go_behind(self, children: Children) -> Step:
+        return self._facing_side(first(Thing, children), "behind", True)
+
+    def _facing_side(self, thing: Thing, words: str, away: bool) -> Step:
+        way = "away from" if away else "towards"
+        self._note(f"{words} {thing.in_words} is read as its side {way} where the command was given")
+        return self._lines(places.facing_side(thing, away, self._fresh), thing)
+
+    def circle(self, children: Children) -> Step:
+        thing = first(Thing, children)
+        self._note(f"around {thing.in_words} is read as to its four sides, clockwise from the north")
+        calls = [f"robot.move_{side}({thing.arguments})" for side in ("north", "east", "south", "west", "north")]
+        return self._lines(calls, thing)
 
     def go_back(self, _: Children) -> Step:
-        self._returns = True
         return self._do("move_to(start)")
 
     def go_position(self, children: Children) -> Step:
         x, y = [tidy(float(child)) for child in children if isinstance(child, Token) and child.type == "NUM"]
         return self._do(f"move_to([{x}, {y}])")
 
+    def halt(self, _: Children) -> Step:
+        self._note("the robot stays where it is")
+        return self._do("turn(0)")
+
     # ---- turning
 
     def face(self, children: Children) -> Step:
-        return self._do(f"face({first(Thing, children).arguments})")
+        self._verb = "face"
+        return self._do("face({})", first(Thing, children))
+
+    def face_away(self, children: Children) -> Step:
+        thing = first(Thing, children)
+        return self._lines([f"robot.face({thing.arguments})", "robot.turn(180)"], thing)
 
     def face_compass(self, children: Children) -> Step:
         return self._do(f"turn_absolute({first(Side, children).heading})")
@@ -97,19 +192,28 @@ class Builder(Transformer):
         return self._do(f"turn_absolute({first(Measure, children).text})")
 
     def with_object(self, children: Children) -> Step:
-        return self._do(f"with_object_on_{first(Side, children).name}({first(Thing, children).arguments})")
+        return self._do(f"with_object_on_{first(Side, children).name}({{}})", first(Thing, children))
 
     def turn(self, children: Children) -> Step:
-        way = next((child for child in children if isinstance(child, Side)), None)
-        angle = next((child for child in children if isinstance(child, Measure)), Measure("90"))
+        way = maybe(Side, children)
+        angle = maybe(Measure, children) or Measure("90")
         if way is None:
             self._note(f"{angle.text} degrees without a side is read as a turn to the right")
         elif way.name == "left":
             angle = angle.negated()
         return self._do(f"turn({angle.text})")
 
+    def slight(self, _: Children) -> Measure:
+        self._note(f"a little is read as {_A_LITTLE_DEG} degrees")
+        return Measure(_A_LITTLE_DEG)
+
     def turn_around(self, _: Children) -> Step:
         return self._do("turn(180)")
+
+    def turn_fully(self, children: Children) -> Step:
+        way = maybe(Side, children)
+        self._note("a full turn is 360 degrees")
+        return self._do(f"turn({'-' if way and way.name == 'left' else ''}360)")
 
     # ---- moving without a goal
 
@@ -121,150 +225,50 @@ class Builder(Transformer):
 
     def compass_move(self, children: Children) -> Step:
         heading = first(Side, children).heading
-        return self._do(f"turn_absolute({heading})", f"move_forward({self._distance(children).text})")
+        return self._lines([f"robot.turn_absolute({heading})", f"robot.move_forward({self._distance(children).text})"])
 
     def sideways(self, children: Children) -> Step:
         turn = 90 if first(Side, children).name == "right" else -90
-        return self._do(f"turn({turn})", f"move_forward({self._distance(children).text})")
+        return self._lines([f"robot.turn({turn})", f"robot.move_forward({self._distance(children).text})"])
+
+    def strafe(self, children: Children) -> Step:
+        turn = 90 if first(Side, children).name == "right" else -90
+        self._note("the robot cannot drive sideways: it turns, drives, and turns back")
+        move = f"robot.move_forward({self._distance(children).text})"
+        return self._lines([f"robot.turn({turn})", move, f"robot.turn({-turn})"])
 
     def distance(self, children: Children) -> Measure:
-        number = token("NUM", children)
-        amount = float(number) if number else 0.5 if token("HALF", children) else 1.0
-        if token("CENTIMETRES", children):
-            amount /= 100.0
-        elif token("FEET", children):
-            amount *= 0.3048
-        elif not token("METRES", children):
+        if token("SLIGHTLY", children):
+            self._note(f"a little is read as {_A_LITTLE_M} m")
+            return Measure(_A_LITTLE_M)
+        given = maybe(Measure, children)
+        amount = float(given.text) if given else 1.0
+        amount *= 0.25 if token("QUARTER", children) else 0.5 if token("HALF", children) else 1.0
+        unit = next((child.type for child in children if isinstance(child, Token) and child.type in _METRES), None)
+        if unit is None:
             self._note(f"{tidy(amount)} is read as metres")
-        return Measure(tidy(amount))
+        elif unit == "STEPS":
+            self._note(f"a step is read as {_METRES[unit]:g} m")
+        return Measure(tidy(amount * _METRES.get(unit or "METRES", 1.0)))
 
     def angle(self, children: Children) -> Measure:
         return Measure(tidy(float(token("NUM", children) or 0.0)))
 
-    def side(self, children: Children) -> Side:
-        kind = next(child.type for child in children if isinstance(child, Token))
-        return Side({"CLOCKWISE": "right", "COUNTERCLOCKWISE": "left"}.get(kind, kind.lower()))
+    def quarter(self, children: Children) -> Measure:
+        given = maybe(Measure, children)
+        return Measure(tidy(90.0 * float(given.text) if given else 90.0))
 
-    lateral = compass = way = side
+    def nth_turn(self, children: Children) -> Measure:
+        return Measure(tidy(360.0 / max(int(token("ORD", children) or 1), 1)))
 
-    # ---- which thing is meant
-
-    def noun(self, children: Children) -> Noun:
-        spoken = " ".join(str(child) for child in children)
-        found = self._vocabulary.resolve(spoken)
-        one = singular(plain(spoken))
-        if not found:
-            return Noun(one)
-        label = self._choices.get(one, found[0])
-        others = tuple(other for other in found if other != label)
-        if others:
-            self.ambiguous[one] = others
-            self._note(f'"{one}" is read as {label}; this map also has {", ".join(others)}')
-        elif plain(label) not in (one, plain(spoken)):
-            self._note(f'"{one}" is read as {label}')
-        return Noun(label)
-
-    nouns = noun
-
-    def pair(self, children: Children) -> Pair:
-        a, b = [child for child in children if isinstance(child, Thing)]
-        return Pair(a, b)
-
-    def pair_of_two(self, children: Children) -> Pair:
-        number = token("NUM", children)
-        if number and float(number) != 2:
-            raise CommandError(f"between takes two things, not {tidy(float(number))}")
-        thing = Thing(first(Noun, children).label)
-        return Pair(thing, thing)
-
-    def object(self, children: Children) -> Thing:
-        return first(Thing, children)
-
-    def it(self, _: Children) -> Thing:
-        if self._last is None:
-            raise CommandError('"it" was not understood: nothing was named before it')
-        self._used_loop |= self._last.is_loop
-        return self._last
-
-    def closest(self, children: Children) -> Thing:
-        return self._mean(children, "")
-
-    def nth(self, children: Children) -> Thing:
-        rank = _rank(children)
-        return self._mean(children, str(rank) if rank > 0 else self._indexed("instances", children, rank))
-
-    def numbered(self, children: Children) -> Thing:
-        number = float(token("NUM", children) or 0.0)
-        if number != int(number) or not 1 <= number <= _MAX_RANK:
-            raise CommandError(f"the number of a thing is a whole number from 1, found {tidy(number)}")
-        self._note(f"number {tidy(number)} is counted from the closest")
-        return self._mean(children, tidy(number))
-
-    def farthest(self, children: Children) -> Thing:
-        return self._mean(children, self._indexed("instances", children, -_rank(children)))
-
-    def outermost(self, children: Children) -> Thing:
-        return self._from_side(children, str(token("MOST", children)).removesuffix("ernmost").removesuffix("most"))
-
-    def nth_from(self, children: Children) -> Thing:
-        return self._from_side(children, first(Side, children).name)
-
-    def in_view(self, children: Children) -> Thing:
-        rank = _rank(children)
-        return self._mean(children, self._indexed("in_view", children, rank - 1 if rank > 0 else rank))
-
-    def closest_to(self, children: Children) -> Thing:
-        name, other = quoted(first(Noun, children).label), first(Thing, children)
-        ranked = other.which.isdigit()
-        arguments = other.arguments if ranked else other.value
-        return self._mean(children, f"robot.closest_to({name}, {arguments})")
-
-    def between(self, children: Children) -> Thing:
-        name, pair = quoted(first(Noun, children).label), first(Pair, children)
-        return self._mean(children, f"robot.between({name}, {pair.a.value}, {pair.b.value})")
-
-    def view(self, _: Children) -> str:
-        return "view"
-
-    # ---- helpers
-
-    def _mean(self, children: Children, which: str) -> Thing:
-        self._last = Thing(first(Noun, children).label, which)
-        return self._last
-
-    @staticmethod
-    def _indexed(lookup: str, children: Children, index: int) -> str:
-        return f"robot.{lookup}({quoted(first(Noun, children).label)})[{index}]"
-
-    def _from_side(self, children: Children, side: str) -> Thing:
-        rank = _rank(children)
-        if rank < 0:
-            side, rank = _OPPOSITE[side], -rank
-        return self._mean(children, f'robot.nth_from({quoted(first(Noun, children).label)}, "{side}", {rank})')
-
-    def _do(self, *calls: str) -> Step:
-        step = Step(tuple(f"robot.{call}" for call in calls), self._used_loop)
-        self._used_loop = False
-        return step
+    def half_turn(self, _: Children) -> Measure:
+        return Measure("180")
 
     def _distance(self, children: Children) -> Measure:
-        given = next((child for child in children if isinstance(child, Measure)), None)
+        given = maybe(Measure, children)
+        if given is None and token("STEPS", children):
+            self._note(f"a step is read as {_METRES['STEPS']:g} m")
+            return Measure(tidy(_METRES["STEPS"]))
         if given is None:
             self._note("no distance was said: 1 m")
         return given or Measure("1")
-
-    def _note(self, note: str) -> None:
-        if note not in self.notes:
-            self.notes.append(note)
-
-
-_LATERAL = ("left", "right")
-
-
-def _rank(children: Children) -> int:
-    """Give the rank an ordinal says, 1 when there is none, -1 for "last"."""
-    word = token("ORD", children)
-    rank = int(word) if word else 1
-    if rank == 0 or rank > _MAX_RANK:
-        raise CommandError(f"ranks count from 1 to {_MAX_RANK}, found {rank}")
-    return rank

@@ -1,22 +1,39 @@
 """Spoken English to a robot program, offline: a grammar, no network."""
 
-from collections.abc import Sequence
+import re
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from functools import cache
+from functools import cache, lru_cache
 from pathlib import Path
-from typing import Final
+from typing import Any, Final, Literal
 
 from lark import Lark, Token, Tree
-from lark.exceptions import UnexpectedInput, VisitError
+from lark.exceptions import UnexpectedEOF, UnexpectedInput, VisitError
+from lark.lexer import Lexer
 
 from simaps_viz.errors import CommandError
 from simaps_viz.language.builder import Builder
-from simaps_viz.language.spoken import UnknownWordsLexer, tokens
+from simaps_viz.language.readings import readings_of
+from simaps_viz.language.spoken import clauses, tokens
 from simaps_viz.language.words import Vocabulary
 
 MAX_LENGTH: Final = 500
 """Characters of a command."""
 _MAX_ALTERNATIVES: Final = 4
+_MAX_WORDS: Final = 40
+_MAX_LINKS: Final = 5
+_LINKS: Final = (
+    "AT BEHIND BETWEEN BY EAST FARTHEST FROM FRONT LEFT NEAR NEAREST NORTH OF ON RIGHT SEE SEEN SOUTH TO VIEW WEST"
+)
+_LINKING: Final = frozenset(_LINKS.split())
+"""Tokens that may tie a thing to any of those before it."""
+_QUESTION: Final = re.compile(r"\s*(?:which|what|where|how|who|whose|why|is|are|does|did)\b(?!\s+about)", re.IGNORECASE)
+_STARTS: Final = {
+    "start_go": frozenset(
+        ["APPROACH", "BACKUP", "CIRCLE", "GO", "HALT", "PASS", "RETURN", "STAND", "STEPS", "STRAFE", "TAKE"]
+    ),
+    "start_turn": frozenset(["FACE", "KEEP", "LOOK", "SPIN", "TURN", "UTURN", "WITH"]),
+}
 
 
 @dataclass(frozen=True)
@@ -30,67 +47,198 @@ class Reading:
     """Programs of the other readings, the likeliest first."""
 
 
-def read_command(text: str, labels: Sequence[str]) -> Reading:
+def read_command(text: str, labels: Sequence[str] | Mapping[str, int]) -> Reading:
     """Read an English command.
 
     A thing the map does not have is kept as it was said, so that whoever runs the program refuses it by name.
 
     Args:
         text: one or more sentences.
-        labels: class names of the map.
+        labels: class names of the map, best with the number of instances of each: a word like "table" then takes in
+            coffee tables where there are too few of the class "table" itself.
 
     Raises:
         CommandError: naming the words that were not understood, with examples that work.
     """
     if len(text) > MAX_LENGTH:
         raise CommandError(f"a command has at most {MAX_LENGTH} characters, found {len(text)}")
+    if _QUESTION.match(text):
+        raise CommandError(f"Not understood: a question; the robot takes orders only. {examples(labels)}")
     vocabulary = Vocabulary(labels)
     spoken = tokens(text, vocabulary)
     if not spoken:
         raise CommandError(f"nothing to do was said. {examples(labels)}")
+    if not any(word.type == "WORD" for word in spoken):
+        return _read(text, spoken, vocabulary, ())
     try:
-        tree = _parser().parse(spoken)  # pyright: ignore[reportArgumentType]
-    except UnexpectedInput as error:
-        raise CommandError(f"{_what_was_not_understood(text, spoken, error)} {examples(labels)}") from None
-    program, builder = _build(tree, vocabulary, {})
-    alternatives = [
-        _build(tree, vocabulary, {word: label})[0] for word, others in builder.ambiguous.items() for label in others
-    ]
-    return Reading(program, tuple(builder.notes), tuple(alternatives[:_MAX_ALTERNATIVES]))
+        plainly: Reading | CommandError = _read(text, spoken, vocabulary, ())
+    except CommandError as error:
+        plainly = error
+    corrected: list[str] = []
+    try:
+        better = tokens(text, vocabulary, corrected=corrected)
+        if corrected:
+            return _read(text, better, vocabulary, corrected)
+    except CommandError:
+        corrected.clear()
+    if isinstance(plainly, CommandError):
+        raise plainly
+    return plainly
 
 
-def examples(labels: Sequence[str]) -> str:
+def examples(labels: Iterable[str]) -> str:
     """Give commands that work on a map with these classes, in one sentence."""
-    first = labels[0] if labels else "chair"
-    other = labels[1] if len(labels) > 1 else first
+    names = [*labels] or ["chair"]
+    first, other = names[0], names[min(1, len(names) - 1)]
     return (
         f'Try: "go to the second {first}", "go to the {first} nearest the {other}", '
         f'"go to the left of the {other}", "turn right, then go forward 1 m".'
     )
 
 
-@cache
-def _parser() -> Lark:
-    grammar = Path(__file__).with_suffix(".lark").read_text(encoding="utf-8")
-    return Lark(grammar, parser="earley", lexer=UnknownWordsLexer, maybe_placeholders=False)
+def _read(text: str, spoken: Sequence[Token], vocabulary: Vocabulary, notes: Sequence[str]) -> Reading:
+    _refuse_what_orders_cannot_say(spoken, vocabulary)
+    manners = [f'"{word}" is left out: the robot has one way to drive' for word in spoken if word.type == "MANNER"]
+    spoken = [word for word in spoken if word.type != "MANNER"]
+    parses: list[list[Tree[Any]]] = []
+    for clause in clauses(spoken):
+        try:
+            if len(clause) > _MAX_WORDS:
+                raise CommandError(f"one step takes at most {_MAX_WORDS} words, found {len(clause)}; say it in several")
+            if clause[0].type == "WORD" or all(word.type in ("WORD", "DET") for word in clause):
+                raise UnexpectedEOF([])
+            parses.append(_parsed(clause))
+        except UnexpectedInput as error:
+            what = _what_was_not_understood(text, spoken, clause, error)
+            raise CommandError(f"{what} {examples(vocabulary.labels)}") from None
+    if not parses:
+        raise CommandError(f'Not understood: "{text.strip()}" holds nothing to do. {examples(vocabulary.labels)}')
+    builder, likeliest, others = _likeliest(parses, vocabulary)
+    program = builder.program
+    alternatives = [_build(trees, vocabulary, {}) for trees in others]
+    for word, labels in builder.ambiguous.items():
+        alternatives += [_build(likeliest, vocabulary, {word: label}) for label in labels]
+    programs = dict.fromkeys(built.program for built in alternatives if built is not None)
+    kept = tuple(other for other in programs if other != program)
+    return Reading(program, (*notes, *manners, *builder.notes), kept[:_MAX_ALTERNATIVES])
 
 
-def _build(tree: Tree, vocabulary: Vocabulary, choices: dict[str, str]) -> tuple[str, Builder]:
+def _likeliest(
+    parses: Sequence[Sequence[Tree[Any]]], vocabulary: Vocabulary
+) -> tuple[Builder, list[Tree[Any]], list[list[Tree[Any]]]]:
+    """Build the likeliest reading of every clause that makes sense; gives its trees and those of the others."""
+    builder, chosen, rest = Builder(vocabulary), [], []
+    for readings in parses:
+        refusal: CommandError | None = None
+        for at, tree in enumerate(readings):
+            attempt = builder.copy()
+            try:
+                _add(attempt, tree)
+            except CommandError as error:
+                refusal = refusal or error
+                continue
+            rest += [(len(chosen), other) for other in readings[at + 1 :]]
+            builder = attempt
+            chosen.append(tree)
+            break
+        else:
+            raise refusal or CommandError("nothing to do was said")
+    others = [[*chosen[:at], other, *chosen[at + 1 :]] for at, other in rest]
+    return builder, chosen, others[:_MAX_ALTERNATIVES]
+
+
+def _build(trees: Sequence[Tree[Any]], vocabulary: Vocabulary, choices: dict[str, str]) -> Builder | None:
     builder = Builder(vocabulary, choices)
     try:
-        return str(builder.transform(tree)), builder
+        for tree in trees:
+            _add(builder, tree)
+    except CommandError:
+        return None
+    return builder
+
+
+def _add(builder: Builder, tree: Tree[Any]) -> None:
+    try:
+        builder.transform(tree)
     except VisitError as error:
         if isinstance(error.orig_exc, CommandError):
             raise error.orig_exc from None
         raise
 
 
-def _what_was_not_understood(text: str, spoken: Sequence[Token], error: UnexpectedInput) -> str:
+class _Tokens(Lexer):
+    """Gives the parser the tokens made by ``spoken.tokens``."""
+
+    def __init__(self, lexer_conf: Any) -> None:
+        pass
+
+    def lex(self, data: Sequence[Token]) -> Any:  # pyright: ignore[reportIncompatibleMethodOverride]
+        yield from data
+
+
+def _parsed(clause: Sequence[Token]) -> list[Tree[Any]]:
+    """Give the readings of a clause, the likeliest first."""
+    shapes = _shapes(tuple(word.type for word in clause))
+    return [_filled(shape, clause) for shape in shapes]
+
+
+@lru_cache(512)
+def _shapes(kinds: tuple[str, ...]) -> tuple[Tree[Any], ...]:
+    """Give the readings of a clause of such tokens, with their positions for words: many clauses share a shape.
+
+    Which part of the grammar is tried follows from the first token.
+    """
+    start = next((name for name, words in _STARTS.items() if kinds[0] in words), "start_any")
+    places = [Token(kind, str(at)) for at, kind in enumerate(kinds)]
+    # The number of readings grows with the Catalan numbers: beyond a few attachments only one is made.
+    ambiguity = "explicit" if sum(kind in _LINKING for kind in kinds) <= _MAX_LINKS else "resolve"
+    return tuple(readings_of(_parser(ambiguity).parse(places, start)))  # pyright: ignore[reportArgumentType]
+
+
+def _filled(shape: Tree[Any], clause: Sequence[Token]) -> Tree[Any]:
+    children = [_filled(c, clause) if isinstance(c, Tree) else clause[int(c)] for c in shape.children]
+    return Tree(shape.data, children)
+
+
+@cache
+def _parser(ambiguity: Literal["explicit", "resolve"]) -> Lark:
+    grammar = Path(__file__).with_suffix(".lark").read_text(encoding="utf-8")
+    return Lark(
+        grammar,
+        parser="earley",
+        lexer=_Tokens,
+        start=["start_any", *_STARTS],
+        maybe_placeholders=False,
+        ambiguity=ambiguity,
+    )
+
+
+def _refuse_what_orders_cannot_say(spoken: Sequence[Token], vocabulary: Vocabulary) -> None:
+    for word in spoken:
+        if word.type == "NOT":
+            raise CommandError(
+                f'Not understood: "{word}". A command says what to do, not what to leave out. '
+                f"{examples(vocabulary.labels)}"
+            )
+        if word.type == "BEFORE":
+            raise CommandError(
+                f'Not understood: "{word}". Say the steps in the order to do them, with "then" between them. '
+                f"{examples(vocabulary.labels)}"
+            )
+
+
+def _what_was_not_understood(
+    text: str, spoken: Sequence[Token], clause: Sequence[Token], error: UnexpectedInput
+) -> str:
     unknown = list(dict.fromkeys(str(word) for word in spoken if word.type == "WORD"))
     if unknown:
-        return f"Not understood: {', '.join(unknown)}."
+        can = "The robot can drive, turn and face things, and knows them by class and place only."
+        return f"Not understood: {', '.join(unknown)}. {can}"
+    if clause[0].type == "TAKE":
+        return f'Not understood: "{" ".join(clause)}". The robot carries nothing, but can lead the way to things.'
     stopped = getattr(error, "token", None)
-    at = next((i for i, word in enumerate(spoken) if word is stopped), None)
+    at = int(stopped) if isinstance(stopped, Token) and str(stopped).isdigit() else None
     if at is None:
-        return f'Not understood: "{text.strip()}" seems to be cut short.'
-    return f'Not understood, from "{" ".join(spoken[at:])}" on.'
+        said = text.strip() if len(clause) == len(spoken) else " ".join(clause)
+        return f'Not understood: "{said}" seems to be cut short.'
+    return f'Not understood, from "{" ".join(clause[at:])}" on.'

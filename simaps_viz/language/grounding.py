@@ -13,14 +13,10 @@ from numpy.typing import NDArray
 from scipy.spatial import KDTree
 
 from simaps_viz.errors import CommandError
-from simaps_viz.language.words import Vocabulary, plural
+from simaps_viz.language.sight import FIELD_OF_VIEW_RAD, OPAQUE_HEIGHT_M, Sight, wall_cells
+from simaps_viz.language.words import ANY, Vocabulary, plain, plural, singular
 from simaps_viz.structures import Instance, Pose2, SIMap
 
-FIELD_OF_VIEW_RAD: Final = np.pi / 2.0
-OPAQUE_HEIGHT_M: Final = 1.5
-"""Cells at least this high, and all wall cells, hide what is behind them."""
-_SIGHT_CELLS = 48
-_BODY_M = 0.2  # what the map shows this near to the viewer is the viewer, or noise
 _COMPASS: Final = {"north": (0.0, 1.0), "south": (0.0, -1.0), "east": (1.0, 0.0), "west": (-1.0, 0.0)}
 
 
@@ -41,28 +37,48 @@ class Grounding:
         simap: the map.
         viewer: where the robot stood, and looked, when the command was given.
         field_of_view_rad: full horizontal angle of ``in_view``.
+        eye_height_m: of the camera of ``in_view``; left out, that of the map's recording.
     """
 
-    def __init__(self, simap: SIMap, viewer: Pose2, *, field_of_view_rad: float = FIELD_OF_VIEW_RAD) -> None:
+    def __init__(
+        self,
+        simap: SIMap,
+        viewer: Pose2,
+        *,
+        field_of_view_rad: float = FIELD_OF_VIEW_RAD,
+        eye_height_m: float | None = None,
+    ) -> None:
         self.simap = simap
         self.viewer = viewer
-        self.field_of_view_rad = field_of_view_rad
+        self.sight = Sight(simap, viewer, field_of_view_rad=field_of_view_rad, eye_height_m=eye_height_m)
         self._vocabulary = Vocabulary(simap.counts())
 
-    def label_of(self, name: str) -> str:
-        """Give the map's class for a name (itself, its singular or a synonym), or raise CommandError naming all."""
+    def labels_of(self, name: str) -> tuple[str, ...]:
+        """Give the map's classes a name takes together, or raise CommandError naming all.
+
+        A class of that very name, or its singular, stands alone; a generic name ("seat", "any table") takes all
+        classes of its kind, a synonym the most fitting one.
+        """
         found = self._vocabulary.resolve(name)
         if found:
-            return found[0]
+            return found.labels
         counts = ", ".join(f"{label} ({n})" for label, n in self.simap.counts().items())
         has = f"It has: {counts}" if counts else "It has no objects at all"
         near = self._vocabulary.suggest(name)
-        raise CommandError(f"There is no {name} on this map. {has}.{f' Did you mean {near}?' if near else ''}")
+        said = name.removeprefix(ANY)
+        raise CommandError(f"There is no {said} on this map. {has}.{f' Did you mean {near}?' if near else ''}")
+
+    def label_of(self, name: str) -> str:
+        """Give the first of the classes a name takes together, or raise CommandError naming all."""
+        return self.labels_of(name)[0]
+
+    def members(self, name: str) -> tuple[Instance, ...]:
+        """Give all instances of the classes a name takes together, class by class."""
+        return tuple(i for label in self.labels_of(name) for i in self.simap.of_class(label))
 
     def candidates(self, name: str) -> tuple[Candidate, ...]:
-        """Give all instances of a class, the closest first, with their distances."""
-        members = self.simap.of_class(self.label_of(name))
-        ranked = sorted((self.distance_m(i), i.id, i) for i in members)
+        """Give all instances a name may mean, the closest first, with their distances."""
+        ranked = sorted((self.distance_m(i), i.id, i) for i in self.members(name))
         return tuple(Candidate(k, instance, d) for k, (d, _, instance) in enumerate(ranked, start=1))
 
     def instances(self, name: str) -> tuple[Instance, ...]:
@@ -72,12 +88,13 @@ class Grounding:
     def pick(self, name: str, which: int | Instance = 1) -> Instance:
         """Give the instance of that rank, or the given one once its class is checked."""
         if isinstance(which, Instance):
-            label = self.label_of(name)
-            if which.label != label:
-                raise CommandError(f"instance {which.id} is a {which.label}, but a {label} was asked for")
+            labels = self.labels_of(name)
+            if which.label not in labels:
+                wanted = labels[0] if len(labels) == 1 else name
+                raise CommandError(f"instance {which.id} is a {which.label}, but a {wanted} was asked for")
             return which
         ranked = self.instances(name)
-        self._expect_rank(ranked, which)
+        self._expect_rank(name, len(ranked), which)
         return ranked[which - 1]
 
     def object_of(self, other: str | Instance) -> Instance:
@@ -87,36 +104,35 @@ class Grounding:
     def nth_from(self, name: str, side: str, n: int) -> Instance:
         """Give the n-th instance of a class counted from a side; left and right are the viewer's."""
         direction = self._direction_of(side)
-        members = self.simap.of_class(self.label_of(name))
-        ranked = sorted(members, key=lambda i: (-float(np.dot(i.centroid_m[:2], direction)), i.id))
-        self._expect_rank(ranked, n)
+        ranked = sorted(self.members(name), key=lambda i: (-float(np.dot(i.centroid_m[:2], direction)), i.id))
+        self._expect_rank(name, len(ranked), n)
         return ranked[n - 1]
 
     def closest_to(self, name: str, other: str | Instance, which: int | Instance = 1) -> Instance:
         """Give the instance of a class whose cells come nearest to another object's; that object itself left out."""
-        label = self.label_of(name)
+        all_members = self.members(name)
         target = other if isinstance(other, Instance) else self.pick(other, which)
-        members = [i for i in self.simap.of_class(label) if i.id != target.id]
+        members = [i for i in all_members if i.id != target.id]
         if not members:
-            raise CommandError(f"There is only 1 {label} on this map; none is left to be near it.")
+            raise CommandError(f"There is only 1 {self._called(name)} on this map; none is left to be near it.")
         tree = KDTree(self.cells_of(target))
         return min(members, key=lambda i: (float(tree.query(self.cells_of(i))[0].min()), i.id))
 
     def between(self, name: str, other_a: str | Instance, other_b: str | Instance) -> Instance:
         """Give the instance of a class that lies between two objects, nearest to the line of their centroids."""
-        label = self.label_of(name)
+        members = self.members(name)
         a, b = self.pair(other_a, other_b)
         start, end = np.array(a.centroid_m[:2]), np.array(b.centroid_m[:2])
         along = (end - start) / max(float(np.linalg.norm(end - start)), 1e-9)
         found = []
-        for instance in self.simap.of_class(label):
+        for instance in members:
             centroid = np.array(instance.centroid_m[:2])
             # Thales: in the circle over the line a-b, both ends are seen more than a quarter turn apart
             if instance.id not in (a.id, b.id) and (centroid - start) @ (centroid - end) < 0.0:
                 offset = centroid - start
                 found.append((abs(float(along[0] * offset[1] - along[1] * offset[0])), instance.id, instance))
         if not found:
-            raise CommandError(f"There is no {label} between the {a.label} and the {b.label} on this map.")
+            raise CommandError(f"There is no {self._called(name)} between the {a.label} and the {b.label} on this map.")
         return min(found)[2]
 
     def pair(self, other_a: str | Instance, other_b: str | Instance) -> tuple[Instance, Instance]:
@@ -128,14 +144,16 @@ class Grounding:
             ranked = self.instances(other_b)
             b = next((i for i in ranked if i.id != a.id), None)
             if b is None:
-                self._expect_rank(ranked, 2)
+                self._expect_rank(other_b, len(ranked), 2)
         if b is None or a.id == b.id:
             raise CommandError(f"between needs two different objects, but the same {a.label} was named twice")
         return a, b
 
     def in_view(self, name: str) -> tuple[Instance, ...]:
         """Give the instances of a class within the field of view that no wall hides, the closest first."""
-        return tuple(instance for instance in self.instances(name) if self._is_seen(instance))
+        return tuple(
+            instance for instance in self.instances(name) if self.sight.sees(instance, self.cells_of(instance))
+        )
 
     def distance_m(self, instance: Instance) -> float:
         """Give the distance from the viewer to the centre of the instance's nearest cell."""
@@ -152,13 +170,17 @@ class Grounding:
         left = np.array([-np.sin(self.viewer.yaw_rad), np.cos(self.viewer.yaw_rad)])
         return left if side == "left" else -left
 
-    @staticmethod
-    def _expect_rank(ranked: "tuple[Instance, ...] | list[Instance]", rank: int) -> None:
+    def _called(self, name: str) -> str:
+        """Give what to call a name's things in a sentence: the map's class, or the generic name."""
+        labels = self.labels_of(name)
+        return labels[0] if len(labels) == 1 else singular(plain(name.removeprefix(ANY)))
+
+    def _expect_rank(self, name: str, n: int, rank: int) -> None:
         if rank < 1:
             raise CommandError(f"ranks count from 1, the closest; {rank} was asked for")
-        if rank > len(ranked):
-            label, n = ranked[0].label, len(ranked)
-            there = f"is only 1 {label}" if n == 1 else f"are only {n} {plural(label)}"
+        if rank > n:
+            called = self._called(name)
+            there = f"is only 1 {called}" if n == 1 else f"are only {n} {plural(called)}"
             raise CommandError(f"There {there} on this map; the {ordinal(rank)} was asked for.")
 
     @cached_property
@@ -174,30 +196,8 @@ class Grounding:
     @cached_property
     def opaque(self) -> NDArray:
         """Which cells one cannot look over, bool [rows, cols]."""
-        grid = self.simap.grid
-        walls = [i for i, label in enumerate(grid.labels) if label.startswith("wall") or label == "column"]
         with np.errstate(invalid="ignore"):
-            return (grid.height_m >= OPAQUE_HEIGHT_M) | np.isin(grid.label, walls)
-
-    def _is_seen(self, instance: Instance) -> bool:
-        """Tell whether a free line of sight within the field of view reaches one of (at most 48 of) its cells."""
-        cells = self.cells_of(instance)
-        cells = cells[:: max(1, len(cells) // _SIGHT_CELLS)]
-        offsets = cells - (self.viewer.x_m, self.viewer.y_m)
-        bearing = np.arctan2(offsets[:, 1], offsets[:, 0]) - self.viewer.yaw_rad
-        ahead = np.abs((bearing + np.pi) % (2.0 * np.pi) - np.pi) <= self.field_of_view_rad / 2.0 + 1e-9
-        return any(self._sight_is_free(offset, instance.id) for offset in offsets[ahead])
-
-    def _sight_is_free(self, offset: NDArray, instance_id: int) -> bool:
-        spec = self.simap.spec
-        length = float(np.linalg.norm(offset))
-        along = np.arange(_BODY_M, length, spec.cell_size_m / 3.0)[:, None] / max(length, 1e-9)
-        points = np.array([self.viewer.x_m, self.viewer.y_m]) + along * offset
-        col = np.floor((points[:, 0] - spec.x0_m) / spec.cell_size_m).astype(np.int64)
-        row = np.floor((points[:, 1] - spec.y0_m) / spec.cell_size_m).astype(np.int64)
-        inside = (row >= 0) & (row < spec.rows) & (col >= 0) & (col < spec.cols)
-        row, col = row[inside], col[inside]
-        return not bool((self.opaque[row, col] & (self.simap.instance[row, col] != instance_id)).any())
+            return (self.simap.grid.height_m >= OPAQUE_HEIGHT_M) | wall_cells(self.simap)
 
 
 def ordinal(n: int) -> str:

@@ -11,7 +11,8 @@ from typing import Any, Final, Literal, NoReturn
 from simaps_viz.errors import CommandError, PlanningError
 from simaps_viz.language.grounding import ordinal
 from simaps_viz.language.primitives import PRIMITIVES, Parameter, Primitive
-from simaps_viz.language.program import Program, ProgramError, ProgramStuckError, bind, check_argument
+from simaps_viz.language.program import Program, bind, check_argument
+from simaps_viz.language.program_text import ProgramError, ProgramStuckError
 from simaps_viz.language.words import plural
 from simaps_viz.structures import Instance
 
@@ -45,7 +46,7 @@ class Budget:
     """Statements and expressions evaluated."""
     loop_turns: int = 1_000
     """Turns of all loops together."""
-    seconds: float = 20.0
+    seconds: float = 10.0
     """Computing time; the time between two statements, while a viewer animates or pauses, does not count."""
     path_m: float = 1_000.0
     """Way driven."""
@@ -61,9 +62,10 @@ class Turn:
 
 
 def interpret(program: Program, call: Caller, *, budget: Budget | None = None) -> Generator[Turn, None, None]:
-    """Run a program as a generator that stops before and after every statement.
+    """Run a program as a generator that stops before and after every statement, those inside ``for`` and ``if`` too.
 
-    Dropping the generator stops the program.
+    ``next`` runs up to the next of these places; not calling it pauses the program, for as long as one likes; ``close``
+    stops it.
 
     Raises:
         CommandError: at run time, naming line and primitive; BudgetError when a budget is used up.

@@ -7,24 +7,34 @@ from typing import Final, TypeVar
 from lark import Token
 
 T = TypeVar("T")
-_HEADINGS: Final = {"north": "0", "east": "90", "south": "180", "west": "270"}
+_HEADINGS: Final = {"north": 0.0, "east": 90.0, "south": 180.0, "west": 270.0}
 
 
 @dataclass(frozen=True)
 class Noun:
-    """A class name: one of the map's, or what was said."""
+    """A class name, or several classes' generic name: one the map knows, or what was said."""
 
     label: str
+    is_plural: bool = False
+    wide: str = ""
+    """A name that takes more classes together, for when more than one thing is needed."""
+    count: int | None = None
+    """How many of the class the map has, if that is known."""
 
 
 @dataclass(frozen=True)
 class Thing:
-    """A thing that was named: its class, and which one as program text ("" = the closest)."""
+    """One thing, or each of several things in turn, as program text."""
 
     label: str
     which: str = ""
-    is_loop: bool = False
-    """It stands for each thing of a loop in turn."""
+    """The instance; "" = the closest."""
+    before: tuple[str, ...] = ()
+    """Lines that have to run before ``which`` means anything."""
+    loop: tuple[str, ...] = ()
+    """Head of a loop that sets ``which`` to each thing in turn; empty for one thing."""
+    indent: str = ""
+    """Of the loop's body."""
 
     @property
     def arguments(self) -> str:
@@ -40,6 +50,11 @@ class Thing:
             return f"robot.instances({quoted(self.label)})[{int(self.which) - 1}]"
         return self.which
 
+    @property
+    def in_words(self) -> str:
+        """Give what to call it in a sentence."""
+        return f"the {self.label}"
+
 
 @dataclass(frozen=True)
 class Pair:
@@ -51,14 +66,15 @@ class Pair:
 
 @dataclass(frozen=True)
 class Side:
-    """A side: left, right, or a compass word."""
+    """A side: left, right, a compass word, or "" with a heading between two of those."""
 
     name: str
+    heading_deg: float | None = None
 
     @property
     def heading(self) -> str:
         """Degrees clockwise from north, of a compass word."""
-        return _HEADINGS[self.name]
+        return tidy(_HEADINGS[self.name] if self.heading_deg is None else self.heading_deg)
 
 
 @dataclass(frozen=True)
@@ -73,12 +89,22 @@ class Measure:
 
 
 @dataclass(frozen=True)
+class Part:
+    """A word or phrase that says which thing is meant."""
+
+    kind: str
+    """The name of its rule, e.g. "nearest", "from_side"."""
+    rank: int | None = None
+    """-1 is the last."""
+    side: str = ""
+    other: Thing | Pair | None = None
+
+
+@dataclass(frozen=True)
 class Step:
     """The program lines of one spoken step."""
 
     lines: tuple[str, ...]
-    in_loop: bool = False
-    """They belong to the body of the loop before them."""
 
 
 def quoted(label: str) -> str:
@@ -95,6 +121,11 @@ def tidy(number: float) -> str:
 def first(kind: type[T], children: Sequence[object]) -> T:
     """Give the first child of a kind; the grammar promises there is one."""
     return next(child for child in children if isinstance(child, kind) and not isinstance(child, Token))
+
+
+def maybe(kind: type[T], children: Sequence[object]) -> T | None:
+    """Give the first child of a kind, or None."""
+    return next((child for child in children if isinstance(child, kind) and not isinstance(child, Token)), None)
 
 
 def token(kind: str, children: Sequence[object]) -> Token | None:

@@ -3,6 +3,11 @@
 Words used below:
 
 - The *viewer* is the robot as it stood when the command was given; ranks, left and right are the viewer's.
+- A *name* is a class of the map, a synonym of one ("sofa" for couch), or a generic word that takes the instances of
+  several classes together ("seat"; "any table" where a class is called exactly "table").
+- *In view* is what lies within 45 degrees of where the viewer looks and is reached by a free line of sight from its
+  camera (as high over the floor as the one the map was recorded with) to the top of one of the object's cells; walls,
+  and whatever is high enough to stand in that line, hide it: see ``sight``.
 - The distance to an instance is that from the viewer's position to the centre of the instance's nearest cell,
   in a straight line; 1 is the closest, ties go to the smaller id.
 - A *side* of an object is a direction: north is +y, east is +x; *left* is a quarter turn counter-clockwise from the
@@ -164,7 +169,8 @@ _ALL = (
         "in_view",
         "lookup",
         (_NAME,),
-        "The instances of the class within the viewer's field of view (90 degrees) that no wall hides, closest first.",
+        "The instances of the class within the viewer's field of view (90 degrees) that no wall or high enough thing "
+        "hides, closest first.",
         "instances",
     ),
 )

@@ -6,22 +6,33 @@ Nothing is ever handed to Python to run: ``interpreter`` walks the tree.
 """
 
 import ast
-import math
 import warnings
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Final, NoReturn
 
-from simaps_viz.errors import CommandError, PlanningError
+from simaps_viz.errors import CommandError
 from simaps_viz.language.primitives import PRIMITIVES, SIDES, Parameter, Primitive
+from simaps_viz.language.program_text import (
+    MAX_DEPTH,
+    MAX_SOURCE,
+    ProgramError,
+    Spelling,
+    check_text,
+    lines_of,
+    longest_line,
+    too_deep,
+)
 
-MAX_SOURCE: Final = 10_000
-"""Characters of a program."""
-MAX_DEPTH: Final = 24
-"""Levels of the syntax tree."""
+__all__ = ["MAX_NUMBER", "MAX_SOURCE", "MAX_TEXT", "Call", "Program", "ProgramError", "bind", "check_argument"]
+__all__ += ["literal", "parse_program"]
+
 MAX_NUMBER: Final = 1e6
 MAX_TEXT: Final = 100
 """Characters of one string."""
+MAX_ITEMS: Final = 200
+"""Items of one list written out."""
 
 _RESULT_TYPES = {"instances": "instance", "positions": "position", "position": "number", "list": "any", "any": "any"}
 _ACCEPTS = {
@@ -33,7 +44,7 @@ _ACCEPTS = {
     "object": ("text", "instance"),
     "position": ("position", "list"),
 }
-_WANTED = {
+ARGUMENT_KINDS = {
     "label": "a name in quotes",
     "side": f"one of {', '.join(SIDES)}, in quotes",
     "number": "a number",
@@ -66,27 +77,8 @@ _SYNTAX = {
 _ARITHMETIC = (ast.Add, ast.Sub, ast.Mult, ast.Div)
 _COMPARISONS = (ast.Eq, ast.NotEq, ast.Lt, ast.LtE, ast.Gt, ast.GtE)
 _SMALL_PYTHON = "a program is calls on robot, assignments, for, if, numbers, strings, lists and indexing"
-
-
-def located(line: int, primitive: str | None, message: str) -> str:
-    """Give "line 2: move_to: …"."""
-    return f"line {line}: {primitive}: {message}" if primitive else f"line {line}: {message}"
-
-
-class ProgramError(CommandError):
-    """A program cannot be carried out; knows the line and, if there is one, the primitive."""
-
-    def __init__(self, line: int, primitive: str | None, message: str) -> None:
-        super().__init__(located(line, primitive, message))
-        self.line, self.primitive, self.message = line, primitive, message
-
-
-class ProgramStuckError(PlanningError):
-    """The robot cannot get where a line of a program sends it."""
-
-    def __init__(self, line: int, primitive: str | None, message: str) -> None:
-        super().__init__(located(line, primitive, message))
-        self.line, self.primitive, self.message = line, primitive, message
+_NO_FILE = "<program>"
+_HUGE = f"numbers go up to {MAX_NUMBER:.0f}"
 
 
 @dataclass(frozen=True, eq=False)
@@ -112,9 +104,10 @@ class Program:
     calls: tuple[Call, ...]
     """In the order of the text."""
 
-    def line(self, number: int) -> str:
-        """Give the text of a line, counted from 1, without its indent."""
-        return self.text.splitlines()[number - 1].strip()
+    @cached_property
+    def lines(self) -> tuple[str, ...]:
+        """The text of each line, without its indent."""
+        return tuple(line.strip() for line in lines_of(self.text))
 
 
 def parse_program(text: str) -> Program:
@@ -123,22 +116,27 @@ def parse_program(text: str) -> Program:
     Raises:
         CommandError: naming the line and, where there is one, the primitive.
     """
-    if len(text) > MAX_SOURCE:
-        raise CommandError(f"program: expected at most {MAX_SOURCE} characters, found {len(text)}")
-    try:
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore")
-            tree = ast.parse(text)
-    except SyntaxError as error:
-        raise ProgramError(error.lineno or 1, None, f"this is not a program: {error.msg}") from None
-    except (ValueError, RecursionError, MemoryError):
-        raise CommandError("program: too deeply nested, or with characters no program has") from None
+    check_text(text)
+    tree = _syntax_tree(text)
     if not tree.body:
         raise CommandError("program: expected at least one line, found none")
     _check_depth(tree)
     validator = _Validator(text)
     validator.block(tree.body, {})
     return Program(text, tree, tuple(validator.calls))
+
+
+def _syntax_tree(text: str) -> ast.Module:
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            return ast.parse(text, _NO_FILE)
+    except SyntaxError as error:
+        # of a number with thousands of digits Python speaks at length, and about itself
+        reason = _HUGE if "digits" in error.msg else f"this is not a program: {error.msg}; {_SMALL_PYTHON}"
+        raise ProgramError(error.lineno or 1, None, reason) from None
+    except (ValueError, RecursionError, MemoryError):
+        raise too_deep(longest_line(text)) from None
 
 
 def literal(node: ast.expr | None) -> object:
@@ -184,7 +182,7 @@ def bind(node: ast.Call) -> Call:
 
 def check_argument(parameter: Parameter, value: object) -> str | None:
     """Give what is wrong with a number or string for a parameter, in words, or None when it will do."""
-    wanted = f"{parameter.name}: expected {_WANTED[parameter.type]}, found {value!r}"
+    wanted = f"{parameter.name}: expected {ARGUMENT_KINDS[parameter.type]}, found {value!r}"
     if isinstance(value, bool):
         return wanted
     if isinstance(value, int | float):
@@ -204,15 +202,14 @@ def _check_depth(tree: ast.Module) -> None:
         level = [child for node in level for child in ast.iter_child_nodes(node)]
         if not level:
             return
-    line = next((getattr(node, "lineno", None) for node in level if hasattr(node, "lineno")), 1)
-    raise ProgramError(line or 1, None, f"too deeply nested; at most {MAX_DEPTH} levels are allowed")
+    raise too_deep(next((node.lineno for node in level if isinstance(node, ast.stmt | ast.expr | ast.keyword)), 1))
 
 
 class _Validator:
     """Walks the whole tree once; infers the type of every expression from what each look-up gives."""
 
     def __init__(self, text: str) -> None:
-        self._text = text
+        self._spelling = Spelling(text)
         self.calls: list[Call] = []
 
     def block(self, body: list[ast.stmt], names: dict[str, str]) -> None:
@@ -241,7 +238,7 @@ class _Validator:
                 self._not_allowed(node)
 
     def _new_name(self, node: ast.Name) -> str:
-        self._ascii(node)
+        self._plain(node)
         if node.id == "robot" or node.id.startswith("_"):
             self._refuse(node, f"{node.id[:40]!r} cannot be assigned")
         return node.id
@@ -270,6 +267,8 @@ class _Validator:
         return check(node, names)
 
     def _items(self, node: ast.List | ast.Tuple, names: dict[str, str]) -> str:
+        if len(node.elts) > MAX_ITEMS:
+            self._refuse(node, f"lists have at most {MAX_ITEMS} items, found {len(node.elts)}")
         kinds = [self._value(item, names) for item in node.elts]
         return "position" if kinds == ["number", "number"] else "list"
 
@@ -304,17 +303,19 @@ class _Validator:
         if isinstance(value, bool):
             return "truth"
         if isinstance(value, int | float):
-            if not math.isfinite(value) or abs(value) > MAX_NUMBER:
-                self._refuse(node, f"numbers go up to {MAX_NUMBER:.0f}")
+            if not abs(value) <= MAX_NUMBER:
+                self._refuse(node, _HUGE)
             return "number"
         if isinstance(value, str):
             if len(value) > MAX_TEXT:
-                self._refuse(node, f"strings have at most {MAX_TEXT} characters")
+                self._refuse(node, f"strings have at most {MAX_TEXT} characters, found {len(value)}")
+            if not value.isprintable():
+                self._refuse(node, "strings have only characters that can be seen, on one line")
             return "text"
         self._refuse(node, f"a value of type {type(value).__name__} is not allowed; {_SMALL_PYTHON}")
 
     def _name(self, node: ast.Name, names: dict[str, str]) -> str:
-        self._ascii(node)
+        self._plain(node)
         if node.id not in names:
             hint = "robot is only there to be called" if node.id == "robot" else "no value on every way to this line"
             self._refuse(node, f"{node.id[:40]!r}: {hint}")
@@ -336,7 +337,9 @@ class _Validator:
         return "number"
 
     def _call(self, node: ast.Call, names: dict[str, str]) -> str:
-        self._ascii(node.func)
+        self._plain(node.func)
+        for keyword in node.keywords:
+            self._plain(keyword)
         call = bind(node)
         self.calls.append(call)
         primitive = call.primitive
@@ -349,14 +352,24 @@ class _Validator:
             if literal(value) is not None:
                 wrong = check_argument(parameter, literal(value))
             elif kind not in (*_ACCEPTS[parameter.type], "any"):
-                wrong = f"{parameter.name}: expected {_WANTED[parameter.type]}, found {_IN_WORDS[kind]}"
+                wrong = f"{parameter.name}: expected {ARGUMENT_KINDS[parameter.type]}, found {_IN_WORDS[kind]}"
             if wrong:
                 raise ProgramError(node.lineno, primitive.name, wrong)
         return primitive.result
 
-    def _ascii(self, node: ast.AST) -> None:
-        """Refuse names that only look like others: Python folds a wide "ｒobot" into "robot"."""
-        if not (ast.get_source_segment(self._text, node) or "").isascii():
+    def _plain(self, node: ast.expr | ast.keyword) -> None:
+        """Refuse names that only look like others, see Spelling."""
+        match node:
+            case ast.Name(id=name, end_lineno=int() as line, end_col_offset=int() as end):
+                plain = self._spelling.is_plain(name, line, end=end)
+            case ast.Attribute(value=value, attr=name, end_lineno=int() as line, end_col_offset=int() as end):
+                self._plain(value)
+                plain = self._spelling.is_plain(name, line, end=end)
+            case ast.keyword(arg=str() as name, lineno=line, col_offset=start):
+                plain = self._spelling.is_plain(name, line, start=start)
+            case _:
+                return
+        if not plain:
             self._refuse(node, "names are written in plain letters")
 
     def _not_allowed(self, piece: ast.AST, within: ast.AST | None = None) -> NoReturn:

@@ -1,177 +1,307 @@
-"""Spoken words to tokens: numbers, ordinals, things by their longest known name, and the words of the grammar."""
+"""Spoken words to tokens: numbers, ranks, things by their longest known name, and the words of the grammar."""
 
 import re
-from collections.abc import Iterator, Sequence
-from typing import Any, Final
+from collections.abc import Sequence
+from typing import Final
 
 from lark import Token
-from lark.lexer import Lexer
 
+from simaps_viz.language.numbers import read_number, read_rank
+from simaps_viz.language.phrases import COMPASS_POINTS, LONGEST, PHRASES
+from simaps_viz.language.spelling import correct
+from simaps_viz.language.synonyms import ACTIVITIES
 from simaps_viz.language.words import Vocabulary, singular
 
-_KEYWORDS: Final[dict[str, str]] = {
-    "AND": "and, plus",
-    "APPROACH": "approach, reach, visit, find, seek",
-    "AROUND": "around, round",
-    "AT": "at",
-    "BACK": "back",
-    "BACKUP": "back up, reverse",
-    "BACKWARD": "backward, backwards",
-    "BETWEEN": "between, in between, inbetween, in the middle of, halfway between, midway between",
-    "BY": "by",
-    "CENTIMETRES": "cm, centimeter, centimeters, centimetre, centimetres",
-    "CLOCKWISE": "clockwise",
-    "COUNTERCLOCKWISE": "counterclockwise, anticlockwise, counter clockwise, anti clockwise",
-    "COMMA": ",",
-    "DEGREES": "degree, degrees, deg, °",
-    "DET": "the, a, an, my, your, its, some, any, this, those, these",
-    "EAST": "east, eastward, eastwards, eastern",
-    "EVERY": "every, each, all, every one, each one, both",
-    "FACE": "face, facing",
-    "FARTHEST": "farthest, furthest, most distant, remotest, farthest away, furthest away",
-    "FEET": "ft, foot, feet",
-    "FOR": "for",
-    "FORWARD": "forward, forwards, ahead, straight, straight ahead, straight on",
-    "FROM": "from",
-    "GO": "go, move, drive, walk, navigate, head, travel, proceed, run, roll, come, get, step, ride, continue",
-    "HALF": "half",
-    "HEADING": "heading, bearing, direction",
-    "HERE": "here, me, where you are, where you stand, your position, the robot, your current position",
-    "IT": "it, that one, this one",
-    "KEEP": "keep, have, put, leave",
-    "LEFT": "left, left hand",
-    "LOOK": "look, point yourself, orient yourself",
-    "METRES": "m, meter, meters, metre, metres",
-    "MOST": "leftmost, rightmost, northernmost, southernmost, easternmost, westernmost",
-    "NEAR": "near, next to, close to, beside, besides, alongside, adjacent to, up to, over to",
-    "NEAREST": "nearest, closest",
-    "NORTH": "north, northward, northwards, northern",
-    "NUMBER": "number, no, nr, #",
-    "OF": "of",
-    "ON": "on",
-    "POINT": "point, position, coordinates, location",
-    "POSS": "'s",
-    "RETURN": "return",
-    "RIGHT": "right, right hand",
-    "SEE": "see, can see",
-    "SIDE": "side",
-    "SOUTH": "south, southward, southwards, southern",
-    "STAND": "stand, stop, wait, park, stay, position yourself, place yourself",
-    "START": "start, beginning, origin, home, starting point, starting position, start position, where you started, "
-    "where you came from, where you began, where you were",
-    "STOP": ". ; ! :",
-    "TAKE": "take me, bring me, guide me, lead me, take us, bring us, take yourself, bring yourself",
-    "THEN": "then, afterwards, after that, finally, next, lastly, and then, followed by",
-    "TO": "to, into",
-    "TOWARD": "toward, towards",
-    "TURN": "turn, rotate, spin, pivot, swivel",
-    "UNTIL": "until, till",
-    "VIEW": "in view, in sight, in your view, in your field of view, within view, within sight",
-    "VISIBLE": "visible",
-    "WEST": "west, westward, westwards, western",
-    "WITH": "with",
-}
-_POLITE: Final = (
-    "please could can would will you kindly hey hi hello ok okay robot just now thanks thank also i want like need us "
-    "let so that which is are there yourself d ll very much good"
-)
-_SILENT: Final = frozenset(_POLITE.split())
-_UNITS: Final = (
-    "zero one two three four five six seven eight nine ten eleven twelve thirteen fourteen fifteen sixteen seventeen "
-    "eighteen nineteen"
-)
-_TENS: Final = "twenty thirty forty fifty sixty seventy eighty ninety"
-_RANKS: Final = (
-    "first second third fourth fifth sixth seventh eighth ninth tenth eleventh twelfth thirteenth fourteenth fifteenth "
-    "sixteenth seventeenth eighteenth nineteenth twentieth"
-)
-_NUMBERS: Final = {
-    **{word: n for n, word in enumerate(_UNITS.split())},
-    **{word: 10 * n for n, word in enumerate(_TENS.split(), start=2)},
-}
-_ORDINALS: Final = {"last": -1, **{word: n for n, word in enumerate(_RANKS.split(), start=1)}}
 _PIECE: Final = re.compile(
-    r"(?P<ordinal>\d+)(?:st|nd|rd|th)\b|(?P<number>(?<![\w.])-?\d+(?:\.\d+)?|\d+(?:\.\d+)?)|(?P<poss>['’]s\b)"
-    r"|(?P<word>[^\W\d_]+)|(?P<mark>[,.;:!#°])|(?P<other>[^\s\-_?()\"'’\[\]]+)"
+    r"(?P<ordinal>\d+)(?:st|nd|rd|th)\b"
+    r"|(?P<comma>\d+,\d+)(?=\s*(?:m|cm|met(?:er|re)s?|centimet(?:er|re)s?|feet|ft)\b)"
+    r"|(?P<number>(?<![\w.])-?\d+(?:\.\d+)?|\d+(?:\.\d+)?|(?<![\w.])\.\d+)|(?P<poss>['’]s\b)"
+    r"|(?P<word>[^\W\d_]+)|(?P<mark>[,.;:!#°&])|(?P<other>[^\s\-_?()\"'’\[\]]+)"
 )
+_IS: Final = re.compile(r"\b(that|it|there|what|where|here|which|who|let)['’]s\b")
+_MOST: Final = re.compile(r"(left|right|north|south|east|west)(?:ern|er)?most")
+_MOST_ADJECTIVE: Final = re.compile(r"(left|right|north|south|east|west)(?:ern|erly|ward)?$")
+_POINTS: Final = {tuple(name.split()): degrees for name, degrees in COMPASS_POINTS.items() if " " in name}
+_POINT_WORD: Final = re.compile(r"(north|south)(east|west)(?:ern|erly|wards?|bound)?$")
+_BOUNDS: Final = ("THEN", "STOP")
+_VERBS: Final = frozenset(
+    [
+        "APPROACH",
+        "BACKUP",
+        "CIRCLE",
+        "FACE",
+        "GO",
+        "HALT",
+        "KEEP",
+        "LOOK",
+        "MAKE",
+        "NOT",
+        "PASS",
+        "RETURN",
+        "SPIN",
+        "STAND",
+        "STRAFE",
+        "TAKE",
+        "TURN",
+        "UTURN",
+        "WITH",
+    ]
+)
+"""Tokens a new order starts with, also where only a comma or "and" stands before it."""
+_NAMES: Final = ("NOUN", "NOUNS", "PLACE")
+_RANKING: Final = ("ORD", "NEAREST", "FARTHEST", "MOST")
+_UNITS: Final = ("METRES", "CENTIMETRES", "FEET", "YARDS", "STEPS", "INCHES", "KILOMETRES", "MILLIMETRES")
+_STARTERS: Final = ("APPROACH", "BACKUP", "FACE", "GO", "LOOK", "RETURN", "SPIN", "TURN")
+_ENDERS: Final = (*_NAMES, "IT", "LEFT", "RIGHT", "DEGREES", "START", "FORWARD", "BACKWARD", *_UNITS)
+_WHERE: Final = (
+    "LEFT",
+    "RIGHT",
+    "NORTH",
+    "SOUTH",
+    "EAST",
+    "WEST",
+    "INTER",
+    "NEAR",
+    "FRONT",
+    "BEHIND",
+    "BETWEEN",
+    "TO",
+    "ON",
+)
+_KEYWORDS: Final = tuple(sorted(w[0] for w, kind in PHRASES.items() if len(w) == 1 and kind and len(w[0]) >= 4))
+
+Pieces = Sequence[tuple[str, str]]
 
 
-class UnknownWordsLexer(Lexer):
-    """Gives the parser the tokens made by ``tokens``."""
+def tokens(text: str, vocabulary: Vocabulary, *, corrected: list[str] | None = None) -> list[Token]:
+    """Split a command into tokens of the grammar; words nobody knows become WORD, polite ones vanish.
 
-    def __init__(self, lexer_conf: Any) -> None:
-        pass
-
-    def lex(self, data: Sequence[Token]) -> Iterator[Token]:  # pyright: ignore[reportIncompatibleMethodOverride]
-        """Pass the tokens on."""
-        yield from data
-
-
-def _phrases() -> dict[tuple[str, ...], str]:
-    phrases = {}
-    for kind, spoken in _KEYWORDS.items():
-        options = spoken.split() if kind == "STOP" else [","] if kind == "COMMA" else spoken.split(", ")
-        phrases.update({tuple(option.split()): kind for option in options})
-    return phrases
-
-
-_PHRASES: Final = _phrases()
-_LONGEST: Final = max(map(len, _PHRASES))
-
-
-def tokens(text: str, vocabulary: Vocabulary) -> list[Token]:
-    """Split a command into tokens of the grammar; words nobody knows become WORD, polite ones vanish."""
-    pieces = [(str(m.lastgroup), m[m.lastgroup or 0]) for m in _PIECE.finditer(text.lower())]
+    Args:
+        text: what was said.
+        vocabulary: of the map.
+        corrected: where given, misspelled words are put right, and each is told here.
+    """
+    plainly = _IS.sub(r"\1 is", text.lower())
+    pieces = [(str(m.lastgroup), m[m.lastgroup or 0]) for m in _PIECE.finditer(plainly)]
+    if corrected is not None:
+        pieces = _put_right(pieces, vocabulary, corrected)
     words = [piece for _, piece in pieces]
     found: list[Token] = []
     at = 0
     while at < len(pieces):
-        token, length = _token(pieces, words, at, vocabulary)
-        if token is not None:
-            found.append(token)
+        kind, value, length = _token(pieces[at][0], words[at:], vocabulary)
+        if kind:
+            found.append(Token(kind, value))
         at += length
     return found
 
 
-def _token(
-    pieces: Sequence[tuple[str, str]], words: Sequence[str], at: int, vocabulary: Vocabulary
-) -> tuple[Token | None, int]:
-    """Give the token that starts at a piece (None: left out), and how many pieces it takes."""
-    kind, piece = pieces[at]
-    if kind in ("ordinal", "number"):
-        return Token("ORD" if kind == "ordinal" else "NUM", piece), 1
-    length, keyword = _keyword(words, at)
-    thing = vocabulary.match(words[at : at + 6])
-    number, digits = _spoken_number(words, at)
+def clauses(spoken: Sequence[Token]) -> list[list[Token]]:
+    """Split the tokens of a command into one list for each thing to do."""
+    spoken = _shortened(spoken)
+    found: list[list[Token]] = [[]]
+    in_pair = False
+    for at, word in enumerate(spoken):
+        after = next((w for w in spoken[at + 1 :] if w.type not in ("COMMA", "AND", *_BOUNDS)), None)
+        verb = after is not None and _starts_an_order(after, found[-1])
+        ends = after is None or after is not spoken[at + 1]
+        if (
+            word.type in _STARTERS
+            and found[-1]
+            and found[-1][-1].type in _ENDERS
+            and not (ends or found[-1][0].type == "MAKE")
+        ):
+            found.append([])  # "turn left go ahead": said without a pause
+            in_pair = False
+        if word.type in _BOUNDS or (word.type in ("COMMA", "AND") and _splits(found[-1], word, after, in_pair, verb)):
+            _lend_noun(found[-1], spoken[at + 1 :])
+            found.append([])
+            in_pair = False
+            continue
+        if word.type == "AND" and in_pair:
+            in_pair = False
+        in_pair |= word.type == "BETWEEN"
+        found[-1].append(word)
+    kept = [part for clause in found for part in _apart(_without_rank(clause))]
+    return [clause for clause in kept if clause]
+
+
+def _apart(clause: list[Token]) -> list[list[Token]]:
+    """Part "go ahead with the table on your left" and "with the table on your left go ahead"; the turn comes first."""
+    kinds = [word.type for word in clause]
+    at = kinds.index("WITH") if "WITH" in kinds else -1
+    end = next((i + 1 for i in range(at + 1, len(kinds)) if kinds[i] in ("LEFT", "RIGHT")), 0) if at >= 0 else 0
+    if not end or not {"ON", "TO", "AT"} & set(kinds[at:end]):
+        return [clause]
+    end += kinds[end : end + 1] == ["SIDE"]
+    before = [] if at and kinds[at - 1] in ("TURN", "SPIN") else clause[:at]
+    if not before and not (at == 0 and kinds[end : end + 1] and kinds[end] in _VERBS | {"FORWARD", "STEPS", "COMMA"}):
+        return [clause]
+    return [clause[at:end], _without_rank(before + clause[end:])]
+
+
+def _shortened(spoken: Sequence[Token]) -> list[Token]:
+    """Leave out words that say nothing: "chair of the chairs in view", "the chair that is the farthest"."""
+    kept: list[Token] = []
+    at = 0
+    while at < len(spoken):
+        ahead = [word.type for word in spoken[at : at + 3]]
+        names = [str(word) for word in kept if word.type in _NAMES]
+        skip = 3 if ahead in (["OF", "DET", "NOUNS"], ["OF", "EVERY", "NOUNS"]) else 0
+        if skip and names and singular(names[-1]) == singular(str(spoken[at + 2])):
+            at += skip
+            continue
+        if skip == 0 and _adds_half(kept, spoken[at : at + 3]):
+            before = 1.0 if kept[-2].type == "DET" else float(kept[-2])
+            kept[-2] = Token("NUM", f"{before + 0.5:.12g}")
+            at += ahead.index("HALF") + 1
+            continue
+        if ahead[:2] == ["DET", "POINT"] and ahead[2:3] and ahead[2] in _WHERE:
+            at += 2  # "a spot left of the bed"
+            continue
+        after_name = bool(kept) and kept[-1].type in (*_NAMES, "ONE")
+        if not (ahead[0] == "DET" and after_name and ahead[1:2] and ahead[1] in _RANKING):
+            kept.append(spoken[at])
+        at += 1
+    return kept
+
+
+def _adds_half(before: Sequence[Token], ahead: Sequence[Token]) -> bool:
+    """Tell whether "and a half" follows "one metre"."""
+    kinds = [word.type for word in ahead]
+    half = kinds[:2] == ["AND", "HALF"] or kinds == ["AND", "DET", "HALF"]
+    return half and len(before) > 1 and before[-1].type in _UNITS and before[-2].type in ("NUM", "ONE", "DET")
+
+
+def _lend_noun(clause: list[Token], rest: Sequence[Token]) -> None:
+    """Name the thing of "go to the first and the third chair" in the first half too."""
+    if clause and clause[-1].type in _RANKING and not any(word.type in (*_NAMES, "WORD", "ONE") for word in clause):
+        until = next((i for i, word in enumerate(rest) if word.type in _VERBS), len(rest))
+        clause += [word for word in rest[:until] if word.type in _NAMES][:1]
+
+
+def _splits(clause: Sequence[Token], word: Token, after: Token | None, in_pair: bool, verb: bool) -> bool:
+    """Tell whether a comma or "and" ends what is to be done."""
+    if not clause or after is None or verb:
+        return True
+    if in_pair and word.type == "AND":
+        return False
+    return not (clause[-1].type == "NUM" and after.type == "NUM")
+
+
+def _starts_an_order(word: Token, before: Sequence[Token]) -> bool:
+    return word.type in _VERBS and not (word.type == "WITH" and not before)
+
+
+def _without_rank(clause: list[Token]) -> list[Token]:
+    """Leave out the rank of "first, go to …", and commas at either end."""
+    while clause and clause[0].type in ("COMMA", "AND", "AFTER"):
+        clause = clause[1:]
+    while clause and clause[-1].type in ("COMMA", "AND"):
+        clause = clause[:-1]
+    if clause and clause[0].type == "ORD" and (len(clause) == 1 or clause[1].type in (*_VERBS, "COMMA", "TO")):
+        return _without_rank(clause[1:])
+    return clause
+
+
+def _token(kind: str, words: list[str], vocabulary: Vocabulary) -> tuple[str, str, int]:
+    """Give the token that starts here, its value, and how many pieces it takes; token "" is left out."""
+    piece = words[0]
+    if kind == "ordinal":
+        rank, length = read_rank(words, int(piece))
+        return "ORD", str(rank), length
+    if kind in ("number", "comma"):
+        number, length = read_number(words, float(piece.replace(",", ".")))
+        return "NUM", f"{number:.12g}", length
+    rank, rank_words = read_rank(words)
+    if rank:
+        return "ORD", str(rank), rank_words
+    side, side_words = _superlative(words)
+    if side:
+        return "MOST", side, side_words
+    degrees, point_words = _compass_point(words)
+    if point_words:
+        return "INTER", f"{degrees:.12g}", point_words
+    return _word(words, vocabulary)
+
+
+def _word(words: list[str], vocabulary: Vocabulary) -> tuple[str, str, int]:
+    piece = words[0]
+    length, keyword = _keyword(words)
+    activity, activity_words = vocabulary.activity(words[:10])
+    if activity:
+        return "PLACE", activity, activity_words
+    alone = next((i for i, word in enumerate(words) if not word.isalpha() or word in ("and", "then")), len(words))
+    if tuple(words[:alone]) in ACTIVITIES:
+        return "PLACE", ACTIVITIES[tuple(words[:alone])], alone
+    thing = vocabulary.match(words[:6])
     if thing > 0 and thing >= length:
-        name = " ".join(words[at : at + thing])
-        return Token("NOUNS" if singular(name) != name else "NOUN", name), thing
+        name = " ".join(words[:thing])
+        return ("NOUNS" if singular(name) != name else "NOUN"), name, thing
+    number, digits = read_number(words)
+    if digits > length:
+        return ("ONE" if words[:digits] == ["one"] else "NUM"), f"{number:.12g}", digits
     if length > 0:
-        return Token(keyword, " ".join(words[at : at + length])), length
-    if digits > 0:
-        return Token("NUM", str(number)), digits
-    if piece in _ORDINALS:
-        return Token("ORD", str(_ORDINALS[piece])), 1
-    return (None if piece in _SILENT else Token("WORD", piece)), 1
+        return keyword, " ".join(words[:length]), length
+    return "WORD", piece, 1
 
 
-def _keyword(words: Sequence[str], at: int) -> tuple[int, str]:
-    for length in range(_LONGEST, 0, -1):
-        kind = _PHRASES.get(tuple(words[at : at + length]))
-        if kind:
+def _keyword(words: Sequence[str]) -> tuple[int, str]:
+    for length in range(min(LONGEST, len(words)), 0, -1):
+        kind = PHRASES.get(tuple(words[:length]))
+        if kind is not None:
             return length, kind
     return 0, ""
 
 
-def _spoken_number(words: Sequence[str], at: int) -> tuple[int, int]:
-    """Read "two", "forty five", "one hundred eighty", "a hundred"; gives the number and how many words it took."""
-    total, taken = 0, 0
-    for word in words[at : at + 4]:
-        if word == "hundred" and 0 <= total < 10:
-            total = max(total, 1) * 100
-        elif word in _NUMBERS and (taken == 0 or total % 100 == 0 or (total % 10 == 0 and _NUMBERS[word] < 10)):
-            total += _NUMBERS[word]
-        else:
+def _superlative(words: Sequence[str]) -> tuple[str, int]:
+    """Read "leftmost", "left most", "most northerly" at the start of some words."""
+    found = _MOST.fullmatch(words[0])
+    if found:
+        return found[1], 1
+    if len(words) > 1 and words[1] == "most":
+        found = _MOST_ADJECTIVE.fullmatch(words[0])
+    elif len(words) > 1 and words[0] == "most":
+        found = _MOST_ADJECTIVE.fullmatch(words[1])
+    return (found[1], 2) if found else ("", 0)
+
+
+def _compass_point(words: Sequence[str]) -> tuple[float, int]:
+    """Read a compass word between the main four: "north east", "northeastern", "north-north-east"."""
+    split = []
+    for at, word in enumerate(words[:3]):
+        found = _POINT_WORD.fullmatch(word)
+        one = _MOST_ADJECTIVE.fullmatch(word)
+        names = [found[1], found[2]] if found else [one[1]] if one else []
+        if not names:
             break
-        taken += 1
-    return total, taken
+        split += [(name, at + 1) for name in names]
+    for length in (3, 2):
+        degrees = _POINTS.get(tuple(name for name, _ in split[:length]))
+        if degrees is not None and len(split) >= length:
+            return degrees, split[length - 1][1]
+    return 0.0, 0
+
+
+def _put_right(pieces: Pieces, vocabulary: Vocabulary, corrected: list[str]) -> list[tuple[str, str]]:
+    """Replace words that nobody knows by the known ones they are slips of."""
+    found: list[tuple[str, str]] = []
+    words = [piece for _, piece in pieces]
+    at = 0
+    while at < len(pieces):
+        kind, _, length = _token(pieces[at][0], words[at:], vocabulary)
+        name, taken, end = "", 0, at + length
+        if pieces[at][0] == "word":
+            name, taken = vocabulary.correct(words[at : at + 3]) if kind in ("WORD", "NOUN", "NOUNS") else ("", 0)
+            if kind != "WORD" and taken <= length:
+                name, taken = "", 0
+            keyword = correct(words[at], _KEYWORDS) if kind == "WORD" and taken < 2 else None
+            name, taken = (keyword, 1) if keyword and not name else (name, taken)
+        if name:
+            corrected.append(f'"{" ".join(words[at : at + taken])}" is read as {name}')
+            found += [("word", word) for word in name.split()]
+            end = at + taken
+        else:
+            found += pieces[at:end]
+        at = end
+    return found

@@ -1,82 +1,27 @@
-"""Words for things: synonyms, plurals and generic words, tied to the classes a map really has."""
+"""Names of things: plurals, synonyms and generic words, tied to the classes a map really has."""
 
-import difflib
 import re
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
 from functools import cached_property
 from typing import Final
 
-SYNONYMS: Final[dict[str, tuple[str, ...]]] = {
-    "armchair": ("chair", "couch"),
-    "basin": ("sink",),
-    "bicycle": ("bike",),
-    "bike": ("bicycle", "motorcycle"),
-    "bin": ("trash can", "trash bin", "garbage bin"),
-    "bookcase": ("bookshelf", "shelf"),
-    "bookshelf": ("bookcase", "shelf"),
-    "bureau": ("desk",),
-    "cellphone": ("cell phone",),
-    "cooker": ("stove", "oven"),
-    "couch": ("sofa", "settee"),
-    "cupboard": ("cabinet", "wardrobe"),
-    "desk": ("table", "dining table"),
-    "desk chair": ("office chair", "chair"),
-    "dining chair": ("chair",),
-    "dining table": ("table",),
-    "dinner table": ("dining table", "table"),
-    "display": ("monitor", "tv"),
-    "dustbin": ("trash can", "trash bin", "garbage bin"),
-    "flower": ("potted plant", "plant", "vase"),
-    "flowerpot": ("potted plant", "plant"),
-    "fridge": ("refrigerator",),
-    "freezer": ("refrigerator",),
-    "garbage can": ("trash can", "trash bin", "garbage bin"),
-    "hair dryer": ("hair drier",),
-    "handbag": ("bag",),
-    "house plant": ("potted plant", "plant"),
-    "houseplant": ("potted plant", "plant"),
-    "human": ("person",),
-    "lavatory": ("toilet",),
-    "loo": ("toilet",),
-    "loveseat": ("couch", "sofa"),
-    "man": ("person",),
-    "mobile": ("cell phone",),
-    "mobile phone": ("cell phone",),
-    "monitor": ("tv", "tv monitor"),
-    "motorbike": ("motorcycle",),
-    "mug": ("cup",),
-    "notebook computer": ("laptop",),
-    "office chair": ("chair",),
-    "painting": ("picture", "picture frame"),
-    "phone": ("cell phone",),
-    "photo": ("picture", "picture frame"),
-    "plant": ("potted plant", "pot plant"),
-    "pot plant": ("potted plant", "plant"),
-    "potted plant": ("plant", "pot plant"),
-    "refrigerator": ("fridge",),
-    "rubbish bin": ("trash can", "trash bin", "garbage bin"),
-    "screen": ("tv", "monitor", "tv monitor"),
-    "seat": ("chair", "stool", "couch", "bench"),
-    "settee": ("couch", "sofa"),
-    "sofa": ("couch", "settee"),
-    "stool": ("bar stool",),
-    "stove": ("oven", "cooker"),
-    "table": ("dining table", "coffee table", "side table", "desk"),
-    "teddy": ("teddy bear",),
-    "telephone": ("cell phone",),
-    "television": ("tv", "tv monitor"),
-    "television set": ("tv", "tv monitor"),
-    "telly": ("tv", "tv monitor"),
-    "trash": ("trash can", "trash bin", "garbage bin"),
-    "trash bin": ("trash can", "garbage bin"),
-    "trash can": ("trash bin", "garbage bin", "bin"),
-    "trashcan": ("trash can", "trash bin", "garbage bin"),
-    "tv": ("television", "tv monitor", "monitor"),
-    "wc": ("toilet",),
-    "woman": ("person",),
-}
-"""{word: classes it may mean, the most fitting first}; a class called exactly so always comes before all of them."""
+from simaps_viz.labels import COCO_THINGS
+from simaps_viz.language.spelling import correct
+from simaps_viz.language.synonyms import ACTIVITIES, KINDS, LINKS, OTHER_THINGS, PLACES, SYNONYMS
 
+ANY: Final = "any "
+"""Before a name: all classes of that kind, where a class of exactly that name would be meant otherwise."""
+_NO_KIND: Final = ("hot dog", "teddy bear")
+"""Names whose last word misleads: a hot dog is no dog."""
+EVERYTHING: Final = ("object", "thing", "item")
+"""Words for whatever there is."""
+_EVERYWHERE: Final = frozenset(
+    {w for names in (*SYNONYMS.values(), *KINDS.values()) for w in names}
+    | {*SYNONYMS, *KINDS, *COCO_THINGS, *EVERYTHING, *(word.replace("_", " ") for word in OTHER_THINGS.split())}
+)
+"""Names of things on any map."""
+_LONGEST: Final = max(len(name.split()) for name in _EVERYWHERE)
 _IRREGULAR = {
     "people": "person",
     "persons": "person",
@@ -89,6 +34,7 @@ _IRREGULAR = {
     "loaves": "loaf",
     "children": "child",
     "tvs": "tv",
+    "tv's": "tv",
     "buses": "bus",
     "vases": "vase",
     "suitcases": "suitcase",
@@ -101,6 +47,14 @@ _IRREGULAR = {
     "cookies": "cookie",
     "ties": "tie",
     "bus": "bus",
+    "tableware": "tableware",
+    "stoves": "stove",
+    "sheep": "sheep",
+    "dresses": "dress",
+    "glasses": "glass",
+    "gas": "gas",
+    "shears": "shears",
+    "places": "place",
 }
 
 
@@ -126,7 +80,7 @@ def plural(phrase: str) -> str:
     """Give a phrase with its last word in the plural: "couch" -> "couches"."""
     *first, last = phrase.split() or [""]
     for many, one in _IRREGULAR.items():
-        if one == last and many != "persons":
+        if one == last and many not in ("persons", "tv's"):
             return " ".join([*first, many])
     if last.endswith(("ch", "sh", "s", "x", "z")):
         last += "es"
@@ -143,24 +97,51 @@ def plain(label: str) -> str:
     return " ".join(w for w in words if w not in ("merged", "other", "stuff")) or label.strip().lower()
 
 
+@dataclass(frozen=True)
+class Meaning:
+    """What a word may mean on one map."""
+
+    labels: tuple[str, ...]
+    """The classes it takes together, at least one."""
+    others: tuple[str, ...] = ()
+    """Other classes it may mean, the likeliest first."""
+
+
 class Vocabulary:
     """What a person may call the classes of one map.
 
     Args:
-        labels: class names of the map; their order breaks ties between equally fitting classes.
+        labels: class names of the map, or {class name: number of instances}; their order breaks ties between
+            equally fitting classes.
     """
 
-    def __init__(self, labels: Iterable[str]) -> None:
+    def __init__(self, labels: Iterable[str] | Mapping[str, int]) -> None:
         self.labels = tuple(labels)
+        self._counts = labels if isinstance(labels, Mapping) else None
 
-    def resolve(self, phrase: str) -> tuple[str, ...]:
-        """Give the classes a word or phrase may mean, the most fitting first; empty when the map has none of them."""
+    def count(self, label: str) -> int | None:
+        """Give how many instances of a class the map has; None when only the class names are known."""
+        return None if self._counts is None else self._counts.get(label, 0)
+
+    def resolve(self, phrase: str) -> Meaning | None:
+        """Give what a word or phrase means; None when the map has nothing it may mean.
+
+        A class of exactly that name comes first, then all classes of a kind together, then the first synonym.
+        """
         spoken = plain(phrase)
-        found: list[str] = []
-        for name in dict.fromkeys((spoken, singular(spoken))):
-            for candidate in (name, *SYNONYMS.get(name, ())):
-                found += [label for label in self.labels if plain(label) == candidate and label not in found]
-        return tuple(found)
+        names = tuple(dict.fromkeys((spoken, singular(spoken))))
+        wide = tuple(name.removeprefix(ANY) for name in names if name.startswith(ANY))
+        if wide:
+            family = self._family(wide)
+            return Meaning(family) if family else None
+        exact = self._called(names)
+        family = self._family(names)
+        if exact:
+            return Meaning(exact[:1], tuple(label for label in family if label not in exact))
+        fitting = self._called([other for name in names for other in SYNONYMS.get(name, ())])
+        if family:
+            return Meaning(family, tuple(label for label in fitting if label not in family))
+        return Meaning(fitting[:1], fitting[1:]) if fitting else None
 
     def match(self, words: Sequence[str]) -> int:
         """Give how many of the first words form the longest known name of anything (0: none)."""
@@ -170,18 +151,65 @@ class Vocabulary:
                 return length
         return 0
 
+    def activity(self, words: Sequence[str]) -> tuple[str, int]:
+        """Read "somewhere to sit" at the start of some words; gives the generic word and the length ("", 0: none)."""
+        for place in PLACES:
+            if tuple(words[: len(place)]) != place:
+                continue
+            for link in LINKS:
+                end = len(place) + len(link)
+                if tuple(words[len(place) : end]) != link:
+                    continue
+                for length in range(min(4, len(words) - end), 0, -1):
+                    kind = ACTIVITIES.get(tuple(words[end : end + length]))
+                    if kind:
+                        return kind, end + length
+        return "", 0
+
+    def correct(self, words: Sequence[str]) -> tuple[str, int]:
+        """Read a misspelled name at the start of some words; gives the name and its length ("", 0: none is close)."""
+        for length in (3, 2, 1):
+            spoken = " ".join(words[:length])
+            if len(words) >= length and all(word.isalpha() for word in words[:length]):
+                found = correct(spoken, self._here) or correct(singular(spoken), self._here)
+                found = found or (correct(singular(spoken), self._sorted) if len(spoken) > 5 else None)
+                if found:
+                    return (plural(found) if singular(spoken) != spoken else found), length
+        return "", 0
+
     def suggest(self, phrase: str) -> str | None:
         """Give the class whose name is spelled most like the phrase, if any is close."""
-        near = difflib.get_close_matches(singular(plain(phrase)), [plain(label) for label in self.labels], 1, 0.75)
-        return next((label for label in self.labels if near and plain(label) == near[0]), None)
+        near = correct(singular(plain(phrase)), [plain(label) for label in self.labels])
+        return next((label for label in self.labels if near and plain(label) == near), None)
+
+    def _called(self, names: Iterable[str]) -> tuple[str, ...]:
+        return tuple(dict.fromkeys(label for name in names for label in self.labels if plain(label) == name))
+
+    def _family(self, names: Iterable[str]) -> tuple[str, ...]:
+        """Give the classes of a kind: those listed, and those whose name ends so ("kitchen counter" is a counter)."""
+        members = [m for name in names for m in KINDS.get(name, ())]
+        found = list(self._called(members))
+        if any(name in EVERYTHING for name in names):
+            return self.labels
+        for name in names:
+            ending = [label for label in self.labels if plain(label).endswith(f" {name}")]
+            found += [label for label in ending if label not in found and plain(label) not in _NO_KIND]
+        return tuple(found)
+
+    @cached_property
+    def _here(self) -> tuple[str, ...]:
+        return tuple(dict.fromkeys([plain(label) for label in self.labels]))
 
     @cached_property
     def _known(self) -> frozenset[str]:
-        spoken = {plain(label) for label in self.labels}
-        return frozenset(
-            spoken | {singular(s) for s in spoken} | set(SYNONYMS) | {w for v in SYNONYMS.values() for w in v}
-        )
+        spoken = set(self._here)
+        heads = {name.split()[-1] for name in spoken}
+        return _EVERYWHERE | spoken | heads | {singular(s) for s in spoken}
+
+    @cached_property
+    def _sorted(self) -> tuple[str, ...]:
+        return tuple(sorted(self._known))
 
     @cached_property
     def _longest(self) -> int:
-        return max(len(name.split()) for name in self._known)
+        return max([_LONGEST, *(len(name.split()) for name in self._here)])

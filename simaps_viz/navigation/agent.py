@@ -1,7 +1,8 @@
 """A simulated robot that carries out programs and spoken commands on a map."""
 
 import re
-from collections.abc import Generator
+from collections.abc import Callable, Generator, Mapping
+from contextlib import suppress
 from dataclasses import dataclass
 from typing import Any, Literal
 from weakref import WeakKeyDictionary
@@ -11,9 +12,10 @@ from numpy.typing import NDArray
 
 from simaps_viz.errors import CommandError, PlanningError
 from simaps_viz.language.commands import Reading, read_command
-from simaps_viz.language.interpreter import Budget, BudgetError, interpret
-from simaps_viz.language.primitives import SELF
-from simaps_viz.language.program import Call, Program, ProgramError, ProgramStuckError, parse_program
+from simaps_viz.language.interpreter import Budget, BudgetError, Caller, interpret
+from simaps_viz.language.primitives import SELF, Primitive
+from simaps_viz.language.program import Call, Program, parse_program
+from simaps_viz.language.program_text import ProgramError, ProgramStuckError
 from simaps_viz.navigation.drive import Motion
 from simaps_viz.navigation.planner import Planner, RobotShape
 from simaps_viz.navigation.robot import Goal, Robot
@@ -21,6 +23,7 @@ from simaps_viz.structures import Pose2, SIMap
 
 _CALL_ON_ROBOT = re.compile(r"\brobot\s*\.\s*[^\W\d]\w*\s*\(")
 _RANK_OF = {"instance": "name", "n": "name", "instance_a": "name_a", "instance_b": "name_b"}
+_TURNS = ("turn", "turn_absolute", "face", "with_object_on_left", "with_object_on_right")
 _PLANNERS: WeakKeyDictionary[SIMap, dict[RobotShape, Planner]] = WeakKeyDictionary()
 
 
@@ -75,6 +78,61 @@ class Answer:
         }
 
 
+class Rehearsal:
+    """Goes through a program on a robot that drives nowhere, so that what is bound to be refused never starts.
+
+    Look-ups depend on the map and on where the command was given, not on where the robot is by then: all but
+    ``get_pos("robot")`` are answered for real. So the rehearsal takes the very branches and turns the run will take;
+    it finds names, ranks and positions the map has not, however they were computed, and loops that would not end
+    within the budget. Where a program asks for the robot's position after a motion, the rehearsal ends without a
+    verdict.
+
+    Args:
+        robot: stands where the program will start; it turns, but does not drive.
+        look_up: answers look-ups.
+    """
+
+    def __init__(self, robot: Robot, look_up: Caller) -> None:
+        self._robot = robot
+        self._look_up = look_up
+        self._has_moved = False
+
+    def run(self, program: Program, budget: Budget) -> None:
+        """Rehearse a program.
+
+        Raises:
+            CommandError: naming the line, as the run would.
+        """
+        with suppress(_WhereaboutsError):
+            for _ in interpret(program, self._call, budget=budget):
+                self._robot.take_poses()
+
+    def _call(self, primitive: Primitive, arguments: Mapping[str, Any]) -> Any:
+        if primitive.kind == "lookup":
+            if self._has_moved and arguments.get("name") == SELF:
+                raise _WhereaboutsError
+            return self._look_up(primitive, arguments)
+        if primitive.name in _TURNS:
+            return self._robot.call(primitive, arguments)
+        self._has_moved = True
+        spec = self._robot.simap.spec
+        if primitive.name == "move_to" and not spec.contains(*spec.cell_of(*arguments["pos"])):
+            return self._robot.call(primitive, arguments)  # which says what the map's edges are
+        picked = [
+            self._robot.grounding.pick(arguments[name], arguments[which])
+            for which, name in _RANK_OF.items()
+            if arguments.get(which) is not None
+        ]
+        if primitive.name == "move_in_between":
+            second = picked[1] if len(picked) > 1 else arguments["name_b"]
+            self._robot.grounding.pair(picked[0], second)
+        return None
+
+
+class _WhereaboutsError(Exception):
+    """Where the robot will be is not known in a rehearsal."""
+
+
 class Agent:
     """Runs programs one after the other, each from where the last one ended.
 
@@ -109,17 +167,24 @@ class Agent:
     def steps(self, program: str) -> Generator[StepEvent, None, None]:
         """Validate a program whole, then give a generator that runs it statement by statement.
 
-        Nothing moves before the first ``next``; dropping the generator stops the robot where it is.
+        Nothing moves before the first ``next``. Every ``next`` goes on to just before, or just after, the next
+        statement, also those inside ``for`` and ``if``; between two calls the program pauses, and waiting costs
+        nothing of its budget. ``close`` (or dropping the generator, or starting another program) stops the robot where
+        the last statement left it.
 
         Raises:
-            CommandError: at once when the program is invalid or names what the map has not; later, from the generator,
-                when a look-up finds nothing or a budget is used up.
+            CommandError: at once when the program is invalid, when it names what the map has not, or when a look-up
+                finds nothing or a budget is used up in the rehearsal (see ``Rehearsal``); from the generator when that
+                shows only on the way.
             PlanningError: from the generator.
         """
         parsed = parse_program(program)
-        self.robot = self._new_robot(self.robot.pose)
-        _check_names(parsed, self.robot)
-        return self._run(parsed, self.robot)
+        robot = self._new_robot(self.robot.pose)
+        _check_names(parsed, robot)
+        call = _remembering(robot.call)
+        Rehearsal(self._new_robot(robot.pose), call).run(parsed, self._budget)
+        self.robot = robot
+        return self._run(parsed, robot, call)
 
     def run_program(self, program: str) -> list[StepEvent]:
         """Run a program to its end; gives all its events."""
@@ -128,16 +193,28 @@ class Agent:
     def _new_robot(self, pose: Pose2) -> Robot:
         return Robot(self.simap, self.planner, pose, motion=self._motion, max_path_m=self._budget.path_m)
 
-    def _run(self, program: Program, robot: Robot) -> Generator[StepEvent, None, None]:
+    def _run(self, program: Program, robot: Robot, call: Caller) -> Generator[StepEvent, None, None]:
         told = 0
-        for turn in interpret(program, robot.call, budget=self._budget):
+        for turn in interpret(program, call, budget=self._budget):
             goal = robot.goals[-1] if len(robot.goals) > told else None
             told = len(robot.goals)
-            yield StepEvent(turn.line, program.line(turn.line), robot.take_poses(), goal, turn.phase == "after")
+            yield StepEvent(turn.line, program.lines[turn.line - 1], robot.take_poses(), goal, turn.phase == "after")
+            if self.robot is not robot:
+                return
+
+
+Reader = Callable[[str, Mapping[str, int]], Reading]
+"""Turns words into a program for a map with {class: number of instances}; raises CommandError when it cannot."""
 
 
 def answer(
-    simap: SIMap, command: str, pose: Pose2, *, robot: RobotShape | None = None, program: str | None = None
+    simap: SIMap,
+    command: str,
+    pose: Pose2,
+    *,
+    robot: RobotShape | None = None,
+    program: str | None = None,
+    reader: Reader = read_command,
 ) -> Answer:
     """Carry out one spoken command, or one program, in simulation.
 
@@ -147,6 +224,7 @@ def answer(
         pose: where the command is given.
         robot: the robot's shape.
         program: run this program for the command instead of reading the words.
+        reader: reads the words; by default the offline grammar.
 
     Returns:
         An answer; refusals and failures are answers too. A refused command leaves the robot where it was.
@@ -154,7 +232,7 @@ def answer(
     agent = Agent(simap, pose, robot)
     written = command if program is None and is_program(command) else program
     try:
-        reading = Reading(written) if written is not None else read_command(command, tuple(simap.counts()))
+        reading = Reading(written) if written is not None else reader(command, simap.counts())
     except CommandError as error:
         return _answer(agent, Reading(""), "refused", str(error))
     try:
@@ -205,6 +283,21 @@ def _answer(
         notes=reading.notes,
         alternatives=reading.alternatives,
     )
+
+
+def _remembering(call: Caller) -> Caller:
+    """Answer each look-up once: all but the robot's own position stay the same while a program runs."""
+    known: dict[tuple[Any, ...], Any] = {}
+
+    def remembered(primitive: Primitive, arguments: Mapping[str, Any]) -> Any:
+        if primitive.kind != "lookup" or arguments.get("name") == SELF:
+            return call(primitive, arguments)
+        key = (primitive.name, *arguments.values())
+        if key not in known:
+            known[key] = call(primitive, arguments)
+        return known[key]
+
+    return remembered
 
 
 def _check_names(program: Program, robot: Robot) -> None:

@@ -4,6 +4,9 @@ Steps go to the 8 neighbours and cost 1 or sqrt(2) cells; a diagonal step needs 
 is cut. The heuristic is the octile distance to the bounding box of the goal cells: it never overestimates and never
 drops by more than a step costs, so a cell is final when it leaves the heap (Hart, Nilsson and Raphael, 1968).
 Among equal estimates the smaller cell number leaves the heap first, so the answer does not depend on chance.
+
+Only *jump points* enter the heap: of all equally short ways the search follows the one that goes diagonally first, and
+such a way turns nowhere but beside the end of an obstacle (Harabor and Grastien, 2011; without cutting corners: 2012).
 """
 
 import math
@@ -11,6 +14,8 @@ import math
 import numba
 import numpy as np
 from numpy.typing import NDArray
+
+from simaps_viz.navigation.jumps import EAST, NORTH, SOUTH, WEST
 
 _SQRT2 = math.sqrt(2.0)
 
@@ -63,11 +68,68 @@ def _octile_to_box(row: int, col: int, box: NDArray) -> float:
 
 
 @numba.njit(cache=True)
-def search(free: NDArray, start: tuple[int, int], goal: NDArray, box: NDArray) -> tuple[NDArray, float]:
+def _straight_jump(jumps: NDArray, goal: NDArray, lines: NDArray, row: int, col: int, dr: int, dc: int) -> int:
+    """Give how many cells a straight jump goes: to the next goal, or else jump point; 0 when there is neither."""
+    side = (EAST if dc > 0 else WEST) if dr == 0 else (NORTH if dr > 0 else SOUTH)
+    jump = jumps[row, col, side]
+    if lines[0, row] if dr == 0 else lines[1, col]:
+        for step in range(1, abs(jump) + 1):
+            if goal[row + step * dr, col + step * dc]:
+                return step
+    return max(jump, 0)
+
+
+@numba.njit(cache=True)
+def _diagonal_jump(
+    free: NDArray, jumps: NDArray, goal: NDArray, lines: NDArray, row: int, col: int, dr: int, dc: int
+) -> int:
+    """Give how many steps a diagonal jump goes, to a goal or a cell from which a straight jump leads on; 0: nowhere."""
+    rows, cols = free.shape
+    step = 0
+    while True:
+        r, c = row + dr, col + dc
+        if r < 0 or c < 0 or r >= rows or c >= cols:
+            return 0
+        if not (free[r, c] and free[row, c] and free[r, col]):
+            return 0
+        row, col, step = r, c, step + 1
+        if (
+            goal[r, c]
+            or _straight_jump(jumps, goal, lines, r, c, 0, dc) > 0
+            or _straight_jump(jumps, goal, lines, r, c, dr, 0) > 0
+        ):
+            return step
+
+
+@numba.njit(cache=True)
+def _leads_on(free: NDArray, row: int, col: int, came: tuple[int, int], dr: int, dc: int) -> bool:
+    """Tell whether a way that came to a cell in one direction may go on in another.
+
+    After a diagonal: the same way, or either of its two straight parts. After a straight: straight on; to a side, or
+    diagonally towards it, only where the cell beside the one before is not free, since otherwise the way would have
+    gone there first.
+    """
+    came_r, came_c = came
+    if came_r == 0 and came_c == 0:
+        return True
+    if came_r != 0 and came_c != 0:
+        return dr in (0, came_r) and dc in (0, came_c)
+    if came_r == 0:
+        if dr == 0:
+            return dc == came_c
+        return dc != -came_c and 0 <= row + dr < free.shape[0] and not free[row + dr, col - came_c]
+    if dc == 0:
+        return dr == came_r
+    return dr != -came_r and 0 <= col + dc < free.shape[1] and not free[row - came_r, col + dc]
+
+
+@numba.njit(cache=True)
+def search(free: NDArray, jumps: NDArray, start: tuple[int, int], goal: NDArray, box: NDArray) -> tuple[NDArray, float]:
     """Find a cheapest way from a cell to the nearest of the goal cells.
 
     Args:
         free: bool [rows, cols].
+        jumps: int32 [rows, cols, 4], ``straight_jumps(free)``.
         start: (row, col), a free cell.
         goal: bool [rows, cols].
         box: int64 [4], (first row, last row, first col, last col) of the goal cells.
@@ -76,52 +138,79 @@ def search(free: NDArray, start: tuple[int, int], goal: NDArray, box: NDArray) -
         int64 [n, 2] cells from start to goal, and the cost in cells; empty and infinity when there is no way.
     """
     rows, cols = free.shape
+    lines = _lines_with_goals(goal, box)
     cost = np.full(rows * cols, np.inf)
     parent = np.full(rows * cols, -1, np.int32)
-    closed = np.zeros(rows * cols, np.bool_)
     keys = np.zeros(1024)
     cells = np.zeros(1024, np.int64)
     cost[start[0] * cols + start[1]] = 0.0
     size = _push(keys, cells, 0, _octile_to_box(start[0], start[1], box), start[0] * cols + start[1])
     while size > 0:
-        here = cells[0]
+        here, estimate = cells[0], keys[0]
         size = _pop(keys, cells, size)
-        if closed[here]:
-            continue
-        closed[here] = True
         row, col = here // cols, here % cols
+        if estimate > cost[here] + _octile_to_box(row, col, box):
+            continue  # it was reached more cheaply since
         if goal[row, col]:
             return _way_back(parent, here, cols), float(cost[here])
         if size + 8 > len(keys):
             keys = np.concatenate((keys, np.zeros_like(keys)))
             cells = np.concatenate((cells, np.zeros_like(cells)))
+        came = _direction(parent[here], here, cols)
         for dr in range(-1, 2):
             for dc in range(-1, 2):
-                r, c = row + dr, col + dc
-                if (dr == 0 and dc == 0) or r < 0 or c < 0 or r >= rows or c >= cols or not free[r, c]:
+                if (dr == 0 and dc == 0) or not _leads_on(free, row, col, came, dr, dc):
                     continue
-                if dr != 0 and dc != 0 and not (free[row, c] and free[r, col]):
-                    continue
-                there = r * cols + c
-                along = cost[here] + (_SQRT2 if dr != 0 and dc != 0 else 1.0)
-                if not closed[there] and along < cost[there]:
+                if dr == 0 or dc == 0:
+                    steps = _straight_jump(jumps, goal, lines, row, col, dr, dc)
+                else:
+                    steps = _diagonal_jump(free, jumps, goal, lines, row, col, dr, dc)
+                there = here + steps * (dr * cols + dc)
+                along = cost[here] + steps * (_SQRT2 if dr != 0 and dc != 0 else 1.0)
+                if steps > 0 and along < cost[there]:
                     cost[there] = along
                     parent[there] = here
-                    size = _push(keys, cells, size, along + _octile_to_box(r, c, box), there)
+                    estimate = along + _octile_to_box(there // cols, there % cols, box)
+                    size = _push(keys, cells, size, estimate, there)
     return np.zeros((0, 2), np.int64), np.inf
 
 
 @numba.njit(cache=True)
+def _lines_with_goals(goal: NDArray, box: NDArray) -> NDArray:
+    """Mark the rows ([0]) and columns ([1]) that hold a goal: only along those a straight jump looks for one."""
+    lines = np.zeros((2, max(goal.shape)), np.bool_)
+    for row in range(box[0], box[1] + 1):
+        for col in range(box[2], box[3] + 1):
+            if goal[row, col]:
+                lines[0, row] = lines[1, col] = True
+    return lines
+
+
+@numba.njit(cache=True)
+def _direction(before: int, cell: int, cols: int) -> tuple[int, int]:
+    """Give the sign of the way from one cell to another, (0, 0) when there is no cell before."""
+    if before < 0:
+        return 0, 0
+    dr, dc = cell // cols - before // cols, cell % cols - before % cols
+    return (dr > 0) - (dr < 0), (dc > 0) - (dc < 0)
+
+
+@numba.njit(cache=True)
 def _way_back(parent: NDArray, goal: int, cols: int) -> NDArray:
-    n, cell = 0, goal
-    while cell >= 0:
-        n += 1
-        cell = parent[cell]
+    """Follow the parents from the goal to the start, filling in the cells between jump points."""
+    n, cell = 1, goal
+    while parent[cell] >= 0:
+        before = parent[cell]
+        n += max(abs(cell // cols - before // cols), abs(cell % cols - before % cols))
+        cell = before
     way = np.zeros((n, 2), np.int64)
-    cell = goal
+    row, col, cell = goal // cols, goal % cols, goal
     for i in range(n - 1, -1, -1):
-        way[i, 0], way[i, 1] = cell // cols, cell % cols
-        cell = parent[cell]
+        way[i, 0], way[i, 1] = row, col
+        if row * cols + col == parent[cell]:
+            cell = parent[cell]
+        dr, dc = _direction(parent[cell], cell, cols)
+        row, col = row - dr, col - dc
     return way
 
 

@@ -1,12 +1,17 @@
 """How the simulated robot moves: a differential drive that turns on the spot, then drives straight."""
 
 from dataclasses import dataclass
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
 
+from simaps_viz.errors import PlanningError
 from simaps_viz.geometry import wrap_angle
 from simaps_viz.structures import Path, Pose2
+
+MAX_STRAIGHT_M: Final = 10_000.0
+"""A longer drive is refused before its poses are sampled: they would fill the memory."""
 
 
 @dataclass(frozen=True)
@@ -52,12 +57,19 @@ def spin(pose: Pose2, angle_rad: float, motion: Motion | None = None) -> NDArray
     steps = int(np.ceil(abs(angle_rad) / (motion.turn_rate_rps * motion.dt_s) - 1e-9))
     share = np.linspace(0.0, 1.0, steps + 1) if steps else np.zeros(1)
     poses = np.tile([pose.x_m, pose.y_m, pose.yaw_rad], (len(share), 1))
-    poses[:, 2] = [wrap_angle(pose.yaw_rad + angle_rad * s) for s in share]
+    yaw = pose.yaw_rad + angle_rad * share
+    poses[:, 2] = -((-yaw + np.pi) % (2.0 * np.pi) - np.pi)  # as wrap_angle does it, for all at once
     return poses
 
 
 def straight(pose: Pose2, distance_m: float, motion: Motion | None = None) -> NDArray:
-    """Sample a straight drive along the heading (negative: backwards), float64 [n, 3]; the first row is the start."""
+    """Sample a straight drive along the heading (negative: backwards), float64 [n, 3]; the first row is the start.
+
+    Raises:
+        PlanningError: when it is longer than ``MAX_STRAIGHT_M``.
+    """
+    if abs(distance_m) > MAX_STRAIGHT_M:
+        raise PlanningError(f"one straight drive is at most {MAX_STRAIGHT_M:g} m, {abs(distance_m):g} m were asked for")
     motion = motion or Motion()
     steps = int(np.ceil(abs(distance_m) / (motion.speed_mps * motion.dt_s) - 1e-9))
     along = np.linspace(0.0, distance_m, steps + 1) if steps else np.zeros(1)

@@ -12,6 +12,7 @@ from scipy.spatial import KDTree
 
 from simaps_viz.errors import InputError, PlanningError
 from simaps_viz.navigation.astar import clear_length, pull_straight, search
+from simaps_viz.navigation.jumps import straight_jumps
 from simaps_viz.structures import Grid, Path
 
 SNAP_M: Final = 0.5
@@ -63,6 +64,11 @@ class Planner:
         clearance_cells = ndimage.distance_transform_edt(~self.blocked)
         needed = self.robot.radius_m / self.spec.cell_size_m + 0.5
         return seen & (np.asarray(clearance_cells) >= needed - 1e-9) & ~self.blocked
+
+    @cached_property
+    def jumps(self) -> NDArray:
+        """How far straight moves go, int32 [rows, cols, 4], see ``straight_jumps``."""
+        return straight_jumps(self.free)
 
     @cached_property
     def _areas(self) -> NDArray:
@@ -207,7 +213,7 @@ class Planner:
         start = self.start_cell(*start_m)
         rows, cols = np.nonzero(goal)
         box = np.array([rows.min(), rows.max(), cols.min(), cols.max()], np.int64)
-        cells, cost_cells = search(self.free, start, goal, box)
+        cells, cost_cells = search(self.free, self.jumps, start, goal, box)
         if len(cells) == 0:
             raise PlanningError(f"there is no free way from ({start_m[0]:.2f}, {start_m[1]:.2f}) {what}")
         cells_xy = cells[:, ::-1] + 0.5

@@ -87,12 +87,14 @@ class Robot:
 
     def _move_to(self, pos: list[float]) -> None:
         x, y = float(pos[0]), float(pos[1])
-        if not self.simap.spec.contains(*self.simap.spec.cell_of(x, y)):
+        cell = self.simap.spec.cell_of(x, y)
+        if not self.simap.spec.contains(*cell):
             xmin, ymin, xmax, ymax = self.simap.spec.extent_m
             raise CommandError(
                 f"({x:g}, {y:g}) lies outside the map, which has x {xmin:g} to {xmax:g} and y {ymin:g} to {ymax:g} m"
             )
-        there = self.simap.at(x, y)
+        # Where the robot can stand, the position is meant; a rug there is no object to stop beside.
+        there = None if self.planner.free[cell] else self.simap.at(x, y)
         targets = np.array([[x, y]]) if there is None else self.grounding.cells_of(there)
         path = self.planner.plan_near(
             self._here, targets, f"to ({x:g}, {y:g})", see_through=self._see_through(*([there] if there else []))

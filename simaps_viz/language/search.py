@@ -1,0 +1,256 @@
+"""Program text that looks for a thing no single look-up gives, e.g. the second chair nearest the desk.
+
+All of it is counting and comparing over ``instances``, ``in_view``, ``nth_from`` and ``get_pos``. Distances and sides
+are those of centroids: left, right, in front (towards the viewer) and behind (away) as seen from where the command was
+given, within 60 degrees of that direction.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Final
+
+from simaps_viz.language.meanings import Thing, quoted
+
+NEAR_M: Final = 2.0
+"""Centroids this close are near each other, where all things near another one are asked for."""
+_NOTHING: Final = "1000000"
+_MAX_TEXT: Final = 90  # characters; a string of a program has at most 100
+_COMPASS: Final = {"north": (1, 1), "south": (1, -1), "east": (0, 1), "west": (0, -1)}
+_IN_WORDS: Final = {
+    "left": "to the left of",
+    "right": "to the right of",
+    "north": "north of",
+    "south": "south of",
+    "east": "east of",
+    "west": "west of",
+    "front": "in front of",
+    "behind": "behind",
+    "near": "near",
+}
+Fresh = Callable[[str], str]
+Lines = tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class Relation:
+    """How a thing lies to another: a side, "front", "behind", "near", or "between" two."""
+
+    kind: str
+    things: tuple[Thing, ...]
+
+    @property
+    def in_words(self) -> str:
+        """Give e.g. "to the left of the couch"."""
+        if self.kind == "between":
+            return f"between {self.things[0].in_words} and {self.things[1].in_words}"
+        return f"{_IN_WORDS[self.kind]} {self.things[0].in_words}"
+
+
+@dataclass(frozen=True)
+class Wanted:
+    """What is looked for; see ``selection.Selection``."""
+
+    label: str
+    variable: str
+    order: str
+    rank: int
+    """From 1; of a loop: how many, 0 = all."""
+    side: str
+    other: Thing | None
+    in_view: bool
+    relations: tuple[Relation, ...]
+
+    @property
+    def source(self) -> str:
+        """Give the look-up that lists the candidates, the closest first."""
+        return f"robot.{'in_view' if self.in_view else 'instances'}({quoted(self.label)})"
+
+    @property
+    def in_words(self) -> str:
+        """Give e.g. "chair to the left of the couch"."""
+        words = [self.label, *(relation.in_words for relation in self.relations)]
+        return " ".join([*words, "in view"] if self.in_view else words)
+
+
+def pick(wanted: Wanted, fresh: Fresh) -> Lines:
+    """Give lines that set ``wanted.variable`` to the thing, or refuse by name when there is none."""
+    if wanted.order in ("to", "from"):
+        return _by_distance(wanted, fresh)
+    count, item = fresh("count"), fresh("candidate")
+    test, places = _test(wanted, item, fresh)
+    body = [
+        *test[0],
+        f"if {test[1]}:",
+        f"    {count} = {count} + 1",
+        f"    if {count} == {wanted.rank}:" if wanted.order != "far" else f"    if {count} >= {wanted.rank}:",
+        f"        {wanted.variable} = {item}",
+    ]
+    guard = f"{wanted.variable} = {wanted.source}[{wanted.rank - 1}]"
+    head, indent = _candidates(wanted, item, fresh)
+    refusal = _refusal(wanted, f"{count} < {wanted.rank}", fresh)
+    return (*places, guard, f"{count} = 0", *head, *_indented(indent, body), *refusal)
+
+
+def _by_distance(wanted: Wanted, fresh: Fresh) -> Lines:
+    """Go over the candidates ``rank`` times, each time finding the next one by distance to the other thing."""
+    lines, places = _passes(wanted, wanted.rank, fresh)
+    return (*places, f"{wanted.variable} = {wanted.source}[0]", *lines)
+
+
+def _passes(wanted: Wanted, turns: int, fresh: Fresh) -> tuple[list[str], list[str]]:
+    item, last, best, at, far = (fresh(name) for name in ("candidate", "last", "best", "at", "distance"))
+    (test_lines, test), places = _test(wanted, item, fresh, at=at)
+    assert wanted.other is not None
+    place = _place_of(wanted.other, places, fresh)
+    first = ""
+    if wanted.order == "to" and turns > 1 and not wanted.relations and not wanted.in_view:
+        # closest_to measures between cells, this search between centroids: the first is always the former's.
+        first = fresh("first")
+        arguments = wanted.other.arguments if wanted.other.which.isdigit() else wanted.other.value
+        places.append(f"{first} = robot.closest_to({quoted(wanted.label)}, {arguments})")
+        test = f"{item} != {first} and {test}" if test != "True" else f"{item} != {first}"
+        turns -= 1
+    sign = "-" if wanted.order == "from" else ""
+    square = f"({at}[0] - {place}[0]) * ({at}[0] - {place}[0]) + ({at}[1] - {place}[1]) * ({at}[1] - {place}[1])"
+    apart = _not_itself(wanted)
+    inner = [
+        f"{at} = robot.get_pos({quoted(wanted.label)}, {item})",
+        f"{far} = {sign}({square})" if sign else f"{far} = {square}",
+        *test_lines,
+        f"if {far} > {last} and {far} < {best}{apart(far)}{'' if test == 'True' else f' and {test}'}:",
+        f"    {best} = {far}",
+        f"    {wanted.variable} = {item}",
+    ]
+    body = [f"{best} = {_NOTHING}", f"for {item} in {wanted.source}:", *_indented("    ", inner), f"{last} = {best}"]
+    turn = fresh("turn")
+    lines = [
+        f"{last} = -{_NOTHING}",
+        f"{best} = 0",
+        f"for {turn} in [{', '.join(str(n + 1) for n in range(turns))}]:",
+        *_indented("    ", body),
+    ]
+    return [*lines, *_refusal(wanted, f"{last} == {_NOTHING}", fresh)], places
+
+
+def _not_itself(wanted: Wanted) -> Callable[[str], str]:
+    """A chair is not the chair nearest to itself."""
+    same = wanted.other is not None and wanted.other.label == wanted.label
+    return lambda far: f" and {far} != 0" if same else ""
+
+
+def each(wanted: Wanted, fresh: Fresh) -> tuple[Lines, Lines, str]:
+    """Give the head of a loop over the things, the lines before it, and the indent of its body."""
+    item = wanted.variable
+    (test_lines, test), places = _test(wanted, item, fresh)
+    if wanted.order in ("to", "from") and wanted.rank and not wanted.relations:
+        return _each_by_distance(wanted, fresh)
+    guard = (
+        [f"{fresh('nearest')} = {wanted.source}[{max(wanted.rank - 1, 0)}]"] if wanted.in_view or wanted.rank else []
+    )
+    if wanted.rank and test == "True" and wanted.order == "near":
+        if not wanted.in_view:
+            ranks = ", ".join(str(n + 1) for n in range(wanted.rank))
+            return (f"for {item} in [{ranks}]:",), tuple(places), "    "
+        turn = fresh("turn")
+        ranks = ", ".join(str(n) for n in range(wanted.rank))
+        return (f"for {turn} in [{ranks}]:", f"    {item} = {wanted.source}[{turn}]"), tuple(places), "    "
+    head, indent = _candidates(wanted, item, fresh)
+    lines, before = list(head), [*places, *guard]
+    if test != "True":
+        lines += [*_indented(indent, [*test_lines, f"if {test}:"])]
+        indent += "    "
+    if wanted.rank:
+        count = fresh("count")
+        before.append(f"{count} = 0")
+        lines += [f"{indent}{count} = {count} + 1", f"{indent}if {count} <= {wanted.rank}:"]
+        indent += "    "
+    loop_at = next(i for i, line in enumerate(lines) if line.startswith("for "))
+    return tuple(lines[loop_at:]), (*before, *lines[:loop_at]), indent
+
+
+def _each_by_distance(wanted: Wanted, fresh: Fresh) -> tuple[Lines, Lines, str]:
+    """Give each of the first few by distance to another thing: the search for one, with its rank a loop's."""
+    lines, places = _passes(wanted, wanted.rank, fresh)
+    at = next(i for i, line in enumerate(lines) if line.startswith("for "))
+    end = next((i for i, line in enumerate(lines) if i > at and not line.startswith(" ")), len(lines))
+    guard = f"{wanted.variable} = {wanted.source}[{wanted.rank - 1}]"
+    return tuple(lines[at:end]), (*places, guard, *lines[:at]), "    "
+
+
+def _candidates(wanted: Wanted, item: str, fresh: Fresh) -> tuple[list[str], str]:
+    """Give lines that set ``item`` to each candidate in the order of ``wanted``, and the indent of what follows."""
+    if wanted.order != "side":
+        return [f"for {item} in {wanted.source}:"], "    "
+    place, other = fresh("place"), fresh("each")
+    lines = [
+        f"{place} = 0",
+        f"for {other} in robot.instances({quoted(wanted.label)}):",
+        f"    {place} = {place} + 1",
+        f'    {item} = robot.nth_from({quoted(wanted.label)}, "{wanted.side}", {place})',
+    ]
+    if not wanted.in_view:
+        return lines, "    "
+    seen = fresh("seen")
+    return [*lines, f"    for {seen} in {wanted.source}:", f"        if {seen} == {item}:"], "            "
+
+
+def _test(wanted: Wanted, item: str, fresh: Fresh, at: str = "") -> tuple[tuple[list[str], str], list[str]]:
+    """Give lines and a condition that hold for a candidate, and lines that find what it is compared with."""
+    lines: list[str] = []
+    tests: list[str] = []
+    places: list[str] = []
+    if wanted.relations and not at:
+        at = fresh("at")
+        lines.append(f"{at} = robot.get_pos({quoted(wanted.label)}, {item})")
+    for relation in wanted.relations:
+        others = [_place_of(thing, places, fresh) for thing in relation.things]
+        if relation.kind in ("left", "right", "front", "behind") and not any(p.startswith("start = ") for p in places):
+            places.append('start = robot.get_pos("robot")')
+        more, test = _relation(relation.kind, at, others, fresh)
+        lines += more
+        tests.append(test)
+    return (lines, " and ".join(tests) or "True"), places
+
+
+def _place_of(thing: Thing, places: list[str], fresh: Fresh) -> str:
+    look_up = f"robot.get_pos({thing.arguments})"
+    for line in places:
+        if line.endswith(f" = {look_up}"):
+            return line.split(" = ")[0]
+    name = fresh("other")
+    places.append(f"{name} = {look_up}")
+    return name
+
+
+def _relation(kind: str, at: str, others: list[str], fresh: Fresh) -> tuple[list[str], str]:
+    """Give lines and a condition that a place lies on a side of others; see the module for the geometry."""
+    o = others[0]
+    if kind == "near":
+        square = f"({at}[0] - {o}[0]) * ({at}[0] - {o}[0]) + ({at}[1] - {o}[1]) * ({at}[1] - {o}[1])"
+        return [], f"{square} <= {NEAR_M * NEAR_M:g}"
+    if kind == "between":
+        a, b = others
+        return [], f"({at}[0] - {a}[0]) * ({at}[0] - {b}[0]) + ({at}[1] - {a}[1]) * ({at}[1] - {b}[1]) < 0"
+    along, across = fresh("along"), fresh("across")
+    if kind in _COMPASS:
+        axis, sign = _COMPASS[kind]
+        away = f"{at}[{axis}] - {o}[{axis}]" if sign > 0 else f"{o}[{axis}] - {at}[{axis}]"
+        lines = [f"{along} = {away}", f"{across} = {at}[{1 - axis}] - {o}[{1 - axis}]"]
+    else:
+        ahead = f"({o}[0] - start[0]) * ({at}[0] - {o}[0]) + ({o}[1] - start[1]) * ({at}[1] - {o}[1])"
+        left = f"({o}[0] - start[0]) * ({at}[1] - {o}[1]) - ({o}[1] - start[1]) * ({at}[0] - {o}[0])"
+        one, two = {"left": (left, ahead), "right": (f"-({left})", ahead), "behind": (ahead, left)}.get(
+            kind, (f"-({ahead})", left)
+        )
+        lines = [f"{along} = {one}", f"{across} = {two}"]
+    return lines, f"{along} > 0 and 3 * {along} * {along} >= {across} * {across}"
+
+
+def _refusal(wanted: Wanted, test: str, fresh: Fresh) -> Lines:
+    """Refuse by name: the map has no class called "chair to the left of the couch"."""
+    missing = fresh("missing")
+    return (f"if {test}:", f"    {missing} = {quoted(wanted.in_words[:_MAX_TEXT])}", f"    robot.face({missing})")
+
+
+def _indented(indent: str, lines: "list[str] | Lines") -> list[str]:
+    return [indent + line for line in lines]

@@ -1,0 +1,170 @@
+"""Where each primitive takes the robot, by the geometry that ``primitives`` documents; open floor, no detours."""
+
+from typing import Any
+
+import numpy as np
+import pytest
+from toy_maps import Box, map_of_boxes
+
+from simaps_viz.errors import CommandError
+from simaps_viz.language.primitives import PRIMITIVES
+from simaps_viz.navigation.agent import planner_of
+from simaps_viz.navigation.planner import RobotShape
+from simaps_viz.navigation.robot import CLEARANCE_M, Robot
+from simaps_viz.structures import GridSpec, Pose2
+
+SPEC = GridSpec(rows=160, cols=160, cell_size_m=0.05, x0_m=-4.0, y0_m=-4.0)
+THINGS = (
+    Box("couch", 76, 70, 8, 20, 0.7),  # x -0.5 .. 0.5, y -0.2 .. 0.2
+    Box("chair", 120, 40, 8, 8, 0.85),  # x -2.0 .. -1.6, y 2.0 .. 2.4
+    Box("chair", 120, 110, 8, 8, 0.85),  # x 1.5 .. 1.9, y 2.0 .. 2.4
+)
+SHAPE = RobotShape()
+CELL = 0.05
+
+
+@pytest.fixture(scope="module")
+def simap():
+    return map_of_boxes(SPEC, THINGS)
+
+
+def run(simap, pose: Pose2, name: str, *values: object) -> Robot:
+    robot = Robot(simap, planner_of(simap, SHAPE), pose)
+    primitive = PRIMITIVES[name]
+    given = dict(zip([p.name for p in primitive.parameters], values, strict=False))
+    arguments = {p.name: given.get(p.name, p.default) for p in primitive.parameters}
+    robot.call(primitive, arguments)
+    return robot
+
+
+@pytest.mark.parametrize(
+    ("name", "way"),
+    [("move_north", (0, 1)), ("move_south", (0, -1)), ("move_east", (1, 0)), ("move_west", (-1, 0))],
+)
+@pytest.mark.parametrize("start", [(0.0, -2.5), (2.5, 0.5), (-3.0, -1.0)])
+def test_compass_sides_are_the_map_s(simap, start: tuple[float, float], name: str, way: tuple[int, int]) -> None:
+    """At (extent along the side) + robot radius + 0.3 m from the centroid, wherever the robot stood."""
+    robot = run(simap, Pose2(*start, 0.7), name, "couch")
+    extent = 0.5 if way[0] else 0.2
+    expected = np.array(way) * (extent + SHAPE.radius_m + CLEARANCE_M)
+    assert np.hypot(*(np.array([robot.pose.x_m, robot.pose.y_m]) - expected)) <= CELL
+
+
+@pytest.mark.parametrize("bearing", [0.0, 0.6, np.pi / 2, 2.2, -1.1, np.pi])
+@pytest.mark.parametrize(("name", "turn"), [("move_to_left", 1.0), ("move_to_right", -1.0)])
+def test_left_and_right_are_a_quarter_turn_from_the_way_the_viewer_sees_it(
+    simap, bearing: float, name: str, turn: float
+) -> None:
+    """The viewer stands 2.5 m from the couch and looks anywhere: only where it stands matters."""
+    toward = np.array([np.cos(bearing), np.sin(bearing)])
+    start = -2.5 * toward
+    for yaw in (0.0, bearing):
+        robot = run(simap, Pose2(float(start[0]), float(start[1]), yaw), name, "couch")
+        side = turn * np.array([-toward[1], toward[0]])
+        extent = abs(side[0]) * 0.475 + abs(side[1]) * 0.175 + CELL / 2.0
+        expected = side * (extent + SHAPE.radius_m + CLEARANCE_M)
+        assert np.hypot(*(np.array([robot.pose.x_m, robot.pose.y_m]) - expected)) <= CELL
+
+
+def test_sides_stay_those_of_where_the_command_was_given(simap) -> None:
+    robot = Robot(simap, planner_of(simap, SHAPE), Pose2(0.0, -2.5, 0.0))
+    robot.call(PRIMITIVES["move_to"], {"pos": [0.0, 2.5]})
+    robot.call(PRIMITIVES["move_to_left"], {"name": "couch", "instance": 1})
+    assert robot.pose.x_m < -0.5  # left of the couch as seen from the south, though the robot now comes from the north
+    assert robot.grounding.pick("chair", 1).id in (2, 3)
+
+
+def test_ranks_stay_those_of_where_the_command_was_given(simap) -> None:
+    robot = Robot(simap, planner_of(simap, SHAPE), Pose2(-2.5, 1.0, 0.0))
+    robot.call(PRIMITIVES["move_to_object"], {"name": "chair", "instance": 2})
+    assert robot.goals[-1].instance == 3
+    robot.call(PRIMITIVES["move_to_object"], {"name": "chair", "instance": 1})
+    assert robot.goals[-1].instance == 2
+
+
+def test_between_is_the_middle_of_the_gap(simap) -> None:
+    robot = run(simap, Pose2(0.0, -2.5, 0.0), "move_in_between", "chair", "chair", 1, 2)
+    assert {robot.goals[-1].instance, robot.goals[-1].other_instance} == {2, 3}
+    assert (robot.pose.x_m, robot.pose.y_m) == pytest.approx(((-1.6 + 1.5) / 2.0, 2.2), abs=0.01)
+
+
+def test_approaching_ends_as_near_as_the_robot_fits(simap) -> None:
+    robot = run(simap, Pose2(0.1, -2.5, 0.0), "move_to_object", "couch")
+    gap = -0.2 - robot.pose.y_m  # from the robot's centre to the couch's southern edge
+    assert SHAPE.radius_m <= gap <= SHAPE.radius_m + 2.0 * CELL
+    assert robot.pose.x_m == pytest.approx(0.1, abs=CELL)
+
+
+@pytest.mark.parametrize(
+    ("name", "offset"), [("face", 0.0), ("with_object_on_left", -90.0), ("with_object_on_right", 90.0)]
+)
+def test_turning_to_things(simap, name: str, offset: float) -> None:
+    robot = run(simap, Pose2(-2.0, -2.0, 1.0), name, "couch")
+    bearing = np.rad2deg(np.arctan2(2.0, 2.0))
+    assert np.rad2deg(robot.pose.yaw_rad) == pytest.approx(bearing + offset, abs=1e-6)
+    assert (robot.pose.x_m, robot.pose.y_m) == (-2.0, -2.0)
+
+
+@pytest.mark.parametrize(
+    ("name", "value", "heading", "moved"),
+    [
+        ("turn", 90.0, 180.0, (0.0, 0.0)),
+        ("turn", -45.0, 45.0, (0.0, 0.0)),
+        ("turn", 360.0, 90.0, (0.0, 0.0)),
+        ("turn_absolute", 0.0, 0.0, (0.0, 0.0)),
+        ("turn_absolute", 225.0, 225.0, (0.0, 0.0)),
+        ("move_forward", 1.5, 90.0, (1.5, 0.0)),
+        ("move_forward", -0.5, 90.0, (-0.5, 0.0)),
+    ],
+)
+def test_turns_and_straight_drives(simap, name: str, value: float, heading: float, moved: tuple[float, float]) -> None:
+    robot = run(simap, Pose2.from_heading(-2.0, -2.0, 90.0), name, value)
+    assert robot.pose.heading_deg % 360.0 == pytest.approx(heading, abs=1e-6)
+    assert (robot.pose.x_m + 2.0, robot.pose.y_m + 2.0) == pytest.approx(moved, abs=1e-6)
+
+
+def test_a_position_on_a_rug_is_driven_to_exactly() -> None:
+    simap = map_of_boxes(SPEC, [*THINGS, Box("potted plant", 20, 60, 40, 40, 0.01, lowest_m=float("nan"))])
+    robot = run(simap, Pose2(0.0, 1.5, 0.0), "move_to", [0.3, -2.3])
+    assert (robot.pose.x_m, robot.pose.y_m) == pytest.approx((0.3, -2.3))
+    assert robot.goals[-1].instance is None
+    beside = run(simap, Pose2(0.0, 1.5, 0.0), "move_to", [0.0, 0.0])
+    assert beside.goals[-1].label == "couch" and beside.pose.y_m == pytest.approx(0.4, abs=0.1)
+
+
+def test_look_ups(simap) -> None:
+    robot = Robot(simap, planner_of(simap, SHAPE), Pose2(0.0, -2.5, np.pi / 2))
+
+    def ask(primitive: str, **arguments: object) -> Any:
+        return robot.call(PRIMITIVES[primitive], arguments)
+
+    assert ask("get_pos", name="couch", instance=1) == pytest.approx([0.0, 0.0], abs=1e-6)
+    assert ask("get_pos", name="robot", instance=1) == [0.0, -2.5]
+    contour = np.array(ask("get_contour", name="couch", instance=1))
+    assert contour.min(axis=0) == pytest.approx([-0.475, -0.175]) and contour.max(axis=0) == pytest.approx(
+        [0.475, 0.175]
+    )
+    left, right = robot.grounding.simap.by_id(2), robot.grounding.simap.by_id(3)
+    assert ask("instances", name="chair") == [right, left]  # 1.5 m east of the middle is nearer than 1.6 m west
+    assert ask("nth_from", name="chair", side="left", n=1) is left
+    assert ask("nth_from", name="chair", side="east", n=2) is left
+    assert ask("closest_to", name="chair", other="couch", instance=1) is right
+    assert ask("in_view", name="chair") == [right, left]
+
+
+@pytest.mark.parametrize(
+    ("name", "values", "words"),
+    [
+        ("move_to_object", ("piano",), r"There is no piano on this map\. It has: chair \(2\), couch \(1\)\."),
+        ("move_north", ("chair", 3), r"There are only 2 chairs on this map; the 3rd was asked for\."),
+        ("nth_from", ("couch", "left", 2), r"There is only 1 couch on this map; the 2nd was asked for\."),
+        ("between", ("couch", "chair", "chair"), "There is no couch between the chair and the chair on this map"),
+        ("move_in_between", ("couch", "couch"), "There is only 1 couch on this map"),
+        ("move_to", ([9.0, 9.0],), "outside the map"),
+        ("turn", (4000.0,), "a turn is at most 3600 degrees"),
+        ("closest_to", ("couch", "couch"), "There is only 1 couch on this map; none is left to be near it"),
+    ],
+)
+def test_what_cannot_be_is_refused_in_words(simap, name: str, values: tuple, words: str) -> None:
+    with pytest.raises(CommandError, match=words):
+        run(simap, Pose2(0.0, -2.5, 0.0), name, *values)
