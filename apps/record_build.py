@@ -22,19 +22,18 @@ RECORDINGS = Path(__file__).parents[1] / "recordings"
 class Record:
     """Which build to record, and where to."""
 
-    output: Path = RECORDINGS / "cafe-paper.rrd"
+    output: Path = RECORDINGS / "cafe-evidence.rrd"
     """The recording to write."""
-    k: float = 5.0
-    """Percentage of the merge rule."""
+    method: str = "evidence"
+    """Of the build."""
 
 
 def main(config: Record) -> None:
     """Render the scene if need be, build it, keep the recording and drop the map."""
     with stage_progress() as progress, tempfile.TemporaryDirectory() as scratch:
         sequence = open_sequence(ensure_demo(cache_dir=cache_folder(), progress=progress))
-        build = BuildConfig(k_percent=config.k)
         build_to_file(
-            sequence, build, Path(scratch) / "cafe.npz",
+            sequence, config.method, BuildConfig(), Path(scratch) / "cafe.npz",
             record=config.output, progress=progress, recorder_settings=SHIPPED,
         )  # fmt: skip
     sys.stdout.write(f"{config.output}: {config.output.stat().st_size / 2**20:.1f} MiB\n")

@@ -39,7 +39,7 @@ def main(config: Screenshots) -> None:
     """Build the embedded scene's map, open the workbench on it, and take its picture."""
     with stage_progress() as progress:
         sequence = open_sequence(ensure_demo(cache_dir=wiring.cache_folder(), progress=progress))
-        simap, recording = wiring.cached_build(sequence, BuildConfig(), progress)
+        simap, recording = wiring.cached_build(sequence, "evidence", BuildConfig(), progress)
     with wiring.workbench(simap, recording=recording, port=8080) as workbench, sync_playwright() as playwright:
         browser = playwright.chromium.launch(executable_path="/usr/bin/chromium", args=CHROMIUM)
         page = browser.new_page(viewport={"width": config.width, "height": config.height})

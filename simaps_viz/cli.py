@@ -6,49 +6,22 @@ import sys
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated
 
 import tyro
 from rich.console import Console
 
 from simaps_viz import wiring
+from simaps_viz.cli_options import Evaluate, Level, Mapping
 from simaps_viz.datasets.posed_frames import open_sequence
 from simaps_viz.errors import InputError, SIMapsError
-from simaps_viz.mapping.accumulator import ProjectionSettings
 from simaps_viz.mapping.mapfile import load_map
 from simaps_viz.navigation.agent import answer
-from simaps_viz.pipeline import BuildConfig
 from simaps_viz.progress import console, emit, stage_progress
 from simaps_viz.structures import Pose2
 from simaps_viz.tables import map_tables
 
 OK, NO, BAD_INPUT, INTERRUPTED = 0, 1, 2, 130
-
-Level = Literal["none", "light", "medium", "heavy"]
-
-
-@dataclass(frozen=True)
-class Mapping:
-    """How cells become instances."""
-
-    method: Literal["paper"] = "paper"
-    """Graph of cells seen in the same segment, Louvain communities, merge by K %."""
-    k: float = 5.0
-    """Join a community to its neighbour while more than this percentage of its cells touch it (0-100)."""
-    resolution: float = 1.0
-    """Of Louvain: higher gives more and smaller communities."""
-    seed: int = 0
-    """Of Louvain's random order; the same seed gives the same map."""
-    min_cells: int = 4
-    """Do not call anything an instance that covers fewer cells than this."""
-    literal: bool = False
-    """Also link cells across depth jumps inside a segment, as the paper's text reads."""
-    cell_size: float = 0.05
-    """Side of a cell, metres."""
-    cut_height: float = 2.0
-    """Leave out what is higher than this over the floor, metres."""
-    max_depth: float = 6.0
-    """Leave out what is farther from the camera than this, metres."""
 
 
 @dataclass(frozen=True)
@@ -115,6 +88,9 @@ class Query:
     pose: tuple[float, float, float] | None = None
     """Where the robot stands: x and y in metres, heading in degrees clockwise from north. By default where the first
     camera stood."""
+    llm: str | None = None
+    """Let a language model read the commands: MODEL, or MODEL@ADDRESS of a chat-completions server, such as
+    qwen2.5:7b@http://127.0.0.1:11434/v1. The key comes from OPENAI_API_KEY. Without it, an offline grammar reads."""
     json: bool = False
     """Print one JSON line a command."""
 
@@ -129,7 +105,7 @@ class Info:
     """Print it as one JSON line."""
 
 
-Command = Demo | Build | View | Query | Info
+Command = Demo | Build | View | Query | Info | Evaluate
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -157,22 +133,14 @@ def _say_error(message: str) -> None:
     console.print(f"simaps: {message}", markup=False, soft_wrap=True, style="red")
 
 
-def _config(mapping: Mapping) -> BuildConfig:
-    settings = ProjectionSettings(
-        cell_size_m=mapping.cell_size, cut_height_m=mapping.cut_height, far_m=mapping.max_depth
-    )
-    return BuildConfig(
-        method=mapping.method, k_percent=mapping.k, resolution=mapping.resolution, seed=mapping.seed,
-        min_cells=mapping.min_cells, literal=mapping.literal, projection=settings,
-    )  # fmt: skip
-
-
 def _demo(command: Demo) -> int:
     from simaps_viz.scenes.demo import ensure_demo  # noqa: PLC0415 - the ray caster is only needed here
 
     with stage_progress() as progress:
         manifest = ensure_demo(level=command.errors, cache_dir=wiring.cache_folder(), progress=progress)
-        simap, recording = wiring.cached_build(open_sequence(manifest), _config(command.mapping), progress)
+        simap, recording = wiring.cached_build(
+            open_sequence(manifest), command.mapping.method, command.mapping.config(), progress
+        )
     console.print(f"On the map: {wiring.counts_in_words(simap.counts())}", markup=False)
     if command.serve:
         wiring.serve(simap, recording=recording, port=command.port, browser=command.browser)
@@ -183,10 +151,10 @@ def _build(command: Build) -> int:
 
     if command.segmentation != "precomputed":
         raise InputError(f"--segmentation {command.segmentation}: expected precomputed, the only source so far")
-    config = _config(command.mapping)
+    config = command.mapping.config()
     with stage_progress(quiet=command.json) as progress:
         simap = wiring.build_to_file(
-            open_sequence(command.sequence), config, command.output,
+            open_sequence(command.sequence), command.mapping.method, config, command.output,
             record=command.record, progress=progress, json_lines=command.json,
         )  # fmt: skip
     if command.json:
@@ -202,7 +170,9 @@ def _view(command: View) -> int:
 
     if command.path.is_dir() or command.path.suffix == ".json":
         with stage_progress() as progress:
-            simap, recording = wiring.cached_build(open_sequence(command.path), _config(command.mapping), progress)
+            simap, recording = wiring.cached_build(
+                open_sequence(command.path), command.mapping.method, command.mapping.config(), progress
+            )
         recording = wiring.recording_beside(command.path, command.recording) or recording
     else:
         simap = load_map(command.path)
@@ -217,9 +187,10 @@ def _query(command: Query) -> int:
         raise InputError('query: expected at least one command, for example "go to the second chair", found none')
     simap = load_map(command.map)
     pose = Pose2.from_heading(*command.pose) if command.pose else wiring.start_pose(simap)
+    reader = wiring.reader(command.llm, simap, pose)
     good = True
     for text in command.command:
-        result = answer(simap, text, pose)
+        result = answer(simap, text, pose, reader=reader)
         good = good and result.status == "ok"
         record = {"command": text, **result.to_json()}
         if command.json:
@@ -253,7 +224,19 @@ def _info(command: Info) -> int:
     return OK
 
 
-_RUN = {Demo: _demo, Build: _build, View: _view, Query: _query, Info: _info}
+def _evaluate(command: Evaluate) -> int:
+    from simaps_viz.evaluating import evaluate  # noqa: PLC0415 - not needed to build and view
+
+    with stage_progress(quiet=command.json) as progress:
+        text, record = evaluate(command, progress)
+    if command.json:
+        emit(record)
+    else:
+        sys.stdout.write(text + "\n")
+    return OK
+
+
+_RUN = {Demo: _demo, Build: _build, View: _view, Query: _query, Info: _info, Evaluate: _evaluate}
 
 if __name__ == "__main__":
     sys.exit(main())

@@ -1,7 +1,7 @@
 """The order of the stages: frames in, a SIMap out, everything told to those who watch."""
 
-from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, field
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass, field, replace
 from importlib.metadata import version
 from typing import Any, Literal
 
@@ -20,20 +20,38 @@ from simaps_viz.events import (
     Observer,
 )  # fmt: skip
 from simaps_viz.mapping.accumulator import MapAccumulator, ProjectionSettings
+from simaps_viz.mapping.components import component_communities
+from simaps_viz.mapping.evidence import EvidenceSettings, pair_graphs
 from simaps_viz.mapping.graph import class_graphs
-from simaps_viz.mapping.partition import applied_steps
-from simaps_viz.mapping.simap import Origin, SeenCells, assemble, count_views, partition_grid
-from simaps_viz.structures import CellGraph, Frame, Grid, Segmentation, SIMap
+from simaps_viz.mapping.partition import applied_steps, empty_log
+from simaps_viz.mapping.partition_evidence import partition_evidence
+from simaps_viz.mapping.pooling import PoolSettings
+from simaps_viz.mapping.readings import Readings, gather_readings
+from simaps_viz.mapping.simap import (
+    JOINING,
+    Origin,
+    assemble,
+    check_joining,
+    count_views,
+    joining_threshold,
+    partition_grid,
+)
+from simaps_viz.mapping.votes import VoteSettings, vote_labels
+from simaps_viz.structures import CellGraph, Frame, Grid, MergeLog, Segment, Segmentation, SIMap
+
+Method = Literal["evidence", "paper", "components"]
 
 
 @dataclass(frozen=True)
 class BuildConfig:
     """How a map is built."""
 
-    method: Literal["paper"] = "paper"
+    method: Method = "evidence"
     """How cells become instances."""
     k_percent: float = 5.0
-    """Communities join while more than this share of one's cells neighbour the other."""
+    """Method paper: communities join while more than this share of one's cells neighbour the other."""
+    affinity: float = 0.6
+    """Method evidence: communities join while more than this share of their witnesses saw them as one."""
     resolution: float = 1.0
     """Louvain's: higher gives more and smaller communities."""
     seed: int = 0
@@ -41,13 +59,19 @@ class BuildConfig:
     min_cells: int = 4
     """What covers fewer cells is not called an instance; 4 cells of 5 cm are a cup."""
     literal: bool = False
-    """The paper's literal reading: depth jumps inside a segment link cells too."""
+    """Method paper, its literal reading: depth jumps inside a segment link cells too."""
     projection: ProjectionSettings = field(default_factory=ProjectionSettings)
     """Which pixels count, and how fine the grid is."""
+    votes: VoteSettings = field(default_factory=VoteSettings)
+    """Methods evidence and components: how frames vote for the class of a cell."""
+    evidence: EvidenceSettings = field(default_factory=EvidenceSettings)
+    """Method evidence: which pairs of cells are looked at."""
+    pooling: PoolSettings = field(default_factory=PoolSettings)
+    """Method evidence: what is believed before any evidence."""
 
     def __post_init__(self) -> None:
-        if not 0.0 <= self.k_percent <= 100.0:
-            raise InputError(f"K: expected a percentage from 0 to 100, found {self.k_percent:g}")
+        check_joining("k_percent", self.k_percent)
+        check_joining("affinity", self.affinity)
         if not self.resolution > 0.0:
             raise InputError(f"resolution: expected a number above 0, found {self.resolution:g}")
         if self.min_cells < 1:
@@ -56,9 +80,17 @@ class BuildConfig:
             raise InputError(f"cell size: expected 0.005 to 1 m, found {self.projection.cell_size_m:g} m")
 
     def parameters(self) -> dict[str, Any]:
-        """Give what the map file keeps of it."""
-        kept = {**asdict(self), **asdict(self.projection)}
-        del kept["projection"], kept["method"]
+        """Give what the map file keeps of it: what its method uses."""
+        kept: dict[str, Any] = {"min_cells": self.min_cells, **asdict(self.projection)}
+        if self.method in JOINING:
+            name = JOINING[self.method]
+            kept |= {name: getattr(self, name), "resolution": self.resolution, "seed": self.seed}
+        if self.method == "paper":
+            return {**kept, "literal": self.literal}
+        kept["votes"] = asdict(self.votes)
+        if self.method == "evidence":
+            evidence = {**asdict(self.evidence), "ranges": list(self.evidence.ranges)}  # as JSON gives it back
+            kept |= {"evidence": evidence, "pooling": asdict(self.pooling)}
         return kept
 
 
@@ -87,46 +119,77 @@ def build_map(
             observer.on_event(event)
 
     tell(_started(sequence))
-    accumulator = empty_accumulator(sequence, config)
+    accumulator = empty_accumulator(sequence, config, watched=_wants_color(observers))
     T_map_camera = sequence.T_map_world @ sequence.poses
-    segments: list[Segmentation] = []
+    segments: list[tuple[Segment, ...]] = []
     links_told = 0
     for frame, segmentation in read_ahead(sequence, color=_wants_color(observers)):
         seen = accumulator.add_frame(frame, segmentation, T_map_camera[frame.index])
-        segments.append(Segmentation(ids=_NO_IDS, segments=segmentation.segments))
+        segments.append(segmentation.segments)
         if observers:
             tell(_projected(frame, segmentation, T_map_camera[frame.index], accumulator, seen, links_told))
             links_told = accumulator.links.size
             if communities_every and (frame.index + 1) % communities_every == 0:
-                grid, graphs = graphs_so_far(accumulator)
-                community, _ = partition_grid(grid, graphs, resolution=config.resolution, seed=config.seed)
-                tell(CommunitiesFound(grid, community, frame.index, final=False))
+                found = _partition(accumulator, segments, config)
+                tell(CommunitiesFound(found.grid, found.community, frame.index, final=False))
 
-    grid, graphs = graphs_so_far(accumulator)
-    community, log = partition_grid(grid, graphs, resolution=config.resolution, seed=config.seed)
-    tell(CommunitiesFound(grid, community, len(sequence) - 1, final=True))
-    tell(MergesFound(grid, community, log, applied_steps(log, config.k_percent / 100.0)))
-    views = count_views(grid, community, _seen_cells(accumulator, segments, sequence.labels, grid))
-    origin = Origin(
-        T_map_world=sequence.T_map_world,
-        method=config.method,
-        parameters=config.parameters(),
-        provenance=_provenance(sequence),
-        frame_names=sequence.frame_names,
-        T_map_camera=T_map_camera,
-    )
-    simap = assemble(grid, graphs, community, log, views, origin)
+    found = _partition(accumulator, segments, config)
+    tell(CommunitiesFound(found.grid, found.community, len(sequence) - 1, final=True))
+    threshold = joining_threshold(config.method, config.parameters())
+    tell(MergesFound(found.grid, found.community, found.log, applied_steps(found.log, threshold)))
+    simap = assemble(
+        found.grid, found.graphs, found.community, found.log,
+        count_views(found.grid, found.community, found.readings),
+        Origin(
+            T_map_world=sequence.T_map_world,
+            method=config.method,
+            parameters=config.parameters(),
+            provenance=_provenance(sequence) | found.facts,
+            frame_names=sequence.frame_names,
+            T_map_camera=T_map_camera,
+        ),
+    )  # fmt: skip
     tell(BuildFinished(simap))
     return simap
 
 
-def empty_accumulator(sequence: FrameSource, config: BuildConfig) -> MapAccumulator:
-    """Give what a build gathers its frames in."""
+@dataclass(frozen=True, eq=False)
+class _Found:
+    """What the frames so far make."""
+
+    grid: Grid
+    graphs: tuple[CellGraph, ...]
+    community: NDArray
+    log: MergeLog
+    readings: Readings
+    facts: dict[str, Any]
+    """For the map's provenance."""
+
+
+def _partition(accumulator: MapAccumulator, segments: Sequence[tuple[Segment, ...]], config: BuildConfig) -> _Found:
+    grid = accumulator.snapshot()
+    readings = gather_readings(accumulator.readings, segments, accumulator.origin_cell, grid)
+    if config.method == "paper":
+        grid, graphs = graphs_so_far(accumulator)
+        community, log = partition_grid(grid, graphs, resolution=config.resolution, seed=config.seed)
+        return _Found(grid, graphs, community, log, readings, {})
+    label, disagreement = vote_labels(grid, readings, config.votes)
+    grid = replace(grid, label=label)
+    facts = {"disagreement": round(disagreement, 6)}
+    if config.method == "components":
+        return _Found(grid, (), component_communities(grid), empty_log(), readings, facts)
+    graphs = pair_graphs(grid, readings, config.evidence)
+    community, log = partition_evidence(
+        grid, graphs, resolution=config.resolution, seed=config.seed, settings=config.pooling
+    )
+    return _Found(grid, graphs, community, log, readings, facts)
+
+
+def empty_accumulator(sequence: FrameSource, config: BuildConfig, *, watched: bool = False) -> MapAccumulator:
+    """Give what a build gathers its frames in; links are counted where the method or an observer wants them."""
     reach = -1 if config.literal else 2
-    return MapAccumulator(sequence.labels, sequence.is_thing, config.projection, reach_cells=reach)
-
-
-_NO_IDS = np.zeros((0, 0), dtype=np.int32)
+    links = watched or config.method == "paper"
+    return MapAccumulator(sequence.labels, sequence.is_thing, config.projection, reach_cells=reach, links=links)
 
 
 def _wants_color(observers: Sequence[Observer]) -> bool:
@@ -169,27 +232,6 @@ def graphs_so_far(accumulator: MapAccumulator) -> tuple[Grid, tuple[CellGraph, .
     grid = accumulator.snapshot()
     edges, labels, counts = accumulator.links.entries()
     return grid, class_graphs(grid, edges - np.tile(np.array(accumulator.origin_cell), 2), labels, counts)
-
-
-def _seen_cells(
-    accumulator: MapAccumulator, segments: Sequence[Segmentation], labels: Sequence[str], grid: Grid
-) -> SeenCells:
-    row0, col0 = accumulator.origin_cell
-    index_of: Mapping[str, int] = {name: i for i, name in enumerate(labels)}
-    cell, frame, segment, label, score = [], [], [], [], []
-    for i, (seen, segmentation) in enumerate(zip(accumulator.views, segments, strict=True)):
-        highest = max((s.id for s in segmentation.segments), default=0)
-        label_of, score_of = np.zeros(highest + 1, np.int16), np.zeros(highest + 1, np.float32)
-        for s in segmentation.segments:
-            label_of[s.id], score_of[s.id] = index_of[s.label], s.score
-        cell.append((seen.rows.astype(np.int64) - row0) * grid.spec.cols + (seen.cols - col0))
-        frame.append(np.full(len(seen.rows), i, dtype=np.int32))
-        segment.append(seen.segments)
-        label.append(label_of[seen.segments])
-        score.append(score_of[seen.segments])
-    joined = [np.concatenate([np.zeros(0, a[0].dtype), *a]) if a else np.zeros(0, np.int32)
-              for a in (cell, frame, segment, label, score)]  # fmt: skip
-    return SeenCells(*joined)
 
 
 def _provenance(sequence: FrameSource) -> dict[str, Any]:

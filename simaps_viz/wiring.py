@@ -5,8 +5,8 @@ import json
 import os
 import re
 import webbrowser
-from collections.abc import Sequence
-from dataclasses import asdict
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, replace
 from importlib.metadata import version
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -17,12 +17,15 @@ from platformdirs import user_cache_path
 from simaps_viz.datasets.posed_frames import PosedFrames, open_sequence
 from simaps_viz.errors import InputError
 from simaps_viz.events import Observer
+from simaps_viz.language.commands import Reading, read_command
 from simaps_viz.language.grounding import Grounding
+from simaps_viz.language.llm import LLMReader, LLMServerError, parse_llm_spec
 from simaps_viz.mapping.mapfile import check_writable, load_map, save_map
 from simaps_viz.mapping.simap import recommunity, repartition
-from simaps_viz.navigation.agent import Agent, answer
+from simaps_viz.methods import build
+from simaps_viz.navigation.agent import Agent, Reader, answer
 from simaps_viz.navigation.planner import RobotShape
-from simaps_viz.pipeline import BuildConfig, build_map
+from simaps_viz.pipeline import BuildConfig
 from simaps_viz.progress import BuildProgress, StageProgress, console
 from simaps_viz.structures import Pose2, SIMap
 
@@ -42,6 +45,7 @@ def cache_folder() -> Path:
 
 def build_to_file(
     sequence: PosedFrames,
+    method: str,
     config: BuildConfig,
     output: Path,
     *,
@@ -54,20 +58,28 @@ def build_to_file(
     check_writable(output)
     watching: list[Observer] = [BuildProgress(progress, json_lines=json_lines)]
     if record is None:
-        simap = build_map(sequence, config, watching)
+        simap = build(sequence, method, config, watching)
     else:
         from simaps_viz.recorder.recorder import RerunRecorder  # noqa: PLC0415 - rerun is slow to import
         from simaps_viz.recorder.settings import SMALL  # noqa: PLC0415 - as above
 
         with RerunRecorder(record, settings=recorder_settings or SMALL) as recorder:
-            simap = build_map(sequence, config, [*watching, recorder], communities_every=COMMUNITIES_EVERY)
+            simap = build(sequence, method, config, [*watching, recorder], communities_every=COMMUNITIES_EVERY)
     save_map(simap, output)
     return simap
 
 
-def cached_build(sequence: PosedFrames, config: BuildConfig, progress: StageProgress) -> tuple[SIMap, Path]:
+def cached_build(
+    sequence: PosedFrames, method: str, config: BuildConfig, progress: StageProgress
+) -> tuple[SIMap, Path]:
     """Build a map with its recording in the cache, or take both from there; they depend on all that goes in."""
-    what = [str(sequence.path.resolve()), sequence.path.stat().st_mtime_ns, asdict(config), version("simaps-viz")]
+    what = [
+        str(sequence.path.resolve()),
+        sequence.path.stat().st_mtime_ns,
+        method,
+        asdict(config),
+        version("simaps-viz"),
+    ]
     key = hashlib.sha256(json.dumps(what).encode()).hexdigest()[:16]
     folder = cache_folder() / "maps"
     folder.mkdir(parents=True, exist_ok=True)
@@ -75,7 +87,7 @@ def cached_build(sequence: PosedFrames, config: BuildConfig, progress: StageProg
     output, record = folder / f"{stem}.npz", folder / f"{stem}.rrd"
     if output.is_file() and record.is_file():
         return load_map(output), record
-    return build_to_file(sequence, config, output, record=record, progress=progress), record
+    return build_to_file(sequence, method, config, output, record=record, progress=progress), record
 
 
 def sequence_of(simap: SIMap) -> PosedFrames | None:
@@ -128,8 +140,8 @@ def _services(simap: SIMap, recording: Path | None) -> Any:
         return sequence.color(index), sequence.segmentation(index).ids
 
     return Services(
-        repartition=lambda m, k: repartition(m, k_percent=k),
-        recommunity=lambda m, resolution, k: recommunity(m, resolution=resolution, k_percent=k),
+        repartition=lambda m, percent: repartition(m, **joining(m, percent)),
+        recommunity=lambda m, resolution, percent: recommunity(m, resolution=resolution, **joining(m, percent)),
         ask=answer,
         steps=lambda m, program, pose: Agent(m, pose).steps(program),
         candidates=lambda m, label, pose: Grounding(m, pose).candidates(label),
@@ -139,6 +151,31 @@ def _services(simap: SIMap, recording: Path | None) -> Any:
         csp=CONTENT_SECURITY_POLICY,
         recordings=(recording,) if recording else (),
     )
+
+
+def joining(simap: SIMap, percent: float) -> dict[str, float]:
+    """Give the parameter of `repartition` that a percentage means on this map: K, or 100 x the affinity."""
+    return {"affinity": percent / 100.0} if simap.method == "evidence" else {"k_percent": percent}
+
+
+def reader(llm: str | None, simap: SIMap, pose: Pose2) -> Reader:
+    """Give what reads commands: the offline grammar, or a language model named as MODEL[@ADDRESS].
+
+    When the model's server cannot be asked, the grammar reads, and a note says so.
+    """
+    if llm is None:
+        return read_command
+    model = LLMReader(parse_llm_spec(llm))
+    check = Agent(simap, pose).steps
+
+    def read(text: str, counts: Mapping[str, int]) -> Reading:
+        try:
+            return model.read(text, counts, check=check)
+        except LLMServerError as error:
+            offline = read_command(text, counts)
+            return replace(offline, notes=(f"read offline: {error}", *offline.notes))
+
+    return read
 
 
 def recording_beside(path: Path, given: Path | None) -> Path | None:

@@ -21,7 +21,7 @@ class PlainMap:
         self.lowest: dict[Cell, float] = {}
         self.frames: dict[Cell, set[int]] = defaultdict(set)
         self.links: dict[tuple[str, Cell, Cell], int] = defaultdict(int)
-        self.views: set[tuple[int, Cell, int]] = set()
+        self.readings: set[tuple[int, Cell, int]] = set()
 
     def add(self, frame: Frame, segmentation: Segmentation, T_map_camera: NDArray) -> None:
         k, names = frame.intrinsics, {s.id: s for s in segmentation.segments}
@@ -49,8 +49,7 @@ class PlainMap:
                 if h >= self.obstacle:
                     self.lowest[cell] = min(h, self.lowest.get(cell, np.inf))
         for cell, (_, segment) in frame_top.items():
-            if segment and names[segment].is_thing:
-                self.views.add((frame.index, cell, segment))
+            self.readings.add((frame.index, cell, segment))
         for (v, u), cell in cells.items():
             segment = int(segmentation.ids[v, u])
             if segment == 0 or not names[segment].is_thing:

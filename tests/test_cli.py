@@ -33,7 +33,7 @@ def built(sequence, tmp_path):
 
 def test_build_writes_a_map_and_says_what_is_on_it(sequence, tmp_path, capsys):
     path = tmp_path / "m.npz"
-    assert main(["build", str(sequence), "-o", str(path), "--k", "7", "--cell-size", "0.1"]) == 0
+    assert main(["build", str(sequence), "-o", str(path), "--method", "paper", "--k", "7", "--cell-size", "0.1"]) == 0
     out, err = capsys.readouterr()
     assert out == "" and "chair (2)" in err
     simap = load_map(path)

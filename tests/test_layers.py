@@ -14,10 +14,11 @@ PACKAGE = ROOT / "simaps_viz"
 # modules that share a line never import each other.
 LINES: list[list[str]] = [
     ["cli"],
-    ["wiring"],
+    ["wiring", "evaluating"],
+    ["cli_options"],
     ["progress", "tables"],
-    ["viewer", "recorder", "evaluation"],
-    ["pipeline", "navigation.agent"],
+    ["viewer", "recorder", "evaluation", "methods"],
+    ["pipeline", "navigation.agent", "baselines"],
     ["navigation.robot"],
     ["datasets", "scenes", "mapping", "language", "navigation"],
     ["events", "labels"],
@@ -31,12 +32,15 @@ CONFINED = {
     "viser": ["viewer"],
     "rerun": ["recorder"],
     "sknetwork": ["mapping.communities"],
-    "networkx": ["mapping.graph"],
+    "networkx": ["mapping.graph", "evaluation.bench_planner", "evaluation.bench_graphs"],
     "embreex": ["scenes"],
     "trimesh": ["scenes", "viewer"],
-    "numba": ["mapping", "navigation", "scenes"],
+    "numba": ["baselines", "mapping", "navigation", "scenes"],
+    "openai": ["language.llm_http"],
+    "httpx2": ["language.llm_http"],
+    "PIL": ["evaluation.picture"],
     "lark": ["language"],
-    "tyro": ["cli"],
+    "tyro": ["cli", "cli_options"],
     "rich": ["cli", "progress", "tables"],
 }
 
@@ -114,7 +118,7 @@ def test_nothing_evaluates_text():
 
 
 def test_importing_the_package_loads_neither_page_nor_recorder():
-    heavy = "viser", "rerun", "onnxruntime", "trimesh", "embreex"
+    heavy = "viser", "rerun", "onnxruntime", "trimesh", "embreex", "openai"
     code = f"import sys, simaps_viz; print([m for m in {heavy!r} if m in sys.modules])"
     out = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True, cwd=ROOT)
     assert out.stdout.strip() == "[]"

@@ -18,7 +18,9 @@ from simaps_viz.pipeline import BuildConfig, build_map
 
 @pytest.fixture(scope="module")
 def simap(tmp_path_factory):
-    return build_map(open_sequence(write_tiny_sequence(tmp_path_factory.mktemp("tiny"))), BuildConfig(min_cells=1))
+    return build_map(
+        open_sequence(write_tiny_sequence(tmp_path_factory.mktemp("tiny"))), BuildConfig(method="paper", min_cells=1)
+    )
 
 
 def test_round_trip(simap, tmp_path):

@@ -56,7 +56,7 @@ def test_exact_ids_and_ids_per_frame_give_the_same_map(tmp_path):
 
 def test_events_come_in_order_and_say_what_happened(tiny):
     listener = Listener()
-    simap = build_map(tiny, observers=[listener], communities_every=2)
+    simap = build_map(tiny, BuildConfig(method="paper"), observers=[listener], communities_every=2)
     kinds = [type(e) for e in listener.events]
     projected = FrameProjected
     assert kinds == [

@@ -55,17 +55,17 @@ def test_links_are_the_twins(seed, reach):
     assert reach == 0 or found, "the random frames must have links, or nothing is compared"
 
 
-def test_views_are_the_twins():
+def test_readings_are_the_twins():
     frames = random_frames(5)
     plain = PlainMap()
     for part in frames:
         plain.add(*part)
     found = {
         (i, (int(r), int(c)), int(s))
-        for i, views in enumerate(accumulate(frames).views)
-        for r, c, s in zip(views.rows, views.cols, views.segments, strict=True)
+        for i, seen in enumerate(accumulate(frames).readings)
+        for r, c, s in zip(seen.rows, seen.cols, seen.segments, strict=True)
     }
-    assert found == plain.views
+    assert found == plain.readings
 
 
 def test_links_survive_growing_the_table(monkeypatch):

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from simaps_viz import build_map, open_sequence, save_map
+from simaps_viz import BuildConfig, build_map, open_sequence, save_map
 
 SHARED = Path(__file__).parents[1].parent / "shared"
 HOUSE = SHARED / "data" / "aws-small-house" / "rgbd"
@@ -21,7 +21,7 @@ TABLES = ("dining table", "table", "coffee table", "desk")
 @needs_shared
 def test_exact_ids_give_all_chairs_and_tables_of_the_house(tmp_path):
     """Scored by a program that shares no code with ours."""
-    simap = build_map(open_sequence(HOUSE))
+    simap = build_map(open_sequence(HOUSE), BuildConfig(method="paper"))
     assert simap.parameters["k_percent"] == 5.0 and simap.method == "paper"
     save_map(simap, tmp_path / "house.npz")
     command = [sys.executable, SHARED / "tools" / "score_map.py", tmp_path / "house.npz", HOUSE, "chair", *TABLES]

@@ -7,6 +7,7 @@ from numpy.typing import NDArray
 
 from simaps_viz.mapping.links import LinkTable
 from simaps_viz.mapping.projection import project_pixels, raise_cells
+from simaps_viz.mapping.readings import FrameReadings
 from simaps_viz.structures import Frame, Grid, GridSpec, Segmentation
 
 _GROWTH_M = 8.0  # grow by at least this much at a time, so that growing is rare
@@ -30,18 +31,6 @@ class ProjectionSettings:
     """What lies lower than this does not stop a robot."""
 
 
-@dataclass(frozen=True, eq=False)
-class FrameViews:
-    """Which segment is highest in which thing cell, in one frame."""
-
-    rows: NDArray
-    """int32 [n], counted from the map's origin."""
-    cols: NDArray
-    """int32 [n], counted from the map's origin."""
-    segments: NDArray
-    """int32 [n], id in the frame's segmentation."""
-
-
 class MapAccumulator:
     """Takes frames one by one, in order; `snapshot` gives the map they make."""
 
@@ -52,6 +41,7 @@ class MapAccumulator:
         settings: ProjectionSettings,
         *,
         reach_cells: int = 2,
+        links: bool = True,
     ) -> None:
         """Start empty.
 
@@ -60,10 +50,12 @@ class MapAccumulator:
             is_thing: aligned with ``labels``; only things get links.
             settings: which pixels count.
             reach_cells: link cells at most this far apart; -1 = any distance.
+            links: count links at all; method evidence can do without.
         """
         self.labels, self.is_thing, self.settings, self.reach_cells = labels, is_thing, settings, reach_cells
+        self._links_wanted = links
         self.links = LinkTable()
-        self.views: list[FrameViews] = []
+        self.readings: list[FrameReadings] = []
         self._index_of = {name: i for i, name in enumerate(labels)}
         self._row0 = self._col0 = self._rows = self._cols = 0
         self._seen: tuple[int, int, int, int] | None = None  # row0, col0, row1, col1 from the origin, half open
@@ -91,11 +83,12 @@ class MapAccumulator:
             self._label, self._top, self._lowest, self._observations,
             self._frame_top, self._frame_segment, self._stamp, frame.index, touched,
         )  # fmt: skip
-        self.links.add_frame(
-            cells, segmentation.ids, graph_label_of_id,
-            row0=self._row0, col0=self._col0, cols=self._cols, reach=self.reach_cells,
-        )  # fmt: skip
-        return self._note_views(touched[:n], graph_label_of_id)
+        if self._links_wanted:
+            self.links.add_frame(
+                cells, segmentation.ids, graph_label_of_id,
+                row0=self._row0, col0=self._col0, cols=self._cols, reach=self.reach_cells,
+            )  # fmt: skip
+        return self._note_readings(touched[:n])
 
     def snapshot(self) -> Grid:
         """Copy the map as it is now, cut to what has been seen."""
@@ -139,14 +132,12 @@ class MapAccumulator:
                 graph_label_of_id[segment.id] = index
         return label_of_id, graph_label_of_id
 
-    def _note_views(self, touched: NDArray, graph_label_of_id: NDArray) -> NDArray:
+    def _note_readings(self, touched: NDArray) -> NDArray:
         rows = touched // self._cols + self._row0
         cols = touched % self._cols + self._col0
-        segments = self._frame_segment[touched]
-        thing = graph_label_of_id[segments] > 0
-        self.views.append(FrameViews(rows[thing], cols[thing], segments[thing]))
+        self.readings.append(FrameReadings(rows, cols, self._frame_segment[touched], self._frame_top[touched]))
         if len(touched):
-            seen = self._seen or (rows[0], cols[0], rows[0], cols[0])
+            seen = self._seen or (int(rows[0]), int(cols[0]), int(rows[0]), int(cols[0]))
             self._seen = (
                 min(seen[0], int(rows.min())),
                 min(seen[1], int(cols.min())),

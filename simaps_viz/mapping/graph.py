@@ -53,11 +53,14 @@ def weighted(grid: Grid, label: int, cells: NDArray, edges: NDArray, counts: NDA
         edges=edges,
         counts=counts.astype(np.int64),
         weights=counts / mean_seen,
+        different=np.zeros(len(counts), dtype=np.int64),
     )
 
 
 def to_networkx(simap: SIMap, label: str) -> nx.Graph:
-    """Give the graph of a class to hold: nodes (row, col) with ``height_m`` and ``instance``, edges with ``weight``.
+    """Give the graph of a class to hold.
+
+    Nodes are (row, col) with ``height_m`` and ``instance``; edges have ``weight``, ``count`` and ``different``.
 
     Raises:
         InputError: the map has no cells of that class.
@@ -73,6 +76,7 @@ def to_networkx(simap: SIMap, label: str) -> nx.Graph:
     nodes = [divmod(int(c), cols) for c in graph.cells]
     for node in nodes:
         result.add_node(node, height_m=float(simap.grid.height_m[node]), instance=int(simap.instance[node]))
-    for (a, b), count, weight in zip(graph.edges, graph.counts, graph.weights, strict=True):
-        result.add_edge(nodes[a], nodes[b], count=int(count), weight=float(weight))
+    evidence = zip(graph.edges, graph.counts, graph.different, graph.weights, strict=True)
+    for (a, b), count, different, weight in evidence:
+        result.add_edge(nodes[a], nodes[b], count=int(count), different=int(different), weight=float(weight))
     return result

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from simaps_viz.errors import InputError
+from simaps_viz.mapping.evidence import affine
 from simaps_viz.mapping.graph import weighted
 from simaps_viz.structures import CellGraph, Grid, GridSpec, Instance, MergeLog, SIMap, Views
 
@@ -25,6 +26,7 @@ _ARRAYS: dict[str, tuple[type, int]] = {
     "merge_label": (np.int16, 1), "merge_source": (np.int32, 1), "merge_target": (np.int32, 1),
     "merge_score": (np.float32, 1), "graph_label": (np.int16, 1), "graph_edges": (np.int64, 1),
     "edge_first": (np.int32, 1), "edge_step": (np.int32, 1), "edge_count": (np.int32, 1),
+    "edge_different": (np.int32, 1),
     "view_community": (np.int32, 1), "view_frame": (np.int32, 1), "view_segment": (np.int32, 1),
     "view_cells": (np.int32, 1), "view_score": (np.float32, 1),
 }  # fmt: skip
@@ -97,6 +99,7 @@ def _arrays(simap: SIMap) -> dict[str, NDArray]:
         "graph_label": [g.label for g in simap.graphs], "graph_edges": [len(g.edges) for g in simap.graphs],
         "edge_first": np.concatenate([[], *first]), "edge_step": np.concatenate([[], *step]),
         "edge_count": np.concatenate([[], *[g.counts for g in simap.graphs]]),
+        "edge_different": np.concatenate([[], *[g.different for g in simap.graphs]]),
         "view_community": views.community, "view_frame": views.frame, "view_segment": views.segment,
         "view_cells": views.cells, "view_score": views.score,
     }  # fmt: skip
@@ -175,7 +178,7 @@ def _rebuild(meta: Mapping[str, Any], data: Mapping[str, NDArray]) -> SIMap:
         provenance=meta["provenance"],
         community=data["community"],
         merges=MergeLog(data["merge_label"], data["merge_source"], data["merge_target"], data["merge_score"]),
-        graphs=_rebuild_graphs(grid, data),
+        graphs=_rebuild_graphs(grid, data, evidence=meta["method"] == "evidence"),
         views=Views(
             data["view_community"], data["view_frame"], data["view_segment"], data["view_cells"], data["view_score"]
         ),
@@ -197,7 +200,7 @@ def _instance(entry: Mapping[str, Any]) -> Instance:
     )
 
 
-def _rebuild_graphs(grid: Grid, data: Mapping[str, NDArray]) -> tuple[CellGraph, ...]:
+def _rebuild_graphs(grid: Grid, data: Mapping[str, NDArray], *, evidence: bool) -> tuple[CellGraph, ...]:
     graphs, start = [], 0
     flat_label = grid.label.reshape(-1)
     for label, edges in zip(data["graph_label"].tolist(), data["graph_edges"].tolist(), strict=True):
@@ -209,5 +212,9 @@ def _rebuild_graphs(grid: Grid, data: Mapping[str, NDArray]) -> tuple[CellGraph,
         at = np.searchsorted(cells, ends)
         if len(ends) and (at.max() >= len(cells) or not np.array_equal(cells[at], ends)):
             raise ValueError(f"edges of class {label} leave its cells")
-        graphs.append(weighted(grid, label, cells, at.astype(np.int32), data["edge_count"][span]))
+        counts, different = data["edge_count"][span], data["edge_different"][span]
+        at = at.astype(np.int32)
+        graphs.append(
+            affine(label, cells, at, counts, different) if evidence else weighted(grid, label, cells, at, counts)
+        )
     return tuple(graphs)

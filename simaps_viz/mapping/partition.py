@@ -27,6 +27,11 @@ def applied_steps(log: MergeLog, threshold: float) -> NDArray:
     return before == stops_before_class
 
 
+def empty_log() -> MergeLog:
+    """Give the log of a method that joins nothing."""
+    return MergeLog(np.zeros(0, np.int16), np.zeros(0, np.int32), np.zeros(0, np.int32), np.zeros(0, np.float32))
+
+
 def instance_of_community(log: MergeLog, applied: NDArray, communities: int) -> NDArray:
     """Follow the applied merges.
 

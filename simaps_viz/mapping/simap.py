@@ -11,6 +11,8 @@ from simaps_viz.errors import InputError
 from simaps_viz.mapping.communities import find_communities
 from simaps_viz.mapping.merge import merge_steps
 from simaps_viz.mapping.partition import applied_steps, describe_instances, instance_of_community
+from simaps_viz.mapping.partition_evidence import partition_evidence
+from simaps_viz.mapping.readings import Readings
 from simaps_viz.structures import CellGraph, Grid, MergeLog, SIMap, Views
 
 
@@ -26,20 +28,16 @@ class Origin:
     T_map_camera: NDArray
 
 
-@dataclass(frozen=True, eq=False)
-class SeenCells:
-    """For every frame and cell: which segment was highest there. All arrays aligned."""
+JOINING = {"paper": "k_percent", "evidence": "affinity"}
+"""The parameter that says how far down a method's merge log is followed; other methods have no log."""
 
-    cell: NDArray
-    """int64 [v], flat cell of the finished grid."""
-    frame: NDArray
-    """int32 [v]."""
-    segment: NDArray
-    """int32 [v]."""
-    label: NDArray
-    """int16 [v], class index of the segment."""
-    score: NDArray
-    """float32 [v]."""
+
+def joining_threshold(method: str, parameters: Mapping[str, Any]) -> float:
+    """Give the score that a step of the merge log must exceed: K / 100, or the affinity; infinite without a log."""
+    name = JOINING.get(method)
+    if name is None:
+        return float("inf")
+    return float(parameters[name]) / (100.0 if name == "k_percent" else 1.0)
 
 
 def partition_grid(
@@ -67,7 +65,7 @@ def partition_grid(
     return community.reshape(grid.spec.shape), log
 
 
-def count_views(grid: Grid, community: NDArray, seen: SeenCells) -> Views:
+def count_views(grid: Grid, community: NDArray, seen: Readings) -> Views:
     """Sum up, per community, frame and segment, how many cells the segment named; other classes do not count."""
     of_cell = community.reshape(-1)[seen.cell]
     kept = (of_cell > 0) & (grid.label.reshape(-1)[seen.cell] == seen.label)
@@ -85,8 +83,8 @@ def count_views(grid: Grid, community: NDArray, seen: SeenCells) -> Views:
 def assemble(
     grid: Grid, graphs: Sequence[CellGraph], community: NDArray, log: MergeLog, views: Views, origin: Origin
 ) -> SIMap:
-    """Put the stages together; the instances follow from the parameters ``k_percent`` and ``min_cells``."""
-    applied = applied_steps(log, float(origin.parameters["k_percent"]) / 100.0)
+    """Put the stages together; the instances follow from ``k_percent`` or ``affinity``, and ``min_cells``."""
+    applied = applied_steps(log, joining_threshold(origin.method, origin.parameters))
     instance_of = instance_of_community(log, applied, int(community.max(initial=0)))
     cells = np.bincount(instance_of[community].reshape(-1), minlength=len(instance_of))
     instance_of[cells[instance_of] < int(origin.parameters.get("min_cells", 1))] = 0
@@ -115,37 +113,62 @@ def origin_of(simap: SIMap) -> Origin:
     )
 
 
-def repartition(simap: SIMap, *, k_percent: float) -> SIMap:
-    """Give the map for another K: a look-up in the merge log.
+def repartition(simap: SIMap, *, k_percent: float | None = None, affinity: float | None = None) -> SIMap:
+    """Give the map for another K (method paper) or affinity (method evidence): a look-up in the merge log.
 
     Raises:
-        InputError: K lies outside 0 to 100.
+        InputError: the map's method has no such parameter, or K lies outside 0 to 100, or the affinity outside 0 to 1.
     """
-    if not 0.0 <= k_percent <= 100.0:
-        raise InputError(f"K: expected a percentage from 0 to 100, found {k_percent:g}")
-    origin = replace(origin_of(simap), parameters={**simap.parameters, "k_percent": float(k_percent)})
-    return assemble(simap.grid, simap.graphs, simap.community, simap.merges, simap.views, origin)
+    return assemble(
+        simap.grid, simap.graphs, simap.community, simap.merges, simap.views,
+        replace(origin_of(simap), parameters=_joined(simap, k_percent, affinity)),
+    )  # fmt: skip
 
 
-def recommunity(simap: SIMap, *, resolution: float, k_percent: float | None = None) -> SIMap:
+def recommunity(
+    simap: SIMap, *, resolution: float, k_percent: float | None = None, affinity: float | None = None
+) -> SIMap:
     """Give the map for another Louvain resolution, from the stored graphs.
 
     Views are handed on through the cells' shares, as the frames are not at hand: the new communities of an old one
     take its views in proportion to the cells they share with it.
 
     Raises:
-        InputError: the resolution is not above 0, or K lies outside 0 to 100.
+        InputError: the resolution is not above 0, the map's method has none, or as for `repartition`.
     """
     if not resolution > 0.0:
         raise InputError(f"resolution: expected a number above 0, found {resolution:g}")
+    parameters = {**_joined(simap, k_percent, affinity), "resolution": float(resolution)}
     seed = int(simap.parameters.get("seed", 0))
-    community, log = partition_grid(simap.grid, simap.graphs, resolution=resolution, seed=seed)
-    k = float(simap.parameters["k_percent"]) if k_percent is None else float(k_percent)
-    if not 0.0 <= k <= 100.0:
-        raise InputError(f"K: expected a percentage from 0 to 100, found {k:g}")
-    origin = replace(origin_of(simap), parameters={**simap.parameters, "k_percent": k, "resolution": float(resolution)})
-    views = _share_views(simap, community)
-    return assemble(simap.grid, simap.graphs, community, log, views, origin)
+    if simap.method == "evidence":
+        community, log = partition_evidence(simap.grid, simap.graphs, resolution=resolution, seed=seed)
+    else:
+        community, log = partition_grid(simap.grid, simap.graphs, resolution=resolution, seed=seed)
+    origin = replace(origin_of(simap), parameters=parameters)
+    return assemble(simap.grid, simap.graphs, community, log, _share_views(simap, community), origin)
+
+
+def _joined(simap: SIMap, k_percent: float | None, affinity: float | None) -> dict[str, Any]:
+    """Give the map's parameters with another K or affinity, checked."""
+    name = JOINING.get(simap.method)
+    given = {"k_percent": k_percent, "affinity": affinity}
+    wrong = [other for other, value in given.items() if value is not None and other != name]
+    if name is None or wrong:
+        has = f"{name} only" if name else "neither k_percent nor affinity, and no communities to find anew"
+        raise InputError(f"method {simap.method}: expected a map that has {(wrong or ['a merge log'])[0]}, found {has}")
+    value = given[name]
+    if value is None:
+        return dict(simap.parameters)
+    check_joining(name, value)
+    return {**simap.parameters, name: float(value)}
+
+
+def check_joining(name: str, value: float) -> None:
+    """Raise InputError unless K lies in 0 to 100, or the affinity in 0 to 1."""
+    if name == "k_percent" and not 0.0 <= value <= 100.0:
+        raise InputError(f"K: expected a percentage from 0 to 100, found {value:g}")
+    if name == "affinity" and not 0.0 <= value <= 1.0:
+        raise InputError(f"affinity: expected a share from 0 to 1, found {value:g}")
 
 
 def _share_views(simap: SIMap, community: NDArray) -> Views:

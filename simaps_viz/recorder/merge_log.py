@@ -97,13 +97,19 @@ def _mark(places: _Places, source: NDArray, target: NDArray) -> rr.LineStrips2D:
 
 
 def _chosen(simap: SIMap | None) -> str:
-    k = simap.parameters.get("k_percent") if simap is not None else None
-    return f" at K = {k:g} %" if isinstance(k, int | float) and simap is not None and simap.method == "paper" else ""
+    if simap is None:
+        return ""
+    k, affinity = simap.parameters.get("k_percent"), simap.parameters.get("affinity")
+    if simap.method == "paper" and isinstance(k, int | float):
+        return f" at K = {k:g} %"
+    return f" at affinity {affinity:g}" if isinstance(affinity, int | float) else ""
 
 
 def _score(score: float, simap: SIMap | None) -> str:
     if simap is not None and simap.method == "paper":
         return f"{100 * score:.0f} % of its cells neighbour it"
+    if simap is not None and simap.method == "evidence":
+        return f"{100 * score:.0f} % of what was seen of both says they are one"
     return f"score {score:.2f}"
 
 

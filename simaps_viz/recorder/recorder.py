@@ -194,7 +194,9 @@ def about(event: BuildStarted, simap: SIMap | None) -> str:
     if simap is None:
         return text
     rows = [(name, count) for name, count in simap.counts().items()]
-    settings = ", ".join(f"{k} {v}" for k, v in simap.parameters.items() if k in ("k_percent", "resolution"))
+    settings = ", ".join(
+        f"{k} {v}" for k, v in simap.parameters.items() if k in ("k_percent", "affinity", "resolution")
+    )
     found = f"\nMethod **{simap.method}**{f' ({settings})' if settings else ''}: {len(simap.instances)} instances.\n\n"
     return text + found + markdown_table(("class", "instances"), rows)
 

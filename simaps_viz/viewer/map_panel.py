@@ -18,11 +18,41 @@ DEFAULT_RESOLUTION = 1.0
 
 
 @dataclass(frozen=True)
+class Joining:
+    """The slider that decides which communities are one instance."""
+
+    parameter: str
+    scale: float
+    """Percent = scale x parameter."""
+    default: float
+    title: str
+    word: str
+    hint: str
+
+    def percent(self, simap: SIMap) -> float:
+        """Give the slider's value for a map."""
+        return round(self.scale * float(simap.parameters.get(self.parameter, self.default)), 6)
+
+
+JOINING_OF = {
+    "paper": Joining(
+        "k_percent", 1.0, 5.0, "K (%)", "K",
+        "A community joins another while more than K % of its cells neighbour it.",
+    ),
+    "evidence": Joining(
+        "affinity", 100.0, 0.6, "Evidence (%)", "evidence",
+        "Two parts are one object while more than this share of what the frames saw of both says so.",
+    ),
+}  # fmt: skip
+"""By method."""
+
+
+@dataclass(frozen=True)
 class MapActions:
     """Whom the panel tells; none of these may take long."""
 
     partition: Callable[[float, float], None]
-    """(K in percent, Louvain resolution) were chosen."""
+    """(K or evidence in percent, Louvain resolution) were chosen."""
     restyle: Callable[[], None]
     """The colour mode or the class to emphasise changed."""
     look: Callable[[str], None]
@@ -37,18 +67,19 @@ class MapPanel:
     ) -> None:
         """Fill the current container."""
         self._actions = actions
-        self._k0 = float(simap.parameters.get("k_percent", 5.0))
+        joining = JOINING_OF.get(simap.method, JOINING_OF["paper"])
+        self._k0 = joining.percent(simap)
         self._resolution0 = float(simap.parameters.get("resolution", DEFAULT_RESOLUTION))
         self._origin = gui.add_html(origin_html(simap))
         self._counts = gui.add_html("")
         self._k = gui.add_slider(
-            "K (%)",
+            joining.title,
             0.0,
             100.0,
             0.5,
             self._k0,
             visible=with_k,
-            hint="Two communities merge when more than K % of the smaller one's cells neighbour the other.",
+            hint=joining.hint,
         )
         self._resolution = gui.add_slider(
             "Resolution",
@@ -62,7 +93,10 @@ class MapPanel:
         for slider in (self._k, self._resolution):
             slider.on_update(self._chosen)
         self._reset = gui.add_button(
-            "Reset K and resolution", icon=viser.Icon.ARROW_BACK_UP, color="gray", visible=with_k or with_resolution
+            f"Reset {joining.word} and resolution",
+            icon=viser.Icon.ARROW_BACK_UP,
+            color="gray",
+            visible=with_k or with_resolution,
         )
         self._reset.on_click(lambda _: self.reset())
         view = gui.add_button_group("View", (TOP, SLANT))
@@ -128,3 +162,9 @@ def counts_html(simap: SIMap) -> str:
         '<div style="padding:.2em .8em .4em;font-size:.88em;font-weight:600;line-height:1.4">'
         f"{escape(counts_text(simap))}</div>"
     )
+
+
+def joins(simap: SIMap) -> bool:
+    """Tell whether the map has a merge log that a slider can follow."""
+    joining = JOINING_OF.get(simap.method)
+    return joining is not None and joining.parameter in simap.parameters

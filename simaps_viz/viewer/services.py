@@ -100,9 +100,9 @@ class Services:
     """Plain functions behind the page; what is None is greyed out or said to be missing."""
 
     repartition: Callable[[SIMap, float], SIMap] | None = None
-    """(map, k_percent) -> the map with another merge threshold; fast."""
+    """(map, percent) -> the map with another K (method paper) or affinity (method evidence); fast."""
     recommunity: Callable[[SIMap, float, float], SIMap] | None = None
-    """(map, resolution, k_percent) -> the map with communities found anew."""
+    """(map, resolution, percent) -> the map with communities found anew."""
     ask: Callable[[SIMap, str, Pose2], AnswerLike] | None = None
     """(map, command, where the robot stands) -> answer. May raise SIMapsError."""
     steps: Callable[[SIMap, str, Pose2], Iterable[StepLike]] | None = None

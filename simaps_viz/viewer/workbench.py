@@ -17,7 +17,7 @@ from simaps_viz.structures import Pose2, SIMap
 from simaps_viz.viewer.build_panel import BuildPanel, FrameLink
 from simaps_viz.viewer.host import Host
 from simaps_viz.viewer.instance_panel import InstancePanel
-from simaps_viz.viewer.map_panel import SLANT, MapActions, MapPanel
+from simaps_viz.viewer.map_panel import SLANT, MapActions, MapPanel, joins
 from simaps_viz.viewer.picking import best_views, communities_unseen_until, ray_on_blocks, ray_on_floor
 from simaps_viz.viewer.robot import RobotControl
 from simaps_viz.viewer.scene import MapScene
@@ -179,7 +179,7 @@ class Workbench:
                 gui,
                 self.simap,
                 actions,
-                with_k=services.repartition is not None and "k_percent" in self.simap.parameters,
+                with_k=services.repartition is not None and joins(self.simap),
                 with_resolution=services.recommunity is not None and "resolution" in self.simap.parameters,
             )
         with tabs.add_tab("Command", viser.Icon.ROBOT):

@@ -1,0 +1,84 @@
+"""Colours for many objects with few colours: near ones never share one, as far as the palette goes."""
+
+from collections.abc import Mapping
+
+import numpy as np
+from numpy.typing import NDArray
+
+from simaps_viz.structures import Grid
+
+Color = tuple[int, int, int]
+
+UNSEEN: Color = (250, 250, 252)
+FLOOR: Color = (232, 235, 240)
+CLUTTER: Color = (205, 209, 216)
+"""Something stands there that is no instance."""
+WALL: Color = (92, 98, 110)
+NO_PARTNER: Color = (150, 153, 158)
+"""An instance that lies on no true one."""
+PALETTE: tuple[Color, ...] = (
+    (230, 159, 0), (86, 180, 233), (0, 158, 115), (240, 228, 66), (0, 114, 178), (204, 121, 167), (51, 34, 136),
+    (153, 153, 51),
+)  # fmt: skip
+"""Told apart with any kind of colour vision: six of Okabe and Ito's colours, two of Tol's. Red is left to marks."""
+FURNITURE_FROM_M = 0.10
+_STRUCTURE = ("wall", "column", "door", "window")
+
+
+def distinct_colors(instance: NDArray) -> dict[int, Color]:
+    """Give every instance a colour of the palette, the largest first, each the one whose nearest user is farthest.
+
+    Args:
+        instance: int [rows, cols], 0 = none.
+    """
+    flat = instance.reshape(-1)
+    where = np.flatnonzero(flat)
+    size = np.bincount(flat[where])
+    ids = np.flatnonzero(size)
+    row, col = np.divmod(where, instance.shape[1])
+    middle = np.stack([np.bincount(flat[where], weights=axis)[ids] / size[ids] for axis in (row, col)], axis=1)
+    order = np.lexsort((ids, -size[ids]))
+    nearest = np.full((len(ids), len(PALETTE)), np.inf)
+    chosen: dict[int, Color] = {}
+    for at in order.tolist():
+        # An unused colour is infinitely far; among those the first, so that the choice is always the same.
+        color = int(np.argmax(nearest[at]))
+        chosen[int(ids[at])] = PALETTE[color]
+        apart = np.hypot(*(middle - middle[at]).T)
+        nearest[:, color] = np.minimum(nearest[:, color], apart)
+    return chosen
+
+
+def partners(cells: NDArray, reference: NDArray) -> dict[int, int]:
+    """Give {id: the id of the reference it shares most cells with}; the lower id of equals; no entry without any.
+
+    Args:
+        cells: int [rows, cols], 0 = none.
+        reference: the same window.
+    """
+    both = (cells > 0) & (reference > 0)
+    pairs, shared = np.unique(np.stack([cells[both], reference[both]], axis=1), axis=0, return_counts=True)
+    best: dict[int, int] = {}
+    for at in np.argsort(-shared, kind="stable").tolist():
+        best.setdefault(int(pairs[at, 0]), int(pairs[at, 1]))
+    return best
+
+
+def paint(grid: Grid, instance: NDArray, colors: Mapping[int, Color]) -> NDArray:
+    """Colour every cell: instances as told (or grey), the ground below them pale.
+
+    Returns:
+        uint8 [rows, cols, 3], RGB, row 0 at the south.
+    """
+    picture = np.full((*grid.spec.shape, 3), UNSEEN, np.uint8)
+    picture[~np.isnan(grid.height_m)] = FLOOR
+    kinds = [name.split("-")[0] for name in grid.labels]
+    floor = np.isin(grid.label, [i for i, kind in enumerate(kinds) if kind == "floor"])
+    picture[(grid.height_m >= FURNITURE_FROM_M) & ~floor] = CLUTTER
+    picture[np.isin(grid.label, [i for i, kind in enumerate(kinds) if kind in _STRUCTURE])] = WALL
+    palette = np.full((int(instance.max(initial=0)) + 1, 3), NO_PARTNER, np.uint8)
+    for number, color in colors.items():
+        if number < len(palette):
+            palette[number] = color
+    picture[instance > 0] = palette[instance[instance > 0]]
+    return picture

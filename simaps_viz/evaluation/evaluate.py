@@ -1,0 +1,247 @@
+"""Builds maps by several methods from masks with several kinds of errors, and scores and weighs each."""
+
+import tempfile
+import time
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import TypeVar
+
+import numpy as np
+
+from simaps_viz.datasets.posed_frames import PosedFrames
+from simaps_viz.datasets.source import FrameSource
+from simaps_viz.errors import InputError
+from simaps_viz.evaluation.overlaps import ScoringRules, find_overlaps
+from simaps_viz.evaluation.quality import Scores, scores_of
+from simaps_viz.evaluation.spoiled import Progress, WithSimulatedErrors
+from simaps_viz.evaluation.truth import Truth, find_truth, settings_of, truth_of
+from simaps_viz.mapping.mapfile import save_map
+from simaps_viz.scenes.simulated_errors import LEVELS
+from simaps_viz.structures import Frame, Segmentation, SIMap
+
+PRECOMPUTED = "precomputed"
+ERRORS = (*LEVELS, PRECOMPUTED)
+"""What masks a method gets: exact ("none"), spoiled by simulated errors, or those of the manifest."""
+
+NOT_SIMULATED = ("none", PRECOMPUTED)
+
+Build = Callable[[FrameSource, str], SIMap]
+"""Builds a map by the method of that name."""
+
+_Config = TypeVar("_Config")
+_WARM_UP_FRAMES = 2
+
+
+@dataclass(frozen=True)
+class Footprint:
+    """What a method has to keep."""
+
+    ram_bytes: int = 0
+    disk_bytes: int = 0
+
+
+Store = Callable[[str, SIMap], Footprint]
+"""Gives what a method keeps beside the map itself, such as an embedding for every cell."""
+
+
+@dataclass(frozen=True, eq=False)
+class Run:
+    """One map, scored and weighed."""
+
+    method: str
+    errors: str
+    """One of ``ERRORS``."""
+    seed: int
+    """Of the simulated errors."""
+    scores: Scores
+    seconds: float
+    """Wall-clock time of building, reading included, simulating errors not."""
+    footprint: Footprint
+    """In memory: label and instance arrays, and the method's store. On disk: the map file, and the store."""
+
+
+@dataclass(frozen=True, eq=False)
+class Report:
+    """All runs of one sequence, by errors, then method, then seed, in the order asked for."""
+
+    name: str
+    path: Path
+    truth_source: str
+    simulated: bool
+    """The frames themselves are simulated (rendered)."""
+    runs: tuple[Run, ...]
+    rules: ScoringRules
+    maps: Mapping[tuple[str, str], tuple[SIMap, Truth]] = field(default_factory=dict)
+    """{(errors, method): the first seed's map and its truth}, for pictures."""
+
+    def of(self, errors: str, method: str) -> tuple[Run, ...]:
+        """Give the runs of one row, by seed."""
+        return tuple(run for run in self.runs if (run.errors, run.method) == (errors, method))
+
+    @property
+    def errors(self) -> tuple[str, ...]:
+        """In the order asked for."""
+        return tuple(dict.fromkeys(run.errors for run in self.runs))
+
+    @property
+    def methods(self) -> tuple[str, ...]:
+        """In the order asked for."""
+        return tuple(dict.fromkeys(run.method for run in self.runs))
+
+
+class FirstFrames:
+    """The first few frames of a sequence: a `FrameSource`."""
+
+    def __init__(self, sequence: FrameSource, count: int) -> None:
+        self._sequence, self._count = sequence, min(count, len(sequence))
+        self.name, self.path, self.T_map_world = sequence.name, sequence.path, sequence.T_map_world
+        self.labels, self.is_thing, self.simulated = sequence.labels, sequence.is_thing, sequence.simulated
+        self.segmentation_source = sequence.segmentation_source
+        self.frame_names = sequence.frame_names[: self._count]
+        self.poses = sequence.poses[: self._count]
+
+    def __len__(self) -> int:
+        return self._count
+
+    def read(self, index: int, *, color: bool = False) -> Frame:
+        """Read a frame."""
+        return self._sequence.read(index, color=color)
+
+    def segmentation(self, index: int) -> Segmentation:
+        """Read a frame's segmentation."""
+        return self._sequence.segmentation(index)
+
+
+def evaluate(
+    sequence: PosedFrames,
+    methods: Sequence[str],
+    *,
+    errors: Sequence[str],
+    seeds: Sequence[int] = (0,),
+    build: Build,
+    truth: Path | None = None,
+    rules: ScoringRules | None = None,
+    store: Store | None = None,
+    progress: Progress | None = None,
+) -> Report:
+    """Build and score maps by all methods, from all kinds of masks.
+
+    Methods take turns, so that a busy moment of the machine hits them alike; each first maps two frames for nothing,
+    so that none pays for compiling.
+
+    Args:
+        sequence: exact ids, or masks by a network with the exact ids beside them (see `find_truth`).
+        methods: names that ``build`` knows.
+        errors: of ``ERRORS``.
+        seeds: of the simulated errors; masks that are not simulated are used once.
+        build: builds a map by the method of a name.
+        truth: manifest with exact ids, if it is not to be looked for.
+        rules: what counts.
+        store: what methods keep beside the map.
+        progress: told how far it is.
+
+    Raises:
+        InputError: there is no truth, or no such errors, or something is asked for twice or not at all.
+    """
+    _check_lists(methods, errors, seeds)
+    rules, store = rules or ScoringRules(), store or (lambda method, simap: Footprint())
+    exact = find_truth(sequence, truth)
+    plan = [(e, s) for e in errors for s in (seeds if _is_simulated(e) else seeds[:1])]
+    runs: dict[tuple[str, int, str], Run] = {}
+    maps: dict[tuple[str, str], tuple[SIMap, Truth]] = {}
+    truths = _Truths(exact)
+    for kind, seed in plan:
+        source = _source(sequence, exact, kind, seed, progress)
+        for method in methods:
+            if progress:
+                progress("building and scoring maps", len(runs), len(plan) * len(methods))
+            if (kind, seed) == plan[0]:
+                build(FirstFrames(source, _WARM_UP_FRAMES), method)
+            simap, seconds = _timed_build(build, source, method)
+            true = truths.of(simap)
+            scores = scores_of(find_overlaps(simap, true, rules), simap)
+            footprint = weigh(simap, store(method, simap))
+            runs[kind, seed, method] = Run(method, kind, seed, scores, seconds, footprint)
+            maps.setdefault((kind, method), (simap, true))
+    if progress:
+        progress("building and scoring maps", len(runs), len(plan) * len(methods))
+    ordered = [runs[e, s, m] for e in errors for m in methods for s in seeds if (e, s, m) in runs]
+    return Report(sequence.name, sequence.path, exact.segmentation_source, exact.simulated, tuple(ordered), rules, maps)
+
+
+def evaluate_variants(
+    sequence: PosedFrames,
+    variants: Sequence[tuple[str, _Config]],
+    *,
+    build: Callable[[FrameSource, _Config], SIMap],
+    errors: Sequence[str],
+    seeds: Sequence[int] = (0,),
+    truth: Path | None = None,
+    rules: ScoringRules | None = None,
+    progress: Progress | None = None,
+) -> Report:
+    """Do the same with configurations of one method, each under a name of its own; see `evaluate`."""
+    configs = dict(variants)
+    if len(configs) != len(variants):
+        raise InputError(f"variants: expected each name once, found {', '.join(name for name, _ in variants)}")
+    return evaluate(
+        sequence, tuple(configs), errors=errors, seeds=seeds, truth=truth, rules=rules, progress=progress,
+        build=lambda source, name: build(source, configs[name]),
+    )  # fmt: skip
+
+
+def weigh(simap: SIMap, store: Footprint) -> Footprint:
+    """Weigh what answers questions about instances: label and instance arrays; the map file; and the store."""
+    with tempfile.TemporaryDirectory(prefix="simaps-") as folder:
+        path = Path(folder) / "map.npz"
+        save_map(simap, path)
+        disk = path.stat().st_size
+    held = simap.grid.label.nbytes + simap.instance.nbytes
+    return replace(store, ram_bytes=store.ram_bytes + held, disk_bytes=store.disk_bytes + disk)
+
+
+def _source(
+    sequence: PosedFrames, exact: PosedFrames, errors: str, seed: int, progress: Progress | None
+) -> FrameSource:
+    if errors == PRECOMPUTED:
+        return sequence
+    if not _is_simulated(errors):
+        return exact
+    spoiled = WithSimulatedErrors(exact, errors, seed)
+    spoiled.prepare(progress)
+    return spoiled
+
+
+def _is_simulated(errors: str) -> bool:
+    return errors not in NOT_SIMULATED
+
+
+def _timed_build(build: Build, source: FrameSource, method: str) -> tuple[SIMap, float]:
+    start = time.perf_counter()
+    simap = build(source, method)
+    return simap, time.perf_counter() - start
+
+
+class _Truths:
+    """Makes the truth once for all maps of one grid, map frame and choice of frames."""
+
+    def __init__(self, exact: PosedFrames) -> None:
+        self._exact = exact
+        self._made: dict[tuple, Truth] = {}
+
+    def of(self, simap: SIMap) -> Truth:
+        key = (settings_of(simap), np.asarray(simap.T_map_world).tobytes(), simap.frame_names)
+        if key not in self._made:
+            self._made[key] = truth_of(simap, self._exact)
+        return self._made[key]
+
+
+def _check_lists(methods: Sequence[str], errors: Sequence[str], seeds: Sequence[int]) -> None:
+    for what, values in (("methods", methods), ("errors", errors), ("seeds", seeds)):
+        if not values or len(set(values)) != len(values):
+            found = ", ".join(map(str, values)) or "none"
+            raise InputError(f"{what}: expected at least one, each once, found {found}")
+    unknown = [e for e in errors if e not in ERRORS]
+    if unknown:
+        raise InputError(f"errors: expected some of {', '.join(ERRORS)}, found {', '.join(unknown)}")

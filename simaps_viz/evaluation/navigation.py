@@ -1,0 +1,208 @@
+"""The paper's experiment: commands to a robot on maps of several methods, driven and judged in the true world."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from simaps_viz.datasets.posed_frames import PosedFrames
+from simaps_viz.datasets.source import FrameSource
+from simaps_viz.errors import InputError
+from simaps_viz.evaluation.driving import Actions, Drive, drive_through, legs_of
+from simaps_viz.evaluation.evaluate import ERRORS, NOT_SIMULATED, PRECOMPUTED, Build
+from simaps_viz.evaluation.phrasings import FAMILIES
+from simaps_viz.evaluation.scoring import Verdict, judge, true_objects_of
+from simaps_viz.evaluation.spoiled import Progress, WithSimulatedErrors
+from simaps_viz.evaluation.tasks import Task, make_tasks
+from simaps_viz.evaluation.truth import check_same_frame, find_truth, truth_as_map
+from simaps_viz.evaluation.world import World, observe_world
+from simaps_viz.navigation.agent import Answer, answer
+from simaps_viz.navigation.planner import RobotShape
+from simaps_viz.structures import SIMap
+
+TRUE_MAP = "true map"
+"""A method that is always there: the true instances themselves. What it misses is the robot's or the judge's fault."""
+
+
+@dataclass(frozen=True, eq=False)
+class NavigationRun:
+    """One command, on one map, in the true world."""
+
+    method: str
+    errors: str
+    seed: int
+    task: Task
+    answer: Answer
+    drive: Drive
+    verdict: Verdict
+
+    def to_json(self) -> dict[str, Any]:
+        """Give what happened, JSON-able; lengths in metres, the start's heading in degrees clockwise from north."""
+        start, said, drive = self.task.start, self.answer, self.drive
+        return {
+            "method": self.method, "errors": self.errors, "seed": self.seed, "task": self.task.number,
+            "family": self.task.family, "command": self.task.command,
+            "start": [start.x_m, start.y_m, round(start.heading_deg, 6)],
+            "meant": [{"kind": g.kind, "label": g.label, "object": g.object, "other": g.other, "side": g.side,
+                       "point": g.point_m} for g in self.task.goals],
+            "status": said.status, "reason": said.reason, "program": said.program,
+            "planned": [goal.to_json() for goal in said.goals],
+            "track": _thinned(drive.track_m), "stops": [_rounded(stop) for stop in drive.stops_m],
+            "collision": _rounded(drive.contact_m) if drive.contact_m else None,
+            "automatic": self.verdict.automatic, "strict": self.verdict.strict, "wrong": self.verdict.reason,
+        }  # fmt: skip
+
+
+@dataclass(frozen=True, eq=False)
+class NavigationReport:
+    """All runs of one sequence, by errors, seed, method, command."""
+
+    name: str
+    path: Path
+    simulated: bool
+    """The frames themselves are simulated (rendered)."""
+    robot: RobotShape
+    actions: Actions
+    runs: tuple[NavigationRun, ...]
+
+    @property
+    def errors(self) -> tuple[str, ...]:
+        """In the order asked for."""
+        return tuple(dict.fromkeys(run.errors for run in self.runs))
+
+    @property
+    def methods(self) -> tuple[str, ...]:
+        """In the order asked for."""
+        return tuple(dict.fromkeys(run.method for run in self.runs))
+
+    @property
+    def families(self) -> tuple[str, ...]:
+        """Those of which there are commands."""
+        present = {run.task.family for run in self.runs}
+        return tuple(family for family in FAMILIES if family in present)
+
+    def of(self, errors: str, method: str, family: str | None = None) -> tuple[NavigationRun, ...]:
+        """Give the runs behind one number of the table, over all seeds."""
+        return tuple(
+            run for run in self.runs
+            if (run.errors, run.method) == (errors, method) and family in (None, run.task.family)
+        )  # fmt: skip
+
+    def failures(self, method: str | None = None) -> tuple[NavigationRun, ...]:
+        """Give the runs that are not right, strictly."""
+        return tuple(run for run in self.runs if not run.verdict.strict and method in (None, run.method))
+
+
+def evaluate_navigation(
+    sequence: PosedFrames,
+    methods: Sequence[str],
+    *,
+    build: Build,
+    errors: Sequence[str] = ("none",),
+    seeds: Sequence[int] = (0,),
+    commands: int = 100,
+    truth: Path | None = None,
+    robot: RobotShape | None = None,
+    actions: Actions = "continuous",
+    surface_m: NDArray | None = None,
+    progress: Progress | None = None,
+) -> NavigationReport:
+    """Give the same commands to a robot on the map of every method, and judge what it does in the true world.
+
+    The words are read by the same parser for all methods. ``TRUE_MAP`` may be among the methods; it is not built.
+
+    Args:
+        sequence: exact ids, or masks by a network with the exact ids beside them (see `find_truth`).
+        methods: names that ``build`` knows.
+        build: builds a map by the method of a name.
+        errors: of ``evaluate.ERRORS``: what masks the maps are built from.
+        seeds: each has commands, starts and simulated errors of its own.
+        commands: how many for each seed.
+        truth: manifest with exact ids, if it is not to be looked for.
+        robot: its shape.
+        actions: how it moves in the true world.
+        surface_m: points on the scene's surfaces, if they are known; see `observe_world`.
+        progress: told how far it is.
+
+    Raises:
+        InputError: there is no truth, too little in the world, or something is asked for twice or not at all.
+    """
+    _check(methods, errors, seeds, commands)
+    exact, robot = find_truth(sequence, truth), robot or RobotShape()
+    tell = progress or (lambda stage, done, total: None)
+    tell(f"{exact.name}: looking at the true world", 0, 1)
+    world = observe_world(exact, robot=robot, surface_m=surface_m)
+    tell(f"{exact.name}: looking at the true world", 1, 1)
+    asked = {}
+    for done, seed in enumerate(seeds, start=1):
+        asked[seed] = make_tasks(world, count=commands, seed=seed)
+        tell("making commands", done, len(seeds))
+    runs: list[NavigationRun] = []
+    total = len(errors) * len(seeds) * len(methods) * commands
+    maps: dict[tuple[str, str], SIMap] = {}
+    for kind in errors:
+        for seed in seeds:
+            source = _source(sequence, exact, kind, seed, progress)
+            for method in methods:
+                simap = maps.get((kind, method)) or _map(source, method, build, world)
+                if kind in NOT_SIMULATED:  # the same masks for every seed
+                    maps[kind, method] = simap
+                shows = true_objects_of(simap, world)
+                for task in asked[seed]:
+                    said, drive, verdict = carry_out(world, simap, shows, task, actions=actions)
+                    runs.append(NavigationRun(method, kind, seed, task, said, drive, verdict))
+                    tell(f"driving: {kind} errors, {method}", len(runs), total)
+    return NavigationReport(sequence.name, sequence.path, exact.simulated, robot, actions, tuple(runs))
+
+
+def carry_out(
+    world: World, simap: SIMap, shows: dict[int, int], task: Task, *, actions: Actions = "continuous"
+) -> tuple[Answer, Drive, Verdict]:
+    """Let the robot answer one command on a map, follow its path in the true world, and judge it."""
+    said = answer(simap, task.command, task.start, robot=world.robot)
+    drive = drive_through(world, legs_of(said.path_m, said.goals), task.start, actions=actions)
+    return said, drive, judge(world, shows, task, said, drive)
+
+
+def _source(
+    sequence: PosedFrames, exact: PosedFrames, errors: str, seed: int, progress: Progress | None
+) -> FrameSource:
+    if errors == PRECOMPUTED:
+        return sequence
+    if errors in NOT_SIMULATED:
+        return exact
+    spoiled = WithSimulatedErrors(exact, errors, seed)
+    spoiled.prepare(progress)
+    return spoiled
+
+
+def _map(source: FrameSource, method: str, build: Build, world: World) -> SIMap:
+    if method == TRUE_MAP:
+        return truth_as_map(world.tops)
+    simap = build(source, method)
+    check_same_frame(simap, world.tops)
+    return simap
+
+
+def _check(methods: Sequence[str], errors: Sequence[str], seeds: Sequence[int], commands: int) -> None:
+    for what, values in (("methods", methods), ("errors", errors), ("seeds", seeds)):
+        if not values or len(set(values)) != len(values):
+            raise InputError(f"{what}: expected at least one, each once, found {', '.join(map(str, values)) or 'none'}")
+    unknown = [kind for kind in errors if kind not in ERRORS]
+    if unknown:
+        raise InputError(f"errors: expected some of {', '.join(ERRORS)}, found {', '.join(unknown)}")
+    if commands < 1 or min(seeds) < 0:
+        raise InputError(f"navigation: expected at least 1 command and seeds from 0, found {commands} and {min(seeds)}")
+
+
+def _rounded(point: Sequence[float] | NDArray) -> list[float]:
+    return [round(float(v), 3) for v in point]
+
+
+def _thinned(track_m: NDArray) -> list[list[float]]:
+    """Every fifth point of a track (10 cm), and its last."""
+    kept = np.unique(np.append(np.arange(0, len(track_m), 5), len(track_m) - 1))
+    return [_rounded(point) for point in track_m[kept]]

@@ -1,0 +1,212 @@
+"""What `simaps evaluate` does: settings in, tables, JSON and a picture out."""
+
+import json
+import os
+import tempfile
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from simaps_viz.datasets.posed_frames import PosedFrames, open_sequence
+from simaps_viz.errors import InputError
+from simaps_viz.evaluation.compare import Comparison, compare_maps, compare_report
+from simaps_viz.evaluation.counts import MIN_CELLS, CountScore, parse_counts, resolve_classes, score_counts, things_of
+from simaps_viz.evaluation.evaluate import ERRORS, PRECOMPUTED, Build, Report, Store, evaluate
+from simaps_viz.evaluation.overlaps import ScoringRules
+from simaps_viz.evaluation.picture import check_picture_path, save_picture
+from simaps_viz.evaluation.report import (
+    FORMAT,
+    TextTable,
+    class_table,
+    cost_table,
+    counts_table,
+    overall_table,
+    report_json,
+)
+from simaps_viz.evaluation.spoiled import Progress
+from simaps_viz.evaluation.truth import find_truth
+from simaps_viz.structures import SIMap
+
+DEMO = "demo"
+"""In place of a sequence: the embedded café."""
+
+
+@dataclass(frozen=True)
+class EvaluationConfig:
+    """What to evaluate."""
+
+    sequence: str
+    """Folder or manifest of a sequence, or "demo"."""
+    methods: str = "paper"
+    """Methods, separated by commas."""
+    errors: str = ""
+    """Masks to build from, separated by commas: none (exact), light, medium, heavy (simulated network errors),
+    precomputed (the sequence's). By default precomputed if the sequence's masks are not exact, else light."""
+    seeds: int = 1
+    """How many seeds of the simulated errors."""
+    counts: str = ""
+    """Numbers counted by eye, such as "chair=11,table=2"; judged on maps of the sequence's own masks."""
+    truth: Path | None = None
+    """Manifest with exact ids, if they are not the sequence's or its folder's sequence.json."""
+    picture: Path | None = None
+    """Write the maps side by side here (.png)."""
+    output: Path | None = None
+    """Write everything measured here (.json)."""
+    min_count_cells: int = MIN_CELLS
+    """Do not count instances of fewer cells."""
+    rules: ScoringRules = field(default_factory=ScoringRules)
+    """What counts in the scores."""
+
+
+@dataclass(frozen=True, eq=False)
+class Evaluation:
+    """What came out."""
+
+    name: str
+    report: Report | None
+    """Scores against the truth; None when there is none."""
+    counts: Mapping[str, tuple[CountScore, ...]]
+    """{method: counts}; empty when none were given."""
+    comparison: Comparison
+    min_count_cells: int
+
+    def tables(self) -> list[TextTable]:
+        """Give what a person reads, in this order."""
+        tables = []
+        if self.report:
+            tables += [class_table(self.report), overall_table(self.report), cost_table(self.report)]
+        if self.counts:
+            tables.append(counts_table(self.counts, min_cells=self.min_count_cells))
+        return tables
+
+    def to_json(self) -> dict[str, Any]:
+        """Give everything: the keys of `report_json`, and ``counts``.
+
+        That is {method: [{label, expected, found, difference}]}; ``rows`` is empty when there is no truth.
+        """
+        head = report_json(self.report) if self.report else {"format": FORMAT, "name": self.name, "rows": []}
+        return {**head, "counts": {method: [c.to_json() for c in counts] for method, counts in self.counts.items()}}
+
+
+def run_evaluation(
+    config: EvaluationConfig, build: Build, *, store: Store | None = None, progress: Progress | None = None
+) -> Evaluation:
+    """Evaluate as configured, and write the files asked for.
+
+    Args:
+        config: what to evaluate.
+        build: builds a map of a sequence by the method of a name; called with methods of ``config`` only.
+        store: what a method keeps beside its map.
+        progress: told how far it is.
+
+    Raises:
+        InputError: anything asked for is not possible; nothing is left half-written.
+    """
+    methods, errors = split_names("methods", config.methods), split_names("errors", config.errors, ERRORS)
+    if not methods or config.seeds < 1:
+        raise InputError(f"evaluate: expected a method and a seed, found {len(methods)} and {config.seeds}")
+    expected = parse_counts(config.counts) if config.counts else {}
+    _check_outputs(config)
+    sequence = open_for_evaluation(config.sequence, progress)
+    meant = resolve_classes(things_of(sequence), expected)
+    report, maps, counts = None, [], {}
+    if errors or config.truth is not None or not expected or _has_truth(sequence):
+        default = ("light",) if sequence.ground_truth else (PRECOMPUTED,)
+        report = evaluate(
+            sequence, methods, errors=errors or default, seeds=range(config.seeds), build=build,
+            truth=config.truth, rules=config.rules, store=store, progress=progress,
+        )  # fmt: skip
+    if expected:
+        counts, maps = _count(sequence, methods, build, expected, config, progress)
+    if report is not None:
+        comparison = compare_report(report)
+    else:
+        classes = {label for labels in meant.values() for label in labels}
+        comparison = compare_maps(
+            sequence.name, maps, keep=lambda i: i.label in classes and i.cells >= config.min_count_cells
+        )
+    result = Evaluation(sequence.name, report, counts, comparison, config.min_count_cells)
+    if config.output is not None:
+        write_json(result.to_json(), config.output)
+    if config.picture is not None:
+        save_picture(comparison, config.picture)
+    return result
+
+
+def split_names(what: str, text: str, known: tuple[str, ...] = ()) -> tuple[str, ...]:
+    """Read names separated by commas; raises InputError when one is not known or comes twice."""
+    names = tuple(name.strip() for name in text.split(",") if name.strip())
+    if len(set(names)) != len(names):
+        raise InputError(f"{what}: expected each once, found {text}")
+    unknown = [name for name in names if known and name not in known]
+    if unknown:
+        raise InputError(f"{what}: expected some of {', '.join(known)}, found {', '.join(unknown)}")
+    return names
+
+
+def write_json(record: Mapping[str, Any], path: Path) -> None:
+    """Write a JSON file whole or not at all; raises InputError when it cannot be written."""
+    _check_output(path)
+    handle, temporary = tempfile.mkstemp(prefix=f".{path.name}.", dir=path.parent)
+    try:
+        with os.fdopen(handle, "w", encoding="utf-8") as file:
+            file.write(json.dumps(record, indent=1, ensure_ascii=False) + "\n")
+        os.chmod(temporary, 0o644)
+        os.replace(temporary, path)
+    except OSError as error:
+        raise InputError(f"{path}: could not write the report: {error.strerror or error}") from error
+    finally:
+        Path(temporary).unlink(missing_ok=True)
+
+
+def _check_outputs(config: EvaluationConfig) -> None:
+    """Refuse what cannot be written before anything is computed."""
+    if config.picture is not None:
+        check_picture_path(config.picture)
+    if config.output is not None:
+        _check_output(config.output)
+
+
+def open_for_evaluation(sequence: str, progress: Progress | None) -> PosedFrames:
+    """Open a sequence by its path, or the embedded scene with its exact masks by the name "demo"."""
+    if sequence != DEMO:
+        return open_sequence(Path(sequence))
+    from simaps_viz.scenes.demo import ensure_demo  # noqa: PLC0415 - the ray caster is only needed here
+
+    return open_sequence(ensure_demo(level="none", progress=progress))
+
+
+def _has_truth(sequence: PosedFrames) -> bool:
+    try:
+        find_truth(sequence)
+    except InputError:
+        return False
+    return True
+
+
+def _count(
+    sequence: PosedFrames,
+    methods: tuple[str, ...],
+    build: Build,
+    expected: Mapping[str, int],
+    config: EvaluationConfig,
+    progress: Progress | None,
+) -> tuple[dict[str, tuple[CountScore, ...]], list[tuple[str, str, SIMap]]]:
+    """Build a map of the sequence's own masks by every method, and count on it."""
+    counts, shown = {}, []
+    for done, method in enumerate(methods):
+        if progress:
+            progress("building maps to count on", done, len(methods))
+        simap = build(sequence, method)
+        counts[method] = score_counts(simap, expected, min_cells=config.min_count_cells)
+        words = ", ".join(f"{c.label} {c.found} ({c.expected} by eye)" for c in counts[method])
+        shown.append((method, words, simap))
+    if progress:
+        progress("building maps to count on", len(methods), len(methods))
+    return counts, shown
+
+
+def _check_output(path: Path) -> None:
+    if path.is_dir() or not path.absolute().parent.is_dir() or not os.access(path.absolute().parent, os.W_OK):
+        raise InputError(f"{path}: expected a file in a folder that can be written, found none")

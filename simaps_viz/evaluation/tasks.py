@@ -1,0 +1,259 @@
+"""Commands made from what is true, each with its start, its family and what it really means."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from simaps_viz.errors import CommandError, InputError
+from simaps_viz.evaluation import phrasings as say
+from simaps_viz.evaluation import referents
+from simaps_viz.evaluation.phrasings import FAMILIES, ORDINALS
+from simaps_viz.evaluation.referents import TrueGoal
+from simaps_viz.evaluation.world import TrueObject, World
+from simaps_viz.language.commands import read_command
+from simaps_viz.language.words import Vocabulary, plain
+from simaps_viz.structures import Pose2
+
+AWAY_M: Final = 1.5
+"""A run starts at least this far from its first goal: whoever does not move gets no point."""
+_TRIES: Final = 2000
+_STARTS: Final = 40
+"""How many starts are tried for one command that few starts suit."""
+_SIDES: Final = ("north", "south", "east", "west", "left", "right")
+
+
+@dataclass(frozen=True)
+class Task:
+    """One command, and what carrying it out right means."""
+
+    number: int
+    """From 0; unique in its set."""
+    family: str
+    command: str
+    start: Pose2
+    goals: tuple[TrueGoal, ...]
+    """In order; empty when the command is to be refused."""
+
+    @property
+    def wants_refusal(self) -> bool:
+        """Tell whether the world has not what the command asks for."""
+        return not self.goals
+
+
+Meaning = tuple[str, tuple[TrueGoal, ...]]
+"""A command and its goals; asked at most once in a set."""
+Draft = tuple[Pose2, str, tuple[TrueGoal, ...]]
+"""A start, a command and its goals, before it is known that the command can be read."""
+
+
+def make_tasks(world: World, *, count: int = 100, seed: int = 0) -> tuple[Task, ...]:
+    """Make commands of all families, as evenly as the world allows; the same for the same world, count and seed.
+
+    Raises:
+        InputError: the world has too little in it.
+    """
+    maker = _Maker(world, np.random.default_rng([seed, 20_23]))
+    found: dict[str, list[Task]] = {family: [] for family in FAMILIES}
+    dry: set[str] = set()
+    asked: set[Meaning] = set()
+    while (made := sum(map(len, found.values()))) < count:
+        open_families = [family for family in FAMILIES if family not in dry]
+        if not open_families:
+            raise InputError(f"{world.name}: expected a world of which {count} commands can be made, found {made}")
+        family = min(open_families, key=lambda f: len(found[f]))
+        task = maker.draw(family, asked)
+        if task is None:
+            dry.add(family)
+        else:
+            found[family].append(task)
+    in_order = [task for family in FAMILIES for task in found[family]]
+    return tuple(Task(i, t.family, t.command, t.start, t.goals) for i, t in enumerate(in_order))
+
+
+class _Maker:
+    """Draws at random until something comes out that is clear."""
+
+    def __init__(self, world: World, rng: np.random.Generator) -> None:
+        self.world, self.rng = world, rng
+        clean = {
+            label: world.of_class(label)
+            for label in world.labels
+            if min(len(o.cells_m) for o in world.of_class(label)) >= referents.SMALLEST_CELLS
+            and not is_ambiguous(label, world.labels)
+        }
+        if not clean:
+            raise InputError(f"{world.name}: expected at least one class of objects seen well from above, found none")
+        self.objects: dict[str, tuple[TrueObject, ...]] = clean
+        self.approachable = {o.id for os in clean.values() for o in os if referents.is_approachable(world, o)}
+        known = Vocabulary(world.tops.labels)
+        self.absent = [word for word in say.ABSENT_THINGS if not known.resolve(word)]
+        self._drafts: dict[str, Callable[[], Draft | None]] = {
+            "plain": self._plain,
+            "n-th closest": self._nth_closest,
+            "from a side": self._from_side,
+            "near another": self._near,
+            "between": self._between,
+            "compass": self._compass,
+            "in view": self._in_view,
+            "multi-goal": self._multi,
+            "absent": self._absent,
+        }
+
+    def draw(self, family: str, asked: set[Meaning]) -> Task | None:
+        """Give a new task of a family and note it in ``asked``; None when many tries gave none."""
+        for _ in range(_TRIES):
+            draft = self._drafts[family]()
+            if draft is None or draft[1:] in asked:
+                continue
+            start, command, goals = draft
+            if self._is_away(start, goals) and self._is_read(command):
+                asked.add((command, goals))
+                return Task(0, family, command, start, goals)
+        return None
+
+    def _start(self) -> Pose2:
+        x, y = self.world.roomy[self.rng.integers(len(self.world.roomy))]
+        return Pose2.from_heading(round(float(x), 4), round(float(y), 4), float(self.rng.integers(360)))
+
+    def _is_away(self, start: Pose2, goals: Sequence[TrueGoal]) -> bool:
+        here = _here(start)
+        if not goals:
+            return True
+        point = goals[0].point_m
+        from_object = self.world.by_id(goals[0].object).distance_m(here)
+        return (from_object if point is None else float(np.linalg.norm(np.subtract(point, here)))) >= AWAY_M
+
+    def _is_read(self, command: str) -> bool:
+        try:
+            return not read_command(command, self.world.labels).alternatives
+        except CommandError:
+            return False
+
+    def _pick(self, options: Sequence[str]) -> str:
+        return options[int(self.rng.integers(len(options)))]
+
+    def _label(self, at_least: int = 1) -> str | None:
+        labels = [label for label, objects in self.objects.items() if len(objects) >= at_least]
+        return self._pick(labels) if labels else None
+
+    def _goal(self, thing: TrueObject | None) -> tuple[TrueGoal, ...] | None:
+        if thing is None or thing.id not in self.approachable:
+            return None
+        return (TrueGoal("object", thing.label, thing.id),)
+
+    def _closest(self, start: Pose2, label: str) -> TrueObject | None:
+        return referents.nth_closest(self.objects[label], _here(start), 1)
+
+    def _is_nearest_from(self, before: TrueObject, thing: TrueObject) -> bool:
+        """Tell whether a thing is also the closest of its class to the goal before it."""
+        others = self.objects[thing.label]
+        gaps = [float(before.tree.query(o.cells_m)[0].min()) for o in others]
+        return referents.ranked(gaps, 1) == others.index(thing)
+
+    def _rank(self, low: int, high: int) -> int:
+        return int(self.rng.integers(low, min(high, len(ORDINALS)) + 1))
+
+    # ---- one method for each family: a draft that is clear, or None
+
+    def _plain(self) -> Draft | None:
+        start, label = self._start(), self._label() or ""
+        goal = self._goal(self._closest(start, label))
+        wordings = say.ONLY if len(self.objects[label]) == 1 else say.CLOSEST
+        return (start, self._pick(wordings).format(x=plain(label)), goal) if goal else None
+
+    def _nth_closest(self) -> Draft | None:
+        start, label = self._start(), self._label(2)
+        if label is None:
+            return None
+        n = self._rank(2, len(self.objects[label]))
+        goal = self._goal(referents.nth_closest(self.objects[label], _here(start), n))
+        return (start, self._pick(say.NTH).format(nth=ORDINALS[n - 1], x=plain(label)), goal) if goal else None
+
+    def _from_side(self) -> Draft | None:
+        label = self._label(2)
+        if label is None:
+            return None
+        side, n = self._pick(_SIDES), self._rank(1, len(self.objects[label]))
+        wording = self._pick(say.OUTERMOST if n == 1 else say.FROM_SIDE)
+        words = wording.format(nth=ORDINALS[n - 1], x=plain(label), side=side, most=say.MOST[side])
+        for _ in range(_STARTS if side in ("left", "right") else 1):  # few starts have the whole class ahead
+            start = self._start()
+            goal = self._goal(referents.nth_from(self.objects[label], side, n, start))
+            if goal is not None:
+                return start, words, goal
+        return None
+
+    def _near(self) -> Draft | None:
+        start, label, other = self._start(), self._label(2), self._label()
+        if label is None or other is None or label == other:
+            return None
+        found = referents.nearest_to(self.objects[label], self.objects[other], _here(start))
+        goal = self._goal(found)
+        if found is None or goal is None:
+            return None
+        gap_m = min(float(found.tree.query(o.cells_m)[0].min()) for o in self.objects[other])
+        wordings = say.NEAR + (say.NEXT_TO if gap_m < 1.0 else ())
+        return start, self._pick(wordings).format(x=plain(label), y=plain(other)), goal
+
+    def _between(self) -> Draft | None:
+        start, label, other = self._start(), self._label() or "", self._label() or ""
+        a, b = self._closest(start, label), self._closest(start, other)
+        if a is None or b is None or label == other:
+            return None
+        goal = referents.between(self.world, a, b)
+        return (start, self._pick(say.BETWEEN).format(x=plain(label), y=plain(other)), (goal,)) if goal else None
+
+    def _compass(self) -> Draft | None:
+        start, label, side = self._start(), self._label() or "", self._pick(_SIDES[:4])
+        thing = self._closest(start, label)
+        goal = thing and referents.beside(self.world, thing, side)
+        return (start, self._pick(say.COMPASS).format(x=plain(label), side=side), (goal,)) if goal else None
+
+    def _in_view(self) -> Draft | None:
+        label = self._label(2) or self._label() or ""
+        n = self._rank(1, min(len(self.objects[label]), 3))
+        wording = self._pick(say.FIRST_IN_VIEW if n == 1 else say.IN_VIEW)
+        for _ in range(_STARTS):
+            start = self._start()
+            seen = referents.in_view(self.world, self.objects[label], start)
+            goal = self._goal(referents.nth_closest(seen, _here(start), n)) if seen else None
+            if goal is not None:
+                return start, wording.format(nth=ORDINALS[n - 1], x=plain(label)), goal
+        return None
+
+    def _multi(self) -> Draft | None:
+        start, wording = self._start(), self._pick(say.MULTI)
+        labels = [self._label() or "" for _ in range(3 if "{z}" in wording else 2)]
+        things = [self._closest(start, label) for label in labels]
+        goals = [goal for thing in things for goal in self._goal(thing) or ()]
+        if len(goals) < len(labels) or len(set(labels)) < len(labels):
+            return None
+        if not all(self._is_nearest_from(a, b) for a, b in pairwise(things) if a and b):
+            return None
+        return start, wording.format(**dict(zip("xyz", map(plain, labels), strict=False))), tuple(goals)
+
+    def _absent(self) -> Draft | None:
+        start, label, wording = self._start(), self._label() or "", self._pick(say.ABSENT)
+        count = len(self.objects[label])
+        if ("{absent}" in wording and not self.absent) or ("{beyond}" in wording and not 2 <= count < len(ORDINALS)):
+            return None
+        beyond = ORDINALS[min(count, len(ORDINALS) - 1)]
+        absent = self._pick(self.absent) if self.absent else ""
+        return start, wording.format(x=plain(label), beyond=beyond, absent=absent), ()
+
+
+def is_ambiguous(label: str, labels: Sequence[str]) -> bool:
+    """Tell whether the plain word for a class is read as anything but that class alone."""
+    try:
+        reading = read_command(f"go to the {plain(label)}", labels)
+    except CommandError:
+        return True
+    return bool(reading.alternatives) or reading.program.strip() != f'robot.move_to_object("{label}")'
+
+
+def _here(start: Pose2) -> NDArray:
+    return np.array([start.x_m, start.y_m])

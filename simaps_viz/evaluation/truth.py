@@ -1,0 +1,207 @@
+"""The true map: which object every cell shows, from exact ids, by the rule the judged map was made by."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, fields, replace
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from simaps_viz.datasets.posed_frames import PosedFrames, open_sequence
+from simaps_viz.datasets.segment_tables import few
+from simaps_viz.datasets.source import FrameSource, read_ahead
+from simaps_viz.errors import InputError
+from simaps_viz.evaluation.windows import moved, moved_grid, whole_cells
+from simaps_viz.mapping.accumulator import MapAccumulator, ProjectionSettings
+from simaps_viz.mapping.partition import describe_instances
+from simaps_viz.structures import Grid, GridSpec, MergeLog, Segment, Segmentation, SIMap, Views
+
+_MOST_IDS = np.iinfo(np.int16).max
+_SLOTS = tuple(str(i) for i in range(_MOST_IDS + 1))
+_SAME_FRAME = 1e-3
+"""Map frames whose transforms differ by no more than this (metres, or sines) are one."""
+
+
+@dataclass(frozen=True, eq=False)
+class Truth:
+    """What every cell really shows on top."""
+
+    grid: Grid
+    """Its ``label`` is the true class of each cell's highest pixel."""
+    instance: NDArray
+    """int32 [rows, cols], world-wide id of the thing on top, 0 = none (nothing there, or stuff)."""
+    names: Mapping[int, str]
+    """{world-wide id: class} of every thing of the masks."""
+    T_map_world: NDArray
+    """float64 [4, 4], world to map frame."""
+    source: str
+    """Who made the masks, in words."""
+
+    @property
+    def spec(self) -> GridSpec:
+        """Where the cells lie."""
+        return self.grid.spec
+
+    @property
+    def label(self) -> NDArray:
+        """int16 [rows, cols], index into ``labels``, 0 = none."""
+        return self.grid.label
+
+    @property
+    def labels(self) -> tuple[str, ...]:
+        """Class names; index 0 is "none"."""
+        return self.grid.labels
+
+    def on(self, spec: GridSpec) -> "Truth":
+        """Give the truth on another window of the same endless grid; what lies outside it is cut off.
+
+        Raises:
+            InputError: the cells have another size or do not coincide.
+        """
+        shift = whole_cells(self.spec, spec)
+        return replace(self, grid=moved_grid(self.grid, spec), instance=moved(self.instance, shift, spec.shape, 0))
+
+
+def truth_map(
+    sequence: FrameSource,
+    settings: ProjectionSettings | None = None,
+    *,
+    T_map_world: NDArray | None = None,
+    frame_names: Sequence[str] | None = None,
+) -> Truth:
+    """Make the true map of a sequence with exact ids.
+
+    Every id is mapped as if it were a class of its own, by the very code that maps classes: so the highest pixel
+    names the cell, with the same depth range, cut, window and ties.
+
+    Args:
+        sequence: its masks are the truth and hold world-wide ids.
+        settings: those of the map to be judged.
+        T_map_world: map frame of the map to be judged; by default the sequence's.
+        frame_names: use only these frames; by default all.
+
+    Raises:
+        InputError: the masks are not the truth, an id has two classes, or a frame is missing or damaged.
+    """
+    _check_exact(sequence)
+    frame_of_map = np.asarray(sequence.T_map_world if T_map_world is None else T_map_world, dtype=np.float64)
+    accumulator = MapAccumulator(_SLOTS, (False,) * len(_SLOTS), settings or ProjectionSettings())
+    known: dict[int, Segment] = {}
+    slot_of: dict[int, int] = {}
+    wanted = None if frame_names is None else set(frame_names)
+    for frame, segmentation in read_ahead(sequence, color=False):
+        if wanted is None or frame.name in wanted:
+            _note(sequence, segmentation, known, slot_of)
+            slots = tuple(Segment(s.id, _SLOTS[slot_of[s.id]]) for s in segmentation.segments)
+            accumulator.add_frame(frame, Segmentation(segmentation.ids, slots), frame_of_map @ frame.T_world_camera)
+    return _truth(sequence, accumulator.snapshot(), known, slot_of, frame_of_map)
+
+
+def find_truth(sequence: PosedFrames, given: Path | None = None) -> PosedFrames:
+    """Find the sequence with exact ids of the same frames.
+
+    That is the given one, else the sequence itself if its masks are exact, else ``sequence.json`` of its folder.
+
+    Raises:
+        InputError: there is none, or it lacks frames.
+    """
+    folder = sequence.path.parent / "sequence.json"
+    if given is not None:
+        found = open_sequence(given)
+    elif sequence.ground_truth or not folder.is_file():
+        found = sequence
+    else:
+        found = open_sequence(folder)
+    try:
+        _check_exact(found)
+    except InputError as error:
+        if given is not None:
+            raise
+        raise InputError(
+            f"{sequence.path}: expected exact ids to judge by, here or in {folder.name} beside it, found masks by "
+            f'"{sequence.segmentation_source}"; name their manifest with --truth, or give counts with --counts'
+        ) from error
+    missing = sorted(set(sequence.frame_names) - set(found.frame_names))
+    if missing:
+        raise InputError(f"{found.path}: expected the frames of {sequence.path}, found none of {few(missing)}")
+    return found
+
+
+def settings_of(simap: SIMap) -> ProjectionSettings:
+    """Give the projection settings a map was made with; what its file does not say is the default."""
+    known = {f.name: simap.parameters[f.name] for f in fields(ProjectionSettings) if f.name in simap.parameters}
+    return ProjectionSettings(**{**known, "cell_size_m": simap.spec.cell_size_m})
+
+
+def truth_of(simap: SIMap, exact: FrameSource) -> Truth:
+    """Make the truth for a finished map: its settings, its map frame, its frames."""
+    return truth_map(exact, settings_of(simap), T_map_world=simap.T_map_world, frame_names=simap.frame_names)
+
+
+def check_same_frame(simap: SIMap, truth: Truth) -> None:
+    """Raise InputError unless map and truth lie in the same map frame."""
+    apart = float(np.abs(np.asarray(simap.T_map_world) - truth.T_map_world).max())
+    if not apart <= _SAME_FRAME:
+        raise InputError(f"map and truth: expected the same map frame, found T_map_world to differ by {apart:.3g}")
+
+
+def truth_as_map(truth: Truth) -> SIMap:
+    """Give the truth as a Semantic Instance Map, to be looked at or scored; it has neither graph nor merges."""
+    nothing = np.zeros(0, dtype=np.int32)
+    views = Views(nothing, nothing, nothing, nothing, nothing.astype(np.float32))
+    ids = np.arange(int(truth.instance.max(initial=0)) + 1, dtype=np.int32)
+    found = describe_instances(truth.grid, truth.instance, views, ids)
+    return SIMap(
+        grid=truth.grid,
+        instance=truth.instance,
+        instances=tuple(replace(one, score=1.0) for one in found),
+        T_map_world=truth.T_map_world,
+        method="truth",
+        parameters={"k_percent": 0.0, "cell_size_m": truth.spec.cell_size_m},
+        provenance={"segmentation": truth.source},
+        community=truth.instance,
+        merges=MergeLog(nothing.astype(np.int16), nothing, nothing, nothing.astype(np.float32)),
+        graphs=(),
+        views=views,
+        frame_names=(),
+        T_map_camera=np.zeros((0, 4, 4)),
+    )
+
+
+def _check_exact(sequence: FrameSource) -> None:
+    if not getattr(sequence, "ground_truth", False):
+        raise InputError(
+            f'{sequence.path}: expected exact ids (ground_truth), found masks by "{sequence.segmentation_source}"'
+        )
+    files = sequence.manifest.segmentation if isinstance(sequence, PosedFrames) else None
+    if files is not None and not files.world_wide:
+        raise InputError(f'{sequence.path}: expected world-wide ids ("instances"), found ids that change every frame')
+
+
+def _note(
+    sequence: FrameSource, segmentation: Segmentation, known: dict[int, Segment], slot_of: dict[int, int]
+) -> None:
+    """Remember the ids of a frame, each with a slot of its own."""
+    for segment in segmentation.segments:
+        first = known.setdefault(segment.id, segment)
+        if first.label != segment.label:
+            raise InputError(
+                f"{sequence.path}: expected one class for id {segment.id}, found {first.label} and {segment.label}"
+            )
+        if slot_of.setdefault(segment.id, len(slot_of) + 1) > _MOST_IDS:
+            raise InputError(f"{sequence.path}: expected at most {_MOST_IDS} ids, found more")
+
+
+def _truth(
+    sequence: FrameSource, slots: Grid, known: Mapping[int, Segment], slot_of: Mapping[int, int], T_map_world: NDArray
+) -> Truth:
+    """Turn slots back into ids and classes."""
+    index_of = {name: i for i, name in enumerate(sequence.labels)}
+    label = np.zeros(len(slot_of) + 1, dtype=np.int16)
+    thing_id = np.zeros(len(slot_of) + 1, dtype=np.int32)
+    for number, slot in slot_of.items():
+        label[slot] = index_of[known[number].label]
+        thing_id[slot] = number if known[number].is_thing else 0
+    grid = replace(slots, labels=tuple(sequence.labels), is_thing=tuple(sequence.is_thing), label=label[slots.label])
+    names = {number: segment.label for number, segment in sorted(known.items()) if segment.is_thing}
+    return Truth(grid, thing_id[slots.label], names, T_map_world, sequence.segmentation_source)

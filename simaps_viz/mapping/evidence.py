@@ -1,0 +1,169 @@
+"""Same or different: how often frames saw two cells of one class in one segment, and how often in two.
+
+Every frame is one witness of a pair of cells. Pairs are taken at several ranges, not only between neighbours: objects
+hold together over their whole extent, the patches of a lattice do not.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from simaps_viz.mapping.readings import Readings
+from simaps_viz.structures import CellGraph, Grid
+
+HIDES_FROM_M = 0.05
+"""A cell this much higher than the lower end of a pair can hide that the two ends are one object."""
+
+
+@dataclass(frozen=True)
+class EvidenceSettings:
+    """Which pairs of cells are looked at."""
+
+    ranges: tuple[int, ...] = (1, 2, 4, 8, 16)
+    """Distances of the cells of a pair, in cells, along rows, columns and both diagonals."""
+    different: bool = True
+    """Also count the frames that saw two segments; False: only those that saw one."""
+    gap_cells: int = 5
+    """A pair is dropped when more than this many cells between its ends are open: lower, or floor and wall. Masks join
+    what lies apart more often than objects have holes. -1 = keep all."""
+
+
+def pair_graphs(grid: Grid, readings: Readings, settings: EvidenceSettings) -> tuple[CellGraph, ...]:
+    """Gather the evidence of all pairs of cells, class by class.
+
+    Args:
+        grid: the map with its final labels.
+        readings: of all frames on it.
+        settings: which pairs.
+
+    Returns:
+        One graph for each thing class that has cells: ``counts`` = frames that saw the pair in one segment of the
+        class, ``different`` = frames that saw it in two.
+    """
+    things = np.array(grid.is_thing) & (np.arange(len(grid.labels)) > 0)
+    label = grid.label.reshape(-1)
+    thing_cells = np.flatnonzero(things[label])
+    number = np.full(label.size, -1, dtype=np.int32)
+    number[thing_cells] = np.arange(len(thing_cells), dtype=np.int32)
+    kept = (readings.segment > 0) & (readings.label == label[readings.cell]) & (number[readings.cell] >= 0)
+    steps = pair_steps(settings.ranges)
+    same = np.zeros((len(thing_cells), len(steps)), dtype=np.int32)
+    different = np.zeros_like(same)
+    count_pairs(
+        readings.cell[kept], readings.frame[kept], readings.segment[kept], label, number,
+        grid.spec.rows, grid.spec.cols, steps, same, different,
+    )  # fmt: skip
+    if settings.gap_cells >= 0:
+        top = np.nan_to_num(grid.height_m.reshape(-1), nan=np.inf)
+        opaque = things.copy()
+        opaque[0] = True  # what nobody named may be the same object, missed
+        _drop_open_pairs(
+            thing_cells, label, top, opaque, grid.spec.cols, steps, settings.gap_cells, same, different
+        )  # fmt: skip
+    if not settings.different:
+        different[:] = 0
+    return _graphs(grid, label, thing_cells, number, steps, same, different)
+
+
+def pair_steps(ranges: tuple[int, ...]) -> NDArray:
+    """Give the (rows, cols) from a pair's first cell to its second, int32 [4 r, 2]; the second is the later one."""
+    return np.array([s for r in ranges for s in ((0, r), (r, 0), (r, r), (r, -r))], dtype=np.int32).reshape(-1, 2)
+
+
+@njit(cache=True, nogil=True)
+def count_pairs(
+    cell: NDArray,  # int32 [v], readings of things whose class the cell carries
+    frame: NDArray,  # int32 [v], ascending
+    segment: NDArray,  # int32 [v]
+    label: NDArray,  # int16 [cells]
+    number: NDArray,  # int32 [cells], row of same and different
+    rows: int,
+    cols: int,
+    steps: NDArray,  # int32 [s, 2]
+    same: NDArray,  # in/out int32 [n, s]
+    different: NDArray,  # in/out int32 [n, s]
+) -> None:
+    """Count, frame by frame, the pairs of cells of one class seen in one segment and in two."""
+    seen = np.full(label.size, -1, dtype=np.int32)  # frame that saw the cell last
+    seen_as = np.zeros(label.size, dtype=np.int32)
+    begin = 0
+    while begin < len(cell):
+        end = begin
+        while end < len(cell) and frame[end] == frame[begin]:
+            seen[cell[end]] = frame[end]
+            seen_as[cell[end]] = segment[end]
+            end += 1
+        for i in range(begin, end):
+            c = cell[i]
+            row = c // cols
+            col = c - row * cols
+            for s in range(len(steps)):
+                other_row, other_col = row + steps[s, 0], col + steps[s, 1]
+                if other_row >= rows or other_col < 0 or other_col >= cols:
+                    continue
+                other = other_row * cols + other_col
+                if seen[other] != frame[i] or label[other] != label[c]:
+                    continue
+                if seen_as[other] == segment[i]:
+                    same[number[c], s] += 1
+                else:
+                    different[number[c], s] += 1
+        begin = end
+
+
+@njit(cache=True, nogil=True)
+def _drop_open_pairs(thing_cells, label, top, opaque, cols, steps, gap_cells, same, different):
+    """Forget the pairs between whose ends more than ``gap_cells`` cells are open."""
+    for i in range(len(thing_cells)):
+        c = thing_cells[i]
+        for s in range(len(steps)):
+            length = max(steps[s, 0], abs(steps[s, 1]))
+            if length - 1 <= gap_cells or (same[i, s] == 0 and different[i, s] == 0):
+                continue
+            one = steps[s, 0] // length * cols + steps[s, 1] // length
+            base = min(top[c], top[c + length * one])
+            is_open = 0
+            for k in range(1, length):
+                between = c + k * one
+                if label[between] == label[c] or top[between] > base + HIDES_FROM_M:
+                    continue
+                if opaque[label[between]] and top[between] > base - HIDES_FROM_M:
+                    continue
+                is_open += 1
+            if is_open > gap_cells:
+                same[i, s] = 0
+                different[i, s] = 0
+
+
+def _graphs(
+    grid: Grid, label: NDArray, thing_cells: NDArray, number: NDArray, steps: NDArray, same: NDArray, different: NDArray
+) -> tuple[CellGraph, ...]:
+    """Turn the table of pairs into one graph for each class."""
+    order = np.argsort(steps[:, 0] * grid.spec.cols + steps[:, 1], kind="stable")  # edges come out sorted
+    steps, same, different = steps[order], same[:, order], different[:, order]
+    first, step = np.nonzero(same + different)
+    second = number[thing_cells[first] + steps[step, 0] * grid.spec.cols + steps[step, 1]]
+    counts, against = same[first, step].astype(np.int64), different[first, step].astype(np.int64)
+    cell_label = label[thing_cells]
+    of_class = cell_label[first]
+    graphs = []
+    for index in np.unique(cell_label):
+        members = np.flatnonzero(cell_label == index)
+        edges = of_class == index
+        ends = np.searchsorted(members, np.stack([first[edges], second[edges]], axis=1)).astype(np.int32)
+        graphs.append(affine(int(index), thing_cells[members], ends, counts[edges], against[edges]))
+    return tuple(graphs)
+
+
+def affine(label: int, cells: NDArray, edges: NDArray, same: NDArray, different: NDArray) -> CellGraph:
+    """Make one class's graph from its evidence; weight = same / (same + different + 1)."""
+    return CellGraph(
+        label=label,
+        cells=cells.astype(np.int64),
+        edges=edges,
+        counts=same.astype(np.int64),
+        weights=same / (same + different + 1.0),
+        different=different.astype(np.int64),
+    )

@@ -1,0 +1,70 @@
+"""From evidence to communities and the log that joins them: chunks of sure neighbours, then pooled evidence."""
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from simaps_viz.mapping.communities import find_chunks
+from simaps_viz.mapping.partition import empty_log
+from simaps_viz.mapping.pooling import PoolSettings, pool
+from simaps_viz.structures import CellGraph, Grid, GridSpec, MergeLog
+
+
+def partition_evidence(
+    grid: Grid, graphs: Sequence[CellGraph], *, resolution: float, seed: int, settings: PoolSettings | None = None
+) -> tuple[NDArray, MergeLog]:
+    """Find chunks and log how pooled evidence joins them, down to affinity 0.
+
+    Args:
+        grid: the map.
+        graphs: of method evidence.
+        resolution: of the chunks; higher makes them smaller.
+        seed: of Louvain's random order.
+        settings: what is believed before evidence.
+
+    Returns:
+        community int32 [rows, cols], numbered from 1 over the whole map, 0 = none; and the log, class by class.
+    """
+    community = np.zeros(grid.spec.rows * grid.spec.cols, dtype=np.int32)
+    if not graphs:
+        return community.reshape(grid.spec.shape), empty_log()
+    chunks = find_chunks(graphs, grid.spec, resolution=resolution, seed=seed)
+    sizes = [int(chunk.max(initial=-1)) + 1 for chunk in chunks]
+    first = np.cumsum([0, *sizes])
+    numbered = np.concatenate([chunk + start for chunk, start in zip(chunks, first, strict=False)])
+    starts = np.cumsum([0, *(len(graph.cells) for graph in graphs)])
+    edges = np.concatenate([graph.edges + start for graph, start in zip(graphs, starts, strict=False)])
+    same = np.concatenate([graph.counts for graph in graphs])
+    different = np.concatenate([graph.different for graph in graphs])
+    touching = np.concatenate(
+        [touching_pairs(graph.cells, grid.spec) + start for graph, start in zip(graphs, starts, strict=False)]
+    )
+    source, target, affinity = pool(
+        numbered.astype(np.int32),
+        edges.astype(np.int32),
+        same,
+        different,
+        touching.astype(np.int32),
+        settings or PoolSettings(),
+    )
+    for graph, chunk, start in zip(graphs, chunks, first, strict=False):
+        community[graph.cells] = chunk + start + 1
+    label_of = np.repeat(np.array([graph.label for graph in graphs], dtype=np.int16), sizes)
+    order = np.argsort(label_of[source], kind="stable")
+    log = MergeLog(label_of[source[order]], source[order] + 1, target[order] + 1, affinity[order])
+    return community.reshape(grid.spec.shape), log
+
+
+def touching_pairs(cells: NDArray, spec: GridSpec) -> NDArray:
+    """Give the pairs of 8-neighbouring cells of one class, int32 [t, 2], positions in ``cells`` (flat, ascending)."""
+    place = np.full(spec.rows * spec.cols, -1, dtype=np.int32)
+    place[cells] = np.arange(len(cells), dtype=np.int32)
+    row, col = np.divmod(cells, spec.cols)
+    found = []
+    for d_row, d_col in ((0, 1), (1, -1), (1, 0), (1, 1)):
+        inside = (row + d_row < spec.rows) & (col + d_col >= 0) & (col + d_col < spec.cols)
+        here = np.flatnonzero(inside)
+        there = place[cells[here] + d_row * spec.cols + d_col]
+        found.append(np.stack([here[there >= 0], there[there >= 0]], axis=1))
+    return np.concatenate(found).astype(np.int32)

@@ -1,0 +1,91 @@
+"""Readings: what each frame saw on top of each cell. All that method evidence knows of the frames."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from simaps_viz.structures import Grid, Segment
+
+
+@dataclass(frozen=True, eq=False)
+class FrameReadings:
+    """What one frame saw: for every cell, its highest pixel there. All arrays aligned."""
+
+    rows: NDArray
+    """int32 [n], counted from the map's origin."""
+    cols: NDArray
+    """int32 [n], counted from the map's origin."""
+    segments: NDArray
+    """int32 [n], id in the frame's segmentation, 0 = nothing."""
+    height_m: NDArray
+    """float32 [n], of that pixel over the floor."""
+
+
+@dataclass(frozen=True, eq=False)
+class Readings:
+    """The readings of all frames, frame by frame. All arrays aligned."""
+
+    cell: NDArray
+    """int32 [v], flat cell of the grid."""
+    frame: NDArray
+    """int32 [v], ascending."""
+    segment: NDArray
+    """int32 [v], 0 = nothing."""
+    label: NDArray
+    """int16 [v], class of the segment, 0 = nothing."""
+    score: NDArray
+    """float32 [v], confidence of the segment; 0 for nothing."""
+    height_m: NDArray
+    """float32 [v]."""
+
+    def __len__(self) -> int:
+        return len(self.cell)
+
+    def where(self, kept: NDArray) -> "Readings":
+        """Give the readings a mask [v] selects."""
+        return Readings(
+            self.cell[kept],
+            self.frame[kept],
+            self.segment[kept],
+            self.label[kept],
+            self.score[kept],
+            self.height_m[kept],
+        )
+
+
+def gather_readings(
+    frames: Sequence[FrameReadings],
+    segments: Sequence[tuple[Segment, ...]],
+    origin_cell: tuple[int, int],
+    grid: Grid,
+) -> Readings:
+    """Join the readings of all frames on the finished grid.
+
+    Args:
+        frames: one for each frame, in order.
+        segments: the segments of each frame.
+        origin_cell: (row, col), counted from the map's origin, of the grid's cell (0, 0).
+        grid: the finished grid; must hold all cells.
+    """
+    row0, col0 = origin_cell
+    index_of = {name: i for i, name in enumerate(grid.labels)}
+    joined: dict[str, list[NDArray]] = {"cell": [], "frame": [], "segment": [], "label": [], "score": [], "height": []}
+    for i, (seen, known) in enumerate(zip(frames, segments, strict=True)):
+        highest = max((s.id for s in known), default=0)
+        label_of, score_of = np.zeros(highest + 1, np.int16), np.zeros(highest + 1, np.float32)
+        for s in known:
+            label_of[s.id], score_of[s.id] = index_of[s.label], s.score
+        joined["cell"].append((seen.rows - row0) * grid.spec.cols + (seen.cols - col0))
+        joined["frame"].append(np.full(len(seen.rows), i, dtype=np.int32))
+        joined["segment"].append(seen.segments)
+        joined["label"].append(label_of[seen.segments])
+        joined["score"].append(score_of[seen.segments])
+        joined["height"].append(seen.height_m)
+    types = (np.int32, np.int32, np.int32, np.int16, np.float32, np.float32)
+    arrays = [
+        np.concatenate([np.zeros(0, dtype), *parts]).astype(dtype, copy=False)
+        for dtype, parts in zip(types, joined.values(), strict=True)
+    ]
+    return Readings(*arrays)
