@@ -88,6 +88,8 @@ class Evaluate:
     """Navigation: also write the runs for people to judge in the workbench (simaps judge)."""
     picture: Path | None = None
     """Draw the maps side by side (.png)."""
+    record: Path | None = None
+    """Write the maps side by side as a recording for rerun (.rrd)."""
     output: Path | None = None
     """Write everything measured (.json)."""
     json: bool = False

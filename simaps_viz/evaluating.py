@@ -54,6 +54,12 @@ def _instances(settings: Evaluate, progress: StageProgress) -> tuple[str, dict[s
         counts=settings.counts, truth=settings.truth, picture=settings.picture, output=settings.output,
     )  # fmt: skip
     result = run_evaluation(config, build, store=_store, progress=progress)
+    if settings.record is not None:
+        from simaps_viz.recorder.comparison import record_comparison  # noqa: PLC0415 - rerun is slow to import
+
+        panels = result.comparison.panels
+        pictures = [(f"{p.title} {p.subtitle}", p.colors, p.instance) for p in panels]
+        record_comparison(f"{result.name}: methods side by side", pictures, settings.record)
     return "\n".join(table.text() for table in result.tables()), result.to_json()
 
 

@@ -327,7 +327,7 @@ def test_goal_is_the_nearest_reachable_cell() -> None:
     assert path.cost_m == pytest.approx(min(ways)), "of equally near cells, the shortest way"
 
 
-def test_goal_is_not_behind_a_wall() -> None:
+def test_goal_is_not_behind_a_wall_unless_that_takes_a_long_detour(monkeypatch: pytest.MonkeyPatch) -> None:
     """The nearest free cell lies across a thin wall; the robot goes to the side of the chair instead."""
     spec = GridSpec(60, 80, 0.05, 0.0, 0.0)
     chair, shelf = Box("chair", 30, 40, 8, 8, 0.8), Box("couch", 12, 30, 18, 28, 0.7)
@@ -341,6 +341,11 @@ def test_goal_is_not_behind_a_wall() -> None:
     beside = planner.plan_near((1.0, 0.3), cells, "to the chair", see_through=see_through).points_m[-1]
     assert across[1] > 39 * 0.05
     assert beside[1] < 38 * 0.05
+    farther = np.linalg.norm(cells - beside, axis=1).min() - np.linalg.norm(cells - across, axis=1).min()
+    for allowed, goal in ((farther + 0.01, beside), (farther - 0.01, across)):
+        monkeypatch.setattr("simaps_viz.navigation.planner.DETOUR_TO_SEE_M", allowed)
+        found = planner.plan_near((1.0, 0.3), cells, "to the chair", see_through=see_through).points_m[-1]
+        assert found == pytest.approx(goal)
 
 
 def test_goal_too_far_off_fails() -> None:

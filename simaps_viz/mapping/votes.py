@@ -28,7 +28,7 @@ class VoteSettings:
     """False: the highest pixel names the cell, as in the paper."""
     window_m: float = 0.06
     """A reading votes when it lies less than this below the cell's top."""
-    nothing: float = 0.5
+    nothing: float = 0.3
     """Weight of a frame that saw no segment there."""
     stuff: float = 0.6
     """Weight of a frame that saw stuff (wall, floor) there."""

@@ -19,6 +19,8 @@ SNAP_M: Final = 0.5
 """A start that is not free moves to the nearest free cell within this distance: maps are noisy."""
 APPROACH_M: Final = 1.5
 """Further than this from what was asked for does not count as having got there."""
+DETOUR_TO_SEE_M: Final = 0.5
+"""How much farther off a goal may be for the sake of seeing it: a low wall under a window does not hide it."""
 _POCKET_M2 = 0.5
 
 
@@ -141,7 +143,7 @@ class Planner:
             what: names the target in an error, e.g. "to the chair", "left of the chair".
             allowed: bool [rows, cols], only these cells will do.
             see_through: bool [rows, cols], cells that hide nothing; a cell from which the target is hidden (it lies
-                behind a wall) is used only when there is no other.
+                behind a wall) is used only when there is no other at most ``DETOUR_TO_SEE_M`` further off.
             watch_m: float64 [2], what has to be seen instead of the nearest target point.
             limit_m: how far off the goal may be.
 
@@ -168,7 +170,9 @@ class Planner:
         def sees(i: int) -> bool:
             return is_seen(cols[i] + 0.5, rows[i] + 0.5, nearest[i])
 
-        best = next((i for i in order if sees(i)), order[0])
+        further = np.sqrt(squared[order]) - np.sqrt(squared[order[0]])
+        worthwhile = order[further <= DETOUR_TO_SEE_M / self.spec.cell_size_m + 1e-9]
+        best = next((i for i in worthwhile if sees(i)), order[0])
         ties = order[np.abs(squared[order] - squared[best]) < 1e-6]
         ties = [i for i in ties if sees(i)] or ties
         goal = np.zeros(self.spec.shape, np.bool_)
