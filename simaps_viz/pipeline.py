@@ -72,8 +72,11 @@ class BuildConfig:
     def __post_init__(self) -> None:
         check_joining("k_percent", self.k_percent)
         check_joining("affinity", self.affinity)
-        if not self.resolution > 0.0:
+        if not 0.0 < self.resolution < float("inf"):
             raise InputError(f"resolution: expected a number above 0, found {self.resolution:g}")
+        ranges = self.evidence.ranges
+        if len(set(ranges)) != len(ranges) or not all(1 <= r <= 1000 for r in ranges):
+            raise InputError(f"ranges of evidence: expected different numbers of cells from 1, found {ranges}")
         if self.min_cells < 1:
             raise InputError(f"smallest instance: expected at least 1 cell, found {self.min_cells}")
         if not 0.005 <= self.projection.cell_size_m <= 1.0:

@@ -31,7 +31,7 @@ def drawn_grid(drawing: str, tops_m: Mapping[str, float] | None = None) -> Grid:
 def grid_of(label: NDArray, top: NDArray, labels: tuple[str, ...] = LABELS, things=IS_THING) -> Grid:
     """Make a grid of its labels and tops."""
     seen = (~np.isnan(top)).astype(np.int32)
-    return Grid(GridSpec(*label.shape, 0.05, 0.0, 0.0), labels, things, label, top, top.copy(), seen)
+    return Grid(GridSpec(label.shape[0], label.shape[1], 0.05, 0.0, 0.0), labels, things, label, top, top.copy(), seen)
 
 
 def drawn_readings(
@@ -86,6 +86,7 @@ def random_readings(
     label = blocky(0, classes)
     top = (blocky(0, 8) * 0.03).astype(np.float32)
     top[rng.random(top.size) < 0.05] = np.nan
+    label[np.isnan(top)] = 0
     table = []
     for frame in range(frames):
         segment_of, class_of = blocky(0, 7), rng.integers(1, classes, 7)

@@ -67,7 +67,7 @@ def plain_vote_labels(grid: Grid, readings: Readings, settings: VoteSettings) ->
             sums: dict[int, float] = {}
             around = [(cell[0] + dr, cell[1] + dc) for dr in (-1, 0, 1) for dc in (-1, 0, 1) if dr or dc]
             lenders = [(cell, own, 1.0)]
-            for other in around:
+            for other in around[4:] + around[:4]:  # from the one to the right on: who is met first wins ties
                 if other in votes and settings.neighbours > 0.0:
                     share = settings.neighbours * exp(-abs(top[other] - top[cell]) / settings.height_scale_m)
                     diagonal = other[0] != cell[0] and other[1] != cell[1]
@@ -113,8 +113,7 @@ def plain_pairs(grid: Grid, readings: Readings, settings: EvidenceSettings) -> E
     return {
         (named, a, b): (same, different if settings.different else 0)
         for (named, a, b), (same, different) in found.items()
-        if (settings.gap_cells < 0 or plain_gap(grid, a, b) <= settings.gap_cells)
-        and (settings.different or same > 0)
+        if (settings.gap_cells < 0 or plain_gap(grid, a, b) <= settings.gap_cells) and (settings.different or same > 0)
     }
 
 
@@ -147,7 +146,7 @@ def plain_pool(
     community: NDArray, edges: NDArray, same: NDArray, different: NDArray, touching: NDArray, settings: PoolSettings
 ) -> list[tuple[int, int, float]]:
     """All affinities counted anew before every step: (source, target, affinity)."""
-    mine, steps = community.copy(), []
+    mine, steps = community.tolist(), []
     m, p = settings.imagined_pairs, settings.touching_same
     while True:
         sums: dict[tuple[int, int], list[float]] = defaultdict(lambda: [0.0, 0.0, False])
@@ -160,11 +159,11 @@ def plain_pool(
         for (low, high), (s, d, touches) in sorted(sums.items()):
             affinity = (s + (m * p if touches else 0.0)) / (s + d + m) if s + d + m > 0 else 0.0
             if low != high and affinity > best:
-                best, found = affinity, (int(low), int(high))
+                best, found = affinity, (low, high)
         if found is None:
             return steps
         steps.append((found[1], found[0], best))
-        mine[mine == found[1]] = found[0]
+        mine = [found[0] if one == found[1] else one for one in mine]
 
 
 def plain_touching(cells: NDArray, cols: int) -> set[tuple[int, int]]:

@@ -8,6 +8,7 @@ from simaps_viz.datasets.posed_frames import open_sequence
 from simaps_viz.errors import InputError
 from simaps_viz.events import BuildFinished, BuildStarted, CommunitiesFound, FrameProjected, MergesFound
 from simaps_viz.mapping.accumulator import ProjectionSettings
+from simaps_viz.mapping.evidence import EvidenceSettings
 from simaps_viz.pipeline import BuildConfig, build_map
 
 
@@ -115,6 +116,10 @@ def test_what_covers_too_few_cells_is_no_instance_but_keeps_its_class(tiny):
     ("config", "message"),
     [
         (lambda: BuildConfig(k_percent=-1), "K: expected a percentage"),
+        (lambda: BuildConfig(affinity=1.5), "affinity: expected a share from 0 to 1, found 1.5"),
+        (lambda: BuildConfig(resolution=float("inf")), "resolution: expected a number above 0, found inf"),
+        (lambda: BuildConfig(evidence=EvidenceSettings(ranges=(1, 1))), "ranges of evidence: expected different"),
+        (lambda: BuildConfig(evidence=EvidenceSettings(ranges=(0, 2))), "ranges of evidence: expected different"),
         (lambda: BuildConfig(resolution=0), "resolution: expected"),
         (lambda: BuildConfig(projection=ProjectionSettings(cell_size_m=0)), "cell size: expected"),
     ],

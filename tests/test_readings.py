@@ -82,7 +82,8 @@ def test_nothing_to_read():
 
 
 def test_a_frame_without_its_segments_is_never_passed_over():
-    nothing = FrameReadings(*(np.zeros(0, np.int32),) * 3, np.zeros(0, np.float32))
+    none = np.zeros(0, np.int32)
+    nothing = FrameReadings(none, none, none, none.astype(np.float32))
     grid, _, _ = gathered([])
     with pytest.raises(ValueError, match="zip"):
         gather_readings([nothing, nothing], [()], (0, 0), grid)

@@ -67,7 +67,8 @@ def _between(
 
 @njit(cache=True, nogil=True, inline="always")
 def _affinity(same, different, touches, m, p):
-    return (same + (m * p if touches else 0.0)) / (same + different + m)
+    pairs = same + different + m
+    return (same + (m * p if touches else 0.0)) / pairs if pairs > 0.0 else 0.0  # nothing seen, nothing imagined
 
 
 @njit(cache=True, nogil=True, inline="always")
