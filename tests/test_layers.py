@@ -14,9 +14,12 @@ PACKAGE = ROOT / "simaps_viz"
 # modules that share a line never import each other.
 LINES: list[list[str]] = [
     ["cli"],
+    ["exporting"],
     ["wiring", "evaluating"],
     ["cli_options"],
     ["progress", "tables"],
+    ["api"],
+    ["exports"],
     ["viewer", "recorder", "evaluation", "methods"],
     ["pipeline", "navigation.agent", "baselines"],
     ["navigation.robot"],
@@ -30,11 +33,12 @@ LINES: list[list[str]] = [
 # The interpreter and the planner are stages of the agent, which alone joins words to ways.
 CONFINED = {
     "viser": ["viewer"],
-    "rerun": ["recorder"],
+    "rerun": ["recorder", "datasets.rerun_rrd"],
+    "rosbags": ["datasets.rosbag"],
     "sknetwork": ["mapping.communities"],
     "networkx": ["mapping.graph", "evaluation.bench_planner", "evaluation.bench_graphs"],
     "embreex": ["scenes"],
-    "trimesh": ["scenes", "viewer"],
+    "trimesh": ["scenes", "viewer", "exports.glb"],
     "numba": ["baselines", "mapping", "navigation", "scenes"],
     "openai": ["language.llm_http"],
     "httpx2": ["language.llm_http"],

@@ -54,17 +54,26 @@ def _decode(path: Path, flags: int, *, lossless: bool = False) -> NDArray:
         data = path.read_bytes()
     except OSError as error:
         raise InputError(f"{path}: expected an image, found {error.strerror or error}") from error
+    return decode_image(path, data, flags, lossless=lossless)
+
+
+def decode_image(where: Path | str, data: bytes, flags: int, *, lossless: bool = False) -> NDArray:
+    """Decode the bytes of an image file with OpenCV's flags; colours come as BGR.
+
+    Raises:
+        InputError: It is damaged or no image, or a JPEG where pixel values matter (``lossless``).
+    """
     fault = _fault(data)
     if lossless and data.startswith(_JPEG_START):
         fault = "a JPEG, which does not keep pixel values (use PNG)"
     if fault:
-        raise InputError(f"{path}: expected a whole image, found {fault}")
+        raise InputError(f"{where}: expected a whole image, found {fault}")
     try:
         image = cv2.imdecode(np.frombuffer(data, np.uint8), flags)
     except cv2.error as error:
-        raise InputError(f"{path}: expected an image, found one that cannot be decoded") from error
+        raise InputError(f"{where}: expected an image, found one that cannot be decoded") from error
     if image is None:
-        raise InputError(f"{path}: expected an image, found one that cannot be decoded")
+        raise InputError(f"{where}: expected an image, found one that cannot be decoded")
     return image
 
 

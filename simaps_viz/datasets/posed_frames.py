@@ -19,7 +19,7 @@ from simaps_viz.datasets.segment_tables import (
 )
 from simaps_viz.errors import InputError
 from simaps_viz.geometry import map_from_world
-from simaps_viz.structures import Frame, Intrinsics, Segmentation
+from simaps_viz.structures import Frame, Intrinsics, Segment, Segmentation
 
 DEPTH_RANGE_M = (0.15, 30.0)
 """The median depth of a sequence lies in here, or its unit is wrong."""
@@ -30,23 +30,42 @@ _SAMPLED_FOR_GRAVITY = 40
 
 
 def open_sequence(path: Path) -> "PosedFrames":
-    """Open a sequence and check it.
+    """Open a sequence and check it; recordings in other formats (docs/FORMATS.md) are recognised by their files.
 
     Read are the manifest, the calibration, the segment table, the first frame's images and a few depth images; that
     the images of all frames exist is looked up. Without ``up`` or ``floor_height_m`` in the manifest gravity is
     estimated from some forty frames, which takes up to a second.
 
     Args:
-        path: The folder, or a manifest (.json) in it.
+        path: The folder, or a manifest (.json) in it; for other formats their folder or file.
 
     Raises:
         InputError: Anything is not as the format wants it; the message names the file, what was expected and found.
     """
-    return PosedFrames(read_manifest(Path(path)))
+    path = Path(path)
+    if not (path / "sequence.json").is_file():
+        from simaps_viz.datasets.recognise import recognise  # noqa: PLC0415 - the readers build on this module
+
+        reader = recognise(path)
+        if reader is not None:
+            from simaps_viz.datasets.converted import ConvertedFrames  # noqa: PLC0415 - as above
+
+            return ConvertedFrames(reader.open_recording(path))
+    return PosedFrames(read_manifest(path))
+
+
+def is_sequence(path: Path) -> bool:
+    """Tell from names alone whether a path is meant as a sequence: a folder, a manifest or a recording's file."""
+    from simaps_viz.datasets.recognise import recognise  # noqa: PLC0415 - the readers build on this module
+
+    return path.is_dir() or path.suffix == ".json" or recognise(path) is not None
 
 
 class PosedFrames:
     """A checked sequence. Reading keeps no state, so several threads may read at once."""
+
+    notes: tuple[str, ...] = ()
+    """What of the recording was left out, in words."""
 
     def __init__(self, manifest: Manifest) -> None:
         self.manifest = manifest
@@ -112,6 +131,14 @@ class PosedFrames:
         rgb = read_color(path)
         self._check_size(path, rgb)
         return rgb
+
+    def color_file(self, index: int) -> Path | None:
+        """Give the file that holds exactly a frame's colour image, if there is one."""
+        return self.manifest.file(self.manifest.color, self._name(index))
+
+    def world_segments(self) -> tuple[Segment, ...] | None:
+        """Give what the ids mean when they are the same in every frame; None when they are not, or there are none."""
+        return tuple(self._table.by_id.values()) if isinstance(self._table, WorldSegments) else None
 
     def segmentation(self, index: int) -> Segmentation:
         """Read a frame's precomputed segmentation.

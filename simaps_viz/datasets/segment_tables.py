@@ -63,8 +63,9 @@ class WorldSegments:
 
 
 def read_frame_segments(path: Path, frames: Sequence[str]) -> FrameSegments:
-    """Read ``{frame: [{id, label, score, area}]}``; score may be left out (1.0), area is not used.
+    """Read ``{frame: [{id, label, score, isthing, area}]}``.
 
+    Score may be left out (1.0), isthing too (the class name decides); area is not used.
     Frames that the sequence does not have are ignored, so that a part of the poses can be used with the whole table.
 
     Raises:
@@ -114,7 +115,7 @@ def few(names: Sequence[object], count: int = 3) -> str:
 def _frame_segments(where: str, entries: Any) -> tuple[Segment, ...]:
     if not isinstance(entries, list):
         raise InputError(f"{where}: expected a list of segments, found {shown(entries)}")
-    segments = tuple(_segment(where, entry) for entry in entries)
+    segments = tuple(_segment(where, entry, key_thing="isthing") for entry in entries)
     ids = [s.id for s in segments]
     if len(set(ids)) != len(ids):
         twice = next(i for i in ids if ids.count(i) > 1)
@@ -122,7 +123,7 @@ def _frame_segments(where: str, entries: Any) -> tuple[Segment, ...]:
     return segments
 
 
-def _segment(where: str, entry: Any, *, key_thing: str | None = None) -> Segment:
+def _segment(where: str, entry: Any, *, key_thing: str) -> Segment:
     if not isinstance(entry, dict):
         raise InputError(f"{where}: expected objects with id and label, found {shown(entry)}")
     number, label, score = entry.get("id"), entry.get("label"), entry.get("score", 1.0)

@@ -1,0 +1,104 @@
+"""Asking a map from Python: find objects, plan ways, hold the instances as a pandas frame."""
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial import KDTree
+
+from simaps_viz.errors import InputError
+from simaps_viz.exports.records import record
+from simaps_viz.exports.tables import COLUMNS
+from simaps_viz.language.grounding import Grounding
+from simaps_viz.navigation.agent import planner_of
+from simaps_viz.navigation.planner import RobotShape
+from simaps_viz.structures import Instance, Path, Pose2, SIMap
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+Point = tuple[float, float]
+"""x and y in metres, map frame."""
+
+
+def find(simap: SIMap, name: str, *, near: "Point | Pose2 | Instance | str | None" = None) -> tuple[Instance, ...]:
+    """Find the instances a name means, the closest first.
+
+    Args:
+        simap: the map.
+        name: a class of the map, or a word the command reader knows for one ("sofa", "seat", "chairs").
+        near: a point, a pose, an instance, or the name of objects: distances are between the nearest cells' centres.
+            Left out, the order is that of ``SIMap.instances``: class, then id. What is near itself is left out.
+
+    Raises:
+        CommandError: the map has nothing of that name; the message says what it has.
+    """
+    grounding = Grounding(simap, Pose2(0.0, 0.0, 0.0))
+    found = grounding.members(name)
+    if near is None:
+        return found
+    others = grounding.members(near) if isinstance(near, str) else (near,) if isinstance(near, Instance) else ()
+    targets = np.concatenate([grounding.cells_of(o) for o in others]) if others else _point(near)
+    tree, itself = KDTree(targets), {other.id for other in others}
+    far = {i.id: round(float(tree.query(grounding.cells_of(i))[0].min()), 9) for i in found if i.id not in itself}
+    return tuple(sorted((i for i in found if i.id in far), key=lambda i: (far[i.id], i.id)))
+
+
+def plan(
+    simap: SIMap,
+    start: Point | Pose2 | Instance,
+    goal: Point | Pose2 | Instance | str,
+    *,
+    robot: RobotShape | None = None,
+) -> Path:
+    """Plan the cheapest way for a robot's centre over free floor.
+
+    Args:
+        simap: the map.
+        start: where the robot stands; moved to free floor within 0.5 m if it is not free.
+        goal: a point on free floor, or an object: the way then ends at the free cell nearest to it. A name means the
+            object of that name closest to the start.
+        robot: its shape, by default 0.2 m in radius and 1.5 m high.
+
+    Raises:
+        CommandError: the map has nothing of that name.
+        PlanningError: there is no way, in words.
+    """
+    planner = planner_of(simap, robot or RobotShape())
+    x, y = _point(start)[0].tolist()
+    if isinstance(goal, str):
+        goal = find(simap, goal, near=(x, y))[0]
+    if isinstance(goal, Instance):
+        cells = Grounding(simap, Pose2(x, y, 0.0)).cells_of(goal)
+        return planner.plan_near((x, y), cells, f"to the {goal.label}")
+    goal_x, goal_y = _point(goal)[0].tolist()
+    return planner.plan((x, y), (goal_x, goal_y))
+
+
+def to_pandas(simap: SIMap) -> "pd.DataFrame":
+    """Give the instances as a pandas frame, one row each, indexed by id; lengths in metres of the map frame.
+
+    Raises:
+        InputError: pandas is not installed.
+    """
+    try:
+        import pandas as pd  # noqa: PLC0415 - optional, and slow to import
+    except ImportError:
+        raise InputError("to_pandas: expected pandas, found it not installed (pip install pandas)") from None
+    columns = [name for name in COLUMNS if name != "outline_wkt"]
+    return pd.DataFrame([record(simap, one) for one in simap.instances], columns=columns).set_index("id")
+
+
+def _point(where: object) -> NDArray:
+    """Give a place as float64 [1, 2]."""
+    if isinstance(where, Pose2):
+        where = (where.x_m, where.y_m)
+    if isinstance(where, Instance):
+        where = where.centroid_m[:2]
+    try:
+        point = np.array(where, np.float64)
+    except (TypeError, ValueError):
+        point = np.zeros(0)
+    if point.shape != (2,) or not np.isfinite(point).all():
+        raise InputError(f"place: expected (x, y) in metres, a pose or an instance, found {where!r}")
+    return point[None]

@@ -1,0 +1,109 @@
+"""Reads ARKitScenes scans (Apple): low-resolution depth and colour of an iPad, a camera of its own for each frame."""
+
+from pathlib import Path
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from simaps_viz.datasets.association import associate, interpolate_poses, nearest
+from simaps_viz.datasets.file_frames import FileFrames, depth_png, number_of, numbered
+from simaps_viz.datasets.lens import Lens, pinhole
+from simaps_viz.datasets.recording import FormatFacts, Recording
+from simaps_viz.datasets.rows import number_rows
+from simaps_viz.errors import InputError
+from simaps_viz.geometry import invert_pose
+
+FACTS = FormatFacts(
+    title="ARKitScenes",
+    recognised_by="`lowres_depth/*.png`, `lowres_wide/*.png`, `lowres_wide_intrinsics/*.pincam`, `lowres_wide.traj`",
+    depth="16-bit PNG",
+    depth_unit_m=0.001,
+    invalid="0",
+    pose="world to camera: time, axis times angle (rad), position",
+    camera_axes="OpenCV",
+    up=(0.0, 0.0, 1.0),
+)
+
+TOLERANCE_S = 0.02
+"""How far colour may be from depth; file names carry milliseconds."""
+LONGEST_POSE_GAP_S = 0.25
+"""The trajectory has ten poses a second."""
+
+
+def recognise(path: Path) -> bool:
+    """Tell from names alone whether a folder is in this format."""
+    return (_folder(path) / "lowres_wide.traj").is_file() and (_folder(path) / "lowres_depth").is_dir()
+
+
+def open_recording(path: Path) -> Recording:
+    """Open a scan; raises InputError for anything that is not as the format wants it."""
+    folder = _folder(path)
+    depth_all, color_all = numbered(folder / "lowres_depth", "*.png"), numbered(folder / "lowres_wide", "*.png")
+    cameras = numbered(folder / "lowres_wide_intrinsics", "*.pincam")
+    for name, files in (("lowres_depth/*.png", depth_all), ("lowres_wide/*.png", color_all),
+                        ("lowres_wide_intrinsics/*.pincam", cameras)):  # fmt: skip
+        if not files:
+            raise InputError(f"{folder / name}: expected files named VIDEO_SECONDS, found none")
+    depth_times = _times(depth_all)
+    pairs = associate(depth_times, _times(color_all), tolerance_s=TOLERANCE_S)
+    pose_times, known_poses = _trajectory(folder / "lowres_wide.traj")
+    poses, known = interpolate_poses(
+        pose_times, known_poses, depth_times[pairs[:, 0]], longest_gap_s=LONGEST_POSE_GAP_S, beyond_s=TOLERANCE_S
+    )
+    if not known.any():
+        raise InputError(
+            f"{folder}: expected depth, colour and pose of about the same time, found none among {len(depth_all)} "
+            f"depth images, {len(color_all)} colour images and {len(pose_times)} poses"
+        )
+    pairs, poses = pairs[known], poses[known]
+    of_frame = nearest(_times(cameras), depth_times[pairs[:, 0]])
+    lenses = [_lens(cameras[i]) for i in of_frame]
+    depth_files, color_files = [depth_all[i] for i in pairs[:, 0]], [color_all[i] for i in pairs[:, 1]]
+    target = lenses[0].intrinsics
+    files = FileFrames(color_files, depth_files, lenses, lenses, target, depth_png(FACTS.depth_unit_m))
+    left = len(depth_all) - len(pairs)
+    return Recording(
+        facts=FACTS,
+        path=path,
+        name=depth_files[0].stem.rpartition("_")[0] or path.resolve().name,
+        frame_names=tuple(file.stem for file in depth_files),
+        poses=poses,
+        intrinsics=target,
+        depth=files.depth,
+        color=files.color,
+        color_file=files.color_file,
+        stored=files.stored,
+        notes=(f"{left} of {len(depth_all)} depth images have no colour or pose of their time: left out",)
+        if left
+        else (),
+    )
+
+
+def _folder(path: Path) -> Path:
+    """Give the folder of the frames: the 3dod part of the dataset has it one level down."""
+    inner = path / f"{path.resolve().name}_frames"
+    return inner if inner.is_dir() else path
+
+
+def _times(files: list[Path]) -> NDArray:
+    return np.array([number_of(file) for file in files])
+
+
+def _lens(path: Path) -> Lens:
+    _, (width, height, fx, fy, cx, cy) = number_rows(path, 6)[0]
+    return Lens(pinhole(str(path), int(width), int(height), fx, fy, cx, cy))
+
+
+def _trajectory(path: Path) -> tuple[NDArray, NDArray]:
+    rows = number_rows(path, 7)
+    poses = []
+    for where, row in rows:
+        if not np.isfinite(row).all():
+            raise InputError(f"{where}: expected finite numbers, found NaN or infinity")
+        T_camera_world = np.eye(4)
+        T_camera_world[:3, :3] = cv2.Rodrigues(row[1:4])[0]
+        T_camera_world[:3, 3] = row[4:]
+        poses.append(invert_pose(T_camera_world))
+    times, first = np.unique([row[0] for _, row in rows], return_index=True)
+    return times, np.stack(poses)[first]

@@ -1,0 +1,152 @@
+"""Frames whose colour and depth lie in one file each, as most formats have them."""
+
+import json
+import re
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from simaps_viz.datasets.images import read_color, read_depth
+from simaps_viz.datasets.lens import Lens, see_through
+from simaps_viz.datasets.segment_tables import few
+from simaps_viz.errors import InputError
+from simaps_viz.structures import Intrinsics
+
+MAX_STEP = 65535
+"""The largest value of a 16-bit depth image."""
+
+
+@dataclass(frozen=True, eq=False)
+class FileFrames:
+    """Colour and depth files of a recording; cameras are one for all frames, or one a frame."""
+
+    color_paths: Sequence[Path]
+    depth_paths: Sequence[Path]
+    color_lenses: Sequence[Lens]
+    depth_lenses: Sequence[Lens]
+    intrinsics: Intrinsics
+    """Of the pictures handed over."""
+    read_depth_m: Callable[[Path], NDArray]
+    """Gives float32 [H, W], metres, 0 = invalid."""
+
+    def __post_init__(self) -> None:
+        for what, paths in (("colour", self.color_paths), ("depth", self.depth_paths)):
+            missing = [path for path in paths if not path.is_file()]
+            if missing:
+                raise InputError(
+                    f"{missing[0]}: expected a {what} file for each of {len(paths)} frames, found none for "
+                    f"{len(missing)}: {few([path.name for path in missing])}"
+                )
+
+    def depth(self, index: int) -> NDArray:
+        """Read a frame's depth, metres; raises InputError when it is damaged or of another size."""
+        path, lens = self.depth_paths[index], _of(self.depth_lenses, index)
+        depth_m = self.read_depth_m(path)
+        check_size(path, depth_m, lens.intrinsics)
+        return see_through(depth_m, lens, self.intrinsics, exact=True)
+
+    def color(self, index: int) -> NDArray:
+        """Read a frame's colour as the depth camera would see it; raises InputError like ``depth``."""
+        path, lens = self.color_paths[index], _of(self.color_lenses, index)
+        rgb = read_color(path)
+        check_size(path, rgb, lens.intrinsics)
+        return see_through(rgb, lens, self.intrinsics, exact=False)
+
+    def color_file(self, index: int) -> Path | None:
+        """Give the colour file if it can be used as it is."""
+        lens = _of(self.color_lenses, index)
+        return self.color_paths[index] if lens == Lens(self.intrinsics) else None
+
+    def stored(self, index: int) -> tuple[Path, Path]:
+        """Give the files of a frame's colour and depth."""
+        return self.color_paths[index], self.depth_paths[index]
+
+
+def depth_png(unit_m: float, *, invalid: int | None = None) -> Callable[[Path], NDArray]:
+    """Give a reader of 16-bit images: so many metres a step; 0 and ``invalid`` mean no reading."""
+
+    def read(path: Path) -> NDArray:
+        depth_m = read_depth(path, unit_m)
+        if invalid is not None:
+            depth_m[depth_m == np.float32(invalid) * np.float32(unit_m)] = 0.0
+        return depth_m
+
+    return read
+
+
+def depth_npy(unit_m: float = 1.0) -> Callable[[Path], NDArray]:
+    """Give a reader of NumPy files of [H, W] or [H, W, 1] numbers, so many metres each."""
+
+    def read(path: Path) -> NDArray:
+        values = read_array(path)
+        if values.ndim == 3 and values.shape[2] == 1:
+            values = values[..., 0]
+        if values.ndim != 2 or values.dtype.kind not in "fui":
+            found = f"{values.dtype.name} {list(values.shape)}"
+            raise InputError(f"{path}: expected a depth image [H, W] of numbers, found {found}")
+        return clean_depth(values * np.float32(unit_m))
+
+    return read
+
+
+def read_array(path: Path) -> NDArray:
+    """Read a NumPy file, never a pickle; raises InputError when it is missing, cut short or something else."""
+    try:
+        return np.load(path, allow_pickle=False)
+    except OSError as error:
+        raise InputError(f"{path}: expected a NumPy array, found {error.strerror or error}") from error
+    except (ValueError, EOFError) as error:
+        raise InputError(f"{path}: expected a whole NumPy array, found a damaged or truncated file") from error
+
+
+def clean_depth(depth_m: NDArray) -> NDArray:
+    """Give depths in metres as float32 with 0 for what is not finite or not in front of the camera."""
+    depth_m = depth_m.astype(np.float32, copy=True)
+    depth_m[~(np.isfinite(depth_m) & (depth_m > 0))] = 0.0
+    return depth_m
+
+
+def check_size(where: object, image: NDArray, camera: Intrinsics) -> None:
+    """Raise InputError unless a picture has the size its camera has."""
+    height, width = image.shape[:2]
+    if (width, height) != (camera.width, camera.height):
+        raise InputError(f"{where}: expected {camera.width}x{camera.height} pixels, found {width}x{height}")
+
+
+def numbered(folder: Path, pattern: str) -> list[Path]:
+    """Give the files of a folder, sorted by the last number in their names (9 before 10)."""
+    return sorted(folder.glob(pattern), key=lambda path: (number_of(path), path.name))
+
+
+def number_of(path: Path) -> float:
+    """Give the last number in a file's name without its last suffix; -1 when there is none."""
+    found = re.findall(r"\d+(?:\.\d+)?", path.stem)
+    return float(found[-1]) if found else -1.0
+
+
+def image_size(path: Path) -> tuple[int, int]:
+    """Give width and height of a colour image by decoding it."""
+    height, width = read_color(path).shape[:2]
+    return width, height
+
+
+def expect_as_many(where: Path, what: str, expected: int, found: int) -> None:
+    """Raise InputError unless two counts agree."""
+    if expected != found:
+        raise InputError(f"{where}: expected {expected} {what}, found {found}")
+
+
+def json_number(where: str, values: object, key: str) -> float:
+    """Give a number of a JSON object; raises InputError when it is not there or no number."""
+    value = values.get(key) if isinstance(values, dict) else None
+    if not isinstance(value, int | float) or isinstance(value, bool) or not abs(value) < 1e300:
+        found = json.dumps(value, default=repr)[:40] if value is not None else "none"
+        raise InputError(f"{where}: {key}: expected a number, found {found}")
+    return float(value)
+
+
+def _of(lenses: Sequence[Lens], index: int) -> Lens:
+    return lenses[index] if len(lenses) > 1 else lenses[0]

@@ -1,0 +1,163 @@
+"""Reads folders rendered by Habitat-Sim from Matterport3D as VLMaps keeps them.
+
+``poses.txt`` says where the robot's base stood; the camera looks level from 1.5 m above it, with a field of view of 90
+degrees. Semantic arrays hold class numbers, so an object is a connected patch of a class in a picture; with an
+``obj2cls_dict.txt`` beside them they hold object numbers, which are the truth.
+"""
+
+from pathlib import Path
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from simaps_viz import labels
+from simaps_viz.datasets.file_frames import (
+    FileFrames,
+    check_size,
+    depth_npy,
+    expect_as_many,
+    image_size,
+    numbered,
+    read_array,
+)
+from simaps_viz.datasets.lens import Lens, pinhole
+from simaps_viz.datasets.recording import FormatFacts, Recording, Segments
+from simaps_viz.datasets.rows import OPENCV_FROM_OPENGL, from_quaternion, number_rows
+from simaps_viz.datasets.segment_tables import WorldSegments
+from simaps_viz.errors import InputError
+from simaps_viz.structures import Intrinsics, Segment, Segmentation
+
+FACTS = FormatFacts(
+    title="VLMaps / Habitat-Matterport",
+    recognised_by="`rgb/*.png`, `depth/*.npy`, `poses.txt`",
+    depth="`.npy`, 32-bit float",
+    depth_unit_m=1.0,
+    invalid="0, NaN, infinity",
+    pose="robot base to world: position, quaternion x y z w; the camera stands 1.5 m above",
+    camera_axes="OpenGL",
+    up=(0.0, 1.0, 0.0),
+    segmentation="`semantic/*.npy`: class numbers, or with `obj2cls_dict.txt` object numbers: the truth",
+)
+
+CAMERA_HEIGHT_M = 1.5
+WRITTEN_UNIT_M = 0.001
+"""Unit of the 16-bit images that float depths are converted to."""
+MP3D_CLASSES = (
+    "void", "wall", "floor", "chair", "door", "table", "picture", "cabinet", "cushion", "window", "sofa", "bed",
+    "curtain", "chest_of_drawers", "plant", "sink", "stairs", "ceiling", "toilet", "stool", "towel", "mirror",
+    "tv_monitor", "shower", "column", "bathtub", "counter", "fireplace", "lighting", "beam", "railing",
+    "shelving", "blinds", "gym_equipment", "seating", "board_panel", "furniture", "appliances", "clothes",
+    "objects",
+)  # fmt: skip
+"""Matterport3D's 40 classes by number."""
+MIN_PATCH_PIXELS = 4
+"""A smaller patch of a thing class is a seam of the rendering."""
+
+
+def recognise(path: Path) -> bool:
+    """Tell from names alone whether a folder is in this format."""
+    depth = path / "depth"
+    return (path / "poses.txt").is_file() and (path / "rgb").is_dir() and next(depth.glob("*.npy"), None) is not None
+
+
+def open_recording(path: Path) -> Recording:
+    """Open a folder; raises InputError for anything that is not as the format wants it."""
+    depth_files, color_files = numbered(path / "depth", "*.npy"), numbered(path / "rgb", "*.png")
+    expect_as_many(path / "rgb", "colour images (*.png), one a depth array", len(depth_files), len(color_files))
+    rows = number_rows(path / "poses.txt", 7)
+    expect_as_many(path / "poses.txt", "poses, one a depth array", len(depth_files), len(rows))
+    width, height = image_size(color_files[0])
+    lens = Lens(pinhole(str(path), width, height, width / 2, width / 2, (width - 1) / 2, (height - 1) / 2))
+    files = FileFrames(color_files, depth_files, [lens], [lens], lens.intrinsics, depth_npy(FACTS.depth_unit_m))
+    return Recording(
+        facts=FACTS,
+        path=path,
+        name=path.resolve().name,
+        frame_names=tuple(file.stem.replace(" ", "_") for file in depth_files),
+        poses=np.stack([_camera_pose(where, row) for where, row in rows]),
+        intrinsics=lens.intrinsics,
+        depth=files.depth,
+        color=files.color,
+        color_file=files.color_file,
+        stored=files.stored,
+        segments=_segments(path, len(depth_files), lens.intrinsics),
+        depth_unit_m=WRITTEN_UNIT_M,
+        simulated=True,
+    )
+
+
+def _camera_pose(where: str, row: NDArray) -> NDArray:
+    T_world_base = from_quaternion(where, row[:3], row[3:])
+    T_base_camera = OPENCV_FROM_OPENGL.copy()
+    T_base_camera[1, 3] = CAMERA_HEIGHT_M
+    return T_world_base @ T_base_camera
+
+
+def _segments(path: Path, frames: int, camera: Intrinsics) -> Segments | None:
+    if not (path / "semantic").is_dir():
+        return None
+    files = numbered(path / "semantic", "*.npy")
+    expect_as_many(path / "semantic", "semantic arrays (*.npy), one a depth array", frames, len(files))
+    table = path / "obj2cls_dict.txt"
+    if table.is_file():
+        world = WorldSegments(table, _objects(table))
+        return Segments(
+            world.classes(),
+            lambda i: world.segmentation(files[i].stem, files[i], _numbers(files[i], camera).astype(np.uint16)),
+            "Habitat object numbers",
+            world.by_id,
+            ground_truth=True,
+        )
+    classes = {name: labels.is_thing(name) for name in MP3D_CLASSES[1:]}
+    return Segments(classes, lambda i: patches(files[i], _numbers(files[i], camera)), "Habitat class numbers")
+
+
+def _numbers(path: Path, camera: Intrinsics) -> NDArray:
+    """Read numbers from 0 to 65535, int32 [H, W]."""
+    values = read_array(path)
+    if values.ndim != 2 or values.dtype.kind not in "iu" or not 0 <= values.min() <= values.max() <= 65535:
+        found = f"{values.dtype.name} {list(values.shape)}"
+        raise InputError(f"{path}: expected [H, W] whole numbers from 0 to 65535, found {found}")
+    check_size(path, values, camera)
+    return values.astype(np.int32)
+
+
+def patches(path: Path, classes: NDArray) -> Segmentation:
+    """Turn class numbers int32 [H, W] into segments: one for each connected patch (8-neighbours) of a thing class.
+
+    Raises:
+        InputError: There is a number that is no class.
+    """
+    ids, segments = np.zeros(classes.shape, np.int32), []
+    for number in np.unique(classes):
+        if number >= len(MP3D_CLASSES):
+            raise InputError(f"{path}: expected class numbers under {len(MP3D_CLASSES)}, found {number}")
+        if number == 0:
+            continue
+        label, mask = MP3D_CLASSES[number], classes == number
+        count, patch = cv2.connectedComponents(mask.astype(np.uint8), connectivity=8)
+        if not labels.is_thing(label):
+            count, patch = 2, mask.astype(np.int32)
+        for part in range(1, count):
+            here = patch == part
+            if labels.is_thing(label) and here.sum() < MIN_PATCH_PIXELS:
+                continue
+            segments.append(Segment(len(segments) + 1, label, 1.0, labels.is_thing(label)))
+            ids[here] = len(segments)
+    return Segmentation(ids, tuple(segments))
+
+
+def _objects(path: Path) -> dict[int, Segment]:
+    """Read lines of ``object:class,name``; object 0 is kept out, as 0 means nothing."""
+    objects = {}
+    for line, text in enumerate(path.read_text(encoding="utf-8", errors="replace").splitlines(), start=1):
+        number, _, rest = text.partition(":")
+        name = rest.partition(",")[2].strip()
+        if not text.strip():
+            continue
+        if not number.strip().isdigit() or not name:
+            raise InputError(f"{path}, line {line}: expected object:class,name, found {text[:40]!r}")
+        if int(number) > 0:
+            objects[int(number)] = Segment(int(number), name, 1.0, labels.is_thing(name))
+    return objects

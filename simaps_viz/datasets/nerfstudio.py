@@ -1,0 +1,128 @@
+"""Reads nerfstudio folders: ``transforms.json`` with a depth image for every picture."""
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from simaps_viz.datasets.file_frames import FileFrames, depth_npy, depth_png, image_size, json_number, read_array
+from simaps_viz.datasets.images import read_depth
+from simaps_viz.datasets.lens import Lens, pinhole
+from simaps_viz.datasets.manifest import read_json, shown
+from simaps_viz.datasets.recording import FormatFacts, Recording
+from simaps_viz.datasets.rows import OPENCV_FROM_OPENGL, rigid
+from simaps_viz.errors import InputError
+from simaps_viz.structures import Intrinsics
+
+FACTS = FormatFacts(
+    title="nerfstudio",
+    recognised_by="`transforms.json` with `depth_file_path`",
+    depth="16-bit PNG or `.npy`",
+    depth_unit_m=0.001,
+    invalid="0",
+    pose="camera to world: 4x4",
+    camera_axes="OpenGL",
+    up=None,
+)
+
+PIXEL_CENTRE = 0.5
+"""Where nerfstudio has the centre of the first pixel."""
+PINHOLES = ("OPENCV", "PINHOLE", "SIMPLE_PINHOLE", "SIMPLE_RADIAL", "RADIAL", "PERSPECTIVE")
+
+
+def recognise(path: Path) -> bool:
+    """Tell from names alone whether a folder or file is in this format."""
+    return _file(path).is_file()
+
+
+def open_recording(path: Path) -> Recording:
+    """Open a folder or its transforms.json; raises InputError for anything that is not as the format wants it.
+
+    Poses may be off by any turn, as they come from a reconstruction, so up is estimated. They have to be in metres.
+    """
+    file = _file(path)
+    content = read_json(file)
+    frames = content.get("frames") if isinstance(content, dict) else None
+    if not isinstance(frames, list) or not frames:
+        raise InputError(f'{file}: expected an object with a list "frames", found {shown(content)}')
+    model = str(content.get("camera_model", "OPENCV")).upper()
+    if model not in PINHOLES or abs(float(content.get("k4") or 0.0)) > 0:
+        raise InputError(
+            f"{file}: camera_model: expected one of {', '.join(PINHOLES)} without k4, found {shown(model)}"
+        )
+    frames = sorted((_merged(file, i, content, frame) for i, frame in enumerate(frames)), key=lambda f: f["file_path"])
+    color_files, depth_files = _files(file, frames, "file_path"), _files(file, frames, "depth_file_path")
+    unit_m = json_number(
+        str(file), {"depth_unit_scale_factor": FACTS.depth_unit_m} | content, "depth_unit_scale_factor"
+    )
+    lenses = [_lens(f"{file}: frame {frame['file_path']}", frame, color_files[i]) for i, frame in enumerate(frames)]
+    height, width = _depth_shape(depth_files[0], unit_m)
+    depth_lenses = [lens.scaled(width, height) for lens in lenses]
+    target = Intrinsics(**vars(depth_lenses[0].intrinsics))
+    images = FileFrames(color_files, depth_files, lenses, depth_lenses, target, lambda p: _read_depth(p, unit_m))
+    return Recording(
+        facts=FACTS,
+        path=path,
+        name=file.resolve().parent.name,
+        frame_names=_names(frames),
+        poses=np.stack([_pose(f"{file}: frame {frame['file_path']}", frame) for frame in frames]),
+        intrinsics=target,
+        depth=images.depth,
+        color=images.color,
+        color_file=images.color_file,
+        stored=images.stored,
+        depth_unit_m=unit_m if depth_files[0].suffix != ".npy" else None,
+    )
+
+
+def _file(path: Path) -> Path:
+    return path if path.name.startswith("transforms") and path.suffix == ".json" else path / "transforms.json"
+
+
+def _merged(file: Path, index: int, content: dict[str, Any], frame: Any) -> dict[str, Any]:
+    """Give a frame with the keys that all frames share."""
+    if not isinstance(frame, dict):
+        raise InputError(f"{file}: frames: expected objects, found {shown(frame)}")
+    for key in ("file_path", "depth_file_path"):
+        if not isinstance(frame.get(key), str):
+            hint = "; a map needs depth" if key.startswith("depth") else ""
+            raise InputError(f"{file}: frame {index}: expected {key}, found {shown(frame.get(key))}{hint}")
+    return {key: value for key, value in content.items() if key != "frames"} | frame
+
+
+def _files(file: Path, frames: list[dict[str, Any]], key: str) -> list[Path]:
+    return [file.parent / frame[key] for frame in frames]
+
+
+def _names(frames: list[dict[str, Any]]) -> tuple[str, ...]:
+    stems = [Path(frame["file_path"]).stem.replace(" ", "_") for frame in frames]
+    return tuple(stems) if len(set(stems)) == len(stems) else tuple(f"{i:06d}" for i in range(len(stems)))
+
+
+def _lens(where: str, frame: dict[str, Any], color_file: Path) -> Lens:
+    width, height = (int(frame["w"]), int(frame["h"])) if "w" in frame and "h" in frame else image_size(color_file)
+    numbers = [json_number(where, {"fl_y": frame.get("fl_x")} | frame, key) for key in ("fl_x", "fl_y", "cx", "cy")]
+    fx, fy, cx, cy = numbers
+    camera = pinhole(where, width, height, fx, fy, cx - PIXEL_CENTRE, cy - PIXEL_CENTRE)
+    keys = ("k1", "k2", "p1", "p2", "k3")
+    distortion = tuple(json_number(where, dict.fromkeys(keys, 0.0) | frame, key) for key in keys)
+    return Lens(camera, distortion if any(distortion) else ())
+
+
+def _pose(where: str, frame: dict[str, Any]) -> NDArray:
+    try:
+        matrix = np.array(frame.get("transform_matrix"), dtype=np.float64)
+    except (TypeError, ValueError) as error:
+        found = shown(frame.get("transform_matrix"))
+        raise InputError(f"{where}: transform_matrix: expected 4x4 numbers, found {found}") from error
+    return rigid(f"{where}: transform_matrix", matrix) @ OPENCV_FROM_OPENGL
+
+
+def _read_depth(path: Path, unit_m: float) -> NDArray:
+    return depth_npy(unit_m)(path) if path.suffix == ".npy" else depth_png(unit_m)(path)
+
+
+def _depth_shape(path: Path, unit_m: float) -> tuple[int, int]:
+    image = read_array(path) if path.suffix == ".npy" else read_depth(path, unit_m)
+    return image.shape[0], image.shape[1]

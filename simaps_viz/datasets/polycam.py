@@ -1,0 +1,87 @@
+"""Reads raw exports of Polycam ("keyframes"): a picture, a depth image and a camera file for each."""
+
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from simaps_viz.datasets.file_frames import FileFrames, depth_png, json_number, numbered
+from simaps_viz.datasets.lens import Lens, pinhole
+from simaps_viz.datasets.manifest import read_json
+from simaps_viz.datasets.recording import FormatFacts, Recording
+from simaps_viz.datasets.rows import OPENCV_FROM_OPENGL, rigid
+from simaps_viz.errors import InputError
+
+FACTS = FormatFacts(
+    title="Polycam",
+    recognised_by="`keyframes/images/*.jpg`, `keyframes/depth/*.png`, `keyframes/cameras/*.json`, or `corrected_...`",
+    depth="16-bit PNG",
+    depth_unit_m=0.001,
+    invalid="0",
+    pose="camera to world: t_00 ... t_23, three rows",
+    camera_axes="OpenGL",
+    up=(0.0, 1.0, 0.0),
+)
+
+
+def recognise(path: Path) -> bool:
+    """Tell from names alone whether a folder is in this format."""
+    return (_folder(path) / "depth").is_dir() and (_folder(path) / "cameras").is_dir()
+
+
+def open_recording(path: Path) -> Recording:
+    """Open an export; raises InputError for anything that is not as the format wants it.
+
+    Where Polycam has optimised the poses, those (``corrected_cameras``) and their pictures are taken.
+    """
+    folder = _folder(path)
+    corrected = "corrected_" if (folder / "corrected_cameras").is_dir() else ""
+    images, cameras = folder / f"{corrected}images", folder / f"{corrected}cameras"
+    camera_files = numbered(cameras, "*.json")
+    if not camera_files:
+        raise InputError(f"{cameras}: expected *.json, found none")
+    with_depth = [file for file in camera_files if (folder / "depth" / f"{file.stem}.png").is_file()]
+    if not with_depth:
+        raise InputError(f"{folder / 'depth'}: expected *.png named as the cameras, found none; was LiDAR mode on?")
+    contents = [read_json(file) for file in with_depth]
+    lenses = [_lens(str(file), content) for file, content in zip(with_depth, contents, strict=True)]
+    depth_files = [folder / "depth" / f"{file.stem}.png" for file in with_depth]
+    read = depth_png(FACTS.depth_unit_m)
+    height, width = read(depth_files[0]).shape
+    depth_lenses = [lens.scaled(width, height) for lens in lenses]
+    target = depth_lenses[0].intrinsics
+    color_files = [images / f"{file.stem}.jpg" for file in with_depth]
+    files = FileFrames(color_files, depth_files, lenses, depth_lenses, target, read)
+    left = len(camera_files) - len(with_depth)
+    return Recording(
+        facts=FACTS,
+        path=path,
+        name=folder.resolve().parent.name,
+        frame_names=tuple(file.stem for file in with_depth),
+        poses=np.stack([_pose(str(file), content) for file, content in zip(with_depth, contents, strict=True)]),
+        intrinsics=target,
+        depth=files.depth,
+        color=files.color,
+        color_file=files.color_file,
+        stored=files.stored,
+        notes=(f"{left} of {len(camera_files)} pictures have no depth: left out",) if left else (),
+    )
+
+
+def _folder(path: Path) -> Path:
+    return path / "keyframes" if (path / "keyframes").is_dir() else path
+
+
+def _lens(where: str, content: object) -> Lens:
+    fx, fy, cx, cy, width, height = (
+        json_number(where, content, key) for key in ("fx", "fy", "cx", "cy", "width", "height")
+    )
+    return Lens(pinhole(where, int(width), int(height), fx, fy, cx, cy))
+
+
+def _pose(where: str, content: object) -> NDArray:
+    T = np.eye(4)
+    for row in range(3):
+        for column in range(4):
+            T[row, column] = json_number(where, content, f"t_{row}{column}")
+    return rigid(where, T) @ OPENCV_FROM_OPENGL

@@ -1,0 +1,235 @@
+"""Reads Record3D recordings: a ``.r3d`` file, the same unpacked, or the "EXR + JPG sequence" export."""
+
+import json
+import zipfile
+from collections.abc import Callable
+from dataclasses import dataclass
+from importlib import import_module
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from simaps_viz.datasets.file_frames import check_size, clean_depth, expect_as_many, number_of, numbered
+from simaps_viz.datasets.images import decode_image, read_color
+from simaps_viz.datasets.lens import Lens, pinhole, see_through
+from simaps_viz.datasets.manifest import read_json, shown
+from simaps_viz.datasets.recording import FormatFacts, Recording
+from simaps_viz.datasets.rows import OPENCV_FROM_OPENGL, from_quaternion
+from simaps_viz.errors import InputError
+
+FACTS = FormatFacts(
+    title="Record3D",
+    recognised_by="`*.r3d`; or `metadata`, `rgbd/`; or `metadata.json`, `rgb/`, `depth/*.exr` (also in `EXR_RGBD/`)",
+    depth="32-bit float, LZFSE or EXR",
+    depth_unit_m=1.0,
+    invalid="0, NaN",
+    pose="camera to world: quaternion x y z w, position",
+    camera_axes="OpenGL",
+    up=(0.0, 1.0, 0.0),
+)
+
+WRITTEN_UNIT_M = 0.001
+"""Unit of the 16-bit images that float depths are converted to."""
+SENSORS = {256 * 192: (192, 256), 640 * 480: (480, 640)}
+"""{pixels: (width, height)} of the upright LiDAR and face camera, where the metadata does not say."""
+
+
+@dataclass(frozen=True, eq=False)
+class _Parts:
+    """The three ways of storing, made alike."""
+
+    metadata: Any
+    metadata_path: str
+    names: list[str]
+    color: Callable[[int], NDArray]
+    raw_depth: Callable[[int], NDArray]
+    """float32 [H, W] or [H * W], metres."""
+    depth_where: Callable[[int], str]
+
+
+def recognise(path: Path) -> bool:
+    """Tell from names alone whether a folder or file is in this format."""
+    if path.suffix == ".r3d":
+        return path.is_file()
+    return _is_unpacked(path) or _is_exr(_exr_folder(path))
+
+
+def open_recording(path: Path) -> Recording:
+    """Open a recording; raises InputError for anything that is not as the format wants it."""
+    if path.suffix == ".r3d":
+        parts = _zip_parts(path)
+    else:
+        parts = _folder_parts(path) if _is_unpacked(path) else _exr_parts(_exr_folder(path))
+    where, metadata = parts.metadata_path, parts.metadata
+    if not isinstance(metadata, dict) or not isinstance(metadata.get("poses"), list):
+        raise InputError(f'{where}: expected an object with a list "poses", found {shown(metadata)}')
+    expect_as_many(Path(where), "poses, one a picture", len(parts.names), len(metadata["poses"]))
+    first = parts.color(0)
+    lenses = _lenses(where, metadata, len(parts.names), (first.shape[1], first.shape[0]))
+    width, height = _depth_size(metadata, parts)
+    depth_lenses = [lens.scaled(width, height) for lens in lenses]
+    target = depth_lenses[0].intrinsics
+
+    def depth(index: int) -> NDArray:
+        raw = parts.raw_depth(index)
+        if raw.size != width * height:
+            raise InputError(f"{parts.depth_where(index)}: expected {width}x{height} depths, found {raw.size}")
+        return see_through(clean_depth(raw.reshape(height, width)), depth_lenses[index], target, exact=True)
+
+    def color(index: int) -> NDArray:
+        rgb = parts.color(index)
+        check_size(f"{path}: picture {parts.names[index]}", rgb, lenses[index].intrinsics)
+        return see_through(rgb, lenses[index], target, exact=False)
+
+    return Recording(
+        facts=FACTS,
+        path=path,
+        name=path.resolve().parent.name if path.name == "EXR_RGBD" else path.resolve().stem,
+        frame_names=tuple(parts.names),
+        poses=np.stack([_pose(f"{where}: poses[{i}]", pose) for i, pose in enumerate(metadata["poses"])]),
+        intrinsics=target,
+        depth=depth,
+        color=color,
+        depth_unit_m=WRITTEN_UNIT_M,
+    )
+
+
+def _is_unpacked(path: Path) -> bool:
+    return (path / "metadata").is_file() and (path / "rgbd").is_dir()
+
+
+def _exr_folder(path: Path) -> Path:
+    return path / "EXR_RGBD" if (path / "EXR_RGBD").is_dir() else path
+
+
+def _is_exr(folder: Path) -> bool:
+    exr = next((folder / "depth").glob("*.exr"), None)
+    return exr is not None and (folder / "metadata.json").is_file() and (folder / "rgb").is_dir()
+
+
+def _pose(where: str, row: Any) -> NDArray:
+    if not isinstance(row, list) or len(row) != 7 or not all(isinstance(x, int | float) for x in row):
+        raise InputError(f"{where}: expected seven numbers, found {shown(row)}")
+    return from_quaternion(where, row[4:], row[:4]) @ OPENCV_FROM_OPENGL
+
+
+def _lenses(where: str, metadata: dict[str, Any], frames: int, size: tuple[int, int]) -> list[Lens]:
+    """Read the camera of each frame, or the one for all (K, column by column); both for pictures of w x h pixels."""
+    width, height = int(metadata.get("w", size[0])), int(metadata.get("h", size[1]))
+    rows = metadata.get("perFrameIntrinsicCoeffs")
+    if not isinstance(rows, list) or not rows:
+        K = metadata.get("K")
+        if not isinstance(K, list) or len(K) != 9:
+            raise InputError(f"{where}: K: expected nine numbers, found {shown(K)}")
+        rows = [[K[0], K[4], K[6], K[7]]] * frames
+    expect_as_many(Path(where), "perFrameIntrinsicCoeffs, one a picture", frames, len(rows))
+    lenses = []
+    for i, row in enumerate(rows):
+        if not isinstance(row, list) or len(row) < 4 or not all(isinstance(x, int | float) for x in row):
+            raise InputError(f"{where}: perFrameIntrinsicCoeffs[{i}]: expected four numbers, found {shown(row)}")
+        lenses.append(Lens(pinhole(where, width, height, row[0], row[1], row[2], row[3])).scaled(*size))
+    return lenses
+
+
+def _depth_size(metadata: dict[str, Any], parts: _Parts) -> tuple[int, int]:
+    first = parts.raw_depth(0)
+    if first.ndim == 2:
+        return first.shape[1], first.shape[0]
+    if isinstance(metadata.get("dw"), int) and isinstance(metadata.get("dh"), int):
+        return metadata["dw"], metadata["dh"]
+    if first.size not in SENSORS:
+        known = " or ".join(map(str, SENSORS))
+        raise InputError(f"{parts.depth_where(0)}: expected {known} depths or dw and dh in the metadata, "
+                         f"found {first.size}")  # fmt: skip
+    return SENSORS[first.size]
+
+
+def _zip_parts(path: Path) -> _Parts:
+    try:
+        with zipfile.ZipFile(path) as archive:
+            names = archive.namelist()
+            metadata = json.loads(archive.read("metadata"))
+    except (zipfile.BadZipFile, KeyError, OSError, ValueError) as error:
+        raise InputError(f"{path}: expected a Record3D archive with metadata, found {error}") from error
+    stems = sorted((n[5:-4] for n in names if n.startswith("rgbd/") and n.endswith(".jpg")), key=int)
+
+    def read(name: str) -> bytes:
+        try:
+            with zipfile.ZipFile(path) as archive:  # opened anew: threads read at once
+                return archive.read(name)
+        except (zipfile.BadZipFile, KeyError, OSError) as error:
+            raise InputError(f"{path}: expected {name} in the archive, found {error}") from error
+
+    return _lzfse_parts(path, metadata, f"{path}: metadata", stems, read)
+
+
+def _folder_parts(path: Path) -> _Parts:
+    stems = [file.stem for file in numbered(path / "rgbd", "*.jpg")]
+
+    def read(name: str) -> bytes:
+        try:
+            return (path / name).read_bytes()
+        except OSError as error:
+            raise InputError(f"{path / name}: expected a file a frame, found {error.strerror}") from error
+
+    return _lzfse_parts(path, read_json(path / "metadata"), str(path / "metadata"), stems, read)
+
+
+def _lzfse_parts(path: Path, metadata: Any, where: str, stems: list[str], read: Callable[[str], bytes]) -> _Parts:
+    if not stems:
+        raise InputError(f"{path}: expected pictures rgbd/0.jpg and so on, found none")
+
+    def color(index: int) -> NDArray:
+        name = f"rgbd/{stems[index]}.jpg"
+        return cv2.cvtColor(decode_image(f"{path}: {name}", read(name), cv2.IMREAD_COLOR), cv2.COLOR_BGR2RGB)
+
+    def raw_depth(index: int) -> NDArray:
+        liblzfse = _library("liblzfse", path)
+
+        name = f"rgbd/{stems[index]}.depth"
+        try:
+            return np.frombuffer(liblzfse.decompress(read(name)), dtype=np.float32)
+        except (liblzfse.error, ValueError) as error:
+            raise InputError(f"{path}: {name}: expected LZFSE floats, found a damaged or truncated file") from error
+
+    return _Parts(metadata, where, stems, color, raw_depth, lambda i: f"{path}: rgbd/{stems[i]}.depth")
+
+
+def _exr_parts(folder: Path) -> _Parts:
+    depth_files = numbered(folder / "depth", "*.exr")
+    color_files = [f for f in numbered(folder / "rgb", "*.*") if f.suffix in (".jpg", ".png") and number_of(f) >= 0]
+    expect_as_many(folder / "rgb", "pictures, one a depth image", len(depth_files), len(color_files))
+    metadata = folder / "metadata.json"
+    return _Parts(
+        metadata=read_json(metadata),
+        metadata_path=str(metadata),
+        names=[file.stem for file in depth_files],
+        color=lambda i: read_color(color_files[i]),
+        raw_depth=lambda i: _read_exr(depth_files[i]),
+        depth_where=lambda i: str(depth_files[i]),
+    )
+
+
+def _read_exr(path: Path) -> NDArray:
+    """Read the only channel, or the first of several equal ones."""
+    OpenEXR = _library("OpenEXR", path)
+    try:
+        with OpenEXR.File(str(path), separate_channels=True) as file:
+            channels = file.channels()
+            name = next((n for n in ("Z", "R", "Y", "V") if n in channels), next(iter(channels)))
+            return np.array(channels[name].pixels, dtype=np.float32)
+    except (RuntimeError, OSError, StopIteration, ValueError) as error:
+        raise InputError(f"{path}: expected an EXR image, found a damaged or truncated file") from error
+
+
+def _library(name: str, path: Path) -> Any:
+    """Import what only Record3D's files need; raises InputError naming the extra to install."""
+    try:
+        return import_module(name)
+    except ImportError as error:
+        raise InputError(
+            f"{path}: expected the library {name} for Record3D's depth, found none; pip install 'simaps-viz[record3d]'"
+        ) from error

@@ -1,0 +1,75 @@
+"""Reads Replica rooms as rendered for NICE-SLAM: clean depth, a smooth camera path, no labels."""
+
+from pathlib import Path
+
+import numpy as np
+
+from simaps_viz.datasets.file_frames import FileFrames, depth_png, expect_as_many, json_number, numbered
+from simaps_viz.datasets.lens import Lens, pinhole
+from simaps_viz.datasets.manifest import read_json
+from simaps_viz.datasets.recording import FormatFacts, Recording
+from simaps_viz.datasets.rows import number_rows, rigid
+from simaps_viz.errors import InputError
+
+FACTS = FormatFacts(
+    title="Replica (NICE-SLAM)",
+    recognised_by="`results/depth*.png`, `results/frame*.jpg`, `traj.txt`",
+    depth="16-bit PNG",
+    depth_unit_m=1 / 6553.5,
+    invalid="0",
+    pose="camera to world: 16 numbers a line",
+    camera_axes="OpenCV",
+    up=(0.0, 0.0, 1.0),
+)
+
+CAMERA = (1200, 680, 600.0, 600.0, 599.5, 339.5)
+"""Width, height, fx, fy, cx, cy where ``cam_params.json`` is not there."""
+
+
+def recognise(path: Path) -> bool:
+    """Tell from names alone whether a folder is in this format."""
+    return (path / "traj.txt").is_file() and (path / "results").is_dir()
+
+
+def open_recording(path: Path) -> Recording:
+    """Open a recording; raises InputError for anything that is not as the format wants it."""
+    depth_files = numbered(path / "results", "depth*.png")
+    color_files = numbered(path / "results", "frame*.jpg") or numbered(path / "results", "frame*.png")
+    if not depth_files:
+        raise InputError(f"{path / 'results'}: expected depth*.png, found none")
+    rows = number_rows(path / "traj.txt", 16)
+    expect_as_many(path / "results", "colour images (frame*.jpg), one a depth image", len(depth_files),
+                   len(color_files))  # fmt: skip
+    expect_as_many(path / "traj.txt", "poses, one a depth image", len(depth_files), len(rows))
+    lens, unit_m = _camera(path)
+    files = FileFrames(color_files, depth_files, [lens], [lens], lens.intrinsics, depth_png(unit_m))
+    return Recording(
+        facts=FACTS,
+        path=path,
+        name=path.resolve().name,
+        frame_names=tuple(file.stem.removeprefix("depth") for file in depth_files),
+        poses=np.stack([rigid(where, row.reshape(4, 4)) for where, row in rows]),
+        intrinsics=lens.intrinsics,
+        depth=files.depth,
+        color=files.color,
+        color_file=files.color_file,
+        stored=files.stored,
+        depth_unit_m=unit_m,
+        simulated=True,
+    )
+
+
+def _camera(path: Path) -> tuple[Lens, float]:
+    """Read ``cam_params.json``, which lies beside the rooms, or take the one that all of them have."""
+    file = next((f for f in (path / "cam_params.json", path.parent / "cam_params.json") if f.is_file()), None)
+    if file is None:
+        return Lens(pinhole(str(path), *CAMERA)), FACTS.depth_unit_m
+    content = read_json(file)
+    values = content.get("camera") if isinstance(content, dict) else None
+    where = f"{file}: camera"
+    numbers = {key: json_number(where, values, key) for key in ("w", "h", "fx", "fy", "cx", "cy", "scale")}
+    scale = numbers.pop("scale")
+    if scale <= 0:
+        raise InputError(f"{where}: scale: expected steps a metre, more than 0, found {scale:g}")
+    width, height = int(numbers.pop("w")), int(numbers.pop("h"))
+    return Lens(pinhole(where, width, height, **numbers)), 1 / scale

@@ -1,0 +1,364 @@
+"""Reads rerun recordings (``.rrd``): a DepthImage, a picture and a Pinhole below entities that Transform3D moves.
+
+The file is read through once for times, poses and cameras. Pictures are read again when they are wanted, forwards, with
+a few chunks kept, so memory does not grow with the recording.
+"""
+
+import threading
+import warnings
+from collections import OrderedDict
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from simaps_viz.datasets.association import nearest
+from simaps_viz.datasets.file_frames import clean_depth
+from simaps_viz.datasets.images import decode_image
+from simaps_viz.datasets.lens import Lens, pinhole, see_through
+from simaps_viz.datasets.recording import FormatFacts, Recording
+from simaps_viz.datasets.rows import from_quaternion, rigid
+from simaps_viz.errors import InputError
+
+FACTS = FormatFacts(
+    title="rerun",
+    recognised_by="`*.rrd`",
+    depth="DepthImage: 16-bit or 32-bit float",
+    depth_unit_m=0.001,
+    invalid="0, NaN",
+    pose="Transform3D of the picture's entity and those above it",
+    camera_axes="OpenCV",
+    up=None,
+)
+
+CHUNKS_KEPT = 6
+UP = 1
+"""In ViewCoordinates; 2 is down."""
+RDF = [3, 2, 5]
+"""Right, down, forward: the only camera axes that are read."""
+_U8, _U16, _F32 = 6, 8, 34
+"""Of ChannelDatatype."""
+_TIMELINES_LAST = ("log_time", "log_tick")
+
+
+def recognise(path: Path) -> bool:
+    """Tell from names alone whether a file is in this format."""
+    return path.suffix == ".rrd" and path.is_file()
+
+
+def open_recording(path: Path) -> Recording:
+    """Open a recording.
+
+    Raises:
+        InputError: It is damaged, or lacks depth, pictures, a camera or poses that belong together.
+    """
+    _check_finished(path)
+    found = _Contents(path)
+    depth = _the_one(path, "DepthImage with times below a Pinhole", found.pictures,
+                     lambda p: p.kind == "DepthImage" and found.has_pinhole(p.entity))  # fmt: skip
+    color = _the_one(path, "colour Image or EncodedImage below a Pinhole", found.pictures,
+                     lambda p: p.kind != "DepthImage" and found.has_pinhole(p.entity), near=depth.entity)  # fmt: skip
+    timeline = _timeline(path, depth, color)
+    times, color_times = depth.times[timeline], color.times[timeline]
+    depth_order, color_order = (np.argsort(t, kind="stable") for t in (times, color_times))
+    partner = color_order[nearest(color_times[color_order], times[depth_order])]
+    apart = np.abs(color_times[partner] - times[depth_order])
+    close = apart <= (np.median(np.diff(times[depth_order])) / 2 if len(times) > 1 else 0)
+    poses, known = found.poses(depth.entity, timeline, times[depth_order])
+    kept = np.flatnonzero(close & known)
+    if not len(kept):
+        raise InputError(f"{path}: expected depth, picture and pose of one time on {timeline!r}, found none together")
+    depth_lens, color_lens = found.lens(depth.entity), found.lens(color.entity)
+    target = depth_lens.intrinsics
+    depth_rows, color_rows = depth_order[kept], partner[kept]
+
+    def read_depth(i: int) -> NDArray:
+        return see_through(_depth_m(path, depth.read(int(depth_rows[i]))), depth_lens, target, exact=True)
+
+    def read_color(i: int) -> NDArray:
+        rgb = _rgb(path, color.read(int(color_rows[i])))
+        return see_through(rgb, color_lens.scaled(rgb.shape[1], rgb.shape[0]), target, exact=False)
+
+    left = len(times) - len(kept)
+    return Recording(
+        facts=replace(FACTS, up=found.up),
+        path=path,
+        name=path.resolve().stem,
+        frame_names=tuple(str(int(t)) for t in times[depth_order][kept]),
+        poses=poses[kept],
+        intrinsics=target,
+        depth=read_depth,
+        color=read_color,
+        depth_unit_m=1 / depth.meter if depth.meter and depth.meter >= 100 else None,
+        notes=(f"{left} of {len(times)} depth images have no picture or pose of their time: left out",) if left else (),
+    )
+
+
+def _check_finished(path: Path) -> None:
+    """Raise InputError unless the file is a recording that has its end: rerun itself only warns."""
+    import rerun.chunk as rc  # noqa: PLC0415 - rerun is slow to import
+
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("error")
+            rc.RrdReader(path)
+    except (ValueError, RuntimeError, OSError) as error:
+        raise InputError(f"{path}: expected a rerun recording, found {' '.join(str(error).split())[:200]}") from error
+    except Warning as warning:
+        raise InputError(
+            f"{path}: expected a finished rerun recording, found one without its end: cut short, or of an older rerun "
+            "(try rerun rrd migrate)"
+        ) from warning
+
+
+def _chunks(path: Path, entity: str | None = None) -> Iterator[Any]:
+    """Give the chunks of a recording, or of one entity of it, in order."""
+    import rerun.chunk as rc  # noqa: PLC0415 - rerun is slow to import
+
+    try:
+        stream = rc.RrdReader(path).stream()
+        yield from stream.filter(content=entity) if entity else stream
+    except (ValueError, RuntimeError, OSError) as error:
+        raise InputError(f"{path}: expected a rerun recording, found {' '.join(str(error).split())[:200]}") from error
+
+
+@dataclass(eq=False)
+class _Pictures:
+    """The pictures of an entity; rows are counted over all of its chunks."""
+
+    path: Path
+    entity: str
+    kind: str
+    times: dict[str, NDArray] = field(default_factory=dict)
+    """Timeline to int64 [n]."""
+    chunks: list[str] = field(default_factory=list)
+    """Ids of its chunks."""
+    starts: list[int] = field(default_factory=list)
+    """Row at which each of them starts."""
+    meter: float | None = None
+    _kept: OrderedDict[str, Any] = field(default_factory=OrderedDict)
+    _lock: Any = field(default_factory=threading.Lock)
+    _cursor: Iterator[tuple[str, Any]] = field(default_factory=lambda: iter(()))
+
+    def read(self, row: int) -> dict[str, Any]:
+        """Give the values of a row by component."""
+        number = int(np.searchsorted(self.starts, row, side="right")) - 1
+        with self._lock:
+            wanted = self.chunks[number]
+            if wanted not in self._kept and not self._advance_to(wanted):
+                self._cursor = _batches(self.path, self.entity, self.kind)
+                if not self._advance_to(wanted):
+                    raise InputError(f"{self.path}: {self.entity}: expected it as it was opened, found it changed")
+            batch = self._kept[wanted]
+        at = row - self.starts[number]
+        names = [name for name in batch.schema.names if name.startswith(f"{self.kind}:")]
+        values = {name.partition(":")[2]: batch.column(name)[at].values for name in names}
+        return values | ({"meter": [self.meter]} if self.meter is not None and not values.get("meter") else {})
+
+    def _advance_to(self, wanted: str) -> bool:
+        for found, batch in self._cursor:
+            self._kept[found] = batch
+            while len(self._kept) > CHUNKS_KEPT:
+                self._kept.popitem(last=False)
+            if found == wanted:
+                return True
+        return False
+
+
+def _batches(path: Path, entity: str, kind: str) -> Iterator[tuple[str, Any]]:
+    """Give chunk ids and the tables that hold pictures of that kind."""
+    column = f"{kind}:blob" if kind == "EncodedImage" else f"{kind}:buffer"
+    for chunk in _chunks(path, entity):
+        if not chunk.is_static and chunk.entity_path == entity:
+            batch = chunk.to_record_batch()
+            if column in batch.schema.names:
+                yield str(chunk.id), batch.filter(batch.column(column).is_valid())
+
+
+class _Contents:
+    """What one reading of a recording finds: cameras, transforms, up and where pictures are."""
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        self.up: tuple[float, float, float] | None = None
+        self.pictures: dict[tuple[str, str], _Pictures] = {}
+        self._pinholes: dict[str, dict[str, Any]] = {}
+        self._static: dict[str, dict[str, Any]] = {}
+        self._moving: dict[str, dict[str, tuple[list[int], list[dict[str, Any]]]]] = {}
+        for chunk in _chunks(path):
+            batch = chunk.to_record_batch()
+            kinds = {name.partition(":")[0] for name in batch.schema.names if ":" in name}
+            for kind in kinds & {"DepthImage", "Image", "EncodedImage"}:
+                self._add_pictures(chunk, batch, kind)
+            if "Pinhole" in kinds:
+                self._pinholes.setdefault(chunk.entity_path, _row(batch, "Pinhole", 0))
+            if "ViewCoordinates" in kinds and chunk.is_static:
+                self._add_up(_row(batch, "ViewCoordinates", 0))
+            if "Transform3D" in kinds:
+                self._add_transforms(chunk, batch)
+
+    def _add_pictures(self, chunk: Any, batch: Any, kind: str) -> None:
+        column = f"{kind}:blob" if kind == "EncodedImage" else f"{kind}:buffer"
+        if kind == "DepthImage" and f"{kind}:meter" in batch.schema.names:
+            values = [v for v in batch.column(f"{kind}:meter").to_pylist() if v]
+            if values:
+                self._pictures(chunk.entity_path, kind).meter = float(values[0][0])
+        if chunk.is_static or column not in batch.schema.names:
+            return
+        pictures, batch = self._pictures(chunk.entity_path, kind), batch.filter(batch.column(column).is_valid())
+        pictures.chunks.append(str(chunk.id))
+        pictures.starts.append(sum(len(t) for t in list(pictures.times.values())[:1]))
+        for name in chunk.timeline_names:
+            times = batch.column(name).cast("int64").to_numpy()
+            pictures.times[name] = np.concatenate([pictures.times.get(name, np.zeros(0, np.int64)), times])
+
+    def _pictures(self, entity: str, kind: str) -> _Pictures:
+        return self.pictures.setdefault((entity, kind), _Pictures(self.path, entity, kind))
+
+    def _add_up(self, values: dict[str, Any]) -> None:
+        directions = [int(d) for d in np.ravel(values["xyz"][0])]
+        for axis, direction in enumerate(directions):
+            if self.up is None and direction in (UP, UP + 1):
+                sign = 1.0 if direction == UP else -1.0
+                up = [0.0, 0.0, 0.0]
+                up[axis] = sign
+                self.up = (up[0], up[1], up[2])
+
+    def _add_transforms(self, chunk: Any, batch: Any) -> None:
+        rows = [_row(batch, "Transform3D", i) for i in range(batch.num_rows)]
+        if chunk.is_static:
+            self._static[chunk.entity_path] = rows[-1]
+            return
+        for name in chunk.timeline_names:
+            times, known = self._moving.setdefault(chunk.entity_path, {}).setdefault(name, ([], []))
+            times.extend(batch.column(name).cast("int64").to_pylist())
+            known.extend(rows)
+
+    def has_pinhole(self, entity: str) -> bool:
+        """Tell whether an entity, or one above it, has a Pinhole."""
+        return any(name in self._pinholes for name in _upwards(entity))
+
+    def lens(self, entity: str) -> Lens:
+        """Give the camera of an entity: its own Pinhole, or the nearest one above it."""
+        for name in _upwards(entity):
+            if name in self._pinholes:
+                values = self._pinholes[name]
+                where = f"{self.path}: {name}: Pinhole"
+                axes = [int(x) for x in np.ravel(values["camera_xyz"][0])] if values.get("camera_xyz") else RDF
+                if axes != RDF:
+                    raise InputError(f"{where}: expected camera axes right, down, forward (RDF), found {axes}")
+                if not values.get("resolution"):
+                    raise InputError(f"{where}: expected a resolution, found none")
+                K = np.array(values["image_from_camera"][0], dtype=np.float64).reshape(3, 3).T
+                width, height = (int(x) for x in values["resolution"][0])
+                return Lens(pinhole(where, width, height, K[0, 0], K[1, 1], K[0, 2], K[1, 2]))
+        raise InputError(f"{self.path}: {entity}: expected a Pinhole there or above, found none")
+
+    def poses(self, entity: str, timeline: str, times: NDArray) -> tuple[NDArray, NDArray]:
+        """Give T_world_camera [n, 4, 4], of the latest transforms as rerun shows it, and where they are known."""
+        T, known = np.repeat(np.eye(4)[None], len(times), axis=0), np.ones(len(times), dtype=bool)
+        moves = False
+        for name in _upwards(entity):
+            if timeline in self._moving.get(name, {}):
+                own, found = self._moving[name][timeline]
+                poses = np.stack([_transform(f"{self.path}: {name}", values) for values in found])
+                order = np.argsort(own, kind="stable")
+                latest = np.searchsorted(np.array(own)[order], times, side="right") - 1
+                T = poses[order[np.maximum(latest, 0)]] @ T
+                known, moves = known & (latest >= 0), True
+            elif name in self._static:
+                T = _transform(f"{self.path}: {name}", self._static[name]) @ T
+        if not moves:
+            raise InputError(
+                f"{self.path}: {entity}: expected a Transform3D over {timeline!r} there or above, found none"
+            )
+        return T, known
+
+
+def _row(batch: Any, kind: str, at: int) -> dict[str, Any]:
+    """Give the values of an archetype's components in a row."""
+    names = [name for name in batch.schema.names if name.startswith(f"{kind}:")]
+    return {name.partition(":")[2]: batch.column(name)[at].as_py() for name in names}
+
+
+def _transform(where: str, values: dict[str, Any]) -> NDArray:
+    """Give T_parent_entity [4, 4] of one Transform3D; scales other than 1 are refused by ``rigid``."""
+    T = np.eye(4)
+    if values.get("quaternion"):
+        T = from_quaternion(where, (0, 0, 0), values["quaternion"][0])
+    if values.get("mat3x3"):
+        T[:3, :3] = np.array(values["mat3x3"][0], dtype=np.float64).reshape(3, 3).T
+    if values.get("rotation_axis_angle"):
+        spin = values["rotation_axis_angle"][0]
+        axis = np.array(spin["axis"], dtype=np.float64)
+        T[:3, :3] = cv2.Rodrigues(axis / max(float(np.linalg.norm(axis)), 1e-12) * spin["angle"])[0]
+    if values.get("scale"):
+        T[:3, :3] *= np.array(values["scale"][0], dtype=np.float64)
+    if values.get("translation"):
+        T[:3, 3] = values["translation"][0]
+    T = rigid(where, T)
+    return np.linalg.inv(T) if values.get("relation") and values["relation"][0] == 2 else T
+
+
+def _upwards(entity: str) -> list[str]:
+    parts = entity.strip("/").split("/")
+    return ["/" + "/".join(parts[:n]) for n in range(len(parts), -1, -1)]
+
+
+def _the_one(
+    path: Path, what: str, pictures: dict[Any, _Pictures], wanted: Callable[[_Pictures], bool], near: str = ""
+) -> _Pictures:
+    """Choose among the entities the one that shares the most of its path with another, then the first by name."""
+    found = [p for p in pictures.values() if wanted(p) and p.starts]
+    if not found:
+        others = ", ".join(sorted({entity for entity, _ in pictures}))
+        raise InputError(f"{path}: expected a {what}, found {others or 'no picture'}")
+
+    def order(p: _Pictures) -> tuple[int, str]:
+        return -len(set(_upwards(p.entity)) & set(_upwards(near))), p.entity
+
+    return min(found, key=order)
+
+
+def _timeline(path: Path, depth: _Pictures, color: _Pictures) -> str:
+    shared = [name for name in depth.times if name in color.times]
+    if not shared:
+        raise InputError(f"{path}: expected a timeline of {depth.entity} and {color.entity}, found none they share")
+    return min(shared, key=lambda name: (name in _TIMELINES_LAST, name))
+
+
+def _format(values: dict[str, Any]) -> dict[str, Any]:
+    return values["format"][0].as_py() if hasattr(values["format"][0], "as_py") else values["format"][0]
+
+
+def _bytes(value: Any) -> NDArray:
+    return np.asarray(value[0].values.to_numpy(), dtype=np.uint8)
+
+
+def _depth_m(path: Path, values: dict[str, Any]) -> NDArray:
+    kind = _format(values)
+    dtype = {_U8: "<u1", _U16: "<u2", _F32: "<f4"}.get(int(kind["channel_datatype"] or 0))
+    if dtype is None:
+        raise InputError(f"{path}: expected depth of 16 bits or 32-bit floats, found type {kind['channel_datatype']}")
+    pixels = _bytes(values["buffer"]).view(dtype).reshape(kind["height"], kind["width"])
+    meter = values.get("meter")
+    first = meter[0] if meter is not None and len(meter) else None
+    unit = float(first.as_py() if hasattr(first, "as_py") else first) if first is not None else (
+        1.0 if dtype == "<f4" else 1000.0)  # fmt: skip
+    return clean_depth(pixels * np.float32(1.0 / unit))
+
+
+def _rgb(path: Path, values: dict[str, Any]) -> NDArray:
+    if "blob" in values:
+        bgr = decode_image(f"{path}: EncodedImage", _bytes(values["blob"]).tobytes(), cv2.IMREAD_COLOR)
+        return cv2.cvtColor(bgr, cv2.COLOR_BGR2RGB)
+    kind, data = _format(values), _bytes(values["buffer"])
+    channels = data.size // (kind["width"] * kind["height"])
+    if kind["pixel_format"] or channels not in (3, 4) or int(kind["channel_datatype"] or _U8) != _U8:
+        raise InputError(f"{path}: expected pictures of 8-bit RGB or RGBA, found another pixel format")
+    rgb = data.reshape(kind["height"], kind["width"], channels)[..., :3]
+    return np.ascontiguousarray(rgb[..., ::-1] if kind["color_model"] in (4, 5) else rgb)

@@ -1,0 +1,114 @@
+"""Decodes ROS messages: images, cameras and poses, as rosbags gives them (ROS 1 and 2 alike)."""
+
+import struct
+from typing import Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from simaps_viz.datasets.file_frames import clean_depth
+from simaps_viz.datasets.images import decode_image
+from simaps_viz.datasets.lens import Lens, pinhole
+from simaps_viz.datasets.rows import from_quaternion
+from simaps_viz.errors import InputError
+
+IMAGE, COMPRESSED = "sensor_msgs/msg/Image", "sensor_msgs/msg/CompressedImage"
+MILLIMETRES, METRES = ("16UC1", "mono16"), ("32FC1",)
+"""Encodings of depth images (REP 118)."""
+DEPTH_UNIT_M = 0.001
+_COLORS = {"rgb8": 3, "bgr8": 3, "rgba8": 4, "bgra8": 4, "8UC3": 3, "mono8": 1}
+"""{encoding: channels}; 8UC3 is taken as BGR."""
+_COMPRESSED_DEPTH_HEADER = 12
+"""Bytes before the PNG of a compressed depth image."""
+
+
+def is_depth(message: Any) -> bool:
+    """Tell whether an image message holds depth."""
+    if message.__msgtype__ == IMAGE:
+        return message.encoding in MILLIMETRES + METRES
+    return "compressedDepth" in message.format
+
+
+def depth_m(where: str, message: Any) -> NDArray:
+    """Decode a depth image: float32 [H, W], metres, 0 = invalid.
+
+    Raises:
+        InputError: Its encoding is not supported, or it is cut short.
+    """
+    if message.__msgtype__ == IMAGE:
+        kind = "u2" if message.encoding in MILLIMETRES else "f4"
+        pixels = _pixels(where, message, np.dtype(kind), 1)[..., 0]
+        return clean_depth(pixels * np.float32(DEPTH_UNIT_M) if kind == "u2" else pixels)
+    encoding = message.format.partition(";")[0].strip()
+    if encoding not in MILLIMETRES:
+        raise InputError(f"{where}: expected compressed depth of 16 bits, found {message.format!r}")
+    png = bytes(message.data)[_COMPRESSED_DEPTH_HEADER:]
+    return decode_image(where, png, cv2.IMREAD_UNCHANGED).astype(np.float32) * np.float32(DEPTH_UNIT_M)
+
+
+def color(where: str, message: Any) -> NDArray:
+    """Decode a colour image: uint8 [H, W, 3], RGB; raises InputError like ``depth_m``."""
+    if message.__msgtype__ == COMPRESSED:
+        bgr = decode_image(where, bytes(message.data), cv2.IMREAD_COLOR)
+        return cv2.cvtColor(bgr, cv2.COLOR_BGR2RGB)
+    if message.encoding not in _COLORS:
+        raise InputError(f"{where}: expected colour as {', '.join(_COLORS)}, found {message.encoding!r}")
+    pixels = _pixels(where, message, np.dtype("u1"), _COLORS[message.encoding])
+    if pixels.shape[2] == 1:
+        return np.repeat(pixels, 3, axis=2)
+    rgb = pixels[..., :3] if message.encoding.startswith("rgb") else pixels[..., 2::-1]
+    return np.ascontiguousarray(rgb)
+
+
+def lens(where: str, message: Any, *, rectified: bool) -> Lens:
+    """Give the camera of a CameraInfo message: of rectified images P says it, of raw ones K and D.
+
+    Raises:
+        InputError: It is no pinhole, or its distortion is not Brown-Conrady ("plumb_bob").
+    """
+    K, P, D = (np.ravel(getattr(message, n, getattr(message, n.lower(), []))) for n in ("K", "P", "D"))
+    fx, fy, cx, cy = (P[0], P[5], P[2], P[6]) if rectified and len(P) == 12 and P[0] > 0 else (K[0], K[4], K[2], K[5])
+    bent = not rectified and bool(np.any(D))
+    if bent and (message.distortion_model not in ("plumb_bob", "") or len(D) not in (4, 5)):
+        raise InputError(f"{where}: expected distortion model plumb_bob, found {message.distortion_model!r}")
+    camera = pinhole(where, message.width, message.height, float(fx), float(fy), float(cx), float(cy))
+    return Lens(camera, tuple(float(x) for x in D) if bent else ())
+
+
+def pose(where: str, message: Any) -> NDArray:
+    """Give the pose [4, 4] of a Pose or Transform message."""
+    t = message.position if hasattr(message, "position") else message.translation
+    q = message.orientation if hasattr(message, "orientation") else message.rotation
+    return from_quaternion(where, (t.x, t.y, t.z), (q.x, q.y, q.z, q.w))
+
+
+def stamp_s(header: Any) -> float:
+    """Give the time of a header, seconds."""
+    return stamp_ns(header) / 1e9
+
+
+def stamp_ns(header: Any) -> int:
+    """Give the time of a header, nanoseconds."""
+    return header.stamp.sec * 1_000_000_000 + header.stamp.nanosec
+
+
+def raw_stamp_ns(data: bytes, *, ros2: bool) -> int:
+    """Read the time of a message that starts with a header, without decoding its picture, nanoseconds."""
+    if ros2:  # four bytes say how numbers are written, then come seconds and nanoseconds
+        sec, nanosec = struct.unpack_from("<iI" if data[1] & 1 else ">iI", data, 4)
+    else:  # a counter comes first
+        sec, nanosec = struct.unpack_from("<II", data, 4)
+    return sec * 1_000_000_000 + nanosec
+
+
+def _pixels(where: str, message: Any, dtype: np.dtype, channels: int) -> NDArray:
+    """Give [H, W, channels]; rows may be padded."""
+    dtype = dtype.newbyteorder(">" if message.is_bigendian else "<")
+    width = message.width * channels * dtype.itemsize
+    data = np.frombuffer(bytes(message.data), np.uint8)
+    if message.step < width or data.size < message.step * message.height:
+        expected = f"{message.width}x{message.height} {message.encoding}"
+        raise InputError(f"{where}: expected {expected}, found {data.size} bytes in rows of {message.step}")
+    rows = data[: message.step * message.height].reshape(message.height, message.step)[:, :width]
+    return np.ascontiguousarray(rows).view(dtype).reshape(message.height, message.width, channels)

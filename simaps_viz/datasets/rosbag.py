@@ -1,0 +1,282 @@
+"""Reads recordings of robots: ROS 1 bags, ROS 2 bags (SQLite or MCAP) and ROS 2 MCAP files.
+
+Topics are chosen by what they hold: the depth images registered to colour if there are such, the colour images of the
+same camera, their CameraInfo, and poses from tf, or else from an Odometry or PoseStamped topic.
+"""
+
+import threading
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from simaps_viz.datasets import ros_messages as ros
+from simaps_viz.datasets.association import associate
+from simaps_viz.datasets.file_frames import check_size
+from simaps_viz.datasets.lens import Lens, see_through
+from simaps_viz.datasets.recording import FormatFacts, Recording
+from simaps_viz.datasets.ros_poses import Link, Transforms
+from simaps_viz.errors import InputError
+
+FACTS = FormatFacts(
+    title="ROS bag",
+    recognised_by="`*.bag` (ROS 1), a folder with `metadata.yaml` (ROS 2), `*.db3`, `*.mcap` (ROS 2 profile)",
+    depth="Image 16UC1 or 32FC1, CompressedImage 16UC1",
+    depth_unit_m=ros.DEPTH_UNIT_M,
+    invalid="0, NaN, infinity",
+    pose="tf to the camera's optical frame; or Odometry, PoseStamped",
+    camera_axes="OpenCV",
+    up=(0.0, 0.0, 1.0),
+)
+
+COLOR_TOLERANCE_S = 0.02
+POSE_TYPES = (
+    "nav_msgs/msg/Odometry",
+    "geometry_msgs/msg/PoseStamped",
+    "geometry_msgs/msg/PoseWithCovarianceStamped",
+)
+
+
+def recognise(path: Path) -> bool:
+    """Tell from names alone whether a folder or file is in this format."""
+    if path.is_dir():
+        return (path / "metadata.yaml").is_file()
+    return path.suffix in (".bag", ".mcap", ".db3") and path.is_file()
+
+
+def open_recording(path: Path) -> Recording:
+    """Open a recording: it is read through once for the times of its pictures and for all poses.
+
+    Raises:
+        InputError: It is damaged, or lacks depth, colour, a camera or poses that belong together.
+    """
+    bag = _Bag(path)
+    topics = _choose_topics(bag)
+    index = bag.index((topics.depth, topics.color))
+    depth_times, color_times = (np.array([e.stamp_ns for e in index[t]]) for t in (topics.depth, topics.color))
+    if not len(depth_times) or not len(color_times):
+        raise InputError(f"{path}: expected pictures on {topics.depth} and {topics.color}, found none on one of them")
+    start = int(depth_times[0])
+    seconds = [(times - start) / 1e9 for times in (depth_times, color_times)]
+    pairs = associate(*seconds, tolerance_s=COLOR_TOLERANCE_S)
+    poses, known = _camera_poses(bag, topics, depth_times[pairs[:, 0]])
+    if not known.any():
+        raise InputError(
+            f"{path}: expected depth, colour and pose of about the same time, found none among {len(depth_times)} "
+            f"depth images ({topics.depth}) and {len(color_times)} colour images ({topics.color})"
+        )
+    pairs, poses = pairs[known], poses[known]
+    target = topics.depth_lens.intrinsics
+
+    def depth(i: int) -> NDArray:
+        entry = index[topics.depth][pairs[i, 0]]
+        image = ros.depth_m(f"{path}: {topics.depth}", bag.read(topics.depth, entry))
+        check_size(f"{path}: {topics.depth}", image, target)
+        return see_through(image, topics.depth_lens, target, exact=True)
+
+    def color(i: int) -> NDArray:
+        entry = index[topics.color][pairs[i, 1]]
+        image = ros.color(f"{path}: {topics.color}", bag.read(topics.color, entry))
+        return see_through(image, topics.color_lens.scaled(image.shape[1], image.shape[0]), target, exact=False)
+
+    left = len(depth_times) - len(pairs)
+    return Recording(
+        facts=FACTS,
+        path=path,
+        name=path.resolve().stem,
+        frame_names=tuple(f"{depth_times[i] // 10**9}.{depth_times[i] % 10**9:09d}" for i in pairs[:, 0]),
+        poses=poses,
+        intrinsics=target,
+        depth=depth,
+        color=color,
+        notes=(f"{left} of {len(depth_times)} depth images have no colour or pose of their time: left out",)
+        if left
+        else (),
+    )
+
+
+@dataclass(frozen=True)
+class _Entry:
+    """Where a message lies."""
+
+    logged_ns: int
+    stamp_ns: int
+
+
+class _Bag:
+    """An open bag; reading is one thread at a time, decoding is not."""
+
+    def __init__(self, path: Path) -> None:
+        from rosbags.highlevel import AnyReader, AnyReaderError  # noqa: PLC0415 - only robots' recordings need it
+
+        self.path, self._lock = path, threading.Lock()
+        self._errors = (AnyReaderError, OSError, AssertionError, KeyError, ValueError, IndexError)
+        self._reader = None
+        try:
+            self._reader = AnyReader([path])
+            self._reader.open()
+        except Exception as error:
+            self._reader = None
+            raise InputError(f"{path}: expected a ROS bag, found {_one_line(error)}") from error
+        self.topics = self._reader.topics
+
+    def __del__(self) -> None:
+        reader = getattr(self, "_reader", None)
+        if reader is not None:
+            reader.close()
+
+    def of_type(self, *types: str) -> list[str]:
+        """Give the topics of these types that have messages, sorted."""
+        return sorted(name for name, topic in self.topics.items() if topic.msgtype in types and topic.msgcount)
+
+    def messages(self, topics: list[str]) -> Any:
+        """Give (topic, time logged, bytes, type) of every message on these topics, in order."""
+        assert self._reader is not None
+        connections = [c for topic in topics for c in self.topics[topic].connections]
+        try:
+            for connection, logged_ns, data in self._reader.messages(connections) if connections else ():
+                yield connection.topic, logged_ns, data, connection.msgtype
+        except self._errors as error:
+            raise InputError(f"{self.path}: expected a whole bag, found {_one_line(error)}") from error
+
+    def decoded(self, topics: list[str]) -> Any:
+        """Give (topic, message) of every message on these topics."""
+        for topic, _, data, msgtype in self.messages(topics):
+            yield topic, self.decode(data, msgtype)
+
+    def first(self, topic: str) -> Any:
+        """Decode the first message of a topic."""
+        return next(self.decoded([topic]))[1]
+
+    def decode(self, data: bytes, msgtype: str) -> Any:
+        """Decode a message."""
+        assert self._reader is not None
+        try:
+            return self._reader.deserialize(data, msgtype)
+        except self._errors as error:
+            raise InputError(f"{self.path}: expected a whole {msgtype}, found {_one_line(error)}") from error
+
+    def index(self, topics: tuple[str, ...]) -> dict[str, list[_Entry]]:
+        """Give where the messages of topics lie, by the time in their headers."""
+        assert self._reader is not None
+        found: dict[str, list[_Entry]] = {topic: [] for topic in topics}
+        for topic, logged_ns, data, _ in self.messages(list(topics)):
+            found[topic].append(_Entry(logged_ns, ros.raw_stamp_ns(data, ros2=self._reader.is2)))
+        return {topic: sorted(entries, key=lambda e: e.stamp_ns) for topic, entries in found.items()}
+
+    def read(self, topic: str, entry: _Entry) -> Any:
+        """Read and decode one message."""
+        assert self._reader is not None
+        connections = self.topics[topic].connections
+        with self._lock:
+            try:
+                near = self._reader.messages(connections, start=entry.logged_ns, stop=entry.logged_ns + 1)
+                found = [(data, c.msgtype) for c, _, data in near]
+            except self._errors as error:
+                raise InputError(f"{self.path}: expected a whole bag, found {_one_line(error)}") from error
+        for data, msgtype in found:
+            if ros.raw_stamp_ns(data, ros2=self._reader.is2) == entry.stamp_ns:
+                return self.decode(data, msgtype)
+        raise InputError(f"{self.path}: {topic}: expected the message of {entry.stamp_ns} ns, found it no more")
+
+
+@dataclass(frozen=True, eq=False)
+class _Topics:
+    depth: str
+    color: str
+    depth_lens: Lens
+    color_lens: Lens
+    frame: str
+    """Of the depth images."""
+
+
+def _choose_topics(bag: _Bag) -> _Topics:
+    images = {topic: bag.first(topic) for topic in bag.of_type(ros.IMAGE, ros.COMPRESSED)}
+    depths = [topic for topic, message in images.items() if ros.is_depth(message)]
+    colors = [topic for topic in images if topic not in depths and not _has(topic, "infra", "confidence", "depth")]
+    if not depths or not colors:
+        what = "depth images (16UC1 or 32FC1)" if not depths else "colour images"
+        raise InputError(f"{bag.path}: expected a topic with {what}, found {', '.join(images) or 'no images'}")
+    depth = min(
+        depths, key=lambda t: (not _has(t, "aligned", "registered"), bag.topics[t].msgtype == ros.COMPRESSED, t)
+    )
+    color = min(colors, key=lambda t: (not _has(t, "color", "rgb"), -len(_shared(t, depth)), "raw" in t, t))
+    depth_lens = _lens(bag, depth)
+    color_lens = _lens(bag, color, otherwise=depth_lens)
+    return _Topics(depth, color, depth_lens, color_lens, images[depth].header.frame_id)
+
+
+def _lens(bag: _Bag, topic: str, otherwise: Lens | None = None) -> Lens:
+    """Read the CameraInfo that shares the most of the topic's name, and at least its first part."""
+    infos = [info for info in bag.of_type("sensor_msgs/msg/CameraInfo") if _shared(info, topic)]
+    if not infos and otherwise is not None:
+        return otherwise
+    if not infos:
+        raise InputError(f"{bag.path}: expected a CameraInfo topic beside {topic}, found none")
+    info = max(infos, key=lambda name: (len(_shared(name, topic)), -len(name)))
+    return ros.lens(f"{bag.path}: {info}", bag.first(info), rectified=_has(topic, "rect", "aligned", "registered"))
+
+
+def _camera_poses(bag: _Bag, topics: _Topics, times_ns: NDArray) -> tuple[NDArray, NDArray]:
+    """Give T_world_camera [n, 4, 4] at those times, and where it is known."""
+    start = int(times_ns[0]) if len(times_ns) else 0
+    times_s = (times_ns - start) / 1e9
+    transforms = Transforms()
+    for topic, message in bag.decoded([t for t in ("/tf", "/tf_static") if t in bag.topics]):
+        for entry in message.transforms:
+            where = f"{bag.path}: {topic}: {entry.child_frame_id}"
+            transforms.add(
+                entry.header.frame_id, entry.child_frame_id, (ros.stamp_ns(entry.header) - start) / 1e9,
+                ros.pose(where, entry.transform), fixed=topic == "/tf_static",
+            )  # fmt: skip
+    if transforms.moves(topics.frame):
+        return transforms.poses(topics.frame, times_s)
+    candidates = bag.of_type(*POSE_TYPES)
+    if not candidates:
+        raise InputError(
+            f"{bag.path}: expected transforms (/tf) that move {topics.frame!r}, or poses, found neither among "
+            f"{len(bag.topics)} topics"
+        )
+    topic = min(candidates, key=lambda t: (not _has(t, "camera", "slam", "ground"), t))
+    return _from_poses(bag, topic, topics.frame, transforms, start, times_s)
+
+
+def _from_poses(
+    bag: _Bag, topic: str, frame: str, transforms: Transforms, start: int, times_s: NDArray
+) -> tuple[NDArray, NDArray]:
+    """Take poses of the robot's base (Odometry) through fixed links to the camera, or of the camera itself."""
+    moving, child = Link("world", fixed=False), frame
+    for _, message in bag.decoded([topic]):
+        inner = getattr(message.pose, "pose", message.pose)
+        moving.times_s.append((ros.stamp_ns(message.header) - start) / 1e9)
+        moving.poses.append(ros.pose(f"{bag.path}: {topic}", inner))
+        child = getattr(message, "child_frame_id", "") or frame
+    T, known = moving.at(times_s)
+    chain, child = transforms.chain(frame), child.lstrip("/")
+    if child in chain:
+        T_child_camera, fixed = transforms.compose(chain[: chain.index(child)], times_s)
+        return T @ T_child_camera, known & fixed
+    raise InputError(
+        f"{bag.path}: {topic}: expected transforms from {child!r} to the camera {frame!r}, found {', '.join(chain)}"
+    )
+
+
+def _has(topic: str, *parts: str) -> bool:
+    return any(part in topic.lower() for part in parts)
+
+
+def _shared(a: str, b: str) -> list[str]:
+    """Give the leading parts that two topics' names share."""
+    parts = []
+    for one, other in zip(a.strip("/").split("/"), b.strip("/").split("/"), strict=False):
+        if one != other:
+            break
+        parts.append(one)
+    return parts
+
+
+def _one_line(error: BaseException) -> str:
+    text = " ".join(str(error).split()) or type(error).__name__
+    return text if len(text) < 200 else text[:197] + "..."

@@ -1,0 +1,123 @@
+"""Reads TUM RGB-D recordings (https://cvg.cit.tum.de/data/datasets/rgbd-dataset): Kinect and motion capture.
+
+Colour and depth come at their own times and poses at a hundred a second: each depth image takes the nearest colour
+image and the pose interpolated to its own time. Depth is registered to colour already, lens distortion included, so
+both are undistorted alike.
+"""
+
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from simaps_viz.datasets.association import associate, interpolate_poses
+from simaps_viz.datasets.calibration import read_intrinsics
+from simaps_viz.datasets.file_frames import FileFrames, depth_png, image_size
+from simaps_viz.datasets.lens import Lens, pinhole
+from simaps_viz.datasets.recording import FormatFacts, Recording
+from simaps_viz.datasets.rows import from_quaternion, number_rows, numbers, words
+from simaps_viz.errors import InputError
+
+FACTS = FormatFacts(
+    title="TUM RGB-D",
+    recognised_by="`rgb.txt`, `depth.txt`, `groundtruth.txt`",
+    depth="16-bit PNG",
+    depth_unit_m=1 / 5000,
+    invalid="0",
+    pose="camera to world: time, position, quaternion x y z w",
+    camera_axes="OpenCV",
+    up=(0.0, 0.0, 1.0),
+)
+
+CAMERAS: dict[str, tuple[float, ...]] = {
+    "freiburg1": (517.3, 516.5, 318.6, 255.3, 0.2624, -0.9531, -0.0054, 0.0026, 1.1633),
+    "freiburg2": (520.9, 521.0, 325.1, 249.7, 0.2312, -0.7849, -0.0033, -0.0001, 0.9172),
+    "freiburg3": (535.4, 539.2, 320.1, 247.6),
+    "default": (525.0, 525.0, 319.5, 239.5),
+}
+"""fx, fy, cx, cy, then k1, k2, p1, p2, k3, as the dataset's page gives them; chosen by the folder's name."""
+CALIBRATED_SIZE = (640, 480)
+COLOR_TOLERANCE_S = 0.02
+"""Colour farther than this from a depth image is not its colour."""
+LONGEST_POSE_GAP_S = 0.2
+
+
+def recognise(path: Path) -> bool:
+    """Tell from names alone whether a folder is in this format."""
+    return all((path / name).is_file() for name in ("rgb.txt", "depth.txt", "groundtruth.txt"))
+
+
+def open_recording(path: Path) -> Recording:
+    """Open a recording; raises InputError for anything that is not as the format wants it."""
+    color_times, color_paths = _image_list(path / "rgb.txt")
+    depth_times, depth_paths = _image_list(path / "depth.txt")
+    pairs = associate(depth_times, color_times, tolerance_s=COLOR_TOLERANCE_S)
+    pose_times, known_poses = _trajectory(path / "groundtruth.txt")
+    poses, known = interpolate_poses(
+        pose_times, known_poses, depth_times[pairs[:, 0]], longest_gap_s=LONGEST_POSE_GAP_S, beyond_s=COLOR_TOLERANCE_S
+    )
+    if not known.any():
+        raise InputError(
+            f"{path}: expected depth, colour and pose of about the same time, found none among "
+            f"{len(depth_times)} depth images, {len(color_times)} colour images and {len(pose_times)} poses"
+        )
+    pairs, poses = pairs[known], poses[known]
+    depth_files = [depth_paths[i] for i in pairs[:, 0]]
+    color_files = [color_paths[i] for i in pairs[:, 1]]
+    lens = _lens(path, color_files[0])
+    files = FileFrames(color_files, depth_files, [lens], [lens], lens.intrinsics, depth_png(FACTS.depth_unit_m))
+    return Recording(
+        facts=FACTS,
+        path=path,
+        name=path.resolve().name,
+        frame_names=tuple(file.stem for file in depth_files),
+        poses=poses,
+        intrinsics=lens.intrinsics,
+        depth=files.depth,
+        color=files.color,
+        color_file=files.color_file,
+        stored=files.stored,
+        notes=_left_out(len(depth_times), len(pairs)),
+    )
+
+
+def _image_list(path: Path) -> tuple[NDArray, list[Path]]:
+    times, files = [], []
+    for line, found in words(path):
+        if len(found) != 2:
+            raise InputError(f"{path}, line {line}: expected a time and a file, found {len(found)} words")
+        times.append(numbers(f"{path}, line {line}", found[:1])[0])
+        files.append(path.parent / found[1])
+    if not files:
+        raise InputError(f"{path}: expected lines of a time and a file, found none")
+    order = np.argsort(times, kind="stable")
+    return np.array(times)[order], [files[i] for i in order]
+
+
+def _trajectory(path: Path) -> tuple[NDArray, NDArray]:
+    rows = number_rows(path, 8)
+    times = np.array([row[0] for _, row in rows])
+    poses = np.stack([from_quaternion(where, row[1:4], row[4:]) for where, row in rows])
+    times, first = np.unique(times, return_index=True)
+    return times, poses[first]
+
+
+def _lens(path: Path, color_file: Path) -> Lens:
+    width, height = image_size(color_file)
+    if (path / "intrinsics.txt").is_file():
+        return Lens(read_intrinsics(path / "intrinsics.txt", width=width, height=height))
+    name = path.resolve().name.lower()
+    key = next((key for key in CAMERAS if key in name or key.replace("freiburg", "fr") + "_" in name), "default")
+    if (width, height) != CALIBRATED_SIZE:
+        raise InputError(
+            f"{color_file}: expected 640x480 pixels, as the dataset's cameras have, found {width}x{height}; for "
+            "another camera put its 3x3 matrix in intrinsics.txt beside rgb.txt"
+        )
+    fx, fy, cx, cy, *distortion = CAMERAS[key]
+    return Lens(pinhole(str(path), width, height, fx, fy, cx, cy), tuple(distortion))
+
+
+def _left_out(depth_images: int, used: int) -> tuple[str, ...]:
+    if used == depth_images:
+        return ()
+    return (f"{depth_images - used} of {depth_images} depth images have no colour or pose of their time: left out",)

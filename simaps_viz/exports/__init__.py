@@ -1,0 +1,1 @@
+"""Maps in the formats of other programs; one file a format, `formats.export_map` is the way in."""

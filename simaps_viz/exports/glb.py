@@ -1,0 +1,75 @@
+"""Binary glTF of the scene with a named node for every instance.
+
+glTF is y up; the map is z up. The geometry stays in the map frame (metres, z up), and the node ``map``, the parent
+of all others, turns it: x stays, map z becomes glTF y, map y (north) becomes glTF -z.
+"""
+
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from simaps_viz.exports.columns import UNLABELLED, parts
+from simaps_viz.exports.points import Cloud
+from simaps_viz.exports.records import node_name, record
+from simaps_viz.structures import SIMap
+
+T_GLTF_MAP: Final = np.array([[1.0, 0, 0, 0], [0, 0, 1, 0], [0, -1, 0, 0], [0, 0, 0, 1]])
+ROOT: Final = "map"
+
+
+def glb_bytes(simap: SIMap) -> bytes:
+    """Give the scene as columns, a node for each instance ("chair-7") and each other class ("floor")."""
+    import trimesh  # noqa: PLC0415 - slow to import, and only two formats need it
+    from trimesh.visual import TextureVisuals  # noqa: PLC0415 - as above
+    from trimesh.visual.material import PBRMaterial  # noqa: PLC0415 - as above
+
+    scene = _scene()
+    extras = {one.id: record(simap, one) for one in simap.instances}
+    for part in parts(simap):
+        material = PBRMaterial(
+            name=part.name, baseColorFactor=_linear(part.color), metallicFactor=0.0, roughnessFactor=0.9
+        )
+        mesh = trimesh.Trimesh(part.vertices, part.faces, process=False, visual=TextureVisuals(material=material))
+        _add(scene, mesh, part.name, extras.get(part.instance, {"label": part.label}))
+    return _export(scene)
+
+
+def glb_points_bytes(simap: SIMap, cloud: Cloud) -> bytes:
+    """Give the recording's points in their own colours, a node for each instance and one for the rest."""
+    import trimesh  # noqa: PLC0415 - as above
+
+    scene = _scene()
+    for one in simap.instances:
+        mine = cloud.instance == one.id
+        if mine.any():
+            points = trimesh.PointCloud(cloud.xyz_m[mine], colors=cloud.rgb[mine])
+            _add(scene, points, node_name(one), record(simap, one))
+    rest = cloud.instance == 0
+    if rest.any():
+        _add(scene, trimesh.PointCloud(cloud.xyz_m[rest], colors=cloud.rgb[rest]), UNLABELLED, {})
+    return _export(scene)
+
+
+def _scene() -> Any:
+    import trimesh  # noqa: PLC0415 - as above
+
+    scene = trimesh.Scene()
+    scene.graph.update(frame_from=scene.graph.base_frame, frame_to=ROOT, matrix=T_GLTF_MAP)
+    return scene
+
+
+def _add(scene: Any, geometry: Any, name: str, extras: dict[str, Any]) -> None:
+    geometry.metadata.update(extras)
+    scene.add_geometry(geometry, node_name=name, geom_name=name, parent_node_name=ROOT)
+
+
+def _export(scene: Any) -> bytes:
+    return bytes(scene.export(file_type="glb"))
+
+
+def _linear(color: tuple[int, int, int]) -> NDArray:
+    """Give RGBA uint8 in linear light, which glTF factors are in (IEC 61966-2-1)."""
+    c = np.array(color) / 255.0
+    linear = np.where(c <= 0.04045, c / 12.92, ((c + 0.055) / 1.055) ** 2.4)
+    return np.append(np.round(linear * 255.0), 255).astype(np.uint8)

@@ -1,0 +1,47 @@
+"""Instances as plain records: what tables, polygons and scenes tell of each."""
+
+from typing import Any
+
+from simaps_viz.labels import instance_color
+from simaps_viz.structures import Instance, SIMap
+
+
+def node_name(instance: Instance) -> str:
+    """Name an instance as it is called in every export, e.g. "chair-7": its class and id."""
+    return f"{instance.label}-{instance.id}"
+
+
+def hex_color(instance: Instance) -> str:
+    """Give the instance's colour on the page, "#rrggbb"."""
+    return "#{:02x}{:02x}{:02x}".format(*instance_color(instance.id))
+
+
+def record(simap: SIMap, instance: Instance) -> dict[str, Any]:
+    """Give an instance flat and JSON-able; lengths in metres of the map frame."""
+    (x_min, y_min, z_min), (x_max, y_max, z_max) = instance.aabb_m
+    x, y, z = instance.centroid_m
+    metres = {
+        "x_m": x, "y_m": y, "z_m": z, "x_min_m": x_min, "y_min_m": y_min, "z_min_m": z_min,
+        "x_max_m": x_max, "y_max_m": y_max, "z_max_m": z_max,
+    }  # fmt: skip
+    return {
+        "id": instance.id,
+        "name": node_name(instance),
+        "label": instance.label,
+        "cells": instance.cells,
+        "area_m2": round(instance.area_m2(simap.spec.cell_size_m), 6),
+        **{key: round(value, 6) for key, value in metres.items()},
+        "frames": instance.frames,
+        "score": round(instance.score, 6),
+        "color": hex_color(instance),
+    }
+
+
+def origin(simap: SIMap) -> dict[str, Any]:
+    """Say where an export comes from, JSON-able."""
+    return {
+        "name": simap.provenance.get("name"),
+        "method": simap.method,
+        "segmentation": simap.provenance.get("segmentation"),
+        "simulated": bool(simap.provenance.get("simulated", False)),
+    }

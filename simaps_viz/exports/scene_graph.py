@@ -1,0 +1,105 @@
+"""A scene graph that MIT's Spark-DSG (Hydra) opens: every instance an object, the map the one room they are in.
+
+Field names, node numbers and layers are those version 1.1.3 of its Python package writes and reads; it opens what is
+written here. Rooms are not told apart on a map, so there is one.
+"""
+
+import json
+from typing import Any, Final
+
+import numpy as np
+
+from simaps_viz.exports.records import node_name, record
+from simaps_viz.labels import instance_color
+from simaps_viz.structures import Instance, SIMap
+
+VERSION: Final = {"major": 1, "minor": 1, "patch": 3}
+OBJECTS: Final = 2
+ROOMS: Final = 4
+NO_LABEL: Final = 2**32 - 1
+_LAYERS: Final = {"OBJECTS": OBJECTS, "PLACES": 3, "ROOMS": ROOMS, "BUILDINGS": 5}
+_UPRIGHT: Final = {"w": 1.0, "x": 0.0, "y": 0.0, "z": 0.0}
+
+
+def node_number(layer: str, index: int) -> int:
+    """Give the number of a node: its layer's letter in the top byte, its index below (Spark-DSG's NodeSymbol)."""
+    return ord(layer) << 56 | index
+
+
+def scene_graph_bytes(simap: SIMap) -> bytes:
+    """Give the scene graph as JSON; positions and boxes in metres of the map frame, boxes stand on the floor."""
+    room = node_number("R", 0)
+    objects = [_object(simap, instance) for instance in simap.instances]
+    graph = {
+        "SPARK_DSG_header": {"project_name": "main", "version": VERSION},
+        "directed": False,
+        "multigraph": False,
+        "metadata": {
+            "labelspaces": {f"_l{OBJECTS}p0": [[i, name] for i, name in enumerate(simap.grid.labels)]},
+        },
+        "layer_keys": [{"layer": layer, "partition": 0} for layer in _LAYERS.values()],
+        "layer_names": {name: {"layer": layer, "partition": 0} for name, layer in _LAYERS.items()},
+        "nodes": [*objects, _room(simap, room)],
+        "edges": [_edge(room, node["id"]) for node in objects],
+    }
+    return json.dumps(graph, ensure_ascii=False, indent=1).encode()
+
+
+def _object(simap: SIMap, instance: Instance) -> dict[str, Any]:
+    low, high = instance.aabb_m
+    attributes = {
+        **_attributes("ObjectNodeAttributes", node_name(instance), instance.centroid_m, instance_color(instance.id)),
+        "bounding_box": _box((*low[:2], min(0.0, low[2])), high),
+        "semantic_label": simap.grid.labels.index(instance.label),
+        "metadata": record(simap, instance),
+        "mesh_connections": [],
+        "registered": False,
+        "world_R_object": _UPRIGHT,
+    }
+    return {"id": node_number("O", instance.id), "layer": OBJECTS, "partition": 0, "attributes": attributes}
+
+
+def _room(simap: SIMap, number: int) -> dict[str, Any]:
+    seen = np.argwhere(~np.isnan(simap.grid.height_m))
+    spec, s = simap.spec, simap.spec.cell_size_m
+    (row, col), (row_end, col_end) = (seen.min(axis=0), seen.max(axis=0) + 1) if len(seen) else ((0, 0), spec.shape)
+    low = (float(spec.x0_m + col * s), float(spec.y0_m + row * s), 0.0)
+    top = float(np.nanmax(simap.grid.height_m)) if len(seen) else 0.0
+    high = (float(spec.x0_m + col_end * s), float(spec.y0_m + row_end * s), max(top, 0.0))
+    centre = tuple((a + b) / 2 for a, b in zip(low, high, strict=True))
+    attributes = {
+        **_attributes("RoomNodeAttributes", str(simap.provenance.get("name") or "map"), centre, (128, 128, 128)),
+        "bounding_box": _box(low, high),
+        "semantic_class_probabilities": {},
+    }
+    return {"id": number, "layer": ROOMS, "partition": 0, "attributes": attributes}
+
+
+def _attributes(kind: str, name: str, position: tuple[float, ...], color: tuple[int, int, int]) -> dict[str, Any]:
+    r, g, b = color
+    return {
+        "type": kind,
+        "name": name,
+        "position": list(position),
+        "color": {"r": r, "g": g, "b": b, "a": 255},
+        "semantic_label": NO_LABEL,
+        "semantic_feature": {"rows": 0, "cols": 0, "data": None},
+        "metadata": {},
+        "is_active": False,
+        "is_predicted": False,
+        "last_update_time_ns": 0,
+    }
+
+
+def _box(low: tuple[float, ...], high: tuple[float, ...]) -> dict[str, Any]:
+    return {
+        "type": "AABB",
+        "dimensions": [b - a for a, b in zip(low, high, strict=True)],
+        "world_P_center": [(a + b) / 2 for a, b in zip(low, high, strict=True)],
+        "world_R_center": _UPRIGHT,
+    }
+
+
+def _edge(source: int, target: int) -> dict[str, Any]:
+    info = {"type": "EdgeAttributes", "weight": 1.0, "weighted": False, "metadata": {}}
+    return {"source": source, "target": target, "info": info}

@@ -1,0 +1,45 @@
+"""A planned drive as a TUM trajectory, for evo and other trajectory tools."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from simaps_viz.errors import CommandError
+from simaps_viz.language.commands import read_command
+from simaps_viz.navigation.agent import Agent, Reader, is_program
+from simaps_viz.navigation.drive import Motion
+from simaps_viz.navigation.planner import RobotShape
+from simaps_viz.structures import Pose2, SIMap
+
+
+def driven_poses(
+    simap: SIMap, command: str, pose: Pose2, *, robot: RobotShape | None = None, reader: Reader = read_command
+) -> NDArray:
+    """Drive a command in simulation and give its poses.
+
+    Returns:
+        float64 [n, 4]: time in seconds from 0, x, y in metres, yaw in radians; map frame.
+
+    Raises:
+        CommandError: the command is not understood, or the map has not what it asks for.
+        PlanningError: there is no way.
+    """
+    program = command if is_program(command) else reader(command, simap.counts()).program
+    motion = Motion()
+    agent = Agent(simap, pose, robot, motion=motion)
+    pieces = [event.poses.reshape(-1, 3) for event in agent.steps(program) if event.done]
+    poses = np.concatenate([[[pose.x_m, pose.y_m, pose.yaw_rad]], *pieces])
+    moved = np.r_[True, np.any(np.diff(poses, axis=0) != 0.0, axis=1)]  # a statement begins where the last one ended
+    poses = poses[moved]
+    if len(poses) < 2:
+        raise CommandError(
+            f"{command!r}: expected a command that moves the robot, found one that leaves it where it is"
+        )
+    return np.column_stack([np.arange(len(poses)) * motion.dt_s, poses])
+
+
+def tum_bytes(poses: NDArray) -> bytes:
+    """Write timed poses as ``timestamp tx ty tz qx qy qz qw`` lines; the robot's base on the floor, z = 0."""
+    lines = ["# timestamp tx ty tz qx qy qz qw", "# map frame: metres, x east, y north, z up; simulated drive"]
+    for time, x, y, yaw in poses + 0.0:  # which has no -0
+        lines.append(f"{time:.6f} {x:.6f} {y:.6f} 0.000000 0 0 {np.sin(yaw / 2):.9f} {np.cos(yaw / 2):.9f}")
+    return ("\n".join(lines) + "\n").encode()
