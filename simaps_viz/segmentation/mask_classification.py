@@ -1,0 +1,151 @@
+"""Universal segmentation networks exported from transformers: MaskFormer, Mask2Former, OneFormer, EoMT.
+
+All give a class and a mask for each of some hundred queries. How a picture has to be brought into the network's input,
+and how the queries become segments, is in the file's metadata when `simaps export-network` wrote it; of other exports
+it is looked for in ``preprocessor_config.json`` beside the file.
+"""
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from simaps_viz.datasets.manifest import read_json, shown
+from simaps_viz.errors import InputError
+from simaps_viz.segmentation.class_names import ClassNames
+from simaps_viz.segmentation.panoptic import PanopticSettings, confident_queries, panoptic_map
+from simaps_viz.segmentation.placement import Placement, lay, resize_masks, stretch, top_left
+from simaps_viz.segmentation.session import Session
+from simaps_viz.structures import Segment, Segmentation
+
+IMAGENET_MEAN, IMAGENET_STD = (0.485, 0.456, 0.406), (0.229, 0.224, 0.225)
+MASK2FORMER_GRID = (384, 384)
+"""transformers resizes Mask2Former's mask logits to this before all else."""
+
+
+@dataclass(frozen=True)
+class Picture:
+    """How a picture is brought into the network's input."""
+
+    fit: Literal["stretch", "pad"] = "stretch"
+    """stretch: over the whole input. pad: keep its shape, upper left, zeros (after normalising) around it."""
+    mean: tuple[float, ...] = IMAGENET_MEAN
+    """Of the three channels, in 0 .. 1."""
+    std: tuple[float, ...] = IMAGENET_STD
+    rescale: float = 1.0 / 255.0
+
+
+@dataclass(frozen=True)
+class MaskPorts:
+    """What the network's inputs and outputs are called."""
+
+    image: str
+    classes: str
+    masks: str
+    class_count: int
+    """Without "no object"."""
+    size: tuple[int, int]
+    """Height and width of the input."""
+    dtype: type = np.float32
+    grid: tuple[int, int] | None = None
+    """Resize the mask logits to this first; None = not."""
+
+
+class MaskClassifier:
+    """A mask-classification network: knows things and stuff."""
+
+    def __init__(
+        self, session: Session, ports: MaskPorts, names: ClassNames, picture: Picture, settings: PanopticSettings
+    ) -> None:
+        self._session, self._ports, self._picture, self._settings = session, ports, picture, settings
+        self.labels, self.is_thing = names.labels, names.is_thing
+        self._stuff = frozenset(i for i, thing in enumerate(names.is_thing) if not thing)
+        self.name = session.path.name
+        self.key = (
+            f"mask-classification {session.digest()} {names.labels} {names.is_thing} {ports} {picture} {settings}"
+        )
+
+    def prepare(self, color: NDArray) -> NDArray:
+        """Resize and normalise an image, uint8 [H, W, 3], RGB; gives [1, 3, h, w]."""
+        size, place = self._ports.size, self._place(*color.shape[:2])
+        canvas = lay(color, place, into=size, fill=0, smooth=True).astype(np.float32)
+        mean, std = (np.array(v, dtype=np.float32) for v in (self._picture.mean, self._picture.std))
+        canvas *= np.float32(self._picture.rescale) / std
+        canvas -= mean / std
+        canvas[place.height :], canvas[:, place.width :] = 0.0, 0.0
+        return np.ascontiguousarray(canvas.transpose(2, 0, 1)[None], dtype=self._ports.dtype)
+
+    def infer(self, prepared: NDArray) -> list[NDArray]:
+        """Run the network."""
+        return self._session.run({self._ports.image: prepared}, [self._ports.classes, self._ports.masks])
+
+    def decode(self, outputs: list[NDArray], height: int, width: int) -> Segmentation:
+        """Make segments of the queries."""
+        class_logits, mask_logits = (np.asarray(value[0], dtype=np.float32) for value in outputs)
+        queries = confident_queries(class_logits, self._settings.score)
+        probability = self._probability(mask_logits[queries.kept], height, width)
+        ids, found = panoptic_map(probability, queries, self._stuff, self._settings)
+        segments = tuple(
+            Segment(s.id, self.labels[s.class_index], round(s.score, 4), self.is_thing[s.class_index]) for s in found
+        )
+        return Segmentation(ids, segments)
+
+    def _place(self, height: int, width: int) -> Placement:
+        fit = stretch if self._picture.fit == "stretch" else top_left
+        return fit(height, width, into=self._ports.size)
+
+    def _probability(self, logits: NDArray, height: int, width: int) -> NDArray:
+        """Give each query's mask in the picture, float32 [n, height, width].
+
+        With the rule of transformers probabilities are resized, else logits: each as their code does it.
+        """
+        if not len(logits):
+            return np.zeros((0, height, width), dtype=np.float32)
+        if self._picture.fit == "pad":
+            place = self._place(height, width)
+            logits = resize_masks(logits, *self._ports.size)[:, : place.height, : place.width]
+        elif self._ports.grid:
+            logits = resize_masks(logits, *self._ports.grid)
+        if self._settings.rule == "transformers":
+            return resize_masks(sigmoid(logits), height, width)
+        return sigmoid(resize_masks(logits, height, width))
+
+
+def sigmoid(logits: NDArray) -> NDArray:
+    """Give 1 / (1 + exp(-x)), float32, without overflow."""
+    return (0.5 * (1.0 + np.tanh(0.5 * logits))).astype(np.float32)
+
+
+def picture_beside(network: Path) -> Picture:
+    """Read ``preprocessor_config.json`` beside a network, as transformers writes it; ImageNet's numbers without one.
+
+    Raises:
+        InputError: it is damaged.
+    """
+    path = network.with_name("preprocessor_config.json")
+    return picture_in(str(path), read_json(path)) if path.is_file() else Picture()
+
+
+def picture_in(source: str, config: Any) -> Picture:
+    """Take what is needed from the settings of an image processor of transformers.
+
+    Raises:
+        InputError: the numbers are not there or make no sense.
+    """
+    if not isinstance(config, dict):
+        raise InputError(f"{source}: expected an image processor's settings, found {shown(config)}")
+    size = config.get("size")
+    fixed = isinstance(size, dict) and "height" in size
+    normalized = config.get("do_normalize", True)
+    mean = config.get("image_mean", IMAGENET_MEAN) if normalized else (0.0,) * 3
+    std = config.get("image_std", IMAGENET_STD) if normalized else (1.0,) * 3
+    rescale = config.get("rescale_factor", 1.0 / 255.0) if config.get("do_rescale", True) else 1.0
+    try:
+        means, stds, factor = tuple(map(float, mean)), tuple(map(float, std)), float(rescale)
+    except (TypeError, ValueError):
+        means, stds, factor = (), (), 0.0
+    if len(means) != 3 or len(stds) != 3 or not all(s > 0 for s in stds):
+        raise InputError(f"{source}: expected image_mean and image_std of three numbers, found {shown([mean, std])}")
+    return Picture("stretch" if fixed else "pad", means, stds, factor)

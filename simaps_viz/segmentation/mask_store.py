@@ -1,0 +1,156 @@
+"""Keeps what a network found, frame by frame, so that an interrupted run goes on where it stopped.
+
+A folder for each sequence, network and setting: ``about.json`` says which, one PNG a frame holds the ids, and
+``segments.jsonl`` gets one line when a frame is done, so a frame without a line is not.
+"""
+
+import hashlib
+import json
+import os
+import tempfile
+import threading
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+
+from simaps_viz.datasets.images import read_ids
+from simaps_viz.errors import InputError
+from simaps_viz.structures import Segment, Segmentation
+
+_ABOUT, _LINES = "about.json", "segments.jsonl"
+_FAST_PNG = [cv2.IMWRITE_PNG_COMPRESSION, 1, cv2.IMWRITE_PNG_STRATEGY, cv2.IMWRITE_PNG_STRATEGY_RLE]
+if hasattr(cv2, "IMWRITE_PNG_FILTER"):  # not in OpenCV 4.10
+    _FAST_PNG += [cv2.IMWRITE_PNG_FILTER, cv2.IMWRITE_PNG_FILTER_NONE]
+"""Ids are flat patches: runs without filter take a third of the time, and less room."""
+
+
+@dataclass(frozen=True)
+class About:
+    """What a store was made from."""
+
+    sequence: str
+    """Path of the manifest."""
+    source: str
+    """In words: which network; also what a map's provenance says."""
+    key: str
+    """All that the masks depend on but the frames' files: network, settings, where the map frame lies."""
+
+    def folder(self, root: Path) -> Path:
+        """Give the folder that belongs to this below ``root``."""
+        digest = hashlib.sha256(json.dumps([self.sequence, self.source, self.key]).encode()).hexdigest()
+        return root / "masks" / digest[:20]
+
+
+class MaskStore:
+    """Masks of one sequence by one network. Frames are named by their position; several threads may use it."""
+
+    def __init__(self, root: Path, about: About) -> None:
+        """Open the store, or make it.
+
+        Raises:
+            InputError: the folder cannot be written.
+        """
+        self.about, self.folder = about, about.folder(root)
+        self._lock = threading.Lock()
+        try:
+            self.folder.mkdir(parents=True, exist_ok=True)
+            if not (self.folder / _ABOUT).is_file():
+                write_whole(self.folder / _ABOUT, json.dumps(about.__dict__, indent=1).encode())
+            self._rows = _read_lines(self.folder / _LINES)
+        except OSError as error:
+            raise InputError(f"{self.folder}: expected to keep masks there, found {error.strerror or error}") from error
+
+    def holds(self, index: int, stamp: Sequence[Any]) -> bool:
+        """Tell whether a frame is done, and of files of the same stamp (see `file_stamp`)."""
+        row = self._rows.get(index)
+        return row is not None and row["stamp"] == list(stamp) and self._image(index).is_file()
+
+    def put(self, index: int, stamp: Sequence[Any], found: Segmentation) -> None:
+        """Keep a frame's masks; the line that says so comes last."""
+        narrow = found.ids.astype(np.uint8 if found.ids.max(initial=0) < 256 else np.uint16)
+        row = {"frame": index, "stamp": list(stamp), "segments": [_row(s) for s in found.segments]}
+        data = cv2.imencode(".png", narrow, _FAST_PNG)[1].tobytes()
+        try:
+            write_whole(self._image(index), data)
+            with self._lock, (self.folder / _LINES).open("a", encoding="utf-8") as file:
+                file.write("\n" * self._torn() + json.dumps(row) + "\n")
+        except OSError as error:
+            raise InputError(f"{self.folder}: expected to keep masks there, found {error.strerror or error}") from error
+        self._rows[index] = row
+
+    def get(self, index: int) -> Segmentation:
+        """Read a frame's masks; raises InputError when they are damaged or not there."""
+        if index not in self._rows:
+            raise InputError(f"{self.folder}: expected masks of frame {index}, found none; segment the sequence again")
+        segments = tuple(Segment(**row) for row in self._rows[index]["segments"])
+        return Segmentation(read_ids(self._image(index)).astype(np.int32), segments)
+
+    def classes(self) -> dict[str, bool]:
+        """Give {class name: is it a thing} of all segments, by name."""
+        found = {row["label"]: row["is_thing"] for line in self._rows.values() for row in line["segments"]}
+        return dict(sorted(found.items()))
+
+    def _image(self, index: int) -> Path:
+        return self.folder / f"{index:06d}.png"
+
+    def _torn(self) -> bool:
+        """Tell whether the last line was cut off by a crash."""
+        path = self.folder / _LINES
+        if not path.is_file() or path.stat().st_size == 0:
+            return False
+        with path.open("rb") as file:
+            file.seek(-1, os.SEEK_END)
+            return file.read(1) != b"\n"
+
+
+def find_store(root: Path, *, sequence: str, source: str) -> MaskStore | None:
+    """Find the store that a map's provenance means; None when it has been deleted."""
+    for path in sorted((root / "masks").glob(f"*/{_ABOUT}"), key=lambda p: -p.stat().st_mtime):
+        try:
+            about = About(**json.loads(path.read_text(encoding="utf-8")))
+        except (OSError, ValueError, TypeError):
+            continue
+        if (about.sequence, about.source) == (sequence, source):
+            return MaskStore(root, about)
+    return None
+
+
+def file_stamp(*paths: Path) -> list[int]:
+    """Give size and time of change of files: masks of a picture that was replaced are made anew."""
+    stats = [path.stat() for path in paths]
+    return [number for s in stats for number in (s.st_size, s.st_mtime_ns)]
+
+
+def write_whole(path: Path, data: bytes) -> None:
+    """Write a file under another name, then rename it: it is there whole or not at all."""
+    handle, temporary = tempfile.mkstemp(prefix=f".{path.name}.", dir=path.parent)
+    try:
+        with os.fdopen(handle, "wb") as file:
+            file.write(data)
+        Path(temporary).chmod(0o644)
+        os.replace(temporary, path)
+    finally:
+        Path(temporary).unlink(missing_ok=True)
+
+
+def _row(segment: Segment) -> dict[str, Any]:
+    return {"id": segment.id, "label": segment.label, "score": segment.score, "is_thing": segment.is_thing}
+
+
+def _read_lines(path: Path) -> dict[int, Mapping[str, Any]]:
+    """Read the finished frames; a line that a crash cut off is not one."""
+    rows: dict[int, Mapping[str, Any]] = {}
+    if not path.is_file():
+        return rows
+    for line in path.read_text(encoding="utf-8", errors="replace").splitlines():
+        try:
+            row = json.loads(line)
+            [Segment(**segment) for segment in row["segments"]]
+            rows[int(row["frame"])] = {"stamp": list(row["stamp"]), "segments": row["segments"]}
+        except (ValueError, TypeError, KeyError):
+            continue
+    return rows

@@ -1,0 +1,185 @@
+"""Runs a network over a sequence, and gives the sequence with the network's masks in place of its own."""
+
+import hashlib
+from collections import deque
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import Future, ThreadPoolExecutor
+from pathlib import Path
+from typing import Any, NamedTuple, Protocol
+
+from numpy.typing import NDArray
+
+from simaps_viz.datasets.posed_frames import PosedFrames
+from simaps_viz.errors import InputError
+from simaps_viz.segmentation.geometry_stuff import FLOOR, WALL, add_stuff
+from simaps_viz.segmentation.mask_store import About, MaskStore, file_stamp
+from simaps_viz.segmentation.protocol import Network
+from simaps_viz.structures import Frame, Segmentation
+
+Progress = Callable[[str, int, int], None]
+"""Called with (what is being done, steps done, steps in all)."""
+
+PREPARED_AHEAD = 3
+"""Pictures decoded and prepared before the network is ready for them."""
+
+
+class Masks(Protocol):
+    """Segmentations of all frames of a sequence, by position."""
+
+    def classes(self) -> dict[str, bool]:
+        """Give {class name: is it a thing}."""
+        ...
+
+    def get(self, index: int) -> Segmentation:
+        """Read a frame's masks."""
+        ...
+
+
+class WithMasks:
+    """The frames of a sequence with other masks than its own: a `FrameSource`. Several threads may read at once."""
+
+    def __init__(self, sequence: PosedFrames, masks: Masks, source: str) -> None:
+        self._sequence, self._masks = sequence, masks
+        self.name: str = sequence.name
+        self.path: Path = sequence.path
+        self.frame_names: tuple[str, ...] = sequence.frame_names
+        self.poses: NDArray = sequence.poses
+        self.T_map_world: NDArray = sequence.T_map_world
+        self.segmentation_source: str = source
+        self.simulated: bool = sequence.simulated
+        classes = masks.classes()
+        self.labels: tuple[str, ...] = ("none", *classes)
+        """Those that the network found; index 0 is "none"."""
+        self.is_thing: tuple[bool, ...] = (False, *classes.values())
+
+    def __len__(self) -> int:
+        return len(self._sequence)
+
+    def read(self, index: int, *, color: bool = False) -> Frame:
+        """Read a frame, as the sequence itself does."""
+        return self._sequence.read(index, color=color)
+
+    def color(self, index: int) -> NDArray:
+        """Read a frame's colour image, uint8 [H, W, 3], RGB."""
+        return self._sequence.color(index)
+
+    def segmentation(self, index: int) -> Segmentation:
+        """Read the masks of a frame.
+
+        Raises:
+            InputError: they are damaged or of another size than the pictures.
+        """
+        found = self._masks.get(index)
+        k = self._sequence.intrinsics
+        if found.ids.shape != (k.height, k.width):
+            raise InputError(
+                f"{self.segmentation_source}: frame {self.frame_names[index]}: expected masks of {k.width}x{k.height} "
+                f"pixels like the picture, found {found.ids.shape[1]}x{found.ids.shape[0]}"
+            )
+        return found
+
+
+def segment_sequence(
+    sequence: PosedFrames,
+    network: Network,
+    root: Path,
+    *,
+    stuff: bool | None = None,
+    progress: Progress | None = None,
+) -> WithMasks:
+    """Segment every frame that has not been yet, and give the sequence with these masks.
+
+    Pictures are decoded and prepared on one thread, the network runs on this one, its output is read and kept by a
+    third. What is done stays done when this is interrupted.
+
+    Args:
+        sequence: posed frames.
+        network: what looks at the pictures.
+        root: folder for the masks.
+        stuff: name floor and walls by geometry; None: where the network knows neither.
+        progress: told how far it is.
+
+    Raises:
+        InputError: a picture is damaged, the network does not run, or the folder cannot be written.
+    """
+    by_geometry = needs_stuff(network) if stuff is None else stuff
+    store = MaskStore(root, about(sequence, network, by_geometry))
+    stamps = [_stamp(sequence, index, by_geometry) for index in range(len(sequence))]
+    missing = [i for i in range(len(sequence)) if not store.holds(i, stamps[i])]
+    done = len(sequence) - len(missing)
+    stage = f"segmenting, {network.name}"
+    if progress and missing:
+        progress(stage, done, len(sequence))
+    for index, found in segmented(sequence, network, missing, by_geometry=by_geometry):
+        store.put(index, stamps[index], found)
+        done += 1
+        if progress:
+            progress(stage, done, len(sequence))
+    return WithMasks(sequence, store, store.about.source)
+
+
+def needs_stuff(network: Network) -> bool:
+    """Tell whether a network knows only things."""
+    return all(network.is_thing)
+
+
+def about(sequence: PosedFrames, network: Network, by_geometry: bool) -> About:
+    """Say what the masks depend on."""
+    source = f"{network.name}, {FLOOR} and {WALL} by geometry" if by_geometry else network.name
+    key = f"{network.key} {sequence.T_map_world.round(9).tolist() if by_geometry else ''}"
+    return About(str(sequence.path.resolve()), f"{source} [{_short(key)}]", key)
+
+
+class _Ready(NamedTuple):
+    index: int
+    frame: Frame | None
+    shape: tuple[int, int]
+    prepared: Any
+
+
+def segmented(
+    sequence: PosedFrames, network: Network, indices: Sequence[int], *, by_geometry: bool
+) -> Iterator[tuple[int, Segmentation]]:
+    """Segment frames in the given order, and give each with its index as soon as it is done."""
+
+    def prepare(index: int) -> _Ready:
+        frame = sequence.read(index) if by_geometry else None
+        color = sequence.color(index)
+        return _Ready(index, frame, color.shape[:2], network.prepare(color))
+
+    def finish(ready: _Ready, outputs: Any) -> tuple[int, Segmentation]:
+        found = network.decode(outputs, *ready.shape)
+        if ready.frame is not None:
+            found = add_stuff(ready.frame, found, sequence.T_map_world @ ready.frame.T_world_camera)
+        return ready.index, found
+
+    with ThreadPoolExecutor(1, "prepare") as before, ThreadPoolExecutor(1, "decode") as after:
+        waiting: deque[Future[_Ready]] = deque()
+        finishing: deque[Future[tuple[int, Segmentation]]] = deque()
+        ahead = iter(indices)
+        try:
+            for _ in range(len(indices)):
+                while len(waiting) < PREPARED_AHEAD and (index := next(ahead, None)) is not None:
+                    waiting.append(before.submit(prepare, index))
+                ready = waiting.popleft().result()
+                finishing.append(after.submit(finish, ready, network.infer(ready.prepared)))
+                while finishing and (finishing[0].done() or len(finishing) > 1):
+                    yield finishing.popleft().result()
+            while finishing:
+                yield finishing.popleft().result()
+        finally:
+            for future in waiting:
+                future.cancel()
+
+
+def _stamp(sequence: PosedFrames, index: int, by_geometry: bool) -> list[int]:
+    """Tell the files apart that a frame's masks were made from; of a recording in one file, that file."""
+    manifest = sequence.manifest
+    files = [sequence.color_file(index) or sequence.path]
+    if by_geometry:
+        files.append(manifest.file(manifest.depth, sequence.frame_names[index]))
+    return file_stamp(*(path for path in files if path.exists()))
+
+
+def _short(key: str) -> str:
+    return hashlib.sha256(key.encode()).hexdigest()[:12]

@@ -1,0 +1,129 @@
+"""Opens ONNX files with onnxruntime, and says in one line what is wrong with those that cannot be opened."""
+
+import hashlib
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import onnxruntime
+from numpy.typing import NDArray
+
+from simaps_viz.errors import InputError
+
+_PREFERRED = ("CUDA", "ROCM", "MIGraphX", "CoreML", "DML", "OpenVINO")
+"""Tried in this order when nobody chose; TensorRT is left out, as it compiles for minutes."""
+_ELEMENTS = {"tensor(float)": np.float32, "tensor(float16)": np.float16, "tensor(uint8)": np.uint8}
+_QUIET = 3
+"""Only errors: onnxruntime writes its warnings to the terminal by itself."""
+
+
+@dataclass(frozen=True)
+class Port:
+    """An input or output of a network."""
+
+    name: str
+    shape: tuple[int | None, ...]
+    """None where the file leaves the size open."""
+    dtype: type | None
+    """None for kinds of elements that images do not have."""
+
+    def __str__(self) -> str:
+        return f"{self.name} [{', '.join('?' if n is None else str(n) for n in self.shape)}]"
+
+
+class Session:
+    """A network file, opened."""
+
+    def __init__(self, path: Path, *, providers: Sequence[str] = (), threads: int = 0) -> None:
+        """Open a network.
+
+        Args:
+            path: the file (.onnx).
+            providers: what to run it on, such as ("cuda", "cpu"), in order of preference; empty: the fastest there is.
+            threads: for one run on the CPU; 0 = one for each core.
+
+        Raises:
+            InputError: the file is missing, damaged or needs what this onnxruntime lacks, or a provider is not there.
+        """
+        self.path = Path(path)
+        if not self.path.is_file():
+            raise InputError(f"{path}: expected a network (.onnx), found {'a folder' if path.is_dir() else 'nothing'}")
+        wanted = choose_providers(providers, onnxruntime.get_available_providers())
+        options = onnxruntime.SessionOptions()
+        options.intra_op_num_threads = threads
+        options.log_severity_level = _QUIET
+        options.add_session_config_entry("session.intra_op.allow_spinning", "0")  # its threads would keep ours waiting
+        try:
+            self._session = onnxruntime.InferenceSession(str(path), options, providers=wanted)
+        except Exception as error:  # onnxruntime's errors share no base of their own
+            raise InputError(f"{path}: expected an ONNX network, found a file that is none: {_why(error)}") from None
+        running = self._session.get_providers()
+        if providers and running[0] != wanted[0]:
+            raise InputError(
+                f"--providers {','.join(providers)}: expected to run on {_short(wanted[0])}, found that it cannot "
+                f"start here; {_short(running[0])} can"
+            )
+        self.device = _short(running[0])
+        """What it runs on, as ``--providers`` spells it."""
+        self.inputs = tuple(map(_port, self._session.get_inputs()))
+        self.outputs = tuple(map(_port, self._session.get_outputs()))
+        self.metadata: Mapping[str, str] = dict(self._session.get_modelmeta().custom_metadata_map)
+
+    def run(self, tensors: Mapping[str, NDArray], outputs: Sequence[str]) -> list[NDArray]:
+        """Run the network; raises InputError when it does not take the tensors."""
+        try:
+            return [np.asarray(value) for value in self._session.run(list(outputs), dict(tensors))]
+        except Exception as error:  # as above
+            given = ", ".join(f"{name} {list(t.shape)}" for name, t in tensors.items())
+            raise InputError(f"{self.path}: expected to run on {given}, found: {_why(error)}") from None
+
+    def digest(self) -> str:
+        """Hash the file, and the weights kept beside it: 64 hex digits."""
+        sha = hashlib.sha256()
+        for path in (self.path, *(self.path.with_name(self.path.name + end) for end in (".data", "_data"))):
+            if path.is_file():
+                with path.open("rb") as file:
+                    while block := file.read(1 << 20):
+                        sha.update(block)
+        return sha.hexdigest()
+
+
+def choose_providers(wanted: Sequence[str], available: Sequence[str]) -> list[str]:
+    """Give onnxruntime's names of what to run on, the CPU always last.
+
+    Raises:
+        InputError: one of those wanted is not there.
+    """
+    if not wanted:
+        found = [f"{name}ExecutionProvider" for name in _PREFERRED if f"{name}ExecutionProvider" in available]
+        return [*found, "CPUExecutionProvider"]
+    by_short = {_short(name): name for name in available}
+    chosen = []
+    for name in wanted:
+        short = _short(name.strip())
+        if short not in by_short:
+            raise InputError(
+                f"--providers {','.join(wanted)}: expected some of {', '.join(by_short)}, the ones this onnxruntime "
+                f"has, found {name.strip()!r}; others come with other packages, such as onnxruntime-gpu"
+            )
+        chosen.append(by_short[short])
+    return list(dict.fromkeys([*chosen, "CPUExecutionProvider"]))
+
+
+def _short(provider: str) -> str:
+    return provider.lower().removesuffix("executionprovider")
+
+
+def _port(value: Any) -> Port:
+    shape = tuple(n if isinstance(n, int) and n > 0 else None for n in value.shape)
+    return Port(value.name, shape, _ELEMENTS.get(value.type))
+
+
+def _why(error: Exception) -> str:
+    """Give the end of onnxruntime's message, which says why, on one line and without the file's name again."""
+    text = " ".join(str(error).split())
+    for mark in ("] : ", " : ", " failed:"):
+        text = text.partition(mark)[2] or text
+    return text.rstrip(" .")[:200] or type(error).__name__
