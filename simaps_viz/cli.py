@@ -12,12 +12,24 @@ import tyro
 from rich.console import Console
 
 from simaps_viz import wiring
-from simaps_viz.cli_options import Evaluate, Level, Mapping
-from simaps_viz.datasets.posed_frames import open_sequence
+from simaps_viz.cli_options import (
+    Check,
+    Convert,
+    Evaluate,
+    Export,
+    ExportNetwork,
+    Judge,
+    Level,
+    Mapping,
+    Networks,
+    Segment,
+)
+from simaps_viz.datasets.posed_frames import is_sequence, open_sequence
 from simaps_viz.errors import InputError, SIMapsError
 from simaps_viz.mapping.mapfile import load_map
 from simaps_viz.navigation.agent import answer
 from simaps_viz.progress import console, emit, stage_progress
+from simaps_viz.segmenting import open_segmented, write_segmented
 from simaps_viz.structures import Pose2
 from simaps_viz.tables import map_tables
 
@@ -37,6 +49,8 @@ class Demo:
     """Open the page in the browser."""
     serve: bool = True
     """Serve the page; with --no-serve only prepare everything."""
+    llm: str | None = None
+    """A language model for the page's commands: MODEL[@ADDRESS], see simaps query."""
 
 
 @dataclass(frozen=True)
@@ -52,7 +66,9 @@ class Build:
     """Map file to write (.npz)."""
     mapping: Annotated[Mapping, tyro.conf.arg(name="")] = dataclasses.field(default_factory=Mapping)
     segmentation: str = "precomputed"
-    """Where segments come from: "precomputed", the ones the sequence has."""
+    """Where segments come from: "precomputed" (the ones the sequence has), a network (.onnx: YOLO-seg, Mask2Former,
+    MaskFormer, OneFormer, EoMT) or a COCO panoptic table (.json)."""
+    network: Annotated[Networks, tyro.conf.arg(name="")] = dataclasses.field(default_factory=Networks)
     record: Path | None = None
     """Also record the build for rerun (.rrd)."""
     json: bool = False
@@ -72,6 +88,8 @@ class View:
     """Where to serve the page; the next free one when it is taken."""
     browser: bool = True
     """Open the page in the browser."""
+    llm: str | None = None
+    """A language model for the page's commands: MODEL[@ADDRESS], see simaps query."""
 
 
 @dataclass(frozen=True)
@@ -105,7 +123,7 @@ class Info:
     """Print it as one JSON line."""
 
 
-Command = Demo | Build | View | Query | Info | Evaluate
+Command = Demo | Build | View | Query | Info | Check | Export | Convert | Evaluate | Judge | Segment | ExportNetwork
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -143,18 +161,19 @@ def _demo(command: Demo) -> int:
         )
     console.print(f"On the map: {wiring.counts_in_words(simap.counts())}", markup=False)
     if command.serve:
-        wiring.serve(simap, recording=recording, port=command.port, browser=command.browser)
+        wiring.serve(simap, recording=recording, port=command.port, browser=command.browser, llm=command.llm)
     return OK
 
 
 def _build(command: Build) -> int:
 
-    if command.segmentation != "precomputed":
-        raise InputError(f"--segmentation {command.segmentation}: expected precomputed, the only source so far")
     config = command.mapping.config()
     with stage_progress(quiet=command.json) as progress:
+        sequence = open_segmented(
+            command.sequence, command.segmentation, command.network, wiring.cache_folder(), progress, quiet=command.json
+        )
         simap = wiring.build_to_file(
-            open_sequence(command.sequence), command.mapping.method, config, command.output,
+            sequence, command.mapping.method, config, command.output,
             record=command.record, progress=progress, json_lines=command.json,
         )  # fmt: skip
     if command.json:
@@ -166,9 +185,38 @@ def _build(command: Build) -> int:
     return OK
 
 
+def _segment(command: Segment) -> int:
+    with stage_progress(quiet=command.json) as progress:
+        written = write_segmented(command, wiring.cache_folder(), progress)
+    if command.json:
+        emit(written)
+    else:
+        console.print(
+            f"{written['output']}: {written['segments']} segments in {written['frames']} frames", markup=False
+        )
+        if command.format == "posed-frames":
+            console.print(f"Map it: simaps build {written['output']} -o map.npz", markup=False, soft_wrap=True)
+    return OK
+
+
+def _export_network(command: ExportNetwork) -> int:
+    from simaps_viz.network_export import export_network  # noqa: PLC0415 - needs the extra
+
+    done = export_network(command.checkpoint, command.output, size=command.size)
+    if command.json:
+        emit({"event": "done", "output": str(done.path), "family": done.family, "input_size": list(done.size),
+              "difference": done.difference})  # fmt: skip
+    else:
+        console.print(
+            f"{done.path}: {done.family}, input {done.size[0]} x {done.size[1]}, torch and onnxruntime differ by "
+            f"{done.difference:.1g} at most", markup=False, soft_wrap=True,
+        )  # fmt: skip
+    return OK
+
+
 def _view(command: View) -> int:
 
-    if command.path.is_dir() or command.path.suffix == ".json":
+    if is_sequence(command.path):
         with stage_progress() as progress:
             simap, recording = wiring.cached_build(
                 open_sequence(command.path), command.mapping.method, command.mapping.config(), progress
@@ -177,7 +225,7 @@ def _view(command: View) -> int:
     else:
         simap = load_map(command.path)
         recording = wiring.recording_beside(command.path, command.recording)
-    wiring.serve(simap, recording=recording, port=command.port, browser=command.browser)
+    wiring.serve(simap, recording=recording, port=command.port, browser=command.browser, llm=command.llm)
     return OK
 
 
@@ -224,6 +272,49 @@ def _info(command: Info) -> int:
     return OK
 
 
+def _export(command: Export) -> int:
+    from simaps_viz.exporting import export  # noqa: PLC0415 - not needed to build and view
+
+    with stage_progress(quiet=command.json) as progress:
+        format, files = export(command, progress)
+    if command.json:
+        emit({"format": format, "files": [str(path) for path in files]})
+    else:
+        console.print(f"{format}: wrote {', '.join(str(path) for path in files)}", markup=False, soft_wrap=True)
+    return OK
+
+
+def _convert(command: Convert) -> int:
+    from simaps_viz.datasets.convert import write_posed_frames  # noqa: PLC0415 - not needed to build and view
+
+    with stage_progress(quiet=command.json) as progress:
+        sequence = open_sequence(command.source)
+        manifest = write_posed_frames(
+            sequence, command.output, every=command.every, progress=lambda done, total: progress("frames", done, total)
+        )
+    if command.json:
+        frames = len(range(0, len(sequence), command.every))
+        emit({"event": "done", "manifest": str(manifest), "name": sequence.name, "frames": frames,
+              "segmentation": sequence.segmentation_source, "notes": list(sequence.notes)})  # fmt: skip
+        return OK
+    for note in sequence.notes:
+        console.print(f"{command.source}: {note}", markup=False, soft_wrap=True)
+    console.print(f"{manifest}: segmentation {sequence.segmentation_source}", markup=False, soft_wrap=True)
+    return OK
+
+
+def _check(command: Check) -> int:
+    from simaps_viz.checking.run import check  # noqa: PLC0415 - compiled kernels are only needed here
+
+    with stage_progress(quiet=command.json) as progress:
+        ok, text, record = check(command.sequence, fix=command.fix, picture=command.picture, progress=progress)
+    if command.json:
+        emit(record)
+    else:
+        sys.stdout.write(text + "\n")
+    return OK if ok else NO
+
+
 def _evaluate(command: Evaluate) -> int:
     from simaps_viz.evaluating import evaluate  # noqa: PLC0415 - not needed to build and view
 
@@ -236,7 +327,16 @@ def _evaluate(command: Evaluate) -> int:
     return OK
 
 
-_RUN = {Demo: _demo, Build: _build, View: _view, Query: _query, Info: _info, Evaluate: _evaluate}
+def _judge(command: Judge) -> int:
+    with stage_progress() as progress:
+        session, simap = wiring.judging(command.session, command.map, progress)
+    wiring.serve(simap, recording=None, port=command.port, browser=command.browser, judging=session)
+    return OK
+
+
+_RUN = {Demo: _demo, Build: _build, View: _view, Query: _query, Info: _info, Evaluate: _evaluate, Judge: _judge,
+        Segment: _segment, ExportNetwork: _export_network, Export: _export, Convert: _convert,
+        Check: _check}  # fmt: skip
 
 if __name__ == "__main__":
     sys.exit(main())

@@ -1,15 +1,19 @@
 """Options that several commands share."""
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Literal
+from typing import TYPE_CHECKING, Annotated, Literal
 
 import tyro
 
+from simaps_viz.exports.formats import FormatName
 from simaps_viz.mapping.accumulator import ProjectionSettings
 from simaps_viz.mapping.votes import VoteSettings
 from simaps_viz.methods import METHODS
 from simaps_viz.pipeline import BuildConfig
+
+if TYPE_CHECKING:
+    from simaps_viz.segmentation.recognise import NetworkSettings
 
 Level = Literal["none", "light", "medium", "heavy"]
 """Of simulated network errors."""
@@ -58,6 +62,86 @@ class Mapping:
 
 
 @dataclass(frozen=True)
+class Networks:
+    """How a segmentation network (.onnx) is run and its output read."""
+
+    labels: Path | None = None
+    """Class names, one a line or JSON; by default from the network's metadata or a file beside it."""
+    providers: str = ""
+    """What to run it on, separated by commas, best first: cuda, cpu and what else onnxruntime has. By default the
+    fastest there is."""
+    threads: int = 0
+    """On the CPU; 0: one for each core."""
+    input_size: tuple[int, int] | None = None
+    """Height and width, for networks that leave them open."""
+    score_threshold: float | None = None
+    """Least confidence; by default what the network's family uses (YOLO 0.25, mask classifiers 0.5, EoMT 0.8)."""
+    mask_threshold: float = 0.5
+    """Least probability of a pixel of a mask."""
+    overlap_threshold: float = 0.8
+    """Mask classifiers: drop what others cover so much that less than this share of its mask is left."""
+    box_overlap: float = 0.5
+    """YOLO: of two boxes of a class that overlap more than this (IoU), the less confident one goes."""
+    panoptic_rule: Literal["auto", "transformers", "original"] = "auto"
+    """Mask classifiers: transformers gives every pixel to a mask, original only where the mask says at least
+    --mask-threshold. By default what the family uses in transformers."""
+    stuff: Literal["auto", "geometry", "none"] = "auto"
+    """Floor and walls by height and surface normals where nothing was found; by default for networks that know only
+    things."""
+
+    def settings(self) -> "NetworkSettings":
+        """Give what the network is opened with."""
+        from simaps_viz.segmentation.recognise import NetworkSettings  # noqa: PLC0415 - onnxruntime is slow to import
+
+        return NetworkSettings(
+            labels=self.labels, providers=tuple(filter(None, self.providers.split(","))), threads=self.threads,
+            input_size=self.input_size, score=self.score_threshold, mask=self.mask_threshold,
+            overlap=self.overlap_threshold, iou=self.box_overlap,
+            rule=None if self.panoptic_rule == "auto" else self.panoptic_rule,
+        )  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Segment:
+    """Segment the frames of a sequence with a network, and write the masks as files.
+
+    Example: simaps segment ../scans/breakroom yolo.onnx; simaps build ../scans/breakroom/sequence-yolo.json
+    """
+
+    sequence: tyro.conf.Positional[Path]
+    """Folder in the posed-frames/1 format, or its manifest (.json)."""
+    segmentation: tyro.conf.Positional[str]
+    """Network (.onnx), COCO panoptic table (.json), or "precomputed" to write the sequence's own masks anew."""
+    output: Annotated[Path | None, tyro.conf.arg(aliases=["-o"])] = None
+    """Manifest to write (.json), or with --format coco the table; the images go to a folder of its name. By default
+    beside the sequence, named after the network."""
+    format: Literal["posed-frames", "coco", "coco-ids"] = "posed-frames"
+    """coco: panoptic table with coloured PNGs; coco-ids: with plain 16-bit id images."""
+    network: Annotated[Networks, tyro.conf.arg(name="")] = field(default_factory=Networks)
+    json: bool = False
+    """Print the outcome as one JSON line."""
+
+
+@dataclass(frozen=True)
+class ExportNetwork:
+    """Write a Mask2Former, MaskFormer or EoMT checkpoint of Hugging Face transformers as a network for --segmentation.
+
+    Needs the extra: pip install "simaps-viz[export]".
+
+    Example: simaps export-network ./my-mask2former -o mask2former.onnx
+    """
+
+    checkpoint: tyro.conf.Positional[str]
+    """Folder written by save_pretrained, or a name on the Hugging Face hub (which is downloaded)."""
+    output: Annotated[Path, tyro.conf.arg(aliases=["-o"])]
+    """Network to write (.onnx)."""
+    size: tuple[int, int] | None = None
+    """Height and width of its input; by default what the checkpoint's image processor says."""
+    json: bool = False
+    """Print the outcome as one JSON line."""
+
+
+@dataclass(frozen=True)
 class Evaluate:
     """Score methods against the truth of a rendered scene, or against counts by eye; or drive on their maps.
 
@@ -94,3 +178,93 @@ class Evaluate:
     """Write everything measured (.json)."""
     json: bool = False
     """Print everything measured as one JSON line."""
+
+
+@dataclass(frozen=True)
+class Judge:
+    """Judge runs of a robot by eye: did it do what was asked? They come blind and in random order.
+
+    Example: simaps evaluate demo --task navigation --judge runs.jsonl; simaps judge runs.jsonl demo
+    """
+
+    session: tyro.conf.Positional[Path]
+    """File of runs and answers, made with simaps evaluate --task navigation --judge FILE."""
+    map: tyro.conf.Positional[str]
+    """The world they were driven in: sequence folder or manifest with exact ids, "demo" for the embedded café, or a
+    map file (.npz) of it."""
+    port: int = 8080
+    """Where to serve the page; the next free one when it is taken."""
+    browser: bool = True
+    """Open the page in the browser."""
+
+
+@dataclass(frozen=True)
+class Export:
+    """Write a map in the formats of other programs: all files of one format, or none.
+
+    Example: simaps export cafe.npz -o cafe.geojson; simaps export cafe.npz -o cafe.tum --trajectory "go to the sofa"
+    """
+
+    map: tyro.conf.Positional[Path]
+    """Map file (.npz)."""
+    output: Annotated[Path, tyro.conf.arg(aliases=["-o"])]
+    """File to write; formats of several files use its name. Its ending tells the format where only one fits."""
+    format: FormatName | None = None
+    """ros: occupancy map (.yaml, .pgm). nav2: the same, a keepout mask and an inflated costmap. geojson, csv: instances
+    with their outlines. glb, ply: coloured scene with named instances. coco: panoptic top view (.json, .png).
+    graphml: cell graph. spark-dsg: scene graph (.json). tum: trajectory of a command."""
+    trajectory: str | None = None
+    """tum: the command, or program, to drive in simulation."""
+    pose: tuple[float, float, float] | None = None
+    """tum: where the robot starts: x and y in metres, heading in degrees clockwise from north. By default where the
+    first camera stood."""
+    llm: str | None = None
+    """tum: let a language model read the command, as in simaps query."""
+    label: Annotated[str | None, tyro.conf.arg(name="class")] = None
+    """graphml: the graph of this class only."""
+    points: bool = False
+    """glb, ply: the recording's points in their own colours, instead of columns; the sequence must still be there."""
+    robot_radius: float = 0.2
+    """ros, nav2, tum: of the robot, metres."""
+    robot_height: float = 1.5
+    """ros, nav2, tum: of the robot, metres; what is higher does not block it."""
+    json: bool = False
+    """Print the format and the files written as one JSON line."""
+
+
+@dataclass(frozen=True)
+class Convert:
+    """Write a recording in another format as a sequence folder (posed-frames/1); docs/FORMATS.md lists the formats.
+
+    Example: simaps convert rgbd_dataset_freiburg3_long_office_household -o office --every 5
+    """
+
+    source: tyro.conf.Positional[Path]
+    """Folder or file of the recording."""
+    output: Annotated[Path, tyro.conf.arg(aliases=["-o"])]
+    """Folder to write; new or empty."""
+    every: int = 1
+    """Take the first of every so many frames."""
+    json: bool = False
+    """Print what was written as one JSON line."""
+
+
+@dataclass(frozen=True)
+class Check:
+    """Say whether a sequence is usable and, if not, what is wrong with it and what would put it right.
+
+    Neighbouring frames have to see the same surfaces in the same places: tried are inverted poses, other axes, depth
+    units, a wrong camera matrix, shifted and dropped frames, up and the floor. Exit status 1 means faults were found.
+
+    Example: simaps check ../scans/breakroom --fix --picture evidence.png
+    """
+
+    sequence: tyro.conf.Positional[Path]
+    """Folder in the posed-frames/1 format, or its manifest (.json)."""
+    fix: bool = False
+    """Write the corrected manifest beside the old one, which stays: sequence-fixed.json, with its own poses and
+    intrinsics where these change."""
+    picture: Path | None = None
+    """Draw the evidence (.png): how well each explanation fits, and two frames laid over one another."""
+    json: bool = False
+    """Print what was found as one JSON line."""

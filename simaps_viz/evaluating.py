@@ -70,6 +70,8 @@ def _store(method: str, simap: SIMap) -> Footprint:
 
 
 def _navigation(settings: Evaluate, progress: StageProgress) -> tuple[str, dict[str, Any]]:
+    if settings.judge is not None and settings.judge.exists():
+        raise InputError(f"{settings.judge}: expected a new session file, found one; it would lose what was judged")
     sequence = open_for_evaluation(settings.sequence, progress)
     report = evaluate_navigation(
         sequence,

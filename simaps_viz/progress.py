@@ -32,7 +32,8 @@ def emit(record: dict[str, Any]) -> None:
 
 class _Rate(ProgressColumn):
     def render(self, task: Task) -> Text:
-        return Text(f"{task.speed:.0f}/s" if task.speed else "", style="progress.data.speed")
+        digits = 0 if task.speed and task.speed >= 10.0 else 1
+        return Text(f"{task.speed:.{digits}f}/s" if task.speed else "", style="progress.data.speed")
 
 
 class StageProgress:

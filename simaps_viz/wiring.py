@@ -4,8 +4,9 @@ import hashlib
 import json
 import os
 import re
+import threading
 import webbrowser
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, replace
 from importlib.metadata import version
 from pathlib import Path
@@ -15,21 +16,25 @@ import numpy as np
 from platformdirs import user_cache_path
 
 from simaps_viz.datasets.posed_frames import PosedFrames, open_sequence
+from simaps_viz.datasets.source import FrameSource
 from simaps_viz.errors import InputError
 from simaps_viz.events import Observer
 from simaps_viz.language.commands import Reading, read_command
 from simaps_viz.language.grounding import Grounding
-from simaps_viz.language.llm import LLMReader, LLMServerError, parse_llm_spec
+from simaps_viz.language.llm import Exchange, LLMError, LLMReader, LLMServerError, parse_llm_spec
 from simaps_viz.mapping.mapfile import check_writable, load_map, save_map
 from simaps_viz.mapping.simap import recommunity, repartition
 from simaps_viz.methods import build
-from simaps_viz.navigation.agent import Agent, Reader, answer
+from simaps_viz.navigation.agent import Agent, Answer, Reader, answer
 from simaps_viz.navigation.planner import RobotShape
 from simaps_viz.pipeline import BuildConfig
 from simaps_viz.progress import BuildProgress, StageProgress, console
+from simaps_viz.segmentation.mask_store import find_store
+from simaps_viz.segmentation.sequences import WithMasks
 from simaps_viz.structures import Pose2, SIMap
 
 if TYPE_CHECKING:
+    from simaps_viz.evaluation.judging import JudgingSession
     from simaps_viz.recorder.settings import RecorderSettings
     from simaps_viz.viewer.workbench import Workbench
 
@@ -44,7 +49,7 @@ def cache_folder() -> Path:
 
 
 def build_to_file(
-    sequence: PosedFrames,
+    sequence: FrameSource,
     method: str,
     config: BuildConfig,
     output: Path,
@@ -90,11 +95,15 @@ def cached_build(
     return build_to_file(sequence, method, config, output, record=record, progress=progress), record
 
 
-def sequence_of(simap: SIMap) -> PosedFrames | None:
-    """Open the sequence a map was built from, if it is still where it was."""
-    path = Path(str(simap.provenance.get("sequence", "")))
+def sequence_of(simap: SIMap) -> PosedFrames | WithMasks | None:
+    """Open the sequence a map was built from, if it is still where it was, with the masks the map was built from."""
+    path, source = Path(str(simap.provenance.get("sequence", ""))), str(simap.provenance.get("segmentation", ""))
     try:
-        return open_sequence(path)
+        sequence = open_sequence(path)
+        if source == sequence.segmentation_source:
+            return sequence
+        store = find_store(cache_folder(), sequence=str(path.resolve()), source=source)
+        return WithMasks(sequence, store, source) if store else None  # other masks would mislead
     except InputError:
         return None
 
@@ -107,17 +116,42 @@ def start_pose(simap: SIMap) -> Pose2:
     return Pose2(float(T[0, 3]), float(T[1, 3]), float(np.arctan2(T[1, 2], T[0, 2])))
 
 
-def workbench(simap: SIMap, *, recording: Path | None, port: int) -> "Workbench":
-    """Start the page on a map, with everything behind it; use it in a ``with`` block."""
+def workbench(
+    simap: SIMap,
+    *,
+    recording: Path | None,
+    port: int,
+    llm: str | None = None,
+    judging: "JudgingSession | None" = None,
+) -> "Workbench":
+    """Start the page on a map, with everything behind it; use it in a ``with`` block.
+
+    Args:
+        simap: the map.
+        recording: of its build.
+        port: where to serve; the next free one when it is taken.
+        llm: MODEL[@ADDRESS] of a language model that reads commands while it is switched on.
+        judging: runs for a person to judge; the map must be the true one.
+    """
     from simaps_viz.viewer.workbench import Workbench  # noqa: PLC0415 - viser is slow to import
 
-    services, start = _services(simap, recording), start_pose(simap)
+    model = None if llm is None else _language_model(llm)
+    services = replace(_services(simap, recording), model=model, judging=judging)
+    start = start_pose(simap) if len(simap.T_map_camera) else None
     return Workbench(simap, services=services, port=port, start=start, robot_radius_m=RobotShape().radius_m)
 
 
-def serve(simap: SIMap, *, recording: Path | None, port: int, browser: bool) -> None:
+def serve(
+    simap: SIMap,
+    *,
+    recording: Path | None,
+    port: int,
+    browser: bool,
+    llm: str | None = None,
+    judging: "JudgingSession | None" = None,
+) -> None:
     """Show the workbench until Ctrl-C."""
-    with workbench(simap, recording=recording, port=port) as page:
+    with workbench(simap, recording=recording, port=port, llm=llm, judging=judging) as page:
         console.print(f"Workbench: {page.url}  (Ctrl-C to stop)", soft_wrap=True)
         if browser:
             webbrowser.open(page.url)
@@ -125,6 +159,7 @@ def serve(simap: SIMap, *, recording: Path | None, port: int, browser: bool) -> 
 
 
 def _services(simap: SIMap, recording: Path | None) -> Any:
+    from simaps_viz.recorder.settings import SMALL  # noqa: PLC0415 - as above
     from simaps_viz.recorder.web_viewer import (  # noqa: PLC0415 - rerun is slow to import
         CONTENT_SECURITY_POLICY,
         rerun_page,
@@ -150,6 +185,10 @@ def _services(simap: SIMap, recording: Path | None) -> Any:
         rerun_assets=viewer_assets() if recording else {},
         csp=CONTENT_SECURITY_POLICY,
         recordings=(recording,) if recording else (),
+        picture_divide={
+            "/world/camera/color": SMALL.color_divide,
+            "/world/camera/segmentation": SMALL.segmentation_divide,
+        },
     )
 
 
@@ -165,17 +204,84 @@ def reader(llm: str | None, simap: SIMap, pose: Pose2) -> Reader:
     """
     if llm is None:
         return read_command
-    model = LLMReader(parse_llm_spec(llm))
+    return _reading(LLMReader(parse_llm_spec(llm)), simap, pose)
+
+
+def _reading(
+    model: LLMReader,
+    simap: SIMap,
+    pose: Pose2,
+    *,
+    cancel: threading.Event | None = None,
+    tell: Callable[[Sequence[Exchange]], None] = lambda exchanges: None,
+) -> Reader:
+    """Give what reads commands with a model; ``tell`` gets what was sent and received, also when it went wrong."""
     check = Agent(simap, pose).steps
 
     def read(text: str, counts: Mapping[str, int]) -> Reading:
         try:
-            return model.read(text, counts, check=check)
-        except LLMServerError as error:
+            reading = model.read(text, counts, check=check, cancel=cancel)
+        except LLMError as error:
+            tell(error.exchanges)
+            if not isinstance(error, LLMServerError):
+                raise
             offline = read_command(text, counts)
             return replace(offline, notes=(f"read offline: {error}", *offline.notes))
+        tell(reading.exchanges)
+        return reading
 
     return read
+
+
+def _language_model(llm: str) -> Any:
+    from simaps_viz.viewer.services import LanguageModel  # noqa: PLC0415 - viser is slow to import
+
+    model = LLMReader(parse_llm_spec(llm))
+
+    def ask(
+        simap: SIMap,
+        command: str,
+        pose: Pose2,
+        cancel: threading.Event,
+        tell: Callable[[Sequence[Exchange]], None],
+    ) -> Answer:
+        return answer(simap, command, pose, reader=_reading(model, simap, pose, cancel=cancel, tell=tell))
+
+    return LanguageModel(str(model.settings), ask)
+
+
+def judging(session: Path, world: str, progress: StageProgress) -> tuple["JudgingSession", SIMap]:
+    """Open a session of runs to judge, and the true map they were driven on.
+
+    Args:
+        session: written by ``simaps evaluate --judge``.
+        world: a map file, or a sequence (or its manifest, or "demo") with exact ids, of which the map is made.
+        progress: shows that making it takes a while.
+
+    Raises:
+        InputError: one of them is missing or damaged, or a run begins off the map.
+    """
+    from simaps_viz.evaluation.judging import resume_session  # noqa: PLC0415 - only needed here
+    from simaps_viz.evaluation.run import DEMO, open_for_evaluation  # noqa: PLC0415 - as above
+    from simaps_viz.evaluation.truth import find_truth, truth_as_map  # noqa: PLC0415 - as above
+    from simaps_viz.evaluation.world import observe_world  # noqa: PLC0415 - as above
+
+    opened = resume_session(session)
+    path = Path(world)
+    if world != DEMO and not path.is_dir() and path.suffix != ".json":
+        simap = load_map(path)
+    else:
+        exact = find_truth(open_for_evaluation(world, progress))
+        progress("looking at the true world", 0, 1)
+        simap = truth_as_map(observe_world(exact).tops)
+        provenance = {**simap.provenance, "name": f"{exact.name}: the true map", "simulated": exact.simulated}
+        simap = replace(simap, provenance=provenance)
+        progress("looking at the true world", 1, 1)
+    for run in opened.runs:
+        x, y = run["start"][:2]
+        if not simap.spec.contains(*simap.spec.cell_of(x, y)):
+            raise InputError(f"{session}: expected runs on {world}, found one that starts off it, at ({x:g}, {y:g}) m")
+    return opened, simap
 
 
 def recording_beside(path: Path, given: Path | None) -> Path | None:

@@ -200,4 +200,4 @@ def wait_for_color(
 def field_of(page: Page, label: str) -> Locator:
     """The text or number box beside a label (viser gives its inputs no accessible name)."""
     row = page.locator("label", has_text=label).locator("xpath=ancestor::div[contains(@class,'Flex-root')][1]")
-    return row.locator("input:not([type=hidden])").last
+    return row.locator("input:not([type=hidden]), textarea:not([aria-hidden])").last

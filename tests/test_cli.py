@@ -128,7 +128,7 @@ def test_what_does_not_exist_is_named(tmp_path, monkeypatch, arguments, words, c
 
 def test_options_without_sense_are_refused(sequence, tmp_path, capsys):
     build = ["build", str(sequence), "-o", str(tmp_path / "m.npz")]
-    for extra, words in ((["--k", "101"], "K: expected"), (["--segmentation", "net.onnx"], "precomputed"),
+    for extra, words in ((["--k", "101"], "K: expected"), (["--segmentation", "net.onnx"], "found nothing"),
                          (["--min-cells", "0"], "expected at least 1 cell")):  # fmt: skip
         assert main([*build, *extra]) == 2
         assert words in capsys.readouterr().err

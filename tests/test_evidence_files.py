@@ -47,7 +47,7 @@ def arrays_of(path) -> dict[str, tuple]:
 
 def test_the_spoiled_sequence_is_worth_a_test(simap):
     assert simap.provenance["disagreement"] > simap.parameters["votes"]["exact_below"]
-    assert any(graph.different.any() for graph in simap.graphs) and len(simap.merges) > 3
+    assert any(graph.different.any() for graph in simap.graphs) and len(simap.merges) >= 3
 
 
 def test_a_build_is_the_same_to_the_last_bit_also_with_one_thread(spoiled, simap, tmp_path):

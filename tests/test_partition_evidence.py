@@ -156,7 +156,7 @@ def test_what_else_is_on_the_map_far_away_changes_no_object(copies):
 
 def test_a_higher_resolution_gives_smaller_chunks(case):
     _, _, simap = case
-    counts = [int(recommunity(simap, resolution=r).community.max()) for r in (0.01, 1.0, 3.0, 20.0)]
+    counts = [int(recommunity(simap, resolution=r).community.max()) for r in (0.04, 4.0, 12.0, 80.0)]
     assert counts[0] <= counts[1] < counts[2] < counts[3]
 
 
@@ -181,10 +181,10 @@ def tiny(tmp_path_factory):
 
 
 def test_recommunity_keeps_to_the_beliefs_the_map_was_built_with(tiny):
-    """Resolution 20 leaves every cell a chunk of its own, so that the log shows what was believed of them."""
-    settings = BuildConfig(pooling=PoolSettings(imagined_pairs=20.0, touching_same=0.2), resolution=20.0)
+    """Resolution 80 leaves every cell a chunk of its own, so that the log shows what was believed of them."""
+    settings = BuildConfig(pooling=PoolSettings(imagined_pairs=20.0, touching_same=0.2), resolution=80.0)
     simap = build_map(tiny, settings)
-    again = recommunity(simap, resolution=20.0)
+    again = recommunity(simap, resolution=80.0)
     assert len(simap.merges) >= 20 and np.array_equal(again.community, simap.community)
     same_log(again, simap)
     usual = build_map(tiny, replace(settings, pooling=PoolSettings()))

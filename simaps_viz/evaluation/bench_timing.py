@@ -28,15 +28,21 @@ class Cost:
         return statistics.median(self.cpu_s)
 
 
-def measure(works: Mapping[Name, Callable[[], object]], *, runs: int) -> dict[Name, Cost]:
-    """Run each piece of work once to warm up, then all of them in turn, so that a busy moment hits them alike."""
+def measure(works: Mapping[Name, Callable[[], object]], *, runs: int, warm: bool = True) -> dict[Name, Cost]:
+    """Run all pieces of work in turn, several times, so that a busy moment hits them alike.
+
+    Args:
+        works: by name.
+        runs: of each that count.
+        warm: run each once more before, which does not count.
+    """
     wall: dict[Name, list[float]] = {name: [] for name in works}
     cpu: dict[Name, list[float]] = {name: [] for name in works}
-    for run in range(runs + 1):
+    for run in range(-1 if warm else 0, runs):
         for name, work in works.items():
             wall_start, cpu_start = time.perf_counter(), time.process_time()
             work()
-            if run:
+            if run >= 0:
                 wall[name].append(time.perf_counter() - wall_start)
                 cpu[name].append(time.process_time() - cpu_start)
     return {name: Cost(tuple(wall[name]), tuple(cpu[name])) for name in works}
@@ -55,11 +61,10 @@ def best_of(work: Callable[[], Any], *, runs: int = 5) -> tuple[float, Any]:
     return statistics.median(seconds for seconds, _ in done), done[-1][1]
 
 
-def slowest(works: Mapping[float, Callable[[], object]], *, runs: int = 3) -> tuple[float, float]:
-    """Give the name and the time, seconds, of the slowest of several pieces of work, each by its median of runs."""
-    costs = measure(works, runs=runs)
-    name = max(costs, key=lambda one: costs[one].wall)
-    return name, costs[name].wall
+def slowest(works: Mapping[float, Callable[[], object]], *, runs: int = 3) -> Cost:
+    """Give the largest median of several pieces of work: as ``wall`` of the slowest, as ``cpu`` of the costliest."""
+    costs = measure(works, runs=runs, warm=False).values()
+    return Cost((max(cost.wall for cost in costs),), (max(cost.cpu for cost in costs),))
 
 
 def times(ratio: float) -> str:

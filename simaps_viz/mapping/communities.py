@@ -45,8 +45,8 @@ def renumber(community: NDArray) -> NDArray:
     return rank[inverse].astype(np.int32)
 
 
-CHUNK = 50.0
-"""Total weight of the neighbourhood edges of a community that resolution 1 leaves about whole: a dozen cells."""
+CHUNK = 200.0
+"""Total weight of the neighbourhood edges of a community that resolution 1 leaves about whole: fifty cells."""
 
 
 def find_chunks(

@@ -147,13 +147,19 @@ def _graphs(
     second = number[thing_cells[first] + steps[step, 0] * grid.spec.cols + steps[step, 1]]
     counts, against = same[first, step].astype(np.int64), different[first, step].astype(np.int64)
     cell_label = label[thing_cells]
-    of_class = cell_label[first]
+    by_class = np.argsort(cell_label, kind="stable")  # cells, and edges, stay in their order within a class
+    edge_by_class = np.argsort(cell_label[first], kind="stable")
+    found = np.unique(cell_label)
+    cell_cuts = np.searchsorted(cell_label[by_class], [*found, len(grid.labels)])
+    edge_cuts = np.searchsorted(cell_label[first][edge_by_class], [*found, len(grid.labels)])
+    position = np.zeros(len(thing_cells), dtype=np.int32)  # of a cell in its class
+    position[by_class] = np.arange(len(thing_cells)) - np.repeat(cell_cuts[:-1], np.diff(cell_cuts))
+    ends = np.stack([position[first], position[second]], axis=1)
     graphs = []
-    for index in np.unique(cell_label):
-        members = np.flatnonzero(cell_label == index)
-        edges = of_class == index
-        ends = np.searchsorted(members, np.stack([first[edges], second[edges]], axis=1)).astype(np.int32)
-        graphs.append(affine(int(index), thing_cells[members], ends, counts[edges], against[edges]))
+    for i, index in enumerate(found.tolist()):
+        members = thing_cells[by_class[cell_cuts[i] : cell_cuts[i + 1]]]
+        edges = edge_by_class[edge_cuts[i] : edge_cuts[i + 1]]
+        graphs.append(affine(index, members, ends[edges], counts[edges], against[edges]))
     return tuple(graphs)
 
 

@@ -1,6 +1,7 @@
 """From finest communities and a merge log to instances: a prefix of the log, looked up, never recomputed."""
 
 import numpy as np
+from numba import njit
 from numpy.typing import NDArray
 
 from simaps_viz.structures import Grid, Instance, MergeLog, Views
@@ -44,28 +45,37 @@ def instance_of_community(log: MergeLog, applied: NDArray, communities: int) -> 
         int32 [communities + 1]: the instance of each community; an instance is called by its smallest community, so
         that its name stays when K moves. Entry 0 is 0.
     """
-    parent = list(range(communities + 1))
-    for source, target in zip(log.source[applied].tolist(), log.target[applied].tolist(), strict=True):
-        parent[source] = target
-    smallest = list(range(communities + 1))
-    root = smallest.copy()
+    return _follow(log.source[applied], log.target[applied], communities)
+
+
+@njit(cache=True, nogil=True)
+def _follow(source: NDArray, target: NDArray, communities: int) -> NDArray:
+    parent = np.arange(communities + 1).astype(np.int32)
+    for step in range(len(source)):
+        parent[source[step]] = target[step]
+    root = parent.copy()
+    smallest = np.full(communities + 1, -1, dtype=np.int32)
     for community in range(communities + 1):
         at = community
         while parent[at] != at:
             parent[at] = parent[parent[at]]
             at = parent[at]
         root[community] = at
-        smallest[at] = min(smallest[at], community)
-    return np.array(smallest, dtype=np.int32)[np.array(root)]
+        if smallest[at] < 0:  # communities are met in ascending order
+            smallest[at] = community
+    return smallest[root]
 
 
 def describe_instances(grid: Grid, instance: NDArray, views: Views, instance_of: NDArray) -> tuple[Instance, ...]:
     """Measure every instance: cells, centroid, box, frames, score. Sorted by class name, then id."""
     flat = instance.reshape(-1)
     where = np.flatnonzero(flat)
-    ids, group = np.unique(flat[where], return_inverse=True)
+    ids = np.flatnonzero(np.bincount(flat[where]))
     if len(ids) == 0:
         return ()
+    number = np.zeros(int(ids[-1]) + 1, dtype=np.int64)
+    number[ids] = np.arange(len(ids))
+    group = number[flat[where]]
     spec = grid.spec
     row, col = np.divmod(where, spec.cols)
     x = spec.x0_m + (col + 0.5) * spec.cell_size_m
@@ -80,19 +90,14 @@ def describe_instances(grid: Grid, instance: NDArray, views: Views, instance_of:
     label[group] = grid.label.reshape(-1)[where]
     frames, score = _seen(views, instance_of, ids)
 
-    found = []
-    for i, instance_id in enumerate(ids.tolist()):
-        found.append(
-            Instance(
-                id=instance_id,
-                label=grid.labels[label[i]],
-                cells=int(n[i]),
-                centroid_m=_triple(mean, i),
-                aabb_m=(_triple(low, i), _triple(high, i)),
-                frames=int(frames[i]),
-                score=round(float(score[i]), 4),
-            )
-        )
+    centroids, lows, highs = (list(zip(*map(_rounded, axes), strict=True)) for axes in (mean, low, high))
+    columns = zip(
+        ids.tolist(), label.tolist(), n.tolist(), centroids, lows, highs, frames.tolist(), _rounded(score), strict=True
+    )
+    found = [
+        Instance(instance_id, grid.labels[index], cells, centroid, (lowest, highest), seen, confidence)
+        for instance_id, index, cells, centroid, lowest, highest, seen, confidence in columns
+    ]
     return tuple(sorted(found, key=lambda one: (one.label, one.id)))
 
 
@@ -102,19 +107,52 @@ def _extreme(ufunc: np.ufunc, group: NDArray, values: NDArray, start: float, siz
     return result
 
 
-def _triple(axes: list[NDArray], i: int) -> tuple[float, float, float]:
-    return (round(float(axes[0][i]), 4), round(float(axes[1][i]), 4), round(float(axes[2][i]), 4))
+def _rounded(values: NDArray) -> list[float]:
+    """Round to 4 digits as `round` does, which is slow; what lies about halfway between two numbers is left to it."""
+    scaled = values * 1e4
+    result = (np.rint(scaled) / 1e4).tolist()
+    for i in np.flatnonzero(np.abs(scaled - np.floor(scaled) - 0.5) < 1e-3).tolist():
+        result[i] = round(float(values[i]), 4)
+    return result
 
 
 def _seen(views: Views, instance_of: NDArray, ids: NDArray) -> tuple[NDArray, NDArray]:
     """Count the frames that saw each instance, and the mean confidence of the segments that named its cells."""
-    instance = instance_of[views.community]
-    known = instance > 0
-    views_cells, views_score, views_frame = views.cells[known], views.score[known], views.frame[known]
-    instance = instance[known]
-    at = np.searchsorted(ids, instance)
-    pairs = np.unique(at.astype(np.int64) << 32 | views_frame.astype(np.int64))
-    frames = np.bincount(pairs >> 32, minlength=len(ids))
-    cells = np.bincount(at, weights=views_cells, minlength=len(ids))
-    total = np.bincount(at, weights=views_cells * views_score.astype(np.float64), minlength=len(ids))
+    place = np.full(max(int(ids[-1]), int(instance_of.max(initial=0))) + 1, -1, dtype=np.int32)
+    place[ids] = np.arange(len(ids))
+    place[0] = -1
+    at = place[instance_of][views.community]
+    highest = int(views.frame.max(initial=-1))
+    frames, cells, total = _sum_views(at, views.frame, views.cells, views.score, len(ids), highest + 1)
     return frames, total / np.maximum(cells, 1)
+
+
+@njit(cache=True, nogil=True)
+def _sum_views(
+    at: NDArray, frame: NDArray, cells_of: NDArray, score: NDArray, instances: int, frames: int
+) -> tuple[NDArray, NDArray, NDArray]:
+    """Count, for each instance, the different frames of its views, their cells, and their cells times their score."""
+    start = np.zeros(instances + 1, dtype=np.int64)
+    cells = np.zeros(instances, dtype=np.float64)
+    total = np.zeros(instances, dtype=np.float64)
+    for view in range(len(at)):
+        if at[view] >= 0:
+            start[at[view] + 1] += 1
+            cells[at[view]] += cells_of[view]
+            total[at[view]] += cells_of[view] * np.float64(score[view])
+    for i in range(instances):
+        start[i + 1] += start[i]
+    free = start[:-1].copy()
+    frame_of = np.zeros(start[instances], dtype=np.int32)  # sorted by instance
+    for view in range(len(at)):
+        if at[view] >= 0:
+            frame_of[free[at[view]]] = frame[view]
+            free[at[view]] += 1
+    last = np.full(frames, -1, dtype=np.int32)  # the last instance a frame was counted for
+    different = np.zeros(instances, dtype=np.int64)
+    for i in range(instances):
+        for k in range(start[i], start[i + 1]):
+            if last[frame_of[k]] != i:
+                last[frame_of[k]] = i
+                different[i] += 1
+    return different, cells, total

@@ -3,6 +3,7 @@
 from collections.abc import Sequence
 
 import numpy as np
+from numba import njit
 from numpy.typing import NDArray
 
 from simaps_viz.mapping.communities import find_chunks
@@ -58,13 +59,25 @@ def partition_evidence(
 
 def touching_pairs(cells: NDArray, spec: GridSpec) -> NDArray:
     """Give the pairs of 8-neighbouring cells of one class, int32 [t, 2], positions in ``cells`` (flat, ascending)."""
-    place = np.full(spec.rows * spec.cols, -1, dtype=np.int32)
-    place[cells] = np.arange(len(cells), dtype=np.int32)
-    row, col = np.divmod(cells, spec.cols)
-    found = []
-    for d_row, d_col in ((0, 1), (1, -1), (1, 0), (1, 1)):
-        inside = (row + d_row < spec.rows) & (col + d_col >= 0) & (col + d_col < spec.cols)
-        here = np.flatnonzero(inside)
-        there = place[cells[here] + d_row * spec.cols + d_col]
-        found.append(np.stack([here[there >= 0], there[there >= 0]], axis=1))
-    return np.concatenate(found).astype(np.int32)
+    return _touching(cells, spec.cols)
+
+
+@njit(cache=True, nogil=True)
+def _touching(cells: NDArray, cols: int) -> NDArray:
+    """Walk along the cells with one finger on each of the four neighbours that come later in the grid."""
+    steps = np.array([1, cols - 1, cols, cols + 1])
+    d_col = np.array([1, -1, 0, 1])
+    finger = np.zeros(4, dtype=np.int64)
+    pairs = np.zeros((4 * len(cells), 2), dtype=np.int32)
+    n = 0
+    for i in range(len(cells)):
+        col = cells[i] % cols
+        for s in range(4):
+            while finger[s] < len(cells) and cells[finger[s]] < cells[i] + steps[s]:
+                finger[s] += 1
+            if finger[s] == len(cells) or not 0 <= col + d_col[s] < cols:
+                continue
+            if cells[finger[s]] == cells[i] + steps[s]:
+                pairs[n] = i, finger[s]
+                n += 1
+    return pairs[:n]

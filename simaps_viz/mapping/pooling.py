@@ -49,39 +49,59 @@ def _between(
     community: NDArray, edges: NDArray, same: NDArray, different: NDArray, touching: NDArray
 ) -> tuple[NDArray, NDArray, NDArray, NDArray, NDArray]:
     """Sum up the evidence between every two communities; float64 sums are exact for whole numbers."""
-    pairs = np.concatenate([edges, touching]).astype(np.int64)
-    zeros = np.zeros(len(touching))
-    ends = community[pairs]
-    crossing = ends[:, 0] != ends[:, 1]
-    key = (ends.min(axis=1).astype(np.int64) << 32) | ends.max(axis=1)
-    unique, inverse = np.unique(key[crossing], return_inverse=True)
+    n = int(community.max(initial=-1)) + 1
+    return _sum_up(n, community, edges, same.astype(np.int64), different.astype(np.int64), touching)
 
-    def total(of_edge: NDArray, of_touch: NDArray) -> NDArray:
-        weights = np.concatenate([of_edge, of_touch])[crossing]
-        return np.bincount(inverse, weights=weights, minlength=len(unique))
 
-    touches = total(np.zeros(len(edges)), zeros + 1.0) > 0
-    low, high = (unique >> 32).astype(np.int32), (unique & 0xFFFFFFFF).astype(np.int32)
-    return low, high, total(same, zeros), total(different, zeros), touches
+@njit(cache=True, nogil=True)
+def _sum_up(n, community, edges, same, different, touching):
+    """Sort the pairs by their lower community, then add up what each has with every higher one."""
+    pairs, touches_from = len(edges) + len(touching), len(edges)
+    lower = np.full(pairs, -1, dtype=np.int32)
+    upper = np.zeros(pairs, dtype=np.int32)
+    start = np.zeros(n + 1, dtype=np.int32)
+    for i in range(pairs):
+        pair = edges[i] if i < touches_from else touching[i - touches_from]
+        one, other = community[pair[0]], community[pair[1]]
+        if one != other:
+            lower[i], upper[i] = min(one, other), max(one, other)
+            start[lower[i] + 1] += 1
+    for c in range(n):
+        start[c + 1] += start[c]
+    at = start[:-1].copy()
+    sorted_pairs = np.zeros(start[n], dtype=np.int32)
+    for i in range(pairs):
+        if lower[i] >= 0:
+            sorted_pairs[at[lower[i]]] = i
+            at[lower[i]] += 1
+    low = np.zeros(start[n], dtype=np.int32)
+    high = np.zeros(start[n], dtype=np.int32)
+    pooled_same = np.zeros(start[n], dtype=np.float64)
+    pooled_different = np.zeros(start[n], dtype=np.float64)
+    touches = np.zeros(start[n], dtype=np.bool_)
+    entry_of = np.full(n, -1, dtype=np.int32)
+    size = 0
+    for c in range(n):
+        first = size
+        for k in range(start[c], start[c + 1]):
+            i = sorted_pairs[k]
+            entry = entry_of[upper[i]]
+            if entry < first:
+                entry = size
+                low[entry], high[entry], entry_of[upper[i]] = c, upper[i], entry
+                size += 1
+            if i < touches_from:
+                pooled_same[entry] += same[i]
+                pooled_different[entry] += different[i]
+            else:
+                touches[entry] = True
+    return low[:size], high[:size], pooled_same[:size], pooled_different[:size], touches[:size]
 
 
 @njit(cache=True, nogil=True, inline="always")
 def _affinity(same, different, touches, m, p):
     pairs = same + different + m
     return (same + (m * p if touches else 0.0)) / pairs if pairs > 0.0 else 0.0  # nothing seen, nothing imagined
-
-
-@njit(cache=True, nogil=True, inline="always")
-def _before(heap_score, heap_ends, a, b):
-    """Tell whether heap entry a comes before b: higher affinity, then smaller communities."""
-    if heap_score[a] != heap_score[b]:
-        return heap_score[a] > heap_score[b]
-    return heap_ends[a] < heap_ends[b]
-
-
-@njit(cache=True, nogil=True, inline="always")
-def _ends(low, high):
-    return np.int64(low) << 32 | np.int64(high)
 
 
 @njit(cache=True, nogil=True)
@@ -96,123 +116,132 @@ def _join(n, low, high, same, different, touches, m, p):  # noqa: C901, PLR0912,
         following[2 * e + 1] = head[high[e]]
         head[high[e]] = 2 * e + 1
     alive = np.ones(edges, dtype=np.bool_)
+    # The heap holds the edges with an affinity above 0, the best first: highest affinity, then smallest communities.
+    heap = np.zeros(edges, dtype=np.int32)
     score = np.zeros(edges, dtype=np.float64)
-    room = 2 * edges + 16
-    heap_score = np.zeros(room, dtype=np.float64)
-    heap_edge = np.zeros(room, dtype=np.int32)
-    heap_ends = np.zeros(room, dtype=np.int64)  # both communities at the time: what has changed since does not count
+    ends = np.zeros(edges, dtype=np.int64)
+    place = np.full(edges, -1, dtype=np.int32)  # of an edge in the heap
     size = 0
     for e in range(edges):
-        score[e] = _affinity(same[e], different[e], touches[e], m, p)
-        heap_score[size], heap_edge[size], heap_ends[size] = score[e], e, _ends(low[e], high[e])
-        size += 1
-        _rise(heap_score, heap_edge, heap_ends, size - 1)
-    edge_to = np.full(n, -1, dtype=np.int32)
+        affine = _affinity(same[e], different[e], touches[e], m, p)
+        if affine > 0.0:
+            heap[size], score[size], ends[size], place[e] = e, affine, _ends(low[e], high[e]), size
+            size += 1
+    for at in range(size // 2 - 1, -1, -1):
+        _sink(heap, score, ends, place, size, at, heap[at], score[at], ends[at])
+    edge_to = np.full(n, -1, dtype=np.int32)  # the edge between `known_to` and another community ...
+    marked = np.full(n, -1, dtype=np.int32)  # ... where this is `mark`
+    known_to, mark = -1, -1
     source = np.zeros(n, dtype=np.int32)
     target = np.zeros(n, dtype=np.int32)
     affinity = np.zeros(n, dtype=np.float32)
     steps = 0
     while size > 0:
-        best, at_score, at_ends = heap_edge[0], heap_score[0], heap_ends[0]
-        size -= 1
-        heap_score[0], heap_edge[0], heap_ends[0] = heap_score[size], heap_edge[size], heap_ends[size]
-        _sink(heap_score, heap_edge, heap_ends, size)
-        if not alive[best] or at_score != score[best] or at_ends != _ends(low[best], high[best]):
-            continue  # overtaken by a later sum
-        if at_score <= 0.0:
-            break
+        best = heap[0]
         a, b = low[best], high[best]
         alive[best] = False
-        source[steps], target[steps], affinity[steps] = b, a, at_score
+        source[steps], target[steps], affinity[steps] = b, a, score[0]
         steps += 1
-        slot = head[a]
-        last = -1
-        while slot >= 0:
-            e = slot >> 1
-            if alive[e]:
-                edge_to[high[e] if low[e] == a else low[e]] = e
-            last = slot
-            slot = following[slot]
+        size = _take_out(heap, score, ends, place, size, best)
+        if known_to != a:
+            known_to, mark = a, mark + 1
+            before, slot = -1, head[a]
+            while slot >= 0:
+                e, after = slot >> 1, following[slot]
+                if alive[e]:
+                    other = high[e] if low[e] == a else low[e]
+                    edge_to[other], marked[other] = e, mark
+                    before = slot
+                elif before < 0:  # what has ended leaves the list
+                    head[a] = after
+                else:
+                    following[before] = after
+                slot = after
+        marked[b] = -1
         slot = head[b]
         while slot >= 0:
             e, after = slot >> 1, following[slot]
             if alive[e]:
                 other = high[e] if low[e] == b else low[e]
-                known = edge_to[other]
-                before_score, before_ends = -1.0, np.int64(-1)
-                if known >= 0:  # a has an edge to it already: sum up
+                if marked[other] == mark:  # a has an edge to it already: sum up
+                    if place[e] >= 0:
+                        size = _take_out(heap, score, ends, place, size, e)
+                    alive[e] = False
+                    known = edge_to[other]
                     same[known] += same[e]
                     different[known] += different[e]
                     touches[known] = touches[known] or touches[e]
-                    alive[e] = False
-                    e = known
-                    before_score, before_ends = score[e], _ends(low[e], high[e])
-                else:  # the edge moves over to a
+                    affine = _affinity(same[known], different[known], touches[known], m, p)
+                    if affine > 0.0:
+                        at = place[known]
+                        if at < 0:
+                            at = size
+                            size += 1
+                        _put(heap, score, ends, place, size, at, known, affine, _ends(low[known], high[known]))
+                else:  # the edge moves over to a: its affinity stays, its ends come earlier
                     low[e], high[e] = min(a, other), max(a, other)
-                    if last < 0:
-                        head[a] = slot
-                    else:
-                        following[last] = slot
-                    following[slot] = -1
-                    last = slot
-                    edge_to[other] = e
-                score[e] = _affinity(same[e], different[e], touches[e], m, p)
-                if score[e] != before_score or _ends(low[e], high[e]) != before_ends:
-                    if size == len(heap_edge):
-                        size = _sweep(heap_score, heap_edge, heap_ends, low, high, alive, score, size)
-                    heap_score[size], heap_edge[size], heap_ends[size] = score[e], e, _ends(low[e], high[e])
-                    size += 1
-                    _rise(heap_score, heap_edge, heap_ends, size - 1)
+                    following[slot] = head[a]
+                    head[a] = slot
+                    edge_to[other], marked[other] = e, mark
+                    at = place[e]
+                    if at >= 0:
+                        _rise(heap, score, ends, place, at, e, score[at], _ends(low[e], high[e]))
             slot = after
         head[b] = -1
-        slot = head[a]
-        while slot >= 0:
-            e = slot >> 1
-            if low[e] == a:
-                edge_to[high[e]] = -1
-            if high[e] == a:
-                edge_to[low[e]] = -1
-            slot = following[slot]
     return source[:steps], target[:steps], affinity[:steps]
 
 
+@njit(cache=True, nogil=True, inline="always")
+def _ends(low, high):
+    return np.int64(low) << 32 | np.int64(high)
+
+
 @njit(cache=True, nogil=True)
-def _rise(heap_score, heap_edge, heap_ends, at):
+def _rise(heap, score, ends, place, at, edge, its_score, its_ends):
+    """Put an edge at a free place of the heap, or above it."""
     while at > 0:
         above = (at - 1) >> 1
-        if not _before(heap_score, heap_ends, at, above):
-            return
-        heap_score[at], heap_score[above] = heap_score[above], heap_score[at]
-        heap_edge[at], heap_edge[above] = heap_edge[above], heap_edge[at]
-        heap_ends[at], heap_ends[above] = heap_ends[above], heap_ends[at]
+        if score[above] > its_score or (score[above] == its_score and ends[above] <= its_ends):
+            break
+        heap[at], score[at], ends[at], place[heap[above]] = heap[above], score[above], ends[above], at
         at = above
+    heap[at], score[at], ends[at], place[edge] = edge, its_score, its_ends, at
 
 
 @njit(cache=True, nogil=True)
-def _sink(heap_score, heap_edge, heap_ends, size):
-    at = 0
+def _sink(heap, score, ends, place, size, at, edge, its_score, its_ends):
+    """Put an edge at a free place of the heap, or below it."""
     while True:
         below = 2 * at + 1
         if below >= size:
-            return
-        if below + 1 < size and _before(heap_score, heap_ends, below + 1, below):
-            below += 1
-        if not _before(heap_score, heap_ends, below, at):
-            return
-        heap_score[at], heap_score[below] = heap_score[below], heap_score[at]
-        heap_edge[at], heap_edge[below] = heap_edge[below], heap_edge[at]
-        heap_ends[at], heap_ends[below] = heap_ends[below], heap_ends[at]
+            break
+        right = below + 1
+        if right < size and (
+            score[right] > score[below] or (score[right] == score[below] and ends[right] < ends[below])
+        ):
+            below = right
+        if its_score > score[below] or (its_score == score[below] and its_ends <= ends[below]):
+            break
+        heap[at], score[at], ends[at], place[heap[below]] = heap[below], score[below], ends[below], at
         at = below
+    heap[at], score[at], ends[at], place[edge] = edge, its_score, its_ends, at
 
 
 @njit(cache=True, nogil=True)
-def _sweep(heap_score, heap_edge, heap_ends, low, high, alive, score, size):
-    """Drop overtaken entries; an edge has one entry that counts, so half of the heap becomes free."""
-    kept = 0
-    for i in range(size):
-        e = heap_edge[i]
-        if alive[e] and heap_score[i] == score[e] and heap_ends[i] == _ends(low[e], high[e]):
-            heap_score[kept], heap_edge[kept], heap_ends[kept] = heap_score[i], e, heap_ends[i]
-            kept += 1
-            _rise(heap_score, heap_edge, heap_ends, kept - 1)
-    return kept
+def _put(heap, score, ends, place, size, at, edge, its_score, its_ends):
+    """Put an edge at a free place of the heap, or where it belongs from there."""
+    above = (at - 1) >> 1
+    if at > 0 and (score[above] < its_score or (score[above] == its_score and ends[above] > its_ends)):
+        _rise(heap, score, ends, place, at, edge, its_score, its_ends)
+    else:
+        _sink(heap, score, ends, place, size, at, edge, its_score, its_ends)
+
+
+@njit(cache=True, nogil=True)
+def _take_out(heap, score, ends, place, size, edge):
+    """Take an edge out of the heap; give the new size."""
+    at, last = place[edge], size - 1
+    place[edge] = -1
+    if at != last:
+        _put(heap, score, ends, place, last, at, heap[last], score[last], ends[last])
+    return last

@@ -5,6 +5,7 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
+from numba import njit
 from numpy.typing import NDArray
 
 from simaps_viz.errors import InputError
@@ -12,6 +13,7 @@ from simaps_viz.mapping.communities import find_communities
 from simaps_viz.mapping.merge import merge_steps
 from simaps_viz.mapping.partition import applied_steps, describe_instances, instance_of_community
 from simaps_viz.mapping.partition_evidence import partition_evidence
+from simaps_viz.mapping.pooling import PoolSettings
 from simaps_viz.mapping.readings import Readings
 from simaps_viz.structures import CellGraph, Grid, MergeLog, SIMap, Views
 
@@ -141,7 +143,10 @@ def recommunity(
     parameters = {**_joined(simap, k_percent, affinity), "resolution": float(resolution)}
     seed = int(simap.parameters.get("seed", 0))
     if simap.method == "evidence":
-        community, log = partition_evidence(simap.grid, simap.graphs, resolution=resolution, seed=seed)
+        believed = PoolSettings(**simap.parameters.get("pooling", {}))
+        community, log = partition_evidence(
+            simap.grid, simap.graphs, resolution=resolution, seed=seed, settings=believed
+        )
     else:
         community, log = partition_grid(simap.grid, simap.graphs, resolution=resolution, seed=seed)
     origin = replace(origin_of(simap), parameters=parameters)
@@ -177,17 +182,38 @@ def _share_views(simap: SIMap, community: NDArray) -> Views:
     old_of, new_of = simap.community[thing], community[thing]
     pairs, overlap = np.unique((old_of.astype(np.int64) << 32) | new_of, return_counts=True)
     old, new = pairs >> 32, pairs & 0xFFFFFFFF
-    sizes = np.bincount(old_of)
-    starts = np.searchsorted(old, simap.views.community)
-    spans = np.searchsorted(old, simap.views.community, side="right") - starts
-    view = np.repeat(np.arange(len(spans)), spans)
-    at = np.arange(len(view)) - np.repeat(np.cumsum(spans) - spans, spans) + np.repeat(starts, spans)
-    cells = np.round(simap.views.cells[view] * overlap[at] / np.maximum(sizes[old[at]], 1)).astype(np.int32)
-    kept = cells > 0
+    first = np.searchsorted(old, np.arange(int(simap.community.max(initial=0)) + 2))
+    view, at, cells = _share(simap.views.community, simap.views.cells, first, overlap, np.bincount(old_of))
     return Views(
-        community=new[at][kept].astype(np.int32),
-        frame=simap.views.frame[view][kept],
-        segment=simap.views.segment[view][kept],
-        cells=cells[kept],
-        score=simap.views.score[view][kept],
+        community=new[at].astype(np.int32),
+        frame=simap.views.frame[view],
+        segment=simap.views.segment[view],
+        cells=cells,
+        score=simap.views.score[view],
     )
+
+
+@njit(cache=True, nogil=True)
+def _share(
+    community: NDArray, cells: NDArray, first: NDArray, overlap: NDArray, sizes: NDArray
+) -> tuple[NDArray, NDArray, NDArray]:
+    """Split the cells of every view by overlap; ``overlap[first[c] : first[c + 1]]`` are those of old community c.
+
+    Returns:
+        Of every share that rounds to at least one cell: its view, its overlap, its cells int32.
+    """
+    room = 0
+    for view in range(len(community)):
+        room += first[community[view] + 1] - first[community[view]]
+    view_of = np.zeros(room, dtype=np.int32)
+    at_of = np.zeros(room, dtype=np.int32)
+    shared = np.zeros(room, dtype=np.int32)
+    n = 0
+    for view in range(len(community)):
+        old = community[view]
+        for at in range(first[old], first[old + 1]):
+            share = np.rint(cells[view] * overlap[at] / sizes[old])
+            if share > 0.0:
+                view_of[n], at_of[n], shared[n] = view, at, np.int32(share)
+                n += 1
+    return view_of[:n], at_of[:n], shared[:n]

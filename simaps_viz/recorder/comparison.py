@@ -40,7 +40,7 @@ def record_comparison(name: str, pictures: Sequence[Picture], path: Path) -> Non
         for number, (title, colors, instance) in enumerate(pictures):
             origin = f"/{number:02d}"
             stream.log(f"{origin}/map", rr.Image(np.ascontiguousarray(colors[::-1])), static=True)
-            ids = np.ascontiguousarray(instance[::-1]).astype(np.uint16 if instance.max() < 2**16 else np.uint32)
+            ids = np.ascontiguousarray(instance[::-1].astype(np.uint16))  # as many as rerun tells apart
             stream.log(f"{origin}/instance", rr.SegmentationImage(ids, opacity=0.0), static=True)
             views.append(rrb.Spatial2DView(origin=origin, name=title))
         columns = max(1, round(len(views) ** 0.5))

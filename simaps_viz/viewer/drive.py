@@ -2,18 +2,23 @@
 
 import threading
 import time
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from simaps_viz.geometry import wrap_angle
 from simaps_viz.structures import Pose2
+from simaps_viz.viewer.services import StepLike
 
 SPEED_M_S = 0.9
 TURN_RAD_S = float(np.deg2rad(150.0))
 TICK_S = 0.05
+LOOK_S = 0.3
+"""How long a statement that drives nowhere is shown at normal speed."""
+ALL_LOOKS_S = 3.0
+"""How long all of them together may take."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -24,6 +29,10 @@ class Trajectory:
     """float64 [n, 3], x, y (metres), yaw (radians), map frame; n >= 1."""
     times_s: NDArray
     """float64 [n], from 0, never falling."""
+    steps_s: NDArray = field(default_factory=lambda: np.zeros(0))
+    """float64 [k], when each statement of the program begins, rising."""
+    lines: NDArray = field(default_factory=lambda: np.zeros(1, np.int64))
+    """int64 [n], the line of the program that drives on from each pose, counted from 1; 0 or too short: unknown."""
 
     @property
     def duration_s(self) -> float:
@@ -33,6 +42,16 @@ class Trajectory:
     def leg_at(self, time_s: float) -> int:
         """Give the index of the last pose that was passed by a time."""
         return int(np.clip(np.searchsorted(self.times_s, time_s, side="right") - 1, 0, len(self.times_s) - 1))
+
+    def line_at(self, time_s: float) -> int:
+        """Give the line of the program that runs at a time, counted from 1; 0 when that is not known."""
+        leg = self.leg_at(time_s)
+        return int(self.lines[leg]) if leg < len(self.lines) else 0
+
+    def next_step(self, time_s: float) -> float | None:
+        """Give when the next statement begins; None when there is none."""
+        later = self.steps_s[self.steps_s > time_s + 1e-9]
+        return float(later[0]) if len(later) and later[0] < self.duration_s - 1e-9 else None
 
     def at(self, time_s: float) -> Pose2:
         """Give the pose at a time; before the start and after the end the robot stands."""
@@ -66,21 +85,70 @@ def poses_along(start: Pose2, path: ArrayLike, final: Pose2) -> NDArray:
     return np.array(poses)
 
 
-class Drive:
-    """Plays a trajectory in real time."""
+def ride_of_steps(steps: Sequence[StepLike], start: Pose2) -> Trajectory:
+    """Time what statements drive. A statement that drives nowhere takes a moment, so that its line is seen to run.
 
-    def __init__(self, on_pose: Callable[[Pose2, float, int], None], on_end: Callable[[], None]) -> None:
-        """Take whom to tell.
+    Args:
+        steps: one or two events a statement: before it runs (``done`` False, no poses) and after.
+        start: where the robot stands.
+    """
+    rows, lines, looks, begins = [[start.x_m, start.y_m, start.yaw_rad]], [0], [], []
+    for line, poses in _statements(steps):
+        begins.append(len(rows))
+        driven = [[*map(float, pose)] for pose in poses]
+        if not driven:
+            looks.append(len(rows))
+            driven = [rows[-1]]
+        rows += [rows[-1], *driven]
+        lines += [line] * (1 + len(driven))
+    ride = trajectory(rows)
+    wait = np.zeros(len(rows))
+    wait[np.array(looks, np.int64) + 1] = min(LOOK_S, ALL_LOOKS_S / max(len(looks), 1))
+    times = ride.times_s + np.cumsum(wait)
+    return Trajectory(ride.poses, times, times[np.array(begins, np.int64)], np.array(lines, np.int64))
+
+
+def _statements(steps: Sequence[StepLike]) -> list[tuple[int, NDArray]]:
+    """Give the line and the poses [n, 3] of each statement; what ends only after its block is told by its start."""
+    found: list[tuple[int, NDArray]] = []
+    open_line: int | None = None
+    for step in steps:
+        poses = np.asarray(step.poses, np.float64).reshape(-1, 3)
+        if not getattr(step, "done", True):
+            found.append((step.line, poses))
+            open_line = step.line
+        elif open_line == step.line:
+            found[-1] = (step.line, poses)
+            open_line = None
+        elif len(poses) or not hasattr(step, "done"):
+            found.append((step.line, poses))
+    return found
+
+
+class Drive:
+    """Plays a trajectory in real time, whole or statement by statement."""
+
+    def __init__(
+        self,
+        on_pose: Callable[[Pose2, float, int], None],
+        on_end: Callable[[], None],
+        on_hold: Callable[[], None] = lambda: None,
+    ) -> None:
+        """Take whom to tell; none of them is called once ``stop`` has returned.
 
         Args:
             on_pose: gets the pose, the share of the ride that is over, and the index of the pose passed last.
             on_end: called when the ride has ended by itself.
+            on_hold: called when a step is over and the ride waits.
         """
-        self._on_pose, self._on_end = on_pose, on_end
+        self._on_pose, self._on_end, self._on_hold = on_pose, on_end, on_hold
         self.speed = 1.0
         """Factor on the normal speed; may change while the robot drives."""
         self._running = threading.Event()
-        self._ride: object | None = None
+        self._lock = threading.RLock()
+        self._ride: Trajectory | None = None
+        self._elapsed = 0.0
+        self._until: float | None = None
 
     @property
     def active(self) -> bool:
@@ -92,36 +160,69 @@ class Drive:
         """Whether a ride waits."""
         return self.active and not self._running.is_set()
 
-    def start(self, ride: Trajectory) -> None:
-        """Begin a ride; one that is under way ends where it is."""
-        self._ride = ride
-        self._running.set()
+    def start(self, ride: Trajectory, *, held: bool = False) -> None:
+        """Begin a ride, or hold it before its first statement; one that is under way ends where it is."""
+        with self._lock:
+            self._running.set()  # the thread of an earlier ride sees that it is over
+            self._ride, self._elapsed, self._until = ride, 0.0, None
+            if held:
+                self._running.clear()
         threading.Thread(target=self._play, args=(ride,), name="workbench-drive", daemon=True).start()
 
     def pause(self, paused: bool) -> None:
         """Hold the ride, or let it go on."""
-        if paused:
-            self._running.clear()
-        else:
-            self._running.set()
+        with self._lock:
+            self._until = None
+            if paused:
+                self._running.clear()
+            else:
+                self._running.set()
+
+    def step(self) -> None:
+        """Go on to the end of the statement that runs, and hold there."""
+        with self._lock:
+            if self._ride is not None:
+                self._until = self._ride.next_step(self._elapsed)
+                self._running.set()
 
     def stop(self) -> None:
         """End the ride where the robot is."""
-        self._ride = None
-        self._running.set()
+        with self._lock:
+            self._ride = None
+            self._running.set()
 
     def _play(self, ride: Trajectory) -> None:
-        elapsed, before = 0.0, time.monotonic()
-        while self._ride is ride and elapsed < ride.duration_s:
-            self._running.wait()
+        before = time.monotonic()
+        self._tell(ride)
+        while self._ride is ride and self._elapsed < ride.duration_s:
+            self._running.wait(0.5)
             time.sleep(TICK_S)
             now = time.monotonic()
-            if self._running.is_set():
-                elapsed += min(now - before, 5 * TICK_S) * self.speed
+            self._go_on(ride, min(now - before, 5 * TICK_S) * self.speed)
             before = now
+        with self._lock:
             if self._ride is ride:
-                self._on_pose(ride.at(elapsed), min(1.0, elapsed / max(ride.duration_s, 1e-9)), ride.leg_at(elapsed))
-        if self._ride is ride:
-            self._on_pose(ride.at(ride.duration_s), 1.0, len(ride.poses) - 1)
-            self._ride = None
-            self._on_end()
+                self._elapsed = ride.duration_s
+                self._tell(ride)
+                self._ride = None
+                self._on_end()
+
+    def _go_on(self, ride: Trajectory, seconds: float) -> None:
+        """Drive on for some seconds, but not past the end of a step."""
+        with self._lock:
+            if self._ride is not ride or not self._running.is_set():
+                return
+            self._elapsed = min(self._elapsed + seconds, ride.duration_s)
+            if self._until is None or self._elapsed < self._until:
+                self._tell(ride)
+                return
+            self._elapsed, self._until = self._until, None
+            self._running.clear()
+            self._tell(ride)
+            self._on_hold()
+
+    def _tell(self, ride: Trajectory) -> None:
+        with self._lock:
+            if self._ride is ride:
+                share = min(1.0, self._elapsed / max(ride.duration_s, 1e-9))
+                self._on_pose(ride.at(self._elapsed), share, ride.leg_at(self._elapsed))

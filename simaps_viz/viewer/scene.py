@@ -17,6 +17,7 @@ from simaps_viz.viewer.texture import (
     outline_segments,
     pixels_per_cell,
 )
+from simaps_viz.viewer.why_marks import paint_cells
 
 INK = (38, 44, 56)
 SELECTED = (15, 18, 26)
@@ -38,7 +39,7 @@ class MapScene:
         self._image: viser.ImageHandle | None = None
         self._blocks: list[viser.MeshHandle] = []
         self._upright = False
-        self._style: tuple[SIMap, ColorMode, frozenset[int] | None] | None = None
+        self._style: tuple[SIMap, ColorMode, frozenset[int] | None, tuple[NDArray, NDArray] | None] | None = None
         self.extent = _seen_extent(simap)
         self._add_scale_bar()
         self._add_compass()
@@ -52,10 +53,18 @@ class MapScene:
         return xmin, ymin - 0.06 * (ymax - ymin), xmax, ymax
 
     def show_map(
-        self, simap: SIMap, mode: ColorMode, *, lit: frozenset[int] | None = None, hidden: Sequence[int] = ()
+        self,
+        simap: SIMap,
+        mode: ColorMode,
+        *,
+        lit: frozenset[int] | None = None,
+        hidden: Sequence[int] = (),
+        paint: tuple[NDArray, NDArray] | None = None,
     ) -> None:
-        """Paint the map."""
+        """Paint the map; ``paint`` = cells (flat) that get colours of their own, uint8 [n, 3]."""
         image = map_image(simap, mode, lit=lit, hidden=hidden, scale=pixels_per_cell(simap))
+        if paint is not None:
+            paint_cells(image, *paint, simap.spec.cols)
         if self._image is None:
             xmin, ymin, xmax, ymax = simap.spec.extent_m
             self._image = self._scene.add_image(
@@ -70,7 +79,7 @@ class MapScene:
             )
         else:
             self._image.image = image
-        self._style = (simap, mode, lit)
+        self._style = (simap, mode, lit, paint)
         if self._upright:
             self._build_blocks()
 
@@ -143,11 +152,13 @@ class MapScene:
     def _build_blocks(self) -> None:
         if self._style is None:
             return
-        simap, mode, lit = self._style
+        simap, mode, lit, paint = self._style
         colors = cell_colors(simap, mode)
         if lit is not None:
             keep = np.isin(simap.instance, np.fromiter(lit, np.int32, len(lit)))
             colors = np.where(keep[..., None], colors, (colors * 0.25 + 180).astype(np.uint8))
+        if paint is not None:
+            paint_cells(colors, *paint, simap.spec.cols)
         with self._server.atomic():
             self._clear_blocks()
             self._blocks = [

@@ -35,6 +35,10 @@ class Viewpoints:
         for client in self._server.get_clients().values():
             self._fit(client)
 
+    def restore(self) -> None:
+        """Bring every page back to the view that was chosen last."""
+        self.look(self._name)
+
     def _view(self, aspect: float) -> View:
         return (slanted_view if self._name == SLANT else top_view)(self._extent, aspect)
 

@@ -9,21 +9,27 @@ from collections.abc import Callable
 from types import TracebackType
 from typing import Any, TypeVar
 
-import numpy as np
 import viser
+from numpy.typing import NDArray
 
 from simaps_viz.errors import SIMapsError
-from simaps_viz.structures import Pose2, SIMap
+from simaps_viz.mapping.partition import applied_steps
+from simaps_viz.mapping.simap import joining_threshold
+from simaps_viz.mapping.why import Joint, recorded_step
+from simaps_viz.structures import Instance, Pose2, SIMap
 from simaps_viz.viewer.build_panel import BuildPanel, FrameLink
+from simaps_viz.viewer.follow import Follower
 from simaps_viz.viewer.host import Host
-from simaps_viz.viewer.instance_panel import InstancePanel
+from simaps_viz.viewer.instance_panel import InstancePanel, best_pictures
+from simaps_viz.viewer.judge_panel import JudgePanel
 from simaps_viz.viewer.map_panel import SLANT, MapActions, MapPanel, joins
-from simaps_viz.viewer.picking import best_views, communities_unseen_until, ray_on_blocks, ray_on_floor
+from simaps_viz.viewer.picking import communities_unseen_until, ray_on_blocks, ray_on_floor
+from simaps_viz.viewer.recording_clicks import clicked_place, place_inside
 from simaps_viz.viewer.robot import RobotControl
 from simaps_viz.viewer.scene import MapScene
 from simaps_viz.viewer.services import Services
-from simaps_viz.viewer.thumbnails import gallery, outlined
 from simaps_viz.viewer.viewpoints import Viewpoints
+from simaps_viz.viewer.why_panel import WhyActions, WhyPanel
 from simaps_viz.viewer.worker import Worker
 
 logger = logging.getLogger(__name__)
@@ -68,7 +74,7 @@ class Workbench:
         Raises:
             InputError: a recording that the services name does not exist.
         """
-        self.simap = simap
+        self.simap = self._recorded = simap
         self._services = services
         self._selected: int | None = None
         self._picked: tuple[float, float] | None = None
@@ -76,6 +82,8 @@ class Workbench:
         self._link = FrameLink(self._send_frame)
         self._closed = threading.Event()
         self._worker = Worker(self._report)
+        self._command_worker = Worker(self._report)  # of its own: a language model may take long
+        self._judge: JudgePanel | None = None
         self.recording_host = self._serve_recording()
         with contextlib.redirect_stdout(io.StringIO()):  # its banner; the app says where the page is
             self.server = LocalServer(host=host, port=port, label="SI Maps workbench", verbose=False)
@@ -85,6 +93,8 @@ class Workbench:
         self._lay_out(start)
         self.server.scene.on_click()(self._guarded(self._clicked))
         self._show_map()
+        if self._judge is not None:
+            self._judge.show()
 
     @property
     def url(self) -> str:
@@ -111,13 +121,11 @@ class Workbench:
         if instance_id is None:
             self._pick(None)
             return
-        row, col = np.nonzero(self.simap.instance == self.simap.by_id(instance_id).id)
-        middle = int(np.argmin(np.hypot(row - row.mean(), col - col.mean())))
-        self._pick(self.simap.spec.centre_of(float(row[middle]), float(col[middle])))
+        self._pick(place_inside(self.simap, instance_id))
 
     def wait_idle(self, timeout_s: float = 10.0) -> bool:
         """Wait until all that was asked for is done; False when that took too long."""
-        return self._worker.wait_idle(timeout_s)
+        return self._command_worker.wait_idle(timeout_s) and self._worker.wait_idle(timeout_s)
 
     def wait(self) -> None:
         """Serve until ``close`` is called or the program is interrupted."""
@@ -131,6 +139,9 @@ class Workbench:
         self._closed.set()
         self._build.stop()
         self.robot.close()
+        if self._judge is not None:
+            self._judge.close()
+        self._command_worker.stop()
         self._worker.stop()
         with contextlib.redirect_stdout(io.StringIO()):
             self.server.stop()
@@ -173,6 +184,16 @@ class Workbench:
         gui.main_panel.dock_right()
         gui.main_panel.set_width(PANEL_WIDTH_PX)
         tabs = gui.add_tab_group()
+        if services.judging is not None:
+            with tabs.add_tab("Judge", viser.Icon.GAVEL):
+                self._judge = JudgePanel(
+                    gui,
+                    self._scene,
+                    services.judging,
+                    simap=self.simap,
+                    candidates=services.candidates,
+                    take_robot=self._free_robot,
+                )
         with tabs.add_tab("Map", viser.Icon.MAP):
             actions = MapActions(self._partition, self._guarded_call(self._show_map), self._look)
             self._map_panel = MapPanel(
@@ -184,20 +205,56 @@ class Workbench:
             )
         with tabs.add_tab("Command", viser.Icon.ROBOT):
             self.robot = RobotControl(
-                gui, self._scene, self._worker, services, current_map=lambda: self.simap, start=start
+                gui,
+                self._scene,
+                self._command_worker,
+                services,
+                current_map=lambda: self.simap,
+                start=start,
+                follower=Follower(self.server, behind=lambda: self._upright, let_go=self._viewpoints.restore),
+                on_use=self._judge.leave if self._judge is not None else lambda: None,
             )
         with tabs.add_tab("Build", viser.Icon.TIMELINE):
             recorded = self.recording_host is not None
             self._build = BuildPanel(gui, self.simap, on_frame=self._show_frame, recorded=recorded)
         objects = gui.add_panel()
         with objects.add_tab("Instance", viser.Icon.CUBE):
-            self._instance_panel = InstancePanel(gui, self.simap, self._guarded(self.select))
+            self._instance_panel = InstancePanel(gui, self.simap, self._guarded(self.select), self._jump)
+            self._why = WhyPanel(self.server, self._why_actions())
         objects.dock_below(gui.main_panel)
+
+    def _free_robot(self) -> None:
+        self.robot.leave()
 
     def _look(self, name: str) -> None:
         self._upright = name == SLANT
         self._scene.stand_up(self._upright)
+        self._why.stand_up(self._upright)
         self._viewpoints.look(name)
+
+    def _why_actions(self) -> WhyActions:
+        return WhyActions(
+            repaint=self._guarded_call(self._show_map),
+            show_frame=self._jump,
+            show_joint=self._send_joint,
+            knows_joint=lambda simap: self.recording_host and simap.merges is self._recorded.merges,
+            submit=self._worker.submit,
+            view=self._view,
+        )
+
+    def _jump(self, frame: int) -> None:
+        """Show a frame, here and in the recorded build."""
+        self._build.set_frame(frame, chosen_here=True)
+
+    def _send_joint(self, joint: Joint) -> None:
+        if self.recording_host is not None:
+            recorded = self._recorded
+            applied = applied_steps(recorded.merges, joining_threshold(recorded.method, recorded.parameters))
+            time = {"timeline": "merge", "time": recorded_step(joint, applied)}
+            self.recording_host.push({"set_time": time})
+
+    def _view(self, frame: int) -> tuple[NDArray, NDArray] | None:
+        return None if self._services.view is None else self._services.view(frame)
 
     def _partition(self, k_percent: float, resolution: float) -> None:
         self._worker.submit("partition", lambda: self._partition_now(k_percent, resolution))
@@ -219,6 +276,8 @@ class Workbench:
             place = ray_on_floor(event.ray_origin, event.ray_direction)
         if place is not None and self.robot.take_click(*place):
             return
+        if self._why.take_click(None if place is None else self.simap.at(*place)):
+            return
         self._pick(place)
 
     def _pick(self, place: tuple[float, float] | None) -> None:
@@ -228,9 +287,15 @@ class Workbench:
         self._selected = None if instance is None else instance.id
         self._scene.outline(self.simap, self._selected)
         self._instance_panel.show(self.simap, instance)
-        self._show_map()
+        self._worker.submit("why", functools.partial(self._explain, self.simap, instance))
         if instance is not None:
             self._worker.submit("pictures", functools.partial(self._show_pictures, self.simap, instance.id))
+
+    def _explain(self, simap: SIMap, instance: Instance | None) -> None:
+        try:
+            self._instance_panel.explain(self._why.show(simap, instance))
+        finally:
+            self._show_map()
 
     def _show_map(self) -> None:
         self._worker.submit("map", self._show_map_now)
@@ -239,32 +304,19 @@ class Workbench:
         simap = self.simap
         lit: frozenset[int] | None = None
         if self._selected is not None:
-            lit = frozenset({self._selected})
+            lit = frozenset({self._selected}) | self._why.lit
         elif self._map_panel.shown_class is not None:
             lit = frozenset(i.id for i in simap.of_class(self._map_panel.shown_class))
         hidden = ()
         if self._build.fill_in_step and self._build.frame < len(simap.frame_names) - 1:
             hidden = tuple(communities_unseen_until(simap, self._build.frame).tolist())
-        self._scene.show_map(simap, self._map_panel.mode, lit=lit, hidden=hidden)
+        self._scene.show_map(simap, self._map_panel.mode, lit=lit, hidden=hidden, paint=self._why.paint(simap))
         self._map_panel.show(simap)
 
     def _show_pictures(self, simap: SIMap, instance_id: int) -> None:
-        views = best_views(simap, instance_id)
-        pictures = []
-        for view in views:
-            seen = None if self._services.view is None else self._services.view(view.frame)
-            if seen is not None:
-                rgb, ids = seen
-                pictures.append(outlined(rgb, ids, view.segments))
-        if instance_id != self._selected:
-            return
-        frames = ", ".join(simap.frame_names[view.frame] for view in views)
-        if pictures:
-            note = f"Best views (frames {frames}), the object's mask outlined."
-            self._instance_panel.show_pictures(gallery(pictures), note)
-            return
-        note = f"The sequence is not at hand, so its best views (frames {frames}) cannot be shown."
-        self._instance_panel.show_pictures(None, note if views else "No frame named this object.")
+        picture, note, frames = best_pictures(simap, instance_id, self._view)
+        if instance_id == self._selected:
+            self._instance_panel.show_pictures(picture, note, frames)
 
     def _show_frame(self, frame: int, chosen_here: bool) -> None:
         if chosen_here:
@@ -285,8 +337,10 @@ class Workbench:
         page's frame instead.
         """
         kind = event.get("type")
-        if kind in ("recording_open", "timeline_change"):
+        if kind == "recording_open" or (kind == "timeline_change" and event.get("timeline") in ("frame", None)):
             self._link.opened(self._build.frame)
+        elif kind == "selection_change" and isinstance(event.get("items"), list):
+            self._worker.submit("recording click", functools.partial(self._recording_clicked, event["items"]))
         elif (
             kind == "time_update"
             and event.get("timeline") in ("frame", None)
@@ -295,6 +349,18 @@ class Workbench:
             frame = int(event["time"])
             if 0 <= frame < len(self.simap.frame_names) and self._link.accept(frame, self._build.frame):
                 self._build.set_frame(frame)
+
+    def _recording_clicked(self, items: list[Any]) -> None:
+        """Select what was clicked in the recorded build, where that is something of the map."""
+        place = clicked_place(
+            [item for item in items if isinstance(item, dict)],
+            self._recorded,
+            self._build.frame,
+            view=self._view,
+            divide=self._services.picture_divide,
+        )
+        if place is not None and self.simap.at(*place) is not None:
+            self._pick(place)
 
     def _guarded(self, callback: Callable[[E], None]) -> Callable[[E], None]:
         """Make a callback whose errors appear on the page."""

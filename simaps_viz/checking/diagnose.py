@@ -1,0 +1,253 @@
+"""The whole check: from a sequence as its files are to what is wrong with it and what would put it right."""
+
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from simaps_viz.checking import faults
+from simaps_viz.checking.agreement import Agreement, Views, relative_poses
+from simaps_viz.checking.conventions import MIRRORS
+from simaps_viz.checking.findings import Bar, Correction, Finding
+from simaps_viz.checking.jump import duplicates, locate
+from simaps_viz.checking.level import Level, find_level
+from simaps_viz.checking.reading import Reading
+from simaps_viz.checking.recording import Recording
+from simaps_viz.checking.refine import Sight, best_fit
+from simaps_viz.checking.registration import find_offset
+from simaps_viz.checking.search import Scored, score, search
+from simaps_viz.checking.timing import best_jump, best_shift, measure
+from simaps_viz.checking.units import likely_unit, positions_are_wrong, snapped_unit
+from simaps_viz.checking.views import Progress, in_views, load_views, neighbour_pairs, revisit_pairs
+
+FIT_WORTH = 0.06
+"""Relative gain of quality before a camera or a depth scale is called wrong."""
+ROUNDS = 3
+"""Of looking for a shift and for a camera in turn; each may hide the other."""
+FEWEST_PAIRS = 10
+"""For fitting, each counted in both directions; fewer fit too much."""
+MOST_PAIRS = 120
+"""For fitting; more only cost time."""
+
+
+@dataclass(frozen=True, eq=False)
+class Diagnosis:
+    """What is wrong with a sequence, and everything needed to show or repair it."""
+
+    recording: Recording
+    findings: tuple[Finding, ...]
+    reading: Reading
+    """How to read the files so that frames agree; the default one when nothing is wrong."""
+    before: Agreement
+    after: Agreement
+    level: Level | None
+    correction: Correction | None
+    bars: tuple[Bar, ...] = ()
+    views: Views | None = None
+    pairs: NDArray = field(default_factory=lambda: np.zeros((0, 2), np.int64))
+    """int64 [p, 2], the pairs of neighbouring views that were compared."""
+
+    @property
+    def ok(self) -> bool:
+        """Nothing found would make a map wrong."""
+        return not any(finding.severity == "error" for finding in self.findings)
+
+    def to_json(self) -> dict:
+        """Give what a program wants to know."""
+        return {
+            "sequence": str(self.recording.manifest.path),
+            "frames": len(self.recording),
+            "ok": self.ok,
+            "agreement": round(self.before.share, 4),
+            "findings": [finding.to_json() for finding in self.findings],
+            "correction": self.correction.to_json() if self.correction else None,
+            "estimated": self.level.to_json() if self.level else None,
+        }
+
+
+def diagnose(recording: Recording, progress: Progress = lambda *_: None) -> Diagnosis:
+    """Check a sequence.
+
+    Args:
+        recording: As `recording.open_recording` gives it.
+        progress: Told what is being done.
+
+    Raises:
+        InputError: An image cannot be read, or no frame has any depth.
+    """
+    frames = neighbour_pairs(recording.matrices)
+    views = load_views(recording, np.unique(frames) if len(frames) else np.array([0]), progress)
+    faults.need_depth(recording, views)
+    pairs = in_views(views, frames)
+    findings: list[Finding] = []
+    before = score(recording, views, pairs, Reading())
+    still = faults.unjudged(recording, frames, before)
+    reading, scored = Reading(), []
+    if still:
+        findings.append(still)
+    else:
+        progress("trying conventions", 0, 1)
+        scored = search(recording, views, pairs)
+        progress("trying conventions", 1, 1)
+        reading = _unit_without_motion(recording, views, _units(recording, views, scored[0].reading))
+        reading = _calibrate(recording, views, pairs, reading, progress)
+    copies = duplicates(recording)
+    if len(copies):
+        reading = replace(reading, left_out=tuple(int(i) for i in copies))
+    reading = _unit_without_motion(recording, views, reading)
+    progress("comparing depth with colour", 0, 1)
+    unregistered = faults.unregistered(recording, find_offset(recording, views))
+    if unregistered and reading.camera is not None and _only_moved(recording.camera, reading.camera):
+        reading = replace(reading, camera=None)  # the centre fits depth where it lies, not where it should
+    progress("comparing depth with colour", 1, 1)
+    progress("looking for the floor", 0, 1)
+    level, reading = _level(recording, views, reading)
+    progress("looking for the floor", 1, 1)
+    after = score(recording, views, pairs, reading)
+    findings += faults.of_reading(recording, views, pairs, reading)
+    if not still or still.severity != "error":
+        findings += faults.of_level(recording, level)
+    else:
+        level = None
+    if not still:
+        findings += faults.of_what_is_left(recording, views, pairs, reading, after)
+    findings += [unregistered] if unregistered else []
+    return Diagnosis(
+        recording=recording,
+        findings=tuple(findings),
+        reading=reading,
+        before=before,
+        after=after,
+        level=level,
+        correction=_correction(recording, reading, level, before, after),
+        bars=_bars(recording, scored, reading, before, after),
+        views=views,
+        pairs=pairs,
+    )
+
+
+def _units(recording: Recording, views: Views, reading: Reading) -> Reading:
+    """Decide whether a factor between depth and positions is the fault of the depth unit or of the positions."""
+    if reading.depth_factor != 1 and positions_are_wrong(views, recording.unit_m, reading.depth_factor):
+        return replace(reading, depth_factor=1.0, position_factor=1 / reading.depth_factor)
+    return reading
+
+
+def _unit_without_motion(recording: Recording, views: Views, reading: Reading) -> Reading:
+    """Repair a depth unit that no room can have, where frames do not show which it is."""
+    unit_m = likely_unit(views, reading.unit_m(recording))
+    return reading if unit_m is None else replace(reading, depth_factor=unit_m / recording.unit_m)
+
+
+def _calibrate(recording: Recording, views: Views, pairs: NDArray, reading: Reading, progress: Progress) -> Reading:
+    """Look for a shift and for a wrong camera or depth scale in turn, until nothing changes."""
+    for done in range(ROUNDS):
+        progress("looking for shifts and the camera", done, ROUNDS)
+        shifted = _shift(recording, views, pairs, reading, progress)
+        fitted = _camera(recording, views, pairs, shifted)
+        if fitted is reading:
+            break
+        if fitted is shifted and done:
+            reading = fitted
+            break
+        reading = fitted
+    progress("looking for shifts and the camera", ROUNDS, ROUNDS)
+    return reading
+
+
+def _shift(recording: Recording, views: Views, pairs: NDArray, reading: Reading, progress: Progress) -> Reading:
+    everything = _with_revisits(recording, views, pairs, reading)
+    shifts = measure(recording, views, everything, reading)
+    if reading.shift_later is not None:
+        return reading
+    shift = best_shift(shifts, reading.shift)
+    jump = best_jump(measure(recording, views, pairs, reading), shift)
+    if jump is not None:
+        return locate(recording, replace(reading, shift=jump[0], shift_later=jump[1], shift_from=jump[2]), progress)
+    return reading if shift == reading.shift else replace(reading, shift=shift)
+
+
+def _camera(recording: Recording, views: Views, pairs: NDArray, reading: Reading) -> Reading:
+    everything = _with_revisits(recording, views, pairs, reading)
+    everything = everything[:: max(1, -(-len(everything) // MOST_PAIRS))]
+    poses = reading.poses(recording)
+    posed = np.isfinite(poses[views.frames[everything], 0, 0]).all(axis=1)
+    everything = everything[posed]
+    if len(everything) < FEWEST_PAIRS:
+        return reading
+    sight = Sight(views, everything, relative_poses(poses, views.frames, everything), recording.depth_size)
+    camera, unit_m = reading.camera_of(recording), reading.unit_m(recording)
+    found = best_fit(sight, camera, unit_m, worth=FIT_WORTH)
+    if found is None:
+        return reading
+    name, fit = found
+    if name != "scale":
+        reading = replace(reading, camera=fit.camera)
+    if name in ("scale", "all"):
+        if reading.position_factor != 1:
+            return replace(reading, position_factor=reading.position_factor / fit.scale)
+        unit_m = snapped_unit(unit_m * fit.scale)
+        reading = replace(reading, depth_factor=unit_m / recording.unit_m)
+    return reading
+
+
+def _with_revisits(recording: Recording, views: Views, pairs: NDArray, reading: Reading) -> NDArray:
+    return np.concatenate([pairs, revisit_pairs(views, reading.poses(recording))])
+
+
+def _level(recording: Recording, views: Views, reading: Reading) -> tuple[Level | None, Reading]:
+    """Find up and the floor; of a mirrored world also which mirroring makes the stated up right."""
+    manifest = recording.manifest
+    up = None if manifest.up is None else np.array(manifest.up)
+
+    def level(reading: Reading) -> Level | None:
+        return find_level(
+            views, reading.poses(recording), reading.camera_of(recording), reading.unit_m(recording),
+            up=up, floor_height_m=manifest.floor_height_m,
+        )  # fmt: skip
+
+    found = level(reading)
+    if found is None or up is None or reading.convention.world not in MIRRORS:
+        return found, reading
+    original = np.array(reading.convention.world, float).T @ found.up
+    off = [-float((np.array(mirror, float) @ original) @ up) for mirror in MIRRORS]
+    mirror = MIRRORS[int(np.argmin(np.round(off, 3)))]
+    reading = replace(reading, convention=replace(reading.convention, world=mirror))
+    return level(reading), reading
+
+
+def _correction(
+    recording: Recording, reading: Reading, level: Level | None, before: Agreement, after: Agreement
+) -> Correction | None:
+    changes, values = faults.changes(recording, reading)
+    if level is not None and (level.tilted or level.floor_wrong):
+        if level.tilted:
+            values["up"] = [round(float(x), 6) for x in level.up]
+            values["floor_height_m"] = round(level.floor_height_m, 4)
+            changes.append("up and floor as the surfaces show them")
+        elif recording.manifest.floor_height_m is not None and level.floor_error_m is not None:
+            values["floor_height_m"] = round(recording.manifest.floor_height_m + level.floor_error_m, 4)
+            changes.append("the floor as the surfaces show it")
+    return Correction(tuple(changes), values, before.share, after.share) if changes else None
+
+
+def _only_moved(stated: NDArray, found: NDArray) -> bool:
+    """Tell whether only the principal point changed."""
+    return bool(np.allclose(stated[:2], found[:2], rtol=0.03))
+
+
+def _bars(
+    recording: Recording, scored: list[Scored], reading: Reading, before: Agreement, after: Agreement
+) -> tuple[Bar, ...]:
+    """Give the picture's bars: what the files say, what the check believes, and well-known mistakes."""
+    right = faults.plain_words(recording, reading)
+    bars = [Bar("as the files say", before.share, True, right is None)]
+    if right is not None:
+        bars.append(Bar("with the correction", after.share, False, True))
+    seen = {right, None}
+    for one in scored[2:]:
+        words = faults.plain_words(recording, one.reading)
+        if words not in seen:
+            seen.add(words)
+            bars.append(Bar(words or "", one.agreement.share))
+    return tuple(bars)

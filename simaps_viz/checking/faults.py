@@ -1,0 +1,349 @@
+"""Turns what was measured into findings a newcomer understands."""
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from simaps_viz.checking.agreement import AGREES, Agreement, Views, relative_poses, residuals, summarise
+from simaps_viz.checking.conventions import Convention
+from simaps_viz.checking.findings import Finding
+from simaps_viz.checking.level import Level
+from simaps_viz.checking.reading import Reading
+from simaps_viz.checking.recording import Recording
+from simaps_viz.checking.registration import Offset
+from simaps_viz.checking.search import score
+from simaps_viz.checking.units import median_depth_m
+from simaps_viz.checking.views import revisit_pairs
+from simaps_viz.errors import InputError
+
+STILL_M, STILL_DEG = 0.01, 0.5
+"""A camera that moves and turns less between frames shows nothing about its poses."""
+FAR_DEG = 60.0
+"""Frames that turned more against one another need not see the same."""
+FEW = 5
+"""Frames named in a message."""
+DISAGREE, DOUBTFUL = 0.4, 0.6
+"""Shares of agreement below which something is wrong, or may be."""
+DRIFTED = 0.06
+"""Share of the surfaces of places seen again that are seen through, from which on poses drift; in sound sequences,
+real ones too, it is below 0.01."""
+ODD, SEEN = 0.3, 0.15
+"""A pair is odd when less than the first share agrees of what has to, if that is more than the second share of all."""
+MISREGISTERED, SURE = 0.014, 1.8
+"""Offset as a share of the width, and how far its peak has to stand out, before depth is called unregistered."""
+WORTH_SAYING = 0.001
+"""A smaller gain of agreement is not one."""
+DRIFT_GAP = 0.25
+"""Share of the sequence between two visits that drift is judged by."""
+FEWEST_REVISITS = 6
+"""Pairs of views, each in both directions, that drift is judged by."""
+_PLAIN = Convention()
+
+
+def need_depth(recording: Recording, views: Views) -> None:
+    """Raise InputError when no frame has any depth."""
+    if not views.steps.any():
+        pattern = recording.manifest.path.parent / recording.manifest.depth
+        raise InputError(f"{pattern}: expected depth readings, found only 0 in {len(views.frames)} sampled frames")
+
+
+def unjudged(recording: Recording, frames: NDArray, stated: Agreement) -> Finding | None:
+    """Say why poses cannot be judged by comparing frames, if so; ``stated`` is how well frames agree as they are."""
+    if not len(frames):
+        return Finding("unjudged", "note", "There is only one frame, so poses and camera cannot be compared.")
+    a, b = recording.matrices[frames[:, 0]], recording.matrices[frames[:, 1]]
+    cosine = (np.einsum("nij,nij->n", a[:, :3, :3], b[:, :3, :3]) - 1) / 2
+    turned = np.rad2deg(np.arccos(np.clip(cosine, -1, 1)))
+    distance = np.linalg.norm(a[:, :3, 3] - b[:, :3, 3], axis=1)
+    if turned.max() > STILL_DEG or distance.max() > STILL_M:
+        return None
+    if stated.share < DOUBTFUL:
+        text = (
+            "The poses say that the camera stands still, but the images change: neighbouring frames agree on only "
+            f"{stated.percent()} % of what both see."
+        )
+        return Finding("disagreement", "error", text, {"agreement": round(stated.share, 4)})
+    return Finding("unjudged", "note", "The camera does not move, so poses and camera cannot be judged from frames.")
+
+
+def of_reading(recording: Recording, views: Views, pairs: NDArray, reading: Reading) -> list[Finding]:
+    """Describe everything a reading changes, each with what frames agree without and with it."""
+    after = score(recording, views, pairs, reading)
+
+    def gain(without: Reading) -> tuple[str, dict[str, Any]]:
+        before = score(recording, views, pairs, without)
+        words = f"raises agreement of neighbouring frames from {before.percent()} % to {after.percent()} %"
+        if after.share - before.share < WORTH_SAYING:
+            words = "agrees with what rooms measure, though these frames do not show it"
+        return words, {"agreement_before": round(before.share, 4), "agreement_after": round(after.share, 4)}
+
+    found = []
+    for make in (_conventions, _units, _shifts, _intrinsics):
+        found += make(recording, reading, gain, views)
+    return found
+
+
+def _conventions(recording: Recording, reading: Reading, gain: Any, views: Views) -> list[Finding]:
+    way, found = reading.convention, []
+    if way.form != _PLAIN.form:
+        words, measure = gain(replace(reading, convention=replace(way, form=_PLAIN.form)))
+        looks = "world-to-camera" if way.form == "world-to-camera" else f"mixed ({way.form}, the rest camera-to-world)"
+        text = f"Poses look like {looks}; they have to be camera-to-world. Inverting them {words}."
+        found.append(Finding("inverted_poses", "error", text, {"form": way.form, **measure}))
+    if way.axes != _PLAIN.axes:
+        words, measure = gain(replace(reading, convention=replace(way, axes=_PLAIN.axes)))
+        text = (
+            f"Poses look written {replace(_PLAIN, axes=way.axes).in_words()}, not for x right, y down, z forward. "
+            f"Turning the axes {words}."
+        )
+        found.append(Finding("camera_axes", "error", text, {"axes": [list(row) for row in way.axes], **measure}))
+    if way.turned_positions != _PLAIN.turned_positions:
+        words, measure = gain(replace(reading, convention=replace(way, turned_positions=_PLAIN.turned_positions)))
+        text = f"Positions look written in other axes than rotations. Turning them {words}."
+        measure = {"axes": [list(row) for row in way.turned_positions], **measure}
+        found.append(Finding("position_axes", "error", text, measure))
+    if way.world != _PLAIN.world:
+        text = (
+            "The world is mirrored: rotations are left-handed, as after swapping or negating one world axis. "
+            "Mirrored back, frames agree as before, and left is left again."
+        )
+        found.append(Finding("mirrored_world", "error", text, {"mirror": [list(row) for row in way.world]}))
+    return found
+
+
+def _units(recording: Recording, reading: Reading, gain: Any, views: Views) -> list[Finding]:
+    found = []
+    if reading.depth_factor != 1:
+        words, measure = gain(replace(reading, depth_factor=1.0))
+        unit_m = reading.unit_m(recording)
+        text = (
+            f"The depth unit looks wrong: {unit_m:.4g} m a step instead of {recording.unit_m:.4g} m (times "
+            f"{reading.depth_factor:.4g}) makes the median depth {median_depth_m(views, unit_m):.2f} m and {words}."
+        )
+        measure = {"stated_m": recording.unit_m, "found_m": unit_m, "factor": reading.depth_factor, **measure}
+        found.append(Finding("depth_unit", "error", text, measure))
+    if reading.position_factor != 1:
+        words, measure = gain(replace(reading, position_factor=1.0))
+        text = (
+            f"Camera positions look written in another unit than metres: multiplying them by "
+            f"{reading.position_factor:.4g} {words}."
+        )
+        found.append(Finding("position_unit", "error", text, {"factor": reading.position_factor, **measure}))
+    return found
+
+
+def _shifts(recording: Recording, reading: Reading, gain: Any, views: Views) -> list[Finding]:
+    found, names = [], recording.names
+    if reading.shift_later is not None:
+        words, measure = gain(replace(reading, shift=0, shift_later=None))
+        at = names[reading.shift_from]
+        text = (
+            f"From frame {at} on, poses belong to other frames than before, as after a dropped or repeated frame: "
+            f"{_shift_words(reading.shift)} before it and {_shift_words(reading.shift_later)} from it on {words}."
+        )
+        measure = {"frame": at, "index": reading.shift_from, "before": reading.shift, "after": reading.shift_later,
+                   **measure}  # fmt: skip
+        found.append(Finding("dropped_frame", "error", text, measure))
+    elif reading.shift:
+        words, measure = gain(replace(reading, shift=0))
+        text = f"Poses and images are shifted against one another: taking {_shift_words(reading.shift)} {words}."
+        found.append(Finding("frame_shift", "error", text, {"shift": reading.shift, **measure}))
+    if reading.left_out:
+        listed = [names[i] for i in reading.left_out]
+        text = (
+            f"{len(listed)} frame{'s repeat' if len(listed) > 1 else ' repeats'} the depth image of the frame before "
+            f"though the pose moved on ({', '.join(listed[:FEW])}{', …' if len(listed) > FEW else ''})."
+        )
+        found.append(Finding("duplicate_frames", "error", text, {"names": listed}))
+    return found
+
+
+def _intrinsics(recording: Recording, reading: Reading, gain: Any, views: Views) -> list[Finding]:
+    if reading.camera is None:
+        return []
+    words, measure = gain(replace(reading, camera=None))
+    stated, found = recording.camera, reading.camera
+    parts = [
+        f"{name} from {was:.1f} to {now:.1f}"
+        for name, was, now in zip(("fx", "fy", "cx", "cy"), stated, found, strict=True)
+        if abs(now - was) > 0.003 * stated[0]
+    ]
+    hint = ""
+    ratio = stated[:2].mean() / found[:2].mean()
+    if max(ratio, 1 / ratio) > 1.3 and np.allclose(stated / found, ratio, rtol=0.05):
+        hint = f" It looks made for images {ratio:.3g} times as large."
+    text = f"The camera matrix does not fit the depth: changing {', '.join(parts)} pixels {words}.{hint}"
+    names = ("fx", "fy", "cx", "cy")
+    measure = {
+        "stated": dict(zip(names, map(float, np.round(stated, 3)), strict=True)),
+        "found": dict(zip(names, map(float, np.round(found, 3)), strict=True)),
+        **measure,
+    }
+    return [Finding("intrinsics", "error", text, measure)]
+
+
+def of_level(recording: Recording, level: Level | None) -> list[Finding]:
+    """Describe a wrong up or floor."""
+    if level is None:
+        text = "Up and the floor could not be checked: too little surface that faces up was seen below the cameras."
+        return [Finding("level_unjudged", "note", text)]
+    up = [round(float(x), 4) for x in level.up]
+    if level.tilted and level.tilt_deg is not None and level.level_stated is not None:
+        axis = int(np.argmax(np.abs(level.up)))
+        name = f"{'-' if level.up[axis] < 0 else '+'}{'xyz'[axis]}"
+        world = f" The world's axes look swapped: up is close to {name}." if level.tilt_deg > 45 else ""
+        text = (
+            f"Gravity is off axis: surfaces say up is {level.tilt_deg:.1f}° away from the manifest's; "
+            f"{100 * level.level_found:.0f} % of all surface is level with it, "
+            f"{100 * level.level_stated:.0f} % with the manifest's.{world}"
+        )
+        measure = {"tilt_deg": round(level.tilt_deg, 2), "stated": recording.manifest.up, "found": up,
+                   "floor_height_m": round(level.floor_height_m, 4)}  # fmt: skip
+        return [Finding("gravity", "error", text, measure)]
+    if level.floor_wrong and level.floor_error_m is not None:
+        side = "higher" if level.floor_error_m > 0 else "lower"
+        text = f"The floor lies {abs(level.floor_error_m):.2f} m {side} than the manifest says."
+        return [Finding("floor_height", "error", text, {"off_m": round(level.floor_error_m, 4)})]
+    return []
+
+
+def of_what_is_left(
+    recording: Recording, views: Views, pairs: NDArray, reading: Reading, after: Agreement
+) -> list[Finding]:
+    """Describe what no correction explains: frames that still disagree, odd ones, drift."""
+    poses = reading.poses(recording)
+    residual = _residuals(recording, views, pairs, reading, poses)
+    if after.kept < 0.02 and _median_turn(recording, views, pairs) > FAR_DEG:
+        text = "Neighbouring frames are too far apart to see the same surfaces, so they cannot be compared."
+        return [Finding("unjudged", "warning", text)]
+    found = []
+    if after.share < DOUBTFUL:
+        severity = "error" if after.share < DISAGREE else "warning"
+        text = (
+            f"Neighbouring frames agree on only {after.percent()} % of what both see, and no known mistake explains "
+            "it. Are poses of these images, is depth registered to colour, is the camera matrix of this camera?"
+        )
+        return [Finding("disagreement", severity, text, {"agreement": round(after.share, 4)})]
+    found += _odd_frames(recording, views, pairs, residual)
+    found += _drift(recording, views, reading, poses, residual)
+    return found
+
+
+def _odd_frames(recording: Recording, views: Views, pairs: NDArray, residual: NDArray) -> list[Finding]:
+    """Find pairs that disagree though they see much of the same."""
+    sampled = np.maximum((~np.isnan(residual)).sum(axis=1), 1)
+    agree = (np.abs(residual) <= AGREES).sum(axis=1)
+    through = (residual < -AGREES).sum(axis=1)  # what hides a surface is no contradiction, seeing through it is
+    known = agree + through
+    bad = pairs[(known > SEEN * sampled) & (agree < ODD * known)]
+    if not len(bad):
+        return []
+    names = sorted({tuple(recording.names[views.frames[i]] for i in sorted(pair)) for pair in bad.tolist()})
+    listed = ", ".join(f"{a} and {b}" for a, b in names[:FEW]) + (", …" if len(names) > FEW else "")
+    text = f"Most frames agree, but some neighbours do not (poses that jump?): {listed}."
+    return [Finding("odd_frames", "warning", text, {"pairs": [list(pair) for pair in names]})]
+
+
+def _drift(recording: Recording, views: Views, reading: Reading, poses: NDArray, residual: NDArray) -> list[Finding]:
+    """Compare places seen again with neighbours: surfaces that are seen through are not where they were."""
+    revisits = revisit_pairs(views, poses, round(DRIFT_GAP * len(recording)))
+    if len(revisits) < FEWEST_REVISITS:
+        revisits = revisit_pairs(views, poses)
+    if len(revisits) < FEWEST_REVISITS:
+        return []
+    again = _residuals(recording, views, revisits, reading, poses)
+    through, through_neighbours = _seen_through(again), _seen_through(residual)
+    if through < DRIFTED or through < 3 * through_neighbours:
+        return []
+    share, neighbours = summarise(again).share, summarise(residual).share
+    missed = np.abs(again[np.isfinite(again) & (np.abs(again) > AGREES)])
+    off_m = float(np.median(missed)) * median_depth_m(views, reading.unit_m(recording))
+    text = (
+        f"Poses drift: neighbouring frames agree on {100 * neighbours:.0f} % of what both see, frames of a place "
+        f"visited again on {100 * share:.0f} %; there {100 * through:.0f} % of the surfaces are seen through (about "
+        f"{off_m:.2f} m off). Objects will appear twice. Close the loops in the tracking that made the poses."
+    )
+    measure = {"agreement": round(neighbours, 4), "agreement_revisits": round(share, 4),
+               "seen_through": round(through, 4), "off_m": round(off_m, 3)}  # fmt: skip
+    return [Finding("drift", "error", text, measure)]
+
+
+def _seen_through(residual: NDArray) -> float:
+    """Give the share of points, among those not hidden, that should be in front of what was measured (0-1)."""
+    through, agree = (residual < -AGREES).sum(), (np.abs(residual) <= AGREES).sum()
+    return float(through / max(through + agree, 1))
+
+
+def unregistered(recording: Recording, offset: Offset | None) -> Finding | None:
+    """Describe depth that is not registered to colour."""
+    if recording.depth_size != recording.color_size:
+        sizes = [f"{width}x{height}" for width, height in (recording.depth_size, recording.color_size)]
+        text = (
+            f"Depth images have {sizes[0]} pixels, colour images {sizes[1]}: depth is not registered to colour. Export "
+            "it aligned to the colour camera."
+        )
+        return Finding("unregistered_depth", "error", text, {"depth": sizes[0], "color": sizes[1]})
+    if offset is None or max(abs(offset.right), abs(offset.down)) < MISREGISTERED or offset.sure < SURE:
+        return None
+    width = recording.color_size[0]
+    sides = ((offset.right * width, "right", "left"), (offset.down * width, "down", "up"))
+    moves = " and ".join(f"{abs(px):.0f} pixels {one if px > 0 else other}" for px, one, other in sides if abs(px) >= 1)
+    text = (
+        f"Depth does not lie on the colour image: moved {moves}, its edges fit those in the colours. Export depth "
+        "registered to the colour camera."
+    )
+    measure = {"right_px": round(offset.right * width, 1), "down_px": round(offset.down * width, 1)}
+    return Finding("unregistered_depth", "error", text, {**measure, "sure": round(offset.sure, 2)})
+
+
+def changes(recording: Recording, reading: Reading) -> tuple[list[str], dict[str, Any]]:
+    """Give the changes a reading means, in words and as values."""
+    words, values = [], {}
+    if not reading.convention.plain:
+        words.append(f"poses {reading.convention.in_words()}")
+    if reading.position_factor != 1:
+        words.append(f"positions times {reading.position_factor:.4g}")
+    if reading.shift_later is not None:
+        at = recording.names[reading.shift_from]
+        words.append(f"from frame {at} on {_shift_words(reading.shift_later)}, before {_shift_words(reading.shift)}")
+    elif reading.shift:
+        words.append(_shift_words(reading.shift))
+    if reading.left_out:
+        words.append(f"{len(reading.left_out)} repeated frames left out")
+    if words:
+        values["poses"] = {"frames": int(reading.posed(len(recording)).sum()), "read_as": "; ".join(words)}
+    if reading.depth_factor != 1:
+        words.append(f"depth unit {reading.unit_m(recording):.6g} m")
+        values["depth_unit_m"] = reading.unit_m(recording)
+    if reading.camera is not None:
+        fx, fy, cx, cy = (round(float(x), 3) for x in reading.camera)
+        words.append(f"fx {fx:.5g}, fy {fy:.5g}, cx {cx:.5g}, cy {cy:.5g}")
+        values["intrinsics"] = {"fx": fx, "fy": fy, "cx": cx, "cy": cy}
+    return words, values
+
+
+def plain_words(recording: Recording, reading: Reading) -> str | None:
+    """Give a reading in a few words; None for the files' own."""
+    words = changes(recording, reading)[0]
+    return "; ".join(words) or None
+
+
+def _shift_words(shift: int) -> str:
+    if shift == 0:
+        return "each frame's own pose"
+    where = "after" if shift > 0 else "before"
+    count = abs(shift)
+    return f"the pose written {count} frame{'s' if count > 1 else ''} {where}"
+
+
+def _residuals(recording: Recording, views: Views, pairs: NDArray, reading: Reading, poses: NDArray) -> NDArray:
+    T_target_source = relative_poses(poses, views.frames, pairs)
+    return residuals(views, pairs, T_target_source, reading.camera_of(recording), reading.unit_m(recording))
+
+
+def _median_turn(recording: Recording, views: Views, pairs: NDArray) -> float:
+    R = recording.matrices[views.frames, :3, :3]
+    cosine = (np.einsum("nij,nij->n", R[pairs[:, 0]], R[pairs[:, 1]]) - 1) / 2
+    return float(np.rad2deg(np.median(np.arccos(np.clip(cosine, -1, 1)))))

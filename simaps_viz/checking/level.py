@@ -1,0 +1,138 @@
+"""Is up where the manifest says, and the floor at its height? Compared with what the surfaces themselves say."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from simaps_viz.checking.agreement import Views
+from simaps_viz.datasets.gravity import estimate_gravity
+from simaps_viz.errors import InputError
+from simaps_viz.geometry import back_project
+from simaps_viz.structures import Frame, Intrinsics
+
+TILT_DEG = 3.0
+"""Up that is off by more is a fault."""
+FLOOR_M = 0.08
+"""A floor that is off by more is a fault."""
+FLOOR_TILT_DEG = 20.0
+"""With up further off there is no sense in looking for the floor along it."""
+LEVEL_DEG = 2.5
+"""Surfaces within this angle of level count as level; less than ``TILT_DEG``, or a tilt would not show."""
+ACROSS = 20
+"""Normals are taken between points this share (one in so many) of the image's width apart, so that noise is small."""
+STEP = 6
+"""Normals are taken at every so-manieth pixel."""
+MORE_LEVEL = 1.3
+"""How much more surface has to be level with the found up than with the stated one before that is called wrong."""
+
+
+@dataclass(frozen=True, eq=False)
+class Level:
+    """Up and floor as found."""
+
+    up: NDArray
+    """float64 [3], unit, world frame."""
+    floor_height_m: float
+    """Of the floor along ``up``."""
+    tilt_deg: float | None
+    """Between the found up and the stated one; None when none is stated."""
+    level_stated: float | None
+    """Share of surfaces that are level if the stated up is right (0-1)."""
+    level_found: float
+    floor_error_m: float | None
+    """Found height minus the stated one along the stated up; None when none is stated."""
+
+    @property
+    def tilted(self) -> bool:
+        """The stated up is wrong: far off, and fewer surfaces are level with it."""
+        if self.tilt_deg is None or self.level_stated is None:
+            return False
+        slopes = self.tilt_deg > TILT_DEG or (self.tilt_deg > TILT_DEG / 3 and self._floor_far)
+        return slopes and self.level_found > MORE_LEVEL * self.level_stated + 0.005
+
+    @property
+    def floor_wrong(self) -> bool:
+        """The stated floor height is wrong, with up right."""
+        return not self.tilted and self._floor_far
+
+    def to_json(self) -> dict:
+        """Give up and the floor as found."""
+        return {"up": [round(float(x), 5) for x in self.up], "floor_height_m": round(self.floor_height_m, 4)}
+
+    @property
+    def _floor_far(self) -> bool:
+        return self.floor_error_m is not None and abs(self.floor_error_m) > FLOOR_M
+
+
+def find_level(
+    views: Views, poses: NDArray, camera: NDArray, unit_m: float, *, up: NDArray | None, floor_height_m: float | None
+) -> Level | None:
+    """Find up and the floor in the views' depth.
+
+    Args:
+        views: Depth images.
+        poses: float64 [n, 4, 4], T_world_camera of all frames; NaN = none.
+        camera: float64 [4], fx, fy, cx, cy of the whole image, pixels.
+        unit_m: Metres a step of depth.
+        up: [3] as stated, or None.
+        floor_height_m: As stated, or None.
+
+    Returns:
+        None when there are not enough surfaces to tell.
+    """
+    fx, fy, cx, cy = views.camera(camera)
+    height, width = views.steps.shape[1:]
+    intrinsics = Intrinsics(width, height, fx, fy, cx, cy)
+    frames = [
+        Frame(int(index), str(index), (steps * np.float32(unit_m)).astype(np.float32), poses[index], intrinsics)
+        for index, steps in zip(views.frames, views.steps, strict=True)
+        if np.isfinite(poses[index]).all()
+    ]
+    stated = None if up is None else np.asarray(up, float) / np.linalg.norm(up)
+    try:
+        found, floor_m = estimate_gravity(frames)
+    except InputError:
+        return None
+    normals = _normals(frames)
+    tilt = None if stated is None else float(np.rad2deg(np.arccos(np.clip(found @ stated, -1, 1))))
+    floor_error_m = None
+    if stated is not None and floor_height_m is not None and tilt is not None and tilt < FLOOR_TILT_DEG:
+        floor_error_m = _floor_along(frames, stated, floor_height_m)
+    return Level(
+        up=found,
+        floor_height_m=floor_m,
+        tilt_deg=tilt,
+        level_stated=None if stated is None else _level_share(normals, stated),
+        level_found=_level_share(normals, found),
+        floor_error_m=floor_error_m,
+    )
+
+
+def _floor_along(frames: list[Frame], up: NDArray, floor_height_m: float) -> float | None:
+    try:
+        return estimate_gravity(frames, up=up)[1] - floor_height_m
+    except InputError:
+        return None
+
+
+def _normals(frames: list[Frame]) -> NDArray:
+    """Give unit normals towards the camera, world frame, float64 [n, 3], of surfaces that are smooth around."""
+    found = []
+    for frame in frames:
+        k = frame.intrinsics
+        points = back_project(frame.depth_m, k.fx, k.fy, k.cx, k.cy)
+        away = max(1, k.width // ACROSS)
+        corner, right, below = points[:-away, :-away], points[:-away, away:], points[away:, :-away]
+        corner, right, below = (each[::STEP, ::STEP] for each in (corner, right, below))
+        z = corner[..., 2]
+        smooth = (z > 0) & (np.abs(right[..., 2] - z) < 0.15 * z) & (np.abs(below[..., 2] - z) < 0.15 * z)
+        normal = np.cross((below - corner)[smooth], (right - corner)[smooth])
+        normal /= np.linalg.norm(normal, axis=1, keepdims=True) + 1e-12
+        found.append(normal @ frame.T_world_camera[:3, :3].T)
+    return np.concatenate(found)
+
+
+def _level_share(normals: NDArray, up: NDArray) -> float:
+    """Give the share of normals that point up."""
+    return float((normals @ up > np.cos(np.deg2rad(LEVEL_DEG))).mean())

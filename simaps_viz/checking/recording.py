@@ -1,0 +1,133 @@
+"""Opens a sequence without judging it, so that what is wrong with it can be found out.
+
+`simaps_viz.datasets` refuses a mirrored pose, an impossible camera matrix or a depth unit that makes rooms of
+millimetres. Here only what cannot be worked with at all is refused: files that are missing, damaged or no numbers.
+"""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from simaps_viz.datasets.images import read_color, read_depth
+from simaps_viz.datasets.manifest import Manifest, read_manifest
+from simaps_viz.errors import InputError
+
+ORTHONORMAL = 1e-2
+"""How far R Rᵀ may be off the identity, as on opening a sequence."""
+
+
+@dataclass(frozen=True, eq=False)
+class Recording:
+    """A sequence as its files have it, right or wrong."""
+
+    manifest: Manifest
+    names: tuple[str, ...]
+    """Of the frames, in the order of the pose file."""
+    matrices: NDArray
+    """float64 [n, 4, 4], what the pose file says; rotations are orthonormal but may be mirrored."""
+    camera: NDArray
+    """float64 [4], what the intrinsics file says: fx, fy, cx, cy, pixels of the colour image."""
+    color_size: tuple[int, int]
+    """Width and height, pixels."""
+    depth_size: tuple[int, int]
+    """Width and height, pixels."""
+
+    def __len__(self) -> int:
+        return len(self.names)
+
+    @property
+    def unit_m(self) -> float:
+        """Metres a step of depth, as the manifest says."""
+        return self.manifest.depth_unit_m
+
+    def depth_steps(self, index: int) -> NDArray:
+        """Read a frame's depth image, uint16 [H, W], as stored, 0 = invalid.
+
+        Raises:
+            InputError: It is missing, damaged, or of another size than the first.
+        """
+        path = self.manifest.file(self.manifest.depth, self.names[index])
+        steps = read_depth(path, 1.0).astype(np.uint16)
+        width, height = self.depth_size
+        if steps.shape != (height, width):
+            found = f"{steps.shape[1]}x{steps.shape[0]}"
+            raise InputError(f"{path}: expected {width}x{height} pixels like the first depth image, found {found}")
+        return steps
+
+    def color(self, index: int) -> NDArray:
+        """Read a frame's colour image, uint8 [H, W, 3], RGB; raises InputError when it cannot be read."""
+        return read_color(self.manifest.file(self.manifest.color, self.names[index]))
+
+
+def open_recording(path: Path) -> Recording:
+    """Read the manifest, the pose and intrinsics files and the size of the first images.
+
+    Raises:
+        InputError: Something cannot be read, or has not the numbers it needs to have.
+    """
+    manifest = read_manifest(Path(path))
+    names, matrices = _read_matrices(manifest.file(manifest.poses))
+    camera = _read_camera(manifest.file(manifest.intrinsics))
+    missing = [n for n in names for p in (manifest.color, manifest.depth) if not manifest.file(p, n).is_file()]
+    if missing:
+        folder = manifest.file(manifest.depth, missing[0])
+        raise InputError(f"{folder}: expected colour and depth of {len(names)} frames, missing are {len(set(missing))}")
+    color = read_color(manifest.file(manifest.color, names[0]))
+    depth = read_depth(manifest.file(manifest.depth, names[0]), 1.0)
+    sizes = [(image.shape[1], image.shape[0]) for image in (color, depth)]
+    return Recording(manifest, names, matrices, camera, sizes[0], sizes[1])
+
+
+def _read_matrices(path: Path) -> tuple[tuple[str, ...], NDArray]:
+    names, matrices = [], []
+    for number, line in _lines(path):
+        name, *words = line.split()
+        where = f"{path}, line {number}"
+        if len(words) != 16:
+            raise InputError(f"{where}: expected a frame name and 16 numbers, found {len(words)} after the name")
+        matrix = np.array(_numbers(where, words)).reshape(4, 4)
+        if np.allclose(matrix[:, 3], (0, 0, 0, 1), atol=1e-6) and not np.allclose(matrix[3], (0, 0, 0, 1), atol=1e-6):
+            raise InputError(f"{where}: expected 0 0 0 1 as the last row, found the matrix written column by column")
+        rotation = matrix[:3, :3]
+        if np.abs(rotation @ rotation.T - np.eye(3)).max() > ORTHONORMAL:
+            raise InputError(f"{where}, frame {name}: expected an orthonormal rotation, found none")
+        if name in names:
+            raise InputError(f"{where}: expected each frame once, found {name} again")
+        names.append(name)
+        matrices.append(matrix)
+    if not names:
+        raise InputError(f"{path}: expected a pose per frame, found none")
+    return tuple(names), np.stack(matrices)
+
+
+def _read_camera(path: Path) -> NDArray:
+    rows = [_numbers(f"{path}, line {number}", line.split()) for number, line in _lines(path)]
+    if len(rows) != 3 or any(len(row) != 3 for row in rows):
+        raise InputError(f"{path}: expected a 3x3 camera matrix, found {len(rows)} lines of numbers")
+    fx, fy = rows[0][0], rows[1][1]
+    if fx <= 0 or fy <= 0:
+        raise InputError(f"{path}: expected focal lengths fx, fy over 0, found {fx:g} and {fy:g}")
+    return np.array([fx, fy, rows[0][2], rows[1][2]])
+
+
+def _lines(path: Path) -> list[tuple[int, str]]:
+    try:
+        text = path.read_text(encoding="utf-8")
+    except OSError as error:
+        raise InputError(f"{path}: expected a text file, found {error.strerror or error}") from error
+    except UnicodeDecodeError as error:
+        raise InputError(f"{path}: expected a text file, found bytes that are not UTF-8") from error
+    numbered = enumerate(text.split("\n"), start=1)
+    return [(number, line) for number, line in numbered if line.strip() and not line.lstrip().startswith("#")]
+
+
+def _numbers(where: str, words: list[str]) -> list[float]:
+    try:
+        numbers = [float(word) for word in words]
+    except ValueError:
+        numbers = [np.nan]
+    if not np.isfinite(numbers).all():
+        raise InputError(f"{where}: expected finite numbers, found {' '.join(words)[:40]!r}")
+    return numbers

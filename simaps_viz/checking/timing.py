@@ -1,0 +1,92 @@
+"""Finds poses that belong to other frames: all shifted, or shifted from some frame on, as after a dropped frame."""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from simaps_viz.checking.agreement import AGREES, Views, relative_poses, residuals
+from simaps_viz.checking.reading import Reading
+from simaps_viz.checking.recording import Recording
+
+SHIFTS = (0, -1, 1, -2, 2, -3, 3)
+GAIN = 0.05
+"""Relative gain of quality that a shift has to bring ..."""
+SURE = 3.0
+"""... and how many standard errors of its mean over the pairs that has to be."""
+FEWEST = 4
+"""Pairs on either side of a jump."""
+
+
+@dataclass(frozen=True, eq=False)
+class Shifts:
+    """How well each pair of views agrees with its poses shifted."""
+
+    quality: NDArray
+    """float64 [p, len(SHIFTS)], mean over samples, 0-1; NaN where a pose is missing."""
+    earlier: NDArray
+    """int64 [p], the earlier frame of each pair."""
+    later: NDArray
+
+
+def measure(recording: Recording, views: Views, pairs: NDArray, reading: Reading) -> Shifts:
+    """Score every pair with poses written for frames a little before or after."""
+    table = np.full((len(pairs), len(SHIFTS)), np.nan)
+    camera, unit_m = reading.camera_of(recording), reading.unit_m(recording)
+    for column, shift in enumerate(SHIFTS):
+        poses = replace(reading, shift=shift, shift_later=None).poses(recording)
+        posed = np.isfinite(poses[views.frames[pairs], 0, 0]).all(axis=1)
+        residual = residuals(views, pairs[posed], relative_poses(poses, views.frames, pairs[posed]), camera, unit_m)
+        table[posed, column] = quality_by_pair(residual)
+    frames = views.frames[pairs]
+    return Shifts(table, frames.min(axis=1), frames.max(axis=1))
+
+
+def quality_by_pair(residual: NDArray) -> NDArray:
+    """Give for each pair the mean over its samples of 1 at no residual, 0 at the tolerance or unseen; float64 [p]."""
+    good = np.maximum(1 - np.abs(np.where(np.isfinite(residual), residual, np.inf)) / AGREES, 0)
+    return good.sum(axis=1) / np.maximum((~np.isnan(residual)).sum(axis=1), 1)
+
+
+def best_shift(shifts: Shifts, current: int = 0) -> int:
+    """Give the shift that most pairs want, or the current one when none is clearly better."""
+    table = shifts.quality[np.isfinite(shifts.quality).all(axis=1)]
+    if len(table) < 2:
+        return current
+    column = int(table.mean(axis=0).argmax())
+    before = table[:, SHIFTS.index(current)]
+    return SHIFTS[column] if _clear(table[:, column] - before, before.mean()) else current
+
+
+def best_jump(shifts: Shifts, current: int = 0) -> tuple[int, int, int] | None:
+    """Find a frame from which on poses are shifted otherwise.
+
+    Returns:
+        Shift before, shift after, and the first frame after; None when one shift for all is as good.
+    """
+    ends = np.unique(shifts.later)
+    found = None
+    table = np.where(np.isfinite(shifts.quality), shifts.quality, np.nanmean(shifts.quality, axis=1, keepdims=True))
+    best = table[:, SHIFTS.index(current)].sum() * (1 + GAIN)
+    for at in ends[1:]:
+        before, after = shifts.later < at, shifts.earlier >= at
+        if min(before.sum(), after.sum()) < FEWEST:
+            continue
+        one, two = table[before].sum(axis=0), table[after].sum(axis=0)
+        i, j = int(one.argmax()), int(two.argmax())
+        total = one[i] + two[j] + table[~before & ~after, SHIFTS.index(current)].sum()
+        if i != j and total > best:
+            found, best = (SHIFTS[i], SHIFTS[j], int(at)), total
+    if found is None:
+        return None
+    sides = ((shifts.later < found[2], found[0]), (shifts.earlier >= found[2], found[1]))
+    for side, shift in sides:
+        now = table[side][:, SHIFTS.index(current)]
+        if shift != current and not _clear(table[side][:, SHIFTS.index(shift)] - now, now.mean()):
+            return None
+    return found
+
+
+def _clear(gain: NDArray, level: float) -> bool:
+    error = gain.std(ddof=1) / np.sqrt(len(gain)) if len(gain) > 1 else np.inf
+    return bool(gain.mean() > GAIN * level and gain.mean() > SURE * error)

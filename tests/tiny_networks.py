@@ -1,0 +1,44 @@
+"""Small networks of both kinds, as ONNX files with constant answers, whose masks can be told beforehand."""
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from tiny_onnx import write_onnx
+
+NAMES = ("chair", "dining table", "tv")
+PROTOTYPES = 2
+Box = tuple[float, float, float, float, int, float]
+"""xmin, ymin, xmax, ymax in pixels of the 32 x 32 input, class, score."""
+
+
+def yolo_rows(boxes: Sequence[Box], *, anchors: int = 24, classes: int = len(NAMES)) -> NDArray:
+    """Give float32 [1, 4 + classes + 2, anchors]: the boxes, and anchors that found nothing."""
+    rows = np.zeros((1, 4 + classes + PROTOTYPES, anchors), np.float32)
+    for i, (x0, y0, x1, y1, label, score) in enumerate(boxes):
+        rows[0, :4, i] = (x0 + x1) / 2, (y0 + y1) / 2, x1 - x0, y1 - y0
+        rows[0, 4 + label, i] = score
+        rows[0, 4 + classes, i] = 1.0
+    return rows
+
+
+def write_yolo(path: Path, boxes: Sequence[Box], *, metadata: dict[str, str] | None = None, **options: Any) -> Path:
+    """Write a YOLO-seg network whose masks fill their boxes."""
+    prototypes = np.zeros((1, PROTOTYPES, 8, 8), np.float32)
+    prototypes[0, 0] = 4.0
+    names = {"names": repr(dict(enumerate(NAMES)))} if metadata is None else metadata
+    outputs = {"output0": yolo_rows(boxes), "output1": prototypes}
+    return write_onnx(path, outputs, metadata=names, **options)
+
+
+def write_classifier(path: Path, *, family: str = "maskformer", labels: Sequence[str] = ("chair", "floor")) -> Path:
+    """Write a mask classifier that finds a chair in the left half and floor in the right."""
+    classes = np.full((1, 3, len(labels) + 1), -6.0, np.float32)
+    classes[0, 0, 0] = classes[0, 1, 1] = classes[0, 2, -1] = 6.0
+    masks = np.full((1, 3, 8, 8), -6.0, np.float32)
+    masks[0, 0, :, :4] = masks[0, 1, :, 4:] = 6.0
+    names = "{" + ", ".join(f'"{i}": "{label}"' for i, label in enumerate(labels)) + "}"
+    metadata = {"simaps.family": family, "id2label": names, "simaps.picture": '{"size": {"height": 32, "width": 32}}'}
+    return write_onnx(path, {"class_queries_logits": classes, "masks_queries_logits": masks}, metadata=metadata)
