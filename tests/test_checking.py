@@ -206,7 +206,9 @@ def test_what_cannot_be_corrected(room: Path, tmp_path: Path, spoiling: Spoiling
     diagnosis = diagnose(open_recording(spoiled_copy(room, tmp_path / "spoiled", spoiling)))
     found = [finding for finding in diagnosis.findings if finding.kind == kind]
     assert len(found) == 1 and words in found[0].message
-    assert not diagnosis.ok
+    assert not diagnosis.ok and "intrinsics" not in kinds(diagnosis)
+    if kind == "unregistered_depth":
+        assert diagnosis.correction is None
 
 
 def test_repeated_images_are_left_out(room: Path, tmp_path: Path) -> None:

@@ -126,7 +126,7 @@ def test_stopping_anywhere_in_a_loop_does_nothing_more(taken: int) -> None:
 
 def test_a_pause_costs_nothing_of_the_time(monkeypatch: pytest.MonkeyPatch) -> None:
     now = [0.0]
-    monkeypatch.setattr("simaps_viz.language.interpreter.time.monotonic", lambda: now[0])
+    monkeypatch.setattr("simaps_viz.language.interpreter.time.thread_time", lambda: now[0])
     for _ in interpret(parse_program("for x in [1, 2]:\n    robot.turn(x)"), Spy(), budget=Budget(seconds=1.0)):
         now[0] += 3600.0
 

@@ -79,38 +79,26 @@ def diagnose(recording: Recording, progress: Progress = lambda *_: None) -> Diag
     views = load_views(recording, np.unique(frames) if len(frames) else np.array([0]), progress)
     faults.need_depth(recording, views)
     pairs = in_views(views, frames)
-    findings: list[Finding] = []
     before = score(recording, views, pairs, Reading())
     still = faults.unjudged(recording, frames, before)
     reading, scored = Reading(), []
-    if still:
-        findings.append(still)
-    else:
-        progress("trying conventions", 0, 1)
-        scored = search(recording, views, pairs)
-        progress("trying conventions", 1, 1)
-        reading = _unit_without_motion(recording, views, _units(recording, views, scored[0].reading))
-        reading = _calibrate(recording, views, pairs, reading, progress)
+    if still is None:
+        reading, scored = _moving(recording, views, pairs, progress)
     copies = duplicates(recording)
     if len(copies):
         reading = replace(reading, left_out=tuple(int(i) for i in copies))
     reading = _unit_without_motion(recording, views, reading)
-    progress("comparing depth with colour", 0, 1)
-    unregistered = faults.unregistered(recording, find_offset(recording, views))
-    if unregistered and reading.camera is not None and _only_moved(recording.camera, reading.camera):
-        reading = replace(reading, camera=None)  # the centre fits depth where it lies, not where it should
-    progress("comparing depth with colour", 1, 1)
+    unregistered, reading = _registration(recording, views, reading, progress)
     progress("looking for the floor", 0, 1)
     level, reading = _level(recording, views, reading)
     progress("looking for the floor", 1, 1)
-    after = score(recording, views, pairs, reading)
-    findings += faults.of_reading(recording, views, pairs, reading)
-    if not still or still.severity != "error":
-        findings += faults.of_level(recording, level)
-    else:
+    if still is not None and still.severity == "error":
         level = None
-    if not still:
-        findings += faults.of_what_is_left(recording, views, pairs, reading, after)
+    after = score(recording, views, pairs, reading)
+    findings = [still] if still else []
+    findings += faults.of_reading(recording, views, pairs, reading)
+    findings += faults.of_level(recording, level) if still is None or still.severity != "error" else []
+    findings += faults.of_what_is_left(recording, views, pairs, reading, after) if still is None else []
     findings += [unregistered] if unregistered else []
     return Diagnosis(
         recording=recording,
@@ -124,6 +112,28 @@ def diagnose(recording: Recording, progress: Progress = lambda *_: None) -> Diag
         views=views,
         pairs=pairs,
     )
+
+
+def _moving(recording: Recording, views: Views, pairs: NDArray, progress: Progress) -> tuple[Reading, list[Scored]]:
+    """Find the reading under which frames of a moving camera agree, and what else was tried."""
+    progress("trying conventions", 0, 1)
+    scored = search(recording, views, pairs)
+    progress("trying conventions", 1, 1)
+    reading = _unit_without_motion(recording, views, _units(recording, views, scored[0].reading))
+    return _calibrate(recording, views, pairs, reading, progress), scored
+
+
+def _registration(
+    recording: Recording, views: Views, reading: Reading, progress: Progress
+) -> tuple[Finding | None, Reading]:
+    """Compare depth with colour; a camera found for depth that lies elsewhere than it should is forgotten."""
+    progress("comparing depth with colour", 0, 1)
+    unregistered = faults.unregistered(recording, find_offset(recording, views))
+    progress("comparing depth with colour", 1, 1)
+    other_size = recording.depth_size != recording.color_size
+    if unregistered and reading.camera is not None and (other_size or _only_moved(recording.camera, reading.camera)):
+        reading = replace(reading, camera=None)
+    return unregistered, reading
 
 
 def _units(recording: Recording, views: Views, reading: Reading) -> Reading:
@@ -219,6 +229,8 @@ def _level(recording: Recording, views: Views, reading: Reading) -> tuple[Level 
 def _correction(
     recording: Recording, reading: Reading, level: Level | None, before: Agreement, after: Agreement
 ) -> Correction | None:
+    if recording.depth_size != recording.color_size:
+        return None  # no manifest makes them fit
     changes, values = faults.changes(recording, reading)
     if level is not None and (level.tilted or level.floor_wrong):
         if level.tilted:

@@ -76,7 +76,7 @@ def of_reading(recording: Recording, views: Views, pairs: NDArray, reading: Read
         before = score(recording, views, pairs, without)
         words = f"raises agreement of neighbouring frames from {before.percent()} % to {after.percent()} %"
         if after.share - before.share < WORTH_SAYING:
-            words = "agrees with what rooms measure, though these frames do not show it"
+            words = "fits a room, though these frames alone do not show it"
         return words, {"agreement_before": round(before.share, 4), "agreement_after": round(after.share, 4)}
 
     found = []

@@ -10,6 +10,8 @@ from simaps_viz.checking.agreement import Views
 from simaps_viz.checking.recording import Recording
 
 FRAMES = 14
+FEWEST = 8
+"""Frames with edges; in fewer, chance decides."""
 WIDTH = 256
 """Both images are brought to about this width, pixels."""
 REACH = 0.08
@@ -33,12 +35,12 @@ class Offset:
 
 
 def find_offset(recording: Recording, views: Views) -> Offset | None:
-    """Compare edges in a few frames; None when depth and colour differ in shape or have no edges."""
+    """Compare edges in a few frames; None when they differ in shape or too few frames have edges."""
     if not np.isclose(recording.depth_size[0] / recording.depth_size[1],
                       recording.color_size[0] / recording.color_size[1], rtol=0.02):  # fmt: skip
         return None
     chosen = np.unique(np.linspace(0, len(views.frames) - 1, FRAMES).astype(int))
-    table, height = None, 0
+    table, used = None, 0
     for view in chosen:
         depth = views.steps[view].astype(np.float32)
         height = round(WIDTH * depth.shape[0] / depth.shape[1])
@@ -49,9 +51,9 @@ def find_offset(recording: Recording, views: Views) -> Offset | None:
         )
         if edges.sum() < 50:
             continue
-        scores = _correlate(edges, gradient)
+        scores, used = _correlate(edges, gradient), used + 1
         table = scores if table is None else table + scores
-    if table is None or not table.any():
+    if table is None or used < FEWEST or not table.any():
         return None
     table = cv2.GaussianBlur(table, (0, 0), 0.7)
     reach = table.shape[0] // 2

@@ -93,10 +93,10 @@ class _Runner:
         self._since = 0.0
 
     def resume(self) -> None:
-        self._since = time.monotonic()
+        self._since = time.thread_time()
 
     def pause(self) -> None:
-        self._seconds += time.monotonic() - self._since
+        self._seconds += time.thread_time() - self._since
 
     def block(self, body: list[ast.stmt]) -> Iterator[Turn]:
         for statement in body:
@@ -245,7 +245,7 @@ class _Runner:
     def _step(self, node: ast.stmt | ast.expr) -> None:
         self._steps += 1
         self._within(node, self._steps, self._budget.steps, "steps")
-        spent = self._seconds + time.monotonic() - self._since
+        spent = self._seconds + time.thread_time() - self._since
         self._within(node, spent, self._budget.seconds, "seconds of computing")
 
     @staticmethod
