@@ -266,7 +266,7 @@ def test_a_stricter_check_can_be_handed_in() -> None:
 # ---- programs that mean harm
 
 HARMFUL = [
-    "import os\nos.system('touch /tmp/owned')",
+    "import os\nos.system('touch owned')",
     "__import__('os').system('true')",
     "robot.__class__.__init__.__globals__",
     "robot.turn(().__class__.__bases__[0])",

@@ -27,7 +27,7 @@ LINES: list[list[str]] = [
     ["datasets", "scenes", "mapping", "language", "navigation"],
     ["events", "labels"],
     ["structures"],
-    ["geometry"],
+    ["geometry", "files"],
     ["errors"],
 ]
 

@@ -1,8 +1,6 @@
 """The evidence as one picture: bars of the hypotheses' agreement, and two frames laid over one another."""
 
 import io
-import os
-import tempfile
 from functools import cache
 from pathlib import Path
 
@@ -12,7 +10,7 @@ from simaps_viz.checking.diagnose import Diagnosis
 from simaps_viz.checking.findings import Bar
 from simaps_viz.checking.overlay import overlay, telling_pair
 from simaps_viz.checking.reading import Reading
-from simaps_viz.errors import InputError
+from simaps_viz.files import check_output, write_whole
 
 WIDTH, MARGIN = 1500, 36
 INK, PALE_INK, RULE = (33, 37, 44), (98, 104, 115), (214, 218, 226)
@@ -22,14 +20,6 @@ ROW, LABEL = 34, 560
 MOST_BARS = 12
 
 
-def check_picture_path(path: Path) -> None:
-    """Raise InputError unless a picture can be written there, so that nobody waits for nothing."""
-    if path.suffix.lower() != ".png":
-        raise InputError(f"{path}: expected a picture name that ends in .png, found {path.suffix or 'no ending'}")
-    if path.is_dir() or not path.absolute().parent.is_dir() or not os.access(path.absolute().parent, os.W_OK):
-        raise InputError(f"{path}: expected a file in a folder that can be written, found none")
-
-
 def save_picture(diagnosis: Diagnosis, path: Path) -> None:
     """Write the picture as PNG, replacing an earlier file only once the new one is complete.
 
@@ -37,20 +27,10 @@ def save_picture(diagnosis: Diagnosis, path: Path) -> None:
         InputError: The file cannot be written, or is not called .png.
     """
     path = Path(path)
-    check_picture_path(path)
+    check_output(path, ".png")
     buffer = io.BytesIO()
     draw(diagnosis).save(buffer, format="PNG", optimize=True)
-    temporary = ""
-    try:
-        handle, temporary = tempfile.mkstemp(prefix=f".{path.name}.", dir=path.parent)
-        with os.fdopen(handle, "wb") as file:
-            file.write(buffer.getbuffer())
-        os.chmod(temporary, 0o644)
-        os.replace(temporary, path)
-    except OSError as error:
-        raise InputError(f"{path}: could not write the picture: {error.strerror or error}") from error
-    finally:
-        Path(temporary).unlink(missing_ok=True) if temporary else None
+    write_whole(path, buffer.getbuffer(), "the picture")
 
 
 def draw(diagnosis: Diagnosis) -> Image.Image:

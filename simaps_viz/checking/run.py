@@ -5,12 +5,13 @@ from typing import Any
 
 from simaps_viz.checking.diagnose import Diagnosis, diagnose
 from simaps_viz.checking.fix import write_fixed
-from simaps_viz.checking.picture import check_picture_path, save_picture
+from simaps_viz.checking.picture import save_picture
 from simaps_viz.checking.recording import open_recording
 from simaps_viz.checking.views import Progress
 from simaps_viz.datasets.posed_frames import open_sequence
 from simaps_viz.datasets.recognise import recognise
 from simaps_viz.errors import InputError
+from simaps_viz.files import check_output
 
 
 def check(path: Path, *, fix: bool, picture: Path | None, progress: Progress) -> tuple[bool, str, dict[str, Any]]:
@@ -23,7 +24,7 @@ def check(path: Path, *, fix: bool, picture: Path | None, progress: Progress) ->
         InputError: It cannot be read, or something cannot be written; then nothing was.
     """
     if picture is not None:
-        check_picture_path(picture)
+        check_output(picture, ".png")
     if not (path / "sequence.json").is_file() and recognise(path) is not None:
         raise InputError(f"{path}: expected a posed-frames/1 sequence, found another format; run simaps convert first")
     diagnosis = diagnose(open_recording(path), progress)

@@ -152,7 +152,7 @@ def evaluate(
     maps: dict[tuple[str, str], tuple[SIMap, Truth]] = {}
     truths = _Truths(exact)
     for kind, seed in plan:
-        source = _source(sequence, exact, kind, seed, progress)
+        source = masks_source(sequence, exact, kind, seed, progress)
         for method in methods:
             if progress:
                 progress("building and scoring maps", len(runs), len(plan) * len(methods))
@@ -201,9 +201,10 @@ def weigh(simap: SIMap, store: Footprint) -> Footprint:
     return replace(store, ram_bytes=store.ram_bytes + held, disk_bytes=store.disk_bytes + disk)
 
 
-def _source(
+def masks_source(
     sequence: PosedFrames, exact: PosedFrames, errors: str, seed: int, progress: Progress | None
 ) -> FrameSource:
+    """Give the frames with the masks asked for: the sequence's own, exact ones, or ones with simulated errors."""
     if errors == PRECOMPUTED:
         return sequence
     if not _is_simulated(errors):

@@ -12,10 +12,10 @@ from simaps_viz.datasets.posed_frames import PosedFrames
 from simaps_viz.datasets.source import FrameSource
 from simaps_viz.errors import InputError
 from simaps_viz.evaluation.driving import Actions, Drive, drive_through, legs_of
-from simaps_viz.evaluation.evaluate import ERRORS, NOT_SIMULATED, PRECOMPUTED, Build
+from simaps_viz.evaluation.evaluate import ERRORS, NOT_SIMULATED, Build, masks_source
 from simaps_viz.evaluation.phrasings import FAMILIES
 from simaps_viz.evaluation.scoring import Verdict, judge, true_objects_of
-from simaps_viz.evaluation.spoiled import Progress, WithSimulatedErrors
+from simaps_viz.evaluation.spoiled import Progress
 from simaps_viz.evaluation.tasks import Task, make_tasks
 from simaps_viz.evaluation.truth import check_same_frame, find_truth, truth_as_map
 from simaps_viz.evaluation.world import World, observe_world
@@ -145,7 +145,7 @@ def evaluate_navigation(
     maps: dict[tuple[str, str], SIMap] = {}
     for kind in errors:
         for seed in seeds:
-            source = _source(sequence, exact, kind, seed, progress)
+            source = masks_source(sequence, exact, kind, seed, progress)
             for method in methods:
                 simap = maps.get((kind, method)) or _map(source, method, build, world)
                 if kind in NOT_SIMULATED:  # the same masks for every seed
@@ -165,18 +165,6 @@ def carry_out(
     said = answer(simap, task.command, task.start, robot=world.robot)
     drive = drive_through(world, legs_of(said.path_m, said.goals), task.start, actions=actions)
     return said, drive, judge(world, shows, task, said, drive)
-
-
-def _source(
-    sequence: PosedFrames, exact: PosedFrames, errors: str, seed: int, progress: Progress | None
-) -> FrameSource:
-    if errors == PRECOMPUTED:
-        return sequence
-    if errors in NOT_SIMULATED:
-        return exact
-    spoiled = WithSimulatedErrors(exact, errors, seed)
-    spoiled.prepare(progress)
-    return spoiled
 
 
 def _map(source: FrameSource, method: str, build: Build, world: World) -> SIMap:

@@ -1,8 +1,6 @@
 """A comparison as one PNG: panels side by side, what is wrong marked, legend and scale bar."""
 
 import io
-import os
-import tempfile
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
@@ -12,9 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image, ImageDraw, ImageFont
 
-from simaps_viz.errors import InputError
 from simaps_viz.evaluation.coloring import FLOOR, NO_PARTNER, PALETTE, Color
 from simaps_viz.evaluation.compare import Comparison, Panel, Verdict
+from simaps_viz.files import check_output, write_whole
 
 WRONG_RED = (206, 17, 38)
 INK = (33, 37, 44)
@@ -67,27 +65,10 @@ def save_picture(comparison: Comparison, path: Path) -> None:
         InputError: the file cannot be written, or is not called .png.
     """
     path = Path(path)
-    check_picture_path(path)
+    check_output(path, ".png")
     buffer = io.BytesIO()
     Image.fromarray(render(comparison)).save(buffer, format="PNG", optimize=True)
-    handle, temporary = tempfile.mkstemp(prefix=f".{path.name}.", dir=path.parent)
-    try:
-        with os.fdopen(handle, "wb") as file:
-            file.write(buffer.getbuffer())
-        os.chmod(temporary, 0o644)
-        os.replace(temporary, path)
-    except OSError as error:
-        raise InputError(f"{path}: could not write the picture: {error.strerror or error}") from error
-    finally:
-        Path(temporary).unlink(missing_ok=True)
-
-
-def check_picture_path(path: Path) -> None:
-    """Raise InputError unless a picture can be written there, so that nobody waits for nothing."""
-    if path.suffix.lower() != ".png":
-        raise InputError(f"{path}: expected a picture name that ends in .png, found {path.suffix or 'no ending'}")
-    if path.is_dir() or not path.absolute().parent.is_dir() or not os.access(path.absolute().parent, os.W_OK):
-        raise InputError(f"{path}: expected a file in a folder that can be written, found none")
+    write_whole(path, buffer.getbuffer(), "the picture")
 
 
 def panel_image(panel: Panel, scale: int) -> NDArray:

@@ -1,8 +1,6 @@
 """What `simaps evaluate` does: settings in, tables, JSON and a picture out."""
 
 import json
-import os
-import tempfile
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -14,7 +12,7 @@ from simaps_viz.evaluation.compare import Comparison, compare_maps, compare_repo
 from simaps_viz.evaluation.counts import MIN_CELLS, CountScore, parse_counts, resolve_classes, score_counts, things_of
 from simaps_viz.evaluation.evaluate import ERRORS, PRECOMPUTED, Build, Report, Store, evaluate
 from simaps_viz.evaluation.overlaps import ScoringRules
-from simaps_viz.evaluation.picture import check_picture_path, save_picture
+from simaps_viz.evaluation.picture import save_picture
 from simaps_viz.evaluation.report import (
     FORMAT,
     TextTable,
@@ -26,6 +24,7 @@ from simaps_viz.evaluation.report import (
 )
 from simaps_viz.evaluation.spoiled import Progress
 from simaps_viz.evaluation.truth import find_truth
+from simaps_viz.files import check_output, write_whole
 from simaps_viz.structures import SIMap
 
 DEMO = "demo"
@@ -147,25 +146,16 @@ def split_names(what: str, text: str, known: tuple[str, ...] = ()) -> tuple[str,
 
 def write_json(record: Mapping[str, Any], path: Path) -> None:
     """Write a JSON file whole or not at all; raises InputError when it cannot be written."""
-    _check_output(path)
-    handle, temporary = tempfile.mkstemp(prefix=f".{path.name}.", dir=path.parent)
-    try:
-        with os.fdopen(handle, "w", encoding="utf-8") as file:
-            file.write(json.dumps(record, indent=1, ensure_ascii=False) + "\n")
-        os.chmod(temporary, 0o644)
-        os.replace(temporary, path)
-    except OSError as error:
-        raise InputError(f"{path}: could not write the report: {error.strerror or error}") from error
-    finally:
-        Path(temporary).unlink(missing_ok=True)
+    check_output(path)
+    write_whole(path, (json.dumps(record, indent=1, ensure_ascii=False) + "\n").encode(), "the report")
 
 
 def _check_outputs(config: EvaluationConfig) -> None:
     """Refuse what cannot be written before anything is computed."""
     if config.picture is not None:
-        check_picture_path(config.picture)
+        check_output(config.picture, ".png")
     if config.output is not None:
-        _check_output(config.output)
+        check_output(config.output)
 
 
 def open_for_evaluation(sequence: str, progress: Progress | None) -> PosedFrames:
@@ -205,8 +195,3 @@ def _count(
     if progress:
         progress("building maps to count on", len(methods), len(methods))
     return counts, shown
-
-
-def _check_output(path: Path) -> None:
-    if path.is_dir() or not path.absolute().parent.is_dir() or not os.access(path.absolute().parent, os.W_OK):
-        raise InputError(f"{path}: expected a file in a folder that can be written, found none")

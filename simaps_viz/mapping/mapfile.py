@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from simaps_viz.errors import InputError
+from simaps_viz.files import write_whole
 from simaps_viz.mapping.evidence import affine
 from simaps_viz.mapping.graph import weighted
 from simaps_viz.structures import CellGraph, Grid, GridSpec, Instance, MergeLog, SIMap, Views
@@ -56,19 +57,7 @@ def save_map(simap: SIMap, path: Path) -> None:
     check_writable(path)
     buffer = io.BytesIO()
     np.savez_compressed(buffer, allow_pickle=False, metadata=np.array(json.dumps(_metadata(simap))), **_arrays(simap))
-    handle, temporary = tempfile.mkstemp(prefix=f".{path.name}.", dir=path.parent)
-    try:
-        with os.fdopen(handle, "wb") as file:
-            file.write(buffer.getbuffer())
-            file.flush()
-            os.fsync(file.fileno())
-        os.chmod(temporary, 0o644)
-        os.replace(temporary, path)
-    except BaseException as error:
-        Path(temporary).unlink(missing_ok=True)
-        if isinstance(error, OSError):
-            raise InputError(f"{path}: could not write the map: {error.strerror or error}") from error
-        raise
+    write_whole(path, buffer.getbuffer(), "the map")
 
 
 def _metadata(simap: SIMap) -> dict[str, Any]:

@@ -1,0 +1,42 @@
+"""Writing a file whole or not at all."""
+
+import os
+import tempfile
+from pathlib import Path
+
+from simaps_viz.errors import InputError
+
+
+def check_output(path: Path, suffix: str = "") -> None:
+    """Raise InputError unless a file of that ending can be written there, so that nobody waits for nothing."""
+    if suffix and path.suffix.lower() != suffix:
+        raise InputError(f"{path}: expected a picture name that ends in {suffix}, found {path.suffix or 'no ending'}")
+    if path.is_dir() or not path.absolute().parent.is_dir() or not os.access(path.absolute().parent, os.W_OK):
+        raise InputError(f"{path}: expected a file in a folder that can be written, found none")
+
+
+def write_whole(path: Path, data: bytes | memoryview, what: str) -> None:
+    """Write a file, replacing an earlier one only once the new one is complete on disk.
+
+    Args:
+        path: where.
+        data: all of it.
+        what: names the contents in an error, e.g. "the map".
+
+    Raises:
+        InputError: the file cannot be written; an earlier one is left as it was.
+    """
+    temporary = ""
+    try:
+        handle, temporary = tempfile.mkstemp(prefix=f".{path.name}.", dir=path.parent)
+        with os.fdopen(handle, "wb") as file:
+            file.write(data)
+            file.flush()
+            os.fsync(file.fileno())
+        os.chmod(temporary, 0o644)
+        os.replace(temporary, path)
+    except OSError as error:
+        raise InputError(f"{path}: could not write {what}: {error.strerror or error}") from error
+    finally:
+        if temporary:
+            Path(temporary).unlink(missing_ok=True)
