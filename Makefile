@@ -7,7 +7,7 @@ DEV_READY := $(VENV)/.ready-dev
 # Two workers: the machines this runs on have two cores; tests of one file share their fixtures.
 WORKERS ?= 2
 
-.PHONY: demo test check format bench recordings screenshots clean chromium
+.PHONY: demo test check format bench recordings screenshots docs dist test-pythons clean chromium
 
 demo: $(READY)
 	@$(BIN)/simaps demo
@@ -32,6 +32,26 @@ recordings: $(READY)
 
 screenshots: $(DEV_READY) chromium
 	@$(BIN)/python apps/screenshots.py
+
+docs: $(DEV_READY)
+	@$(BIN)/python apps/reference.py
+	@$(BIN)/python apps/method_figures.py
+
+# The wheel is built from the source archive, so that the archive is known to be complete.
+dist: $(DEV_READY)
+	@rm -rf dist
+	@$(BIN)/python -m build --no-isolation --outdir dist .
+
+# The wheel on other Pythons, in environments of their own; all tests but the browser's, or those named:
+# make test-pythons PYTHONS="python3.12 python3.13" TESTS=tests/test_cli.py
+PYTHONS ?= python3.12 python3.13
+TESTS ?= tests
+test-pythons: dist
+	@for python in $(PYTHONS); do \
+		env=build/env-$$($$python -c 'import sys; print("%d.%d" % sys.version_info[:2])') && echo "$$env" && \
+		$$python -m venv $$env && $$env/bin/python -m pip install --quiet --disable-pip-version-check \
+			"$$(ls dist/*.whl)[dev]" && $$env/bin/pytest -m "not browser" -n $(WORKERS) --dist loadfile $(TESTS) || exit 1; \
+	done
 
 clean:
 	rm -rf $(VENV) build dist .pytest_cache .ruff_cache .hypothesis

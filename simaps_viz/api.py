@@ -1,4 +1,7 @@
-"""Asking a map from Python: find objects, plan ways, hold the instances as a pandas frame."""
+"""Asking a map from Python: find objects, plan ways, hold the instances as a pandas frame.
+
+Each function is also a method of `SIMap`, which only calls it.
+"""
 
 from typing import TYPE_CHECKING
 
@@ -9,6 +12,7 @@ from scipy.spatial import KDTree
 from simaps_viz.errors import InputError
 from simaps_viz.exports.records import record
 from simaps_viz.exports.tables import COLUMNS
+from simaps_viz.extras import needs_extra
 from simaps_viz.language.grounding import Grounding
 from simaps_viz.navigation.agent import planner_of
 from simaps_viz.navigation.planner import RobotShape
@@ -19,9 +23,11 @@ if TYPE_CHECKING:
 
 Point = tuple[float, float]
 """x and y in metres, map frame."""
+Place = Point | Pose2 | Instance
+"""Where something is: of an instance, its centre or its cells."""
 
 
-def find(simap: SIMap, name: str, *, near: "Point | Pose2 | Instance | str | None" = None) -> tuple[Instance, ...]:
+def find(simap: SIMap, name: str, *, near: Place | str | None = None) -> tuple[Instance, ...]:
     """Find the instances a name means, the closest first.
 
     Args:
@@ -32,7 +38,12 @@ def find(simap: SIMap, name: str, *, near: "Point | Pose2 | Instance | str | Non
 
     Raises:
         CommandError: the map has nothing of that name; the message says what it has.
+        InputError: the name is no text or empty, or ``near`` is no place.
     """
+    for what, text in (("name", name), ("near", near)):
+        empty = isinstance(text, str) and not text.strip()
+        if empty or (what == "name" and not isinstance(text, str)):
+            raise InputError(f"{what}: expected the name of objects, found {text!r}")
     grounding = Grounding(simap, Pose2(0.0, 0.0, 0.0))
     found = grounding.members(name)
     if near is None:
@@ -46,8 +57,8 @@ def find(simap: SIMap, name: str, *, near: "Point | Pose2 | Instance | str | Non
 
 def plan(
     simap: SIMap,
-    start: Point | Pose2 | Instance,
-    goal: Point | Pose2 | Instance | str,
+    start: Place,
+    goal: Place | str,
     *,
     robot: RobotShape | None = None,
 ) -> Path:
@@ -81,12 +92,15 @@ def to_pandas(simap: SIMap) -> "pd.DataFrame":
     Raises:
         InputError: pandas is not installed.
     """
-    try:
+    with needs_extra("pandas", "to_pandas"):
         import pandas as pd  # noqa: PLC0415 - optional, and slow to import
-    except ImportError:
-        raise InputError("to_pandas: expected pandas, found it not installed (pip install pandas)") from None
     columns = [name for name in COLUMNS if name != "outline_wkt"]
-    return pd.DataFrame([record(simap, one) for one in simap.instances], columns=columns).set_index("id")
+    frame = pd.DataFrame([record(simap, one) for one in simap.instances], columns=columns)
+    if frame.empty:  # else every column of it would hold objects, and sums be no numbers
+        text = ("name", "label", "color")
+        whole = ("id", "cells", "frames")
+        frame = frame.astype({c: "int64" if c in whole else "float64" for c in columns if c not in text})
+    return frame.set_index("id")
 
 
 def _point(where: object) -> NDArray:

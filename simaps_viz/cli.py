@@ -12,6 +12,7 @@ import tyro
 from rich.console import Console
 
 from simaps_viz import wiring
+from simaps_viz.build_command import Build, build
 from simaps_viz.cli_options import (
     Check,
     Convert,
@@ -25,11 +26,16 @@ from simaps_viz.cli_options import (
     Segment,
 )
 from simaps_viz.datasets.posed_frames import is_sequence, open_sequence
+from simaps_viz.doctor import Doctor, doctor
 from simaps_viz.errors import InputError, SIMapsError
-from simaps_viz.mapping.mapfile import load_map
+from simaps_viz.logs import HELP, logged, logged_command, logger, take_log_options
+from simaps_viz.mapping.mending import load_mended, open_mending
+from simaps_viz.mend_map import Mend, mend_map
 from simaps_viz.navigation.agent import answer
 from simaps_viz.progress import console, emit, stage_progress
+from simaps_viz.recordings import Recordings, is_recorded_build, recordings, view_alone
 from simaps_viz.segmenting import open_segmented, write_segmented
+from simaps_viz.sharing import Share, share
 from simaps_viz.structures import Pose2
 from simaps_viz.tables import map_tables
 
@@ -45,6 +51,9 @@ class Demo:
     """Simulated errors of the segmentation network."""
     port: int = 8080
     """Where to serve the page; the next free one when it is taken."""
+    host: str = "127.0.0.1"
+    """Address to listen on. One that other machines reach, such as 0.0.0.0, demands a token, which is printed or comes
+    from SIMAPS_TOKEN; see SECURITY.md."""
     browser: bool = True
     """Open the page in the browser."""
     serve: bool = True
@@ -54,40 +63,26 @@ class Demo:
 
 
 @dataclass(frozen=True)
-class Build:
-    """Build a map from a sequence of posed RGB-D frames.
-
-    Example: simaps build ../scans/breakroom -o breakroom.npz --record breakroom.rrd
-    """
-
-    sequence: tyro.conf.Positional[Path]
-    """Folder in the posed-frames/1 format, or its manifest (.json)."""
-    output: Annotated[Path, tyro.conf.arg(aliases=["-o"])]
-    """Map file to write (.npz)."""
-    mapping: Annotated[Mapping, tyro.conf.arg(name="")] = dataclasses.field(default_factory=Mapping)
-    segmentation: str = "precomputed"
-    """Where segments come from: "precomputed" (the ones the sequence has), a network (.onnx: YOLO-seg, Mask2Former,
-    MaskFormer, OneFormer, EoMT) or a COCO panoptic table (.json)."""
-    network: Annotated[Networks, tyro.conf.arg(name="")] = dataclasses.field(default_factory=Networks)
-    record: Path | None = None
-    """Also record the build for rerun (.rrd)."""
-    json: bool = False
-    """Print JSON lines on stdout."""
-
-
-@dataclass(frozen=True)
 class View:
     """Open the workbench on a map, or on a sequence (which is mapped first)."""
 
     path: tyro.conf.Positional[Path]
-    """Map file (.npz), sequence folder or manifest (.json)."""
+    """Map file (.npz), sequence folder or manifest (.json); or a recorded build (.rrd) alone."""
+    segmentation: str = "precomputed"
+    """Of a sequence: "precomputed", a network (.onnx) or a COCO panoptic table (.json), as for simaps build."""
+    network: Annotated[Networks, tyro.conf.arg(name="")] = dataclasses.field(default_factory=Networks)
     mapping: Annotated[Mapping, tyro.conf.arg(name="")] = dataclasses.field(default_factory=Mapping)
     recording: Path | None = None
     """Recorded build to dock beside the map; by default the .rrd of the map's name."""
     port: int = 8080
     """Where to serve the page; the next free one when it is taken."""
+    host: str = "127.0.0.1"
+    """Address to listen on. One that other machines reach, such as 0.0.0.0, demands a token, which is printed or comes
+    from SIMAPS_TOKEN; see SECURITY.md."""
     browser: bool = True
     """Open the page in the browser."""
+    edits: bool = True
+    """Show the map with the edits made by hand (MAP.edits.json), and let people make more."""
     llm: str | None = None
     """A language model for the page's commands: MODEL[@ADDRESS], see simaps query."""
 
@@ -109,6 +104,8 @@ class Query:
     llm: str | None = None
     """Let a language model read the commands: MODEL, or MODEL@ADDRESS of a chat-completions server, such as
     qwen2.5:7b@http://127.0.0.1:11434/v1. The key comes from OPENAI_API_KEY. Without it, an offline grammar reads."""
+    edits: bool = True
+    """Ask the map with the edits made by hand (MAP.edits.json)."""
     json: bool = False
     """Print one JSON line a command."""
 
@@ -119,28 +116,59 @@ class Info:
 
     map: tyro.conf.Positional[Path]
     """Map file (.npz)."""
+    edits: bool = True
+    """Of the map with the edits made by hand (MAP.edits.json)."""
     json: bool = False
     """Print it as one JSON line."""
 
 
-Command = Demo | Build | View | Query | Info | Check | Export | Convert | Evaluate | Judge | Segment | ExportNetwork
+Command = (
+    Demo
+    | Build
+    | View
+    | Query
+    | Info
+    | Mend
+    | Check
+    | Export
+    | Share
+    | Convert
+    | Evaluate
+    | Judge
+    | Segment
+    | ExportNetwork
+    | Recordings
+    | Doctor
+)
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Read the command line and run it; see `run` for the exit status."""
     commands = tyro.conf.OmitSubcommandPrefixes[Command]
-    return run(tyro.cli(commands, prog="simaps", description=__doc__, args=arguments))  # pyright: ignore
+    try:
+        rest, logging = take_log_options(sys.argv[1:] if arguments is None else arguments)
+        with logged(logging, console):
+            return run(tyro.cli(commands, prog="simaps", description=f"{__doc__} {HELP}", args=rest))  # pyright: ignore
+    except InputError as error:  # of the log itself
+        _say_error(str(error))
+        return BAD_INPUT
 
 
 def run(command: Command) -> int:
     """Run one command; the exit status is 0 done, 1 the answer is no, 2 bad input or usage, 130 interrupted."""
+    with logged_command(type(command).__name__.lower(), command) as log:
+        log.status = _carry_out(command)
+        return log.status
+
+
+def _carry_out(command: Command) -> int:
     try:
         return _RUN[type(command)](command)
     except SIMapsError as error:
         _say_error(str(error))
         return BAD_INPUT
-    except KeyboardInterrupt:
-        _say_error("interrupted; nothing was left half-written")
+    except KeyboardInterrupt as stopped:
+        _say_error(str(stopped) or "interrupted; nothing was left half-written")
         return INTERRUPTED
     except BrokenPipeError:  # the reader of our output has gone
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
@@ -148,6 +176,7 @@ def run(command: Command) -> int:
 
 
 def _say_error(message: str) -> None:
+    logger.error("%s", message, extra={"event": "error", "people": False})
     console.print(f"simaps: {message}", markup=False, soft_wrap=True, style="red")
 
 
@@ -161,27 +190,16 @@ def _demo(command: Demo) -> int:
         )
     console.print(f"On the map: {wiring.counts_in_words(simap.counts())}", markup=False)
     if command.serve:
-        wiring.serve(simap, recording=recording, port=command.port, browser=command.browser, llm=command.llm)
+        mending = open_mending(recording.with_suffix(".npz"), simap)
+        wiring.serve(
+            simap, recording=recording, port=command.port, browser=command.browser, llm=command.llm, mending=mending,
+            host=command.host,
+        )  # fmt: skip
     return OK
 
 
 def _build(command: Build) -> int:
-
-    config = command.mapping.config()
-    with stage_progress(quiet=command.json) as progress:
-        sequence = open_segmented(
-            command.sequence, command.segmentation, command.network, wiring.cache_folder(), progress, quiet=command.json
-        )
-        simap = wiring.build_to_file(
-            sequence, command.mapping.method, config, command.output,
-            record=command.record, progress=progress, json_lines=command.json,
-        )  # fmt: skip
-    if command.json:
-        emit({"event": "done", "map": str(command.output), "record": str(command.record) if command.record else None,
-              "counts": simap.counts(), "instances": len(simap.instances)})  # fmt: skip
-    else:
-        console.print(f"{command.output}: {wiring.counts_in_words(simap.counts())}", markup=False)
-        console.print(f"Look at it: simaps view {command.output}", markup=False)
+    build(command)
     return OK
 
 
@@ -215,17 +233,28 @@ def _export_network(command: ExportNetwork) -> int:
 
 
 def _view(command: View) -> int:
-
+    if is_recorded_build(command.path):
+        view_alone(command.path, port=command.port, browser=command.browser, host=command.host)
+        return OK
     if is_sequence(command.path):
         with stage_progress() as progress:
-            simap, recording = wiring.cached_build(
-                open_sequence(command.path), command.mapping.method, command.mapping.config(), progress
+            sequence = open_segmented(
+                command.path, command.segmentation, command.network, wiring.cache_folder(), progress
             )
+            simap, recording = wiring.cached_build(sequence, command.mapping.method, command.mapping.config(), progress)
+        map_path = recording.with_suffix(".npz")
         recording = wiring.recording_beside(command.path, command.recording) or recording
     else:
-        simap = load_map(command.path)
+        if command.segmentation != "precomputed":
+            raise InputError(f"{command.path}: expected a sequence with --segmentation, found a map")
+        simap = load_mended(command.path, edits=False)
         recording = wiring.recording_beside(command.path, command.recording)
-    wiring.serve(simap, recording=recording, port=command.port, browser=command.browser, llm=command.llm)
+        map_path = command.path
+    mending = open_mending(map_path, simap) if command.edits else None
+    wiring.serve(
+        simap, recording=recording, port=command.port, browser=command.browser, llm=command.llm, mending=mending,
+        host=command.host, map_path=map_path,
+    )  # fmt: skip
     return OK
 
 
@@ -233,7 +262,7 @@ def _query(command: Query) -> int:
 
     if not command.command:
         raise InputError('query: expected at least one command, for example "go to the second chair", found none')
-    simap = load_map(command.map)
+    simap = load_mended(command.map, edits=command.edits)
     pose = Pose2.from_heading(*command.pose) if command.pose else wiring.start_pose(simap)
     reader = wiring.reader(command.llm, simap, pose)
     good = True
@@ -262,7 +291,7 @@ def _print_answer(record: dict) -> None:
 
 def _info(command: Info) -> int:
 
-    facts = wiring.summary(load_map(command.map))
+    facts = wiring.summary(load_mended(command.map, edits=command.edits))
     if command.json:
         emit(facts)
         return OK
@@ -282,6 +311,25 @@ def _export(command: Export) -> int:
     else:
         console.print(f"{format}: wrote {', '.join(str(path) for path in files)}", markup=False, soft_wrap=True)
     return OK
+
+
+def _mend(command: Mend) -> int:
+    lines, record = mend_map(command)
+    if command.json:
+        emit(record)
+    else:
+        sys.stdout.write("\n".join(lines) + "\n")
+    return OK
+
+
+def _share(command: Share) -> int:
+    with stage_progress(quiet=command.json) as progress:
+        written = share(command, progress)
+    if command.json:
+        emit(written)
+    else:
+        console.print(f"{written['output']}: {written['bytes'] / 1e6:.1f} MB", markup=False, soft_wrap=True)
+    return NO if written["done"] is False else OK
 
 
 def _convert(command: Convert) -> int:
@@ -330,13 +378,23 @@ def _evaluate(command: Evaluate) -> int:
 def _judge(command: Judge) -> int:
     with stage_progress() as progress:
         session, simap = wiring.judging(command.session, command.map, progress)
-    wiring.serve(simap, recording=None, port=command.port, browser=command.browser, judging=session)
+    wiring.serve(simap, recording=None, port=command.port, browser=command.browser, judging=session, host=command.host)
     return OK
 
 
-_RUN = {Demo: _demo, Build: _build, View: _view, Query: _query, Info: _info, Evaluate: _evaluate, Judge: _judge,
-        Segment: _segment, ExportNetwork: _export_network, Export: _export, Convert: _convert,
-        Check: _check}  # fmt: skip
+def _recordings(command: Recordings) -> int:
+    recordings(command)
+    return OK
+
+
+def _doctor(command: Doctor) -> int:
+    return OK if doctor(command) else NO
+
+
+_RUN = {Demo: _demo, Build: _build, View: _view, Query: _query, Info: _info, Mend: _mend,
+        Recordings: _recordings, Doctor: _doctor,
+        Evaluate: _evaluate, Judge: _judge, Segment: _segment, ExportNetwork: _export_network,
+        Export: _export, Convert: _convert, Share: _share, Check: _check}  # fmt: skip
 
 if __name__ == "__main__":
     sys.exit(main())

@@ -124,7 +124,7 @@ class Segment:
 
 @dataclass(frozen=True)
 class ExportNetwork:
-    """Write a Mask2Former, MaskFormer or EoMT checkpoint of Hugging Face transformers as a network for --segmentation.
+    """Write a Mask2Former, MaskFormer, OneFormer or EoMT checkpoint of transformers as a network for --segmentation.
 
     Needs the extra: pip install "simaps-viz[export]".
 
@@ -194,6 +194,9 @@ class Judge:
     map file (.npz) of it."""
     port: int = 8080
     """Where to serve the page; the next free one when it is taken."""
+    host: str = "127.0.0.1"
+    """Address to listen on. One that other machines reach, such as 0.0.0.0, demands a token, which is printed or comes
+    from SIMAPS_TOKEN; see SECURITY.md."""
     browser: bool = True
     """Open the page in the browser."""
 
@@ -228,6 +231,8 @@ class Export:
     """ros, nav2, tum: of the robot, metres."""
     robot_height: float = 1.5
     """ros, nav2, tum: of the robot, metres; what is higher does not block it."""
+    edits: bool = True
+    """With the edits made by hand (MAP.edits.json)."""
     json: bool = False
     """Print the format and the files written as one JSON line."""
 

@@ -1,8 +1,18 @@
 """The errors a person can meet; every message names the culprit and what was expected."""
 
+LONGEST_MESSAGE = 1000
+"""Characters of a message; names and values found in files can be of any length."""
+
 
 class SIMapsError(Exception):
-    """Base of all errors this package raises on purpose; the command line prints it as one line."""
+    """Base of all errors this package raises on purpose; the command line prints it as one line.
+
+    Messages show what was found in files, so whatever could not be printed, or would end the line, is written as its
+    escape, and what is too long is cut in the middle.
+    """
+
+    def __init__(self, message: object = "", *more: object) -> None:
+        super().__init__(_printable(str(message)), *more)
 
 
 class InputError(SIMapsError):
@@ -15,3 +25,10 @@ class CommandError(SIMapsError):
 
 class PlanningError(SIMapsError):
     """There is no free path from where the robot stands to where it should go."""
+
+
+def _printable(text: str) -> str:
+    if not text.isprintable():
+        text = "".join(c if c.isprintable() else ascii(c)[1:-1] for c in text)
+    half = LONGEST_MESSAGE // 2
+    return text if len(text) <= LONGEST_MESSAGE else f"{text[:half]} ... {text[-half:]}"

@@ -8,7 +8,7 @@ from simaps_viz.datasets.source import FrameSource
 from simaps_viz.errors import InputError
 from simaps_viz.exports.formats import ExportOptions, FormatName, choose_format, export_map
 from simaps_viz.language.commands import read_command
-from simaps_viz.mapping.mapfile import load_map
+from simaps_viz.mapping.mending import load_mended
 from simaps_viz.navigation.planner import RobotShape
 from simaps_viz.progress import StageProgress
 from simaps_viz.structures import Pose2, SIMap
@@ -20,7 +20,7 @@ def export(settings: Export, progress: StageProgress) -> tuple[FormatName, list[
     Raises:
         SIMapsError: as for `export_map`; or the map's sequence is gone, and points were asked for.
     """
-    simap = load_map(settings.map)
+    simap = load_mended(settings.map, edits=settings.edits)
     name = choose_format(settings.output, settings.format, command=settings.trajectory)
     pose = None
     if name == "tum":

@@ -2,6 +2,7 @@
 
 import os
 import tempfile
+from collections.abc import Iterable
 from pathlib import Path
 
 from simaps_viz.errors import InputError
@@ -15,12 +16,12 @@ def check_output(path: Path, suffix: str = "") -> None:
         raise InputError(f"{path}: expected a file in a folder that can be written, found none")
 
 
-def write_whole(path: Path, data: bytes | memoryview, what: str) -> None:
+def write_whole(path: Path, data: bytes | memoryview | Iterable[bytes], what: str) -> None:
     """Write a file, replacing an earlier one only once the new one is complete on disk.
 
     Args:
         path: where.
-        data: all of it.
+        data: all of it, at once or part by part.
         what: names the contents in an error, e.g. "the map".
 
     Raises:
@@ -30,7 +31,8 @@ def write_whole(path: Path, data: bytes | memoryview, what: str) -> None:
     try:
         handle, temporary = tempfile.mkstemp(prefix=f".{path.name}.", dir=path.parent)
         with os.fdopen(handle, "wb") as file:
-            file.write(data)
+            for part in (data,) if isinstance(data, bytes | memoryview) else data:
+                file.write(part)
             file.flush()
             os.fsync(file.fileno())
         os.chmod(temporary, 0o644)

@@ -1,10 +1,11 @@
 """Categories and their colours. Colours depend on the name or id alone, so they stay when anything else changes."""
 
-import colorsys
 import zlib
 
 import numpy as np
 from numpy.typing import NDArray
+
+from simaps_viz.palette import PALETTE, Color, color_of_number
 
 COCO_THINGS = tuple(
     [
@@ -123,36 +124,43 @@ STUFF = frozenset(
 )
 """Uncountable classes by name: plain words and COCO panoptic's; used when a sequence does not say itself."""
 
+COMMON = (
+    "chair", "dining table", "tv", "couch", "potted plant", "bed", "laptop", "refrigerator", "bench", "sink", "toilet",
+    "book",
+)  # fmt: skip
+"""Classes of rooms, each with a colour of its own: the one at its place in the palette."""
+
 
 def is_thing(label: str) -> bool:
     """Tell whether a class is countable, by its name alone."""
     return label not in STUFF
 
 
-def class_color(label: str) -> tuple[int, int, int]:
-    """Give a class its RGB colour (0-255), from its name; stuff is grey."""
+def class_color(label: str) -> Color:
+    """Give a class its RGB colour (0-255), from its name; stuff is grey.
+
+    Classes that are often together have different ones; ``map_colors.class_colors`` sees to it that all classes of a
+    map do.
+    """
     if label in ("none", ""):
         return (0, 0, 0)
+    if label in COMMON:
+        return PALETTE[COMMON.index(label)]
     code = zlib.crc32(label.encode())
     if not is_thing(label):
         grey = 120 + code % 90
         return (grey, grey, grey)
-    return _rgb((code % 1009) / 1009.0, 0.55 + (code >> 10) % 3 * 0.15, 0.65 + (code >> 12) % 3 * 0.12)
+    return PALETTE[code % len(PALETTE)]
 
 
-def instance_color(instance_id: int) -> tuple[int, int, int]:
-    """Give an instance its RGB colour (0-255), from its id: golden-angle hues, so close ids differ most."""
-    if instance_id <= 0:
-        return (0, 0, 0)
-    hue = (instance_id * 0.6180339887498949) % 1.0
-    return _rgb(hue, (0.75, 0.55, 0.9)[instance_id % 3], (0.92, 0.72, 0.8)[(instance_id // 3) % 3])
+def instance_color(instance_id: int) -> Color:
+    """Give an instance its RGB colour (0-255), from its id alone: the palette, over and over.
+
+    ``map_colors.instance_colors`` gives another one to an instance whose neighbour has the same.
+    """
+    return (0, 0, 0) if instance_id <= 0 else color_of_number(instance_id)
 
 
 def instance_palette(size: int) -> NDArray:
     """Give uint8 [size, 3]: the RGB colour of ids 0 .. size - 1."""
     return np.array([instance_color(i) for i in range(size)], dtype=np.uint8).reshape(size, 3)
-
-
-def _rgb(hue: float, saturation: float, value: float) -> tuple[int, int, int]:
-    r, g, b = colorsys.hsv_to_rgb(hue, saturation, value)
-    return (round(r * 255), round(g * 255), round(b * 255))

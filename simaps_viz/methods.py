@@ -1,14 +1,17 @@
 """All methods by name: ours, the paper's and the baselines. Every one gives a SIMap."""
 
+import threading
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
+from pathlib import Path
+from typing import TypedDict, Unpack
 
 from simaps_viz.baselines.vlmaps import VLMapsConfig, build_vlmaps
 from simaps_viz.datasets.source import FrameSource
 from simaps_viz.errors import InputError
-from simaps_viz.events import Observer
+from simaps_viz.events import Event, FrameProjected, Observer
 from simaps_viz.mapping.votes import VoteSettings
-from simaps_viz.pipeline import BuildConfig, build_map
+from simaps_viz.pipeline import BuildCancelled, BuildConfig, Elsewhere, build_map
 from simaps_viz.structures import SIMap
 
 METHODS = ("evidence", "components", "paper", "vlmaps", "vlmaps+components")
@@ -25,6 +28,16 @@ VARIANTS: Mapping[str, Callable[[BuildConfig], BuildConfig]] = {
 """What an evaluation takes besides the two VLMaps: names for settings worth comparing."""
 
 
+class Careful(TypedDict, total=False):
+    """What `build_map` takes besides: how it deals with faults."""
+
+    strict: bool
+    log: Path | None
+    resume: bool
+    cancel: threading.Event | None
+    elsewhere: Elsewhere | None
+
+
 def build(
     sequence: FrameSource,
     method: str,
@@ -32,6 +45,7 @@ def build(
     observers: Sequence[Observer] = (),
     *,
     communities_every: int = 0,
+    **how: Unpack[Careful],
 ) -> SIMap:
     """Build a map by the method of a name.
 
@@ -41,6 +55,8 @@ def build(
         config: everything but the method.
         observers: told everything, in order.
         communities_every: see `build_map`.
+        how: ``strict``, ``log``, ``resume``, ``cancel`` and ``elsewhere``, see `build_map`; the baselines are always
+            strict, keep no log, read their frames themselves and look at ``cancel`` too.
 
     Raises:
         InputError: there is no such method, or as for `build_map`.
@@ -49,8 +65,23 @@ def build(
     if method in ("vlmaps", "vlmaps+components"):
         settings = VLMapsConfig(projection=config.projection, min_cells=config.min_cells, seed=config.seed)
         instances = "components" if method == "vlmaps+components" else "none"
-        return build_vlmaps(sequence, settings, instances=instances, observers=observers)
+        watching = [*observers, _Stop(how.get("cancel"), sequence.name)]
+        return build_vlmaps(sequence, settings, instances=instances, observers=watching)
     if method not in VARIANTS:
         known = ", ".join(dict.fromkeys((*METHODS, *VARIANTS)))
         raise InputError(f"method: expected one of {known}, found {method!r}")
-    return build_map(sequence, VARIANTS[method](config), observers, communities_every=communities_every)
+    return build_map(sequence, VARIANTS[method](config), observers, communities_every=communities_every, **how)
+
+
+class _Stop:
+    """Ends a build that looks at no ``cancel`` itself."""
+
+    wants_color = False
+
+    def __init__(self, cancel: threading.Event | None, name: str) -> None:
+        self._cancel, self._name = cancel, name
+
+    def on_event(self, event: Event) -> None:
+        """Raise BuildCancelled when it is time."""
+        if self._cancel is not None and self._cancel.is_set() and isinstance(event, FrameProjected):
+            raise BuildCancelled(f"{self._name}: cancelled after {event.frame.index} frames")

@@ -1,9 +1,10 @@
 """Writes universal segmentation checkpoints of Hugging Face transformers as ONNX files that `--segmentation` takes.
 
-Two things have to be worked around. Mask2Former's deformable attention samples on a grid that the exported graph
-computes in doubles, which onnxruntime's GridSample refuses: the grid is cast to the sampled values' type. EoMT draws
-random numbers to decide where its masks guide attention while training; a finished model does without, so the
-probabilities are set to 0. The exporter that follows TorchScript is used: the newer one fails on Mask2Former.
+Three things have to be worked around. The deformable attention of Mask2Former and OneFormer samples on a grid that
+the exported graph computes in doubles, which onnxruntime's GridSample refuses: the grid is cast to the sampled values'
+type. EoMT draws random numbers to decide where its masks guide attention while training; a finished model does without,
+so the probabilities are set to 0. OneFormer is told its task in words: the tokens of "the task is panoptic" become a
+part of the file. The exporter that follows TorchScript is used: the newer one fails on Mask2Former.
 
 Needs the extra ``export`` (torch, transformers, onnx). The file's metadata hold the class names and what has to be done
 to a picture.
@@ -23,12 +24,15 @@ from typing import Any
 import numpy as np
 
 from simaps_viz.errors import InputError
+from simaps_viz.extras import needs_extra
 
-FAMILIES = ("mask2former", "maskformer", "eomt")
+FAMILIES = ("mask2former", "maskformer", "oneformer", "eomt")
 OPSET = 17
 TOLERANCE = 1e-3
 """Largest difference between torch and onnxruntime on the same random picture."""
 INPUT, CLASSES, MASKS = "pixel_values", "class_queries_logits", "masks_queries_logits"
+TASK = "the task is panoptic"
+"""What OneFormer's own processor says for panoptic segmentation."""
 _DIVISOR = 32
 
 
@@ -68,7 +72,7 @@ def export_network(checkpoint: str, output: Path, *, size: tuple[int, int] | Non
         with torch.no_grad():
             model.attn_mask_probs.zero_()
     size = size or input_size(family, processor, model.config)
-    network = _two_outputs(torch, model)
+    network = _two_outputs(torch, model, _constants(torch, transformers, checkpoint, model.config))
     picture = torch.rand((1, 3, *size), generator=torch.Generator().manual_seed(0)) * 4.0 - 2.0
     handle, name = tempfile.mkstemp(suffix=".onnx", prefix=".export-", dir=output.parent)
     os.close(handle)
@@ -124,13 +128,8 @@ def metadata(family: str, processor: dict[str, Any], config: Any) -> dict[str, s
 
 
 def _libraries() -> tuple[Any, Any, Any]:
-    try:  # by name: they are big, and only in the extra
+    with needs_extra("export", "export-network"):  # by name: they are big, and pyright does not know them
         torch, transformers, onnx = (importlib.import_module(name) for name in ("torch", "transformers", "onnx"))
-    except ImportError as error:
-        raise InputError(
-            f"export-network: expected torch, transformers and onnx, found no {error.name}; "
-            "install them with: pip install 'simaps-viz[export]'"
-        ) from None
     return torch, transformers, onnx
 
 
@@ -145,7 +144,31 @@ def _load(transformers: Any, checkpoint: str) -> tuple[Any, dict[str, Any]]:
     return model, processor
 
 
-def _two_outputs(torch: Any, model: Any) -> Any:
+def _constants(torch: Any, transformers: Any, checkpoint: str, config: Any) -> dict[str, Any]:
+    """Give the inputs besides the picture, the same for every picture: OneFormer's task, int64 [1, tokens].
+
+    Raises:
+        InputError: the checkpoint has no tokenizer to write it with.
+    """
+    if config.model_type != "oneformer":
+        return {}
+    length = config.task_seq_len
+    try:
+        tokenizer = transformers.AutoTokenizer.from_pretrained(checkpoint)
+        made = tokenizer([TASK], padding="max_length", max_length=length, truncation=True)
+    except (OSError, ValueError, KeyError, TypeError) as error:
+        why = " ".join(str(error).split())[:160]
+        raise InputError(f"{checkpoint}: expected OneFormer's tokenizer beside the model, found: {why}") from None
+    tokens = np.array(made["input_ids"], dtype=np.int64) * np.array(made["attention_mask"], dtype=np.int64)
+    read_back = "".join(tokenizer.decode(made["input_ids"][0], skip_special_tokens=True).split())
+    if tokens.shape != (1, length) or read_back != TASK.replace(" ", ""):
+        # Without files transformers makes a tokenizer that knows no word, and says nothing.
+        raise InputError(f"{checkpoint}: expected OneFormer's tokenizer beside the model, found none that can "
+                         f'write "{TASK}"')  # fmt: skip
+    return {"task_inputs": torch.from_numpy(tokens)}
+
+
+def _two_outputs(torch: Any, model: Any, constants: dict[str, Any]) -> Any:
     class Network(torch.nn.Module):
         """The model, with two outputs instead of a record of a dozen."""
 
@@ -154,7 +177,7 @@ def _two_outputs(torch: Any, model: Any) -> Any:
             self.model = model
 
         def forward(self, pixel_values: Any) -> tuple[Any, Any]:
-            outputs = self.model(pixel_values=pixel_values)
+            outputs = self.model(pixel_values=pixel_values, **constants)
             return outputs.class_queries_logits, outputs.masks_queries_logits
 
     return Network().eval()  # the exporter puts the whole back into the mode it found the outermost in

@@ -1,100 +1,63 @@
 """The order of the stages: frames in, a SIMap out, everything told to those who watch."""
 
-from collections.abc import Sequence
-from dataclasses import asdict, dataclass, field, replace
+import hashlib
+import threading
+from collections.abc import Callable, Generator, Sequence
+from contextlib import closing
+from dataclasses import dataclass, replace
 from importlib.metadata import version
-from typing import Any, Literal
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from simaps_viz.datasets.source import FrameSource, read_ahead
-from simaps_viz.errors import InputError
+from simaps_viz.datasets.source import FrameSource, Unreadable, read_each
+from simaps_viz.errors import InputError, SIMapsError
 from simaps_viz.events import (
     BuildFinished,
     BuildStarted,
     CommunitiesFound,
     Event,
+    FrameGathered,
     FrameProjected,
+    FrameSkipped,
     MergesFound,
     Observer,
 )  # fmt: skip
-from simaps_viz.mapping.accumulator import MapAccumulator, ProjectionSettings
-from simaps_viz.mapping.components import component_communities
-from simaps_viz.mapping.evidence import EvidenceSettings, pair_graphs
-from simaps_viz.mapping.graph import class_graphs
-from simaps_viz.mapping.partition import applied_steps, empty_log
-from simaps_viz.mapping.partition_evidence import partition_evidence
-from simaps_viz.mapping.pooling import PoolSettings
-from simaps_viz.mapping.readings import Readings, gather_readings
-from simaps_viz.mapping.simap import (
-    JOINING,
-    Origin,
-    assemble,
-    check_joining,
-    count_views,
-    joining_threshold,
-    partition_grid,
-)
-from simaps_viz.mapping.votes import VoteSettings, vote_labels
-from simaps_viz.structures import CellGraph, Frame, Grid, MergeLog, Segment, Segmentation, SIMap
+from simaps_viz.mapping import so_far
+from simaps_viz.mapping.accumulator import MapAccumulator
+from simaps_viz.mapping.build_log import BuildLog
+from simaps_viz.mapping.config import BuildConfig, Method
+from simaps_viz.mapping.partition import applied_steps
+from simaps_viz.mapping.simap import joining_threshold
+from simaps_viz.mapping.so_far import SequenceFacts
+from simaps_viz.mapping.steps import FrameStep
+from simaps_viz.structures import CellGraph, Frame, Grid, Segmentation, SIMap
 
-Method = Literal["evidence", "paper", "components"]
+__all__ = [
+    "BuildCancelled",
+    "BuildConfig",
+    "Elsewhere",
+    "Method",
+    "build_map",
+    "empty_accumulator",
+    "facts_of",
+    "fingerprint",
+    "gather_frames",
+    "graphs_so_far",
+]
+
+Elsewhere = Callable[[FrameSource, BuildConfig, NDArray, Sequence[int]], Generator[FrameStep | None, None, None]]
+"""Has frames gathered by other processes. Takes the sequence, the settings, T_map_camera of all frames (float64
+[n, 4, 4]) and indices, ascending; gives the steps of these frames, in order, and None every so often while it waits."""
+
+NONE_OF_FIRST = 20
+"""When none of so many first frames can be read, the sequence is at fault, not a frame."""
 
 
-@dataclass(frozen=True)
-class BuildConfig:
-    """How a map is built."""
-
-    method: Method = "evidence"
-    """How cells become instances."""
-    k_percent: float = 5.0
-    """Method paper: communities join while more than this share of one's cells neighbour the other."""
-    affinity: float = 0.6
-    """Method evidence: communities join while more than this share of their witnesses saw them as one."""
-    resolution: float = 1.0
-    """Louvain's: higher gives more and smaller communities."""
-    seed: int = 0
-    """Of Louvain's random order."""
-    min_cells: int = 4
-    """What covers fewer cells is not called an instance; 4 cells of 5 cm are a cup."""
-    literal: bool = False
-    """Method paper, its literal reading: depth jumps inside a segment link cells too."""
-    projection: ProjectionSettings = field(default_factory=ProjectionSettings)
-    """Which pixels count, and how fine the grid is."""
-    votes: VoteSettings = field(default_factory=VoteSettings)
-    """Methods evidence and components: how frames vote for the class of a cell."""
-    evidence: EvidenceSettings = field(default_factory=EvidenceSettings)
-    """Method evidence: which pairs of cells are looked at."""
-    pooling: PoolSettings = field(default_factory=PoolSettings)
-    """Method evidence: what is believed before any evidence."""
-
-    def __post_init__(self) -> None:
-        check_joining("k_percent", self.k_percent)
-        check_joining("affinity", self.affinity)
-        if not 0.0 < self.resolution < float("inf"):
-            raise InputError(f"resolution: expected a number above 0, found {self.resolution:g}")
-        ranges = self.evidence.ranges
-        if len(set(ranges)) != len(ranges) or not all(1 <= r <= 1000 for r in ranges):
-            raise InputError(f"ranges of evidence: expected different numbers of cells from 1, found {ranges}")
-        if self.min_cells < 1:
-            raise InputError(f"smallest instance: expected at least 1 cell, found {self.min_cells}")
-        if not 0.005 <= self.projection.cell_size_m <= 1.0:
-            raise InputError(f"cell size: expected 0.005 to 1 m, found {self.projection.cell_size_m:g} m")
-
-    def parameters(self) -> dict[str, Any]:
-        """Give what the map file keeps of it: what its method uses."""
-        kept: dict[str, Any] = {"min_cells": self.min_cells, **asdict(self.projection)}
-        if self.method in JOINING:
-            name = JOINING[self.method]
-            kept |= {name: getattr(self, name), "resolution": self.resolution, "seed": self.seed}
-        if self.method == "paper":
-            return {**kept, "literal": self.literal}
-        kept["votes"] = asdict(self.votes)
-        if self.method == "evidence":
-            evidence = {**asdict(self.evidence), "ranges": list(self.evidence.ranges)}  # as JSON gives it back
-            kept |= {"evidence": evidence, "pooling": asdict(self.pooling)}
-        return kept
+class BuildCancelled(SIMapsError):  # noqa: N818 - not a fault
+    """Somebody asked a build to stop; nothing was written but its log, from which it can go on."""
 
 
 def build_map(
@@ -103,96 +66,229 @@ def build_map(
     observers: Sequence[Observer] = (),
     *,
     communities_every: int = 0,
+    strict: bool = False,
+    log: Path | None = None,
+    resume: bool = False,
+    cancel: threading.Event | None = None,
+    elsewhere: Elsewhere | None = None,
 ) -> SIMap:
     """Build a Semantic Instance Map.
 
     Args:
         sequence: posed RGB-D frames with their segmentation.
         config: how.
-        observers: told everything, in order; colour is decoded only if there are any.
+        observers: told everything, in order; colour is decoded only if one wants it.
         communities_every: tell observers the communities after every so many frames; 0 = only at the end.
+        strict: a frame that cannot be read is an error; otherwise it is skipped and counted in the provenance.
+        log: keep a build log in this file while building; the finished log stays there.
+        resume: go on with the log that is there. The map comes out the same bit for bit. Observers are told of the
+            frames that are left; if one wants colour, of all frames, which are read again for it.
+        cancel: checked between frames; set it, from any thread, to stop the build.
+        elsewhere: who gathers the frames in place of this process. The map comes out the same bit for bit, the log
+            too; no observer may want colour.
 
     Raises:
-        InputError: a frame is missing or damaged (named), or the configuration makes no sense.
+        InputError: a frame is missing or damaged (named) and ``strict``, or more than half of them are, or the
+            configuration makes no sense, or the log is of another build or cannot be written.
+        BuildCancelled: ``cancel`` was set.
     """
     config = config or BuildConfig()
-
-    def tell(event: Event) -> None:
-        for observer in observers:
-            observer.on_event(event)
-
-    tell(_started(sequence))
-    accumulator = empty_accumulator(sequence, config, watched=_wants_color(observers))
-    T_map_camera = sequence.T_map_world @ sequence.poses
-    segments: list[tuple[Segment, ...]] = []
-    links_told = 0
-    for frame, segmentation in read_ahead(sequence, color=_wants_color(observers)):
-        seen = accumulator.add_frame(frame, segmentation, T_map_camera[frame.index])
-        segments.append(segmentation.segments)
-        if observers:
-            tell(_projected(frame, segmentation, T_map_camera[frame.index], accumulator, seen, links_told))
-            links_told = accumulator.links.size
-            if communities_every and (frame.index + 1) % communities_every == 0:
-                found = _partition(accumulator, segments, config)
-                tell(CommunitiesFound(found.grid, found.community, frame.index, final=False))
-
-    found = _partition(accumulator, segments, config)
-    tell(CommunitiesFound(found.grid, found.community, len(sequence) - 1, final=True))
-    threshold = joining_threshold(config.method, config.parameters())
-    tell(MergesFound(found.grid, found.community, found.log, applied_steps(found.log, threshold)))
-    simap = assemble(
-        found.grid, found.graphs, found.community, found.log,
-        count_views(found.grid, found.community, found.readings),
-        Origin(
-            T_map_world=sequence.T_map_world,
-            method=config.method,
-            parameters=config.parameters(),
-            provenance=_provenance(sequence) | found.facts,
-            frame_names=sequence.frame_names,
-            T_map_camera=T_map_camera,
-        ),
+    building = _Building(
+        sequence, config, len(sequence), observers, communities_every, strict=strict, cancel=cancel,
+        logged=log is not None, elsewhere=elsewhere,
     )  # fmt: skip
-    tell(BuildFinished(simap))
+    building.tell(_started(sequence))
+    if log is None:
+        building.gather(range(len(sequence)))
+    else:
+        with BuildLog(log, fingerprint(sequence, config), resume=resume) as steps:
+            building.gather_logged(steps)
+    accumulator, facts = building.accumulator, building.facts
+
+    found = so_far.partition(accumulator, config)
+    building.tell(CommunitiesFound(found.grid, found.community, len(sequence) - 1, final=True))
+    threshold = joining_threshold(config.method, config.parameters())
+    building.tell(MergesFound(found.grid, found.community, found.log, applied_steps(found.log, threshold)))
+    simap = so_far.map_of(found, accumulator, facts, config)
+    building.tell(BuildFinished(simap))
     return simap
 
 
-@dataclass(frozen=True, eq=False)
-class _Found:
-    """What the frames so far make."""
+def gather_frames(
+    sequence: FrameSource, config: BuildConfig, indices: Sequence[int], *, strict: bool = False
+) -> MapAccumulator:
+    """Gather some frames of a sequence, ascending; parts gathered anywhere are joined by `MapAccumulator.merge`.
 
-    grid: Grid
-    graphs: tuple[CellGraph, ...]
-    community: NDArray
-    log: MergeLog
-    readings: Readings
-    facts: dict[str, Any]
-    """For the map's provenance."""
+    `mapping.so_far.map_so_far(accumulator, facts_of(sequence), config)` makes their map.
+
+    Raises:
+        InputError: a frame is missing or damaged and ``strict``, or more than half of these are.
+    """
+    building = _Building(sequence, config, len(indices), strict=strict)
+    building.gather(indices)
+    return building.accumulator
 
 
-def _partition(accumulator: MapAccumulator, segments: Sequence[tuple[Segment, ...]], config: BuildConfig) -> _Found:
-    grid = accumulator.snapshot()
-    readings = gather_readings(accumulator.readings, segments, accumulator.origin_cell, grid)
-    if config.method == "paper":
-        grid, graphs = graphs_so_far(accumulator)
-        community, log = partition_grid(grid, graphs, resolution=config.resolution, seed=config.seed)
-        return _Found(grid, graphs, community, log, readings, {})
-    label, disagreement = vote_labels(grid, readings, config.votes)
-    grid = replace(grid, label=label)
-    facts = {"disagreement": round(disagreement, 6)}
-    if config.method == "components":
-        return _Found(grid, (), component_communities(grid), empty_log(), readings, facts)
-    graphs = pair_graphs(grid, readings, config.evidence)
-    community, log = partition_evidence(
-        grid, graphs, resolution=config.resolution, seed=config.seed, settings=config.pooling
+@dataclass
+class _Building:
+    """One build under way."""
+
+    sequence: FrameSource
+    config: BuildConfig
+    wanted: int
+    """Number of frames to be read in all."""
+    observers: Sequence[Observer] = ()
+    communities_every: int = 0
+    strict: bool = False
+    cancel: threading.Event | None = None
+    logged: bool = False
+    elsewhere: Elsewhere | None = None
+
+    def __post_init__(self) -> None:
+        self.facts = facts_of(self.sequence)
+        self.watched = _wants_color(self.observers)
+        if self.watched and self.elsewhere is not None:
+            raise InputError("frames gathered elsewhere: expected no observer that wants their pictures, found one")
+        self.accumulator = empty_accumulator(self.sequence, self.config, watched=self.watched, steps=self.logged)
+        self.T_map_camera = self.sequence.T_map_world @ self.sequence.poses
+        self.links_told = 0
+
+    def tell(self, event: Event) -> None:
+        for observer in self.observers:
+            observer.on_event(event)
+
+    def gather_logged(self, log: BuildLog) -> None:
+        """Gather all frames, those in the log from there where nobody has to see them; log the others."""
+        self.accumulator.frames.lean_on(log)
+        if not self.watched:
+            for step in log.replay():
+                self._check_skipped(step.seen.skipped)
+                try:
+                    self.accumulator.replay(step)
+                except (ValueError, KeyError, IndexError):  # whole, but not ours: read the frames again from here
+                    log.cut(step.seen.index)
+                    break
+        first = len(self.accumulator.frames)
+        self.gather(range(first, len(self.sequence)), log)
+
+    def gather(self, indices: Sequence[int], log: BuildLog | None = None) -> None:
+        """Read frames, or have them read, and put them on the grid."""
+        if self.elsewhere is not None:
+            self._gather_elsewhere(self.elsewhere, indices, log)
+            return
+        with closing(read_each(self.sequence, indices, color=self.watched)) as reads:
+            for read in reads:
+                self._check_cancelled()
+                if isinstance(read, Unreadable):
+                    self._skip(read)
+                else:
+                    self._add(*read)
+                self._log(log)
+
+    def _gather_elsewhere(self, elsewhere: Elsewhere, indices: Sequence[int], log: BuildLog | None) -> None:
+        with closing(elsewhere(self.sequence, self.config, self.T_map_camera, indices)) as steps:
+            for step in steps:
+                self._check_cancelled()
+                if step is None:
+                    continue
+                seen = step.seen
+                if seen.skipped:
+                    self._skip(Unreadable(seen.index, InputError(seen.skipped)))
+                    self._log(log)
+                else:
+                    self.accumulator.replay(step)
+                    self._log(log)
+                    self.tell(FrameGathered(seen.index, seen.name))
+
+    def _log(self, log: BuildLog | None) -> None:
+        step = self.accumulator.step
+        if log is not None and step is not None and step.seen.index >= len(log):
+            log.append(step if self.config.method == "paper" else replace(step, links=None))
+
+    def _check_cancelled(self) -> None:
+        if self.cancel is not None and self.cancel.is_set():
+            done = len(self.accumulator.frames)
+            raise BuildCancelled(f"{self.sequence.name}: cancelled after {done} of {self.wanted} frames")
+
+    def _add(self, frame: Frame, segmentation: Segmentation) -> None:
+        T_map_camera = self.T_map_camera[frame.index]
+        seen = self.accumulator.add_frame(frame, segmentation, T_map_camera)
+        if not self.observers:
+            return
+        self.tell(self._projected(frame, segmentation, seen))
+        self.links_told = self.accumulator.links.size
+        if self.communities_every and (frame.index + 1) % self.communities_every == 0:
+            found = so_far.partition(self.accumulator, self.config)
+            objects = so_far.objects_of(found, self.config)
+            self.tell(CommunitiesFound(found.grid, found.community, frame.index, final=False, instance=objects))
+
+    def _skip(self, read: Unreadable) -> None:
+        self._check_skipped(str(read.error))
+        name = self.sequence.frame_names[read.index]
+        self.accumulator.skip_frame(read.index, name, self.T_map_camera[read.index], str(read.error))
+        skipped = so_far.skipped_frames(self.accumulator)
+        none_yet = len(skipped) == len(self.accumulator.frames) == min(self.wanted, NONE_OF_FIRST)
+        if none_yet or 2 * len(skipped) > self.wanted:
+            more = f", and {len(skipped) - 1} more of {self.wanted} frames" if len(skipped) > 1 else ""
+            raise InputError(f"{next(iter(skipped.values()))}{more}")
+        self.tell(FrameSkipped(read.index, name, str(read.error)))
+
+    def _check_skipped(self, reason: str) -> None:
+        if reason and self.strict:
+            raise InputError(reason)
+
+    def _projected(self, frame: Frame, segmentation: Segmentation, seen: NDArray) -> FrameProjected:
+        accumulator = self.accumulator
+        origin = np.array(accumulator.origin_cell, dtype=np.int32)
+        edges, labels, _ = accumulator.links.entries(self.links_told)
+        return FrameProjected(
+            frame=frame,
+            segmentation=segmentation,
+            T_map_camera=self.T_map_camera[frame.index],
+            cells=(seen - origin).astype(np.int32),
+            new_edges=edges - np.tile(origin, 2),
+            new_edge_labels=labels,
+            snapshot=accumulator.snapshot,
+            map_so_far=lambda: so_far.map_so_far(accumulator, self.facts, self.config),
+        )
+
+
+def facts_of(sequence: FrameSource) -> SequenceFacts:
+    """Give what a map keeps of a sequence, besides its frames."""
+    return SequenceFacts(
+        name=sequence.name,
+        path=str(sequence.path),
+        labels=sequence.labels,
+        is_thing=sequence.is_thing,
+        segmentation_source=sequence.segmentation_source,
+        simulated=sequence.simulated,
+        T_map_world=sequence.T_map_world,
     )
-    return _Found(grid, graphs, community, log, readings, facts)
 
 
-def empty_accumulator(sequence: FrameSource, config: BuildConfig, *, watched: bool = False) -> MapAccumulator:
+def fingerprint(sequence: FrameSource, config: BuildConfig) -> dict[str, Any]:
+    """Give what a build depends on, JSON-able: settings, the sequence's facts, names and poses, the version.
+
+    The images are not looked at: whoever changes them between a build and its resumption gets a map of both.
+    """
+    content = hashlib.sha256("\n".join(sequence.frame_names).encode())
+    content.update(np.ascontiguousarray(sequence.poses, dtype=np.float64).tobytes())
+    if sequence.path.is_file() and sequence.path.suffix == ".json":
+        content.update(sequence.path.read_bytes())
+    return {
+        "version": version("simaps-viz"),
+        "config": config.to_json(),
+        "sequence": facts_of(sequence).to_json(),
+        "frames": len(sequence),
+        "names, poses and manifest": content.hexdigest(),
+    }
+
+
+def empty_accumulator(
+    sequence: FrameSource, config: BuildConfig, *, watched: bool = False, steps: bool = False
+) -> MapAccumulator:
     """Give what a build gathers its frames in; links are counted where the method or an observer wants them."""
-    reach = -1 if config.literal else 2
-    links = watched or config.method == "paper"
-    return MapAccumulator(sequence.labels, sequence.is_thing, config.projection, reach_cells=reach, links=links)
+    return so_far.empty_accumulator_of(sequence.labels, sequence.is_thing, config, links=watched, steps=steps)
 
 
 def _wants_color(observers: Sequence[Observer]) -> bool:
@@ -209,40 +305,7 @@ def _started(sequence: FrameSource) -> BuildStarted:
     )
 
 
-def _projected(
-    frame: Frame,
-    segmentation: Segmentation,
-    T_map_camera: NDArray,
-    accumulator: MapAccumulator,
-    seen: NDArray,
-    links_told: int,
-) -> FrameProjected:
-    origin = np.array(accumulator.origin_cell, dtype=np.int32)
-    edges, labels, _ = accumulator.links.entries(links_told)
-    return FrameProjected(
-        frame=frame,
-        segmentation=segmentation,
-        T_map_camera=T_map_camera,
-        cells=(seen - origin).astype(np.int32),
-        new_edges=edges - np.tile(origin, 2),
-        new_edge_labels=labels,
-        snapshot=accumulator.snapshot,
-    )
-
-
 def graphs_so_far(accumulator: MapAccumulator) -> tuple[Grid, tuple[CellGraph, ...]]:
     """Give the map as it is now, and the cell graph of each of its thing classes."""
     grid = accumulator.snapshot()
-    edges, labels, counts = accumulator.links.entries()
-    return grid, class_graphs(grid, edges - np.tile(np.array(accumulator.origin_cell), 2), labels, counts)
-
-
-def _provenance(sequence: FrameSource) -> dict[str, Any]:
-    return {
-        "sequence": str(sequence.path),
-        "name": sequence.name,
-        "segmentation": sequence.segmentation_source,
-        "simulated": sequence.simulated,
-        "frames": len(sequence),
-        "simaps_version": version("simaps-viz"),
-    }
+    return grid, so_far.graphs_so_far(accumulator, grid)

@@ -19,7 +19,18 @@ from rich.progress import (
 )  # fmt: skip
 from rich.text import Text
 
-from simaps_viz.events import BuildFinished, BuildStarted, CommunitiesFound, Event, FrameProjected
+from simaps_viz.events import (
+    BuildFinished,
+    BuildStarted,
+    CommunitiesFound,
+    Event,
+    FrameGathered,
+    FrameProjected,
+    FrameSkipped,
+    MergesFound,
+)  # fmt: skip
+from simaps_viz.logs import log_stages, logger
+from simaps_viz.stages import StageClock
 
 console = Console(stderr=True, highlight=False)
 
@@ -40,6 +51,8 @@ class StageProgress:
     """One bar at a time: a stage, how far it is, how fast, and how long it will take."""
 
     def __init__(self, progress: Progress) -> None:
+        self.clock = StageClock()
+        """Measures the stages; `BuildProgress` tells it finer ones."""
         self._progress = progress
         self._task: TaskID | None = None
         self._stage = ""
@@ -47,6 +60,7 @@ class StageProgress:
     def __call__(self, stage: str, done: int, total: int) -> None:
         """Show that ``done`` of ``total`` steps of a stage are done; a new stage starts a new bar."""
         if self._task is None or stage != self._stage:
+            self.clock.begin(stage)
             self._task = self._progress.add_task(stage, total=total)
             self._stage = stage
         self._progress.update(self._task, completed=done, total=total)
@@ -57,8 +71,15 @@ def stage_progress(*, quiet: bool = False) -> Iterator[StageProgress]:
     """Show bars on stderr while the block runs."""
     text = TextColumn("{task.description:<34}")
     columns = (text, BarColumn(24), MofNCompleteColumn(), _Rate(), TimeRemainingColumn())
-    with Progress(*columns, console=console, disable=quiet) as progress:
-        yield StageProgress(progress)
+    stages = None
+    try:
+        with Progress(*columns, console=console, disable=quiet) as progress:
+            stages = StageProgress(progress)
+            yield stages
+    finally:
+        if stages is not None:
+            stages.clock.end()
+            log_stages(stages.clock.seconds())
 
 
 class BuildProgress:
@@ -75,13 +96,30 @@ class BuildProgress:
             self._total = len(event.frame_names)
             self._tell({"event": "started", "name": event.name, "frames": self._total})
         elif isinstance(event, FrameProjected):
-            self._progress("mapping frames", event.frame.index + 1, self._total)
-            self._tell({"event": "frame", "frame": event.frame.name, "done": event.frame.index + 1,
-                        "total": self._total})  # fmt: skip
+            self._mapped(event.frame.index, event.frame.name)
+        elif isinstance(event, FrameGathered):
+            self._mapped(event.index, event.name)
+        elif isinstance(event, FrameSkipped):
+            logger.warning("skipped frame %s: %s", event.name, event.reason,
+                           extra={"event": "skipped", "frame": event.name, "people": False})  # fmt: skip
+            self._tell({"event": "skipped", "frame": event.name, "reason": event.reason})
+            if not self._json:
+                console.print(f"skipped frame {event.name}: {event.reason}", markup=False, soft_wrap=True)
         elif isinstance(event, CommunitiesFound) and event.final:
             self._progress("finding instances", 0, 1)
+            self._progress.clock.begin("joining communities")
+        elif isinstance(event, MergesFound):
+            self._progress.clock.begin("describing instances")
         elif isinstance(event, BuildFinished):
             self._progress("finding instances", 1, 1)
+            self._progress.clock.begin("writing")
+
+    def _mapped(self, index: int, name: str) -> None:
+        done = index + 1
+        self._progress("mapping frames", done, self._total)
+        self._tell({"event": "frame", "frame": name, "done": done, "total": self._total})
+        if done == self._total:
+            self._progress.clock.begin("finding communities")
 
     def _tell(self, record: dict[str, Any]) -> None:
         if self._json:

@@ -13,7 +13,14 @@ PRECOMPUTED = "precomputed"
 
 
 def open_segmented(
-    path: Path, segmentation: str, options: Networks, cache: Path, progress: StageProgress, *, quiet: bool = False
+    path: Path,
+    segmentation: str,
+    options: Networks,
+    cache: Path,
+    progress: StageProgress,
+    *,
+    quiet: bool = False,
+    whole: bool = True,
 ) -> FrameSource:
     """Open a sequence with the masks that are asked for; a network is run over it first, where it has not been.
 
@@ -24,11 +31,12 @@ def open_segmented(
         cache: where its masks are kept.
         progress: told how far it is.
         quiet: do not say what the network runs on.
+        whole: every frame has to be there, see `open_sequence`; a network wants them all.
 
     Raises:
         InputError: anything is not as it should be.
     """
-    sequence = open_sequence(path)
+    sequence = open_sequence(path, whole=whole or segmentation.lower().endswith(".onnx"))
     if segmentation == PRECOMPUTED:
         return sequence
     given = Path(segmentation)
@@ -48,7 +56,7 @@ def open_segmented(
 def _by_network(
     sequence: PosedFrames, network_file: Path, options: Networks, cache: Path, progress: StageProgress, *, quiet: bool
 ) -> FrameSource:
-    from simaps_viz.segmentation.recognise import open_network  # noqa: PLC0415 - onnxruntime is slow to import
+    from simaps_viz.segmentation.recognise import open_network, origin  # noqa: PLC0415 - onnxruntime is slow to import
     from simaps_viz.segmentation.sequences import segment_sequence  # noqa: PLC0415 - as above
 
     network, device = open_network(network_file, options.settings())
@@ -56,7 +64,8 @@ def _by_network(
         things, stuff = sum(network.is_thing), len(network.labels) - sum(network.is_thing)
         console.print(f"{network.name}: {things} things, {stuff} stuff, on {device}", markup=False, soft_wrap=True)
     by_geometry = {"auto": None, "geometry": True, "none": False}[options.stuff]
-    return segment_sequence(sequence, network, cache, stuff=by_geometry, progress=progress)
+    opened = origin(network, network_file, options.settings())
+    return segment_sequence(sequence, network, cache, stuff=by_geometry, progress=progress, origin=opened)
 
 
 def write_segmented(command: Segment, cache: Path, progress: StageProgress) -> dict[str, Any]:

@@ -1,14 +1,21 @@
 """The things that flow through the program. All are frozen; arrays are documented, never copied on construction."""
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Any
+from numbers import Real
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from simaps_viz.errors import InputError
 from simaps_viz.geometry import heading_to_yaw, yaw_to_heading
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+    from simaps_viz.api import Place, RobotShape
 
 
 def _expect(name: str, array: NDArray, shape: tuple[int, ...], dtype: type) -> None:
@@ -264,7 +271,9 @@ class SIMap:
         raise InputError(f"instance {instance_id}: not on this map, which has {len(self.instances)} instances")
 
     def at(self, x_m: float, y_m: float) -> Instance | None:
-        """Give the instance whose cell holds the map-frame point, or None."""
+        """Give the instance whose cell holds the map-frame point, or None; InputError unless both are numbers."""
+        if not all(isinstance(value, Real) and math.isfinite(value) for value in (x_m, y_m)):
+            raise InputError(f"place: expected x and y in metres, found {x_m!r} and {y_m!r}")
         row, col = self.spec.cell_of(x_m, y_m)
         if not self.spec.contains(row, col) or self.instance[row, col] == 0:
             return None
@@ -278,6 +287,27 @@ class SIMap:
         """Give {class name: number of instances}, most first, then by name."""
         names = [i.label for i in self.instances]
         return {n: names.count(n) for n in sorted(set(names), key=lambda n: (-names.count(n), n))}
+
+    # Asking in words and planning lie layers above this one. These three only hand on to them, so that whoever holds a
+    # map has its questions at hand, typed; tests/test_layers.py knows the exception and that it is imported on call.
+
+    def find(self, name: str, *, near: "Place | str | None" = None) -> "tuple[Instance, ...]":
+        """Find the instances a name means, the closest to ``near`` first; see `simaps_viz.find`."""
+        from simaps_viz import api  # noqa: PLC0415 - upwards, see above
+
+        return api.find(self, name, near=near)
+
+    def plan(self, start: "Place", goal: "Place | str", *, robot: "RobotShape | None" = None) -> "Path":
+        """Plan the cheapest way for a robot over free floor; see `simaps_viz.plan`."""
+        from simaps_viz import api  # noqa: PLC0415 - upwards, see above
+
+        return api.plan(self, start, goal, robot=robot)
+
+    def to_pandas(self) -> "pd.DataFrame":
+        """Give the instances as a pandas frame, one row each, indexed by id; see `simaps_viz.to_pandas`."""
+        from simaps_viz import api  # noqa: PLC0415 - upwards, see above
+
+        return api.to_pandas(self)
 
 
 @dataclass(frozen=True)

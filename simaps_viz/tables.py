@@ -4,6 +4,8 @@ from typing import Any
 
 from rich.table import Table
 
+from simaps_viz.mapping.edit_log import people_in_words
+
 
 def map_tables(facts: dict[str, Any]) -> list[Table]:
     """Lay out a map's facts, as `wiring.summary` gives them: the map, then its instances."""
@@ -15,6 +17,8 @@ def map_tables(facts: dict[str, Any]) -> list[Table]:
         "segmentation": str(facts["provenance"].get("segmentation")),
         "from": str(facts["provenance"].get("sequence")),
     }
+    if edits := people_in_words(facts["provenance"].get("edits", [])):
+        rows["mended"] = edits
     for key, value in rows.items():
         head.add_row(key, value)
     body = Table("id", "class", "cells", "area m²", "x m", "y m", "frames", "score", title_justify="left")

@@ -7,39 +7,38 @@ import re
 import threading
 import webbrowser
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import asdict, replace
 from importlib.metadata import version
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.typing import NDArray
 from platformdirs import user_cache_path
 
+from simaps_viz.building import build_whole, is_whole
 from simaps_viz.datasets.posed_frames import PosedFrames, open_sequence
 from simaps_viz.datasets.source import FrameSource
-from simaps_viz.errors import InputError
-from simaps_viz.events import Observer
+from simaps_viz.errors import InputError, PlanningError
 from simaps_viz.language.commands import Reading, read_command
 from simaps_viz.language.grounding import Grounding
 from simaps_viz.language.llm import Exchange, LLMError, LLMReader, LLMServerError, parse_llm_spec
-from simaps_viz.mapping.mapfile import check_writable, load_map, save_map
+from simaps_viz.looking_back import looking_back
+from simaps_viz.mapping.mapfile import load_map
+from simaps_viz.mapping.mending import Mending
 from simaps_viz.mapping.simap import recommunity, repartition
-from simaps_viz.methods import build
-from simaps_viz.navigation.agent import Agent, Answer, Reader, answer
+from simaps_viz.mend_map import mending_panels
+from simaps_viz.navigation.agent import Agent, Answer, Reader, answer, planner_of
 from simaps_viz.navigation.planner import RobotShape
 from simaps_viz.pipeline import BuildConfig
-from simaps_viz.progress import BuildProgress, StageProgress, console
-from simaps_viz.segmentation.mask_store import find_store
-from simaps_viz.segmentation.sequences import WithMasks
+from simaps_viz.progress import StageProgress, console
+from simaps_viz.segmentation.sequences import WithMasks, masks_from
 from simaps_viz.structures import Pose2, SIMap
 
 if TYPE_CHECKING:
     from simaps_viz.evaluation.judging import JudgingSession
-    from simaps_viz.recorder.settings import RecorderSettings
     from simaps_viz.viewer.workbench import Workbench
-
-COMMUNITIES_EVERY = 20
-"""A recording shows the communities after every so many frames."""
 
 
 def cache_folder() -> Path:
@@ -48,38 +47,13 @@ def cache_folder() -> Path:
     return Path(chosen) if chosen else user_cache_path("simaps")
 
 
-def build_to_file(
-    sequence: FrameSource,
-    method: str,
-    config: BuildConfig,
-    output: Path,
-    *,
-    record: Path | None,
-    progress: StageProgress,
-    json_lines: bool = False,
-    recorder_settings: "RecorderSettings | None" = None,
-) -> SIMap:
-    """Build a map, write it, and record the build if asked; nothing is left half-written."""
-    check_writable(output)
-    watching: list[Observer] = [BuildProgress(progress, json_lines=json_lines)]
-    if record is None:
-        simap = build(sequence, method, config, watching)
-    else:
-        from simaps_viz.recorder.recorder import RerunRecorder  # noqa: PLC0415 - rerun is slow to import
-        from simaps_viz.recorder.settings import SMALL  # noqa: PLC0415 - as above
-
-        with RerunRecorder(record, settings=recorder_settings or SMALL) as recorder:
-            simap = build(sequence, method, config, [*watching, recorder], communities_every=COMMUNITIES_EVERY)
-    save_map(simap, output)
-    return simap
-
-
 def cached_build(
-    sequence: PosedFrames, method: str, config: BuildConfig, progress: StageProgress
+    sequence: FrameSource, method: str, config: BuildConfig, progress: StageProgress
 ) -> tuple[SIMap, Path]:
     """Build a map with its recording in the cache, or take both from there; they depend on all that goes in."""
     what = [
         str(sequence.path.resolve()),
+        sequence.segmentation_source,
         sequence.path.stat().st_mtime_ns,
         method,
         asdict(config),
@@ -90,9 +64,9 @@ def cached_build(
     folder.mkdir(parents=True, exist_ok=True)
     stem = f"{re.sub('[^a-z0-9]+', '-', sequence.name.lower()).strip('-')}-{key}"
     output, record = folder / f"{stem}.npz", folder / f"{stem}.rrd"
-    if output.is_file() and record.is_file():
+    if is_whole(output, record, method):
         return load_map(output), record
-    return build_to_file(sequence, method, config, output, record=record, progress=progress), record
+    return build_whole(sequence, method, config, output, record, progress), record
 
 
 def sequence_of(simap: SIMap) -> PosedFrames | WithMasks | None:
@@ -102,18 +76,30 @@ def sequence_of(simap: SIMap) -> PosedFrames | WithMasks | None:
         sequence = open_sequence(path)
         if source == sequence.segmentation_source:
             return sequence
-        store = find_store(cache_folder(), sequence=str(path.resolve()), source=source)
-        return WithMasks(sequence, store, source) if store else None  # other masks would mislead
+        return masks_from(sequence, source, cache_folder())  # other masks would mislead
     except InputError:
         return None
 
 
 def start_pose(simap: SIMap) -> Pose2:
-    """Give where the robot starts: where the first camera stood, looking its way."""
+    """Give where the robot starts: where the first camera stood that has free floor by it, looking its way.
+
+    Who scans by hand seldom sees the floor he stands on first. Where no camera has any, it is the first one's place.
+    """
     if len(simap.T_map_camera) == 0:
         raise InputError("start pose: expected a map with at least one camera, found none")
-    T = simap.T_map_camera[0]
-    return Pose2(float(T[0, 3]), float(T[1, 3]), float(np.arctan2(T[1, 2], T[0, 2])))
+    planner = planner_of(simap, RobotShape())
+    poses = [_standing(T) for T in simap.T_map_camera[:: max(1, len(simap.T_map_camera) // 200)]]
+    for pose in poses:
+        with suppress(PlanningError):
+            planner.start_cell(pose.x_m, pose.y_m)
+            return pose
+    return poses[0]
+
+
+def _standing(T_map_camera: NDArray) -> Pose2:
+    x, y = T_map_camera[:2, 3].tolist()
+    return Pose2(x, y, float(np.arctan2(T_map_camera[1, 2], T_map_camera[0, 2])))
 
 
 def workbench(
@@ -123,6 +109,9 @@ def workbench(
     port: int,
     llm: str | None = None,
     judging: "JudgingSession | None" = None,
+    mending: Mending | None = None,
+    host: str = "127.0.0.1",
+    map_path: Path | None = None,
 ) -> "Workbench":
     """Start the page on a map, with everything behind it; use it in a ``with`` block.
 
@@ -132,13 +121,20 @@ def workbench(
         port: where to serve; the next free one when it is taken.
         llm: MODEL[@ADDRESS] of a language model that reads commands while it is switched on.
         judging: runs for a person to judge; the map must be the true one.
+        mending: the edits of this map, which is shown with them.
+        host: address to listen on; one that other machines reach demands a token.
+        map_path: the map's file, whose history lies beside it; by default that of the recording's name.
     """
     from simaps_viz.viewer.workbench import Workbench  # noqa: PLC0415 - viser is slow to import
 
     model = None if llm is None else _language_model(llm)
-    services = replace(_services(simap, recording), model=model, judging=judging)
+    path = recording if map_path is None else map_path
+    services = replace(
+        _services(simap, recording, mending), model=model, judging=judging, look_back=looking_back(lambda: path)
+    )
+    simap = simap if mending is None else mending.simap()
     start = start_pose(simap) if len(simap.T_map_camera) else None
-    return Workbench(simap, services=services, port=port, start=start, robot_radius_m=RobotShape().radius_m)
+    return Workbench(simap, services=services, port=port, host=host, start=start, robot_radius_m=RobotShape().radius_m)
 
 
 def serve(
@@ -149,22 +145,53 @@ def serve(
     browser: bool,
     llm: str | None = None,
     judging: "JudgingSession | None" = None,
+    mending: Mending | None = None,
+    host: str = "127.0.0.1",
+    map_path: Path | None = None,
 ) -> None:
     """Show the workbench until Ctrl-C."""
-    with workbench(simap, recording=recording, port=port, llm=llm, judging=judging) as page:
-        console.print(f"Workbench: {page.url}  (Ctrl-C to stop)", soft_wrap=True)
+    with workbench(simap, recording=recording, port=port, llm=llm, judging=judging, mending=mending, host=host,
+                   map_path=map_path) as page:  # fmt: skip
+        console.print(f"Workbench: {page.entrance}  (Ctrl-C to stop)", soft_wrap=True, markup=False)
+        if page.access.is_open:
+            ports = ", ".join(map(str, page.ports))
+            console.print(
+                f"Open to the network, not encrypted; whoever has this address has the map. Ports: {ports}",
+                soft_wrap=True,
+            )
         if browser:
-            webbrowser.open(page.url)
+            webbrowser.open(page.entrance)
         page.wait()
 
 
-def _services(simap: SIMap, recording: Path | None) -> Any:
-    from simaps_viz.recorder.settings import SMALL  # noqa: PLC0415 - as above
+def _services(simap: SIMap, recording: Path | None, mending: Mending | None = None) -> Any:
     from simaps_viz.recorder.web_viewer import (  # noqa: PLC0415 - rerun is slow to import
         CONTENT_SECURITY_POLICY,
         rerun_page,
         viewer_assets,
     )  # fmt: skip
+
+    services = bare_services(simap, lambda: mending)
+    services = replace(services, panels=panels_of(simap, recording, mending, beside=recording is not None))
+    if recording is None:
+        return services
+    return replace(
+        services,
+        rerun_page=rerun_page,
+        rerun_assets=viewer_assets(),
+        csp=CONTENT_SECURITY_POLICY,
+        recordings=(recording,),
+    )
+
+
+def bare_services(simap: SIMap, mending: Callable[[], Mending | None] = lambda: None) -> Any:
+    """Give what stands behind every page: no panels of its own, no recording.
+
+    Args:
+        simap: of the sequence that is shown; only its origin counts.
+        mending: gives the edits, once there are any.
+    """
+    from simaps_viz.recorder.settings import SMALL  # noqa: PLC0415 - rerun is slow to import
     from simaps_viz.viewer.services import Services  # noqa: PLC0415 - viser is slow to import
 
     sequence = sequence_of(simap)
@@ -174,21 +201,67 @@ def _services(simap: SIMap, recording: Path | None) -> Any:
             return None
         return sequence.color(index), sequence.segmentation(index).ids
 
+    def find_anew(m: SIMap, resolution: float, percent: float) -> SIMap:
+        edits = mending()
+        find = recommunity if edits is None or not edits.covers(m) else edits.recommunity
+        return find(m, resolution=resolution, **joining(m, percent))
+
     return Services(
         repartition=lambda m, percent: repartition(m, **joining(m, percent)),
-        recommunity=lambda m, resolution, percent: recommunity(m, resolution=resolution, **joining(m, percent)),
+        recommunity=find_anew,
         ask=answer,
         steps=lambda m, program, pose: Agent(m, pose).steps(program),
         candidates=lambda m, label, pose: Grounding(m, pose).candidates(label),
         view=view,
-        rerun_page=rerun_page if recording else None,
-        rerun_assets=viewer_assets() if recording else {},
-        csp=CONTENT_SECURITY_POLICY,
-        recordings=(recording,) if recording else (),
         picture_divide={
             "/world/camera/color": SMALL.color_divide,
             "/world/camera/segmentation": SMALL.segmentation_divide,
         },
+    )
+
+
+def panels_of(simap: SIMap, recording: Path | None, mending: Mending | None, *, beside: bool) -> tuple[Any, ...]:
+    """Give the panels that a page on a finished map has.
+
+    Args:
+        simap: the map.
+        recording: of its build.
+        mending: its edits.
+        beside: whether the page has a place for recordings.
+    """
+    from simaps_viz.comparing import compare_services, share_services  # noqa: PLC0415 - only needed by the page
+    from simaps_viz.mask_services import segmentation_services  # noqa: PLC0415 - viser is slow to import
+    from simaps_viz.viewer.compare_panel import compare_panel  # noqa: PLC0415 - as above
+    from simaps_viz.viewer.recordings_panel import recordings_spec  # noqa: PLC0415 - as above
+    from simaps_viz.viewer.segmentation_panel import masks_panel  # noqa: PLC0415 - as above
+    from simaps_viz.viewer.share_panel import share_panel  # noqa: PLC0415 - as above
+
+    return (
+        compare_panel(compare_services(simap, sequence_of(simap), cache_folder())),
+        masks_panel(segmentation_services(simap, cache_folder())),
+        *mending_panels(mending),
+        share_panel(share_services(recording)),
+        recordings_spec(_recording_services(beside=beside)),
+    )
+
+
+def _recording_services(*, beside: bool) -> Any:
+    from simaps_viz.recorder.library import RecordingLibrary  # noqa: PLC0415 - rerun is slow to import
+    from simaps_viz.viewer.recordings_panel import RecordingServices  # noqa: PLC0415 - viser is slow to import
+    from simaps_viz.viewer.session import Session  # noqa: PLC0415 - as above
+
+    library = RecordingLibrary()
+
+    def show(desk: Any, path: Path) -> None:
+        if isinstance(desk, Session):
+            desk.show_recording(path)
+
+    return RecordingServices(
+        entries=library.entries,
+        rename=library.rename,
+        delete=library.delete,
+        open=show if beside else None,
+        folder=str(library.folders[0]),
     )
 
 

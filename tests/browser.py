@@ -20,6 +20,7 @@ from simaps_viz.errors import CommandError
 from simaps_viz.mapping.simap import recommunity, repartition
 from simaps_viz.structures import Pose2, SIMap
 from simaps_viz.viewer.services import Services
+from simaps_viz.viewer.session import Session
 from simaps_viz.viewer.workbench import Workbench
 
 CHROMIUM = Path("/usr/bin/chromium")
@@ -102,6 +103,11 @@ def toy_workbench(services: Services | None = None) -> Iterator[Workbench]:
         yield workbench
 
 
+def mine(bench: Workbench) -> Session:
+    """The page that was opened last."""
+    return bench.sessions[-1]
+
+
 @contextmanager
 def chromium() -> Iterator[Browser]:
     """Debian's Chromium, without a window. Its absence is a failure unless the caller asked for no browser."""
@@ -137,20 +143,19 @@ def until(page: Page, predicate: Callable[[], object], timeout_s: float = 15.0) 
         page.wait_for_timeout(40)
 
 
-def open_workbench(page: Page, workbench: Workbench) -> None:
+def open_workbench(page: Page, workbench: Any) -> None:
     """Load the page and wait for the map and a settled camera."""
     page.goto(f"{workbench.url}/?fixedDpr=1")
     page.wait_for_function(
         "() => window.__viserMutable?.nodeRefFromName && window.__viserMutable.nodeRefFromName['/map'] != null",
-        timeout=30_000,
+        timeout=60_000,
     )
     last: list[tuple[float, ...]] = []
 
     def settled() -> bool:
-        clients = list(workbench.server.get_clients().values())
-        if not clients or clients[0].camera.update_timestamp == 0.0:
+        if not workbench.sessions or mine(workbench).client.camera.update_timestamp == 0.0:
             return False
-        camera = clients[0].camera
+        camera = mine(workbench).client.camera
         width = page.locator("canvas").first.bounding_box() or {"width": 0, "height": 1}
         last.append((*camera.position, camera.aspect))
         same = len(last) > 8 and np.allclose(last[-1], last[-8], rtol=1e-6)
@@ -159,9 +164,9 @@ def open_workbench(page: Page, workbench: Workbench) -> None:
     until(page, settled)
 
 
-def on_canvas(workbench: Workbench, page: Page, x_m: float, y_m: float) -> tuple[float, float]:
-    """Where a point of the floor appears, in pixels of the page."""
-    camera = next(iter(workbench.server.get_clients().values())).camera
+def on_canvas(workbench: Any, page: Page, x_m: float, y_m: float, session: Any = None) -> tuple[float, float]:
+    """Where a point of the floor appears, in pixels of the page; of several pages, say whose session it is."""
+    camera = (session or mine(workbench)).client.camera
     forward = np.asarray(camera.look_at) - camera.position
     forward = forward / np.linalg.norm(forward)
     right = np.cross(forward, camera.up_direction)
@@ -186,15 +191,20 @@ PIXEL = """([x, y]) => {
 }"""
 
 
-def pixel(workbench: Workbench, page: Page, x_m: float, y_m: float) -> tuple[int, ...]:
+def pixel(workbench: Any, page: Page, x_m: float, y_m: float, session: Any = None) -> tuple[int, ...]:
     """The colour the canvas shows at a point of the floor."""
-    return tuple(page.evaluate(PIXEL, list(on_canvas(workbench, page, x_m, y_m))))
+    return tuple(page.evaluate(PIXEL, list(on_canvas(workbench, page, x_m, y_m, session))))
 
 
 def wait_for_color(
-    workbench: Workbench, page: Page, place: tuple[float, float], rgb: Sequence[int], tolerance: int = 3
+    workbench: Any,
+    page: Page,
+    place: tuple[float, float],
+    rgb: Sequence[int] | NDArray,
+    tolerance: int = 3,
+    session: Any = None,
 ) -> None:
-    until(page, lambda: np.abs(np.subtract(pixel(workbench, page, *place), rgb)).max() <= tolerance)
+    until(page, lambda: np.abs(np.subtract(pixel(workbench, page, *place, session), rgb)).max() <= tolerance)
 
 
 def field_of(page: Page, label: str) -> Locator:

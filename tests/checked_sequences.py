@@ -39,12 +39,12 @@ class Spoiling:
     """Takes and gives the stored steps."""
 
 
-def drawn_room(folder: Path, frames: int = 36) -> Path:
-    """Ray-cast a walk through a furnished room and write it as a sequence; gives its folder."""
+def drawn_room(folder: Path, frames: int = 36, poses: list[NDArray] | None = None) -> Path:
+    """Ray-cast a walk (or the poses given) through a furnished room and write it as a sequence; gives its folder."""
     for name in ("color", "depth"):
         (folder / name).mkdir(parents=True)
     lines = []
-    for index, pose in enumerate(_walk(frames)):
+    for index, pose in enumerate(_walk(frames) if poses is None else poses):
         depth_m, shade = _cast(pose)
         name = f"{index:03d}"
         cv2.imwrite(str(folder / "depth" / f"{name}.png"), np.round(depth_m * 1000).astype(np.uint16))
@@ -100,6 +100,15 @@ def turn(matrix: Any) -> NDArray:
     return out
 
 
+def standing(eye: Any, yaw: float, pitch: float) -> NDArray:
+    """Give the pose [4, 4] of a camera held upright; radians, positive pitch looks down."""
+    forward = np.array([np.cos(yaw) * np.cos(pitch), np.sin(yaw) * np.cos(pitch), -np.sin(pitch)])
+    right = np.array([np.sin(yaw), -np.cos(yaw), 0.0])
+    pose = turn(np.stack([right, np.cross(forward, right), forward], axis=1))
+    pose[:3, 3] = eye
+    return pose
+
+
 def tilted(up: Any, degrees: float) -> list[float]:
     """Tilt a direction, unit length, towards a fixed other one."""
     unit = np.array(up, float)
@@ -115,11 +124,7 @@ def _walk(frames: int) -> list[NDArray]:
         yaw = 2 * np.pi * (1.2 * t + 0.05 * np.sin(9 * t))
         pitch = np.deg2rad(18 + 14 * np.sin(11 * t))
         eye = np.array([0.9 * np.cos(5 * t), 0.7 * np.sin(7 * t), 1.45 + 0.12 * np.sin(13 * t)])
-        forward = np.array([np.cos(yaw) * np.cos(pitch), np.sin(yaw) * np.cos(pitch), -np.sin(pitch)])
-        right = np.array([np.sin(yaw), -np.cos(yaw), 0.0])
-        pose = turn(np.stack([right, np.cross(forward, right), forward], axis=1))
-        pose[:3, 3] = eye
-        poses.append(pose)
+        poses.append(standing(eye, yaw, pitch))
     return poses
 
 

@@ -2,6 +2,7 @@
 
 import importlib
 import math
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -101,8 +102,21 @@ def by_transformers(family: str, class_logits: NDArray, mask_logits: NDArray, **
             outputs, target_sizes=sizes, stuff_classes=sorted(STUFF), **thresholds
         )[0]
         return found["segmentation"].numpy() + 1, found["segments_info"]
-    name = "Mask2FormerImageProcessorPil" if family == "mask2former" else "MaskFormerImageProcessorPil"
-    found = getattr(transformers, name)().post_process_panoptic_segmentation(
+    names = {"mask2former": "Mask2Former", "maskformer": "MaskFormer", "oneformer": "OneFormer"}
+    if family == "oneformer":
+        _lend_torchvision(torch)
+    found = getattr(transformers, f"{names[family]}ImageProcessorPil")().post_process_panoptic_segmentation(
         outputs, target_sizes=sizes, label_ids_to_fuse=STUFF, **thresholds
     )[0]
     return np.maximum(found["segmentation"].numpy(), 0), found["segments_info"]
+
+
+def _lend_torchvision(torch: Any) -> None:
+    """Give transformers' OneFormer the two names of torchvision that it uses without importing them (5.23)."""
+    module: Any = importlib.import_module("transformers.models.oneformer.image_processing_pil_oneformer")
+    if not hasattr(module, "tvF"):
+
+        def resize(masks: Any, size: tuple[int, int], interpolation: str) -> Any:
+            return torch.nn.functional.interpolate(masks, size=size, mode=interpolation, antialias=True)
+
+        module.tvF = SimpleNamespace(resize=resize, InterpolationMode=SimpleNamespace(BILINEAR="bilinear"))

@@ -41,7 +41,7 @@ class Messages:
             )
         self.sequence = {"seq": 0} if self.ros1 else {}
 
-    def make(self, name: str, **fields: Any) -> Any:
+    def make(self, name: str, /, **fields: Any) -> Any:
         return self.store.types[name](**fields)
 
     def header(self, time_s: float, frame: str) -> Any:

@@ -33,6 +33,14 @@ def test_find(simap, name, near, expected):
     assert ids(find(simap, name, near=near)) == expected
 
 
+def test_methods_of_the_map_are_the_functions(simap):
+    assert simap.find("chairs", near="sofa") == find(simap, "chairs", near="sofa")
+    robot = RobotShape(radius_m=0.25)
+    ways = simap.plan(TOY_POSE, "sofa", robot=robot), plan(simap, TOY_POSE, "sofa", robot=robot)
+    assert ways[0].points_m.tolist() == ways[1].points_m.tolist() != simap.plan(TOY_POSE, "sofa").points_m.tolist()
+    assert simap.to_pandas().equals(to_pandas(simap))
+
+
 def test_near_an_instance_leaves_it_out(simap):
     assert ids(find(simap, "chair", near=simap.by_id(4))) == [1, 3]
     assert find(simap, "chair", near="chair") == ()
@@ -41,6 +49,18 @@ def test_near_an_instance_leaves_it_out(simap):
 def test_find_names_what_there_is(simap):
     with pytest.raises(CommandError, match=r"no piano on this map. It has: chair \(3\)"):
         find(simap, "piano")
+
+
+@pytest.mark.parametrize(("name", "near"), [("", None), (" ", None), (3, None), (None, None), ("chair", "")])
+def test_names_are_checked(simap, name, near):
+    with pytest.raises(InputError, match="expected the name of objects, found"):
+        find(simap, name, near=near)
+
+
+@pytest.mark.parametrize("place", [(float("nan"), 0.0), ("a", 1.0), (None, 1.0), (float("inf"), 0.0)])
+def test_a_spot_is_two_numbers(simap, place):
+    with pytest.raises(InputError, match="place: expected x and y in metres"):
+        simap.at(*place)
 
 
 def test_plan_to_a_point_an_object_and_a_name(simap):
@@ -79,5 +99,5 @@ def test_frame(simap):
 
 def test_frame_without_pandas(simap, monkeypatch):
     monkeypatch.setitem(sys.modules, "pandas", None)
-    with pytest.raises(InputError, match="pip install pandas"):
+    with pytest.raises(InputError, match=r"to_pandas: expected the package pandas, .*simaps-viz\[pandas\]"):
         to_pandas(simap)

@@ -1,7 +1,7 @@
 """The Command tab as a person meets it: Debian's Chromium on a workbench with a real robot on the toy map."""
 
 import pytest
-from browser import chromium, field_of, open_workbench, toy_workbench, until, watched_page
+from browser import chromium, field_of, mine, open_workbench, toy_workbench, until, watched_page
 from chat_server import hangs, serving, writes
 from playwright.sync_api import expect
 from test_viewer_command import real_services
@@ -74,15 +74,15 @@ def test_a_command_is_explained_numbered_marked_and_driven(bench, page):
     expect(page.get_by_text("On the way")).to_be_visible()
     expect(page.locator(MARKED)).to_contain_text('robot.move_to_nth_closest("chair", 3)')
     page.wait_for_function("() => '/candidates/2' in window.__viserMutable.nodeRefFromName")
-    numbers = {label.text.split(" · ")[0]: label.position for label in bench._scene._candidates}
-    chosen = answer(bench.simap, "go to the third chair from here", bench.robot._asked_at).goals[0].instance
-    assert set(numbers) == {"1", "2", "▶ 3"} and bench.robot.driving
-    assert numbers["▶ 3"][0] == pytest.approx(bench.simap.by_id(chosen).centroid_m[0])
+    numbers = {label.text.split(" · ")[0]: label.position for label in mine(bench)._scene._candidates}
+    chosen = answer(mine(bench).simap, "go to the third chair from here", mine(bench).robot._asked_at).goals[0].instance
+    assert set(numbers) == {"1", "2", "▶ 3"} and mine(bench).robot.driving
+    assert chosen is not None and numbers["▶ 3"][0] == pytest.approx(mine(bench).simap.by_id(chosen).centroid_m[0])
     expect(page.get_by_text("Chair 3 is the farthest of 3 from where the command was given")).to_be_visible()
     hurry(page)
     expect(page.get_by_text("Done")).to_be_visible()
-    said = answer(bench.simap, "go to the third chair from here", bench.robot._asked_at)
-    assert (bench.pose.x_m, bench.pose.y_m) == pytest.approx((said.final_pose.x_m, said.final_pose.y_m))
+    said = answer(mine(bench).simap, "go to the third chair from here", mine(bench).robot._asked_at)
+    assert (mine(bench).pose.x_m, mine(bench).pose.y_m) == pytest.approx((said.final_pose.x_m, said.final_pose.y_m))
     expect(page.locator(MARKED)).to_have_count(0)
 
 
@@ -92,25 +92,25 @@ def test_step_by_step_then_play_then_pause_then_stop(bench, page):
     expect(page.locator(MARKED)).to_contain_text("robot.turn(90)")
     expect(page.get_by_role("button", name="Play", exact=True)).to_be_visible()
     page.wait_for_timeout(400)
-    assert bench.pose.heading_deg == pytest.approx(90.0)  # held before the first line
+    assert mine(bench).pose.heading_deg == pytest.approx(90.0)  # held before the first line
     press(page, "Step")
-    until(page, lambda: bench.pose.heading_deg == pytest.approx(180.0))
-    until(page, lambda: bench.robot._drive.paused)
+    until(page, lambda: mine(bench).pose.heading_deg == pytest.approx(180.0))
+    until(page, lambda: mine(bench).robot._drive.paused)
     press(page, "Step")
-    until(page, lambda: bench.pose.heading_deg % 360 == pytest.approx(270.0))
+    until(page, lambda: mine(bench).pose.heading_deg % 360 == pytest.approx(270.0))
     expect(page.locator(MARKED)).to_contain_text('robot.move_to_object("couch")')
     hurry(page, "0.5")
     press(page, "Play")
     expect(page.get_by_role("button", name="Pause", exact=True)).to_be_visible()
-    until(page, lambda: bench.pose.x_m > 0.6)
+    until(page, lambda: mine(bench).pose.x_m > 0.6)
     press(page, "Pause")
     expect(page.get_by_role("button", name="Play", exact=True)).to_be_visible()
-    held = bench.pose
+    held = mine(bench).pose
     page.wait_for_timeout(400)
-    assert bench.pose == held
+    assert mine(bench).pose == held
     press(page, "Stop")
     expect(page.get_by_text("The robot stands where it was stopped.")).to_be_visible()
-    assert bench.pose == held and not bench.robot.driving
+    assert mine(bench).pose == held and not mine(bench).robot.driving
     hurry(page)
     say(page, "go to the couch")
     expect(page.get_by_text("Done")).to_be_visible()
@@ -136,11 +136,11 @@ def test_the_history_runs_again_and_outlives_a_reload(bench, page):
     open_tab(page)
     expect(page.get_by_text("There is no piano")).to_be_visible()
     expect(page.get_by_role("button", name="go to the piano")).to_be_attached()
-    turned = (bench.pose.heading_deg - 90.0) % 360.0
+    turned = (mine(bench).pose.heading_deg - 90.0) % 360.0
     page.get_by_role("button", name="turn left").click()
-    until(page, lambda: bench.pose.heading_deg % 360.0 == pytest.approx(turned))
+    until(page, lambda: mine(bench).pose.heading_deg % 360.0 == pytest.approx(turned))
     expect(page.get_by_text("Done")).to_be_visible()
-    assert [past.command for past in bench.robot._past] == ["turn left", "go to the piano"]
+    assert [past.command for past in mine(bench).robot._past] == ["turn left", "go to the piano"]
 
 
 def two_readings(text, counts):
@@ -164,13 +164,13 @@ def test_the_other_reading_starts_where_the_command_was_given(browser):
         expect(page.get_by_text("there is the couch")).to_be_visible()
         expect(page.get_by_text('robot.move_to_object("potted plant")')).to_be_visible()
         expect(page.get_by_text("Done")).to_be_visible()
-        start, couch = bench.robot._asked_at, bench.pose
+        start, couch = mine(bench).robot._asked_at, mine(bench).pose
         press(page, "Run the other reading")
-        plant = answer(bench.simap, 'robot.move_to_object("potted plant")', start).final_pose
-        until(page, lambda: bench.pose == plant)
+        plant = answer(mine(bench).simap, 'robot.move_to_object("potted plant")', start).final_pose
+        until(page, lambda: mine(bench).pose == plant)
         expect(page.get_by_text('robot.move_to_object("couch")')).to_be_visible()
         press(page, "Run the other reading")  # and back again
-        until(page, lambda: bench.pose == couch)
+        until(page, lambda: mine(bench).pose == couch)
 
 
 def test_a_language_model_is_asked_shown_and_stopped(browser):
@@ -198,34 +198,39 @@ def test_a_language_model_is_asked_shown_and_stopped(browser):
 
 
 def test_the_camera_follows_from_above_and_from_behind_and_comes_back(bench, page):
-    camera = next(iter(bench.server.get_clients().values())).camera
+    camera = mine(bench).client.camera
     overview = tuple(camera.position)
     field_of(page, "Follow robot").check(force=True)
-    until(page, lambda: camera.position[:2] == pytest.approx((bench.pose.x_m, bench.pose.y_m), abs=0.1))
+    until(page, lambda: camera.position[:2] == pytest.approx((mine(bench).pose.x_m, mine(bench).pose.y_m), abs=0.1))
     hurry(page)
     say(page, "go to the couch")
     expect(page.get_by_text("Done")).to_be_visible()
-    until(page, lambda: camera.position[:2] == pytest.approx((bench.pose.x_m, bench.pose.y_m), abs=0.1))
-    bench._look("3-D view")
+    until(page, lambda: camera.position[:2] == pytest.approx((mine(bench).pose.x_m, mine(bench).pose.y_m), abs=0.1))
+    mine(bench).look("3-D view")
     say(page, "turn right")
     until(page, lambda: camera.position[2] < 5.0)
-    bench._look("Top view")
+    mine(bench).look("Top view")
     field_of(page, "Follow robot").uncheck(force=True)
+
     until(page, lambda: tuple(camera.position) == pytest.approx(overview, rel=1e-3))
 
 
-def test_two_pages_may_both_give_orders(browser, bench, page):
+def test_two_pages_give_orders_to_robots_of_their_own(browser, bench, page):
+    first = mine(bench)
     with watched_page(browser) as other:
         open_workbench(other, bench)
         open_tab(other)
+        second = mine(bench)
+        assert second is not first
         hurry(page)
-        for one, command in ((page, "go to the couch"), (other, "turn left"), (page, "go to the plant")):
-            say(one, command)
-            until(one, lambda command=command: [past.command for past in bench.robot._past[:1]] == [command])
-            for box in (field_of(page, "Command"), field_of(other, "Command")):  # what one types, all see
-                expect(box).to_have_value(command)
+        say(page, "go to the couch")
+        hurry(other)
+        say(other, "turn left")
         for one in (page, other):
             expect(one.get_by_text("Done")).to_be_visible()
-            expect(one.get_by_text("To the potted plant")).to_be_visible()
-    say(page, "turn left")
-    expect(page.get_by_text("robot.turn(-90)")).to_be_visible()
+        expect(field_of(page, "Command")).to_have_value("go to the couch")
+        expect(field_of(other, "Command")).to_have_value("turn left")
+        assert [past.command for past in first.robot._past] == ["go to the couch"]
+        assert [past.command for past in second.robot._past] == ["turn left"]
+        assert second.pose.heading_deg % 360 == pytest.approx(0.0) and second.pose.x_m == 0.5
+        assert first.pose.x_m > 1.0

@@ -5,6 +5,7 @@ import pytest
 from browser import (
     chromium,
     field_of,
+    mine,
     on_canvas,
     open_workbench,
     pixel,
@@ -84,10 +85,10 @@ def test_the_evidence_colours_the_cells(bench, page):
     page.get_by_text("Evidence", exact=True).click()
     wait_for_color(bench, page, WEST_HALF, RAMP[-1])  # all of its edges weigh the same
     expect(page.get_by_text("mean weight of a cell's edges inside")).to_be_attached()
-    click_map(bench, page, bench.simap.by_id(CHAIR_3).centroid_m[:2])
-    wait_for_color(bench, page, bench.simap.by_id(CHAIR_3).centroid_m[:2], RAMP[-1])
+    click_map(bench, page, mine(bench).simap.by_id(CHAIR_3).centroid_m[:2])
+    wait_for_color(bench, page, mine(bench).simap.by_id(CHAIR_3).centroid_m[:2], RAMP[-1])
     page.get_by_text("Evidence", exact=True).click()
-    wait_for_color(bench, page, bench.simap.by_id(CHAIR_3).centroid_m[:2], instance_color(CHAIR_3))
+    wait_for_color(bench, page, mine(bench).simap.by_id(CHAIR_3).centroid_m[:2], instance_color(CHAIR_3))
 
 
 def test_a_merge_step_outlines_both_sides(bench, page):
@@ -103,7 +104,7 @@ def test_a_frame_button_moves_the_frame(bench, page):
     choose_chair_1(bench, page)
     expect(page.get_by_text("Its best views, the object's mask outlined.")).to_be_attached()
     page.get_by_role("button", name="000003").click()
-    until(page, lambda: bench.frame == 3)
+    until(page, lambda: mine(bench).frame == 3)
     page.get_by_role("tab", name="Build", exact=True).click()
     expect(field_of(page, "Frame")).to_have_value("3")
 
@@ -112,10 +113,10 @@ def test_two_clicks_compare_two_objects(bench, page):
     choose_chair_1(bench, page)
     page.get_by_role("button", name="Click another object …").click()
     expect(page.get_by_text("Now click the other object on the map.")).to_be_visible()
-    table = bench.simap.by_id(TABLE)
+    table = mine(bench).simap.by_id(TABLE)
     click_map(bench, page, table.centroid_m[:2])
     expect(page.get_by_text("are of different classes, and the map joins cells of one class only")).to_be_visible()
-    assert bench.selected == CHAIR_1  # it is still what the panel is about
+    assert mine(bench).selected == CHAIR_1  # it is still what the panel is about
     west = (table.aabb_m[0][0], table.centroid_m[1])
     until(page, lambda: shows(bench, page, west, OTHER))
     wait_for_color(bench, page, table.centroid_m[:2], instance_color(TABLE))
@@ -127,7 +128,7 @@ def test_two_clicks_compare_two_objects(bench, page):
     expect(page.get_by_role("button", name="Cancel")).to_be_visible()
     click_map(bench, page, FLOOR_PLACE)
     expect(page.get_by_text("Nothing compared.")).to_be_visible()
-    assert bench.selected == CHAIR_1
+    assert mine(bench).selected == CHAIR_1
 
 
 def test_the_recording_is_sent_to_the_step_and_a_click_in_it_selects(browser, tmp_path):
@@ -137,7 +138,7 @@ def test_the_recording_is_sent_to_the_step_and_a_click_in_it_selects(browser, tm
     with toy_workbench(services) as bench, watched_page(browser, 1280, 1200) as page:
         open_workbench(page, bench)
         assert bench.recording_host is not None
-        pushed = bench.recording_host.listen()
+        pushed = bench.recording_host.listen(mine(bench).token)
         choose_chair_1(bench, page)
         page.get_by_role("button", name="1 · 25.0 % · 32 + 32").click()
         assert pushed.get(timeout=5.0) == {"set_time": {"timeline": "merge", "time": 1}}
@@ -145,14 +146,14 @@ def test_the_recording_is_sent_to_the_step_and_a_click_in_it_selects(browser, tm
         chair = toy_map().by_id(CHAIR_4)
         items = [{"type": "entity", "entity_path": "/map/objects", "position": [*chair.centroid_m[:2], None]}]
         items[0]["position"][1] *= -1.0
-        post = "event => fetch('/rerun/event', {method: 'POST', body: JSON.stringify(event)})"
+        post = "event => fetch('/rerun/event' + location.search, {method: 'POST', body: JSON.stringify(event)})"
         frame.evaluate(post, {"type": "selection_change", "items": items})
-        until(page, lambda: bench.selected == CHAIR_4)
+        until(page, lambda: mine(bench).selected == CHAIR_4)
         expect(page.get_by_text("One object because all 4 frames that saw it")).to_be_visible()
         # A recording that a person put on another timeline is not called back to the frames.
         frame.evaluate(post, {"type": "timeline_change", "timeline": "merge"})
         page.wait_for_timeout(200)
         assert pushed.empty()
         frame.evaluate(post, {"type": "timeline_change", "timeline": "frame"})
-        last = len(bench.simap.frame_names) - 1
+        last = len(mine(bench).simap.frame_names) - 1
         assert pushed.get(timeout=5.0) == {"set_time": {"timeline": "frame", "time": last}}

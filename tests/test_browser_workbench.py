@@ -9,6 +9,7 @@ import rerun
 from browser import (
     chromium,
     field_of,
+    mine,
     on_canvas,
     open_workbench,
     toy_services,
@@ -71,7 +72,7 @@ def fill(page, label, value):
 
 
 def test_opens_offline_with_north_up_and_exact_colours(bench, page):
-    for instance in bench.simap.instances:
+    for instance in mine(bench).simap.instances:
         wait_for_color(bench, page, instance.centroid_m[:2], instance_color(instance.id))
     south, north = (on_canvas(bench, page, 0.0, y) for y in (-1.0, 2.0))
     west, east = (on_canvas(bench, page, x, 0.0) for x in (0.0, 3.0))
@@ -90,19 +91,19 @@ def test_k_breaks_a_chair_and_reset_heals_it(bench, page):
 
 
 def test_a_click_selects_and_a_click_on_the_floor_deselects(bench, page):
-    chair = bench.simap.by_id(CHAIR_3)
+    chair = mine(bench).simap.by_id(CHAIR_3)
     click_map(bench, page, chair.centroid_m[:2])
     expect(page.get_by_text("64 cells · 0.16 m² · seen in 4 frames")).to_be_visible()
     expect(object_title(page, "chair 2 of 3")).to_be_visible()
-    assert bench.selected == CHAIR_3
-    dimmed = map_image(bench.simap, lit={CHAIR_3})
-    row, col = bench.simap.spec.cell_of(*bench.simap.by_id(TABLE).centroid_m[:2])
-    wait_for_color(bench, page, bench.simap.by_id(TABLE).centroid_m[:2], dimmed[row, col].tolist())
+    assert mine(bench).selected == CHAIR_3
+    dimmed = map_image(mine(bench).simap, lit={CHAIR_3})
+    row, col = mine(bench).simap.spec.cell_of(*mine(bench).simap.by_id(TABLE).centroid_m[:2])
+    wait_for_color(bench, page, mine(bench).simap.by_id(TABLE).centroid_m[:2], dimmed[row, col].tolist())
     wait_for_color(bench, page, chair.centroid_m[:2], instance_color(CHAIR_3))
     expect(page.get_by_text("the object's mask outlined.")).to_be_visible()
     click_map(bench, page, EMPTY)
-    wait_for_color(bench, page, bench.simap.by_id(TABLE).centroid_m[:2], instance_color(TABLE))
-    assert bench.selected is None
+    wait_for_color(bench, page, mine(bench).simap.by_id(TABLE).centroid_m[:2], instance_color(TABLE))
+    assert mine(bench).selected is None
 
 
 def test_a_selection_outlives_a_new_partition(bench, page):
@@ -110,7 +111,7 @@ def test_a_selection_outlives_a_new_partition(bench, page):
     expect(object_title(page, "chair 1 of 3")).to_be_visible()
     fill(page, "K (%)", "30")
     expect(object_title(page, "chair 2 of 4")).to_be_visible()
-    assert bench.selected == 2
+    assert mine(bench).selected == 2
 
 
 def test_a_command_drives_the_robot_and_the_next_starts_there(bench, page):
@@ -121,11 +122,13 @@ def test_a_command_drives_the_robot_and_the_next_starts_there(bench, page):
     expect(page.get_by_text("Done")).to_be_visible(timeout=15_000)
     expect(page.get_by_text('robot.move_to_object("chair", chair)')).to_be_visible()
     expect(page.get_by_text("x 1.50 m, y 0.50 m", exact=True)).to_be_attached()
-    assert (bench.pose.x_m, bench.pose.y_m, bench.pose.heading_deg) == pytest.approx((1.5, 0.5, 0.0), abs=1e-6)
+    assert (mine(bench).pose.x_m, mine(bench).pose.y_m, mine(bench).pose.heading_deg) == pytest.approx(
+        (1.5, 0.5, 0.0), abs=1e-6
+    )
     until(page, lambda: np.linalg.norm(np.subtract(page.evaluate(where), before)) > 0.99)
     fill(page, "Command", "go to the piano")
     expect(page.get_by_text("There is no piano on this map. It has: chair (3), dining table (2).")).to_be_visible()
-    assert bench.pose.x_m == 1.5
+    assert mine(bench).pose.x_m == 1.5
 
 
 def test_failures_are_told_and_the_page_lives_on(bench, page, caplog):
@@ -145,9 +148,9 @@ def test_two_clicks_set_the_start_pose(bench, page):
     click_map(bench, page, (3.0, -0.9))
     expect(page.get_by_text("Now click where the robot looks.")).to_be_visible()
     click_map(bench, page, (4.0, -0.9))
-    until(page, lambda: abs(bench.pose.heading_deg - 90.0) < 1.5)
-    assert (bench.pose.x_m, bench.pose.y_m) == pytest.approx((3.0, -0.9), abs=0.03)
-    assert bench.selected is None
+    until(page, lambda: abs(mine(bench).pose.heading_deg - 90.0) < 1.5)
+    assert (mine(bench).pose.x_m, mine(bench).pose.y_m) == pytest.approx((3.0, -0.9), abs=0.03)
+    assert mine(bench).selected is None
 
 
 def test_the_slanted_view_shows_blocks_that_can_be_clicked(bench, page):
@@ -155,15 +158,15 @@ def test_the_slanted_view_shows_blocks_that_can_be_clicked(bench, page):
     page.wait_for_function(
         "() => Object.keys(window.__viserMutable.nodeRefFromName).some(n => n.startsWith('/blocks/'))"
     )
-    camera = next(iter(bench.server.get_clients().values())).camera
+    camera = mine(bench).client.camera
     until(page, lambda: camera.position[1] < -4.0)
     page.wait_for_timeout(300)
-    x, y, _ = bench.simap.by_id(CHAIR_3).aabb_m[0]
+    x, y, _ = mine(bench).simap.by_id(CHAIR_3).aabb_m[0]
     origin = np.array(camera.position)
     lid = np.array([x + 0.2, y + 0.2, 0.85])
     shadow = origin + (lid - origin) * origin[2] / (origin[2] - lid[2])  # where the floor behind the lid would be
     click_map(bench, page, shadow[:2])
-    until(page, lambda: bench.selected == CHAIR_3)
+    until(page, lambda: mine(bench).selected == CHAIR_3)
     page.get_by_role("button", name="Top view").click()
     until(page, lambda: camera.position[2] > 20.0)
 
@@ -173,7 +176,7 @@ def test_frames_fill_the_map(bench, page):
     fill(page, "Frame", "0")
     expect(page.get_by_text("000000")).to_be_visible()
     # Community 5, the couch, was not seen in frame 0.
-    couch = next(i for i in bench.simap.instances if i.label == "couch")
+    couch = next(i for i in mine(bench).simap.instances if i.label == "couch")
     wait_for_color(bench, page, couch.centroid_m[:2], FLOOR)
     page.wait_for_function("() => window.__viserMutable.nodeRefFromName['/camera'] != null")
     fill(page, "Frame", "1")
@@ -195,7 +198,7 @@ def record(path: Path) -> None:
 
 def brightness(page) -> int:
     """What the middle of the docked recording shows."""
-    box = page.locator("iframe").bounding_box()
+    box = page.locator("iframe[title='Recorded build']").bounding_box()
     picture = cv2.imdecode(np.frombuffer(page.screenshot(), np.uint8), cv2.IMREAD_GRAYSCALE)
     assert box is not None and picture is not None
     return int(picture[int(box["y"] + box["height"] * 0.4), int(box["x"] + box["width"] / 2)])
@@ -217,14 +220,14 @@ def test_the_recording_and_the_page_show_the_same_frame(browser, tmp_path):
         tab(page, "Build")
         fill(page, "Frame", "1")
         until(page, lambda: abs(brightness(page) - 80) <= 4, 15)
-        assert bench.frame == 1
+        assert mine(bench).frame == 1
         page.wait_for_timeout(2000)
         # A person scrubs inside rerun: the time panel's own keyboard shortcut steps one frame.
-        box = page.locator("iframe").bounding_box()
+        box = page.locator("iframe[title='Recorded build']").bounding_box()
         assert box is not None
         page.mouse.click(box["x"] + box["width"] / 2, box["y"] + box["height"] * 0.4)
         page.keyboard.press("ArrowRight")
-        until(page, lambda: bench.frame == 2, 15)
+        until(page, lambda: mine(bench).frame == 2, 15)
         expect(field_of(page, "Frame")).to_have_value("2")
         until(page, lambda: abs(brightness(page) - 120) <= 4, 15)
     assert TOY_POSE.x_m == 0.5

@@ -7,7 +7,7 @@ from typing import Any
 import cv2
 import numpy as np
 import pytest
-from checked_sequences import SHARED, Spoiling, drawn_room, read_poses, spoiled_copy, tilted, turn
+from checked_sequences import SHARED, Spoiling, drawn_room, read_poses, spoiled_copy, standing, tilted, turn
 from numpy.typing import NDArray
 
 from simaps_viz.checking.agreement import Views, relative_poses, residuals
@@ -159,6 +159,26 @@ def test_gravity_off_axis(name: str, degrees: float, room: Path, tmp_path: Path)
     up = np.array(keys["up"], float)
     assert np.rad2deg(np.arccos(np.clip(np.array(fixed["up"]) @ up, -1, 1))) < 1.0
     assert fixed["floor_height_m"] == pytest.approx(keys["floor_height_m"], abs=0.03)
+
+
+@pytest.mark.parametrize(
+    "poses",
+    [
+        [standing((-1.0 + 0.05 * i, 0.5, 1.6), np.deg2rad(90 + 2 * np.sin(i)), 0.0) for i in range(24)],
+        [standing((0.05 * i - 0.5, 0.0, 1.5), np.deg2rad(12 * i), np.deg2rad(-35)) for i in range(30)],
+    ],
+    ids=["nothing but a wall", "walls and the ceiling"],
+)
+def test_no_alarm_where_the_floor_was_never_seen(poses: list[NDArray], tmp_path: Path) -> None:
+    diagnosis = diagnose(open_recording(drawn_room(tmp_path / "room", poses=poses)))
+    assert diagnosis.ok and diagnosis.correction is None
+    assert [finding.kind for finding in diagnosis.findings] == ["level_unjudged"]
+
+
+@pytest.mark.parametrize("every", [7, 9, 12])
+def test_no_alarm_where_frames_hardly_overlap(every: int, room: Path, tmp_path: Path) -> None:
+    diagnosis = diagnose(open_recording(spoiled_copy(room, tmp_path / "few", Spoiling(), every=every)))
+    assert diagnosis.ok and diagnosis.correction is None
 
 
 def test_floor_at_another_height(room: Path, tmp_path: Path) -> None:

@@ -43,8 +43,8 @@ def test_graphml_of_a_class_that_is_not_there(tmp_path):
 
 def test_graphml_escapes_names(tmp_path):
     simap = map_from_drawing("A.", {"A": "couch"})
-    object.__setattr__(simap, "provenance", {"name": 'a <b> & "c"'})
-    assert nx.read_graphml(export_map(simap, tmp_path / "g.graphml")[0]).graph["name"] == 'a <b> & "c"'
+    object.__setattr__(simap, "provenance", {"name": 'a <b> & "c" ]]> \x07!'})
+    assert nx.read_graphml(export_map(simap, tmp_path / "g.graphml")[0]).graph["name"] == 'a <b> & "c" ]]>  !'
 
 
 def test_scene_graph_has_spark_dsgs_fields(tmp_path):

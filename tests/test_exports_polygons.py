@@ -2,6 +2,7 @@
 
 import io
 import json
+from dataclasses import replace
 
 import numpy as np
 import pandas as pd
@@ -97,11 +98,32 @@ def test_csv_opens_in_pandas_with_its_outlines(tmp_path):
     assert frame["color"].str.fullmatch("#[0-9a-f]{6}").all()
 
 
+def test_a_spreadsheet_computes_nothing(tmp_path):
+    simap = named(toy_map(), {"chair": "=cmd|' /C calc'!A0", "couch": 'a "soft", couch', "potted plant": "-2+3"})
+    frame = pd.read_csv(export_map(simap, tmp_path / "toy.csv")[0])
+    assert not [text for text in (*frame["name"], *frame["label"]) if text[0] in "=+-@"]
+    assert frame["label"].str.removeprefix("'").tolist() == [one.label for one in simap.instances]
+    assert frame["x_m"].tolist() == pytest.approx([one.centroid_m[0] for one in simap.instances], abs=1e-6)
+
+
 def test_the_pandas_frame_is_the_csv_without_outlines(tmp_path):
     simap = toy_map()
     text = export_map(simap, tmp_path / "toy.csv")[0].read_text()
     read = pd.read_csv(io.StringIO(text)).drop(columns="outline_wkt").set_index("id")
     pd.testing.assert_frame_equal(to_pandas(simap), read, check_dtype=False)
+
+
+def named(simap, names):
+    """Give a map with other names for some classes."""
+    labels = tuple(names.get(label, label) for label in simap.grid.labels)
+    instances = tuple(replace(one, label=names.get(one.label, one.label)) for one in simap.instances)
+    return replace(simap, grid=replace(simap.grid, labels=labels), instances=instances)
+
+
+def test_a_frame_without_rows_still_holds_numbers():
+    frame = to_pandas(map_from_drawing("..\n.."))
+    assert (str(frame["area_m2"].dtype), str(frame.index.dtype)) == ("float64", "int64")
+    assert frame["area_m2"].tolist() == []
 
 
 def test_a_map_without_instances(tmp_path):

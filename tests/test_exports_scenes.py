@@ -1,5 +1,7 @@
 """GLB and PLY, opened with trimesh: names, metres, axes, volumes, colours."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import trimesh
@@ -102,6 +104,13 @@ def test_ply_is_z_up_with_an_instance_for_each_vertex_and_names_in_comments(sima
         assert isinstance(mesh.visual, ColorVisuals)
         assert (np.asarray(mesh.visual.vertex_colors)[mine][:, :3] == instance_color(one.id)).all()
         assert f"comment instance {one.id} {one.label}-{one.id}" in header
+
+
+def test_a_name_of_two_lines_does_not_break_the_header(simap, tmp_path):
+    instances = (replace(simap.instances[0], label="two\nelement vertex 7"), *simap.instances[1:])
+    (path,) = export_map(replace(simap, instances=instances), tmp_path / "toy.ply")
+    header = path.read_bytes().split(b"end_header")[0].decode().splitlines()
+    assert "element vertex 7-1" not in header and "comment instance 1 two element vertex 7-1" in header
 
 
 @pytest.fixture(scope="module")

@@ -2,6 +2,7 @@
 
 import json
 import os
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -109,6 +110,26 @@ def test_what_the_manifest_says_is_kept(tmp_path: Path, changes: dict, floor_m: 
     sequence = open_sequence(write_tiny_sequence(tmp_path, manifest=changes))
     assert sequence.T_map_world[2, 3] == pytest.approx(-floor_m, abs=1e-3)
     np.testing.assert_allclose(sequence.T_map_world[:3, :3], np.eye(3), atol=1e-3)
+
+
+@pytest.mark.parametrize("side", [-1.0, 1.0])
+@pytest.mark.parametrize("yaws", [(20, 70, 110, 160, 250, 300), (20, 90, 170)])
+def test_a_camera_held_on_its_side(side: float, yaws: tuple[int, ...]) -> None:
+    """As a phone is: then the pictures' upper side says nothing about up."""
+    roll = np.array([[0, side, 0, 0], [-side, 0, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]])
+    world = rigid((0.3, -0.5, 0.2, 0.8), (1.0, 2.0, -3.0))
+    up, floor_height_m = estimate_gravity([room_frame(look(yaw, 20.0) @ roll, world) for yaw in yaws])
+    assert angle_deg(up, world[:3, 2]) < 0.2
+    assert floor_height_m == pytest.approx(up @ world[:3, 3], abs=0.02)
+
+
+def test_noise_of_one_percent() -> None:
+    rng = np.random.default_rng(1)
+    clean = [room_frame(look(yaw, 25.0), np.eye(4)) for yaw in (20, 70, 110, 160, 250, 300)]
+    noisy = [replace(f, depth_m=f.depth_m * rng.normal(1, 0.01, f.depth_m.shape).astype(np.float32)) for f in clean]
+    up, floor_height_m = estimate_gravity(noisy)
+    assert angle_deg(up, np.array([0, 0, 1.0])) < 1.0
+    assert floor_height_m == pytest.approx(0, abs=0.03)
 
 
 def test_same_frames_same_answer() -> None:

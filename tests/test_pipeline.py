@@ -76,6 +76,15 @@ def test_events_come_in_order_and_say_what_happened(tiny):
     assert listener.events[-1].simap is simap
 
 
+def test_communities_on_the_way_come_with_the_objects_they_make(tiny):
+    listener = Listener()
+    simap = build_map(tiny, BuildConfig(min_cells=1, resolution=5.0), observers=[listener], communities_every=2)
+    halfway, whole = (e for e in listener.events if isinstance(e, CommunitiesFound) and not e.final)
+    assert halfway.frame_index == 1 and halfway.instance is not None and whole.instance is not None
+    assert np.array_equal(whole.instance, simap.instance) and np.array_equal(whole.community, simap.community)
+    assert len(np.unique(whole.community)) > len(np.unique(whole.instance))
+
+
 def test_observers_change_nothing_and_no_colour_is_read_without_them(tiny):
     with_observer = build_map(tiny, observers=[Listener()], communities_every=1)
     without = build_map(tiny)

@@ -72,13 +72,11 @@ def test_links_survive_growing_the_table(monkeypatch):
     frames = random_frames(1, frames=4)
     whole = accumulate(frames).links.entries()
     small = MapAccumulator(LABELS, IS_THING, ProjectionSettings())
-    table = LinkTable()
-    table._keys, table._labels, table._counts = table._keys[:90], table._labels[:90], table._counts[:90]
-    table._slots = np.full(256, -1, dtype=np.int32)
+    table = LinkTable(room=128, frame_room=128)
     small.links = table
     for part in frames:
         small.add_frame(*part)
-    assert len(table._keys) > 90
+    assert table.size > 128 and len(table._frame.keys) > 128
     for ours, theirs in zip(table.entries(), whole, strict=True):
         assert np.array_equal(ours, theirs)
 

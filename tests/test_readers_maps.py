@@ -9,6 +9,7 @@ import pytest
 from scans import COLORS, Sample, map_pose
 from scans_apps import record3d_exr, record3d_folder, record3d_zip
 from scans_bags import ros1_bag, ros2_mcap, ros2_sqlite
+from scans_clouds import cloud_bag, lidar
 from scans_folders import (
     arkit,
     habitat,
@@ -32,7 +33,8 @@ from simaps_viz.errors import InputError
 from simaps_viz.structures import SIMap
 
 WRITERS = [tum, seven_scenes, scannet, replica, nerfstudio, habitat, habitat_classes, arkit, polycam, record3d_zip,
-           record3d_folder, record3d_exr, ros1_bag, ros2_sqlite, ros2_mcap, rerun_rrd, sens]  # fmt: skip
+           record3d_folder, record3d_exr, ros1_bag, ros2_sqlite, ros2_mcap, rerun_rrd, sens, lidar,
+           cloud_bag]  # fmt: skip
 
 
 class Segmented:

@@ -1,6 +1,7 @@
 """A recording read back holds exactly what the build told."""
 
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -253,6 +254,18 @@ def test_counts(recording: Any) -> None:
     assert series("cells/named") == series("cells/seen")
     assert series("few/classes") == [[2.0]] * FRAMES
     assert series("few/communities") == [[2.0]]
+
+
+def test_objects_on_the_way_are_shown_in_place_of_their_pieces(tmp_path: Path) -> None:
+    joined = np.where(communities(1) > 0, 4, 0).astype(np.int32)
+    path = tmp_path / "joined.rrd"
+    with RerunRecorder(path, settings=WHOLE) as recorder:
+        for event in story():
+            on_the_way = isinstance(event, CommunitiesFound) and not event.final
+            recorder.on_event(replace(event, instance=joined) if on_the_way else event)
+    found = rc.RrdReader(path).stream().collect()
+    assert (image(rows(found, "/map/objects", at=[1]), 0, np.uint16)[0] == [0, 0, 0, 4, 4]).all()
+    assert rows(found, "/counts/few/communities")["scalars"] == [[2.0]], "pieces are counted all the same"
 
 
 def test_objects_have_the_colors_of_their_ids(recording: Any) -> None:

@@ -91,7 +91,7 @@ def shown(tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[Page, Host
         assets=viewer_assets(),
         csp=CONTENT_SECURITY_POLICY,
         recordings=[path],
-        on_event=told.append,
+        on_event=lambda event, _session: told.append(event),
     )
     try:
         with chromium() as browser, watched_page(browser, 640, 700) as page:

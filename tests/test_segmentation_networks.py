@@ -119,6 +119,9 @@ def test_exports_that_suppress_by_themselves_are_read(tmp_path):
     )
     found = segment_image(opened(path), GREY)
     assert [s.label for s in found.segments] == ["dining table"] and (found.ids[2:14, 2:12] == 1).all()
+    (tmp_path / "one.txt").write_text("chair\n")
+    with pytest.raises(InputError, match=r"one.txt: expected a class name for each class that n.onnx finds, 2 or more"):
+        segment_image(opened(path, labels=tmp_path / "one.txt"), GREY)
 
 
 def test_sizes_that_the_file_leaves_open_are_found_by_running_it(tmp_path):

@@ -18,12 +18,12 @@ from simaps_viz.segmentation.placement import resize_masks
 MADE = Path(__file__).with_name("panoptic_by_transformers.json")
 """Made by transformers 5.23 on torch 2.13: by_transformers(family, *drawn_logits(seed)) for each family and seed;
 a character is a pixel, its id in base 36."""
-FAMILIES, SEEDS = ("mask2former", "maskformer", "eomt"), range(8)
+FAMILIES, SEEDS = ("mask2former", "maskformer", "oneformer", "eomt"), range(8)
 
 
 def classifier(family: str, settings: PanopticSettings | None = None) -> MaskClassifier:
     eomt = family == "eomt"
-    session: Any = SimpleNamespace(path=Path(f"{family}.onnx"), digest=lambda: "0")
+    session: Any = SimpleNamespace(path=Path(f"{family}.onnx"), digest="0")
     names = ClassNames(tuple("abcdef"), tuple(i not in STUFF for i in range(CLASSES)), "test")
     grid = MASK2FORMER_GRID if family == "mask2former" else None
     ports = MaskPorts("x", "c", "m", CLASSES, (32, 32), grid=grid)

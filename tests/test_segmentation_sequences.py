@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from sequences import HEIGHT, WIDTH, write_tiny_sequence
 from tiny_networks import write_classifier, write_yolo
+from tiny_onnx import write_onnx
 
 from simaps_viz import BuildConfig, build_map, open_sequence
 from simaps_viz.cli import main
@@ -135,6 +136,28 @@ def test_a_map_is_built_of_a_networks_masks_from_the_command_line(tmp_path, monk
     said = capsys.readouterr().err
     assert "none.onnx: expected a network (.onnx), found nothing" in said.replace("\n", "")
     assert "expected some of" in said
+
+
+def test_what_cannot_be_used_is_one_line_on_the_command_line(tmp_path, monkeypatch, capsys):
+    monkeypatch.setenv("SIMAPS_CACHE", str(tmp_path / "cache"))
+    write_tiny_sequence(tmp_path / "tiny")
+    good = write_yolo(tmp_path / "good.onnx", [(2.0, 6.0, 12.0, 18.0, 0, 0.9)])
+    wrong = write_onnx(tmp_path / "wrong.onnx", {"logits": np.zeros((1, 1000), np.float32)})
+    (tmp_path / "two.txt").write_text("chair\ntable\n")
+    (tmp_path / "cut.onnx").write_bytes(good.read_bytes()[:200])
+    for network, options, words in (
+        (wrong, [], "found the outputs logits [1, 1000]"),
+        (good, ["--labels", str(tmp_path / "two.txt")], "expected 3 class names, as many as good.onnx tells apart"),
+        (good, ["--input-size", "64", "64"], "expected --input-size 32 32, the only one it takes, found 64 64"),
+        (tmp_path / "cut.onnx", [], "expected an ONNX network, found a file that is none"),
+        (good, ["--providers", "tpu"], "--providers tpu: expected some of"),
+    ):
+        for command in (["build", "-o", str(tmp_path / "m.npz"), "--segmentation"], ["segment"]):
+            first, *rest = command
+            assert main([first, str(tmp_path / "tiny"), *rest, str(network), *options]) == 2
+            said = capsys.readouterr().err.strip()
+            assert words in said and "\n" not in said and said.startswith("simaps: "), said
+    assert not (tmp_path / "m.npz").exists() and sorted(p.name for p in tmp_path.glob("*.json")) == []
 
 
 def test_segmented_frames_are_written_as_a_sequence(tmp_path, monkeypatch, capsys):

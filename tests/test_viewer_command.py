@@ -2,12 +2,15 @@
 
 import threading
 import time
+from contextlib import nullcontext
 from dataclasses import dataclass, field
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from browser import toy_services, toy_view, toy_workbench
+from browser import mine, toy_services, toy_view, toy_workbench
 from chat_server import hangs, serving, writes
+from fake_page import fake_page
 from hypothesis import given
 from hypothesis import strategies as st
 from toy_maps import TOY_POSE, toy_map
@@ -215,65 +218,62 @@ def test_cameras_look_at_the_robot():
 def test_the_follower_lets_go_once():
     let_go = []
 
-    class NoPages:
-        def get_clients(self):
-            return {}
-
-    follower = Follower(NoPages(), behind=lambda: False, let_go=lambda: let_go.append(1))  # pyright: ignore
+    client = SimpleNamespace(camera=SimpleNamespace(), atomic=nullcontext)
+    follower = Follower(client, behind=lambda: False, let_go=lambda: let_go.append(1))  # pyright: ignore
     follower.switch(False, TOY_POSE)
     follower.switch(True, TOY_POSE)
     follower.see(TOY_POSE, rests=True)
     follower.switch(False, TOY_POSE)
-    assert let_go == [1]
+    assert let_go == [1] and client.camera.look_at == (TOY_POSE.x_m, TOY_POSE.y_m, 0.0)
 
 
 # --- a served page, nobody looking
 
 
 def shown(bench):
-    return bench.robot._panel._result.content
+    return mine(bench).robot._panel._result.content
 
 
 def test_a_program_that_gets_stuck_marks_the_line():
-    with toy_workbench(real_services()) as bench:
-        bench.robot._drive.speed = 8.0
-        bench.robot.ask("robot.turn(90)\nrobot.move_forward(50)\n")
+    with toy_workbench(real_services()) as bench, fake_page(bench):
+        mine(bench).robot._drive.speed = 8.0
+        mine(bench).robot.ask("robot.turn(90)\nrobot.move_forward(50)\n")
         until(lambda: "Failed" in shown(bench))
-        assert "✖" in bench.robot._panel._program.content and "is free for" in shown(bench)
-        assert bench.pose.heading_deg == pytest.approx(180.0)
-        assert [past.status for past in bench.robot._past] == ["failed"]
+        assert "✖" in mine(bench).robot._panel._program.content and "is free for" in shown(bench)
+        assert mine(bench).pose.heading_deg == pytest.approx(180.0)
+        assert [past.status for past in mine(bench).robot._past] == ["failed"]
 
 
 def test_a_hanging_model_holds_nothing_up_and_stop_ends_the_wait():
     with serving(hangs) as server:
         model = wiring._language_model(f"m@{server.url}")
-        with toy_workbench(real_services(model=model)) as bench:
-            bench.robot.ask("go to the couch")
+        with toy_workbench(real_services(model=model)) as bench, fake_page(bench):
+            mine(bench).robot.ask("go to the couch")
             assert server.arrived.wait(10.0)
             assert "Working on it" in shown(bench)
-            bench.select(3)
-            assert bench._worker.wait_idle(5.0)  # the map still answers
-            bench.robot.stop()
+            mine(bench).select(3)
+            assert mine(bench).worker.wait_idle(5.0)  # the map still answers
+            mine(bench).robot.stop()
             assert "Stopped" in shown(bench) and server.left.wait(5.0)
             assert bench.wait_idle()
-            assert "Stopped" in shown(bench) and bench.pose == TOY_POSE
-            assert "cancelled" in bench.robot._panel._exchanges.content
+            assert "Stopped" in shown(bench) and mine(bench).pose == TOY_POSE
+            assert "cancelled" in mine(bench).robot._panel._exchanges.content
 
 
 def test_what_a_model_was_sent_is_shown_and_off_means_off():
     with serving(writes('robot.move_to_object("couch")')) as server:
         model = wiring._language_model(f"m@{server.url}")
-        with toy_workbench(real_services(model=model)) as bench:
-            bench.robot._drive.speed = 8.0
-            bench.robot.ask("va au canapé")
+        with toy_workbench(real_services(model=model)) as bench, fake_page(bench):
+            mine(bench).robot._drive.speed = 8.0
+            mine(bench).robot.ask("va au canapé")
             until(lambda: "Done" in shown(bench))
-            assert "by m" in shown(bench) and bench.robot._panel._conversation.visible
-            text = bench.robot._panel._exchanges.content
+            assert "by m" in shown(bench) and mine(bench).robot._panel._conversation.visible
+            text = mine(bench).robot._panel._exchanges.content
             assert "va au canapé" in text and "couch\\&quot;)&quot;, &quot;refusal&quot;: null" in text
-            bench.robot._panel._model.value = False
-            bench.robot.ask("turn left")
+            mine(bench).robot._panel._model.value = False
+            mine(bench).robot.ask("turn left")
             until(lambda: "Done" in shown(bench))
-            assert len(server.received) == 1 and not bench.robot._panel._conversation.visible
+            assert len(server.received) == 1 and not mine(bench).robot._panel._conversation.visible
 
 
 def test_the_grammar_reads_when_the_server_is_gone():
@@ -286,18 +286,18 @@ def test_the_grammar_reads_when_the_server_is_gone():
 
 
 def test_commands_on_top_of_each_other_leave_the_last_one():
-    with toy_workbench(real_services()) as bench:
-        bench.robot._drive.speed = 8.0
+    with toy_workbench(real_services()) as bench, fake_page(bench):
+        mine(bench).robot._drive.speed = 8.0
         for n in range(12):
-            bench.robot.ask("turn left" if n % 2 else "go to the couch")
-        bench.robot.ask("robot.turn_absolute(180)")
-        until(lambda: "Done" in shown(bench) and bench.pose.heading_deg == pytest.approx(180.0))
-        assert bench.robot._past[0].command == "robot.turn_absolute(180)" and len(bench.robot._past) == 3
+            mine(bench).robot.ask("turn left" if n % 2 else "go to the couch")
+        mine(bench).robot.ask("robot.turn_absolute(180)")
+        until(lambda: "Done" in shown(bench) and mine(bench).pose.heading_deg == pytest.approx(180.0))
+        assert mine(bench).robot._past[0].command == "robot.turn_absolute(180)" and len(mine(bench).robot._past) == 3
 
 
 def test_the_plain_service_still_works_without_steps():
-    with toy_workbench(toy_services()) as bench:
-        bench.robot._drive.speed = 8.0
-        bench.robot.ask("go to the chair")
+    with toy_workbench(toy_services()) as bench, fake_page(bench):
+        mine(bench).robot._drive.speed = 8.0
+        mine(bench).robot.ask("go to the chair")
         until(lambda: "Done" in shown(bench))
-        assert bench.pose.x_m == pytest.approx(1.5)
+        assert mine(bench).pose.x_m == pytest.approx(1.5)

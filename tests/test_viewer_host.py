@@ -21,7 +21,7 @@ def served(tmp_path):
         page=lambda urls: addresses.extend(urls) or "<p>page</p>",
         assets={"v.js": (b"js()", "text/javascript"), "v.wasm": (recording, "application/wasm")},
         recordings=[recording],
-        on_event=events.append,
+        on_event=lambda event, _session: events.append(event),
     )
     yield host, events, addresses
     host.close()
@@ -38,7 +38,7 @@ def ask(host, path, *, method="GET", body=None, headers=None):
 
 def test_serves_what_it_was_given_and_nothing_else(served):
     host, _, addresses = served
-    assert addresses == [f"http://127.0.0.1:{host.port}/recordings/a%20b.rrd"]
+    assert addresses == ["/recordings/a%20b.rrd"]
     status, body, headers = ask(host, "/rerun/?x=1")
     assert (status, body) == (200, b"<p>page</p>")
     assert "default-src 'self'" in headers["Content-Security-Policy"]
@@ -89,7 +89,7 @@ def test_takes_events_and_refuses_nonsense(served):
 
 def test_an_event_that_fails_does_not_end_the_server(served):
     host, _, _ = served
-    host.on_event = lambda event: 1 // 0
+    host.on_event = lambda event, session: 1 // 0
     assert ask(host, "/rerun/event", method="POST", body="{}")[0] == 200
     assert ask(host, "/rerun/")[0] == 200
 
@@ -98,13 +98,19 @@ def test_pushes_to_those_who_listen(served):
     host, _, _ = served
     connection = http.client.HTTPConnection("127.0.0.1", host.port, timeout=5)
     heard = []
-    host.on_listen = lambda: heard.append(True)
-    connection.request("GET", "/rerun/events")
+    host.on_listen = heard.append
+    connection.request("GET", "/rerun/events?session=a%20b")
     response = connection.getresponse()
     assert response.headers["Content-Type"] == "text/event-stream"
-    host.push({"set_time": {"timeline": "frame", "time": 4}})
+    host.push({"set_time": {"timeline": "frame", "time": 3}}, "another")
+    host.push({"set_time": {"timeline": "frame", "time": 4}}, "a b")
     assert response.fp.readline() == b'data: {"set_time": {"timeline": "frame", "time": 4}}\n'
-    assert heard == [True]
+    assert response.fp.readline() == b"\n"
+    host.push({"all": True})
+    assert response.fp.readline() == b'data: {"all": true}\n'
+    assert heard == ["a b"]
+    host.hang_up("a b")
+    assert response.read() == b"\n"
     connection.close()
 
 

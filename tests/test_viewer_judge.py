@@ -5,7 +5,8 @@ import time
 
 import numpy as np
 import pytest
-from browser import chromium, field_of, open_workbench, toy_workbench, until, watched_page
+from browser import chromium, field_of, mine, open_workbench, toy_workbench, until, watched_page
+from fake_page import fake_page
 from playwright.sync_api import expect
 from test_viewer_command import real_services
 from toy_maps import toy_map
@@ -36,8 +37,9 @@ def session(tmp_path):
 
 
 def judge_of(bench):
-    assert bench._judge is not None
-    return bench._judge
+    panel = mine(bench).parts.judge
+    assert panel is not None
+    return panel
 
 
 def text_of(panel):
@@ -97,7 +99,7 @@ def test_places_name_start_stops_and_collision(session):
 
 
 def test_runs_come_blind_and_every_answer_is_in_the_file(session):
-    with toy_workbench(real_services(judging=session)) as bench:
+    with toy_workbench(real_services(judging=session)) as bench, fake_page(bench):
         panel = judge_of(bench)
         for n, verdict in enumerate(("yes", "no"), start=1):
             assert f"{n} of 2" in text_of(panel) and "go to the couch" in text_of(panel)
@@ -115,7 +117,7 @@ def test_runs_come_blind_and_every_answer_is_in_the_file(session):
 
 
 def test_an_answer_in_haste_is_for_the_run_before(session):
-    with toy_workbench(real_services(judging=session)) as bench:
+    with toy_workbench(real_services(judging=session)) as bench, fake_page(bench):
         time.sleep(LOOK_FIRST_S)
         judge_of(bench).answer("yes")
         judge_of(bench).answer("yes")
@@ -123,7 +125,7 @@ def test_an_answer_in_haste_is_for_the_run_before(session):
 
 
 def test_back_answers_anew_and_goes_on(session):
-    with toy_workbench(real_services(judging=session)) as bench:
+    with toy_workbench(real_services(judging=session)) as bench, fake_page(bench):
         panel = judge_of(bench)
         first = panel.run
         assert first is not None
@@ -140,7 +142,7 @@ def test_back_answers_anew_and_goes_on(session):
 
 
 def test_a_full_disk_is_told_and_the_run_stays(session):
-    with toy_workbench(real_services(judging=session)) as bench:
+    with toy_workbench(real_services(judging=session)) as bench, fake_page(bench):
         time.sleep(LOOK_FIRST_S)
         session.path.unlink()
         session.path.mkdir()
@@ -149,14 +151,14 @@ def test_a_full_disk_is_told_and_the_run_stays(session):
 
 
 def test_the_command_tab_takes_the_robot_and_the_judge_takes_it_back(session):
-    with toy_workbench(real_services(judging=session)) as bench:
+    with toy_workbench(real_services(judging=session)) as bench, fake_page(bench):
         panel = judge_of(bench)
         assert panel._drive.active
-        bench.robot._drive.speed = 8.0
-        bench.robot.ask("turn left")
+        mine(bench).robot._drive.speed = 8.0
+        mine(bench).robot.ask("turn left")
         assert not panel._drive.active and bench.wait_idle()
         panel.replay()
-        assert panel._drive.active and not bench.robot.driving
+        assert panel._drive.active and not mine(bench).robot.driving
 
 
 def test_the_summary_has_a_table_for_each_kind_of_errors(tmp_path):

@@ -15,7 +15,7 @@ from simaps_viz.checking.reading import Reading
 from simaps_viz.checking.recording import Recording
 from simaps_viz.checking.refine import Sight, best_fit
 from simaps_viz.checking.registration import find_offset
-from simaps_viz.checking.search import Scored, score, search
+from simaps_viz.checking.search import Scored, mirrored, score, search
 from simaps_viz.checking.timing import best_jump, best_shift, measure
 from simaps_viz.checking.units import likely_unit, positions_are_wrong, snapped_unit
 from simaps_viz.checking.views import Progress, in_views, load_views, neighbour_pairs, revisit_pairs
@@ -24,6 +24,8 @@ FIT_WORTH = 0.06
 """Relative gain of quality before a camera or a depth scale is called wrong."""
 ROUNDS = 3
 """Of looking for a shift and for a camera in turn; each may hide the other."""
+CREDIBLE = 0.4
+"""Agreement below which a reading explains nothing, however much better it is than the files' own word."""
 FEWEST_PAIRS = 10
 """For fitting, each counted in both directions; fewer fit too much."""
 MOST_PAIRS = 120
@@ -120,7 +122,10 @@ def _moving(recording: Recording, views: Views, pairs: NDArray, progress: Progre
     scored = search(recording, views, pairs)
     progress("trying conventions", 1, 1)
     reading = _unit_without_motion(recording, views, _units(recording, views, scored[0].reading))
-    return _calibrate(recording, views, pairs, reading, progress), scored
+    reading = _calibrate(recording, views, pairs, reading, progress)
+    if not mirrored(recording) and score(recording, views, pairs, reading).share < CREDIBLE:
+        return Reading(), scored  # where frames hardly overlap, chance finds something among thousands
+    return reading, scored
 
 
 def _registration(

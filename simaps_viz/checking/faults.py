@@ -186,7 +186,7 @@ def _intrinsics(recording: Recording, reading: Reading, gain: Any, views: Views)
 
 def of_level(recording: Recording, level: Level | None) -> list[Finding]:
     """Describe a wrong up or floor."""
-    if level is None:
+    if level is None or not level.held:
         text = "Up and the floor could not be checked: too little surface that faces up was seen below the cameras."
         return [Finding("level_unjudged", "note", text)]
     up = [round(float(x), 4) for x in level.up]

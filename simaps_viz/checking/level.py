@@ -23,6 +23,8 @@ ACROSS = 20
 """Normals are taken between points this share (one in so many) of the image's width apart, so that noise is small."""
 STEP = 6
 """Normals are taken at every so-manieth pixel."""
+HELD = 0.3
+"""How much less the cameras may be held along the found up than along the stated one (cosines); see `_held`."""
 MORE_LEVEL = 1.3
 """How much more surface has to be level with the found up than with the stated one before that is called wrong."""
 
@@ -40,6 +42,8 @@ class Level:
     level_stated: float | None
     """Share of surfaces that are level if the stated up is right (0-1)."""
     level_found: float
+    held: bool
+    """People could hold cameras so with the found up; else it is a wall or a ceiling, and the floor was not seen."""
     floor_error_m: float | None
     """Found height minus the stated one along the stated up; None when none is stated."""
 
@@ -48,13 +52,15 @@ class Level:
         """The stated up is wrong: far off, and fewer surfaces are level with it."""
         if self.tilt_deg is None or self.level_stated is None:
             return False
+        if not self.held:
+            return False
         slopes = self.tilt_deg > TILT_DEG or (self.tilt_deg > TILT_DEG / 3 and self._floor_far)
         return slopes and self.level_found > MORE_LEVEL * self.level_stated + 0.005
 
     @property
     def floor_wrong(self) -> bool:
         """The stated floor height is wrong, with up right."""
-        return not self.tilted and self._floor_far
+        return self.held and not self.tilted and self._floor_far
 
     def to_json(self) -> dict:
         """Give up and the floor as found."""
@@ -90,6 +96,7 @@ def find_level(
         if np.isfinite(poses[index]).all()
     ]
     stated = None if up is None else np.asarray(up, float) / np.linalg.norm(up)
+    axes = np.stack([frame.T_world_camera[:3, :3] for frame in frames]).mean(axis=0) if frames else np.eye(3)
     try:
         found, floor_m = estimate_gravity(frames)
     except InputError:
@@ -105,8 +112,19 @@ def find_level(
         tilt_deg=tilt,
         level_stated=None if stated is None else _level_share(normals, stated),
         level_found=_level_share(normals, found),
+        held=stated is None or _held(axes, found) > _held(axes, stated) - HELD,
         floor_error_m=floor_error_m,
     )
+
+
+def _held(axes: NDArray, up: NDArray) -> float:
+    """Say how well cameras are held for an up: its cosine with their mean upper, or left or right, side.
+
+    Args:
+        axes: float64 [3, 3], mean of the cameras' rotations; columns are x right, y down, z forward.
+        up: [3], unit.
+    """
+    return float(max(-axes[:, 1] @ up, abs(axes[:, 0] @ up)))
 
 
 def _floor_along(frames: list[Frame], up: NDArray, floor_height_m: float) -> float | None:

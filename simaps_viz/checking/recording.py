@@ -114,7 +114,7 @@ def _read_camera(path: Path) -> NDArray:
 
 def _lines(path: Path) -> list[tuple[int, str]]:
     try:
-        text = path.read_text(encoding="utf-8")
+        text = path.read_text(encoding="utf-8-sig")
     except OSError as error:
         raise InputError(f"{path}: expected a text file, found {error.strerror or error}") from error
     except UnicodeDecodeError as error:

@@ -23,6 +23,8 @@ POINTS_AS_ONE = 100.0
 DERIVATIVE_STEP = 3e-3
 """Wide enough that depth noise does not pass for slope."""
 LARGEST_STEP = 0.15
+LEAST_GAIN = 0.01
+"""Of quality: where frames hardly overlap, any camera gains a little by chance."""
 ROUNDING = 0.002
 """Residual that is always possible (depth in whole steps, poses of few digits)."""
 STEEPEST = 8.0
@@ -153,7 +155,7 @@ def best_fit(sight: Sight, camera: NDArray, unit_m: float, *, worth: float) -> t
     stated = quality(sight.residuals(camera, unit_m))
     start = _start(sight, camera, unit_m)
     whole = fit(sight, start, unit_m, ALL)
-    if whole.quality < stated * (1 + worth) + 1e-3:
+    if whole.quality < stated * (1 + worth) + LEAST_GAIN:
         return None
     found = {"all": whole}
     if not np.array_equal(start, camera):

@@ -36,7 +36,8 @@ def check(path: Path, *, fix: bool, picture: Path | None, progress: Progress) ->
         written = write_fixed(diagnosis)
         open_sequence(written)
         record["correction"]["written"] = str(written)
-    return diagnosis.ok, _text(diagnosis, written, fix), record
+    text = _text(diagnosis, written, fix) + (f"\n{picture}: the evidence" if picture is not None else "")
+    return diagnosis.ok, text, record
 
 
 def _text(diagnosis: Diagnosis, written: Path | None, fix: bool) -> str:

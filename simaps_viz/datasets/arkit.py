@@ -91,7 +91,9 @@ def _times(files: list[Path]) -> NDArray:
 
 
 def _lens(path: Path) -> Lens:
-    _, (width, height, fx, fy, cx, cy) = number_rows(path, 6)[0]
+    where, (width, height, fx, fy, cx, cy) = number_rows(path, 6)[0]
+    if not np.isfinite([width, height]).all():
+        raise InputError(f"{where}: expected finite numbers, found {width:g} and {height:g}")
     return Lens(pinhole(str(path), int(width), int(height), fx, fy, cx, cy))
 
 
@@ -99,8 +101,8 @@ def _trajectory(path: Path) -> tuple[NDArray, NDArray]:
     rows = number_rows(path, 7)
     poses = []
     for where, row in rows:
-        if not np.isfinite(row).all():
-            raise InputError(f"{where}: expected finite numbers, found NaN or infinity")
+        if not (np.abs(row) < 1e15).all():  # NaN is not less
+            raise InputError(f"{where}: expected finite numbers, found NaN, infinity or some far too large")
         T_camera_world = np.eye(4)
         T_camera_world[:3, :3] = cv2.Rodrigues(row[1:4])[0]
         T_camera_world[:3, 3] = row[4:]

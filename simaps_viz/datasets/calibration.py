@@ -7,6 +7,7 @@ from numpy.typing import NDArray
 
 from simaps_viz.errors import InputError
 from simaps_viz.geometry import check_rotation
+from simaps_viz.limits import MAX_FRAMES, MAX_TEXT_BYTES, check_file, check_frame_name
 from simaps_viz.structures import Intrinsics
 
 FIELD_OF_VIEW_DEG = (20.0, 150.0)
@@ -60,6 +61,9 @@ def read_poses(path: Path) -> tuple[tuple[str, ...], NDArray]:
         where = f"{path}, line {number}"
         if len(columns) != 16:
             raise InputError(f"{where}: expected a frame name and 16 numbers, found {len(columns)} after the name")
+        check_frame_name(where, name)
+        if len(seen) == MAX_FRAMES:
+            raise InputError(f"{where}: expected at most {MAX_FRAMES} frames, found more")
         if name in seen:
             raise InputError(f"{where}: expected each frame once, found {name} again (first in line {seen[name]})")
         seen[name] = number
@@ -82,7 +86,7 @@ def _pose(where: str, T_world_camera: NDArray) -> NDArray:
 
 def _check_reach(path: Path, lines: dict[str, int], positions: NDArray) -> None:
     distances = np.linalg.norm(positions - np.median(positions, axis=0), axis=1)
-    if distances.max() > REACH_M:
+    if not distances.max() <= REACH_M:  # NaN is not less
         frame = list(lines)[int(distances.argmax())]
         raise InputError(
             f"{path}, line {lines[frame]}, frame {frame}: expected a camera within {REACH_M:g} m of the others, "
@@ -92,8 +96,9 @@ def _check_reach(path: Path, lines: dict[str, int], positions: NDArray) -> None:
 
 def _lines(path: Path) -> list[tuple[int, str]]:
     """Give (line number, text) of the lines that say something."""
+    check_file(path, MAX_TEXT_BYTES, "a text file")
     try:
-        text = path.read_text(encoding="utf-8")
+        text = path.read_text(encoding="utf-8-sig")
     except OSError as error:
         raise InputError(f"{path}: expected a text file, found {error.strerror or error}") from error
     except UnicodeDecodeError as error:

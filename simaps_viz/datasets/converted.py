@@ -13,6 +13,7 @@ from simaps_viz.datasets.manifest import Manifest
 from simaps_viz.datasets.posed_frames import PosedFrames
 from simaps_viz.datasets.recording import Recording
 from simaps_viz.errors import InputError
+from simaps_viz.limits import MAX_FRAMES, check_frame_name
 from simaps_viz.structures import Frame, Segment, Segmentation
 
 
@@ -35,6 +36,10 @@ class ConvertedFrames(PosedFrames):
         self.notes = recording.notes
         self.intrinsics = recording.intrinsics
         self.manifest = _manifest(recording)
+        if len(self.frame_names) > MAX_FRAMES:
+            raise InputError(f"{self.path}: expected at most {MAX_FRAMES} frames, found {len(self.frame_names)}")
+        for name in self.frame_names:
+            check_frame_name(self.path, name)
         self._check_reach()
         self.color(0)
         self._check_depth_unit()
@@ -108,7 +113,7 @@ class ConvertedFrames(PosedFrames):
     def _check_reach(self) -> None:
         positions = self.poses[:, :3, 3]
         distances = np.linalg.norm(positions - np.median(positions, axis=0), axis=1)
-        if distances.max() > REACH_M:
+        if not distances.max() <= REACH_M:  # NaN is not less
             raise InputError(
                 f"{self.path}: frame {self.frame_names[int(distances.argmax())]}: expected a camera within "
                 f"{REACH_M:g} m of the others, found one {distances.max():.4g} m away"
@@ -140,7 +145,7 @@ def _manifest(recording: Recording) -> Manifest:
         intrinsics="intrinsics",
         poses="poses",
         up=recording.facts.up,
-        floor_height_m=None,
+        floor_height_m=recording.floor_height_m,
         segmentation=None,
         simulated=recording.simulated,
         description=f"{recording.facts.title} recording",

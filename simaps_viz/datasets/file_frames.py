@@ -1,6 +1,6 @@
 """Frames whose colour and depth lie in one file each, as most formats have them."""
 
-import json
+import os
 import re
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -9,10 +9,13 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from simaps_viz.arrays import read_npy
 from simaps_viz.datasets.images import read_color, read_depth
 from simaps_viz.datasets.lens import Lens, see_through
+from simaps_viz.datasets.manifest import shown
 from simaps_viz.datasets.segment_tables import few
 from simaps_viz.errors import InputError
+from simaps_viz.limits import MAX_ARRAY_BYTES, check_file, check_picture
 from simaps_viz.structures import Intrinsics
 
 MAX_STEP = 65535
@@ -34,7 +37,7 @@ class FileFrames:
 
     def __post_init__(self) -> None:
         for what, paths in (("colour", self.color_paths), ("depth", self.depth_paths)):
-            missing = [path for path in paths if not path.is_file()]
+            missing = [path for path in paths if not os.path.isfile(path)]  # False also for names that are too long
             if missing:
                 raise InputError(
                     f"{missing[0]}: expected a {what} file for each of {len(paths)} frames, found none for "
@@ -93,13 +96,23 @@ def depth_npy(unit_m: float = 1.0) -> Callable[[Path], NDArray]:
 
 
 def read_array(path: Path) -> NDArray:
-    """Read a NumPy file, never a pickle; raises InputError when it is missing, cut short or something else."""
+    """Read a picture in a NumPy file, never a pickle; raises InputError when it is missing, too large or damaged."""
+    check_file(path, MAX_ARRAY_BYTES, "a NumPy array")
     try:
-        return np.load(path, allow_pickle=False)
-    except OSError as error:
-        raise InputError(f"{path}: expected a NumPy array, found {error.strerror or error}") from error
-    except (ValueError, EOFError) as error:
-        raise InputError(f"{path}: expected a whole NumPy array, found a damaged or truncated file") from error
+        with path.open("rb") as file:
+            return read_npy(path, file, path.stat().st_size, check=_check_picture(path))
+    except (OSError, ValueError) as error:  # ValueError: a name with a zero byte
+        found = error.strerror if isinstance(error, OSError) else None
+        raise InputError(f"{path}: expected a NumPy array, found {found or error}") from error
+
+
+def _check_picture(path: Path) -> Callable[[tuple[int, ...], np.dtype], None]:
+    def check(shape: tuple[int, ...], dtype: np.dtype) -> None:
+        if len(shape) not in (2, 3) or dtype.kind not in "fiu" or (len(shape) == 3 and shape[2] > 4):
+            raise InputError(f"{path}: expected an image [H, W] of numbers, found {dtype.name} {list(shape)}")
+        check_picture(path, shape[1], shape[0])
+
+    return check
 
 
 def clean_depth(depth_m: NDArray) -> NDArray:
@@ -142,10 +155,14 @@ def expect_as_many(where: Path, what: str, expected: int, found: int) -> None:
 def json_number(where: str, values: object, key: str) -> float:
     """Give a number of a JSON object; raises InputError when it is not there or no number."""
     value = values.get(key) if isinstance(values, dict) else None
-    if not isinstance(value, int | float) or isinstance(value, bool) or not abs(value) < 1e300:
-        found = json.dumps(value, default=repr)[:40] if value is not None else "none"
-        raise InputError(f"{where}: {key}: expected a number, found {found}")
+    if value is None or not is_number(value):
+        raise InputError(f"{where}: {key}: expected a number, found {shown(value) if value is not None else 'none'}")
     return float(value)
+
+
+def is_number(value: object) -> bool:
+    """Tell whether a value of a JSON file is a finite number of sensible size."""
+    return isinstance(value, int | float) and not isinstance(value, bool) and abs(value) < 1e300  # NaN is not less
 
 
 def _of(lenses: Sequence[Lens], index: int) -> Lens:

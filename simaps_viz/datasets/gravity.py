@@ -1,12 +1,14 @@
 """Finds up and the floor in posed depth images, for sequences that do not say where they are.
 
-People hold cameras upright and look around, so the mean of the cameras' up axes is close to the true one; the surface
-normals near it then vote, and the lowest large plane among the surfaces that face up is the floor.
+People hold cameras upright, or on their side, and look around, so the mean of the cameras' upper, left or right sides
+is close to the true up; the surface normals near it then vote, and the lowest large plane among the surfaces that face
+up is the floor.
 """
 
 from collections.abc import Iterable
 from dataclasses import dataclass
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -16,13 +18,17 @@ from simaps_viz.structures import Frame
 
 COLUMNS = 90
 """Points taken along a row of pixels, about; rows are taken as densely."""
+MEDIAN = 5
+"""Pixels square that depth is taken over; noise of 2 % between single pixels hides which way a surface faces."""
 RANGE_M = (0.3, 6.0)
 PRIOR_CONE_DEG = 45.0
 """How far true up may lie from the mean of the cameras' up axes."""
 PRIOR_SHARE = 0.2
 """Votes that the best direction in the cone needs, as a share of the best one anywhere; else the prior is dropped."""
+ON_SIDE = 0.8
+"""Cameras whose upper sides' mean is shorter than so much of the right sides' mean are held on their side."""
 BIN_M = 0.02
-FLOOR_SHARE = 0.2
+FLOOR_SHARE = 0.17
 """Seen area that a plane needs to be the floor, as a share of the largest plane's."""
 FLOOR_BAND_M = 0.05
 BELOW_CAMERA_M = (0.2, 10.0)
@@ -67,7 +73,7 @@ def estimate_gravity(frames: Iterable[Frame], *, up: NDArray | None = None) -> t
     if up is not None:
         unit_up = np.asarray(up, dtype=np.float64) / np.linalg.norm(up)
         return unit_up, _floor_height(surface, poses, unit_up)
-    found_up = _refine_direction(surface.normals, _vote(surface.normals, -poses[:, :3, 1].mean(axis=0)))
+    found_up = _refine_direction(surface.normals, _vote(surface.normals, _priors(poses)))
     for _ in range(3):
         found_up = _fit_plane(surface, found_up, _floor_height(surface, poses, found_up))
     return found_up, _floor_height(surface, poses, found_up)
@@ -78,7 +84,8 @@ def _sample_surface(frames: list[Frame]) -> _Surface:
     for frame in frames:
         k = frame.intrinsics
         step = max(1, k.width // COLUMNS)
-        camera_points = back_project(frame.depth_m[::step, ::step], k.fx / step, k.fy / step, k.cx / step, k.cy / step)
+        depth_m = cv2.medianBlur(np.ascontiguousarray(frame.depth_m, np.float32), MEDIAN)
+        camera_points = back_project(depth_m[::step, ::step], k.fx / step, k.fy / step, k.cx / step, k.cy / step)
         right, below = camera_points[:-1, 1:], camera_points[1:, :-1]
         corner = camera_points[:-1, :-1]
         z = corner[..., 2]
@@ -95,15 +102,27 @@ def _sample_surface(frames: list[Frame]) -> _Surface:
     return _Surface(np.concatenate(points), np.concatenate(normals), np.concatenate(areas_m2))
 
 
-def _vote(normals: NDArray, prior: NDArray) -> NDArray:
-    """Give the direction of a lattice that most normals are within 10 degrees of, near the prior if one is there."""
+def _priors(poses: NDArray) -> list[NDArray]:
+    """Give the directions that may be up, [3] each, the likeliest first: means over the cameras, short if they differ.
+
+    A camera that is turned about keeps the side up that it is held by; the other sides' means shorten.
+    """
+    upper, right = -poses[:, :3, 1].mean(axis=0), poses[:, :3, 0].mean(axis=0)
+    on_side = np.linalg.norm(upper) < ON_SIDE * np.linalg.norm(right)
+    return [right, -right, upper] if on_side else [upper, right, -right]
+
+
+def _vote(normals: NDArray, priors: list[NDArray]) -> NDArray:
+    """Give the direction of a lattice that most normals are within 10 degrees of, near a prior if one is there."""
     lattice = _fibonacci_sphere(800)
     every = max(1, len(normals) // 20000)
     votes = (normals[::every] @ lattice.T > np.cos(np.deg2rad(10.0))).sum(axis=0)
-    if np.linalg.norm(prior) > 0.2:  # else the cameras disagree about it altogether
+    for prior in priors:
+        if np.linalg.norm(prior) < 0.2:  # the cameras disagree about it altogether
+            continue
         in_cone = lattice @ prior / np.linalg.norm(prior) > np.cos(np.deg2rad(PRIOR_CONE_DEG))
         if votes[in_cone].max() >= PRIOR_SHARE * votes.max():
-            votes = np.where(in_cone, votes, 0)
+            return lattice[int(np.argmax(np.where(in_cone, votes, 0)))]
     return lattice[int(np.argmax(votes))]
 
 

@@ -26,11 +26,12 @@ from simaps_viz.datasets.recording import FormatFacts, Recording, Segments
 from simaps_viz.datasets.rows import OPENCV_FROM_OPENGL, from_quaternion, number_rows
 from simaps_viz.datasets.segment_tables import WorldSegments
 from simaps_viz.errors import InputError
+from simaps_viz.limits import MAX_TEXT_BYTES, check_file
 from simaps_viz.structures import Intrinsics, Segment, Segmentation
 
 FACTS = FormatFacts(
     title="VLMaps / Habitat-Matterport",
-    recognised_by="`rgb/*.png`, `depth/*.npy`, `poses.txt`",
+    recognised_by="`rgb/*.png` (or `.jpg`), `depth/*.npy`, `poses.txt`",
     depth="`.npy`, 32-bit float",
     depth_unit_m=1.0,
     invalid="0, NaN, infinity",
@@ -64,7 +65,8 @@ def recognise(path: Path) -> bool:
 def open_recording(path: Path) -> Recording:
     """Open a folder; raises InputError for anything that is not as the format wants it."""
     depth_files, color_files = numbered(path / "depth", "*.npy"), numbered(path / "rgb", "*.png")
-    expect_as_many(path / "rgb", "colour images (*.png), one a depth array", len(depth_files), len(color_files))
+    color_files = color_files or numbered(path / "rgb", "*.jpg")
+    expect_as_many(path / "rgb", "colour images (*.png, *.jpg), one a depth array", len(depth_files), len(color_files))
     rows = number_rows(path / "poses.txt", 7)
     expect_as_many(path / "poses.txt", "poses, one a depth array", len(depth_files), len(rows))
     width, height = image_size(color_files[0])
@@ -151,12 +153,13 @@ def patches(path: Path, classes: NDArray) -> Segmentation:
 def _objects(path: Path) -> dict[int, Segment]:
     """Read lines of ``object:class,name``; object 0 is kept out, as 0 means nothing."""
     objects = {}
-    for line, text in enumerate(path.read_text(encoding="utf-8", errors="replace").splitlines(), start=1):
+    check_file(path, MAX_TEXT_BYTES, "a text file")
+    for line, text in enumerate(path.read_text(encoding="utf-8-sig", errors="replace").splitlines(), start=1):
         number, _, rest = text.partition(":")
         name = rest.partition(",")[2].strip()
         if not text.strip():
             continue
-        if not number.strip().isdigit() or not name:
+        if not number.strip().isdecimal() or len(number) > 9 or not name or name == "none" or not name.isprintable():
             raise InputError(f"{path}, line {line}: expected object:class,name, found {text[:40]!r}")
         if int(number) > 0:
             objects[int(number)] = Segment(int(number), name, 1.0, labels.is_thing(name))

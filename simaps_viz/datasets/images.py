@@ -7,10 +7,9 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from simaps_viz.datasets.image_headers import JPEG_START, PNG_START, check_header
 from simaps_viz.errors import InputError
-
-_PNG_START = b"\x89PNG\r\n\x1a\n"
-_JPEG_START = b"\xff\xd8"
+from simaps_viz.limits import MAX_IMAGE_BYTES, check_file
 
 
 def read_depth(path: Path, depth_unit_m: float) -> NDArray:
@@ -50,10 +49,12 @@ def read_ids(path: Path) -> NDArray:
 
 
 def _decode(path: Path, flags: int, *, lossless: bool = False) -> NDArray:
+    check_file(path, MAX_IMAGE_BYTES, "an image")
     try:
         data = path.read_bytes()
-    except OSError as error:
-        raise InputError(f"{path}: expected an image, found {error.strerror or error}") from error
+    except (OSError, ValueError) as error:  # ValueError: a name with a zero byte
+        found = error.strerror if isinstance(error, OSError) else None
+        raise InputError(f"{path}: expected an image, found {found or error}") from error
     return decode_image(path, data, flags, lossless=lossless)
 
 
@@ -61,13 +62,14 @@ def decode_image(where: Path | str, data: bytes, flags: int, *, lossless: bool =
     """Decode the bytes of an image file with OpenCV's flags; colours come as BGR.
 
     Raises:
-        InputError: It is damaged or no image, or a JPEG where pixel values matter (``lossless``).
+        InputError: It is damaged, too large or no image, or a JPEG where pixel values matter (``lossless``).
     """
     fault = _fault(data)
-    if lossless and data.startswith(_JPEG_START):
+    if lossless and data.startswith(JPEG_START):
         fault = "a JPEG, which does not keep pixel values (use PNG)"
     if fault:
         raise InputError(f"{where}: expected a whole image, found {fault}")
+    check_header(where, data)
     try:
         image = cv2.imdecode(np.frombuffer(data, np.uint8), flags)
     except cv2.error as error:
@@ -81,9 +83,9 @@ def _fault(data: bytes) -> str | None:
     """Say what is wrong with the bytes of an image file, or None. Costs about 1 % of decoding a PNG, 5 % of a JPEG."""
     if not data:
         return "an empty file"
-    if data.startswith(_PNG_START):
+    if data.startswith(PNG_START):
         return _png_fault(data)
-    if data.startswith(_JPEG_START):
+    if data.startswith(JPEG_START):
         return _jpeg_fault(data)
     return None
 
@@ -91,7 +93,7 @@ def _fault(data: bytes) -> str | None:
 def _png_fault(data: bytes) -> str | None:
     """Walk the chunks (PNG specification, section 5.3): length, type, content, CRC of type and content."""
     view = memoryview(data)
-    start = len(_PNG_START)
+    start = len(PNG_START)
     while start + 12 <= len(data):
         end = start + 8 + int.from_bytes(view[start : start + 4], "big")
         if end + 4 > len(data):

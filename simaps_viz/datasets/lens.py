@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from simaps_viz.datasets.calibration import FIELD_OF_VIEW_DEG
 from simaps_viz.errors import InputError
+from simaps_viz.limits import check_picture
 from simaps_viz.structures import Intrinsics
 
 
@@ -40,6 +41,7 @@ def pinhole(where: str, width: int, height: int, fx: float, fy: float, cx: float
     """
     if not np.isfinite([fx, fy, cx, cy]).all() or min(fx, fy, width, height) <= 0:
         raise InputError(f"{where}: expected a size and focal lengths over 0, found {width}x{height}, {fx:g}, {fy:g}")
+    check_picture(where, width, height)
     if not (-0.5 <= cx <= width - 0.5 and -0.5 <= cy <= height - 0.5):
         found = f"({cx:g}, {cy:g})"
         raise InputError(f"{where}: expected the principal point inside the {width}x{height} image, found {found}")

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from simaps_viz.errors import InputError
+from simaps_viz.limits import MAX_JSON_BYTES, check_file
 
 FORMAT = "posed-frames/1"
 POSE = "T_world_camera"
@@ -67,7 +68,7 @@ def read_manifest(path: Path) -> Manifest:
         InputError: It is missing, not JSON, of another format, lacks a key, or has an unknown or wrong one.
     """
     path = _manifest_path(path)
-    keys = _Table(str(path), read_json(path), _REQUIRED + _OPTIONAL, first="format")
+    keys = KeyTable(str(path), read_json(path), _REQUIRED + _OPTIONAL, first="format")
     if keys.text("format") != FORMAT:
         raise InputError(f'{path}: format: expected "{FORMAT}", found {shown(keys.values["format"])}')
     keys.check_known()
@@ -76,7 +77,7 @@ def read_manifest(path: Path) -> Manifest:
     unit = keys.number("depth_unit_m")
     if unit <= 0:
         raise InputError(f"{path}: depth_unit_m: expected metres per step, more than 0, found {shown(unit)}")
-    segmentation = _segmentation(path, keys.values["segmentation"]) if "segmentation" in keys.values else None
+    segmentation = segmentation_files(path, keys.values["segmentation"]) if "segmentation" in keys.values else None
     source = segmentation.source if segmentation else ""
     return Manifest(
         path=path,
@@ -95,23 +96,52 @@ def read_manifest(path: Path) -> Manifest:
 
 
 def read_json(path: Path) -> Any:
-    """Read a JSON file; raises InputError when it is missing, not text or not JSON."""
+    """Read a JSON file; raises InputError when it is missing, too large, not text, not JSON or has a key twice."""
+    check_file(path, MAX_JSON_BYTES, "a JSON file")
     try:
-        return json.loads(path.read_text(encoding="utf-8"))
-    except OSError as error:
-        raise InputError(f"{path}: expected a JSON file, found {error.strerror or error}") from error
+        data = path.read_bytes()
+    except (OSError, ValueError) as error:  # ValueError: a name with a zero byte
+        found = error.strerror if isinstance(error, OSError) else None
+        raise InputError(f"{path}: expected a JSON file, found {found or error}") from error
+    return parse_json(path, data)
+
+
+def parse_json(path: object, data: bytes) -> Any:
+    """Read JSON from the bytes of a file, like `read_json`; ``path`` names it in an error."""
+    try:
+        return json.loads(data.decode("utf-8-sig"), object_pairs_hook=_once)
     except UnicodeDecodeError as error:
         raise InputError(f"{path}: expected JSON, found bytes that are not UTF-8 text") from error
     except json.JSONDecodeError as error:
         raise InputError(f"{path}: expected JSON, found an error in line {error.lineno}: {error.msg}") from error
+    except _TwiceError as error:
+        raise InputError(f"{path}: expected each key once, found {error}") from error
     except (RecursionError, ValueError) as error:  # nested too deeply; a whole number of thousands of digits
         raise InputError(f"{path}: expected JSON of sensible depth and numbers, found neither") from error
 
 
 def shown(value: Any) -> str:
     """Show a value found in a file, in JSON's spelling, short enough for a message of one line."""
-    text = json.dumps(value, ensure_ascii=False, default=repr)
+    try:
+        text = json.dumps(value, ensure_ascii=False, default=repr)
+    except (RecursionError, ValueError):  # nested too deeply; a number of thousands of digits
+        text = f"{type(value).__name__} that is too long to show"
+    text = "".join(c if c.isprintable() else ascii(c)[1:-1] for c in text[:61])
     return text if len(text) <= 60 else text[:57] + "..."
+
+
+def _once(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+    """Make a JSON object; a key that comes twice is a mistake, and which of the two is meant nobody knows."""
+    values = dict(pairs)
+    if len(values) != len(pairs):
+        keys = [key for key, _ in pairs]
+        twice = next(key for key in keys if keys.count(key) > 1)
+        raise _TwiceError(f"the key {shown(twice)} twice")
+    return values
+
+
+class _TwiceError(ValueError):
+    pass
 
 
 def _manifest_path(path: Path) -> Path:
@@ -127,8 +157,9 @@ def _manifest_path(path: Path) -> Path:
     return manifest
 
 
-def _segmentation(path: Path, values: Any) -> SegmentationFiles:
-    keys = _Table(f"{path}: segmentation", values, _SEGMENTATION_KEYS, first="ids")
+def segmentation_files(path: Path, values: Any) -> SegmentationFiles:
+    """Read and check the value of the key ``segmentation``; raises InputError like ``read_manifest``."""
+    keys = KeyTable(f"{path}: segmentation", values, _SEGMENTATION_KEYS, first="ids")
     keys.check_known()
     tables = [key for key in ("segments", "instances") if key in keys.values]
     if len(tables) != 1:
@@ -144,7 +175,7 @@ def _segmentation(path: Path, values: Any) -> SegmentationFiles:
     )
 
 
-class _Table:
+class KeyTable:
     """A JSON object that is read key by key; every complaint starts with ``where``."""
 
     def __init__(self, where: str, values: Any, known: Collection[str], *, first: str) -> None:

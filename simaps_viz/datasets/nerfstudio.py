@@ -47,11 +47,15 @@ def open_recording(path: Path) -> Recording:
     if not isinstance(frames, list) or not frames:
         raise InputError(f'{file}: expected an object with a list "frames", found {shown(content)}')
     model = str(content.get("camera_model", "OPENCV")).upper()
-    if model not in PINHOLES or abs(float(content.get("k4") or 0.0)) > 0:
+    if model not in PINHOLES or json_number(str(file), {"k4": 0.0} | content, "k4"):
         raise InputError(
             f"{file}: camera_model: expected one of {', '.join(PINHOLES)} without k4, found {shown(model)}"
         )
-    frames = sorted((_merged(file, i, content, frame) for i, frame in enumerate(frames)), key=lambda f: f["file_path"])
+    frames = [_merged(file, i, content, frame) for i, frame in enumerate(frames)]
+    told = len(frames)
+    frames = sorted((f for f in frames if f["depth_file_path"] is not None), key=lambda f: f["file_path"])
+    if not frames:
+        raise InputError(f"{file}: expected depth_file_path in its frames, found none in {told}; a map needs depth")
     color_files, depth_files = _files(file, frames, "file_path"), _files(file, frames, "depth_file_path")
     unit_m = json_number(
         str(file), {"depth_unit_scale_factor": FACTS.depth_unit_m} | content, "depth_unit_scale_factor"
@@ -73,6 +77,7 @@ def open_recording(path: Path) -> Recording:
         color_file=images.color_file,
         stored=images.stored,
         depth_unit_m=unit_m if depth_files[0].suffix != ".npy" else None,
+        notes=(f"{told - len(frames)} of {told} frames have no depth: left out",) if len(frames) < told else (),
     )
 
 
@@ -84,11 +89,11 @@ def _merged(file: Path, index: int, content: dict[str, Any], frame: Any) -> dict
     """Give a frame with the keys that all frames share."""
     if not isinstance(frame, dict):
         raise InputError(f"{file}: frames: expected objects, found {shown(frame)}")
-    for key in ("file_path", "depth_file_path"):
-        if not isinstance(frame.get(key), str):
-            hint = "; a map needs depth" if key.startswith("depth") else ""
-            raise InputError(f"{file}: frame {index}: expected {key}, found {shown(frame.get(key))}{hint}")
-    return {key: value for key, value in content.items() if key != "frames"} | frame
+    depth = frame.get("depth_file_path")
+    for key, value in (("file_path", frame.get("file_path")), ("depth_file_path", "" if depth is None else depth)):
+        if not isinstance(value, str):
+            raise InputError(f"{file}: frame {index}: expected {key}, found {shown(value)}")
+    return {key: value for key, value in content.items() if key != "frames"} | {"depth_file_path": None} | frame
 
 
 def _files(file: Path, frames: list[dict[str, Any]], key: str) -> list[Path]:
@@ -101,7 +106,8 @@ def _names(frames: list[dict[str, Any]]) -> tuple[str, ...]:
 
 
 def _lens(where: str, frame: dict[str, Any], color_file: Path) -> Lens:
-    width, height = (int(frame["w"]), int(frame["h"])) if "w" in frame and "h" in frame else image_size(color_file)
+    told = "w" in frame and "h" in frame
+    width, height = (int(json_number(where, frame, key)) for key in "wh") if told else image_size(color_file)
     numbers = [json_number(where, {"fl_y": frame.get("fl_x")} | frame, key) for key in ("fl_x", "fl_y", "cx", "cy")]
     fx, fy, cx, cy = numbers
     camera = pinhole(where, width, height, fx, fy, cx - PIXEL_CENTRE, cy - PIXEL_CENTRE)

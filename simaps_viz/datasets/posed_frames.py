@@ -29,7 +29,7 @@ _SAMPLED_FOR_UNIT = 5
 _SAMPLED_FOR_GRAVITY = 40
 
 
-def open_sequence(path: Path) -> "PosedFrames":
+def open_sequence(path: Path, *, whole: bool = True) -> "PosedFrames":
     """Open a sequence and check it; recordings in other formats (docs/FORMATS.md) are recognised by their files.
 
     Read are the manifest, the calibration, the segment table, the first frame's images and a few depth images; that
@@ -38,6 +38,8 @@ def open_sequence(path: Path) -> "PosedFrames":
 
     Args:
         path: The folder, or a manifest (.json) in it; for other formats their folder or file.
+        whole: Every frame has to have its files. False: a build may skip frames, so that only the first frame has to be
+            there; of other formats than posed-frames/1 all files still have to.
 
     Raises:
         InputError: Anything is not as the format wants it; the message names the file, what was expected and found.
@@ -51,7 +53,7 @@ def open_sequence(path: Path) -> "PosedFrames":
             from simaps_viz.datasets.converted import ConvertedFrames  # noqa: PLC0415 - as above
 
             return ConvertedFrames(reader.open_recording(path))
-    return PosedFrames(read_manifest(path))
+    return PosedFrames(read_manifest(path), whole=whole)
 
 
 def is_sequence(path: Path) -> bool:
@@ -66,8 +68,10 @@ class PosedFrames:
 
     notes: tuple[str, ...] = ()
     """What of the recording was left out, in words."""
+    _whole: bool = True
 
-    def __init__(self, manifest: Manifest) -> None:
+    def __init__(self, manifest: Manifest, *, whole: bool = True) -> None:
+        self._whole = whole
         self.manifest = manifest
         self.name: str = manifest.name
         self.path: Path = manifest.path
@@ -76,7 +80,7 @@ class PosedFrames:
         self.poses: NDArray
         """float64 [n, 4, 4], ``T_world_camera``, metres."""
         self.frame_names, self.poses = read_poses(manifest.file(manifest.poses))
-        _check_files_exist(manifest, self.frame_names)
+        _check_files_exist(manifest, self.frame_names if whole else self.frame_names[:1])
         height, width = read_color(manifest.file(manifest.color, self.frame_names[0])).shape[:2]
         self.intrinsics: Intrinsics = read_intrinsics(manifest.file(manifest.intrinsics), width=width, height=height)
         self._check_depth_unit()
@@ -169,8 +173,19 @@ class PosedFrames:
         """Give indices of frames spread evenly over the sequence, the first included."""
         return sorted({int(i) for i in np.linspace(0, len(self) - 1, min(count, len(self)))})
 
+    def _read_sample(self, count: int) -> list[Frame]:
+        """Read frames spread evenly over the sequence; leaves out those that cannot be read, where that is allowed."""
+        frames = []
+        for index in self._sample(count):
+            try:
+                frames.append(self.read(index))
+            except InputError:
+                if self._whole or index == 0:
+                    raise
+        return frames
+
     def _check_depth_unit(self) -> None:
-        depths = [frame.depth_m[frame.depth_m > 0] for frame in map(self.read, self._sample(_SAMPLED_FOR_UNIT))]
+        depths = [frame.depth_m[frame.depth_m > 0] for frame in self._read_sample(_SAMPLED_FOR_UNIT)]
         valid = np.concatenate(depths)
         if not len(valid):
             pattern = self.path.parent / self.manifest.depth
@@ -189,7 +204,7 @@ class PosedFrames:
         up, floor_height_m = self.manifest.up, self.manifest.floor_height_m
         if up is not None and floor_height_m is not None:
             return map_from_world(up, floor_height_m)
-        frames = [self.read(index) for index in self._sample(_SAMPLED_FOR_GRAVITY)]
+        frames = self._read_sample(_SAMPLED_FOR_GRAVITY)
         try:
             found_up, found_floor_height_m = estimate_gravity(frames, up=None if up is None else np.array(up))
         except InputError as error:

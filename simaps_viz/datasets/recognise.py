@@ -7,6 +7,7 @@ from typing import Protocol
 from simaps_viz.datasets import (
     arkit,
     habitat,
+    lidar,
     nerfstudio,
     polycam,
     record3d,
@@ -39,6 +40,7 @@ class Reader(Protocol):
 
 READERS: tuple[ModuleType, ...] = (
     tum, seven_scenes, scannet, scannet_sens, replica, habitat, nerfstudio, arkit, record3d, polycam, rosbag, rerun_rrd,
+    lidar,
 )  # fmt: skip
 """In the order they are tried."""
 

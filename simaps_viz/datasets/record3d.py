@@ -1,7 +1,5 @@
 """Reads Record3D recordings: a ``.r3d`` file, the same unpacked, or the "EXR + JPG sequence" export."""
 
-import json
-import zipfile
 from collections.abc import Callable
 from dataclasses import dataclass
 from importlib import import_module
@@ -12,13 +10,26 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from simaps_viz.datasets.file_frames import check_size, clean_depth, expect_as_many, number_of, numbered
+from simaps_viz.datasets.archives import member, members
+from simaps_viz.datasets.exr import check_exr
+from simaps_viz.datasets.file_frames import (
+    check_size,
+    clean_depth,
+    expect_as_many,
+    is_number,
+    json_number,
+    number_of,
+    numbered,
+)
 from simaps_viz.datasets.images import decode_image, read_color
 from simaps_viz.datasets.lens import Lens, pinhole, see_through
-from simaps_viz.datasets.manifest import read_json, shown
+from simaps_viz.datasets.lzfse import lzfse_size
+from simaps_viz.datasets.manifest import parse_json, read_json, shown
 from simaps_viz.datasets.recording import FormatFacts, Recording
 from simaps_viz.datasets.rows import OPENCV_FROM_OPENGL, from_quaternion
 from simaps_viz.errors import InputError
+from simaps_viz.extras import needs_extra
+from simaps_viz.limits import MAX_IMAGE_BYTES, MAX_IMAGE_PIXELS, MAX_MEMBER_BYTES, check_file, check_picture
 
 FACTS = FormatFacts(
     title="Record3D",
@@ -111,14 +122,15 @@ def _is_exr(folder: Path) -> bool:
 
 
 def _pose(where: str, row: Any) -> NDArray:
-    if not isinstance(row, list) or len(row) != 7 or not all(isinstance(x, int | float) for x in row):
+    if not isinstance(row, list) or len(row) != 7 or not all(map(is_number, row)):
         raise InputError(f"{where}: expected seven numbers, found {shown(row)}")
     return from_quaternion(where, row[4:], row[:4]) @ OPENCV_FROM_OPENGL
 
 
 def _lenses(where: str, metadata: dict[str, Any], frames: int, size: tuple[int, int]) -> list[Lens]:
     """Read the camera of each frame, or the one for all (K, column by column); both for pictures of w x h pixels."""
-    width, height = int(metadata.get("w", size[0])), int(metadata.get("h", size[1]))
+    told = {"w": size[0], "h": size[1]} | metadata
+    width, height = (int(json_number(where, told, key)) for key in ("w", "h"))
     rows = metadata.get("perFrameIntrinsicCoeffs")
     if not isinstance(rows, list) or not rows:
         K = metadata.get("K")
@@ -128,7 +140,7 @@ def _lenses(where: str, metadata: dict[str, Any], frames: int, size: tuple[int, 
     expect_as_many(Path(where), "perFrameIntrinsicCoeffs, one a picture", frames, len(rows))
     lenses = []
     for i, row in enumerate(rows):
-        if not isinstance(row, list) or len(row) < 4 or not all(isinstance(x, int | float) for x in row):
+        if not isinstance(row, list) or len(row) < 4 or not all(map(is_number, row)):
             raise InputError(f"{where}: perFrameIntrinsicCoeffs[{i}]: expected four numbers, found {shown(row)}")
         lenses.append(Lens(pinhole(where, width, height, row[0], row[1], row[2], row[3])).scaled(*size))
     return lenses
@@ -138,7 +150,8 @@ def _depth_size(metadata: dict[str, Any], parts: _Parts) -> tuple[int, int]:
     first = parts.raw_depth(0)
     if first.ndim == 2:
         return first.shape[1], first.shape[0]
-    if isinstance(metadata.get("dw"), int) and isinstance(metadata.get("dh"), int):
+    if type(metadata.get("dw")) is int and type(metadata.get("dh")) is int:
+        check_picture(parts.metadata_path, metadata["dw"], metadata["dh"])
         return metadata["dw"], metadata["dh"]
     if first.size not in SENSORS:
         known = " or ".join(map(str, SENSORS))
@@ -148,28 +161,20 @@ def _depth_size(metadata: dict[str, Any], parts: _Parts) -> tuple[int, int]:
 
 
 def _zip_parts(path: Path) -> _Parts:
-    try:
-        with zipfile.ZipFile(path) as archive:
-            names = archive.namelist()
-            metadata = json.loads(archive.read("metadata"))
-    except (zipfile.BadZipFile, KeyError, OSError, ValueError) as error:
-        raise InputError(f"{path}: expected a Record3D archive with metadata, found {error}") from error
-    stems = sorted((n[5:-4] for n in names if n.startswith("rgbd/") and n.endswith(".jpg")), key=int)
-
-    def read(name: str) -> bytes:
-        try:
-            with zipfile.ZipFile(path) as archive:  # opened anew: threads read at once
-                return archive.read(name)
-        except (zipfile.BadZipFile, KeyError, OSError) as error:
-            raise InputError(f"{path}: expected {name} in the archive, found {error}") from error
-
-    return _lzfse_parts(path, metadata, f"{path}: metadata", stems, read)
+    names = members(path, "a Record3D archive")
+    metadata = parse_json(f"{path}: metadata", member(path, "metadata"))
+    stems = [n[5:-4] for n in names if n.startswith("rgbd/") and n.endswith(".jpg")]
+    wrong = [stem for stem in stems if not (stem.isascii() and stem.isdigit() and len(stem) < 10)]
+    if wrong:
+        raise InputError(f"{path}: expected pictures rgbd/0.jpg and so on, found {shown(wrong[0])}")
+    return _lzfse_parts(path, metadata, f"{path}: metadata", sorted(stems, key=int), lambda name: member(path, name))
 
 
 def _folder_parts(path: Path) -> _Parts:
     stems = [file.stem for file in numbered(path / "rgbd", "*.jpg")]
 
     def read(name: str) -> bytes:
+        check_file(path / name, MAX_MEMBER_BYTES, "a file a frame")
         try:
             return (path / name).read_bytes()
         except OSError as error:
@@ -190,8 +195,11 @@ def _lzfse_parts(path: Path, metadata: Any, where: str, stems: list[str], read: 
         liblzfse = _library("liblzfse", path)
 
         name = f"rgbd/{stems[index]}.depth"
+        packed = read(name)
         try:
-            return np.frombuffer(liblzfse.decompress(read(name)), dtype=np.float32)
+            if lzfse_size(packed) > 4 * MAX_IMAGE_PIXELS:
+                raise ValueError("larger than a picture")
+            return np.frombuffer(liblzfse.decompress(packed), dtype=np.float32)
         except (liblzfse.error, ValueError) as error:
             raise InputError(f"{path}: {name}: expected LZFSE floats, found a damaged or truncated file") from error
 
@@ -216,6 +224,8 @@ def _exr_parts(folder: Path) -> _Parts:
 def _read_exr(path: Path) -> NDArray:
     """Read the only channel, or the first of several equal ones."""
     OpenEXR = _library("OpenEXR", path)
+    check_file(path, MAX_IMAGE_BYTES, "an EXR image")
+    check_exr(path)
     try:
         with OpenEXR.File(str(path), separate_channels=True) as file:
             channels = file.channels()
@@ -227,9 +237,5 @@ def _read_exr(path: Path) -> NDArray:
 
 def _library(name: str, path: Path) -> Any:
     """Import what only Record3D's files need; raises InputError naming the extra to install."""
-    try:
+    with needs_extra("record3d", f"{path}: Record3D's depth"):
         return import_module(name)
-    except ImportError as error:
-        raise InputError(
-            f"{path}: expected the library {name} for Record3D's depth, found none; pip install 'simaps-viz[record3d]'"
-        ) from error

@@ -1,11 +1,14 @@
 """What a reader of a foreign format hands over: everything already in metres, OpenCV axes and camera-to-world poses."""
 
-from collections.abc import Callable, Mapping
+import struct
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 
 from numpy.typing import NDArray
 
+from simaps_viz.errors import InputError
 from simaps_viz.structures import Intrinsics, Segment, Segmentation
 
 
@@ -74,3 +77,17 @@ class Recording:
     notes: tuple[str, ...] = ()
     """What was left out, in words."""
     simulated: bool = False
+    floor_height_m: float | None = None
+    """Height of the floor along the format's up; None = estimated from the depth images."""
+
+
+@contextmanager
+def whole(path: Path, title: str) -> Iterator[None]:
+    """Turn what Python raises where a recording's contents lack something into InputError."""
+    try:
+        yield
+    except (KeyError, TypeError, IndexError, AttributeError, ArithmeticError, ValueError, struct.error) as error:
+        why = " ".join(repr(error).split())[:200]
+        raise InputError(
+            f"{path}: expected a whole {title} recording, found that it lacks something ({why})"
+        ) from error

@@ -20,7 +20,8 @@ from simaps_viz.datasets.association import nearest
 from simaps_viz.datasets.file_frames import clean_depth
 from simaps_viz.datasets.images import decode_image
 from simaps_viz.datasets.lens import Lens, pinhole, see_through
-from simaps_viz.datasets.recording import FormatFacts, Recording
+from simaps_viz.datasets.recording import FormatFacts, Recording, whole
+from simaps_viz.datasets.rerun_trial import check_readable
 from simaps_viz.datasets.rows import from_quaternion, rigid
 from simaps_viz.errors import InputError
 
@@ -56,7 +57,13 @@ def open_recording(path: Path) -> Recording:
     Raises:
         InputError: It is damaged, or lacks depth, pictures, a camera or poses that belong together.
     """
+    check_readable(path)
     _check_finished(path)
+    with whole(path, FACTS.title):
+        return _open(path)
+
+
+def _open(path: Path) -> Recording:
     found = _Contents(path)
     depth = _the_one(path, "DepthImage with times below a Pinhole", found.pictures,
                      lambda p: p.kind == "DepthImage" and found.has_pinhole(p.entity))  # fmt: skip
@@ -77,10 +84,12 @@ def open_recording(path: Path) -> Recording:
     depth_rows, color_rows = depth_order[kept], partner[kept]
 
     def read_depth(i: int) -> NDArray:
-        return see_through(_depth_m(path, depth.read(int(depth_rows[i]))), depth_lens, target, exact=True)
+        with whole(path, FACTS.title):
+            return see_through(_depth_m(path, depth.read(int(depth_rows[i]))), depth_lens, target, exact=True)
 
     def read_color(i: int) -> NDArray:
-        rgb = _rgb(path, color.read(int(color_rows[i])))
+        with whole(path, FACTS.title):
+            rgb = _rgb(path, color.read(int(color_rows[i])))
         return see_through(rgb, color_lens.scaled(rgb.shape[1], rgb.shape[0]), target, exact=False)
 
     left = len(times) - len(kept)

@@ -1,10 +1,12 @@
 """Reads recordings of robots: ROS 1 bags, ROS 2 bags (SQLite or MCAP) and ROS 2 MCAP files.
 
 Topics are chosen by what they hold: the depth images registered to colour if there are such, the colour images of the
-same camera, their CameraInfo, and poses from tf, or else from an Odometry or PoseStamped topic.
+same camera, their CameraInfo, and poses from tf, or else from an Odometry or PoseStamped topic. Where there are no
+depth images, a LiDAR's clouds (PointCloud2) take their place.
 """
 
 import threading
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -16,14 +18,14 @@ from simaps_viz.datasets import ros_messages as ros
 from simaps_viz.datasets.association import associate
 from simaps_viz.datasets.file_frames import check_size
 from simaps_viz.datasets.lens import Lens, see_through
-from simaps_viz.datasets.recording import FormatFacts, Recording
+from simaps_viz.datasets.recording import FormatFacts, Recording, whole
 from simaps_viz.datasets.ros_poses import Link, Transforms
 from simaps_viz.errors import InputError
 
 FACTS = FormatFacts(
     title="ROS bag",
     recognised_by="`*.bag` (ROS 1), a folder with `metadata.yaml` (ROS 2), `*.db3`, `*.mcap` (ROS 2 profile)",
-    depth="Image 16UC1 or 32FC1, CompressedImage 16UC1",
+    depth="Image or CompressedImage, 16UC1 or 32FC1; PointCloud2",
     depth_unit_m=ros.DEPTH_UNIT_M,
     invalid="0, NaN, infinity",
     pose="tf to the camera's optical frame; or Odometry, PoseStamped",
@@ -32,6 +34,7 @@ FACTS = FormatFacts(
 )
 
 COLOR_TOLERANCE_S = 0.02
+TF_TYPES = ("tf2_msgs/msg/TFMessage", "tf/msg/tfMessage")
 POSE_TYPES = (
     "nav_msgs/msg/Odometry",
     "geometry_msgs/msg/PoseStamped",
@@ -52,7 +55,16 @@ def open_recording(path: Path) -> Recording:
     Raises:
         InputError: It is damaged, or lacks depth, colour, a camera or poses that belong together.
     """
-    bag = _Bag(path)
+    bag = Bag(path)
+    with whole(path, FACTS.title):
+        return _open(path, bag)
+
+
+def _open(path: Path, bag: "Bag") -> Recording:
+    if bag.of_type(ros.CLOUD) and not any(ros.is_depth(bag.first(t)) for t in bag.of_type(ros.IMAGE, ros.COMPRESSED)):
+        from simaps_viz.datasets.ros_clouds import open_clouds  # noqa: PLC0415 - it builds on this module
+
+        return open_clouds(bag)
     topics = _choose_topics(bag)
     index = bag.index((topics.depth, topics.color))
     depth_times, color_times = (np.array([e.stamp_ns for e in index[t]]) for t in (topics.depth, topics.color))
@@ -61,7 +73,7 @@ def open_recording(path: Path) -> Recording:
     start = int(depth_times[0])
     seconds = [(times - start) / 1e9 for times in (depth_times, color_times)]
     pairs = associate(*seconds, tolerance_s=COLOR_TOLERANCE_S)
-    poses, known = _camera_poses(bag, topics, depth_times[pairs[:, 0]])
+    ((poses, known),) = poses_of(bag, [(topics.frame, depth_times[pairs[:, 0]])])
     if not known.any():
         raise InputError(
             f"{path}: expected depth, colour and pose of about the same time, found none among {len(depth_times)} "
@@ -72,13 +84,15 @@ def open_recording(path: Path) -> Recording:
 
     def depth(i: int) -> NDArray:
         entry = index[topics.depth][pairs[i, 0]]
-        image = ros.depth_m(f"{path}: {topics.depth}", bag.read(topics.depth, entry))
+        with whole(path, FACTS.title):
+            image = ros.depth_m(f"{path}: {topics.depth}", bag.read(topics.depth, entry))
         check_size(f"{path}: {topics.depth}", image, target)
         return see_through(image, topics.depth_lens, target, exact=True)
 
     def color(i: int) -> NDArray:
         entry = index[topics.color][pairs[i, 1]]
-        image = ros.color(f"{path}: {topics.color}", bag.read(topics.color, entry))
+        with whole(path, FACTS.title):
+            image = ros.color(f"{path}: {topics.color}", bag.read(topics.color, entry))
         return see_through(image, topics.color_lens.scaled(image.shape[1], image.shape[0]), target, exact=False)
 
     left = len(depth_times) - len(pairs)
@@ -86,7 +100,7 @@ def open_recording(path: Path) -> Recording:
         facts=FACTS,
         path=path,
         name=path.resolve().stem,
-        frame_names=tuple(f"{depth_times[i] // 10**9}.{depth_times[i] % 10**9:09d}" for i in pairs[:, 0]),
+        frame_names=tuple(time_name(int(depth_times[i])) for i in pairs[:, 0]),
         poses=poses,
         intrinsics=target,
         depth=depth,
@@ -97,30 +111,35 @@ def open_recording(path: Path) -> Recording:
     )
 
 
+def time_name(stamp_ns: int) -> str:
+    """Give a frame's name: its time, seconds."""
+    return f"{stamp_ns // 10**9}.{stamp_ns % 10**9:09d}"
+
+
 @dataclass(frozen=True)
-class _Entry:
+class Entry:
     """Where a message lies."""
 
     logged_ns: int
     stamp_ns: int
 
 
-class _Bag:
+class Bag:
     """An open bag; reading is one thread at a time, decoding is not."""
 
     def __init__(self, path: Path) -> None:
-        from rosbags.highlevel import AnyReader, AnyReaderError  # noqa: PLC0415 - only robots' recordings need it
+        from rosbags.highlevel import AnyReader  # noqa: PLC0415 - only robots' recordings need it
 
         self.path, self._lock = path, threading.Lock()
-        self._errors = (AnyReaderError, OSError, AssertionError, KeyError, ValueError, IndexError)
+        self._errors = (Exception,)  # of damaged bags rosbags, sqlite and the unpackers raise whatever comes
         self._reader = None
         try:
             self._reader = AnyReader([path])
             self._reader.open()
+            self.topics = self._reader.topics
         except Exception as error:
             self._reader = None
             raise InputError(f"{path}: expected a ROS bag, found {_one_line(error)}") from error
-        self.topics = self._reader.topics
 
     def __del__(self) -> None:
         reader = getattr(self, "_reader", None)
@@ -148,7 +167,9 @@ class _Bag:
 
     def first(self, topic: str) -> Any:
         """Decode the first message of a topic."""
-        return next(self.decoded([topic]))[1]
+        for _, message in self.decoded([topic]):
+            return message
+        raise InputError(f"{self.path}: {topic}: expected a message, found none")
 
     def decode(self, data: bytes, msgtype: str) -> Any:
         """Decode a message."""
@@ -158,15 +179,15 @@ class _Bag:
         except self._errors as error:
             raise InputError(f"{self.path}: expected a whole {msgtype}, found {_one_line(error)}") from error
 
-    def index(self, topics: tuple[str, ...]) -> dict[str, list[_Entry]]:
+    def index(self, topics: tuple[str, ...]) -> dict[str, list[Entry]]:
         """Give where the messages of topics lie, by the time in their headers."""
         assert self._reader is not None
-        found: dict[str, list[_Entry]] = {topic: [] for topic in topics}
+        found: dict[str, list[Entry]] = {topic: [] for topic in topics}
         for topic, logged_ns, data, _ in self.messages(list(topics)):
-            found[topic].append(_Entry(logged_ns, ros.raw_stamp_ns(data, ros2=self._reader.is2)))
+            found[topic].append(Entry(logged_ns, ros.raw_stamp_ns(data, ros2=self._reader.is2)))
         return {topic: sorted(entries, key=lambda e: e.stamp_ns) for topic, entries in found.items()}
 
-    def read(self, topic: str, entry: _Entry) -> Any:
+    def read(self, topic: str, entry: Entry) -> Any:
         """Read and decode one message."""
         assert self._reader is not None
         connections = self.topics[topic].connections
@@ -192,23 +213,23 @@ class _Topics:
     """Of the depth images."""
 
 
-def _choose_topics(bag: _Bag) -> _Topics:
+def _choose_topics(bag: Bag) -> _Topics:
     images = {topic: bag.first(topic) for topic in bag.of_type(ros.IMAGE, ros.COMPRESSED)}
     depths = [topic for topic, message in images.items() if ros.is_depth(message)]
     colors = [topic for topic in images if topic not in depths and not _has(topic, "infra", "confidence", "depth")]
     if not depths or not colors:
-        what = "depth images (16UC1 or 32FC1)" if not depths else "colour images"
+        what = "depth images (16UC1, 32FC1) or clouds (PointCloud2)" if not depths else "colour images"
         raise InputError(f"{bag.path}: expected a topic with {what}, found {', '.join(images) or 'no images'}")
     depth = min(
         depths, key=lambda t: (not _has(t, "aligned", "registered"), bag.topics[t].msgtype == ros.COMPRESSED, t)
     )
     color = min(colors, key=lambda t: (not _has(t, "color", "rgb"), -len(_shared(t, depth)), "raw" in t, t))
-    depth_lens = _lens(bag, depth)
-    color_lens = _lens(bag, color, otherwise=depth_lens)
+    depth_lens = lens_of(bag, depth)
+    color_lens = lens_of(bag, color, otherwise=depth_lens)
     return _Topics(depth, color, depth_lens, color_lens, images[depth].header.frame_id)
 
 
-def _lens(bag: _Bag, topic: str, otherwise: Lens | None = None) -> Lens:
+def lens_of(bag: Bag, topic: str, otherwise: Lens | None = None) -> Lens:
     """Read the CameraInfo that shares the most of the topic's name, and at least its first part."""
     infos = [info for info in bag.of_type("sensor_msgs/msg/CameraInfo") if _shared(info, topic)]
     if not infos and otherwise is not None:
@@ -219,37 +240,55 @@ def _lens(bag: _Bag, topic: str, otherwise: Lens | None = None) -> Lens:
     return ros.lens(f"{bag.path}: {info}", bag.first(info), rectified=_has(topic, "rect", "aligned", "registered"))
 
 
-def _camera_poses(bag: _Bag, topics: _Topics, times_ns: NDArray) -> tuple[NDArray, NDArray]:
-    """Give T_world_camera [n, 4, 4] at those times, and where it is known."""
-    start = int(times_ns[0]) if len(times_ns) else 0
-    times_s = (times_ns - start) / 1e9
-    transforms = Transforms()
-    for topic, message in bag.decoded([t for t in ("/tf", "/tf_static") if t in bag.topics]):
-        for entry in message.transforms:
-            where = f"{bag.path}: {topic}: {entry.child_frame_id}"
-            transforms.add(
-                entry.header.frame_id, entry.child_frame_id, (ros.stamp_ns(entry.header) - start) / 1e9,
-                ros.pose(where, entry.transform), fixed=topic == "/tf_static",
-            )  # fmt: skip
-    if transforms.moves(topics.frame):
-        return transforms.poses(topics.frame, times_s)
+def poses_of(bag: Bag, wanted: Sequence[tuple[str, NDArray]]) -> list[tuple[NDArray, NDArray]]:
+    """Give for each (frame, times in ns) T_world_frame [n, 4, 4] at those times, and where it is known.
+
+    The first frame is the camera's; what moves it decides where all poses come from.
+
+    Raises:
+        InputError: Nothing in the bag moves the camera, or a frame is in another world.
+    """
+    camera, first = wanted[0]
+    start = int(first[0]) if len(first) else 0
+    transforms = _transforms(bag, start)
+    if transforms.moves(camera):
+        roots = {transforms.chain(frame)[-1]: frame for frame, _ in wanted}
+        if len(roots) > 1:
+            frames = " and ".join(f"{frame!r} (in {root!r})" for root, frame in roots.items())
+            raise InputError(f"{bag.path}: expected transforms (/tf) between all frames, found {frames} apart")
+        return [transforms.poses(frame, (times_ns - start) / 1e9) for frame, times_ns in wanted]
     candidates = bag.of_type(*POSE_TYPES)
     if not candidates:
         raise InputError(
-            f"{bag.path}: expected transforms (/tf) that move {topics.frame!r}, or poses, found neither among "
+            f"{bag.path}: expected transforms (/tf) that move {camera!r}, or poses, found neither among "
             f"{len(bag.topics)} topics"
         )
     topic = min(candidates, key=lambda t: (not _has(t, "camera", "slam", "ground"), t))
-    return _from_poses(bag, topic, topics.frame, transforms, start, times_s)
+    return [_from_poses(bag, topic, frame, transforms, start, (times - start) / 1e9) for frame, times in wanted]
+
+
+def _transforms(bag: Bag, start_ns: int) -> Transforms:
+    transforms = Transforms()
+    topics = [t for t in bag.of_type(*TF_TYPES) if t.rpartition("/")[2] in ("tf", "tf_static")]  # of any namespace
+    for topic, message in bag.decoded(topics):
+        for entry in message.transforms:
+            where = f"{bag.path}: {topic}: {entry.child_frame_id}"
+            transforms.add(
+                entry.header.frame_id, entry.child_frame_id, (ros.stamp_ns(entry.header) - start_ns) / 1e9,
+                ros.pose(where, entry.transform), fixed=topic.endswith("tf_static"),
+            )  # fmt: skip
+    return transforms
 
 
 def _from_poses(
-    bag: _Bag, topic: str, frame: str, transforms: Transforms, start: int, times_s: NDArray
+    bag: Bag, topic: str, frame: str, transforms: Transforms, start: int, times_s: NDArray
 ) -> tuple[NDArray, NDArray]:
     """Take poses of the robot's base (Odometry) through fixed links to the camera, or of the camera itself."""
     moving, child = Link("world", fixed=False), frame
     for _, message in bag.decoded([topic]):
         inner = getattr(message.pose, "pose", message.pose)
+        if message.header.frame_id.lstrip("/") == frame.lstrip("/"):
+            return np.repeat(np.eye(4)[None], len(times_s), axis=0), np.ones(len(times_s), dtype=bool)
         moving.times_s.append((ros.stamp_ns(message.header) - start) / 1e9)
         moving.poses.append(ros.pose(f"{bag.path}: {topic}", inner))
         child = getattr(message, "child_frame_id", "") or frame

@@ -7,6 +7,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from simaps_viz.errors import InputError
 from simaps_viz.geometry import check_rotation
+from simaps_viz.limits import MAX_TEXT_BYTES, check_file
 
 OPENCV_FROM_OPENGL = np.diag([1.0, -1.0, -1.0, 1.0])
 """Half a turn about x: points with OpenGL camera axes (y up, z backward) to OpenCV's, and back."""
@@ -18,8 +19,9 @@ def words(path: Path) -> list[tuple[int, list[str]]]:
     Raises:
         InputError: The file is missing or not text.
     """
+    check_file(path, MAX_TEXT_BYTES, "a text file")
     try:
-        text = path.read_text(encoding="utf-8")
+        text = path.read_text(encoding="utf-8-sig")
     except OSError as error:
         raise InputError(f"{path}: expected a text file, found {error.strerror or error}") from error
     except UnicodeDecodeError as error:

@@ -19,7 +19,8 @@ from simaps_viz.structures import Intrinsics, Segment
 
 FACTS = FormatFacts(
     title="ScanNet (extracted)",
-    recognised_by="`color/*.jpg`, `depth/*.png`, `pose/*.txt`, `intrinsic/intrinsic_depth.txt` (also in `frames/`)",
+    recognised_by="`color/*.jpg`, `depth/*.png`, `pose/*.txt`, `intrinsic/intrinsic_depth.txt` (also in `frames/`) "
+    "or `intrinsics_depth.txt`",
     depth="16-bit PNG",
     depth_unit_m=0.001,
     invalid="0",
@@ -32,7 +33,7 @@ FACTS = FormatFacts(
 
 def recognise(path: Path) -> bool:
     """Tell from names alone whether a folder is in this format."""
-    return (_frames_folder(path) / "intrinsic" / "intrinsic_depth.txt").is_file()
+    return _camera_file(_frames_folder(path), "depth").is_file()
 
 
 def open_recording(path: Path) -> Recording:
@@ -47,8 +48,8 @@ def open_recording(path: Path) -> Recording:
     color_files = [_color_file(folder / "color", file.stem) for file in depth_files]
     read = depth_png(FACTS.depth_unit_m)
     height, width = read(depth_files[0]).shape
-    depth_lens = _lens(folder / "intrinsic" / "intrinsic_depth.txt", width, height)
-    color_lens = _lens(folder / "intrinsic" / "intrinsic_color.txt", *image_size(color_files[0]))
+    depth_lens = _lens(_camera_file(folder, "depth"), width, height)
+    color_lens = _lens(_camera_file(folder, "color"), *image_size(color_files[0]))
     files = FileFrames(color_files, depth_files, [color_lens], [depth_lens], depth_lens.intrinsics, read)
     names = tuple(file.stem for file in depth_files)
     return Recording(
@@ -87,6 +88,12 @@ def tracked_poses(where: list[str], matrices: list[NDArray]) -> tuple[list[int],
 
 def _frames_folder(path: Path) -> Path:
     return path / "frames" if (path / "frames" / "intrinsic").is_dir() else path
+
+
+def _camera_file(folder: Path, which: str) -> Path:
+    """Name a camera's file; the smaller copy of the dataset (scannet_frames_25k) has no folder for it."""
+    alone = folder / f"intrinsics_{which}.txt"
+    return alone if alone.is_file() else folder / "intrinsic" / f"intrinsic_{which}.txt"
 
 
 def _color_file(folder: Path, stem: str) -> Path:

@@ -19,10 +19,11 @@ from simaps_viz.datasets.lens import Lens, pinhole, see_through
 from simaps_viz.datasets.recording import FormatFacts, Recording
 from simaps_viz.datasets.scannet import tracked_poses
 from simaps_viz.errors import InputError
+from simaps_viz.limits import MAX_FRAMES, MAX_MEMBER_BYTES
 
 FACTS = FormatFacts(
     title="ScanNet (.sens)",
-    recognised_by="`*.sens`",
+    recognised_by="`*.sens`, or a folder with one",
     depth="16 bit, zlib or raw",
     depth_unit_m=0.001,
     invalid="0",
@@ -59,8 +60,13 @@ class _Entry:
 
 
 def recognise(path: Path) -> bool:
-    """Tell from names alone whether a file is in this format."""
-    return path.suffix == ".sens" and path.is_file()
+    """Tell from names alone whether a file is in this format, or a folder has one such file, as a scan's has."""
+    return _file(path).suffix == ".sens" and _file(path).is_file()
+
+
+def _file(path: Path) -> Path:
+    inside = list(path.glob("*.sens")) if path.is_dir() else []
+    return inside[0] if len(inside) == 1 else path
 
 
 def open_recording(path: Path) -> Recording:
@@ -70,6 +76,7 @@ def open_recording(path: Path) -> Recording:
         InputError: It is no .sens file of version 4, is cut short, or has a compression that only ScanNet's own
             program reads.
     """
+    path = _file(path)
     try:
         with path.open("rb") as file:
             header = _read_header(path, file)
@@ -127,6 +134,8 @@ def _read_header(path: Path, file: BinaryIO) -> _Header:
     color_width, color_height, depth_width, depth_height = _unpack(path, file, "<IIII")
     (steps_a_metre,) = _unpack(path, file, "<f")
     (frames,) = _unpack(path, file, "<Q")
+    if frames > MAX_FRAMES:
+        raise InputError(f"{path}: expected at most {MAX_FRAMES} frames, found {frames}")
     if color_compression not in (0, *COLOR_CODED) or depth_compression not in (DEPTH_RAW, DEPTH_ZLIB):
         raise InputError(
             f"{path}: expected colour as raw, PNG or JPEG (0-2) and depth as raw or zlib (0, 1), found "
@@ -150,7 +159,7 @@ def _read_entry(path: Path, file: BinaryIO, index: int, frames: int) -> _Entry:
         _, _, color_bytes, depth_bytes = _unpack(path, file, "<QQQQ")
         start = file.tell()
         end = start + color_bytes + depth_bytes
-        if end > file.seek(0, 2):
+        if end > file.seek(0, 2) or max(color_bytes, depth_bytes) > MAX_MEMBER_BYTES:
             raise InputError("")
         file.seek(end)
     except InputError as error:
@@ -162,7 +171,10 @@ def _depth_steps(where: str, data: bytes, header: _Header) -> NDArray:
     k = header.depth.intrinsics
     if header.depth_compression == DEPTH_ZLIB:
         try:
-            data = zlib.decompress(data)
+            machine = zlib.decompressobj()
+            data = machine.decompress(data, 2 * k.width * k.height + 1)
+            if not machine.eof:
+                raise zlib.error("cut short, or larger than a picture")
         except zlib.error as error:
             raise InputError(f"{where}: expected zlib-compressed depth, found damaged data") from error
     if len(data) != 2 * k.width * k.height:

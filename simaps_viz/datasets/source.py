@@ -1,13 +1,15 @@
 """What a build reads: frames one by one, with their segmentation, a few of them ahead of their use."""
 
 from collections import deque
-from collections.abc import Iterator
+from collections.abc import Generator, Iterator, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Protocol
 
 from numpy.typing import NDArray
 
+from simaps_viz.errors import InputError
 from simaps_viz.structures import Frame, Segmentation
 
 
@@ -76,17 +78,38 @@ READ_AHEAD = 3
 """Such batches read before they are needed; two threads read while a third maps."""
 
 
-def read_ahead(sequence: FrameSource, *, color: bool) -> Iterator[tuple[Frame, Segmentation]]:
-    """Read a sequence in order, a few frames ahead of their use, on two threads."""
+@dataclass(frozen=True, eq=False)
+class Unreadable:
+    """A frame that is missing or damaged."""
 
-    def read(first: int) -> list[tuple[Frame, Segmentation]]:
-        indices = range(first, min(first + READ_TOGETHER, len(sequence)))
-        return [(sequence.read(index, color=color), sequence.segmentation(index)) for index in indices]
+    index: int
+    error: InputError
+
+
+def read_ahead(sequence: FrameSource, *, color: bool) -> Iterator[tuple[Frame, Segmentation]]:
+    """Read a sequence in order, a few frames ahead of their use, on two threads.
+
+    Raises:
+        InputError: a frame is missing or damaged.
+    """
+    for read in read_each(sequence, range(len(sequence)), color=color):
+        if isinstance(read, Unreadable):
+            raise read.error
+        yield read
+
+
+def read_each(
+    sequence: FrameSource, indices: Sequence[int], *, color: bool
+) -> Generator[tuple[Frame, Segmentation] | Unreadable, None, None]:
+    """Read some frames of a sequence like `read_ahead`; one that cannot be read is told, not raised."""
+
+    def read(first: int) -> list[tuple[Frame, Segmentation] | Unreadable]:
+        return [_read(sequence, index, color=color) for index in indices[first : first + READ_TOGETHER]]
 
     with ThreadPoolExecutor(max_workers=2, thread_name_prefix="read") as pool:
-        waiting: deque[Future[list[tuple[Frame, Segmentation]]]] = deque()
+        waiting: deque[Future[list[tuple[Frame, Segmentation] | Unreadable]]] = deque()
         try:
-            for first in range(0, len(sequence), READ_TOGETHER):
+            for first in range(0, len(indices), READ_TOGETHER):
                 waiting.append(pool.submit(read, first))
                 if len(waiting) > READ_AHEAD:
                     yield from waiting.popleft().result()
@@ -95,3 +118,10 @@ def read_ahead(sequence: FrameSource, *, color: bool) -> Iterator[tuple[Frame, S
         finally:
             for future in waiting:
                 future.cancel()
+
+
+def _read(sequence: FrameSource, index: int, *, color: bool) -> tuple[Frame, Segmentation] | Unreadable:
+    try:
+        return sequence.read(index, color=color), sequence.segmentation(index)
+    except InputError as error:
+        return Unreadable(index, error)

@@ -1,5 +1,6 @@
 """What building a map costs, beside decoding the same images on the same two threads."""
 
+import tempfile
 from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
@@ -88,7 +89,11 @@ def bench_build(sequence: PosedFrames, *, runs: int = 5) -> Iterator[str]:
         works[f"build, {method}"] = lambda config=config: build_map(sequence, config)
     works["build, watched"] = lambda: build_map(sequence, observers=[Watcher()])
     decode_only(colored)  # from now on the files are in memory
-    costs = measure(works, runs=runs, warm=False)
+    with tempfile.TemporaryDirectory() as folder:
+        log = Path(folder) / "log"
+        works["build, logged"] = lambda: (log.unlink(missing_ok=True), build_map(sequence, log=log))
+        costs = measure(works, runs=runs, warm=False)
+        log_mb = log.stat().st_size / 1e6
     decode, frames = costs["decode"], len(sequence)
     yield f"{sequence.name}: {frames} frames; medians of {runs} runs in turn; required: at most {REQUIRED:g} x"
     yield f"  decoding depth and ids, 1.00 x = {1000 * decode.wall / frames:.2f} ms a frame on two threads"
@@ -100,6 +105,8 @@ def bench_build(sequence: PosedFrames, *, runs: int = 5) -> Iterator[str]:
         yield f"{_against(decode, build, f'{method}: the whole map')}, {1000 * build.wall / frames:.2f} ms a frame"
     watched = "evidence, watched (all three images decoded)"
     yield f"{_against(costs['decode, colour too'], costs['build, watched'], watched)}, against all three decoded"
+    logged = f"evidence with its build log ({log_mb:.1f} MB)"
+    yield f"{_against(costs['build, evidence'], costs['build, logged'], logged)}, against without; required: 1.05 x"
 
 
 def _against(decode: Cost, cost: Cost, words: str) -> str:

@@ -14,6 +14,7 @@ from typing import Any, Final, Literal, get_args
 import numpy as np
 
 from simaps_viz.errors import InputError
+from simaps_viz.limits import MAX_JSON_BYTES, check_file
 
 FORMAT: Final = "simaps-judging/1"
 Answered = Literal["yes", "no", "skip"]
@@ -142,6 +143,7 @@ def resume_session(path: Path) -> JudgingSession:
     Raises:
         InputError: it is not a session file, or a line of it is damaged (named).
     """
+    check_file(path, MAX_JSON_BYTES, "a session file")
     try:
         text = path.read_bytes().decode("utf-8", errors="replace")
     except OSError as error:
@@ -152,11 +154,12 @@ def resume_session(path: Path) -> JudgingSession:
     if not records or records[0].get("format") != FORMAT:
         raise InputError(f"{path}: expected a session file ({FORMAT}), found something else")
     runs = [{k: v for k, v in r.items() if k != "event"} for r in records if r.get("event") == "run"]
-    if len(runs) != records[0].get("runs") or any("run_id" not in run for run in runs):
+    names = [run.get(key) for run in runs for key in ("run_id", "errors", "method")]
+    if len(runs) != records[0].get("runs") or not all(isinstance(name, str) for name in names):
         raise InputError(f"{path}: expected {records[0].get('runs')} runs, found {len(runs)}")
     if torn:
         os.truncate(path, len(whole.encode("utf-8")) + 1)
-    answers = {r["run_id"]: r["answer"] for r in records if r.get("event") == "answer"}
+    answers = {str(r.get("run_id")): r["answer"] for r in records if r.get("event") == "answer"}
     return JudgingSession(path, runs, answers)
 
 
@@ -165,7 +168,10 @@ def _record(path: Path, number: int, line: str) -> dict[str, Any]:
         record = json.loads(line)
     except json.JSONDecodeError as error:
         raise InputError(f"{path}: line {number}: expected JSON, found {error.msg}") from error
+    except (ValueError, RecursionError) as error:  # a number of thousands of digits; nested too deeply
+        raise InputError(f"{path}: line {number}: expected JSON of sensible depth, found none") from error
     answered = record.get("answer") if isinstance(record, dict) else None
-    if not isinstance(record, dict) or (record.get("event") == "answer" and answered not in get_args(Answered)):
+    unknown = not isinstance(answered, str) or answered not in get_args(Answered)
+    if not isinstance(record, dict) or (record.get("event") == "answer" and unknown):
         raise InputError(f"{path}: line {number}: expected a run or an answer, found {line[:40]!r}")
     return record

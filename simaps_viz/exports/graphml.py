@@ -4,6 +4,7 @@ Written directly rather than through networkx, whose writer takes tens of second
 `networkx.read_graphml` gives back the graph of `to_networkx`.
 """
 
+import re
 from collections.abc import Iterator
 from typing import Any, Final
 from xml.sax.saxutils import escape
@@ -17,6 +18,9 @@ _KEYS: Final = {
              "instance": "int"},
     "edge": {"count": "int", "different": "int", "weight": "double"},
 }  # fmt: skip
+
+_ILLEGAL: Final = re.compile("[^\t\n\r\x20-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")
+"""What XML 1.0 cannot hold, escaped or not."""
 
 
 def graphml_bytes(simap: SIMap, label: str | None = None) -> bytes:
@@ -77,4 +81,6 @@ def _key(owner: str, name: str, kind: str) -> str:
 
 
 def _data(owner: str, known: dict[str, Any]) -> str:
-    return "".join(f'<data key="{owner}.{name}">{escape(str(value))}</data>' for name, value in known.items())
+    return "".join(
+        f'<data key="{owner}.{name}">{escape(_ILLEGAL.sub(" ", str(value)))}</data>' for name, value in known.items()
+    )

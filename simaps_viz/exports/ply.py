@@ -41,7 +41,8 @@ def _vertices(xyz_m: NDArray, rgb: NDArray, instance: NDArray | int) -> NDArray:
 
 
 def _ply(simap: SIMap, vertices: NDArray, faces: NDArray | None) -> bytes:
-    comments: Iterable[str] = (f"comment instance {one.id} {node_name(one)}" for one in simap.instances)
+    names = {one.id: " ".join(node_name(one).split()) for one in simap.instances}  # a line each
+    comments: Iterable[str] = (f"comment instance {number} {name}" for number, name in names.items())
     header = [
         "ply", "format binary_little_endian 1.0", "comment map frame: metres, x east, y north, z up", *comments,
         f"element vertex {len(vertices)}", *(f"property float {axis}" for axis in "xyz"),

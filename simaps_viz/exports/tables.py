@@ -13,11 +13,20 @@ COLUMNS: tuple[str, ...] = (
 )  # fmt: skip
 
 
+FORMULA_STARTS = ("=", "+", "-", "@", "\t", "\r")
+"""A spreadsheet would compute a text that starts so; a quote before it makes it text."""
+
+
 def csv_bytes(simap: SIMap) -> bytes:
     """Give a CSV (RFC 4180, UTF-8) with a header line and a line an instance."""
     text = io.StringIO(newline="")
     writer = csv.DictWriter(text, COLUMNS)
     writer.writeheader()
     for instance in simap.instances:
-        writer.writerow({**record(simap, instance), "outline_wkt": wkt(polygons_m(simap, instance))})
+        row = {**record(simap, instance), "outline_wkt": wkt(polygons_m(simap, instance))}
+        writer.writerow({key: _as_text(value) if isinstance(value, str) else value for key, value in row.items()})
     return text.getvalue().encode()
+
+
+def _as_text(value: str) -> str:
+    return f"'{value}" if value.startswith(FORMULA_STARTS) else value

@@ -1,16 +1,30 @@
-"""What a build has gathered so far: a window of the endless grid that grows, and the cell links."""
+"""What a build has gathered so far: sparse tiles of the endless grid, the cell links, and what each frame saw.
 
+Frames can be added here, replayed from a log, or gathered apart and merged: all of it is maxima, minima, sums and
+lists by frame, so the result is the same bit for bit. Memory follows what was seen, not how often or how far apart.
+"""
+
+from collections.abc import Sequence
+from copy import copy, deepcopy
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
+from simaps_viz.errors import InputError
+from simaps_viz.limits import MAX_CELL_INDEX, MAX_LINKED_CELL, MAX_SEGMENT_ID, check_cells
+from simaps_viz.mapping.frame_list import FrameList
 from simaps_viz.mapping.links import LinkTable
-from simaps_viz.mapping.projection import project_pixels, raise_cells
-from simaps_viz.mapping.readings import FrameReadings
-from simaps_viz.structures import Frame, Grid, GridSpec, Segmentation
+from simaps_viz.mapping.projection import project_pixels, see_cells
+from simaps_viz.mapping.readings import AllReadings, FrameReadings, StreamedReadings, gather_readings
+from simaps_viz.mapping.steps import FrameSeen, FrameStep, step_upon
+from simaps_viz.mapping.tiles import SIDE, TileStore, raise_tiles
+from simaps_viz.structures import Frame, Grid, GridSpec, Intrinsics, Segment, Segmentation
 
-_GROWTH_M = 8.0  # grow by at least this much at a time, so that growing is rare
+_WIDEST = 4.0  # a pixel's ray is taken to be at most so many times as long as its depth: 150 degrees of view
+
+Extent = tuple[int, int, int, int]
+"""Of cells counted from the map's origin: first row, first column, last row + 1, last column + 1."""
 
 
 @dataclass(frozen=True)
@@ -42,6 +56,7 @@ class MapAccumulator:
         *,
         reach_cells: int = 2,
         links: bool = True,
+        steps: bool = False,
     ) -> None:
         """Start empty.
 
@@ -51,136 +66,286 @@ class MapAccumulator:
             settings: which pixels count.
             reach_cells: link cells at most this far apart; -1 = any distance.
             links: count links at all; method evidence can do without.
+            steps: keep what is needed to tell the `step` each frame was.
         """
         self.labels, self.is_thing, self.settings, self.reach_cells = labels, is_thing, settings, reach_cells
-        self._links_wanted = links
-        self.links = LinkTable()
-        self.readings: list[FrameReadings] = []
+        self._links_wanted, self._steps_wanted = links, steps
+        self.links = LinkTable() if links else LinkTable(room=2, frame_room=2)
+        self.frames = FrameList()
+        """Ascending by index."""
+        self.step: FrameStep | None = None
+        """What the frame added last has added, where steps are wanted."""
+        self.tiles = TileStore()
         self._index_of = {name: i for i, name in enumerate(labels)}
-        self._row0 = self._col0 = self._rows = self._cols = 0
-        self._seen: tuple[int, int, int, int] | None = None  # row0, col0, row1, col1 from the origin, half open
-        self._allocate(0, 0, 0, 0)
+        self._seen: Extent | None = None
+        self._window: _Window | None = None
+
+    @property
+    def readings(self) -> Sequence[FrameReadings]:
+        """What each frame saw, frame by frame; all of it in memory."""
+        return [frame.readings for frame in self.frames]
+
+    def readings_on(self, grid: Grid) -> AllReadings:
+        """Give the readings of all frames on the map as it is now; those on disk are read as they are used."""
+        if not self.frames.all_held:
+            return StreamedReadings(self.frames, self.origin_cell, grid)
+        frames = list(self.frames)
+        return gather_readings([f.readings for f in frames], [f.segments for f in frames], self.origin_cell, grid)
 
     def add_frame(self, frame: Frame, segmentation: Segmentation, T_map_camera: NDArray) -> NDArray:
-        """Put a frame on the grid and count its links.
+        """Put a frame on the grid and count its links; frames come in the order of their indices.
 
         Returns:
             int32 [n, 2]: (row, col), counted from the map's origin, of the cells it saw.
         """
-        self._make_room(T_map_camera[:2, 3])
         s, k = self.settings, frame.intrinsics
+        window = self._window_around(T_map_camera[:2, 3], k)
         cells = np.full(frame.depth_m.shape, -1, dtype=np.int32)
         heights = np.zeros(frame.depth_m.shape, dtype=np.float32)
         project_pixels(
             frame.depth_m, k.fx, k.fy, k.cx, k.cy, np.ascontiguousarray(T_map_camera, dtype=np.float64),
             s.near_m, s.far_m, -s.below_floor_m, s.cut_height_m, s.cell_size_m,
-            self._row0, self._col0, self._rows, self._cols, cells, heights,
+            window.row0, window.col0, window.side, window.side, cells, heights,
         )  # fmt: skip
-        label_of_id, graph_label_of_id = self._tables(segmentation)
-        touched = self._touched
-        n = raise_cells(
-            cells, heights, segmentation.ids, label_of_id, s.obstacle_height_m,
-            self._label, self._top, self._lowest, self._observations,
-            self._frame_top, self._frame_segment, self._stamp, frame.index, touched,
-        )  # fmt: skip
+        label_of_id, graph_label_of_id = self._tables(segmentation.segments)
+        readings, lowered = self._raise(window, cells, heights, segmentation.ids, label_of_id)
         if self._links_wanted:
             self.links.add_frame(
                 cells, segmentation.ids, graph_label_of_id,
-                row0=self._row0, col0=self._col0, cols=self._cols, reach=self.reach_cells,
+                row0=window.row0, col0=window.col0, cols=window.side, reach=self.reach_cells,
             )  # fmt: skip
-        return self._note_readings(touched[:n])
+        seen = FrameSeen(frame.index, frame.name, T_map_camera, readings, segmentation.segments)
+        if self._steps_wanted:
+            links = self.links.last_frame() if self._links_wanted else None
+            self.step = FrameStep(seen, lowered, window.lowest[window.touched[: len(lowered)][lowered]], links)
+        self.frames.append(seen)
+        return np.stack([readings.rows, readings.cols], axis=1)
+
+    def skip_frame(self, index: int, name: str, T_map_camera: NDArray, reason: str) -> None:
+        """Note that a frame could not be read; it keeps its place but saw nothing."""
+        nothing = np.zeros(0, np.int32)
+        readings = FrameReadings(nothing, nothing, nothing, np.zeros(0, np.float32))
+        seen = FrameSeen(index, name, T_map_camera, readings, (), reason)
+        self.step = FrameStep(seen, np.zeros(0, bool), np.zeros(0, np.float32))
+        self.frames.append(seen)
+
+    def replay(self, step: FrameStep) -> None:
+        """Add what a frame added elsewhere, without looking at its pixels; frames come in the order of their indices.
+
+        Raises:
+            InputError: the map would become larger than a map may be.
+            ValueError: the step names a segment or a class that is not there.
+        """
+        seen, readings = step.seen, step.seen.readings
+        label_of_id = self._tables(seen.segments)[0]
+        if len(readings.rows):
+            if not 0 <= int(readings.segments.min()) <= int(readings.segments.max()) < len(label_of_id):
+                raise ValueError("a reading of an unknown segment")
+            self._extend(_extent_of(readings))
+        tiles, at = self.tiles, self.tiles.locate(readings.rows, readings.cols)
+        tiles.observations[at] += 1
+        higher = readings.height_m > tiles.top[at]
+        tiles.top[at[higher]] = readings.height_m[higher]
+        tiles.label[at[higher]] = label_of_id[readings.segments[higher]]
+        lowered = at[step.lowered]
+        if self._steps_wanted:
+            self.step = step_upon(step, tiles.lowest[lowered])
+        tiles.lowest[lowered] = np.minimum(tiles.lowest[lowered], step.lowest_m)
+        if step.links is not None and self._links_wanted:
+            self.links.add(step.links)
+        self.frames.append(seen)
+
+    def merge(self, other: "MapAccumulator") -> None:
+        """Add what was gathered of other frames of the same sequence, with the same settings, in any order.
+
+        Raises:
+            InputError: settings or classes differ, or a frame is in both, or the map would become too large.
+        """
+        self._check_alike(other)
+        if other._seen is not None:
+            self._extend(other._seen)
+            slots = self._slots_like(other.tiles)
+            firsts = self._first_at_ties(other, slots)
+            for theirs, mine in enumerate(slots):
+                self._merge_tile(other.tiles, theirs, mine, firsts)
+        self.links.merge(other.links)
+        self.frames.merge(other.frames)
+
+    def _check_alike(self, other: "MapAccumulator") -> None:
+        for what in ("labels", "is_thing", "settings", "reach_cells", "_links_wanted"):
+            if getattr(self, what) != getattr(other, what):
+                raise InputError(f"merge: expected parts of one build, found them to differ in {what.strip('_')}")
+        both = set(self.frames.indices) & set(other.frames.indices)
+        if both:
+            raise InputError(f"merge: expected different frames in each part, found frame {min(both)} in both")
+
+    def _slots_like(self, theirs: TileStore) -> list[int]:
+        """Give our slot of each of their tiles; makes those that are not there yet."""
+        return [int(self.tiles.slots(place, np.ones((1, 1), bool))[0, 0]) for place in theirs.slot_of]
+
+    def _first_at_ties(self, other: "MapAccumulator", slots: list[int]) -> tuple[NDArray, NDArray] | None:
+        """Find, for each cell whose top is as high in both parts, the first frame of each part that saw it so high.
+
+        Returns:
+            Ours and theirs, int64 like the flat layers of the other's tiles; None when there is no such cell.
+        """
+        tied = np.full(len(other.tiles) * SIDE * SIDE, np.nan, dtype=np.float32)
+        for theirs, mine in enumerate(slots):
+            top = other.tiles.tile("top", theirs)
+            same = (self.tiles.tile("top", mine) == top) & ~np.isinf(top)
+            tied[theirs * SIDE * SIDE : (theirs + 1) * SIDE * SIDE].reshape(SIDE, SIDE)[same] = top[same]
+        if np.isnan(tied).all():
+            return None
+        return _first_at(self.frames, other.tiles, tied), _first_at(other.frames, other.tiles, tied)
+
+    def _merge_tile(self, tiles: TileStore, theirs: int, mine: int, firsts: tuple[NDArray, NDArray] | None) -> None:
+        top, other_top = self.tiles.tile("top", mine), tiles.tile("top", theirs)
+        taken = other_top > top
+        if firsts is not None:
+            of_tile = slice(theirs * SIDE * SIDE, (theirs + 1) * SIDE * SIDE)
+            ours, others = (first[of_tile].reshape(SIDE, SIDE) for first in firsts)
+            taken |= others < ours
+        top[taken] = other_top[taken]
+        self.tiles.tile("label", mine)[taken] = tiles.tile("label", theirs)[taken]
+        lowest = self.tiles.tile("lowest", mine)
+        np.minimum(lowest, tiles.tile("lowest", theirs), out=lowest)
+        self.tiles.tile("observations", mine)[:] += tiles.tile("observations", theirs)
 
     def snapshot(self) -> Grid:
         """Copy the map as it is now, cut to what has been seen."""
         row0, col0, row1, col1 = self._seen or (0, 0, 1, 1)
-        cut = (slice(row0 - self._row0, row1 - self._row0), slice(col0 - self._col0, col1 - self._col0))
-        shape = (row1 - row0, col1 - col0)
-        size = self.settings.cell_size_m
-        spec = GridSpec(*shape, cell_size_m=size, x0_m=round(col0 * size, 9), y0_m=round(row0 * size, 9))
-        if self._seen is None:
-            nothing = np.full(shape, np.nan, dtype=np.float32)
-            zero = np.zeros(shape, dtype=np.int32)
-            return Grid(spec, self.labels, self.is_thing, zero.astype(np.int16), nothing, nothing.copy(), zero)
-        top, lowest = self._window(self._top)[cut], self._window(self._lowest)[cut]
+        shape, size = (row1 - row0, col1 - col0), self.settings.cell_size_m
+        top, lowest = (self.tiles.cut(name, row0, col0, shape, np.nan) for name in ("top", "lowest"))
+        for layer in (top, lowest):
+            layer[np.isinf(layer)] = np.nan
         return Grid(
-            spec=spec,
+            spec=GridSpec(*shape, cell_size_m=size, x0_m=round(col0 * size, 9), y0_m=round(row0 * size, 9)),
             labels=self.labels,
             is_thing=self.is_thing,
-            label=self._window(self._label)[cut].copy(),
-            height_m=np.where(np.isinf(top), np.float32(np.nan), top),
-            lowest_m=np.where(np.isinf(lowest), np.float32(np.nan), lowest),
-            observations=self._window(self._observations)[cut].copy(),
+            label=self.tiles.cut("label", row0, col0, shape, 0),
+            height_m=top,
+            lowest_m=lowest,
+            observations=self.tiles.cut("observations", row0, col0, shape, 0),
         )
+
+    def copy(self) -> "MapAccumulator":
+        """Give one that goes its own way from here."""
+        twin = copy(self)
+        twin.tiles, twin.frames, twin.links = self.tiles.copy(), self.frames.copy(), deepcopy(self.links)
+        twin._window = None
+        return twin
+
+    @property
+    def nbytes(self) -> int:
+        """Bytes of memory that a copy costs, about; it shares what the frames saw (`frames.held_bytes`)."""
+        return self.tiles.nbytes + self.links.nbytes + self.frames.nbytes
+
+    @property
+    def is_empty(self) -> bool:
+        """No cell has been seen."""
+        return self._seen is None
 
     @property
     def origin_cell(self) -> tuple[int, int]:
         """(row, col), counted from the map's origin, of cell (0, 0) of `snapshot`'s grid."""
         return (self._seen[0], self._seen[1]) if self._seen else (0, 0)
 
-    def _window(self, flat: NDArray) -> NDArray:
-        return flat.reshape(self._rows, self._cols)
-
-    def _tables(self, segmentation: Segmentation) -> tuple[NDArray, NDArray]:
+    def _tables(self, segments: tuple[Segment, ...]) -> tuple[NDArray, NDArray]:
         """Give int16 tables from segment id to class index: of all segments, and of things only (0 elsewhere)."""
-        highest = max((s.id for s in segmentation.segments), default=0)
+        highest = max((s.id for s in segments), default=0)
+        if highest > MAX_SEGMENT_ID or min((s.id for s in segments), default=1) < 1:
+            raise ValueError(f"segment ids from 1 to {MAX_SEGMENT_ID} expected")
         label_of_id = np.zeros(highest + 1, dtype=np.int16)
         graph_label_of_id = np.zeros(highest + 1, dtype=np.int16)
-        for segment in segmentation.segments:
+        for segment in segments:
             index = self._index_of[segment.label]
             label_of_id[segment.id] = index
             if self.is_thing[index]:
                 graph_label_of_id[segment.id] = index
         return label_of_id, graph_label_of_id
 
-    def _note_readings(self, touched: NDArray) -> NDArray:
-        rows = touched // self._cols + self._row0
-        cols = touched % self._cols + self._col0
-        self.readings.append(FrameReadings(rows, cols, self._frame_segment[touched], self._frame_top[touched]))
-        if len(touched):
-            seen = self._seen or (int(rows[0]), int(cols[0]), int(rows[0]), int(cols[0]))
-            self._seen = (
-                min(seen[0], int(rows.min())),
-                min(seen[1], int(cols.min())),
-                max(seen[2], int(rows.max()) + 1),
-                max(seen[3], int(cols.max()) + 1),
-            )
-        return np.stack([rows, cols], axis=1)
+    def _raise(
+        self, window: "_Window", cells: NDArray, heights: NDArray, ids: NDArray, label_of_id: NDArray
+    ) -> tuple[FrameReadings, NDArray]:
+        """Put the pixels in the window on the map; also tell which of the cells seen were lowered, bool [readings]."""
+        tiles, first, across = self.tiles, (window.row0 // SIDE, window.col0 // SIDE), window.side // SIDE
+        window.frames += 1
+        window.wanted.fill(False)
+        n, *extent = see_cells(
+            cells, heights, ids, window.side, self.settings.obstacle_height_m, tiles.known(first, across), tiles.lowest,
+            window.top, window.lowest, window.segment, window.stamp, window.frames,
+            window.touched, window.rows, window.cols, window.wanted,
+        )  # fmt: skip
+        rows, cols, segments = window.rows[:n], window.cols[:n], np.zeros(n, dtype=np.int32)
+        top_m, lowered = np.zeros(n, dtype=np.float32), np.zeros(n, dtype=np.bool_)
+        if n:
+            low_row, low_col, high_row, high_col = extent
+            row0, col0 = window.row0, window.col0
+            self._extend((low_row + row0, low_col + col0, high_row + row0, high_col + col0))
+            raise_tiles(
+                window.touched[:n], rows, cols, tiles.slots(first, window.wanted),
+                window.top, window.lowest, window.segment, label_of_id,
+                tiles.label, tiles.top, tiles.lowest, tiles.observations, segments, top_m, lowered,
+            )  # fmt: skip
+        rows, cols = rows + np.int32(window.row0), cols + np.int32(window.col0)
+        return FrameReadings(rows, cols, segments, top_m), lowered
 
-    def _make_room(self, camera_xy_m: NDArray) -> None:
-        """Grow the window until it holds everything a camera standing there can see."""
-        size, far = self.settings.cell_size_m, self.settings.far_m * 2.0  # rays are longer than depth at the corners
-        low = np.floor((camera_xy_m - far) / size).astype(int)
-        high = np.ceil((camera_xy_m + far) / size).astype(int) + 1
-        row0, col0, row1, col1 = self._row0, self._col0, self._row0 + self._rows, self._col0 + self._cols
-        if self._rows and low[1] >= row0 and low[0] >= col0 and high[1] <= row1 and high[0] <= col1:
-            return
-        step = int(np.ceil(_GROWTH_M / size))
-        if self._rows == 0:
-            row0, col0, row1, col1 = low[1], low[0], high[1], high[0]
-        else:
-            row0 = min(row0, low[1] - step) if low[1] < row0 else row0
-            col0 = min(col0, low[0] - step) if low[0] < col0 else col0
-            row1 = max(row1, high[1] + step) if high[1] > row1 else row1
-            col1 = max(col1, high[0] + step) if high[0] > col1 else col1
-        self._allocate(int(row0), int(col0), int(row1 - row0), int(col1 - col0))
+    def _extend(self, extent: Extent) -> None:
+        """Let the map reach over these cells; raises InputError, and changes nothing, if it would be too large."""
+        seen = self._seen or extent
+        low, high = np.minimum(seen[:2], extent[:2]).tolist(), np.maximum(seen[2:], extent[2:]).tolist()
+        check_cells("map", high[0] - low[0], high[1] - low[1])
+        self._seen = (*low, *high)
 
-    def _allocate(self, row0: int, col0: int, rows: int, cols: int) -> None:
-        self._label = self._moved(getattr(self, "_label", None), 0, np.int16, row0, col0, rows, cols)
-        self._top = self._moved(getattr(self, "_top", None), -np.inf, np.float32, row0, col0, rows, cols)
-        self._lowest = self._moved(getattr(self, "_lowest", None), np.inf, np.float32, row0, col0, rows, cols)
-        self._observations = self._moved(getattr(self, "_observations", None), 0, np.int32, row0, col0, rows, cols)
-        self._stamp = self._moved(getattr(self, "_stamp", None), -1, np.int32, row0, col0, rows, cols)
-        self._frame_top = np.zeros(rows * cols, dtype=np.float32)
-        self._frame_segment = np.zeros(rows * cols, dtype=np.int32)
-        self._touched = np.zeros(rows * cols, dtype=np.int32)
-        self._row0, self._col0, self._rows, self._cols = row0, col0, rows, cols
+    def _window_around(self, camera_xy_m: NDArray, k: Intrinsics) -> "_Window":
+        """Give a window that holds everything a camera standing there can see."""
+        size, far = self.settings.cell_size_m, self.settings.far_m * _ray_length(k)
+        if not bool((np.abs(camera_xy_m) + far < MAX_CELL_INDEX * size).all()):  # NaN is not less
+            most = f"{MAX_CELL_INDEX * size:g} m"
+            raise InputError(f"map: expected cameras within {most} of its origin, found {camera_xy_m.tolist()}")
+        side = (int(2.0 * far / size) // SIDE + 3) * SIDE
+        if self._window is None or self._window.side != side:
+            check_cells("what a camera can reach", side, side)
+            self._window = _Window(side)
+        col, row = np.floor((camera_xy_m - far) / size).astype(int).tolist()
+        self._window.row0, self._window.col0 = row // SIDE * SIDE, col // SIDE * SIDE
+        if self._links_wanted and max(abs(row), abs(col)) + side > MAX_LINKED_CELL:
+            most, found = f"{MAX_LINKED_CELL * size:g} m", camera_xy_m.tolist()
+            raise InputError(f"map: expected cells within {most} of its origin to be linked, found {found}")
+        return self._window
 
-    def _moved(
-        self, old: NDArray | None, empty: float, dtype: type, row0: int, col0: int, rows: int, cols: int
-    ) -> NDArray:
-        """Copy a layer of the old window to where it lies in a larger one."""
-        grown = np.full((rows, cols), empty, dtype=dtype)
-        if old is not None and self._rows:
-            top, left = self._row0 - row0, self._col0 - col0
-            grown[top : top + self._rows, left : left + self._cols] = self._window(old)
-        return grown.reshape(-1)
+
+class _Window:
+    """Room for what one frame saw, around its camera; corners are corners of tiles."""
+
+    def __init__(self, side: int) -> None:
+        self.side, self.row0, self.col0, self.frames = side, 0, 0, 0
+        self.top, self.lowest = np.zeros(side * side, np.float32), np.zeros(side * side, np.float32)
+        self.segment, self.stamp = np.zeros(side * side, np.int32), np.zeros(side * side, np.int32)
+        self.touched, self.rows, self.cols = (np.zeros(side * side, np.int32) for _ in range(3))
+        self.wanted = np.zeros((side // SIDE, side // SIDE), np.bool_)
+
+
+def _ray_length(k: Intrinsics) -> float:
+    """Give how much longer than its depth the way to a pixel can be."""
+    a = max(k.cx, k.width - 1 - k.cx) / k.fx
+    b = max(k.cy, k.height - 1 - k.cy) / k.fy
+    length = float(np.sqrt(1.0 + a * a + b * b))
+    return length if length < _WIDEST else _WIDEST
+
+
+def _extent_of(readings: FrameReadings) -> Extent:
+    rows, cols = readings.rows, readings.cols
+    return int(rows.min()), int(cols.min()), int(rows.max()) + 1, int(cols.max()) + 1
+
+
+def _first_at(frames: FrameList, tiles: TileStore, top: NDArray) -> NDArray:
+    """Give the first frame that saw each cell of some tiles as high as ``top`` (NaN = do not ask), int64 like it."""
+    first = np.full(len(top), np.iinfo(np.int64).max)
+    for frame in frames:
+        at = tiles.find(frame.readings.rows, frame.readings.cols)
+        height = frame.readings.height_m[at >= 0]
+        at = at[at >= 0]
+        hit = at[height == top[at]]
+        first[hit] = np.minimum(first[hit], frame.index)
+    return first

@@ -14,7 +14,7 @@ MIN_AFFINITY = 0.4
 """Weaker pairs do not hold a chunk together."""
 
 
-def find_communities(graph: CellGraph, *, resolution: float = 1.0, seed: int = 0) -> NDArray:
+def find_communities(graph: CellGraph, *, resolution: float = 1.0, seed: int = 0, levels: int = -1) -> NDArray:
     """Partition the cells of a class by Louvain's modularity optimisation (Blondel et al., 2008).
 
     Cells without an edge become communities of their own.
@@ -23,6 +23,8 @@ def find_communities(graph: CellGraph, *, resolution: float = 1.0, seed: int = 0
         graph: the class's graph.
         resolution: higher gives more and smaller communities.
         seed: of Louvain's random order.
+        levels: stop after so many of Louvain's levels, each of which joins the communities of the one before; -1 =
+            go on until nothing gets better.
 
     Returns:
         int32 [n], aligned with ``graph.cells``; communities are numbered from 0 by their smallest cell.
@@ -33,7 +35,8 @@ def find_communities(graph: CellGraph, *, resolution: float = 1.0, seed: int = 0
     a, b = graph.edges[:, 0], graph.edges[:, 1]
     half = sparse.coo_matrix((graph.weights, (a, b)), shape=(n, n))
     adjacency = (half + half.T).tocsr()
-    found = Louvain(resolution=resolution, random_state=seed, shuffle_nodes=False).fit_predict(adjacency)
+    louvain = Louvain(resolution=resolution, random_state=seed, shuffle_nodes=False, n_aggregations=levels)
+    found = louvain.fit_predict(adjacency)
     return renumber(np.asarray(found))
 
 
@@ -50,7 +53,7 @@ CHUNK = 200.0
 
 
 def find_chunks(
-    graphs: Sequence[CellGraph], spec: GridSpec, *, resolution: float = 1.0, seed: int = 0
+    graphs: Sequence[CellGraph], spec: GridSpec, *, resolution: float = 1.0, seed: int = 0, levels: int = -1
 ) -> list[NDArray]:
     """Partition the cells of all classes into small communities by the evidence between neighbouring cells.
 
@@ -64,6 +67,7 @@ def find_chunks(
         spec: the grid.
         resolution: higher gives smaller communities.
         seed: of Louvain's random order.
+        levels: as for `find_communities`.
 
     Returns:
         int32 [n] for each graph, aligned with its cells, each numbered from 0 by the smallest cell.
@@ -72,12 +76,12 @@ def find_chunks(
     first = np.cumsum([0, *sizes])
     rows, cols, weights = [], [], []
     for start, graph in zip(first, graphs, strict=False):
-        row, col = np.divmod(graph.cells, spec.cols)
-        a, b = graph.edges[:, 0], graph.edges[:, 1]
-        near = np.maximum(row[b] - row[a], np.abs(col[b] - col[a])) <= 1
-        near &= graph.weights > MIN_AFFINITY
-        rows.append(a[near] + start)
-        cols.append(b[near] + start)
+        strong = np.flatnonzero(graph.weights > MIN_AFFINITY)
+        ends = graph.edges[strong]
+        near = strong[_are_near(graph.cells, ends, spec.cols)]
+        a, b = graph.edges[near, 0], graph.edges[near, 1]
+        rows.append(a + np.int32(start))
+        cols.append(b + np.int32(start))
         weights.append(graph.weights[near])
     weight = np.concatenate([np.zeros(0), *weights])
     n = int(first[-1])
@@ -86,5 +90,17 @@ def find_chunks(
     half = sparse.coo_matrix((weight, (np.concatenate(rows), np.concatenate(cols))), shape=(n, n))
     adjacency = (half + half.T).tocsr()
     absolute = resolution * float(weight.sum()) / CHUNK
-    found = np.asarray(Louvain(resolution=absolute, random_state=seed, shuffle_nodes=False).fit_predict(adjacency))
+    louvain = Louvain(resolution=absolute, random_state=seed, shuffle_nodes=False, n_aggregations=levels)
+    found = np.asarray(louvain.fit_predict(adjacency))
     return [renumber(found[a:b]) for a, b in pairwise(first)]
+
+
+def _are_near(cells: NDArray, edges: NDArray, cols: int) -> NDArray:
+    """Tell which edges join 8-neighbours, bool [m]."""
+    apart = cells[edges[:, 1]] - cells[edges[:, 0]]  # at least 1
+    close = np.flatnonzero(apart <= cols + 1)
+    first_col, second_col = (cells[edges[close, end]] % cols for end in (0, 1))
+    right = second_col - first_col
+    near = np.zeros(len(edges), dtype=bool)
+    near[close] = (np.abs(right) <= 1) & (apart[close] - right <= cols)  # that is one row at most
+    return near

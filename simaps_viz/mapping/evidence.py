@@ -10,7 +10,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from simaps_viz.mapping.readings import Readings
+from simaps_viz.mapping.readings import AllReadings
 from simaps_viz.structures import CellGraph, Grid
 
 HIDES_FROM_M = 0.05
@@ -30,7 +30,7 @@ class EvidenceSettings:
     what lies apart more often than objects have holes. -1 = keep all."""
 
 
-def pair_graphs(grid: Grid, readings: Readings, settings: EvidenceSettings) -> tuple[CellGraph, ...]:
+def pair_graphs(grid: Grid, readings: AllReadings, settings: EvidenceSettings) -> tuple[CellGraph, ...]:
     """Gather the evidence of all pairs of cells, class by class.
 
     Args:
@@ -47,14 +47,16 @@ def pair_graphs(grid: Grid, readings: Readings, settings: EvidenceSettings) -> t
     thing_cells = np.flatnonzero(things[label])
     number = np.full(label.size, -1, dtype=np.int32)
     number[thing_cells] = np.arange(len(thing_cells), dtype=np.int32)
-    kept = (readings.segment > 0) & (readings.label == label[readings.cell]) & (number[readings.cell] >= 0)
     steps = pair_steps(settings.ranges)
     same = np.zeros((len(thing_cells), len(steps)), dtype=np.int32)
     different = np.zeros_like(same)
-    count_pairs(
-        readings.cell[kept], readings.frame[kept], readings.segment[kept], label, number,
-        grid.spec.rows, grid.spec.cols, steps, same, different,
-    )  # fmt: skip
+    last = np.full(len(thing_cells), -1, dtype=np.int32), np.zeros(len(thing_cells), dtype=np.int32)
+    for part in readings.batches():
+        kept = (part.segment > 0) & (part.label == label[part.cell]) & (number[part.cell] >= 0)
+        count_pairs(
+            part.cell[kept], part.frame[kept], part.segment[kept], label, number,
+            grid.spec.rows, grid.spec.cols, steps, *last, same, different,
+        )  # fmt: skip
     if settings.gap_cells >= 0:
         top = np.nan_to_num(grid.height_m.reshape(-1), nan=np.inf)
         opaque = things.copy()
@@ -82,21 +84,22 @@ def count_pairs(
     rows: int,
     cols: int,
     steps: NDArray,  # int32 [s, 2]
+    seen: NDArray,  # in/out int32 [n], frame that saw the cell last, -1 = none
+    seen_as: NDArray,  # in/out int32 [n], and in which segment
     same: NDArray,  # in/out int32 [n, s]
     different: NDArray,  # in/out int32 [n, s]
 ) -> None:
     """Count, frame by frame, the pairs of cells of one class seen in one segment and in two."""
-    seen = np.full(label.size, -1, dtype=np.int32)  # frame that saw the cell last
-    seen_as = np.zeros(label.size, dtype=np.int32)
     begin = 0
     while begin < len(cell):
         end = begin
         while end < len(cell) and frame[end] == frame[begin]:
-            seen[cell[end]] = frame[end]
-            seen_as[cell[end]] = segment[end]
+            seen[number[cell[end]]] = frame[end]
+            seen_as[number[cell[end]]] = segment[end]
             end += 1
         for i in range(begin, end):
             c = cell[i]
+            mine = number[c]
             row = c // cols
             col = c - row * cols
             for s in range(len(steps)):
@@ -104,12 +107,13 @@ def count_pairs(
                 if other_row >= rows or other_col < 0 or other_col >= cols:
                     continue
                 other = other_row * cols + other_col
-                if seen[other] != frame[i] or label[other] != label[c]:
+                its = number[other]
+                if its < 0 or seen[its] != frame[i] or label[other] != label[c]:
                     continue
-                if seen_as[other] == segment[i]:
-                    same[number[c], s] += 1
+                if seen_as[its] == segment[i]:
+                    same[mine, s] += 1
                 else:
-                    different[number[c], s] += 1
+                    different[mine, s] += 1
         begin = end
 
 
@@ -140,27 +144,40 @@ def _drop_open_pairs(thing_cells, label, top, opaque, cols, steps, gap_cells, sa
 def _graphs(
     grid: Grid, label: NDArray, thing_cells: NDArray, number: NDArray, steps: NDArray, same: NDArray, different: NDArray
 ) -> tuple[CellGraph, ...]:
-    """Turn the table of pairs into one graph for each class."""
+    """Turn the table of pairs into one graph for each class, class by class: the graphs are most of a map's memory."""
     order = np.argsort(steps[:, 0] * grid.spec.cols + steps[:, 1], kind="stable")  # edges come out sorted
-    steps, same, different = steps[order], same[:, order], different[:, order]
-    first, step = np.nonzero(same + different)
-    second = number[thing_cells[first] + steps[step, 0] * grid.spec.cols + steps[step, 1]]
-    counts, against = same[first, step].astype(np.int64), different[first, step].astype(np.int64)
+    ahead = (steps[:, 0] * grid.spec.cols + steps[:, 1]).astype(np.int64)
     cell_label = label[thing_cells]
-    by_class = np.argsort(cell_label, kind="stable")  # cells, and edges, stay in their order within a class
-    edge_by_class = np.argsort(cell_label[first], kind="stable")
+    by_class = np.argsort(cell_label, kind="stable").astype(np.int32)  # cells stay in their order within a class
     found = np.unique(cell_label)
-    cell_cuts = np.searchsorted(cell_label[by_class], [*found, len(grid.labels)])
-    edge_cuts = np.searchsorted(cell_label[first][edge_by_class], [*found, len(grid.labels)])
+    cuts = np.searchsorted(cell_label[by_class], [*found, len(grid.labels)])
     position = np.zeros(len(thing_cells), dtype=np.int32)  # of a cell in its class
-    position[by_class] = np.arange(len(thing_cells)) - np.repeat(cell_cuts[:-1], np.diff(cell_cuts))
-    ends = np.stack([position[first], position[second]], axis=1)
+    position[by_class] = np.arange(len(thing_cells)) - np.repeat(cuts[:-1], np.diff(cuts))
     graphs = []
     for i, index in enumerate(found.tolist()):
-        members = thing_cells[by_class[cell_cuts[i] : cell_cuts[i + 1]]]
-        edges = edge_by_class[edge_cuts[i] : edge_cuts[i + 1]]
-        graphs.append(affine(index, members, ends[edges], counts[edges], against[edges]))
+        members = by_class[cuts[i] : cuts[i + 1]]
+        edges, counts, against = _edges(members, thing_cells, number, position, order, ahead, same, different)
+        graphs.append(affine(index, thing_cells[members], edges, counts, against))
     return tuple(graphs)
+
+
+@njit(cache=True, nogil=True)
+def _edges(members, thing_cells, number, position, order, ahead, same, different):
+    """Give the edges of one class: positions int32 [m, 2], and same and different int64 [m]."""
+    size = 0
+    for i in members:
+        for s in order:
+            size += same[i, s] + different[i, s] > 0
+    edges = np.zeros((size, 2), dtype=np.int32)
+    counts, against = np.zeros(size, dtype=np.int64), np.zeros(size, dtype=np.int64)
+    n = 0
+    for i in members:
+        for s in order:
+            if same[i, s] + different[i, s] > 0:
+                edges[n, 0], edges[n, 1] = position[i], position[number[thing_cells[i] + ahead[s]]]
+                counts[n], against[n] = same[i, s], different[i, s]
+                n += 1
+    return edges, counts, against
 
 
 def affine(label: int, cells: NDArray, edges: NDArray, same: NDArray, different: NDArray) -> CellGraph:

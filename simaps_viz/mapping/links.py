@@ -1,5 +1,7 @@
 """Counting cell pairs: an append-only table of (class, cell, cell) with a count, filled pixel pair by pixel pair."""
 
+from dataclasses import dataclass
+
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
@@ -111,40 +113,79 @@ def _rehash(slots, keys, labels, size):
         slots[at] = entry
 
 
+@njit(cache=True, nogil=True)
+def _add_entries(new_keys, new_labels, new_counts, slots, keys, labels, counts, size):
+    mask = slots.shape[0] - 1
+    for i in range(len(new_keys)):
+        entry = _find_or_add(new_keys[i], new_labels[i], slots, mask, keys, labels, counts, size)
+        if entry == size:
+            size += 1
+        counts[entry] += new_counts[i]
+    return size
+
+
+@dataclass(frozen=True, eq=False)
+class Links:
+    """Counted cell pairs. All arrays aligned."""
+
+    cells: NDArray
+    """int32 [n, 4]: (row_a, col_a, row_b, col_b) counted from the map's origin."""
+    labels: NDArray
+    """int16 [n], class index."""
+    counts: NDArray
+    """int64 [n]."""
+
+
 class LinkTable:
     """Counts of cell pairs by class; entries keep the order in which they were first seen."""
 
-    def __init__(self) -> None:
-        self.size = 0
-        self._slots = np.full(1 << 18, -1, dtype=np.int32)
-        self._keys = np.zeros(1 << 17, dtype=np.uint64)
-        self._labels = np.zeros(1 << 17, dtype=np.int16)
-        self._counts = np.zeros(1 << 17, dtype=np.int64)
+    def __init__(self, *, room: int = 1 << 17, frame_room: int = 1 << 13) -> None:
+        """Start empty, with room for so many entries at first; both grow when needed."""
+        self._all, self._frame = _Table(room), _Table(frame_room)
 
-    def _grow(self, room: int) -> None:
-        """Make room for that many entries; at most half of the slots are ever used."""
-        for name in ("_keys", "_labels", "_counts"):
-            old = getattr(self, name)
-            grown = np.zeros(room, dtype=old.dtype)
-            grown[: self.size] = old[: self.size]
-            setattr(self, name, grown)
-        slots = 1 << (2 * room - 1).bit_length()
-        self._slots = np.full(slots, -1, dtype=np.int32)
-        _rehash(self._slots, self._keys, self._labels, self.size)
+    @property
+    def size(self) -> int:
+        """Number of entries."""
+        return self._all.size
+
+    @property
+    def nbytes(self) -> int:
+        """Bytes of memory."""
+        return self._all.nbytes + self._frame.nbytes
 
     def add_frame(
         self, cells: NDArray, ids: NDArray, graph_label_of_id: NDArray, *, row0: int, col0: int, cols: int, reach: int
     ) -> None:
         """Count the links of one frame; see `count_links`."""
+        frame = self._frame  # counted apart: it fits the processor's cache, and `last_frame` tells it alone
+        frame.clear()
         row = 0
         while True:
-            self.size, row = count_links(
+            frame.size, row = count_links(
                 cells, ids, graph_label_of_id, row0, col0, cols, reach,
-                self._slots, self._keys, self._labels, self._counts, self.size, row,
+                frame.slots, frame.keys, frame.labels, frame.counts, frame.size, row,
             )  # fmt: skip
             if row == len(cells):
-                return
-            self._grow(max(2 * len(self._keys), self.size + 4 * cells.shape[1]))
+                break
+            frame.grow(max(2 * len(frame.keys), frame.size + 4 * cells.shape[1]))
+        self._all.add(frame.keys[: frame.size], frame.labels[: frame.size], frame.counts[: frame.size])
+
+    def last_frame(self) -> Links:
+        """Give the links of the frame added last, in the order it met them. Copies."""
+        return _links(self._frame, 0)
+
+    def add(self, links: Links) -> None:
+        """Add links counted elsewhere."""
+        halves = [
+            ((row.astype(np.int64) + _HALF) << 16 | (col.astype(np.int64) + _HALF)).astype(np.uint64)
+            for row, col in (links.cells[:, :2].T, links.cells[:, 2:].T)
+        ]
+        self._all.add(halves[0] << np.uint64(32) | halves[1], links.labels, links.counts)
+
+    def merge(self, other: "LinkTable") -> None:
+        """Add the counts of another table."""
+        theirs = other._all
+        self._all.add(theirs.keys[: theirs.size], theirs.labels[: theirs.size], theirs.counts[: theirs.size])
 
     def entries(self, start: int = 0) -> tuple[NDArray, NDArray, NDArray]:
         """Give the entries from ``start`` on.
@@ -153,10 +194,50 @@ class LinkTable:
             cells int32 [n, 4]: (row_a, col_a, row_b, col_b) counted from the map's origin; labels int16 [n];
             counts int64 [n]. Copies.
         """
-        keys = self._keys[start : self.size]
-        parts = [((keys >> np.uint64(shift)) & np.uint64(0xFFFF)).astype(np.int32) - _HALF for shift in (48, 32, 16, 0)]
-        return (
-            np.stack(parts, axis=1) if len(keys) else np.zeros((0, 4), np.int32),
-            self._labels[start : self.size].copy(),
-            self._counts[start : self.size].copy(),
-        )
+        links = _links(self._all, start)
+        return links.cells, links.labels, links.counts
+
+
+class _Table:
+    """Entries in the order they came, and slots to find them again; at most half of the slots are ever used."""
+
+    def __init__(self, room: int) -> None:
+        self.size = 0
+        self.slots = np.full(2 * room, -1, dtype=np.int32)
+        self.keys = np.zeros(room, dtype=np.uint64)
+        self.labels = np.zeros(room, dtype=np.int16)
+        self.counts = np.zeros(room, dtype=np.int64)
+
+    @property
+    def nbytes(self) -> int:
+        return self.slots.nbytes + self.keys.nbytes + self.labels.nbytes + self.counts.nbytes
+
+    def clear(self) -> None:
+        self.size = 0
+        self.slots.fill(-1)
+
+    def grow(self, room: int) -> None:
+        """Make room for that many entries."""
+        for name in ("keys", "labels", "counts"):
+            old = getattr(self, name)
+            grown = np.zeros(room, dtype=old.dtype)
+            grown[: self.size] = old[: self.size]
+            setattr(self, name, grown)
+        self.slots = np.full(1 << (2 * room - 1).bit_length(), -1, dtype=np.int32)
+        _rehash(self.slots, self.keys, self.labels, self.size)
+
+    def add(self, keys: NDArray, labels: NDArray, counts: NDArray) -> None:
+        """Add counted pairs."""
+        if self.size + len(keys) > len(self.keys):
+            self.grow(max(2 * len(self.keys), self.size + len(keys)))
+        self.size = _add_entries(keys, labels, counts, self.slots, self.keys, self.labels, self.counts, self.size)
+
+
+def _links(table: _Table, start: int) -> Links:
+    keys = table.keys[start : table.size]
+    parts = [((keys >> np.uint64(shift)) & np.uint64(0xFFFF)).astype(np.int32) - _HALF for shift in (48, 32, 16, 0)]
+    return Links(
+        np.stack(parts, axis=1) if len(keys) else np.zeros((0, 4), np.int32),
+        table.labels[start : table.size].copy(),
+        table.counts[start : table.size].copy(),
+    )

@@ -4,7 +4,6 @@ import io
 import json
 import os
 import tempfile
-import zipfile
 from collections.abc import Mapping
 from dataclasses import asdict
 from pathlib import Path
@@ -13,10 +12,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from simaps_viz.arrays import Check, read_npz
 from simaps_viz.errors import InputError
 from simaps_viz.files import write_whole
+from simaps_viz.limits import MAX_ARRAY_BYTES, MAX_FRAMES, MAX_JSON_BYTES, check_cells
 from simaps_viz.mapping.evidence import affine
 from simaps_viz.mapping.graph import weighted
+from simaps_viz.mapping.map_contents import check_arrays, check_instances, check_metadata
 from simaps_viz.structures import CellGraph, Grid, GridSpec, Instance, MergeLog, SIMap, Views
 
 FORMAT = "simap/1"
@@ -104,27 +106,47 @@ def load_map(path: Path) -> SIMap:
     path = Path(path)
     if not path.is_file():
         raise InputError(f"{path}: expected a map file ({FORMAT}), found {'a folder' if path.is_dir() else 'nothing'}")
-    try:
-        with path.open("rb") as file, np.load(file, allow_pickle=False) as archive:
-            data = {name: archive[name] for name in archive.files}
-    except (OSError, ValueError, zipfile.BadZipFile, EOFError) as error:
-        raise InputError(f"{path}: expected a whole {FORMAT} file, found a damaged or foreign one ({error})") from error
+    return map_in(path, read_npz(path, {n: _check_of(path, n) for n in ("metadata", *_ARRAYS)}, what=f"{FORMAT} file"))
+
+
+def map_in(path: Path, data: Mapping[str, NDArray]) -> SIMap:
+    """Make the map of a file's arrays; raises InputError, naming the file, when they do not fit together."""
     meta = _read_metadata(path, data)
     _check_arrays(path, data)
     try:
+        check_metadata(meta)
+        check_arrays(meta, data)
+        check_instances(meta, data["instance"], data["label"])
         return _rebuild(meta, data)
-    except (KeyError, TypeError, ValueError, IndexError) as error:
-        raise InputError(f"{path}: expected consistent {FORMAT} contents, found otherwise ({error!r})") from error
+    except (KeyError, TypeError, ValueError, IndexError, OverflowError, AttributeError, InputError) as error:
+        why = " ".join(repr(error).split())[:200]
+        raise InputError(f"{path}: expected consistent {FORMAT} contents, found otherwise ({why})") from error
+
+
+def _check_of(path: Path, name: str) -> Check:
+    """Give what an array of that name is checked for before it is read."""
+
+    def check(shape: tuple[int, ...], dtype: np.dtype) -> None:
+        wanted, axes = _ARRAYS.get(name, (np.str_, 0))
+        if len(shape) != axes or (dtype.kind != "U" if name == "metadata" else dtype != wanted):
+            kind = f"{np.dtype(wanted).name} with {axes} axes"
+            raise InputError(f"{path}: {name}: expected {kind}, found {dtype} {list(shape)}")
+        if axes == 2:
+            check_cells(path, *shape)
+        if (axes == 3 and shape[0] > MAX_FRAMES) or (axes == 0 and dtype.itemsize > 4 * MAX_JSON_BYTES):
+            raise InputError(f"{path}: {name}: expected less than {MAX_ARRAY_BYTES} bytes, found {dtype} {list(shape)}")
+
+    return check
 
 
 def _read_metadata(path: Path, data: Mapping[str, NDArray]) -> dict[str, Any]:
     try:
         meta = json.loads(str(data["metadata"]))
         found = meta["format"]
-    except (KeyError, TypeError, ValueError) as error:
+    except (KeyError, TypeError, ValueError, RecursionError) as error:
         raise InputError(f"{path}: expected JSON metadata of format {FORMAT}, found none") from error
     if found != FORMAT:
-        raise InputError(f"{path}: expected format {FORMAT}, found {found!r}")
+        raise InputError(f"{path}: expected format {FORMAT}, found {repr(found)[:60]}")
     return meta
 
 
@@ -153,10 +175,6 @@ def _rebuild(meta: Mapping[str, Any], data: Mapping[str, NDArray]) -> SIMap:
         lowest_m=data["lowest"],
         observations=data["observations"],
     )
-    if data["label"].size and not 0 <= int(data["label"].min()) <= int(data["label"].max()) < len(grid.labels):
-        raise ValueError("label out of range")
-    if data["community"].size and int(data["community"].min()) < 0:
-        raise ValueError("community out of range")
     return SIMap(
         grid=grid,
         instance=data["instance"],
@@ -201,6 +219,8 @@ def _rebuild_graphs(grid: Grid, data: Mapping[str, NDArray], *, evidence: bool) 
         at = np.searchsorted(cells, ends)
         if len(ends) and (at.max() >= len(cells) or not np.array_equal(cells[at], ends)):
             raise ValueError(f"edges of class {label} leave its cells")
+        if len(ends) and (ends[:, 0] >= ends[:, 1]).any():
+            raise ValueError(f"edges of class {label} that lead backwards")
         counts, different = data["edge_count"][span], data["edge_different"][span]
         at = at.astype(np.int32)
         graphs.append(

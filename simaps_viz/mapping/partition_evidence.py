@@ -34,19 +34,15 @@ def partition_evidence(
     sizes = [int(chunk.max(initial=-1)) + 1 for chunk in chunks]
     first = np.cumsum([0, *sizes])
     numbered = np.concatenate([chunk + start for chunk, start in zip(chunks, first, strict=False)])
-    starts = np.cumsum([0, *(len(graph.cells) for graph in graphs)])
-    edges = np.concatenate([graph.edges + start for graph, start in zip(graphs, starts, strict=False)])
-    same = np.concatenate([graph.counts for graph in graphs])
-    different = np.concatenate([graph.different for graph in graphs])
-    touching = np.concatenate(
-        [touching_pairs(graph.cells, grid.spec) + start for graph, start in zip(graphs, starts, strict=False)]
-    )
+    starts = np.cumsum([0, *(len(graph.cells) for graph in graphs)]).astype(np.int32)
+    parts = [_across(*part, grid.spec) for part in zip(graphs, chunks, starts, strict=False)]
+    edges, same, different, touching = (np.concatenate([part[i] for part in parts]) for i in range(4))
     source, target, affinity = pool(
         numbered.astype(np.int32),
-        edges.astype(np.int32),
+        edges,
         same,
         different,
-        touching.astype(np.int32),
+        touching,
         settings or PoolSettings(),
     )
     for graph, chunk, start in zip(graphs, chunks, first, strict=False):
@@ -55,6 +51,16 @@ def partition_evidence(
     order = np.argsort(label_of[source], kind="stable")
     log = MergeLog(label_of[source[order]], source[order] + 1, target[order] + 1, affinity[order])
     return community.reshape(grid.spec.shape), log
+
+
+def _across(
+    graph: CellGraph, chunk: NDArray, start: np.int32, spec: GridSpec
+) -> tuple[NDArray, NDArray, NDArray, NDArray]:
+    """Give the edges between chunks with their evidence, and the touching pairs; only these have a say in pooling."""
+    edges, touching = graph.edges, touching_pairs(graph.cells, spec)
+    kept = chunk[edges[:, 0]] != chunk[edges[:, 1]]
+    touching = touching[chunk[touching[:, 0]] != chunk[touching[:, 1]]]
+    return edges[kept] + start, graph.counts[kept], graph.different[kept], touching + start
 
 
 def touching_pairs(cells: NDArray, spec: GridSpec) -> NDArray:

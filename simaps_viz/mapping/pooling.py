@@ -50,7 +50,8 @@ def _between(
 ) -> tuple[NDArray, NDArray, NDArray, NDArray, NDArray]:
     """Sum up the evidence between every two communities; float64 sums are exact for whole numbers."""
     n = int(community.max(initial=-1)) + 1
-    return _sum_up(n, community, edges, same.astype(np.int64), different.astype(np.int64), touching)
+    same, different = (counts.astype(np.int64, copy=False) for counts in (same, different))
+    return _sum_up(n, community, edges, same, different, touching)
 
 
 @njit(cache=True, nogil=True)

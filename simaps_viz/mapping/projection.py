@@ -1,7 +1,7 @@
 """Pixels to cells: back-project every pixel, and let the highest one name its cell.
 
-The kernels work on flat arrays of a *window* of the endless grid whose cell (0, 0) touches the map frame's origin;
-`accumulator.py` owns the window and lets it grow.
+The kernels work on flat arrays of a *window* of the endless grid: what one camera can reach. `accumulator.py` places
+it; the map itself lies in tiles (`tiles.py`).
 """
 
 import math
@@ -9,6 +9,8 @@ import math
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
+
+from simaps_viz.mapping.tiles import lowest_so_far
 
 NO_CELL = -1
 
@@ -65,27 +67,34 @@ def project_pixels(
 
 
 @njit(cache=True, nogil=True)
-def raise_cells(
+def see_cells(
     cells: NDArray,  # int32 [H, W]
     heights: NDArray,  # float32 [H, W]
     ids: NDArray,  # int32 [H, W]
-    label_of_id: NDArray,  # int16 [max id + 1]
+    cols: int,
     obstacle_m: float,
-    label: NDArray,  # in/out int16 [n]
-    top: NDArray,  # in/out float32 [n], -inf = never seen
-    lowest: NDArray,  # in/out float32 [n], +inf = no pixel at obstacle height
-    observations: NDArray,  # in/out int32 [n]
-    frame_top: NDArray,  # work float32 [n]
-    frame_segment: NDArray,  # out int32 [n], valid for the touched cells
+    slots: NDArray,  # int32 [tile rows, tile columns] of the window, -1 = no tile
+    lowest: NDArray,  # float32, of the map's tiles
+    frame_top: NDArray,  # out float32 [n], valid for the touched cells
+    frame_lowest: NDArray,  # out float32 [n], the map's or this frame's, whichever is lower
+    frame_segment: NDArray,  # out int32 [n]
     stamp: NDArray,  # in/out int32 [n], last frame that touched the cell
-    frame_index: int,
+    number: int,
     touched: NDArray,  # out int32 [>= n]
-) -> int:
-    """Let the highest pixel name its cell (ties: the earlier frame, then the earlier pixel); count the seen cells.
+    rows: NDArray,  # out int32 [>= n], of the touched cells
+    columns: NDArray,  # out int32 [>= n]
+    wanted: NDArray,  # in/out bool [tile rows, tile columns]: those with a touched cell become True
+) -> tuple[int, int, int, int, int]:
+    """Find what one frame saw of every cell: its highest pixel (ties: the earlier), and its lowest obstacle.
 
-    Returns the number of cells this frame saw; they stand at the front of ``touched``, in the order met.
+    That begins with the map's lowest, which spares most pixels the writing. ``number`` must be another one for every
+    frame.
+
+    Returns the number of cells this frame saw (they stand at the front of ``touched``, in the order met), and their
+    first row, first column, last row + 1 and last column + 1.
     """
     n_touched = 0
+    low_row, low_col, high_row, high_col = stamp.shape[0], stamp.shape[0], 0, 0
     height, width = cells.shape
     for v in range(height):
         for u in range(width):
@@ -93,22 +102,20 @@ def raise_cells(
             if c < 0:
                 continue
             h = heights[v, u]
-            if stamp[c] != frame_index:
-                stamp[c] = frame_index
-                touched[n_touched] = c
+            if stamp[c] != number:
+                stamp[c] = number
+                row = c // cols
+                col = c - row * cols
+                touched[n_touched], rows[n_touched], columns[n_touched] = c, row, col
                 n_touched += 1
+                low_row, high_row = min(low_row, row), max(high_row, row + 1)
+                low_col, high_col = min(low_col, col), max(high_col, col + 1)
                 frame_top[c] = h
                 frame_segment[c] = ids[v, u]
+                frame_lowest[c] = lowest_so_far(row, col, slots, lowest, wanted)
             elif h > frame_top[c]:
                 frame_top[c] = h
                 frame_segment[c] = ids[v, u]
-            if h >= obstacle_m and h < lowest[c]:
-                lowest[c] = h
-    # What the frame saw of a cell meets what earlier frames saw once a cell, not once a pixel.
-    for i in range(n_touched):
-        c = touched[i]
-        observations[c] += 1
-        if frame_top[c] > top[c]:
-            top[c] = frame_top[c]
-            label[c] = label_of_id[frame_segment[c]]
-    return n_touched
+            if h >= obstacle_m and h < frame_lowest[c]:
+                frame_lowest[c] = h
+    return n_touched, low_row, low_col, high_row, high_col

@@ -1,7 +1,8 @@
 """Readings: what each frame saw on top of each cell. All that method evidence knows of the frames."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,6 +22,14 @@ class FrameReadings:
     """int32 [n], id in the frame's segmentation, 0 = nothing."""
     height_m: NDArray
     """float32 [n], of that pixel over the floor."""
+
+
+class AllReadings(Protocol):
+    """The readings of all frames, as often as asked for; they need not fit into memory."""
+
+    def batches(self) -> "Iterator[Readings]":
+        """Give them in the order of the frames; no frame is in two batches."""
+        ...
 
 
 @dataclass(frozen=True, eq=False)
@@ -43,6 +52,10 @@ class Readings:
     def __len__(self) -> int:
         return len(self.cell)
 
+    def batches(self) -> "Iterator[Readings]":
+        """Give all of them at once."""
+        yield self
+
     def where(self, kept: NDArray) -> "Readings":
         """Give the readings a mask [v] selects."""
         return Readings(
@@ -60,6 +73,8 @@ def gather_readings(
     segments: Sequence[tuple[Segment, ...]],
     origin_cell: tuple[int, int],
     grid: Grid,
+    *,
+    first: int = 0,
 ) -> Readings:
     """Join the readings of all frames on the finished grid.
 
@@ -68,6 +83,7 @@ def gather_readings(
         segments: the segments of each frame.
         origin_cell: (row, col), counted from the map's origin, of the grid's cell (0, 0).
         grid: the finished grid; must hold all cells.
+        first: number of the first of these frames.
     """
     row0, col0 = origin_cell
     index_of = {name: i for i, name in enumerate(grid.labels)}
@@ -78,7 +94,7 @@ def gather_readings(
         for s in known:
             label_of[s.id], score_of[s.id] = index_of[s.label], s.score
         joined["cell"].append((seen.rows - row0) * grid.spec.cols + (seen.cols - col0))
-        joined["frame"].append(np.full(len(seen.rows), i, dtype=np.int32))
+        joined["frame"].append(np.full(len(seen.rows), first + i, dtype=np.int32))
         joined["segment"].append(seen.segments)
         joined["label"].append(label_of[seen.segments])
         joined["score"].append(score_of[seen.segments])
@@ -89,3 +105,50 @@ def gather_readings(
         for dtype, parts in zip(types, joined.values(), strict=True)
     ]
     return Readings(*arrays)
+
+
+BATCH = 1 << 21
+"""Readings looked at together, 22 bytes each and as much again in passing."""
+
+
+class SeenFrame(Protocol):
+    """What is needed of a frame; `steps.FrameSeen` is this."""
+
+    @property
+    def readings(self) -> FrameReadings:
+        """What it saw."""
+        ...
+
+    @property
+    def segments(self) -> tuple[Segment, ...]:
+        """Of its segmentation."""
+        ...
+
+
+@dataclass(frozen=True, eq=False)
+class StreamedReadings:
+    """The readings of frames that lie on disk, read anew each time they are asked for."""
+
+    frames: Sequence[SeenFrame]
+    """In order."""
+    origin_cell: tuple[int, int]
+    """(row, col), counted from the map's origin, of the grid's cell (0, 0)."""
+    grid: Grid
+    """The finished grid."""
+
+    def batches(self) -> Iterator[Readings]:
+        """Give them some frames at a time."""
+        waiting: list[SeenFrame] = []
+        first = size = 0
+        for frame in self.frames:
+            waiting.append(frame)
+            size += len(frame.readings.rows)
+            if size >= BATCH:
+                yield self._joined(waiting, first)
+                first, size, waiting = first + len(waiting), 0, []
+        if waiting or not first:
+            yield self._joined(waiting, first)
+
+    def _joined(self, frames: list[SeenFrame], first: int) -> Readings:
+        readings, segments = [frame.readings for frame in frames], [frame.segments for frame in frames]
+        return gather_readings(readings, segments, self.origin_cell, self.grid, first=first)

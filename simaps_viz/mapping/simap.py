@@ -14,7 +14,7 @@ from simaps_viz.mapping.merge import merge_steps
 from simaps_viz.mapping.partition import applied_steps, describe_instances, instance_of_community
 from simaps_viz.mapping.partition_evidence import partition_evidence
 from simaps_viz.mapping.pooling import PoolSettings
-from simaps_viz.mapping.readings import Readings
+from simaps_viz.mapping.readings import AllReadings, Readings
 from simaps_viz.structures import CellGraph, Grid, MergeLog, SIMap, Views
 
 
@@ -67,16 +67,34 @@ def partition_grid(
     return community.reshape(grid.spec.shape), log
 
 
-def count_views(grid: Grid, community: NDArray, seen: Readings) -> Views:
+def count_views(grid: Grid, community: NDArray, seen: AllReadings) -> Views:
     """Sum up, per community, frame and segment, how many cells the segment named; other classes do not count."""
+    parts = [_views_of(grid, community, part) for part in seen.batches()]
+    frames = np.concatenate([part.frame for part in parts])
+    both = np.concatenate([part.community for part in parts]), frames, np.concatenate([p.segment for p in parts])
+    order = np.arange(len(frames)) if len(parts) == 1 else np.lexsort(both[::-1])  # no frame is in two parts
+    return Views(
+        community=both[0][order],
+        frame=frames[order],
+        segment=both[2][order],
+        cells=np.concatenate([part.cells for part in parts])[order],
+        score=np.concatenate([part.score for part in parts])[order],
+    )
+
+
+def _views_of(grid: Grid, community: NDArray, seen: Readings) -> Views:
     of_cell = community.reshape(-1)[seen.cell]
     kept = (of_cell > 0) & (grid.label.reshape(-1)[seen.cell] == seen.label)
-    key = (of_cell[kept].astype(np.int64) << 40) | (seen.frame[kept].astype(np.int64) << 16) | seen.segment[kept]
+    segment, names = seen.segment[kept], None
+    if segment.max(initial=0) > 0xFFFF:  # ids of COCO's pictures need 24 bits
+        names, segment = np.unique(segment, return_inverse=True)
+    key = (of_cell[kept].astype(np.int64) << 40) | (seen.frame[kept].astype(np.int64) << 16) | segment
     unique, first, cells = np.unique(key, return_index=True, return_counts=True)
+    named = unique & 0xFFFF
     return Views(
         community=(unique >> 40).astype(np.int32),
         frame=((unique >> 16) & 0xFFFFFF).astype(np.int32),
-        segment=(unique & 0xFFFF).astype(np.int32),
+        segment=(named if names is None else names[named]).astype(np.int32),
         cells=cells.astype(np.int32),
         score=seen.score[kept][first].astype(np.float32),
     )

@@ -14,7 +14,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from simaps_viz.mapping.readings import Readings
+from simaps_viz.mapping.readings import AllReadings
 from simaps_viz.structures import Grid
 
 _CANDIDATES = 32  # classes that can compete for one cell; more are left out
@@ -45,7 +45,7 @@ class VoteSettings:
     """Masks count as exact, and the highest pixel decides, when less than this share of readings disagrees."""
 
 
-def vote_labels(grid: Grid, readings: Readings, settings: VoteSettings) -> tuple[NDArray, float]:
+def vote_labels(grid: Grid, readings: AllReadings, settings: VoteSettings) -> tuple[NDArray, float]:
     """Name every cell by its votes.
 
     Args:
@@ -57,26 +57,20 @@ def vote_labels(grid: Grid, readings: Readings, settings: VoteSettings) -> tuple
         int16 [rows, cols], index into ``grid.labels``, 0 = none; and the share of readings that disagree with the most
         frequent one of their cell (cells with at least three).
     """
-    top = grid.height_m.reshape(-1)
-    near = readings.height_m > top[readings.cell] - np.float32(settings.window_m)
-    start, reading = _by_cell(readings.cell, near, top.size)
-    weight = readings.score if settings.scores else (readings.label > 0).astype(np.float32)
-    named = np.where(np.array(grid.is_thing), 1.0, settings.stuff)[readings.label]
-    weight = np.where(readings.label > 0, weight * named, settings.nothing).astype(np.float32)
-    first, label, votes, counts = _tally(start, reading, readings.label, weight)
-    disagreement = _disagreement(first, counts)
+    following, label, votes, counts = _gather_votes(grid, readings, settings)
+    disagreement = _disagreement(following, counts, grid.label.size)
     if not settings.enabled or disagreement < settings.exact_below:
         return grid.label, disagreement
-    heights = np.nan_to_num(top, nan=-np.inf)
+    heights = np.nan_to_num(grid.height_m.reshape(-1), nan=-np.inf)
     free = np.zeros(len(grid.labels), dtype=np.bool_)
     named = _elect(
-        first, label, votes, heights, grid.spec.rows, grid.spec.cols,
+        following, label, votes, counts, heights, grid.spec.rows, grid.spec.cols,
         settings.neighbours, settings.height_scale_m, free, settings.floor_m,
     )  # fmt: skip
     if settings.floor_m > 0.0:
         standing = _standing(named, heights, grid, settings.floor_m)
         named = _elect(
-            first, label, votes, heights, grid.spec.rows, grid.spec.cols,
+            following, label, votes, counts, heights, grid.spec.rows, grid.spec.cols,
             settings.neighbours, settings.height_scale_m, standing, settings.floor_m,
         )  # fmt: skip
     return named.reshape(grid.spec.shape), disagreement
@@ -90,57 +84,80 @@ def _standing(label: NDArray, top: NDArray, grid: Grid, floor_m: float) -> NDArr
     return np.array(grid.is_thing) & (2 * low < cells)
 
 
-@njit(cache=True, nogil=True)
-def _by_cell(cell: NDArray, kept: NDArray, cells: int) -> tuple[NDArray, NDArray]:
-    """Sort the kept readings by cell: ``reading[start[c] : start[c + 1]]`` are those of cell c, in their order."""
-    start = np.zeros(cells + 1, dtype=np.int32)
-    for i in range(len(cell)):
-        if kept[i]:
-            start[cell[i] + 1] += 1
-    for c in range(cells):
-        start[c + 1] += start[c]
-    at = start[:-1].copy()
-    reading = np.zeros(start[cells], dtype=np.int32)
-    for i in range(len(cell)):
-        if kept[i]:
-            reading[at[cell[i]]] = i
-            at[cell[i]] += 1
-    return start, reading
+def _gather_votes(
+    grid: Grid, readings: AllReadings, settings: VoteSettings
+) -> tuple[NDArray, NDArray, NDArray, NDArray]:
+    """Sum up the votes of every cell by class, batch by batch: memory follows the map, not the frames.
+
+    Returns:
+        Entries, those of one cell and one class each: the next entry of the same cell int32 (0 = none), class int16,
+        votes float32, readings int32. Entry c is the first of cell c, in the order in which the classes were met; it
+        has no readings when the cell has none.
+    """
+    top = grid.height_m.reshape(-1)
+    named = np.where(np.array(grid.is_thing), 1.0, settings.stuff)
+    size = top.size
+    entries = _room_for(size + max(size // 4, 1024))
+    for part in readings.batches():
+        weight = part.score if settings.scores else (part.label > 0).astype(np.float32)
+        weight = np.where(part.label > 0, weight * named[part.label], settings.nothing).astype(np.float32)
+        done = 0
+        while True:
+            size, done = _tally(
+                part.cell, part.height_m, part.label, weight, top, np.float32(settings.window_m),
+                entries[0], entries[1], entries[2], entries[3], size, done,
+            )  # fmt: skip
+            if done == len(part):
+                break
+            larger = _room_for(size * 3 // 2)
+            for old, new in zip(entries, larger, strict=True):
+                new[:size] = old[:size]
+            entries = larger
+    following, label, votes, counts = entries
+    return following, label, votes, counts
+
+
+def _room_for(entries: int) -> tuple[NDArray, ...]:
+    """Give room for entries; what is not used yet takes no memory."""
+    return tuple(np.zeros(entries, dtype) for dtype in (np.int32, np.int16, np.float32, np.int32))
 
 
 @njit(cache=True, nogil=True)
-def _tally(start, reading, label_of, weight_of):
-    """Sum up the votes of every cell by class: those of cell c stand at first[c] : first[c + 1]."""
-    cells = len(start) - 1
-    first = np.zeros(cells + 1, dtype=np.int32)
-    label = np.zeros(len(reading), dtype=np.int16)
-    votes = np.zeros(len(reading), dtype=np.float32)
-    counts = np.zeros(len(reading), dtype=np.int32)
-    n = 0
-    for c in range(cells):
-        first[c] = n
-        for k in range(start[c], start[c + 1]):
-            i = reading[k]
-            at = first[c]
-            while at < n and label[at] != label_of[i]:
-                at += 1
-            if at == n:
-                label[n] = label_of[i]
-                n += 1
-            votes[at] += weight_of[i]
-            counts[at] += 1
-    first[cells] = n
-    return first, label[:n], votes[:n], counts[:n]
+def _tally(cell, height_m, label_of, weight_of, top, window_m, following, label, votes, counts, size, done):
+    """Add readings from ``done`` on to the entries of their cells; stops where the room ends.
+
+    Returns the number of entries and of the readings that were added.
+    """
+    for i in range(done, len(cell)):
+        at = cell[i]
+        if not height_m[i] > top[at] - window_m:
+            continue
+        if counts[at] == 0:
+            label[at] = label_of[i]
+        while label[at] != label_of[i] and following[at] > 0:
+            at = following[at]
+        if label[at] != label_of[i]:
+            if size == len(label):
+                return size, i
+            following[at] = size
+            at = size
+            label[at] = label_of[i]
+            size += 1
+        votes[at] += weight_of[i]
+        counts[at] += 1
+    return size, len(cell)
 
 
 @njit(cache=True, nogil=True)
-def _disagreement(first: NDArray, counts: NDArray) -> float:
+def _disagreement(following: NDArray, counts: NDArray, cells: int) -> float:
     total = most = 0
-    for c in range(len(first) - 1):
-        all_of_cell = best = 0
-        for k in range(first[c], first[c + 1]):
-            all_of_cell += counts[k]
-            best = max(best, counts[k])
+    for c in range(cells):
+        all_of_cell = best = counts[c]
+        at = following[c]
+        while at > 0:
+            all_of_cell += counts[at]
+            best = max(best, counts[at])
+            at = following[at]
         if all_of_cell >= 3:
             total += all_of_cell
             most += best
@@ -148,7 +165,7 @@ def _disagreement(first: NDArray, counts: NDArray) -> float:
 
 
 @njit(cache=True, nogil=True)
-def _elect(first, label, votes, top, rows, cols, neighbours, scale, standing, floor_m):  # noqa: C901, PLR0912 - one loop over shared arrays
+def _elect(following, label, votes, counts, top, rows, cols, neighbours, scale, standing, floor_m):  # noqa: C901, PLR0912 - one loop over shared arrays
     """Let every cell's own and borrowed votes choose its class; ties go to the class met first, its own before."""
     named = np.zeros(rows * cols, dtype=np.int16)
     candidate = np.zeros(_CANDIDATES, dtype=np.int16)
@@ -156,7 +173,7 @@ def _elect(first, label, votes, top, rows, cols, neighbours, scale, standing, fl
     for row in range(rows):
         for col in range(cols):
             c = row * cols + col
-            if first[c] == first[c + 1]:
+            if counts[c] == 0:
                 continue
             n = 0
             for step in range(9):  # the cell itself first
@@ -166,12 +183,14 @@ def _elect(first, label, votes, top, rows, cols, neighbours, scale, standing, fl
                 other = c + dr * cols + dc
                 share = 1.0
                 if step > 0:
-                    if neighbours <= 0.0 or first[other] == first[other + 1]:
+                    if neighbours <= 0.0 or counts[other] == 0:
                         continue
                     share = neighbours * np.exp(-abs(top[other] - top[c]) / scale)
                     if dr != 0 and dc != 0:
                         share *= 0.7
-                for k in range(first[other], first[other + 1]):
+                after = other
+                while after >= 0:
+                    k, after = after, (following[after] if following[after] > 0 else -1)
                     if standing[label[k]] and top[c] < floor_m:
                         continue
                     at = 0

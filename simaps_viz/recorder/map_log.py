@@ -5,7 +5,8 @@ import rerun as rr
 from numpy.typing import NDArray
 
 from simaps_viz.events import CommunitiesFound, FrameProjected
-from simaps_viz.labels import class_color, instance_color
+from simaps_viz.labels import class_color
+from simaps_viz.map_colors import instance_colors
 from simaps_viz.recorder.map_pictures import (
     GROUND,
     cell_centres,
@@ -49,6 +50,7 @@ class MapLog:
         self._classes: tuple[str, ...] | None = None
         self._edges = 0
         self._trail: list[NDArray] = []
+        self._colors: NDArray | None = None
 
     def log_start(self) -> None:
         """Log what never changes: what the pixel values mean, and what the curves are called."""
@@ -86,8 +88,12 @@ class MapLog:
         self._name_objects(grid, np.zeros_like(grid.label))
         self._log_object_picture(grid, thing_picture(grid))
 
+    def wear_colors_of(self, simap: SIMap) -> None:
+        """From now on, give every object the colour it has on the finished map's page."""
+        self._colors = instance_colors(simap)
+
     def log_objects(self, grid: Grid, ids: NDArray) -> None:
-        """Log communities or instances, int32 [rows, cols], each in the colour of its id."""
+        """Log communities or instances, int32 [rows, cols], each in a colour of its own."""
         self._name_objects(grid, ids)
         self._log_object_picture(grid, object_picture(ids))
 
@@ -99,7 +105,7 @@ class MapLog:
         self._stream.log("/world/cells", rr.Points3D.from_fields(class_ids=values[values > 0]))
 
     def _name_objects(self, grid: Grid, ids: NDArray) -> None:
-        names = annotations(object_entries(grid, ids))
+        names = annotations(object_entries(grid, ids, self._colors))
         self._stream.log("/map/objects", names)
         self._stream.log("/world/cells", names)
 
@@ -116,8 +122,8 @@ class MapLog:
         )
 
     def log_communities(self, event: CommunitiesFound) -> int:
-        """Log communities found on the way, at the present time; gives how many there are."""
-        self.log_objects(event.grid, event.community)
+        """Log the objects so far, at the present time, or the communities themselves; gives how many those are."""
+        self.log_objects(event.grid, event.community if event.instance is None else event.instance)
         count = int(np.count_nonzero(np.unique(event.community)))
         self._stream.log("/counts/few/communities", rr.Scalars(float(count)))
         return count
@@ -128,7 +134,7 @@ class MapLog:
         if not simap.instances:
             return
         names = short_names(simap)
-        colors = [instance_color(instance.id) for instance in simap.instances]
+        colors = instance_colors(simap)[[instance.id for instance in simap.instances]]
         corners = np.array([instance.aabb_m for instance in simap.instances])
         low, high = on_picture(corners[:, 0]), on_picture(corners[:, 1])
         self._stream.log(

@@ -93,16 +93,29 @@ def thing_picture(grid: Grid) -> NDArray:
     return north_up(np.where(thing, CLASS_BASE + grid.label.astype(np.int32), 0).astype(np.uint16))
 
 
-def object_entries(grid: Grid, ids: NDArray) -> list[Entry]:
-    """Name the values of ``object_picture`` and ``thing_picture``; the colours are the workbench's."""
+def object_entries(grid: Grid, ids: NDArray, colors: NDArray | None = None) -> list[Entry]:
+    """Name the values of ``object_picture`` and ``thing_picture``.
+
+    Args:
+        grid: the map.
+        ids: int32 [rows, cols], communities or instances, 0 = none.
+        colors: uint8 [n, 3], at the place of the id; None takes those that ids alone give.
+    """
     present, first = np.unique(ids, return_index=True)
     entries = [NOTHING]
     for value, at in zip(present.tolist(), first.tolist(), strict=True):
         if 0 < value < CLASS_BASE:
             name = grid.labels[int(grid.label.reshape(-1)[at])]
-            entries.append((value, f"{name} (id {value})", (*instance_color(value), 255)))
+            entries.append((value, f"{name} (id {value})", (*_color(value, colors), 255)))
     things = [(i, name) for i, name in enumerate(grid.labels) if grid.is_thing[i]]
     return entries + [(CLASS_BASE + i, name, (*class_color(name), 255)) for i, name in things]
+
+
+def _color(value: int, colors: NDArray | None) -> tuple[int, int, int]:
+    if colors is None or value >= len(colors):
+        return instance_color(value)
+    red, green, blue = colors[value].tolist()
+    return red, green, blue
 
 
 def height_picture(grid: Grid) -> NDArray:

@@ -16,7 +16,7 @@ MARK_MARGIN_M = 0.15
 
 
 def log_louvain(stream: rr.RecordingStream, map_log: MapLog, event: CommunitiesFound) -> None:
-    """Log timeline "louvain": 0 = classes only, 1 = the final communities, each in the colour of its id."""
+    """Log timeline "louvain": 0 = classes only, 1 = the final communities, each in a colour of its own."""
     stream.reset_time()
     stream.set_time("louvain", sequence=0)
     map_log.log_grid(event.grid)

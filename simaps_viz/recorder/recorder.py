@@ -11,6 +11,7 @@ from simaps_viz.errors import InputError
 from simaps_viz.events import BuildFinished, BuildStarted, CommunitiesFound, Event, FrameProjected, MergesFound
 from simaps_viz.recorder.blueprint import build_blueprint
 from simaps_viz.recorder.camera_log import CameraLog
+from simaps_viz.recorder.facts import finished_facts, send_facts, started_facts
 from simaps_viz.recorder.map_log import MapLog
 from simaps_viz.recorder.merge_log import log_louvain, log_merges
 from simaps_viz.recorder.settings import SMALL, RecorderSettings
@@ -63,6 +64,7 @@ class RerunRecorder:
         self._camera_log, self._map_log = CameraLog(self._stream, settings), MapLog(self._stream, settings)
         self._settings = settings
         self._started: BuildStarted | None = None
+        self._communities: CommunitiesFound | None = None
         self._merges: MergesFound | None = None
         self._finished = False
 
@@ -97,7 +99,7 @@ class RerunRecorder:
         if not self._open:
             return
         if not self._finished:
-            self._write_merges(None)
+            self._write_steps(None)
         self._disconnect()
         if self._partial is not None and self.path is not None:
             try:
@@ -132,6 +134,7 @@ class RerunRecorder:
     def _on_started(self, event: BuildStarted) -> None:
         self._started = event
         self._stream.send_recording_name(event.name)
+        send_facts(self._stream, started_facts(event))
         self._stream.log("/world", rr.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)
         self._stream.log("/about", _markdown(about(event, None)), static=True)
         self._map_log.log_start()
@@ -154,24 +157,30 @@ class RerunRecorder:
 
     def _on_communities(self, event: CommunitiesFound) -> None:
         if event.final:
-            log_louvain(self._stream, self._map_log, event)
+            self._communities = event  # in colours that only the finished map knows
             return
         self._stream.reset_time()
         self._stream.set_time("frame", sequence=event.frame_index)
         count = self._map_log.log_communities(event)
         self._stream.log("/log", rr.TextLog(f"Louvain after frame {event.frame_index + 1}: {count} communities"))
 
-    def _write_merges(self, simap: SIMap | None) -> None:
+    def _write_steps(self, simap: SIMap | None) -> None:
+        if simap is not None:
+            self._map_log.wear_colors_of(simap)
+        if self._communities is not None:
+            log_louvain(self._stream, self._map_log, self._communities)
+            self._communities = None
         if self._merges is not None:
             log_merges(self._stream, self._map_log, self._merges, self._settings, simap)
             self._merges = None
 
     def _on_finished(self, simap: SIMap) -> None:
-        self._write_merges(simap)
+        self._write_steps(simap)
         self._stream.reset_time()
         self._stream.set_time("frame", sequence=max(len(simap.frame_names) - 1, 0))
         self._map_log.log_instances(simap)
         self._stream.log("/log", rr.TextLog(f"Finished: {_plural(len(simap.instances), 'instance')}"))
+        send_facts(self._stream, finished_facts(simap))
         if self._started is not None:
             self._stream.log("/about", _markdown(about(self._started, simap)), static=True)
         self._stream.send_blueprint(build_blueprint(_extent(simap.grid)))

@@ -1,7 +1,7 @@
 // Runs rerun 0.41's web viewer on the whole page and keeps its time cursor in step with the workbench.
 //
 // Workbench to rerun: server-sent events at /rerun/events, {"set_time": {"timeline": "frame", "time": 12}}; "recording"
-// (an id) and "play" ("paused", "playing" or "following") may be given too.
+// (an id) and "play" ("paused", "playing" or "following") may be given too; or {"show": "/recordings/other.rrd"}.
 // Rerun to workbench: every viewer event (time_update, selection_change, recording_open, ...) as JSON to /rerun/event,
 // except the time_update that only echoes a time set from outside. A time_update tells its timeline too.
 "use strict";
@@ -80,7 +80,7 @@ async function post(event) {
   while (outbox.length) {
     const body = JSON.stringify(outbox.shift());
     try {
-      await fetch("/rerun/event", { method: "POST", headers: { "Content-Type": "application/json" }, body });
+      await fetch("/rerun/event" + location.search, { method: "POST", headers: { "Content-Type": "application/json" }, body });
     } catch (error) {
       console.warn("the workbench did not take an event", error);
     }
@@ -99,12 +99,35 @@ function onViewerEvent(json) {
   if (!isEcho(event)) post(event);
 }
 
+// A browser opens six connections to a host, for all its tabs: one that nobody looks at gives its own back. On its
+// return the workbench tells it the frame anew.
+let source = null;
+
 function listen() {
-  const source = new EventSource("/rerun/events");
+  if (source || document.visibilityState === "hidden") return;
+  source = new EventSource("/rerun/events" + location.search);
   source.onmessage = (message) => {
     const data = JSON.parse(message.data);
     if (data.set_time) setTime(data.set_time);
+    if (data.show) show(data.show);
   };
+}
+
+function listenWhileVisible() {
+  listen();
+  document.addEventListener("visibilitychange", () => {
+    if (document.visibilityState === "hidden" && source) {
+      source.close();
+      source = null;
+    } else listen();
+  });
+}
+
+const absolute = (address) => new URL(address, location.href).href; // rerun wants them so
+
+// Another recording comes to the front; those loaded already stay in the viewer's memory, and come back at once.
+function show(address) {
+  viewer.add_receiver(absolute(address));
 }
 
 function showFailure(error) {
@@ -117,7 +140,7 @@ function showFailure(error) {
 async function main() {
   await wasm_bindgen({ module_or_path: "/rerun/re_viewer_bg.wasm" });
   const handle = new wasm_bindgen.WebHandle({
-    url: config.recordings.map((address) => new URL(address, location.href).href), // rerun wants them absolute
+    url: config.recordings.map(absolute),
     theme: config.theme,
     hide_welcome_screen: true,
     enable_history: false,
@@ -128,7 +151,7 @@ async function main() {
   await handle.start(document.getElementById("viewer"));
   viewer = handle;
   document.getElementById("message").hidden = true;
-  listen();
+  listenWhileVisible();
   window.simapsReady = true;
 }
 

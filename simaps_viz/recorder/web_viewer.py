@@ -4,7 +4,8 @@ Whoever serves the page answers, on one origin of 127.0.0.1:
 
 - ``GET /rerun/`` (any name) with :func:`rerun_page`, under the header ``Content-Security-Policy``;
 - ``GET /rerun/re_viewer.js`` and ``/rerun/re_viewer_bg.wasm`` with :func:`viewer_assets`;
-- ``GET /rerun/events`` with server-sent events: ``{"set_time": {"timeline": "frame", "time": 12}}``;
+- ``GET /rerun/events`` with server-sent events: ``{"set_time": {"timeline": "frame", "time": 12}}``, and
+  ``{"show": "/recordings/cafe.rrd"}`` to show another recording in the place of those shown;
 - ``POST /rerun/event``: one viewer event as JSON, e.g. ``{"type": "time_update", "timeline": "frame", "time": 12}``;
 - the recordings themselves, under whatever address it handed to :func:`rerun_page`.
 """
@@ -36,6 +37,7 @@ RERUN_VERSION = "0.41"
 _SCRIPT = resources.files("simaps_viz.recorder").joinpath("rerun_page.js").read_text(encoding="utf-8")
 _SCRIPT_HASH = base64.b64encode(hashlib.sha256(_SCRIPT.encode()).digest()).decode()
 _LOCAL = "http://127.0.0.1:* ws://127.0.0.1:*"
+_CONNECT = "connect-src 'self' data: blob: "
 
 CONTENT_SECURITY_POLICY = "; ".join(
     (
@@ -44,7 +46,7 @@ CONTENT_SECURITY_POLICY = "; ".join(
         "style-src 'unsafe-inline'",
         "img-src 'self' data: blob:",
         "font-src 'self' data:",
-        f"connect-src 'self' data: blob: {_LOCAL}",  # a live recording streams from a port of its own
+        _CONNECT + _LOCAL,  # a live recording streams from a port of its own
         "worker-src 'self' blob:",
         "base-uri 'none'",
         "form-action 'none'",
@@ -52,6 +54,17 @@ CONTENT_SECURITY_POLICY = "; ".join(
     )
 )
 """Header value for the page: nothing outside this machine can be reached, whatever the viewer tries."""
+
+
+def policy_for_stream(address: str) -> str:
+    """Give the header value for a page that shows one live recording, and may reach nothing else but its own server.
+
+    Args:
+        address: of the stream, ``rerun+http://127.0.0.1:9876/proxy``.
+    """
+    server = address.removeprefix("rerun+").removesuffix("/proxy")
+    return CONTENT_SECURITY_POLICY.replace(_CONNECT + _LOCAL, _CONNECT + server)
+
 
 _ASSETS = {"re_viewer.js": "text/javascript", "re_viewer_bg.wasm": "application/wasm"}
 _START_TIMEOUT_S = 30.0
@@ -63,13 +76,20 @@ _PAGE = """<!doctype html>
 <title>Recorded build</title>
 <style>
 html, body {{ margin: 0; height: 100%; overflow: hidden; background: {background}; color: {ink}; }}
+body {{ display: flex; flex-direction: column; font: 14px sans-serif; }}
+main {{ position: relative; flex: 1; min-height: 0; }}
 canvas {{ position: absolute; inset: 0; width: 100%; height: 100%; }}
-#message {{ position: absolute; inset: 0; margin: auto; height: 3em; text-align: center; font: 14px sans-serif; }}
+#note {{ margin: 0; padding: 8px 12px; }}
+#note:empty {{ display: none; }}
+#message {{ position: absolute; inset: 0; margin: auto; height: 3em; text-align: center; }}
 </style>
 </head>
 <body>
+<p id="note">{note}</p>
+<main>
 <canvas id="viewer" aria-label="Recorded build"></canvas>
 <p id="message" role="status">Opening the recording &hellip;</p>
+</main>
 <script type="application/json" id="config">{config}</script>
 <script src="/rerun/re_viewer.js"></script>
 <script>{script}</script>
@@ -79,13 +99,14 @@ canvas {{ position: absolute; inset: 0; width: 100%; height: 100%; }}
 _THEMES = {"light": ("#f6f7f8", "#333"), "dark": ("#0d1011", "#ccc")}
 
 
-def rerun_page(recordings: Sequence[str], *, theme: str = "light") -> str:
+def rerun_page(recordings: Sequence[str], *, theme: str = "light", note: str = "") -> str:
     """Give the HTML page that shows recordings in rerun's web viewer.
 
     Args:
         recordings: addresses of ``.rrd`` files, absolute or relative to the page, or of live streams
             (``rerun+http://127.0.0.1:9876/proxy``).
         theme: "light" or "dark".
+        note: a sentence over the viewer; empty = none.
 
     Raises:
         InputError: unknown theme.
@@ -94,7 +115,9 @@ def rerun_page(recordings: Sequence[str], *, theme: str = "light") -> str:
         raise InputError(f"theme: expected one of {', '.join(_THEMES)}, found {theme!r}")
     background, ink = _THEMES[theme]
     config = json.dumps({"recordings": list(recordings), "theme": theme}).replace("<", "\\u003c")
-    return _PAGE.format(background=html.escape(background), ink=html.escape(ink), config=config, script=_SCRIPT)
+    return _PAGE.format(
+        background=html.escape(background), ink=html.escape(ink), note=html.escape(note), config=config, script=_SCRIPT
+    )
 
 
 def check_version(version: str | None = None) -> None:

@@ -124,7 +124,7 @@ def _literal(text: str) -> Any:
     """Read JSON, or a Python literal, as Ultralytics writes them; other text stays text."""
     try:
         return json.loads(text)
-    except ValueError:
+    except (ValueError, RecursionError):
         try:
             return ast.literal_eval(text)
         except (ValueError, SyntaxError, MemoryError, RecursionError):

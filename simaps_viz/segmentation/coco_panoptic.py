@@ -7,7 +7,7 @@ or 16 bits; both are read, and either is written. Ids mean something in their pi
 import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from pathlib import Path
+from pathlib import Path, PurePosixPath
 from typing import Any
 
 import cv2
@@ -20,6 +20,9 @@ from simaps_viz.datasets.source import FrameSource
 from simaps_viz.errors import InputError
 from simaps_viz.segmentation.mask_store import write_whole
 from simaps_viz.structures import Segment, Segmentation
+
+SOURCE = "COCO panoptic "
+"""What the source of such masks begins with; the table's path follows."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -73,7 +76,7 @@ def read_coco_panoptic(path: Path, frames: Sequence[str]) -> CocoPanoptic:
     """
     table = read_json(path)
     categories = _categories(path, table)
-    files = {row.get("id"): row.get("file_name") for row in _rows(path, table, "images")}
+    files = {_key(row.get("id")): row.get("file_name") for row in _rows(path, table, "images")}
     folder = path.with_suffix("") if path.with_suffix("").is_dir() else path.parent
     images: dict[str, Path] = {}
     segments: dict[str, dict[int, Segment]] = {}
@@ -81,8 +84,12 @@ def read_coco_panoptic(path: Path, frames: Sequence[str]) -> CocoPanoptic:
         file_name = row.get("file_name")
         if not isinstance(file_name, str):
             raise InputError(f"{path}: annotations: expected file_name of each, found {shown(row)}")
-        picture = files.get(row.get("image_id"), file_name)
-        name = Path(str(picture)).with_suffix("").as_posix()
+        picture = files.get(_key(row.get("image_id")), file_name)
+        if not isinstance(picture, str) or not PurePosixPath(picture).name or not picture.isprintable():
+            raise InputError(f"{path}: images: expected file_name of each, found {shown(picture)}")
+        if not file_name.isprintable() or Path(file_name).is_absolute():
+            raise InputError(f"{path}: annotations: expected file names beside the table, found {shown(file_name)}")
+        name = PurePosixPath(picture).with_suffix("").as_posix()
         images[name] = folder / file_name
         segments[name] = _segments(f"{path}: {file_name}", row.get("segments_info"), categories)
     missing = [frame for frame in frames if frame not in images]
@@ -91,7 +98,7 @@ def read_coco_panoptic(path: Path, frames: Sequence[str]) -> CocoPanoptic:
             f"{path}: expected a picture named after each of {len(frames)} frames, found none for {len(missing)}: "
             f"{', '.join(missing[:3])}{', ...' if len(missing) > 3 else ''}"
         )
-    return CocoPanoptic(path, f"COCO panoptic {path.name}", tuple(frames), images, segments)
+    return CocoPanoptic(path, f"{SOURCE}{path.resolve()}", tuple(frames), images, segments)
 
 
 def read_panoptic_png(path: Path) -> NDArray:
@@ -164,6 +171,11 @@ def _rows(path: Path, table: Any, key: str) -> list[dict[str, Any]]:
     if not isinstance(rows, list) or not all(isinstance(row, dict) for row in rows):
         raise InputError(f'{path}: expected COCO panoptic: an object with a list "{key}", found {shown(rows or table)}')
     return rows
+
+
+def _key(value: Any) -> str:
+    """Give an id, which is a number or text, as something to look up by."""
+    return shown(value)
 
 
 def _categories(path: Path, table: Any) -> dict[int, tuple[str, bool]]:

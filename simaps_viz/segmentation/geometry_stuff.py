@@ -85,8 +85,9 @@ def _map_points(depth: NDArray, frame: Frame, T_map_camera: NDArray, step: int) 
     u = (np.arange(depth.shape[1]) * step + first - k.cx) / k.fx
     v = (np.arange(depth.shape[0]) * step + first - k.cy) / k.fy
     R, t = T_map_camera[:3, :3].astype(np.float32), T_map_camera[:3, 3].astype(np.float32)
-    rays = u[None, :, None].astype(np.float32) * R[:, 0] + v[:, None, None].astype(np.float32) * R[:, 1] + R[:, 2]
-    return rays * depth[..., None] + t
+    across, down = u[None].astype(np.float32), v[:, None].astype(np.float32)
+    # By plane: with the coordinates last NumPy's inner loops would be three long.
+    return cv2.merge([(across * r[0] + (down * r[1] + r[2])) * depth + shift for r, shift in zip(R, t, strict=True)])
 
 
 def _vertical_share(points: NDArray, depth: NDArray, settings: StuffSettings) -> tuple[NDArray, NDArray]:
@@ -100,7 +101,8 @@ def _vertical_share(points: NDArray, depth: NDArray, settings: StuffSettings) ->
     across = cv2.copyMakeBorder(mean, 2, 2, 2, 2, cv2.BORDER_REPLICATE)
     along_u = across[2:-2, 4:] - across[2:-2, :-4]
     along_v = across[4:, 2:-2] - across[:-4, 2:-2]
-    nx, ny, nz = np.moveaxis(np.cross(along_v, along_u), -1, 0)
+    (ax, ay, az), (bx, by, bz) = cv2.split(along_v), cv2.split(along_u)
+    nx, ny, nz = ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx
     length = np.sqrt(nx * nx + ny * ny + nz * nz)
     known = (depth > 0.0) & (weight > 0.5) & (length > 1e-9)
     return nz / np.maximum(length, 1e-9), known

@@ -5,7 +5,8 @@ and how the queries become segments, is in the file's metadata when `simaps expo
 it is looked for in ``preprocessor_config.json`` beside the file.
 """
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Literal
 
@@ -16,7 +17,8 @@ from simaps_viz.datasets.manifest import read_json, shown
 from simaps_viz.errors import InputError
 from simaps_viz.segmentation.class_names import ClassNames
 from simaps_viz.segmentation.panoptic import PanopticSettings, confident_queries, panoptic_map
-from simaps_viz.segmentation.placement import Placement, lay, resize_masks, stretch, top_left
+from simaps_viz.segmentation.placement import Placement, channels_first, lay, resize_masks, stretch, top_left
+from simaps_viz.segmentation.protocol import Threshold
 from simaps_viz.segmentation.session import Session
 from simaps_viz.structures import Segment, Segmentation
 
@@ -60,22 +62,39 @@ class MaskClassifier:
         self, session: Session, ports: MaskPorts, names: ClassNames, picture: Picture, settings: PanopticSettings
     ) -> None:
         self._session, self._ports, self._picture, self._settings = session, ports, picture, settings
+        self._names = names
         self.labels, self.is_thing = names.labels, names.is_thing
         self._stuff = frozenset(i for i, thing in enumerate(names.is_thing) if not thing)
         self.name = session.path.name
-        self.key = (
-            f"mask-classification {session.digest()} {names.labels} {names.is_thing} {ports} {picture} {settings}"
-        )
+        self.key = f"mask-classification {session.digest} {names.labels} {names.is_thing} {ports} {picture} {settings}"
+
+    @property
+    def thresholds(self) -> tuple[Threshold, ...]:
+        """What decides which queries count."""
+        return (
+            Threshold("score", "Score", self._settings.score, "Least confidence of a segment's class."),
+            Threshold("mask", "Mask", self._settings.mask, "Least probability of a pixel of a mask."),
+            Threshold("overlap", "Overlap", self._settings.overlap, "Drop what others cover so much that less than "
+                      "this share of its mask is left."),
+        )  # fmt: skip
+
+    def adjusted(self, thresholds: Mapping[str, float]) -> "MaskClassifier":
+        """Give the same network with other thresholds."""
+        settings = replace(self._settings, **thresholds)
+        return MaskClassifier(self._session, self._ports, self._names, self._picture, settings)
 
     def prepare(self, color: NDArray) -> NDArray:
         """Resize and normalise an image, uint8 [H, W, 3], RGB; gives [1, 3, h, w]."""
         size, place = self._ports.size, self._place(*color.shape[:2])
-        canvas = lay(color, place, into=size, fill=0, smooth=True).astype(np.float32)
-        mean, std = (np.array(v, dtype=np.float32) for v in (self._picture.mean, self._picture.std))
-        canvas *= np.float32(self._picture.rescale) / std
-        canvas -= mean / std
-        canvas[place.height :], canvas[:, place.width :] = 0.0, 0.0
-        return np.ascontiguousarray(canvas.transpose(2, 0, 1)[None], dtype=self._ports.dtype)
+        canvas = lay(color, place, into=size, fill=0, smooth=True)
+        picture = self._picture
+        tensor = channels_first(
+            canvas,
+            scale=tuple(picture.rescale / std for std in picture.std),
+            offset=tuple(-mean / std for mean, std in zip(picture.mean, picture.std, strict=True)),
+        )
+        tensor[:, :, place.height :], tensor[:, :, :, place.width :] = 0.0, 0.0
+        return tensor.astype(self._ports.dtype, copy=False)
 
     def infer(self, prepared: NDArray) -> list[NDArray]:
         """Run the network."""
@@ -144,8 +163,9 @@ def picture_in(source: str, config: Any) -> Picture:
     rescale = config.get("rescale_factor", 1.0 / 255.0) if config.get("do_rescale", True) else 1.0
     try:
         means, stds, factor = tuple(map(float, mean)), tuple(map(float, std)), float(rescale)
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, OverflowError):
         means, stds, factor = (), (), 0.0
-    if len(means) != 3 or len(stds) != 3 or not all(s > 0 for s in stds):
+    finite = bool(np.isfinite([*means, *stds, factor]).all())
+    if len(means) != 3 or len(stds) != 3 or not all(s > 0 for s in stds) or not finite:
         raise InputError(f"{source}: expected image_mean and image_std of three numbers, found {shown([mean, std])}")
     return Picture("stretch" if fixed else "pad", means, stds, factor)

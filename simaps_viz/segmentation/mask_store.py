@@ -10,7 +10,7 @@ import os
 import tempfile
 import threading
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -38,6 +38,8 @@ class About:
     """In words: which network; also what a map's provenance says."""
     key: str
     """All that the masks depend on but the frames' files: network, settings, where the map frame lies."""
+    origin: Mapping[str, Any] = field(default_factory=dict)
+    """Where the network's file is and how it was opened, JSON-able, to open it again; names no folder."""
 
     def folder(self, root: Path) -> Path:
         """Give the folder that belongs to this below ``root``."""
@@ -58,8 +60,10 @@ class MaskStore:
         self._lock = threading.Lock()
         try:
             self.folder.mkdir(parents=True, exist_ok=True)
-            if not (self.folder / _ABOUT).is_file():
-                write_whole(self.folder / _ABOUT, json.dumps(about.__dict__, indent=1).encode())
+            text = json.dumps(asdict(about), indent=1).encode()
+            path = self.folder / _ABOUT
+            if not path.is_file() or (about.origin and path.read_bytes() != text):
+                write_whole(path, text)
             self._rows = _read_lines(self.folder / _LINES)
         except OSError as error:
             raise InputError(f"{self.folder}: expected to keep masks there, found {error.strerror or error}") from error
@@ -112,7 +116,7 @@ def find_store(root: Path, *, sequence: str, source: str) -> MaskStore | None:
     for path in sorted((root / "masks").glob(f"*/{_ABOUT}"), key=lambda p: -p.stat().st_mtime):
         try:
             about = About(**json.loads(path.read_text(encoding="utf-8")))
-        except (OSError, ValueError, TypeError):
+        except (OSError, ValueError, TypeError, RecursionError):
             continue
         if (about.sequence, about.source) == (sequence, source):
             return MaskStore(root, about)
@@ -151,6 +155,6 @@ def _read_lines(path: Path) -> dict[int, Mapping[str, Any]]:
             row = json.loads(line)
             [Segment(**segment) for segment in row["segments"]]
             rows[int(row["frame"])] = {"stamp": list(row["stamp"]), "segments": row["segments"]}
-        except (ValueError, TypeError, KeyError):
+        except (ValueError, TypeError, KeyError, RecursionError, OverflowError):
             continue
     return rows

@@ -1,6 +1,8 @@
 """What a segmentation network is to the rest of the program; write a class like this to bring one's own."""
 
-from typing import Any, Protocol
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any, Protocol, runtime_checkable
 
 from numpy.typing import NDArray
 
@@ -44,6 +46,30 @@ class Network(Protocol):
 
     def decode(self, outputs: Any, height: int, width: int) -> Segmentation:
         """Make a segmentation [height, width] of the network's outputs."""
+        ...
+
+
+@dataclass(frozen=True)
+class Threshold:
+    """A number between 0 and 1 that decides what of a network's output counts."""
+
+    key: str
+    label: str
+    value: float
+    hint: str
+
+
+@runtime_checkable
+class Adjustable(Protocol):
+    """A network whose output can be read anew with other thresholds, without running it again."""
+
+    @property
+    def thresholds(self) -> tuple[Threshold, ...]:
+        """The ones it has, with their present values."""
+        ...
+
+    def adjusted(self, thresholds: Mapping[str, float]) -> Network:
+        """Give the same network, already open, with some thresholds changed, by key."""
         ...
 
 

@@ -1,13 +1,15 @@
 """Tells what kind of network a file is, from its inputs and outputs, and opens it as such."""
 
 import json
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from simaps_viz.errors import InputError
+from simaps_viz.limits import check_picture
 from simaps_viz.segmentation.class_names import ClassNames, names_beside, read_class_names
 from simaps_viz.segmentation.mask_classification import (
     MASK2FORMER_GRID,
@@ -18,7 +20,7 @@ from simaps_viz.segmentation.mask_classification import (
     picture_in,
 )
 from simaps_viz.segmentation.panoptic import PanopticSettings, Rule
-from simaps_viz.segmentation.protocol import Network
+from simaps_viz.segmentation.protocol import Adjustable, Network
 from simaps_viz.segmentation.session import Port, Session
 from simaps_viz.segmentation.yolo_seg import YoloPorts, YoloSeg, YoloSettings
 
@@ -53,6 +55,24 @@ class NetworkSettings:
     rule: Rule | None = None
     """Mask classifiers: whose."""
 
+    def to_json(self) -> dict[str, Any]:
+        """Give them JSON-able."""
+        return {**asdict(self), "labels": None if self.labels is None else str(self.labels.resolve())}
+
+    @classmethod
+    def from_json(cls, table: Mapping[str, Any]) -> "NetworkSettings":
+        """Take them back.
+
+        Raises:
+            InputError: the table is none of `to_json`.
+        """
+        try:
+            size, labels = table["input_size"], table["labels"]
+            return cls(**{**table, "labels": None if labels is None else Path(labels),
+                          "providers": tuple(table["providers"]), "input_size": size and tuple(size)})  # fmt: skip
+        except (KeyError, TypeError):
+            raise InputError(f"network settings: expected those of a network, found {dict(table)}") from None
+
 
 def open_network(path: Path, settings: NetworkSettings | None = None) -> tuple[Network, str]:
     """Open a network file; gives it and what it runs on.
@@ -81,6 +101,16 @@ def open_network(path: Path, settings: NetworkSettings | None = None) -> tuple[N
     raise InputError(f"{path}: expected {KNOWN}, found the outputs {found}{', ...' if len(outputs) > 4 else ''}")
 
 
+def origin(network: Network, path: Path, settings: NetworkSettings) -> dict[str, Any]:
+    """Say where an open network's file is and how it was opened, JSON-able; see `mask_store.About`."""
+    thresholds = network.thresholds if isinstance(network, Adjustable) else ()
+    return {
+        "network": str(Path(path).resolve()),
+        "settings": settings.to_json(),
+        "thresholds": [asdict(threshold) for threshold in thresholds],
+    }
+
+
 def _mask_classifier(session: Session, ports: MaskPorts, settings: NetworkSettings) -> MaskClassifier:
     names = _names(session, settings.labels)
     names.check_count(ports.class_count, session.path)
@@ -90,7 +120,7 @@ def _mask_classifier(session: Session, ports: MaskPorts, settings: NetworkSettin
     if told is not None:
         try:
             picture = picture_in(f"{session.path}: metadata {_PICTURE}", json.loads(told))
-        except ValueError:
+        except (ValueError, RecursionError):
             raise InputError(f"{session.path}: metadata {_PICTURE}: expected JSON, found another text") from None
     rule = settings.rule or ("original" if family in _STRICT else "transformers")
     default = 0.8 if rule == "original" else PanopticSettings.score
@@ -129,7 +159,9 @@ def _image_input(session: Session, wanted: tuple[int, int] | None) -> tuple[Port
             f"{session.path}: expected --input-size {rows or '?'} {cols or '?'}, the only one it takes, found "
             f"{wanted[0]} {wanted[1]}"
         )
-    return port, (rows or size[0], cols or size[1])
+    height, width = rows or size[0], cols or size[1]
+    check_picture(f"{session.path}: {port}", width, height)
+    return port, (height, width)
 
 
 def _open_size(session: Session) -> tuple[int, int]:
@@ -137,7 +169,7 @@ def _open_size(session: Session) -> tuple[int, int]:
     try:
         rows, cols = json.loads(session.metadata.get("imgsz", ""))
         return int(rows), int(cols)
-    except (ValueError, TypeError):
+    except (ValueError, TypeError, OverflowError, RecursionError):
         return _DEFAULT_SIDE, _DEFAULT_SIDE
 
 

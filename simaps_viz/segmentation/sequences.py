@@ -2,8 +2,9 @@
 
 import hashlib
 from collections import deque
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, NamedTuple, Protocol
 
@@ -11,8 +12,10 @@ from numpy.typing import NDArray
 
 from simaps_viz.datasets.posed_frames import PosedFrames
 from simaps_viz.errors import InputError
+from simaps_viz.segmentation.coco_panoptic import SOURCE as COCO
+from simaps_viz.segmentation.coco_panoptic import read_coco_panoptic
 from simaps_viz.segmentation.geometry_stuff import FLOOR, WALL, add_stuff
-from simaps_viz.segmentation.mask_store import About, MaskStore, file_stamp
+from simaps_viz.segmentation.mask_store import About, MaskStore, file_stamp, find_store
 from simaps_viz.segmentation.protocol import Network
 from simaps_viz.structures import Frame, Segmentation
 
@@ -86,6 +89,7 @@ def segment_sequence(
     *,
     stuff: bool | None = None,
     progress: Progress | None = None,
+    origin: Mapping[str, Any] | None = None,
 ) -> WithMasks:
     """Segment every frame that has not been yet, and give the sequence with these masks.
 
@@ -98,12 +102,13 @@ def segment_sequence(
         root: folder for the masks.
         stuff: name floor and walls by geometry; None: where the network knows neither.
         progress: told how far it is.
+        origin: how to open the network again, kept with the masks; see `About`.
 
     Raises:
         InputError: a picture is damaged, the network does not run, or the folder cannot be written.
     """
     by_geometry = needs_stuff(network) if stuff is None else stuff
-    store = MaskStore(root, about(sequence, network, by_geometry))
+    store = MaskStore(root, replace(about(sequence, network, by_geometry), origin=origin or {}))
     stamps = [_stamp(sequence, index, by_geometry) for index in range(len(sequence))]
     missing = [i for i in range(len(sequence)) if not store.holds(i, stamps[i])]
     done = len(sequence) - len(missing)
@@ -116,6 +121,24 @@ def segment_sequence(
         if progress:
             progress(stage, done, len(sequence))
     return WithMasks(sequence, store, store.about.source)
+
+
+def masks_from(sequence: PosedFrames, source: str, root: Path) -> WithMasks | None:
+    """Find masks again by what a map's provenance says of them; None when they are gone.
+
+    Args:
+        sequence: posed frames.
+        source: a `segmentation_source`.
+        root: folder of kept masks.
+
+    Raises:
+        InputError: they are damaged.
+    """
+    if source.startswith(COCO):
+        table = Path(source.removeprefix(COCO))
+        return WithMasks(sequence, read_coco_panoptic(table, sequence.frame_names), source) if table.is_file() else None
+    store = find_store(root, sequence=str(sequence.path.resolve()), source=source)
+    return None if store is None else WithMasks(sequence, store, source)
 
 
 def needs_stuff(network: Network) -> bool:

@@ -3,6 +3,7 @@
 import hashlib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -67,9 +68,12 @@ class Session:
             )
         self.device = _short(running[0])
         """What it runs on, as ``--providers`` spells it."""
-        self.inputs = tuple(map(_port, self._session.get_inputs()))
-        self.outputs = tuple(map(_port, self._session.get_outputs()))
-        self.metadata: Mapping[str, str] = dict(self._session.get_modelmeta().custom_metadata_map)
+        try:
+            self.inputs = tuple(map(_port, self._session.get_inputs()))
+            self.outputs = tuple(map(_port, self._session.get_outputs()))
+            self.metadata: Mapping[str, str] = dict(self._session.get_modelmeta().custom_metadata_map)
+        except UnicodeDecodeError:
+            raise InputError(f"{path}: expected an ONNX network, found names in it that are not UTF-8") from None
 
     def run(self, tensors: Mapping[str, NDArray], outputs: Sequence[str]) -> list[NDArray]:
         """Run the network; raises InputError when it does not take the tensors."""
@@ -79,8 +83,9 @@ class Session:
             given = ", ".join(f"{name} {list(t.shape)}" for name, t in tensors.items())
             raise InputError(f"{self.path}: expected to run on {given}, found: {_why(error)}") from None
 
+    @cached_property
     def digest(self) -> str:
-        """Hash the file, and the weights kept beside it: 64 hex digits."""
+        """Hash of the file, and of the weights kept beside it: 64 hex digits."""
         sha = hashlib.sha256()
         for path in (self.path, *(self.path.with_name(self.path.name + end) for end in (".data", "_data"))):
             if path.is_file():
@@ -88,6 +93,11 @@ class Session:
                     while block := file.read(1 << 20):
                         sha.update(block)
         return sha.hexdigest()
+
+
+def available_providers() -> list[str]:
+    """Give short names of what networks can run on here, the fastest first ("cuda", "cpu")."""
+    return [_short(name) for name in choose_providers((), onnxruntime.get_available_providers())]
 
 
 def choose_providers(wanted: Sequence[str], available: Sequence[str]) -> list[str]:

@@ -1,14 +1,17 @@
 """YOLO-seg exports (Ultralytics YOLOv8, 11 and later): boxes, class scores, and masks as sums of prototypes."""
 
 import math
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from simaps_viz.errors import InputError
 from simaps_viz.segmentation.class_names import ClassNames
-from simaps_viz.segmentation.placement import Placement, lay, letterbox
+from simaps_viz.segmentation.placement import Placement, channels_first, lay, letterbox
+from simaps_viz.segmentation.protocol import Threshold
 from simaps_viz.segmentation.session import Session
 from simaps_viz.structures import Segment, Segmentation
 
@@ -74,13 +77,28 @@ class YoloSeg:
         self._session, self._ports, self._names, self._settings = session, ports, names, settings
         self.labels, self.is_thing = names.labels, names.is_thing
         self.name = session.path.name
-        self.key = f"yolo-seg {session.digest()} {names.labels} {settings}"
+        self.key = f"yolo-seg {session.digest} {names.labels} {settings}"
+
+    @property
+    def thresholds(self) -> tuple[Threshold, ...]:
+        """What decides which detections count."""
+        boxes = Threshold("iou", "Box overlap", self._settings.iou, "Of two boxes of a class that overlap more than "
+                          "this (IoU), the less confident one goes.")  # fmt: skip
+        return (
+            Threshold("score", "Score", self._settings.score, "Least confidence of a detection."),
+            Threshold("mask", "Mask", self._settings.mask, "Least probability of a pixel of a mask."),
+            *(() if self._ports.suppressed else (boxes,)),
+        )
+
+    def adjusted(self, thresholds: Mapping[str, float]) -> "YoloSeg":
+        """Give the same network with other thresholds."""
+        return YoloSeg(self._session, self._ports, self._names, replace(self._settings, **thresholds))
 
     def prepare(self, color: NDArray) -> NDArray:
         """Letterbox an image, uint8 [H, W, 3], RGB, and give [1, 3, h, w] in 0 .. 1."""
         size = self._ports.size
         canvas = lay(color, letterbox(*color.shape[:2], into=size), into=size, fill=GREY)
-        return cv2.dnn.blobFromImage(canvas, 1.0 / 255.0).astype(self._ports.dtype, copy=False)
+        return channels_first(canvas, scale=(1.0 / 255.0,) * 3).astype(self._ports.dtype, copy=False)
 
     def infer(self, prepared: NDArray) -> list[NDArray]:
         """Run the network."""
@@ -97,6 +115,12 @@ class YoloSeg:
     def _detections(self, rows: NDArray) -> Detections:
         if self._ports.suppressed:
             kept = rows[rows[:, 4] >= self._settings.score]
+            last = int(kept[:, 5].max(initial=0))
+            if last >= len(self.labels):
+                raise InputError(
+                    f"{self._names.source}: expected a class name for each class that {self.name} finds, "
+                    f"{last + 1} or more, found {len(self.labels)}"
+                )
             return Detections(kept[:, :4], kept[:, 4], kept[:, 5].astype(np.int64), kept[:, 6:])
         found = raw_detections(rows, len(self.labels), self._settings.score)
         return found.of(suppress(found, self._settings.iou))
@@ -110,9 +134,14 @@ class YoloSeg:
             ids[top : top + mask.shape[0], left : left + mask.shape[1]][mask] = number
         left_over = np.bincount(ids.reshape(-1), minlength=len(order) + 1)
         segments = tuple(
-            Segment(number, self.labels[c], round(min(1.0, float(found.scores[i])), 4), self.is_thing[c])
+            Segment(
+                number,
+                self.labels[c := int(found.classes[i])],
+                round(min(1.0, float(found.scores[i])), 4),
+                self.is_thing[c],
+            )
             for number, i in enumerate(order, start=1)
-            if left_over[number] and (c := int(found.classes[i])) < len(self.labels)
+            if left_over[number]
         )
         return Segmentation(ids, segments)
 
@@ -169,8 +198,6 @@ def detection_masks(
         mask: a probability.
     """
     rows, cols = prototypes.shape[1:]
-    # Not @: with so little to multiply, BLAS spends a hundred times longer waking its threads on a busy machine.
-    logits = np.einsum("np,pyx->nyx", found.coefficients, prototypes)
     threshold = math.log(mask / (1.0 - mask))
     boxes = place.to_picture(found.boxes)
     low = np.clip(np.floor(boxes[:, :2] + 0.5), 0, [shape[1], shape[0]]).astype(int)
@@ -178,17 +205,27 @@ def detection_masks(
     shrink_x, shrink_y = cols / size[1], rows / size[0]
     step_x, step_y = place.scale_x * shrink_x, place.scale_y * shrink_y
     masks = []
-    for logit, (left, top), (right, bottom) in zip(logits, low, high, strict=True):
+    for row, (left, top), (right, bottom) in zip(found.coefficients, low, high, strict=True):
         if right <= left or bottom <= top:
             masks.append((0, 0, np.zeros((0, 0), dtype=np.bool_)))
             continue
         # Pixel centres lie at whole numbers here, hence the halves.
         first_x = ((left + 0.5) * place.scale_x + place.left) * shrink_x - 0.5
         first_y = ((top + 0.5) * place.scale_y + place.top) * shrink_y - 0.5
-        to_prototype = np.array([[step_x, 0.0, first_x], [0.0, step_y, first_y]])
+        x0, x1 = _reach(first_x, step_x * (right - left), cols)
+        y0, y1 = _reach(first_y, step_y * (bottom - top), rows)
+        # Not @: with so little to multiply, BLAS spends a hundred times longer waking its threads on a busy machine.
+        logit = np.einsum("p,pyx->yx", row, prototypes[:, y0:y1, x0:x1])
+        to_prototype = np.array([[step_x, 0.0, first_x - x0], [0.0, step_y, first_y - y0]])
         flags = cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP
         read = cv2.warpAffine(
             logit, to_prototype, (int(right - left), int(bottom - top)), flags=flags, borderMode=cv2.BORDER_REPLICATE
         )
         masks.append((int(top), int(left), read > threshold))
     return masks
+
+
+def _reach(first: float, length: float, size: int) -> tuple[int, int]:
+    """Give the first and the last + 1 prototype pixel of a row or column that bilinear reading needs."""
+    low = min(max(math.floor(first) - 1, 0), size - 1)
+    return low, max(min(math.ceil(first + length) + 2, size), low + 1)

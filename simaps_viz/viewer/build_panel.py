@@ -1,6 +1,5 @@
 """The panel that scrubs through the build, in step with the recording."""
 
-import threading
 import time
 from collections import deque
 from collections.abc import Callable
@@ -9,12 +8,14 @@ from html import escape
 import viser
 
 from simaps_viz.structures import SIMap
+from simaps_viz.viewer.player import Played, Player
+from simaps_viz.viewer.theme import BOX_STYLE, DIM_STYLE, note_html
 
 ECHO_S = 1.5
 """For how long a frame that was sent to the recording may come back as an echo."""
 SETTLE_S = 10.0
 """For how long after a recording opened its going to its first frame is overruled."""
-FRAMES_PER_S = 5.0
+FRAMES_PER_S = 8
 
 
 class FrameLink:
@@ -68,21 +69,30 @@ class BuildPanel:
         self._names = simap.frame_names
         last = max(len(self._names) - 1, 0)
         note = (
-            "Scrub here or in the recorded build on the left: both show the same frame."
+            "Go back in time here or in the recorded build on the left: both show the same frame."
             if recorded
-            else "There is no recording of this build at hand; the map still knows its frames."
+            else "Go back in time: the map shows what it was after that frame."
         )
-        gui.add_html(f'<div style="padding:.5em .8em 0;font-size:.82em;opacity:.75">{note}</div>')
-        self._slider = gui.add_slider("Frame", 0, last, 1, last, disabled=last == 0)
+        gui.add_html(note_html(note))
+        self._slider = gui.add_slider("Frame", 0, max(last, 1), 1, last, disabled=last == 0)
         self._slider.on_update(self._moved)
         self._name = gui.add_html(self._caption(last))
+        self._then = gui.add_html("", visible=False)
+        played = Played(
+            lambda: self.frame,
+            lambda: len(self._names) - 1,
+            lambda frame: self.set_frame(frame, chosen_here=True),
+            lambda: float(self._rate.value),
+        )
+        self._player = Player(gui, "Play", played)
+        self._player.button.disabled = last == 0
+        self._rate = gui.add_slider("Pace (per s)", 1, 30, 1, FRAMES_PER_S)
         self._fill = gui.add_checkbox(
-            "Only what was seen by then", True, hint="Hide objects that no frame up to this one had named."
+            "Map as it was then",
+            True,
+            hint="After the frame that is shown; otherwise the finished map.",
         )
         self._fill.on_update(lambda _: on_frame(self.frame, False))
-        self._play = gui.add_button("Play", icon=viser.Icon.PLAYER_PLAY, disabled=last == 0)
-        self._play.on_click(lambda _: self.toggle())
-        self._playing = threading.Event()
 
     @property
     def frame(self) -> int:
@@ -91,8 +101,40 @@ class BuildPanel:
 
     @property
     def fill_in_step(self) -> bool:
-        """Whether the map shall only show what had been seen by then."""
+        """Whether the map shall be shown as it was then."""
         return bool(self._fill.value)
+
+    @property
+    def behind(self) -> int | None:
+        """The frame after which the map shall be shown; None = the finished map."""
+        return self.frame if self.fill_in_step and not self.at_end else None
+
+    @property
+    def at_end(self) -> bool:
+        """Whether the last frame is shown."""
+        return self.frame >= len(self._names) - 1
+
+    def set_fill(self, fill_in_step: bool) -> None:
+        """Choose whether the map shall be shown as it was then."""
+        self._fill.value = fill_in_step
+
+    def tell(self, words: str) -> None:
+        """Say what was known then; nothing for the finished map."""
+        content = f'<div role="status" style="{BOX_STYLE}">{escape(words)}</div>' if words else ""
+        if self._then.content != content:
+            self._then.content, self._then.visible = content, bool(words)
+
+    def map_changed(self, simap: SIMap) -> None:
+        """The build may have gone on: who looked at its last frame goes on to the new last one."""
+        if simap.frame_names == self._names:
+            return
+        last, follow = max(len(simap.frame_names) - 1, 0), self.at_end
+        self._names = simap.frame_names
+        self._slider.max = max(last, 1)
+        self._slider.disabled = self._player.button.disabled = last == 0
+        if follow or self.frame > last:
+            self._slider.value = last
+        self._name.content = self._caption(self.frame)
 
     def set_frame(self, frame: int, *, chosen_here: bool = False) -> None:
         """Move the slider, and tell."""
@@ -102,31 +144,16 @@ class BuildPanel:
 
     def toggle(self) -> None:
         """Play, or stop playing."""
-        if self._playing.is_set():
-            self.stop()
-            return
-        self._playing.set()
-        self._play.label, self._play.icon = "Pause", viser.Icon.PLAYER_PAUSE
-        threading.Thread(target=self._run, name="workbench-play", daemon=True).start()
+        if len(self._names) > 1:
+            self._player.toggle()
 
     def stop(self) -> None:
         """Stop playing."""
-        self._playing.clear()
-        self._play.label, self._play.icon = "Play", viser.Icon.PLAYER_PLAY
-
-    def _run(self) -> None:
-        last = len(self._names) - 1
-        frame = 0 if self.frame >= last else self.frame
-        while self._playing.is_set() and frame <= last:
-            self.set_frame(frame, chosen_here=True)
-            time.sleep(1.0 / FRAMES_PER_S)
-            frame += 1
-        if self._playing.is_set():
-            self.stop()
+        self._player.stop()
 
     def _moved(self, event: viser.GuiEvent) -> None:
         if event.client_id is not None:
-            self._playing.clear()
+            self._player.stop()
             self._tell(self.frame, True)
 
     def _tell(self, frame: int, chosen_here: bool) -> None:
@@ -134,8 +161,9 @@ class BuildPanel:
         self._on_frame(frame, chosen_here)
 
     def _caption(self, frame: int) -> str:
-        name = self._names[frame] if self._names else "no frames"
+        if not self._names:
+            return f'<div style="{BOX_STYLE}">No frame is on the map yet.</div>'
         return (
-            f'<div style="padding:.2em .8em;font-size:.85em">Frame <b>{escape(name)}</b> '
-            f'<span style="opacity:.6">({frame + 1 if self._names else 0} of {len(self._names)})</span></div>'
+            f'<div style="{BOX_STYLE}">Frame <b>{escape(self._names[frame])}</b> '
+            f'<span style="{DIM_STYLE}">({frame + 1} of {len(self._names)})</span></div>'
         )

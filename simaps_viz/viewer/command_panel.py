@@ -86,6 +86,22 @@ class CommandPanel:
         """Whether the language model shall read commands."""
         return bool(self._model.visible and self._model.value)
 
+    @property
+    def said(self) -> tuple[str, str, str]:
+        """What is typed, what became of the last command, and its program, the latter two as HTML."""
+        return str(self._text.value), str(self._result.content), str(self._program.content)
+
+    @property
+    def speed(self) -> float:
+        """Factor on the robot's normal speed."""
+        return float(self._speed.value)
+
+    def say_again(self, said: tuple[str, str, str], speed: float) -> None:
+        """Show again what ``said`` gave."""
+        self._text.value, self._result.content, self._program.content = said
+        self._program.visible = bool(said[2])
+        self._speed.value = speed
+
     def show_phase(self, phase: Phase) -> None:
         """Offer the buttons that fit what the robot is doing."""
         self._phase = phase

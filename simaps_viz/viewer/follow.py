@@ -21,17 +21,17 @@ _TURNS_BY = 0.3
 
 
 class Follower:
-    """Moves the cameras of all pages, while it is on."""
+    """Moves the camera of a page, while it is on."""
 
-    def __init__(self, server: viser.ViserServer, *, behind: Callable[[], bool], let_go: Callable[[], None]) -> None:
+    def __init__(self, client: viser.ClientHandle, *, behind: Callable[[], bool], let_go: Callable[[], None]) -> None:
         """Take what it needs.
 
         Args:
-            server: whose cameras.
+            client: whose camera.
             behind: whether to look from behind the robot rather than from above.
-            let_go: called when it is switched off; puts the cameras back.
+            let_go: called when it is switched off; puts the camera back.
         """
-        self._server, self._behind, self._let_go = server, behind, let_go
+        self._client, self._behind, self._let_go = client, behind, let_go
         self._on = False
         self._yaw: float | None = None
         self._moved_at = 0.0
@@ -39,11 +39,11 @@ class Follower:
 
     @property
     def on(self) -> bool:
-        """Whether cameras follow."""
+        """Whether the camera follows."""
         return self._on
 
     def switch(self, on: bool, pose: Pose2) -> None:
-        """Begin to follow, or leave the cameras to their users again."""
+        """Begin to follow, or leave the camera to its user again."""
         with self._lock:  # a move that is being made would undo what ``let_go`` does
             was, self._on, self._yaw, self._moved_at = self._on, on, None, 0.0
             if was and not on:
@@ -62,12 +62,12 @@ class Follower:
             yaw = pose.yaw_rad if self._yaw is None else self._yaw
             self._yaw = wrap_angle(yaw + _TURNS_BY * wrap_angle(pose.yaw_rad - yaw))
             view = behind(pose, self._yaw) if self._behind() else above(pose)
-            for client in self._server.get_clients().values():
-                with client.atomic():
-                    client.camera.fov = view.fov_rad
-                    client.camera.up_direction = (0.0, 0.0, 1.0)
-                    client.camera.position = view.position
-                    client.camera.look_at = view.look_at
+            camera = self._client.camera
+            with self._client.atomic():
+                camera.fov = view.fov_rad
+                camera.up_direction = (0.0, 0.0, 1.0)
+                camera.position = view.position
+                camera.look_at = view.look_at
         finally:
             self._lock.release()
 

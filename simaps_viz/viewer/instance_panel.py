@@ -1,7 +1,9 @@
 """The panel about one instance: what it is, where, how often it was seen, and how it looked."""
 
-from collections.abc import Callable, Mapping
+from collections import Counter
+from collections.abc import Callable, Mapping, Sequence
 from html import escape
+from typing import Any
 
 import numpy as np
 import viser
@@ -10,13 +12,13 @@ from numpy.typing import NDArray
 from simaps_viz.structures import Instance, SIMap
 from simaps_viz.viewer.legend import facts_html, object_name
 from simaps_viz.viewer.picking import best_views
+from simaps_viz.viewer.theme import BOX_STYLE
 from simaps_viz.viewer.thumbnails import gallery, named, outlined
 
 NOTHING: str = "(none)"
-HELP = (
-    '<div style="padding:.4em .8em;font-size:.82em;opacity:.75">Click an object on the map, '
-    "or choose one from the list.</div>"
-)
+MOST_LISTED = 1000
+"""Instances that the list offers; all can be clicked on the map."""
+HELP = '<div style="padding:.4em .8em;font-size:.85em">Click an object on the map, or choose one from the list.</div>'
 
 
 class InstancePanel:
@@ -52,11 +54,14 @@ class InstancePanel:
 
     def list(self, simap: SIMap) -> None:
         """Offer the instances of a map."""
-        names = {object_name(simap, instance): instance.id for instance in simap.instances}
+        names = object_names(simap)
         if names == self._ids:
             return
+        chosen = str(self._list.value)
         self._ids = names
         self._list.options = (NOTHING, *names)
+        if chosen in names:
+            self._list.value = chosen
 
     def show(self, simap: SIMap, instance: Instance | None) -> None:
         """Describe an instance, or say how to choose one; the pictures follow with ``show_pictures``."""
@@ -69,9 +74,9 @@ class InstancePanel:
         if self._list.value != name and name in self._list.options:
             self._list.value = name
 
-    def explain(self, summary: str | None) -> None:
-        """Say why it is one object, as HTML; None = nothing is selected."""
-        self._why.content = summary or ""
+    def explain(self, summary: str | None, edits: Sequence[Mapping[str, Any]] = ()) -> None:
+        """Say why it is one object, as HTML, and who has edited it by hand; None = nothing is selected."""
+        self._why.content = (summary or "") + edits_html(edits)
         self._why.visible = summary is not None
 
     def show_pictures(self, picture: NDArray | None, note: str, frames: Mapping[str, int] | None = None) -> None:
@@ -95,8 +100,35 @@ class InstancePanel:
             self._on_choose(self._ids.get(str(self._list.value)))
 
 
+def edits_html(edits: Sequence[Mapping[str, Any]]) -> str:
+    """Say who made an object what it is by hand, the last edit first; nothing where nobody did."""
+    if not edits:
+        return ""
+    lines = "".join(
+        f"<div>{escape(str(edit.get('what')))}, by {escape(str(edit.get('who')))}, "
+        f"{escape(str(edit.get('when'))[:16].replace('T', ' '))}</div>"
+        for edit in reversed(edits)
+    )
+    return f'<div style="{BOX_STYLE}"><b>Edited by hand</b>{lines}</div>'
+
+
+def object_names(simap: SIMap, most: int = MOST_LISTED) -> dict[str, int]:
+    """Give {name: id} of a map's instances, named as `legend.object_name` does, of many only the largest."""
+    total = Counter(instance.label for instance in simap.instances)
+    number: Counter[str] = Counter()
+    floor = 0
+    if len(simap.instances) > most:
+        floor = sorted((instance.cells for instance in simap.instances), reverse=True)[most - 1]
+    names: dict[str, int] = {}
+    for instance in simap.instances:
+        number[instance.label] += 1
+        if instance.cells >= floor and len(names) < most:
+            names[f"{instance.label} {number[instance.label]} of {total[instance.label]}"] = instance.id
+    return names
+
+
 def _small(note: str) -> str:
-    return f'<div style="padding:0 .8em .4em;font-size:.78em;opacity:.75">{escape(note)}</div>'
+    return f'<div style="padding:0 .8em .4em;font-size:.85em">{escape(note)}</div>'
 
 
 def best_pictures(

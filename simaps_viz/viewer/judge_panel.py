@@ -5,6 +5,7 @@ import re
 import threading
 import time
 from collections.abc import Callable, Sequence
+from contextlib import AbstractContextManager
 from typing import Any, Literal
 
 import numpy as np
@@ -37,7 +38,7 @@ _ANSWERS: tuple[tuple[Verdict, str, str, str, viser.IconName], ...] = (
 
 
 class JudgePanel:
-    """Plays the runs of a session on the true map and takes the answers. What is on it is shared by all pages."""
+    """Plays the runs of a session on the true map and takes the answers. All pages answer into one."""
 
     def __init__(
         self,
@@ -48,6 +49,7 @@ class JudgePanel:
         simap: SIMap,
         candidates: Callable[[SIMap, str, Pose2], Sequence[CandidateLike]] | None,
         take_robot: Callable[[], None],
+        lock: AbstractContextManager[object] | None = None,
     ) -> None:
         """Fill the current container; ``show`` begins.
 
@@ -58,6 +60,7 @@ class JudgePanel:
             simap: the true map.
             candidates: tells how far the things of a class are from a place.
             take_robot: called before this moves the robot.
+            lock: held while an answer is saved; one for all pages of a session.
         """
         self._scene, self._session, self._simap = scene, session, simap
         self._candidates, self._take_robot = candidates, take_robot
@@ -65,7 +68,7 @@ class JudgePanel:
         self._seen: list[RunLike] = []
         self._again: RunLike | None = None
         self._shown_at = 0.0
-        self._lock = threading.RLock()
+        self._lock = lock or threading.RLock()
         self._drive = Drive(lambda pose, _share, _leg: scene.show_robot(pose), lambda: None)
         self._fill(gui)
 

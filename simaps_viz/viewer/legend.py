@@ -4,15 +4,16 @@ from html import escape
 
 import cv2
 import numpy as np
+from numpy.typing import NDArray
 
-from simaps_viz.labels import class_color, instance_color
+from simaps_viz.map_colors import class_colors, instance_colors
+from simaps_viz.palette import PALETTE, Color
 from simaps_viz.structures import Instance, SIMap
-from simaps_viz.viewer.texture import CLUTTER, FLOOR, HEIGHT_TOP_M, UNSEEN, WALL, ColorMode
+from simaps_viz.viewer.texture import HEIGHT_TOP_M, ColorMode
+from simaps_viz.viewer.theme import BOX_STYLE, DIM_STYLE, LIGHT, Theme
 
 MOST_CHIPS = 40
 """Instances of a class that get their own colour chip; more are summed up."""
-
-Color = tuple[int, int, int]
 
 
 def plural(count: int, noun: str) -> str:
@@ -23,6 +24,8 @@ def plural(count: int, noun: str) -> str:
         return f"{count} {noun[:-6]}people"
     if noun.endswith("knife"):
         return f"{count} {noun[:-2]}ves"
+    if noun.endswith("shelf"):
+        return f"{count} {noun[:-1]}ves"
     if noun.endswith(("scissors", "skis")):
         return f"{count} {noun}"
     ending = "es" if noun.endswith(("s", "x", "ch", "sh")) else "s"
@@ -32,11 +35,23 @@ def plural(count: int, noun: str) -> str:
 def counts_text(simap: SIMap, most: int = 4) -> str:
     """Say what is on the map: "17 chairs, 4 dining tables · 21 instances"; rare classes are summed up."""
     if not simap.instances:
-        return "No instances"
+        return f"No instances: {why_empty(simap)}"
     parts = [plural(n, label) for label, n in simap.counts().items()]
     if len(parts) > most + 1:
         parts = [*parts[:most], f"{len(parts) - most} more classes"]
     return f"{', '.join(parts)} · {plural(len(simap.instances), 'instance')}"
+
+
+def why_empty(simap: SIMap) -> str:
+    """Say why a map has no instances, in words."""
+    if not any(simap.grid.is_thing):
+        return "none of the classes of its masks is countable (is_thing)."
+    if not (simap.grid.observations > 0).any():
+        return "no frame saw the floor or anything on it."
+    things = np.array(simap.grid.is_thing, dtype=bool)[simap.grid.label]
+    if not things.any():
+        return "no mask named a countable thing; walls, floor and what nobody named are shown."
+    return f"things were named, but none reaches the least size ({simap.parameters.get('min_cells', 1)} cells)."
 
 
 def object_name(simap: SIMap, instance: Instance) -> str:
@@ -60,54 +75,85 @@ def facts_html(simap: SIMap, instance: Instance) -> str:
         ("Size", f"{x1 - x0:.2f} × {y1 - y0:.2f} m, top at {top:.2f} m"),
         ("Score", f"{instance.score:.2f} mean confidence"),
     )
-    table = "".join(f'<tr><td style="opacity:.6;padding-right:.8em">{k}</td><td>{escape(v)}</td></tr>' for k, v in rows)
+    table = "".join(
+        f'<tr><td style="{DIM_STYLE};padding-right:.8em">{k}</td><td>{escape(v)}</td></tr>' for k, v in rows
+    )
     return (
-        '<div style="padding:.4em .8em .5em;font-size:.82em;line-height:1.5">'
+        f'<div style="{BOX_STYLE}">'
         '<div style="font-size:1.15em;font-weight:600">'
-        f"{_chip(instance_color(instance.id), 12)}{escape(object_name(simap, instance))}</div>"
+        f"{_CHIP_STYLE}{_chip(instance_rgb(simap, instance))}{escape(object_name(simap, instance))}</div>"
         f"<div>{escape(facts_text(simap, instance))}</div>"
         f'<table style="border-spacing:0;margin-top:.3em">{table}</table></div>'
     )
 
 
-def legend_html(simap: SIMap, mode: ColorMode) -> str:
+def legend_html(simap: SIMap, mode: ColorMode, theme: Theme = LIGHT) -> str:
     """Explain every colour of a mode."""
     if mode == "height":
         return _box(_bar("0 m", f"{HEIGHT_TOP_M:g} m and more", "height of the highest point over the floor"))
     if mode == "observations":
         most = int(simap.grid.observations.max(initial=0))
         return _box(_bar("0", plural(most, "frame"), "frames that saw the cell, logarithmic"))
-    rows = []
-    for label, count in simap.counts().items():
-        ids = [i.id for i in simap.of_class(label)]
-        if mode == "class":
-            chips = _chip(class_color(label), 12)
-            rows.append(f"<div>{chips}{escape(label)} <b>{count}</b></div>")
-            continue
-        chips = "".join(_chip(instance_color(i), 9, gap=2) for i in ids[:MOST_CHIPS])
-        rest = f" +{count - MOST_CHIPS}" if count > MOST_CHIPS else ""
-        rows.append(f'<div><span style="margin-right:.6em">{escape(label)} <b>{count}</b></span>{chips}{rest}</div>')
-    ground = (("wall", WALL), ("not named", CLUTTER), ("floor", FLOOR), ("never seen", UNSEEN))
-    rows.append(
-        '<div style="margin-top:.5em;opacity:.85">'
-        + "".join(
-            f'<span style="white-space:nowrap;margin-right:.9em">{_chip(color, 10)}{name}</span>'
-            for name, color in ground
-        )
-        + "</div>"
-    )
+    rows = [_CHIP_STYLE, *(_class_rows(simap) if mode == "class" else _instance_rows(simap))]
+    ground = (("wall", theme.wall), ("not named", theme.clutter), ("floor", theme.floor), ("never seen", theme.unseen))
+    names = "".join(f'<span class="simaps-entry">{_chip(color)}{name}</span>' for name, color in ground)
+    rows.append(f'<div style="margin-top:.5em">{names}</div>')
     return _box("".join(rows))
 
 
+def _class_rows(simap: SIMap) -> list[str]:
+    colors = class_colors(simap)
+    counts = simap.counts()
+    rows = [
+        f'<div class="simaps-entry">{_chip(colors[label])}{escape(label)} <b>{count}</b></div>'
+        for label, count in counts.items()
+    ]
+    if len(counts) > len(PALETTE):
+        rows.append(_note(f"{len(PALETTE)} colours for {len(counts)} classes: those that touch differ, others repeat."))
+    return rows
+
+
+def _instance_rows(simap: SIMap) -> list[str]:
+    colors = instance_colors(simap)
+    ids: dict[str, list[int]] = {}
+    for one in simap.instances:
+        ids.setdefault(one.label, []).append(one.id)
+    rows = []
+    for label, count in simap.counts().items():
+        chips = "".join(_chip(_rgb(colors[i])) for i in ids[label][:MOST_CHIPS])
+        rest = f" +{count - MOST_CHIPS}" if count > MOST_CHIPS else ""
+        rows.append(f'<div><span class="simaps-entry">{escape(label)} <b>{count}</b></span>{chips}{rest}</div>')
+    if len(simap.instances) > len(PALETTE):
+        rows.append(_note("Objects near one another have different colours; farther off, colours repeat."))
+    return rows
+
+
+def instance_rgb(simap: SIMap, instance: Instance) -> Color:
+    """Give the colour that an instance has on the map."""
+    return _rgb(instance_colors(simap)[instance.id])
+
+
+def _rgb(row: NDArray) -> Color:
+    r, g, b = row.tolist()
+    return (r, g, b)
+
+
 def _box(inner: str) -> str:
-    return f'<div style="padding:.2em .8em .4em;font-size:.82em;line-height:1.55">{inner}</div>'
+    return f'<div style="{BOX_STYLE}">{inner}</div>'
 
 
-def _chip(color: Color, size: int, gap: int = 6) -> str:
-    return (
-        f'<span style="display:inline-block;width:{size}px;height:{size}px;border-radius:2px;'
-        f'margin-right:{gap}px;background:rgb{color};box-shadow:inset 0 0 0 1px rgba(0,0,0,.18)"></span>'
-    )
+def _note(text: str) -> str:
+    return f'<div style="{DIM_STYLE};font-size:.92em;margin-top:.3em">{escape(text)}</div>'
+
+
+_CHIP_STYLE = (
+    "<style>.simaps-chip{display:inline-block;width:.8em;height:.8em;border-radius:2px;margin-right:.25em;"
+    "box-shadow:inset 0 0 0 1px rgba(128,128,128,.45)}.simaps-entry{white-space:nowrap;margin-right:.8em}</style>"
+)
+
+
+def _chip(color: Color) -> str:
+    return f'<i class="simaps-chip" style="background:rgb{color}"></i>'
 
 
 def _bar(low: str, high: str, meaning: str) -> str:

@@ -4,6 +4,7 @@ import contextlib
 import functools
 import threading
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 
 import cv2
 import numpy as np
@@ -25,6 +26,18 @@ __all__ = ["RobotControl", "candidate_labels", "goal_labels", "open_floor", "pos
 
 FLOOR_HEIGHT_M = 0.10
 MOST_PAST = 50
+
+
+@dataclass(frozen=True)
+class RobotState:
+    """What a page that is loaded again shows of its robot."""
+
+    pose: Pose2
+    start: Pose2
+    past: tuple[Past, ...]
+    said: tuple[str, str, str]
+    """As `CommandPanel.said`."""
+    speed: float
 
 
 class RobotControl:
@@ -119,6 +132,20 @@ class RobotControl:
             before = self._answer.program if self._answer is not None else None
             others += [before] if before else []
             self._submit(program, at=self._asked_at, readings=tuple(others))
+
+    def state(self) -> RobotState:
+        """Give where the robot is and what was said; a ride or a wait that is under way ends."""
+        if self.driving or self._waiting is not None:
+            self.stop()
+        return RobotState(self._pose, self._start, tuple(self._past), self._panel.said, self._panel.speed)
+
+    def go_to(self, state: RobotState) -> None:
+        """Be as a robot was."""
+        self._start, self._past = state.start, list(state.past)
+        self._panel.say_again(state.said, state.speed)
+        self._set_speed(state.speed)
+        self._panel.show_past(self._past)
+        self._stand(state.pose)
 
     def leave(self) -> None:
         """End what is under way and take all this drew off the map; the robot is somebody else's."""

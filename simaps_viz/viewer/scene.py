@@ -1,87 +1,109 @@
 """What stands in the middle of the page: the map, the robot, its path, the camera of a frame."""
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 import viser
 import viser.transforms as vtf
 from numpy.typing import NDArray
 
-from simaps_viz.structures import Pose2, SIMap
+from simaps_viz.structures import GridSpec, Pose2, SIMap
 from simaps_viz.viewer.camera import Extent, with_margin
 from simaps_viz.viewer.solids import solids
-from simaps_viz.viewer.texture import (
-    ColorMode,
-    cell_colors,
-    map_image,
-    outline_segments,
-    pixels_per_cell,
-)
+from simaps_viz.viewer.texture import ColorMode, cell_colors, outline_segments
+from simaps_viz.viewer.theme import LIGHT, Theme
 from simaps_viz.viewer.why_marks import paint_cells
 
-INK = (38, 44, 56)
-SELECTED = (15, 18, 26)
 ROBOT = (10, 84, 200)
 PATH = (22, 110, 235)
 CAMERA = (220, 60, 40)
 ROBOT_HEIGHT_M = 0.35
+PICTURE_M = 0.004
+"""How far a picture in the place of the map lies over it."""
+_BLANK = np.zeros((1, 1, 3), np.uint8)
+
+
+@dataclass(frozen=True, eq=False)
+class Style:
+    """How a map is coloured."""
+
+    mode: ColorMode = "instance"
+    lit: frozenset[int] | None = None
+    """Instances that keep their colour while all else is dimmed; None dims nothing."""
+    until: int | None = None
+    """Leave out what no frame up to this one had named; None = leave out nothing."""
+    paint: tuple[NDArray, NDArray] | None = None
+    """Cells (flat) that get colours of their own, uint8 [n, 3]."""
+    theme: Theme = LIGHT
+    """Of the page."""
 
 
 class MapScene:
-    """The nodes of the 3-D scene; every method replaces what it showed before."""
+    """The nodes of one page's 3-D scene; every method replaces what it showed before."""
 
-    def __init__(self, server: viser.ViserServer, simap: SIMap, *, robot_radius_m: float = 0.18) -> None:
+    def __init__(
+        self, page: viser.ViserServer | viser.ClientHandle, simap: SIMap, *, robot_radius_m: float = 0.18
+    ) -> None:
         """Add the map's furniture (scale bar, compass); the map itself comes with ``show_map``."""
-        self._scene = server.scene
-        self._server = server
+        self._scene = page.scene
+        self._page = page
         self._scene.set_up_direction("+z")
-        self._light_up()
-        self._image: viser.ImageHandle | None = None
+        if isinstance(page, viser.ViserServer):  # else it has light already
+            light_up(page.scene)
+        self._images: dict[str, tuple[tuple[float, ...], viser.ImageHandle]] = {}
         self._blocks: list[viser.MeshHandle] = []
         self._upright = False
-        self._style: tuple[SIMap, ColorMode, frozenset[int] | None, tuple[NDArray, NDArray] | None] | None = None
-        self.extent = _seen_extent(simap)
-        self._add_scale_bar()
-        self._add_compass()
+        self._shown: tuple[SIMap, Style] | None = None
+        self._theme = LIGHT
+        self._outlined: NDArray = np.zeros((0, 2, 3))
+        self.extent: Extent = (0.0, 0.0, 0.0, 0.0)
+        self.fit(simap)
         self._robot = self._add_robot(robot_radius_m)
         self._candidates: list[viser.LabelHandle] = []
 
     @property
     def frame_extent(self) -> Extent:
         """What a camera should show: the map, its scale bar and its compass."""
-        xmin, ymin, xmax, ymax = with_margin(self.extent)
-        return xmin, ymin - 0.06 * (ymax - ymin), xmax, ymax
+        return frame_extent(self.extent)
 
-    def show_map(
-        self,
-        simap: SIMap,
-        mode: ColorMode,
-        *,
-        lit: frozenset[int] | None = None,
-        hidden: Sequence[int] = (),
-        paint: tuple[NDArray, NDArray] | None = None,
-    ) -> None:
-        """Paint the map; ``paint`` = cells (flat) that get colours of their own, uint8 [n, 3]."""
-        image = map_image(simap, mode, lit=lit, hidden=hidden, scale=pixels_per_cell(simap))
-        if paint is not None:
-            paint_cells(image, *paint, simap.spec.cols)
-        if self._image is None:
-            xmin, ymin, xmax, ymax = simap.spec.extent_m
-            self._image = self._scene.add_image(
-                "/map",
-                image,
-                xmax - xmin,
-                ymax - ymin,
-                format="png",
-                cast_shadow=False,
-                receive_shadow=False,
-                position=((xmin + xmax) / 2.0, (ymin + ymax) / 2.0, 0.0),
-            )
-        else:
-            self._image.image = image
-        self._style = (simap, mode, lit, paint)
+    def fit(self, simap: SIMap) -> bool:
+        """Put scale bar and compass beside what was seen of a map; tells whether that has changed."""
+        extent = seen_extent(simap)
+        if extent == self.extent:
+            return False
+        self.extent = extent
+        with self._page.atomic():
+            self._add_scale_bar()
+            self._add_compass()
+        return True
+
+    @property
+    def theme(self) -> Theme:
+        """Light or dark."""
+        return self._theme
+
+    def set_theme(self, theme: Theme) -> None:
+        """Draw the lines for a light or a dark page; the map's picture and blocks follow with ``show_map``."""
+        self._theme = theme
+        with self._page.atomic():
+            self._add_scale_bar()
+            self._add_compass()
+            self._lines("/selection", self._outlined, theme.selected, 3.0)
+
+    def show_map(self, simap: SIMap, picture: bytes, style: Style) -> None:
+        """Lay a map's picture (PNG, painted in that style, row 0 at the south) on the floor."""
+        self._lay("/map", simap.spec, picture, 0.0)
+        self._shown = (simap, style)
         if self._upright:
             self._build_blocks()
+
+    def show_picture(self, spec: GridSpec | None, picture: bytes = b"") -> None:
+        """Lay a picture (PNG) over the map, where a grid lies; None takes it away."""
+        if spec is not None:
+            self._lay("/picture", spec, picture, PICTURE_M)
+        elif "/picture" in self._images:
+            self._images.pop("/picture")[1].remove()
 
     def stand_up(self, upright: bool) -> None:
         """Show what stands on the floor as blocks, or only the flat map."""
@@ -94,11 +116,12 @@ class MapScene:
     def outline(self, simap: SIMap, instance_id: int | None) -> None:
         """Draw a line around an instance, or none."""
         segments = np.zeros((0, 2, 3)) if instance_id is None else outline_segments(simap, instance_id, 0.012)
-        self._lines("/selection", segments, SELECTED, 3.0)
+        self._outlined = segments
+        self._lines("/selection", segments, self._theme.selected, 3.0)
 
     def show_robot(self, pose: Pose2) -> None:
         """Put the robot somewhere."""
-        with self._server.atomic():
+        with self._page.atomic():
             self._robot.position = (pose.x_m, pose.y_m, 0.0)
             self._robot.wxyz = vtf.SO3.from_z_radians(pose.yaw_rad).wxyz
 
@@ -143,6 +166,25 @@ class MapScene:
         drop = np.array([[[x, y, z], [x, y, 0.0]]])
         self._scene.add_line_segments("/camera_dot", drop, CAMERA, thickness=1.5, thickness_units="screen")
 
+    def _lay(self, name: str, spec: GridSpec, picture: bytes, z_m: float) -> None:
+        xmin, ymin, xmax, ymax = spec.extent_m
+        before = self._images.get(name)
+        with self._page.atomic():
+            if before is None or before[0] != spec.extent_m:
+                handle = self._scene.add_image(
+                    name,
+                    _BLANK,
+                    xmax - xmin,
+                    ymax - ymin,
+                    format="png",
+                    cast_shadow=False,
+                    receive_shadow=False,
+                    position=((xmin + xmax) / 2.0, (ymin + ymax) / 2.0, z_m),
+                )
+                self._images[name] = (spec.extent_m, handle)
+            # Already encoded, once for all pages; ``image`` would encode it for each.
+            self._images[name][1]._data = picture
+
     def _lines(self, name: str, segments: NDArray, color: tuple[int, int, int], thickness: float) -> None:
         if len(segments):
             self._scene.add_line_segments(name, segments, color, thickness=thickness, thickness_units="screen")
@@ -150,16 +192,13 @@ class MapScene:
             self._scene.remove_by_name(name)
 
     def _build_blocks(self) -> None:
-        if self._style is None:
+        if self._shown is None:
             return
-        simap, mode, lit, paint = self._style
-        colors = cell_colors(simap, mode)
-        if lit is not None:
-            keep = np.isin(simap.instance, np.fromiter(lit, np.int32, len(lit)))
-            colors = np.where(keep[..., None], colors, (colors * 0.25 + 180).astype(np.uint8))
-        if paint is not None:
-            paint_cells(colors, *paint, simap.spec.cols)
-        with self._server.atomic():
+        simap, style = self._shown
+        colors = cell_colors(simap, style.mode, lit=style.lit, theme=style.theme)
+        if style.paint is not None:
+            paint_cells(colors, *style.paint, simap.spec.cols)
+        with self._page.atomic():
             self._clear_blocks()
             self._blocks = [
                 self._scene.add_mesh_simple(
@@ -179,21 +218,13 @@ class MapScene:
             block.remove()
         self._blocks = []
 
-    def _light_up(self) -> None:
-        """Light that leaves colours as the legend has them on top, and darkens the sides."""
-        self._scene.configure_default_lights(enabled=False)
-        self._scene.configure_environment_map(hdri=None)
-        # A lid gets pi in all, which is what shows a colour unchanged; a side facing south four fifths of that.
-        self._scene.add_light_ambient("/lights/ambient", intensity=1.9)
-        self._scene.add_light_directional("/lights/sun", intensity=1.45, position=(-300.0, -500.0, 1000.0))
-
     def _add_scale_bar(self) -> None:
         xmin, ymin, xmax, ymax = self.extent
         length = max(n for n in (0.5, 1.0, 2.0, 5.0, 10.0, 20.0) if n == 0.5 or n <= 0.25 * (xmax - xmin))
         y, tick = ymin - 0.045 * (ymax - ymin), 0.012 * (ymax - ymin)
         a, b = xmin, xmin + length
         bar = [[[a, y, 0], [b, y, 0]], [[a, y - tick, 0], [a, y + tick, 0]], [[b, y - tick, 0], [b, y + tick, 0]]]
-        self._lines("/scale_bar", np.array(bar), INK, 2.5)
+        self._lines("/scale_bar", np.array(bar), self._theme.ink, 2.5)
         self._scene.add_label("/scale_bar/text", f"{length:g} m", position=(b + 2 * tick, y, 0.0), anchor="center-left")
 
     def _add_compass(self) -> None:
@@ -205,7 +236,7 @@ class MapScene:
             [[x, y + size, 0], [x - 0.25 * size, y + 0.6 * size, 0]],
             [[x, y + size, 0], [x + 0.25 * size, y + 0.6 * size, 0]],
         ]
-        self._lines("/compass", np.array(needle), INK, 2.5)
+        self._lines("/compass", np.array(needle), self._theme.ink, 2.5)
         self._scene.add_label(
             "/compass/text", "N", position=(x - 0.4 * size, y + 0.5 * size, 0.0), anchor="center-right"
         )
@@ -235,15 +266,26 @@ class MapScene:
         return robot
 
 
-def _seen_extent(simap: SIMap) -> Extent:
-    """The part of the grid that anything was seen of."""
-    row, col = np.nonzero(~np.isnan(simap.grid.height_m))
+def seen_extent(simap: SIMap) -> Extent:
+    """Give the part of the grid that anything was seen of."""
+    seen = ~np.isnan(simap.grid.height_m)
+    row, col = np.flatnonzero(seen.any(axis=1)), np.flatnonzero(seen.any(axis=0))
     if not len(row):
         return simap.spec.extent_m
     s, x0, y0 = simap.spec.cell_size_m, simap.spec.x0_m, simap.spec.y0_m
-    return (
-        x0 + float(col.min()) * s,
-        y0 + float(row.min()) * s,
-        x0 + float(col.max() + 1) * s,
-        y0 + float(row.max() + 1) * s,
-    )
+    return x0 + float(col[0]) * s, y0 + float(row[0]) * s, x0 + float(col[-1] + 1) * s, y0 + float(row[-1] + 1) * s
+
+
+def frame_extent(extent: Extent) -> Extent:
+    """Give what a camera should show of a map with that extent: its scale bar and its compass too."""
+    xmin, ymin, xmax, ymax = with_margin(extent)
+    return xmin, ymin - 0.06 * (ymax - ymin), xmax, ymax
+
+
+def light_up(scene: viser.SceneApi) -> None:
+    """Light a scene so that colours are as the legend has them on top, and darker on the sides."""
+    scene.configure_default_lights(enabled=False)
+    scene.configure_environment_map(hdri=None)
+    # A lid gets pi in all, which is what shows a colour unchanged; a side facing south four fifths of that.
+    scene.add_light_ambient("/lights/ambient", intensity=1.9)
+    scene.add_light_directional("/lights/sun", intensity=1.45, position=(-300.0, -500.0, 1000.0))

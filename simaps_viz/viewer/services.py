@@ -4,11 +4,14 @@ import threading
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, Literal, Protocol
+from typing import TYPE_CHECKING, Any, Literal, Protocol
 
 from numpy.typing import NDArray
 
 from simaps_viz.structures import Instance, Pose2, SIMap
+
+if TYPE_CHECKING:
+    from simaps_viz.viewer.panels import PanelSpec
 
 Asset = tuple[bytes | Path, str]
 """Content (or the file that holds it) and its media type."""
@@ -230,6 +233,8 @@ class Services:
     """frame index -> (RGB uint8 [H, W, 3], segment ids int32 [H, W]); None when the sequence is not at hand."""
     picture_divide: Mapping[str, int] = field(default_factory=dict)
     """Entity path of a recorded picture -> how many times smaller it is than its frame, so that it can be clicked."""
+    look_back: Callable[[SIMap, int], SIMap | None] | None = None
+    """(map, frame) -> what it looked like after that frame; None when the history of this map is not at hand."""
     rerun_page: Callable[[Sequence[str]], str] | None = None
     """(addresses of the recordings) -> HTML of the page that shows the recorded build; None when there is none."""
     rerun_assets: Mapping[str, Asset] = field(default_factory=dict)
@@ -238,3 +243,9 @@ class Services:
     """Content-Security-Policy of that page; empty takes a strict one."""
     recordings: tuple[Path, ...] = ()
     """The .rrd files that page may load, as /recordings/<name>."""
+    panels: "Sequence[PanelSpec]" = ()
+    """Panels besides those that are always there, in their order."""
+    stream: str = ""
+    """Address of a live recording to show, ``rerun+http://127.0.0.1:9876/proxy``; empty = none."""
+    building: bool = False
+    """The map is still being built; `Workbench.finish` ends that."""

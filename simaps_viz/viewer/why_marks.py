@@ -132,14 +132,14 @@ class Marks:
 class WhyMarks:
     """The nodes of the 3-D scene below ``/why``; every method replaces what it showed before."""
 
-    def __init__(self, server: viser.ViserServer) -> None:
+    def __init__(self, page: viser.ViserServer | viser.ClientHandle) -> None:
         """Draw nothing yet."""
-        self._server, self._scene = server, server.scene
+        self._page, self._scene = page, page.scene
         self._labels: list[viser.LabelHandle] = []
 
     def draw(self, marks: Marks | None, z_m: float = FLOOR_M) -> None:
         """Draw an explanation, or take it away; ``z_m`` is the height of the lines over the floor."""
-        with self._server.atomic():
+        with self._page.atomic():
             self._clear_labels()
             lines = dict.fromkeys(NODES, np.zeros((0, 2, 3)))
             if marks is not None:

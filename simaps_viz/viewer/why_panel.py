@@ -53,17 +53,17 @@ class WhyActions:
 class WhyPanel:
     """The widgets and what they draw; ``show`` fills them, from the worker's thread."""
 
-    def __init__(self, server: viser.ViserServer, actions: WhyActions) -> None:
+    def __init__(self, page: viser.ViserServer | viser.ClientHandle, actions: WhyActions) -> None:
         """Fill the current container."""
         self._actions = actions
-        self._marks = WhyMarks(server)
+        self._marks = WhyMarks(page)
         self._upright = False
         self._simap: SIMap | None = None
         self._why: Why | None = None
         self._joint: Joint | None = None
         self._between: Between | None = None
         self._asking = False
-        gui = server.gui
+        gui = page.gui
         self._folder = gui.add_folder("Why is this one object?", visible=False)
         with self._folder:
             self._add_drawing(gui)
@@ -146,7 +146,7 @@ class WhyPanel:
             lambda event: self._choose_step(int(self._step.value)) if event.client_id is not None else None
         )
         self._rows = gui.add_button_group("Steps", ("-",))
-        self._rows.on_click(lambda event: self._choose_step(int(str(event.target.value).split(" ")[0])))
+        self._rows.on_click(lambda event: self._choose_row(str(event.target.value)))
         self._step_text = gui.add_html("")
 
     def _fill(self, simap: SIMap, why: Why) -> None:
@@ -170,6 +170,12 @@ class WhyPanel:
             weakest = next(i for i, joint in enumerate(why.joints, 1) if joint is why.weakest)
             self._rows.options = _window(why, weakest)
             self._step_text.content = note_html(f"{steps} steps made it; choose one to see its two parts.")
+
+    def _choose_row(self, row: str) -> None:
+        """Choose the step a row begins with; a page may tell of rows that were never there."""
+        number = row.partition(" ")[0]
+        if number.isdecimal() and len(number) < 9:
+            self._choose_step(int(number))
 
     def _choose_step(self, position: int) -> None:
         self._actions.submit("why step", lambda: self._show_step(position))

@@ -1,43 +1,40 @@
-"""The page: the map in the middle, the recorded build on the left, the panels on the right."""
+"""Serves the page: the map in the middle, the recorded build on the left, the panels on the right; one for each tab."""
 
 import contextlib
-import functools
+import gc
 import io
 import logging
 import threading
-from collections.abc import Callable
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
 from types import TracebackType
-from typing import Any, TypeVar
+from typing import Any
 
 import viser
-from numpy.typing import NDArray
 
-from simaps_viz.errors import SIMapsError
-from simaps_viz.mapping.partition import applied_steps
-from simaps_viz.mapping.simap import joining_threshold
-from simaps_viz.mapping.why import Joint, recorded_step
-from simaps_viz.structures import Instance, Pose2, SIMap
-from simaps_viz.viewer.build_panel import BuildPanel, FrameLink
-from simaps_viz.viewer.follow import Follower
+from simaps_viz.errors import InputError
+from simaps_viz.structures import Pose2, SIMap
+from simaps_viz.viewer.access import Access, name_of
+from simaps_viz.viewer.common import Common
+from simaps_viz.viewer.gate import Gate
 from simaps_viz.viewer.host import Host
-from simaps_viz.viewer.instance_panel import InstancePanel, best_pictures
-from simaps_viz.viewer.judge_panel import JudgePanel
-from simaps_viz.viewer.map_panel import SLANT, MapActions, MapPanel, joins
-from simaps_viz.viewer.picking import communities_unseen_until, ray_on_blocks, ray_on_floor
-from simaps_viz.viewer.recording_clicks import clicked_place, place_inside
-from simaps_viz.viewer.robot import RobotControl
-from simaps_viz.viewer.scene import MapScene
+from simaps_viz.viewer.layout import set_the_table
+from simaps_viz.viewer.panels import PanelSpec
+from simaps_viz.viewer.scene import frame_extent, light_up, seen_extent
 from simaps_viz.viewer.services import Services
-from simaps_viz.viewer.viewpoints import Viewpoints
-from simaps_viz.viewer.why_panel import WhyActions, WhyPanel
+from simaps_viz.viewer.session import Session
+from simaps_viz.viewer.session_state import TabState
+from simaps_viz.viewer.shared import Shared
+from simaps_viz.viewer.tabs import TAB_CSP, TAB_PAGE, Tabs
+from simaps_viz.viewer.viewpoints import set_first_view
+from simaps_viz.viewer.widget_values import check_values
 from simaps_viz.viewer.worker import Worker
 
 logger = logging.getLogger(__name__)
 
-RECORDING_WIDTH_PX = 420
-PANEL_WIDTH_PX = 320
-
-E = TypeVar("E")
+TELL_S = 0.8
+"""How long a new page may take to say which tab it is in, before it is painted as if nobody had been there."""
 
 
 class LocalServer(viser.ViserServer):
@@ -49,7 +46,7 @@ class LocalServer(viser.ViserServer):
 
 
 class Workbench:
-    """Serves the page from construction until ``close``. Everything on it is shared by all who have it open."""
+    """Serves from construction until ``close``. Every tab has a `Session`; what they compute is computed once."""
 
     def __init__(
         self,
@@ -67,65 +64,98 @@ class Workbench:
             simap: the map to show.
             services: what the page can ask for.
             port: where to serve; the next free one when it is taken.
-            host: address to listen on; the recorded build is only ever served on 127.0.0.1.
-            start: where the robot stands; None finds open floor.
-            robot_radius_m: how large it is drawn.
+            host: address to listen on; one that other machines reach demands a token, see `access.Access`.
+            start: where robots stand; None finds open floor.
+            robot_radius_m: how large they are drawn.
 
         Raises:
             InputError: a recording that the services name does not exist.
         """
-        self.simap = self._recorded = simap
-        self._services = services
-        self._selected: int | None = None
-        self._picked: tuple[float, float] | None = None
-        self._upright = False
-        self._link = FrameLink(self._send_frame)
+        self._published = simap
+        self._sessions: dict[int, Session] = {}
+        self._changed = threading.Condition()
         self._closed = threading.Event()
-        self._worker = Worker(self._report)
-        self._command_worker = Worker(self._report)  # of its own: a language model may take long
-        self._judge: JudgePanel | None = None
-        self.recording_host = self._serve_recording()
-        with contextlib.redirect_stdout(io.StringIO()):  # its banner; the app says where the page is
+        self._teller = Worker(lambda error: logger.error("a map could not be published", exc_info=error))
+        self.tabs: Tabs[TabState] = Tabs()
+        self.access = Access(host)
+        self.gate = Gate(self.access, self._frame_ports)
+        self.shared = Shared(services)
+        self.recording_host = self._serve_recording(services, port + 2)
+        self._tab_host = self._host(
+            port + 1, page=lambda _: TAB_PAGE, assets={}, csp=TAB_CSP, on_event=self._tab_told, root="tab"
+        )
+        self._common = Common(
+            services=services,
+            shared=self.shared,
+            recording=self.recording_host,
+            tabs=self._tab_host,
+            recorded=simap,
+            building=services.building,
+            published=lambda: self._published,
+            publish=lambda changed: self.publish(changed, growing=True),
+            start=start,
+            robot_radius_m=robot_radius_m,
+        )
+        with contextlib.redirect_stdout(io.StringIO()), self.gate.guard():  # its banner; the app says where the page is
             self.server = LocalServer(host=host, port=port, label="SI Maps workbench", verbose=False)
-        self.server.gui.configure_theme(show_logo=False, show_share_button=False, brand_color=(22, 110, 235))
-        self._scene = MapScene(self.server, simap, robot_radius_m=robot_radius_m)
-        self._viewpoints = Viewpoints(self.server, self._scene.frame_extent)
-        self._lay_out(start)
-        self.server.scene.on_click()(self._guarded(self._clicked))
-        self._show_map()
-        if self._judge is not None:
-            self._judge.show()
+        light_up(self.server.scene)
+        set_the_table(self.server)
+        set_first_view(self.server, frame_extent(seen_extent(simap)))
+        self.server.on_client_disconnect(self._left)
+        self.server.on_client_connect(self._came)
 
     @property
     def url(self) -> str:
         """Address of the page."""
-        return f"http://{self.server.get_host()}:{self.server.get_port()}"
+        return f"http://{self.access.name}:{self.server.get_port()}"
 
     @property
-    def pose(self) -> Pose2:
-        """Where the robot is."""
-        return self.robot.pose
+    def entrance(self) -> str:
+        """Address of the page with the token, where one is asked for."""
+        return f"{self.url}/?token={self.access.token}" if self.access.token else self.url
 
     @property
-    def selected(self) -> int | None:
-        """Id of the selected instance."""
-        return self._selected
+    def simap(self) -> SIMap:
+        """The map that a new page shows."""
+        return self._published
 
     @property
-    def frame(self) -> int:
-        """The frame that the build panel shows."""
-        return self._build.frame
+    def sessions(self) -> Sequence[Session]:
+        """The open pages, the oldest first."""
+        with self._changed:
+            return tuple(self._sessions[client] for client in sorted(self._sessions))
 
-    def select(self, instance_id: int | None) -> None:
-        """Select an instance, or none."""
-        if instance_id is None:
-            self._pick(None)
-            return
-        self._pick(place_inside(self.simap, instance_id))
+    def publish(self, simap: SIMap, *, growing: bool = False) -> None:
+        """Show another map on every open page, and on those opened later; returns at once.
+
+        Pages keep their camera, and their selection by its place. Each shows the latest map it has time for.
+
+        Args:
+            simap: the map.
+            growing: it is the same map, further built: pages cut it as their persons have set the sliders.
+        """
+        self._published = simap
+        self._teller.submit("publish", lambda: self._tell(simap, growing))
+
+    def finish(self, simap: SIMap, panels: Sequence[PanelSpec], recording: Path | None = None) -> None:
+        """The map that was being built is done: show it on all pages, with the panels that only a finished map has.
+
+        Args:
+            simap: the map.
+            panels: in the place of those there were.
+            recording: of its build, when there is a file; otherwise the stream stays.
+        """
+        services = replace(self._common.services, panels=panels, building=False)
+        self._common = replace(self._common, services=services, recorded=simap, building=False)
+        if recording is not None and self.recording_host is not None:
+            self.recording_host.turn_to(recording)
+        self.publish(simap, growing=True)
+        for session in self.sessions:
+            session.catch_up(self._common)
 
     def wait_idle(self, timeout_s: float = 10.0) -> bool:
-        """Wait until all that was asked for is done; False when that took too long."""
-        return self._command_worker.wait_idle(timeout_s) and self._worker.wait_idle(timeout_s)
+        """Wait until all pages have done what they were asked for; False when that took too long."""
+        return self._teller.wait_idle(timeout_s) and all(session.wait_idle(timeout_s) for session in self.sessions)
 
     def wait(self) -> None:
         """Serve until ``close`` is called or the program is interrupted."""
@@ -137,14 +167,15 @@ class Workbench:
         if self._closed.is_set():
             return
         self._closed.set()
-        self._build.stop()
-        self.robot.close()
-        if self._judge is not None:
-            self._judge.close()
-        self._command_worker.stop()
-        self._worker.stop()
+        self._teller.stop()
+        with self._changed:
+            sessions = list(self._sessions.values())
+            self._sessions.clear()
+        for session in sessions:
+            session.close(timeout_s=10.0)
         with contextlib.redirect_stdout(io.StringIO()):
             self.server.stop()
+        self._tab_host.close()
         if self.recording_host is not None:
             self.recording_host.close()
 
@@ -156,232 +187,102 @@ class Workbench:
     ) -> None:
         self.close()
 
-    def _serve_recording(self) -> Host | None:
-        services = self._services
+    def _tell(self, simap: SIMap, growing: bool) -> None:
+        sessions = self.sessions
+        for session in sessions:
+            session.take_map(simap, keep_sliders=growing)
+        kept = {id(simap)} | {id(shown) for session in sessions for shown in (session.base, session.simap)}
+        self.shared.forget_maps(lambda one: id(one) in kept)
+
+    def _host(self, port: int, **served: Any) -> Host:
+        """Serve what is shown in a frame; beside the page's own port where a firewall or a tunnel has to know."""
+        if self.access.is_open and 1024 < port < 65536:
+            with contextlib.suppress(InputError):
+                return Host(port=port, access=self.access, **served)
+        return Host(access=self.access, **served)
+
+    def _serve_recording(self, services: Services, port: int) -> Host | None:
         if services.rerun_page is None:
             return None
-        return Host(
+        return self._host(
+            port,
             page=services.rerun_page,
             assets=services.rerun_assets,
             csp=services.csp,
             recordings=services.recordings,
-            on_event=self._recording_said,
-            on_listen=lambda: self._link.opened(self._build.frame),
+            streams=(services.stream,) if services.stream else (),
+            on_event=self._recording_told,
+            on_listen=self._recording_listens,
         )
 
-    def _lay_out(self, start: Pose2 | None) -> None:
-        gui, services = self.server.gui, self._services
-        gui.set_panel_label("SI Maps workbench")
-        if self.recording_host is not None:
-            recording = gui.add_panel()
-            with recording.add_tab("Recorded build", viser.Icon.MOVIE):
-                gui.add_html(
-                    f'<iframe title="Recorded build" src="{self.recording_host.url}" '
-                    'style="width:100%;height:calc(100vh - 92px);border:0;display:block"></iframe>'
-                )
-            recording.dock_left()
-            recording.set_width(RECORDING_WIDTH_PX)
-        gui.main_panel.dock_right()
-        gui.main_panel.set_width(PANEL_WIDTH_PX)
-        tabs = gui.add_tab_group()
-        if services.judging is not None:
-            with tabs.add_tab("Judge", viser.Icon.GAVEL):
-                self._judge = JudgePanel(
-                    gui,
-                    self._scene,
-                    services.judging,
-                    simap=self.simap,
-                    candidates=services.candidates,
-                    take_robot=self._free_robot,
-                )
-        with tabs.add_tab("Map", viser.Icon.MAP):
-            actions = MapActions(self._partition, self._guarded_call(self._show_map), self._look)
-            self._map_panel = MapPanel(
-                gui,
-                self.simap,
-                actions,
-                with_k=services.repartition is not None and joins(self.simap),
-                with_resolution=services.recommunity is not None and "resolution" in self.simap.parameters,
-            )
-        with tabs.add_tab("Command", viser.Icon.ROBOT):
-            self.robot = RobotControl(
-                gui,
-                self._scene,
-                self._command_worker,
-                services,
-                current_map=lambda: self.simap,
-                start=start,
-                follower=Follower(self.server, behind=lambda: self._upright, let_go=self._viewpoints.restore),
-                on_use=self._judge.leave if self._judge is not None else lambda: None,
-            )
-        with tabs.add_tab("Build", viser.Icon.TIMELINE):
-            recorded = self.recording_host is not None
-            self._build = BuildPanel(gui, self.simap, on_frame=self._show_frame, recorded=recorded)
-        objects = gui.add_panel()
-        with objects.add_tab("Instance", viser.Icon.CUBE):
-            self._instance_panel = InstancePanel(gui, self.simap, self._guarded(self.select), self._jump)
-            self._why = WhyPanel(self.server, self._why_actions())
-        objects.dock_below(gui.main_panel)
+    @property
+    def ports(self) -> list[int]:
+        """The ports of the page, and of the frames on it."""
+        return [self.server.get_port(), *self._frame_ports()]
 
-    def _free_robot(self) -> None:
-        self.robot.leave()
+    def _frame_ports(self) -> list[int]:
+        hosts = (self._tab_host, self.recording_host)
+        return [host.port for host in hosts if host is not None]
 
-    def _look(self, name: str) -> None:
-        self._upright = name == SLANT
-        self._scene.stand_up(self._upright)
-        self._why.stand_up(self._upright)
-        self._viewpoints.look(name)
+    def _seen_by(self, client: viser.ClientHandle) -> Common:
+        """Give what pages share, with the addresses that this page's browser reaches."""
+        connection = self.server._websock_server._live_connections.get(client.client_id)
+        name = None if connection is None or connection.request is None else connection.request.headers.get("Host")
+        name = name_of(name) or self.access.name
+        recording = self.recording_host.seen_as(name) if self.recording_host else None
+        return replace(self._common, recording=recording, tabs=self._tab_host.seen_as(name))
 
-    def _why_actions(self) -> WhyActions:
-        return WhyActions(
-            repaint=self._guarded_call(self._show_map),
-            show_frame=self._jump,
-            show_joint=self._send_joint,
-            knows_joint=lambda simap: self.recording_host and simap.merges is self._recorded.merges,
-            submit=self._worker.submit,
-            view=self._view,
-        )
-
-    def _jump(self, frame: int) -> None:
-        """Show a frame, here and in the recorded build."""
-        self._build.set_frame(frame, chosen_here=True)
-
-    def _send_joint(self, joint: Joint) -> None:
-        if self.recording_host is not None:
-            recorded = self._recorded
-            applied = applied_steps(recorded.merges, joining_threshold(recorded.method, recorded.parameters))
-            time = {"timeline": "merge", "time": recorded_step(joint, applied)}
-            self.recording_host.push({"set_time": time})
-
-    def _view(self, frame: int) -> tuple[NDArray, NDArray] | None:
-        return None if self._services.view is None else self._services.view(frame)
-
-    def _partition(self, k_percent: float, resolution: float) -> None:
-        self._worker.submit("partition", lambda: self._partition_now(k_percent, resolution))
-
-    def _partition_now(self, k_percent: float, resolution: float) -> None:
-        services, before = self._services, self.simap
-        same = resolution == float(before.parameters.get("resolution", resolution))
-        if same and services.repartition is not None:
-            self.simap = services.repartition(before, k_percent)
-        elif services.recommunity is not None:
-            self.simap = services.recommunity(before, resolution, k_percent)
-        self._instance_panel.list(self.simap)
-        self._pick(self._picked)
-
-    def _clicked(self, event: viser.SceneClickEvent) -> None:
-        if self._upright:
-            place = ray_on_blocks(self.simap, event.ray_origin, event.ray_direction)
-        else:
-            place = ray_on_floor(event.ray_origin, event.ray_direction)
-        if place is not None and self.robot.take_click(*place):
-            return
-        if self._why.take_click(None if place is None else self.simap.at(*place)):
-            return
-        self._pick(place)
-
-    def _pick(self, place: tuple[float, float] | None) -> None:
-        """Select what is at a place of the map; the place is kept, so that it outlives a new partition."""
-        instance = None if place is None else self.simap.at(*place)
-        self._picked = place if instance is not None else None
-        self._selected = None if instance is None else instance.id
-        self._scene.outline(self.simap, self._selected)
-        self._instance_panel.show(self.simap, instance)
-        self._worker.submit("why", functools.partial(self._explain, self.simap, instance))
-        if instance is not None:
-            self._worker.submit("pictures", functools.partial(self._show_pictures, self.simap, instance.id))
-
-    def _explain(self, simap: SIMap, instance: Instance | None) -> None:
+    def _came(self, client: viser.ClientHandle) -> None:
+        """Give a new page its session; it is painted once it is known which tab it is in."""
         try:
-            self._instance_panel.explain(self._why.show(simap, instance))
-        finally:
-            self._show_map()
+            check_values(client, self.gate.note)
+            session = Session(client, self._seen_by(client))
+        except Exception as error:
+            logger.error("a page could not be built", exc_info=error)
+            client.add_notification("The page could not be built", str(error), color="red")
+            return
+        with self._changed:  # viser may have told of the client's leaving before this
+            here = client.client_id in self.server.get_clients() and not self._closed.is_set()
+            if here:
+                self._sessions[client.client_id] = session
+                self._changed.notify_all()
+        if not here:
+            session.close()
+            return
+        if session.base is not self._published:  # published while the page was built
+            session.take_map(self._published)
+        session.catch_up(self._common)
+        timer = threading.Timer(TELL_S, session.begin, args=(None,))
+        timer.daemon = True
+        timer.start()
 
-    def _show_map(self) -> None:
-        self._worker.submit("map", self._show_map_now)
+    def _left(self, client: viser.ClientHandle) -> None:
+        with self._changed:
+            session = self._sessions.pop(client.client_id, None)
+        if session is not None:
+            self.tabs.leave(session.token, session.close())
+        if not self.sessions:
+            gc.collect()  # viser's pages refer to themselves in circles; nobody is kept waiting now
 
-    def _show_map_now(self) -> None:
-        simap = self.simap
-        lit: frozenset[int] | None = None
-        if self._selected is not None:
-            lit = frozenset({self._selected}) | self._why.lit
-        elif self._map_panel.shown_class is not None:
-            lit = frozenset(i.id for i in simap.of_class(self._map_panel.shown_class))
-        hidden = ()
-        if self._build.fill_in_step and self._build.frame < len(simap.frame_names) - 1:
-            hidden = tuple(communities_unseen_until(simap, self._build.frame).tolist())
-        self._scene.show_map(simap, self._map_panel.mode, lit=lit, hidden=hidden, paint=self._why.paint(simap))
-        self._map_panel.show(simap)
+    def _session_named(self, token: str) -> Session | None:
+        return next((session for session in self.sessions if session.token == token), None)
 
-    def _show_pictures(self, simap: SIMap, instance_id: int) -> None:
-        picture, note, frames = best_pictures(simap, instance_id, self._view)
-        if instance_id == self._selected:
-            self._instance_panel.show_pictures(picture, note, frames)
+    def _tab_told(self, event: dict[str, Any], token: str) -> dict[str, Any] | None:
+        with self._changed:  # its frame may be faster than the end of ``_came``
+            self._changed.wait_for(lambda: any(one.token == token for one in self._sessions.values()), TELL_S)
+        session = self._session_named(token)
+        if session is None:
+            return None
+        name, state = self.tabs.claim(event.get("tab"), token)
+        session.begin(state)
+        return {"tab": name}
 
-    def _show_frame(self, frame: int, chosen_here: bool) -> None:
-        if chosen_here:
-            self._link.push(frame)
-        last = len(self.simap.frame_names) - 1
-        poses = self.simap.T_map_camera
-        self._scene.show_camera(poses[frame] if len(poses) and (frame < last or chosen_here) else None)
-        self._show_map()
+    def _recording_told(self, event: dict[str, Any], token: str) -> None:
+        session = self._session_named(token)
+        if session is not None:
+            session.recording.said(event)
 
-    def _send_frame(self, frame: int) -> None:
-        if self.recording_host is not None:
-            self.recording_host.push({"set_time": {"timeline": "frame", "time": frame}})
-
-    def _recording_said(self, event: dict[str, Any]) -> None:
-        """Take over the frame that the recording shows.
-
-        A recording that has just been opened, or has changed its timeline, starts where it likes: it is told the
-        page's frame instead.
-        """
-        kind = event.get("type")
-        if kind == "recording_open" or (kind == "timeline_change" and event.get("timeline") in ("frame", None)):
-            self._link.opened(self._build.frame)
-        elif kind == "selection_change" and isinstance(event.get("items"), list):
-            self._worker.submit("recording click", functools.partial(self._recording_clicked, event["items"]))
-        elif (
-            kind == "time_update"
-            and event.get("timeline") in ("frame", None)
-            and isinstance(event.get("time"), int | float)
-        ):
-            frame = int(event["time"])
-            if 0 <= frame < len(self.simap.frame_names) and self._link.accept(frame, self._build.frame):
-                self._build.set_frame(frame)
-
-    def _recording_clicked(self, items: list[Any]) -> None:
-        """Select what was clicked in the recorded build, where that is something of the map."""
-        place = clicked_place(
-            [item for item in items if isinstance(item, dict)],
-            self._recorded,
-            self._build.frame,
-            view=self._view,
-            divide=self._services.picture_divide,
-        )
-        if place is not None and self.simap.at(*place) is not None:
-            self._pick(place)
-
-    def _guarded(self, callback: Callable[[E], None]) -> Callable[[E], None]:
-        """Make a callback whose errors appear on the page."""
-
-        @functools.wraps(callback)
-        def guarded(event: E) -> None:
-            try:
-                callback(event)
-            except Exception as error:  # whatever happens, the page must live on
-                self._report(error)
-
-        return guarded
-
-    def _guarded_call(self, callback: Callable[[], None]) -> Callable[[], None]:
-        return lambda: self._guarded(lambda _: callback())(None)
-
-    def _report(self, error: Exception) -> None:
-        """Say an error on every open page; one that is not meant for people also goes to the log in full."""
-        known = isinstance(error, SIMapsError)
-        if not known:
-            logger.error("the workbench met an error", exc_info=error)
-        title = "That did not work" if known else f"Unexpected error ({type(error).__name__})"
-        for client in self.server.get_clients().values():
-            client.add_notification(title, str(error), color="red", auto_close_seconds=12.0)
+    def _recording_listens(self, token: str) -> None:
+        session = self._session_named(token)
+        if session is not None:
+            session.recording.opened()

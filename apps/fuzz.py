@@ -1,0 +1,50 @@
+"""Give every reader damaged and hostile input, and print what came of it. See docs/RELIABILITY.md."""
+
+import sys
+from dataclasses import dataclass
+from pathlib import Path
+
+import tyro
+
+sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))  # the targets use the tests' samples
+
+from fuzz_guided import guide  # pyright: ignore[reportMissingImports] - on the path above
+from fuzz_runner import faults, fuzz, quotas, table  # pyright: ignore[reportMissingImports] - on the path above
+from fuzz_targets import TARGETS  # pyright: ignore[reportMissingImports] - on the path above
+
+
+@dataclass(frozen=True)
+class Fuzz:
+    """How many cases of what."""
+
+    cases: int = 20_000
+    """In all; they are shared out by what a case costs."""
+    targets: tuple[str, ...] = ()
+    """Only these; by default all."""
+    seed: int = 0
+    """Case n of a target is always the same."""
+    seconds: float = 1e9
+    """Stop after so long."""
+    results: Path | None = None
+    """Keep the numbers in this file; run again, it goes on from there."""
+    guided: bool = False
+    """Let coverage guide the choices (atheris, extra fuzz), in the pure Python targets."""
+
+
+def main(config: Fuzz) -> int:
+    """Fuzz and print; the exit status is 0 when nothing was found."""
+    unknown = [name for name in config.targets if name not in TARGETS]
+    if unknown:
+        sys.stderr.write(f"--targets: expected some of {', '.join(TARGETS)}, found {unknown[0]}\n")
+        return 2
+    names = [n for n in config.targets or TARGETS if TARGETS[n].guided or not config.guided]
+    run = guide if config.guided else fuzz
+    tallies = run(quotas(config.cases, names), seed=config.seed, results=config.results, seconds=config.seconds)
+    sys.stdout.write(table(tallies) + "\n")
+    for one in faults(tallies.values()):
+        sys.stdout.write(f"{one['target']} case {one['case']}: {one['kind']} at {one['where']}: {one['detail']}\n")
+    return int(any(tally.findings for tally in tallies.values()))
+
+
+if __name__ == "__main__":
+    sys.exit(main(tyro.cli(Fuzz)))

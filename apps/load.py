@@ -1,0 +1,59 @@
+"""Print what many people at once do to one server: `python apps/load.py --clients 20 --minutes 3`."""
+
+import asyncio
+import sys
+from dataclasses import dataclass
+from pathlib import Path
+
+import tyro
+
+from simaps_viz import BuildConfig, open_sequence, page_load, wiring
+from simaps_viz.mapping.mapfile import load_map
+from simaps_viz.progress import stage_progress
+from simaps_viz.scenes.demo import ensure_demo
+
+
+@dataclass(frozen=True)
+class Load:
+    """How many people, and how long."""
+
+    clients: int = 20
+    minutes: float = 3.0
+    map: Path | None = None
+    """Map file (.npz); by default the embedded café, with its recorded build."""
+    port: int = 8180
+
+
+def main(config: Load) -> int:
+    """Run it; the exit status is 1 when an answer was lost or went to the wrong page."""
+    path = config.map
+    if path is None:
+        with stage_progress() as progress:
+            sequence = open_sequence(ensure_demo(cache_dir=wiring.cache_folder(), progress=progress))
+            path = wiring.cached_build(sequence, "evidence", BuildConfig(), progress)[1].with_suffix(".npz")
+    server = page_load.Server(path, config.port)
+
+    def tell(when: str) -> None:
+        say(f"{when}: {server.state()}; {page_load.busy()}")
+
+    try:
+        seconds, simap = config.minutes * 60.0, load_map(path)
+        tally = asyncio.run(page_load.load(server.url, simap, clients=config.clients, seconds=seconds, tell=tell))
+    finally:
+        server.close()
+    for kind in tally.seconds:
+        say(tally.line(kind))
+    say(f"{config.clients} pages, {config.minutes:g} min: {tally}")
+    for one in (*tally.lost[:10], *tally.crossed[:10]):
+        say(one)
+    return 1 if tally.lost or tally.crossed else 0
+
+
+def say(line: str) -> None:
+    """Write a line at once."""
+    sys.stdout.write(f"{line}\n")
+    sys.stdout.flush()
+
+
+if __name__ == "__main__":
+    sys.exit(main(tyro.cli(Load)))

@@ -1,0 +1,121 @@
+"""Reads the points of PCD files (Point Cloud Library, version 0.7): ascii, binary and binary_compressed."""
+
+import struct
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from simaps_viz.datasets.cloud_files import finite_points, parse_rows, read_cloud, whole_number
+from simaps_viz.errors import InputError
+
+_KINDS = {("F", 4): "<f4", ("F", 8): "<f8", ("I", 1): "i1", ("I", 2): "<i2", ("I", 4): "<i4", ("I", 8): "<i8",
+          ("U", 1): "u1", ("U", 2): "<u2", ("U", 4): "<u4", ("U", 8): "<u8"}  # fmt: skip
+_STORED = ("ascii", "binary", "binary_compressed")
+_LONGEST_HEADER = 65_536
+_REPEATED = 4096
+"""Most numbers one field may hold; histograms have some hundreds."""
+
+
+def read_pcd(path: Path) -> NDArray:
+    """Read the points of a PCD file as float64 [n, 3]; those that are not finite are left out. VIEWPOINT is not used.
+
+    Raises:
+        InputError: It is missing, damaged or cut short, or its points have no x, y and z.
+    """
+    data = read_cloud(path)
+    header, body = _header(path, data)
+    stored = header["DATA"][0] if header["DATA"] else ""
+    if stored not in _STORED:
+        raise InputError(f"{path}: DATA: expected one of {', '.join(_STORED)}, found {stored[:30]!r}")
+    fields = _fields(path, header)
+    count = _points(path, header)
+    if stored == "ascii":
+        return _from_text(path, body, fields, count)
+    size = count * sum(np.dtype(kind).itemsize * repeats for _, kind, repeats in fields)
+    if stored == "binary_compressed":
+        return _by_columns(path, _unpacked(path, body, size), fields, count)
+    if len(body) < size:
+        raise InputError(f"{path}: expected {count} points in {size} bytes, found {len(body)} bytes")
+    row = np.dtype({
+        "names": [f"{i}" for i in range(len(fields))],
+        "formats": [(kind, (repeats,)) for _, kind, repeats in fields],
+    })  # fmt: skip
+    table = np.frombuffer(body, row, count)
+    columns = [table[str(_index(fields, axis))][:, 0].astype(np.float64) for axis in "xyz"]
+    return finite_points(np.stack(columns, axis=1))
+
+
+def _header(path: Path, data: bytes) -> tuple[dict[str, list[str]], bytes]:
+    """Give {keyword: its words} and what follows the line DATA."""
+    header: dict[str, list[str]] = {}
+    start = 0
+    while start < min(len(data), _LONGEST_HEADER):
+        end = data.find(b"\n", start)
+        end = len(data) if end < 0 else end
+        words = data[start:end].decode("latin-1").split()
+        start = end + 1
+        if words and not words[0].startswith("#"):
+            header[words[0].upper()] = words[1:]
+            if words[0].upper() == "DATA":
+                return header, data[start:]
+    raise InputError(
+        f"{path}: expected a PCD file with a header up to DATA, found another kind of file, or one cut short"
+    )
+
+
+def _fields(path: Path, header: dict[str, list[str]]) -> list[tuple[str, str, int]]:
+    """Give (name, NumPy type, repeats) of each field."""
+    names = header.get("FIELDS", header.get("COLUMNS", []))
+    sizes, types = header.get("SIZE", []), header.get("TYPE", [])
+    counts = header.get("COUNT", ["1"] * len(names))
+    if not {"x", "y", "z"} <= set(names):
+        raise InputError(f"{path}: FIELDS: expected x, y and z, found {', '.join(names) or 'none'}")
+    if not len(names) == len(sizes) == len(types) == len(counts):
+        found = f"{len(sizes)}, {len(types)} and {len(counts)}"
+        raise InputError(f"{path}: SIZE, TYPE, COUNT: expected {len(names)} words each, found {found}")
+    fields = []
+    for name, size, kind, repeats in zip(names, sizes, types, counts, strict=True):
+        dtype = _KINDS.get((kind, int(size) if size.isdecimal() and len(size) < 3 else 0))
+        times = int(repeats) if repeats.isdecimal() and len(repeats) < 6 else 0
+        if dtype is None or not 1 <= times <= _REPEATED:
+            raise InputError(f"{path}: field {name}: expected a number type, found {kind} of {size} bytes, {repeats}")
+        fields.append((name, dtype, times))
+    return fields
+
+
+def _points(path: Path, header: dict[str, list[str]]) -> int:
+    if header.get("POINTS"):
+        return whole_number(path, "POINTS", header["POINTS"][0])
+    width, height = (header.get(key, ["1"])[:1] or ["1"] for key in ("WIDTH", "HEIGHT"))
+    return whole_number(path, "WIDTH", width[0]) * whole_number(path, "HEIGHT", height[0])
+
+
+def _index(fields: list[tuple[str, str, int]], axis: str) -> int:
+    return [name for name, _, _ in fields].index(axis)
+
+
+def _from_text(path: Path, body: bytes, fields: list[tuple[str, str, int]], count: int) -> NDArray:
+    starts = np.cumsum([0, *(repeats for _, _, repeats in fields)])
+    rows = parse_rows(path, body, count, int(starts[-1]))
+    return finite_points(rows[:, [starts[_index(fields, axis)] for axis in "xyz"]])
+
+
+def _unpacked(path: Path, body: bytes, size: int) -> bytes:
+    from simaps_viz.datasets.lzf import lzf_unpack  # noqa: PLC0415 - compiled, and seldom needed
+
+    packed, unpacked = struct.unpack_from("<II", body) if len(body) >= 8 else (0, 0)
+    if unpacked != size or len(body) - 8 < packed:
+        found = f"{len(body)} bytes that unpack to {unpacked}"
+        raise InputError(f"{path}: expected points in {size} bytes, packed, found {found}")
+    return lzf_unpack(path, body[8 : 8 + packed], size)
+
+
+def _by_columns(path: Path, data: bytes, fields: list[tuple[str, str, int]], count: int) -> NDArray:
+    """Read unpacked points: all values of the first field, then all of the second, and so on."""
+    start, columns = 0, {}
+    for name, kind, repeats in fields:
+        if name in ("x", "y", "z"):
+            columns[name] = np.frombuffer(data, kind, count * repeats, start)[::repeats].astype(np.float64)
+        start += np.dtype(kind).itemsize * repeats * count
+    return finite_points(np.stack([columns[axis] for axis in "xyz"], axis=1))

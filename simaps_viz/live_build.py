@@ -1,0 +1,170 @@
+"""A build that people watch: in a thread of its own, its map shown now and then; it can be stopped and gone on with."""
+
+import threading
+import time
+from collections import deque
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from typing import Protocol
+
+from simaps_viz.errors import SIMapsError
+from simaps_viz.events import BuildStarted, CommunitiesFound, Event, FrameProjected, FrameSkipped, Observer
+from simaps_viz.logs import logger
+from simaps_viz.pipeline import BuildCancelled
+from simaps_viz.structures import SIMap
+from simaps_viz.viewer.live_services import LiveState
+
+MAP_EVERY_S = 1.0
+"""How often the map is shown at most."""
+MAP_SHARE = 0.05
+"""Of the processor time since the build began that may go into making the maps that are shown."""
+RATE_OVER_S = 5.0
+"""Frames a second are those of the last so many seconds."""
+STOPPED = "Stopped. Nothing is lost: go on here, or later with the same command and --resume."
+
+
+class Stream(Protocol):
+    """Where the build is shown frame by frame."""
+
+    def on_event(self, event: Event) -> None:
+        """Take one event."""
+        ...
+
+    def show_map(self, simap: SIMap) -> None:
+        """Show the objects found so far."""
+        ...
+
+
+Run = Callable[[Sequence[Observer], threading.Event, bool], SIMap]
+"""(observers, set to stop it, whether to go on with what is there) -> the finished map, which is saved."""
+
+
+@dataclass(frozen=True, eq=False)
+class Audience:
+    """Who watches."""
+
+    show: Callable[[SIMap], None]
+    """Show the map so far; returns at once."""
+    watches: Callable[[], bool]
+    """Whether anybody does."""
+    done: Callable[[SIMap], str]
+    """The map is finished and saved; says where."""
+    stream: Stream | None = None
+
+
+class LiveBuild:
+    """Begins with ``start``; all else may be called from any thread."""
+
+    wants_color = False
+
+    def __init__(self, run: Run, frames: int, audience: Audience) -> None:
+        """Take what builds, of how many frames, and who watches."""
+        self._run, self._audience = run, audience
+        self._state = LiveState(total=frames)
+        self._lock = threading.RLock()
+        self._cancel = threading.Event()
+        self._thread: threading.Thread | None = None
+        self._arrived: deque[tuple[float, int]] = deque()
+        self._began_s = self._shown_s = self._spent_s = self._busy_before_s = 0.0
+        self.saved_s: float | None = None
+        """How long it took from the last start to the saved map, for the bench."""
+        self.busy_s = 0.0
+        """Processor time of the whole program in that time."""
+
+    def state(self) -> LiveState:
+        """Give how far it is."""
+        return self._state
+
+    def start(self, *, resume: bool = False) -> None:
+        """Begin, or go on; does nothing while it runs or when it is done."""
+        with self._lock:
+            if self._state.status == "done" or (self._thread is not None and self._thread.is_alive()):
+                return
+            self._cancel = threading.Event()
+            self._arrived.clear()
+            self._began_s, self._shown_s, self._spent_s = time.perf_counter(), float("-inf"), 0.0
+            self._busy_before_s = time.process_time()
+            self._say(status="starting", error="", said="", rate=None, left_s=None)
+            self._thread = threading.Thread(target=self._build, args=(resume,), name="live-build", daemon=True)
+            self._thread.start()
+
+    def go_on(self) -> None:
+        """Begin again where it was stopped or has failed."""
+        self.start(resume=True)
+
+    def stop(self) -> None:
+        """Stop after the frame that is being worked on."""
+        with self._lock:
+            if self._thread is not None and self._thread.is_alive():
+                self._cancel.set()
+                self._say(status="stopping")
+
+    def wait(self, timeout_s: float | None = None) -> bool:
+        """Wait until it is done, stopped or failed; False when that took too long."""
+        thread = self._thread
+        if thread is not None:
+            thread.join(timeout_s)
+        return thread is None or not thread.is_alive()
+
+    def on_event(self, event: Event) -> None:
+        """Watch the build, from its thread."""
+        if isinstance(event, FrameProjected):
+            self._arrive(event.frame.index + 1)
+            self._show(event)
+        elif isinstance(event, FrameSkipped):
+            self._arrive(event.index + 1)
+            self._say(skipped=self._state.skipped + 1)
+        elif isinstance(event, BuildStarted):
+            self._say(skipped=0, total=len(event.frame_names))
+        elif isinstance(event, CommunitiesFound) and event.final:
+            self._say(status="finishing", left_s=None)
+        if self._audience.stream is not None:
+            self._audience.stream.on_event(event)
+
+    def _build(self, resume: bool) -> None:
+        try:
+            simap = self._run((self,), self._cancel, resume)
+            self.saved_s, self.busy_s = time.perf_counter() - self._began_s, time.process_time() - self._busy_before_s
+            self._say(status="finishing", done=self._state.total)
+            said = self._audience.done(simap)
+            self._say(status="done", said=said)
+        except BuildCancelled:
+            self._say(status="stopped", said=STOPPED)
+        except SIMapsError as error:
+            self._say(status="failed", error=str(error))
+        except Exception as error:  # the page has to say so; the log has it in full
+            logger.error("a build that was watched failed", exc_info=error)
+            self._say(status="failed", error=f"Unexpected error ({type(error).__name__}): {error}")
+
+    def _say(self, **changes: object) -> None:
+        with self._lock:
+            self._state = replace(self._state, **changes)  # pyright: ignore[reportArgumentType]
+
+    def _arrive(self, done: int) -> None:
+        now = time.perf_counter()
+        self._arrived.append((now, done))
+        while now - self._arrived[0][0] > RATE_OVER_S:
+            self._arrived.popleft()
+        (then, before), total = self._arrived[0], self._state.total
+        rate = (done - before) / (now - then) if now > then else None
+        with self._lock:
+            status = "stopping" if self._cancel.is_set() else "building"
+            self._say(status=status, done=done, rate=rate, left_s=(total - done) / rate if rate else None)
+
+    def _show(self, event: FrameProjected) -> None:
+        """Show the map so far, when it is time and somebody looks."""
+        now, busy_s = time.perf_counter(), time.process_time()
+        has_time = self._spent_s <= MAP_SHARE * (busy_s - self._busy_before_s) or self._shown_s == float("-inf")
+        if (
+            event.map_so_far is None
+            or now - self._shown_s < MAP_EVERY_S
+            or not has_time
+            or not self._audience.watches()
+        ):
+            return
+        simap = event.map_so_far()
+        self._audience.show(simap)
+        if self._audience.stream is not None:
+            self._audience.stream.show_map(simap)
+        self._shown_s = time.perf_counter()
+        self._spent_s += time.process_time() - busy_s

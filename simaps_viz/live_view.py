@@ -1,0 +1,182 @@
+"""The page of a map that is still being built: it grows there, and in the docked recording, as it is computed."""
+
+import threading
+import webbrowser
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from simaps_viz import wiring
+from simaps_viz.building import build_to_file, going_on
+from simaps_viz.datasets.source import FrameSource
+from simaps_viz.events import Observer
+from simaps_viz.live_build import Audience, LiveBuild
+from simaps_viz.looking_back import looking_back
+from simaps_viz.mapping.mending import open_mending
+from simaps_viz.mapping.partition import empty_log
+from simaps_viz.mapping.simap import Origin, assemble
+from simaps_viz.methods import VARIANTS
+from simaps_viz.navigation.planner import RobotShape
+from simaps_viz.pipeline import BuildConfig, facts_of
+from simaps_viz.progress import StageProgress, console, stage_progress
+from simaps_viz.structures import Grid, GridSpec, SIMap, Views
+
+if TYPE_CHECKING:
+    from simaps_viz.viewer.workbench import Workbench
+
+AROUND_M = 2.0
+"""Floor that is shown around the cameras' way before anything was seen."""
+MOST_CELLS = 4_000_000
+
+
+@dataclass(frozen=True, eq=False)
+class LiveSettings:
+    """How a map is built and shown at once."""
+
+    method: str
+    config: BuildConfig
+    output: Path
+    """Map file."""
+    record: Path | None = None
+    resume: bool = False
+    strict: bool = False
+    history: bool = False
+    port: int = 8080
+
+
+def watch_build(sequence: FrameSource, settings: LiveSettings, *, browser: bool) -> None:
+    """Build a map and show it while it grows, until Ctrl-C; at any moment that leaves a log to go on with."""
+    with stage_progress() as progress, live_workbench(sequence, settings, progress) as (page, build):
+        console.print(f"Workbench: {page.entrance}  (Ctrl-C to stop)", soft_wrap=True, markup=False)
+        if browser:
+            webbrowser.open(page.entrance)
+        build.start(resume=settings.resume)
+        try:
+            with going_on(settings.output):
+                _wait(build)
+            page.wait()
+        finally:
+            build.stop()
+            build.wait(10.0)
+
+
+@contextmanager
+def live_workbench(
+    sequence: FrameSource, settings: LiveSettings, progress: StageProgress
+) -> "Iterator[tuple[Workbench, LiveBuild]]":
+    """Serve the page of a build that has not begun; begin with ``start`` of what this gives.
+
+    Raises:
+        InputError: the port is taken, or rerun's viewer is missing.
+    """
+    from simaps_viz.recorder.live import LiveStream  # noqa: PLC0415 - rerun is slow to import
+
+    color: Any = getattr(sequence, "color", None)
+    stream = LiveStream(color or (lambda index: None))
+    pages: list[Workbench] = []
+    ended = threading.Event()
+
+    def run(observers: Sequence[Observer], cancel: threading.Event, resume: bool) -> SIMap:
+        return build_to_file(
+            sequence, settings.method, settings.config, settings.output, record=settings.record, progress=progress,
+            observers=tuple(observers), resume=resume, strict=settings.strict,
+            history=settings.history or settings.method in VARIANTS, cancel=cancel,
+        )  # fmt: skip
+
+    def done(simap: SIMap) -> str:
+        mending = open_mending(settings.output, simap)
+        edits.append(mending)
+        panels = wiring.panels_of(simap, settings.record, mending, beside=True)
+        pages[0].finish(mending.simap(), panels, settings.record)
+        if not ended.is_set():
+            stream.finish()
+        console.print(f"{settings.output}: {wiring.counts_in_words(simap.counts())}", markup=False, soft_wrap=True)
+        return f"Saved as {settings.output}."
+
+    edits: list = []
+    audience = Audience(
+        show=lambda simap: pages[0].publish(simap, growing=True),
+        watches=lambda: bool(pages[0].sessions),
+        done=done,
+        stream=stream,
+    )
+    build = LiveBuild(run, len(sequence), audience)
+    try:
+        with _serve(sequence, settings, build, stream.url, lambda: edits[0] if edits else None) as page:
+            pages.append(page)
+            yield page, build
+            ended.set()
+            build.stop()
+            build.wait(10.0)
+    finally:
+        stream.close()
+
+
+def _serve(
+    sequence: FrameSource, settings: LiveSettings, build: LiveBuild, stream: str, mending: Callable
+) -> "Workbench":
+    from simaps_viz.recorder.web_viewer import (  # noqa: PLC0415 - rerun is slow to import
+        policy_for_stream,
+        rerun_page,
+        viewer_assets,
+    )  # fmt: skip
+    from simaps_viz.viewer.live_panel import live_panel  # noqa: PLC0415 - viser is slow to import
+    from simaps_viz.viewer.live_services import LiveServices  # noqa: PLC0415 - as above
+    from simaps_viz.viewer.workbench import Workbench  # noqa: PLC0415 - as above
+
+    variant = VARIANTS.get(settings.method)
+    waiting = waiting_map(sequence, variant(settings.config) if variant else settings.config)
+    services = replace(
+        wiring.bare_services(waiting, mending),
+        panels=(live_panel(LiveServices(build.state, build.stop, build.go_on)),),
+        rerun_page=rerun_page,
+        rerun_assets=viewer_assets(),
+        csp=policy_for_stream(stream),
+        stream=stream,
+        building=True,
+        look_back=looking_back(lambda: None if mending() is None else settings.output),
+    )
+    start = wiring.start_pose(replace(waiting, T_map_camera=_cameras(sequence)))
+    return Workbench(waiting, services=services, port=settings.port, start=start, robot_radius_m=RobotShape().radius_m)
+
+
+def waiting_map(sequence: FrameSource, config: BuildConfig) -> SIMap:
+    """Give a map on which nothing has been seen yet, of the floor around the cameras' way."""
+    facts, size = facts_of(sequence), config.projection.cell_size_m
+    at = _cameras(sequence)[:, :2, 3]
+    low = np.floor((at.min(axis=0) - AROUND_M) / size)
+    cells = np.ceil((at.max(axis=0) + AROUND_M) / size) - low
+    rows, cols = (int(cells[1]), int(cells[0])) if cells.prod() <= MOST_CELLS else (1, 1)
+    spec = GridSpec(rows, cols, cell_size_m=size, x0_m=float(low[0] * size), y0_m=float(low[1] * size))
+    nothing, zero = np.full(spec.shape, np.nan, np.float32), np.zeros(spec.shape, np.int32)
+    grid = Grid(spec, facts.labels, facts.is_thing, zero.astype(np.int16), nothing, nothing.copy(), zero)
+    none = np.zeros(0, np.int32)
+    origin = Origin(
+        T_map_world=facts.T_map_world,
+        method=config.method,
+        parameters=config.parameters(),
+        provenance={"sequence": facts.path, "name": facts.name, "segmentation": facts.segmentation_source,
+                    "simulated": facts.simulated, "frames": 0},
+        frame_names=(),
+        T_map_camera=np.zeros((0, 4, 4)),
+    )  # fmt: skip
+    return assemble(grid, (), zero.copy(), empty_log(), Views(none, none, none, none, np.zeros(0, np.float32)), origin)
+
+
+def _cameras(sequence: FrameSource) -> np.ndarray:
+    """Give the cameras' poses in the map frame, float64 [frames, 4, 4]."""
+    return np.asarray(sequence.T_map_world @ sequence.poses)
+
+
+def _wait(build: LiveBuild) -> None:
+    """Wait until the map is done, however often it is stopped and gone on with on the page."""
+    pause, before = threading.Event(), build.state()
+    while (state := build.state()).status != "done":
+        if state.status != before.status and state.status in ("stopped", "failed"):
+            console.print(f"{state.status}: {state.error or state.said}", markup=False, soft_wrap=True)
+        before = state
+        pause.wait(0.2)

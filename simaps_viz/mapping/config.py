@@ -1,0 +1,112 @@
+"""How a map is built: everything a build can be told, checked, and as JSON."""
+
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, field, fields
+from typing import Any, Literal, get_args
+
+from simaps_viz.errors import InputError
+from simaps_viz.mapping.accumulator import ProjectionSettings
+from simaps_viz.mapping.evidence import EvidenceSettings
+from simaps_viz.mapping.pooling import PoolSettings
+from simaps_viz.mapping.simap import JOINING, check_joining
+from simaps_viz.mapping.votes import VoteSettings
+
+Method = Literal["evidence", "paper", "components"]
+
+
+@dataclass(frozen=True)
+class BuildConfig:
+    """How a map is built."""
+
+    method: Method = "evidence"
+    """How cells become instances."""
+    k_percent: float = 5.0
+    """Method paper: communities join while more than this share of one's cells neighbour the other."""
+    affinity: float = 0.6
+    """Method evidence: communities join while more than this share of their witnesses saw them as one."""
+    resolution: float = 1.0
+    """Louvain's: higher gives more and smaller communities."""
+    seed: int = 0
+    """Of Louvain's random order."""
+    min_cells: int = 4
+    """What covers fewer cells is not called an instance; 4 cells of 5 cm are a cup."""
+    literal: bool = False
+    """Method paper, its literal reading: depth jumps inside a segment link cells too."""
+    projection: ProjectionSettings = field(default_factory=ProjectionSettings)
+    """Which pixels count, and how fine the grid is."""
+    votes: VoteSettings = field(default_factory=VoteSettings)
+    """Methods evidence and components: how frames vote for the class of a cell."""
+    evidence: EvidenceSettings = field(default_factory=EvidenceSettings)
+    """Method evidence: which pairs of cells are looked at."""
+    pooling: PoolSettings = field(default_factory=PoolSettings)
+    """Method evidence: what is believed before any evidence."""
+
+    def __post_init__(self) -> None:
+        _check_kinds(self, finite=False)  # each is looked at below
+        for settings in (self.projection, self.votes, self.evidence, self.pooling):
+            _check_kinds(settings, finite=True)
+        if self.method not in get_args(Method):
+            raise InputError(f"method: expected one of {', '.join(get_args(Method))}, found {str(self.method)[:60]!r}")
+        check_joining("k_percent", self.k_percent)
+        check_joining("affinity", self.affinity)
+        if not 0.0 < self.resolution < float("inf"):
+            raise InputError(f"resolution: expected a number above 0, found {self.resolution:g}")
+        ranges = self.evidence.ranges
+        if len(set(ranges)) != len(ranges) or not all(type(r) is int and 1 <= r <= 1000 for r in ranges):
+            raise InputError(f"ranges of evidence: expected different numbers of cells from 1, found {ranges}")
+        if self.min_cells < 1:
+            raise InputError(f"smallest instance: expected at least 1 cell, found {self.min_cells}")
+        if not 0.005 <= self.projection.cell_size_m <= 1.0:
+            raise InputError(f"cell size: expected 0.005 to 1 m, found {self.projection.cell_size_m:g} m")
+
+    def parameters(self) -> dict[str, Any]:
+        """Give what the map file keeps of it: what its method uses."""
+        kept: dict[str, Any] = {"min_cells": self.min_cells, **asdict(self.projection)}
+        if self.method in JOINING:
+            name = JOINING[self.method]
+            kept |= {name: getattr(self, name), "resolution": self.resolution, "seed": self.seed}
+        if self.method == "paper":
+            return {**kept, "literal": self.literal}
+        kept["votes"] = asdict(self.votes)
+        if self.method == "evidence":
+            evidence = {**asdict(self.evidence), "ranges": list(self.evidence.ranges)}  # as JSON gives it back
+            kept |= {"evidence": evidence, "pooling": asdict(self.pooling)}
+        return kept
+
+    def to_json(self) -> dict[str, Any]:
+        """Give all of it, JSON-able; `config_from_json` takes it."""
+        kept = asdict(self)
+        kept["evidence"]["ranges"] = list(self.evidence.ranges)
+        return kept
+
+
+def _check_kinds(settings: Any, *, finite: bool) -> None:
+    """Raise InputError where a setting is not of its kind: settings also come out of files."""
+    for field_ in fields(settings):
+        value, kind = getattr(settings, field_.name), field_.type
+        number = isinstance(value, int | float) and not isinstance(value, bool)
+        number = number and (abs(value) < 1e9 or (not finite and isinstance(value, float)))
+        wrong = (kind is float and not number) or (kind is int and not (number and isinstance(value, int)))
+        if wrong or (kind is bool and not isinstance(value, bool)):
+            wanted = "true or false" if kind is bool else "a number"
+            raise InputError(f"{field_.name}: expected {wanted}, found {value!r}")
+    if getattr(settings, "seed", 0) < 0:
+        raise InputError(f"seed: expected a whole number from 0, found {settings.seed}")
+
+
+def config_from_json(values: Mapping[str, Any]) -> BuildConfig:
+    """Give back what `BuildConfig.to_json` gave.
+
+    Raises:
+        InputError: something of it makes no sense.
+        KeyError, TypeError: it lacks something, or has something unknown.
+    """
+    evidence = dict(values["evidence"])
+    evidence["ranges"] = tuple(evidence["ranges"])
+    parts = {
+        "projection": ProjectionSettings(**values["projection"]),
+        "votes": VoteSettings(**values["votes"]),
+        "evidence": EvidenceSettings(**evidence),
+        "pooling": PoolSettings(**values["pooling"]),
+    }
+    return BuildConfig(**{**values, **parts})

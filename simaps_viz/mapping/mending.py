@@ -1,0 +1,230 @@
+"""Mending a map that people look at: edits are done, taken back, saved beside the map, replayed when it is opened."""
+
+import threading
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
+from pathlib import Path
+
+from simaps_viz.errors import InputError
+from simaps_viz.mapping import edits
+from simaps_viz.mapping.edit_file import EditsFile, edits_path, fingerprint, moved_to, read_edits, save_edits
+from simaps_viz.mapping.edit_log import EditLog, mended
+from simaps_viz.mapping.mapfile import load_map
+from simaps_viz.mapping.simap import JOINING, recommunity, repartition
+from simaps_viz.structures import SIMap
+
+WAYS_OUT = "--no-edits leaves them out"
+
+
+class Mending:
+    """One map and its edits, shared by all who look at it; every change is on disk before it is seen.
+
+    What is shown may be the map for another K, affinity or resolution: methods take the map that is shown and give one
+    for the same parameters.
+    """
+
+    def __init__(
+        self, simap: SIMap, log: EditLog, path: Path, *, map_name: str = "", on_disk: bytes | None = None
+    ) -> None:
+        """Take the map without any edits.
+
+        Args:
+            simap: as built.
+            log: its edits.
+            path: where they are kept.
+            map_name: named in that file.
+            on_disk: what stands there now; None when there is no such file.
+        """
+        self.original, self.path = simap, path
+        self._log, self._map_name, self._on_disk = log, map_name, on_disk
+        self._base = simap
+        self._fingerprint: str | None = None
+        self._waiting = False
+        self._refused: tuple[EditLog, tuple[str, ...]] = (EditLog(), ())
+        self._lock = threading.RLock()
+
+    @property
+    def log(self) -> EditLog:
+        """The edits so far."""
+        return self._log
+
+    @property
+    def saved(self) -> bool:
+        """There is a file of edits."""
+        return self._on_disk is not None
+
+    def simap(self) -> SIMap:
+        """Give the map with its edits, for the parameters it was built with."""
+        return mended(self.original, self._log).simap
+
+    def refused(self) -> tuple[str, ...]:
+        """Say which edits no longer make sense on the map, and why."""
+        with self._lock:
+            if self._refused[0] is not self._log:
+                self._refused = self._log, tuple(why for _, why in mended(self.original, self._log).refused)
+            return self._refused[1]
+
+    def covers(self, simap: SIMap) -> bool:
+        """Tell whether a map is this one, with whatever edits and parameters."""
+        return simap.grid.height_m is self.original.grid.height_m and simap.spec == self.original.spec
+
+    def merge(self, simap: SIMap, first_id: int, second_id: int, *, who: str) -> SIMap:
+        """Join two objects of the map that is shown; see `edits.merge`."""
+        return self._do(simap, lambda: edits.merge(simap, first_id, second_id), who)
+
+    def split(self, simap: SIMap, instance_id: int, start_m: edits.Point, end_m: edits.Point, *, who: str) -> SIMap:
+        """Cut an object of the map that is shown; see `edits.split`."""
+        return self._do(simap, lambda: edits.split(simap, instance_id, start_m, end_m), who)
+
+    def relabel(self, simap: SIMap, instance_id: int, label: str, *, who: str) -> SIMap:
+        """Call an object of the map that is shown something else; see `edits.relabel`."""
+        return self._do(simap, lambda: edits.relabel(simap, instance_id, label), who)
+
+    def delete(self, simap: SIMap, instance_id: int, *, who: str) -> SIMap:
+        """Take an object of the map that is shown away; see `edits.delete`."""
+        return self._do(simap, lambda: edits.delete(simap, instance_id), who)
+
+    def undo(self, simap: SIMap) -> SIMap:
+        """Take the last edit back, whoever made it.
+
+        Raises:
+            InputError: there is none, or that cannot be saved.
+        """
+        with self._lock:
+            return self._change(simap, self._log.undo())
+
+    def redo(self, simap: SIMap) -> SIMap:
+        """Make the edit again that was taken back last.
+
+        Raises:
+            InputError: there is none, or that cannot be saved.
+        """
+        with self._lock:
+            return self._change(simap, self._log.redo())
+
+    @contextmanager
+    def together(self) -> Iterator[None]:
+        """Save what is done inside at once at the end, or nothing of it when something is refused."""
+        with self._lock:
+            before, self._waiting = self._log, True
+            try:
+                yield
+                self._waiting = False
+                if self._log is not before:
+                    self._write(self._log)
+            except BaseException:
+                self._log = before
+                raise
+            finally:
+                self._waiting = False
+
+    def save(self) -> None:
+        """Write the edits as they are, also when nothing was done.
+
+        Raises:
+            InputError: they cannot be written; the file is left as it was.
+        """
+        with self._lock:
+            self._write(self._log)
+
+    def refresh(self, simap: SIMap) -> SIMap:
+        """Give the map that is shown with all edits made since."""
+        with self._lock:
+            return mended(self._base_of(simap), self._log).simap
+
+    def recommunity(
+        self, simap: SIMap, *, resolution: float, k_percent: float | None = None, affinity: float | None = None
+    ) -> SIMap:
+        """Give the map for another Louvain resolution, with its edits; see `mapping.simap.recommunity`."""
+        self._check(simap)
+        value = {"k_percent": k_percent} if affinity is None else {"affinity": affinity}
+        with self._lock:
+            return mended(self._base_at(resolution, value), self._log).simap
+
+    def _do(self, simap: SIMap, make: Callable[[], edits.Edit], who: str) -> SIMap:
+        with self._lock:
+            self._check(simap)
+            return self._change(simap, self._log.done(make(), who=who))
+
+    def _change(self, simap: SIMap, log: EditLog) -> SIMap:
+        """Save a log, and give the map that is shown for it."""
+        self._check(simap)
+        done = mended(self._base_of(simap), log)
+        last = len(log.entries) - 1
+        refused = dict(done.refused)
+        if len(log.entries) > len(self._log.entries) and last in refused:
+            raise InputError(refused[last])
+        if not self._waiting:
+            self._write(log)
+        self._log, self._refused = log, (log, tuple(refused.values()))
+        return done.simap
+
+    def _check(self, simap: SIMap) -> None:
+        if not self.covers(simap):
+            raise InputError(f"edits: expected the map that {self.path} belongs to, found another")
+
+    def _base_of(self, simap: SIMap) -> SIMap:
+        """Give the map without edits, for the parameters of the one that is shown."""
+        joining = JOINING.get(self.original.method)
+        if joining is None:
+            return self.original
+        wanted = simap.parameters
+        return self._base_at(wanted.get("resolution"), {joining: float(wanted[joining])})
+
+    def _base_at(self, resolution: float | None, joining: Mapping[str, float | None]) -> SIMap:
+        """Give the map without edits; Louvain runs again only for a resolution that was not asked for last."""
+        base = self.original
+        if resolution is not None and resolution != base.parameters.get("resolution"):
+            if self._base.parameters.get("resolution") != resolution:
+                self._base = recommunity(base, resolution=resolution, **joining)
+            base = self._base
+        same = all(value is None or base.parameters[name] == value for name, value in joining.items())
+        return base if same else repartition(base, **joining)
+
+    def _write(self, log: EditLog) -> None:
+        found = self.path.read_bytes() if self.path.is_file() else None
+        if found != self._on_disk:
+            raise InputError(f"{self.path}: expected the edits as they were read, found others: open the map anew")
+        if self._fingerprint is None:
+            self._fingerprint = fingerprint(self.original)
+        contents = EditsFile(self._fingerprint, self.original.spec, log)
+        self._on_disk = save_edits(self.path, contents, self._map_name)
+
+
+def open_mending(map_path: Path, simap: SIMap | None = None, *, adopt: bool = False) -> Mending:
+    """Open a map file to mend it, with the edits there are.
+
+    Args:
+        map_path: the map file.
+        simap: what it holds, when that is at hand.
+        adopt: take edits of another build of the map over, by place; they are saved with the next change.
+
+    Raises:
+        InputError: the map or its edits are damaged, or the edits belong to another map. No file is changed.
+    """
+    map_path = Path(map_path)
+    simap = load_map(map_path) if simap is None else simap
+    path = edits_path(map_path)
+    if not path.exists():
+        return Mending(simap, EditLog(), path, map_name=map_path.name)
+    try:
+        contents, data = read_edits(path)
+    except InputError as error:
+        raise InputError(f"{error}; {WAYS_OUT}") from error
+    if contents.fingerprint != fingerprint(simap):
+        if not adopt:
+            raise InputError(
+                f"{path}: expected edits of {map_path.name} as it is, found edits of another build of it; "
+                f"simaps mend {map_path} --adopt takes them over by place, {WAYS_OUT}"
+            )
+        contents = moved_to(contents, simap)
+    return Mending(simap, contents.log, path, map_name=map_path.name, on_disk=data)
+
+
+def load_mended(path: Path, *, edits: bool = True) -> SIMap:
+    """Read a map file and replay the edits beside it, if there are any and they are wanted.
+
+    Raises:
+        InputError: the map or its edits are damaged, or the edits belong to another build of the map.
+    """
+    return open_mending(path).simap() if edits else load_map(path)

@@ -1,0 +1,152 @@
+"""How a map's objects came about, step by step: classes, Louvain's levels, then the merge log, one step at a time.
+
+A map keeps its finest communities and its merge log. The levels on the way to the communities are found again from its
+graphs, with the same seed; the last of them are the map's own communities.
+"""
+
+import threading
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from simaps_viz.mapping.communities import find_chunks, find_communities
+from simaps_viz.mapping.partition import applied_steps, empty_log, instance_of_community
+from simaps_viz.mapping.simap import JOINING, joining_threshold
+from simaps_viz.mapping.why_frames import seen_together
+from simaps_viz.structures import SIMap
+
+MOST_LEVELS = 12
+CLASSES = 0
+"""The first position: nothing is told apart yet."""
+
+
+class Timeline:
+    """The positions of one map: 0 classes only, then Louvain's levels, then one for each merge. Threads may share it.
+
+    The steps that the map takes come first, in the order of its log; those that only a smaller threshold would take
+    follow.
+    """
+
+    def __init__(self, simap: SIMap) -> None:
+        """Take the map; levels are found when first asked for."""
+        self.simap = simap
+        threshold = joining_threshold(simap.method, simap.parameters)
+        applied = applied_steps(simap.merges, threshold)
+        self._order = np.concatenate([np.flatnonzero(applied), np.flatnonzero(~applied)])
+        self.taken = int(applied.sum())
+        """Merges that the map takes."""
+        self._communities = int(simap.community.max(initial=0))
+        self._lock = threading.Lock()
+        self._levels: list[SIMap] | None = None
+
+    @property
+    def levels(self) -> int:
+        """Of Louvain: how often it has joined communities; at least 1."""
+        return max(len(self._found_levels()), 1)
+
+    @property
+    def last(self) -> int:
+        """The last position."""
+        return self.levels + len(self._order)
+
+    @property
+    def finished(self) -> int:
+        """The position of the map itself."""
+        return self.levels + self.taken
+
+    def map_at(self, position: int) -> SIMap:
+        """Give the map as it would be at a position, to look at: it has no facts of instances."""
+        levels = self.levels
+        if position == self.finished:
+            return self.simap
+        if position <= CLASSES:
+            return replace(self.simap, instance=np.zeros_like(self.simap.instance), instances=())
+        if position < levels:
+            return self._found_levels()[position - 1]
+        ids = self._names(position - levels)[self.simap.community]
+        return replace(self.simap, instance=ids.astype(np.int32), instances=())
+
+    def words(self, position: int) -> str:
+        """Say what a position shows."""
+        levels, done = self.levels, position - self.levels
+        if position <= CLASSES:
+            return "Classes only: what stands where is known, not which cells are one object."
+        if done < 0:
+            count = _count(self._found_levels()[position - 1].community)
+            return f"Louvain, level {position} of {levels}: {count} communities."
+        if done == 0:
+            return f"Louvain's communities: {_count(self.simap.community)} parts, before any is joined."
+        at = int(self._order[done - 1])
+        taken = "" if done <= self.taken else ", which the map does not take"
+        end = f" Here is the map: {self.taken} steps taken." if done == self.taken else ""
+        return f"Step {done} of {len(self._order)}{taken}: {self._joined(at, done)}.{end}"
+
+    def recorded(self, position: int) -> tuple[str, int]:
+        """Give the timeline of a recorded build that shows a position, and the time on it."""
+        if position < self.levels:
+            return "louvain", CLASSES
+        return ("louvain", 1) if position == self.levels else ("merge", position - self.levels)
+
+    def position_of(self, timeline: str, time: int) -> int:
+        """Give the position of a time on timeline "louvain" or "merge" of a recorded build."""
+        position = self.levels + time if timeline == "merge" else self.levels * min(time, 1)
+        return min(max(position, CLASSES), self.last)
+
+    def _names(self, merges: int) -> NDArray:
+        """Give int32 [communities + 1]: what each finest community is called after so many merges."""
+        done = np.zeros(len(self._order), dtype=bool)
+        done[self._order[: max(merges, 0)]] = True
+        return instance_of_community(self.simap.merges, done, self._communities)
+
+    def _joined(self, at: int, done: int) -> str:
+        log, before = self.simap.merges, self._names(done - 1)
+        source, target = int(before[log.source[at]]), int(before[log.target[at]])
+        name, share = self.simap.grid.labels[int(log.label[at])], 100.0 * float(log.score[at])
+        seen = seen_together(self.simap, np.flatnonzero(before == source), np.flatnonzero(before == target))
+        frames = f"; of {len(seen)} frames that saw both, {len(seen.as_one)} saw one object" if len(seen) else ""
+        reason = f"{share:.0f} % of what was seen of both says they are one"
+        if self.simap.method == "paper":
+            reason = f"{share:.0f} % of the cells of the first neighbour the second"
+        return f"{name}, parts {source} and {target} joined: {reason}{frames}"
+
+    def _found_levels(self) -> list[SIMap]:
+        """Give a map for each of Louvain's levels but the last, which is the map's own, and that one too."""
+        with self._lock:
+            if self._levels is None:
+                self._levels = _levels_of(self.simap)
+            return self._levels
+
+
+def _levels_of(simap: SIMap) -> list[SIMap]:
+    """Run Louvain again, one level more each time, until nothing changes; empty where the map has no graphs."""
+    found: list[SIMap] = []
+    if not simap.graphs or simap.method not in JOINING or not any(len(graph.edges) for graph in simap.graphs):
+        return found
+    before = -1
+    for level in range(1, MOST_LEVELS + 1):
+        community = _level(simap, level)
+        count = int(community.max(initial=0))
+        if count == before:
+            break
+        before = count
+        found.append(replace(simap, community=community, instance=community, instances=(), merges=empty_log()))
+    return found
+
+
+def _level(simap: SIMap, level: int) -> NDArray:
+    """Give int32 [rows, cols], numbered from 1."""
+    resolution, seed = float(simap.parameters.get("resolution", 1.0)), int(simap.parameters.get("seed", 0))
+    if simap.method == "evidence":
+        parts = find_chunks(simap.graphs, simap.spec, resolution=resolution, seed=seed, levels=level)
+    else:
+        parts = [find_communities(g, resolution=resolution, seed=seed, levels=level) for g in simap.graphs]
+    community, first = np.zeros(simap.spec.rows * simap.spec.cols, dtype=np.int32), 1
+    for graph, part in zip(simap.graphs, parts, strict=True):
+        community[graph.cells] = part + first
+        first += int(part.max(initial=-1)) + 1
+    return community.reshape(simap.spec.shape)
+
+
+def _count(ids: NDArray) -> int:
+    return int(np.count_nonzero(np.unique(ids)))

@@ -1,0 +1,127 @@
+"""What the workbench's section on masks can ask for: a map's frames, its masks, and the network that made them."""
+
+import threading
+from collections.abc import Mapping
+from pathlib import Path
+
+from numpy.typing import NDArray
+
+from simaps_viz.datasets.posed_frames import PosedFrames, open_sequence
+from simaps_viz.errors import InputError
+from simaps_viz.segmentation.mask_store import About, find_store
+from simaps_viz.segmentation.protocol import Threshold
+from simaps_viz.segmentation.sequences import WithMasks, about, masks_from
+from simaps_viz.segmentation.tuning import FrameTuner, above_score, score_threshold
+from simaps_viz.structures import Segmentation, SIMap
+from simaps_viz.viewer.segmentation_panel import Knob, SegmentationServices
+
+OPTIONS = {
+    "score": "--score-threshold",
+    "mask": "--mask-threshold",
+    "overlap": "--overlap-threshold",
+    "iou": "--box-overlap",
+}
+NO_NETWORK = (
+    "The network that made them is not at hand: only the score can be tried. With simaps view SEQUENCE --segmentation "
+    "NET.onnx all thresholds can."
+)
+SIMULATED = "The frames are rendered, and errors of a network may be simulated."
+
+
+def segmentation_services(simap: SIMap, cache: Path) -> SegmentationServices:
+    """Find the frames, the masks and, where it is still there, the network that a map was built from.
+
+    Args:
+        simap: the map; its provenance says all this.
+        cache: folder where networks' masks are kept.
+    """
+    told = str(simap.provenance.get("segmentation", ""))
+    try:
+        sequence = open_sequence(Path(str(simap.provenance.get("sequence", ""))))
+        masks = sequence if told == sequence.segmentation_source else masks_from(sequence, told, cache)
+    except InputError as error:
+        return SegmentationServices(source=told, notes=(f"The frames of this map are not at hand: {error}.",))
+    simulated = (SIMULATED,) if sequence.simulated else ()
+    if masks is None:
+        note = "The masks this map was built from are no longer kept; build it again to see them."
+        return SegmentationServices(source=told, notes=(note, *simulated))
+    store = find_store(cache, sequence=str(sequence.path.resolve()), source=told)
+    if masks is sequence or store is None:
+        return _elsewhere(sequence, masks, told, (NO_NETWORK, *simulated))
+    try:
+        opener = _Opener(sequence, store.about)
+    except InputError as error:
+        return _elsewhere(sequence, masks, told, (NO_NETWORK, f"{error}.", *simulated))
+    return SegmentationServices(
+        frame_names=sequence.frame_names,
+        look=lambda index: _look(sequence, masks, index),
+        retry=opener.segmentation,
+        runs_network=True,
+        knobs=tuple(_knob(threshold) for threshold in opener.thresholds()),
+        source=told,
+        network=opener.file.name,
+        notes=simulated,
+    )
+
+
+class _Opener:
+    """Opens a map's network when a threshold is first tried. Several threads may ask."""
+
+    def __init__(self, sequence: PosedFrames, made: About) -> None:
+        """Raises InputError when the network is not there any more."""
+        self._sequence, self._about = sequence, made
+        self._tuner: FrameTuner | None = None
+        self._lock = threading.Lock()
+        if not made.origin.get("network"):
+            raise InputError("the masks do not say where their network was")
+        self.file = Path(made.origin["network"])
+        if not self.file.is_file():
+            raise InputError(f"{self.file}: expected the network this map was built with, found nothing")
+
+    def thresholds(self) -> tuple[Threshold, ...]:
+        """Give the network's thresholds, as they were when the map was built."""
+        return tuple(Threshold(**row) for row in self._about.origin.get("thresholds", ()))
+
+    def segmentation(self, index: int, values: Mapping[str, float]) -> Segmentation:
+        """Segment a frame with other thresholds; raises InputError when the file has been replaced by another."""
+        with self._lock:
+            if self._tuner is None:
+                self._tuner = self._open()
+        return self._tuner.segmentation(index, values)
+
+    def _open(self) -> FrameTuner:
+        from simaps_viz.segmentation.recognise import NetworkSettings, open_network  # noqa: PLC0415 - onnxruntime is slow
+
+        network, _ = open_network(self.file, NetworkSettings.from_json(self._about.origin["settings"]))
+        for by_geometry in (True, False):
+            now = about(self._sequence, network, by_geometry)
+            if (now.source, now.key) == (self._about.source, self._about.key):
+                return FrameTuner(self._sequence, network, by_geometry=by_geometry)
+        raise InputError(f"{self.file}: expected the network this map was built with, found another")
+
+
+def _elsewhere(
+    sequence: PosedFrames, masks: PosedFrames | WithMasks, source: str, notes: tuple[str, ...]
+) -> SegmentationServices:
+    """Masks without their network: the score is all that can be tried."""
+
+    def retry(index: int, values: Mapping[str, float]) -> Segmentation:
+        return above_score(masks.segmentation(index), values["score"])
+
+    return SegmentationServices(
+        frame_names=sequence.frame_names,
+        look=lambda index: _look(sequence, masks, index),
+        retry=retry,
+        knobs=(_knob(score_threshold(), option=False),),
+        source=source,
+        notes=notes,
+    )
+
+
+def _look(sequence: PosedFrames, masks: PosedFrames | WithMasks, index: int) -> tuple[NDArray, Segmentation]:
+    return sequence.color(index), masks.segmentation(index)
+
+
+def _knob(threshold: Threshold, *, option: bool = True) -> Knob:
+    told = OPTIONS.get(threshold.key, "") if option else ""
+    return Knob(threshold.key, threshold.label, threshold.value, threshold.hint, told)

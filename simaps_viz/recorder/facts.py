@@ -1,0 +1,122 @@
+"""What a recording says of itself: written as properties of the recording, read without the rest of it."""
+
+import json
+import warnings
+from dataclasses import dataclass
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any
+
+import rerun as rr
+
+from simaps_viz.errors import InputError
+from simaps_viz.events import BuildStarted
+from simaps_viz.structures import SIMap
+
+PROPERTY = "simaps"
+"""Name of the property; rerun keeps it at /__properties/simaps."""
+_PATHS = ["/__properties", "/__properties/**"]
+_SHOWN = {"k_percent": "K {:g} %", "affinity": "affinity {:g}", "resolution": "resolution {:g}"}
+
+
+@dataclass(frozen=True)
+class RecordingFacts:
+    """What is known of a recording; None = it does not say."""
+
+    title: str | None = None
+    application: str | None = None
+    frames: int | None = None
+    simulated: bool | None = None
+    segmentation: str | None = None
+    method: str | None = None
+    parameters: str | None = None
+    """In words: "affinity 0.6, resolution 1"."""
+    instances: int | None = None
+    version: str | None = None
+    """Of this program."""
+
+
+def started_facts(event: BuildStarted) -> dict[str, Any]:
+    """Give what is known when a build begins."""
+    return {
+        "frames": len(event.frame_names),
+        "simulated": event.simulated,
+        "segmentation": event.segmentation_source,
+        "version": version("simaps-viz"),
+    }
+
+
+def finished_facts(simap: SIMap) -> dict[str, Any]:
+    """Give what is known of a map."""
+    provenance = simap.provenance
+    return {
+        "frames": len(simap.frame_names),
+        "simulated": bool(provenance.get("simulated", False)),
+        "segmentation": str(provenance.get("segmentation", "unknown")),
+        "method": simap.method,
+        "parameters": json.dumps(dict(simap.parameters)),
+        "instances": len(simap.instances),
+        "version": version("simaps-viz"),
+    }
+
+
+def send_facts(stream: rr.RecordingStream, facts: dict[str, Any]) -> None:
+    """Write facts into a recording; later ones are read in the place of earlier ones."""
+    stream.send_property(PROPERTY, rr.AnyValues(**facts))
+
+
+def read_facts(path: Path) -> RecordingFacts:
+    """Read what a recording says of itself; its pictures are not read (some milliseconds, whatever its size).
+
+    Raises:
+        InputError: it is no rerun recording, or was not finished.
+    """
+    import rerun.chunk as rc  # noqa: PLC0415 - only needed here
+
+    values: dict[str, Any] = {}
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("error")  # of a file without its end rerun only warns
+            reader = rc.RrdReader(path)
+            entries = [entry for entry in reader.recordings() if entry.kind == "recording"]
+            for chunk in reader.store().stream().filter(content=_PATHS) if entries else ():
+                batch = chunk.to_record_batch()
+                for name in batch.schema.names:
+                    rows = batch.column(name).to_pylist()
+                    if not name.startswith("rerun.") and rows and rows[-1]:
+                        values[name] = rows[-1][0]
+    except (ValueError, RuntimeError, OSError, Warning) as error:
+        raise InputError(f"{path}: expected a finished rerun recording, found {_one_line(error)}") from error
+    return RecordingFacts(
+        title=_of(values, "RecordingInfo:name", str),
+        application=entries[0].application_id if entries else None,
+        frames=_of(values, "frames", int),
+        simulated=_of(values, "simulated", bool),
+        segmentation=_of(values, "segmentation", str),
+        method=_of(values, "method", str),
+        parameters=_in_words(_of(values, "parameters", str)),
+        instances=_of(values, "instances", int),
+        version=_of(values, "version", str),
+    )
+
+
+def _of(values: dict[str, Any], name: str, kind: type) -> Any:
+    value = values.get(name)
+    return value if isinstance(value, kind) else None
+
+
+def _in_words(parameters: str | None) -> str | None:
+    try:
+        values = json.loads(parameters or "null")
+    except (ValueError, RecursionError):
+        return None
+    if not isinstance(values, dict):
+        return None
+    told = [(words, values.get(key)) for key, words in _SHOWN.items()]
+    shown = [words.format(value) for words, value in told if isinstance(value, int | float) and abs(value) < 1e300]
+    return ", ".join(shown) or None
+
+
+def _one_line(error: BaseException) -> str:
+    text = " ".join(str(error).split())
+    return text[:160] if text else type(error).__name__

@@ -1,0 +1,189 @@
+"""The recorded builds at hand: those shipped with the program and the user's own. Nothing outside is ever touched."""
+
+import difflib
+import os
+import shutil
+import tempfile
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass, field
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any
+
+from platformdirs import user_data_path
+
+from simaps_viz.errors import InputError
+from simaps_viz.recorder.facts import RecordingFacts, read_facts
+
+SUFFIX = ".rrd"
+_LONGEST_NAME = 120
+
+
+def recording_folders() -> list[Path]:
+    """Give the folders of the library, the user's first: ``SIMAPS_RECORDINGS``, or the user's data directory.
+
+    A checkout of the program has a second one, ``recordings/``.
+    """
+    chosen = os.environ.get("SIMAPS_RECORDINGS")
+    own = Path(chosen) if chosen else user_data_path("simaps") / "recordings"
+    root = Path(__file__).parents[2]
+    shipped = root / "recordings"
+    return [own, shipped] if (root / "pyproject.toml").is_file() and shipped.is_dir() else [own]
+
+
+@dataclass(frozen=True)
+class LibraryEntry:
+    """One recorded build."""
+
+    path: Path
+    size_bytes: int
+    modified: datetime
+    facts: RecordingFacts = field(default_factory=RecordingFacts)
+    fault: str | None = None
+    """Why it cannot be opened, in words."""
+
+    @property
+    def name(self) -> str:
+        """What it is called: the file's name without its ending."""
+        return self.path.stem
+
+    def to_json(self) -> dict[str, Any]:
+        """Give it as plain values."""
+        return {
+            "name": self.name,
+            "path": str(self.path),
+            "size_bytes": self.size_bytes,
+            "modified": self.modified.isoformat(timespec="seconds"),
+            **asdict(self.facts),
+            "fault": self.fault,
+        }
+
+
+class RecordingLibrary:
+    """The recordings in some folders. Names are file names without ``.rrd``; the first folder gets what is added."""
+
+    def __init__(self, folders: Sequence[Path] | None = None) -> None:
+        """Take the given folders, or those of `recording_folders`."""
+        self.folders = list(folders) if folders is not None else recording_folders()
+
+    def entries(self) -> list[LibraryEntry]:
+        """List the recordings, the newest first; links are left out, as they lead outside."""
+        found = [entry for folder in self.folders for path in _files(folder) if (entry := _entry(path)) is not None]
+        return sorted(found, key=lambda entry: (-entry.modified.timestamp(), entry.name))
+
+    def find(self, name: str) -> LibraryEntry:
+        """Give the recording of that name; of the same name in two folders, the user's.
+
+        Raises:
+            InputError: there is none; the message says what is near.
+        """
+        wanted = name.removesuffix(SUFFIX)
+        for folder in self.folders:
+            for path in _files(folder):
+                if path.stem == wanted and (entry := _entry(path)) is not None:
+                    return entry
+        names = sorted({path.stem for folder in self.folders for path in _files(folder)})
+        near = difflib.get_close_matches(wanted, names, n=1, cutoff=0.4)
+        hint = f"; did you mean {near[0]!r}?" if near else f" among {len(names)} in {self.folders[0]}"
+        raise InputError(f"recording {name!r}: expected one of the library, found none{hint}")
+
+    def rename(self, name: str, new_name: str) -> LibraryEntry:
+        """Give a recording another name, in its folder.
+
+        Raises:
+            InputError: there is no such recording, the new name is none for a file, or it is taken.
+        """
+        entry = self.find(name)
+        target = entry.path.with_name(_checked(new_name) + SUFFIX)
+        _move_to_free(entry.path, target, "rename")
+        return self.find(target.stem)
+
+    def delete(self, name: str) -> Path:
+        """Remove a recording's file; gives where it was.
+
+        Raises:
+            InputError: there is no such recording, or it cannot be removed.
+        """
+        path = self.find(name).path
+        try:
+            path.unlink()
+        except OSError as error:
+            raise InputError(f"{path}: could not delete the recording: {error.strerror or error}") from error
+        return path
+
+    def add(self, file: Path, name: str | None = None) -> LibraryEntry:
+        """Copy a recording into the user's folder, whole or not at all.
+
+        Raises:
+            InputError: it is no finished recording, its name is taken, or it cannot be copied.
+        """
+        file = Path(file)
+        if not file.is_file():
+            raise InputError(f"{file}: expected a recording (.rrd), found no such file")
+        read_facts(file)
+        folder = self.folders[0]
+        target = folder / (_checked(name or file.stem) + SUFFIX)
+        temporary = None
+        try:
+            folder.mkdir(parents=True, exist_ok=True)
+            handle, name_of_it = tempfile.mkstemp(prefix=".", suffix=".partial", dir=folder)
+            os.close(handle)
+            temporary = Path(name_of_it)
+            shutil.copyfile(file, temporary)
+            temporary.chmod(0o644)
+            _move_to_free(temporary, target, "copy")
+        except OSError as error:
+            raise InputError(f"{target}: could not copy the recording: {error.strerror or error}") from error
+        finally:
+            if temporary is not None:
+                temporary.unlink(missing_ok=True)
+        return self.find(target.stem)
+
+
+def _move_to_free(source: Path, target: Path, what: str) -> None:
+    """Move a file to a name that nobody has; the name is taken first, as moving alone would overwrite."""
+    try:
+        target.open("xb").close()
+    except FileExistsError as error:
+        raise InputError(f"{target}: expected a name that is free, found a recording of it") from error
+    except OSError as error:
+        raise InputError(f"{target}: could not {what} the recording: {error.strerror or error}") from error
+    try:
+        os.replace(source, target)
+    except OSError as error:
+        target.unlink(missing_ok=True)
+        raise InputError(f"{target}: could not {what} the recording: {error.strerror or error}") from error
+
+
+def _files(folder: Path) -> list[Path]:
+    try:
+        inside = sorted(folder.iterdir())
+    except OSError:
+        return []
+    return [p for p in inside if p.suffix == SUFFIX and p.name[0] != "." and p.is_file() and not p.is_symlink()]
+
+
+def _entry(path: Path) -> LibraryEntry | None:
+    try:
+        status = path.stat()
+    except OSError:  # removed meanwhile
+        return None
+    modified = datetime.fromtimestamp(status.st_mtime, tz=UTC)
+    try:
+        return LibraryEntry(path, status.st_size, modified, read_facts(path))
+    except InputError as error:
+        return LibraryEntry(path, status.st_size, modified, fault=str(error).partition("found ")[2] or str(error))
+
+
+def _checked(name: str) -> str:
+    """Raise InputError unless a name is one for a file, and nothing but a name."""
+    stem = name.strip().removesuffix(SUFFIX)
+    if (
+        not stem
+        or stem[0] == "."
+        or len(stem) > _LONGEST_NAME
+        or not stem.isprintable()
+        or set(stem) & set('/\\:*?"<>|')
+    ):
+        raise InputError(f"name of a recording: expected a file name without / and the like, found {name[:60]!r}")
+    return stem

@@ -1,0 +1,108 @@
+"""A finished map for rerun, without its build: pictures from above, objects with their names, surfaces in the room."""
+
+from typing import Any
+
+import numpy as np
+import rerun as rr
+import rerun.blueprint as rrb
+
+from simaps_viz.labels import class_color
+from simaps_viz.recorder.blueprint import MARGIN_M
+from simaps_viz.recorder.facts import finished_facts, send_facts
+from simaps_viz.recorder.map_log import MapLog
+from simaps_viz.recorder.map_pictures import GROUND, UNSEEN, cell_centres
+from simaps_viz.recorder.settings import SMALL
+from simaps_viz.recorder.streams import markdown_table
+from simaps_viz.structures import SIMap
+
+
+class _Under:
+    """A stream whose entities all lie under a prefix."""
+
+    def __init__(self, stream: rr.RecordingStream, prefix: str) -> None:
+        self._stream, self._prefix = stream, "/" + prefix.strip("/") if prefix.strip("/") else ""
+
+    def log(self, path: str, *entities: Any, static: bool = False) -> None:
+        self._stream.log(self._prefix + path, *entities, static=static)
+
+
+def log_whole_map(stream: rr.RecordingStream, simap: SIMap, *, prefix: str = "") -> None:
+    """Log a map: ``/map`` its pictures and names, ``/world`` its objects and surfaces, ``/about`` in words.
+
+    Args:
+        stream: where to.
+        simap: the map.
+        prefix: entity path that all of it is put under.
+    """
+    under: Any = _Under(stream, prefix)
+    send_facts(stream, finished_facts(simap))
+    stream.set_time("frame", sequence=max(len(simap.frame_names) - 1, 0))
+    under.log("/world", rr.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)
+    under.log("/about", rr.TextDocument(_about(simap), media_type="text/markdown"), static=True)
+    maps = MapLog(under, SMALL)
+    maps.log_start()
+    maps.log_grid(simap.grid)
+    maps.log_instances(simap)
+    _log_surface(under, simap)
+    _log_way(under, simap)
+
+
+def whole_map_blueprint(simap: SIMap) -> rrb.Blueprint:
+    """Lay the map out: from above on the left, the room and words on the right."""
+    bounds = None
+    if simap.spec.rows and simap.spec.cols:
+        xmin, ymin, xmax, ymax = simap.spec.extent_m
+        bounds = rrb.VisualBounds2D(
+            x_range=(xmin - MARGIN_M, xmax + MARGIN_M), y_range=(-ymax - MARGIN_M, -ymin + MARGIN_M)
+        )
+    shown = {"Objects": ["/map/ground", "/map/objects", "/map/names"], "Classes": ["/map/classes"],
+             "Heights": ["/map/heights"]}  # fmt: skip
+    views = [
+        rrb.Spatial2DView(
+            origin="/map", name=name, contents=contents, visual_bounds=bounds, background=GROUND[UNSEEN][2][:3]
+        )
+        for name, contents in shown.items()
+    ]
+    return rrb.Blueprint(
+        rrb.Horizontal(
+            rrb.Tabs(*views, active_tab=0),
+            rrb.Vertical(
+                rrb.Spatial3DView(origin="/world", name="3-D"),
+                rrb.TextDocumentView(origin="/about", name="About"),
+                row_shares=[0.7, 0.3],
+            ),
+        ),
+        rrb.BlueprintPanel(state="hidden"),
+        rrb.SelectionPanel(state="hidden"),
+        rrb.TimePanel(state="hidden"),
+        auto_views=False,
+    )
+
+
+def _log_surface(under: Any, simap: SIMap) -> None:
+    """Log the top of every seen cell that no object covers, as points in the colours of their classes."""
+    grid = simap.grid
+    rows, cols = np.nonzero(~np.isnan(grid.height_m) & (simap.instance == 0))
+    points = np.concatenate([cell_centres(grid.spec, rows, cols), grid.height_m[rows, cols][:, None]], axis=1)
+    palette = np.array([class_color(name) if i else (170, 175, 185) for i, name in enumerate(grid.labels)], np.uint8)
+    under.log(
+        "/world/surface", rr.Points3D(points, colors=palette[grid.label[rows, cols]], radii=grid.spec.cell_size_m / 3)
+    )
+
+
+def _log_way(under: Any, simap: SIMap) -> None:
+    if len(simap.T_map_camera) > 1:
+        way = simap.T_map_camera[:, :3, 3]
+        under.log("/world/camera_way", rr.LineStrips3D([way], colors=(22, 110, 235), radii=0.01))
+
+
+def _about(simap: SIMap) -> str:
+    simulated = "\n\n**Simulated**: not of a real place, or not segmented by a network." * bool(
+        simap.provenance.get("simulated")
+    )
+    counts = markdown_table(("class", "instances"), list(simap.counts().items()))
+    return (
+        f"# {simap.provenance.get('name', 'A map')}\n\nA Semantic Instance Map: {len(simap.instances)} instances,"
+        f" method {simap.method}, {len(simap.frame_names)} frames, cells of {simap.spec.cell_size_m:g} m. North is up."
+        f"{simulated}\n\n{counts}\n"
+    )

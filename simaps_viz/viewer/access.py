@@ -1,0 +1,202 @@
+"""Who may ask the servers of a workbench: the names it answers to, the pages it believes, and the token.
+
+Another web site cannot read what 127.0.0.1 serves, but it can try: by a name of its own that it points at 127.0.0.1
+(DNS rebinding), or by a WebSocket, which browsers open across sites. Both show in what the browser says of itself.
+"""
+
+import hmac
+import os
+import re
+import secrets
+import socket
+import threading
+import time
+from collections import OrderedDict
+from collections.abc import Callable, Iterable, Mapping
+from http import HTTPStatus
+from ipaddress import ip_address
+from urllib.parse import parse_qs, urlsplit
+
+from simaps_viz.errors import InputError
+
+TOKEN_VARIABLE = "SIMAPS_TOKEN"
+LEAST_TOKEN = 16
+"""Characters of a token that a person chooses."""
+MOST_PATH = 2048
+"""Characters of an address."""
+MOST_WRONG, FORGET_S, MOST_ADDRESSES = 10, 60.0, 1024
+"""So many wrong tokens of one address in so long; then it is not heard at all. That many addresses are remembered."""
+
+Refusal = tuple[HTTPStatus, str]
+
+SAFE_HEADERS = {
+    "X-Content-Type-Options": "nosniff",
+    "Referrer-Policy": "no-referrer",
+    "Cross-Origin-Opener-Policy": "same-origin",
+    "Cross-Origin-Resource-Policy": "same-site",  # the frames of a page are served on ports of their own
+    "Permissions-Policy": "camera=(), microphone=(), geolocation=(), usb=(), serial=()",
+}
+"""Sent with everything that is served."""
+
+ENTERED = (
+    '<!doctype html><html lang="en"><meta http-equiv="refresh" content="0;url={path}"><title>SI Maps</title></html>'
+)
+"""Sent to who brings the token in the address: goes on without it, so that it does not stay in the address bar."""
+ENTERED_CSP = "default-src 'none'; base-uri 'none'; form-action 'none'; frame-ancestors 'none'"
+
+
+def is_loopback(host: str) -> bool:
+    """Tell whether an address can only be reached from this machine."""
+    if host == "localhost":
+        return True
+    try:
+        return ip_address(host).is_loopback
+    except ValueError:
+        return False
+
+
+def bracketed(host: str) -> str:
+    """Write a host as addresses have it: ``[::1]``."""
+    return f"[{host}]" if ":" in host else host
+
+
+def name_of(host_header: str | None) -> str | None:
+    """Give the name in a Host header, in lower case, without its port; None where it is none."""
+    match = re.fullmatch(r"(\[[0-9a-f:.]+\]|[a-z0-9._-]{1,253})(:\d{1,5})?", (host_header or "").lower())
+    return None if match is None else match[1]
+
+
+def headers_of(pairs: Iterable[tuple[str, str]]) -> dict[str, str]:
+    """Give a request's headers by their names in lower case; of one that comes twice, nothing that anyone believes."""
+    found: dict[str, str] = {}
+    for name, value in pairs:
+        key = name.lower()
+        found[key] = f"{found[key]}, {value}" if key in found else value
+    return found
+
+
+class Access:
+    """The rules of one workbench, the same for all its servers."""
+
+    def __init__(
+        self, host: str = "127.0.0.1", *, token: str | None = None, clock: Callable[[], float] = time.monotonic
+    ) -> None:
+        """Take where it is served.
+
+        Args:
+            host: address to listen on.
+            token: that everybody must bring; by default SIMAPS_TOKEN, and where that is empty a new one, or none
+                when only this machine can reach the address.
+            clock: seconds.
+
+        Raises:
+            InputError: a token is too short, or has characters that addresses do not.
+        """
+        chosen = os.environ.get(TOKEN_VARIABLE, "") if token is None else token
+        if chosen and not re.fullmatch(rf"[A-Za-z0-9_-]{{{LEAST_TOKEN},200}}", chosen):
+            raise InputError(
+                f"{TOKEN_VARIABLE}: expected {LEAST_TOKEN} to 200 letters, digits, - and _, found something else"
+            )
+        self.host = host = "127.0.0.1" if host == "localhost" else host
+        self.token = chosen or ("" if is_loopback(host) else secrets.token_urlsafe(32))
+        self.cookie = f"simaps-{secrets.token_hex(8)}"  # of this start: an old cookie is no wrong token
+        self._names = {"localhost", "127.0.0.1", "[::1]", bracketed(host)}
+        if not is_loopback(host):
+            here = socket.gethostname().lower()
+            self._names |= {here, f"{here}.local"}
+        self._clock, self._lock = clock, threading.Lock()
+        self._wrong: OrderedDict[str, list[float]] = OrderedDict()
+
+    @property
+    def name(self) -> str:
+        """What a browser on this machine calls it by."""
+        anywhere = {"": "127.0.0.1", "0.0.0.0": "127.0.0.1", "::": "[::1]"}
+        return anywhere.get(self.host) or bracketed(self.host)
+
+    @property
+    def is_open(self) -> bool:
+        """Whether other machines can reach it."""
+        return not is_loopback(self.host)
+
+    def refuse(
+        self, headers: Mapping[str, str], path: str, *, own_address: str, peer: str, joins: bool = False
+    ) -> Refusal | None:
+        """Give why a request is not answered; None when it is.
+
+        Args:
+            headers: of the request, from `headers_of`.
+            path: with its query.
+            own_address: of this end of the connection, without a port.
+            peer: address of the other end.
+            joins: it wants more than to read, such as a WebSocket.
+        """
+        if len(path) > MOST_PATH or not path.startswith("/"):
+            return HTTPStatus.REQUEST_URI_TOO_LONG, "not an address of this server"
+        if self._is_foreign(headers, own_address, joins):
+            return HTTPStatus.FORBIDDEN, "this server answers its own page only"
+        if not self.token or self._has_cookie(headers):  # whoever is in stays in, whatever others try
+            return None
+        if not self._may_try(peer):
+            return HTTPStatus.TOO_MANY_REQUESTS, "too many wrong tokens; wait a minute"
+        given = _token_in(path)
+        if given is not None and self._is_token(given):
+            return None
+        if given is not None or self._cookie_of(headers) is not None:
+            self._was_wrong(peer)
+        return HTTPStatus.UNAUTHORIZED, "open the address with ?token=… that the terminal shows"
+
+    def forgive(self) -> None:
+        """Forget all wrong tokens."""
+        with self._lock:
+            self._wrong.clear()
+
+    def entering(self, headers: Mapping[str, str], path: str) -> dict[str, str] | None:
+        """Give the headers that let in who has the token in the address, and has not come in yet."""
+        if not self.token or _token_in(path) is None or self._has_cookie(headers):
+            return None
+        return {"Set-Cookie": f"{self.cookie}={self.token}; HttpOnly; SameSite=Strict; Path=/"}
+
+    def _is_foreign(self, headers: Mapping[str, str], own_address: str, joins: bool) -> bool:
+        host, origin = headers.get("host"), headers.get("origin")
+        name = name_of(host)
+        if name is None or name not in self._names | {bracketed(own_address.removeprefix("::ffff:"))}:
+            return True
+        if origin is not None and origin.lower() not in (f"http://{host}".lower(), f"https://{host}".lower()):
+            return True
+        site, mode = headers.get("sec-fetch-site"), headers.get("sec-fetch-mode")
+        return site == "cross-site" and (mode != "navigate" or joins)
+
+    def _has_cookie(self, headers: Mapping[str, str]) -> bool:
+        given = self._cookie_of(headers)
+        return given is not None and self._is_token(given)
+
+    def _cookie_of(self, headers: Mapping[str, str]) -> str | None:
+        pairs = (pair.strip().partition("=") for pair in (headers.get("cookie") or "").split(";"))
+        return next((value for name, _, value in pairs if name == self.cookie), None)
+
+    def _is_token(self, given: str) -> bool:
+        return hmac.compare_digest(given.encode(errors="replace"), self.token.encode())
+
+    def _may_try(self, peer: str) -> bool:
+        with self._lock:
+            times = [at for at in self._wrong.get(peer, ()) if self._clock() - at < FORGET_S]
+            return len(times) < MOST_WRONG
+
+    def _was_wrong(self, peer: str) -> None:
+        with self._lock:
+            times = [*self._wrong.pop(peer, ()), self._clock()]
+            self._wrong[peer] = times[-MOST_WRONG:]
+            while len(self._wrong) > MOST_ADDRESSES:
+                self._wrong.popitem(last=False)
+
+
+def _token_in(path: str) -> str | None:
+    try:
+        return parse_qs(urlsplit(path).query, max_num_fields=20).get("token", [None])[0]
+    except ValueError:
+        return None
+
+
+def without_query(text: str) -> str:
+    """Give a line for the log without what follows a question mark, which may hold a token."""
+    return re.sub(r"\?.*", "?…", text, flags=re.DOTALL)

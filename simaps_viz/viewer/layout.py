@@ -1,0 +1,199 @@
+"""Puts the panels of one page where they belong."""
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import viser
+
+from simaps_viz.structures import SIMap
+from simaps_viz.viewer.build_panel import BuildPanel
+from simaps_viz.viewer.extra_panels import ExtraPanels
+from simaps_viz.viewer.follow import Follower
+from simaps_viz.viewer.help_panel import HelpPanel, PageActions
+from simaps_viz.viewer.help_words import OTHER_TABS
+from simaps_viz.viewer.instance_panel import InstancePanel
+from simaps_viz.viewer.judge_panel import JudgePanel
+from simaps_viz.viewer.map_panel import SLANT, MapActions, MapPanel
+from simaps_viz.viewer.panels import BUILT_IN, INSTANCE, JUDGE
+from simaps_viz.viewer.robot import RobotControl
+from simaps_viz.viewer.steps_panel import StepsPanel
+from simaps_viz.viewer.why_panel import WhyActions, WhyPanel
+
+if TYPE_CHECKING:
+    from simaps_viz.viewer.session import Session
+
+RECORDING_WIDTH_PX = 400
+PANEL_WIDTH_PX = 340
+
+
+@dataclass(frozen=True, eq=False)
+class Parts:
+    """The panels of a page."""
+
+    judge: JudgePanel | None
+    map: MapPanel
+    robot: RobotControl
+    build: BuildPanel
+    steps: StepsPanel
+    instance: InstancePanel
+    why: WhyPanel
+    page: HelpPanel
+    """Help, keys, light and dark."""
+    others: ExtraPanels
+    """Those that `Services.panels` names."""
+    between: list[viser.PanelHandle]
+    """Hold room until the page has been laid out."""
+
+    def settle(self) -> None:
+        """The page has been laid out: give the room to the main panel."""
+        while self.between:
+            self.between.pop().remove()
+
+    def map_changed(self, simap: SIMap) -> None:
+        """Another map is shown."""
+        self.build.map_changed(simap)
+        self.instance.list(simap)
+        self.others.map_changed(simap)
+
+    def close(self) -> None:
+        """Stop what runs by itself."""
+        self.build.stop()
+        self.steps.stop()
+        self.robot.close()
+        if self.judge is not None:
+            self.judge.close()
+        self.others.close()
+
+
+def set_the_table(server: viser.ViserServer) -> None:
+    """Do what is the same for all pages, before the first one comes."""
+    server.gui.configure_theme(show_logo=False, show_share_button=False, brand_color=(22, 110, 235))
+    server.gui.set_panel_label("SI Maps workbench")
+    server.gui.main_panel.dock_right()
+    server.gui.main_panel.set_width(PANEL_WIDTH_PX)
+
+
+def lay_out(session: "Session") -> Parts:
+    """Build all panels of a page."""
+    gui, services = session.gui, session.common.services
+    gui.add_html(f'<iframe title="Tab" hidden src="{session.common.tabs.url_for(session.token)}"></iframe>')
+    _dock_recording(session)
+    known = [(spec.title, OTHER_TABS[spec.title]) for spec in services.panels if spec.title in OTHER_TABS]
+    page = HelpPanel(gui, _page_actions(session), other_tabs=known)
+    tabs = gui.add_tab_group()
+    others = ExtraPanels(session, services.panels)
+    others.place("front", tabs)
+    opened = {name: tabs.add_tab(name, icon) for name, icon in BUILT_IN if name != JUDGE or services.judging}
+    judge = None
+    if services.judging is not None:
+        with opened[JUDGE]:
+            judge = _judge_panel(session)
+    with opened["Map"]:
+        map_panel = _map_panel(session)
+    with opened["Command"]:
+        robot = _robot(session, judge)
+    with opened["Build"]:
+        build = BuildPanel(
+            gui, session.simap, on_frame=session.show_frame, recorded=session.common.recording is not None
+        )
+        steps = StepsPanel(gui, session.show_step)
+    others.place("tab", tabs)
+    objects = gui.add_panel()
+    with objects.add_tab(INSTANCE, viser.Icon.CUBE):
+        instance = InstancePanel(gui, session.simap, session.select, session.jump)
+        why = WhyPanel(session.client, _why_actions(session))
+    others.place("instance", objects)
+    between = _dock_small(session, objects)
+    return Parts(judge, map_panel, robot, build, steps, instance, why, page, others, [between])
+
+
+def _dock_small(session: "Session", objects: viser.PanelHandle) -> viser.PanelHandle:
+    """Put a panel below the main one such that it gets a third of the height once what this gives is removed.
+
+    viser 1.1.1 halves the space on docking and has no heights for docked panels: another one, docked between the two
+    and taken away when the page has them, leaves them two thirds and one.
+    """
+    between = session.gui.add_panel()
+    between.add_tab("Between")
+    between.dock_below(session.gui.main_panel)
+    objects.dock_below(between)
+    return between
+
+
+def _dock_recording(session: "Session") -> None:
+    if session.recording.url is None:
+        return
+    panel = session.gui.add_panel()
+    with panel.add_tab("Recorded build", viser.Icon.MOVIE):
+        back = session.gui.add_button("Back to this map's build", icon=viser.Icon.ARROW_BACK_UP, visible=False)
+        back.on_click(lambda _: session.recording.show(None))
+        session.recording.on_switch = lambda foreign: setattr(back, "visible", foreign)
+        session.gui.add_html(
+            f'<iframe title="Recorded build" src="{session.recording.url}" '
+            'style="width:100%;height:calc(100vh - 92px);border:0;display:block"></iframe>'
+        )
+    panel.dock_left()
+    panel.set_width(RECORDING_WIDTH_PX)
+
+
+def _judge_panel(session: "Session") -> JudgePanel:
+    services = session.common.services
+    assert services.judging is not None
+    return JudgePanel(
+        session.gui,
+        session.scene,
+        services.judging,
+        simap=session.simap,
+        candidates=services.candidates,
+        take_robot=session.leave_robot,
+        lock=session.common.judging,
+    )
+
+
+def _map_panel(session: "Session") -> MapPanel:
+    services = session.common.services
+    return MapPanel(
+        session.gui,
+        session.base,
+        MapActions(session.partition, session.repaint, session.look),
+        with_k=services.repartition is not None,
+        with_resolution=services.recommunity is not None,
+    )
+
+
+def _page_actions(session: "Session") -> PageActions:
+    def play() -> None:
+        session.parts.build.toggle()
+
+    return PageActions(
+        play=play,
+        step=lambda frames: session.jump(session.frame + frames),
+        clear=lambda: session.select(None),
+        look=session.look,
+        set_theme=session.set_theme,
+    )
+
+
+def _robot(session: "Session", judge: JudgePanel | None) -> RobotControl:
+    viewpoints = session.viewpoints
+    return RobotControl(
+        session.gui,
+        session.scene,
+        session.command_worker,
+        session.common.services,
+        current_map=lambda: session.simap,
+        start=session.common.start,
+        follower=Follower(session.client, behind=lambda: viewpoints.name == SLANT, let_go=viewpoints.restore),
+        on_use=judge.leave if judge is not None else lambda: None,
+    )
+
+
+def _why_actions(session: "Session") -> WhyActions:
+    return WhyActions(
+        repaint=session.repaint,
+        show_frame=session.jump,
+        show_joint=lambda joint: session.recording.show_joint(joint, session.common.recorded),
+        knows_joint=lambda simap: session.common.recording and simap.merges is session.common.recorded.merges,
+        submit=session.worker.submit,
+        view=session.view,
+    )

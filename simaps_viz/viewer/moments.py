@@ -1,0 +1,53 @@
+"""Which moment of a map's making a page shows: after a frame, or after a step of joining its objects."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from simaps_viz.map_colors import keep_classes, take_over
+from simaps_viz.mapping.timeline import CLASSES
+from simaps_viz.structures import SIMap
+from simaps_viz.viewer.legend import counts_text
+from simaps_viz.viewer.shared import Shared
+
+
+@dataclass(frozen=True, eq=False)
+class Moment:
+    """What to paint."""
+
+    simap: SIMap
+    until: int | None = None
+    """Leave out what no frame up to this one had named, where the history is not at hand."""
+    classes_only: bool = False
+    words: str = ""
+    """What was known then; empty for the finished map."""
+
+
+def moment(shared: Shared, simap: SIMap, *, frame: int | None, step: int | None) -> Moment:
+    """Find what a map was after a frame, or is after a step; the frame counts where both are given.
+
+    Args:
+        shared: computes.
+        simap: the finished map.
+        frame: None = the last one.
+        step: position on its `Timeline`; None = the finished map.
+    """
+    if frame is not None:
+        look = shared.look_back(simap, frame)
+        if look is None:
+            return Moment(simap, until=frame, words="The map's history is not at hand: objects appear when named.")
+        keep_classes(look, simap)
+        return Moment(look, words=then_text(look))
+    if step is None:
+        return Moment(simap)
+    then = shared.timeline(simap).map_at(step)
+    if then is not simap and then.community is not simap.community:
+        take_over(then, simap)
+    return Moment(then, classes_only=step == CLASSES)
+
+
+def then_text(look: SIMap) -> str:
+    """Say what was on a map at some time."""
+    seen = float((~np.isnan(look.grid.height_m)).sum()) * look.spec.cell_size_m**2
+    found = counts_text(look) if look.instances else "no instances yet"
+    return f"{found} · {seen:.1f} m² seen"

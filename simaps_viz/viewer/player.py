@@ -1,0 +1,62 @@
+"""Plays a slider: one position after another, as fast as asked for."""
+
+import threading
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import viser
+
+
+@dataclass(frozen=True)
+class Played:
+    """What is played; none of these may take long."""
+
+    position: Callable[[], int]
+    last: Callable[[], int]
+    show: Callable[[int], None]
+    rate: Callable[[], float]
+    """Positions a second."""
+
+
+class Player:
+    """A button that plays, and pauses."""
+
+    def __init__(self, gui: viser.GuiApi, label: str, played: Played, *, first: int = 0) -> None:
+        """Add the button to the open container; ``first`` is where playing begins after the last position."""
+        self._label, self._played, self._first = label, played, first
+        self._turn: threading.Event | None = None
+        self.button = gui.add_button(label, icon=viser.Icon.PLAYER_PLAY)
+        self.button.on_click(lambda _: self.toggle())
+
+    @property
+    def playing(self) -> bool:
+        """Whether it plays."""
+        return self._turn is not None
+
+    def toggle(self) -> None:
+        """Play, or pause."""
+        if self._turn is not None:
+            self.stop()
+            return
+        ended = self._turn = threading.Event()
+        self.button.label, self.button.icon = "Pause", viser.Icon.PLAYER_PAUSE
+        threading.Thread(target=self._run, args=(ended,), name="workbench-play", daemon=True).start()
+
+    def stop(self) -> None:
+        """Stop playing."""
+        turn, self._turn = self._turn, None
+        if turn is not None:
+            turn.set()
+            self.button.label, self.button.icon = self._label, viser.Icon.PLAYER_PLAY
+
+    def _run(self, ended: threading.Event) -> None:
+        played = self._played
+        at = played.position()
+        position = self._first if at >= played.last() else at
+        while position <= played.last():
+            played.show(position)
+            if ended.wait(1.0 / max(played.rate(), 0.1)):
+                return
+            position += 1
+        if self._turn is ended:
+            self.stop()

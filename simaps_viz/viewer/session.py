@@ -1,0 +1,388 @@
+"""One person's page, in one browser tab: what is selected, which map is shown, what it looks like."""
+
+import functools
+import logging
+import secrets
+import threading
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import viser
+from numpy.typing import NDArray
+
+from simaps_viz.errors import SIMapsError
+from simaps_viz.map_colors import take_over
+from simaps_viz.mapping.edit_log import edits_of
+from simaps_viz.structures import Instance, Pose2, SIMap
+from simaps_viz.viewer.common import Common
+from simaps_viz.viewer.desk import MapPicture
+from simaps_viz.viewer.guard import guard
+from simaps_viz.viewer.instance_panel import best_pictures
+from simaps_viz.viewer.layout import Parts, lay_out
+from simaps_viz.viewer.map_panel import DEFAULT_RESOLUTION, JOINING_OF, SLANT
+from simaps_viz.viewer.moments import moment
+from simaps_viz.viewer.picking import ray_on_blocks, ray_on_floor
+from simaps_viz.viewer.recording_clicks import place_inside
+from simaps_viz.viewer.recording_link import RecordingLink
+from simaps_viz.viewer.recording_side import page_side
+from simaps_viz.viewer.robot import RobotControl
+from simaps_viz.viewer.scene import MapScene, Style
+from simaps_viz.viewer.session_state import TabState, restore_session, state_of
+from simaps_viz.viewer.shared import paint, png
+from simaps_viz.viewer.theme import Theme
+from simaps_viz.viewer.viewpoints import Viewpoints
+from simaps_viz.viewer.why_marks import paint_cells
+from simaps_viz.viewer.worker import Worker
+
+logger = logging.getLogger(__name__)
+
+TOLD_S = 12.0
+"""How long an error stays on the page."""
+
+
+class Session:
+    """What one browser tab shows; it ends with its connection. Implements `desk.Desk`."""
+
+    def __init__(self, client: viser.ClientHandle, common: Common) -> None:
+        """Build the page; nothing is painted before ``begin``."""
+        self.client, self.common = client, common
+        self.token = secrets.token_urlsafe(12)
+        """Names this session in the addresses of the frames on its page."""
+        self._lock = threading.RLock()
+        self._begun = self._closed = False
+        self._waiting_state: TabState | None = None
+        self._base = self._simap = self._colored = common.published()
+        self._selected: int | None = None
+        self._picked: tuple[float, float] | None = None
+        self._picture: MapPicture | None = None
+        self.worker, self.command_worker, self.panel_worker = (Worker(self.report) for _ in range(3))
+        self.recording = RecordingLink(common.recording, self.token, page_side(self))
+        guard(client, self.report)
+        with client.atomic():
+            self._scene = MapScene(client, self._simap, robot_radius_m=common.robot_radius_m)
+            self.viewpoints = Viewpoints(client, self._scene.frame_extent)
+            self.parts: Parts = lay_out(self)
+        client.scene.on_click()(self._clicked)
+
+    @property
+    def gui(self) -> viser.GuiApi:
+        """This page's own widgets."""
+        return self.client.gui
+
+    @property
+    def scene(self) -> MapScene:
+        """This page's own 3-D scene."""
+        return self._scene
+
+    @property
+    def simap(self) -> SIMap:
+        """The map shown now."""
+        return self._simap
+
+    @property
+    def base(self) -> SIMap:
+        """The map that the sliders cut into what is shown."""
+        return self._base
+
+    @property
+    def selected(self) -> int | None:
+        """Id of the selected instance."""
+        return self._selected
+
+    @property
+    def picked(self) -> tuple[float, float] | None:
+        """The place that was selected, map frame, metres."""
+        return self._picked
+
+    @property
+    def robot(self) -> RobotControl:
+        """The robot of this page."""
+        return self.parts.robot
+
+    @property
+    def pose(self) -> Pose2:
+        """Where the robot is."""
+        return self.parts.robot.pose
+
+    @property
+    def frame(self) -> int:
+        """The frame that the build panel shows."""
+        return self.parts.build.frame
+
+    def begin(self, state: TabState | None) -> None:
+        """Paint the page, as its tab was left where that is known; of several calls those with a state count."""
+        with self._lock:
+            first, self._begun = not self._begun, True
+            if self._closed or (state is None and not first):
+                return
+            self._waiting_state = state
+        self.worker.submit("begin", self._begin_now)
+
+    def select(self, instance_id: int | None) -> None:
+        """Select an instance, or none."""
+        self.pick(None if instance_id is None else place_inside(self._simap, instance_id))
+
+    def change_map(self, simap: SIMap) -> None:
+        """Show another map of the same place on this page; what was selected stays so where it still exists."""
+        self.take_map(simap)
+
+    def publish(self, simap: SIMap) -> None:
+        """Show a changed map on every open page, and on those opened later; each page cuts it as its sliders are."""
+        self.common.publish(self._cut_as_published(simap))
+
+    def show_picture(self, picture: MapPicture | None) -> None:
+        """Lay a picture in the place of the map's own colours; None takes it away."""
+        self._picture = picture
+        self.worker.submit("picture", self._show_picture_now)
+
+    def set_theme(self, theme: Theme) -> None:
+        """Colour the map for a light or a dark page."""
+        self._scene.set_theme(theme)
+        self.repaint()
+
+    def repaint(self) -> None:
+        """Colour the map anew, soon."""
+        self.worker.submit("map", self._paint_now)
+
+    def submit(self, name: str, job: Callable[[], None]) -> None:
+        """Do a panel's work; it never holds up the page itself."""
+        self.panel_worker.submit(name, job)
+
+    def say(self, title: str, text: str) -> None:
+        """Tell this person something in passing."""
+        self._notify(title, text, "blue", 6.0)
+
+    def report(self, error: Exception) -> None:
+        """Tell this person of an error; one that is not meant for people also goes to the log in full."""
+        if self._closed:
+            return
+        known = isinstance(error, SIMapsError)
+        if not known:
+            logger.error("the workbench met an error", exc_info=error)
+        title = "That did not work" if known else f"Unexpected error ({type(error).__name__})"
+        self._notify(title, str(error), "red", TOLD_S)
+
+    def take_map(self, simap: SIMap, *, keep_sliders: bool = False) -> None:
+        """Let the sliders cut another map, and show it, soon; ``keep_sliders``: cut as this person has set them."""
+        with self._lock:
+            self._base = simap
+        self.worker.submit("take map", lambda: self.take_map_now(simap, keep_sliders=keep_sliders))
+
+    def take_map_now(self, simap: SIMap, *, keep_sliders: bool = False) -> None:
+        """Do what ``take_map`` says, on the worker's thread."""
+        with self._lock:
+            kept = self.parts.map.touched and keep_sliders
+            self._base = simap
+            percent, resolution = self.parts.map.percent, self.parts.map.resolution
+            self.parts.map.come_from(simap)
+            if kept:
+                self.parts.map.set_sliders(percent, resolution)
+                self.partition(percent, resolution)
+            else:
+                self._show(simap)
+
+    def partition(self, percent: float, resolution: float) -> None:
+        """Cut the map anew."""
+        self.worker.submit("partition", lambda: self._partition_now(percent, resolution))
+
+    def pick(self, place: tuple[float, float] | None) -> None:
+        """Select what is at a place of the map; the place is kept, so that it outlives a new partition."""
+        with self._lock:
+            found = None if place is None else self._simap.at(*place)
+            self._picked = None if found is None else place
+            self._show_selected(found)
+
+    def remember(self, place: tuple[float, float] | None) -> None:
+        """Select what is at a place as soon as the next map is shown."""
+        self._picked = place
+
+    def show_recording(self, path: Path) -> None:
+        """Show a recorded build beside the map; of another map, its frames and clicks mean nothing here."""
+        self.recording.show(path)
+
+    def catch_up(self, common: Common) -> None:
+        """The map that was being built may be done: have the panels that only a finished map has, soon."""
+        known = {"services": common.services, "recorded": common.recorded, "building": common.building}
+        self.common = replace(self.common, **known)
+        self.worker.submit("panels", self._catch_up_now)
+
+    def look(self, name: str) -> None:
+        """Go to the top view or the slanted one."""
+        upright = name == SLANT
+        self._scene.stand_up(upright)
+        self.parts.why.stand_up(upright)
+        self.viewpoints.look(name)
+
+    def jump(self, frame: int) -> None:
+        """Show a frame, here and in the recording."""
+        self.parts.build.set_frame(frame, chosen_here=True)
+
+    def show_frame(self, frame: int, chosen_here: bool) -> None:
+        """The build panel shows another frame."""
+        self.parts.steps.forget()
+        if chosen_here:
+            self.recording.show_frame(frame)
+        last, poses = len(self._simap.frame_names) - 1, self._simap.T_map_camera
+        shown = frame < len(poses) and (frame < last or chosen_here)
+        self._scene.show_camera(poses[frame] if shown else None)
+        self.parts.others.show_frame(frame)
+        self.repaint()
+
+    def show_step(self, step: int, chosen_here: bool) -> None:
+        """The panel of steps shows another one."""
+        if chosen_here:
+            self.recording.show_step(*self.common.shared.timeline(self._simap).recorded(step))
+        self.repaint()
+
+    def view(self, frame: int) -> tuple[NDArray, NDArray] | None:
+        """Give a frame's RGB picture and segment ids; None when the sequence is not at hand."""
+        return None if self.common.services.view is None else self.common.services.view(frame)
+
+    def leave_robot(self) -> None:
+        """The robot is wanted for a run to judge."""
+        self.robot.leave()
+
+    def wait_idle(self, timeout_s: float = 10.0) -> bool:
+        """Wait until all that was asked for is done; False when that took too long."""
+        return all(w.wait_idle(timeout_s) for w in (self.command_worker, self.panel_worker, self.worker))
+
+    def close(self, timeout_s: float = 2.0) -> TabState:
+        """End all that runs, and give what a page that is loaded again needs."""
+        with self._lock:
+            state = self._waiting_state or state_of(self)
+            self._closed = True
+        self.parts.close()
+        self.recording.close()
+        for worker in (self.command_worker, self.panel_worker, self.worker):
+            worker.stop(timeout_s)
+        return state
+
+    def _begin_now(self) -> None:
+        with self._lock:
+            state = self._waiting_state
+        if state is not None:
+            with self.client.atomic():
+                restore_session(self, state)
+            self._waiting_state = None
+        self._map_changed()
+        self.parts.settle()
+        if self.parts.judge is not None:
+            self.parts.judge.show()
+
+    def _catch_up_now(self) -> None:
+        others, wanted = self.parts.others, self.common.services.panels
+        if not self._closed and others.specs is not wanted:
+            with self.client.atomic():
+                others.renew(wanted)
+            others.show_frame(self.frame)
+            self.recording.opened()
+
+    def _partition_now(self, percent: float, resolution: float) -> None:
+        base = self._base
+        simap = self.common.shared.partition(base, percent, resolution)
+        with self._lock:
+            if base is self._base:  # not when another map has come meanwhile
+                self._show(simap)
+
+    def _show(self, simap: SIMap) -> None:
+        with self._lock:
+            self._simap = simap
+        self.worker.submit("map changed", self._map_changed)
+
+    def _cut_as_published(self, simap: SIMap) -> SIMap:
+        """Cut a map as the published one is, so that what one person cuts does not become everybody's."""
+        published = self.common.published()
+        joining = JOINING_OF.get(simap.method)
+        if joining is None or simap.method != published.method or simap.spec != published.spec:
+            return simap
+        if all(
+            simap.parameters.get(name) == published.parameters.get(name) for name in (joining.parameter, "resolution")
+        ):
+            return simap
+        resolution = float(published.parameters.get("resolution", DEFAULT_RESOLUTION))
+        return self.common.shared.partition(simap, joining.percent(published), resolution)
+
+    def _map_changed(self) -> None:
+        simap = self._simap
+        take_over(simap, self._colored)
+        self._colored = simap
+        if self._scene.fit(simap):
+            self.viewpoints.show_extent(self._scene.frame_extent)
+        self.parts.map_changed(simap)
+        self.parts.steps.offer(self.common.shared.timeline(simap))
+        with self._lock:
+            self._show_selected(None if self._picked is None else simap.at(*self._picked))
+
+    def _show_selected(self, instance: Instance | None) -> None:
+        simap = self._simap
+        self._selected = None if instance is None else instance.id
+        self._scene.outline(simap, self._selected)
+        self.parts.instance.show(simap, instance)
+        self.parts.others.selection_changed(self._selected)
+        self.worker.submit("why", functools.partial(self._explain, simap, instance))
+        if instance is not None:
+            self.worker.submit("pictures", functools.partial(self._show_pictures, simap, instance.id))
+
+    def _explain(self, simap: SIMap, instance: Instance | None) -> None:
+        try:
+            summary = self.parts.why.show(simap, instance)
+            self.parts.instance.explain(summary, () if instance is None else edits_of(simap, instance.id))
+        finally:
+            self.repaint()
+
+    def _show_pictures(self, simap: SIMap, instance_id: int) -> None:
+        picture, note, frames = best_pictures(simap, instance_id, self.view)
+        if instance_id == self._selected:
+            self.parts.instance.show_pictures(picture, note, frames)
+
+    def _style(self, simap: SIMap) -> Style:
+        parts = self.parts
+        lit: frozenset[int] | None = None
+        if self._selected is not None:
+            lit = frozenset({self._selected}) | parts.why.lit
+        elif parts.map.shown_class is not None:
+            lit = frozenset(i.id for i in simap.of_class(parts.map.shown_class))
+        return Style(parts.map.mode, lit, None, parts.why.paint(simap), self._scene.theme)
+
+    def _paint_now(self) -> None:
+        shown = self._simap
+        step = self.parts.steps.step
+        frame = self.parts.build.behind if step is None else None
+        then = moment(self.common.shared, shown, frame=frame, step=step)
+        simap = then.simap
+        style = replace(self._style(shown), until=then.until)
+        if then.classes_only:
+            style = replace(style, mode="class")
+        if style.paint is None:
+            picture = self.common.shared.picture(simap, style.mode, style.lit, style.until, style.theme)
+        else:
+            image = paint(simap, style.mode, style.lit, style.until, style.theme)
+            paint_cells(image, *style.paint, simap.spec.cols)
+            picture = png(image)
+        self._scene.show_map(simap, picture, style)
+        self.parts.map.show(simap if simap.instances else shown, style.theme)
+        self.parts.build.tell(then.words)
+
+    def _show_picture_now(self) -> None:
+        picture = self._picture
+        if picture is None:
+            self._scene.show_picture(None)
+        else:
+            self._scene.show_picture(picture.spec, png(picture.pixels))
+
+    def _clicked(self, event: viser.SceneClickEvent) -> None:
+        if self.viewpoints.name == SLANT:
+            place = ray_on_blocks(self._simap, event.ray_origin, event.ray_direction)
+        else:
+            place = ray_on_floor(event.ray_origin, event.ray_direction)
+        if place is not None and (self.robot.take_click(*place) or self.parts.others.take_click(*place)):
+            return
+        if self.parts.why.take_click(None if place is None else self._simap.at(*place)):
+            return
+        self.pick(place)
+
+    def _notify(self, title: str, text: str, color: Any, seconds: float) -> None:
+        if not self._closed:
+            self.client.add_notification(title, text, color=color, auto_close_seconds=seconds)

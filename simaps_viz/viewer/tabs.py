@@ -1,0 +1,93 @@
+"""Tells browser tabs apart, so that a page that is loaded again finds what its person did; two tabs never mix.
+
+Every page holds a hidden frame, served by `host.Host` on 127.0.0.1, that keeps a name in its tab's own storage and
+tells it. A tab that was duplicated has the name of its twin, which is still open: it gets a name of its own.
+"""
+
+import base64
+import hashlib
+import secrets
+import threading
+import time
+from collections import OrderedDict
+from collections.abc import Callable
+from typing import Generic, TypeVar
+
+S = TypeVar("S")
+
+MOST_CLOSED = 32
+KEPT_S = 3600.0
+LEAVE_S = 2.0
+"""How long a page that is loaded again may wait for its former self to be gone."""
+
+_SCRIPT = """
+"use strict";
+const KEY = "simaps-tab";
+function stored() { try { return sessionStorage.getItem(KEY); } catch { return null; } }
+function store(name) { try { sessionStorage.setItem(KEY, name); } catch { /* then a reload starts afresh */ } }
+fetch("/tab/event" + location.search, {
+  method: "POST", headers: { "Content-Type": "application/json" }, body: JSON.stringify({ type: "tab", tab: stored() }),
+}).then((answer) => answer.json()).then((answer) => { if (answer.tab) store(answer.tab); });
+"""
+_HASH = base64.b64encode(hashlib.sha256(_SCRIPT.encode()).digest()).decode()
+TAB_PAGE = f'<!doctype html><html lang="en"><title>Tab</title><script>{_SCRIPT}</script></html>'
+TAB_CSP = (
+    f"default-src 'none'; script-src 'sha256-{_HASH}'; connect-src 'self'; base-uri 'none'; form-action 'none'; "
+    "frame-ancestors http://127.0.0.1:* http://localhost:*"
+)
+
+
+class Tabs(Generic[S]):
+    """The names of tabs, which session each shows, and what those that are closed have left."""
+
+    def __init__(
+        self,
+        *,
+        most: int = MOST_CLOSED,
+        kept_s: float = KEPT_S,
+        leave_s: float = LEAVE_S,
+        clock: Callable[[], float] = time.monotonic,
+    ) -> None:
+        """Take how many closed tabs are remembered, and for how long."""
+        self._most, self._kept_s, self._leave_s, self._clock = most, kept_s, leave_s, clock
+        self._session_of: dict[str, str] = {}
+        self._closed: OrderedDict[str, tuple[float, S]] = OrderedDict()
+        self._changed = threading.Condition()
+
+    def claim(self, tab: object, session: str) -> tuple[str, S | None]:
+        """A session says which tab it is in: give the tab's name, new if need be, and what the tab has left.
+
+        Waits while another session is in that tab, for a page that is loaded again may be faster than its leaving.
+        """
+        with self._changed:
+            self._drop_old()
+            name = tab if isinstance(tab, str) and (tab in self._closed or tab in self._session_of) else None
+            if name is not None and self._session_of.get(name) != session and not self._wait_until_left(name):
+                name = None  # it stays open: this tab is its duplicate
+            name = name or secrets.token_urlsafe(12)
+            _, state = self._closed.pop(name, (0.0, None))
+            self._session_of[name] = session
+            return name, state
+
+    def leave(self, session: str, state: S) -> None:
+        """A session has ended; a page that is loaded again in its tab gets the state."""
+        with self._changed:
+            for name in [name for name, one in self._session_of.items() if one == session]:
+                del self._session_of[name]
+                self._closed[name] = (self._clock(), state)
+            self._drop_old()
+            self._changed.notify_all()
+
+    def __len__(self) -> int:
+        """Count the closed tabs that are remembered."""
+        return len(self._closed)
+
+    def _wait_until_left(self, name: str) -> bool:
+        return self._changed.wait_for(lambda: name not in self._session_of, self._leave_s)
+
+    def _drop_old(self) -> None:
+        while self._closed:
+            left_at, _ = next(iter(self._closed.values()))
+            if len(self._closed) <= self._most and self._clock() - left_at < self._kept_s:
+                return
+            self._closed.popitem(last=False)

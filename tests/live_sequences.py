@@ -1,0 +1,44 @@
+"""A sequence whose frames come when the test says so."""
+
+import threading
+from pathlib import Path
+from typing import Any
+
+from sequences import write_tiny_sequence
+
+from simaps_viz import open_sequence
+from simaps_viz.live_view import LiveSettings
+from simaps_viz.pipeline import BuildConfig
+
+
+class Held:
+    """The frames of a tiny sequence, from a certain one on held back until ``let_go``."""
+
+    def __init__(self, folder: Path, frames: int, *, held_from: int) -> None:
+        write_tiny_sequence(folder, frames=frames)
+        self.whole: Any = open_sequence(folder)
+        self._held_from = held_from
+        self._free = threading.Event()
+
+    def let_go(self) -> None:
+        self._free.set()
+
+    def read(self, index: int, **how: Any) -> Any:
+        if index >= self._held_from:
+            assert self._free.wait(60.0)
+        return self.whole.read(index, **how)
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self.whole, name)
+
+    def __len__(self) -> int:
+        return len(self.whole)
+
+
+def held_sequence(folder: Path, frames: int, *, held_from: int) -> Any:
+    """Make such a sequence; it serves as a frame source."""
+    return Held(folder, frames, held_from=held_from)
+
+
+def settings(output: Path, **others: Any) -> LiveSettings:
+    return LiveSettings("evidence", BuildConfig(), output, port=0, **others)

@@ -1,0 +1,162 @@
+"""A page that is nothing but a `Desk`: a small viser server with a map, for testing one panel in a browser."""
+
+import contextlib
+import io
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from typing import Any
+
+import numpy as np
+import viser
+from browser import PIXEL, free_port, until
+from playwright.sync_api import Page
+
+from simaps_viz.structures import SIMap
+from simaps_viz.viewer.camera import top_view
+from simaps_viz.viewer.desk import MapPicture
+from simaps_viz.viewer.texture import map_image
+from simaps_viz.viewer.worker import Worker
+
+
+class StubDesk:
+    """One page for all; what panels say is kept."""
+
+    def __init__(self, simap: SIMap) -> None:
+        with contextlib.redirect_stdout(io.StringIO()):
+            self.server = viser.ViserServer(host="127.0.0.1", port=free_port(), verbose=False)
+        self.server.scene.set_up_direction("+z")
+        self._simap = simap
+        self.said: list[tuple[str, str]] = []
+        self.errors: list[Exception] = []
+        self.pictures: list[MapPicture | None] = []
+        self.looked: list[tuple[float, ...]] = []
+        self.downloads: list[tuple[str, bytes]] = []
+        self._worker = Worker(self.report)
+        self.show_picture(None)
+        self.server.on_client_connect(lambda client: self._look(client, simap.spec.extent_m))
+
+    @property
+    def url(self) -> str:
+        return f"http://127.0.0.1:{self.server.get_port()}"
+
+    @property
+    def gui(self) -> viser.GuiApi:
+        return self.server.gui
+
+    @property
+    def scene(self) -> Any:
+        return self.server.scene
+
+    @property
+    def simap(self) -> SIMap:
+        return self._simap
+
+    @property
+    def selected(self) -> int | None:
+        return None
+
+    def select(self, instance_id: int | None) -> None:
+        raise AssertionError("nobody selects here")
+
+    def jump(self, frame: int) -> None:
+        raise AssertionError("nobody shows another frame here")
+
+    def change_map(self, simap: SIMap) -> None:
+        self._simap = simap
+
+    publish = change_map
+
+    def show_picture(self, picture: MapPicture | None) -> None:
+        self.pictures.append(picture)
+        shown = picture or MapPicture(self._simap.spec, map_image(self._simap, scale=6))
+        xmin, ymin, xmax, ymax = shown.spec.extent_m
+        self.server.scene.add_image(
+            "/map", shown.pixels, xmax - xmin, ymax - ymin, format="png", cast_shadow=False, receive_shadow=False,
+            position=((xmin + xmax) / 2.0, (ymin + ymax) / 2.0, 0.0),
+        )  # fmt: skip
+
+    def repaint(self) -> None:
+        pass
+
+    def submit(self, name: str, job: Callable[[], None]) -> None:
+        self._worker.submit(name, job)
+
+    def say(self, title: str, text: str) -> None:
+        self.said.append((title, text))
+
+    def report(self, error: Exception) -> None:
+        self.errors.append(error)
+
+    def look(self, extent: tuple[float, float, float, float] | None) -> None:
+        extent = extent or self._simap.spec.extent_m
+        self.looked.append(extent)
+        for client in self.server.get_clients().values():
+            self._look(client, extent)
+
+    def download(self, name: str, content: bytes) -> None:
+        self.downloads.append((name, content))
+        for client in self.server.get_clients().values():
+            client.send_file_download(name, content, save_immediately=True)
+
+    def wait_idle(self) -> bool:
+        return self._worker.wait_idle(20.0)
+
+    def close(self) -> None:
+        self._worker.stop()
+        with contextlib.redirect_stdout(io.StringIO()):
+            self.server.stop()
+
+    def _look(self, client: viser.ClientHandle, extent: tuple[float, float, float, float]) -> None:
+        view = top_view(extent, client.camera.aspect)
+        with client.atomic():
+            client.camera.fov = view.fov_rad
+            client.camera.position = view.position
+            client.camera.look_at = view.look_at
+
+
+@contextmanager
+def stub_desk(simap: SIMap) -> Iterator[StubDesk]:
+    desk = StubDesk(simap)
+    try:
+        yield desk
+    finally:
+        desk.close()
+
+
+def open_desk(page: Page, desk: StubDesk) -> None:
+    """Load the page and wait for the map and a camera that stands still."""
+    page.set_default_timeout(60_000)
+    page.goto(f"{desk.url}/?fixedDpr=1")
+    page.wait_for_function("() => window.__viserMutable?.nodeRefFromName?.['/map'] != null")
+    settle(desk, page)
+
+
+def settle(desk: StubDesk, page: Page) -> None:
+    """Wait until the camera has stood still for a while."""
+    last: list[tuple[float, ...]] = []
+
+    def still() -> bool:
+        clients = list(desk.server.get_clients().values())
+        if not clients or clients[0].camera.update_timestamp == 0.0:
+            return False
+        camera = clients[0].camera
+        last.append((*camera.position, camera.aspect))
+        return len(last) > 10 and np.allclose(last[-1], last[-10], rtol=1e-6)
+
+    until(page, still, 60.0)
+
+
+def color_at(desk: StubDesk, page: Page, x_m: float, y_m: float) -> tuple[int, ...]:
+    """The colour the canvas shows at a point of the floor."""
+    camera = next(iter(desk.server.get_clients().values())).camera
+    forward = np.asarray(camera.look_at) - camera.position
+    forward = forward / np.linalg.norm(forward)
+    right = np.cross(forward, camera.up_direction)
+    right = right / np.linalg.norm(right)
+    ray = np.array([x_m, y_m, 0.0]) - camera.position
+    depth, half = ray @ forward, np.tan(camera.fov / 2.0)
+    u = (ray @ right / depth / half / camera.aspect + 1.0) / 2.0
+    v = (1.0 - ray @ np.cross(right, forward) / depth / half) / 2.0
+    box = page.locator("canvas").first.bounding_box()
+    assert box is not None
+    return tuple(page.evaluate(PIXEL, [box["x"] + u * box["width"], box["y"] + v * box["height"]]))

@@ -1,0 +1,171 @@
+"""Scripts in names, in Debian's Chromium: in the page, the shared file and the recorded build; other sites' pages."""
+
+import http.server
+import threading
+
+import pytest
+from browser import chromium, field_of, free_port, mine, open_workbench, toy_services, until, watched_page
+from hostile_maps import IMAGE, PWNED, SCRIPT, hostile_map
+
+from simaps_viz.errors import CommandError
+from simaps_viz.recorder.web_viewer import CONTENT_SECURITY_POLICY, rerun_page, viewer_assets
+from simaps_viz.viewer.host import Host
+from simaps_viz.viewer.share_page import page_html
+from simaps_viz.viewer.workbench import Workbench
+
+pytestmark = pytest.mark.browser
+
+
+@pytest.fixture(scope="module")
+def browser():
+    with chromium() as found:
+        yield found
+
+
+def refuse(simap, command, pose):
+    raise CommandError(f"There is no {command}{IMAGE}{SCRIPT}")
+
+
+def test_no_name_runs_a_script_on_the_page(browser):
+    services = toy_services()
+    object.__setattr__(services, "ask", refuse)
+    simap = hostile_map()
+    with Workbench(simap, services=services, port=free_port()) as bench, watched_page(browser) as page:
+        open_workbench(page, bench)
+        session = mine(bench)
+        for instance in simap.instances:
+            session.select(instance.id)
+            session.wait_idle()
+            page.wait_for_timeout(150)
+            assert not page.evaluate(PWNED)
+        session.say(IMAGE, SCRIPT)
+        session.report(CommandError(IMAGE + SCRIPT))
+        session.report(ValueError(IMAGE + SCRIPT))
+        for tab in ("Build", "Command"):
+            page.get_by_role("tab", name=tab).click()
+            page.wait_for_timeout(200)
+            assert not page.evaluate(PWNED)
+        field_of(page, "Command").fill(IMAGE + SCRIPT + "\n")
+        until(page, lambda: page.get_by_text("There is no").count() > 0)
+        page.wait_for_timeout(300)
+        assert not page.evaluate(PWNED)
+        assert bench.gate.refused.total() == 0  # nothing an honest page said was dropped
+
+
+def test_even_html_that_got_in_runs_nothing(browser):
+    """The second line of defence: what a panel forgot to escape."""
+    with Workbench(hostile_map(), services=toy_services(), port=free_port()) as bench, watched_page(browser) as page:
+        open_workbench(page, bench)
+        mine(bench).gui.add_html(f'{IMAGE}{SCRIPT}<a id="go" href="javascript:window.pwned=1">go</a>')
+        mine(bench).gui.add_markdown(f"{IMAGE} [go](javascript:window.pwned=1) {{window.pwned=1}}")
+        page.wait_for_selector("#go", state="attached")
+        page.evaluate("() => document.querySelector('#go').click()")
+        page.wait_for_timeout(500)
+        assert page.evaluate("() => window.pwned") is None
+        for code in ("eval('1')", "new Function('return 1')()"):
+            later = f"setTimeout(() => {{ try {{ {code}; tell('ran'); }} catch {{ tell('refused'); }} }})"
+            assert page.evaluate(f"() => new Promise((tell) => {later})") == "refused"
+        away = "fetch('http://127.0.0.1:1/?secret').then(() => 'sent', () => 'refused')"
+        blocked = page.evaluate(
+            f"() => new Promise((tell) => {{ document.addEventListener('securitypolicyviolation', (e) => "
+            f"tell(e.effectiveDirective)); {away}; }})"
+        )
+        assert blocked == "connect-src"
+
+
+def test_no_name_runs_a_script_in_a_shared_file(browser, tmp_path):
+    path = tmp_path / "shared.html"
+    path.write_bytes(page_html(hostile_map()))
+    page = browser.new_context(offline=True).new_page()
+    page.goto(path.as_uri())
+    page.wait_for_timeout(4000)
+    assert not page.evaluate(PWNED)
+    page.context.close()
+
+
+def test_no_name_runs_a_script_beside_the_recorded_build(browser):
+    def page_of(urls):
+        return rerun_page([f"/recordings/{SCRIPT}{IMAGE}.rrd"], note=IMAGE + SCRIPT)
+
+    host = Host(page=page_of, assets=viewer_assets(), csp=CONTENT_SECURITY_POLICY)
+    page = browser.new_page()
+    page.goto(host.url)
+    page.wait_for_timeout(2500)
+    assert not page.evaluate(PWNED)
+    page.context.close()
+    host.close()
+
+
+OTHER_SITE = """<!doctype html><script>
+window.found = {};
+const port = location.hash.slice(1), at = "127.0.0.1:" + port;
+new WebSocket("ws://" + at, ["viser-v1.1.1"]).onopen = () => { found.socket = true; };
+fetch("http://" + at).then((answer) => answer.text()).then(() => { found.read = true; }, () => {});
+fetch("http://" + at, { mode: "no-cors" }).then((answer) => { found.opaque = answer.status; }, () => {});
+const frame = document.createElement("iframe"); frame.src = "http://" + at; document.documentElement.append(frame);
+frame.onload = () => { try { found.frame = frame.contentDocument !== null; } catch { found.frame = false; } };
+</script>"""
+
+
+def test_another_sites_page_gets_nothing(browser):
+    """A page served on another port, and one by another name for this machine, as a rebinding attacker has it."""
+
+    class Other(http.server.BaseHTTPRequestHandler):
+        def do_GET(self):
+            body = OTHER_SITE.encode()
+            self.send_response(200)
+            self.send_header("Content-Type", "text/html")
+            self.send_header("Content-Length", str(len(body)))
+            self.end_headers()
+            self.wfile.write(body)
+
+        def log_message(self, *_):
+            pass
+
+    other = http.server.ThreadingHTTPServer(("127.0.0.1", 0), Other)
+    threading.Thread(target=other.serve_forever, daemon=True).start()
+    with Workbench(hostile_map(), services=toy_services(), port=free_port()) as bench:
+        port = bench.server.get_port()
+        for name in ("127.0.0.1", "localhost"):
+            page = browser.new_page()
+            page.goto(f"http://{name}:{other.server_port}/#{port}")
+            page.wait_for_timeout(2000)
+            found = page.evaluate("() => window.found")
+            assert not found.get("socket") and not found.get("read") and not found.get("frame"), found
+            page.context.close()
+        assert len(bench.sessions) == 0
+    other.shutdown()
+    other.server_close()
+
+
+def test_a_browser_with_the_token_comes_in_and_one_without_does_not(browser, monkeypatch):
+    monkeypatch.setenv("SIMAPS_TOKEN", "A-token_of_0123456789_abcdefghij")
+    with Workbench(hostile_map(), services=toy_services(), port=free_port()) as bench:
+        with watched_page(browser) as page:
+            answer = page.goto(bench.url)
+            assert answer is not None and answer.status == 401
+        with watched_page(browser) as page:
+            page.goto(bench.entrance)
+            page.wait_for_function("() => window.__viserMutable?.nodeRefFromName?.['/map'] != null", timeout=60_000)
+            assert "token" not in page.url
+            assert "A-token" not in page.evaluate("() => document.cookie + document.documentElement.outerHTML")
+            until(page, lambda: len(bench.tabs._session_of) == 1)  # its hidden frame came through, with the cookie
+
+
+def test_a_tab_that_nobody_looks_at_holds_no_connection(browser):
+    """Else the seventh tab with a recorded build would wait for ever: browsers open six connections to a host."""
+    host = Host(page=lambda urls: rerun_page([]), assets=viewer_assets(), csp=CONTENT_SECURITY_POLICY)
+    heard = []
+    host.on_listen = heard.append
+    page = browser.new_page()
+    page.goto(f"{host.url}?session=one")
+    page.wait_for_function("() => window.simapsReady", timeout=40_000)
+    until(page, lambda: heard == ["one"])
+    look = "(state) => { Object.defineProperty(document, 'visibilityState', { value: state, configurable: true }); "
+    look += "document.dispatchEvent(new Event('visibilitychange')); }"
+    page.evaluate(look, "hidden")
+    until(page, lambda: not host._listeners)
+    page.evaluate(look, "visible")
+    until(page, lambda: heard == ["one", "one"] and len(host._listeners) == 1)
+    page.context.close()
+    host.close()

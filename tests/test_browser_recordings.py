@@ -1,0 +1,149 @@
+"""Recorded builds in a real browser: the list beside the map, and a recording on a page of its own."""
+
+from pathlib import Path
+
+import pytest
+import rerun as rr
+from browser import chromium, field_of, until, watched_page
+from playwright.sync_api import Browser, Page
+from stub_desk import StubDesk, stub_desk
+from toy_maps import toy_map
+
+from simaps_viz.errors import InputError
+from simaps_viz.recorder.facts import finished_facts, send_facts
+from simaps_viz.recorder.library import RecordingLibrary
+from simaps_viz.recordings import open_alone
+from simaps_viz.viewer.recordings_panel import RecordingServices, RecordingsPanel
+
+pytestmark = pytest.mark.browser
+PAUSE_MS = 200
+
+
+@pytest.fixture(scope="module")
+def browser():
+    with chromium() as browser:
+        yield browser
+
+
+def record(path: Path, name: str) -> Path:
+    stream = rr.RecordingStream("simaps", recording_id=name)
+    stream.set_sinks(rr.FileSink(str(path)))
+    stream.set_log_time_enabled(False)
+    stream.send_recording_name(name)
+    send_facts(stream, finished_facts(toy_map()))
+    for frame in range(3):
+        stream.set_time("frame", sequence=frame)
+        stream.log("/note", rr.TextLog(f"{name}, frame {frame}"))
+    stream.flush()
+    stream.disconnect()
+    return path
+
+
+@pytest.fixture
+def library(tmp_path) -> RecordingLibrary:
+    record(tmp_path / "café.rrd", "the café")
+    (tmp_path / "broken.rrd").write_bytes(b"RRF2")
+    return RecordingLibrary([tmp_path])
+
+
+def services(library: RecordingLibrary, opened: list[Path]) -> RecordingServices:
+    return RecordingServices(
+        entries=library.entries, rename=library.rename, delete=library.delete,
+        open=lambda desk, path: opened.append(path), folder=str(library.folders[0]),
+    )  # fmt: skip
+
+
+def open_page(page: Page, desk: StubDesk) -> None:
+    page.goto(desk.url)
+    page.get_by_role("button", name="List again").wait_for(timeout=30_000)
+    page.wait_for_timeout(PAUSE_MS)
+
+
+def press(page: Page, desk: StubDesk, name: str) -> None:
+    page.get_by_role("button", name=name, exact=True).click()
+    page.wait_for_timeout(PAUSE_MS)
+    assert desk.wait_idle()
+    page.wait_for_timeout(PAUSE_MS)
+
+
+def choose(page: Page, text: str) -> None:
+    field_of(page, "Recording").click()
+    page.get_by_role("option", name=text).click()
+    page.wait_for_timeout(PAUSE_MS)
+
+
+def test_list_open_rename_delete(browser: Browser, library: RecordingLibrary):
+    folder, opened = library.folders[0], []
+    with stub_desk(toy_map()) as desk, watched_page(browser) as page:
+        panel = RecordingsPanel(desk, services(library, opened))
+        open_page(page, desk)
+        choose(page, "café")
+        table = page.locator("table").inner_text()
+        for words in ("the café", "paper (K 5 %, resolution 1)", "frames\t5", "instances\t7", "simulated\tyes"):
+            assert words in table, table
+        assert str(folder / "café.rrd") in table and "0.0 MB" in table
+        press(page, desk, "Show it beside the map")
+        assert opened == [folder / "café.rrd"] and desk.said[-1] == ("Recording", "café is shown beside the map.")
+
+        press(page, desk, "Rename …")
+        field_of(page, "New name").fill("bar")
+        page.wait_for_timeout(PAUSE_MS)
+        press(page, desk, "Save the name")
+        assert (folder / "bar.rrd").is_file() and not (folder / "café.rrd").exists()
+        assert panel.chosen is not None and panel.chosen.name == "bar"
+        until(page, lambda: str(folder / "bar.rrd") in page.locator("table").inner_text())
+
+        press(page, desk, "Delete …")
+        assert "It cannot be brought back" in page.get_by_text("Delete bar").inner_text()
+        assert page.get_by_role("button", name="Show it beside the map").count() == 0
+        press(page, desk, "Keep it")
+        assert (folder / "bar.rrd").is_file() and page.get_by_role("button", name="Delete …").count() == 1
+        press(page, desk, "Delete …")
+        press(page, desk, "Delete for good")
+        assert sorted(p.name for p in folder.iterdir()) == ["broken.rrd"]
+        assert desk.said[-1] == ("Recording", "bar was deleted.") and desk.errors == []
+
+
+def test_what_cannot_be_opened_says_so_and_nothing_at_all_too(browser: Browser, library: RecordingLibrary):
+    folder = library.folders[0]
+    with stub_desk(toy_map()) as desk, watched_page(browser) as page:
+        RecordingsPanel(desk, services(library, []))
+        open_page(page, desk)
+        choose(page, "broken")
+        assert page.get_by_text("It cannot be opened").is_visible()
+        assert page.get_by_role("button", name="Show it beside the map").is_disabled()
+        (folder / "broken.rrd").unlink()
+        press(page, desk, "Delete …")
+        press(page, desk, "Delete for good")
+        assert isinstance(desk.errors[-1], InputError) and "found none" in str(desk.errors[-1])
+        (folder / "café.rrd").unlink()
+        press(page, desk, "Keep it")
+        press(page, desk, "List again")
+        assert page.get_by_text("simaps build SEQUENCE -o MAP.npz --record MAP.rrd").is_visible()
+        assert page.get_by_role("button", name="Delete …").count() == 0
+
+
+def test_a_recording_alone_and_another_in_its_place(browser: Browser, tmp_path: Path):
+    one, two = record(tmp_path / "one.rrd", "first"), record(tmp_path / "two.rrd", "second")
+    host = open_alone(one)
+    host.recordings["two.rrd"] = two
+    try:
+        with watched_page(browser) as page:
+            page.goto(host.url)
+            note = "first (simulated). A recorded build alone, without its map"
+            assert page.locator("#note").inner_text().startswith(note)
+
+            def front() -> str | None:
+                events = page.evaluate("window.simapsEvents")
+                return events[-1]["recording_id"] if events else None
+
+            until(page, lambda: front() == "first", 60.0)
+            host.push({"show": "/recordings/two.rrd"})
+            until(page, lambda: front() == "second", 30.0)
+            host.push({"show": "/recordings/one.rrd"})
+            until(page, lambda: front() == "first", 30.0)
+            box, canvas = page.locator("#note").bounding_box(), page.locator("canvas").bounding_box()
+            assert box and canvas and canvas["y"] >= box["y"] + box["height"] - 1
+            assert canvas["y"] + canvas["height"] == pytest.approx(800, abs=1)
+    finally:
+        host.close()

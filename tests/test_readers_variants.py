@@ -1,0 +1,140 @@
+"""Legal variants of each format, as other programs and people write it: the very frames of the usual way."""
+
+import json
+import struct
+from collections.abc import Callable
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+from rosbags.typesys import Stores
+from scans_bags import DEPTH, Messages, entries, write_bag1
+from scans_folders import arkit, habitat, nerfstudio, polycam, replica, scannet, sens, tum
+from sequences import write_tiny_sequence
+
+from simaps_viz import open_sequence
+from simaps_viz.checking.recording import open_recording
+from simaps_viz.datasets.posed_frames import PosedFrames
+from simaps_viz.datasets.ros_messages import depth_m
+from simaps_viz.errors import InputError
+
+TEXT = (".txt", ".json", ".traj", ".pincam")
+
+
+def as_windows_writes(folder: Path) -> None:
+    """Give every text file Windows' line ends, and the mark that its editor puts first."""
+    for path in folder.rglob("*"):
+        if path.suffix in TEXT:
+            path.write_bytes(b"\xef\xbb\xbf" + path.read_bytes().replace(b"\n", b"\r\n"))
+
+
+def smaller_scannet(folder: Path) -> None:
+    for which in ("depth", "color"):
+        (folder / "intrinsic" / f"intrinsic_{which}.txt").rename(folder / f"intrinsics_{which}.txt")
+    for path in (folder / "intrinsic").iterdir():
+        path.unlink()
+    (folder / "intrinsic").rmdir()
+
+
+def same_frames(found: PosedFrames, expected: PosedFrames, indices: list[int] | None = None) -> None:
+    indices = list(range(len(expected))) if indices is None else indices
+    assert len(found) == len(indices)
+    assert found.intrinsics == expected.intrinsics
+    np.testing.assert_allclose(found.poses, expected.poses[indices], atol=1e-12)
+    for i, index in enumerate(indices):
+        np.testing.assert_allclose(found.read(i).depth_m, expected.read(index).depth_m, atol=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("writer", "change"),
+    [
+        *((writer, as_windows_writes) for writer in (tum, scannet, replica, nerfstudio, habitat, arkit, polycam)),
+        (scannet, smaller_scannet),
+    ],
+)
+def test_other_ways_to_write_the_same(tmp_path: Path, writer: Callable, change: Callable[[Path], None]) -> None:
+    usual, other = writer(tmp_path / "usual").path, writer(tmp_path / "other").path
+    change(other)
+    same_frames(open_sequence(other), open_sequence(usual))
+
+
+def test_a_sequence_of_our_own_from_a_windows_editor(tmp_path: Path) -> None:
+    usual, other = write_tiny_sequence(tmp_path / "usual"), write_tiny_sequence(tmp_path / "other")
+    as_windows_writes(tmp_path / "other")
+    same_frames(open_sequence(other), open_sequence(usual))
+    np.testing.assert_array_equal(open_recording(other).matrices, open_recording(usual).matrices)
+
+
+def test_the_folder_of_a_scan_with_its_sens_file(tmp_path: Path) -> None:
+    file = sens(tmp_path / "usual").path
+    folder = tmp_path / "scene0707_00"
+    folder.mkdir()
+    (folder / "scene0707_00.sens").write_bytes(file.read_bytes())
+    (folder / "scene0707_00.txt").write_text("numDepthFrames = 4\n")
+    same_frames(open_sequence(folder), open_sequence(file))
+
+
+def test_frames_without_depth_are_left_out(tmp_path: Path) -> None:
+    usual, other = nerfstudio(tmp_path / "usual").path, nerfstudio(tmp_path / "other").path
+    content = json.loads((other / "transforms.json").read_text())
+    content["frames"].sort(key=lambda frame: frame["file_path"])
+    del content["frames"][1]["depth_file_path"]
+    content["frames"].reverse()
+    (other / "transforms.json").write_text(json.dumps(content))
+    found = open_sequence(other)
+    same_frames(found, open_sequence(usual), [0, 2, 3])
+    assert found.notes == ("1 of 4 frames have no depth: left out",)
+
+
+def test_habitat_with_jpg(tmp_path: Path) -> None:
+    usual, other = habitat(tmp_path / "usual").path, habitat(tmp_path / "other").path
+    for path in (other / "rgb").glob("*.png"):
+        image = cv2.imread(str(path))
+        assert image is not None
+        cv2.imwrite(str(path.with_suffix(".jpg")), image)
+        path.unlink()
+    same_frames(open_sequence(other), open_sequence(usual))
+
+
+def test_a_robot_in_its_own_namespace(tmp_path: Path) -> None:
+    make = Messages(Stores.ROS1_NOETIC)
+    write_bag1(tmp_path / "usual.bag", entries(make), make)
+    write_bag1(tmp_path / "other.bag", [(t, f"/robot_1{topic}", m) for t, topic, m in entries(make)], make)
+    same_frames(open_sequence(tmp_path / "other.bag"), open_sequence(tmp_path / "usual.bag"))
+
+
+STEPS = np.array([[0, 700, 1234], [2500, 5000, 9000]], np.uint16)
+
+
+def packed(format: str, png: np.ndarray, header: bytes) -> np.ndarray:
+    message = Messages(Stores.ROS1_NOETIC).compressed(0.0, header + cv2.imencode(".png", png)[1].tobytes(), format)
+    return depth_m(DEPTH, message)
+
+
+@pytest.mark.parametrize(
+    ("format", "header"),
+    [("16UC1; compressedDepth", bytes(12)), ("16UC1; compressedDepth png", bytes(12)), ("16UC1; png compressed ", b"")],
+)
+def test_compressed_depth_of_sixteen_bits(format: str, header: bytes) -> None:
+    np.testing.assert_allclose(packed(format, STEPS, header), STEPS * 0.001, rtol=1e-6)
+
+
+def test_compressed_depth_of_metres() -> None:
+    """Stored are a / z + b, rounded down: fine close by, coarse far away (compressed_depth_image_transport)."""
+    quantum, farthest_m = 100.0, 10.0
+    a = quantum * (quantum + 1)
+    b = 1 - a / farthest_m
+    depth = STEPS * 0.001
+    with np.errstate(divide="ignore"):
+        stored = np.where(depth > 0, a / depth + b, 0).astype(np.uint16)
+    found = packed("32FC1; compressedDepth png", stored, struct.pack("<iff", 0, a, b))
+    assert found[0, 0] == 0
+    assert (np.abs(found - depth) <= depth**2 / a + 1e-6).all()
+
+
+def test_compressed_depth_that_is_not_read() -> None:
+    with pytest.raises(InputError, match="as PNG, found '16UC1; compressedDepth rvl'"):
+        packed("16UC1; compressedDepth rvl", STEPS, bytes(12))
+    with pytest.raises(InputError, match="one channel of 16 bits, found uint8"):
+        packed("16UC1; compressedDepth", STEPS.astype(np.uint8), bytes(12))

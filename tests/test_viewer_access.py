@@ -1,0 +1,139 @@
+"""Who may ask: names, origins, tokens; what a page may say, and how much it may upload."""
+
+import msgspec
+import pytest
+import viser
+from hypothesis import given
+from hypothesis import strategies as st
+
+from simaps_viz.errors import InputError
+from simaps_viz.viewer.access import Access, headers_of, is_loopback, name_of, without_query
+from simaps_viz.viewer.gate import VISER_VERSION, Gate, _script_sources
+from simaps_viz.viewer.messages import LARGEST_UPLOAD, Listener, Uploads
+
+TOKEN = "A-token_of_0123456789_abcdefghij"
+CAMERA = {
+    "type": "ViewerCameraMessage", "wxyz": [1, 0, 0, 0], "position": [3, 3, 3], "fov": 0.5, "near": 0.1, "far": 10.0,
+    "image_height": 600, "image_width": 600, "look_at": [0, 0, 0.5], "up_direction": [0, 0, 1],
+}  # fmt: skip
+
+
+def status(access, path="/", *, own="127.0.0.1", peer="10.0.0.9", joins=False, **headers: str):
+    pairs = [(name.replace("_", "-"), value) for name, value in {"Host": "127.0.0.1:8080", **headers}.items()]
+    refused = access.refuse(headers_of(pairs), path, own_address=own, peer=peer, joins=joins)
+    return 200 if refused is None else refused[0].value
+
+
+def test_this_machine_needs_no_token_and_others_do(monkeypatch):
+    monkeypatch.delenv("SIMAPS_TOKEN", raising=False)
+    assert [is_loopback(h) for h in ("127.0.0.1", "::1", "localhost", "127.9.9.9")] == [True] * 4
+    assert [is_loopback(h) for h in ("0.0.0.0", "::", "192.168.1.2", "example.org", "")] == [False] * 5
+    assert Access().token == Access("::1").token == ""
+    first, second = Access("0.0.0.0"), Access("0.0.0.0")
+    assert len(first.token) >= 40 and first.token != second.token and first.cookie != second.cookie
+    monkeypatch.setenv("SIMAPS_TOKEN", TOKEN)
+    assert Access("0.0.0.0").token == Access().token == TOKEN
+    for bad in ("short", "with space in the middle", "a;b" * 10, "a" * 201):
+        with pytest.raises(InputError, match="SIMAPS_TOKEN: expected 16 to 200 letters"):
+            Access(token=bad)
+
+
+def test_names_it_answers_to():
+    access = Access(token="")
+    for host in ("127.0.0.1:8080", "localhost:9", "LOCALHOST", "[::1]:8080"):
+        assert status(access, Host=host) == 200
+    for host in ("evil.example", "localhost.evil.example", "127.0.0.1.", "::1", "a b", "", "localhost:80:80"):
+        assert status(access, Host=host) == 403
+    assert status(access, Host="192.168.1.2:8080", own="192.168.1.2") == 200
+    assert status(access, Host="192.168.1.3:8080", own="192.168.1.2") == 403
+    assert status(access, Host="192.168.1.2:8080", own="::ffff:192.168.1.2") == 200
+    assert name_of("[::1]:80") == "[::1]" and name_of(None) is None
+
+
+def test_pages_it_believes():
+    access = Access(token="")
+    assert status(access, Origin="http://127.0.0.1:8080", joins=True) == 200
+    for origin in ("http://127.0.0.1:8081", "http://localhost:8080", "null", "http://evil.example", ""):
+        assert status(access, Origin=origin) == 403
+    assert status(access, Sec_Fetch_Site="cross-site", Sec_Fetch_Mode="navigate") == 200
+    assert status(access, Sec_Fetch_Site="cross-site", Sec_Fetch_Mode="no-cors") == 403
+    assert status(access, Sec_Fetch_Site="cross-site", Sec_Fetch_Mode="navigate", joins=True) == 403
+    twice = headers_of([("Host", "127.0.0.1"), ("host", "evil.example")])
+    assert access.refuse(twice, "/", own_address="127.0.0.1", peer="::1") is not None
+
+
+def test_a_token_is_asked_for_and_guessing_ends():
+    now = [0.0]
+    access = Access("0.0.0.0", token=TOKEN, clock=lambda: now[0])
+    right = {"Cookie": f"a=b; {access.cookie}={TOKEN}"}
+    assert status(access) == 401
+    assert status(access, f"/?token={TOKEN}") == status(access, Cookie=right["Cookie"]) == 200
+    assert [status(access, f"/?token={TOKEN[:-1]}") for _ in range(12)] == [401] * 10 + [429] * 2
+    assert status(access, f"/?token={TOKEN}") == 429
+    assert status(access, Cookie=right["Cookie"]) == 200  # who is in stays in
+    assert status(access, f"/?token={TOKEN}", peer="10.0.0.10") == 200  # and others are not to blame
+    now[0] = 61.0
+    assert status(access, f"/?token={TOKEN}") == 200
+    assert access.entering({}, f"/?token={TOKEN}") == {
+        "Set-Cookie": f"{access.cookie}={TOKEN}; HttpOnly; SameSite=Strict; Path=/"
+    }
+    assert access.entering(headers_of(right.items()), f"/?token={TOKEN}") is None
+
+
+@given(st.text(max_size=60))
+def test_no_other_text_is_the_token(text):
+    access = Access("0.0.0.0", token=TOKEN)
+    if text != TOKEN:
+        assert not access._is_token(text)
+    assert TOKEN not in without_query(f"GET /{text}?token={TOKEN} HTTP/1.1")
+
+
+def test_it_is_the_viser_it_was_written_for():
+    assert viser.__version__ == VISER_VERSION
+    assert "unsafe-inline" not in _script_sources() and "'unsafe-eval'" not in _script_sources()
+    csp = Gate(Access(token=""), lambda: [1, 2]).csp("localhost:8080")
+    assert "default-src 'none'" in csp and "frame-src http://localhost:1 http://localhost:2" in csp
+
+
+def heard(message):
+    return Listener(Uploads()).fault(msgspec.msgpack.encode(message))
+
+
+def test_what_a_page_may_say():
+    assert heard(CAMERA) is None
+    for value in (True, 3, 0.5, "text", [1, 2], [0.5, 1], ["a"], None):
+        assert heard({"type": "GuiUpdateMessage", "uuid": "a", "updates": {"value": value}}) is None
+    for wrong in ({"removed": True}, {"value": 1, "update_cb": []}, {}, {"value": {"a": 1}}, {"value": float("nan")},
+                  {"value": float("inf")}, {"value": 1e300}, {"value": "a" * 100_001}, {"value": b"a"}):  # fmt: skip
+        assert heard({"type": "GuiUpdateMessage", "uuid": "a", "updates": wrong}) is not None
+    for other in ("RunJavascriptMessage", "ShareUrlRequest", "GuiFormDirtyMessage", "RemoveSceneNodeMessage", "None"):
+        assert heard({"type": other, "uuid": "a", "source": "1"}) is not None
+    assert heard({**CAMERA, "excluded_self_client": 1}) is not None
+    assert heard({**CAMERA, "fov": float("nan")}) is not None
+
+
+def start(listener, transfer, size, parts=1, component="c"):
+    message = {"type": "FileTransferStartUpload", "source_component_uuid": component, "transfer_uuid": transfer}
+    message |= {"filename": "a", "mime_type": "b", "part_count": parts, "size_bytes": size}
+    return listener.fault(msgspec.msgpack.encode(message))
+
+
+def part(listener, transfer, content):
+    message = {"type": "FileTransferPart", "source_component_uuid": "c", "transfer_uuid": transfer}
+    return listener.fault(msgspec.msgpack.encode({**message, "part_index": 0, "content": content}))
+
+
+def test_uploads_are_bounded_for_a_page_and_for_all():
+    uploads = Uploads(most=3 * LARGEST_UPLOAD // 2)
+    one, two = Listener(uploads), Listener(uploads)
+    assert start(one, "a", LARGEST_UPLOAD + 1) is not None
+    assert start(one, "a", LARGEST_UPLOAD) is None
+    assert start(one, "b", 1) is not None  # one page's share
+    assert start(two, "a", LARGEST_UPLOAD) is not None  # all pages' share
+    one.close()
+    assert uploads.taken == 0 and start(one, "c", 1) is not None
+    assert start(two, "a", 10, 2) is None
+    assert part(two, "a", b"12345678901") is not None
+    assert part(two, "a", b"12345") is None and part(two, "a", b"67890") is None
+    assert part(two, "a", b"") is not None and part(two, "x", b"") is not None
+    assert start(two, "b", 20) is None and uploads.taken == 20  # the file before it is forgotten
