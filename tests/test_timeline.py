@@ -6,6 +6,7 @@ from sequences import write_tiny_sequence
 from toy_maps import toy_map
 
 from simaps_viz import build_map, open_sequence
+from simaps_viz.mapping import timeline as timeline_module
 from simaps_viz.mapping.communities import find_chunks
 from simaps_viz.mapping.partition import applied_steps
 from simaps_viz.mapping.simap import joining_threshold, repartition
@@ -83,3 +84,14 @@ def test_positions_and_times_of_a_recording_are_one_another():
     assert timeline.recorded(timeline.levels) == ("louvain", 1)
     assert timeline.recorded(timeline.levels + 2) == ("merge", 2) and timeline.recorded(CLASSES) == ("louvain", 0)
     assert timeline.position_of("louvain", 0) == CLASSES and timeline.position_of("merge", 10**6) == timeline.last
+
+
+def test_another_cut_of_the_same_communities_has_the_same_levels_without_a_second_search(simap, monkeypatch):
+    first = Timeline(simap)
+    levels = first.levels
+    monkeypatch.setattr(timeline_module, "_levels_of", lambda simap: pytest.fail("searched again"))
+    other = repartition(simap, **({"affinity": 0.99} if simap.method == "evidence" else {"k_percent": 99.0}))
+    cut = Timeline(other, like=first)
+    assert cut.levels == levels and cut.simap is other
+    with pytest.raises(pytest.fail.Exception, match="searched again"):
+        assert Timeline(other).levels

@@ -28,8 +28,13 @@ class Timeline:
     follow.
     """
 
-    def __init__(self, simap: SIMap) -> None:
-        """Take the map; levels are found when first asked for."""
+    def __init__(self, simap: SIMap, like: "Timeline | None" = None) -> None:
+        """Take the map; levels are found when first asked for.
+
+        Args:
+            simap: the map.
+            like: that of another cut of the same communities; its levels are this one's.
+        """
         self.simap = simap
         threshold = joining_threshold(simap.method, simap.parameters)
         applied = applied_steps(simap.merges, threshold)
@@ -37,8 +42,8 @@ class Timeline:
         self.taken = int(applied.sum())
         """Merges that the map takes."""
         self._communities = int(simap.community.max(initial=0))
-        self._lock = threading.Lock()
-        self._levels: list[SIMap] | None = None
+        same = like is not None and like.simap.community is simap.community and like.simap.graphs is simap.graphs
+        self._levels = like._levels if like is not None and same else _Levels()
 
     @property
     def levels(self) -> int:
@@ -112,10 +117,22 @@ class Timeline:
 
     def _found_levels(self) -> list[SIMap]:
         """Give a map for each of Louvain's levels but the last, which is the map's own, and that one too."""
+        return self._levels.of(self.simap)
+
+
+class _Levels:
+    """Louvain's levels, found once for all cuts of the same communities."""
+
+    def __init__(self) -> None:
+        self._lock = threading.Lock()
+        self._found: list[SIMap] | None = None
+
+    def of(self, simap: SIMap) -> list[SIMap]:
+        """Give them, found anew the first time."""
         with self._lock:
-            if self._levels is None:
-                self._levels = _levels_of(self.simap)
-            return self._levels
+            if self._found is None:
+                self._found = _levels_of(simap)
+            return self._found
 
 
 def _levels_of(simap: SIMap) -> list[SIMap]:

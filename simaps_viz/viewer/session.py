@@ -311,9 +311,15 @@ class Session:
         if self._scene.fit(simap):
             self.viewpoints.show_extent(self._scene.frame_extent)
         self.parts.map_changed(simap)
-        self.parts.steps.offer(self.common.shared.timeline(simap))
+        self.parts.steps.withdraw()
+        self.panel_worker.submit("steps", functools.partial(self._offer_steps, simap))
         with self._lock:
             self._show_selected(None if self._picked is None else simap.at(*self._picked))
+
+    def _offer_steps(self, simap: SIMap) -> None:
+        timeline = self.common.shared.timeline(simap)
+        if timeline.last and simap is self._simap:  # finding Louvain's levels takes a while
+            self.parts.steps.offer(timeline)
 
     def _show_selected(self, instance: Instance | None) -> None:
         simap = self._simap

@@ -85,6 +85,7 @@ class Shared:
         self.partitions: Once[SIMap] = Once(MOST_PARTITIONS)
         self.looks: Once[SIMap | None] = Once(MOST_LOOKS)
         self.timelines: Once[Timeline] = Once(MOST_TIMELINES)
+        self._timeline: Timeline | None = None
         self.pictures: Once[bytes] = Once(MOST_PICTURES, size=len, most_size=MOST_PICTURE_BYTES)
 
     def partition(self, base: SIMap, percent: float, resolution: float) -> SIMap:
@@ -116,7 +117,8 @@ class Shared:
 
     def timeline(self, simap: SIMap) -> Timeline:
         """Give the steps in which the objects of a map came about."""
-        return self.timelines.get((simap,), lambda: Timeline(simap))
+        self._timeline = made = self.timelines.get((simap,), lambda: Timeline(simap, like=self._timeline))
+        return made
 
     def picture(
         self,
@@ -132,6 +134,7 @@ class Shared:
 
     def forget_maps(self, kept: Callable[[SIMap], bool]) -> None:
         """Drop what was computed from maps that no page shows any more."""
+        self._timeline = None
         for store in (self.partitions, self.looks, self.timelines, self.pictures):
             store.forget(lambda key: isinstance(key, tuple) and kept(key[0]))
 

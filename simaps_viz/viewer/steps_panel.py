@@ -54,6 +54,13 @@ class StepsPanel:
         self._say(timeline.words(timeline.finished) if some else "This map keeps no steps.")
         self._back.visible = False
 
+    def withdraw(self) -> None:
+        """Another map is shown: its steps are being looked for."""
+        self._player.stop()
+        self._timeline, self._step = None, None
+        self._slider.disabled = self._player.button.disabled = True
+        self._back.visible = False
+
     def choose(self, step: int, *, chosen_here: bool = True) -> None:
         """Show a step."""
         timeline = self._timeline
