@@ -164,9 +164,10 @@ def _finish(log: Path, output: Path, *, history: bool) -> None:
             steps.unlink()  # of the map that was there before
         log.unlink(missing_ok=True)
     set_aside_name(log).unlink(missing_ok=True)
-    for left in output.parent.glob(f".{output.name}.????????"):  # of builds killed while they saved
-        if re.fullmatch(r"[a-z0-9_]{8}", left.name[-8:]) and left != log:
-            left.unlink(missing_ok=True)
+    for saved in (output, steps):
+        for left in output.parent.glob(f".{saved.name}.????????"):  # of builds killed while they saved
+            if re.fullmatch(r"[a-z0-9_]{8}", left.name[-8:]) and left != log:
+                left.unlink(missing_ok=True)
 
 
 def _say_unfinished(log: Path, output: Path, frames: int, *, resume: bool, recorded: bool) -> None:

@@ -167,3 +167,13 @@ def test_methods_without_a_log_say_so(sequence, tmp_path, capsys):
     for option in ("--resume", "--history"):
         assert main(["build", str(sequence), "-o", str(tmp_path / "m.npz"), "--method", "vlmaps", option]) == 2
         assert f"{option}: expected a method that keeps a log" in capsys.readouterr().err.replace("\n", " ")
+
+
+def test_what_a_killed_save_left_of_map_and_history_goes_with_the_next_build(tmp_path):
+    sequence = write_tiny_sequence(tmp_path / "tiny")
+    left = [tmp_path / name for name in (".m.npz.abcd1234", ".m.steps.abcd1234")]
+    others = [tmp_path / name for name in (".m.steps.mine", ".n.steps.abcd1234")]
+    for path in (*left, *others):
+        path.write_bytes(b"half")
+    assert main(["build", str(sequence), "-o", str(tmp_path / "m.npz"), "--history"]) == 0
+    assert not any(path.exists() for path in left) and all(path.exists() for path in others)
