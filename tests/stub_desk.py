@@ -4,11 +4,12 @@ import contextlib
 import io
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 import viser
-from browser import PIXEL, free_port, until
+from browser import PIXEL, free_port, on_canvas, until
 from playwright.sync_api import Page
 
 from simaps_viz.structures import SIMap
@@ -148,15 +149,6 @@ def settle(desk: StubDesk, page: Page) -> None:
 
 def color_at(desk: StubDesk, page: Page, x_m: float, y_m: float) -> tuple[int, ...]:
     """The colour the canvas shows at a point of the floor."""
-    camera = next(iter(desk.server.get_clients().values())).camera
-    forward = np.asarray(camera.look_at) - camera.position
-    forward = forward / np.linalg.norm(forward)
-    right = np.cross(forward, camera.up_direction)
-    right = right / np.linalg.norm(right)
-    ray = np.array([x_m, y_m, 0.0]) - camera.position
-    depth, half = ray @ forward, np.tan(camera.fov / 2.0)
-    u = (ray @ right / depth / half / camera.aspect + 1.0) / 2.0
-    v = (1.0 - ray @ np.cross(right, forward) / depth / half) / 2.0
-    box = page.locator("canvas").first.bounding_box()
-    assert box is not None
-    return tuple(page.evaluate(PIXEL, [box["x"] + u * box["width"], box["y"] + v * box["height"]]))
+    client = next(iter(desk.server.get_clients().values()))
+    place = on_canvas(desk, page, x_m, y_m, SimpleNamespace(client=client))
+    return tuple(page.evaluate(PIXEL, list(place)))
