@@ -13,7 +13,7 @@ from simaps_viz import wiring
 from simaps_viz.attacking.run import ATTACKS, run_attack
 from simaps_viz.attacking.target import Target
 from simaps_viz.mapping.mapfile import load_map
-from simaps_viz.viewer.access import TOKEN_VARIABLE
+from simaps_viz.viewer.server.access import TOKEN_VARIABLE
 
 
 @dataclass(frozen=True)

@@ -14,7 +14,7 @@ from simaps_viz.evaluation.bench_report import bench_lines
 from simaps_viz.progress import stage_progress
 from simaps_viz.scenes.demo import ensure_demo
 from simaps_viz.structures import SIMap
-from simaps_viz.viewer.texture import map_image, pixels_per_cell
+from simaps_viz.viewer.drawing.texture import map_image, pixels_per_cell
 from simaps_viz.wiring import cache_folder, start_pose
 
 SHARED = Path(__file__).parents[1].parent / "shared" / "data"

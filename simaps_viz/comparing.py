@@ -26,8 +26,8 @@ from simaps_viz.pipeline import BuildConfig
 from simaps_viz.structures import SIMap
 
 if TYPE_CHECKING:
-    from simaps_viz.viewer.compare_services import CompareServices, Tell
-    from simaps_viz.viewer.share_panel import ShareServices
+    from simaps_viz.viewer.panels.compare_services import CompareServices, Tell
+    from simaps_viz.viewer.panels.share import ShareServices
 
 _TITLES = {
     "evidence": "Method evidence",
@@ -46,7 +46,7 @@ def compare_services(simap: SIMap, sequence: FrameSource | None, folder: Path) -
         sequence: it was built from; without it there are neither other methods nor the truth.
         folder: where built maps are kept.
     """
-    from simaps_viz.viewer.compare_services import TRUTH, CompareServices, Source  # noqa: PLC0415 - viser is slow
+    from simaps_viz.viewer.panels.compare_services import TRUTH, CompareServices, Source  # noqa: PLC0415 - viser is slow
 
     sources = []
     if sequence is not None:
@@ -69,7 +69,7 @@ def share_services(beside: Path | None) -> "ShareServices":
     Args:
         beside: the map's recording; the history of its build lies beside it, if there is one.
     """
-    from simaps_viz.viewer.share_panel import ShareServices  # noqa: PLC0415 - viser is slow to import
+    from simaps_viz.viewer.panels.share import ShareServices  # noqa: PLC0415 - viser is slow to import
 
     return ShareServices(
         ask=answer,

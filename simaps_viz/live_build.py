@@ -12,7 +12,7 @@ from simaps_viz.events import BuildStarted, CommunitiesFound, Event, FrameProjec
 from simaps_viz.logs import logger
 from simaps_viz.pipeline import BuildCancelled
 from simaps_viz.structures import SIMap
-from simaps_viz.viewer.live_services import LiveState
+from simaps_viz.viewer.panels.live_services import LiveState
 
 MAP_EVERY_S = 1.0
 """How often the map is shown at most."""

@@ -124,8 +124,8 @@ def _serve(
         rerun_page,
         viewer_assets,
     )  # fmt: skip
-    from simaps_viz.viewer.live_panel import live_panel  # noqa: PLC0415 - viser is slow to import
-    from simaps_viz.viewer.live_services import LiveServices  # noqa: PLC0415 - as above
+    from simaps_viz.viewer.panels.live import live_panel  # noqa: PLC0415 - viser is slow to import
+    from simaps_viz.viewer.panels.live_services import LiveServices  # noqa: PLC0415 - as above
     from simaps_viz.viewer.workbench import Workbench  # noqa: PLC0415 - as above
 
     variant = VARIANTS.get(settings.method)

@@ -13,7 +13,7 @@ from simaps_viz.segmentation.protocol import Threshold
 from simaps_viz.segmentation.sequences import WithMasks, about, masks_from
 from simaps_viz.segmentation.tuning import FrameTuner, above_score, score_threshold
 from simaps_viz.structures import Segmentation, SIMap
-from simaps_viz.viewer.segmentation_panel import Knob, SegmentationServices
+from simaps_viz.viewer.panels.masks import Knob, SegmentationServices
 
 OPTIONS = {
     "score": "--score-threshold",

@@ -14,8 +14,8 @@ from simaps_viz.mapping.mending import Mending, open_mending
 from simaps_viz.structures import SIMap
 
 if TYPE_CHECKING:
-    from simaps_viz.viewer.mend_services import MendServices
-    from simaps_viz.viewer.panels import PanelSpec
+    from simaps_viz.viewer.panels.mend_services import MendServices
+    from simaps_viz.viewer.panels.spec import PanelSpec
 
 FORMS = "merge ID ID, split ID X Y X Y (metres), relabel ID CLASS, delete ID, undo, redo"
 
@@ -99,7 +99,7 @@ def do(mending: Mending, simap: SIMap, text: str, who: str) -> SIMap:
 
 def page_services(mending: Mending) -> "MendServices":
     """Give the page what it mends a map with."""
-    from simaps_viz.viewer.mend_services import MendServices  # noqa: PLC0415 - viser is slow to import
+    from simaps_viz.viewer.panels.mend_services import MendServices  # noqa: PLC0415 - viser is slow to import
 
     return MendServices(
         merge=lambda simap, first, second, who: mending.merge(simap, first, second, who=who),
@@ -120,7 +120,7 @@ def page_services(mending: Mending) -> "MendServices":
 
 def mending_panels(mending: Mending | None) -> "tuple[PanelSpec, ...]":
     """Give the panels a page needs for mending: one, or none where there is nothing to mend."""
-    from simaps_viz.viewer.mend_spec import mend_spec  # noqa: PLC0415 - viser is slow to import
+    from simaps_viz.viewer.panels.mend_spec import mend_spec  # noqa: PLC0415 - viser is slow to import
 
     return () if mending is None else (mend_spec(page_services(mending)),)
 

@@ -134,7 +134,7 @@ def slider(browser: "Browser", simap: SIMap, *, runs: int, target_s: float = 0.5
 
 def click(browser: "Browser", simap: SIMap, recording: Path | None, *, runs: int) -> Timing:
     """From a click on an object to its name, facts and best views in the panel, the recording docked."""
-    from simaps_viz.viewer.legend import object_name  # noqa: PLC0415 - viser is slow to import
+    from simaps_viz.viewer.drawing.legend import object_name  # noqa: PLC0415 - viser is slow to import
 
     seconds = []
     chosen = _near_the_middle(simap)

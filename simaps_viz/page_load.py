@@ -26,10 +26,10 @@ from simaps_viz.attacking.target import CAMERA
 from simaps_viz.language.commands import read_command
 from simaps_viz.mapping.simap import repartition
 from simaps_viz.structures import SIMap
-from simaps_viz.viewer.command_words import program_html
-from simaps_viz.viewer.gate import VISER_VERSION
-from simaps_viz.viewer.legend import facts_html
-from simaps_viz.viewer.map_panel import JOINING_OF, counts_html
+from simaps_viz.viewer.drawing.legend import facts_html
+from simaps_viz.viewer.panels.command_words import program_html
+from simaps_viz.viewer.panels.map import JOINING_OF, counts_html
+from simaps_viz.viewer.server.gate import VISER_VERSION
 
 PATIENCE_S = 30.0
 """An answer that takes longer is lost."""

@@ -166,7 +166,7 @@ def open_alone(path: Path, *, port: int = 0, access: Any = None) -> Any:
         rerun_page,
         viewer_assets,
     )  # fmt: skip
-    from simaps_viz.viewer.host import Host  # noqa: PLC0415 - as above
+    from simaps_viz.viewer.server.host import Host  # noqa: PLC0415 - as above
 
     file = find_recording(path)
     facts = read_facts(file)
@@ -184,7 +184,7 @@ def open_alone(path: Path, *, port: int = 0, access: Any = None) -> Any:
 
 def view_alone(path: Path, *, port: int, browser: bool, host: str = "127.0.0.1") -> None:
     """Show a recorded build until Ctrl-C; on the next free port when that one is taken."""
-    from simaps_viz.viewer.access import Access  # noqa: PLC0415 - the viewer is slow to import
+    from simaps_viz.viewer.server.access import Access  # noqa: PLC0415 - the viewer is slow to import
 
     find_recording(path)
     access, served = Access(host), None

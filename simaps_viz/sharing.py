@@ -50,8 +50,8 @@ def share(settings: Share, progress: StageProgress) -> dict[str, Any]:
     Raises:
         SIMapsError: the map or the place to write is no good, or the command was refused.
     """
-    from simaps_viz.viewer.share_files import MAKERS, share_bytes  # noqa: PLC0415 - viser is slow to import
-    from simaps_viz.viewer.share_story import ride_of  # noqa: PLC0415 - as above
+    from simaps_viz.viewer.share.files import MAKERS, share_bytes  # noqa: PLC0415 - viser is slow to import
+    from simaps_viz.viewer.share.story import ride_of  # noqa: PLC0415 - as above
 
     ending = settings.output.suffix.lower()
     if ending not in MAKERS:

@@ -231,10 +231,10 @@ def panels_of(simap: SIMap, recording: Path | None, mending: Mending | None, *, 
     """
     from simaps_viz.comparing import compare_services, share_services  # noqa: PLC0415 - only needed by the page
     from simaps_viz.mask_services import segmentation_services  # noqa: PLC0415 - viser is slow to import
-    from simaps_viz.viewer.compare_panel import compare_panel  # noqa: PLC0415 - as above
-    from simaps_viz.viewer.recordings_panel import recordings_spec  # noqa: PLC0415 - as above
-    from simaps_viz.viewer.segmentation_panel import masks_panel  # noqa: PLC0415 - as above
-    from simaps_viz.viewer.share_panel import share_panel  # noqa: PLC0415 - as above
+    from simaps_viz.viewer.panels.compare import compare_panel  # noqa: PLC0415 - as above
+    from simaps_viz.viewer.panels.masks import masks_panel  # noqa: PLC0415 - as above
+    from simaps_viz.viewer.panels.recordings import recordings_spec  # noqa: PLC0415 - as above
+    from simaps_viz.viewer.panels.share import share_panel  # noqa: PLC0415 - as above
 
     return (
         compare_panel(compare_services(simap, sequence_of(simap), cache_folder())),
@@ -247,7 +247,7 @@ def panels_of(simap: SIMap, recording: Path | None, mending: Mending | None, *, 
 
 def _recording_services(*, beside: bool) -> Any:
     from simaps_viz.recorder.library import RecordingLibrary  # noqa: PLC0415 - rerun is slow to import
-    from simaps_viz.viewer.recordings_panel import RecordingServices  # noqa: PLC0415 - viser is slow to import
+    from simaps_viz.viewer.panels.recordings import RecordingServices  # noqa: PLC0415 - viser is slow to import
     from simaps_viz.viewer.session import Session  # noqa: PLC0415 - as above
 
     library = RecordingLibrary()

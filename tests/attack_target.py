@@ -10,7 +10,7 @@ from browser import free_port, toy_services
 from toy_maps import TOY_POSE, toy_map
 
 from simaps_viz.attacking.target import Target
-from simaps_viz.viewer.access import TOKEN_VARIABLE
+from simaps_viz.viewer.server.access import TOKEN_VARIABLE
 from simaps_viz.viewer.workbench import Workbench
 
 TOKEN = "A-token_of_0123456789_abcdefghij"

@@ -54,7 +54,7 @@ class _Told:
 
 def _http(folder: Path) -> Case:
     """Requests of bytes on a socket; afterwards, a good one must still be answered."""
-    from simaps_viz.viewer.host import Host  # noqa: PLC0415 - as above
+    from simaps_viz.viewer.server.host import Host  # noqa: PLC0415 - as above
 
     recording = folder / "a b.rrd"
     recording.write_bytes(bytes(range(200)))

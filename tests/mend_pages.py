@@ -5,10 +5,10 @@ import viser
 from simaps_viz.mapping.mending import Mending
 from simaps_viz.mend_map import page_services
 from simaps_viz.structures import SIMap
-from simaps_viz.viewer.mend_panel import MendPanel
-from simaps_viz.viewer.mend_services import CutMark
-from simaps_viz.viewer.picking import ray_on_floor
-from simaps_viz.viewer.texture import map_image
+from simaps_viz.viewer.drawing.picking import ray_on_floor
+from simaps_viz.viewer.drawing.texture import map_image
+from simaps_viz.viewer.panels.mend import MendPanel
+from simaps_viz.viewer.panels.mend_services import CutMark
 from simaps_viz.viewer.worker import Worker
 
 

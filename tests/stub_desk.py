@@ -13,9 +13,9 @@ from browser import PIXEL, free_port, on_canvas, until
 from playwright.sync_api import Page
 
 from simaps_viz.structures import SIMap
-from simaps_viz.viewer.camera import top_view
 from simaps_viz.viewer.desk import MapPicture
-from simaps_viz.viewer.texture import map_image
+from simaps_viz.viewer.drawing.camera import top_view
+from simaps_viz.viewer.drawing.texture import map_image
 from simaps_viz.viewer.worker import Worker
 
 

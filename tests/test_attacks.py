@@ -6,7 +6,7 @@ import pytest
 from attack_target import toy_target
 
 from simaps_viz.attacking.run import ATTACKS, run_attack
-from simaps_viz.viewer import bounded_http, gate
+from simaps_viz.viewer.server import bounded_http, gate
 
 TRIED = 15
 """Attacks below which some have gone missing."""

@@ -9,8 +9,8 @@ from hostile_maps import IMAGE, PWNED, SCRIPT, hostile_map
 
 from simaps_viz.errors import CommandError
 from simaps_viz.recorder.web_viewer import CONTENT_SECURITY_POLICY, rerun_page, viewer_assets
-from simaps_viz.viewer.host import Host
-from simaps_viz.viewer.share_page import page_html
+from simaps_viz.viewer.server.host import Host
+from simaps_viz.viewer.share.page import page_html
 from simaps_viz.viewer.workbench import Workbench
 
 pytestmark = pytest.mark.browser

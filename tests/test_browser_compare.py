@@ -15,9 +15,9 @@ from simaps_viz.errors import InputError
 from simaps_viz.evaluation.two_maps import compare_two
 from simaps_viz.mapping.mapfile import save_map
 from simaps_viz.mapping.simap import repartition
-from simaps_viz.viewer.compare_panel import ComparePanel
-from simaps_viz.viewer.compare_picture import KINDS, TwoPictures
-from simaps_viz.viewer.compare_services import TRUTH, CompareServices, Source
+from simaps_viz.viewer.drawing.compare_picture import KINDS, TwoPictures
+from simaps_viz.viewer.panels.compare import ComparePanel
+from simaps_viz.viewer.panels.compare_services import TRUTH, CompareServices, Source
 
 pytestmark = pytest.mark.browser
 

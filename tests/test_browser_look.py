@@ -7,7 +7,7 @@ from toy_maps import toy_map
 
 from simaps_viz.labels import instance_color
 from simaps_viz.map_colors import class_colors
-from simaps_viz.viewer.theme import DARK, LIGHT
+from simaps_viz.viewer.drawing.theme import DARK, LIGHT
 
 pytestmark = pytest.mark.browser
 

@@ -13,7 +13,7 @@ from simaps_viz.labels import instance_color
 from simaps_viz.mapping.edit_file import edits_path
 from simaps_viz.mapping.mapfile import save_map
 from simaps_viz.mapping.mending import open_mending
-from simaps_viz.viewer.texture import map_image
+from simaps_viz.viewer.drawing.texture import map_image
 
 pytestmark = pytest.mark.browser
 CHAIR_1, CHAIR_3, CHAIR_4 = (1.25, 1.9), (-0.2, -0.8), (3.8, -0.6)

@@ -13,7 +13,7 @@ from simaps_viz.errors import InputError
 from simaps_viz.recorder.facts import finished_facts, send_facts
 from simaps_viz.recorder.library import RecordingLibrary
 from simaps_viz.recordings import open_alone
-from simaps_viz.viewer.recordings_panel import RecordingServices, RecordingsPanel
+from simaps_viz.viewer.panels.recordings import RecordingServices, RecordingsPanel
 
 pytestmark = pytest.mark.browser
 PAUSE_MS = 200

@@ -7,7 +7,7 @@ from stub_desk import stub_desk
 from test_viewer_segmentation import toy_segmentation
 from toy_maps import toy_map
 
-from simaps_viz.viewer.segmentation_panel import SegmentationPanel
+from simaps_viz.viewer.panels.masks import SegmentationPanel
 
 pytestmark = pytest.mark.browser
 

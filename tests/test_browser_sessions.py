@@ -23,8 +23,8 @@ from test_viewer_command import real_services
 from toy_maps import toy_map
 
 from simaps_viz.viewer.desk import MapPicture
-from simaps_viz.viewer.panels import PanelSpec
-from simaps_viz.viewer.texture import ColorMode, map_image
+from simaps_viz.viewer.drawing.texture import ColorMode, map_image
+from simaps_viz.viewer.panels.spec import PanelSpec
 
 pytestmark = pytest.mark.browser
 expect.set_options(timeout=20_000)

@@ -13,10 +13,10 @@ from toy_maps import TOY_POSE
 
 from simaps_viz.navigation.agent import answer
 from simaps_viz.structures import GridSpec
-from simaps_viz.viewer.scene import ROBOT, frame_extent, seen_extent
-from simaps_viz.viewer.share_page import HOLD_S, page_html
-from simaps_viz.viewer.share_panel import SharePanel, ShareServices
-from simaps_viz.viewer.texture import FLOOR
+from simaps_viz.viewer.drawing.scene import ROBOT, frame_extent, seen_extent
+from simaps_viz.viewer.drawing.texture import FLOOR
+from simaps_viz.viewer.panels.share import SharePanel, ShareServices
+from simaps_viz.viewer.share.page import HOLD_S, page_html
 
 pytestmark = pytest.mark.browser
 expect.set_options(timeout=20_000)

@@ -15,8 +15,8 @@ from simaps_viz.building import build_to_file
 from simaps_viz.live_view import live_workbench
 from simaps_viz.pipeline import BuildConfig
 from simaps_viz.progress import stage_progress
-from simaps_viz.viewer.texture import map_image
-from simaps_viz.viewer.theme import LIGHT
+from simaps_viz.viewer.drawing.texture import map_image
+from simaps_viz.viewer.drawing.theme import LIGHT
 
 pytestmark = pytest.mark.browser
 expect.set_options(timeout=30_000)

@@ -19,7 +19,7 @@ from playwright.sync_api import expect
 from toy_maps import toy_map
 
 from simaps_viz.labels import instance_color
-from simaps_viz.viewer.why_marks import CUT, OTHER, RAMP, SOURCE, TARGET
+from simaps_viz.viewer.drawing.why_marks import CUT, OTHER, RAMP, SOURCE, TARGET
 
 pytestmark = pytest.mark.browser
 

@@ -23,7 +23,7 @@ from toy_maps import FRAMES, TOY_POSE
 
 from simaps_viz.labels import instance_color
 from simaps_viz.recorder.web_viewer import CONTENT_SECURITY_POLICY, rerun_page, viewer_assets
-from simaps_viz.viewer.texture import FLOOR, map_image
+from simaps_viz.viewer.drawing.texture import FLOOR, map_image
 
 pytestmark = pytest.mark.browser
 

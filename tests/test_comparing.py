@@ -12,7 +12,7 @@ from simaps_viz.datasets.posed_frames import open_sequence
 from simaps_viz.errors import InputError
 from simaps_viz.methods import build
 from simaps_viz.pipeline import BuildConfig
-from simaps_viz.viewer.compare_services import TRUTH, Cancelled
+from simaps_viz.viewer.panels.compare_services import TRUTH, Cancelled
 
 NEVER = threading.Event()
 

@@ -54,7 +54,7 @@ CONFINED = {
     "community": ["evaluation.bench_graphs"],
     "openai": ["language.llm_http"],
     "httpx2": ["language.llm_http"],
-    "PIL": ["checking.picture", "evaluation.picture", "viewer.share_film"],
+    "PIL": ["checking.picture", "evaluation.picture", "viewer.share.film"],
     "lark": ["language"],
     "tyro": ["build_command", "cli", "cli_options", "mend_map", "recordings", "sharing"],
     "rich": ["cli", "logs", "progress", "recordings", "tables"],

@@ -15,8 +15,8 @@ from simaps_viz.live_view import live_workbench, waiting_map
 from simaps_viz.pipeline import BuildConfig
 from simaps_viz.progress import stage_progress
 from simaps_viz.recorder.web_viewer import policy_for_stream
-from simaps_viz.viewer.live_panel import duration, head_html, text_html
-from simaps_viz.viewer.live_services import LiveState
+from simaps_viz.viewer.panels.live import duration, head_html, text_html
+from simaps_viz.viewer.panels.live_services import LiveState
 
 
 def wait_for(predicate, seconds=30.0):

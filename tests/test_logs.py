@@ -148,7 +148,7 @@ def test_a_log_that_cannot_be_written_is_refused_before_anything(sequence, tmp_p
 
 def test_warnings_of_the_page_reach_people(capsys):
     with logged(LogOptions(), Console(stderr=True, width=200)):
-        child = logging.getLogger("simaps_viz.viewer.host")
+        child = logging.getLogger("simaps_viz.viewer.server.host")
         child.info("quiet")
         try:
             raise ValueError("odd event")

@@ -20,7 +20,7 @@ from simaps_viz.methods import build
 from simaps_viz.palette import LEAST_APART, PALETTE
 from simaps_viz.pipeline import BuildConfig
 from simaps_viz.scenes.demo import DemoSettings, ensure_demo
-from simaps_viz.viewer.theme import DARK, LIGHT
+from simaps_viz.viewer.drawing.theme import DARK, LIGHT
 
 HOUSE = Path(__file__).parents[1].parent / "shared" / "data" / "aws-small-house" / "rgbd"
 LEAST_FROM_GROUND = 8.0

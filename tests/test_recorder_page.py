@@ -22,7 +22,7 @@ from simaps_viz.labels import instance_color
 from simaps_viz.recorder import web_viewer
 from simaps_viz.recorder.map_pictures import GROUND, UNPARTED
 from simaps_viz.recorder.web_viewer import CONTENT_SECURITY_POLICY, check_version, rerun_page, viewer_assets
-from simaps_viz.viewer.host import Host
+from simaps_viz.viewer.server.host import Host
 
 
 def test_assets_are_the_viewer() -> None:

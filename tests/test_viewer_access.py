@@ -7,9 +7,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from simaps_viz.errors import InputError
-from simaps_viz.viewer.access import Access, headers_of, is_loopback, name_of, without_query
-from simaps_viz.viewer.gate import VISER_VERSION, Gate, _script_sources
-from simaps_viz.viewer.messages import LARGEST_UPLOAD, Listener, Uploads
+from simaps_viz.viewer.server.access import Access, headers_of, is_loopback, name_of, without_query
+from simaps_viz.viewer.server.gate import VISER_VERSION, Gate, _script_sources
+from simaps_viz.viewer.server.messages import LARGEST_UPLOAD, Listener, Uploads
 
 TOKEN = "A-token_of_0123456789_abcdefghij"
 CAMERA = {

@@ -20,11 +20,11 @@ from simaps_viz.language.grounding import Grounding
 from simaps_viz.language.llm_settings import Exchange, Message
 from simaps_viz.navigation.agent import Agent, answer
 from simaps_viz.structures import Pose2
-from simaps_viz.viewer.command_panel import entered
-from simaps_viz.viewer.command_words import exchanges_html, program_html, result_text, why_text
-from simaps_viz.viewer.drive import LOOK_S, SPEED_M_S, Drive, Trajectory, ride_of_steps, trajectory
-from simaps_viz.viewer.follow import AHEAD_M, BEHIND_M, Follower, above, behind
-from simaps_viz.viewer.label_layout import ROWS, WIDTH_OF_A_LETTER, spread
+from simaps_viz.viewer.drawing.label_layout import ROWS, WIDTH_OF_A_LETTER, spread
+from simaps_viz.viewer.driving.drive import LOOK_S, SPEED_M_S, Drive, Trajectory, ride_of_steps, trajectory
+from simaps_viz.viewer.driving.follow import AHEAD_M, BEHIND_M, Follower, above, behind
+from simaps_viz.viewer.panels.command import entered
+from simaps_viz.viewer.panels.command_words import exchanges_html, program_html, result_text, why_text
 from simaps_viz.viewer.services import LanguageModel, Services
 
 

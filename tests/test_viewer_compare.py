@@ -8,9 +8,9 @@ from toy_maps import toy_map
 from simaps_viz.evaluation.differences import Kind
 from simaps_viz.evaluation.two_maps import compare_two
 from simaps_viz.mapping.simap import repartition
-from simaps_viz.viewer import lettering
-from simaps_viz.viewer.compare_picture import INK, KINDS, TwoPictures
-from simaps_viz.viewer.compare_words import item_text, kind_options, of_kind, summary_html
+from simaps_viz.viewer.drawing import lettering
+from simaps_viz.viewer.drawing.compare_picture import INK, KINDS, TwoPictures
+from simaps_viz.viewer.panels.compare_words import item_text, kind_options, of_kind, summary_html
 
 BLINDNESS = {  # Machado, Oliveira and Fernandes 2009, severity 1, on linear RGB
     "none": np.eye(3),

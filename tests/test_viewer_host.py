@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from simaps_viz.errors import InputError
-from simaps_viz.viewer.host import Host, parse_range
+from simaps_viz.viewer.server.host import Host, parse_range
 
 
 @pytest.fixture

@@ -15,8 +15,8 @@ from simaps_viz.cli import main
 from simaps_viz.evaluation.judging import resume_session, start_session
 from simaps_viz.mapping.mapfile import save_map
 from simaps_viz.structures import Pose2
-from simaps_viz.viewer.judge_panel import FIRST_S, LOOK_FIRST_S, PAUSE_S, named_in, places, ride
-from simaps_viz.viewer.judge_words import outcome_text, summary_html
+from simaps_viz.viewer.panels.judge import FIRST_S, LOOK_FIRST_S, PAUSE_S, named_in, places, ride
+from simaps_viz.viewer.panels.judge_words import outcome_text, summary_html
 
 METHODS = ("evidence", "components")
 

@@ -13,11 +13,12 @@ from toy_maps import map_from_drawing, toy_map
 from simaps_viz.evaluation.large_maps import large_map
 from simaps_viz.map_colors import class_colors, instance_colors
 from simaps_viz.structures import Grid, GridSpec
-from simaps_viz.viewer import help_words, legend, texture
-from simaps_viz.viewer.help_panel import HelpPanel, PageActions
+from simaps_viz.viewer.drawing import legend, texture
+from simaps_viz.viewer.drawing.solids import MOST_CELLS, block_heights, solids
+from simaps_viz.viewer.drawing.theme import BRAND, DARK, LIGHT, THEMES, css
 from simaps_viz.viewer.page_script import PAGE_SCRIPT
-from simaps_viz.viewer.solids import MOST_CELLS, block_heights, solids
-from simaps_viz.viewer.theme import BRAND, DARK, LIGHT, THEMES, css
+from simaps_viz.viewer.panels import help_words
+from simaps_viz.viewer.panels.help import HelpPanel, PageActions
 
 READABLE = 4.5
 """WCAG 2 AA for texts."""

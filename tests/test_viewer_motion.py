@@ -12,11 +12,11 @@ from toy_maps import TOY_POSE, TOY_SPEC, toy_map
 
 from simaps_viz.language.grounding import Grounding
 from simaps_viz.structures import Pose2
-from simaps_viz.viewer.build_panel import ECHO_S, SETTLE_S, FrameLink
-from simaps_viz.viewer.camera import slanted_view, top_view
-from simaps_viz.viewer.command_panel import examples, message_html, program_html
-from simaps_viz.viewer.drive import SPEED_M_S, TURN_RAD_S, Drive, poses_along, trajectory
-from simaps_viz.viewer.robot import candidate_labels, goal_labels, open_floor, poses_of_steps
+from simaps_viz.viewer.drawing.camera import slanted_view, top_view
+from simaps_viz.viewer.driving.drive import SPEED_M_S, TURN_RAD_S, Drive, poses_along, trajectory
+from simaps_viz.viewer.driving.robot import candidate_labels, goal_labels, open_floor, poses_of_steps
+from simaps_viz.viewer.panels.build import ECHO_S, SETTLE_S, FrameLink
+from simaps_viz.viewer.panels.command import examples, message_html, program_html
 from simaps_viz.viewer.worker import Worker
 
 coordinate = st.floats(-20.0, 20.0)

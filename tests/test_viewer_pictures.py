@@ -6,8 +6,8 @@ from toy_maps import TOY_SPEC, toy_map
 
 from simaps_viz.labels import class_color, instance_color
 from simaps_viz.mapping.simap import repartition
-from simaps_viz.viewer import legend, picking, texture, thumbnails
-from simaps_viz.viewer.solids import WALL_CUT_M, block_heights, solids
+from simaps_viz.viewer.drawing import legend, picking, texture, thumbnails
+from simaps_viz.viewer.drawing.solids import WALL_CUT_M, block_heights, solids
 
 CHAIR_1, CHAIR_3, TABLE_6 = 1, 3, 6
 

@@ -20,15 +20,15 @@ from simaps_viz.segmentation.protocol import segment_image
 from simaps_viz.segmentation.recognise import NetworkSettings, open_network
 from simaps_viz.segmentation.tuning import KEPT, FrameTuner, above_score
 from simaps_viz.structures import Segment, Segmentation, SIMap
-from simaps_viz.viewer.mask_picture import MaskStyle, confidence_color, paint_masks, segment_name
-from simaps_viz.viewer.mask_words import (
+from simaps_viz.viewer.drawing.mask_picture import MaskStyle, confidence_color, paint_masks, segment_name
+from simaps_viz.viewer.panels.mask_words import (
     class_counts,
     effect_words,
     has_confidence,
     masks_legend,
     segments_html,
 )
-from simaps_viz.viewer.segmentation_panel import Knob, SegmentationPanel, SegmentationServices
+from simaps_viz.viewer.panels.masks import Knob, SegmentationPanel, SegmentationServices
 from simaps_viz.wiring import sequence_of
 
 GREY = np.full((60, 80, 3), 100, np.uint8)

@@ -18,9 +18,9 @@ from toy_maps import TOY_POSE, toy_map
 from simaps_viz.errors import InputError
 from simaps_viz.mapping.simap import repartition
 from simaps_viz.viewer.desk import MapPicture
-from simaps_viz.viewer.host import Host
-from simaps_viz.viewer.map_panel import SLANT
-from simaps_viz.viewer.panels import PanelSpec
+from simaps_viz.viewer.panels.map import SLANT
+from simaps_viz.viewer.panels.spec import PanelSpec
+from simaps_viz.viewer.server.host import Host
 
 CHAIR_1, CHAIR_3, TABLE = 1, 3, 6
 TOGETHER, APART = 5.0, 30.0
@@ -296,7 +296,7 @@ def test_panels_are_made_for_each_page_told_asked_restored_and_closed(caplog):
         tale.word = "kept"
         page.close()
         gone(bench, page.session)
-        assert tale.closed and beside.closed
+        until(lambda: tale.closed and beside.closed)
         with fake_page(bench, tab=page.tab):
             until(lambda: made[2].word == "kept")
 

@@ -16,13 +16,13 @@ from simaps_viz.mapping.mapfile import save_map
 from simaps_viz.mapping.partition import empty_log
 from simaps_viz.navigation.agent import Agent, answer
 from simaps_viz.structures import GridSpec
-from simaps_viz.viewer.scene import PATH, ROBOT
-from simaps_viz.viewer.share_files import MAKERS, share_bytes
-from simaps_viz.viewer.share_film import MOST_MOMENTS, gif_bytes, key_picture, shots
-from simaps_viz.viewer.share_page import overlay_html
-from simaps_viz.viewer.share_sheet import Sheet, moved_image
-from simaps_viz.viewer.share_story import moments, origin_text, ride_of, title_of
-from simaps_viz.viewer.texture import FLOOR, UNSEEN
+from simaps_viz.viewer.drawing.scene import PATH, ROBOT
+from simaps_viz.viewer.drawing.texture import FLOOR, UNSEEN
+from simaps_viz.viewer.share.files import MAKERS, share_bytes
+from simaps_viz.viewer.share.film import MOST_MOMENTS, gif_bytes, key_picture, shots
+from simaps_viz.viewer.share.page import overlay_html
+from simaps_viz.viewer.share.sheet import Sheet, moved_image
+from simaps_viz.viewer.share.story import moments, origin_text, ride_of, title_of
 
 COMMAND = "go to the couch"
 

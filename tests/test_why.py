@@ -18,10 +18,9 @@ from simaps_viz.mapping.why import Why, between, explain, frames_that, recorded_
 from simaps_viz.mapping.why_words import between_words, link_words, summary
 from simaps_viz.recorder.map_pictures import merge_order
 from simaps_viz.structures import SIMap
-from simaps_viz.viewer.recording_clicks import clicked_place, place_inside
-from simaps_viz.viewer.texture import map_image
-from simaps_viz.viewer.thumbnails import OTHER_OUTLINE, OUTLINE, outlined
-from simaps_viz.viewer.why_marks import (
+from simaps_viz.viewer.drawing.texture import map_image
+from simaps_viz.viewer.drawing.thumbnails import OTHER_OUTLINE, OUTLINE, outlined
+from simaps_viz.viewer.drawing.why_marks import (
     RAMP,
     UNKNOWN,
     drawn_links,
@@ -30,6 +29,7 @@ from simaps_viz.viewer.why_marks import (
     paint_cells,
     sureness_colors,
 )
+from simaps_viz.viewer.recording.clicks import clicked_place, place_inside
 
 CHAIR_1, CHAIR_3, CHAIR_4, COUCH, TABLE = 1, 3, 4, 5, 6
 SHARED = Path(__file__).parents[1].parent / "shared"

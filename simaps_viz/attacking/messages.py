@@ -11,7 +11,7 @@ from websockets.exceptions import ConnectionClosed
 from websockets.sync.connection import Connection
 
 from simaps_viz.attacking.target import CAMERA, Target, Tries, hung_up, open_socket, page, say, wait
-from simaps_viz.viewer.messages import LARGEST_UPLOAD
+from simaps_viz.viewer.server.messages import LARGEST_UPLOAD
 from simaps_viz.viewer.session import Session
 
 MOST_GROWTH = 200 << 20

@@ -13,7 +13,7 @@ from websockets.exceptions import ConnectionClosed, InvalidHandshake
 from websockets.sync.client import connect
 from websockets.sync.connection import Connection
 
-from simaps_viz.viewer.gate import VISER_VERSION
+from simaps_viz.viewer.server.gate import VISER_VERSION
 from simaps_viz.viewer.session import Session
 from simaps_viz.viewer.workbench import Workbench
 

@@ -6,7 +6,7 @@ from contextlib import AbstractContextManager
 from dataclasses import dataclass, field
 
 from simaps_viz.structures import Pose2, SIMap
-from simaps_viz.viewer.host import Host
+from simaps_viz.viewer.server.host import Host
 from simaps_viz.viewer.services import Services
 from simaps_viz.viewer.shared import Shared
 

@@ -8,7 +8,7 @@ import viser
 from numpy.typing import NDArray
 
 from simaps_viz.structures import GridSpec, SIMap
-from simaps_viz.viewer.scene import MapScene
+from simaps_viz.viewer.drawing.scene import MapScene
 
 
 @dataclass(frozen=True, eq=False)

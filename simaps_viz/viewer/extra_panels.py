@@ -6,7 +6,7 @@ from typing import Any
 
 from simaps_viz.structures import SIMap
 from simaps_viz.viewer.desk import Desk, Panel
-from simaps_viz.viewer.panels import PanelSpec
+from simaps_viz.viewer.panels.spec import PanelSpec
 
 
 @dataclass(frozen=True, eq=False)

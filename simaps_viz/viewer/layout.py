@@ -6,18 +6,18 @@ from typing import TYPE_CHECKING
 import viser
 
 from simaps_viz.structures import SIMap
-from simaps_viz.viewer.build_panel import BuildPanel
+from simaps_viz.viewer.driving.follow import Follower
+from simaps_viz.viewer.driving.robot import RobotControl
 from simaps_viz.viewer.extra_panels import ExtraPanels
-from simaps_viz.viewer.follow import Follower
-from simaps_viz.viewer.help_panel import HelpPanel, PageActions
-from simaps_viz.viewer.help_words import OTHER_TABS
-from simaps_viz.viewer.instance_panel import InstancePanel
-from simaps_viz.viewer.judge_panel import JudgePanel
-from simaps_viz.viewer.map_panel import SLANT, MapActions, MapPanel
-from simaps_viz.viewer.panels import BUILT_IN, INSTANCE, JUDGE
-from simaps_viz.viewer.robot import RobotControl
-from simaps_viz.viewer.steps_panel import StepsPanel
-from simaps_viz.viewer.why_panel import WhyActions, WhyPanel
+from simaps_viz.viewer.panels.build import BuildPanel
+from simaps_viz.viewer.panels.help import HelpPanel, PageActions
+from simaps_viz.viewer.panels.help_words import OTHER_TABS
+from simaps_viz.viewer.panels.instance import InstancePanel
+from simaps_viz.viewer.panels.judge import JudgePanel
+from simaps_viz.viewer.panels.map import SLANT, MapActions, MapPanel
+from simaps_viz.viewer.panels.spec import BUILT_IN, INSTANCE, JUDGE
+from simaps_viz.viewer.panels.steps import StepsPanel
+from simaps_viz.viewer.panels.why import WhyActions, WhyPanel
 
 if TYPE_CHECKING:
     from simaps_viz.viewer.session import Session

@@ -7,7 +7,7 @@ import numpy as np
 from simaps_viz.map_colors import keep_classes, take_over
 from simaps_viz.mapping.timeline import CLASSES
 from simaps_viz.structures import SIMap
-from simaps_viz.viewer.legend import counts_text
+from simaps_viz.viewer.drawing.legend import counts_text
 from simaps_viz.viewer.shared import Shared
 
 

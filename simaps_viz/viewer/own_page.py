@@ -6,8 +6,8 @@ from typing import Protocol, runtime_checkable
 import viser
 
 from simaps_viz.structures import Pose2
-from simaps_viz.viewer.camera import Extent, top_view
 from simaps_viz.viewer.desk import Desk
+from simaps_viz.viewer.drawing.camera import Extent, top_view
 
 Look = Callable[[Extent | None], None]
 """Moves a page's camera over an extent; None: back to where it was before."""

@@ -6,7 +6,7 @@ transparent pixel carries the lines in, because viser shows our HTML but runs no
 
 from html import escape
 
-from simaps_viz.viewer.theme import DARK, LIGHT, css
+from simaps_viz.viewer.drawing.theme import DARK, LIGHT, css
 
 _PIXEL = "data:image/gif;base64,R0lGODlhAQABAAAAACH5BAEKAAEALAAAAAABAAEAAAICTAEAOw=="
 

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from simaps_viz.structures import Instance, Pose2, SIMap
 
 if TYPE_CHECKING:
-    from simaps_viz.viewer.panels import PanelSpec
+    from simaps_viz.viewer.panels.spec import PanelSpec
 
 Asset = tuple[bytes | Path, str]
 """Content (or the file that holds it) and its media type."""

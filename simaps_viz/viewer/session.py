@@ -18,22 +18,22 @@ from simaps_viz.mapping.edit_log import edits_of
 from simaps_viz.structures import Instance, Pose2, SIMap
 from simaps_viz.viewer.common import Common
 from simaps_viz.viewer.desk import MapPicture
-from simaps_viz.viewer.guard import guard
-from simaps_viz.viewer.instance_panel import best_pictures
+from simaps_viz.viewer.drawing.picking import ray_on_blocks, ray_on_floor
+from simaps_viz.viewer.drawing.scene import MapScene, Style
+from simaps_viz.viewer.drawing.theme import Theme
+from simaps_viz.viewer.drawing.viewpoints import Viewpoints
+from simaps_viz.viewer.drawing.why_marks import paint_cells
+from simaps_viz.viewer.driving.robot import RobotControl
 from simaps_viz.viewer.layout import Parts, lay_out
-from simaps_viz.viewer.map_panel import DEFAULT_RESOLUTION, JOINING_OF, SLANT
 from simaps_viz.viewer.moments import moment
-from simaps_viz.viewer.picking import ray_on_blocks, ray_on_floor
-from simaps_viz.viewer.recording_clicks import place_inside
-from simaps_viz.viewer.recording_link import RecordingLink
-from simaps_viz.viewer.recording_side import page_side
-from simaps_viz.viewer.robot import RobotControl
-from simaps_viz.viewer.scene import MapScene, Style
+from simaps_viz.viewer.panels.instance import best_pictures
+from simaps_viz.viewer.panels.map import DEFAULT_RESOLUTION, JOINING_OF, SLANT
+from simaps_viz.viewer.recording.clicks import place_inside
+from simaps_viz.viewer.recording.link import RecordingLink
+from simaps_viz.viewer.recording.side import page_side
+from simaps_viz.viewer.server.guard import guard
 from simaps_viz.viewer.session_state import TabState, restore_session, state_of
 from simaps_viz.viewer.shared import paint, png
-from simaps_viz.viewer.theme import Theme
-from simaps_viz.viewer.viewpoints import Viewpoints
-from simaps_viz.viewer.why_marks import paint_cells
 from simaps_viz.viewer.worker import Worker
 
 logger = logging.getLogger(__name__)

@@ -6,10 +6,10 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 from simaps_viz.structures import SIMap
-from simaps_viz.viewer.map_panel import TOP
-from simaps_viz.viewer.robot import RobotState
-from simaps_viz.viewer.texture import ColorMode
-from simaps_viz.viewer.viewpoints import CameraState
+from simaps_viz.viewer.drawing.texture import ColorMode
+from simaps_viz.viewer.drawing.viewpoints import CameraState
+from simaps_viz.viewer.driving.robot import RobotState
+from simaps_viz.viewer.panels.map import TOP
 
 if TYPE_CHECKING:
     from simaps_viz.viewer.session import Session

@@ -10,10 +10,10 @@ from numpy.typing import NDArray
 
 from simaps_viz.mapping.timeline import Timeline
 from simaps_viz.structures import SIMap
-from simaps_viz.viewer.picking import communities_unseen_until
+from simaps_viz.viewer.drawing.picking import communities_unseen_until
+from simaps_viz.viewer.drawing.texture import ColorMode, map_image, pixels_per_cell
+from simaps_viz.viewer.drawing.theme import LIGHT, Theme
 from simaps_viz.viewer.services import Services
-from simaps_viz.viewer.texture import ColorMode, map_image, pixels_per_cell
-from simaps_viz.viewer.theme import LIGHT, Theme
 
 V = TypeVar("V")
 

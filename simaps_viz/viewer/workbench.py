@@ -15,20 +15,20 @@ import viser
 
 from simaps_viz.errors import InputError
 from simaps_viz.structures import Pose2, SIMap
-from simaps_viz.viewer.access import Access, name_of
 from simaps_viz.viewer.common import Common
-from simaps_viz.viewer.gate import Gate
-from simaps_viz.viewer.host import Host
+from simaps_viz.viewer.drawing.scene import frame_extent, light_up, seen_extent
+from simaps_viz.viewer.drawing.viewpoints import set_first_view
 from simaps_viz.viewer.layout import set_the_table
-from simaps_viz.viewer.panels import PanelSpec
-from simaps_viz.viewer.scene import frame_extent, light_up, seen_extent
+from simaps_viz.viewer.panels.spec import PanelSpec
+from simaps_viz.viewer.server.access import Access, name_of
+from simaps_viz.viewer.server.gate import Gate
+from simaps_viz.viewer.server.host import Host
+from simaps_viz.viewer.server.widget_values import check_values
 from simaps_viz.viewer.services import Services
 from simaps_viz.viewer.session import Session
 from simaps_viz.viewer.session_state import TabState
 from simaps_viz.viewer.shared import Shared
 from simaps_viz.viewer.tabs import TAB_CSP, TAB_PAGE, Tabs
-from simaps_viz.viewer.viewpoints import set_first_view
-from simaps_viz.viewer.widget_values import check_values
 from simaps_viz.viewer.worker import Worker
 
 logger = logging.getLogger(__name__)

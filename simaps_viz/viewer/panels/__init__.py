@@ -1,0 +1,1 @@
+"""The panels of the page, one a file, with their words and what they ask for."""

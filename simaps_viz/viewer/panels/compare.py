@@ -1,0 +1,325 @@
+"""The panel that compares two maps: methods, settings, a file, or the truth; swiped or side by side."""
+
+import functools
+import threading
+from typing import cast
+
+import viser
+
+from simaps_viz.errors import InputError
+from simaps_viz.structures import SIMap
+from simaps_viz.viewer.desk import Desk
+from simaps_viz.viewer.drawing.compare_picture import KINDS, Mode, TwoPictures
+from simaps_viz.viewer.own_page import Look, look_on
+from simaps_viz.viewer.panels.compare_services import TRUTH, Cancelled, CompareServices, ItemLike, Named, TwoMapsLike
+from simaps_viz.viewer.panels.compare_sides import SideChooser
+from simaps_viz.viewer.panels.compare_words import (
+    chosen_html,
+    headline_html,
+    item_text,
+    kind_options,
+    note,
+    of_kind,
+    summary_html,
+)
+from simaps_viz.viewer.panels.spec import PanelSpec
+from simaps_viz.viewer.worker import Worker
+
+LISTED = 5
+"""Differences listed at a time."""
+SWIPE, BESIDE = "Swipe", "Side by side"
+EMPTY: tuple[str, ...] = ("all (0)",)
+
+
+def compare_panel(services: CompareServices) -> PanelSpec:
+    """Give the tab of a page that has this panel."""
+    return PanelSpec("Compare", viser.Icon.ARROWS_DIFF, lambda desk: ComparePanel(desk, services, look=look_on(desk)))
+
+
+class ComparePanel:
+    """Two maps chosen by a person, their picture in the place of the map, and the list of what differs."""
+
+    def __init__(self, desk: Desk, services: CompareServices, *, look: Look | None = None) -> None:
+        """Fill the open container.
+
+        Args:
+            desk: the page.
+            services: what makes and compares maps.
+            look: moves the camera; None leaves it where it is.
+        """
+        self._desk, self._services, self._look = desk, services, look
+        self._maps: TwoMapsLike | None = None
+        self._pictures: TwoPictures | None = None
+        self._items: list[ItemLike] = []
+        self._chosen: ItemLike | None = None
+        self._first = 0
+        self._wanted = False
+        self._cancel = threading.Event()
+        self._worker = Worker(self._failed)  # of its own: building a map may take long
+        self._add_choice(desk.gui)
+        self._add_view(desk.gui)
+        self._add_list(desk.gui)
+        self._show_parts()
+
+    @property
+    def active(self) -> bool:
+        """Whether two maps are shown in the place of the page's own."""
+        return self._maps is not None
+
+    @property
+    def maps(self) -> TwoMapsLike | None:
+        """What is compared now."""
+        return self._maps
+
+    def map_changed(self, simap: SIMap) -> None:
+        """Compare anew when the page's map is one of the two."""
+        if self._wanted:
+            self.start()
+
+    def take_click(self, x_m: float, y_m: float) -> bool:
+        """Choose the difference that was clicked; while two maps are shown no click passes."""
+        maps, pictures = self._maps, self._pictures
+        if maps is None or pictures is None:
+            return False
+        beside = self._mode == "side by side"
+        seam = pictures.seam_m if beside and x_m > maps.spec.x0_m + pictures.seam_m else 0.0
+        row, col = maps.spec.cell_of(x_m - seam, y_m)
+        if maps.spec.contains(row, col):
+            ids = (int(maps.left.instance[row, col]), int(maps.right.instance[row, col]))
+            sides = self._sides_under(seam, x_m)
+            hit = [i for i in self._items if any(ids[s] and ids[s] in (i.left, i.right)[s] for s in sides)]
+            self.choose(hit[0] if hit else None)
+        return True
+
+    def close(self) -> None:
+        """Give up what is being built, and stop."""
+        self._cancel.set()
+        self._worker.stop()
+
+    def start(self) -> None:
+        """Get both maps and compare them; what was under way is given up."""
+        self._cancel.set()
+        self._cancel = cancel = threading.Event()
+        self._wanted = True
+        self._progress.visible, self._progress.value = True, 0.0
+        self._stop.visible = True
+        self._status.content = note("Comparing …")
+        self._worker.submit("compare", functools.partial(self._compare, self._desk.simap, cancel))
+
+    def stop(self) -> None:
+        """End the comparison, or the wait for it, and show the page's own map again."""
+        self._cancel.set()
+        self._wanted, self._pictures, self._chosen = False, None, None
+        self._status.content = ""
+        self._progress.visible = False
+        self._desk.submit("compare picture", self._draw)
+        if self.active and self._look is not None:
+            self._look(None)
+        self._maps = None
+        self._show_parts()
+
+    def choose(self, item: ItemLike | None) -> None:
+        """Outline a difference boldly on both maps and move the camera there; None chooses none."""
+        self._chosen = item
+        if item is not None and item in self._items:
+            self._first = self._items.index(item) // LISTED * LISTED
+        self._fill_list()
+        self._desk.submit("compare marks", self._remark)
+        if item is not None:
+            self._divide(item)
+            if self._look is not None:
+                self._look(self._around(item))
+
+    @property
+    def _mode(self) -> Mode:
+        return "side by side" if self._how.value == BESIDE else "swipe"
+
+    def _add_choice(self, gui: viser.GuiApi) -> None:
+        changed = self._changed
+        self._sides = (
+            SideChooser(gui, "Left", self._services, self._desk, changed, first="map"),
+            SideChooser(gui, "Right", self._services, self._desk, changed, first=self._default_right()),
+        )
+        self._begin = gui.add_button("Compare", icon=viser.Icon.ARROWS_DIFF)
+        self._begin.on_click(lambda _: self.start())
+        self._progress = gui.add_progress_bar(0.0, visible=False)
+        self._status = gui.add_html("")
+        self._stop = gui.add_button("End comparison", color="gray", visible=False)
+        self._stop.on_click(lambda _: self.stop())
+
+    def _add_view(self, gui: viser.GuiApi) -> None:
+        self._how = gui.add_dropdown("Show as", (SWIPE, BESIDE), initial_value=SWIPE)
+        self._how.on_update(lambda event: self._moved_mode() if event.client_id is not None else None)
+        self._line = gui.add_slider(
+            "Divide (%)", 0, 100, 1, 50, hint="How much of the map, from the west, shows the left one."
+        )
+        self._line.on_update(lambda _: self._desk.submit("compare picture", self._draw))
+        self._headline = gui.add_html("")
+
+    def _add_list(self, gui: viser.GuiApi) -> None:
+        self._kind = gui.add_dropdown("List", EMPTY)
+        self._kind.on_update(lambda event: self._narrow() if event.client_id is not None else None)
+        self._rows = [gui.add_button("-", visible=False) for _ in range(LISTED)]
+        for at, row in enumerate(self._rows):
+            row.on_click(functools.partial(self._row_clicked, at))
+        self._pages = gui.add_button_group("Page", ("Earlier", "Later"), visible=False)
+        self._pages.on_click(lambda event: self._turn(1 if event.target.value == "Later" else -1))
+        self._detail = gui.add_html("")
+        self._mark_all = gui.add_checkbox("Mark all listed", True, hint="Outline all differences that are listed.")
+        self._mark_all.on_update(lambda _: self._desk.submit("compare marks", self._remark))
+        self._summary = gui.add_html("")
+        if self._services.load is not None:
+            upload = gui.add_upload_button("Add a map file (.npz) …", color="gray", mime_type=".npz")
+            upload.on_upload(lambda event: self._desk.submit("map file", functools.partial(self._read, event.target)))
+
+    def _default_right(self) -> str:
+        keys = [source.key for source in self._services.sources]
+        if TRUTH in keys:
+            return TRUTH
+        return "settings" if self._services.rejoin is not None else (keys or ["map"])[0]
+
+    def _read(self, upload: viser.GuiUploadButtonHandle) -> None:
+        if self._services.load is None:
+            return
+        name = upload.value.name
+        simap = self._services.load(name, upload.value.content)
+        for side, chosen in zip(self._sides, (False, True), strict=True):
+            side.add_file(name, simap, choose=chosen)
+        self._desk.say("Map file read", f"{name} has {len(simap.instances)} instances.")
+        self._changed()
+
+    def _changed(self) -> None:
+        if self._wanted:
+            self.start()
+
+    def _compare(self, simap: SIMap, cancel: threading.Event) -> None:
+        def tell(what: str, done: int, total: int) -> None:
+            if cancel.is_set():
+                raise Cancelled
+            self._progress.value = 100.0 * done / max(total, 1)
+            self._status.content = note(f"{what.capitalize()}: {done} of {total}")
+
+        try:
+            left, right = (side.map(simap, tell, cancel) for side in self._sides)
+            maps = self._compared(left, right)
+            pictures = TwoPictures(maps)
+        except Cancelled:
+            return
+        except Exception:
+            if cancel.is_set():
+                return
+            raise
+        if not cancel.is_set():
+            self._show(maps, pictures)
+
+    def _compared(self, left: Named, right: Named) -> TwoMapsLike:
+        keys = [side.key for side in self._sides]
+        if keys[0] == keys[1] == TRUTH or left[1] is right[1]:
+            raise InputError(f"comparison: expected two different maps, found {left[0]} twice")
+        truth = {(True, False): "left", (False, True): "right"}.get((keys[0] == TRUTH, keys[1] == TRUTH))
+        return self._services.compare(left, right, truth)  # pyright: ignore[reportArgumentType]
+
+    def _show(self, maps: TwoMapsLike, pictures: TwoPictures) -> None:
+        begins = self._maps is None
+        self._maps, self._pictures, self._chosen, self._first = maps, pictures, None, 0
+        self._progress.visible = False
+        self._status.content = ""
+        options = kind_options(maps)
+        kept = str(self._kind.value).partition(" (")[0]
+        self._kind.options = options
+        self._kind.value = next((o for o in options if o.partition(" (")[0] == kept), options[0])
+        self._headline.content, self._summary.content = headline_html(maps), summary_html(maps)
+        self._narrow()
+        self._show_parts()
+        if begins and self._look is not None:
+            self._look(pictures.extent_m(self._mode))
+
+    def _failed(self, error: Exception) -> None:
+        self._progress.visible = False
+        self._wanted = self.active
+        self._stop.visible = self.active
+        self._status.content = note("Not compared: see the message.", tone="bad")
+        self._desk.report(error)
+
+    def _show_parts(self) -> None:
+        on = self.active
+        for widget in (self._how, self._headline, self._mark_all, self._summary, self._detail):
+            widget.visible = on
+        self._line.visible = on and self._mode == "swipe"
+        self._begin.visible = not on
+        self._stop.visible = on
+        self._kind.visible = on and bool(self._maps and self._maps.items)
+        self._fill_list()
+
+    def _narrow(self) -> None:
+        maps = self._maps
+        self._items = [] if maps is None else of_kind(maps, str(self._kind.value))
+        self._first, self._chosen = 0, None
+        self._fill_list()
+        self._desk.submit("compare marks", self._remark)
+
+    def _fill_list(self) -> None:
+        maps = self._maps
+        shown = self._items[self._first : self._first + LISTED] if maps is not None else []
+        for at, row in enumerate(self._rows):
+            row.visible = at < len(shown)
+            if maps is not None and at < len(shown):
+                item = shown[at]
+                mark = "▸ " if item is self._chosen else ""
+                row.label = f"{mark}{item_text(item, maps.reference)}"
+                row.color = KINDS[item.kind][0]
+        self._pages.visible = maps is not None and len(self._items) > LISTED
+        if maps is None or self._chosen is None:
+            self._detail.content = ""
+        else:
+            position = self._items.index(self._chosen) + 1 if self._chosen in self._items else 0
+            self._detail.content = chosen_html(self._chosen, maps, position, len(self._items))
+
+    def _turn(self, step: int) -> None:
+        last = max(0, (len(self._items) - 1) // LISTED * LISTED)
+        self._first = min(max(0, self._first + step * LISTED), last)
+        self._fill_list()
+
+    def _row_clicked(self, at: int, _: viser.GuiEvent) -> None:
+        if self._first + at < len(self._items):
+            self.choose(self._items[self._first + at])
+
+    def _moved_mode(self) -> None:
+        self._line.visible = self.active and self._mode == "swipe"
+        self._desk.submit("compare picture", self._draw)
+        if self._pictures is not None and self._look is not None:
+            self._look(self._pictures.extent_m(self._mode))
+
+    def _remark(self) -> None:
+        pictures = self._pictures
+        if pictures is not None:
+            pictures.mark(self._items if self._mark_all.value else (), self._chosen)
+            self._draw()
+
+    def _draw(self) -> None:
+        pictures, share = self._pictures, float(self._line.value) / 100.0
+        self._desk.show_picture(None if pictures is None else pictures.picture(self._mode, share))
+
+    def _sides_under(self, seam: float, x_m: float) -> tuple[int, ...]:
+        """Which of the two maps lies under the pointer."""
+        maps = cast(TwoMapsLike, self._maps)
+        if self._mode == "side by side":
+            return (1,) if seam else (0,)
+        xmin, _, xmax, _ = maps.spec.extent_m
+        return (0,) if x_m < xmin + float(self._line.value) / 100.0 * (xmax - xmin) else (1,)
+
+    def _divide(self, item: ItemLike) -> None:
+        """Put the line through the middle of a difference, so that both maps are seen there."""
+        if self._mode == "swipe" and self._maps is not None:
+            xmin, _, xmax, _ = self._maps.spec.extent_m
+            share = ((item.extent_m[0] + item.extent_m[2]) / 2.0 - xmin) / (xmax - xmin)
+            self._line.value = round(100.0 * min(max(share, 0.0), 1.0))
+
+    def _around(self, item: ItemLike) -> tuple[float, float, float, float]:
+        """What to show of a difference: its surroundings, on both maps."""
+        xmin, ymin, xmax, ymax = item.extent_m
+        margin = max(2.0, 0.8 * max(xmax - xmin, ymax - ymin))
+        if self._mode == "side by side" and self._pictures is not None:
+            seam = self._pictures.seam_m
+            return xmin - margin, ymin - margin, xmax + seam + margin, ymax + margin
+        return xmin - margin, ymin - margin, xmax + margin, ymax + margin

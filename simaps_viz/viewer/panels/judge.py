@@ -1,0 +1,220 @@
+"""The panel on which people judge runs: blind, one after the other, every answer saved at once."""
+
+import functools
+import re
+import threading
+import time
+from collections.abc import Callable, Sequence
+from contextlib import AbstractContextManager
+from typing import Any, Literal
+
+import numpy as np
+import viser
+
+from simaps_viz.errors import SIMapsError
+from simaps_viz.structures import Pose2, SIMap
+from simaps_viz.viewer.drawing.label_layout import Label, spread
+from simaps_viz.viewer.drawing.scene import MapScene
+from simaps_viz.viewer.driving.drive import Drive, Trajectory, poses_along, trajectory
+from simaps_viz.viewer.panels.command_words import message_html
+from simaps_viz.viewer.panels.judge_words import outcome_text, run_html, summary_html
+from simaps_viz.viewer.services import CandidateLike, JudgingLike, RunLike
+
+Verdict = Literal["yes", "no", "skip"]
+ASKED = "Did it do what was asked?"
+LOOK_FIRST_S = 0.4
+"""An answer that comes sooner after a run has appeared was meant for the run before."""
+PAUSE_S = 0.6
+"""How long the robot stands at each stop, at normal speed."""
+FIRST_S = 1.6
+"""How long it stands at the start, so that one sees where it looks."""
+_COMPASS = ("north", "northeast", "east", "southeast", "south", "southwest", "west", "northwest")
+MOST_LABELS = 12
+_ANSWERS: tuple[tuple[Verdict, str, str, str, viser.IconName], ...] = (
+    ("yes", "Yes  (key Y)", "Y", "green", viser.Icon.CHECK),
+    ("no", "No  (key N)", "N", "red", viser.Icon.X),
+    ("skip", "Skip  (key S)", "S", "gray", viser.Icon.PLAYER_SKIP_FORWARD),
+)
+
+
+class JudgePanel:
+    """Plays the runs of a session on the true map and takes the answers. All pages answer into one."""
+
+    def __init__(
+        self,
+        gui: viser.GuiApi,
+        scene: MapScene,
+        session: JudgingLike,
+        *,
+        simap: SIMap,
+        candidates: Callable[[SIMap, str, Pose2], Sequence[CandidateLike]] | None,
+        take_robot: Callable[[], None],
+        lock: AbstractContextManager[object] | None = None,
+    ) -> None:
+        """Fill the current container; ``show`` begins.
+
+        Args:
+            gui: where the widgets go.
+            scene: where the robot drives.
+            session: the runs, and where answers go.
+            simap: the true map.
+            candidates: tells how far the things of a class are from a place.
+            take_robot: called before this moves the robot.
+            lock: held while an answer is saved; one for all pages of a session.
+        """
+        self._scene, self._session, self._simap = scene, session, simap
+        self._candidates, self._take_robot = candidates, take_robot
+        self._run: RunLike | None = None
+        self._seen: list[RunLike] = []
+        self._again: RunLike | None = None
+        self._shown_at = 0.0
+        self._lock = lock or threading.RLock()
+        self._drive = Drive(lambda pose, _share, _leg: scene.show_robot(pose), lambda: None)
+        self._fill(gui)
+
+    @property
+    def run(self) -> RunLike | None:
+        """The run that is shown; None when all are judged."""
+        return self._run
+
+    def show(self) -> None:
+        """Show the first run without an answer, or, when there is none, what people say."""
+        with self._lock:
+            again, self._again = self._again, None
+            self._run = again or self._session.next_run()
+            if self._run is None:
+                self._show_summary()
+                return
+            self._show_run(self._run)
+
+    def answer(self, verdict: Verdict) -> None:
+        """Save an answer for the run that is shown, and go on."""
+        with self._lock:
+            run = self._run
+            if run is None or time.monotonic() - self._shown_at < LOOK_FIRST_S:
+                return
+            try:
+                self._session.judge(run.run_id, verdict)
+            except SIMapsError as error:
+                self._said.content = message_html("Not saved", f"{error}. Answer again.", "bad")
+                return
+            if run not in self._seen:
+                self._seen.append(run)
+            self.show()
+
+    def replay(self) -> None:
+        """Let the robot drive once more."""
+        with self._lock:
+            if self._run is not None:
+                self._show_run(self._run)
+
+    def back(self) -> None:
+        """Show the run before this one again; a new answer replaces the old one."""
+        with self._lock:
+            at = self._seen.index(self._run) if self._run in self._seen else len(self._seen)
+            if at > 0:
+                self._again = self._seen[at - 1]
+                self.show()
+
+    def leave(self) -> None:
+        """Stop driving and take all this drew off the map; ``replay`` brings it back."""
+        self._drive.stop()
+        self._scene.show_path(np.zeros((0, 2)))
+        self._scene.show_candidates(())
+
+    def close(self) -> None:
+        """Stop driving."""
+        self._drive.stop()
+
+    def _fill(self, gui: viser.GuiApi) -> None:
+        self._head = gui.add_html("")
+        self._said = gui.add_html("")
+        self._question = gui.add_html(f'<div style="padding:.4em .8em 0;font-weight:600">{ASKED}</div>')
+        self._buttons = []
+        for verdict, label, key, color, icon in _ANSWERS:
+            button = gui.add_button(label, color=color, icon=icon)  # pyright: ignore[reportArgumentType]
+            button.on_click(functools.partial(self._clicked, verdict))
+            command = gui.add_command(f"Judge: {verdict}", hotkey=key, icon=icon)  # pyright: ignore[reportArgumentType]
+            command.on_trigger(functools.partial(self._clicked, verdict))
+            self._buttons.append(button)
+        self._progress = gui.add_progress_bar(0.0)
+        self._tools = gui.add_button_group("Run", ("Play again", "Back"), hint="Back: answer the last one anew.")
+        self._tools.on_click(lambda event: self.replay() if event.target.value == "Play again" else self.back())
+        self._speed = gui.add_slider("Speed (×)", 0.25, 8.0, 0.25, 2.0)
+        self._speed.on_update(lambda _: self._set_speed())
+        self._set_speed()
+
+    def _clicked(self, verdict: Verdict, _event: Any) -> None:
+        self.answer(verdict)
+
+    def _set_speed(self) -> None:
+        self._drive.speed = float(self._speed.value)
+
+    def _show_run(self, run: RunLike) -> None:
+        self._take_robot()
+        self._shown_at = time.monotonic()
+        self._head.content = run_html(run)
+        self._said.content = message_html("", outcome_text(run.shown), "plain")
+        self._show_progress(run.number - 1, run.total)
+        start = Pose2.from_heading(*(float(v) for v in run.shown["start"]))
+        track = np.asarray(run.shown.get("track") or [[start.x_m, start.y_m]], np.float64).reshape(-1, 2)
+        self._scene.show_path(track)
+        height = self._scene.extent[3] - self._scene.extent[1]
+        self._scene.show_candidates(spread([*places(run, start), *self._things(run, start)], height))
+        self._scene.show_robot(start)
+        self._drive.start(ride(start, track, run.shown.get("stops") or []))
+
+    def _show_progress(self, done: int, total: int) -> None:
+        self._progress.value = 100.0 * done / max(total, 1)
+
+    def _show_summary(self) -> None:
+        self.leave()
+        self._head.content = summary_html(self._session)
+        for widget in (self._said, self._question, self._progress, self._tools, self._speed):
+            widget.visible = False
+        for button in self._buttons:
+            button.visible = False
+
+    def _things(self, run: RunLike, start: Pose2) -> list[Label]:
+        """Say how far the things the command names are from where it was given; without ranks, which judge."""
+        if self._candidates is None:
+            return []
+        texts: list[Label] = []
+        for label in named_in(str(run.shown.get("command", "")), list(self._simap.counts())):
+            for one in self._candidates(self._simap, label, start)[:MOST_LABELS]:
+                texts.append((f"{label} · {one.distance_m:.1f} m", *one.instance.centroid_m[:2]))
+        return texts
+
+
+def named_in(command: str, labels: Sequence[str]) -> list[str]:
+    """Give the classes that a command names, or of whose names it has the last word ("table", "plants")."""
+    words = set(re.findall(r"[a-z]+", command.lower()))
+    words |= {word.removesuffix("es") for word in words} | {word.removesuffix("s") for word in words}
+    return [label for label in labels if label.lower().split()[-1] in words]
+
+
+def places(run: RunLike, start: Pose2) -> list[Label]:
+    """Name the start, the stops and the collision of a run: texts, each at its (x, y)."""
+    stops, hit = run.shown.get("stops") or [], run.shown.get("collision")
+    looks = _COMPASS[round(start.heading_deg / 45.0) % 8]
+    texts: list[Label] = [(f"start, looking {looks}", start.x_m, start.y_m)]
+    for number, (x, y) in enumerate(stops, start=1):
+        texts.append(("stop" if len(stops) == 1 else f"stop {number}", float(x), float(y)))
+    if hit:
+        texts.append(("✖ collision", float(hit[0]), float(hit[1])))
+    return texts
+
+
+def ride(start: Pose2, track_m: np.ndarray, stops_m: Sequence[Sequence[float]]) -> Trajectory:
+    """Time a drive along a track [n, 2]: it begins as it was told to, looks where it drives, and rests at each stop."""
+    poses = poses_along(start, track_m, Pose2(float(track_m[-1, 0]), float(track_m[-1, 1]), start.yaw_rad))
+    poses = poses[:-1]  # nobody knows where it looked in the end: the way it came
+    poses = np.concatenate([poses[:1], poses])
+    wait = np.zeros(len(poses))
+    wait[1] = FIRST_S
+    at = 0
+    for stop in stops_m:
+        gap = np.hypot(*(poses[at:, :2] - np.asarray(stop, np.float64)).T)
+        at += int(gap.argmin())
+        wait[min(at + 1, len(poses) - 1)] += PAUSE_S
+    return Trajectory(poses, trajectory(poses).times_s + np.cumsum(wait))

@@ -1,0 +1,108 @@
+"""The tab in front while a map is being built: how far it is, how fast, how long still; stop and go on."""
+
+import threading
+from html import escape
+
+import viser
+
+from simaps_viz.structures import SIMap
+from simaps_viz.viewer.desk import Desk
+from simaps_viz.viewer.drawing.legend import plural
+from simaps_viz.viewer.drawing.theme import BOX_STYLE, DIM_STYLE
+from simaps_viz.viewer.panels.live_services import LiveServices, LiveState, Status
+from simaps_viz.viewer.panels.spec import PROGRESS, PanelSpec
+
+EVERY_S = 0.25
+"""How often the numbers are brought up to date."""
+HEADS: dict[Status, str] = {
+    "starting": "Waiting for the first frame …",
+    "building": "Building the map",
+    "finishing": "All frames are in: finding the objects …",
+    "stopping": "Stopping after this frame …",
+    "stopped": "Stopped",
+    "failed": "The build failed",
+    "done": "The map is done",
+}
+
+
+def live_panel(services: LiveServices) -> PanelSpec:
+    """Give the tab."""
+    return PanelSpec(PROGRESS, viser.Icon.HAMMER, lambda desk: LivePanel(desk, services), place="front")
+
+
+class LivePanel:
+    """The widgets; a thread of its own keeps them up to date until the map is done or the person has gone."""
+
+    def __init__(self, desk: Desk, services: LiveServices) -> None:
+        """Fill the open container."""
+        self._services = services
+        self._closed = threading.Event()
+        self._shown: LiveState | None = None
+        gui = desk.gui
+        self._head = gui.add_html("")
+        self._bar = gui.add_progress_bar(0.0, animated=True)
+        self._text = gui.add_html("")
+        self._stop = gui.add_button("Stop", icon=viser.Icon.PLAYER_STOP, color="gray")
+        self._stop.on_click(lambda _: services.stop())
+        self._go_on = gui.add_button("Go on", icon=viser.Icon.PLAYER_PLAY, visible=False)
+        self._go_on.on_click(lambda _: services.go_on())
+        self._update()
+        threading.Thread(target=self._run, name="workbench-live", daemon=True).start()
+
+    def map_changed(self, simap: SIMap) -> None:
+        """The numbers come from the build, not from the map."""
+
+    def take_click(self, x_m: float, y_m: float) -> bool:
+        """Let every click pass."""
+        return False
+
+    def close(self) -> None:
+        """Stop looking."""
+        self._closed.set()
+
+    def _run(self) -> None:
+        while not self._closed.wait(EVERY_S):
+            self._update()
+
+    def _update(self) -> None:
+        state = self._services.state()
+        if state == self._shown:
+            return
+        self._shown = state
+        self._head.content = head_html(state)
+        self._bar.value = 100.0 * state.done / max(state.total, 1)
+        self._text.content = text_html(state)
+        self._stop.visible = state.status in ("starting", "building", "finishing", "stopping")
+        self._stop.disabled = state.status in ("finishing", "stopping")
+        self._go_on.visible = state.status in ("stopped", "failed")
+
+
+def head_html(state: LiveState) -> str:
+    """Say what is going on."""
+    style = ";color:light-dark(#b02a2a,#ff8f8f)" if state.status == "failed" else ""
+    style = f"{BOX_STYLE};font-size:1em;font-weight:600{style}"
+    return f'<div role="status" style="{style}">{escape(HEADS[state.status])}</div>'
+
+
+def text_html(state: LiveState) -> str:
+    """Say how far, how fast, how long."""
+    parts = [f"{state.done} of {plural(state.total, 'frame')}"]
+    if state.status == "building" and state.rate:
+        parts.append(f"{state.rate:.{0 if state.rate >= 10 else 1}f} frames/s")
+    if state.status == "building" and state.left_s is not None:
+        parts.append(f"{duration(state.left_s)} left")
+    if state.skipped:
+        parts.append(f"{state.skipped} could not be read")
+    lines = [f"<div>{escape(' · '.join(parts))}</div>"]
+    lines += [f"<div>{escape(state.error)}</div>"] if state.error else []
+    lines += [f'<div style="{DIM_STYLE};overflow-wrap:anywhere">{escape(state.said)}</div>'] if state.said else []
+    return f'<div style="{BOX_STYLE}">{"".join(lines)}</div>'
+
+
+def duration(seconds: float) -> str:
+    """Say how long: "8 s", "2 min 05 s", "1 h 10 min"."""
+    whole = max(round(seconds), 1)
+    if whole < 60:
+        return f"{whole} s"
+    minutes, rest = divmod(whole, 60)
+    return f"{minutes} min {rest:02d} s" if minutes < 60 else f"{minutes // 60} h {minutes % 60:02d} min"

@@ -1,0 +1,214 @@
+"""The panel about the whole map: where it is from, how it is cut into instances, what its colours mean."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from html import escape
+from pathlib import PurePath
+from typing import cast
+
+import viser
+
+from simaps_viz.structures import SIMap
+from simaps_viz.viewer.drawing.legend import counts_text, legend_html
+from simaps_viz.viewer.drawing.texture import COLOR_MODES, ColorMode
+from simaps_viz.viewer.drawing.theme import BADGE_STYLE, LIGHT, Theme
+
+TOP, SLANT = "Top view", "3-D view"
+EVERY_CLASS = "all classes"
+DEFAULT_RESOLUTION = 1.0
+LEGEND_STYLE = "max-height:11.5em;overflow-y:auto;border-block:1px solid rgba(128,128,128,.25)"
+"""The legend scrolls by itself, so that the sliders under it stay in sight."""
+
+
+@dataclass(frozen=True)
+class Joining:
+    """The slider that decides which communities are one instance."""
+
+    parameter: str
+    scale: float
+    """Percent = scale x parameter."""
+    default: float
+    title: str
+    word: str
+    hint: str
+
+    def percent(self, simap: SIMap) -> float:
+        """Give the slider's value for a map."""
+        return round(self.scale * float(simap.parameters.get(self.parameter, self.default)), 6)
+
+
+JOINING_OF = {
+    "paper": Joining(
+        "k_percent", 1.0, 5.0, "K (%)", "K",
+        "A community joins another while more than K % of its cells neighbour it.",
+    ),
+    "evidence": Joining(
+        "affinity", 100.0, 0.6, "Evidence (%)", "evidence",
+        "Two parts are one object while more than this share of what the frames saw of both says so.",
+    ),
+}  # fmt: skip
+"""By method."""
+
+
+@dataclass(frozen=True)
+class MapActions:
+    """Whom the panel tells; none of these may take long."""
+
+    partition: Callable[[float, float], None]
+    """(K or evidence in percent, Louvain resolution) were chosen."""
+    restyle: Callable[[], None]
+    """The colour mode or the class to emphasise changed."""
+    look: Callable[[str], None]
+    """TOP or SLANT was asked for."""
+
+
+class MapPanel:
+    """The widgets; the map they speak of comes with ``show``."""
+
+    def __init__(
+        self, gui: viser.GuiApi, simap: SIMap, actions: MapActions, *, with_k: bool, with_resolution: bool
+    ) -> None:
+        """Fill the current container.
+
+        Args:
+            gui: where.
+            simap: the map that the sliders cut.
+            actions: whom to tell.
+            with_k: whether maps can be cut with another K or evidence.
+            with_resolution: whether communities can be found anew.
+        """
+        self._actions, self._with_k, self._with_resolution = actions, with_k, with_resolution
+        joining = JOINING_OF.get(simap.method, JOINING_OF["paper"])
+        self._k0 = joining.percent(simap)
+        self._resolution0 = float(simap.parameters.get("resolution", DEFAULT_RESOLUTION))
+        self._origin = gui.add_html(origin_html(simap))
+        self._counts = gui.add_html("")
+        self._legend = gui.add_html("")
+        self._k = gui.add_slider(
+            joining.title,
+            0.0,
+            100.0,
+            0.5,
+            self._k0,
+            hint=joining.hint,
+        )
+        self._resolution = gui.add_slider(
+            "Resolution",
+            0.05,
+            5.0,
+            0.05,
+            min(max(self._resolution0, 0.05), 5.0),
+            hint="Louvain resolution: higher values cut objects into more communities before they are merged.",
+        )
+        for slider in (self._k, self._resolution):
+            slider.on_update(self._chosen)
+        self._reset = gui.add_button(
+            f"Reset {joining.word} and resolution",
+            icon=viser.Icon.ARROW_BACK_UP,
+            color="gray",
+        )
+        self._reset.on_click(lambda _: self.reset())
+        view = gui.add_button_group("View", (TOP, SLANT))
+        view.on_click(lambda event: actions.look(event.target.value))
+        self._mode = gui.add_dropdown("Colours", COLOR_MODES, initial_value=COLOR_MODES[0])
+        self._class = gui.add_dropdown("Show", (EVERY_CLASS, *simap.counts()), initial_value=EVERY_CLASS)
+        for widget in (self._mode, self._class):
+            widget.on_update(lambda _: actions.restyle())
+        self.come_from(simap)
+
+    @property
+    def percent(self) -> float:
+        """K or evidence, percent, as the slider stands."""
+        return float(self._k.value)
+
+    @property
+    def resolution(self) -> float:
+        """Louvain resolution, as the slider stands."""
+        return float(self._resolution.value)
+
+    @property
+    def touched(self) -> bool:
+        """Whether the sliders are not where the map has them."""
+        return (self.percent, self.resolution) != (self._k0, min(max(self._resolution0, 0.05), 5.0))
+
+    @property
+    def mode(self) -> ColorMode:
+        """What the colours shall mean."""
+        return cast(ColorMode, self._mode.value)
+
+    @property
+    def shown_class(self) -> str | None:
+        """The class to emphasise, or None for all."""
+        return None if self._class.value == EVERY_CLASS else self._class.value
+
+    def come_from(self, base: SIMap) -> None:
+        """Another map is the one that the sliders cut: set them to how it was cut."""
+        joining = JOINING_OF.get(base.method, JOINING_OF["paper"])
+        self._k0 = joining.percent(base)
+        self._resolution0 = float(base.parameters.get("resolution", DEFAULT_RESOLUTION))
+        self._origin.content = origin_html(base)
+        self._k.label, self._k.hint = joining.title, joining.hint
+        self._k.visible = self._with_k and joins(base)
+        self._resolution.visible = self._with_resolution and "resolution" in base.parameters
+        self._reset.label = f"Reset {joining.word} and resolution"
+        self._reset.visible = self._k.visible or self._resolution.visible
+        self.set_sliders(self._k0, self._resolution0)
+
+    def set_sliders(self, percent: float, resolution: float) -> None:
+        """Put the sliders somewhere, without a word to anyone."""
+        self._k.value = percent
+        self._resolution.value = min(max(resolution, 0.05), 5.0)
+
+    def set_look(self, mode: ColorMode, shown_class: str | None) -> None:
+        """Choose what the colours mean, and the class to emphasise."""
+        self._mode.value = mode
+        if shown_class is None or shown_class in self._class.options:
+            self._class.value = shown_class or EVERY_CLASS
+
+    def show(self, simap: SIMap, theme: Theme = LIGHT) -> None:
+        """Say what is on the map now."""
+        self._counts.content = counts_html(simap)
+        self._legend.content = f'<div style="{LEGEND_STYLE}">{legend_html(simap, self.mode, theme)}</div>'
+        options = (EVERY_CLASS, *simap.counts())
+        if options != tuple(self._class.options):
+            self._class.options = options  # of the same classes in another order the chosen one stays
+
+    def reset(self) -> None:
+        """Go back to the K and resolution the map came with."""
+        self.set_sliders(self._k0, self._resolution0)
+        self._actions.partition(self._k0, self._resolution0)
+
+    def _chosen(self, event: viser.GuiEvent) -> None:
+        if event.client_id is not None:
+            self._actions.partition(float(self._k.value), float(self._resolution.value))
+
+
+def origin_html(simap: SIMap) -> str:
+    """Say where a map comes from, and that it is simulated where it is."""
+    sequence = PurePath(str(simap.provenance.get("sequence", "unknown sequence")))
+    folder = sequence.parent.name if sequence.suffix == ".json" and sequence.parent.name else sequence.name
+    name = str(simap.provenance.get("name") or folder)
+    source = str(simap.provenance.get("segmentation", "unknown"))
+    badge = ""
+    if simap.provenance.get("simulated"):
+        badge = f'<span style="{BADGE_STYLE}">simulated</span> '
+    return (
+        '<div style="padding:.5em .8em 0;font-size:.85em;line-height:1.5">'
+        f'<div style="font-size:1.15em;font-weight:600">{escape(name)}</div>'
+        f"<div>method <b>{escape(simap.method)}</b> · {len(simap.frame_names)} frames · "
+        f"{simap.spec.cell_size_m * 100:g} cm cells</div><div>{badge}segmentation: {escape(source)}</div></div>"
+    )
+
+
+def counts_html(simap: SIMap) -> str:
+    """Put the counts in a line of their own."""
+    return (
+        '<div style="padding:.2em .8em .4em;font-size:.88em;font-weight:600;line-height:1.4">'
+        f"{escape(counts_text(simap))}</div>"
+    )
+
+
+def joins(simap: SIMap) -> bool:
+    """Tell whether the map has a merge log that a slider can follow."""
+    joining = JOINING_OF.get(simap.method)
+    return joining is not None and joining.parameter in simap.parameters

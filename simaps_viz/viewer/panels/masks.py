@@ -1,0 +1,324 @@
+"""The section that shows what the network saw on one frame, and what other thresholds would make of it."""
+
+import threading
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import numpy as np
+import viser
+from numpy.typing import NDArray
+
+from simaps_viz.errors import SIMapsError
+from simaps_viz.structures import Segmentation, SIMap
+from simaps_viz.viewer.desk import Desk
+from simaps_viz.viewer.drawing.legend import plural
+from simaps_viz.viewer.drawing.mask_picture import MaskStyle, paint_masks
+from simaps_viz.viewer.panels.mask_words import (
+    class_counts,
+    command_words,
+    effect_words,
+    error_html,
+    has_confidence,
+    masks_legend,
+    note_html,
+    segments_html,
+    working_html,
+)
+from simaps_viz.viewer.panels.spec import PanelSpec
+
+LARGE_PX = 1400
+"""Width of the enlarged picture."""
+PREVIOUS, NEXT = "Previous", "Next"
+ALL, NONE = "All", "None"
+NO_SCORES = "These masks carry no confidence: each says 1."
+
+
+@dataclass(frozen=True)
+class Knob:
+    """A threshold that a person may move."""
+
+    key: str
+    label: str
+    value: float
+    """The one the map was built with."""
+    hint: str
+    option: str = ""
+    """Of the command line; empty where there is none."""
+
+
+@dataclass(frozen=True, eq=False)
+class SegmentationServices:
+    """What the section can ask for. Frames are counted as the map's are."""
+
+    frame_names: tuple[str, ...] = ()
+    look: Callable[[int], tuple[NDArray, Segmentation]] | None = None
+    """frame -> (uint8 [H, W, 3] RGB, the masks the map was built from); None: neither is at hand."""
+    retry: Callable[[int, Mapping[str, float]], Segmentation] | None = None
+    """(frame, thresholds by key) -> masks; None: thresholds cannot be tried."""
+    runs_network: bool = False
+    """Whether the first ``retry`` of a frame runs the network, which takes a while."""
+    knobs: tuple[Knob, ...] = ()
+    source: str = ""
+    """Where the masks come from, in words."""
+    network: str = ""
+    """The network's file, for the command line."""
+    notes: tuple[str, ...] = ()
+    """What is missing, or worth knowing, in words."""
+
+
+@dataclass(frozen=True, eq=False)
+class _Seen:
+    """A frame as it was read last."""
+
+    frame: int
+    rgb: NDArray
+    before: Segmentation
+    """As the map was built."""
+    now: Segmentation
+
+
+@dataclass
+class _Widgets:
+    """The handles; only there when there is something to show."""
+
+    frame: Any = None
+    picture: Any = None
+    legend: Any = None
+    color_by: Any = None
+    opacity: Any = None
+    names: Any = None
+    classes: Any = None
+    class_boxes: dict[str, Any] = field(default_factory=dict)
+    knobs: dict[str, Any] = field(default_factory=dict)
+    effect: Any = None
+    segments: Any = None
+
+
+def masks_panel(services: SegmentationServices) -> PanelSpec:
+    """Give the tab of a page that has this section."""
+
+    def make(desk: Desk) -> SegmentationPanel:
+        return SegmentationPanel(desk, services, on_frame=desk.jump)
+
+    return PanelSpec("Masks", viser.Icon.PHOTO, make)
+
+
+class SegmentationPanel:
+    """The widgets; fills the container that is open. ``show_frame`` follows the page's frame."""
+
+    def __init__(
+        self, desk: Desk, services: SegmentationServices, *, on_frame: Callable[[int], None] | None = None
+    ) -> None:
+        """Take the page, what can be asked, and whom to tell when a frame is chosen here."""
+        self._desk, self._services, self._on_frame = desk, services, on_frame
+        self._seen: _Seen | None = None
+        self._closed = False
+        self._lock = threading.Lock()
+        self._w = _Widgets()
+        gui = desk.gui
+        source = f"Masks: {services.source}." if services.source else ""
+        gui.add_html("".join(map(note_html, (source, *services.notes))))
+        self._status = gui.add_html("")
+        if services.look is not None:
+            self._add_frame(gui)
+            self._add_knobs(gui)
+            self._w.classes = gui.add_folder("Classes", expand_by_default=False)
+            with self._w.classes:
+                every = gui.add_button_group("Show", (ALL, NONE))
+                every.on_click(lambda event: self._switch_all(str(event.target.value) == ALL))
+            self._add_drawing(gui)
+            self._w.segments = gui.add_html("")
+            self.refresh()
+
+    @property
+    def masks(self) -> Segmentation | None:
+        """The masks that are shown."""
+        return None if self._seen is None else self._seen.now
+
+    @property
+    def frame(self) -> int:
+        """The frame that is shown."""
+        return 0 if self._w.frame is None else int(self._w.frame.value)
+
+    @property
+    def hidden(self) -> frozenset[str]:
+        """The classes that are switched off."""
+        return frozenset(label for label, box in self._w.class_boxes.items() if not box.value)
+
+    def show_frame(self, frame: int) -> None:
+        """Show another frame; those that do not exist are left alone."""
+        if self._w.frame is not None and 0 <= frame < len(self._services.frame_names) and frame != self.frame:
+            self._w.frame.value = frame
+            self.refresh()
+
+    def map_changed(self, simap: SIMap) -> None:
+        """Another map of the same frames is shown: nothing changes here."""
+
+    def take_click(self, x_m: float, y_m: float) -> bool:
+        """Clicks on the map mean nothing here."""
+        return False
+
+    def state(self) -> dict[str, Any]:
+        """Give what this person chose, for a page that is loaded again."""
+        w = self._w
+        if w.frame is None:
+            return {}
+        knobs = {key: float(slider.value) for key, slider in w.knobs.items()}
+        return {"frame": self.frame, "color_by": w.color_by.value, "opacity": w.opacity.value, "names": w.names.value,
+                "knobs": knobs, "hidden": sorted(self.hidden)}  # fmt: skip
+
+    def restore(self, state: Mapping[str, Any]) -> None:
+        """Take it back."""
+        w = self._w
+        if w.frame is None or not state:
+            return
+        w.frame.value = min(int(state["frame"]), len(self._services.frame_names) - 1)
+        w.color_by.value, w.opacity.value, w.names.value = state["color_by"], state["opacity"], state["names"]
+        for key, value in state["knobs"].items():
+            if key in w.knobs:
+                w.knobs[key].value = value
+        for label in state["hidden"]:
+            self._box(label).value = False
+        self.refresh()
+
+    def close(self) -> None:
+        """The person has gone."""
+        self._closed = True
+
+    def refresh(self) -> None:
+        """Draw anew, soon."""
+        self._desk.submit("segmentation", self._update)
+
+    def _add_frame(self, gui: viser.GuiApi) -> None:
+        last = max(len(self._services.frame_names) - 1, 0)
+        self._w.frame = gui.add_slider("Masks of frame", 0, max(last, 1), 1, last, disabled=last == 0)
+        self._w.frame.on_update(lambda event: self._chose(self.frame) if event.client_id is not None else None)
+        step = gui.add_button_group("Step", (PREVIOUS, NEXT), disabled=last == 0)
+        step.on_click(lambda event: self._step(1 if str(event.target.value) == NEXT else -1))
+        self._w.picture = gui.add_image(np.full((4, 6, 3), 235, np.uint8), format="jpeg", jpeg_quality=85)
+        self._w.legend = gui.add_html("")
+
+    def _add_drawing(self, gui: viser.GuiApi) -> None:
+        self._w.color_by = gui.add_dropdown("Mask colour", ("class", "confidence"), initial_value="class")
+        self._w.opacity = gui.add_slider("Mask opacity", 0.0, 1.0, 0.05, MaskStyle.opacity)
+        self._w.names = gui.add_checkbox("Names", True, hint="Write class and confidence on each segment.")
+        for widget in (self._w.color_by, self._w.opacity, self._w.names):
+            widget.on_update(lambda event: self.refresh() if event.client_id is not None else None)
+        enlarge = gui.add_button("Enlarge", icon=viser.Icon.MAXIMIZE)
+        enlarge.on_click(lambda _: self._desk.submit("enlarge masks", self._enlarge))
+
+    def _add_knobs(self, gui: viser.GuiApi) -> None:
+        services = self._services
+        if services.retry is None or not services.knobs:
+            return
+        with gui.add_folder("Thresholds, on this frame only"):
+            for knob in services.knobs:
+                low, high = min(0.02, knob.value), max(0.98, knob.value)
+                slider = gui.add_slider(knob.label, low, high, 0.01, knob.value, hint=knob.hint)
+                slider.on_update(lambda event: self.refresh() if event.client_id is not None else None)
+                self._w.knobs[knob.key] = slider
+            reset = gui.add_button("As the map was built", icon=viser.Icon.ARROW_BACK_UP)
+            reset.on_click(lambda _: self._reset())
+            self._w.effect = gui.add_html("")
+
+    def _step(self, by: int) -> None:
+        frame = min(max(self.frame + by, 0), len(self._services.frame_names) - 1)
+        if frame != self.frame:
+            self._w.frame.value = frame
+            self._chose(frame)
+
+    def _chose(self, frame: int) -> None:
+        self.refresh()
+        if self._on_frame is not None:
+            self._on_frame(frame)
+
+    def _reset(self) -> None:
+        for knob in self._services.knobs:
+            self._w.knobs[knob.key].value = knob.value
+        self.refresh()
+
+    def _switch_all(self, on: bool) -> None:
+        for box in self._w.class_boxes.values():
+            box.value = on
+        self.refresh()
+
+    def _values(self) -> dict[str, float]:
+        """Give the thresholds that differ from those the map was built with."""
+        now = {knob.key: float(self._w.knobs[knob.key].value) for knob in self._services.knobs if self._w.knobs}
+        built = {knob.key: knob.value for knob in self._services.knobs}
+        return {key: value for key, value in now.items() if abs(value - built[key]) > 1e-6}
+
+    def _update(self) -> None:
+        """Read what is to be shown, and show it; on the worker's thread."""
+        if self._closed or self._services.look is None:
+            return
+        frame = self.frame
+        try:
+            with self._lock:
+                seen = self._read(frame)
+        except SIMapsError as error:
+            self._status.content = error_html(str(error))
+            return
+        self._seen = seen
+        self._show_classes(seen.now)
+        self._w.picture.image = paint_masks(seen.rgb, seen.now, self._style())
+        self._w.legend.content = masks_legend(seen.now, self._w.color_by.value)
+        self._w.segments.content = segments_html(seen.now, self.hidden)
+        name = f"Frame {self._services.frame_names[frame]}, {frame + 1} of {len(self._services.frame_names)}."
+        self._status.content = note_html(name) + note_html("" if has_confidence(seen.now) else NO_SCORES)
+        if self._w.effect is not None:
+            self._w.effect.content = note_html(effect_words(seen.before, seen.now)) + note_html(self._command())
+
+    def _read(self, frame: int) -> _Seen:
+        look, retry, values = self._services.look, self._services.retry, self._values()
+        assert look is not None
+        seen = self._seen
+        if seen is None or seen.frame != frame:
+            rgb, before = look(frame)
+            seen = _Seen(frame, rgb, before, before)
+        if not values or retry is None:
+            return replace(seen, now=seen.before)
+        if self._services.runs_network:
+            self._status.content = working_html("Reading the network's output anew")
+        return replace(seen, now=retry(frame, {**{k.key: k.value for k in self._services.knobs}, **values}))
+
+    def _style(self) -> MaskStyle:
+        w = self._w
+        return MaskStyle(w.color_by.value, float(w.opacity.value), bool(w.names.value), self.hidden)
+
+    def _show_classes(self, masks: Segmentation) -> None:
+        """Have a switch for each class of the frame, and keep those of classes that are switched off."""
+        counts = class_counts(masks)
+        for label, (count, thing) in counts.items():
+            self._box(label).label = f"{label} ({count})" if thing else f"{label} ({count}, stuff)"
+        for label, box in self._w.class_boxes.items():
+            if label not in counts:
+                box.label = f"{label} (0)"
+            box.visible = label in counts or not box.value
+        shown = sum(count for label, (count, _) in counts.items() if self._w.class_boxes[label].value)
+        self._w.classes.label = f"Classes: {shown} of {plural(len(masks.segments), 'segment')} shown"
+
+    def _box(self, label: str) -> Any:
+        """Give the switch of a class; make it when there is none yet."""
+        if label not in self._w.class_boxes:
+            with self._w.classes:
+                box = self._desk.gui.add_checkbox(label, True)
+            box.on_update(lambda event: self.refresh() if event.client_id is not None else None)
+            self._w.class_boxes[label] = box
+        return self._w.class_boxes[label]
+
+    def _command(self) -> str:
+        options = {knob.key: knob.option for knob in self._services.knobs if knob.option}
+        return command_words(self._services.network, self._values(), options) if self._services.network else ""
+
+    def _enlarge(self) -> None:
+        seen = self._seen
+        if self._closed or seen is None:
+            return
+        name = self._services.frame_names[seen.frame]
+        modal = self._desk.gui.add_modal(f"Frame {name}: {plural(len(seen.now.segments), 'segment')}")
+        with modal:
+            large = replace(self._style(), width=LARGE_PX, font_px=18)
+            self._desk.gui.add_image(paint_masks(seen.rgb, seen.now, large), format="jpeg", jpeg_quality=85)
+            self._desk.gui.add_button("Close").on_click(lambda _: modal.close())

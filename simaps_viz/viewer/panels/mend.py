@@ -1,0 +1,276 @@
+"""The panel on which people put the map right: join, cut, rename, delete; undo and redo; who did what, when."""
+
+import math
+from collections.abc import Callable
+from typing import Any, Literal
+
+import viser
+
+from simaps_viz.errors import InputError, SIMapsError
+from simaps_viz.structures import Instance, SIMap
+from simaps_viz.viewer.desk import Desk
+from simaps_viz.viewer.drawing.legend import object_name
+from simaps_viz.viewer.panels.command_words import message_html
+from simaps_viz.viewer.panels.mend_services import CutMark, MendServices, Point
+from simaps_viz.viewer.panels.mend_words import classes, edits_html, nearest, saved_html, selected_html
+
+NEW_CLASS = "new class …"
+ON_MAP = "click it on the map"
+CLICKS, NORTH, EAST = "line through 2 clicks", "north to south, middle", "west to east, middle"
+ONLY_NEW: tuple[str, ...] = (NEW_CLASS,)
+ONLY_ON_MAP: tuple[str, ...] = (ON_MAP,)
+Waiting = Literal["join", "cut"] | None
+
+
+class MendPanel:
+    """The widgets of one page; the edits themselves are shared by all pages."""
+
+    def __init__(self, desk: Desk, services: MendServices, mark: CutMark | None = None) -> None:
+        """Fill the open container.
+
+        Args:
+            desk: the page.
+            services: what does and keeps the edits.
+            mark: draws the cutting line; None draws none.
+        """
+        self._desk, self._services, self._mark = desk, services, mark
+        self._waiting: Waiting = None
+        self._points: list[Point] = []
+        self._shown: int | None = None
+        self._others: dict[str, int] = {}
+        self._fill(desk.gui)
+        self.map_changed(desk.simap)
+
+    @property
+    def waiting(self) -> Waiting:
+        """What the next click on the map is for."""
+        return self._waiting
+
+    def map_changed(self, simap: SIMap) -> None:
+        """Another map is shown: with other edits, or cut otherwise."""
+        self.stop_waiting()
+        self._list()
+        self.selection_changed(self._desk.selected)
+
+    def selection_changed(self, instance_id: int | None) -> None:
+        """Another object is selected, or none."""
+        simap = self._desk.simap
+        one = next((i for i in simap.instances if i.id == instance_id), None)
+        if instance_id != self._shown:
+            self.stop_waiting()
+        self._shown = None if one is None else one.id
+        known = self._services.covers(simap)
+        self._head.content = (
+            selected_html(simap, one)
+            if known
+            else message_html("", "This is another map than the one that the edits belong to.", "plain")
+        )
+        for widget in self._tools:
+            if isinstance(widget, viser.GuiButtonGroupHandle):
+                widget.visible = known  # viser cannot disable these
+            else:
+                widget.disabled = not known
+        if one is not None:
+            self._offer(simap, one)
+
+    def take_click(self, x_m: float, y_m: float) -> bool:
+        """Use a click that a join or a cut waits for."""
+        if self._waiting is None:
+            return False
+        if self._waiting == "join":
+            other = self._desk.simap.at(x_m, y_m)
+            if other is None:
+                self._say("There is nothing there. Click the other object.", "bad")
+            else:
+                self._join(other.id)
+            return True
+        self._points.append((x_m, y_m))
+        self._draw(self._points)
+        if len(self._points) == 1:
+            self._say("Now click where the line goes to. It goes on beyond both points.")
+        else:
+            self._cut(*self._points)
+        return True
+
+    def stop_waiting(self) -> None:
+        """Wait for no click any more."""
+        if self._waiting is not None:
+            self._waiting = None
+            self._say("")
+        self._points = []
+        self._draw(())
+        self._cancel.visible = False
+
+    def state(self) -> dict[str, str]:
+        """Give who signs here."""
+        return {"who": str(self._who.value)}
+
+    def restore(self, state: dict[str, str]) -> None:
+        """Take back who signs here."""
+        self._who.value = state.get("who", self._services.who)
+
+    def close(self) -> None:
+        """Nothing runs by itself."""
+
+    def _fill(self, gui: viser.GuiApi) -> None:
+        self._head = gui.add_html("")
+        self._said = gui.add_html("", visible=False)
+        self._cancel = gui.add_button("Cancel", icon=viser.Icon.X, color="gray", visible=False)
+        self._cancel.on_click(lambda _: self.stop_waiting())
+        self._class = gui.add_dropdown("Class", ONLY_NEW, initial_value=NEW_CLASS)
+        self._class.on_update(lambda _: self._show_new())
+        self._new = gui.add_text("New class", "", visible=False)
+        self._other = gui.add_dropdown("Join with", ONLY_ON_MAP, initial_value=ON_MAP)
+        self._how = gui.add_dropdown("Cut along", (CLICKS, NORTH, EAST), initial_value=CLICKS)
+        change = self._add_actions("Change", {"Rename": self.rename, "Join": self.join})
+        remove = self._add_actions("", {"Cut in two": self.cut, "Delete": self.delete})
+        self._add_actions("Last edit", {"Undo": self.undo, "Redo": self.redo})
+        self._tools: tuple[Any, ...] = (self._class, self._new, self._other, self._how, change, remove)
+        self._who = gui.add_text("Your name", self._services.who, hint="Edits are signed with it.")
+        self._saved = gui.add_html("")
+        self._edits = gui.add_html("")
+        self._add_keys(gui)
+
+    def _add_actions(self, label: str, actions: dict[str, Callable[[], None]]) -> viser.GuiButtonGroupHandle:
+        """Add buttons in one row."""
+        row = self._desk.gui.add_button_group(label, tuple(actions))
+        row.on_click(lambda event: actions[str(event.target.value)]())
+        return row
+
+    def _add_keys(self, gui: viser.GuiApi) -> None:
+        keys: tuple[tuple[str, Any, Any, Callable[[], None]], ...] = (
+            ("Mend: join with …", "J", None, self.join),
+            ("Mend: cut in two", "X", None, self.cut),
+            ("Mend: delete", "delete", None, self.delete),
+            ("Mend: undo", "Z", "cmd/ctrl", self.undo),
+            ("Mend: redo", "Z", "cmd/ctrl+shift", self.redo),
+            ("Mend: wait for no click", "escape", None, self.stop_waiting),
+        )
+        for label, key, modifier, action in keys:
+            command = gui.add_command(label, hotkey=key, modifier=modifier)
+            command.on_trigger(lambda _, action=action: action())
+
+    def rename(self) -> None:
+        """Call the selected object what is chosen."""
+        one, who = self._target(), str(self._who.value)
+        label = str(self._new.value if self._class.value == NEW_CLASS else self._class.value)
+        if one is not None:
+            self._do(lambda simap: self._services.relabel(simap, one, label, who), "Renamed.")
+
+    def join(self) -> None:
+        """Join the selected object with the chosen one, or with the one that is clicked next."""
+        if self._target() is None:
+            return
+        other = self._others.get(str(self._other.value))
+        if other is not None:
+            self._join(other)
+        else:
+            self._wait("join", "Click the other object on the map. The class of the selected one stays.")
+
+    def cut(self) -> None:
+        """Cut the selected object: by two clicks, or through its middle."""
+        one = self._target()
+        if one is None:
+            return
+        x, y, _ = self._desk.simap.by_id(one).centroid_m
+        if self._how.value == NORTH:
+            self._cut((x, y + 1.0), (x, y - 1.0))
+        elif self._how.value == EAST:
+            self._cut((x - 1.0, y), (x + 1.0, y))
+        else:
+            self._wait("cut", "Click two points on the map: the line through them cuts the object.")
+
+    def delete(self) -> None:
+        """Take the selected object away."""
+        one, who = self._target(), str(self._who.value)
+        if one is not None:
+            self._do(lambda simap: self._services.delete(simap, one, who), "Deleted. Undo brings it back.")
+
+    def undo(self) -> None:
+        """Take the last edit back, whoever made it."""
+        self._do(self._services.undo, "The last edit is taken back.")
+
+    def redo(self) -> None:
+        """Make the edit again that was taken back last."""
+        self._do(self._services.redo, "The edit is made again.")
+
+    def _join(self, other: int) -> None:
+        one, who = self._target(), str(self._who.value)
+        if one is not None:
+            self._do(lambda simap: self._services.merge(simap, one, other, who), "Joined.")
+
+    def _cut(self, start_m: Point, end_m: Point) -> None:
+        one, who = self._target(), str(self._who.value)
+        if one is not None:
+            self._draw((start_m, end_m))
+            self._do(lambda simap: self._services.split(simap, one, start_m, end_m, who), "Cut in two.")
+
+    def _target(self) -> int | None:
+        """Give the object that this panel speaks of, unless another one was selected meanwhile."""
+        selected = self._desk.selected
+        if selected is None:
+            self._say("Select an object first.", "bad")
+        elif selected != self._shown:
+            self.selection_changed(selected)
+            name = object_name(self._desk.simap, self._desk.simap.by_id(selected))
+            self._say(f"{name} is selected now. Do it again to change this one.", "bad")
+            return None
+        return selected
+
+    def _do(self, change: Callable[[SIMap], SIMap], done: str) -> None:
+        """Change the map off the page's threads, and show it on all pages."""
+        simap, selected = self._desk.simap, self._desk.selected
+
+        def job() -> None:
+            try:
+                if not self._services.covers(simap):
+                    raise InputError("This is another map than the one that the edits belong to.")
+                mended = change(simap)
+            except SIMapsError as error:
+                self.stop_waiting()
+                self._say(str(error), "bad")
+                return
+            self.stop_waiting()
+            self._desk.publish(mended)
+            if selected is not None and all(one.id != selected for one in mended.instances):
+                self._desk.select(None)
+            self._say(done, "good")
+
+        self._desk.submit("mend", job)
+
+    def _wait(self, what: Waiting, text: str) -> None:
+        self.stop_waiting()
+        self._waiting = what
+        self._cancel.visible = True
+        self._say(text)
+
+    def _say(self, text: str, tone: str = "plain") -> None:
+        self._said.content = message_html("", text, tone) if text else ""
+        self._said.visible = bool(text)
+
+    def _draw(self, points_m: Any) -> None:
+        if self._mark is not None:
+            self._mark.show(tuple(points_m), self._reach_m())
+
+    def _reach_m(self) -> float:
+        """Say how far a cutting line is drawn beyond two points: so far that it crosses the object."""
+        one = next((i for i in self._desk.simap.instances if i.id == self._shown), None)
+        return 0.0 if one is None else math.dist(one.aabb_m[0][:2], one.aabb_m[1][:2])
+
+    def _show_new(self) -> None:
+        self._new.visible = self._class.value == NEW_CLASS
+
+    def _offer(self, simap: SIMap, one: Instance) -> None:
+        """Fill the lists for an object."""
+        names = classes(simap)
+        self._class.options = (*names, NEW_CLASS)
+        self._class.value = one.label
+        self._show_new()
+        self._others = nearest(simap, one)
+        self._other.options = (ON_MAP, *self._others)
+        self._other.value = ON_MAP
+
+    def _list(self) -> None:
+        entries, undone = self._services.entries(), self._services.undone()
+        self._edits.content = edits_html(entries, undone, self._services.refused())
+        self._saved.content = saved_html(self._services.path, self._services.saved())

@@ -1,0 +1,74 @@
+"""The sentences and choices of the panel on which people mend the map."""
+
+from collections.abc import Sequence
+from html import escape
+
+import numpy as np
+
+from simaps_viz.mapping.edit_log import edits_of
+from simaps_viz.structures import Instance, SIMap
+from simaps_viz.viewer.drawing.legend import facts_text, object_name
+from simaps_viz.viewer.drawing.theme import BOX_STYLE, DIM_STYLE, TEXT_STYLE, note_html
+from simaps_viz.viewer.panels.mend_services import EntryLike
+
+NEAREST = 15
+"""How many objects are offered to join with."""
+LISTED = 40
+"""Edits listed; the file has all."""
+
+
+def nearest(simap: SIMap, one: Instance) -> dict[str, int]:
+    """Name the objects nearest to one, those of its class first, with their distance: {text: id}."""
+    here = np.asarray(one.centroid_m[:2])
+    others = [other for other in simap.instances if other.id != one.id]
+    far = {other.id: float(np.hypot(*(np.asarray(other.centroid_m[:2]) - here))) for other in others}
+    others.sort(key=lambda other: (other.label != one.label, far[other.id], other.id))
+    return {f"{object_name(simap, other)}, {far[other.id]:.1f} m": other.id for other in others[:NEAREST]}
+
+
+def classes(simap: SIMap) -> list[str]:
+    """Give the map's classes by name; countable ones first."""
+    named = zip(simap.grid.labels[1:], simap.grid.is_thing[1:], strict=True)
+    return [label for label, _ in sorted(named, key=lambda pair: (not pair[1], pair[0]))]
+
+
+def selected_html(simap: SIMap, one: Instance | None) -> str:
+    """Say what is selected."""
+    if one is None:
+        return note_html("Select an object on the map, or in the list under Instance, to mend it.")
+    name, facts = escape(object_name(simap, one)), escape(facts_text(simap, one))
+    made = "".join(f"<br>{escape(edit['what'])}, by {escape(edit['who'])}" for edit in edits_of(simap, one.id))
+    return (
+        f'<div style="{BOX_STYLE};{TEXT_STYLE}"><b>{name}</b><br><span style="{DIM_STYLE}">{facts}{made}</span></div>'
+    )
+
+
+def edits_html(entries: Sequence[EntryLike], undone: int, refused: Sequence[str]) -> str:
+    """List the edits, the last one first."""
+    lost = "".join(f'<li style="color:#c0392b">{escape(why)}</li>' for why in refused)
+    if not entries and not lost:
+        more = f" {undone} taken back." if undone else ""
+        return note_html(f"No edits yet.{more}")
+    rows = [
+        f"<li>{escape(entry.to_json()['what'])}<br>"
+        f'<span style="{DIM_STYLE}">{escape(entry.who)}, {escape(when_text(entry.when))}</span></li>'
+        for entry in list(reversed(entries))[:LISTED]
+    ]
+    rest = f"<li>and {len(entries) - LISTED} before</li>" if len(entries) > LISTED else ""
+    back = note_html(f"{undone} taken back.") if undone else ""
+    return (
+        f'<ol reversed start="{len(entries)}" aria-label="Edits" style="{BOX_STYLE};{TEXT_STYLE};margin:0;'
+        f'padding-left:2.6em;overflow-wrap:anywhere">{"".join(rows)}{rest}</ol>{back}'
+        + (f'<ul aria-label="Not done" style="{BOX_STYLE};margin:0;padding-left:2.6em">{lost}</ul>' if lost else "")
+    )
+
+
+def saved_html(path: str, saved: bool) -> str:
+    """Say where the edits are."""
+    said = "Saved to" if saved else "Edits will be saved to"
+    return note_html(f'{said} <span style="overflow-wrap:anywhere">{escape(path)}</span>')
+
+
+def when_text(when: str) -> str:
+    """Write a time for people: 2026-11-21T19:30:00Z -> 2026-11-21 19:30 UTC."""
+    return f"{when[:10]} {when[11:16]} UTC" if len(when) == 20 else when

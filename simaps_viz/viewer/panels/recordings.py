@@ -1,0 +1,249 @@
+"""The panel with the recorded builds at hand: open one beside the map, rename it, delete it."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from html import escape
+from pathlib import Path
+from typing import Protocol
+
+import viser
+
+from simaps_viz.structures import SIMap
+from simaps_viz.viewer.desk import Desk
+from simaps_viz.viewer.panels.spec import PanelSpec
+
+NONE = "no recordings yet"
+_NOTHING: tuple[str, ...] = (NONE,)
+_NOTE = "padding:.2em .8em .4em;font-size:.82em;line-height:1.5;overflow-wrap:anywhere"
+_EMPTY = (
+    "There are no recorded builds in {folder}.<br>Make one: <b>simaps build SEQUENCE -o MAP.npz --record MAP.rrd</b>, "
+    "then <b>simaps recordings add MAP.rrd</b>."
+)
+
+
+class FactsLike(Protocol):
+    """What a recording says of itself; None where it does not."""
+
+    @property
+    def title(self) -> str | None:
+        """The sequence it is of."""
+        ...
+
+    @property
+    def frames(self) -> int | None:
+        """How many."""
+        ...
+
+    @property
+    def simulated(self) -> bool | None:
+        """Frames or masks are simulated."""
+        ...
+
+    @property
+    def method(self) -> str | None:
+        """Of the build."""
+        ...
+
+    @property
+    def parameters(self) -> str | None:
+        """Of the method, in words."""
+        ...
+
+    @property
+    def instances(self) -> int | None:
+        """On the finished map."""
+        ...
+
+
+class RecordingLike(Protocol):
+    """One recorded build."""
+
+    @property
+    def name(self) -> str:
+        """What it is called."""
+        ...
+
+    @property
+    def path(self) -> Path:
+        """Where it lies."""
+        ...
+
+    @property
+    def size_bytes(self) -> int:
+        """Of the file."""
+        ...
+
+    @property
+    def facts(self) -> FactsLike:
+        """What it says of itself."""
+        ...
+
+    @property
+    def fault(self) -> str | None:
+        """Why it cannot be opened, in words; None when it can."""
+        ...
+
+
+@dataclass(frozen=True)
+class RecordingServices:
+    """Plain functions behind the panel; all may raise SIMapsError."""
+
+    entries: Callable[[], Sequence[RecordingLike]]
+    """List the recordings, in the order shown."""
+    rename: Callable[[str, str], object]
+    """(name, new name)."""
+    delete: Callable[[str], object]
+    """(name): remove its file."""
+    open: Callable[[Desk, Path], None] | None = None
+    """Show a recording beside the map of that page; None where the page has no place for one."""
+    folder: str = ""
+    """Where the person's own recordings lie."""
+
+
+def recordings_spec(services: RecordingServices) -> PanelSpec:
+    """Give the panel as one that every page has."""
+    return PanelSpec("Recordings", viser.Icon.MOVIE, lambda desk: RecordingsPanel(desk, services))
+
+
+class RecordingsPanel:
+    """A list to choose from, what is known of the chosen one, and what can be done with it."""
+
+    def __init__(self, desk: Desk, services: RecordingServices) -> None:
+        """Fill the open container."""
+        self._desk, self._services = desk, services
+        self._entries: dict[str, RecordingLike] = {}
+        self._listed: Sequence[RecordingLike] = ()
+        gui = desk.gui
+        self._choice = gui.add_dropdown("Recording", _NOTHING, hint="Recorded builds, the newest first")
+        self._details = gui.add_html("")
+        self._open = gui.add_button("Show it beside the map", icon=viser.Icon.PLAYER_PLAY)
+        self._rename = gui.add_button("Rename …", icon=viser.Icon.PENCIL, color="gray")
+        self._new_name = gui.add_text("New name", "")
+        self._save = gui.add_button("Save the name", icon=viser.Icon.CHECK)
+        self._delete = gui.add_button("Delete …", icon=viser.Icon.TRASH, color="gray")
+        self._question = gui.add_html("")
+        self._really = gui.add_button("Delete for good", icon=viser.Icon.TRASH, color="red")
+        self._keep = gui.add_button("Keep it", icon=viser.Icon.X, color="gray")
+        self._again = gui.add_button("List again", icon=viser.Icon.REFRESH, color="gray")
+        self._connect()
+        self._ask(None)
+        self.refresh()
+
+    def map_changed(self, simap: SIMap) -> None:
+        """Recordings do not depend on the map shown."""
+
+    def take_click(self, x_m: float, y_m: float) -> bool:
+        """Let every click pass."""
+        return False
+
+    def close(self) -> None:
+        """Nothing runs of its own."""
+
+    def refresh(self, select: str | None = None) -> None:
+        """List the recordings anew, off the page's thread; ``select`` names one to choose."""
+        self._desk.submit("recordings", lambda: self._list(select))
+
+    def _connect(self) -> None:
+        self._choice.on_update(lambda _: self._show())
+        self._open.on_click(lambda _: self._with_chosen("open a recording", self._open_it))
+        self._rename.on_click(lambda _: self._ask("rename"))
+        self._save.on_click(lambda _: self._with_chosen("rename a recording", self._rename_it))
+        self._delete.on_click(lambda _: self._ask("delete"))
+        self._really.on_click(lambda _: self._with_chosen("delete a recording", self._delete_it))
+        self._keep.on_click(lambda _: self._ask(None))
+        self._again.on_click(lambda _: self.refresh())
+
+    @property
+    def chosen(self) -> RecordingLike | None:
+        """The recording that is chosen in the list."""
+        return self._entries.get(self._choice.value)
+
+    def _list(self, select: str | None) -> None:
+        kept = self.chosen
+        self._listed = self._services.entries()
+        self._entries = {_option(entry): entry for entry in self._listed}
+        options = tuple(self._entries) or _NOTHING
+        wanted = select or (kept.name if kept else None)
+        self._choice.options = options
+        self._choice.value = next((o for o, e in self._entries.items() if e.name == wanted), options[0])
+        self._show()
+
+    def _show(self) -> None:
+        entry = self.chosen
+        if entry is None:
+            self._details.content = f'<div style="{_NOTE}">{_EMPTY.format(folder=escape(self._services.folder))}</div>'
+        else:
+            self._details.content = f'<div style="{_NOTE}">{details_html(entry)}</div>'
+        self._ask(None)
+
+    def _ask(self, what: str | None) -> None:
+        """Show what goes with a question: "rename", "delete" or none."""
+        entry = self.chosen
+        renaming, deleting = what == "rename" and entry is not None, what == "delete" and entry is not None
+        idle = not (renaming or deleting)
+        self._open.visible = idle and entry is not None and self._services.open is not None
+        self._open.disabled = entry is None or entry.fault is not None
+        self._rename.visible = self._delete.visible = idle and entry is not None
+        self._again.visible = idle
+        self._new_name.visible = self._save.visible = renaming
+        self._question.visible = self._really.visible = deleting
+        self._keep.visible = renaming or deleting
+        self._keep.label = "Keep the old name" if renaming else "Keep it"
+        if renaming and entry is not None:
+            self._new_name.value = entry.name
+        if deleting and entry is not None:
+            size = f"{entry.size_bytes / 1e6:.1f} MB"
+            self._question.content = (
+                f'<div style="{_NOTE}">Delete <b>{escape(entry.name)}</b> ({size})? It cannot be brought back:<br>'
+                f"{escape(str(entry.path))}</div>"
+            )
+
+    def _with_chosen(self, name: str, job: Callable[[RecordingLike], None]) -> None:
+        """Do something with the chosen recording off the page's thread."""
+        entry = self.chosen
+        if entry is not None:
+            self._desk.submit(name, lambda: job(entry))
+
+    def _open_it(self, entry: RecordingLike) -> None:
+        if self._services.open is not None:
+            self._services.open(self._desk, entry.path)
+            self._desk.say("Recording", f"{entry.name} is shown beside the map.")
+
+    def _rename_it(self, entry: RecordingLike) -> None:
+        new_name = self._new_name.value.strip()
+        if new_name and new_name != entry.name:
+            self._services.rename(entry.name, new_name)
+        self._list(new_name or entry.name)
+
+    def _delete_it(self, entry: RecordingLike) -> None:
+        self._services.delete(entry.name)
+        self._list(None)
+        self._desk.say("Recording", f"{entry.name} was deleted.")
+
+
+def _option(entry: RecordingLike) -> str:
+    method = "cannot be opened" if entry.fault else entry.facts.method or "method unknown"
+    return f"{entry.name} · {entry.size_bytes / 1e6:.1f} MB · {method}"
+
+
+def details_html(entry: RecordingLike) -> str:
+    """Say what is known of a recording."""
+    if entry.fault:
+        return f"It cannot be opened: {escape(entry.fault)}"
+    facts = entry.facts
+    settings = f" ({facts.parameters})" if facts.parameters else ""
+    rows = {
+        "of": facts.title,
+        "method": f"{facts.method}{settings}" if facts.method else None,
+        "frames": facts.frames,
+        "instances": facts.instances,
+        "simulated": None if facts.simulated is None else "yes" if facts.simulated else "no",
+        "size": f"{entry.size_bytes / 1e6:.1f} MB",
+        "file": str(entry.path),
+    }
+    cells = "".join(
+        f'<tr><td style="padding-right:.8em;opacity:.7;white-space:nowrap;vertical-align:top">{name}</td>'
+        f"<td>{escape('unknown' if value is None else str(value))}</td></tr>"
+        for name, value in rows.items()
+    )
+    return f"<table>{cells}</table>"

@@ -1,0 +1,276 @@
+"""The section that answers "why is this one object?", and what keeps it apart from others."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+import viser
+from numpy.typing import NDArray
+
+from simaps_viz.mapping.why import Between, Joint, Why, between, explain
+from simaps_viz.mapping.why_frames import PairFrame
+from simaps_viz.mapping.why_words import between_words
+from simaps_viz.structures import Instance, SIMap
+from simaps_viz.viewer.drawing.legend import object_name
+from simaps_viz.viewer.drawing.thumbnails import gallery, named, outlined
+from simaps_viz.viewer.drawing.why_marks import FLOOR_M, Marks, WhyMarks, link_text, sureness_colors
+from simaps_viz.viewer.panels.why_html import (
+    joint_html,
+    joint_name,
+    lines_legend,
+    note_html,
+    summary_html,
+    sureness_legend,
+    text_html,
+    working_html,
+)
+
+ROWS = 6
+"""Steps that the table of merge steps shows at once."""
+MOST_NEIGHBOURS = 8
+ASK = "Click another object …"
+STOP_ASKING = "Cancel"
+
+
+@dataclass(frozen=True)
+class WhyActions:
+    """Whom the section tells; none of these may take long."""
+
+    repaint: Callable[[], None]
+    """The cells' colours changed."""
+    show_frame: Callable[[int], None]
+    """A frame was chosen."""
+    show_joint: Callable[[Joint], None]
+    """A step of the merge log was chosen: the recorded build should go there."""
+    knows_joint: Callable[[SIMap], bool | None]
+    """Whether the recorded build has the steps of a map's merge log; None = there is no recorded build."""
+    submit: Callable[[str, Callable[[], None]], None]
+    """Run a job off the page's threads."""
+    view: Callable[[int], tuple[NDArray, NDArray] | None]
+    """frame index -> (RGB, segment ids) or None, as in `Services`."""
+
+
+class WhyPanel:
+    """The widgets and what they draw; ``show`` fills them, from the worker's thread."""
+
+    def __init__(self, page: viser.ViserServer | viser.ClientHandle, actions: WhyActions) -> None:
+        """Fill the current container."""
+        self._actions = actions
+        self._marks = WhyMarks(page)
+        self._upright = False
+        self._simap: SIMap | None = None
+        self._why: Why | None = None
+        self._joint: Joint | None = None
+        self._between: Between | None = None
+        self._asking = False
+        gui = page.gui
+        self._folder = gui.add_folder("Why is this one object?", visible=False)
+        with self._folder:
+            self._add_drawing(gui)
+            self._add_neighbours(gui)
+            self._add_steps(gui)
+
+    @property
+    def why(self) -> Why | None:
+        """The explanation that is shown."""
+        return self._why
+
+    @property
+    def lit(self) -> frozenset[int]:
+        """Instances that shall keep their colour besides the selected one."""
+        return frozenset() if self._between is None else frozenset({self._between.second.id})
+
+    def paint(self, simap: SIMap) -> tuple[NDArray, NDArray] | None:
+        """Give the cells (flat) of a map to colour and their colours, uint8 [n, 3]; None = none."""
+        why = self._why
+        if why is None or simap is not self._simap or not self._color.value:
+            return None
+        return why.cells, sureness_colors(why)
+
+    def show(self, simap: SIMap, instance: Instance | None) -> str | None:
+        """Explain an instance; gives the summary as HTML."""
+        self._asking, self._between, self._joint = False, None, None
+        self._simap, self._why = simap, None if instance is None else explain(simap, instance.id)
+        self._folder.visible = self._why is not None
+        if self._why is not None:
+            self._fill(simap, self._why)
+        self._draw()
+        return None if self._why is None else summary_html(self._why)
+
+    def stand_up(self, upright: bool) -> None:
+        """Draw the lines above the object's block instead of on the floor, or on the floor again."""
+        self._upright = upright
+        self._actions.submit("why marks", self._draw)
+
+    def take_click(self, instance: Instance | None) -> bool:
+        """Take a click on the map if one is waited for; tells whether it did."""
+        if not self._asking or self._why is None:
+            return False
+        self._ask(False)
+        if instance is None or instance.id == self._why.instance.id:
+            self._apart.content = note_html("That is not another object. Nothing compared.")
+        else:
+            self.compare(instance.id)
+        return True
+
+    def compare(self, other_id: int) -> None:
+        """Say what keeps the explained instance and another apart."""
+        self._apart.content = working_html("Comparing")
+        self._actions.submit("compare", lambda: self._compare_now(other_id))
+
+    def _add_drawing(self, gui: viser.GuiApi) -> None:
+        self._lines = gui.add_checkbox(
+            "Draw joints", True, hint="Draw the weakest joint inside, and the links to neighbours with their numbers."
+        )
+        self._lines_legend = gui.add_html("")
+        self._color = gui.add_checkbox(
+            "Evidence", False, hint="Colour the object's cells by how sure the map is that they belong."
+        )
+        self._color_legend = gui.add_html("", visible=False)
+        for box in (self._lines, self._color):
+            box.on_update(lambda _: self._actions.submit("why marks", self._toggled))
+
+    def _add_neighbours(self, gui: viser.GuiApi) -> None:
+        self._apart_of: dict[str, int] = {}
+        self._near = gui.add_button_group("Apart from", (ASK,))
+        self._near.on_click(lambda event: self._chose_neighbour(str(event.target.value)))
+        self._apart = gui.add_html("")
+        self._apart_picture = gui.add_image(np.full((2, 2, 3), 255, np.uint8), visible=False)
+        self._apart_frames: dict[str, int] = {}
+        self._apart_jump = gui.add_button_group("Show frame", ("-",), visible=False)
+        self._apart_jump.on_click(lambda event: self._jump(self._apart_frames.get(str(event.target.value))))
+
+    def _add_steps(self, gui: viser.GuiApi) -> None:
+        self._step = gui.add_slider("Merge step", 0, 1, 1, 0, hint="0 = none; the steps that made it, in order.")
+        self._step.on_update(
+            lambda event: self._choose_step(int(self._step.value)) if event.client_id is not None else None
+        )
+        self._rows = gui.add_button_group("Steps", ("-",))
+        self._rows.on_click(lambda event: self._choose_row(str(event.target.value)))
+        self._step_text = gui.add_html("")
+
+    def _fill(self, simap: SIMap, why: Why) -> None:
+        self._lines_legend.content = lines_legend(why)
+        self._color_legend.content = sureness_legend(why)
+        self._color_legend.visible = bool(self._color.value)
+        names = {
+            f"{object_name(simap, link.other).split(' of ')[0]} · {link_text(why.method, link)}": link.other.id
+            for link in why.neighbours[:MOST_NEIGHBOURS]
+        }
+        self._apart_of = names
+        self._near.options = (*names, ASK)
+        near = "" if names else "No other object of its class is near."
+        self._apart.content = note_html(near) if near else ""
+        self._apart_picture.visible = self._apart_jump.visible = False
+        steps = len(why.joints)
+        self._step.visible = self._rows.visible = self._step_text.visible = steps > 0
+        if steps:
+            self._step.max = steps
+            self._step.value = 0
+            weakest = next(i for i, joint in enumerate(why.joints, 1) if joint is why.weakest)
+            self._rows.options = _window(why, weakest)
+            self._step_text.content = note_html(f"{steps} steps made it; choose one to see its two parts.")
+
+    def _choose_row(self, row: str) -> None:
+        """Choose the step a row begins with; a page may tell of rows that were never there."""
+        number = row.partition(" ")[0]
+        if number.isdecimal() and len(number) < 9:
+            self._choose_step(int(number))
+
+    def _choose_step(self, position: int) -> None:
+        self._actions.submit("why step", lambda: self._show_step(position))
+
+    def _show_step(self, position: int) -> None:
+        """Show step ``position`` (from 1), or none for 0."""
+        why, simap = self._why, self._simap
+        if why is None or simap is None or not 0 <= position <= len(why.joints):
+            return
+        if self._step.value != position:
+            self._step.value = position
+        self._joint = why.joints[position - 1] if position else None
+        if self._joint is None:
+            self._step_text.content = note_html(f"{len(why.joints)} steps made it; choose one to see its two parts.")
+        else:
+            self._rows.options = _window(why, position)
+            recorded = self._actions.knows_joint(simap)
+            self._step_text.content = joint_html(why, self._joint, position, recorded)
+            if recorded:
+                self._actions.show_joint(self._joint)
+        self._draw()
+
+    def _chose_neighbour(self, name: str) -> None:
+        if name in self._apart_of:
+            self._ask(False)
+            self.compare(self._apart_of[name])
+        else:
+            self._ask(name == ASK)
+
+    def _ask(self, asking: bool) -> None:
+        """Wait for a click on another object, or wait no longer."""
+        self._asking = asking
+        self._near.options = (*self._apart_of, STOP_ASKING if asking else ASK)
+        self._apart.content = text_html("Now click the other object on the map.") if asking else ""
+
+    def _compare_now(self, other_id: int) -> None:
+        simap, why = self._simap, self._why
+        if simap is None or why is None:
+            return
+        self._show_step(0)
+        self._between = found = between(simap, why.instance.id, other_id)
+        first, second = object_name(simap, found.first), object_name(simap, found.second)
+        self._apart.content = text_html(between_words(found, first, second))
+        self._draw()
+        self._actions.repaint()
+        self._show_both(simap, found)
+
+    def _show_both(self, simap: SIMap, found: Between) -> None:
+        """Show the frames that speak loudest for two, and for one."""
+        chosen = [(frame, "two") for frame in found.together.as_two[:2]]
+        chosen += [(frame, "one") for frame in found.together.as_one[: 3 - len(chosen)]]
+        pictures, names = [], {}
+        for frame, verdict in chosen:
+            picture = self._picture(simap, frame, verdict)
+            if picture is not None:
+                pictures.append(picture)
+            names[simap.frame_names[frame.frame]] = frame.frame
+        if self._between is not found:
+            return
+        self._apart_frames = names
+        if pictures:
+            self._apart_picture.image = gallery(pictures)
+        self._apart_picture.visible = bool(pictures)
+        if names:
+            self._apart_jump.options = tuple(names)
+        self._apart_jump.visible = bool(names)
+
+    def _picture(self, simap: SIMap, frame: PairFrame, verdict: str) -> NDArray | None:
+        seen = self._actions.view(frame.frame)
+        if seen is None:
+            return None
+        return named(outlined(*seen, frame.first, frame.second), f"{simap.frame_names[frame.frame]} as {verdict}")
+
+    def _jump(self, frame: int | None) -> None:
+        if frame is not None:
+            self._actions.show_frame(frame)
+
+    def _toggled(self) -> None:
+        self._color_legend.visible = bool(self._color.value)
+        self._lines_legend.visible = bool(self._lines.value)
+        self._draw()
+        self._actions.repaint()
+
+    def _draw(self) -> None:
+        simap, why, found = self._simap, self._why, self._between
+        if simap is None or why is None:
+            self._marks.draw(None)
+            return
+        beside = None if found is None else found.second.id
+        link = None if found is None else found.link
+        z_m = why.instance.aabb_m[1][2] + FLOOR_M if self._upright else FLOOR_M
+        self._marks.draw(Marks(simap, why, bool(self._lines.value), self._joint, beside, link), z_m)
+
+
+def _window(why: Why, position: int) -> tuple[str, ...]:
+    """Give the rows of the table around a step (from 1)."""
+    first = min(max(position - ROWS // 2, 1), max(len(why.joints) - ROWS + 1, 1))
+    return tuple(joint_name(why, i) for i in range(first, min(first + ROWS, len(why.joints) + 1)))

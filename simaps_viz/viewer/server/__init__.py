@@ -1,0 +1,1 @@
+"""What stands between the page and strangers: addresses, tokens, bounds on what is sent."""

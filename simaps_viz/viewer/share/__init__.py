@@ -1,0 +1,1 @@
+"""One file that shows a map, its making and a ride to somebody who has none of this."""

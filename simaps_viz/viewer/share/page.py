@@ -1,0 +1,177 @@
+"""One HTML file of a map, its growth and a robot's ride. It opens from disk, and asks no network for anything."""
+
+import contextlib
+import io
+import re
+from html import escape
+
+import cv2
+import numpy as np
+import viser
+from numpy.typing import NDArray
+
+from simaps_viz.structures import SIMap
+from simaps_viz.viewer.drawing.camera import Extent, top_view
+from simaps_viz.viewer.drawing.legend import counts_text, legend_html
+from simaps_viz.viewer.drawing.scene import MapScene, Style, light_up
+from simaps_viz.viewer.drawing.texture import map_image
+from simaps_viz.viewer.share.sheet import moved_image
+from simaps_viz.viewer.share.story import Look, Moment, Ride, Tell, is_simulated, moments, origin_text, title_of
+
+MOST_MOMENTS = 48
+GROWTH_S = 7.0
+"""How long the map grows."""
+HOLD_S = 1.5
+TICK_S = 0.08
+LONGEST_RIDE_S = 20.0
+MAX_TEXTURE_PIXELS, MAX_PER_CELL = 1300, 4
+ASPECT = 1.6
+"""Width over height of the window the camera is set for."""
+BESIDE = 0.42
+"""Room left for the text beside the map, as a share of the map's width."""
+POLICY = (
+    "default-src 'none'; script-src 'unsafe-inline' 'unsafe-eval' blob: data:; style-src 'unsafe-inline' data:; "
+    "img-src data: blob:; font-src data:; connect-src data: blob:; worker-src blob: data:; media-src data: blob:"
+)
+"""Forbids the file to ask any network for anything."""
+
+_CSS = """
+#simaps{position:fixed;top:12px;left:12px;z-index:5;width:288px;max-height:calc(100vh - 76px);overflow:auto;
+background:rgba(255,255,255,.95);color:#1a1b1e;border:1px solid #d6dae2;border-radius:8px;padding:10px 12px;
+font:13px/1.45 system-ui,-apple-system,"Segoe UI",Roboto,"Helvetica Neue",Arial,sans-serif;box-sizing:border-box}
+#simaps h1{font-size:17px;line-height:1.25;margin:0 0 4px}#simaps p{margin:4px 0}
+#simaps .dim{color:#495057}#simaps .badge{background:#ffecb3;color:#6e4c00;border-radius:3px;padding:1px 6px;
+font-weight:600;font-size:12px;display:inline-block}
+#simaps summary{cursor:pointer;font-weight:600;margin-top:6px}#simaps .legend{margin:0 -.8em}
+@media (max-width:640px){#simaps{width:200px;max-height:45vh}}
+"""
+
+
+def page_html(
+    simap: SIMap,
+    *,
+    ride: Ride | None = None,
+    look: Look | None = None,
+    radius_m: float = 0.18,
+    tell: Tell | None = None,
+) -> bytes:
+    """Make the page.
+
+    Args:
+        simap: the map.
+        ride: a command as the robot carries it out; None shows no robot.
+        look: the map after a frame, where that is known.
+        radius_m: of the robot.
+        tell: told how far it is.
+
+    Returns:
+        The file, UTF-8.
+    """
+    with contextlib.redirect_stdout(io.StringIO()):  # viser's banner
+        server = viser.ViserServer(host="127.0.0.1", port=0, label="SI Maps", verbose=False)
+    try:
+        html = _record(server, simap, ride, look, radius_m, tell)
+    finally:
+        with contextlib.redirect_stdout(io.StringIO()):
+            server.stop()
+    return _with_overlay(html, simap, ride).encode()
+
+
+def overlay_html(simap: SIMap, ride: Ride | None = None) -> str:
+    """Give the text that lies over the page: title, origin, counts, legend, the command."""
+    badge = '<span class="badge">simulated</span> ' if is_simulated(simap) else ""
+    said = ""
+    if ride is not None:
+        said = f"<p><b>“{escape(ride.command)}”</b><br>{escape(ride.outcome)} The drive is simulated.</p>"
+    parts = [
+        f"<h1>{escape(title_of(simap))}</h1>",
+        f'<p class="dim">{badge}{escape(origin_text(simap))}</p>',
+        f"<p>{escape(counts_text(simap))}</p>",
+        said,
+        f'<details open><summary>Legend</summary><div class="legend">{legend_html(simap, "instance")}</div></details>',
+        '<p class="dim">Drag to turn, right drag to move, wheel to zoom. Below: play, pause, scrub.</p>',
+    ]
+    return f'<aside id="simaps" aria-label="About this map">{"".join(parts)}</aside>'
+
+
+def _record(
+    server: viser.ViserServer, simap: SIMap, ride: Ride | None, look: Look | None, radius_m: float, tell: Tell | None
+) -> str:
+    """Play the story to nobody, and keep what was sent."""
+    scene = MapScene(server, simap, robot_radius_m=radius_m)
+    light_up(server.scene)
+    _set_camera(server, scene.frame_extent)
+    _, _, _, ymax = scene.extent
+    label = server.scene.add_label(
+        "/caption", "", position=(sum(scene.extent[0::2]) / 2.0, ymax + 0.03 * (ymax - scene.extent[1]), 0.0),
+        anchor="bottom-center", font_screen_scale=1.3,
+    )  # fmt: skip
+    robot = server.scene.get_handle_by_name("/robot")
+    if robot is not None:
+        robot.visible = False
+    story = list(moments(simap, MOST_MOMENTS, look))
+    total = max(1, len(story) + (0 if ride is None else 1))
+    recorder = server.get_scene_serializer()
+    for at, moment in enumerate(story, 1):
+        scene.show_map(simap, _png(simap, moment), Style())
+        label.text = f"Building the map · {moment.words}"
+        recorder.insert_sleep(GROWTH_S / len(story))
+        if tell:
+            tell("writing the page", at, total)
+    if not story:
+        scene.show_map(simap, _png(simap, None), Style())
+    if ride is None:
+        label.text = counts_text(simap)
+    else:
+        recorder.insert_sleep(HOLD_S)
+        label.text = f"“{ride.command}”"
+        if robot is not None:
+            robot.visible = True
+        scene.show_path(ride.path_m)
+        duration = ride.trajectory.duration_s
+        seconds = min(duration, LONGEST_RIDE_S)
+        for share in np.linspace(0.0, 1.0, max(2, int(seconds / TICK_S))).tolist():
+            scene.show_robot(ride.trajectory.at(share * duration))
+            recorder.insert_sleep(TICK_S)
+        label.text = f"“{ride.command}” · {ride.outcome}"
+    if story or ride is not None:
+        recorder.insert_sleep(2 * HOLD_S)
+    html = recorder.as_html()
+    if tell:
+        tell("writing the page", total, total)
+    return html
+
+
+def _set_camera(server: viser.ViserServer, extent: Extent) -> None:
+    """Look straight down; the map stands to the right of the text."""
+    xmin, ymin, xmax, ymax = extent
+    room, head = BESIDE * (xmax - xmin), 0.06 * (ymax - ymin)
+    view = top_view((xmin - room, ymin - head / 3.0, xmax, ymax + head), ASPECT)
+    server.initial_camera.position = view.position
+    server.initial_camera.look_at = view.look_at
+    server.initial_camera.fov = view.fov_rad
+
+
+def _png(simap: SIMap, moment: Moment | None) -> bytes:
+    """Paint a moment of the map on the finished map's grid, PNG, row 0 at the south."""
+    spec = simap.spec
+    scale = int(np.clip(MAX_TEXTURE_PIXELS // max(spec.shape), 1, MAX_PER_CELL))
+    shown, hidden = (simap, ()) if moment is None else (moment.simap, moment.hidden.tolist())
+    image: NDArray = map_image(shown, "instance", hidden=hidden, scale=scale)
+    if shown.spec != spec:
+        image = moved_image(image, shown.spec, spec, scale)
+    _, encoded = cv2.imencode(".png", cv2.cvtColor(image, cv2.COLOR_RGB2BGR), [cv2.IMWRITE_PNG_COMPRESSION, 3])
+    return encoded.tobytes()
+
+
+def _with_overlay(html: str, simap: SIMap, ride: Ride | None) -> str:
+    """Put policy, title and text into viser's page."""
+    head = f'<meta http-equiv="Content-Security-Policy" content="{POLICY}"><style>{_CSS}</style>'
+    title = f"<title>{escape(title_of(simap))} · SI Maps</title>"
+    html = re.sub(r"<title>.*?</title>", lambda _: title, html, count=1, flags=re.DOTALL)
+    # The policy has to stand before everything it is for; the text after everything else.
+    start = re.search(r"<head[^>]*>", html)
+    at = start.end() if start else 0
+    html = html[:at] + head + html[at:]
+    end = html.rindex("</body>")
+    return html[:end] + overlay_html(simap, ride) + html[end:]
