@@ -5,6 +5,8 @@ evidence never recolours what it does not join. A map built anew, mended or part
 the one before it by overlap (``take_over``).
 """
 
+import threading
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -20,6 +22,8 @@ TOUCHES = 1000
 
 
 _kept = Remembered()
+_one_at_a_time = threading.RLock()
+"""Several pages may want the colours of a large map, which take a second, at once."""
 
 
 def instance_colors(simap: SIMap) -> NDArray:
@@ -29,10 +33,11 @@ def instance_colors(simap: SIMap) -> NDArray:
         uint8 [n, 3], RGB, at the place of its id; row 0 is black. The same for every K or evidence of a map.
     """
     arrays = _arrays(simap)
-    colors = _kept.find(arrays)
-    if colors is None:
-        colors = _colors(simap, None)
-        _kept.keep(arrays, None, colors)
+    with _one_at_a_time:
+        colors = _kept.find(arrays)
+        if colors is None:
+            colors = _colors(simap, None)
+            _kept.keep(arrays, None, colors)
     return colors
 
 
@@ -42,8 +47,12 @@ def take_over(simap: SIMap, before: SIMap) -> None:
     To be called before the first ``instance_colors(simap)``; does nothing when the two share their communities.
     """
     arrays = _arrays(simap)
-    if _kept.find(arrays) is None:
-        _kept.keep(arrays, None, _colors(simap, _worn_before(simap, before)))
+    theirs = _arrays(before)
+    if len(arrays) == len(theirs) and all(new is old for new, old in zip(arrays, theirs, strict=True)):
+        return
+    with _one_at_a_time:
+        if _kept.find(arrays) is None:
+            _kept.keep(arrays, None, _colors(simap, _worn_before(simap, before)))
 
 
 def keep_classes(simap: SIMap, other: SIMap) -> None:
@@ -157,9 +166,10 @@ def _pairs_apart(ids: NDArray, step: int, size: int) -> NDArray:
         (ids[:-step, :-step], ids[step:, step:]),
         (ids[:-step, step:], ids[step:, :-step]),
     ):
-        edge = (a != b) & (a != 0) & (b != 0)
-        low, high = np.minimum(a[edge], b[edge]), np.maximum(a[edge], b[edge])
-        found.append(np.unique(low.astype(np.int64) * size + high))
+        edge = np.nonzero(a != b)  # few, so what follows costs little
+        one, other = a[edge], b[edge]
+        low, high = np.minimum(one, other).astype(np.int64), np.maximum(one, other)
+        found.append(np.unique((low * size + high)[low > 0]))
     return np.unique(np.concatenate(found))
 
 

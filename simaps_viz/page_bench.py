@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from simaps_viz import wiring
+from simaps_viz.page_film import filmed
 from simaps_viz.structures import Instance, SIMap
 
 if TYPE_CHECKING:
@@ -162,18 +163,15 @@ def frames_in_step(browser: "Browser", simap: SIMap, recording: Path, *, runs: i
         box = _box(page, "Frame")
         dock = page.locator("iframe[title='Recorded build']").bounding_box()
         assert dock is not None
-
-        def picture() -> bytes:
-            return page.screenshot(clip=dock)
-
-        for run in range(runs + 1):
-            page.wait_for_timeout(2 * SETTLED_MS)  # so that nothing is taken for an echo
-            old = picture()
-            start = time.perf_counter()
-            box.fill(str(10 + 7 * run))
-            box.press("Enter")
-            _until(page, lambda old=old: picture() != old)
-            there.append(time.perf_counter() - start)
+        with filmed(page, dock) as film:
+            for run in range(runs + 1):
+                page.wait_for_timeout(2 * SETTLED_MS)  # so that nothing is taken for an echo
+                film.begin()
+                start = time.perf_counter()
+                box.fill(str(10 + 7 * run))
+                box.press("Enter")
+                _until(page, lambda: film.changed_at is not None)
+                there.append((film.changed_at or start) - start)
         page.mouse.click(dock["x"] + dock["width"] / 2, dock["y"] + dock["height"] * 0.6)
         for _ in range(runs + 1):
             page.wait_for_timeout(2 * SETTLED_MS)

@@ -284,3 +284,13 @@ def test_deep_attachments_are_read_and_endless_ones_refused() -> None:
     assert deep.program.count("closest_to") == 10 and deep.alternatives == ()
     with pytest.raises(CommandError, match="one step takes at most 40 words, found 79; say it in several"):
         read_command("go to the chair " + "near the chair " * 25, LABELS)
+
+
+@pytest.mark.parametrize("number", ["1000001", "1" + "0" * 20, "9" * 400])
+@pytest.mark.parametrize(
+    "said", ["go to chair {}", "go {} metres", "turn {} degrees", "go to {} chairs", "go to the sofa {} times"]
+)
+def test_numbers_that_no_program_may_hold_are_refused_in_a_line(said: str, number: str) -> None:
+    with pytest.raises(CommandError) as refused:
+        read_command(said.format(number), LABELS)
+    assert str(refused.value) == f"numbers go up to 1000000, found {number[:30]}"

@@ -12,7 +12,7 @@ from toy_maps import TOY_POSE, TOY_SPEC, toy_map
 
 from simaps_viz.language.grounding import Grounding
 from simaps_viz.structures import Pose2
-from simaps_viz.viewer.drawing.camera import slanted_view, top_view
+from simaps_viz.viewer.drawing.camera import SEES_M, slanted_view, top_view
 from simaps_viz.viewer.driving.drive import SPEED_M_S, TURN_RAD_S, Drive, poses_along, trajectory
 from simaps_viz.viewer.driving.robot import candidate_labels, goal_labels, open_floor, poses_of_steps
 from simaps_viz.viewer.panels.build import ECHO_S, SETTLE_S, FrameLink
@@ -117,7 +117,17 @@ def test_an_opened_recording_is_brought_to_the_page():
     assert sent == [4, 4, 4]
 
 
-@given(st.floats(0.5, 40.0), st.floats(0.5, 40.0), st.floats(0.3, 3.0))
+@given(st.floats(0.5, 600.0), st.floats(0.5, 600.0), st.floats(0.3, 3.0))
+def test_every_corner_of_the_floor_is_within_the_cameras_sight(width, height, aspect):
+    for view in (top_view((0.0, 0.0, width, height), aspect), slanted_view((0.0, 0.0, width, height), aspect)):
+        corners = np.array([(x, y, 0.0) for x in (0.0, width) for y in (0.0, height)])
+        forward = np.subtract(view.look_at, view.position)
+        depth = (corners - view.position) @ (forward / np.linalg.norm(forward))
+        assert (depth < view.far_m).all()
+        assert view.far_m >= SEES_M  # a page that zooms out keeps seeing what viser's own camera sees
+
+
+@given(st.floats(0.5, 600.0), st.floats(0.5, 600.0), st.floats(0.3, 3.0))
 def test_top_view_just_fits_the_extent(width, height, aspect):
     extent = (-1.0, 2.0, -1.0 + width, 2.0 + height)
     view = top_view(extent, aspect)
@@ -174,5 +184,5 @@ def test_examples_speak_of_this_map_and_html_is_escaped():
     ]
     assert "<script>" not in message_html("a", "<script>", "bad")
     html = program_html("a = 1\nb = '<'\n", line=2)
-    assert "&lt;" in html and html.count("background:#fff1b8") == 1
+    assert "&lt;" in html and html.count("background:light-dark(#fff1b8") == 1
     assert TOY_POSE.heading_deg == pytest.approx(90.0)

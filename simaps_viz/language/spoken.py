@@ -6,8 +6,10 @@ from typing import Final
 
 from lark import Token
 
+from simaps_viz.errors import CommandError
 from simaps_viz.language.numbers import read_number, read_rank
 from simaps_viz.language.phrases import COMPASS_POINTS, LONGEST, PHRASES
+from simaps_viz.language.program import MAX_NUMBER
 from simaps_viz.language.spelling import correct
 from simaps_viz.language.synonyms import ACTIVITIES
 from simaps_viz.language.words import Vocabulary, singular
@@ -80,6 +82,9 @@ def tokens(text: str, vocabulary: Vocabulary, *, corrected: list[str] | None = N
         text: what was said.
         vocabulary: of the map.
         corrected: where given, misspelled words are put right, and each is told here.
+
+    Raises:
+        CommandError: a number larger than a program may hold.
     """
     plainly = _IS.sub(r"\1 is", text.lower())
     pieces = [(str(m.lastgroup), m[m.lastgroup or 0]) for m in _PIECE.finditer(plainly)]
@@ -205,13 +210,19 @@ def _without_rank(clause: list[Token]) -> list[Token]:
 
 
 def _token(kind: str, words: list[str], vocabulary: Vocabulary) -> tuple[str, str, int]:
-    """Give the token that starts here, its value, and how many pieces it takes; token "" is left out."""
+    """Give the token that starts here, its value, and how many pieces it takes; token "" is left out.
+
+    Raises:
+        CommandError: a number larger than a program may hold.
+    """
     piece = words[0]
     if kind == "ordinal":
         rank, length = read_rank(words, int(piece))
         return "ORD", str(rank), length
     if kind in ("number", "comma"):
         number, length = read_number(words, float(piece.replace(",", ".")))
+        if number > MAX_NUMBER:
+            raise CommandError(f"numbers go up to {MAX_NUMBER:.0f}, found {piece[:30]}")
         return "NUM", f"{number:.12g}", length
     rank, rank_words = read_rank(words)
     if rank:

@@ -5,8 +5,8 @@ import rerun.blueprint as rrb
 from simaps_viz.recorder.map_pictures import GROUND, UNSEEN
 
 MARGIN_M = 0.3
-POINTS_FRAMES = 30
-"""The 3-D view shows the points of so many frames up to the present one."""
+POINTS_FRAMES = 10
+"""The 3-D view shows the points of so many frames up to this one; without a graphics card more are slow."""
 PLAYBACK_FPS = 10.0
 
 Extent = tuple[float, float, float, float]

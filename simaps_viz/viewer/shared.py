@@ -132,6 +132,10 @@ class Shared:
         key = (simap, mode, lit, until, theme)
         return self.pictures.get(key, lambda: self._in_turn(lambda: png(paint(simap, mode, lit, until, theme))))
 
+    def prepare(self, simap: SIMap) -> None:
+        """Compute what a page that is opened wants first, while its browser is still loading it."""
+        self.picture(simap, "instance", None, None)
+
     def forget_maps(self, kept: Callable[[SIMap], bool]) -> None:
         """Drop what was computed from maps that no page shows any more."""
         self._timeline = None

@@ -103,6 +103,7 @@ class Workbench:
         set_first_view(self.server, frame_extent(seen_extent(simap)))
         self.server.on_client_disconnect(self._left)
         self.server.on_client_connect(self._came)
+        self._teller.submit("prepare", lambda: self.shared.prepare(simap))
 
     @property
     def url(self) -> str:
@@ -275,6 +276,7 @@ class Workbench:
             return None
         name, state = self.tabs.claim(event.get("tab"), token)
         session.begin(state)
+        session.settle()
         return {"tab": name}
 
     def _recording_told(self, event: dict[str, Any], token: str) -> None:

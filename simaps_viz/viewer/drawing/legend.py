@@ -10,7 +10,7 @@ from simaps_viz.map_colors import class_colors, instance_colors
 from simaps_viz.palette import PALETTE, Color
 from simaps_viz.structures import Instance, SIMap
 from simaps_viz.viewer.drawing.texture import HEIGHT_TOP_M, ColorMode
-from simaps_viz.viewer.drawing.theme import BOX_STYLE, DIM_STYLE, LIGHT, Theme
+from simaps_viz.viewer.drawing.theme import BOX_STYLE, DIM_STYLE, LIGHT, NESTED_EM, Theme
 
 MOST_CHIPS = 40
 """Instances of a class that get their own colour chip; more are summed up."""
@@ -71,6 +71,7 @@ def facts_html(simap: SIMap, instance: Instance) -> str:
     (x0, y0, _), (x1, y1, top) = instance.aabb_m
     x, y, _ = instance.centroid_m
     rows = (
+        ("Number", f"{instance.id} on this map"),
         ("Position", f"x {x:.2f} m, y {y:.2f} m (map frame)"),
         ("Size", f"{x1 - x0:.2f} × {y1 - y0:.2f} m, top at {top:.2f} m"),
         ("Score", f"{instance.score:.2f} mean confidence"),
@@ -143,7 +144,7 @@ def _box(inner: str) -> str:
 
 
 def _note(text: str) -> str:
-    return f'<div style="{DIM_STYLE};font-size:.92em;margin-top:.3em">{escape(text)}</div>'
+    return f'<div style="{DIM_STYLE};font-size:{NESTED_EM}em;margin-top:.3em">{escape(text)}</div>'
 
 
 _CHIP_STYLE = (

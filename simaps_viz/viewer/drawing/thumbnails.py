@@ -16,6 +16,8 @@ WIDTH = 360
 """Width of a thumbnail, pixels."""
 HEIGHT = 270
 GAP = 6
+BETWEEN = 128
+"""Grey between thumbnails, and where there is none: neither glaring on a dark page nor black on a light one."""
 
 
 def outlined(rgb: NDArray, ids: NDArray, segments: Collection[int], others: Collection[int] = ()) -> NDArray:
@@ -65,10 +67,10 @@ def named(picture: NDArray, name: str) -> NDArray:
 
 
 def gallery(pictures: Sequence[NDArray]) -> NDArray:
-    """Lay out one to three thumbnails on white: the first large, the others stacked beside it; uint8 [h, w, 3]."""
+    """Lay out one to three thumbnails: the first large, the others stacked beside it; uint8 [h, w, 3]."""
     first, others = pictures[0], pictures[1:3]
     height, width = 2 * HEIGHT + GAP, round((2 * HEIGHT + GAP) * WIDTH / HEIGHT)
-    page = np.full((height, width + GAP + WIDTH, 3), 255, np.uint8)
+    page = np.full((height, width + GAP + WIDTH if others else width, 3), BETWEEN, np.uint8)
     page[:, :width] = cv2.resize(first, (width, height), interpolation=cv2.INTER_LINEAR)
     for row, picture in enumerate(others):
         top = row * (HEIGHT + GAP)

@@ -37,6 +37,7 @@ def set_first_view(server: viser.ViserServer, extent: Extent) -> None:
     server.initial_camera.position = first.position
     server.initial_camera.look_at = first.look_at
     server.initial_camera.fov = first.fov_rad
+    server.initial_camera.far = first.far_m
 
 
 class Viewpoints:
@@ -66,6 +67,13 @@ class Viewpoints:
         with self._lock:
             self._name = name
             self._fit()
+
+    def look_at(self, extent: Extent) -> None:
+        """Come close to a part of the floor, from the side that was chosen last."""
+        with self._lock:
+            self._left_by_user = True
+            view = slanted_view if self._name == SLANT else top_view
+            self._put(view(extent, self._client.camera.aspect), UP)
 
     def restore(self) -> None:
         """Go back to the view that was chosen last."""
@@ -129,7 +137,7 @@ class Viewpoints:
     def _send(self, view: View, up: Triple) -> None:
         camera = self._client.camera
         with self._client.atomic():
-            camera.fov = view.fov_rad
+            camera.fov, camera.far = view.fov_rad, view.far_m
             camera.up_direction = up
             camera.position = view.position
             camera.look_at = view.look_at

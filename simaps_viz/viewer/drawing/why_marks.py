@@ -11,11 +11,12 @@ from simaps_viz.mapping.simap import JOINING
 from simaps_viz.mapping.why import Joint, Link, Why
 from simaps_viz.mapping.why_words import score_text
 from simaps_viz.structures import SIMap
+from simaps_viz.viewer.drawing.label_layout import spread
 from simaps_viz.viewer.drawing.texture import outline_segments
 
 Color = tuple[int, int, int]
 CUT: Color = (214, 39, 40)
-LINK: Color = (70, 78, 92)
+LINK: Color = (112, 120, 134)
 TARGET: Color = (0, 90, 200)
 SOURCE: Color = (230, 120, 0)
 OTHER: Color = (130, 40, 160)
@@ -162,17 +163,16 @@ class WhyMarks:
             lines["other"] = outline_segments(simap, marks.beside, z_m)
         if links:
             lines["links"] = link_lines(links, z_m)
-            self._label(links, lines["links"], why.method)
+            ymin, ymax = simap.spec.extent_m[1::2]
+            self._label(links, lines["links"], why.method, ymax - ymin)
         return lines
 
-    def _label(self, links: Sequence[Link], lines: NDArray, method: str) -> None:
-        for i, (link, line) in enumerate(zip(links, lines, strict=True)):
-            x, y, z = line.mean(axis=0).tolist()
-            self._labels.append(
-                self._scene.add_label(
-                    f"/why/number/{i}", link_text(method, link), position=(x, y, z), anchor="center-center"
-                )
-            )
+    def _label(self, links: Sequence[Link], lines: NDArray, method: str, map_height_m: float) -> None:
+        middles = lines.mean(axis=1)
+        texts = [(link_text(method, link), float(x), float(y)) for link, (x, y, _) in zip(links, middles, strict=True)]
+        for i, (text, x, y) in enumerate(spread(texts, map_height_m)):
+            place = (x, y, float(middles[i, 2]))
+            self._labels.append(self._scene.add_label(f"/why/number/{i}", text, position=place, anchor="center-center"))
 
     def _clear_labels(self) -> None:
         for label in self._labels:
