@@ -2,7 +2,9 @@
 
 import threading
 import time
+from contextlib import nullcontext
 from dataclasses import dataclass
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -13,6 +15,7 @@ from toy_maps import TOY_POSE, TOY_SPEC, toy_map
 from simaps_viz.language.grounding import Grounding
 from simaps_viz.structures import Pose2
 from simaps_viz.viewer.drawing.camera import SEES_M, slanted_view, top_view
+from simaps_viz.viewer.drawing.viewpoints import Viewpoints
 from simaps_viz.viewer.driving.drive import SPEED_M_S, TURN_RAD_S, Drive, poses_along, trajectory
 from simaps_viz.viewer.driving.robot import candidate_labels, goal_labels, open_floor, poses_of_steps
 from simaps_viz.viewer.panels.build import ECHO_S, SETTLE_S, FrameLink
@@ -186,3 +189,35 @@ def test_examples_speak_of_this_map_and_html_is_escaped():
     html = program_html("a = 1\nb = '<'\n", line=2)
     assert "&lt;" in html and html.count("background:light-dark(#fff1b8") == 1
     assert TOY_POSE.heading_deg == pytest.approx(90.0)
+
+
+class ForgetfulCamera:
+    """A page's camera, which reports what it is given, or what it was given before."""
+
+    def __init__(self):
+        self.position, self.look_at, self.up_direction, self.wxyz = (
+            (0.0, 0.0, 1.0),
+            (0.0,) * 3,
+            (0.0, 0.0, 1.0),
+            (1.0, 0, 0, 0),
+        )
+        self.fov, self.far, self.aspect = 0.5, 1000.0, 1.6
+        self.told = lambda _: None
+
+    def on_update(self, told):
+        self.told = told
+
+
+def test_a_page_that_forgot_how_wide_its_camera_opens_is_told_again():
+    camera = ForgetfulCamera()
+    client = SimpleNamespace(camera=camera, atomic=nullcontext)
+    extent = (0.0, 0.0, 450.0, 25.0)  # the camera stands as far away as it may: only its angle tells views apart
+    Viewpoints(client, extent)  # type: ignore[arg-type]
+    wide = camera.fov
+    camera.aspect = 1.17
+    camera.told(None)
+    wider = camera.fov
+    assert wider > wide * 1.2
+    camera.fov = wide
+    camera.told(None)
+    assert camera.fov == wider

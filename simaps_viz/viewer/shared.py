@@ -17,6 +17,8 @@ from simaps_viz.viewer.services import Services
 
 V = TypeVar("V")
 
+MOST_SIDE = 4096
+"""Pixels of a map's picture a side: what WebGL takes everywhere, and a browser decodes in a second."""
 MOST_PARTITIONS = 16
 MOST_PICTURES = 24
 MOST_LOOKS = 6
@@ -150,9 +152,17 @@ class Shared:
 def paint(
     simap: SIMap, mode: ColorMode, lit: frozenset[int] | None, until: int | None, theme: Theme = LIGHT
 ) -> NDArray:
-    """Paint a map, uint8 [rows * scale, cols * scale, 3], RGB, row 0 at the south; arguments as in `Shared.picture`."""
+    """Paint a map, uint8 [rows * scale, cols * scale, 3], RGB, row 0 at the south; arguments as in `Shared.picture`.
+
+    Above `MOST_SIDE` cells a side it is smaller than that.
+    """
     hidden = () if until is None else tuple(communities_unseen_until(simap, until).tolist())
-    return map_image(simap, mode, lit=lit, hidden=hidden, scale=pixels_per_cell(simap), theme=theme)
+    image = map_image(simap, mode, lit=lit, hidden=hidden, scale=pixels_per_cell(simap), theme=theme)
+    shrink = MOST_SIDE / max(image.shape[:2])
+    if shrink >= 1.0:
+        return image
+    rows, cols = (max(1, round(side * shrink)) for side in image.shape[:2])
+    return cv2.resize(image, (cols, rows), interpolation=cv2.INTER_AREA)
 
 
 def png(image: NDArray) -> bytes:

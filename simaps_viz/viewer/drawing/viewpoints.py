@@ -52,7 +52,9 @@ class Viewpoints:
         self._put_at_s = 0.0
         self._target: tuple[View, Triple] | None = None
         self._left_by_user = False
-        self._put_there: deque[View] = deque([top_view(extent, FIRST_ASPECT)], maxlen=8)
+        self._first = top_view(extent, FIRST_ASPECT)
+        """Where a page begins; one that takes long to be set up is there again long after it was sent elsewhere."""
+        self._put_there: deque[View] = deque([self._first], maxlen=8)
         self._lock = threading.RLock()
         client.camera.on_update(lambda _: self._updated())
         self._fit()
@@ -110,8 +112,10 @@ class Viewpoints:
         return not any(self._is_at(view) for view in self._put_there)
 
     def _is_at(self, view: View) -> bool:
+        camera = self._client.camera
         scale = float(np.linalg.norm(np.subtract(view.position, view.look_at)))
-        return float(np.linalg.norm(np.asarray(self._client.camera.position) - view.position)) <= 0.01 * scale
+        away = float(np.linalg.norm(np.asarray(camera.position) - view.position))
+        return away <= 0.01 * scale and abs(float(camera.fov) - view.fov_rad) <= 0.01 * view.fov_rad
 
     def _updated(self) -> None:
         """Fit again when the canvas changed its shape, or forgot, and the camera is still where it was put."""
@@ -121,7 +125,7 @@ class Viewpoints:
             lately = time.monotonic() - self._put_at_s < INSIST_S
             if abs(self._client.camera.aspect - self._aspect) >= 0.005 and not (lately and self._left_by_user):
                 self._fit()
-            elif lately and self._target is not None and not self._is_at(self._target[0]):
+            elif (lately or self._is_at(self._first)) and self._target is not None and not self._is_at(self._target[0]):
                 self._send(*self._target)
 
     def _fit(self) -> None:
