@@ -30,10 +30,10 @@ def header(node: ast.FunctionDef) -> str:
 
 
 def fields(body: list[ast.stmt]) -> list[str]:
-    """Give a paragraph with a line for every annotated field and the docstring under it; none, if there is none."""
+    """Give a paragraph with a line for every public field and the docstring under it; none, if there is none."""
     lines: list[str] = []
     for node, after in zip(body, [*body[1:], ast.Pass()], strict=True):
-        if isinstance(node, ast.AnnAssign):
+        if isinstance(node, ast.AnnAssign) and not ast.unparse(node.target).startswith("_"):
             said = after.value.value if isinstance(after, ast.Expr) and isinstance(after.value, ast.Constant) else ""
             lines.append(f"- `{ast.unparse(node)}`" + (f": {' '.join(str(said).split())}" if said else ""))
     return ["\n".join(lines) + "\n"] * bool(lines)

@@ -16,6 +16,7 @@ from simaps_viz.cluster.workers import open_workers
 from simaps_viz.datasets.joined import join
 from simaps_viz.datasets.source import FrameSource
 from simaps_viz.errors import InputError
+from simaps_viz.files import check_ending
 from simaps_viz.pipeline import Elsewhere
 from simaps_viz.progress import StageProgress, console, emit, stage_progress
 from simaps_viz.segmenting import open_segmented
@@ -29,8 +30,8 @@ class Build:
     """
 
     sequence: tyro.conf.Positional[tuple[Path, ...]]
-    """Folder in the posed-frames/1 format, or its manifest (.json). Several are put on one map: their poses have to be
-    in one world frame."""
+    """Folder in the posed-frames/1 format, or its manifest (.json); or a recording in another format (docs/FORMATS.md).
+    Several are put on one map: their poses have to be in one world frame."""
     output: Annotated[Path, tyro.conf.arg(aliases=["-o"])]
     """Map file to write (.npz)."""
     mapping: Annotated[Mapping, tyro.conf.arg(name="")] = dataclasses.field(default_factory=Mapping)
@@ -64,6 +65,7 @@ class Build:
 def build(command: Build) -> None:
     """Build the map and say what is on it."""
     config = command.mapping.config()
+    check_ending(command.output, ".npz", "a map's name")
     if command.view:
         _watch(command)
         return

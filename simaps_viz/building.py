@@ -77,14 +77,8 @@ def build_to_file(
         BuildCancelled: ``cancel`` was set.
     """
     check_writable(output)
-    logged = logged and method in VARIANTS
-    if method not in VARIANTS and (resume or history):
-        option = "--resume" if resume else "--history"
-        raise InputError(f"{option}: expected a method that keeps a log ({', '.join(VARIANTS)}), found {method}")
-    if elsewhere is not None and (method not in VARIANTS or record is not None):
-        found = f"method {method}" if record is None else "--record, which shows every picture"
-        raise InputError(f"--scheduler: expected method evidence, components or paper without --record, found {found}")
-    log = log_beside(output)
+    _check_method(method, resume=resume, history=history, recorded=record is not None, elsewhere=elsewhere is not None)
+    logged, log = logged and method in VARIANTS, log_beside(output)
     if logged and not json_lines:
         _say_unfinished(log, output, len(sequence), resume=resume, recorded=record is not None)
     how: Careful = {"strict": strict, "cancel": cancel, "resume": resume, "log": log if logged else None,
@@ -92,10 +86,10 @@ def build_to_file(
     watching: list[Observer] = [BuildProgress(progress, json_lines=json_lines), *observers]
     if record is None:
         simap = build(sequence, method, config, watching, **how)
-    else:
-        from simaps_viz.recorder.recorder import RerunRecorder  # noqa: PLC0415 - rerun is slow to import
-        from simaps_viz.recorder.repair import unfinished_recordings  # noqa: PLC0415 - as above
-        from simaps_viz.recorder.settings import SMALL  # noqa: PLC0415 - as above
+    else:  # rerun is slow to import
+        from simaps_viz.recorder.recorder import RerunRecorder  # noqa: PLC0415
+        from simaps_viz.recorder.repair import unfinished_recordings  # noqa: PLC0415
+        from simaps_viz.recorder.settings import SMALL  # noqa: PLC0415
 
         with RerunRecorder(record, settings=recorder_settings or SMALL) as recorder:
             simap = build(sequence, method, config, [*watching, recorder], communities_every=COMMUNITIES_EVERY, **how)
@@ -105,6 +99,15 @@ def build_to_file(
     if logged:
         _finish(log, output, history=history)
     return simap
+
+
+def _check_method(method: str, *, resume: bool, history: bool, recorded: bool, elsewhere: bool) -> None:
+    if method not in VARIANTS and (resume or history):
+        option = "--resume" if resume else "--history"
+        raise InputError(f"{option}: expected a method that keeps a log ({', '.join(VARIANTS)}), found {method}")
+    if elsewhere and (method not in VARIANTS or recorded):
+        found = "--record, which shows every picture" if recorded else f"method {method}"
+        raise InputError(f"--scheduler: expected method evidence, components or paper without --record, found {found}")
 
 
 @contextmanager

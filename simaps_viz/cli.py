@@ -1,12 +1,8 @@
 """`simaps`: one command line for building, seeing, questioning and driving on Semantic Instance Maps."""
 
-import dataclasses
 import os
 import sys
 from collections.abc import Sequence
-from dataclasses import dataclass
-from pathlib import Path
-from typing import Annotated
 
 import tyro
 from rich.console import Console
@@ -16,18 +12,20 @@ from simaps_viz.build_command import Build, build
 from simaps_viz.cli_options import (
     Check,
     Convert,
+    Demo,
     Evaluate,
     Export,
     ExportNetwork,
+    Info,
     Judge,
-    Level,
-    Mapping,
-    Networks,
+    Query,
     Segment,
+    View,
 )
 from simaps_viz.datasets.posed_frames import is_sequence, open_sequence
 from simaps_viz.doctor import Doctor, doctor
 from simaps_viz.errors import InputError, SIMapsError
+from simaps_viz.limits import check_port
 from simaps_viz.logs import HELP, logged, logged_command, logger, take_log_options
 from simaps_viz.mapping.mending import load_mended, open_mending
 from simaps_viz.mend_map import Mend, mend_map
@@ -40,87 +38,6 @@ from simaps_viz.structures import Pose2
 from simaps_viz.tables import map_tables
 
 OK, NO, BAD_INPUT, INTERRUPTED = 0, 1, 2, 130
-
-
-@dataclass(frozen=True)
-class Demo:
-    """Make the embedded café (rendered, with simulated network errors), map it, and open the workbench."""
-
-    mapping: Annotated[Mapping, tyro.conf.arg(name="")] = dataclasses.field(default_factory=Mapping)
-    errors: Level = "light"
-    """Simulated errors of the segmentation network."""
-    port: int = 8080
-    """Where to serve the page; the next free one when it is taken."""
-    host: str = "127.0.0.1"
-    """Address to listen on. One that other machines reach, such as 0.0.0.0, demands a token, which is printed or comes
-    from SIMAPS_TOKEN; see SECURITY.md."""
-    browser: bool = True
-    """Open the page in the browser."""
-    serve: bool = True
-    """Serve the page; with --no-serve only prepare everything."""
-    llm: str | None = None
-    """A language model for the page's commands: MODEL[@ADDRESS], see simaps query."""
-
-
-@dataclass(frozen=True)
-class View:
-    """Open the workbench on a map, or on a sequence (which is mapped first)."""
-
-    path: tyro.conf.Positional[Path]
-    """Map file (.npz), sequence folder or manifest (.json); or a recorded build (.rrd) alone."""
-    segmentation: str = "precomputed"
-    """Of a sequence: "precomputed", a network (.onnx) or a COCO panoptic table (.json), as for simaps build."""
-    network: Annotated[Networks, tyro.conf.arg(name="")] = dataclasses.field(default_factory=Networks)
-    mapping: Annotated[Mapping, tyro.conf.arg(name="")] = dataclasses.field(default_factory=Mapping)
-    recording: Path | None = None
-    """Recorded build to dock beside the map; by default the .rrd of the map's name."""
-    port: int = 8080
-    """Where to serve the page; the next free one when it is taken."""
-    host: str = "127.0.0.1"
-    """Address to listen on. One that other machines reach, such as 0.0.0.0, demands a token, which is printed or comes
-    from SIMAPS_TOKEN; see SECURITY.md."""
-    browser: bool = True
-    """Open the page in the browser."""
-    edits: bool = True
-    """Show the map with the edits made by hand (MAP.edits.json), and let people make more."""
-    llm: str | None = None
-    """A language model for the page's commands: MODEL[@ADDRESS], see simaps query."""
-
-
-@dataclass(frozen=True)
-class Query:
-    """Ask a robot on a map to do something, in English or as a program; nothing is shown, the answer is printed.
-
-    Example: simaps query cafe.npz "go to the third chair" "turn left" --pose 1.5 2 90 --json
-    """
-
-    map: tyro.conf.Positional[Path]
-    """Map file (.npz)."""
-    command: tyro.conf.Positional[tuple[str, ...]]
-    """One or more commands, each carried out from the given pose."""
-    pose: tuple[float, float, float] | None = None
-    """Where the robot stands: x and y in metres, heading in degrees clockwise from north. By default where the first
-    camera stood."""
-    llm: str | None = None
-    """Let a language model read the commands: MODEL, or MODEL@ADDRESS of a chat-completions server, such as
-    qwen2.5:7b@http://127.0.0.1:11434/v1. The key comes from OPENAI_API_KEY. Without it, an offline grammar reads."""
-    edits: bool = True
-    """Ask the map with the edits made by hand (MAP.edits.json)."""
-    json: bool = False
-    """Print one JSON line a command."""
-
-
-@dataclass(frozen=True)
-class Info:
-    """Say what is on a map."""
-
-    map: tyro.conf.Positional[Path]
-    """Map file (.npz)."""
-    edits: bool = True
-    """Of the map with the edits made by hand (MAP.edits.json)."""
-    json: bool = False
-    """Print it as one JSON line."""
-
 
 Command = (
     Demo
@@ -163,6 +80,7 @@ def run(command: Command) -> int:
 
 def _carry_out(command: Command) -> int:
     try:
+        check_port(getattr(command, "port", 0))
         return _RUN[type(command)](command)
     except SIMapsError as error:
         _say_error(str(error))
@@ -247,6 +165,10 @@ def _view(command: View) -> int:
     else:
         if command.segmentation != "precomputed":
             raise InputError(f"{command.path}: expected a sequence with --segmentation, found a map")
+        if not command.path.exists():
+            raise InputError(
+                f"{command.path}: expected a map file (.npz), a sequence or a recorded build (.rrd), found nothing"
+            )
         simap = load_mended(command.path, edits=False)
         recording = wiring.recording_beside(command.path, command.recording)
         map_path = command.path
@@ -259,7 +181,6 @@ def _view(command: View) -> int:
 
 
 def _query(command: Query) -> int:
-
     if not command.command:
         raise InputError('query: expected at least one command, for example "go to the second chair", found none')
     simap = load_mended(command.map, edits=command.edits)
@@ -290,7 +211,6 @@ def _print_answer(record: dict) -> None:
 
 
 def _info(command: Info) -> int:
-
     facts = wiring.summary(load_mended(command.map, edits=command.edits))
     if command.json:
         emit(facts)
@@ -329,6 +249,8 @@ def _share(command: Share) -> int:
         emit(written)
     else:
         console.print(f"{written['output']}: {written['bytes'] / 1e6:.1f} MB", markup=False, soft_wrap=True)
+        if written["done"] is False:
+            console.print(f'"{command.command}" failed: {written["outcome"]}', markup=False, soft_wrap=True)
     return NO if written["done"] is False else OK
 
 
@@ -340,14 +262,16 @@ def _convert(command: Convert) -> int:
         manifest = write_posed_frames(
             sequence, command.output, every=command.every, progress=lambda done, total: progress("frames", done, total)
         )
+    frames = len(range(0, len(sequence), command.every))
     if command.json:
-        frames = len(range(0, len(sequence), command.every))
         emit({"event": "done", "manifest": str(manifest), "name": sequence.name, "frames": frames,
               "segmentation": sequence.segmentation_source, "notes": list(sequence.notes)})  # fmt: skip
         return OK
     for note in sequence.notes:
         console.print(f"{command.source}: {note}", markup=False, soft_wrap=True)
-    console.print(f"{manifest}: segmentation {sequence.segmentation_source}", markup=False, soft_wrap=True)
+    console.print(
+        f"{manifest}: {frames} frames, segmentation {sequence.segmentation_source}", markup=False, soft_wrap=True
+    )
     return OK
 
 

@@ -102,6 +102,95 @@ class Networks:
 
 
 @dataclass(frozen=True)
+class Demo:
+    """Make the embedded café (rendered, with simulated network errors), map it, and open the workbench.
+
+    Example: simaps demo --errors medium --port 9000
+    """
+
+    mapping: Annotated[Mapping, tyro.conf.arg(name="")] = field(default_factory=Mapping)
+    errors: Level = "light"
+    """Simulated errors of the segmentation network."""
+    port: int = 8080
+    """Where to serve the page; the next free one when it is taken."""
+    host: str = "127.0.0.1"
+    """Address to listen on. One that other machines reach, such as 0.0.0.0, demands a token, which is printed or comes
+    from SIMAPS_TOKEN; see SECURITY.md."""
+    browser: bool = True
+    """Open the page in the browser."""
+    serve: bool = True
+    """Serve the page; with --no-serve only prepare everything."""
+    llm: str | None = None
+    """A language model for the page's commands: MODEL[@ADDRESS], see simaps query."""
+
+
+@dataclass(frozen=True)
+class View:
+    """Open the workbench on a map, or on a sequence (which is mapped first).
+
+    Example: simaps view cafe.npz --port 9000
+    """
+
+    path: tyro.conf.Positional[Path]
+    """Map file (.npz), sequence (folder, manifest or another format's file); or a recorded build (.rrd) alone."""
+    segmentation: str = "precomputed"
+    """Of a sequence: "precomputed", a network (.onnx) or a COCO panoptic table (.json), as for simaps build."""
+    network: Annotated[Networks, tyro.conf.arg(name="")] = field(default_factory=Networks)
+    mapping: Annotated[Mapping, tyro.conf.arg(name="")] = field(default_factory=Mapping)
+    recording: Path | None = None
+    """Recorded build to dock beside the map; by default the .rrd of the map's name."""
+    port: int = 8080
+    """Where to serve the page; the next free one when it is taken."""
+    host: str = "127.0.0.1"
+    """Address to listen on. One that other machines reach, such as 0.0.0.0, demands a token, which is printed or comes
+    from SIMAPS_TOKEN; see SECURITY.md."""
+    browser: bool = True
+    """Open the page in the browser."""
+    edits: bool = True
+    """Show the map with the edits made by hand (MAP.edits.json), and let people make more."""
+    llm: str | None = None
+    """A language model for the page's commands: MODEL[@ADDRESS], see simaps query."""
+
+
+@dataclass(frozen=True)
+class Query:
+    """Ask a robot on a map to do something, in English or as a program; nothing is shown, the answer is printed.
+
+    Example: simaps query cafe.npz "go to the third chair" "turn left" --pose 1.5 2 90 --json
+    """
+
+    map: tyro.conf.Positional[Path]
+    """Map file (.npz)."""
+    command: tyro.conf.Positional[tuple[str, ...]]
+    """One or more commands, each carried out from the given pose."""
+    pose: tuple[float, float, float] | None = None
+    """Where the robot stands: x and y in metres, heading in degrees clockwise from north. By default where the first
+    camera stood."""
+    llm: str | None = None
+    """Let a language model read the commands: MODEL, or MODEL@ADDRESS of a chat-completions server, such as
+    qwen2.5:7b@http://127.0.0.1:11434/v1. The key comes from OPENAI_API_KEY. Without it, an offline grammar reads."""
+    edits: bool = True
+    """Ask the map with the edits made by hand (MAP.edits.json)."""
+    json: bool = False
+    """Print one JSON line a command."""
+
+
+@dataclass(frozen=True)
+class Info:
+    """Say what is on a map.
+
+    Example: simaps info cafe.npz
+    """
+
+    map: tyro.conf.Positional[Path]
+    """Map file (.npz)."""
+    edits: bool = True
+    """Of the map with the edits made by hand (MAP.edits.json)."""
+    json: bool = False
+    """Print it as one JSON line."""
+
+
+@dataclass(frozen=True)
 class Segment:
     """Segment the frames of a sequence with a network, and write the masks as files.
 
@@ -109,7 +198,8 @@ class Segment:
     """
 
     sequence: tyro.conf.Positional[Path]
-    """Folder in the posed-frames/1 format, or its manifest (.json)."""
+    """Folder in the posed-frames/1 format, or its manifest (.json); with --format coco also a recording in another
+    format."""
     segmentation: tyro.conf.Positional[str]
     """Network (.onnx), COCO panoptic table (.json), or "precomputed" to write the sequence's own masks anew."""
     output: Annotated[Path | None, tyro.conf.arg(aliases=["-o"])] = None

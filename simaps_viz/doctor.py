@@ -13,6 +13,8 @@ class Doctor:
     """Check the installation: versions, compiled kernels, network runtimes, browser, ports, folders, disk, clock.
 
     Nothing is changed. Exit status 1 means that something has to be put right; warnings do not count.
+
+    Example: simaps doctor --no-browser
     """
 
     browser: bool = True

@@ -11,10 +11,17 @@ from simaps_viz.evaluation.navigation import TRUE_MAP, evaluate_navigation
 from simaps_viz.evaluation.navigation_report import navigation_json, navigation_text
 from simaps_viz.evaluation.report import ablation_table, report_json
 from simaps_viz.evaluation.run import EvaluationConfig, open_for_evaluation, run_evaluation, split_names, write_json
-from simaps_viz.methods import build
+from simaps_viz.files import check_ending, check_output
+from simaps_viz.methods import build, check_method
 from simaps_viz.pipeline import BuildConfig, build_map
 from simaps_viz.progress import StageProgress
 from simaps_viz.structures import SIMap
+
+_ONLY_WITH = {
+    "counts": "instances", "picture": "instances", "record": "instances", "discrete": "navigation",
+    "judge": "navigation",
+}  # fmt: skip
+"""Options that the other tasks would ignore."""
 
 
 def evaluate(settings: Evaluate, progress: StageProgress) -> tuple[str, dict[str, Any]]:
@@ -23,6 +30,11 @@ def evaluate(settings: Evaluate, progress: StageProgress) -> tuple[str, dict[str
     Raises:
         InputError: anything asked for is not possible; nothing is left half-written.
     """
+    for option, task in _ONLY_WITH.items():
+        if getattr(settings, option) and settings.task != task:
+            raise InputError(f"--{option}: expected --task {task}, found --task {settings.task}")
+    for method in split_names("methods", settings.methods):
+        check_method(method)
     task = {"instances": _instances, "navigation": _navigation, "ablation": _ablation}[settings.task]
     return task(settings, progress)
 
@@ -53,6 +65,9 @@ def _instances(settings: Evaluate, progress: StageProgress) -> tuple[str, dict[s
         sequence=settings.sequence, methods=settings.methods, errors=settings.errors, seeds=settings.seeds,
         counts=settings.counts, truth=settings.truth, picture=settings.picture, output=settings.output,
     )  # fmt: skip
+    if settings.record is not None:  # before anything is computed
+        check_ending(settings.record, ".rrd", "a recording's name")
+        check_output(settings.record)
     result = run_evaluation(config, build, store=_store, progress=progress)
     if settings.record is not None:
         from simaps_viz.recorder.comparison import record_comparison  # noqa: PLC0415 - rerun is slow to import
@@ -93,8 +108,6 @@ def _navigation(settings: Evaluate, progress: StageProgress) -> tuple[str, dict[
 
 
 def _ablation(settings: Evaluate, progress: StageProgress) -> tuple[str, dict[str, Any]]:
-    if settings.counts:
-        raise InputError("ablation: expected a sequence with exact ids, found counts by eye")
     sequence = open_for_evaluation(settings.sequence, progress)
     report = evaluate_variants(
         sequence,

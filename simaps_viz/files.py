@@ -2,26 +2,37 @@
 
 import os
 import tempfile
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from pathlib import Path
+from typing import IO
 
 from simaps_viz.errors import InputError
 
 
+def check_ending(path: Path, suffix: str, what: str) -> None:
+    """Raise InputError unless a name has that ending: whoever opens the file tells by it what it is."""
+    if path.suffix.lower() != suffix:
+        raise InputError(f"{path}: expected {what} that ends in {suffix}, found {path.suffix or 'no ending'}")
+
+
 def check_output(path: Path, suffix: str = "") -> None:
     """Raise InputError unless a file of that ending can be written there, so that nobody waits for nothing."""
-    if suffix and path.suffix.lower() != suffix:
-        raise InputError(f"{path}: expected a picture name that ends in {suffix}, found {path.suffix or 'no ending'}")
+    if suffix:
+        check_ending(path, suffix, "a picture name")
     if path.is_dir() or not path.absolute().parent.is_dir() or not os.access(path.absolute().parent, os.W_OK):
         raise InputError(f"{path}: expected a file in a folder that can be written, found none")
 
 
-def write_whole(path: Path, data: bytes | memoryview | Iterable[bytes], what: str) -> None:
+Written = bytes | memoryview | Iterable[bytes] | Callable[[IO[bytes]], None]
+"""What goes into a file: all of it, or part by part, or what writes it into the open file."""
+
+
+def write_whole(path: Path, data: Written, what: str) -> None:
     """Write a file, replacing an earlier one only once the new one is complete on disk.
 
     Args:
         path: where.
-        data: all of it, at once or part by part.
+        data: what goes into it.
         what: names the contents in an error, e.g. "the map".
 
     Raises:
@@ -31,8 +42,11 @@ def write_whole(path: Path, data: bytes | memoryview | Iterable[bytes], what: st
     try:
         handle, temporary = tempfile.mkstemp(prefix=f".{path.name}.", dir=path.parent)
         with os.fdopen(handle, "wb") as file:
-            for part in (data,) if isinstance(data, bytes | memoryview) else data:
-                file.write(part)
+            if callable(data):
+                data(file)
+            else:
+                for part in (data,) if isinstance(data, bytes | memoryview) else data:
+                    file.write(part)
             file.flush()
             os.fsync(file.fileno())
         os.chmod(temporary, 0o644)

@@ -27,7 +27,7 @@ def wrap_angle(angle_rad: float) -> float:
 
 
 def transform_points(T_a_b: NDArray, points_b: NDArray) -> NDArray:
-    """Move points [..., 3] of frame b to frame a by the rigid transform ``T_a_b`` [4, 4]."""
+    """Move points, float [..., 3], of frame b to frame a by the rigid transform ``T_a_b``, float64 [4, 4]."""
     return points_b @ T_a_b[:3, :3].T + T_a_b[:3, 3]
 
 

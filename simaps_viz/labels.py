@@ -2,9 +2,6 @@
 
 import zlib
 
-import numpy as np
-from numpy.typing import NDArray
-
 from simaps_viz.palette import PALETTE, Color, color_of_number
 
 COCO_THINGS = tuple(
@@ -159,8 +156,3 @@ def instance_color(instance_id: int) -> Color:
     ``map_colors.instance_colors`` gives another one to an instance whose neighbour has the same.
     """
     return (0, 0, 0) if instance_id <= 0 else color_of_number(instance_id)
-
-
-def instance_palette(size: int) -> NDArray:
-    """Give uint8 [size, 3]: the RGB colour of ids 0 .. size - 1."""
-    return np.array([instance_color(i) for i in range(size)], dtype=np.uint8).reshape(size, 3)

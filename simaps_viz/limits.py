@@ -27,7 +27,7 @@ MAX_CLOUD_POINTS = 100_000_000
 MAX_CLOUD_BYTES = 1 << 33
 """Of a point cloud's file."""
 MAX_MAP_CELLS = 1 << 27
-"""Of a map's grid: 579 m x 579 m with cells of 0.05 m, which takes 10 GB to finish, 7 GB to open when all is seen."""
+"""Of a map's grid: 579 m x 579 m with cells of 0.05 m, which takes 7 GB to finish, 2 GB to open when all is seen."""
 MAX_CELL_INDEX = 1 << 29
 """Cells from the map's origin, either way: 26,000 km with cells of 0.05 m."""
 MAX_LINKED_CELL = 1 << 15
@@ -44,6 +44,8 @@ MAX_STEP_BYTES = 1 << 28
 """Of what one frame adds to a map, in a build log."""
 MAX_HISTORY_BYTES = 1 << 33
 """Of the steps of a build, unpacked, that are looked through."""
+LAST_PORT = 65_535
+"""Of TCP."""
 MAX_CLASSES = 30_000
 """Class names of a map: its layers hold them as 16-bit numbers."""
 
@@ -70,6 +72,12 @@ def check_picture(where: object, width: int, height: int) -> None:
             f"{where}: expected a picture of at most {MAX_IMAGE_SIDE} pixels a side and {MAX_IMAGE_PIXELS} in all, "
             f"found {width}x{height}"
         )
+
+
+def check_port(port: int) -> None:
+    """Raise InputError for a number that no page can be served at; 0 means any free one."""
+    if not 0 <= port <= LAST_PORT:
+        raise InputError(f"--port: expected 0 to {LAST_PORT}, found {port}")
 
 
 def check_cells(where: object, rows: int, cols: int) -> None:

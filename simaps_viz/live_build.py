@@ -9,29 +9,30 @@ from typing import Protocol
 
 from simaps_viz.errors import SIMapsError
 from simaps_viz.events import BuildStarted, CommunitiesFound, Event, FrameProjected, FrameSkipped, Observer
+from simaps_viz.live_pace import Pace
 from simaps_viz.logs import logger
 from simaps_viz.pipeline import BuildCancelled
 from simaps_viz.structures import SIMap
 from simaps_viz.viewer.panels.live_services import LiveState
 
-MAP_EVERY_S = 1.0
-"""How often the map is shown at most."""
-MAP_SHARE = 0.05
-"""Of the processor time since the build began that may go into making the maps that are shown."""
 RATE_OVER_S = 5.0
 """Frames a second are those of the last so many seconds."""
+SKETCH_SHARE = 0.03
+"""Of the time since the last sketch that may go into making the next one."""
+SKETCH_EVERY_S = 0.45
+"""How often a sketch is made at most; the page looks a little less often."""
 STOPPED = "Stopped. Nothing is lost: go on here, or later with the same command and --resume."
 
 
 class Stream(Protocol):
-    """Where the build is shown frame by frame."""
+    """Where some of the build's frames are shown, with what their camera saw."""
 
     def on_event(self, event: Event) -> None:
-        """Take one event."""
+        """Take one event; shows nothing yet."""
         ...
 
-    def show_map(self, simap: SIMap) -> None:
-        """Show the objects found so far."""
+    def show(self, event: FrameProjected, simap: SIMap | None) -> None:
+        """Show a frame, and the objects found so far where they are new."""
         ...
 
 
@@ -50,6 +51,8 @@ class Audience:
     done: Callable[[SIMap], str]
     """The map is finished and saved; says where."""
     stream: Stream | None = None
+    sketch: Callable[[FrameProjected], bytes] = lambda event: b""
+    """Draw what was seen so far in little time, for ``LiveState.sketch``."""
 
 
 class LiveBuild:
@@ -65,7 +68,12 @@ class LiveBuild:
         self._cancel = threading.Event()
         self._thread: threading.Thread | None = None
         self._arrived: deque[tuple[float, int]] = deque()
-        self._began_s = self._shown_s = self._spent_s = self._busy_before_s = 0.0
+        self._began_s = self._sketch_s = self._busy_before_s = 0.0
+        self._pace = Pace()
+        self._for_stream: SIMap | None = None
+        self._turn = False
+        self.maps_shown = self.frames_shown = self.sketches = 0
+        """What was shown while frames came, for the bench: maps, frames in the recording, sketches."""
         self.saved_s: float | None = None
         """How long it took from the last start to the saved map, for the bench."""
         self.busy_s = 0.0
@@ -82,7 +90,8 @@ class LiveBuild:
                 return
             self._cancel = threading.Event()
             self._arrived.clear()
-            self._began_s, self._shown_s, self._spent_s = time.perf_counter(), float("-inf"), 0.0
+            self._began_s = self._sketch_s = time.perf_counter()
+            self._pace.begin(self._began_s)
             self._busy_before_s = time.process_time()
             self._say(status="starting", error="", said="", rate=None, left_s=None)
             self._thread = threading.Thread(target=self._build, args=(resume,), name="live-build", daemon=True)
@@ -142,6 +151,7 @@ class LiveBuild:
 
     def _arrive(self, done: int) -> None:
         now = time.perf_counter()
+        self._pace.arrive(now)
         self._arrived.append((now, done))
         while now - self._arrived[0][0] > RATE_OVER_S:
             self._arrived.popleft()
@@ -152,19 +162,25 @@ class LiveBuild:
             self._say(status=status, done=done, rate=rate, left_s=(total - done) / rate if rate else None)
 
     def _show(self, event: FrameProjected) -> None:
-        """Show the map so far, when it is time and somebody looks."""
-        now, busy_s = time.perf_counter(), time.process_time()
-        has_time = self._spent_s <= MAP_SHARE * (busy_s - self._busy_before_s) or self._shown_s == float("-inf")
-        if (
-            event.map_so_far is None
-            or now - self._shown_s < MAP_EVERY_S
-            or not has_time
-            or not self._audience.watches()
-        ):
+        """Show the map so far, or this frame, by turns, when it is time and somebody looks."""
+        if not self._audience.watches():
             return
-        simap = event.map_so_far()
-        self._audience.show(simap)
-        if self._audience.stream is not None:
-            self._audience.stream.show_map(simap)
-        self._shown_s = time.perf_counter()
-        self._spent_s += time.process_time() - busy_s
+        began_s = time.perf_counter()
+        if began_s >= self._sketch_s:
+            sketch = self._audience.sketch(event)
+            took_s = time.perf_counter() - began_s
+            self._sketch_s = began_s + max(SKETCH_EVERY_S, took_s / SKETCH_SHARE)
+            self.sketches += 1
+            self._say(sketch=sketch)
+        if not self._pace.has_time(began_s, self._state.left_s):
+            return
+        if self._turn and self._audience.stream is not None:
+            self._audience.stream.show(event, self._for_stream)
+            self._for_stream = None
+            self.frames_shown += 1
+        elif event.map_so_far is not None:
+            self._for_stream = event.map_so_far()
+            self._audience.show(self._for_stream)
+            self.maps_shown += 1
+        self._turn = not self._turn
+        self._pace.shown(began_s, time.perf_counter())

@@ -13,7 +13,8 @@ import numpy as np
 from simaps_viz import wiring
 from simaps_viz.building import build_to_file, going_on
 from simaps_viz.datasets.source import FrameSource
-from simaps_viz.events import Observer
+from simaps_viz.errors import InputError
+from simaps_viz.events import FrameProjected, Observer
 from simaps_viz.live_build import Audience, LiveBuild
 from simaps_viz.looking_back import looking_back
 from simaps_viz.mapping.mending import open_mending
@@ -21,7 +22,7 @@ from simaps_viz.mapping.partition import empty_log
 from simaps_viz.mapping.simap import Origin, assemble
 from simaps_viz.methods import VARIANTS
 from simaps_viz.navigation.planner import RobotShape
-from simaps_viz.pipeline import BuildConfig, facts_of
+from simaps_viz.pipeline import BuildConfig, facts_of, started
 from simaps_viz.progress import StageProgress, console, stage_progress
 from simaps_viz.structures import Grid, GridSpec, SIMap, Views
 
@@ -74,9 +75,13 @@ def live_workbench(
         InputError: the port is taken, or rerun's viewer is missing.
     """
     from simaps_viz.recorder.live import LiveStream  # noqa: PLC0415 - rerun is slow to import
+    from simaps_viz.viewer.drawing.sketch import sketch_png  # noqa: PLC0415 - so that nothing slow comes with it
 
     color: Any = getattr(sequence, "color", None)
+    variant = VARIANTS.get(settings.method)
+    waiting = waiting_map(sequence, variant(settings.config) if variant else settings.config)
     stream = LiveStream(color or (lambda index: None))
+    stream.open(started(sequence), first_look(sequence, waiting))
     pages: list[Workbench] = []
     ended = threading.Event()
 
@@ -103,10 +108,11 @@ def live_workbench(
         watches=lambda: bool(pages[0].sessions),
         done=done,
         stream=stream,
+        sketch=lambda event: sketch_png(event.snapshot(), event.T_map_camera[:2, 3]),
     )
     build = LiveBuild(run, len(sequence), audience)
     try:
-        with _serve(sequence, settings, build, stream.url, lambda: edits[0] if edits else None) as page:
+        with _serve(sequence, settings, build, waiting, stream.url, lambda: edits[0] if edits else None) as page:
             pages.append(page)
             yield page, build
             ended.set()
@@ -117,7 +123,7 @@ def live_workbench(
 
 
 def _serve(
-    sequence: FrameSource, settings: LiveSettings, build: LiveBuild, stream: str, mending: Callable
+    sequence: FrameSource, settings: LiveSettings, build: LiveBuild, waiting: SIMap, stream: str, mending: Callable
 ) -> "Workbench":
     from simaps_viz.recorder.web_viewer import (  # noqa: PLC0415 - rerun is slow to import
         policy_for_stream,
@@ -128,8 +134,6 @@ def _serve(
     from simaps_viz.viewer.panels.live_services import LiveServices  # noqa: PLC0415 - as above
     from simaps_viz.viewer.workbench import Workbench  # noqa: PLC0415 - as above
 
-    variant = VARIANTS.get(settings.method)
-    waiting = waiting_map(sequence, variant(settings.config) if variant else settings.config)
     services = replace(
         wiring.bare_services(waiting, mending),
         panels=(live_panel(LiveServices(build.state, build.stop, build.go_on)),),
@@ -165,6 +169,24 @@ def waiting_map(sequence: FrameSource, config: BuildConfig) -> SIMap:
         T_map_camera=np.zeros((0, 4, 4)),
     )  # fmt: skip
     return assemble(grid, (), zero.copy(), empty_log(), Views(none, none, none, none, np.zeros(0, np.float32)), origin)
+
+
+def first_look(sequence: FrameSource, waiting: SIMap) -> FrameProjected | None:
+    """Give the first frame as it is before anything of it is on the map; None when it cannot be read."""
+    try:
+        frame, segmentation = sequence.read(0), sequence.segmentation(0)
+    except InputError:
+        return None  # the build says so
+    nothing = np.zeros((0, 4), np.int32)
+    return FrameProjected(
+        frame=frame,
+        segmentation=segmentation,
+        T_map_camera=np.asarray(sequence.T_map_world @ sequence.poses[0]),
+        cells=nothing[:, :2],
+        new_edges=nothing,
+        new_edge_labels=np.zeros(0, np.int16),
+        snapshot=lambda: waiting.grid,
+    )
 
 
 def _cameras(sequence: FrameSource) -> np.ndarray:

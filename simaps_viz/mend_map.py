@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import tyro
 
 from simaps_viz.errors import InputError
+from simaps_viz.files import check_ending
 from simaps_viz.mapping.mapfile import check_writable, save_map
 from simaps_viz.mapping.mending import Mending, open_mending
 from simaps_viz.structures import SIMap
@@ -56,6 +57,7 @@ def mend_map(command: Mend) -> tuple[list[str], dict[str, Any]]:
     if command.output is not None:
         if command.output.resolve() == command.map.resolve():
             raise InputError(f"{command.output}: expected another file than the map, which stays as it was built")
+        check_ending(command.output, ".npz", "a map's name")
         check_writable(command.output)
     mending = open_mending(command.map, adopt=command.adopt)
     simap = mending.simap()

@@ -28,6 +28,13 @@ VARIANTS: Mapping[str, Callable[[BuildConfig], BuildConfig]] = {
 """What an evaluation takes besides the two VLMaps: names for settings worth comparing."""
 
 
+def check_method(method: str) -> None:
+    """Raise InputError unless there is a method of that name."""
+    known = dict.fromkeys((*METHODS, *VARIANTS))
+    if method not in known:
+        raise InputError(f"method: expected one of {', '.join(known)}, found {method!r}")
+
+
 class Careful(TypedDict, total=False):
     """What `build_map` takes besides: how it deals with faults."""
 
@@ -67,9 +74,7 @@ def build(
         instances = "components" if method == "vlmaps+components" else "none"
         watching = [*observers, _Stop(how.get("cancel"), sequence.name)]
         return build_vlmaps(sequence, settings, instances=instances, observers=watching)
-    if method not in VARIANTS:
-        known = ", ".join(dict.fromkeys((*METHODS, *VARIANTS)))
-        raise InputError(f"method: expected one of {known}, found {method!r}")
+    check_method(method)
     return build_map(sequence, VARIANTS[method](config), observers, communities_every=communities_every, **how)
 
 

@@ -5,6 +5,7 @@ import threading
 from collections.abc import Callable, Generator, Sequence
 from contextlib import closing
 from dataclasses import dataclass, replace
+from functools import partial
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
@@ -46,6 +47,7 @@ __all__ = [
     "fingerprint",
     "gather_frames",
     "graphs_so_far",
+    "started",
 ]
 
 Elsewhere = Callable[[FrameSource, BuildConfig, NDArray, Sequence[int]], Generator[FrameStep | None, None, None]]
@@ -97,20 +99,22 @@ def build_map(
         sequence, config, len(sequence), observers, communities_every, strict=strict, cancel=cancel,
         logged=log is not None, elsewhere=elsewhere,
     )  # fmt: skip
-    building.tell(_started(sequence))
+    building.tell(started(sequence))
     if log is None:
         building.gather(range(len(sequence)))
     else:
         with BuildLog(log, fingerprint(sequence, config), resume=resume) as steps:
             building.gather_logged(steps)
-    accumulator, facts = building.accumulator, building.facts
+    facts, tell = building.facts, partial(_tell, observers)
+    seen = so_far.gathered(building.accumulator)
+    del building  # with the tiles, whose room the graphs can use
 
-    found = so_far.partition(accumulator, config)
-    building.tell(CommunitiesFound(found.grid, found.community, len(sequence) - 1, final=True))
+    found = so_far.partition(seen, config)
+    tell(CommunitiesFound(found.grid, found.community, len(sequence) - 1, final=True))
     threshold = joining_threshold(config.method, config.parameters())
-    building.tell(MergesFound(found.grid, found.community, found.log, applied_steps(found.log, threshold)))
-    simap = so_far.map_of(found, accumulator, facts, config)
-    building.tell(BuildFinished(simap))
+    tell(MergesFound(found.grid, found.community, found.log, applied_steps(found.log, threshold)))
+    simap = so_far.map_of(found, seen.frames, facts, config)
+    tell(BuildFinished(simap))
     return simap
 
 
@@ -154,8 +158,7 @@ class _Building:
         self.links_told = 0
 
     def tell(self, event: Event) -> None:
-        for observer in self.observers:
-            observer.on_event(event)
+        _tell(self.observers, event)
 
     def gather_logged(self, log: BuildLog) -> None:
         """Gather all frames, those in the log from there where nobody has to see them; log the others."""
@@ -218,7 +221,7 @@ class _Building:
         self.tell(self._projected(frame, segmentation, seen))
         self.links_told = self.accumulator.links.size
         if self.communities_every and (frame.index + 1) % self.communities_every == 0:
-            found = so_far.partition(self.accumulator, self.config)
+            found = so_far.partition(so_far.gathered(self.accumulator), self.config)
             objects = so_far.objects_of(found, self.config)
             self.tell(CommunitiesFound(found.grid, found.community, frame.index, final=False, instance=objects))
 
@@ -226,7 +229,7 @@ class _Building:
         self._check_skipped(str(read.error))
         name = self.sequence.frame_names[read.index]
         self.accumulator.skip_frame(read.index, name, self.T_map_camera[read.index], str(read.error))
-        skipped = so_far.skipped_frames(self.accumulator)
+        skipped = so_far.skipped_frames(self.accumulator.frames)
         none_yet = len(skipped) == len(self.accumulator.frames) == min(self.wanted, NONE_OF_FIRST)
         if none_yet or 2 * len(skipped) > self.wanted:
             more = f", and {len(skipped) - 1} more of {self.wanted} frames" if len(skipped) > 1 else ""
@@ -251,6 +254,11 @@ class _Building:
             snapshot=accumulator.snapshot,
             map_so_far=lambda: so_far.map_so_far(accumulator, self.facts, self.config),
         )
+
+
+def _tell(observers: Sequence[Observer], event: Event) -> None:
+    for observer in observers:
+        observer.on_event(event)
 
 
 def facts_of(sequence: FrameSource) -> SequenceFacts:
@@ -295,7 +303,8 @@ def _wants_color(observers: Sequence[Observer]) -> bool:
     return any(getattr(observer, "wants_color", True) for observer in observers)
 
 
-def _started(sequence: FrameSource) -> BuildStarted:
+def started(sequence: FrameSource) -> BuildStarted:
+    """Give the event that a build begins with."""
     return BuildStarted(
         name=sequence.name,
         frame_names=sequence.frame_names,
@@ -308,4 +317,4 @@ def _started(sequence: FrameSource) -> BuildStarted:
 def graphs_so_far(accumulator: MapAccumulator) -> tuple[Grid, tuple[CellGraph, ...]]:
     """Give the map as it is now, and the cell graph of each of its thing classes."""
     grid = accumulator.snapshot()
-    return grid, so_far.graphs_so_far(accumulator, grid)
+    return grid, so_far.graphs_so_far(grid, accumulator.links, accumulator.origin_cell)

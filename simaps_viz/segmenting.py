@@ -75,13 +75,15 @@ def write_segmented(command: Segment, cache: Path, progress: StageProgress) -> d
         InputError: anything is not as it should be, or cannot be written.
     """
     from simaps_viz.segmentation.coco_panoptic import write_coco_panoptic  # noqa: PLC0415 - only needed here
-    from simaps_viz.segmentation.mask_files import write_masks  # noqa: PLC0415 - as above
+    from simaps_viz.segmentation.mask_files import check_place, write_masks  # noqa: PLC0415 - as above
 
-    masks = open_segmented(command.sequence, command.segmentation, command.network, cache, progress, quiet=command.json)
+    path = open_sequence(command.sequence).path
     stem = "masks" if command.segmentation == PRECOMPUTED else Path(command.segmentation).stem
-    name = f"{masks.path.stem}-{stem}.json" if command.format == "posed-frames" else f"panoptic-{stem}.json"
-    folder = masks.path if masks.path.is_dir() else masks.path.parent
-    output = command.output or folder / name
+    name = f"{path.stem}-{stem}.json" if command.format == "posed-frames" else f"panoptic-{stem}.json"
+    output = command.output or (path if path.is_dir() else path.parent) / name
+    if command.format == "posed-frames":
+        check_place(path, output)
+    masks = open_segmented(command.sequence, command.segmentation, command.network, cache, progress, quiet=command.json)
     if command.format == "posed-frames":
         write_masks(masks, output)
     else:

@@ -163,13 +163,24 @@ class CellGraph:
     edges: NDArray
     """int32 [m, 2], positions in ``cells``, first < second, sorted, no duplicates."""
     counts: NDArray
-    """int64 [m]. Method paper: pixel pairs of one segment that fell in the two cells, over all frames. Method evidence:
-    frames that saw the two cells in the same segment."""
-    weights: NDArray
-    """float64 [m]. Method paper: counts / mean number of frames that saw the two cells. Method evidence: affinity,
-    same / (same + different + 1)."""
+    """int32 or int64 [m]. Method paper: pixel pairs of one segment that fell in the two cells, over all frames. Method
+    evidence: frames that saw the two cells in the same segment."""
     different: NDArray
-    """int64 [m], frames that saw the two cells in two different segments of the class; zeros with method paper."""
+    """int32 or int64 [m], frames that saw the two cells in two different segments of the class; zeros with method
+    paper."""
+    seen: NDArray | None
+    """int32 [n], number of frames that saw each cell; None with method evidence, whose weights do not need it."""
+
+    @property
+    def weights(self) -> NDArray:
+        """float64 [m], computed anew each time. Method paper: counts / mean number of frames that saw the two cells.
+
+        Method evidence: affinity, same / (same + different + 1).
+        """
+        if self.seen is None:
+            return self.counts / (self.different + 1.0 + self.counts)
+        seen = self.seen.astype(np.float64)
+        return self.counts / ((seen[self.edges[:, 0]] + seen[self.edges[:, 1]]) / 2.0)
 
 
 @dataclass(frozen=True, eq=False)

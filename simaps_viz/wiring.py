@@ -362,6 +362,9 @@ def recording_beside(path: Path, given: Path | None) -> Path | None:
     if given is not None:
         if not given.is_file():
             raise InputError(f"{given}: expected a recording (.rrd), found nothing")
+        from simaps_viz.recorder.facts import read_facts  # noqa: PLC0415 - rerun is slow to import
+
+        read_facts(given)  # refuses what is no recording
         return given
     beside = path.with_suffix(".rrd")
     return beside if beside.is_file() else None
@@ -379,7 +382,7 @@ def summary(simap: SIMap) -> dict[str, Any]:
         "cols": spec.cols,
         "cell_size_m": spec.cell_size_m,
         "extent_m": [round(v, 3) for v in spec.extent_m],
-        "seen_m2": round(float((simap.grid.observations > 0).sum()) * spec.cell_size_m**2, 2),
+        "seen_m2": round(float(np.count_nonzero(simap.grid.observations)) * spec.cell_size_m**2, 2),
         "frames": len(simap.frame_names),
         "counts": simap.counts(),
         "instances": [asdict(instance) for instance in simap.instances],

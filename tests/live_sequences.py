@@ -40,5 +40,11 @@ def held_sequence(folder: Path, frames: int, *, held_from: int) -> Any:
     return Held(folder, frames, held_from=held_from)
 
 
+def at_once(monkeypatch: Any) -> None:
+    """Let builds show every frame, the map and the recording by turns, whatever it costs."""
+    for name, value in {"FIRST_S": 0.0, "SOON_S": 0.0, "WATCHED_S": 0.0, "SHARE": 1e9}.items():
+        monkeypatch.setattr(f"simaps_viz.live_pace.{name}", value)
+
+
 def settings(output: Path, **others: Any) -> LiveSettings:
     return LiveSettings("evidence", BuildConfig(), output, port=0, **others)

@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 import pytest
 from browser import chromium, field_of, free_port, mine, open_workbench, until, wait_for_color, watched_page
-from live_sequences import held_sequence, settings
+from live_sequences import at_once, held_sequence, settings
 from playwright.sync_api import expect
 from sequences import write_tiny_sequence
 
@@ -43,7 +43,8 @@ def inside(simap, mask):
     return simap.spec.centre_of(float(row - 1), float(col - 1)), (int(row - 1), int(col - 1))
 
 
-def test_a_map_grows_stops_goes_on_and_becomes_the_workbench(browser, tmp_path):
+def test_a_map_grows_stops_goes_on_and_becomes_the_workbench(browser, tmp_path, monkeypatch):
+    at_once(monkeypatch)
     held = held_sequence(tmp_path / "tiny", FRAMES, held_from=20)
     output = tmp_path / "m.npz"
     with (
@@ -104,7 +105,7 @@ def test_a_map_is_shown_as_it_was_and_as_it_came_about(browser, tmp_path):
             until(page, lambda: mine(bench).frame == FRAMES - 1, 60)
             thing, at = inside(simap, simap.instance > 0)
             parts = bench.shared.timeline(simap)
-            fill(page, "Step", "0")
+            fill(page, "Position", "0")
             expect(page.get_by_text("Classes only")).to_be_visible()
             wait_for_color(bench, page, thing, map_image(parts.map_at(0), "class")[at])
             page.get_by_role("button", name="Back to the map").click()

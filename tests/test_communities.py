@@ -13,9 +13,8 @@ from simaps_viz.structures import CellGraph
 def graph_of(n, edges, weights=None) -> CellGraph:
     edges = np.array(edges, dtype=np.int32).reshape(-1, 2)
     weights = np.ones(len(edges)) if weights is None else np.array(weights, dtype=np.float64)
-    return CellGraph(
-        1, np.arange(n, dtype=np.int64), edges, np.ones(len(edges), np.int64), weights, np.zeros(len(edges), np.int64)
-    )
+    seen_once = np.ones(n, np.int32)  # then the counts are the weights
+    return CellGraph(1, np.arange(n, dtype=np.int64), edges, weights, np.zeros(len(edges), np.int64), seen_once)
 
 
 def cliques(sizes, bridge=True) -> CellGraph:

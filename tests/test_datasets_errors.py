@@ -279,7 +279,7 @@ def test_faults_when_read(
 @pytest.mark.parametrize(
     ("name", "expected", "found"),
     [
-        ("nowhere", "a JSON file", "No such file"),
+        ("nowhere", "a sequence folder or its manifest", "nothing"),
         ("map.npz", "a sequence folder or its manifest", "another kind of file"),
         ("empty", "the sequence's manifest", "none"),
     ],

@@ -24,6 +24,7 @@ def test_every_public_name_has_an_entry_and_a_docstring():
     for name in simaps_viz.__all__:
         assert f"\n## `{name}`\n" in text
         assert inspect.getdoc(getattr(simaps_viz, name)), name
+    assert "\n- `_" not in text  # what begins so is nobody else's business
     assert "### `SIMap.find`" in text and "### `SIMap.plan`" in text
 
 

@@ -4,6 +4,7 @@ import json
 import os
 import subprocess
 import sys
+from dataclasses import fields
 
 import cv2
 import numpy as np
@@ -71,9 +72,9 @@ def test_a_build_is_the_same_to_the_last_bit_also_with_one_thread(spoiled, simap
 
 def same(ours, theirs) -> None:
     """Compare every array of two structures, types included."""
-    assert type(ours) is type(theirs)
-    for name, value in vars(ours).items():
-        other = getattr(theirs, name)
+    assert fields(ours) == fields(theirs)
+    for name in (field.name for field in fields(ours)):
+        value, other = getattr(ours, name), getattr(theirs, name)
         if isinstance(value, np.ndarray):
             assert value.dtype == other.dtype and value.shape == other.shape, name
             assert np.array_equal(value, other, equal_nan=value.dtype.kind == "f"), name

@@ -81,6 +81,7 @@ def test_inverse_pose_undoes_the_pose(T_a_b: NDArray, points_b: NDArray) -> None
 def test_poses_chain(T_a_b: NDArray, T_b_c: NDArray, points_c: NDArray) -> None:
     chained = transform_points(T_a_b, transform_points(T_b_c, points_c))
     np.testing.assert_allclose(transform_points(T_a_b @ T_b_c, points_c), chained, atol=1e-9)
+    np.testing.assert_allclose(transform_points(T_a_b, np.zeros(3)), T_a_b[:3, 3])  # the frame's own origin
     np.testing.assert_allclose(transform_points(T_a_b @ T_b_c, points_c.reshape(1, 7, 3))[0], chained, atol=1e-9)
 
 

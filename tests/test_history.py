@@ -11,6 +11,7 @@ from simaps_viz import build_map, open_sequence, save_map
 from simaps_viz.building import build_to_file, history_beside
 from simaps_viz.errors import InputError
 from simaps_viz.mapping import history as histories
+from simaps_viz.mapping import kept_steps
 from simaps_viz.mapping.build_log import MAGIC, _record, keep_log
 from simaps_viz.mapping.history import MapHistory
 from simaps_viz.mapping.simap import repartition
@@ -53,19 +54,26 @@ def saved(simap, folder):
 
 
 @pytest.mark.parametrize("method", ["evidence", "paper", "components"])
-@pytest.mark.parametrize("memory", [0, 64 << 20])
-def test_the_map_after_a_frame_is_the_build_of_the_frames_up_to_it(tiny, tmp_path, monkeypatch, method, memory):
+@pytest.mark.parametrize(("memory", "held"), [(0, 64 << 20), (64 << 20, 64 << 20), (0, 0), (64 << 20, 20_000)])
+def test_the_map_after_a_frame_is_the_build_of_the_frames_up_to_it(tiny, tmp_path, monkeypatch, method, memory, held):
     monkeypatch.setattr(histories, "KEPT_BYTES", memory)
+    monkeypatch.setattr(kept_steps, "HELD_BYTES", held)
     history = kept(tiny, tmp_path, method)
     assert len(history) == FRAMES and history.frame_names == tiny.frame_names
     for frame in (3, 0, FRAMES - 1, 1, 3):
         wanted = build_map(First(tiny, frame + 1), BuildConfig(method=method))  # pyright: ignore
         assert saved(history.map_at(frame), tmp_path) == saved(wanted, tmp_path)
     assert len(history._states) == (FRAMES + 1 if memory else 1)
+    assert len(history._steps._held) == {0: 0, 64 << 20: FRAMES}.get(held, len(history._steps._held))
+    assert held != 20_000 or 0 < len(history._steps._held) < FRAMES
 
 
 @pytest.mark.parametrize("method", ["evidence", "paper", "components"])
-def test_the_look_after_a_frame_has_its_heights_and_classes_in_the_colours_of_the_end(tiny, tmp_path, method):
+@pytest.mark.parametrize("held", [0, 64 << 20])
+def test_the_look_after_a_frame_has_its_heights_and_classes_in_the_colours_of_the_end(
+    tiny, tmp_path, monkeypatch, method, held
+):
+    monkeypatch.setattr(kept_steps, "HELD_BYTES", held)
     history = kept(tiny, tmp_path, method)
     end = history.map_at(FRAMES - 1)
     for frame in range(FRAMES):
@@ -81,6 +89,24 @@ def test_the_look_after_a_frame_has_its_heights_and_classes_in_the_colours_of_th
         shown = look.instance > 0
         assert (look.instance[shown] == end.instance[shown]).all() and shown[part][then.instance > 0].all()
     assert np.array_equal(look.instance, end.instance) and look.counts() == end.counts()
+
+
+@pytest.mark.parametrize("method", ["evidence", "components"])
+def test_a_history_does_not_need_its_file_but_must_not_be_written_over(tiny, tmp_path, monkeypatch, method):
+    looks = [saved(kept(tiny, tmp_path, method).look_at(frame), tmp_path) for frame in range(FRAMES)]
+    monkeypatch.setattr(kept_steps, "HELD_BYTES", 0)
+    monkeypatch.setattr(histories, "KEPT_BYTES", 0)
+    path = tmp_path / "m.steps"
+    history, content = MapHistory.open(path), path.read_bytes()
+    path.unlink()
+    path.write_bytes(b"another one in its place")
+    assert [saved(history.look_at(frame), tmp_path) for frame in range(FRAMES)] == looks
+    path.write_bytes(content)
+    history = MapHistory.open(path)
+    path.write_bytes(content[:-20] + bytes(20))  # the same file
+    assert len(history.map_at(1).frame_names) == 2
+    with pytest.raises(InputError, match=rf"m\.steps: frame {FRAMES - 1} could not be read back, the file was changed"):
+        history.map_at(FRAMES - 1)
 
 
 def test_a_frame_there_is_not_is_refused(tiny, tmp_path):

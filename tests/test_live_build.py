@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from browser import free_port
 from fake_page import fake_page
-from live_sequences import held_sequence, settings
+from live_sequences import at_once, held_sequence, settings
 
 from simaps_viz.building import build_to_file
 from simaps_viz.errors import InputError
@@ -32,7 +32,8 @@ def plain(sequence, output):
     return output.read_bytes()
 
 
-def test_stopped_and_gone_on_with_it_ends_in_the_same_bytes_and_panels_come(tmp_path):
+def test_stopped_and_gone_on_with_it_ends_in_the_same_bytes_and_panels_come(tmp_path, monkeypatch):
+    at_once(monkeypatch)
     held = held_sequence(tmp_path / "tiny", 40, held_from=20)
     output = tmp_path / "m.npz"
     with stage_progress(quiet=True) as progress, live_workbench(held, settings(output), progress) as (bench, build):

@@ -7,10 +7,12 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from scipy import ndimage
 from toy_maps import IS_THING, LABELS, TOY_POSE, Box, map_from_drawing, map_of_boxes, toy_map
 
 from simaps_viz.errors import InputError, PlanningError
 from simaps_viz.evaluation.bench_planner import bench_commands, bench_planner, networkx_cost, octile_graph
+from simaps_viz.navigation import planner as planners
 from simaps_viz.navigation.astar import clear_length, pull_straight, search
 from simaps_viz.navigation.jumps import EAST, NORTH, SOUTH, WEST, straight_jumps
 from simaps_viz.navigation.planner import Planner, RobotShape
@@ -371,3 +373,16 @@ def test_clear_ahead() -> None:
 def test_robot_shape_is_checked(bad: dict) -> None:
     with pytest.raises(InputError, match=r"robot .*: expected metres between 0 and 5"):
         RobotShape(**bad)
+
+
+@pytest.mark.parametrize("band", [1, 400, 1 << 22])
+@pytest.mark.parametrize("radius_m", [0.02, 0.2, 0.33, 1.2])
+def test_free_cells_do_not_depend_on_how_many_rows_are_looked_at_together(monkeypatch, band: int, radius_m: float):
+    rng = np.random.default_rng(7)
+    for obstacles in (0.0, 0.002, 0.02):
+        blocked = rng.random((83, 61)) < obstacles
+        monkeypatch.setattr(planners, "_BAND_CELLS", band)
+        needed = radius_m / 0.05 + 0.5
+        near = np.asarray(ndimage.distance_transform_edt(~blocked))
+        distance = near if blocked.any() else np.full(blocked.shape, np.inf)
+        assert np.array_equal(planners._clear(blocked, needed - 1e-9), distance >= needed - 1e-9)

@@ -5,10 +5,11 @@ import base64
 import cv2
 import numpy as np
 from browser import chromium
+from playwright.sync_api import FloatRect
 
 from simaps_viz.page_film import Film, filmed
 
-PART = {"x": 100.0, "y": 40.0, "width": 80.0, "height": 60.0}
+PART: FloatRect = {"x": 100.0, "y": 40.0, "width": 80.0, "height": 60.0}
 
 
 def sent(*, inside=0, outside=0):

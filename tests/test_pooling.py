@@ -7,7 +7,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from simaps_viz.mapping.pooling import PoolSettings, pool
+from simaps_viz.mapping.pooling import PoolSettings, between, join, pool
 
 Case = tuple[NDArray, NDArray, NDArray, NDArray, NDArray]
 """Communities of cells, pairs, same, different, touching pairs."""
@@ -56,6 +56,23 @@ def test_steps_are_the_twins_ties_included(case: Case, belief):
 @settings(max_examples=200, deadline=None)
 def test_steps_are_the_twins_where_nearly_all_is_tied(case: Case, belief):
     assert steps_of(pool(*case, belief)) == rounded(plain_pool(*case, belief))
+
+
+@given(st.lists(evidence(), max_size=4), believes)
+@settings(max_examples=200, deadline=None)
+def test_parts_that_have_nothing_to_do_with_each_other_are_joined_as_if_all_were_one(parts: list[Case], belief):
+    found = join([between(*case) for case in parts], belief)
+    columns, first, cells = [[] for _ in range(5)], 0, 0
+    for community, edges, same, different, touching in parts:
+        shifted = (community + first, edges + cells, same, different, touching + cells)
+        for column, part in zip(columns, shifted, strict=True):
+            column.append(part)
+        first, cells = first + int(community.max(initial=-1)) + 1, cells + len(community)
+    if parts:
+        community, edges, same, different, touching = (np.concatenate(column) for column in columns)
+        assert steps_of(found) == steps_of(pool(community, edges, same, different, touching, belief))
+    else:
+        assert steps_of(found) == []
 
 
 def random_case(seed: int, communities: int, edges: int) -> Case:

@@ -132,6 +132,12 @@ def test_sizes_that_the_file_leaves_open_are_found_by_running_it(tmp_path):
     assert [s.label for s in found.segments] == ["chair"] and found.ids[2, 2] == 1
 
 
+def test_fewer_threads_than_none_are_refused(tmp_path):
+    path = write_yolo(tmp_path / "n.onnx", [(2, 6, 12, 18, 0, 0.9)])
+    with pytest.raises(InputError, match=r"threads: expected 0 .one for each core. or more, found -3"):
+        open_network(path, NetworkSettings(providers=("cpu",), threads=-3))
+
+
 def test_a_mask_classifier_knows_things_and_stuff(tmp_path):
     network = opened(write_classifier(tmp_path / "n.onnx"))
     assert network.labels == ("chair", "floor") and network.is_thing == (True, False)

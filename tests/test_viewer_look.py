@@ -169,7 +169,7 @@ class _Gui:
     def add_html(self, content):
         self.htmls.append(content)
 
-    def add_button_group(self, label, options):
+    def add_button_group(self, label, options, hint=None):
         return self
 
     def add_button(self, label, **others):

@@ -191,7 +191,8 @@ def _graphs(grid: Grid, community: NDArray, bridges: Sequence) -> tuple[CellGrap
         edges = np.searchsorted(cells, pairs[keep]).astype(np.int32)
         order = np.lexsort((edges[:, 1], edges[:, 0]))
         kept = counts[keep][order]
-        graphs.append(CellGraph(int(label), cells, edges[order], kept, kept / 5.0, np.zeros_like(kept)))
+        seen = np.full(len(cells), 5, np.int32)
+        graphs.append(CellGraph(int(label), cells, edges[order], kept, np.zeros_like(kept), seen))
     return tuple(graphs)
 
 

@@ -8,9 +8,6 @@ from simaps_viz.checking.agreement import relative_poses, residuals
 from simaps_viz.checking.diagnose import Diagnosis
 from simaps_viz.checking.reading import Reading
 
-HIDDEN = 0.03
-"""Of two surfaces on one pixel, the one farther by this share of its depth is hidden."""
-
 
 def telling_pair(diagnosis: Diagnosis) -> NDArray | None:
     """Choose the pair whose agreement the correction raises most (or, with none, a well agreeing one); view indices."""

@@ -14,7 +14,6 @@ from simaps_viz.datasets.posed_frames import PosedFrames
 from simaps_viz.datasets.recording import Recording
 from simaps_viz.errors import InputError
 from simaps_viz.limits import MAX_FRAMES, check_frame_name
-from simaps_viz.structures import Frame, Segment, Segmentation
 
 
 class ConvertedFrames(PosedFrames):
@@ -43,41 +42,9 @@ class ConvertedFrames(PosedFrames):
         self._check_reach()
         self.color(0)
         self._check_depth_unit()
-        classes = recording.segments.classes if recording.segments else {}
-        self.labels = ("none", *sorted(classes))
-        self.is_thing = (False, *(classes[label] for label in sorted(classes)))
+        self._open_segments(recording.segments)
         self.gravity_estimated = recording.facts.up is None
         self.T_map_world = self._find_map_frame()
-        if recording.segments:
-            self.segmentation(0)
-
-    @property
-    def segmentation_source(self) -> str:
-        """Who made the segmentation, in words; "none" when there is none."""
-        return self.recording.segments.source if self.recording.segments else "none"
-
-    @property
-    def ground_truth(self) -> bool:
-        """The segmentation is the truth."""
-        return self.recording.segments is not None and self.recording.segments.ground_truth
-
-    def read(self, index: int, *, color: bool = False) -> Frame:
-        """Read a frame; its colour image only when asked for.
-
-        Raises:
-            InputError: An image is damaged, of another size or kind, or there is no frame of that index.
-        """
-        name = self._name(index)
-        depth_m = self.recording.depth(index)
-        check_size(f"{self.path}: frame {name}: depth", depth_m, self.intrinsics)
-        return Frame(
-            index=index,
-            name=name,
-            depth_m=depth_m,
-            T_world_camera=self.poses[index],
-            intrinsics=self.intrinsics,
-            color=self.color(index) if color else None,
-        )
 
     def color(self, index: int) -> NDArray:
         """Read a frame's colour image, uint8 [H, W, 3], RGB; raises InputError like ``read``."""
@@ -90,25 +57,16 @@ class ConvertedFrames(PosedFrames):
         """Give the file that holds exactly a frame's colour image, if there is one."""
         return self.recording.color_file(index)
 
-    def world_segments(self) -> tuple[Segment, ...] | None:
-        """Give what the ids mean when they are the same in every frame; None when they are not, or there are none."""
-        world = self.recording.segments.world if self.recording.segments else None
-        return None if world is None else tuple(world.values())
+    def _depth(self, index: int) -> NDArray:
+        name, depth_m = self._name(index), self.recording.depth(index)
+        check_size(f"{self.path}: frame {name}: depth", depth_m, self.intrinsics)
+        return depth_m
 
-    def segmentation(self, index: int) -> Segmentation:
-        """Read the segmentation of a frame that the format brings along.
-
-        Raises:
-            InputError: There is none, its image is damaged or of another size, or it holds an id without an entry.
-        """
-        self._name(index)
-        if self.recording.segments is None:
-            title = self.recording.facts.title
-            raise InputError(
-                f"{self.path}: expected a segmentation, found none in this {title} recording: a network has to "
-                "segment these frames (--segmentation MODEL.onnx)"
-            )
-        return self.recording.segments.read(index)
+    def _without_segments(self) -> str:
+        return (
+            f"expected a segmentation, found none in this {self.recording.facts.title} recording: a network has to "
+            "segment these frames (--segmentation MODEL.onnx)"
+        )
 
     def _check_reach(self) -> None:
         positions = self.poses[:, :3, 3]

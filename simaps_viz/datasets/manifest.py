@@ -146,8 +146,9 @@ class _TwiceError(ValueError):
 
 def _manifest_path(path: Path) -> Path:
     if not path.is_dir():
-        if path.exists() and path.suffix != ".json":
-            raise InputError(f"{path}: expected a sequence folder or its manifest (.json), found another kind of file")
+        if path.suffix != ".json" or not path.exists():
+            found = "another kind of file" if path.exists() else "nothing"
+            raise InputError(f"{path}: expected a sequence folder or its manifest (.json), found {found}")
         return path
     manifest = path / "sequence.json"
     if not manifest.exists():

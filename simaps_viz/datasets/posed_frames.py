@@ -10,8 +10,8 @@ from simaps_viz.datasets.calibration import read_intrinsics, read_poses
 from simaps_viz.datasets.gravity import estimate_gravity
 from simaps_viz.datasets.images import read_color, read_depth, read_ids
 from simaps_viz.datasets.manifest import Manifest, read_manifest
+from simaps_viz.datasets.recording import Segments
 from simaps_viz.datasets.segment_tables import (
-    FrameSegments,
     WorldSegments,
     few,
     read_frame_segments,
@@ -66,9 +66,14 @@ def is_sequence(path: Path) -> bool:
 class PosedFrames:
     """A checked sequence. Reading keeps no state, so several threads may read at once."""
 
+    # Another kind of recording overrides where a frame's depth and colours come from (`_depth`, `color`, `color_file`),
+    # and hands its own masks to `_open_segments`.
+
     notes: tuple[str, ...] = ()
     """What of the recording was left out, in words."""
     _whole: bool = True
+    _segments: Segments | None
+    """The precomputed segmentation; None = there is none."""
 
     def __init__(self, manifest: Manifest, *, whole: bool = True) -> None:
         self._whole = whole
@@ -84,18 +89,22 @@ class PosedFrames:
         height, width = read_color(manifest.file(manifest.color, self.frame_names[0])).shape[:2]
         self.intrinsics: Intrinsics = read_intrinsics(manifest.file(manifest.intrinsics), width=width, height=height)
         self._check_depth_unit()
-        self._table = _read_table(manifest, self.frame_names)
-        classes = self._table.classes() if self._table else {}
-        self.labels: tuple[str, ...] = ("none", *sorted(classes))
-        """Class names; index 0 is "none"."""
-        self.is_thing: tuple[bool, ...] = (False, *(classes[label] for label in sorted(classes)))
-        """Aligned with ``labels``."""
-        if self._table:
-            self.segmentation(0)
+        self._open_segments(_segments_of(manifest, self.frame_names, self.intrinsics))
         self.gravity_estimated: bool = manifest.up is None or manifest.floor_height_m is None
         """Up or the floor was not in the manifest and was found in the depth images."""
         self.T_map_world: NDArray = self._find_map_frame()
         """float64 [4, 4], world to map frame."""
+
+    def _open_segments(self, segments: Segments | None) -> None:
+        """Take over the segmentation and check the first frame's."""
+        self._segments = segments
+        classes = segments.classes if segments else {}
+        self.labels: tuple[str, ...] = ("none", *sorted(classes))
+        """Class names; index 0 is "none"."""
+        self.is_thing: tuple[bool, ...] = (False, *(classes[label] for label in sorted(classes)))
+        """Aligned with ``labels``."""
+        if segments:
+            self.segmentation(0)
 
     def __len__(self) -> int:
         return len(self.frame_names)
@@ -103,12 +112,12 @@ class PosedFrames:
     @property
     def segmentation_source(self) -> str:
         """Who made the precomputed segmentation, in words; "none" when there is none."""
-        return self.manifest.segmentation.source if self.manifest.segmentation else "none"
+        return self._segments.source if self._segments else "none"
 
     @property
     def ground_truth(self) -> bool:
         """The precomputed segmentation is the truth."""
-        return self.manifest.segmentation is not None and self.manifest.segmentation.ground_truth
+        return self._segments is not None and self._segments.ground_truth
 
     def read(self, index: int, *, color: bool = False) -> Frame:
         """Read a frame; its colour image only when asked for, as decoding it costs half as much again.
@@ -116,14 +125,10 @@ class PosedFrames:
         Raises:
             InputError: An image is damaged, of another size or kind, or there is no frame of that index.
         """
-        name = self._name(index)
-        path = self.manifest.file(self.manifest.depth, name)
-        depth_m = read_depth(path, self.manifest.depth_unit_m)
-        self._check_size(path, depth_m)
         return Frame(
             index=index,
-            name=name,
-            depth_m=depth_m,
+            name=self._name(index),
+            depth_m=self._depth(index),
             T_world_camera=self.poses[index],
             intrinsics=self.intrinsics,
             color=self.color(index) if color else None,
@@ -133,7 +138,7 @@ class PosedFrames:
         """Read a frame's colour image, uint8 [H, W, 3], RGB; raises InputError like ``read``."""
         path = self.manifest.file(self.manifest.color, self._name(index))
         rgb = read_color(path)
-        self._check_size(path, rgb)
+        _check_size(path, rgb, self.intrinsics)
         return rgb
 
     def color_file(self, index: int) -> Path | None:
@@ -142,7 +147,8 @@ class PosedFrames:
 
     def world_segments(self) -> tuple[Segment, ...] | None:
         """Give what the ids mean when they are the same in every frame; None when they are not, or there are none."""
-        return tuple(self._table.by_id.values()) if isinstance(self._table, WorldSegments) else None
+        world = self._segments.world if self._segments else None
+        return None if world is None else tuple(world.values())
 
     def segmentation(self, index: int) -> Segmentation:
         """Read a frame's precomputed segmentation.
@@ -150,24 +156,25 @@ class PosedFrames:
         Raises:
             InputError: There is none, its image is damaged or of another size, or it holds an id without an entry.
         """
-        name = self._name(index)
-        if self.manifest.segmentation is None or self._table is None:
-            raise InputError(f'{self.path}: expected "segmentation", found none: a network has to segment these frames')
-        path = self.manifest.file(self.manifest.segmentation.ids, name)
-        ids = read_ids(path)
-        self._check_size(path, ids)
-        return self._table.segmentation(name, path, ids)
+        self._name(index)
+        if self._segments is None:
+            raise InputError(f"{self.path}: {self._without_segments()}")
+        return self._segments.read(index)
+
+    def _depth(self, index: int) -> NDArray:
+        """Read a frame's depth, float32 [H, W], metres along the optical axis, 0 = invalid; H, W are the camera's."""
+        path = self.manifest.file(self.manifest.depth, self._name(index))
+        depth_m = read_depth(path, self.manifest.depth_unit_m)
+        _check_size(path, depth_m, self.intrinsics)
+        return depth_m
+
+    def _without_segments(self) -> str:
+        return 'expected "segmentation", found none: a network has to segment these frames'
 
     def _name(self, index: int) -> str:
         if not 0 <= index < len(self):
             raise InputError(f"{self.path}: expected a frame index from 0 to {len(self) - 1}, found {index}")
         return self.frame_names[index]
-
-    def _check_size(self, path: Path, image: NDArray) -> None:
-        height, width = image.shape[:2]
-        if (width, height) != (self.intrinsics.width, self.intrinsics.height):
-            wanted = f"{self.intrinsics.width}x{self.intrinsics.height}"
-            raise InputError(f"{path}: expected {wanted} pixels like the first colour image, found {width}x{height}")
 
     def _sample(self, count: int) -> list[int]:
         """Give indices of frames spread evenly over the sequence, the first included."""
@@ -224,8 +231,25 @@ def _check_files_exist(manifest: Manifest, frames: tuple[str, ...]) -> None:
             )
 
 
-def _read_table(manifest: Manifest, frames: tuple[str, ...]) -> FrameSegments | WorldSegments | None:
-    if manifest.segmentation is None:
+def _check_size(path: Path, image: NDArray, camera: Intrinsics) -> None:
+    height, width = image.shape[:2]
+    if (width, height) != (camera.width, camera.height):
+        wanted = f"{camera.width}x{camera.height}"
+        raise InputError(f"{path}: expected {wanted} pixels like the first colour image, found {width}x{height}")
+
+
+def _segments_of(manifest: Manifest, frames: tuple[str, ...], camera: Intrinsics) -> Segments | None:
+    files = manifest.segmentation
+    if files is None:
         return None
-    path = manifest.file(manifest.segmentation.table)
-    return read_world_segments(path) if manifest.segmentation.world_wide else read_frame_segments(path, frames)
+    path = manifest.file(files.table)
+    table = read_world_segments(path) if files.world_wide else read_frame_segments(path, frames)
+
+    def read(index: int) -> Segmentation:
+        ids_path = manifest.file(files.ids, frames[index])
+        ids = read_ids(ids_path)
+        _check_size(ids_path, ids, camera)
+        return table.segmentation(frames[index], ids_path, ids)
+
+    world = table.by_id if isinstance(table, WorldSegments) else None
+    return Segments(table.classes(), read, files.source, world, files.ground_truth)

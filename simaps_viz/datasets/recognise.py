@@ -50,11 +50,6 @@ def recognise(path: Path) -> ModuleType | None:
     return next((reader for reader in READERS if reader.recognise(path)), None)
 
 
-def known_formats() -> str:
-    """Name the formats, for messages."""
-    return ", ".join(["posed-frames/1", *(reader.FACTS.title for reader in READERS)])
-
-
 def format_table() -> str:
     """Give the table of docs/FORMATS.md from the readers' own constants."""
     head = ("format", "recognised by", "depth", "unit (m)", "no reading", "pose", "camera axes", "world's up",

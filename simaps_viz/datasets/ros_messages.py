@@ -134,11 +134,6 @@ def pose(where: str, message: Any) -> NDArray:
     return from_quaternion(where, (t.x, t.y, t.z), (q.x, q.y, q.z, q.w))
 
 
-def stamp_s(header: Any) -> float:
-    """Give the time of a header, seconds."""
-    return stamp_ns(header) / 1e9
-
-
 def stamp_ns(header: Any) -> int:
     """Give the time of a header, nanoseconds."""
     return header.stamp.sec * 1_000_000_000 + header.stamp.nanosec

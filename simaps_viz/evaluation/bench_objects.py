@@ -117,7 +117,7 @@ def _joined(chairs: Chairs, community: NDArray, log: MergeLog, *, threshold: flo
 
 
 def same_partition(a: NDArray, b: NDArray) -> bool:
-    """Tell whether two number the same parts, whatever the numbers."""
+    """Tell whether two arrays of one shape, any int, number the same parts, whatever the numbers."""
     pairs = len(np.unique(np.stack([a.ravel(), b.ravel()]), axis=1).T)
     return pairs == len(np.unique(a)) == len(np.unique(b))
 

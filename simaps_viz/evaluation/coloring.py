@@ -5,9 +5,9 @@ from collections.abc import Mapping
 import numpy as np
 from numpy.typing import NDArray
 
+from simaps_viz import palette
+from simaps_viz.palette import Color
 from simaps_viz.structures import Grid
-
-Color = tuple[int, int, int]
 
 UNSEEN: Color = (250, 250, 252)
 FLOOR: Color = (232, 235, 240)
@@ -16,11 +16,8 @@ CLUTTER: Color = (205, 209, 216)
 WALL: Color = (92, 98, 110)
 NO_PARTNER: Color = (150, 153, 158)
 """An instance that lies on no true one."""
-PALETTE: tuple[Color, ...] = (
-    (230, 159, 0), (86, 180, 233), (0, 158, 115), (240, 228, 66), (0, 114, 178), (204, 121, 167), (51, 34, 136),
-    (153, 153, 51),
-)  # fmt: skip
-"""Told apart with any kind of colour vision: six of Okabe and Ito's colours, two of Tol's. Red is left to marks."""
+PALETTE: tuple[Color, ...] = tuple(c for c in palette.PALETTE if c[0] <= 1.5 * max(c[1:]))
+"""The page's colours without the reds, which are left to what marks an error (`picture.WRONG_RED`)."""
 FURNITURE_FROM_M = 0.10
 _STRUCTURE = ("wall", "column", "door", "window")
 

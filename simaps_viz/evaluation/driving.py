@@ -48,7 +48,8 @@ class Drive:
 def legs_of(path_m: NDArray, goals: Sequence[Goal]) -> list[NDArray]:
     """Cut an answer's path where its goals end: one polyline [n, 2] for each goal, in order.
 
-    A goal that was reached without driving has a leg of one point. What follows the last goal is left out.
+    ``path_m`` is float64 [m, 2], map frame; empty before any driving. A goal that was reached without driving has a leg
+    of one point. What follows the last goal is left out.
     """
     legs, at = [], 0
     for goal in goals:

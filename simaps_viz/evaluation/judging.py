@@ -14,6 +14,7 @@ from typing import Any, Final, Literal, get_args
 import numpy as np
 
 from simaps_viz.errors import InputError
+from simaps_viz.files import write_whole
 from simaps_viz.limits import MAX_JSON_BYTES, check_file
 
 FORMAT: Final = "simaps-judging/1"
@@ -124,16 +125,7 @@ def start_session(path: Path, runs: Sequence[Mapping[str, Any]], *, seed: int = 
     shuffled = [{"run_id": f"run-{n:04d}", **dict(runs[int(i)])} for n, i in enumerate(order, start=1)]
     lines = [json.dumps({"format": FORMAT, "seed": seed, "runs": len(runs)})]
     lines += [json.dumps({"event": "run", **run}) for run in shuffled]
-    partial = path.with_name(f"{path.name}.partial")
-    try:
-        with partial.open("w", encoding="utf-8") as file:
-            file.write("\n".join(lines) + "\n")
-            file.flush()
-            os.fsync(file.fileno())
-        os.replace(partial, path)
-    except OSError as error:
-        partial.unlink(missing_ok=True)
-        raise InputError(f"{path}: expected to write a session there, found {error}") from error
+    write_whole(path, ("\n".join(lines) + "\n").encode(), "the session")
     return JudgingSession(path, shuffled)
 
 
@@ -147,7 +139,7 @@ def resume_session(path: Path) -> JudgingSession:
     try:
         text = path.read_bytes().decode("utf-8", errors="replace")
     except OSError as error:
-        raise InputError(f"{path}: expected a session file, found {error}") from error
+        raise InputError(f"{path}: expected a session file, found {error.strerror or error}") from error
     whole, _, torn = text.rpartition("\n")
     lines = whole.split("\n") if whole else []
     records = [_record(path, number, line) for number, line in enumerate(lines, start=1)]

@@ -99,7 +99,9 @@ def _graphs(grid: Grid, number: NDArray, community: NDArray, edges: bool) -> lis
         ends = np.searchsorted(cells, every[label[every[:, 0]] == kind]).astype(np.int32)
         ends = ends[np.lexsort((ends[:, 1], ends[:, 0]))]
         counts = np.full(len(ends), 10, np.int64)
-        graphs.append(CellGraph(int(kind), cells, ends, counts, counts / 5.0, np.zeros_like(counts)))
+        graphs.append(
+            CellGraph(int(kind), cells, ends, counts, np.zeros_like(counts), np.full(len(cells), 5, np.int32))
+        )
     return graphs
 
 

@@ -64,7 +64,7 @@ def ranked(values: Sequence[float] | NDArray, n: int, *others: Sequence[float] |
 
 
 def nth_closest(objects: Sequence[TrueObject], here_m: NDArray, n: int) -> TrueObject | None:
-    """Give the n-th closest: by the centre of the nearest cell, and by the middle as well."""
+    """Give the n-th closest to a point, float [2], map frame: by the centre of the nearest cell and by the middle."""
     edges = [o.distance_m(here_m) for o in objects]
     middles = [float(np.linalg.norm(o.centroid_m - here_m)) for o in objects]
     meant = ranked(edges, n, middles)

@@ -104,7 +104,8 @@ def run_evaluation(
     """
     methods, errors = split_names("methods", config.methods), split_names("errors", config.errors, ERRORS)
     if not methods or config.seeds < 1:
-        raise InputError(f"evaluate: expected a method and a seed, found {len(methods)} and {config.seeds}")
+        found = f"{len(methods)} methods and {config.seeds} seeds"
+        raise InputError(f"evaluate: expected at least one method and one seed, found {found}")
     expected = parse_counts(config.counts) if config.counts else {}
     _check_outputs(config)
     sequence = open_for_evaluation(config.sequence, progress)

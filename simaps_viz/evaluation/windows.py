@@ -41,7 +41,7 @@ def moved(cells: NDArray, shift: tuple[int, int], shape: tuple[int, int], empty:
     """Copy cells to where they lie in another window.
 
     Args:
-        cells: [rows, cols].
+        cells: any dtype [rows, cols], which the copy has too; given back itself when there is nothing to move.
         shift: from `whole_cells`.
         shape: of the other window; what lies outside is cut off.
         empty: value of cells that lie only in the other window.

@@ -53,7 +53,7 @@ class TrueObject:
         return KDTree(self.cells_m)
 
     def distance_m(self, point_m: Sequence[float] | NDArray) -> float:
-        """Give the distance from a point to the centre of its nearest cell, metres."""
+        """Give the distance from a point (x, y in metres, map frame) to the centre of its nearest cell, metres."""
         return float(self.tree.query(np.asarray(point_m, np.float64))[0])
 
 
@@ -134,14 +134,23 @@ class World:
         return np.isin(self.tops.label, walls)
 
     def sight_is_free(self, eye_m: NDArray, target_m: NDArray, target_id: int) -> bool:
-        """Tell whether no wall and nothing at least 1.5 m high but the target stands between two points."""
+        """Tell whether no wall and nothing at least 1.5 m high but the target stands between two points.
+
+        Args:
+            eye_m: float [2], where the camera is, map frame.
+            target_m: float [2], a point of what is looked for.
+            target_id: of what is looked for, which hides nothing of itself.
+        """
         row, col, _ = self._ray(eye_m, target_m)
         with np.errstate(invalid="ignore"):
             hides = self._walls[row, col] | (self.tops.grid.height_m[row, col] >= OPAQUE_HEIGHT_M)
         return not bool((hides & (self.ids[row, col] != target_id)).any())
 
     def surely_sees(self, eye_m: NDArray, target_m: NDArray, target_id: int) -> bool:
-        """Tell whether a camera 1.2 m high sees the top of a cell, even if it cannot look under anything."""
+        """Tell whether a camera 1.2 m high sees the top of a cell, even if it cannot look under anything.
+
+        Arguments as for `sight_is_free`.
+        """
         row, col, share = self._ray(eye_m, target_m)
         heights = np.nan_to_num(self.tops.grid.height_m)
         end = self.spec.cell_of(float(target_m[0]), float(target_m[1]))
@@ -150,7 +159,10 @@ class World:
         return not bool((hides & (self.ids[row, col] != target_id)).any())
 
     def might_see(self, eye_m: NDArray, target_m: NDArray, target_id: int) -> bool:
-        """Tell whether any robot's camera could: only walls hide, and what stands on the floor and is 1.9 m high."""
+        """Tell whether any robot's camera could: only walls hide, and what stands on the floor and is 1.9 m high.
+
+        Arguments as for `sight_is_free`.
+        """
         row, col, _ = self._ray(eye_m, target_m)
         grid = self.tops.grid
         with np.errstate(invalid="ignore"):

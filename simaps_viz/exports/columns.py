@@ -7,8 +7,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from simaps_viz.exports.records import node_name
-from simaps_viz.labels import class_color, instance_color
+from simaps_viz.exports.records import color_of, label_colors, node_name
 from simaps_viz.structures import GridSpec, SIMap
 
 UNLABELLED: Final = "unlabelled"
@@ -45,12 +44,13 @@ def parts(simap: SIMap) -> Iterator[Part]:
     """
     for one in simap.instances:
         vertices, faces = _columns(simap, simap.instance == one.id, closed=True)
-        yield Part(node_name(one), one.label, one.id, instance_color(one.id), vertices, faces)
+        yield Part(node_name(one), one.label, one.id, color_of(simap, one), vertices, faces)
+    colors = label_colors(simap)
     rest = (simap.instance == 0) & ~np.isnan(simap.grid.height_m)
     for index in np.unique(simap.grid.label[rest]).tolist():
         label = simap.grid.labels[index] if index else UNLABELLED
         name = f"{label}-unassigned" if index and simap.grid.is_thing[index] else label
-        color = class_color(label) if index else UNLABELLED_COLOR
+        color = colors[index] if index else UNLABELLED_COLOR
         yield Part(name, label, 0, color, *_columns(simap, rest & (simap.grid.label == index), closed=False))
 
 

@@ -8,8 +8,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from simaps_viz.exports.records import node_name, origin
-from simaps_viz.labels import class_color, instance_palette
+from simaps_viz.exports.records import label_colors, node_name, origin
+from simaps_viz.map_colors import instance_colors
 from simaps_viz.structures import SIMap
 
 UNSEEN = (24, 24, 28)
@@ -40,11 +40,11 @@ def segment_ids(simap: SIMap) -> NDArray:
 
 def top_view(simap: SIMap) -> NDArray:
     """Give uint8 [rows, cols, 3], RGB, north up: instances in their colours, other classes in theirs."""
-    classes = np.array([class_color(name) for name in simap.grid.labels], np.uint8)
+    classes = np.array(label_colors(simap), np.uint8)
     picture = classes[simap.grid.label]
     picture[np.isnan(simap.grid.height_m)] = UNSEEN
     things = simap.instance > 0
-    picture[things] = instance_palette(int(simap.instance.max(initial=0)) + 1)[simap.instance[things]]
+    picture[things] = instance_colors(simap)[simap.instance[things]]
     return picture[::-1]
 
 
@@ -71,13 +71,14 @@ def _about(simap: SIMap, ids: NDArray, *, ids_name: str, top_name: str) -> dict[
                 "iscrowd": 0,
             }
         )
+    colors = label_colors(simap)
     categories = [
         {
             "id": index,
             "name": name,
             "supercategory": "thing" if is_thing else "stuff",
             "isthing": int(is_thing),
-            "color": list(class_color(name)),
+            "color": list(colors[index]),
         }
         for index, (name, is_thing) in enumerate(zip(labels, simap.grid.is_thing, strict=True))
         if index > 0

@@ -2,7 +2,9 @@
 
 from typing import Any
 
-from simaps_viz.labels import instance_color
+from simaps_viz.labels import class_color
+from simaps_viz.map_colors import class_colors, instance_colors
+from simaps_viz.palette import Color
 from simaps_viz.structures import Instance, SIMap
 
 
@@ -11,9 +13,21 @@ def node_name(instance: Instance) -> str:
     return f"{instance.label}-{instance.id}"
 
 
-def hex_color(instance: Instance) -> str:
+def color_of(simap: SIMap, instance: Instance) -> Color:
+    """Give the instance's colour on the page, RGB, 0-255."""
+    r, g, b = instance_colors(simap)[instance.id].tolist()
+    return (r, g, b)
+
+
+def label_colors(simap: SIMap) -> list[Color]:
+    """Give every class of ``simap.grid.labels`` its colour on the page, RGB, 0-255."""
+    things = class_colors(simap)
+    return [things.get(name, class_color(name)) for name in simap.grid.labels]
+
+
+def hex_color(simap: SIMap, instance: Instance) -> str:
     """Give the instance's colour on the page, "#rrggbb"."""
-    return "#{:02x}{:02x}{:02x}".format(*instance_color(instance.id))
+    return "#{:02x}{:02x}{:02x}".format(*color_of(simap, instance))
 
 
 def record(simap: SIMap, instance: Instance) -> dict[str, Any]:
@@ -33,7 +47,7 @@ def record(simap: SIMap, instance: Instance) -> dict[str, Any]:
         **{key: round(value, 6) for key, value in metres.items()},
         "frames": instance.frames,
         "score": round(instance.score, 6),
-        "color": hex_color(instance),
+        "color": hex_color(simap, instance),
     }
 
 

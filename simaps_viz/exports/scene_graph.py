@@ -9,8 +9,7 @@ from typing import Any, Final
 
 import numpy as np
 
-from simaps_viz.exports.records import node_name, record
-from simaps_viz.labels import instance_color
+from simaps_viz.exports.records import color_of, node_name, record
 from simaps_viz.structures import Instance, SIMap
 
 VERSION: Final = {"major": 1, "minor": 1, "patch": 3}
@@ -48,7 +47,7 @@ def scene_graph_bytes(simap: SIMap) -> bytes:
 def _object(simap: SIMap, instance: Instance) -> dict[str, Any]:
     low, high = instance.aabb_m
     attributes = {
-        **_attributes("ObjectNodeAttributes", node_name(instance), instance.centroid_m, instance_color(instance.id)),
+        **_attributes("ObjectNodeAttributes", node_name(instance), instance.centroid_m, color_of(simap, instance)),
         "bounding_box": _box((*low[:2], min(0.0, low[2])), high),
         "semantic_label": simap.grid.labels.index(instance.label),
         "metadata": record(simap, instance),

@@ -12,7 +12,6 @@ from simaps_viz.installation.finding import Finding
 PACKAGE = "simaps-viz"
 NOT_ASKED_FOR = ("dev",)
 """Extras of the people who work on the program."""
-SLOW_KERNEL_S = 8.0
 
 
 def check_python() -> Finding:

@@ -122,7 +122,7 @@ class MapAccumulator:
         return np.stack([readings.rows, readings.cols], axis=1)
 
     def skip_frame(self, index: int, name: str, T_map_camera: NDArray, reason: str) -> None:
-        """Note that a frame could not be read; it keeps its place but saw nothing."""
+        """Note that a frame could not be read; it keeps its place and pose (float64 [4, 4]) but saw nothing."""
         nothing = np.zeros(0, np.int32)
         readings = FrameReadings(nothing, nothing, nothing, np.zeros(0, np.float32))
         seen = FrameSeen(index, name, T_map_camera, readings, (), reason)

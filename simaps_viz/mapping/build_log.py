@@ -10,7 +10,9 @@ import json
 import os
 import struct
 import sys
+import threading
 import time
+import weakref
 import zlib
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
@@ -230,6 +232,41 @@ def read_log(path: Path) -> tuple[dict[str, Any], list[tuple[int, bytes]]]:
     with _opened(path) as file:
         known, places = _whole_records(path, file)
         return known, list(_contents(file, places))
+
+
+class LogReader:
+    """The frames of a log or history, read one by one when asked for. Several threads may ask.
+
+    The file stays open: another one in its place, or none, changes nothing.
+    """
+
+    def __init__(self, path: Path) -> None:
+        """Find all whole records; raises InputError when the file is missing or is something else."""
+        self._path, self._lock = path, threading.Lock()
+        try:
+            self._file = FileIO(path)
+        except OSError as error:
+            raise InputError(f"{path}: expected the steps of a build, found {error.strerror or error}") from error
+        weakref.finalize(self, self._file.close)
+        self.known, self._places = _whole_records(path, self._file)
+
+    def __len__(self) -> int:
+        """Number of frames."""
+        return len(self._places)
+
+    def read(self, number: int) -> tuple[int, bytes]:
+        """Give (kind, content) of a frame for `decode_step`; raises InputError when the file was written over."""
+        offset, length, kind = self._places[number]
+        try:
+            with self._lock:
+                self._file.seek(offset - _RECORD.size)
+                data = _read(self._file, _RECORD.size + length)
+        except OSError as error:
+            raise InputError(f"{self._path}: could not be read: {error.strerror or error}") from error
+        content = data[_RECORD.size :]
+        if data != _record(kind, content) or len(content) != length:
+            raise InputError(f"{self._path}: frame {number} could not be read back, the file was changed")
+        return kind, content
 
 
 @contextmanager

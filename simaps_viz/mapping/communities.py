@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import sparse
 from sknetwork.clustering import Louvain
+from sknetwork.utils.check import get_probs
 
 from simaps_viz.structures import CellGraph, GridSpec
 
@@ -33,11 +34,42 @@ def find_communities(graph: CellGraph, *, resolution: float = 1.0, seed: int = 0
     if len(graph.edges) == 0:
         return np.arange(n, dtype=np.int32)
     a, b = graph.edges[:, 0], graph.edges[:, 1]
-    half = sparse.coo_matrix((graph.weights, (a, b)), shape=(n, n))
-    adjacency = (half + half.T).tocsr()
-    louvain = Louvain(resolution=resolution, random_state=seed, shuffle_nodes=False, n_aggregations=levels)
-    found = louvain.fit_predict(adjacency)
-    return renumber(np.asarray(found))
+    adjacency = _adjacency(graph.weights, a, b, n)
+    return renumber(_louvain(adjacency, resolution=resolution, seed=seed, levels=levels))
+
+
+def _adjacency(weights: NDArray, first: NDArray, second: NDArray, n: int) -> sparse.csr_matrix:
+    """Give the symmetric matrix of edges that each come once."""
+    half = sparse.coo_matrix((weights, (first, second)), shape=(n, n)).tocsr()
+    return (half + half.T).tocsr()
+
+
+class _LeanLouvain(Louvain):
+    """Louvain of a symmetric matrix, which it scales in place: the library's own makes three copies of it on the way.
+
+    It adds the matrix to its transpose and divides by the sum; doubling is exact, so this is the same bit for bit.
+    """
+
+    def _pre_processing(
+        self, input_matrix: sparse.csr_matrix, force_bipartite: bool
+    ) -> tuple[sparse.csr_matrix, NDArray, NDArray, sparse.csr_matrix, NDArray]:
+        del force_bipartite  # never asked for
+        self._init_vars()
+        self.bipartite = False
+        n = len(input_matrix.indptr) - 1
+        out_weights = get_probs("degree", input_matrix)
+        input_matrix.data *= 1.0 / input_matrix.data.sum()
+        alone = sparse.csr_matrix(sparse.identity(n, format="csr"))
+        return input_matrix, out_weights, out_weights.copy(), alone, np.arange(n)
+
+
+def _louvain(adjacency: sparse.csr_matrix, *, resolution: float, seed: int, levels: int) -> NDArray:
+    """Give the community of each node; the matrix, symmetric, is changed."""
+    louvain = _LeanLouvain(
+        resolution=resolution, random_state=seed, shuffle_nodes=False, n_aggregations=levels,
+        return_probs=False, return_aggregate=False,
+    )  # fmt: skip
+    return np.asarray(louvain.fit_predict(adjacency))
 
 
 def renumber(community: NDArray) -> NDArray:
@@ -76,22 +108,21 @@ def find_chunks(
     first = np.cumsum([0, *sizes])
     rows, cols, weights = [], [], []
     for start, graph in zip(first, graphs, strict=False):
-        strong = np.flatnonzero(graph.weights > MIN_AFFINITY)
-        ends = graph.edges[strong]
-        near = strong[_are_near(graph.cells, ends, spec.cols)]
+        affinity = graph.weights
+        strong = np.flatnonzero(affinity > MIN_AFFINITY)
+        near = strong[_are_near(graph.cells, graph.edges[strong], spec.cols)]
         a, b = graph.edges[near, 0], graph.edges[near, 1]
         rows.append(a + np.int32(start))
         cols.append(b + np.int32(start))
-        weights.append(graph.weights[near])
+        weights.append(affinity[near])
     weight = np.concatenate([np.zeros(0), *weights])
     n = int(first[-1])
     if len(weight) == 0:
         return [np.arange(size, dtype=np.int32) for size in sizes]
-    half = sparse.coo_matrix((weight, (np.concatenate(rows), np.concatenate(cols))), shape=(n, n))
-    adjacency = (half + half.T).tocsr()
     absolute = resolution * float(weight.sum()) / CHUNK
-    louvain = Louvain(resolution=absolute, random_state=seed, shuffle_nodes=False, n_aggregations=levels)
-    found = np.asarray(louvain.fit_predict(adjacency))
+    adjacency = _adjacency(weight, np.concatenate(rows), np.concatenate(cols), n)
+    del weight, weights, rows, cols
+    found = _louvain(adjacency, resolution=absolute, seed=seed, levels=levels)
     return [renumber(found[a:b]) for a, b in pairwise(first)]
 
 

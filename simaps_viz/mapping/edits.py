@@ -186,7 +186,16 @@ def class_name(simap: SIMap, text: str) -> str:
 
 
 def sides(spec: GridSpec, cells: NDArray, line_m: tuple[Point, Point]) -> tuple[NDArray, NDArray]:
-    """Sort cells by the side of a line their centres lie on: left of it, and right of it or on it."""
+    """Sort cells by the side of a line their centres lie on.
+
+    Args:
+        spec: their grid.
+        cells: int [n], row * cols + col.
+        line_m: two different points of the line, (x, y) in the map frame; left and right are seen along it.
+
+    Returns:
+        the cells left of it, and those right of it or on it, each int, in the order given.
+    """
     (ax, ay), (bx, by) = line_m
     row, col = np.divmod(cells, spec.cols)
     x = spec.x0_m + (col + 0.5) * spec.cell_size_m
@@ -198,7 +207,13 @@ def sides(spec: GridSpec, cells: NDArray, line_m: tuple[Point, Point]) -> tuple[
 
 
 def check_sides(both: tuple[NDArray, NDArray], name: str, least: int) -> None:
-    """Raise InputError unless a cut leaves something worth calling an object on both sides."""
+    """Raise InputError unless a cut leaves something worth calling an object on both sides.
+
+    Args:
+        both: the cells of each side, int, as `sides` gives them.
+        name: of what is cut.
+        least: cells that an object of this map has at least.
+    """
     few = min(len(side) for side in both)
     if few == 0:
         raise InputError(f"cut: expected a line through {name}, found all of it on one side of the line")

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from simaps_viz.mapping.readings import AllReadings
 from simaps_viz.structures import CellGraph, Grid
 
+_MOST_16 = np.iinfo(np.uint16).max
 HIDES_FROM_M = 0.05
 """A cell this much higher than the lower end of a pair can hide that the two ends are one object."""
 
@@ -48,7 +49,10 @@ def pair_graphs(grid: Grid, readings: AllReadings, settings: EvidenceSettings) -
     number = np.full(label.size, -1, dtype=np.int32)
     number[thing_cells] = np.arange(len(thing_cells), dtype=np.int32)
     steps = pair_steps(settings.ranges)
-    same = np.zeros((len(thing_cells), len(steps)), dtype=np.int32)
+    most = int(
+        grid.observations.reshape(-1)[thing_cells].max(initial=0)
+    )  # a pair is not seen more often than its cells
+    same = np.zeros((len(thing_cells), len(steps)), dtype=np.uint16 if most <= _MOST_16 else np.int32)
     different = np.zeros_like(same)
     last = np.full(len(thing_cells), -1, dtype=np.int32), np.zeros(len(thing_cells), dtype=np.int32)
     for part in readings.batches():
@@ -58,11 +62,11 @@ def pair_graphs(grid: Grid, readings: AllReadings, settings: EvidenceSettings) -
             grid.spec.rows, grid.spec.cols, steps, *last, same, different,
         )  # fmt: skip
     if settings.gap_cells >= 0:
-        top = np.nan_to_num(grid.height_m.reshape(-1), nan=np.inf)
         opaque = things.copy()
         opaque[0] = True  # what nobody named may be the same object, missed
         _drop_open_pairs(
-            thing_cells, label, top, opaque, grid.spec.cols, steps, settings.gap_cells, same, different
+            thing_cells, label, grid.height_m.reshape(-1), opaque, grid.spec.cols, steps, settings.gap_cells,
+            same, different,
         )  # fmt: skip
     if not settings.different:
         different[:] = 0
@@ -86,8 +90,8 @@ def count_pairs(
     steps: NDArray,  # int32 [s, 2]
     seen: NDArray,  # in/out int32 [n], frame that saw the cell last, -1 = none
     seen_as: NDArray,  # in/out int32 [n], and in which segment
-    same: NDArray,  # in/out int32 [n, s]
-    different: NDArray,  # in/out int32 [n, s]
+    same: NDArray,  # in/out uint16 or int32 [n, s]
+    different: NDArray,  # in/out uint16 or int32 [n, s]
 ) -> None:
     """Count, frame by frame, the pairs of cells of one class seen in one segment and in two."""
     begin = 0
@@ -117,8 +121,14 @@ def count_pairs(
         begin = end
 
 
+@njit(cache=True, nogil=True, inline="always")
+def _top(height_m):
+    """What nobody saw may be as high as can be."""
+    return np.float32(np.inf) if np.isnan(height_m) else height_m
+
+
 @njit(cache=True, nogil=True)
-def _drop_open_pairs(thing_cells, label, top, opaque, cols, steps, gap_cells, same, different):
+def _drop_open_pairs(thing_cells, label, height_m, opaque, cols, steps, gap_cells, same, different):
     """Forget the pairs between whose ends more than ``gap_cells`` cells are open."""
     for i in range(len(thing_cells)):
         c = thing_cells[i]
@@ -127,13 +137,14 @@ def _drop_open_pairs(thing_cells, label, top, opaque, cols, steps, gap_cells, sa
             if length - 1 <= gap_cells or (same[i, s] == 0 and different[i, s] == 0):
                 continue
             one = steps[s, 0] // length * cols + steps[s, 1] // length
-            base = min(top[c], top[c + length * one])
+            base = min(_top(height_m[c]), _top(height_m[c + length * one]))
             is_open = 0
             for k in range(1, length):
                 between = c + k * one
-                if label[between] == label[c] or top[between] > base + HIDES_FROM_M:
+                top = _top(height_m[between])
+                if label[between] == label[c] or top > base + HIDES_FROM_M:
                     continue
-                if opaque[label[between]] and top[between] > base - HIDES_FROM_M:
+                if opaque[label[between]] and top > base - HIDES_FROM_M:
                     continue
                 is_open += 1
             if is_open > gap_cells:
@@ -163,13 +174,13 @@ def _graphs(
 
 @njit(cache=True, nogil=True)
 def _edges(members, thing_cells, number, position, order, ahead, same, different):
-    """Give the edges of one class: positions int32 [m, 2], and same and different int64 [m]."""
+    """Give the edges of one class: positions int32 [m, 2], and same and different int32 [m]."""
     size = 0
     for i in members:
         for s in order:
             size += same[i, s] + different[i, s] > 0
     edges = np.zeros((size, 2), dtype=np.int32)
-    counts, against = np.zeros(size, dtype=np.int64), np.zeros(size, dtype=np.int64)
+    counts, against = np.zeros(size, dtype=np.int32), np.zeros(size, dtype=np.int32)
     n = 0
     for i in members:
         for s in order:
@@ -181,12 +192,20 @@ def _edges(members, thing_cells, number, position, order, ahead, same, different
 
 
 def affine(label: int, cells: NDArray, edges: NDArray, same: NDArray, different: NDArray) -> CellGraph:
-    """Make one class's graph from its evidence; weight = same / (same + different + 1)."""
+    """Make one class's graph from its evidence.
+
+    Args:
+        label: the class.
+        cells: int [n], row * cols + col, ascending.
+        edges: int32 [m, 2], places in ``cells``.
+        same: int [m], how often the two cells were seen in one segment.
+        different: int [m], in two segments.
+    """
     return CellGraph(
         label=label,
-        cells=cells.astype(np.int64),
+        cells=cells.astype(np.int64, copy=False),
         edges=edges,
-        counts=same.astype(np.int64),
-        weights=same / (same + different + 1.0),
-        different=different.astype(np.int64),
+        counts=same,
+        different=different,
+        seen=None,
     )

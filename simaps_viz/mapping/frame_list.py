@@ -58,7 +58,6 @@ class FrameList(Sequence[FrameSeen]):
         self._files: list[_OnDisk] = []
         self._scratch = -1
         self._shelf: Shelf | None = None
-        self._all = False  # everything is held
 
     def __len__(self) -> int:
         return len(self.indices)
@@ -106,10 +105,6 @@ class FrameList(Sequence[FrameSeen]):
         """Bytes of memory, about, of what frames saw and is not on disk; copies share it."""
         return self._held_bytes
 
-    def hold_all(self) -> None:
-        """Put nothing on disk, because somebody else has the frames in memory anyway."""
-        self._all = True
-
     def lean_on(self, shelf: Shelf) -> None:
         """Read frames back from a log that has them, instead of writing them a second time."""
         self._shelf = shelf
@@ -137,7 +132,7 @@ class FrameList(Sequence[FrameSeen]):
         for name in ("indices", "_poses", "_offset", "_length", "_file"):
             setattr(twin, name, getattr(self, name)[:])
         twin.names, twin.skipped, twin._held = list(self.names), dict(self.skipped), dict(self._held)
-        twin._files, twin._held_bytes, twin._all = list(self._files), self._held_bytes, self._all
+        twin._files, twin._held_bytes = list(self._files), self._held_bytes
         return twin  # writes a scratch file of its own
 
     def merge(self, other: "FrameList") -> None:
@@ -175,7 +170,7 @@ class FrameList(Sequence[FrameSeen]):
 
     def _put_away(self) -> None:
         """Let go of what is held when it is too much: on disk it stays, or is written now."""
-        if self._all or self._held_bytes <= HELD_BYTES:
+        if self._held_bytes <= HELD_BYTES:
             return
         for at in range(len(self) - 1, -1, -1):
             if not self._held:

@@ -44,16 +44,22 @@ def class_graphs(grid: Grid, links: NDArray, link_labels: NDArray, counts: NDArr
 
 
 def weighted(grid: Grid, label: int, cells: NDArray, edges: NDArray, counts: NDArray) -> CellGraph:
-    """Make one class's graph from its counts; see `class_graphs` for the weight."""
-    seen = grid.observations.reshape(-1)[cells].astype(np.float64)
-    mean_seen = (seen[edges[:, 0]] + seen[edges[:, 1]]) / 2.0
+    """Make one class's graph from its counts; see `class_graphs` for the weight.
+
+    Args:
+        grid: the map.
+        label: the class.
+        cells: int [n], row * cols + col, ascending.
+        edges: int32 [m, 2], places in ``cells``.
+        counts: int [m], how often the two cells were seen as one.
+    """
     return CellGraph(
         label=label,
-        cells=cells.astype(np.int64),
+        cells=cells.astype(np.int64, copy=False),
         edges=edges,
-        counts=counts.astype(np.int64),
-        weights=counts / mean_seen,
-        different=np.zeros(len(counts), dtype=np.int64),
+        counts=counts,
+        different=np.zeros(len(counts), dtype=np.int32),
+        seen=grid.observations.reshape(-1)[cells],
     )
 
 

@@ -9,18 +9,15 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from simaps_viz.errors import InputError
-from simaps_viz.limits import MAX_HISTORY_BYTES, check_cells
 from simaps_viz.mapping.accumulator import MapAccumulator
-from simaps_viz.mapping.build_log import decode_step, read_log
 from simaps_viz.mapping.config import BuildConfig, config_from_json
+from simaps_viz.mapping.kept_steps import KeptFrames, KeptSteps
 from simaps_viz.mapping.partition import empty_log
-from simaps_viz.mapping.readings import Readings, gather_readings
+from simaps_viz.mapping.readings import AllReadings, Readings, StreamedReadings, gather_readings
 from simaps_viz.mapping.simap import assemble, origin_of
 from simaps_viz.mapping.so_far import SequenceFacts, empty_accumulator_of, facts_from_json, map_so_far
-from simaps_viz.mapping.steps import FrameStep
 from simaps_viz.mapping.votes import vote_labels
 from simaps_viz.structures import Grid, SIMap, Views
 
@@ -28,24 +25,22 @@ KEPT_BYTES = 64 << 20
 """Memory for the states of the grid that are kept to start from; the readings of all frames come on top."""
 MAPS_KEPT = 4
 """Whole maps that are kept once made."""
-_ALWAYS_CELLS = 1 << 24  # 205 m x 205 m with cells of 0.05 m
-_CELLS_A_READING = 1000  # a larger map is one that was looked at
 
 
 class MapHistory:
     """A finished build that can be looked at after each of its frames. Several threads may ask at once."""
 
     def __init__(
-        self, facts: SequenceFacts, config: BuildConfig, steps: list[FrameStep], finished: SIMap | None = None
+        self, facts: SequenceFacts, config: BuildConfig, steps: KeptSteps, finished: SIMap | None = None
     ) -> None:
-        """Take the steps of a build, one a frame, in order; `open` reads them from a file."""
+        """Take the steps of a build; `open` finds them in a file."""
         self.facts, self.config = facts, config
         self._steps, self._lock = steps, threading.Lock()
         self._states: list[tuple[int, MapAccumulator]] = [(0, self._empty())]
         self._maps: OrderedDict[int, SIMap] = OrderedDict()
         self._finished = finished
         self._keep_states()
-        self._all: tuple[Readings, NDArray] | None = None
+        self._all: Readings | None = None
 
     @classmethod
     def open(cls, path: Path, *, finished: SIMap | None = None) -> "MapHistory":
@@ -58,11 +53,9 @@ class MapHistory:
         Raises:
             InputError: the file is missing, damaged, or something else.
         """
-        known, records = read_log(Path(path))
         try:
-            facts, config = facts_from_json(known["sequence"]), config_from_json(known["config"])
-            steps = _decoded(records)
-            _check_steps(steps)
+            steps = KeptSteps(Path(path))
+            facts, config = facts_from_json(steps.known["sequence"]), config_from_json(steps.known["config"])
             return cls(facts, config, steps, finished)
         except (InputError, KeyError, TypeError, ValueError, IndexError, struct.error) as error:
             raise InputError(f"{path}: expected the steps of a build, found other contents ({error!r})") from error
@@ -74,14 +67,14 @@ class MapHistory:
     @property
     def frame_names(self) -> tuple[str, ...]:
         """In order."""
-        return tuple(step.seen.name for step in self._steps)
+        return tuple(self._steps.names)
 
     def is_of(self, simap: SIMap) -> bool:
         """Tell whether this is the history of a map: the same frames of the same sequence, seen the same way."""
         here = (self.config.method, self.config.projection.cell_size_m, self.facts.segmentation_source)
         there = (simap.method, simap.spec.cell_size_m, simap.provenance.get("segmentation"))
-        poses = np.array([step.seen.T_map_camera for step in self._steps]).reshape(-1, 4, 4)
-        return here == there and self.frame_names == simap.frame_names and np.array_equal(poses, simap.T_map_camera)
+        same = here == there and self.frame_names == simap.frame_names
+        return same and np.array_equal(self._steps.poses, simap.T_map_camera)
 
     def map_at(self, frame: int) -> SIMap:
         """Make the map as it was after a frame, exactly as a build of the frames up to it makes it.
@@ -115,8 +108,7 @@ class MapHistory:
             state = self._state_after(frame)
             grid = _on(finished.grid, state)
             if self.config.method != "paper":
-                readings, ends = self._readings(finished.grid)
-                label, _ = vote_labels(grid, _first(readings, int(ends[frame])), self.config.votes)
+                label, _ = vote_labels(grid, self._readings_until(frame, state, finished.grid), self.config.votes)
                 grid = replace(grid, label=label)
         thing = np.array(grid.is_thing)[grid.label] & (grid.label == finished.grid.label)
         instance = np.where(thing, finished.instance, 0).astype(np.int32)
@@ -136,7 +128,7 @@ class MapHistory:
 
     def _empty(self) -> MapAccumulator:
         empty = empty_accumulator_of(self.facts.labels, self.facts.is_thing, self.config, links=False)
-        empty.frames.hold_all()  # they are in `_steps`
+        empty.frames = KeptFrames(self._steps)
         return empty
 
     def _finished_map(self) -> SIMap:
@@ -164,25 +156,20 @@ class MapHistory:
             state.replay(step)
         return state
 
-    def _readings(self, grid: Grid) -> tuple[Readings, NDArray]:
-        """Give all readings on the finished grid, and where those of each frame end."""
+    def _readings_until(self, frame: int, state: MapAccumulator, grid: Grid) -> AllReadings:
+        """Give the readings of the frames up to one, whose state it is, on the finished grid."""
+        if not self._steps.all_held:
+            return StreamedReadings(state.frames, self._origin(grid), grid)
         if self._all is None:
-            state = self._state_after(len(self._steps) - 1)
-            segments = [frame.segments for frame in state.frames]
-            ends = np.cumsum([len(frame.readings.rows) for frame in state.frames])
-            self._all = gather_readings(state.readings, segments, state.origin_cell, grid), ends
-        return self._all
+            seen = [step.seen for step in self._steps]
+            parts = [one.readings for one in seen], [one.segments for one in seen]
+            self._all = gather_readings(*parts, self._origin(grid), grid)
+        return _first(self._all, sum(self._steps.readings[: frame + 1]))
 
-
-def _decoded(records: list[tuple[int, bytes]]) -> list[FrameStep]:
-    steps, size = [], 0
-    for record in records:
-        steps.append(decode_step(record))
-        readings = steps[-1].seen.readings
-        size += sum(array.nbytes for array in (readings.rows, readings.cols, readings.segments, readings.height_m))
-        if size > MAX_HISTORY_BYTES:
-            raise ValueError(f"more than {MAX_HISTORY_BYTES} bytes of readings")
-    return steps
+    def _origin(self, grid: Grid) -> tuple[int, int]:
+        """Give (row, col), counted from the map's origin, of the finished grid's cell (0, 0)."""
+        spec = grid.spec
+        return round(spec.y0_m / spec.cell_size_m), round(spec.x0_m / spec.cell_size_m)
 
 
 def _first(readings: Readings, count: int) -> Readings:
@@ -206,27 +193,6 @@ def _on(whole: Grid, state: MapAccumulator) -> Grid:
         layers[name] = np.full(spec.shape, empty, dtype=layer.dtype)
         layers[name][row : row + shape[0], col : col + shape[1]] = layer[: shape[0], : shape[1]]
     return Grid(spec=spec, labels=whole.labels, is_thing=whole.is_thing, **layers)
-
-
-def _check_steps(steps: list[FrameStep]) -> None:
-    """Raise ValueError unless these are the steps of one build of at least one frame, in order, of a map not too large.
-
-    Bounds the memory that a damaged or hostile file can make a reader ask for.
-    """
-    if [step.seen.index for step in steps] != list(range(len(steps))) or not steps:
-        raise ValueError("frames are missing")
-    spans = [_span(axis) for step in steps for axis in (step.seen.readings.rows, step.seen.readings.cols)
-             if len(axis)] or [(0, 0)] * 2  # fmt: skip
-    extents = [(min(a for a, _ in s), max(b for _, b in s)) for s in (spans[::2], spans[1::2])]
-    (low_row, high_row), (low_col, high_col) = extents
-    cells = (high_row - low_row + 1) * (high_col - low_col + 1)
-    check_cells("history", high_row - low_row + 1, high_col - low_col + 1)
-    if cells > max(_ALWAYS_CELLS, _CELLS_A_READING * sum(len(step.seen.readings.rows) for step in steps)):
-        raise ValueError("a map larger than its readings make")
-
-
-def _span(cells: NDArray) -> tuple[int, int]:
-    return int(cells.min()), int(cells.max())
 
 
 def cut_as(look: SIMap, simap: SIMap) -> SIMap:

@@ -37,14 +37,14 @@ def count_links(  # noqa: C901, PLR0912 - one pass over the pixels, split up it 
     cells: NDArray,  # int32 [H, W], -1 = none
     ids: NDArray,  # int32 [H, W]
     graph_label_of_id: NDArray,  # int16 [max id + 1], 0 where the segment gets no graph
-    row0: int,
+    row0: int,  # of the window, in cells from the map's origin
     col0: int,
     cols: int,
     reach: int,
-    slots: NDArray,
-    keys: NDArray,
-    labels: NDArray,
-    counts: NDArray,
+    slots: NDArray,  # in/out int32 [power of two], entry of a hash, -1 = none
+    keys: NDArray,  # in/out uint64 [room], both cells of an entry, 16 bits a number
+    labels: NDArray,  # in/out int16 [room], class of an entry
+    counts: NDArray,  # in/out int64 [room]
     size: int,
     start_row: int,
 ) -> tuple[int, int]:
@@ -156,7 +156,17 @@ class LinkTable:
     def add_frame(
         self, cells: NDArray, ids: NDArray, graph_label_of_id: NDArray, *, row0: int, col0: int, cols: int, reach: int
     ) -> None:
-        """Count the links of one frame; see `count_links`."""
+        """Count the links of one frame.
+
+        Args:
+            cells: int32 [H, W], cell of each pixel in a window of ``cols`` columns (row * cols + col), -1 = none.
+            ids: int32 [H, W], its segment.
+            graph_label_of_id: int16 [max id + 1], the segment's class, 0 where it gets no graph.
+            row0: the window's first row, in cells from the map's origin.
+            col0: its first column.
+            cols: its columns.
+            reach: cells farther apart than this are a depth jump; < 0 = nothing is.
+        """
         frame = self._frame  # counted apart: it fits the processor's cache, and `last_frame` tells it alone
         frame.clear()
         row = 0

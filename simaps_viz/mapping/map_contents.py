@@ -1,5 +1,6 @@
 """Whether what a map file holds fits together, so that nothing later meets an index that leads nowhere."""
 
+import math
 from collections.abc import Mapping
 from dataclasses import fields
 from typing import Any
@@ -7,7 +8,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from simaps_viz.arrays import Rows, check_ends
 from simaps_viz.limits import MAX_CELL_INDEX, MAX_CLASSES, MAX_FRAMES
+from simaps_viz.mapping.bands import bands
 from simaps_viz.mapping.pooling import PoolSettings
 
 _CELL_SIZE_M = (1e-4, 100.0)
@@ -62,32 +65,47 @@ def _check_provenance(provenance: Mapping[str, Any]) -> None:
     _check(isinstance(skipped, dict) and type(skipped.get("frames", 0)) is int, "provenance: skipped")
 
 
-def check_arrays(meta: Mapping[str, Any], data: Mapping[str, NDArray]) -> None:
-    """Raise ValueError for arrays that do not fit the metadata and each other."""
+def check_arrays(meta: Mapping[str, Any], data: Mapping[str, NDArray], rows: Mapping[str, Rows]) -> None:
+    """Raise ValueError for arrays that do not fit the metadata and each other.
+
+    Args:
+        meta: the metadata.
+        data: the arrays.
+        rows: those that may be packed; what is in those of the edges is checked with the graphs.
+    """
     frames, classes = len(meta["frame_names"]), len(meta["labels"])
     cameras = data["T_map_camera"]
     _check(cameras.shape == (frames, 4, 4) and bool(np.isfinite(cameras).all()), "T_map_camera")
     _check(_within(data["label"], 0, classes - 1), "label out of range")
-    _check(_within(data["observations"], 0, None), "observations")
     _check(_within(data["instance"], 0, data["instance"].size + _SPARE_IDS), "instance out of range")
-    highest = int(data["community"].max(initial=0))
-    _check(_within(data["community"], 0, data["community"].size + _SPARE_IDS), "community out of range")
+    highest = _check_layers(rows, data["label"].shape)
     for name in ("merge_source", "merge_target", "view_community"):
         _check(_within(data[name], 1, highest), f"{name} out of range")
     _check(_within(data["merge_label"], 0, classes - 1), "merge_label out of range")
     _check_merges(data["merge_source"], data["merge_target"], highest)
     _check(_within(data["view_frame"], 0, frames - 1), "view_frame out of range")
     _check(_within(data["view_cells"], 0, None) and _within(data["view_segment"], 0, None), "views")
-    _check(not np.isinf(data["height"]).any() and not np.isinf(data["lowest"]).any(), "heights that are infinite")
-    for kind in ("merge_", "view_", "edge_"):
-        sizes = {len(array) for name, array in data.items() if name.startswith(kind)}
+    for kind, arrays in (("merge_", data), ("view_", data), ("edge_", rows)):
+        sizes = {len(array) for name, array in arrays.items() if name.startswith(kind)}
         _check(len(sizes) == 1, f"{kind} arrays of different lengths")
     _check(bool(np.isfinite(data["merge_score"]).all() and np.isfinite(data["view_score"]).all()), "scores")
     edges = data["graph_edges"]
-    _check(_within(edges, 0, len(data["edge_first"])) and int(edges.sum()) == len(data["edge_first"]), "graph_edges")
+    _check(_within(edges, 0, len(rows["edge_first"])) and int(edges.sum()) == len(rows["edge_first"]), "graph_edges")
     _check(_within(data["graph_label"], 0, classes - 1), "graph_label out of range")
     _check(len(set(data["graph_label"].tolist())) == len(data["graph_label"]), "a class with two graphs")
-    _check(_within(data["edge_count"], 0, None) and _within(data["edge_different"], 0, None), "edge counts")
+
+
+def _check_layers(rows: Mapping[str, Rows], shape: tuple[int, ...]) -> int:
+    """Raise ValueError for a layer with numbers it cannot have; give the highest community."""
+    highest = 0
+    for band in bands(shape):
+        _check(_within(rows["observations"][band], 0, None), "observations")
+        _check(not _infinite(rows["height"][band]) and not _infinite(rows["lowest"][band]), "heights that are infinite")
+        community = rows["community"][band]
+        highest = max(highest, int(community.max(initial=0)))
+        _check(_within(community, 0, math.prod(shape) + _SPARE_IDS), "community out of range")
+    check_ends(rows[name] for name in ("observations", "height", "lowest", "community"))
+    return highest
 
 
 def _check_merges(source: NDArray, target: NDArray, highest: int) -> None:
@@ -105,17 +123,21 @@ def check_instances(meta: Mapping[str, Any], instance: NDArray, label: NDArray) 
     """
     ids = [entry["id"] for entry in meta["instances"]]
     _check(_are(ids, int) and all(0 < i < 1 << 31 for i in ids) and len(set(ids)) == len(ids), "instance ids")
-    seen = np.bincount(instance.reshape(-1))
+    seen = np.zeros(int(instance.max(initial=0)) + 1, dtype=np.bool_)
+    for band in bands(instance.shape):
+        seen[instance[band]] = True
     here = np.flatnonzero(seen).tolist()
     _check(set(here) - {0} == set(ids), "instances that are not those on the grid")
-    class_of = np.full(len(seen), -1)
+    class_of = np.full(len(seen), -1, dtype=np.int32)
     for entry in meta["instances"]:
         _check(entry["label"] in meta["labels"], "an instance of an unknown class")
         class_of[entry["id"]] = meta["labels"].index(entry["label"])
         numbers = [*entry["centroid_m"], *entry["aabb_m"][0], *entry["aabb_m"][1], entry["score"]]
         _check(len(numbers) == 10 and bool(np.isfinite(np.array(numbers, dtype=np.float64)).all()), "an instance")
-    named = instance > 0
-    _check(bool((class_of[instance[named]] == label[named]).all()), "an instance with cells of another class")
+    for band in bands(instance.shape):
+        named = instance[band] > 0
+        same = class_of[instance[band][named]] == label[band][named]
+        _check(bool(same.all()), "an instance with cells of another class")
 
 
 def _is_number(value: Any) -> bool:
@@ -130,6 +152,12 @@ def _within(values: NDArray, low: int, high: int | None) -> bool:
     if not values.size:
         return True
     return low <= int(values.min()) and (high is None or int(values.max()) <= high)
+
+
+def _infinite(heights: NDArray) -> bool:
+    """Tell whether a number is infinite; NaN is not."""
+    ends = [ufunc.reduce(heights, axis=None, initial=np.float32(0)) for ufunc in (np.fmin, np.fmax)]
+    return bool(np.isinf(ends).any())
 
 
 def _check(fine: bool, what: str) -> None:

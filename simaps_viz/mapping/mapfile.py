@@ -1,25 +1,25 @@
 """The map file, ``simap/1``: one .npz without pickles, written whole or not at all."""
 
-import io
 import json
 import os
 import tempfile
+import zipfile
 from collections.abc import Mapping
 from dataclasses import asdict
 from pathlib import Path
-from typing import Any
+from typing import IO, Any
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
-from simaps_viz.arrays import Check, read_npz
+from simaps_viz.arrays import Check, PackedArray, Rows, read_npz, write_rows
 from simaps_viz.errors import InputError
 from simaps_viz.files import write_whole
 from simaps_viz.limits import MAX_ARRAY_BYTES, MAX_FRAMES, MAX_JSON_BYTES, check_cells
-from simaps_viz.mapping.evidence import affine
-from simaps_viz.mapping.graph import weighted
 from simaps_viz.mapping.map_contents import check_arrays, check_instances, check_metadata
-from simaps_viz.structures import CellGraph, Grid, GridSpec, Instance, MergeLog, SIMap, Views
+from simaps_viz.mapping.stored_graphs import EDGES, edge_parts, stored_graphs
+from simaps_viz.mapping.stored_layers import LAYERS, StoredGrid, StoredMap
+from simaps_viz.structures import GridSpec, Instance, MergeLog, SIMap, Views
 
 FORMAT = "simap/1"
 
@@ -34,6 +34,8 @@ _ARRAYS: dict[str, tuple[type, int]] = {
     "view_cells": (np.int32, 1), "view_score": (np.float32, 1),
 }  # fmt: skip
 """Every array of the file: dtype and number of axes."""
+PACKED = (*LAYERS, *EDGES)
+"""Those that stay packed until somebody asks for them."""
 
 
 def check_writable(path: Path) -> None:
@@ -57,9 +59,22 @@ def save_map(simap: SIMap, path: Path) -> None:
     """
     path = Path(path)
     check_writable(path)
-    buffer = io.BytesIO()
-    np.savez_compressed(buffer, allow_pickle=False, metadata=np.array(json.dumps(_metadata(simap))), **_arrays(simap))
-    write_whole(path, buffer.getbuffer(), "the map")
+    write_whole(path, lambda file: _write(simap, file), "the map")
+
+
+def _write(simap: SIMap, file: IO[bytes]) -> None:
+    """Write what `numpy.savez_compressed` writes, byte for byte, one array after the other and edges in parts."""
+    arrays, edges = _arrays(simap), sum(len(graph.edges) for graph in simap.graphs)
+    with zipfile.ZipFile(file, "w", compression=zipfile.ZIP_DEFLATED) as archive:
+        for name in ("metadata", *_ARRAYS):
+            with archive.open(f"{name}.npy", "w", force_zip64=True) as member:
+                if name == "metadata":
+                    np.lib.format.write_array(member, np.array(json.dumps(_metadata(simap))), allow_pickle=False)
+                elif name in EDGES:
+                    write_rows(member, np.dtype(_ARRAYS[name][0]), edges, edge_parts(simap.graphs, name))
+                else:
+                    array = np.asarray(arrays[name], dtype=_ARRAYS[name][0])
+                    np.lib.format.write_array(member, array, allow_pickle=False)
 
 
 def _metadata(simap: SIMap) -> dict[str, Any]:
@@ -79,22 +94,17 @@ def _metadata(simap: SIMap) -> dict[str, Any]:
     }
 
 
-def _arrays(simap: SIMap) -> dict[str, NDArray]:
+def _arrays(simap: SIMap) -> dict[str, ArrayLike]:
+    """Give all arrays but those of the edges."""
     grid, views, log = simap.grid, simap.views, simap.merges
-    first = [g.cells[g.edges[:, 0]] for g in simap.graphs]
-    step = [g.cells[g.edges[:, 1]] - g.cells[g.edges[:, 0]] for g in simap.graphs]  # small numbers pack well
-    arrays = {
+    return {
         "label": grid.label, "instance": simap.instance, "height": grid.height_m, "lowest": grid.lowest_m,
         "observations": grid.observations, "community": simap.community, "T_map_camera": simap.T_map_camera,
         "merge_label": log.label, "merge_source": log.source, "merge_target": log.target, "merge_score": log.score,
         "graph_label": [g.label for g in simap.graphs], "graph_edges": [len(g.edges) for g in simap.graphs],
-        "edge_first": np.concatenate([[], *first]), "edge_step": np.concatenate([[], *step]),
-        "edge_count": np.concatenate([[], *[g.counts for g in simap.graphs]]),
-        "edge_different": np.concatenate([[], *[g.different for g in simap.graphs]]),
         "view_community": views.community, "view_frame": views.frame, "view_segment": views.segment,
         "view_cells": views.cells, "view_score": views.score,
     }  # fmt: skip
-    return {name: np.asarray(array, dtype=_ARRAYS[name][0]) for name, array in arrays.items()}
 
 
 def load_map(path: Path) -> SIMap:
@@ -106,19 +116,29 @@ def load_map(path: Path) -> SIMap:
     path = Path(path)
     if not path.is_file():
         raise InputError(f"{path}: expected a map file ({FORMAT}), found {'a folder' if path.is_dir() else 'nothing'}")
-    return map_in(path, read_npz(path, {n: _check_of(path, n) for n in ("metadata", *_ARRAYS)}, what=f"{FORMAT} file"))
+    checks = {name: _check_of(path, name) for name in ("metadata", *_ARRAYS)}
+    return map_in(path, *read_npz(path, checks, what=f"{FORMAT} file", packed=PACKED))
 
 
-def map_in(path: Path, data: Mapping[str, NDArray]) -> SIMap:
-    """Make the map of a file's arrays; raises InputError, naming the file, when they do not fit together."""
+def map_in(path: Path, data: Mapping[str, NDArray], packed: Mapping[str, PackedArray] | None = None) -> SIMap:
+    """Make the map of a file's arrays; raises InputError, naming the file, when they do not fit together.
+
+    Args:
+        path: of the file.
+        data: its arrays.
+        packed: those of `PACKED` that are not in ``data``.
+    """
     meta = _read_metadata(path, data)
-    _check_arrays(path, data)
+    rows = {name: found for part in (data, packed or {}) for name, found in part.items() if name in PACKED}
+    _check_arrays(path, data, rows)
     try:
         check_metadata(meta)
-        check_arrays(meta, data)
+        check_arrays(meta, data, rows)
         check_instances(meta, data["instance"], data["label"])
-        return _rebuild(meta, data)
+        return _rebuild(meta, data, rows)
     except (KeyError, TypeError, ValueError, IndexError, OverflowError, AttributeError, InputError) as error:
+        if isinstance(error, InputError) and str(error).startswith(str(path)):
+            raise
         why = " ".join(repr(error).split())[:200]
         raise InputError(f"{path}: expected consistent {FORMAT} contents, found otherwise ({why})") from error
 
@@ -150,10 +170,10 @@ def _read_metadata(path: Path, data: Mapping[str, NDArray]) -> dict[str, Any]:
     return meta
 
 
-def _check_arrays(path: Path, data: Mapping[str, NDArray]) -> None:
+def _check_arrays(path: Path, data: Mapping[str, NDArray], rows: Mapping[str, Rows]) -> None:
     shape = data["label"].shape if "label" in data else ()
     for name, (dtype, axes) in _ARRAYS.items():
-        array = data.get(name)
+        array = (rows if name in PACKED else data).get(name)
         wanted = f"{np.dtype(dtype).name} with {axes} axes"
         if array is None:
             raise InputError(f"{path}: expected an array {name} ({wanted}), found none")
@@ -163,19 +183,18 @@ def _check_arrays(path: Path, data: Mapping[str, NDArray]) -> None:
             raise InputError(f"{path}: {name}: expected shape {list(shape)} as label, found {list(array.shape)}")
 
 
-def _rebuild(meta: Mapping[str, Any], data: Mapping[str, NDArray]) -> SIMap:
+def _rebuild(meta: Mapping[str, Any], data: Mapping[str, NDArray], packed: Mapping[str, Rows]) -> SIMap:
     rows, cols = data["label"].shape
     x0, y0 = meta["origin_m"]
-    grid = Grid(
+    grid = StoredGrid.of(
+        {"height_m": packed["height"], "lowest_m": packed["lowest"], "observations": packed["observations"]},
         spec=GridSpec(rows, cols, float(meta["cell_size_m"]), float(x0), float(y0)),
         labels=tuple(meta["labels"]),
         is_thing=tuple(meta["is_thing"]),
         label=data["label"],
-        height_m=data["height"],
-        lowest_m=data["lowest"],
-        observations=data["observations"],
     )
-    return SIMap(
+    return StoredMap.of(
+        {"community": packed["community"]},
         grid=grid,
         instance=data["instance"],
         instances=tuple(_instance(entry) for entry in meta["instances"]),
@@ -183,9 +202,10 @@ def _rebuild(meta: Mapping[str, Any], data: Mapping[str, NDArray]) -> SIMap:
         method=str(meta["method"]),
         parameters=meta["parameters"],
         provenance=meta["provenance"],
-        community=data["community"],
         merges=MergeLog(data["merge_label"], data["merge_source"], data["merge_target"], data["merge_score"]),
-        graphs=_rebuild_graphs(grid, data, evidence=meta["method"] == "evidence"),
+        graphs=stored_graphs(
+            grid, data["graph_label"], data["graph_edges"], packed, evidence=meta["method"] == "evidence"
+        ),
         views=Views(
             data["view_community"], data["view_frame"], data["view_segment"], data["view_cells"], data["view_score"]
         ),
@@ -205,25 +225,3 @@ def _instance(entry: Mapping[str, Any]) -> Instance:
         frames=int(entry["frames"]),
         score=float(entry["score"]),
     )
-
-
-def _rebuild_graphs(grid: Grid, data: Mapping[str, NDArray], *, evidence: bool) -> tuple[CellGraph, ...]:
-    graphs, start = [], 0
-    flat_label = grid.label.reshape(-1)
-    for label, edges in zip(data["graph_label"].tolist(), data["graph_edges"].tolist(), strict=True):
-        span = slice(start, start + edges)
-        start += edges
-        cells = np.flatnonzero(flat_label == label)
-        first = data["edge_first"][span].astype(np.int64)
-        ends = np.stack([first, first + data["edge_step"][span]], axis=1)
-        at = np.searchsorted(cells, ends)
-        if len(ends) and (at.max() >= len(cells) or not np.array_equal(cells[at], ends)):
-            raise ValueError(f"edges of class {label} leave its cells")
-        if len(ends) and (ends[:, 0] >= ends[:, 1]).any():
-            raise ValueError(f"edges of class {label} that lead backwards")
-        counts, different = data["edge_count"][span], data["edge_different"][span]
-        at = at.astype(np.int32)
-        graphs.append(
-            affine(label, cells, at, counts, different) if evidence else weighted(grid, label, cells, at, counts)
-        )
-    return tuple(graphs)

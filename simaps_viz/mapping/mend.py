@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from simaps_viz.errors import InputError
 from simaps_viz.labels import is_thing
+from simaps_viz.mapping.bands import look_up
 from simaps_viz.mapping.edits import Delete, Edit, Merge, Relabel, Split, check_sides, sides, smallest
 from simaps_viz.mapping.mend_parts import graphs_after, log_without, views_after
 from simaps_viz.mapping.partition import applied_steps, empty_log, instance_of_community
@@ -144,6 +145,8 @@ def replay(simap: SIMap, edits: Sequence[Edit]) -> Replayed:
 
     Whatever an edit did not touch keeps its id, its cells and all that is said of it.
     """
+    if not edits:
+        return Replayed(simap)
     base = _with_communities(simap)
     sheet = _Sheet(base)
     refused = []
@@ -173,7 +176,7 @@ def _with_communities(simap: SIMap) -> SIMap:
     """Give the map itself, or, when its instances do not follow from its communities, one where each is a community."""
     applied = applied_steps(simap.merges, joining_threshold(simap.method, simap.parameters))
     highest = max(int(a.max(initial=0)) for a in (simap.community, simap.merges.source, simap.merges.target))
-    follows = instance_of_community(simap.merges, applied, highest)[simap.community]
+    follows = look_up(instance_of_community(simap.merges, applied, highest), simap.community)
     follows[np.bincount(follows.reshape(-1))[follows] < smallest(simap)] = 0
     if np.array_equal(follows, simap.instance):
         return simap

@@ -67,7 +67,17 @@ def _follow(source: NDArray, target: NDArray, communities: int) -> NDArray:
 
 
 def describe_instances(grid: Grid, instance: NDArray, views: Views, instance_of: NDArray) -> tuple[Instance, ...]:
-    """Measure every instance: cells, centroid, box, frames, score. Sorted by class name, then id."""
+    """Measure every instance: cells, centroid, box, frames, score.
+
+    Args:
+        grid: the map.
+        instance: int32 [rows, cols], ids, 0 = none.
+        views: what each frame's segments named.
+        instance_of: int32 [communities + 1], the instance that a community is called, 0 = none.
+
+    Returns:
+        sorted by class name, then id; lengths in metres of the map frame.
+    """
     flat = instance.reshape(-1)
     where = np.flatnonzero(flat)
     ids = np.flatnonzero(np.bincount(flat[where]))
@@ -76,16 +86,15 @@ def describe_instances(grid: Grid, instance: NDArray, views: Views, instance_of:
     number = np.zeros(int(ids[-1]) + 1, dtype=np.int64)
     number[ids] = np.arange(len(ids))
     group = number[flat[where]]
-    spec = grid.spec
-    row, col = np.divmod(where, spec.cols)
-    x = spec.x0_m + (col + 0.5) * spec.cell_size_m
-    y = spec.y0_m + (row + 0.5) * spec.cell_size_m
-    z = grid.height_m.reshape(-1)[where].astype(np.float64)
     n = np.bincount(group)
-    mean = [np.bincount(group, weights=axis) / n for axis in (x, y, z)]
-    half = spec.cell_size_m / 2.0
-    low = [_extreme(np.minimum, group, axis, np.inf, len(ids)) for axis in (x - half, y - half, z)]
-    high = [_extreme(np.maximum, group, axis, -np.inf, len(ids)) for axis in (x + half, y + half, z)]
+    half = grid.spec.cell_size_m / 2.0
+    mean, low, high = [], [], []
+    for axis in range(3):  # one after the other, each as large as all instances
+        values = _along(grid, where, axis)
+        reach = half if axis < 2 else 0.0
+        mean.append(np.bincount(group, weights=values) / n)
+        low.append(_extreme(np.minimum, group, values - reach, np.inf, len(ids)))
+        high.append(_extreme(np.maximum, group, values + reach, -np.inf, len(ids)))
     label = np.zeros(len(ids), dtype=int)
     label[group] = grid.label.reshape(-1)[where]
     frames, score = _seen(views, instance_of, ids)
@@ -99,6 +108,16 @@ def describe_instances(grid: Grid, instance: NDArray, views: Views, instance_of:
         for instance_id, index, cells, centroid, lowest, highest, seen, confidence in columns
     ]
     return tuple(sorted(found, key=lambda one: (one.label, one.id)))
+
+
+def _along(grid: Grid, where: NDArray, axis: int) -> NDArray:
+    """Give x, y or z (axis 0, 1, 2) of the tops of some flat cells, float64 [n], metres."""
+    spec = grid.spec
+    if axis == 0:
+        return spec.x0_m + (where % spec.cols + 0.5) * spec.cell_size_m
+    if axis == 1:
+        return spec.y0_m + (where // spec.cols + 0.5) * spec.cell_size_m
+    return grid.height_m.reshape(-1)[where].astype(np.float64)
 
 
 def _extreme(ufunc: np.ufunc, group: NDArray, values: NDArray, start: float, size: int) -> NDArray:

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from simaps_viz.mapping.communities import find_chunks
 from simaps_viz.mapping.partition import empty_log
-from simaps_viz.mapping.pooling import PoolSettings, pool
+from simaps_viz.mapping.pooling import PoolSettings, between, join
 from simaps_viz.structures import CellGraph, Grid, GridSpec, MergeLog
 
 
@@ -27,24 +27,14 @@ def partition_evidence(
     Returns:
         community int32 [rows, cols], numbered from 1 over the whole map, 0 = none; and the log, class by class.
     """
-    community = np.zeros(grid.spec.rows * grid.spec.cols, dtype=np.int32)
     if not graphs:
-        return community.reshape(grid.spec.shape), empty_log()
+        return np.zeros(grid.spec.shape, dtype=np.int32), empty_log()
     chunks = find_chunks(graphs, grid.spec, resolution=resolution, seed=seed)
     sizes = [int(chunk.max(initial=-1)) + 1 for chunk in chunks]
     first = np.cumsum([0, *sizes])
-    numbered = np.concatenate([chunk + start for chunk, start in zip(chunks, first, strict=False)])
-    starts = np.cumsum([0, *(len(graph.cells) for graph in graphs)]).astype(np.int32)
-    parts = [_across(*part, grid.spec) for part in zip(graphs, chunks, starts, strict=False)]
-    edges, same, different, touching = (np.concatenate([part[i] for part in parts]) for i in range(4))
-    source, target, affinity = pool(
-        numbered.astype(np.int32),
-        edges,
-        same,
-        different,
-        touching,
-        settings or PoolSettings(),
-    )
+    parts = [between(chunk, *_across(graph, chunk, grid.spec)) for graph, chunk in zip(graphs, chunks, strict=True)]
+    source, target, affinity = join(parts, settings or PoolSettings())
+    community = np.zeros(grid.spec.rows * grid.spec.cols, dtype=np.int32)
     for graph, chunk, start in zip(graphs, chunks, first, strict=False):
         community[graph.cells] = chunk + start + 1
     label_of = np.repeat(np.array([graph.label for graph in graphs], dtype=np.int16), sizes)
@@ -53,14 +43,12 @@ def partition_evidence(
     return community.reshape(grid.spec.shape), log
 
 
-def _across(
-    graph: CellGraph, chunk: NDArray, start: np.int32, spec: GridSpec
-) -> tuple[NDArray, NDArray, NDArray, NDArray]:
+def _across(graph: CellGraph, chunk: NDArray, spec: GridSpec) -> tuple[NDArray, NDArray, NDArray, NDArray]:
     """Give the edges between chunks with their evidence, and the touching pairs; only these have a say in pooling."""
     edges, touching = graph.edges, touching_pairs(graph.cells, spec)
     kept = chunk[edges[:, 0]] != chunk[edges[:, 1]]
     touching = touching[chunk[touching[:, 0]] != chunk[touching[:, 1]]]
-    return edges[kept] + start, graph.counts[kept], graph.different[kept], touching + start
+    return edges[kept], graph.counts[kept], graph.different[kept], touching
 
 
 def touching_pairs(cells: NDArray, spec: GridSpec) -> NDArray:

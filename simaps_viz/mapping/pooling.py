@@ -6,6 +6,7 @@ taken for one object until evidence speaks against it; those that do not, for tw
 is joined first, down to affinity 0, so that one log answers every threshold.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -31,8 +32,8 @@ def pool(
     Args:
         community: int32 [n], of each cell, numbered from 0.
         edges: int32 [m, 2], pairs of cells with evidence.
-        same: int64 [m].
-        different: int64 [m].
+        same: int32 or int64 [m].
+        different: int32 or int64 [m].
         touching: int32 [t, 2], pairs of neighbouring cells.
         settings: the beliefs.
 
@@ -40,18 +41,52 @@ def pool(
         source int32 [steps], target int32 [steps], affinity float32 [steps], in the order of joining; the smaller
         number of the two lives on. Ties go to the smaller numbers.
     """
-    low, high, pooled_same, pooled_different, touches = _between(community, edges, same, different, touching)
-    m, p = settings.imagined_pairs, settings.touching_same
-    return _join(int(community.max(initial=-1)) + 1, low, high, pooled_same, pooled_different, touches, m, p)
+    return join([between(community, edges, same, different, touching)], settings)
 
 
-def _between(
-    community: NDArray, edges: NDArray, same: NDArray, different: NDArray, touching: NDArray
-) -> tuple[NDArray, NDArray, NDArray, NDArray, NDArray]:
-    """Sum up the evidence between every two communities; float64 sums are exact for whole numbers."""
+@dataclass(frozen=True, eq=False)
+class Between:
+    """The evidence between every two communities that have any, or touch. All arrays aligned."""
+
+    communities: int
+    """How many there are, numbered from 0."""
+    low: NDArray
+    """int32, ascending."""
+    high: NDArray
+    """int32, above ``low``."""
+    same: NDArray
+    """float64, whole numbers."""
+    different: NDArray
+    """float64, whole numbers."""
+    touching: NDArray
+    """bool."""
+
+
+def between(community: NDArray, edges: NDArray, same: NDArray, different: NDArray, touching: NDArray) -> Between:
+    """Sum up the evidence between communities; takes what `pool` takes."""
     n = int(community.max(initial=-1)) + 1
-    same, different = (counts.astype(np.int64, copy=False) for counts in (same, different))
-    return _sum_up(n, community, edges, same, different, touching)
+    summed = _sum_up(n, community, edges, same, different, touching)
+    return Between(n, *(part.copy() for part in summed))  # without the room they were given
+
+
+def join(parts: Sequence[Between], settings: PoolSettings) -> tuple[NDArray, NDArray, NDArray]:
+    """Join communities as `pool` does.
+
+    Args:
+        parts: of communities that have nothing to do with those of the other parts: those of each class. They are
+            numbered on from part to part.
+        settings: the beliefs.
+    """
+    starts = np.cumsum([0, *(part.communities for part in parts)])
+    shifted = zip(parts, starts.astype(np.int32), strict=False)
+    ends = [np.stack([part.low, part.high]) + start for part, start in shifted]
+    low, high = np.concatenate([np.zeros((2, 0), np.int32), *ends], axis=1)
+    same, different = (
+        np.concatenate([np.zeros(0), *(getattr(part, name) for part in parts)]) for name in ("same", "different")
+    )
+    touching = np.concatenate([np.zeros(0, np.bool_), *(part.touching for part in parts)])
+    m, p = settings.imagined_pairs, settings.touching_same
+    return _join(int(starts[-1]), low, high, same, different, touching, m, p)
 
 
 @njit(cache=True, nogil=True)
@@ -106,9 +141,9 @@ def _affinity(same, different, touches, m, p):
 
 
 @njit(cache=True, nogil=True)
-def _join(n, low, high, same, different, touches, m, p):  # noqa: C901, PLR0912, PLR0915 - one loop over shared arrays
+def _edge_lists(n, low, high):
+    """Every community lists its edges: slot 2 e is edge e in the list of its low end, 2 e + 1 in its high end's."""
     edges = len(low)
-    # Every community lists its edges: slot 2 e is edge e in the list of its low end, 2 e + 1 in that of its high one.
     head = np.full(n, -1, dtype=np.int32)
     following = np.full(2 * edges, -1, dtype=np.int32)
     for e in range(edges):
@@ -116,8 +151,13 @@ def _join(n, low, high, same, different, touches, m, p):  # noqa: C901, PLR0912,
         head[low[e]] = 2 * e
         following[2 * e + 1] = head[high[e]]
         head[high[e]] = 2 * e + 1
-    alive = np.ones(edges, dtype=np.bool_)
-    # The heap holds the edges with an affinity above 0, the best first: highest affinity, then smallest communities.
+    return head, following
+
+
+@njit(cache=True, nogil=True)
+def _best_first(low, high, same, different, touches, m, p):
+    """The heap holds the edges with an affinity above 0: highest affinity first, then smallest communities."""
+    edges = len(low)
     heap = np.zeros(edges, dtype=np.int32)
     score = np.zeros(edges, dtype=np.float64)
     ends = np.zeros(edges, dtype=np.int64)
@@ -130,6 +170,31 @@ def _join(n, low, high, same, different, touches, m, p):  # noqa: C901, PLR0912,
             size += 1
     for at in range(size // 2 - 1, -1, -1):
         _sink(heap, score, ends, place, size, at, heap[at], score[at], ends[at])
+    return heap, score, ends, place, size
+
+
+@njit(cache=True, nogil=True)
+def _mark_neighbours(a, low, high, head, following, alive, edge_to, marked, mark):
+    """Note the edge to each neighbour of a community; edges that have ended leave its list."""
+    before, slot = -1, head[a]
+    while slot >= 0:
+        e, after = slot >> 1, following[slot]
+        if alive[e]:
+            other = high[e] if low[e] == a else low[e]
+            edge_to[other], marked[other] = e, mark
+            before = slot
+        elif before < 0:
+            head[a] = after
+        else:
+            following[before] = after
+        slot = after
+
+
+@njit(cache=True, nogil=True)
+def _join(n, low, high, same, different, touches, m, p):  # noqa: PLR0915 - one loop over shared arrays
+    head, following = _edge_lists(n, low, high)
+    alive = np.ones(len(low), dtype=np.bool_)
+    heap, score, ends, place, size = _best_first(low, high, same, different, touches, m, p)
     edge_to = np.full(n, -1, dtype=np.int32)  # the edge between `known_to` and another community ...
     marked = np.full(n, -1, dtype=np.int32)  # ... where this is `mark`
     known_to, mark = -1, -1
@@ -146,18 +211,7 @@ def _join(n, low, high, same, different, touches, m, p):  # noqa: C901, PLR0912,
         size = _take_out(heap, score, ends, place, size, best)
         if known_to != a:
             known_to, mark = a, mark + 1
-            before, slot = -1, head[a]
-            while slot >= 0:
-                e, after = slot >> 1, following[slot]
-                if alive[e]:
-                    other = high[e] if low[e] == a else low[e]
-                    edge_to[other], marked[other] = e, mark
-                    before = slot
-                elif before < 0:  # what has ended leaves the list
-                    head[a] = after
-                else:
-                    following[before] = after
-                slot = after
+            _mark_neighbours(a, low, high, head, following, alive, edge_to, marked, mark)
         marked[b] = -1
         slot = head[b]
         while slot >= 0:

@@ -57,7 +57,7 @@ class Readings:
         yield self
 
     def where(self, kept: NDArray) -> "Readings":
-        """Give the readings a mask [v] selects."""
+        """Give the readings that a mask, bool [v], or places among them, int, select."""
         return Readings(
             self.cell[kept],
             self.frame[kept],

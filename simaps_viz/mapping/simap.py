@@ -9,6 +9,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from simaps_viz.errors import InputError
+from simaps_viz.mapping.bands import count_ids, look_up
 from simaps_viz.mapping.communities import find_communities
 from simaps_viz.mapping.merge import merge_steps
 from simaps_viz.mapping.partition import applied_steps, describe_instances, instance_of_community
@@ -68,7 +69,10 @@ def partition_grid(
 
 
 def count_views(grid: Grid, community: NDArray, seen: AllReadings) -> Views:
-    """Sum up, per community, frame and segment, how many cells the segment named; other classes do not count."""
+    """Sum up, per community, frame and segment, how many cells the segment named; other classes do not count.
+
+    ``community`` is int32 [rows, cols] of the grid, 0 = none.
+    """
     parts = [_views_of(grid, community, part) for part in seen.batches()]
     frames = np.concatenate([part.frame for part in parts])
     both = np.concatenate([part.community for part in parts]), frames, np.concatenate([p.segment for p in parts])
@@ -103,12 +107,15 @@ def _views_of(grid: Grid, community: NDArray, seen: Readings) -> Views:
 def assemble(
     grid: Grid, graphs: Sequence[CellGraph], community: NDArray, log: MergeLog, views: Views, origin: Origin
 ) -> SIMap:
-    """Put the stages together; the instances follow from ``k_percent`` or ``affinity``, and ``min_cells``."""
+    """Put the stages together; the instances follow from ``k_percent`` or ``affinity``, and ``min_cells``.
+
+    ``community`` is int32 [rows, cols], 0 = none, and is kept, not copied.
+    """
     applied = applied_steps(log, joining_threshold(origin.method, origin.parameters))
     instance_of = instance_of_community(log, applied, int(community.max(initial=0)))
-    cells = np.bincount(instance_of[community].reshape(-1), minlength=len(instance_of))
+    cells = np.bincount(instance_of, count_ids(community, len(instance_of)))
     instance_of[cells[instance_of] < int(origin.parameters.get("min_cells", 1))] = 0
-    instance = instance_of[community]
+    instance = look_up(instance_of, community)
     return SIMap(
         grid=grid,
         instance=instance,

@@ -10,10 +10,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from simaps_viz.mapping.accumulator import MapAccumulator
+from simaps_viz.mapping.bands import look_up
 from simaps_viz.mapping.components import component_communities
 from simaps_viz.mapping.config import BuildConfig
 from simaps_viz.mapping.evidence import pair_graphs
+from simaps_viz.mapping.frame_list import FrameList
 from simaps_viz.mapping.graph import class_graphs
+from simaps_viz.mapping.links import LinkTable
 from simaps_viz.mapping.partition import applied_steps, empty_log, instance_of_community
 from simaps_viz.mapping.partition_evidence import partition_evidence
 from simaps_viz.mapping.readings import AllReadings
@@ -68,6 +71,25 @@ def facts_from_json(values: Mapping[str, Any]) -> SequenceFacts:
 
 
 @dataclass(frozen=True, eq=False)
+class Gathered:
+    """All of some frames that their map is made of. The tiles they were gathered in can go: nothing here needs them."""
+
+    grid: Grid
+    """By highest pixels."""
+    readings: AllReadings
+    frames: FrameList
+    links: LinkTable
+    origin_cell: tuple[int, int]
+    """(row, col), counted from the map's origin, of the grid's cell (0, 0)."""
+
+
+def gathered(accumulator: MapAccumulator) -> Gathered:
+    """Give what was gathered so far, to be finished."""
+    grid = accumulator.snapshot()
+    return Gathered(grid, accumulator.readings_on(grid), accumulator.frames, accumulator.links, accumulator.origin_cell)
+
+
+@dataclass(frozen=True, eq=False)
 class Found:
     """What some frames make: everything of a map but its instances, which follow from a threshold."""
 
@@ -90,12 +112,11 @@ def empty_accumulator_of(
     return MapAccumulator(labels, is_thing, config.projection, reach_cells=reach, links=counted, steps=steps)
 
 
-def partition(accumulator: MapAccumulator, config: BuildConfig) -> Found:
+def partition(seen: Gathered, config: BuildConfig) -> Found:
     """Name the cells of what was gathered, and find its communities and how they merge."""
-    grid = accumulator.snapshot()
-    readings = accumulator.readings_on(grid)
+    grid, readings = seen.grid, seen.readings
     if config.method == "paper":
-        graphs = graphs_so_far(accumulator, grid)
+        graphs = graphs_so_far(grid, seen.links, seen.origin_cell)
         community, log = partition_grid(grid, graphs, resolution=config.resolution, seed=config.seed)
         return Found(grid, graphs, community, log, readings, {})
     label, disagreement = vote_labels(grid, readings, config.votes)
@@ -113,18 +134,17 @@ def partition(accumulator: MapAccumulator, config: BuildConfig) -> Found:
 def objects_of(found: Found, config: BuildConfig) -> NDArray:
     """Join communities as the configuration says; int32 [rows, cols], 0 = none, specks are kept."""
     applied = applied_steps(found.log, joining_threshold(config.method, config.parameters()))
-    return instance_of_community(found.log, applied, int(found.community.max(initial=0)))[found.community]
+    return look_up(instance_of_community(found.log, applied, int(found.community.max(initial=0))), found.community)
 
 
-def graphs_so_far(accumulator: MapAccumulator, grid: Grid) -> tuple[CellGraph, ...]:
-    """Give the cell graph of each thing class of the map as it is now, ``grid``."""
-    edges, labels, counts = accumulator.links.entries()
-    return class_graphs(grid, edges - np.tile(np.array(accumulator.origin_cell), 2), labels, counts)
+def graphs_so_far(grid: Grid, links: LinkTable, origin_cell: tuple[int, int]) -> tuple[CellGraph, ...]:
+    """Give the cell graph of each thing class of a map by highest pixels, from the links of its cells."""
+    edges, labels, counts = links.entries()
+    return class_graphs(grid, edges - np.tile(np.array(origin_cell), 2), labels, counts)
 
 
-def map_of(found: Found, accumulator: MapAccumulator, facts: SequenceFacts, config: BuildConfig) -> SIMap:
-    """Make the map of what `partition` found."""
-    frames = accumulator.frames
+def map_of(found: Found, frames: FrameList, facts: SequenceFacts, config: BuildConfig) -> SIMap:
+    """Make the map of what `partition` found in some frames."""
     return assemble(
         found.grid, found.graphs, found.community, found.log,
         count_views(found.grid, found.community, found.readings),
@@ -132,7 +152,7 @@ def map_of(found: Found, accumulator: MapAccumulator, facts: SequenceFacts, conf
             T_map_world=facts.T_map_world,
             method=config.method,
             parameters=config.parameters(),
-            provenance=_provenance(facts, accumulator) | found.notes,
+            provenance=_provenance(facts, frames) | found.notes,
             frame_names=tuple(frames.names),
             T_map_camera=frames.poses,
         ),
@@ -144,25 +164,24 @@ def map_so_far(accumulator: MapAccumulator, facts: SequenceFacts, config: BuildC
 
     Costs what finding instances costs at the end of a build: 0.05 to 0.1 s for a room or a flat.
     """
-    return map_of(partition(accumulator, config), accumulator, facts, config)
+    return map_of(partition(gathered(accumulator), config), accumulator.frames, facts, config)
 
 
-def skipped_frames(accumulator: MapAccumulator) -> dict[str, str]:
+def skipped_frames(frames: FrameList) -> dict[str, str]:
     """Give {name: reason} of the frames that could not be read."""
-    frames = accumulator.frames
     return {frames.names[bisect_left(frames.indices, index)]: why for index, why in frames.skipped.items()}
 
 
-def _provenance(facts: SequenceFacts, accumulator: MapAccumulator) -> dict[str, Any]:
+def _provenance(facts: SequenceFacts, frames: FrameList) -> dict[str, Any]:
     known: dict[str, Any] = {
         "sequence": facts.path,
         "name": facts.name,
         "segmentation": facts.segmentation_source,
         "simulated": facts.simulated,
-        "frames": len(accumulator.frames),
+        "frames": len(frames),
         "simaps_version": version("simaps-viz"),
     }
-    skipped = list(skipped_frames(accumulator))
+    skipped = list(skipped_frames(frames))
     if skipped:
         known["skipped"] = {"frames": len(skipped), "names": skipped[:_NAMED]}
     return known

@@ -109,7 +109,7 @@ class TileStore:
         return np.where(slot < 0, -1, place)
 
     def cut(self, name: str, row0: int, col0: int, shape: tuple[int, int], empty: float) -> NDArray:
-        """Copy a layer of a rectangle of the grid, ``empty`` where there is no tile."""
+        """Copy a layer of a rectangle of the grid: ``shape``, the layer's dtype; ``empty`` where there is no tile."""
         result = np.full(shape, empty, dtype=_LAYERS[name][0])
         for (row, col), tile in self._tiles(name):
             top, left = row * SIDE - row0, col * SIDE - col0
@@ -120,7 +120,7 @@ class TileStore:
         return result
 
     def tile(self, name: str, slot: int) -> NDArray:
-        """Give a layer of one tile, [SIDE, SIDE]; writing into it changes the map."""
+        """Give a layer of one tile, [SIDE, SIDE], the layer's dtype; writing into it changes the map."""
         return getattr(self, name)[slot * AREA : (slot + 1) * AREA].reshape(SIDE, SIDE)
 
     def _tiles(self, name: str) -> Iterator[tuple[tuple[int, int], NDArray]]:
@@ -143,7 +143,10 @@ class TileStore:
 
 @njit(cache=True, nogil=True, inline="always")
 def lowest_so_far(row: int, col: int, slots: NDArray, lowest: NDArray, wanted: NDArray) -> np.float32:
-    """Give the lowest obstacle of a cell of a window, +inf where there is no tile; mark its tile as wanted."""
+    """Give the lowest obstacle of a cell of a window, metres, +inf where there is no tile; mark its tile as wanted.
+
+    ``slots`` int32 and ``wanted`` bool are [tile rows, tile columns] of the window, ``lowest`` float32 [tiles * AREA].
+    """
     wanted[row >> _BITS, col >> _BITS] = True
     slot = np.int64(slots[row >> _BITS, col >> _BITS])
     if slot < 0:
@@ -176,10 +179,10 @@ def raise_tiles(
     frame_lowest: NDArray,  # float32 [window], as low as the map or lower
     frame_segment: NDArray,  # int32 [window]
     label_of_id: NDArray,  # int16 [max id + 1]
-    label: NDArray,  # in/out, the layers of a `TileStore`
-    top: NDArray,
-    lowest: NDArray,
-    observations: NDArray,
+    label: NDArray,  # in/out int16 [tiles * AREA], as all four layers of a `TileStore`
+    top: NDArray,  # in/out float32, metres over the floor
+    lowest: NDArray,  # in/out float32, metres over the floor, of its lowest obstacle
+    observations: NDArray,  # in/out int32
     seen_segment: NDArray,  # out int32 [n]
     seen_top: NDArray,  # out float32 [n]
     lowered: NDArray,  # out bool [n], this frame's lowest pixel is the lowest so far

@@ -10,6 +10,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
+from simaps_viz.mapping.bands import look_up
 from simaps_viz.mapping.communities import find_chunks, find_communities
 from simaps_viz.mapping.partition import applied_steps, empty_log, instance_of_community
 from simaps_viz.mapping.simap import JOINING, joining_threshold
@@ -69,8 +70,8 @@ class Timeline:
             return replace(self.simap, instance=np.zeros_like(self.simap.instance), instances=())
         if position < levels:
             return self._found_levels()[position - 1]
-        ids = self._names(position - levels)[self.simap.community]
-        return replace(self.simap, instance=ids.astype(np.int32), instances=())
+        ids = look_up(self._names(position - levels), self.simap.community)
+        return replace(self.simap, instance=ids, instances=())
 
     def words(self, position: int) -> str:
         """Say what a position shows."""

@@ -180,7 +180,10 @@ def recorded_step(joint: Joint, applied: NDArray) -> int:
 
 def _graph_of(simap: SIMap, cells: NDArray) -> CellGraph | None:
     """Find the graph that holds the cells; whole instances lie in one."""
+    label = simap.grid.label.reshape(-1)[cells[0]]
     for graph in simap.graphs:
+        if graph.label != label:
+            continue
         at = np.searchsorted(graph.cells, cells[0])
         if at < len(graph.cells) and graph.cells[at] == cells[0]:
             return graph
@@ -196,7 +199,7 @@ def _sureness(simap: SIMap, cells: NDArray, graph: CellGraph | None) -> NDArray:
     if simap.method == "paper":
         parts = graph.weights[inside], np.ones(int(inside.sum()))
     else:
-        parts = graph.counts[inside], graph.counts[inside] + graph.different[inside]
+        parts = graph.counts[inside], np.add(graph.counts[inside], graph.different[inside], dtype=np.int64)
     above, below = (np.bincount(ends, np.tile(part, 2), minlength=len(graph.cells)) for part in parts)
     ratio = np.divide(above, below, out=np.full(len(graph.cells), np.nan), where=below > 0)
     result = np.full(len(cells), np.nan, np.float32)

@@ -52,6 +52,11 @@ def seen_together(simap: SIMap, first: NDArray, second: NDArray) -> Together:
     """Sort the frames that saw two groups of communities at once into those that saw one object and those that saw two.
 
     A frame's pairs of cells, one in each group, are seen as one where the same segment names both.
+
+    Args:
+        simap: the map.
+        first: int [n], ids of the communities of one group.
+        second: int [m], of the other, which shares none with it.
     """
     views = simap.views
     size = max(int(simap.community.max(initial=0)), int(views.community.max(initial=0))) + 1
@@ -88,7 +93,7 @@ def _in_both(frame: NDArray, group: NDArray) -> NDArray:
 
 
 def source_frames(simap: SIMap, community: NDArray) -> tuple[SourceFrame, ...]:
-    """Give the frames whose segments named cells of some communities; those that named most come first."""
+    """Give the frames whose segments named cells of some communities, int [n]; those that named most come first."""
     views = simap.views
     mine = np.isin(views.community, community)
     frames, segments, cells = views.frame[mine], views.segment[mine], views.cells[mine]

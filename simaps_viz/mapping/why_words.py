@@ -15,8 +15,15 @@ def needed_text(method: str, threshold: float) -> str:
     return f"K = {100.0 * threshold:g} %" if method == "paper" else f"{threshold:.2f}"
 
 
-def summary(why: Why) -> str:
-    """Say in two sentences why an instance is one object."""
+def summary(why: Why, *, by_hand: bool = False) -> str:
+    """Say in two sentences why an instance is one object.
+
+    Args:
+        why: what the map knows.
+        by_hand: people made the instance what it is; what the map would have joined does not count then.
+    """
+    if by_hand:
+        return f"One object because people made it so by hand, see below. {_seen_as_one(why)}"
     return f"{_one_object(why)} {_weakest(why)}"
 
 
@@ -90,6 +97,13 @@ def _one_object(why: Why) -> str:
         which = "the 1 frame" if seen == 1 else f"all {seen} frames"
     reason = "because" if 2 * as_one > seen else "although only"
     return f"One object {reason} {which} that saw it saw most of it as one segment."
+
+
+def _seen_as_one(why: Why) -> str:
+    seen, as_one = len(why.frames), sum(frame.as_one for frame in why.frames)
+    if seen == 0:
+        return "No frame is known to have named it."
+    return f"Of the {_count(seen, 'frame')} that saw it, {as_one or 'none'} saw most of it as one segment."
 
 
 def _weakest(why: Why) -> str:

@@ -220,6 +220,7 @@ def clear_length(free: NDArray, x0: float, y0: float, x1: float, y1: float) -> f
 
     Every cell the segment passes through counts; where it passes exactly through a corner, the two cells beside it
     count as well. Coordinates are in cells: cell (row, col) covers x in [col, col + 1), y in [row, row + 1).
+    ``free`` is bool [rows, cols].
     """
     rows, cols = free.shape
     row, col = math.floor(y0), math.floor(x0)

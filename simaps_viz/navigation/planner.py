@@ -22,6 +22,7 @@ APPROACH_M: Final = 1.5
 DETOUR_TO_SEE_M: Final = 0.5
 """How much farther off a goal may be for the sake of seeing it: a low wall under a window does not hide it."""
 _POCKET_M2 = 0.5
+_BAND_CELLS = 1 << 22  # looked at together where distances to obstacles are measured
 
 
 @dataclass(frozen=True)
@@ -61,11 +62,8 @@ class Planner:
     def free(self) -> NDArray:
         """Cells in which the robot's centre can be, bool [rows, cols]."""
         seen = ~np.isnan(self.grid.height_m)
-        if not self.blocked.any():
-            return seen
-        clearance_cells = ndimage.distance_transform_edt(~self.blocked)
         needed = self.robot.radius_m / self.spec.cell_size_m + 0.5
-        return seen & (np.asarray(clearance_cells) >= needed - 1e-9) & ~self.blocked
+        return seen & _clear(self.blocked, needed - 1e-9)
 
     @cached_property
     def jumps(self) -> NDArray:
@@ -259,3 +257,19 @@ class Planner:
             return f"there is no free floor the robot can reach {what}"
         near_m = float(np.sqrt(self._squared_cells(rows, cols, target_m)[0].min())) * self.spec.cell_size_m
         return f"the robot cannot get {what}: the nearest it can stand is {near_m:.2f} m off (at most {limit_m:g} m)"
+
+
+def _clear(blocked: NDArray, needed: float) -> NDArray:
+    """Tell which cells are at least so many cells, more than 0, from every blocked one, bool [rows, cols].
+
+    Some rows at a time, each with the rows around it that matter: distances take 40 bytes a cell.
+    """
+    clear, (rows, cols), reach = np.ones_like(blocked), blocked.shape, int(np.ceil(needed)) + 1
+    step = max(_BAND_CELLS // max(cols, 1), reach)
+    for first in range(0, rows, step):
+        low, stop = max(first - reach, 0), min(first + step, rows)
+        part = blocked[low : stop + reach]
+        if part.any():
+            distance = np.asarray(ndimage.distance_transform_edt(~part))
+            clear[first:stop] = distance[first - low : stop - low] >= needed
+    return clear

@@ -1,6 +1,5 @@
-"""Streams a build to viewers on this machine while it goes on: as many of its frames as there is time for."""
+"""Streams a build to viewers on this machine while it goes on: those of its frames that it is told to show."""
 
-import time
 from collections.abc import Callable
 from dataclasses import replace
 
@@ -10,71 +9,85 @@ from simaps_viz.errors import SIMapsError
 from simaps_viz.events import BuildFinished, BuildStarted, CommunitiesFound, Event, FrameProjected, MergesFound
 from simaps_viz.recorder.recorder import RerunRecorder
 from simaps_viz.recorder.settings import RecorderSettings
-from simaps_viz.structures import SIMap
+from simaps_viz.structures import Grid, SIMap
 
-SHARE = 0.04
-"""Of the processor time since the build began that may go into the stream."""
 SETTINGS = RecorderSettings(color_every=1, depth_every=1, merge_pictures=40)
 
 
 class LiveStream:
-    """An observer of builds. A build that is stopped and gone on with stays one recording."""
+    """An observer of builds. A build that is stopped and gone on with stays one recording.
+
+    What is shown together arrives together: a viewer draws anew whenever anything arrives, which on a machine without
+    a graphics card takes longer than making it.
+    """
 
     wants_color = False
 
-    def __init__(self, color: Callable[[int], NDArray | None], *, share: float = SHARE) -> None:
+    def __init__(self, color: Callable[[int], NDArray | None]) -> None:
         """Begin to serve.
 
         Args:
             color: frame index -> RGB, or None where it cannot be read.
-            share: of the build's processor time that may be used.
         """
-        self._color, self._share = color, share
+        self._color = color
         self._recorder = RerunRecorder(None, live=True, settings=SETTINGS)
         assert self._recorder.live_url is not None
         self.url = self._recorder.live_url
         self.frames: list[int] = []
         """Those that were streamed."""
         self._total = 0
-        self._began_s = self._spent_s = 0.0
+        self._last: FrameProjected | None = None
         self._end: list[Event] = []
+
+    def open(self, started: BuildStarted, first: FrameProjected | None) -> None:
+        """Show what the build begins with, before it does: viewers take seconds to get ready for their first frame.
+
+        Args:
+            started: the event the build will begin with.
+            first: its first frame, of which nothing is on the map yet; None where it cannot be read.
+        """
+        self.on_event(started)
+        if first is not None:
+            self.show(first, None)
 
     def on_event(self, event: Event) -> None:
         """Take one event; the end of the build is kept for ``finish``, so that it holds up nobody."""
-        if isinstance(event, BuildStarted):
-            if not self._total:
-                self._total = len(event.frame_names)
-                self._recorder.on_event(event)
-            self._began_s, self._spent_s = time.process_time(), 0.0
-        elif isinstance(event, FrameProjected):
-            self._on_frame(event)
+        if isinstance(event, BuildStarted) and not self._total:
+            self._total = len(event.frame_names)
+            self._recorder.on_event(event)
+            self._recorder.flush()
+        elif isinstance(event, FrameProjected) and event.frame.index == self._total - 1:
+            self._last = replace(event, snapshot=self._finished_grid, map_so_far=None)  # lets go of the build's
         elif isinstance(event, MergesFound | BuildFinished) or (isinstance(event, CommunitiesFound) and event.final):
             self._end.append(event)
 
-    def show_map(self, simap: SIMap) -> None:
-        """Show the objects found so far, at the last frame of that map."""
-        last = len(simap.frame_names) - 1
-        self._timed(lambda: self._recorder.on_event(CommunitiesFound(simap.grid, simap.instance, last, final=False)))
+    def show(self, event: FrameProjected, simap: SIMap | None) -> None:
+        """Show a frame, and the objects found so far where they are new, at the last frame that they know."""
+        if self.frames and event.frame.index <= self.frames[-1]:
+            return
+        if simap is not None:
+            known = max(len(simap.frame_names) - 1, 0)
+            self._recorder.on_event(CommunitiesFound(simap.grid, simap.instance, known, final=False))
+        self._stream(event)
+        self._recorder.flush()
 
     def finish(self) -> None:
-        """Stream how the finished map came about; the stream stays open."""
+        """Stream the last frame, and how the finished map came about; the stream stays open."""
+        last, self._last = self._last, None
+        finished = any(isinstance(event, BuildFinished) for event in self._end)
+        if last is not None and finished and last.frame.index not in self.frames:
+            self._stream(last)
         for event in self._end:
             self._recorder.on_event(event)
         self._end = []
+        self._recorder.flush()
 
     def close(self) -> None:
         """End the stream."""
         self._recorder.close()
 
-    def _on_frame(self, event: FrameProjected) -> None:
-        index = event.frame.index
-        wanted = index in (0, self._total - 1)
-        if (wanted or self._has_time()) and (not self.frames or index > self.frames[-1]):
-            self._timed(lambda: self._stream(event))
-            self.frames.append(index)
-
-    def _has_time(self) -> bool:
-        return self._spent_s <= self._share * (time.process_time() - self._began_s)
+    def _finished_grid(self) -> Grid:
+        return next(event.simap.grid for event in self._end if isinstance(event, BuildFinished))
 
     def _stream(self, event: FrameProjected) -> None:
         color = event.frame.color
@@ -84,8 +97,4 @@ class LiveStream:
             except SIMapsError:
                 color = None
         self._recorder.on_event(replace(event, frame=replace(event.frame, color=color)))
-
-    def _timed(self, do: Callable[[], None]) -> None:
-        start = time.process_time()
-        do()
-        self._spent_s += time.process_time() - start
+        self.frames.append(event.frame.index)

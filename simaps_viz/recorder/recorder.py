@@ -2,6 +2,7 @@
 
 import os
 import socket
+from datetime import timedelta
 from pathlib import Path
 from types import TracebackType
 
@@ -17,6 +18,8 @@ from simaps_viz.recorder.merge_log import log_louvain, log_merges
 from simaps_viz.recorder.settings import SMALL, RecorderSettings
 from simaps_viz.recorder.streams import markdown_table
 from simaps_viz.structures import Grid, SIMap
+
+LARGEST_BURST_BYTES = 64_000_000
 
 
 class RerunRecorder:
@@ -55,7 +58,7 @@ class RerunRecorder:
         self.path = path
         self.live_url: str | None = None
         self._partial = _open_partial(path) if path is not None else None
-        self._stream = rr.RecordingStream(application_id)
+        self._stream = rr.RecordingStream(application_id, batcher_config=_in_bursts() if path is None else None)
         self._stream.set_log_time_enabled(False)
         self._stream.set_log_tick_enabled(False)
         self._stream.set_sinks(*self._sinks(live, live_port))
@@ -93,6 +96,11 @@ class RerunRecorder:
             self._merges = event  # told in words that only the finished map knows
         elif isinstance(event, BuildFinished):
             self._on_finished(event.simap)
+
+    def flush(self) -> None:
+        """Send what was written; a live stream without a file sends nothing by itself, but in bursts, between these."""
+        if self._open:
+            self._stream.flush()
 
     def close(self) -> None:
         """End the recording; the file gets its name. Doing it twice does nothing."""
@@ -208,6 +216,13 @@ def about(event: BuildStarted, simap: SIMap | None) -> str:
     )
     found = f"\nMethod **{simap.method}**{f' ({settings})' if settings else ''}: {len(simap.instances)} instances.\n\n"
     return text + found + markdown_table(("class", "instances"), rows)
+
+
+def _in_bursts() -> rr.ChunkBatcherConfig:
+    config = rr.ChunkBatcherConfig()
+    config.flush_tick = timedelta(days=1)
+    config.flush_num_bytes = LARGEST_BURST_BYTES
+    return config
 
 
 def _plural(count: int, noun: str) -> str:

@@ -1,12 +1,63 @@
 // Runs rerun 0.41's web viewer on the whole page and keeps its time cursor in step with the workbench.
 //
 // Workbench to rerun: server-sent events at /rerun/events, {"set_time": {"timeline": "frame", "time": 12}}; "recording"
-// (an id) and "play" ("paused", "playing" or "following") may be given too; or {"show": "/recordings/other.rrd"}.
+// ("recording:APPLICATION:ID") and "play" ("paused", "playing" or "following") may be given too; or
+// {"show": "/recordings/other.rrd"}.
 // Rerun to workbench: every viewer event (time_update, selection_change, recording_open, ...) as JSON to /rerun/event,
 // except the time_update that only echoes a time set from outside. A time_update tells its timeline too.
 "use strict";
 
+// rerun tells its debugging 18,000 times while it opens a recording, which takes longer than opening it.
+console.debug = () => {};
+
 const config = JSON.parse(document.getElementById("config").textContent);
+
+// Light or dark: as the workbench around this page is, which is asked for it and tells every change; alone, as the
+// system is. rerun changes its look while it runs only when the system does: what it asks the system, we answer.
+const askSystem = window.matchMedia.bind(window);
+const inSystem = askSystem("(prefers-color-scheme: dark)");
+const docked = window.parent !== window;
+const preferences = [];
+let dark = config.theme === "dark";
+
+class Preference extends EventTarget {
+  constructor(media, wanted) {
+    super();
+    this.media = media;
+    this.wanted = wanted;
+  }
+
+  get matches() {
+    return dark === (this.wanted === "dark");
+  }
+}
+
+window.matchMedia = (media) => {
+  const asked = /^\(prefers-color-scheme: *(dark|light)\)$/.exec(media);
+  if (!asked) return askSystem(media);
+  preferences.push(new Preference(media, asked[1]));
+  return preferences[preferences.length - 1];
+};
+
+function setDark(wanted) {
+  dark = wanted;
+  document.documentElement.dataset.theme = dark ? "dark" : "light";
+  for (const one of preferences)
+    one.dispatchEvent(new MediaQueryListEvent("change", { media: one.media, matches: one.matches }));
+}
+
+function followTheme() {
+  setDark(inSystem.matches);
+  if (!docked) {
+    inSystem.addEventListener("change", () => setDark(inSystem.matches));
+    return;
+  }
+  window.addEventListener("message", (message) => {
+    const theme = message.source === window.parent && message.data ? message.data.simapsTheme : null;
+    if (theme === "light" || theme === "dark") setDark(theme === "dark");
+  });
+  window.parent.postMessage("simaps: light or dark?", "*");
+}
 
 // viewer_control.proto of rerun 0.41: ViewerControlRequest holds SetTimeCursor in field 6.
 const PLAY_STATES = { paused: 1, playing: 2, following: 3 };
@@ -44,6 +95,11 @@ function isEcho(event) {
   return event.type === "time_update" && since !== undefined && performance.now() - since < ECHO_MS;
 }
 
+// A recording comes to the front a while after it was asked for: times are meant for the one asked for last.
+const absolute = (address) => new URL(address, location.href).href; // rerun wants them so
+let asked = config.recordings.length ? absolute(config.recordings[0]) : "";
+const ids = new Map(); // {address: what rerun calls that recording}
+
 // One command at a time; while it is under way only the newest of the waiting ones survives.
 let viewer = null;
 let waiting = null;
@@ -59,7 +115,7 @@ async function setTime(command) {
     commanded.set(`${next.timeline} ${next.time}`, performance.now());
     if (commanded.size > 500) commanded.delete(commanded.keys().next().value);
     try {
-      await viewer.viewer_control(encodeSetTime({ play: "paused", ...next }));
+      await viewer.viewer_control(encodeSetTime({ recording: ids.get(asked), play: "paused", ...next }));
     } catch (error) {
       console.error("set_time", error.code, error.message);
     }
@@ -92,6 +148,15 @@ let timeline = null;
 
 function onViewerEvent(json) {
   const event = JSON.parse(json);
+  tell(event);
+  // A timeline that was shown before comes back at its old time, which rerun does not tell as one.
+  if (event.type === "timeline_change" && event.timeline !== "frame" && event.time !== null)
+    tell({ ...event, type: "time_update" });
+}
+
+function tell(event) {
+  if (event.type === "recording_open" && !ids.has(asked))
+    ids.set(asked, `recording:${event.application_id}:${event.recording_id}`);
   if (event.type === "timeline_change") timeline = event.timeline;
   if (event.type === "time_update") event.timeline = timeline;
   window.simapsEvents.push(event);
@@ -123,11 +188,24 @@ function listenWhileVisible() {
   });
 }
 
-const absolute = (address) => new URL(address, location.href).href; // rerun wants them so
+// The recorded layout folds the time panel into one row, which rerun leaves out where it does not fit.
+const NARROW_PX = 640;
+const timePanel = () => (window.innerWidth < NARROW_PX ? "expanded" : null);
+
+function keepTimePanel() {
+  let state = timePanel();
+  viewer.override_panel_state("time", state);
+  window.addEventListener("resize", () => {
+    if (timePanel() === state) return;
+    state = timePanel();
+    viewer.override_panel_state("time", state);
+  });
+}
 
 // Another recording comes to the front; those loaded already stay in the viewer's memory, and come back at once.
 function show(address) {
-  viewer.add_receiver(absolute(address));
+  asked = absolute(address);
+  viewer.add_receiver(asked);
 }
 
 function showFailure(error) {
@@ -141,15 +219,17 @@ async function main() {
   await wasm_bindgen({ module_or_path: "/rerun/re_viewer_bg.wasm" });
   const handle = new wasm_bindgen.WebHandle({
     url: config.recordings.map(absolute),
-    theme: config.theme,
+    theme: "system",
     hide_welcome_screen: true,
     enable_history: false,
+    check_for_updates_on_startup: false,
     persist: false,
     panel_state_overrides: { top: "Hidden", blueprint: "Hidden", selection: "Hidden" },
     on_viewer_event: onViewerEvent,
   });
   await handle.start(document.getElementById("viewer"));
   viewer = handle;
+  keepTimePanel();
   document.getElementById("message").hidden = true;
   listenWhileVisible();
   window.simapsReady = true;
@@ -158,4 +238,5 @@ async function main() {
 window.simapsEvents = [];
 window.simapsReady = false;
 window.simapsSetTime = setTime;
+if (config.theme === "page") followTheme();
 main().catch(showFailure);

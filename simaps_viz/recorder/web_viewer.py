@@ -70,12 +70,14 @@ _ASSETS = {"re_viewer.js": "text/javascript", "re_viewer_bg.wasm": "application/
 _START_TIMEOUT_S = 30.0
 
 _PAGE = """<!doctype html>
-<html lang="en">
+<html lang="en" data-theme="{theme}">
 <head>
 <meta charset="utf-8">
 <title>Recorded build</title>
 <style>
-html, body {{ margin: 0; height: 100%; overflow: hidden; background: {background}; color: {ink}; }}
+:root {{ color-scheme: light; background: #f6f7f8; color: #333; }}
+:root[data-theme=dark] {{ color-scheme: dark; background: #0d1011; color: #ccc; }}
+html, body {{ margin: 0; height: 100%; overflow: hidden; }}
 body {{ display: flex; flex-direction: column; font: 14px sans-serif; }}
 main {{ position: relative; flex: 1; min-height: 0; }}
 canvas {{ position: absolute; inset: 0; width: 100%; height: 100%; }}
@@ -96,16 +98,17 @@ canvas {{ position: absolute; inset: 0; width: 100%; height: 100%; }}
 </body>
 </html>
 """
-_THEMES = {"light": ("#f6f7f8", "#333"), "dark": ("#0d1011", "#ccc")}
+_THEMES = ("page", "light", "dark")
 
 
-def rerun_page(recordings: Sequence[str], *, theme: str = "light", note: str = "") -> str:
+def rerun_page(recordings: Sequence[str], *, theme: str = "page", note: str = "") -> str:
     """Give the HTML page that shows recordings in rerun's web viewer.
 
     Args:
         recordings: addresses of ``.rrd`` files, absolute or relative to the page, or of live streams
             (``rerun+http://127.0.0.1:9876/proxy``).
-        theme: "light" or "dark".
+        theme: "light", "dark", or "page": as the workbench that shows it in a frame is, at every moment; alone, as the
+            system is.
         note: a sentence over the viewer; empty = none.
 
     Raises:
@@ -113,11 +116,8 @@ def rerun_page(recordings: Sequence[str], *, theme: str = "light", note: str = "
     """
     if theme not in _THEMES:
         raise InputError(f"theme: expected one of {', '.join(_THEMES)}, found {theme!r}")
-    background, ink = _THEMES[theme]
     config = json.dumps({"recordings": list(recordings), "theme": theme}).replace("<", "\\u003c")
-    return _PAGE.format(
-        background=html.escape(background), ink=html.escape(ink), note=html.escape(note), config=config, script=_SCRIPT
-    )
+    return _PAGE.format(theme=theme, note=html.escape(note), config=config, script=_SCRIPT)
 
 
 def check_version(version: str | None = None) -> None:

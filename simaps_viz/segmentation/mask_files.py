@@ -16,6 +16,24 @@ from simaps_viz.segmentation.mask_store import write_whole
 _FILES = ("color", "depth", "intrinsics", "poses")
 
 
+def check_place(sequence: Path, manifest: Path) -> None:
+    """Raise InputError unless masks of a sequence can be written as this manifest; said before a network runs.
+
+    Args:
+        sequence: its own manifest; a path of another format is refused.
+        manifest: the file to write (.json), not the sequence's own.
+    """
+    if sequence.suffix != ".json" or sequence.is_dir():
+        raise InputError(
+            f"{sequence}: expected a posed-frames sequence to write masks for, found another format; simaps "
+            "convert makes one of it"
+        )
+    if manifest.suffix != ".json":
+        raise InputError(f"{manifest}: expected a manifest's name (.json) to write masks for")
+    if manifest.resolve() == sequence.resolve():
+        raise InputError(f"{manifest}: expected another name than the sequence's own manifest")
+
+
 def write_masks(masks: FrameSource, manifest: Path) -> None:
     """Write the masks of a sequence and a manifest in the posed-frames format that uses them.
 
@@ -29,15 +47,7 @@ def write_masks(masks: FrameSource, manifest: Path) -> None:
     Raises:
         InputError: the sequence has another format, its own manifest would be overwritten, or files cannot be written.
     """
-    if masks.path.suffix != ".json" or masks.path.is_dir():
-        raise InputError(
-            f"{masks.path}: expected a posed-frames sequence to write masks for, found another format; simaps convert "
-            "makes one of it"
-        )
-    if manifest.suffix != ".json":
-        raise InputError(f"{manifest}: expected a manifest's name (.json) to write masks for")
-    if manifest.resolve() == masks.path.resolve():
-        raise InputError(f"{manifest}: expected another name than the sequence's own manifest")
+    check_place(masks.path, manifest)
     folder = manifest.with_suffix("")
     table: dict[str, list[dict[str, Any]]] = {}
     try:

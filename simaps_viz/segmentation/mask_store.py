@@ -130,7 +130,11 @@ def file_stamp(*paths: Path) -> list[int]:
 
 
 def write_whole(path: Path, data: bytes) -> None:
-    """Write a file under another name, then rename it: it is there whole or not at all."""
+    """Write a file under another name, then rename it: it is there whole or not at all.
+
+    Unlike `files.write_whole` it does not wait for the disk, which would take longer than a network does: masks that a
+    power cut takes are made again.
+    """
     handle, temporary = tempfile.mkstemp(prefix=f".{path.name}.", dir=path.parent)
     try:
         with os.fdopen(handle, "wb") as file:

@@ -53,6 +53,8 @@ class Session:
             raise InputError(f"{path}: expected a network (.onnx), found {'a folder' if path.is_dir() else 'nothing'}")
         wanted = choose_providers(providers, onnxruntime.get_available_providers())
         options = onnxruntime.SessionOptions()
+        if threads < 0:
+            raise InputError(f"threads: expected 0 (one for each core) or more, found {threads}")
         options.intra_op_num_threads = threads
         options.log_severity_level = _QUIET
         options.add_session_config_entry("session.intra_op.allow_spinning", "0")  # its threads would keep ours waiting

@@ -5,11 +5,13 @@ from typing import TYPE_CHECKING
 
 import viser
 
-from simaps_viz.structures import SIMap
+from simaps_viz.structures import Instance, SIMap
+from simaps_viz.viewer.drawing.camera import with_margin
 from simaps_viz.viewer.driving.follow import Follower
 from simaps_viz.viewer.driving.robot import RobotControl
 from simaps_viz.viewer.extra_panels import ExtraPanels
 from simaps_viz.viewer.panels.build import BuildPanel
+from simaps_viz.viewer.panels.find import FindBox
 from simaps_viz.viewer.panels.help import HelpPanel, PageActions
 from simaps_viz.viewer.panels.help_words import OTHER_TABS
 from simaps_viz.viewer.panels.instance import InstancePanel
@@ -100,11 +102,19 @@ def lay_out(session: "Session") -> Parts:
     others.place("tab", tabs)
     objects = gui.add_panel()
     with objects.add_tab(INSTANCE, viser.Icon.CUBE):
+        FindBox(gui, lambda: session.simap, lambda one: _go_to(session, one), lambda: session.selected)
         instance = InstancePanel(gui, session.simap, session.select, session.jump)
         why = WhyPanel(session.client, _why_actions(session))
     others.place("instance", objects)
     between = _dock_small(session, objects)
     return Parts(judge, map_panel, robot, build, steps, instance, why, page, others, [between])
+
+
+def _go_to(session: "Session", one: Instance) -> None:
+    """Select an object, and look at it and what is around it."""
+    session.select(one.id)
+    (xmin, ymin, _), (xmax, ymax, _) = one.aabb_m
+    session.viewpoints.look_at(with_margin((xmin, ymin, xmax, ymax), share=1.0, least_m=1.5))
 
 
 def _dock_small(session: "Session", objects: viser.PanelHandle) -> viser.PanelHandle:

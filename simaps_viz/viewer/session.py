@@ -120,6 +120,10 @@ class Session:
             self._waiting_state = state
         self.worker.submit("begin", self._begin_now)
 
+    def settle(self) -> None:
+        """The page shows its panels: it may not have docked them before."""
+        self.worker.submit("settle", self.parts.settle)
+
     def select(self, instance_id: int | None) -> None:
         """Select an instance, or none."""
         self.pick(None if instance_id is None else place_inside(self._simap, instance_id))
@@ -158,6 +162,8 @@ class Session:
         """Tell this person of an error; one that is not meant for people also goes to the log in full."""
         if self._closed:
             return
+        if self._begun:
+            self.parts.map.calm()
         known = isinstance(error, SIMapsError)
         if not known:
             logger.error("the workbench met an error", exc_info=error)
@@ -267,7 +273,6 @@ class Session:
                 restore_session(self, state)
             self._waiting_state = None
         self._map_changed()
-        self.parts.settle()
         if self.parts.judge is not None:
             self.parts.judge.show()
 
@@ -277,7 +282,7 @@ class Session:
             with self.client.atomic():
                 others.renew(wanted)
             others.show_frame(self.frame)
-            self.recording.opened()
+            self.worker.submit("recorded", self.recording.opened)  # once the finished map, and its last frame, are here
 
     def _partition_now(self, percent: float, resolution: float) -> None:
         base = self._base

@@ -151,8 +151,7 @@ class Workbench:
         if recording is not None and self.recording_host is not None:
             self.recording_host.turn_to(recording)
         self.publish(simap, growing=True)
-        for session in self.sessions:
-            session.catch_up(self._common)
+        self._teller.submit("finish", self._tell_finished)
 
     def wait_idle(self, timeout_s: float = 10.0) -> bool:
         """Wait until all pages have done what they were asked for; False when that took too long."""
@@ -194,6 +193,10 @@ class Workbench:
             session.take_map(simap, keep_sliders=growing)
         kept = {id(simap)} | {id(shown) for session in sessions for shown in (session.base, session.simap)}
         self.shared.forget_maps(lambda one: id(one) in kept)
+
+    def _tell_finished(self) -> None:
+        for session in self.sessions:
+            session.catch_up(self._common)
 
     def _host(self, port: int, **served: Any) -> Host:
         """Serve what is shown in a frame; beside the page's own port where a firewall or a tunnel has to know."""

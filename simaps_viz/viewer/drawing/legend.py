@@ -91,15 +91,20 @@ def facts_html(simap: SIMap, instance: Instance) -> str:
 def legend_html(simap: SIMap, mode: ColorMode, theme: Theme = LIGHT) -> str:
     """Explain every colour of a mode."""
     if mode == "height":
-        return _box(_bar("0 m", f"{HEIGHT_TOP_M:g} m and more", "height of the highest point over the floor"))
+        bar = _bar("0 m", f"{HEIGHT_TOP_M:g} m and more", "height of the highest point over the floor")
+        return _box(f"{bar}{_unseen(theme)}")
     if mode == "observations":
         most = int(simap.grid.observations.max(initial=0))
-        return _box(_bar("0", plural(most, "frame"), "frames that saw the cell, logarithmic"))
+        return _box(f"{_bar('0', plural(most, 'frame'), 'frames that saw the cell, logarithmic')}{_unseen(theme)}")
     rows = [_CHIP_STYLE, *(_class_rows(simap) if mode == "class" else _instance_rows(simap))]
     ground = (("wall", theme.wall), ("not named", theme.clutter), ("floor", theme.floor), ("never seen", theme.unseen))
     names = "".join(f'<span class="simaps-entry">{_chip(color)}{name}</span>' for name, color in ground)
     rows.append(f'<div style="margin-top:.5em">{names}</div>')
     return _box("".join(rows))
+
+
+def _unseen(theme: Theme) -> str:
+    return f'<div>{_CHIP_STYLE}<span class="simaps-entry">{_chip(theme.unseen)}never seen</span></div>'
 
 
 def _class_rows(simap: SIMap) -> list[str]:

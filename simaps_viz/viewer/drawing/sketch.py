@@ -28,6 +28,9 @@ def sketch_png(grid: Grid, camera_m: NDArray, theme: Theme = LIGHT) -> bytes:
     step = max(1, -(-max(grid.spec.shape) // MOST_PIXELS))
     label, height = grid.label[::step, ::step], grid.height_m[::step, ::step]
     palette = np.array([(*class_color(name), 255) for name in grid.labels], np.uint8)
+    for name, color in {"floor": theme.floor, "wall": theme.wall}.items():
+        if name in grid.labels:
+            palette[grid.labels.index(name), :3] = color
     pixels = palette[label]
     pixels[label == 0] = (*theme.floor, 255)
     pixels[(label == 0) & (height >= FURNITURE_FROM_M)] = (*theme.clutter, 255)

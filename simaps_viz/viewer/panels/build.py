@@ -16,6 +16,7 @@ ECHO_S = 1.5
 SETTLE_S = 10.0
 """For how long after a recording opened its going to its first frame is overruled."""
 FRAMES_PER_S = 8
+FRAME_HINT = "Counted from 0. Keys [ and ]: one frame back, one on."
 
 
 class FrameLink:
@@ -74,7 +75,7 @@ class BuildPanel:
             else "Go back in time: the map shows what it was after that frame."
         )
         gui.add_html(note_html(note))
-        self._slider = gui.add_slider("Frame", 0, max(last, 1), 1, last, disabled=last == 0)
+        self._slider = gui.add_slider("Frame", 0, max(last, 1), 1, last, disabled=last == 0, hint=FRAME_HINT)
         self._slider.on_update(self._moved)
         self._name = gui.add_html(self._caption(last))
         self._then = gui.add_html("", visible=False)
@@ -86,7 +87,7 @@ class BuildPanel:
         )
         self._player = Player(gui, "Play", played)
         self._player.button.disabled = last == 0
-        self._rate = gui.add_slider("Pace (per s)", 1, 30, 1, FRAMES_PER_S)
+        self._rate = gui.add_slider("Pace (per s)", 1, 30, 1, FRAMES_PER_S, hint="Frames a second, while it plays.")
         self._fill = gui.add_checkbox(
             "Map as it was then",
             True,

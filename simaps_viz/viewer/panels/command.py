@@ -13,6 +13,7 @@ from simaps_viz.viewer.services import ExchangeLike
 
 __all__ = ["CommandActions", "CommandPanel", "Past", "examples", "message_html", "program_html"]
 
+PLACE_HINT = "Say by two clicks on the map where the robot stands and looks; or put it back where it started."
 EXAMPLES = 3
 MOST_PAST = 8
 """Commands that the history shows."""
@@ -78,7 +79,7 @@ class CommandPanel:
         self._add_history(gui)
         with gui.add_folder("Start pose"):
             self._pose = gui.add_html("")
-            place = gui.add_button_group("Robot", ("Set on map", "Reset"))
+            place = gui.add_button_group("Robot", ("Set on map", "Reset"), hint=PLACE_HINT)
             place.on_click(lambda event: actions.place() if event.target.value == "Set on map" else actions.reset())
 
     @property

@@ -8,6 +8,14 @@ from typing import Any
 from simaps_viz.structures import SIMap
 from simaps_viz.viewer.drawing.label_layout import Label
 from simaps_viz.viewer.drawing.legend import plural
+from simaps_viz.viewer.drawing.theme import (
+    BAD_PAPER_STYLE,
+    DIM_STYLE,
+    GOOD_PAPER_STYLE,
+    NESTED_EM,
+    PAPER_STYLE,
+    SENT_PAPER_STYLE,
+)
 from simaps_viz.viewer.services import AnswerLike, CandidateLike, ExchangeLike
 
 _NTH = ("", "", "second ", "third ", "fourth ", "fifth ", "sixth ", "seventh ", "eighth ", "ninth ", "tenth ")
@@ -91,12 +99,14 @@ def goal_labels(simap: SIMap, goals: Sequence[Any]) -> list[Label]:
 
 def message_html(title: str, text: str, tone: str, more: Sequence[str] = ()) -> str:
     """Say something: a bold title and a text, tinted by tone (plain, good, bad), and further lines, smaller."""
-    ink, paper = {"good": ("#0b5d2a", "#e7f6ec"), "bad": ("#8a1c1c", "#fdecec")}.get(tone, ("#444", "#f3f4f6"))
+    paper = {"good": GOOD_PAPER_STYLE, "bad": BAD_PAPER_STYLE}.get(tone, PAPER_STYLE)
     head = f'<div style="font-weight:600">{escape(title)}</div>' if title else ""
-    lines = "".join(f'<div style="margin-top:.35em;font-size:.92em">{escape(line)}</div>' for line in more if line)
+    lines = "".join(
+        f'<div style="margin-top:.35em;font-size:{NESTED_EM}em">{escape(line)}</div>' for line in more if line
+    )
     return (
         f'<div style="margin:.2em .8em;padding:.5em .7em;border-radius:4px;font-size:.85em;line-height:1.4;'
-        f'overflow-wrap:anywhere;color:{ink};background:{paper}">{head}<div>{escape(text)}</div>{lines}</div>'
+        f'overflow-wrap:anywhere;{paper}">{head}<div>{escape(text)}</div>{lines}</div>'
     )
 
 
@@ -104,15 +114,19 @@ def program_html(program: str, line: int | None = None, *, stuck: bool = False) 
     """Show a program as code, with line numbers; the given line (from 1) is marked, in red when it got stuck there."""
     rows = []
     for number, text in enumerate(program.rstrip("\n").splitlines(), start=1):
-        mark = ("background:#f9c8c8;" if stuck else "background:#fff1b8;") if number == line else ""
+        mark = (
+            ("background:light-dark(#f9c8c8,#6a2626);" if stuck else "background:light-dark(#fff1b8,#57470f);")
+            if number == line
+            else ""
+        )
         sign = "▶" if number == line and not stuck else "✖" if number == line else " "
         current = ' aria-current="step"' if number == line else ""
         rows.append(
             f'<div{current} style="{mark}white-space:pre-wrap;padding:0 .5em 0 4.2em;text-indent:-3.7em">'
-            f'<span style="opacity:.5;user-select:none;white-space:pre">{sign} {number:>2} </span>{escape(text)}</div>'
+            f'<span style="opacity:.75;user-select:none;white-space:pre">{sign} {number:>2} </span>{escape(text)}</div>'
         )
     return (
-        '<div style="margin:.3em .8em;padding:.4em 0;border-radius:4px;background:#f3f4f6;color:#222;'
+        f'<div style="margin:.3em .8em;padding:.4em 0;border-radius:4px;{PAPER_STYLE};'
         f'overflow-wrap:anywhere;font:12px/1.5 ui-monospace,monospace">{"".join(rows)}</div>'
     )
 
@@ -123,12 +137,12 @@ def exchanges_html(exchanges: Sequence[ExchangeLike]) -> str:
     for number, exchange in enumerate(exchanges, start=1):
         head = f"Question {number} of {len(exchanges)}, {exchange.seconds:.1f} s"
         parts.append(f'<div style="font-weight:600;margin-top:.4em">{head}</div>')
-        parts += [_box(f"sent ({message.role})", message.content, "#f3f4f6") for message in exchange.messages]
+        parts += [_box(f"sent ({message.role})", message.content, PAPER_STYLE) for message in exchange.messages]
         if exchange.response:
-            parts.append(_box("received", exchange.response, "#eaf2fd"))
+            parts.append(_box("received", exchange.response, SENT_PAPER_STYLE))
         if exchange.error:
-            parts.append(_box("no answer", exchange.error, "#fdecec"))
-    return f'<div style="padding:0 .8em .4em;font-size:.8em">{"".join(parts)}</div>'
+            parts.append(_box("no answer", exchange.error, BAD_PAPER_STYLE))
+    return f'<div style="padding:0 .8em .4em;font-size:.85em">{"".join(parts)}</div>'
 
 
 def field_of(goal: Any, name: str) -> Any:
@@ -176,7 +190,7 @@ def _choice(program: str, label: str) -> list[str]:
 
 def _box(title: str, text: str, paper: str) -> str:
     return (
-        f'<div style="opacity:.65;margin-top:.3em">{escape(title)}</div>'
-        f'<div style="background:{paper};color:#222;border-radius:4px;padding:.3em .5em;max-height:14em;overflow:auto;'
-        f'white-space:pre-wrap;overflow-wrap:anywhere;font:11px/1.45 ui-monospace,monospace">{escape(text)}</div>'
+        f'<div style="{DIM_STYLE};margin-top:.3em">{escape(title)}</div>'
+        f'<div style="{paper};border-radius:4px;padding:.3em .5em;max-height:14em;overflow:auto;'
+        f'white-space:pre-wrap;overflow-wrap:anywhere;font:12px/1.45 ui-monospace,monospace">{escape(text)}</div>'
     )

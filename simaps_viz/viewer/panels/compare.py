@@ -2,18 +2,20 @@
 
 import functools
 import threading
-from typing import cast
+from typing import Any, cast
 
 import viser
 
 from simaps_viz.errors import InputError
 from simaps_viz.structures import SIMap
 from simaps_viz.viewer.desk import Desk
+from simaps_viz.viewer.drawing.camera import Extent, with_margin
 from simaps_viz.viewer.drawing.compare_picture import KINDS, Mode, TwoPictures
 from simaps_viz.viewer.own_page import Look, look_on
 from simaps_viz.viewer.panels.compare_services import TRUTH, Cancelled, CompareServices, ItemLike, Named, TwoMapsLike
 from simaps_viz.viewer.panels.compare_sides import SideChooser
 from simaps_viz.viewer.panels.compare_words import (
+    ALL,
     chosen_html,
     headline_html,
     item_text,
@@ -28,6 +30,9 @@ from simaps_viz.viewer.worker import Worker
 LISTED = 5
 """Differences listed at a time."""
 SWIPE, BESIDE = "Swipe", "Side by side"
+EARLIER, LATER = "Previous", "Next"
+HOW_HINT = "One map up to a line and the other beyond it, or both whole."
+PAGES_HINT = f"{LISTED} at a time, the gravest first."
 EMPTY: tuple[str, ...] = ("all (0)",)
 
 
@@ -53,7 +58,7 @@ class ComparePanel:
         self._items: list[ItemLike] = []
         self._chosen: ItemLike | None = None
         self._first = 0
-        self._wanted = False
+        self._wanted = self._restored = False
         self._cancel = threading.Event()
         self._worker = Worker(self._failed)  # of its own: building a map may take long
         self._add_choice(desk.gui)
@@ -90,6 +95,24 @@ class ComparePanel:
             hit = [i for i in self._items if any(ids[s] and ids[s] in (i.left, i.right)[s] for s in sides)]
             self.choose(hit[0] if hit else None)
         return True
+
+    def state(self) -> dict[str, Any]:
+        """Give what this person compares, for a page that is loaded again."""
+        return {
+            "sides": [side.state() for side in self._sides], "how": self._how.value, "divide": self._line.value,
+            "kind": self._kind_name, "mark_all": self._mark_all.value, "wanted": self._wanted,
+        }  # fmt: skip
+
+    def restore(self, state: dict[str, Any]) -> None:
+        """Compare the same again; the camera stays where it was."""
+        for side, kept in zip(self._sides, state["sides"], strict=True):
+            side.restore(kept)
+        self._how.value, self._line.value, self._mark_all.value = state["how"], state["divide"], state["mark_all"]
+        self._kind.options = (*EMPTY, *([] if state["kind"] == ALL else [f"{state['kind']} (0)"]))
+        self._kind.value = self._kind.options[-1]
+        if state["wanted"]:
+            self._restored = True
+            self.start()
 
     def close(self) -> None:
         """Give up what is being built, and stop."""
@@ -131,6 +154,10 @@ class ComparePanel:
                 self._look(self._around(item))
 
     @property
+    def _kind_name(self) -> str:
+        return str(self._kind.value).partition(" (")[0]
+
+    @property
     def _mode(self) -> Mode:
         return "side by side" if self._how.value == BESIDE else "swipe"
 
@@ -148,7 +175,7 @@ class ComparePanel:
         self._stop.on_click(lambda _: self.stop())
 
     def _add_view(self, gui: viser.GuiApi) -> None:
-        self._how = gui.add_dropdown("Show as", (SWIPE, BESIDE), initial_value=SWIPE)
+        self._how = gui.add_dropdown("Show as", (SWIPE, BESIDE), initial_value=SWIPE, hint=HOW_HINT)
         self._how.on_update(lambda event: self._moved_mode() if event.client_id is not None else None)
         self._line = gui.add_slider(
             "Divide (%)", 0, 100, 1, 50, hint="How much of the map, from the west, shows the left one."
@@ -157,13 +184,13 @@ class ComparePanel:
         self._headline = gui.add_html("")
 
     def _add_list(self, gui: viser.GuiApi) -> None:
-        self._kind = gui.add_dropdown("List", EMPTY)
+        self._kind = gui.add_dropdown("List", EMPTY, hint="Which differences are listed and marked on the map.")
         self._kind.on_update(lambda event: self._narrow() if event.client_id is not None else None)
         self._rows = [gui.add_button("-", visible=False) for _ in range(LISTED)]
         for at, row in enumerate(self._rows):
             row.on_click(functools.partial(self._row_clicked, at))
-        self._pages = gui.add_button_group("Page", ("Earlier", "Later"), visible=False)
-        self._pages.on_click(lambda event: self._turn(1 if event.target.value == "Later" else -1))
+        self._pages = gui.add_button_group("Listed", (EARLIER, LATER), visible=False, hint=PAGES_HINT)
+        self._pages.on_click(lambda event: self._turn(1 if event.target.value == LATER else -1))
         self._detail = gui.add_html("")
         self._mark_all = gui.add_checkbox("Mark all listed", True, hint="Outline all differences that are listed.")
         self._mark_all.on_update(lambda _: self._desk.submit("compare marks", self._remark))
@@ -224,15 +251,16 @@ class ComparePanel:
         self._maps, self._pictures, self._chosen, self._first = maps, pictures, None, 0
         self._progress.visible = False
         self._status.content = ""
+        move, self._restored = begins and not self._restored, False
         options = kind_options(maps)
-        kept = str(self._kind.value).partition(" (")[0]
+        kept = self._kind_name
         self._kind.options = options
         self._kind.value = next((o for o in options if o.partition(" (")[0] == kept), options[0])
         self._headline.content, self._summary.content = headline_html(maps), summary_html(maps)
         self._narrow()
         self._show_parts()
-        if begins and self._look is not None:
-            self._look(pictures.extent_m(self._mode))
+        if move:
+            self._look_at_all(pictures)
 
     def _failed(self, error: Exception) -> None:
         self._progress.visible = False
@@ -287,8 +315,8 @@ class ComparePanel:
     def _moved_mode(self) -> None:
         self._line.visible = self.active and self._mode == "swipe"
         self._desk.submit("compare picture", self._draw)
-        if self._pictures is not None and self._look is not None:
-            self._look(self._pictures.extent_m(self._mode))
+        if self._pictures is not None:
+            self._look_at_all(self._pictures)
 
     def _remark(self) -> None:
         pictures = self._pictures
@@ -315,7 +343,11 @@ class ComparePanel:
             share = ((item.extent_m[0] + item.extent_m[2]) / 2.0 - xmin) / (xmax - xmin)
             self._line.value = round(100.0 * min(max(share, 0.0), 1.0))
 
-    def _around(self, item: ItemLike) -> tuple[float, float, float, float]:
+    def _look_at_all(self, pictures: TwoPictures) -> None:
+        if self._look is not None:
+            self._look(with_margin(pictures.extent_m(self._mode)))
+
+    def _around(self, item: ItemLike) -> Extent:
         """What to show of a difference: its surroundings, on both maps."""
         xmin, ymin, xmax, ymax = item.extent_m
         margin = max(2.0, 0.8 * max(xmax - xmin, ymax - ymin))

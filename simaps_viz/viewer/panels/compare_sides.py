@@ -1,7 +1,8 @@
 """Which map stands on one side of a comparison: a choice, with the settings it needs."""
 
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
 
 import viser
 
@@ -12,6 +13,16 @@ from simaps_viz.viewer.panels.compare_services import CompareServices, Named, Te
 from simaps_viz.viewer.panels.map import DEFAULT_RESOLUTION, JOINING_OF
 
 THIS, SETTINGS = "This map", "This map, other settings"
+
+
+@dataclass(frozen=True, eq=False)
+class SideState:
+    """What was chosen on one side."""
+
+    title: str
+    percent: float
+    resolution: float
+    files: Mapping[str, SIMap]
 
 
 class SideChooser:
@@ -46,7 +57,8 @@ class SideChooser:
         self._files: dict[str, SIMap] = {}
         joining = JOINING_OF.get(desk.simap.method, JOINING_OF["paper"])
         self._word = joining.word
-        self._which = gui.add_dropdown(name, tuple(self._keys), initial_value=at_first)
+        hint = f"Which map stands on the {name.lower()}."
+        self._which = gui.add_dropdown(name, tuple(self._keys), initial_value=at_first, hint=hint)
         self._percent = gui.add_slider(
             f"{name} {joining.title}", 0.0, 100.0, 0.5, joining.percent(desk.simap), hint=joining.hint
         )
@@ -89,6 +101,19 @@ class SideChooser:
         chosen = name if choose else str(self._which.value)
         self._which.options = tuple(self._keys)
         self._which.value = chosen
+        self._show_settings()
+
+    def state(self) -> SideState:
+        """Give what is chosen, with the files that were read."""
+        return SideState(str(self._which.value), float(self._percent.value), float(self._resolution.value), self._files)
+
+    def restore(self, state: SideState) -> None:
+        """Choose it again, without a word to anyone."""
+        for name, simap in state.files.items():
+            self.add_file(name, simap, choose=False)
+        if state.title in self._keys:
+            self._which.value = state.title
+        self._percent.value, self._resolution.value = state.percent, state.resolution
         self._show_settings()
 
     def _chose(self) -> None:

@@ -5,10 +5,11 @@ from html import escape
 
 from simaps_viz.viewer.drawing.compare_picture import KINDS, Color
 from simaps_viz.viewer.drawing.legend import plural
+from simaps_viz.viewer.drawing.theme import BAD_STYLE
 from simaps_viz.viewer.panels.compare_services import ItemLike, TwoMapsLike
 
 ALL = "all"
-_TONES = {"plain": "", "bad": "color:#b3261e"}
+_TONES = {"plain": "", "bad": BAD_STYLE}
 
 
 def item_text(item: ItemLike, reference: str) -> str:

@@ -8,7 +8,7 @@ from viser._gui_handles import GuiModalHandle
 
 from simaps_viz.viewer.drawing.theme import BRAND, DARK, LIGHT, Theme
 from simaps_viz.viewer.page_script import PAGE_SCRIPT
-from simaps_viz.viewer.panels.help_words import help_html
+from simaps_viz.viewer.panels.help_words import BOX_KEYS, MEND, MEND_KEYS, help_html
 from simaps_viz.viewer.panels.map import SLANT, TOP
 
 HELP, LIGHT_DARK = "Help", "Light / dark"
@@ -58,7 +58,8 @@ class HelpPanel:
         self._theme = LIGHT
         self._modal: GuiModalHandle | None = None
         gui.add_html(PAGE_SCRIPT)
-        buttons = gui.add_button_group("Page", (HELP, LIGHT_DARK))
+        hint = "Help: keys, mouse, tabs and words (key H). Light or dark page (key L)."
+        buttons = gui.add_button_group("Page", (HELP, LIGHT_DARK), hint=hint)
         buttons.on_click(lambda event: self.show() if event.target.value == HELP else self.switch())
         self._keys = self._make_keys()
         for key in self._keys:
@@ -75,7 +76,7 @@ class HelpPanel:
     def keys(self) -> Sequence[tuple[str, str]]:
         """(key, what it does), as the help lists them."""
         own = [(key.shown, key.text) for key in self._keys]
-        return (*own, ("/", "to the command box"), ("Ctrl K", "all commands, to search"))
+        return (*own, *BOX_KEYS, *(MEND_KEYS if MEND in dict(self._other_tabs) else ()))
 
     def switch(self) -> None:
         """Go from light to dark, or back."""

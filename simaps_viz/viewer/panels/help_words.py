@@ -5,6 +5,19 @@ from html import escape
 
 from simaps_viz.viewer.drawing.theme import DIM_STYLE
 
+MEND = "Mend"
+BOX_KEYS = (
+    ("/", "to the command box"),
+    ("F", "to the box that finds objects"),
+    ("Ctrl K", "all commands, to search"),
+)
+MEND_KEYS = (
+    ("J", "join the selected object with another"),
+    ("X", "cut it in two"),
+    ("Delete", "delete it"),
+    ("Ctrl Z", "undo the last edit; with Shift, redo it"),
+)
+"""On pages where the map can be mended."""
 MOUSE = (
     ("Click", "select the object; on open floor, select nothing"),
     ("Drag", "turn the view"),
@@ -15,15 +28,15 @@ TABS = (
     ("Map", "how the map is cut into objects, what its colours mean, top or 3-D view"),
     ("Command", "tell the robot where to go, in plain English, and watch it drive"),
     ("Build", "go back in time, frame by frame, or merge by merge; the map shows what it was then"),
-    ("Judge", "judge recorded runs blind, where there are any"),
-    ("Instance", "the selected object: where it is, how it looked, why it is one object"),
+    ("Judge", "judge recorded runs blind, where there are any: keys Y, N and S"),
+    ("Instance", "find an object; the selected one: where it is, how it looked, why it is one"),
 )
 OTHER_TABS = {
     "Compare": "this map beside another: of another method, other parameters, or the truth",
     "Masks": "what the network saw on a frame, and what other thresholds would make of it",
     "Share": "one file of map and build that opens without a server; pictures and films",
     "Recordings": "recorded builds at hand: show one beside the map, rename, delete",
-    "Mend": "put the map right by hand: join, cut in two, rename, delete, undo",
+    MEND: "put the map right by hand: join, cut in two, rename, delete, undo",
     "Progress": "how far the build is; stop it, and go on with it",
 }
 """Of the panels that a page may have."""
@@ -38,7 +51,7 @@ WORDS = (
     ("K (%)", "a community joins another while more than K % of its cells neighbour it"),
     ("Resolution", "the higher, the smaller the communities"),
 )
-GRID_STYLE = "display:grid;grid-template-columns:max-content 1fr;gap:.1em 1em;font-size:.92em;line-height:1.45"
+GRID_STYLE = "display:grid;grid-template-columns:max-content 1fr;gap:.1em 1em;font-size:.95em;line-height:1.45"
 
 
 def help_html(keys: Sequence[tuple[str, str]], *, others: Sequence[tuple[str, str]] = ()) -> str:
@@ -61,6 +74,6 @@ def help_html(keys: Sequence[tuple[str, str]], *, others: Sequence[tuple[str, st
 def _row(left: str, right: str, *, key: bool) -> str:
     tag = "kbd" if key else "span"
     frame = (
-        "border:1px solid currentColor;border-radius:4px;padding:0 .45em;font-size:.92em" if key else "font-weight:550"
+        "border:1px solid currentColor;border-radius:4px;padding:0 .45em;font-size:.95em" if key else "font-weight:550"
     )
     return f'<div><{tag} style="{frame}">{escape(left)}</{tag}></div><div style="{DIM_STYLE}">{escape(right)}</div>'

@@ -17,8 +17,9 @@ from simaps_viz.viewer.drawing.thumbnails import gallery, named, outlined
 
 NOTHING: str = "(none)"
 MOST_LISTED = 1000
-"""Instances that the list offers; all can be clicked on the map."""
-HELP = '<div style="padding:.4em .8em;font-size:.85em">Click an object on the map, or choose one from the list.</div>'
+"""Instances that the list offers, the largest; all can be clicked on the map, or found by name."""
+LIST_HINT = f"Select an object; of more than {MOST_LISTED} the largest are listed, and Find knows all."
+HELP = f'<div style="{BOX_STYLE}">Click an object on the map, choose it from the list, or type its name.</div>'
 
 
 class InstancePanel:
@@ -41,13 +42,13 @@ class InstancePanel:
         """
         self._on_choose, self._on_frame = on_choose, on_frame
         self._ids: dict[str, int] = {}
-        self._list = gui.add_dropdown("Object", tuple([NOTHING]), initial_value=NOTHING)
+        self._list = gui.add_dropdown("Object", tuple([NOTHING]), initial_value=NOTHING, hint=LIST_HINT)
         self._list.on_update(self._chosen)
         self._text = gui.add_html(HELP)
         self._why = gui.add_html("", visible=False)
         self._picture = gui.add_image(np.full((2, 2, 3), 255, np.uint8), visible=False)
         self._frames: dict[str, int] = {}
-        self._jump = gui.add_button_group("Show frame", ("-",), visible=False)
+        self._jump = gui.add_button_group("Show frame", ("-",), visible=False, hint="Go to that frame of the build.")
         self._jump.on_click(lambda event: self._jumped(str(event.target.value)))
         self._note = gui.add_html("", visible=False)
         self.list(simap)
@@ -71,7 +72,10 @@ class InstancePanel:
         self._why.visible = False
         self._text.content = HELP if instance is None else facts_html(simap, instance)
         name = NOTHING if instance is None else object_name(simap, instance)
-        if self._list.value != name and name in self._list.options:
+        if name not in self._list.options:
+            self._ids = {name: instance.id, **self._ids} if instance is not None else self._ids
+            self._list.options = (NOTHING, *self._ids)
+        if self._list.value != name:
             self._list.value = name
 
     def explain(self, summary: str | None, edits: Sequence[Mapping[str, Any]] = ()) -> None:
@@ -106,7 +110,7 @@ def edits_html(edits: Sequence[Mapping[str, Any]]) -> str:
         return ""
     lines = "".join(
         f"<div>{escape(str(edit.get('what')))}, by {escape(str(edit.get('who')))}, "
-        f"{escape(str(edit.get('when'))[:16].replace('T', ' '))}</div>"
+        f"{escape(str(edit.get('when'))[:16].replace('T', ' '))} UTC</div>"
         for edit in reversed(edits)
     )
     return f'<div style="{BOX_STYLE}"><b>Edited by hand</b>{lines}</div>'

@@ -140,7 +140,7 @@ class JudgePanel:
         self._progress = gui.add_progress_bar(0.0)
         self._tools = gui.add_button_group("Run", ("Play again", "Back"), hint="Back: answer the last one anew.")
         self._tools.on_click(lambda event: self.replay() if event.target.value == "Play again" else self.back())
-        self._speed = gui.add_slider("Speed (×)", 0.25, 8.0, 0.25, 2.0)
+        self._speed = gui.add_slider("Speed (×)", 0.25, 8.0, 0.25, 2.0, hint="Of the simulated robot; 1 is 0.9 m/s.")
         self._speed.on_update(lambda _: self._set_speed())
         self._set_speed()
 

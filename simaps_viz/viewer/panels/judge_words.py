@@ -4,6 +4,7 @@ from collections.abc import Mapping
 from html import escape
 from typing import Any
 
+from simaps_viz.viewer.drawing.theme import DIM_STYLE
 from simaps_viz.viewer.services import JudgingLike, RunLike
 
 _CELL = "padding:.15em .5em;text-align:right"
@@ -13,7 +14,7 @@ def run_html(run: RunLike) -> str:
     """Show a run's command in large letters, and its number."""
     return (
         '<div style="padding:.6em .8em .2em">'
-        f'<div style="font-size:.82em;opacity:.7">Run <b>{run.number} of {run.total}</b> · answers are saved at once'
+        f'<div style="font-size:.82em;{DIM_STYLE}">Run <b>{run.number} of {run.total}</b> · answers are saved at once'
         "</div>"
         '<div style="font-size:1.5em;line-height:1.25;font-weight:650;margin:.2em 0;overflow-wrap:anywhere">'
         f"“{escape(str(run.shown.get('command', '')))}”</div></div>"
@@ -46,7 +47,7 @@ def summary_html(session: JudgingLike) -> str:
         tables.setdefault(errors, []).append(
             f'<tr><td style="padding:.15em .5em .15em 0">{escape(method)}</td>{cells}</tr>'
         )
-    head = "".join(f'<th style="{_CELL};font-weight:500;opacity:.7">{h}</th>' for h in ("yes", "no", "skip", "right"))
+    head = "".join(f'<th style="{_CELL};font-weight:500;{DIM_STYLE}">{h}</th>' for h in ("yes", "no", "skip", "right"))
     parts = [
         f'<div style="margin-top:.6em;font-weight:600">{escape(_masks(errors))}</div>'
         f'<table style="border-collapse:collapse;font-variant-numeric:tabular-nums"><tr><th></th>{head}</tr>'

@@ -1,5 +1,6 @@
 """The tab in front while a map is being built: how far it is, how fast, how long still; stop and go on."""
 
+import base64
 import threading
 from html import escape
 
@@ -12,7 +13,7 @@ from simaps_viz.viewer.drawing.theme import BOX_STYLE, DIM_STYLE
 from simaps_viz.viewer.panels.live_services import LiveServices, LiveState, Status
 from simaps_viz.viewer.panels.spec import PROGRESS, PanelSpec
 
-EVERY_S = 0.25
+EVERY_S = 0.5
 """How often the numbers are brought up to date."""
 HEADS: dict[Status, str] = {
     "starting": "Waiting for the first frame …",
@@ -40,8 +41,9 @@ class LivePanel:
         self._shown: LiveState | None = None
         gui = desk.gui
         self._head = gui.add_html("")
-        self._bar = gui.add_progress_bar(0.0, animated=True)
+        self._bar = gui.add_progress_bar(0.0)  # one that moves by itself has the whole page drawn 60 times a second
         self._text = gui.add_html("")
+        self._sketch = gui.add_html("")
         self._stop = gui.add_button("Stop", icon=viser.Icon.PLAYER_STOP, color="gray")
         self._stop.on_click(lambda _: services.stop())
         self._go_on = gui.add_button("Go on", icon=viser.Icon.PLAYER_PLAY, visible=False)
@@ -72,6 +74,7 @@ class LivePanel:
         self._head.content = head_html(state)
         self._bar.value = 100.0 * state.done / max(state.total, 1)
         self._text.content = text_html(state)
+        self._sketch.content = sketch_html(state)
         self._stop.visible = state.status in ("starting", "building", "finishing", "stopping")
         self._stop.disabled = state.status in ("finishing", "stopping")
         self._go_on.visible = state.status in ("stopped", "failed")
@@ -97,6 +100,19 @@ def text_html(state: LiveState) -> str:
     lines += [f"<div>{escape(state.error)}</div>"] if state.error else []
     lines += [f'<div style="{DIM_STYLE};overflow-wrap:anywhere">{escape(state.said)}</div>'] if state.said else []
     return f'<div style="{BOX_STYLE}">{"".join(lines)}</div>'
+
+
+def sketch_html(state: LiveState) -> str:
+    """Show what was seen so far, in little, while it grows; a place of one height, so that nothing moves."""
+    if not state.sketch or state.status not in ("building", "stopping", "stopped"):
+        return ""
+    picture = base64.b64encode(state.sketch).decode()
+    style = "width:100%;height:11em;object-fit:contain;image-rendering:pixelated;display:block"
+    title = f'<div style="{DIM_STYLE}">Seen so far, by class; the red dot is the camera</div>'
+    return (
+        f'<div style="{BOX_STYLE}">{title}<img alt="What was seen so far" style="{style}" '
+        f'src="data:image/png;base64,{picture}"></div>'
+    )
 
 
 def duration(seconds: float) -> str:

@@ -16,7 +16,8 @@ from simaps_viz.viewer.drawing.theme import BADGE_STYLE, LIGHT, Theme
 TOP, SLANT = "Top view", "3-D view"
 EVERY_CLASS = "all classes"
 DEFAULT_RESOLUTION = 1.0
-LEGEND_STYLE = "max-height:11.5em;overflow-y:auto;border-block:1px solid rgba(128,128,128,.25)"
+MODE_HINT = "What a colour on the map means; the legend follows."
+LEGEND_STYLE = "max-height:10.5em;overflow-y:auto;border-block:1px solid rgba(128,128,128,.25);margin-bottom:.4em"
 """The legend scrolls by itself, so that the sliders under it stay in sight."""
 
 
@@ -83,6 +84,7 @@ class MapPanel:
         self._resolution0 = float(simap.parameters.get("resolution", DEFAULT_RESOLUTION))
         self._origin = gui.add_html(origin_html(simap))
         self._counts = gui.add_html("")
+        self._busy, self._said = False, ""
         self._legend = gui.add_html("")
         self._k = gui.add_slider(
             joining.title,
@@ -108,10 +110,12 @@ class MapPanel:
             color="gray",
         )
         self._reset.on_click(lambda _: self.reset())
-        view = gui.add_button_group("View", (TOP, SLANT))
+        view = gui.add_button_group("View", (TOP, SLANT), hint="From above, or objects as blocks (keys T and 3).")
         view.on_click(lambda event: actions.look(event.target.value))
-        self._mode = gui.add_dropdown("Colours", COLOR_MODES, initial_value=COLOR_MODES[0])
-        self._class = gui.add_dropdown("Show", (EVERY_CLASS, *simap.counts()), initial_value=EVERY_CLASS)
+        self._mode = gui.add_dropdown("Colours", COLOR_MODES, initial_value=COLOR_MODES[0], hint=MODE_HINT)
+        self._class = gui.add_dropdown(
+            "Show", (EVERY_CLASS, *simap.counts()), initial_value=EVERY_CLASS, hint="Emphasise one class."
+        )
         for widget in (self._mode, self._class):
             widget.on_update(lambda _: actions.restyle())
         self.come_from(simap)
@@ -167,6 +171,7 @@ class MapPanel:
 
     def show(self, simap: SIMap, theme: Theme = LIGHT) -> None:
         """Say what is on the map now."""
+        self._busy = False
         self._counts.content = counts_html(simap)
         self._legend.content = f'<div style="{LEGEND_STYLE}">{legend_html(simap, self.mode, theme)}</div>'
         options = (EVERY_CLASS, *simap.counts())
@@ -176,11 +181,23 @@ class MapPanel:
     def reset(self) -> None:
         """Go back to the K and resolution the map came with."""
         self.set_sliders(self._k0, self._resolution0)
-        self._actions.partition(self._k0, self._resolution0)
+        self._cut()
+
+    def calm(self) -> None:
+        """The map could not be cut: say no longer that it is."""
+        if self._busy:
+            self._busy = False
+            self._counts.content = self._said
 
     def _chosen(self, event: viser.GuiEvent) -> None:
         if event.client_id is not None:
-            self._actions.partition(float(self._k.value), float(self._resolution.value))
+            self._cut()
+
+    def _cut(self) -> None:
+        if not self._busy:
+            self._busy, self._said = True, str(self._counts.content)
+            self._counts.content = _line("Cutting the map anew …")
+        self._actions.partition(self.percent, self.resolution)
 
 
 def origin_html(simap: SIMap) -> str:
@@ -202,9 +219,13 @@ def origin_html(simap: SIMap) -> str:
 
 def counts_html(simap: SIMap) -> str:
     """Put the counts in a line of their own."""
+    return _line(counts_text(simap))
+
+
+def _line(text: str) -> str:
     return (
-        '<div style="padding:.2em .8em .4em;font-size:.88em;font-weight:600;line-height:1.4">'
-        f"{escape(counts_text(simap))}</div>"
+        '<div role="status" style="padding:.2em .8em .4em;font-size:.88em;font-weight:600;line-height:1.4">'
+        f"{escape(text)}</div>"
     )
 
 

@@ -9,6 +9,7 @@ import numpy as np
 from simaps_viz.structures import Segmentation
 from simaps_viz.viewer.drawing.legend import plural
 from simaps_viz.viewer.drawing.mask_picture import Color, ColorBy, confidence_color, segment_color
+from simaps_viz.viewer.drawing.theme import BAD_STYLE, DIM_STYLE
 
 SMALL = "padding:.1em .8em .45em;font-size:.82em;line-height:1.45"
 MOST_ROWS = 40
@@ -21,7 +22,7 @@ def note_html(text: str) -> str:
 
 def error_html(text: str) -> str:
     """Set what went wrong."""
-    return f'<div role="alert" style="{SMALL};color:rgb(190,30,30)">{escape(text)}</div>'
+    return f'<div role="alert" style="{SMALL};{BAD_STYLE}">{escape(text)}</div>'
 
 
 def working_html(text: str) -> str:
@@ -73,7 +74,7 @@ def segments_html(masks: Segmentation, hidden: Collection[str]) -> str:
     )
     rest = f"<div>and {len(shown) - MOST_ROWS} more</div>" if len(shown) > MOST_ROWS else ""
     head = f'<td style="padding-right:1em">segment</td>{cell}confidence</td>{cell}of the picture</td>'
-    rows = f'<tr style="opacity:.6">{head}</tr>{rows}'
+    rows = f'<tr style="{DIM_STYLE}">{head}</tr>{rows}'
     return f'<div style="{SMALL}"><table style="border-spacing:0">{rows}</table>{rest}</div>'
 
 

@@ -31,6 +31,8 @@ LARGE_PX = 1400
 """Width of the enlarged picture."""
 PREVIOUS, NEXT = "Previous", "Next"
 ALL, NONE = "All", "None"
+FRAME_HINT = "Counted from 0; the map and the recorded build go to the same frame."
+OPACITY_HINT = "0: only outlines; 1: nothing of the picture shows through."
 NO_SCORES = "These masks carry no confidence: each says 1."
 
 
@@ -118,14 +120,17 @@ class SegmentationPanel:
         self._w = _Widgets()
         gui = desk.gui
         source = f"Masks: {services.source}." if services.source else ""
-        gui.add_html("".join(map(note_html, (source, *services.notes))))
         self._status = gui.add_html("")
-        if services.look is not None:
+        about = "".join(map(note_html, (source, *services.notes)))
+        if services.look is None:
+            gui.add_html(about)
+        else:
             self._add_frame(gui)
+            gui.add_html(about)
             self._add_knobs(gui)
             self._w.classes = gui.add_folder("Classes", expand_by_default=False)
             with self._w.classes:
-                every = gui.add_button_group("Show", (ALL, NONE))
+                every = gui.add_button_group("Show", (ALL, NONE), hint="Switch all classes on or off.")
                 every.on_click(lambda event: self._switch_all(str(event.target.value) == ALL))
             self._add_drawing(gui)
             self._w.segments = gui.add_html("")
@@ -192,21 +197,21 @@ class SegmentationPanel:
 
     def _add_frame(self, gui: viser.GuiApi) -> None:
         last = max(len(self._services.frame_names) - 1, 0)
-        self._w.frame = gui.add_slider("Masks of frame", 0, max(last, 1), 1, last, disabled=last == 0)
+        self._w.frame = gui.add_slider("Masks of frame", 0, max(last, 1), 1, last, disabled=last == 0, hint=FRAME_HINT)
         self._w.frame.on_update(lambda event: self._chose(self.frame) if event.client_id is not None else None)
-        step = gui.add_button_group("Step", (PREVIOUS, NEXT), disabled=last == 0)
+        step = gui.add_button_group("Step", (PREVIOUS, NEXT), disabled=last == 0, hint="One frame back, one on.")
         step.on_click(lambda event: self._step(1 if str(event.target.value) == NEXT else -1))
         self._w.picture = gui.add_image(np.full((4, 6, 3), 235, np.uint8), format="jpeg", jpeg_quality=85)
         self._w.legend = gui.add_html("")
+        enlarge = gui.add_button("Enlarge", icon=viser.Icon.MAXIMIZE, color="gray")
+        enlarge.on_click(lambda _: self._desk.submit("enlarge masks", self._enlarge))
 
     def _add_drawing(self, gui: viser.GuiApi) -> None:
-        self._w.color_by = gui.add_dropdown("Mask colour", ("class", "confidence"), initial_value="class")
-        self._w.opacity = gui.add_slider("Mask opacity", 0.0, 1.0, 0.05, MaskStyle.opacity)
+        self._w.color_by = gui.add_dropdown("Mask colour", ("class", "confidence"), hint="What a mask's colour means.")
+        self._w.opacity = gui.add_slider("Mask opacity", 0.0, 1.0, 0.05, MaskStyle.opacity, hint=OPACITY_HINT)
         self._w.names = gui.add_checkbox("Names", True, hint="Write class and confidence on each segment.")
         for widget in (self._w.color_by, self._w.opacity, self._w.names):
             widget.on_update(lambda event: self.refresh() if event.client_id is not None else None)
-        enlarge = gui.add_button("Enlarge", icon=viser.Icon.MAXIMIZE)
-        enlarge.on_click(lambda _: self._desk.submit("enlarge masks", self._enlarge))
 
     def _add_knobs(self, gui: viser.GuiApi) -> None:
         services = self._services
@@ -218,7 +223,7 @@ class SegmentationPanel:
                 slider = gui.add_slider(knob.label, low, high, 0.01, knob.value, hint=knob.hint)
                 slider.on_update(lambda event: self.refresh() if event.client_id is not None else None)
                 self._w.knobs[knob.key] = slider
-            reset = gui.add_button("As the map was built", icon=viser.Icon.ARROW_BACK_UP)
+            reset = gui.add_button("As the map was built", icon=viser.Icon.ARROW_BACK_UP, color="gray")
             reset.on_click(lambda _: self._reset())
             self._w.effect = gui.add_html("")
 
@@ -275,6 +280,7 @@ class SegmentationPanel:
         assert look is not None
         seen = self._seen
         if seen is None or seen.frame != frame:
+            self._status.content = working_html("Reading the frame")
             rgb, before = look(frame)
             seen = _Seen(frame, rgb, before, before)
         if not values or retry is None:

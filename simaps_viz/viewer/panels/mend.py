@@ -117,23 +117,25 @@ class MendPanel:
         self._said = gui.add_html("", visible=False)
         self._cancel = gui.add_button("Cancel", icon=viser.Icon.X, color="gray", visible=False)
         self._cancel.on_click(lambda _: self.stop_waiting())
-        self._class = gui.add_dropdown("Class", ONLY_NEW, initial_value=NEW_CLASS)
+        self._class = gui.add_dropdown("Class", ONLY_NEW, initial_value=NEW_CLASS, hint="What Rename calls the object.")
         self._class.on_update(lambda _: self._show_new())
-        self._new = gui.add_text("New class", "", visible=False)
-        self._other = gui.add_dropdown("Join with", ONLY_ON_MAP, initial_value=ON_MAP)
-        self._how = gui.add_dropdown("Cut along", (CLICKS, NORTH, EAST), initial_value=CLICKS)
-        change = self._add_actions("Change", {"Rename": self.rename, "Join": self.join})
-        remove = self._add_actions("", {"Cut in two": self.cut, "Delete": self.delete})
-        self._add_actions("Last edit", {"Undo": self.undo, "Redo": self.redo})
+        self._new = gui.add_text("New class", "", visible=False, hint="A class that is not on the map yet.")
+        self._other = gui.add_dropdown("Join with", ONLY_ON_MAP, initial_value=ON_MAP, hint="The other half, for Join.")
+        self._how = gui.add_dropdown("Cut along", (CLICKS, NORTH, EAST), initial_value=CLICKS, hint="For Cut in two.")
+        change = self._add_actions("Change", {"Rename": self.rename, "Join": self.join}, "Join: key J.")
+        remove = self._add_actions(
+            "Divide, remove", {"Cut in two": self.cut, "Delete": self.delete}, "Cut in two: key X. Delete: key Delete."
+        )
+        self._add_actions("Last edit", {"Undo": self.undo, "Redo": self.redo}, "Keys Ctrl Z and Ctrl Shift Z.")
         self._tools: tuple[Any, ...] = (self._class, self._new, self._other, self._how, change, remove)
         self._who = gui.add_text("Your name", self._services.who, hint="Edits are signed with it.")
         self._saved = gui.add_html("")
         self._edits = gui.add_html("")
         self._add_keys(gui)
 
-    def _add_actions(self, label: str, actions: dict[str, Callable[[], None]]) -> viser.GuiButtonGroupHandle:
+    def _add_actions(self, label: str, actions: dict[str, Callable[[], None]], hint: str) -> viser.GuiButtonGroupHandle:
         """Add buttons in one row."""
-        row = self._desk.gui.add_button_group(label, tuple(actions))
+        row = self._desk.gui.add_button_group(label, tuple(actions), hint=hint)
         row.on_click(lambda event: actions[str(event.target.value)]())
         return row
 

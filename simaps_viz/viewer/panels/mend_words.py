@@ -8,7 +8,7 @@ import numpy as np
 from simaps_viz.mapping.edit_log import edits_of
 from simaps_viz.structures import Instance, SIMap
 from simaps_viz.viewer.drawing.legend import facts_text, object_name
-from simaps_viz.viewer.drawing.theme import BOX_STYLE, DIM_STYLE, TEXT_STYLE, note_html
+from simaps_viz.viewer.drawing.theme import BAD_STYLE, BOX_STYLE, DIM_STYLE, TEXT_STYLE, note_html
 from simaps_viz.viewer.panels.mend_services import EntryLike
 
 NEAREST = 15
@@ -45,7 +45,7 @@ def selected_html(simap: SIMap, one: Instance | None) -> str:
 
 def edits_html(entries: Sequence[EntryLike], undone: int, refused: Sequence[str]) -> str:
     """List the edits, the last one first."""
-    lost = "".join(f'<li style="color:#c0392b">{escape(why)}</li>' for why in refused)
+    lost = "".join(f'<li style="{BAD_STYLE}">{escape(why)}</li>' for why in refused)
     if not entries and not lost:
         more = f" {undone} taken back." if undone else ""
         return note_html(f"No edits yet.{more}")

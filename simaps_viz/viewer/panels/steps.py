@@ -26,7 +26,7 @@ class StepsPanel:
         self._timeline: Timeline | None = None
         self._step: int | None = None
         with gui.add_folder("How objects were joined"):
-            self._slider = gui.add_slider("Step", 0, 1, 1, 1, disabled=True, hint=HINT)
+            self._slider = gui.add_slider("Position", 0, 1, 1, 1, disabled=True, hint=HINT)
             self._slider.on_update(self._moved)
             self._words = gui.add_html("")
             played = Played(
@@ -34,7 +34,7 @@ class StepsPanel:
             )
             self._player = Player(gui, "Play the steps", played)
             self._player.button.disabled = True
-            self._rate = gui.add_slider("Pace (per s)", 1, 60, 1, 12)
+            self._rate = gui.add_slider("Pace (per s)", 1, 60, 1, 12, hint="Positions a second, while it plays.")
             self._back = gui.add_button("Back to the map", icon=viser.Icon.ARROW_BACK_UP, color="gray", visible=False)
             self._back.on_click(lambda _: self.rest())
 
@@ -60,6 +60,7 @@ class StepsPanel:
         self._timeline, self._step = None, None
         self._slider.disabled = self._player.button.disabled = True
         self._back.visible = False
+        self._say("Looking for the steps …")
 
     def choose(self, step: int, *, chosen_here: bool = True) -> None:
         """Show a step."""

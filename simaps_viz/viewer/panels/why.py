@@ -7,11 +7,12 @@ import numpy as np
 import viser
 from numpy.typing import NDArray
 
+from simaps_viz.mapping.edit_log import edits_of
 from simaps_viz.mapping.why import Between, Joint, Why, between, explain
 from simaps_viz.mapping.why_frames import PairFrame
 from simaps_viz.mapping.why_words import between_words
 from simaps_viz.structures import Instance, SIMap
-from simaps_viz.viewer.drawing.legend import object_name
+from simaps_viz.viewer.drawing.legend import object_name, plural
 from simaps_viz.viewer.drawing.thumbnails import gallery, named, outlined
 from simaps_viz.viewer.drawing.why_marks import FLOOR_M, Marks, WhyMarks, link_text, sureness_colors
 from simaps_viz.viewer.panels.why_html import (
@@ -28,6 +29,9 @@ from simaps_viz.viewer.panels.why_html import (
 ROWS = 6
 """Steps that the table of merge steps shows at once."""
 MOST_NEIGHBOURS = 8
+APART_HINT = "What keeps this object and another apart: a neighbour, with the number on its line, or one you click."
+FRAME_HINT = "Go to that frame of the build."
+ROWS_HINT = "number · how much spoke for it · cells of its two parts."
 ASK = "Click another object …"
 STOP_ASKING = "Cancel"
 
@@ -95,7 +99,9 @@ class WhyPanel:
         if self._why is not None:
             self._fill(simap, self._why)
         self._draw()
-        return None if self._why is None else summary_html(self._why)
+        if self._why is None:
+            return None
+        return summary_html(self._why, by_hand=bool(edits_of(simap, self._why.instance.id)))
 
     def stand_up(self, upright: bool) -> None:
         """Draw the lines above the object's block instead of on the floor, or on the floor again."""
@@ -132,12 +138,12 @@ class WhyPanel:
 
     def _add_neighbours(self, gui: viser.GuiApi) -> None:
         self._apart_of: dict[str, int] = {}
-        self._near = gui.add_button_group("Apart from", (ASK,))
+        self._near = gui.add_button_group("Apart from", (ASK,), hint=APART_HINT)
         self._near.on_click(lambda event: self._chose_neighbour(str(event.target.value)))
         self._apart = gui.add_html("")
         self._apart_picture = gui.add_image(np.full((2, 2, 3), 255, np.uint8), visible=False)
         self._apart_frames: dict[str, int] = {}
-        self._apart_jump = gui.add_button_group("Show frame", ("-",), visible=False)
+        self._apart_jump = gui.add_button_group("Show frame", ("-",), visible=False, hint=FRAME_HINT)
         self._apart_jump.on_click(lambda event: self._jump(self._apart_frames.get(str(event.target.value))))
 
     def _add_steps(self, gui: viser.GuiApi) -> None:
@@ -145,7 +151,7 @@ class WhyPanel:
         self._step.on_update(
             lambda event: self._choose_step(int(self._step.value)) if event.client_id is not None else None
         )
-        self._rows = gui.add_button_group("Steps", ("-",))
+        self._rows = gui.add_button_group("Steps", ("-",), hint=ROWS_HINT)
         self._rows.on_click(lambda event: self._choose_row(str(event.target.value)))
         self._step_text = gui.add_html("")
 
@@ -169,7 +175,7 @@ class WhyPanel:
             self._step.value = 0
             weakest = next(i for i, joint in enumerate(why.joints, 1) if joint is why.weakest)
             self._rows.options = _window(why, weakest)
-            self._step_text.content = note_html(f"{steps} steps made it; choose one to see its two parts.")
+            self._step_text.content = note_html(_steps_words(why))
 
     def _choose_row(self, row: str) -> None:
         """Choose the step a row begins with; a page may tell of rows that were never there."""
@@ -189,7 +195,7 @@ class WhyPanel:
             self._step.value = position
         self._joint = why.joints[position - 1] if position else None
         if self._joint is None:
-            self._step_text.content = note_html(f"{len(why.joints)} steps made it; choose one to see its two parts.")
+            self._step_text.content = note_html(_steps_words(why))
         else:
             self._rows.options = _window(why, position)
             recorded = self._actions.knows_joint(simap)
@@ -268,6 +274,10 @@ class WhyPanel:
         link = None if found is None else found.link
         z_m = why.instance.aabb_m[1][2] + FLOOR_M if self._upright else FLOOR_M
         self._marks.draw(Marks(simap, why, bool(self._lines.value), self._joint, beside, link), z_m)
+
+
+def _steps_words(why: Why) -> str:
+    return f"{plural(len(why.joints), 'step')} made it: {ROWS_HINT} Choose one to see its two parts."
 
 
 def _window(why: Why, position: int) -> tuple[str, ...]:

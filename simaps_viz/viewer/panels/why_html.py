@@ -36,11 +36,12 @@ def working_html(text: str) -> str:
     return f'<div style="{SMALL};opacity:.75" role="status"><i>{escape(text)} …</i></div>'
 
 
-def summary_html(why: Why) -> str:
-    """Say why an instance is one object."""
+def summary_html(why: Why, *, by_hand: bool = False) -> str:
+    """Say why an instance is one object; ``by_hand``: people made it what it is."""
+    words = escape(summary(why, by_hand=by_hand))
     return (
         '<div style="margin:.1em .8em .6em;padding:.4em .6em;font-size:.82em;line-height:1.45;'
-        f'border-left:3px solid rgb(22,110,235);background:rgba(22,110,235,.07)">{escape(summary(why))}</div>'
+        f'border-left:3px solid rgb(22,110,235);background:rgba(22,110,235,.07)">{words}</div>'
     )
 
 

@@ -98,7 +98,8 @@ class RecordingLink:
         page's frame instead.
         """
         if not self.tied:
-            if event.get("type") == "recording_open":
+            # A streamed one has no time yet when it opens, and cannot follow; it has once it tells of its timeline.
+            if event.get("type") == "recording_open" or _comes_to_frames(event):
                 self.opened()
             return
         kind, timeline = event.get("type"), event.get("timeline")
@@ -131,3 +132,7 @@ class RecordingLink:
     def _push(self, message: dict[str, Any]) -> None:
         if self._host is not None:
             self._host.push(message, self._session)
+
+
+def _comes_to_frames(event: dict[str, Any]) -> bool:
+    return event.get("type") == "timeline_change" and event.get("timeline") == "frame"

@@ -1,0 +1,44 @@
+"""Layers of large maps, some rows at a time: NumPy turns what it looks up or counts into 8 bytes a cell."""
+
+from collections.abc import Iterator
+
+import numpy as np
+from numpy.typing import NDArray
+
+BAND_CELLS = 1 << 20
+"""Cells looked at together, about."""
+
+
+def bands(shape: tuple[int, ...]) -> Iterator[slice]:
+    """Give slices of rows that cover a layer of that shape."""
+    rows, cols = shape
+    step = max(BAND_CELLS // max(cols, 1), 1)
+    for first in range(0, rows, step):
+        yield slice(first, min(first + step, rows))
+
+
+def look_up(table: NDArray, ids: NDArray) -> NDArray:
+    """Give ``table[ids]``.
+
+    Args:
+        table: [k].
+        ids: whole numbers from 0 to k - 1, [rows, cols].
+
+    Returns:
+        Of the table's dtype, [rows, cols].
+    """
+    found = np.zeros(ids.shape, dtype=table.dtype)
+    for band in bands(ids.shape):
+        found[band] = table[ids[band]]
+    return found
+
+
+def count_ids(ids: NDArray, size: int) -> NDArray:
+    """Count the cells of each id above 0, int64 [size]; entry 0 stays 0.
+
+    Args:
+        ids: whole numbers from 0 to size - 1, [rows, cols].
+        size: of the result.
+    """
+    there = [part[part > 0] for part in (ids[band] for band in bands(ids.shape))]
+    return np.bincount(np.concatenate([np.zeros(0, ids.dtype), *there]), minlength=size)

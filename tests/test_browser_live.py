@@ -1,0 +1,72 @@
+"""A build that is watched, in Debian's Chromium: the docked recording follows the frames as they are streamed."""
+
+from collections.abc import Callable
+from typing import Any
+
+import cv2
+import numpy as np
+import pytest
+from browser import chromium, mine, open_workbench, until, watched_page
+from live_sequences import at_once, held_sequence, settings
+
+from simaps_viz.live_view import live_workbench
+from simaps_viz.progress import stage_progress
+
+pytestmark = pytest.mark.browser
+FRAMES, HELD = 40, 20
+TIMES = "() => window.simapsEvents.filter((one) => one.type === 'time_update').map((one) => Number(one.time))"
+
+
+@pytest.fixture(scope="module")
+def browser():
+    with chromium() as found:
+        yield found
+
+
+def docked(page) -> Callable[[], np.ndarray]:
+    """Give what takes pictures of the docked recording."""
+    box = page.locator("iframe[title='Recorded build']").bounding_box()
+
+    def picture() -> np.ndarray:
+        return np.asarray(cv2.imdecode(np.frombuffer(page.screenshot(clip=box), np.uint8), cv2.IMREAD_COLOR)).astype(
+            int
+        )
+
+    return picture
+
+
+def changed(before: np.ndarray, after: np.ndarray) -> float:
+    """Share of the pixels that differ clearly."""
+    return float((np.abs(after - before).max(axis=2) > 25).mean())
+
+
+def test_the_docked_recording_follows_the_stream_while_the_build_goes_on(browser, tmp_path, monkeypatch):
+    at_once(monkeypatch)
+    held = held_sequence(tmp_path / "tiny", FRAMES, held_from=HELD)
+    with (
+        stage_progress(quiet=True) as progress,
+        live_workbench(held, settings(tmp_path / "m.npz"), progress) as (bench, build),
+        watched_page(browser) as page,
+    ):
+        open_workbench(page, bench)
+        until(page, lambda: any("/rerun/" in frame.url for frame in page.frames), 60)
+        recording = next(frame for frame in page.frames if "/rerun/" in frame.url)
+        recording.wait_for_function("() => window.simapsEvents.some((one) => one.type === 'recording_open')")
+        page.wait_for_timeout(3000)
+        picture = docked(page)
+        before = picture()
+        page.wait_for_timeout(1000)
+        assert changed(before, picture()) < 0.001  # it rests: what changes from here on comes with the build
+        seen = len(recording.evaluate(TIMES))
+        stream: Any = build._audience.stream
+        streamed = stream.frames
+        assert streamed == [0]
+        build.start()
+        until(page, lambda: build.state().done >= 8 and streamed[-1] > 0, 60)
+        assert build.state().status == "building" and streamed[-1] < HELD
+        until(page, lambda: recording.evaluate(TIMES)[seen:][-1:] == [float(streamed[-1])], 30)
+        until(page, lambda: changed(before, picture()) > 0.02, 30)
+        held.let_go()
+        assert build.wait(60.0) and mine(bench).wait_idle(30.0)
+        assert build.state().status == "done" and streamed[-1] == FRAMES - 1
+        until(page, lambda: recording.evaluate(TIMES)[-1:] == [float(FRAMES - 1)], 30)

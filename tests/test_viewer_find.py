@@ -1,0 +1,71 @@
+"""Finding an object by what is typed: which one is meant, and what is said when none is."""
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from toy_maps import toy_map
+
+from simaps_viz.viewer.panels.find import NotFound, find
+from simaps_viz.viewer.panels.instance import object_names
+
+SIMAP = toy_map()
+
+
+@pytest.mark.parametrize(
+    ("typed", "label", "nth"),
+    [
+        ("chair 2", "chair", 2),
+        ("  CHAIR   3 ", "chair", 3),
+        ("chair #1", "chair", 1),
+        ("chairs 2", "chair", 2),
+        ("chair 2 of 3", "chair", 2),
+        ("table 1", "dining table", 1),
+        ("chair", "chair", 1),
+    ],
+)
+def test_a_class_and_a_number_mean_that_one(typed, label, nth):
+    assert find(SIMAP, typed) == SIMAP.of_class(label)[nth - 1]
+
+
+def test_every_name_of_the_list_and_every_number_is_found():
+    for name, number in object_names(SIMAP).items():
+        assert find(SIMAP, name).id == find(SIMAP, str(number)).id == find(SIMAP, f"#{number}").id == number
+
+
+def test_a_class_alone_means_the_next_one_and_begins_again_after_the_last():
+    ones = [one.id for one in SIMAP.of_class("chair")]
+    met, after = [], None
+    for _ in range(len(ones) + 1):
+        after = find(SIMAP, "chair", after=after).id
+        met.append(after)
+    assert met == [*ones, ones[0]]
+
+
+@pytest.mark.parametrize(
+    ("typed", "said"),
+    [
+        ("", "Type a class or a number, such as: chair 7."),
+        ("chair 4", "There is no chair 4. This map has 3 chairs."),
+        ("chair 0", "There is no chair 0. This map has 3 chairs."),
+        ("chiar", "There is no chiar on this map. Did you mean chair?"),
+        ("piano", "There is no piano on this map."),
+        ("99999", f"No object has number 99999. This map has {len(SIMAP.instances)} objects."),
+    ],
+)
+def test_what_means_nothing_is_said_in_words(typed, said):
+    with pytest.raises(NotFound) as error:
+        find(SIMAP, typed)
+    assert str(error.value) == said
+
+
+def test_a_part_of_several_names_is_not_guessed_at():
+    with pytest.raises(NotFound, match=r"^Several classes fit: "):
+        find(SIMAP, "c")
+
+
+@given(st.text(max_size=40))
+def test_whatever_is_typed_gives_an_object_or_words(typed):
+    try:
+        assert find(SIMAP, typed) in SIMAP.instances
+    except NotFound as error:
+        assert str(error)
