@@ -9,7 +9,7 @@ from pathlib import Path
 import tyro
 
 from simaps_viz import open_sequence, wiring
-from simaps_viz.live_bench import plain_build, watched_build
+from simaps_viz.page_checks.live import plain_build, watched_build
 from simaps_viz.progress import console, stage_progress
 from simaps_viz.scenes.demo import ensure_demo
 

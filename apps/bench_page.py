@@ -6,8 +6,9 @@ from dataclasses import dataclass
 
 import tyro
 
-from simaps_viz import BuildConfig, open_sequence, page_bench, wiring
+from simaps_viz import BuildConfig, open_sequence, wiring
 from simaps_viz.evaluation.large_maps import large_map
+from simaps_viz.page_checks import bench as page_bench
 from simaps_viz.progress import stage_progress
 from simaps_viz.scenes.demo import ensure_demo
 

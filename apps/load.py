@@ -7,8 +7,9 @@ from pathlib import Path
 
 import tyro
 
-from simaps_viz import BuildConfig, open_sequence, page_load, wiring
+from simaps_viz import BuildConfig, open_sequence, wiring
 from simaps_viz.mapping.mapfile import load_map
+from simaps_viz.page_checks import load as page_load
 from simaps_viz.progress import stage_progress
 from simaps_viz.scenes.demo import ensure_demo
 

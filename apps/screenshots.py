@@ -6,8 +6,8 @@ from pathlib import Path
 import tyro
 
 from simaps_viz import BuildConfig, open_sequence, wiring
-from simaps_viz.page_bench import browser
-from simaps_viz.page_pictures import take
+from simaps_viz.page_checks.bench import browser
+from simaps_viz.page_checks.pictures import take
 from simaps_viz.progress import stage_progress
 from simaps_viz.scenes.demo import ensure_demo
 

@@ -8,8 +8,10 @@ import tyro
 from rich.console import Console
 
 from simaps_viz import wiring
-from simaps_viz.build_command import Build, build
-from simaps_viz.cli_options import (
+from simaps_viz.commands.build import Build, build
+from simaps_viz.commands.doctor import Doctor, doctor
+from simaps_viz.commands.mend import Mend, mend_map
+from simaps_viz.commands.options import (
     Check,
     Convert,
     Demo,
@@ -22,18 +24,16 @@ from simaps_viz.cli_options import (
     Segment,
     View,
 )
+from simaps_viz.commands.recordings import Recordings, is_recorded_build, recordings, view_alone
+from simaps_viz.commands.segment import open_segmented, write_segmented
+from simaps_viz.commands.share import Share, share
 from simaps_viz.datasets.posed_frames import is_sequence, open_sequence
-from simaps_viz.doctor import Doctor, doctor
 from simaps_viz.errors import InputError, SIMapsError
 from simaps_viz.limits import check_port
 from simaps_viz.logs import HELP, logged, logged_command, logger, take_log_options
 from simaps_viz.mapping.mending import load_mended, open_mending
-from simaps_viz.mend_map import Mend, mend_map
 from simaps_viz.navigation.agent import answer
 from simaps_viz.progress import console, emit, stage_progress
-from simaps_viz.recordings import Recordings, is_recorded_build, recordings, view_alone
-from simaps_viz.segmenting import open_segmented, write_segmented
-from simaps_viz.sharing import Share, share
 from simaps_viz.structures import Pose2
 from simaps_viz.tables import map_tables
 
@@ -222,7 +222,7 @@ def _info(command: Info) -> int:
 
 
 def _export(command: Export) -> int:
-    from simaps_viz.exporting import export  # noqa: PLC0415 - not needed to build and view
+    from simaps_viz.commands.export import export  # noqa: PLC0415 - not needed to build and view
 
     with stage_progress(quiet=command.json) as progress:
         format, files = export(command, progress)
@@ -288,7 +288,7 @@ def _check(command: Check) -> int:
 
 
 def _evaluate(command: Evaluate) -> int:
-    from simaps_viz.evaluating import evaluate  # noqa: PLC0415 - not needed to build and view
+    from simaps_viz.commands.evaluate import evaluate  # noqa: PLC0415 - not needed to build and view
 
     with stage_progress(quiet=command.json) as progress:
         text, record = evaluate(command, progress)

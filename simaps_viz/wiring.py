@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from platformdirs import user_cache_path
 
 from simaps_viz.building import build_whole, is_whole
+from simaps_viz.commands.mend import mending_panels
 from simaps_viz.datasets.posed_frames import PosedFrames, open_sequence
 from simaps_viz.datasets.source import FrameSource
 from simaps_viz.errors import InputError, PlanningError
@@ -28,7 +29,6 @@ from simaps_viz.looking_back import looking_back
 from simaps_viz.mapping.mapfile import load_map
 from simaps_viz.mapping.mending import Mending
 from simaps_viz.mapping.simap import recommunity, repartition
-from simaps_viz.mend_map import mending_panels
 from simaps_viz.navigation.agent import Agent, Answer, Reader, answer, planner_of
 from simaps_viz.navigation.planner import RobotShape
 from simaps_viz.pipeline import BuildConfig

@@ -7,7 +7,7 @@ from typing import Any
 from sequences import write_tiny_sequence
 
 from simaps_viz import open_sequence
-from simaps_viz.live_view import LiveSettings
+from simaps_viz.live.view import LiveSettings
 from simaps_viz.pipeline import BuildConfig
 
 
@@ -43,7 +43,7 @@ def held_sequence(folder: Path, frames: int, *, held_from: int) -> Any:
 def at_once(monkeypatch: Any) -> None:
     """Let builds show every frame, the map and the recording by turns, whatever it costs."""
     for name, value in {"FIRST_S": 0.0, "SOON_S": 0.0, "WATCHED_S": 0.0, "SHARE": 1e9}.items():
-        monkeypatch.setattr(f"simaps_viz.live_pace.{name}", value)
+        monkeypatch.setattr(f"simaps_viz.live.pace.{name}", value)
 
 
 def settings(output: Path, **others: Any) -> LiveSettings:

@@ -2,8 +2,8 @@
 
 import viser
 
+from simaps_viz.commands.mend import page_services
 from simaps_viz.mapping.mending import Mending
-from simaps_viz.mend_map import page_services
 from simaps_viz.structures import SIMap
 from simaps_viz.viewer.drawing.picking import ray_on_floor
 from simaps_viz.viewer.drawing.texture import map_image

@@ -9,7 +9,7 @@ import pytest
 from browser import chromium, mine, open_workbench, until, watched_page
 from live_sequences import at_once, held_sequence, settings
 
-from simaps_viz.live_view import live_workbench
+from simaps_viz.live.view import live_workbench
 from simaps_viz.progress import stage_progress
 
 pytestmark = pytest.mark.browser

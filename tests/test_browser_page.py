@@ -8,11 +8,11 @@ from test_browser_look import NAMELESS, UNREADABLE
 from test_viewer_segmentation import toy_segmentation
 from toy_maps import toy_map
 
+from simaps_viz.commands.mend import mending_panels
 from simaps_viz.evaluation.two_maps import compare_two
 from simaps_viz.mapping.mapfile import save_map
 from simaps_viz.mapping.mending import open_mending
 from simaps_viz.mapping.simap import repartition
-from simaps_viz.mend_map import mending_panels
 from simaps_viz.viewer.panels.compare import compare_panel
 from simaps_viz.viewer.panels.compare_services import CompareServices, Source
 from simaps_viz.viewer.panels.masks import masks_panel

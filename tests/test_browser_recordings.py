@@ -9,10 +9,10 @@ from playwright.sync_api import Browser, Page
 from stub_desk import StubDesk, stub_desk
 from toy_maps import toy_map
 
+from simaps_viz.commands.recordings import open_alone
 from simaps_viz.errors import InputError
 from simaps_viz.recorder.facts import finished_facts, send_facts
 from simaps_viz.recorder.library import RecordingLibrary
-from simaps_viz.recordings import open_alone
 from simaps_viz.viewer.panels.recordings import RecordingServices, RecordingsPanel
 
 pytestmark = pytest.mark.browser

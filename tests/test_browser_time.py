@@ -12,7 +12,7 @@ from sequences import write_tiny_sequence
 
 from simaps_viz import open_sequence, wiring
 from simaps_viz.building import build_to_file
-from simaps_viz.live_view import live_workbench
+from simaps_viz.live.view import live_workbench
 from simaps_viz.pipeline import BuildConfig
 from simaps_viz.progress import stage_progress
 from simaps_viz.viewer.drawing.texture import map_image

@@ -352,7 +352,7 @@ def test_the_command_says_the_same_and_writes_the_same_file(sequence, address, t
 
 def test_ctrl_c_ends_all_processes_and_the_build_goes_on(sequence, tmp_path):
     output, whole = tmp_path / "m.npz", tmp_path / "whole.npz"
-    slow = "from simaps_viz import build_command as b; b.reopening = lambda s, masks: OpensSlow(str(s.path), 0.05);"
+    slow = "from simaps_viz.commands import build as b; b.reopening = lambda s, masks: OpensSlow(str(s.path), 0.05);"
     code = (
         f"import sys; from deadly_sequences import OpensSlow; {slow} from simaps_viz.cli import main; sys.exit(main())"
     )

@@ -10,8 +10,8 @@ from live_sequences import at_once, held_sequence, settings
 
 from simaps_viz.building import build_to_file
 from simaps_viz.errors import InputError
-from simaps_viz.live_build import Audience, LiveBuild
-from simaps_viz.live_view import live_workbench, waiting_map
+from simaps_viz.live.build import Audience, LiveBuild
+from simaps_viz.live.view import live_workbench, waiting_map
 from simaps_viz.pipeline import BuildConfig
 from simaps_viz.progress import stage_progress
 from simaps_viz.recorder.web_viewer import policy_for_stream

@@ -5,8 +5,8 @@ import numpy as np
 import pytest
 from toy_maps import toy_map
 
-from simaps_viz import live_pace
-from simaps_viz.live_pace import Pace
+from simaps_viz.live import pace as live_pace
+from simaps_viz.live.pace import Pace
 from simaps_viz.viewer.drawing.sketch import CAMERA, sketch_png
 from simaps_viz.viewer.drawing.theme import LIGHT
 

@@ -7,11 +7,11 @@ from mended_maps import check_map
 from toy_maps import toy_map
 
 from simaps_viz.cli import main
+from simaps_viz.commands.mend import do, login, mending_panels, page_services
 from simaps_viz.errors import InputError
 from simaps_viz.mapping.edit_file import edits_path
 from simaps_viz.mapping.mapfile import load_map, save_map
 from simaps_viz.mapping.mending import load_mended, open_mending
-from simaps_viz.mend_map import do, login, mending_panels, page_services
 
 
 @pytest.fixture

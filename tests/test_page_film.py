@@ -7,7 +7,7 @@ import numpy as np
 from browser import chromium
 from playwright.sync_api import FloatRect
 
-from simaps_viz.page_film import Film, filmed
+from simaps_viz.page_checks.film import Film, filmed
 
 PART: FloatRect = {"x": 100.0, "y": 40.0, "width": 80.0, "height": 60.0}
 

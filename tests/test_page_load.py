@@ -5,8 +5,8 @@ import asyncio
 from browser import free_port
 from toy_maps import toy_map
 
-from simaps_viz import page_load
 from simaps_viz.mapping.mapfile import save_map
+from simaps_viz.page_checks import load as page_load
 
 
 def test_six_pages_get_their_own_answers(tmp_path):

@@ -15,6 +15,7 @@ from sequences import write_tiny_sequence
 from toy_maps import toy_map
 
 from simaps_viz import cli, open_sequence
+from simaps_viz.commands.recordings import Recordings, find_recording, is_recorded_build, open_alone, recordings
 from simaps_viz.errors import InputError
 from simaps_viz.mapping.mapfile import save_map
 from simaps_viz.methods import build
@@ -24,7 +25,6 @@ from simaps_viz.recorder.facts import RecordingFacts, read_facts
 from simaps_viz.recorder.importer import NOT_MINE, is_map, knows_importers
 from simaps_viz.recorder.library import RecordingLibrary, recording_folders
 from simaps_viz.recorder.recorder import RerunRecorder
-from simaps_viz.recordings import Recordings, find_recording, is_recorded_build, open_alone, recordings
 
 
 @pytest.fixture(scope="module")

@@ -15,7 +15,7 @@ from simaps_viz.building import build_to_file, going_on
 from simaps_viz.datasets.source import FrameSource
 from simaps_viz.errors import InputError
 from simaps_viz.events import FrameProjected, Observer
-from simaps_viz.live_build import Audience, LiveBuild
+from simaps_viz.live.build import Audience, LiveBuild
 from simaps_viz.looking_back import looking_back
 from simaps_viz.mapping.mending import open_mending
 from simaps_viz.mapping.partition import empty_log

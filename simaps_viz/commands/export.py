@@ -3,7 +3,7 @@
 from pathlib import Path
 
 from simaps_viz import wiring
-from simaps_viz.cli_options import Export
+from simaps_viz.commands.options import Export
 from simaps_viz.datasets.source import FrameSource
 from simaps_viz.errors import InputError
 from simaps_viz.exports.formats import ExportOptions, FormatName, choose_format, export_map

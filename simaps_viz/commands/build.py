@@ -10,16 +10,16 @@ import tyro
 
 from simaps_viz import wiring
 from simaps_viz.building import build_to_file, going_on
-from simaps_viz.cli_options import Mapping, Networks
 from simaps_viz.cluster.shards import reopening
 from simaps_viz.cluster.workers import open_workers
+from simaps_viz.commands.options import Mapping, Networks
+from simaps_viz.commands.segment import open_segmented
 from simaps_viz.datasets.joined import join
 from simaps_viz.datasets.source import FrameSource
 from simaps_viz.errors import InputError
 from simaps_viz.files import check_ending
 from simaps_viz.pipeline import Elsewhere
 from simaps_viz.progress import StageProgress, console, emit, stage_progress
-from simaps_viz.segmenting import open_segmented
 
 
 @dataclass(frozen=True)
@@ -93,7 +93,7 @@ def build(command: Build) -> None:
 
 
 def _watch(command: Build) -> None:
-    from simaps_viz.live_view import LiveSettings, watch_build  # noqa: PLC0415 - viser and rerun are slow to import
+    from simaps_viz.live.view import LiveSettings, watch_build  # noqa: PLC0415 - viser and rerun are slow to import
 
     if command.scheduler is not None or command.json:
         option = "--scheduler" if command.scheduler is not None else "--json"

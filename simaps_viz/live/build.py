@@ -9,7 +9,7 @@ from typing import Protocol
 
 from simaps_viz.errors import SIMapsError
 from simaps_viz.events import BuildStarted, CommunitiesFound, Event, FrameProjected, FrameSkipped, Observer
-from simaps_viz.live_pace import Pace
+from simaps_viz.live.pace import Pace
 from simaps_viz.logs import logger
 from simaps_viz.pipeline import BuildCancelled
 from simaps_viz.structures import SIMap

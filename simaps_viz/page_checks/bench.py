@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from simaps_viz import wiring
-from simaps_viz.page_film import filmed
+from simaps_viz.page_checks.film import filmed
 from simaps_viz.structures import Instance, SIMap
 
 if TYPE_CHECKING:
@@ -38,8 +38,12 @@ PIXEL = """([x, y]) => {
   context.drawImage(canvas, u, v, 1, 1, 0, 0, 1, 1);
   return Array.from(context.getImageData(0, 0, 1, 1).data.slice(0, 3)).join(',');
 }"""
-NO_NOTES = "() => document.querySelectorAll('.mantine-Notification-root').forEach((note) => note.remove())"
-"""viser's word about software WebGL lies over the map."""
+NO_NOTES = """() => {
+  const style = document.createElement('style');
+  style.textContent = '.mantine-Notification-root { display: none !important; }';
+  document.head.append(style);
+}"""
+"""viser's word about software WebGL lies over the map. Hidden, not removed: the page's own code will remove it."""
 CHANGED = f"([place, before]) => ({PIXEL})(place) !== before"
 PANEL_FULL = """(name) => {
   const text = document.body.innerText;

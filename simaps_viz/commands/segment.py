@@ -3,7 +3,7 @@
 from pathlib import Path
 from typing import Any
 
-from simaps_viz.cli_options import Networks, Segment
+from simaps_viz.commands.options import Networks, Segment
 from simaps_viz.datasets.posed_frames import PosedFrames, open_sequence
 from simaps_viz.datasets.source import FrameSource
 from simaps_viz.errors import InputError

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from simaps_viz.page_bench import NO_NOTES, opened
+from simaps_viz.page_checks.bench import NO_NOTES, opened
 from simaps_viz.structures import Instance, SIMap
 
 if TYPE_CHECKING:
@@ -34,8 +34,11 @@ class Picture:
 
 
 def an_object(page: "Page", session: "Session") -> None:
-    """Select a chair that many frames saw."""
-    session.select(_well_seen(session.simap, "chair").id)
+    """Find a chair that many frames saw by its name."""
+    box = _box(page, "Find")
+    chair = _well_seen(session.simap, "chair")
+    box.fill(f"chair {session.simap.of_class('chair').index(chair) + 1}")
+    box.press("Enter")
 
 
 def why(page: "Page", session: "Session") -> None:

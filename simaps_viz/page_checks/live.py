@@ -13,9 +13,9 @@ from pathlib import Path
 from simaps_viz.building import build_to_file
 from simaps_viz.datasets.source import FrameSource
 from simaps_viz.errors import InputError
-from simaps_viz.live_build import LiveBuild
-from simaps_viz.live_view import LiveSettings, live_workbench
-from simaps_viz.page_bench import ARGUMENTS, CHROMIUM, HEIGHT, WIDTH
+from simaps_viz.live.build import LiveBuild
+from simaps_viz.live.view import LiveSettings, live_workbench
+from simaps_viz.page_checks.bench import ARGUMENTS, CHROMIUM, HEIGHT, WIDTH
 from simaps_viz.pipeline import BuildConfig
 from simaps_viz.progress import StageProgress
 from simaps_viz.viewer.workbench import Workbench

@@ -3,7 +3,7 @@
 from dataclasses import replace
 from typing import Any
 
-from simaps_viz.cli_options import Evaluate
+from simaps_viz.commands.options import Evaluate
 from simaps_viz.errors import InputError
 from simaps_viz.evaluation.evaluate import Footprint, evaluate_variants
 from simaps_viz.evaluation.judging import start_session
