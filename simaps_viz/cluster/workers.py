@@ -231,8 +231,15 @@ def open_workers(scheduler: str, reopen: Callable[[], FrameSource]) -> Iterator[
 
 
 def _silence() -> None:
-    """Let Dask's loggers be quiet in this process: what matters, we say ourselves."""
-    for name in ("distributed", *(name for name in logging.root.manager.loggerDict if name.startswith("distributed."))):
+    """Let Dask's loggers be quiet in this process: what matters, we say ourselves.
+
+    asyncio's too: where Ctrl-C comes while Dask fetches a result, it prints a traceback of Dask's own ``AllExit``.
+    """
+    for name in (
+        "distributed",
+        "asyncio",
+        *(name for name in logging.root.manager.loggerDict if name.startswith("distributed.")),
+    ):
         logging.getLogger(name).setLevel(logging.CRITICAL + 1)
 
 
