@@ -1,6 +1,7 @@
 """The recorded build docked in the workbench, in Debian's Chromium: its look, its timelines, others in its place."""
 
 import re
+import time as time_module
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -91,7 +92,12 @@ class Dock:
 
     def shows(self, timeline: str, time: int, recording: str | None = None) -> None:
         wanted = (timeline, time)
-        until(self.page, lambda: self.time()[1:] == wanted and recording in (None, self.time()[0]), 20)
+        end = time_module.monotonic() + 20
+        while self.time()[1:] != wanted or recording not in (None, self.time()[0]):
+            if time_module.monotonic() > end:
+                told = [[e.get(k) for k in ("type", "recording_id", "timeline", "time")] for e in self.events()[-9:]]
+                pytest.fail(f"expected {timeline} {time} of {recording or 'any recording'}, found {told}")
+            self.page.wait_for_timeout(40)
 
     def color(self, dx: float, dy: float) -> tuple[int, ...]:
         x, y = self.at(dx, dy)

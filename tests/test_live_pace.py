@@ -1,14 +1,23 @@
 """How often a build that is watched is shown: by what it costs, on a clock of the test's own."""
 
+import threading
+from types import SimpleNamespace
+from typing import Any
+
 import cv2
 import numpy as np
 import pytest
+import viser
+from browser import free_port
 from toy_maps import toy_map
 
 from simaps_viz.live import pace as live_pace
 from simaps_viz.live.pace import Pace
 from simaps_viz.viewer.drawing.sketch import CAMERA, sketch_png
 from simaps_viz.viewer.drawing.theme import LIGHT
+from simaps_viz.viewer.panels import live
+from simaps_viz.viewer.panels.live import LivePanel
+from simaps_viz.viewer.panels.live_services import LiveServices, LiveState
 
 
 def shown_at(*, frame_s: float, making_s: float, slowed_s: float, whole_s: float, left: bool = False) -> list[float]:
@@ -79,3 +88,25 @@ def test_a_sketch_has_north_up_the_classes_the_camera_and_nothing_where_nobody_l
     one = simap.instances[0]
     colors = np.unique(rgba[(simap.instance == one.id) & far], axis=0)
     assert len(colors) == 1 and tuple(colors[0][:3]) not in (LIGHT.floor, LIGHT.clutter)
+
+
+def test_the_tab_of_a_build_may_go_while_its_numbers_are_brought_up_to_date(monkeypatch):
+    monkeypatch.setattr(live, "EVERY_S", 0.01)
+    server = viser.ViserServer(port=free_port(), verbose=False)
+    tab = server.gui.add_tab_group().add_tab("Progress")
+    asked = []
+
+    def state() -> LiveState:
+        asked.append(1)
+        if len(asked) == 3:  # as when the build is done: the panel is closed, then its tab goes
+            panel.close()
+            tab.remove()
+        return LiveState(total=9, done=len(asked))
+
+    desk: Any = SimpleNamespace(gui=server.gui)
+    with tab:
+        panel = LivePanel(desk, LiveServices(state, lambda: None, lambda: None))
+    mine = next(thread for thread in threading.enumerate() if thread.name == "workbench-live")
+    mine.join(5.0)
+    server.stop()
+    assert not mine.is_alive() and len(asked) == 3

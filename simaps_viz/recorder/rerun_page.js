@@ -206,6 +206,7 @@ function keepTimePanel() {
 function show(address) {
   asked = absolute(address);
   viewer.add_receiver(asked);
+  viewer.override_panel_state("time", timePanel()); // a viewer at rest would not look for it until the mouse moves
 }
 
 function showFailure(error) {

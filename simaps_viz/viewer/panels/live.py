@@ -64,7 +64,11 @@ class LivePanel:
 
     def _run(self) -> None:
         while not self._closed.wait(EVERY_S):
-            self._update()
+            try:
+                self._update()
+            except RuntimeError:  # the widgets went meanwhile; a lock could wait for the one who removes them
+                if not self._closed.is_set():
+                    raise
 
     def _update(self) -> None:
         state = self._services.state()
