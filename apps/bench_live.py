@@ -9,6 +9,7 @@ from pathlib import Path
 import tyro
 
 from simaps_viz import open_sequence, wiring
+from simaps_viz.datasets.joined import join
 from simaps_viz.page_checks.live import plain_build, watched_build
 from simaps_viz.progress import console, stage_progress
 from simaps_viz.scenes.demo import ensure_demo
@@ -22,6 +23,8 @@ class BenchLive:
 
     sequence: Path | None = None
     """By default the embedded café."""
+    times: int = 1
+    """The sequence so many times over, for a longer build."""
     runs: int = 3
     """Pairs of a plain build and one that is watched."""
 
@@ -31,7 +34,7 @@ def main(config: BenchLive) -> None:
     console.quiet = True
     with stage_progress(quiet=True) as progress, tempfile.TemporaryDirectory() as name:
         path = config.sequence or ensure_demo(cache_dir=wiring.cache_folder(), progress=progress)
-        sequence, folder = open_sequence(path), Path(name)
+        sequence, folder = join([open_sequence(path) for _ in range(config.times)]), Path(name)
         plain_build(sequence, folder, progress)  # warms up
         wall, busy = [], []
         for _ in range(max(config.runs, 3)):

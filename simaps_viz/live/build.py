@@ -19,7 +19,7 @@ RATE_OVER_S = 5.0
 """Frames a second are those of the last so many seconds."""
 SKETCH_SHARE = 0.03
 """Of the time since the last sketch that may go into making the next one."""
-SKETCH_EVERY_S = 0.45
+SKETCH_EVERY_S = 0.9
 """How often a sketch is made at most; the page looks a little less often."""
 STOPPED = "Stopped. Nothing is lost: go on here, or later with the same command and --resume."
 

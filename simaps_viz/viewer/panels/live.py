@@ -13,7 +13,7 @@ from simaps_viz.viewer.drawing.theme import BOX_STYLE, DIM_STYLE
 from simaps_viz.viewer.panels.live_services import LiveServices, LiveState, Status
 from simaps_viz.viewer.panels.spec import PROGRESS, PanelSpec
 
-EVERY_S = 0.5
+EVERY_S = 1.0
 """How often the numbers are brought up to date."""
 HEADS: dict[Status, str] = {
     "starting": "Waiting for the first frame …",
