@@ -141,8 +141,11 @@ def test_a_missing_foreign_or_senseless_file_is_named(tiny, tmp_path):
     facts = {"sequence": {}, "config": {}}
     whole = kept(tiny, tmp_path)
     known = {"sequence": whole.facts.to_json(), "config": whole.config.to_json()}
-    far = whole._steps[0]
+    first, far = pack_step(whole._steps[0]), whole._steps[0]
     far.seen.readings.rows[0] = 1 << 29
+    huge = {**known, "sequence": {**known["sequence"], "T_map_world": [[10**400] * 4] * 4}}
+    coarse = {**known["config"]["projection"], "cell_size_m": 10**400}
+    slow = {**known, "config": {**known["config"], "projection": coarse}}
     bomb = zlib.compress(bytes(1 << 20)) + b"more"
     for content in (
         b"",
@@ -151,6 +154,8 @@ def test_a_missing_foreign_or_senseless_file_is_named(tiny, tmp_path):
         MAGIC + _record(0, b"[1]"),
         MAGIC + _record(0, json.dumps(facts).encode()),
         MAGIC + _record(0, json.dumps(known).encode()),
+        MAGIC + _record(0, json.dumps(huge).encode()) + _record(1, first),
+        MAGIC + _record(0, json.dumps(slow).encode()) + _record(1, first),
         MAGIC + _record(0, json.dumps(known).encode()) + _record(1, pack_step(far)),
         MAGIC + _record(0, json.dumps(known).encode()) + _record(2, bomb),
         MAGIC + _record(0, json.dumps(known).encode()) + _record(1, pack_step(whole._steps[1])),

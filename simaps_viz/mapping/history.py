@@ -57,7 +57,7 @@ class MapHistory:
             steps = KeptSteps(Path(path))
             facts, config = facts_from_json(steps.known["sequence"]), config_from_json(steps.known["config"])
             return cls(facts, config, steps, finished)
-        except (InputError, KeyError, TypeError, ValueError, IndexError, struct.error) as error:
+        except (InputError, KeyError, TypeError, ValueError, IndexError, OverflowError, struct.error) as error:
             raise InputError(f"{path}: expected the steps of a build, found other contents ({error!r})") from error
 
     def __len__(self) -> int:

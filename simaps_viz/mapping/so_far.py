@@ -57,7 +57,11 @@ def facts_from_json(values: Mapping[str, Any]) -> SequenceFacts:
         raise ValueError("names that are none")
     if len(values["labels"]) != len(values["is_thing"]) or values["labels"][:1] != ["none"]:
         raise ValueError("class names that are none")
-    if not np.isfinite(np.array(values["T_map_world"], dtype=np.float64)).all():
+    try:
+        T_map_world = np.array(values["T_map_world"], dtype=np.float64).reshape(4, 4)
+    except OverflowError as error:  # a whole number of hundreds of digits
+        raise ValueError("a map frame of numbers that are too large") from error
+    if not np.isfinite(T_map_world).all():
         raise ValueError("a map frame that is not finite")
     return SequenceFacts(
         name=values["name"],
@@ -66,7 +70,7 @@ def facts_from_json(values: Mapping[str, Any]) -> SequenceFacts:
         is_thing=tuple(values["is_thing"]),
         segmentation_source=values["segmentation_source"],
         simulated=bool(values["simulated"]),
-        T_map_world=np.array(values["T_map_world"], dtype=np.float64).reshape(4, 4),
+        T_map_world=T_map_world,
     )
 
 
