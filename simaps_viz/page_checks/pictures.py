@@ -34,11 +34,8 @@ class Picture:
 
 
 def an_object(page: "Page", session: "Session") -> None:
-    """Find a chair that many frames saw by its name."""
-    box = _box(page, "Find")
-    chair = _well_seen(session.simap, "chair")
-    box.fill(f"chair {session.simap.of_class('chair').index(chair) + 1}")
-    box.press("Enter")
+    """Select a chair that many frames saw."""
+    session.select(_well_seen(session.simap, "chair").id)
 
 
 def why(page: "Page", session: "Session") -> None:
