@@ -5,9 +5,8 @@ import sys
 from collections.abc import Sequence
 
 import tyro
-from rich.console import Console
 
-from simaps_viz import wiring
+from simaps_viz import __version__, wiring
 from simaps_viz.commands.build import Build, build
 from simaps_viz.commands.doctor import Doctor, doctor
 from simaps_viz.commands.mend import Mend, mend_map
@@ -35,7 +34,7 @@ from simaps_viz.mapping.mending import load_mended, open_mending
 from simaps_viz.navigation.agent import answer
 from simaps_viz.progress import console, emit, stage_progress
 from simaps_viz.structures import Pose2
-from simaps_viz.tables import map_tables
+from simaps_viz.tables import Answers, map_tables
 
 OK, NO, BAD_INPUT, INTERRUPTED = 0, 1, 2, 130
 
@@ -62,13 +61,20 @@ Command = (
 def main(arguments: Sequence[str] | None = None) -> int:
     """Read the command line and run it; see `run` for the exit status."""
     commands = tyro.conf.OmitSubcommandPrefixes[Command]
+    about = f"{__doc__} {HELP} simaps --version says which program this is."
+    arguments = sys.argv[1:] if arguments is None else arguments
+    if list(arguments) == ["--version"]:
+        sys.stdout.write(f"simaps {__version__}\n")
+        return OK
     try:
-        rest, logging = take_log_options(sys.argv[1:] if arguments is None else arguments)
+        rest, logging = take_log_options(arguments)
         with logged(logging, console):
-            return run(tyro.cli(commands, prog="simaps", description=f"{__doc__} {HELP}", args=rest))  # pyright: ignore
+            return run(tyro.cli(commands, prog="simaps", description=about, args=rest))  # pyright: ignore
     except InputError as error:  # of the log itself
         _say_error(str(error))
         return BAD_INPUT
+    except BrokenPipeError:  # of a page of help
+        return _leave_quietly()
 
 
 def run(command: Command) -> int:
@@ -88,9 +94,14 @@ def _carry_out(command: Command) -> int:
     except KeyboardInterrupt as stopped:
         _say_error(str(stopped) or "interrupted; nothing was left half-written")
         return INTERRUPTED
-    except BrokenPipeError:  # the reader of our output has gone
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-        return BAD_INPUT
+    except BrokenPipeError:
+        return _leave_quietly()
+
+
+def _leave_quietly() -> int:
+    """The reader of our output has gone; what is still to be written goes nowhere."""
+    os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+    return BAD_INPUT
 
 
 def _say_error(message: str) -> None:
@@ -217,7 +228,7 @@ def _info(command: Info) -> int:
         return OK
 
     for table in map_tables(facts):
-        Console(highlight=False).print(table)
+        Answers().print(table)
     return OK
 
 

@@ -242,7 +242,7 @@ def mutate_array(r: Random, array: np.ndarray) -> np.ndarray:
             else:
                 low, high = (int(x) for x in (np.iinfo(array.dtype).min, np.iinfo(array.dtype).max))
                 more = int(flat[at]) + 1 if flat[at] < high else 0
-                flat[at] = r.choice((low, high, 0, 1, -1, more, flat[r.randrange(array.size)]))
+                flat[at] = r.choice((low, high, 0, 1, -1 if low else high, more, flat[r.randrange(array.size)]))
         return array
     if kind == 3:
         return array[: len(array) // 2] if array.ndim else array

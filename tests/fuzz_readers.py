@@ -49,8 +49,11 @@ def tiny_file(name: str, read: Callable[[Path], object]) -> Callable[[Path], Cas
     return prepare
 
 
-def recording(writer: Writer | Callable[[Path], object]) -> Callable[[Path], Case]:
-    """Damage one file of a recording, open it, read a frame, and put it right again."""
+def recording(
+    writer: Writer | Callable[[Path], object], use: Callable[[Path], object] | None = None
+) -> Callable[[Path], Case]:
+    """Damage one file of a recording, use it (open it and read two frames), and put it right again."""
+    use = use or use_sequence
 
     def prepare(folder: Path) -> Case:
         made = writer(folder / "sample")
@@ -67,7 +70,7 @@ def recording(writer: Writer | Callable[[Path], object]) -> Callable[[Path], Cas
                     file.unlink()
                 else:
                     file.write_bytes(mutator_of(file.name)(r, whole[file]))
-                return use_sequence(path)
+                return use(path)
             finally:
                 file.write_bytes(whole[file])
 
@@ -84,6 +87,13 @@ def use_sequence(path: Path) -> object:
         if len(sequence.labels) > 1:
             sequence.segmentation(index)
     return sequence
+
+
+def _checked(path: Path) -> object:
+    """Look for what is wrong with a sequence, drawn too."""
+    from simaps_viz.checking.run import check  # noqa: PLC0415 - compiled, and needed by few
+
+    return check(path, fix=False, picture=path / "checked.png", progress=lambda *_: None)
 
 
 def tiny(folder: Path) -> None:
@@ -165,6 +175,8 @@ READER_TARGETS = (
     Target("posed frames", recording(tiny), weight=10),
     Target("posed frames, scene", recording(tiny_world), weight=5),
     Target("posed frames, no up", recording(gravity), weight=3),
+    Target("check", recording(tiny, _checked), weight=2),
+    Target("check, no up", recording(gravity, _checked), weight=1),
     *(Target(name, recording(_named("scans_folders", name)), weight=1 if name in LARGE else 3) for name in FOLDERS),
     *(Target(name, recording(_named("scans_apps", name)), weight=3) for name in APPS),
     *(Target(name, recording(_named("scans_bags", name)), weight=2) for name in BAGS),

@@ -4,7 +4,7 @@ import http.server
 import threading
 
 import pytest
-from browser import chromium, field_of, free_port, mine, open_workbench, toy_services, until, watched_page
+from browser import field_of, free_port, mine, open_workbench, toy_services, until, watched_page
 from hostile_maps import IMAGE, PWNED, SCRIPT, hostile_map
 
 from simaps_viz.errors import CommandError
@@ -14,12 +14,6 @@ from simaps_viz.viewer.share.page import page_html
 from simaps_viz.viewer.workbench import Workbench
 
 pytestmark = pytest.mark.browser
-
-
-@pytest.fixture(scope="module")
-def browser():
-    with chromium() as found:
-        yield found
 
 
 def refuse(simap, command, pose):

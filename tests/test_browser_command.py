@@ -1,7 +1,7 @@
 """The Command tab as a person meets it: Debian's Chromium on a workbench with a real robot on the toy map."""
 
 import pytest
-from browser import chromium, field_of, mine, open_workbench, toy_workbench, until, watched_page
+from browser import field_of, mine, open_workbench, toy_workbench, until, watched_page
 from chat_server import hangs, serving, writes
 from playwright.sync_api import expect
 from test_viewer_command import real_services
@@ -14,12 +14,6 @@ pytestmark = pytest.mark.browser
 expect.set_options(timeout=20_000)
 
 MARKED = "[aria-current=step]"
-
-
-@pytest.fixture(scope="module")
-def browser():
-    with chromium() as found:
-        yield found
 
 
 @pytest.fixture

@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from browser import chromium, until, watched_page
+from browser import until, watched_page
 from playwright.sync_api import expect
 from stub_desk import color_at, open_desk, settle, stub_desk
 from toy_maps import toy_map
@@ -51,8 +51,8 @@ SOURCES = (
 
 
 @pytest.fixture(scope="module")
-def opened():
-    with chromium() as browser, stub_desk(toy_map()) as desk, watched_page(browser, 1280, 1150) as page:
+def opened(browser):
+    with stub_desk(toy_map()) as desk, watched_page(browser, 1280, 1150) as page:
         services = CompareServices(
             compare=lambda left, right, truth: compare_two(left, right, truth=truth),
             sources=SOURCES, make=make, rejoin=rejoin, load=load_bytes,

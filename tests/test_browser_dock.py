@@ -12,7 +12,7 @@ import cv2
 import numpy as np
 import pytest
 import rerun as rr
-from browser import chromium, field_of, free_port, mine, until, watched_page
+from browser import field_of, free_port, mine, until, watched_page
 from playwright.sync_api import Browser, Frame, Locator, Page, expect
 from sequences import write_tiny_sequence
 
@@ -121,12 +121,6 @@ class Dock:
         box.fill(str(value))
         box.press("Enter")
         box.blur()
-
-
-@pytest.fixture(scope="module")
-def browser() -> Iterator[Browser]:
-    with chromium() as found:
-        yield found
 
 
 @pytest.fixture(scope="module")

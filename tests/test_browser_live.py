@@ -6,7 +6,7 @@ from typing import Any
 import cv2
 import numpy as np
 import pytest
-from browser import chromium, mine, open_workbench, until, watched_page
+from browser import mine, open_workbench, until, watched_page
 from live_sequences import at_once, held_sequence, settings
 
 from simaps_viz.live.view import live_workbench
@@ -15,12 +15,6 @@ from simaps_viz.progress import stage_progress
 pytestmark = pytest.mark.browser
 FRAMES, HELD = 40, 20
 TIMES = "() => window.simapsEvents.filter((one) => one.type === 'time_update').map((one) => Number(one.time))"
-
-
-@pytest.fixture(scope="module")
-def browser():
-    with chromium() as found:
-        yield found
 
 
 def docked(page) -> Callable[[], np.ndarray]:

@@ -1,7 +1,7 @@
 """Keys, the dark page, names and contrast of what is written, in Debian's Chromium on the toy map."""
 
 import pytest
-from browser import chromium, mine, open_workbench, toy_workbench, until, wait_for_color, watched_page
+from browser import mine, open_workbench, toy_workbench, until, wait_for_color, watched_page
 from playwright.sync_api import expect
 from toy_maps import toy_map
 
@@ -51,12 +51,6 @@ NAMELESS = """() => ['input:not([type=hidden])', 'textarea:not([aria-hidden])', 
   .flatMap((kind) => [...document.querySelectorAll(kind)])
   .filter((one) => one.checkVisibility() && !one.getAttribute('aria-label') && !(one.labels && one.labels.length))
   .map((one) => one.outerHTML.slice(0, 120))"""
-
-
-@pytest.fixture(scope="module")
-def browser():
-    with chromium() as found:
-        yield found
 
 
 @pytest.fixture(scope="module")

@@ -4,7 +4,7 @@ import json
 
 import numpy as np
 import pytest
-from browser import chromium, field_of, on_canvas, open_workbench, pixel, until, wait_for_color, watched_page
+from browser import field_of, on_canvas, open_workbench, pixel, until, wait_for_color, watched_page
 from mend_pages import MendPages
 from playwright.sync_api import expect
 from toy_maps import toy_map
@@ -50,8 +50,8 @@ def choose(page, label, option):
     page.wait_for_timeout(PAUSE_MS)
 
 
-def test_a_person_joins_cuts_renames_deletes_and_takes_it_back(mending):
-    with chromium() as browser, MendPages(mending) as bench, watched_page(browser) as page:
+def test_a_person_joins_cuts_renames_deletes_and_takes_it_back(browser, mending):
+    with MendPages(mending) as bench, watched_page(browser) as page:
         open_workbench(page, bench)
         page.wait_for_timeout(500)
         expect(page.get_by_text("Select an object on the map")).to_be_visible()
@@ -112,8 +112,8 @@ def test_a_person_joins_cuts_renames_deletes_and_takes_it_back(mending):
     ]  # fmt: skip
 
 
-def test_the_line_is_drawn_and_a_line_beside_the_object_is_refused(mending):
-    with chromium() as browser, MendPages(mending) as bench, watched_page(browser) as page:
+def test_the_line_is_drawn_and_a_line_beside_the_object_is_refused(browser, mending):
+    with MendPages(mending) as bench, watched_page(browser) as page:
         open_workbench(page, bench)
         page.wait_for_timeout(500)
         click(bench, page, TABLE_8)
@@ -136,8 +136,8 @@ def test_the_line_is_drawn_and_a_line_beside_the_object_is_refused(mending):
         expect(page.get_by_text("chair 1 of 3").first).to_be_visible()
 
 
-def test_the_keyboard_alone_does_it(mending):
-    with chromium() as browser, MendPages(mending) as bench, watched_page(browser) as page:
+def test_the_keyboard_alone_does_it(browser, mending):
+    with MendPages(mending) as bench, watched_page(browser) as page:
         open_workbench(page, bench)
         page.wait_for_timeout(500)
         bench.sessions[-1].select(8)
@@ -161,8 +161,8 @@ def test_the_keyboard_alone_does_it(mending):
         assert len(mending.log.entries) == 2
 
 
-def test_two_pages_see_one_anothers_edits(mending):
-    with chromium() as browser, MendPages(mending) as bench, watched_page(browser) as ann:
+def test_two_pages_see_one_anothers_edits(browser, mending):
+    with MendPages(mending) as bench, watched_page(browser) as ann:
         open_workbench(ann, bench)
         hers = bench.sessions[-1]
         with watched_page(browser) as bo:
@@ -191,8 +191,8 @@ def test_two_pages_see_one_anothers_edits(mending):
     assert mending.log.people() == {}
 
 
-def test_what_cannot_be_saved_is_said_and_not_shown(mending):
-    with chromium() as browser, MendPages(mending) as bench, watched_page(browser) as page:
+def test_what_cannot_be_saved_is_said_and_not_shown(browser, mending):
+    with MendPages(mending) as bench, watched_page(browser) as page:
         open_workbench(page, bench)
         page.wait_for_timeout(500)
         mending.path.write_text("another program was here")

@@ -3,7 +3,7 @@
 import re
 
 import pytest
-from browser import chromium, field_of, free_port, mine, on_canvas, open_workbench, until, watched_page
+from browser import field_of, free_port, mine, on_canvas, open_workbench, until, watched_page
 from playwright.sync_api import expect
 from toy_maps import toy_map
 
@@ -19,12 +19,11 @@ MACHINE = re.compile("One object (because all|although only)|never joined from p
 PAUSE_MS = 200
 
 
-def test_why_is_this_one_object_says_who_made_it_by_hand_and_of_what(tmp_path):
+def test_why_is_this_one_object_says_who_made_it_by_hand_and_of_what(browser, tmp_path):
     expect.set_options(timeout=15_000)
     save_map(toy_map(), tmp_path / "toy.npz")
     mending = open_mending(tmp_path / "toy.npz")
     with (
-        chromium() as browser,
         wiring.workbench(mending.simap(), recording=None, port=free_port(), mending=mending) as bench,
         watched_page(browser, 1280, 1000) as page,
     ):

@@ -2,7 +2,7 @@
 loses neither the open tabs nor a comparison. In Debian's Chromium on the toy map."""
 
 import pytest
-from browser import chromium, field_of, mine, open_workbench, toy_services, toy_workbench, until, watched_page
+from browser import field_of, mine, open_workbench, toy_services, toy_workbench, until, watched_page
 from playwright.sync_api import expect
 from test_browser_look import NAMELESS, UNREADABLE
 from test_viewer_segmentation import toy_segmentation
@@ -56,12 +56,6 @@ SPILT = """() => {
     if (one.checkVisibility()) look(one.getBoundingClientRect(), one.tagName);
   return spilt;
 }"""
-
-
-@pytest.fixture(scope="module")
-def browser():
-    with chromium() as found:
-        yield found
 
 
 @pytest.fixture(scope="module")

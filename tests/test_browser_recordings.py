@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 import rerun as rr
-from browser import chromium, field_of, until, watched_page
+from browser import field_of, until, watched_page
 from playwright.sync_api import Browser, Page
 from stub_desk import StubDesk, stub_desk
 from toy_maps import toy_map
@@ -17,12 +17,6 @@ from simaps_viz.viewer.panels.recordings import RecordingServices, RecordingsPan
 
 pytestmark = pytest.mark.browser
 PAUSE_MS = 200
-
-
-@pytest.fixture(scope="module")
-def browser():
-    with chromium() as browser:
-        yield browser
 
 
 def record(path: Path, name: str) -> Path:

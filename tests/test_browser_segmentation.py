@@ -1,7 +1,7 @@
 """Masks over a frame in the page: Debian's Chromium, thresholds moved by hand."""
 
 import pytest
-from browser import chromium, field_of, until, watched_page
+from browser import field_of, until, watched_page
 from playwright.sync_api import expect
 from stub_desk import stub_desk
 from test_viewer_segmentation import toy_segmentation
@@ -17,8 +17,8 @@ def see(page, text):
 
 
 @pytest.fixture
-def bench():
-    with chromium() as browser, stub_desk(toy_map()) as desk, watched_page(browser, 1280, 1500) as page:
+def bench(browser):
+    with stub_desk(toy_map()) as desk, watched_page(browser, 1280, 1500) as page:
         desk.server.gui.configure_theme(control_width="large")
         chosen: list[int] = []
         panel = SegmentationPanel(desk, toy_segmentation(), on_frame=chosen.append)

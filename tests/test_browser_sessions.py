@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 import viser
 from browser import (
-    chromium,
     field_of,
     mine,
     on_canvas,
@@ -37,12 +36,6 @@ def color_of(simap, place, mode: ColorMode = "instance", lit=None):
     """The colour that a place of a map has."""
     row, col = simap.spec.cell_of(*place)
     return map_image(simap, mode, lit=lit)[row, col].tolist()
-
-
-@pytest.fixture(scope="module")
-def browser():
-    with chromium() as found:
-        yield found
 
 
 class ButtonPanel:

@@ -4,7 +4,7 @@ import io
 
 import numpy as np
 import pytest
-from browser import PIXEL, chromium, until, watched_page
+from browser import PIXEL, until, watched_page
 from PIL import Image
 from playwright.sync_api import expect
 from stub_desk import open_desk, stub_desk
@@ -20,12 +20,6 @@ from simaps_viz.viewer.share.page import HOLD_S, page_html
 
 pytestmark = pytest.mark.browser
 expect.set_options(timeout=20_000)
-
-
-@pytest.fixture(scope="module")
-def browser():
-    with chromium() as found:
-        yield found
 
 
 CAMERA = """() => {

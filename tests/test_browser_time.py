@@ -5,7 +5,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
-from browser import chromium, field_of, free_port, mine, open_workbench, until, wait_for_color, watched_page
+from browser import field_of, free_port, mine, open_workbench, until, wait_for_color, watched_page
 from live_sequences import at_once, held_sequence, settings
 from playwright.sync_api import expect
 from sequences import write_tiny_sequence
@@ -21,12 +21,6 @@ from simaps_viz.viewer.drawing.theme import LIGHT
 pytestmark = pytest.mark.browser
 expect.set_options(timeout=30_000)
 FRAMES = 40
-
-
-@pytest.fixture(scope="module")
-def browser():
-    with chromium() as found:
-        yield found
 
 
 def built(sequence, output: Path):

@@ -3,7 +3,6 @@
 import numpy as np
 import pytest
 from browser import (
-    chromium,
     field_of,
     mine,
     on_canvas,
@@ -28,12 +27,6 @@ WEST_HALF, EAST_HALF = (1.125, 1.925), (1.325, 1.925)
 BORDER = (1.25, 1.925)
 """Between the two communities of chair 1, which reaches from x = 1.05 to 1.45."""
 FLOOR_PLACE = (3.0, -0.9)
-
-
-@pytest.fixture(scope="module")
-def browser():
-    with chromium() as found:
-        yield found
 
 
 @pytest.fixture

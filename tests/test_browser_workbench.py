@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 import rerun
 from browser import (
-    chromium,
     field_of,
     mine,
     on_canvas,
@@ -30,12 +29,6 @@ pytestmark = pytest.mark.browser
 CHAIR_1, CHAIR_3, TABLE = 1, 3, 6
 EAST_HALF_OF_CHAIR_1 = (1.375, 1.925)
 EMPTY = (3.0, -0.9)
-
-
-@pytest.fixture(scope="module")
-def browser():
-    with chromium() as found:
-        yield found
 
 
 @pytest.fixture

@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 from sequences import frame_name, write_manifest, write_tiny_sequence
 
+import simaps_viz
 from simaps_viz import load_map
 from simaps_viz.cli import main
 
@@ -162,3 +163,19 @@ def test_rebuilding_gives_the_same_arrays(sequence, built, tmp_path):
         assert set(one.files) == set(two.files)
         for name in one.files:
             assert np.array_equal(one[name], two[name], equal_nan=one[name].dtype.kind == "f"), name
+
+
+def test_it_says_which_program_it_is(capsys):
+    assert main(["--version"]) == 0
+    assert capsys.readouterr().out == f"simaps {simaps_viz.__version__}\n"
+
+
+@pytest.mark.parametrize("arguments", [["--help"], ["build", "--help"], ["info", "{built}"]])
+def test_a_reader_that_has_gone_is_no_fault(arguments, built):
+    """As `simaps --help | head` leaves it: a pipe that nobody reads any more."""
+    reading, writing = os.pipe()
+    os.close(reading)
+    command = [*SIMAPS, *(word.format(built=built) for word in arguments)]
+    done = subprocess.run(command, stdout=writing, stderr=subprocess.PIPE, text=True, check=False)
+    os.close(writing)
+    assert done.returncode == 2 and done.stderr == ""

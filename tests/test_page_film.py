@@ -4,7 +4,6 @@ import base64
 
 import cv2
 import numpy as np
-from browser import chromium
 from playwright.sync_api import FloatRect
 
 from simaps_viz.page_checks.film import Film, filmed
@@ -37,19 +36,18 @@ def test_only_the_watched_part_counts_and_only_what_can_be_seen():
     assert film.changed_at is not None and film.changed_at > first
 
 
-def test_a_page_of_a_real_browser_is_filmed():
-    with chromium() as browser:
-        page = browser.new_page(viewport={"width": 320, "height": 200})
-        page.set_content("<body style='background:#ddd'><p id='it' style='position:absolute;left:110px;top:50px'>I</p>")
-        with filmed(page, PART) as film:
-            page.wait_for_timeout(300)
-            film.begin()
-            page.evaluate("document.body.style.borderTop = '9px solid black'")
-            page.wait_for_timeout(300)
-            assert film.changed_at is None
-            page.evaluate("document.getElementById('it').style.background = 'black'")
-            page.evaluate("document.getElementById('it').style.padding = '10px'")
-            for _ in range(100):
-                if film.changed_at is None:
-                    page.wait_for_timeout(50)
-            assert film.changed_at is not None
+def test_a_page_of_a_real_browser_is_filmed(browser):
+    page = browser.new_page(viewport={"width": 320, "height": 200})
+    page.set_content("<body style='background:#ddd'><p id='it' style='position:absolute;left:110px;top:50px'>I</p>")
+    with filmed(page, PART) as film:
+        page.wait_for_timeout(300)
+        film.begin()
+        page.evaluate("document.body.style.borderTop = '9px solid black'")
+        page.wait_for_timeout(300)
+        assert film.changed_at is None
+        page.evaluate("document.getElementById('it').style.background = 'black'")
+        page.evaluate("document.getElementById('it').style.padding = '10px'")
+        for _ in range(100):
+            if film.changed_at is None:
+                page.wait_for_timeout(50)
+        assert film.changed_at is not None

@@ -13,7 +13,7 @@ from typing import Any
 import cv2
 import numpy as np
 import pytest
-from browser import chromium, until, watched_page
+from browser import until, watched_page
 from playwright.sync_api import Page
 from test_recorder import record
 
@@ -81,7 +81,7 @@ def test_unknown_theme() -> None:
 
 
 @pytest.fixture(scope="module")
-def shown(tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[Page, Host, list[dict[str, Any]]]]:
+def shown(browser, tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[Page, Host, list[dict[str, Any]]]]:
     """The toy recording open in a page; every event the page tells."""
     path = record(tmp_path_factory.mktemp("page") / "toy.rrd")
     told: list[dict[str, Any]] = []
@@ -94,7 +94,7 @@ def shown(tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[Page, Host
         on_event=lambda event, _session: told.append(event),
     )
     try:
-        with chromium() as browser, watched_page(browser, 640, 700) as page:
+        with watched_page(browser, 640, 700) as page:
             page.goto(host.url)
             until(page, lambda: page.evaluate("window.simapsReady"), 60)
             until(page, lambda: any(e["type"] == "timeline_change" for e in told), 60)

@@ -6,7 +6,7 @@ import time
 
 import numpy as np
 import pytest
-from browser import chromium, field_of, mine, open_workbench, toy_workbench, until, watched_page
+from browser import field_of, mine, open_workbench, toy_workbench, until, watched_page
 from fake_page import fake_page
 from playwright.sync_api import expect
 from test_viewer_command import real_services
@@ -188,12 +188,12 @@ def test_judge_refuses_what_is_no_session_or_another_scene(tmp_path, capsys):
 
 
 @pytest.mark.browser
-def test_a_person_judges_by_button_and_by_key(tmp_path):
+def test_a_person_judges_by_button_and_by_key(browser, tmp_path):
     session = start_session(
         tmp_path / "runs.jsonl", [run(m, c) for m in METHODS for c in ("go east", "go to the couch")]
     )
     services = real_services(judging=session)
-    with chromium() as browser, toy_workbench(services) as bench, watched_page(browser) as page:
+    with toy_workbench(services) as bench, watched_page(browser) as page:
         open_workbench(page, bench)
         expect(page.get_by_role("tab", name="Judge")).to_have_attribute("aria-selected", "true")
         expect(page.get_by_text("1 of 4")).to_be_visible()

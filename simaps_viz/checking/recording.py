@@ -12,7 +12,9 @@ from numpy.typing import NDArray
 
 from simaps_viz.datasets.images import read_color, read_depth
 from simaps_viz.datasets.manifest import Manifest, read_manifest
+from simaps_viz.datasets.rows import lines
 from simaps_viz.errors import InputError
+from simaps_viz.limits import MAX_FRAMES, check_frame_name
 
 ORTHONORMAL = 1e-2
 """How far R Rᵀ may be off the identity, as on opening a sequence."""
@@ -81,8 +83,8 @@ def open_recording(path: Path) -> Recording:
 
 
 def _read_matrices(path: Path) -> tuple[tuple[str, ...], NDArray]:
-    names, matrices = [], []
-    for number, line in _lines(path):
+    names, matrices = dict[str, None](), []  # a set that keeps its order
+    for number, line in lines(path):
         name, *words = line.split()
         where = f"{path}, line {number}"
         if len(words) != 16:
@@ -93,9 +95,12 @@ def _read_matrices(path: Path) -> tuple[tuple[str, ...], NDArray]:
         rotation = matrix[:3, :3]
         if np.abs(rotation @ rotation.T - np.eye(3)).max() > ORTHONORMAL:
             raise InputError(f"{where}, frame {name}: expected an orthonormal rotation, found none")
+        if len(names) == MAX_FRAMES:
+            raise InputError(f"{where}: expected at most {MAX_FRAMES} frames, found more")
         if name in names:
             raise InputError(f"{where}: expected each frame once, found {name} again")
-        names.append(name)
+        check_frame_name(where, name)
+        names[name] = None
         matrices.append(matrix)
     if not names:
         raise InputError(f"{path}: expected a pose per frame, found none")
@@ -103,24 +108,13 @@ def _read_matrices(path: Path) -> tuple[tuple[str, ...], NDArray]:
 
 
 def _read_camera(path: Path) -> NDArray:
-    rows = [_numbers(f"{path}, line {number}", line.split()) for number, line in _lines(path)]
+    rows = [_numbers(f"{path}, line {number}", line.split()) for number, line in lines(path)]
     if len(rows) != 3 or any(len(row) != 3 for row in rows):
         raise InputError(f"{path}: expected a 3x3 camera matrix, found {len(rows)} lines of numbers")
     fx, fy = rows[0][0], rows[1][1]
     if fx <= 0 or fy <= 0:
         raise InputError(f"{path}: expected focal lengths fx, fy over 0, found {fx:g} and {fy:g}")
     return np.array([fx, fy, rows[0][2], rows[1][2]])
-
-
-def _lines(path: Path) -> list[tuple[int, str]]:
-    try:
-        text = path.read_text(encoding="utf-8-sig")
-    except OSError as error:
-        raise InputError(f"{path}: expected a text file, found {error.strerror or error}") from error
-    except UnicodeDecodeError as error:
-        raise InputError(f"{path}: expected a text file, found bytes that are not UTF-8") from error
-    numbered = enumerate(text.split("\n"), start=1)
-    return [(number, line) for number, line in numbered if line.strip() and not line.lstrip().startswith("#")]
 
 
 def _numbers(where: str, words: list[str]) -> list[float]:

@@ -8,11 +8,11 @@ from pathlib import Path
 from typing import Any, Literal
 
 import tyro
-from rich.console import Console
 from rich.table import Table
 
 from simaps_viz.errors import InputError
 from simaps_viz.progress import console, emit
+from simaps_viz.tables import Answers
 
 Action = Literal["list", "add", "rename", "delete", "repair"]
 _PIPED_WIDTH = 160
@@ -117,7 +117,7 @@ def _show(entries: list[dict[str, Any]], folders: list[Path], *, json: bool) -> 
                  _number(entry["frames"]), method, _number(entry["instances"]))  # fmt: skip
         table.add_row(*cells)
     width = None if sys.stdout.isatty() else _PIPED_WIDTH
-    Console(file=sys.stdout, highlight=False, markup=False, width=width).print(table)
+    Answers(width=width).print(table)
 
 
 def _number(value: int | None) -> str:

@@ -5,9 +5,10 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from simaps_viz.datasets.rows import lines
 from simaps_viz.errors import InputError
 from simaps_viz.geometry import check_rotation
-from simaps_viz.limits import MAX_FRAMES, MAX_TEXT_BYTES, check_file, check_frame_name
+from simaps_viz.limits import MAX_FRAMES, check_frame_name
 from simaps_viz.structures import Intrinsics
 
 FIELD_OF_VIEW_DEG = (20.0, 150.0)
@@ -23,7 +24,7 @@ def read_intrinsics(path: Path, *, width: int, height: int) -> Intrinsics:
     Raises:
         InputError: Not nine numbers in three lines, not a pinhole matrix, or one that does not fit the images.
     """
-    rows = [_numbers(path, number, line.split()) for number, line in _lines(path)]
+    rows = [_numbers(path, number, line.split()) for number, line in lines(path)]
     if len(rows) != 3 or any(len(row) != 3 for row in rows):
         found = f"{len(rows)} lines of {', '.join(sorted({str(len(row)) for row in rows})) or 'no'} numbers"
         raise InputError(f"{path}: expected a 3x3 camera matrix, found {found}")
@@ -56,7 +57,7 @@ def read_poses(path: Path) -> tuple[tuple[str, ...], NDArray]:
     """
     seen: dict[str, int] = {}
     poses = []
-    for number, line in _lines(path):
+    for number, line in lines(path):
         name, *columns = line.split()
         where = f"{path}, line {number}"
         if len(columns) != 16:
@@ -84,27 +85,14 @@ def _pose(where: str, T_world_camera: NDArray) -> NDArray:
     return T_world_camera
 
 
-def _check_reach(path: Path, lines: dict[str, int], positions: NDArray) -> None:
+def _check_reach(path: Path, line_of: dict[str, int], positions: NDArray) -> None:
     distances = np.linalg.norm(positions - np.median(positions, axis=0), axis=1)
     if not distances.max() <= REACH_M:  # NaN is not less
-        frame = list(lines)[int(distances.argmax())]
+        frame = list(line_of)[int(distances.argmax())]
         raise InputError(
-            f"{path}, line {lines[frame]}, frame {frame}: expected a camera within {REACH_M:g} m of the others, "
+            f"{path}, line {line_of[frame]}, frame {frame}: expected a camera within {REACH_M:g} m of the others, "
             f"found one {distances.max():.4g} m away; are the positions in metres?"
         )
-
-
-def _lines(path: Path) -> list[tuple[int, str]]:
-    """Give (line number, text) of the lines that say something."""
-    check_file(path, MAX_TEXT_BYTES, "a text file")
-    try:
-        text = path.read_text(encoding="utf-8-sig")
-    except OSError as error:
-        raise InputError(f"{path}: expected a text file, found {error.strerror or error}") from error
-    except UnicodeDecodeError as error:
-        raise InputError(f"{path}: expected a text file, found bytes that are not UTF-8") from error
-    numbered = enumerate(text.split("\n"), start=1)
-    return [(i, line) for i, line in numbered if line.strip() and not line.lstrip().startswith("#")]
 
 
 def _numbers(path: Path, line: int, words: list[str]) -> list[float]:

@@ -13,11 +13,11 @@ OPENCV_FROM_OPENGL = np.diag([1.0, -1.0, -1.0, 1.0])
 """Half a turn about x: points with OpenGL camera axes (y up, z backward) to OpenCV's, and back."""
 
 
-def words(path: Path) -> list[tuple[int, list[str]]]:
-    """Give (line number, words) of the lines that say something; # starts a comment line.
+def lines(path: Path) -> list[tuple[int, str]]:
+    """Give (line number, text) of the lines that say something; # starts a comment line.
 
     Raises:
-        InputError: The file is missing or not text.
+        InputError: The file is missing, too large or not text.
     """
     check_file(path, MAX_TEXT_BYTES, "a text file")
     try:
@@ -27,7 +27,12 @@ def words(path: Path) -> list[tuple[int, list[str]]]:
     except UnicodeDecodeError as error:
         raise InputError(f"{path}: expected a text file, found bytes that are not UTF-8") from error
     numbered = enumerate(text.split("\n"), start=1)
-    return [(i, line.split()) for i, line in numbered if line.strip() and not line.lstrip().startswith("#")]
+    return [(i, line) for i, line in numbered if line.strip() and not line.lstrip().startswith("#")]
+
+
+def words(path: Path) -> list[tuple[int, list[str]]]:
+    """Give (line number, words) of the lines that say something; errors as `lines`."""
+    return [(number, line.split()) for number, line in lines(path)]
 
 
 def numbers(where: str, found: list[str]) -> NDArray:
