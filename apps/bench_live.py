@@ -11,8 +11,9 @@ import tyro
 from simaps_viz import open_sequence, wiring
 from simaps_viz.datasets.joined import join
 from simaps_viz.page_checks.live import plain_build, watched_build
-from simaps_viz.progress import console, stage_progress
+from simaps_viz.progress import stage_progress
 from simaps_viz.scenes.demo import ensure_demo
+from simaps_viz.terminal import console
 
 TARGET = 1.30
 

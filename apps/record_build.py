@@ -8,7 +8,7 @@ from pathlib import Path
 import tyro
 
 from simaps_viz import BuildConfig, open_sequence
-from simaps_viz.building import build_to_file
+from simaps_viz.building import BuildRequest, build_to_file
 from simaps_viz.progress import stage_progress
 from simaps_viz.recorder.settings import RecorderSettings
 from simaps_viz.scenes.demo import ensure_demo
@@ -33,10 +33,9 @@ def main(config: Record) -> None:
     """Render the scene if need be, build it, keep the recording and drop the map."""
     with stage_progress() as progress, tempfile.TemporaryDirectory() as scratch:
         sequence = open_sequence(ensure_demo(cache_dir=cache_folder(), progress=progress))
-        build_to_file(
-            sequence, config.method, BuildConfig(), Path(scratch) / "cafe.npz",
-            record=config.output, progress=progress, recorder_settings=SHIPPED,
-        )  # fmt: skip
+        output = Path(scratch) / "cafe.npz"
+        request = BuildRequest(config.method, BuildConfig(), output, config.output, recorder_settings=SHIPPED)
+        build_to_file(sequence, request, progress)
     sys.stdout.write(f"{config.output}: {config.output.stat().st_size / 2**20:.1f} MiB\n")
 
 

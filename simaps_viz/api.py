@@ -1,4 +1,4 @@
-"""Asking a map from Python: find objects, plan ways, hold the instances as a pandas frame.
+"""Asking a map from Python: find objects, plan ways, give commands, hold the instances as a pandas frame.
 
 Each function is also a method of `SIMap`, which only calls it.
 """
@@ -14,8 +14,9 @@ from simaps_viz.exports.records import record
 from simaps_viz.exports.tables import COLUMNS
 from simaps_viz.extras import needs_extra
 from simaps_viz.language.grounding import Grounding
-from simaps_viz.navigation.agent import planner_of
+from simaps_viz.navigation.agent import Answer, answer, planner_of
 from simaps_viz.navigation.planner import RobotShape
+from simaps_viz.navigation.start import start_pose
 from simaps_viz.structures import Instance, Path, Pose2, SIMap
 
 if TYPE_CHECKING:
@@ -84,6 +85,30 @@ def plan(
         return planner.plan_near((x, y), cells, f"to the {goal.label}")
     goal_x, goal_y = _point(goal)[0].tolist()
     return planner.plan((x, y), (goal_x, goal_y))
+
+
+def ask(simap: SIMap, command: str, *, pose: Pose2 | None = None, robot: RobotShape | None = None) -> Answer:
+    """Carry out a command with a simulated robot, as `simaps query` does: read offline, rehearsed, then driven.
+
+    Args:
+        simap: the map.
+        command: English, or a program (anything that calls ``robot.``).
+        pose: where the command is given; by default where the first camera stood that has free floor by it.
+        robot: its shape, by default 0.2 m in radius and 1.5 m high.
+
+    Returns:
+        What came of it. A command that is not understood, or cannot be done, is an answer too: its ``status`` is
+        "refused" or "failed", and its ``reason`` says why.
+
+    Raises:
+        InputError: the command is no text, ``pose`` is no `Pose2` of finite numbers, or is left out on a map that
+            no camera has seen.
+    """
+    if not isinstance(command, str):
+        raise InputError(f"command: expected text, found {command!r}")
+    if pose is not None and not isinstance(pose, Pose2):
+        raise InputError(f"pose: expected a Pose2, which has a heading, found {pose!r}")
+    return answer(simap, command, start_pose(simap, robot) if pose is None else pose, robot=robot)
 
 
 def to_pandas(simap: SIMap) -> "pd.DataFrame":

@@ -1,29 +1,32 @@
 """Builds a map into a file such that nothing is lost: a log beside it while it grows, its history if wanted."""
 
-import re
 import threading
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, nullcontext
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, get_args
 
 from simaps_viz.datasets.source import FrameSource
 from simaps_viz.errors import InputError
 from simaps_viz.events import Observer
+from simaps_viz.files import left_beside
 from simaps_viz.mapping.build_log import (
+    BuildLog,
     LogBusyError,
     frames_logged,
-    keep_log,
     log_beside,
     set_aside_name,
     steps_beside,
 )  # fmt: skip
 from simaps_viz.mapping.history import MapHistory
+from simaps_viz.mapping.log_records import is_log
 from simaps_viz.mapping.mapfile import check_writable, save_map
-from simaps_viz.methods import VARIANTS, Careful, build
-from simaps_viz.pipeline import BuildConfig, Elsewhere
-from simaps_viz.progress import BuildProgress, StageProgress, console
+from simaps_viz.methods import Careful, build, config_of, keeps_log
+from simaps_viz.pipeline import BuildConfig, Elsewhere, Method, fingerprint
+from simaps_viz.progress import BuildProgress, StageProgress
 from simaps_viz.structures import SIMap
+from simaps_viz.terminal import console
 
 if TYPE_CHECKING:
     from simaps_viz.recorder.settings import RecorderSettings
@@ -32,21 +35,37 @@ COMMUNITIES_EVERY = 20
 """A recording shows the communities after every so many frames."""
 
 
+@dataclass(frozen=True, eq=False)
+class BuildRequest:
+    """What is built, how, and into which files."""
+
+    method: str
+    """By name, see `methods.build`."""
+    config: BuildConfig
+    """Everything but the method."""
+    output: Path
+    """The map file."""
+    record: Path | None = None
+    """Also record the build in this file (.rrd)."""
+    recorder_settings: "RecorderSettings | None" = None
+    """How much a recording keeps."""
+    resume: bool = False
+    """Go on with the log of a build that did not finish, if there is one."""
+    strict: bool = False
+    """A frame that cannot be read is an error, not skipped."""
+    history: bool = False
+    """Keep the log as ``.steps`` beside the map."""
+    logged: bool = True
+    """Keep a log; without one a killed build cannot go on."""
+
+
 def build_to_file(
     sequence: FrameSource,
-    method: str,
-    config: BuildConfig,
-    output: Path,
-    *,
-    record: Path | None,
+    request: BuildRequest,
     progress: StageProgress,
+    *,
     json_lines: bool = False,
-    recorder_settings: "RecorderSettings | None" = None,
     observers: tuple[Observer, ...] = (),
-    resume: bool = False,
-    strict: bool = False,
-    history: bool = False,
-    logged: bool = True,
     cancel: threading.Event | None = None,
     elsewhere: Elsewhere | None = None,
 ) -> SIMap:
@@ -57,18 +76,10 @@ def build_to_file(
 
     Args:
         sequence: what to build from.
-        method: by name, see `methods.build`.
-        config: everything but the method.
-        output: the map file.
-        record: also record the build in this file (.rrd).
+        request: what to make of it.
         progress: told how far it is.
         json_lines: say on stdout what happens.
-        recorder_settings: how much a recording keeps.
         observers: told too.
-        resume: go on with the log of a build that did not finish, if there is one.
-        strict: a frame that cannot be read is an error, not skipped.
-        history: keep the log as ``.steps`` beside the map.
-        logged: keep a log; without one a killed build cannot go on.
         cancel: set it to stop the build.
         elsewhere: who gathers the frames in place of this process, see `build_map`.
 
@@ -76,38 +87,76 @@ def build_to_file(
         InputError: as for `build_map`, or something cannot be written; an earlier map is left as it was.
         BuildCancelled: ``cancel`` was set.
     """
+    output, record = request.output, request.record
     check_writable(output)
-    _check_method(method, resume=resume, history=history, recorded=record is not None, elsewhere=elsewhere is not None)
-    logged, log = logged and method in VARIANTS, log_beside(output)
+    _check_steps(output, history=request.history)
+    _check_method(request, elsewhere=elsewhere is not None)
+    logged = request.logged and keeps_log(request.method)
     if logged and not json_lines:
-        _say_unfinished(log, output, len(sequence), resume=resume, recorded=record is not None)
-    how: Careful = {"strict": strict, "cancel": cancel, "resume": resume, "log": log if logged else None,
-                    "elsewhere": elsewhere}  # fmt: skip
-    watching: list[Observer] = [BuildProgress(progress, json_lines=json_lines), *observers]
-    if record is None:
-        simap = build(sequence, method, config, watching, **how)
-    else:  # rerun is slow to import
-        from simaps_viz.recorder.recorder import RerunRecorder  # noqa: PLC0415
-        from simaps_viz.recorder.repair import unfinished_recordings  # noqa: PLC0415
-        from simaps_viz.recorder.settings import SMALL  # noqa: PLC0415
-
-        with RerunRecorder(record, settings=recorder_settings or SMALL) as recorder:
-            simap = build(sequence, method, config, [*watching, recorder], communities_every=COMMUNITIES_EVERY, **how)
-        for left in unfinished_recordings(record):  # of builds that were killed
-            left.unlink(missing_ok=True)
-    save_map(simap, output)
-    if logged:
-        _finish(log, output, history=history)
+        _say_unfinished(log_beside(output), output, len(sequence), resume=request.resume, recorded=record is not None)
+    watching = [BuildProgress(progress, json_lines=json_lines), *observers]
+    with _log_of(sequence, request) if logged else nullcontext() as log:
+        how: Careful = {"strict": request.strict, "cancel": cancel, "log": log, "elsewhere": elsewhere}
+        fault = None
+        if record is None:
+            simap = build(sequence, request.method, request.config, watching, **how)
+        else:
+            simap, fault = _build_recorded(sequence, request, record, watching, how)
+        save_map(simap, output)
+        if log is not None:
+            _finish(log, output, history=request.history)
+    if fault is not None:
+        raise fault
     return simap
 
 
-def _check_method(method: str, *, resume: bool, history: bool, recorded: bool, elsewhere: bool) -> None:
-    if method not in VARIANTS and (resume or history):
-        option = "--resume" if resume else "--history"
-        raise InputError(f"{option}: expected a method that keeps a log ({', '.join(VARIANTS)}), found {method}")
-    if elsewhere and (method not in VARIANTS or recorded):
+def _log_of(sequence: FrameSource, request: BuildRequest) -> BuildLog:
+    """Open the log of a build; as long as it is open nobody else builds this map."""
+    facts = fingerprint(sequence, config_of(request.method, request.config))
+    return BuildLog(log_beside(request.output), facts, resume=request.resume)
+
+
+def _build_recorded(
+    sequence: FrameSource, request: BuildRequest, record: Path, watching: list[Observer], how: Careful
+) -> tuple[SIMap, InputError | None]:
+    """Build a map, and give it with what was wrong with its recording, for which it shall not be lost."""
+    from simaps_viz.recorder.recorder import RerunRecorder  # noqa: PLC0415 - rerun is slow to import
+    from simaps_viz.recorder.repair import unfinished_recordings  # noqa: PLC0415 - as above
+    from simaps_viz.recorder.settings import SMALL  # noqa: PLC0415 - as above
+
+    simap = None
+    try:
+        with RerunRecorder(record, settings=request.recorder_settings or SMALL) as recorder:
+            watching = [*watching, recorder]
+            simap = build(
+                sequence, request.method, request.config, watching, communities_every=COMMUNITIES_EVERY, **how
+            )
+    except InputError as fault:
+        if simap is None:
+            raise
+        return simap, fault
+    for left in unfinished_recordings(record):  # of builds that were killed
+        left.unlink(missing_ok=True)
+    return simap, None
+
+
+def _check_method(request: BuildRequest, *, elsewhere: bool) -> None:
+    able, method = get_args(Method), request.method
+    if not keeps_log(method) and (request.resume or request.history):
+        option = "--resume" if request.resume else "--history"
+        raise InputError(f"{option}: expected a method that keeps a log ({', '.join(able)}), found {method}")
+    recorded = request.record is not None
+    if elsewhere and (not keeps_log(method) or recorded):
         found = "--record, which shows every picture" if recorded else f"method {method}"
-        raise InputError(f"--scheduler: expected method evidence, components or paper without --record, found {found}")
+        names = f"{', '.join(able[:-1])} or {able[-1]}"
+        raise InputError(f"--scheduler: expected method {names} without --record, found {found}")
+
+
+def _check_steps(output: Path, *, history: bool) -> None:
+    """The history takes the place of an earlier one, and of nothing else."""
+    steps = steps_beside(output)
+    if history and steps.exists() and not is_log(steps):
+        raise InputError(f"{steps}: expected the history of an earlier map or nothing, found another file")
 
 
 @contextmanager
@@ -126,7 +175,7 @@ def going_on(output: Path) -> Iterator[None]:
 
 def is_whole(output: Path, record: Path, method: str) -> bool:
     """Tell whether a map is there with its recording, and with its history where its method keeps one."""
-    return output.is_file() and record.is_file() and (method not in VARIANTS or steps_beside(output).is_file())
+    return output.is_file() and record.is_file() and (not keeps_log(method) or steps_beside(output).is_file())
 
 
 def build_whole(
@@ -136,13 +185,12 @@ def build_whole(
 
     What goes in must follow from the file's name: a build that did not finish is gone on with.
     """
+    resume, history = frames_logged(log_beside(output)) > 0, keeps_log(method)
+    request = BuildRequest(method, config, output, record, resume=resume, history=history)
     try:
-        return build_to_file(
-            sequence, method, config, output, record=record, progress=progress,
-            resume=frames_logged(log_beside(output)) > 0, history=method in VARIANTS,
-        )  # fmt: skip
+        return build_to_file(sequence, request, progress)
     except LogBusyError:
-        return build_to_file(sequence, method, config, output, record=record, progress=progress, logged=False)
+        return build_to_file(sequence, replace(request, resume=False, history=False, logged=False), progress)
 
 
 def history_beside(path: Path, simap: SIMap) -> MapHistory | None:
@@ -157,19 +205,18 @@ def history_beside(path: Path, simap: SIMap) -> MapHistory | None:
     return history if history.is_of(simap) else None
 
 
-def _finish(log: Path, output: Path, *, history: bool) -> None:
+def _finish(log: BuildLog, output: Path, *, history: bool) -> None:
     """The map is there: turn its log into history or remove it, with what earlier builds may have left."""
     steps = steps_beside(output)
     if history:
-        keep_log(log, steps)
+        log.keep(steps)
     else:
-        if steps.is_file():
+        if is_log(steps):
             steps.unlink()  # of the map that was there before
-        log.unlink(missing_ok=True)
-    set_aside_name(log).unlink(missing_ok=True)
+        log.remove()
     for saved in (output, steps):
-        for left in output.parent.glob(f".{saved.name}.????????"):  # of builds killed while they saved
-            if re.fullmatch(r"[a-z0-9_]{8}", left.name[-8:]) and left != log:
+        for left in left_beside(saved):  # of builds killed while they saved
+            if left != log.path:
                 left.unlink(missing_ok=True)
 
 

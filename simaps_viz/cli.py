@@ -1,6 +1,5 @@
 """`simaps`: one command line for building, seeing, questioning and driving on Semantic Instance Maps."""
 
-import os
 import sys
 from collections.abc import Sequence
 
@@ -32,9 +31,10 @@ from simaps_viz.limits import check_port
 from simaps_viz.logs import HELP, logged, logged_command, logger, take_log_options
 from simaps_viz.mapping.mending import load_mended, open_mending
 from simaps_viz.navigation.agent import answer
-from simaps_viz.progress import console, emit, stage_progress
+from simaps_viz.progress import stage_progress
 from simaps_viz.structures import Pose2
-from simaps_viz.tables import Answers, map_tables
+from simaps_viz.tables import map_tables
+from simaps_viz.terminal import answering, console, drop_answers, emit, say, show
 
 OK, NO, BAD_INPUT, INTERRUPTED = 0, 1, 2, 130
 
@@ -63,15 +63,17 @@ def main(arguments: Sequence[str] | None = None) -> int:
     commands = tyro.conf.OmitSubcommandPrefixes[Command]
     about = f"{__doc__} {HELP} simaps --version says which program this is."
     arguments = sys.argv[1:] if arguments is None else arguments
-    if list(arguments) == ["--version"]:
-        sys.stdout.write(f"simaps {__version__}\n")
-        return OK
     try:
+        if list(arguments) == ["--version"]:
+            say(f"simaps {__version__}\n")
+            return OK
         rest, logging = take_log_options(arguments)
+        with answering():
+            command = tyro.cli(commands, prog="simaps", description=about, args=rest)
         with logged(logging, console):
-            return run(tyro.cli(commands, prog="simaps", description=about, args=rest))  # pyright: ignore
-    except InputError as error:  # of the log itself
-        _say_error(str(error))
+            return run(command)  # pyright: ignore[reportArgumentType] - the annotation is the union
+    except InputError as error:  # of the log itself, or of a page of help
+        _show_error(str(error))
         return BAD_INPUT
     except BrokenPipeError:  # of a page of help
         return _leave_quietly()
@@ -99,13 +101,17 @@ def _carry_out(command: Command) -> int:
 
 
 def _leave_quietly() -> int:
-    """The reader of our output has gone; what is still to be written goes nowhere."""
-    os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+    """The reader of our output has gone."""
+    drop_answers()
     return BAD_INPUT
 
 
 def _say_error(message: str) -> None:
     logger.error("%s", message, extra={"event": "error", "people": False})
+    _show_error(message)
+
+
+def _show_error(message: str) -> None:
     console.print(f"simaps: {message}", markup=False, soft_wrap=True, style="red")
 
 
@@ -174,12 +180,12 @@ def _view(command: View) -> int:
         map_path = recording.with_suffix(".npz")
         recording = wiring.recording_beside(command.path, command.recording) or recording
     else:
-        if command.segmentation != "precomputed":
-            raise InputError(f"{command.path}: expected a sequence with --segmentation, found a map")
         if not command.path.exists():
             raise InputError(
                 f"{command.path}: expected a map file (.npz), a sequence or a recorded build (.rrd), found nothing"
             )
+        if command.segmentation != "precomputed":
+            raise InputError(f"{command.path}: expected a sequence with --segmentation, found a map")
         simap = load_mended(command.path, edits=False)
         recording = wiring.recording_beside(command.path, command.recording)
         map_path = command.path
@@ -210,15 +216,13 @@ def _query(command: Query) -> int:
 
 
 def _print_answer(record: dict) -> None:
-    out = sys.stdout
-    out.write(f"> {record['command']}\n")
-    for line in (record["program"] or "").strip().splitlines():
-        out.write(f"    {line}\n")
+    lines = [f"> {record['command']}", *(f"    {line}" for line in (record["program"] or "").strip().splitlines())]
     if record["status"] != "ok":
-        out.write(f"{record['status']}: {record['reason']}\n")
-        return
-    x, y, heading = record["final_pose"]
-    out.write(f"ok: drove {record['path_length_m']:.2f} m to x {x:.2f} m, y {y:.2f} m, heading {heading:.0f}°\n")
+        lines.append(f"{record['status']}: {record['reason']}")
+    else:
+        x, y, heading = record["final_pose"]
+        lines.append(f"ok: drove {record['path_length_m']:.2f} m to x {x:.2f} m, y {y:.2f} m, heading {heading:.0f}°")
+    say("\n".join(lines) + "\n")
 
 
 def _info(command: Info) -> int:
@@ -227,8 +231,7 @@ def _info(command: Info) -> int:
         emit(facts)
         return OK
 
-    for table in map_tables(facts):
-        Answers().print(table)
+    show(*map_tables(facts))
     return OK
 
 
@@ -249,7 +252,7 @@ def _mend(command: Mend) -> int:
     if command.json:
         emit(record)
     else:
-        sys.stdout.write("\n".join(lines) + "\n")
+        say("\n".join(lines) + "\n")
     return OK
 
 
@@ -294,7 +297,7 @@ def _check(command: Check) -> int:
     if command.json:
         emit(record)
     else:
-        sys.stdout.write(text + "\n")
+        say(text + "\n")
     return OK if ok else NO
 
 
@@ -306,7 +309,7 @@ def _evaluate(command: Evaluate) -> int:
     if command.json:
         emit(record)
     else:
-        sys.stdout.write(text + "\n")
+        say(text + "\n")
     return OK
 
 

@@ -1,12 +1,15 @@
 """What a build tells those who watch it. Observers only look: nothing they do changes the map."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from typing import Protocol
 
 from numpy.typing import NDArray
 
 from simaps_viz.structures import Frame, Grid, MergeLog, Segmentation, SIMap
+
+Progress = Callable[[str, int, int], None]
+"""Called with (what is being done, steps done, steps in all) by the thread that works; what it raises ends that."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -62,7 +65,10 @@ class FrameGathered:
 
 @dataclass(frozen=True, eq=False)
 class CommunitiesFound:
-    """Louvain ran: every so often while building (``final`` False) and once at the end."""
+    """The finest communities are there: every so often while building (``final`` False) and once at the end.
+
+    Methods evidence and paper find them with Louvain, and join them afterwards; of other methods each is an instance.
+    """
 
     grid: Grid
     community: NDArray
@@ -76,14 +82,17 @@ class CommunitiesFound:
 
 @dataclass(frozen=True, eq=False)
 class MergesFound:
-    """The whole merge log, down to K = 0, and how many steps of it the chosen K uses."""
+    """The whole merge log, and how many steps of it the map takes.
+
+    It goes down to K = 0 (method paper) or affinity 0 (method evidence); other methods join nothing, theirs is empty.
+    """
 
     grid: Grid
     community: NDArray
     """int32 [rows, cols], finest communities, 0 = none."""
     log: MergeLog
     applied: NDArray
-    """bool [steps]: belongs to the prefix that the chosen K takes."""
+    """bool [steps]: belongs to the prefix, of each class, that the chosen K or affinity takes."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -101,6 +110,20 @@ Event = (
 class Observer(Protocol):
     """Something that watches a build: the recorder, a progress bar, the viewer."""
 
+    @property
+    def wants_color(self) -> bool:
+        """Whether it looks at the frames' pictures: their colours are decoded only if somebody does.
+
+        Who wants them is shown every frame, with the links it makes: a build that goes on with its log reads all frames
+        again for it, and none may be gathered elsewhere. One that does not say is taken to want them.
+        """
+        ...
+
     def on_event(self, event: Event) -> None:
         """Take one event; called in order, from the building thread."""
         ...
+
+
+def wants_color(observers: Iterable[Observer]) -> bool:
+    """Tell whether one of those who watch wants the frames' colours, see `Observer.wants_color`."""
+    return any(getattr(observer, "wants_color", True) for observer in observers)

@@ -1,8 +1,12 @@
-"""Writing a file whole or not at all."""
+"""Writing files whole or not at all."""
 
+import glob
 import os
-import tempfile
-from collections.abc import Callable, Iterable
+import re
+import secrets
+import shutil
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from typing import IO
 
@@ -23,36 +27,129 @@ def check_output(path: Path, suffix: str = "") -> None:
         raise InputError(f"{path}: expected a file in a folder that can be written, found none")
 
 
+@contextmanager
+def beside(path: Path) -> Iterator[Path]:
+    """Give a new, empty, hidden file in the folder of a path, to be moved to its place; else it is gone at the end.
+
+    It has the rights any new file gets (those that the umask leaves), and its name is nobody else's.
+
+    Raises:
+        OSError: it cannot be made.
+    """
+    temporary = path.parent / f".{path.name}.{secrets.token_urlsafe(6)}"  # `left_beside` knows such a name
+    os.close(os.open(temporary, os.O_CREAT | os.O_EXCL | os.O_WRONLY, 0o666))
+    try:
+        yield temporary
+    finally:
+        temporary.unlink(missing_ok=True)
+
+
+def left_beside(path: Path) -> list[Path]:
+    """Find what those who were killed while they wrote to a path have left there: the files that `beside` makes."""
+    near = path.parent.glob(f".{glob.escape(path.name)}.????????")
+    return sorted(p for p in near if re.fullmatch(r"[A-Za-z0-9_-]{8}", p.name[-8:]))
+
+
+@contextmanager
+def replacing(path: Path, what: str, *, durable: bool = True) -> Iterator[Path]:
+    """Give a temporary file to write; at the end it takes the place of ``path``, after an error it is removed.
+
+    Args:
+        path: where; an earlier file there stays as it is until the new one is complete.
+        what: names the contents in an error, e.g. "the map".
+        durable: wait until the new file is on the disk, so that a power cut leaves one of the two. What is made
+            again as quickly as the disk writes can do without.
+
+    Raises:
+        InputError: the file cannot be written, e.g. the disk is full.
+    """
+    try:
+        with beside(path) as temporary:
+            yield temporary
+            if durable:
+                _sync(temporary)
+            os.replace(temporary, path)
+    except OSError as error:
+        raise InputError(f"{path}: could not write {what}: {error.strerror or error}") from error
+
+
 Written = bytes | memoryview | Iterable[bytes] | Callable[[IO[bytes]], None]
 """What goes into a file: all of it, or part by part, or what writes it into the open file."""
 
 
-def write_whole(path: Path, data: Written, what: str) -> None:
-    """Write a file, replacing an earlier one only once the new one is complete on disk.
+def write_whole(path: Path, data: Written, what: str, *, durable: bool = True) -> None:
+    """Write a file, replacing an earlier one only once the new one is complete.
 
     Args:
         path: where.
         data: what goes into it.
         what: names the contents in an error, e.g. "the map".
+        durable: as for `replacing`.
 
     Raises:
         InputError: the file cannot be written; an earlier one is left as it was.
     """
-    temporary = ""
-    try:
-        handle, temporary = tempfile.mkstemp(prefix=f".{path.name}.", dir=path.parent)
-        with os.fdopen(handle, "wb") as file:
-            if callable(data):
-                data(file)
-            else:
-                for part in (data,) if isinstance(data, bytes | memoryview) else data:
-                    file.write(part)
-            file.flush()
-            os.fsync(file.fileno())
-        os.chmod(temporary, 0o644)
-        os.replace(temporary, path)
-    except OSError as error:
-        raise InputError(f"{path}: could not write {what}: {error.strerror or error}") from error
-    finally:
-        if temporary:
-            Path(temporary).unlink(missing_ok=True)
+    with replacing(path, what, durable=durable) as temporary, temporary.open("wb") as file:
+        if callable(data):
+            data(file)
+        else:
+            for part in (data,) if isinstance(data, bytes | memoryview) else data:
+                file.write(part)
+
+
+def write_all(files: Mapping[Path, bytes], what: str) -> None:
+    """Write files that belong together, in their order; none takes its name before all are complete on disk.
+
+    Args:
+        files: {where: what goes into it}.
+        what: names the contents in an error, e.g. "the correction".
+
+    Raises:
+        InputError: one cannot be written; then none is, and earlier ones are as they were.
+    """
+    for path in files:
+        if path.is_dir():
+            raise InputError(f"{path}: expected a file name to write, found a folder")
+    staged: dict[Path, Path] = {}
+    kept: dict[Path, Path | None] = {}
+    with ExitStack() as stack:
+        try:
+            for path, content in files.items():
+                staged[path] = stack.enter_context(beside(path))
+                staged[path].write_bytes(content)
+                _sync(staged[path])
+            for path in files:
+                kept[path] = stack.enter_context(_copied(path)) if path.exists() else None
+            for path, temporary in staged.items():
+                os.replace(temporary, path)
+        except BaseException as error:
+            _put_back(staged, kept)
+            if isinstance(error, OSError):
+                raise InputError(f"{path}: could not write {what}: {error.strerror or error}") from error
+            raise
+
+
+@contextmanager
+def _copied(path: Path) -> Iterator[Path]:
+    """Copy what stands at a path, to put it back should a later file fail."""
+    with beside(path) as copy:
+        shutil.copy2(path, copy)
+        yield copy
+
+
+def _put_back(staged: Mapping[Path, Path], kept: Mapping[Path, Path | None]) -> None:
+    """Undo the replacements done so far: those whose temporary file is gone."""
+    for path, temporary in staged.items():
+        if temporary.exists() or path not in kept:
+            continue
+        earlier = kept[path]
+        if earlier is None:
+            path.unlink(missing_ok=True)
+        else:
+            os.replace(earlier, path)
+
+
+def _sync(path: Path) -> None:
+    """Wait until a file is on the disk."""
+    with path.open("rb+") as file:
+        os.fsync(file.fileno())

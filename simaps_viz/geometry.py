@@ -10,6 +10,9 @@ from numpy.typing import ArrayLike, NDArray
 
 from simaps_viz.errors import InputError
 
+STANDS_FROM_M = 0.10
+"""What reaches at least so high over the floor stands on it; what is lower is the floor, as far as pictures show it."""
+
 
 def heading_to_yaw(heading_deg: float) -> float:
     """Turn a compass heading (degrees clockwise from north) into a yaw (radians from +x, counter-clockwise)."""

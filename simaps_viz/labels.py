@@ -156,3 +156,19 @@ def instance_color(instance_id: int) -> Color:
     ``map_colors.instance_colors`` gives another one to an instance whose neighbour has the same.
     """
     return (0, 0, 0) if instance_id <= 0 else color_of_number(instance_id)
+
+
+def plural(count: int, noun: str) -> str:
+    """Say how many, in English: "1 chair", "4 benches"."""
+    if count == 1:
+        return f"1 {noun}"
+    if noun.endswith("person"):
+        return f"{count} {noun[:-6]}people"
+    if noun.endswith("knife"):
+        return f"{count} {noun[:-2]}ves"
+    if noun.endswith("shelf"):
+        return f"{count} {noun[:-1]}ves"
+    if noun.endswith(("scissors", "skis")):
+        return f"{count} {noun}"
+    ending = "es" if noun.endswith(("s", "x", "ch", "sh")) else "s"
+    return f"{count} {noun}{ending}"

@@ -6,9 +6,10 @@ Every command takes ``--verbose`` and ``--log FILE``, wherever they stand among 
 import json
 import logging
 import os
+import sys
 import time
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
@@ -69,7 +70,7 @@ def logged(options: LogOptions, console: Console) -> Iterator[None]:
     level, propagates = logger.level, logger.propagate
     try:
         if options.file is not None:
-            handlers.append(_open_file(options.file))
+            handlers.append(_open_file(options.file, console))
         for handler in handlers:
             logger.addHandler(handler)
         logger.setLevel(logging.DEBUG if options.file else handlers[0].level)
@@ -160,11 +161,32 @@ class _ForPeople(logging.Handler):
         self._console.print(text, markup=False, soft_wrap=True, style=style)
 
 
-def _open_file(path: Path) -> logging.Handler:
+class _ToFile(logging.FileHandler):
+    """A log file. Where it cannot be written any more, e.g. on a full disk, that is said once; the work goes on."""
+
+    def __init__(self, path: Path, console: Console) -> None:
+        super().__init__(path, encoding="utf-8")
+        self._console, self._name, self._failed = console, path, False
+
+    def handleError(self, record: logging.LogRecord) -> None:
+        error = sys.exc_info()[1]
+        if not isinstance(error, OSError):
+            super().handleError(record)
+        elif not self._failed:
+            self._failed = True
+            text = f"{self._name}: the log ends here, it could not be written: {error.strerror or error}"
+            self._console.print(text, markup=False, soft_wrap=True, style="yellow")
+
+    def close(self) -> None:
+        with suppress(OSError):  # what is still to be written; said before
+            super().close()
+
+
+def _open_file(path: Path, console: Console) -> logging.Handler:
     if path.is_dir() or not os.access(path.absolute().parent, os.W_OK):
         raise InputError(f"{path}: expected a file in a folder that can be written for --log, found none")
     try:
-        handler = logging.FileHandler(path, encoding="utf-8")
+        handler = _ToFile(path, console)
     except OSError as error:
         raise InputError(f"{path}: could not open the log: {error.strerror or error}") from error
     handler.setFormatter(JsonLines())

@@ -6,14 +6,15 @@ the one before it by overlap (``take_over``).
 """
 
 import threading
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from simaps_viz.labels import COMMON, class_color
-from simaps_viz.palette import PALETTE, Color
+from simaps_viz.palette import PALETTE, Color, as_color
 from simaps_viz.remembered import Remembered
-from simaps_viz.structures import MergeLog, SIMap
+from simaps_viz.structures import GridSpec, MergeLog, SIMap
 
 NEAR_CELLS = 3
 """Objects with fewer cells than this between them, along a row, a column or a diagonal, are near one another."""
@@ -41,8 +42,10 @@ def instance_colors(simap: SIMap) -> NDArray:
     return colors
 
 
-def take_over(simap: SIMap, before: SIMap) -> None:
+def take_over(simap: SIMap, before: SIMap, first: int | None = None) -> None:
     """Let the objects of a map have the colours of those of another map of the same place that they overlap most.
+
+    The object in which most of the earlier map's object ``first`` lies has that one's colour, however little that is.
 
     To be called before the first ``instance_colors(simap)``; does nothing when the two share their communities.
     """
@@ -52,7 +55,47 @@ def take_over(simap: SIMap, before: SIMap) -> None:
         return
     with _one_at_a_time:
         if _kept.find(arrays) is None:
-            _kept.keep(arrays, None, _colors(simap, _worn_before(simap, before)))
+            _kept.keep(arrays, None, _colors(simap, _worn_before(simap, before, first)))
+
+
+@dataclass(frozen=True, eq=False)
+class Colored:
+    """Objects on a grid, each in a colour."""
+
+    spec: GridSpec
+    ids: NDArray
+    """int32 [rows, cols], 0 = none."""
+    colors: NDArray
+    """uint8 [n, 3], RGB, at the place of the id."""
+
+
+def colors_like(spec: GridSpec, ids: NDArray, before: Colored | None) -> NDArray:
+    """Colour objects of which nothing is known but where they are.
+
+    Neighbours differ; otherwise an object has the colour of what was there before and overlaps it most.
+
+    Args:
+        spec: of the grid.
+        ids: int32 [rows, cols], 0 = none.
+        before: what was there before; None = nothing.
+
+    Returns:
+        uint8 [n, 3], RGB, at the place of the id; row 0 is black.
+    """
+    size = 1 + int(ids.max(initial=0))
+    old = None if before is None else _on_cells_of(spec, before.spec, before.ids)
+    worn = np.full(size, -1) if before is None or old is None else _worn(ids, old, _places_of(before.colors), size)
+    cells = np.bincount(ids.reshape(-1), minlength=size)
+    cells[0] = 0
+    beside: Neighbours = [{} for _ in range(size)]
+    pairs, weight = near_pairs(ids)
+    for (a, b), w in zip(pairs.tolist(), weight.tolist(), strict=True):
+        beside[a][b] = beside[b][a] = w
+    wish = np.where(worn >= 0, worn, (np.arange(size) - 1) % len(PALETTE))
+    had_one = (worn >= 0).astype(int)  # who had a colour chooses first
+    colors = np.array(PALETTE, np.uint8)[_choose(cells, had_one, beside, wish)]
+    colors[0] = 0
+    return colors
 
 
 def keep_classes(simap: SIMap, other: SIMap) -> None:
@@ -75,7 +118,7 @@ def class_colors(simap: SIMap) -> dict[str, Color]:
         _kept.keep(arrays, "classes", colors)
     names = {simap.grid.labels[graph.label] for graph in simap.graphs} | {one.label for one in simap.instances}
     places = {name: place for place, name in enumerate(simap.grid.labels)}
-    return {name: _as_color(colors[places[name]]) if name in places else class_color(name) for name in sorted(names)}
+    return {name: as_color(colors[places[name]]) if name in places else class_color(name) for name in sorted(names)}
 
 
 def _class_colors(simap: SIMap) -> NDArray:
@@ -104,11 +147,6 @@ def _class_colors(simap: SIMap) -> NDArray:
 
 def _place_of(color: Color) -> int:
     return PALETTE.index(color) if color in PALETTE else 0
-
-
-def _as_color(row: NDArray) -> Color:
-    r, g, b = row.tolist()
-    return (r, g, b)
 
 
 def _arrays(simap: SIMap) -> tuple[NDArray, ...]:
@@ -247,30 +285,43 @@ def _choose(cells: NDArray, lasts: NDArray, conflicts: Neighbours, wish: NDArray
     return np.where(chosen < 0, wish, chosen)
 
 
-def _worn_before(simap: SIMap, before: SIMap) -> NDArray | None:
+def _worn_before(simap: SIMap, before: SIMap, first: int | None) -> NDArray | None:
     """Give, for each community, the palette place of the instance of the earlier map it overlaps most; -1 = none."""
-    old = _on_cells_of(simap, before)
+    old = _on_cells_of(simap.spec, before.spec, before.instance)
     if old is None:
         return None
     size = 1 + max(int(simap.community.max(initial=0)), int(simap.instance.max(initial=0)))
+    places = _places_of(instance_colors(before))
+    of_instances, of_communities = (_worn(ids, old, places, size) for ids in (simap.instance, simap.community))
+    worn = np.where(of_communities >= 0, of_communities, of_instances)  # communities overrule, where there are any
+    if first is not None:
+        inside = simap.instance[(old == first) & (simap.instance > 0)]
+        if inside.size:
+            worn[np.bincount(inside).argmax()] = places[first]
+    return worn
+
+
+def _places_of(colors: NDArray) -> NDArray:
+    """Give the palette place of each colour, int [n]; -1 = none."""
     places = {color: place for place, color in enumerate(PALETTE)}
-    place_of = np.array([places.get(tuple(color), -1) for color in instance_colors(before).tolist()])
+    return np.array([places.get(tuple(color), -1) for color in colors.tolist()])
+
+
+def _worn(ids: NDArray, old: NDArray, places: NDArray, size: int) -> NDArray:
+    """Give, for each id, the palette place of what it overlaps most, int [size]; -1 = none."""
     worn = np.full(size, -1)
-    for ids in (simap.instance, simap.community):  # communities overrule, where there are any
-        both = (ids > 0) & (old > 0)
-        if not both.any():
-            continue
+    both = (ids > 0) & (old > 0)
+    if both.any():
         most = int(old.max()) + 1
         keys, shared = np.unique(ids[both].astype(np.int64) * most + old[both], return_counts=True)
         mine, theirs = np.divmod(keys, most)
         order = np.argsort(shared, kind="stable")
-        worn[mine[order]] = place_of[theirs[order]]  # the last written is the largest overlap
+        worn[mine[order]] = places[theirs[order]]  # the last written is the largest overlap
     return worn
 
 
-def _on_cells_of(simap: SIMap, before: SIMap) -> NDArray | None:
-    """Give the earlier map's instances on the cells of this one; None when their cells do not match."""
-    new, old = simap.spec, before.spec
+def _on_cells_of(new: GridSpec, old: GridSpec, ids: NDArray) -> NDArray | None:
+    """Give the ids of another grid on the cells of a new one; None when their cells do not match."""
     if abs(new.cell_size_m - old.cell_size_m) > 1e-9:
         return None
     down = round((old.y0_m - new.y0_m) / new.cell_size_m)
@@ -279,5 +330,5 @@ def _on_cells_of(simap: SIMap, before: SIMap) -> NDArray | None:
     top, left = max(down, 0), max(right, 0)
     bottom, far = min(down + old.rows, new.rows), min(right + old.cols, new.cols)
     if bottom > top and far > left:
-        moved[top:bottom, left:far] = before.instance[top - down : bottom - down, left - right : far - right]
+        moved[top:bottom, left:far] = ids[top - down : bottom - down, left - right : far - right]
     return moved

@@ -4,18 +4,21 @@ import threading
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import TypedDict, Unpack
+from typing import Literal, TypedDict, Unpack, get_args
 
-from simaps_viz.baselines.vlmaps import VLMapsConfig, build_vlmaps
+from simaps_viz.baselines.vlmaps import BASELINE_OF, Baseline, Instances, VLMapsConfig, build_vlmaps
 from simaps_viz.datasets.source import FrameSource
 from simaps_viz.errors import InputError
 from simaps_viz.events import Event, FrameProjected, Observer
+from simaps_viz.mapping.build_log import BuildLog
 from simaps_viz.mapping.votes import VoteSettings
-from simaps_viz.pipeline import BuildCancelled, BuildConfig, Elsewhere, build_map
+from simaps_viz.pipeline import BuildCancelled, BuildConfig, Elsewhere, Method, build_map
 from simaps_viz.structures import SIMap
 
-METHODS = ("evidence", "components", "paper", "vlmaps", "vlmaps+components")
+MethodName = Literal[Method, Baseline]
 """What ``--method`` takes."""
+METHODS: tuple[MethodName, ...] = get_args(MethodName)
+"""Its names, the default first."""
 
 VARIANTS: Mapping[str, Callable[[BuildConfig], BuildConfig]] = {
     "evidence": lambda config: replace(config, method="evidence"),
@@ -25,7 +28,9 @@ VARIANTS: Mapping[str, Callable[[BuildConfig], BuildConfig]] = {
     "paper-k9": lambda config: replace(config, method="paper", k_percent=9.0),
     "paper-literal": lambda config: replace(config, method="paper", literal=True),
 }
-"""What an evaluation takes besides the two VLMaps: names for settings worth comparing."""
+"""What `build_map` makes, by name: its methods, and settings of them worth comparing. An evaluation takes them all."""
+BASELINES: Mapping[str, Instances] = {name: instances for instances, name in BASELINE_OF.items()}
+"""What `build_vlmaps` makes, by name."""
 
 
 def check_method(method: str) -> None:
@@ -35,11 +40,21 @@ def check_method(method: str) -> None:
         raise InputError(f"method: expected one of {', '.join(known)}, found {method!r}")
 
 
+def keeps_log(method: str) -> bool:
+    """Tell whether a build by this method can be logged, gone on with, and done by several processes."""
+    return method in VARIANTS
+
+
+def config_of(method: str, config: BuildConfig) -> BuildConfig:
+    """Give the settings of a method of a name; a baseline has none of its own."""
+    return VARIANTS[method](config) if method in VARIANTS else config
+
+
 class Careful(TypedDict, total=False):
     """What `build_map` takes besides: how it deals with faults."""
 
     strict: bool
-    log: Path | None
+    log: Path | BuildLog | None
     resume: bool
     cancel: threading.Event | None
     elsewhere: Elsewhere | None
@@ -58,7 +73,7 @@ def build(
 
     Args:
         sequence: posed RGB-D frames with their segmentation.
-        method: one of ``METHODS`` or ``VARIANTS``.
+        method: one of ``METHODS`` or ``VARIANTS``, see `check_method`.
         config: everything but the method.
         observers: told everything, in order.
         communities_every: see `build_map`.
@@ -69,13 +84,12 @@ def build(
         InputError: there is no such method, or as for `build_map`.
     """
     config = config or BuildConfig()
-    if method in ("vlmaps", "vlmaps+components"):
-        settings = VLMapsConfig(projection=config.projection, min_cells=config.min_cells, seed=config.seed)
-        instances = "components" if method == "vlmaps+components" else "none"
-        watching = [*observers, _Stop(how.get("cancel"), sequence.name)]
-        return build_vlmaps(sequence, settings, instances=instances, observers=watching)
     check_method(method)
-    return build_map(sequence, VARIANTS[method](config), observers, communities_every=communities_every, **how)
+    if method in BASELINES:
+        settings = VLMapsConfig(projection=config.projection, min_cells=config.min_cells, seed=config.seed)
+        watching = [*observers, _Stop(how.get("cancel"), sequence.name)]
+        return build_vlmaps(sequence, settings, instances=BASELINES[method], observers=watching)
+    return build_map(sequence, config_of(method, config), observers, communities_every=communities_every, **how)
 
 
 class _Stop:

@@ -12,8 +12,6 @@ to a picture.
 
 import importlib
 import json
-import os
-import tempfile
 import warnings
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -25,6 +23,7 @@ import numpy as np
 
 from simaps_viz.errors import InputError
 from simaps_viz.extras import needs_extra
+from simaps_viz.files import replacing
 
 FAMILIES = ("mask2former", "maskformer", "oneformer", "eomt")
 OPSET = 17
@@ -74,27 +73,21 @@ def export_network(checkpoint: str, output: Path, *, size: tuple[int, int] | Non
     size = size or input_size(family, processor, model.config)
     network = _two_outputs(torch, model, _constants(torch, transformers, checkpoint, model.config))
     picture = torch.rand((1, 3, *size), generator=torch.Generator().manual_seed(0)) * 4.0 - 2.0
-    handle, name = tempfile.mkstemp(suffix=".onnx", prefix=".export-", dir=output.parent)
-    os.close(handle)
-    temporary = Path(name)
     try:
-        with _grids_like_values(torch), warnings.catch_warnings(), torch.no_grad():
-            warnings.simplefilter("ignore")  # of the tracer, about sizes that are fixed on purpose
-            torch.onnx.export(
-                network, (picture,), name, dynamo=False, opset_version=OPSET,
-                input_names=[INPUT], output_names=[CLASSES, MASKS],
-            )  # fmt: skip
-        _add_metadata(onnx, temporary, metadata(family, processor, model.config))
-        difference = _difference(torch, network, temporary, size)
-        if not difference <= TOLERANCE:
-            raise InputError(f"{checkpoint}: expected torch and onnxruntime to agree within {TOLERANCE:g}, "
-                             f"found a difference of {difference:.2g}")  # fmt: skip
-        temporary.chmod(0o644)
-        os.replace(temporary, output)
+        with replacing(output, "the network") as temporary:
+            with _grids_like_values(torch), warnings.catch_warnings(), torch.no_grad():
+                warnings.simplefilter("ignore")  # of the tracer, about sizes that are fixed on purpose
+                torch.onnx.export(
+                    network, (picture,), str(temporary), dynamo=False, opset_version=OPSET,
+                    input_names=[INPUT], output_names=[CLASSES, MASKS],
+                )  # fmt: skip
+            _add_metadata(onnx, temporary, metadata(family, processor, model.config))
+            difference = _difference(torch, network, temporary, size)
+            if not difference <= TOLERANCE:
+                raise InputError(f"{checkpoint}: expected torch and onnxruntime to agree within {TOLERANCE:g}, "
+                                 f"found a difference of {difference:.2g}")  # fmt: skip
     except RuntimeError as error:  # what torch raises when it cannot trace or translate
         raise InputError(f"{checkpoint}: expected to export it, found: {str(error).splitlines()[0][:200]}") from error
-    finally:
-        temporary.unlink(missing_ok=True)
     return Exported(output, family, size, difference)
 
 

@@ -1,5 +1,7 @@
 """The colours of everything that has to be told apart, with any kind of colour vision."""
 
+from numpy.typing import NDArray
+
 Color = tuple[int, int, int]
 """RGB, 0-255."""
 
@@ -18,3 +20,9 @@ LEAST_APART = 11.0
 def color_of_number(number: int) -> Color:
     """Give the colour of a number from 1 on: the palette, over and over."""
     return PALETTE[(number - 1) % len(PALETTE)]
+
+
+def as_color(row: NDArray) -> Color:
+    """Give the colour that an array holds, uint8 [3]."""
+    r, g, b = row.tolist()
+    return (r, g, b)

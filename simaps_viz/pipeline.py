@@ -25,6 +25,7 @@ from simaps_viz.events import (
     FrameSkipped,
     MergesFound,
     Observer,
+    wants_color,
 )  # fmt: skip
 from simaps_viz.mapping import so_far
 from simaps_viz.mapping.accumulator import MapAccumulator
@@ -37,11 +38,13 @@ from simaps_viz.mapping.steps import FrameStep
 from simaps_viz.structures import CellGraph, Frame, Grid, Segmentation, SIMap
 
 __all__ = [
+    "CONTENT",
     "BuildCancelled",
     "BuildConfig",
     "Elsewhere",
     "Method",
     "build_map",
+    "content_of",
     "empty_accumulator",
     "facts_of",
     "fingerprint",
@@ -53,6 +56,9 @@ __all__ = [
 Elsewhere = Callable[[FrameSource, BuildConfig, NDArray, Sequence[int]], Generator[FrameStep | None, None, None]]
 """Has frames gathered by other processes. Takes the sequence, the settings, T_map_camera of all frames (float64
 [n, 4, 4]) and indices, ascending; gives the steps of these frames, in order, and None every so often while it waits."""
+
+CONTENT = "names, poses, cameras and tables"
+"""Under this name a build's log keeps the hash of its sequence."""
 
 NONE_OF_FIRST = 20
 """When none of so many first frames can be read, the sequence is at fault, not a frame."""
@@ -69,7 +75,7 @@ def build_map(
     *,
     communities_every: int = 0,
     strict: bool = False,
-    log: Path | None = None,
+    log: Path | BuildLog | None = None,
     resume: bool = False,
     cancel: threading.Event | None = None,
     elsewhere: Elsewhere | None = None,
@@ -82,7 +88,8 @@ def build_map(
         observers: told everything, in order; colour is decoded only if one wants it.
         communities_every: tell observers the communities after every so many frames; 0 = only at the end.
         strict: a frame that cannot be read is an error; otherwise it is skipped and counted in the provenance.
-        log: keep a build log in this file while building; the finished log stays there.
+        log: keep a build log in this file while building; the finished log stays there. Or a log that is open, of
+            this build's `fingerprint`; it stays open, and is gone on with if there is something in it.
         resume: go on with the log that is there. The map comes out the same bit for bit. Observers are told of the
             frames that are left; if one wants colour, of all frames, which are read again for it.
         cancel: checked between frames; set it, from any thread, to stop the build.
@@ -102,6 +109,8 @@ def build_map(
     building.tell(started(sequence))
     if log is None:
         building.gather(range(len(sequence)))
+    elif isinstance(log, BuildLog):
+        building.gather_logged(log)
     else:
         with BuildLog(log, fingerprint(sequence, config), resume=resume) as steps:
             building.gather_logged(steps)
@@ -150,7 +159,7 @@ class _Building:
 
     def __post_init__(self) -> None:
         self.facts = facts_of(self.sequence)
-        self.watched = _wants_color(self.observers)
+        self.watched = wants_color(self.observers)
         if self.watched and self.elsewhere is not None:
             raise InputError("frames gathered elsewhere: expected no observer that wants their pictures, found one")
         self.accumulator = empty_accumulator(self.sequence, self.config, watched=self.watched, steps=self.logged)
@@ -165,6 +174,9 @@ class _Building:
         self.accumulator.frames.lean_on(log)
         if not self.watched:
             for step in log.replay():
+                if step.seen.skipped and self._can_be_read(step.seen.index):  # it was put right since
+                    log.cut(step.seen.index)
+                    break
                 self._check_skipped(step.seen.skipped)
                 try:
                     self.accumulator.replay(step)
@@ -173,6 +185,9 @@ class _Building:
                     break
         first = len(self.accumulator.frames)
         self.gather(range(first, len(self.sequence)), log)
+
+    def _can_be_read(self, index: int) -> bool:
+        return not isinstance(next(read_each(self.sequence, [index], color=False)), Unreadable)
 
     def gather(self, indices: Sequence[int], log: BuildLog | None = None) -> None:
         """Read frames, or have them read, and put them on the grid."""
@@ -275,21 +290,27 @@ def facts_of(sequence: FrameSource) -> SequenceFacts:
 
 
 def fingerprint(sequence: FrameSource, config: BuildConfig) -> dict[str, Any]:
-    """Give what a build depends on, JSON-able: settings, the sequence's facts, names and poses, the version.
-
-    The images are not looked at: whoever changes them between a build and its resumption gets a map of both.
-    """
-    content = hashlib.sha256("\n".join(sequence.frame_names).encode())
-    content.update(np.ascontiguousarray(sequence.poses, dtype=np.float64).tobytes())
-    if sequence.path.is_file() and sequence.path.suffix == ".json":
-        content.update(sequence.path.read_bytes())
+    """Give what a build depends on, JSON-able: settings, the sequence's facts and content, the version."""
     return {
         "version": version("simaps-viz"),
         "config": config.to_json(),
         "sequence": facts_of(sequence).to_json(),
         "frames": len(sequence),
-        "names, poses and manifest": content.hexdigest(),
+        CONTENT: content_of(sequence),
     }
+
+
+def content_of(sequence: FrameSource) -> str:
+    """Hash a sequence: names, poses, cameras, segment tables, and what its manifest says.
+
+    The images are not looked at: whoever changes them between a build and its resumption gets a map of both.
+    """
+    content = hashlib.sha256("\n".join(sequence.frame_names).encode())
+    content.update(np.ascontiguousarray(sequence.poses, dtype=np.float64).tobytes())
+    content.update(sequence.described())
+    if sequence.path.is_file() and sequence.path.suffix == ".json":
+        content.update(sequence.path.read_bytes())
+    return content.hexdigest()
 
 
 def empty_accumulator(
@@ -297,10 +318,6 @@ def empty_accumulator(
 ) -> MapAccumulator:
     """Give what a build gathers its frames in; links are counted where the method or an observer wants them."""
     return so_far.empty_accumulator_of(sequence.labels, sequence.is_thing, config, links=watched, steps=steps)
-
-
-def _wants_color(observers: Sequence[Observer]) -> bool:
-    return any(getattr(observer, "wants_color", True) for observer in observers)
 
 
 def started(sequence: FrameSource) -> BuildStarted:

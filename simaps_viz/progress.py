@@ -1,12 +1,9 @@
 """Progress on the terminal (stderr), or as JSON lines on stdout for programs."""
 
-import json
-import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import Any
 
-from rich.console import Console
 from rich.progress import (
     BarColumn,
     MofNCompleteColumn,
@@ -31,14 +28,7 @@ from simaps_viz.events import (
 )  # fmt: skip
 from simaps_viz.logs import log_stages, logger
 from simaps_viz.stages import StageClock
-
-console = Console(stderr=True, highlight=False)
-
-
-def emit(record: dict[str, Any]) -> None:
-    """Write one JSON line on stdout."""
-    sys.stdout.write(json.dumps(record) + "\n")
-    sys.stdout.flush()
+from simaps_viz.terminal import console, emit
 
 
 class _Rate(ProgressColumn):

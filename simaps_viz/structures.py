@@ -15,7 +15,7 @@ from simaps_viz.geometry import heading_to_yaw, yaw_to_heading
 if TYPE_CHECKING:
     import pandas as pd
 
-    from simaps_viz.api import Place, RobotShape
+    from simaps_viz.api import Answer, Place, RobotShape
 
 
 def _expect(name: str, array: NDArray, shape: tuple[int, ...], dtype: type) -> None:
@@ -252,7 +252,9 @@ class SIMap:
     """float64 [4, 4], world to map frame."""
     method: str
     parameters: Mapping[str, Any]
-    """JSON-able; holds at least ``k_percent`` and ``resolution`` for method paper."""
+    """JSON-able. Holds at least ``resolution``, and ``k_percent`` (method paper) or ``affinity`` (method evidence). A
+    built map holds all its settings, such as ``seed``, ``min_cells`` and, method evidence, ``pooling`` (what is
+    believed before any evidence)."""
     provenance: Mapping[str, Any]
     """JSON-able: where the map came from (``sequence`` path, ``segmentation`` source, ``simulated``, versions)."""
     community: NDArray
@@ -299,7 +301,7 @@ class SIMap:
         names = [i.label for i in self.instances]
         return {n: names.count(n) for n in sorted(set(names), key=lambda n: (-names.count(n), n))}
 
-    # Asking in words and planning lie layers above this one. These three only hand on to them, so that whoever holds a
+    # Asking in words and planning lie layers above this one. These four only hand on to them, so that whoever holds a
     # map has its questions at hand, typed; tests/test_layers.py knows the exception and that it is imported on call.
 
     def find(self, name: str, *, near: "Place | str | None" = None) -> "tuple[Instance, ...]":
@@ -313,6 +315,12 @@ class SIMap:
         from simaps_viz import api  # noqa: PLC0415 - upwards, see above
 
         return api.plan(self, start, goal, robot=robot)
+
+    def ask(self, command: str, *, pose: "Pose2 | None" = None, robot: "RobotShape | None" = None) -> "Answer":
+        """Carry out a command in English, or a program, with a simulated robot; see `simaps_viz.ask`."""
+        from simaps_viz import api  # noqa: PLC0415 - upwards, see above
+
+        return api.ask(self, command, pose=pose, robot=robot)
 
     def to_pandas(self) -> "pd.DataFrame":
         """Give the instances as a pandas frame, one row each, indexed by id; see `simaps_viz.to_pandas`."""

@@ -2,22 +2,9 @@
 
 from typing import Any
 
-from rich.console import Console
 from rich.table import Table
 
 from simaps_viz.mapping.edit_log import people_in_words
-
-
-class Answers(Console):
-    """Prints tables on stdout. Whoever reads them may have gone; that is for the command to say, not for rich."""
-
-    def __init__(self, *, width: int | None = None) -> None:
-        """Print as wide as the terminal, or as wide as told, characters."""
-        super().__init__(highlight=False, markup=False, width=width)
-
-    def on_broken_pipe(self) -> None:
-        """Pass it on: rich would end the program with status 1, which says that the answer is no."""
-        raise BrokenPipeError
 
 
 def map_tables(facts: dict[str, Any]) -> list[Table]:

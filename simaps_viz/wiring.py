@@ -1,69 +1,50 @@
 """Puts the parts together for the command line and the apps: sequence to map, map to page."""
 
-import hashlib
-import json
-import os
-import re
 import threading
 import webbrowser
 from collections.abc import Callable, Mapping, Sequence
-from contextlib import suppress
 from dataclasses import asdict, replace
-from importlib.metadata import version
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
-from platformdirs import user_cache_path
 
 from simaps_viz.building import build_whole, is_whole
+from simaps_viz.caching import cache_folder, map_in_cache
 from simaps_viz.commands.mend import mending_panels
 from simaps_viz.datasets.posed_frames import PosedFrames, open_sequence
 from simaps_viz.datasets.source import FrameSource
-from simaps_viz.errors import InputError, PlanningError
+from simaps_viz.errors import InputError
 from simaps_viz.language.commands import Reading, read_command
 from simaps_viz.language.grounding import Grounding
 from simaps_viz.language.llm import Exchange, LLMError, LLMReader, LLMServerError, parse_llm_spec
 from simaps_viz.looking_back import looking_back
 from simaps_viz.mapping.mapfile import load_map
 from simaps_viz.mapping.mending import Mending
-from simaps_viz.mapping.simap import recommunity, repartition
-from simaps_viz.navigation.agent import Agent, Answer, Reader, answer, planner_of
+from simaps_viz.mapping.simap import joining_at, recommunity, repartition
+from simaps_viz.navigation.agent import Agent, Answer, Reader, answer
 from simaps_viz.navigation.planner import RobotShape
+from simaps_viz.navigation.start import start_pose
 from simaps_viz.pipeline import BuildConfig
-from simaps_viz.progress import StageProgress, console
+from simaps_viz.progress import StageProgress
 from simaps_viz.segmentation.sequences import WithMasks, masks_from
 from simaps_viz.structures import Pose2, SIMap
+from simaps_viz.terminal import console
 
 if TYPE_CHECKING:
     from simaps_viz.evaluation.judging import JudgingSession
+    from simaps_viz.viewer.panels.recordings import RecordingServices
+    from simaps_viz.viewer.panels.spec import PanelSpec
+    from simaps_viz.viewer.services import LanguageModel, Services
     from simaps_viz.viewer.workbench import Workbench
-
-
-def cache_folder() -> Path:
-    """Give the folder for what can be made again: ``SIMAPS_CACHE``, or the user's cache directory."""
-    chosen = os.environ.get("SIMAPS_CACHE")
-    return Path(chosen) if chosen else user_cache_path("simaps")
 
 
 def cached_build(
     sequence: FrameSource, method: str, config: BuildConfig, progress: StageProgress
 ) -> tuple[SIMap, Path]:
     """Build a map with its recording in the cache, or take both from there; they depend on all that goes in."""
-    what = [
-        str(sequence.path.resolve()),
-        sequence.segmentation_source,
-        sequence.path.stat().st_mtime_ns,
-        method,
-        asdict(config),
-        version("simaps-viz"),
-    ]
-    key = hashlib.sha256(json.dumps(what).encode()).hexdigest()[:16]
-    folder = cache_folder() / "maps"
-    folder.mkdir(parents=True, exist_ok=True)
-    stem = f"{re.sub('[^a-z0-9]+', '-', sequence.name.lower()).strip('-')}-{key}"
-    output, record = folder / f"{stem}.npz", folder / f"{stem}.rrd"
+    output = map_in_cache(cache_folder(), sequence, method, config)
+    record = output.with_suffix(".rrd")
     if is_whole(output, record, method):
         return load_map(output), record
     return build_whole(sequence, method, config, output, record, progress), record
@@ -79,27 +60,6 @@ def sequence_of(simap: SIMap) -> PosedFrames | WithMasks | None:
         return masks_from(sequence, source, cache_folder())  # other masks would mislead
     except InputError:
         return None
-
-
-def start_pose(simap: SIMap) -> Pose2:
-    """Give where the robot starts: where the first camera stood that has free floor by it, looking its way.
-
-    Who scans by hand seldom sees the floor he stands on first. Where no camera has any, it is the first one's place.
-    """
-    if len(simap.T_map_camera) == 0:
-        raise InputError("start pose: expected a map with at least one camera, found none")
-    planner = planner_of(simap, RobotShape())
-    poses = [_standing(T) for T in simap.T_map_camera[:: max(1, len(simap.T_map_camera) // 200)]]
-    for pose in poses:
-        with suppress(PlanningError):
-            planner.start_cell(pose.x_m, pose.y_m)
-            return pose
-    return poses[0]
-
-
-def _standing(T_map_camera: NDArray) -> Pose2:
-    x, y = T_map_camera[:2, 3].tolist()
-    return Pose2(x, y, float(np.arctan2(T_map_camera[1, 2], T_map_camera[0, 2])))
 
 
 def workbench(
@@ -152,20 +112,26 @@ def serve(
     """Show the workbench until Ctrl-C."""
     with workbench(simap, recording=recording, port=port, llm=llm, judging=judging, mending=mending, host=host,
                    map_path=map_path) as page:  # fmt: skip
-        console.print(f"Workbench: {page.entrance}  (Ctrl-C to stop)", soft_wrap=True, markup=False)
-        if page.access.is_open:
-            ports = ", ".join(map(str, page.ports))
-            console.print(
-                f"Open to the network, not encrypted; whoever has this address has the map. Ports: {ports}",
-                soft_wrap=True,
-            )
+        tell_where(page)
         if browser:
             webbrowser.open(page.entrance)
         page.wait()
 
 
-def _services(simap: SIMap, recording: Path | None, mending: Mending | None = None) -> Any:
-    from simaps_viz.recorder.web_viewer import (  # noqa: PLC0415 - rerun is slow to import
+def tell_where(page: "Workbench") -> None:
+    """Print where a page is served, and its ports where a firewall or a tunnel cannot take them for granted."""
+    console.print(f"Workbench: {page.entrance}  (Ctrl-C to stop)", soft_wrap=True, markup=False)
+    ports = f"Ports: {', '.join(map(str, page.ports))}"
+    if page.access.is_open:
+        words = "Open to the network, not encrypted; whoever has this address has the map."
+        console.print(f"{words} {ports}", soft_wrap=True, highlight=False)
+    elif not page.ports_in_a_row:
+        console.print(f"{ports} (a tunnel has to forward all of them)", soft_wrap=True, highlight=False)
+
+
+def _services(simap: SIMap, recording: Path | None, mending: Mending | None = None) -> "Services":
+    from simaps_viz.recorder.facts import read_levels  # noqa: PLC0415 - rerun is slow to import
+    from simaps_viz.recorder.web_viewer import (  # noqa: PLC0415 - as above
         CONTENT_SECURITY_POLICY,
         rerun_page,
         viewer_assets,
@@ -181,10 +147,11 @@ def _services(simap: SIMap, recording: Path | None, mending: Mending | None = No
         rerun_assets=viewer_assets(),
         csp=CONTENT_SECURITY_POLICY,
         recordings=(recording,),
+        recorded_levels=read_levels(recording),
     )
 
 
-def bare_services(simap: SIMap, mending: Callable[[], Mending | None] = lambda: None) -> Any:
+def bare_services(simap: SIMap, mending: Callable[[], Mending | None] = lambda: None) -> "Services":
     """Give what stands behind every page: no panels of its own, no recording.
 
     Args:
@@ -204,10 +171,10 @@ def bare_services(simap: SIMap, mending: Callable[[], Mending | None] = lambda: 
     def find_anew(m: SIMap, resolution: float, percent: float) -> SIMap:
         edits = mending()
         find = recommunity if edits is None or not edits.covers(m) else edits.recommunity
-        return find(m, resolution=resolution, **joining(m, percent))
+        return find(m, resolution=resolution, **joining_at(m, percent))
 
     return Services(
-        repartition=lambda m, percent: repartition(m, **joining(m, percent)),
+        repartition=lambda m, percent: repartition(m, **joining_at(m, percent)),
         recommunity=find_anew,
         ask=answer,
         steps=lambda m, program, pose: Agent(m, pose).steps(program),
@@ -220,7 +187,9 @@ def bare_services(simap: SIMap, mending: Callable[[], Mending | None] = lambda: 
     )
 
 
-def panels_of(simap: SIMap, recording: Path | None, mending: Mending | None, *, beside: bool) -> tuple[Any, ...]:
+def panels_of(
+    simap: SIMap, recording: Path | None, mending: Mending | None, *, beside: bool
+) -> "tuple[PanelSpec, ...]":
     """Give the panels that a page on a finished map has.
 
     Args:
@@ -229,8 +198,9 @@ def panels_of(simap: SIMap, recording: Path | None, mending: Mending | None, *, 
         mending: its edits.
         beside: whether the page has a place for recordings.
     """
-    from simaps_viz.comparing import compare_services, share_services  # noqa: PLC0415 - only needed by the page
+    from simaps_viz.comparing import compare_services  # noqa: PLC0415 - only needed by the page
     from simaps_viz.mask_services import segmentation_services  # noqa: PLC0415 - viser is slow to import
+    from simaps_viz.sharing import share_services  # noqa: PLC0415 - only needed by the page
     from simaps_viz.viewer.panels.compare import compare_panel  # noqa: PLC0415 - as above
     from simaps_viz.viewer.panels.masks import masks_panel  # noqa: PLC0415 - as above
     from simaps_viz.viewer.panels.recordings import recordings_spec  # noqa: PLC0415 - as above
@@ -245,29 +215,18 @@ def panels_of(simap: SIMap, recording: Path | None, mending: Mending | None, *, 
     )
 
 
-def _recording_services(*, beside: bool) -> Any:
+def _recording_services(*, beside: bool) -> "RecordingServices":
     from simaps_viz.recorder.library import RecordingLibrary  # noqa: PLC0415 - rerun is slow to import
     from simaps_viz.viewer.panels.recordings import RecordingServices  # noqa: PLC0415 - viser is slow to import
-    from simaps_viz.viewer.session import Session  # noqa: PLC0415 - as above
 
     library = RecordingLibrary()
-
-    def show(desk: Any, path: Path) -> None:
-        if isinstance(desk, Session):
-            desk.show_recording(path)
-
     return RecordingServices(
         entries=library.entries,
         rename=library.rename,
         delete=library.delete,
-        open=show if beside else None,
+        beside=beside,
         folder=str(library.folders[0]),
     )
-
-
-def joining(simap: SIMap, percent: float) -> dict[str, float]:
-    """Give the parameter of `repartition` that a percentage means on this map: K, or 100 x the affinity."""
-    return {"affinity": percent / 100.0} if simap.method == "evidence" else {"k_percent": percent}
 
 
 def reader(llm: str | None, simap: SIMap, pose: Pose2) -> Reader:
@@ -306,7 +265,7 @@ def _reading(
     return read
 
 
-def _language_model(llm: str) -> Any:
+def _language_model(llm: str) -> "LanguageModel":
     from simaps_viz.viewer.services import LanguageModel  # noqa: PLC0415 - viser is slow to import
 
     model = LLMReader(parse_llm_spec(llm))

@@ -89,6 +89,9 @@ class Random:
     def read(self, index, *, color=False):
         return self._all[index][0]
 
+    def described(self):
+        return b"random"
+
     def segmentation(self, index):
         return self._all[index][1]
 

@@ -7,10 +7,15 @@ from dataclasses import dataclass
 from pathlib import Path
 
 ROOT = Path(__file__).parents[1]
-PAGES = ("README.md", *sorted(f"docs/{path.name}" for path in (ROOT / "docs").glob("*.md")))
+PAGES = (
+    *("README.md", "CHANGELOG.md", "SECURITY.md"),
+    *sorted(f"docs/{path.name}" for path in (ROOT / "docs").glob("*.md")),
+)
 SHELL = ("", "sh", "bash", "console")
 """Languages of fenced blocks that hold commands."""
 _BLOCK = re.compile(r"^```(\w*)\n(.*?)^```$", re.M | re.S)
+_INDENTED = re.compile(r"^ {4}(?:[A-Z_]+=\S+ )?((?:simaps |python apps/).*)$", re.M)
+_INLINE = re.compile(r"(?<!`)`((?:simaps |python apps/)[^`]+)`")
 
 
 @dataclass(frozen=True)
@@ -55,11 +60,31 @@ def shell_lines(page: str) -> list[Line]:
 
 
 def inline_commands(page: str) -> list[Line]:
-    """Give the `simaps ...` commands that stand in the text, those with a placeholder such as MAP left out."""
-    outside = _BLOCK.sub(lambda block: "\n" * block[0].count("\n"), (ROOT / page).read_text())
+    """Give the commands that stand in the text, those with a placeholder such as MAP left out."""
+    outside = _outside(page)
     found = []
-    for span in re.finditer(r"(?<!`)`(simaps [^`]+)`", outside):
+    for span in _INLINE.finditer(outside):
         text = re.sub(r"\s+", " ", span[1])
         if not re.search(r"\b[A-Z]{2,}\b|…|\.\.\.|\|", re.sub(r'"[^"]*"', "", text)):
             found.append(Line(page, outside.count("\n", 0, span.start()) + 1, text))
     return found
+
+
+def indented_commands(page: str) -> list[Line]:
+    """Give the command lines that are set off by four spaces: shown, not to be run as they stand."""
+    outside = _outside(page)
+    return [
+        Line(page, outside.count("\n", 0, line.start()) + 1, shlex.join(shlex.split(line[1], comments=True)))
+        for line in _INDENTED.finditer(outside)
+    ]
+
+
+def links(page: str) -> list[str]:
+    """Give what a page links to, other sites left out."""
+    targets = re.findall(r"\]\(([^)#]+)[^)]*\)", (ROOT / page).read_text())
+    return [target for target in targets if not target.startswith("http")]
+
+
+def _outside(page: str) -> str:
+    """Give a page with its fenced blocks blanked."""
+    return _BLOCK.sub(lambda block: "\n" * block[0].count("\n"), (ROOT / page).read_text())

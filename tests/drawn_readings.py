@@ -148,6 +148,9 @@ class MemorySource:
     def __len__(self) -> int:
         return len(self.parts)
 
+    def described(self) -> bytes:
+        return repr(self.parts[0][0].intrinsics).encode()
+
     def read(self, index: int, *, color: bool = False) -> Frame:
         return self.parts[index][0]
 

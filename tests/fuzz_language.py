@@ -17,7 +17,7 @@ from simaps_viz.language.commands import read_command
 from simaps_viz.language.interpreter import Budget
 from simaps_viz.language.llm import check_names
 from simaps_viz.language.llm_chat import _answer_of
-from simaps_viz.language.llm_prompt import read_answer, read_class
+from simaps_viz.language.llm_prompt import read_answer
 from simaps_viz.language.llm_settings import LLMSettings
 from simaps_viz.language.program import parse_program
 from simaps_viz.navigation.agent import Agent
@@ -86,11 +86,8 @@ def _llm(folder: Path) -> Case:
     settings = LLMSettings("http://127.0.0.1:1/v1", "model")
 
     def case(r: Random) -> object:
-        kind = r.random()
-        if kind < 0.5:
+        if r.random() < 0.5:
             return _answer_of(mutate_json(r, json.dumps(ANSWER).encode()), "", settings)
-        if kind < 0.6:
-            return read_class(mutate_json(r, b'{"class": "chair"}').decode("utf-8", "replace"), list(counts))
         text = json.dumps({"program": _text(r), "refusal": None})
         program, _ = read_answer(mutate_json(r, text.encode()).decode("utf-8", "replace"))
         check_names(parse_program(program), counts)

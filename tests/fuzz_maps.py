@@ -8,17 +8,19 @@ from pathlib import Path
 from random import Random
 
 import numpy as np
+from build_logs import keep_log, read_log
 from fuzz_cases import Case, Target
 from fuzz_mutators import mutate_array, mutate_bytes, mutate_json, mutate_npy, mutate_value, mutate_zip
 from sequences import write_tiny_sequence
 from toy_maps import TOY_POSE, toy_map
 
 from simaps_viz import open_sequence
-from simaps_viz.mapping.build_log import MAGIC, BuildLog, keep_log, read_log, steps_beside
+from simaps_viz.mapping.build_log import BuildLog, steps_beside
 from simaps_viz.mapping.edit_file import EditsFile, edits_path, fingerprint, moved_to, read_edits, save_edits, to_bytes
 from simaps_viz.mapping.edit_log import EditLog, mended
 from simaps_viz.mapping.edits import delete, merge, relabel
 from simaps_viz.mapping.history import MapHistory
+from simaps_viz.mapping.log_records import MAGIC
 from simaps_viz.mapping.mapfile import load_map, save_map
 from simaps_viz.mapping.simap import repartition
 from simaps_viz.mapping.why import explain

@@ -7,6 +7,7 @@ from typing import Any
 from sequences import write_tiny_sequence
 
 from simaps_viz import open_sequence
+from simaps_viz.building import BuildRequest
 from simaps_viz.live.view import LiveSettings
 from simaps_viz.pipeline import BuildConfig
 
@@ -47,4 +48,4 @@ def at_once(monkeypatch: Any) -> None:
 
 
 def settings(output: Path, **others: Any) -> LiveSettings:
-    return LiveSettings("evidence", BuildConfig(), output, port=0, **others)
+    return LiveSettings(BuildRequest("evidence", BuildConfig(), output, **others), port=0)

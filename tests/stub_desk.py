@@ -4,6 +4,7 @@ import contextlib
 import io
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
@@ -11,11 +12,13 @@ import numpy as np
 import viser
 from browser import PIXEL, free_port, on_canvas, until
 from playwright.sync_api import Page
+from toy_maps import TOY_POSE
 
-from simaps_viz.structures import SIMap
+from simaps_viz.structures import Pose2, SIMap
 from simaps_viz.viewer.desk import MapPicture
 from simaps_viz.viewer.drawing.camera import top_view
 from simaps_viz.viewer.drawing.texture import map_image
+from simaps_viz.viewer.drawing.theme import LIGHT, Theme
 from simaps_viz.viewer.worker import Worker
 
 
@@ -31,6 +34,7 @@ class StubDesk:
         self.errors: list[Exception] = []
         self.pictures: list[MapPicture | None] = []
         self.looked: list[tuple[float, ...]] = []
+        self.opened: list[Path] = []
         self.downloads: list[tuple[str, bytes]] = []
         self._worker = Worker(self.report)
         self.show_picture(None)
@@ -53,8 +57,23 @@ class StubDesk:
         return self._simap
 
     @property
+    def theme(self) -> Theme:
+        return LIGHT
+
+    @property
+    def aspect(self) -> float:
+        return 2.0
+
+    @property
     def selected(self) -> int | None:
         return None
+
+    @property
+    def pose(self) -> Pose2:
+        return TOY_POSE
+
+    def show_recording(self, path: Path) -> None:
+        self.opened.append(path)
 
     def select(self, instance_id: int | None) -> None:
         raise AssertionError("nobody selects here")
@@ -62,10 +81,8 @@ class StubDesk:
     def jump(self, frame: int) -> None:
         raise AssertionError("nobody shows another frame here")
 
-    def change_map(self, simap: SIMap) -> None:
+    def publish(self, simap: SIMap) -> None:
         self._simap = simap
-
-    publish = change_map
 
     def show_picture(self, picture: MapPicture | None) -> None:
         self.pictures.append(picture)
@@ -88,13 +105,13 @@ class StubDesk:
     def report(self, error: Exception) -> None:
         self.errors.append(error)
 
-    def look(self, extent: tuple[float, float, float, float] | None) -> None:
+    def look_at(self, extent: tuple[float, float, float, float] | None) -> None:
         extent = extent or self._simap.spec.extent_m
         self.looked.append(extent)
         for client in self.server.get_clients().values():
             self._look(client, extent)
 
-    def download(self, name: str, content: bytes) -> None:
+    def send(self, name: str, content: bytes) -> None:
         self.downloads.append((name, content))
         for client in self.server.get_clients().values():
             client.send_file_download(name, content, save_immediately=True)

@@ -1,11 +1,13 @@
 """Finding and planning from Python, with answers worked out on the drawing in toy_maps."""
 
 import sys
+from dataclasses import replace
 
+import numpy as np
 import pytest
 from toy_maps import TOY_POSE, toy_map
 
-from simaps_viz import CommandError, InputError, PlanningError, Pose2, RobotShape, find, plan, to_pandas
+from simaps_viz import CommandError, InputError, PlanningError, Pose2, RobotShape, ask, find, plan, to_pandas
 
 
 @pytest.fixture(scope="module")
@@ -39,6 +41,42 @@ def test_methods_of_the_map_are_the_functions(simap):
     ways = simap.plan(TOY_POSE, "sofa", robot=robot), plan(simap, TOY_POSE, "sofa", robot=robot)
     assert ways[0].points_m.tolist() == ways[1].points_m.tolist() != simap.plan(TOY_POSE, "sofa").points_m.tolist()
     assert simap.to_pandas().equals(to_pandas(simap))
+
+
+def test_ask(simap):
+    """As `simaps query` answers: from the pose, or from where the first camera stood that has free floor by it."""
+    done = simap.ask("go to the nearest chair, then turn left", pose=TOY_POSE)
+    assert done.status == "ok" and done.reason is None and done.program.startswith("robot.move_to_object(")
+    assert [goal.instance for goal in done.goals][:1] == [3] and done.path_m[0].tolist() == [0.5, 0.5]
+    wide = RobotShape(radius_m=0.3)
+    by_method = simap.ask("go to the sofa", pose=TOY_POSE, robot=wide)
+    by_function = ask(simap, "go to the sofa", pose=TOY_POSE, robot=wide)
+    assert by_method.to_json() == by_function.to_json() != simap.ask("go to the sofa", pose=TOY_POSE).to_json()
+    assert simap.ask("robot.turn(90)", pose=TOY_POSE).final_pose.heading_deg == pytest.approx(180.0)
+    T_map_camera = np.tile(np.eye(4), (2, 1, 1))  # both look up; the first stands outside of the house
+    T_map_camera[0, :3, 3], T_map_camera[1, :3, 3] = (-5.0, 0.0, 1.5), (0.5, 0.9, 1.5)
+    seen = replace(simap, T_map_camera=T_map_camera)
+    assert seen.ask("go to the chair").path_m[0].tolist() == [0.5, 0.9]
+
+
+def test_what_cannot_be_done_is_an_answer(simap):
+    refused = simap.ask("go to the piano", pose=TOY_POSE)
+    assert refused.status == "refused" and "no piano on this map. It has: chair (3)" in (refused.reason or "")
+    assert refused.final_pose == TOY_POSE and refused.path_length_m == 0.0
+    assert simap.ask("go to the chair", pose=Pose2(90.0, 0.0, 0.0)).status == "failed"
+
+
+@pytest.mark.parametrize(("command", "pose"), [(3, TOY_POSE), ("turn left", (0.5, 0.5)), ("turn left", "here")])
+def test_a_command_is_text_and_a_pose_has_a_heading(simap, command, pose):
+    with pytest.raises(InputError, match=r"command: expected text, found 3|pose: expected a Pose2"):
+        simap.ask(command, pose=pose)
+
+
+def test_a_map_without_cameras_is_asked_with_a_pose(simap):
+    bare = replace(simap, T_map_camera=np.zeros((0, 4, 4)), frame_names=())
+    assert bare.ask("turn left", pose=TOY_POSE).status == "ok"
+    with pytest.raises(InputError, match="start pose: expected a map with at least one camera"):
+        bare.ask("turn left")
 
 
 def test_near_an_instance_leaves_it_out(simap):

@@ -3,7 +3,6 @@
 import http.server
 import threading
 
-import pytest
 from browser import field_of, free_port, mine, open_workbench, toy_services, until, watched_page
 from hostile_maps import IMAGE, PWNED, SCRIPT, hostile_map
 
@@ -12,8 +11,6 @@ from simaps_viz.recorder.web_viewer import CONTENT_SECURITY_POLICY, rerun_page, 
 from simaps_viz.viewer.server.host import Host
 from simaps_viz.viewer.share.page import page_html
 from simaps_viz.viewer.workbench import Workbench
-
-pytestmark = pytest.mark.browser
 
 
 def refuse(simap, command, pose):

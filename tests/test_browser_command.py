@@ -10,7 +10,6 @@ from simaps_viz import wiring
 from simaps_viz.language.commands import Reading, read_command
 from simaps_viz.navigation.agent import answer
 
-pytestmark = pytest.mark.browser
 expect.set_options(timeout=20_000)
 
 MARKED = "[aria-current=step]"
@@ -68,10 +67,10 @@ def test_a_command_is_explained_numbered_marked_and_driven(bench, page):
     expect(page.get_by_text("On the way")).to_be_visible()
     expect(page.locator(MARKED)).to_contain_text('robot.move_to_nth_closest("chair", 3)')
     page.wait_for_function("() => '/candidates/2' in window.__viserMutable.nodeRefFromName")
-    numbers = {label.text.split(" · ")[0]: label.position for label in mine(bench)._scene._candidates}
+    numbers = {label.text.split(" · ")[0]: label for label in mine(bench).scene._candidates._labels}
     chosen = answer(mine(bench).simap, "go to the third chair from here", mine(bench).robot._asked_at).goals[0].instance
     assert set(numbers) == {"1", "2", "▶ 3"} and mine(bench).robot.driving
-    assert chosen is not None and numbers["▶ 3"][0] == pytest.approx(mine(bench).simap.by_id(chosen).centroid_m[0])
+    assert chosen is not None and numbers["▶ 3"].x == pytest.approx(mine(bench).simap.by_id(chosen).centroid_m[0])
     expect(page.get_by_text("Chair 3 is the farthest of 3 from where the command was given")).to_be_visible()
     hurry(page)
     expect(page.get_by_text("Done")).to_be_visible()

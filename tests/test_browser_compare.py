@@ -10,16 +10,15 @@ from playwright.sync_api import expect
 from stub_desk import color_at, open_desk, settle, stub_desk
 from toy_maps import toy_map
 
-from simaps_viz.comparing import load_bytes, rejoin
+from simaps_viz.comparing import rejoin
 from simaps_viz.errors import InputError
 from simaps_viz.evaluation.two_maps import compare_two
 from simaps_viz.mapping.mapfile import save_map
 from simaps_viz.mapping.simap import repartition
+from simaps_viz.uploads import load_bytes
 from simaps_viz.viewer.drawing.compare_picture import KINDS, TwoPictures
 from simaps_viz.viewer.panels.compare import ComparePanel
 from simaps_viz.viewer.panels.compare_services import TRUTH, CompareServices, Source
-
-pytestmark = pytest.mark.browser
 
 CHAIR_1, CHAIR_3, COUCH = (1.25, 1.85), (-0.2, -0.8), (3.6, 2.45)
 SLOW = "a source that takes its time"
@@ -57,7 +56,7 @@ def opened(browser):
             compare=lambda left, right, truth: compare_two(left, right, truth=truth),
             sources=SOURCES, make=make, rejoin=rejoin, load=load_bytes,
         )  # fmt: skip
-        panel = ComparePanel(desk, services, look=desk.look)
+        panel = ComparePanel(desk, services)
         open_desk(page, desk)
         yield desk, panel, page
         panel.close()
@@ -111,8 +110,8 @@ def test_a_merger_is_listed_drawn_and_clicked(bench):
     expect(page.get_by_text("5 objects agree")).to_be_visible()
     west = (-0.4, CHAIR_3[1])
     until(page, lambda: line_near(desk, page, west, KINDS["merged"][0]), 30.0)
-    page.get_by_role("button", name="merged · 2 chairs → 1").click()
-    expect(page.get_by_text("instances 1, 3")).to_be_visible()
+    page.get_by_role("button", name="merged · chairs 1 + 2 → 1").click()
+    expect(page.get_by_text("chairs 1 + 2 ·")).to_be_visible()
     expect(row_of(page, "Divide").last).to_have_value("25")  # through the middle of the two
     assert desk.looked[-1] == pytest.approx((-0.4 - 2.48, -1.0 - 2.48, 1.45 + 2.48, 2.1 + 2.48))
     page.get_by_role("button", name="End comparison").click()
@@ -144,7 +143,7 @@ def test_side_by_side_lies_to_the_right_at_the_same_scale(bench):
     begin(desk, panel, page)
     choose(page, "Show as", "Side by side")
     maps = panel.maps
-    seam = TwoPictures(maps).seam_m
+    seam = TwoPictures(maps).shift_m("side by side")[0]
     until(page, lambda: desk.pictures[-1].spec.cols > 2 * maps.spec.cols, 30.0)
     spec = desk.pictures[-1].spec
     assert spec.cols * spec.cell_size_m == pytest.approx(seam + 6.0)
@@ -154,9 +153,9 @@ def test_side_by_side_lies_to_the_right_at_the_same_scale(bench):
     for x in (COUCH[0], COUCH[0] + seam):
         until(page, lambda x=x: near(color_at(desk, page, x, COUCH[1]), color), 30.0)
     assert panel.take_click(CHAIR_3[0] + seam, CHAIR_3[1])
-    expect(page.get_by_text("instances 1, 3")).to_be_visible()
+    expect(page.get_by_text("chairs 1 + 2 ·")).to_be_visible()
     assert panel.take_click(2.0 + seam, -0.5)
-    expect(page.get_by_text("instances 1, 3")).to_have_count(0)
+    expect(page.get_by_text("chairs 1 + 2 ·")).to_have_count(0)
     choose(page, "Show as", "Swipe")
 
 
@@ -177,7 +176,7 @@ def test_other_settings_of_the_same_map_follow_the_slider(bench):
     expect(page.get_by_text("No differences")).to_be_visible()
     row_of(page, "Right K (%)").last.fill("30")
     until(page, lambda: bool(panel.maps and panel.maps.items), 30.0)
-    expect(page.get_by_role("button", name="split · 1 chair → 2").first).to_be_visible()
+    expect(page.get_by_role("button", name="split · chair 1 → 1 + 2").first).to_be_visible()
     assert panel.maps.right.title == "K 30 %, resolution 1"
 
 

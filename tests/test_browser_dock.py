@@ -23,7 +23,6 @@ from simaps_viz.pipeline import BuildConfig
 from simaps_viz.progress import stage_progress
 from simaps_viz.structures import SIMap
 
-pytestmark = pytest.mark.browser
 expect.set_options(timeout=20_000)
 FRAMES = 6
 MAP_SHOWN = "() => window.__viserMutable?.nodeRefFromName?.['/map'] != null"
@@ -177,12 +176,14 @@ def test_the_timelines_of_rerun_and_the_steps_of_the_page_move_each_other(browse
         # From the page to rerun.
         dock.fill(step, communities + 1)
         dock.shows("merge", 1)
+        dock.fill(step, 1)
+        dock.shows("louvain", 1)
         dock.fill(step, 0)
         dock.shows("louvain", 0)
         expect(page.get_by_text("Classes only")).to_be_visible()
         # From rerun to the page: a person drags the time cursor, and chooses another timeline.
         dock.scrub(1.0)
-        dock.shows("louvain", 1)
+        dock.shows("louvain", communities)
         expect(step).to_have_value(str(communities))
         expect(page.get_by_text("before any is joined")).to_be_visible()
         dock.choose("merge")
@@ -194,6 +195,69 @@ def test_the_timelines_of_rerun_and_the_steps_of_the_page_move_each_other(browse
         # Back on the frames, it shows the page's.
         dock.choose("frame")
         dock.shows("frame", FRAMES - 1)
+
+
+FOCUSED = """() => {
+  const one = document.activeElement;
+  return one.matches('iframe') ? 'IFRAME' : one.getAttribute('aria-label') || one.textContent.trim();
+}"""
+
+
+def test_keys_lead_out_of_the_recording_and_reach_the_page_from_it(browser, built):
+    with docked(browser, built) as dock:
+        page = dock.page
+
+        def go_through(key: str) -> list[str]:
+            page.locator("iframe[title='Recorded build']").focus()
+            names = []
+            for _ in range(40):
+                page.keyboard.press(key)
+                page.wait_for_timeout(60)
+                names.append(page.evaluate(FOCUSED))
+                if names[-1] == "IFRAME":
+                    break
+            return names
+
+        for key in ("Tab", "Shift+Tab"):
+            names = go_through(key)
+            assert names[-1] == "IFRAME" and {"Help", "Map", "Instance", "Find"} <= set(names), (key, names)
+
+        session = mine(dock.bench)
+        session.select(session.simap.instances[0].id)
+        until(page, lambda: session.selected is not None)
+        page.mouse.click(*dock.at(100, -400))  # in the picture of the map
+        page.wait_for_timeout(500)
+        page.keyboard.press("Escape")
+        until(page, lambda: session.selected is None)
+        page.keyboard.press("[")
+        until(page, lambda: session.frame == FRAMES - 2)
+        page.keyboard.press("?")
+        expect(page.get_by_text("How to use this page")).to_be_visible()
+        page.keyboard.press("Escape")
+        expect(page.get_by_text("How to use this page")).to_have_count(0)
+        dock.shows("frame", FRAMES - 2)
+        page.mouse.click(*dock.at(100, -400))
+        page.keyboard.press(" ")  # is rerun's own: it plays
+        until(page, lambda: any(event["type"] == "play" for event in dock.events()), 20)
+
+
+def test_a_click_on_nothing_in_the_recording_is_answered_and_one_on_a_name_is_not(browser, built):
+    with docked(browser, built) as dock:
+        page = dock.page
+        session, said = mine(dock.bench), page.get_by_text("There is no object of the map where you clicked.")
+
+        def tell(item: dict[str, Any]) -> None:
+            dock.rerun.evaluate("item => post({ type: 'selection_change', items: [item] })", item)
+
+        (west, south, _), (east, north, _) = session.simap.instances[0].aabb_m
+        middle = [(west + east) / 2, -(south + north) / 2, None]
+        tell({"type": "view", "view_name": "Objects", "by_name": True})
+        tell({"type": "entity", "entity_path": "/map/objects", "position": middle})
+        until(page, lambda: session.selected == session.simap.instances[0].id)
+        assert said.count() == 0
+        tell({"type": "entity", "entity_path": "/map/ground", "position": [99.0, 99.0, None]})
+        expect(said).to_be_visible()
+        assert session.selected == session.simap.instances[0].id
 
 
 def record(path: Path, name: str) -> None:

@@ -5,14 +5,12 @@ from typing import Any
 
 import cv2
 import numpy as np
-import pytest
 from browser import mine, open_workbench, until, watched_page
 from live_sequences import at_once, held_sequence, settings
 
 from simaps_viz.live.view import live_workbench
 from simaps_viz.progress import stage_progress
 
-pytestmark = pytest.mark.browser
 FRAMES, HELD = 40, 20
 TIMES = "() => window.simapsEvents.filter((one) => one.type === 'time_update').map((one) => Number(one.time))"
 

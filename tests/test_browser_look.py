@@ -9,8 +9,6 @@ from simaps_viz.labels import instance_color
 from simaps_viz.map_colors import class_colors
 from simaps_viz.viewer.drawing.theme import DARK, LIGHT
 
-pytestmark = pytest.mark.browser
-
 CHAIR_1 = 1
 OPEN_FLOOR = (3.0, -0.9)
 READABLE = 4.5

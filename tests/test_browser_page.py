@@ -19,8 +19,6 @@ from simaps_viz.viewer.panels.masks import masks_panel
 from simaps_viz.viewer.panels.recordings import RecordingServices, recordings_spec
 from simaps_viz.viewer.panels.share import ShareServices, share_panel
 
-pytestmark = pytest.mark.browser
-
 CHAIR_1 = 1
 LEAST_PX = 12.0
 PAUSE_MS = 300

@@ -15,7 +15,6 @@ from simaps_viz.recorder.facts import finished_facts, send_facts
 from simaps_viz.recorder.library import RecordingLibrary
 from simaps_viz.viewer.panels.recordings import RecordingServices, RecordingsPanel
 
-pytestmark = pytest.mark.browser
 PAUSE_MS = 200
 
 
@@ -40,10 +39,10 @@ def library(tmp_path) -> RecordingLibrary:
     return RecordingLibrary([tmp_path])
 
 
-def services(library: RecordingLibrary, opened: list[Path]) -> RecordingServices:
+def services(library: RecordingLibrary) -> RecordingServices:
     return RecordingServices(
         entries=library.entries, rename=library.rename, delete=library.delete,
-        open=lambda desk, path: opened.append(path), folder=str(library.folders[0]),
+        beside=True, folder=str(library.folders[0]),
     )  # fmt: skip
 
 
@@ -67,9 +66,9 @@ def choose(page: Page, text: str) -> None:
 
 
 def test_list_open_rename_delete(browser: Browser, library: RecordingLibrary):
-    folder, opened = library.folders[0], []
+    folder = library.folders[0]
     with stub_desk(toy_map()) as desk, watched_page(browser) as page:
-        panel = RecordingsPanel(desk, services(library, opened))
+        panel = RecordingsPanel(desk, services(library))
         open_page(page, desk)
         choose(page, "café")
         table = page.locator("table").inner_text()
@@ -77,7 +76,7 @@ def test_list_open_rename_delete(browser: Browser, library: RecordingLibrary):
             assert words in table, table
         assert str(folder / "café.rrd") in table and "0.0 MB" in table
         press(page, desk, "Show it beside the map")
-        assert opened == [folder / "café.rrd"] and desk.said[-1] == ("Recording", "café is shown beside the map.")
+        assert desk.opened == [folder / "café.rrd"] and desk.said[-1] == ("Recording", "café is shown beside the map.")
 
         press(page, desk, "Rename …")
         field_of(page, "New name").fill("bar")
@@ -101,7 +100,7 @@ def test_list_open_rename_delete(browser: Browser, library: RecordingLibrary):
 def test_what_cannot_be_opened_says_so_and_nothing_at_all_too(browser: Browser, library: RecordingLibrary):
     folder = library.folders[0]
     with stub_desk(toy_map()) as desk, watched_page(browser) as page:
-        RecordingsPanel(desk, services(library, []))
+        RecordingsPanel(desk, services(library))
         open_page(page, desk)
         choose(page, "broken")
         assert page.get_by_text("It cannot be opened").is_visible()

@@ -9,8 +9,6 @@ from toy_maps import toy_map
 
 from simaps_viz.viewer.panels.masks import SegmentationPanel
 
-pytestmark = pytest.mark.browser
-
 
 def see(page, text):
     expect(page.get_by_text(text)).to_be_visible(timeout=20_000)

@@ -21,11 +21,10 @@ from playwright.sync_api import Error, expect
 from test_viewer_command import real_services
 from toy_maps import toy_map
 
-from simaps_viz.viewer.desk import MapPicture
+from simaps_viz.viewer.desk import MapPicture, Panel
 from simaps_viz.viewer.drawing.texture import ColorMode, map_image
 from simaps_viz.viewer.panels.spec import PanelSpec
 
-pytestmark = pytest.mark.browser
 expect.set_options(timeout=20_000)
 
 CHAIR_1, CHAIR_3, TABLE = 1, 3, 6
@@ -38,7 +37,7 @@ def color_of(simap, place, mode: ColorMode = "instance", lit=None):
     return map_image(simap, mode, lit=lit)[row, col].tolist()
 
 
-class ButtonPanel:
+class ButtonPanel(Panel):
     """A button whose callback fails, and one that lays a picture over the map."""
 
     def __init__(self, desk):
@@ -46,15 +45,6 @@ class ButtonPanel:
         picture = MapPicture(desk.simap.spec, np.full((2, 2, 3), (10, 200, 30), np.uint8))
         desk.gui.add_button("Lay").on_click(lambda _: desk.show_picture(picture))
         desk.gui.add_button("Take away").on_click(lambda _: desk.show_picture(None))
-
-    def map_changed(self, simap):
-        """Not needed here."""
-
-    def take_click(self, x_m, y_m):
-        return False
-
-    def close(self):
-        """Nothing runs."""
 
 
 @pytest.fixture

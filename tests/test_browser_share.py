@@ -18,7 +18,6 @@ from simaps_viz.viewer.drawing.texture import FLOOR
 from simaps_viz.viewer.panels.share import SharePanel, ShareServices
 from simaps_viz.viewer.share.page import HOLD_S, page_html
 
-pytestmark = pytest.mark.browser
 expect.set_options(timeout=20_000)
 
 
@@ -120,7 +119,7 @@ def test_the_page_opens_from_disk_and_asks_for_nothing(browser, shared):
 
 def test_the_panel_hands_the_browser_each_file(browser):
     with stub_desk(late_map()) as desk, watched_page(browser) as page:
-        panel = SharePanel(desk, ShareServices(ask=answer), send=desk.download, pose=lambda: TOY_POSE)
+        panel = SharePanel(desk, ShareServices(ask=answer))
         open_desk(page, desk)
         row = page.locator("label", has_text="Ends with").locator(
             "xpath=ancestor::div[contains(@class,'Flex-root')][1]"

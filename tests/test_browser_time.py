@@ -4,30 +4,26 @@ from pathlib import Path
 
 import cv2
 import numpy as np
-import pytest
 from browser import field_of, free_port, mine, open_workbench, until, wait_for_color, watched_page
 from live_sequences import at_once, held_sequence, settings
 from playwright.sync_api import expect
 from sequences import write_tiny_sequence
 
 from simaps_viz import open_sequence, wiring
-from simaps_viz.building import build_to_file
+from simaps_viz.building import BuildRequest, build_to_file
 from simaps_viz.live.view import live_workbench
 from simaps_viz.pipeline import BuildConfig
 from simaps_viz.progress import stage_progress
 from simaps_viz.viewer.drawing.texture import map_image
 from simaps_viz.viewer.drawing.theme import LIGHT
 
-pytestmark = pytest.mark.browser
 expect.set_options(timeout=30_000)
 FRAMES = 40
 
 
 def built(sequence, output: Path):
     with stage_progress(quiet=True) as progress:
-        return build_to_file(
-            sequence, "evidence", BuildConfig(), output, record=None, progress=progress, history=True
-        )  # fmt: skip
+        return build_to_file(sequence, BuildRequest("evidence", BuildConfig(), output, history=True), progress)
 
 
 def inside(simap, mask):

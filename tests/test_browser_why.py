@@ -20,8 +20,6 @@ from toy_maps import toy_map
 from simaps_viz.labels import instance_color
 from simaps_viz.viewer.drawing.why_marks import CUT, OTHER, RAMP, SOURCE, TARGET
 
-pytestmark = pytest.mark.browser
-
 CHAIR_1, CHAIR_3, CHAIR_4, TABLE = 1, 3, 4, 6
 WEST_HALF, EAST_HALF = (1.125, 1.925), (1.325, 1.925)
 BORDER = (1.25, 1.925)

@@ -24,8 +24,6 @@ from simaps_viz.labels import instance_color
 from simaps_viz.recorder.web_viewer import CONTENT_SECURITY_POLICY, rerun_page, viewer_assets
 from simaps_viz.viewer.drawing.texture import FLOOR, map_image
 
-pytestmark = pytest.mark.browser
-
 CHAIR_1, CHAIR_3, TABLE = 1, 3, 6
 EAST_HALF_OF_CHAIR_1 = (1.375, 1.925)
 EMPTY = (3.0, -0.9)

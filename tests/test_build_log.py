@@ -8,6 +8,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from build_logs import keep_log, read_log
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from random_frames import IS_THING, LABELS, random_frames
@@ -18,7 +19,7 @@ from simaps_viz.errors import InputError
 from simaps_viz.events import BuildFinished, FrameProjected
 from simaps_viz.mapping import build_log
 from simaps_viz.mapping.accumulator import MapAccumulator, ProjectionSettings
-from simaps_viz.mapping.build_log import BuildLog, LogBusyError, frames_logged, keep_log, read_log, set_aside_name
+from simaps_viz.mapping.build_log import BuildLog, LogBusyError, frames_logged, set_aside_name
 from simaps_viz.mapping.steps import pack_step, squeeze, unpack_step, unsqueeze
 from simaps_viz.pipeline import BuildCancelled, BuildConfig, build_map
 
@@ -161,7 +162,7 @@ def test_whatever_is_cut_off_or_changed_the_log_ends_before_it_and_the_map_is_th
 
 def records(path):
     with build_log.FileIO(path) as file:
-        return build_log._scan(file)[1]
+        return build_log.scan(file)[1]
 
 
 @settings(max_examples=40, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
@@ -187,7 +188,7 @@ def test_another_sequence_or_other_settings_are_refused_by_name(tiny, tmp_path):
         with pytest.raises(InputError, match=words):
             build_map(tiny, config, log=tmp_path / "log", resume=True)
     other = open_sequence(write_tiny_sequence(tmp_path / "other", frames=FRAMES + 1))
-    with pytest.raises(InputError, match="found another path"):
+    with pytest.raises(InputError, match=r"found another frames \(5, now 6\)"):
         build_map(other, log=tmp_path / "log", resume=True)
     assert frames_logged(tmp_path / "log") == FRAMES
 

@@ -16,7 +16,7 @@ import simaps_viz
 from simaps_viz import load_map
 from simaps_viz.cli import main
 
-SIMAPS = [sys.executable, "-m", "simaps_viz.cli"]
+SIMAPS = [sys.executable, "-m", "simaps_viz"]
 
 
 @pytest.fixture

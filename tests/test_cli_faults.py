@@ -51,6 +51,8 @@ def test_commands_are_all_there():
         ("judge runs.jsonl demo --port 70000", "--port: expected"),
         ("doctor --no-browser --port 70000", "--port: expected"),
         ("view nowhere --no-browser", "nowhere: expected a map file (.npz), a sequence or a recorded build (.rrd)"),
+        ("view nowhere --segmentation net.onnx", "nowhere: expected a map file (.npz), a sequence or a recorded build"),
+        ("view toy.npz --segmentation net.onnx", "toy.npz: expected a sequence with --segmentation, found a map"),
         ("view nowhere.rrd --no-browser", "nowhere.rrd: expected a map file (.npz), a sequence or a recorded build"),
         ("view toy.npz --no-browser --recording text.rrd", "text.rrd: expected a finished rerun recording"),
         ("view toy.npz --no-browser --recording toy.npz", "toy.npz: expected a finished rerun recording"),

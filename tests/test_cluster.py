@@ -16,6 +16,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from build_logs import read_log
 from dask import config as dask_config
 from deadly_sequences import KillsItsWorker, OpensRandom, OpensSlow
 from distributed import LocalCluster
@@ -29,7 +30,7 @@ from simaps_viz.cluster.shards import Reopen, gather_shard, job_of, reopening, s
 from simaps_viz.cluster.workers import check_versions, open_workers
 from simaps_viz.errors import InputError
 from simaps_viz.events import FrameGathered, FrameSkipped
-from simaps_viz.mapping.build_log import BuildLog, frames_logged, log_beside, read_log
+from simaps_viz.mapping.build_log import BuildLog, frames_logged, log_beside
 from simaps_viz.mapping.so_far import empty_accumulator_of, map_so_far
 from simaps_viz.pipeline import BuildCancelled, BuildConfig, build_map, empty_accumulator, facts_of
 
@@ -160,7 +161,7 @@ def test_a_worker_of_another_version_or_with_other_frames_says_so():
     job = job_of(reopen(), BuildConfig(), reopen)
     with pytest.raises(InputError, match=r"expected simaps-viz 9\.9 as where the build was started, found"):
         gather_shard(replace(job, version="9.9"), [0], np.eye(4)[None])
-    with pytest.raises(InputError, match="expected the sequence that is being built, found other frames or poses"):
+    with pytest.raises(InputError, match="that is being built, found other frames, poses, cameras or tables"):
         gather_shard(replace(job, reopen=OpensRandom(2, 3)), [0], np.eye(4)[None])
 
 

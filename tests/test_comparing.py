@@ -1,17 +1,21 @@
 """Maps for the page's comparison: made once, in the grid of the map on the page; the truth; giving up."""
 
 import threading
+from dataclasses import replace
 
 import numpy as np
 import pytest
 from sequences import write_tiny_sequence
 from toy_maps import toy_map
 
-from simaps_viz.comparing import MapMaker, compare_services, look_back, rejoin
+from simaps_viz import wiring
+from simaps_viz.comparing import MapMaker, compare_services, config_like, rejoin
 from simaps_viz.datasets.posed_frames import open_sequence
 from simaps_viz.errors import InputError
 from simaps_viz.methods import build
 from simaps_viz.pipeline import BuildConfig
+from simaps_viz.progress import stage_progress
+from simaps_viz.sharing import look_back
 from simaps_viz.viewer.panels.compare_services import TRUTH, Cancelled
 
 NEVER = threading.Event()
@@ -37,6 +41,26 @@ def test_a_map_is_made_once_and_found_again_later(tiny):
     assert told == [] and np.array_equal(later.instance, first.instance)
 
 
+def test_a_map_that_was_built_before_is_taken(tiny, monkeypatch):
+    """What opening a sequence by another method has left in the cache need not be built again."""
+    sequence, simap, folder = tiny
+    monkeypatch.setenv("SIMAPS_CACHE", str(folder))
+    with stage_progress(quiet=True) as progress:
+        built, record = wiring.cached_build(sequence, "paper", config_like(simap), progress)
+    told = []
+    maker = MapMaker(sequence, folder)
+    found = maker.make("paper", simap, lambda *what: told.append(what), NEVER)
+    assert told == [] and np.array_equal(found.instance, built.instance) and found.method == "paper"
+    assert record.parent == folder / "maps" and len(list(record.parent.glob("*.npz"))) == 1
+    other = replace(simap, parameters={**simap.parameters, "min_cells": 2})
+    maker.make("paper", other, lambda *what: told.append(what), NEVER)
+    assert told and len(list(record.parent.glob("*.npz"))) == 2
+    told.clear()
+    sequence.path.write_text(sequence.path.read_text() + "\n")
+    maker.make("paper", simap, lambda *what: told.append(what), NEVER)
+    assert told and len(list(record.parent.glob("*.npz"))) == 3
+
+
 def test_the_truth_is_offered_where_ids_are_exact_and_agrees_with_a_perfect_map(tiny):
     sequence, simap, folder = tiny
     services = compare_services(simap, sequence, folder)
@@ -45,7 +69,7 @@ def test_the_truth_is_offered_where_ids_are_exact_and_agrees_with_a_perfect_map(
     truth = services.make(TRUTH, simap, lambda *what: None, NEVER)
     compared = services.compare(("Truth", truth), ("Map", simap), "left")
     assert compared.score is not None and compared.score.true == 0
-    assert compared.ignored == 4  # 16 cells each: by the rules of a score too few
+    assert compared.left.ignored + compared.right.ignored == 4  # 16 cells each: by the rules of a score too few
     peers = services.compare(("Truth", truth), ("Map", simap), None)
     assert peers.same == len(simap.instances) == 2 and not peers.items
     assert compare_services(simap, None, folder).sources == ()

@@ -1,10 +1,11 @@
-"""Every command in README.md and docs/ is typed here, in its page's order, in a folder where what it names exists."""
+"""Every command of the pages is typed here, in its page's order, in a folder where what it names exists."""
 
 import json
 import re
 import runpy
 import shlex
 import shutil
+import sys
 import webbrowser
 from pathlib import Path
 from typing import get_args
@@ -12,7 +13,7 @@ from typing import get_args
 import pytest
 import tyro
 from chat_server import serving, writes
-from docs_pages import PAGES, ROOT, blocks, inline_commands, shell_lines
+from docs_pages import PAGES, ROOT, blocks, indented_commands, inline_commands, links, shell_lines
 from docs_world import SMALL, write_world
 
 from simaps_viz import cli, load_map
@@ -98,14 +99,37 @@ def test_every_command_of_a_page_runs(page, typed):
 
 @pytest.mark.parametrize("page", PAGES)
 def test_commands_in_the_text_are_understood(page, capsys):
-    for line in inline_commands(page):
+    for line in (*inline_commands(page), *indented_commands(page)):
+        if line.words[0] == "python":
+            continue  # below
         if len(line.words) == 2:  # the name of a command
-            assert line.words[1] in {*SUBCOMMANDS, "--help"}, line
+            assert line.words[1] in {*SUBCOMMANDS, "--help", "--version"}, line
             continue
         try:
             parse(line)
         except SystemExit as stopped:
             assert stopped.code == 0, f"{line}\n{capsys.readouterr().err}"
+
+
+class StoppedError(Exception):
+    """An app has read its options, and goes no further."""
+
+
+APPS = [line for page in PAGES for line in (*inline_commands(page), *indented_commands(page)) if "apps/" in line.text]
+
+
+@pytest.mark.parametrize("line", APPS, ids=str)
+def test_the_apps_understand_their_options(line, monkeypatch):
+    """They measure for minutes or hours: each is started as typed, and stopped when it has read its words."""
+    read = tyro.cli
+
+    def parse(options):
+        raise StoppedError(read(options, prog=line.words[1], args=line.words[2:]))
+
+    monkeypatch.setattr(tyro, "cli", parse)
+    monkeypatch.setattr(sys, "path", [*sys.path])
+    with pytest.raises(StoppedError):
+        runpy.run_path(str(ROOT / line.words[1]), run_name="__main__")
 
 
 @pytest.mark.parametrize("page", PAGES)
@@ -122,8 +146,8 @@ def test_other_programs_are_few_and_make_has_its_targets(page):
 
 @pytest.mark.parametrize("page", PAGES)
 def test_links_lead_somewhere(page):
-    for target in re.findall(r"\]\(([^)#]+)[^)]*\)", (ROOT / page).read_text()):
-        assert target.startswith("http") or ((ROOT / page).parent / target).exists(), f"{page}: {target}"
+    for target in links(page):
+        assert ((ROOT / page).parent / target).exists(), f"{page}: {target}"
 
 
 def test_every_subcommand_is_in_the_table():
@@ -145,6 +169,7 @@ def test_what_is_not_run_is_there():
     every = [line for page in PAGES for line in shell_lines(page)]
     assert all(any(line.text.startswith(start) for line in every) for start in NOT_RUN)
     assert len([line for line in every if line.words[0] == "simaps" and not not_run(line)]) >= 20
+    assert len({line.words[1] for line in APPS}) >= 8
 
 
 def test_the_manifests_shown_are_of_the_format():

@@ -231,7 +231,7 @@ def report(tmp_path_factory):
 
 
 def test_the_true_map_gets_everything_right(report):
-    assert [run.verdict.reason for run in report.failures(TRUE_MAP)] == []
+    assert [run.verdict.reason for run in report.runs if run.method == TRUE_MAP and not run.verdict.strict] == []
     assert len(report.of("none", TRUE_MAP)) == 54
 
 
@@ -249,14 +249,13 @@ def test_all_methods_get_the_same_commands(report):
 
 
 def test_the_table_says_what_was_measured(report):
-    text = navigation_text(report, {"paper K=5": 0.5, TRUE_MAP: None})
+    text = navigation_text(report)
     runs = report.of("heavy", "paper K=5", "plain")
     assert f"{automatic_share(runs):.2f} / {strict_share(runs):.2f}" in next(
         line for line in text.split("heavy")[1].splitlines() if line.startswith("plain")
     )
     assert "simulated" in text
     assert "2305.12363" in text
-    assert text.count("people say yes") == 1
     assert max(map(len, text.splitlines())) <= 120
 
 
@@ -301,4 +300,4 @@ def test_senseless_requests_are_refused(tmp_path, changes, words):
 @pytest.mark.skipif(not HOUSE.is_dir(), reason=f"needs the rendered house at {HOUSE}")
 def test_in_the_house_the_true_map_is_never_at_fault():
     report = evaluate_navigation(open_sequence(HOUSE), [TRUE_MAP], build=build, seeds=[5], commands=45)
-    assert [(run.task.command, run.verdict.reason) for run in report.failures()] == []
+    assert [(run.task.command, run.verdict.reason) for run in report.runs if not run.verdict.strict] == []

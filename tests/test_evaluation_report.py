@@ -180,7 +180,7 @@ def test_the_same_object_has_the_same_colour_on_every_panel():
     truth, found = drawn("112233..44.", cells=5), drawn("111133..679", cells=5)
     comparison = compare_report(drawn_report(truth, found))
     reference, panel = comparison.panels
-    assert comparison.titles == ("truth", "hand   PQ 0.22")
+    assert tuple(panel.title for panel in comparison.panels) == ("truth", "hand   PQ 0.22")
     color = {i: tuple(reference.colors[truth == i][0]) for i in (1, 2, 3, 4)}
     assert len(set(color.values())) == 4
     for number, partner in ((1, 1), (3, 3), (6, 4), (7, 4)):

@@ -11,7 +11,6 @@ from simaps_viz import CommandError, ExportOptions, InputError, Pose2, RobotShap
 from simaps_viz.cli import main
 from simaps_viz.exports.formats import ENDINGS, FORMATS, choose_format
 from simaps_viz.exports.trajectory import driven_poses
-from simaps_viz.exports.writing import write_all
 from simaps_viz.navigation.planner import Planner
 
 COMMAND = ExportOptions(command="go to the couch", pose=TOY_POSE)
@@ -63,26 +62,6 @@ def test_every_format_twice_gives_the_same_bytes_and_nothing_else(tmp_path, form
 def test_options_of_other_formats_are_refused(tmp_path, format, options):
     with pytest.raises(InputError, match=f"^{format}: expected"):
         export_map(toy_map(), tmp_path / "a", format, options)
-
-
-def test_several_files_are_written_together_or_not_at_all(tmp_path, monkeypatch):
-    paths = [tmp_path / name for name in "abc"]
-    paths[1].write_bytes(b"earlier")
-    replace, done = os.replace, []
-
-    def fail_at_the_third(source, target):
-        done.append(target)
-        if len(done) == 3:
-            raise OSError(28, "No space left on device")
-        replace(source, target)
-
-    monkeypatch.setattr(os, "replace", fail_at_the_third)
-    with pytest.raises(InputError, match="No space left"):
-        write_all({path: b"new" for path in paths})
-    assert [p.name for p in tmp_path.iterdir()] == ["b"] and paths[1].read_bytes() == b"earlier"
-    monkeypatch.undo()
-    write_all({path: b"new" for path in paths})
-    assert {p.name: p.read_bytes() for p in tmp_path.iterdir()} == dict.fromkeys("abc", b"new")
 
 
 def test_a_place_that_cannot_be_written(tmp_path):

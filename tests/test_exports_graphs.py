@@ -1,9 +1,10 @@
-"""GraphML, opened with networkx, and the scene graph, opened with spark_dsg where it is installed."""
+"""GraphML, opened with networkx, and the scene graph, opened with spark_dsg."""
 
 import json
 
 import networkx as nx
 import pytest
+import spark_dsg
 from toy_maps import map_from_drawing, toy_map
 
 from simaps_viz import ExportOptions, InputError, export_map, to_networkx
@@ -74,7 +75,6 @@ def test_scene_graph_has_spark_dsgs_fields(tmp_path):
 
 
 def test_spark_dsg_opens_the_scene_graph(tmp_path):
-    spark_dsg = pytest.importorskip("spark_dsg", reason="spark-dsg is not installed")
     simap = toy_map()
     graph = spark_dsg.DynamicSceneGraph.load(str(export_map(simap, tmp_path / "g.json", "spark-dsg")[0]))
     nodes = {node.attributes.name: node for node in graph.get_layer(spark_dsg.DsgLayers.OBJECTS).nodes}

@@ -25,9 +25,9 @@ from simaps_viz.datasets.manifest import read_json
 from simaps_viz.datasets.pcd import read_pcd
 from simaps_viz.datasets.ply import read_ply
 from simaps_viz.errors import CommandError, InputError
-from simaps_viz.mapping.build_log import MAGIC
 from simaps_viz.mapping.edit_file import read_edits
 from simaps_viz.mapping.history import MapHistory
+from simaps_viz.mapping.log_records import MAGIC
 from simaps_viz.mapping.mapfile import load_map
 from simaps_viz.segmentation.class_names import read_class_names
 

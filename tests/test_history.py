@@ -5,15 +5,16 @@ import zlib
 
 import numpy as np
 import pytest
+from build_logs import keep_log
 from sequences import write_tiny_sequence
 
 from simaps_viz import build_map, open_sequence, save_map
-from simaps_viz.building import build_to_file, history_beside
+from simaps_viz.building import BuildRequest, build_to_file, history_beside
 from simaps_viz.errors import InputError
 from simaps_viz.mapping import history as histories
 from simaps_viz.mapping import kept_steps
-from simaps_viz.mapping.build_log import MAGIC, _record, keep_log
 from simaps_viz.mapping.history import MapHistory
+from simaps_viz.mapping.log_records import MAGIC, record
 from simaps_viz.mapping.simap import repartition
 from simaps_viz.mapping.so_far import map_so_far
 from simaps_viz.mapping.steps import pack_step
@@ -120,17 +121,19 @@ def test_a_frame_there_is_not_is_refused(tiny, tmp_path):
 def test_only_a_maps_own_history_is_taken(tiny, tmp_path):
     output, config = tmp_path / "m.npz", BuildConfig()
     with stage_progress(quiet=True) as progress:
-        simap = build_to_file(tiny, "evidence", config, output, record=None, progress=progress, history=True)
+        simap = build_to_file(tiny, BuildRequest("evidence", config, output, history=True), progress)
     found = history_beside(output, simap)
     assert found is not None and found.is_of(repartition(simap, affinity=0.1))
     assert history_beside(output, build_map(First(tiny, 3))) is None  # pyright: ignore
     assert history_beside(output, build_map(tiny, BuildConfig(method="paper"))) is None
     assert history_beside(tmp_path / "other.npz", simap) is None
     assert sorted(p.name for p in tmp_path.iterdir()) == ["m.npz", "m.steps"]
+    history = (tmp_path / "m.steps").read_bytes()
     (tmp_path / "m.steps").write_bytes(b"foreign")
     assert history_beside(output, simap) is None
+    (tmp_path / "m.steps").write_bytes(history)
     with stage_progress(quiet=True) as progress:
-        build_to_file(tiny, "evidence", config, output, record=None, progress=progress)
+        build_to_file(tiny, BuildRequest("evidence", config, output), progress)
     assert sorted(p.name for p in tmp_path.iterdir()) == ["m.npz"]  # the earlier map's history is gone with it
 
 
@@ -150,15 +153,15 @@ def test_a_missing_foreign_or_senseless_file_is_named(tiny, tmp_path):
     for content in (
         b"",
         MAGIC,
-        MAGIC + _record(0, b"{}"),
-        MAGIC + _record(0, b"[1]"),
-        MAGIC + _record(0, json.dumps(facts).encode()),
-        MAGIC + _record(0, json.dumps(known).encode()),
-        MAGIC + _record(0, json.dumps(huge).encode()) + _record(1, first),
-        MAGIC + _record(0, json.dumps(slow).encode()) + _record(1, first),
-        MAGIC + _record(0, json.dumps(known).encode()) + _record(1, pack_step(far)),
-        MAGIC + _record(0, json.dumps(known).encode()) + _record(2, bomb),
-        MAGIC + _record(0, json.dumps(known).encode()) + _record(1, pack_step(whole._steps[1])),
+        MAGIC + record(0, b"{}"),
+        MAGIC + record(0, b"[1]"),
+        MAGIC + record(0, json.dumps(facts).encode()),
+        MAGIC + record(0, json.dumps(known).encode()),
+        MAGIC + record(0, json.dumps(huge).encode()) + record(1, first),
+        MAGIC + record(0, json.dumps(slow).encode()) + record(1, first),
+        MAGIC + record(0, json.dumps(known).encode()) + record(1, pack_step(far)),
+        MAGIC + record(0, json.dumps(known).encode()) + record(2, bomb),
+        MAGIC + record(0, json.dumps(known).encode()) + record(1, pack_step(whole._steps[1])),
     ):
         path.write_bytes(content)
         with pytest.raises(InputError, match=r"x\.steps: expected the steps of a build, found"):

@@ -15,9 +15,7 @@ from simaps_viz.language.llm_chat import Dialect
 from simaps_viz.language.llm_prompt import (
     command_messages,
     read_answer,
-    read_class,
     repair_messages,
-    word_messages,
 )
 from simaps_viz.language.llm_settings import one_line, said_in, without_key
 from simaps_viz.language.primitives import PRIMITIVES
@@ -142,7 +140,7 @@ def test_every_example_is_right_and_in_the_form_that_is_asked_for(structured: bo
 
 def test_what_does_not_change_comes_first_so_that_servers_can_keep_it() -> None:
     one = command_messages("turn left", {"chair": 1}, structured=True)
-    two = command_messages("go to the couch", {"couch": 2}, {"couch": [(0.0, 1.0)]}, structured=True)
+    two = command_messages("go to the couch", {"couch": 2}, structured=True)
     assert one[:-1] == two[:-1]
     assert one[-1] != two[-1]
 
@@ -157,24 +155,12 @@ def test_the_prompt_knows_every_call_rule_and_kind_of_argument() -> None:
     assert "assignments to a name" in system, "what a program is, from program"
 
 
-def test_positions_are_rounded_and_limited() -> None:
-    crowd = {"chair": [(i / 3, -i / 3) for i in range(1000)], "couch": [(0.0, 0.0)], "ghost": [(9.0, 9.0)]}
-    last = command_messages("turn", {"chair": 1000, "couch": 1}, crowd, structured=True)[-1].content
-    where = json.loads(last.splitlines()[1].partition(": ")[2])
-    assert where["chair"][1] == [0.33, -0.33]
-    assert sum(map(len, where.values())) == 400
-    assert "ghost" not in where
-
-
 @given(st.text(max_size=60), st.text(min_size=1, max_size=60))
 def test_foreign_text_stays_on_its_line_and_in_its_quotes(command: str, label: str) -> None:
     lines = command_messages(command, {label: 2}, structured=False)[-1].content.split("\n")
     assert len(lines) == 2
     assert json.loads(lines[0].partition(": ")[2]) == {label: 2}
     assert json.loads(lines[1].removeprefix("Command: ")) == command
-    lines = word_messages(command, [label])[-1].content.split("\n")
-    assert json.loads(lines[0].removeprefix("Classes: ")) == [label]
-    assert json.loads(lines[1].removeprefix("Named: ")) == command
 
 
 def test_a_repair_shows_the_answer_and_what_is_wrong() -> None:
@@ -218,19 +204,10 @@ def test_any_answer_is_a_program_a_refusal_or_a_command_error(text: str) -> None
     except CommandError:
         return
     assert bool(program) != bool(refusal)
-    read_class(text, ["chair"])
 
 
 def test_deeply_nested_answers_do_no_harm() -> None:
     assert read_answer('{"program":' * 5000)[0], "not JSON, so it is left to the validation of programs"
-    assert read_class("[" * 9000, ["chair"]) is None
-
-
-def test_classes_that_differ_only_in_case_stay_apart() -> None:
-    labels = ["TV", "tv"]
-    assert read_class('{"class": "tv"}', labels) == "tv"
-    assert read_class('{"class": "TV"}', labels) == "TV"
-    assert read_class('{"class": "Tv"}', labels) == "TV"
 
 
 def test_names_are_checked_as_the_agent_does() -> None:

@@ -8,14 +8,14 @@ from browser import free_port
 from fake_page import fake_page
 from live_sequences import at_once, held_sequence, settings
 
-from simaps_viz.building import build_to_file
+from simaps_viz.building import BuildRequest, build_to_file
 from simaps_viz.errors import InputError
 from simaps_viz.live.build import Audience, LiveBuild
 from simaps_viz.live.view import live_workbench, waiting_map
 from simaps_viz.pipeline import BuildConfig
 from simaps_viz.progress import stage_progress
 from simaps_viz.recorder.web_viewer import policy_for_stream
-from simaps_viz.viewer.panels.live import duration, head_html, text_html
+from simaps_viz.viewer.panels.live import WAITING, duration, head_html, text_html
 from simaps_viz.viewer.panels.live_services import LiveState
 
 
@@ -28,7 +28,7 @@ def wait_for(predicate, seconds=30.0):
 
 def plain(sequence, output):
     with stage_progress(quiet=True) as progress:
-        build_to_file(sequence, "evidence", BuildConfig(), output, record=None, progress=progress, history=True)
+        build_to_file(sequence, BuildRequest("evidence", BuildConfig(), output, history=True), progress)
     return output.read_bytes()
 
 
@@ -88,14 +88,72 @@ def test_nobody_looks_so_no_map_is_made(tmp_path):
 
     def run(observers, cancel, resume):
         with stage_progress(quiet=True) as progress:
-            return build_to_file(
-                held.whole, "evidence", BuildConfig(), tmp_path / "m.npz", record=None, progress=progress,
-                observers=tuple(observers), cancel=cancel,
-            )  # fmt: skip
+            request = BuildRequest("evidence", BuildConfig(), tmp_path / "m.npz")
+            return build_to_file(held.whole, request, progress, observers=tuple(observers), cancel=cancel)
 
     build = LiveBuild(run, 12, Audience(show=shown.append, watches=lambda: False, done=lambda m: "there"))
     build.start()
     assert build.wait(30.0) and shown == [] and build.state().said == "there" and build.state().done == 12
+
+
+class Stream:
+    def __init__(self):
+        self.shown = []
+
+    def on_event(self, event):
+        pass
+
+    def show(self, event, simap):
+        self.shown.append((event.frame.index, simap))
+
+
+@pytest.mark.parametrize("show", [True, False])
+def test_a_stopped_build_shows_the_map_of_all_its_frames(tmp_path, monkeypatch, show):
+    monkeypatch.setattr("simaps_viz.live.pace.FIRST_S", 1e9)  # so that nothing is shown but what stopping shows
+    held = held_sequence(tmp_path / "tiny", 40, held_from=20)
+    maps, stream, sketched = [], Stream(), []
+
+    def run(observers, cancel, resume):
+        with stage_progress(quiet=True) as progress:
+            request = BuildRequest("evidence", BuildConfig(), tmp_path / "m.npz", history=True)
+            return build_to_file(held, request, progress, observers=tuple(observers), cancel=cancel)
+
+    def sketch(event):
+        sketched.append(event.frame.index)
+        return b"png"
+
+    build = LiveBuild(run, 40, Audience(maps.append, lambda: True, lambda m: "", stream, sketch))  # pyright: ignore
+    build.start()
+    wait_for(lambda: build.state().done >= 8)
+    assert maps == [] and WAITING in text_html(build.state())
+    build.stop(show=show)
+    held.let_go()
+    assert build.wait(30.0) and build.state().status == "stopped" and 8 <= build.state().done < 40
+    if not show:
+        assert maps == [] and stream.shown == [] and build.state().shown == 0
+        return
+    (simap,) = maps
+    assert len(simap.frame_names) == build.state().shown == build.state().done and simap.instances
+    assert stream.shown == [(build.state().done - 1, simap)] and sketched[-1] == build.state().done - 1
+
+
+def test_a_map_of_a_stopped_build_that_cannot_be_shown_stops_it_all_the_same(tmp_path):
+    held = held_sequence(tmp_path / "tiny", 40, held_from=20)
+
+    def run(observers, cancel, resume):
+        with stage_progress(quiet=True) as progress:
+            request = BuildRequest("evidence", BuildConfig(), tmp_path / "m.npz")
+            return build_to_file(held, request, progress, observers=tuple(observers), cancel=cancel)
+
+    def broken(simap):
+        raise ZeroDivisionError("a fault of the page")
+
+    build = LiveBuild(run, 40, Audience(show=broken, watches=lambda: True, done=lambda m: ""))
+    build.start()
+    wait_for(lambda: build.state().done >= 8)
+    build.stop()
+    held.let_go()
+    assert build.wait(30.0) and build.state().status == "stopped" and build.state().shown == 0
 
 
 def test_the_waiting_map_shows_the_floor_around_the_cameras(tmp_path):
@@ -110,7 +168,8 @@ def test_the_waiting_map_shows_the_floor_around_the_cameras(tmp_path):
     ("state", "words"),
     [
         (LiveState(total=7), ("Waiting for the first frame", "0 of 7 frames")),
-        (LiveState("building", 3, 7, 12.4, 65.0), ("Building the map", "12 frames/s", "1 min 05 s left")),
+        (LiveState("building", 3, 7, 12.4, 65.0), ("Building the map", "12 frames/s", "1 min 05 s left", WAITING)),
+        (LiveState("building", 3, 7, shown=2), ("The map shows the first 2 frames.",)),
         (LiveState("building", 3, 7, 0.25, 4.0, skipped=1), ("0.2 frames/s", "4 s left", "1 could not be read")),
         (LiveState("stopped", 3, 7, said="go on"), ("Stopped", "go on")),
         (LiveState("failed", 3, 7, error="a <b>"), ("The build failed", "a &lt;b&gt;")),

@@ -15,6 +15,8 @@ from simaps_viz import open_sequence
 from simaps_viz.evaluation.large_maps import large_map
 from simaps_viz.labels import COCO_THINGS, COMMON, STUFF, class_color, instance_color
 from simaps_viz.map_colors import TOUCHES, class_colors, instance_colors, near_pairs, take_over
+from simaps_viz.mapping.edits import merge
+from simaps_viz.mapping.mend import apply as mend
 from simaps_viz.mapping.simap import recommunity, repartition
 from simaps_viz.methods import build
 from simaps_viz.palette import LEAST_APART, PALETTE
@@ -190,3 +192,15 @@ def test_empty_maps_have_no_colours_to_give():
     simap = map_from_drawing("...\n...")
     assert class_colors(simap) == {}
     assert instance_colors(simap).tolist() == [[0, 0, 0]]
+
+
+@pytest.mark.parametrize(("first", "second"), [(4, 3), (3, 4), (9, 8), (8, 9)])
+def test_what_is_joined_by_hand_has_the_colour_of_the_one_it_is_joined_to(first, second):
+    before = toy_map()
+    worn = instance_colors(before)
+    after = mend(before, merge(before, first, second))
+    take_over(after, before, first)
+    (x, y, _) = before.by_id(first).centroid_m
+    joined = after.at(x, y)
+    assert joined is not None and joined.cells == before.by_id(first).cells + before.by_id(second).cells
+    assert (instance_colors(after)[joined.id] == worn[first]).all()

@@ -1,6 +1,7 @@
 """Methods by name: what each name means, and that unknown ones are refused."""
 
 from dataclasses import replace
+from typing import get_args
 
 import numpy as np
 import pytest
@@ -10,8 +11,8 @@ from simaps_viz.datasets.posed_frames import open_sequence
 from simaps_viz.errors import InputError
 from simaps_viz.mapping.accumulator import ProjectionSettings
 from simaps_viz.mapping.votes import VoteSettings
-from simaps_viz.methods import METHODS, VARIANTS, build
-from simaps_viz.pipeline import BuildConfig, build_map
+from simaps_viz.methods import BASELINES, METHODS, VARIANTS, build, config_of, keeps_log
+from simaps_viz.pipeline import BuildConfig, Method, build_map
 
 CONFIG = BuildConfig(
     k_percent=7.0, affinity=0.55, resolution=1.5, seed=3, min_cells=2, projection=ProjectionSettings(far_m=5.0)
@@ -71,6 +72,14 @@ def test_every_method_gives_a_map_that_bears_its_name(tiny, method):
     assert set(np.unique(simap.instance[simap.instance > 0]).tolist()) == {i.id for i in simap.instances}
     if method in ("evidence", "components", "paper"):
         assert simap.counts() == {"chair": 2} and sorted(i.cells for i in simap.instances) == [16, 16]
+
+
+def test_a_method_keeps_a_log_unless_it_is_a_baseline():
+    assert [name for name in METHODS if keeps_log(name)] == list(get_args(Method))
+    assert all(map(keeps_log, VARIANTS)) and not any(map(keeps_log, BASELINES)) and not keeps_log("louvain")
+    assert set(METHODS) == {*get_args(Method), *BASELINES} and METHODS[0] == "evidence"
+    assert config_of("paper-k9", CONFIG) == replace(CONFIG, method="paper", k_percent=9.0)
+    assert all(config_of(name, CONFIG) is CONFIG for name in BASELINES)
 
 
 def test_the_default_is_evidence(tiny):

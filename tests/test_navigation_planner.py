@@ -210,10 +210,12 @@ def test_line_of_sight_against_dense_sampling(seed: int, ends: tuple[float, floa
     t = np.linspace(0.0, 1.0, 4001)
     inside = free[(y0 + t * (y1 - y0)).astype(int), (x0 + t * (x1 - x0)).astype(int)]
     assert inside[t < share - 1e-6].all()  # all it calls clear is clear
-    if share < 1.0 and inside.all():  # it may only be stricter by less than a sample
-        assert math.hypot(x1 - x0, y1 - y0) > 0.0
-    elif not inside.all():
+    if not inside.all():
         assert share <= t[~inside][0] + 1e-6
+    if share < 1.0:  # where it stops it touches a cell that is not free
+        x, y = x0 + share * (x1 - x0), y0 + share * (y1 - y0)
+        rows, cols = np.nonzero(~free)
+        assert ((np.abs(cols + 0.5 - x) < 0.5 + 1e-6) & (np.abs(rows + 0.5 - y) < 0.5 + 1e-6)).any()
 
 
 def test_line_of_sight_does_not_squeeze_through_a_corner() -> None:

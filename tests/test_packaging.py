@@ -16,6 +16,7 @@ from email.parser import Parser
 from pathlib import Path
 
 import pytest
+from docs_pages import PAGES, links
 from sequences import write_tiny_sequence
 
 from simaps_viz.scenes.demo import DemoSettings
@@ -97,11 +98,20 @@ def test_the_wheel_is_the_package_and_nothing_else(built):
 def test_the_source_archive_has_sources_and_no_recordings(built):
     with tarfile.open(built.sdist) as archive:
         names = {member.name.partition("/")[2] for member in archive.getmembers() if member.isfile()}
-    wanted = tracked(
-        "simaps_viz", "apps", "tests", "docs", "assets", "README.md", "CHANGELOG.md", "LICENSE", "Makefile"
-    )
+    pages = ("README.md", "CHANGELOG.md", "SECURITY.md")
+    wanted = tracked("simaps_viz", "apps", "tests", "docs", "assets", *pages, "LICENSE", "Makefile")
     assert names - {"PKG-INFO", ".gitignore", "pyproject.toml"} == wanted and "pyproject.toml" in names
     assert built.sdist.stat().st_size < MAX_SDIST_BYTES
+
+
+@pytest.mark.parametrize("page", PAGES)
+def test_what_the_pages_link_to_is_in_the_source_archive(built, page):
+    with tarfile.open(built.sdist) as archive:
+        names = {member.name.partition("/")[2] for member in archive.getmembers()}
+    folders = {str(folder) for name in names for folder in Path(name).parents}
+    for target in links(page):
+        there = os.path.normpath(Path(page).parent / target)
+        assert there in names | folders, f"{page}: {target}"
 
 
 def test_every_module_is_imported_from_the_wheel(fresh, tmp_path):

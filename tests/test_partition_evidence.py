@@ -1,6 +1,7 @@
 """From evidence to communities and their log: exact partitions, prefixes of the log, independence, recommunity."""
 
 from dataclasses import replace
+from typing import get_args
 
 import numpy as np
 import pytest
@@ -15,8 +16,8 @@ from simaps_viz.mapping.evidence import EvidenceSettings, affine, pair_graphs
 from simaps_viz.mapping.partition_evidence import partition_evidence, touching_pairs
 from simaps_viz.mapping.pooling import PoolSettings
 from simaps_viz.mapping.readings import Readings
-from simaps_viz.mapping.simap import recommunity, repartition
-from simaps_viz.pipeline import BuildConfig, build_map
+from simaps_viz.mapping.simap import JOINING, joining_at, joining_percent, recommunity, repartition
+from simaps_viz.pipeline import BuildConfig, Method, build_map
 from simaps_viz.structures import Grid, GridSpec, SIMap
 
 
@@ -214,6 +215,17 @@ def test_what_a_method_does_not_have_is_refused(tiny, method, call, message):
     with pytest.raises(InputError) as caught:
         call(simap)
     assert message in str(caught.value) and "\n" not in str(caught.value)
+
+
+def test_where_the_slider_stands_is_what_it_sets(tiny):
+    maps = {name: build_map(tiny, BuildConfig(method=name, affinity=0.55, k_percent=7.5)) for name in get_args(Method)}
+    assert {name: joining_percent(m) for name, m in maps.items()} == {"evidence": 55.0, "paper": 7.5, "components": 0.0}
+    assert joining_at(maps["evidence"], 30.0) == {"affinity": 0.3}
+    assert joining_at(maps["paper"], 30.0) == {"k_percent": 30.0}
+    for name, parameter in JOINING.items():
+        set_by_hand = joining_at(maps[name], 12.5)
+        moved = repartition(maps[name], **set_by_hand)
+        assert joining_percent(moved) == 12.5 and moved.parameters[parameter] == set_by_hand[parameter]
 
 
 def test_components_have_communities_and_nothing_to_join(tiny):

@@ -274,7 +274,9 @@ def test_objects_have_the_colors_of_their_ids(recording: Any) -> None:
     for row in (1, 2):
         assert (image(found, row, np.uint16)[0] == [0, 0, 0, 9, 4]).all()
         assert found["translation"][row][0] == pytest.approx([-CELL_M, -1.3, 0.0]), "it keeps the place it was found at"
-        assert palette(found, row)[9] == ("chair (id 9)", rgba(instance_color(9)))
+        name, color = palette(found, row)[9]
+        assert name == "chair (id 9)" and color != rgba(instance_color(4)), "4 is the finished chair, this a part of it"
+        assert palette(found, row)[4] == ("chair (id 4)", rgba(instance_color(4)))
         assert palette(found, row)[0][1] == 0, "no object: transparent"
     assert (image(found, 3, np.uint16)[0] == [0, 0, 0, 0, 0, 4, 4]).all(), "the finished map, both cells one chair"
     assert palette(found, 3)[4] == ("chair (id 4)", rgba(instance_color(4)))

@@ -32,6 +32,14 @@ def test_pictures_come_back(tmp_path):
     assert [p.name for p in tmp_path.iterdir()] == ["compare.rrd"]
 
 
+def test_no_instance_looks_like_nothing_however_many_there_are(tmp_path):
+    """A picture holds 16 bits: numbers past them wrap, none to 0."""
+    ids = np.array([[0, 1, 9, 59_999, 60_000, 65_535, 65_536, 65_537, 131_072]], np.int32)
+    record_comparison("large", [("truth", np.zeros((1, 9, 3), np.uint8), ids)], tmp_path / "c.rrd")
+    shown = pixels(rc.RrdReader(tmp_path / "c.rrd").stream().collect(), "/00/instance", np.uint16)
+    assert ((shown == 0) == (ids.ravel() == 0)).all() and shown[:4].tolist() == [0, 1, 9, 59_999]
+
+
 def test_a_place_that_cannot_be_written_is_named(tmp_path):
     with pytest.raises(InputError, match=r"nowhere.*expected a file in a folder that can be written"):
         record_comparison("toy", [], tmp_path / "nowhere" / "x.rrd")

@@ -114,7 +114,6 @@ def pixels(page: Page, color: tuple[int, ...]) -> int:
 SAND, CHAIR = GROUND[UNPARTED][2], instance_color(4)
 
 
-@pytest.mark.browser
 def test_time_set_from_outside_changes_the_map(shown: tuple[Page, Host, list[dict[str, Any]]]) -> None:
     page, host, told = shown
     for time, there, absent in ((3, CHAIR, SAND), (0, SAND, CHAIR), (3, CHAIR, SAND)):
@@ -125,7 +124,6 @@ def test_time_set_from_outside_changes_the_map(shown: tuple[Page, Host, list[dic
         assert echoes == [], "a time that was set from outside is not told back"
 
 
-@pytest.mark.browser
 def test_other_timelines_can_be_chosen(shown: tuple[Page, Host, list[dict[str, Any]]]) -> None:
     page, host, told = shown
     host.push({"set_time": {"timeline": "merge", "time": 0}})
@@ -135,7 +133,6 @@ def test_other_timelines_can_be_chosen(shown: tuple[Page, Host, list[dict[str, A
     assert any(e["type"] == "timeline_change" and e["timeline"] == "merge" for e in told)
 
 
-@pytest.mark.browser
 def test_scrubbing_is_told_with_its_timeline(shown: tuple[Page, Host, list[dict[str, Any]]]) -> None:
     page, host, told = shown
     host.push({"set_time": {"timeline": "frame", "time": 0}})

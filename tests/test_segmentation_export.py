@@ -8,11 +8,11 @@ from typing import Any
 import cv2
 import numpy as np
 import pytest
+from tiny_networks import segment_image
 
 from simaps_viz.cli import main
 from simaps_viz.errors import InputError
 from simaps_viz.network_export import CLASSES, INPUT, MASKS, export_network, input_size
-from simaps_viz.segmentation.protocol import segment_image
 from simaps_viz.segmentation.recognise import NetworkSettings, open_network
 
 NAMES = {0: "chair", 1: "table", 2: "wall", 3: "floor"}

@@ -7,7 +7,7 @@ from toy_maps import toy_map
 
 from simaps_viz import build_map, open_sequence
 from simaps_viz.mapping import timeline as timeline_module
-from simaps_viz.mapping.communities import find_chunks
+from simaps_viz.mapping.communities import find_chunks, find_communities
 from simaps_viz.mapping.partition import applied_steps
 from simaps_viz.mapping.simap import joining_threshold, repartition
 from simaps_viz.mapping.timeline import CLASSES, Timeline
@@ -45,7 +45,9 @@ def test_a_level_joins_whole_communities_of_the_one_before(simap):
 def test_levels_end_where_louvain_ends(simap):
     if simap.method == "evidence":
         parts = find_chunks(simap.graphs, simap.spec, resolution=1.0, seed=0)
-        assert sum(int(p.max()) + 1 for p in parts) == len(np.unique(simap.community)) - 1
+    else:
+        parts = [find_communities(graph, resolution=1.0, seed=0) for graph in simap.graphs]
+    assert sum(int(p.max()) + 1 for p in parts) == len(np.unique(simap.community)) - 1
 
 
 def test_before_all_steps_nothing_is_told_apart_and_after_those_taken_it_is_the_map(simap):
@@ -79,9 +81,10 @@ def test_each_step_is_said_in_words():
 
 def test_positions_and_times_of_a_recording_are_one_another():
     timeline = Timeline(toy_map())
-    for position in range(timeline.levels, timeline.last + 1):
+    for position in range(CLASSES, timeline.last + 1):
         assert timeline.position_of(*timeline.recorded(position)) == position
-    assert timeline.recorded(timeline.levels) == ("louvain", 1)
+    assert timeline.recorded(timeline.levels) == ("louvain", timeline.levels) and timeline.levels > 2
+    assert timeline.recorded(1) == ("louvain", 1)
     assert timeline.recorded(timeline.levels + 2) == ("merge", 2) and timeline.recorded(CLASSES) == ("louvain", 0)
     assert timeline.position_of("louvain", 0) == CLASSES and timeline.position_of("merge", 10**6) == timeline.last
 

@@ -1,5 +1,7 @@
 """Who may ask: names, origins, tokens; what a page may say, and how much it may upload."""
 
+from typing import Any
+
 import msgspec
 import pytest
 import viser
@@ -7,6 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from simaps_viz.errors import InputError
+from simaps_viz.viewer.server import access as access_module
 from simaps_viz.viewer.server.access import Access, headers_of, is_loopback, name_of, without_query
 from simaps_viz.viewer.server.gate import VISER_VERSION, Gate, _script_sources
 from simaps_viz.viewer.server.messages import LARGEST_UPLOAD, Listener, Uploads
@@ -65,7 +68,7 @@ def test_pages_it_believes():
 def test_a_token_is_asked_for_and_guessing_ends():
     now = [0.0]
     access = Access("0.0.0.0", token=TOKEN, clock=lambda: now[0])
-    right = {"Cookie": f"a=b; {access.cookie}={TOKEN}"}
+    right = {"Cookie": f"a=b; {entered(access)}"}
     assert status(access) == 401
     assert status(access, f"/?token={TOKEN}") == status(access, Cookie=right["Cookie"]) == 200
     assert [status(access, f"/?token={TOKEN[:-1]}") for _ in range(12)] == [401] * 10 + [429] * 2
@@ -74,10 +77,59 @@ def test_a_token_is_asked_for_and_guessing_ends():
     assert status(access, f"/?token={TOKEN}", peer="10.0.0.10") == 200  # and others are not to blame
     now[0] = 61.0
     assert status(access, f"/?token={TOKEN}") == 200
-    assert access.entering({}, f"/?token={TOKEN}") == {
-        "Set-Cookie": f"{access.cookie}={TOKEN}; HttpOnly; SameSite=Strict; Path=/"
-    }
     assert access.entering(headers_of(right.items()), f"/?token={TOKEN}") is None
+
+
+def entered(access):
+    """Give the cookie of a new browser that brings the token."""
+    given = access.entering({}, f"/?token={access.token}")["Set-Cookie"]
+    cookie, rest = given.split("; ", 1)
+    assert cookie.startswith(f"{access.cookie}=") and rest == "HttpOnly; SameSite=Strict; Path=/"
+    return cookie
+
+
+def test_pages_of_other_sites_lock_nobody_out():
+    for access in (Access("0.0.0.0", token=TOKEN), Access("0.0.0.0", token="")):
+        hidden: dict[str, Any] = {"Sec_Fetch_Site": "cross-site", "Sec_Fetch_Mode": "navigate"}
+        assert [status(access, f"/?token=x{n}", **hidden) for n in range(12)] == [401] * 10 + [429] * 2
+        assert status(access, f"/?token={access.token}") == 200
+        assert [status(access, f"/?token=x{n}") for n in range(12)] == [401] * 10 + [429] * 2
+        # where no header tells other sites' pages: a token that nobody guesses is let in, one of a person's may be one
+        assert status(access, f"/?token={access.token}") == (429 if access.token == TOKEN else 200)
+        assert status(access, Cookie=f"{access.cookie}=wrong") == 429
+
+
+def test_a_wrong_cookie_is_no_guess():
+    """Others on this name may set cookies, and those of browsers that were not seen for long are forgotten."""
+    access = Access("0.0.0.0", token=TOKEN)
+    assert {status(access, Cookie=f"{access.cookie}=x{n}") for n in range(30)} == {401}
+    assert status(access, f"/?token={TOKEN}") == 200
+    cookie = entered(access)
+    assert status(access, Cookie=f"{access.cookie}=wrong; {cookie}; {access.cookie}=x") == 200
+
+
+def test_the_cookie_is_of_one_browser_and_never_the_token():
+    """Servers on other ports of the same name get cookies, too."""
+    access, other = Access("0.0.0.0", token=TOKEN), Access("0.0.0.0", token=TOKEN)
+    cookies = [entered(access) for _ in range(3)]
+    assert len(set(cookies)) == 3 and not any(TOKEN in cookie for cookie in cookies)
+    for cookie in cookies:
+        value = cookie.partition("=")[2]
+        assert len(value) >= 40 and status(access, f"/?token={value}") == 401
+        assert status(access, Cookie=cookie) == 200
+        assert status(other, Cookie=f"{other.cookie}={value}") == 401
+    assert status(access, Cookie=f"{access.cookie}={TOKEN}") == 401
+    assert access.entering({}, f"/?token={TOKEN}x") is None and access.entering({}, "/") is None
+
+
+def test_so_many_browsers_are_let_in_at_once(monkeypatch):
+    monkeypatch.setattr(access_module, "MOST_INSIDE", 3)
+    access = Access("0.0.0.0", token=TOKEN)
+    first, second, third = (entered(access) for _ in range(3))
+    assert status(access, Cookie=first) == 200  # seen last
+    fourth = entered(access)
+    assert [status(access, Cookie=one) for one in (first, second, third, fourth)] == [200, 401, 200, 200]
+    assert len(access._inside) == 3
 
 
 @given(st.text(max_size=60))
@@ -85,7 +137,17 @@ def test_no_other_text_is_the_token(text):
     access = Access("0.0.0.0", token=TOKEN)
     if text != TOKEN:
         assert not access._is_token(text)
-    assert TOKEN not in without_query(f"GET /{text}?token={TOKEN} HTTP/1.1")
+    for line in (f"GET /{text}?token={TOKEN} HTTP/1.1", f"GET /?{text}{TOKEN}", f"GET /?{TOKEN}{text} HTTP/1.1"):
+        logged = without_query(f'"{line}" 401 -')
+        assert TOKEN not in without_query(line) and TOKEN not in logged
+        assert logged.endswith('" 401 -') and logged.isprintable()
+
+
+def test_the_log_tells_refused_from_accepted():
+    assert without_query('"GET /tab/?token=a b" 200 - HTTP/1.1" 401 -') == '"GET /tab/?… HTTP/1.1" 401 -'
+    assert without_query('"GET /tab/?session=x HTTP/1.1" 200 -') == '"GET /tab/?… HTTP/1.1" 200 -'
+    assert without_query('"GET /tab/ HTTP/1.1" 200 -') == '"GET /tab/ HTTP/1.1" 200 -'
+    assert without_query("a\x1b[31mb\n?c") == "a.[31mb.?…"
 
 
 def test_it_is_the_viser_it_was_written_for():

@@ -9,8 +9,17 @@ from simaps_viz.evaluation.differences import Kind
 from simaps_viz.evaluation.two_maps import compare_two
 from simaps_viz.mapping.simap import repartition
 from simaps_viz.viewer.drawing import lettering
-from simaps_viz.viewer.drawing.compare_picture import INK, KINDS, TwoPictures
-from simaps_viz.viewer.panels.compare_words import item_text, kind_options, of_kind, summary_html
+from simaps_viz.viewer.drawing.compare_picture import INK, KINDS, LIGHT_MISSED, TwoPictures, mark_color
+from simaps_viz.viewer.drawing.theme import DARK, LIGHT
+from simaps_viz.viewer.panels.compare_words import (
+    PQ_MEANS,
+    headline_html,
+    ignored_lines,
+    item_text,
+    kind_options,
+    of_kind,
+    summary_html,
+)
 
 BLINDNESS = {  # Machado, Oliveira and Fernandes 2009, severity 1, on linear RGB
     "none": np.eye(3),
@@ -65,7 +74,7 @@ def test_side_by_side_is_both_at_one_scale(merged):
     wide, high = merged.spec.cols * n, merged.spec.rows * n
     left, right = (pictures.picture("swipe", share).pixels[:high] for share in (1.0, 0.0))
     assert np.array_equal(both.pixels[:high, : wide - 2 * n], left[:, : wide - 2 * n])
-    seam = round(pictures.seam_m / merged.spec.cell_size_m) * n
+    seam = round(pictures.shift_m("side by side")[0] / merged.spec.cell_size_m) * n
     assert np.array_equal(both.pixels[:high, seam + 2 * n :], right[:, 2 * n :])
 
 
@@ -102,12 +111,76 @@ def test_a_very_large_map_is_shown_coarser():
 def test_words(merged):
     assert kind_options(merged) == ("all (1)", "merged (1)")
     assert of_kind(merged, "merged (1)") == list(merged.items) and of_kind(merged, "split (0)") == []
-    assert item_text(merged.items[0], "left") == "merged · 2 chairs → 1"
+    assert item_text(merged.items[0], merged) == "merged · chairs 1 + 2 → 1"
     back = compare_two(("<b>", repartition(toy_map(), k_percent=0.0)), ("K", toy_map()))
-    assert item_text(back.items[0], "left") == "split · 1 chair → 2"
+    assert item_text(back.items[0], back) == "split · chair 1 → 1 + 2"
     html = summary_html(back)
     assert "&lt;b&gt;" in html and "<b>: " not in html
     assert "one object is several" in html and "several objects are one" not in html
+
+
+def test_objects_are_named_by_their_numbers_on_their_own_maps():
+    left, right = drawn("11.22.33.44.55.66"), drawn("11.22.33.44......")
+    chairs = dict.fromkeys(range(1, 6), "chair")
+    one = ("a", map_of_ids(left, {**chairs, 6: "table"}))
+    maps = compare_two(one, ("b", map_of_ids(right, {1: "chair", 2: "chair", 3: "table", 4: "chair"})))
+    texts = [item_text(item, maps) for item in maps.items]
+    assert texts == ["missed · chair 5", "missed · table 1", "label · chair 3 → table 1"]
+    truth = compare_two(one, ("b", map_of_ids(drawn("11.22.33.44.55..."), chairs)), truth="right")
+    assert [item_text(item, truth) for item in truth.items] == ["extra · table 1"]
+    many = compare_two(("a", map_of_ids(drawn("1234567"), dict.fromkeys(range(1, 8), "chair"))),
+                       ("b", map_of_ids(drawn("1111111"), {1: "chair"})))  # fmt: skip
+    assert item_text(many.items[0], many) == "merged · chairs 1 + 2 + 3 + 4 + 5 + 2 more → 1"
+
+
+def test_what_is_not_compared_and_what_a_score_means_is_said(merged):
+    assert ignored_lines(merged) == [] and "of those that" not in headline_html(merged)
+    tiny = map_of_ids(np.repeat(np.array([[1, 1, 0, 2, 2, 2, 2, 2]], np.int32), 2, axis=0), {1: "table", 2: "chair"})
+    maps = compare_two(("a", tiny), ("b", tiny))
+    assert ignored_lines(maps) == ["Too small to compare (under 8 cells, or lying on one that is): 1 left, 1 right"]
+    assert "1 object of those that are large enough agrees" in headline_html(maps)
+    none = map_of_ids(np.zeros((2, 8), np.int32), {})
+    assert "Neither map has an object" in headline_html(compare_two(("a", none), ("b", none)))
+    half = headline_html(compare_two(("a", tiny), ("nought", none)))
+    assert "nought has no object." in half and "Neither" not in half
+    assert PQ_MEANS not in half and PQ_MEANS in headline_html(compare_two(("a", tiny), ("b", tiny), truth="right"))
+
+
+def test_on_a_dark_page_the_picture_is_dark_and_what_is_missed_light(merged):
+    light, dark = (TwoPictures(merged, theme).picture("side by side").pixels for theme in (LIGHT, DARK))
+    on = merged.left.instance > 0
+    n = light.shape[1] // TwoPictures(merged).picture("side by side").spec.cols
+    cells = np.zeros(light.shape[:2], bool)
+    cells[: on.shape[0] * n, : on.shape[1] * n] = on.repeat(n, axis=0).repeat(n, axis=1)
+    assert np.array_equal(light[cells], dark[cells])  # objects keep their colours
+    floor = merged.left.ground == 1
+    row, col = np.argwhere(floor & ~on)[50]
+    assert tuple(light[row * n, col * n]) == LIGHT.floor and tuple(dark[row * n, col * n]) == DARK.floor
+    assert np.median(dark[-3]) < 60 < 200 < np.median(light[-3])  # the strip with the titles
+    assert mark_color("missed", DARK) == LIGHT_MISSED and mark_color("missed") == KINDS["missed"][0]
+    assert all(mark_color(kind, DARK) == KINDS[kind][0] for kind in KINDS if kind != "missed")
+    left, right = drawn("11.22"), drawn("11...")
+    missed = compare_two(("a", map_of_ids(left, {1: "chair", 2: "chair"})), ("b", map_of_ids(right, {1: "chair"})))
+    pictures = TwoPictures(missed, DARK)
+    pictures.mark(missed.items, None)
+    shown = pictures.picture("stacked").pixels
+    assert (shown == LIGHT_MISSED).all(axis=-1).any() and not (shown == KINDS["missed"][0]).all(axis=-1).any()
+
+
+def test_two_maps_are_stacked_where_they_are_larger_so(merged):
+    pictures = TwoPictures(merged)
+    assert [pictures.both(aspect) for aspect in (0.6, 0.8, 3.0)] == ["stacked", "stacked", "side by side"]
+    both, spec = pictures.picture("stacked"), merged.spec
+    n = both.pixels.shape[1] // both.spec.cols
+    east, north = pictures.shift_m("stacked")
+    assert east == 0.0 and both.spec.cols == spec.cols and both.spec.x0_m == spec.x0_m
+    down = round(-north / spec.cell_size_m)
+    assert both.spec.y0_m == pytest.approx(spec.y0_m + north)
+    left, right = (pictures.picture("swipe", share).pixels[: spec.rows * n] for share in (1.0, 0.0))
+    edge = 3 * n  # where the line of the swipe is drawn
+    assert np.array_equal(both.pixels[: spec.rows * n, edge:], right[:, edge:])
+    assert np.array_equal(both.pixels[down * n : (down + spec.rows) * n, :-edge], left[:, :-edge])
+    assert pictures.shift_m("swipe") == (0.0, 0.0)
 
 
 @pytest.mark.parametrize("text", ["Café – 2 → 1", "椅子", "a" * 200])

@@ -2,6 +2,7 @@
 
 import http.client
 import json
+import socket
 
 import pytest
 from hypothesis import given
@@ -45,8 +46,14 @@ def test_serves_what_it_was_given_and_nothing_else(served):
     assert ask(host, "/rerun/v.js")[1] == b"js()"
     assert ask(host, "/rerun/v.wasm")[2]["Content-Type"] == "application/wasm"
     assert ask(host, "/recordings/a%20b.rrd")[1] == bytes(range(200))
-    for path in ("/", "/recordings/secret.txt", "/recordings/../secret.txt", "/rerun/a%20b.rrd", "/recordings/"):
+    for path in ("/no", "/recordings/secret.txt", "/recordings/../secret.txt", "/rerun/a%20b.rrd", "/recordings/"):
         assert ask(host, path)[0] == 404
+
+
+def test_its_address_alone_leads_to_the_page(served):
+    for path in ("/", "/?any=thing"):
+        status, body, headers = ask(served[0], path)
+        assert (status, headers["Location"], body) == (302, "/rerun/", b"")
 
 
 def test_serves_parts(served):
@@ -126,3 +133,59 @@ def test_frees_its_port():
     first = Host(page=lambda _: "", assets={})
     first.close()
     Host(page=lambda _: "", assets={}, port=first.port).close()
+
+
+def connect(host):
+    connection = socket.create_connection(("127.0.0.1", host.port), timeout=5)
+    return connection, connection.makefile("rb")
+
+
+def everything(host, request):
+    """Send bytes, and give all that is answered until the server hangs up."""
+    connection, reading = connect(host)
+    with connection, reading:
+        connection.sendall(request)
+        return reading.read()
+
+
+def test_what_follows_a_refused_request_is_not_read_as_another(served):
+    host, events, _ = served
+    head = f"Host: 127.0.0.1:{host.port}\r\n".encode()
+    inner = b"GET /rerun/ HTTP/1.1\r\n" + head + b"\r\n"
+    length = b"Content-Length: %d\r\n" % len(inner)
+    for odd in (length, length + b"Transfer-Encoding: chunked\r\n", b"Transfer-Encoding: chunked\r\n",
+                b"Origin : http://evil.example\r\n", b"X: 1\r\n folded\r\n", b"X: 1\nY: 2\r\n",
+                b"X: 1\rY: 2\r\n"):  # fmt: skip
+        answer = everything(host, b"GET /rerun/ HTTP/1.1\r\n" + head + odd + b"\r\n" + inner)
+        assert answer.startswith(b"HTTP/1.1 400 ") and answer.count(b"HTTP/1.1 ") == 1, odd
+        assert b"Connection: close" in answer and b"<p>page</p>" not in answer
+    for line in (b"GET /rerun/ HTTP/1.1\n", b"GET  /rerun/ HTTP/1.1\r\n", b"GET\t/rerun/ HTTP/1.1\r\n",
+                 b"GET /rerun/ HTTP/1.1\r\r\n", b" GET /rerun/ HTTP/1.1\r\n", b"GET /rerun/\x85HTTP/1.1\r\n",
+                 b"GET /rerun/\r\n"):  # fmt: skip
+        answer = everything(host, line + head + b"\r\n" + inner)
+        assert answer.startswith(b"HTTP/1.1 400 ") and answer.count(b"HTTP/1.1 ") == 1, line
+    for odd in (b"Content-Length: 2\r\nContent-Length: 2\r\n", b"Content-Length: 2\r\nTransfer-Encoding: chunked\r\n",
+                b"Content-Length: +2\r\n", b"Content-Length : 2\r\n", b"\r\n"):  # fmt: skip
+        answer = everything(host, b"POST /rerun/event HTTP/1.1\r\n" + head + odd + b"\r\n{}" + inner)
+        assert answer.startswith(b"HTTP/1.1 400 ") and answer.count(b"HTTP/1.1 ") == 1, odd
+    assert events == []
+
+
+def test_honest_requests_share_a_connection(served):
+    host, events, _ = served
+    head = f"Host: 127.0.0.1:{host.port}\r\n".encode()
+    get = b"GET /rerun/ HTTP/1.1\r\nAccept-Language: d\xe9, en;q=0.5\r\nX:\r\nContent-Length: 0\r\n" + head + b"\r\n"
+    post = b"POST /rerun/event HTTP/1.1\r\n" + head + b'Content-Length: 11\r\n\r\n{"type": 1}'
+    last = get.replace(b"X:", b"Connection: close\r\nX:")
+    answer = everything(host, get + post + get + last)
+    assert answer.count(b"HTTP/1.1 200 OK") == 4 and answer.count(b"<p>page</p>") == 3
+    assert events == [{"type": 1}]
+
+
+def test_the_log_has_the_status_and_no_query(served, caplog):
+    host, _, _ = served
+    caplog.set_level("DEBUG", "simaps_viz")
+    ask(host, "/rerun/?session=secret")
+    ask(host, "/other?session=secret")
+    said = [record.getMessage() for record in caplog.records]
+    assert said == ['"GET /rerun/?… HTTP/1.1" 200 -', '"GET /other?… HTTP/1.1" 404 -']

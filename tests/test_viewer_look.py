@@ -1,5 +1,6 @@
 """Light and dark, what empty maps say, the help, and that the fast painting gives what plain loops give. No browser."""
 
+import re
 from dataclasses import replace
 from itertools import pairwise
 from typing import cast
@@ -15,7 +16,21 @@ from simaps_viz.map_colors import class_colors, instance_colors
 from simaps_viz.structures import Grid, GridSpec
 from simaps_viz.viewer.drawing import legend, texture
 from simaps_viz.viewer.drawing.solids import MOST_CELLS, block_heights, solids
-from simaps_viz.viewer.drawing.theme import BRAND, DARK, LIGHT, THEMES, css
+from simaps_viz.viewer.drawing.theme import (
+    BAD_PAPER_STYLE,
+    BAD_STYLE,
+    BADGE_STYLE,
+    BRAND,
+    DARK,
+    DIM_STYLE,
+    GOOD_PAPER_STYLE,
+    LIGHT,
+    PAPER_STYLE,
+    SENT_PAPER_STYLE,
+    TEXT_STYLE,
+    Theme,
+    css,
+)
 from simaps_viz.viewer.page_script import PAGE_SCRIPT
 from simaps_viz.viewer.panels import help_words
 from simaps_viz.viewer.panels.help import HelpPanel, PageActions
@@ -35,9 +50,20 @@ def test_texts_and_lines_can_be_read_on_either_page(theme):
     assert contrast(theme.ink, theme.page) >= READABLE
     for ground in (theme.page, theme.unseen, theme.floor):
         assert contrast(theme.selected, ground) >= READABLE
-    assert contrast((0x6B, 0x4F, 0x00), (0xFF, 0xF3, 0xCD)) >= READABLE  # the badge brings its own ground
+    for style in (BADGE_STYLE, PAPER_STYLE, GOOD_PAPER_STYLE, BAD_PAPER_STYLE, SENT_PAPER_STYLE):
+        assert contrast(painted(style, "color", theme), painted(style, "background", theme)) >= READABLE, style
+    for style in (TEXT_STYLE, DIM_STYLE, BAD_STYLE):
+        assert contrast(painted(style, "color", theme), theme.panel) >= READABLE, style
     assert contrast(BRAND, LIGHT.panel) >= READABLE
-    assert THEMES[theme.name] is theme and css((1, 2, 255)) == "#0102ff"
+    assert css((1, 2, 255)) == "#0102ff"
+
+
+def painted(style: str, what: str, theme: Theme) -> list[int]:
+    """The colour of a property of an inline style on a page, 0-255."""
+    (value,) = re.findall(rf"(?:^|;){what}:(.*?)(?:;|$)", style)
+    found = re.findall("#([0-9a-f]{6})", value)
+    assert len(found) == (2 if value.startswith("light-dark(") else 1)
+    return list(bytes.fromhex(found[-1 if theme.dark else 0]))
 
 
 def plain_colors(simap, mode, theme, lit=None, hidden=()):

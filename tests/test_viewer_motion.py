@@ -3,7 +3,6 @@
 import threading
 import time
 from contextlib import nullcontext
-from dataclasses import dataclass
 from types import SimpleNamespace
 
 import numpy as np
@@ -16,8 +15,8 @@ from simaps_viz.language.grounding import Grounding
 from simaps_viz.structures import Pose2
 from simaps_viz.viewer.drawing.camera import SEES_M, slanted_view, top_view
 from simaps_viz.viewer.drawing.viewpoints import Viewpoints
-from simaps_viz.viewer.driving.drive import SPEED_M_S, TURN_RAD_S, Drive, poses_along, trajectory
-from simaps_viz.viewer.driving.robot import candidate_labels, goal_labels, open_floor, poses_of_steps
+from simaps_viz.viewer.driving.drive import MOTION, TICK_S, Drive, poses_along, trajectory
+from simaps_viz.viewer.driving.robot import candidate_labels, goal_labels, open_floor
 from simaps_viz.viewer.panels.build import ECHO_S, SETTLE_S, FrameLink
 from simaps_viz.viewer.panels.command import examples, message_html, program_html
 from simaps_viz.viewer.worker import Worker
@@ -33,9 +32,9 @@ def test_a_ride_passes_every_pose_and_never_hurries(rows, share):
         pose = ride.at(at + 1e-9)
         assert (pose.x_m, pose.y_m) == pytest.approx(tuple(row[:2]), abs=1e-6) or (np.diff(ride.times_s) < 1e-8).any()
     a, b = ride.at(share * ride.duration_s), ride.at(share * ride.duration_s + 0.01)
-    assert np.hypot(b.x_m - a.x_m, b.y_m - a.y_m) <= SPEED_M_S * 0.01 + 1e-6
+    assert np.hypot(b.x_m - a.x_m, b.y_m - a.y_m) <= MOTION.speed_mps * 0.01 + 1e-6
     turn = abs((b.yaw_rad - a.yaw_rad + np.pi) % (2 * np.pi) - np.pi)
-    assert turn <= TURN_RAD_S * 0.01 + 1e-6
+    assert turn <= MOTION.turn_rate_rps * 0.01 + 1e-6
 
 
 def test_a_path_is_driven_forwards_and_ends_as_it_should():
@@ -45,7 +44,7 @@ def test_a_path_is_driven_forwards_and_ends_as_it_should():
     assert poses[1:, 2][moving] == pytest.approx(direction[moving])
     assert tuple(poses[-1]) == (3.0, 2.0, 1.0)
     assert trajectory(poses).duration_s == pytest.approx(
-        5.0 / SPEED_M_S + (np.pi / 2 + np.pi / 2 + 1.0) / TURN_RAD_S, rel=1e-6
+        5.0 / MOTION.speed_mps + (np.pi / 2 + np.pi / 2 + 1.0) / MOTION.turn_rate_rps, rel=1e-6
     )
 
 
@@ -67,9 +66,13 @@ def test_drive_plays_pauses_and_arrives():
 def test_a_stopped_drive_does_not_arrive():
     arrived = threading.Event()
     drive = Drive(lambda pose, share, leg: None, arrived.set)
-    drive.start(trajectory([[0, 0, 0], [50.0, 0, 0]]))
+    short = trajectory([[0, 0, 0], [0.1 * MOTION.speed_mps, 0, 0]])
+    drive.start(short)
+    assert arrived.wait(5.0)  # left alone, it does
+    arrived.clear()
+    drive.start(short)
     drive.stop()
-    assert not arrived.wait(0.3) and not drive.active
+    assert not drive.active and not arrived.wait(short.duration_s + 4 * TICK_S)
 
 
 def test_worker_runs_only_the_latest_of_a_name_and_survives_errors():
@@ -153,38 +156,35 @@ def test_the_robot_starts_on_open_floor():
 def test_goals_are_numbered_on_their_objects():
     simap = toy_map()
     goals = [{"instance": 3}, {"instance": None, "point": (0, 0)}, {"instance": 1}, {"instance": 3}]
-    (first, *at_3), (second, *at_1) = goal_labels(simap, goals)
-    assert (first, second) == ("1, 4", "3")
-    assert at_3 == pytest.approx(simap.by_id(3).centroid_m[:2]) and at_1 == pytest.approx(simap.by_id(1).centroid_m[:2])
-
-
-@dataclass(frozen=True)
-class Step:
-    line: int
-    poses: np.ndarray
-
-
-def test_a_ride_knows_its_lines():
-    steps = [Step(1, np.zeros((0, 3))), Step(2, np.ones((2, 3))), Step(4, np.full((3, 3), 2.0))]
-    poses, lines = poses_of_steps(steps)
-    assert poses.tolist() == [[1.0] * 3] * 2 + [[2.0] * 3] * 3
-    assert lines.tolist() == [2, 2, 4, 4, 4]
-    assert [len(part) for part in poses_of_steps([])] == [0, 0]
+    first, second = goal_labels(simap, goals)
+    assert (first.text, second.text) == ("1, 4", "3")
+    assert (first.x, first.y) == pytest.approx(simap.by_id(3).centroid_m[:2])
+    assert (second.x, second.y) == pytest.approx(simap.by_id(1).centroid_m[:2])
 
 
 def test_candidates_are_numbered_with_the_chosen_one_marked():
     simap = toy_map()
-    texts = candidate_labels(Grounding(simap, TOY_POSE).candidates("chair"), {4}, most=2)
-    assert [text.split(" · ")[0] for text, _, _ in texts] == ["1", "2", "▶ 3"]
-    assert texts[2][1:] == pytest.approx(simap.by_id(4).centroid_m[:2])
+    candidates = Grounding(simap, TOY_POSE).candidates("chair")
+
+    def numbers(chosen: set[int], most: int = 5) -> list[str]:
+        return [label.text.split(" · ")[0] for label in candidate_labels(candidates, chosen, most)]
+
+    assert numbers({4}) == ["▶ 3", "1", "2"]
+    assert numbers({4}, most=1) == ["▶ 3", "1"]
+    assert numbers({candidates[0].instance.id}) == ["▶ 1"], "those farther than the goal are of no use"
+    assert numbers(set()) == ["1", "2", "3"]
+    chosen = candidate_labels(candidates, {4})[0]
+    box = simap.by_id(4).aabb_m
+    assert chosen.box == pytest.approx((*box[0][:2], *box[1][:2]))
 
 
 def test_examples_speak_of_this_map_and_html_is_escaped():
     assert examples(toy_map()) == [
         "go to the third chair from here",
-        "go to the chair",
+        "go to the dining table",
         "go to the chair nearest the dining table",
     ]
+    assert examples(toy_map(), 5)[3:] == ["move in between the dining table and the couch", "face the potted plant"]
     assert "<script>" not in message_html("a", "<script>", "bad")
     html = program_html("a = 1\nb = '<'\n", line=2)
     assert "&lt;" in html and html.count("background:light-dark(#fff1b8") == 1

@@ -7,20 +7,22 @@ import numpy as np
 import pytest
 from sequences import HEIGHT, WIDTH, write_tiny_sequence
 from stub_desk import stub_desk
-from tiny_networks import write_classifier, write_yolo
+from tiny_networks import segment_image, write_classifier, write_yolo
 from toy_maps import toy_map
 
 from simaps_viz import load_map, open_sequence, save_map
 from simaps_viz.cli import main
 from simaps_viz.errors import InputError
 from simaps_viz.labels import class_color
+from simaps_viz.map_colors import class_colors
 from simaps_viz.mask_services import segmentation_services
+from simaps_viz.palette import PALETTE
 from simaps_viz.segmentation.coco_panoptic import write_coco_panoptic
-from simaps_viz.segmentation.protocol import segment_image
 from simaps_viz.segmentation.recognise import NetworkSettings, open_network
 from simaps_viz.segmentation.tuning import KEPT, FrameTuner, above_score
 from simaps_viz.structures import Segment, Segmentation, SIMap
 from simaps_viz.viewer.drawing.mask_picture import MaskStyle, confidence_color, paint_masks, segment_name
+from simaps_viz.viewer.drawing.texture import cell_colors, shown_class_colors
 from simaps_viz.viewer.panels.mask_words import (
     class_counts,
     effect_words,
@@ -71,6 +73,33 @@ def test_names_say_class_and_confidence_and_stay_in_the_picture():
     ids = np.ones((3, 4), np.int32)
     tiny = paint_masks(GREY[:3, :4], Segmentation(ids, (Segment(1, "a very long name " * 20),)), MaskStyle())
     assert tiny.shape == (420, 560, 3)
+
+
+def test_classes_have_the_colours_of_the_map_in_picture_and_legend():
+    simap, masks = toy_map(), two_masks()
+    colors = shown_class_colors(simap)
+    assert colors.items() >= class_colors(simap).items()
+    assert set(colors) == set(simap.grid.labels) - {""}
+    assert len(set(colors.values())) == len(colors) <= len(PALETTE), "no two alike while the palette lasts"
+    ours = {"chair": (1, 2, 3), "floor": (4, 5, 6)}
+    picture = paint_masks(GREY, masks, MaskStyle(names=False, opacity=1.0, width=80, colors=ours))
+    assert (picture[16:44, 11:29] == (1, 2, 3)).all()
+    legend = masks_legend(masks, "class", ours)
+    assert "rgb(1, 2, 3)" in legend and "rgb(4, 5, 6)" in legend
+    row, col = np.argwhere(simap.instance > 0)[0]
+    label = simap.by_id(int(simap.instance[row, col])).label
+    assert tuple(cell_colors(simap, "class")[row, col]) == colors[label]
+
+
+def test_only_the_largest_have_their_names_where_there_is_little_room():
+    ids = np.zeros((60, 80), np.int32)
+    ids[5:55, 5:60], ids[20:40, 64:78] = 1, 2
+    masks = Segmentation(ids, (Segment(2, "cup", 0.9), Segment(1, "counter", 0.9)))
+    style = MaskStyle(opacity=0.0)
+    none, one, both = (paint_masks(GREY, masks, replace(style, most_names=n)) for n in (0, 1, None))
+    east = np.s_[:, 64 * 7 : 78 * 7]
+    assert (one != none).any() and (one[east] == none[east]).all()
+    assert (both[east] != none[east]).any()
 
 
 def test_masks_that_are_not_there_or_of_another_size_are_drawn_all_the_same():

@@ -17,7 +17,7 @@ from toy_maps import TOY_POSE, toy_map
 
 from simaps_viz.errors import InputError
 from simaps_viz.mapping.simap import repartition
-from simaps_viz.viewer.desk import MapPicture
+from simaps_viz.viewer.desk import MapPicture, Panel
 from simaps_viz.viewer.panels.map import SLANT
 from simaps_viz.viewer.panels.spec import PanelSpec
 from simaps_viz.viewer.server.host import Host
@@ -171,7 +171,7 @@ def test_a_map_published_while_a_tab_was_closed_is_not_replaced_by_an_old_one():
     with toy_workbench() as bench:
         page = FakePage(bench)
         own = repartition(toy_map(), k_percent=APART)
-        page.session.change_map(own)
+        page.session.take_map(own)
         page.session.select(CHAIR_3)
         page.close()
         gone(bench, page.session)
@@ -219,9 +219,9 @@ def test_a_selection_comes_back_with_its_object():
     with toy_workbench() as bench, fake_page(bench) as page:
         page.session.select(CHAIR_3)
         empty = replace(bench.simap, instance=np.zeros_like(bench.simap.instance), instances=())
-        page.session.change_map(empty)
+        page.session.take_map(empty)
         assert page.session.wait_idle() and page.session.selected is None
-        page.session.change_map(bench.simap)
+        page.session.take_map(bench.simap)
         assert page.session.wait_idle() and page.session.selected == CHAIR_3
 
 
@@ -245,7 +245,7 @@ def test_maps_that_nobody_shows_are_forgotten():
 
 
 @dataclass
-class TalePanel:
+class TalePanel(Panel):
     desk: object
     maps: list = field(default_factory=list)
     clicks: list = field(default_factory=list)

@@ -8,6 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 from tiny_onnx import write_onnx
 
+from simaps_viz.segmentation.protocol import Network
+from simaps_viz.structures import Segmentation
+
 NAMES = ("chair", "dining table", "tv")
 PROTOTYPES = 2
 Box = tuple[float, float, float, float, int, float]
@@ -42,3 +45,8 @@ def write_classifier(path: Path, *, family: str = "maskformer", labels: Sequence
     names = "{" + ", ".join(f'"{i}": "{label}"' for i, label in enumerate(labels)) + "}"
     metadata = {"simaps.family": family, "id2label": names, "simaps.picture": '{"size": {"height": 32, "width": 32}}'}
     return write_onnx(path, {"class_queries_logits": classes, "masks_queries_logits": masks}, metadata=metadata)
+
+
+def segment_image(network: Network, color: NDArray) -> Segmentation:
+    """Segment one image, uint8 [H, W, 3], RGB: the three steps one after another."""
+    return network.decode(network.infer(network.prepare(color)), color.shape[0], color.shape[1])

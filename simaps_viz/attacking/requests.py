@@ -2,7 +2,7 @@
 
 from urllib.parse import quote
 
-from simaps_viz.attacking.target import Reply, Target, Tries, ask, page, send_raw, socket_refused
+from simaps_viz.attacking.target import Reply, Target, Tries, ask, enter, page, send_raw, socket_refused
 
 EVIL = (
     "http://evil.example", "https://evil.example", "null", "http://127.0.0.1:1", "http://127.0.0.1.evil.example",
@@ -102,24 +102,41 @@ def without_the_token(target: Target) -> Tries:
 def guessing_the_token(target: Target) -> Tries:
     """Many tokens are tried; soon none is looked at any more, and who is in stays in."""
     access, port = target.closed.access, target.closed.ports[0]
+    inside = enter(target.closed)
     statuses = [ask(port, f"/?token=guess{n}").status for n in range(60)]
     yield None if statuses.count(401) <= 12 else f"{statuses.count(401)} guesses were looked at"
     yield None if statuses[-1] == 429 else "guessing is never slowed down"
     yield answered(ask(port, f"/?token={access.token}"), "the right token among the guesses")
-    kept = ask(port, "/", Cookie=f"{access.cookie}={access.token}").status
-    yield None if kept == 200 else "somebody's guesses threw others out"
+    yield None if ask(port, "/", Cookie=inside).status == 200 else "somebody's guesses threw others out"
+    access.forgive()
+
+
+def locking_out_by_others_pages(target: Target) -> Tries:
+    """Another site's page opens the workbench with wrong tokens in hidden frames, so that its reader cannot come in."""
+    access = target.closed.access
+    for port in target.closed.ports:
+        for n in range(30):
+            for path, cookie in ((f"/?token=x{n}", "a=b"), ("/", f"{access.cookie}=x{n}")):
+                reply = ask(port, path, Cookie=cookie, Sec_Fetch_Site="cross-site", Sec_Fetch_Mode="navigate")
+                yield answered(reply, "a wrong token")
+    for port in target.closed.ports:
+        status = ask(port, f"/?token={access.token}").status
+        yield None if status == 200 else f"who has the right token is answered {status}"
     access.forgive()
 
 
 def token_in_answers(target: Target) -> Tries:
-    """The token is looked for in what the servers answer, and must come back in the one cookie alone."""
-    access = target.closed.access
-    cookie = f"{access.cookie}={access.token}"
+    """The token is looked for in what the servers answer, and in the cookie that servers on other ports get as well."""
+    access, inside = target.closed.access, enter(target.closed)
     for port in target.closed.ports:
         for path in ("/", "/tab/", "/rerun/", f"/?token={access.token[:-1]}"):
-            yield "it came back" if access.token in ask(port, path, Cookie=cookie).text else None
+            yield "it came back" if access.token in ask(port, path, Cookie=inside).text else None
+            as_token = inside.partition("=")[2]
+            yield answered(ask(port, f"{path.partition('?')[0]}?token={as_token}"), "the cookie in the token's place")
+        yield answered(ask(port, "/", Cookie=f"{access.cookie}={access.token}"), "the token in the cookie's place")
+        access.forgive()
     reply = ask(target.closed.ports[0], f"/?token={access.token}")
-    yield "it came back in the page" if access.token.encode() in reply.body else None
+    yield "it came back" if access.token in reply.text else None
     line = next((line for line in reply.head.splitlines() if line.startswith("Set-Cookie")), "")
     yield (
         None if all(word in line for word in ("HttpOnly", "SameSite=Strict")) else f"a cookie that scripts read: {line}"
@@ -168,6 +185,44 @@ def requests_that_are_none(target: Target) -> Tries:
         ):
             reply = ask(port, "/recordings/toy.rrd", Range=range_)
             yield f"Range {range_[:20]} failed" if reply.status in (0, 500) else None
+
+
+def requests_within_requests(target: Target) -> Tries:
+    """Request smuggling: what one program takes for the body of a request, or for part of a header, and another not."""
+    for port in target.ports:
+        path = "/" if port == target.ports[0] else "/tab/" if port == target.ports[1] else "/rerun/"
+        host = f"Host: 127.0.0.1:{port}\r\n"
+        inner = f"GET {path}?smuggled HTTP/1.1\r\n{host}\r\n"
+        length = f"Content-Length: {len(inner)}\r\n"
+        for method in ("GET", "HEAD", "OPTIONS"):
+            for head in (
+                length, f"{length}Transfer-Encoding: chunked\r\n", "Transfer-Encoding: chunked\r\n",
+                "Transfer-Encoding: \r\n", "Transfer-Encoding: identity\r\n", f"{length}Content-Length: 0\r\n",
+                f"Content-Length: 0\r\n{length}", "Content-Length: 0, 0\r\n", "Content-Length: +0\r\n",
+                "Content-Length:\r\n", "Content-Length: 0x0\r\n", f"Content-Length : {len(inner)}\r\n",
+            ):  # fmt: skip
+                yield _answers(port, f"{method} {path} HTTP/1.1\r\n{host}{head}\r\n{inner}")
+        for odd in (
+            "Origin : http://evil.example\r\n", " Origin: http://evil.example\r\n", "\tX: 1\r\n",
+            "X: 1\r\n folded\r\n", "X: 1\r\n\tOrigin: http://evil.example\r\n", "X\r\n", ": 1\r\n", "X(: 1\r\n",
+            "X: 1\rOrigin: http://evil.example\r\n", "X: 1\nOrigin: http://evil.example\r\n", "X: \x00\r\n",
+            "X: 1\n\r\n", "X\x0b: 1\r\n", "Transfer-Encoding : chunked\r\n", "X: 1\x0c\r\n",
+        ):  # fmt: skip
+            yield _answers(port, f"GET {path} HTTP/1.1\r\n{host}{odd}\r\n{inner}")
+            yield _answers(port, f"GET {path} HTTP/1.1\r\n{odd}{host}\r\n{inner}")
+        for line in (f"GET {path} HTTP/1.1\n", f"GET  {path} HTTP/1.1\r\n", f"GET\t{path}\tHTTP/1.1\r\n",
+                     f"GET {path} HTTP/1.1 \r\n", f" GET {path} HTTP/1.1\r\n", f"GET {path}\r\n",
+                     f"GET {path} HTTP/01.1\r\n", f"GET {path}\x00 HTTP/1.1\r\n", f"get {path} HTTP/1.1\r\n",
+                     f"GET {path}\x85HTTP/1.1\r\n"):  # fmt: skip
+            yield _answers(port, f"{line}{host}\r\n{inner}")
+
+
+def _answers(port: int, request: str) -> str | None:
+    """Tell of a request that was answered, or after which another one was read."""
+    reply = send_raw(port, request.encode("latin-1"), finish=True)
+    if reply.body.count(b"HTTP/1.1 ") or 200 <= reply.status < 300:
+        return f"{request[:-50]!r:.90} was answered"
+    return None if reply.status or not reply.text else f"{request!r:.90} was answered without a head"
 
 
 def strange_events(target: Target) -> Tries:

@@ -98,6 +98,15 @@ def send_raw(port: int, request: bytes, *, most: int = 1 << 20, finish: bool = F
     return Reply(status, head.decode("latin-1"), body)
 
 
+def enter(bench: Workbench) -> str:
+    """Bring a workbench its token, and give the cookie that lets in; empty where none is asked for."""
+    if not bench.access.token:
+        return ""
+    reply = ask(bench.server.get_port(), f"/?token={bench.access.token}")
+    cookie = next((line for line in reply.head.splitlines() if line.startswith("Set-Cookie: ")), "")
+    return cookie.removeprefix("Set-Cookie: ").partition(";")[0]
+
+
 def open_socket(
     port: int, *, name: str = "127.0.0.1", path: str = "/", protocol: str = "", **options: Any
 ) -> Connection:
@@ -122,7 +131,7 @@ def socket_refused(port: int, **options: Any) -> bool:
 def page(bench: Workbench, *, name: str = "127.0.0.1") -> Iterator[tuple[Connection, Session]]:
     """Open a page that nobody draws, by another name if need be; gives its WebSocket and its session."""
     before = {session.token for session in bench.sessions}
-    head = {"Cookie": f"{bench.access.cookie}={bench.access.token}"} if bench.access.token else {}
+    head = {"Cookie": cookie} if (cookie := enter(bench)) else {}
     with open_socket(bench.server.get_port(), name=name, additional_headers=head) as connection:
         connection.send(msgspec.msgpack.encode(CAMERA))
         new: list[Session] = []

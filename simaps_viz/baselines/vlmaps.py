@@ -7,7 +7,7 @@ apart they lie. ``vlmaps+components`` tells objects apart the way VLMaps' progra
 cleaned mask of the class, contour by contour (see `contours`).
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from importlib.metadata import version
 from typing import Any, Literal
@@ -29,6 +29,7 @@ from simaps_viz.events import (
     FrameProjected,
     MergesFound,
     Observer,
+    wants_color,
 )  # fmt: skip
 from simaps_viz.mapping.accumulator import MapAccumulator, ProjectionSettings
 from simaps_viz.mapping.partition import describe_instances, empty_log
@@ -37,6 +38,9 @@ from simaps_viz.mapping.simap import count_views
 from simaps_viz.structures import Frame, Grid, Segment, Segmentation, SIMap
 
 Instances = Literal["none", "components"]
+Baseline = Literal["vlmaps", "vlmaps+components"]
+BASELINE_OF: Mapping[Instances, Baseline] = {"none": "vlmaps", "components": "vlmaps+components"}
+"""How a map's method is called."""
 
 
 @dataclass(frozen=True)
@@ -107,7 +111,7 @@ def build_vlmaps(
     tell(_started(sequence, encoder))
     gathered = VLMapsAccumulator(sequence.labels, sequence.is_thing, config, encoder)
     T_map_camera = sequence.T_map_world @ sequence.poses
-    for frame, segmentation in read_ahead(sequence, color=encoder.wants_color or _wants_color(observers)):
+    for frame, segmentation in read_ahead(sequence, color=encoder.wants_color or wants_color(observers)):
         seen = gathered.add_frame(frame, segmentation, T_map_camera[frame.index])
         if observers:
             tell(_projected(frame, segmentation, T_map_camera[frame.index], gathered, seen))
@@ -212,7 +216,7 @@ def _assemble(
         instance=instance,
         instances=describe_instances(grid, instance, views, itself),
         T_map_world=sequence.T_map_world,
-        method="vlmaps+components" if components else "vlmaps",
+        method=BASELINE_OF["components" if components else "none"],
         parameters=config.parameters(components=components),
         provenance=_provenance(sequence, gathered.embedder, gathered.store, grid),
         community=instance,
@@ -233,10 +237,6 @@ def _without_small(objects: NDArray, min_cells: int) -> NDArray:
 
 def _relabelled(grid: Grid, label: NDArray) -> Grid:
     return Grid(grid.spec, grid.labels, grid.is_thing, label, grid.height_m, grid.lowest_m, grid.observations)
-
-
-def _wants_color(observers: Sequence[Observer]) -> bool:
-    return any(getattr(observer, "wants_color", True) for observer in observers)
 
 
 def _started(sequence: FrameSource, encoder: Embedder) -> BuildStarted:

@@ -18,7 +18,8 @@ from simaps_viz.checking.registration import find_offset
 from simaps_viz.checking.search import Scored, mirrored, score, search
 from simaps_viz.checking.timing import best_jump, best_shift, measure
 from simaps_viz.checking.units import likely_unit, positions_are_wrong, snapped_unit
-from simaps_viz.checking.views import Progress, in_views, load_views, neighbour_pairs, revisit_pairs
+from simaps_viz.checking.views import in_views, load_views, neighbour_pairs, revisit_pairs
+from simaps_viz.events import Progress
 
 FIT_WORTH = 0.06
 """Relative gain of quality before a camera or a depth scale is called wrong."""

@@ -9,7 +9,8 @@ from simaps_viz.checking.agreement import relative_poses, residuals
 from simaps_viz.checking.reading import Reading
 from simaps_viz.checking.recording import Recording
 from simaps_viz.checking.timing import quality_by_pair
-from simaps_viz.checking.views import BASES, GAP, Progress, in_views, load_views
+from simaps_viz.checking.views import BASES, GAP, in_views, load_views
+from simaps_viz.events import Progress
 
 MOST_FRAMES = 160
 """Read to find a jump, at most."""

@@ -11,6 +11,7 @@ from simaps_viz.checking.findings import Bar
 from simaps_viz.checking.overlay import overlay, telling_pair
 from simaps_viz.checking.reading import Reading
 from simaps_viz.files import check_output, write_whole
+from simaps_viz.palette import Color
 
 WIDTH, MARGIN = 1500, 36
 INK, PALE_INK, RULE = (33, 37, 44), (98, 104, 115), (214, 218, 226)
@@ -52,7 +53,7 @@ def draw(diagnosis: Diagnosis) -> Image.Image:
     return page
 
 
-def _finding_lines(diagnosis: Diagnosis) -> list[tuple[str, tuple[int, int, int]]]:
+def _finding_lines(diagnosis: Diagnosis) -> list[tuple[str, Color]]:
     font, lines = _font(18), []
     for finding in diagnosis.findings:
         color = STATED if finding.severity == "error" else PALE_INK

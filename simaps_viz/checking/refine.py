@@ -16,6 +16,7 @@ REACH = (0.25, 0.12, 0.06, 0.04)
 STEPS = 10
 """Of Gauss-Newton a stage, at most."""
 CONVERGED = 2e-4
+"""A stage ends when no change of `ALL` steps further than this: 0.02 % of a focal length or of the depth scale."""
 SPREAD = np.array([0.05, 0.1, 0.1, 0.5, 0.5])
 """Standard deviations of the pulls: log aspect, principal point (x, y) over focal length, log focal, log scale."""
 POINTS_AS_ONE = 100.0
@@ -23,11 +24,13 @@ POINTS_AS_ONE = 100.0
 DERIVATIVE_STEP = 3e-3
 """Wide enough that depth noise does not pass for slope."""
 LARGEST_STEP = 0.15
+"""Of any change of `ALL`, as slopes hold only nearby; a focal length twice too long takes five steps."""
 LEAST_GAIN = 0.01
 """Of quality: where frames hardly overlap, any camera gains a little by chance."""
 ROUNDING = 0.002
 """Residual that is always possible (depth in whole steps, poses of few digits)."""
 STEEPEST = 8.0
+"""Slopes of a residual by a change of `ALL`; changes move a surface's depth by about their own size, edges by leaps."""
 
 SCALE = np.eye(5)[:, 4:]
 FOCAL = np.array([[1.0, 1.0, 0, 0, 0]]).T

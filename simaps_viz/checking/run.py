@@ -7,10 +7,10 @@ from simaps_viz.checking.diagnose import Diagnosis, diagnose
 from simaps_viz.checking.fix import write_fixed
 from simaps_viz.checking.picture import save_picture
 from simaps_viz.checking.recording import open_recording
-from simaps_viz.checking.views import Progress
 from simaps_viz.datasets.posed_frames import open_sequence
 from simaps_viz.datasets.recognise import recognise
 from simaps_viz.errors import InputError
+from simaps_viz.events import Progress
 from simaps_viz.files import check_output
 
 

@@ -1,15 +1,11 @@
 """Chooses the frames and pairs of frames a check looks at, and samples points on their surfaces."""
 
-from collections.abc import Callable
-
 import numpy as np
 from numpy.typing import NDArray
 
 from simaps_viz.checking.agreement import Views
 from simaps_viz.checking.recording import Recording
-
-Progress = Callable[[str, int, int], None]
-"""Called with a stage, steps done and steps in all."""
+from simaps_viz.events import Progress
 
 BASES = 40
 """Places in the sequence where frames are compared."""

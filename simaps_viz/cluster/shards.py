@@ -18,14 +18,12 @@ from simaps_viz.limits import MAX_STEP_BYTES
 from simaps_viz.mapping import so_far
 from simaps_viz.mapping.config import BuildConfig
 from simaps_viz.mapping.steps import FrameStep, pack_step, squeeze, unpack_step, unsqueeze
-from simaps_viz.pipeline import fingerprint
+from simaps_viz.pipeline import content_of
 from simaps_viz.segmentation.sequences import masks_from
 
 _HEAD = struct.Struct("<II")
 SHARD_FRAMES = 16
 """Frames handed out together: some 0.1 s of work, against 2 ms for handing them out."""
-CONTENT = "names, poses and manifest"
-"""What of `pipeline.fingerprint` is the same wherever a sequence is opened."""
 
 
 @dataclass(frozen=True)
@@ -87,8 +85,7 @@ class Job:
 
 def job_of(sequence: FrameSource, config: BuildConfig, reopen: Callable[[], FrameSource]) -> Job:
     """Say what a build's shards have in common."""
-    facts = fingerprint(sequence, config)
-    return Job(reopen, facts[CONTENT], facts["version"], config, sequence.labels, sequence.is_thing)
+    return Job(reopen, content_of(sequence), version("simaps-viz"), config, sequence.labels, sequence.is_thing)
 
 
 def gather_shard(job: Job, indices: Sequence[int], T_map_camera: NDArray) -> bytes:
@@ -155,7 +152,8 @@ def _opened(reopen: Callable[[], FrameSource], content: str, wanted: str) -> Fra
     if here != wanted:
         raise InputError(f"expected simaps-viz {wanted} as where the build was started, found {here}")
     sequence = reopen()
-    found = fingerprint(sequence, BuildConfig())[CONTENT]
-    if found != content:
-        raise InputError(f"{sequence.path}: expected the sequence that is being built, found other frames or poses")
+    if content_of(sequence) != content:
+        raise InputError(
+            f"{sequence.path}: expected the sequence that is being built, found other frames, poses, cameras or tables"
+        )
     return sequence

@@ -9,7 +9,7 @@ from typing import Annotated
 import tyro
 
 from simaps_viz import wiring
-from simaps_viz.building import build_to_file, going_on
+from simaps_viz.building import BuildRequest, build_to_file, going_on
 from simaps_viz.cluster.shards import reopening
 from simaps_viz.cluster.workers import open_workers
 from simaps_viz.commands.options import Mapping, Networks
@@ -19,7 +19,8 @@ from simaps_viz.datasets.source import FrameSource
 from simaps_viz.errors import InputError
 from simaps_viz.files import check_ending
 from simaps_viz.pipeline import Elsewhere
-from simaps_viz.progress import StageProgress, console, emit, stage_progress
+from simaps_viz.progress import StageProgress, stage_progress
+from simaps_viz.terminal import console, emit
 
 
 @dataclass(frozen=True)
@@ -64,19 +65,18 @@ class Build:
 
 def build(command: Build) -> None:
     """Build the map and say what is on it."""
-    config = command.mapping.config()
+    request = BuildRequest(
+        command.mapping.method, command.mapping.config(), command.output, command.record,
+        resume=command.resume, strict=command.strict, history=command.history,
+    )  # fmt: skip
     check_ending(command.output, ".npz", "a map's name")
     if command.view:
-        _watch(command)
+        _watch(command, request)
         return
     with stage_progress(quiet=command.json) as progress:
         sequence = _opened(command, progress)
         with _elsewhere(command, sequence) as elsewhere, going_on(command.output):
-            simap = build_to_file(
-                sequence, command.mapping.method, config, command.output, record=command.record, progress=progress,
-                json_lines=command.json, resume=command.resume, strict=command.strict, history=command.history,
-                elsewhere=elsewhere,
-            )  # fmt: skip
+            simap = build_to_file(sequence, request, progress, json_lines=command.json, elsewhere=elsewhere)
     skipped: int = simap.provenance.get("skipped", {}).get("frames", 0)
     notes: list[str] = list(getattr(sequence, "notes", ()))
     if command.json:
@@ -92,7 +92,7 @@ def build(command: Build) -> None:
         console.print(f"Look at it: simaps view {command.output}", markup=False)
 
 
-def _watch(command: Build) -> None:
+def _watch(command: Build, request: BuildRequest) -> None:
     from simaps_viz.live.view import LiveSettings, watch_build  # noqa: PLC0415 - viser and rerun are slow to import
 
     if command.scheduler is not None or command.json:
@@ -100,11 +100,7 @@ def _watch(command: Build) -> None:
         raise InputError(f"--view: expected a build in this process, for people, found {option}")
     with stage_progress() as progress:
         sequence = _opened(command, progress)
-    settings = LiveSettings(
-        command.mapping.method, command.mapping.config(), command.output, record=command.record,
-        resume=command.resume, strict=command.strict, history=command.history, port=command.port,
-    )  # fmt: skip
-    watch_build(sequence, settings, browser=command.browser)
+    watch_build(sequence, LiveSettings(request, port=command.port), browser=command.browser)
 
 
 def _opened(command: Build, progress: StageProgress) -> FrameSource:

@@ -1,11 +1,10 @@
 """`simaps doctor`: is this installation in order, and if not, what to do?"""
 
-import sys
 from dataclasses import asdict, dataclass
 from importlib.metadata import version
 
 from simaps_viz.installation.finding import Finding
-from simaps_viz.progress import console, emit
+from simaps_viz.terminal import console, emit, say
 
 
 @dataclass(frozen=True)
@@ -54,13 +53,12 @@ def doctor(command: Doctor) -> bool:
         _print(one)
     failed, warned = (sum(one.status == status for one in found) for status in ("fail", "warn"))
     end = "all is in order" if ok and not warned else f"{failed} to put right, {warned} to know about"
-    sys.stdout.write(f"simaps {version('simaps-viz')}: {end}\n")
+    say(f"simaps {version('simaps-viz')}: {end}\n")
     return ok
 
 
 def _print(one: Finding) -> None:
-    sys.stdout.write(f"{one.status:<5} {one.name}: {one.found}\n")
+    say(f"{one.status:<5} {one.name}: {one.found}\n")
     if one.advice:
-        sys.stdout.write(f"      -> {one.advice}\n")
-    sys.stdout.flush()
+        say(f"      -> {one.advice}\n")
     console.file.flush()

@@ -111,6 +111,7 @@ def page_services(mending: Mending) -> "MendServices":
         undo=mending.undo,
         redo=mending.redo,
         entries=lambda: mending.log.entries,
+        told=mending.told,
         undone=lambda: len(mending.log.undone),
         refused=mending.refused,
         covers=mending.covers,
@@ -122,9 +123,9 @@ def page_services(mending: Mending) -> "MendServices":
 
 def mending_panels(mending: Mending | None) -> "tuple[PanelSpec, ...]":
     """Give the panels a page needs for mending: one, or none where there is nothing to mend."""
-    from simaps_viz.viewer.panels.mend_spec import mend_spec  # noqa: PLC0415 - viser is slow to import
+    from simaps_viz.viewer.panels.mend import mend_panel  # noqa: PLC0415 - viser is slow to import
 
-    return () if mending is None else (mend_spec(page_services(mending)),)
+    return () if mending is None else (mend_panel(page_services(mending)),)
 
 
 def login() -> str:

@@ -9,7 +9,7 @@ import tyro
 from simaps_viz.exports.formats import FormatName
 from simaps_viz.mapping.accumulator import ProjectionSettings
 from simaps_viz.mapping.votes import VoteSettings
-from simaps_viz.methods import METHODS
+from simaps_viz.methods import METHODS, MethodName
 from simaps_viz.pipeline import BuildConfig
 
 if TYPE_CHECKING:
@@ -17,7 +17,6 @@ if TYPE_CHECKING:
 
 Level = Literal["none", "light", "medium", "heavy"]
 """Of simulated network errors."""
-MethodName = Literal["evidence", "paper", "components", "vlmaps", "vlmaps+components"]
 
 
 @dataclass(frozen=True)
@@ -165,7 +164,7 @@ class Query:
     """One or more commands, each carried out from the given pose."""
     pose: tuple[float, float, float] | None = None
     """Where the robot stands: x and y in metres, heading in degrees clockwise from north. By default where the first
-    camera stood."""
+    camera stood that has free floor by it."""
     llm: str | None = None
     """Let a language model read the commands: MODEL, or MODEL@ADDRESS of a chat-completions server, such as
     qwen2.5:7b@http://127.0.0.1:11434/v1. The key comes from OPENAI_API_KEY. Without it, an offline grammar reads."""
@@ -310,7 +309,7 @@ class Export:
     """tum: the command, or program, to drive in simulation."""
     pose: tuple[float, float, float] | None = None
     """tum: where the robot starts: x and y in metres, heading in degrees clockwise from north. By default where the
-    first camera stood."""
+    first camera stood that has free floor by it."""
     llm: str | None = None
     """tum: let a language model read the command, as in simaps query."""
     label: Annotated[str | None, tyro.conf.arg(name="class")] = None

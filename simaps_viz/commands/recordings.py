@@ -11,8 +11,7 @@ import tyro
 from rich.table import Table
 
 from simaps_viz.errors import InputError
-from simaps_viz.progress import console, emit
-from simaps_viz.tables import Answers
+from simaps_viz.terminal import console, emit, show
 
 Action = Literal["list", "add", "rename", "delete", "repair"]
 _PIPED_WIDTH = 160
@@ -117,7 +116,7 @@ def _show(entries: list[dict[str, Any]], folders: list[Path], *, json: bool) -> 
                  _number(entry["frames"]), method, _number(entry["instances"]))  # fmt: skip
         table.add_row(*cells)
     width = None if sys.stdout.isatty() else _PIPED_WIDTH
-    Answers(width=width).print(table)
+    show(table, width=width)
 
 
 def _number(value: int | None) -> str:

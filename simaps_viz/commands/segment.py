@@ -7,7 +7,8 @@ from simaps_viz.commands.options import Networks, Segment
 from simaps_viz.datasets.posed_frames import PosedFrames, open_sequence
 from simaps_viz.datasets.source import FrameSource
 from simaps_viz.errors import InputError
-from simaps_viz.progress import StageProgress, console
+from simaps_viz.progress import StageProgress
+from simaps_viz.terminal import console
 
 PRECOMPUTED = "precomputed"
 

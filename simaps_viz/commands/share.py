@@ -7,13 +7,13 @@ from typing import Annotated, Any
 import tyro
 
 from simaps_viz import wiring
-from simaps_viz.comparing import look_back
 from simaps_viz.errors import InputError
 from simaps_viz.files import check_output, write_whole
 from simaps_viz.mapping.mending import load_mended
 from simaps_viz.navigation.agent import Agent, answer
 from simaps_viz.navigation.planner import RobotShape
 from simaps_viz.progress import StageProgress
+from simaps_viz.sharing import look_back
 from simaps_viz.structures import Pose2, SIMap
 
 ENDINGS = (".html", ".gif", ".png")
@@ -35,7 +35,7 @@ class Share:
     """What the robot is told at the end: English or a program."""
     pose: tuple[float, float, float] | None = None
     """Where the robot starts: x and y in metres, heading in degrees clockwise from north. By default where the first
-    camera stood."""
+    camera stood that has free floor by it."""
     llm: str | None = None
     """Let a language model read the command, as in simaps query."""
     edits: bool = True

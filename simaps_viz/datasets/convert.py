@@ -2,8 +2,8 @@
 
 import json
 import os
+import secrets
 import shutil
-import tempfile
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -51,12 +51,12 @@ def write_posed_frames(
         raise InputError(f"{folder}: expected a new or empty folder to write to, found something there")
     try:
         folder.parent.mkdir(parents=True, exist_ok=True)
-        partial = Path(tempfile.mkdtemp(prefix=f".{folder.name}-", dir=folder.parent))
+        partial = folder.parent / f".{folder.name}-{secrets.token_urlsafe(6)}"
+        partial.mkdir()  # with the rights any new folder gets
     except OSError as error:
         raise InputError(f"{folder}: expected a folder that can be written, found {error.strerror or error}") from error
     try:
         _Writer(sequence, partial).write(range(0, len(sequence), every), progress)
-        partial.chmod(0o755)  # temporary folders are private
         os.replace(partial, folder)
     except OSError as error:
         raise InputError(f"{folder}: expected a folder that can be written, found {error.strerror or error}") from error
@@ -153,8 +153,10 @@ class _Writer:
 
     def _write_image(self, name: str, image: NDArray) -> None:
         options = [cv2.IMWRITE_JPEG_QUALITY, JPEG_QUALITY] if name.endswith((".jpg", ".jpeg")) else []
-        if not cv2.imwrite(str(self.folder / name), image, options):
+        done, data = cv2.imencode(Path(name).suffix, image, options)
+        if not done:
             raise OSError(f"{name} cannot be written")
+        (self.folder / name).write_bytes(data.tobytes())  # OpenCV itself would not say why it cannot
 
     def _write_text(self, name: str, text: str) -> None:
         (self.folder / name).write_text(text + "\n", encoding="utf-8")

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from simaps_viz.arrays import read_npy
 from simaps_viz.datasets.images import read_color, read_depth
 from simaps_viz.datasets.lens import Lens, see_through
-from simaps_viz.datasets.manifest import shown
+from simaps_viz.datasets.manifest import is_finite_number, shown
 from simaps_viz.datasets.segment_tables import few
 from simaps_viz.errors import InputError
 from simaps_viz.limits import MAX_ARRAY_BYTES, check_file, check_picture
@@ -155,14 +155,9 @@ def expect_as_many(where: Path, what: str, expected: int, found: int) -> None:
 def json_number(where: str, values: object, key: str) -> float:
     """Give a number of a JSON object; raises InputError when it is not there or no number."""
     value = values.get(key) if isinstance(values, dict) else None
-    if value is None or not is_number(value):
+    if value is None or not is_finite_number(value):
         raise InputError(f"{where}: {key}: expected a number, found {shown(value) if value is not None else 'none'}")
     return float(value)
-
-
-def is_number(value: object) -> bool:
-    """Tell whether a value of a JSON file is a finite number of sensible size."""
-    return isinstance(value, int | float) and not isinstance(value, bool) and abs(value) < 1e300  # NaN is not less
 
 
 def _of(lenses: Sequence[Lens], index: int) -> Lens:

@@ -65,6 +65,10 @@ class JoinedFrames:
     def __len__(self) -> int:
         return len(self.frame_names)
 
+    def described(self) -> bytes:
+        """Give what each says its images mean."""
+        return b"\0".join(sequence.described() for sequence in self.sequences)
+
     def read(self, index: int, *, color: bool = False) -> Frame:
         """Read a frame, as its sequence does, under its number and name here.
 

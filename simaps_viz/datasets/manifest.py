@@ -218,7 +218,7 @@ class KeyTable:
     def number(self, key: str) -> float:
         """Give a finite number."""
         value = self.values.get(key)
-        if value is None or not _is_number(value):
+        if value is None or not is_finite_number(value):
             raise self._wrong(key, "a number")
         return float(value)
 
@@ -227,7 +227,7 @@ class KeyTable:
         if key not in self.values:
             return None
         value = self.values[key]
-        if isinstance(value, list) and len(value) == 3 and all(map(_is_number, value)):
+        if isinstance(value, list) and len(value) == 3 and all(map(is_finite_number, value)):
             x, y, z = map(float, value)
             if 1e-6 < math.hypot(x, y, z) < 1e6:
                 return (x, y, z)
@@ -250,5 +250,6 @@ class KeyTable:
         return InputError(f"{self.where}: {key}: expected {expected}, found {found}")
 
 
-def _is_number(value: Any) -> bool:
+def is_finite_number(value: Any) -> bool:
+    """Tell whether a value of a JSON file is a finite number of sensible size."""
     return isinstance(value, int | float) and not isinstance(value, bool) and abs(value) < 1e300  # NaN is not less

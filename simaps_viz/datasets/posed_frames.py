@@ -119,6 +119,20 @@ class PosedFrames:
         """The precomputed segmentation is the truth."""
         return self._segments is not None and self._segments.ground_truth
 
+    def described(self) -> bytes:
+        """Give what says what the images mean (camera, depth unit, segment tables), to see whether it has changed.
+
+        Raises:
+            InputError: the segment table cannot be read any more.
+        """
+        facts = repr((self.intrinsics, self.manifest.depth_unit_m, self.labels, self.is_thing, self.world_segments()))
+        files = self.manifest.segmentation
+        table = None if files is None else self.manifest.file(files.table)
+        try:
+            return facts.encode() + (b"" if table is None else table.read_bytes())
+        except OSError as error:
+            raise InputError(f"{table}: expected a table of segments, found {error.strerror or error}") from error
+
     def read(self, index: int, *, color: bool = False) -> Frame:
         """Read a frame; its colour image only when asked for, as decoding it costs half as much again.
 

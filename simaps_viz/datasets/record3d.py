@@ -16,7 +16,6 @@ from simaps_viz.datasets.file_frames import (
     check_size,
     clean_depth,
     expect_as_many,
-    is_number,
     json_number,
     number_of,
     numbered,
@@ -24,7 +23,7 @@ from simaps_viz.datasets.file_frames import (
 from simaps_viz.datasets.images import decode_image, read_color
 from simaps_viz.datasets.lens import Lens, pinhole, see_through
 from simaps_viz.datasets.lzfse import lzfse_size
-from simaps_viz.datasets.manifest import parse_json, read_json, shown
+from simaps_viz.datasets.manifest import is_finite_number, parse_json, read_json, shown
 from simaps_viz.datasets.recording import FormatFacts, Recording
 from simaps_viz.datasets.rows import OPENCV_FROM_OPENGL, from_quaternion
 from simaps_viz.errors import InputError
@@ -122,7 +121,7 @@ def _is_exr(folder: Path) -> bool:
 
 
 def _pose(where: str, row: Any) -> NDArray:
-    if not isinstance(row, list) or len(row) != 7 or not all(map(is_number, row)):
+    if not isinstance(row, list) or len(row) != 7 or not all(map(is_finite_number, row)):
         raise InputError(f"{where}: expected seven numbers, found {shown(row)}")
     return from_quaternion(where, row[4:], row[:4]) @ OPENCV_FROM_OPENGL
 
@@ -140,7 +139,7 @@ def _lenses(where: str, metadata: dict[str, Any], frames: int, size: tuple[int, 
     expect_as_many(Path(where), "perFrameIntrinsicCoeffs, one a picture", frames, len(rows))
     lenses = []
     for i, row in enumerate(rows):
-        if not isinstance(row, list) or len(row) < 4 or not all(map(is_number, row)):
+        if not isinstance(row, list) or len(row) < 4 or not all(map(is_finite_number, row)):
             raise InputError(f"{where}: perFrameIntrinsicCoeffs[{i}]: expected four numbers, found {shown(row)}")
         lenses.append(Lens(pinhole(where, width, height, row[0], row[1], row[2], row[3])).scaled(*size))
     return lenses

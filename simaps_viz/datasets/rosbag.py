@@ -137,7 +137,7 @@ class Bag:
             self._reader = AnyReader([path])
             self._reader.open()
             self.topics = self._reader.topics
-        except Exception as error:
+        except self._errors as error:
             self._reader = None
             raise InputError(f"{path}: expected a ROS bag, found {_one_line(error)}") from error
 

@@ -61,6 +61,10 @@ class FrameSource(Protocol):
         """Frames or masks are simulated."""
         ...
 
+    def described(self) -> bytes:
+        """Give what says what the images mean (camera, depth unit, segment tables), to see whether it has changed."""
+        ...
+
     def __len__(self) -> int: ...
 
     def read(self, index: int, *, color: bool = False) -> Frame:

@@ -117,7 +117,7 @@ def _moved(sequence: PosedFrames, config: BuildConfig, run: Run) -> Iterator[str
         f"{1e3 * replay_s / n:.3f} ms, or merged as part of a map in {1e3 * merge_s / n:.3f} ms"
     )
     plain = np.mean([len(pack_step(step)) for step in steps])
-    yield f"  {'':>8}  in the build log, and on disk beyond 256 MB of memory: {plain / 1e3:.0f} kB a frame"
+    yield f"  {'':>8}  in the build log, and on disk beyond 128 MB of memory: {plain / 1e3:.0f} kB a frame"
 
 
 def _replayed(accumulator, steps) -> None:

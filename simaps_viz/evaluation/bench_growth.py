@@ -43,6 +43,10 @@ class Posed:
         """Numbers."""
         return tuple(f"{index:06d}" for index in range(len(self)))
 
+    def described(self) -> bytes:
+        """Give the camera; what else the images mean is in them."""
+        return repr(self.frames[0].intrinsics).encode()
+
     def read(self, index: int, *, color: bool = False) -> Frame:
         """Give a frame under its new number; there is no colour."""
         frame = self.frames[index % len(self.frames)]

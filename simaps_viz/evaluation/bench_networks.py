@@ -42,6 +42,10 @@ class Every:
     def __len__(self) -> int:
         return len(self._indices)
 
+    def described(self) -> bytes:
+        """Give what the sequence says its images mean."""
+        return self._sequence.described()
+
     def color_file(self, index: int) -> Path | None:
         """Give the file of a frame's colour image."""
         return self._sequence.color_file(self._indices[index])

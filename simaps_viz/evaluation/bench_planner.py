@@ -20,7 +20,6 @@ LABELS: Final = ("none", "chair", "dining table", "floor", "wall")
 _WALL_CELLS, _DOOR_CELLS = 3, 24
 _SQRT2 = math.sqrt(2.0)
 
-Cell = tuple[int, int]
 Point = tuple[float, float]
 
 

@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from simaps_viz import palette
+from simaps_viz.geometry import STANDS_FROM_M
 from simaps_viz.palette import Color
 from simaps_viz.structures import Grid
 
@@ -18,7 +19,6 @@ NO_PARTNER: Color = (150, 153, 158)
 """An instance that lies on no true one."""
 PALETTE: tuple[Color, ...] = tuple(c for c in palette.PALETTE if c[0] <= 1.5 * max(c[1:]))
 """The page's colours without the reds, which are left to what marks an error (`picture.WRONG_RED`)."""
-FURNITURE_FROM_M = 0.10
 _STRUCTURE = ("wall", "column", "door", "window")
 
 
@@ -61,18 +61,23 @@ def partners(cells: NDArray, reference: NDArray) -> dict[int, int]:
     return best
 
 
+def ground_of(grid: Grid) -> NDArray:
+    """Say what every cell is where no instance lies: uint8 [rows, cols], 0 unseen, 1 floor, 2 clutter, 3 wall."""
+    ground = np.where(np.isnan(grid.height_m), 0, 1).astype(np.uint8)
+    kinds = [name.split("-")[0] for name in grid.labels]
+    floor = np.isin(grid.label, [i for i, kind in enumerate(kinds) if kind == "floor"])
+    ground[(grid.height_m >= STANDS_FROM_M) & ~floor] = 2
+    ground[np.isin(grid.label, [i for i, kind in enumerate(kinds) if kind in _STRUCTURE])] = 3
+    return ground
+
+
 def paint(grid: Grid, instance: NDArray, colors: Mapping[int, Color]) -> NDArray:
     """Colour every cell: instances as told (or grey), the ground below them pale.
 
     Returns:
         uint8 [rows, cols, 3], RGB, row 0 at the south.
     """
-    picture = np.full((*grid.spec.shape, 3), UNSEEN, np.uint8)
-    picture[~np.isnan(grid.height_m)] = FLOOR
-    kinds = [name.split("-")[0] for name in grid.labels]
-    floor = np.isin(grid.label, [i for i, kind in enumerate(kinds) if kind == "floor"])
-    picture[(grid.height_m >= FURNITURE_FROM_M) & ~floor] = CLUTTER
-    picture[np.isin(grid.label, [i for i, kind in enumerate(kinds) if kind in _STRUCTURE])] = WALL
+    picture = np.array((UNSEEN, FLOOR, CLUTTER, WALL), np.uint8)[ground_of(grid)]
     palette = np.full((int(instance.max(initial=0)) + 1, 3), NO_PARTNER, np.uint8)
     for number, color in colors.items():
         if number < len(palette):

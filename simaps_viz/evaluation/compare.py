@@ -11,12 +11,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from simaps_viz.errors import InputError
-from simaps_viz.evaluation.coloring import Color, distinct_colors, paint, partners
+from simaps_viz.evaluation.coloring import distinct_colors, paint, partners
 from simaps_viz.evaluation.evaluate import NOT_SIMULATED, Report, Run
 from simaps_viz.evaluation.overlaps import Overlaps
 from simaps_viz.evaluation.quality import Score
 from simaps_viz.evaluation.truth import Truth
 from simaps_viz.evaluation.windows import joint_window, moved, moved_grid, whole_cells
+from simaps_viz.palette import Color
 from simaps_viz.structures import Grid, GridSpec, Instance, SIMap
 
 
@@ -64,11 +65,6 @@ class Comparison:
     rows: tuple[tuple[str, tuple[Panel, ...]], ...]
     """(what the row's masks are, its panels without the reference)."""
     has_truth: bool
-
-    @property
-    def titles(self) -> tuple[str, ...]:
-        """Of all panels, the reference first."""
-        return tuple(panel.title for panel in self.panels)
 
     @property
     def images(self) -> tuple[NDArray, ...]:

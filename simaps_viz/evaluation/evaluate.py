@@ -14,8 +14,9 @@ from simaps_viz.datasets.source import FrameSource
 from simaps_viz.errors import InputError
 from simaps_viz.evaluation.overlaps import ScoringRules, find_overlaps
 from simaps_viz.evaluation.quality import Scores, scores_of
-from simaps_viz.evaluation.spoiled import Progress, WithSimulatedErrors
+from simaps_viz.evaluation.spoiled import WithSimulatedErrors
 from simaps_viz.evaluation.truth import Truth, find_truth, settings_of, truth_of
+from simaps_viz.events import Progress
 from simaps_viz.mapping.mapfile import save_map
 from simaps_viz.scenes.simulated_errors import LEVELS
 from simaps_viz.structures import Frame, Segmentation, SIMap
@@ -103,6 +104,10 @@ class FirstFrames:
 
     def __len__(self) -> int:
         return self._count
+
+    def described(self) -> bytes:
+        """Give what the sequence says its images mean."""
+        return self._sequence.described()
 
     def read(self, index: int, *, color: bool = False) -> Frame:
         """Read a frame."""

@@ -101,10 +101,6 @@ class JudgingSession:
             score[fields[answered] if answered else "left"] += 1
         return {key: HumanScore(**scores[key]) for key in sorted(scores)}
 
-    def human_column(self, errors: str) -> dict[str, float | None]:
-        """Give {method: share of yes} for one kind of errors, as `navigation_report.success_tables` takes it."""
-        return {method: score.share for (kind, method), score in self.summary().items() if kind == errors}
-
 
 def start_session(path: Path, runs: Sequence[Mapping[str, Any]], *, seed: int = 0) -> JudgingSession:
     """Write a new session file with runs in random order.

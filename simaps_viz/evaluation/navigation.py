@@ -15,10 +15,10 @@ from simaps_viz.evaluation.driving import Actions, Drive, drive_through, legs_of
 from simaps_viz.evaluation.evaluate import ERRORS, NOT_SIMULATED, Build, masks_source
 from simaps_viz.evaluation.phrasings import FAMILIES
 from simaps_viz.evaluation.scoring import Verdict, judge, true_objects_of
-from simaps_viz.evaluation.spoiled import Progress
 from simaps_viz.evaluation.tasks import Task, make_tasks
 from simaps_viz.evaluation.truth import check_same_frame, find_truth, truth_as_map
 from simaps_viz.evaluation.world import World, observe_world
+from simaps_viz.events import Progress
 from simaps_viz.navigation.agent import Answer, answer
 from simaps_viz.navigation.planner import RobotShape
 from simaps_viz.structures import SIMap
@@ -90,10 +90,6 @@ class NavigationReport:
             run for run in self.runs
             if (run.errors, run.method) == (errors, method) and family in (None, run.task.family)
         )  # fmt: skip
-
-    def failures(self, method: str | None = None) -> tuple[NavigationRun, ...]:
-        """Give the runs that are not right, strictly."""
-        return tuple(run for run in self.runs if not run.verdict.strict and method in (None, run.method))
 
 
 def evaluate_navigation(

@@ -1,6 +1,6 @@
 """The success table as text and as JSON, and what the paper says beside it."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from typing import Any, Final
 
 from simaps_viz.evaluation.driving import FORWARD_M
@@ -28,13 +28,8 @@ PAPER: Final = (
 )
 
 
-def success_tables(report: NavigationReport, human: Mapping[str, float | None] | None = None) -> tuple[TextTable, ...]:
-    """Lay out one table for each kind of errors: families down, methods across.
-
-    Args:
-        report: what was measured.
-        human: {method: share of runs people called right}, see `judging`; goes under the last table.
-    """
+def success_tables(report: NavigationReport) -> tuple[TextTable, ...]:
+    """Lay out one table for each kind of errors: families down, methods across."""
     tables = []
     for errors in report.errors:
         rows = [
@@ -45,18 +40,15 @@ def success_tables(report: NavigationReport, human: Mapping[str, float | None] |
         everything = [report.of(errors, method) for method in report.methods]
         rows.append(("all", str(len(everything[0])), *map(_cell, everything)))
         rows.append(("collisions", "", *(str(sum(run.drive.collided for run in runs)) for runs in everything)))
-        if human is not None and errors == report.errors[-1]:
-            shares = (human.get(method) for method in report.methods)
-            rows.append(("people say yes", "", *("none" if s is None else f"{s:.2f}" for s in shares)))
         title = f"{report.name}: {_words(errors)}; {_robot(report)}"
         note = LEGEND if errors == report.errors[-1] else ""
         tables.append(TextTable(title, ("family", "commands", *report.methods), tuple(rows), note=note))
     return tuple(tables)
 
 
-def navigation_text(report: NavigationReport, human: Mapping[str, float | None] | None = None) -> str:
+def navigation_text(report: NavigationReport) -> str:
     """Give everything to print: the tables, the gain over VLMaps, and the paper beside it."""
-    pieces = [table.text() for table in success_tables(report, human)]
+    pieces = [table.text() for table in success_tables(report)]
     gains = gains_over(report, "vlmaps")
     if gains:
         lines = [f"  {errors} errors, {method}: {gain:+.0f} %" for (errors, method), gain in gains.items()]
@@ -86,8 +78,8 @@ def strict_share(runs: Sequence[NavigationRun]) -> float:
     return sum(run.verdict.strict for run in runs) / max(len(runs), 1)
 
 
-def navigation_json(report: NavigationReport, human: Mapping[str, float | None] | None = None) -> dict[str, Any]:
-    """Give the tables and every run, JSON-able."""
+def navigation_json(report: NavigationReport) -> dict[str, Any]:
+    """Give the tables and every run, JSON-able; ``people`` is null: they judge later, see `judging`."""
     shares = [
         {
             "errors": errors, "method": method, "family": family, "commands": len(runs),
@@ -103,7 +95,7 @@ def navigation_json(report: NavigationReport, human: Mapping[str, float | None] 
         "format": FORMAT, "name": report.name, "sequence": str(report.path), "simulated": report.simulated,
         "robot": {"radius_m": report.robot.radius_m, "height_m": report.robot.height_m}, "actions": report.actions,
         "success_m": SUCCESS_M, "tolerance_m": TOLERANCE_M, "shares": shares,
-        "people": dict(human) if human is not None else None, "paper": PAPER,
+        "people": None, "paper": PAPER,
         "runs": [run.to_json() for run in report.runs],
     }  # fmt: skip
 

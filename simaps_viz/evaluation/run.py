@@ -22,8 +22,8 @@ from simaps_viz.evaluation.report import (
     overall_table,
     report_json,
 )
-from simaps_viz.evaluation.spoiled import Progress
 from simaps_viz.evaluation.truth import find_truth
+from simaps_viz.events import Progress
 from simaps_viz.files import check_output, write_whole
 from simaps_viz.structures import SIMap
 

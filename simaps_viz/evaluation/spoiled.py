@@ -1,6 +1,6 @@
 """A sequence with exact ids whose masks are spoiled in memory by simulated network errors."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
@@ -12,12 +12,10 @@ from numpy.typing import NDArray
 from simaps_viz.datasets.manifest import read_json
 from simaps_viz.datasets.posed_frames import PosedFrames
 from simaps_viz.errors import InputError
+from simaps_viz.events import Progress
 from simaps_viz.geometry import transform_points
 from simaps_viz.scenes.simulated_errors import KnownInstance, check_level, simulate_errors
 from simaps_viz.structures import Frame, Segment, Segmentation
-
-Progress = Callable[[str, int, int], None]
-"""Called with (what is being done, steps done, steps in all)."""
 
 _FAST_PNG = [cv2.IMWRITE_PNG_COMPRESSION, 1]
 
@@ -62,6 +60,10 @@ class WithSimulatedErrors:
 
     def __len__(self) -> int:
         return len(self._exact)
+
+    def described(self) -> bytes:
+        """Give what the sequence says its images mean; ``segmentation_source`` names the errors."""
+        return self._exact.described()
 
     def read(self, index: int, *, color: bool = False) -> Frame:
         """Read a frame, as the sequence itself does."""

@@ -1,16 +1,18 @@
 """Two maps of one place laid over one another: common window, matched colours, differences, scores. Plain data."""
 
+from collections import Counter
 from dataclasses import dataclass
 from typing import Literal
 
 from numpy.typing import NDArray
 
-from simaps_viz.evaluation.coloring import Color, paint, partners
+from simaps_viz.evaluation.coloring import ground_of, paint, partners
 from simaps_viz.evaluation.differences import Difference, as_reference, extent_of, find_differences
 from simaps_viz.evaluation.overlaps import ScoringRules, find_overlaps
 from simaps_viz.evaluation.quality import Score, scores_of
 from simaps_viz.evaluation.windows import joint_window, moved, moved_grid, whole_cells
 from simaps_viz.map_colors import instance_colors
+from simaps_viz.palette import Color
 from simaps_viz.structures import GridSpec, SIMap
 
 BETWEEN_MAPS = ScoringRules(min_true_cells=8, min_found_cells=8)
@@ -26,8 +28,19 @@ class MapSide:
     """uint8 [rows, cols, 3], RGB, row 0 at the south; an object has the colour of what it overlaps most on the left."""
     instance: NDArray
     """int32 [rows, cols], ids of this map, 0 = none."""
-    count: int
-    """Instances on the map."""
+    ground: NDArray
+    """uint8 [rows, cols], what lies where no instance does: 0 unseen, 1 floor, 2 clutter, 3 wall."""
+    names: dict[int, str]
+    """{id: class and number among its class on this map, such as "chair 4"}."""
+    ignored: int
+    """Objects too small to be compared."""
+    least_cells: int
+    """An object with fewer cells is too small."""
+
+    @property
+    def count(self) -> int:
+        """Instances on the map."""
+        return len(self.names)
 
 
 @dataclass(frozen=True)
@@ -60,8 +73,6 @@ class TwoMaps:
     """{kind: how many}, all kinds, the gravest first."""
     same: int
     """Objects that agree."""
-    ignored: int
-    """Objects of either too small to be compared."""
     score: Score | None
     """Of the other map, when the reference is the truth."""
 
@@ -95,15 +106,16 @@ def compare_two(
         for own, left_id in partners(on_right, on_left).items()
         if own not in alone and left_id in colors
     }
+    rules = ScoringRules() if truth else BETWEEN_MAPS
+    small = tuple(zip(differences.ignored, (rules.min_true_cells, rules.min_found_cells), strict=True))
     return TwoMaps(
         spec=window,
-        left=_side(left, window, on_left, colors),
-        right=_side(right, window, on_right, follow),
+        left=_side(left, window, on_left, colors, small[swapped]),
+        right=_side(right, window, on_right, follow, small[not swapped]),
         reference="right" if swapped else "left",
         items=items,
         counts={kind.value: count for kind, count in differences.counts().items()},
         same=differences.same,
-        ignored=sum(differences.ignored),
         score=scores_of(overlaps, other).overall if truth else None,
     )
 
@@ -112,9 +124,19 @@ def _on(simap: SIMap, window: GridSpec) -> NDArray:
     return moved(simap.instance, whole_cells(simap.spec, window), window.shape, 0)
 
 
-def _side(named: tuple[str, SIMap], window: GridSpec, cells: NDArray, colors: dict) -> MapSide:
+def _side(named: tuple[str, SIMap], window: GridSpec, cells: NDArray, colors: dict, small: tuple[int, int]) -> MapSide:
     title, simap = named
-    return MapSide(title, paint(moved_grid(simap.grid, window), cells, colors), cells, len(simap.instances))
+    grid = moved_grid(simap.grid, window)
+    return MapSide(title, paint(grid, cells, colors), cells, ground_of(grid), _names(simap), *small)
+
+
+def _names(simap: SIMap) -> dict[int, str]:
+    number: Counter[str] = Counter()
+    names = {}
+    for one in simap.instances:
+        number[one.label] += 1
+        names[one.id] = f"{one.label} {number[one.label]}"
+    return names
 
 
 def _item(d: Difference, on_left: NDArray, on_right: NDArray, window: GridSpec, swapped: bool) -> Item:

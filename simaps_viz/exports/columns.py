@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from simaps_viz.exports.records import color_of, label_colors, node_name
+from simaps_viz.palette import Color
 from simaps_viz.structures import GridSpec, SIMap
 
 UNLABELLED: Final = "unlabelled"
@@ -28,7 +29,7 @@ class Part:
     label: str
     instance: int
     """0 for a class without instances."""
-    color: tuple[int, int, int]
+    color: Color
     vertices: NDArray
     """float64 [n, 3], map frame, metres."""
     faces: NDArray

@@ -7,18 +7,19 @@ from typing import Literal, get_args
 
 from simaps_viz.datasets.source import FrameSource
 from simaps_viz.errors import InputError
+from simaps_viz.events import Progress
 from simaps_viz.exports.geojson import geojson_bytes
 from simaps_viz.exports.glb import glb_bytes, glb_points_bytes
 from simaps_viz.exports.graphml import graphml_bytes
 from simaps_viz.exports.nav2 import nav2_files
 from simaps_viz.exports.panoptic import coco_files
 from simaps_viz.exports.ply import ply_bytes, ply_points_bytes
-from simaps_viz.exports.points import Cloud, Progress, gather_points
+from simaps_viz.exports.points import Cloud, gather_points
 from simaps_viz.exports.ros import ros_files
 from simaps_viz.exports.scene_graph import scene_graph_bytes
 from simaps_viz.exports.tables import csv_bytes
 from simaps_viz.exports.trajectory import driven_poses, tum_bytes
-from simaps_viz.exports.writing import write_all
+from simaps_viz.files import write_all
 from simaps_viz.language.commands import read_command
 from simaps_viz.navigation.agent import Reader, planner_of
 from simaps_viz.navigation.planner import RobotShape
@@ -124,7 +125,7 @@ def export_map(simap: SIMap, path: Path, format: str | None = None, options: Exp
     if not path.parent.is_dir():
         raise InputError(f"{path}: expected a folder to write in, found none at {path.parent}")
     files = _several(name, simap, path, options) or {path: _SINGLE[name](simap, options)}
-    write_all(files)
+    write_all(files, f"the map as {name}")
     return list(files)
 
 

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from simaps_viz.exports.columns import UNLABELLED, parts
 from simaps_viz.exports.points import Cloud
 from simaps_viz.exports.records import node_name, record
+from simaps_viz.palette import Color
 from simaps_viz.structures import SIMap
 
 T_GLTF_MAP: Final = np.array([[1.0, 0, 0, 0], [0, 0, 1, 0], [0, -1, 0, 0], [0, 0, 0, 1]])
@@ -68,7 +69,7 @@ def _export(scene: Any) -> bytes:
     return bytes(scene.export(file_type="glb"))
 
 
-def _linear(color: tuple[int, int, int]) -> NDArray:
+def _linear(color: Color) -> NDArray:
     """Give RGBA uint8 in linear light, which glTF factors are in (IEC 61966-2-1)."""
     c = np.array(color) / 255.0
     linear = np.where(c <= 0.04045, c / 12.92, ((c + 0.055) / 1.055) ** 2.4)

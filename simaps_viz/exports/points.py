@@ -1,6 +1,5 @@
 """The recording's depth pixels as one coloured point cloud, each point with the instance of its cell."""
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Final
 
@@ -8,6 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from simaps_viz.datasets.source import FrameSource
+from simaps_viz.events import Progress
 from simaps_viz.geometry import back_project, transform_points
 from simaps_viz.structures import Frame, SIMap
 
@@ -18,8 +18,6 @@ STRIDE: Final = 2
 VOXEL_M: Final = 0.02
 """One point is kept in each cube of this edge: the first."""
 NEAR_M, FAR_M, BELOW_M = 0.1, 6.0, 0.3
-Progress = Callable[[str, int, int], None]
-"""Told the stage, how many steps are done, and of how many."""
 ON_FLOOR_M: Final = 0.05
 """Points no higher than this belong to no instance, unless it is as flat itself."""
 

@@ -10,6 +10,7 @@ from typing import Any, Final
 import numpy as np
 
 from simaps_viz.exports.records import color_of, node_name, record
+from simaps_viz.palette import Color
 from simaps_viz.structures import Instance, SIMap
 
 VERSION: Final = {"major": 1, "minor": 1, "patch": 3}
@@ -74,7 +75,7 @@ def _room(simap: SIMap, number: int) -> dict[str, Any]:
     return {"id": number, "layer": ROOMS, "partition": 0, "attributes": attributes}
 
 
-def _attributes(kind: str, name: str, position: tuple[float, ...], color: tuple[int, int, int]) -> dict[str, Any]:
+def _attributes(kind: str, name: str, position: tuple[float, ...], color: Color) -> dict[str, Any]:
     r, g, b = color
     return {
         "type": kind,

@@ -67,7 +67,7 @@ def check_kernels() -> Finding:
             cells, heights,
         )  # fmt: skip
         seconds = time.perf_counter() - started
-    except Exception as error:
+    except Exception as error:  # a broken numba or numpy raises whatever comes; the doctor tells it
         return Finding("compiled kernels", "fail", _one_line(error), "reinstall numba and numpy: pip install --upgrade")
     if (cells < 0).any():
         return Finding("compiled kernels", "fail", "one gave a wrong answer", "reinstall numba: pip install --upgrade")
@@ -93,12 +93,12 @@ def check_networks() -> Finding:
     """Check what segmentation networks would run on."""
     if _version("onnxruntime") is None and _version("onnxruntime-gpu") is None:
         return Finding("networks", "ok", "onnxruntime is not installed; masks that come with a sequence need none",
-                       f"for --segmentation NET.onnx: pip install '{PACKAGE}[networks]'")  # fmt: skip
+                       "for --segmentation NET.onnx: pip install onnxruntime")  # fmt: skip
     try:
         from simaps_viz.segmentation.session import available_providers  # noqa: PLC0415 - slow to import
 
         providers = available_providers()
-    except Exception as error:
+    except Exception as error:  # as above, of a broken onnxruntime
         return Finding("networks", "fail", f"onnxruntime: {_one_line(error)}", "pip install --upgrade onnxruntime")
     return Finding("networks", "ok", f"onnxruntime can run them on {', '.join(providers)}")
 

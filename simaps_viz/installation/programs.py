@@ -30,7 +30,7 @@ def check_rerun() -> Finding:
         size = sum(len(content) for content, _ in viewer_assets().values())
     except SIMapsError as error:
         return Finding("recorded builds", "fail", str(error), "pip install 'rerun-sdk==0.41.0'")
-    except Exception as error:
+    except Exception as error:  # a broken rerun raises whatever comes; the doctor tells it
         found = f"{type(error).__name__}: {error}"
         return Finding("recorded builds", "fail", found, "pip install --force-reinstall 'rerun-sdk==0.41.0'")
     return Finding("recorded builds", "ok", f"rerun's web viewer is there ({size / 1e6:.0f} MB)")

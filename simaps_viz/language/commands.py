@@ -20,6 +20,10 @@ from simaps_viz.language.words import Vocabulary
 MAX_LENGTH: Final = 500
 """Characters of a command."""
 _MAX_ALTERNATIVES: Final = 4
+_MOST_QUOTED: Final = 60
+"""Characters of what was said that a refusal repeats."""
+_MOST_OF_NAME: Final = 40
+"""Characters of a class that a refusal takes for an example."""
 _MAX_WORDS: Final = 40
 _MAX_LINKS: Final = 5
 _LINKS: Final = (
@@ -61,7 +65,7 @@ def read_command(text: str, labels: Sequence[str] | Mapping[str, int]) -> Readin
         CommandError: naming the words that were not understood, with examples that work.
     """
     if len(text) > MAX_LENGTH:
-        raise CommandError(f"a command has at most {MAX_LENGTH} characters, found {len(text)}")
+        raise CommandError(too_long(text))
     if _QUESTION.match(text):
         raise CommandError(f"Not understood: a question; the robot takes orders only. {examples(labels)}")
     vocabulary = Vocabulary(labels)
@@ -86,9 +90,17 @@ def read_command(text: str, labels: Sequence[str] | Mapping[str, int]) -> Readin
     return plainly
 
 
+def too_long(text: str) -> str:
+    """Say that a command is too long, and what to do about it."""
+    return (
+        f"This command has {len(text)} characters, and at most {MAX_LENGTH} can be read. "
+        "Say it in fewer words, or give one command after the other."
+    )
+
+
 def examples(labels: Iterable[str]) -> str:
     """Give commands that work on a map with these classes, in one sentence."""
-    names = [*labels] or ["chair"]
+    names = [label for label in labels if len(label) <= _MOST_OF_NAME] or ["chair"]
     first, other = names[0], names[min(1, len(names) - 1)]
     return (
         f'Try: "go to the second {first}", "go to the {first} nearest the {other}", '
@@ -233,12 +245,17 @@ def _what_was_not_understood(
     unknown = list(dict.fromkeys(str(word) for word in spoken if word.type == "WORD"))
     if unknown:
         can = "The robot can drive, turn and face things, and knows them by class and place only."
-        return f"Not understood: {', '.join(unknown)}. {can}"
+        return f"Not understood: {_in_brief(', '.join(unknown))}. {can}"
     if clause[0].type == "TAKE":
-        return f'Not understood: "{" ".join(clause)}". The robot carries nothing, but can lead the way to things.'
+        said = _in_brief(" ".join(clause))
+        return f'Not understood: "{said}". The robot carries nothing, but can lead the way to things.'
     stopped = getattr(error, "token", None)
     at = int(stopped) if isinstance(stopped, Token) and str(stopped).isdigit() else None
     if at is None:
         said = text.strip() if len(clause) == len(spoken) else " ".join(clause)
-        return f'Not understood: "{said}" seems to be cut short.'
-    return f'Not understood, from "{" ".join(clause[at:])}" on.'
+        return f'Not understood: "{_in_brief(said)}" seems to be cut short.'
+    return f'Not understood, from "{_in_brief(" ".join(clause[at:]))}" on.'
+
+
+def _in_brief(said: str) -> str:
+    return said if len(said) <= _MOST_QUOTED else f"{said[: _MOST_QUOTED - 1].rstrip()}…"

@@ -5,23 +5,18 @@ somebody typed, and what does not pass is sent back once and then refused.
 """
 
 import threading
-from collections import deque
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Final
 
 from simaps_viz.errors import CommandError
-from simaps_viz.language.commands import MAX_LENGTH, Reading, examples
+from simaps_viz.language.commands import MAX_LENGTH, Reading, examples, too_long
 from simaps_viz.language.llm_chat import Chat
 from simaps_viz.language.llm_prompt import (
     SCHEMA,
-    Positions,
     command_messages,
     read_answer,
-    read_class,
     repair_messages,
-    word_messages,
-    word_schema,
 )
 from simaps_viz.language.llm_settings import (
     Exchange,
@@ -54,8 +49,6 @@ __all__ = [
 
 REPAIRS: Final = 1
 """How often a model may correct a program that was refused."""
-_MAX_WORD = 100
-_KEPT = 20
 
 Check = Callable[[str], object]
 """(program) -> raises CommandError when the map cannot take it; nothing may move."""
@@ -83,19 +76,12 @@ class LLMReader:
         settings.key()
         self.settings = settings
         self._chat = Chat(settings)
-        self._recent: deque[Exchange] = deque(maxlen=_KEPT)
-
-    @property
-    def exchanges(self) -> tuple[Exchange, ...]:
-        """What was last sent and received, the newest last."""
-        return tuple(self._recent)
 
     def read(
         self,
         text: str,
         counts: Mapping[str, int],
         *,
-        positions: Positions | None = None,
         check: Check | None = None,
         cancel: threading.Event | None = None,
     ) -> LLMReading:
@@ -104,7 +90,6 @@ class LLMReader:
         Args:
             text: the command, in any language.
             counts: {class: number of instances} of the map.
-            positions: also tell where the instances are.
             check: refuses what the map cannot take, on top of unknown names; its words go back to the model.
             cancel: set it to have the wait end at once.
 
@@ -115,37 +100,22 @@ class LLMReader:
             CommandError: an empty or overlong command.
         """
         if len(text) > MAX_LENGTH:
-            raise CommandError(f"a command has at most {MAX_LENGTH} characters, found {len(text)}")
+            raise CommandError(too_long(text))
         if not text.strip():
             raise CommandError(f"nothing to do was said. {examples(tuple(counts))}")
         record: list[Exchange] = []
         try:
-            program, repairs = self._program(text.strip(), counts, positions, check, record, cancel)
+            program, repairs = self._program(text.strip(), counts, check, record, cancel)
         except LLMError as error:
             error.exchanges = tuple(record)
             raise
-        finally:
-            self._recent.extend(record)
         note = f"by {self.settings.model}" + (f", {repairs} repair" if repairs else "")
         return LLMReading(program, (note,), exchanges=tuple(record))
-
-    def ground_word(self, word: str, labels: Sequence[str], *, cancel: threading.Event | None = None) -> str | None:
-        """Ask which of a map's classes a word means; None when none, or when the answer is no class.
-
-        Raises:
-            LLMServerError, LLMCancelledError.
-        """
-        if not word.strip() or len(word) > _MAX_WORD or not labels:
-            return None
-        messages = word_messages(word.strip(), labels)
-        answer = self._chat.ask(lambda _: messages, word_schema(labels), self._recent.append, cancel)
-        return read_class(answer, labels)
 
     def _program(
         self,
         text: str,
         counts: Mapping[str, int],
-        positions: Positions | None,
         check: Check | None,
         record: list[Exchange],
         cancel: threading.Event | None,
@@ -155,7 +125,7 @@ class LLMReader:
         reason = ""
 
         def compose(structured: bool) -> list[Message]:
-            return [*command_messages(text, counts, positions, structured=structured), *more]
+            return [*command_messages(text, counts, structured=structured), *more]
 
         for repairs in range(REPAIRS + 1):
             answer = self._chat.ask(compose, SCHEMA, record.append, cancel)

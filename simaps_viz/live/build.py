@@ -71,6 +71,8 @@ class LiveBuild:
         self._began_s = self._sketch_s = self._busy_before_s = 0.0
         self._pace = Pace()
         self._for_stream: SIMap | None = None
+        self._latest: FrameProjected | None = None
+        self._show_last = True
         self._turn = False
         self.maps_shown = self.frames_shown = self.sketches = 0
         """What was shown while frames came, for the bench: maps, frames in the recording, sketches."""
@@ -88,7 +90,7 @@ class LiveBuild:
         with self._lock:
             if self._state.status == "done" or (self._thread is not None and self._thread.is_alive()):
                 return
-            self._cancel = threading.Event()
+            self._cancel, self._latest, self._show_last = threading.Event(), None, True
             self._arrived.clear()
             self._began_s = self._sketch_s = time.perf_counter()
             self._pace.begin(self._began_s)
@@ -101,10 +103,11 @@ class LiveBuild:
         """Begin again where it was stopped or has failed."""
         self.start(resume=True)
 
-    def stop(self) -> None:
-        """Stop after the frame that is being worked on."""
+    def stop(self, *, show: bool = True) -> None:
+        """Stop after the frame that is being worked on; ``show``: then show the map so far, which may take a while."""
         with self._lock:
             if self._thread is not None and self._thread.is_alive():
+                self._show_last = show
                 self._cancel.set()
                 self._say(status="stopping")
 
@@ -138,12 +141,35 @@ class LiveBuild:
             said = self._audience.done(simap)
             self._say(status="done", said=said)
         except BuildCancelled:
+            self._show_stopped()
             self._say(status="stopped", said=STOPPED)
         except SIMapsError as error:
             self._say(status="failed", error=str(error))
         except Exception as error:  # the page has to say so; the log has it in full
             logger.error("a build that was watched failed", exc_info=error)
             self._say(status="failed", error=f"Unexpected error ({type(error).__name__}): {error}")
+        finally:
+            self._latest = None  # with it goes what the build has gathered
+
+    def _show_stopped(self) -> None:
+        """Show the map of all frames there are, and the last of them; a fault in that is no fault of the build."""
+        event, audience = self._latest, self._audience
+        if event is None or event.map_so_far is None or not (self._show_last and audience.watches()):
+            return
+        try:
+            self._say(sketch=audience.sketch(event))
+            self._show_map(event.map_so_far())
+            if audience.stream is not None:
+                audience.stream.show(event, self._for_stream)
+        except Exception as error:
+            logger.error("the map of a stopped build could not be shown", exc_info=error)
+        self._for_stream = None
+
+    def _show_map(self, simap: SIMap) -> None:
+        self._for_stream = simap
+        self._audience.show(simap)
+        self.maps_shown += 1
+        self._say(shown=len(simap.frame_names))
 
     def _say(self, **changes: object) -> None:
         with self._lock:
@@ -163,6 +189,7 @@ class LiveBuild:
 
     def _show(self, event: FrameProjected) -> None:
         """Show the map so far, or this frame, by turns, when it is time and somebody looks."""
+        self._latest = event
         if not self._audience.watches():
             return
         began_s = time.perf_counter()
@@ -179,8 +206,6 @@ class LiveBuild:
             self._for_stream = None
             self.frames_shown += 1
         elif event.map_so_far is not None:
-            self._for_stream = event.map_so_far()
-            self._audience.show(self._for_stream)
-            self.maps_shown += 1
+            self._show_map(event.map_so_far())
         self._turn = not self._turn
         self._pace.shown(began_s, time.perf_counter())

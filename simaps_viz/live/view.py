@@ -5,26 +5,26 @@ import webbrowser
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from simaps_viz import wiring
-from simaps_viz.building import build_to_file, going_on
+from simaps_viz.building import BuildRequest, build_to_file, going_on
 from simaps_viz.datasets.source import FrameSource
 from simaps_viz.errors import InputError
 from simaps_viz.events import FrameProjected, Observer
 from simaps_viz.live.build import Audience, LiveBuild
 from simaps_viz.looking_back import looking_back
-from simaps_viz.mapping.mending import open_mending
+from simaps_viz.mapping.mending import Mending, open_mending
 from simaps_viz.mapping.partition import empty_log
 from simaps_viz.mapping.simap import Origin, assemble
-from simaps_viz.methods import VARIANTS
+from simaps_viz.methods import config_of, keeps_log
 from simaps_viz.navigation.planner import RobotShape
 from simaps_viz.pipeline import BuildConfig, facts_of, started
-from simaps_viz.progress import StageProgress, console, stage_progress
+from simaps_viz.progress import StageProgress, stage_progress
 from simaps_viz.structures import Grid, GridSpec, SIMap, Views
+from simaps_viz.terminal import console
 
 if TYPE_CHECKING:
     from simaps_viz.viewer.workbench import Workbench
@@ -36,32 +36,27 @@ MOST_CELLS = 4_000_000
 
 @dataclass(frozen=True, eq=False)
 class LiveSettings:
-    """How a map is built and shown at once."""
+    """What is built, and where it is shown."""
 
-    method: str
-    config: BuildConfig
-    output: Path
-    """Map file."""
-    record: Path | None = None
-    resume: bool = False
-    strict: bool = False
-    history: bool = False
+    request: BuildRequest
+    """Its history is kept, asked for or not, where its method keeps a log."""
     port: int = 8080
+    """Where to serve the page; the next free one when it is taken."""
 
 
 def watch_build(sequence: FrameSource, settings: LiveSettings, *, browser: bool) -> None:
     """Build a map and show it while it grows, until Ctrl-C; at any moment that leaves a log to go on with."""
     with stage_progress() as progress, live_workbench(sequence, settings, progress) as (page, build):
-        console.print(f"Workbench: {page.entrance}  (Ctrl-C to stop)", soft_wrap=True, markup=False)
+        wiring.tell_where(page)
         if browser:
             webbrowser.open(page.entrance)
-        build.start(resume=settings.resume)
+        build.start(resume=settings.request.resume)
         try:
-            with going_on(settings.output):
+            with going_on(settings.request.output):
                 _wait(build)
             page.wait()
         finally:
-            build.stop()
+            build.stop(show=False)
             build.wait(10.0)
 
 
@@ -78,31 +73,28 @@ def live_workbench(
     from simaps_viz.viewer.drawing.sketch import sketch_png  # noqa: PLC0415 - so that nothing slow comes with it
 
     color: Any = getattr(sequence, "color", None)
-    variant = VARIANTS.get(settings.method)
-    waiting = waiting_map(sequence, variant(settings.config) if variant else settings.config)
+    request = settings.request
+    waiting = waiting_map(sequence, config_of(request.method, request.config))
     stream = LiveStream(color or (lambda index: None))
     stream.open(started(sequence), first_look(sequence, waiting))
     pages: list[Workbench] = []
     ended = threading.Event()
 
     def run(observers: Sequence[Observer], cancel: threading.Event, resume: bool) -> SIMap:
-        return build_to_file(
-            sequence, settings.method, settings.config, settings.output, record=settings.record, progress=progress,
-            observers=tuple(observers), resume=resume, strict=settings.strict,
-            history=settings.history or settings.method in VARIANTS, cancel=cancel,
-        )  # fmt: skip
+        now = replace(request, resume=resume, history=request.history or keeps_log(request.method))
+        return build_to_file(sequence, now, progress, observers=tuple(observers), cancel=cancel)
 
     def done(simap: SIMap) -> str:
-        mending = open_mending(settings.output, simap)
+        mending = open_mending(request.output, simap)
         edits.append(mending)
-        panels = wiring.panels_of(simap, settings.record, mending, beside=True)
-        pages[0].finish(mending.simap(), panels, settings.record)
+        panels = wiring.panels_of(simap, request.record, mending, beside=True)
+        pages[0].finish(mending.simap(), panels, request.record)
         if not ended.is_set():
             stream.finish()
-        console.print(f"{settings.output}: {wiring.counts_in_words(simap.counts())}", markup=False, soft_wrap=True)
-        return f"Saved as {settings.output}."
+        console.print(f"{request.output}: {wiring.counts_in_words(simap.counts())}", markup=False, soft_wrap=True)
+        return f"Saved as {request.output}."
 
-    edits: list = []
+    edits: list[Mending] = []
     audience = Audience(
         show=lambda simap: pages[0].publish(simap, growing=True),
         watches=lambda: bool(pages[0].sessions),
@@ -116,14 +108,19 @@ def live_workbench(
             pages.append(page)
             yield page, build
             ended.set()
-            build.stop()
+            build.stop(show=False)
             build.wait(10.0)
     finally:
         stream.close()
 
 
 def _serve(
-    sequence: FrameSource, settings: LiveSettings, build: LiveBuild, waiting: SIMap, stream: str, mending: Callable
+    sequence: FrameSource,
+    settings: LiveSettings,
+    build: LiveBuild,
+    waiting: SIMap,
+    stream: str,
+    mending: Callable[[], Mending | None],
 ) -> "Workbench":
     from simaps_viz.recorder.web_viewer import (  # noqa: PLC0415 - rerun is slow to import
         policy_for_stream,
@@ -142,7 +139,7 @@ def _serve(
         csp=policy_for_stream(stream),
         stream=stream,
         building=True,
-        look_back=looking_back(lambda: None if mending() is None else settings.output),
+        look_back=looking_back(lambda: None if mending() is None else settings.request.output),
     )
     start = wiring.start_pose(replace(waiting, T_map_camera=_cameras(sequence)))
     return Workbench(waiting, services=services, port=settings.port, start=start, robot_radius_m=RobotShape().radius_m)

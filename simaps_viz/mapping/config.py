@@ -11,7 +11,8 @@ from simaps_viz.mapping.pooling import PoolSettings
 from simaps_viz.mapping.simap import JOINING, check_joining
 from simaps_viz.mapping.votes import VoteSettings
 
-Method = Literal["evidence", "paper", "components"]
+Method = Literal["evidence", "components", "paper"]
+"""Ours, and the paper's."""
 
 
 @dataclass(frozen=True)

@@ -7,8 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from simaps_viz.errors import InputError
-from simaps_viz.mapping.edits import Edit
+from simaps_viz.mapping.edits import Edit, EditRefused
 from simaps_viz.mapping.mend import Replayed, replay
 from simaps_viz.structures import SIMap
 
@@ -53,7 +52,7 @@ class EditLog:
             InputError: there is none.
         """
         if not self.entries:
-            raise InputError("undo: expected an edit to take back, found none")
+            raise EditRefused("undo: expected an edit to take back, found none", "There is nothing to undo.")
         return EditLog(self.entries[:-1], (*self.undone, self.entries[-1]))
 
     def redo(self) -> "EditLog":
@@ -63,7 +62,7 @@ class EditLog:
             InputError: there is none.
         """
         if not self.undone:
-            raise InputError("redo: expected an edit that was taken back, found none")
+            raise EditRefused("redo: expected an edit that was taken back, found none", "There is nothing to redo.")
         return EditLog((*self.entries, self.undone[-1]), self.undone[:-1])
 
     def people(self) -> dict[str, int]:
@@ -110,7 +109,10 @@ def signature(who: str) -> str:
     """Give a person's name with single spaces, or raise InputError where it is none."""
     name = " ".join(who.split())
     if not name or len(name) > LONGEST_NAME or not name.isprintable():
-        raise InputError(f"name: expected who makes the edit, in 1 to {LONGEST_NAME} characters, found {who[:90]!r}")
+        raise EditRefused(
+            f"name: expected who makes the edit, in 1 to {LONGEST_NAME} characters, found {who[:90]!r}",
+            f"Write your name below, in 1 to {LONGEST_NAME} characters: edits are signed with it.",
+        )
     return name
 
 

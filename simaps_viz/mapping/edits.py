@@ -11,12 +11,20 @@ import numpy as np
 from numpy.typing import NDArray
 
 from simaps_viz.errors import InputError
-from simaps_viz.structures import GridSpec, SIMap
+from simaps_viz.structures import GridSpec, Instance, SIMap
 
 Point = tuple[float, float]
 """x and y in metres, map frame."""
 LONGEST_LABEL = 40
 """Characters of a class name."""
+
+
+class EditRefused(InputError):  # noqa: N818 - a refusal, in words
+    """An edit makes no sense on this map; ``plain`` says so to one who sees the map, without ids."""
+
+    def __init__(self, message: str, plain: str) -> None:
+        super().__init__(message)
+        self.plain = plain
 
 
 @dataclass(frozen=True)
@@ -129,7 +137,10 @@ def merge(simap: SIMap, first_id: int, second_id: int) -> Merge:
     """
     first, second = simap.by_id(first_id), simap.by_id(second_id)
     if first.id == second.id:
-        raise InputError(f"join: expected two objects, found {first.label} #{first.id} twice")
+        raise EditRefused(
+            f"join: expected two objects, found {first.label} #{first.id} twice",
+            "That is the same object. Choose another one.",
+        )
     both = np.flatnonzero(np.isin(simap.instance, (first.id, second.id)))
     return Merge((first.id, second.id), (first.label, second.label), first.label, Region.of(both))
 
@@ -143,9 +154,12 @@ def split(simap: SIMap, instance_id: int, start_m: Point, end_m: Point) -> Split
     one = simap.by_id(instance_id)
     line = (_point(start_m), _point(end_m))
     if np.hypot(line[1][0] - line[0][0], line[1][1] - line[0][1]) < 1e-6:
-        raise InputError("cut: expected a line between two different points, found the same point twice")
+        raise EditRefused(
+            "cut: expected a line between two different points, found the same point twice",
+            f"Both clicks are at the same place. Click on both sides of {numbered(simap, one)}.",
+        )
     cells = _cells(simap, one.id)
-    check_sides(sides(simap.spec, cells, line), f"{one.label} #{one.id}", smallest(simap))
+    check_sides(sides(simap.spec, cells, line), f"{one.label} #{one.id}", smallest(simap), numbered(simap, one))
     return Split(one.id, one.label, Region.of(cells), line)
 
 
@@ -158,7 +172,10 @@ def relabel(simap: SIMap, instance_id: int, label: str) -> Relabel:
     one = simap.by_id(instance_id)
     name = class_name(simap, label)
     if name == one.label:
-        raise InputError(f"class: expected another one than {name} for #{one.id}, which is called so already")
+        raise EditRefused(
+            f"class: expected another one than {name} for #{one.id}, which is called so already",
+            f"It is called {name} already. Choose another class.",
+        )
     return Relabel(one.id, (one.label,), name, Region.of(_cells(simap, one.id)))
 
 
@@ -180,7 +197,10 @@ def class_name(simap: SIMap, text: str) -> str:
     """
     name = " ".join(text.split())
     if not name or not name.isprintable() or len(name) > LONGEST_LABEL or name.casefold() == "none":
-        raise InputError(f"class: expected a name of 1 to {LONGEST_LABEL} characters, found {text[:60]!r}")
+        raise EditRefused(
+            f"class: expected a name of 1 to {LONGEST_LABEL} characters, found {text[:60]!r}",
+            f'A class has a name of 1 to {LONGEST_LABEL} characters, other than "none". This one has {len(name)}.',
+        )
     known = {label.casefold(): label for label in simap.grid.labels}
     return known.get(name.casefold(), name)
 
@@ -206,21 +226,52 @@ def sides(spec: GridSpec, cells: NDArray, line_m: tuple[Point, Point]) -> tuple[
     return cells[left], cells[~left]
 
 
-def check_sides(both: tuple[NDArray, NDArray], name: str, least: int) -> None:
-    """Raise InputError unless a cut leaves something worth calling an object on both sides.
+def check_sides(both: tuple[NDArray, NDArray], name: str, least: int, plain_name: str = "the object") -> None:
+    """Raise EditRefused unless a cut leaves something worth calling an object on both sides.
 
     Args:
         both: the cells of each side, int, as `sides` gives them.
         name: of what is cut.
         least: cells that an object of this map has at least.
+        plain_name: the same, for one who sees the map.
     """
     few = min(len(side) for side in both)
     if few == 0:
-        raise InputError(f"cut: expected a line through {name}, found all of it on one side of the line")
-    if few < least:
-        raise InputError(
-            f"cut: expected at least {least} cells of {name} on each side, as fewer are no object here; found {few}"
+        raise EditRefused(
+            f"cut: expected a line through {name}, found all of it on one side of the line",
+            f"The line does not cross {plain_name}. Click on both sides of it.",
         )
+    if few < least:
+        raise EditRefused(
+            f"cut: expected at least {least} cells of {name} on each side, as fewer are no object here; found {few}",
+            f"The smaller part of {plain_name} would be too small for an object: {few} of at least {least} cells.",
+        )
+
+
+def numbered(simap: SIMap, one: Instance) -> str:
+    """Name an object by its number among its class on this map, as the page does: "chair 7"."""
+    return f"{one.label} {1 + [other.id for other in simap.of_class(one.label)].index(one.id)}"
+
+
+def told(edit: Edit, simap: SIMap) -> str:
+    """Say what an edit does to the map it is made on, without ids: "joined chair 2 and chair 3"."""
+    ids = edit.objects if isinstance(edit, Merge) else (edit.object,)
+    names = [numbered(simap, simap.by_id(one)) for one in ids]
+    if isinstance(edit, Merge):
+        return f"joined {names[0]} and {names[1]}"
+    if isinstance(edit, Split):
+        return f"cut {names[0]} in two"
+    return f"{names[0]} is called {edit.label}" if isinstance(edit, Relabel) else f"took away {names[0]}"
+
+
+def told_later(edit: Edit) -> str:
+    """Say what an edit did where the map before it is not at hand: by classes alone."""
+    if isinstance(edit, Merge):
+        first, second = edit.was
+        return f"joined two objects: {first} and {second}" if first != second else f"joined two objects: {first}"
+    if isinstance(edit, Split):
+        return f"cut one in two: {edit.label}"
+    return f"{edit.was[0]} is called {edit.label}" if isinstance(edit, Relabel) else f"took one away: {edit.was[0]}"
 
 
 def smallest(simap: SIMap) -> int:

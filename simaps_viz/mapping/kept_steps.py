@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from simaps_viz.limits import MAX_HISTORY_BYTES, check_cells
-from simaps_viz.mapping.build_log import LogReader, decode_step
 from simaps_viz.mapping.frame_list import FrameList
+from simaps_viz.mapping.log_records import LogReader, decode_step
 from simaps_viz.mapping.steps import FrameSeen, FrameStep
 
 HELD_BYTES = 128 << 20

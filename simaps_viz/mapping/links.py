@@ -33,6 +33,18 @@ def _find_or_add(key, label, slots, mask, keys, labels, counts, size):
 
 
 @njit(cache=True, nogil=True)
+def _key_within(first, second, cols, row0, col0, reach):
+    """Give the key of two cells (their numbers in a window), 0 where they lie farther apart than ``reach``."""
+    row_a, row_b = first // cols, second // cols
+    col_a, col_b = first - row_a * cols, second - row_b * cols
+    if reach >= 0 and (row_b - row_a > reach or abs(col_b - col_a) > reach):
+        return np.uint64(0)  # no pair's key: its cells would be one
+    a = (np.uint64(row_a + row0 + _HALF) << np.uint64(16)) | np.uint64(col_a + col0 + _HALF)
+    b = (np.uint64(row_b + row0 + _HALF) << np.uint64(16)) | np.uint64(col_b + col0 + _HALF)
+    return (a << np.uint64(32)) | b
+
+
+@njit(cache=True, nogil=True)
 def count_links(  # noqa: C901, PLR0912 - one pass over the pixels, split up it would be slower
     cells: NDArray,  # int32 [H, W], -1 = none
     ids: NDArray,  # int32 [H, W]
@@ -58,18 +70,13 @@ def count_links(  # noqa: C901, PLR0912 - one pass over the pixels, split up it 
     height, width = cells.shape
     mask = slots.shape[0] - 1
     # Row after row meets the same pairs along a cell's border: a small direct-mapped cache spares most look-ups.
-    recent_pair = np.full((_RECENT, 2), -1, dtype=np.int32)
-    recent_label = np.zeros(_RECENT, dtype=np.int16)
-    recent_entry = np.zeros(_RECENT, dtype=np.int32)
+    recent = np.full((_RECENT, 4), -1, dtype=np.int32)  # first cell, second cell, class, entry
     for v in range(start_row, height):
         if size + 2 * width > keys.shape[0]:
             return size, v
         for u in range(width):
-            c = cells[v, u]
-            if c < 0:
-                continue
-            segment = ids[v, u]
-            label = graph_label_of_id[segment]
+            c, segment = cells[v, u], ids[v, u]
+            label = graph_label_of_id[segment] if c >= 0 else 0
             if label == 0:
                 continue
             for direction in range(2):
@@ -85,21 +92,17 @@ def count_links(  # noqa: C901, PLR0912 - one pass over the pixels, split up it 
                     continue
                 first, second = min(c, other), max(c, other)
                 at = (first * 7 + second) & (_RECENT - 1)
-                if recent_pair[at, 0] == first and recent_pair[at, 1] == second and recent_label[at] == label:
-                    counts[recent_entry[at]] += 1
+                if recent[at, 0] == first and recent[at, 1] == second and recent[at, 2] == label:
+                    counts[recent[at, 3]] += 1
                     continue
-                row_a, row_b = first // cols, second // cols
-                col_a, col_b = first - row_a * cols, second - row_b * cols
-                if reach >= 0 and (row_b - row_a > reach or abs(col_b - col_a) > reach):
+                key = _key_within(first, second, cols, row0, col0, reach)
+                if key == 0:
                     continue
-                a = (np.uint64(row_a + row0 + _HALF) << np.uint64(16)) | np.uint64(col_a + col0 + _HALF)
-                b = (np.uint64(row_b + row0 + _HALF) << np.uint64(16)) | np.uint64(col_b + col0 + _HALF)
-                entry = _find_or_add((a << np.uint64(32)) | b, label, slots, mask, keys, labels, counts, size)
+                entry = _find_or_add(key, label, slots, mask, keys, labels, counts, size)
                 if entry == size:
                     size += 1
                 counts[entry] += 1
-                recent_pair[at, 0], recent_pair[at, 1] = first, second
-                recent_label[at], recent_entry[at] = label, entry
+                recent[at, 0], recent[at, 1], recent[at, 2], recent[at, 3] = first, second, label, entry
     return size, height
 
 

@@ -12,6 +12,7 @@ from simaps_viz.arrays import Rows, check_ends
 from simaps_viz.limits import MAX_CELL_INDEX, MAX_CLASSES, MAX_FRAMES
 from simaps_viz.mapping.bands import bands
 from simaps_viz.mapping.pooling import PoolSettings
+from simaps_viz.mapping.simap import JOINING
 
 _CELL_SIZE_M = (1e-4, 100.0)
 _LONGEST_NAME = 1000
@@ -50,7 +51,7 @@ def _check_parameters(method: str, parameters: Mapping[str, Any]) -> None:
         value = parameters.get(name, low)
         _check(_is_number(value) and low <= value <= high, f"parameter {name}")
     _check(all(type(parameters.get(name, 0)) is int for name in ("seed", "min_cells")), "parameters")
-    _check({"paper": "k_percent", "evidence": "affinity"}.get(method, "seed") in {*parameters, "seed"}, "parameters")
+    _check(JOINING.get(method, "seed") in {*parameters, "seed"}, "parameters")
     pooling = parameters.get("pooling", {})
     _check(isinstance(pooling, dict) and set(pooling) <= {f.name for f in fields(PoolSettings)}, "parameter pooling")
     _check(all(_is_number(value) and 0 <= value <= 1e6 for value in pooling.values()), "parameter pooling")

@@ -44,7 +44,8 @@ def check_writable(path: Path) -> None:
     if path.is_dir():
         raise InputError(f"{path}: expected a file name for the map, found a folder")
     try:
-        handle, name = tempfile.mkstemp(prefix=f".{path.name}.", dir=path.parent)
+        # as long as the longest name that a build gives to files of this map
+        handle, name = tempfile.mkstemp(prefix=f".{path.name}.", suffix=".building", dir=path.parent)
     except OSError as error:
         raise InputError(f"{path}: expected a place that can be written, found: {error.strerror or error}") from error
     os.close(handle)

@@ -5,6 +5,7 @@ from numpy.typing import NDArray
 
 from simaps_viz.mapping.evidence import affine
 from simaps_viz.mapping.graph import weighted
+from simaps_viz.mapping.grouping import group_views
 from simaps_viz.structures import CellGraph, Grid, MergeLog, SIMap, Views
 
 
@@ -55,8 +56,8 @@ def views_after(simap: SIMap, after: NDArray) -> Views:
 
 def _summed(views: Views, untouched: NDArray, row: NDArray, community: NDArray, cells: NDArray) -> Views:
     """Add shares to the untouched views; shares of one community, frame and segment become one."""
-    key = community << 40 | views.frame[row].astype(np.int64) << 16 | views.segment[row]
-    _, first, group = np.unique(key, return_index=True, return_inverse=True)
+    groups = group_views(community, views.frame[row], views.segment[row])
+    first, group = groups.first, groups.of_row
     total = np.bincount(group, cells, minlength=len(first)).astype(np.int32)
     mean = np.bincount(group, cells * views.score[row], minlength=len(first)) / np.maximum(total, 1)
     return Views(

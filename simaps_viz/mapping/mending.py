@@ -8,7 +8,7 @@ from pathlib import Path
 from simaps_viz.errors import InputError
 from simaps_viz.mapping import edits
 from simaps_viz.mapping.edit_file import EditsFile, edits_path, fingerprint, moved_to, read_edits, save_edits
-from simaps_viz.mapping.edit_log import EditLog, mended
+from simaps_viz.mapping.edit_log import EditLog, Entry, mended
 from simaps_viz.mapping.mapfile import load_map
 from simaps_viz.mapping.simap import JOINING, recommunity, repartition
 from simaps_viz.structures import SIMap
@@ -40,6 +40,7 @@ class Mending:
         self._base = simap
         self._fingerprint: str | None = None
         self._waiting = False
+        self._told: dict[Entry, str] = {}
         self._refused: tuple[EditLog, tuple[str, ...]] = (EditLog(), ())
         self._lock = threading.RLock()
 
@@ -63,6 +64,11 @@ class Mending:
             if self._refused[0] is not self._log:
                 self._refused = self._log, tuple(why for _, why in mended(self.original, self._log).refused)
             return self._refused[1]
+
+    def told(self) -> tuple[str, ...]:
+        """Say what each edit did, without ids; those made here by the numbers that the objects had then."""
+        with self._lock:
+            return tuple(self._told.get(entry) or edits.told_later(entry.edit) for entry in self._log.entries)
 
     def covers(self, simap: SIMap) -> bool:
         """Tell whether a map is this one, with whatever edits and parameters."""
@@ -144,7 +150,11 @@ class Mending:
     def _do(self, simap: SIMap, make: Callable[[], edits.Edit], who: str) -> SIMap:
         with self._lock:
             self._check(simap)
-            return self._change(simap, self._log.done(make(), who=who))
+            edit = make()
+            log = self._log.done(edit, who=who)
+            changed = self._change(simap, log)
+            self._told[log.entries[-1]] = edits.told(edit, simap)
+            return changed
 
     def _change(self, simap: SIMap, log: EditLog) -> SIMap:
         """Save a log, and give the map that is shown for it."""

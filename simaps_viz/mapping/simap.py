@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from simaps_viz.errors import InputError
 from simaps_viz.mapping.bands import count_ids, look_up
 from simaps_viz.mapping.communities import find_communities
+from simaps_viz.mapping.grouping import group_views
 from simaps_viz.mapping.merge import merge_steps
 from simaps_viz.mapping.partition import applied_steps, describe_instances, instance_of_community
 from simaps_viz.mapping.partition_evidence import partition_evidence
@@ -33,6 +34,8 @@ class Origin:
 
 JOINING = {"paper": "k_percent", "evidence": "affinity"}
 """The parameter that says how far down a method's merge log is followed; other methods have no log."""
+_PERCENT = {"k_percent": 1.0, "affinity": 100.0}
+"""The slider that sets it stands at so many times the parameter."""
 
 
 def joining_threshold(method: str, parameters: Mapping[str, Any]) -> float:
@@ -41,6 +44,18 @@ def joining_threshold(method: str, parameters: Mapping[str, Any]) -> float:
     if name is None:
         return float("inf")
     return float(parameters[name]) / (100.0 if name == "k_percent" else 1.0)
+
+
+def joining_percent(simap: SIMap) -> float:
+    """Give where the slider stands for a map, 0 to 100: K, or 100 x the affinity; 0 for a map that has neither."""
+    name = JOINING.get(simap.method, "k_percent")
+    return round(_PERCENT[name] * float(simap.parameters.get(name, 0.0)), 6)
+
+
+def joining_at(simap: SIMap, percent: float) -> dict[str, float]:
+    """Give what the slider's place means for a map, for `repartition` and `recommunity`: K, or percent / 100."""
+    name = JOINING.get(simap.method, "k_percent")
+    return {name: percent / _PERCENT[name]}
 
 
 def partition_grid(
@@ -89,17 +104,14 @@ def count_views(grid: Grid, community: NDArray, seen: AllReadings) -> Views:
 def _views_of(grid: Grid, community: NDArray, seen: Readings) -> Views:
     of_cell = community.reshape(-1)[seen.cell]
     kept = (of_cell > 0) & (grid.label.reshape(-1)[seen.cell] == seen.label)
-    segment, names = seen.segment[kept], None
-    if segment.max(initial=0) > 0xFFFF:  # ids of COCO's pictures need 24 bits
-        names, segment = np.unique(segment, return_inverse=True)
-    key = (of_cell[kept].astype(np.int64) << 40) | (seen.frame[kept].astype(np.int64) << 16) | segment
-    unique, first, cells = np.unique(key, return_index=True, return_counts=True)
-    named = unique & 0xFFFF
+    of_cell, frame, segment = of_cell[kept], seen.frame[kept], seen.segment[kept]
+    groups = group_views(of_cell, frame, segment)
+    first = groups.first
     return Views(
-        community=(unique >> 40).astype(np.int32),
-        frame=((unique >> 16) & 0xFFFFFF).astype(np.int32),
-        segment=(named if names is None else names[named]).astype(np.int32),
-        cells=cells.astype(np.int32),
+        community=of_cell[first].astype(np.int32),
+        frame=frame[first].astype(np.int32),
+        segment=segment[first].astype(np.int32),
+        cells=groups.size.astype(np.int32),
         score=seen.score[kept][first].astype(np.float32),
     )
 

@@ -90,20 +90,22 @@ class Timeline:
 
     def recorded(self, position: int) -> tuple[str, int]:
         """Give the timeline of a recorded build that shows a position, and the time on it."""
-        if position < self.levels:
-            return "louvain", CLASSES
-        return ("louvain", 1) if position == self.levels else ("merge", position - self.levels)
+        return ("louvain", position) if position <= self.levels else ("merge", position - self.levels)
 
     def position_of(self, timeline: str, time: int) -> int:
         """Give the position of a time on timeline "louvain" or "merge" of a recorded build."""
-        position = self.levels + time if timeline == "merge" else self.levels * min(time, 1)
+        position = self.levels + time if timeline == "merge" else min(time, self.levels)
         return min(max(position, CLASSES), self.last)
+
+    def done_at(self, position: int) -> NDArray:
+        """Give bool [steps of the merge log]: which of them are done at a position."""
+        done = np.zeros(len(self._order), dtype=bool)
+        done[self._order[: max(position - self.levels, 0)]] = True
+        return done
 
     def _names(self, merges: int) -> NDArray:
         """Give int32 [communities + 1]: what each finest community is called after so many merges."""
-        done = np.zeros(len(self._order), dtype=bool)
-        done[self._order[: max(merges, 0)]] = True
-        return instance_of_community(self.simap.merges, done, self._communities)
+        return instance_of_community(self.simap.merges, self.done_at(self.levels + merges), self._communities)
 
     def _joined(self, at: int, done: int) -> str:
         log, before = self.simap.merges, self._names(done - 1)

@@ -1,5 +1,6 @@
 """Why one object, and why two, in words."""
 
+from simaps_viz.labels import plural
 from simaps_viz.mapping.simap import JOINING
 from simaps_viz.mapping.why import Between, Joint, Link, Why
 from simaps_viz.mapping.why_frames import Together
@@ -91,7 +92,7 @@ def _one_object(why: Why) -> str:
     if seen == 0:
         return "One object because its cells belong together; no frame is known to have named it."
     if as_one == 0:
-        return f"One object although none of the {_count(seen, 'frame')} that saw it saw it as one segment."
+        return f"One object although none of the {plural(seen, 'frame')} that saw it saw it as one segment."
     which = f"{as_one} of the {seen} frames"
     if as_one == seen:
         which = "the 1 frame" if seen == 1 else f"all {seen} frames"
@@ -103,7 +104,7 @@ def _seen_as_one(why: Why) -> str:
     seen, as_one = len(why.frames), sum(frame.as_one for frame in why.frames)
     if seen == 0:
         return "No frame is known to have named it."
-    return f"Of the {_count(seen, 'frame')} that saw it, {as_one or 'none'} saw most of it as one segment."
+    return f"Of the {plural(seen, 'frame')} that saw it, {as_one or 'none'} saw most of it as one segment."
 
 
 def _weakest(why: Why) -> str:
@@ -112,7 +113,7 @@ def _weakest(why: Why) -> str:
     if why.weakest is None:
         return "It is a single patch that was never joined from parts."
     weakest, method = why.weakest, why.method
-    text = f"Its weakest joint ({weakest.target_cells} + {_count(weakest.source_cells, 'cell')}) has "
+    text = f"Its weakest joint ({weakest.target_cells} + {plural(weakest.source_cells, 'cell')}) has "
     text += f"{score_text(method, weakest.score)}, above the {needed_text(method, why.threshold)} needed: "
     if len(why.together) == 0:
         return f"{text}its parts touch, and nothing speaks against it."
@@ -126,7 +127,3 @@ def _below(method: str, threshold: float, link: Link) -> str:
 
 def _sightings(same: int, different: int) -> str:
     return f"{same:,} sightings as one, {different:,} as two"
-
-
-def _count(number: int, noun: str) -> str:
-    return f"{number} {noun}{'' if number == 1 else 's'}"

@@ -22,6 +22,7 @@ APPROACH_M: Final = 1.5
 DETOUR_TO_SEE_M: Final = 0.5
 """How much farther off a goal may be for the sake of seeing it: a low wall under a window does not hide it."""
 _POCKET_M2 = 0.5
+"""A start that is not free moves into less free floor than this, as between chair legs, only if it must."""
 _BAND_CELLS = 1 << 22  # looked at together where distances to obstacles are measured
 
 
@@ -129,7 +130,6 @@ class Planner:
         allowed: NDArray | None = None,
         see_through: NDArray | None = None,
         watch_m: NDArray | None = None,
-        limit_m: float = APPROACH_M,
     ) -> Path:
         """Plan to the reachable free cell nearest to any of the target points; of equally near ones, the shortest way.
 
@@ -143,7 +143,6 @@ class Planner:
             see_through: bool [rows, cols], cells that hide nothing; a cell from which the target is hidden (it lies
                 behind a wall) is used only when there is no other at most ``DETOUR_TO_SEE_M`` further off.
             watch_m: float64 [2], what has to be seen instead of the nearest target point.
-            limit_m: how far off the goal may be.
 
         Raises:
             PlanningError: when no cell will do.
@@ -158,12 +157,12 @@ class Planner:
 
         if len(target_m) == 1 and self._holds(usable, target_m[0]) and is_seen(*self._in_cells(target_m[0]), 0):
             return self.plan(start_m, (float(target_m[0, 0]), float(target_m[0, 1])))
-        rows, cols = self._window(usable, target_m, limit_m)
+        rows, cols = self._window(usable, target_m, APPROACH_M)
         squared, nearest = self._squared_cells(rows, cols, target_m)
         order = np.lexsort((cols, rows, squared))
-        order = order[squared[order] <= (limit_m / self.spec.cell_size_m) ** 2 + 1e-6]
+        order = order[squared[order] <= (APPROACH_M / self.spec.cell_size_m) ** 2 + 1e-6]
         if len(order) == 0:
-            raise PlanningError(self._why_not(usable, target_m, what, limit_m))
+            raise PlanningError(self._why_not(usable, target_m, what))
 
         def sees(i: int) -> bool:
             return is_seen(cols[i] + 0.5, rows[i] + 0.5, nearest[i])
@@ -251,12 +250,12 @@ class Planner:
         distance, nearest = KDTree(targets).query(np.column_stack([cols, rows]) + 0.5)
         return np.asarray(distance) ** 2, np.asarray(nearest)
 
-    def _why_not(self, usable: NDArray, target_m: NDArray, what: str, limit_m: float) -> str:
+    def _why_not(self, usable: NDArray, target_m: NDArray, what: str) -> str:
         rows, cols = np.nonzero(usable)
         if len(rows) == 0:
             return f"there is no free floor the robot can reach {what}"
         near_m = float(np.sqrt(self._squared_cells(rows, cols, target_m)[0].min())) * self.spec.cell_size_m
-        return f"the robot cannot get {what}: the nearest it can stand is {near_m:.2f} m off (at most {limit_m:g} m)"
+        return f"the robot cannot get {what}: the nearest it can stand is {near_m:.2f} m off (at most {APPROACH_M:g} m)"
 
 
 def _clear(blocked: NDArray, needed: float) -> NDArray:

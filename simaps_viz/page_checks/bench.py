@@ -1,7 +1,6 @@
 """How fast the page answers, measured in headless Chromium without a graphics card. Needs playwright (extra "dev")."""
 
 import contextlib
-import socket
 import statistics
 import time
 from collections.abc import Callable, Iterator, Sequence
@@ -90,7 +89,7 @@ def opened(
     browser: "Browser", simap: SIMap, recording: Path | None = None, *, width: int = WIDTH, height: int = HEIGHT
 ) -> Iterator[tuple["Page", "Workbench"]]:
     """Serve a map, and open its page, so many pixels wide and high."""
-    with wiring.workbench(simap, recording=recording, port=_free_port()) as workbench:
+    with wiring.workbench(simap, recording=recording, port=0) as workbench:
         context = browser.new_context(viewport={"width": width, "height": height})
         page = context.new_page()
         page.set_default_timeout(PATIENCE_MS)
@@ -193,12 +192,6 @@ def frames_in_step(browser: "Browser", simap: SIMap, recording: Path, *, runs: i
 def _cells(simap: SIMap) -> str:
     count = simap.spec.rows * simap.spec.cols
     return f"{count / 1e6:.0f} M cells" if count >= 1_000_000 else f"{count / 1e3:.0f} k cells"
-
-
-def _free_port() -> int:
-    with socket.socket() as probe:
-        probe.bind(("127.0.0.1", 0))
-        return int(probe.getsockname()[1])
 
 
 def _until(page: "Page", holds: Callable[[], bool]) -> None:

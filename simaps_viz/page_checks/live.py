@@ -10,7 +10,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from simaps_viz.building import build_to_file
+from simaps_viz.building import BuildRequest, build_to_file
 from simaps_viz.datasets.source import FrameSource
 from simaps_viz.errors import InputError
 from simaps_viz.live.build import LiveBuild
@@ -53,9 +53,7 @@ class Cost:
 def plain_build(sequence: FrameSource, folder: Path, progress: StageProgress) -> Cost:
     """Build with nobody looking, and no browser."""
     start, busy = time.perf_counter(), time.process_time()
-    build_to_file(
-        sequence, "evidence", BuildConfig(), folder / "plain.npz", record=None, progress=progress, history=True
-    )  # fmt: skip
+    build_to_file(sequence, BuildRequest("evidence", BuildConfig(), folder / "plain.npz", history=True), progress)
     return Cost(time.perf_counter() - start, time.process_time() - busy)
 
 
@@ -67,7 +65,7 @@ def watched_build(sequence: FrameSource, folder: Path, progress: StageProgress) 
     Raises:
         InputError: Chromium is missing, or its page does not open.
     """
-    settings = LiveSettings("evidence", BuildConfig(), folder / "watched.npz", history=True, port=0)
+    settings = LiveSettings(BuildRequest("evidence", BuildConfig(), folder / "watched.npz", history=True), port=0)
     with live_workbench(sequence, settings, progress) as (page, build), _browser(page.url) as process:
         told = _wait_for_page(page)
         told.clear()

@@ -21,14 +21,13 @@ import zstandard
 from websockets.asyncio.client import ClientConnection, connect
 from websockets.exceptions import ConnectionClosed
 
-from simaps_viz import wiring
 from simaps_viz.attacking.target import CAMERA
 from simaps_viz.language.commands import read_command
-from simaps_viz.mapping.simap import repartition
+from simaps_viz.mapping.simap import joining_at, joining_percent, repartition
 from simaps_viz.structures import SIMap
 from simaps_viz.viewer.drawing.legend import facts_html
 from simaps_viz.viewer.panels.command_words import program_html
-from simaps_viz.viewer.panels.map import JOINING_OF, counts_html
+from simaps_viz.viewer.panels.map import counts_html, joining_words
 from simaps_viz.viewer.server.gate import VISER_VERSION
 
 PATIENCE_S = 30.0
@@ -62,7 +61,7 @@ class Expected:
 
 def expected_of(simap: SIMap) -> Expected:
     """Compute the right answers for a map."""
-    maps = {percent: repartition(simap, **wiring.joining(simap, percent)) for percent in PERCENTS}
+    maps = {percent: repartition(simap, **joining_at(simap, percent)) for percent in PERCENTS}
     centres = [(float(i.centroid_m[0]), float(i.centroid_m[1])) for i in simap.instances]
     places = [place for place in centres if all(m.at(*place) is not None for m in maps.values())]
     facts = {}
@@ -77,10 +76,9 @@ def expected_of(simap: SIMap) -> Expected:
         for ordinal in ORDINALS[:count]:
             command = f"go to the {ordinal} {label}"
             commands.append((command, plain(program_html(read_command(command, fewest).program))))
-    joining = JOINING_OF[simap.method]
     return Expected(
-        joining.title,
-        joining.percent(simap),
+        joining_words(simap).title,
+        joining_percent(simap),
         {p: plain(counts_html(m)) for p, m in maps.items()},
         facts,
         places,
@@ -230,7 +228,7 @@ class Server:
 
     def __init__(self, map_path: Path, port: int) -> None:
         """Start it, and wait until it answers."""
-        command = [sys.executable, "-m", "simaps_viz.cli", "view", str(map_path), "--no-browser", "--no-edits"]
+        command = [sys.executable, "-m", "simaps_viz", "view", str(map_path), "--no-browser", "--no-edits"]
         self._process = subprocess.Popen([*command, "--port", str(port)], stderr=subprocess.PIPE, text=True)
         assert self._process.stderr is not None
         for line in self._process.stderr:

@@ -15,6 +15,8 @@ from simaps_viz.structures import SIMap
 
 PROPERTY = "simaps"
 """Name of the property; rerun keeps it at /__properties/simaps."""
+LEVELS = "louvain_levels"
+"""The fact that says how far timeline "louvain" goes."""
 _PATHS = ["/__properties", "/__properties/**"]
 _SHOWN = {"k_percent": "K {:g} %", "affinity": "affinity {:g}", "resolution": "resolution {:g}"}
 
@@ -71,6 +73,34 @@ def read_facts(path: Path) -> RecordingFacts:
     Raises:
         InputError: it is no rerun recording, or was not finished.
     """
+    application, values = _read(path)
+    return RecordingFacts(
+        title=_of(values, "RecordingInfo:name", str),
+        application=application,
+        frames=_of(values, "frames", int),
+        simulated=_of(values, "simulated", bool),
+        segmentation=_of(values, "segmentation", str),
+        method=_of(values, "method", str),
+        parameters=_in_words(_of(values, "parameters", str)),
+        instances=_of(values, "instances", int),
+        version=_of(values, "version", str),
+    )
+
+
+def read_levels(path: Path) -> int:
+    """Read at which time of timeline "louvain" a recording has the final communities.
+
+    Recordings of earlier versions have nothing between them and the classes, at time 0; so it is where nothing can be
+    read.
+    """
+    try:
+        return _of(_read(path)[1], LEVELS, int) or 1
+    except InputError:
+        return 1
+
+
+def _read(path: Path) -> tuple[str | None, dict[str, Any]]:
+    """Give the application of a recording, and its properties by name."""
     import rerun.chunk as rc  # noqa: PLC0415 - only needed here
 
     values: dict[str, Any] = {}
@@ -87,17 +117,7 @@ def read_facts(path: Path) -> RecordingFacts:
                         values[name] = rows[-1][0]
     except (ValueError, RuntimeError, OSError, Warning) as error:
         raise InputError(f"{path}: expected a finished rerun recording, found {_one_line(error)}") from error
-    return RecordingFacts(
-        title=_of(values, "RecordingInfo:name", str),
-        application=entries[0].application_id if entries else None,
-        frames=_of(values, "frames", int),
-        simulated=_of(values, "simulated", bool),
-        segmentation=_of(values, "segmentation", str),
-        method=_of(values, "method", str),
-        parameters=_in_words(_of(values, "parameters", str)),
-        instances=_of(values, "instances", int),
-        version=_of(values, "version", str),
-    )
+    return entries[0].application_id if entries else None, values
 
 
 def _of(values: dict[str, Any], name: str, kind: type) -> Any:

@@ -3,7 +3,6 @@
 import difflib
 import os
 import shutil
-import tempfile
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, field
 from datetime import UTC, datetime
@@ -13,6 +12,7 @@ from typing import Any
 from platformdirs import user_data_path
 
 from simaps_viz.errors import InputError
+from simaps_viz.files import beside
 from simaps_viz.recorder.facts import RecordingFacts, read_facts
 
 SUFFIX = ".rrd"
@@ -123,20 +123,13 @@ class RecordingLibrary:
         read_facts(file)
         folder = self.folders[0]
         target = folder / (_checked(name or file.stem) + SUFFIX)
-        temporary = None
         try:
             folder.mkdir(parents=True, exist_ok=True)
-            handle, name_of_it = tempfile.mkstemp(prefix=".", suffix=".partial", dir=folder)
-            os.close(handle)
-            temporary = Path(name_of_it)
-            shutil.copyfile(file, temporary)
-            temporary.chmod(0o644)
-            _move_to_free(temporary, target, "copy")
+            with beside(target) as temporary:
+                shutil.copyfile(file, temporary)
+                _move_to_free(temporary, target, "copy")
         except OSError as error:
             raise InputError(f"{target}: could not copy the recording: {error.strerror or error}") from error
-        finally:
-            if temporary is not None:
-                temporary.unlink(missing_ok=True)
         return self.find(target.stem)
 
 

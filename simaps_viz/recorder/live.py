@@ -7,6 +7,7 @@ from numpy.typing import NDArray
 
 from simaps_viz.errors import SIMapsError
 from simaps_viz.events import BuildFinished, BuildStarted, CommunitiesFound, Event, FrameProjected, MergesFound
+from simaps_viz.map_colors import instance_colors, take_over
 from simaps_viz.recorder.recorder import RerunRecorder
 from simaps_viz.recorder.settings import RecorderSettings
 from simaps_viz.structures import Grid, SIMap
@@ -35,6 +36,7 @@ class LiveStream:
         self.url = self._recorder.live_url
         self.frames: list[int] = []
         """Those that were streamed."""
+        self._shown: SIMap | None = None
         self._total = 0
         self._last: FrameProjected | None = None
         self._end: list[Event] = []
@@ -66,8 +68,10 @@ class LiveStream:
         if self.frames and event.frame.index <= self.frames[-1]:
             return
         if simap is not None:
-            known = max(len(simap.frame_names) - 1, 0)
-            self._recorder.on_event(CommunitiesFound(simap.grid, simap.instance, known, final=False))
+            if self._shown is not None:
+                take_over(simap, self._shown)  # as the page does
+            self._shown = simap
+            self._recorder.show_objects(simap, instance_colors(simap))
         self._stream(event)
         self._recorder.flush()
 

@@ -9,6 +9,7 @@ from simaps_viz.labels import class_color
 from simaps_viz.map_colors import instance_colors
 from simaps_viz.recorder.map_pictures import (
     GROUND,
+    Entry,
     cell_centres,
     class_entries,
     class_picture,
@@ -20,6 +21,7 @@ from simaps_viz.recorder.map_pictures import (
     on_picture,
     thing_picture,
 )
+from simaps_viz.recorder.object_colors import ObjectColors
 from simaps_viz.recorder.settings import RecorderSettings
 from simaps_viz.recorder.streams import annotations, log_entries, log_map_picture
 from simaps_viz.structures import Grid, SIMap
@@ -50,6 +52,7 @@ class MapLog:
         self._classes: tuple[str, ...] | None = None
         self._edges = 0
         self._trail: list[NDArray] = []
+        self._on_the_way = ObjectColors()
         self._colors: NDArray | None = None
 
     def log_start(self) -> None:
@@ -85,16 +88,20 @@ class MapLog:
 
     def log_things(self, grid: Grid) -> None:
         """Log the countable classes where the objects will be, before anything is told apart."""
-        self._name_objects(grid, np.zeros_like(grid.label))
+        self._name_objects(object_entries(grid, np.zeros_like(grid.label)))
         self._log_object_picture(grid, thing_picture(grid))
 
     def wear_colors_of(self, simap: SIMap) -> None:
-        """From now on, give every object the colour it has on the finished map's page."""
+        """Give every object the colour it has on the finished map's page, from now on and on all frames before."""
         self._colors = instance_colors(simap)
+        for frame, entries in self._on_the_way.as_finished(simap):
+            self._stream.reset_time()
+            self._stream.set_time("frame", sequence=frame)
+            self._name_objects(entries)
 
-    def log_objects(self, grid: Grid, ids: NDArray) -> None:
-        """Log communities or instances, int32 [rows, cols], each in a colour of its own."""
-        self._name_objects(grid, ids)
+    def log_objects(self, grid: Grid, ids: NDArray, colors: NDArray | None = None) -> None:
+        """Log communities or instances, int32 [rows, cols], each in a colour of its own, by default the map's."""
+        self._name_objects(object_entries(grid, ids, self._colors if colors is None else colors))
         self._log_object_picture(grid, object_picture(ids))
 
     def log_object_ids(self, grid: Grid, ids: NDArray) -> None:
@@ -104,8 +111,8 @@ class MapLog:
         values = picture[::-1]
         self._stream.log("/world/cells", rr.Points3D.from_fields(class_ids=values[values > 0]))
 
-    def _name_objects(self, grid: Grid, ids: NDArray) -> None:
-        names = annotations(object_entries(grid, ids, self._colors))
+    def _name_objects(self, entries: list[Entry]) -> None:
+        names = annotations(entries)
         self._stream.log("/map/objects", names)
         self._stream.log("/world/cells", names)
 
@@ -121,9 +128,14 @@ class MapLog:
             rr.Points3D(points, class_ids=values[rows, cols], radii=grid.spec.cell_size_m / 2, show_labels=False),
         )
 
-    def log_communities(self, event: CommunitiesFound) -> int:
-        """Log the objects so far, at the present time, or the communities themselves; gives how many those are."""
-        self.log_objects(event.grid, event.community if event.instance is None else event.instance)
+    def log_communities(self, event: CommunitiesFound, colors: NDArray | None = None) -> int:
+        """Log the objects so far, at the present time, or the communities themselves; gives how many those are.
+
+        Each has the colour of what it was before, unless ``colors``, uint8 [n, 3], are given.
+        """
+        ids = event.community if event.instance is None else event.instance
+        self._name_objects(self._on_the_way.find(event.frame_index, event.grid, ids, colors))
+        self._log_object_picture(event.grid, object_picture(ids))
         count = int(np.count_nonzero(np.unique(event.community)))
         self._stream.log("/counts/few/communities", rr.Scalars(float(count)))
         return count

@@ -10,7 +10,9 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from simaps_viz.geometry import STANDS_FROM_M
 from simaps_viz.labels import class_color, instance_color
+from simaps_viz.palette import Color
 from simaps_viz.structures import Grid, GridSpec, MergeLog
 
 Entry = tuple[int, str, tuple[int, int, int, int]]
@@ -31,7 +33,6 @@ GROUND: tuple[Entry, ...] = (
 CLASS_BASE = 60_000
 """Added to a class index where classes and communities share a picture; communities stay below."""
 
-STANDING_FROM_M = 0.10
 HEIGHT_STEP_M = 0.02
 HEIGHT_TOP_M = 2.0
 
@@ -62,7 +63,7 @@ def ground_picture(grid: Grid) -> NDArray:
     floors = [i for i, name in enumerate(grid.labels) if name.split("-")[0] == "floor"]
     picture = np.full(grid.spec.shape, UNSEEN, np.uint8)
     picture[~np.isnan(grid.height_m)] = FLOOR
-    picture[(grid.height_m >= STANDING_FROM_M) & ~np.isin(grid.label, floors)] = STANDING
+    picture[(grid.height_m >= STANDS_FROM_M) & ~np.isin(grid.label, floors)] = STANDING
     picture[np.isin(grid.label, walls)] = WALL
     picture[np.array(grid.is_thing, dtype=bool)[grid.label]] = UNPARTED
     return north_up(picture)
@@ -111,7 +112,15 @@ def object_entries(grid: Grid, ids: NDArray, colors: NDArray | None = None) -> l
     return entries + [(CLASS_BASE + i, name, (*class_color(name), 255)) for i, name in things]
 
 
-def _color(value: int, colors: NDArray | None) -> tuple[int, int, int]:
+def recolored(entries: Sequence[Entry], colors: NDArray) -> list[Entry]:
+    """Give ``object_entries`` the objects' colours anew, uint8 [n, 3], at the place of the id."""
+    return [
+        (value, name, (*_color(value, colors), 255)) if 0 < value < CLASS_BASE else (value, name, color)
+        for value, name, color in entries
+    ]
+
+
+def _color(value: int, colors: NDArray | None) -> Color:
     if colors is None or value >= len(colors):
         return instance_color(value)
     red, green, blue = colors[value].tolist()

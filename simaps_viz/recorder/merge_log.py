@@ -1,13 +1,16 @@
-"""Two more timelines: Louvain before and after, and the merge log step by step."""
+"""Two more timelines: Louvain level by level, and the merge log step by step."""
 
 import numpy as np
 import rerun as rr
 from numpy.typing import NDArray
 
 from simaps_viz.events import CommunitiesFound, MergesFound
+from simaps_viz.map_colors import instance_colors, take_over
+from simaps_viz.mapping.timeline import Timeline
 from simaps_viz.recorder.map_log import MapLog
 from simaps_viz.recorder.map_pictures import Merging, cell_centres, merge_order, on_picture, shown_steps
 from simaps_viz.recorder.settings import RecorderSettings
+from simaps_viz.recorder.streams import markdown
 from simaps_viz.structures import Grid, SIMap
 
 MARK_COLOR = (20, 20, 20)
@@ -15,18 +18,45 @@ MARK_MARGIN_M = 0.15
 """Between the cells of two groups that join and the rectangle around them."""
 
 
-def log_louvain(stream: rr.RecordingStream, map_log: MapLog, event: CommunitiesFound) -> None:
-    """Log timeline "louvain": 0 = classes only, 1 = the final communities, each in a colour of its own."""
+def log_louvain(stream: rr.RecordingStream, map_log: MapLog, event: CommunitiesFound, simap: SIMap | None) -> int:
+    """Log timeline "louvain": 0 = classes only, then its levels, the last of which are the final communities.
+
+    Args:
+        stream: where to.
+        map_log: draws the maps.
+        event: the final communities.
+        simap: the finished map; without it only the last level is known.
+
+    Returns:
+        Number of levels.
+    """
+    found = [] if simap is None else _levels_between(simap)
+    levels = len(found) + 1
     stream.reset_time()
     stream.set_time("louvain", sequence=0)
     map_log.log_grid(event.grid)
     map_log.log_things(event.grid)
-    stream.log("/now", _document("**Before**: the map knows classes, not objects."))
-    stream.set_time("louvain", sequence=1)
+    stream.log("/now", markdown("**Before**: the map knows classes, not objects."))
+    for position, level in enumerate(found, 1):
+        stream.set_time("louvain", sequence=position)
+        map_log.log_objects(event.grid, level.community, instance_colors(level))
+        count = np.count_nonzero(np.unique(level.community))
+        stream.log("/now", markdown(f"**Louvain, level {position} of {levels}**: {count} communities."))
+    stream.set_time("louvain", sequence=levels)
     map_log.log_objects(event.grid, event.community)
     count = np.count_nonzero(np.unique(event.community))
-    stream.log("/now", _document(f"**Louvain** found {count} communities: pieces of objects, or whole ones."))
+    stream.log("/now", markdown(f"**Louvain** found {count} communities: pieces of objects, or whole ones."))
     stream.reset_time()
+    return levels
+
+
+def _levels_between(simap: SIMap) -> list[SIMap]:
+    """Give what Louvain found on the way to the map's communities, in colours like the map's."""
+    steps = Timeline(simap)
+    found = [steps.map_at(position) for position in range(1, steps.levels)]
+    for level in found:
+        take_over(level, simap)
+    return found
 
 
 def log_merges(
@@ -48,7 +78,7 @@ def log_merges(
     stream.set_time("merge", sequence=0)
     map_log.log_grid(grid)
     map_log.log_objects(grid, event.community)
-    stream.log("/now", _document(f"**Merge log**: {len(log)} steps, {applied} of them taken{_chosen(simap)}."))
+    stream.log("/now", markdown(f"**Merge log**: {len(log)} steps, {applied} of them taken{_chosen(simap)}."))
     for position in range(len(log)):
         stream.set_time("merge", sequence=position + 1)
         before = merging.name_of.copy()
@@ -58,7 +88,7 @@ def log_merges(
         name, share = grid.labels[int(log.label[at])], float(log.score[at])
         taken = f"taken{_chosen(simap)}" if position < applied else f"**not** taken{_chosen(simap)}"
         text = f"{name}: community {source} joins {target}, {_score(share, simap)}"
-        stream.log("/now", _document(f"**Step {position + 1} of {len(log)}**, {taken}. {text}."))
+        stream.log("/now", markdown(f"**Step {position + 1} of {len(log)}**, {taken}. {text}."))
         stream.log("/log", rr.TextLog(f"{position + 1}: {text}", level="INFO" if position < applied else "DEBUG"))
         if position + 1 in pictures:
             map_log.log_object_ids(grid, merging.name_of[event.community])
@@ -111,7 +141,3 @@ def _score(score: float, simap: SIMap | None) -> str:
     if simap is not None and simap.method == "evidence":
         return f"{100 * score:.0f} % of what was seen of both says they are one"
     return f"score {score:.2f}"
-
-
-def _document(text: str) -> rr.TextDocument:
-    return rr.TextDocument(text, media_type="text/markdown")

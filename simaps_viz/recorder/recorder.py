@@ -1,24 +1,30 @@
 """Records a build for rerun: to a file, to a live viewer, or both."""
 
 import os
-import socket
+from contextlib import suppress
 from datetime import timedelta
 from pathlib import Path
 from types import TracebackType
 
 import rerun as rr
+from numpy.typing import NDArray
 
 from simaps_viz.errors import InputError
 from simaps_viz.events import BuildFinished, BuildStarted, CommunitiesFound, Event, FrameProjected, MergesFound
+from simaps_viz.labels import plural
 from simaps_viz.recorder.blueprint import build_blueprint
 from simaps_viz.recorder.camera_log import CameraLog
-from simaps_viz.recorder.facts import finished_facts, send_facts, started_facts
+from simaps_viz.recorder.facts import LEVELS, finished_facts, read_facts, send_facts, started_facts
+from simaps_viz.recorder.file_pipe import FilePipe
 from simaps_viz.recorder.map_log import MapLog
 from simaps_viz.recorder.merge_log import log_louvain, log_merges
 from simaps_viz.recorder.settings import SMALL, RecorderSettings
-from simaps_viz.recorder.streams import markdown_table
+from simaps_viz.recorder.streams import markdown, markdown_table
+from simaps_viz.recorder.web_viewer import free_port
 from simaps_viz.structures import Grid, SIMap
 
+APPLICATION = "simaps"
+"""Recordings of one application share their layout in the viewer."""
 LARGEST_BURST_BYTES = 64_000_000
 
 
@@ -26,7 +32,8 @@ class RerunRecorder:
     """An observer of builds that writes what it is told to a recording (``.rrd``).
 
     The file is written under a temporary name beside ``path`` and takes its name when the build is finished (or, when
-    it also streams live, on closing). After an error or Ctrl-C inside the ``with`` block there is no file.
+    it also streams live, on closing). After an error or Ctrl-C inside the ``with`` block there is no file. A file that
+    cannot be written, e.g. because the disk is full, never stops the build: `close` raises it.
     """
 
     wants_color = True
@@ -36,19 +43,15 @@ class RerunRecorder:
         self,
         path: Path | None = None,
         *,
-        application_id: str = "simaps",
         settings: RecorderSettings = SMALL,
         live: bool = False,
-        live_port: int = 0,
     ) -> None:
         """Open the recording.
 
         Args:
             path: the file to write, ending in ".rrd"; one that is there is replaced.
-            application_id: recordings of one application share their layout in the viewer.
             settings: how much is kept.
-            live: serve the recording to viewers on 127.0.0.1 while it is made, at ``live_url``.
-            live_port: where; 0 takes a free port.
+            live: serve the recording to viewers on a free port of 127.0.0.1 while it is made, at ``live_url``.
 
         Raises:
             InputError: neither file nor live, or the file cannot be written.
@@ -58,10 +61,13 @@ class RerunRecorder:
         self.path = path
         self.live_url: str | None = None
         self._partial = _open_partial(path) if path is not None else None
-        self._stream = rr.RecordingStream(application_id, batcher_config=_in_bursts() if path is None else None)
+        self._stream = rr.RecordingStream(APPLICATION, batcher_config=_in_bursts() if path is None else None)
         self._stream.set_log_time_enabled(False)
         self._stream.set_log_tick_enabled(False)
-        self._stream.set_sinks(*self._sinks(live, live_port))
+        self._pipe = FilePipe(self._partial) if self._partial is not None else None
+        self._stream.set_sinks(*self._sinks(live))
+        if self._pipe is not None:
+            self._pipe.opened()
         self._stream.send_blueprint(build_blueprint())  # once more at the end, when the map's extent is known
         self._open = True
         self._camera_log, self._map_log = CameraLog(self._stream, settings), MapLog(self._stream, settings)
@@ -70,6 +76,7 @@ class RerunRecorder:
         self._communities: CommunitiesFound | None = None
         self._merges: MergesFound | None = None
         self._finished = False
+        self._fault: InputError | None = None
 
     def __enter__(self) -> "RerunRecorder":
         return self
@@ -103,40 +110,55 @@ class RerunRecorder:
             self._stream.flush()
 
     def close(self) -> None:
-        """End the recording; the file gets its name. Doing it twice does nothing."""
-        if not self._open:
-            return
-        if not self._finished:
-            self._write_steps(None)
-        self._disconnect()
-        if self._partial is not None and self.path is not None:
-            try:
-                os.replace(self._partial, self.path)
-            except OSError as error:
-                self._partial.unlink(missing_ok=True)
-                raise InputError(f"{self.path}: the recording could not be put there ({error.strerror})") from error
+        """End the recording; the file gets its name. Doing it twice does nothing.
+
+        Raises:
+            InputError: the file could not be written whole; there is none, an earlier one is left as it was.
+        """
+        self._end()
+        if self._fault is not None:
+            raise self._fault
 
     def discard(self) -> None:
         """End the recording and remove what was written of it, unless it has its name already."""
         if not self._open:
             return
-        self._disconnect()
+        with suppress(OSError):  # what could not be written is not wanted any more
+            self._disconnect()
         if self._partial is not None:
             self._partial.unlink(missing_ok=True)
+
+    def _end(self) -> None:
+        if not self._open:
+            return
+        if not self._finished:
+            self._write_steps(None)
+        try:
+            self._disconnect()
+            if self._partial is not None and self.path is not None:
+                read_facts(self._partial)  # it has its end
+                os.replace(self._partial, self.path)
+        except (OSError, InputError) as error:
+            reason = error.strerror if isinstance(error, OSError) else error
+            self._fault = InputError(f"{self.path}: could not write the recording: {reason}")
+            if self._partial is not None:
+                self._partial.unlink(missing_ok=True)
 
     def _disconnect(self) -> None:
         self._open = False
         self._stream.flush()
         self._stream.disconnect()
+        if self._pipe is not None:
+            self._pipe.finish()
 
-    def _sinks(self, live: bool, live_port: int) -> list[rr.GrpcServerSink | rr.FileSink]:
+    def _sinks(self, live: bool) -> list[rr.GrpcServerSink | rr.FileSink]:
         sinks: list[rr.GrpcServerSink | rr.FileSink] = []
         if live:
-            port = _check_port(live_port)
+            port = free_port()
             self.live_url = f"rerun+http://127.0.0.1:{port}/proxy"
             sinks.append(rr.GrpcServerSink(bind_ip="127.0.0.1", port=port))
-        if self._partial is not None:
-            sinks.append(rr.FileSink(str(self._partial)))
+        if self._pipe is not None:
+            sinks.append(rr.FileSink(str(self._pipe.entrance)))
         return sinks
 
     def _on_started(self, event: BuildStarted) -> None:
@@ -144,7 +166,7 @@ class RerunRecorder:
         self._stream.send_recording_name(event.name)
         send_facts(self._stream, started_facts(event))
         self._stream.log("/world", rr.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)
-        self._stream.log("/about", _markdown(about(event, None)), static=True)
+        self._stream.log("/about", markdown(about(event, None)), static=True)
         self._map_log.log_start()
 
     def _on_frame(self, event: FrameProjected) -> None:
@@ -157,26 +179,36 @@ class RerunRecorder:
         simulated = ", simulated" if self._started is not None and self._started.simulated else ""
         self._stream.log(
             "/now",
-            _markdown(
+            markdown(
                 f"**Frame {index + 1} of {len(names)}** ({event.frame.name}{simulated}):"
-                f" {_plural(len(event.segmentation.segments), 'segment')}, {_plural(len(event.new_edges), 'new edge')}."
+                f" {plural(len(event.segmentation.segments), 'segment')}, {plural(len(event.new_edges), 'new edge')}."
             ),
         )
+
+    def show_objects(self, simap: SIMap, colors: NDArray) -> None:
+        """Show the objects of the frames so far, in the colours they have elsewhere, uint8 [n, 3]."""
+        known = max(len(simap.frame_names) - 1, 0)
+        if self._open:
+            self._show_objects(CommunitiesFound(simap.grid, simap.instance, known, final=False), colors)
 
     def _on_communities(self, event: CommunitiesFound) -> None:
         if event.final:
             self._communities = event  # in colours that only the finished map knows
-            return
+        else:
+            self._show_objects(event, None)
+
+    def _show_objects(self, event: CommunitiesFound, colors: NDArray | None) -> None:
         self._stream.reset_time()
         self._stream.set_time("frame", sequence=event.frame_index)
-        count = self._map_log.log_communities(event)
+        count = self._map_log.log_communities(event, colors)
         self._stream.log("/log", rr.TextLog(f"Louvain after frame {event.frame_index + 1}: {count} communities"))
 
     def _write_steps(self, simap: SIMap | None) -> None:
         if simap is not None:
             self._map_log.wear_colors_of(simap)
         if self._communities is not None:
-            log_louvain(self._stream, self._map_log, self._communities)
+            levels = log_louvain(self._stream, self._map_log, self._communities, simap)
+            send_facts(self._stream, {LEVELS: levels})
             self._communities = None
         if self._merges is not None:
             log_merges(self._stream, self._map_log, self._merges, self._settings, simap)
@@ -187,14 +219,14 @@ class RerunRecorder:
         self._stream.reset_time()
         self._stream.set_time("frame", sequence=max(len(simap.frame_names) - 1, 0))
         self._map_log.log_instances(simap)
-        self._stream.log("/log", rr.TextLog(f"Finished: {_plural(len(simap.instances), 'instance')}"))
+        self._stream.log("/log", rr.TextLog(f"Finished: {plural(len(simap.instances), 'instance')}"))
         send_facts(self._stream, finished_facts(simap))
         if self._started is not None:
-            self._stream.log("/about", _markdown(about(self._started, simap)), static=True)
+            self._stream.log("/about", markdown(about(self._started, simap)), static=True)
         self._stream.send_blueprint(build_blueprint(_extent(simap.grid)))
         self._finished = True
         if self.live_url is None:
-            self.close()
+            self._end()
         else:
             self._stream.flush()
 
@@ -206,7 +238,7 @@ def about(event: BuildStarted, simap: SIMap | None) -> str:
         f"# {event.name}\n\nA Semantic Instance Map being built from {len(event.frame_names)} frames."
         f" Segmentation: {event.segmentation_source}.{simulated}\n\n"
         "North is up. Sand: named, not told apart yet. Timelines: *frame* (the build), *louvain* (0 classes,"
-        " 1 communities), *merge* (one step per merge).\n"
+        " then level by level), *merge* (one step per merge).\n"
     )
     if simap is None:
         return text
@@ -225,14 +257,6 @@ def _in_bursts() -> rr.ChunkBatcherConfig:
     return config
 
 
-def _plural(count: int, noun: str) -> str:
-    return f"{count} {noun}{'' if count == 1 else 's'}"
-
-
-def _markdown(text: str) -> rr.TextDocument:
-    return rr.TextDocument(text, media_type="text/markdown")
-
-
 def _extent(grid: Grid) -> tuple[float, float, float, float] | None:
     return grid.spec.extent_m if grid.spec.rows and grid.spec.cols else None
 
@@ -249,13 +273,3 @@ def _open_partial(path: Path) -> Path:
     except OSError as error:
         raise InputError(f"{path}: expected a place where a recording can be written ({error.strerror})") from error
     return partial
-
-
-def _check_port(port: int) -> int:
-    """Give a port of 127.0.0.1 that is free: the one wanted, or any for 0."""
-    with socket.socket() as probe:
-        try:
-            probe.bind(("127.0.0.1", port))
-        except OSError as error:
-            raise InputError(f"port {port}: expected a free one, found it taken ({error.strerror})") from error
-        return int(probe.getsockname()[1])

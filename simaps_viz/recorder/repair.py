@@ -1,13 +1,14 @@
 """Mends the recording a killed build leaves: cut in its last message, without its end."""
 
 import os
+import re
 import subprocess
 import sys
-import tempfile
 import warnings
 from pathlib import Path
 
 from simaps_viz.errors import InputError
+from simaps_viz.files import replacing
 
 
 def unfinished_recordings(path: Path) -> list[Path]:
@@ -31,22 +32,15 @@ def repair_recording(broken: Path, output: Path) -> int:
     """
     if not broken.is_file():
         raise InputError(f"{broken}: expected a recording (.rrd), found nothing")
-    handle, name = -1, ""
-    try:
-        handle, name = tempfile.mkstemp(prefix=f".{output.stem}.", suffix=".rrd", dir=output.parent)
-        os.close(handle)
-        merge = [sys.executable, "-m", "rerun", "rrd", "merge", "--continue-on-error", "-o", name, str(broken)]
+    with replacing(output, "the recording") as mended:
+        merge = [sys.executable, "-m", "rerun", "rrd", "merge", "--continue-on-error", "-o", str(mended), str(broken)]
         done = subprocess.run(merge, capture_output=True, text=True, check=False)
-        frames = _frames(Path(name)) if done.returncode == 0 else 0
+        if unwritten := re.search(r"Failed to write: ([^(\n]+)", done.stderr):
+            raise InputError(f"{output}: could not write the recording: {unwritten[1].strip()}")
+        frames = _frames(mended) if done.returncode == 0 else 0
         if not frames:
             raise InputError(f"{broken}: expected the recording of a build, found no whole frame in it")
-        os.replace(name, output)
-        return frames
-    except OSError as error:
-        raise InputError(f"{output}: could not write the recording: {error.strerror or error}") from error
-    finally:
-        if name:
-            Path(name).unlink(missing_ok=True)
+    return frames
 
 
 def _frames(path: Path) -> int:

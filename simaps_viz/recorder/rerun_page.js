@@ -54,9 +54,45 @@ function followTheme() {
   }
   window.addEventListener("message", (message) => {
     const theme = message.source === window.parent && message.data ? message.data.simapsTheme : null;
-    if (theme === "light" || theme === "dark") setDark(theme === "dark");
+    if (theme !== "light" && theme !== "dark") return;
+    page = message.origin;
+    setDark(theme === "dark");
   });
   window.parent.postMessage("simaps: light or dark?", "*");
+}
+
+// Keys, while the recording has them: Tab leaves it (rerun would keep it for ever), those that rerun does not know go
+// to the workbench, and all of them are rerun's while somebody types in one of its boxes.
+const OF_RERUN = new Set([" ", "Enter", "Home", "End", "PageUp", "PageDown", "w", "a", "s", "d", "q", "e"]);
+const typing = () => document.activeElement instanceof HTMLInputElement;
+let page = null; // the workbench's origin, once it has spoken
+
+function isOfRerun(event) {
+  if (event.altKey) return true;
+  if (event.ctrlKey || event.metaKey) return event.key !== "k"; // which searches all commands of the workbench
+  return event.key.startsWith("Arrow") || OF_RERUN.has(event.key.toLowerCase());
+}
+
+function passOn(event) {
+  if (page === null || event.isComposing) return;
+  const { key, code, shiftKey, ctrlKey, metaKey } = event;
+  const leaves = key === "Tab" && !ctrlKey && !metaKey && !event.altKey;
+  if (!leaves && (typing() || isOfRerun(event))) return;
+  if (key !== "Escape") {
+    event.preventDefault();
+    event.stopImmediatePropagation();
+  }
+  const said = leaves ? { simapsLeave: shiftKey ? -1 : 1 } : { simapsKey: { key, code, shiftKey, ctrlKey, metaKey } };
+  window.parent.postMessage(said, page);
+}
+
+// A view is chosen by a click in it, or on its name, where rerun shows a grabbing hand.
+const overName = () => document.getElementById("viewer").style.cursor.startsWith("grab");
+let pressedName = false;
+
+function watchInput() {
+  window.addEventListener("pointerdown", () => (pressedName = overName()), true);
+  if (docked) window.addEventListener("keydown", passOn, true);
 }
 
 // viewer_control.proto of rerun 0.41: ViewerControlRequest holds SetTimeCursor in field 6.
@@ -159,6 +195,8 @@ function tell(event) {
     ids.set(asked, `recording:${event.application_id}:${event.recording_id}`);
   if (event.type === "timeline_change") timeline = event.timeline;
   if (event.type === "time_update") event.timeline = timeline;
+  if (event.type === "selection_change" && (pressedName || overName()))
+    for (const item of event.items) item.by_name = true;
   window.simapsEvents.push(event);
   if (window.simapsEvents.length > 500) window.simapsEvents.splice(0, 250);
   if (!isEcho(event)) post(event);
@@ -239,5 +277,6 @@ async function main() {
 window.simapsEvents = [];
 window.simapsReady = false;
 window.simapsSetTime = setTime;
+watchInput();
 if (config.theme === "page") followTheme();
 main().catch(showFailure);

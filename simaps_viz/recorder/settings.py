@@ -44,14 +44,3 @@ class RecorderSettings:
 
 SMALL = RecorderSettings()
 """For shipping and for the page."""
-FULL = RecorderSettings(
-    color_every=1,
-    color_divide=1,
-    depth_every=1,
-    depth_divide=2,
-    segmentation_divide=1,
-    points=4500,
-    edges=3000,
-    merge_pictures=200,
-)
-"""Every frame, every picture: about 300 kB a frame of 640 x 480."""

@@ -1,4 +1,4 @@
-"""Writing pictures of the grid to a rerun stream."""
+"""Writing pictures of the grid, and texts, to a rerun stream."""
 
 from collections.abc import Iterable, Sequence
 
@@ -29,6 +29,11 @@ def log_map_picture(
         rr.SegmentationImage(picture, opacity=1.0, draw_order=draw_order),
         rr.Transform3D(translation=(*picture_corner(spec), 0.0), scale=(s, s, 1.0)),
     )
+
+
+def markdown(text: str) -> rr.TextDocument:
+    """Take a text as Markdown."""
+    return rr.TextDocument(text, media_type="text/markdown")
 
 
 def markdown_table(head: Sequence[str], rows: Iterable[Sequence[object]]) -> str:

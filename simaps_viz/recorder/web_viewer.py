@@ -81,6 +81,7 @@ html, body {{ margin: 0; height: 100%; overflow: hidden; }}
 body {{ display: flex; flex-direction: column; font: 14px sans-serif; }}
 main {{ position: relative; flex: 1; min-height: 0; }}
 canvas {{ position: absolute; inset: 0; width: 100%; height: 100%; }}
+canvas:focus-visible {{ outline: 2px solid #166eeb !important; outline-offset: -2px; }}
 #note {{ margin: 0; padding: 8px 12px; }}
 #note:empty {{ display: none; }}
 #message {{ position: absolute; inset: 0; margin: auto; height: 3em; text-align: center; }}
@@ -164,7 +165,7 @@ def _rerun_server() -> Iterator[str]:
     Its home is an empty folder: on a first session rerun sends no usage data, and it leaves no files behind.
     """
     with tempfile.TemporaryDirectory(prefix="simaps-rerun-") as home:
-        web_port, data_port = _free_port(), _free_port()
+        web_port, data_port = free_port(), free_port()
         command = [str(_program()), "--serve-web", "--bind", "127.0.0.1"]
         command += ["--web-viewer-port", str(web_port), "--port", str(data_port)]
         homes = ("HOME", "USERPROFILE", "APPDATA", "LOCALAPPDATA", "XDG_CONFIG_HOME", "XDG_DATA_HOME", "XDG_CACHE_HOME")
@@ -205,7 +206,8 @@ def _fetch(address: str) -> bytes:
         raise SIMapsError(f"{address}: expected rerun's web viewer there, found: {error}") from error
 
 
-def _free_port() -> int:
+def free_port() -> int:
+    """Find a port of 127.0.0.1 that nobody listens on."""
     with socket.socket() as probe:
         probe.bind(("127.0.0.1", 0))
         return int(probe.getsockname()[1])

@@ -92,6 +92,10 @@ class SimulatedBuilding:
         poses[:, :2, 3] += np.stack([cols, rows], axis=1) * ROOM_M - self.rooms * ROOM_M / 2.0
         return poses
 
+    def described(self) -> bytes:
+        """Give the camera; the rest follows from the rooms and the seed, which the path names."""
+        return repr(self.intrinsics).encode()
+
     def read(self, index: int, *, color: bool = False) -> Frame:
         """Render a frame; there is no colour."""
         depth, _ = self._render(index)

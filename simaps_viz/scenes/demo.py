@@ -11,23 +11,22 @@ from concurrent.futures import Future, ThreadPoolExecutor, as_completed
 from contextlib import contextmanager, suppress
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import cv2
 import numpy as np
 import platformdirs
-import trimesh
 from numpy.typing import NDArray
 
 from simaps_viz.errors import InputError
-from simaps_viz.scenes.layout import cafe_scene, start_pose
+from simaps_viz.events import Progress
+from simaps_viz.files import write_whole
+from simaps_viz.scenes.layout import cafe_scene
 from simaps_viz.scenes.render import Renderer
 from simaps_viz.scenes.sensor import DepthSensor, sense
 from simaps_viz.scenes.simulated_errors import check_level, known_instances, simulate_errors
 from simaps_viz.scenes.walk import plan_walk
 from simaps_viz.structures import Intrinsics
-
-__all__ = ["DemoSettings", "ObjectMesh", "Progress", "demo_meshes", "ensure_demo", "start_pose"]
 
 VERSION = 1
 """Raise it when the files' meaning changes; a change of the scene's program is noticed by itself."""
@@ -36,9 +35,6 @@ WORKERS = min(os.cpu_count() or 1, 6)
 STALE_AFTER_S = 24 * 3600.0
 """Unfinished folders older than this were left by a crash and are removed."""
 _PARTIAL = ".partial-"
-
-Progress = Callable[[str, int, int], None]
-"""Called with (what is being done, steps done, steps in all), always from the calling thread."""
 
 
 @dataclass(frozen=True)
@@ -64,23 +60,6 @@ class DemoSettings:
         for source in sorted(Path(__file__).parent.glob("*.py")):
             digest.update(source.name.encode() + source.read_bytes())
         return digest.hexdigest()[:16]
-
-
-class ObjectMesh(NamedTuple):
-    """One object of the scene to show."""
-
-    id: int
-    """Instance id, as in ``scene.json``."""
-    name: str
-    label: str
-    mesh: trimesh.Trimesh
-    """Map frame, metres, with face colours."""
-
-
-def demo_meshes(*, building: bool = True) -> tuple[ObjectMesh, ...]:
-    """Give the scene object by object, for a 3-D view; ``building`` False leaves out the stuff (walls, floors …)."""
-    objects = enumerate(cafe_scene().objects, start=1)
-    return tuple(ObjectMesh(i, o.name, o.label, o.mesh()) for i, o in objects if building or o.is_thing)
 
 
 def ensure_demo(
@@ -123,7 +102,9 @@ def ensure_demo(
             _spoil(folder, manifest, level, seed, tell)
         return manifest
     except OSError as error:
-        raise InputError(f"{folder}: expected to keep the rendered scene there, found {error}") from error
+        raise InputError(
+            f"{folder}: expected to keep the rendered scene there, found {error.strerror or error}"
+        ) from error
 
 
 def _cache_root(cache_dir: Path | None) -> Path:
@@ -230,15 +211,8 @@ def _write_manifest(path: Path, name: str, segmentation: dict[str, Any]) -> None
         "floor_height_m": 0.0,
         "segmentation": segmentation,
     }
-    handle, name = tempfile.mkstemp(prefix=_PARTIAL, dir=path.parent)  # threads of one process must not share it
-    partial = Path(name)
-    try:
-        with os.fdopen(handle, "w", encoding="utf-8") as file:
-            file.write(json.dumps(manifest, indent=1, ensure_ascii=False) + "\n")
-        partial.chmod(0o644)
-        os.replace(partial, path)
-    finally:
-        partial.unlink(missing_ok=True)
+    text = json.dumps(manifest, indent=1, ensure_ascii=False) + "\n"
+    write_whole(path, text.encode(), "the rendered scene", durable=False)
 
 
 def _spoil(folder: Path, manifest: Path, level: str, seed: int, tell: Progress) -> None:

@@ -15,7 +15,6 @@ from simaps_viz.scenes.architecture import Opening, WallRun
 from simaps_viz.scenes.layout_rooms import cafe_kitchen, lounge, office
 from simaps_viz.scenes.materials import Texture, paint
 from simaps_viz.scenes.scene import Scene, SceneObject, assemble, build, place
-from simaps_viz.structures import Pose2
 
 WIDTH_M = 12.0
 DEPTH_M = 9.0
@@ -29,11 +28,6 @@ _BRICK = paint("b98468", Texture.BRICK)
 _GREEN = paint("b9c4ae", Texture.PLASTER)
 _BLUE_GREY = paint("cfd6da", Texture.PLASTER)
 _OUTSIDE = paint("a9a399", Texture.PLASTER)
-
-
-def start_pose() -> Pose2:
-    """Give where the robot starts: in the café near the lounge's doorway, looking west over the tables."""
-    return Pose2.from_heading(6.35, 3.55, 270.0)
 
 
 def wall_runs() -> tuple[WallRun, ...]:

@@ -36,19 +36,6 @@ class SceneObject:
         corners = np.concatenate([part.mesh.bounds for part in self.parts])
         return np.stack([corners.min(axis=0), corners.max(axis=0)])
 
-    def mesh(self) -> trimesh.Trimesh:
-        """Join the parts to one mesh with sRGB face colours, world frame."""
-        vertices, faces, colors, offset = [], [], [], 0
-        for part in self.parts:
-            rgb = np.round(255 * np.asarray(part.material.color) ** (1 / 2.2)).astype(np.uint8)
-            vertices.append(part.mesh.vertices)
-            faces.append(part.mesh.faces + offset)
-            colors.append(np.tile([*rgb, 255], (len(part.mesh.faces), 1)).astype(np.uint8))
-            offset += len(part.mesh.vertices)
-        return trimesh.Trimesh(
-            np.concatenate(vertices), np.concatenate(faces), face_colors=np.concatenate(colors), process=False
-        )
-
 
 def place(
     name: str, label: str, model: Model, x: float, y: float, z: float = 0.0, *, yaw_deg: float = 0.0
@@ -95,13 +82,6 @@ class Scene:
     def lets_light_through(self) -> NDArray:
         """Tell which faces [F] cast no shadow, bool: panes and lamps."""
         return np.isin(self.texture, (int(Texture.SKY), int(Texture.GLOW)))
-
-    def find(self, name: str) -> tuple[int, SceneObject]:
-        """Give (instance id, object) of the object with that name."""
-        for i, scene_object in enumerate(self.objects):
-            if scene_object.name == name:
-                return i + 1, scene_object
-        raise KeyError(name)
 
     def table(self) -> dict[str, Any]:
         """Give what ``scene.json`` holds: units, up and the list of instances."""

@@ -18,7 +18,7 @@ from simaps_viz.datasets.images import read_color, read_ids
 from simaps_viz.datasets.manifest import read_json, shown
 from simaps_viz.datasets.source import FrameSource
 from simaps_viz.errors import InputError
-from simaps_viz.segmentation.mask_store import write_whole
+from simaps_viz.files import write_whole
 from simaps_viz.structures import Segment, Segmentation
 
 SOURCE = "COCO panoptic "
@@ -135,7 +135,8 @@ def write_coco_panoptic(masks: FrameSource, path: Path, *, plain: bool = False) 
             height, width = found.ids.shape
             target = path.with_suffix("") / f"{name}.png"
             target.parent.mkdir(parents=True, exist_ok=True)
-            write_whole(target, cv2.imencode(".png", _pixels(found.ids, plain=plain))[1].tobytes())
+            image = cv2.imencode(".png", _pixels(found.ids, plain=plain))[1].tobytes()
+            write_whole(target, image, "the masks", durable=False)
             images.append({"id": index + 1, "file_name": f"{name}.jpg", "width": width, "height": height})
             rows = [_info(found.ids, s, numbers[s.label]) for s in found.segments]
             annotations.append(
@@ -143,7 +144,7 @@ def write_coco_panoptic(masks: FrameSource, path: Path, *, plain: bool = False) 
             )
         categories = [{"id": numbers[label], "name": label, "isthing": int(thing)} for label, thing in things.items()]
         table = {"images": images, "annotations": annotations, "categories": categories}
-        write_whole(path, (json.dumps(table, indent=1) + "\n").encode())
+        write_whole(path, (json.dumps(table, indent=1) + "\n").encode(), "the table of the masks", durable=False)
     except OSError as error:
         raise InputError(f"{path}: expected to write masks there, found {error.strerror or error}") from error
 

@@ -11,7 +11,7 @@ import numpy as np
 from simaps_viz.datasets.manifest import read_json
 from simaps_viz.datasets.source import FrameSource
 from simaps_viz.errors import InputError
-from simaps_viz.segmentation.mask_store import write_whole
+from simaps_viz.files import write_whole
 
 _FILES = ("color", "depth", "intrinsics", "poses")
 
@@ -56,15 +56,17 @@ def write_masks(masks: FrameSource, manifest: Path) -> None:
             narrow = found.ids.astype(np.uint8 if found.ids.max(initial=0) < 256 else np.uint16)
             image = folder / f"{name}.png"
             image.parent.mkdir(parents=True, exist_ok=True)
-            write_whole(image, cv2.imencode(".png", narrow)[1].tobytes())
+            write_whole(image, cv2.imencode(".png", narrow)[1].tobytes(), "the masks", durable=False)
             area = np.bincount(found.ids.reshape(-1), minlength=1)
             table[name] = [
                 {"id": s.id, "label": s.label, "score": s.score, "isthing": s.is_thing, "area": int(area[s.id])}
                 for s in found.segments
                 if s.id < len(area)
             ]
-        write_whole(folder / "segments.json", (json.dumps(table, separators=(",", ":")) + "\n").encode())
-        write_whole(manifest, (json.dumps(_manifest(masks, manifest), indent=1, ensure_ascii=False) + "\n").encode())
+        rows = json.dumps(table, separators=(",", ":")) + "\n"
+        write_whole(folder / "segments.json", rows.encode(), "the segments", durable=False)
+        keys = json.dumps(_manifest(masks, manifest), indent=1, ensure_ascii=False) + "\n"
+        write_whole(manifest, keys.encode(), "the manifest", durable=False)
     except OSError as error:
         raise InputError(f"{manifest}: expected to write masks there, found {error.strerror or error}") from error
 

@@ -7,7 +7,6 @@ A folder for each sequence, network and setting: ``about.json`` says which, one 
 import hashlib
 import json
 import os
-import tempfile
 import threading
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field
@@ -19,6 +18,7 @@ import numpy as np
 
 from simaps_viz.datasets.images import read_ids
 from simaps_viz.errors import InputError
+from simaps_viz.files import write_whole
 from simaps_viz.structures import Segment, Segmentation
 
 _ABOUT, _LINES = "about.json", "segments.jsonl"
@@ -63,7 +63,7 @@ class MaskStore:
             text = json.dumps(asdict(about), indent=1).encode()
             path = self.folder / _ABOUT
             if not path.is_file() or (about.origin and path.read_bytes() != text):
-                write_whole(path, text)
+                write_whole(path, text, "what the masks are of", durable=False)
             self._rows = _read_lines(self.folder / _LINES)
         except OSError as error:
             raise InputError(f"{self.folder}: expected to keep masks there, found {error.strerror or error}") from error
@@ -74,12 +74,16 @@ class MaskStore:
         return row is not None and row["stamp"] == list(stamp) and self._image(index).is_file()
 
     def put(self, index: int, stamp: Sequence[Any], found: Segmentation) -> None:
-        """Keep a frame's masks; the line that says so comes last."""
+        """Keep a frame's masks; the line that says so comes last.
+
+        It does not wait for the disk, which would take longer than a network does: masks that a power cut takes are
+        made again.
+        """
         narrow = found.ids.astype(np.uint8 if found.ids.max(initial=0) < 256 else np.uint16)
         row = {"frame": index, "stamp": list(stamp), "segments": [_row(s) for s in found.segments]}
         data = cv2.imencode(".png", narrow, _FAST_PNG)[1].tobytes()
         try:
-            write_whole(self._image(index), data)
+            write_whole(self._image(index), data, "the masks", durable=False)
             with self._lock, (self.folder / _LINES).open("a", encoding="utf-8") as file:
                 file.write("\n" * self._torn() + json.dumps(row) + "\n")
         except OSError as error:
@@ -127,22 +131,6 @@ def file_stamp(*paths: Path) -> list[int]:
     """Give size and time of change of files: masks of a picture that was replaced are made anew."""
     stats = [path.stat() for path in paths]
     return [number for s in stats for number in (s.st_size, s.st_mtime_ns)]
-
-
-def write_whole(path: Path, data: bytes) -> None:
-    """Write a file under another name, then rename it: it is there whole or not at all.
-
-    Unlike `files.write_whole` it does not wait for the disk, which would take longer than a network does: masks that a
-    power cut takes are made again.
-    """
-    handle, temporary = tempfile.mkstemp(prefix=f".{path.name}.", dir=path.parent)
-    try:
-        with os.fdopen(handle, "wb") as file:
-            file.write(data)
-        Path(temporary).chmod(0o644)
-        os.replace(temporary, path)
-    finally:
-        Path(temporary).unlink(missing_ok=True)
 
 
 def _row(segment: Segment) -> dict[str, Any]:

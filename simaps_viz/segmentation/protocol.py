@@ -71,8 +71,3 @@ class Adjustable(Protocol):
     def adjusted(self, thresholds: Mapping[str, float]) -> Network:
         """Give the same network, already open, with some thresholds changed, by key."""
         ...
-
-
-def segment_image(network: Network, color: NDArray) -> Segmentation:
-    """Segment one image, uint8 [H, W, 3], RGB."""
-    return network.decode(network.infer(network.prepare(color)), color.shape[0], color.shape[1])

@@ -191,7 +191,7 @@ def _yolo_ports(outputs: Sequence[Port], image: Port, size: tuple[int, int]) -> 
     count = prototypes[0].shape[1]
     if rows is None or cols is None or count is None or count == rows:
         return None
-    kept = YoloPorts(image.name, boxes[0].name, prototypes[0].name, None, count, size, image.dtype or np.float32)
+    kept = YoloPorts(image.name, boxes[0].name, prototypes[0].name, None, size, image.dtype or np.float32)
     if cols == 6 + count and rows <= _SUPPRESSED_ROWS:
         return replace(kept, suppressed=True)
     if cols > rows > 4 + count:

@@ -2,7 +2,7 @@
 
 import hashlib
 from collections import deque
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import replace
 from pathlib import Path
@@ -12,15 +12,13 @@ from numpy.typing import NDArray
 
 from simaps_viz.datasets.posed_frames import PosedFrames
 from simaps_viz.errors import InputError
+from simaps_viz.events import Progress
 from simaps_viz.segmentation.coco_panoptic import SOURCE as COCO
 from simaps_viz.segmentation.coco_panoptic import read_coco_panoptic
 from simaps_viz.segmentation.geometry_stuff import FLOOR, WALL, add_stuff
 from simaps_viz.segmentation.mask_store import About, MaskStore, file_stamp, find_store
 from simaps_viz.segmentation.protocol import Network
 from simaps_viz.structures import Frame, Segmentation
-
-Progress = Callable[[str, int, int], None]
-"""Called with (what is being done, steps done, steps in all)."""
 
 PREPARED_AHEAD = 3
 """Pictures decoded and prepared before the network is ready for them."""
@@ -57,6 +55,10 @@ class WithMasks:
 
     def __len__(self) -> int:
         return len(self._sequence)
+
+    def described(self) -> bytes:
+        """Give what the sequence says its images mean; ``segmentation_source`` names the masks."""
+        return self._sequence.described()
 
     def read(self, index: int, *, color: bool = False) -> Frame:
         """Read a frame, as the sequence itself does."""

@@ -44,7 +44,6 @@ class YoloPorts:
     prototypes: str
     classes: int | None
     """None where the file does not tell: exports that end in a suppression of their own."""
-    prototype_count: int
     size: tuple[int, int]
     """Height and width of the input."""
     dtype: type = np.float32
@@ -105,7 +104,7 @@ class YoloSeg:
         return self._session.run({self._ports.image: prepared}, [self._ports.boxes, self._ports.prototypes])
 
     def decode(self, outputs: list[NDArray], height: int, width: int) -> Segmentation:
-        """Make masks of the boxes that count; where masks overlap the smaller lies on top."""
+        """Make masks of the boxes that count; smaller ones lie on top, of equally large ones the surer."""
         rows, prototypes = (np.asarray(value[0], dtype=np.float32) for value in outputs)
         found = self._detections(rows)
         place = letterbox(height, width, into=self._ports.size)
@@ -129,7 +128,7 @@ class YoloSeg:
         areas = np.array([int(np.count_nonzero(mask)) for _, _, mask in masks], dtype=np.int64)
         order = [i for i in np.argsort(-areas, kind="stable") if areas[i] >= self._settings.min_area_px]
         ids = np.zeros((height, width), dtype=np.int32)
-        for number, i in enumerate(order, start=1):
+        for number, i in sorted(enumerate(order, start=1), key=lambda one: (-areas[one[1]], found.scores[one[1]])):
             top, left, mask = masks[i]
             ids[top : top + mask.shape[0], left : left + mask.shape[1]][mask] = number
         left_over = np.bincount(ids.reshape(-1), minlength=len(order) + 1)

@@ -2,13 +2,16 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Protocol
+from pathlib import Path
+from typing import Any, Protocol
 
 import viser
 from numpy.typing import NDArray
 
-from simaps_viz.structures import GridSpec, SIMap
+from simaps_viz.structures import GridSpec, Pose2, SIMap
+from simaps_viz.viewer.drawing.camera import Extent
 from simaps_viz.viewer.drawing.scene import MapScene
+from simaps_viz.viewer.drawing.theme import Theme
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,8 +43,23 @@ class Desk(Protocol):
         ...
 
     @property
+    def theme(self) -> Theme:
+        """Whether the page is light or dark."""
+        ...
+
+    @property
+    def aspect(self) -> float:
+        """Width over height of the canvas in its middle."""
+        ...
+
+    @property
     def selected(self) -> int | None:
         """Id of the selected instance of that map."""
+        ...
+
+    @property
+    def pose(self) -> Pose2:
+        """Where the robot stands."""
         ...
 
     def select(self, instance_id: int | None) -> None:
@@ -52,16 +70,24 @@ class Desk(Protocol):
         """Show a frame, here and in the recording."""
         ...
 
-    def change_map(self, simap: SIMap) -> None:
-        """Show another map of the same place on this page; what was selected stays so where it still exists."""
-        ...
-
     def publish(self, simap: SIMap) -> None:
         """Show a changed map on every open page, and on those opened later; each page cuts it as its sliders are."""
         ...
 
     def show_picture(self, picture: MapPicture | None) -> None:
         """Lay a picture in the place of the map's own colours; None takes it away."""
+        ...
+
+    def look_at(self, extent: Extent | None) -> None:
+        """Look straight down on a part of the floor; None: as before."""
+        ...
+
+    def show_recording(self, path: Path) -> None:
+        """Show a recorded build beside the map, where the page has a place for one."""
+        ...
+
+    def send(self, name: str, content: bytes) -> None:
+        """Hand the browser a file of that name to save."""
         ...
 
     def repaint(self) -> None:
@@ -81,17 +107,34 @@ class Desk(Protocol):
         ...
 
 
-class Panel(Protocol):
-    """A part of the page. ``Panel(desk, ...)`` fills the container of ``desk.gui`` that is open at that time."""
+class Panel:
+    """A part of the page. ``Panel(desk, ...)`` fills the container of ``desk.gui`` that is open at that time.
+
+    Each method tells of something that happens on the page; a panel has those that concern it.
+    """
 
     def map_changed(self, simap: SIMap) -> None:
         """Another map is shown."""
-        ...
+
+    def selection_changed(self, instance_id: int | None) -> None:
+        """Another object is selected, or none."""
+
+    def show_frame(self, frame: int) -> None:
+        """The page shows another frame."""
+
+    def theme_changed(self) -> None:
+        """The page went from light to dark, or back."""
 
     def take_click(self, x_m: float, y_m: float) -> bool:
-        """Use a click on the map, if one was waited for (the robot's start, a line to split by); False lets it pass."""
-        ...
+        """Use a click on the map, if one was waited for (a line to split by); False lets it pass."""
+        return False
+
+    def state(self) -> Any:
+        """Give what this person did, for a page that is loaded again; None = nothing."""
+        return None
+
+    def restore(self, state: Any) -> None:
+        """Take back what ``state`` gave."""
 
     def close(self) -> None:
         """The person has gone: stop threads and timers."""
-        ...

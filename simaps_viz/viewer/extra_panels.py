@@ -52,31 +52,35 @@ class ExtraPanels:
 
     def selection_changed(self, instance_id: int | None) -> None:
         """Another object is selected, or none."""
-        self._tell("selection_changed", instance_id)
+        for _, panel in self:
+            self._guarded(lambda panel=panel: panel.selection_changed(instance_id))
 
     def show_frame(self, frame: int) -> None:
         """Another frame is shown."""
-        self._tell("show_frame", frame)
+        for _, panel in self:
+            self._guarded(lambda panel=panel: panel.show_frame(frame))
+
+    def theme_changed(self) -> None:
+        """The page went from light to dark, or back."""
+        for _, panel in self:
+            self._guarded(panel.theme_changed)
 
     def take_click(self, x_m: float, y_m: float) -> bool:
         """Offer a click on the map to the panels that may wait for one."""
         return any(panel.take_click(x_m, y_m) for _, panel in self)
 
     def states(self) -> dict[str, Any]:
-        """Give what the panels' persons did, of those that can tell."""
+        """Give what was done on each panel."""
         found: dict[str, Any] = {}
         for title, panel in self:
-            state = getattr(panel, "state", None)
-            if callable(state):
-                self._guarded(lambda title=title, state=state: found.update({title: state()}))
+            self._guarded(lambda title=title, panel=panel: found.update({title: panel.state()}))
         return found
 
     def restore(self, states: Mapping[str, Any]) -> None:
         """Hand the panels what ``states`` gave."""
         for title, panel in self:
-            restore = getattr(panel, "restore", None)
-            if title in states and callable(restore):
-                self._guarded(lambda title=title, restore=restore: restore(states[title]))
+            if states.get(title) is not None:
+                self._guarded(lambda title=title, panel=panel: panel.restore(states[title]))
 
     def close(self) -> None:
         """The person has gone."""
@@ -92,12 +96,6 @@ class ExtraPanels:
                     self._made.append(_Made(spec, spec.make(self._desk), tab))
             except Exception as error:
                 self._desk.report(error)
-
-    def _tell(self, what: str, value: Any) -> None:
-        for _, panel in self:
-            method = getattr(panel, what, None)
-            if callable(method):
-                self._guarded(lambda method=method: method(value))
 
     def _guarded(self, do: Callable[[], object]) -> None:
         try:

@@ -20,11 +20,14 @@ from simaps_viz.viewer.panels.map import SLANT, MapActions, MapPanel
 from simaps_viz.viewer.panels.spec import BUILT_IN, INSTANCE, JUDGE
 from simaps_viz.viewer.panels.steps import StepsPanel
 from simaps_viz.viewer.panels.why import WhyActions, WhyPanel
+from simaps_viz.viewer.recording.side import words_beside
 
 if TYPE_CHECKING:
     from simaps_viz.viewer.session import Session
 
 RECORDING_WIDTH_PX = 400
+ROOMY_PX, NARROW_PX, WIDEST_PX = 1280, 1150, 20_000
+"""Pages narrower than the first have the recorded build docked narrower, than the second folded up to a strip."""
 PANEL_WIDTH_PX = 340
 
 
@@ -46,10 +49,22 @@ class Parts:
     between: list[viser.PanelHandle]
     """Hold room until the page has been laid out."""
 
-    def settle(self) -> None:
-        """The page has been laid out: give the room to the main panel."""
+    recording: viser.PanelHandle | None
+    """Where the recorded build is docked."""
+
+    def settle(self, page_px: object) -> None:
+        """The page has been laid out: give the room to the main panel, and the map its share of a narrow page.
+
+        Args:
+            page_px: width of the page, as it told it.
+        """
         while self.between:
             self.between.pop().remove()
+        if self.recording is not None and isinstance(page_px, int | float) and 0 < page_px < WIDEST_PX:
+            if page_px < NARROW_PX:
+                self.recording.minimize()
+            else:
+                self.recording.set_width(recording_width(page_px))
 
     def map_changed(self, simap: SIMap) -> None:
         """Another map is shown."""
@@ -78,8 +93,9 @@ def set_the_table(server: viser.ViserServer) -> None:
 def lay_out(session: "Session") -> Parts:
     """Build all panels of a page."""
     gui, services = session.gui, session.common.services
-    gui.add_html(f'<iframe title="Tab" hidden src="{session.common.tabs.url_for(session.token)}"></iframe>')
-    _dock_recording(session)
+    wide = "position:fixed;width:100vw;height:0;border:0;visibility:hidden"  # it tells the page's width
+    gui.add_html(f'<iframe title="Tab" style="{wide}" src="{session.common.tabs.url_for(session.token)}"></iframe>')
+    recording = _dock_recording(session)
     known = [(spec.title, OTHER_TABS[spec.title]) for spec in services.panels if spec.title in OTHER_TABS]
     page = HelpPanel(gui, _page_actions(session), other_tabs=known)
     tabs = gui.add_tab_group()
@@ -96,9 +112,13 @@ def lay_out(session: "Session") -> Parts:
         robot = _robot(session, judge)
     with opened["Build"]:
         build = BuildPanel(
-            gui, session.simap, on_frame=session.show_frame, recorded=session.common.recording is not None
+            gui,
+            session.simap,
+            on_frame=session.time.show_frame,
+            recorded=session.common.recording is not None,
+            building=session.common.building,
         )
-        steps = StepsPanel(gui, session.show_step)
+        steps = StepsPanel(gui, session.time.show_step, lambda step: words_beside(session, step))
     others.place("tab", tabs)
     objects = gui.add_panel()
     with objects.add_tab(INSTANCE, viser.Icon.CUBE):
@@ -107,7 +127,7 @@ def lay_out(session: "Session") -> Parts:
         why = WhyPanel(session.client, _why_actions(session))
     others.place("instance", objects)
     between = _dock_small(session, objects)
-    return Parts(judge, map_panel, robot, build, steps, instance, why, page, others, [between])
+    return Parts(judge, map_panel, robot, build, steps, instance, why, page, others, [between], recording)
 
 
 def _go_to(session: "Session", one: Instance) -> None:
@@ -130,9 +150,14 @@ def _dock_small(session: "Session", objects: viser.PanelHandle) -> viser.PanelHa
     return between
 
 
-def _dock_recording(session: "Session") -> None:
+def recording_width(page_px: float) -> float:
+    """Give how wide the recorded build is docked on a page of some width, px: a quarter, or 400 where there is room."""
+    return max(0.25 * page_px, RECORDING_WIDTH_PX if page_px >= ROOMY_PX else 0.0)
+
+
+def _dock_recording(session: "Session") -> viser.PanelHandle | None:
     if session.recording.url is None:
-        return
+        return None
     panel = session.gui.add_panel()
     with panel.add_tab("Recorded build", viser.Icon.MOVIE):
         back = session.gui.add_button("Back to this map's build", icon=viser.Icon.ARROW_BACK_UP, visible=False)
@@ -144,6 +169,7 @@ def _dock_recording(session: "Session") -> None:
         )
     panel.dock_left()
     panel.set_width(RECORDING_WIDTH_PX)
+    return panel
 
 
 def _judge_panel(session: "Session") -> JudgePanel:
@@ -165,7 +191,7 @@ def _map_panel(session: "Session") -> MapPanel:
     return MapPanel(
         session.gui,
         session.base,
-        MapActions(session.partition, session.repaint, session.look),
+        MapActions(session.partition, session.repaint, session.look, session.time.finish),
         with_k=services.repartition is not None,
         with_resolution=services.recommunity is not None,
     )
@@ -186,6 +212,12 @@ def _page_actions(session: "Session") -> PageActions:
 
 def _robot(session: "Session", judge: JudgePanel | None) -> RobotControl:
     viewpoints = session.viewpoints
+
+    def on_use() -> None:
+        session.time.finish()  # commands are carried out on the finished map
+        if judge is not None:
+            judge.leave()
+
     return RobotControl(
         session.gui,
         session.scene,
@@ -194,7 +226,7 @@ def _robot(session: "Session", judge: JudgePanel | None) -> RobotControl:
         current_map=lambda: session.simap,
         start=session.common.start,
         follower=Follower(session.client, behind=lambda: viewpoints.name == SLANT, let_go=viewpoints.restore),
-        on_use=judge.leave if judge is not None else lambda: None,
+        on_use=on_use,
     )
 
 
@@ -202,7 +234,7 @@ def _why_actions(session: "Session") -> WhyActions:
     return WhyActions(
         repaint=session.repaint,
         show_frame=session.jump,
-        show_joint=lambda joint: session.recording.show_joint(joint, session.common.recorded),
+        show_joint=session.time.show_joint,
         knows_joint=lambda simap: session.common.recording and simap.merges is session.common.recorded.merges,
         submit=session.worker.submit,
         view=session.view,

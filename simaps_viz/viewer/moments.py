@@ -10,6 +10,8 @@ from simaps_viz.structures import SIMap
 from simaps_viz.viewer.drawing.legend import counts_text
 from simaps_viz.viewer.shared import Shared
 
+NO_HISTORY = "This map keeps no history, so objects appear when first named; build it with --history to see it grow."
+
 
 @dataclass(frozen=True, eq=False)
 class Moment:
@@ -21,6 +23,8 @@ class Moment:
     classes_only: bool = False
     words: str = ""
     """What was known then; empty for the finished map."""
+    badge: str = ""
+    """What the map is not to be taken for: "as of frame 178 of 200"; empty for the finished one."""
 
 
 def moment(shared: Shared, simap: SIMap, *, frame: int | None, step: int | None) -> Moment:
@@ -33,17 +37,20 @@ def moment(shared: Shared, simap: SIMap, *, frame: int | None, step: int | None)
         step: position on its `Timeline`; None = the finished map.
     """
     if frame is not None:
+        badge = f"as of frame {frame + 1} of {len(simap.frame_names)}"
         look = shared.look_back(simap, frame)
         if look is None:
-            return Moment(simap, until=frame, words="The map's history is not at hand: objects appear when named.")
+            return Moment(simap, until=frame, words=NO_HISTORY, badge=badge)
         keep_classes(look, simap)
-        return Moment(look, words=then_text(look))
+        return Moment(look, words=then_text(look), badge=badge)
     if step is None:
         return Moment(simap)
-    then = shared.timeline(simap).map_at(step)
+    timeline = shared.timeline(simap)
+    then = timeline.map_at(step)
     if then is not simap and then.community is not simap.community:
         take_over(then, simap)
-    return Moment(then, classes_only=step == CLASSES)
+    badge = "" if then is simap else f"at step {step} of {timeline.last}"
+    return Moment(then, classes_only=step == CLASSES, badge=badge)
 
 
 def then_text(look: SIMap) -> str:

@@ -1,15 +1,15 @@
 """A few lines that run in the page itself, for what viser 1.1.1 leaves out.
 
 viser gives its text boxes and sliders no accessible name, knows neither "/" nor "?" as a key, closes no window by
-Escape, forgets which tabs were open, and tells the pages in its frames nothing: they ask whether this one is light or
-dark, and are told when that changes. A picture of one transparent pixel carries the lines in, because viser shows our
-HTML but runs no script elements.
+Escape, forgets which tabs were open, and tells the pages in its frames nothing. They ask whether this one is light or
+dark, and are told when that changes; they hand on the keys that are not theirs, and Tab, which leaves them. A picture
+of one transparent pixel carries the lines in, because viser shows our HTML but runs no script elements.
 """
 
 from html import escape
 
 from simaps_viz.palette import Color
-from simaps_viz.viewer.drawing.theme import DARK, LIGHT, css
+from simaps_viz.viewer.drawing.theme import DARK, LIGHT, STICKY, css
 
 _PIXEL = "data:image/gif;base64,R0lGODlhAQABAAAAACH5BAEKAAEALAAAAAABAAEAAAICTAEAOw=="
 
@@ -53,18 +53,46 @@ _SCRIPT = """
         if (one.getAttribute('aria-label') !== text) one.setAttribute('aria-label', text);
     }
   };
+  const hush = () => {  // viser's remark on graphics without a card lies on the map until it is closed
+    for (const one of document.querySelectorAll('.mantine-Notification-root:not([data-simaps])')) {
+      if (!one.textContent.startsWith('Software WebGL')) continue;
+      one.dataset.simaps = 'seen';
+      setTimeout(() => { const close = one.querySelector('button'); if (close) close.click(); }, 6000);
+    }
+  };
   let waiting = 0;
-  const soon = () => { if (!waiting) waiting = setTimeout(() => { waiting = 0; nameControls(); reopen(); }, 100); };
+  const soon = () => {
+    if (!waiting) waiting = setTimeout(() => { waiting = 0; nameControls(); reopen(); hush(); }, 100);
+  };
   new MutationObserver(soon).observe(document.body, { childList: true, subtree: true, characterData: true });
   nameControls();
   reopen();
 
   const root = document.documentElement;
+  const originOf = (frame) => new window.URL(frame.src).origin;  // URL alone is the document's here
   const tellTheme = (frame) =>
-    frame.contentWindow.postMessage({ simapsTheme: root.dataset.mantineColorScheme }, '*');
-  const frames = () => [...document.querySelectorAll('iframe[src]')].filter((frame) => frame.contentWindow);
-  window.addEventListener('message', (event) =>
-    frames().filter((frame) => frame.contentWindow === event.source).forEach(tellTheme));
+    frame.contentWindow.postMessage({ simapsTheme: root.dataset.mantineColorScheme }, originOf(frame));
+  const frames = () => [...document.querySelectorAll('iframe[src^=http]')].filter((frame) => frame.contentWindow);
+  const STOPS = 'a[href], button, input:not([type=hidden]), select, textarea, summary, iframe, [tabindex]';
+  const isStop = (one) => one.tabIndex >= 0 && !one.disabled && one.getClientRects().length > 0
+    && getComputedStyle(one).visibility !== 'hidden';
+  const leave = (frame, step) => {
+    const stops = [...document.querySelectorAll(STOPS)].filter(isStop);
+    for (let i = 1; i < stops.length; i++) {
+      const next = stops[(stops.indexOf(frame) + (step < 0 ? -i : i) + stops.length) % stops.length];
+      next.focus();
+      if (document.activeElement === next) return;
+    }
+  };
+  window.addEventListener('message', (event) => {
+    const frame = frames().find((one) => one.contentWindow === event.source && originOf(one) === event.origin);
+    const said = event.data || {};
+    if (!frame) return;
+    if (said.simapsLeave) leave(frame, said.simapsLeave);
+    else if (said.simapsKey) document.body.dispatchEvent(
+      new KeyboardEvent('keydown', { ...said.simapsKey, bubbles: true, cancelable: true }));
+    else tellTheme(frame);
+  });
   new MutationObserver(() => frames().forEach(tellTheme))
     .observe(root, { attributes: true, attributeFilter: ['data-mantine-color-scheme'] });
   frames().forEach(tellTheme);
@@ -140,16 +168,25 @@ input.mantine-Input-input {{ line-height: normal !important; }}
 }}
 .mantine-Modal-content:has(img) {{ flex: 0 1 max(60rem, 70vw) !important; }}
 .mantine-Modal-content img {{ max-height: calc(90vh - 11rem); object-fit: contain; }}
+div:has(> .{STICKY}) {{ position: sticky; top: 0; z-index: 3; background: var(--mantine-color-body); }}
+.simaps-legend {{ max-height: clamp(8.5em, calc(45vh - 236px), 40em); overflow-y: auto; }}
 textarea[aria-label=Find] {{
   max-height: 1.7rem !important; min-height: 0 !important; padding-block: .2rem !important; resize: none !important;
   overflow: hidden !important; white-space: nowrap !important;
 }}
 """
 """Darker labels (viser's have a contrast of 3.3), set less tight; nothing too small to read; second choices that stand
-back behind the first; windows with a picture as wide as the picture needs; the box to find things in has one line."""
+back behind the first; windows with a picture as wide as the picture needs; the box to find things in has one line; the
+legend is as long as the page has room for, and scrolls by itself, so that what is under it stays in sight."""
 
 HANDLERS = (_SCRIPT,)
 """All inline event handlers of our HTML; the page's Content-Security-Policy lets in these and no others."""
 
-PAGE_SCRIPT = f'<style>{_STYLE}</style><img alt="" src="{_PIXEL}" style="display:none" onload="{escape(_SCRIPT)}">'
+OPENED = "simaps-opened"
+"""Class of an element that is there as soon as our part of the page is; `server.opening` waits for it."""
+
+PAGE_SCRIPT = (
+    f'<style class="{OPENED}">{_STYLE}</style>'
+    f'<img alt="" src="{_PIXEL}" style="display:none" onload="{escape(_SCRIPT)}">'
+)
 """HTML to put into a page once, anywhere that is always shown."""

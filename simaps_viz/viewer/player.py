@@ -28,11 +28,6 @@ class Player:
         self.button = gui.add_button(label, icon=viser.Icon.PLAYER_PLAY)
         self.button.on_click(lambda _: self.toggle())
 
-    @property
-    def playing(self) -> bool:
-        """Whether it plays."""
-        return self._turn is not None
-
     def toggle(self) -> None:
         """Play, or pause."""
         if self._turn is not None:

@@ -243,6 +243,8 @@ class Services:
     """Content-Security-Policy of that page; empty takes a strict one."""
     recordings: tuple[Path, ...] = ()
     """The .rrd files that page may load, as /recordings/<name>."""
+    recorded_levels: int | None = None
+    """At which time of timeline "louvain" the recording has the final communities; None = after all of its levels."""
     panels: "Sequence[PanelSpec]" = ()
     """Panels besides those that are always there, in their order."""
     stream: str = ""

@@ -15,9 +15,11 @@ from numpy.typing import NDArray
 from simaps_viz.errors import SIMapsError
 from simaps_viz.map_colors import take_over
 from simaps_viz.mapping.edit_log import edits_of
+from simaps_viz.mapping.simap import JOINING, joining_percent
 from simaps_viz.structures import Instance, Pose2, SIMap
 from simaps_viz.viewer.common import Common
 from simaps_viz.viewer.desk import MapPicture
+from simaps_viz.viewer.drawing.camera import Extent
 from simaps_viz.viewer.drawing.picking import ray_on_blocks, ray_on_floor
 from simaps_viz.viewer.drawing.scene import MapScene, Style
 from simaps_viz.viewer.drawing.theme import Theme
@@ -25,9 +27,9 @@ from simaps_viz.viewer.drawing.viewpoints import Viewpoints
 from simaps_viz.viewer.drawing.why_marks import paint_cells
 from simaps_viz.viewer.driving.robot import RobotControl
 from simaps_viz.viewer.layout import Parts, lay_out
-from simaps_viz.viewer.moments import moment
+from simaps_viz.viewer.page_time import PageTime
 from simaps_viz.viewer.panels.instance import best_pictures
-from simaps_viz.viewer.panels.map import DEFAULT_RESOLUTION, JOINING_OF, SLANT
+from simaps_viz.viewer.panels.map import DEFAULT_RESOLUTION, SLANT
 from simaps_viz.viewer.recording.clicks import place_inside
 from simaps_viz.viewer.recording.link import RecordingLink
 from simaps_viz.viewer.recording.side import page_side
@@ -58,6 +60,8 @@ class Session:
         self._picked: tuple[float, float] | None = None
         self._picture: MapPicture | None = None
         self.worker, self.command_worker, self.panel_worker = (Worker(self.report) for _ in range(3))
+        self.time = PageTime(self)
+        """Which frame, or step of joining, the page shows."""
         self.recording = RecordingLink(common.recording, self.token, page_side(self))
         guard(client, self.report)
         with client.atomic():
@@ -85,6 +89,16 @@ class Session:
     def base(self) -> SIMap:
         """The map that the sliders cut into what is shown."""
         return self._base
+
+    @property
+    def theme(self) -> Theme:
+        """Whether the page is light or dark."""
+        return self._scene.theme
+
+    @property
+    def aspect(self) -> float:
+        """Width over height of the canvas in its middle."""
+        return float(self.client.camera.aspect)
 
     @property
     def selected(self) -> int | None:
@@ -120,17 +134,13 @@ class Session:
             self._waiting_state = state
         self.worker.submit("begin", self._begin_now)
 
-    def settle(self) -> None:
-        """The page shows its panels: it may not have docked them before."""
-        self.worker.submit("settle", self.parts.settle)
+    def settle(self, width_px: object = None) -> None:
+        """The page, of that width, shows its panels: it may not have docked them before."""
+        self.worker.submit("settle", lambda: self.parts.settle(width_px))
 
     def select(self, instance_id: int | None) -> None:
         """Select an instance, or none."""
         self.pick(None if instance_id is None else place_inside(self._simap, instance_id))
-
-    def change_map(self, simap: SIMap) -> None:
-        """Show another map of the same place on this page; what was selected stays so where it still exists."""
-        self.take_map(simap)
 
     def publish(self, simap: SIMap) -> None:
         """Show a changed map on every open page, and on those opened later; each page cuts it as its sliders are."""
@@ -144,6 +154,7 @@ class Session:
     def set_theme(self, theme: Theme) -> None:
         """Colour the map for a light or a dark page."""
         self._scene.set_theme(theme)
+        self.parts.others.theme_changed()
         self.repaint()
 
     def repaint(self) -> None:
@@ -221,26 +232,17 @@ class Session:
         self.parts.why.stand_up(upright)
         self.viewpoints.look(name)
 
+    def look_at(self, extent: Extent | None) -> None:
+        """Look straight down on a part of the floor; None: as before."""
+        self.viewpoints.look_down(extent)
+
+    def send(self, name: str, content: bytes) -> None:
+        """Hand the browser a file of that name to save."""
+        self.client.send_file_download(name, content, save_immediately=True)
+
     def jump(self, frame: int) -> None:
         """Show a frame, here and in the recording."""
         self.parts.build.set_frame(frame, chosen_here=True)
-
-    def show_frame(self, frame: int, chosen_here: bool) -> None:
-        """The build panel shows another frame."""
-        self.parts.steps.forget()
-        if chosen_here:
-            self.recording.show_frame(frame)
-        last, poses = len(self._simap.frame_names) - 1, self._simap.T_map_camera
-        shown = frame < len(poses) and (frame < last or chosen_here)
-        self._scene.show_camera(poses[frame] if shown else None)
-        self.parts.others.show_frame(frame)
-        self.repaint()
-
-    def show_step(self, step: int, chosen_here: bool) -> None:
-        """The panel of steps shows another one."""
-        if chosen_here:
-            self.recording.show_step(*self.common.shared.timeline(self._simap).recorded(step))
-        self.repaint()
 
     def view(self, frame: int) -> tuple[NDArray, NDArray] | None:
         """Give a frame's RGB picture and segment ids; None when the sequence is not at hand."""
@@ -299,15 +301,13 @@ class Session:
     def _cut_as_published(self, simap: SIMap) -> SIMap:
         """Cut a map as the published one is, so that what one person cuts does not become everybody's."""
         published = self.common.published()
-        joining = JOINING_OF.get(simap.method)
+        joining = JOINING.get(simap.method)
         if joining is None or simap.method != published.method or simap.spec != published.spec:
             return simap
-        if all(
-            simap.parameters.get(name) == published.parameters.get(name) for name in (joining.parameter, "resolution")
-        ):
+        if all(simap.parameters.get(name) == published.parameters.get(name) for name in (joining, "resolution")):
             return simap
         resolution = float(published.parameters.get("resolution", DEFAULT_RESOLUTION))
-        return self.common.shared.partition(simap, joining.percent(published), resolution)
+        return self.common.shared.partition(simap, joining_percent(published), resolution)
 
     def _map_changed(self) -> None:
         simap = self._simap
@@ -359,9 +359,7 @@ class Session:
 
     def _paint_now(self) -> None:
         shown = self._simap
-        step = self.parts.steps.step
-        frame = self.parts.build.behind if step is None else None
-        then = moment(self.common.shared, shown, frame=frame, step=step)
+        then = self.time.now()
         simap = then.simap
         style = replace(self._style(shown), until=then.until)
         if then.classes_only:
@@ -375,12 +373,15 @@ class Session:
         self._scene.show_map(simap, picture, style)
         self.parts.map.show(simap if simap.instances else shown, style.theme)
         self.parts.build.tell(then.words)
+        self.parts.map.tell_past(then.badge)
+        self._scene.show_badge(then.badge)
 
     def _show_picture_now(self) -> None:
         picture = self._picture
         if picture is None:
             self._scene.show_picture(None)
         else:
+            self._scene.show_camera(None)
             self._scene.show_picture(picture.spec, png(picture.pixels))
 
     def _clicked(self, event: viser.SceneClickEvent) -> None:

@@ -20,10 +20,15 @@ V = TypeVar("V")
 MOST_SIDE = 4096
 """Pixels of a map's picture a side: what WebGL takes everywhere, and a browser decodes in a second."""
 MOST_PARTITIONS = 16
+"""Maps as the sliders cut them: some steps of dragging one there and back, on a few pages."""
 MOST_PICTURES = 24
+"""Of a few maps in some colour modes, selections and frames; of large maps fewer, see MOST_PICTURE_BYTES."""
 MOST_LOOKS = 6
+"""Maps as they were after a frame: each takes as much memory as a map, and is soon computed anew."""
 MOST_TIMELINES = 4
+"""One for each map that is cut otherwise; pages mostly share one."""
 MOST_PICTURE_BYTES = 64_000_000
+"""So much memory all pictures (PNG) take at most; a single larger one is kept all the same."""
 AT_ONCE = 2
 """Computations that may run at the same time; more would only slow each other down."""
 

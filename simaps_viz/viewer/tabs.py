@@ -1,7 +1,8 @@
 """Tells browser tabs apart, so that a page that is loaded again finds what its person did; two tabs never mix.
 
 Every page holds a hidden frame, served by `host.Host` on 127.0.0.1, that keeps a name in its tab's own storage and
-tells it. A tab that was duplicated has the name of its twin, which is still open: it gets a name of its own.
+tells it. A tab that was duplicated has the name of its twin, which is still open: it gets a name of its own. The frame
+is as wide as the page, and tells that too.
 """
 
 import base64
@@ -26,7 +27,8 @@ const KEY = "simaps-tab";
 function stored() { try { return sessionStorage.getItem(KEY); } catch { return null; } }
 function store(name) { try { sessionStorage.setItem(KEY, name); } catch { /* then a reload starts afresh */ } }
 fetch("/tab/event" + location.search, {
-  method: "POST", headers: { "Content-Type": "application/json" }, body: JSON.stringify({ type: "tab", tab: stored() }),
+  method: "POST", headers: { "Content-Type": "application/json" },
+  body: JSON.stringify({ type: "tab", tab: stored(), width: innerWidth }),
 }).then((answer) => answer.json()).then((answer) => { if (answer.tab) store(answer.tab); });
 """
 _HASH = base64.b64encode(hashlib.sha256(_SCRIPT.encode()).digest()).decode()

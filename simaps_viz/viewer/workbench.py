@@ -21,6 +21,7 @@ from simaps_viz.viewer.drawing.viewpoints import set_first_view
 from simaps_viz.viewer.layout import set_the_table
 from simaps_viz.viewer.panels.spec import PanelSpec
 from simaps_viz.viewer.server.access import Access, name_of
+from simaps_viz.viewer.server.bounded_http import first_free
 from simaps_viz.viewer.server.gate import Gate
 from simaps_viz.viewer.server.host import Host
 from simaps_viz.viewer.server.widget_values import check_values
@@ -80,6 +81,7 @@ class Workbench:
         self.access = Access(host)
         self.gate = Gate(self.access, self._frame_ports)
         self.shared = Shared(services)
+        port = first_free(self.access.host, port)
         self.recording_host = self._serve_recording(services, port + 2)
         self._tab_host = self._host(
             port + 1, page=lambda _: TAB_PAGE, assets={}, csp=TAB_CSP, on_event=self._tab_told, root="tab"
@@ -199,8 +201,8 @@ class Workbench:
             session.catch_up(self._common)
 
     def _host(self, port: int, **served: Any) -> Host:
-        """Serve what is shown in a frame; beside the page's own port where a firewall or a tunnel has to know."""
-        if self.access.is_open and 1024 < port < 65536:
+        """Serve what is shown in a frame; beside the page's own port if that is free, as tunnels have to know it."""
+        if port < 65536:
             with contextlib.suppress(InputError):
                 return Host(port=port, access=self.access, **served)
         return Host(access=self.access, **served)
@@ -224,6 +226,12 @@ class Workbench:
         """The ports of the page, and of the frames on it."""
         return [self.server.get_port(), *self._frame_ports()]
 
+    @property
+    def ports_in_a_row(self) -> bool:
+        """Whether the frames are on the ports after the page's, where people look for them."""
+        first, *frames = self.ports
+        return frames == [first + 1 + n for n in range(len(frames))]
+
     def _frame_ports(self) -> list[int]:
         hosts = (self._tab_host, self.recording_host)
         return [host.port for host in hosts if host is not None]
@@ -241,7 +249,7 @@ class Workbench:
         try:
             check_values(client, self.gate.note)
             session = Session(client, self._seen_by(client))
-        except Exception as error:
+        except Exception as error:  # whatever one page, or a panel of it, fails of, the others are served on
             logger.error("a page could not be built", exc_info=error)
             client.add_notification("The page could not be built", str(error), color="red")
             return
@@ -279,7 +287,7 @@ class Workbench:
             return None
         name, state = self.tabs.claim(event.get("tab"), token)
         session.begin(state)
-        session.settle()
+        session.settle(event.get("width"))
         return {"tab": name}
 
     def _recording_told(self, event: dict[str, Any], token: str) -> None:

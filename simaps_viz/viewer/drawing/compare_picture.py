@@ -7,13 +7,15 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from simaps_viz.palette import Color
 from simaps_viz.structures import GridSpec
 from simaps_viz.viewer.desk import MapPicture
 from simaps_viz.viewer.drawing.lettering import BOLD, fitting, write
+from simaps_viz.viewer.drawing.theme import LIGHT, Theme
 from simaps_viz.viewer.panels.compare_services import ItemLike, SideLike, TwoMapsLike
 
-Color = tuple[int, int, int]
-Mode = Literal["swipe", "side by side"]
+Mode = Literal["swipe", "side by side", "stacked"]
+"""One map up to a line and the other beyond it; the right one to the east of the left one; to the south of it."""
 
 KINDS: Mapping[str, tuple[Color, str]] = {
     "merged": ((196, 0, 40), "several objects are one"),
@@ -24,8 +26,10 @@ KINDS: Mapping[str, tuple[Color, str]] = {
     "outline": ((105, 112, 124), "there, but less than half agrees"),
 }
 """Colour and meaning of every kind of difference; told apart with any kind of colour vision (see the tests)."""
+LIGHT_MISSED: Color = (238, 240, 244)
+"""What is missed is marked so on a dark page."""
 INK: Color = (26, 30, 38)
-PAPER: Color = (250, 250, 252)
+"""Of titles and the line on a light page; a dark one has its theme's."""
 RIM = 0.55
 MOST_PIXELS = 1100
 MOST_PER_CELL = 6
@@ -35,12 +39,18 @@ HEAD = 0.055
 """Height of the strip with the titles, as a share of the map's longer side."""
 
 
+def mark_color(kind: str, theme: Theme = LIGHT) -> Color:
+    """Give the colour in which a kind of difference is marked."""
+    return LIGHT_MISSED if theme.dark and kind == "missed" else KINDS[kind][0]
+
+
 class TwoPictures:
     """Both textures, made once; putting them together takes a few milliseconds."""
 
-    def __init__(self, maps: TwoMapsLike) -> None:
-        """Paint both maps."""
+    def __init__(self, maps: TwoMapsLike, theme: Theme = LIGHT) -> None:
+        """Paint both maps for a light page or a dark one."""
         self._maps, spec = maps, maps.spec
+        self._theme, self._ink = theme, theme.ink if theme.dark else INK
         longest = max(spec.shape)
         self._every = max(1, -(-longest // MOST_PIXELS))  # very large maps are shown coarser while they are compared
         self._scale = 1 if self._every > 1 else int(np.clip(MOST_PIXELS // longest, 1, MOST_PER_CELL))
@@ -52,10 +62,19 @@ class TwoPictures:
         self._plain = tuple(self._painted(side) for side in (maps.left, maps.right))
         self._halves = self._mark((), None)
 
-    @property
-    def seam_m(self) -> float:
-        """How far right the second map lies when the two are side by side, metres."""
-        return (self._cols + self._gap) * self._cell_m
+    def shift_m(self, mode: Mode) -> tuple[float, float]:
+        """How far east and north of the left map the right one lies, metres."""
+        if mode == "side by side":
+            return (self._cols + self._gap) * self._cell_m, 0.0
+        return 0.0, -(self._rows + self._head + self._gap) * self._cell_m if mode == "stacked" else 0.0
+
+    def both(self, aspect: float) -> Mode:
+        """Say how both whole maps are largest on a canvas of some width over height."""
+        sizes = {}
+        for mode in ("side by side", "stacked"):
+            spec = self._spec(mode)
+            sizes[mode] = min(aspect / spec.cols, 1.0 / spec.rows)
+        return "stacked" if sizes["stacked"] > 1.02 * sizes["side by side"] else "side by side"
 
     def extent_m(self, mode: Mode) -> tuple[float, float, float, float]:
         """(xmin, ymin, xmax, ymax) of the picture, titles included."""
@@ -73,18 +92,25 @@ class TwoPictures:
             share: swipe: how much of the map, from the west, shows the left one.
         """
         left, right = self._halves
-        if mode == "side by side":
-            gap = np.full((left.shape[0], self._gap * self._scale, 3), PAPER, np.uint8)
+        if mode == "stacked":
+            gap = np.full((self._gap * self._scale, left.shape[1], 3), self._theme.unseen, np.uint8)
+            heads = [self._title(side.title, left.shape[1]) for side in (self._maps.left, self._maps.right)]
+            parts = [heads[0], left, gap, heads[1], right]
+        elif mode == "side by side":
+            gap = np.full((left.shape[0], self._gap * self._scale, 3), self._theme.unseen, np.uint8)
             body = np.concatenate([left, gap, right], axis=1)
+            parts = [self._titles(mode, body.shape[1]), body]
         else:
-            body = _swiped(left, right, share, self._scale)
-        head = self._titles(mode, body.shape[1])
-        return MapPicture(self._spec(mode), np.ascontiguousarray(np.concatenate([head, body])[::-1]))
+            colors = (self._ink, self._theme.page)
+            parts = [self._titles(mode, left.shape[1]), _swiped(left, right, share, self._scale, colors)]
+        return MapPicture(self._spec(mode), np.ascontiguousarray(np.concatenate(parts)[::-1]))
 
     def _spec(self, mode: Mode) -> GridSpec:
         spec, cols = self._maps.spec, self._cols
         wide = 2 * cols + self._gap if mode == "side by side" else cols
-        return GridSpec(self._rows + self._head, wide, self._cell_m, spec.x0_m, spec.y0_m)
+        below = self._rows + self._head + self._gap if mode == "stacked" else 0
+        high = self._rows + self._head + below
+        return GridSpec(high, wide, self._cell_m, spec.x0_m, spec.y0_m - below * self._cell_m)
 
     def _coarse(self, cells: NDArray) -> NDArray:
         n = self._every
@@ -92,8 +118,10 @@ class TwoPictures:
 
     def _painted(self, side: SideLike) -> NDArray:
         n = self._scale
-        image = self._coarse(side.colors).repeat(n, axis=0).repeat(n, axis=1)
-        ids = self._coarse(side.instance)
+        theme, ids = self._theme, self._coarse(side.instance)
+        grounds = np.array((theme.unseen, theme.floor, theme.clutter, theme.wall), np.uint8)
+        cells = np.where(ids[..., None] > 0, self._coarse(side.colors), grounds[self._coarse(side.ground)])
+        image = cells.repeat(n, axis=0).repeat(n, axis=1)
         if n >= 3:
             large = ids.repeat(n, axis=0).repeat(n, axis=1)
             rim = (large > 0) & (_borders(large, max(1, n // 4)))
@@ -105,14 +133,15 @@ class TwoPictures:
         result = []
         for at, plain in enumerate(self._plain):
             image = plain.copy()
-            for kind, (color, _) in KINDS.items():
+            for kind in KINDS:
+                color = mark_color(kind, self._theme)
                 ids = [i for item in items if item.kind == kind for i in (item.right if at else item.left)]
                 self._outline(image, at, ids, color, thin)
             if chosen is not None:
                 ids = chosen.right if at else chosen.left
                 # Where one of the two has nothing, the other's outline shows where it would be.
                 on, wanted = (at, ids) if len(ids) else (1 - at, chosen.left if at else chosen.right)
-                self._outline(image, on, wanted, KINDS[chosen.kind][0], bold, halo=True)
+                self._outline(image, on, wanted, mark_color(chosen.kind, self._theme), bold, halo=True)
             result.append(image)
         return result[0], result[1]
 
@@ -125,31 +154,39 @@ class TwoPictures:
         contours, _ = cv2.findContours(
             mask.repeat(self._scale, axis=0).repeat(self._scale, axis=1), cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_SIMPLE
         )
-        cv2.drawContours(image, contours, -1, (255, 255, 255), thick + (4 if halo else 2))
+        paper = self._theme.page if color == LIGHT_MISSED else (255, 255, 255)
+        cv2.drawContours(image, contours, -1, paper, thick + (4 if halo else 2))
         cv2.drawContours(image, contours, -1, color, thick)
 
     def _titles(self, mode: Mode, width: int) -> NDArray:
         n = self._scale
-        head = np.full((self._head * n, width, 3), PAPER, np.uint8)
+        head = np.full((self._head * n, width, 3), self._theme.unseen, np.uint8)
         size = round(0.5 * head.shape[0])
         y, pad = head.shape[0] / 2.0, size // 2
         room = (width - 4 * pad) // 2
         left, right = (fitting(side.title, size, room, weight=BOLD) for side in (self._maps.left, self._maps.right))
-        write(head, left, (pad, y), size, INK, weight=BOLD)
+        write(head, left, (pad, y), size, self._ink, weight=BOLD)
         if mode == "side by side":
-            write(head, right, ((self._cols + self._gap) * n + pad, y), size, INK, weight=BOLD)
+            write(head, right, ((self._cols + self._gap) * n + pad, y), size, self._ink, weight=BOLD)
         else:
-            write(head, right, (width - pad, y), size, INK, weight=BOLD, anchor="right")
+            write(head, right, (width - pad, y), size, self._ink, weight=BOLD, anchor="right")
+        return head
+
+    def _title(self, title: str, width: int) -> NDArray:
+        head = np.full((self._head * self._scale, width, 3), self._theme.unseen, np.uint8)
+        size = round(0.5 * head.shape[0])
+        fits = fitting(title, size, width - size, weight=BOLD)
+        write(head, fits, (size // 2, head.shape[0] / 2.0), size, self._ink, weight=BOLD)
         return head
 
 
-def _swiped(left: NDArray, right: NDArray, share: float, scale: int) -> NDArray:
+def _swiped(left: NDArray, right: NDArray, share: float, scale: int, colors: tuple[Color, Color]) -> NDArray:
     cols = left.shape[1]
     at = round(float(np.clip(share, 0.0, 1.0)) * cols)
     body = np.concatenate([left[:, :at], right[:, at:]], axis=1)
     half = max(1, scale // 3)
-    body[:, max(0, at - 2 * half) : at + 2 * half] = 255
-    body[:, max(0, at - half) : at + half] = INK
+    body[:, max(0, at - 2 * half) : at + 2 * half] = colors[1]
+    body[:, max(0, at - half) : at + half] = colors[0]
     return body
 
 

@@ -1,35 +1,110 @@
-"""Keeps the texts on the map from covering each other."""
+"""Finds room on the page for the texts on the map: beside what they name, and none over another."""
 
 from collections.abc import Sequence
+from typing import NamedTuple
 
-Label = tuple[str, float, float]
-"""A text and where it stands on the map, x and y in metres."""
+from simaps_viz.structures import SIMap
 
-ROWS = 38.0
-"""Lines of text that fit on a page as high as the map."""
-WIDTH_OF_A_LETTER = 0.42
-"""In heights of a line."""
-_TRIES = (0, 1, -1, 2, -2, 3, -3)
+LINE_PX = 18.0
+"""Height of a text's plate."""
+LETTER_PX = 5.6
+PLATE_PX = 8.0
+"""Width of an empty plate."""
+GAP_PX = 3.0
+"""Between a thing and the text beside it."""
+NEAR_M = 4.0
+MOST_NEAR = 1000
+"""Instances that are left free, so that a large map is not waited for."""
+_RINGS = 3
+"""How many lines higher or lower than beside its thing a text may stand."""
+
+Box = tuple[float, float, float, float]
+"""(xmin, ymin, xmax, ymax), map frame, metres."""
 
 
-def spread(labels: Sequence[Label], map_height_m: float) -> list[Label]:
-    """Move texts up or down by whole lines where they would cover one that comes before them.
+class Label(NamedTuple):
+    """A text and what it names: a place, or a thing that reaches some way around it. Metres, map frame."""
 
-    Texts keep their size on the screen, so this holds for a page that shows the whole map; closer up, there is more
-    room. A text that finds no free place stays where it is.
+    text: str
+    x: float
+    y: float
+    reach_x: float = 0.0
+    """Half the thing's size from west to east; the text stands beside it. 0 with ``reach_y``: the text stands on it."""
+    reach_y: float = 0.0
+    away_x: float = 0.0
+    """The side on which the text should stand, if there is room: a direction, of any length; 0, 0 = above."""
+    away_y: float = 0.0
+
+    @property
+    def box(self) -> Box:
+        """What the thing covers."""
+        return self.x - self.reach_x, self.y - self.reach_y, self.x + self.reach_x, self.y + self.reach_y
+
+
+def spread(
+    labels: Sequence[Label], metres_per_px: float, blocked: Sequence[Box] = ()
+) -> list[tuple[float, float] | None]:
+    """Choose where texts stand, seen from above with north up, so that none covers another.
+
+    A text avoids the things that others name and what is ``blocked``, where there is room.
 
     Args:
         labels: the most important first.
-        map_height_m: what the page shows, from south to north.
+        metres_per_px: on the floor; texts keep their size on the screen.
+        blocked: what should not be covered.
+
+    Returns:
+        the middle of each text, map frame; None where there is no room for it. The first always has a place.
     """
-    line = map_height_m / ROWS
-    placed: list[Label] = []
-    for text, x, y in labels:
-        free = (y + k * line for k in _TRIES if not any(_cover((text, x, y + k * line), p, line) for p in placed))
-        placed.append((text, x, next(free, y)))
-    return placed
+    things = [*blocked, *(label.box for label in labels if label.reach_x or label.reach_y)]
+    taken: list[Box] = []
+    middles: list[tuple[float, float] | None] = []
+    for label in labels:
+        width, height = text_size(label.text, metres_per_px)
+        places = _places(label, width, height, metres_per_px)
+        boxes = [(x - width / 2, y - height / 2, x + width / 2, y + height / 2) for x, y in places]
+        alone = [i for i, box in enumerate(boxes) if not any(_cover(box, other) for other in taken)]
+        free = [i for i in alone if not any(_cover(boxes[i], thing) for thing in things)]
+        chosen = next(iter([*free, *alone]), None if taken else 0)
+        middles.append(None if chosen is None else places[chosen])
+        if chosen is not None:
+            taken.append(boxes[chosen])
+    return middles
 
 
-def _cover(a: Label, b: Label, line_m: float) -> bool:
-    width = (len(a[0]) + len(b[0]) + 2) / 2.0 * WIDTH_OF_A_LETTER * line_m
-    return abs(a[1] - b[1]) < width and abs(a[2] - b[2]) < 0.95 * line_m
+def boxes_near(simap: SIMap, labels: Sequence[Label]) -> list[Box]:
+    """Give what the instances of a map cover around what is labelled, for `spread` to leave free."""
+    if not labels:
+        return []
+    west, east = min(one.x for one in labels) - NEAR_M, max(one.x for one in labels) + NEAR_M
+    south, north = min(one.y for one in labels) - NEAR_M, max(one.y for one in labels) + NEAR_M
+    around = (west, south, east, north)
+    boxes = [(*one.aabb_m[0][:2], *one.aabb_m[1][:2]) for one in simap.instances]
+    return [box for box in boxes if _cover(box, around)][:MOST_NEAR]
+
+
+def text_size(text: str, metres_per_px: float) -> tuple[float, float]:
+    """Give width and height of a text's plate, metres on the floor."""
+    return (len(text) * LETTER_PX + PLATE_PX) * metres_per_px, LINE_PX * metres_per_px
+
+
+def _places(label: Label, width: float, height: float, metres_per_px: float) -> list[tuple[float, float]]:
+    """Give where a text may stand, best first."""
+    x, y, line = label.x, label.y, LINE_PX * metres_per_px
+    if not (label.reach_x or label.reach_y or label.away_x or label.away_y):
+        return [(x, y + k * line) for k in (0, 1, -1, 2, -2, 3, -3)]
+    gap = GAP_PX * metres_per_px
+    out_x, out_y = label.reach_x + gap + width / 2, label.reach_y + gap + height / 2
+    sides, corners = ((0, 1), (1, 0), (-1, 0), (0, -1)), ((1, 1), (-1, 1), (1, -1), (-1, -1))
+
+    def ranked(ways: Sequence[tuple[int, int]]) -> list[tuple[int, int]]:
+        return sorted(ways, key=lambda way: -(way[0] * label.away_x + way[1] * label.away_y))
+
+    ways = (*ranked(sides), *ranked(corners))
+    return [
+        (x + dx * out_x, y + dy * (out_y + ring * line)) for ring in range(_RINGS) for dx, dy in ways if dy or not ring
+    ]
+
+
+def _cover(a: Box, b: Box) -> bool:
+    return a[0] < b[2] and b[0] < a[2] and a[1] < b[3] and b[1] < a[3]

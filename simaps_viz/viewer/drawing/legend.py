@@ -4,39 +4,23 @@ from html import escape
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
+from simaps_viz.labels import plural
 from simaps_viz.map_colors import class_colors, instance_colors
-from simaps_viz.palette import PALETTE, Color
+from simaps_viz.palette import PALETTE, Color, as_color
 from simaps_viz.structures import Instance, SIMap
 from simaps_viz.viewer.drawing.texture import HEIGHT_TOP_M, ColorMode
-from simaps_viz.viewer.drawing.theme import BOX_STYLE, DIM_STYLE, LIGHT, NESTED_EM, Theme
+from simaps_viz.viewer.drawing.theme import BOX_STYLE, DIM_STYLE, LIGHT, NESTED_EM, Theme, short, short_html
 
 MOST_CHIPS = 40
 """Instances of a class that get their own colour chip; more are summed up."""
-
-
-def plural(count: int, noun: str) -> str:
-    """Say how many, in English: "1 chair", "4 benches"."""
-    if count == 1:
-        return f"1 {noun}"
-    if noun.endswith("person"):
-        return f"{count} {noun[:-6]}people"
-    if noun.endswith("knife"):
-        return f"{count} {noun[:-2]}ves"
-    if noun.endswith("shelf"):
-        return f"{count} {noun[:-1]}ves"
-    if noun.endswith(("scissors", "skis")):
-        return f"{count} {noun}"
-    ending = "es" if noun.endswith(("s", "x", "ch", "sh")) else "s"
-    return f"{count} {noun}{ending}"
 
 
 def counts_text(simap: SIMap, most: int = 4) -> str:
     """Say what is on the map: "17 chairs, 4 dining tables · 21 instances"; rare classes are summed up."""
     if not simap.instances:
         return f"No instances: {why_empty(simap)}"
-    parts = [plural(n, label) for label, n in simap.counts().items()]
+    parts = [plural(n, short(label)) for label, n in simap.counts().items()]
     if len(parts) > most + 1:
         parts = [*parts[:most], f"{len(parts) - most} more classes"]
     return f"{', '.join(parts)} · {plural(len(simap.instances), 'instance')}"
@@ -63,7 +47,8 @@ def object_name(simap: SIMap, instance: Instance) -> str:
 def facts_text(simap: SIMap, instance: Instance) -> str:
     """Say how large an instance is and how often it was seen: "62 cells · 0.16 m² · seen in 38 frames"."""
     area = instance.area_m2(simap.spec.cell_size_m)
-    return f"{plural(instance.cells, 'cell')} · {area:.2f} m² · seen in {plural(instance.frames, 'frame')}"
+    digits = 2 if area >= 0.01 else 4
+    return f"{plural(instance.cells, 'cell')} · {area:.{digits}f} m² · seen in {plural(instance.frames, 'frame')}"
 
 
 def facts_html(simap: SIMap, instance: Instance) -> str:
@@ -81,8 +66,8 @@ def facts_html(simap: SIMap, instance: Instance) -> str:
     )
     return (
         f'<div style="{BOX_STYLE}">'
-        '<div style="font-size:1.15em;font-weight:600">'
-        f"{_CHIP_STYLE}{_chip(instance_rgb(simap, instance))}{escape(object_name(simap, instance))}</div>"
+        '<div style="font-size:1.15em;font-weight:600;overflow-wrap:anywhere">'
+        f"{_CHIP_STYLE}{_chip(instance_rgb(simap, instance))}{short_html(object_name(simap, instance))}</div>"
         f"<div>{escape(facts_text(simap, instance))}</div>"
         f'<table style="border-spacing:0;margin-top:.3em">{table}</table></div>'
     )
@@ -111,7 +96,7 @@ def _class_rows(simap: SIMap) -> list[str]:
     colors = class_colors(simap)
     counts = simap.counts()
     rows = [
-        f'<div class="simaps-entry">{_chip(colors[label])}{escape(label)} <b>{count}</b></div>'
+        f'<div class="simaps-entry">{_chip(colors[label])}{short_html(label)} <b>{count}</b></div>'
         for label, count in counts.items()
     ]
     if len(counts) > len(PALETTE):
@@ -126,9 +111,9 @@ def _instance_rows(simap: SIMap) -> list[str]:
         ids.setdefault(one.label, []).append(one.id)
     rows = []
     for label, count in simap.counts().items():
-        chips = "".join(_chip(_rgb(colors[i])) for i in ids[label][:MOST_CHIPS])
+        chips = "".join(_chip(as_color(colors[i])) for i in ids[label][:MOST_CHIPS])
         rest = f" +{count - MOST_CHIPS}" if count > MOST_CHIPS else ""
-        rows.append(f'<div><span class="simaps-entry">{escape(label)} <b>{count}</b></span>{chips}{rest}</div>')
+        rows.append(f'<div><span class="simaps-entry">{short_html(label)} <b>{count}</b></span>{chips}{rest}</div>')
     if len(simap.instances) > len(PALETTE):
         rows.append(_note("Objects near one another have different colours; farther off, colours repeat."))
     return rows
@@ -136,12 +121,7 @@ def _instance_rows(simap: SIMap) -> list[str]:
 
 def instance_rgb(simap: SIMap, instance: Instance) -> Color:
     """Give the colour that an instance has on the map."""
-    return _rgb(instance_colors(simap)[instance.id])
-
-
-def _rgb(row: NDArray) -> Color:
-    r, g, b = row.tolist()
-    return (r, g, b)
+    return as_color(instance_colors(simap)[instance.id])
 
 
 def _box(inner: str) -> str:

@@ -8,7 +8,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-Color = tuple[int, int, int]
+from simaps_viz.palette import Color
+
 REGULAR, BOLD = 400, 700
 _CAPITAL = 0.36
 """Half the height of a capital, as a share of the font size."""

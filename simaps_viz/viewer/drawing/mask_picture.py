@@ -1,7 +1,7 @@
 """A frame's colour image with its masks laid over it. Things are filled, stuff is hatched: not by colour alone."""
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 from typing import Literal
 
 import cv2
@@ -9,10 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from simaps_viz.labels import class_color
+from simaps_viz.palette import Color
 from simaps_viz.structures import Segment, Segmentation
 from simaps_viz.viewer.drawing.lettering import fitting, width_of, write
 
-Color = tuple[int, int, int]
 ColorBy = Literal["class", "confidence"]
 
 STRIPES_PX = 8
@@ -34,13 +34,22 @@ class MaskStyle:
     """Classes that are left out."""
     width: int = 560
     """Of the picture, pixels; the height follows."""
+    colors: Mapping[str, Color] = field(default_factory=dict)
+    """Of classes, as the map has them; those it does not name have `class_color`."""
+    most_names: int | None = None
+    """Write those of so many segments, the largest; None = of all."""
     font_px: int = 20
     """It is shown at about half its size in the panel."""
 
 
-def segment_color(segment: Segment, color_by: ColorBy) -> Color:
+def segment_color(segment: Segment, style: MaskStyle) -> Color:
     """Give the RGB colour of a segment: that of its class, or how sure the network is, from dark blue to yellow."""
-    return class_color(segment.label) if color_by == "class" else confidence_color(segment.score)
+    return named_color(segment.label, style.colors) if style.color_by == "class" else confidence_color(segment.score)
+
+
+def named_color(label: str, colors: Mapping[str, Color]) -> Color:
+    """Give the colour of a class: the map's, or else its own."""
+    return colors.get(label) or class_color(label)
 
 
 def confidence_color(score: float) -> Color:
@@ -73,7 +82,7 @@ def paint_masks(rgb: NDArray, masks: Segmentation, style: MaskStyle) -> NDArray:
     for segment, mask, left, top in found:
         _outline(picture, mask, (left, top), segment, style)
     if style.names:
-        _write_names(picture, found, style.font_px)
+        _write_names(picture, found[: style.most_names], style)
     return picture
 
 
@@ -82,7 +91,7 @@ def _filled(picture: NDArray, ids: NDArray, shown: Sequence[Segment], style: Mas
     colors, fills = np.zeros((size, 3), np.uint8), np.zeros(size, np.uint8)
     for segment in shown:
         if segment.id < size:
-            colors[segment.id] = segment_color(segment, style.color_by)
+            colors[segment.id] = segment_color(segment, style)
             fills[segment.id] = 1 if segment.is_thing else 2
     blended = cv2.addWeighted(picture, 1.0 - style.opacity, colors[ids], style.opacity, 0.0)
     v, u = np.ogrid[: ids.shape[0], : ids.shape[1]]
@@ -102,7 +111,7 @@ def _cut(ids: NDArray, number: int) -> tuple[NDArray, int, int]:
 
 def _outline(picture: NDArray, mask: NDArray, corner: tuple[int, int], segment: Segment, style: MaskStyle) -> None:
     lines, _ = cv2.findContours(mask, cv2.RETR_LIST, cv2.CHAIN_APPROX_NONE, offset=corner)
-    color = segment_color(segment, style.color_by)
+    color = segment_color(segment, style)
     if segment.is_thing:
         cv2.drawContours(picture, lines, -1, HALO, 4, cv2.LINE_AA)
         cv2.drawContours(picture, lines, -1, color, 2, cv2.LINE_AA)
@@ -111,9 +120,10 @@ def _outline(picture: NDArray, mask: NDArray, corner: tuple[int, int], segment: 
     cv2.polylines(picture, dashes, False, color, 2, cv2.LINE_AA)
 
 
-def _write_names(picture: NDArray, found: Sequence[tuple[Segment, NDArray, int, int]], size: int) -> None:
+def _write_names(picture: NDArray, found: Sequence[tuple[Segment, NDArray, int, int]], style: MaskStyle) -> None:
     """Name segments, large ones first; a name that would cover another goes below it, or is left out."""
     taken: list[tuple[float, float, float, float]] = []
+    size = style.font_px
     for segment, mask, left, top in found:
         text = fitting(segment_name(segment), size, picture.shape[1] - 8)
         wide, high = width_of(text, size) + 8, size + 6
@@ -123,7 +133,8 @@ def _write_names(picture: NDArray, found: Sequence[tuple[Segment, NDArray, int, 
             y0 = min(max(top + y - high / 2 + shift * high, 0), picture.shape[0] - high)
             if not any(x0 < b[2] and b[0] < x0 + wide and y0 < b[3] and b[1] < y0 + high for b in taken):
                 taken.append((x0, y0, x0 + wide, y0 + high))
-                _plate(picture, text, (x0, y0, wide, high), class_color(segment.label), thing=segment.is_thing)
+                color = named_color(segment.label, style.colors)
+                _plate(picture, text, (x0, y0, wide, high), color, thing=segment.is_thing)
                 break
 
 

@@ -10,6 +10,10 @@ from numpy.typing import NDArray
 
 from simaps_viz.structures import GridSpec, Pose2, SIMap
 from simaps_viz.viewer.drawing.camera import Extent, with_margin
+from simaps_viz.viewer.drawing.camera_mark import CameraMark
+from simaps_viz.viewer.drawing.label_layer import LabelLayer
+from simaps_viz.viewer.drawing.label_layout import Box, Label
+from simaps_viz.viewer.drawing.lines import draw_lines, line_share
 from simaps_viz.viewer.drawing.solids import solids
 from simaps_viz.viewer.drawing.texture import ColorMode, cell_colors, outline_segments
 from simaps_viz.viewer.drawing.theme import LIGHT, Theme
@@ -17,7 +21,7 @@ from simaps_viz.viewer.drawing.why_marks import paint_cells
 
 ROBOT = (10, 84, 200)
 PATH = (22, 110, 235)
-CAMERA = (220, 60, 40)
+OUTLINE_PX = 3.0
 ROBOT_HEIGHT_M = 0.35
 PICTURE_M = 0.004
 """How far a picture in the place of the map lies over it."""
@@ -58,9 +62,19 @@ class MapScene:
         self._theme = LIGHT
         self._outlined: NDArray = np.zeros((0, 2, 3))
         self.extent: Extent = (0.0, 0.0, 0.0, 0.0)
+        self._pictured: Extent | None = None
         self.fit(simap)
         self._robot = self._add_robot(robot_radius_m)
-        self._candidates: list[viser.LabelHandle] = []
+        self._robot_radius_m = robot_radius_m
+        self._candidates = LabelLayer(page, "/candidates", assumed_m=self._height_m, zoomed=self._zoomed)
+        self._camera: CameraMark | None = None
+        self._camera_at: NDArray | None = None
+        self._badge: viser.LabelHandle | None = None
+
+    @property
+    def nodes(self) -> viser.SceneApi:
+        """All that stands there, for what others mark on it."""
+        return self._scene
 
     @property
     def frame_extent(self) -> Extent:
@@ -89,7 +103,7 @@ class MapScene:
         with self._page.atomic():
             self._add_scale_bar()
             self._add_compass()
-            self._lines("/selection", self._outlined, theme.selected, 3.0)
+            self._draw_outline(self._candidates.metres_per_px)
 
     def show_map(self, simap: SIMap, picture: bytes, style: Style) -> None:
         """Lay a map's picture (PNG, painted in that style, row 0 at the south) on the floor."""
@@ -99,11 +113,36 @@ class MapScene:
             self._build_blocks()
 
     def show_picture(self, spec: GridSpec | None, picture: bytes = b"") -> None:
-        """Lay a picture (PNG) over the map, where a grid lies; None takes it away."""
+        """Lay a picture (PNG) over the map, where a grid lies; None takes it away.
+
+        Meanwhile nothing of the map's own stands on it, and scale bar and compass lie beside it.
+        """
+        before = self._pictured
+        self._pictured = None if spec is None else spec.extent_m
         if spec is not None:
             self._lay("/picture", spec, picture, PICTURE_M)
         elif "/picture" in self._images:
             self._images.pop("/picture")[1].remove()
+        if before != self._pictured:
+            with self._page.atomic():
+                self._add_scale_bar()
+                self._add_compass()
+                self._cover(spec is not None)
+
+    def _cover(self, covered: bool) -> None:
+        self._robot.visible = not covered
+        for name in ("/path", "/selection"):
+            handle = self._scene.get_handle_by_name(name)
+            if handle is not None:
+                handle.visible = not covered
+        self.show_camera(self._camera_at)
+        if self._badge is not None:
+            self.show_badge(self._badge.text if self._badge.visible else "")
+
+    @property
+    def _framed(self) -> Extent:
+        """What scale bar, compass and badge lie beside."""
+        return self._pictured or self.extent
 
     def stand_up(self, upright: bool) -> None:
         """Show what stands on the floor as blocks, or only the flat map."""
@@ -117,7 +156,7 @@ class MapScene:
         """Draw a line around an instance, or none."""
         segments = np.zeros((0, 2, 3)) if instance_id is None else outline_segments(simap, instance_id, 0.012)
         self._outlined = segments
-        self._lines("/selection", segments, self._theme.selected, 3.0)
+        self._draw_outline(self._candidates.metres_per_px)
 
     def show_robot(self, pose: Pose2) -> None:
         """Put the robot somewhere."""
@@ -129,42 +168,50 @@ class MapScene:
         """Draw a way over the floor, [n, 2]; n < 2 draws none."""
         points = np.asarray(points_m, np.float64).reshape(-1, 2)
         line = np.column_stack([points, np.full(len(points), 0.03)])
-        self._lines(
-            "/path", np.stack([line[:-1], line[1:]], axis=1) if len(line) > 1 else np.zeros((0, 2, 3)), PATH, 4.0
-        )
+        segments = np.stack([line[:-1], line[1:]], axis=1) if len(line) > 1 else np.zeros((0, 2, 3))
+        draw_lines(self._scene, "/path", segments, PATH, 4.0)
 
-    def show_candidates(self, places: Sequence[tuple[str, float, float]]) -> None:
-        """Write texts on the map, each at its (x, y)."""
-        for label in self._candidates:
-            label.remove()
-        self._candidates = [
-            self._scene.add_label(f"/candidates/{i}", text, position=(x, y, 0.05), anchor="center-center")
-            for i, (text, x, y) in enumerate(places)
-        ]
+    def show_candidates(self, labels: Sequence[Label], *, blocked: Sequence[Box] = ()) -> None:
+        """Write texts on the map, the most important first; they leave the robot, what they name and others free."""
+        x, y, _ = (float(value) for value in self._robot.position)
+        r = self._robot_radius_m
+        self._candidates.show(labels, blocked=(*blocked, (x - r, y - r, x + r, y + r)))
 
-    def show_camera(self, T_map_camera: NDArray | None, *, fov_rad: float = 0.9, aspect: float = 4 / 3) -> None:
+    def show_badge(self, text: str) -> None:
+        """Write beside the map what it is not to be taken for; nothing when the text is empty."""
+        if self._badge is None:
+            if not text:
+                return
+            self._badge = self._scene.add_label("/badge", text, anchor="bottom-left")
+        xmin, _, _, ymax = self._framed
+        with self._page.atomic():
+            self._badge.position = (xmin, ymax, 0.05)
+            if text and self._badge.text != text:
+                self._badge.text = text
+            self._badge.visible = bool(text)
+
+    def show_camera(self, T_map_camera: NDArray | None) -> None:
         """Draw where a frame was taken from, or nothing."""
-        if T_map_camera is None:
-            for name in ("/camera", "/camera_dot"):
-                if self._scene.get_handle_by_name(name) is not None:
-                    self._scene.remove_by_name(name)
+        self._camera_at = T_map_camera
+        if T_map_camera is None or self._pictured is not None:
+            if self._camera is not None:
+                self._camera.hide()
             return
-        x, y, z = T_map_camera[:3, 3]
-        self._scene.add_camera_frustum(
-            "/camera",
-            fov_rad,
-            aspect,
-            scale=0.45,
-            thickness=2.5,
-            thickness_units="screen",
-            color=CAMERA,
-            wxyz=vtf.SO3.from_matrix(T_map_camera[:3, :3]).wxyz,
-            position=(x, y, z),
-            cast_shadow=False,
-            receive_shadow=False,
-        )
-        drop = np.array([[[x, y, z], [x, y, 0.0]]])
-        self._scene.add_line_segments("/camera_dot", drop, CAMERA, thickness=1.5, thickness_units="screen")
+        if self._camera is None:
+            self._camera = CameraMark(self._page)
+        self._camera.show(T_map_camera)
+
+    def _height_m(self) -> float:
+        _, ymin, _, ymax = self.frame_extent
+        return ymax - ymin
+
+    def _zoomed(self, metres_per_px: float) -> None:
+        if len(self._outlined):
+            self._draw_outline(metres_per_px)
+
+    def _draw_outline(self, metres_per_px: float) -> None:
+        width = OUTLINE_PX * line_share(self._outlined, metres_per_px)
+        draw_lines(self._scene, "/selection", self._outlined, self._theme.selected, width)
 
     def _lay(self, name: str, spec: GridSpec, picture: bytes, z_m: float) -> None:
         xmin, ymin, xmax, ymax = spec.extent_m
@@ -184,12 +231,6 @@ class MapScene:
                 self._images[name] = (spec.extent_m, handle)
             # Already encoded, once for all pages; ``image`` would encode it for each.
             self._images[name][1]._data = picture
-
-    def _lines(self, name: str, segments: NDArray, color: tuple[int, int, int], thickness: float) -> None:
-        if len(segments):
-            self._scene.add_line_segments(name, segments, color, thickness=thickness, thickness_units="screen")
-        elif self._scene.get_handle_by_name(name) is not None:
-            self._scene.remove_by_name(name)
 
     def _build_blocks(self) -> None:
         if self._shown is None:
@@ -219,16 +260,16 @@ class MapScene:
         self._blocks = []
 
     def _add_scale_bar(self) -> None:
-        xmin, ymin, xmax, ymax = self.extent
+        xmin, ymin, xmax, ymax = self._framed
         length = max(n for n in (0.5, 1.0, 2.0, 5.0, 10.0, 20.0) if n == 0.5 or n <= 0.25 * (xmax - xmin))
         y, tick = ymin - 0.045 * (ymax - ymin), 0.012 * (ymax - ymin)
         a, b = xmin, xmin + length
         bar = [[[a, y, 0], [b, y, 0]], [[a, y - tick, 0], [a, y + tick, 0]], [[b, y - tick, 0], [b, y + tick, 0]]]
-        self._lines("/scale_bar", np.array(bar), self._theme.ink, 2.5)
+        draw_lines(self._scene, "/scale_bar", np.array(bar), self._theme.ink, 2.5)
         self._scene.add_label("/scale_bar/text", f"{length:g} m", position=(b + 2 * tick, y, 0.0), anchor="center-left")
 
     def _add_compass(self) -> None:
-        _, ymin, xmax, ymax = self.extent
+        _, ymin, xmax, ymax = self._framed
         size = 0.045 * (ymax - ymin)
         x, y = xmax - 0.6 * size, ymin - 0.075 * (ymax - ymin)
         needle = [
@@ -236,7 +277,7 @@ class MapScene:
             [[x, y + size, 0], [x - 0.25 * size, y + 0.6 * size, 0]],
             [[x, y + size, 0], [x + 0.25 * size, y + 0.6 * size, 0]],
         ]
-        self._lines("/compass", np.array(needle), self._theme.ink, 2.5)
+        draw_lines(self._scene, "/compass", np.array(needle), self._theme.ink, 2.5)
         self._scene.add_label(
             "/compass/text", "N", position=(x - 0.4 * size, y + 0.5 * size, 0.0), anchor="center-right"
         )

@@ -4,9 +4,9 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from simaps_viz.geometry import STANDS_FROM_M
 from simaps_viz.labels import class_color
 from simaps_viz.structures import Grid
-from simaps_viz.viewer.drawing.texture import FURNITURE_FROM_M
 from simaps_viz.viewer.drawing.theme import LIGHT, Theme
 
 MOST_PIXELS = 200
@@ -33,7 +33,7 @@ def sketch_png(grid: Grid, camera_m: NDArray, theme: Theme = LIGHT) -> bytes:
             palette[grid.labels.index(name), :3] = color
     pixels = palette[label]
     pixels[label == 0] = (*theme.floor, 255)
-    pixels[(label == 0) & (height >= FURNITURE_FROM_M)] = (*theme.clutter, 255)
+    pixels[(label == 0) & (height >= STANDS_FROM_M)] = (*theme.clutter, 255)
     pixels[np.isnan(height)] = 0
     spec = grid.spec
     at = (np.asarray(camera_m[:2]) - (spec.x0_m, spec.y0_m)) / (spec.cell_size_m * step)

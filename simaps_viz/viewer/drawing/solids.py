@@ -5,8 +5,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from simaps_viz.geometry import STANDS_FROM_M
+from simaps_viz.palette import Color
 from simaps_viz.structures import SIMap
-from simaps_viz.viewer.drawing.texture import FURNITURE_FROM_M, STRUCTURE, is_ground_class
+from simaps_viz.viewer.drawing.texture import STRUCTURE, is_ground_class
 
 WALL_CUT_M = 0.6
 """Walls are cut off here, as in a doll's house, or one could not look in."""
@@ -22,7 +24,7 @@ MOST_CELLS = 1_000_000
 class Solid:
     """A mesh of one colour."""
 
-    color: tuple[int, int, int]
+    color: Color
     vertices: NDArray
     """float32 [n, 3], map frame, metres."""
     faces: NDArray
@@ -32,7 +34,7 @@ class Solid:
 def block_heights(simap: SIMap) -> NDArray:
     """Give float32 [rows, cols]: how high each cell stands in the 3-D view, metres; 0 = floor or unseen."""
     height = np.nan_to_num(simap.grid.height_m, nan=0.0)
-    height = np.where(height >= FURNITURE_FROM_M, np.rint(height / HEIGHT_STEP_M) * HEIGHT_STEP_M, 0.0)
+    height = np.where(height >= STANDS_FROM_M, np.rint(height / HEIGHT_STEP_M) * HEIGHT_STEP_M, 0.0)
     walls = is_ground_class(simap, *STRUCTURE) | (simap.grid.label == 0)
     return np.where(walls, np.minimum(height, WALL_CUT_M), height).astype(np.float32)
 

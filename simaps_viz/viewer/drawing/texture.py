@@ -3,6 +3,7 @@
 Row 0 of every image is the map's southernmost row, which is what viser wants for an image lying on the floor.
 """
 
+from collections import Counter
 from collections.abc import Collection
 from typing import Literal, get_args
 
@@ -10,8 +11,10 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from simaps_viz.geometry import STANDS_FROM_M
 from simaps_viz.labels import class_color
 from simaps_viz.map_colors import class_colors, instance_colors
+from simaps_viz.palette import PALETTE, Color
 from simaps_viz.remembered import Remembered
 from simaps_viz.structures import SIMap
 from simaps_viz.viewer.drawing.theme import LIGHT, Theme
@@ -29,7 +32,6 @@ FADED = 0.22
 """How much of its colour is left to what is not emphasised."""
 STRUCTURE = ("wall", "column", "door", "window")
 """Classes that belong to the building."""
-FURNITURE_FROM_M = 0.10
 HEIGHT_TOP_M = 2.0
 
 MAX_TEXTURE_PIXELS = 1600
@@ -81,7 +83,7 @@ def _palette(simap: SIMap, mode: ColorMode, grounds: int, lit: Collection[int] |
     palette = np.concatenate([np.zeros((grounds, 3), np.uint8), colors])
     palette[:GROUND] = theme.unseen, theme.floor, theme.clutter, theme.wall
     if mode == "class":
-        of_class = class_colors(simap)
+        of_class = shown_class_colors(simap)
         palette[GROUND:grounds] = [of_class.get(name, class_color(name)) for name in simap.grid.labels]
         for one in simap.instances:
             palette[grounds - 1 + one.id] = of_class[one.label]
@@ -91,6 +93,21 @@ def _palette(simap: SIMap, mode: ColorMode, grounds: int, lit: Collection[int] |
         keep[places[places < len(palette)]] = True
         palette = np.where(keep[:, None], palette, _fade(palette, theme))
     return palette
+
+
+def shown_class_colors(simap: SIMap) -> dict[str, Color]:
+    """Give a colour to every class that a map's frames name: those of `class_colors`, and to the others what is left.
+
+    What cannot be counted, and what never made it onto the map, gets the colour that the fewest others have.
+    """
+    colors = class_colors(simap)
+    used = Counter(colors.values())
+    for name in sorted(set(simap.grid.labels) - set(colors) - {""}):
+        start = PALETTE.index(class_color(name)) if class_color(name) in PALETTE else 0
+        around = (*PALETTE[start:], *PALETTE[:start])
+        colors[name] = min(around, key=lambda color: used[color])
+        used[colors[name]] += 1
+    return colors
 
 
 def _looked_up(palette: NDArray, index: NDArray) -> NDArray:
@@ -172,7 +189,7 @@ def _ground(simap: SIMap, mode: ColorMode) -> tuple[NDArray, int]:
     if kept is None:
         kept = np.zeros(simap.spec.shape, np.int16)
         kept[~np.isnan(height)] = 1
-        kept[(height >= FURNITURE_FROM_M) & ~is_ground_class(simap, "floor")] = 2
+        kept[(height >= STANDS_FROM_M) & ~is_ground_class(simap, "floor")] = 2
         kept[is_ground_class(simap, *STRUCTURE)] = 3
         if mode == "class":
             stuff = (label > 0) & ~is_ground_class(simap, "floor", "wall")

@@ -1,6 +1,7 @@
 """The colours of a light page and of a dark one: the ground of the map, its lines, and the texts beside it."""
 
 from dataclasses import dataclass
+from html import escape
 
 from simaps_viz.palette import Color
 
@@ -62,7 +63,6 @@ DARK = Theme(
     dim=(184, 188, 194),
     link=(125, 180, 255),
 )
-THEMES = {theme.name: theme for theme in (LIGHT, DARK)}
 
 BRAND: Color = (22, 110, 235)
 
@@ -89,8 +89,39 @@ BADGE_STYLE = "background:#fff3cd;color:#6b4f00;border-radius:3px;padding:0 .4em
 """Inline style of a word that warns, such as "simulated"; the same on both pages."""
 BOX_STYLE = "padding:.3em .8em .4em;font-size:.85em;line-height:1.5"
 """Inline style of a block of text in a panel."""
+SMALL_STYLE = "padding:.1em .8em .45em;font-size:.82em;line-height:1.45"
+"""Inline style of a block of smaller text, where there is much of it."""
+
+STICKY = "simaps-sticky"
+"""Class of a block of HTML that stays at the top of its panel while that scrolls; `page_script` has its style."""
+LONGEST_NAME = 40
+"""Characters of a name in a heading, a list or a legend; sequences may have classes of any length."""
+
+
+def short(text: str, most: int = LONGEST_NAME) -> str:
+    """Leave the middle out of a name that is too long."""
+    if len(text) <= most:
+        return text
+    tail = most // 4
+    return f"{text[: most - tail - 1].rstrip()}…{text[-tail:].lstrip()}"
+
+
+def short_html(text: str, most: int = LONGEST_NAME) -> str:
+    """Escape a name; of one that is too long the whole is told to the pointer that rests on it."""
+    cut = short(text, most)
+    return escape(text) if cut == text else f'<span title="{escape(text)}">{escape(cut)}</span>'
 
 
 def note_html(text: str) -> str:
     """Wrap a sentence (already escaped) as a quiet note."""
     return f'<div style="{BOX_STYLE};{DIM_STYLE}">{text}</div>'
+
+
+def remark_html(text: str) -> str:
+    """Set a remark in small; none when the text is empty."""
+    return f'<div style="{SMALL_STYLE};opacity:.75">{escape(text)}</div>' if text else ""
+
+
+def working_html(text: str) -> str:
+    """Say that something is being worked on."""
+    return f'<div style="{SMALL_STYLE};opacity:.75" role="status"><i>{escape(text)} …</i></div>'

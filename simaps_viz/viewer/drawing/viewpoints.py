@@ -77,6 +77,15 @@ class Viewpoints:
             view = slanted_view if self._name == SLANT else top_view
             self._put(view(extent, self._client.camera.aspect), UP)
 
+    def look_down(self, extent: Extent | None) -> None:
+        """Look straight down on a part of the floor; None: go back to the view that was chosen last."""
+        if extent is None:
+            self.restore()
+            return
+        with self._lock:
+            self._left_by_user = True
+            self._put(top_view(extent, self._client.camera.aspect), UP)
+
     def restore(self) -> None:
         """Go back to the view that was chosen last."""
         self.look(self._name)

@@ -10,11 +10,14 @@ from numpy.typing import NDArray
 from simaps_viz.mapping.simap import JOINING
 from simaps_viz.mapping.why import Joint, Link, Why
 from simaps_viz.mapping.why_words import score_text
-from simaps_viz.structures import SIMap
-from simaps_viz.viewer.drawing.label_layout import spread
+from simaps_viz.palette import Color
+from simaps_viz.structures import Instance, SIMap
+from simaps_viz.viewer.drawing.label_layer import LabelLayer
+from simaps_viz.viewer.drawing.label_layout import Box, Label, boxes_near
+from simaps_viz.viewer.drawing.legend import object_name
+from simaps_viz.viewer.drawing.lines import draw_lines, line_share
 from simaps_viz.viewer.drawing.texture import outline_segments
 
-Color = tuple[int, int, int]
 CUT: Color = (214, 39, 40)
 LINK: Color = (112, 120, 134)
 TARGET: Color = (0, 90, 200)
@@ -29,6 +32,10 @@ LOW_EVIDENCE = 0.5
 SHORTEST_LINK_M = 0.4
 """Links between objects that touch are drawn so long, or one would not see them."""
 MOST_LINKS = 8
+MOST_NUMBERS = 3
+"""Links whose numbers stand on the map; the panel has those of the others."""
+SMALL_M = 1.2
+"""The number of a neighbour no larger than this stands beside it; of a larger one, where the link ends."""
 NODES: dict[str, tuple[Color, float]] = {
     "cut": (CUT, 3.5),
     "source": (SOURCE, 2.5),
@@ -135,55 +142,73 @@ class WhyMarks:
 
     def __init__(self, page: viser.ViserServer | viser.ClientHandle) -> None:
         """Draw nothing yet."""
-        self._page, self._scene = page, page.scene
-        self._labels: list[viser.LabelHandle] = []
+        self._page = page
+        self._drawn: dict[str, NDArray] = {}
+        self._around: NDArray = np.zeros((0, 2, 3))
+        self._labels = LabelLayer(page, "/why/number", zoomed=self._draw_lines)
 
     def draw(self, marks: Marks | None, z_m: float = FLOOR_M) -> None:
         """Draw an explanation, or take it away; ``z_m`` is the height of the lines over the floor."""
         with self._page.atomic():
-            self._clear_labels()
-            lines = dict.fromkeys(NODES, np.zeros((0, 2, 3)))
+            self._drawn = dict.fromkeys(NODES, np.zeros((0, 2, 3)))
+            links: tuple[Link, ...] = ()
             if marks is not None:
-                lines |= self._lines_of(marks, z_m)
-            for name, (color, thickness) in NODES.items():
-                self._lines(f"/why/{name}", lines[name], color, thickness)
+                links = _links_of(marks)
+                self._drawn |= _lines_of(marks, links, z_m)
+                self._around = outline_segments(marks.simap, marks.why.instance.id)
+            self._draw_lines(self._labels.metres_per_px)
+            labels = [] if marks is None else [link_label(marks, link) for link in links[:MOST_NUMBERS]]
+            blocked = () if marks is None else boxes_near(marks.simap, labels)
+            self._labels.show(labels, blocked=blocked, z_m=z_m)
 
-    def _lines_of(self, marks: Marks, z_m: float) -> dict[str, NDArray]:
-        simap, why, joint = marks.simap, marks.why, marks.joint
-        lines: dict[str, NDArray] = {}
-        shown = joint or (why.weakest if marks.lines else None)
-        if shown is not None:
-            lines["cut"] = joint_line(simap, why, shown, z_m + ABOVE_OUTLINES_M)
-        if joint is not None:
-            lines["source"] = cell_outline(simap, why.cells_of(joint.source), z_m)
-            lines["target"] = cell_outline(simap, why.cells_of(joint.target), z_m)
-        links = drawn_links(why) if marks.lines and joint is None else ()
-        if marks.beside is not None:
-            links = () if marks.beside_link is None else (marks.beside_link,)
-            lines["other"] = outline_segments(simap, marks.beside, z_m)
-        if links:
-            lines["links"] = link_lines(links, z_m)
-            ymin, ymax = simap.spec.extent_m[1::2]
-            self._label(links, lines["links"], why.method, ymax - ymin)
-        return lines
+    def _draw_lines(self, metres_per_px: float) -> None:
+        share = line_share(self._around, metres_per_px)
+        for name, segments in self._drawn.items():
+            color, thickness = NODES[name]
+            draw_lines(self._page.scene, f"/why/{name}", segments, color, thickness * share)
 
-    def _label(self, links: Sequence[Link], lines: NDArray, method: str, map_height_m: float) -> None:
-        middles = lines.mean(axis=1)
-        texts = [(link_text(method, link), float(x), float(y)) for link, (x, y, _) in zip(links, middles, strict=True)]
-        for i, (text, x, y) in enumerate(spread(texts, map_height_m)):
-            place = (x, y, float(middles[i, 2]))
-            self._labels.append(self._scene.add_label(f"/why/number/{i}", text, position=place, anchor="center-center"))
 
-    def _clear_labels(self) -> None:
-        for label in self._labels:
-            label.remove()
-        self._labels = []
+def link_label(marks: Marks, link: Link) -> Label:
+    """Name a neighbour and its link's number, at the neighbour: "chair 6 · 0.04"."""
+    name = object_name(marks.simap, link.other).split(" of ")[0]
+    text = f"{name} · {link_text(marks.why.method, link)}"
+    (x0, y0), (x1, y1) = link.ends_m
+    away = (x1 - x0, y1 - y0)
+    xmin, ymin, xmax, ymax = _box_of(link.other)
+    if max(xmax - xmin, ymax - ymin) > SMALL_M:
+        return Label(text, x1, y1, away_x=away[0], away_y=away[1])
+    return Label(text, (xmin + xmax) / 2, (ymin + ymax) / 2, (xmax - xmin) / 2, (ymax - ymin) / 2, *away)
 
-    def _lines(self, path: str, segments: NDArray, color: Color, thickness: float) -> None:
-        if len(segments):
-            self._scene.add_line_segments(path, segments, color, thickness=thickness, thickness_units="screen")
-        elif self._scene.get_handle_by_name(path) is not None:
-            self._scene.remove_by_name(path)
+
+def _links_of(marks: Marks) -> tuple[Link, ...]:
+    """Choose the links to draw, strongest first."""
+    if marks.joint is not None:
+        return ()
+    if marks.beside is not None:
+        return () if marks.beside_link is None else (marks.beside_link,)
+    return drawn_links(marks.why) if marks.lines else ()
+
+
+def _lines_of(marks: Marks, links: Sequence[Link], z_m: float) -> dict[str, NDArray]:
+    """Give what is drawn by its place in NODES."""
+    simap, why, joint = marks.simap, marks.why, marks.joint
+    lines: dict[str, NDArray] = {}
+    shown = joint or (why.weakest if marks.lines else None)
+    if shown is not None:
+        lines["cut"] = joint_line(simap, why, shown, z_m + ABOVE_OUTLINES_M)
+    if joint is not None:
+        lines["source"] = cell_outline(simap, why.cells_of(joint.source), z_m)
+        lines["target"] = cell_outline(simap, why.cells_of(joint.target), z_m)
+    elif marks.beside is not None:
+        lines["other"] = outline_segments(simap, marks.beside, z_m)
+    if links:
+        lines["links"] = link_lines(links, z_m)
+    return lines
+
+
+def _box_of(instance: Instance) -> Box:
+    (xmin, ymin, _), (xmax, ymax, _) = instance.aabb_m
+    return xmin, ymin, xmax, ymax
 
 
 def _middle(simap: SIMap, cells: NDArray) -> tuple[float, float]:

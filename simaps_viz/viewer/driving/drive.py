@@ -9,11 +9,13 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from simaps_viz.geometry import wrap_angle
+from simaps_viz.navigation.drive import Motion
 from simaps_viz.structures import Pose2
 from simaps_viz.viewer.services import StepLike
 
-SPEED_M_S = 0.9
-TURN_RAD_S = float(np.deg2rad(150.0))
+MOTION = Motion()
+"""How fast the robot is, here as in `simaps export --trajectory`."""
+SPEED_HINT = f"Of the simulated robot; 1 is {MOTION.speed_mps:g} m/s."
 TICK_S = 0.05
 LOOK_S = 0.3
 """How long a statement that drives nowhere is shown at normal speed."""
@@ -43,11 +45,6 @@ class Trajectory:
         """Give the index of the last pose that was passed by a time."""
         return int(np.clip(np.searchsorted(self.times_s, time_s, side="right") - 1, 0, len(self.times_s) - 1))
 
-    def line_at(self, time_s: float) -> int:
-        """Give the line of the program that runs at a time, counted from 1; 0 when that is not known."""
-        leg = self.leg_at(time_s)
-        return int(self.lines[leg]) if leg < len(self.lines) else 0
-
     def next_step(self, time_s: float) -> float | None:
         """Give when the next statement begins; None when there is none."""
         later = self.steps_s[self.steps_s > time_s + 1e-9]
@@ -69,7 +66,7 @@ def trajectory(poses: ArrayLike) -> Trajectory:
     array = np.asarray(poses, np.float64).reshape(-1, 3)
     steps = np.diff(array, axis=0)
     turn = np.abs((steps[:, 2] + np.pi) % (2.0 * np.pi) - np.pi)
-    seconds = np.maximum(np.hypot(steps[:, 0], steps[:, 1]) / SPEED_M_S, turn / TURN_RAD_S)
+    seconds = np.maximum(np.hypot(steps[:, 0], steps[:, 1]) / MOTION.speed_mps, turn / MOTION.turn_rate_rps)
     return Trajectory(array, np.concatenate([[0.0], np.cumsum(seconds)]))
 
 

@@ -9,11 +9,11 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 import viser
-from numpy.typing import NDArray
 
 from simaps_viz.errors import SIMapsError
+from simaps_viz.geometry import STANDS_FROM_M
 from simaps_viz.structures import Pose2, SIMap
-from simaps_viz.viewer.drawing.label_layout import spread
+from simaps_viz.viewer.drawing.label_layout import Label, boxes_near
 from simaps_viz.viewer.drawing.scene import MapScene
 from simaps_viz.viewer.driving.drive import Drive, Trajectory, poses_along, ride_of_steps, trajectory
 from simaps_viz.viewer.driving.follow import Follower
@@ -22,10 +22,11 @@ from simaps_viz.viewer.panels.command_words import candidate_labels, field_of, g
 from simaps_viz.viewer.services import AnswerLike, CandidateLike, ExchangeLike, Services, StepLike
 from simaps_viz.viewer.worker import Worker
 
-__all__ = ["RobotControl", "candidate_labels", "goal_labels", "open_floor", "poses_of_steps"]
+__all__ = ["RobotControl", "candidate_labels", "goal_labels", "open_floor"]
 
-FLOOR_HEIGHT_M = 0.10
 MOST_PAST = 50
+GOAL_M = 0.25
+"""What is kept free of texts around the place where the robot will stand."""
 
 
 @dataclass(frozen=True)
@@ -288,8 +289,9 @@ class RobotControl:
         self._ride = ride
         self._panel.show_result("On the way", result_text(answer), "plain", (*self._why, *answer.notes))
         self._scene.show_path(answer.path_m)
-        first = sorted(labels, key=lambda label: not label[0].startswith("▶"))
-        self._scene.show_candidates(spread(first, self._scene.extent[3] - self._scene.extent[1]))
+        end = answer.final_pose
+        goal = (end.x_m - GOAL_M, end.y_m - GOAL_M, end.x_m + GOAL_M, end.y_m + GOAL_M)
+        self._scene.show_candidates(labels, blocked=(goal, *boxes_near(simap, labels)))
         self._panel.show_progress(0.0)
         self._panel.show_phase("held" if held else "driving")
         self._drive.start(ride, held=held)
@@ -306,7 +308,7 @@ class RobotControl:
             return trajectory([[self._pose.x_m, self._pose.y_m, self._pose.yaw_rad]])
         return trajectory(poses_along(self._pose, answer.path_m, answer.final_pose))
 
-    def _explain(self, simap: SIMap, answer: AnswerLike) -> tuple[list[tuple[str, float, float]], tuple[str, ...]]:
+    def _explain(self, simap: SIMap, answer: AnswerLike) -> tuple[list[Label], tuple[str, ...]]:
         """Number what the command could have meant, and say why it means this one.
 
         Without that service, or for goals of several classes, the goals are numbered in their order.
@@ -377,18 +379,10 @@ class RobotControl:
         self._panel.show_progress(None)
 
 
-def poses_of_steps(steps: Sequence[StepLike]) -> tuple[NDArray, NDArray]:
-    """Join what statements drove: poses float64 [n, 3] and the line of each, int64 [n]."""
-    driven = [(np.asarray(step.poses, np.float64).reshape(-1, 3), step.line) for step in steps]
-    poses = np.concatenate([np.zeros((0, 3)), *(poses for poses, _ in driven)])
-    lines = np.concatenate([np.zeros(0, np.int64), *(np.full(len(poses), line) for poses, line in driven)])
-    return poses, lines.astype(np.int64)
-
-
 def open_floor(simap: SIMap) -> Pose2:
     """Find where the robot starts when nobody says: the free cell farthest from anything, looking north."""
     height = simap.grid.height_m
-    free = (np.nan_to_num(height, nan=9.0) < FLOOR_HEIGHT_M) & (simap.instance == 0)
+    free = (np.nan_to_num(height, nan=9.0) < STANDS_FROM_M) & (simap.instance == 0)
     if not free.any():
         xmin, ymin, xmax, ymax = simap.spec.extent_m
         return Pose2.from_heading((xmin + xmax) / 2.0, (ymin + ymax) / 2.0, 0.0)

@@ -16,6 +16,12 @@ ECHO_S = 1.5
 SETTLE_S = 10.0
 """For how long after a recording opened its going to its first frame is overruled."""
 FRAMES_PER_S = 8
+NOTE_RECORDED = "Go back in time here or in the recorded build on the left: both show the same frame."
+NOTE = (
+    "Go back in time: the map shows what it was after that frame. "
+    "To watch what the camera saw as well, build the map with --record MAP.rrd."
+)
+NO_FRAMES = "This map keeps no frames. Build it again with --history (or --record MAP.rrd) to go back in time."
 FRAME_HINT = "Counted from 0. Keys [ and ]: one frame back, one on."
 
 
@@ -64,17 +70,21 @@ class BuildPanel:
         *,
         on_frame: Callable[[int, bool], None],
         recorded: bool,
+        building: bool = False,
     ) -> None:
-        """Fill the current container; ``on_frame`` gets the frame and whether this page chose it."""
-        self._on_frame = on_frame
+        """Fill the current container.
+
+        Args:
+            gui: where.
+            simap: the map.
+            on_frame: gets the frame, and whether this page chose it.
+            recorded: whether the recorded build stands beside the map.
+            building: whether the map is being built, and its frames are to come.
+        """
+        self._on_frame, self._recorded, self._building = on_frame, recorded, building
         self._names = simap.frame_names
         last = max(len(self._names) - 1, 0)
-        note = (
-            "Go back in time here or in the recorded build on the left: both show the same frame."
-            if recorded
-            else "Go back in time: the map shows what it was after that frame."
-        )
-        gui.add_html(note_html(note))
+        self._note = gui.add_html("")
         self._slider = gui.add_slider("Frame", 0, max(last, 1), 1, last, disabled=last == 0, hint=FRAME_HINT)
         self._slider.on_update(self._moved)
         self._name = gui.add_html(self._caption(last))
@@ -86,7 +96,6 @@ class BuildPanel:
             lambda: float(self._rate.value),
         )
         self._player = Player(gui, "Play", played)
-        self._player.button.disabled = last == 0
         self._rate = gui.add_slider("Pace (per s)", 1, 30, 1, FRAMES_PER_S, hint="Frames a second, while it plays.")
         self._fill = gui.add_checkbox(
             "Map as it was then",
@@ -94,6 +103,7 @@ class BuildPanel:
             hint="After the frame that is shown; otherwise the finished map.",
         )
         self._fill.on_update(lambda _: on_frame(self.frame, False))
+        self._show_what_there_is()
 
     @property
     def frame(self) -> int:
@@ -132,10 +142,18 @@ class BuildPanel:
         last, follow = max(len(simap.frame_names) - 1, 0), self.at_end
         self._names = simap.frame_names
         self._slider.max = max(last, 1)
-        self._slider.disabled = self._player.button.disabled = last == 0
+        self._show_what_there_is()
         if follow or self.frame > last:
             self._slider.value = last
         self._name.content = self._caption(self.frame)
+
+    def rest(self) -> None:
+        """Go to the last frame without a word to anyone."""
+        self._player.stop()
+        last = max(len(self._names) - 1, 0)
+        if self._slider.value != last:
+            self._slider.value = last
+            self._name.content = self._caption(last)
 
     def set_frame(self, frame: int, *, chosen_here: bool = False) -> None:
         """Move the slider, and tell."""
@@ -160,6 +178,16 @@ class BuildPanel:
     def _tell(self, frame: int, chosen_here: bool) -> None:
         self._name.content = self._caption(frame)
         self._on_frame(frame, chosen_here)
+
+    def _show_what_there_is(self) -> None:
+        """Have no controls that do nothing."""
+        some = len(self._names) > 1
+        self._slider.disabled = self._player.button.disabled = not some
+        known = bool(self._names) or self._building
+        for widget in (self._slider, self._name, self._player.button, self._rate, self._fill):
+            widget.visible = known
+        words = (NOTE_RECORDED if self._recorded else NOTE) if known else NO_FRAMES
+        self._note.content = note_html(words)
 
     def _caption(self, frame: int) -> str:
         if not self._names:

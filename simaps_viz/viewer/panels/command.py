@@ -8,6 +8,8 @@ import viser
 
 from simaps_viz.navigation.agent import is_program
 from simaps_viz.structures import Pose2, SIMap
+from simaps_viz.viewer.drawing.theme import LONGEST_NAME
+from simaps_viz.viewer.driving.drive import SPEED_HINT
 from simaps_viz.viewer.panels.command_words import exchanges_html, message_html, program_html
 from simaps_viz.viewer.services import ExchangeLike
 
@@ -15,6 +17,8 @@ __all__ = ["CommandActions", "CommandPanel", "Past", "examples", "message_html",
 
 PLACE_HINT = "Say by two clicks on the map where the robot stands and looks; or put it back where it started."
 EXAMPLES = 3
+FEW = 2
+"""Members of a class that need not be told apart by more than its name."""
 MOST_PAST = 8
 """Commands that the history shows."""
 _LONGEST = 34
@@ -190,7 +194,7 @@ class CommandPanel:
             self._exchanges = gui.add_html("")
 
     def _add_ride(self, gui: viser.GuiApi) -> None:
-        self._speed = gui.add_slider("Speed (×)", 0.25, 8.0, 0.25, 1.0, hint="Of the simulated robot; 1 is 0.9 m/s.")
+        self._speed = gui.add_slider("Speed (×)", 0.25, 8.0, 0.25, 1.0, hint=SPEED_HINT)
         self._speed.on_update(lambda _: self._actions.speed(float(self._speed.value)))
         self._follow = gui.add_checkbox(
             "Follow robot", False, hint="The camera goes along: from above in the top view, behind it in the 3-D view."
@@ -246,15 +250,17 @@ def entered(text: str) -> str | None:
 
 def examples(simap: SIMap, most: int = EXAMPLES) -> list[str]:
     """Make commands that this map can answer, from the classes on it."""
-    counts = simap.counts()
+    counts = {name: count for name, count in simap.counts().items() if len(name) <= LONGEST_NAME}
     names = list(counts)
     if not names:
         return ["move forward 1 meter"]
+    few = [name for name in names if counts[name] <= FEW] or names  # "the chair" says little where there are 31
     several = next((name for name in names if counts[name] >= 3), None)
     texts = [f"go to the third {several} from here"] if several else []
-    texts.append(f"go to the {names[0]}")
-    if len(names) > 1:
-        texts.append(f"go to the {names[0]} nearest the {names[1]}")
-        texts.append(f"move in between the {names[0]} and the {names[1]}")
-    texts.append(f"face the {names[-1]}")
+    texts.append(f"go to the {few[0]}")
+    others = [name for name in names if name != few[0]]
+    if others:
+        texts.append(f"go to the {others[0]} nearest the {few[0]}")
+        texts.append(f"move in between the {few[0]} and the {(few[1:] or others)[0]}")
+    texts.append(f"face the {few[-1]}")
     return list(dict.fromkeys(texts))[:most]

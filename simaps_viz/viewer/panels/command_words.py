@@ -5,9 +5,9 @@ from collections.abc import Collection, Mapping, Sequence
 from html import escape
 from typing import Any
 
-from simaps_viz.structures import SIMap
+from simaps_viz.labels import plural
+from simaps_viz.structures import Instance, SIMap
 from simaps_viz.viewer.drawing.label_layout import Label
-from simaps_viz.viewer.drawing.legend import plural
 from simaps_viz.viewer.drawing.theme import (
     BAD_PAPER_STYLE,
     DIM_STYLE,
@@ -75,26 +75,39 @@ def why_text(answer: AnswerLike, candidates: Sequence[CandidateLike]) -> str:
     return " ".join([text[0].upper() + text[1:], _others(one, candidates), *_choice(answer.program or "", label)])
 
 
-def candidate_labels(candidates: Sequence[CandidateLike], chosen: Collection[int], most: int = 12) -> list[Label]:
-    """Number the closest candidates and the chosen ones: "3 · 2.6 m", the chosen marked; each with its (x, y)."""
-    texts = []
-    for candidate in candidates:
-        mine = candidate.instance.id in chosen
-        if mine or candidate.rank <= most:
-            text = f"{'▶ ' if mine else ''}{candidate.rank} · {candidate.distance_m:.1f} m"
-            texts.append((text, *candidate.instance.centroid_m[:2]))
-    return texts
+def candidate_labels(candidates: Sequence[CandidateLike], chosen: Collection[int], most: int = 5) -> list[Label]:
+    """Number what a command could have meant: "▶ 3 · 2.6 m" is the chosen one, "1 · 1.2 m" one that lies closer.
+
+    Args:
+        candidates: the closest first.
+        chosen: ids of those that are meant.
+        most: how many besides them; none of them is farther than the last that is meant.
+
+    Returns:
+        the chosen ones first.
+    """
+    mine = [c for c in candidates if c.instance.id in chosen]
+    last = max((c.rank for c in mine), default=len(candidates))
+    others = [c for c in candidates if c.instance.id not in chosen and c.rank <= last][:most]
+    texts = [(f"{'▶ ' if c in mine else ''}{c.rank} · {c.distance_m:.1f} m", c.instance) for c in (*mine, *others)]
+    return [label_of(text, one) for text, one in texts]
 
 
 def goal_labels(simap: SIMap, goals: Sequence[Any]) -> list[Label]:
-    """Number the objects the robot was sent to, in order: (text, x, y) of each that is on the map."""
+    """Number the objects the robot was sent to, in order, those that are on the map."""
     places: dict[int, list[str]] = {}
     for number, goal in enumerate(goals, start=1):
         for name in ("instance", "other_instance"):
             if field_of(goal, name):
                 places.setdefault(int(field_of(goal, name)), []).append(str(number))
-    known = {instance.id: instance.centroid_m for instance in simap.instances}
-    return [(", ".join(texts), *known[i][:2]) for i, texts in places.items() if i in known]
+    known = {instance.id: instance for instance in simap.instances}
+    return [label_of(", ".join(texts), known[i]) for i, texts in places.items() if i in known]
+
+
+def label_of(text: str, one: Instance) -> Label:
+    """Give a text that stands beside an instance."""
+    (x0, y0, _), (x1, y1, _) = one.aabb_m
+    return Label(text, (x0 + x1) / 2, (y0 + y1) / 2, (x1 - x0) / 2, (y1 - y0) / 2)
 
 
 def message_html(title: str, text: str, tone: str, more: Sequence[str] = ()) -> str:

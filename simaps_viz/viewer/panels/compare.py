@@ -7,11 +7,12 @@ from typing import Any, cast
 import viser
 
 from simaps_viz.errors import InputError
+from simaps_viz.palette import Color
 from simaps_viz.structures import SIMap
-from simaps_viz.viewer.desk import Desk
-from simaps_viz.viewer.drawing.camera import Extent, with_margin
+from simaps_viz.viewer.desk import Desk, Panel
+from simaps_viz.viewer.drawing.camera import Extent
 from simaps_viz.viewer.drawing.compare_picture import KINDS, Mode, TwoPictures
-from simaps_viz.viewer.own_page import Look, look_on
+from simaps_viz.viewer.drawing.scene import frame_extent
 from simaps_viz.viewer.panels.compare_services import TRUTH, Cancelled, CompareServices, ItemLike, Named, TwoMapsLike
 from simaps_viz.viewer.panels.compare_sides import SideChooser
 from simaps_viz.viewer.panels.compare_words import (
@@ -33,27 +34,24 @@ SWIPE, BESIDE = "Swipe", "Side by side"
 EARLIER, LATER = "Previous", "Next"
 HOW_HINT = "One map up to a line and the other beyond it, or both whole."
 PAGES_HINT = f"{LISTED} at a time, the gravest first."
+DARK_BUTTON: Color = (74, 80, 92)
+"""Of what is missed, on a dark page: its mark is too light for white letters."""
 EMPTY: tuple[str, ...] = ("all (0)",)
 
 
 def compare_panel(services: CompareServices) -> PanelSpec:
     """Give the tab of a page that has this panel."""
-    return PanelSpec("Compare", viser.Icon.ARROWS_DIFF, lambda desk: ComparePanel(desk, services, look=look_on(desk)))
+    return PanelSpec("Compare", viser.Icon.ARROWS_DIFF, lambda desk: ComparePanel(desk, services))
 
 
-class ComparePanel:
+class ComparePanel(Panel):
     """Two maps chosen by a person, their picture in the place of the map, and the list of what differs."""
 
-    def __init__(self, desk: Desk, services: CompareServices, *, look: Look | None = None) -> None:
-        """Fill the open container.
-
-        Args:
-            desk: the page.
-            services: what makes and compares maps.
-            look: moves the camera; None leaves it where it is.
-        """
-        self._desk, self._services, self._look = desk, services, look
+    def __init__(self, desk: Desk, services: CompareServices) -> None:
+        """Fill the open container."""
+        self._desk, self._services = desk, services
         self._maps: TwoMapsLike | None = None
+        self._beside: Mode = "side by side"
         self._pictures: TwoPictures | None = None
         self._items: list[ItemLike] = []
         self._chosen: ItemLike | None = None
@@ -81,17 +79,22 @@ class ComparePanel:
         if self._wanted:
             self.start()
 
+    def theme_changed(self) -> None:
+        """The page went from light to dark, or back."""
+        if self._maps is not None:
+            self._desk.submit("compare theme", self._paint_anew)
+
     def take_click(self, x_m: float, y_m: float) -> bool:
         """Choose the difference that was clicked; while two maps are shown no click passes."""
         maps, pictures = self._maps, self._pictures
         if maps is None or pictures is None:
             return False
-        beside = self._mode == "side by side"
-        seam = pictures.seam_m if beside and x_m > maps.spec.x0_m + pictures.seam_m else 0.0
-        row, col = maps.spec.cell_of(x_m - seam, y_m)
+        east, north = pictures.shift_m(self._mode)
+        moved = (east > 0.0 and x_m > maps.spec.x0_m + east) or (north < 0.0 and y_m < maps.spec.y0_m)
+        row, col = maps.spec.cell_of(x_m - east * moved, y_m - north * moved)
         if maps.spec.contains(row, col):
             ids = (int(maps.left.instance[row, col]), int(maps.right.instance[row, col]))
-            sides = self._sides_under(seam, x_m)
+            sides = self._sides_under(moved, x_m)
             hit = [i for i in self._items if any(ids[s] and ids[s] in (i.left, i.right)[s] for s in sides)]
             self.choose(hit[0] if hit else None)
         return True
@@ -136,8 +139,8 @@ class ComparePanel:
         self._status.content = ""
         self._progress.visible = False
         self._desk.submit("compare picture", self._draw)
-        if self.active and self._look is not None:
-            self._look(None)
+        if self.active:
+            self._desk.look_at(None)
         self._maps = None
         self._show_parts()
 
@@ -150,8 +153,7 @@ class ComparePanel:
         self._desk.submit("compare marks", self._remark)
         if item is not None:
             self._divide(item)
-            if self._look is not None:
-                self._look(self._around(item))
+            self._desk.look_at(self._around(item))
 
     @property
     def _kind_name(self) -> str:
@@ -159,7 +161,7 @@ class ComparePanel:
 
     @property
     def _mode(self) -> Mode:
-        return "side by side" if self._how.value == BESIDE else "swipe"
+        return self._beside if self._how.value == BESIDE else "swipe"
 
     def _add_choice(self, gui: viser.GuiApi) -> None:
         changed = self._changed
@@ -229,7 +231,7 @@ class ComparePanel:
         try:
             left, right = (side.map(simap, tell, cancel) for side in self._sides)
             maps = self._compared(left, right)
-            pictures = TwoPictures(maps)
+            pictures = TwoPictures(maps, self._desk.theme)
         except Cancelled:
             return
         except Exception:
@@ -248,6 +250,7 @@ class ComparePanel:
 
     def _show(self, maps: TwoMapsLike, pictures: TwoPictures) -> None:
         begins = self._maps is None
+        self._beside = pictures.both(self._desk.aspect)
         self._maps, self._pictures, self._chosen, self._first = maps, pictures, None, 0
         self._progress.visible = False
         self._status.content = ""
@@ -256,7 +259,7 @@ class ComparePanel:
         kept = self._kind_name
         self._kind.options = options
         self._kind.value = next((o for o in options if o.partition(" (")[0] == kept), options[0])
-        self._headline.content, self._summary.content = headline_html(maps), summary_html(maps)
+        self._headline.content, self._summary.content = headline_html(maps), summary_html(maps, self._desk.theme)
         self._narrow()
         self._show_parts()
         if move:
@@ -271,8 +274,9 @@ class ComparePanel:
 
     def _show_parts(self) -> None:
         on = self.active
-        for widget in (self._how, self._headline, self._mark_all, self._summary, self._detail):
+        for widget in (self._how, self._headline, self._summary, self._detail):
             widget.visible = on
+        self._mark_all.visible = on and bool(self._maps and self._maps.items)
         self._line.visible = on and self._mode == "swipe"
         self._begin.visible = not on
         self._stop.visible = on
@@ -294,14 +298,14 @@ class ComparePanel:
             if maps is not None and at < len(shown):
                 item = shown[at]
                 mark = "▸ " if item is self._chosen else ""
-                row.label = f"{mark}{item_text(item, maps.reference)}"
-                row.color = KINDS[item.kind][0]
+                row.label = f"{mark}{item_text(item, maps)}"
+                row.color = DARK_BUTTON if self._desk.theme.dark and item.kind == "missed" else KINDS[item.kind][0]
         self._pages.visible = maps is not None and len(self._items) > LISTED
         if maps is None or self._chosen is None:
             self._detail.content = ""
         else:
             position = self._items.index(self._chosen) + 1 if self._chosen in self._items else 0
-            self._detail.content = chosen_html(self._chosen, maps, position, len(self._items))
+            self._detail.content = chosen_html(self._chosen, maps, position, len(self._items), self._desk.theme)
 
     def _turn(self, step: int) -> None:
         last = max(0, (len(self._items) - 1) // LISTED * LISTED)
@@ -314,9 +318,19 @@ class ComparePanel:
 
     def _moved_mode(self) -> None:
         self._line.visible = self.active and self._mode == "swipe"
+        if self._pictures is not None:
+            self._beside = self._pictures.both(self._desk.aspect)
         self._desk.submit("compare picture", self._draw)
         if self._pictures is not None:
             self._look_at_all(self._pictures)
+
+    def _paint_anew(self) -> None:
+        maps = self._maps
+        if maps is not None:
+            self._pictures = TwoPictures(maps, self._desk.theme)
+            self._summary.content = summary_html(maps, self._desk.theme)
+            self._fill_list()
+            self._remark()
 
     def _remark(self) -> None:
         pictures = self._pictures
@@ -328,11 +342,11 @@ class ComparePanel:
         pictures, share = self._pictures, float(self._line.value) / 100.0
         self._desk.show_picture(None if pictures is None else pictures.picture(self._mode, share))
 
-    def _sides_under(self, seam: float, x_m: float) -> tuple[int, ...]:
+    def _sides_under(self, moved: bool, x_m: float) -> tuple[int, ...]:
         """Which of the two maps lies under the pointer."""
         maps = cast(TwoMapsLike, self._maps)
-        if self._mode == "side by side":
-            return (1,) if seam else (0,)
+        if self._mode != "swipe":
+            return (1,) if moved else (0,)
         xmin, _, xmax, _ = maps.spec.extent_m
         return (0,) if x_m < xmin + float(self._line.value) / 100.0 * (xmax - xmin) else (1,)
 
@@ -344,14 +358,13 @@ class ComparePanel:
             self._line.value = round(100.0 * min(max(share, 0.0), 1.0))
 
     def _look_at_all(self, pictures: TwoPictures) -> None:
-        if self._look is not None:
-            self._look(with_margin(pictures.extent_m(self._mode)))
+        self._desk.look_at(frame_extent(pictures.extent_m(self._mode)))
 
     def _around(self, item: ItemLike) -> Extent:
         """What to show of a difference: its surroundings, on both maps."""
         xmin, ymin, xmax, ymax = item.extent_m
         margin = max(2.0, 0.8 * max(xmax - xmin, ymax - ymin))
-        if self._mode == "side by side" and self._pictures is not None:
-            seam = self._pictures.seam_m
-            return xmin - margin, ymin - margin, xmax + seam + margin, ymax + margin
+        if self._mode != "swipe" and self._pictures is not None:
+            east, north = self._pictures.shift_m(self._mode)
+            return xmin - margin, ymin + north - margin, xmax + east + margin, ymax + margin
         return xmin - margin, ymin - margin, xmax + margin, ymax + margin

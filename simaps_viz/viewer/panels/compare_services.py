@@ -7,12 +7,11 @@ from typing import Literal, Protocol
 
 from numpy.typing import NDArray
 
+from simaps_viz.events import Progress
 from simaps_viz.structures import GridSpec, SIMap
 
 Named = tuple[str, SIMap]
 """A map and what it is called on the page."""
-Tell = Callable[[str, int, int], None]
-"""(what is being done, steps done, steps in all); may raise to end the work."""
 TRUTH = "truth"
 """Key of the source that is the ground truth."""
 
@@ -33,6 +32,26 @@ class SideLike(Protocol):
     @property
     def instance(self) -> NDArray:
         """int32 [rows, cols], 0 = none."""
+        ...
+
+    @property
+    def ground(self) -> NDArray:
+        """uint8 [rows, cols], what lies where no instance does: 0 unseen, 1 floor, 2 clutter, 3 wall."""
+        ...
+
+    @property
+    def names(self) -> Mapping[int, str]:
+        """{id: class and number among its class, such as "chair 4"}, of all instances."""
+        ...
+
+    @property
+    def ignored(self) -> int:
+        """Objects too small to be compared."""
+        ...
+
+    @property
+    def least_cells(self) -> int:
+        """An object with fewer cells is too small."""
         ...
 
     @property
@@ -148,11 +167,6 @@ class TwoMapsLike(Protocol):
         ...
 
     @property
-    def ignored(self) -> int:
-        """Objects of either too small to be compared."""
-        ...
-
-    @property
     def score(self) -> ScoreLike | None:
         """Of the map that is not the truth; None without truth."""
         ...
@@ -177,7 +191,7 @@ class CompareServices:
     """(left, right, which is the truth) -> the comparison; may raise SIMapsError."""
     sources: tuple[Source, ...] = ()
     """What ``make`` can make."""
-    make: Callable[[str, SIMap, Tell, threading.Event], SIMap] | None = None
+    make: Callable[[str, SIMap, Progress, threading.Event], SIMap] | None = None
     """(key, map on the page, told how far it is, set to give up) -> that map, from a cache if it was made before. Slow;
     called on a thread of its own. Raises `Cancelled` when it was told to give up."""
     rejoin: Callable[[SIMap, float, float], SIMap] | None = None

@@ -7,10 +7,12 @@ from dataclasses import dataclass
 import viser
 
 from simaps_viz.errors import InputError
+from simaps_viz.events import Progress
+from simaps_viz.mapping.simap import JOINING, joining_percent
 from simaps_viz.structures import SIMap
 from simaps_viz.viewer.desk import Desk
-from simaps_viz.viewer.panels.compare_services import CompareServices, Named, Tell
-from simaps_viz.viewer.panels.map import DEFAULT_RESOLUTION, JOINING_OF
+from simaps_viz.viewer.panels.compare_services import CompareServices, Named
+from simaps_viz.viewer.panels.map import DEFAULT_RESOLUTION, joining_words
 
 THIS, SETTINGS = "This map", "This map, other settings"
 
@@ -50,17 +52,17 @@ class SideChooser:
         """
         self._services, self._desk, self._changed = services, desk, changed
         self._keys = {THIS: "map"}
-        if services.rejoin is not None and desk.simap.method in JOINING_OF:
+        if services.rejoin is not None and desk.simap.method in JOINING:
             self._keys[SETTINGS] = "settings"
         self._keys |= {source.title: source.key for source in services.sources}
         at_first = next((title for title, key in self._keys.items() if key == first), THIS)
         self._files: dict[str, SIMap] = {}
-        joining = JOINING_OF.get(desk.simap.method, JOINING_OF["paper"])
+        joining = joining_words(desk.simap)
         self._word = joining.word
         hint = f"Which map stands on the {name.lower()}."
         self._which = gui.add_dropdown(name, tuple(self._keys), initial_value=at_first, hint=hint)
         self._percent = gui.add_slider(
-            f"{name} {joining.title}", 0.0, 100.0, 0.5, joining.percent(desk.simap), hint=joining.hint
+            f"{name} {joining.title}", 0.0, 100.0, 0.5, joining_percent(desk.simap), hint=joining.hint
         )
         self._resolution = gui.add_slider(
             f"{name} resolution", 0.05, 5.0, 0.05, self._resolution_of(desk.simap), hint="Louvain resolution."
@@ -75,7 +77,7 @@ class SideChooser:
         """What is chosen: map, settings, the key of a source, or the name of a file."""
         return self._keys[str(self._which.value)]
 
-    def map(self, simap: SIMap, tell: Tell, cancel: threading.Event) -> Named:
+    def map(self, simap: SIMap, tell: Progress, cancel: threading.Event) -> Named:
         """Give the chosen map and what it is called; may take long.
 
         Raises:

@@ -3,24 +3,50 @@
 from collections.abc import Sequence
 from html import escape
 
-from simaps_viz.viewer.drawing.compare_picture import KINDS, Color
-from simaps_viz.viewer.drawing.legend import plural
-from simaps_viz.viewer.drawing.theme import BAD_STYLE
-from simaps_viz.viewer.panels.compare_services import ItemLike, TwoMapsLike
+from simaps_viz.labels import plural
+from simaps_viz.palette import Color
+from simaps_viz.viewer.drawing.compare_picture import KINDS, mark_color
+from simaps_viz.viewer.drawing.theme import BAD_STYLE, DIM_STYLE, LIGHT, Theme, short
+from simaps_viz.viewer.panels.compare_services import ItemLike, SideLike, TwoMapsLike
 
 ALL = "all"
+MOST_NAMED = 5
+"""Objects of a difference that are named; more are counted."""
+PQ_MEANS = "PQ: the share of objects that are found, times how well their outlines agree; 1 is perfect."
 _TONES = {"plain": "", "bad": BAD_STYLE}
 
 
-def item_text(item: ItemLike, reference: str) -> str:
-    """Say what a difference is: "merged · 3 chairs → 1", "missed · chair", "label · chair → couch"."""
-    there = item.right if reference == "left" else item.left
-    here = item.left if reference == "left" else item.right
+def item_text(item: ItemLike, maps: TwoMapsLike) -> str:
+    """Say what a difference is: "merged · chairs 4 + 5 → 1", "missed · chair 2", "label · chair 1 → couch 2".
+
+    Numbers are those of the objects among their class, each on its own map.
+    """
+    here, there = _names(item.left, maps.left), _names(item.right, maps.right)
+    if maps.reference == "right":
+        here, there = there, here
     if item.kind in ("merged", "split"):
-        return f"{item.kind} · {plural(len(here), item.label)} → {len(there)}"
-    if item.kind == "label":
-        return f"{item.kind} · {item.label} → {item.other_label}"
-    return f"{item.kind} · {item.label}"
+        return f"{item.kind} · {_together(here)} → {_together(there, known=item.label)}"
+    if item.kind in ("label", "outline"):
+        return f"{item.kind} · {_together(here)} → {_together(there, known=item.label)}"
+    return f"{item.kind} · {_together(here or there)}"
+
+
+def _names(ids: Sequence[int], side: SideLike) -> list[str]:
+    return [side.names.get(one, f"instance {one}") for one in ids]
+
+
+def _together(names: Sequence[str], *, known: str = "") -> str:
+    """Name several objects: "chairs 4 + 5"; of the class that is known already only the numbers."""
+    parts = [name.rpartition(" ") for name in names]
+    labels = {label for label, _, _ in parts}
+    more = f" + {len(names) - MOST_NAMED} more" if len(names) > MOST_NAMED else ""
+    if len(labels) > 1:
+        return " + ".join(short(name) for name in names[:MOST_NAMED]) + more
+    numbers = " + ".join(number for _, _, number in parts[:MOST_NAMED]) + more
+    (label,) = labels or {""}
+    if label == known:
+        return numbers
+    return f"{short(label if len(names) == 1 else plural(2, label).removeprefix('2 '))} {numbers}"
 
 
 def kind_options(maps: TwoMapsLike) -> tuple[str, ...]:
@@ -37,16 +63,22 @@ def of_kind(maps: TwoMapsLike, option: str) -> list[ItemLike]:
 
 def headline_html(maps: TwoMapsLike) -> str:
     """Say in two lines how much differs, and how good the map is where that is known."""
+    empty = [escape(side.title) for side in (maps.left, maps.right) if not side.count]
+    if len(empty) == 2:
+        return note("<b>Neither map has an object:</b> there is nothing to compare.")
     total = len(maps.items)
     said = f"<b>{plural(total, 'difference')}</b>" if total else "<b>No differences</b>"
-    lines = [f"{said} · {plural(maps.same, 'object')} {'agrees' if maps.same == 1 else 'agree'}"]
+    compared = " of those that are large enough" if maps.left.ignored + maps.right.ignored else ""
+    lines = [f"{said} · {plural(maps.same, 'object')}{compared} {'agrees' if maps.same == 1 else 'agree'}"]
+    lines += [f"<b>{title} has no object.</b>" for title in empty]
     if maps.score is not None:
         pq = "none" if maps.score.pq is None else f"{maps.score.pq:.2f}"
         lines.append(f"<b>PQ {pq}</b> · {maps.score.matched} of {maps.score.true} true objects found")
+        lines.append(f'<span style="{DIM_STYLE}">{PQ_MEANS}</span>')
     return note(*lines)
 
 
-def summary_html(maps: TwoMapsLike) -> str:
+def summary_html(maps: TwoMapsLike, theme: Theme = LIGHT) -> str:
     """Say what every colour of a mark means and how often it occurs, and the rest of the numbers."""
     left, right = maps.left, maps.right
     reference, other = (left, right) if maps.reference == "left" else (right, left)
@@ -54,7 +86,7 @@ def summary_html(maps: TwoMapsLike) -> str:
     if maps.items:
         lines.append(f"What became of the objects of <b>{escape(reference.title)}</b> on {escape(other.title)}:")
     rows = "".join(
-        f'<tr><td style="padding-right:.5em">{_ring(KINDS[kind][0])}</td>'
+        f'<tr><td style="padding-right:.5em">{_ring(mark_color(kind, theme))}</td>'
         f'<td style="text-align:right;padding-right:.6em"><b>{count}</b></td>'
         f"<td><b>{kind}</b> · {KINDS[kind][1]}</td></tr>"
         for kind, count in maps.counts.items()
@@ -62,10 +94,9 @@ def summary_html(maps: TwoMapsLike) -> str:
     )
     lines.append(f'<table style="border-spacing:0">{rows}</table>')
     lines += [f"{escape(side.title)}: {plural(side.count, 'instance')}" for side in (left, right)]
-    if maps.ignored:
-        lines.append(f"{maps.ignored} too small to compare")
-    if maps.score is not None:
-        score = maps.score
+    lines += ignored_lines(maps)
+    score = maps.score
+    if score is not None and (maps.items or score.over or score.under):
         lines.append(
             f"{score.found - score.matched} of {score.found} on {escape(other.title)} match nothing · "
             f"{score.over} split, {score.under} merged"
@@ -76,25 +107,36 @@ def summary_html(maps: TwoMapsLike) -> str:
     return note(*lines)
 
 
+def ignored_lines(maps: TwoMapsLike) -> list[str]:
+    """Say which objects were too small to be compared, where there are any."""
+    left, right = maps.left, maps.right
+    if not left.ignored and not right.ignored:
+        return []
+    if left.least_cells == right.least_cells:
+        small = f"under {left.least_cells} cells"
+    else:
+        small = f"under {left.least_cells} cells left, {right.least_cells} right"
+    return [f"Too small to compare ({small}, or lying on one that is): {left.ignored} left, {right.ignored} right"]
+
+
 def note(*lines: str, tone: str = "plain") -> str:
     """Wrap lines of HTML as a text of the panel."""
     body = "".join(f"<div>{line}</div>" for line in lines)
-    return f'<div style="padding:.2em .8em .4em;font-size:.82em;line-height:1.5;{_TONES[tone]}">{body}</div>'
+    style = f"padding:.2em .8em .4em;font-size:.82em;line-height:1.5;overflow-wrap:anywhere;{_TONES[tone]}"
+    return f'<div style="{style}">{body}</div>'
 
 
-def chosen_html(item: ItemLike, maps: TwoMapsLike, position: int, total: int) -> str:
+def chosen_html(item: ItemLike, maps: TwoMapsLike, position: int, total: int, theme: Theme = LIGHT) -> str:
     """Describe the difference that was clicked."""
-    sides = [(maps.left.title, item.left), (maps.right.title, item.right)]
-    where = " · ".join(f"{escape(title)}: {_ids(ids)}" for title, ids in sides)
+    sides = [(maps.left, item.left), (maps.right, item.right)]
+    where = " · ".join(
+        f"{escape(side.title)}: {escape(_together(_names(ids, side)) if ids else 'nothing')}" for side, ids in sides
+    )
     return note(
-        f"{_ring(KINDS[item.kind][0])} <b>{escape(item_text(item, maps.reference))}</b> ({position} of {total})",
+        f"{_ring(mark_color(item.kind, theme))} <b>{escape(item_text(item, maps))}</b> ({position} of {total})",
         f"{KINDS[item.kind][1]}",
         f'<span style="opacity:.75">{where}</span>',
     )
-
-
-def _ids(ids: Sequence[int]) -> str:
-    return ("instance " if len(ids) == 1 else "instances ") + ", ".join(map(str, ids)) if ids else "nothing"
 
 
 def _ring(color: Color) -> str:

@@ -7,8 +7,9 @@ from html import escape
 
 import viser
 
+from simaps_viz.labels import plural
 from simaps_viz.structures import Instance, SIMap
-from simaps_viz.viewer.drawing.legend import object_name, plural
+from simaps_viz.viewer.drawing.legend import object_name
 from simaps_viz.viewer.drawing.theme import BOX_STYLE, DIM_STYLE
 
 FIND = "Find"

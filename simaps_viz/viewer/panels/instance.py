@@ -1,5 +1,6 @@
 """The panel about one instance: what it is, where, how often it was seen, and how it looked."""
 
+import re
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from html import escape
@@ -18,6 +19,8 @@ from simaps_viz.viewer.drawing.thumbnails import gallery, named, outlined
 NOTHING: str = "(none)"
 MOST_LISTED = 1000
 """Instances that the list offers, the largest; all can be clicked on the map, or found by name."""
+_ID = re.compile(r"#(\d+)")
+"""Files name objects by their ids on the map before the edit, which nobody sees on the page."""
 LIST_HINT = f"Select an object; of more than {MOST_LISTED} the largest are listed, and Find knows all."
 HELP = f'<div style="{BOX_STYLE}">Click an object on the map, choose it from the list, or type its name.</div>'
 
@@ -108,11 +111,11 @@ def edits_html(edits: Sequence[Mapping[str, Any]]) -> str:
     """Say who made an object what it is by hand, the last edit first; nothing where nobody did."""
     if not edits:
         return ""
-    lines = "".join(
-        f"<div>{escape(str(edit.get('what')))}, by {escape(str(edit.get('who')))}, "
-        f"{escape(str(edit.get('when'))[:16].replace('T', ' '))} UTC</div>"
-        for edit in reversed(edits)
-    )
+    lines = ""
+    for edit in reversed(edits):
+        what = _ID.sub(r"(number \1)", str(edit.get("what")))
+        when = str(edit.get("when"))[:16].replace("T", " ")
+        lines += f"<div>{escape(what)}, by {escape(str(edit.get('who')))}, {escape(when)} UTC</div>"
     return f'<div style="{BOX_STYLE}"><b>Edited by hand</b>{lines}</div>'
 
 

@@ -13,10 +13,10 @@ import viser
 
 from simaps_viz.errors import SIMapsError
 from simaps_viz.structures import Pose2, SIMap
-from simaps_viz.viewer.drawing.label_layout import Label, spread
+from simaps_viz.viewer.drawing.label_layout import Label
 from simaps_viz.viewer.drawing.scene import MapScene
-from simaps_viz.viewer.driving.drive import Drive, Trajectory, poses_along, trajectory
-from simaps_viz.viewer.panels.command_words import message_html
+from simaps_viz.viewer.driving.drive import SPEED_HINT, Drive, Trajectory, poses_along, trajectory
+from simaps_viz.viewer.panels.command_words import label_of, message_html
 from simaps_viz.viewer.panels.judge_words import outcome_text, run_html, summary_html
 from simaps_viz.viewer.services import CandidateLike, JudgingLike, RunLike
 
@@ -140,7 +140,7 @@ class JudgePanel:
         self._progress = gui.add_progress_bar(0.0)
         self._tools = gui.add_button_group("Run", ("Play again", "Back"), hint="Back: answer the last one anew.")
         self._tools.on_click(lambda event: self.replay() if event.target.value == "Play again" else self.back())
-        self._speed = gui.add_slider("Speed (×)", 0.25, 8.0, 0.25, 2.0, hint="Of the simulated robot; 1 is 0.9 m/s.")
+        self._speed = gui.add_slider("Speed (×)", 0.25, 8.0, 0.25, 2.0, hint=SPEED_HINT)
         self._speed.on_update(lambda _: self._set_speed())
         self._set_speed()
 
@@ -159,9 +159,8 @@ class JudgePanel:
         start = Pose2.from_heading(*(float(v) for v in run.shown["start"]))
         track = np.asarray(run.shown.get("track") or [[start.x_m, start.y_m]], np.float64).reshape(-1, 2)
         self._scene.show_path(track)
-        height = self._scene.extent[3] - self._scene.extent[1]
-        self._scene.show_candidates(spread([*places(run, start), *self._things(run, start)], height))
         self._scene.show_robot(start)
+        self._scene.show_candidates([*places(run, start), *self._things(run, start)])
         self._drive.start(ride(start, track, run.shown.get("stops") or []))
 
     def _show_progress(self, done: int, total: int) -> None:
@@ -182,7 +181,7 @@ class JudgePanel:
         texts: list[Label] = []
         for label in named_in(str(run.shown.get("command", "")), list(self._simap.counts())):
             for one in self._candidates(self._simap, label, start)[:MOST_LABELS]:
-                texts.append((f"{label} · {one.distance_m:.1f} m", *one.instance.centroid_m[:2]))
+                texts.append(label_of(f"{label} · {one.distance_m:.1f} m", one.instance))
         return texts
 
 
@@ -197,11 +196,11 @@ def places(run: RunLike, start: Pose2) -> list[Label]:
     """Name the start, the stops and the collision of a run: texts, each at its (x, y)."""
     stops, hit = run.shown.get("stops") or [], run.shown.get("collision")
     looks = _COMPASS[round(start.heading_deg / 45.0) % 8]
-    texts: list[Label] = [(f"start, looking {looks}", start.x_m, start.y_m)]
+    texts = [Label(f"start, looking {looks}", start.x_m, start.y_m, away_y=1.0)]
     for number, (x, y) in enumerate(stops, start=1):
-        texts.append(("stop" if len(stops) == 1 else f"stop {number}", float(x), float(y)))
+        texts.append(Label("stop" if len(stops) == 1 else f"stop {number}", float(x), float(y)))
     if hit:
-        texts.append(("✖ collision", float(hit[0]), float(hit[1])))
+        texts.append(Label("✖ collision", float(hit[0]), float(hit[1])))
     return texts
 
 

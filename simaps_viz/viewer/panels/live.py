@@ -6,9 +6,8 @@ from html import escape
 
 import viser
 
-from simaps_viz.structures import SIMap
-from simaps_viz.viewer.desk import Desk
-from simaps_viz.viewer.drawing.legend import plural
+from simaps_viz.labels import plural
+from simaps_viz.viewer.desk import Desk, Panel
 from simaps_viz.viewer.drawing.theme import BOX_STYLE, DIM_STYLE
 from simaps_viz.viewer.panels.live_services import LiveServices, LiveState, Status
 from simaps_viz.viewer.panels.spec import PROGRESS, PanelSpec
@@ -19,11 +18,13 @@ HEADS: dict[Status, str] = {
     "starting": "Waiting for the first frame …",
     "building": "Building the map",
     "finishing": "All frames are in: finding the objects …",
-    "stopping": "Stopping after this frame …",
+    "stopping": "Stopping after this frame, and drawing the map so far …",
     "stopped": "Stopped",
     "failed": "The build failed",
     "done": "The map is done",
 }
+
+WAITING = "The first objects appear after a few seconds; the smaller the cells, the longer it takes to find them."
 
 
 def live_panel(services: LiveServices) -> PanelSpec:
@@ -31,7 +32,7 @@ def live_panel(services: LiveServices) -> PanelSpec:
     return PanelSpec(PROGRESS, viser.Icon.HAMMER, lambda desk: LivePanel(desk, services), place="front")
 
 
-class LivePanel:
+class LivePanel(Panel):
     """The widgets; a thread of its own keeps them up to date until the map is done or the person has gone."""
 
     def __init__(self, desk: Desk, services: LiveServices) -> None:
@@ -50,13 +51,6 @@ class LivePanel:
         self._go_on.on_click(lambda _: services.go_on())
         self._update()
         threading.Thread(target=self._run, name="workbench-live", daemon=True).start()
-
-    def map_changed(self, simap: SIMap) -> None:
-        """The numbers come from the build, not from the map."""
-
-    def take_click(self, x_m: float, y_m: float) -> bool:
-        """Let every click pass."""
-        return False
 
     def close(self) -> None:
         """Stop looking."""
@@ -102,6 +96,9 @@ def text_html(state: LiveState) -> str:
         parts.append(f"{state.skipped} could not be read")
     lines = [f"<div>{escape(' · '.join(parts))}</div>"]
     lines += [f"<div>{escape(state.error)}</div>"] if state.error else []
+    if state.status in ("building", "stopping"):
+        known = f"The map shows the first {plural(state.shown, 'frame')}." if state.shown else WAITING
+        lines.append(f'<div style="{DIM_STYLE}">{known}</div>')
     lines += [f'<div style="{DIM_STYLE};overflow-wrap:anywhere">{escape(state.said)}</div>'] if state.said else []
     return f'<div style="{BOX_STYLE}">{"".join(lines)}</div>'
 

@@ -26,6 +26,8 @@ class LiveState:
     """Why it failed, in words."""
     said: str = ""
     """Where the map is, once it is done; or how a stopped build goes on."""
+    shown: int = 0
+    """Frames that the map on the page knows of; 0 = none has been shown yet."""
     sketch: bytes = b""
     """Picture (PNG) of what was seen so far, north up; empty = none."""
 

@@ -8,6 +8,7 @@ from typing import cast
 
 import viser
 
+from simaps_viz.mapping.simap import JOINING, joining_percent
 from simaps_viz.structures import SIMap
 from simaps_viz.viewer.drawing.legend import counts_text, legend_html
 from simaps_viz.viewer.drawing.texture import COLOR_MODES, ColorMode
@@ -16,39 +17,36 @@ from simaps_viz.viewer.drawing.theme import BADGE_STYLE, LIGHT, Theme
 TOP, SLANT = "Top view", "3-D view"
 EVERY_CLASS = "all classes"
 DEFAULT_RESOLUTION = 1.0
+FINISH = "Show the finished map"
 MODE_HINT = "What a colour on the map means; the legend follows."
-LEGEND_STYLE = "max-height:10.5em;overflow-y:auto;border-block:1px solid rgba(128,128,128,.25);margin-bottom:.4em"
-"""The legend scrolls by itself, so that the sliders under it stay in sight."""
+LEGEND_STYLE = "border-block:1px solid rgba(128,128,128,.25);margin-bottom:.4em"
+"""How long it is, `page_script` says, by the page's height."""
 
 
 @dataclass(frozen=True)
-class Joining:
-    """The slider that decides which communities are one instance."""
+class JoiningWords:
+    """What the slider is called that decides which communities are one instance."""
 
-    parameter: str
-    scale: float
-    """Percent = scale x parameter."""
-    default: float
     title: str
     word: str
     hint: str
 
-    def percent(self, simap: SIMap) -> float:
-        """Give the slider's value for a map."""
-        return round(self.scale * float(simap.parameters.get(self.parameter, self.default)), 6)
 
-
-JOINING_OF = {
-    "paper": Joining(
-        "k_percent", 1.0, 5.0, "K (%)", "K",
-        "A community joins another while more than K % of its cells neighbour it.",
+JOINING_WORDS = {
+    "k_percent": JoiningWords(
+        "K (%)", "K", "A community joins another while more than K % of its cells neighbour it."
     ),
-    "evidence": Joining(
-        "affinity", 100.0, 0.6, "Evidence (%)", "evidence",
+    "affinity": JoiningWords(
+        "Evidence (%)", "evidence",
         "Two parts are one object while more than this share of what the frames saw of both says so.",
     ),
 }  # fmt: skip
-"""By method."""
+"""By the parameter it sets, see `JOINING`."""
+
+
+def joining_words(simap: SIMap) -> JoiningWords:
+    """Give the words for the slider of a map; those of K where it has none, as a slider out of sight has words too."""
+    return JOINING_WORDS[JOINING.get(simap.method, "k_percent")]
 
 
 @dataclass(frozen=True)
@@ -61,6 +59,8 @@ class MapActions:
     """The colour mode or the class to emphasise changed."""
     look: Callable[[str], None]
     """TOP or SLANT was asked for."""
+    finish: Callable[[], None] = lambda: None
+    """The finished map was asked for."""
 
 
 class MapPanel:
@@ -79,13 +79,18 @@ class MapPanel:
             with_resolution: whether communities can be found anew.
         """
         self._actions, self._with_k, self._with_resolution = actions, with_k, with_resolution
-        joining = JOINING_OF.get(simap.method, JOINING_OF["paper"])
-        self._k0 = joining.percent(simap)
+        joining = joining_words(simap)
+        self._k0 = joining_percent(simap)
         self._resolution0 = float(simap.parameters.get("resolution", DEFAULT_RESOLUTION))
         self._origin = gui.add_html(origin_html(simap))
+        self._past = gui.add_html("", visible=False)
+        self._finish = gui.add_button(FINISH, icon=viser.Icon.PLAYER_TRACK_NEXT, color="gray", visible=False)
+        self._finish.on_click(lambda _: actions.finish())
         self._counts = gui.add_html("")
         self._busy, self._said = False, ""
         self._legend = gui.add_html("")
+        view = gui.add_button_group("View", (TOP, SLANT), hint="From above, or objects as blocks (keys T and 3).")
+        view.on_click(lambda event: actions.look(event.target.value))
         self._k = gui.add_slider(
             joining.title,
             0.0,
@@ -110,8 +115,6 @@ class MapPanel:
             color="gray",
         )
         self._reset.on_click(lambda _: self.reset())
-        view = gui.add_button_group("View", (TOP, SLANT), hint="From above, or objects as blocks (keys T and 3).")
-        view.on_click(lambda event: actions.look(event.target.value))
         self._mode = gui.add_dropdown("Colours", COLOR_MODES, initial_value=COLOR_MODES[0], hint=MODE_HINT)
         self._class = gui.add_dropdown(
             "Show", (EVERY_CLASS, *simap.counts()), initial_value=EVERY_CLASS, hint="Emphasise one class."
@@ -147,8 +150,8 @@ class MapPanel:
 
     def come_from(self, base: SIMap) -> None:
         """Another map is the one that the sliders cut: set them to how it was cut."""
-        joining = JOINING_OF.get(base.method, JOINING_OF["paper"])
-        self._k0 = joining.percent(base)
+        joining = joining_words(base)
+        self._k0 = joining_percent(base)
         self._resolution0 = float(base.parameters.get("resolution", DEFAULT_RESOLUTION))
         self._origin.content = origin_html(base)
         self._k.label, self._k.hint = joining.title, joining.hint
@@ -173,10 +176,22 @@ class MapPanel:
         """Say what is on the map now."""
         self._busy = False
         self._counts.content = counts_html(simap)
-        self._legend.content = f'<div style="{LEGEND_STYLE}">{legend_html(simap, self.mode, theme)}</div>'
+        for widget in (self._k, self._resolution, self._reset):
+            widget.disabled = not simap.instances and not simap.graphs
+        legend = legend_html(simap, self.mode, theme)
+        self._legend.content = f'<div class="simaps-legend" style="{LEGEND_STYLE}">{legend}</div>'
         options = (EVERY_CLASS, *simap.counts())
         if options != tuple(self._class.options):
             self._class.options = options  # of the same classes in another order the chosen one stays
+
+    def tell_past(self, badge: str) -> None:
+        """Say that the map is not the finished one, and offer that; nothing when the text is empty."""
+        words = f'<span style="{BADGE_STYLE}">{escape(badge)}</span>'
+        content = f'<div style="padding:.2em .8em .4em;font-size:.85em">{words}</div>'
+        if badge and self._past.content != content:
+            self._past.content = content
+        if self._past.visible != bool(badge):
+            self._past.visible = self._finish.visible = bool(badge)
 
     def reset(self) -> None:
         """Go back to the K and resolution the map came with."""
@@ -210,7 +225,7 @@ def origin_html(simap: SIMap) -> str:
     if simap.provenance.get("simulated"):
         badge = f'<span style="{BADGE_STYLE}">simulated</span> '
     return (
-        '<div style="padding:.5em .8em 0;font-size:.85em;line-height:1.5">'
+        '<div style="padding:.5em .8em 0;font-size:.85em;line-height:1.5;overflow-wrap:anywhere">'
         f'<div style="font-size:1.15em;font-weight:600">{escape(name)}</div>'
         f"<div>method <b>{escape(simap.method)}</b> · {len(simap.frame_names)} frames · "
         f"{simap.spec.cell_size_m * 100:g} cm cells</div><div>{badge}segmentation: {escape(source)}</div></div>"
@@ -224,12 +239,12 @@ def counts_html(simap: SIMap) -> str:
 
 def _line(text: str) -> str:
     return (
-        '<div role="status" style="padding:.2em .8em .4em;font-size:.88em;font-weight:600;line-height:1.4">'
+        '<div role="status" style="padding:.2em .8em .4em;font-size:.88em;font-weight:600;line-height:1.4;'
+        'overflow-wrap:anywhere">'
         f"{escape(text)}</div>"
     )
 
 
 def joins(simap: SIMap) -> bool:
     """Tell whether the map has a merge log that a slider can follow."""
-    joining = JOINING_OF.get(simap.method)
-    return joining is not None and joining.parameter in simap.parameters
+    return JOINING.get(simap.method) in simap.parameters

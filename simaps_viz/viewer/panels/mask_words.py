@@ -6,28 +6,18 @@ from html import escape
 
 import numpy as np
 
+from simaps_viz.labels import plural
+from simaps_viz.palette import Color
 from simaps_viz.structures import Segmentation
-from simaps_viz.viewer.drawing.legend import plural
-from simaps_viz.viewer.drawing.mask_picture import Color, ColorBy, confidence_color, segment_color
-from simaps_viz.viewer.drawing.theme import BAD_STYLE, DIM_STYLE
+from simaps_viz.viewer.drawing.mask_picture import ColorBy, confidence_color, named_color
+from simaps_viz.viewer.drawing.theme import BAD_STYLE, DIM_STYLE, SMALL_STYLE, remark_html
 
-SMALL = "padding:.1em .8em .45em;font-size:.82em;line-height:1.45"
 MOST_ROWS = 40
-
-
-def note_html(text: str) -> str:
-    """Set a remark."""
-    return f'<div style="{SMALL};opacity:.75">{escape(text)}</div>' if text else ""
 
 
 def error_html(text: str) -> str:
     """Set what went wrong."""
-    return f'<div role="alert" style="{SMALL};{BAD_STYLE}">{escape(text)}</div>'
-
-
-def working_html(text: str) -> str:
-    """Say that something is being worked on."""
-    return f'<div style="{SMALL};opacity:.75" role="status"><i>{escape(text)} …</i></div>'
+    return f'<div role="alert" style="{SMALL_STYLE};{BAD_STYLE}">{escape(text)}</div>'
 
 
 def class_counts(masks: Segmentation) -> dict[str, tuple[int, bool]]:
@@ -37,8 +27,8 @@ def class_counts(masks: Segmentation) -> dict[str, tuple[int, bool]]:
     return {label: (counts[label], things[label]) for label in sorted(counts, key=lambda c: (not things[c], c))}
 
 
-def masks_legend(masks: Segmentation, color_by: ColorBy) -> str:
-    """Explain the colours and the two kinds of fill."""
+def masks_legend(masks: Segmentation, color_by: ColorBy, colors: Mapping[str, Color] | None = None) -> str:
+    """Explain the colours and the two kinds of fill; ``colors`` are those of the map's classes."""
     kinds = (
         f'<div style="opacity:.85">{_chip((150, 150, 150), thing=True)}thing (can be counted)'
         f'<span style="margin-left:1em">{_chip((150, 150, 150), thing=False)}stuff (floor, wall …)</span></div>'
@@ -50,21 +40,20 @@ def masks_legend(masks: Segmentation, color_by: ColorBy) -> str:
             f'<div style="height:10px;border-radius:3px;background:linear-gradient(90deg,{stops})"></div>'
             '<div style="display:flex;justify-content:space-between"><span>0</span><span>0.5</span><span>1</span></div>'
         )
-        return f'<div style="{SMALL}">{bar}{kinds}</div>'
-    first = {s.label: s for s in reversed(masks.segments)}
+        return f'<div style="{SMALL_STYLE}">{bar}{kinds}</div>'
     chips = "".join(
-        f'<span style="white-space:nowrap;margin-right:.9em">{_chip(segment_color(first[label], "class"), thing=thing)}'
+        f'<span style="white-space:nowrap;margin-right:.9em">{_chip(named_color(label, colors or {}), thing=thing)}'
         f"{escape(label)} <b>{count}</b></span>"
         for label, (count, thing) in class_counts(masks).items()
     )
-    return f'<div style="{SMALL}">{chips}{kinds}</div>'
+    return f'<div style="{SMALL_STYLE}">{chips}{kinds}</div>'
 
 
 def segments_html(masks: Segmentation, hidden: Collection[str]) -> str:
     """List the segments, surest first: class, confidence, share of the picture."""
     shown = sorted((s for s in masks.segments if s.label not in hidden), key=lambda s: (not s.is_thing, -s.score))
     if not shown:
-        return note_html("No segment is shown on this frame.")
+        return remark_html("No segment is shown on this frame.")
     areas = np.bincount(masks.ids.reshape(-1), minlength=max(s.id for s in shown) + 1) / masks.ids.size
     cell = '<td style="padding-right:1em;text-align:right">'
     rows = "".join(
@@ -75,7 +64,7 @@ def segments_html(masks: Segmentation, hidden: Collection[str]) -> str:
     rest = f"<div>and {len(shown) - MOST_ROWS} more</div>" if len(shown) > MOST_ROWS else ""
     head = f'<td style="padding-right:1em">segment</td>{cell}confidence</td>{cell}of the picture</td>'
     rows = f'<tr style="{DIM_STYLE}">{head}</tr>{rows}'
-    return f'<div style="{SMALL}"><table style="border-spacing:0">{rows}</table>{rest}</div>'
+    return f'<div style="{SMALL_STYLE}"><table style="border-spacing:0">{rows}</table>{rest}</div>'
 
 
 def effect_words(before: Segmentation, now: Segmentation) -> str:

@@ -10,10 +10,12 @@ import viser
 from numpy.typing import NDArray
 
 from simaps_viz.errors import SIMapsError
-from simaps_viz.structures import Segmentation, SIMap
-from simaps_viz.viewer.desk import Desk
-from simaps_viz.viewer.drawing.legend import plural
+from simaps_viz.labels import plural
+from simaps_viz.structures import Segmentation
+from simaps_viz.viewer.desk import Desk, Panel
 from simaps_viz.viewer.drawing.mask_picture import MaskStyle, paint_masks
+from simaps_viz.viewer.drawing.texture import shown_class_colors
+from simaps_viz.viewer.drawing.theme import remark_html, working_html
 from simaps_viz.viewer.panels.mask_words import (
     class_counts,
     command_words,
@@ -21,14 +23,14 @@ from simaps_viz.viewer.panels.mask_words import (
     error_html,
     has_confidence,
     masks_legend,
-    note_html,
     segments_html,
-    working_html,
 )
 from simaps_viz.viewer.panels.spec import PanelSpec
 
 LARGE_PX = 1400
 """Width of the enlarged picture."""
+MOST_NAMES = 6
+"""Segments that have their names in the small picture, the largest."""
 PREVIOUS, NEXT = "Previous", "Next"
 ALL, NONE = "All", "None"
 FRAME_HINT = "Counted from 0; the map and the recorded build go to the same frame."
@@ -106,7 +108,7 @@ def masks_panel(services: SegmentationServices) -> PanelSpec:
     return PanelSpec("Masks", viser.Icon.PHOTO, make)
 
 
-class SegmentationPanel:
+class SegmentationPanel(Panel):
     """The widgets; fills the container that is open. ``show_frame`` follows the page's frame."""
 
     def __init__(
@@ -121,7 +123,7 @@ class SegmentationPanel:
         gui = desk.gui
         source = f"Masks: {services.source}." if services.source else ""
         self._status = gui.add_html("")
-        about = "".join(map(note_html, (source, *services.notes)))
+        about = "".join(map(remark_html, (source, *services.notes)))
         if services.look is None:
             gui.add_html(about)
         else:
@@ -156,13 +158,6 @@ class SegmentationPanel:
         if self._w.frame is not None and 0 <= frame < len(self._services.frame_names) and frame != self.frame:
             self._w.frame.value = frame
             self.refresh()
-
-    def map_changed(self, simap: SIMap) -> None:
-        """Another map of the same frames is shown: nothing changes here."""
-
-    def take_click(self, x_m: float, y_m: float) -> bool:
-        """Clicks on the map mean nothing here."""
-        return False
 
     def state(self) -> dict[str, Any]:
         """Give what this person chose, for a page that is loaded again."""
@@ -267,13 +262,14 @@ class SegmentationPanel:
             return
         self._seen = seen
         self._show_classes(seen.now)
-        self._w.picture.image = paint_masks(seen.rgb, seen.now, self._style())
-        self._w.legend.content = masks_legend(seen.now, self._w.color_by.value)
+        style = self._style()
+        self._w.picture.image = paint_masks(seen.rgb, seen.now, style)
+        self._w.legend.content = masks_legend(seen.now, self._w.color_by.value, style.colors)
         self._w.segments.content = segments_html(seen.now, self.hidden)
         name = f"Frame {self._services.frame_names[frame]}, {frame + 1} of {len(self._services.frame_names)}."
-        self._status.content = note_html(name) + note_html("" if has_confidence(seen.now) else NO_SCORES)
+        self._status.content = remark_html(name) + remark_html("" if has_confidence(seen.now) else NO_SCORES)
         if self._w.effect is not None:
-            self._w.effect.content = note_html(effect_words(seen.before, seen.now)) + note_html(self._command())
+            self._w.effect.content = remark_html(effect_words(seen.before, seen.now)) + remark_html(self._command())
 
     def _read(self, frame: int) -> _Seen:
         look, retry, values = self._services.look, self._services.retry, self._values()
@@ -291,7 +287,14 @@ class SegmentationPanel:
 
     def _style(self) -> MaskStyle:
         w = self._w
-        return MaskStyle(w.color_by.value, float(w.opacity.value), bool(w.names.value), self.hidden)
+        return MaskStyle(
+            w.color_by.value,
+            float(w.opacity.value),
+            bool(w.names.value),
+            self.hidden,
+            colors=shown_class_colors(self._desk.simap),
+            most_names=MOST_NAMES,
+        )
 
     def _show_classes(self, masks: Segmentation) -> None:
         """Have a switch for each class of the frame, and keep those of classes that are switched off."""
@@ -325,6 +328,6 @@ class SegmentationPanel:
         name = self._services.frame_names[seen.frame]
         modal = self._desk.gui.add_modal(f"Frame {name}: {plural(len(seen.now.segments), 'segment')}")
         with modal:
-            large = replace(self._style(), width=LARGE_PX, font_px=18)
+            large = replace(self._style(), width=LARGE_PX, font_px=18, most_names=None)
             self._desk.gui.add_image(paint_masks(seen.rgb, seen.now, large), format="jpeg", jpeg_quality=85)
             self._desk.gui.add_button("Close").on_click(lambda _: modal.close())

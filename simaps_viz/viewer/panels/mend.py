@@ -7,12 +7,14 @@ from typing import Any, Literal
 import viser
 
 from simaps_viz.errors import InputError, SIMapsError
+from simaps_viz.map_colors import take_over
+from simaps_viz.mapping.edits import EditRefused
 from simaps_viz.structures import Instance, SIMap
-from simaps_viz.viewer.desk import Desk
+from simaps_viz.viewer.desk import Desk, Panel
 from simaps_viz.viewer.drawing.legend import object_name
-from simaps_viz.viewer.panels.command_words import message_html
 from simaps_viz.viewer.panels.mend_services import CutMark, MendServices, Point
-from simaps_viz.viewer.panels.mend_words import classes, edits_html, nearest, saved_html, selected_html
+from simaps_viz.viewer.panels.mend_words import classes, edits_html, joined_text, nearest, saved_html, status_html
+from simaps_viz.viewer.panels.spec import PanelSpec
 
 NEW_CLASS = "new class …"
 ON_MAP = "click it on the map"
@@ -22,7 +24,16 @@ ONLY_ON_MAP: tuple[str, ...] = (ON_MAP,)
 Waiting = Literal["join", "cut"] | None
 
 
-class MendPanel:
+def mend_panel(services: MendServices) -> PanelSpec:
+    """Give the panel, beside the one about the selected instance."""
+
+    def make(desk: Desk) -> MendPanel:
+        return MendPanel(desk, services, CutMark(desk.scene.nodes))
+
+    return PanelSpec("Mend", viser.Icon.TOOL, make, place="instance")
+
+
+class MendPanel(Panel):
     """The widgets of one page; the edits themselves are shared by all pages."""
 
     def __init__(self, desk: Desk, services: MendServices, mark: CutMark | None = None) -> None:
@@ -37,6 +48,7 @@ class MendPanel:
         self._waiting: Waiting = None
         self._points: list[Point] = []
         self._shown: int | None = None
+        self._words, self._tone = "", "plain"
         self._others: dict[str, int] = {}
         self._fill(desk.gui)
         self.map_changed(desk.simap)
@@ -58,13 +70,11 @@ class MendPanel:
         one = next((i for i in simap.instances if i.id == instance_id), None)
         if instance_id != self._shown:
             self.stop_waiting()
+            if self._tone != "good":
+                self._say("")  # it spoke of the other object
         self._shown = None if one is None else one.id
         known = self._services.covers(simap)
-        self._head.content = (
-            selected_html(simap, one)
-            if known
-            else message_html("", "This is another map than the one that the edits belong to.", "plain")
-        )
+        self._show_status()
         for widget in self._tools:
             if isinstance(widget, viser.GuiButtonGroupHandle):
                 widget.visible = known  # viser cannot disable these
@@ -109,24 +119,20 @@ class MendPanel:
         """Take back who signs here."""
         self._who.value = state.get("who", self._services.who)
 
-    def close(self) -> None:
-        """Nothing runs by itself."""
-
     def _fill(self, gui: viser.GuiApi) -> None:
-        self._head = gui.add_html("")
-        self._said = gui.add_html("", visible=False)
+        self._status = gui.add_html("")
         self._cancel = gui.add_button("Cancel", icon=viser.Icon.X, color="gray", visible=False)
         self._cancel.on_click(lambda _: self.stop_waiting())
-        self._class = gui.add_dropdown("Class", ONLY_NEW, initial_value=NEW_CLASS, hint="What Rename calls the object.")
-        self._class.on_update(lambda _: self._show_new())
-        self._new = gui.add_text("New class", "", visible=False, hint="A class that is not on the map yet.")
-        self._other = gui.add_dropdown("Join with", ONLY_ON_MAP, initial_value=ON_MAP, hint="The other half, for Join.")
-        self._how = gui.add_dropdown("Cut along", (CLICKS, NORTH, EAST), initial_value=CLICKS, hint="For Cut in two.")
         change = self._add_actions("Change", {"Rename": self.rename, "Join": self.join}, "Join: key J.")
         remove = self._add_actions(
             "Divide, remove", {"Cut in two": self.cut, "Delete": self.delete}, "Cut in two: key X. Delete: key Delete."
         )
         self._add_actions("Last edit", {"Undo": self.undo, "Redo": self.redo}, "Keys Ctrl Z and Ctrl Shift Z.")
+        self._class = gui.add_dropdown("Class", ONLY_NEW, initial_value=NEW_CLASS, hint="What Rename calls the object.")
+        self._class.on_update(lambda _: self._show_new())
+        self._new = gui.add_text("New class", "", visible=False, hint="A class that is not on the map yet.")
+        self._other = gui.add_dropdown("Join with", ONLY_ON_MAP, initial_value=ON_MAP, hint="The other half, for Join.")
+        self._how = gui.add_dropdown("Cut along", (CLICKS, NORTH, EAST), initial_value=CLICKS, hint="For Cut in two.")
         self._tools: tuple[Any, ...] = (self._class, self._new, self._other, self._how, change, remove)
         self._who = gui.add_text("Your name", self._services.who, hint="Edits are signed with it.")
         self._saved = gui.add_html("")
@@ -198,8 +204,16 @@ class MendPanel:
 
     def _join(self, other: int) -> None:
         one, who = self._target(), str(self._who.value)
-        if one is not None:
-            self._do(lambda simap: self._services.merge(simap, one, other, who), "Joined.")
+        if one is None:
+            return
+        done = joined_text(self._desk.simap, one, other)
+
+        def merge(simap: SIMap) -> SIMap:
+            mended = self._services.merge(simap, one, other, who)
+            take_over(mended, simap, one)
+            return mended
+
+        self._do(merge, done)
 
     def _cut(self, start_m: Point, end_m: Point) -> None:
         one, who = self._target(), str(self._who.value)
@@ -221,7 +235,7 @@ class MendPanel:
 
     def _do(self, change: Callable[[SIMap], SIMap], done: str) -> None:
         """Change the map off the page's threads, and show it on all pages."""
-        simap, selected = self._desk.simap, self._desk.selected
+        simap = self._desk.simap
 
         def job() -> None:
             try:
@@ -230,13 +244,11 @@ class MendPanel:
                 mended = change(simap)
             except SIMapsError as error:
                 self.stop_waiting()
-                self._say(str(error), "bad")
+                self._say(error.plain if isinstance(error, EditRefused) else str(error), "bad")
                 return
             self.stop_waiting()
-            self._desk.publish(mended)
-            if selected is not None and all(one.id != selected for one in mended.instances):
-                self._desk.select(None)
             self._say(done, "good")
+            self._desk.publish(mended)  # what lies where the selected object lay is selected then
 
         self._desk.submit("mend", job)
 
@@ -247,8 +259,13 @@ class MendPanel:
         self._say(text)
 
     def _say(self, text: str, tone: str = "plain") -> None:
-        self._said.content = message_html("", text, tone) if text else ""
-        self._said.visible = bool(text)
+        self._words, self._tone = text, tone
+        self._show_status()
+
+    def _show_status(self) -> None:
+        simap = self._desk.simap
+        one = next((i for i in simap.instances if i.id == self._shown), None)
+        self._status.content = status_html(simap, one, self._words, self._tone, known=self._services.covers(simap))
 
     def _draw(self, points_m: Any) -> None:
         if self._mark is not None:
@@ -273,6 +290,6 @@ class MendPanel:
         self._other.value = ON_MAP
 
     def _list(self) -> None:
-        entries, undone = self._services.entries(), self._services.undone()
-        self._edits.content = edits_html(entries, undone, self._services.refused())
+        entries = list(zip(self._services.told(), self._services.entries(), strict=False))
+        self._edits.content = edits_html(entries, self._services.undone(), self._services.refused())
         self._saved.content = saved_html(self._services.path, self._services.saved())

@@ -8,6 +8,7 @@ import numpy as np
 import viser
 
 from simaps_viz.structures import SIMap
+from simaps_viz.viewer.drawing.lines import draw_lines
 
 Point = tuple[float, float]
 """x and y in metres, map frame."""
@@ -50,6 +51,8 @@ class MendServices:
     redo: Callable[[SIMap], SIMap]
     entries: Callable[[], Sequence[EntryLike]]
     """The edits, the first one first."""
+    told: Callable[[], Sequence[str]]
+    """What each of them did, for one who sees the map."""
     undone: Callable[[], int]
     """How many can be redone."""
     refused: Callable[[], Sequence[str]]
@@ -78,12 +81,7 @@ class CutMark:
             a, b = np.asarray(points_m, np.float64)
             along = (b - a) / max(float(np.hypot(*(b - a))), 1e-9) * reach_m
             segments.append(np.array([[[*(a - along), FLOOR_M], [*(b + along), FLOOR_M]]]))
-        if segments:
-            self._scene.add_line_segments(
-                "/cut", np.concatenate(segments), CUT, thickness=4.0, thickness_units="screen"
-            )
-        elif self._scene.get_handle_by_name("/cut") is not None:
-            self._scene.remove_by_name("/cut")
+        draw_lines(self._scene, "/cut", np.concatenate(segments) if segments else np.zeros((0, 2, 3)), CUT, 4.0)
 
 
 def _cross(x: float, y: float) -> np.ndarray:

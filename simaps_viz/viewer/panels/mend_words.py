@@ -3,12 +3,13 @@
 from collections.abc import Sequence
 from html import escape
 
+import cv2
 import numpy as np
 
-from simaps_viz.mapping.edit_log import edits_of
 from simaps_viz.structures import Instance, SIMap
 from simaps_viz.viewer.drawing.legend import facts_text, object_name
-from simaps_viz.viewer.drawing.theme import BAD_STYLE, BOX_STYLE, DIM_STYLE, TEXT_STYLE, note_html
+from simaps_viz.viewer.drawing.theme import BAD_STYLE, BOX_STYLE, DIM_STYLE, STICKY, TEXT_STYLE, note_html, short_html
+from simaps_viz.viewer.panels.command_words import message_html
 from simaps_viz.viewer.panels.mend_services import EntryLike
 
 NEAREST = 15
@@ -32,27 +33,50 @@ def classes(simap: SIMap) -> list[str]:
     return [label for label, _ in sorted(named, key=lambda pair: (not pair[1], pair[0]))]
 
 
-def selected_html(simap: SIMap, one: Instance | None) -> str:
-    """Say what is selected."""
-    if one is None:
-        return note_html("Select an object on the map, or in the list under Instance, to mend it.")
-    name, facts = escape(object_name(simap, one)), escape(facts_text(simap, one))
-    made = "".join(f"<br>{escape(edit['what'])}, by {escape(edit['who'])}" for edit in edits_of(simap, one.id))
-    return (
-        f'<div style="{BOX_STYLE};{TEXT_STYLE}"><b>{name}</b><br><span style="{DIM_STYLE}">{facts}{made}</span></div>'
-    )
+def status_html(simap: SIMap, one: Instance | None, words: str, tone: str, *, known: bool) -> str:
+    """Say what is selected, and what became of the last thing done; it stays in sight while the panel scrolls."""
+    if not known:
+        head = note_html("This is another map than the one that the edits belong to.")
+    elif one is None:
+        head = note_html("Select an object on the map, or in the list under Instance, to mend it.")
+    else:
+        facts = escape(facts_text(simap, one))
+        head = (
+            f'<div style="{BOX_STYLE};{TEXT_STYLE};overflow-wrap:anywhere"><b>{short_html(object_name(simap, one))}</b>'
+            f'<br><span style="{DIM_STYLE}">{facts}</span></div>'
+        )
+    said = f'<div role="status">{message_html("", words, tone)}</div>' if words else ""
+    return f'<div class="{STICKY}">{head}{said}</div>'
 
 
-def edits_html(entries: Sequence[EntryLike], undone: int, refused: Sequence[str]) -> str:
-    """List the edits, the last one first."""
+def joined_text(simap: SIMap, first: int, second: int) -> str:
+    """Say that two objects are joined, and how far apart they are where they do not touch."""
+    apart = apart_m(simap, first, second)
+    return "Joined." if apart == 0.0 else f"Joined. They do not touch: {apart:.2f} m lie between them. Undo parts them."
+
+
+def apart_m(simap: SIMap, first: int, second: int) -> float:
+    """Give the distance between the nearest edges of two objects, metres; 0 where cells of theirs touch."""
+    both = np.isin(simap.instance, (first, second))
+    row, col = np.flatnonzero(both.any(axis=1)), np.flatnonzero(both.any(axis=0))
+    if first == second or not (simap.instance == first).any() or not (simap.instance == second).any():
+        return 0.0
+    part = simap.instance[row[0] : row[-1] + 1, col[0] : col[-1] + 1]
+    away = cv2.distanceTransform((part != first).astype(np.uint8), cv2.DIST_L2, cv2.DIST_MASK_PRECISE)
+    cells = float(away[part == second].min())
+    return 0.0 if cells < 1.5 else (cells - 1.0) * simap.spec.cell_size_m
+
+
+def edits_html(entries: Sequence[tuple[str, EntryLike]], undone: int, refused: Sequence[str]) -> str:
+    """List the edits (what they did, and the edits themselves), the last one first."""
     lost = "".join(f'<li style="{BAD_STYLE}">{escape(why)}</li>' for why in refused)
     if not entries and not lost:
         more = f" {undone} taken back." if undone else ""
         return note_html(f"No edits yet.{more}")
     rows = [
-        f"<li>{escape(entry.to_json()['what'])}<br>"
+        f"<li>{escape(what)}<br>"
         f'<span style="{DIM_STYLE}">{escape(entry.who)}, {escape(when_text(entry.when))}</span></li>'
-        for entry in list(reversed(entries))[:LISTED]
+        for what, entry in list(reversed(entries))[:LISTED]
     ]
     rest = f"<li>and {len(entries) - LISTED} before</li>" if len(entries) > LISTED else ""
     back = note_html(f"{undone} taken back.") if undone else ""

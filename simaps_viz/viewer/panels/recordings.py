@@ -8,8 +8,7 @@ from typing import Protocol
 
 import viser
 
-from simaps_viz.structures import SIMap
-from simaps_viz.viewer.desk import Desk
+from simaps_viz.viewer.desk import Desk, Panel
 from simaps_viz.viewer.panels.spec import PanelSpec
 
 NONE = "no recordings yet"
@@ -94,8 +93,8 @@ class RecordingServices:
     """(name, new name)."""
     delete: Callable[[str], object]
     """(name): remove its file."""
-    open: Callable[[Desk, Path], None] | None = None
-    """Show a recording beside the map of that page; None where the page has no place for one."""
+    beside: bool = False
+    """Whether pages have a place for a recording beside the map."""
     folder: str = ""
     """Where the person's own recordings lie."""
 
@@ -105,7 +104,7 @@ def recordings_spec(services: RecordingServices) -> PanelSpec:
     return PanelSpec("Recordings", viser.Icon.MOVIE, lambda desk: RecordingsPanel(desk, services))
 
 
-class RecordingsPanel:
+class RecordingsPanel(Panel):
     """A list to choose from, what is known of the chosen one, and what can be done with it."""
 
     def __init__(self, desk: Desk, services: RecordingServices) -> None:
@@ -128,16 +127,6 @@ class RecordingsPanel:
         self._connect()
         self._ask(None)
         self.refresh()
-
-    def map_changed(self, simap: SIMap) -> None:
-        """Recordings do not depend on the map shown."""
-
-    def take_click(self, x_m: float, y_m: float) -> bool:
-        """Let every click pass."""
-        return False
-
-    def close(self) -> None:
-        """Nothing runs of its own."""
 
     def refresh(self, select: str | None = None) -> None:
         """List the recordings anew, off the page's thread; ``select`` names one to choose."""
@@ -181,7 +170,7 @@ class RecordingsPanel:
         entry = self.chosen
         renaming, deleting = what == "rename" and entry is not None, what == "delete" and entry is not None
         idle = not (renaming or deleting)
-        self._open.visible = idle and entry is not None and self._services.open is not None
+        self._open.visible = idle and entry is not None and self._services.beside
         self._open.disabled = entry is None or entry.fault is not None
         self._rename.visible = self._delete.visible = idle and entry is not None
         self._again.visible = idle
@@ -205,9 +194,8 @@ class RecordingsPanel:
             self._desk.submit(name, lambda: job(entry))
 
     def _open_it(self, entry: RecordingLike) -> None:
-        if self._services.open is not None:
-            self._services.open(self._desk, entry.path)
-            self._desk.say("Recording", f"{entry.name} is shown beside the map.")
+        self._desk.show_recording(entry.path)
+        self._desk.say("Recording", f"{entry.name} is shown beside the map.")
 
     def _rename_it(self, entry: RecordingLike) -> None:
         new_name = self._new_name.value.strip()

@@ -8,10 +8,8 @@ from pathlib import Path
 
 import viser
 
-from simaps_viz.errors import InputError
 from simaps_viz.structures import Pose2, SIMap
-from simaps_viz.viewer.desk import Desk
-from simaps_viz.viewer.own_page import Send, robot_on, send_from
+from simaps_viz.viewer.desk import Desk, Panel
 from simaps_viz.viewer.panels.compare_services import Cancelled
 from simaps_viz.viewer.panels.compare_words import note
 from simaps_viz.viewer.panels.spec import PanelSpec
@@ -31,36 +29,21 @@ class ShareServices:
     """As in `Services`."""
     look: Callable[[SIMap], Look | None] | None = None
     """(map) -> what gives the map after a frame, where that is known."""
-    start: Callable[[SIMap], Pose2] | None = None
-    """Where the robot starts when the page does not say; may raise InputError."""
     radius_m: float = 0.2
     """Of the robot."""
 
 
 def share_panel(services: ShareServices) -> PanelSpec:
     """Give the tab of a page that has this panel."""
-
-    def make(desk: Desk) -> SharePanel:
-        return SharePanel(desk, services, send=send_from(desk), pose=robot_on(desk))
-
-    return PanelSpec("Share", viser.Icon.SHARE, make)
+    return PanelSpec("Share", viser.Icon.SHARE, lambda desk: SharePanel(desk, services))
 
 
-class SharePanel:
+class SharePanel(Panel):
     """A command to end with, and a button for each kind of file."""
 
-    def __init__(
-        self, desk: Desk, services: ShareServices, *, send: Send | None, pose: Callable[[], Pose2] | None = None
-    ) -> None:
-        """Fill the open container.
-
-        Args:
-            desk: the page.
-            services: what carries out the command.
-            send: hands the browser a file; None: there is none to hand it to.
-            pose: where this page's robot stands; None takes ``services.start``.
-        """
-        self._desk, self._services, self._send, self._pose = desk, services, send, pose
+    def __init__(self, desk: Desk, services: ShareServices) -> None:
+        """Fill the open container."""
+        self._desk, self._services = desk, services
         self._worker = Worker(self._failed)  # of its own: a film takes some seconds
         self._stopped = False
         gui = desk.gui
@@ -81,13 +64,6 @@ class SharePanel:
             button.on_click(functools.partial(self._clicked, ending))
         self._progress = gui.add_progress_bar(0.0, visible=False)
         self._status = gui.add_html("")
-
-    def map_changed(self, simap: SIMap) -> None:
-        """Nothing to do: a file shows the map of the moment it was asked for."""
-
-    def take_click(self, x_m: float, y_m: float) -> bool:
-        """Wait for no click."""
-        return False
 
     def close(self) -> None:
         """Give up what is being made."""
@@ -119,9 +95,7 @@ class SharePanel:
         except Cancelled:
             return
         name = file_name(simap, ending)
-        if self._send is None:
-            raise InputError("share: expected a browser to hand the file to, found none")
-        self._send(name, content)
+        self._desk.send(name, content)
         self._done()
         self._status.content = note(f"{name} · {len(content) / 1e6:.1f} MB")
 
@@ -129,13 +103,7 @@ class SharePanel:
         command, services = str(self._command.value).strip(), self._services
         if not command or services.ask is None:
             return None
-        if self._pose is not None:
-            pose = self._pose()
-        elif services.start is not None:
-            pose = services.start(simap)
-        else:
-            raise InputError("share: expected a place where the robot starts, found none")
-        return ride_of(simap, command, pose, ask=services.ask, steps=services.steps)
+        return ride_of(simap, command, self._desk.pose, ask=services.ask, steps=services.steps)
 
     def _done(self) -> None:
         self._progress.visible = False

@@ -15,12 +15,7 @@ PROGRESS = "Progress"
 
 @dataclass(frozen=True)
 class PanelSpec:
-    """A panel that is on every page.
-
-    A panel may have more methods than `Panel` asks for: ``state()`` gives what its person did, and ``restore(state)``
-    takes it back on a page that was loaded again; ``selection_changed(instance_id)`` is told which object is selected,
-    None for none, and ``show_frame(frame)`` which frame the page shows.
-    """
+    """A panel that is on every page."""
 
     title: str
     """Of its tab."""

@@ -15,14 +15,20 @@ HINT = "0 = classes; then the levels of Louvain; then one step for each merge, t
 class StepsPanel:
     """A slider over the steps; it rests at the finished map until somebody moves it."""
 
-    def __init__(self, gui: viser.GuiApi, on_step: Callable[[int, bool], None]) -> None:
+    def __init__(
+        self,
+        gui: viser.GuiApi,
+        on_step: Callable[[int, bool], None],
+        more_words: Callable[[int], str] = lambda step: "",
+    ) -> None:
         """Fill the open container.
 
         Args:
             gui: where.
             on_step: gets the step to show, and whether this page chose it.
+            more_words: what else to say of a step.
         """
-        self._on_step = on_step
+        self._on_step, self._more_words = on_step, more_words
         self._timeline: Timeline | None = None
         self._step: int | None = None
         with gui.add_folder("How objects were joined"):
@@ -71,7 +77,7 @@ class StepsPanel:
         self._step = None if step == timeline.finished else step
         if self._slider.value != step:
             self._slider.value = step
-        self._say(timeline.words(step))
+        self._say(timeline.words(step) + self._more_words(step))
         self._back.visible = self._step is not None
         self._on_step(step, chosen_here)
 

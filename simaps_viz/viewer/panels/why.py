@@ -7,23 +7,23 @@ import numpy as np
 import viser
 from numpy.typing import NDArray
 
+from simaps_viz.labels import plural
 from simaps_viz.mapping.edit_log import edits_of
 from simaps_viz.mapping.why import Between, Joint, Why, between, explain
 from simaps_viz.mapping.why_frames import PairFrame
 from simaps_viz.mapping.why_words import between_words
 from simaps_viz.structures import Instance, SIMap
-from simaps_viz.viewer.drawing.legend import object_name, plural
+from simaps_viz.viewer.drawing.legend import object_name
+from simaps_viz.viewer.drawing.theme import remark_html, working_html
 from simaps_viz.viewer.drawing.thumbnails import gallery, named, outlined
 from simaps_viz.viewer.drawing.why_marks import FLOOR_M, Marks, WhyMarks, link_text, sureness_colors
 from simaps_viz.viewer.panels.why_html import (
     joint_html,
     joint_name,
     lines_legend,
-    note_html,
     summary_html,
     sureness_legend,
     text_html,
-    working_html,
 )
 
 ROWS = 6
@@ -45,7 +45,7 @@ class WhyActions:
     show_frame: Callable[[int], None]
     """A frame was chosen."""
     show_joint: Callable[[Joint], None]
-    """A step of the merge log was chosen: the recorded build should go there."""
+    """A step of the merge log was chosen: the page should show the finished map, and the recorded build go there."""
     knows_joint: Callable[[SIMap], bool | None]
     """Whether the recorded build has the steps of a map's merge log; None = there is no recorded build."""
     submit: Callable[[str, Callable[[], None]], None]
@@ -114,7 +114,7 @@ class WhyPanel:
             return False
         self._ask(False)
         if instance is None or instance.id == self._why.instance.id:
-            self._apart.content = note_html("That is not another object. Nothing compared.")
+            self._apart.content = remark_html("That is not another object. Nothing compared.")
         else:
             self.compare(instance.id)
         return True
@@ -166,7 +166,7 @@ class WhyPanel:
         self._apart_of = names
         self._near.options = (*names, ASK)
         near = "" if names else "No other object of its class is near."
-        self._apart.content = note_html(near) if near else ""
+        self._apart.content = remark_html(near)
         self._apart_picture.visible = self._apart_jump.visible = False
         steps = len(why.joints)
         self._step.visible = self._rows.visible = self._step_text.visible = steps > 0
@@ -175,7 +175,7 @@ class WhyPanel:
             self._step.value = 0
             weakest = next(i for i, joint in enumerate(why.joints, 1) if joint is why.weakest)
             self._rows.options = _window(why, weakest)
-            self._step_text.content = note_html(_steps_words(why))
+            self._step_text.content = remark_html(_steps_words(why))
 
     def _choose_row(self, row: str) -> None:
         """Choose the step a row begins with; a page may tell of rows that were never there."""
@@ -195,14 +195,21 @@ class WhyPanel:
             self._step.value = position
         self._joint = why.joints[position - 1] if position else None
         if self._joint is None:
-            self._step_text.content = note_html(_steps_words(why))
+            self._step_text.content = remark_html(_steps_words(why))
         else:
             self._rows.options = _window(why, position)
-            recorded = self._actions.knows_joint(simap)
-            self._step_text.content = joint_html(why, self._joint, position, recorded)
-            if recorded:
-                self._actions.show_joint(self._joint)
+            self._step_text.content = joint_html(why, self._joint, position, self._actions.knows_joint(simap))
+            self._leave_neighbour()
+            self._actions.show_joint(self._joint)
         self._draw()
+
+    def _leave_neighbour(self) -> None:
+        """Compare with no other object any more."""
+        if self._between is not None:
+            self._between = None
+            self._apart.content = ""
+            self._apart_picture.visible = self._apart_jump.visible = False
+            self._actions.repaint()
 
     def _chose_neighbour(self, name: str) -> None:
         if name in self._apart_of:

@@ -6,6 +6,8 @@ import numpy as np
 
 from simaps_viz.mapping.why import Joint, Why
 from simaps_viz.mapping.why_words import joint_words, needed_text, score_text, summary
+from simaps_viz.palette import Color
+from simaps_viz.viewer.drawing.theme import SMALL_STYLE
 from simaps_viz.viewer.drawing.why_marks import (
     CUT,
     LINK,
@@ -13,27 +15,14 @@ from simaps_viz.viewer.drawing.why_marks import (
     SOURCE,
     TARGET,
     UNKNOWN,
-    Color,
     drawn_links,
     sureness_range,
 )
 
-SMALL = "padding:.1em .8em .45em;font-size:.82em;line-height:1.45"
-
-
-def note_html(text: str) -> str:
-    """Set a remark."""
-    return f'<div style="{SMALL};opacity:.75">{escape(text)}</div>'
-
 
 def text_html(text: str) -> str:
     """Set a sentence."""
-    return f'<div style="{SMALL}">{escape(text)}</div>'
-
-
-def working_html(text: str) -> str:
-    """Say that something is being worked on."""
-    return f'<div style="{SMALL};opacity:.75" role="status"><i>{escape(text)} …</i></div>'
+    return f'<div style="{SMALL_STYLE}">{escape(text)}</div>'
 
 
 def summary_html(why: Why, *, by_hand: bool = False) -> str:
@@ -57,7 +46,7 @@ def sureness_legend(why: Why) -> str:
     if np.isnan(why.sureness).any():
         rest = f"<div>{_chip(UNKNOWN)}nothing seen for or against</div>"
     return (
-        f'<div style="{SMALL}"><div>{escape(meaning)}</div>'
+        f'<div style="{SMALL_STYLE}"><div>{escape(meaning)}</div>'
         f'<div style="height:10px;border-radius:3px;background:linear-gradient(90deg,{stops})"></div>'
         f'<div style="display:flex;justify-content:space-between"><span>{ends[0]}</span><span>{ends[1]}</span></div>'
         f"{rest}</div>"
@@ -75,14 +64,14 @@ def lines_legend(why: Why) -> str:
     if drawn_links(why):
         number = {"paper": "share of cells that neighbour the other", "evidence": "evidence that both are one"}
         parts.append(f"<div>{_stroke(LINK)}neighbours, with {number.get(why.method, 'their distance')}</div>")
-    return f'<div style="{SMALL}">{"".join(parts)}</div>' if parts else ""
+    return f'<div style="{SMALL_STYLE}">{"".join(parts)}</div>' if parts else ""
 
 
 def joint_html(why: Why, joint: Joint, position: int, recorded: bool | None) -> str:
     """Describe one step that made an instance; ``position`` counts from 1, ``recorded`` is None without a recording."""
     more = " The recorded build was cut into other communities and has no such step." if recorded is False else ""
     return (
-        f'<div style="{SMALL}"><b>Step {position} of {len(why.joints)}</b>: '
+        f'<div style="{SMALL_STYLE}"><b>Step {position} of {len(why.joints)}</b>: '
         f"{_stroke(TARGET)}{joint.target_cells} cells + {_stroke(SOURCE)}{joint.source_cells} cells: "
         f"{escape(joint_words(why, joint))}.{escape(more)}</div>"
     )

@@ -67,6 +67,14 @@ def clicked_place(
     return None
 
 
+def in_a_view(items: Sequence[Mapping[str, Any]]) -> bool:
+    """Tell whether something was clicked in one of the recording's views, and not only chosen by its name."""
+    return any(
+        isinstance(item.get("position"), list) or (item.get("type") == "view" and not item.get("by_name"))
+        for item in items
+    )
+
+
 def _instance_in_picture(
     simap: SIMap, frame: int, seen: tuple[NDArray, NDArray] | None, pixel: tuple[float, float]
 ) -> int:

@@ -4,6 +4,7 @@ Another web site cannot read what 127.0.0.1 serves, but it can try: by a name of
 (DNS rebinding), or by a WebSocket, which browsers open across sites. Both show in what the browser says of itself.
 """
 
+import hashlib
 import hmac
 import os
 import re
@@ -25,7 +26,9 @@ LEAST_TOKEN = 16
 MOST_PATH = 2048
 """Characters of an address."""
 MOST_WRONG, FORGET_S, MOST_ADDRESSES = 10, 60.0, 1024
-"""So many wrong tokens of one address in so long; then it is not heard at all. That many addresses are remembered."""
+"""So many wrong tokens of one address in so long; then no more are looked at. That many addresses are remembered."""
+MOST_INSIDE = 256
+"""Browsers that are let in at once; the one that was not seen for longest has to bring the token again."""
 
 Refusal = tuple[HTTPStatus, str]
 
@@ -99,13 +102,15 @@ class Access:
             )
         self.host = host = "127.0.0.1" if host == "localhost" else host
         self.token = chosen or ("" if is_loopback(host) else secrets.token_urlsafe(32))
-        self.cookie = f"simaps-{secrets.token_hex(8)}"  # of this start: an old cookie is no wrong token
+        self._can_be_guessed = bool(chosen)
+        self.cookie = f"simaps-{secrets.token_hex(8)}"
         self._names = {"localhost", "127.0.0.1", "[::1]", bracketed(host)}
         if not is_loopback(host):
             here = socket.gethostname().lower()
             self._names |= {here, f"{here}.local"}
         self._clock, self._lock = clock, threading.Lock()
-        self._wrong: OrderedDict[str, list[float]] = OrderedDict()
+        self._wrong: OrderedDict[tuple[str, bool], list[float]] = OrderedDict()
+        self._inside: OrderedDict[bytes, None] = OrderedDict()
 
     @property
     def name(self) -> str:
@@ -136,13 +141,15 @@ class Access:
             return HTTPStatus.FORBIDDEN, "this server answers its own page only"
         if not self.token or self._has_cookie(headers):  # whoever is in stays in, whatever others try
             return None
-        if not self._may_try(peer):
-            return HTTPStatus.TOO_MANY_REQUESTS, "too many wrong tokens; wait a minute"
-        given = _token_in(path)
-        if given is not None and self._is_token(given):
+        given, tries = _token_in(path), (peer, _is_cross_site(headers))
+        right = given is not None and self._is_token(given)
+        may_try = self._may_try(tries)
+        if right and (may_try or not self._can_be_guessed):  # wrong ones of others lock nobody out, where they need not
             return None
-        if given is not None or self._cookie_of(headers) is not None:
-            self._was_wrong(peer)
+        if not may_try:
+            return HTTPStatus.TOO_MANY_REQUESTS, "too many wrong tokens; wait a minute"
+        if given is not None:
+            self._was_wrong(tries)
         return HTTPStatus.UNAUTHORIZED, "open the address with ?token=… that the terminal shows"
 
     def forgive(self) -> None:
@@ -151,10 +158,19 @@ class Access:
             self._wrong.clear()
 
     def entering(self, headers: Mapping[str, str], path: str) -> dict[str, str] | None:
-        """Give the headers that let in who has the token in the address, and has not come in yet."""
-        if not self.token or _token_in(path) is None or self._has_cookie(headers):
+        """Give the headers that let in who has the token in the address, and has not come in yet.
+
+        The cookie never holds the token: browsers send cookies to every port of a name, whoever serves there.
+        """
+        given = _token_in(path)
+        if not self.token or given is None or not self._is_token(given) or self._has_cookie(headers):
             return None
-        return {"Set-Cookie": f"{self.cookie}={self.token}; HttpOnly; SameSite=Strict; Path=/"}
+        pass_ = secrets.token_urlsafe(32)
+        with self._lock:
+            self._inside[_digest(pass_)] = None
+            while len(self._inside) > MOST_INSIDE:
+                self._inside.popitem(last=False)
+        return {"Set-Cookie": f"{self.cookie}={pass_}; HttpOnly; SameSite=Strict; Path=/"}
 
     def _is_foreign(self, headers: Mapping[str, str], own_address: str, joins: bool) -> bool:
         host, origin = headers.get("host"), headers.get("origin")
@@ -163,31 +179,41 @@ class Access:
             return True
         if origin is not None and origin.lower() not in (f"http://{host}".lower(), f"https://{host}".lower()):
             return True
-        site, mode = headers.get("sec-fetch-site"), headers.get("sec-fetch-mode")
-        return site == "cross-site" and (mode != "navigate" or joins)
+        return _is_cross_site(headers) and (headers.get("sec-fetch-mode") != "navigate" or joins)
 
     def _has_cookie(self, headers: Mapping[str, str]) -> bool:
-        given = self._cookie_of(headers)
-        return given is not None and self._is_token(given)
-
-    def _cookie_of(self, headers: Mapping[str, str]) -> str | None:
-        pairs = (pair.strip().partition("=") for pair in (headers.get("cookie") or "").split(";"))
-        return next((value for name, _, value in pairs if name == self.cookie), None)
+        pairs = (pair.strip().partition("=") for pair in headers.get("cookie", "").split(";"))
+        given = [_digest(value) for name, _, value in pairs if name == self.cookie]  # others may have set more of them
+        with self._lock:
+            known = next((one for one in given if one in self._inside), None)
+            if known is not None:
+                self._inside.move_to_end(known)
+        return known is not None
 
     def _is_token(self, given: str) -> bool:
         return hmac.compare_digest(given.encode(errors="replace"), self.token.encode())
 
-    def _may_try(self, peer: str) -> bool:
+    def _may_try(self, tries: tuple[str, bool]) -> bool:
         with self._lock:
-            times = [at for at in self._wrong.get(peer, ()) if self._clock() - at < FORGET_S]
+            times = [at for at in self._wrong.get(tries, ()) if self._clock() - at < FORGET_S]
             return len(times) < MOST_WRONG
 
-    def _was_wrong(self, peer: str) -> None:
+    def _was_wrong(self, tries: tuple[str, bool]) -> None:
+        """Count a wrong token; those of other sites' pages by themselves, as who reads such a page has not tried."""
         with self._lock:
-            times = [*self._wrong.pop(peer, ()), self._clock()]
-            self._wrong[peer] = times[-MOST_WRONG:]
+            times = [*self._wrong.pop(tries, ()), self._clock()]
+            self._wrong[tries] = times[-MOST_WRONG:]
             while len(self._wrong) > MOST_ADDRESSES:
                 self._wrong.popitem(last=False)
+
+
+def _is_cross_site(headers: Mapping[str, str]) -> bool:
+    return headers.get("sec-fetch-site") == "cross-site"
+
+
+def _digest(given: str) -> bytes:
+    """Give what is kept of a cookie: looking it up takes as long for nearly right ones as for others."""
+    return hashlib.sha256(given.encode(errors="replace")).digest()
 
 
 def _token_in(path: str) -> str | None:
@@ -198,5 +224,9 @@ def _token_in(path: str) -> str | None:
 
 
 def without_query(text: str) -> str:
-    """Give a line for the log without what follows a question mark, which may hold a token."""
-    return re.sub(r"\?.*", "?…", text, flags=re.DOTALL)
+    """Give a line for the log without the query, which may hold a token; its status stays, control characters do not.
+
+    What looks like the end of the address may be part of a token, so all goes but the very end of the line.
+    """
+    text = re.sub(r"[^ -~]", ".", text)
+    return re.sub(r"\?.*?((?: HTTP/\d\.\d)?\" \d{3} \S+)?\Z", r"?…\1", text)

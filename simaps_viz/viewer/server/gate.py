@@ -31,6 +31,7 @@ from websockets.http11 import Request, Response
 from simaps_viz.viewer.page_script import HANDLERS
 from simaps_viz.viewer.server.access import ENTERED, ENTERED_CSP, SAFE_HEADERS, Access, headers_of
 from simaps_viz.viewer.server.messages import LARGEST_MESSAGE, Listener, Uploads
+from simaps_viz.viewer.server.opening import cover
 
 logger = logging.getLogger(__name__)
 
@@ -43,6 +44,8 @@ PING_S = 20.0
 """A page whose machine does not answer a ping for so long has gone."""
 MESSAGES_PER_S, BURST = 400.0, 1200
 """A page that says more is heard later, not less."""
+LONGEST_METHOD = 16
+"""Letters of what an HTTP request begins with, such as GET."""
 MOST_FAULTS = 20
 """A page that says so much that no page says is shown out."""
 
@@ -168,6 +171,7 @@ class Gate:
             response.headers["Content-Security-Policy"] = self.csp(request.headers["Host"].lower())
             response.headers["Cache-Control"] = "no-cache"
             response.headers.update(SAFE_HEADERS)
+            cover(response)
         return response
 
 
@@ -182,11 +186,34 @@ class GatedConnection(ServerConnection):
         self._peer = str(peer[0]) if peer else ""
         self._listener = Listener(self.gate.uploads)
         self._is_page, self._faults, self._credit, self._filled = False, 0, float(BURST), time.monotonic()
+        self._begun, self._knows_method, self._turned_away = b"", False, False
         self._entered = self.gate.enter(self._peer)
         super().connection_made(transport)
         if not self._entered:
             self.gate.note("too many connections")
             transport.abort()
+
+    def data_received(self, data: bytes) -> None:
+        """Answer HEAD, POST and the others, on which websockets would hang up without a word."""
+        if not self._knows_method:
+            self._begun += data
+            method, blank, _ = self._begun.partition(b" ")
+            if not blank and re.fullmatch(rb"[A-Z]{,%d}" % LONGEST_METHOD, method):
+                return  # it may become one
+            data, self._begun, self._knows_method = self._begun, b"", True
+            self._turned_away = method != b"GET" and re.fullmatch(rb"[A-Z]{1,%d}" % LONGEST_METHOD, method) is not None
+            if self._turned_away:
+                self._turn_away()
+        if not self._turned_away:
+            super().data_received(data)
+
+    def _turn_away(self) -> None:
+        """Say what is answered here; what else comes is not read, and who does not go is hung up on in time."""
+        self.gate.note("a request that is no GET")
+        response = _response(HTTPStatus.METHOD_NOT_ALLOWED, b"", "text/plain; charset=utf-8", ENTERED_CSP)
+        response.headers["Allow"] = "GET"
+        self.transport.write(response.serialize())
+        self.transport.write_eof()
 
     def connection_lost(self, exc: Exception | None) -> None:
         """Forget it."""

@@ -250,21 +250,21 @@ class _Handler(BoundedHandler):
         elif path.startswith("/recordings/") and path[12:] in self.host.recordings:
             asset = (self.host.recordings[path[12:]], "application/octet-stream")
             self._send_asset(asset, cache="no-store")
+        elif path == "/":
+            self._lead_to(root)
         else:
             self._refuse(404, "no such page")
 
     def do_POST(self) -> None:
         if not self._welcome():
             return
-        headers = headers_of(self.headers.items())
-        length = headers.get("content-length", "")
-        wrong = urlsplit(self.path).path != f"/{self.host.root}/event" or "transfer-encoding" in headers
-        if wrong or not re.fullmatch("[0-9]{1,9}", length) or int(length) > LARGEST_EVENT_BYTES:
+        length = int(self.headers["Content-Length"])  # a POST has exactly one, see `BoundedHandler.parse_request`
+        if urlsplit(self.path).path != f"/{self.host.root}/event" or length > LARGEST_EVENT_BYTES:
             self.close_connection = True
             self._refuse(400, "not an event")
             return
         try:
-            body = self.rfile.read(int(length))
+            body = self.rfile.read(length)
             event = json.loads(body, parse_float=_number, parse_int=_number, parse_constant=_number)
         except (ValueError, RecursionError):
             self._refuse(400, "not JSON")
@@ -302,6 +302,10 @@ class _Handler(BoundedHandler):
         self._headers("text/html; charset=utf-8", len(body), "no-store", csp=ENTERED_CSP, **cookie)
         self.wfile.write(body)
         return False
+
+    def _lead_to(self, path: str) -> None:
+        self.send_response(302)
+        self._headers("text/plain", 0, "no-store", Location=path)
 
     def _refuse(self, status: int, why: str) -> None:
         body = why.encode()

@@ -3,10 +3,11 @@
 from collections.abc import Callable, Mapping
 from typing import Any
 
+from simaps_viz.events import Progress
 from simaps_viz.structures import SIMap
 from simaps_viz.viewer.share.film import gif_bytes, key_picture, png_bytes, shots
 from simaps_viz.viewer.share.page import page_html
-from simaps_viz.viewer.share.story import Look, Ride, Tell
+from simaps_viz.viewer.share.story import Look, Ride
 
 
 def share_bytes(
@@ -16,7 +17,7 @@ def share_bytes(
     ride: Ride | None = None,
     look: Look | None = None,
     radius_m: float = 0.2,
-    tell: Tell | None = None,
+    tell: Progress | None = None,
 ) -> bytes:
     """Make a file.
 
@@ -34,12 +35,12 @@ def share_bytes(
     return MAKERS[ending](simap, ride=ride, look=look, radius_m=radius_m, tell=tell)
 
 
-def _gif(simap: SIMap, *, ride: Ride | None, look: Look | None, radius_m: float, tell: Tell | None) -> bytes:
+def _gif(simap: SIMap, *, ride: Ride | None, look: Look | None, radius_m: float, tell: Progress | None) -> bytes:
     film = shots(simap, ride=ride, look=look, radius_m=radius_m, tell=tell)
     return gif_bytes(film, key_picture(simap, ride=ride, radius_m=radius_m))
 
 
-def _png(simap: SIMap, *, ride: Ride | None, look: Look | None, radius_m: float, tell: Tell | None) -> bytes:
+def _png(simap: SIMap, *, ride: Ride | None, look: Look | None, radius_m: float, tell: Progress | None) -> bytes:
     return png_bytes(simap, ride=ride, radius_m=radius_m)
 
 

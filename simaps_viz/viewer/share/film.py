@@ -8,9 +8,10 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from simaps_viz.errors import InputError
+from simaps_viz.events import Progress
 from simaps_viz.structures import SIMap
 from simaps_viz.viewer.share.sheet import Sheet
-from simaps_viz.viewer.share.story import Look, Ride, Tell, moments
+from simaps_viz.viewer.share.story import Look, Ride, moments
 
 FILM_WIDTH, PICTURE_WIDTH = 760, 2400
 """About how wide the map is on a film and on a picture, pixels."""
@@ -31,7 +32,12 @@ Shot = tuple[NDArray, float]
 
 
 def shots(
-    simap: SIMap, *, ride: Ride | None = None, look: Look | None = None, radius_m: float = 0.2, tell: Tell | None = None
+    simap: SIMap,
+    *,
+    ride: Ride | None = None,
+    look: Look | None = None,
+    radius_m: float = 0.2,
+    tell: Progress | None = None,
 ) -> Iterator[Shot]:
     """Draw the pictures of a film, one after another."""
     sheet = Sheet(simap, map_width=FILM_WIDTH)

@@ -10,13 +10,14 @@ import numpy as np
 import viser
 from numpy.typing import NDArray
 
+from simaps_viz.events import Progress
 from simaps_viz.structures import SIMap
 from simaps_viz.viewer.drawing.camera import Extent, top_view
 from simaps_viz.viewer.drawing.legend import counts_text, legend_html
 from simaps_viz.viewer.drawing.scene import MapScene, Style, light_up
 from simaps_viz.viewer.drawing.texture import map_image
 from simaps_viz.viewer.share.sheet import moved_image
-from simaps_viz.viewer.share.story import Look, Moment, Ride, Tell, is_simulated, moments, origin_text, title_of
+from simaps_viz.viewer.share.story import Look, Moment, Ride, is_simulated, moments, origin_text, title_of
 
 MOST_MOMENTS = 48
 GROWTH_S = 7.0
@@ -53,7 +54,7 @@ def page_html(
     ride: Ride | None = None,
     look: Look | None = None,
     radius_m: float = 0.18,
-    tell: Tell | None = None,
+    tell: Progress | None = None,
 ) -> bytes:
     """Make the page.
 
@@ -95,7 +96,12 @@ def overlay_html(simap: SIMap, ride: Ride | None = None) -> str:
 
 
 def _record(
-    server: viser.ViserServer, simap: SIMap, ride: Ride | None, look: Look | None, radius_m: float, tell: Tell | None
+    server: viser.ViserServer,
+    simap: SIMap,
+    ride: Ride | None,
+    look: Look | None,
+    radius_m: float,
+    tell: Progress | None,
 ) -> str:
     """Play the story to nobody, and keep what was sent."""
     scene = MapScene(server, simap, robot_radius_m=radius_m)

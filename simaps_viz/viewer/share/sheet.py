@@ -6,6 +6,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from simaps_viz.palette import Color
 from simaps_viz.structures import GridSpec, Pose2, SIMap
 from simaps_viz.viewer.drawing.camera import Extent
 from simaps_viz.viewer.drawing.legend import counts_text
@@ -14,7 +15,6 @@ from simaps_viz.viewer.drawing.scene import PATH, ROBOT, seen_extent
 from simaps_viz.viewer.drawing.texture import CLUTTER, FLOOR, UNSEEN, WALL, cell_colors, map_image
 from simaps_viz.viewer.share.story import Moment, is_simulated, origin_text, title_of
 
-Color = tuple[int, int, int]
 INK: Color = (26, 30, 38)
 DIM: Color = (90, 97, 108)
 PAPER: Color = (255, 255, 255)

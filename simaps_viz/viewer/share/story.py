@@ -8,9 +8,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from simaps_viz.errors import CommandError
+from simaps_viz.labels import plural
 from simaps_viz.map_colors import take_over
+from simaps_viz.mapping.simap import JOINING
 from simaps_viz.structures import Pose2, SIMap
-from simaps_viz.viewer.drawing.legend import plural
 from simaps_viz.viewer.drawing.picking import communities_unseen_until, owner_of_community
 from simaps_viz.viewer.driving.drive import Trajectory, poses_along, ride_of_steps, trajectory
 from simaps_viz.viewer.panels.command_words import result_text
@@ -18,8 +19,6 @@ from simaps_viz.viewer.services import AnswerLike, StepLike
 
 Look = Callable[[int], SIMap | None]
 """Gives the map as it was after a frame; None when that is not known."""
-Tell = Callable[[str, int, int], None]
-"""(what is being done, steps done, steps in all); may raise to end the work."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -132,10 +131,11 @@ def is_simulated(simap: SIMap) -> bool:
 
 def origin_text(simap: SIMap) -> str:
     """Say how a map was made: method with its parameter, frames, cell size, masks."""
-    value = {"evidence": ("affinity", "affinity {:g}"), "paper": ("k_percent", "K = {:g} %")}.get(simap.method)
+    joining = JOINING.get(simap.method)
     method = f"method {simap.method}"
-    if value and value[0] in simap.parameters:
-        method += ", " + value[1].format(float(simap.parameters[value[0]]))
+    if joining is not None and joining in simap.parameters:
+        words = {"affinity": "affinity {:g}", "k_percent": "K = {:g} %"}[joining]
+        method += ", " + words.format(float(simap.parameters[joining]))
     masks = simap.provenance.get("segmentation", "unknown")
     frames = plural(len(simap.frame_names), "frame")
     return f"{method} · {frames} · cells of {simap.spec.cell_size_m * 100:g} cm · masks: {masks}"

@@ -1,0 +1,76 @@
+"""How large a metre of the floor is on a page's screen, and when that changes."""
+
+import threading
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import viser
+
+CANVAS_PX = 560.0
+"""Height of the canvas assumed until a page has told its own."""
+FINE_FROM_PX = 1500
+"""A canvas of more rows is taken for one of a fine screen."""
+CHANGE = 0.1
+"""Share by which the size of a metre has to change before anything is drawn anew."""
+REST_S = 0.25
+"""For how long the camera has to rest before that."""
+
+
+class Zoom:
+    """The size of a metre on one page; a camera that moves is waited for."""
+
+    def __init__(
+        self,
+        page: "viser.ViserServer | viser.ClientHandle",
+        changed: Callable[[], None],
+        *,
+        assumed_m: Callable[[], float] = lambda: 10.0,
+        rest_s: float = REST_S,
+    ) -> None:
+        """Watch a page.
+
+        Args:
+            page: a server has no camera of its own.
+            changed: called from a thread of its own, once the camera rests.
+            assumed_m: how much of the floor a page shows from south to north that has not told.
+            rest_s: for how long the camera has to rest.
+        """
+        self._page, self._changed, self._assumed_m, self._rest_s = page, changed, assumed_m, rest_s
+        self._lock = threading.Lock()
+        self._waiting: threading.Timer | None = None
+        self._told = 0.0
+        if isinstance(page, viser.ClientHandle):
+            page.camera.on_update(lambda _: self._moved())
+
+    def metres_per_px(self) -> float:
+        """Give how much of the floor a pixel of the screen shows, where the camera looks."""
+        found = None
+        if isinstance(self._page, viser.ClientHandle):
+            found = seen_metres_per_px(self._page.camera)
+        self._told = self._assumed_m() / CANVAS_PX if found is None else found
+        return self._told
+
+    def _moved(self) -> None:
+        assert isinstance(self._page, viser.ClientHandle)
+        now = seen_metres_per_px(self._page.camera)
+        if now is None or (self._told > 0.0 and abs(now / self._told - 1.0) < CHANGE):
+            return
+        with self._lock:
+            if self._waiting is not None:
+                self._waiting.cancel()
+            self._waiting = threading.Timer(self._rest_s, self._changed)
+            self._waiting.daemon = True
+            self._waiting.start()
+
+
+def seen_metres_per_px(camera: Any) -> float | None:
+    """Give how many metres a pixel shows at the place a camera looks at; None for one that has not told yet."""
+    if camera.update_timestamp == 0.0 or camera.image_height <= 0:
+        return None
+    away = float(np.linalg.norm(np.subtract(camera.position, camera.look_at)))
+    shown = 2.0 * away * float(np.tan(float(camera.fov) / 2.0))
+    # viser tells rows of the canvas: between three quarters of a page's pixels (where drawing is slow) and all those of
+    # the screen, of which fine screens have two for one of the page.
+    rows = float(camera.image_height) / (2.0 if camera.image_height > FINE_FROM_PX else 1.0)
+    return shown / rows if shown > 0.0 else None
