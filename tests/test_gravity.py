@@ -12,6 +12,7 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 from sequences import write_tiny_sequence
 
+from simaps_viz.datasets import gravity
 from simaps_viz.datasets.gravity import estimate_gravity
 from simaps_viz.datasets.posed_frames import open_sequence
 from simaps_viz.errors import InputError
@@ -166,3 +167,14 @@ def test_real_sequences_without_gravity(tmp_path: Path, folder: str, removed: tu
     T_map_world = open_sequence(tmp_path).T_map_world
     assert angle_deg(T_map_world[2, :3], up) < 1.0
     assert -T_map_world[2, 3] == pytest.approx(floor_height_m, abs=0.03)
+
+
+def test_points_far_beyond_any_room_are_no_floor():
+    """Fuzzing has met them: their squares are no numbers any more."""
+    points = np.array([[1e200, 0.0, 0.0], [0.0, 1e200, 0.0], [-1e200, 0.0, 0.0]])
+    up = np.array([0.0, 0.0, 1.0])
+    far = gravity._Surface(points, np.tile(up, (3, 1)), np.ones(3))
+    with pytest.raises(InputError, match="expected a floor to estimate it from, found 3 points"):
+        gravity._fit_plane(far, up, 0.0)
+    with pytest.raises(InputError, match="found 0 points"):
+        gravity._fit_plane(far, up, 5.0)

@@ -47,6 +47,10 @@ class _Surface:
     """float64 [n], area between neighbouring samples, so that a near table top does not outweigh a far floor."""
 
 
+FEWEST_FLOOR_POINTS = 3
+"""A plane needs so many."""
+
+
 def estimate_gravity(frames: Iterable[Frame], *, up: NDArray | None = None) -> tuple[NDArray, float]:
     """Estimate which way is up and where the floor is.
 
@@ -157,12 +161,28 @@ def _floor_height(surface: _Surface, poses: NDArray, up: NDArray) -> float:
 
 
 def _fit_plane(surface: _Surface, up: NDArray, height_m: float) -> NDArray:
-    """Give the normal of the plane through the floor's points: their direction of least spread."""
+    """Give the normal of the plane through the floor's points: their direction of least spread.
+
+    Raises:
+        InputError: too few points are there, or they lie too far away for numbers to tell.
+    """
     near = _faces_up(surface, up) & (np.abs(surface.points @ up - height_m) < FLOOR_BAND_M)
     points = surface.points[near]
-    centred = points - points.mean(axis=0)
-    normal = np.linalg.eigh(centred.T @ centred)[1][:, 0]
+    spread = _spread(points) if len(points) >= FEWEST_FLOOR_POINTS else None
+    if spread is None or not np.isfinite(spread).all():
+        raise InputError(
+            f"up: expected a floor to estimate it from, found {len(points)} points of one; give up and floor_height_m "
+            "in the manifest"
+        )
+    normal = np.linalg.eigh(spread)[1][:, 0]
     return normal if normal @ up > 0 else -normal
+
+
+def _spread(points: NDArray) -> NDArray:
+    """Give the scatter matrix of points, [3, 3]; not finite where poses lie far beyond any room."""
+    with np.errstate(invalid="ignore", over="ignore"):
+        centred = points - points.mean(axis=0)
+        return centred.T @ centred
 
 
 def _faces_up(surface: _Surface, up: NDArray) -> NDArray:
