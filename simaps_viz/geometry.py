@@ -98,11 +98,15 @@ def map_from_world(up: ArrayLike, floor_height_m: float) -> NDArray:
     z = np.array([0.0, 0.0, 1.0])
     axis = np.cross(up_world, z)
     cosine = float(up_world @ z)
-    if cosine < -1.0 + 1e-9:  # upside down: half a turn about x
-        rotation = np.diag([1.0, -1.0, -1.0])
-    else:
-        skew = np.array([[0, -axis[2], axis[1]], [axis[2], 0, -axis[0]], [-axis[1], axis[0], 0]])
+    sine = float(np.linalg.norm(axis))
+    skew = np.array([[0, -axis[2], axis[1]], [axis[2], 0, -axis[0]], [-axis[1], axis[0], 0]])
+    if cosine >= 0.0:
         rotation = np.eye(3) + skew + skew @ skew / (1.0 + cosine)
+    elif sine > 1e-100:  # the same, but near to upside down 1 + cosine would have lost its digits
+        half = skew / sine
+        rotation = np.eye(3) + skew + half @ half * (1.0 - cosine)
+    else:  # upside down: half a turn about x
+        rotation = np.diag([1.0, -1.0, -1.0])
     T_map_world = np.eye(4)
     T_map_world[:3, :3] = rotation
     T_map_world[2, 3] = -floor_height_m

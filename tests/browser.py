@@ -13,7 +13,7 @@ import cv2
 import numpy as np
 import pytest
 from numpy.typing import NDArray
-from playwright.sync_api import Browser, Locator, Page, sync_playwright
+from playwright.sync_api import Browser, Locator, Page, expect, sync_playwright
 from toy_maps import TOY_POSE, toy_map
 
 from simaps_viz.errors import CommandError
@@ -23,6 +23,9 @@ from simaps_viz.viewer.services import Services
 from simaps_viz.viewer.session import Session
 from simaps_viz.viewer.workbench import Workbench
 
+PATIENCE_S = 60.0
+"""How long anything may take to appear: a machine with other work draws pages slowly, and what hangs never appears."""
+expect.set_options(timeout=1000 * PATIENCE_S)
 CHROMIUM = Path("/usr/bin/chromium")
 ARGUMENTS = [
     "--no-sandbox",
@@ -125,6 +128,7 @@ def chromium() -> Iterator[Browser]:
 def watched_page(browser: Browser, width: int = 1280, height: int = 800) -> Iterator[Page]:
     """A fresh page; fails at the end when anything outside this machine answered, or the stock page asked for it."""
     context = browser.new_context(viewport={"width": width, "height": height})
+    context.set_default_timeout(1000 * PATIENCE_S)
     page = context.new_page()
     asked, answered = [], []
     page.on("request", lambda request: asked.append((request.frame.url, request.url)))
@@ -135,7 +139,7 @@ def watched_page(browser: Browser, width: int = 1280, height: int = 800) -> Iter
     assert [url for frame, url in asked if not url.startswith(LOCAL) and "/rerun/" not in frame] == []
 
 
-def until(page: Page, predicate: Callable[[], object], timeout_s: float = 15.0) -> None:
+def until(page: Page, predicate: Callable[[], object], timeout_s: float = PATIENCE_S) -> None:
     """Wait, letting the browser work, until a predicate holds."""
     end = time.monotonic() + timeout_s
     while not predicate():
@@ -148,7 +152,7 @@ def open_workbench(page: Page, workbench: Any) -> None:
     page.goto(f"{workbench.url}/?fixedDpr=1")
     page.wait_for_function(
         "() => window.__viserMutable?.nodeRefFromName && window.__viserMutable.nodeRefFromName['/map'] != null",
-        timeout=60_000,
+        timeout=1000 * PATIENCE_S,
     )
     last: list[tuple[float, ...]] = []
 

@@ -3,9 +3,11 @@
 import pytest
 from hypothesis import settings
 
-# How long an example takes says how busy the machine is, not whether the program is right.
-settings.register_profile("any machine", deadline=None)
-settings.load_profile("any machine")
+# How long an example takes says how busy the machine is, not whether the program is right; and a change is judged by
+# the same examples everywhere. Others are drawn by `pytest --hypothesis-profile=others`, and by `apps/fuzz.py`.
+settings.register_profile("same examples", deadline=None, derandomize=True)
+settings.register_profile("others", deadline=None, max_examples=1000)
+settings.load_profile("same examples")
 
 
 @pytest.hookimpl(tryfirst=True)  # before `-m` chooses

@@ -150,7 +150,7 @@ def test_a_tab_that_nobody_looks_at_holds_no_connection(browser):
     host.on_listen = heard.append
     page = browser.new_page()
     page.goto(f"{host.url}?session=one")
-    page.wait_for_function("() => window.simapsReady", timeout=40_000)
+    page.wait_for_function("() => window.simapsReady", timeout=60_000)
     until(page, lambda: heard == ["one"])
     look = "(state) => { Object.defineProperty(document, 'visibilityState', { value: state, configurable: true }); "
     look += "document.dispatchEvent(new Event('visibilitychange')); }"

@@ -10,8 +10,6 @@ from simaps_viz import wiring
 from simaps_viz.language.commands import Reading, read_command
 from simaps_viz.navigation.agent import answer
 
-expect.set_options(timeout=20_000)
-
 MARKED = "[aria-current=step]"
 
 

@@ -23,7 +23,6 @@ from simaps_viz.viewer.panels.compare_services import TRUTH, CompareServices, So
 CHAIR_1, CHAIR_3, COUCH = (1.25, 1.85), (-0.2, -0.8), (3.6, 2.45)
 SLOW = "a source that takes its time"
 GATE = threading.Event()
-expect.set_options(timeout=20_000)
 
 
 def make(key, simap, tell, cancel):

@@ -23,7 +23,6 @@ from simaps_viz.pipeline import BuildConfig
 from simaps_viz.progress import stage_progress
 from simaps_viz.structures import SIMap
 
-expect.set_options(timeout=20_000)
 FRAMES = 6
 MAP_SHOWN = "() => window.__viserMutable?.nodeRefFromName?.['/map'] != null"
 ECHO_MS = 1700

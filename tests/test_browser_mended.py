@@ -21,7 +21,6 @@ PAUSE_MS = 200
 @pytest.fixture(scope="module")
 def opened(browser, tmp_path_factory):
     """The page, its workbench and the edits; the tests mend one object after another."""
-    expect.set_options(timeout=15_000)
     path = tmp_path_factory.mktemp("mended") / "toy.npz"
     save_map(toy_map(), path)
     mending = open_mending(path)

@@ -22,8 +22,6 @@ from simaps_viz.viewer.panels.share import ShareServices, share_panel
 CHAIR_1 = 1
 LEAST_PX = 12.0
 PAUSE_MS = 300
-expect.set_options(timeout=20_000)
-
 SMALL = """(least) => {
   const small = [], say = (element, text) => {
     const px = parseFloat(getComputedStyle(element).fontSize);

@@ -14,7 +14,6 @@ from simaps_viz import open_sequence, wiring
 from simaps_viz.viewer.workbench import Workbench
 
 TABLE = 6
-expect.set_options(timeout=30_000)
 POSE = """() => {
   const node = window.__viserMutable.nodeRefFromName['/camera'];
   return node && node.visible ? node.position.toArray() : null;

@@ -48,7 +48,7 @@ def services(library: RecordingLibrary) -> RecordingServices:
 
 def open_page(page: Page, desk: StubDesk) -> None:
     page.goto(desk.url)
-    page.get_by_role("button", name="List again").wait_for(timeout=30_000)
+    page.get_by_role("button", name="List again").wait_for(timeout=60_000)
     page.wait_for_timeout(PAUSE_MS)
 
 

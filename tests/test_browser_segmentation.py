@@ -11,7 +11,7 @@ from simaps_viz.viewer.panels.masks import SegmentationPanel
 
 
 def see(page, text):
-    expect(page.get_by_text(text)).to_be_visible(timeout=20_000)
+    expect(page.get_by_text(text)).to_be_visible()
 
 
 @pytest.fixture
@@ -57,7 +57,7 @@ def test_masks_are_switched_stepped_and_thresholds_tried(bench):
     page.get_by_text("Enlarge", exact=True).click()
     see(page, "Frame 0011: 2 segments")
     page.get_by_text("Close", exact=True).click()
-    expect(page.get_by_text("Frame 0011: 2 segments")).not_to_be_visible(timeout=20_000)
+    expect(page.get_by_text("Frame 0011: 2 segments")).not_to_be_visible()
     page.wait_for_timeout(150)
     page.get_by_text("Next", exact=True).click()
     see(page, "0012.png: expected a picture, found 3 bytes")

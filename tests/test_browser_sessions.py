@@ -25,8 +25,6 @@ from simaps_viz.viewer.desk import MapPicture, Panel
 from simaps_viz.viewer.drawing.texture import ColorMode, map_image
 from simaps_viz.viewer.panels.spec import PanelSpec
 
-expect.set_options(timeout=20_000)
-
 CHAIR_1, CHAIR_3, TABLE = 1, 3, 6
 EAST_HALF_OF_CHAIR_1 = (1.375, 1.925)
 

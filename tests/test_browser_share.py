@@ -18,9 +18,6 @@ from simaps_viz.viewer.drawing.texture import FLOOR
 from simaps_viz.viewer.panels.share import SharePanel, ShareServices
 from simaps_viz.viewer.share.page import HOLD_S, page_html
 
-expect.set_options(timeout=20_000)
-
-
 CAMERA = """() => {
   const camera = window.__viserMutable.camera;
   return [...camera.matrixWorldInverse.elements, ...camera.projectionMatrix.elements, ...window.__viserMutable

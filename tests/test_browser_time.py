@@ -17,7 +17,6 @@ from simaps_viz.progress import stage_progress
 from simaps_viz.viewer.drawing.texture import map_image
 from simaps_viz.viewer.drawing.theme import LIGHT
 
-expect.set_options(timeout=30_000)
 FRAMES = 40
 
 
@@ -57,7 +56,7 @@ def test_a_map_grows_stops_goes_on_and_becomes_the_workbench(browser, tmp_path, 
         expect(page.get_by_text("Nothing is lost")).to_be_visible()
         assert not output.exists()
         page.get_by_role("button", name="Go on").click()
-        expect(page.get_by_role("tab", name="Recordings", exact=True)).to_be_visible(timeout=60_000)
+        expect(page.get_by_role("tab", name="Recordings", exact=True)).to_be_visible()
         expect(page.get_by_role("tab", name="Progress", exact=True)).to_have_count(0)
         assert session.wait_idle(30.0)
         place, cell = inside(session.simap, session.simap.instance == session.simap.instances[0].id)

@@ -132,7 +132,7 @@ def test_the_recording_is_sent_to_the_step_and_a_click_in_it_selects(browser, tm
         pushed = bench.recording_host.listen(mine(bench).token)
         choose_chair_1(bench, page)
         page.get_by_role("button", name="1 · 25.0 % · 32 + 32").click()
-        assert pushed.get(timeout=5.0) == {"set_time": {"timeline": "merge", "time": 1}}
+        assert pushed.get(timeout=60.0) == {"set_time": {"timeline": "merge", "time": 1}}
         frame = next(f for f in page.frames if "/rerun/" in f.url)
         chair = toy_map().by_id(CHAIR_4)
         items = [{"type": "entity", "entity_path": "/map/objects", "position": [*chair.centroid_m[:2], None]}]
@@ -147,4 +147,4 @@ def test_the_recording_is_sent_to_the_step_and_a_click_in_it_selects(browser, tm
         assert pushed.empty()
         frame.evaluate(post, {"type": "timeline_change", "timeline": "frame"})
         last = len(mine(bench).simap.frame_names) - 1
-        assert pushed.get(timeout=5.0) == {"set_time": {"timeline": "frame", "time": last}}
+        assert pushed.get(timeout=60.0) == {"set_time": {"timeline": "frame", "time": last}}

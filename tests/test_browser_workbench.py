@@ -110,7 +110,7 @@ def test_a_command_drives_the_robot_and_the_next_starts_there(bench, page):
     where = "() => { const p = window.__viserMutable.nodeRefFromName['/robot'].position; return [p.x, p.y, p.z]; }"
     before = page.evaluate(where)
     fill(page, "Command", "go to the chair")
-    expect(page.get_by_text("Done")).to_be_visible(timeout=15_000)
+    expect(page.get_by_text("Done")).to_be_visible()
     expect(page.get_by_text('robot.move_to_object("chair", chair)')).to_be_visible()
     expect(page.get_by_text("x 1.50 m, y 0.50 m", exact=True)).to_be_attached()
     assert (mine(bench).pose.x_m, mine(bench).pose.y_m, mine(bench).pose.heading_deg) == pytest.approx(
@@ -206,7 +206,7 @@ def test_the_recording_and_the_page_show_the_same_frame(browser, tmp_path):
     with toy_workbench(services) as bench, watched_page(browser) as page:
         open_workbench(page, bench)
         recording = next(f for f in page.frames if "/rerun/" in f.url)
-        recording.wait_for_function("() => window.simapsReady", timeout=40_000)
+        recording.wait_for_function("() => window.simapsReady", timeout=60_000)
         until(page, lambda: abs(brightness(page) - 200) <= 4, 30)  # the page's own frame: the last
         tab(page, "Build")
         fill(page, "Frame", "1")

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from hypothesis import assume, given
+from hypothesis import assume, example, given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 from numpy.typing import NDArray
@@ -86,13 +86,16 @@ def test_poses_chain(T_a_b: NDArray, T_b_c: NDArray, points_c: NDArray) -> None:
 
 
 @given(up=directions, floor_height_m=coordinates, points_world=points)
+@example(up=np.array([2.0**-14, 2.0**-14, -2.0]), floor_height_m=0.0, points_world=np.zeros((7, 3)))  # upside down
+@example(up=np.array([0.0, -1e-90, -1.0]), floor_height_m=0.0, points_world=np.ones((7, 3)))
+@example(up=np.array([1e-200, 0.0, -1.0]), floor_height_m=0.0, points_world=np.ones((7, 3)))
 def test_map_frame_stands_on_the_floor(up: NDArray, floor_height_m: float, points_world: NDArray) -> None:
     T_map_world = map_from_world(up, floor_height_m)
     unit_up = up / np.linalg.norm(up)
     rotation = T_map_world[:3, :3]
-    np.testing.assert_allclose(rotation @ rotation.T, np.eye(3), atol=1e-7)
+    np.testing.assert_allclose(rotation @ rotation.T, np.eye(3), atol=1e-14)
     assert np.linalg.det(rotation) == pytest.approx(1)
-    np.testing.assert_allclose(rotation @ unit_up, (0, 0, 1), atol=1e-7)
+    np.testing.assert_allclose(rotation @ unit_up, (0, 0, 1), atol=1e-14)
     np.testing.assert_array_equal(T_map_world[3], (0, 0, 0, 1))
     on_floor = points_world + np.outer(floor_height_m - points_world @ unit_up, unit_up)
     np.testing.assert_allclose(transform_points(T_map_world, on_floor)[:, 2], 0, atol=1e-5)

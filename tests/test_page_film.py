@@ -4,9 +4,10 @@ import base64
 
 import cv2
 import numpy as np
+import pytest
 from playwright.sync_api import FloatRect
 
-from simaps_viz.page_checks.film import Film, filmed
+from simaps_viz.page_checks.film import Film, filmed, repaint
 
 PART: FloatRect = {"x": 100.0, "y": 40.0, "width": 80.0, "height": 60.0}
 
@@ -20,6 +21,8 @@ def sent(*, inside=0, outside=0):
 
 def test_only_the_watched_part_counts_and_only_what_can_be_seen():
     film = Film(PART)
+    with pytest.raises(RuntimeError, match="expected a picture"):
+        film.begin()
     film.take(sent())
     film.begin()
     film.take(sent(outside=120))
@@ -40,14 +43,13 @@ def test_a_page_of_a_real_browser_is_filmed(browser):
     page = browser.new_page(viewport={"width": 320, "height": 200})
     page.set_content("<body style='background:#ddd'><p id='it' style='position:absolute;left:110px;top:50px'>I</p>")
     with filmed(page, PART) as film:
-        page.wait_for_timeout(300)
         film.begin()
         page.evaluate("document.body.style.borderTop = '9px solid black'")
-        page.wait_for_timeout(300)
+        repaint(page)
         assert film.changed_at is None
         page.evaluate("document.getElementById('it').style.background = 'black'")
         page.evaluate("document.getElementById('it').style.padding = '10px'")
-        for _ in range(100):
+        for _ in range(150):
             if film.changed_at is None:
-                page.wait_for_timeout(50)
+                repaint(page)
         assert film.changed_at is not None

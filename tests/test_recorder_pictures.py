@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import example, given
 from hypothesis import strategies as st
 
 from simaps_viz.recorder.map_pictures import (
@@ -20,6 +20,8 @@ from simaps_viz.structures import GridSpec, MergeLog
 
 
 @given(steps=st.integers(0, 600), applied=st.integers(0, 600), most=st.integers(0, 300))
+@example(steps=2, applied=2, most=3)
+@example(steps=7, applied=4, most=8)
 def test_shown_steps(steps: int, applied: int, most: int) -> None:
     applied = min(applied, steps)
     shown = shown_steps(steps, applied, most)

@@ -37,7 +37,7 @@ def real_services(**others) -> Services:
     )
 
 
-def until(predicate, timeout_s=10.0):
+def until(predicate, timeout_s=60.0):
     end = time.monotonic() + timeout_s
     while not predicate():
         assert time.monotonic() < end, "timed out"

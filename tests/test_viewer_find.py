@@ -1,7 +1,7 @@
 """Finding an object by what is typed: which one is meant, and what is said when none is."""
 
 import pytest
-from hypothesis import given
+from hypothesis import example, given
 from hypothesis import strategies as st
 from toy_maps import toy_map
 
@@ -64,6 +64,8 @@ def test_a_part_of_several_names_is_not_guessed_at():
 
 
 @given(st.text(max_size=40))
+@example("#")
+@example(" # of 3")
 def test_whatever_is_typed_gives_an_object_or_words(typed):
     try:
         assert find(SIMAP, typed) in SIMAP.instances

@@ -213,7 +213,7 @@ def test_a_person_judges_by_button_and_by_key(browser, tmp_path):
         page.keyboard.press("s")
         expect(page.get_by_text("4 of 4")).to_be_visible()
         page.reload()
-        expect(page.get_by_text("4 of 4")).to_be_visible(timeout=20_000)
+        expect(page.get_by_text("4 of 4")).to_be_visible()
         page.wait_for_timeout(500)
         page.get_by_role("button", name="No (key N)").click()
         expect(page.get_by_text("All runs are judged")).to_be_visible()

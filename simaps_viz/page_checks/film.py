@@ -18,6 +18,8 @@ SCALE = 0.5
 SEEN = 40
 """A pixel has changed when a channel differs by more: JPEG's own noise stays below."""
 FIRST_MS = 200
+MOST_FIRST = 150
+"""How often the first picture is asked for; on a machine that is busy, it takes its time."""
 REPAINT = "(opacity) => { document.documentElement.style.opacity = opacity; }"
 """A page where nothing moves is not painted, and its first picture would not come."""
 LEAST = 20
@@ -37,8 +39,15 @@ class Film:
         self.changed_at: float | None = None
         """When it first looked different from what it was at ``begin``; ``time.perf_counter``, seconds."""
 
+    @property
+    def begun(self) -> bool:
+        """Whether there is a picture to compare with."""
+        return self._last is not None
+
     def begin(self) -> None:
-        """What was shown last is what later pictures are compared with."""
+        """What was shown last is what later pictures are compared with; raises RuntimeError before the first one."""
+        if not self.begun:
+            raise RuntimeError("film: expected a picture to compare with, found none yet")
         self._first, self.changed_at = self._last, None
 
     def take(self, event: dict[str, Any]) -> None:
@@ -55,7 +64,7 @@ class Film:
 
 @contextlib.contextmanager
 def filmed(page: "Page", part: "FloatRect") -> Iterator[Film]:
-    """Film a part of a page of Chromium: x, y, width and height in pixels."""
+    """Film a part of a page of Chromium: x, y, width and height in pixels; raises RuntimeError if no picture comes."""
     from playwright.sync_api import Error  # noqa: PLC0415 - only the bench needs it
 
     size, film = page.viewport_size, Film(part)
@@ -71,11 +80,20 @@ def filmed(page: "Page", part: "FloatRect") -> Iterator[Film]:
     width, height = int(size["width"] * SCALE), int(size["height"] * SCALE)
     session.send("Page.startScreencast", {"format": "jpeg", "quality": 60, "maxWidth": width, "maxHeight": height})
     try:
-        page.evaluate(REPAINT, "0.999")
-        page.wait_for_timeout(FIRST_MS)
-        page.evaluate(REPAINT, "")
-        page.wait_for_timeout(FIRST_MS)
+        for _ in range(MOST_FIRST):
+            repaint(page)
+            if film.begun:
+                break
+        else:
+            raise RuntimeError(f"film: expected a picture of {page.url}, found none after {MOST_FIRST} paintings")
         yield film
     finally:
         session.send("Page.stopScreencast")
         session.detach()
+
+
+def repaint(page: "Page") -> None:
+    """Have a page painted where nothing moves: the browser may leave a picture out, and sends no other by itself."""
+    for opacity in ("0.999", ""):
+        page.evaluate(REPAINT, opacity)
+        page.wait_for_timeout(FIRST_MS)

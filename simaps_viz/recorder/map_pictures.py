@@ -160,8 +160,8 @@ def shown_steps(steps: int, applied: int, most: int) -> NDArray:
     for low, high in ((0, applied), (applied, steps)):
         room = max(most, 2) - len(chosen)
         if room > 0 and high > low:
-            count = min(room, high - low)
-            chosen |= set(np.unique(np.rint(np.linspace(high, low, count, endpoint=False))).astype(int).tolist())
+            count = min(room + (high in chosen), high - low)
+            chosen |= set(np.rint(np.linspace(high, low, count, endpoint=False)).astype(int).tolist())
     return np.array(sorted(chosen), dtype=np.int64)
 
 

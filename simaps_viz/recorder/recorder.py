@@ -60,11 +60,11 @@ class RerunRecorder:
             raise InputError("recorder: expected a file to write or a live stream, found neither")
         self.path = path
         self.live_url: str | None = None
-        self._partial = _open_partial(path) if path is not None else None
+        self._pipe = _open_beside(path) if path is not None else None
+        self._partial = self._pipe.path if self._pipe is not None else None
         self._stream = rr.RecordingStream(APPLICATION, batcher_config=_in_bursts() if path is None else None)
         self._stream.set_log_time_enabled(False)
         self._stream.set_log_tick_enabled(False)
-        self._pipe = FilePipe(self._partial) if self._partial is not None else None
         self._stream.set_sinks(*self._sinks(live))
         if self._pipe is not None:
             self._pipe.opened()
@@ -261,15 +261,13 @@ def _extent(grid: Grid) -> tuple[float, float, float, float] | None:
     return grid.spec.extent_m if grid.spec.rows and grid.spec.cols else None
 
 
-def _open_partial(path: Path) -> Path:
-    """Find out whether a recording can be written there; gives the temporary name, beside it."""
+def _open_beside(path: Path) -> FilePipe:
+    """Open the file that a recording is written to, beside the one it becomes."""
     if path.suffix != ".rrd":
         raise InputError(f"{path}: expected a name ending in .rrd for a recording")
     if path.is_dir():
         raise InputError(f"{path}: expected a file to write the recording to, found a folder")
-    partial = path.with_name(f".{path.stem}.{os.getpid()}.partial.rrd")
     try:
-        partial.open("wb").close()
+        return FilePipe(path.with_name(f".{path.stem}.{os.getpid()}.partial.rrd"))
     except OSError as error:
         raise InputError(f"{path}: expected a place where a recording can be written ({error.strerror})") from error
-    return partial

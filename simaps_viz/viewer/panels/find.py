@@ -34,21 +34,26 @@ def find(simap: SIMap, typed: str, *, after: int | None = None) -> Instance:
     """
     text = " ".join(typed.lower().split())
     match = _TYPED.fullmatch(text)
-    if not text or match is None:
+    name, digits = (match["name"].strip(), match["number"]) if match is not None else ("", None)
+    number = None if digits is None else int(digits)
+    if name:
+        return _of_class(simap, _class_of(simap, name), number, after)
+    if number is None:
         raise NotFound("Type a class or a number, such as: chair 7.")
-    name, number = match["name"].strip(), match["number"]
-    if not name:
-        one = next((one for one in simap.instances if one.id == int(number)), None)
-        if one is None:
-            raise NotFound(f"No object has number {number}. This map has {plural(len(simap.instances), 'object')}.")
-        return one
-    ones = simap.of_class(_class_of(simap, name))
+    one = next((one for one in simap.instances if one.id == number), None)
+    if one is None:
+        raise NotFound(f"No object has number {number}. This map has {plural(len(simap.instances), 'object')}.")
+    return one
+
+
+def _of_class(simap: SIMap, label: str, number: int | None, after: int | None) -> Instance:
+    """Give an object of a class by its number among them, or the next one."""
+    ones = simap.of_class(label)
     if number is None:
         return next((one for one in ones if after is not None and one.id > after), ones[0])
-    if not 1 <= int(number) <= len(ones):
-        label = ones[0].label
-        raise NotFound(f"There is no {label} {int(number)}. This map has {plural(len(ones), label)}.")
-    return ones[int(number) - 1]
+    if not 1 <= number <= len(ones):
+        raise NotFound(f"There is no {label} {number}. This map has {plural(len(ones), label)}.")
+    return ones[number - 1]
 
 
 def _class_of(simap: SIMap, name: str) -> str:
