@@ -59,6 +59,14 @@ class BuildRequest:
     """Keep a log; without one a killed build cannot go on."""
 
 
+class RecordingFault(InputError):  # noqa: N818 - as people read it
+    """The map is there, and saved; its recording is not."""
+
+    def __init__(self, fault: InputError, simap: SIMap) -> None:
+        super().__init__(str(fault))
+        self.simap = simap
+
+
 def build_to_file(
     sequence: FrameSource,
     request: BuildRequest,
@@ -85,6 +93,7 @@ def build_to_file(
 
     Raises:
         InputError: as for `build_map`, or something cannot be written; an earlier map is left as it was.
+        RecordingFault: the recording could not be written; the map is saved.
         BuildCancelled: ``cancel`` was set.
     """
     output, record = request.output, request.record
@@ -96,6 +105,7 @@ def build_to_file(
         _say_unfinished(log_beside(output), output, len(sequence), resume=request.resume, recorded=record is not None)
     watching = [BuildProgress(progress, json_lines=json_lines), *observers]
     with _log_of(sequence, request) if logged else nullcontext() as log:
+        left = _left_behind(output)
         how: Careful = {"strict": request.strict, "cancel": cancel, "log": log, "elsewhere": elsewhere}
         fault = None
         if record is None:
@@ -104,9 +114,9 @@ def build_to_file(
             simap, fault = _build_recorded(sequence, request, record, watching, how)
         save_map(simap, output)
         if log is not None:
-            _finish(log, output, history=request.history)
+            _finish(log, output, left, history=request.history)
     if fault is not None:
-        raise fault
+        raise RecordingFault(fault, simap)
     return simap
 
 
@@ -205,8 +215,13 @@ def history_beside(path: Path, simap: SIMap) -> MapHistory | None:
     return history if history.is_of(simap) else None
 
 
-def _finish(log: BuildLog, output: Path, *, history: bool) -> None:
-    """The map is there: turn its log into history or remove it, with what earlier builds may have left."""
+def _left_behind(output: Path) -> list[Path]:
+    """Find what builds that were killed while they saved may have left; what comes later is somebody's who saves."""
+    return [*left_beside(output), *left_beside(steps_beside(output))]
+
+
+def _finish(log: BuildLog, output: Path, left: list[Path], *, history: bool) -> None:
+    """The map is there: turn its log into history or remove it, with what earlier builds have left."""
     steps = steps_beside(output)
     if history:
         log.keep(steps)
@@ -214,14 +229,13 @@ def _finish(log: BuildLog, output: Path, *, history: bool) -> None:
         if is_log(steps):
             steps.unlink()  # of the map that was there before
         log.remove()
-    for saved in (output, steps):
-        for left in left_beside(saved):  # of builds killed while they saved
-            if left != log.path:
-                left.unlink(missing_ok=True)
+    for one in left:
+        if one != log.path:
+            one.unlink(missing_ok=True)
 
 
 def _say_unfinished(log: Path, output: Path, frames: int, *, resume: bool, recorded: bool) -> None:
-    done = max(frames_logged(log), frames_logged(set_aside_name(log)) if resume else 0)
+    done = max(frames_logged(log), frames_logged(set_aside_name(log)))
     if done and resume and recorded:
         text = f"going on: {done} of {frames} frames are done; all are read again, as the recording shows them"
     elif done and resume:

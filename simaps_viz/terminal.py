@@ -21,8 +21,8 @@ class _Messages(Console):
 
     @property
     def file(self) -> IO[str]:
-        """Stderr as it is now, forgiving."""
-        return _Forgiving(sys.stderr)  # pyright: ignore[reportReturnType] - as much of a file as rich uses
+        """Stderr as it is now, forgiving; behind rich's own stand-in for it, which comes while bars are shown."""
+        return _Forgiving(getattr(sys.stderr, "rich_proxied_file", sys.stderr))  # pyright: ignore[reportReturnType] - as much of a file as rich uses
 
 
 class _Forgiving:

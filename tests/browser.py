@@ -1,10 +1,11 @@
 """What the browser tests share: Debian's Chromium, a watched page, a workbench on the toy map, a small recording."""
 
+import itertools
 import os
 import socket
 import time
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -13,7 +14,7 @@ import cv2
 import numpy as np
 import pytest
 from numpy.typing import NDArray
-from playwright.sync_api import Browser, Locator, Page, expect, sync_playwright
+from playwright.sync_api import Browser, Frame, Locator, Page, expect, sync_playwright
 from toy_maps import TOY_POSE, toy_map
 
 from simaps_viz.errors import CommandError
@@ -37,6 +38,9 @@ ARGUMENTS = [
     "--use-angle=swiftshader",
     "--enable-unsafe-swiftshader",
 ]
+FIRST_PORT, PORTS_EACH = 20_000, 2_000
+"""Below those the system gives to connections; of up to six processes that run tests at once, each has its own."""
+_rows = itertools.islice(itertools.cycle(range(0, PORTS_EACH, 8)), os.getpid() % 250, None)
 LOCAL = ("http://127.0.0.1:", "ws://127.0.0.1:", "data:", "blob:")
 
 
@@ -84,9 +88,18 @@ def toy_view(frame: int) -> tuple[NDArray, NDArray]:
 
 
 def free_port() -> int:
-    with socket.socket() as probe:
-        probe.bind(("127.0.0.1", 0))
-        return int(probe.getsockname()[1])
+    """Give the first of six free ports in a row: a workbench takes three, and the next one three more."""
+    worker = int(os.environ.get("PYTEST_XDIST_WORKER", "gw0").removeprefix("gw")) % 6
+    for row in itertools.islice(_rows, PORTS_EACH // 8):
+        first = FIRST_PORT + PORTS_EACH * worker + row
+        with ExitStack() as probes:
+            try:
+                for port in range(first, first + 6):
+                    probes.enter_context(socket.socket()).bind(("127.0.0.1", port))
+            except OSError:
+                continue
+            return first
+    pytest.fail("no six ports in a row are free")
 
 
 def toy_services(**others: Any) -> Services:
@@ -102,6 +115,7 @@ def toy_services(**others: Any) -> Services:
 @contextmanager
 def toy_workbench(services: Services | None = None) -> Iterator[Workbench]:
     with Workbench(toy_map(), services=services or toy_services(), port=free_port(), start=TOY_POSE) as workbench:
+        workbench.tabs._leave_s = 60.0  # a page that is loaded again may be far faster than its leaving
         assert workbench.wait_idle()
         yield workbench
 
@@ -163,7 +177,8 @@ def open_workbench(page: Page, workbench: Any) -> None:
         width = page.locator("canvas").first.bounding_box() or {"width": 0, "height": 1}
         last.append((*camera.position, camera.aspect))
         same = len(last) > 8 and np.allclose(last[-1], last[-8], rtol=1e-6)
-        return same and abs(camera.aspect - width["width"] / width["height"]) < 0.01
+        fits = same and abs(camera.aspect - width["width"] / width["height"]) < 0.01
+        return fits and page_is_there(workbench, page, mine(workbench).simap)
 
     until(page, settled)
 
@@ -182,6 +197,36 @@ def on_canvas(workbench: Any, page: Page, x_m: float, y_m: float, session: Any =
     box = page.locator("canvas").first.bounding_box()
     assert box is not None
     return box["x"] + u * box["width"], box["y"] + v * box["height"]
+
+
+CAMERA = """() => {
+  const { camera, nodeRefFromName } = window.__viserMutable, map = nodeRefFromName['/map'];
+  return map && [...camera.matrixWorldInverse.elements, ...camera.projectionMatrix.elements,
+    ...map.matrixWorld.elements];
+}"""
+
+
+def place_on(page: Page, simap: Any, x_m: float, y_m: float) -> tuple[float, float]:
+    """Where a point of the floor appears: by the camera's own matrices; the map's node lies at the map's middle."""
+    numbers: list[float] = []
+    until(page, lambda: numbers.extend(page.evaluate(CAMERA) or ()) or numbers)  # a map that is drawn anew is away
+    view, projection, node = np.array(numbers).reshape(3, 4, 4).transpose(0, 2, 1)
+    xmin, ymin, xmax, ymax = simap.spec.extent_m
+    local = np.array([x_m - (xmin + xmax) / 2.0, y_m - (ymin + ymax) / 2.0, 0.0, 1.0])
+    clip = projection @ view @ node @ local
+    u, v = (clip[:2] / clip[3] * (1, -1) + 1.0) / 2.0
+    box = page.locator("canvas").first.bounding_box()
+    assert box is not None
+    return box["x"] + u * box["width"], box["y"] + v * box["height"]
+
+
+def page_is_there(workbench: Any, page: Page, simap: Any, session: Any = None) -> bool:
+    """Whether the page draws from where its camera was set: what is set here is drawn from a while later."""
+    xmin, ymin, xmax, ymax = simap.spec.extent_m
+    return all(
+        np.allclose(place_on(page, simap, *corner), on_canvas(workbench, page, *corner, session), atol=1.5, rtol=0.0)
+        for corner in ((xmin, ymin), (xmax, ymax))
+    )
 
 
 PIXEL = """([x, y]) => {
@@ -209,6 +254,13 @@ def wait_for_color(
     session: Any = None,
 ) -> None:
     until(page, lambda: np.abs(np.subtract(pixel(workbench, page, *place, session), rgb)).max() <= tolerance)
+
+
+def rerun_frame(page: Page) -> Frame:
+    """The frame of the recorded build, which has no address until it is loaded."""
+    found: list[Frame] = []
+    until(page, lambda: found.extend(one for one in page.frames if "/rerun/" in one.url) or found)
+    return found[0]
 
 
 def field_of(page: Page, label: str) -> Locator:

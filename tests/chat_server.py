@@ -193,7 +193,7 @@ def serving(*replies: Reply) -> Iterator[ChatServer]:
 
 
 def reader(server: ChatServer, **settings) -> LLMReader:
-    return LLMReader(LLMSettings(server.url, "qwen", **{"retries": 0, "timeout_s": 5.0, **settings}))
+    return LLMReader(LLMSettings(server.url, "qwen", **{"retries": 0, "timeout_s": 60.0, **settings}))
 
 
 def refusal(*replies: Reply, kind: type[LLMError] = LLMServerError, **settings) -> str:

@@ -14,6 +14,8 @@ from websockets.sync.client import connect
 from simaps_viz.viewer.session import Session
 from simaps_viz.viewer.workbench import Workbench
 
+PATIENCE_S = 60.0
+"""How long anything may take: a machine with other work is slow, and what hangs never comes."""
 CAMERA = {
     "type": "ViewerCameraMessage",
     "wxyz": (1.0, 0.0, 0.0, 0.0),
@@ -39,7 +41,7 @@ class FakePage:
         self._reader = threading.Thread(target=self._read, daemon=True)
         self._reader.start()
         self._socket.send(msgspec.msgpack.encode(CAMERA))
-        end = time.monotonic() + 10.0
+        end = time.monotonic() + PATIENCE_S
         while not (new := [one for one in bench.sessions if one.token not in before]):
             assert time.monotonic() < end, "no session for the page"
             time.sleep(0.01)
@@ -50,12 +52,13 @@ class FakePage:
     def close(self) -> None:
         """Close the tab, or begin to load the page again."""
         self._socket.close()
-        self._reader.join(timeout=5.0)
+        self._reader.join(timeout=PATIENCE_S)
 
     def _tell(self, bench: Workbench, tab: str | None) -> str:
         address = f"{bench._tab_host.url}".replace("/tab/", f"/tab/event?session={self.session.token}")
         body = json.dumps({"type": "tab", "tab": tab}).encode()
-        with urllib.request.build_opener(urllib.request.ProxyHandler({})).open(address, body, timeout=10) as answer:
+        direct = urllib.request.build_opener(urllib.request.ProxyHandler({}))
+        with direct.open(address, body, timeout=PATIENCE_S) as answer:
             return json.load(answer)["tab"]
 
     def _read(self) -> None:
@@ -70,7 +73,7 @@ def fake_page(bench: Workbench, *, tab: str | None = None) -> Iterator[FakePage]
     page.close()
 
 
-def gone(bench: Workbench, session: Session, timeout_s: float = 5.0) -> None:
+def gone(bench: Workbench, session: Session, timeout_s: float = PATIENCE_S) -> None:
     """Wait until a session has ended."""
     end = time.monotonic() + timeout_s
     while session in bench.sessions:

@@ -26,7 +26,7 @@ class Held:
 
     def read(self, index: int, **how: Any) -> Any:
         if index >= self._held_from:
-            assert self._free.wait(60.0)
+            assert self._free.wait(600.0)
         return self.whole.read(index, **how)
 
     def __getattr__(self, name: str) -> Any:

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 import viser
-from browser import PIXEL, free_port, on_canvas, until
+from browser import PATIENCE_S, PIXEL, free_port, on_canvas, page_is_there, until
 from playwright.sync_api import Page
 from toy_maps import TOY_POSE
 
@@ -55,6 +55,11 @@ class StubDesk:
     @property
     def simap(self) -> SIMap:
         return self._simap
+
+    @property
+    def shown(self) -> MapPicture | SIMap:
+        """What lies on the floor; its ``spec`` says where."""
+        return self.pictures[-1] or self._simap
 
     @property
     def theme(self) -> Theme:
@@ -117,7 +122,7 @@ class StubDesk:
             client.send_file_download(name, content, save_immediately=True)
 
     def wait_idle(self) -> bool:
-        return self._worker.wait_idle(20.0)
+        return self._worker.wait_idle(PATIENCE_S)
 
     def close(self) -> None:
         self._worker.stop()
@@ -143,25 +148,25 @@ def stub_desk(simap: SIMap) -> Iterator[StubDesk]:
 
 def open_desk(page: Page, desk: StubDesk) -> None:
     """Load the page and wait for the map and a camera that stands still."""
-    page.set_default_timeout(60_000)
     page.goto(f"{desk.url}/?fixedDpr=1")
     page.wait_for_function("() => window.__viserMutable?.nodeRefFromName?.['/map'] != null")
     settle(desk, page)
 
 
 def settle(desk: StubDesk, page: Page) -> None:
-    """Wait until the camera has stood still for a while."""
+    """Wait until the camera has stood still for a while, and the page draws from there."""
     last: list[tuple[float, ...]] = []
 
-    def still() -> bool:
+    def rests() -> bool:
         clients = list(desk.server.get_clients().values())
         if not clients or clients[0].camera.update_timestamp == 0.0:
             return False
         camera = clients[0].camera
         last.append((*camera.position, camera.aspect))
-        return len(last) > 10 and np.allclose(last[-1], last[-10], rtol=1e-6)
+        still = len(last) > 10 and np.allclose(last[-1], last[-10], rtol=1e-6)
+        return still and page_is_there(desk, page, desk.shown, SimpleNamespace(client=clients[0]))
 
-    until(page, still, 60.0)
+    until(page, rests)
 
 
 def color_at(desk: StubDesk, page: Page, x_m: float, y_m: float) -> tuple[int, ...]:

@@ -5,6 +5,7 @@ import logging
 import pytest
 from attack_target import toy_target
 
+from simaps_viz.attacking import floods
 from simaps_viz.attacking.run import ATTACKS, run_attack
 from simaps_viz.viewer.server import bounded_http, gate
 
@@ -15,8 +16,11 @@ TRIED = 15
 @pytest.fixture(scope="module")
 def target(tmp_path_factory):
     patch = pytest.MonkeyPatch()
-    patch.setattr(bounded_http, "REQUEST_S", 2.0)
-    patch.setattr(gate, "SHAKE_HANDS_S", 2.0)
+    patch.setattr(bounded_http, "REQUEST_S", 5.0)
+    patch.setattr(gate, "SHAKE_HANDS_S", 5.0)
+    # What counts here is that nothing is held for ever, and not how busy the machine is.
+    for name, seconds in (("AWAY_S", 60.0), ("SERVED_S", 30.0), ("ANSWERED_S", 30.0), ("HUNG_UP_S", 4.0)):
+        patch.setattr(floods, name, seconds)
     with toy_target(tmp_path_factory.mktemp("attacked")) as made:
         yield made
     patch.undo()

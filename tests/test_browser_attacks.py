@@ -3,7 +3,7 @@
 import http.server
 import threading
 
-from browser import field_of, free_port, mine, open_workbench, toy_services, until, watched_page
+from browser import PATIENCE_S, field_of, free_port, mine, open_workbench, toy_services, until, watched_page
 from hostile_maps import IMAGE, PWNED, SCRIPT, hostile_map
 
 from simaps_viz.errors import CommandError
@@ -11,6 +11,20 @@ from simaps_viz.recorder.web_viewer import CONTENT_SECURITY_POLICY, rerun_page, 
 from simaps_viz.viewer.server.host import Host
 from simaps_viz.viewer.share.page import page_html
 from simaps_viz.viewer.workbench import Workbench
+
+MAP_SHOWN = "() => window.__viserMutable?.nodeRefFromName?.['/map'] != null"
+
+
+def stranger(browser, **how):
+    """A page that nobody watches."""
+    page = browser.new_context(**how).new_page()
+    page.set_default_timeout(1000 * PATIENCE_S)
+    return page
+
+
+def has_come(page, words):
+    """Wait until the page shows some words: what came before them is there as well."""
+    page.wait_for_function("(words) => document.body.innerText.includes(words)", arg=words)
 
 
 def refuse(simap, command, pose):
@@ -27,17 +41,24 @@ def test_no_name_runs_a_script_on_the_page(browser):
         for instance in simap.instances:
             session.select(instance.id)
             session.wait_idle()
+            has_come(page, f"Number\t{instance.id} on this map")
             page.wait_for_timeout(150)
             assert not page.evaluate(PWNED)
         session.say(IMAGE, SCRIPT)
         session.report(CommandError(IMAGE + SCRIPT))
         session.report(ValueError(IMAGE + SCRIPT))
-        for tab in ("Build", "Command"):
-            page.get_by_role("tab", name=tab).click()
-            page.wait_for_timeout(200)
-            assert not page.evaluate(PWNED)
+        has_come(page, f"{IMAGE}\n{SCRIPT}\n")
+        has_come(page, f"Unexpected error (ValueError)\n{IMAGE}{SCRIPT}")
+        page.get_by_role("tab", name="Build").click()
+        has_come(page, f"Frame {simap.frame_names[-1]} (")
+        page.wait_for_timeout(200)
+        assert not page.evaluate(PWNED)
+        page.get_by_role("tab", name="Command").click()
+        field_of(page, "Command").wait_for()
+        page.wait_for_timeout(200)
+        assert not page.evaluate(PWNED)
         field_of(page, "Command").fill(IMAGE + SCRIPT + "\n")
-        until(page, lambda: page.get_by_text("There is no").count() > 0)
+        has_come(page, "There is no")
         page.wait_for_timeout(300)
         assert not page.evaluate(PWNED)
         assert bench.gate.refused.total() == 0  # nothing an honest page said was dropped
@@ -67,9 +88,11 @@ def test_even_html_that_got_in_runs_nothing(browser):
 def test_no_name_runs_a_script_in_a_shared_file(browser, tmp_path):
     path = tmp_path / "shared.html"
     path.write_bytes(page_html(hostile_map()))
-    page = browser.new_context(offline=True).new_page()
+    page = stranger(browser, offline=True)
     page.goto(path.as_uri())
-    page.wait_for_timeout(4000)
+    page.wait_for_function(MAP_SHOWN)
+    has_come(page, IMAGE + SCRIPT)
+    page.wait_for_timeout(2000)
     assert not page.evaluate(PWNED)
     page.context.close()
 
@@ -79,9 +102,11 @@ def test_no_name_runs_a_script_beside_the_recorded_build(browser):
         return rerun_page([f"/recordings/{SCRIPT}{IMAGE}.rrd"], note=IMAGE + SCRIPT)
 
     host = Host(page=page_of, assets=viewer_assets(), csp=CONTENT_SECURITY_POLICY)
-    page = browser.new_page()
+    page = stranger(browser)
     page.goto(host.url)
-    page.wait_for_timeout(2500)
+    page.wait_for_function("() => window.simapsReady")
+    assert page.locator("#note").inner_text() == IMAGE + SCRIPT
+    page.wait_for_timeout(500)
     assert not page.evaluate(PWNED)
     page.context.close()
     host.close()
@@ -90,8 +115,10 @@ def test_no_name_runs_a_script_beside_the_recorded_build(browser):
 OTHER_SITE = """<!doctype html><script>
 window.found = {};
 const port = location.hash.slice(1), at = "127.0.0.1:" + port;
-new WebSocket("ws://" + at, ["viser-v1.1.1"]).onopen = () => { found.socket = true; };
-fetch("http://" + at).then((answer) => answer.text()).then(() => { found.read = true; }, () => {});
+const socket = new WebSocket("ws://" + at, ["viser-v1.1.1"]);
+socket.onopen = () => { found.socket = true; };
+socket.onerror = () => { found.socket ??= false; };
+fetch("http://" + at).then((answer) => answer.text()).then(() => { found.read = true; }, () => { found.read = false; });
 fetch("http://" + at, { mode: "no-cors" }).then((answer) => { found.opaque = answer.status; }, () => {});
 const frame = document.createElement("iframe"); frame.src = "http://" + at; document.documentElement.append(frame);
 frame.onload = () => { try { found.frame = frame.contentDocument !== null; } catch { found.frame = false; } };
@@ -118,9 +145,10 @@ def test_another_sites_page_gets_nothing(browser):
     with Workbench(hostile_map(), services=toy_services(), port=free_port()) as bench:
         port = bench.server.get_port()
         for name in ("127.0.0.1", "localhost"):
-            page = browser.new_page()
+            page = stranger(browser)
             page.goto(f"http://{name}:{other.server_port}/#{port}")
-            page.wait_for_timeout(2000)
+            until(page, lambda page=page: {"socket", "read", "frame"} <= set(page.evaluate("() => window.found")))
+            page.wait_for_timeout(500)
             found = page.evaluate("() => window.found")
             assert not found.get("socket") and not found.get("read") and not found.get("frame"), found
             page.context.close()
@@ -137,7 +165,7 @@ def test_a_browser_with_the_token_comes_in_and_one_without_does_not(browser, mon
             assert answer is not None and answer.status == 401
         with watched_page(browser) as page:
             page.goto(bench.entrance)
-            page.wait_for_function("() => window.__viserMutable?.nodeRefFromName?.['/map'] != null", timeout=60_000)
+            page.wait_for_function(MAP_SHOWN)
             assert "token" not in page.url
             assert "A-token" not in page.evaluate("() => document.cookie + document.documentElement.outerHTML")
             until(page, lambda: len(bench.tabs._session_of) == 1)  # its hidden frame came through, with the cookie
@@ -148,9 +176,9 @@ def test_a_tab_that_nobody_looks_at_holds_no_connection(browser):
     host = Host(page=lambda urls: rerun_page([]), assets=viewer_assets(), csp=CONTENT_SECURITY_POLICY)
     heard = []
     host.on_listen = heard.append
-    page = browser.new_page()
+    page = stranger(browser)
     page.goto(f"{host.url}?session=one")
-    page.wait_for_function("() => window.simapsReady", timeout=60_000)
+    page.wait_for_function("() => window.simapsReady")
     until(page, lambda: heard == ["one"])
     look = "(state) => { Object.defineProperty(document, 'visibilityState', { value: state, configurable: true }); "
     look += "document.dispatchEvent(new Event('visibilitychange')); }"

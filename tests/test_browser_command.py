@@ -1,7 +1,7 @@
 """The Command tab as a person meets it: Debian's Chromium on a workbench with a real robot on the toy map."""
 
 import pytest
-from browser import field_of, mine, open_workbench, toy_workbench, until, watched_page
+from browser import PATIENCE_S, field_of, mine, open_workbench, toy_workbench, until, watched_page
 from chat_server import hangs, serving, writes
 from playwright.sync_api import expect
 from test_viewer_command import real_services
@@ -35,33 +35,34 @@ def press(page, name):
     page.get_by_role("button", name=name, exact=True).click()
 
 
-def say(page, command, *, by="Enter"):
+def say(session, page, command, *, by="Enter"):
+    """Give a command. Each change waits for the one before: viser's page sends only the last of any 50 ms."""
     box = field_of(page, "Command")
     box.fill(command)
     if by == "Enter":
         box.press("Enter")
     else:
-        pause(page)
+        until(page, lambda: session.robot._panel.said[0] == command)
         press(page, by)
-    pause(page)
+    until(page, lambda: session.robot._past and session.robot._past[0].command == command)
 
 
-def hurry(page, speed="8"):
+def hurry(session, page, speed="8"):
+    """Set the speed and wait until the robot has it, for the reason that ``say`` has."""
     box = field_of(page, "Speed")
     box.fill(speed)
     box.press("Enter")
     box.blur()
-    pause(page)
+    until(page, lambda: session.robot._drive.speed == float(speed))
 
 
-def pause(page):
-    """Wait as people do: viser's page sends only the last of all changes within 50 ms."""
-    page.wait_for_timeout(150)
+CRAWL = 0.02
+"""A speed at which a ride is still under way after whatever a page may take."""
 
 
 def test_a_command_is_explained_numbered_marked_and_driven(bench, page):
-    hurry(page, "1")
-    say(page, "go to the third chair from here")
+    mine(bench).robot._drive.speed = CRAWL
+    say(mine(bench), page, "go to the third chair from here")
     expect(page.get_by_text("On the way")).to_be_visible()
     expect(page.locator(MARKED)).to_contain_text('robot.move_to_nth_closest("chair", 3)')
     page.wait_for_function("() => '/candidates/2' in window.__viserMutable.nodeRefFromName")
@@ -70,7 +71,7 @@ def test_a_command_is_explained_numbered_marked_and_driven(bench, page):
     assert set(numbers) == {"1", "2", "▶ 3"} and mine(bench).robot.driving
     assert chosen is not None and numbers["▶ 3"].x == pytest.approx(mine(bench).simap.by_id(chosen).centroid_m[0])
     expect(page.get_by_text("Chair 3 is the farthest of 3 from where the command was given")).to_be_visible()
-    hurry(page)
+    hurry(mine(bench), page)
     expect(page.get_by_text("Done")).to_be_visible()
     said = answer(mine(bench).simap, "go to the third chair from here", mine(bench).robot._asked_at)
     assert (mine(bench).pose.x_m, mine(bench).pose.y_m) == pytest.approx((said.final_pose.x_m, said.final_pose.y_m))
@@ -78,8 +79,8 @@ def test_a_command_is_explained_numbered_marked_and_driven(bench, page):
 
 
 def test_step_by_step_then_play_then_pause_then_stop(bench, page):
-    hurry(page, "4")
-    say(page, "turn right, turn right, then go to the couch", by="Step")
+    hurry(mine(bench), page, "4")
+    say(mine(bench), page, "turn right, turn right, then go to the couch", by="Step")
     expect(page.locator(MARKED)).to_contain_text("robot.turn(90)")
     expect(page.get_by_role("button", name="Play", exact=True)).to_be_visible()
     page.wait_for_timeout(400)
@@ -90,10 +91,11 @@ def test_step_by_step_then_play_then_pause_then_stop(bench, page):
     press(page, "Step")
     until(page, lambda: mine(bench).pose.heading_deg % 360 == pytest.approx(270.0))
     expect(page.locator(MARKED)).to_contain_text('robot.move_to_object("couch")')
-    hurry(page, "0.5")
+    hurry(mine(bench), page, "0.5")
     press(page, "Play")
-    expect(page.get_by_role("button", name="Pause", exact=True)).to_be_visible()
     until(page, lambda: mine(bench).pose.x_m > 0.6)
+    mine(bench).robot._drive.speed = CRAWL
+    expect(page.get_by_role("button", name="Pause", exact=True)).to_be_visible()
     press(page, "Pause")
     expect(page.get_by_role("button", name="Play", exact=True)).to_be_visible()
     held = mine(bench).pose
@@ -102,26 +104,26 @@ def test_step_by_step_then_play_then_pause_then_stop(bench, page):
     press(page, "Stop")
     expect(page.get_by_text("The robot stands where it was stopped.")).to_be_visible()
     assert mine(bench).pose == held and not mine(bench).robot.driving
-    hurry(page)
-    say(page, "go to the couch")
+    hurry(mine(bench), page)
+    say(mine(bench), page, "go to the couch")
     expect(page.get_by_text("Done")).to_be_visible()
 
 
 def test_a_refusal_says_what_the_map_has(bench, page):
-    say(page, "go to the piano")
+    say(mine(bench), page, "go to the piano")
     expect(page.get_by_text("Refused")).to_be_visible()
     expect(page.get_by_text("There is no piano on this map. It has: chair (3)")).to_be_visible()
-    say(page, "sing me a song")
+    say(mine(bench), page, "sing me a song")
     expect(page.get_by_text("Not understood").first).to_be_visible()
-    say(page, "go to the ninth chair")
+    say(mine(bench), page, "go to the ninth chair")
     expect(page.get_by_text("There are only 3 chairs on this map; the 9th was asked for.")).to_be_visible()
 
 
 def test_the_history_runs_again_and_outlives_a_reload(bench, page):
-    hurry(page)
-    say(page, "turn left")
+    hurry(mine(bench), page)
+    say(mine(bench), page, "turn left")
     expect(page.get_by_text("Done")).to_be_visible()
-    say(page, "go to the piano")
+    say(mine(bench), page, "go to the piano")
     expect(page.get_by_text("Refused")).to_be_visible()
     page.reload()
     open_tab(page)
@@ -150,8 +152,8 @@ def test_the_other_reading_starts_where_the_command_was_given(browser):
     with toy_workbench(services) as bench, watched_page(browser) as page:
         open_workbench(page, bench)
         open_tab(page)
-        hurry(page)
-        say(page, "go there")
+        hurry(mine(bench), page)
+        say(mine(bench), page, "go there")
         expect(page.get_by_text("there is the couch")).to_be_visible()
         expect(page.get_by_text('robot.move_to_object("potted plant")')).to_be_visible()
         expect(page.get_by_text("Done")).to_be_visible()
@@ -170,20 +172,21 @@ def test_a_language_model_is_asked_shown_and_stopped(browser):
         with toy_workbench(services) as bench, watched_page(browser) as page:
             open_workbench(page, bench)
             open_tab(page)
-            hurry(page)
-            say(page, "va au canapé")
+            hurry(mine(bench), page)
+            say(mine(bench), page, "va au canapé")
             expect(page.get_by_text("Done")).to_be_visible()
             expect(page.get_by_text("by polyglot")).to_be_visible()
             page.get_by_text("Sent to the language model").click()
             expect(page.get_by_text("sent (system)")).to_be_visible()
-            say(page, "encore")
+            say(mine(bench), page, "encore")
             expect(page.get_by_text("Asking polyglot")).to_be_visible()
             until(page, lambda: len(server.received) == 2)
             press(page, "Stop")
             expect(page.get_by_text("The answer is not waited for")).to_be_visible()
-            assert server.left.wait(5.0)
+            assert server.left.wait(PATIENCE_S)
             field_of(page, "Language model").uncheck(force=True)
-            say(page, "turn left")
+            until(page, lambda: not mine(bench).robot._panel.uses_model)
+            say(mine(bench), page, "turn left")
             expect(page.get_by_text("Done")).to_be_visible()
             assert len(server.received) == 2
 
@@ -193,12 +196,12 @@ def test_the_camera_follows_from_above_and_from_behind_and_comes_back(bench, pag
     overview = tuple(camera.position)
     field_of(page, "Follow robot").check(force=True)
     until(page, lambda: camera.position[:2] == pytest.approx((mine(bench).pose.x_m, mine(bench).pose.y_m), abs=0.1))
-    hurry(page)
-    say(page, "go to the couch")
+    hurry(mine(bench), page)
+    say(mine(bench), page, "go to the couch")
     expect(page.get_by_text("Done")).to_be_visible()
     until(page, lambda: camera.position[:2] == pytest.approx((mine(bench).pose.x_m, mine(bench).pose.y_m), abs=0.1))
     mine(bench).look("3-D view")
-    say(page, "turn right")
+    say(mine(bench), page, "turn right")
     until(page, lambda: camera.position[2] < 5.0)
     mine(bench).look("Top view")
     field_of(page, "Follow robot").uncheck(force=True)
@@ -213,10 +216,10 @@ def test_two_pages_give_orders_to_robots_of_their_own(browser, bench, page):
         open_tab(other)
         second = mine(bench)
         assert second is not first
-        hurry(page)
-        say(page, "go to the couch")
-        hurry(other)
-        say(other, "turn left")
+        hurry(first, page)
+        say(first, page, "go to the couch")
+        hurry(second, other)
+        say(second, other, "turn left")
         for one in (page, other):
             expect(one.get_by_text("Done")).to_be_visible()
         expect(field_of(page, "Command")).to_have_value("go to the couch")

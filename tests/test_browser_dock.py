@@ -1,7 +1,7 @@
 """The recorded build docked in the workbench, in Debian's Chromium: its look, its timelines, others in its place."""
 
 import re
-import time as time_module
+import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -12,7 +12,7 @@ import cv2
 import numpy as np
 import pytest
 import rerun as rr
-from browser import field_of, free_port, mine, until, watched_page
+from browser import PATIENCE_S, field_of, free_port, mine, rerun_frame, until, watched_page
 from playwright.sync_api import Browser, Frame, Locator, Page, expect
 from sequences import write_tiny_sequence
 
@@ -25,6 +25,7 @@ from simaps_viz.structures import SIMap
 
 FRAMES = 6
 MAP_SHOWN = "() => window.__viserMutable?.nodeRefFromName?.['/map'] != null"
+OPENED = "() => window.simapsReady && window.simapsEvents.some((one) => one.type === 'recording_open')"
 ECHO_MS = 1700
 """Longer than rerun's page takes a time for the echo of one that was set from outside."""
 
@@ -52,25 +53,37 @@ class Dock:
 
     def buttons(self) -> float:
         """How high over the dock's lower edge the time panel has its buttons."""
+        found: list[float] = []
+
+        def one() -> bool:
+            found[:] = self.like_buttons()
+            return len(found) == 1
+
+        until(self.page, one)
+        return found[0]
+
+    def like_buttons(self) -> list[float]:
+        """How high all is that has the colour and the size of those buttons."""
         x, y = self.at(22, -230)
         picture = self.page.screenshot(clip={"x": x, "y": y, "width": 1, "height": 230})
         column = cv2.imdecode(np.frombuffer(picture, np.uint8), cv2.IMREAD_GRAYSCALE)
         assert column is not None
         runs = np.split(np.arange(len(column)), np.flatnonzero(np.diff(np.abs(column[:, 0].astype(int) - 223) < 5)) + 1)
-        (button,) = (run for run in runs if abs(int(column[run[0], 0]) - 223) < 5 and 15 < len(run) < 30)
-        return float(button.mean() - 230)
+        return [float(run.mean() - 230) for run in runs if abs(int(column[run[0], 0]) - 223) < 5 and 15 < len(run) < 30]
 
     def choose(self, timeline: str) -> None:
         """Choose a timeline in rerun; its menu may take a while to open."""
-        for patience_ms in (1500, 4000):
+        for patience_ms in (1500, 4000, 8000, 16000):
             self.page.keyboard.press("Escape")
             name = (TIMELINE[0], self.buttons() + TIMELINE[1])
             self.page.mouse.click(*self.at(*name))
             self.page.wait_for_timeout(patience_ms)
             self.page.mouse.click(*self.at(name[0] + 15, name[1] + MENU[timeline]))
-            self.page.wait_for_timeout(patience_ms // 2)
-            if self.time()[1] == timeline:
-                return
+            end = time.monotonic() + patience_ms / 1000
+            while time.monotonic() < end:
+                if self.time()[1] == timeline:
+                    return
+                self.page.wait_for_timeout(40)
         pytest.fail(f"rerun's timeline: expected {timeline}, found {self.time()}")
 
     def scrub(self, share: float) -> None:
@@ -88,13 +101,12 @@ class Dock:
         told = [e for e in self.events() if e["type"] == "time_update"]
         return (told[-1]["recording_id"], told[-1]["timeline"], int(told[-1]["time"])) if told else ("", "", -1)
 
-    def shows(self, timeline: str, time: int, recording: str | None = None) -> None:
-        wanted = (timeline, time)
-        end = time_module.monotonic() + 20
-        while self.time()[1:] != wanted or recording not in (None, self.time()[0]):
-            if time_module.monotonic() > end:
+    def shows(self, timeline: str, at: int, recording: str | None = None) -> None:
+        end = time.monotonic() + PATIENCE_S
+        while self.time()[1:] != (timeline, at) or recording not in (None, self.time()[0]):
+            if time.monotonic() > end:
                 told = [[e.get(k) for k in ("type", "recording_id", "timeline", "time")] for e in self.events()[-9:]]
-                pytest.fail(f"expected {timeline} {time} of {recording or 'any recording'}, found {told}")
+                pytest.fail(f"expected {timeline} {at} of {recording or 'any recording'}, found {told}")
             self.page.wait_for_timeout(40)
 
     def color(self, dx: float, dy: float) -> tuple[int, ...]:
@@ -139,9 +151,9 @@ def docked(browser: Browser, built: tuple[SIMap, Path]) -> Iterator[Dock]:
         watched_page(browser) as page,
     ):
         page.goto(f"{bench.url}/?fixedDpr=1")
-        page.wait_for_function(MAP_SHOWN, timeout=60_000)
-        frame = next(f for f in page.frames if "/rerun/" in f.url)
-        until(page, lambda: frame.evaluate("() => window.simapsReady"), 60)
+        page.wait_for_function(MAP_SHOWN)
+        frame = rerun_frame(page)
+        frame.wait_for_function("() => window.simapsReady")
         dock = Dock(bench, page, frame)
         dock.shows("frame", FRAMES - 1)
         yield dock
@@ -150,18 +162,17 @@ def docked(browser: Browser, built: tuple[SIMap, Path]) -> Iterator[Dock]:
 def test_it_is_dark_when_the_page_is(browser, built):
     with docked(browser, built) as dock:
         page, tools = dock.page, TOOLS
-        until(page, lambda: min(dock.color(*tools)) > 240, 15)
+        until(page, lambda: min(dock.color(*tools)) > 240)
         page.get_by_role("button", name="Light / dark").click()
-        until(page, lambda: max(dock.color(*tools)) < 40, 15)
+        until(page, lambda: max(dock.color(*tools)) < 40)
         page.reload()
         page.locator("iframe[title='Recorded build']").wait_for()
-        until(page, lambda: max(dock.color(*tools)) < 40, 30)
-        frame = next(f for f in page.frames if "/rerun/" in f.url)
-        until(page, lambda: frame.evaluate("() => window.simapsReady"), 60)
+        until(page, lambda: max(dock.color(*tools)) < 40)
+        rerun_frame(page).wait_for_function(OPENED)
         page.wait_for_timeout(1500)
         assert max(dock.color(*tools)) < 40
         page.get_by_role("button", name="Light / dark").click()
-        until(page, lambda: min(dock.color(*tools)) > 240, 15)
+        until(page, lambda: min(dock.color(*tools)) > 240)
 
 
 def test_the_timelines_of_rerun_and_the_steps_of_the_page_move_each_other(browser, built):
@@ -209,8 +220,10 @@ def test_keys_lead_out_of_the_recording_and_reach_the_page_from_it(browser, buil
         def go_through(key: str) -> list[str]:
             page.locator("iframe[title='Recorded build']").focus()
             names = []
-            for _ in range(40):
+            for n in range(40):
                 page.keyboard.press(key)
+                if n == 0:  # the recording asks the page to take the focus
+                    until(page, lambda: page.evaluate(FOCUSED) != "IFRAME")
                 page.wait_for_timeout(60)
                 names.append(page.evaluate(FOCUSED))
                 if names[-1] == "IFRAME":
@@ -225,7 +238,9 @@ def test_keys_lead_out_of_the_recording_and_reach_the_page_from_it(browser, buil
         session.select(session.simap.instances[0].id)
         until(page, lambda: session.selected is not None)
         page.mouse.click(*dock.at(100, -400))  # in the picture of the map
+        until(page, lambda: page.evaluate(FOCUSED) == "IFRAME")
         page.wait_for_timeout(500)
+        assert session.selected is not None
         page.keyboard.press("Escape")
         until(page, lambda: session.selected is None)
         page.keyboard.press("[")
@@ -237,7 +252,7 @@ def test_keys_lead_out_of_the_recording_and_reach_the_page_from_it(browser, buil
         dock.shows("frame", FRAMES - 2)
         page.mouse.click(*dock.at(100, -400))
         page.keyboard.press(" ")  # is rerun's own: it plays
-        until(page, lambda: any(event["type"] == "play" for event in dock.events()), 20)
+        until(page, lambda: any(event["type"] == "play" for event in dock.events()))
 
 
 def test_a_click_on_nothing_in_the_recording_is_answered_and_one_on_a_name_is_not(browser, built):
@@ -253,6 +268,8 @@ def test_a_click_on_nothing_in_the_recording_is_answered_and_one_on_a_name_is_no
         tell({"type": "view", "view_name": "Objects", "by_name": True})
         tell({"type": "entity", "entity_path": "/map/objects", "position": middle})
         until(page, lambda: session.selected == session.simap.instances[0].id)
+        session.say("Later", "what is said after it")
+        expect(page.get_by_text("what is said after it")).to_be_visible()
         assert said.count() == 0
         tell({"type": "entity", "entity_path": "/map/ground", "position": [99.0, 99.0, None]})
         expect(said).to_be_visible()
@@ -287,7 +304,7 @@ def test_another_recording_in_the_dock_is_not_tied_to_the_page_and_the_own_one_i
         page.get_by_role("button", name="Show it beside the map").click()
         expect(page.get_by_text("other is shown beside the map.")).to_be_visible()
         dock.shows("frame", 0, "the other")
-        until(page, lambda: np.ptp([*dock.color(*middle), 60]) <= 3, 20)
+        until(page, lambda: np.ptp([*dock.color(*middle), 60]) <= 3)
         back = page.get_by_role("button", name="Back to this map's build")
         expect(back).to_be_visible()
         # Neither moves the other.
@@ -297,7 +314,7 @@ def test_another_recording_in_the_dock_is_not_tied_to_the_page_and_the_own_one_i
         page.wait_for_timeout(ECHO_MS)
         assert dock.time() == ("the other", "frame", 0) and np.ptp([*dock.color(*middle), 60]) <= 3
         dock.scrub(1.0)
-        until(page, lambda: np.ptp([*dock.color(*middle), 140]) <= 3, 20)
+        until(page, lambda: np.ptp([*dock.color(*middle), 140]) <= 3)
         page.wait_for_timeout(500)
         assert mine(dock.bench).frame == 2 and field_of(page, "Frame").input_value() == "2"
         # Tied again.
@@ -307,5 +324,5 @@ def test_another_recording_in_the_dock_is_not_tied_to_the_page_and_the_own_one_i
         dock.fill(field_of(page, "Frame"), 1)
         dock.shows("frame", 1, own)
         dock.scrub(1.0)
-        until(page, lambda: mine(dock.bench).frame == FRAMES - 1, 20)
+        until(page, lambda: mine(dock.bench).frame == FRAMES - 1)
         expect(field_of(page, "Frame")).to_have_value(str(FRAMES - 1))

@@ -1,7 +1,9 @@
 """Keys, the dark page, names and contrast of what is written, in Debian's Chromium on the toy map."""
 
+import time
+
 import pytest
-from browser import mine, open_workbench, toy_workbench, until, wait_for_color, watched_page
+from browser import PATIENCE_S, mine, open_workbench, toy_workbench, until, wait_for_color, watched_page
 from playwright.sync_api import expect
 from toy_maps import toy_map
 
@@ -49,6 +51,17 @@ NAMELESS = """() => ['input:not([type=hidden])', 'textarea:not([aria-hidden])', 
   .flatMap((kind) => [...document.querySelectorAll(kind)])
   .filter((one) => one.checkVisibility() && !one.getAttribute('aria-label') && !(one.labels && one.labels.length))
   .map((one) => one.outerHTML.slice(0, 120))"""
+STILL = """() => document.getAnimations().every((one) => one.playState !== 'running')
+  && [...document.querySelectorAll('.mantine-Modal-content, .mantine-Modal-overlay')]
+    .every((one) => getComputedStyle(one).opacity === '1')"""
+"""Nothing fades in or out, which would be read as a weak contrast."""
+SAYS = {
+    "Map": "Reset K and resolution",
+    "Command": "Follow robot",
+    "Build": "Map as it was then",
+    "Instance": "Why is this one object?",
+}
+"""A text of each tab, with an object selected."""
 
 
 @pytest.fixture(scope="module")
@@ -70,8 +83,40 @@ def press(page, key):
     page.wait_for_timeout(PAUSE_MS)
 
 
-def tabs(page):
+def tabs(page, says):
+    """Give the tabs there are, once those that must be there are."""
+    for name in says:
+        expect(page.get_by_role("tab", name=name, exact=True)).to_be_visible()
     return [one.inner_text() for one in page.get_by_role("tab").all() if one.is_visible()]
+
+
+def open_tab(page, name, text):
+    """Open a tab, and wait until it is seen in full."""
+    page.get_by_role("tab", name=name, exact=True).click()
+    expect(page.get_by_text(text, exact=True).first).to_be_visible()
+    page.wait_for_function(STILL)
+
+
+def faults(page):
+    """Give what cannot be read and what has no name; names come a moment after what they name."""
+    end = time.monotonic() + PATIENCE_S
+    while page.evaluate(NAMELESS) and time.monotonic() < end:
+        page.wait_for_timeout(40)
+    return page.evaluate(UNREADABLE) + page.evaluate(NAMELESS)
+
+
+def go_dark(page, session):
+    """Make the page dark, and wait until the workbench colours it so too."""
+    page.keyboard.press("l")
+    page.wait_for_function("() => document.documentElement.dataset.mantineColorScheme === 'dark'")
+    until(page, lambda: session.parts.page.theme.dark)
+
+
+def select_chair_1(page, bench):
+    """Select an object and wait until the page has all that was told to it until then."""
+    mine(bench).select(CHAIR_1)
+    assert bench.wait_idle(PATIENCE_S)
+    expect(page.get_by_text("chair 1 of 3").first).to_be_visible()
 
 
 def test_a_key_makes_the_page_dark_and_light_again(bench, page):
@@ -80,7 +125,7 @@ def test_a_key_makes_the_page_dark_and_light_again(bench, page):
     press(page, "l")
     wait_for_color(bench, page, OPEN_FLOOR, DARK.floor)
     wait_for_color(bench, page, chair, instance_color(CHAIR_1))  # objects keep their colours
-    assert page.evaluate("document.documentElement.dataset.mantineColorScheme") == "dark"
+    page.wait_for_function("() => document.documentElement.dataset.mantineColorScheme === 'dark'")
     expect(page.get_by_text("never seen").locator("i")).to_have_css("background-color", f"rgb{DARK.unseen}")
     page.get_by_role("button", name="Light / dark").or_(page.get_by_text("Light / dark")).first.click()
     wait_for_color(bench, page, OPEN_FLOOR, LIGHT.floor)
@@ -109,6 +154,7 @@ def test_keys_typed_into_a_box_are_letters(bench, page):
     expect(box).to_be_focused()
     page.keyboard.type("to the table, L3T?")
     expect(box).to_have_value("to the table, L3T?")
+    until(page, lambda: mine(bench).robot._panel.said[0] == "to the table, L3T?")  # a key would have come before
     assert page.evaluate("document.documentElement.dataset.mantineColorScheme") == "light"
 
 
@@ -130,18 +176,17 @@ def test_the_help_lists_every_key_and_closes(page):
 @pytest.mark.parametrize("dark", [False, True], ids=["light", "dark"])
 def test_every_text_can_be_read_and_every_control_has_a_name(bench, page, dark):
     if dark:
-        press(page, "l")
-    mine(bench).select(CHAIR_1)
-    assert bench.wait_idle()
+        go_dark(page, mine(bench))
+    select_chair_1(page, bench)
     bad = {}
-    for name in tabs(page):
-        page.get_by_role("tab", name=name, exact=True).click()
-        page.wait_for_timeout(2 * PAUSE_MS)
-        bad[name] = page.evaluate(UNREADABLE) + page.evaluate(NAMELESS)
-    assert {"Map", "Command", "Build", "Instance"} <= set(bad)
+    for name in tabs(page, SAYS):
+        open_tab(page, name, SAYS[name])
+        bad[name] = faults(page)
+    assert set(SAYS) <= set(bad)
     assert not any(bad.values()), bad
     press(page, "h")
     expect(page.get_by_text("How to use this page")).to_be_visible()
+    page.wait_for_function(STILL)
     assert page.evaluate(UNREADABLE) == []
 
 

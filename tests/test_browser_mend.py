@@ -11,6 +11,7 @@ from toy_maps import toy_map
 
 from simaps_viz.labels import instance_color
 from simaps_viz.mapping.edit_file import edits_path
+from simaps_viz.mapping.edits import Delete, Split
 from simaps_viz.mapping.mapfile import save_map
 from simaps_viz.mapping.mending import open_mending
 from simaps_viz.viewer.drawing.texture import map_image
@@ -43,10 +44,22 @@ def press(page, name):
     page.wait_for_timeout(PAUSE_MS)
 
 
-def choose(page, label, option):
+def choose(panel, page, label, option):
+    """Choose, and wait until the panel knows: viser's page sends only the last change of any 50 ms."""
     field_of(page, label).click()
     page.get_by_role("option", name=option).first.click()
-    page.wait_for_timeout(PAUSE_MS)
+    chosen = {"Class": panel._class, "Join with": panel._other, "Cut along": panel._how}[label]
+    until(page, lambda: option in str(chosen.value))
+
+
+def sign(panel, page, name):
+    field_of(page, "Your name").fill(name)
+    until(page, lambda: panel._who.value == name)
+
+
+def cut_by_clicks(panel, page):
+    press(page, "Cut in two")
+    until(page, lambda: panel.waiting == "cut")
 
 
 def joins(bench, page, mending):
@@ -68,10 +81,9 @@ def joins(bench, page, mending):
 def cuts(bench, page, mending):
     click(bench, page, TABLE_8)
     expect(page.get_by_text("dining table 2 of 2")).to_be_visible()
-    press(page, "Cut in two")
+    cut_by_clicks(bench.sessions[-1].panel, page)
     click(bench, page, (3.6, -0.3))
     expect(page.get_by_text("Now click where the line goes to")).to_be_visible()
-    page.wait_for_timeout(300)
     click(bench, page, (3.6, 0.9))
     expect(page.locator("ol").get_by_text("cut dining table 2 in two")).to_be_visible()
     sizes = sorted(one.cells for one in mending.simap().of_class("dining table"))
@@ -82,10 +94,12 @@ def cuts(bench, page, mending):
 
 
 def renames(bench, page, mending):
+    panel = bench.sessions[-1].panel
     click(bench, page, PLANT_9)
-    choose(page, "Class", "new class")
+    expect(page.get_by_text("potted plant 1 of 1")).to_be_visible()
+    choose(panel, page, "Class", "new class")
     field_of(page, "New class").fill("tree fern")
-    page.wait_for_timeout(PAUSE_MS)
+    until(page, lambda: panel._new.value == "tree fern")
     press(page, "Rename")
     expect(page.locator("ol").get_by_text("potted plant 1 is called tree fern")).to_be_visible()
     assert mending.simap().counts()["tree fern"] == 1
@@ -107,12 +121,11 @@ def deletes_and_takes_it_back(bench, page, mending):
 def test_a_person_joins_cuts_renames_deletes_and_takes_it_back(browser, mending):
     with MendPages(mending) as bench, watched_page(browser) as page:
         open_workbench(page, bench)
-        page.wait_for_timeout(500)
         expect(page.get_by_text("Select an object on the map")).to_be_visible()
         press(page, "Delete")
         expect(page.get_by_text("Select an object first.")).to_be_visible()
         expect(page.get_by_text("No edits yet")).to_be_visible()
-        field_of(page, "Your name").fill("Ann")
+        sign(bench.sessions[-1].panel, page, "Ann")
         for step in (joins, cuts, renames, deletes_and_takes_it_back):
             step(bench, page, mending)
         until(page, lambda: len(mending.log.entries) == 4)
@@ -126,9 +139,9 @@ def test_a_person_joins_cuts_renames_deletes_and_takes_it_back(browser, mending)
 def test_the_line_is_drawn_and_a_line_beside_the_object_is_refused(browser, mending):
     with MendPages(mending) as bench, watched_page(browser) as page:
         open_workbench(page, bench)
-        page.wait_for_timeout(500)
+        expect(page.get_by_text("Select an object on the map")).to_be_visible()
         click(bench, page, TABLE_8)
-        press(page, "Cut in two")
+        cut_by_clicks(bench.sessions[-1].panel, page)
         click(bench, page, (2.6, -1.0))
         page.wait_for_function("() => '/cut' in window.__viserMutable.nodeRefFromName")
         red = lambda place: np.abs(np.subtract(pixel(bench, page, *place), (214, 39, 40))).max() < 40  # noqa: E731
@@ -141,6 +154,7 @@ def test_the_line_is_drawn_and_a_line_beside_the_object_is_refused(browser, mend
         until(page, lambda: not red((2.6, 0.2)))
         assert mending.log.entries == () and not mending.saved
         press(page, "Cut in two")
+        expect(page.get_by_role("button", name="Cancel")).to_be_visible()
         page.keyboard.press("Escape")
         expect(page.get_by_role("button", name="Cancel")).not_to_be_visible()
         click(bench, page, CHAIR_1)  # selects again, as nothing waits
@@ -150,10 +164,11 @@ def test_the_line_is_drawn_and_a_line_beside_the_object_is_refused(browser, mend
 def test_the_keyboard_alone_does_it(browser, mending):
     with MendPages(mending) as bench, watched_page(browser) as page:
         open_workbench(page, bench)
-        page.wait_for_timeout(500)
-        bench.sessions[-1].select(8)
+        expect(page.get_by_text("Select an object on the map")).to_be_visible()
+        desk = bench.sessions[-1]
+        desk.select(8)
         expect(page.get_by_text("dining table 2 of 2")).to_be_visible()
-        choose(page, "Cut along", "north to south")
+        choose(desk.panel, page, "Cut along", "north to south")
         page.evaluate("document.activeElement.blur()")
         page.keyboard.press("x")
         expect(page.locator("ol").get_by_text("cut dining table 2 in two")).to_be_visible()
@@ -167,9 +182,14 @@ def test_the_keyboard_alone_does_it(browser, mending):
         page.wait_for_timeout(PAUSE_MS)
         page.keyboard.press("Delete")
         expect(page.locator("ol").get_by_text("took away dining table 2")).to_be_visible()
+        desk.select(3)
+        expect(page.get_by_text("chair 2 of 3")).to_be_visible()
         field_of(page, "Your name").press_sequentially("xj")  # letters in a text are no edits
-        page.wait_for_timeout(400)
-        assert len(mending.log.entries) == 2
+        until(page, lambda: "xj" in desk.panel._who.value)
+        page.evaluate("document.activeElement.blur()")
+        page.keyboard.press("Delete")  # comes to the workbench after them
+        expect(page.locator("ol").get_by_text("took away chair 2")).to_be_visible()
+        assert [type(entry.edit) for entry in mending.log.entries] == [Split, Delete, Delete]
 
 
 def test_two_pages_see_one_anothers_edits(browser, mending):
@@ -179,16 +199,16 @@ def test_two_pages_see_one_anothers_edits(browser, mending):
         with watched_page(browser) as bo:
             open_workbench(bo, bench)
             his = bench.sessions[-1]
-            field_of(ann, "Your name").fill("Ann")
-            field_of(bo, "Your name").fill("Bo")
-            ann.wait_for_timeout(400)
+            sign(hers.panel, ann, "Ann")
+            sign(his.panel, bo, "Bo")
             click(bench, ann, PLANT_9, hers)
+            expect(ann.get_by_text("potted plant 1 of 1")).to_be_visible()
             press(ann, "Delete")
             expect(bo.locator("ol").get_by_text("took away potted plant 1")).to_be_visible()
             wait_for_color(bench, bo, PLANT_9, color_at(mending.simap(), *PLANT_9), session=his)
             his.select(3)
-            bo.wait_for_timeout(PAUSE_MS)
-            choose(bo, "Join with", "chair 3 of 3")
+            expect(bo.get_by_text("chair 2 of 3")).to_be_visible()
+            choose(his.panel, bo, "Join with", "chair 3 of 3")
             press(bo, "Join")
             expect(ann.locator("ol").get_by_text("joined chair 2 and chair 3")).to_be_visible()
             wait_for_color(bench, ann, CHAIR_4, instance_color(3), session=hers)
@@ -205,13 +225,13 @@ def test_two_pages_see_one_anothers_edits(browser, mending):
 def test_what_cannot_be_saved_is_said_and_not_shown(browser, mending):
     with MendPages(mending) as bench, watched_page(browser) as page:
         open_workbench(page, bench)
-        page.wait_for_timeout(500)
+        expect(page.get_by_text("Select an object on the map")).to_be_visible()
         mending.path.write_text("another program was here")
         click(bench, page, PLANT_9)
+        expect(page.get_by_text("potted plant 1 of 1")).to_be_visible()
         press(page, "Delete")
         expect(page.get_by_text("expected the edits as they were read, found others")).to_be_visible()
         assert pixel(bench, page, *PLANT_9) == instance_color(9)
-        field_of(page, "Your name").fill(" ")
-        page.wait_for_timeout(PAUSE_MS)
+        sign(bench.sessions[-1].panel, page, " ")
         press(page, "Delete")
         expect(page.get_by_text("Write your name below")).to_be_visible()

@@ -10,6 +10,7 @@ from toy_maps import toy_map
 from simaps_viz import wiring
 from simaps_viz.mapping.mapfile import save_map
 from simaps_viz.mapping.mending import open_mending
+from simaps_viz.viewer.panels.mend import MendPanel
 
 CHAIR_3, CHAIR_4, PLANT_9 = (-0.2, -0.8), (3.8, -0.6), (4.55, -1.45)
 TABLE_8, CUT = (3.8, 0.3), ((3.6, -0.3), (3.6, 0.9))
@@ -32,12 +33,11 @@ def opened(browser, tmp_path_factory):
         yield page, bench, mending
 
 
-def click(opened, *places):
+def click(opened, place):
     page, bench, _ = opened
-    for place in places:
-        page.wait_for_timeout(PAUSE_MS)
-        page.mouse.click(*on_canvas(bench, page, *place))
-        page.wait_for_timeout(PAUSE_MS)
+    page.wait_for_timeout(PAUSE_MS)
+    page.mouse.click(*on_canvas(bench, page, *place))
+    page.wait_for_timeout(PAUSE_MS)
 
 
 def press(page, role, name):
@@ -45,9 +45,33 @@ def press(page, role, name):
     page.wait_for_timeout(PAUSE_MS)
 
 
-def sign(page, name):
+def panel_of(opened):
+    panel = dict(mine(opened[1]).parts.others)["Mend"]
+    assert isinstance(panel, MendPanel)
+    return panel
+
+
+def sign(opened, name):
+    page, panel = opened[0], panel_of(opened)
     press(page, "tab", "Mend")
     field_of(page, "Your name").fill(name)
+    until(page, lambda: panel._who.value == name)
+
+
+def chosen(opened, place, number):
+    """Click an object, and wait until the panel speaks of it."""
+    click(opened, place)
+    until(opened[0], lambda: panel_of(opened)._shown == number)
+
+
+def waits(opened, what):
+    press(opened[0], "button", {"join": "Join", "cut": "Cut in two"}[what])
+    until(opened[0], lambda: panel_of(opened).waiting == what)
+
+
+def mended(opened, edits):
+    """Wait until there are so many edits and the next click selects again."""
+    until(opened[0], lambda: len(opened[2].log.entries) == edits and panel_of(opened).waiting is None)
 
 
 def explained(opened, what, who, words):
@@ -71,38 +95,39 @@ def test_an_object_nobody_mended_is_explained_by_the_frames(opened):
 
 
 def test_an_object_joined_by_hand_says_who_joined_what(opened):
-    page, _, mending = opened
-    sign(page, "Ann")
-    click(opened, CHAIR_3)
-    press(page, "button", "Join")
+    sign(opened, "Ann")
+    chosen(opened, CHAIR_3, 3)
+    waits(opened, "join")
     click(opened, CHAIR_4)
-    until(page, lambda: len(mending.log.entries) == 1)
+    mended(opened, 1)
     click(opened, CHAIR_4)
     explained(opened, "joined chair (number 3) and chair (number 4)", "Ann", "Of the 5 frames that saw it, 2 saw")
 
 
 def test_an_object_cut_by_hand_says_who_cut_what(opened):
-    page, _, mending = opened
-    sign(page, "Ann")
+    mending = opened[2]
+    sign(opened, "Ann")
     before = len(mending.log.entries)
-    click(opened, TABLE_8)
-    press(page, "button", "Cut in two")
-    click(opened, *CUT)
-    until(page, lambda: len(mending.log.entries) == before + 1)
+    chosen(opened, TABLE_8, 8)
+    waits(opened, "cut")
+    click(opened, CUT[0])
+    until(opened[0], lambda: len(panel_of(opened)._points) == 1)
+    click(opened, CUT[1])
+    mended(opened, before + 1)
     click(opened, TABLE_8)
     explained(opened, "cut dining table (number 8) in two", "Ann", "Of the 4 frames that saw it, 4 saw")
 
 
 def test_an_object_renamed_by_hand_says_who_calls_it_so(opened):
     page, bench, mending = opened
-    sign(page, "Bo")
+    sign(opened, "Bo")
     before = len(mending.log.entries)
-    click(opened, PLANT_9)
+    chosen(opened, PLANT_9, 9)
     field_of(page, "Class").click()
     page.get_by_role("option", name="couch").first.click()
-    page.wait_for_timeout(PAUSE_MS)
+    until(page, lambda: panel_of(opened)._class.value == "couch")
     press(page, "button", "Rename")
-    until(page, lambda: len(mending.log.entries) == before + 1)
+    mended(opened, before + 1)
     click(opened, PLANT_9)
     explained(opened, "potted plant (number 9) is called couch", "Bo", "Of the 4 frames that saw it, 4 saw")
     assert mine(bench).selected == 9

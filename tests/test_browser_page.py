@@ -4,7 +4,7 @@ loses neither the open tabs nor a comparison. In Debian's Chromium on the toy ma
 import pytest
 from browser import field_of, mine, open_workbench, toy_services, toy_workbench, until, watched_page
 from playwright.sync_api import expect
-from test_browser_look import NAMELESS, UNREADABLE
+from test_browser_look import SAYS, STILL, faults, go_dark, open_tab, select_chair_1, tabs
 from test_viewer_segmentation import toy_segmentation
 from toy_maps import toy_map
 
@@ -22,6 +22,14 @@ from simaps_viz.viewer.panels.share import ShareServices, share_panel
 CHAIR_1 = 1
 LEAST_PX = 12.0
 PAUSE_MS = 300
+ALL_SAY = SAYS | {
+    "Compare": "Right",
+    "Masks": "Thresholds, on this frame only",
+    "Share": "Save as picture (.png)",
+    "Recordings": "List again",
+    "Mend": "Cut along",
+}
+"""A text of each tab, with an object selected."""
 SMALL = """(least) => {
   const small = [], say = (element, text) => {
     const px = parseFloat(getComputedStyle(element).fontSize);
@@ -84,26 +92,30 @@ def page(browser, bench):
 
 
 def tab(page, name):
-    page.get_by_role("tab", name=name, exact=True).click()
-    page.wait_for_timeout(PAUSE_MS)
+    open_tab(page, name, ALL_SAY[name])
+
+
+def kept_of_comparison(session):
+    """Give what the comparison would have on a page that is loaded again: its right side and where it is divided."""
+    kept = session.parts.others.states()["Compare"]
+    return kept["sides"][1].title, kept["divide"]
 
 
 def seen_in_all_tabs(page, bench, look):
     """Give what a look at each tab finds, with an object selected and with the answer to a command."""
-    mine(bench).select(CHAIR_1)
-    assert bench.wait_idle()
+    select_chair_1(page, bench)
     found = {}
-    names = [one.inner_text() for one in page.get_by_role("tab").all() if one.is_visible()]
-    for name in names:
+    for name in tabs(page, ALL_SAY):
         tab(page, name)
         if name == "Command":
             field_of(page, "Command").fill("go to the piano")
             field_of(page, "Command").press("Enter")
             expect(page.get_by_text("There is no piano on this map")).to_be_visible()
         found[name] = look()
-    assert {"Map", "Command", "Build", "Compare", "Masks", "Share", "Recordings", "Instance", "Mend"} <= set(found)
+    assert set(ALL_SAY) <= set(found)
     page.keyboard.press("h")
     expect(page.get_by_text("How to use this page")).to_be_visible()
+    page.wait_for_function(STILL)
     return {**found, "help": look()}
 
 
@@ -118,10 +130,8 @@ def test_letters_are_large_enough_and_nothing_is_wider_than_its_panel(browser, b
 @pytest.mark.parametrize("dark", [False, True], ids=["light", "dark"])
 def test_every_tab_can_be_read_and_every_control_has_a_name(bench, page, dark):
     if dark:
-        page.keyboard.press("l")
-        page.wait_for_function("() => document.documentElement.dataset.mantineColorScheme === 'dark'")
-        page.wait_for_timeout(PAUSE_MS)
-    found = seen_in_all_tabs(page, bench, lambda: page.evaluate(UNREADABLE) + page.evaluate(NAMELESS))
+        go_dark(page, mine(bench))
+    found = seen_in_all_tabs(page, bench, lambda: faults(page))
     assert not any(found.values()), found
 
 
@@ -139,8 +149,8 @@ def test_an_object_is_found_by_its_name_and_number(bench, page):
     third = bench.simap.of_class("chair")[2]
     until(page, lambda: session.selected == third.id)
     expect(page.get_by_text("chair 3 of 3").first).to_be_visible()
-    until(page, lambda: session.client.camera.position[2] < 0.8 * far)
-    assert session.client.camera.look_at[:2] == pytest.approx(third.centroid_m[:2], abs=0.2)
+    camera, middle = session.client.camera, pytest.approx(third.centroid_m[:2], abs=0.2)
+    until(page, lambda: camera.position[2] < 0.8 * far and camera.look_at[:2] == middle)
     page.wait_for_timeout(PAUSE_MS)
     for typed, said in (("chair 4", "There is no chair 4."), ("piano", "There is no piano on this map.")):
         box.fill(f"{typed}\n")
@@ -157,11 +167,11 @@ def test_a_reload_keeps_the_open_tabs_and_the_comparison(bench, page):
     tab(page, "Mend")
     field_of(page, "Right").click()
     page.get_by_role("option", name="Method components").click()
-    page.wait_for_timeout(PAUSE_MS)
+    until(page, lambda: kept_of_comparison(mine(bench))[0] == "Method components")
     page.get_by_role("button", name="Compare", exact=True).click()
     expect(page.get_by_text("Mark all listed")).to_be_visible()
     field_of(page, "Divide (%)").fill("30")
-    page.wait_for_timeout(PAUSE_MS)
+    until(page, lambda: kept_of_comparison(mine(bench))[1] == 30)
     said = page.get_by_text("objects agree").inner_text()
     page.reload()
     expect(page.get_by_role("tab", name="Compare", exact=True)).to_have_attribute("aria-selected", "true")

@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 import rerun as rr
 from browser import field_of, until, watched_page
-from playwright.sync_api import Browser, Page
+from playwright.sync_api import Browser, Locator, Page, expect
 from stub_desk import StubDesk, stub_desk
 from toy_maps import toy_map
 
@@ -14,8 +14,6 @@ from simaps_viz.errors import InputError
 from simaps_viz.recorder.facts import finished_facts, send_facts
 from simaps_viz.recorder.library import RecordingLibrary
 from simaps_viz.viewer.panels.recordings import RecordingServices, RecordingsPanel
-
-PAUSE_MS = 200
 
 
 def record(path: Path, name: str) -> Path:
@@ -47,22 +45,18 @@ def services(library: RecordingLibrary) -> RecordingServices:
 
 
 def open_page(page: Page, desk: StubDesk) -> None:
+    assert desk.wait_idle()  # the list is made
     page.goto(desk.url)
-    page.get_by_role("button", name="List again").wait_for(timeout=60_000)
-    page.wait_for_timeout(PAUSE_MS)
+    page.get_by_role("button", name="List again").wait_for()
 
 
-def press(page: Page, desk: StubDesk, name: str) -> None:
-    page.get_by_role("button", name=name, exact=True).click()
-    page.wait_for_timeout(PAUSE_MS)
-    assert desk.wait_idle()
-    page.wait_for_timeout(PAUSE_MS)
+def button(page: Page, name: str) -> Locator:
+    return page.get_by_role("button", name=name, exact=True)
 
 
 def choose(page: Page, text: str) -> None:
     field_of(page, "Recording").click()
     page.get_by_role("option", name=text).click()
-    page.wait_for_timeout(PAUSE_MS)
 
 
 def test_list_open_rename_delete(browser: Browser, library: RecordingLibrary):
@@ -71,30 +65,33 @@ def test_list_open_rename_delete(browser: Browser, library: RecordingLibrary):
         panel = RecordingsPanel(desk, services(library))
         open_page(page, desk)
         choose(page, "café")
-        table = page.locator("table").inner_text()
+        table = page.locator("table")
         for words in ("the café", "paper (K 5 %, resolution 1)", "frames\t5", "instances\t7", "simulated\tyes"):
-            assert words in table, table
-        assert str(folder / "café.rrd") in table and "0.0 MB" in table
-        press(page, desk, "Show it beside the map")
-        assert desk.opened == [folder / "café.rrd"] and desk.said[-1] == ("Recording", "café is shown beside the map.")
+            until(page, lambda words=words: words in table.inner_text())
+        assert str(folder / "café.rrd") in table.inner_text() and "0.0 MB" in table.inner_text()
+        button(page, "Show it beside the map").click()
+        until(page, lambda: desk.said[-1:] == [("Recording", "café is shown beside the map.")])
+        assert desk.opened == [folder / "café.rrd"]
 
-        press(page, desk, "Rename …")
+        button(page, "Rename …").click()
+        expect(field_of(page, "New name")).to_have_value("café")
         field_of(page, "New name").fill("bar")
-        page.wait_for_timeout(PAUSE_MS)
-        press(page, desk, "Save the name")
+        until(page, lambda: panel._new_name.value == "bar")
+        button(page, "Save the name").click()
+        until(page, lambda: str(folder / "bar.rrd") in table.inner_text())
         assert (folder / "bar.rrd").is_file() and not (folder / "café.rrd").exists()
         assert panel.chosen is not None and panel.chosen.name == "bar"
-        until(page, lambda: str(folder / "bar.rrd") in page.locator("table").inner_text())
 
-        press(page, desk, "Delete …")
-        assert "It cannot be brought back" in page.get_by_text("Delete bar").inner_text()
-        assert page.get_by_role("button", name="Show it beside the map").count() == 0
-        press(page, desk, "Keep it")
-        assert (folder / "bar.rrd").is_file() and page.get_by_role("button", name="Delete …").count() == 1
-        press(page, desk, "Delete …")
-        press(page, desk, "Delete for good")
-        assert sorted(p.name for p in folder.iterdir()) == ["broken.rrd"]
-        assert desk.said[-1] == ("Recording", "bar was deleted.") and desk.errors == []
+        button(page, "Delete …").click()
+        expect(page.get_by_text("Delete bar")).to_contain_text("It cannot be brought back")
+        expect(button(page, "Show it beside the map")).to_have_count(0)
+        button(page, "Keep it").click()
+        expect(button(page, "Delete …")).to_have_count(1)
+        assert (folder / "bar.rrd").is_file()
+        button(page, "Delete …").click()
+        button(page, "Delete for good").click()
+        until(page, lambda: desk.said[-1] == ("Recording", "bar was deleted."))
+        assert sorted(p.name for p in folder.iterdir()) == ["broken.rrd"] and desk.errors == []
 
 
 def test_what_cannot_be_opened_says_so_and_nothing_at_all_too(browser: Browser, library: RecordingLibrary):
@@ -103,17 +100,18 @@ def test_what_cannot_be_opened_says_so_and_nothing_at_all_too(browser: Browser, 
         RecordingsPanel(desk, services(library))
         open_page(page, desk)
         choose(page, "broken")
-        assert page.get_by_text("It cannot be opened").is_visible()
-        assert page.get_by_role("button", name="Show it beside the map").is_disabled()
+        expect(page.get_by_text("It cannot be opened")).to_be_visible()
+        expect(button(page, "Show it beside the map")).to_be_disabled()
         (folder / "broken.rrd").unlink()
-        press(page, desk, "Delete …")
-        press(page, desk, "Delete for good")
+        button(page, "Delete …").click()
+        button(page, "Delete for good").click()
+        until(page, lambda: desk.errors)
         assert isinstance(desk.errors[-1], InputError) and "found none" in str(desk.errors[-1])
         (folder / "café.rrd").unlink()
-        press(page, desk, "Keep it")
-        press(page, desk, "List again")
-        assert page.get_by_text("simaps build SEQUENCE -o MAP.npz --record MAP.rrd").is_visible()
-        assert page.get_by_role("button", name="Delete …").count() == 0
+        button(page, "Keep it").click()
+        button(page, "List again").click()
+        expect(page.get_by_text("simaps build SEQUENCE -o MAP.npz --record MAP.rrd")).to_be_visible()
+        expect(button(page, "Delete …")).to_have_count(0)
 
 
 def test_a_recording_alone_and_another_in_its_place(browser: Browser, tmp_path: Path):
@@ -130,11 +128,11 @@ def test_a_recording_alone_and_another_in_its_place(browser: Browser, tmp_path: 
                 events = page.evaluate("window.simapsEvents")
                 return events[-1]["recording_id"] if events else None
 
-            until(page, lambda: front() == "first", 60.0)
+            until(page, lambda: front() == "first")
             host.push({"show": "/recordings/two.rrd"})
-            until(page, lambda: front() == "second", 30.0)
+            until(page, lambda: front() == "second")
             host.push({"show": "/recordings/one.rrd"})
-            until(page, lambda: front() == "first", 30.0)
+            until(page, lambda: front() == "first")
             box, canvas = page.locator("#note").bounding_box(), page.locator("canvas").bounding_box()
             assert box and canvas and canvas["y"] >= box["y"] + box["height"] - 1
             assert canvas["y"] + canvas["height"] == pytest.approx(800, abs=1)

@@ -11,6 +11,7 @@ from browser import (
     mine,
     on_canvas,
     open_workbench,
+    page_is_there,
     toy_services,
     toy_workbench,
     until,
@@ -80,8 +81,26 @@ def loaded_again(page, bench):
     """Load the page again, and give its new session."""
     before = mine(bench)
     page.reload()
-    until(page, lambda: len(bench.sessions) == 1 and mine(bench) is not before, 30)
+    until(page, lambda: len(bench.sessions) == 1 and mine(bench) is not before)
     return mine(bench)
+
+
+def hurry(page, session):
+    """Set the speed and wait until the robot has it: viser's page sends only the last change of any 50 ms."""
+    fill(page, "Speed", "8")
+    until(page, lambda: session.robot._drive.speed == 8.0)
+
+
+def camera_at_rest(bench, page, session):
+    """Where the camera stands when the page has stopped to glide there."""
+    seen = []
+
+    def rests():
+        seen.append(tuple(session.client.camera.position))
+        return len(seen) > 20 and seen[-1] == seen[-21] and page_is_there(bench, page, session.simap, session)
+
+    until(page, rests)
+    return seen[-1]
 
 
 def test_two_people_select_cut_and_command_at_once(browser, bench):
@@ -100,14 +119,13 @@ def test_two_people_select_cut_and_command_at_once(browser, bench):
             bench, page, place, color_of(bench.simap, place, lit={CHAIR_3}), session=one
         )  # dimmed here, in full colour there
         wait_for_color(bench, other, place, color_of(two.simap, place), session=two)
-        for one_page, command in ((page, "go to the couch"), (other, "turn left")):
+        for one_page, session, command in ((page, one, "go to the couch"), (other, two, "turn left")):
             tab(one_page, "Command")
-            fill(one_page, "Speed", "8")
+            hurry(one_page, session)
             field_of(one_page, "Command").fill(command)
             field_of(one_page, "Command").press("Enter")
-            one_page.wait_for_timeout(150)
         for one_page in (page, other):
-            expect(one_page.get_by_text("Done")).to_be_visible()
+            expect(one_page.get_by_text("Done", exact=True)).to_be_visible()
         expect(page.get_by_text("To the couch, ")).to_be_visible()
         expect(other.get_by_text("robot.turn(-90)")).to_be_visible()
         assert [p.command for p in one.robot._past] == ["go to the couch"]
@@ -131,20 +149,21 @@ def test_a_reload_loses_nothing(browser, bench):
         expect(page.locator("div:text-is('chair 2 of 4')")).to_be_visible()
         page.get_by_label("Colours").click()
         page.get_by_role("option", name="class").click()
+        until(page, lambda: session.parts.map.mode == "class")
         tab(page, "Command")
-        fill(page, "Speed", "8")
+        hurry(page, session)
         field_of(page, "Command").fill("go to the couch")
         field_of(page, "Command").press("Enter")
-        expect(page.get_by_text("Done")).to_be_visible()
+        expect(page.get_by_text("Done", exact=True)).to_be_visible()
         tab(page, "Build")
         fill(page, "Frame", "2")
+        until(page, lambda: session.frame == 2)
         page.mouse.move(*on_canvas(bench, page, 3.0, -0.9))
         page.mouse.wheel(0, -400)
         until(page, lambda: session.viewpoints.state().moved is not None)
-        page.wait_for_timeout(800)  # zooming glides
-        pose, camera = session.pose, tuple(session.client.camera.position)
+        pose, camera = session.pose, camera_at_rest(bench, page, session)
         new = loaded_again(page, bench)
-        until(page, lambda: new.selected == 2, 20)
+        until(page, lambda: new.selected == 2)
         expect(page.locator("div:text-is('chair 2 of 4')")).to_be_visible()
         expect(field_of(page, "K (%)")).to_have_value("30")
         until(page, lambda: np.allclose(new.client.camera.position, camera, atol=0.05))
@@ -152,7 +171,7 @@ def test_a_reload_loses_nothing(browser, bench):
         assert np.allclose(new.client.camera.position, camera, atol=0.05)
         wait_for_color(bench, page, EAST_HALF_OF_CHAIR_1, color_of(new.simap, EAST_HALF_OF_CHAIR_1, "class", {2}))
         tab(page, "Command")
-        expect(page.get_by_text("Done")).to_be_visible()
+        expect(page.get_by_text("Done", exact=True)).to_be_visible()
         expect(page.get_by_role("button", name="go to the couch").first).to_be_attached()
         assert new.pose == pose
         tab(page, "Build")
@@ -166,10 +185,10 @@ def test_the_other_page_lives_on_when_one_is_killed(browser, bench):
         context = browser.new_context()
         victim = context.new_page()
         victim.goto(bench.url)
-        until(page, lambda: len(bench.sessions) == 2, 30)
+        until(page, lambda: len(bench.sessions) == 2)
         with pytest.raises(Error):
             victim.goto("chrome://crash", timeout=5_000)
-        until(page, lambda: len(bench.sessions) == 1, 30)
+        until(page, lambda: len(bench.sessions) == 1)
         page.mouse.click(*on_canvas(bench, page, *bench.simap.by_id(CHAIR_3).centroid_m[:2]))
         until(page, lambda: one.selected == CHAIR_3)
         expect(page.locator("div:text-is('chair 2 of 3')")).to_be_visible()
@@ -177,11 +196,12 @@ def test_the_other_page_lives_on_when_one_is_killed(browser, bench):
 
 
 def test_an_error_is_told_to_the_one_who_met_it(browser, bench, caplog):
-    with opened(browser, bench) as (page, _), opened(browser, bench) as (other, _):
+    with opened(browser, bench) as (page, _), opened(browser, bench) as (other, two):
         tab(page, "Mine")
         page.get_by_role("button", name="Fail", exact=True).click()
         expect(page.get_by_text("Unexpected error (KeyError)")).to_be_visible()
-        other.wait_for_timeout(300)
+        two.say("A word", "to the other one")  # comes to that page after whatever was told before
+        expect(other.get_by_text("to the other one")).to_be_visible()
         expect(other.get_by_text("Unexpected error")).to_have_count(0)
         tab(page, "Map")
         fill(page, "K (%)", "30")

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import cv2
 import numpy as np
-from browser import field_of, free_port, mine, open_workbench, until, wait_for_color, watched_page
+from browser import PATIENCE_S, field_of, free_port, mine, open_workbench, until, wait_for_color, watched_page
 from live_sequences import at_once, held_sequence, settings
 from playwright.sync_api import expect
 from sequences import write_tiny_sequence
@@ -46,19 +46,19 @@ def test_a_map_grows_stops_goes_on_and_becomes_the_workbench(browser, tmp_path, 
         expect(page.get_by_text(f"0 of {FRAMES} frames")).to_be_visible()
         build.start()
         session = mine(bench)
-        until(page, lambda: build.state().done >= 8 and len(session.simap.frame_names) > 0, 60)
+        until(page, lambda: build.state().done >= 8 and len(session.simap.frame_names) > 0)
         expect(page.get_by_text("Building the map")).to_be_visible()
         place, cell = inside(session.simap, session.simap.grid.observations > 0)
         wait_for_color(bench, page, place, map_image(session.simap)[cell], session=session)
         page.get_by_role("button", name="Stop").click()
-        page.wait_for_timeout(300)
+        until(page, lambda: build.state().status == "stopping")
         held.let_go()
         expect(page.get_by_text("Nothing is lost")).to_be_visible()
         assert not output.exists()
         page.get_by_role("button", name="Go on").click()
         expect(page.get_by_role("tab", name="Recordings", exact=True)).to_be_visible()
         expect(page.get_by_role("tab", name="Progress", exact=True)).to_have_count(0)
-        assert session.wait_idle(30.0)
+        assert session.wait_idle(PATIENCE_S)
         place, cell = inside(session.simap, session.simap.instance == session.simap.instances[0].id)
         wait_for_color(bench, page, place, map_image(session.simap)[cell], session=session)
     built(held.whole, tmp_path / "plain.npz")
@@ -91,7 +91,7 @@ def test_a_map_is_shown_as_it_was_and_as_it_came_about(browser, tmp_path):
             expect(page.get_by_text("m² seen")).to_be_visible()
             page.get_by_role("button", name="Play", exact=True).click()
             wait_for_color(bench, page, place, end)
-            until(page, lambda: mine(bench).frame == FRAMES - 1, 60)
+            until(page, lambda: mine(bench).frame == FRAMES - 1)
             thing, at = inside(simap, simap.instance > 0)
             parts = bench.shared.timeline(simap)
             fill(page, "Position", "0")

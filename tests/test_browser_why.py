@@ -8,6 +8,7 @@ from browser import (
     on_canvas,
     open_workbench,
     pixel,
+    rerun_frame,
     toy_services,
     toy_workbench,
     until,
@@ -59,6 +60,7 @@ def shows(bench, page, place, color, reach_m=0.05) -> bool:
 
 
 def test_a_click_tells_why_and_draws_the_weakest_joint(bench, page):
+    wait_for_color(bench, page, BORDER, instance_color(CHAIR_1))  # the map is there
     assert not shows(bench, page, BORDER, CUT)
     choose_chair_1(bench, page)
     expect(page.get_by_text("has 25.0 %, above the K = 5 % needed")).to_be_visible()
@@ -133,7 +135,7 @@ def test_the_recording_is_sent_to_the_step_and_a_click_in_it_selects(browser, tm
         choose_chair_1(bench, page)
         page.get_by_role("button", name="1 · 25.0 % · 32 + 32").click()
         assert pushed.get(timeout=60.0) == {"set_time": {"timeline": "merge", "time": 1}}
-        frame = next(f for f in page.frames if "/rerun/" in f.url)
+        frame = rerun_frame(page)
         chair = toy_map().by_id(CHAIR_4)
         items = [{"type": "entity", "entity_path": "/map/objects", "position": [*chair.centroid_m[:2], None]}]
         items[0]["position"][1] *= -1.0
@@ -142,8 +144,7 @@ def test_the_recording_is_sent_to_the_step_and_a_click_in_it_selects(browser, tm
         until(page, lambda: mine(bench).selected == CHAIR_4)
         expect(page.get_by_text("One object because all 4 frames that saw it")).to_be_visible()
         # A recording that a person put on another timeline is not called back to the frames.
-        frame.evaluate(post, {"type": "timeline_change", "timeline": "merge"})
-        page.wait_for_timeout(200)
+        frame.evaluate(post, {"type": "timeline_change", "timeline": "merge"})  # comes back once it was heard
         assert pushed.empty()
         frame.evaluate(post, {"type": "timeline_change", "timeline": "frame"})
         last = len(mine(bench).simap.frame_names) - 1

@@ -1,8 +1,10 @@
 """The build log: every step comes back exactly, and whatever happens to the file, a build ends in the same map."""
 
 import errno
+import os
 import shutil
 import struct
+import sys
 import threading
 from dataclasses import replace
 
@@ -203,6 +205,31 @@ def test_starting_anew_sets_the_unfinished_log_aside_and_resume_takes_the_farthe
     told = Stop()
     assert saved(build_map(tiny, observers=[told], log=path, resume=True), tmp_path) == wanted
     assert told.frames == [] and frames_logged(path) == FRAMES
+
+
+def test_the_farther_log_is_kept_however_often_one_starts_anew(tiny, tmp_path):
+    path = tmp_path / "log"
+    build_map(tiny, log=path)
+    for _ in range(2):
+        with pytest.raises(KeyboardInterrupt):
+            build_map(tiny, observers=[Stop(after=2)], log=path)
+        assert frames_logged(path) == 1 and frames_logged(set_aside_name(path)) == FRAMES
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="no locks there")
+@pytest.mark.parametrize("number", [errno.ENOLCK, errno.ENOSPC])
+def test_a_folder_without_locks_is_used_without_and_other_faults_are_told(tiny, tmp_path, monkeypatch, number):
+    def refuse(file, how):
+        raise OSError(number, os.strerror(number))
+
+    monkeypatch.setattr("fcntl.flock", refuse)
+    if number == errno.ENOLCK:
+        build_map(tiny, log=tmp_path / "log")
+        assert frames_logged(tmp_path / "log") == FRAMES
+        return
+    with pytest.raises(InputError, match="could not write the build log: No space left on device") as told:
+        build_map(tiny, log=tmp_path / "log")
+    assert not isinstance(told.value, LogBusyError)
 
 
 class Stop:

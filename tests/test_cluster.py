@@ -13,12 +13,13 @@ from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
 from build_logs import read_log
 from dask import config as dask_config
-from deadly_sequences import KillsItsWorker, OpensRandom, OpensSlow
+from deadly_sequences import Deadly, KillsItsWorker, OpensRandom, OpensSlow
 from distributed import LocalCluster
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -86,6 +87,21 @@ def alive_with(leader):
     """Processes that a process has started and that still run; the dead that nobody has asked for do not count."""
     shown = subprocess.run(["ps", "-o", "stat=", "-s", str(leader)], check=False, capture_output=True, text=True)
     return [line for line in shown.stdout.split() if not line.startswith("Z")]
+
+
+class Held(Deadly):
+    """A sequence whose one frame is not read before there is a flag, a file."""
+
+    def read(self, index, *, color=False):
+        while index == self._frame and not self._flag.exists():
+            self._flag.with_suffix(".asked").touch()
+            time.sleep(0.02)
+        return self._sequence.read(index, color=color)
+
+
+class OpensHeld(KillsItsWorker):
+    def __call__(self) -> Any:
+        return Held(open_sequence(Path(self.path)), self.frame, Path(self.flag))
 
 
 class Listener:
@@ -232,15 +248,17 @@ def test_a_stopped_build_keeps_what_has_arrived_and_goes_on_anywhere(sequence, a
     assert npz(there, tmp_path / "a.npz") == npz(here, tmp_path / "b.npz") == wanted
 
 
-def test_stopping_does_not_wait_for_a_slow_frame(sequence, address):
-    cancel = threading.Event()
-    with open_workers(address, OpensSlow(str(sequence), 0.4)) as workers:
-        workers.shard_frames = 8  # 3.2 s a shard
-        timer = threading.Timer(1.0, cancel.set)
-        timer.start()
+def test_stopping_does_not_wait_for_a_slow_frame(sequence, address, tmp_path):
+    cancel, flag = threading.Event(), tmp_path / "held.read"
+    cancel.is_set = flag.with_suffix(".asked").exists  # somebody waits for the frame
+    with open_workers(address, OpensHeld(str(sequence), 0, str(flag))) as workers:
+        at_last = threading.Timer(60.0, flag.touch)
+        at_last.start()
         with pytest.raises(BuildCancelled, match=f"cancelled after 0 of {FRAMES} frames"):
             build_map(open_sequence(sequence), cancel=cancel, elsewhere=workers)
-        timer.join()
+        assert not flag.exists()
+        at_last.cancel()
+        flag.touch()
 
 
 def test_an_observer_that_wants_pictures_is_refused(sequence):
@@ -294,8 +312,8 @@ def test_a_scheduler_that_is_none_is_one_line(sequence, tmp_path, capsys, schedu
 
 
 def test_a_server_that_is_no_scheduler_is_told_apart(monkeypatch):
-    monkeypatch.setattr("simaps_viz.cluster.workers._CONNECT_S", 0.5)
     for greeting, message in ((b"", "found one that says nothing"), (b"SSH-2.0-of-some-kind", "found another server")):
+        monkeypatch.setattr("simaps_viz.cluster.workers._CONNECT_S", 30.0 if greeting else 0.5)
         with socket.create_server(("127.0.0.1", 0)) as server:
             address = f"tcp://127.0.0.1:{server.getsockname()[1]}"
             with ThreadPoolExecutor(1) as pool:
@@ -353,10 +371,9 @@ def test_the_command_says_the_same_and_writes_the_same_file(sequence, address, t
 
 def test_ctrl_c_ends_all_processes_and_the_build_goes_on(sequence, tmp_path):
     output, whole = tmp_path / "m.npz", tmp_path / "whole.npz"
-    slow = "from simaps_viz.commands import build as b; b.reopening = lambda s, masks: OpensSlow(str(s.path), 0.05);"
-    code = (
-        f"import sys; from deadly_sequences import OpensSlow; {slow} from simaps_viz.cli import main; sys.exit(main())"
-    )
+    held = f"OpensHeld(str(s.path), {FRAMES - 1}, {str(tmp_path / 'never')!r})"  # the build cannot end by itself
+    slow = f"from simaps_viz.commands import build as b; b.reopening = lambda s, masks: {held};"
+    code = f"import sys; from test_cluster import OpensHeld; {slow} from simaps_viz.cli import main; sys.exit(main())"
     build = ["build", str(sequence), "-o", str(output)]
     started = subprocess.Popen(
         [sys.executable, "-c", code, *build, "--scheduler", "local:2", "--json"],
@@ -374,7 +391,7 @@ def test_ctrl_c_ends_all_processes_and_the_build_goes_on(sequence, tmp_path):
     going_on = "go on with the same command and --resume; no file is half-written"
     assert said == f"simaps: interrupted after {done} frames; {going_on}\n"
     assert 0 < done < FRAMES
-    until = time.monotonic() + 20
+    until = time.monotonic() + 60
     while alive_with(started.pid):
         assert time.monotonic() < until
         time.sleep(0.1)

@@ -94,9 +94,10 @@ def test_the_tab_of_a_build_may_go_while_its_numbers_are_brought_up_to_date(monk
     monkeypatch.setattr(live, "EVERY_S", 0.01)
     server = viser.ViserServer(port=free_port(), verbose=False)
     tab = server.gui.add_tab_group().add_tab("Progress")
-    asked = []
+    asked, ready, others = [], threading.Event(), set(threading.enumerate())
 
     def state() -> LiveState:
+        assert not asked or ready.wait(60.0)
         asked.append(1)
         if len(asked) == 3:  # as when the build is done: the panel is closed, then its tab goes
             panel.close()
@@ -106,7 +107,8 @@ def test_the_tab_of_a_build_may_go_while_its_numbers_are_brought_up_to_date(monk
     desk: Any = SimpleNamespace(gui=server.gui)
     with tab:
         panel = LivePanel(desk, LiveServices(state, lambda: None, lambda: None))
-    mine = next(thread for thread in threading.enumerate() if thread.name == "workbench-live")
-    mine.join(5.0)
+    (mine,) = (one for one in set(threading.enumerate()) - others if one.name == "workbench-live")
+    ready.set()
+    mine.join(60.0)
     server.stop()
     assert not mine.is_alive() and len(asked) == 3

@@ -107,6 +107,19 @@ def test_damaged_edits_stop_nobody_who_leaves_them_out(toy_file, capsys):
     assert edits_path(toy_file).read_text() == "{"
 
 
+def test_what_cannot_be_saved_was_not_done(toy_file, tmp_path, monkeypatch, capsys):
+    def refuse(simap, path):
+        raise InputError(f"{path}: could not write the map: No space left on device")
+
+    monkeypatch.setattr("simaps_viz.commands.mend.save_map", refuse)
+    status, _, err = spoken(capsys, "mend", toy_file, "merge 3 4", "-o", tmp_path / "mended.npz")
+    assert status == 2 and "No space left" in err
+    assert not edits_path(toy_file).exists()
+    monkeypatch.undo()
+    assert spoken(capsys, "mend", toy_file, "merge 3 4", "-o", tmp_path / "mended.npz")[0] == 0
+    assert counts(capsys, tmp_path / "mended.npz") == counts(capsys, toy_file)
+
+
 def test_edits_of_another_build_are_adopted(toy_file, capsys):
     spoken(capsys, "mend", toy_file, "delete 9", "merge 3 4")
     other = toy_map()

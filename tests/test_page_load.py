@@ -1,6 +1,7 @@
 """Several people on one server, each asking for things of its own: nothing lost, nothing crossed."""
 
 import asyncio
+import re
 
 from browser import free_port
 from toy_maps import toy_map
@@ -22,7 +23,8 @@ def test_six_pages_get_their_own_answers(tmp_path):
     assert tally.lost == []
     assert tally.crossed == []
     assert all(len(tally.seconds[kind]) >= 6 for kind in ("slider", "click", "command"))
-    assert len(states) == 5
+    # viser keeps up to 32 for all callbacks; of its own, a page has some only while it works
+    assert max(int(n) for state in states for n in re.findall(r"(\d+) threads", state)) < 64
 
 
 def test_answers_of_others_are_noticed():

@@ -170,12 +170,13 @@ def test_steps_hold_exactly_where_statements_begin():
     drive.speed = 8.0
     base = trajectory([[0, 0, 0], [1.0, 0, 0], [2.0, 0, 0]])
     drive.start(Trajectory(base.poses, base.times_s, base.times_s[:2]), held=True)
+    until(lambda: seen)
     time.sleep(0.2)
     assert drive.paused and set(seen) == {0.0}
     drive.step()
-    assert holds.wait(5.0) and drive.paused and seen[-1] == pytest.approx(1.0) and max(seen) == pytest.approx(1.0)
+    assert holds.wait(60.0) and drive.paused and seen[-1] == pytest.approx(1.0) and max(seen) == pytest.approx(1.0)
     drive.step()
-    assert ended.wait(5.0) and seen[-1] == 2.0 and not drive.active
+    assert ended.wait(60.0) and seen[-1] == 2.0 and not drive.active
 
 
 def test_nothing_is_told_after_stop():
@@ -190,7 +191,7 @@ def test_nothing_is_told_after_stop():
 
     drive = Drive(slowly, lambda: told.append(-1.0))
     drive.start(trajectory([[0, 0, 0], [5.0, 0, 0]]))
-    assert second.wait(5.0)
+    assert second.wait(60.0)
     drive.stop()
     count = len(told)
     assert count >= 2 and not drive.active
@@ -243,12 +244,12 @@ def test_a_hanging_model_holds_nothing_up_and_stop_ends_the_wait():
         model = wiring._language_model(f"m@{server.url}")
         with toy_workbench(real_services(model=model)) as bench, fake_page(bench):
             mine(bench).robot.ask("go to the couch")
-            assert server.arrived.wait(10.0)
+            assert server.arrived.wait(60.0)
             assert "Working on it" in shown(bench)
             mine(bench).select(3)
-            assert mine(bench).worker.wait_idle(5.0)  # the map still answers
+            assert mine(bench).worker.wait_idle()  # the map still answers
             mine(bench).robot.stop()
-            assert "Stopped" in shown(bench) and server.left.wait(5.0)
+            assert "Stopped" in shown(bench) and server.left.wait(60.0)
             assert bench.wait_idle()
             assert "Stopped" in shown(bench) and mine(bench).pose == TOY_POSE
             assert "cancelled" in mine(bench).robot._panel._exchanges.content

@@ -29,7 +29,7 @@ def served(tmp_path):
 
 
 def ask(host, path, *, method="GET", body=None, headers=None):
-    connection = http.client.HTTPConnection("127.0.0.1", host.port, timeout=5)
+    connection = http.client.HTTPConnection("127.0.0.1", host.port, timeout=60)
     connection.request(method, path, body=body, headers=headers or {})
     response = connection.getresponse()
     content = response.read()
@@ -103,7 +103,7 @@ def test_an_event_that_fails_does_not_end_the_server(served):
 
 def test_pushes_to_those_who_listen(served):
     host, _, _ = served
-    connection = http.client.HTTPConnection("127.0.0.1", host.port, timeout=5)
+    connection = http.client.HTTPConnection("127.0.0.1", host.port, timeout=60)
     heard = []
     host.on_listen = heard.append
     connection.request("GET", "/rerun/events?session=a%20b")
@@ -136,7 +136,7 @@ def test_frees_its_port():
 
 
 def connect(host):
-    connection = socket.create_connection(("127.0.0.1", host.port), timeout=5)
+    connection = socket.create_connection(("127.0.0.1", host.port), timeout=60)
     return connection, connection.makefile("rb")
 
 

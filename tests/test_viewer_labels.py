@@ -92,20 +92,37 @@ class Client(viser.ClientHandle):
         self.camera = seen
 
 
-def test_a_zoom_tells_once_the_camera_rests_and_not_for_a_shift():
-    told, seen = threading.Semaphore(0), camera()
+def test_a_zoom_tells_once_the_camera_rests_and_not_for_a_shift(monkeypatch):
+    told, seen, rests, waits = threading.Semaphore(0), camera(), threading.Event(), []
+
+    class Waits(threading.Timer):
+        """Nobody has rested before the test says so, however slow the machine."""
+
+        def __init__(self, interval: float, function: Any) -> None:
+            super().__init__(interval, function)
+            waits.append(self)
+
+        def run(self) -> None:
+            rests.wait(60.0)
+            super().run()
+
+    monkeypatch.setattr(threading, "Timer", Waits)
     moved: list[Any] = []
     seen.on_update = moved.append
     zoom = Zoom(Client(seen), told.release, rest_s=0.05)
     assert zoom.metres_per_px() == pytest.approx(10.0 / 800)
     seen.position, seen.look_at = (3.0, 0, 10.0), (3.0, 0, 0)
     moved[0](None)
-    assert not told.acquire(timeout=0.3)
+    assert waits == [] and not told.acquire(blocking=False)
     for height_m in (9.0, 7.0, 5.0):
         seen.position = (3.0, 0, height_m)
         moved[0](None)
-    assert told.acquire(timeout=60.0)
-    assert not told.acquire(timeout=0.3)
+    early = told.acquire(blocking=False)
+    rests.set()
+    assert not early and len(waits) > 1 and {wait.interval for wait in waits} == {0.05}
+    for wait in waits:
+        wait.join(60.0)
+    assert told.acquire(timeout=60.0) and not told.acquire(blocking=False)
     assert zoom.metres_per_px() == pytest.approx(5.0 / 800)
 
 

@@ -53,7 +53,7 @@ def test_ipv6_of_this_machine(tmp_path):
     with opened(tmp_path, "::1") as bench:
         assert bench.url == f"http://[::1]:{bench.ports[0]}" and not bench.access.token
         for port, path in zip(bench.ports, ("/", "/tab/", "/rerun/"), strict=True):
-            with socket.create_connection(("::1", port), timeout=5) as connection:
+            with socket.create_connection(("::1", port), timeout=60) as connection:
                 connection.sendall(f"GET {path} HTTP/1.1\r\nHost: [::1]:{port}\r\nConnection: close\r\n\r\n".encode())
                 assert connection.recv(20).startswith(b"HTTP/1.1 200")
 
@@ -107,7 +107,7 @@ def test_methods_that_are_none_of_ours_are_answered(tmp_path):
         assert bench.gate.refused["a request that is no GET"] == 9
         for request in (b"get / HTTP/1.1", b"A" * 17 + b" /", b"<a> /", b"POST", b""):
             assert send_raw(first, request + b"\r\n\r\n", finish=True).status == 0
-        with socket.create_connection(("127.0.0.1", first), timeout=5) as slow:
+        with socket.create_connection(("127.0.0.1", first), timeout=60) as slow:
             for part in ("G", "E", "T", " ", f"/ HTTP/1.1\r\nHost: 127.0.0.1:{first}\r\n\r\n"):
                 slow.sendall(part.encode())
                 time.sleep(0.1)

@@ -148,6 +148,15 @@ def test_a_camera_that_was_moved_comes_back():
 def test_a_ride_that_a_reload_ends_leaves_the_robot_where_it_was():
     with toy_workbench(all_services()) as bench:
         page = FakePage(bench)
+        drive = page.session.robot._drive
+        told = drive._on_pose
+
+        def dawdle(pose, share, leg):
+            if pose.x_m > 0.6:
+                drive.speed = 0.02  # so that the ride is not over before the page is closed
+            told(pose, share, leg)
+
+        drive._on_pose = dawdle
         page.session.robot.ask("go to the couch")
         until(lambda: page.session.pose.x_m > 0.6)
         page.close()
@@ -318,7 +327,7 @@ def test_a_panels_work_holds_up_neither_the_map_nor_other_panels_and_what_it_rai
         gate = threading.Event()
         a.session.submit("long", functools.partial(waits_for, gate))
         a.session.select(CHAIR_3)
-        assert a.session.worker.wait_idle(5.0)
+        assert a.session.worker.wait_idle()
         gate.set()
         a.session.submit("bad", failing_job)
         a.session.say("Saved", "as toy.npz")
@@ -328,7 +337,7 @@ def test_a_panels_work_holds_up_neither_the_map_nor_other_panels_and_what_it_rai
 
 
 def waits_for(gate):
-    gate.wait(5.0)
+    assert gate.wait(120.0)  # longer than anybody waits for the map
 
 
 def failing_job():

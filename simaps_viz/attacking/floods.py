@@ -10,6 +10,10 @@ from simaps_viz.attacking.target import CAMERA, Target, Tries, ask, open_socket,
 
 AWAY_S = 20.0
 """After so long all that an attacker held is to be free again."""
+SERVED_S, ANSWERED_S = 5.0, 2.0
+"""So long others may wait for a request, and for what they say on a page, while somebody attacks."""
+HUNG_UP_S = 0.5
+"""So long connections may be held that are too many; shorter than any connection is kept on which nothing is said."""
 
 
 def _connect(port: int) -> socket.socket:
@@ -26,25 +30,30 @@ def _is_open(connection: socket.socket) -> bool:
         return False
 
 
+def _page(target: Target, port: int) -> str:
+    return "/" if port == target.ports[0] else "/tab/" if port == target.ports[1] else "/rerun/"
+
+
 def dripping_requests(target: Target) -> Tries:
     """Slowloris: headers, and bodies, that arrive a byte at a time; others are served meanwhile."""
+    held: list[socket.socket] = []
     for port in target.ports:
-        held = [_connect(port) for _ in range(40)]
         head = f"POST /tab/event HTTP/1.1\r\nHost: 127.0.0.1:{port}\r\nContent-Length: 60000\r\n\r\n".encode()
-        begun = time.monotonic()
-        for n, one in enumerate(held):
-            one.sendall(head if n % 2 else b"GET / HTTP/1.1\r\nX: ")
-        quick = time.monotonic()
-        path = "/" if port == target.ports[0] else "/tab/" if port == target.ports[1] else "/rerun/"
-        yield None if ask(port, path).status == 200 and time.monotonic() - quick < 5.0 else "others are not served"
-        while any(alive := [_is_open(one) for one in held]) and time.monotonic() - begun < AWAY_S:
-            for one in held:
-                with contextlib.suppress(OSError):
-                    one.send(b"a")
-            time.sleep(0.5)
-        yield from ("a request may drip for ever" if still else None for still in alive)
+        for n in range(40):
+            held.append(_connect(port))
+            held[-1].sendall(head if n % 2 else b"GET / HTTP/1.1\r\nX: ")
+    begun = time.monotonic()
+    for port in target.ports:
+        quick, served = time.monotonic(), ask(port, _page(target, port)).status == 200
+        yield None if served and time.monotonic() - quick < SERVED_S else "others are not served"
+    while any(alive := [_is_open(one) for one in held]) and time.monotonic() - begun < AWAY_S:
         for one in held:
-            one.close()
+            with contextlib.suppress(OSError):
+                one.send(b"a")
+        time.sleep(0.5)
+    yield from ("a request may drip for ever" if still else None for still in alive)
+    for one in held:
+        one.close()
 
 
 def unused_connections(target: Target) -> Tries:
@@ -54,13 +63,11 @@ def unused_connections(target: Target) -> Tries:
         for _ in range(280):
             with contextlib.suppress(OSError):
                 held.append(_connect(port))
-        time.sleep(0.5)
-        alive = sum(_is_open(one) for one in held)
-        yield None if alive <= 256 else f"{alive} connections are held open"
+        few = wait(lambda held=held: sum(map(_is_open, held)) <= 256, HUNG_UP_S)
+        yield None if few else f"{sum(map(_is_open, held))} connections are held open"
         for one in held:
             one.close()
-        path = "/" if port == target.ports[0] else "/tab/" if port == target.ports[1] else "/rerun/"
-        served = wait(lambda port=port, path=path: ask(port, path).status == 200)
+        served = wait(lambda port=port: ask(port, _page(target, port)).status == 200)
         yield None if served else "nobody is served any more"
 
 
@@ -115,12 +122,12 @@ def floods_of_messages(target: Target) -> Tries:
         for n in range(5):
             begun = time.monotonic()
             say(other, **{**CAMERA, "fov": 0.1 + n / 10.0})
-            seen = wait(lambda n=n: abs(session.client.camera.fov - (0.1 + n / 10.0)) < 1e-9, 5.0)
+            seen = wait(lambda n=n: abs(session.client.camera.fov - (0.1 + n / 10.0)) < 1e-9, SERVED_S)
             slowest = max(slowest, time.monotonic() - begun)
             yield None if seen else "another page is no longer heard"
         stop.set()
-        flooding.join(timeout=5.0)
-        yield None if slowest < 2.0 else f"another page waited {slowest:.1f} s"
+        flooding.join(timeout=SERVED_S)
+        yield None if slowest < ANSWERED_S else f"another page waited {slowest:.1f} s"
 
 
 def pages_that_break_off(target: Target) -> Tries:

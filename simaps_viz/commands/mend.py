@@ -64,10 +64,10 @@ def mend_map(command: Mend) -> tuple[list[str], dict[str, Any]]:
     with mending.together():
         for text in command.edit:
             simap = do(mending, simap, text, command.who or login())
+        if command.output is not None:
+            save_map(simap, command.output)  # before the edits are: what cannot be saved was not done
     if command.adopt and mending.saved and not command.edit:
         mending.save()
-    if command.output is not None:
-        save_map(simap, command.output)
     return _report(command, mending, simap)
 
 

@@ -22,6 +22,7 @@ SKETCH_SHARE = 0.03
 SKETCH_EVERY_S = 0.9
 """How often a sketch is made at most; the page looks a little less often."""
 STOPPED = "Stopped. Nothing is lost: go on here, or later with the same command and --resume."
+BEGINS_ANEW = "Stopped. This method keeps no log of its frames: going on begins at the first one."
 
 
 class Stream(Protocol):
@@ -53,6 +54,8 @@ class Audience:
     stream: Stream | None = None
     sketch: Callable[[FrameProjected], bytes] = lambda event: b""
     """Draw what was seen so far in little time, for ``LiveState.sketch``."""
+    stopped: str = STOPPED
+    """What is said of a build that was stopped."""
 
 
 class LiveBuild:
@@ -88,8 +91,10 @@ class LiveBuild:
     def start(self, *, resume: bool = False) -> None:
         """Begin, or go on; does nothing while it runs or when it is done."""
         with self._lock:
-            if self._state.status == "done" or (self._thread is not None and self._thread.is_alive()):
+            if self._state.status == "done" or self._runs():
                 return
+            if self._thread is not None:
+                self._thread.join()  # it has said that it ended, and clears up
             self._cancel, self._latest, self._show_last = threading.Event(), None, True
             self._arrived.clear()
             self._began_s = self._sketch_s = time.perf_counter()
@@ -106,7 +111,7 @@ class LiveBuild:
     def stop(self, *, show: bool = True) -> None:
         """Stop after the frame that is being worked on; ``show``: then show the map so far, which may take a while."""
         with self._lock:
-            if self._thread is not None and self._thread.is_alive():
+            if self._runs():
                 self._show_last = show
                 self._cancel.set()
                 self._say(status="stopping")
@@ -117,6 +122,11 @@ class LiveBuild:
         if thread is not None:
             thread.join(timeout_s)
         return thread is None or not thread.is_alive()
+
+    def _runs(self) -> bool:
+        """Tell whether the build has not yet said how it ended; its thread may live on for a moment."""
+        alive = self._thread is not None and self._thread.is_alive()
+        return alive and self._state.status not in ("done", "stopped", "failed")
 
     def on_event(self, event: Event) -> None:
         """Watch the build, from its thread."""
@@ -142,7 +152,7 @@ class LiveBuild:
             self._say(status="done", said=said)
         except BuildCancelled:
             self._show_stopped()
-            self._say(status="stopped", said=STOPPED)
+            self._say(status="stopped", said=self._audience.stopped)
         except SIMapsError as error:
             self._say(status="failed", error=str(error))
         except Exception as error:  # the page has to say so; the log has it in full

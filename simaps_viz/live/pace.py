@@ -2,7 +2,7 @@
 
 from collections import deque
 
-SHARE = 0.09
+SHARE = 0.1
 """Of a build's time that may be lost to showing it."""
 FIRST_S = 1.0
 """Nothing is shown before: a build that is over by then is fastest seen when it is done."""

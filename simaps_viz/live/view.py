@@ -10,11 +10,11 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from simaps_viz import wiring
-from simaps_viz.building import BuildRequest, build_to_file, going_on
+from simaps_viz.building import BuildRequest, RecordingFault, build_to_file, going_on
 from simaps_viz.datasets.source import FrameSource
 from simaps_viz.errors import InputError
 from simaps_viz.events import FrameProjected, Observer
-from simaps_viz.live.build import Audience, LiveBuild
+from simaps_viz.live.build import BEGINS_ANEW, STOPPED, Audience, LiveBuild, Run
 from simaps_viz.looking_back import looking_back
 from simaps_viz.mapping.mending import Mending, open_mending
 from simaps_viz.mapping.partition import empty_log
@@ -80,20 +80,22 @@ def live_workbench(
     pages: list[Workbench] = []
     ended = threading.Event()
 
-    def run(observers: Sequence[Observer], cancel: threading.Event, resume: bool) -> SIMap:
-        now = replace(request, resume=resume, history=request.history or keeps_log(request.method))
-        return build_to_file(sequence, now, progress, observers=tuple(observers), cancel=cancel)
-
     def done(simap: SIMap) -> str:
-        mending = open_mending(request.output, simap)
-        edits.append(mending)
-        panels = wiring.panels_of(simap, request.record, mending, beside=True)
-        pages[0].finish(mending.simap(), panels, request.record)
+        try:
+            edits.append(open_mending(request.output, simap))
+        except InputError as fault:  # edits of an earlier build: this one is there nevertheless
+            faults.append(str(fault))
+        mending = edits[0] if edits else None
+        recorded = request.record if request.record is not None and request.record.is_file() else None
+        panels = wiring.panels_of(simap, recorded, mending, beside=True)
+        pages[0].finish(simap if mending is None else mending.simap(), panels, recorded)
         if not ended.is_set():
             stream.finish()
-        console.print(f"{request.output}: {wiring.counts_in_words(simap.counts())}", markup=False, soft_wrap=True)
-        return f"Saved as {request.output}."
+        for text in (f"{request.output}: {wiring.counts_in_words(simap.counts())}", *faults):
+            console.print(text, markup=False, soft_wrap=True)
+        return " ".join((f"Saved as {request.output}.", *faults))
 
+    faults: list[str] = []
     edits: list[Mending] = []
     audience = Audience(
         show=lambda simap: pages[0].publish(simap, growing=True),
@@ -101,8 +103,9 @@ def live_workbench(
         done=done,
         stream=stream,
         sketch=lambda event: sketch_png(event.snapshot(), event.T_map_camera[:2, 3]),
+        stopped=STOPPED if keeps_log(request.method) else BEGINS_ANEW,
     )
-    build = LiveBuild(run, len(sequence), audience)
+    build = LiveBuild(_runner(sequence, request, progress, faults), len(sequence), audience)
     try:
         with _serve(sequence, settings, build, waiting, stream.url, lambda: edits[0] if edits else None) as page:
             pages.append(page)
@@ -112,6 +115,21 @@ def live_workbench(
             build.wait(10.0)
     finally:
         stream.close()
+
+
+def _runner(sequence: FrameSource, request: BuildRequest, progress: StageProgress, faults: list[str]) -> Run:
+    """Give what builds; that its recording was lost goes to ``faults``, for the map is there."""
+    logged = keeps_log(request.method)
+
+    def run(observers: Sequence[Observer], cancel: threading.Event, resume: bool) -> SIMap:
+        now = replace(request, resume=resume and logged, history=request.history or logged)
+        try:
+            return build_to_file(sequence, now, progress, observers=tuple(observers), cancel=cancel)
+        except RecordingFault as fault:
+            faults.append(str(fault))
+            return fault.simap
+
+    return run
 
 
 def _serve(

@@ -3,6 +3,7 @@
 What a record looks like says `mapping.log_records`.
 """
 
+import errno
 import json
 import os
 import struct
@@ -32,6 +33,10 @@ from simaps_viz.mapping.log_records import (
 from simaps_viz.mapping.steps import FrameStep, pack_step, squeeze
 
 _SYNC_S = 5.0  # a power cut loses at most the frames of so many seconds; killing the program loses none
+
+
+NO_LOCKS = (errno.ENOLCK, errno.ENOTSUP, errno.ENOSYS)
+"""What some network folders answer who asks for a lock; there nobody watches that one build writes at a time."""
 
 
 class LogBusyError(InputError):
@@ -151,8 +156,11 @@ class BuildLog:
                     return
                 self._file.close()  # whose build was just done, and has removed it
                 self._file = FileIO(os.open(self.path, os.O_RDWR | os.O_CREAT, 0o644), "r+")
-        except OSError:
+        except BlockingIOError:
             raise LogBusyError(f"{self.path}: expected one build at a time, found another one writing it") from None
+        except OSError as error:
+            if error.errno not in NO_LOCKS:
+                raise InputError(f"{self.path}: could not write the build log: {error.strerror or error}") from error
 
     def _in_place(self) -> bool:
         try:
@@ -170,7 +178,7 @@ class BuildLog:
             self._file.truncate(end)
             self._file.seek(end)
             return
-        if records:
+        if len(records) > frames_logged(set_aside_name(self.path)):  # what is farther is kept
             self._set_aside()
         self._file.truncate(0)
         self._file.seek(0)

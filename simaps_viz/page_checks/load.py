@@ -124,18 +124,22 @@ class Visitor:
         self._all_facts, self._all_programs = set(expected.facts.values()), {p for _, p in expected.commands}
 
     async def visit(self, url: str, until: float) -> None:
-        """Ask one thing after another until a time of the monotonic clock."""
+        """Ask one thing after another until a time of the monotonic clock; at least everything once."""
         protocol: Any = [f"viser-v{VISER_VERSION}"]
-        async with connect(url, subprotocols=protocol, max_size=None, proxy=None) as connection:
+        options: Any = {"max_size": None, "proxy": None, "open_timeout": PATIENCE_S}
+        async with connect(url, subprotocols=protocol, **options) as connection:
             await self._send(connection, **CAMERA)
             reading = asyncio.create_task(self._read(connection))
-            while time.monotonic() < until and ("Command", "Text") not in self._widgets:
-                await asyncio.sleep(0.1)
+            async with asyncio.timeout(PATIENCE_S):
+                while ("Command", "Text") not in self._widgets:
+                    await asyncio.sleep(0.1)
             await asyncio.sleep(3.0)  # the page is painted first
-            while time.monotonic() < until:
+            over = False
+            while not over:
                 for ask in (self._move_slider, self._click, self._command):
                     await ask(connection)
                     await asyncio.sleep(self._draw.uniform(*THINKING_S))
+                over = time.monotonic() >= until
             reading.cancel()
 
     async def _move_slider(self, connection: ClientConnection) -> None:

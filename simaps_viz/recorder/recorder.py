@@ -189,7 +189,8 @@ class RerunRecorder:
         """Show the objects of the frames so far, in the colours they have elsewhere, uint8 [n, 3]."""
         known = max(len(simap.frame_names) - 1, 0)
         if self._open:
-            self._show_objects(CommunitiesFound(simap.grid, simap.instance, known, final=False), colors)
+            found = CommunitiesFound(simap.grid, simap.community, known, final=False, instance=simap.instance)
+            self._show_objects(found, colors)
 
     def _on_communities(self, event: CommunitiesFound) -> None:
         if event.final:

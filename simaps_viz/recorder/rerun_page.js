@@ -4,7 +4,8 @@
 // ("recording:APPLICATION:ID") and "play" ("paused", "playing" or "following") may be given too; or
 // {"show": "/recordings/other.rrd"}.
 // Rerun to workbench: every viewer event (time_update, selection_change, recording_open, ...) as JSON to /rerun/event,
-// except the time_update that only echoes a time set from outside. A time_update tells its timeline too.
+// except the time_update that only echoes a time set from outside. A time_update tells its timeline too, and whether it
+// comes of following a stream.
 "use strict";
 
 // rerun tells its debugging 18,000 times while it opens a recording, which takes longer than opening it.
@@ -63,7 +64,7 @@ function followTheme() {
 
 // Keys, while the recording has them: Tab leaves it (rerun would keep it for ever), those that rerun does not know go
 // to the workbench, and all of them are rerun's while somebody types in one of its boxes.
-const OF_RERUN = new Set([" ", "Enter", "Home", "End", "PageUp", "PageDown", "w", "a", "s", "d", "q", "e"]);
+const OF_RERUN = new Set([" ", "enter", "home", "end", "pageup", "pagedown", "w", "a", "s", "d", "q", "e"]);
 const typing = () => document.activeElement instanceof HTMLInputElement;
 let page = null; // the workbench's origin, once it has spoken
 
@@ -84,6 +85,61 @@ function passOn(event) {
   }
   const said = leaves ? { simapsLeave: shiftKey ? -1 : 1 } : { simapsKey: { key, code, shiftKey, ctrlKey, metaKey } };
   window.parent.postMessage(said, page);
+}
+
+// A stream shows a build that needs the processors itself, and without a graphics card drawing takes them all: after
+// each picture comes a rest of several times what it took, unless somebody is at it. Opening the stream takes no rest.
+const RESTS = 6;
+const LONGEST_REST_MS = 3000;
+const AT_IT_MS = 2000;
+const drawSoon = window.requestAnimationFrame.bind(window);
+const drawNever = window.cancelAnimationFrame.bind(window);
+const resting = new Map(); // {what the caller knows: timer or request}
+let lastRest = 0;
+let drawnAt = 0;
+let drawingMs = 0;
+let atItAt = 0; // somebody here, or the workbench
+let handledAt = 0; // somebody here
+
+const isAtIt = () => (atItAt = performance.now());
+const isHandled = () => (handledAt = isAtIt());
+
+function drawNow(key, draw) {
+  resting.set(key, {
+    request: drawSoon((time) => {
+      resting.delete(key);
+      const began = performance.now();
+      draw(time);
+      drawSoon(() => {
+        drawnAt = performance.now();
+        drawingMs = drawnAt - began;
+      });
+    }),
+  });
+}
+
+function drawCalmly(draw) {
+  const key = ++lastRest;
+  const now = performance.now();
+  const restMs = ids.size && now - atItAt > AT_IT_MS ? Math.min(RESTS * drawingMs, LONGEST_REST_MS) : 0;
+  const wait = restMs - (now - drawnAt);
+  if (wait <= 0) drawNow(key, draw);
+  else resting.set(key, { timer: setTimeout(() => drawNow(key, draw), wait) });
+  return key;
+}
+
+function drawNoMore(key) {
+  const one = resting.get(key);
+  if (!one) return;
+  resting.delete(key);
+  if (one.timer !== undefined) clearTimeout(one.timer);
+  else drawNever(one.request);
+}
+
+function restBetweenPictures() {
+  window.requestAnimationFrame = drawCalmly;
+  window.cancelAnimationFrame = drawNoMore;
+  for (const what of ["pointerdown", "pointermove", "wheel", "keydown"]) window.addEventListener(what, isHandled, true);
 }
 
 // A view is chosen by a click in it, or on its name, where rerun shows a grabbing hand.
@@ -127,8 +183,10 @@ const ECHO_MS = 1500;
 const commanded = new Map();
 
 function isEcho(event) {
+  if (event.type !== "time_update") return false;
+  if (wanted && event.timeline === wanted.command.timeline && handledAt <= wanted.since) return true;
   const since = commanded.get(`${event.timeline} ${Number(event.time)}`);
-  return event.type === "time_update" && since !== undefined && performance.now() - since < ECHO_MS;
+  return since !== undefined && performance.now() - since < ECHO_MS;
 }
 
 // A recording comes to the front a while after it was asked for: times are meant for the one asked for last.
@@ -141,13 +199,18 @@ let viewer = null;
 let waiting = null;
 let busy = false;
 
+let following = false; // the stream's newest frame, as the workbench said
+
 async function setTime(command) {
+  isAtIt();
+  insistOn(command);
   waiting = command;
   if (busy || !viewer) return;
   busy = true;
   while (waiting) {
     const next = waiting;
     waiting = null;
+    following = next.play === "following";
     commanded.set(`${next.timeline} ${next.time}`, performance.now());
     if (commanded.size > 500) commanded.delete(commanded.keys().next().value);
     try {
@@ -157,6 +220,32 @@ async function setTime(command) {
     }
   }
   busy = false;
+}
+
+// A stream may not have brought yet what rerun is sent to, which then stays at what there is: it is sent there again,
+// unless somebody here goes elsewhere.
+const INSIST_MS = 500;
+const INSIST_FOR_MS = 60000;
+const streamed = config.recordings.some((address) => address.startsWith("rerun+"));
+const told = new Map(); // {timeline: the last time that rerun told}
+let wanted = null;
+
+function insistOn(command) {
+  if (!streamed || command === wanted?.command) return;
+  if (wanted) clearTimeout(wanted.timer);
+  wanted = command.time === undefined ? null : { command, since: performance.now() };
+  if (wanted) wanted.timer = setTimeout(insist, INSIST_MS);
+}
+
+function insist() {
+  const { command, since } = wanted;
+  const is = told.get(command.timeline);
+  if (is === command.time || handledAt > since || performance.now() - since > INSIST_FOR_MS) {
+    wanted = null;
+    return;
+  }
+  setTime(command);
+  wanted.timer = setTimeout(insist, INSIST_MS);
 }
 
 // Events leave in order; of several waiting time updates only the newest one does.
@@ -194,7 +283,11 @@ function tell(event) {
   if (event.type === "recording_open" && !ids.has(asked))
     ids.set(asked, `recording:${event.application_id}:${event.recording_id}`);
   if (event.type === "timeline_change") timeline = event.timeline;
-  if (event.type === "time_update") event.timeline = timeline;
+  if (event.type === "time_update") {
+    event.timeline = timeline;
+    event.following = following;
+    told.set(timeline, Number(event.time));
+  }
   if (event.type === "selection_change" && (pressedName || overName()))
     for (const item of event.items) item.by_name = true;
   window.simapsEvents.push(event);
@@ -278,5 +371,6 @@ window.simapsEvents = [];
 window.simapsReady = false;
 window.simapsSetTime = setTime;
 watchInput();
+if (streamed) restBetweenPictures();
 if (config.theme === "page") followTheme();
 main().catch(showFailure);

@@ -10,7 +10,10 @@ from simaps_viz.structures import SIMap
 from simaps_viz.viewer.drawing.legend import counts_text
 from simaps_viz.viewer.shared import Shared
 
-NO_HISTORY = "This map keeps no history, so objects appear when first named; build it with --history to see it grow."
+NO_HISTORY = (
+    "No history of this map is at hand, so objects appear when first named. It is there after building with --history,"
+    " or once a build that is watched is done."
+)
 
 
 @dataclass(frozen=True, eq=False)

@@ -47,10 +47,11 @@ class PageTime:
             session.recording.show_joint(joint, session.common.recorded)
 
     def finish(self) -> None:
-        """Show the finished map, here and in the recording; nothing happens where it is shown already."""
-        build = self._session.parts.build
-        if not build.at_end or self._session.parts.steps.step is not None:
-            build.stop()
+        """Show the finished map, here and in the recording; what plays stops, also what has yet to show anything."""
+        build, steps = self._session.parts.build, self._session.parts.steps
+        build.stop()
+        steps.stop()
+        if not build.at_end or steps.step is not None:
             build.set_frame(len(self._session.simap.frame_names) - 1, chosen_here=True)
 
     def _rest(self) -> None:

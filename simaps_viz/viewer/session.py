@@ -252,7 +252,7 @@ class Session:
         """The robot is wanted for a run to judge."""
         self.robot.leave()
 
-    def wait_idle(self, timeout_s: float = 10.0) -> bool:
+    def wait_idle(self, timeout_s: float = 60.0) -> bool:
         """Wait until all that was asked for is done; False when that took too long."""
         return all(w.wait_idle(timeout_s) for w in (self.command_worker, self.panel_worker, self.worker))
 
@@ -381,11 +381,10 @@ class Session:
         if picture is None:
             self._scene.show_picture(None)
         else:
-            self._scene.show_camera(None)
             self._scene.show_picture(picture.spec, png(picture.pixels))
 
     def _clicked(self, event: viser.SceneClickEvent) -> None:
-        if self.viewpoints.name == SLANT:
+        if self.viewpoints.name == SLANT and self._picture is None:
             place = ray_on_blocks(self._simap, event.ray_origin, event.ray_direction)
         else:
             place = ray_on_floor(event.ray_origin, event.ray_direction)

@@ -155,7 +155,7 @@ class Workbench:
         self.publish(simap, growing=True)
         self._teller.submit("finish", self._tell_finished)
 
-    def wait_idle(self, timeout_s: float = 10.0) -> bool:
+    def wait_idle(self, timeout_s: float = 60.0) -> bool:
         """Wait until all pages have done what they were asked for; False when that took too long."""
         return self._teller.wait_idle(timeout_s) and all(session.wait_idle(timeout_s) for session in self.sessions)
 

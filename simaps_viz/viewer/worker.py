@@ -31,7 +31,7 @@ class Worker:
                 self._thread = threading.Thread(target=self._run, name="workbench-worker", daemon=True)
                 self._thread.start()
 
-    def wait_idle(self, timeout_s: float = 10.0) -> bool:
+    def wait_idle(self, timeout_s: float = 60.0) -> bool:
         """Wait until nothing runs or waits; False when that took too long."""
         with self._changed:
             return self._changed.wait_for(lambda: self._thread is None, timeout_s)

@@ -22,7 +22,9 @@ class LabelLayer:
     ) -> None:
         """Show nothing yet; ``zoomed`` is told the metres a pixel shows when that has changed."""
         self._page, self._name, self._zoomed = page, name, zoomed
-        self._lock = threading.RLock()
+        self.lock = threading.RLock()
+        """Held while anything is drawn, and while ``zoomed`` is told, which comes from a thread of its own: whoever
+        draws more than these texts takes it too."""
         self._labels: tuple[Label, ...] = ()
         self._blocked: tuple[Box, ...] = ()
         self._z_m = 0.0
@@ -36,7 +38,7 @@ class LabelLayer:
 
     def show(self, labels: Sequence[Label], *, blocked: Sequence[Box] = (), z_m: float = 0.05) -> None:
         """Show other texts, the most important first; ``blocked`` is what they should not cover."""
-        with self._page.atomic(), self._lock:
+        with self._page.atomic(), self.lock:
             for handle in self._handles:
                 handle.remove()
             self._labels, self._blocked, self._z_m = tuple(labels), tuple(blocked), z_m
@@ -50,7 +52,7 @@ class LabelLayer:
 
     def place(self) -> None:
         """Find the texts places for the zoom of now."""
-        with self._page.atomic(), self._lock:
+        with self._page.atomic(), self.lock:
             self._zoomed(self._lay())
 
     def _lay(self) -> float:

@@ -40,8 +40,13 @@ def why_empty(simap: SIMap) -> str:
 
 def object_name(simap: SIMap, instance: Instance) -> str:
     """Name an instance among its class: "chair 7 of 17"."""
+    return f"{short_name(simap, instance)} of {len(simap.of_class(instance.label))}"
+
+
+def short_name(simap: SIMap, instance: Instance) -> str:
+    """Name an instance without saying how many its class has: "chair 7"."""
     siblings = [other.id for other in simap.of_class(instance.label)]
-    return f"{instance.label} {siblings.index(instance.id) + 1} of {len(siblings)}"
+    return f"{instance.label} {siblings.index(instance.id) + 1}"
 
 
 def facts_text(simap: SIMap, instance: Instance) -> str:

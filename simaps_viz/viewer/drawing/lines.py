@@ -21,9 +21,13 @@ def line_share(segments: NDArray, metres_per_px: float) -> float:
     return float(np.clip(size_px / FULL_FROM_PX, THINNEST, 1.0))
 
 
-def draw_lines(scene: viser.SceneApi, name: str, segments: NDArray, color: Color, thickness_px: float) -> None:
+def draw_lines(
+    scene: viser.SceneApi, name: str, segments: NDArray, color: Color, thickness_px: float, *, visible: bool = True
+) -> None:
     """Draw line segments, float [n, 2, 3], map frame, metres, in the place of those of that name; n = 0: none."""
     if len(segments):
-        scene.add_line_segments(name, segments, color, thickness=thickness_px, thickness_units="screen")
+        scene.add_line_segments(
+            name, segments, color, thickness=thickness_px, thickness_units="screen", visible=visible
+        )
     elif scene.get_handle_by_name(name) is not None:
         scene.remove_by_name(name)

@@ -25,6 +25,9 @@ OUTLINE_PX = 3.0
 ROBOT_HEIGHT_M = 0.35
 PICTURE_M = 0.004
 """How far a picture in the place of the map lies over it."""
+PARENTS = ("/candidates", "/why")
+"""What is below these comes and goes; they stay, and are hidden with all below them."""
+LINES = ("/path", "/selection", "/cut")
 _BLANK = np.zeros((1, 1, 3), np.uint8)
 
 
@@ -66,7 +69,9 @@ class MapScene:
         self.fit(simap)
         self._robot = self._add_robot(robot_radius_m)
         self._robot_radius_m = robot_radius_m
+        self._parents = [self._scene.add_frame(name, show_axes=False) for name in PARENTS]
         self._candidates = LabelLayer(page, "/candidates", assumed_m=self._height_m, zoomed=self._zoomed)
+        self._lock = self._candidates.lock
         self._camera: CameraMark | None = None
         self._camera_at: NDArray | None = None
         self._badge: viser.LabelHandle | None = None
@@ -99,8 +104,8 @@ class MapScene:
 
     def set_theme(self, theme: Theme) -> None:
         """Draw the lines for a light or a dark page; the map's picture and blocks follow with ``show_map``."""
-        self._theme = theme
-        with self._page.atomic():
+        with self._page.atomic(), self._lock:
+            self._theme = theme
             self._add_scale_bar()
             self._add_compass()
             self._draw_outline(self._candidates.metres_per_px)
@@ -109,32 +114,34 @@ class MapScene:
         """Lay a map's picture (PNG, painted in that style, row 0 at the south) on the floor."""
         self._lay("/map", simap.spec, picture, 0.0)
         self._shown = (simap, style)
-        if self._upright:
-            self._build_blocks()
+        self._build_blocks()
 
     def show_picture(self, spec: GridSpec | None, picture: bytes = b"") -> None:
         """Lay a picture (PNG) over the map, where a grid lies; None takes it away.
 
         Meanwhile nothing of the map's own stands on it, and scale bar and compass lie beside it.
         """
-        before = self._pictured
-        self._pictured = None if spec is None else spec.extent_m
-        if spec is not None:
-            self._lay("/picture", spec, picture, PICTURE_M)
-        elif "/picture" in self._images:
-            self._images.pop("/picture")[1].remove()
-        if before != self._pictured:
-            with self._page.atomic():
+        with self._page.atomic(), self._lock:
+            before = self._pictured
+            self._pictured = None if spec is None else spec.extent_m
+            if spec is not None:
+                self._lay("/picture", spec, picture, PICTURE_M)
+            elif "/picture" in self._images:
+                self._images.pop("/picture")[1].remove()
+            if before != self._pictured:
                 self._add_scale_bar()
                 self._add_compass()
                 self._cover(spec is not None)
+        if before is not None and spec is None:
+            self._build_blocks()
 
     def _cover(self, covered: bool) -> None:
-        self._robot.visible = not covered
-        for name in ("/path", "/selection"):
-            handle = self._scene.get_handle_by_name(name)
+        handles = [self._scene.get_handle_by_name(name) for name in LINES]
+        for handle in (self._robot, *self._parents, *handles):
             if handle is not None:
                 handle.visible = not covered
+        if covered:
+            self._clear_blocks()
         self.show_camera(self._camera_at)
         if self._badge is not None:
             self.show_badge(self._badge.text if self._badge.visible else "")
@@ -150,13 +157,15 @@ class MapScene:
         if upright:
             self._build_blocks()
         else:
-            self._clear_blocks()
+            with self._lock:
+                self._clear_blocks()
 
     def outline(self, simap: SIMap, instance_id: int | None) -> None:
         """Draw a line around an instance, or none."""
         segments = np.zeros((0, 2, 3)) if instance_id is None else outline_segments(simap, instance_id, 0.012)
-        self._outlined = segments
-        self._draw_outline(self._candidates.metres_per_px)
+        with self._lock:
+            self._outlined = segments
+            self._draw_outline(self._candidates.metres_per_px)
 
     def show_robot(self, pose: Pose2) -> None:
         """Put the robot somewhere."""
@@ -169,7 +178,8 @@ class MapScene:
         points = np.asarray(points_m, np.float64).reshape(-1, 2)
         line = np.column_stack([points, np.full(len(points), 0.03)])
         segments = np.stack([line[:-1], line[1:]], axis=1) if len(line) > 1 else np.zeros((0, 2, 3))
-        draw_lines(self._scene, "/path", segments, PATH, 4.0)
+        with self._lock:
+            draw_lines(self._scene, "/path", segments, PATH, 4.0, visible=self._pictured is None)
 
     def show_candidates(self, labels: Sequence[Label], *, blocked: Sequence[Box] = ()) -> None:
         """Write texts on the map, the most important first; they leave the robot, what they name and others free."""
@@ -192,14 +202,15 @@ class MapScene:
 
     def show_camera(self, T_map_camera: NDArray | None) -> None:
         """Draw where a frame was taken from, or nothing."""
-        self._camera_at = T_map_camera
-        if T_map_camera is None or self._pictured is not None:
-            if self._camera is not None:
-                self._camera.hide()
-            return
-        if self._camera is None:
-            self._camera = CameraMark(self._page)
-        self._camera.show(T_map_camera)
+        with self._lock:
+            self._camera_at = T_map_camera
+            if T_map_camera is None or self._pictured is not None:
+                if self._camera is not None:
+                    self._camera.hide()
+                return
+            if self._camera is None:
+                self._camera = CameraMark(self._page)
+            self._camera.show(T_map_camera)
 
     def _height_m(self) -> float:
         _, ymin, _, ymax = self.frame_extent
@@ -211,7 +222,8 @@ class MapScene:
 
     def _draw_outline(self, metres_per_px: float) -> None:
         width = OUTLINE_PX * line_share(self._outlined, metres_per_px)
-        draw_lines(self._scene, "/selection", self._outlined, self._theme.selected, width)
+        color, visible = self._theme.selected, self._pictured is None
+        draw_lines(self._scene, "/selection", self._outlined, color, width, visible=visible)
 
     def _lay(self, name: str, spec: GridSpec, picture: bytes, z_m: float) -> None:
         xmin, ymin, xmax, ymax = spec.extent_m
@@ -233,13 +245,18 @@ class MapScene:
             self._images[name][1]._data = picture
 
     def _build_blocks(self) -> None:
-        if self._shown is None:
+        """Build what is shown as blocks, where the map stands up and nothing lies over it."""
+        shown = self._shown
+        if shown is None or not self._upright or self._pictured is not None:
             return
-        simap, style = self._shown
+        simap, style = shown
         colors = cell_colors(simap, style.mode, lit=style.lit, theme=style.theme)
         if style.paint is not None:
             paint_cells(colors, *style.paint, simap.spec.cols)
-        with self._page.atomic():
+        made = list(solids(simap, colors))
+        with self._page.atomic(), self._lock:
+            if shown is not self._shown or not self._upright or self._pictured is not None:
+                return  # which came meanwhile, on another thread
             self._clear_blocks()
             self._blocks = [
                 self._scene.add_mesh_simple(
@@ -251,7 +268,7 @@ class MapScene:
                     cast_shadow=False,
                     receive_shadow=False,
                 )
-                for i, solid in enumerate(solids(simap, colors))
+                for i, solid in enumerate(made)
             ]
 
     def _clear_blocks(self) -> None:

@@ -14,7 +14,7 @@ from simaps_viz.palette import Color
 from simaps_viz.structures import Instance, SIMap
 from simaps_viz.viewer.drawing.label_layer import LabelLayer
 from simaps_viz.viewer.drawing.label_layout import Box, Label, boxes_near
-from simaps_viz.viewer.drawing.legend import object_name
+from simaps_viz.viewer.drawing.legend import short_name
 from simaps_viz.viewer.drawing.lines import draw_lines, line_share
 from simaps_viz.viewer.drawing.texture import outline_segments
 
@@ -149,7 +149,7 @@ class WhyMarks:
 
     def draw(self, marks: Marks | None, z_m: float = FLOOR_M) -> None:
         """Draw an explanation, or take it away; ``z_m`` is the height of the lines over the floor."""
-        with self._page.atomic():
+        with self._page.atomic(), self._labels.lock:
             self._drawn = dict.fromkeys(NODES, np.zeros((0, 2, 3)))
             links: tuple[Link, ...] = ()
             if marks is not None:
@@ -170,8 +170,7 @@ class WhyMarks:
 
 def link_label(marks: Marks, link: Link) -> Label:
     """Name a neighbour and its link's number, at the neighbour: "chair 6 · 0.04"."""
-    name = object_name(marks.simap, link.other).split(" of ")[0]
-    text = f"{name} · {link_text(marks.why.method, link)}"
+    text = f"{short_name(marks.simap, link.other)} · {link_text(marks.why.method, link)}"
     (x0, y0), (x1, y1) = link.ends_m
     away = (x1 - x0, y1 - y0)
     xmin, ymin, xmax, ymax = _box_of(link.other)

@@ -130,6 +130,7 @@ class Drive:
         on_pose: Callable[[Pose2, float, int], None],
         on_end: Callable[[], None],
         on_hold: Callable[[], None] = lambda: None,
+        on_fault: Callable[[Exception], None] | None = None,
     ) -> None:
         """Take whom to tell; none of them is called once ``stop`` has returned.
 
@@ -137,8 +138,10 @@ class Drive:
             on_pose: gets the pose, the share of the ride that is over, and the index of the pose passed last.
             on_end: called when the ride has ended by itself.
             on_hold: called when a step is over and the ride waits.
+            on_fault: gets what one of the others raised; the ride has ended then. None: the ride's thread raises it.
         """
         self._on_pose, self._on_end, self._on_hold = on_pose, on_end, on_hold
+        self._on_fault = on_fault
         self.speed = 1.0
         """Factor on the normal speed; may change while the robot drives."""
         self._running = threading.Event()
@@ -164,7 +167,7 @@ class Drive:
             self._ride, self._elapsed, self._until = ride, 0.0, None
             if held:
                 self._running.clear()
-        threading.Thread(target=self._play, args=(ride,), name="workbench-drive", daemon=True).start()
+        threading.Thread(target=self._run, args=(ride,), name="workbench-drive", daemon=True).start()
 
     def pause(self, paused: bool) -> None:
         """Hold the ride, or let it go on."""
@@ -187,6 +190,17 @@ class Drive:
         with self._lock:
             self._ride = None
             self._running.set()
+
+    def _run(self, ride: Trajectory) -> None:
+        try:
+            self._play(ride)
+        except Exception as fault:
+            with self._lock:
+                if self._ride is ride:
+                    self._ride = None
+            if self._on_fault is None:
+                raise
+            self._on_fault(fault)
 
     def _play(self, ride: Trajectory) -> None:
         before = time.monotonic()

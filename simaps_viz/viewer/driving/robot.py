@@ -6,23 +6,22 @@ import threading
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
-import cv2
 import numpy as np
 import viser
 
 from simaps_viz.errors import SIMapsError
-from simaps_viz.geometry import STANDS_FROM_M
 from simaps_viz.structures import Pose2, SIMap
 from simaps_viz.viewer.drawing.label_layout import Label, boxes_near
 from simaps_viz.viewer.drawing.scene import MapScene
 from simaps_viz.viewer.driving.drive import Drive, Trajectory, poses_along, ride_of_steps, trajectory
+from simaps_viz.viewer.driving.floor import open_floor
 from simaps_viz.viewer.driving.follow import Follower
 from simaps_viz.viewer.panels.command import CommandActions, CommandPanel, Past
 from simaps_viz.viewer.panels.command_words import candidate_labels, field_of, goal_labels, result_text, why_text
 from simaps_viz.viewer.services import AnswerLike, CandidateLike, ExchangeLike, Services, StepLike
 from simaps_viz.viewer.worker import Worker
 
-__all__ = ["RobotControl", "candidate_labels", "goal_labels", "open_floor"]
+__all__ = ["RobotControl", "candidate_labels", "goal_labels"]
 
 MOST_PAST = 50
 GOAL_M = 0.25
@@ -80,7 +79,7 @@ class RobotControl:
         self._line = 0
         self._past: list[Past] = []
         self._waiting: threading.Event | None = None
-        self._drive = Drive(self._moved, self._arrived, self._held)
+        self._drive = Drive(self._moved, self._arrived, self._held, self._broke_down)
         model = services.model.name if services.model else None
         self._panel = CommandPanel(gui, current_map(), self._actions(), enabled=services.ask is not None, model=model)
         self._stand(self._start)
@@ -327,19 +326,32 @@ class RobotControl:
         if self._follower is not None:
             self._follower.see(pose)
         self._panel.show_progress(share)
-        lines = self._ride.lines if self._ride is not None else ()
+        ride, answer = self._ride, self._answer  # another command may take them away meanwhile
+        lines = ride.lines if ride is not None else ()
         line = int(lines[leg]) if leg < len(lines) else 0
-        if self._answer is not None and line != self._line:
+        if answer is not None and line != self._line:
             self._line = line
-            self._panel.show_program(self._answer.program or "", line or None)
+            self._panel.show_program(answer.program or "", line or None)
 
     def _held(self) -> None:
         self._panel.show_phase("held")
 
     def _arrived(self) -> None:
-        if self._answer is not None:
-            self._stand(self._answer.final_pose)
-            self._conclude(self._answer)
+        answer = self._answer
+        if answer is not None:
+            self._stand(answer.final_pose)
+            self._conclude(answer)
+
+    def _broke_down(self, fault: Exception) -> None:
+        """The ride met an error: say so, where the robot stands."""
+
+        def tell() -> None:
+            self._panel.show_phase("idle")
+            self._panel.show_progress(None)
+            self._panel.show_result("Failed", "The ride met an unexpected error; the robot stays where it is.", "bad")
+            raise fault  # the page's notification, and the log
+
+        self._worker.submit("broke down", tell)
 
     def _conclude(self, answer: AnswerLike) -> None:
         stuck = answer.status != "ok" and self._line > 0
@@ -377,15 +389,3 @@ class RobotControl:
         self._panel.show_other_reading(None)
         self._panel.show_exchanges(())
         self._panel.show_progress(None)
-
-
-def open_floor(simap: SIMap) -> Pose2:
-    """Find where the robot starts when nobody says: the free cell farthest from anything, looking north."""
-    height = simap.grid.height_m
-    free = (np.nan_to_num(height, nan=9.0) < STANDS_FROM_M) & (simap.instance == 0)
-    if not free.any():
-        xmin, ymin, xmax, ymax = simap.spec.extent_m
-        return Pose2.from_heading((xmin + xmax) / 2.0, (ymin + ymax) / 2.0, 0.0)
-    clearance = cv2.distanceTransform(np.pad(free, 1).astype(np.uint8), cv2.DIST_L2, 5)[1:-1, 1:-1]
-    row, col = np.unravel_index(int(clearance.argmax()), clearance.shape)
-    return Pose2.from_heading(*simap.spec.centre_of(float(row), float(col)), 0.0)

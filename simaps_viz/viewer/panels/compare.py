@@ -57,6 +57,8 @@ class ComparePanel(Panel):
         self._chosen: ItemLike | None = None
         self._first = 0
         self._wanted = self._restored = False
+        self._lock = threading.RLock()
+        """Held while maps and their pictures are changed, so that they belong together."""
         self._cancel = threading.Event()
         self._worker = Worker(self._failed)  # of its own: building a map may take long
         self._add_choice(desk.gui)
@@ -134,15 +136,16 @@ class ComparePanel(Panel):
 
     def stop(self) -> None:
         """End the comparison, or the wait for it, and show the page's own map again."""
-        self._cancel.set()
-        self._wanted, self._pictures, self._chosen = False, None, None
-        self._status.content = ""
-        self._progress.visible = False
-        self._desk.submit("compare picture", self._draw)
-        if self.active:
-            self._desk.look_at(None)
-        self._maps = None
-        self._show_parts()
+        with self._lock:
+            self._cancel.set()
+            self._wanted, self._pictures, self._chosen = False, None, None
+            self._status.content = ""
+            self._progress.visible = False
+            self._desk.submit("compare picture", self._draw)
+            if self.active:
+                self._desk.look_at(None)
+            self._maps = None
+            self._show_parts()
 
     def choose(self, item: ItemLike | None) -> None:
         """Outline a difference boldly on both maps and move the camera there; None chooses none."""
@@ -231,15 +234,20 @@ class ComparePanel(Panel):
         try:
             left, right = (side.map(simap, tell, cancel) for side in self._sides)
             maps = self._compared(left, right)
-            pictures = TwoPictures(maps, self._desk.theme)
+            theme = self._desk.theme
+            pictures = TwoPictures(maps, theme)
         except Cancelled:
             return
         except Exception:
             if cancel.is_set():
                 return
             raise
-        if not cancel.is_set():
+        with self._lock:
+            if cancel.is_set():
+                return
             self._show(maps, pictures)
+        if theme is not self._desk.theme:  # switched before there was anything to paint anew
+            self.theme_changed()
 
     def _compared(self, left: Named, right: Named) -> TwoMapsLike:
         keys = [side.key for side in self._sides]
@@ -326,11 +334,16 @@ class ComparePanel(Panel):
 
     def _paint_anew(self) -> None:
         maps = self._maps
-        if maps is not None:
-            self._pictures = TwoPictures(maps, self._desk.theme)
+        if maps is None:
+            return
+        pictures = TwoPictures(maps, self._desk.theme)
+        with self._lock:
+            if maps is not self._maps:
+                return  # ended meanwhile, or others are compared, in colours of their own
+            self._pictures = pictures
             self._summary.content = summary_html(maps, self._desk.theme)
             self._fill_list()
-            self._remark()
+        self._remark()
 
     def _remark(self) -> None:
         pictures = self._pictures

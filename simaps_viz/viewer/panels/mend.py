@@ -1,5 +1,6 @@
 """The panel on which people put the map right: join, cut, rename, delete; undo and redo; who did what, when."""
 
+import itertools
 import math
 from collections.abc import Callable
 from typing import Any, Literal
@@ -49,9 +50,13 @@ class MendPanel(Panel):
         self._points: list[Point] = []
         self._shown: int | None = None
         self._words, self._tone = "", "plain"
+        self._of_map = False
+        """The next selection is that of a new map: what was selected may have another id there, or be gone."""
+        self._numbers = itertools.count(1)
         self._others: dict[str, int] = {}
         self._fill(desk.gui)
         self.map_changed(desk.simap)
+        self._of_map = False
 
     @property
     def waiting(self) -> Waiting:
@@ -62,15 +67,20 @@ class MendPanel(Panel):
         """Another map is shown: with other edits, or cut otherwise."""
         self.stop_waiting()
         self._list()
-        self.selection_changed(self._desk.selected)
+        self._of_map = True
+        self._take_selected(self._desk.selected)
 
     def selection_changed(self, instance_id: int | None) -> None:
         """Another object is selected, or none."""
+        self._take_selected(instance_id)
+        self._of_map = False
+
+    def _take_selected(self, instance_id: int | None) -> None:
         simap = self._desk.simap
         one = next((i for i in simap.instances if i.id == instance_id), None)
         if instance_id != self._shown:
             self.stop_waiting()
-            if self._tone != "good":
+            if self._tone == "plain" or not self._of_map:  # else it tells what became of an edit
                 self._say("")  # it spoke of the other object
         self._shown = None if one is None else one.id
         known = self._services.covers(simap)
@@ -250,7 +260,7 @@ class MendPanel(Panel):
             self._say(done, "good")
             self._desk.publish(mended)  # what lies where the selected object lay is selected then
 
-        self._desk.submit("mend", job)
+        self._desk.submit(f"mend {next(self._numbers)}", job)  # under one name an edit would replace one that waits
 
     def _wait(self, what: Waiting, text: str) -> None:
         self.stop_waiting()

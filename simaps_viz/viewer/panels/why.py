@@ -13,7 +13,7 @@ from simaps_viz.mapping.why import Between, Joint, Why, between, explain
 from simaps_viz.mapping.why_frames import PairFrame
 from simaps_viz.mapping.why_words import between_words
 from simaps_viz.structures import Instance, SIMap
-from simaps_viz.viewer.drawing.legend import object_name
+from simaps_viz.viewer.drawing.legend import object_name, short_name
 from simaps_viz.viewer.drawing.theme import remark_html, working_html
 from simaps_viz.viewer.drawing.thumbnails import gallery, named, outlined
 from simaps_viz.viewer.drawing.why_marks import FLOOR_M, Marks, WhyMarks, link_text, sureness_colors
@@ -160,7 +160,7 @@ class WhyPanel:
         self._color_legend.content = sureness_legend(why)
         self._color_legend.visible = bool(self._color.value)
         names = {
-            f"{object_name(simap, link.other).split(' of ')[0]} · {link_text(why.method, link)}": link.other.id
+            f"{short_name(simap, link.other)} · {link_text(why.method, link)}": link.other.id
             for link in why.neighbours[:MOST_NEIGHBOURS]
         }
         self._apart_of = names

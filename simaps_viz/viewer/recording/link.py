@@ -95,7 +95,7 @@ class RecordingLink:
         """Take what the recording tells.
 
         A recording that has just been opened, or has changed its timeline, starts where it likes: it is told the
-        page's frame instead.
+        page's frame instead. What a stream that was followed tells late is nobody's scrubbing.
         """
         if not self.tied:
             # A streamed one has no time yet when it opens, and cannot follow; it has once it tells of its timeline.
@@ -108,7 +108,7 @@ class RecordingLink:
             self.opened()
         elif kind == "selection_change" and isinstance(event.get("items"), list):
             self._page.clicked([item for item in event["items"] if isinstance(item, dict)])
-        elif kind == "time_update" and isinstance(event.get("time"), int | float):
+        elif kind == "time_update" and isinstance(event.get("time"), int | float) and not event.get("following"):
             self._time_told(timeline, int(event["time"]))
 
     def close(self) -> None:

@@ -30,6 +30,7 @@ from websockets.http11 import Request, Response
 
 from simaps_viz.viewer.page_script import HANDLERS
 from simaps_viz.viewer.server.access import ENTERED, ENTERED_CSP, SAFE_HEADERS, Access, headers_of
+from simaps_viz.viewer.server.bell import hang_bells
 from simaps_viz.viewer.server.messages import LARGEST_MESSAGE, Listener, Uploads
 from simaps_viz.viewer.server.opening import cover
 
@@ -71,6 +72,7 @@ class Gate:
     def guard(self) -> Iterator[None]:
         """Stand before the viser server that is made meanwhile."""
         server = SimpleNamespace(serve=self._serve, ServerConnection=ServerConnection)
+        hang_bells()
         with _MAKING:
             infra.__dict__["websockets"] = SimpleNamespace(
                 asyncio=SimpleNamespace(server=server),
