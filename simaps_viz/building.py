@@ -105,7 +105,7 @@ def build_to_file(
         _say_unfinished(log_beside(output), output, len(sequence), resume=request.resume, recorded=record is not None)
     watching = [BuildProgress(progress, json_lines=json_lines), *observers]
     with _log_of(sequence, request) if logged else nullcontext() as log:
-        left = _left_behind(output)
+        left = _left_behind(output) if log is not None else []
         how: Careful = {"strict": request.strict, "cancel": cancel, "log": log, "elsewhere": elsewhere}
         fault = None
         if record is None:

@@ -1,12 +1,11 @@
 """A build that is watched: it shows what it has, stops, goes on, and ends in the file a plain build writes."""
 
-import time
-
 import numpy as np
 import pytest
 from browser import free_port
 from fake_page import fake_page
 from live_sequences import at_once, held_sequence, settings
+from waiting import until
 
 from simaps_viz.building import BuildRequest, build_to_file
 from simaps_viz.errors import InputError
@@ -17,13 +16,6 @@ from simaps_viz.progress import stage_progress
 from simaps_viz.recorder.web_viewer import policy_for_stream
 from simaps_viz.viewer.panels.live import WAITING, duration, head_html, text_html
 from simaps_viz.viewer.panels.live_services import LiveState
-
-
-def wait_for(predicate, seconds=60.0):
-    end = time.monotonic() + seconds
-    while not predicate():
-        assert time.monotonic() < end, "timed out"
-        time.sleep(0.02)
 
 
 def plain(sequence, output):
@@ -42,7 +34,7 @@ def test_stopped_and_gone_on_with_it_ends_in_the_same_bytes_and_panels_come(tmp_
             assert [title for title, _ in session.parts.others] == ["Progress"]
             assert not (session.simap.grid.observations > 0).any() and build.state().status == "starting"
             build.start()
-            wait_for(lambda: session.simap.frame_names and build.state().done >= 8)
+            until(lambda: session.simap.frame_names and build.state().done >= 8)
             assert session.wait_idle() and len(session.simap.frame_names) < 40
             assert (session.simap.grid.observations > 0).any()
             build.stop()
@@ -124,7 +116,7 @@ def test_a_stopped_build_shows_the_map_of_all_its_frames(tmp_path, monkeypatch, 
 
     build = LiveBuild(run, 40, Audience(maps.append, lambda: True, lambda m: "", stream, sketch))  # pyright: ignore
     build.start()
-    wait_for(lambda: build.state().done >= 8)
+    until(lambda: build.state().done >= 8)
     assert maps == [] and WAITING in text_html(build.state())
     build.stop(show=show)
     held.let_go()
@@ -150,7 +142,7 @@ def test_a_map_of_a_stopped_build_that_cannot_be_shown_stops_it_all_the_same(tmp
 
     build = LiveBuild(run, 40, Audience(show=broken, watches=lambda: True, done=lambda m: ""))
     build.start()
-    wait_for(lambda: build.state().done >= 8)
+    until(lambda: build.state().done >= 8)
     build.stop()
     held.let_go()
     assert build.wait(60.0) and build.state().status == "stopped" and build.state().shown == 0

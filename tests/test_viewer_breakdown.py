@@ -5,7 +5,7 @@ import threading
 import pytest
 from browser import toy_services, toy_workbench
 from fake_page import fake_page
-from test_viewer_command import until
+from waiting import until
 
 from simaps_viz.viewer.driving.drive import Drive, trajectory
 
@@ -21,6 +21,23 @@ def test_what_a_listener_raises_ends_the_ride_and_is_told():
     drive.start(trajectory([[0, 0, 0], [2.0, 0, 0]]))
     until(lambda: told == [fault])
     assert not drive.active
+
+
+def test_a_ride_that_was_stopped_tells_no_fault():
+    told: list[Exception] = []
+    moving = threading.Event()
+
+    def moved(pose, share, leg):
+        drive.stop()
+        moving.set()
+        raise ZeroDivisionError("too late")
+
+    drive = Drive(moved, lambda: None, on_fault=told.append)
+    before = set(threading.enumerate())
+    drive.start(trajectory([[0, 0, 0], [2.0, 0, 0]]))
+    assert moving.wait(60.0)
+    until(lambda: set(threading.enumerate()) <= before)
+    assert told == [] and not drive.active
 
 
 @pytest.mark.filterwarnings("ignore::pytest.PytestUnhandledThreadExceptionWarning")

@@ -14,6 +14,7 @@ from fake_page import fake_page
 from hypothesis import given
 from hypothesis import strategies as st
 from toy_maps import TOY_POSE, toy_map
+from waiting import until
 
 from simaps_viz import wiring
 from simaps_viz.language.grounding import Grounding
@@ -35,13 +36,6 @@ def real_services(**others) -> Services:
         view=toy_view,
         **others,
     )
-
-
-def until(predicate, timeout_s=60.0):
-    end = time.monotonic() + timeout_s
-    while not predicate():
-        assert time.monotonic() < end, "timed out"
-        time.sleep(0.02)
 
 
 # --- words

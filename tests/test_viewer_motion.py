@@ -10,6 +10,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from toy_maps import TOY_POSE, TOY_SPEC, toy_map
+from waiting import until
 
 from simaps_viz.language.grounding import Grounding
 from simaps_viz.structures import Pose2
@@ -24,13 +25,6 @@ from simaps_viz.viewer.worker import Worker
 
 coordinate = st.floats(-20.0, 20.0)
 pose_rows = st.lists(st.tuples(coordinate, coordinate, st.floats(-3.1, 3.1)), min_size=1, max_size=12)
-
-
-def until(predicate, timeout_s=60.0):
-    end = time.monotonic() + timeout_s
-    while not predicate():
-        assert time.monotonic() < end, "timed out"
-        time.sleep(0.01)
 
 
 @given(pose_rows, st.floats(0.0, 1.0))

@@ -14,6 +14,7 @@ from browser import toy_services, toy_workbench
 from fake_page import FakePage, fake_page, gone
 from test_viewer_command import real_services
 from toy_maps import TOY_POSE, toy_map
+from waiting import until
 
 from simaps_viz.errors import InputError
 from simaps_viz.mapping.simap import repartition
@@ -31,13 +32,6 @@ def all_services(**others):
     return replace(
         real_services(**others), repartition=toy_services().repartition, recommunity=toy_services().recommunity
     )
-
-
-def until(predicate, timeout_s=60.0):
-    end = time.monotonic() + timeout_s
-    while not predicate():
-        assert time.monotonic() < end, "timed out"
-        time.sleep(0.01)
 
 
 def cut(session, percent, resolution=1.0):

@@ -196,11 +196,13 @@ class Drive:
             self._play(ride)
         except Exception as fault:
             with self._lock:
-                if self._ride is ride:
+                goes_on = self._ride is ride
+                if goes_on:
                     self._ride = None
             if self._on_fault is None:
                 raise
-            self._on_fault(fault)
+            if goes_on:  # else another ride has begun, or this one was stopped
+                self._on_fault(fault)
 
     def _play(self, ride: Trajectory) -> None:
         before = time.monotonic()
