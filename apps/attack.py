@@ -8,11 +8,11 @@ from pathlib import Path
 from unittest import mock
 
 import tyro
+from attacks.run import ATTACKS, run_attack
+from attacks.target import Target
 
-from simaps_viz import wiring
-from simaps_viz.attacking.run import ATTACKS, run_attack
-from simaps_viz.attacking.target import Target
-from simaps_viz.mapping.mapfile import load_map
+from simaps_viz.app import workbench
+from simaps_viz.mapping.file import load_map
 from simaps_viz.viewer.server.access import TOKEN_VARIABLE
 
 
@@ -36,9 +36,9 @@ def main(config: Attack) -> int:
         (Path(folder) / "link.rrd").symlink_to(secret)
         simap, given = load_map(config.map), {TOKEN_VARIABLE: "A-token_of_0123456789_abcdefghij"}
         with (
-            wiring.workbench(simap, recording=recording, port=8280) as bench,
+            workbench.open_workbench(simap, recording=recording, port=8280) as bench,
             mock.patch.dict(os.environ, given),
-            wiring.workbench(simap, recording=recording, port=8290) as closed,
+            workbench.open_workbench(simap, recording=recording, port=8290) as closed,
         ):
             outcomes = [run_attack(attack, Target(bench, closed, secret)) for attack in chosen]
     for one in outcomes:

@@ -8,14 +8,14 @@ from pathlib import Path
 
 import cv2
 import tyro
+from benchmarks.report import bench_lines
 
 from simaps_viz import open_sequence
-from simaps_viz.evaluation.bench_report import bench_lines
-from simaps_viz.progress import stage_progress
+from simaps_viz.app.workbench import cache_folder, start_pose
+from simaps_viz.console.progress import stage_progress
+from simaps_viz.drawing.texture import map_image, pixels_per_cell
 from simaps_viz.scenes.demo import ensure_demo
 from simaps_viz.structures import SIMap
-from simaps_viz.viewer.drawing.texture import map_image, pixels_per_cell
-from simaps_viz.wiring import cache_folder, start_pose
 
 SHARED = Path(__file__).parents[1].parent / "shared" / "data"
 SCANS = ("aws-small-house/rgbd", "hololens-breakroom")

@@ -6,9 +6,8 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import tyro
-
-from simaps_viz.evaluation.bench_building import bench_building
-from simaps_viz.scenes.building import SimulatedBuilding
+from benchmarks.building import bench_building
+from benchmarks.large_building import SimulatedBuilding
 
 
 @dataclass(frozen=True)

@@ -6,12 +6,12 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import tyro
+from benchmarks.cluster import bench_cluster
 
 from simaps_viz import open_sequence
-from simaps_viz.evaluation.bench_cluster import bench_cluster
-from simaps_viz.progress import stage_progress
+from simaps_viz.app.workbench import cache_folder
+from simaps_viz.console.progress import stage_progress
 from simaps_viz.scenes.demo import ensure_demo
-from simaps_viz.wiring import cache_folder
 
 
 @dataclass(frozen=True)

@@ -7,13 +7,14 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import tyro
+from benchmarks.live import plain_build, watched_build
 
-from simaps_viz import open_sequence, wiring
+from simaps_viz import open_sequence
+from simaps_viz.app import workbench
+from simaps_viz.console.progress import stage_progress
+from simaps_viz.console.terminal import console
 from simaps_viz.datasets.joined import join
-from simaps_viz.page_checks.live import plain_build, watched_build
-from simaps_viz.progress import stage_progress
 from simaps_viz.scenes.demo import ensure_demo
-from simaps_viz.terminal import console
 
 TARGET = 1.30
 
@@ -34,7 +35,7 @@ def main(config: BenchLive) -> None:
     """Build by turns with nobody looking and with a page open; from the start to the saved map."""
     console.quiet = True
     with stage_progress(quiet=True) as progress, tempfile.TemporaryDirectory() as name:
-        path = config.sequence or ensure_demo(cache_dir=wiring.cache_folder(), progress=progress)
+        path = config.sequence or ensure_demo(cache_dir=workbench.cache_folder(), progress=progress)
         sequence, folder = join([open_sequence(path) for _ in range(config.times)]), Path(name)
         plain_build(sequence, folder, progress)  # warms up
         wall, busy = [], []

@@ -5,9 +5,9 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import tyro
+from benchmarks.networks import bench_agreement, bench_network
 
 from simaps_viz import open_sequence
-from simaps_viz.evaluation.bench_networks import bench_agreement, bench_network
 
 DATA = Path(__file__).parents[1].parent / "shared" / "data"
 

@@ -5,11 +5,12 @@ import sys
 from dataclasses import dataclass
 
 import tyro
+from benchmarks import page as page_bench
+from benchmarks.large_maps import large_map
 
-from simaps_viz import BuildConfig, open_sequence, wiring
-from simaps_viz.evaluation.large_maps import large_map
-from simaps_viz.page_checks import bench as page_bench
-from simaps_viz.progress import stage_progress
+from simaps_viz import BuildConfig, open_sequence
+from simaps_viz.app import workbench
+from simaps_viz.console.progress import stage_progress
 from simaps_viz.scenes.demo import ensure_demo
 
 
@@ -28,8 +29,8 @@ class BenchPage:
 def main(config: BenchPage) -> None:
     """Measure, and print each line as soon as it is known."""
     with stage_progress() as progress:
-        sequence = open_sequence(ensure_demo(cache_dir=wiring.cache_folder(), progress=progress))
-        cafe, recording = wiring.cached_build(sequence, "evidence", BuildConfig(), progress)
+        sequence = open_sequence(ensure_demo(cache_dir=workbench.cache_folder(), progress=progress))
+        cafe, recording = workbench.cached_build(sequence, "evidence", BuildConfig(), progress)
     million, runs = large_map(config.million, config.million, 2500), config.runs
     sys.stdout.write(f"{os.cpu_count()} processors, {os.getloadavg()[0]:.1f} busy before the start\n")
     with page_bench.browser() as browser:

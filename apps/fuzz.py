@@ -6,11 +6,11 @@ from pathlib import Path
 
 import tyro
 
-sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))  # the targets use the tests' samples
+sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "helpers"))  # the targets use the tests' samples
 
-from fuzz_guided import guide  # pyright: ignore[reportMissingImports] - on the path above
-from fuzz_runner import faults, fuzz, quotas, table  # pyright: ignore[reportMissingImports] - on the path above
-from fuzz_targets import TARGETS  # pyright: ignore[reportMissingImports] - on the path above
+from attacks.fuzz_guided import guide
+from attacks.fuzz_runner import faults, fuzz, quotas, table
+from attacks.fuzz_targets import TARGETS
 
 
 @dataclass(frozen=True)

@@ -6,14 +6,14 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import tyro
+from attacks.kills import kill_builds, table
 
 from simaps_viz import open_sequence
-from simaps_viz.cli import main as simaps
+from simaps_viz.app.workbench import cache_folder
+from simaps_viz.cli.main import main as simaps
+from simaps_viz.console.progress import stage_progress
 from simaps_viz.datasets.convert import write_posed_frames
-from simaps_viz.evaluation.kills import kill_builds, table
-from simaps_viz.progress import stage_progress
 from simaps_viz.scenes.demo import ensure_demo
-from simaps_viz.wiring import cache_folder
 
 
 @dataclass(frozen=True)

@@ -6,11 +6,12 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import tyro
+from attacks import load as page_load
 
-from simaps_viz import BuildConfig, open_sequence, wiring
-from simaps_viz.mapping.mapfile import load_map
-from simaps_viz.page_checks import load as page_load
-from simaps_viz.progress import stage_progress
+from simaps_viz import BuildConfig, open_sequence
+from simaps_viz.app import workbench
+from simaps_viz.console.progress import stage_progress
+from simaps_viz.mapping.file import load_map
 from simaps_viz.scenes.demo import ensure_demo
 
 
@@ -30,8 +31,8 @@ def main(config: Load) -> int:
     path = config.map
     if path is None:
         with stage_progress() as progress:
-            sequence = open_sequence(ensure_demo(cache_dir=wiring.cache_folder(), progress=progress))
-            path = wiring.cached_build(sequence, "evidence", BuildConfig(), progress)[1].with_suffix(".npz")
+            sequence = open_sequence(ensure_demo(cache_dir=workbench.cache_folder(), progress=progress))
+            path = workbench.cached_build(sequence, "evidence", BuildConfig(), progress)[1].with_suffix(".npz")
     server = page_load.Server(path, config.port)
 
     def tell(when: str) -> None:

@@ -9,10 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from simaps_viz import BuildConfig, SIMap, build_map, open_sequence
-from simaps_viz.labels import class_color
-from simaps_viz.map_colors import class_colors, instance_colors
+from simaps_viz.app.workbench import cache_folder
+from simaps_viz.colors.classes import class_color
+from simaps_viz.colors.instances import class_colors, instance_colors
 from simaps_viz.scenes.demo import ensure_demo
-from simaps_viz.wiring import cache_folder
 
 ASSETS = Path(__file__).parents[1] / "assets"
 SOUTH_WEST_M, ROWS, COLS = (0.2, 5.85), 28, 48  # chairs in a row at the counter

@@ -8,11 +8,11 @@ from pathlib import Path
 import tyro
 
 from simaps_viz import BuildConfig, open_sequence
-from simaps_viz.building import BuildRequest, build_to_file
-from simaps_viz.progress import stage_progress
+from simaps_viz.app.workbench import cache_folder
+from simaps_viz.build.to_file import BuildRequest, build_to_file
+from simaps_viz.console.progress import stage_progress
 from simaps_viz.recorder.settings import RecorderSettings
 from simaps_viz.scenes.demo import ensure_demo
-from simaps_viz.wiring import cache_folder
 
 # A little less than the default, so that the repository stays small.
 SHIPPED = RecorderSettings(color_every=2, depth_every=4, map_every=2, points=800, edges=400)

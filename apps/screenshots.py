@@ -4,11 +4,12 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import tyro
+from benchmarks.page import browser
+from checks.pictures import take
 
-from simaps_viz import BuildConfig, open_sequence, wiring
-from simaps_viz.page_checks.bench import browser
-from simaps_viz.page_checks.pictures import take
-from simaps_viz.progress import stage_progress
+from simaps_viz import BuildConfig, open_sequence
+from simaps_viz.app import workbench
+from simaps_viz.console.progress import stage_progress
 from simaps_viz.scenes.demo import ensure_demo
 
 
@@ -26,8 +27,8 @@ class Screenshots:
 def main(config: Screenshots) -> None:
     """Build the embedded scene's map, open the workbench on it, and take its pictures."""
     with stage_progress() as progress:
-        sequence = open_sequence(ensure_demo(cache_dir=wiring.cache_folder(), progress=progress))
-        simap, recording = wiring.cached_build(sequence, "evidence", BuildConfig(), progress)
+        sequence = open_sequence(ensure_demo(cache_dir=workbench.cache_folder(), progress=progress))
+        simap, recording = workbench.cached_build(sequence, "evidence", BuildConfig(), progress)
     with browser() as chromium:
         take(chromium, simap, recording, config.output, width=config.width, height=config.height, only=config.only)
 

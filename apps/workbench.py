@@ -4,7 +4,7 @@ import sys
 
 import tyro
 
-from simaps_viz.cli import View, run
+from simaps_viz.cli.main import View, run
 
 if __name__ == "__main__":
     sys.exit(run(tyro.cli(View)))

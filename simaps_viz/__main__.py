@@ -6,7 +6,7 @@ import sys
 def main() -> int:
     """Run the command line; see `cli.run` for the exit status."""
     try:
-        from simaps_viz.cli import main as run  # noqa: PLC0415 - takes a second
+        from simaps_viz.cli.main import main as run  # noqa: PLC0415 - takes a second
 
         return run()
     except KeyboardInterrupt:

@@ -9,14 +9,12 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import KDTree
 
-from simaps_viz.errors import InputError
+from simaps_viz.errors import InputError, needs_extra
 from simaps_viz.exports.records import record
 from simaps_viz.exports.tables import COLUMNS
-from simaps_viz.extras import needs_extra
 from simaps_viz.language.grounding import Grounding
-from simaps_viz.navigation.agent import Answer, answer, planner_of
+from simaps_viz.navigation.agent import Answer, answer, planner_of, start_pose
 from simaps_viz.navigation.planner import RobotShape
-from simaps_viz.navigation.start import start_pose
 from simaps_viz.structures import Instance, Path, Pose2, SIMap
 
 if TYPE_CHECKING:

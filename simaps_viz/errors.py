@@ -1,5 +1,8 @@
 """The errors a person can meet; every message names the culprit and what was expected."""
 
+from collections.abc import Iterator
+from contextlib import contextmanager
+
 LONGEST_MESSAGE = 1000
 """Characters of a message; names and values found in files can be of any length."""
 
@@ -32,3 +35,25 @@ def _printable(text: str) -> str:
         text = "".join(c if c.isprintable() else ascii(c)[1:-1] for c in text)
     half = LONGEST_MESSAGE // 2
     return text if len(text) <= LONGEST_MESSAGE else f"{text[:half]} ... {text[-half:]}"
+
+
+@contextmanager
+def needs_extra(extra: str, what: str) -> Iterator[None]:
+    """Import a library of an extra inside this block.
+
+    Args:
+        extra: its name in pyproject.toml.
+        what: what needs it, as the user knows it.
+
+    Raises:
+        InputError: the library is not there, or cannot be loaded.
+    """
+    try:
+        yield
+    except ModuleNotFoundError as error:
+        raise InputError(
+            f"{what}: expected the package {error.name}, found it not installed; pip install 'simaps-viz[{extra}]'"
+        ) from None
+    except ImportError as error:
+        reason = str(error).partition("\n")[0]
+        raise InputError(f"{what}: expected the packages of the extra [{extra}], found {reason}") from error

@@ -301,32 +301,32 @@ class SIMap:
         names = [i.label for i in self.instances]
         return {n: names.count(n) for n in sorted(set(names), key=lambda n: (-names.count(n), n))}
 
-    # Asking in words and planning lie layers above this one. These four only hand on to them, so that whoever holds a
-    # map has its questions at hand, typed; tests/test_layers.py knows the exception and that it is imported on call.
+    # Language and planning lie above this layer. These four methods are the one exception to "import from below": each
+    # calls the public function of its name when it is called, so that a map can be asked directly.
 
     def find(self, name: str, *, near: "Place | str | None" = None) -> "tuple[Instance, ...]":
         """Find the instances a name means, the closest to ``near`` first; see `simaps_viz.find`."""
-        from simaps_viz import api  # noqa: PLC0415 - upwards, see above
+        import simaps_viz  # noqa: PLC0415 - see above
 
-        return api.find(self, name, near=near)
+        return simaps_viz.find(self, name, near=near)
 
     def plan(self, start: "Place", goal: "Place | str", *, robot: "RobotShape | None" = None) -> "Path":
         """Plan the cheapest way for a robot over free floor; see `simaps_viz.plan`."""
-        from simaps_viz import api  # noqa: PLC0415 - upwards, see above
+        import simaps_viz  # noqa: PLC0415 - see above
 
-        return api.plan(self, start, goal, robot=robot)
+        return simaps_viz.plan(self, start, goal, robot=robot)
 
     def ask(self, command: str, *, pose: "Pose2 | None" = None, robot: "RobotShape | None" = None) -> "Answer":
         """Carry out a command in English, or a program, with a simulated robot; see `simaps_viz.ask`."""
-        from simaps_viz import api  # noqa: PLC0415 - upwards, see above
+        import simaps_viz  # noqa: PLC0415 - see above
 
-        return api.ask(self, command, pose=pose, robot=robot)
+        return simaps_viz.ask(self, command, pose=pose, robot=robot)
 
     def to_pandas(self) -> "pd.DataFrame":
         """Give the instances as a pandas frame, one row each, indexed by id; see `simaps_viz.to_pandas`."""
-        from simaps_viz import api  # noqa: PLC0415 - upwards, see above
+        import simaps_viz  # noqa: PLC0415 - see above
 
-        return api.to_pandas(self)
+        return simaps_viz.to_pandas(self)
 
 
 @dataclass(frozen=True)

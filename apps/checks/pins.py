@@ -126,9 +126,7 @@ def pins_of(sequence: Path, folder: Path, *, maps_only: bool) -> dict[str, Any]:
             Path(one).name: hashlib.sha256((folder / one).read_bytes()).hexdigest() for one in written["files"]
         }
     pinned["share"] = shape_of(simaps(["share", the_map, "-o", "map.html", "--json"], folder)[0])
-    pinned["convert"] = shape_of(
-        simaps(["convert", str(sequence), "-o", "copy", "--every", "50", "--json"], folder)[0]
-    )
+    pinned["convert"] = shape_of(simaps(["convert", str(sequence), "-o", "copy", "--every", "50", "--json"], folder)[0])
     pinned["mend"] = shape_of(simaps(["mend", the_map, "delete 1", "undo", "--json"], folder)[0])
     pinned["evaluate"] = [shape_of(one) for one in simaps(
         ["evaluate", str(sequence), "--methods", "evidence,components", "--json"], folder
@@ -145,7 +143,9 @@ def differences(pinned: Any, found: Any, at: str = "") -> list[str]:
             for line in differences(pinned.get(key), found.get(key), f"{at} / {key}")
         ]  # fmt: skip
     if isinstance(pinned, list) and isinstance(found, list) and len(pinned) == len(found):
-        return [line for n, pair in enumerate(zip(pinned, found, strict=True)) for line in differences(*pair, f"{at}[{n}]")]
+        return [
+            line for n, pair in enumerate(zip(pinned, found, strict=True)) for line in differences(*pair, f"{at}[{n}]")
+        ]
     return [] if pinned == found else [f"{at}: pinned {str(pinned)[:200]}, found {str(found)[:200]}"]
 
 

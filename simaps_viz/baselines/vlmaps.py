@@ -32,8 +32,8 @@ from simaps_viz.events import (
     wants_color,
 )  # fmt: skip
 from simaps_viz.mapping.accumulator import MapAccumulator, ProjectionSettings
+from simaps_viz.mapping.observations import Readings, gather_readings
 from simaps_viz.mapping.partition import describe_instances, empty_log
-from simaps_viz.mapping.readings import Readings, gather_readings
 from simaps_viz.mapping.simap import count_views
 from simaps_viz.structures import Frame, Grid, Segment, Segmentation, SIMap
 

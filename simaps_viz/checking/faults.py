@@ -10,11 +10,9 @@ from simaps_viz.checking.agreement import AGREES, Agreement, Views, relative_pos
 from simaps_viz.checking.conventions import Convention
 from simaps_viz.checking.findings import Finding
 from simaps_viz.checking.level import Level
-from simaps_viz.checking.reading import Reading
-from simaps_viz.checking.recording import Recording
+from simaps_viz.checking.recording import Reading, Recording
 from simaps_viz.checking.registration import Offset
-from simaps_viz.checking.search import score
-from simaps_viz.checking.units import median_depth_m
+from simaps_viz.checking.search import median_depth_m, score
 from simaps_viz.checking.views import revisit_pairs
 from simaps_viz.errors import InputError
 

@@ -9,7 +9,7 @@ import numpy as np
 from simaps_viz.checking.diagnose import Diagnosis
 from simaps_viz.datasets.manifest import CAMERA_AXES, POSE, read_json
 from simaps_viz.errors import InputError
-from simaps_viz.files import write_all
+from simaps_viz.io.files import write_all
 
 
 def fixed_path(manifest: Path) -> Path:

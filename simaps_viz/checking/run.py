@@ -11,7 +11,7 @@ from simaps_viz.datasets.posed_frames import open_sequence
 from simaps_viz.datasets.recognise import recognise
 from simaps_viz.errors import InputError
 from simaps_viz.events import Progress
-from simaps_viz.files import check_output
+from simaps_viz.io.files import check_output
 
 
 def check(path: Path, *, fix: bool, picture: Path | None, progress: Progress) -> tuple[bool, str, dict[str, Any]]:

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from simaps_viz.datasets.rows import lines
 from simaps_viz.errors import InputError
 from simaps_viz.geometry import check_rotation
-from simaps_viz.limits import MAX_FRAMES, check_frame_name
+from simaps_viz.io.limits import MAX_FRAMES, check_frame_name
 from simaps_viz.structures import Intrinsics
 
 FIELD_OF_VIEW_DEG = (20.0, 150.0)

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from simaps_viz.errors import InputError
-from simaps_viz.limits import MAX_CLOUD_BYTES, MAX_CLOUD_POINTS, check_file
+from simaps_viz.io.limits import MAX_CLOUD_BYTES, MAX_CLOUD_POINTS, check_file
 
 
 def read_cloud(path: Path) -> bytes:

@@ -13,7 +13,7 @@ from simaps_viz.datasets.manifest import Manifest
 from simaps_viz.datasets.posed_frames import PosedFrames
 from simaps_viz.datasets.recording import Recording
 from simaps_viz.errors import InputError
-from simaps_viz.limits import MAX_FRAMES, check_frame_name
+from simaps_viz.io.limits import MAX_FRAMES, check_frame_name
 
 
 class ConvertedFrames(PosedFrames):

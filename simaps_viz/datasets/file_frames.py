@@ -9,13 +9,13 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from simaps_viz.arrays import read_npy
 from simaps_viz.datasets.images import read_color, read_depth
 from simaps_viz.datasets.lens import Lens, see_through
 from simaps_viz.datasets.manifest import is_finite_number, shown
 from simaps_viz.datasets.segment_tables import few
 from simaps_viz.errors import InputError
-from simaps_viz.limits import MAX_ARRAY_BYTES, check_file, check_picture
+from simaps_viz.io.arrays import read_npy
+from simaps_viz.io.limits import MAX_ARRAY_BYTES, check_file, check_picture
 from simaps_viz.structures import Intrinsics
 
 MAX_STEP = 65535

@@ -11,7 +11,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from simaps_viz import labels
+from simaps_viz.colors import classes
 from simaps_viz.datasets.file_frames import (
     FileFrames,
     check_size,
@@ -26,7 +26,7 @@ from simaps_viz.datasets.recording import FormatFacts, Recording, Segments
 from simaps_viz.datasets.rows import OPENCV_FROM_OPENGL, from_quaternion, number_rows
 from simaps_viz.datasets.segment_tables import WorldSegments
 from simaps_viz.errors import InputError
-from simaps_viz.limits import MAX_TEXT_BYTES, check_file
+from simaps_viz.io.limits import MAX_TEXT_BYTES, check_file
 from simaps_viz.structures import Intrinsics, Segment, Segmentation
 
 FACTS = FormatFacts(
@@ -111,7 +111,7 @@ def _segments(path: Path, frames: int, camera: Intrinsics) -> Segments | None:
             world.by_id,
             ground_truth=True,
         )
-    classes = {name: labels.is_thing(name) for name in MP3D_CLASSES[1:]}
+    classes = {name: classes.is_thing(name) for name in MP3D_CLASSES[1:]}
     return Segments(classes, lambda i: patches(files[i], _numbers(files[i], camera)), "Habitat class numbers")
 
 
@@ -139,13 +139,13 @@ def patches(path: Path, classes: NDArray) -> Segmentation:
             continue
         label, mask = MP3D_CLASSES[number], classes == number
         count, patch = cv2.connectedComponents(mask.astype(np.uint8), connectivity=8)
-        if not labels.is_thing(label):
+        if not classes.is_thing(label):
             count, patch = 2, mask.astype(np.int32)
         for part in range(1, count):
             here = patch == part
-            if labels.is_thing(label) and here.sum() < MIN_PATCH_PIXELS:
+            if classes.is_thing(label) and here.sum() < MIN_PATCH_PIXELS:
                 continue
-            segments.append(Segment(len(segments) + 1, label, 1.0, labels.is_thing(label)))
+            segments.append(Segment(len(segments) + 1, label, 1.0, classes.is_thing(label)))
             ids[here] = len(segments)
     return Segmentation(ids, tuple(segments))
 
@@ -162,5 +162,5 @@ def _objects(path: Path) -> dict[int, Segment]:
         if not number.strip().isdecimal() or len(number) > 9 or not name or name == "none" or not name.isprintable():
             raise InputError(f"{path}, line {line}: expected object:class,name, found {text[:40]!r}")
         if int(number) > 0:
-            objects[int(number)] = Segment(int(number), name, 1.0, labels.is_thing(name))
+            objects[int(number)] = Segment(int(number), name, 1.0, classes.is_thing(name))
     return objects

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from simaps_viz.datasets.source import FrameSource
 from simaps_viz.errors import InputError
-from simaps_viz.limits import MAX_CLASSES, MAX_FRAMES
+from simaps_viz.io.limits import MAX_CLASSES, MAX_FRAMES
 from simaps_viz.structures import Frame, Segmentation
 
 MAX_TILT_DEG = 3.0

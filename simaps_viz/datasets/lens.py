@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from simaps_viz.datasets.calibration import FIELD_OF_VIEW_DEG
 from simaps_viz.errors import InputError
-from simaps_viz.limits import check_picture
+from simaps_viz.io.limits import check_picture
 from simaps_viz.structures import Intrinsics
 
 

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from simaps_viz.errors import InputError
-from simaps_viz.limits import MAX_JSON_BYTES, check_file
+from simaps_viz.io.limits import MAX_JSON_BYTES, check_file
 
 FORMAT = "posed-frames/1"
 POSE = "T_world_camera"

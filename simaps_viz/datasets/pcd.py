@@ -4,10 +4,63 @@ import struct
 from pathlib import Path
 
 import numpy as np
+from numba import njit
 from numpy.typing import NDArray
 
 from simaps_viz.datasets.cloud_files import finite_points, parse_rows, read_cloud, whole_number
 from simaps_viz.errors import InputError
+
+
+def lzf_unpack(where: object, packed: bytes, size: int) -> bytes:
+    """Unpack bytes that are ``size`` long when unpacked; raises InputError when they are not."""
+    if size > 264 * len(packed):  # nothing packs better than 264 bytes into 3
+        raise InputError(f"{where}: expected {size} bytes when unpacked, found {len(packed)} packed ones")
+    out = np.zeros(size, np.uint8)
+    written = _unpack(np.frombuffer(packed, np.uint8), out)
+    if written != size:
+        raise InputError(f"{where}: expected {size} bytes when unpacked, found damaged or missing ones")
+    return out.tobytes()
+
+
+@njit(cache=True, nogil=True)
+def _unpack(packed: NDArray, out: NDArray) -> int:
+    """Give the number of bytes written, or -1 for what cannot have been packed.
+
+    A control byte under 32 is followed by one byte more than it says, as they are; any other has the length of a
+    repeat in its upper 3 bits (7: one more byte of length follows) and the distance back in the other 5 and the next 8.
+    """
+    read = written = 0
+    while read < packed.size:
+        control = int(packed[read])
+        read += 1
+        if control < 32:
+            length = control + 1
+            if read + length > packed.size or written + length > out.size:
+                return -1
+            for _ in range(length):
+                out[written] = packed[read]
+                written += 1
+                read += 1
+            continue
+        length = control >> 5
+        if length == 7:
+            if read >= packed.size:
+                return -1
+            length += int(packed[read])
+            read += 1
+        if read >= packed.size:
+            return -1
+        back = written - ((control & 31) << 8) - int(packed[read]) - 1
+        read += 1
+        length += 2
+        if back < 0 or written + length > out.size:
+            return -1
+        for _ in range(length):
+            out[written] = out[back]
+            written += 1
+            back += 1
+    return written
+
 
 _KINDS = {("F", 4): "<f4", ("F", 8): "<f8", ("I", 1): "i1", ("I", 2): "<i2", ("I", 4): "<i4", ("I", 8): "<i8",
           ("U", 1): "u1", ("U", 2): "<u2", ("U", 4): "<u4", ("U", 8): "<u8"}  # fmt: skip
@@ -102,7 +155,7 @@ def _from_text(path: Path, body: bytes, fields: list[tuple[str, str, int]], coun
 
 
 def _unpacked(path: Path, body: bytes, size: int) -> bytes:
-    from simaps_viz.datasets.lzf import lzf_unpack  # noqa: PLC0415 - compiled, and seldom needed
+    pass
 
     packed, unpacked = struct.unpack_from("<II", body) if len(body) >= 8 else (0, 0)
     if unpacked != size or len(body) - 8 < packed:

@@ -1,5 +1,7 @@
 """Reads Record3D recordings: a ``.r3d`` file, the same unpacked, or the "EXR + JPG sequence" export."""
 
+import struct
+import zipfile
 from collections.abc import Callable
 from dataclasses import dataclass
 from importlib import import_module
@@ -10,8 +12,6 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from simaps_viz.datasets.archives import member, members
-from simaps_viz.datasets.exr import check_exr
 from simaps_viz.datasets.file_frames import (
     check_size,
     clean_depth,
@@ -22,13 +22,120 @@ from simaps_viz.datasets.file_frames import (
 )
 from simaps_viz.datasets.images import decode_image, read_color
 from simaps_viz.datasets.lens import Lens, pinhole, see_through
-from simaps_viz.datasets.lzfse import lzfse_size
 from simaps_viz.datasets.manifest import is_finite_number, parse_json, read_json, shown
 from simaps_viz.datasets.recording import FormatFacts, Recording
 from simaps_viz.datasets.rows import OPENCV_FROM_OPENGL, from_quaternion
-from simaps_viz.errors import InputError
-from simaps_viz.extras import needs_extra
-from simaps_viz.limits import MAX_IMAGE_BYTES, MAX_IMAGE_PIXELS, MAX_MEMBER_BYTES, check_file, check_picture
+from simaps_viz.errors import InputError, needs_extra
+from simaps_viz.io.arrays import ARCHIVE_FAULTS
+from simaps_viz.io.limits import MAX_IMAGE_BYTES, MAX_IMAGE_PIXELS, MAX_MEMBER_BYTES, check_file, check_picture
+
+
+def members(path: Path, what: str) -> list[str]:
+    """Give the names of the files in an archive; raises InputError when it is none."""
+    try:
+        with zipfile.ZipFile(path) as archive:
+            return archive.namelist()
+    except ARCHIVE_FAULTS as error:
+        raise InputError(f"{path}: expected {what}, found {_one_line(error)}") from error
+
+
+def member(path: Path, name: str) -> bytes:
+    """Unpack one file; the archive is opened anew, as threads read at once.
+
+    Raises:
+        InputError: it is missing, damaged, or larger than anything a frame has.
+    """
+    try:
+        with zipfile.ZipFile(path) as archive, archive.open(name) as file:
+            data = file.read(MAX_MEMBER_BYTES + 1)
+    except (*ARCHIVE_FAULTS, KeyError) as error:
+        raise InputError(f"{path}: expected {name} in the archive, found {_one_line(error)}") from error
+    if len(data) > MAX_MEMBER_BYTES:
+        raise InputError(f"{path}: {name}: expected at most {MAX_MEMBER_BYTES} bytes, found more")
+    return data
+
+
+def _one_line(error: BaseException) -> str:
+    return " ".join(str(error).split())[:200] or type(error).__name__
+
+
+_MAGIC = b"\x76\x2f\x31\x01"
+_LONGEST_HEADER = 1 << 16
+_LONGEST_WORD = 256
+_WINDOWS = ("dataWindow", "displayWindow")
+
+
+def check_exr(path: Path) -> None:
+    """Raise InputError unless a file starts as an EXR picture of a size that a camera's picture may have."""
+    try:
+        with path.open("rb") as file:
+            data = file.read(_LONGEST_HEADER)
+    except OSError as error:
+        raise InputError(f"{path}: expected an EXR image, found {error.strerror or error}") from error
+    try:
+        found = dict(_attributes(data))
+    except (ValueError, struct.error) as error:
+        raise InputError(f"{path}: expected an EXR image, found a damaged or truncated file") from error
+    for name in _WINDOWS:
+        if len(found.get(name, b"")) != 16:
+            raise InputError(f"{path}: expected an EXR image, found one without {name}")
+        left, top, right, bottom = struct.unpack("<iiii", found[name])
+        check_picture(path, right - left + 1, bottom - top + 1)
+
+
+def _attributes(data: bytes) -> list[tuple[str, bytes]]:
+    """Give the names and values of the header: each is name, type, size, value; an empty name ends it."""
+    if data[:4] != _MAGIC:
+        raise ValueError("no EXR file")
+    at, found = 8, []
+    while data[at] != 0 if at < len(data) else _cut():
+        end = data.index(b"\0", at, at + _LONGEST_WORD)
+        end_of_type = data.index(b"\0", end + 1, end + 1 + _LONGEST_WORD)
+        (size,) = struct.unpack_from("<i", data, end_of_type + 1)
+        start = end_of_type + 5
+        if size < 0 or start + size > len(data):
+            raise ValueError("an attribute that is cut short")
+        found.append((data[at:end].decode("latin-1"), data[start : start + size]))
+        at = start + size
+    return found
+
+
+def _cut() -> bool:
+    raise ValueError("a header that does not end")
+
+
+_END, _RAW, _LZVN, _V1, _V2 = b"bvx$", b"bvx-", b"bvxn", b"bvx1", b"bvx2"
+_V1_HEADER = 772
+"""Bytes; it holds its tables of frequencies as they are."""
+
+
+def lzfse_size(data: bytes) -> int:
+    """Give the number of bytes that the blocks say they hold; raises ValueError for what is no LZFSE data."""
+    at, size = 0, 0
+    try:
+        while data[at : at + 4] != _END:
+            magic = data[at : at + 4]
+            (unpacked,) = struct.unpack_from("<I", data, at + 4)
+            size += unpacked
+            if magic == _RAW:
+                at += 8 + unpacked
+            elif magic == _LZVN:
+                at += 12 + struct.unpack_from("<I", data, at + 8)[0]
+            elif magic == _V1:
+                literals, matches = struct.unpack_from("<II", data, at + 20)
+                at += _V1_HEADER + literals + matches
+            elif magic == _V2:
+                first, second, third = struct.unpack_from("<QQQ", data, at + 8)
+                header = third & 0xFFFFFFFF
+                if header < 32:
+                    raise ValueError("a block without a header")
+                at += header + ((first >> 20) & 0xFFFFF) + ((second >> 40) & 0xFFFFF)
+            else:
+                raise ValueError("another kind of block")
+    except struct.error as error:
+        raise ValueError("data that is cut short") from error
+    return size
+
 
 FACTS = FormatFacts(
     title="Record3D",

@@ -6,8 +6,8 @@ depth images, a LiDAR's clouds (PointCloud2) take their place.
 """
 
 import threading
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -15,12 +15,83 @@ import numpy as np
 from numpy.typing import NDArray
 
 from simaps_viz.datasets import ros_messages as ros
-from simaps_viz.datasets.association import associate
+from simaps_viz.datasets.association import associate, interpolate_poses
+from simaps_viz.datasets.clouds import CloudSettings, camera_points, depth_of_cloud, gravity_of_clouds
 from simaps_viz.datasets.file_frames import check_size
 from simaps_viz.datasets.lens import Lens, see_through
 from simaps_viz.datasets.recording import FormatFacts, Recording, whole
-from simaps_viz.datasets.ros_poses import Link, Transforms
 from simaps_viz.errors import InputError
+from simaps_viz.geometry import invert_pose
+
+CLOUD_TOLERANCE_S = 0.05
+"""A cloud takes the picture nearest to it, within this: half a turn of a LiDAR that turns ten times a second."""
+_SAMPLED_FOR_FLOOR = 40
+LONGEST_GAP_S = 0.5
+"""No pose is made up where a transform was silent for longer."""
+
+
+@dataclass(eq=False)
+class Link:
+    """How one frame lies in its parent over time."""
+
+    parent: str
+    fixed: bool
+    times_s: list[float] = field(default_factory=list)
+    poses: list[NDArray] = field(default_factory=list)
+
+    def at(self, times_s: NDArray) -> tuple[NDArray, NDArray]:
+        """Give T_parent_child [n, 4, 4] and where it is known, bool [n]."""
+        if self.fixed:
+            return np.repeat(self.poses[-1][None], len(times_s), axis=0), np.ones(len(times_s), dtype=bool)
+        times, first = np.unique(self.times_s, return_index=True)
+        poses = np.stack([self.poses[i] for i in first])
+        return interpolate_poses(times, poses, times_s, longest_gap_s=LONGEST_GAP_S, beyond_s=LONGEST_GAP_S / 10)
+
+
+class Transforms:
+    """The tree of frames."""
+
+    def __init__(self) -> None:
+        self.links: dict[str, Link] = {}
+
+    def add(self, parent: str, child: str, time_s: float, T_parent_child: NDArray, *, fixed: bool) -> None:
+        """Add what a transform message says; a frame keeps the parent that it had first."""
+        child, parent = child.lstrip("/"), parent.lstrip("/")
+        link = self.links.setdefault(child, Link(parent, fixed))
+        if link.parent == parent:
+            link.times_s.append(time_s)
+            link.poses.append(T_parent_child)
+
+    def chain(self, frame: str) -> list[str]:
+        """Give the frames from this one up to the world's, both included.
+
+        Raises:
+            InputError: The frames go round in a circle.
+        """
+        found = [frame.lstrip("/")]
+        while found[-1] in self.links:
+            parent = self.links[found[-1]].parent
+            if parent in found:
+                raise InputError(f"transforms: expected a tree, found a circle at frame {parent!r}")
+            found.append(parent)
+        return found
+
+    def moves(self, frame: str) -> bool:
+        """Tell whether a frame moves in its world."""
+        return any(not self.links[name].fixed for name in self.chain(frame)[:-1])
+
+    def poses(self, frame: str, times_s: NDArray) -> tuple[NDArray, NDArray]:
+        """Give T_world_frame [n, 4, 4] and where it is known, bool [n]."""
+        return self.compose(self.chain(frame)[:-1], times_s)
+
+    def compose(self, frames: Iterable[str], times_s: NDArray) -> tuple[NDArray, NDArray]:
+        """Multiply the links of frames, innermost first."""
+        T, known = np.repeat(np.eye(4)[None], len(times_s), axis=0), np.ones(len(times_s), dtype=bool)
+        for name in frames:
+            T_parent_child, here = self.links[name].at(times_s)
+            T, known = T_parent_child @ T, known & here
+        return T, known
+
 
 FACTS = FormatFacts(
     title="ROS bag",
@@ -62,8 +133,6 @@ def open_recording(path: Path) -> Recording:
 
 def _open(path: Path, bag: "Bag") -> Recording:
     if bag.of_type(ros.CLOUD) and not any(ros.is_depth(bag.first(t)) for t in bag.of_type(ros.IMAGE, ros.COMPRESSED)):
-        from simaps_viz.datasets.ros_clouds import open_clouds  # noqa: PLC0415 - it builds on this module
-
         return open_clouds(bag)
     topics = _choose_topics(bag)
     index = bag.index((topics.depth, topics.color))
@@ -319,3 +388,65 @@ def _shared(a: str, b: str) -> list[str]:
 def _one_line(error: BaseException) -> str:
     text = " ".join(str(error).split()) or type(error).__name__
     return text if len(text) < 200 else text[:197] + "..."
+
+
+def open_clouds(bag: Bag) -> Recording:
+    """Open a bag that has clouds and colour, and poses for both.
+
+    Raises:
+        InputError: It lacks colour, a camera or poses that belong together, or has no floor.
+    """
+    clouds, color = _topics(bag)
+    lens = lens_of(bag, color)
+    target = lens.intrinsics
+    index = bag.index((clouds, color))
+    cloud_times, color_times = (np.array([e.stamp_ns for e in index[t]]) for t in (clouds, color))
+    start = int(cloud_times[0])
+    pairs = associate((cloud_times - start) / 1e9, (color_times - start) / 1e9, tolerance_s=CLOUD_TOLERANCE_S)
+    frames = [bag.first(topic).header.frame_id for topic in (color, clouds)]
+    (T_world_camera, seen), (T_world_cloud, met) = poses_of(
+        bag, [(frames[0], color_times[pairs[:, 1]]), (frames[1], cloud_times[pairs[:, 0]])]
+    )
+    known = seen & met
+    if not known.any():
+        raise InputError(
+            f"{bag.path}: expected clouds, colour and poses of about the same time, found none among "
+            f"{len(cloud_times)} clouds ({clouds}) and {len(color_times)} colour images ({color})"
+        )
+    pairs, T_world_camera, T_world_cloud = pairs[known], T_world_camera[known], T_world_cloud[known]
+
+    def points(i: int) -> NDArray:
+        with whole(bag.path, FACTS.title):
+            stored = ros.points(f"{bag.path}: {clouds}", bag.read(clouds, index[clouds][pairs[i, 0]]))
+        return camera_points(stored, invert_pose(T_world_camera[i]) @ T_world_cloud[i])
+
+    def picture(i: int) -> NDArray:
+        with whole(bag.path, FACTS.title):
+            image = ros.color(f"{bag.path}: {color}", bag.read(color, index[color][pairs[i, 1]]))
+        return see_through(image, lens.scaled(image.shape[1], image.shape[0]), target, exact=False)
+
+    picked = sorted({int(i) for i in np.linspace(0, len(pairs) - 1, min(len(pairs), _SAMPLED_FOR_FLOOR))})
+    _, floor_height_m = gravity_of_clouds(bag.path, [(points(i), T_world_camera[i]) for i in picked], target, FACTS.up)
+    left = len(cloud_times) - len(pairs)
+    return Recording(
+        facts=FACTS,
+        path=bag.path,
+        name=bag.path.resolve().stem,
+        frame_names=tuple(time_name(int(cloud_times[i])) for i in pairs[:, 0]),
+        poses=T_world_camera,
+        intrinsics=target,
+        depth=lambda i: depth_of_cloud(points(i), target, CloudSettings()),
+        color=picture,
+        floor_height_m=floor_height_m,
+        notes=(f"{left} of {len(cloud_times)} clouds have no colour or pose of their time: left out",) if left else (),
+    )
+
+
+def _topics(bag: Bag) -> tuple[str, str]:
+    """Choose the clouds with the most messages, and colour images."""
+    clouds = max(bag.of_type(ros.CLOUD), key=lambda topic: (bag.topics[topic].msgcount, topic))
+    images = bag.of_type(ros.IMAGE, ros.COMPRESSED)
+    if not images:
+        raise InputError(f"{bag.path}: expected colour images beside the clouds ({clouds}), found none")
+    named = [t for t in images if "color" in t.lower() or "rgb" in t.lower()] or images
+    return clouds, min(named, key=lambda topic: ("raw" in topic, topic))

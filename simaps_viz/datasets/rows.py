@@ -7,7 +7,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from simaps_viz.errors import InputError
 from simaps_viz.geometry import check_rotation
-from simaps_viz.limits import MAX_TEXT_BYTES, check_file
+from simaps_viz.io.limits import MAX_TEXT_BYTES, check_file
 
 OPENCV_FROM_OPENGL = np.diag([1.0, -1.0, -1.0, 1.0])
 """Half a turn about x: points with OpenGL camera axes (y up, z backward) to OpenCV's, and back."""

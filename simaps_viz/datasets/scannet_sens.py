@@ -19,7 +19,7 @@ from simaps_viz.datasets.lens import Lens, pinhole, see_through
 from simaps_viz.datasets.recording import FormatFacts, Recording
 from simaps_viz.datasets.scannet import tracked_poses
 from simaps_viz.errors import InputError
-from simaps_viz.limits import MAX_FRAMES, MAX_MEMBER_BYTES
+from simaps_viz.io.limits import MAX_FRAMES, MAX_MEMBER_BYTES
 
 FACTS = FormatFacts(
     title="ScanNet (.sens)",

@@ -9,7 +9,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from simaps_viz import labels
+from simaps_viz.colors import classes
 from simaps_viz.datasets.manifest import read_json, shown
 from simaps_viz.errors import InputError
 from simaps_viz.structures import Segment, Segmentation
@@ -133,7 +133,7 @@ def _segment(where: str, entry: Any, *, key_thing: str) -> Segment:
         raise InputError(f'{where}: id {number}: expected label as a class name (not "none"), found {shown(label)}')
     if not isinstance(score, int | float) or isinstance(score, bool) or not 0 <= score <= 1:
         raise InputError(f"{where}: id {number}: expected score from 0 to 1, found {shown(score)}")
-    is_thing = entry.get(key_thing, labels.is_thing(label))
+    is_thing = entry.get(key_thing, classes.is_thing(label))
     if not isinstance(is_thing, bool):
         raise InputError(f"{where}: id {number}: expected isthing as true or false, found {shown(is_thing)}")
     return Segment(number, label, float(score), is_thing)

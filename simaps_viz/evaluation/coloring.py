@@ -5,9 +5,9 @@ from collections.abc import Mapping
 import numpy as np
 from numpy.typing import NDArray
 
-from simaps_viz import palette
+from simaps_viz.colors import palette
+from simaps_viz.colors.palette import Color
 from simaps_viz.geometry import STANDS_FROM_M
-from simaps_viz.palette import Color
 from simaps_viz.structures import Grid
 
 UNSEEN: Color = (250, 250, 252)

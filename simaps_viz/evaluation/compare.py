@@ -10,6 +10,7 @@ from enum import Enum
 import numpy as np
 from numpy.typing import NDArray
 
+from simaps_viz.colors.palette import Color
 from simaps_viz.errors import InputError
 from simaps_viz.evaluation.coloring import distinct_colors, paint, partners
 from simaps_viz.evaluation.evaluate import NOT_SIMULATED, Report, Run
@@ -17,7 +18,6 @@ from simaps_viz.evaluation.overlaps import Overlaps
 from simaps_viz.evaluation.quality import Score
 from simaps_viz.evaluation.truth import Truth
 from simaps_viz.evaluation.windows import joint_window, moved, moved_grid, whole_cells
-from simaps_viz.palette import Color
 from simaps_viz.structures import Grid, GridSpec, Instance, SIMap
 
 

@@ -14,10 +14,10 @@ from simaps_viz.datasets.source import FrameSource
 from simaps_viz.errors import InputError
 from simaps_viz.evaluation.overlaps import ScoringRules, find_overlaps
 from simaps_viz.evaluation.quality import Scores, scores_of
-from simaps_viz.evaluation.spoiled import WithSimulatedErrors
+from simaps_viz.evaluation.simulated_masks import WithSimulatedErrors
 from simaps_viz.evaluation.truth import Truth, find_truth, settings_of, truth_of
 from simaps_viz.events import Progress
-from simaps_viz.mapping.mapfile import save_map
+from simaps_viz.mapping.file import save_map
 from simaps_viz.scenes.simulated_errors import LEVELS
 from simaps_viz.structures import Frame, Segmentation, SIMap
 

@@ -14,8 +14,8 @@ from typing import Any, Final, Literal, get_args
 import numpy as np
 
 from simaps_viz.errors import InputError
-from simaps_viz.files import write_whole
-from simaps_viz.limits import MAX_JSON_BYTES, check_file
+from simaps_viz.io.files import write_whole
+from simaps_viz.io.limits import MAX_JSON_BYTES, check_file
 
 FORMAT: Final = "simaps-judging/1"
 Answered = Literal["yes", "no", "skip"]

@@ -10,10 +10,10 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image, ImageDraw, ImageFont
 
+from simaps_viz.colors.palette import Color
 from simaps_viz.evaluation.coloring import FLOOR, NO_PARTNER, PALETTE
 from simaps_viz.evaluation.compare import Comparison, Panel, Verdict
-from simaps_viz.files import check_output, write_whole
-from simaps_viz.palette import Color
+from simaps_viz.io.files import check_output, write_whole
 
 WRONG_RED = (206, 17, 38)
 INK = (33, 37, 44)

@@ -24,7 +24,7 @@ from simaps_viz.evaluation.report import (
 )
 from simaps_viz.evaluation.truth import find_truth
 from simaps_viz.events import Progress
-from simaps_viz.files import check_output, write_whole
+from simaps_viz.io.files import check_output, write_whole
 from simaps_viz.structures import SIMap
 
 DEMO = "demo"

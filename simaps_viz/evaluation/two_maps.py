@@ -6,13 +6,13 @@ from typing import Literal
 
 from numpy.typing import NDArray
 
+from simaps_viz.colors.instances import instance_colors
+from simaps_viz.colors.palette import Color
 from simaps_viz.evaluation.coloring import ground_of, paint, partners
 from simaps_viz.evaluation.differences import Difference, as_reference, extent_of, find_differences
 from simaps_viz.evaluation.overlaps import ScoringRules, find_overlaps
 from simaps_viz.evaluation.quality import Score, scores_of
 from simaps_viz.evaluation.windows import joint_window, moved, moved_grid, whole_cells
-from simaps_viz.map_colors import instance_colors
-from simaps_viz.palette import Color
 from simaps_viz.structures import GridSpec, SIMap
 
 BETWEEN_MAPS = ScoringRules(min_true_cells=8, min_found_cells=8)

@@ -7,8 +7,8 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
+from simaps_viz.colors.palette import Color
 from simaps_viz.exports.records import color_of, label_colors, node_name
-from simaps_viz.palette import Color
 from simaps_viz.structures import GridSpec, SIMap
 
 UNLABELLED: Final = "unlabelled"

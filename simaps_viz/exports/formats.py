@@ -19,7 +19,7 @@ from simaps_viz.exports.ros import ros_files
 from simaps_viz.exports.scene_graph import scene_graph_bytes
 from simaps_viz.exports.tables import csv_bytes
 from simaps_viz.exports.trajectory import driven_poses, tum_bytes
-from simaps_viz.files import write_all
+from simaps_viz.io.files import write_all
 from simaps_viz.language.commands import read_command
 from simaps_viz.navigation.agent import Reader, planner_of
 from simaps_viz.navigation.planner import RobotShape

@@ -9,10 +9,10 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
+from simaps_viz.colors.palette import Color
 from simaps_viz.exports.columns import UNLABELLED, parts
 from simaps_viz.exports.points import Cloud
 from simaps_viz.exports.records import node_name, record
-from simaps_viz.palette import Color
 from simaps_viz.structures import SIMap
 
 T_GLTF_MAP: Final = np.array([[1.0, 0, 0, 0], [0, 0, 1, 0], [0, -1, 0, 0], [0, 0, 0, 1]])

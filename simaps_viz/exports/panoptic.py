@@ -8,8 +8,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from simaps_viz.colors.instances import instance_colors
 from simaps_viz.exports.records import label_colors, node_name, origin
-from simaps_viz.map_colors import instance_colors
 from simaps_viz.structures import SIMap
 
 UNSEEN = (24, 24, 28)

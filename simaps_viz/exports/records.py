@@ -2,9 +2,9 @@
 
 from typing import Any
 
-from simaps_viz.labels import class_color
-from simaps_viz.map_colors import class_colors, instance_colors
-from simaps_viz.palette import Color
+from simaps_viz.colors.classes import class_color
+from simaps_viz.colors.instances import class_colors, instance_colors
+from simaps_viz.colors.palette import Color
 from simaps_viz.structures import Instance, SIMap
 
 

@@ -9,8 +9,8 @@ from typing import Any, Final
 
 import numpy as np
 
+from simaps_viz.colors.palette import Color
 from simaps_viz.exports.records import color_of, node_name, record
-from simaps_viz.palette import Color
 from simaps_viz.structures import Instance, SIMap
 
 VERSION: Final = {"major": 1, "minor": 1, "patch": 3}

@@ -6,8 +6,8 @@ from numpy.typing import NDArray
 from simaps_viz.errors import CommandError
 from simaps_viz.language.commands import read_command
 from simaps_viz.navigation.agent import Agent, Reader, is_program
-from simaps_viz.navigation.drive import Motion
 from simaps_viz.navigation.planner import RobotShape
+from simaps_viz.navigation.robot import Motion
 from simaps_viz.structures import Pose2, SIMap
 
 

@@ -11,8 +11,7 @@ from typing import Any, Final, Literal, NoReturn
 from simaps_viz.errors import CommandError, PlanningError
 from simaps_viz.language.grounding import ordinal
 from simaps_viz.language.primitives import PRIMITIVES, Parameter, Primitive
-from simaps_viz.language.program import Program, bind, check_argument
-from simaps_viz.language.program_text import ProgramError, ProgramStuckError
+from simaps_viz.language.program import Program, ProgramError, ProgramStuckError, bind, check_argument
 from simaps_viz.language.words import plural
 from simaps_viz.structures import Instance
 

@@ -7,12 +7,10 @@ from typing import Final
 from lark import Token
 
 from simaps_viz.errors import CommandError
-from simaps_viz.language.numbers import read_number, read_rank
 from simaps_viz.language.phrases import COMPASS_POINTS, LONGEST, PHRASES
 from simaps_viz.language.program import MAX_NUMBER
-from simaps_viz.language.spelling import correct
 from simaps_viz.language.synonyms import ACTIVITIES
-from simaps_viz.language.words import Vocabulary, singular
+from simaps_viz.language.words import Vocabulary, correct, read_number, read_rank, singular
 
 _PIECE: Final = re.compile(
     r"(?P<ordinal>\d+)(?:st|nd|rd|th)\b"

@@ -5,13 +5,115 @@ resolution, while cells stay where they are. "These cells are one object" holds 
 that edits can be replayed on it whatever K, affinity or resolution says of the rest.
 """
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
+from simaps_viz.colors.classes import is_thing
 from simaps_viz.errors import InputError
-from simaps_viz.structures import GridSpec, Instance, SIMap
+from simaps_viz.mapping.evidence import affine
+from simaps_viz.mapping.graph import weighted
+from simaps_viz.mapping.partition import applied_steps, empty_log, group_views, instance_of_community
+from simaps_viz.mapping.row_blocks import look_up
+from simaps_viz.mapping.simap import assemble, joining_threshold, origin_of
+from simaps_viz.structures import CellGraph, Grid, GridSpec, Instance, MergeLog, SIMap, Views
+
+
+def log_without(log: MergeLog, communities: NDArray) -> MergeLog:
+    """Drop the steps that speak of some communities; every threshold takes the same of the other steps as before.
+
+    A threshold takes a class's steps up to the first whose score it does not let pass. A step after a dropped one of
+    lower score therefore takes over that score.
+    """
+    gone = np.isin(log.source, communities) | np.isin(log.target, communities)
+    if not gone.any():
+        return log
+    score = log.score.copy()
+    starts = np.flatnonzero(np.r_[True, np.diff(log.label) != 0])
+    for first, last in zip(starts.tolist(), [*starts[1:].tolist(), len(log)], strict=True):
+        here = slice(first, last)
+        if gone[here].any():
+            dropped = np.where(gone[here], log.score[here], np.float32(np.inf))
+            score[here] = np.minimum(score[here], np.minimum.accumulate(dropped))
+    kept = ~gone
+    return MergeLog(log.label[kept], log.source[kept], log.target[kept], score[kept])
+
+
+def views_after(simap: SIMap, after: NDArray) -> Views:
+    """Hand the views of changed communities on: new ones take them in proportion to the cells they share.
+
+    Args:
+        simap: the map before.
+        after: int32 [rows, cols], its communities now, 0 where nothing is left.
+    """
+    views, before = simap.views, simap.community
+    touched = np.unique(before[(before != after) & (before > 0)])
+    changed = np.isin(views.community, touched)
+    if not changed.any():
+        return views
+    there = np.isin(before, touched)
+    pairs, overlap = np.unique(before[there].astype(np.int64) << 32 | after[there], return_counts=True)
+    old, new = pairs >> 32, pairs & 0xFFFFFFFF
+    sizes = np.bincount(old, overlap)
+    rows = np.flatnonzero(changed)
+    first, last = (np.searchsorted(old, views.community[rows], side=side) for side in ("left", "right"))
+    row = np.repeat(rows, last - first)
+    at = np.arange(len(row)) + np.repeat(first - (np.cumsum(last - first) - (last - first)), last - first)
+    cells = np.rint(views.cells[row] * overlap[at] / sizes[old[at]]).astype(np.int64)
+    kept = (new[at] > 0) & (cells > 0)
+    return _summed(views, ~changed, row[kept], new[at][kept], cells[kept])
+
+
+def _summed(views: Views, untouched: NDArray, row: NDArray, community: NDArray, cells: NDArray) -> Views:
+    """Add shares to the untouched views; shares of one community, frame and segment become one."""
+    groups = group_views(community, views.frame[row], views.segment[row])
+    first, group = groups.first, groups.of_row
+    total = np.bincount(group, cells, minlength=len(first)).astype(np.int32)
+    mean = np.bincount(group, cells * views.score[row], minlength=len(first)) / np.maximum(total, 1)
+    return Views(
+        community=np.r_[views.community[untouched], community[first].astype(np.int32)],
+        frame=np.r_[views.frame[untouched], views.frame[row[first]]],
+        segment=np.r_[views.segment[untouched], views.segment[row[first]]],
+        cells=np.r_[views.cells[untouched], total],
+        score=np.r_[views.score[untouched], mean.astype(np.float32)],
+    )
+
+
+def graphs_after(simap: SIMap, grid: Grid) -> tuple[CellGraph, ...]:
+    """Give the graphs of the classes as they are on ``grid``: edges stay where both of their cells have one class."""
+    before, after = simap.grid.label.reshape(-1), grid.label.reshape(-1)
+    moved = before != after
+    if not simap.graphs or not moved.any():
+        return simap.graphs
+    affected = {int(i) for i in np.unique(np.r_[before[moved], after[moved]])}
+    graphs = {graph.label: graph for graph in simap.graphs if graph.label not in affected}
+    links = _links([graph for graph in simap.graphs if graph.label in affected])
+    for index in sorted(affected):
+        cells = np.flatnonzero(after == index)
+        if index == 0 or not grid.is_thing[index] or len(cells) == 0:
+            continue
+        mine = links[:, (after[links[0]] == index) & (after[links[1]] == index)]
+        mine = mine[:, np.lexsort((mine[1], mine[0]))]
+        edges = np.searchsorted(cells, mine[:2].T).astype(np.int32)
+        if simap.method == "evidence":
+            graphs[index] = affine(index, cells, edges, mine[2], mine[3])
+        else:
+            graphs[index] = weighted(grid, index, cells, edges, mine[2])
+    return tuple(graphs[index] for index in sorted(graphs))
+
+
+def _links(graphs: list[CellGraph]) -> NDArray:
+    """Give the edges of graphs, int64 [4, m]: the two flat cell numbers, counts, different."""
+    if not graphs:
+        return np.zeros((4, 0), np.int64)
+    parts = [
+        np.stack([graph.cells[graph.edges[:, 0]], graph.cells[graph.edges[:, 1]], graph.counts, graph.different])
+        for graph in graphs
+    ]
+    return np.concatenate(parts, axis=1)
+
 
 Point = tuple[float, float]
 """x and y in metres, map frame."""
@@ -288,3 +390,184 @@ def _point(point: Point) -> Point:
     if not np.isfinite([x, y]).all():
         raise InputError(f"cut: expected points in metres, found {point!r}")
     return x, y
+
+
+MOST_CLASSES = np.iinfo(np.int16).max
+
+
+@dataclass(frozen=True, eq=False)
+class Replayed:
+    """A map with edits on it."""
+
+    simap: SIMap
+    refused: tuple[tuple[int, str], ...] = ()
+    """Position among the edits and why, in words: those that no longer make sense here. They changed nothing."""
+
+
+class _Sheet:
+    """The arrays that edits change, flat."""
+
+    def __init__(self, simap: SIMap) -> None:
+        self.spec = simap.spec
+        self.least = smallest(simap)
+        self.label = simap.grid.label.reshape(-1).copy()
+        self.labels = list(simap.grid.labels)
+        self.is_thing = list(simap.grid.is_thing)
+        self.community = simap.community.reshape(-1).copy()
+        numbers = (simap.community, simap.views.community, simap.merges.source, simap.merges.target)
+        self.next = 1 + max(int(part.max(initial=0)) for part in numbers)
+        self.size = np.bincount(self.community, minlength=self.next).tolist()
+        self.touched: set[int] = set()
+
+    def class_index(self, label: str) -> int:
+        """Give the index of a class, which is added when it is new."""
+        if label not in self.labels:
+            if len(self.labels) >= MOST_CLASSES:
+                raise InputError(f"class {label}: expected fewer than {MOST_CLASSES} classes on a map")
+            self.labels.append(label)
+            self.is_thing.append(is_thing(label))
+        return self.labels.index(label)
+
+    def fresh(self) -> int:
+        """Give a number no community has had."""
+        self.size.append(0)
+        self.next += 1
+        return self.next - 1
+
+    def claim(self, groups: Sequence[NDArray], label: str) -> None:
+        """Make every group of cells one community of a class, or of none where the class is uncountable.
+
+        A community belongs to the group, or to the cells outside, that has most of its cells (ties: the first group). A
+        group takes the smallest number of those that belong to it, so that what it was mainly made of keeps its name;
+        cells left over from a community that belongs to a group get a fresh one.
+        """
+        index = self.class_index(label)
+        owned, rest = self._owners(groups)
+        for number in rest:
+            self._leave(number, groups)
+        for group, numbers in zip(groups, owned, strict=True):
+            self.label[group] = index
+            number = 0
+            if index and self.is_thing[index]:
+                number = min(numbers) if numbers else self.fresh()
+            old, counts = np.unique(self.community[group], return_counts=True)
+            for one, cells in zip(old.tolist(), counts.tolist(), strict=True):
+                self.size[one] -= cells
+            self.community[group] = number
+            self.size[number] += len(group)
+            self.touched.update(numbers)
+
+    def _owners(self, groups: Sequence[NDArray]) -> tuple[list[list[int]], list[int]]:
+        """Say which communities belong to each group, and which of these have cells outside all groups."""
+        share: dict[int, list[int]] = {}
+        for i, group in enumerate(groups):
+            for number, cells in zip(
+                *(a.tolist() for a in np.unique(self.community[group], return_counts=True)), strict=True
+            ):
+                if number:
+                    share.setdefault(number, [0] * len(groups))[i] += cells
+        owned: list[list[int]] = [[] for _ in groups]
+        rest = []
+        for number, cells in share.items():
+            outside = self.size[number] - sum(cells)
+            if max(cells) >= outside:
+                owned[cells.index(max(cells))].append(number)
+                rest += [number] if outside else []
+        return owned, rest
+
+    def _leave(self, number: int, groups: Sequence[NDArray]) -> None:
+        """Give the cells of a community that lie outside all groups a number of their own."""
+        left = np.setdiff1d(np.flatnonzero(self.community == number), np.concatenate(groups), assume_unique=True)
+        fresh = self.fresh()
+        self.community[left] = fresh
+        self.size[number] -= len(left)
+        self.size[fresh] += len(left)
+
+    def still(self, edit: Edit) -> NDArray:
+        """Give the cells of an edit that still carry the class it speaks of.
+
+        Raises:
+            InputError: these are fewer than half.
+        """
+        cells = edit.region.cells()
+        wanted = [self.labels.index(name) for name in edit.was if name in self.labels]
+        kept = cells[np.isin(self.label[cells], wanted) & (self.community[cells] > 0)]
+        if len(cells) == 0 or 2 * len(kept) < len(cells):
+            what = " or ".join(dict.fromkeys(edit.was))
+            raise InputError(
+                f"{edit.words}: no longer makes sense: {len(kept)} of its {len(cells)} cells are {what} now"
+            )
+        return kept
+
+    def apply(self, edit: Edit) -> None:
+        """Do one edit, or raise InputError and change nothing."""
+        cells = self.still(edit)
+        if isinstance(edit, Split):
+            both = sides(self.spec, cells, edit.line_m)
+            check_sides(both, f"{edit.label} #{edit.object}", self.least)
+            self.claim(both, edit.label)
+        elif isinstance(edit, Merge | Relabel):
+            self.claim([cells], edit.label)
+        elif isinstance(edit, Delete):
+            self.claim([cells], self.labels[0])
+
+
+def replay(simap: SIMap, edits: Sequence[Edit]) -> Replayed:
+    """Do edits, in order, on a map that has none yet; the map itself is returned when nothing remains to be done.
+
+    Whatever an edit did not touch keeps its id, its cells and all that is said of it.
+    """
+    if not edits:
+        return Replayed(simap)
+    base = _with_communities(simap)
+    sheet = _Sheet(base)
+    refused = []
+    for i, edit in enumerate(edits):
+        try:
+            sheet.apply(edit)
+        except InputError as error:
+            refused.append((i, str(error)))
+    if len(refused) == len(edits):
+        return Replayed(simap, tuple(refused))
+    return Replayed(_finish(simap, base, sheet), tuple(refused))
+
+
+def apply(simap: SIMap, edit: Edit) -> SIMap:
+    """Do one edit on a map that has none yet.
+
+    Raises:
+        InputError: it does not make sense on this map.
+    """
+    done = replay(simap, (edit,))
+    if done.refused:
+        raise InputError(done.refused[0][1])
+    return done.simap
+
+
+def _with_communities(simap: SIMap) -> SIMap:
+    """Give the map itself, or, when its instances do not follow from its communities, one where each is a community."""
+    applied = applied_steps(simap.merges, joining_threshold(simap.method, simap.parameters))
+    highest = max(int(a.max(initial=0)) for a in (simap.community, simap.merges.source, simap.merges.target))
+    follows = look_up(instance_of_community(simap.merges, applied, highest), simap.community)
+    follows[np.bincount(follows.reshape(-1))[follows] < smallest(simap)] = 0
+    if np.array_equal(follows, simap.instance):
+        return simap
+    return replace(simap, community=simap.instance, merges=empty_log())
+
+
+def _finish(simap: SIMap, base: SIMap, sheet: _Sheet) -> SIMap:
+    """Put a mended map together; ``base`` is ``simap`` with the communities that the sheet began with."""
+    shape = simap.spec.shape
+    community, grid = sheet.community.reshape(shape), simap.grid
+    if not np.array_equal(sheet.label, grid.label.reshape(-1)) or len(sheet.labels) > len(grid.labels):
+        grid = Grid(
+            grid.spec, tuple(sheet.labels), tuple(sheet.is_thing), sheet.label.reshape(shape), grid.height_m,
+            grid.lowest_m, grid.observations,
+        )  # fmt: skip
+    log = log_without(base.merges, np.fromiter(sheet.touched, np.int32, len(sheet.touched)))
+    mended = assemble(grid, graphs_after(simap, grid), community, log, views_after(simap, community), origin_of(simap))
+    changed = (mended.instance != simap.instance) | (grid.label != simap.grid.label)
+    touched = set(np.unique(mended.instance[changed]).tolist()) | set(np.unique(simap.instance[changed]).tolist())
+    touched |= set(np.unique(mended.instance[community != base.community]).tolist())
+    before = {one.id: one for one in simap.instances if one.id not in touched}
+    return replace(mended, instances=tuple(before.get(one.id, one) for one in mended.instances))

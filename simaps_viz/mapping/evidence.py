@@ -10,7 +10,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from simaps_viz.mapping.readings import AllReadings
+from simaps_viz.mapping.observations import AllReadings
 from simaps_viz.structures import CellGraph, Grid
 
 _MOST_16 = np.iinfo(np.uint16).max

@@ -18,7 +18,7 @@ from pathlib import Path
 from typing import Any
 
 from simaps_viz.errors import InputError
-from simaps_viz.limits import MAX_STEP_BYTES
+from simaps_viz.io.limits import MAX_STEP_BYTES
 from simaps_viz.mapping.steps import FrameStep, unpack_step, unsqueeze
 
 MAGIC = b"SIMAPS STEPS 1\r\n"

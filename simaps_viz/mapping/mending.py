@@ -7,9 +7,18 @@ from pathlib import Path
 
 from simaps_viz.errors import InputError
 from simaps_viz.mapping import edits
-from simaps_viz.mapping.edit_file import EditsFile, edits_path, fingerprint, moved_to, read_edits, save_edits
-from simaps_viz.mapping.edit_log import EditLog, Entry, mended
-from simaps_viz.mapping.mapfile import load_map
+from simaps_viz.mapping.edit_log import (
+    EditLog,
+    EditsFile,
+    Entry,
+    edits_path,
+    fingerprint,
+    mended,
+    moved_to,
+    read_edits,
+    save_edits,
+)
+from simaps_viz.mapping.file import load_map
 from simaps_viz.mapping.simap import JOINING, recommunity, repartition
 from simaps_viz.structures import SIMap
 

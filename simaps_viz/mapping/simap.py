@@ -9,14 +9,12 @@ from numba import njit
 from numpy.typing import NDArray
 
 from simaps_viz.errors import InputError
-from simaps_viz.mapping.bands import count_ids, look_up
 from simaps_viz.mapping.communities import find_communities
-from simaps_viz.mapping.grouping import group_views
 from simaps_viz.mapping.merge import merge_steps
-from simaps_viz.mapping.partition import applied_steps, describe_instances, instance_of_community
-from simaps_viz.mapping.partition_evidence import partition_evidence
-from simaps_viz.mapping.pooling import PoolSettings
-from simaps_viz.mapping.readings import AllReadings, Readings
+from simaps_viz.mapping.observations import AllReadings, Readings
+from simaps_viz.mapping.partition import applied_steps, describe_instances, group_views, instance_of_community
+from simaps_viz.mapping.pooling import PoolSettings, partition_evidence
+from simaps_viz.mapping.row_blocks import count_ids, look_up
 from simaps_viz.structures import CellGraph, Grid, MergeLog, SIMap, Views
 
 

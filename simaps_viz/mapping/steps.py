@@ -8,9 +8,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from simaps_viz.limits import MAX_CELL_INDEX, MAX_LINKED_CELL, MAX_SEGMENT_ID
+from simaps_viz.io.limits import MAX_CELL_INDEX, MAX_LINKED_CELL, MAX_SEGMENT_ID
 from simaps_viz.mapping.links import Links
-from simaps_viz.mapping.readings import FrameReadings
+from simaps_viz.mapping.observations import FrameReadings
 from simaps_viz.structures import Segment
 
 _TYPES = tuple(np.dtype(t) for t in ("i1", "<i2", "<i4", "<i8", "u1", "<f4", "<f8"))

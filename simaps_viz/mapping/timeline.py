@@ -10,11 +10,11 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from simaps_viz.mapping.bands import look_up
 from simaps_viz.mapping.communities import find_chunks, find_communities
+from simaps_viz.mapping.explain import seen_together
 from simaps_viz.mapping.partition import applied_steps, empty_log, instance_of_community
+from simaps_viz.mapping.row_blocks import look_up
 from simaps_viz.mapping.simap import JOINING, joining_threshold
-from simaps_viz.mapping.why_frames import seen_together
 from simaps_viz.structures import SIMap
 
 MOST_LEVELS = 12

@@ -14,7 +14,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from simaps_viz.mapping.readings import AllReadings
+from simaps_viz.mapping.observations import AllReadings
 from simaps_viz.structures import Grid
 
 _CANDIDATES = 32  # classes that can compete for one cell; more are left out

@@ -11,8 +11,7 @@ from scipy import ndimage
 from scipy.spatial import KDTree
 
 from simaps_viz.errors import InputError, PlanningError
-from simaps_viz.navigation.astar import clear_length, pull_straight, search
-from simaps_viz.navigation.jumps import straight_jumps
+from simaps_viz.navigation.astar import clear_length, pull_straight, search, straight_jumps
 from simaps_viz.structures import Grid, Path
 
 SNAP_M: Final = 0.5

@@ -5,9 +5,9 @@ import numpy as np
 import rerun as rr
 from numpy.typing import NDArray
 
+from simaps_viz.colors.classes import class_color, instance_color
 from simaps_viz.events import FrameProjected
 from simaps_viz.geometry import transform_points
-from simaps_viz.labels import class_color, instance_color
 from simaps_viz.recorder.map_pictures import Entry
 from simaps_viz.recorder.settings import RecorderSettings
 from simaps_viz.recorder.streams import annotations

@@ -7,7 +7,7 @@ import rerun as rr
 import rerun.blueprint as rrb
 from numpy.typing import NDArray
 
-from simaps_viz.files import check_output, replacing
+from simaps_viz.io.files import check_output, replacing
 from simaps_viz.recorder.map_pictures import north_up, object_picture
 
 Picture = tuple[str, NDArray, NDArray]

@@ -109,7 +109,7 @@ def _parse(arguments: Sequence[str] | None, name: str) -> argparse.Namespace:
 def _write(options: argparse.Namespace) -> None:
     import rerun as rr  # noqa: PLC0415 - slow to import, and not needed for other programs' files
 
-    from simaps_viz.mapping.mapfile import load_map  # noqa: PLC0415 - as above
+    from simaps_viz.mapping.file import load_map  # noqa: PLC0415 - as above
     from simaps_viz.recorder.whole_map import log_whole_map, whole_map_blueprint  # noqa: PLC0415 - as above
 
     simap = load_map(options.path)

@@ -12,7 +12,7 @@ from typing import Any
 from platformdirs import user_data_path
 
 from simaps_viz.errors import InputError
-from simaps_viz.files import beside
+from simaps_viz.io.files import beside
 from simaps_viz.recorder.facts import RecordingFacts, read_facts
 
 SUFFIX = ".rrd"

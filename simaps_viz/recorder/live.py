@@ -5,9 +5,9 @@ from dataclasses import replace
 
 from numpy.typing import NDArray
 
+from simaps_viz.colors.instances import instance_colors, take_over
 from simaps_viz.errors import SIMapsError
 from simaps_viz.events import BuildFinished, BuildStarted, CommunitiesFound, Event, FrameProjected, MergesFound
-from simaps_viz.map_colors import instance_colors, take_over
 from simaps_viz.recorder.recorder import RerunRecorder
 from simaps_viz.recorder.settings import RecorderSettings
 from simaps_viz.structures import Grid, SIMap

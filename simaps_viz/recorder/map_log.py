@@ -4,9 +4,9 @@ import numpy as np
 import rerun as rr
 from numpy.typing import NDArray
 
+from simaps_viz.colors.classes import class_color
+from simaps_viz.colors.instances import instance_colors
 from simaps_viz.events import CommunitiesFound, FrameProjected
-from simaps_viz.labels import class_color
-from simaps_viz.map_colors import instance_colors
 from simaps_viz.recorder.map_pictures import (
     GROUND,
     Entry,

@@ -10,9 +10,9 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from simaps_viz.colors.classes import class_color, instance_color
+from simaps_viz.colors.palette import Color
 from simaps_viz.geometry import STANDS_FROM_M
-from simaps_viz.labels import class_color, instance_color
-from simaps_viz.palette import Color
 from simaps_viz.structures import Grid, GridSpec, MergeLog
 
 Entry = tuple[int, str, tuple[int, int, int, int]]

@@ -4,8 +4,8 @@ import numpy as np
 import rerun as rr
 from numpy.typing import NDArray
 
+from simaps_viz.colors.instances import instance_colors, take_over
 from simaps_viz.events import CommunitiesFound, MergesFound
-from simaps_viz.map_colors import instance_colors, take_over
 from simaps_viz.mapping.timeline import Timeline
 from simaps_viz.recorder.map_log import MapLog
 from simaps_viz.recorder.map_pictures import Merging, cell_centres, merge_order, on_picture, shown_steps

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from simaps_viz.map_colors import Colored, colors_like, instance_colors
+from simaps_viz.colors.instances import Colored, colors_like, instance_colors
 from simaps_viz.recorder.map_pictures import Entry, object_entries, recolored
 from simaps_viz.structures import Grid, GridSpec, SIMap
 

@@ -9,9 +9,9 @@ from types import TracebackType
 import rerun as rr
 from numpy.typing import NDArray
 
+from simaps_viz.colors.classes import plural
 from simaps_viz.errors import InputError
 from simaps_viz.events import BuildFinished, BuildStarted, CommunitiesFound, Event, FrameProjected, MergesFound
-from simaps_viz.labels import plural
 from simaps_viz.recorder.blueprint import build_blueprint
 from simaps_viz.recorder.camera_log import CameraLog
 from simaps_viz.recorder.facts import LEVELS, finished_facts, read_facts, send_facts, started_facts

@@ -8,7 +8,7 @@ import warnings
 from pathlib import Path
 
 from simaps_viz.errors import InputError
-from simaps_viz.files import replacing
+from simaps_viz.io.files import replacing
 
 
 def unfinished_recordings(path: Path) -> list[Path]:

@@ -6,7 +6,7 @@ import numpy as np
 import rerun as rr
 import rerun.blueprint as rrb
 
-from simaps_viz.labels import class_color
+from simaps_viz.colors.classes import class_color
 from simaps_viz.recorder.blueprint import MARGIN_M
 from simaps_viz.recorder.facts import finished_facts, send_facts
 from simaps_viz.recorder.map_log import MapLog

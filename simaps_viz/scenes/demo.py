@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from simaps_viz.errors import InputError
 from simaps_viz.events import Progress
-from simaps_viz.files import write_whole
+from simaps_viz.io.files import write_whole
 from simaps_viz.scenes.layout import cafe_scene
 from simaps_viz.scenes.render import Renderer
 from simaps_viz.scenes.sensor import DepthSensor, sense

@@ -9,7 +9,7 @@ import numpy as np
 import trimesh
 from numpy.typing import NDArray
 
-from simaps_viz.labels import is_thing
+from simaps_viz.colors.classes import is_thing
 from simaps_viz.scenes.materials import Texture
 from simaps_viz.scenes.shapes import Model, Part, corner_normals, moved
 

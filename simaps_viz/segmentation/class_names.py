@@ -7,9 +7,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from simaps_viz.colors.classes import COCO_THINGS, is_thing
 from simaps_viz.datasets.manifest import read_json, shown
 from simaps_viz.errors import InputError
-from simaps_viz.labels import COCO_THINGS, is_thing
 
 _ADE20K_CLASSES = 150
 _ADE20K_STUFF = frozenset(

@@ -18,7 +18,7 @@ from simaps_viz.datasets.images import read_color, read_ids
 from simaps_viz.datasets.manifest import read_json, shown
 from simaps_viz.datasets.source import FrameSource
 from simaps_viz.errors import InputError
-from simaps_viz.files import write_whole
+from simaps_viz.io.files import write_whole
 from simaps_viz.structures import Segment, Segmentation
 
 SOURCE = "COCO panoptic "

@@ -11,7 +11,7 @@ import numpy as np
 from simaps_viz.datasets.manifest import read_json
 from simaps_viz.datasets.source import FrameSource
 from simaps_viz.errors import InputError
-from simaps_viz.files import write_whole
+from simaps_viz.io.files import write_whole
 
 _FILES = ("color", "depth", "intrinsics", "poses")
 

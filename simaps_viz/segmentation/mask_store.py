@@ -18,7 +18,7 @@ import numpy as np
 
 from simaps_viz.datasets.images import read_ids
 from simaps_viz.errors import InputError
-from simaps_viz.files import write_whole
+from simaps_viz.io.files import write_whole
 from simaps_viz.structures import Segment, Segmentation
 
 _ABOUT, _LINES = "about.json", "segments.jsonl"

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from simaps_viz.errors import InputError
-from simaps_viz.limits import check_picture
+from simaps_viz.io.limits import check_picture
 from simaps_viz.segmentation.class_names import ClassNames, names_beside, read_class_names
 from simaps_viz.segmentation.mask_classification import (
     MASK2FORMER_GRID,

@@ -4,39 +4,103 @@ import functools
 import logging
 import secrets
 import threading
-from collections.abc import Callable
-from dataclasses import replace
+import weakref
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 import viser
 from numpy.typing import NDArray
 
+from simaps_viz.colors.instances import take_over
+from simaps_viz.drawing.picking import ray_on_blocks, ray_on_floor
+from simaps_viz.drawing.texture import ColorMode, MapPicture
+from simaps_viz.drawing.theme import Theme
 from simaps_viz.errors import SIMapsError
-from simaps_viz.map_colors import take_over
 from simaps_viz.mapping.edit_log import edits_of
 from simaps_viz.mapping.simap import JOINING, joining_percent
 from simaps_viz.structures import Instance, Pose2, SIMap
-from simaps_viz.viewer.common import Common
-from simaps_viz.viewer.desk import MapPicture
-from simaps_viz.viewer.drawing.camera import Extent
-from simaps_viz.viewer.drawing.picking import ray_on_blocks, ray_on_floor
-from simaps_viz.viewer.drawing.scene import MapScene, Style
-from simaps_viz.viewer.drawing.theme import Theme
-from simaps_viz.viewer.drawing.viewpoints import Viewpoints
-from simaps_viz.viewer.drawing.why_marks import paint_cells
-from simaps_viz.viewer.driving.robot import RobotControl
 from simaps_viz.viewer.layout import Parts, lay_out
-from simaps_viz.viewer.page_time import PageTime
+from simaps_viz.viewer.page.shared import Common, paint, png
+from simaps_viz.viewer.page.worker import Worker
 from simaps_viz.viewer.panels.instance import best_pictures
-from simaps_viz.viewer.panels.map import DEFAULT_RESOLUTION, SLANT
+from simaps_viz.viewer.panels.map import DEFAULT_RESOLUTION, SLANT, TOP
+from simaps_viz.viewer.panels.robot import RobotControl, RobotState
 from simaps_viz.viewer.recording.clicks import place_inside
-from simaps_viz.viewer.recording.link import RecordingLink
-from simaps_viz.viewer.recording.side import page_side
-from simaps_viz.viewer.server.guard import guard
-from simaps_viz.viewer.session_state import TabState, restore_session, state_of
-from simaps_viz.viewer.shared import paint, png
-from simaps_viz.viewer.worker import Worker
+from simaps_viz.viewer.recording.link import RecordingLink, page_side
+from simaps_viz.viewer.scene.camera import Extent
+from simaps_viz.viewer.scene.map_scene import MapScene, Style
+from simaps_viz.viewer.scene.viewpoints import CameraState, Viewpoints
+from simaps_viz.viewer.scene.why_marks import paint_cells
+from simaps_viz.viewer.server.gate import guard
+from simaps_viz.viewer.timeline import PageTime
+
+
+@dataclass(frozen=True, eq=False)
+class TabState:
+    """A page as it was left."""
+
+    published: "weakref.ref[SIMap]"
+    """The map that was on all pages."""
+    own: SIMap | None
+    """The map of this page, where it was another."""
+    sliders: tuple[float, float] | None
+    """K or evidence in percent and resolution, where they were not as the map has them."""
+    mode: ColorMode
+    shown_class: str | None
+    picked: tuple[float, float] | None
+    """The place that was selected, map frame, metres."""
+    frame: int | None
+    """The frame shown; None = the last one."""
+    fill_in_step: bool
+    dark: bool
+    camera: CameraState
+    robot: RobotState
+    panels: Mapping[str, Any]
+    """By title, what the panels that can tell gave."""
+
+
+def state_of(session: "Session") -> TabState:
+    """Give what a session's person did."""
+    parts, published = session.parts, session.common.published()
+    return TabState(
+        published=weakref.ref(published),
+        own=None if session.base is published else session.base,
+        sliders=(parts.map.percent, parts.map.resolution) if parts.map.touched else None,
+        mode=parts.map.mode,
+        shown_class=parts.map.shown_class,
+        picked=session.picked,
+        frame=None if parts.build.at_end else parts.build.frame,
+        fill_in_step=parts.build.fill_in_step,
+        dark=parts.page.theme.dark,
+        camera=session.viewpoints.state(),
+        robot=parts.robot.state(),
+        panels=parts.others.states(),
+    )
+
+
+def restore_session(session: "Session", state: TabState) -> None:
+    """Do on a new page what was done on the one before; a map published since then is kept."""
+    parts = session.parts
+    if state.own is not None and state.published() is session.common.published():
+        session.take_map_now(state.own)
+    parts.map.set_look(state.mode, state.shown_class)
+    if state.dark:
+        parts.page.switch()
+    session.remember(state.picked)
+    parts.build.set_fill(state.fill_in_step)
+    if state.frame is not None:
+        session.jump(state.frame)
+    if state.camera.name != TOP:
+        session.look(state.camera.name)
+    session.viewpoints.go_to(state.camera)
+    parts.robot.go_to(state.robot)
+    if state.sliders is not None:
+        parts.map.set_sliders(*state.sliders)
+        session.partition(*state.sliders)
+    parts.others.restore(state.panels)
+
 
 logger = logging.getLogger(__name__)
 

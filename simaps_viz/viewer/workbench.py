@@ -15,22 +15,19 @@ import viser
 
 from simaps_viz.errors import InputError
 from simaps_viz.structures import Pose2, SIMap
-from simaps_viz.viewer.common import Common
-from simaps_viz.viewer.drawing.scene import frame_extent, light_up, seen_extent
-from simaps_viz.viewer.drawing.viewpoints import set_first_view
 from simaps_viz.viewer.layout import set_the_table
-from simaps_viz.viewer.panels.spec import PanelSpec
+from simaps_viz.viewer.page.panel import PanelSpec
+from simaps_viz.viewer.page.services import Services
+from simaps_viz.viewer.page.shared import Common, Shared
+from simaps_viz.viewer.page.tab_identity import TAB_CSP, TAB_PAGE, Tabs
+from simaps_viz.viewer.page.worker import Worker
+from simaps_viz.viewer.scene.map_scene import frame_extent, light_up, seen_extent
+from simaps_viz.viewer.scene.viewpoints import set_first_view
 from simaps_viz.viewer.server.access import Access, name_of
 from simaps_viz.viewer.server.bounded_http import first_free
-from simaps_viz.viewer.server.gate import Gate
+from simaps_viz.viewer.server.gate import Gate, check_values
 from simaps_viz.viewer.server.host import Host
-from simaps_viz.viewer.server.widget_values import check_values
-from simaps_viz.viewer.services import Services
-from simaps_viz.viewer.session import Session
-from simaps_viz.viewer.session_state import TabState
-from simaps_viz.viewer.shared import Shared
-from simaps_viz.viewer.tabs import TAB_CSP, TAB_PAGE, Tabs
-from simaps_viz.viewer.worker import Worker
+from simaps_viz.viewer.session import Session, TabState
 
 logger = logging.getLogger(__name__)
 

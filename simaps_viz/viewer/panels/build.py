@@ -7,9 +7,9 @@ from html import escape
 
 import viser
 
+from simaps_viz.drawing.theme import BOX_STYLE, DIM_STYLE, note_html
 from simaps_viz.structures import SIMap
-from simaps_viz.viewer.drawing.theme import BOX_STYLE, DIM_STYLE, note_html
-from simaps_viz.viewer.player import Played, Player
+from simaps_viz.viewer.page.player import Played, Player
 
 ECHO_S = 1.5
 """For how long a frame that was sent to the recording may come back as an echo."""

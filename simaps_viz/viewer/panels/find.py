@@ -7,10 +7,10 @@ from html import escape
 
 import viser
 
-from simaps_viz.labels import plural
+from simaps_viz.colors.classes import plural
+from simaps_viz.drawing.legend import object_name
+from simaps_viz.drawing.theme import BOX_STYLE, DIM_STYLE
 from simaps_viz.structures import Instance, SIMap
-from simaps_viz.viewer.drawing.legend import object_name
-from simaps_viz.viewer.drawing.theme import BOX_STYLE, DIM_STYLE
 
 FIND = "Find"
 HINT = "A class, a class and a number, or the number of an object, such as: chair, chair 7, 214. Enter goes there."

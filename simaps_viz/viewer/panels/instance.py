@@ -10,11 +10,11 @@ import numpy as np
 import viser
 from numpy.typing import NDArray
 
+from simaps_viz.drawing.legend import facts_html, object_name
+from simaps_viz.drawing.picking import best_views
+from simaps_viz.drawing.theme import BOX_STYLE
+from simaps_viz.drawing.thumbnails import gallery, named, outlined
 from simaps_viz.structures import Instance, SIMap
-from simaps_viz.viewer.drawing.legend import facts_html, object_name
-from simaps_viz.viewer.drawing.picking import best_views
-from simaps_viz.viewer.drawing.theme import BOX_STYLE
-from simaps_viz.viewer.drawing.thumbnails import gallery, named, outlined
 
 NOTHING: str = "(none)"
 MOST_LISTED = 1000

@@ -8,11 +8,11 @@ from typing import cast
 
 import viser
 
+from simaps_viz.drawing.legend import counts_text, legend_html
+from simaps_viz.drawing.texture import COLOR_MODES, ColorMode
+from simaps_viz.drawing.theme import BADGE_STYLE, LIGHT, Theme
 from simaps_viz.mapping.simap import JOINING, joining_percent
 from simaps_viz.structures import SIMap
-from simaps_viz.viewer.drawing.legend import counts_text, legend_html
-from simaps_viz.viewer.drawing.texture import COLOR_MODES, ColorMode
-from simaps_viz.viewer.drawing.theme import BADGE_STYLE, LIGHT, Theme
 
 TOP, SLANT = "Top view", "3-D view"
 EVERY_CLASS = "all classes"

@@ -2,20 +2,191 @@
 
 import itertools
 import math
-from collections.abc import Callable
-from typing import Any, Literal
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from html import escape
+from typing import Any, Literal, Protocol
 
+import cv2
+import numpy as np
 import viser
 
+from simaps_viz.colors.instances import take_over
+from simaps_viz.drawing.legend import facts_text, object_name
+from simaps_viz.drawing.theme import BAD_STYLE, BOX_STYLE, DIM_STYLE, STICKY, TEXT_STYLE, note_html, short_html
 from simaps_viz.errors import InputError, SIMapsError
-from simaps_viz.map_colors import take_over
 from simaps_viz.mapping.edits import EditRefused
 from simaps_viz.structures import Instance, SIMap
-from simaps_viz.viewer.desk import Desk, Panel
-from simaps_viz.viewer.drawing.legend import object_name
-from simaps_viz.viewer.panels.mend_services import CutMark, MendServices, Point
-from simaps_viz.viewer.panels.mend_words import classes, edits_html, joined_text, nearest, saved_html, status_html
-from simaps_viz.viewer.panels.spec import PanelSpec
+from simaps_viz.viewer.page.panel import Desk, Panel, PanelSpec
+from simaps_viz.viewer.panels.command import message_html
+from simaps_viz.viewer.scene.lines import draw_lines
+
+Point = tuple[float, float]
+"""x and y in metres, map frame."""
+CUT = (214, 39, 40)
+FLOOR_M = 0.03
+CROSS_M = 0.05
+
+
+class EntryLike(Protocol):
+    """One edit, signed."""
+
+    @property
+    def who(self) -> str:
+        """Who made it."""
+        ...
+
+    @property
+    def when(self) -> str:
+        """ISO 8601, UTC."""
+        ...
+
+    def to_json(self) -> dict[str, str]:
+        """Give at least ``what``: the edit in words."""
+        ...
+
+
+@dataclass(frozen=True, eq=False)
+class MendServices:
+    """Every change takes the map that is shown, is saved before it returns, and raises InputError in words."""
+
+    merge: Callable[[SIMap, int, int, str], SIMap]
+    """map, first and second id, who -> map: they are one, of the first one's class."""
+    split: Callable[[SIMap, int, Point, Point, str], SIMap]
+    """map, id, two points of the line, who -> map."""
+    relabel: Callable[[SIMap, int, str, str], SIMap]
+    """map, id, class, who -> map."""
+    delete: Callable[[SIMap, int, str], SIMap]
+    """map, id, who -> map."""
+    undo: Callable[[SIMap], SIMap]
+    redo: Callable[[SIMap], SIMap]
+    entries: Callable[[], Sequence[EntryLike]]
+    """The edits, the first one first."""
+    told: Callable[[], Sequence[str]]
+    """What each of them did, for one who sees the map."""
+    undone: Callable[[], int]
+    """How many can be redone."""
+    refused: Callable[[], Sequence[str]]
+    """Which edits no longer make sense on this map, in words."""
+    covers: Callable[[SIMap], bool]
+    """Whether a map is the one whose edits these are."""
+    saved: Callable[[], bool]
+    """Whether there is a file of edits."""
+    path: str
+    """Of that file."""
+    who: str
+    """Who is likely to sit here."""
+
+
+class CutMark:
+    """The line along which an object will be cut, on the floor of one page."""
+
+    def __init__(self, scene: viser.SceneApi) -> None:
+        """Take the page's scene."""
+        self._scene = scene
+
+    def show(self, points_m: Sequence[Point], reach_m: float = 0.0) -> None:
+        """Draw nothing, a cross at one point, or the line through two, drawn on by ``reach_m`` at both ends."""
+        segments = [_cross(*point) for point in points_m]
+        if len(points_m) == 2:
+            a, b = np.asarray(points_m, np.float64)
+            along = (b - a) / max(float(np.hypot(*(b - a))), 1e-9) * reach_m
+            segments.append(np.array([[[*(a - along), FLOOR_M], [*(b + along), FLOOR_M]]]))
+        draw_lines(self._scene, "/cut", np.concatenate(segments) if segments else np.zeros((0, 2, 3)), CUT, 4.0)
+
+
+def _cross(x: float, y: float) -> np.ndarray:
+    r = CROSS_M
+    return np.array(
+        [[[x - r, y - r, FLOOR_M], [x + r, y + r, FLOOR_M]], [[x - r, y + r, FLOOR_M], [x + r, y - r, FLOOR_M]]]
+    )
+
+
+NEAREST = 15
+"""How many objects are offered to join with."""
+LISTED = 40
+"""Edits listed; the file has all."""
+
+
+def nearest(simap: SIMap, one: Instance) -> dict[str, int]:
+    """Name the objects nearest to one, those of its class first, with their distance: {text: id}."""
+    here = np.asarray(one.centroid_m[:2])
+    others = [other for other in simap.instances if other.id != one.id]
+    far = {other.id: float(np.hypot(*(np.asarray(other.centroid_m[:2]) - here))) for other in others}
+    others.sort(key=lambda other: (other.label != one.label, far[other.id], other.id))
+    return {f"{object_name(simap, other)}, {far[other.id]:.1f} m": other.id for other in others[:NEAREST]}
+
+
+def classes(simap: SIMap) -> list[str]:
+    """Give the map's classes by name; countable ones first."""
+    named = zip(simap.grid.labels[1:], simap.grid.is_thing[1:], strict=True)
+    return [label for label, _ in sorted(named, key=lambda pair: (not pair[1], pair[0]))]
+
+
+def status_html(simap: SIMap, one: Instance | None, words: str, tone: str, *, known: bool) -> str:
+    """Say what is selected, and what became of the last thing done; it stays in sight while the panel scrolls."""
+    if not known:
+        head = note_html("This is another map than the one that the edits belong to.")
+    elif one is None:
+        head = note_html("Select an object on the map, or in the list under Instance, to mend it.")
+    else:
+        facts = escape(facts_text(simap, one))
+        head = (
+            f'<div style="{BOX_STYLE};{TEXT_STYLE};overflow-wrap:anywhere"><b>{short_html(object_name(simap, one))}</b>'
+            f'<br><span style="{DIM_STYLE}">{facts}</span></div>'
+        )
+    said = f'<div role="status">{message_html("", words, tone)}</div>' if words else ""
+    return f'<div class="{STICKY}">{head}{said}</div>'
+
+
+def joined_text(simap: SIMap, first: int, second: int) -> str:
+    """Say that two objects are joined, and how far apart they are where they do not touch."""
+    apart = apart_m(simap, first, second)
+    return "Joined." if apart == 0.0 else f"Joined. They do not touch: {apart:.2f} m lie between them. Undo parts them."
+
+
+def apart_m(simap: SIMap, first: int, second: int) -> float:
+    """Give the distance between the nearest edges of two objects, metres; 0 where cells of theirs touch."""
+    both = np.isin(simap.instance, (first, second))
+    row, col = np.flatnonzero(both.any(axis=1)), np.flatnonzero(both.any(axis=0))
+    if first == second or not (simap.instance == first).any() or not (simap.instance == second).any():
+        return 0.0
+    part = simap.instance[row[0] : row[-1] + 1, col[0] : col[-1] + 1]
+    away = cv2.distanceTransform((part != first).astype(np.uint8), cv2.DIST_L2, cv2.DIST_MASK_PRECISE)
+    cells = float(away[part == second].min())
+    return 0.0 if cells < 1.5 else (cells - 1.0) * simap.spec.cell_size_m
+
+
+def edits_html(entries: Sequence[tuple[str, EntryLike]], undone: int, refused: Sequence[str]) -> str:
+    """List the edits (what they did, and the edits themselves), the last one first."""
+    lost = "".join(f'<li style="{BAD_STYLE}">{escape(why)}</li>' for why in refused)
+    if not entries and not lost:
+        more = f" {undone} taken back." if undone else ""
+        return note_html(f"No edits yet.{more}")
+    rows = [
+        f"<li>{escape(what)}<br>"
+        f'<span style="{DIM_STYLE}">{escape(entry.who)}, {escape(when_text(entry.when))}</span></li>'
+        for what, entry in list(reversed(entries))[:LISTED]
+    ]
+    rest = f"<li>and {len(entries) - LISTED} before</li>" if len(entries) > LISTED else ""
+    back = note_html(f"{undone} taken back.") if undone else ""
+    return (
+        f'<ol reversed start="{len(entries)}" aria-label="Edits" style="{BOX_STYLE};{TEXT_STYLE};margin:0;'
+        f'padding-left:2.6em;overflow-wrap:anywhere">{"".join(rows)}{rest}</ol>{back}'
+        + (f'<ul aria-label="Not done" style="{BOX_STYLE};margin:0;padding-left:2.6em">{lost}</ul>' if lost else "")
+    )
+
+
+def saved_html(path: str, saved: bool) -> str:
+    """Say where the edits are."""
+    said = "Saved to" if saved else "Edits will be saved to"
+    return note_html(f'{said} <span style="overflow-wrap:anywhere">{escape(path)}</span>')
+
+
+def when_text(when: str) -> str:
+    """Write a time for people: 2026-11-21T19:30:00Z -> 2026-11-21 19:30 UTC."""
+    return f"{when[:10]} {when[11:16]} UTC" if len(when) == 20 else when
+
 
 NEW_CLASS = "new class …"
 ON_MAP = "click it on the map"

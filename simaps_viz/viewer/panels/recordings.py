@@ -8,8 +8,7 @@ from typing import Protocol
 
 import viser
 
-from simaps_viz.viewer.desk import Desk, Panel
-from simaps_viz.viewer.panels.spec import PanelSpec
+from simaps_viz.viewer.page.panel import Desk, Panel, PanelSpec
 
 NONE = "no recordings yet"
 _NOTHING: tuple[str, ...] = (NONE,)

@@ -9,14 +9,12 @@ from pathlib import Path
 import viser
 
 from simaps_viz.structures import Pose2, SIMap
-from simaps_viz.viewer.desk import Desk, Panel
-from simaps_viz.viewer.panels.compare_services import Cancelled
-from simaps_viz.viewer.panels.compare_words import note
-from simaps_viz.viewer.panels.spec import PanelSpec
-from simaps_viz.viewer.services import AnswerLike, StepLike
+from simaps_viz.viewer.page.panel import Desk, Panel, PanelSpec
+from simaps_viz.viewer.page.services import AnswerLike, StepLike
+from simaps_viz.viewer.page.worker import Worker
+from simaps_viz.viewer.panels.compare_words import Cancelled, note
 from simaps_viz.viewer.share.files import share_bytes
 from simaps_viz.viewer.share.story import Look, Ride, ride_of, title_of
-from simaps_viz.viewer.worker import Worker
 
 
 @dataclass(frozen=True)

@@ -5,9 +5,9 @@ from html import escape
 
 import viser
 
+from simaps_viz.drawing.theme import BOX_STYLE, DIM_STYLE
 from simaps_viz.mapping.timeline import Timeline
-from simaps_viz.viewer.drawing.theme import BOX_STYLE, DIM_STYLE
-from simaps_viz.viewer.player import Played, Player
+from simaps_viz.viewer.page.player import Played, Player
 
 HINT = "0 = classes; then the levels of Louvain; then one step for each merge, those that the map takes first."
 

@@ -3,14 +3,61 @@
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
+from simaps_viz.mapping.explain import Joint, recorded_step
 from simaps_viz.mapping.partition import applied_steps
 from simaps_viz.mapping.simap import joining_threshold
-from simaps_viz.mapping.why import Joint, recorded_step
+from simaps_viz.mapping.timeline import CLASSES, Timeline
 from simaps_viz.structures import SIMap
 from simaps_viz.viewer.panels.build import FrameLink
+from simaps_viz.viewer.recording.clicks import clicked_place, in_a_view
 from simaps_viz.viewer.server.host import Host
+
+if TYPE_CHECKING:
+    from simaps_viz.viewer.session import Session
+
+
+@dataclass(frozen=True, eq=False)
+class RecordedSteps:
+    """The steps that a recording has. A page may show the map cut otherwise, whose steps are others."""
+
+    timeline: Timeline
+    """Of the map whose build was recorded."""
+    levels: int | None = None
+    """At which time of "louvain" it has the final communities; None = after as many levels as there are."""
+
+    def time_of(self, page: Timeline, position: int) -> tuple[str, int] | None:
+        """Give the timeline of the recording that shows a position of the page's, and its time; None = there is none.
+
+        Every map begins with the same classes.
+        """
+        if position <= CLASSES:
+            return "louvain", CLASSES
+        if page.simap.merges is not self.timeline.simap.merges:
+            return None
+        if position > page.levels:
+            return page.recorded(position) if self._same_done(page, position) else None
+        if position == page.levels:
+            return "louvain", self._levels
+        return page.recorded(position) if page.levels == self._levels else None
+
+    def position_of(self, page: Timeline, timeline: str, time: int) -> int | None:
+        """Give the position of a time of the recording; None = the page has none."""
+        if timeline == "louvain" and time <= 0:
+            return CLASSES
+        at_last = timeline == "louvain" and time >= self._levels
+        position = page.levels if at_last else page.position_of(timeline, time)
+        return position if self.time_of(page, position) is not None else None
+
+    @property
+    def _levels(self) -> int:
+        return self.timeline.levels if self.levels is None else self.levels
+
+    def _same_done(self, page: Timeline, position: int) -> bool:
+        return np.array_equal(page.done_at(position), self.timeline.done_at(position))
 
 
 @dataclass(frozen=True)
@@ -136,3 +183,59 @@ class RecordingLink:
 
 def _comes_to_frames(event: dict[str, Any]) -> bool:
     return event.get("type") == "timeline_change" and event.get("timeline") == "frame"
+
+
+NOTHING_THERE = ("Recorded build", "There is no object of the map where you clicked.")
+NO_SUCH_STEP = " The recorded build on the left has no such step: it stays where it is."
+
+
+def page_side(session: "Session") -> PageSide:
+    """Tie a recording to a page: frames, steps and clicks."""
+
+    def show_frame(frame: int) -> None:
+        session.parts.build.set_frame(frame)
+
+    def show_step(timeline: str, time: int) -> None:
+        position = _recorded_steps(session).position_of(session.common.shared.timeline(session.simap), timeline, time)
+        if position is not None:
+            session.parts.steps.choose(position, chosen_here=False)
+
+    def select(items: list[dict[str, Any]]) -> None:
+        """Select what was clicked in the recorded build, or say that it is nothing of the map."""
+        common = session.common
+        divide = common.services.picture_divide
+        place = clicked_place(items, common.recorded, session.frame, view=session.view, divide=divide)
+        if place is not None and session.simap.at(*place) is not None:
+            session.pick(place)
+        elif in_a_view(items):
+            session.say(*NOTHING_THERE)
+
+    return PageSide(
+        frame=lambda: session.frame,
+        frames=lambda: len(session.simap.frame_names),
+        set_frame=show_frame,
+        clicked=lambda items: session.worker.submit("recording click", lambda: select(items)),
+        set_step=show_step,
+        building=lambda: session.common.building,
+    )
+
+
+def show_step_beside(session: "Session", position: int) -> None:
+    """Show a position of the page's timeline in the recording too, where it has it."""
+    time = _time_beside(session, position)
+    if time is not None:
+        session.recording.show_step(*time)
+
+
+def words_beside(session: "Session", position: int) -> str:
+    """Say that the recording does not show a position of the page's timeline; empty where it does, or there is none."""
+    return NO_SUCH_STEP if session.recording.tied and _time_beside(session, position) is None else ""
+
+
+def _time_beside(session: "Session", position: int) -> tuple[str, int] | None:
+    return _recorded_steps(session).time_of(session.common.shared.timeline(session.simap), position)
+
+
+def _recorded_steps(session: "Session") -> RecordedSteps:
+    common = session.common
+    return RecordedSteps(common.shared.timeline(common.recorded), common.services.recorded_levels)

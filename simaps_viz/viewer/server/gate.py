@@ -6,6 +6,8 @@ this. While a server is made, viser's module finds our ``serve`` in the place of
 
 import asyncio
 import base64
+import contextlib
+import gzip
 import hashlib
 import logging
 import re
@@ -14,7 +16,7 @@ import time
 from collections import Counter
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from functools import cache
+from functools import cache, lru_cache
 from http import HTTPStatus
 from importlib import resources
 from types import SimpleNamespace
@@ -23,16 +25,110 @@ from typing import Any
 import viser
 import viser.infra._infra as infra
 import websockets
+from viser import _messages
 from websockets.asyncio.server import ServerConnection
 from websockets.asyncio.server import serve as serve_plainly
 from websockets.datastructures import Headers
 from websockets.http11 import Request, Response
 
-from simaps_viz.viewer.page_script import HANDLERS
 from simaps_viz.viewer.server.access import ENTERED, ENTERED_CSP, SAFE_HEADERS, Access, headers_of
-from simaps_viz.viewer.server.bell import hang_bells
 from simaps_viz.viewer.server.messages import LARGEST_MESSAGE, Listener, Uploads
-from simaps_viz.viewer.server.opening import cover
+from simaps_viz.viewer.server.page_script import HANDLERS, OPENED
+from simaps_viz.viewer.server.threadsafe_event import hang_bells
+
+
+class _GuardedPool:
+    """Runs callbacks as the server's own threads do, and tells one page what they raise."""
+
+    def __init__(self, pool: Any, report: Callable[[Exception], None]) -> None:
+        self._pool, self._report = pool, report
+
+    def submit(self, callback: Callable[..., Any], *arguments: Any) -> Any:
+        return self._pool.submit(self._run, callback, *arguments)
+
+    def _run(self, callback: Callable[..., Any], *arguments: Any) -> None:
+        try:
+            callback(*arguments)
+        except Exception as error:  # whatever happens, the page must live on
+            self._report(error)
+
+
+def guard(client: viser.ClientHandle, report: Callable[[Exception], None]) -> None:
+    """Make the errors of every callback of a page, whoever wrote it, appear on that page.
+
+    viser 1.1.1 would print them and go on. It also warns of what a thread still sends when its page has just been
+    closed, which nobody can help.
+    """
+    for api in (client.gui, client.scene):
+        api._thread_executor = _GuardedPool(api._thread_executor, report)  # pyright: ignore[reportAttributeAccessIssue]
+    with contextlib.suppress(AttributeError):
+        client._websock_connection.get_message_buffer()._warned_push_after_done = True
+
+
+LONGEST_S = 30
+"""A page that never comes is uncovered after so long: viser's says what it waits for."""
+_STYLE = (
+    "<style>@keyframes simaps-uncover{to{visibility:hidden}}"
+    'body::after{content:"Opening the map \\2026";position:fixed;inset:0;z-index:100000;display:grid;'
+    "place-items:center;background:#fff;color:#495057;font:1.1rem system-ui,sans-serif;"
+    f"animation:simaps-uncover 0s {LONGEST_S}s forwards}}body:has(.{OPENED})::after{{display:none}}</style></head>"
+).encode()
+
+
+def cover(response: Response) -> None:
+    """Add the cover to a page of HTML; anything else stays as it is."""
+    kind = response.headers.get("Content-Type", "")
+    if response.status_code != 200 or not kind.startswith("text/html") or not response.body:
+        return
+    response.body = covered(bytes(response.body), zipped=response.headers.get("Content-Encoding") == "gzip")
+    del response.headers["Content-Length"]
+    response.headers["Content-Length"] = str(len(response.body))
+
+
+@lru_cache(maxsize=4)
+def covered(body: bytes, *, zipped: bool) -> bytes:
+    """Give a page of HTML, gzipped or not, with the cover."""
+    head, end, rest = (gzip.decompress(body) if zipped else body).rpartition(b"</head>")
+    page = head + _STYLE + rest if end else rest
+    return gzip.compress(page, mtime=0) if zipped else page
+
+
+def fits(widget: Any, value: Any) -> bool:
+    """Tell whether a person could have given a widget that value."""
+    state = widget._impl
+    now, props = state.value, state.props
+    options = getattr(props, "options", None)
+    if options is not None:
+        return isinstance(value, str) and value in options
+    if isinstance(now, bool):
+        return isinstance(value, bool)
+    if isinstance(now, int | float):
+        low, high = getattr(props, "min", None), getattr(props, "max", None)
+        number = isinstance(value, int | float) and not isinstance(value, bool)
+        return number and (low is None or value >= low) and (high is None or value <= high)
+    if isinstance(now, str):
+        return isinstance(value, str)
+    if isinstance(now, tuple):
+        same = isinstance(value, list | tuple) and len(value) == len(now)
+        return same and all(isinstance(one, int | float) for one in value)
+    return False
+
+
+def check_values(client: viser.ClientHandle, note: Callable[[str], None]) -> None:
+    """Let through to a page's widgets only what fits them; ``note`` is told of the rest."""
+    handlers = client._websock_connection._incoming_handlers[_messages.GuiUpdateMessage]
+    first = list(handlers)
+
+    async def checked(client_id: Any, message: Any) -> None:
+        widget = client.gui._gui_input_handle_from_uuid.get(message.uuid)
+        if widget is not None and not fits(widget, message.updates.get("value")):
+            note("a value that a widget cannot have")
+            return
+        for handler in first:
+            await handler(client_id, message)  # pyright: ignore[reportGeneralTypeIssues]
+
+    handlers[:] = [checked]
+
 
 logger = logging.getLogger(__name__)
 

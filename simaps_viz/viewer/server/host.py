@@ -14,6 +14,7 @@ from typing import Any, BinaryIO
 from urllib.parse import parse_qs, quote, unquote, urlsplit
 
 from simaps_viz.errors import InputError
+from simaps_viz.viewer.page.services import Asset
 from simaps_viz.viewer.server.access import (
     ENTERED,
     ENTERED_CSP,
@@ -24,7 +25,6 @@ from simaps_viz.viewer.server.access import (
     without_query,
 )
 from simaps_viz.viewer.server.bounded_http import BoundedHandler, BoundedServer
-from simaps_viz.viewer.services import Asset
 
 logger = logging.getLogger(__name__)
 

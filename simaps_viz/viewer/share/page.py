@@ -10,12 +10,12 @@ import numpy as np
 import viser
 from numpy.typing import NDArray
 
+from simaps_viz.drawing.legend import counts_text, legend_html
+from simaps_viz.drawing.texture import map_image
 from simaps_viz.events import Progress
 from simaps_viz.structures import SIMap
-from simaps_viz.viewer.drawing.camera import Extent, top_view
-from simaps_viz.viewer.drawing.legend import counts_text, legend_html
-from simaps_viz.viewer.drawing.scene import MapScene, Style, light_up
-from simaps_viz.viewer.drawing.texture import map_image
+from simaps_viz.viewer.scene.camera import Extent, top_view
+from simaps_viz.viewer.scene.map_scene import MapScene, Style, light_up
 from simaps_viz.viewer.share.sheet import moved_image
 from simaps_viz.viewer.share.story import Look, Moment, Ride, is_simulated, moments, origin_text, title_of
 

@@ -6,13 +6,13 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from simaps_viz.palette import Color
+from simaps_viz.colors.palette import Color
+from simaps_viz.drawing.legend import counts_text
+from simaps_viz.drawing.lettering import BOLD, chip, fitting, width_of, write
+from simaps_viz.drawing.texture import CLUTTER, FLOOR, UNSEEN, WALL, cell_colors, map_image
 from simaps_viz.structures import GridSpec, Pose2, SIMap
-from simaps_viz.viewer.drawing.camera import Extent
-from simaps_viz.viewer.drawing.legend import counts_text
-from simaps_viz.viewer.drawing.lettering import BOLD, chip, fitting, width_of, write
-from simaps_viz.viewer.drawing.scene import PATH, ROBOT, seen_extent
-from simaps_viz.viewer.drawing.texture import CLUTTER, FLOOR, UNSEEN, WALL, cell_colors, map_image
+from simaps_viz.viewer.scene.camera import Extent
+from simaps_viz.viewer.scene.map_scene import PATH, ROBOT, seen_extent
 from simaps_viz.viewer.share.story import Moment, is_simulated, origin_text, title_of
 
 INK: Color = (26, 30, 38)

@@ -7,15 +7,15 @@ from pathlib import PurePath
 import numpy as np
 from numpy.typing import NDArray
 
+from simaps_viz.colors.classes import plural
+from simaps_viz.colors.instances import take_over
+from simaps_viz.drawing.picking import communities_unseen_until, owner_of_community
 from simaps_viz.errors import CommandError
-from simaps_viz.labels import plural
-from simaps_viz.map_colors import take_over
 from simaps_viz.mapping.simap import JOINING
+from simaps_viz.navigation.trajectory import Trajectory, poses_along, ride_of_steps, trajectory
 from simaps_viz.structures import Pose2, SIMap
-from simaps_viz.viewer.drawing.picking import communities_unseen_until, owner_of_community
-from simaps_viz.viewer.driving.drive import Trajectory, poses_along, ride_of_steps, trajectory
-from simaps_viz.viewer.panels.command_words import result_text
-from simaps_viz.viewer.services import AnswerLike, StepLike
+from simaps_viz.viewer.page.services import AnswerLike, StepLike
+from simaps_viz.viewer.panels.command import result_text
 
 Look = Callable[[int], SIMap | None]
 """Gives the map as it was after a frame; None when that is not known."""

@@ -1,0 +1,113 @@
+"""What building a map costs, beside decoding the same images on the same two threads."""
+
+import tempfile
+from collections.abc import Callable, Iterator
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
+from pathlib import Path
+
+import cv2
+from benchmarks.timing import Cost, measure
+
+from simaps_viz.build.pipeline import BuildConfig, Method, build_map, empty_accumulator, graphs_so_far
+from simaps_viz.datasets.posed_frames import PosedFrames
+from simaps_viz.datasets.source import FrameSource, read_ahead
+from simaps_viz.events import Event
+from simaps_viz.mapping.evidence import pair_graphs
+from simaps_viz.mapping.observations import gather_readings
+from simaps_viz.mapping.votes import vote_labels
+from simaps_viz.structures import CellGraph, Segment
+
+METHODS: tuple[Method, ...] = ("evidence", "paper")
+REQUIRED = 2.0
+"""A map may cost this many times as much as decoding its images."""
+
+
+class Watcher:
+    """Asks for colour and looks at nothing: what a build costs as soon as somebody watches it."""
+
+    wants_color = True
+
+    def on_event(self, event: Event) -> None:
+        """Take an event and leave it."""
+
+
+def image_files(sequence: PosedFrames, *, color: bool = False) -> list[Path]:
+    """Give the images a build decodes: depth and segment ids of every frame, and colour when somebody watches."""
+    manifest, folder = sequence.manifest, sequence.path.parent
+    if manifest.segmentation is None:
+        return []
+    patterns = [manifest.depth, manifest.segmentation.ids] + ([manifest.color] if color else [])
+    return [folder / pattern.replace("{frame}", name) for name in sequence.frame_names for pattern in patterns]
+
+
+def decode_only(files: list[Path]) -> None:
+    """Decode images and throw them away, on two threads as a build does.
+
+    Raises:
+        OSError: an image cannot be decoded.
+    """
+    with ThreadPoolExecutor(max_workers=2) as pool:
+        for image in pool.map(lambda path: cv2.imread(str(path), cv2.IMREAD_UNCHANGED), files):
+            if image is None:
+                raise OSError("an image that was readable before is not any more")
+
+
+def read_only(sequence: FrameSource) -> None:
+    """Read and check depth and segments of every frame, and throw them away."""
+    for _ in read_ahead(sequence, color=False):
+        pass
+
+
+def gather(sequence: FrameSource, config: BuildConfig) -> tuple[CellGraph, ...]:
+    """Do everything a build does up to, but without, looking for communities; give the graphs they are found in."""
+    accumulator = empty_accumulator(sequence, config)
+    T_map_camera = sequence.T_map_world @ sequence.poses
+    segments: list[tuple[Segment, ...]] = []
+    for frame, segmentation in read_ahead(sequence, color=False):
+        accumulator.add_frame(frame, segmentation, T_map_camera[frame.index])
+        segments.append(segmentation.segments)
+    grid = accumulator.snapshot()
+    readings = gather_readings(accumulator.readings, segments, accumulator.origin_cell, grid)
+    if config.method == "paper":
+        return graphs_so_far(accumulator)[1]
+    label, _ = vote_labels(grid, readings, config.votes)
+    return pair_graphs(replace(grid, label=label), readings, config.evidence)
+
+
+def bench_build(sequence: PosedFrames, *, runs: int = 5) -> Iterator[str]:
+    """Compare building with decoding, stage by stage, for both methods."""
+    plain, colored = image_files(sequence), image_files(sequence, color=True)
+    works: dict[str, Callable[[], object]] = {
+        "decode": lambda: decode_only(plain),
+        "read": lambda: read_only(sequence),
+        "decode, colour too": lambda: decode_only(colored),
+    }
+    for method in METHODS:
+        config = BuildConfig(method=method)
+        works[f"gather, {method}"] = lambda config=config: gather(sequence, config)
+        works[f"build, {method}"] = lambda config=config: build_map(sequence, config)
+    works["build, watched"] = lambda: build_map(sequence, observers=[Watcher()])
+    decode_only(colored)  # from now on the files are in memory
+    with tempfile.TemporaryDirectory() as folder:
+        log = Path(folder) / "log"
+        works["build, logged"] = lambda: (log.unlink(missing_ok=True), build_map(sequence, log=log))
+        costs = measure(works, runs=runs, warm=False)
+        log_mb = log.stat().st_size / 1e6
+    decode, frames = costs["decode"], len(sequence)
+    yield f"{sequence.name}: {frames} frames; medians of {runs} runs in turn; required: at most {REQUIRED:g} x"
+    yield f"  decoding depth and ids, 1.00 x = {1000 * decode.wall / frames:.2f} ms a frame on two threads"
+    yield _against(decode, costs["read"], "reading and checking them")
+    for method in METHODS:
+        stage = "reading, projecting, votes, evidence" if method == "evidence" else "reading, projecting, cell graphs"
+        yield _against(decode, costs[f"gather, {method}"], f"{method}: {stage}")
+        build = costs[f"build, {method}"]
+        yield f"{_against(decode, build, f'{method}: the whole map')}, {1000 * build.wall / frames:.2f} ms a frame"
+    watched = "evidence, watched (all three images decoded)"
+    yield f"{_against(costs['decode, colour too'], costs['build, watched'], watched)}, against all three decoded"
+    logged = f"evidence with its build log ({log_mb:.1f} MB)"
+    yield f"{_against(costs['build, evidence'], costs['build, logged'], logged)}, against without; required: 1.05 x"
+
+
+def _against(decode: Cost, cost: Cost, words: str) -> str:
+    return f"  {cost.wall / decode.wall:5.2f} x wall {cost.cpu / decode.cpu:5.2f} x CPU   {words}"

@@ -1,0 +1,137 @@
+"""What everything around a segmentation network adds to the time the network itself takes."""
+
+import shutil
+import statistics
+import tempfile
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+
+from benchmarks.masks import agreement, map_agreement
+from benchmarks.timing import Cost, measure
+from numpy.typing import NDArray
+
+from simaps_viz.build.pipeline import build_map
+from simaps_viz.datasets.posed_frames import PosedFrames
+from simaps_viz.segmentation.protocol import Network
+from simaps_viz.segmentation.recognise import NetworkSettings, open_network
+from simaps_viz.segmentation.sequences import WithMasks, segment_sequence
+from simaps_viz.structures import Frame, Segmentation
+
+REQUIRED = 1.15
+"""Segmenting and mapping may take this many times as long as the network alone."""
+
+
+class Every:
+    """Every n-th frame of a sequence, as a sequence: a `FrameSource` and enough of a `PosedFrames` to be segmented."""
+
+    def __init__(self, sequence: PosedFrames, frames: int) -> None:
+        step = max(1, len(sequence) // frames)
+        self._sequence = sequence
+        self._indices = list(range(0, len(sequence), step))[:frames]
+        self.name, self.path, self.manifest = sequence.name, sequence.path, sequence.manifest
+        self.frame_names = tuple(sequence.frame_names[i] for i in self._indices)
+        self.poses: NDArray = sequence.poses[self._indices]
+        self.T_map_world, self.simulated, self.intrinsics = (
+            sequence.T_map_world,
+            sequence.simulated,
+            sequence.intrinsics,
+        )
+        self.labels, self.is_thing = sequence.labels, sequence.is_thing
+        self.segmentation_source: str = sequence.segmentation_source
+
+    def __len__(self) -> int:
+        return len(self._indices)
+
+    def described(self) -> bytes:
+        """Give what the sequence says its images mean."""
+        return self._sequence.described()
+
+    def color_file(self, index: int) -> Path | None:
+        """Give the file of a frame's colour image."""
+        return self._sequence.color_file(self._indices[index])
+
+    def color(self, index: int) -> NDArray:
+        """Read a frame's colour image."""
+        return self._sequence.color(self._indices[index])
+
+    def read(self, index: int, *, color: bool = False) -> Frame:
+        """Read a frame; it gets the index it has here."""
+        frame = self._sequence.read(self._indices[index], color=color)
+        return Frame(index, frame.name, frame.depth_m, frame.T_world_camera, frame.intrinsics, frame.color)
+
+    def segmentation(self, index: int) -> Segmentation:
+        """Read a frame's own masks."""
+        return self._sequence.segmentation(self._indices[index])
+
+
+def bench_network(
+    sequence: PosedFrames, network_file: Path, *, frames: int = 40, runs: int = 3, threads: int = 0
+) -> Iterator[str]:
+    """Compare `session.run` alone with segmenting, keeping and mapping the same frames.
+
+    Args:
+        sequence: posed frames; so many of them, evenly spread, are used.
+        network_file: an ONNX file.
+        frames: how many.
+        runs: of each piece of work, in turn, after one to warm up.
+        threads: of the network; 0 = one for each core.
+    """
+    network, device = open_network(network_file, NetworkSettings(threads=threads))
+    some = Every(sequence, frames)
+    prepared = [network.prepare(some.color(index)) for index in range(len(some))]
+    with tempfile.TemporaryDirectory() as scratch:
+        root = Path(scratch)
+        kept = _segment(some, network, root / "kept")
+        costs = measure(
+            {
+                "run": lambda: [network.infer(tensor) for tensor in prepared],
+                "segment": lambda: _segment_anew(some, network, root / "again"),
+                "map": lambda: build_map(kept),
+            },
+            runs=runs,
+        )
+    run, segment, mapping = (costs[name] for name in ("run", "segment", "map"))
+    yield (
+        f"{network.name} on {device}, {len(some)} frames of {sequence.name}: session.run alone "
+        f"{1000 * run.wall / len(some):.0f} ms a frame, {1000 * run.cpu / len(some):.0f} ms of processor time; "
+        f"{runs} runs in turn; required: at most {REQUIRED:.2f} x"
+    )
+    yield _against(run, (segment,), "decoding, preparing, running, reading its output, floor and walls, keeping")
+    yield _against(run, (segment, mapping), f"and mapping ({1000 * mapping.cpu / len(some):.1f} ms of processor time)")
+
+
+def bench_agreement(sequence: PosedFrames, network_file: Path, *, frames: int = 40) -> str:
+    """Say how a network's masks, and the map of them, agree with the sequence's own.
+
+    Args:
+        sequence: posed frames with precomputed masks; so many of them, evenly spread, are used.
+        network_file: an ONNX file.
+        frames: how many.
+    """
+    network, _ = open_network(network_file)
+    some = Every(sequence, frames)
+    with tempfile.TemporaryDirectory() as scratch:
+        ours = _segment(some, network, Path(scratch))
+        seen = agreement((ours.segmentation(i), some.segmentation(i)) for i in range(len(some)))
+        mapped = map_agreement(build_map(ours), build_map(some))
+    return f"  against {sequence.segmentation_source}: segments: {seen}; instances of 20 cells and more: {mapped}"
+
+
+def _against(run: Cost, costs: Sequence[Cost], words: str) -> str:
+    """Compare in each turn, and give the least and the median: a busy machine only ever adds."""
+    walls = [sum(turn) / base for base, *turn in zip(run.wall_s, *(c.wall_s for c in costs), strict=True)]
+    cpus = [sum(turn) / base for base, *turn in zip(run.cpu_s, *(c.cpu_s for c in costs), strict=True)]
+    least = sum(min(c.cpu_s) for c in costs) / min(run.cpu_s)
+    return (
+        f"  {least:5.2f} x processor time (least of all turns; median {statistics.median(cpus):.2f}), "
+        f"{statistics.median(walls):.2f} x wall clock (median)   {words}"
+    )
+
+
+def _segment(sequence: Every, network: Network, root: Path) -> WithMasks:
+    return segment_sequence(sequence, network, root)  # pyright: ignore[reportArgumentType] - it has what is used
+
+
+def _segment_anew(sequence: Every, network: Network, root: Path) -> None:
+    shutil.rmtree(root, ignore_errors=True)
+    _segment(sequence, network, root)

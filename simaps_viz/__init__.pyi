@@ -1,0 +1,40 @@
+from .api import ask as ask
+from .api import find as find
+from .api import plan as plan
+from .api import to_pandas as to_pandas
+from .build.pipeline import BuildCancelled as BuildCancelled
+from .build.pipeline import BuildConfig as BuildConfig
+from .build.pipeline import build_map as build_map
+from .datasets.posed_frames import PosedFrames as PosedFrames
+from .datasets.posed_frames import open_sequence as open_sequence
+from .datasets.source import FrameSource as FrameSource
+from .errors import CommandError as CommandError
+from .errors import InputError as InputError
+from .errors import PlanningError as PlanningError
+from .errors import SIMapsError as SIMapsError
+from .events import Observer as Observer
+from .exports.formats import ExportOptions as ExportOptions
+from .exports.formats import export_map as export_map
+from .mapping.accumulator import ProjectionSettings as ProjectionSettings
+from .mapping.evidence import EvidenceSettings as EvidenceSettings
+from .mapping.file import load_map as load_map
+from .mapping.file import save_map as save_map
+from .mapping.graph import to_networkx as to_networkx
+from .mapping.pooling import PoolSettings as PoolSettings
+from .mapping.simap import recommunity as recommunity
+from .mapping.simap import repartition as repartition
+from .mapping.votes import VoteSettings as VoteSettings
+from .navigation.agent import Answer as Answer
+from .navigation.planner import RobotShape as RobotShape
+from .navigation.robot import Goal as Goal
+from .structures import Frame as Frame
+from .structures import Instance as Instance
+from .structures import Intrinsics as Intrinsics
+from .structures import Path as Path
+from .structures import Pose2 as Pose2
+from .structures import Segment as Segment
+from .structures import Segmentation as Segmentation
+from .structures import SIMap as SIMap
+
+__version__: str
+__all__: list[str]

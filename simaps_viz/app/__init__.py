@@ -1,0 +1,1 @@
+"""The workbench with everything behind it: maps, recordings, live builds, comparisons, sharing."""

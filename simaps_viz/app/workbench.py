@@ -1,0 +1,352 @@
+"""Puts the parts together for the command line and the apps: sequence to map, map to page."""
+
+import threading
+import webbrowser
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import asdict, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from simaps_viz.app.share import looking_back
+from simaps_viz.build.cache import cache_folder, map_in_cache
+from simaps_viz.build.pipeline import BuildConfig
+from simaps_viz.build.to_file import build_whole, is_whole
+from simaps_viz.cli.mend import mending_panels
+from simaps_viz.console.progress import StageProgress
+from simaps_viz.console.terminal import console
+from simaps_viz.datasets.posed_frames import PosedFrames, open_sequence
+from simaps_viz.datasets.source import FrameSource
+from simaps_viz.errors import InputError
+from simaps_viz.language.commands import Reading, read_command
+from simaps_viz.language.grounding import Grounding
+from simaps_viz.language.llm import Exchange, LLMError, LLMReader, LLMServerError, parse_llm_spec
+from simaps_viz.mapping.file import load_map
+from simaps_viz.mapping.mending import Mending
+from simaps_viz.mapping.simap import joining_at, recommunity, repartition
+from simaps_viz.navigation.agent import Agent, Answer, Reader, answer, start_pose
+from simaps_viz.navigation.planner import RobotShape
+from simaps_viz.segmentation.sequences import WithMasks, masks_from
+from simaps_viz.structures import Pose2, SIMap
+
+if TYPE_CHECKING:
+    from simaps_viz.evaluation.judging import JudgingSession
+    from simaps_viz.viewer.page.panel import PanelSpec
+    from simaps_viz.viewer.page.services import LanguageModel, Services
+    from simaps_viz.viewer.panels.recordings import RecordingServices
+    from simaps_viz.viewer.workbench import Workbench
+
+
+def cached_build(
+    sequence: FrameSource, method: str, config: BuildConfig, progress: StageProgress
+) -> tuple[SIMap, Path]:
+    """Build a map with its recording in the cache, or take both from there; they depend on all that goes in."""
+    output = map_in_cache(cache_folder(), sequence, method, config)
+    record = output.with_suffix(".rrd")
+    if is_whole(output, record, method):
+        return load_map(output), record
+    return build_whole(sequence, method, config, output, record, progress), record
+
+
+def sequence_of(simap: SIMap) -> PosedFrames | WithMasks | None:
+    """Open the sequence a map was built from, if it is still where it was, with the masks the map was built from."""
+    path, source = Path(str(simap.provenance.get("sequence", ""))), str(simap.provenance.get("segmentation", ""))
+    try:
+        sequence = open_sequence(path)
+        if source == sequence.segmentation_source:
+            return sequence
+        return masks_from(sequence, source, cache_folder())  # other masks would mislead
+    except InputError:
+        return None
+
+
+def open_workbench(
+    simap: SIMap,
+    *,
+    recording: Path | None,
+    port: int,
+    llm: str | None = None,
+    judging: "JudgingSession | None" = None,
+    mending: Mending | None = None,
+    host: str = "127.0.0.1",
+    map_path: Path | None = None,
+) -> "Workbench":
+    """Start the page on a map, with everything behind it; use it in a ``with`` block.
+
+    Args:
+        simap: the map.
+        recording: of its build.
+        port: where to serve; the next free one when it is taken.
+        llm: MODEL[@ADDRESS] of a language model that reads commands while it is switched on.
+        judging: runs for a person to judge; the map must be the true one.
+        mending: the edits of this map, which is shown with them.
+        host: address to listen on; one that other machines reach demands a token.
+        map_path: the map's file, whose history lies beside it; by default that of the recording's name.
+    """
+    from simaps_viz.viewer.workbench import Workbench  # noqa: PLC0415 - viser is slow to import
+
+    model = None if llm is None else _language_model(llm)
+    path = recording if map_path is None else map_path
+    services = replace(
+        _services(simap, recording, mending), model=model, judging=judging, look_back=looking_back(lambda: path)
+    )
+    simap = simap if mending is None else mending.simap()
+    start = start_pose(simap) if len(simap.T_map_camera) else None
+    return Workbench(simap, services=services, port=port, host=host, start=start, robot_radius_m=RobotShape().radius_m)
+
+
+def serve(
+    simap: SIMap,
+    *,
+    recording: Path | None,
+    port: int,
+    browser: bool,
+    llm: str | None = None,
+    judging: "JudgingSession | None" = None,
+    mending: Mending | None = None,
+    host: str = "127.0.0.1",
+    map_path: Path | None = None,
+) -> None:
+    """Show the workbench until Ctrl-C."""
+    with open_workbench(simap, recording=recording, port=port, llm=llm, judging=judging, mending=mending, host=host,
+                   map_path=map_path) as page:  # fmt: skip
+        tell_where(page)
+        if browser:
+            webbrowser.open(page.entrance)
+        page.wait()
+
+
+def tell_where(page: "Workbench") -> None:
+    """Print where a page is served, and its ports where a firewall or a tunnel cannot take them for granted."""
+    console.print(f"Workbench: {page.entrance}  (Ctrl-C to stop)", soft_wrap=True, markup=False)
+    ports = f"Ports: {', '.join(map(str, page.ports))}"
+    if page.access.is_open:
+        words = "Open to the network, not encrypted; whoever has this address has the map."
+        console.print(f"{words} {ports}", soft_wrap=True, highlight=False)
+    elif not page.ports_in_a_row:
+        console.print(f"{ports} (a tunnel has to forward all of them)", soft_wrap=True, highlight=False)
+
+
+def _services(simap: SIMap, recording: Path | None, mending: Mending | None = None) -> "Services":
+    from simaps_viz.recorder.facts import read_levels  # noqa: PLC0415 - rerun is slow to import
+    from simaps_viz.recorder.web_viewer import (  # noqa: PLC0415 - as above
+        CONTENT_SECURITY_POLICY,
+        rerun_page,
+        viewer_assets,
+    )  # fmt: skip
+
+    services = bare_services(simap, lambda: mending)
+    services = replace(services, panels=panels_of(simap, recording, mending, beside=recording is not None))
+    if recording is None:
+        return services
+    return replace(
+        services,
+        rerun_page=rerun_page,
+        rerun_assets=viewer_assets(),
+        csp=CONTENT_SECURITY_POLICY,
+        recordings=(recording,),
+        recorded_levels=read_levels(recording),
+    )
+
+
+def bare_services(simap: SIMap, mending: Callable[[], Mending | None] = lambda: None) -> "Services":
+    """Give what stands behind every page: no panels of its own, no recording.
+
+    Args:
+        simap: of the sequence that is shown; only its origin counts.
+        mending: gives the edits, once there are any.
+    """
+    from simaps_viz.recorder.settings import SMALL  # noqa: PLC0415 - rerun is slow to import
+    from simaps_viz.viewer.page.services import Services  # noqa: PLC0415 - viser is slow to import
+
+    sequence = sequence_of(simap)
+
+    def view(index: int) -> tuple[np.ndarray, np.ndarray] | None:
+        if sequence is None:
+            return None
+        return sequence.color(index), sequence.segmentation(index).ids
+
+    def find_anew(m: SIMap, resolution: float, percent: float) -> SIMap:
+        edits = mending()
+        find = recommunity if edits is None or not edits.covers(m) else edits.recommunity
+        return find(m, resolution=resolution, **joining_at(m, percent))
+
+    return Services(
+        repartition=lambda m, percent: repartition(m, **joining_at(m, percent)),
+        recommunity=find_anew,
+        ask=answer,
+        steps=lambda m, program, pose: Agent(m, pose).steps(program),
+        candidates=lambda m, label, pose: Grounding(m, pose).candidates(label),
+        view=view,
+        picture_divide={
+            "/world/camera/color": SMALL.color_divide,
+            "/world/camera/segmentation": SMALL.segmentation_divide,
+        },
+    )
+
+
+def panels_of(
+    simap: SIMap, recording: Path | None, mending: Mending | None, *, beside: bool
+) -> "tuple[PanelSpec, ...]":
+    """Give the panels that a page on a finished map has.
+
+    Args:
+        simap: the map.
+        recording: of its build.
+        mending: its edits.
+        beside: whether the page has a place for recordings.
+    """
+    from simaps_viz.app.compare import compare_services  # noqa: PLC0415 - only needed by the page
+    from simaps_viz.app.masks import segmentation_services  # noqa: PLC0415 - viser is slow to import
+    from simaps_viz.app.share import share_services  # noqa: PLC0415 - only needed by the page
+    from simaps_viz.viewer.panels.compare import compare_panel  # noqa: PLC0415 - as above
+    from simaps_viz.viewer.panels.masks import masks_panel  # noqa: PLC0415 - as above
+    from simaps_viz.viewer.panels.recordings import recordings_spec  # noqa: PLC0415 - as above
+    from simaps_viz.viewer.panels.share import share_panel  # noqa: PLC0415 - as above
+
+    return (
+        compare_panel(compare_services(simap, sequence_of(simap), cache_folder())),
+        masks_panel(segmentation_services(simap, cache_folder())),
+        *mending_panels(mending),
+        share_panel(share_services(recording)),
+        recordings_spec(_recording_services(beside=beside)),
+    )
+
+
+def _recording_services(*, beside: bool) -> "RecordingServices":
+    from simaps_viz.recorder.library import RecordingLibrary  # noqa: PLC0415 - rerun is slow to import
+    from simaps_viz.viewer.panels.recordings import RecordingServices  # noqa: PLC0415 - viser is slow to import
+
+    library = RecordingLibrary()
+    return RecordingServices(
+        entries=library.entries,
+        rename=library.rename,
+        delete=library.delete,
+        beside=beside,
+        folder=str(library.folders[0]),
+    )
+
+
+def reader(llm: str | None, simap: SIMap, pose: Pose2) -> Reader:
+    """Give what reads commands: the offline grammar, or a language model named as MODEL[@ADDRESS].
+
+    When the model's server cannot be asked, the grammar reads, and a note says so.
+    """
+    if llm is None:
+        return read_command
+    return _reading(LLMReader(parse_llm_spec(llm)), simap, pose)
+
+
+def _reading(
+    model: LLMReader,
+    simap: SIMap,
+    pose: Pose2,
+    *,
+    cancel: threading.Event | None = None,
+    tell: Callable[[Sequence[Exchange]], None] = lambda exchanges: None,
+) -> Reader:
+    """Give what reads commands with a model; ``tell`` gets what was sent and received, also when it went wrong."""
+    check = Agent(simap, pose).steps
+
+    def read(text: str, counts: Mapping[str, int]) -> Reading:
+        try:
+            reading = model.read(text, counts, check=check, cancel=cancel)
+        except LLMError as error:
+            tell(error.exchanges)
+            if not isinstance(error, LLMServerError):
+                raise
+            offline = read_command(text, counts)
+            return replace(offline, notes=(f"read offline: {error}", *offline.notes))
+        tell(reading.exchanges)
+        return reading
+
+    return read
+
+
+def _language_model(llm: str) -> "LanguageModel":
+    from simaps_viz.viewer.page.services import LanguageModel  # noqa: PLC0415 - viser is slow to import
+
+    model = LLMReader(parse_llm_spec(llm))
+
+    def ask(
+        simap: SIMap,
+        command: str,
+        pose: Pose2,
+        cancel: threading.Event,
+        tell: Callable[[Sequence[Exchange]], None],
+    ) -> Answer:
+        return answer(simap, command, pose, reader=_reading(model, simap, pose, cancel=cancel, tell=tell))
+
+    return LanguageModel(str(model.settings), ask)
+
+
+def judging(session: Path, world: str, progress: StageProgress) -> tuple["JudgingSession", SIMap]:
+    """Open a session of runs to judge, and the true map they were driven on.
+
+    Args:
+        session: written by ``simaps evaluate --judge``.
+        world: a map file, or a sequence (or its manifest, or "demo") with exact ids, of which the map is made.
+        progress: shows that making it takes a while.
+
+    Raises:
+        InputError: one of them is missing or damaged, or a run begins off the map.
+    """
+    from simaps_viz.evaluation.judging import resume_session  # noqa: PLC0415 - only needed here
+    from simaps_viz.evaluation.run import DEMO, open_for_evaluation  # noqa: PLC0415 - as above
+    from simaps_viz.evaluation.truth import find_truth, truth_as_map  # noqa: PLC0415 - as above
+    from simaps_viz.evaluation.world import observe_world  # noqa: PLC0415 - as above
+
+    opened = resume_session(session)
+    path = Path(world)
+    if world != DEMO and not path.is_dir() and path.suffix != ".json":
+        simap = load_map(path)
+    else:
+        exact = find_truth(open_for_evaluation(world, progress))
+        progress("looking at the true world", 0, 1)
+        simap = truth_as_map(observe_world(exact).tops)
+        provenance = {**simap.provenance, "name": f"{exact.name}: the true map", "simulated": exact.simulated}
+        simap = replace(simap, provenance=provenance)
+        progress("looking at the true world", 1, 1)
+    for run in opened.runs:
+        x, y = run["start"][:2]
+        if not simap.spec.contains(*simap.spec.cell_of(x, y)):
+            raise InputError(f"{session}: expected runs on {world}, found one that starts off it, at ({x:g}, {y:g}) m")
+    return opened, simap
+
+
+def recording_beside(path: Path, given: Path | None) -> Path | None:
+    """Find a map's recording: the one given (which must exist), or the .rrd of the same name beside the map."""
+    if given is not None:
+        if not given.is_file():
+            raise InputError(f"{given}: expected a recording (.rrd), found nothing")
+        from simaps_viz.recorder.facts import read_facts  # noqa: PLC0415 - rerun is slow to import
+
+        read_facts(given)  # refuses what is no recording
+        return given
+    beside = path.with_suffix(".rrd")
+    return beside if beside.is_file() else None
+
+
+def summary(simap: SIMap) -> dict[str, Any]:
+    """Give what is worth knowing of a map, JSON-able."""
+    spec = simap.spec
+    return {
+        "name": simap.provenance.get("name"),
+        "method": simap.method,
+        "parameters": dict(simap.parameters),
+        "provenance": dict(simap.provenance),
+        "rows": spec.rows,
+        "cols": spec.cols,
+        "cell_size_m": spec.cell_size_m,
+        "extent_m": [round(v, 3) for v in spec.extent_m],
+        "seen_m2": round(float(np.count_nonzero(simap.grid.observations)) * spec.cell_size_m**2, 2),
+        "frames": len(simap.frame_names),
+        "counts": simap.counts(),
+        "instances": [asdict(instance) for instance in simap.instances],
+    }
+
+
+def counts_in_words(counts: dict[str, int] | Sequence[tuple[str, int]]) -> str:
+    """Say what a map has: "chair (17), dining table (4)"."""
+    return ", ".join(f"{name} ({n})" for name, n in dict(counts).items()) or "no instances"

@@ -1,0 +1,251 @@
+"""Builds a map into a file such that nothing is lost: a log beside it while it grows, its history if wanted."""
+
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager, nullcontext
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, get_args
+
+from simaps_viz.datasets.source import FrameSource
+from simaps_viz.errors import InputError
+from simaps_viz.events import Observer
+from simaps_viz.io.files import left_beside
+from simaps_viz.build.build_log import (  # fmt: skip
+    BuildLog,
+    LogBusyError,
+    frames_logged,
+    log_beside,
+    set_aside_name,
+    steps_beside,
+)
+from simaps_viz.mapping.history import MapHistory
+from simaps_viz.mapping.log_records import is_log
+from simaps_viz.mapping.file import check_writable, save_map
+from simaps_viz.build.methods import Careful, build, config_of, keeps_log
+from simaps_viz.build.pipeline import BuildConfig, Elsewhere, Method, fingerprint
+from simaps_viz.console.progress import BuildProgress, StageProgress
+from simaps_viz.structures import SIMap
+from simaps_viz.console.terminal import console
+
+if TYPE_CHECKING:
+    from simaps_viz.recorder.settings import RecorderSettings
+
+COMMUNITIES_EVERY = 20
+"""A recording shows the communities after every so many frames."""
+
+
+@dataclass(frozen=True, eq=False)
+class BuildRequest:
+    """What is built, how, and into which files."""
+
+    method: str
+    """By name, see `methods.build`."""
+    config: BuildConfig
+    """Everything but the method."""
+    output: Path
+    """The map file."""
+    record: Path | None = None
+    """Also record the build in this file (.rrd)."""
+    recorder_settings: "RecorderSettings | None" = None
+    """How much a recording keeps."""
+    resume: bool = False
+    """Go on with the log of a build that did not finish, if there is one."""
+    strict: bool = False
+    """A frame that cannot be read is an error, not skipped."""
+    history: bool = False
+    """Keep the log as ``.steps`` beside the map."""
+    logged: bool = True
+    """Keep a log; without one a killed build cannot go on."""
+
+
+class RecordingFault(InputError):  # noqa: N818 - as people read it
+    """The map is there, and saved; its recording is not."""
+
+    def __init__(self, fault: InputError, simap: SIMap) -> None:
+        super().__init__(str(fault))
+        self.simap = simap
+
+
+def build_to_file(
+    sequence: FrameSource,
+    request: BuildRequest,
+    progress: StageProgress,
+    *,
+    json_lines: bool = False,
+    observers: tuple[Observer, ...] = (),
+    cancel: threading.Event | None = None,
+    elsewhere: Elsewhere | None = None,
+) -> SIMap:
+    """Build a map, write it, and record the build if asked; killed at any moment, it can go on.
+
+    While it builds, a log grows beside the map (`log_beside`). It is removed when the map is there, or kept as its
+    history (`steps_beside`). A recording is written anew when a build goes on: its pictures are not in the log.
+
+    Args:
+        sequence: what to build from.
+        request: what to make of it.
+        progress: told how far it is.
+        json_lines: say on stdout what happens.
+        observers: told too.
+        cancel: set it to stop the build.
+        elsewhere: who gathers the frames in place of this process, see `build_map`.
+
+    Raises:
+        InputError: as for `build_map`, or something cannot be written; an earlier map is left as it was.
+        RecordingFault: the recording could not be written; the map is saved.
+        BuildCancelled: ``cancel`` was set.
+    """
+    output, record = request.output, request.record
+    check_writable(output)
+    _check_steps(output, history=request.history)
+    _check_method(request, elsewhere=elsewhere is not None)
+    logged = request.logged and keeps_log(request.method)
+    if logged and not json_lines:
+        _say_unfinished(log_beside(output), output, len(sequence), resume=request.resume, recorded=record is not None)
+    watching = [BuildProgress(progress, json_lines=json_lines), *observers]
+    with _log_of(sequence, request) if logged else nullcontext() as log:
+        left = _left_behind(output) if log is not None else []
+        how: Careful = {"strict": request.strict, "cancel": cancel, "log": log, "elsewhere": elsewhere}
+        fault = None
+        if record is None:
+            simap = build(sequence, request.method, request.config, watching, **how)
+        else:
+            simap, fault = _build_recorded(sequence, request, record, watching, how)
+        save_map(simap, output)
+        if log is not None:
+            _finish(log, output, left, history=request.history)
+    if fault is not None:
+        raise RecordingFault(fault, simap)
+    return simap
+
+
+def _log_of(sequence: FrameSource, request: BuildRequest) -> BuildLog:
+    """Open the log of a build; as long as it is open nobody else builds this map."""
+    facts = fingerprint(sequence, config_of(request.method, request.config))
+    return BuildLog(log_beside(request.output), facts, resume=request.resume)
+
+
+def _build_recorded(
+    sequence: FrameSource, request: BuildRequest, record: Path, watching: list[Observer], how: Careful
+) -> tuple[SIMap, InputError | None]:
+    """Build a map, and give it with what was wrong with its recording, for which it shall not be lost."""
+    from simaps_viz.recorder.recorder import RerunRecorder  # noqa: PLC0415 - rerun is slow to import
+    from simaps_viz.recorder.repair import unfinished_recordings  # noqa: PLC0415 - as above
+    from simaps_viz.recorder.settings import SMALL  # noqa: PLC0415 - as above
+
+    simap = None
+    try:
+        with RerunRecorder(record, settings=request.recorder_settings or SMALL) as recorder:
+            watching = [*watching, recorder]
+            simap = build(
+                sequence, request.method, request.config, watching, communities_every=COMMUNITIES_EVERY, **how
+            )
+    except InputError as fault:
+        if simap is None:
+            raise
+        return simap, fault
+    for left in unfinished_recordings(record):  # of builds that were killed
+        left.unlink(missing_ok=True)
+    return simap, None
+
+
+def _check_method(request: BuildRequest, *, elsewhere: bool) -> None:
+    able, method = get_args(Method), request.method
+    if not keeps_log(method) and (request.resume or request.history):
+        option = "--resume" if request.resume else "--history"
+        raise InputError(f"{option}: expected a method that keeps a log ({', '.join(able)}), found {method}")
+    recorded = request.record is not None
+    if elsewhere and (not keeps_log(method) or recorded):
+        found = "--record, which shows every picture" if recorded else f"method {method}"
+        names = f"{', '.join(able[:-1])} or {able[-1]}"
+        raise InputError(f"--scheduler: expected method {names} without --record, found {found}")
+
+
+def _check_steps(output: Path, *, history: bool) -> None:
+    """The history takes the place of an earlier one, and of nothing else."""
+    steps = steps_beside(output)
+    if history and steps.exists() and not is_log(steps):
+        raise InputError(f"{steps}: expected the history of an earlier map or nothing, found another file")
+
+
+@contextmanager
+def going_on(output: Path) -> Iterator[None]:
+    """Tell who stops a build (Ctrl-C) how it goes on."""
+    try:
+        yield
+    except KeyboardInterrupt:
+        done = frames_logged(log_beside(output))
+        if not done:
+            raise
+        raise KeyboardInterrupt(
+            f"interrupted after {done} frames; go on with the same command and --resume; no file is half-written"
+        ) from None
+
+
+def is_whole(output: Path, record: Path, method: str) -> bool:
+    """Tell whether a map is there with its recording, and with its history where its method keeps one."""
+    return output.is_file() and record.is_file() and (not keeps_log(method) or steps_beside(output).is_file())
+
+
+def build_whole(
+    sequence: FrameSource, method: str, config: BuildConfig, output: Path, record: Path, progress: StageProgress
+) -> SIMap:
+    """Build a map with its recording, and its history where its method keeps one; several programs may do so at once.
+
+    What goes in must follow from the file's name: a build that did not finish is gone on with.
+    """
+    resume, history = frames_logged(log_beside(output)) > 0, keeps_log(method)
+    request = BuildRequest(method, config, output, record, resume=resume, history=history)
+    try:
+        return build_to_file(sequence, request, progress)
+    except LogBusyError:
+        return build_to_file(sequence, replace(request, resume=False, history=False, logged=False), progress)
+
+
+def history_beside(path: Path, simap: SIMap) -> MapHistory | None:
+    """Open the history beside a map (or its recording, of the same name), if there is one and it is this map's."""
+    steps = steps_beside(path)
+    if not steps.is_file():
+        return None
+    try:
+        history = MapHistory.open(steps)
+    except InputError:
+        return None
+    return history if history.is_of(simap) else None
+
+
+def _left_behind(output: Path) -> list[Path]:
+    """Find what builds that were killed while they saved may have left; what comes later is somebody's who saves."""
+    return [*left_beside(output), *left_beside(steps_beside(output))]
+
+
+def _finish(log: BuildLog, output: Path, left: list[Path], *, history: bool) -> None:
+    """The map is there: turn its log into history or remove it, with what earlier builds have left."""
+    steps = steps_beside(output)
+    if history:
+        log.keep(steps)
+    else:
+        if is_log(steps):
+            steps.unlink()  # of the map that was there before
+        log.remove()
+    for one in left:
+        if one != log.path:
+            one.unlink(missing_ok=True)
+
+
+def _say_unfinished(log: Path, output: Path, frames: int, *, resume: bool, recorded: bool) -> None:
+    done = max(frames_logged(log), frames_logged(set_aside_name(log)))
+    if done and resume and recorded:
+        text = f"going on: {done} of {frames} frames are done; all are read again, as the recording shows them"
+    elif done and resume:
+        text = f"going on after {done} of {frames} frames"
+    elif done:
+        aside = set_aside_name(log).name
+        text = f"{output}: an unfinished build of {done} frames was there; starting anew, it is kept as {aside} until "
+        text += "this build is done (--resume goes on with whichever is farther)"
+    elif resume:
+        text = f"{output}: no unfinished build to go on with; starting at the first frame"
+    else:
+        return
+    console.print(text, markup=False, soft_wrap=True)

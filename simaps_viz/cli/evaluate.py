@@ -1,0 +1,124 @@
+"""What `simaps evaluate` does: builds by name, hands over, gives text and a record."""
+
+from dataclasses import replace
+from typing import Any
+
+from simaps_viz.build.methods import build, check_method
+from simaps_viz.build.pipeline import BuildConfig, build_map
+from simaps_viz.cli.options import Evaluate
+from simaps_viz.console.progress import StageProgress
+from simaps_viz.errors import InputError
+from simaps_viz.evaluation.evaluate import Footprint, evaluate_variants
+from simaps_viz.evaluation.judging import start_session
+from simaps_viz.evaluation.navigation import TRUE_MAP, evaluate_navigation
+from simaps_viz.evaluation.navigation_report import navigation_json, navigation_text
+from simaps_viz.evaluation.report import ablation_table, report_json
+from simaps_viz.evaluation.run import EvaluationConfig, open_for_evaluation, run_evaluation, split_names, write_json
+from simaps_viz.io.files import check_ending, check_output
+from simaps_viz.structures import SIMap
+
+_ONLY_WITH = {
+    "counts": "instances", "picture": "instances", "record": "instances", "discrete": "navigation",
+    "judge": "navigation",
+}  # fmt: skip
+"""Options that the other tasks would ignore."""
+
+
+def evaluate(settings: Evaluate, progress: StageProgress) -> tuple[str, dict[str, Any]]:
+    """Run one evaluation; gives what a person reads, and the record.
+
+    Raises:
+        InputError: anything asked for is not possible; nothing is left half-written.
+    """
+    for option, task in _ONLY_WITH.items():
+        if getattr(settings, option) and settings.task != task:
+            raise InputError(f"--{option}: expected --task {task}, found --task {settings.task}")
+    for method in split_names("methods", settings.methods):
+        check_method(method)
+    task = {"instances": _instances, "navigation": _navigation, "ablation": _ablation}[settings.task]
+    return task(settings, progress)
+
+
+def ablations() -> list[tuple[str, BuildConfig]]:
+    """Give method evidence whole, then with one piece taken away at a time."""
+    whole = BuildConfig()
+    votes, evidence, pooling = whole.votes, whole.evidence, whole.pooling
+    return [
+        ("evidence", whole),
+        ("no votes", replace(whole, votes=replace(votes, enabled=False))),
+        ("no exact masks rule", replace(whole, votes=replace(votes, exact_below=0.0))),
+        ("no lent votes", replace(whole, votes=replace(votes, neighbours=0.0))),
+        ("stuff votes fully", replace(whole, votes=replace(votes, stuff=1.0))),
+        ("nothing votes fully", replace(whole, votes=replace(votes, nothing=1.0))),
+        ("no scores", replace(whole, votes=replace(votes, scores=False))),
+        ("no floor rule", replace(whole, votes=replace(votes, floor_m=0.0))),
+        ("only neighbours", replace(whole, evidence=replace(evidence, ranges=(1,)))),
+        ("no 'different'", replace(whole, evidence=replace(evidence, different=False))),
+        ("open gaps join", replace(whole, evidence=replace(evidence, gap_cells=-1))),
+        ("touching is nothing", replace(whole, pooling=replace(pooling, touching_same=0.0))),
+        ("components", replace(whole, method="components")),
+    ]
+
+
+def _instances(settings: Evaluate, progress: StageProgress) -> tuple[str, dict[str, Any]]:
+    config = EvaluationConfig(
+        sequence=settings.sequence, methods=settings.methods, errors=settings.errors, seeds=settings.seeds,
+        counts=settings.counts, truth=settings.truth, picture=settings.picture, output=settings.output,
+    )  # fmt: skip
+    if settings.record is not None:  # before anything is computed
+        check_ending(settings.record, ".rrd", "a recording's name")
+        check_output(settings.record)
+    result = run_evaluation(config, build, store=_store, progress=progress)
+    if settings.record is not None:
+        from simaps_viz.recorder.comparison import record_comparison  # noqa: PLC0415 - rerun is slow to import
+
+        panels = result.comparison.panels
+        pictures = [(f"{p.title} {p.subtitle}", p.colors, p.instance) for p in panels]
+        record_comparison(f"{result.name}: methods side by side", pictures, settings.record)
+    return "\n".join(table.text() for table in result.tables()), result.to_json()
+
+
+def _store(method: str, simap: SIMap) -> Footprint:
+    """Give what a method holds beside the map: VLMaps' embeddings, in memory and on disk."""
+    held = int(simap.provenance.get("embedding_bytes_held", 0))
+    return Footprint(held, held)
+
+
+def _navigation(settings: Evaluate, progress: StageProgress) -> tuple[str, dict[str, Any]]:
+    if settings.judge is not None and settings.judge.exists():
+        raise InputError(f"{settings.judge}: expected a new session file, found one; it would lose what was judged")
+    sequence = open_for_evaluation(settings.sequence, progress)
+    report = evaluate_navigation(
+        sequence,
+        (TRUE_MAP, *split_names("methods", settings.methods)),
+        build=build,
+        errors=split_names("errors", settings.errors) or ("light" if sequence.ground_truth else "precomputed",),
+        seeds=range(settings.seeds),
+        commands=settings.commands,
+        truth=settings.truth,
+        actions="discrete" if settings.discrete else "continuous",
+        progress=progress,
+    )
+    record = navigation_json(report)
+    if settings.output is not None:
+        write_json(record, settings.output)
+    if settings.judge is not None:
+        start_session(settings.judge, [run.to_json() for run in report.runs if run.method != TRUE_MAP])
+    return navigation_text(report), record
+
+
+def _ablation(settings: Evaluate, progress: StageProgress) -> tuple[str, dict[str, Any]]:
+    sequence = open_for_evaluation(settings.sequence, progress)
+    report = evaluate_variants(
+        sequence,
+        ablations(),
+        build=build_map,
+        errors=split_names("errors", settings.errors) or ("none", "light", "medium", "heavy"),
+        seeds=range(settings.seeds),
+        truth=settings.truth,
+        progress=progress,
+    )
+    record = report_json(report)
+    if settings.output is not None:
+        write_json(record, settings.output)
+    return ablation_table(report).text(), record

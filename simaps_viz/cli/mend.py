@@ -1,0 +1,153 @@
+"""`simaps mend`: putting a map right by hand on the command line, listing the edits, saving the mended map."""
+
+import getpass
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import tyro
+
+from simaps_viz.errors import InputError
+from simaps_viz.io.files import check_ending
+from simaps_viz.mapping.file import check_writable, save_map
+from simaps_viz.mapping.mending import Mending, open_mending
+from simaps_viz.structures import SIMap
+
+if TYPE_CHECKING:
+    from simaps_viz.viewer.page.panel import PanelSpec
+    from simaps_viz.viewer.panels.mend import MendServices
+
+FORMS = "merge ID ID, split ID X Y X Y (metres), relabel ID CLASS, delete ID, undo, redo"
+
+
+@dataclass(frozen=True)
+class Mend:
+    """Put a map right by hand, list the edits, or save the mended map; edits are kept beside it, in MAP.edits.json.
+
+    Edits: "merge 3 4" (of the class of 3), "split 8 3.6 0 3.6 1" (along the line through two points, metres),
+    "relabel 5 sofa bed", "delete 9", "undo", "redo". Ids are those of simaps info.
+
+    Example: simaps mend cafe.npz "merge 3 4" "delete 9" -o mended.npz
+    """
+
+    map: tyro.conf.Positional[Path]
+    """Map file (.npz); it is never changed."""
+    edit: tyro.conf.Positional[tuple[str, ...]] = ()
+    """What to do, in order; all of it, or nothing when one of them is refused. Left out, the edits are listed."""
+    output: Annotated[Path | None, tyro.conf.arg(aliases=["-o"])] = None
+    """Also write the mended map as a map of its own (.npz)."""
+    who: str = ""
+    """Who signs; by default the name you are logged in by."""
+    adopt: bool = False
+    """Take over, by place, edits that were made on another build of this map."""
+    json: bool = False
+    """Print the edits as one JSON line."""
+
+
+def mend_map(command: Mend) -> tuple[list[str], dict[str, Any]]:
+    """Do what a command says.
+
+    Returns:
+        Lines for people, and the same as a JSON-able record.
+
+    Raises:
+        InputError: an edit is refused, or a file is damaged or cannot be written. No file was changed.
+    """
+    if command.output is not None:
+        if command.output.resolve() == command.map.resolve():
+            raise InputError(f"{command.output}: expected another file than the map, which stays as it was built")
+        check_ending(command.output, ".npz", "a map's name")
+        check_writable(command.output)
+    mending = open_mending(command.map, adopt=command.adopt)
+    simap = mending.simap()
+    with mending.together():
+        for text in command.edit:
+            simap = do(mending, simap, text, command.who or login())
+        if command.output is not None:
+            save_map(simap, command.output)  # before the edits are: what cannot be saved was not done
+    if command.adopt and mending.saved and not command.edit:
+        mending.save()
+    return _report(command, mending, simap)
+
+
+def do(mending: Mending, simap: SIMap, text: str, who: str) -> SIMap:
+    """Do one edit, given in words.
+
+    Raises:
+        InputError: it is not understood, or refused.
+    """
+    words = text.split()
+    verb, rest = (words[0].lower(), words[1:]) if words else ("", [])
+    try:
+        if verb == "merge":
+            first, second = map(int, rest)
+            return mending.merge(simap, first, second, who=who)
+        if verb == "split":
+            ax, ay, bx, by = map(float, rest[1:])
+            return mending.split(simap, int(rest[0]), (ax, ay), (bx, by), who=who)
+        if verb == "relabel" and len(rest) > 1:
+            return mending.relabel(simap, int(rest[0]), " ".join(rest[1:]), who=who)
+        if verb == "delete":
+            (one,) = map(int, rest)
+            return mending.delete(simap, one, who=who)
+    except (ValueError, IndexError) as error:
+        raise InputError(f"edit: expected {FORMS}; found {text!r}") from error
+    take: dict[str, Callable[[SIMap], SIMap]] = {"undo": mending.undo, "redo": mending.redo}
+    if verb not in take or rest:
+        raise InputError(f"edit: expected {FORMS}; found {text!r}")
+    return take[verb](simap)
+
+
+def page_services(mending: Mending) -> "MendServices":
+    """Give the page what it mends a map with."""
+    from simaps_viz.viewer.panels.mend import MendServices  # noqa: PLC0415 - viser is slow to import
+
+    return MendServices(
+        merge=lambda simap, first, second, who: mending.merge(simap, first, second, who=who),
+        split=lambda simap, one, start, end, who: mending.split(simap, one, start, end, who=who),
+        relabel=lambda simap, one, label, who: mending.relabel(simap, one, label, who=who),
+        delete=lambda simap, one, who: mending.delete(simap, one, who=who),
+        undo=mending.undo,
+        redo=mending.redo,
+        entries=lambda: mending.log.entries,
+        told=mending.told,
+        undone=lambda: len(mending.log.undone),
+        refused=mending.refused,
+        covers=mending.covers,
+        saved=lambda: mending.saved,
+        path=str(mending.path),
+        who=login(),
+    )
+
+
+def mending_panels(mending: Mending | None) -> "tuple[PanelSpec, ...]":
+    """Give the panels a page needs for mending: one, or none where there is nothing to mend."""
+    from simaps_viz.viewer.panels.mend import mend_panel  # noqa: PLC0415 - viser is slow to import
+
+    return () if mending is None else (mend_panel(page_services(mending)),)
+
+
+def login() -> str:
+    """Give the name the person is logged in by, or "somebody"."""
+    try:
+        return getpass.getuser()
+    except (OSError, KeyError, ImportError):  # no such user on this machine
+        return "somebody"
+
+
+def _report(command: Mend, mending: Mending, simap: SIMap) -> tuple[list[str], dict[str, Any]]:
+    entries, refused = [entry.to_json() for entry in mending.log.entries], mending.refused()
+    lines = [f"{i}. {entry['when']}  {entry['who']}  {entry['what']}" for i, entry in enumerate(entries, start=1)]
+    lines += [f"not done: {why}" for why in refused]
+    lines += [f"{len(mending.log.undone)} taken back (redo brings the last one again)"] if mending.log.undone else []
+    lines.append(f"{mending.path}: {len(entries)} edits" if mending.saved else f"{command.map}: no edits")
+    lines += [f"{command.output}: the mended map, {len(simap.instances)} instances"] if command.output else []
+    return lines, {
+        "file": str(mending.path) if mending.saved else None,
+        "edits": entries,
+        "undone": len(mending.log.undone),
+        "not_done": list(refused),
+        "output": str(command.output) if command.output else None,
+        "counts": simap.counts(),
+    }

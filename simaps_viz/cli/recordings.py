@@ -1,0 +1,205 @@
+"""`simaps recordings`, and `simaps view` on a recorded build alone."""
+
+import sys
+import threading
+import webbrowser
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Literal
+
+import tyro
+from rich.table import Table
+
+from simaps_viz.console.terminal import console, emit, show
+from simaps_viz.errors import InputError
+
+Action = Literal["list", "add", "rename", "delete", "repair"]
+_PIPED_WIDTH = 160
+"""Characters in a line where it is not for a terminal."""
+NO_MAP = (
+    "A recorded build alone, without its map: nothing can be selected, asked or driven here. "
+    "With its map: simaps view MAP.npz --recording {name}"
+)
+
+
+@dataclass(frozen=True)
+class Recordings:
+    """List the recorded builds at hand, add one, give one another name, delete one, or repair one.
+
+    A build that was killed while it recorded leaves a hidden .NAME.PID.partial.rrd; repair makes a recording of it.
+
+    They lie in the user's folder (SIMAPS_RECORDINGS chooses another one) and, in a checkout, in recordings/.
+    Open one with: simaps view NAME.rrd
+
+    Example: simaps recordings add cafe.rrd
+    """
+
+    action: tyro.conf.Positional[Action] = "list"
+    """list; add FILE [NAME]; rename NAME NEW_NAME; delete NAME; repair FILE [OUTPUT]."""
+    names: tyro.conf.Positional[tuple[str, ...]] = ()
+    """What it is done to."""
+    yes: bool = False
+    """Really delete it."""
+    json: bool = False
+    """Print one JSON line a recording."""
+
+
+def recordings(command: Recordings) -> None:
+    """Carry out the command.
+
+    Raises:
+        InputError: the wrong number of names, no such recording, a name that is taken.
+    """
+    from simaps_viz.recorder.library import RecordingLibrary  # noqa: PLC0415 - rerun is slow to import
+
+    library = RecordingLibrary()
+    wanted = {"list": (0, 0), "add": (1, 2), "rename": (2, 2), "delete": (1, 1), "repair": (1, 2)}[command.action]
+    if not wanted[0] <= len(command.names) <= wanted[1]:
+        usage = {"list": "list", "add": "add FILE [NAME]", "rename": "rename NAME NEW_NAME", "delete": "delete NAME",
+                 "repair": "repair FILE [OUTPUT]"}  # fmt: skip
+        raise InputError(f"recordings: expected {usage[command.action]}, found {len(command.names)} names")
+    if command.action == "list":
+        _show([entry.to_json() for entry in library.entries()], library.folders, json=command.json)
+    elif command.action == "repair":
+        _repair(*map(Path, command.names), json=command.json)
+    elif command.action == "delete":
+        entry = library.find(command.names[0])
+        if not command.yes:
+            raise InputError(f"{entry.path}: expected --yes to delete it for good, found none; nothing was deleted")
+        _tell({"event": "deleted", "path": str(library.delete(entry.name))}, "deleted", json=command.json)
+    elif command.action == "add":
+        entry = library.add(Path(command.names[0]), *command.names[1:])
+        _tell({"event": "added", **entry.to_json()}, "added", json=command.json)
+    else:
+        entry = library.rename(*command.names)
+        _tell({"event": "renamed", **entry.to_json()}, "renamed", json=command.json)
+
+
+def _tell(record: dict[str, Any], done: str, *, json: bool) -> None:
+    if json:
+        emit(record)
+    else:
+        console.print(f"{record['path']}: {done}", markup=False, soft_wrap=True)
+
+
+def _repair(broken: Path, output: Path | None = None, *, json: bool) -> None:
+    from simaps_viz.recorder.repair import repair_recording  # noqa: PLC0415 - rerun is slow to import
+
+    output = output or broken.with_name(f"{_plain_stem(broken)}-repaired.rrd")
+    frames = repair_recording(broken, output)
+    _tell({"event": "repaired", "path": str(output), "frames": frames}, f"repaired, {frames} frames", json=json)
+
+
+def _plain_stem(path: Path) -> str:
+    """Give the name a recording would have got: "cafe" of ".cafe.4711.partial.rrd"."""
+    return path.stem.lstrip(".").removesuffix(".partial").rsplit(".", 1)[0] if path.name[0] == "." else path.stem
+
+
+def _show(entries: list[dict[str, Any]], folders: list[Path], *, json: bool) -> None:
+    if json:
+        for entry in entries:
+            emit(entry)
+        return
+    if not entries:
+        console.print(f"no recordings in {', '.join(map(str, folders))}", markup=False, soft_wrap=True)
+        console.print("Make one: simaps build SEQUENCE -o MAP.npz --record MAP.rrd", markup=False)
+        return
+    table = Table(box=None)
+    for head in ("name", "MB", "recorded", "of", "frames", "method", "instances"):
+        table.add_column(head, overflow="fold", no_wrap=head in ("MB", "recorded"))
+    for entry in entries:
+        of = str(entry["title"] or "unknown") + (" (simulated)" if entry["simulated"] else "")
+        method = ", ".join(filter(None, (entry["method"] or "unknown", entry["parameters"])))
+        if entry["fault"]:
+            of, method = f"cannot be opened: {entry['fault']}", ""
+        cells = (entry["name"], f"{entry['size_bytes'] / 1e6:.1f}", entry["modified"][:16].replace("T", " "), of,
+                 _number(entry["frames"]), method, _number(entry["instances"]))  # fmt: skip
+        table.add_row(*cells)
+    width = None if sys.stdout.isatty() else _PIPED_WIDTH
+    show(table, width=width)
+
+
+def _number(value: int | None) -> str:
+    return "unknown" if value is None else str(value)
+
+
+def is_recorded_build(path: Path) -> bool:
+    """Tell whether a path, or a name in the library, means a recorded build; recordings of others may be sequences."""
+    from simaps_viz.recorder.facts import read_facts  # noqa: PLC0415 - rerun is slow to import
+    from simaps_viz.recorder.library import RecordingLibrary  # noqa: PLC0415 - as above
+
+    if path.suffix != ".rrd":
+        return False
+    if not path.exists():
+        return path.name == str(path) and any(entry.name == path.stem for entry in RecordingLibrary().entries())
+    facts = read_facts(path)
+    return facts.application == "simaps" or facts.version is not None
+
+
+def find_recording(path: Path) -> Path:
+    """Give the file a person means: the one at that path, or the library's of that name.
+
+    Raises:
+        InputError: there is neither.
+    """
+    from simaps_viz.recorder.library import RecordingLibrary  # noqa: PLC0415 - rerun is slow to import
+
+    if path.is_file():
+        return path
+    if path.name != str(path):
+        raise InputError(f"{path}: expected a recording (.rrd), found no such file")
+    return RecordingLibrary().find(path.name).path
+
+
+def open_alone(path: Path, *, port: int = 0, access: Any = None) -> Any:
+    """Serve a page with a recorded build and nothing else; ``close()`` what this gives, its ``url`` is the page.
+
+    ``access``: a `viewer.access.Access`, where others than this machine may look.
+
+    Raises:
+        InputError: no such recording, it is not finished, or the port is taken.
+    """
+    from simaps_viz.recorder.facts import read_facts  # noqa: PLC0415 - rerun is slow to import
+    from simaps_viz.recorder.web_viewer import (  # noqa: PLC0415 - as above
+        CONTENT_SECURITY_POLICY,
+        rerun_page,
+        viewer_assets,
+    )  # fmt: skip
+    from simaps_viz.viewer.server.host import Host  # noqa: PLC0415 - as above
+
+    file = find_recording(path)
+    facts = read_facts(file)
+    title = (facts.title or file.stem) + (" (simulated)" if facts.simulated else "")
+    note = f"{title}. {NO_MAP.format(name=file.name)}"
+    return Host(
+        page=lambda addresses: rerun_page(addresses, note=note),
+        assets=viewer_assets(),
+        csp=CONTENT_SECURITY_POLICY,
+        recordings=(file,),
+        port=port,
+        access=access,
+    )
+
+
+def view_alone(path: Path, *, port: int, browser: bool, host: str = "127.0.0.1") -> None:
+    """Show a recorded build until Ctrl-C; on the next free port when that one is taken."""
+    from simaps_viz.viewer.server.access import Access  # noqa: PLC0415 - the viewer is slow to import
+
+    find_recording(path)
+    access, served = Access(host), None
+    for tried in (*range(port, min(port + 20, 65536)), 0):
+        try:
+            served = open_alone(path, port=tried, access=access)
+        except InputError as error:
+            if tried == 0 or not str(error).startswith("port "):
+                raise
+        else:
+            break
+    assert served is not None
+    try:
+        console.print(f"Recorded build: {served.entrance}  (Ctrl-C to stop)", soft_wrap=True, markup=False)
+        if browser:
+            webbrowser.open(served.entrance)
+        threading.Event().wait()
+    finally:
+        served.close()

@@ -1,1 +1,0 @@
-"""Builds on many machines: shards of a sequence are gathered anywhere, and their steps joined here."""

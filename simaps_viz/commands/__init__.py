@@ -1,1 +1,0 @@
-"""What each `simaps` command takes and does, one a file; `cli` calls them."""

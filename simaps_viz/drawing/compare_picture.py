@@ -1,0 +1,201 @@
+"""Two maps in one picture: swiped with a line between them, or side by side; differences outlined on both."""
+
+from collections.abc import Collection, Mapping, Sequence
+from typing import TYPE_CHECKING, Literal
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from simaps_viz.colors.palette import Color
+from simaps_viz.drawing.lettering import BOLD, fitting, write
+from simaps_viz.drawing.texture import MapPicture
+from simaps_viz.drawing.theme import LIGHT, Theme
+from simaps_viz.structures import GridSpec
+
+if TYPE_CHECKING:
+    from simaps_viz.viewer.panels.compare_words import ItemLike, SideLike, TwoMapsLike
+
+Mode = Literal["swipe", "side by side", "stacked"]
+"""One map up to a line and the other beyond it; the right one to the east of the left one; to the south of it."""
+
+KINDS: Mapping[str, tuple[Color, str]] = {
+    "merged": ((196, 0, 40), "several objects are one"),
+    "split": ((0, 60, 215), "one object is several"),
+    "missed": ((20, 20, 24), "the object is not there"),
+    "extra": ((235, 125, 0), "lies on no object of its class"),
+    "label": ((175, 60, 200), "the same object, another class"),
+    "outline": ((105, 112, 124), "there, but less than half agrees"),
+}
+"""Colour and meaning of every kind of difference; told apart with any kind of colour vision (see the tests)."""
+LIGHT_MISSED: Color = (238, 240, 244)
+"""What is missed is marked so on a dark page."""
+INK: Color = (26, 30, 38)
+"""Of titles and the line on a light page; a dark one has its theme's."""
+RIM = 0.55
+MOST_PIXELS = 1100
+MOST_PER_CELL = 6
+GAP = 0.04
+"""Between two maps side by side, as a share of a map's width."""
+HEAD = 0.055
+"""Height of the strip with the titles, as a share of the map's longer side."""
+
+
+def mark_color(kind: str, theme: Theme = LIGHT) -> Color:
+    """Give the colour in which a kind of difference is marked."""
+    return LIGHT_MISSED if theme.dark and kind == "missed" else KINDS[kind][0]
+
+
+class TwoPictures:
+    """Both textures, made once; putting them together takes a few milliseconds."""
+
+    def __init__(self, maps: "TwoMapsLike", theme: Theme = LIGHT) -> None:
+        """Paint both maps for a light page or a dark one."""
+        self._maps, spec = maps, maps.spec
+        self._theme, self._ink = theme, theme.ink if theme.dark else INK
+        longest = max(spec.shape)
+        self._every = max(1, -(-longest // MOST_PIXELS))  # very large maps are shown coarser while they are compared
+        self._scale = 1 if self._every > 1 else int(np.clip(MOST_PIXELS // longest, 1, MOST_PER_CELL))
+        self._rows, self._cols = (n // self._every for n in spec.shape)
+        self._cell_m = spec.cell_size_m * self._every
+        self._head = max(4, round(HEAD * max(self._rows, self._cols)))
+        self._gap = max(2, round(GAP * self._cols))
+        self._ids = (self._coarse(maps.left.instance), self._coarse(maps.right.instance))
+        self._plain = tuple(self._painted(side) for side in (maps.left, maps.right))
+        self._halves = self._mark((), None)
+
+    def shift_m(self, mode: Mode) -> tuple[float, float]:
+        """How far east and north of the left map the right one lies, metres."""
+        if mode == "side by side":
+            return (self._cols + self._gap) * self._cell_m, 0.0
+        return 0.0, -(self._rows + self._head + self._gap) * self._cell_m if mode == "stacked" else 0.0
+
+    def both(self, aspect: float) -> Mode:
+        """Say how both whole maps are largest on a canvas of some width over height."""
+        sizes = {}
+        for mode in ("side by side", "stacked"):
+            spec = self._spec(mode)
+            sizes[mode] = min(aspect / spec.cols, 1.0 / spec.rows)
+        return "stacked" if sizes["stacked"] > 1.02 * sizes["side by side"] else "side by side"
+
+    def extent_m(self, mode: Mode) -> tuple[float, float, float, float]:
+        """(xmin, ymin, xmax, ymax) of the picture, titles included."""
+        return self._spec(mode).extent_m
+
+    def mark(self, items: "Sequence[ItemLike]", chosen: "ItemLike | None") -> None:
+        """Outline differences on both maps, and one of them boldly."""
+        self._halves = self._mark(items, chosen)
+
+    def picture(self, mode: Mode, share: float = 0.5) -> MapPicture:
+        """Put the two together.
+
+        Args:
+            mode: how.
+            share: swipe: how much of the map, from the west, shows the left one.
+        """
+        left, right = self._halves
+        if mode == "stacked":
+            gap = np.full((self._gap * self._scale, left.shape[1], 3), self._theme.unseen, np.uint8)
+            heads = [self._title(side.title, left.shape[1]) for side in (self._maps.left, self._maps.right)]
+            parts = [heads[0], left, gap, heads[1], right]
+        elif mode == "side by side":
+            gap = np.full((left.shape[0], self._gap * self._scale, 3), self._theme.unseen, np.uint8)
+            body = np.concatenate([left, gap, right], axis=1)
+            parts = [self._titles(mode, body.shape[1]), body]
+        else:
+            colors = (self._ink, self._theme.page)
+            parts = [self._titles(mode, left.shape[1]), _swiped(left, right, share, self._scale, colors)]
+        return MapPicture(self._spec(mode), np.ascontiguousarray(np.concatenate(parts)[::-1]))
+
+    def _spec(self, mode: Mode) -> GridSpec:
+        spec, cols = self._maps.spec, self._cols
+        wide = 2 * cols + self._gap if mode == "side by side" else cols
+        below = self._rows + self._head + self._gap if mode == "stacked" else 0
+        high = self._rows + self._head + below
+        return GridSpec(high, wide, self._cell_m, spec.x0_m, spec.y0_m - below * self._cell_m)
+
+    def _coarse(self, cells: NDArray) -> NDArray:
+        n = self._every
+        return np.ascontiguousarray(cells[: self._rows * n : n, : self._cols * n : n][::-1])
+
+    def _painted(self, side: "SideLike") -> NDArray:
+        n = self._scale
+        theme, ids = self._theme, self._coarse(side.instance)
+        grounds = np.array((theme.unseen, theme.floor, theme.clutter, theme.wall), np.uint8)
+        cells = np.where(ids[..., None] > 0, self._coarse(side.colors), grounds[self._coarse(side.ground)])
+        image = cells.repeat(n, axis=0).repeat(n, axis=1)
+        if n >= 3:
+            large = ids.repeat(n, axis=0).repeat(n, axis=1)
+            rim = (large > 0) & (_borders(large, max(1, n // 4)))
+            image[rim] = (image[rim] * RIM).astype(np.uint8)
+        return image
+
+    def _mark(self, items: "Sequence[ItemLike]", chosen: "ItemLike | None") -> tuple[NDArray, NDArray]:
+        thin, bold = max(1, self._scale // 2), max(2, round(0.7 * self._scale))
+        result = []
+        for at, plain in enumerate(self._plain):
+            image = plain.copy()
+            for kind in KINDS:
+                color = mark_color(kind, self._theme)
+                ids = [i for item in items if item.kind == kind for i in (item.right if at else item.left)]
+                self._outline(image, at, ids, color, thin)
+            if chosen is not None:
+                ids = chosen.right if at else chosen.left
+                # Where one of the two has nothing, the other's outline shows where it would be.
+                on, wanted = (at, ids) if len(ids) else (1 - at, chosen.left if at else chosen.right)
+                self._outline(image, on, wanted, mark_color(chosen.kind, self._theme), bold, halo=True)
+            result.append(image)
+        return result[0], result[1]
+
+    def _outline(
+        self, image: NDArray, on: int, ids: Collection[int], color: Color, thick: int, *, halo: bool = False
+    ) -> None:
+        if not len(ids):
+            return
+        mask = np.isin(self._ids[on], list(ids)).astype(np.uint8)
+        contours, _ = cv2.findContours(
+            mask.repeat(self._scale, axis=0).repeat(self._scale, axis=1), cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_SIMPLE
+        )
+        paper = self._theme.page if color == LIGHT_MISSED else (255, 255, 255)
+        cv2.drawContours(image, contours, -1, paper, thick + (4 if halo else 2))
+        cv2.drawContours(image, contours, -1, color, thick)
+
+    def _titles(self, mode: Mode, width: int) -> NDArray:
+        n = self._scale
+        head = np.full((self._head * n, width, 3), self._theme.unseen, np.uint8)
+        size = round(0.5 * head.shape[0])
+        y, pad = head.shape[0] / 2.0, size // 2
+        room = (width - 4 * pad) // 2
+        left, right = (fitting(side.title, size, room, weight=BOLD) for side in (self._maps.left, self._maps.right))
+        write(head, left, (pad, y), size, self._ink, weight=BOLD)
+        if mode == "side by side":
+            write(head, right, ((self._cols + self._gap) * n + pad, y), size, self._ink, weight=BOLD)
+        else:
+            write(head, right, (width - pad, y), size, self._ink, weight=BOLD, anchor="right")
+        return head
+
+    def _title(self, title: str, width: int) -> NDArray:
+        head = np.full((self._head * self._scale, width, 3), self._theme.unseen, np.uint8)
+        size = round(0.5 * head.shape[0])
+        fits = fitting(title, size, width - size, weight=BOLD)
+        write(head, fits, (size // 2, head.shape[0] / 2.0), size, self._ink, weight=BOLD)
+        return head
+
+
+def _swiped(left: NDArray, right: NDArray, share: float, scale: int, colors: tuple[Color, Color]) -> NDArray:
+    cols = left.shape[1]
+    at = round(float(np.clip(share, 0.0, 1.0)) * cols)
+    body = np.concatenate([left[:, :at], right[:, at:]], axis=1)
+    half = max(1, scale // 3)
+    body[:, max(0, at - 2 * half) : at + 2 * half] = colors[1]
+    body[:, max(0, at - half) : at + half] = colors[0]
+    return body
+
+
+def _borders(ids: NDArray, thick: int) -> NDArray:
+    """Bool: pixels from which another id is at most ``thick`` pixels away, along rows and columns."""
+    padded = np.pad(ids, thick)
+    high, wide = ids.shape
+    inner = padded[thick : thick + high, thick : thick + wide]
+    shifts = ((0, thick), (2 * thick, thick), (thick, 0), (thick, 2 * thick))
+    return np.logical_or.reduce([inner != padded[r : r + high, c : c + wide] for r, c in shifts])

@@ -1,0 +1,159 @@
+"""What the colours mean and what is on the map, as text and as small pieces of HTML."""
+
+from html import escape
+
+import cv2
+import numpy as np
+
+from simaps_viz.colors.classes import plural
+from simaps_viz.colors.instances import class_colors, instance_colors
+from simaps_viz.colors.palette import PALETTE, Color, as_color
+from simaps_viz.drawing.texture import HEIGHT_TOP_M, ColorMode
+from simaps_viz.drawing.theme import BOX_STYLE, DIM_STYLE, LIGHT, NESTED_EM, Theme, short, short_html
+from simaps_viz.structures import Instance, SIMap
+
+MOST_CHIPS = 40
+"""Instances of a class that get their own colour chip; more are summed up."""
+
+
+def counts_text(simap: SIMap, most: int = 4) -> str:
+    """Say what is on the map: "17 chairs, 4 dining tables · 21 instances"; rare classes are summed up."""
+    if not simap.instances:
+        return f"No instances: {why_empty(simap)}"
+    parts = [plural(n, short(label)) for label, n in simap.counts().items()]
+    if len(parts) > most + 1:
+        parts = [*parts[:most], f"{len(parts) - most} more classes"]
+    return f"{', '.join(parts)} · {plural(len(simap.instances), 'instance')}"
+
+
+def why_empty(simap: SIMap) -> str:
+    """Say why a map has no instances, in words."""
+    if not any(simap.grid.is_thing):
+        return "none of the classes of its masks is countable (is_thing)."
+    if not (simap.grid.observations > 0).any():
+        return "no frame saw the floor or anything on it."
+    things = np.array(simap.grid.is_thing, dtype=bool)[simap.grid.label]
+    if not things.any():
+        return "no mask named a countable thing; walls, floor and what nobody named are shown."
+    return f"things were named, but none reaches the least size ({simap.parameters.get('min_cells', 1)} cells)."
+
+
+def object_name(simap: SIMap, instance: Instance) -> str:
+    """Name an instance among its class: "chair 7 of 17"."""
+    return f"{short_name(simap, instance)} of {len(simap.of_class(instance.label))}"
+
+
+def short_name(simap: SIMap, instance: Instance) -> str:
+    """Name an instance without saying how many its class has: "chair 7"."""
+    siblings = [other.id for other in simap.of_class(instance.label)]
+    return f"{instance.label} {siblings.index(instance.id) + 1}"
+
+
+def facts_text(simap: SIMap, instance: Instance) -> str:
+    """Say how large an instance is and how often it was seen: "62 cells · 0.16 m² · seen in 38 frames"."""
+    area = instance.area_m2(simap.spec.cell_size_m)
+    digits = 2 if area >= 0.01 else 4
+    return f"{plural(instance.cells, 'cell')} · {area:.{digits}f} m² · seen in {plural(instance.frames, 'frame')}"
+
+
+def facts_html(simap: SIMap, instance: Instance) -> str:
+    """Describe an instance in full: name, facts, place, size, score."""
+    (x0, y0, _), (x1, y1, top) = instance.aabb_m
+    x, y, _ = instance.centroid_m
+    rows = (
+        ("Number", f"{instance.id} on this map"),
+        ("Position", f"x {x:.2f} m, y {y:.2f} m (map frame)"),
+        ("Size", f"{x1 - x0:.2f} × {y1 - y0:.2f} m, top at {top:.2f} m"),
+        ("Score", f"{instance.score:.2f} mean confidence"),
+    )
+    table = "".join(
+        f'<tr><td style="{DIM_STYLE};padding-right:.8em">{k}</td><td>{escape(v)}</td></tr>' for k, v in rows
+    )
+    return (
+        f'<div style="{BOX_STYLE}">'
+        '<div style="font-size:1.15em;font-weight:600;overflow-wrap:anywhere">'
+        f"{_CHIP_STYLE}{_chip(instance_rgb(simap, instance))}{short_html(object_name(simap, instance))}</div>"
+        f"<div>{escape(facts_text(simap, instance))}</div>"
+        f'<table style="border-spacing:0;margin-top:.3em">{table}</table></div>'
+    )
+
+
+def legend_html(simap: SIMap, mode: ColorMode, theme: Theme = LIGHT) -> str:
+    """Explain every colour of a mode."""
+    if mode == "height":
+        bar = _bar("0 m", f"{HEIGHT_TOP_M:g} m and more", "height of the highest point over the floor")
+        return _box(f"{bar}{_unseen(theme)}")
+    if mode == "observations":
+        most = int(simap.grid.observations.max(initial=0))
+        return _box(f"{_bar('0', plural(most, 'frame'), 'frames that saw the cell, logarithmic')}{_unseen(theme)}")
+    rows = [_CHIP_STYLE, *(_class_rows(simap) if mode == "class" else _instance_rows(simap))]
+    ground = (("wall", theme.wall), ("not named", theme.clutter), ("floor", theme.floor), ("never seen", theme.unseen))
+    names = "".join(f'<span class="simaps-entry">{_chip(color)}{name}</span>' for name, color in ground)
+    rows.append(f'<div style="margin-top:.5em">{names}</div>')
+    return _box("".join(rows))
+
+
+def _unseen(theme: Theme) -> str:
+    return f'<div>{_CHIP_STYLE}<span class="simaps-entry">{_chip(theme.unseen)}never seen</span></div>'
+
+
+def _class_rows(simap: SIMap) -> list[str]:
+    colors = class_colors(simap)
+    counts = simap.counts()
+    rows = [
+        f'<div class="simaps-entry">{_chip(colors[label])}{short_html(label)} <b>{count}</b></div>'
+        for label, count in counts.items()
+    ]
+    if len(counts) > len(PALETTE):
+        rows.append(_note(f"{len(PALETTE)} colours for {len(counts)} classes: those that touch differ, others repeat."))
+    return rows
+
+
+def _instance_rows(simap: SIMap) -> list[str]:
+    colors = instance_colors(simap)
+    ids: dict[str, list[int]] = {}
+    for one in simap.instances:
+        ids.setdefault(one.label, []).append(one.id)
+    rows = []
+    for label, count in simap.counts().items():
+        chips = "".join(_chip(as_color(colors[i])) for i in ids[label][:MOST_CHIPS])
+        rest = f" +{count - MOST_CHIPS}" if count > MOST_CHIPS else ""
+        rows.append(f'<div><span class="simaps-entry">{short_html(label)} <b>{count}</b></span>{chips}{rest}</div>')
+    if len(simap.instances) > len(PALETTE):
+        rows.append(_note("Objects near one another have different colours; farther off, colours repeat."))
+    return rows
+
+
+def instance_rgb(simap: SIMap, instance: Instance) -> Color:
+    """Give the colour that an instance has on the map."""
+    return as_color(instance_colors(simap)[instance.id])
+
+
+def _box(inner: str) -> str:
+    return f'<div style="{BOX_STYLE}">{inner}</div>'
+
+
+def _note(text: str) -> str:
+    return f'<div style="{DIM_STYLE};font-size:{NESTED_EM}em;margin-top:.3em">{escape(text)}</div>'
+
+
+_CHIP_STYLE = (
+    "<style>.simaps-chip{display:inline-block;width:.8em;height:.8em;border-radius:2px;margin-right:.25em;"
+    "box-shadow:inset 0 0 0 1px rgba(128,128,128,.45)}.simaps-entry{white-space:nowrap;margin-right:.8em}</style>"
+)
+
+
+def _chip(color: Color) -> str:
+    return f'<i class="simaps-chip" style="background:rgb{color}"></i>'
+
+
+def _bar(low: str, high: str, meaning: str) -> str:
+    steps = np.linspace(0, 255, 9).astype(np.uint8).reshape(1, -1)
+    colors = cv2.cvtColor(cv2.applyColorMap(steps, cv2.COLORMAP_VIRIDIS), cv2.COLOR_BGR2RGB)[0]
+    stops = ",".join(f"rgb({r},{g},{b})" for r, g, b in colors.tolist())
+    return (
+        f"<div>{escape(meaning)}</div>"
+        f'<div style="height:10px;border-radius:3px;background:linear-gradient(90deg,{stops})"></div>'
+        f'<div style="display:flex;justify-content:space-between"><span>{escape(low)}</span>'
+        f"<span>{escape(high)}</span></div>"
+    )

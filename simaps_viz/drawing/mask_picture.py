@@ -1,0 +1,159 @@
+"""A frame's colour image with its masks laid over it. Things are filled, stuff is hatched: not by colour alone."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Literal
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from simaps_viz.colors.classes import class_color
+from simaps_viz.colors.palette import Color
+from simaps_viz.drawing.lettering import fitting, width_of, write
+from simaps_viz.structures import Segment, Segmentation
+
+ColorBy = Literal["class", "confidence"]
+
+STRIPES_PX = 8
+"""Width of a stripe and of the gap after it, where stuff is."""
+DASH_PX = 7
+HALO = (20, 20, 20)
+
+
+@dataclass(frozen=True)
+class MaskStyle:
+    """How masks are drawn."""
+
+    color_by: ColorBy = "class"
+    opacity: float = 0.5
+    """Of the fill, 0 to 1; outlines stay."""
+    names: bool = True
+    """Write class and confidence on each segment."""
+    hidden: frozenset[str] = frozenset()
+    """Classes that are left out."""
+    width: int = 560
+    """Of the picture, pixels; the height follows."""
+    colors: Mapping[str, Color] = field(default_factory=dict)
+    """Of classes, as the map has them; those it does not name have `class_color`."""
+    most_names: int | None = None
+    """Write those of so many segments, the largest; None = of all."""
+    font_px: int = 20
+    """It is shown at about half its size in the panel."""
+
+
+def segment_color(segment: Segment, style: MaskStyle) -> Color:
+    """Give the RGB colour of a segment: that of its class, or how sure the network is, from dark blue to yellow."""
+    return named_color(segment.label, style.colors) if style.color_by == "class" else confidence_color(segment.score)
+
+
+def named_color(label: str, colors: Mapping[str, Color]) -> Color:
+    """Give the colour of a class: the map's, or else its own."""
+    return colors.get(label) or class_color(label)
+
+
+def confidence_color(score: float) -> Color:
+    """Give the RGB colour of a confidence in [0, 1]: the map "cividis", made for any kind of colour vision."""
+    level = np.full((1, 1), round(255 * min(max(score, 0.0), 1.0)), np.uint8)
+    b, g, r = cv2.applyColorMap(level, cv2.COLORMAP_CIVIDIS)[0, 0].tolist()
+    return (r, g, b)
+
+
+def paint_masks(rgb: NDArray, masks: Segmentation, style: MaskStyle) -> NDArray:
+    """Lay masks over a colour image.
+
+    Args:
+        rgb: uint8 [H, W, 3].
+        masks: of the same frame; may be of another size.
+        style: how.
+
+    Returns:
+        uint8 [h, style.width, 3], RGB.
+    """
+    height = max(1, round(rgb.shape[0] * style.width / rgb.shape[1]))
+    shrinks = style.width < rgb.shape[1]
+    picture = cv2.resize(rgb, (style.width, height), interpolation=cv2.INTER_AREA if shrinks else cv2.INTER_LINEAR)
+    ids = cv2.resize(masks.ids, (style.width, height), interpolation=cv2.INTER_NEAREST_EXACT)
+    shown = [s for s in masks.segments if s.label not in style.hidden]
+    picture = _filled(picture, ids, shown, style)
+    parts = [(segment, *_cut(ids, segment.id)) for segment in shown]
+    found = [(segment, mask, left, top) for segment, mask, left, top in parts if mask.size]
+    found.sort(key=lambda part: -int(np.count_nonzero(part[1])))
+    for segment, mask, left, top in found:
+        _outline(picture, mask, (left, top), segment, style)
+    if style.names:
+        _write_names(picture, found[: style.most_names], style)
+    return picture
+
+
+def _filled(picture: NDArray, ids: NDArray, shown: Sequence[Segment], style: MaskStyle) -> NDArray:
+    size = int(ids.max(initial=0)) + 1
+    colors, fills = np.zeros((size, 3), np.uint8), np.zeros(size, np.uint8)
+    for segment in shown:
+        if segment.id < size:
+            colors[segment.id] = segment_color(segment, style)
+            fills[segment.id] = 1 if segment.is_thing else 2
+    blended = cv2.addWeighted(picture, 1.0 - style.opacity, colors[ids], style.opacity, 0.0)
+    v, u = np.ogrid[: ids.shape[0], : ids.shape[1]]
+    kind, striped = fills[ids], (u + v) % (2 * STRIPES_PX) < STRIPES_PX
+    return np.ascontiguousarray(np.where(((kind == 1) | ((kind == 2) & striped))[..., None], blended, picture))
+
+
+def _cut(ids: NDArray, number: int) -> tuple[NDArray, int, int]:
+    """Give a segment's mask, uint8, cut to its box with a border of 1, and the box's corner; empty when it is not."""
+    mask = (ids == number).astype(np.uint8)
+    left, top, width, height = cv2.boundingRect(mask)
+    if not width:
+        return np.zeros((0, 0), np.uint8), 0, 0
+    cut = mask[top : top + height, left : left + width]
+    return cv2.copyMakeBorder(cut, 1, 1, 1, 1, cv2.BORDER_CONSTANT, value=0), left - 1, top - 1
+
+
+def _outline(picture: NDArray, mask: NDArray, corner: tuple[int, int], segment: Segment, style: MaskStyle) -> None:
+    lines, _ = cv2.findContours(mask, cv2.RETR_LIST, cv2.CHAIN_APPROX_NONE, offset=corner)
+    color = segment_color(segment, style)
+    if segment.is_thing:
+        cv2.drawContours(picture, lines, -1, HALO, 4, cv2.LINE_AA)
+        cv2.drawContours(picture, lines, -1, color, 2, cv2.LINE_AA)
+        return
+    dashes = [line[i : i + DASH_PX] for line in lines for i in range(0, len(line), 2 * DASH_PX)]
+    cv2.polylines(picture, dashes, False, color, 2, cv2.LINE_AA)
+
+
+def _write_names(picture: NDArray, found: Sequence[tuple[Segment, NDArray, int, int]], style: MaskStyle) -> None:
+    """Name segments, large ones first; a name that would cover another goes below it, or is left out."""
+    taken: list[tuple[float, float, float, float]] = []
+    size = style.font_px
+    for segment, mask, left, top in found:
+        text = fitting(segment_name(segment), size, picture.shape[1] - 8)
+        wide, high = width_of(text, size) + 8, size + 6
+        x, y = _deepest(mask)
+        x0 = min(max(left + x - wide / 2, 0), picture.shape[1] - wide)
+        for shift in (0, 1, -1, 2, -2):
+            y0 = min(max(top + y - high / 2 + shift * high, 0), picture.shape[0] - high)
+            if not any(x0 < b[2] and b[0] < x0 + wide and y0 < b[3] and b[1] < y0 + high for b in taken):
+                taken.append((x0, y0, x0 + wide, y0 + high))
+                color = named_color(segment.label, style.colors)
+                _plate(picture, text, (x0, y0, wide, high), color, thing=segment.is_thing)
+                break
+
+
+def segment_name(segment: Segment) -> str:
+    """Write class and confidence: "chair 0.83"; stuff, which is nothing that can be counted, in brackets."""
+    return f"{segment.label} {segment.score:.2f}" if segment.is_thing else f"({segment.label} {segment.score:.2f})"
+
+
+def _plate(picture: NDArray, text: str, box: tuple[float, float, float, float], color: Color, *, thing: bool) -> None:
+    x, y, wide, high = (round(value) for value in box)
+    area = picture[y : y + high, x : x + wide]
+    area[:] = area // 5 + np.array([12, 12, 12], np.uint8)
+    if thing:
+        area[-2:] = color
+    write(picture, text, (x + 4, y + high / 2 - 1), high - 6, (255, 255, 255))
+
+
+def _deepest(mask: NDArray) -> tuple[float, float]:
+    """Give the (x, y) of a mask that is farthest from its edge."""
+    depth = cv2.distanceTransform(mask, cv2.DIST_L2, 3)
+    _, _, _, place = cv2.minMaxLoc(depth)
+    return float(place[0]), float(place[1])

@@ -1,0 +1,244 @@
+"""The map as a picture: a Semantic Instance Map, a colour mode and what is emphasised, to an RGB image.
+
+Row 0 of every image is the map's southernmost row, which is what viser wants for an image lying on the floor.
+"""
+
+from collections import Counter
+from collections.abc import Collection
+from dataclasses import dataclass
+from typing import Literal, get_args
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from simaps_viz.colors.classes import class_color
+from simaps_viz.colors.instances import Remembered, class_colors, instance_colors
+from simaps_viz.colors.palette import PALETTE, Color
+from simaps_viz.drawing.theme import LIGHT, Theme
+from simaps_viz.geometry import STANDS_FROM_M
+from simaps_viz.structures import GridSpec, SIMap
+
+ColorMode = Literal["instance", "class", "height", "observations"]
+COLOR_MODES: tuple[ColorMode, ...] = get_args(ColorMode)
+
+UNSEEN, FLOOR, CLUTTER, WALL = LIGHT.unseen, LIGHT.floor, LIGHT.clutter, LIGHT.wall
+"""Of the light page."""
+GROUND = 4
+"""Kinds of ground: unseen, floor, clutter, wall, in this order."""
+BORDER = 0.55
+"""Factor that darkens the rim of an object."""
+FADED = 0.22
+"""How much of its colour is left to what is not emphasised."""
+STRUCTURE = ("wall", "column", "door", "window")
+"""Classes that belong to the building."""
+HEIGHT_TOP_M = 2.0
+
+MAX_TEXTURE_PIXELS = 1600
+MAX_PIXELS_PER_CELL = 6
+
+_grounds = Remembered()
+
+
+@dataclass(frozen=True, eq=False)
+class MapPicture:
+    """A picture that lies where a map lies, in the place of the map's own."""
+
+    spec: GridSpec
+    """Which part of the floor it covers."""
+    pixels: NDArray
+    """uint8 [rows * n, cols * n, 3 or 4], RGB or RGBA, row 0 at the south; n = 1, 2, ..."""
+
+
+def pixels_per_cell(simap: SIMap) -> int:
+    """Choose how many pixels a cell's edge gets, so that cells stay crisp when the map is enlarged."""
+    return int(np.clip(MAX_TEXTURE_PIXELS // max(simap.spec.shape), 1, MAX_PIXELS_PER_CELL))
+
+
+def cell_colors(
+    simap: SIMap,
+    mode: ColorMode,
+    *,
+    lit: Collection[int] | None = None,
+    hidden: Collection[int] = (),
+    theme: Theme = LIGHT,
+) -> NDArray:
+    """Colour every cell.
+
+    Args:
+        simap: the map.
+        mode: what the colours mean.
+        lit: ids of the instances that keep their full colour while all else is dimmed; None dims nothing.
+        hidden: communities (finest, as in ``SIMap.community``) drawn as if nobody had named them.
+        theme: of the page.
+
+    Returns:
+        uint8 [rows, cols, 3], RGB.
+    """
+    if mode in ("height", "observations"):
+        return _faded_around(simap, _ramp_colors(simap, mode, theme), lit, theme)
+    base, grounds = _ground(simap, mode)
+    index = base.astype(np.int32)
+    np.add(simap.instance, grounds - 1, out=index, where=simap.instance > 0)
+    if len(hidden):
+        unborn = np.zeros(int(simap.community.max(initial=0)) + 1, bool)
+        unborn[[c for c in hidden if c < len(unborn)]] = True
+        index[unborn[simap.community] & (simap.instance > 0)] = 1
+    return _looked_up(_palette(simap, mode, grounds, lit, theme), index)
+
+
+def _palette(simap: SIMap, mode: ColorMode, grounds: int, lit: Collection[int] | None, theme: Theme) -> NDArray:
+    """Give uint8 [n, 3]: the colours of the grounds, then those of ids 1, 2, ..."""
+    colors = instance_colors(simap)[1:]
+    palette = np.concatenate([np.zeros((grounds, 3), np.uint8), colors])
+    palette[:GROUND] = theme.unseen, theme.floor, theme.clutter, theme.wall
+    if mode == "class":
+        of_class = shown_class_colors(simap)
+        palette[GROUND:grounds] = [of_class.get(name, class_color(name)) for name in simap.grid.labels]
+        for one in simap.instances:
+            palette[grounds - 1 + one.id] = of_class[one.label]
+    if lit is not None:
+        keep = np.zeros(len(palette), bool)
+        places = np.fromiter(lit, np.int64, len(lit)) + grounds - 1
+        keep[places[places < len(palette)]] = True
+        palette = np.where(keep[:, None], palette, _fade(palette, theme))
+    return palette
+
+
+def shown_class_colors(simap: SIMap) -> dict[str, Color]:
+    """Give a colour to every class that a map's frames name: those of `class_colors`, and to the others what is left.
+
+    What cannot be counted, and what never made it onto the map, gets the colour that the fewest others have.
+    """
+    colors = class_colors(simap)
+    used = Counter(colors.values())
+    for name in sorted(set(simap.grid.labels) - set(colors) - {""}):
+        start = PALETTE.index(class_color(name)) if class_color(name) in PALETTE else 0
+        around = (*PALETTE[start:], *PALETTE[:start])
+        colors[name] = min(around, key=lambda color: used[color])
+        used[colors[name]] += 1
+    return colors
+
+
+def _looked_up(palette: NDArray, index: NDArray) -> NDArray:
+    """Give palette[index], uint8 [rows, cols, 3]; a colour is moved as one number, which is several times faster."""
+    packed = np.full((len(palette), 4), 255, np.uint8)
+    packed[:, :3] = palette
+    pixels = packed.view(np.uint32)[:, 0].take(index, mode="clip")
+    return cv2.cvtColor(pixels.view(np.uint8).reshape(*index.shape, 4), cv2.COLOR_RGBA2RGB)
+
+
+def _fade(colors: NDArray, theme: Theme) -> NDArray:
+    return (colors.astype(np.float32) * FADED + np.array(theme.unseen, np.float32) * (1.0 - FADED)).astype(np.uint8)
+
+
+def _faded_around(simap: SIMap, colors: NDArray, lit: Collection[int] | None, theme: Theme) -> NDArray:
+    if lit is None:
+        return colors
+    keep = np.isin(simap.instance, np.fromiter(lit, np.int32, len(lit)))
+    return np.where(keep[..., None], colors, _fade(colors, theme))
+
+
+def map_image(
+    simap: SIMap,
+    mode: ColorMode = "instance",
+    *,
+    lit: Collection[int] | None = None,
+    hidden: Collection[int] = (),
+    scale: int = 1,
+    theme: Theme = LIGHT,
+) -> NDArray:
+    """Paint the map.
+
+    Args:
+        simap: the map.
+        mode: what the colours mean.
+        lit: ids of the instances that keep their full colour while all else is dimmed; None dims nothing.
+        hidden: communities not to show yet.
+        scale: pixels along a cell's edge; from 3 on, objects get a darker rim.
+        theme: of the page.
+
+    Returns:
+        uint8 [rows * scale, cols * scale, 3], RGB, row 0 at the south.
+    """
+    colors = cell_colors(simap, mode, lit=lit, hidden=hidden, theme=theme)
+    if scale == 1:
+        return colors
+    image = cv2.resize(colors, None, fx=scale, fy=scale, interpolation=cv2.INTER_NEAREST)
+    if scale >= 3 and mode in ("instance", "class"):
+        _darken_rims(image, colors, simap.instance, scale)
+    return image
+
+
+def outline_segments(simap: SIMap, instance_id: int, z_m: float = 0.0) -> NDArray:
+    """Give the cell edges around an instance, float32 [n, 2, 3], map frame, metres; n = 0 when it has no cells."""
+    inside = np.pad(simap.instance == instance_id, 1)
+    s, x0, y0 = simap.spec.cell_size_m, simap.spec.x0_m, simap.spec.y0_m
+    row, col = np.nonzero(inside[1:, :] != inside[:-1, :])
+    level = np.stack([np.stack([col - 1, row], -1), np.stack([col, row], -1)], 1)
+    row, col = np.nonzero(inside[:, 1:] != inside[:, :-1])
+    upright = np.stack([np.stack([col, row - 1], -1), np.stack([col, row], -1)], 1)
+    corners = np.concatenate([level, upright]) * s + (x0, y0)
+    return np.concatenate([corners, np.full((*corners.shape[:2], 1), z_m)], axis=2).astype(np.float32)
+
+
+def is_ground_class(simap: SIMap, *names: str) -> NDArray:
+    """Give bool [rows, cols]: cells whose class is one of the names, or one of their kinds ("wall-brick")."""
+    wanted = [i for i, label in enumerate(simap.grid.labels) if label.split("-")[0] in names]
+    return np.isin(simap.grid.label, wanted)
+
+
+def _ground(simap: SIMap, mode: ColorMode) -> tuple[NDArray, int]:
+    """Tell what is under each cell's object: int16 [rows, cols], places in the palette; and how many there are.
+
+    It depends on the grid alone, so it is kept while K moves.
+    """
+    grounds = GROUND + (len(simap.grid.labels) if mode == "class" else 0)
+    height, label = simap.grid.height_m, simap.grid.label
+    kept = _grounds.find((height, label), mode)
+    if kept is None:
+        kept = np.zeros(simap.spec.shape, np.int16)
+        kept[~np.isnan(height)] = 1
+        kept[(height >= STANDS_FROM_M) & ~is_ground_class(simap, "floor")] = 2
+        kept[is_ground_class(simap, *STRUCTURE)] = 3
+        if mode == "class":
+            stuff = (label > 0) & ~is_ground_class(simap, "floor", "wall")
+            kept[stuff] = GROUND + label[stuff]
+        _grounds.keep((height, label), mode, kept)
+    return kept, grounds
+
+
+def _ramp_colors(simap: SIMap, mode: ColorMode, theme: Theme) -> NDArray:
+    if mode == "height":
+        height = simap.grid.height_m
+        return _ramp(height / HEIGHT_TOP_M, np.isnan(height), theme)
+    seen = simap.grid.observations
+    most = max(int(seen.max(initial=1)), 1)
+    return _ramp(np.log1p(seen) / np.log1p(most), seen == 0, theme)
+
+
+def _ramp(values: NDArray, unseen: NDArray, theme: Theme) -> NDArray:
+    grey = (np.clip(np.nan_to_num(values), 0.0, 1.0) * 255).astype(np.uint8)
+    colors = cv2.cvtColor(cv2.applyColorMap(grey, cv2.COLORMAP_VIRIDIS), cv2.COLOR_BGR2RGB)
+    colors[unseen] = theme.unseen
+    return colors
+
+
+def _darken_rims(image: NDArray, colors: NDArray, instance: NDArray, scale: int) -> None:
+    """Darken, in place, the pixels of an instance that touch another or none.
+
+    Works on cells and writes only their outermost pixel rows and columns: a fraction of the picture.
+    """
+    rows, cols = instance.shape
+    pixels = image.reshape(rows, scale, cols, scale, 3)
+    dark = (colors * BORDER).astype(np.uint8)[:, :, None, :]
+    padded = np.pad(instance, 1)
+    sides = (
+        (pixels[:, 0], padded[:-2, 1:-1]),
+        (pixels[:, -1], padded[2:, 1:-1]),
+        (pixels[:, :, :, 0].swapaxes(1, 2), padded[1:-1, :-2]),
+        (pixels[:, :, :, -1].swapaxes(1, 2), padded[1:-1, 2:]),
+    )
+    for side, neighbour in sides:
+        edge = (instance > 0) & (instance != neighbour)
+        np.copyto(side, dark, where=edge[:, :, None, None])

@@ -1,0 +1,1 @@
+"""Files written whole, arrays read with care, limits."""

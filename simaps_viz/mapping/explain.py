@@ -1,0 +1,588 @@
+"""Why the map takes an object for one object, and two for two: all of it read off what the map itself carries.
+
+Two kinds of witnesses are counted. *Sightings* are what the map was made of: with method evidence a sighting is one
+frame that saw one pair of cells, in the same segment or in two different ones; with method paper it is a pair of
+neighbouring pixels of one segment. *Frames* are easier to look at: a frame counts as having seen two parts as one when
+the same segment named both ends of more than half of the pairs of their cells that it saw.
+"""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial import KDTree
+
+from simaps_viz.colors.classes import plural
+from simaps_viz.mapping.partition import applied_steps
+from simaps_viz.mapping.pooling import PoolSettings
+from simaps_viz.mapping.simap import JOINING, joining_threshold
+from simaps_viz.structures import CellGraph, Instance, SIMap
+
+
+@dataclass(frozen=True)
+class PairFrame:
+    """A frame that saw two parts at once."""
+
+    frame: int
+    """Index into ``SIMap.frame_names``."""
+    first: tuple[int, ...]
+    """Segments, ids in that frame's segmentation, that named cells of the first part. Where the frame saw two, those
+    that named more of the first part than of the second."""
+    second: tuple[int, ...]
+    """The same of the second part."""
+    cells: int
+    """How many cells of the part of which it saw fewer."""
+
+
+@dataclass(frozen=True)
+class Together:
+    """The frames that saw two parts at once; those that saw most of both come first (ties: the earlier frame)."""
+
+    as_one: tuple[PairFrame, ...]
+    as_two: tuple[PairFrame, ...]
+
+    def __len__(self) -> int:
+        return len(self.as_one) + len(self.as_two)
+
+
+@dataclass(frozen=True)
+class SourceFrame:
+    """A frame whose segments named cells of an instance."""
+
+    frame: int
+    """Index into ``SIMap.frame_names``."""
+    segments: tuple[int, ...]
+    """Ids in that frame's segmentation."""
+    cells: int
+    """How many of its cells."""
+    as_one: bool
+    """One segment named both ends of more than half of the pairs of cells it saw."""
+
+
+def seen_together(simap: SIMap, first: NDArray, second: NDArray) -> Together:
+    """Sort the frames that saw two groups of communities at once into those that saw one object and those that saw two.
+
+    A frame's pairs of cells, one in each group, are seen as one where the same segment names both.
+
+    Args:
+        simap: the map.
+        first: int [n], ids of the communities of one group.
+        second: int [m], of the other, which shares none with it.
+    """
+    views = simap.views
+    size = max(int(simap.community.max(initial=0)), int(views.community.max(initial=0))) + 1
+    group = np.zeros(size, dtype=np.int8)
+    group[first], group[second] = 1, 2
+    of_view = group[views.community]
+    kept = np.flatnonzero(of_view)
+    kept = kept[_in_both(views.frame[kept], of_view[kept])]
+    key = views.frame[kept].astype(np.int64) << 32 | views.segment[kept]
+    names, at = np.unique(key, return_inverse=True)
+    cells = [np.bincount(at, views.cells[kept] * (of_view[kept] == g), minlength=len(names)) for g in (1, 2)]
+    frame, segment = names >> 32, names & 0xFFFFFFFF
+    as_one: list[PairFrame] = []
+    as_two: list[PairFrame] = []
+    for f in np.unique(frame):
+        here = slice(*np.searchsorted(frame, [f, f + 1]))
+        a, b, ids = cells[0][here], cells[1][here], segment[here]
+        one = 2.0 * (a @ b) > a.sum() * b.sum()
+        first, second = a > 0, b > 0
+        if not one:  # a few stray cells of the other part do not make a segment name both
+            nearer = a / a.sum() - b / b.sum()
+            first, second = (nearer > 0, nearer < 0) if nearer.any() else (first, second)
+        seen = PairFrame(int(f), _ids(ids[first]), _ids(ids[second]), int(min(a.sum(), b.sum())))
+        (as_one if one else as_two).append(seen)
+    return Together(*(tuple(sorted(side, key=lambda one: (-one.cells, one.frame))) for side in (as_one, as_two)))
+
+
+def _in_both(frame: NDArray, group: NDArray) -> NDArray:
+    """Tell which entries belong to a frame that has entries of group 1 and of group 2."""
+    if len(frame) == 0:
+        return np.zeros(0, dtype=bool)
+    seen = [np.bincount(frame[group == g], minlength=int(frame.max()) + 1) > 0 for g in (1, 2)]
+    return (seen[0] & seen[1])[frame]
+
+
+def source_frames(simap: SIMap, community: NDArray) -> tuple[SourceFrame, ...]:
+    """Give the frames whose segments named cells of some communities, int [n]; those that named most come first."""
+    views = simap.views
+    mine = np.isin(views.community, community)
+    frames, segments, cells = views.frame[mine], views.segment[mine], views.cells[mine]
+    if not mine.any():
+        return ()
+    pairs, at = np.unique(frames.astype(np.int64) << 32 | segments, return_inverse=True)
+    named = np.bincount(at, cells)
+    names, starts = np.unique(pairs >> 32, return_index=True)
+    totals, squares = np.add.reduceat(named, starts), np.add.reduceat(named**2, starts)
+    ids = np.split(pairs & 0xFFFFFFFF, starts[1:])
+    return tuple(
+        SourceFrame(int(names[i]), _ids(ids[i]), int(totals[i]), bool(2.0 * squares[i] > totals[i] ** 2))
+        for i in np.lexsort((names, -totals))
+    )
+
+
+def _ids(values: NDArray) -> tuple[int, ...]:
+    return tuple(int(value) for value in values)
+
+
+NEIGHBOUR_M = 1.0
+"""Objects of one class no farther apart than this are neighbours, whether or not anything was seen of both."""
+
+
+@dataclass(frozen=True, eq=False)
+class Joint:
+    """One step of the merge log: two parts became one."""
+
+    step: int
+    """Position in ``SIMap.merges``."""
+    score: float
+    """As in the log: share of the source's cells that neighbour the target (paper), pooled affinity (evidence)."""
+    source: NDArray
+    """int32 [n], communities of the part that joined, ascending."""
+    target: NDArray
+    """int32 [n], communities of the part it joined, ascending."""
+    source_cells: int
+    target_cells: int
+    same: int
+    """Sightings of pairs of cells, one in each part, as one."""
+    different: int
+    """As two; always 0 with method paper."""
+
+
+@dataclass(frozen=True)
+class Link:
+    """What there is between two instances of one class."""
+
+    other: Instance
+    same: int
+    """Sightings of pairs of cells, one in each instance, as one."""
+    different: int
+    """As two; always 0 with method paper."""
+    score: float
+    """What the method would have joined them by: pooled affinity (evidence), the larger of the two shares of cells that
+    neighbour the other (paper), NaN for methods without a merge log."""
+    distance_m: float
+    """Between the nearest edges of their cells, 0 when they touch."""
+    touching: bool
+    """Some of their cells are 8-neighbours."""
+    ends_m: tuple[tuple[float, float], tuple[float, float]]
+    """Centres of the two nearest cells, that of the explained instance first. Map frame."""
+    together: Together
+    """The frames that saw both."""
+
+
+@dataclass(frozen=True, eq=False)
+class Why:
+    """Why an instance is one object."""
+
+    instance: Instance
+    method: str
+    threshold: float
+    """What a joint's score must exceed; infinite for methods without a merge log."""
+    cells: NDArray
+    """int64 [n], its cells (flat), ascending."""
+    community: NDArray
+    """int32 [n], finest community of each cell."""
+    sureness: NDArray
+    """float32 [n], how sure the map is that the cell belongs, NaN = nothing speaks for or against it. Evidence:
+    same / (same + different) over all pairs it forms with cells of the instance, 0 to 1. Paper: mean weight of its
+    edges to cells of the instance."""
+    joints: tuple[Joint, ...]
+    """The steps of the merge log that made it, in order."""
+    weakest: Joint | None
+    """The joint of the lowest score (ties: the last); None when it is a single community."""
+    together: Together
+    """The frames that saw both parts of the weakest joint."""
+    neighbours: tuple[Link, ...]
+    """Strongest link first, then nearest."""
+    frames: tuple[SourceFrame, ...]
+    """All frames that named it; those that named most of its cells first."""
+
+    def cells_of(self, communities: NDArray) -> NDArray:
+        """Give the instance's cells that lie in some communities, int64 [m], flat, ascending."""
+        return self.cells[np.isin(self.community, communities)]
+
+
+@dataclass(frozen=True)
+class Between:
+    """What keeps two instances apart."""
+
+    first: Instance
+    second: Instance
+    method: str
+    threshold: float
+    link: Link | None
+    """From the first to the second; None when they are of different classes."""
+    together: Together
+    """The frames that saw both."""
+
+
+def explain(simap: SIMap, instance_id: int) -> Why:
+    """Explain an instance.
+
+    Raises:
+        InputError: there is no such instance.
+    """
+    instance = simap.by_id(instance_id)
+    flat = simap.instance.reshape(-1)
+    cells = np.flatnonzero(flat == instance_id).astype(np.int64)
+    community = simap.community.reshape(-1)[cells]
+    graph = _graph_of(simap, cells)
+    joints = _joints(simap, cells, community, graph)
+    weakest = min(reversed(joints), key=lambda joint: joint.score, default=None)
+    together = Together((), ())
+    if weakest is not None:
+        together = seen_together(simap, weakest.source, weakest.target)
+    return Why(
+        instance=instance,
+        method=simap.method,
+        threshold=joining_threshold(simap.method, simap.parameters),
+        cells=cells,
+        community=community,
+        sureness=_sureness(simap, cells, graph),
+        joints=joints,
+        weakest=weakest,
+        together=together,
+        neighbours=_neighbours(simap, instance, cells, graph),
+        frames=source_frames(simap, community),
+    )
+
+
+def between(simap: SIMap, first_id: int, second_id: int) -> Between:
+    """Explain what keeps two instances apart.
+
+    Raises:
+        InputError: one of them is not on the map.
+    """
+    first, second = simap.by_id(first_id), simap.by_id(second_id)
+    threshold = joining_threshold(simap.method, simap.parameters)
+    if first.label != second.label:
+        return Between(first, second, simap.method, threshold, None, frames_that(simap, first_id, second_id))
+    cells = np.flatnonzero(simap.instance.reshape(-1) == first_id).astype(np.int64)
+    (link,) = _links(simap, cells, _graph_of(simap, cells), (second,))
+    return Between(first, second, simap.method, threshold, link, link.together)
+
+
+def frames_that(simap: SIMap, first_id: int, second_id: int) -> Together:
+    """Give the frames that saw two instances at once, as one object or as two.
+
+    Raises:
+        InputError: one of them is not on the map.
+    """
+    parts = [np.unique(simap.community[simap.instance == simap.by_id(i).id]) for i in (first_id, second_id)]
+    return seen_together(simap, parts[0], parts[1])
+
+
+def recorded_step(joint: Joint, applied: NDArray) -> int:
+    """Give the time of a joint on timeline "merge" of a recorded build.
+
+    Args:
+        joint: a step of the recorded build's merge log.
+        applied: bool [steps], those that the recorded build took: they come first on the timeline.
+    """
+    before = int(applied[: joint.step].sum())
+    return 1 + (before if applied[joint.step] else int(applied.sum()) + joint.step - before)
+
+
+def _graph_of(simap: SIMap, cells: NDArray) -> CellGraph | None:
+    """Find the graph that holds the cells; whole instances lie in one."""
+    label = simap.grid.label.reshape(-1)[cells[0]]
+    for graph in simap.graphs:
+        if graph.label != label:
+            continue
+        at = np.searchsorted(graph.cells, cells[0])
+        if at < len(graph.cells) and graph.cells[at] == cells[0]:
+            return graph
+    return None
+
+
+def _sureness(simap: SIMap, cells: NDArray, graph: CellGraph | None) -> NDArray:
+    if graph is None:
+        return np.full(len(cells), np.nan, np.float32)
+    mine = np.isin(graph.cells, cells)
+    inside = mine[graph.edges].all(axis=1)
+    ends = graph.edges[inside].T.reshape(-1)
+    if simap.method == "paper":
+        parts = graph.weights[inside], np.ones(int(inside.sum()))
+    else:
+        parts = graph.counts[inside], np.add(graph.counts[inside], graph.different[inside], dtype=np.int64)
+    above, below = (np.bincount(ends, np.tile(part, 2), minlength=len(graph.cells)) for part in parts)
+    ratio = np.divide(above, below, out=np.full(len(graph.cells), np.nan), where=below > 0)
+    result = np.full(len(cells), np.nan, np.float32)
+    result[np.searchsorted(cells, graph.cells[mine])] = ratio[mine]
+    return result
+
+
+def _joints(simap: SIMap, cells: NDArray, community: NDArray, graph: CellGraph | None) -> tuple[Joint, ...]:
+    """Follow the applied steps inside the instance; the evidence of a step is that of the pairs it brought together."""
+    log = simap.merges
+    names, sizes = np.unique(community, return_counts=True)
+    applied = applied_steps(log, joining_threshold(simap.method, simap.parameters))
+    steps = np.flatnonzero(applied & np.isin(log.source, names) & np.isin(log.target, names))
+    if len(steps) == 0:
+        return ()
+    members = {name: np.array([i]) for i, name in enumerate(names.tolist())}
+    joined_by = np.full((len(names), len(names)), len(steps), dtype=np.int32)
+    cells_in = dict(zip(names.tolist(), sizes.tolist(), strict=True))
+    sides = []
+    for i, (source, target) in enumerate(zip(log.source[steps].tolist(), log.target[steps].tolist(), strict=True)):
+        a, b = members.pop(source), members[target]
+        joined_by[a[:, None], b] = i
+        members[target] = np.sort(np.concatenate([a, b]))
+        sides.append((a, b, cells_in[source], cells_in[target]))
+        cells_in[target] += cells_in[source]
+    joined_by = np.minimum(joined_by, joined_by.T)
+    same, different = _sightings_of_steps(cells, np.searchsorted(names, community), joined_by, len(steps), graph)
+    return tuple(
+        Joint(
+            step=int(step),
+            score=float(log.score[step]),
+            source=names[a],
+            target=names[b],
+            source_cells=a_cells,
+            target_cells=b_cells,
+            same=int(same[i]),
+            different=int(different[i]),
+        )
+        for i, (step, (a, b, a_cells, b_cells)) in enumerate(zip(steps, sides, strict=True))
+    )
+
+
+def _sightings_of_steps(
+    cells: NDArray, part: NDArray, joined_by: NDArray, steps: int, graph: CellGraph | None
+) -> tuple[NDArray, NDArray]:
+    """Sum up, for each step, what was seen of the pairs of cells it brought together."""
+    if graph is None:
+        return np.zeros(steps), np.zeros(steps)
+    part_of = np.full(len(graph.cells), -1)
+    part_of[np.searchsorted(graph.cells, cells)] = part
+    ends = part_of[graph.edges]
+    inside = (ends >= 0).all(axis=1) & (ends[:, 0] != ends[:, 1])
+    step = joined_by[ends[inside, 0], ends[inside, 1]]
+    same = np.bincount(step, graph.counts[inside], minlength=steps + 1)
+    different = np.bincount(step, graph.different[inside], minlength=steps + 1)
+    return same, different
+
+
+def _neighbours(simap: SIMap, instance: Instance, cells: NDArray, graph: CellGraph | None) -> tuple[Link, ...]:
+    others = tuple(other for other in simap.of_class(instance.label) if other.id != instance.id)
+    links = _links(simap, cells, graph, others, near_m=NEIGHBOUR_M)
+    return tuple(sorted(links, key=lambda link: (-np.nan_to_num(link.score), link.distance_m, link.other.id)))
+
+
+def _links(
+    simap: SIMap,
+    cells: NDArray,
+    graph: CellGraph | None,
+    others: tuple[Instance, ...],
+    *,
+    near_m: float = float("inf"),
+) -> tuple[Link, ...]:
+    """Measure what there is between an instance's cells and others of its class that are near or have evidence."""
+    flat, communities = simap.instance.reshape(-1), simap.community.reshape(-1)
+    size = int(flat.max(initial=0)) + 1
+    mine = np.unique(communities[cells])
+    same, different, share = _between_instances(flat, cells, graph, size)
+    found = []
+    for other, its_cells, a, b in _nearest(simap, cells, others):
+        gap = np.abs(a - b)
+        distance_m = float(np.hypot(*np.maximum(gap - 1, 0))) * simap.spec.cell_size_m
+        seen = int(same[other.id]), int(different[other.id])
+        if distance_m > near_m and sum(seen) == 0:
+            continue
+        touching = int(gap.max()) <= 1
+        found.append(
+            Link(
+                other=other,
+                same=seen[0],
+                different=seen[1],
+                score=_score(simap, *seen, touching=touching, share=float(share[other.id])),
+                distance_m=distance_m,
+                touching=touching,
+                ends_m=(simap.spec.centre_of(*a.tolist()), simap.spec.centre_of(*b.tolist())),
+                together=seen_together(simap, mine, np.unique(communities[its_cells])),
+            )
+        )
+    return tuple(found)
+
+
+def _nearest(
+    simap: SIMap, cells: NDArray, others: tuple[Instance, ...]
+) -> Iterator[tuple[Instance, NDArray, NDArray, NDArray]]:
+    """Give each other instance, its cells, and the (row, col) of the two nearest cells, the first one of ``cells``."""
+    flat = simap.instance.reshape(-1)
+    wanted = np.zeros(int(flat.max(initial=0)) + 1, dtype=bool)
+    wanted[[other.id for other in others]] = True
+    theirs = np.flatnonzero(wanted[flat])
+    if len(theirs) == 0:
+        return
+    here, there = (np.column_stack(np.divmod(side, simap.spec.cols)) for side in (cells, theirs))
+    apart, nearest = (np.asarray(answer) for answer in KDTree(here).query(there))
+    order = np.lexsort((apart, flat[theirs]))
+    owners = flat[theirs][order]
+    for other in others:
+        own = order[slice(*np.searchsorted(owners, [other.id, other.id + 1]))]
+        if len(own):
+            yield other, theirs[own], here[nearest[own[0]]], there[own[0]]
+
+
+def _between_instances(
+    flat: NDArray, cells: NDArray, graph: CellGraph | None, size: int
+) -> tuple[NDArray, NDArray, NDArray]:
+    """Sum up what was seen of the pairs between some cells and every instance.
+
+    Returns:
+        float64 [size] each: sightings as one, as two, and the larger of the shares of cells that have an edge to a cell
+        of the other side.
+    """
+    if graph is None:
+        return np.zeros(size), np.zeros(size), np.zeros(size)
+    mine = np.isin(graph.cells, cells)
+    crossing = mine[graph.edges[:, 0]] != mine[graph.edges[:, 1]]
+    at, away = graph.edges[crossing].T
+    swapped = mine[away]
+    at, away = np.where(swapped, away, at), np.where(swapped, at, away)
+    owner = flat[graph.cells]
+    other = owner[away]
+    same = np.bincount(other, graph.counts[crossing], minlength=size)
+    different = np.bincount(other, graph.different[crossing], minlength=size)
+    reached = np.bincount(np.unique(at.astype(np.int64) * size + other) % size, minlength=size)
+    reaching = np.bincount(owner[np.unique(away)], minlength=size)
+    sizes = np.maximum(np.bincount(flat, minlength=size), 1)
+    return same, different, np.maximum(reached / len(cells), reaching / sizes)
+
+
+def _score(simap: SIMap, same: int, different: int, *, touching: bool, share: float) -> float:
+    """Give what the method would have joined two instances by; see `pool` for the affinity."""
+    if simap.method not in JOINING:
+        return float("nan")
+    if simap.method == "paper":
+        return share
+    settings = PoolSettings(**simap.parameters.get("pooling", {}))
+    m, believed = settings.imagined_pairs, settings.touching_same if touching else 0.0
+    pairs = same + different + m
+    return (same + m * believed) / pairs if pairs > 0.0 else 0.0
+
+
+def score_text(method: str, score: float) -> str:
+    """Say a score of the merge log as its method means it: "19.6 %" of cells (paper), "0.87" of evidence."""
+    return f"{100.0 * score:.1f} %" if method == "paper" else f"{score:.2f}"
+
+
+def needed_text(method: str, threshold: float) -> str:
+    """Say what a score must exceed: "K = 5 %", "0.60"."""
+    return f"K = {100.0 * threshold:g} %" if method == "paper" else f"{threshold:.2f}"
+
+
+def summary(why: Why, *, by_hand: bool = False) -> str:
+    """Say in two sentences why an instance is one object.
+
+    Args:
+        why: what the map knows.
+        by_hand: people made the instance what it is; what the map would have joined does not count then.
+    """
+    if by_hand:
+        return f"One object because people made it so by hand, see below. {_seen_as_one(why)}"
+    return f"{_one_object(why)} {_weakest(why)}"
+
+
+def joint_words(why: Why, joint: Joint) -> str:
+    """Say on what evidence a step of the merge log joined its parts."""
+    if why.method == "paper":
+        return f"{score_text('paper', joint.score)} of the part that joined neighbours the other"
+    return f"{_sightings(joint.same, joint.different)} → {score_text(why.method, joint.score)}"
+
+
+def together_words(together: Together) -> str:
+    """Say how many frames saw two parts at once, and as what."""
+    one, two = len(together.as_one), len(together.as_two)
+    if one + two == 0:
+        return "no frame saw both"
+    if one + two == 1:
+        return f"seen together in 1 frame, as {'one' if one else 'two'}"
+    if one == 0 or two == 0:
+        return f"seen together in {one + two} frames, each time as {'one' if one else 'two'}"
+    return f"seen together in {one + two} frames: as two in {two}, as one in {one}"
+
+
+def link_words(method: str, threshold: float, link: Link) -> str:
+    """Say what keeps two instances of a class apart: "seen together in ... → 0.11, below the 0.60 needed"."""
+    seen = together_words(link.together)
+    if method not in JOINING:
+        touch = "their cells touch" if link.touching else "their cells do not touch"
+        return f"{touch}; {seen}"
+    if method == "paper":
+        if link.score == 0.0:
+            return f"{seen}; no cell of one neighbours a cell of the other"
+        share = f"{score_text(method, link.score)} of the cells of one neighbour the other"
+        return f"{seen}; {share}, {_below(method, threshold, link)}"
+    if link.same + link.different == 0 and not link.touching:
+        why = "no pair of their cells was compared (too far apart, or open floor between)"
+        compared = "nothing speaks for one" if len(link.together) == 0 else why
+        return f"{seen}; {compared} → {score_text(method, link.score)}, {_below(method, threshold, link)}"
+    return f"{seen} → {score_text(method, link.score)}, {_below(method, threshold, link)}"
+
+
+def between_words(found: Between, first: str, second: str) -> str:
+    """Say what keeps two instances apart, in sentences.
+
+    Args:
+        found: what was found.
+        first: name of the first, such as "chair 2 of 5".
+        second: name of the second.
+    """
+    link = found.link
+    if link is None:
+        return (
+            f"{first} and {second} are of different classes, and the map joins cells of one class only. "
+            f"{together_words(found.together).capitalize()}."
+        )
+    apart = "touch" if link.touching else f"are {link.distance_m:.2f} m apart"
+    text = f"{first} and {second} {apart}: {link_words(found.method, found.threshold, link)}."
+    if found.method == "evidence" and link.same + link.different > 0:
+        text += f" Pooled over all pairs of their cells: {_sightings(link.same, link.different)}."
+    return text
+
+
+def _one_object(why: Why) -> str:
+    seen = len(why.frames)
+    as_one = sum(frame.as_one for frame in why.frames)
+    if seen == 0:
+        return "One object because its cells belong together; no frame is known to have named it."
+    if as_one == 0:
+        return f"One object although none of the {plural(seen, 'frame')} that saw it saw it as one segment."
+    which = f"{as_one} of the {seen} frames"
+    if as_one == seen:
+        which = "the 1 frame" if seen == 1 else f"all {seen} frames"
+    reason = "because" if 2 * as_one > seen else "although only"
+    return f"One object {reason} {which} that saw it saw most of it as one segment."
+
+
+def _seen_as_one(why: Why) -> str:
+    seen, as_one = len(why.frames), sum(frame.as_one for frame in why.frames)
+    if seen == 0:
+        return "No frame is known to have named it."
+    return f"Of the {plural(seen, 'frame')} that saw it, {as_one or 'none'} saw most of it as one segment."
+
+
+def _weakest(why: Why) -> str:
+    if why.method not in JOINING:
+        return f"Method {why.method} has no joints to question: it knows no merge log."
+    if why.weakest is None:
+        return "It is a single patch that was never joined from parts."
+    weakest, method = why.weakest, why.method
+    text = f"Its weakest joint ({weakest.target_cells} + {plural(weakest.source_cells, 'cell')}) has "
+    text += f"{score_text(method, weakest.score)}, above the {needed_text(method, why.threshold)} needed: "
+    if len(why.together) == 0:
+        return f"{text}its parts touch, and nothing speaks against it."
+    return f"{text}{together_words(why.together)}."
+
+
+def _below(method: str, threshold: float, link: Link) -> str:
+    needed = needed_text(method, threshold)
+    return f"{'above' if link.score > threshold else 'below'} the {needed} needed"
+
+
+def _sightings(same: int, different: int) -> str:
+    return f"{same:,} sightings as one, {different:,} as two"

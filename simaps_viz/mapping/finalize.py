@@ -1,0 +1,191 @@
+"""The map that the frames gathered so far make: the same whether they are all there are or the first of many."""
+
+from bisect import bisect_left
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from importlib.metadata import version
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from simaps_viz.mapping.accumulator import MapAccumulator
+from simaps_viz.mapping.communities import component_communities
+from simaps_viz.mapping.config import BuildConfig
+from simaps_viz.mapping.evidence import pair_graphs
+from simaps_viz.mapping.frame_list import FrameList
+from simaps_viz.mapping.graph import class_graphs
+from simaps_viz.mapping.links import LinkTable
+from simaps_viz.mapping.observations import AllReadings
+from simaps_viz.mapping.partition import applied_steps, empty_log, instance_of_community
+from simaps_viz.mapping.pooling import partition_evidence
+from simaps_viz.mapping.row_blocks import look_up
+from simaps_viz.mapping.simap import Origin, assemble, count_views, joining_threshold, partition_grid
+from simaps_viz.mapping.votes import vote_labels
+from simaps_viz.structures import CellGraph, Grid, MergeLog, SIMap
+
+_NAMED = 20  # skipped frames that a map names; more are counted
+
+
+@dataclass(frozen=True, eq=False)
+class SequenceFacts:
+    """What a map keeps of the sequence it was built from, besides its frames."""
+
+    name: str
+    path: str
+    labels: tuple[str, ...]
+    is_thing: tuple[bool, ...]
+    segmentation_source: str
+    simulated: bool
+    T_map_world: NDArray
+    """float64 [4, 4]."""
+
+    def to_json(self) -> dict[str, Any]:
+        """Give it JSON-able; floats come back exactly."""
+        kept = {k: getattr(self, k) for k in ("name", "path", "segmentation_source", "simulated")}
+        return kept | {
+            "labels": list(self.labels),
+            "is_thing": list(self.is_thing),
+            "T_map_world": np.asarray(self.T_map_world).tolist(),
+        }
+
+
+def facts_from_json(values: Mapping[str, Any]) -> SequenceFacts:
+    """Give back what `SequenceFacts.to_json` gave; raises KeyError, TypeError or ValueError for anything else."""
+    words = [values["name"], values["path"], values["segmentation_source"], *values["labels"]]
+    if not all(isinstance(word, str) for word in words) or not all(type(one) is bool for one in values["is_thing"]):
+        raise ValueError("names that are none")
+    if len(values["labels"]) != len(values["is_thing"]) or values["labels"][:1] != ["none"]:
+        raise ValueError("class names that are none")
+    try:
+        T_map_world = np.array(values["T_map_world"], dtype=np.float64).reshape(4, 4)
+    except OverflowError as error:  # a whole number of hundreds of digits
+        raise ValueError("a map frame of numbers that are too large") from error
+    if not np.isfinite(T_map_world).all():
+        raise ValueError("a map frame that is not finite")
+    return SequenceFacts(
+        name=values["name"],
+        path=values["path"],
+        labels=tuple(values["labels"]),
+        is_thing=tuple(values["is_thing"]),
+        segmentation_source=values["segmentation_source"],
+        simulated=bool(values["simulated"]),
+        T_map_world=T_map_world,
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class Gathered:
+    """All of some frames that their map is made of. The tiles they were gathered in can go: nothing here needs them."""
+
+    grid: Grid
+    """By highest pixels."""
+    readings: AllReadings
+    frames: FrameList
+    links: LinkTable
+    origin_cell: tuple[int, int]
+    """(row, col), counted from the map's origin, of the grid's cell (0, 0)."""
+
+
+def gathered(accumulator: MapAccumulator) -> Gathered:
+    """Give what was gathered so far, to be finished."""
+    grid = accumulator.snapshot()
+    return Gathered(grid, accumulator.readings_on(grid), accumulator.frames, accumulator.links, accumulator.origin_cell)
+
+
+@dataclass(frozen=True, eq=False)
+class Found:
+    """What some frames make: everything of a map but its instances, which follow from a threshold."""
+
+    grid: Grid
+    graphs: tuple[CellGraph, ...]
+    community: NDArray
+    """int32 [rows, cols], 0 = none."""
+    log: MergeLog
+    readings: AllReadings
+    notes: dict[str, Any]
+    """For the map's provenance."""
+
+
+def empty_accumulator_of(
+    labels: tuple[str, ...], is_thing: tuple[bool, ...], config: BuildConfig, *, links: bool, steps: bool = False
+) -> MapAccumulator:
+    """Give what frames are gathered in; links are counted for method paper, and where ``links`` asks for them."""
+    reach = -1 if config.literal else 2
+    counted = links or config.method == "paper"
+    return MapAccumulator(labels, is_thing, config.projection, reach_cells=reach, links=counted, steps=steps)
+
+
+def partition(seen: Gathered, config: BuildConfig) -> Found:
+    """Name the cells of what was gathered, and find its communities and how they merge."""
+    grid, readings = seen.grid, seen.readings
+    if config.method == "paper":
+        graphs = graphs_so_far(grid, seen.links, seen.origin_cell)
+        community, log = partition_grid(grid, graphs, resolution=config.resolution, seed=config.seed)
+        return Found(grid, graphs, community, log, readings, {})
+    label, disagreement = vote_labels(grid, readings, config.votes)
+    grid = replace(grid, label=label)
+    notes = {"disagreement": round(disagreement, 6)}
+    if config.method == "components":
+        return Found(grid, (), component_communities(grid), empty_log(), readings, notes)
+    graphs = pair_graphs(grid, readings, config.evidence)
+    community, log = partition_evidence(
+        grid, graphs, resolution=config.resolution, seed=config.seed, settings=config.pooling
+    )
+    return Found(grid, graphs, community, log, readings, notes)
+
+
+def objects_of(found: Found, config: BuildConfig) -> NDArray:
+    """Join communities as the configuration says; int32 [rows, cols], 0 = none, specks are kept."""
+    applied = applied_steps(found.log, joining_threshold(config.method, config.parameters()))
+    return look_up(instance_of_community(found.log, applied, int(found.community.max(initial=0))), found.community)
+
+
+def graphs_so_far(grid: Grid, links: LinkTable, origin_cell: tuple[int, int]) -> tuple[CellGraph, ...]:
+    """Give the cell graph of each thing class of a map by highest pixels, from the links of its cells."""
+    edges, labels, counts = links.entries()
+    return class_graphs(grid, edges - np.tile(np.array(origin_cell), 2), labels, counts)
+
+
+def map_of(found: Found, frames: FrameList, facts: SequenceFacts, config: BuildConfig) -> SIMap:
+    """Make the map of what `partition` found in some frames."""
+    return assemble(
+        found.grid, found.graphs, found.community, found.log,
+        count_views(found.grid, found.community, found.readings),
+        Origin(
+            T_map_world=facts.T_map_world,
+            method=config.method,
+            parameters=config.parameters(),
+            provenance=_provenance(facts, frames) | found.notes,
+            frame_names=tuple(frames.names),
+            T_map_camera=frames.poses,
+        ),
+    )  # fmt: skip
+
+
+def map_so_far(accumulator: MapAccumulator, facts: SequenceFacts, config: BuildConfig) -> SIMap:
+    """Make the map of the frames gathered so far, exactly as a build of these frames alone would.
+
+    Costs what finding instances costs at the end of a build: 0.05 to 0.1 s for a room or a flat.
+    """
+    return map_of(partition(gathered(accumulator), config), accumulator.frames, facts, config)
+
+
+def skipped_frames(frames: FrameList) -> dict[str, str]:
+    """Give {name: reason} of the frames that could not be read."""
+    return {frames.names[bisect_left(frames.indices, index)]: why for index, why in frames.skipped.items()}
+
+
+def _provenance(facts: SequenceFacts, frames: FrameList) -> dict[str, Any]:
+    known: dict[str, Any] = {
+        "sequence": facts.path,
+        "name": facts.name,
+        "segmentation": facts.segmentation_source,
+        "simulated": facts.simulated,
+        "frames": len(frames),
+        "simaps_version": version("simaps-viz"),
+    }
+    skipped = list(skipped_frames(frames))
+    if skipped:
+        known["skipped"] = {"frames": len(skipped), "names": skipped[:_NAMED]}
+    return known

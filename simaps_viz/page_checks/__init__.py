@@ -1,1 +1,0 @@
-"""What is measured and photographed on a real page: speed, many visitors, pictures. For the programs in apps."""

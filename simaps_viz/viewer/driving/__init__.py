@@ -1,1 +1,0 @@
-"""The robot on the page: its ride, and a camera that goes along."""

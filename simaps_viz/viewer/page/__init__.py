@@ -1,0 +1,1 @@
+"""What every panel is given: the page, its worker, its shared state."""

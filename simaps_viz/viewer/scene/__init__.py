@@ -1,0 +1,1 @@
+"""The three-dimensional scene: nodes of viser."""

@@ -1,0 +1,134 @@
+"""Texts on the map that stay readable while a page zooms."""
+
+import threading
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import numpy as np
+import viser
+
+from simaps_viz.drawing.label_layout import Box, Label, spread
+
+CANVAS_PX = 560.0
+"""Height of the canvas assumed until a page has told its own."""
+FINE_FROM_PX = 1500
+"""A canvas of more rows is taken for one of a fine screen."""
+CHANGE = 0.1
+"""Share by which the size of a metre has to change before anything is drawn anew."""
+REST_S = 0.25
+"""For how long the camera has to rest before that."""
+
+
+class Zoom:
+    """The size of a metre on one page; a camera that moves is waited for."""
+
+    def __init__(
+        self,
+        page: "viser.ViserServer | viser.ClientHandle",
+        changed: Callable[[], None],
+        *,
+        assumed_m: Callable[[], float] = lambda: 10.0,
+        rest_s: float = REST_S,
+    ) -> None:
+        """Watch a page.
+
+        Args:
+            page: a server has no camera of its own.
+            changed: called from a thread of its own, once the camera rests.
+            assumed_m: how much of the floor a page shows from south to north that has not told.
+            rest_s: for how long the camera has to rest.
+        """
+        self._page, self._changed, self._assumed_m, self._rest_s = page, changed, assumed_m, rest_s
+        self._lock = threading.Lock()
+        self._waiting: threading.Timer | None = None
+        self._told = 0.0
+        if isinstance(page, viser.ClientHandle):
+            page.camera.on_update(lambda _: self._moved())
+
+    def metres_per_px(self) -> float:
+        """Give how much of the floor a pixel of the screen shows, where the camera looks."""
+        found = None
+        if isinstance(self._page, viser.ClientHandle):
+            found = seen_metres_per_px(self._page.camera)
+        self._told = self._assumed_m() / CANVAS_PX if found is None else found
+        return self._told
+
+    def _moved(self) -> None:
+        assert isinstance(self._page, viser.ClientHandle)
+        now = seen_metres_per_px(self._page.camera)
+        if now is None or (self._told > 0.0 and abs(now / self._told - 1.0) < CHANGE):
+            return
+        with self._lock:
+            if self._waiting is not None:
+                self._waiting.cancel()
+            self._waiting = threading.Timer(self._rest_s, self._changed)
+            self._waiting.daemon = True
+            self._waiting.start()
+
+
+def seen_metres_per_px(camera: Any) -> float | None:
+    """Give how many metres a pixel shows at the place a camera looks at; None for one that has not told yet."""
+    if camera.update_timestamp == 0.0 or camera.image_height <= 0:
+        return None
+    away = float(np.linalg.norm(np.subtract(camera.position, camera.look_at)))
+    shown = 2.0 * away * float(np.tan(float(camera.fov) / 2.0))
+    # viser tells rows of the canvas: between three quarters of a page's pixels (where drawing is slow) and all those of
+    # the screen, of which fine screens have two for one of the page.
+    rows = float(camera.image_height) / (2.0 if camera.image_height > FINE_FROM_PX else 1.0)
+    return shown / rows if shown > 0.0 else None
+
+
+class LabelLayer:
+    """Texts below one name of a page's scene; they find other places when the page zooms."""
+
+    def __init__(
+        self,
+        page: viser.ViserServer | viser.ClientHandle,
+        name: str,
+        *,
+        assumed_m: Callable[[], float] = lambda: 10.0,
+        zoomed: Callable[[float], None] = lambda metres_per_px: None,
+    ) -> None:
+        """Show nothing yet; ``zoomed`` is told the metres a pixel shows when that has changed."""
+        self._page, self._name, self._zoomed = page, name, zoomed
+        self.lock = threading.RLock()
+        """Held while anything is drawn, and while ``zoomed`` is told, which comes from a thread of its own: whoever
+        draws more than these texts takes it too."""
+        self._labels: tuple[Label, ...] = ()
+        self._blocked: tuple[Box, ...] = ()
+        self._z_m = 0.0
+        self._handles: list[viser.LabelHandle] = []
+        self._zoom = Zoom(page, self.place, assumed_m=assumed_m)
+
+    @property
+    def metres_per_px(self) -> float:
+        """How much of the floor a pixel shows."""
+        return self._zoom.metres_per_px()
+
+    def show(self, labels: Sequence[Label], *, blocked: Sequence[Box] = (), z_m: float = 0.05) -> None:
+        """Show other texts, the most important first; ``blocked`` is what they should not cover."""
+        with self._page.atomic(), self.lock:
+            for handle in self._handles:
+                handle.remove()
+            self._labels, self._blocked, self._z_m = tuple(labels), tuple(blocked), z_m
+            self._handles = [
+                self._page.scene.add_label(
+                    f"{self._name}/{i}", label.text, position=(label.x, label.y, z_m), anchor="center-center"
+                )
+                for i, label in enumerate(self._labels)
+            ]
+            self._lay()
+
+    def place(self) -> None:
+        """Find the texts places for the zoom of now."""
+        with self._page.atomic(), self.lock:
+            self._zoomed(self._lay())
+
+    def _lay(self) -> float:
+        metres_per_px = self._zoom.metres_per_px()
+        places = spread(self._labels, metres_per_px, self._blocked)
+        for handle, place in zip(self._handles, places, strict=True):
+            if place is not None:
+                handle.position = (*place, self._z_m)
+            handle.visible = place is not None
+        return metres_per_px

@@ -1,0 +1,349 @@
+"""What stands in the middle of the page: the map, the robot, its path, the camera of a frame."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import viser
+import viser.transforms as vtf
+from numpy.typing import NDArray
+
+from simaps_viz.drawing.label_layout import Box, Label
+from simaps_viz.drawing.solids import solids
+from simaps_viz.drawing.texture import ColorMode, cell_colors, outline_segments
+from simaps_viz.drawing.theme import LIGHT, Theme
+from simaps_viz.structures import GridSpec, Pose2, SIMap
+from simaps_viz.viewer.scene.camera import Extent, with_margin
+from simaps_viz.viewer.scene.camera_mark import CameraMark
+from simaps_viz.viewer.scene.label_layer import LabelLayer
+from simaps_viz.viewer.scene.lines import draw_lines, line_share
+from simaps_viz.viewer.scene.why_marks import paint_cells
+
+ROBOT = (10, 84, 200)
+PATH = (22, 110, 235)
+OUTLINE_PX = 3.0
+ROBOT_HEIGHT_M = 0.35
+PICTURE_M = 0.004
+"""How far a picture in the place of the map lies over it."""
+PARENTS = ("/candidates", "/why")
+"""What is below these comes and goes; they stay, and are hidden with all below them."""
+LINES = ("/path", "/selection", "/cut")
+_BLANK = np.zeros((1, 1, 3), np.uint8)
+
+
+@dataclass(frozen=True, eq=False)
+class Style:
+    """How a map is coloured."""
+
+    mode: ColorMode = "instance"
+    lit: frozenset[int] | None = None
+    """Instances that keep their colour while all else is dimmed; None dims nothing."""
+    until: int | None = None
+    """Leave out what no frame up to this one had named; None = leave out nothing."""
+    paint: tuple[NDArray, NDArray] | None = None
+    """Cells (flat) that get colours of their own, uint8 [n, 3]."""
+    theme: Theme = LIGHT
+    """Of the page."""
+
+
+class MapScene:
+    """The nodes of one page's 3-D scene; every method replaces what it showed before."""
+
+    def __init__(
+        self, page: viser.ViserServer | viser.ClientHandle, simap: SIMap, *, robot_radius_m: float = 0.18
+    ) -> None:
+        """Add the map's furniture (scale bar, compass); the map itself comes with ``show_map``."""
+        self._scene = page.scene
+        self._page = page
+        self._scene.set_up_direction("+z")
+        if isinstance(page, viser.ViserServer):  # else it has light already
+            light_up(page.scene)
+        self._images: dict[str, tuple[tuple[float, ...], viser.ImageHandle]] = {}
+        self._blocks: list[viser.MeshHandle] = []
+        self._upright = False
+        self._shown: tuple[SIMap, Style] | None = None
+        self._theme = LIGHT
+        self._outlined: NDArray = np.zeros((0, 2, 3))
+        self.extent: Extent = (0.0, 0.0, 0.0, 0.0)
+        self._pictured: Extent | None = None
+        self.fit(simap)
+        self._robot = self._add_robot(robot_radius_m)
+        self._robot_radius_m = robot_radius_m
+        self._parents = [self._scene.add_frame(name, show_axes=False) for name in PARENTS]
+        self._candidates = LabelLayer(page, "/candidates", assumed_m=self._height_m, zoomed=self._zoomed)
+        self._lock = self._candidates.lock
+        self._camera: CameraMark | None = None
+        self._camera_at: NDArray | None = None
+        self._badge: viser.LabelHandle | None = None
+
+    @property
+    def nodes(self) -> viser.SceneApi:
+        """All that stands there, for what others mark on it."""
+        return self._scene
+
+    @property
+    def frame_extent(self) -> Extent:
+        """What a camera should show: the map, its scale bar and its compass."""
+        return frame_extent(self.extent)
+
+    def fit(self, simap: SIMap) -> bool:
+        """Put scale bar and compass beside what was seen of a map; tells whether that has changed."""
+        extent = seen_extent(simap)
+        if extent == self.extent:
+            return False
+        self.extent = extent
+        with self._page.atomic():
+            self._add_scale_bar()
+            self._add_compass()
+        return True
+
+    @property
+    def theme(self) -> Theme:
+        """Light or dark."""
+        return self._theme
+
+    def set_theme(self, theme: Theme) -> None:
+        """Draw the lines for a light or a dark page; the map's picture and blocks follow with ``show_map``."""
+        with self._page.atomic(), self._lock:
+            self._theme = theme
+            self._add_scale_bar()
+            self._add_compass()
+            self._draw_outline(self._candidates.metres_per_px)
+
+    def show_map(self, simap: SIMap, picture: bytes, style: Style) -> None:
+        """Lay a map's picture (PNG, painted in that style, row 0 at the south) on the floor."""
+        self._lay("/map", simap.spec, picture, 0.0)
+        self._shown = (simap, style)
+        self._build_blocks()
+
+    def show_picture(self, spec: GridSpec | None, picture: bytes = b"") -> None:
+        """Lay a picture (PNG) over the map, where a grid lies; None takes it away.
+
+        Meanwhile nothing of the map's own stands on it, and scale bar and compass lie beside it.
+        """
+        with self._page.atomic(), self._lock:
+            before = self._pictured
+            self._pictured = None if spec is None else spec.extent_m
+            if spec is not None:
+                self._lay("/picture", spec, picture, PICTURE_M)
+            elif "/picture" in self._images:
+                self._images.pop("/picture")[1].remove()
+            if before != self._pictured:
+                self._add_scale_bar()
+                self._add_compass()
+                self._cover(spec is not None)
+        if before is not None and spec is None:
+            self._build_blocks()
+
+    def _cover(self, covered: bool) -> None:
+        handles = [self._scene.get_handle_by_name(name) for name in LINES]
+        for handle in (self._robot, *self._parents, *handles):
+            if handle is not None:
+                handle.visible = not covered
+        if covered:
+            self._clear_blocks()
+        self.show_camera(self._camera_at)
+        if self._badge is not None:
+            self.show_badge(self._badge.text if self._badge.visible else "")
+
+    @property
+    def _framed(self) -> Extent:
+        """What scale bar, compass and badge lie beside."""
+        return self._pictured or self.extent
+
+    def stand_up(self, upright: bool) -> None:
+        """Show what stands on the floor as blocks, or only the flat map."""
+        self._upright = upright
+        if upright:
+            self._build_blocks()
+        else:
+            with self._lock:
+                self._clear_blocks()
+
+    def outline(self, simap: SIMap, instance_id: int | None) -> None:
+        """Draw a line around an instance, or none."""
+        segments = np.zeros((0, 2, 3)) if instance_id is None else outline_segments(simap, instance_id, 0.012)
+        with self._lock:
+            self._outlined = segments
+            self._draw_outline(self._candidates.metres_per_px)
+
+    def show_robot(self, pose: Pose2) -> None:
+        """Put the robot somewhere."""
+        with self._page.atomic():
+            self._robot.position = (pose.x_m, pose.y_m, 0.0)
+            self._robot.wxyz = vtf.SO3.from_z_radians(pose.yaw_rad).wxyz
+
+    def show_path(self, points_m: NDArray) -> None:
+        """Draw a way over the floor, [n, 2]; n < 2 draws none."""
+        points = np.asarray(points_m, np.float64).reshape(-1, 2)
+        line = np.column_stack([points, np.full(len(points), 0.03)])
+        segments = np.stack([line[:-1], line[1:]], axis=1) if len(line) > 1 else np.zeros((0, 2, 3))
+        with self._lock:
+            draw_lines(self._scene, "/path", segments, PATH, 4.0, visible=self._pictured is None)
+
+    def show_candidates(self, labels: Sequence[Label], *, blocked: Sequence[Box] = ()) -> None:
+        """Write texts on the map, the most important first; they leave the robot, what they name and others free."""
+        x, y, _ = (float(value) for value in self._robot.position)
+        r = self._robot_radius_m
+        self._candidates.show(labels, blocked=(*blocked, (x - r, y - r, x + r, y + r)))
+
+    def show_badge(self, text: str) -> None:
+        """Write beside the map what it is not to be taken for; nothing when the text is empty."""
+        if self._badge is None:
+            if not text:
+                return
+            self._badge = self._scene.add_label("/badge", text, anchor="bottom-left")
+        xmin, _, _, ymax = self._framed
+        with self._page.atomic():
+            self._badge.position = (xmin, ymax, 0.05)
+            if text and self._badge.text != text:
+                self._badge.text = text
+            self._badge.visible = bool(text)
+
+    def show_camera(self, T_map_camera: NDArray | None) -> None:
+        """Draw where a frame was taken from, or nothing."""
+        with self._lock:
+            self._camera_at = T_map_camera
+            if T_map_camera is None or self._pictured is not None:
+                if self._camera is not None:
+                    self._camera.hide()
+                return
+            if self._camera is None:
+                self._camera = CameraMark(self._page)
+            self._camera.show(T_map_camera)
+
+    def _height_m(self) -> float:
+        _, ymin, _, ymax = self.frame_extent
+        return ymax - ymin
+
+    def _zoomed(self, metres_per_px: float) -> None:
+        if len(self._outlined):
+            self._draw_outline(metres_per_px)
+
+    def _draw_outline(self, metres_per_px: float) -> None:
+        width = OUTLINE_PX * line_share(self._outlined, metres_per_px)
+        color, visible = self._theme.selected, self._pictured is None
+        draw_lines(self._scene, "/selection", self._outlined, color, width, visible=visible)
+
+    def _lay(self, name: str, spec: GridSpec, picture: bytes, z_m: float) -> None:
+        xmin, ymin, xmax, ymax = spec.extent_m
+        before = self._images.get(name)
+        with self._page.atomic():
+            if before is None or before[0] != spec.extent_m:
+                handle = self._scene.add_image(
+                    name,
+                    _BLANK,
+                    xmax - xmin,
+                    ymax - ymin,
+                    format="png",
+                    cast_shadow=False,
+                    receive_shadow=False,
+                    position=((xmin + xmax) / 2.0, (ymin + ymax) / 2.0, z_m),
+                )
+                self._images[name] = (spec.extent_m, handle)
+            # Already encoded, once for all pages; ``image`` would encode it for each.
+            self._images[name][1]._data = picture
+
+    def _build_blocks(self) -> None:
+        """Build what is shown as blocks, where the map stands up and nothing lies over it."""
+        shown = self._shown
+        if shown is None or not self._upright or self._pictured is not None:
+            return
+        simap, style = shown
+        colors = cell_colors(simap, style.mode, lit=style.lit, theme=style.theme)
+        if style.paint is not None:
+            paint_cells(colors, *style.paint, simap.spec.cols)
+        made = list(solids(simap, colors))
+        with self._page.atomic(), self._lock:
+            if shown is not self._shown or not self._upright or self._pictured is not None:
+                return  # which came meanwhile, on another thread
+            self._clear_blocks()
+            self._blocks = [
+                self._scene.add_mesh_simple(
+                    f"/blocks/{i}",
+                    solid.vertices,
+                    solid.faces,
+                    color=solid.color,
+                    flat_shading=True,
+                    cast_shadow=False,
+                    receive_shadow=False,
+                )
+                for i, solid in enumerate(made)
+            ]
+
+    def _clear_blocks(self) -> None:
+        for block in self._blocks:
+            block.remove()
+        self._blocks = []
+
+    def _add_scale_bar(self) -> None:
+        xmin, ymin, xmax, ymax = self._framed
+        length = max(n for n in (0.5, 1.0, 2.0, 5.0, 10.0, 20.0) if n == 0.5 or n <= 0.25 * (xmax - xmin))
+        y, tick = ymin - 0.045 * (ymax - ymin), 0.012 * (ymax - ymin)
+        a, b = xmin, xmin + length
+        bar = [[[a, y, 0], [b, y, 0]], [[a, y - tick, 0], [a, y + tick, 0]], [[b, y - tick, 0], [b, y + tick, 0]]]
+        draw_lines(self._scene, "/scale_bar", np.array(bar), self._theme.ink, 2.5)
+        self._scene.add_label("/scale_bar/text", f"{length:g} m", position=(b + 2 * tick, y, 0.0), anchor="center-left")
+
+    def _add_compass(self) -> None:
+        _, ymin, xmax, ymax = self._framed
+        size = 0.045 * (ymax - ymin)
+        x, y = xmax - 0.6 * size, ymin - 0.075 * (ymax - ymin)
+        needle = [
+            [[x, y, 0], [x, y + size, 0]],
+            [[x, y + size, 0], [x - 0.25 * size, y + 0.6 * size, 0]],
+            [[x, y + size, 0], [x + 0.25 * size, y + 0.6 * size, 0]],
+        ]
+        draw_lines(self._scene, "/compass", np.array(needle), self._theme.ink, 2.5)
+        self._scene.add_label(
+            "/compass/text", "N", position=(x - 0.4 * size, y + 0.5 * size, 0.0), anchor="center-right"
+        )
+
+    def _add_robot(self, radius_m: float) -> viser.FrameHandle:
+        robot = self._scene.add_frame("/robot", show_axes=False)
+        self._scene.add_cylinder(
+            "/robot/body",
+            radius_m,
+            ROBOT_HEIGHT_M,
+            color=ROBOT,
+            position=(0.0, 0.0, ROBOT_HEIGHT_M / 2.0),
+            cast_shadow=False,
+            receive_shadow=False,
+        )
+        tip, wing, z = 0.85 * radius_m, 0.55 * radius_m, ROBOT_HEIGHT_M + 0.01
+        arrow = np.array([[tip, 0, z], [-wing, wing * 1.1, z], [-0.3 * wing, 0, z], [-wing, -wing * 1.1, z]])
+        self._scene.add_mesh_simple(
+            "/robot/nose",
+            arrow,
+            np.array([[0, 1, 2], [0, 2, 3]]),
+            color=(255, 255, 255),
+            side="double",
+            cast_shadow=False,
+            receive_shadow=False,
+        )
+        return robot
+
+
+def seen_extent(simap: SIMap) -> Extent:
+    """Give the part of the grid that anything was seen of."""
+    seen = ~np.isnan(simap.grid.height_m)
+    row, col = np.flatnonzero(seen.any(axis=1)), np.flatnonzero(seen.any(axis=0))
+    if not len(row):
+        return simap.spec.extent_m
+    s, x0, y0 = simap.spec.cell_size_m, simap.spec.x0_m, simap.spec.y0_m
+    return x0 + float(col[0]) * s, y0 + float(row[0]) * s, x0 + float(col[-1] + 1) * s, y0 + float(row[-1] + 1) * s
+
+
+def frame_extent(extent: Extent) -> Extent:
+    """Give what a camera should show of a map with that extent: its scale bar and its compass too."""
+    xmin, ymin, xmax, ymax = with_margin(extent)
+    return xmin, ymin - 0.06 * (ymax - ymin), xmax, ymax
+
+
+def light_up(scene: viser.SceneApi) -> None:
+    """Light a scene so that colours are as the legend has them on top, and darker on the sides."""
+    scene.configure_default_lights(enabled=False)
+    scene.configure_environment_map(hdri=None)
+    # A lid gets pi in all, which is what shows a colour unchanged; a side facing south four fifths of that.
+    scene.add_light_ambient("/lights/ambient", intensity=1.9)
+    scene.add_light_directional("/lights/sun", intensity=1.45, position=(-300.0, -500.0, 1000.0))

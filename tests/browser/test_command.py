@@ -1,0 +1,230 @@
+"""The Command tab as a person meets it: Debian's Chromium on a workbench with a real robot on the toy map."""
+
+import pytest
+from browser import PATIENCE_S, field_of, mine, open_workbench, toy_workbench, until, watched_page
+from chat_server import hangs, serving, writes
+from playwright.sync_api import expect
+from services import real_services
+
+from simaps_viz.app import workbench
+from simaps_viz.language.commands import Reading, read_command
+from simaps_viz.navigation.agent import answer
+
+MARKED = "[aria-current=step]"
+
+
+@pytest.fixture
+def bench():
+    with toy_workbench(real_services()) as workbench:
+        yield workbench
+
+
+@pytest.fixture
+def page(browser, bench):
+    with watched_page(browser) as found:
+        open_workbench(found, bench)
+        open_tab(found)
+        yield found
+
+
+def open_tab(page):
+    page.get_by_role("tab", name="Command", exact=True).click()
+
+
+def press(page, name):
+    page.get_by_role("button", name=name, exact=True).click()
+
+
+def say(session, page, command, *, by="Enter"):
+    """Give a command. Each change waits for the one before: viser's page sends only the last of any 50 ms."""
+    box = field_of(page, "Command")
+    box.fill(command)
+    if by == "Enter":
+        box.press("Enter")
+    else:
+        until(page, lambda: session.robot._panel.said[0] == command)
+        press(page, by)
+    until(page, lambda: session.robot._past and session.robot._past[0].command == command)
+
+
+def hurry(session, page, speed="8"):
+    """Set the speed and wait until the robot has it, for the reason that ``say`` has."""
+    box = field_of(page, "Speed")
+    box.fill(speed)
+    box.press("Enter")
+    box.blur()
+    until(page, lambda: session.robot._drive.speed == float(speed))
+
+
+CRAWL = 0.02
+"""A speed at which a ride is still under way after whatever a page may take."""
+
+
+def test_a_command_is_explained_numbered_marked_and_driven(bench, page):
+    mine(bench).robot._drive.speed = CRAWL
+    say(mine(bench), page, "go to the third chair from here")
+    expect(page.get_by_text("On the way")).to_be_visible()
+    expect(page.locator(MARKED)).to_contain_text('robot.move_to_nth_closest("chair", 3)')
+    page.wait_for_function("() => '/candidates/2' in window.__viserMutable.nodeRefFromName")
+    numbers = {label.text.split(" · ")[0]: label for label in mine(bench).scene._candidates._labels}
+    chosen = answer(mine(bench).simap, "go to the third chair from here", mine(bench).robot._asked_at).goals[0].instance
+    assert set(numbers) == {"1", "2", "▶ 3"} and mine(bench).robot.driving
+    assert chosen is not None and numbers["▶ 3"].x == pytest.approx(mine(bench).simap.by_id(chosen).centroid_m[0])
+    expect(page.get_by_text("Chair 3 is the farthest of 3 from where the command was given")).to_be_visible()
+    hurry(mine(bench), page)
+    expect(page.get_by_text("Done")).to_be_visible()
+    said = answer(mine(bench).simap, "go to the third chair from here", mine(bench).robot._asked_at)
+    assert (mine(bench).pose.x_m, mine(bench).pose.y_m) == pytest.approx((said.final_pose.x_m, said.final_pose.y_m))
+    expect(page.locator(MARKED)).to_have_count(0)
+
+
+def test_step_by_step_then_play_then_pause_then_stop(bench, page):
+    hurry(mine(bench), page, "4")
+    say(mine(bench), page, "turn right, turn right, then go to the couch", by="Step")
+    expect(page.locator(MARKED)).to_contain_text("robot.turn(90)")
+    expect(page.get_by_role("button", name="Play", exact=True)).to_be_visible()
+    page.wait_for_timeout(400)
+    assert mine(bench).pose.heading_deg == pytest.approx(90.0)  # held before the first line
+    press(page, "Step")
+    until(page, lambda: mine(bench).pose.heading_deg == pytest.approx(180.0))
+    until(page, lambda: mine(bench).robot._drive.paused)
+    press(page, "Step")
+    until(page, lambda: mine(bench).pose.heading_deg % 360 == pytest.approx(270.0))
+    expect(page.locator(MARKED)).to_contain_text('robot.move_to_object("couch")')
+    hurry(mine(bench), page, "0.5")
+    press(page, "Play")
+    until(page, lambda: mine(bench).pose.x_m > 0.6)
+    mine(bench).robot._drive.speed = CRAWL
+    expect(page.get_by_role("button", name="Pause", exact=True)).to_be_visible()
+    press(page, "Pause")
+    expect(page.get_by_role("button", name="Play", exact=True)).to_be_visible()
+    held = mine(bench).pose
+    page.wait_for_timeout(400)
+    assert mine(bench).pose == held
+    press(page, "Stop")
+    expect(page.get_by_text("The robot stands where it was stopped.")).to_be_visible()
+    assert mine(bench).pose == held and not mine(bench).robot.driving
+    hurry(mine(bench), page)
+    say(mine(bench), page, "go to the couch")
+    expect(page.get_by_text("Done")).to_be_visible()
+
+
+def test_a_refusal_says_what_the_map_has(bench, page):
+    say(mine(bench), page, "go to the piano")
+    expect(page.get_by_text("Refused")).to_be_visible()
+    expect(page.get_by_text("There is no piano on this map. It has: chair (3)")).to_be_visible()
+    say(mine(bench), page, "sing me a song")
+    expect(page.get_by_text("Not understood").first).to_be_visible()
+    say(mine(bench), page, "go to the ninth chair")
+    expect(page.get_by_text("There are only 3 chairs on this map; the 9th was asked for.")).to_be_visible()
+
+
+def test_the_history_runs_again_and_outlives_a_reload(bench, page):
+    hurry(mine(bench), page)
+    say(mine(bench), page, "turn left")
+    expect(page.get_by_text("Done")).to_be_visible()
+    say(mine(bench), page, "go to the piano")
+    expect(page.get_by_text("Refused")).to_be_visible()
+    page.reload()
+    open_tab(page)
+    expect(page.get_by_text("There is no piano")).to_be_visible()
+    expect(page.get_by_role("button", name="go to the piano")).to_be_attached()
+    turned = (mine(bench).pose.heading_deg - 90.0) % 360.0
+    page.get_by_role("button", name="turn left").click()
+    until(page, lambda: mine(bench).pose.heading_deg % 360.0 == pytest.approx(turned))
+    expect(page.get_by_text("Done")).to_be_visible()
+    assert [past.command for past in mine(bench).robot._past] == ["turn left", "go to the piano"]
+
+
+def two_readings(text, counts):
+    """Read "there" in two ways, everything else by grammar."""
+    if text != "go there":
+        return read_command(text, counts)
+    return Reading('robot.move_to_object("couch")', ("there is the couch",), ('robot.move_to_object("potted plant")',))
+
+
+def test_the_other_reading_starts_where_the_command_was_given(browser):
+    def ask(simap, command, pose):
+        return answer(simap, command, pose, reader=two_readings)
+
+    services = real_services()
+    object.__setattr__(services, "ask", ask)
+    with toy_workbench(services) as bench, watched_page(browser) as page:
+        open_workbench(page, bench)
+        open_tab(page)
+        hurry(mine(bench), page)
+        say(mine(bench), page, "go there")
+        expect(page.get_by_text("there is the couch")).to_be_visible()
+        expect(page.get_by_text('robot.move_to_object("potted plant")')).to_be_visible()
+        expect(page.get_by_text("Done")).to_be_visible()
+        start, couch = mine(bench).robot._asked_at, mine(bench).pose
+        press(page, "Run the other reading")
+        plant = answer(mine(bench).simap, 'robot.move_to_object("potted plant")', start).final_pose
+        until(page, lambda: mine(bench).pose == plant)
+        expect(page.get_by_text('robot.move_to_object("couch")')).to_be_visible()
+        press(page, "Run the other reading")  # and back again
+        until(page, lambda: mine(bench).pose == couch)
+
+
+def test_a_language_model_is_asked_shown_and_stopped(browser):
+    with serving(writes('robot.move_to_object("couch")'), hangs) as server:
+        services = real_services(model=workbench._language_model(f"polyglot@{server.url}"))
+        with toy_workbench(services) as bench, watched_page(browser) as page:
+            open_workbench(page, bench)
+            open_tab(page)
+            hurry(mine(bench), page)
+            say(mine(bench), page, "va au canapé")
+            expect(page.get_by_text("Done")).to_be_visible()
+            expect(page.get_by_text("by polyglot")).to_be_visible()
+            page.get_by_text("Sent to the language model").click()
+            expect(page.get_by_text("sent (system)")).to_be_visible()
+            say(mine(bench), page, "encore")
+            expect(page.get_by_text("Asking polyglot")).to_be_visible()
+            until(page, lambda: len(server.received) == 2)
+            press(page, "Stop")
+            expect(page.get_by_text("The answer is not waited for")).to_be_visible()
+            assert server.left.wait(PATIENCE_S)
+            field_of(page, "Language model").uncheck(force=True)
+            until(page, lambda: not mine(bench).robot._panel.uses_model)
+            say(mine(bench), page, "turn left")
+            expect(page.get_by_text("Done")).to_be_visible()
+            assert len(server.received) == 2
+
+
+def test_the_camera_follows_from_above_and_from_behind_and_comes_back(bench, page):
+    camera = mine(bench).client.camera
+    overview = tuple(camera.position)
+    field_of(page, "Follow robot").check(force=True)
+    until(page, lambda: camera.position[:2] == pytest.approx((mine(bench).pose.x_m, mine(bench).pose.y_m), abs=0.1))
+    hurry(mine(bench), page)
+    say(mine(bench), page, "go to the couch")
+    expect(page.get_by_text("Done")).to_be_visible()
+    until(page, lambda: camera.position[:2] == pytest.approx((mine(bench).pose.x_m, mine(bench).pose.y_m), abs=0.1))
+    mine(bench).look("3-D view")
+    say(mine(bench), page, "turn right")
+    until(page, lambda: camera.position[2] < 5.0)
+    mine(bench).look("Top view")
+    field_of(page, "Follow robot").uncheck(force=True)
+
+    until(page, lambda: tuple(camera.position) == pytest.approx(overview, rel=1e-3))
+
+
+def test_two_pages_give_orders_to_robots_of_their_own(browser, bench, page):
+    first = mine(bench)
+    with watched_page(browser) as other:
+        open_workbench(other, bench)
+        open_tab(other)
+        second = mine(bench)
+        assert second is not first
+        hurry(first, page)
+        say(first, page, "go to the couch")
+        hurry(second, other)
+        say(second, other, "turn left")
+        for one in (page, other):
+            expect(one.get_by_text("Done")).to_be_visible()
+        expect(field_of(page, "Command")).to_have_value("go to the couch")
+        expect(field_of(other, "Command")).to_have_value("turn left")
+        assert [past.command for past in first.robot._past] == ["go to the couch"]
+        assert [past.command for past in second.robot._past] == ["turn left"]
+        assert second.pose.heading_deg % 360 == pytest.approx(0.0) and second.pose.x_m == 0.5
+        assert first.pose.x_m > 1.0

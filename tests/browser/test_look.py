@@ -1,0 +1,117 @@
+"""Keys, the dark page, names and contrast of what is written, in Debian's Chromium on the toy map."""
+
+import pytest
+from browser import mine, open_workbench, toy_workbench, until, wait_for_color, watched_page
+from page_looks import CHAIR_1, SAYS, STILL, UNREADABLE, faults, go_dark, open_tab, select_chair_1, tabs
+from playwright.sync_api import expect
+from toy_maps import toy_map
+
+from simaps_viz.colors.classes import instance_color
+from simaps_viz.colors.instances import class_colors
+from simaps_viz.drawing.theme import DARK, LIGHT
+
+OPEN_FLOOR = (3.0, -0.9)
+READABLE = 4.5
+PAUSE_MS = 250
+
+
+@pytest.fixture
+def page(browser, bench):
+    with watched_page(browser) as found:
+        open_workbench(found, bench)
+        found.evaluate("() => document.querySelectorAll('.mantine-Notification-root').forEach((note) => note.remove())")
+        yield found
+
+
+@pytest.fixture(scope="module")
+def bench(browser):
+    with toy_workbench() as workbench:
+        yield workbench
+
+
+def press(page, key):
+    page.keyboard.press(key)
+    page.wait_for_timeout(PAUSE_MS)
+
+
+def test_a_key_makes_the_page_dark_and_light_again(bench, page):
+    chair = bench.simap.by_id(CHAIR_1).centroid_m[:2]
+    wait_for_color(bench, page, OPEN_FLOOR, LIGHT.floor)
+    press(page, "l")
+    wait_for_color(bench, page, OPEN_FLOOR, DARK.floor)
+    wait_for_color(bench, page, chair, instance_color(CHAIR_1))  # objects keep their colours
+    page.wait_for_function("() => document.documentElement.dataset.mantineColorScheme === 'dark'")
+    expect(page.get_by_text("never seen").locator("i")).to_have_css("background-color", f"rgb{DARK.unseen}")
+    page.get_by_role("button", name="Light / dark").or_(page.get_by_text("Light / dark")).first.click()
+    wait_for_color(bench, page, OPEN_FLOOR, LIGHT.floor)
+
+
+def test_keys_select_nothing_stand_up_and_step(bench, page):
+    session = mine(bench)
+    session.select(CHAIR_1)
+    until(page, lambda: session.selected == CHAIR_1)
+    press(page, "Escape")
+    until(page, lambda: session.selected is None)
+    last = session.frame
+    press(page, "[")
+    until(page, lambda: session.frame == last - 1)
+    press(page, "]")
+    until(page, lambda: session.frame == last)
+    press(page, "3")
+    page.wait_for_function("() => window.__viserMutable.nodeRefFromName['/blocks/0'] != null")
+    press(page, "t")
+    page.wait_for_function("() => window.__viserMutable.nodeRefFromName['/blocks/0'] == null")
+
+
+def test_keys_typed_into_a_box_are_letters(bench, page):
+    press(page, "/")
+    box = page.get_by_label("Command", exact=True).and_(page.locator("textarea"))
+    expect(box).to_be_focused()
+    page.keyboard.type("to the table, L3T?")
+    expect(box).to_have_value("to the table, L3T?")
+    until(page, lambda: mine(bench).robot._panel.said[0] == "to the table, L3T?")  # a key would have come before
+    assert page.evaluate("document.documentElement.dataset.mantineColorScheme") == "light"
+
+
+def test_the_help_lists_every_key_and_closes(page):
+    press(page, "?")
+    title = page.get_by_text("How to use this page")
+    expect(title).to_be_visible()
+    for key in ("Space", "[", "]", "T", "3", "Esc", "L", "H or ?", "/"):
+        expect(page.locator("kbd", has_text=key).first).to_be_attached()
+    expect(page.get_by_text("the share of what frames saw of two parts")).to_be_attached()
+    press(page, "Escape")
+    expect(title).not_to_be_visible()
+    press(page, "h")
+    expect(title).to_be_visible()
+    page.get_by_role("button", name="Close").click()
+    expect(title).not_to_be_visible()
+
+
+@pytest.mark.parametrize("dark", [False, True], ids=["light", "dark"])
+def test_every_text_can_be_read_and_every_control_has_a_name(bench, page, dark):
+    if dark:
+        go_dark(page, mine(bench))
+    select_chair_1(page, bench)
+    bad = {}
+    for name in tabs(page, SAYS):
+        open_tab(page, name, SAYS[name])
+        bad[name] = faults(page)
+    assert set(SAYS) <= set(bad)
+    assert not any(bad.values()), bad
+    press(page, "h")
+    expect(page.get_by_text("How to use this page")).to_be_visible()
+    page.wait_for_function(STILL)
+    assert page.evaluate(UNREADABLE) == []
+
+
+def test_classes_have_the_colours_of_the_legend(bench, page):
+    session = mine(bench)
+    session.parts.map.set_look("class", None)
+    session.repaint()
+    of_class = class_colors(toy_map())
+    for one in bench.simap.instances:
+        wait_for_color(bench, page, one.centroid_m[:2], of_class[one.label])
+    for label, color in of_class.items():
+        entry = page.locator(".simaps-entry", has_text=label).first.locator("i")
+        expect(entry).to_have_css("background-color", f"rgb{color}")

@@ -1,0 +1,237 @@
+"""People mend a map on the page: what they see, what is saved, and that all pages show it."""
+
+import json
+
+import numpy as np
+import pytest
+from browser import field_of, on_canvas, open_workbench, pixel, until, wait_for_color, watched_page
+from mend_pages import MendPages
+from playwright.sync_api import expect
+from toy_maps import toy_map
+
+from simaps_viz.colors.classes import instance_color
+from simaps_viz.drawing.texture import map_image
+from simaps_viz.mapping.edit_log import edits_path
+from simaps_viz.mapping.edits import Delete, Split
+from simaps_viz.mapping.file import save_map
+from simaps_viz.mapping.mending import open_mending
+
+CHAIR_1, CHAIR_3, CHAIR_4 = (1.25, 1.9), (-0.2, -0.8), (3.8, -0.6)
+TABLE_8, PLANT_9 = (3.8, 0.3), (4.55, -1.45)
+PAUSE_MS = 150
+
+
+@pytest.fixture
+def mending(tmp_path):
+    save_map(toy_map(), tmp_path / "toy.npz")
+    return open_mending(tmp_path / "toy.npz")
+
+
+def color_at(simap, x, y):
+    row, col = simap.spec.cell_of(x, y)
+    return map_image(simap, "instance", scale=1)[row, col]
+
+
+def click(bench, page, place, session=None):
+    page.wait_for_timeout(PAUSE_MS)
+    x, y = on_canvas(bench, page, place[0], place[1], session)
+    page.mouse.click(x, y)
+    page.wait_for_timeout(PAUSE_MS)
+
+
+def press(page, name):
+    page.get_by_role("button", name=name, exact=True).click()
+    page.wait_for_timeout(PAUSE_MS)
+
+
+def choose(panel, page, label, option):
+    """Choose, and wait until the panel knows: viser's page sends only the last change of any 50 ms."""
+    field_of(page, label).click()
+    page.get_by_role("option", name=option).first.click()
+    chosen = {"Class": panel._class, "Join with": panel._other, "Cut along": panel._how}[label]
+    until(page, lambda: option in str(chosen.value))
+
+
+def sign(panel, page, name):
+    field_of(page, "Your name").fill(name)
+    until(page, lambda: panel._who.value == name)
+
+
+def cut_by_clicks(panel, page):
+    press(page, "Cut in two")
+    until(page, lambda: panel.waiting == "cut")
+
+
+def joins(bench, page, mending):
+    click(bench, page, CHAIR_3)
+    expect(page.get_by_text("chair 2 of 3")).to_be_visible()
+    press(page, "Join")
+    expect(page.get_by_text("Click the other object on the map")).to_be_visible()
+    click(bench, page, (0.5, 0.3))
+    expect(page.get_by_text("There is nothing there.")).to_be_visible()
+    click(bench, page, CHAIR_4)
+    expect(page.get_by_text("They do not touch: 3.60 m lie between them.")).to_be_visible()
+    expect(page.get_by_text("chair 2 of 2")).to_be_visible()  # what was joined is selected
+    expect(page.locator("ol").get_by_text("joined chair 2 and chair 3")).to_be_visible()
+    wait_for_color(bench, page, CHAIR_4, color_at(mending.simap(), *CHAIR_4))
+    assert tuple(color_at(mending.simap(), *CHAIR_4)) == instance_color(3) != instance_color(4)
+    expect(page.get_by_text("Saved to")).to_be_visible()
+
+
+def cuts(bench, page, mending):
+    click(bench, page, TABLE_8)
+    expect(page.get_by_text("dining table 2 of 2")).to_be_visible()
+    cut_by_clicks(bench.sessions[-1].panel, page)
+    click(bench, page, (3.6, -0.3))
+    expect(page.get_by_text("Now click where the line goes to")).to_be_visible()
+    click(bench, page, (3.6, 0.9))
+    expect(page.locator("ol").get_by_text("cut dining table 2 in two")).to_be_visible()
+    sizes = sorted(one.cells for one in mending.simap().of_class("dining table"))
+    assert sizes[2] == 216 and sum(sizes[:2]) == 192 and abs(sizes[0] - 48) <= 12
+    for x in (3.5, 3.9):
+        wait_for_color(bench, page, (x, 0.3), color_at(mending.simap(), x, 0.3))
+    assert pixel(bench, page, 3.5, 0.3) != pixel(bench, page, 3.9, 0.3)
+
+
+def renames(bench, page, mending):
+    panel = bench.sessions[-1].panel
+    click(bench, page, PLANT_9)
+    expect(page.get_by_text("potted plant 1 of 1")).to_be_visible()
+    choose(panel, page, "Class", "new class")
+    field_of(page, "New class").fill("tree fern")
+    until(page, lambda: panel._new.value == "tree fern")
+    press(page, "Rename")
+    expect(page.locator("ol").get_by_text("potted plant 1 is called tree fern")).to_be_visible()
+    assert mending.simap().counts()["tree fern"] == 1
+
+
+def deletes_and_takes_it_back(bench, page, mending):
+    press(page, "Delete")
+    expect(page.locator("ol").get_by_text("took away tree fern 1")).to_be_visible()
+    floor = color_at(mending.simap(), *PLANT_9)
+    wait_for_color(bench, page, PLANT_9, floor)
+    assert tuple(floor) != instance_color(9)
+    press(page, "Undo")
+    expect(page.get_by_text("1 taken back.")).to_be_visible()
+    wait_for_color(bench, page, PLANT_9, instance_color(9))
+    press(page, "Redo")
+    wait_for_color(bench, page, PLANT_9, floor)
+
+
+def test_a_person_joins_cuts_renames_deletes_and_takes_it_back(browser, mending):
+    with MendPages(mending) as bench, watched_page(browser) as page:
+        open_workbench(page, bench)
+        expect(page.get_by_text("Select an object on the map")).to_be_visible()
+        press(page, "Delete")
+        expect(page.get_by_text("Select an object first.")).to_be_visible()
+        expect(page.get_by_text("No edits yet")).to_be_visible()
+        sign(bench.sessions[-1].panel, page, "Ann")
+        for step in (joins, cuts, renames, deletes_and_takes_it_back):
+            step(bench, page, mending)
+        until(page, lambda: len(mending.log.entries) == 4)
+        assert bench.sessions[-1].told == []
+    record = json.loads(edits_path(mending.path.parent / "toy.npz").read_text())
+    assert [(edit["do"], edit["who"]) for edit in record["edits"]] == [
+        ("merge", "Ann"), ("split", "Ann"), ("relabel", "Ann"), ("delete", "Ann"),
+    ]  # fmt: skip
+
+
+def test_the_line_is_drawn_and_a_line_beside_the_object_is_refused(browser, mending):
+    with MendPages(mending) as bench, watched_page(browser) as page:
+        open_workbench(page, bench)
+        expect(page.get_by_text("Select an object on the map")).to_be_visible()
+        click(bench, page, TABLE_8)
+        cut_by_clicks(bench.sessions[-1].panel, page)
+        click(bench, page, (2.6, -1.0))
+        page.wait_for_function("() => '/cut' in window.__viserMutable.nodeRefFromName")
+        red = lambda place: np.abs(np.subtract(pixel(bench, page, *place), (214, 39, 40))).max() < 40  # noqa: E731
+        until(page, lambda: red((2.6, -1.0)))
+        assert not red((2.6, 0.6))
+        bench.sessions[-1].panel._draw([(2.6, -1.0), (2.6, 0.5)])
+        until(page, lambda: red((2.6, 0.2)) and red((2.6, 1.0)))  # it goes on beyond the points
+        click(bench, page, (2.6, 0.5))
+        expect(page.get_by_text("The line does not cross dining table 2. Click on both sides of it.")).to_be_visible()
+        until(page, lambda: not red((2.6, 0.2)))
+        assert mending.log.entries == () and not mending.saved
+        press(page, "Cut in two")
+        expect(page.get_by_role("button", name="Cancel")).to_be_visible()
+        page.keyboard.press("Escape")
+        expect(page.get_by_role("button", name="Cancel")).not_to_be_visible()
+        click(bench, page, CHAIR_1)  # selects again, as nothing waits
+        expect(page.get_by_text("chair 1 of 3").first).to_be_visible()
+
+
+def test_the_keyboard_alone_does_it(browser, mending):
+    with MendPages(mending) as bench, watched_page(browser) as page:
+        open_workbench(page, bench)
+        expect(page.get_by_text("Select an object on the map")).to_be_visible()
+        desk = bench.sessions[-1]
+        desk.select(8)
+        expect(page.get_by_text("dining table 2 of 2")).to_be_visible()
+        choose(desk.panel, page, "Cut along", "north to south")
+        page.evaluate("document.activeElement.blur()")
+        page.keyboard.press("x")
+        expect(page.locator("ol").get_by_text("cut dining table 2 in two")).to_be_visible()
+        assert sorted(i.cells for i in mending.simap().of_class("dining table")) == [96, 96, 216]
+        page.wait_for_timeout(PAUSE_MS)
+        page.keyboard.press("Control+z")
+        expect(page.get_by_text("1 taken back.")).to_be_visible()
+        page.wait_for_timeout(PAUSE_MS)
+        page.keyboard.press("Control+Shift+z")
+        expect(page.locator("ol").get_by_text("cut dining table 2 in two")).to_be_visible()
+        page.wait_for_timeout(PAUSE_MS)
+        page.keyboard.press("Delete")
+        expect(page.locator("ol").get_by_text("took away dining table 2")).to_be_visible()
+        desk.select(3)
+        expect(page.get_by_text("chair 2 of 3")).to_be_visible()
+        field_of(page, "Your name").press_sequentially("xj")  # letters in a text are no edits
+        until(page, lambda: "xj" in desk.panel._who.value)
+        page.evaluate("document.activeElement.blur()")
+        page.keyboard.press("Delete")  # comes to the workbench after them
+        expect(page.locator("ol").get_by_text("took away chair 2")).to_be_visible()
+        assert [type(entry.edit) for entry in mending.log.entries] == [Split, Delete, Delete]
+
+
+def test_two_pages_see_one_anothers_edits(browser, mending):
+    with MendPages(mending) as bench, watched_page(browser) as ann:
+        open_workbench(ann, bench)
+        hers = bench.sessions[-1]
+        with watched_page(browser) as bo:
+            open_workbench(bo, bench)
+            his = bench.sessions[-1]
+            sign(hers.panel, ann, "Ann")
+            sign(his.panel, bo, "Bo")
+            click(bench, ann, PLANT_9, hers)
+            expect(ann.get_by_text("potted plant 1 of 1")).to_be_visible()
+            press(ann, "Delete")
+            expect(bo.locator("ol").get_by_text("took away potted plant 1")).to_be_visible()
+            wait_for_color(bench, bo, PLANT_9, color_at(mending.simap(), *PLANT_9), session=his)
+            his.select(3)
+            expect(bo.get_by_text("chair 2 of 3")).to_be_visible()
+            choose(his.panel, bo, "Join with", "chair 3 of 3")
+            press(bo, "Join")
+            expect(ann.locator("ol").get_by_text("joined chair 2 and chair 3")).to_be_visible()
+            wait_for_color(bench, ann, CHAIR_4, instance_color(3), session=hers)
+            expect(ann.get_by_text("Bo, 20")).to_be_visible()
+            press(ann, "Undo")
+            wait_for_color(bench, bo, CHAIR_4, instance_color(4), session=his)
+            assert hers.told == his.told == []
+        until(ann, lambda: len(bench.sessions) == 1)
+        press(ann, "Undo")
+        expect(ann.get_by_text("No edits yet")).to_be_visible()
+    assert mending.log.people() == {}
+
+
+def test_what_cannot_be_saved_is_said_and_not_shown(browser, mending):
+    with MendPages(mending) as bench, watched_page(browser) as page:
+        open_workbench(page, bench)
+        expect(page.get_by_text("Select an object on the map")).to_be_visible()
+        mending.path.write_text("another program was here")
+        click(bench, page, PLANT_9)
+        expect(page.get_by_text("potted plant 1 of 1")).to_be_visible()
+        press(page, "Delete")
+        expect(page.get_by_text("expected the edits as they were read, found others")).to_be_visible()
+        assert pixel(bench, page, *PLANT_9) == instance_color(9)
+        sign(bench.sessions[-1].panel, page, " ")
+        press(page, "Delete")
+        expect(page.get_by_text("Write your name below")).to_be_visible()

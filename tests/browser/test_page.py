@@ -1,0 +1,202 @@
+"""What a person sees on a page with all its tabs: letters large enough, nothing cut off, things found by name; a reload
+loses neither the open tabs nor a comparison. In Debian's Chromium on the toy map."""
+
+import pytest
+from browser import field_of, mine, open_workbench, toy_services, toy_workbench, until, watched_page
+from page_looks import SAYS, STILL, faults, go_dark, open_tab, select_chair_1, tabs
+from playwright.sync_api import expect
+from toy_maps import toy_map
+from toy_segmentations import toy_segmentation
+
+from simaps_viz.cli.mend import mending_panels
+from simaps_viz.evaluation.two_maps import compare_two
+from simaps_viz.mapping.file import save_map
+from simaps_viz.mapping.mending import open_mending
+from simaps_viz.mapping.simap import repartition
+from simaps_viz.viewer.panels.compare import compare_panel
+from simaps_viz.viewer.panels.compare_words import CompareServices, Source
+from simaps_viz.viewer.panels.masks import masks_panel
+from simaps_viz.viewer.panels.recordings import RecordingServices, recordings_spec
+from simaps_viz.viewer.panels.share import ShareServices, share_panel
+
+CHAIR_1 = 1
+LEAST_PX = 12.0
+PAUSE_MS = 300
+ALL_SAY = SAYS | {
+    "Compare": "Right",
+    "Masks": "Thresholds, on this frame only",
+    "Share": "Save as picture (.png)",
+    "Recordings": "List again",
+    "Mend": "Cut along",
+}
+"""A text of each tab, with an object selected."""
+SMALL = """(least) => {
+  const small = [], say = (element, text) => {
+    const px = parseFloat(getComputedStyle(element).fontSize);
+    if (px < least) small.push(`${px.toFixed(1)} ${text.slice(0, 40)}`);
+  };
+  const walker = document.createTreeWalker(document.body, NodeFilter.SHOW_TEXT);
+  for (let node = walker.nextNode(); node; node = walker.nextNode())
+    if (node.data.trim() && node.parentElement.checkVisibility() && !node.parentElement.closest('style, script'))
+      say(node.parentElement, node.data.trim());
+  for (const box of document.querySelectorAll('input:not([type=hidden]), textarea:not([aria-hidden])'))
+    if (box.checkVisibility()) say(box, `${box.ariaLabel}: ${box.value}`);
+  return small;
+}"""
+SPILT = """() => {
+  const left = document.querySelector('canvas').getBoundingClientRect().right, spilt = [];
+  const look = (box, text) => {
+    if (box.width > 0 && box.right > left + 1 && (box.right > innerWidth + 0.5 || box.left < left - 0.5))
+      spilt.push(`${box.left.toFixed(0)}..${box.right.toFixed(0)} ${text.slice(0, 40)}`);
+  };
+  const walker = document.createTreeWalker(document.body, NodeFilter.SHOW_TEXT);
+  for (let node = walker.nextNode(); node; node = walker.nextNode()) {
+    if (!node.data.trim() || !node.parentElement.checkVisibility() || node.parentElement.closest('style')) continue;
+    const range = document.createRange();
+    range.selectNodeContents(node);
+    look(range.getBoundingClientRect(), node.data.trim());
+  }
+  for (const one of document.querySelectorAll('input, textarea:not([aria-hidden]), button, img, table'))
+    if (one.checkVisibility()) look(one.getBoundingClientRect(), one.tagName);
+  return spilt;
+}"""
+
+
+@pytest.fixture(scope="module")
+def bench(tmp_path_factory):
+    path = tmp_path_factory.mktemp("page") / "toy.npz"
+    save_map(toy_map(), path)
+    compare = CompareServices(
+        compare=lambda left, right, truth: compare_two(left, right, truth=truth),
+        sources=(Source("components", "Method components"),),
+        make=lambda key, simap, tell, cancel: repartition(simap, k_percent=0.0),
+    )
+    recordings = RecordingServices(entries=lambda: (), rename=lambda a, b: None, delete=lambda a: None, folder="/r")
+    panels = (
+        compare_panel(compare),
+        masks_panel(toy_segmentation()),
+        *mending_panels(open_mending(path)),
+        share_panel(ShareServices()),
+        recordings_spec(recordings),
+    )
+    with toy_workbench(toy_services(panels=panels)) as workbench:
+        yield workbench
+
+
+@pytest.fixture
+def page(browser, bench):
+    with watched_page(browser) as found:
+        open_workbench(found, bench)
+        found.evaluate("() => document.querySelectorAll('.mantine-Notification-root').forEach((note) => note.remove())")
+        yield found
+
+
+def tab(page, name):
+    open_tab(page, name, ALL_SAY[name])
+
+
+def kept_of_comparison(session):
+    """Give what the comparison would have on a page that is loaded again: its right side and where it is divided."""
+    kept = session.parts.others.states()["Compare"]
+    return kept["sides"][1].title, kept["divide"]
+
+
+def seen_in_all_tabs(page, bench, look):
+    """Give what a look at each tab finds, with an object selected and with the answer to a command."""
+    select_chair_1(page, bench)
+    found = {}
+    for name in tabs(page, ALL_SAY):
+        tab(page, name)
+        if name == "Command":
+            field_of(page, "Command").fill("go to the piano")
+            field_of(page, "Command").press("Enter")
+            expect(page.get_by_text("There is no piano on this map")).to_be_visible()
+        found[name] = look()
+    assert set(ALL_SAY) <= set(found)
+    page.keyboard.press("h")
+    expect(page.get_by_text("How to use this page")).to_be_visible()
+    page.wait_for_function(STILL)
+    return {**found, "help": look()}
+
+
+@pytest.mark.parametrize("size", [(1280, 800), (1920, 1080)], ids=["1280", "1920"])
+def test_letters_are_large_enough_and_nothing_is_wider_than_its_panel(browser, bench, size):
+    with watched_page(browser, *size) as page:
+        open_workbench(page, bench)
+        found = seen_in_all_tabs(page, bench, lambda: page.evaluate(SMALL, LEAST_PX) + page.evaluate(SPILT))
+        assert not any(found.values()), found
+
+
+@pytest.mark.parametrize("dark", [False, True], ids=["light", "dark"])
+def test_every_tab_can_be_read_and_every_control_has_a_name(bench, page, dark):
+    if dark:
+        go_dark(page, mine(bench))
+    found = seen_in_all_tabs(page, bench, lambda: faults(page))
+    assert not any(found.values()), found
+
+
+def test_an_object_is_found_by_its_name_and_number(bench, page):
+    session = mine(bench)
+    tab(page, "Mend")
+    far = session.client.camera.position[2]
+    page.keyboard.press("f")
+    box = page.locator("textarea[aria-label=Find]")
+    expect(box).to_be_focused()
+    page.keyboard.type("chair 3", delay=60)
+    expect(page.get_by_text("Enter: chair 3 of 3")).to_be_visible()
+    assert session.selected is None
+    page.keyboard.press("Enter")
+    third = bench.simap.of_class("chair")[2]
+    until(page, lambda: session.selected == third.id)
+    expect(page.get_by_text("chair 3 of 3").first).to_be_visible()
+    camera, middle = session.client.camera, pytest.approx(third.centroid_m[:2], abs=0.2)
+    until(page, lambda: camera.position[2] < 0.8 * far and camera.look_at[:2] == middle)
+    page.wait_for_timeout(PAUSE_MS)
+    for typed, said in (("chair 4", "There is no chair 4."), ("piano", "There is no piano on this map.")):
+        box.fill(f"{typed}\n")
+        expect(page.get_by_text(said)).to_be_visible()
+        page.wait_for_timeout(PAUSE_MS)
+    assert session.selected == third.id
+    other = next(one for one in bench.simap.instances if one.label != "chair")
+    box.fill(f"{other.id}\n")
+    until(page, lambda: session.selected == other.id)
+
+
+def test_a_reload_keeps_the_open_tabs_and_the_comparison(bench, page):
+    tab(page, "Compare")
+    tab(page, "Mend")
+    field_of(page, "Right").click()
+    page.get_by_role("option", name="Method components").click()
+    until(page, lambda: kept_of_comparison(mine(bench))[0] == "Method components")
+    page.get_by_role("button", name="Compare", exact=True).click()
+    expect(page.get_by_text("Mark all listed")).to_be_visible()
+    field_of(page, "Divide (%)").fill("30")
+    until(page, lambda: kept_of_comparison(mine(bench))[1] == 30)
+    said = page.get_by_text("objects agree").inner_text()
+    page.reload()
+    expect(page.get_by_role("tab", name="Compare", exact=True)).to_have_attribute("aria-selected", "true")
+    expect(page.get_by_role("tab", name="Mend", exact=True)).to_have_attribute("aria-selected", "true")
+    expect(page.get_by_text("objects agree")).to_have_text(said)
+    expect(field_of(page, "Right")).to_have_value("Method components")
+    expect(field_of(page, "Divide (%)")).to_have_value("30")
+    page.get_by_role("button", name="End comparison").click()
+    expect(page.get_by_role("button", name="Compare", exact=True)).to_be_visible()
+    tab(page, "Build")
+    page.reload()
+    expect(page.get_by_role("tab", name="Build", exact=True)).to_have_attribute("aria-selected", "true")
+
+
+def test_escape_closes_the_enlarged_picture_and_nothing_else(bench, page):
+    session = mine(bench)
+    session.select(CHAIR_1)
+    session.jump(0)
+    tab(page, "Masks")
+    expect(page.get_by_text("Frame 0010, 1 of 3.")).to_be_visible()
+    page.get_by_role("button", name="Enlarge").click()
+    window = page.locator(".mantine-Modal-content")
+    expect(window).to_be_visible()
+    until(page, lambda: (window.locator("img").bounding_box() or {"width": 0})["width"] > 600)
+    page.keyboard.press("Escape")
+    expect(window).not_to_be_visible()
+    page.wait_for_timeout(PAUSE_MS)
+    assert session.selected == CHAIR_1

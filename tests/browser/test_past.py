@@ -1,0 +1,136 @@
+"""A page that shows the past, in Debian's Chromium: it says so, its camera moves along, and it finds back."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from browser import field_of, free_port, mine, open_workbench, toy_services, toy_workbench, until, watched_page
+from built_maps import FRAMES, built, fill
+from playwright.sync_api import expect
+from sequences import write_tiny_sequence
+from toy_maps import _views, toy_map
+
+from simaps_viz import open_sequence
+from simaps_viz.app import workbench as app
+from simaps_viz.viewer.workbench import Workbench
+
+TABLE = 6
+POSE = """() => {
+  const node = window.__viserMutable.nodeRefFromName['/camera'];
+  return node && node.visible ? node.position.toArray() : null;
+}"""
+
+
+@pytest.fixture(scope="module")
+def made(tmp_path_factory):
+    """A map with its history, and its file."""
+    folder = tmp_path_factory.mktemp("past")
+    simap = built(open_sequence(write_tiny_sequence(folder / "tiny", frames=FRAMES)), folder / "m.npz")
+    return simap, folder / "m.npz"
+
+
+@pytest.fixture
+def bench(made):
+    simap, path = made
+    with app.open_workbench(simap, recording=None, port=free_port(), map_path=path) as workbench:
+        yield workbench
+
+
+@pytest.fixture
+def page(browser, bench):
+    with watched_page(browser) as found:
+        open_workbench(found, bench)
+        found.get_by_role("tab", name="Build", exact=True).click()
+        yield found
+
+
+def at_end(session) -> bool:
+    """The page shows the finished map, and nothing of any other time."""
+    build, steps = session.parts.build, session.parts.steps
+    return build.frame == FRAMES - 1 and steps.step is None and not session.time.now().badge
+
+
+def test_the_camera_moves_while_the_build_plays_and_goes_at_the_end(bench, page):
+    session = mine(bench)
+    poses = session.simap.T_map_camera[:, :3, 3]
+    assert page.evaluate(POSE) is None
+    fill(page, "Frame", "2")
+    until(page, lambda: (pose := page.evaluate(POSE)) is not None and np.allclose(pose, poses[2], atol=1e-4))
+    session.parts.build._rate.value = 1  # slow enough to be seen whatever else the machine does
+    page.get_by_role("button", name="Play", exact=True).click()
+    seen = set()
+    there = {tuple(pose) for pose in np.round(poses, 3).tolist()}
+    until(page, lambda: seen.add(tuple(np.round(page.evaluate(POSE) or poses[2], 3).tolist())) or seen >= there)
+    assert len(there) == 3 and session.frame < FRAMES - 1, "it still plays"
+    session.parts.build._rate.value = 30
+    until(page, lambda: session.frame == FRAMES - 1 and page.evaluate(POSE) is None)
+
+
+def test_the_past_is_marked_and_one_button_ends_it(bench, page):
+    session = mine(bench)
+    fill(page, "Frame", "5")
+    page.get_by_role("tab", name="Map", exact=True).click()
+    expect(page.get_by_text(f"as of frame 6 of {FRAMES}").first).to_be_visible()
+    until(page, lambda: session.scene._scene.get_handle_by_name("/badge") is not None)
+    page.get_by_role("button", name="Show the finished map").click()
+    until(page, lambda: at_end(session))
+    expect(page.get_by_role("button", name="Show the finished map")).to_have_count(0)
+    until(page, lambda: page.evaluate(POSE) is None)
+
+
+def test_steps_and_frames_never_mix(bench, page):
+    session = mine(bench)
+    fill(page, "Frame", "5")
+    until(page, lambda: not session.parts.steps._slider.disabled)
+    fill(page, "Position", "0")
+    until(page, lambda: session.parts.steps.step == 0 and session.frame == FRAMES - 1)
+    until(page, lambda: page.evaluate(POSE) is None)
+    page.get_by_role("tab", name="Map", exact=True).click()
+    last = bench.shared.timeline(session.simap).last
+    expect(page.get_by_text(f"at step 0 of {last}").first).to_be_visible()
+    page.get_by_role("tab", name="Build", exact=True).click()
+    page.get_by_role("button", name="Back to the map").click()
+    until(page, lambda: at_end(session))
+    expect(field_of(page, "Position")).not_to_have_value("0")  # else there is nothing to choose
+    fill(page, "Position", "0")
+    until(page, lambda: session.parts.steps.step == 0)
+    fill(page, "Frame", "7")
+    until(page, lambda: session.parts.steps.step is None and session.frame == 7)
+
+
+def test_a_command_is_given_on_the_finished_map(bench, page):
+    session = mine(bench)
+    fill(page, "Frame", "5")
+    until(page, lambda: session.frame == 5)
+    session.robot._drive.speed = 8.0
+    session.robot.ask("go to the chair")
+    until(page, lambda: at_end(session))
+    until(page, lambda: "Done" in session.robot._panel._result.content)
+
+
+def test_a_merge_step_shows_the_finished_map_and_no_other_comparison(browser):
+    with toy_workbench() as bench, watched_page(browser) as page:
+        open_workbench(page, bench)
+        session = mine(bench)
+        session.jump(1)
+        session.select(1)
+        until(page, lambda: session.parts.why.why is not None and session.wait_idle())
+        session.parts.why.compare(TABLE)
+        until(page, lambda: session.parts.why.lit == {TABLE})
+        assert session.time.now().badge == "as of frame 2 of 5"
+        session.parts.why._choose_step(1)
+        until(page, lambda: not session.parts.why.lit and not session.time.now().badge)
+        assert session.frame == 4
+        expect(page.get_by_text("are of different classes")).not_to_be_visible()
+        until(page, lambda: session.scene._scene.get_handle_by_name("/why/other") is None)
+
+
+def test_a_map_without_frames_says_how_to_get_them(browser):
+    whole = toy_map()
+    bare = replace(whole, frame_names=(), T_map_camera=np.zeros((0, 4, 4)), views=_views(np.zeros((2, 2), np.int32), 0))
+    with Workbench(bare, services=toy_services(), port=free_port()) as bench, watched_page(browser) as page:
+        open_workbench(page, bench)
+        page.get_by_role("tab", name="Build", exact=True).click()
+        expect(page.get_by_text("This map keeps no frames. Build it again with --history")).to_be_visible()
+        expect(page.get_by_text("Map as it was then")).to_have_count(0)
+        expect(page.get_by_role("button", name="Play", exact=True)).to_have_count(0)

@@ -1,9 +1,0 @@
-"""All fuzzing targets by name."""
-
-from fuzz_language import LANGUAGE_TARGETS
-from fuzz_maps import MAP_TARGETS
-from fuzz_native import NATIVE_TARGETS
-from fuzz_page import PAGE_TARGETS
-from fuzz_readers import READER_TARGETS
-
-TARGETS = {t.name: t for t in (*READER_TARGETS, *MAP_TARGETS, *LANGUAGE_TARGETS, *NATIVE_TARGETS, *PAGE_TARGETS)}

@@ -1,0 +1,269 @@
+"""What the browser tests share: Debian's Chromium, a watched page, a workbench on the toy map, a small recording."""
+
+import itertools
+import os
+import socket
+import time
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from playwright.sync_api import Browser, Frame, Locator, Page, expect, sync_playwright
+from toy_maps import TOY_POSE, toy_map
+
+from simaps_viz.errors import CommandError
+from simaps_viz.mapping.simap import recommunity, repartition
+from simaps_viz.structures import Pose2, SIMap
+from simaps_viz.viewer.page.services import Services
+from simaps_viz.viewer.session import Session
+from simaps_viz.viewer.workbench import Workbench
+
+PATIENCE_S = 60.0
+"""How long anything may take to appear: a machine with other work draws pages slowly, and what hangs never appears."""
+expect.set_options(timeout=1000 * PATIENCE_S)
+CHROMIUM = Path("/usr/bin/chromium")
+ARGUMENTS = [
+    "--no-sandbox",
+    "--disable-quic",
+    "--no-first-run",
+    "--disable-background-networking",
+    "--disable-component-update",
+    "--disable-sync",
+    "--use-angle=swiftshader",
+    "--enable-unsafe-swiftshader",
+]
+FIRST_PORT, PORTS_EACH = 20_000, 2_000
+"""Below those the system gives to connections; of up to six processes that run tests at once, each has its own."""
+_rows = itertools.islice(itertools.cycle(range(0, PORTS_EACH, 8)), os.getpid() % 250, None)
+LOCAL = ("http://127.0.0.1:", "ws://127.0.0.1:", "data:", "blob:")
+
+
+@dataclass(frozen=True, eq=False)
+class ToyAnswer:
+    """What a command service gives, as plain as it can be."""
+
+    status: str = "ok"
+    reason: str | None = None
+    program: str | None = None
+    goals: Sequence[Any] = ()
+    path_m: NDArray = field(default_factory=lambda: np.zeros((0, 2)))
+    final_pose: Pose2 = TOY_POSE
+    path_length_m: float = 0.0
+    notes: Sequence[str] = ()
+    alternatives: Sequence[str] = ()
+
+
+def toy_ask(simap: SIMap, command: str, pose: Pose2) -> ToyAnswer:
+    """Drive to x = 1.5 m, or refuse a piano."""
+    if "piano" in command:
+        raise CommandError("There is no piano on this map. It has: chair (3), dining table (2).")
+    if "crash" in command:
+        raise ZeroDivisionError("a fault of the service")
+    if "locked" in command:
+        return ToyAnswer(status="failed", reason="No free way to the locked room.", program="robot.move_to((9, 9))\n")
+    return ToyAnswer(
+        program='chair = robot.instances("chair")[0]\nrobot.move_to_object("chair", chair)\n',
+        goals=[{"primitive": "move_to_object", "label": "chair", "instance": 1, "point": (1.5, pose.y_m)}],
+        path_m=np.array([[pose.x_m, pose.y_m], [1.5, pose.y_m]]),
+        final_pose=Pose2(1.5, pose.y_m, np.pi / 2),
+        path_length_m=abs(1.5 - pose.x_m),
+    )
+
+
+def toy_view(frame: int) -> tuple[NDArray, NDArray]:
+    """A grey picture with one bright ellipse for each segment 11 .. 19."""
+    rgb = np.full((480, 640, 3), 90 + 10 * frame, np.uint8)
+    ids = np.zeros((480, 640), np.int32)
+    for segment in range(11, 20):
+        centre = (60 * (segment - 10), 240 + 10 * frame)
+        cv2.ellipse(ids, centre, (25, 60), 0, 0, 360, segment, -1)
+        cv2.ellipse(rgb, centre, (25, 60), 0, 0, 360, (200, 20 * (segment - 10), 120), -1)
+    return rgb, ids
+
+
+def free_port() -> int:
+    """Give the first of six free ports in a row: a workbench takes three, and the next one three more."""
+    worker = int(os.environ.get("PYTEST_XDIST_WORKER", "gw0").removeprefix("gw")) % 6
+    for row in itertools.islice(_rows, PORTS_EACH // 8):
+        first = FIRST_PORT + PORTS_EACH * worker + row
+        with ExitStack() as probes:
+            try:
+                for port in range(first, first + 6):
+                    probes.enter_context(socket.socket()).bind(("127.0.0.1", port))
+            except OSError:
+                continue
+            return first
+    pytest.fail("no six ports in a row are free")
+
+
+def toy_services(**others: Any) -> Services:
+    return Services(
+        repartition=lambda simap, k: repartition(simap, k_percent=k),
+        recommunity=lambda simap, resolution, k: recommunity(simap, resolution=resolution, k_percent=k),
+        ask=toy_ask,
+        view=toy_view,
+        **others,
+    )
+
+
+@contextmanager
+def toy_workbench(services: Services | None = None) -> Iterator[Workbench]:
+    with Workbench(toy_map(), services=services or toy_services(), port=free_port(), start=TOY_POSE) as workbench:
+        workbench.tabs._leave_s = 60.0  # a page that is loaded again may be far faster than its leaving
+        assert workbench.wait_idle()
+        yield workbench
+
+
+def mine(bench: Workbench) -> Session:
+    """The page that was opened last."""
+    return bench.sessions[-1]
+
+
+@contextmanager
+def chromium() -> Iterator[Browser]:
+    """Debian's Chromium, without a window. Its absence is a failure unless the caller asked for no browser."""
+    if os.environ.get("SIMAPS_NO_BROWSER") == "1":
+        pytest.skip("SIMAPS_NO_BROWSER=1")
+    if not CHROMIUM.is_file():
+        pytest.fail(f"{CHROMIUM} is missing: install chromium, or set SIMAPS_NO_BROWSER=1 to leave these tests out")
+    with sync_playwright() as playwright:
+        browser = playwright.chromium.launch(executable_path=str(CHROMIUM), headless=True, args=ARGUMENTS)
+        yield browser
+        browser.close()
+
+
+@contextmanager
+def watched_page(browser: Browser, width: int = 1280, height: int = 800) -> Iterator[Page]:
+    """A fresh page; fails at the end when anything outside this machine answered, or the stock page asked for it."""
+    context = browser.new_context(viewport={"width": width, "height": height})
+    context.set_default_timeout(1000 * PATIENCE_S)
+    page = context.new_page()
+    asked, answered = [], []
+    page.on("request", lambda request: asked.append((request.frame.url, request.url)))
+    page.on("response", lambda response: answered.append(response.url))
+    yield page
+    context.close()
+    assert [url for url in answered if not url.startswith(LOCAL)] == []
+    assert [url for frame, url in asked if not url.startswith(LOCAL) and "/rerun/" not in frame] == []
+
+
+def until(page: Page, predicate: Callable[[], object], timeout_s: float = PATIENCE_S) -> None:
+    """Wait, letting the browser work, until a predicate holds."""
+    end = time.monotonic() + timeout_s
+    while not predicate():
+        assert time.monotonic() < end, "timed out"
+        page.wait_for_timeout(40)
+
+
+def open_workbench(page: Page, workbench: Any) -> None:
+    """Load the page and wait for the map and a settled camera."""
+    page.goto(f"{workbench.url}/?fixedDpr=1")
+    page.wait_for_function(
+        "() => window.__viserMutable?.nodeRefFromName && window.__viserMutable.nodeRefFromName['/map'] != null",
+        timeout=1000 * PATIENCE_S,
+    )
+    last: list[tuple[float, ...]] = []
+
+    def settled() -> bool:
+        if not workbench.sessions or mine(workbench).client.camera.update_timestamp == 0.0:
+            return False
+        camera = mine(workbench).client.camera
+        width = page.locator("canvas").first.bounding_box() or {"width": 0, "height": 1}
+        last.append((*camera.position, camera.aspect))
+        same = len(last) > 8 and np.allclose(last[-1], last[-8], rtol=1e-6)
+        fits = same and abs(camera.aspect - width["width"] / width["height"]) < 0.01
+        return fits and page_is_there(workbench, page, mine(workbench).simap)
+
+    until(page, settled)
+
+
+def on_canvas(workbench: Any, page: Page, x_m: float, y_m: float, session: Any = None) -> tuple[float, float]:
+    """Where a point of the floor appears, in pixels of the page; of several pages, say whose session it is."""
+    camera = (session or mine(workbench)).client.camera
+    forward = np.asarray(camera.look_at) - camera.position
+    forward = forward / np.linalg.norm(forward)
+    right = np.cross(forward, camera.up_direction)
+    right = right / np.linalg.norm(right)
+    ray = np.array([x_m, y_m, 0.0]) - camera.position
+    depth, half = ray @ forward, np.tan(camera.fov / 2.0)
+    u = (ray @ right / depth / half / camera.aspect + 1.0) / 2.0
+    v = (1.0 - ray @ np.cross(right, forward) / depth / half) / 2.0
+    box = page.locator("canvas").first.bounding_box()
+    assert box is not None
+    return box["x"] + u * box["width"], box["y"] + v * box["height"]
+
+
+CAMERA = """() => {
+  const { camera, nodeRefFromName } = window.__viserMutable, map = nodeRefFromName['/map'];
+  return map && [...camera.matrixWorldInverse.elements, ...camera.projectionMatrix.elements,
+    ...map.matrixWorld.elements];
+}"""
+
+
+def place_on(page: Page, simap: Any, x_m: float, y_m: float) -> tuple[float, float]:
+    """Where a point of the floor appears: by the camera's own matrices; the map's node lies at the map's middle."""
+    numbers: list[float] = []
+    until(page, lambda: numbers.extend(page.evaluate(CAMERA) or ()) or numbers)  # a map that is drawn anew is away
+    view, projection, node = np.array(numbers).reshape(3, 4, 4).transpose(0, 2, 1)
+    xmin, ymin, xmax, ymax = simap.spec.extent_m
+    local = np.array([x_m - (xmin + xmax) / 2.0, y_m - (ymin + ymax) / 2.0, 0.0, 1.0])
+    clip = projection @ view @ node @ local
+    u, v = (clip[:2] / clip[3] * (1, -1) + 1.0) / 2.0
+    box = page.locator("canvas").first.bounding_box()
+    assert box is not None
+    return box["x"] + u * box["width"], box["y"] + v * box["height"]
+
+
+def page_is_there(workbench: Any, page: Page, simap: Any, session: Any = None) -> bool:
+    """Whether the page draws from where its camera was set: what is set here is drawn from a while later."""
+    xmin, ymin, xmax, ymax = simap.spec.extent_m
+    return all(
+        np.allclose(place_on(page, simap, *corner), on_canvas(workbench, page, *corner, session), atol=1.5, rtol=0.0)
+        for corner in ((xmin, ymin), (xmax, ymax))
+    )
+
+
+PIXEL = """([x, y]) => {
+  const canvas = [...document.querySelectorAll('canvas')].sort((a, b) => b.width * b.height - a.width * a.height)[0];
+  const box = canvas.getBoundingClientRect();
+  const one = document.createElement('canvas'); one.width = one.height = 1;
+  const context = one.getContext('2d');
+  const u = (x - box.x) / box.width * canvas.width, v = (y - box.y) / box.height * canvas.height;
+  context.drawImage(canvas, u, v, 1, 1, 0, 0, 1, 1);
+  return Array.from(context.getImageData(0, 0, 1, 1).data.slice(0, 3));
+}"""
+
+
+def pixel(workbench: Any, page: Page, x_m: float, y_m: float, session: Any = None) -> tuple[int, ...]:
+    """The colour the canvas shows at a point of the floor."""
+    return tuple(page.evaluate(PIXEL, list(on_canvas(workbench, page, x_m, y_m, session))))
+
+
+def wait_for_color(
+    workbench: Any,
+    page: Page,
+    place: tuple[float, float],
+    rgb: Sequence[int] | NDArray,
+    tolerance: int = 3,
+    session: Any = None,
+) -> None:
+    until(page, lambda: np.abs(np.subtract(pixel(workbench, page, *place, session), rgb)).max() <= tolerance)
+
+
+def rerun_frame(page: Page) -> Frame:
+    """The frame of the recorded build, which has no address until it is loaded."""
+    found: list[Frame] = []
+    until(page, lambda: found.extend(one for one in page.frames if "/rerun/" in one.url) or found)
+    return found[0]
+
+
+def field_of(page: Page, label: str) -> Locator:
+    """The text or number box beside a label (viser gives its inputs no accessible name)."""
+    row = page.locator("label", has_text=label).locator("xpath=ancestor::div[contains(@class,'Flex-root')][1]")
+    return row.locator("input:not([type=hidden]), textarea:not([aria-hidden])").last

@@ -1,0 +1,30 @@
+"""Shared by the tests of viewer and others."""
+
+from dataclasses import replace
+
+from toy_maps import TOY_POSE, toy_map
+
+from simaps_viz.colors.instances import instance_colors
+from simaps_viz.navigation.agent import Agent, answer
+from simaps_viz.viewer.share.story import ride_of
+
+COMMAND = "go to the couch"
+
+
+def late_map():
+    """The toy map, of which the couch (community 5) is named from frame 3 on only."""
+    simap = toy_map()
+    views = simap.views
+    keep = (views.community != 5) | (views.frame >= 3)
+    return replace(simap, views=replace(views, **{
+        name: getattr(views, name)[keep] for name in ("community", "frame", "segment", "cells", "score")
+    }))  # fmt: skip
+
+
+def toy_ride(simap, command=COMMAND):
+    return ride_of(simap, command, TOY_POSE, ask=answer, steps=lambda m, program, pose: Agent(m, pose).steps(program))
+
+
+def couch_of(simap):
+    couch = simap.of_class("couch")[0]
+    return couch, tuple(instance_colors(simap)[couch.id].tolist())

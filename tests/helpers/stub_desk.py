@@ -1,0 +1,175 @@
+"""A page that is nothing but a `Desk`: a small viser server with a map, for testing one panel in a browser."""
+
+import contextlib
+import io
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import viser
+from browser import PATIENCE_S, PIXEL, free_port, on_canvas, page_is_there, until
+from playwright.sync_api import Page
+from toy_maps import TOY_POSE
+
+from simaps_viz.drawing.texture import MapPicture, map_image
+from simaps_viz.drawing.theme import LIGHT, Theme
+from simaps_viz.structures import Pose2, SIMap
+from simaps_viz.viewer.page.worker import Worker
+from simaps_viz.viewer.scene.camera import top_view
+
+
+class StubDesk:
+    """One page for all; what panels say is kept."""
+
+    def __init__(self, simap: SIMap) -> None:
+        with contextlib.redirect_stdout(io.StringIO()):
+            self.server = viser.ViserServer(host="127.0.0.1", port=free_port(), verbose=False)
+        self.server.scene.set_up_direction("+z")
+        self._simap = simap
+        self.said: list[tuple[str, str]] = []
+        self.errors: list[Exception] = []
+        self.pictures: list[MapPicture | None] = []
+        self.looked: list[tuple[float, ...]] = []
+        self.opened: list[Path] = []
+        self.downloads: list[tuple[str, bytes]] = []
+        self._worker = Worker(self.report)
+        self.show_picture(None)
+        self.server.on_client_connect(lambda client: self._look(client, simap.spec.extent_m))
+
+    @property
+    def url(self) -> str:
+        return f"http://127.0.0.1:{self.server.get_port()}"
+
+    @property
+    def gui(self) -> viser.GuiApi:
+        return self.server.gui
+
+    @property
+    def scene(self) -> Any:
+        return self.server.scene
+
+    @property
+    def simap(self) -> SIMap:
+        return self._simap
+
+    @property
+    def shown(self) -> MapPicture | SIMap:
+        """What lies on the floor; its ``spec`` says where."""
+        return self.pictures[-1] or self._simap
+
+    @property
+    def theme(self) -> Theme:
+        return LIGHT
+
+    @property
+    def aspect(self) -> float:
+        return 2.0
+
+    @property
+    def selected(self) -> int | None:
+        return None
+
+    @property
+    def pose(self) -> Pose2:
+        return TOY_POSE
+
+    def show_recording(self, path: Path) -> None:
+        self.opened.append(path)
+
+    def select(self, instance_id: int | None) -> None:
+        raise AssertionError("nobody selects here")
+
+    def jump(self, frame: int) -> None:
+        raise AssertionError("nobody shows another frame here")
+
+    def publish(self, simap: SIMap) -> None:
+        self._simap = simap
+
+    def show_picture(self, picture: MapPicture | None) -> None:
+        self.pictures.append(picture)
+        shown = picture or MapPicture(self._simap.spec, map_image(self._simap, scale=6))
+        xmin, ymin, xmax, ymax = shown.spec.extent_m
+        self.server.scene.add_image(
+            "/map", shown.pixels, xmax - xmin, ymax - ymin, format="png", cast_shadow=False, receive_shadow=False,
+            position=((xmin + xmax) / 2.0, (ymin + ymax) / 2.0, 0.0),
+        )  # fmt: skip
+
+    def repaint(self) -> None:
+        pass
+
+    def submit(self, name: str, job: Callable[[], None]) -> None:
+        self._worker.submit(name, job)
+
+    def say(self, title: str, text: str) -> None:
+        self.said.append((title, text))
+
+    def report(self, error: Exception) -> None:
+        self.errors.append(error)
+
+    def look_at(self, extent: tuple[float, float, float, float] | None) -> None:
+        extent = extent or self._simap.spec.extent_m
+        self.looked.append(extent)
+        for client in self.server.get_clients().values():
+            self._look(client, extent)
+
+    def send(self, name: str, content: bytes) -> None:
+        self.downloads.append((name, content))
+        for client in self.server.get_clients().values():
+            client.send_file_download(name, content, save_immediately=True)
+
+    def wait_idle(self) -> bool:
+        return self._worker.wait_idle(PATIENCE_S)
+
+    def close(self) -> None:
+        self._worker.stop()
+        with contextlib.redirect_stdout(io.StringIO()):
+            self.server.stop()
+
+    def _look(self, client: viser.ClientHandle, extent: tuple[float, float, float, float]) -> None:
+        view = top_view(extent, client.camera.aspect)
+        with client.atomic():
+            client.camera.fov = view.fov_rad
+            client.camera.position = view.position
+            client.camera.look_at = view.look_at
+
+
+@contextmanager
+def stub_desk(simap: SIMap) -> Iterator[StubDesk]:
+    desk = StubDesk(simap)
+    try:
+        yield desk
+    finally:
+        desk.close()
+
+
+def open_desk(page: Page, desk: StubDesk) -> None:
+    """Load the page and wait for the map and a camera that stands still."""
+    page.goto(f"{desk.url}/?fixedDpr=1")
+    page.wait_for_function("() => window.__viserMutable?.nodeRefFromName?.['/map'] != null")
+    settle(desk, page)
+
+
+def settle(desk: StubDesk, page: Page) -> None:
+    """Wait until the camera has stood still for a while, and the page draws from there."""
+    last: list[tuple[float, ...]] = []
+
+    def rests() -> bool:
+        clients = list(desk.server.get_clients().values())
+        if not clients or clients[0].camera.update_timestamp == 0.0:
+            return False
+        camera = clients[0].camera
+        last.append((*camera.position, camera.aspect))
+        still = len(last) > 10 and np.allclose(last[-1], last[-10], rtol=1e-6)
+        return still and page_is_there(desk, page, desk.shown, SimpleNamespace(client=clients[0]))
+
+    until(page, rests)
+
+
+def color_at(desk: StubDesk, page: Page, x_m: float, y_m: float) -> tuple[int, ...]:
+    """The colour the canvas shows at a point of the floor."""
+    client = next(iter(desk.server.get_clients().values()))
+    place = on_canvas(desk, page, x_m, y_m, SimpleNamespace(client=client))
+    return tuple(page.evaluate(PIXEL, list(place)))

@@ -1,0 +1,47 @@
+"""Seeded Louvain, checked on graphs whose communities are known."""
+
+import networkx as nx
+import numpy as np
+import pytest
+from cliques import cliques, graph_of
+from hypothesis import given
+from hypothesis import strategies as st
+
+from simaps_viz.mapping.communities import find_communities, renumber
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_cliques_are_communities(seed):
+    found = find_communities(cliques([5, 6, 4]), seed=seed)
+    assert found.tolist() == [0] * 5 + [1] * 6 + [2] * 4
+
+
+def test_cells_without_edges_stand_alone_and_numbers_go_by_the_smallest_cell():
+    assert find_communities(graph_of(4, [(1, 3)])).tolist() == [0, 1, 2, 1]
+    assert find_communities(graph_of(3, [])).tolist() == [0, 1, 2]
+
+
+def test_higher_resolution_gives_more_communities():
+    lattice = nx.convert_node_labels_to_integers(nx.grid_2d_graph(12, 12))
+    graph = graph_of(144, list(lattice.edges))
+    counts = [int(find_communities(graph, resolution=r).max()) + 1 for r in (0.2, 1.0, 4.0)]
+    assert counts == sorted(counts) and counts[0] < counts[1] < counts[2]
+
+
+def test_modularity_is_no_worse_than_networkx():
+    lattice = nx.convert_node_labels_to_integers(nx.grid_2d_graph(10, 10))
+    found = find_communities(graph_of(100, list(lattice.edges)))
+    ours = [set(np.flatnonzero(found == c).tolist()) for c in range(found.max() + 1)]
+    theirs = nx.community.louvain_communities(lattice, seed=0)
+    modularity = nx.community.modularity
+    assert modularity(lattice, ours) > 0.95 * modularity(lattice, theirs)
+
+
+@given(st.lists(st.integers(0, 9), min_size=1, max_size=60))
+def test_renumber_keeps_the_partition_and_orders_it(numbers):
+    found = renumber(np.array(numbers))
+    assert [found[i] == found[j] for i in range(len(numbers)) for j in range(i)] == [
+        numbers[i] == numbers[j] for i in range(len(numbers)) for j in range(i)
+    ]
+    firsts = [found.tolist().index(c) for c in range(found.max() + 1)]
+    assert firsts == sorted(firsts)

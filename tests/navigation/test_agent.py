@@ -1,0 +1,387 @@
+import json
+import math
+from itertools import islice
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from toy_maps import TOY_POSE, Box, map_from_drawing, map_of_boxes, toy_map
+
+from simaps_viz.errors import CommandError, InputError, PlanningError
+from simaps_viz.navigation.agent import Agent, answer, is_program
+from simaps_viz.navigation.planner import RobotShape
+from simaps_viz.navigation.robot import MAX_STRAIGHT_M, Motion, Robot, drive, spin, straight
+from simaps_viz.structures import GridSpec, Path, Pose2
+
+POINT = RobotShape(radius_m=0.02)
+OPEN = GridSpec(120, 120, 0.05, 0.0, 0.0)
+
+
+@pytest.fixture(scope="module")
+def simap():
+    return toy_map()
+
+
+def one_chair():
+    """A chair 0.5 x 0.3 m whose centroid is (3.25, 3.15), on open floor of 6 x 6 m."""
+    return map_of_boxes(OPEN, [Box("chair", 60, 60, 6, 10, 0.8)])
+
+
+def test_answer_is_the_line_query_prints(simap) -> None:
+    said = answer(simap, "go to the third chair from here", TOY_POSE)
+    line = json.loads(json.dumps(said.to_json()))
+    assert list(line) == [
+        *("status", "reason", "program", "goals", "path", "final_pose", "path_length_m", "notes", "alternatives")
+    ]
+    assert line["status"] == "ok" and line["reason"] is None
+    assert line["program"] == 'robot.move_to_nth_closest("chair", 3)'
+    (goal,) = line["goals"]
+    assert list(goal) == ["primitive", "label", "instance", "point"]
+    assert (goal["primitive"], goal["label"], goal["instance"]) == ("move_to_nth_closest", "chair", 4)
+    assert line["path"][0] == [0.5, 0.5]
+    assert line["path"][-1] == goal["point"] == line["final_pose"][:2]
+    lengths = np.linalg.norm(np.diff(line["path"], axis=0), axis=1)
+    assert line["path_length_m"] == pytest.approx(lengths.sum(), abs=1e-5)
+    (x0, y0), (x1, y1) = line["path"][-2:]
+    assert line["final_pose"][2] == pytest.approx(math.degrees(math.atan2(x1 - x0, y1 - y0)) % 360.0, abs=1e-3)
+
+
+def test_refused_leaves_the_robot(simap) -> None:
+    line = answer(simap, "go to the piano", TOY_POSE).to_json()
+    assert line["status"] == "refused"
+    assert line["reason"] == (
+        "There is no piano on this map. It has: chair (3), dining table (2), couch (1), potted plant (1)."
+    )
+    assert line["program"] == 'robot.move_to_object("piano")'
+    assert (line["goals"], line["path"], line["final_pose"]) == ([], [[0.5, 0.5]], [0.5, 0.5, 90.0])
+    assert line["path_length_m"] == 0.0
+    late = answer(simap, "go to the couch, then to the 4th chair", TOY_POSE)
+    assert late.status == "refused" and late.path_length_m == 0.0
+    assert late.reason == "There are only 3 chairs on this map; the 4th was asked for."
+
+
+def test_refused_while_running_also_leaves_the_robot(simap) -> None:
+    said = answer(simap, "go to the couch, then to the second table in view", TOY_POSE)
+    assert said.status == "refused"
+    assert said.reason == "There is only 1 dining table in view; the 2nd was asked for."
+    assert (said.goals, said.path_length_m, said.final_pose) == ((), 0.0, TOY_POSE)
+
+
+def test_failed_shows_how_far_it_came(simap) -> None:
+    said = answer(simap, "turn left and go forward 3 m", TOY_POSE)
+    assert said.status == "failed"
+    assert said.reason == "the way ahead is free for 0.80 m, then a dining table; 3 m were asked for"
+    assert said.final_pose.heading_deg == pytest.approx(0.0)
+    fat = answer(simap, "go to the plant", TOY_POSE, robot=RobotShape(radius_m=0.5))
+    assert fat.status == "failed" and fat.reason
+    assert fat.reason.startswith("the robot cannot get to the potted plant: the nearest it can stand is ")
+
+
+def test_programs_are_recognised_and_name_their_line(simap) -> None:
+    said = answer(simap, "robot.move_to_object('chair', 2)", TOY_POSE)
+    assert said.status == "ok" and said.goals[0].instance == 1
+    loop = "for c in robot.instances('chair'):\n    robot.move_to_object('chair', c)"
+    assert [goal.instance for goal in answer(simap, loop, TOY_POSE).goals] == [3, 1, 4]
+    bad = answer(simap, "robot.turn(90)\nrobot.face('piano')", TOY_POSE)
+    assert bad.status == "refused" and bad.reason and bad.reason.startswith("line 2: face: There is no piano")
+    given = answer(simap, "whatever was said", TOY_POSE, program="robot.turn(90)")
+    assert given.status == "ok" and given.program == "robot.turn(90)"
+    assert is_program("robot.fly(1)") and not is_program("go to the robot. Then turn (left)")
+
+
+@pytest.mark.parametrize("bad", [float("nan"), float("inf")])
+def test_a_pose_has_to_be_finite(simap, bad: float) -> None:
+    with pytest.raises(InputError, match="pose: expected three finite numbers"):
+        answer(simap, "turn left", Pose2(0.0, bad, 0.0))
+
+
+def test_a_pose_off_the_map_fails_in_words(simap) -> None:
+    said = answer(simap, "go to the chair", Pose2(50.0, 0.0, 0.0))
+    assert said.status == "failed" and said.reason and "the robot cannot start at (50.00, 0.00)" in said.reason
+
+
+@pytest.mark.parametrize(
+    ("program", "heading"),
+    [
+        ("robot.turn(90)", 90.0),
+        ("robot.turn(-90)", 270.0),
+        ("robot.turn(450)", 90.0),
+        ("robot.turn_absolute(135)", 135.0),
+        ("robot.turn_absolute(-90)", 270.0),
+        ("robot.face('chair')", 45.0),
+        ("robot.with_object_on_left('chair')", 135.0),
+        ("robot.with_object_on_right('chair')", 315.0),
+    ],
+)
+def test_turns(program: str, heading: float) -> None:
+    pose = Pose2.from_heading(1.25, 1.15, 0.0)  # the chair's centroid lies 2 m north and 2 m east
+    said = answer(one_chair(), program, pose)
+    assert said.final_pose.heading_deg == pytest.approx(heading, abs=1e-6)
+    assert (said.final_pose.x_m, said.final_pose.y_m, said.path_length_m) == (1.25, 1.15, 0.0)
+
+
+@pytest.mark.parametrize(
+    ("primitive", "side"),
+    [
+        ("move_north", (0.0, 1.0)),
+        ("move_south", (0.0, -1.0)),
+        ("move_east", (1.0, 0.0)),
+        ("move_west", (-1.0, 0.0)),
+        ("move_to_left", (-1.0, 0.0)),  # the viewer stands south of the chair
+        ("move_to_right", (1.0, 0.0)),
+    ],
+)
+def test_beside_is_extent_plus_radius_plus_clearance(primitive: str, side: tuple[float, float]) -> None:
+    said = answer(one_chair(), f"robot.{primitive}('chair')", Pose2(3.25, 0.55, 0.0))
+    extent = 0.25 if side[0] else 0.15
+    expected = np.array([3.25, 3.15]) + np.array(side) * (extent + 0.2 + 0.3)
+    assert said.goals[0].point_m == pytest.approx(tuple(expected))
+    assert (said.final_pose.x_m, said.final_pose.y_m) == pytest.approx(tuple(expected))
+
+
+@settings(max_examples=40, deadline=None)
+@given(st.floats(0.3, 5.7), st.floats(0.3, 5.7), st.floats(0.0, 360.0))
+def test_left_and_right_are_as_seen_from_where_the_command_was_given(x: float, y: float, heading: float) -> None:
+    simap, pose = one_chair(), Pose2.from_heading(x, y, heading)
+    if np.hypot(x - 3.25, y - 3.15) < 0.8:
+        return
+    to_chair = np.array([3.25 - x, 3.15 - y])
+    for primitive, sign in (("move_to_left", 1.0), ("move_to_right", -1.0)):
+        # turning, or driving elsewhere first, does not change what left means
+        said = answer(simap, f"robot.turn(70)\nrobot.{primitive}('chair')", pose)
+        offset = np.array(said.goals[-1].point_m) - (3.25, 3.15)
+        across = to_chair[0] * offset[1] - to_chair[1] * offset[0]
+        assert across * sign > 0.99 * np.linalg.norm(to_chair) * np.linalg.norm(offset)
+
+
+def test_beside_a_wall_stays_on_the_side_or_fails() -> None:
+    chair, wall = Box("chair", 60, 60, 6, 10, 0.8), Box("wall", 69, 0, 2, 120, 2.0)
+    walled = map_of_boxes(OPEN, [chair], [wall])
+    said = answer(walled, "go north of the chair", Pose2(3.25, 0.55, 0.0))
+    assert said.status == "failed" and said.reason
+    assert "north of the chair" in said.reason
+    assert answer(walled, "go south of the chair", Pose2(3.25, 0.55, 0.0)).status == "ok"
+
+
+def test_in_between_is_the_middle_of_the_gap() -> None:
+    couch, chair = Box("couch", 50, 20, 6, 30, 0.7), Box("chair", 50, 80, 6, 6, 0.8)
+    simap = map_of_boxes(OPEN, [couch, chair])
+    said = answer(simap, "go between the chair and the couch", Pose2(3.0, 0.5, 0.0))
+    assert said.goals[0].point_m == pytest.approx((3.25, 2.65), abs=0.01)  # the gap goes from x = 2.5 to x = 4.0
+    goal = said.to_json()["goals"][0]
+    assert (goal["label"], goal["instance"], goal["other_label"], goal["other_instance"]) == ("chair", 2, "couch", 1)
+
+
+def test_ranks_stay_those_of_where_the_command_was_given(simap) -> None:
+    said = answer(simap, "go to the third chair, then to the first chair", TOY_POSE)
+    assert [goal.instance for goal in said.goals] == [4, 3]
+
+
+def test_an_agent_goes_on_from_where_it_is(simap) -> None:
+    agent = Agent(simap, TOY_POSE)
+    agent.run_program("robot.move_to_object('chair', 3)")
+    assert agent.robot.goals[-1].instance == 4
+    agent.run_program("robot.move_to_object('chair')")
+    assert agent.robot.goals[-1].instance == 4, "now the closest"
+    assert agent.robot.path_length_m == 0.0
+
+
+def test_get_pos_contour_and_move_to(simap) -> None:
+    there = answer(simap, "robot.move_to(robot.get_pos('couch'))", TOY_POSE)
+    near = answer(simap, "robot.move_to_object('couch')", TOY_POSE)
+    assert there.goals[0].instance == 5
+    assert there.final_pose == near.final_pose
+    agent = Agent(simap, TOY_POSE)
+    outline = agent.robot._get_contour("chair", 1)
+    assert len(outline) == 28  # the border cells of 8 x 8
+    assert {tuple(np.round(p, 6)) for p in outline} == {
+        tuple(np.round(simap.spec.centre_of(r, c), 6))
+        for r in range(20, 28)
+        for c in range(12, 20)
+        if r in (20, 27) or c in (12, 19)
+    }
+    assert agent.robot._get_pos("robot", 1) == [0.5, 0.5]
+
+
+def test_steps_tell_line_goal_and_poses(simap) -> None:
+    agent = Agent(simap, TOY_POSE)
+    events = list(agent.steps("x = robot.instances('chair')\nrobot.move_to_object('chair', x[1])\nrobot.turn(90)"))
+    assert [(e.line, e.done) for e in events] == [(1, False), (1, True), (2, False), (2, True), (3, False), (3, True)]
+    assert events[2].text == "robot.move_to_object('chair', x[1])"
+    assert [e.goal.instance if e.goal else None for e in events] == [None, None, None, 1, None, None]
+    assert [len(e.poses) > 0 for e in events] == [False, False, False, True, False, True]
+    driven = np.concatenate([e.poses for e in events])
+    assert driven[0] == pytest.approx([0.5, 0.5, 0.0])
+    assert driven[-1] == pytest.approx([agent.pose.x_m, agent.pose.y_m, agent.pose.yaw_rad])
+
+
+def test_stopping_leaves_the_robot_where_the_last_statement_put_it(simap) -> None:
+    agent = Agent(simap, TOY_POSE)
+    steps = agent.steps("robot.move_forward(1)\nrobot.move_forward(1)")
+    assert agent.pose == TOY_POSE
+    for event in steps:
+        if event.done:
+            break
+    steps.close()
+    assert (agent.pose.x_m, agent.pose.y_m) == pytest.approx((1.5, 0.5))
+
+
+def test_the_whole_program_is_checked_before_the_first_step(simap) -> None:
+    agent = Agent(simap, TOY_POSE)
+    with pytest.raises(CommandError, match=r"^line 2: nth_from: There are only 3 chairs"):
+        agent.steps("robot.turn(90)\nx = robot.nth_from('chair', 'left', 9)")
+    with pytest.raises(CommandError, match=r"^line 1: closest_to: There is only 1 couch"):
+        agent.steps("x = robot.closest_to('chair', 'couch', 2)")
+    assert agent.pose == TOY_POSE
+
+
+LOOP = """x = robot.get_pos("robot")
+for c in robot.instances("chair"):
+    if c == robot.instances("chair")[0]:
+        robot.move_to_object("chair", c)
+    else:
+        robot.face("chair", c)
+"""
+
+
+def test_a_loop_is_stepped_paused_and_stopped(simap) -> None:
+    whole = [(e.line, e.done, e.text) for e in Agent(simap, TOY_POSE).steps(LOOP)]
+    assert [line for line, done, _ in whole if not done] == [1, 2, 3, 4, 3, 6, 3, 6]
+    for taken in range(len(whole) + 1):
+        agent = Agent(simap, TOY_POSE)
+        steps = agent.steps(LOOP)
+        assert [(e.line, e.done, e.text) for e in islice(steps, taken)] == whole[:taken]
+        steps.close()
+        assert next(steps, None) is None
+        arrived = taken > whole.index((4, True, 'robot.move_to_object("chair", c)'))
+        assert (agent.robot.path_length_m > 0) == arrived
+        assert agent.pose == agent.robot.pose
+        agent.run_program("robot.turn(0)")  # and the robot takes the next program from there
+
+
+def test_a_new_program_stops_the_one_before(simap) -> None:
+    agent = Agent(simap, TOY_POSE)
+    first = agent.steps("robot.move_forward(1)\nrobot.move_forward(1)")
+    list(islice(first, 2))
+    second = agent.steps("robot.turn(90)")
+    assert next(first, None) is None
+    list(second)
+    assert (agent.pose.x_m, agent.pose.y_m) == pytest.approx((1.5, 0.5))
+    assert agent.pose.heading_deg == pytest.approx(180.0)
+
+
+def test_a_refused_program_leaves_the_one_before_running(simap) -> None:
+    agent = Agent(simap, TOY_POSE)
+    first = agent.steps("robot.move_forward(1)\nrobot.move_forward(0.5)")
+    list(islice(first, 2))
+    with pytest.raises(CommandError, match="There is no piano"):
+        agent.steps("robot.face('piano')")
+    list(first)
+    assert agent.pose.x_m == pytest.approx(2.0)
+
+
+@pytest.mark.parametrize(
+    ("program", "reason"),
+    [
+        ("robot.move_forward(1)\nfor x in ['couch', 'piano']:\n    robot.face(x)", "line 3: face: There is no piano"),
+        (
+            "robot.move_forward(1)\nc = robot.instances('chair')[3]",
+            "line 2: There are only 3 chairs on this map; the 4th",
+        ),
+        ("robot.move_forward(1)\nx = robot.between('couch', 'chair', 'chair')", "line 2: between: There is no couch"),
+        ("robot.move_forward(1)\nx = 1 / 0", "line 2: division by zero"),
+        ("robot.turn(1)\np = robot.get_pos('robot')\nrobot.turn(1 / (p[0] - 0.5))", "line 3: division by zero"),
+    ],
+)
+def test_what_is_bound_to_be_refused_never_starts(simap, program: str, reason: str) -> None:
+    agent = Agent(simap, TOY_POSE)
+    with pytest.raises(CommandError, match=f"^{reason}"):
+        agent.steps(program)
+    assert agent.pose == TOY_POSE
+
+
+def test_the_rehearsal_does_not_guess_where_the_robot_will_be(simap) -> None:
+    """Whether the branch is taken depends on the drive, so only the run can tell."""
+    program = "robot.move_forward(1)\np = robot.get_pos('robot')\nif p[0] > {}:\n    x = [][0]\nrobot.turn(90)"
+    assert answer(simap, program.format(2.0), TOY_POSE).status == "ok"
+    agent = Agent(simap, TOY_POSE)
+    steps = agent.steps(program.format(1.0))
+    with pytest.raises(CommandError, match=r"^line 4: the 1st item"):
+        list(steps)
+    assert agent.pose.x_m == pytest.approx(1.5)
+
+
+def test_look_ups_are_answered_once_but_the_position_anew(simap, monkeypatch: pytest.MonkeyPatch) -> None:
+    asked = []
+    in_view = Robot._in_view
+    monkeypatch.setattr(Robot, "_in_view", lambda self, name: asked.append(name) or in_view(self, name))
+    program = "a = robot.get_pos('robot')\nfor x in [1, 2, 3]:\n    y = robot.in_view('chair')\n"
+    program += "robot.move_forward(1)\nb = robot.get_pos('robot')\nrobot.turn((b[0] - a[0]) * 90)"
+    assert answer(simap, program, TOY_POSE).final_pose.heading_deg == pytest.approx(180.0)
+    assert asked == ["chair"]
+
+
+def test_a_drive_too_long_to_sample_is_refused() -> None:
+    assert len(straight(TOY_POSE, MAX_STRAIGHT_M)) > 100_000
+    for metres in (MAX_STRAIGHT_M * 1.001, -1e12):
+        with pytest.raises(PlanningError, match=r"^one straight drive is at most 10000 m"):
+            straight(TOY_POSE, metres)
+
+
+def test_poses_follow_the_path_within_the_limits(simap) -> None:
+    motion = Motion(speed_mps=0.5, turn_rate_rps=1.0, dt_s=0.1)
+    agent = Agent(simap, TOY_POSE, motion=motion)
+    poses = np.concatenate([e.poses for e in agent.steps("robot.move_to_object('couch')\nrobot.turn(200)")])
+    step = np.linalg.norm(np.diff(poses[:, :2], axis=0), axis=1)
+    turn = np.abs((np.diff(poses[:, 2]) + np.pi) % (2 * np.pi) - np.pi)
+    assert step.max() <= 0.5 * 0.1 + 1e-9
+    assert turn.max() <= 1.0 * 0.1 + 1e-9
+    assert (np.minimum(step, turn) < 1e-9).all(), "it turns on the spot or drives straight"
+    along = np.arctan2(np.diff(poses[:, 1]), np.diff(poses[:, 0]))
+    moving = step > 1e-9
+    assert np.allclose(np.cos(along[moving] - poses[1:, 2][moving]), 1.0), "it looks where it drives"
+
+
+def test_drive_and_spin_end_exactly() -> None:
+    way = Path(np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 2.0]]))
+    poses = drive(way, np.pi)
+    assert poses[0] == pytest.approx([0.0, 0.0, np.pi])
+    assert poses[-1] == pytest.approx([1.0, 2.0, np.pi / 2])
+    assert len(drive(Path(np.array([[1.0, 1.0]])), 0.3)) == 1
+    assert spin(Pose2(0.0, 0.0, 0.0), -np.pi)[-1, 2] == pytest.approx(np.pi)
+    assert len(spin(Pose2(0.0, 0.0, 0.0), 2 * np.pi)) > 60, "a whole turn is a turn"
+
+
+def test_reverse_keeps_looking_ahead(simap) -> None:
+    said = answer(simap, "move back 50 cm", TOY_POSE)
+    assert said.final_pose.heading_deg == pytest.approx(90.0)
+    assert (said.final_pose.x_m, said.final_pose.y_m) == pytest.approx((0.0, 0.5))
+
+
+def test_a_robot_already_there_does_not_move(simap) -> None:
+    first = answer(simap, "go to the chair", TOY_POSE)
+    again = answer(simap, "go to the chair", first.final_pose)
+    assert again.status == "ok" and again.path_length_m == 0.0
+    assert again.final_pose == first.final_pose
+
+
+def test_an_object_nobody_can_get_to_fails() -> None:
+    sealed = map_from_drawing(
+        "..........\n.#######..\n.#.....#..\n.#..A..#..\n.#.....#..\n.#######..\n..........", {"A": "chair"}
+    )
+    assert answer(sealed, "go to the chair", Pose2(0.1, 0.1, 0.0), robot=POINT).status == "ok"  # within 1.5 m, outside
+    far = map_from_drawing(
+        "..........\n.#######..\n.#.....#..\n.#..A..#..\n.#.....#..\n.#######..\n..........", {"A": "chair"}, cells=20
+    )
+    said = answer(far, "go to the chair", Pose2(0.1, 0.1, 0.0), robot=POINT)
+    assert said.status == "failed" and said.reason
+    assert "the robot cannot get to the chair: the nearest it can stand is" in said.reason
+
+
+def test_path_budget(simap) -> None:
+    program = "for a in [1, 2, 3, 4, 5]:\n    for b in [1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14]:\n"
+    program += "        robot.move_to_object('chair', 1)\n        robot.move_to_object('chair', 3)\n" * 4
+    said = answer(simap, program, TOY_POSE)
+    assert said.status == "failed" and said.reason and "would drive more than 1000 m" in said.reason
+    assert 990.0 < said.path_length_m <= 1000.0

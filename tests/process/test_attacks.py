@@ -1,0 +1,42 @@
+"""Every attack that is known here is tried on a workbench, on this machine; none may succeed."""
+
+import logging
+
+import pytest
+from attack_target import toy_target
+from attacks import floods
+from attacks.run import ATTACKS, run_attack
+
+from simaps_viz.viewer.server import bounded_http, gate
+
+TRIED = 15
+"""Attacks below which some have gone missing."""
+
+
+@pytest.fixture(scope="module")
+def target(tmp_path_factory):
+    patch = pytest.MonkeyPatch()
+    patch.setattr(bounded_http, "REQUEST_S", 5.0)
+    patch.setattr(gate, "SHAKE_HANDS_S", 5.0)
+    # What counts here is that nothing is held for ever, and not how busy the machine is.
+    for name, seconds in (("AWAY_S", 60.0), ("SERVED_S", 30.0), ("ANSWERED_S", 30.0), ("HUNG_UP_S", 4.0)):
+        patch.setattr(floods, name, seconds)
+    with toy_target(tmp_path_factory.mktemp("attacked")) as made:
+        yield made
+    patch.undo()
+
+
+@pytest.mark.parametrize("attack", ATTACKS, ids=lambda attack: attack.__name__)
+def test_is_withstood(target, attack, caplog):
+    for name in ("simaps_viz", "websockets.server", "asyncio"):
+        caplog.set_level(logging.DEBUG, name)
+    outcome = run_attack(attack, target)
+    assert outcome.tried > 1
+    assert outcome.succeeded == ()
+    token = target.closed.access.token
+    assert not any(token in record.getMessage() for record in caplog.records)
+    assert not any(record.exc_info for record in caplog.records if record.name.startswith("asyncio"))
+
+
+def test_there_are_many():
+    assert len(ATTACKS) >= TRIED

@@ -1,0 +1,281 @@
+"""The command panel without a browser: words, steps, labels, and a robot that is told things on a served page."""
+
+import threading
+import time
+from contextlib import nullcontext
+from dataclasses import dataclass, field
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from browser import mine, toy_services, toy_workbench
+from chat_server import hangs, serving, writes
+from fake_page import fake_page
+from hypothesis import given
+from hypothesis import strategies as st
+from services import real_services
+from toy_maps import TOY_POSE, toy_map
+from waiting import until
+
+from simaps_viz.app import workbench
+from simaps_viz.language.grounding import Grounding
+from simaps_viz.language.llm_settings import Exchange, Message
+from simaps_viz.navigation.agent import answer
+from simaps_viz.navigation.trajectory import LOOK_S, MOTION, TICK_S, Drive, Trajectory, ride_of_steps, trajectory
+from simaps_viz.structures import Pose2
+from simaps_viz.viewer.page.services import LanguageModel
+from simaps_viz.viewer.panels.command import entered, exchanges_html, program_html, result_text, why_text
+from simaps_viz.viewer.scene.follow import AHEAD_M, BEHIND_M, Follower, above, behind
+
+# --- words
+
+
+def why(command):
+    simap = toy_map()
+    said = answer(simap, command, TOY_POSE)
+    assert said.status == "ok"
+    return why_text(said, Grounding(simap, TOY_POSE).candidates(str(said.goals[0].label)))
+
+
+def test_why_this_one_is_said_with_the_distances_of_the_others():
+    # From (0.5, 0.5) to the nearest cells' centres: chair 1 at (1.075, 1.725), chair 3 at (-0.025, -0.625),
+    # chair 4 at (3.625, -0.425).
+    one, two, three = np.hypot(0.575, 1.225), np.hypot(0.525, 1.125), np.hypot(3.125, 0.925)
+    assert why("go to the third chair") == (
+        f"Chair 3 is the farthest of 3 from where the command was given: {three:.2f} m; "
+        f"chairs 1 and 2 are at {min(one, two):.2f} and {max(one, two):.2f} m."
+    )
+    assert why("go to the second chair") == (
+        f"Chair 2 is the second closest to where the command was given: {max(one, two):.2f} m; "
+        f"chair 1 is at {min(one, two):.2f} m."
+    )
+    assert why("go to the chair") == (
+        f"Chair 1 is the closest to where the command was given: {min(one, two):.2f} m; "
+        f"the next chair is at {max(one, two):.2f} m."
+    )
+    assert why("go to the couch").startswith("It is the only couch on this map, ")
+    assert why("go to the chair nearest the plant").endswith("It was chosen for lying nearest to the potted plant.")
+    assert why("go to the first chair from the left").endswith("It was chosen by counting from the left.")
+    assert why("visit all chairs") == "All 3 chairs on this map are meant."
+
+
+def test_what_another_class_was_looked_up_by_is_not_taken_for_the_reason():
+    @dataclass
+    class Said:
+        program: str = 'robot.move_to_object("chair", robot.closest_to("chair", robot.closest_to("tv", "couch")))'
+        goals: tuple = ({"label": "chair", "instance": 1},)
+
+    text = why_text(Said(), Grounding(toy_map(), TOY_POSE).candidates("chair"))  # pyright: ignore
+    assert "couch" not in text and text.endswith("The program says how it was chosen.")
+
+
+def test_result_text_names_both_things_it_goes_between():
+    said = answer(toy_map(), "go between the dining table and the chair", TOY_POSE)
+    assert said.status == "ok"
+    assert result_text(said).startswith("To the dining table and the chair, ")
+    refused = answer(toy_map(), "go to the piano", TOY_POSE)
+    assert result_text(refused).startswith("There is no piano on this map. It has: chair (3)")
+
+
+def test_html_marks_one_line_and_escapes_what_models_write():
+    html = program_html("a = 1\nb = 2\nc = 3\n", line=2)
+    assert html.count("aria-current") == 1 and html.index("b = 2") > html.index("aria-current") > html.index("a = 1")
+    assert "✖" in program_html("a = 1\n", line=1, stuck=True)
+    exchange = Exchange((Message("user", "<script>"),), "<b>", 1.5, "no <answer>")
+    html = exchanges_html([exchange])
+    assert "<script>" not in html and "<b>" not in html and "<answer>" not in html and "1.5 s" in html
+
+
+@pytest.mark.parametrize(
+    ("text", "command"),
+    [
+        ("go to the chair", None),
+        ("go to the chair\n", "go to the chair"),
+        ("go to\n the chair", "go to the chair"),  # Enter in the middle of the line
+        ("\n", ""),
+        ("robot.turn(90)\nrobot.turn(45)", None),
+        ("for a in [1]:\n    robot.turn(45)\n", "for a in [1]:\n    robot.turn(45)"),
+    ],
+)
+def test_enter_ends_a_command(text, command):
+    assert entered(text) == command
+
+
+# --- steps
+
+
+@dataclass
+class Event:
+    line: int
+    done: bool
+    poses: np.ndarray = field(default_factory=lambda: np.zeros((0, 3)))
+
+
+def test_every_statement_gets_its_line_and_look_ups_take_a_moment():
+    drive = np.array([[0.0, 0.0, 0.0], [0.9, 0.0, 0.0]])
+    further = np.array([[0.9, 0.0, 0.0], [1.8, 0.0, 0.0]])
+    events = [
+        Event(1, False), Event(1, True),
+        Event(2, False), Event(3, False), Event(3, True, drive), Event(3, False), Event(3, True, further),
+        Event(2, True),
+    ]  # fmt: skip
+    ride = ride_of_steps(events, Pose2(0.0, 0.0, 0.0))
+    leg = 0.9 / MOTION.speed_mps
+    assert ride.steps_s == pytest.approx([0.0, LOOK_S, 2 * LOOK_S, 2 * LOOK_S + leg])
+    assert ride.duration_s == pytest.approx(2 * LOOK_S + 2 * leg)
+    lines = [ride.lines[ride.leg_at(t)] for t in (0.0, LOOK_S + 0.01, 2 * LOOK_S + 0.01, 2 * LOOK_S + leg + 0.01)]
+    assert lines == [1, 2, 3, 3]
+    assert ride.at(ride.duration_s).x_m == 1.8
+    assert ride.next_step(0.0) == pytest.approx(LOOK_S) and ride.next_step(ride.duration_s - 0.1) is None
+
+
+def test_a_statement_that_fails_is_the_last_line_of_the_ride():
+    events = [Event(1, False), Event(1, True, np.array([[0, 0, 0], [1.0, 0, 0]])), Event(2, False)]
+    ride = ride_of_steps(events, Pose2(0.0, 0.0, 0.0))
+    assert ride.lines[-1] == 2 and ride.at(ride.duration_s).x_m == 1.0
+
+
+@given(st.lists(st.tuples(st.integers(1, 9), st.integers(0, 3)), max_size=8))
+def test_rides_of_real_programs_never_go_back_in_time(statements):
+    events, x = [], 0.0
+    for line, metres in statements:
+        events += [Event(line, False), Event(line, True, np.array([[x, 0, 0], [x + metres, 0, 0]]))]
+        x += metres
+    ride = ride_of_steps(events, Pose2(0.0, 0.0, 0.0))
+    assert (np.diff(ride.times_s) >= 0).all() and len(ride.steps_s) == len(statements)
+    assert len(ride.lines) == len(ride.poses) == len(ride.times_s)
+    assert ride.at(ride.duration_s).x_m == pytest.approx(x)
+
+
+def test_steps_hold_exactly_where_statements_begin():
+    seen, holds, ended = [], threading.Event(), threading.Event()
+    drive = Drive(lambda pose, share, leg: seen.append(pose.x_m), ended.set, holds.set)
+    drive.speed = 8.0
+    base = trajectory([[0, 0, 0], [1.0, 0, 0], [2.0, 0, 0]])
+    drive.start(Trajectory(base.poses, base.times_s, base.times_s[:2]), held=True)
+    until(lambda: seen)
+    time.sleep(0.2)
+    assert drive.paused and set(seen) == {0.0}
+    drive.step()
+    assert holds.wait(60.0) and drive.paused and seen[-1] == pytest.approx(1.0) and max(seen) == pytest.approx(1.0)
+    drive.step()
+    assert ended.wait(60.0) and seen[-1] == 2.0 and not drive.active
+
+
+def test_nothing_is_told_after_stop():
+    """Not even what was being told when it was asked to stop: `stop` waits for that."""
+    told, second = [], threading.Event()
+
+    def slowly(pose: Pose2, share: float, leg: int) -> None:
+        if told:
+            second.set()
+            time.sleep(TICK_S)
+        told.append(share)
+
+    drive = Drive(slowly, lambda: told.append(-1.0))
+    drive.start(trajectory([[0, 0, 0], [5.0, 0, 0]]))
+    assert second.wait(60.0)
+    drive.stop()
+    count = len(told)
+    assert count >= 2 and not drive.active
+    time.sleep(4 * TICK_S)
+    assert len(told) == count
+
+
+# --- cameras
+
+
+def test_cameras_look_at_the_robot():
+    pose = Pose2(2.0, 3.0, np.pi / 2)
+    assert above(pose).look_at == (2.0, 3.0, 0.0) and above(pose).position[2] > 10.0
+    view = behind(pose, pose.yaw_rad)
+    assert view.position[:2] == pytest.approx((2.0, 3.0 - BEHIND_M))
+    assert view.look_at[:2] == pytest.approx((2.0, 3.0 + AHEAD_M))
+
+
+def test_the_follower_lets_go_once():
+    let_go = []
+
+    client = SimpleNamespace(camera=SimpleNamespace(), atomic=nullcontext)
+    follower = Follower(client, behind=lambda: False, let_go=lambda: let_go.append(1))  # pyright: ignore
+    follower.switch(False, TOY_POSE)
+    follower.switch(True, TOY_POSE)
+    follower.see(TOY_POSE, rests=True)
+    follower.switch(False, TOY_POSE)
+    assert let_go == [1] and client.camera.look_at == (TOY_POSE.x_m, TOY_POSE.y_m, 0.0)
+
+
+# --- a served page, nobody looking
+
+
+def shown(bench):
+    return mine(bench).robot._panel._result.content
+
+
+def test_a_program_that_gets_stuck_marks_the_line():
+    with toy_workbench(real_services()) as bench, fake_page(bench):
+        mine(bench).robot._drive.speed = 8.0
+        mine(bench).robot.ask("robot.turn(90)\nrobot.move_forward(50)\n")
+        until(lambda: "Failed" in shown(bench))
+        assert "✖" in mine(bench).robot._panel._program.content and "is free for" in shown(bench)
+        assert mine(bench).pose.heading_deg == pytest.approx(180.0)
+        assert [past.status for past in mine(bench).robot._past] == ["failed"]
+
+
+def test_a_hanging_model_holds_nothing_up_and_stop_ends_the_wait():
+    with serving(hangs) as server:
+        model = workbench._language_model(f"m@{server.url}")
+        with toy_workbench(real_services(model=model)) as bench, fake_page(bench):
+            mine(bench).robot.ask("go to the couch")
+            assert server.arrived.wait(60.0)
+            assert "Working on it" in shown(bench)
+            mine(bench).select(3)
+            assert mine(bench).worker.wait_idle()  # the map still answers
+            mine(bench).robot.stop()
+            assert "Stopped" in shown(bench) and server.left.wait(60.0)
+            assert bench.wait_idle()
+            assert "Stopped" in shown(bench) and mine(bench).pose == TOY_POSE
+            assert "cancelled" in mine(bench).robot._panel._exchanges.content
+
+
+def test_what_a_model_was_sent_is_shown_and_off_means_off():
+    with serving(writes('robot.move_to_object("couch")')) as server:
+        model = workbench._language_model(f"m@{server.url}")
+        with toy_workbench(real_services(model=model)) as bench, fake_page(bench):
+            mine(bench).robot._drive.speed = 8.0
+            mine(bench).robot.ask("va au canapé")
+            until(lambda: "Done" in shown(bench))
+            assert "by m" in shown(bench) and mine(bench).robot._panel._conversation.visible
+            text = mine(bench).robot._panel._exchanges.content
+            assert "va au canapé" in text and "couch\\&quot;)&quot;, &quot;refusal&quot;: null" in text
+            mine(bench).robot._panel._model.value = False
+            mine(bench).robot.ask("turn left")
+            until(lambda: "Done" in shown(bench))
+            assert len(server.received) == 1 and not mine(bench).robot._panel._conversation.visible
+
+
+def test_the_grammar_reads_when_the_server_is_gone():
+    with serving(writes("robot.turn(1)")) as server:
+        address = server.url
+    model: LanguageModel = workbench._language_model(f"m@{address}")
+    told = []
+    said = model.ask(toy_map(), "go to the couch", TOY_POSE, threading.Event(), told.append)
+    assert said.status == "ok" and said.notes[0].startswith("read offline: ") and told[0][0].error
+
+
+def test_commands_on_top_of_each_other_leave_the_last_one():
+    with toy_workbench(real_services()) as bench, fake_page(bench):
+        mine(bench).robot._drive.speed = 8.0
+        for n in range(12):
+            mine(bench).robot.ask("turn left" if n % 2 else "go to the couch")
+        mine(bench).robot.ask("robot.turn_absolute(180)")
+        until(lambda: "Done" in shown(bench) and mine(bench).pose.heading_deg == pytest.approx(180.0))
+        assert mine(bench).robot._past[0].command == "robot.turn_absolute(180)" and len(mine(bench).robot._past) == 3
+
+
+def test_the_plain_service_still_works_without_steps():
+    with toy_workbench(toy_services()) as bench, fake_page(bench):
+        mine(bench).robot._drive.speed = 8.0
+        mine(bench).robot.ask("go to the chair")
+        until(lambda: "Done" in shown(bench))
+        assert mine(bench).pose.x_m == pytest.approx(1.5)

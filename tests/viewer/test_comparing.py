@@ -1,0 +1,138 @@
+"""A comparison whose page changes between light and dark while it is painted, ended, or replaced by another."""
+
+import threading
+from collections.abc import Iterator
+from typing import Any
+
+import pytest
+from stub_desk import StubDesk
+from toy_maps import toy_map
+
+from simaps_viz.drawing.compare_picture import TwoPictures
+from simaps_viz.drawing.theme import DARK, LIGHT, Theme
+from simaps_viz.evaluation.two_maps import compare_two
+from simaps_viz.mapping.simap import repartition
+from simaps_viz.viewer.panels import compare
+from simaps_viz.viewer.panels.compare import ComparePanel
+from simaps_viz.viewer.panels.compare_words import CompareServices, Source
+
+PATIENCE_S = 60.0
+
+
+class Desk(StubDesk):
+    """A page whose theme may change."""
+
+    now: Theme = LIGHT
+
+    @property
+    def theme(self) -> Theme:
+        return self.now
+
+
+class Painter:
+    """In the place of `TwoPictures`: once, where that is asked for, something happens while it paints."""
+
+    def __init__(self) -> None:
+        self.meanwhile: list[Any] = []
+
+    def __call__(self, maps: Any, theme: Theme) -> TwoPictures:
+        if self.meanwhile:
+            self.meanwhile.pop()()
+        return TwoPictures(maps, theme)
+
+
+@pytest.fixture
+def painter(monkeypatch) -> Painter:
+    painter = Painter()
+    monkeypatch.setattr(compare, "TwoPictures", painter)
+    return painter
+
+
+@pytest.fixture
+def desk() -> Iterator[Desk]:
+    desk = Desk(toy_map())
+    try:
+        yield desk
+        assert desk.errors == []
+    finally:
+        desk.close()
+
+
+@pytest.fixture
+def panel(desk, painter) -> Iterator[ComparePanel]:
+    services = CompareServices(
+        compare=lambda left, right, truth: compare_two(left, right, truth=truth),
+        sources=(Source("joined", "All joined"),),
+        make=lambda key, simap, tell, cancel: repartition(simap, k_percent=0.0),
+    )
+    panel = ComparePanel(desk, services)  # pyright: ignore[reportArgumentType]
+    yield panel
+    panel.close()
+
+
+def compares(panel, desk) -> None:
+    panel.start()
+    assert panel._worker.wait_idle() and desk.wait_idle()
+
+
+def test_a_comparison_that_ends_while_it_is_painted_anew_is_over(panel, desk, painter):
+    compares(panel, desk)
+    assert panel.active and desk.pictures[-1] is not None
+    desk.now = DARK
+    painter.meanwhile.append(panel.stop)
+    panel.theme_changed()
+    assert desk.wait_idle()
+    assert not panel.active and desk.pictures[-1] is None and panel._pictures is None
+    desk.submit("compare picture", panel._draw)
+    assert desk.wait_idle() and desk.pictures[-1] is None
+
+
+def test_pictures_are_of_the_maps_that_are_compared(panel, desk, painter):
+    compares(panel, desk)
+    first = panel.maps
+
+    def replaced() -> None:
+        desk.publish(repartition(toy_map(), k_percent=30.0))
+        panel.start()
+        assert panel._worker.wait_idle(PATIENCE_S)
+
+    desk.now = DARK
+    painter.meanwhile.append(replaced)
+    panel.theme_changed()
+    assert desk.wait_idle()
+    assert panel.active and panel.maps is not first
+    assert panel._pictures is not None and panel._pictures._maps is panel.maps
+    assert panel._pictures._theme is DARK
+
+
+def test_a_comparison_given_up_while_it_is_painted_is_not_shown(panel, desk, painter):
+    painter.meanwhile.append(panel.stop)
+    compares(panel, desk)
+    assert not panel.active and desk.pictures[-1] is None
+
+
+def test_a_page_that_turns_dark_while_a_comparison_is_made_has_a_dark_one(panel, desk, painter):
+    def turns_dark() -> None:
+        desk.now = DARK
+        panel.theme_changed()
+
+    painter.meanwhile.append(turns_dark)
+    compares(panel, desk)
+    assert panel.active and panel._pictures is not None and panel._pictures._theme is DARK
+
+
+def test_who_ends_a_comparison_as_it_appears_has_ended_it(panel, desk, monkeypatch):
+    stopping = threading.Thread(target=panel.stop)
+    narrow = panel._narrow
+
+    def ended_meanwhile() -> None:
+        stopping.start()
+        stopping.join(0.2)  # it waits until all of the comparison is there
+        narrow()
+
+    monkeypatch.setattr(panel, "_narrow", ended_meanwhile)
+    compares(panel, desk)
+    stopping.join(PATIENCE_S)
+    assert desk.wait_idle()
+    assert not panel.active and desk.pictures[-1] is None
+    assert desk.looked[-1] == desk.simap.spec.extent_m, "the camera is where it was before"

@@ -1,0 +1,218 @@
+"""Texts and marks on the map: they cover neither one another nor what they name, and follow the zoom."""
+
+import threading
+from types import SimpleNamespace
+from typing import Any, cast
+
+import numpy as np
+import pytest
+import viser
+from browser import free_port
+from hypothesis import given
+from hypothesis import strategies as st
+from toy_maps import toy_map
+
+from simaps_viz.drawing.label_layout import LINE_PX, Label, spread, text_size
+from simaps_viz.mapping.explain import between, explain
+from simaps_viz.viewer.scene.label_layer import FINE_FROM_PX, LabelLayer, Zoom, seen_metres_per_px
+from simaps_viz.viewer.scene.lines import FULL_FROM_PX, THINNEST, line_share
+from simaps_viz.viewer.scene.map_scene import OUTLINE_PX, MapScene
+from simaps_viz.viewer.scene.why_marks import MOST_NUMBERS, NODES, Marks, WhyMarks, link_label
+
+CHAIR_1, CHAIR_3, TABLE = 1, 3, 6
+METRES_PER_PX = 0.01
+size = st.floats(0.0, 1.0)
+label = st.builds(Label, st.text("123 ·m.", min_size=1, max_size=9), st.floats(0, 4), st.floats(0, 4), size, size)
+
+
+def boxes(labels, places):
+    """What each placed text covers."""
+    for one, place in zip(labels, places, strict=True):
+        if place is not None:
+            width, height = text_size(one.text, METRES_PER_PX)
+            x, y = place
+            yield x - width / 2, y - height / 2, x + width / 2, y + height / 2
+
+
+def overlap(a, b):
+    return min(a[2], b[2]) - max(a[0], b[0]) > 1e-9 and min(a[3], b[3]) - max(a[1], b[1]) > 1e-9
+
+
+@given(st.lists(label, max_size=10))
+def test_no_text_covers_another_and_the_first_has_a_place(labels):
+    placed = list(boxes(labels, spread(labels, METRES_PER_PX)))
+    assert not any(overlap(a, b) for i, a in enumerate(placed) for b in placed[:i])
+    assert bool(placed) == bool(labels)
+    assert not labels or spread(labels, METRES_PER_PX)[0] is not None
+
+
+def test_a_text_stands_beside_its_thing_on_the_side_it_should():
+    thing = Label("chair 6", 2.0, 3.0, 0.25, 0.25)
+    height = LINE_PX * METRES_PER_PX
+    (place,) = spread([thing], METRES_PER_PX)
+    assert place is not None and place[0] == 2.0 and place[1] - height / 2 > 3.25
+    (place,) = spread([thing._replace(away_x=-1.0)], METRES_PER_PX)
+    width, _ = text_size("chair 6", METRES_PER_PX)
+    assert place is not None and place[1] == 3.0 and place[0] + width / 2 < 1.75
+    (place,) = spread([thing], METRES_PER_PX, blocked=[(0.0, 3.3, 4.0, 3.4)])
+    assert place is not None and place[1] == 3.0, "above is blocked: to the east"
+    (place,) = spread([Label("stop", 1.0, 1.0)], METRES_PER_PX)
+    assert place == (1.0, 1.0)
+
+
+def test_closer_up_the_same_texts_have_room():
+    labels = [Label("12 · 10.5 m", 0.1 * i, 0.0, 0.04, 0.04) for i in range(30)]
+    far, near = (sum(p is not None for p in spread(labels, m)) for m in (0.02, 0.0005))
+    assert far < 30 and near == 30
+
+
+def test_small_things_get_thin_lines():
+    square = np.array([[[0, 0, 0], [1, 0, 0]], [[1, 0, 0], [1, 1, 0]]], float)
+    assert line_share(square, 1.0 / FULL_FROM_PX) == 1.0 and line_share(square, 0.001) == 1.0
+    assert line_share(square, 2.0 / FULL_FROM_PX) == pytest.approx(0.5)
+    assert line_share(square, 1.0) == THINNEST and line_share(square[:0], 1.0) == 1.0
+
+
+def camera(height_m=10.0, rows=800, told=1.0):
+    return SimpleNamespace(update_timestamp=told, image_height=rows, fov=2 * np.arctan(0.5), position=(0, 0, height_m),
+                           look_at=(0, 0, 0))  # fmt: skip
+
+
+def test_the_size_of_a_metre():
+    assert seen_metres_per_px(camera()) == pytest.approx(10.0 / 800)
+    assert seen_metres_per_px(camera(rows=2 * FINE_FROM_PX)) == pytest.approx(10.0 / FINE_FROM_PX)
+    assert seen_metres_per_px(camera(told=0.0)) is None and seen_metres_per_px(camera(rows=0)) is None
+
+
+class Client(viser.ClientHandle):
+    """A page's camera, and nothing else."""
+
+    def __init__(self, seen: Any) -> None:
+        self.camera = seen
+
+
+def test_a_zoom_tells_once_the_camera_rests_and_not_for_a_shift(monkeypatch):
+    told, seen, rests, waits = threading.Semaphore(0), camera(), threading.Event(), []
+
+    class Waits(threading.Timer):
+        """Nobody has rested before the test says so, however slow the machine."""
+
+        def __init__(self, interval: float, function: Any) -> None:
+            super().__init__(interval, function)
+            waits.append(self)
+
+        def run(self) -> None:
+            rests.wait(60.0)
+            super().run()
+
+    monkeypatch.setattr(threading, "Timer", Waits)
+    moved: list[Any] = []
+    seen.on_update = moved.append
+    zoom = Zoom(Client(seen), told.release, rest_s=0.05)
+    assert zoom.metres_per_px() == pytest.approx(10.0 / 800)
+    seen.position, seen.look_at = (3.0, 0, 10.0), (3.0, 0, 0)
+    moved[0](None)
+    assert waits == [] and not told.acquire(blocking=False)
+    for height_m in (9.0, 7.0, 5.0):
+        seen.position = (3.0, 0, height_m)
+        moved[0](None)
+    early = told.acquire(blocking=False)
+    rests.set()
+    assert not early and len(waits) > 1 and {wait.interval for wait in waits} == {0.05}
+    for wait in waits:
+        wait.join(60.0)
+    assert told.acquire(timeout=60.0) and not told.acquire(blocking=False)
+    assert zoom.metres_per_px() == pytest.approx(5.0 / 800)
+
+
+@pytest.fixture
+def server():
+    server = viser.ViserServer(host="127.0.0.1", port=free_port(), verbose=False)
+    yield server
+    server.stop()
+
+
+def node(server, name) -> Any:
+    return server.scene.get_handle_by_name(name)
+
+
+def test_texts_move_when_the_page_zooms(server):
+    far, told = [4.0], []
+    layer = LabelLayer(server, "/texts", assumed_m=lambda: far[0], zoomed=told.append)
+    layer.show([Label("a", 1.0, 1.0, 0.2, 0.2), Label("a long text", 1.0, 1.0, 0.2, 0.2)])
+    first = [tuple(node(server, f"/texts/{i}").position) for i in range(2)]
+    far[0] = 2.0
+    layer.place()
+    second = [tuple(node(server, f"/texts/{i}").position) for i in range(2)]
+    assert first[0][1] > second[0][1] > 1.2 and first[1] != second[1] and told == [pytest.approx(2.0 / 560)]
+    layer.show([])
+    assert node(server, "/texts/0") is None
+
+
+def test_the_camera_of_a_frame_is_one_node_that_moves(server):
+    scene = MapScene(server, toy_map())
+    pose = np.eye(4)
+    pose[:3, 3] = 1.0, 2.0, 1.5
+    scene.show_camera(None)
+    scene.show_camera(pose)
+    frustum, drop = node(server, "/camera"), node(server, "/camera_dot")
+    assert frustum.visible and drop.visible and tuple(frustum.position) == (1.0, 2.0, 1.5)
+    assert tuple(drop.position) == (1.0, 2.0, 0.0) and tuple(drop.scale) == (1.0, 1.0, 1.5)
+    pose = pose.copy()
+    pose[:3, 3] = 3.0, 2.0, 1.5
+    scene.show_camera(pose)
+    assert node(server, "/camera") is frustum and tuple(frustum.position) == (3.0, 2.0, 1.5)
+    scene.show_camera(None)
+    assert not frustum.visible and not drop.visible
+
+
+def test_a_badge_says_what_the_map_is_not(server):
+    scene = MapScene(server, toy_map())
+    scene.show_badge("")
+    assert node(server, "/badge") is None
+    scene.show_badge("as of frame 2 of 5")
+    assert node(server, "/badge").text == "as of frame 2 of 5" and node(server, "/badge").visible
+    scene.show_badge("")
+    assert not node(server, "/badge").visible
+
+
+def test_the_outline_is_thin_where_the_object_is_small(server, monkeypatch):
+    scene = MapScene(server, toy_map())
+    scene.outline(toy_map(), TABLE)
+    thick = node(server, "/selection").thickness
+    monkeypatch.setattr(LabelLayer, "metres_per_px", 1.0)
+    scene.outline(toy_map(), TABLE)
+    assert node(server, "/selection").thickness == pytest.approx(OUTLINE_PX * THINNEST)
+    assert thick > 2 * OUTLINE_PX * THINNEST
+
+
+def test_the_strongest_links_are_named_at_the_neighbour(server):
+    simap = toy_map()
+    why = explain(simap, CHAIR_1)
+    marks = Marks(simap, why)
+    named = link_label(marks, why.neighbours[0])
+    other = why.neighbours[0].other
+    assert named.text == "chair 2 · 1.6 %"
+    assert named.box == pytest.approx((*other.aabb_m[0][:2], *other.aabb_m[1][:2]))
+    large = SimpleNamespace(**{**vars(other), "aabb_m": ((1.0, 0.0, 0.0), (9.0, 1.0, 1.0))})
+    long = SimpleNamespace(other=large, ends_m=((0.0, 0.5), (1.0, 0.5)), score=0.1)
+    at_end = link_label(marks, cast(Any, long))
+    assert (at_end.x, at_end.y, at_end.reach_x, at_end.away_x > 0) == (1.0, 0.5, 0.0, True)
+    drawn = WhyMarks(server)
+    drawn.draw(marks)
+    texts = [node(server, f"/why/number/{i}") for i in range(5)]
+    assert 0 < sum(text is not None for text in texts) <= MOST_NUMBERS
+    drawn.draw(None)
+    assert node(server, "/why/number/0") is None and node(server, "/why/links") is None
+
+
+def test_a_step_is_drawn_alone(server):
+    simap = toy_map()
+    why = explain(simap, CHAIR_1)
+    found = between(simap, CHAIR_1, CHAIR_3)
+    drawn = WhyMarks(server)
+    drawn.draw(Marks(simap, why, True, None, found.second.id, found.link))
+    assert node(server, "/why/other") is not None
+    drawn.draw(Marks(simap, why, True, why.joints[0], found.second.id, found.link))
+    assert {name for name in NODES if node(server, f"/why/{name}") is not None} == {"cut", "source", "target"}
+    assert node(server, "/why/number/0") is None

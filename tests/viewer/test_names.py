@@ -1,0 +1,54 @@
+"""Objects named shortly, "chair 7", whatever their class is called."""
+
+from dataclasses import replace
+
+import viser
+from browser import free_port, toy_view
+from toy_maps import toy_map
+
+from simaps_viz.drawing.legend import object_name, short_name
+from simaps_viz.mapping.explain import explain
+from simaps_viz.structures import SIMap
+from simaps_viz.viewer.panels.why import WhyActions, WhyPanel
+from simaps_viz.viewer.scene.why_marks import Marks, link_label
+
+CHAIR_1 = 1
+CLASS = "chest of drawers"
+
+
+def of_drawers() -> SIMap:
+    """The toy map, whose chairs are called otherwise."""
+    simap = toy_map()
+    labels = tuple(CLASS if label == "chair" else label for label in simap.grid.labels)
+    instances = tuple(replace(one, label=CLASS) if one.label == "chair" else one for one in simap.instances)
+    return replace(simap, grid=replace(simap.grid, labels=labels), instances=instances)
+
+
+def test_a_short_name_keeps_all_of_the_class():
+    simap = of_drawers()
+    names = [short_name(simap, one) for one in simap.of_class(CLASS)]
+    assert names == [f"{CLASS} {n}" for n in (1, 2, 3)]
+    assert [object_name(simap, one) for one in simap.of_class(CLASS)] == [f"{name} of 3" for name in names]
+
+
+def test_a_link_names_the_neighbour_whole():
+    simap = of_drawers()
+    why = explain(simap, CHAIR_1)
+    assert link_label(Marks(simap, why), why.neighbours[0]).text == f"{CLASS} 2 · 1.6 %"
+
+
+def test_every_neighbour_has_a_button():
+    server = viser.ViserServer(host="127.0.0.1", port=free_port(), verbose=False)
+    try:
+        simap = of_drawers()
+        why = explain(simap, CHAIR_1)
+        twice = replace(why.neighbours[0], other=simap.of_class(CLASS)[2])  # the same number for another one
+        actions = WhyActions(
+            lambda: None, lambda frame: None, lambda joint: None, lambda simap: None, lambda name, job: job(), toy_view
+        )
+        panel = WhyPanel(server, actions)
+        panel._fill(simap, replace(why, neighbours=(why.neighbours[0], twice)))
+        assert [*panel._near.options][:2] == [f"{CLASS} 2 · 1.6 %", f"{CLASS} 3 · 1.6 %"]
+        assert list(panel._apart_of.values()) == [one.id for one in simap.of_class(CLASS)[1:]]
+    finally:
+        server.stop()

@@ -1,0 +1,140 @@
+"""Edits that come faster than they are done, and what the mending panel says of them."""
+
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+
+import pytest
+from browser import free_port, toy_services
+from fake_page import fake_page
+from toy_maps import TOY_POSE, toy_map
+
+from simaps_viz.cli.mend import mending_panels
+from simaps_viz.mapping.file import save_map
+from simaps_viz.mapping.mending import Mending, open_mending
+from simaps_viz.viewer.panels.mend import NEW_CLASS, MendPanel
+from simaps_viz.viewer.session import Session
+from simaps_viz.viewer.workbench import Workbench
+
+CHAIR_3, TABLE_8, PLANT_9 = 3, 8, 9
+PATIENCE_S = 60.0
+
+
+@dataclass(frozen=True, eq=False)
+class Person:
+    """Somebody who mends the toy map on a page."""
+
+    bench: Workbench
+    session: Session
+    panel: MendPanel
+    mending: Mending
+
+    @property
+    def edits(self) -> list[str]:
+        return [type(entry.edit).__name__ for entry in self.mending.log.entries]
+
+    @property
+    def told(self) -> str:
+        return self.panel._status.content
+
+    def waits(self) -> None:
+        """Wait until what was asked for is done, and the page shows what came of it."""
+        assert self.session.wait_idle() and self.bench.wait_idle()
+
+    def selects(self, instance_id: int) -> None:
+        self.session.select(instance_id)
+        self.waits()
+
+    def renames(self, label: str) -> None:
+        self.panel._class.value = NEW_CLASS
+        self.panel._new.value = label
+        self.panel.rename()
+
+    @contextmanager
+    def hurries(self) -> Iterator[None]:
+        """All that is asked for inside waits until the end."""
+        gate, begun = threading.Event(), threading.Event()
+
+        def wait() -> None:
+            begun.set()
+            assert gate.wait(PATIENCE_S)
+
+        self.session.submit("busy", wait)
+        assert begun.wait(PATIENCE_S)
+        try:
+            yield
+        finally:
+            gate.set()
+        self.waits()
+
+
+@pytest.fixture
+def person(tmp_path):
+    save_map(toy_map(), tmp_path / "toy.npz")
+    mending = open_mending(tmp_path / "toy.npz")
+    services = toy_services(panels=mending_panels(mending))
+    with (
+        Workbench(mending.simap(), services=services, port=free_port(), start=TOY_POSE) as bench,
+        fake_page(bench) as page,
+    ):
+        panel = next(panel for _, panel in page.session.parts.others if isinstance(panel, MendPanel))
+        yield Person(bench, page.session, panel, mending)
+
+
+def test_as_many_edits_are_taken_back_as_were_asked_for(person):
+    for label in ("bed", "sofa", "stool"):
+        person.selects(CHAIR_3)
+        person.renames(label)
+        person.waits()
+    assert person.edits == ["Relabel"] * 3
+    with person.hurries():
+        person.panel.undo()
+        person.panel.undo()
+    assert person.edits == ["Relabel"] and person.session.simap.counts()["bed"] == 1
+    with person.hurries():
+        person.panel.redo()
+        person.panel.redo()
+    assert person.edits == ["Relabel"] * 3 and person.session.simap.counts()["stool"] == 1
+
+
+def test_an_edit_is_not_lost_to_the_next_one(person):
+    person.selects(PLANT_9)
+    with person.hurries():
+        person.panel.delete()
+        person.session.select(TABLE_8)
+        person.renames("desk")
+    assert person.edits == ["Delete", "Relabel"]
+    counts = person.session.simap.counts()
+    assert counts["desk"] == 1 and "potted plant" not in counts
+
+
+def test_what_is_gone_is_not_renamed_and_that_is_said(person):
+    person.selects(PLANT_9)
+    with person.hurries():
+        person.panel.delete()
+        person.renames("tree fern")
+    counts = person.session.simap.counts()
+    assert person.edits == ["Delete"] and "tree fern" not in counts and "potted plant" not in counts
+    assert person.panel._tone == "bad" and person.panel._words in person.told
+
+
+def test_good_news_of_one_object_is_not_said_of_another(person):
+    person.selects(CHAIR_3)
+    person.renames("bed")
+    person.waits()
+    assert "Renamed." in person.told
+    person.session.repaint()
+    person.waits()
+    assert "Renamed." in person.told
+    person.selects(TABLE_8)
+    assert "Renamed." not in person.told and "dining table" in person.told
+
+
+def test_good_news_outlives_the_selection_that_comes_of_the_edit(person):
+    person.selects(PLANT_9)
+    person.panel.delete()
+    person.waits()
+    assert person.session.selected is None and "Deleted. Undo brings it back." in person.told
+    person.selects(TABLE_8)
+    assert "Deleted." not in person.told

@@ -1,0 +1,381 @@
+"""One session for each tab, without a browser: who shares what, what a reload brings back, what is left behind."""
+
+import functools
+import gc
+import threading
+import time
+import weakref
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+import pytest
+import viser
+from browser import toy_services, toy_workbench
+from every_service import all_services
+from fake_page import FakePage, fake_page, gone
+from toy_maps import TOY_POSE, toy_map
+from waiting import until
+
+from simaps_viz.drawing.texture import MapPicture
+from simaps_viz.errors import InputError
+from simaps_viz.mapping.simap import repartition
+from simaps_viz.viewer.page.panel import Panel, PanelSpec
+from simaps_viz.viewer.panels.map import SLANT
+from simaps_viz.viewer.server.host import Host
+
+CHAIR_1, CHAIR_3, TABLE = 1, 3, 6
+TOGETHER, APART = 5.0, 30.0
+"""Percentages at which chair 1 of the toy map is whole, and in two."""
+
+
+def cut(session, percent, resolution=1.0):
+    """What a person does who moves the slider."""
+    session.parts.map.set_sliders(percent, resolution)
+    session.partition(percent, resolution)
+    assert session.wait_idle()
+
+
+# --- each page its own
+
+
+def test_two_pages_have_their_own_selection_cut_view_frame_and_robot():
+    with toy_workbench(all_services()) as bench, fake_page(bench) as a, fake_page(bench) as b:
+        one, two = a.session, b.session
+        one.select(CHAIR_3)
+        cut(two, APART)
+        two.look(SLANT)
+        two.jump(1)
+        one.robot._drive.speed = 8.0
+        one.robot.ask("turn left")
+        until(lambda: one.pose.heading_deg % 360 == pytest.approx(0.0))
+        assert (one.selected, two.selected) == (CHAIR_3, None)
+        assert (len(one.simap.instances), len(two.simap.instances)) == (7, 9)
+        assert (one.frame, two.frame) == (len(one.simap.frame_names) - 1, 1)
+        assert two.pose == TOY_POSE and two.robot._past == []
+        assert (one.viewpoints.name, two.viewpoints.name) == ("Top view", SLANT)
+
+
+def test_what_all_ask_for_is_computed_once():
+    calls = []
+
+    def slow(simap, percent):
+        calls.append(percent)
+        time.sleep(0.1)
+        return repartition(simap, k_percent=percent)
+
+    with toy_workbench(replace(toy_services(), repartition=slow)) as bench:
+        pages = [FakePage(bench, tells=False) for _ in range(20)]
+        painted = bench.shared.pictures.computed
+        for page in pages:
+            page.session.parts.map.set_sliders(APART, 1.0)
+            page.session.partition(APART, 1.0)
+        assert bench.wait_idle()
+        assert calls == [APART]
+        assert len({id(page.session.simap) for page in pages}) == 1 and len(pages[0].session.simap.instances) == 9
+        assert bench.shared.pictures.computed == painted + 1
+        for page in pages:
+            page.close()
+
+
+def test_back_at_the_maps_own_resolution_the_map_is_as_it_was_built():
+    with toy_workbench() as bench, fake_page(bench) as page:
+        cut(page.session, TOGETHER, 3.0)
+        assert page.session.simap.parameters["resolution"] == 3.0
+        cut(page.session, TOGETHER, 1.0)
+        assert page.session.simap.community is bench.simap.community
+        assert (page.session.simap.instance == bench.simap.instance).all()
+
+
+# --- loading again
+
+
+def test_a_reload_brings_back_what_was_done():
+    with toy_workbench(all_services()) as bench:
+        page = FakePage(bench)
+        session, parts = page.session, page.session.parts
+        cut(session, APART, 2.0)
+        parts.map.set_look("class", "dining table")
+        chosen = session.simap.instances[1].id
+        session.select(chosen)
+        session.robot._drive.speed = 8.0
+        session.robot.ask("turn left")
+        until(lambda: session.robot._past[0].status == "ok" and not session.robot.driving)
+        session.jump(1)
+        parts.build.set_fill(False)
+        session.look(SLANT)
+        picked, instances, pose = session.picked, session.simap.instances, session.pose
+        assert session.wait_idle()
+        page.close()
+        gone(bench, session)
+        with fake_page(bench, tab=page.tab) as again:
+            new = again.session
+            until(lambda: new.picked == picked)
+            assert again.tab == page.tab and new is not session and new.token != session.token
+            assert new.simap.instances == instances and new.selected == chosen and new.frame == 1
+            assert (new.parts.map.percent, new.parts.map.resolution) == (APART, 2.0)
+            assert (new.parts.map.mode, new.parts.map.shown_class) == ("class", "dining table")
+            assert not new.parts.build.fill_in_step and new.viewpoints.name == SLANT
+            assert new.pose == pose and [past.command for past in new.robot._past] == ["turn left"]
+            assert "Done" in new.robot._panel._result.content
+        with fake_page(bench) as other:
+            assert other.session.selected is None and other.tab != page.tab
+
+
+def test_a_camera_that_was_moved_comes_back():
+    with toy_workbench() as bench:
+        page = FakePage(bench)
+        camera = page.session.client.camera
+        camera.position, camera.look_at = (1.0, -7.0, 9.0), (1.0, 1.0, 0.0)
+        page.close()
+        gone(bench, page.session)
+        with fake_page(bench, tab=page.tab) as again:
+            assert tuple(again.session.client.camera.position) == (1.0, -7.0, 9.0)
+            assert tuple(again.session.client.camera.look_at) == (1.0, 1.0, 0.0)
+
+
+def test_a_ride_that_a_reload_ends_leaves_the_robot_where_it_was():
+    with toy_workbench(all_services()) as bench:
+        page = FakePage(bench)
+        drive = page.session.robot._drive
+        told = drive._on_pose
+
+        def dawdle(pose, share, leg):
+            if pose.x_m > 0.6:
+                drive.speed = 0.02  # so that the ride is not over before the page is closed
+            told(pose, share, leg)
+
+        drive._on_pose = dawdle
+        page.session.robot.ask("go to the couch")
+        until(lambda: page.session.pose.x_m > 0.6)
+        page.close()
+        gone(bench, page.session)
+        with fake_page(bench, tab=page.tab) as again:
+            assert again.session.pose == page.session.pose and again.session.pose.x_m > 0.6
+            assert "Stopped" in again.session.robot._panel._result.content and not again.session.robot.driving
+
+
+def test_a_duplicated_tab_and_an_unknown_one_start_afresh():
+    with toy_workbench() as bench, fake_page(bench) as page:
+        bench.tabs._leave_s = 0.1
+        page.session.select(CHAIR_1)
+        with fake_page(bench, tab=page.tab) as twin, fake_page(bench, tab="made up") as other:
+            assert len({page.tab, twin.tab, other.tab, "made up"}) == 4
+            assert twin.session.selected is None and other.session.selected is None
+        assert page.session.selected == CHAIR_1
+
+
+def test_a_map_published_while_a_tab_was_closed_is_not_replaced_by_an_old_one():
+    with toy_workbench() as bench:
+        page = FakePage(bench)
+        own = repartition(toy_map(), k_percent=APART)
+        page.session.take_map(own)
+        page.session.select(CHAIR_3)
+        page.close()
+        gone(bench, page.session)
+        newer = replace(toy_map())
+        bench.publish(newer)
+        with fake_page(bench, tab=page.tab) as again:
+            assert again.session.simap is newer and again.session.selected == CHAIR_3
+
+
+# --- publishing
+
+
+def test_a_published_map_is_on_all_pages_and_on_later_ones():
+    with toy_workbench() as bench, fake_page(bench) as a, fake_page(bench) as b:
+        a.session.select(CHAIR_3)
+        cut(b.session, APART)
+        simap = toy_map()
+        grown = replace(
+            simap,
+            frame_names=(*simap.frame_names, "new"),
+            T_map_camera=np.concatenate([simap.T_map_camera, simap.T_map_camera[-1:]]),
+        )
+        b.session.jump(1)
+        bench.publish(grown, growing=True)
+        assert bench.wait_idle()
+        assert a.session.simap is grown and a.session.selected == CHAIR_3
+        assert (a.session.frame, b.session.frame) == (len(simap.frame_names), 1)
+        assert b.session.parts.map.percent == APART and len(b.session.simap.instances) == 9
+        b.session.jump(len(simap.frame_names))
+        assert b.session.frame == len(simap.frame_names)
+        a.session.publish(simap)  # as a panel does: this map, for all, cut as each has set the sliders
+        assert bench.wait_idle() and bench.simap is simap
+        assert a.session.simap is simap and b.session.base is simap
+        assert b.session.parts.map.percent == APART and len(b.session.simap.instances) == 9
+        b.session.publish(b.session.simap)  # what one cuts does not become everybody's
+        assert bench.wait_idle()
+        assert a.session.parts.map.percent == TOGETHER and len(a.session.simap.instances) == 7
+        assert b.session.parts.map.percent == APART and len(b.session.simap.instances) == 9
+        simap = bench.simap
+        with fake_page(bench) as late:
+            assert late.session.simap is simap
+
+
+def test_a_selection_comes_back_with_its_object():
+    with toy_workbench() as bench, fake_page(bench) as page:
+        page.session.select(CHAIR_3)
+        empty = replace(bench.simap, instance=np.zeros_like(bench.simap.instance), instances=())
+        page.session.take_map(empty)
+        assert page.session.wait_idle() and page.session.selected is None
+        page.session.take_map(bench.simap)
+        assert page.session.wait_idle() and page.session.selected == CHAIR_3
+
+
+def test_maps_that_nobody_shows_are_forgotten():
+    with toy_workbench() as bench, fake_page(bench) as page:
+        cut(page.session, APART)
+        old = [weakref.ref(page.session.simap)]
+        for _ in range(5):
+            simap = replace(toy_map())
+            old.append(weakref.ref(simap))
+            bench.publish(simap)
+            assert bench.wait_idle()
+            del simap
+        page.session.select(CHAIR_1)
+        assert bench.wait_idle()
+        gc.collect()
+        assert sum(ref() is not None for ref in old) <= 2
+
+
+# --- panels
+
+
+@dataclass
+class TalePanel(Panel):
+    desk: object
+    maps: list = field(default_factory=list)
+    clicks: list = field(default_factory=list)
+    closed: bool = False
+    word: str = ""
+
+    def map_changed(self, simap):
+        self.maps.append(simap)
+
+    def take_click(self, x_m, y_m):
+        self.clicks.append((x_m, y_m))
+        return len(self.clicks) == 1
+
+    def close(self):
+        self.closed = True
+
+    def state(self):
+        return self.word
+
+    def restore(self, state):
+        self.word = state
+
+
+def failing(desk):
+    raise InputError("this panel: expected luck, found none")
+
+
+def test_panels_are_made_for_each_page_told_asked_restored_and_closed(caplog):
+    made = []
+
+    def make(desk):
+        made.append(TalePanel(desk))
+        return made[-1]
+
+    panels = (
+        PanelSpec("Bad", viser.Icon.BUG, failing),
+        PanelSpec("Tale", viser.Icon.BOOK, make),
+        PanelSpec("Beside", viser.Icon.BOOK, make, place="instance"),
+    )
+    with toy_workbench(toy_services(panels=panels)) as bench:
+        page = FakePage(bench)
+        tale, beside = made
+        assert tale.desk is page.session and tale.maps[-1] is bench.simap
+        x, y, _ = bench.simap.by_id(CHAIR_3).centroid_m
+        event = viser.SceneClickEvent(page.session.client, 0, (x, y, 5.0), (0, 0, -1), (0.5, 0.5), None)
+        page.session._clicked(event)
+        assert page.session.selected is None and tale.clicks == [(x, y)] and beside.clicks == []
+        tale.word = "kept"
+        page.close()
+        gone(bench, page.session)
+        until(lambda: tale.closed and beside.closed)
+        with fake_page(bench, tab=page.tab):
+            until(lambda: made[2].word == "kept")
+
+
+def test_a_picture_lies_in_the_place_of_the_map_until_it_is_taken_away():
+    with toy_workbench() as bench, fake_page(bench) as page:
+        scene = page.session.client.scene
+        page.session.show_picture(MapPicture(bench.simap.spec, np.full((4, 4, 4), 200, np.uint8)))
+        assert page.session.wait_idle() and scene.get_handle_by_name("/picture") is not None
+        page.session.show_picture(None)
+        assert page.session.wait_idle() and scene.get_handle_by_name("/picture") is None
+
+
+def test_a_panels_work_holds_up_neither_the_map_nor_other_panels_and_what_it_raises_is_told(monkeypatch):
+    with toy_workbench() as bench, fake_page(bench) as a, fake_page(bench) as b:
+        told = {session: [] for session in (a.session, b.session)}
+        for session, heard in told.items():
+            monkeypatch.setattr(session.client, "add_notification", lambda *text, heard=heard, **_: heard.append(text))
+        gate = threading.Event()
+        a.session.submit("long", functools.partial(waits_for, gate))
+        a.session.select(CHAIR_3)
+        assert a.session.worker.wait_idle()
+        gate.set()
+        a.session.submit("bad", failing_job)
+        a.session.say("Saved", "as toy.npz")
+        assert bench.wait_idle()
+        assert ("That did not work", "x: expected y, found z") in told[a.session]
+        assert ("Saved", "as toy.npz") in told[a.session] and told[b.session] == []
+
+
+def waits_for(gate):
+    assert gate.wait(120.0)  # longer than anybody waits for the map
+
+
+def failing_job():
+    raise InputError("x: expected y, found z")
+
+
+# --- what is left behind
+
+
+def test_nothing_is_left_of_thirty_pages():
+    with toy_workbench(all_services()) as bench:
+        before = threading.active_count()
+        left = []
+        for n in range(30):
+            page = FakePage(bench, tells=n % 3 > 0)
+            page.session.select(CHAIR_3)
+            if n % 5 == 0:
+                page.session.robot.ask("go to the couch")
+            left.append(weakref.ref(page.session))
+            page.close()
+            gone(bench, page.session)
+            del page
+        until(lambda: threading.active_count() <= before + 33)  # viser keeps up to 32 threads for all callbacks
+        until(lambda: not any(t.name in ("workbench-worker", "workbench-drive") for t in threading.enumerate()))
+        until(lambda: not any(isinstance(t, threading.Timer) for t in threading.enumerate()))
+        until(lambda: gc.collect() >= 0 and sum(ref() is not None for ref in left) <= 1)
+        assert len(bench.sessions) == 0 and len(bench.tabs) == 20
+        with fake_page(bench) as page:
+            assert page.session.wait_idle()
+
+
+def test_twenty_pages_cost_no_thread_while_nobody_does_anything():
+    with toy_workbench() as bench:
+        pages = [FakePage(bench, tells=False) for _ in range(20)]
+        assert bench.wait_idle()
+        until(lambda: not any(t.name == "workbench-worker" for t in threading.enumerate()))
+        for page in pages:
+            page.close()
+
+
+def test_messages_reach_the_recording_of_one_page_only(tmp_path):
+    (tmp_path / "toy.rrd").write_bytes(b"")
+    services = toy_services(rerun_page=lambda urls: "", recordings=(tmp_path / "toy.rrd",))
+    with toy_workbench(services) as bench, fake_page(bench) as a, fake_page(bench) as b:
+        host = bench.recording_host
+        assert isinstance(host, Host)
+        heard = {page.session: host.listen(page.session.token) for page in (a, b)}
+        a.session.jump(2)
+        assert heard[a.session].get(timeout=60.0) == {"set_time": {"timeline": "frame", "time": 2}}
+        bench._recording_told({"type": "time_update", "timeline": "frame", "time": 1}, b.session.token)
+        assert (a.session.frame, b.session.frame) == (2, 1)
+        bench._recording_told({"type": "time_update", "timeline": "frame", "time": 3}, "nobody")
+        assert heard[b.session].empty() and heard[a.session].empty()

@@ -1,0 +1,79 @@
+"""Names of any length, narrow pages and slow ones: what the page does with them."""
+
+import gzip
+from dataclasses import replace
+
+import pytest
+from toy_maps import toy_map
+from websockets.datastructures import Headers
+from websockets.http11 import Response
+
+from simaps_viz.drawing.legend import counts_text, facts_html, legend_html
+from simaps_viz.drawing.theme import LONGEST_NAME, short, short_html
+from simaps_viz.errors import CommandError
+from simaps_viz.language.commands import examples as spoken_examples
+from simaps_viz.language.commands import read_command
+from simaps_viz.viewer.layout import NARROW_PX, recording_width
+from simaps_viz.viewer.panels.command import examples
+from simaps_viz.viewer.server.gate import cover
+from simaps_viz.viewer.server.page_script import OPENED, PAGE_SCRIPT
+
+LONG = "w" * 480 + " end of name"
+
+
+def long_map():
+    simap = toy_map()
+    labels = tuple(LONG if label == "couch" else label for label in simap.grid.labels)
+    instances = tuple(replace(i, label=LONG) if i.label == "couch" else i for i in simap.instances)
+    return replace(simap, grid=replace(simap.grid, labels=labels), instances=instances)
+
+
+def test_a_long_name_is_shortened_and_told_in_full_to_who_asks():
+    assert short("chair 7 of 31") == short_html("chair 7 of 31") == "chair 7 of 31"
+    cut = short(LONG)
+    assert len(cut) <= LONGEST_NAME and cut.startswith("www") and "…" in cut and cut.endswith("of name")
+    assert short_html(LONG) == f'<span title="{LONG}">{cut}</span>'
+    assert 'title="&lt;b&gt;' in short_html("<b>" + LONG)
+
+
+def test_summary_legend_and_headings_keep_long_names_short():
+    simap = long_map()
+    couch = next(one for one in simap.instances if one.label == LONG)
+    legends = [legend_html(simap, mode) for mode in ("class", "instance")]
+    for html in (counts_text(simap), *legends, facts_html(simap, couch)):
+        assert short(LONG)[:20] in html and LONG not in html.replace(f'title="{LONG}', "")
+    for text in (*examples(simap, 5), spoken_examples([LONG, "chair"])):
+        assert "www" not in text
+    assert "chair" in spoken_examples([LONG])
+
+
+def test_a_refusal_repeats_little_of_what_was_said():
+    with pytest.raises(CommandError, match=r"^Not understood: x{59}…\. The robot") as refused:
+        read_command("x" * 300, toy_map().grid.labels[1:])
+    assert "x" * 60 not in str(refused.value)
+    with pytest.raises(CommandError, match="501 characters, and at most 500 can be read"):
+        read_command("g" * 501, ["chair"])
+
+
+def test_the_recording_takes_a_share_of_the_page():
+    assert [recording_width(px) for px in (NARROW_PX, 1279, 1280, 1920)] == [287.5, 319.75, 400.0, 480.0]
+
+
+@pytest.mark.parametrize("zipped", [True, False])
+def test_the_page_of_the_server_is_covered_until_ours_is_there(zipped):
+    page = b"<html><head><title>Viser</title></head><body></body></html>"
+    headers = Headers({"Content-Type": "text/html; charset=utf-8", "Content-Length": "1"})
+    headers["Content-Encoding"] = "gzip" if zipped else "identity"
+    response = Response(200, "OK", headers, gzip.compress(page) if zipped else page)
+    cover(response)
+    assert response.headers.get_all("Content-Length") == [str(len(response.body))]
+    covered = (gzip.decompress(response.body) if zipped else response.body).decode()
+    assert "Opening the map" in covered and f".{OPENED}" in covered and f'class="{OPENED}"' in PAGE_SCRIPT
+    assert covered.endswith("</style></head><body></body></html>") and "<title>Viser</title>" in covered
+
+
+def test_nothing_but_a_page_is_covered():
+    for status, kind, body in ((404, "text/html", b"</head>"), (200, "application/javascript", b"</head>")):
+        response = Response(status, "", Headers({"Content-Type": kind}), body)
+        cover(response)
+        assert response.body == body
