@@ -11,7 +11,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from simaps_viz.colors import classes
+from simaps_viz.colors.classes import is_thing
 from simaps_viz.datasets.file_frames import (
     FileFrames,
     check_size,
@@ -111,7 +111,7 @@ def _segments(path: Path, frames: int, camera: Intrinsics) -> Segments | None:
             world.by_id,
             ground_truth=True,
         )
-    classes = {name: classes.is_thing(name) for name in MP3D_CLASSES[1:]}
+    classes = {name: is_thing(name) for name in MP3D_CLASSES[1:]}
     return Segments(classes, lambda i: patches(files[i], _numbers(files[i], camera)), "Habitat class numbers")
 
 
@@ -139,13 +139,13 @@ def patches(path: Path, classes: NDArray) -> Segmentation:
             continue
         label, mask = MP3D_CLASSES[number], classes == number
         count, patch = cv2.connectedComponents(mask.astype(np.uint8), connectivity=8)
-        if not classes.is_thing(label):
+        if not is_thing(label):
             count, patch = 2, mask.astype(np.int32)
         for part in range(1, count):
             here = patch == part
-            if classes.is_thing(label) and here.sum() < MIN_PATCH_PIXELS:
+            if is_thing(label) and here.sum() < MIN_PATCH_PIXELS:
                 continue
-            segments.append(Segment(len(segments) + 1, label, 1.0, classes.is_thing(label)))
+            segments.append(Segment(len(segments) + 1, label, 1.0, is_thing(label)))
             ids[here] = len(segments)
     return Segmentation(ids, tuple(segments))
 
@@ -162,5 +162,5 @@ def _objects(path: Path) -> dict[int, Segment]:
         if not number.strip().isdecimal() or len(number) > 9 or not name or name == "none" or not name.isprintable():
             raise InputError(f"{path}, line {line}: expected object:class,name, found {text[:40]!r}")
         if int(number) > 0:
-            objects[int(number)] = Segment(int(number), name, 1.0, classes.is_thing(name))
+            objects[int(number)] = Segment(int(number), name, 1.0, is_thing(name))
     return objects

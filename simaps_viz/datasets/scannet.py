@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from simaps_viz.colors import classes
+from simaps_viz.colors.classes import is_thing
 from simaps_viz.datasets.file_frames import FileFrames, check_size, depth_png, image_size, numbered
 from simaps_viz.datasets.images import read_ids
 from simaps_viz.datasets.lens import Lens, pinhole, see_through
@@ -139,5 +139,5 @@ def _objects(path: Path) -> dict[int, Segment]:
         number, label = (group.get("objectId"), group.get("label")) if isinstance(group, dict) else (None, None)
         if not isinstance(number, int) or number < 0 or not isinstance(label, str) or not label.strip():
             raise InputError(f"{path}: segGroups: expected objectId and label, found {shown(group)}")
-        objects[number + 1] = Segment(number + 1, label.strip(), 1.0, classes.is_thing(label.strip()))
+        objects[number + 1] = Segment(number + 1, label.strip(), 1.0, is_thing(label.strip()))
     return objects
