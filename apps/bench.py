@@ -37,7 +37,7 @@ def paint(simap: SIMap) -> object:
 
 
 def sequence_paths(config: Bench) -> Iterator[Path]:
-    """Give the sequences to measure; makes the embedded scene when it is not there yet."""
+    """Return the sequences to measure; makes the embedded scene when it is not there yet."""
     yield from config.sequences
     if not config.sequences:
         with stage_progress() as progress:

@@ -16,21 +16,21 @@ out of date. [API.md](API.md) is the guide.
 
 
 def entry(title: str, signature: str, docstring: str | None) -> str:
-    """Give one entry: a heading, the signature and the docstring, sections such as Args as they stand."""
+    """Return one entry: a heading, the signature and the docstring, sections such as Args as they stand."""
     text, _, sections = inspect.cleandoc(docstring or "").partition("\n\n")
     rest = f"\n\n```text\n{sections}\n```" if sections else ""
     return f"{title}\n\n```python\n{signature}\n```\n\n{' '.join(text.split())}{rest}\n"
 
 
 def header(node: ast.FunctionDef) -> str:
-    """Give a function's first line as it is written, decorators before it."""
+    """Return a function's first line as it is written, decorators before it."""
     marks = "".join(f"@{ast.unparse(mark)}\n" for mark in node.decorator_list)
     returns = f" -> {ast.unparse(node.returns)}" if node.returns else ""
     return re.sub(r"'(\w[^']*)'", r"\1", f"{marks}{node.name}({ast.unparse(node.args)}){returns}")
 
 
 def fields(body: list[ast.stmt]) -> list[str]:
-    """Give a paragraph with a line for every public field and the docstring under it; none, if there is none."""
+    """Return a paragraph with a line for every public field and the docstring under it; none, if there is none."""
     lines: list[str] = []
     for node, after in zip(body, [*body[1:], ast.Pass()], strict=True):
         if isinstance(node, ast.AnnAssign) and not ast.unparse(node.target).startswith("_"):
@@ -40,7 +40,7 @@ def fields(body: list[ast.stmt]) -> list[str]:
 
 
 def describe(name: str) -> str:
-    """Give the entries of a public function or class, with its fields and public methods."""
+    """Return the entries of a public function or class, with its fields and public methods."""
     tree = ast.parse(inspect.getsource(getattr(simaps_viz, name))).body[0]
     if isinstance(tree, ast.FunctionDef):
         return entry(f"## `{name}`", header(tree), ast.get_docstring(tree))
@@ -52,7 +52,7 @@ def describe(name: str) -> str:
 
 
 def page() -> str:
-    """Give the whole page."""
+    """Return the whole page."""
     return "\n".join([HEAD, *map(describe, sorted(simaps_viz.__all__, key=str.lower))])
 
 

@@ -110,7 +110,7 @@ def ask(simap: SIMap, command: str, *, pose: Pose2 | None = None, robot: RobotSh
 
 
 def to_pandas(simap: SIMap) -> "pd.DataFrame":
-    """Give the instances as a pandas frame, one row each, indexed by id; lengths in metres of the map frame.
+    """Return the instances as a pandas frame, one row each, indexed by id; lengths in metres of the map frame.
 
     Raises:
         InputError: pandas is not installed.
@@ -127,7 +127,7 @@ def to_pandas(simap: SIMap) -> "pd.DataFrame":
 
 
 def _point(where: object) -> NDArray:
-    """Give a place as float64 [1, 2]."""
+    """Return a place as float64 [1, 2]."""
     if isinstance(where, Pose2):
         where = (where.x_m, where.y_m)
     if isinstance(where, Instance):

@@ -125,5 +125,5 @@ class Observer(Protocol):
 
 
 def wants_color(observers: Iterable[Observer]) -> bool:
-    """Tell whether one of those who watch wants the frames' colours, see `Observer.wants_color`."""
+    """Return whether one of those who watch wants the frames' colours, see `Observer.wants_color`."""
     return any(getattr(observer, "wants_color", True) for observer in observers)

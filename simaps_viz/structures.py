@@ -40,7 +40,7 @@ class Intrinsics:
     """Principal point, pixels from the centre of the top row."""
 
     def matrix(self) -> NDArray:
-        """Give K, float64 [3, 3]."""
+        """Return K, float64 [3, 3]."""
         return np.array([[self.fx, 0, self.cx], [0, self.fy, self.cy], [0, 0, 1]], dtype=np.float64)
 
 
@@ -102,18 +102,18 @@ class GridSpec:
     y0_m: float
 
     def cell_of(self, x_m: float, y_m: float) -> tuple[int, int]:
-        """Give the (row, col) that holds a point of the map frame; may lie outside the grid."""
+        """Return the (row, col) that holds a point of the map frame; may lie outside the grid."""
         return (
             int(np.floor((y_m - self.y0_m) / self.cell_size_m)),
             int(np.floor((x_m - self.x0_m) / self.cell_size_m)),
         )
 
     def centre_of(self, row: float, col: float) -> tuple[float, float]:
-        """Give the map-frame (x, y) of a cell's centre, metres."""
+        """Return the map-frame (x, y) of a cell's centre, metres."""
         return (self.x0_m + (col + 0.5) * self.cell_size_m, self.y0_m + (row + 0.5) * self.cell_size_m)
 
     def contains(self, row: int, col: int) -> bool:
-        """Tell whether (row, col) is a cell of the grid."""
+        """Return whether (row, col) is a cell of the grid."""
         return 0 <= row < self.rows and 0 <= col < self.cols
 
     @property
@@ -235,7 +235,7 @@ class Instance:
     """Mean confidence of the segments that named its cells, weighted by cells."""
 
     def area_m2(self, cell_size_m: float) -> float:
-        """Give the area its cells cover, square metres."""
+        """Return the area its cells cover, square metres."""
         return self.cells * cell_size_m**2
 
 
@@ -277,14 +277,14 @@ class SIMap:
         return self.grid.spec
 
     def by_id(self, instance_id: int) -> Instance:
-        """Give the instance with that id, or raise InputError naming the range there is."""
+        """Return the instance with that id, or raise InputError naming the range there is."""
         for instance in self.instances:
             if instance.id == instance_id:
                 return instance
         raise InputError(f"instance {instance_id}: not on this map, which has {len(self.instances)} instances")
 
     def at(self, x_m: float, y_m: float) -> Instance | None:
-        """Give the instance whose cell holds the map-frame point, or None; InputError unless both are numbers."""
+        """Return the instance whose cell holds the map-frame point, or None; InputError unless both are numbers."""
         if not all(isinstance(value, Real) and math.isfinite(value) for value in (x_m, y_m)):
             raise InputError(f"place: expected x and y in metres, found {x_m!r} and {y_m!r}")
         row, col = self.spec.cell_of(x_m, y_m)
@@ -293,11 +293,11 @@ class SIMap:
         return self.by_id(int(self.instance[row, col]))
 
     def of_class(self, label: str) -> tuple[Instance, ...]:
-        """Give the instances of a class, by id; empty when there is none."""
+        """Return the instances of a class, by id; empty when there is none."""
         return tuple(i for i in self.instances if i.label == label)
 
     def counts(self) -> dict[str, int]:
-        """Give {class name: number of instances}, most first, then by name."""
+        """Return {class name: number of instances}, most first, then by name."""
         names = [i.label for i in self.instances]
         return {n: names.count(n) for n in sorted(set(names), key=lambda n: (-names.count(n), n))}
 
@@ -323,7 +323,7 @@ class SIMap:
         return simaps_viz.ask(self, command, pose=pose, robot=robot)
 
     def to_pandas(self) -> "pd.DataFrame":
-        """Give the instances as a pandas frame, one row each, indexed by id; see `simaps_viz.to_pandas`."""
+        """Return the instances as a pandas frame, one row each, indexed by id; see `simaps_viz.to_pandas`."""
         import simaps_viz  # noqa: PLC0415 - see above
 
         return simaps_viz.to_pandas(self)

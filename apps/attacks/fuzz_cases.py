@@ -52,7 +52,7 @@ class Finding:
 
 
 def choices(target: str, seed: int, case: int) -> Random:
-    """Give the random numbers of a case: the same ones whenever it is run."""
+    """Return the random numbers of a case: the same ones whenever it is run."""
     return Random(f"{seed}/{target}/{case}")
 
 

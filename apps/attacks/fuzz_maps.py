@@ -57,7 +57,7 @@ def use_map(r: Random, simap: SIMap, folder: Path) -> None:
 
 
 def maps(folder: Path) -> list[SIMap]:
-    """Give a small map of each method."""
+    """Return a small map of each method."""
     sequence = open_sequence(write_tiny_sequence(folder / "tiny"))
     built = [build_map(sequence, BuildConfig(method=method)) for method in ("evidence", "paper", "components")]  # type: ignore
     return [*built, toy_map()]

@@ -252,7 +252,7 @@ def mutate_array(r: Random, array: np.ndarray) -> np.ndarray:
 
 
 def mutator_of(name: str) -> Bytes:
-    """Give the way to damage a file of that name."""
+    """Return the way to damage a file of that name."""
     suffix = name.rpartition(".")[2].lower()
     if suffix == "json" or name.endswith("metadata"):
         return mutate_json

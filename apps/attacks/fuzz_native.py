@@ -101,7 +101,7 @@ def _raised() -> str:
 
 
 def _asked(port: int, data: bytes, patience_s: float) -> bytes:
-    """Send bytes, say that no more will come, and give what comes back."""
+    """Send bytes, say that no more will come, and return what comes back."""
     with socket.create_connection(("127.0.0.1", port), timeout=PATIENCE_S) as link:
         try:
             link.sendall(data)

@@ -39,7 +39,7 @@ class _Heard:
 
 
 def _messages(session: Any) -> list[dict[str, Any]]:
-    """Give good messages of every kind, to every control of the page."""
+    """Return good messages of every kind, to every control of the page."""
     from fake_page import CAMERA  # noqa: PLC0415 - as below
 
     ray = {"ray_origin": [0.0, 0.0, 5.0], "ray_direction": [0.0, 0.0, -1.0], "modifier": None}

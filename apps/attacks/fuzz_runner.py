@@ -81,7 +81,7 @@ def fuzz(
 
 
 def table(tallies: dict[str, Tally]) -> str:
-    """Give the table in Markdown, the sum last."""
+    """Return the table in Markdown, the sum last."""
     head = ("target", "cases", "refused", "accepted", "tracebacks", "hangs", "peak memory (MB)", "processor (s)")
     head += ("places reached",) * any(tally.coverage for tally in tallies.values())
     rows = [head, ("---",) * len(head)]
@@ -95,7 +95,7 @@ def table(tallies: dict[str, Tally]) -> str:
 
 
 def faults(tallies: Iterable[Tally]) -> list[dict[str, Any]]:
-    """Give the first finding of each fault."""
+    """Return the first finding of each fault."""
     first: dict[tuple[str, str], dict[str, Any]] = {}
     for tally in tallies:
         for one in tally.findings:

@@ -18,7 +18,7 @@ from simaps_viz.build.build_log import frames_logged, log_beside, steps_beside
 from simaps_viz.errors import InputError
 
 Build = Callable[[Sequence[str]], int]
-"""Runs ``simaps`` with these arguments; gives the exit status."""
+"""Runs ``simaps`` with these arguments; returns the exit status."""
 
 EARLIER = b"an earlier map, which must not be harmed"
 NEAR_THE_END = 0.4
@@ -86,7 +86,7 @@ def kill_builds(
 
 
 def table(done: Sequence[KilledBuild]) -> str:
-    """Say how many builds were killed when, and how many maps were lost."""
+    """Describe how many builds were killed when, and how many maps were lost."""
     tried, lost = Counter(one.phase for one in done), Counter(one.phase for one in done if one.faults)
     lines = ["| killed while | builds killed | maps lost |", "|---|---|---|"]
     lines += [f"| {phase} | {tried[phase]} | {lost[phase]} |" for phase in PHASES if tried[phase]]
@@ -133,7 +133,7 @@ def _files(folder: Path) -> dict[str, bytes]:
 
 
 def _run(build: Build, arguments: Sequence[str], *, kill_after_s: float | None) -> int | None:
-    """Run a build in a child; gives its exit status, None when it was killed."""
+    """Run a build in a child; returns its exit status, None when it was killed."""
     child = os.fork()
     if child == 0:
         status = 70

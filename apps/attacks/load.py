@@ -39,7 +39,7 @@ PERCENTS = (5.0, 20.0, 35.0, 50.0, 60.0, 70.0, 85.0, 95.0)
 
 
 def plain(content: str) -> str:
-    """Give the words of a piece of HTML."""
+    """Return the words of a piece of HTML."""
     return " ".join(html.unescape(re.sub(r"<[^>]*>", " ", content)).split())
 
 
@@ -243,7 +243,7 @@ class Server:
             raise RuntimeError("the server did not start")
 
     def state(self) -> str:
-        """Say what memory and how many threads it has."""
+        """Describe what memory and how many threads it has."""
         text = Path(f"/proc/{self._process.pid}/status").read_text()
         found = dict(re.findall(r"^(VmRSS|Threads):\s+(\d+)", text, re.MULTILINE))
         return f"{int(found['VmRSS']) / 1024:.0f} MB, {found['Threads']} threads"
@@ -272,5 +272,5 @@ async def load(url: str, simap: SIMap, *, clients: int, seconds: float, tell: Ca
 
 
 def busy() -> str:
-    """Say what else the machine does."""
+    """Describe what else the machine does."""
     return f"{os.cpu_count()} processors, load {os.getloadavg()[0]:.1f}"

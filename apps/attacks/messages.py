@@ -27,17 +27,17 @@ SENT = {repr(kind(value)) for value in (True, 77, 0.5, "evil") for kind in (bool
 
 
 def widgets(session: Session) -> dict[str, Any]:
-    """Give a page's widgets by their ids; a real attacker cannot ask for those of others."""
+    """Return a page's widgets by their ids; a real attacker cannot ask for those of others."""
     return dict(session.gui._gui_input_handle_from_uuid)
 
 
 def values(session: Session) -> dict[str, Any]:
-    """Give what each of them shows."""
+    """Return what each of them shows."""
     return {uuid: repr(handle._impl.value) for uuid, handle in widgets(session).items()}
 
 
 def _settled(session: Session) -> dict[str, Any]:
-    """Give the values once the page itself changes none of them any more."""
+    """Return the values once the page itself changes none of them any more."""
     before = values(session)
     for _ in range(20):
         wait(lambda: False, 0.4)

@@ -71,7 +71,7 @@ def ways_out_of_the_folder(target: Target) -> Tries:
 
 
 def leaked(target: Target, reply: Reply, path: str) -> str | None:
-    """Tell whether an answer holds what nobody may read."""
+    """Return whether an answer holds what nobody may read."""
     found = target.secret_text in reply.text or "root:" in reply.text
     return f"{path} gave it away" if found else None
 

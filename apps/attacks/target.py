@@ -56,7 +56,7 @@ class Target:
         return self.bench.ports
 
     def is_well(self) -> str | None:
-        """Open a page as a browser would; gives what is wrong."""
+        """Open a page as a browser would; returns what is wrong."""
         for port in self.ports:
             path = "/" if port == self.ports[0] else "/tab/" if port == self.ports[1] else "/rerun/"
             reply = ask(port, path)
@@ -99,7 +99,7 @@ def send_raw(port: int, request: bytes, *, most: int = 1 << 20, finish: bool = F
 
 
 def enter(bench: Workbench) -> str:
-    """Bring a workbench its token, and give the cookie that lets in; empty where none is asked for."""
+    """Bring a workbench its token, and return the cookie that lets in; empty where none is asked for."""
     if not bench.access.token:
         return ""
     reply = ask(bench.server.get_port(), f"/?token={bench.access.token}")
@@ -119,7 +119,7 @@ def open_socket(
 
 
 def socket_refused(port: int, **options: Any) -> bool:
-    """Tell whether a WebSocket is refused."""
+    """Return whether a WebSocket is refused."""
     try:
         with open_socket(port, **options):
             return False
@@ -129,7 +129,7 @@ def socket_refused(port: int, **options: Any) -> bool:
 
 @contextlib.contextmanager
 def page(bench: Workbench, *, name: str = "127.0.0.1") -> Iterator[tuple[Connection, Session]]:
-    """Open a page that nobody draws, by another name if need be; gives its WebSocket and its session."""
+    """Open a page that nobody draws, by another name if need be; returns its WebSocket and its session."""
     before = {session.token for session in bench.sessions}
     head = {"Cookie": cookie} if (cookie := enter(bench)) else {}
     with open_socket(bench.server.get_port(), name=name, additional_headers=head) as connection:
@@ -162,7 +162,7 @@ def wait(predicate: Callable[[], object], timeout_s: float = PATIENCE_S) -> bool
 
 
 def hung_up(connection: Connection, timeout_s: float = PATIENCE_S) -> bool:
-    """Tell whether the server ends a WebSocket, reading all it sends until then."""
+    """Return whether the server ends a WebSocket, reading all it sends until then."""
     end = time.monotonic() + timeout_s
     try:
         while time.monotonic() < end:

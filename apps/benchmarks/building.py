@@ -155,7 +155,7 @@ def score(building: SimulatedBuilding, simap: SIMap, rules: ScoringRules | None 
 
 
 def memory_mb(what: str) -> float:
-    """Give this program's memory now (``VmRSS``) or its peak (``VmHWM``), MB; NaN where the system does not tell."""
+    """Return this program's memory now (``VmRSS``) or its peak (``VmHWM``), MB; NaN where the system does not tell."""
     try:
         text = Path("/proc/self/status").read_text()
     except OSError:

@@ -92,7 +92,7 @@ def _run(frames: JoinedFrames, config: BuildConfig, count: int, scratch: Path, w
 
 
 def _moved(sequence: PosedFrames, config: BuildConfig, run: Run) -> Iterator[str]:
-    """Say what a frame costs to move and merge, as steps and as a part of the map."""
+    """Describe what a frame costs to move and merge, as steps and as a part of the map."""
     indices = range(min(SHARD_FRAMES, len(sequence)))
     n, T_map_camera = len(indices), sequence.T_map_world @ sequence.poses
     job = job_of(sequence, config, reopening(sequence, Path()))
@@ -125,7 +125,7 @@ def _replayed(accumulator, steps) -> None:
 
 
 def _gathering_s(sequence: PosedFrames, config: BuildConfig) -> float:
-    """Give the processor time a worker takes for a shard, seconds."""
+    """Return the processor time a worker takes for a shard, seconds."""
     indices, job = range(min(SHARD_FRAMES, len(sequence))), job_of(sequence, config, reopening(sequence, Path()))
     poses = (sequence.T_map_world @ sequence.poses)[indices]
     return measure({"gather": lambda: gather_shard(job, indices, poses)}, runs=5)["gather"].cpu

@@ -16,7 +16,7 @@ Partition = list[set[int]]
 
 
 def to_networkx(graph: CellGraph) -> nx.Graph:
-    """Give a cell graph to networkx: nodes 0 to n - 1, ``weight`` on the edges, everything in the order it stands."""
+    """Return a cell graph to networkx: nodes 0 to n - 1, ``weight`` on the edges, everything in the order it stands."""
     result = nx.Graph()
     result.add_nodes_from(range(len(graph.cells)))
     first, second = graph.edges.T.tolist() if len(graph.edges) else ([], [])

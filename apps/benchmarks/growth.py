@@ -44,16 +44,16 @@ class Posed:
         return tuple(f"{index:06d}" for index in range(len(self)))
 
     def described(self) -> bytes:
-        """Give the camera; what else the images mean is in them."""
+        """Return the camera; what else the images mean is in them."""
         return repr(self.frames[0].intrinsics).encode()
 
     def read(self, index: int, *, color: bool = False) -> Frame:
-        """Give a frame under its new number; there is no colour."""
+        """Return a frame under its new number; there is no colour."""
         frame = self.frames[index % len(self.frames)]
         return replace(frame, index=index, name=self.frame_names[index], T_world_camera=self.poses[index], color=None)
 
     def segmentation(self, index: int) -> Segmentation:
-        """Give a frame's segmentation."""
+        """Return a frame's segmentation."""
         return self.segmentations[index % len(self.frames)]
 
 
@@ -69,12 +69,12 @@ def decoded(sequence: FrameSource, frames: int) -> Posed:
 
 
 def repeated(sequence: Posed, times_over: int) -> Posed:
-    """Give all frames again and again, from the same poses."""
+    """Return all frames again and again, from the same poses."""
     return replace(sequence, poses=np.tile(sequence.poses, (times_over, 1, 1)))
 
 
 def tiled(sequence: Posed, simap: SIMap, side: int) -> Posed:
-    """Give side x side copies of a scene, apart on one floor.
+    """Return side x side copies of a scene, apart on one floor.
 
     Args:
         sequence: the scene.
@@ -137,7 +137,7 @@ def _building(sequence: Posed, method: Method) -> Callable[[], object]:
 
 
 def _compared(alone: SIMap, together: SIMap, alone_s: float, together_s: float, copies: int) -> Iterator[str]:
-    """Say how the map of the copies compares with the map of the scene."""
+    """Describe how the map of the copies compares with the map of the scene."""
     square_m = [np.count_nonzero(m.grid.observations) * m.spec.cell_size_m**2 for m in (alone, together)]
     held_mb = [held_bytes(replace(m, T_map_camera=np.zeros(0))) / 1e6 for m in (alone, together)]
     found = len(alone.instances), len(together.instances)

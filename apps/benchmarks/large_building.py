@@ -233,7 +233,7 @@ class SimulatedBuilding:
         return poses
 
     def described(self) -> bytes:
-        """Give the camera; the rest follows from the rooms and the seed, which the path names."""
+        """Return the camera; the rest follows from the rooms and the seed, which the path names."""
         return repr(self.intrinsics).encode()
 
     def read(self, index: int, *, color: bool = False) -> Frame:
@@ -242,18 +242,18 @@ class SimulatedBuilding:
         return Frame(index, self.frame_names[index], depth, self.poses[index], self.intrinsics)
 
     def segmentation(self, index: int) -> Segmentation:
-        """Give the exact masks; ids mean nothing in other frames."""
+        """Return the exact masks; ids mean nothing in other frames."""
         _, ids = self._render(index)
         known = self._around(*self._room_of(index)).segments
         return Segmentation(ids, tuple(known[int(i)] for i in np.flatnonzero(np.bincount(ids.reshape(-1))) if i > 0))
 
     def origin_of(self, row: int, col: int) -> tuple[float, float]:
-        """Give the south-west corner (x, y) of a room, metres."""
+        """Return the south-west corner (x, y) of a room, metres."""
         half = self.rooms * ROOM_M / 2.0
         return col * ROOM_M - half, row * ROOM_M - half
 
     def truth_of(self, row: int, col: int, cell_size_m: float) -> tuple[NDArray, list[str], tuple[float, float]]:
-        """Give what stands in a room: int32 [n, n], 1 for the first name, 0 = nothing; the names; the corner (x, y).
+        """Return what stands in a room: int32 [n, n], 1 for the first name, 0 = nothing; the names; the corner (x, y).
 
         Raises:
             InputError: cells of that size do not fit the furniture, which stands on cells of 0.1 m.
@@ -306,7 +306,7 @@ class SimulatedBuilding:
 
 
 def _place(step: int) -> tuple[float, float, float]:
-    """Give the camera's (x, y) in its room, metres, and where it looks, radians from +x."""
+    """Return the camera's (x, y) in its room, metres, and where it looks, radians from +x."""
     if step < _CORRIDOR:
         return (step + 0.5) * ROOM_M / _CORRIDOR, 1.2, (0.6, -0.6, np.pi - 0.6)[step % 3]
     if step < _CORRIDOR + _DOOR:
@@ -316,7 +316,7 @@ def _place(step: int) -> tuple[float, float, float]:
 
 
 def _camera(x: float, y: float, yaw_rad: float) -> NDArray:
-    """Give the pose of a level camera that looks a little down, float64 [4, 4]."""
+    """Return the pose of a level camera that looks a little down, float64 [4, 4]."""
     forward = np.array([np.cos(yaw_rad), np.sin(yaw_rad), 0.0])
     right = np.array([np.sin(yaw_rad), -np.cos(yaw_rad), 0.0])
     up = np.array([0.0, 0.0, 1.0])

@@ -57,7 +57,7 @@ def large_map(rows: int, cols: int, objects: int, *, seed: int = 0, edges: bool 
 
 
 def _boxes(spec: GridSpec, objects: int, rng: np.random.Generator) -> tuple[NDArray, NDArray]:
-    """Give int32 [rows, cols]: the object of each cell, 0 = none; and the part of it, 0 .. PARTS - 1."""
+    """Return int32 [rows, cols]: the object of each cell, 0 = none; and the part of it, 0 .. PARTS - 1."""
     pitch = max(int(np.sqrt(spec.rows * spec.cols / max(objects, 1))), 3)
     down, across = max(spec.rows // pitch, 1), max(spec.cols // pitch, 1)
     number, part = np.zeros(spec.shape, np.int32), np.zeros(spec.shape, np.int8)

@@ -83,7 +83,7 @@ def watched_build(sequence: FrameSource, folder: Path, progress: StageProgress) 
 
 
 def browser_busy_s(pid: int) -> float:
-    """Give the processor time, seconds, of a process and its descendants so far; 0 where /proc does not tell."""
+    """Return the processor time, seconds, of a process and its descendants so far; 0 where /proc does not tell."""
     children: dict[int, list[int]] = {}
     busy: dict[int, float] = {}
     for stat in Path("/proc").glob("[0-9]*/stat"):
@@ -116,7 +116,7 @@ def _browser(url: str) -> Iterator["subprocess.Popen[bytes]"]:
 
 
 def _wait_for_page(page: Workbench) -> Counter[str]:
-    """Wait until the page rests and its docked recording is open; gives what the recording tells from now on."""
+    """Wait until the page rests and its docked recording is open; returns what the recording tells from now on."""
     told: Counter[str] = Counter()
     host = page.recording_host
     assert host is not None
@@ -137,7 +137,7 @@ def _wait_for_page(page: Workbench) -> Counter[str]:
 
 
 def _complete(page: Workbench, build: LiveBuild, frames: int) -> bool:
-    """Tell whether the page ends with the whole map and its panels."""
+    """Return whether the page ends with the whole map and its panels."""
     build.wait(PATIENCE_S)
     page.wait_idle(PATIENCE_S)
     session = page.sessions[0]

@@ -33,7 +33,7 @@ class Watcher:
 
 
 def image_files(sequence: PosedFrames, *, color: bool = False) -> list[Path]:
-    """Give the images a build decodes: depth and segment ids of every frame, and colour when somebody watches."""
+    """Return the images a build decodes: depth and segment ids of every frame, and colour when somebody watches."""
     manifest, folder = sequence.manifest, sequence.path.parent
     if manifest.segmentation is None:
         return []

@@ -79,7 +79,7 @@ def map_agreement(ours: SIMap, theirs: SIMap, *, min_cells: int = 20) -> Agreeme
 def _matches(
     ours: np.ndarray, theirs: np.ndarray, mine: dict[int, str], wanted: dict[int, str]
 ) -> dict[tuple[int, int], float]:
-    """Give the IoU of every pair of one class with more than `MATCHED` of it."""
+    """Return the IoU of every pair of one class with more than `MATCHED` of it."""
     width = int(theirs.max(initial=0)) + 1
     pairs, counts = np.unique(ours.astype(np.int64) * width + theirs, return_counts=True)
     of_mine = np.bincount(ours.reshape(-1), minlength=1)

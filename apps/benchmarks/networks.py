@@ -43,11 +43,11 @@ class Every:
         return len(self._indices)
 
     def described(self) -> bytes:
-        """Give what the sequence says its images mean."""
+        """Return what the sequence says its images mean."""
         return self._sequence.described()
 
     def color_file(self, index: int) -> Path | None:
-        """Give the file of a frame's colour image."""
+        """Return the file of a frame's colour image."""
         return self._sequence.color_file(self._indices[index])
 
     def color(self, index: int) -> NDArray:
@@ -101,7 +101,7 @@ def bench_network(
 
 
 def bench_agreement(sequence: PosedFrames, network_file: Path, *, frames: int = 40) -> str:
-    """Say how a network's masks, and the map of them, agree with the sequence's own.
+    """Describe how a network's masks, and the map of them, agree with the sequence's own.
 
     Args:
         sequence: posed frames with precomputed masks; so many of them, evenly spread, are used.
@@ -118,7 +118,7 @@ def bench_agreement(sequence: PosedFrames, network_file: Path, *, frames: int = 
 
 
 def _against(run: Cost, costs: Sequence[Cost], words: str) -> str:
-    """Compare in each turn, and give the least and the median: a busy machine only ever adds."""
+    """Compare in each turn, and return the least and the median: a busy machine only ever adds."""
     walls = [sum(turn) / base for base, *turn in zip(run.wall_s, *(c.wall_s for c in costs), strict=True)]
     cpus = [sum(turn) / base for base, *turn in zip(run.cpu_s, *(c.cpu_s for c in costs), strict=True)]
     least = sum(min(c.cpu_s) for c in costs) / min(run.cpu_s)

@@ -71,7 +71,7 @@ def chairs_in_a_row(copies: int, *, seed: int = 0) -> Chairs:
 
 
 def _seen_as(random: np.random.Generator) -> NDArray:
-    """Give a frame's segment of every cell of the chair, int [chair, chair], 0 = not seen."""
+    """Return a frame's segment of every cell of the chair, int [chair, chair], 0 = not seen."""
     n = CHAIR_CELLS
     rows, cols = np.sort(random.integers(0, n + 1, (2, 2)), axis=1)
     seen = np.zeros((n, n), int)
@@ -117,7 +117,7 @@ def _joined(chairs: Chairs, community: NDArray, log: MergeLog, *, threshold: flo
 
 
 def same_partition(a: NDArray, b: NDArray) -> bool:
-    """Tell whether two arrays of one shape, any int, number the same parts, whatever the numbers."""
+    """Return whether two arrays of one shape, any int, number the same parts, whatever the numbers."""
     pairs = len(np.unique(np.stack([a.ravel(), b.ravel()]), axis=1).T)
     return pairs == len(np.unique(a)) == len(np.unique(b))
 
@@ -144,7 +144,7 @@ def bench_objects(*, copies: Sequence[int] = (10, 100), runs: int = 5, seed: int
 
 
 def _kept(method: str, alone: Cut, row: Cut) -> Iterator[str]:
-    """Say how many chairs of a row are cut as the chair alone is."""
+    """Describe how many chairs of a row are cut as the chair alone is."""
     for words, first, others in (
         ("before joining", alone.community[0], row.community),
         ("after joining", alone.instance[0], row.instance),

@@ -218,7 +218,7 @@ def _recording_frame(page: "Page") -> "Frame":
 
 
 def _near_the_middle(simap: SIMap) -> list[Instance]:
-    """Give objects that a click on their middle hits, of the larger half, the one nearest to the map's middle first."""
+    """objects that a click on their middle hits, of the larger half, the one nearest to the map's middle first."""
     xmin, ymin, xmax, ymax = simap.spec.extent_m
     usual = statistics.median(one.cells for one in simap.instances)
     hit = [one for one in simap.instances if one.cells >= usual and simap.at(*one.centroid_m[:2]) == one]
@@ -228,7 +228,7 @@ def _near_the_middle(simap: SIMap) -> list[Instance]:
 
 
 def _part_that_splits(simap: SIMap) -> tuple[float, float]:
-    """Give the middle of the largest of many second parts that any K up to 5 joins and any above 90 splits off."""
+    """Return the middle of the largest of many second parts that any K up to 5 joins and any above 90 splits off."""
     sources = simap.merges.source[(simap.merges.score > 0.05) & (simap.merges.score < 0.9)]
     cells = np.bincount(simap.community.reshape(-1))
     row, col = np.nonzero(simap.community == sources[cells[sources].argmax()])
@@ -236,7 +236,7 @@ def _part_that_splits(simap: SIMap) -> tuple[float, float]:
 
 
 def _on_canvas(page: "Page", workbench: "Workbench", x_m: float, y_m: float) -> tuple[float, float]:
-    """Give where a point of the floor appears, pixels of the page."""
+    """Return where a point of the floor appears, pixels of the page."""
     camera = next(iter(workbench.server.get_clients().values())).camera
     forward = np.asarray(camera.look_at) - camera.position
     forward = forward / np.linalg.norm(forward)

@@ -75,7 +75,7 @@ def far_pairs(planner: Planner, *, pairs: int, seed: int = 0) -> list[tuple[Poin
 
 
 def octile_graph(free: NDArray) -> nx.Graph:
-    """Give the planner's own moves as a graph: 8 neighbours, cost 1 or sqrt(2), corners never cut.
+    """Return the planner's own moves as a graph: 8 neighbours, cost 1 or sqrt(2), corners never cut.
 
     Args:
         free: bool [rows, cols].
@@ -95,7 +95,7 @@ def octile_graph(free: NDArray) -> nx.Graph:
 
 
 def networkx_cost(graph: nx.Graph, start: int, goal: int, cols: int) -> float:
-    """Give the cost, in cells, of the way networkx's A* finds with the octile distance as its heuristic."""
+    """Return the cost, in cells, of the way networkx's A* finds with the octile distance as its heuristic."""
     goal_row, goal_col = divmod(goal, cols)
 
     def octile(cell: int, _: int) -> float:

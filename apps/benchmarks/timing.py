@@ -49,20 +49,20 @@ def measure(works: Mapping[Name, Callable[[], object]], *, runs: int, warm: bool
 
 
 def timed(work: Callable[[], Any]) -> tuple[float, Any]:
-    """Give how long a piece of work took, seconds, and what it gave."""
+    """Return how long a piece of work took, seconds, and what it gave."""
     start = time.perf_counter()
     result = work()
     return time.perf_counter() - start, result
 
 
 def best_of(work: Callable[[], Any], *, runs: int = 5) -> tuple[float, Any]:
-    """Give the median time of several runs, seconds, and what the last gave."""
+    """Return the median time of several runs, seconds, and what the last gave."""
     done = [timed(work) for _ in range(runs)]
     return statistics.median(seconds for seconds, _ in done), done[-1][1]
 
 
 def slowest(works: Mapping[float, Callable[[], object]], *, runs: int = 3) -> Cost:
-    """Give the largest median of several pieces of work: as ``wall`` of the slowest, as ``cpu`` of the costliest."""
+    """Return the largest median of several pieces of work: as ``wall`` of the slowest, as ``cpu`` of the costliest."""
     costs = measure(works, runs=runs, warm=False).values()
     return Cost((max(cost.wall for cost in costs),), (max(cost.cpu for cost in costs),))
 

@@ -47,7 +47,7 @@ _BASELINES: Mapping[MethodName, str] = {
 
 
 def compare_services(simap: SIMap, sequence: FrameSource | None, folder: Path) -> "CompareServices":
-    """Give what the page's comparison needs.
+    """Return what the page's comparison needs.
 
     Args:
         simap: the map the page was opened on.
@@ -72,7 +72,7 @@ def compare_services(simap: SIMap, sequence: FrameSource | None, folder: Path) -
 
 
 def rejoin(simap: SIMap, percent: float, resolution: float) -> SIMap:
-    """Give the map for another K or evidence (percent), and Louvain resolution.
+    """Return the map for another K or evidence (percent), and Louvain resolution.
 
     Raises:
         InputError: the map's method has neither.
@@ -92,7 +92,7 @@ class MapMaker:
         self._made: dict[Path, SIMap] = {}
 
     def make(self, key: str, simap: SIMap, tell: Progress, cancel: threading.Event) -> SIMap:
-        """Give a map by another method, or the true one.
+        """Return a map by another method, or the true one.
 
         Args:
             key: name of a method, or "truth".
@@ -124,7 +124,7 @@ class MapMaker:
         return made
 
     def _kept(self, key: str, simap: SIMap, sequence: FrameSource) -> Path:
-        """Give where the map lies: a method's where a build of its own would have left it."""
+        """Return where the map lies: a method's where a build of its own would have left it."""
         if key != "truth":
             return map_in_cache(self._folder, sequence, key, config_like(simap))
         what = asdict(settings_of(simap)), simap.T_map_world.tolist(), list(simap.frame_names)
@@ -132,7 +132,7 @@ class MapMaker:
 
 
 def config_like(simap: SIMap) -> BuildConfig:
-    """Give the settings of another method that make its map comparable: the same grid, seed and smallest object."""
+    """Return the settings of another method that make its map comparable: the same grid, seed and smallest object."""
     given: Mapping[str, Any] = simap.parameters
     known = {f.name for f in fields(BuildConfig)}
     same = {name: given[name] for name in ("seed", "min_cells") if name in given and name in known}

@@ -118,7 +118,7 @@ def live_workbench(
 
 
 def _runner(sequence: FrameSource, request: BuildRequest, progress: StageProgress, faults: list[str]) -> Run:
-    """Give what builds; that its recording was lost goes to ``faults``, for the map is there."""
+    """Return what builds; that its recording was lost goes to ``faults``, for the map is there."""
     logged = keeps_log(request.method)
 
     def run(observers: Sequence[Observer], cancel: threading.Event, resume: bool) -> SIMap:
@@ -163,7 +163,7 @@ def _serve(
 
 
 def waiting_map(sequence: FrameSource, config: BuildConfig) -> SIMap:
-    """Give a map on which nothing has been seen yet, of the floor around the cameras' way."""
+    """Return a map on which nothing has been seen yet, of the floor around the cameras' way."""
     facts, size = facts_of(sequence), config.projection.cell_size_m
     at = _cameras(sequence)[:, :2, 3]
     low = np.floor((at.min(axis=0) - AROUND_M) / size)
@@ -186,7 +186,7 @@ def waiting_map(sequence: FrameSource, config: BuildConfig) -> SIMap:
 
 
 def first_look(sequence: FrameSource, waiting: SIMap) -> FrameProjected | None:
-    """Give the first frame as it is before anything of it is on the map; None when it cannot be read."""
+    """Return the first frame as it is before anything of it is on the map; None when it cannot be read."""
     try:
         frame, segmentation = sequence.read(0), sequence.segmentation(0)
     except InputError:
@@ -204,7 +204,7 @@ def first_look(sequence: FrameSource, waiting: SIMap) -> FrameProjected | None:
 
 
 def _cameras(sequence: FrameSource) -> np.ndarray:
-    """Give the cameras' poses in the map frame, float64 [frames, 4, 4]."""
+    """Return the cameras' poses in the map frame, float64 [frames, 4, 4]."""
     return np.asarray(sequence.T_map_world @ sequence.poses)
 
 

@@ -67,7 +67,7 @@ class Pace:
                 self._calm_s, self._calm_frames = self._calm_s / 2, self._calm_frames // 2
 
     def has_time(self, now_s: float, left_s: float | None = None) -> bool:
-        """Tell whether something may be shown now; ``left_s``: how long the build still needs, where that is known."""
+        """Whether something may be shown now; ``left_s``: how long the build still needs, where that is known."""
         return self._shown_s is None and now_s >= self._next_s and (left_s is None or left_s >= SOON_S)
 
     def shown(self, began_s: float, now_s: float) -> None:
@@ -156,7 +156,7 @@ class LiveBuild:
         """Processor time of the whole program in that time."""
 
     def state(self) -> LiveState:
-        """Give how far it is."""
+        """Return how far it is."""
         return self._state
 
     def start(self, *, resume: bool = False) -> None:
@@ -195,7 +195,7 @@ class LiveBuild:
         return thread is None or not thread.is_alive()
 
     def _runs(self) -> bool:
-        """Tell whether the build has not yet said how it ended; its thread may live on for a moment."""
+        """Return whether the build has not yet said how it ended; its thread may live on for a moment."""
         alive = self._thread is not None and self._thread.is_alive()
         return alive and self._state.status not in ("done", "stopped", "failed")
 

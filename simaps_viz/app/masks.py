@@ -79,7 +79,7 @@ class _Opener:
             raise InputError(f"{self.file}: expected the network this map was built with, found nothing")
 
     def thresholds(self) -> tuple[Threshold, ...]:
-        """Give the network's thresholds, as they were when the map was built."""
+        """Return the network's thresholds, as they were when the map was built."""
         return tuple(Threshold(**row) for row in self._about.origin.get("thresholds", ()))
 
     def segmentation(self, index: int, values: Mapping[str, float]) -> Segmentation:

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
 
 def looking_back(path: Callable[[], Path | None]) -> Callable[[SIMap, int], SIMap | None]:
-    """Give what shows a map as it was after a frame, from the history beside a file, opened when first asked for.
+    """Return what shows a map as it was after a frame, from the history beside a file, opened when first asked for.
 
     Args:
         path: of the map or its recording; None as long as there is none.
@@ -38,7 +38,7 @@ def looking_back(path: Callable[[], Path | None]) -> Callable[[SIMap, int], SIMa
 
 
 def share_services(beside: Path | None) -> "ShareServices":
-    """Give what the page's files to send need.
+    """Return what the page's files to send need.
 
     Args:
         beside: the map's recording; the history of its build lies beside it, if there is one.
@@ -54,6 +54,6 @@ def share_services(beside: Path | None) -> "ShareServices":
 
 
 def look_back(beside: Path, simap: SIMap) -> Callable[[int], SIMap] | None:
-    """Give what shows the map after a frame, from the history beside a map or its recording; None without one."""
+    """Return what shows the map after a frame, from the history beside a map or its recording; None without one."""
     history = history_beside(beside, simap)
     return None if history is None else history.look_at

@@ -151,7 +151,7 @@ def _services(simap: SIMap, recording: Path | None, mending: Mending | None = No
 
 
 def bare_services(simap: SIMap, mending: Callable[[], Mending | None] = lambda: None) -> "Services":
-    """Give what stands behind every page: no panels of its own, no recording.
+    """Return what stands behind every page: no panels of its own, no recording.
 
     Args:
         simap: of the sequence that is shown; only its origin counts.
@@ -189,7 +189,7 @@ def bare_services(simap: SIMap, mending: Callable[[], Mending | None] = lambda: 
 def panels_of(
     simap: SIMap, recording: Path | None, mending: Mending | None, *, beside: bool
 ) -> "tuple[PanelSpec, ...]":
-    """Give the panels that a page on a finished map has.
+    """Return the panels that a page on a finished map has.
 
     Args:
         simap: the map.
@@ -229,7 +229,7 @@ def _recording_services(*, beside: bool) -> "RecordingServices":
 
 
 def reader(llm: str | None, simap: SIMap, pose: Pose2) -> Reader:
-    """Give what reads commands: the offline grammar, or a language model named as MODEL[@ADDRESS].
+    """Return what reads commands: the offline grammar, or a language model named as MODEL[@ADDRESS].
 
     When the model's server cannot be asked, the grammar reads, and a note says so.
     """
@@ -246,7 +246,7 @@ def _reading(
     cancel: threading.Event | None = None,
     tell: Callable[[Sequence[Exchange]], None] = lambda exchanges: None,
 ) -> Reader:
-    """Give what reads commands with a model; ``tell`` gets what was sent and received, also when it went wrong."""
+    """Return what reads commands with a model; ``tell`` gets what was sent and received, also when it went wrong."""
     check = Agent(simap, pose).steps
 
     def read(text: str, counts: Mapping[str, int]) -> Reading:
@@ -329,7 +329,7 @@ def recording_beside(path: Path, given: Path | None) -> Path | None:
 
 
 def summary(simap: SIMap) -> dict[str, Any]:
-    """Give what is worth knowing of a map, JSON-able."""
+    """Return what is worth knowing of a map, JSON-able."""
     spec = simap.spec
     return {
         "name": simap.provenance.get("name"),
@@ -348,5 +348,5 @@ def summary(simap: SIMap) -> dict[str, Any]:
 
 
 def counts_in_words(counts: dict[str, int] | Sequence[tuple[str, int]]) -> str:
-    """Say what a map has: "chair (17), dining table (4)"."""
+    """Describe what a map has: "chair (17), dining table (4)"."""
     return ", ".join(f"{name} ({n})" for name, n in dict(counts).items()) or "no instances"

@@ -139,12 +139,12 @@ class SimulatedLSeg:
         return PixelEmbeddings(table, self._index(*classes.shape))
 
     def _direction(self, word: str) -> NDArray:
-        """Give the unit vector that belongs to a word; those of two words are all but orthogonal."""
+        """Return the unit vector that belongs to a word; those of two words are all but orthogonal."""
         drawn = np.random.default_rng([self.seed, 0, zlib.crc32(word.encode())]).standard_normal(self.dimension)
         return drawn / np.linalg.norm(drawn)
 
     def _classes(self, segmentation: Segmentation) -> NDArray:
-        """Give the class at every pixel, int32 [H, W]; from here on segments are forgotten."""
+        """Return the class at every pixel, int32 [H, W]; from here on segments are forgotten."""
         table = np.zeros(max((s.id for s in segmentation.segments), default=0) + 1, dtype=np.int32)
         for segment in segmentation.segments:
             if segment.label not in self._index_of:
@@ -154,7 +154,7 @@ class SimulatedLSeg:
         return table[segmentation.ids]
 
     def _shares(self, classes: NDArray, present: NDArray) -> NDArray:
-        """Give the share of every present class in every output vector, float32 [h * w, present]; rows sum to 1."""
+        """Return the share of every present class in every output vector, float32 [h * w, present]; rows sum to 1."""
         step, sigma = self.noise.output_stride_px, self.noise.bleed_px / self.noise.output_stride_px
         height, width = -(-classes.shape[0] // step), -(-classes.shape[1] // step)
         missing = ((0, height * step - classes.shape[0]), (0, width * step - classes.shape[1]))
@@ -173,7 +173,7 @@ class SimulatedLSeg:
         return v[:, None] * np.int32(-(-width // step)) + u[None, :]
 
     def _confused_words(self, frame_index: int) -> NDArray:
-        """Give the vector the encoder sees for every class in this frame, float32 [labels, D]."""
+        """Return the vector the encoder sees for every class in this frame, float32 [labels, D]."""
         n, count = self.noise, len(self.labels)
         if count < 2:
             return self._words

@@ -137,7 +137,7 @@ class EmbeddingStore:
         update_means(slots, points.embedding, points.weights, table, self._means, self._totals)
 
     def nearest(self, texts: NDArray) -> NDArray:
-        """Give the cosine between every cell's mean and every text, float32 [cells, texts]; 0 for a zero mean.
+        """Return the cosine between every cell's mean and every text, float32 [cells, texts]; 0 for a zero mean.
 
         Args:
             texts: float32 [texts, D], unit length.
@@ -186,7 +186,7 @@ class EmbeddingStore:
 
 
 def dense_bytes(rows: int, cols: int, dimension: int = 512) -> int:
-    """Give what VLMaps' own store takes in memory: a float32 vector for every cell of the grid, seen or not.
+    """Return what VLMaps' own store takes in memory: a float32 vector for every cell of the grid, seen or not.
 
     1000 x 1000 cells of 512 numbers, the size its published programs allocate, are 2,048 MB (decimal).
     """

@@ -69,7 +69,7 @@ class VLMapsConfig:
             raise InputError(f"smallest instance: expected at least 1 cell, found {self.min_cells}")
 
     def parameters(self, *, components: bool) -> dict[str, Any]:
-        """Give what the map file keeps of it."""
+        """Return what the map file keeps of it."""
         kept = {k: v for k, v in asdict(self).items() if k not in ("projection", "contours")}
         contours = {f"contour_{k}": v for k, v in asdict(self.contours).items()} if components else {}
         return {**kept, **contours, **asdict(self.projection)}
@@ -168,7 +168,7 @@ class VLMapsAccumulator:
         return _relabelled(grid, label)
 
     def seen(self, grid: Grid) -> Readings:
-        """Tell which segments saw the cells of the finished map."""
+        """Return which segments saw the cells of the finished map."""
         return gather_readings(self._heights.readings, self._segments, self.origin_cell, grid)
 
     @property

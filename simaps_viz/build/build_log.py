@@ -87,7 +87,7 @@ class BuildLog:
         return len(self.steps)
 
     def place_of(self, index: int) -> tuple[int, int] | None:
-        """Give (offset, bytes) of a frame's step in the file, as `pack_step` wrote it; None when it is not there."""
+        """Return (offset, bytes) of a frame's step in the file, as `pack_step` wrote it; None when it is not there."""
         if not 0 <= index < len(self.steps) or self.steps[index][2] != PLAIN:
             return None
         return self.steps[index][:2]
@@ -101,7 +101,7 @@ class BuildLog:
         self.steps.append(self._write(PLAIN, pack_step(step)))
 
     def replay(self) -> Iterator[FrameStep]:
-        """Give the steps in the log, in order; ends before the first that makes no sense, which is cut off."""
+        """Return the steps in the log, in order; ends before the first that makes no sense, which is cut off."""
         for number, (offset, length, kind) in enumerate(self.steps):
             self._file.seek(offset)
             try:
@@ -225,17 +225,17 @@ class BuildLog:
 
 
 def log_beside(output: Path) -> Path:
-    """Give where the log of a map that is being built lies: hidden, beside the map."""
+    """Return where the log of a map that is being built lies: hidden, beside the map."""
     return output.with_name(f".{output.name}.building")
 
 
 def set_aside_name(log: Path) -> Path:
-    """Give the name an unfinished log gets when a build starts anew; it is kept until that build is done."""
+    """Return the name an unfinished log gets when a build starts anew; it is kept until that build is done."""
     return log.with_name(f"{log.name}.old")
 
 
 def steps_beside(output: Path) -> Path:
-    """Give where the history of a map lies: the map's name with the ending ``.steps``."""
+    """Return where the history of a map lies: the map's name with the ending ``.steps``."""
     return output.with_suffix(".steps")
 
 

@@ -20,7 +20,7 @@ _LONGEST_NAME = 100
 
 
 def cache_folder() -> Path:
-    """Give the folder for what can be made again: ``SIMAPS_CACHE``, or the user's cache directory."""
+    """Return the folder for what can be made again: ``SIMAPS_CACHE``, or the user's cache directory."""
     chosen = os.environ.get("SIMAPS_CACHE")
     return Path(chosen) if chosen else user_cache_path("simaps")
 
@@ -51,7 +51,7 @@ def cache_key(sequence: FrameSource, *what: Any) -> str:
 
 
 def map_in_cache(folder: Path, sequence: FrameSource, method: str, config: BuildConfig) -> Path:
-    """Give where in the cache a method's map of a sequence lies, once it was made; its recording lies beside it.
+    """Return where in the cache a method's map of a sequence lies, once it was made; its recording lies beside it.
 
     Raises:
         InputError: the cache cannot be written.

@@ -41,12 +41,12 @@ def check_method(method: str) -> None:
 
 
 def keeps_log(method: str) -> bool:
-    """Tell whether a build by this method can be logged, gone on with, and done by several processes."""
+    """Return whether a build by this method can be logged, gone on with, and done by several processes."""
     return method in VARIANTS
 
 
 def config_of(method: str, config: BuildConfig) -> BuildConfig:
-    """Give the settings of a method of a name; a baseline has none of its own."""
+    """Return the settings of a method of a name; a baseline has none of its own."""
     return VARIANTS[method](config) if method in VARIANTS else config
 
 

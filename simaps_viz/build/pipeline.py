@@ -55,7 +55,7 @@ __all__ = [
 
 Elsewhere = Callable[[FrameSource, BuildConfig, NDArray, Sequence[int]], Generator[FrameStep | None, None, None]]
 """Has frames gathered by other processes. Takes the sequence, the settings, T_map_camera of all frames (float64
-[n, 4, 4]) and indices, ascending; gives the steps of these frames, in order, and None every so often while it waits."""
+[n, 4, 4]) and indices, ascending; returns the steps of these frames, in order, and None every so often while it waits."""
 
 CONTENT = "names, poses, cameras and tables"
 """Under this name a build's log keeps the hash of its sequence."""
@@ -277,7 +277,7 @@ def _tell(observers: Sequence[Observer], event: Event) -> None:
 
 
 def facts_of(sequence: FrameSource) -> SequenceFacts:
-    """Give what a map keeps of a sequence, besides its frames."""
+    """Return what a map keeps of a sequence, besides its frames."""
     return SequenceFacts(
         name=sequence.name,
         path=str(sequence.path),
@@ -290,7 +290,7 @@ def facts_of(sequence: FrameSource) -> SequenceFacts:
 
 
 def fingerprint(sequence: FrameSource, config: BuildConfig) -> dict[str, Any]:
-    """Give what a build depends on, JSON-able: settings, the sequence's facts and content, the version."""
+    """Return what a build depends on, JSON-able: settings, the sequence's facts and content, the version."""
     return {
         "version": version("simaps-viz"),
         "config": config.to_json(),
@@ -316,12 +316,12 @@ def content_of(sequence: FrameSource) -> str:
 def empty_accumulator(
     sequence: FrameSource, config: BuildConfig, *, watched: bool = False, steps: bool = False
 ) -> MapAccumulator:
-    """Give what a build gathers its frames in; links are counted where the method or an observer wants them."""
+    """Return what a build gathers its frames in; links are counted where the method or an observer wants them."""
     return finalize.empty_accumulator_of(sequence.labels, sequence.is_thing, config, links=watched, steps=steps)
 
 
 def started(sequence: FrameSource) -> BuildStarted:
-    """Give the event that a build begins with."""
+    """Return the event that a build begins with."""
     return BuildStarted(
         name=sequence.name,
         frame_names=sequence.frame_names,
@@ -332,6 +332,6 @@ def started(sequence: FrameSource) -> BuildStarted:
 
 
 def graphs_so_far(accumulator: MapAccumulator) -> tuple[Grid, tuple[CellGraph, ...]]:
-    """Give the map as it is now, and the cell graph of each of its thing classes."""
+    """Return the map as it is now, and the cell graph of each of its thing classes."""
     grid = accumulator.snapshot()
     return grid, finalize.graphs_so_far(grid, accumulator.links, accumulator.origin_cell)

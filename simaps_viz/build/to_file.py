@@ -129,7 +129,7 @@ def _log_of(sequence: FrameSource, request: BuildRequest) -> BuildLog:
 def _build_recorded(
     sequence: FrameSource, request: BuildRequest, record: Path, watching: list[Observer], how: Careful
 ) -> tuple[SIMap, InputError | None]:
-    """Build a map, and give it with what was wrong with its recording, for which it shall not be lost."""
+    """Build a map, and return it with what was wrong with its recording, for which it shall not be lost."""
     from simaps_viz.recorder.recorder import RerunRecorder  # noqa: PLC0415 - rerun is slow to import
     from simaps_viz.recorder.repair import unfinished_recordings  # noqa: PLC0415 - as above
     from simaps_viz.recorder.settings import SMALL  # noqa: PLC0415 - as above
@@ -184,7 +184,7 @@ def going_on(output: Path) -> Iterator[None]:
 
 
 def is_whole(output: Path, record: Path, method: str) -> bool:
-    """Tell whether a map is there with its recording, and with its history where its method keeps one."""
+    """Return whether a map is there with its recording, and with its history where its method keeps one."""
     return output.is_file() and record.is_file() and (not keeps_log(method) or steps_beside(output).is_file())
 
 

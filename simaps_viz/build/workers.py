@@ -83,7 +83,7 @@ class Reopen:
 
 
 def reopening(sequence: FrameSource, masks: Path) -> Reopen:
-    """Say how a sequence is opened again.
+    """Describe how a sequence is opened again.
 
     Args:
         sequence: one that was opened from its path, or several joined.
@@ -110,7 +110,7 @@ class Job:
 
 
 def job_of(sequence: FrameSource, config: BuildConfig, reopen: Callable[[], FrameSource]) -> Job:
-    """Say what a build's shards have in common."""
+    """Describe what a build's shards have in common."""
     return Job(reopen, content_of(sequence), version("simaps-viz"), config, sequence.labels, sequence.is_thing)
 
 
@@ -420,7 +420,7 @@ def _check_address(scheduler: str) -> None:
 
 
 def _parts(address: str) -> tuple[str, str, int]:
-    """Give kind, host and port of an address; empty or 0 what it lacks."""
+    """Return kind, host and port of an address; empty or 0 what it lacks."""
     try:
         parts = urlsplit(address)
         return parts.scheme, parts.hostname or "", parts.port or 0
@@ -479,7 +479,7 @@ def _connected(scheduler: str, address: str) -> Iterator["Client"]:
 
 
 def _threads(client: "Client") -> dict[str, int]:
-    """Give {worker's address: number of its threads}."""
+    """Return {worker's address: number of its threads}."""
     return client.nthreads()  # pyright: ignore[reportReturnType] - a coroutine in asynchronous clients only
 
 

@@ -43,7 +43,7 @@ class Agreement:
     """Absolute residual, share of the depth; NaN when nothing was seen."""
 
     def percent(self) -> int:
-        """Give ``share`` in whole percent."""
+        """Return ``share`` in whole percent."""
         return round(100 * self.share)
 
 
@@ -85,13 +85,13 @@ def summarise(residual: NDArray) -> Agreement:
 
 
 def kept_by_pair(residual: NDArray) -> NDArray:
-    """Give for each pair the share of its samples that agree, float64 [p]."""
+    """Return for each pair the share of its samples that agree, float64 [p]."""
     sampled = (~np.isnan(residual)).sum(axis=1)
     return (np.abs(residual) <= AGREES).sum(axis=1) / np.maximum(sampled, 1)
 
 
 def relative_poses(poses: NDArray, frames: NDArray, pairs: NDArray) -> NDArray:
-    """Give T_target_source [p, 4, 4] for pairs of views whose frames have ``poses`` [n, 4, 4], T_world_camera."""
+    """Return T_target_source [p, 4, 4] for pairs of views whose frames have ``poses`` [n, 4, 4], T_world_camera."""
     source, target = poses[frames[pairs[:, 0]]], poses[frames[pairs[:, 1]]]
     rotation = target[:, :3, :3].transpose(0, 2, 1)
     out = np.zeros((len(pairs), 4, 4))

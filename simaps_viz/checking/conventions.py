@@ -78,7 +78,7 @@ class Convention:
         return out
 
     def in_words(self) -> str:
-        """Say what the poses look like."""
+        """Describe what the poses look like."""
         plain = Convention()
         parts = [self.form] if self.form != plain.form else []
         if self.axes != plain.axes:
@@ -92,7 +92,7 @@ class Convention:
 
 @cache
 def signed_permutations(determinant: int) -> tuple[Turn, ...]:
-    """Give the 24 matrices of zeros and ±1 with that determinant, the identity first where it is among them."""
+    """Return the 24 matrices of zeros and ±1 with that determinant, the identity first where it is among them."""
     found = []
     for order in permutations(range(3)):
         for signs in product((1, -1), repeat=3):
@@ -114,7 +114,7 @@ MIRRORS: tuple[Turn, ...] = tuple(
 
 
 def conventions(*, mirrored: bool) -> list[Convention]:
-    """Give the ways worth trying, for poses whose rotations are proper or mirrored, the simplest first."""
+    """Return the ways worth trying, for poses whose rotations are proper or mirrored, the simplest first."""
     proper, improper = signed_permutations(1), signed_permutations(-1)
     if mirrored:
         found = [Convention(form, axes) for form in FORMS for axes in improper]

@@ -53,7 +53,7 @@ class Diagnosis:
         return not any(finding.severity == "error" for finding in self.findings)
 
     def to_json(self) -> dict:
-        """Give what a program wants to know."""
+        """Return what a program wants to know."""
         return {
             "sequence": str(self.recording.manifest.path),
             "frames": len(self.recording),
@@ -247,14 +247,14 @@ def _correction(
 
 
 def _only_moved(stated: NDArray, found: NDArray) -> bool:
-    """Tell whether only the principal point changed."""
+    """Return whether only the principal point changed."""
     return bool(np.allclose(stated[:2], found[:2], rtol=0.03))
 
 
 def _bars(
     recording: Recording, scored: list[Scored], reading: Reading, before: Agreement, after: Agreement
 ) -> tuple[Bar, ...]:
-    """Give the picture's bars: what the files say, what the check believes, and well-known mistakes."""
+    """Return the picture's bars: what the files say, what the check believes, and well-known mistakes."""
     right = faults.plain_words(recording, reading)
     bars = [Bar("as the files say", before.share, True, right is None)]
     if right is not None:

@@ -48,7 +48,7 @@ def need_depth(recording: Recording, views: Views) -> None:
 
 
 def unjudged(recording: Recording, frames: NDArray, stated: Agreement) -> Finding | None:
-    """Say why poses cannot be judged by comparing frames, if so; ``stated`` is how well frames agree as they are."""
+    """Why poses cannot be judged by comparing frames, if so; ``stated`` is how well frames agree as they are."""
     if not len(frames):
         return Finding("unjudged", "note", "There is only one frame, so poses and camera cannot be compared.")
     a, b = recording.matrices[frames[:, 0]], recording.matrices[frames[:, 1]]
@@ -269,7 +269,7 @@ def _drift(recording: Recording, views: Views, reading: Reading, poses: NDArray,
 
 
 def _seen_through(residual: NDArray) -> float:
-    """Give the share of points, among those not hidden, that should be in front of what was measured (0-1)."""
+    """Return the share of points, among those not hidden, that should be in front of what was measured (0-1)."""
     through, agree = (residual < -AGREES).sum(), (np.abs(residual) <= AGREES).sum()
     return float(through / max(through + agree, 1))
 
@@ -297,7 +297,7 @@ def unregistered(recording: Recording, offset: Offset | None) -> Finding | None:
 
 
 def changes(recording: Recording, reading: Reading) -> tuple[list[str], dict[str, Any]]:
-    """Give the changes a reading means, in words and as values."""
+    """Return the changes a reading means, in words and as values."""
     words, values = [], {}
     if not reading.convention.plain:
         words.append(f"poses {reading.convention.in_words()}")
@@ -323,7 +323,7 @@ def changes(recording: Recording, reading: Reading) -> tuple[list[str], dict[str
 
 
 def plain_words(recording: Recording, reading: Reading) -> str | None:
-    """Give a reading in a few words; None for the files' own."""
+    """Return a reading in a few words; None for the files' own."""
     words = changes(recording, reading)[0]
     return "; ".join(words) or None
 

@@ -19,7 +19,7 @@ class Finding:
     """The numbers behind it; angles in degrees, lengths in metres, shares 0-1."""
 
     def to_json(self) -> dict[str, Any]:
-        """Give it as one flat object."""
+        """Return it as one flat object."""
         return {"kind": self.kind, "severity": self.severity, "message": self.message, **self.measure}
 
 
@@ -49,7 +49,7 @@ class Correction:
     agreement_after: float
 
     def to_json(self) -> dict[str, Any]:
-        """Give it as an object."""
+        """Return it as an object."""
         return {
             "changes": list(self.changes),
             **self.values,

@@ -118,7 +118,7 @@ def find_level(
 
 
 def _held(axes: NDArray, up: NDArray) -> float:
-    """Say how well cameras are held for an up: its cosine with their mean upper, or left or right, side.
+    """Describe how well cameras are held for an up: its cosine with their mean upper, or left or right, side.
 
     Args:
         axes: float64 [3, 3], mean of the cameras' rotations; columns are x right, y down, z forward.
@@ -135,7 +135,7 @@ def _floor_along(frames: list[Frame], up: NDArray, floor_height_m: float) -> flo
 
 
 def _normals(frames: list[Frame]) -> NDArray:
-    """Give unit normals towards the camera, world frame, float64 [n, 3], of surfaces that are smooth around."""
+    """Return unit normals towards the camera, world frame, float64 [n, 3], of surfaces that are smooth around."""
     found = []
     for frame in frames:
         k = frame.intrinsics
@@ -152,5 +152,5 @@ def _normals(frames: list[Frame]) -> NDArray:
 
 
 def _level_share(normals: NDArray, up: NDArray) -> float:
-    """Give the share of normals that point up."""
+    """Return the share of normals that point up."""
     return float((normals @ up > np.cos(np.deg2rad(LEVEL_DEG))).mean())

@@ -138,7 +138,7 @@ def _finding_lines(diagnosis: Diagnosis) -> list[tuple[str, Color]]:
 
 
 def _shown(bars: tuple[Bar, ...]) -> list[Bar]:
-    """Give what the files say and what is believed first, then the best of the others."""
+    """Return what the files say and what is believed first, then the best of the others."""
     special = [bar for bar in bars if bar.stated or bar.chosen]
     others = sorted((bar for bar in bars if not (bar.stated or bar.chosen)), key=lambda bar: -bar.share)
     return (special + others)[:MOST_BARS]
@@ -169,7 +169,7 @@ def _fitted(text: str, width: float) -> str:
 
 
 def _frames(diagnosis: Diagnosis) -> list[tuple[str, Image.Image]]:
-    """Give titled overlays: as the files are, and as corrected where that differs."""
+    """Return titled overlays: as the files are, and as corrected where that differs."""
     pair = telling_pair(diagnosis)
     if pair is None or diagnosis.views is None:
         return []

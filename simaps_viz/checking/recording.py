@@ -148,21 +148,21 @@ class Reading:
     """float64 [4], fx, fy, cx, cy in place of those stated."""
 
     def shifts(self, count: int) -> NDArray:
-        """Give for each frame how far away its pose is written, int64 [n]."""
+        """Return for each frame how far away its pose is written, int64 [n]."""
         shifts = np.full(count, self.shift, np.int64)
         if self.shift_later is not None:
             shifts[self.shift_from :] = self.shift_later
         return shifts
 
     def posed(self, count: int) -> NDArray:
-        """Tell which frames have a pose, bool [n]: a shift leaves some at an end without."""
+        """Return which frames have a pose, bool [n]: a shift leaves some at an end without."""
         row = np.arange(count) + self.shifts(count)
         posed = (row >= 0) & (row < count)
         posed[list(self.left_out)] = False
         return posed
 
     def poses(self, recording: Recording) -> NDArray:
-        """Give T_world_camera, float64 [n, 4, 4]; NaN for frames that have none."""
+        """Return T_world_camera, float64 [n, 4, 4]; NaN for frames that have none."""
         count = len(recording)
         row = np.arange(count) + self.shifts(count)
         poses = self.convention.apply(recording.matrices)[np.clip(row, 0, count - 1)]
@@ -171,9 +171,9 @@ class Reading:
         return poses
 
     def camera_of(self, recording: Recording) -> NDArray:
-        """Give fx, fy, cx, cy, float64 [4]."""
+        """Return fx, fy, cx, cy, float64 [4]."""
         return recording.camera if self.camera is None else self.camera
 
     def unit_m(self, recording: Recording) -> float:
-        """Give metres a step of depth."""
+        """Return metres a step of depth."""
         return recording.unit_m * self.depth_factor

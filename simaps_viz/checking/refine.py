@@ -55,7 +55,7 @@ class Sight:
     """Of the whole image: width and height, pixels."""
 
     def residuals(self, camera: NDArray, unit_m: float, every: int = 1) -> NDArray:
-        """Give float32 [p, s], see `agreement.residuals`."""
+        """Return float32 [p, s], see `agreement.residuals`."""
         return residuals(self.views, self.pairs, self.T_target_source, camera, unit_m, every)
 
 
@@ -98,13 +98,13 @@ def fit(sight: Sight, camera: NDArray, unit_m: float, directions: NDArray) -> Fi
 
 
 def moved(camera: NDArray, change: NDArray) -> NDArray:
-    """Give the camera fx, fy, cx, cy after a change (log fx, log fy, cx / fx, cy / fy, ...)."""
+    """Return the camera fx, fy, cx, cy after a change (log fx, log fy, cx / fx, cy / fy, ...)."""
     fx, fy, cx, cy = camera
     return np.array([fx * np.exp(change[0]), fy * np.exp(change[1]), cx + change[2] * fx, cy + change[3] * fy])
 
 
 def _pull(camera: NDArray, change: NDArray, size: tuple[int, int]) -> tuple[NDArray, NDArray]:
-    """Give the pulls' errors [5], in standard deviations, and their derivatives by the change [5, 5]."""
+    """Return the pulls' errors [5], in standard deviations, and their derivatives by the change [5, 5]."""
     fx, fy, cx, cy = moved(camera, change)
     middle_x, middle_y = (size[0] - 1) / 2, (size[1] - 1) / 2
     errors = np.array([np.log(fx / fy), (cx - middle_x) / fx, (cy - middle_y) / fy, change[:2].mean(), change[4]])
@@ -176,7 +176,7 @@ def best_fit(sight: Sight, camera: NDArray, unit_m: float, *, worth: float) -> t
 
 
 def other_sizes(camera: NDArray, size: tuple[int, int]) -> list[NDArray]:
-    """Give cameras made for images of other sizes, or of other focal lengths, with centres to match."""
+    """Return cameras made for images of other sizes, or of other focal lengths, with centres to match."""
     middle = (np.array(size, float) - 1) / 2
     guesses = []
     for factor in _FACTORS:
@@ -186,7 +186,7 @@ def other_sizes(camera: NDArray, size: tuple[int, int]) -> list[NDArray]:
 
 
 def _start(sight: Sight, camera: NDArray, unit_m: float) -> NDArray:
-    """Give the camera to begin at: the stated one, unless one of another size or centre is far better."""
+    """Return the camera to begin at: the stated one, unless one of another size or centre is far better."""
     guesses = [camera, *other_sizes(camera, sight.size)]
     scores = [quality(sight.residuals(guess, unit_m, 12)) for guess in guesses]
     best = int(np.argmax(scores))

@@ -77,7 +77,7 @@ def _depth_edges(depth: NDArray) -> NDArray:
 
 
 def _color_edges(rgb: NDArray) -> NDArray:
-    """Give gradient strength, evened out over the picture, 0-1; float32 [h, w]."""
+    """Return gradient strength, evened out over the picture, 0-1; float32 [h, w]."""
     gray = cv2.GaussianBlur(cv2.cvtColor(rgb, cv2.COLOR_RGB2GRAY), (0, 0), 1.0).astype(np.float32)
     strength = np.hypot(cv2.Sobel(gray, cv2.CV_32F, 1, 0), cv2.Sobel(gray, cv2.CV_32F, 0, 1))
     return np.minimum(strength / (np.percentile(strength, 95) + 1e-6), 1.0).astype(np.float32)

@@ -1,4 +1,4 @@
-"""What `simaps check` does: diagnose, draw, repair; gives what a person reads, and the record."""
+"""What `simaps check` does: diagnose, draw, repair; returns what a person reads, and the record."""
 
 from pathlib import Path
 from typing import Any

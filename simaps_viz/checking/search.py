@@ -23,25 +23,25 @@ ROOM_M = (0.5, 8.0)
 
 
 def median_depth_m(views: Views, unit_m: float) -> float:
-    """Give the median depth of all views."""
+    """Return the median depth of all views."""
     steps = views.steps[:, ::4, ::4]
     return float(np.median(steps[steps > 0])) * unit_m
 
 
 def positions_are_wrong(views: Views, unit_m: float, depth_factor: float) -> bool:
-    """Tell whether the stated depth is more like a room's than after the factor: then the positions' unit is wrong."""
+    """Whether the stated depth is more like a room's than after the factor: then the positions' unit is wrong."""
     stated = median_depth_m(views, unit_m)
     return abs(np.log(stated / TYPICAL_M)) < abs(np.log(stated * depth_factor / TYPICAL_M))
 
 
 def snapped_unit(unit_m: float) -> float:
-    """Give the usual unit close by, or the unit itself."""
+    """Return the usual unit close by, or the unit itself."""
     near = [usual for usual in USUAL_M if abs(np.log(unit_m / usual)) < SNAP]
     return near[0] if near else unit_m
 
 
 def likely_unit(views: Views, unit_m: float) -> float | None:
-    """Give a usual unit that makes a room of an impossible depth; None when the depth is possible or nothing helps."""
+    """A usual unit that makes a room of an impossible depth; None when the depth is possible or nothing helps."""
     median = median_depth_m(views, unit_m)
     if DEPTH_RANGE_M[0] <= median <= DEPTH_RANGE_M[1]:
         return None
@@ -72,7 +72,7 @@ class Scored:
 
 
 def mirrored(recording: Recording) -> bool:
-    """Tell whether most of the written rotations are mirrored."""
+    """Return whether most of the written rotations are mirrored."""
     return bool(np.median(np.linalg.det(recording.matrices[:, :3, :3])) < 0)
 
 
@@ -108,7 +108,7 @@ def search(recording: Recording, views: Views, pairs: NDArray) -> list[Scored]:
 
 
 def _supported(recording: Recording, views: Views, pairs: NDArray, reading: Reading) -> bool:
-    """Tell whether enough pairs agree better than as the files are, so that chance cannot choose among thousands."""
+    """Return whether enough pairs agree better than as the files are, so that chance cannot choose among thousands."""
     by_pair = []
     for one in (Reading(), reading):
         T_target_source = relative_poses(one.poses(recording), views.frames, pairs)
@@ -119,7 +119,7 @@ def _supported(recording: Recording, views: Views, pairs: NDArray, reading: Read
 
 
 def _promising(recording: Recording, views: Views, pairs: NDArray, ways: list[Convention]) -> list[Reading]:
-    """Score everything on few points, and give what comes near the best, the simplest first."""
+    """Score everything on few points, and return what comes near the best, the simplest first."""
     few = pairs[:: max(1, len(pairs) // _COARSE_PAIRS)]
     tried, kept = [], []
     for way in ways:
@@ -152,7 +152,7 @@ def complexity(reading: Reading) -> int:
 
 
 def _worth_showing(chosen: Reading, proper: bool) -> Sequence[Reading]:
-    """Give the well-known mistakes, for comparison."""
+    """Return the well-known mistakes, for comparison."""
     way = chosen.convention
     ways = [replace(way, form=form) for form in FORMS[:2]]
     ways += [replace(way, axes=axes) for axes in (PLAIN, OPENGL, ROS)] if proper else []

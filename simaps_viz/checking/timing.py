@@ -44,13 +44,13 @@ def measure(recording: Recording, views: Views, pairs: NDArray, reading: Reading
 
 
 def quality_by_pair(residual: NDArray) -> NDArray:
-    """Give for each pair the mean over its samples of 1 at no residual, 0 at the tolerance or unseen; float64 [p]."""
+    """Return for each pair the mean over its samples of 1 at no residual, 0 at the tolerance or unseen; float64 [p]."""
     good = np.maximum(1 - np.abs(np.where(np.isfinite(residual), residual, np.inf)) / AGREES, 0)
     return good.sum(axis=1) / np.maximum((~np.isnan(residual)).sum(axis=1), 1)
 
 
 def best_shift(shifts: Shifts, current: int = 0) -> int:
-    """Give the shift that most pairs want, or the current one when none is clearly better."""
+    """Return the shift that most pairs want, or the current one when none is clearly better."""
     table = shifts.quality[np.isfinite(shifts.quality).all(axis=1)]
     if len(table) < 2:
         return current

@@ -116,7 +116,7 @@ def _opened(command: Build, progress: StageProgress) -> FrameSource:
 
 
 def _elsewhere(command: Build, sequence: FrameSource) -> AbstractContextManager[Elsewhere | None]:
-    """Give who reads the frames, None: this process."""
+    """Return who reads the frames, None: this process."""
     if command.scheduler is None:
         return nullcontext()
     return open_workers(command.scheduler, reopening(sequence, workbench.cache_folder()))

@@ -25,7 +25,7 @@ _ONLY_WITH = {
 
 
 def evaluate(settings: Evaluate, progress: StageProgress) -> tuple[str, dict[str, Any]]:
-    """Run one evaluation; gives what a person reads, and the record.
+    """Run one evaluation; returns what a person reads, and the record.
 
     Raises:
         InputError: anything asked for is not possible; nothing is left half-written.
@@ -40,7 +40,7 @@ def evaluate(settings: Evaluate, progress: StageProgress) -> tuple[str, dict[str
 
 
 def ablations() -> list[tuple[str, BuildConfig]]:
-    """Give method evidence whole, then with one piece taken away at a time."""
+    """Return method evidence whole, then with one piece taken away at a time."""
     whole = BuildConfig()
     votes, evidence, pooling = whole.votes, whole.evidence, whole.pooling
     return [
@@ -79,7 +79,7 @@ def _instances(settings: Evaluate, progress: StageProgress) -> tuple[str, dict[s
 
 
 def _store(method: str, simap: SIMap) -> Footprint:
-    """Give what a method holds beside the map: VLMaps' embeddings, in memory and on disk."""
+    """Return what a method holds beside the map: VLMaps' embeddings, in memory and on disk."""
     held = int(simap.provenance.get("embedding_bytes_held", 0))
     return Footprint(held, held)
 

@@ -15,7 +15,7 @@ from simaps_viz.structures import Pose2, SIMap
 
 
 def export(settings: Export, progress: StageProgress) -> tuple[FormatName, list[Path]]:
-    """Write a map in another program's format; gives the format and the files.
+    """Write a map in another program's format; returns the format and the files.
 
     Raises:
         SIMapsError: as for `export_map`; or the map's sequence is gone, and points were asked for.

@@ -40,7 +40,7 @@ def parse_requirement(text: str) -> Requirement | None:
 
 
 def within(version: str, bounds: str) -> bool:
-    """Tell whether a version keeps all bounds: >=, >, <=, <, ==, !=, separated by commas."""
+    """Return whether a version keeps all bounds: >=, >, <=, <, ==, !=, separated by commas."""
     return all(_keeps(_key(version), bound.strip()) for bound in bounds.split(",") if bound.strip())
 
 
@@ -55,7 +55,7 @@ def _keeps(version: tuple[int, ...], bound: str) -> bool:
 
 
 def _key(version: str) -> tuple[int, ...]:
-    """Give the leading numbers; ``2.17.7.post6`` counts its post release as one more."""
+    """Return the leading numbers; ``2.17.7.post6`` counts its post release as one more."""
     numbers = re.match(r"^\d+(?:\.(?:post)?\d+)*", version.strip())
     return tuple(int(part.removeprefix("post")) for part in numbers[0].split(".")) if numbers else (0,)
 
@@ -119,7 +119,7 @@ def check_disk(folder: Path) -> Finding:
 
 
 def _existing(folder: Path) -> Path:
-    """Give the folder, or the nearest above it that is there."""
+    """Return the folder, or the nearest above it that is there."""
     absolute = folder.absolute()
     return next(path for path in (absolute, *absolute.parents) if path.exists())
 
@@ -130,7 +130,7 @@ def _writable(folder: Path) -> bool:
 
 
 def _size(folder: Path) -> tuple[int, int]:
-    """Give the bytes and the number of the files in a folder; counting stops at a great many."""
+    """Return the bytes and the number of the files in a folder; counting stops at a great many."""
     size = files = 0
     for parent, _, names in os.walk(folder):
         for name in names:
@@ -275,7 +275,7 @@ def check_python() -> Finding:
 
 
 def requirements() -> list[Requirement]:
-    """Give what the installed program's metadata asks for."""
+    """Return what the installed program's metadata asks for."""
     return [one for text in requires(PACKAGE) or [] if (one := parse_requirement(text)) is not None]
 
 
@@ -330,7 +330,7 @@ def check_kernels() -> Finding:
 
 
 def kernel_folder(source: Path) -> Path | None:
-    """Give where numba keeps what it compiled from files of a folder; None when nowhere can be written."""
+    """Return where numba keeps what it compiled from files of a folder; None when nowhere can be written."""
     chosen = os.environ.get("NUMBA_CACHE_DIR")
     home = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "numba"
     for folder in [Path(chosen)] if chosen else [source / "__pycache__", home]:

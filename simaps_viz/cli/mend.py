@@ -100,7 +100,7 @@ def do(mending: Mending, simap: SIMap, text: str, who: str) -> SIMap:
 
 
 def page_services(mending: Mending) -> "MendServices":
-    """Give the page what it mends a map with."""
+    """Return the page what it mends a map with."""
     from simaps_viz.viewer.panels.mend import MendServices  # noqa: PLC0415 - viser is slow to import
 
     return MendServices(
@@ -122,14 +122,14 @@ def page_services(mending: Mending) -> "MendServices":
 
 
 def mending_panels(mending: Mending | None) -> "tuple[PanelSpec, ...]":
-    """Give the panels a page needs for mending: one, or none where there is nothing to mend."""
+    """Return the panels a page needs for mending: one, or none where there is nothing to mend."""
     from simaps_viz.viewer.panels.mend import mend_panel  # noqa: PLC0415 - viser is slow to import
 
     return () if mending is None else (mend_panel(page_services(mending)),)
 
 
 def login() -> str:
-    """Give the name the person is logged in by, or "somebody"."""
+    """Return the name the person is logged in by, or "somebody"."""
     try:
         return getpass.getuser()
     except (OSError, KeyError, ImportError):  # no such user on this machine

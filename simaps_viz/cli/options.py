@@ -51,7 +51,7 @@ class Mapping:
     """Leave out what is farther from the camera than this, metres."""
 
     def config(self) -> BuildConfig:
-        """Give everything but the method's name, checked."""
+        """Return everything but the method's name, checked."""
         projection = ProjectionSettings(cell_size_m=self.cell_size, cut_height_m=self.cut_height, far_m=self.max_depth)
         return BuildConfig(
             k_percent=self.k, affinity=self.affinity, resolution=self.resolution, seed=self.seed,
@@ -89,7 +89,7 @@ class Networks:
     things."""
 
     def settings(self) -> "NetworkSettings":
-        """Give what the network is opened with."""
+        """Return what the network is opened with."""
         from simaps_viz.segmentation.recognise import NetworkSettings  # noqa: PLC0415 - onnxruntime is slow to import
 
         return NetworkSettings(
@@ -176,7 +176,7 @@ class Query:
 
 @dataclass(frozen=True)
 class Info:
-    """Say what is on a map.
+    """Describe what is on a map.
 
     Example: simaps info cafe.npz
     """
@@ -345,7 +345,7 @@ class Convert:
 
 @dataclass(frozen=True)
 class Check:
-    """Say whether a sequence is usable and, if not, what is wrong with it and what would put it right.
+    """Return whether a sequence is usable and, if not, what is wrong with it and what would put it right.
 
     Neighbouring frames have to see the same surfaces in the same places: tried are inverted poses, other axes, depth
     units, a wrong camera matrix, shifted and dropped frames, up and the floor. Exit status 1 means faults were found.

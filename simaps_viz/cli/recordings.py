@@ -91,7 +91,7 @@ def _repair(broken: Path, output: Path | None = None, *, json: bool) -> None:
 
 
 def _plain_stem(path: Path) -> str:
-    """Give the name a recording would have got: "cafe" of ".cafe.4711.partial.rrd"."""
+    """Return the name a recording would have got: "cafe" of ".cafe.4711.partial.rrd"."""
     return path.stem.lstrip(".").removesuffix(".partial").rsplit(".", 1)[0] if path.name[0] == "." else path.stem
 
 
@@ -124,7 +124,7 @@ def _number(value: int | None) -> str:
 
 
 def is_recorded_build(path: Path) -> bool:
-    """Tell whether a path, or a name in the library, means a recorded build; recordings of others may be sequences."""
+    """Whether a path, or a name in the library, means a recorded build; recordings of others may be sequences."""
     from simaps_viz.recorder.facts import read_facts  # noqa: PLC0415 - rerun is slow to import
     from simaps_viz.recorder.library import RecordingLibrary  # noqa: PLC0415 - as above
 
@@ -137,7 +137,7 @@ def is_recorded_build(path: Path) -> bool:
 
 
 def find_recording(path: Path) -> Path:
-    """Give the file a person means: the one at that path, or the library's of that name.
+    """Return the file a person means: the one at that path, or the library's of that name.
 
     Raises:
         InputError: there is neither.

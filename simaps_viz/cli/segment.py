@@ -70,7 +70,7 @@ def _by_network(
 
 
 def write_segmented(command: Segment, cache: Path, progress: StageProgress) -> dict[str, Any]:
-    """Segment a sequence and write the masks; gives what was written, JSON-able.
+    """Segment a sequence and write the masks; returns what was written, JSON-able.
 
     Raises:
         InputError: anything is not as it should be, or cannot be written.

@@ -45,7 +45,7 @@ class Share:
 
 
 def share(settings: Share, progress: StageProgress) -> dict[str, Any]:
-    """Write the file; gives what is worth saying of it.
+    """Write the file; returns what is worth saying of it.
 
     Raises:
         SIMapsError: the map or the place to write is no good, or the command was refused.

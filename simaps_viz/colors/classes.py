@@ -129,12 +129,12 @@ COMMON = (
 
 
 def is_thing(label: str) -> bool:
-    """Tell whether a class is countable, by its name alone."""
+    """Return whether a class is countable, by its name alone."""
     return label not in STUFF
 
 
 def class_color(label: str) -> Color:
-    """Give a class its RGB colour (0-255), from its name; stuff is grey.
+    """Return a class its RGB colour (0-255), from its name; stuff is grey.
 
     Classes that are often together have different ones; ``map_colors.class_colors`` sees to it that all classes of a
     map do.
@@ -151,7 +151,7 @@ def class_color(label: str) -> Color:
 
 
 def instance_color(instance_id: int) -> Color:
-    """Give an instance its RGB colour (0-255), from its id alone: the palette, over and over.
+    """Return an instance its RGB colour (0-255), from its id alone: the palette, over and over.
 
     ``map_colors.instance_colors`` gives another one to an instance whose neighbour has the same.
     """
@@ -159,7 +159,7 @@ def instance_color(instance_id: int) -> Color:
 
 
 def plural(count: int, noun: str) -> str:
-    """Say how many, in English: "1 chair", "4 benches"."""
+    """Describe how many, in English: "1 chair", "4 benches"."""
     if count == 1:
         return f"1 {noun}"
     if noun.endswith("person"):

@@ -29,7 +29,7 @@ class Remembered:
         self._kept: list[tuple[tuple[weakref.ref, ...], Hashable, NDArray]] = []
 
     def find(self, arrays: Sequence[NDArray], name: Hashable = None) -> NDArray | None:
-        """Give what was kept for these arrays under that name."""
+        """Return what was kept for these arrays under that name."""
         with self._lock:
             for refs, kept_name, result in self._kept:
                 same = len(refs) == len(arrays) and all(ref() is one for ref, one in zip(refs, arrays, strict=True))
@@ -56,7 +56,7 @@ _one_at_a_time = threading.RLock()
 
 
 def instance_colors(simap: SIMap) -> NDArray:
-    """Give the colour of every instance and every finest community.
+    """Return the colour of every instance and every finest community.
 
     Returns:
         uint8 [n, 3], RGB, at the place of its id; row 0 is black. The same for every K or evidence of a map.
@@ -135,7 +135,7 @@ def keep_classes(simap: SIMap, other: SIMap) -> None:
 
 
 def class_colors(simap: SIMap) -> dict[str, Color]:
-    """Give every countable class that is on the map its colour; no two alike while the palette lasts.
+    """Return every countable class that is on the map its colour; no two alike while the palette lasts.
 
     Then colours repeat, but not between classes that touch, while that can be. The same for every K or evidence.
     """
@@ -150,7 +150,7 @@ def class_colors(simap: SIMap) -> dict[str, Color]:
 
 
 def _class_colors(simap: SIMap) -> NDArray:
-    """Give uint8 [labels, 3]; classes of rooms choose first, then the others by name."""
+    """Return uint8 [labels, 3]; classes of rooms choose first, then the others by name."""
     labels = simap.grid.labels
     used = np.zeros(len(PALETTE))
     things = np.array(simap.grid.is_thing, dtype=bool)[simap.grid.label]
@@ -184,7 +184,7 @@ def _arrays(simap: SIMap) -> tuple[NDArray, ...]:
 
 
 def _called_by_communities(simap: SIMap) -> bool:
-    """Tell whether every instance is called by a community that lies in it, as in a map nobody has mended."""
+    """Return whether every instance is called by a community that lies in it, as in a map nobody has mended."""
     return max((one.id for one in simap.instances), default=0) <= int(simap.community.max(initial=0))
 
 
@@ -282,7 +282,7 @@ def _ever_neighbours(pairs: NDArray, weight: NDArray, merges: MergeLog, size: in
 
 
 def _strictest_first(merges: MergeLog) -> NDArray:
-    """Give the steps in the order in which they are taken while the threshold falls.
+    """Return the steps in the order in which they are taken while the threshold falls.
 
     A step is taken with all that come before it in its class, so at the least score among those.
     """
@@ -330,7 +330,7 @@ def _worn_before(simap: SIMap, before: SIMap, first: int | None) -> NDArray | No
 
 
 def _places_of(colors: NDArray) -> NDArray:
-    """Give the palette place of each colour, int [n]; -1 = none."""
+    """Return the palette place of each colour, int [n]; -1 = none."""
     places = {color: place for place, color in enumerate(PALETTE)}
     return np.array([places.get(tuple(color), -1) for color in colors.tolist()])
 
@@ -349,7 +349,7 @@ def _worn(ids: NDArray, old: NDArray, places: NDArray, size: int) -> NDArray:
 
 
 def _on_cells_of(new: GridSpec, old: GridSpec, ids: NDArray) -> NDArray | None:
-    """Give the ids of another grid on the cells of a new one; None when their cells do not match."""
+    """Return the ids of another grid on the cells of a new one; None when their cells do not match."""
     if abs(new.cell_size_m - old.cell_size_m) > 1e-9:
         return None
     down = round((old.y0_m - new.y0_m) / new.cell_size_m)

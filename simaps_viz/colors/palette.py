@@ -18,11 +18,11 @@ LEAST_APART = 11.0
 
 
 def color_of_number(number: int) -> Color:
-    """Give the colour of a number from 1 on: the palette, over and over."""
+    """Return the colour of a number from 1 on: the palette, over and over."""
     return PALETTE[(number - 1) % len(PALETTE)]
 
 
 def as_color(row: NDArray) -> Color:
-    """Give the colour that an array holds, uint8 [3]."""
+    """Return the colour that an array holds, uint8 [3]."""
     r, g, b = row.tolist()
     return (r, g, b)

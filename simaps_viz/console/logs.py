@@ -129,7 +129,7 @@ class JsonLines(logging.Formatter):
     """Turns a record into one line of JSON: time (UTC), level, logger, message, and what it was given besides."""
 
     def format(self, record: logging.LogRecord) -> str:
-        """Give the line."""
+        """Return the line."""
         line: dict[str, Any] = {
             "time": datetime.fromtimestamp(record.created, tz=UTC).isoformat(timespec="milliseconds"),
             "level": record.levelname.lower(),
@@ -195,7 +195,7 @@ def _open_file(path: Path, console: Console) -> logging.Handler:
 
 
 def _plain(options: Any) -> Any:
-    """Give a command's options as plain values."""
+    """Return a command's options as plain values."""
     fields = getattr(options, "__dataclass_fields__", None)
     if fields is None:
         return options if isinstance(options, str | int | float | bool | None) else str(options)

@@ -56,7 +56,7 @@ class StageClock:
             self._current = None
 
     def seconds(self) -> dict[str, float]:
-        """Give {stage: seconds} in the order they began; the one that runs counts up to now."""
+        """Return {stage: seconds} in the order they began; the one that runs counts up to now."""
         spent = dict(self._spent)
         if self._current is not None:
             spent[self._current] += self._now() - self._since

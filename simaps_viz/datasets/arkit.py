@@ -32,7 +32,7 @@ LONGEST_POSE_GAP_S = 0.25
 
 
 def recognise(path: Path) -> bool:
-    """Tell from names alone whether a folder is in this format."""
+    """Determine from names alone whether a folder is in this format."""
     return (_folder(path) / "lowres_wide.traj").is_file() and (_folder(path) / "lowres_depth").is_dir()
 
 
@@ -81,7 +81,7 @@ def open_recording(path: Path) -> Recording:
 
 
 def _folder(path: Path) -> Path:
-    """Give the folder of the frames: the 3dod part of the dataset has it one level down."""
+    """Return the folder of the frames: the 3dod part of the dataset has it one level down."""
     inner = path / f"{path.resolve().name}_frames"
     return inner if inner.is_dir() else path
 

@@ -6,7 +6,7 @@ from scipy.spatial.transform import Rotation, Slerp
 
 
 def nearest(times: NDArray, wanted: NDArray) -> NDArray:
-    """Give int64 [len(wanted)]: the index of the nearest of ``times`` (ascending, not empty; the earlier on a tie)."""
+    """int64 [len(wanted)]: the index of the nearest of ``times`` (ascending, not empty; the earlier on a tie)."""
     right = np.clip(np.searchsorted(times, wanted), 1, max(len(times) - 1, 1))
     if len(times) == 1:
         return np.zeros(len(wanted), dtype=np.int64)

@@ -45,5 +45,5 @@ def parse_rows(path: Path, data: bytes, count: int, columns: int, *, skip: int =
 
 
 def finite_points(points: NDArray) -> NDArray:
-    """Give the points [n, 3] that are finite; drivers write NaN for rays that met nothing."""
+    """Return the points [n, 3] that are finite; drivers write NaN for rays that met nothing."""
     return np.ascontiguousarray(points[np.isfinite(points).all(axis=1)], dtype=np.float64)

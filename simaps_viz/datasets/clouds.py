@@ -57,7 +57,7 @@ def depth_of_cloud(points_camera: NDArray, k: Intrinsics, settings: CloudSetting
 
 
 def gap_pixels(depth_m: NDArray) -> int:
-    """Give half the usual distance of a sparse depth image's readings, whole pixels; 0 for a full one."""
+    """Return half the usual distance of a sparse depth image's readings, whole pixels; 0 for a full one."""
     filled = depth_m > 0
     rows, cols = np.flatnonzero(filled.any(axis=1)), np.flatnonzero(filled.any(axis=0))
     if not len(rows):
@@ -113,7 +113,7 @@ def _z_buffer(points_camera: NDArray, k: Intrinsics) -> NDArray:
 
 
 def _averaged(points_camera: NDArray, k: Intrinsics) -> NDArray:
-    """Give the depth of each large pixel's front surface at its centre: on a plane, 1 / depth is linear in u and v."""
+    """The depth of each large pixel's front surface at its centre: on a plane, 1 / depth is linear in u and v."""
     pixel, z = _pixels(points_camera, k)
     front = z < _z_buffer(points_camera, k).ravel()[pixel] * (1.0 + 2 * HIDDEN_STEP)
     size = k.height * k.width
@@ -123,7 +123,7 @@ def _averaged(points_camera: NDArray, k: Intrinsics) -> NDArray:
 
 
 def _pixels(points_camera: NDArray, k: Intrinsics) -> tuple[NDArray, NDArray]:
-    """Give the pixel (v * width + u) and the depth of every point that falls in the picture."""
+    """Return the pixel (v * width + u) and the depth of every point that falls in the picture."""
     front = points_camera[points_camera[:, 2] > NEAREST_M]
     z = front[:, 2]
     u = np.rint(front[:, 0] / z * k.fx + k.cx)
@@ -145,7 +145,7 @@ def _sharper(clouds: list[tuple[NDArray, NDArray]], up: NDArray, floor_height_m:
 
 
 def _hidden(depth_m: NDArray, pixels: int) -> NDArray:
-    """Tell which readings lie well behind another one in the square around them, bool [H, W]."""
+    """Return which readings lie well behind another one in the square around them, bool [H, W]."""
     far = np.where(depth_m > 0, depth_m, np.float32(np.inf))
     surface = cv2.erode(far, np.ones((2 * pixels + 1, 2 * pixels + 1), np.uint8))
     return (depth_m > 0) & (surface < depth_m * np.float32(1.0 - HIDDEN_STEP))
@@ -163,7 +163,7 @@ def _fill(depth_m: NDArray, pixels: int) -> NDArray:
 
 
 def _coarse(k: Intrinsics, divide: int) -> Intrinsics:
-    """Give the camera with pixels so many times larger."""
+    """Return the camera with pixels so many times larger."""
     if divide == 1:
         return k
     width, height = max(k.width // divide, 1), max(k.height // divide, 1)

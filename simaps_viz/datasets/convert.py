@@ -130,7 +130,7 @@ class _Writer:
         self._write_image(target, bgr)
 
     def _steps(self, index: int) -> NDArray:
-        """Give depth as uint16 steps; what is farther than they reach becomes 0, no reading."""
+        """Return depth as uint16 steps; what is farther than they reach becomes 0, no reading."""
         steps = np.rint(self.sequence.read(index).depth_m.astype(np.float64) / self.unit_m)
         steps[steps > MAX_STEP] = 0
         return steps.astype(np.uint16)

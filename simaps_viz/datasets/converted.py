@@ -54,7 +54,7 @@ class ConvertedFrames(PosedFrames):
         return rgb
 
     def color_file(self, index: int) -> Path | None:
-        """Give the file that holds exactly a frame's colour image, if there is one."""
+        """Return the file that holds exactly a frame's colour image, if there is one."""
         return self.recording.color_file(index)
 
     def _depth(self, index: int) -> NDArray:
@@ -86,7 +86,7 @@ class _RecordingManifest(Manifest):
     index_of: Mapping[str, int]
 
     def file(self, pattern: str, frame: str = "") -> Path:
-        """Give the file that holds a frame's "color" or "depth", or that the recording is."""
+        """Return the file that holds a frame's "color" or "depth", or that the recording is."""
         if self.recording.stored is None or pattern not in ("color", "depth") or not frame:
             return self.path
         color, depth = self.recording.stored(self.index_of[frame])

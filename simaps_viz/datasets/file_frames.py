@@ -59,17 +59,17 @@ class FileFrames:
         return see_through(rgb, lens, self.intrinsics, exact=False)
 
     def color_file(self, index: int) -> Path | None:
-        """Give the colour file if it can be used as it is."""
+        """Return the colour file if it can be used as it is."""
         lens = _of(self.color_lenses, index)
         return self.color_paths[index] if lens == Lens(self.intrinsics) else None
 
     def stored(self, index: int) -> tuple[Path, Path]:
-        """Give the files of a frame's colour and depth."""
+        """Return the files of a frame's colour and depth."""
         return self.color_paths[index], self.depth_paths[index]
 
 
 def depth_png(unit_m: float, *, invalid: int | None = None) -> Callable[[Path], NDArray]:
-    """Give a reader of 16-bit images: so many metres a step; 0 and ``invalid`` mean no reading."""
+    """Return a reader of 16-bit images: so many metres a step; 0 and ``invalid`` mean no reading."""
 
     def read(path: Path) -> NDArray:
         depth_m = read_depth(path, unit_m)
@@ -81,7 +81,7 @@ def depth_png(unit_m: float, *, invalid: int | None = None) -> Callable[[Path], 
 
 
 def depth_npy(unit_m: float = 1.0) -> Callable[[Path], NDArray]:
-    """Give a reader of NumPy files of [H, W] or [H, W, 1] numbers, so many metres each."""
+    """Return a reader of NumPy files of [H, W] or [H, W, 1] numbers, so many metres each."""
 
     def read(path: Path) -> NDArray:
         values = read_array(path)
@@ -116,7 +116,7 @@ def _check_picture(path: Path) -> Callable[[tuple[int, ...], np.dtype], None]:
 
 
 def clean_depth(depth_m: NDArray) -> NDArray:
-    """Give depths in metres as float32 with 0 for what is not finite or not in front of the camera."""
+    """Return depths in metres as float32 with 0 for what is not finite or not in front of the camera."""
     depth_m = depth_m.astype(np.float32, copy=True)
     depth_m[~(np.isfinite(depth_m) & (depth_m > 0))] = 0.0
     return depth_m
@@ -130,18 +130,18 @@ def check_size(where: object, image: NDArray, camera: Intrinsics) -> None:
 
 
 def numbered(folder: Path, pattern: str) -> list[Path]:
-    """Give the files of a folder, sorted by the last number in their names (9 before 10)."""
+    """Return the files of a folder, sorted by the last number in their names (9 before 10)."""
     return sorted(folder.glob(pattern), key=lambda path: (number_of(path), path.name))
 
 
 def number_of(path: Path) -> float:
-    """Give the last number in a file's name without its last suffix; -1 when there is none."""
+    """Return the last number in a file's name without its last suffix; -1 when there is none."""
     found = re.findall(r"\d+(?:\.\d+)?", path.stem)
     return float(found[-1]) if found else -1.0
 
 
 def image_size(path: Path) -> tuple[int, int]:
-    """Give width and height of a colour image by decoding it."""
+    """Return width and height of a colour image by decoding it."""
     height, width = read_color(path).shape[:2]
     return width, height
 
@@ -153,7 +153,7 @@ def expect_as_many(where: Path, what: str, expected: int, found: int) -> None:
 
 
 def json_number(where: str, values: object, key: str) -> float:
-    """Give a number of a JSON object; raises InputError when it is not there or no number."""
+    """Return a number of a JSON object; raises InputError when it is not there or no number."""
     value = values.get(key) if isinstance(values, dict) else None
     if value is None or not is_finite_number(value):
         raise InputError(f"{where}: {key}: expected a number, found {shown(value) if value is not None else 'none'}")

@@ -107,7 +107,7 @@ def _sample_surface(frames: list[Frame]) -> _Surface:
 
 
 def _priors(poses: NDArray) -> list[NDArray]:
-    """Give the directions that may be up, [3] each, the likeliest first: means over the cameras, short if they differ.
+    """The directions that may be up, [3] each, the likeliest first: means over the cameras, short if they differ.
 
     A camera that is turned about keeps the side up that it is held by; the other sides' means shorten.
     """
@@ -117,7 +117,7 @@ def _priors(poses: NDArray) -> list[NDArray]:
 
 
 def _vote(normals: NDArray, priors: list[NDArray]) -> NDArray:
-    """Give the direction of a lattice that most normals are within 10 degrees of, near a prior if one is there."""
+    """Return the direction of a lattice that most normals are within 10 degrees of, near a prior if one is there."""
     lattice = _fibonacci_sphere(800)
     every = max(1, len(normals) // 20000)
     votes = (normals[::every] @ lattice.T > np.cos(np.deg2rad(10.0))).sum(axis=0)
@@ -140,7 +140,7 @@ def _refine_direction(normals: NDArray, direction: NDArray) -> NDArray:
 
 
 def _floor_height(surface: _Surface, poses: NDArray, up: NDArray) -> float:
-    """Give the height along ``up`` of the lowest plane of a good share of the upward-facing area below the cameras."""
+    """The height along ``up`` of the lowest plane of a good share of the upward-facing area below the cameras."""
     camera_height_m = float(np.median(poses[:, :3, 3] @ up))
     below_m = camera_height_m - surface.points @ up
     chosen = _faces_up(surface, up) & (below_m > BELOW_CAMERA_M[0]) & (below_m < BELOW_CAMERA_M[1])
@@ -161,7 +161,7 @@ def _floor_height(surface: _Surface, poses: NDArray, up: NDArray) -> float:
 
 
 def _fit_plane(surface: _Surface, up: NDArray, height_m: float) -> NDArray:
-    """Give the normal of the plane through the floor's points: their direction of least spread.
+    """Return the normal of the plane through the floor's points: their direction of least spread.
 
     Raises:
         InputError: too few points are there, or they lie too far away for numbers to tell.
@@ -179,7 +179,7 @@ def _fit_plane(surface: _Surface, up: NDArray, height_m: float) -> NDArray:
 
 
 def _spread(points: NDArray) -> NDArray:
-    """Give the scatter matrix of points, [3, 3]; not finite where poses lie far beyond any room."""
+    """Return the scatter matrix of points, [3, 3]; not finite where poses lie far beyond any room."""
     with np.errstate(invalid="ignore", over="ignore"):
         centred = points - points.mean(axis=0)
         return centred.T @ centred
@@ -190,7 +190,7 @@ def _faces_up(surface: _Surface, up: NDArray) -> NDArray:
 
 
 def _fibonacci_sphere(count: int) -> NDArray:
-    """Give [count, 3] unit vectors, nearly evenly spread (spherical Fibonacci lattice)."""
+    """Return [count, 3] unit vectors, nearly evenly spread (spherical Fibonacci lattice)."""
     i = np.arange(count) + 0.5
     z = 1.0 - 2.0 * i / count
     azimuth = np.pi * (1.0 + np.sqrt(5.0)) * i

@@ -57,7 +57,7 @@ MIN_PATCH_PIXELS = 4
 
 
 def recognise(path: Path) -> bool:
-    """Tell from names alone whether a folder is in this format."""
+    """Determine from names alone whether a folder is in this format."""
     depth = path / "depth"
     return (path / "poses.txt").is_file() and (path / "rgb").is_dir() and next(depth.glob("*.npy"), None) is not None
 

@@ -32,14 +32,14 @@ def check_header(where: object, data: bytes) -> None:
 
 
 def _png_size(data: bytes) -> tuple[int, int] | None:
-    """Give width and height; the header chunk comes first (PNG specification, section 5.6)."""
+    """Return width and height; the header chunk comes first (PNG specification, section 5.6)."""
     if len(data) < 24 or data[12:16] != b"IHDR":
         return None
     return int.from_bytes(data[16:20], "big"), int.from_bytes(data[20:24], "big")
 
 
 def _jpeg_size(data: bytes) -> tuple[int, int] | None:
-    """Give width and height: walk the segments up to the frame's header (ITU T.81, B.2.2)."""
+    """Return width and height: walk the segments up to the frame's header (ITU T.81, B.2.2)."""
     at = 2
     while at + 4 <= len(data):
         if data[at] != 0xFF:
@@ -126,7 +126,7 @@ def decode_image(where: Path | str, data: bytes, flags: int, *, lossless: bool =
 
 
 def _fault(data: bytes) -> str | None:
-    """Say what is wrong with the bytes of an image file, or None. Costs about 1 % of decoding a PNG, 5 % of a JPEG."""
+    """What is wrong with the bytes of an image file, or None. Costs about 1 % of decoding a PNG, 5 % of a JPEG."""
     if not data:
         return "an empty file"
     if data.startswith(PNG_START):

@@ -66,7 +66,7 @@ class JoinedFrames:
         return len(self.frame_names)
 
     def described(self) -> bytes:
-        """Give what each says its images mean."""
+        """Return what each says its images mean."""
         return b"\0".join(sequence.described() for sequence in self.sequences)
 
     def read(self, index: int, *, color: bool = False) -> Frame:
@@ -96,7 +96,7 @@ def join(sequences: Sequence[FrameSource]) -> JoinedFrames:
 
 
 def _distinct(names: Sequence[str]) -> list[str]:
-    """Give names that differ, fit to stand before a frame's: the second "hall" becomes "hall-2"."""
+    """Return names that differ, fit to stand before a frame's: the second "hall" becomes "hall-2"."""
     given: list[str] = []
     for name in names:
         plain = "-".join(name.replace("/", " ").replace("\\", " ").split()).strip(".") or "sequence"

@@ -22,7 +22,7 @@ class Lens:
     """k1, k2, p1, p2, k3; empty = none."""
 
     def scaled(self, width: int, height: int) -> "Lens":
-        """Give the camera whose pictures are those of this one, resized to width x height pixels."""
+        """Return the camera whose pictures are those of this one, resized to width x height pixels."""
         k = self.intrinsics
         if (k.width, k.height) == (width, height):
             return self
@@ -89,7 +89,7 @@ def _same(source: Lens, target: Intrinsics) -> bool:
 
 @lru_cache(maxsize=8)
 def _pixels(source: Lens, target: Intrinsics) -> tuple[NDArray, NDArray]:
-    """Give float32 [H, W] twice: where each pixel of the target lies in the source's picture."""
+    """Return float32 [H, W] twice: where each pixel of the target lies in the source's picture."""
     row, column = np.mgrid[: target.height, : target.width].astype(np.float64)
     x, y = (column - target.cx) / target.fx, (row - target.cy) / target.fy
     k1, k2, p1, p2, k3 = (*source.distortion, 0.0, 0.0, 0.0, 0.0, 0.0)[:5]

@@ -50,7 +50,7 @@ _SAMPLED_FOR_GRAVITY = 40
 
 
 def recognise(path: Path) -> bool:
-    """Tell from names alone whether a folder or file is in this format."""
+    """Determine from names alone whether a folder or file is in this format."""
     return _file(path).is_file()
 
 

@@ -54,7 +54,7 @@ class Manifest:
     description: str
 
     def file(self, pattern: str, frame: str = "") -> Path:
-        """Give the path a pattern means for a frame."""
+        """Return the path a pattern means for a frame."""
         return self.path.parent / pattern.replace("{frame}", frame)
 
 
@@ -193,7 +193,7 @@ class KeyTable:
                 raise InputError(f"{self.where}: expected only known keys, found {shown(key)}; {hint}")
 
     def text(self, key: str, default: str | None = None) -> str:
-        """Give a string that is not blank; without a default it has to be there."""
+        """Return a string that is not blank; without a default it has to be there."""
         if key not in self.values and default is not None:
             return default
         value = self.values.get(key)
@@ -202,28 +202,28 @@ class KeyTable:
         return value
 
     def file(self, key: str) -> str:
-        """Give a path relative to the manifest."""
+        """Return a path relative to the manifest."""
         value = self.text(key)
         if Path(value).is_absolute() or not value.isprintable():
             raise self._wrong(key, "a printable path relative to the manifest")
         return value
 
     def pattern(self, key: str) -> str:
-        """Give a relative path that holds ``{frame}``."""
+        """Return a relative path that holds ``{frame}``."""
         value = self.file(key)
         if "{frame}" not in value:
             raise self._wrong(key, "a path with {frame} in it")
         return value
 
     def number(self, key: str) -> float:
-        """Give a finite number."""
+        """Return a finite number."""
         value = self.values.get(key)
         if value is None or not is_finite_number(value):
             raise self._wrong(key, "a number")
         return float(value)
 
     def direction(self, key: str) -> tuple[float, float, float] | None:
-        """Give three numbers that are not all zero, or None when absent."""
+        """Return three numbers that are not all zero, or None when absent."""
         if key not in self.values:
             return None
         value = self.values[key]
@@ -234,7 +234,7 @@ class KeyTable:
         raise self._wrong(key, "three finite numbers that are not all zero")
 
     def flag(self, key: str, default: bool) -> bool:
-        """Give true or false."""
+        """Return true or false."""
         value = self.values.get(key, default)
         if not isinstance(value, bool):
             raise self._wrong(key, "true or false")
@@ -251,5 +251,5 @@ class KeyTable:
 
 
 def is_finite_number(value: Any) -> bool:
-    """Tell whether a value of a JSON file is a finite number of sensible size."""
+    """Return whether a value of a JSON file is a finite number of sensible size."""
     return isinstance(value, int | float) and not isinstance(value, bool) and abs(value) < 1e300  # NaN is not less

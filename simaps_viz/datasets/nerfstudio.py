@@ -32,7 +32,7 @@ PINHOLES = ("OPENCV", "PINHOLE", "SIMPLE_PINHOLE", "SIMPLE_RADIAL", "RADIAL", "P
 
 
 def recognise(path: Path) -> bool:
-    """Tell from names alone whether a folder or file is in this format."""
+    """Determine from names alone whether a folder or file is in this format."""
     return _file(path).is_file()
 
 
@@ -86,7 +86,7 @@ def _file(path: Path) -> Path:
 
 
 def _merged(file: Path, index: int, content: dict[str, Any], frame: Any) -> dict[str, Any]:
-    """Give a frame with the keys that all frames share."""
+    """Return a frame with the keys that all frames share."""
     if not isinstance(frame, dict):
         raise InputError(f"{file}: frames: expected objects, found {shown(frame)}")
     depth = frame.get("depth_file_path")

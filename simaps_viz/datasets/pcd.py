@@ -24,7 +24,7 @@ def lzf_unpack(where: object, packed: bytes, size: int) -> bytes:
 
 @njit(cache=True, nogil=True)
 def _unpack(packed: NDArray, out: NDArray) -> int:
-    """Give the number of bytes written, or -1 for what cannot have been packed.
+    """Return the number of bytes written, or -1 for what cannot have been packed.
 
     A control byte under 32 is followed by one byte more than it says, as they are; any other has the length of a
     repeat in its upper 3 bits (7: one more byte of length follows) and the distance back in the other 5 and the next 8.
@@ -100,7 +100,7 @@ def read_pcd(path: Path) -> NDArray:
 
 
 def _header(path: Path, data: bytes) -> tuple[dict[str, list[str]], bytes]:
-    """Give {keyword: its words} and what follows the line DATA."""
+    """Return {keyword: its words} and what follows the line DATA."""
     header: dict[str, list[str]] = {}
     start = 0
     while start < min(len(data), _LONGEST_HEADER):
@@ -118,7 +118,7 @@ def _header(path: Path, data: bytes) -> tuple[dict[str, list[str]], bytes]:
 
 
 def _fields(path: Path, header: dict[str, list[str]]) -> list[tuple[str, str, int]]:
-    """Give (name, NumPy type, repeats) of each field."""
+    """Return (name, NumPy type, repeats) of each field."""
     names = header.get("FIELDS", header.get("COLUMNS", []))
     sizes, types = header.get("SIZE", []), header.get("TYPE", [])
     counts = header.get("COUNT", ["1"] * len(names))

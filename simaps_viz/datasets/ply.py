@@ -46,7 +46,7 @@ def read_ply(path: Path) -> NDArray:
 
 
 def _header(path: Path, data: bytes) -> tuple[str, list[_Element], int]:
-    """Give the format's word, the elements and where the data begins."""
+    """Return the format's word, the elements and where the data begins."""
     end = data.find(b"end_header", 0, _LONGEST_HEADER)
     if not data.startswith(b"ply") or end < 0:
         raise InputError(f"{path}: expected a PLY file with a header, found another kind of file, or one cut short")

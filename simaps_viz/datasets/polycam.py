@@ -25,7 +25,7 @@ FACTS = FormatFacts(
 
 
 def recognise(path: Path) -> bool:
-    """Tell from names alone whether a folder is in this format."""
+    """Determine from names alone whether a folder is in this format."""
     return (_folder(path) / "depth").is_dir() and (_folder(path) / "cameras").is_dir()
 
 

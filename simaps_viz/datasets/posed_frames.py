@@ -57,7 +57,7 @@ def open_sequence(path: Path, *, whole: bool = True) -> "PosedFrames":
 
 
 def is_sequence(path: Path) -> bool:
-    """Tell from names alone whether a path is meant as a sequence: a folder, a manifest or a recording's file."""
+    """Determine from names alone whether a path is meant as a sequence: a folder, a manifest or a recording's file."""
     from simaps_viz.datasets.recognise import recognise  # noqa: PLC0415 - the readers build on this module
 
     return path.is_dir() or path.suffix == ".json" or recognise(path) is not None
@@ -120,7 +120,7 @@ class PosedFrames:
         return self._segments is not None and self._segments.ground_truth
 
     def described(self) -> bytes:
-        """Give what says what the images mean (camera, depth unit, segment tables), to see whether it has changed.
+        """Return what says what the images mean (camera, depth unit, segment tables), to see whether it has changed.
 
         Raises:
             InputError: the segment table cannot be read any more.
@@ -156,11 +156,11 @@ class PosedFrames:
         return rgb
 
     def color_file(self, index: int) -> Path | None:
-        """Give the file that holds exactly a frame's colour image, if there is one."""
+        """Return the file that holds exactly a frame's colour image, if there is one."""
         return self.manifest.file(self.manifest.color, self._name(index))
 
     def world_segments(self) -> tuple[Segment, ...] | None:
-        """Give what the ids mean when they are the same in every frame; None when they are not, or there are none."""
+        """Return what the ids mean when they are the same in every frame; None when they are not, or there are none."""
         world = self._segments.world if self._segments else None
         return None if world is None else tuple(world.values())
 
@@ -191,7 +191,7 @@ class PosedFrames:
         return self.frame_names[index]
 
     def _sample(self, count: int) -> list[int]:
-        """Give indices of frames spread evenly over the sequence, the first included."""
+        """Return indices of frames spread evenly over the sequence, the first included."""
         return sorted({int(i) for i in np.linspace(0, len(self) - 1, min(count, len(self)))})
 
     def _read_sample(self, count: int) -> list[Frame]:

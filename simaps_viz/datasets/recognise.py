@@ -29,7 +29,7 @@ class Reader(Protocol):
 
     @staticmethod
     def recognise(path: Path) -> bool:
-        """Tell from names alone whether a folder or file is in this format."""
+        """Determine from names alone whether a folder or file is in this format."""
         ...
 
     @staticmethod
@@ -46,12 +46,12 @@ READERS: tuple[ModuleType, ...] = (
 
 
 def recognise(path: Path) -> ModuleType | None:
-    """Give the module of the reader for a folder or file, or None when no reader knows it."""
+    """Return the module of the reader for a folder or file, or None when no reader knows it."""
     return next((reader for reader in READERS if reader.recognise(path)), None)
 
 
 def format_table() -> str:
-    """Give the table of docs/FORMATS.md from the readers' own constants."""
+    """Return the table of docs/FORMATS.md from the readers' own constants."""
     head = ("format", "recognised by", "depth", "unit (m)", "no reading", "pose", "camera axes", "world's up",
             "segmentation")  # fmt: skip
     rows = [head, ("---",) * len(head)]

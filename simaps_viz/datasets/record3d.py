@@ -31,7 +31,7 @@ from simaps_viz.io.limits import MAX_IMAGE_BYTES, MAX_IMAGE_PIXELS, MAX_MEMBER_B
 
 
 def members(path: Path, what: str) -> list[str]:
-    """Give the names of the files in an archive; raises InputError when it is none."""
+    """Return the names of the files in an archive; raises InputError when it is none."""
     try:
         with zipfile.ZipFile(path) as archive:
             return archive.namelist()
@@ -84,7 +84,7 @@ def check_exr(path: Path) -> None:
 
 
 def _attributes(data: bytes) -> list[tuple[str, bytes]]:
-    """Give the names and values of the header: each is name, type, size, value; an empty name ends it."""
+    """Return the names and values of the header: each is name, type, size, value; an empty name ends it."""
     if data[:4] != _MAGIC:
         raise ValueError("no EXR file")
     at, found = 8, []
@@ -110,7 +110,7 @@ _V1_HEADER = 772
 
 
 def lzfse_size(data: bytes) -> int:
-    """Give the number of bytes that the blocks say they hold; raises ValueError for what is no LZFSE data."""
+    """Return the number of bytes that the blocks say they hold; raises ValueError for what is no LZFSE data."""
     at, size = 0, 0
     try:
         while data[at : at + 4] != _END:
@@ -168,7 +168,7 @@ class _Parts:
 
 
 def recognise(path: Path) -> bool:
-    """Tell from names alone whether a folder or file is in this format."""
+    """Determine from names alone whether a folder or file is in this format."""
     if path.suffix == ".r3d":
         return path.is_file()
     return _is_unpacked(path) or _is_exr(_exr_folder(path))

@@ -27,7 +27,7 @@ CAMERA = (1200, 680, 600.0, 600.0, 599.5, 339.5)
 
 
 def recognise(path: Path) -> bool:
-    """Tell from names alone whether a folder is in this format."""
+    """Determine from names alone whether a folder is in this format."""
     return (path / "traj.txt").is_file() and (path / "results").is_dir()
 
 

@@ -123,7 +123,7 @@ _TIMELINES_LAST = ("log_time", "log_tick")
 
 
 def recognise(path: Path) -> bool:
-    """Tell from names alone whether a file is in this format."""
+    """Determine from names alone whether a file is in this format."""
     return path.suffix == ".rrd" and path.is_file()
 
 
@@ -201,7 +201,7 @@ def _check_finished(path: Path) -> None:
 
 
 def _chunks(path: Path, entity: str | None = None) -> Iterator[Any]:
-    """Give the chunks of a recording, or of one entity of it, in order."""
+    """Return the chunks of a recording, or of one entity of it, in order."""
     import rerun.chunk as rc  # noqa: PLC0415 - rerun is slow to import
 
     try:
@@ -230,7 +230,7 @@ class _Pictures:
     _cursor: Iterator[tuple[str, Any]] = field(default_factory=lambda: iter(()))
 
     def read(self, row: int) -> dict[str, Any]:
-        """Give the values of a row by component."""
+        """Return the values of a row by component."""
         number = int(np.searchsorted(self.starts, row, side="right")) - 1
         with self._lock:
             wanted = self.chunks[number]
@@ -255,7 +255,7 @@ class _Pictures:
 
 
 def _batches(path: Path, entity: str, kind: str) -> Iterator[tuple[str, Any]]:
-    """Give chunk ids and the tables that hold pictures of that kind."""
+    """Return chunk ids and the tables that hold pictures of that kind."""
     column = f"{kind}:blob" if kind == "EncodedImage" else f"{kind}:buffer"
     for chunk in _chunks(path, entity):
         if not chunk.is_static and chunk.entity_path == entity:
@@ -324,11 +324,11 @@ class _Contents:
             known.extend(rows)
 
     def has_pinhole(self, entity: str) -> bool:
-        """Tell whether an entity, or one above it, has a Pinhole."""
+        """Return whether an entity, or one above it, has a Pinhole."""
         return any(name in self._pinholes for name in _upwards(entity))
 
     def lens(self, entity: str) -> Lens:
-        """Give the camera of an entity: its own Pinhole, or the nearest one above it."""
+        """Return the camera of an entity: its own Pinhole, or the nearest one above it."""
         for name in _upwards(entity):
             if name in self._pinholes:
                 values = self._pinholes[name]
@@ -344,7 +344,7 @@ class _Contents:
         raise InputError(f"{self.path}: {entity}: expected a Pinhole there or above, found none")
 
     def poses(self, entity: str, timeline: str, times: NDArray) -> tuple[NDArray, NDArray]:
-        """Give T_world_camera [n, 4, 4], of the latest transforms as rerun shows it, and where they are known."""
+        """Return T_world_camera [n, 4, 4], of the latest transforms as rerun shows it, and where they are known."""
         T, known = np.repeat(np.eye(4)[None], len(times), axis=0), np.ones(len(times), dtype=bool)
         moves = False
         for name in _upwards(entity):
@@ -365,13 +365,13 @@ class _Contents:
 
 
 def _row(batch: Any, kind: str, at: int) -> dict[str, Any]:
-    """Give the values of an archetype's components in a row."""
+    """Return the values of an archetype's components in a row."""
     names = [name for name in batch.schema.names if name.startswith(f"{kind}:")]
     return {name.partition(":")[2]: batch.column(name)[at].as_py() for name in names}
 
 
 def _transform(where: str, values: dict[str, Any]) -> NDArray:
-    """Give T_parent_entity [4, 4] of one Transform3D; scales other than 1 are refused by ``rigid``."""
+    """Return T_parent_entity [4, 4] of one Transform3D; scales other than 1 are refused by ``rigid``."""
     T = np.eye(4)
     if values.get("quaternion"):
         T = from_quaternion(where, (0, 0, 0), values["quaternion"][0])

@@ -28,7 +28,7 @@ _COMPRESSED_DEPTH_HEADER = struct.Struct("<iff")
 
 
 def is_depth(message: Any) -> bool:
-    """Tell whether an image message holds depth."""
+    """Return whether an image message holds depth."""
     if message.__msgtype__ == IMAGE:
         return message.encoding in MILLIMETRES + METRES
     return "compressedDepth" in message.format or _encoding(message) in MILLIMETRES
@@ -113,7 +113,7 @@ def points(where: str, message: Any) -> NDArray:
 
 
 def lens(where: str, message: Any, *, rectified: bool) -> Lens:
-    """Give the camera of a CameraInfo message: of rectified images P says it, of raw ones K and D.
+    """Return the camera of a CameraInfo message: of rectified images P says it, of raw ones K and D.
 
     Raises:
         InputError: It is no pinhole, or its distortion is not Brown-Conrady ("plumb_bob").
@@ -128,14 +128,14 @@ def lens(where: str, message: Any, *, rectified: bool) -> Lens:
 
 
 def pose(where: str, message: Any) -> NDArray:
-    """Give the pose [4, 4] of a Pose or Transform message."""
+    """Return the pose [4, 4] of a Pose or Transform message."""
     t = message.position if hasattr(message, "position") else message.translation
     q = message.orientation if hasattr(message, "orientation") else message.rotation
     return from_quaternion(where, (t.x, t.y, t.z), (q.x, q.y, q.z, q.w))
 
 
 def stamp_ns(header: Any) -> int:
-    """Give the time of a header, nanoseconds."""
+    """Return the time of a header, nanoseconds."""
     return header.stamp.sec * 1_000_000_000 + header.stamp.nanosec
 
 
@@ -149,7 +149,7 @@ def raw_stamp_ns(data: bytes, *, ros2: bool) -> int:
 
 
 def _pixels(where: str, message: Any, dtype: np.dtype, channels: int) -> NDArray:
-    """Give [H, W, channels]; rows may be padded."""
+    """Return [H, W, channels]; rows may be padded."""
     dtype = dtype.newbyteorder(">" if message.is_bigendian else "<")
     width = message.width * channels * dtype.itemsize
     data = np.frombuffer(bytes(message.data), np.uint8)

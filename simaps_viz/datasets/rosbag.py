@@ -40,7 +40,7 @@ class Link:
     poses: list[NDArray] = field(default_factory=list)
 
     def at(self, times_s: NDArray) -> tuple[NDArray, NDArray]:
-        """Give T_parent_child [n, 4, 4] and where it is known, bool [n]."""
+        """Return T_parent_child [n, 4, 4] and where it is known, bool [n]."""
         if self.fixed:
             return np.repeat(self.poses[-1][None], len(times_s), axis=0), np.ones(len(times_s), dtype=bool)
         times, first = np.unique(self.times_s, return_index=True)
@@ -63,7 +63,7 @@ class Transforms:
             link.poses.append(T_parent_child)
 
     def chain(self, frame: str) -> list[str]:
-        """Give the frames from this one up to the world's, both included.
+        """Return the frames from this one up to the world's, both included.
 
         Raises:
             InputError: The frames go round in a circle.
@@ -77,11 +77,11 @@ class Transforms:
         return found
 
     def moves(self, frame: str) -> bool:
-        """Tell whether a frame moves in its world."""
+        """Return whether a frame moves in its world."""
         return any(not self.links[name].fixed for name in self.chain(frame)[:-1])
 
     def poses(self, frame: str, times_s: NDArray) -> tuple[NDArray, NDArray]:
-        """Give T_world_frame [n, 4, 4] and where it is known, bool [n]."""
+        """Return T_world_frame [n, 4, 4] and where it is known, bool [n]."""
         return self.compose(self.chain(frame)[:-1], times_s)
 
     def compose(self, frames: Iterable[str], times_s: NDArray) -> tuple[NDArray, NDArray]:
@@ -114,7 +114,7 @@ POSE_TYPES = (
 
 
 def recognise(path: Path) -> bool:
-    """Tell from names alone whether a folder or file is in this format."""
+    """Determine from names alone whether a folder or file is in this format."""
     if path.is_dir():
         return (path / "metadata.yaml").is_file()
     return path.suffix in (".bag", ".mcap", ".db3") and path.is_file()
@@ -181,7 +181,7 @@ def _open(path: Path, bag: "Bag") -> Recording:
 
 
 def time_name(stamp_ns: int) -> str:
-    """Give a frame's name: its time, seconds."""
+    """Return a frame's name: its time, seconds."""
     return f"{stamp_ns // 10**9}.{stamp_ns % 10**9:09d}"
 
 
@@ -216,11 +216,11 @@ class Bag:
             reader.close()
 
     def of_type(self, *types: str) -> list[str]:
-        """Give the topics of these types that have messages, sorted."""
+        """Return the topics of these types that have messages, sorted."""
         return sorted(name for name, topic in self.topics.items() if topic.msgtype in types and topic.msgcount)
 
     def messages(self, topics: list[str]) -> Any:
-        """Give (topic, time logged, bytes, type) of every message on these topics, in order."""
+        """Return (topic, time logged, bytes, type) of every message on these topics, in order."""
         assert self._reader is not None
         connections = [c for topic in topics for c in self.topics[topic].connections]
         try:
@@ -230,7 +230,7 @@ class Bag:
             raise InputError(f"{self.path}: expected a whole bag, found {_one_line(error)}") from error
 
     def decoded(self, topics: list[str]) -> Any:
-        """Give (topic, message) of every message on these topics."""
+        """Return (topic, message) of every message on these topics."""
         for topic, _, data, msgtype in self.messages(topics):
             yield topic, self.decode(data, msgtype)
 
@@ -249,7 +249,7 @@ class Bag:
             raise InputError(f"{self.path}: expected a whole {msgtype}, found {_one_line(error)}") from error
 
     def index(self, topics: tuple[str, ...]) -> dict[str, list[Entry]]:
-        """Give where the messages of topics lie, by the time in their headers."""
+        """Return where the messages of topics lie, by the time in their headers."""
         assert self._reader is not None
         found: dict[str, list[Entry]] = {topic: [] for topic in topics}
         for topic, logged_ns, data, _ in self.messages(list(topics)):
@@ -310,7 +310,7 @@ def lens_of(bag: Bag, topic: str, otherwise: Lens | None = None) -> Lens:
 
 
 def poses_of(bag: Bag, wanted: Sequence[tuple[str, NDArray]]) -> list[tuple[NDArray, NDArray]]:
-    """Give for each (frame, times in ns) T_world_frame [n, 4, 4] at those times, and where it is known.
+    """Return for each (frame, times in ns) T_world_frame [n, 4, 4] at those times, and where it is known.
 
     The first frame is the camera's; what moves it decides where all poses come from.
 
@@ -376,7 +376,7 @@ def _has(topic: str, *parts: str) -> bool:
 
 
 def _shared(a: str, b: str) -> list[str]:
-    """Give the leading parts that two topics' names share."""
+    """Return the leading parts that two topics' names share."""
     parts = []
     for one, other in zip(a.strip("/").split("/"), b.strip("/").split("/"), strict=False):
         if one != other:

@@ -14,7 +14,7 @@ OPENCV_FROM_OPENGL = np.diag([1.0, -1.0, -1.0, 1.0])
 
 
 def lines(path: Path) -> list[tuple[int, str]]:
-    """Give (line number, text) of the lines that say something; # starts a comment line.
+    """Return (line number, text) of the lines that say something; # starts a comment line.
 
     Raises:
         InputError: The file is missing, too large or not text.
@@ -31,7 +31,7 @@ def lines(path: Path) -> list[tuple[int, str]]:
 
 
 def words(path: Path) -> list[tuple[int, list[str]]]:
-    """Give (line number, words) of the lines that say something; errors as `lines`."""
+    """Return (line number, words) of the lines that say something; errors as `lines`."""
     return [(number, line.split()) for number, line in lines(path)]
 
 
@@ -47,7 +47,7 @@ def numbers(where: str, found: list[str]) -> NDArray:
 
 
 def number_rows(path: Path, columns: int) -> list[tuple[str, NDArray]]:
-    """Give (where, float64 [columns]) of each line; raises InputError when one has another number of columns."""
+    """Return (where, float64 [columns]) of each line; raises InputError when one has another number of columns."""
     rows = []
     for line, found in words(path):
         where = f"{path}, line {line}"

@@ -32,7 +32,7 @@ FACTS = FormatFacts(
 
 
 def recognise(path: Path) -> bool:
-    """Tell from names alone whether a folder is in this format."""
+    """Determine from names alone whether a folder is in this format."""
     return _camera_file(_frames_folder(path), "depth").is_file()
 
 

@@ -60,7 +60,7 @@ class _Entry:
 
 
 def recognise(path: Path) -> bool:
-    """Tell from names alone whether a file is in this format, or a folder has one such file, as a scan's has."""
+    """Determine from names alone whether a file is in this format, or a folder has one such file, as a scan's has."""
     return _file(path).suffix == ".sens" and _file(path).is_file()
 
 

@@ -26,7 +26,7 @@ class FrameSegments:
     by_frame: Mapping[str, tuple[Segment, ...]]
 
     def classes(self) -> dict[str, bool]:
-        """Give {class name: is it a thing} of every segment."""
+        """Return {class name: is it a thing} of every segment."""
         return {s.label: s.is_thing for segments in self.by_frame.values() for s in segments}
 
     def segmentation(self, frame: str, image: Path, raw: NDArray) -> Segmentation:
@@ -48,7 +48,7 @@ class WorldSegments:
     by_id: Mapping[int, Segment]
 
     def classes(self) -> dict[str, bool]:
-        """Give {class name: is it a thing} of every instance of the scene."""
+        """Return {class name: is it a thing} of every instance of the scene."""
         return {s.label: s.is_thing for s in self.by_id.values()}
 
     def segmentation(self, frame: str, image: Path, raw: NDArray) -> Segmentation:
@@ -140,7 +140,7 @@ def _segment(where: str, entry: Any, *, key_thing: str) -> Segment:
 
 
 def _present(raw: NDArray) -> list[int]:
-    """Give the ids in the image, without 0, ascending. A histogram: np.unique would cost as much as decoding."""
+    """Return the ids in the image, without 0, ascending. A histogram: np.unique would cost as much as decoding."""
     bins = 256 if raw.dtype == np.uint8 else int(raw.max()) + 1
     histogram = cv2.calcHist([raw], [0], None, [bins], [0, bins])
     return [int(i) for i in np.flatnonzero(histogram) if i > 0]

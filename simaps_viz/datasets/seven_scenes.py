@@ -31,7 +31,7 @@ COLOR_FOCAL = 525.0
 
 
 def recognise(path: Path) -> bool:
-    """Tell from names alone whether a folder is in this format."""
+    """Determine from names alone whether a folder is in this format."""
     return path.is_dir() and next(path.glob("frame-*.depth.png"), None) is not None
 
 

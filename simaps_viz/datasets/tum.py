@@ -43,7 +43,7 @@ LONGEST_POSE_GAP_S = 0.2
 
 
 def recognise(path: Path) -> bool:
-    """Tell from names alone whether a folder is in this format."""
+    """Determine from names alone whether a folder is in this format."""
     return all((path / name).is_file() for name in ("rgb.txt", "depth.txt", "groundtruth.txt"))
 
 

@@ -42,7 +42,7 @@ HEAD = 0.055
 
 
 def mark_color(kind: str, theme: Theme = LIGHT) -> Color:
-    """Give the colour in which a kind of difference is marked."""
+    """Return the colour in which a kind of difference is marked."""
     return LIGHT_MISSED if theme.dark and kind == "missed" else KINDS[kind][0]
 
 
@@ -71,7 +71,7 @@ class TwoPictures:
         return 0.0, -(self._rows + self._head + self._gap) * self._cell_m if mode == "stacked" else 0.0
 
     def both(self, aspect: float) -> Mode:
-        """Say how both whole maps are largest on a canvas of some width over height."""
+        """Describe how both whole maps are largest on a canvas of some width over height."""
         sizes = {}
         for mode in ("side by side", "stacked"):
             spec = self._spec(mode)

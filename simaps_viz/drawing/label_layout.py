@@ -73,7 +73,7 @@ def spread(
 
 
 def boxes_near(simap: SIMap, labels: Sequence[Label]) -> list[Box]:
-    """Give what the instances of a map cover around what is labelled, for `spread` to leave free."""
+    """Return what the instances of a map cover around what is labelled, for `spread` to leave free."""
     if not labels:
         return []
     west, east = min(one.x for one in labels) - NEAR_M, max(one.x for one in labels) + NEAR_M
@@ -84,12 +84,12 @@ def boxes_near(simap: SIMap, labels: Sequence[Label]) -> list[Box]:
 
 
 def text_size(text: str, metres_per_px: float) -> tuple[float, float]:
-    """Give width and height of a text's plate, metres on the floor."""
+    """Return width and height of a text's plate, metres on the floor."""
     return (len(text) * LETTER_PX + PLATE_PX) * metres_per_px, LINE_PX * metres_per_px
 
 
 def _places(label: Label, width: float, height: float, metres_per_px: float) -> list[tuple[float, float]]:
-    """Give where a text may stand, best first."""
+    """Return where a text may stand, best first."""
     x, y, line = label.x, label.y, LINE_PX * metres_per_px
     if not (label.reach_x or label.reach_y or label.away_x or label.away_y):
         return [(x, y + k * line) for k in (0, 1, -1, 2, -2, 3, -3)]

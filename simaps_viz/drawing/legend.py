@@ -17,7 +17,7 @@ MOST_CHIPS = 40
 
 
 def counts_text(simap: SIMap, most: int = 4) -> str:
-    """Say what is on the map: "17 chairs, 4 dining tables · 21 instances"; rare classes are summed up."""
+    """Describe what is on the map: "17 chairs, 4 dining tables · 21 instances"; rare classes are summed up."""
     if not simap.instances:
         return f"No instances: {why_empty(simap)}"
     parts = [plural(n, short(label)) for label, n in simap.counts().items()]
@@ -27,7 +27,7 @@ def counts_text(simap: SIMap, most: int = 4) -> str:
 
 
 def why_empty(simap: SIMap) -> str:
-    """Say why a map has no instances, in words."""
+    """Describe why a map has no instances, in words."""
     if not any(simap.grid.is_thing):
         return "none of the classes of its masks is countable (is_thing)."
     if not (simap.grid.observations > 0).any():
@@ -50,7 +50,7 @@ def short_name(simap: SIMap, instance: Instance) -> str:
 
 
 def facts_text(simap: SIMap, instance: Instance) -> str:
-    """Say how large an instance is and how often it was seen: "62 cells · 0.16 m² · seen in 38 frames"."""
+    """Describe how large an instance is and how often it was seen: "62 cells · 0.16 m² · seen in 38 frames"."""
     area = instance.area_m2(simap.spec.cell_size_m)
     digits = 2 if area >= 0.01 else 4
     return f"{plural(instance.cells, 'cell')} · {area:.{digits}f} m² · seen in {plural(instance.frames, 'frame')}"
@@ -125,7 +125,7 @@ def _instance_rows(simap: SIMap) -> list[str]:
 
 
 def instance_rgb(simap: SIMap, instance: Instance) -> Color:
-    """Give the colour that an instance has on the map."""
+    """Return the colour that an instance has on the map."""
     return as_color(instance_colors(simap)[instance.id])
 
 

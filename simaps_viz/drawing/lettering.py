@@ -48,7 +48,7 @@ def write(
 
 
 def width_of(text: str, size: int, *, weight: int = REGULAR) -> int:
-    """Give how wide a line would be, pixels."""
+    """Return how wide a line would be, pixels."""
     font = _font()
     if font is None:
         return cv2.getTextSize(_plain(text), cv2.FONT_HERSHEY_SIMPLEX, size / 30, max(1, round(size / 14)))[0][0]
@@ -69,7 +69,7 @@ def fitting(text: str, size: int, most: int, *, weight: int = REGULAR) -> str:
 def chip(
     image: NDArray, text: str, at: tuple[float, float], size: int, ink: Color, paper: Color, *, bold: bool = False
 ) -> int:
-    """Write a line on a plate of its own whose left edge is at x and whose middle at y; gives the plate's width."""
+    """Write a line on a plate of its own whose left edge is at x and whose middle at y; returns the plate's width."""
     weight = BOLD if bold else REGULAR
     pad = round(0.45 * size)
     wide = width_of(text, size, weight=weight) + 2 * pad

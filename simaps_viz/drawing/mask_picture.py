@@ -43,17 +43,17 @@ class MaskStyle:
 
 
 def segment_color(segment: Segment, style: MaskStyle) -> Color:
-    """Give the RGB colour of a segment: that of its class, or how sure the network is, from dark blue to yellow."""
+    """Return the RGB colour of a segment: that of its class, or how sure the network is, from dark blue to yellow."""
     return named_color(segment.label, style.colors) if style.color_by == "class" else confidence_color(segment.score)
 
 
 def named_color(label: str, colors: Mapping[str, Color]) -> Color:
-    """Give the colour of a class: the map's, or else its own."""
+    """Return the colour of a class: the map's, or else its own."""
     return colors.get(label) or class_color(label)
 
 
 def confidence_color(score: float) -> Color:
-    """Give the RGB colour of a confidence in [0, 1]: the map "cividis", made for any kind of colour vision."""
+    """Return the RGB colour of a confidence in [0, 1]: the map "cividis", made for any kind of colour vision."""
     level = np.full((1, 1), round(255 * min(max(score, 0.0), 1.0)), np.uint8)
     b, g, r = cv2.applyColorMap(level, cv2.COLORMAP_CIVIDIS)[0, 0].tolist()
     return (r, g, b)
@@ -100,7 +100,7 @@ def _filled(picture: NDArray, ids: NDArray, shown: Sequence[Segment], style: Mas
 
 
 def _cut(ids: NDArray, number: int) -> tuple[NDArray, int, int]:
-    """Give a segment's mask, uint8, cut to its box with a border of 1, and the box's corner; empty when it is not."""
+    """Return a segment's mask, uint8, cut to its box with a border of 1, and the box's corner; empty when it is not."""
     mask = (ids == number).astype(np.uint8)
     left, top, width, height = cv2.boundingRect(mask)
     if not width:
@@ -153,7 +153,7 @@ def _plate(picture: NDArray, text: str, box: tuple[float, float, float, float], 
 
 
 def _deepest(mask: NDArray) -> tuple[float, float]:
-    """Give the (x, y) of a mask that is farthest from its edge."""
+    """Return the (x, y) of a mask that is farthest from its edge."""
     depth = cv2.distanceTransform(mask, cv2.DIST_L2, 3)
     _, _, _, place = cv2.minMaxLoc(depth)
     return float(place[0]), float(place[1])

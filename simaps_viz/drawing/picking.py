@@ -46,7 +46,7 @@ def ray_on_blocks(simap: SIMap, origin: ArrayLike, direction: ArrayLike) -> tupl
 
 
 def owner_of_community(simap: SIMap) -> NDArray:
-    """Give int32 [communities + 1]: the instance that each finest community belongs to now, 0 = none."""
+    """Return int32 [communities + 1]: the instance that each finest community belongs to now, 0 = none."""
     size = max(int(simap.community.max(initial=0)), int(simap.views.community.max(initial=0))) + 1
     owner = np.zeros(size, np.int32)
     inside = simap.community > 0
@@ -68,7 +68,7 @@ class BestView:
 
 
 def best_views(simap: SIMap, instance_id: int, most: int = 3) -> list[BestView]:
-    """Give the frames that named most cells of an instance, best first (ties: the earlier frame).
+    """Return the frames that named most cells of an instance, best first (ties: the earlier frame).
 
     Frames next to one another show the same, so one within a twentieth of the sequence of a better one is passed over
     while there are others.
@@ -93,7 +93,7 @@ def best_views(simap: SIMap, instance_id: int, most: int = 3) -> list[BestView]:
 
 
 def communities_unseen_until(simap: SIMap, frame: int) -> NDArray:
-    """Give the finest communities that no segment had named up to and with a frame, int32 [n]."""
+    """Return the finest communities that no segment had named up to and with a frame, int32 [n]."""
     known = np.unique(simap.views.community[simap.views.frame <= frame])
     every = np.unique(simap.community[simap.community > 0])
     return np.setdiff1d(every, known).astype(np.int32)

@@ -32,7 +32,7 @@ class Solid:
 
 
 def block_heights(simap: SIMap) -> NDArray:
-    """Give float32 [rows, cols]: how high each cell stands in the 3-D view, metres; 0 = floor or unseen."""
+    """Return float32 [rows, cols]: how high each cell stands in the 3-D view, metres; 0 = floor or unseen."""
     height = np.nan_to_num(simap.grid.height_m, nan=0.0)
     height = np.where(height >= STANDS_FROM_M, np.rint(height / HEIGHT_STEP_M) * HEIGHT_STEP_M, 0.0)
     walls = is_ground_class(simap, *STRUCTURE) | (simap.grid.label == 0)
@@ -40,7 +40,7 @@ def block_heights(simap: SIMap) -> NDArray:
 
 
 def solids(simap: SIMap, colors: NDArray) -> list[Solid]:
-    """Give the blocks, only their faces that can be seen; those of cells alike in a row are one.
+    """Return the blocks, only their faces that can be seen; those of cells alike in a row are one.
 
     Args:
         simap: the map.

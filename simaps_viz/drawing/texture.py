@@ -88,7 +88,7 @@ def cell_colors(
 
 
 def _palette(simap: SIMap, mode: ColorMode, grounds: int, lit: Collection[int] | None, theme: Theme) -> NDArray:
-    """Give uint8 [n, 3]: the colours of the grounds, then those of ids 1, 2, ..."""
+    """Return uint8 [n, 3]: the colours of the grounds, then those of ids 1, 2, ..."""
     colors = instance_colors(simap)[1:]
     palette = np.concatenate([np.zeros((grounds, 3), np.uint8), colors])
     palette[:GROUND] = theme.unseen, theme.floor, theme.clutter, theme.wall
@@ -106,7 +106,7 @@ def _palette(simap: SIMap, mode: ColorMode, grounds: int, lit: Collection[int] |
 
 
 def shown_class_colors(simap: SIMap) -> dict[str, Color]:
-    """Give a colour to every class that a map's frames name: those of `class_colors`, and to the others what is left.
+    """Return a colour to every class that a map's frames name: those of `class_colors`, and to the others what is left.
 
     What cannot be counted, and what never made it onto the map, gets the colour that the fewest others have.
     """
@@ -121,7 +121,7 @@ def shown_class_colors(simap: SIMap) -> dict[str, Color]:
 
 
 def _looked_up(palette: NDArray, index: NDArray) -> NDArray:
-    """Give palette[index], uint8 [rows, cols, 3]; a colour is moved as one number, which is several times faster."""
+    """Return palette[index], uint8 [rows, cols, 3]; a colour is moved as one number, which is several times faster."""
     packed = np.full((len(palette), 4), 255, np.uint8)
     packed[:, :3] = palette
     pixels = packed.view(np.uint32)[:, 0].take(index, mode="clip")
@@ -171,7 +171,7 @@ def map_image(
 
 
 def outline_segments(simap: SIMap, instance_id: int, z_m: float = 0.0) -> NDArray:
-    """Give the cell edges around an instance, float32 [n, 2, 3], map frame, metres; n = 0 when it has no cells."""
+    """Return the cell edges around an instance, float32 [n, 2, 3], map frame, metres; n = 0 when it has no cells."""
     inside = np.pad(simap.instance == instance_id, 1)
     s, x0, y0 = simap.spec.cell_size_m, simap.spec.x0_m, simap.spec.y0_m
     row, col = np.nonzero(inside[1:, :] != inside[:-1, :])
@@ -183,13 +183,13 @@ def outline_segments(simap: SIMap, instance_id: int, z_m: float = 0.0) -> NDArra
 
 
 def is_ground_class(simap: SIMap, *names: str) -> NDArray:
-    """Give bool [rows, cols]: cells whose class is one of the names, or one of their kinds ("wall-brick")."""
+    """Return bool [rows, cols]: cells whose class is one of the names, or one of their kinds ("wall-brick")."""
     wanted = [i for i, label in enumerate(simap.grid.labels) if label.split("-")[0] in names]
     return np.isin(simap.grid.label, wanted)
 
 
 def _ground(simap: SIMap, mode: ColorMode) -> tuple[NDArray, int]:
-    """Tell what is under each cell's object: int16 [rows, cols], places in the palette; and how many there are.
+    """Report what is under each cell's object: int16 [rows, cols], places in the palette; and how many there are.
 
     It depends on the grid alone, so it is kept while K moves.
     """

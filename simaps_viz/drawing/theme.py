@@ -123,5 +123,5 @@ def remark_html(text: str) -> str:
 
 
 def working_html(text: str) -> str:
-    """Say that something is being worked on."""
+    """Report that something is being worked on."""
     return f'<div style="{SMALL_STYLE};opacity:.75" role="status"><i>{escape(text)} …</i></div>'

@@ -79,7 +79,7 @@ def gallery(pictures: Sequence[NDArray]) -> NDArray:
 
 
 def _window(mask: NDArray) -> tuple[int, int, int, int]:
-    """Give the part (x0, y0, x1, y1) to show: the mask with room around it, 4:3, never beyond the picture."""
+    """Return the part (x0, y0, x1, y1) to show: the mask with room around it, 4:3, never beyond the picture."""
     height, width = mask.shape
     rows, cols = np.nonzero(mask)
     if len(rows) == 0:

@@ -23,7 +23,7 @@ _STRUCTURE = ("wall", "column", "door", "window")
 
 
 def distinct_colors(instance: NDArray) -> dict[int, Color]:
-    """Give every instance a colour of the palette, the largest first, each the one whose nearest user is farthest.
+    """Return every instance a colour of the palette, the largest first, each the one whose nearest user is farthest.
 
     Args:
         instance: int [rows, cols], 0 = none.
@@ -47,7 +47,7 @@ def distinct_colors(instance: NDArray) -> dict[int, Color]:
 
 
 def partners(cells: NDArray, reference: NDArray) -> dict[int, int]:
-    """Give {id: the id of the reference it shares most cells with}; the lower id of equals; no entry without any.
+    """Return {id: the id of the reference it shares most cells with}; the lower id of equals; no entry without any.
 
     Args:
         cells: int [rows, cols], 0 = none.
@@ -62,7 +62,7 @@ def partners(cells: NDArray, reference: NDArray) -> dict[int, int]:
 
 
 def ground_of(grid: Grid) -> NDArray:
-    """Say what every cell is where no instance lies: uint8 [rows, cols], 0 unseen, 1 floor, 2 clutter, 3 wall."""
+    """Describe what every cell is where no instance lies: uint8 [rows, cols], 0 unseen, 1 floor, 2 clutter, 3 wall."""
     ground = np.where(np.isnan(grid.height_m), 0, 1).astype(np.uint8)
     kinds = [name.split("-")[0] for name in grid.labels]
     floor = np.isin(grid.label, [i for i, kind in enumerate(kinds) if kind == "floor"])

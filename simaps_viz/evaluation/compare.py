@@ -150,7 +150,7 @@ def verdicts(overlaps: Overlaps) -> dict[int, Verdict]:
 
 
 def missed_ids(overlaps: Overlaps) -> list[int]:
-    """Give the true instances asked for of which found ones of their class, all together, cover no notable share."""
+    """Return the true instances asked for of which found ones of their class, all together, cover no notable share."""
     true, kept = overlaps.true, overlaps.same_class
     covered = np.bincount(overlaps.pairs[kept, 0], weights=overlaps.pairs[kept, 2], minlength=len(true.ids))
     return true.ids[true.counts & (covered < overlaps.rules.notable_share * true.cells)].tolist()

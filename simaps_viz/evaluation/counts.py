@@ -28,7 +28,7 @@ class CountScore:
         return self.found - self.expected
 
     def to_json(self) -> dict[str, Any]:
-        """Give numbers by name."""
+        """Return numbers by name."""
         return {**asdict(self), "difference": self.difference}
 
 
@@ -71,7 +71,7 @@ def score_counts(simap: SIMap, expected: Mapping[str, int], *, min_cells: int = 
 
 
 def resolve_classes(things: Sequence[str], names: Iterable[str]) -> dict[str, tuple[str, ...]]:
-    """Give {name: countable classes it means, together}; raises InputError like `score_counts`."""
+    """Return {name: countable classes it means, together}; raises InputError like `score_counts`."""
     vocabulary = Vocabulary(things)
     classes: dict[str, tuple[str, ...]] = {}
     for name in names:
@@ -87,5 +87,5 @@ def resolve_classes(things: Sequence[str], names: Iterable[str]) -> dict[str, tu
 
 
 def things_of(source: Grid | FrameSource) -> tuple[str, ...]:
-    """Give the countable classes of a map's grid or of a sequence."""
+    """Return the countable classes of a map's grid or of a sequence."""
     return tuple(name for name, thing in zip(source.labels, source.is_thing, strict=True) if thing)

@@ -62,7 +62,7 @@ class Differences:
     """Objects of (reference, other) too small to be compared."""
 
     def counts(self) -> dict[Kind, int]:
-        """Give the number of each kind, in the kinds' order; all kinds."""
+        """Return the number of each kind, in the kinds' order; all kinds."""
         number = Counter(item.kind for item in self.items)
         return {kind: number[kind] for kind in Kind}
 
@@ -153,7 +153,7 @@ def _label_of(labels: tuple[str, ...], objects: Objects, positions: Sequence[int
 
 
 def extent_of(cells: Mapping[str, tuple[NDArray, Sequence[int]]]) -> tuple[int, int, int, int] | None:
-    """Give the (lowest row, lowest column, highest row + 1, highest column + 1) that some objects cover.
+    """Return the (lowest row, lowest column, highest row + 1, highest column + 1) that some objects cover.
 
     Args:
         cells: {side: (ids int [rows, cols], which of them)}; all of one window. None when they have no cells.

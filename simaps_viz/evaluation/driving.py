@@ -36,7 +36,7 @@ class Drive:
 
     @property
     def collided(self) -> bool:
-        """Tell whether the drive ended at an obstacle. It does not slide along it, so there is at most one contact."""
+        """Whether the drive ended at an obstacle. It does not slide along it, so there is at most one contact."""
         return self.contact_m is not None
 
     @property
@@ -93,7 +93,7 @@ def drive_through(
 
 
 def _follow(leg: NDArray, pose: Pose2, actions: Actions) -> tuple[NDArray, Pose2]:
-    """Give the points passed through, float64 [n, 2], without the first, and the pose at the end."""
+    """Return the points passed through, float64 [n, 2], without the first, and the pose at the end."""
     here, yaw = np.array([pose.x_m, pose.y_m]), pose.yaw_rad
     pieces = [np.zeros((0, 2))]
     for target in leg if actions == "continuous" else _no_longer_than(leg, AIM_M):

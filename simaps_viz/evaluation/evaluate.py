@@ -77,7 +77,7 @@ class Report:
     """{(errors, method): the first seed's map and its truth}, for pictures."""
 
     def of(self, errors: str, method: str) -> tuple[Run, ...]:
-        """Give the runs of one row, by seed."""
+        """Return the runs of one row, by seed."""
         return tuple(run for run in self.runs if (run.errors, run.method) == (errors, method))
 
     @property
@@ -106,7 +106,7 @@ class FirstFrames:
         return self._count
 
     def described(self) -> bytes:
-        """Give what the sequence says its images mean."""
+        """Return what the sequence says its images mean."""
         return self._sequence.described()
 
     def read(self, index: int, *, color: bool = False) -> Frame:
@@ -209,7 +209,7 @@ def weigh(simap: SIMap, store: Footprint) -> Footprint:
 def masks_source(
     sequence: PosedFrames, exact: PosedFrames, errors: str, seed: int, progress: Progress | None
 ) -> FrameSource:
-    """Give the frames with the masks asked for: the sequence's own, exact ones, or ones with simulated errors."""
+    """Return the frames with the masks asked for: the sequence's own, exact ones, or ones with simulated errors."""
     if errors == PRECOMPUTED:
         return sequence
     if not _is_simulated(errors):

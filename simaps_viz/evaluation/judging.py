@@ -64,7 +64,7 @@ class JudgingSession:
     """{run_id: the last answer}."""
 
     def next_run(self) -> BlindRun | None:
-        """Give the first run nobody has answered for; None when all are done. Asking again gives the same one."""
+        """Return the first run nobody has answered for; None when all are done. Asking again gives the same one."""
         for number, run in enumerate(self.runs, start=1):
             if run["run_id"] not in self.answers:
                 shown = {key: value for key, value in run.items() if key not in (*_HIDDEN, "run_id")}
@@ -92,7 +92,7 @@ class JudgingSession:
         self.answers[run_id] = answer
 
     def summary(self) -> dict[tuple[str, str], HumanScore]:
-        """Give {(errors, method): what people say}, in alphabetical order."""
+        """Return {(errors, method): what people say}, in alphabetical order."""
         scores: dict[tuple[str, str], dict[str, int]] = {}
         fields = {"yes": "yes", "no": "no", "skip": "skipped"}
         for run in self.runs:

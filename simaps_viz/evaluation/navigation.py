@@ -40,7 +40,7 @@ class NavigationRun:
     verdict: Verdict
 
     def to_json(self) -> dict[str, Any]:
-        """Give what happened, JSON-able; lengths in metres, the start's heading in degrees clockwise from north."""
+        """Return what happened, JSON-able; lengths in metres, the start's heading in degrees clockwise from north."""
         start, said, drive = self.task.start, self.answer, self.drive
         return {
             "method": self.method, "errors": self.errors, "seed": self.seed, "task": self.task.number,
@@ -85,7 +85,7 @@ class NavigationReport:
         return tuple(family for family in FAMILIES if family in present)
 
     def of(self, errors: str, method: str, family: str | None = None) -> tuple[NavigationRun, ...]:
-        """Give the runs behind one number of the table, over all seeds."""
+        """Return the runs behind one number of the table, over all seeds."""
         return tuple(
             run for run in self.runs
             if (run.errors, run.method) == (errors, method) and family in (None, run.task.family)
@@ -106,7 +106,7 @@ def evaluate_navigation(
     surface_m: NDArray | None = None,
     progress: Progress | None = None,
 ) -> NavigationReport:
-    """Give the same commands to a robot on the map of every method, and judge what it does in the true world.
+    """Return the same commands to a robot on the map of every method, and judge what it does in the true world.
 
     The words are read by the same parser for all methods. ``TRUE_MAP`` may be among the methods; it is not built.
 

@@ -47,7 +47,7 @@ def success_tables(report: NavigationReport) -> tuple[TextTable, ...]:
 
 
 def navigation_text(report: NavigationReport) -> str:
-    """Give everything to print: the tables, the gain over VLMaps, and the paper beside it."""
+    """Return everything to print: the tables, the gain over VLMaps, and the paper beside it."""
     pieces = [table.text() for table in success_tables(report)]
     gains = gains_over(report, "vlmaps")
     if gains:
@@ -58,7 +58,7 @@ def navigation_text(report: NavigationReport) -> str:
 
 
 def gains_over(report: NavigationReport, baseline: str) -> dict[tuple[str, str], float]:
-    """Give {(errors, method): gain of its strict success over the baseline's, percent}; empty without that baseline."""
+    """{(errors, method): gain of its strict success over the baseline's, percent}; empty without that baseline."""
     gains = {}
     for errors in report.errors:
         base = strict_share(report.of(errors, baseline))
@@ -69,17 +69,17 @@ def gains_over(report: NavigationReport, baseline: str) -> dict[tuple[str, str],
 
 
 def automatic_share(runs: Sequence[NavigationRun]) -> float:
-    """Give the share of runs that reached their goals; 0 for no runs."""
+    """Return the share of runs that reached their goals; 0 for no runs."""
     return sum(run.verdict.automatic for run in runs) / max(len(runs), 1)
 
 
 def strict_share(runs: Sequence[NavigationRun]) -> float:
-    """Give the share of runs that did what was meant; 0 for no runs."""
+    """Return the share of runs that did what was meant; 0 for no runs."""
     return sum(run.verdict.strict for run in runs) / max(len(runs), 1)
 
 
 def navigation_json(report: NavigationReport) -> dict[str, Any]:
-    """Give the tables and every run, JSON-able; ``people`` is null: they judge later, see `judging`."""
+    """Return the tables and every run, JSON-able; ``people`` is null: they judge later, see `judging`."""
     shares = [
         {
             "errors": errors, "method": method, "family": family, "commands": len(runs),

@@ -138,7 +138,7 @@ def _font(size: int) -> ImageFont.FreeTypeFont | ImageFont.ImageFont:
 
 
 def _layout(comparison: Comparison) -> tuple[int, list[tuple[str, list[Panel | None]]]]:
-    """Give panels across, and lines of (title, panels); the reference starts every row."""
+    """Return panels across, and lines of (title, panels); the reference starts every row."""
     rows = comparison.rows or (("", ()),)
     longest = 1 + max(len(panels) for _, panels in rows)
     across = longest if longest <= _MOST_ACROSS else -(-longest // -(-longest // _MOST_ACROSS))

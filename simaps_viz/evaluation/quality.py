@@ -58,7 +58,7 @@ class Score:
         return self.right_cells / self.either_cells if self.either_cells else None
 
     def to_json(self) -> dict[str, Any]:
-        """Give numbers by name; null where there is nothing to judge."""
+        """Return numbers by name; null where there is nothing to judge."""
         kept = asdict(self)
         del kept["iou_sum"]
         return {"pq": self.pq, "sq": self.sq, "rq": self.rq, **kept, "label_accuracy": self.label_accuracy}
@@ -77,7 +77,7 @@ class Scores:
     overlaps: Overlaps
 
     def to_json(self) -> dict[str, Any]:
-        """Give numbers by name."""
+        """Return numbers by name."""
         classes = {name: score.to_json() for name, score in self.by_class.items()}
         return {"overall": self.overall.to_json(), "by_class": classes, "invented": dict(self.invented)}
 
@@ -108,7 +108,7 @@ def scores_of(overlaps: Overlaps, simap: SIMap) -> Scores:
 
 
 def average_precision(hit: NDArray, true: int) -> float:
-    """Give the area under precision over recall, precision made non-increasing from the right.
+    """Return the area under precision over recall, precision made non-increasing from the right.
 
     Args:
         hit: bool [found], ranked best first: this one matches a true instance.

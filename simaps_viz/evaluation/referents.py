@@ -46,7 +46,7 @@ class TrueGoal:
 
 
 def ranked(values: Sequence[float] | NDArray, n: int, *others: Sequence[float] | NDArray) -> int | None:
-    """Give the index of the n-th smallest value, if it stands clear of its neighbours and all readings agree.
+    """Return the index of the n-th smallest value, if it stands clear of its neighbours and all readings agree.
 
     Args:
         values: the documented reading, metres.
@@ -64,7 +64,7 @@ def ranked(values: Sequence[float] | NDArray, n: int, *others: Sequence[float] |
 
 
 def nth_closest(objects: Sequence[TrueObject], here_m: NDArray, n: int) -> TrueObject | None:
-    """Give the n-th closest to a point, float [2], map frame: by the centre of the nearest cell and by the middle."""
+    """Return the n-th closest to a point, float [2], map frame: by the centre of the nearest cell and by the middle."""
     edges = [o.distance_m(here_m) for o in objects]
     middles = [float(np.linalg.norm(o.centroid_m - here_m)) for o in objects]
     meant = ranked(edges, n, middles)
@@ -72,7 +72,7 @@ def nth_closest(objects: Sequence[TrueObject], here_m: NDArray, n: int) -> TrueO
 
 
 def nth_from(objects: Sequence[TrueObject], side: str, n: int, viewer: Pose2) -> TrueObject | None:
-    """Give the n-th counted from a side: by middles, and by edges; left and right also by bearing, all being ahead."""
+    """The n-th counted from a side: by middles, and by edges; left and right also by bearing, all being ahead."""
     here = np.array([viewer.x_m, viewer.y_m])
     ahead = np.array([np.cos(viewer.yaw_rad), np.sin(viewer.yaw_rad)])
     left = np.array([-ahead[1], ahead[0]])
@@ -88,7 +88,7 @@ def nth_from(objects: Sequence[TrueObject], side: str, n: int, viewer: Pose2) ->
 
 
 def nearest_to(objects: Sequence[TrueObject], targets: Sequence[TrueObject], here_m: NDArray) -> TrueObject | None:
-    """Give the object nearest to the closest of the targets; also when "the target" is taken as any of them."""
+    """Return the object nearest to the closest of the targets; also when "the target" is taken as any of them."""
     target = nth_closest(targets, here_m, 1)
     if target is None or len(objects) < 2:
         return None
@@ -99,7 +99,7 @@ def nearest_to(objects: Sequence[TrueObject], targets: Sequence[TrueObject], her
 
 
 def in_view(world: World, objects: Sequence[TrueObject], viewer: Pose2) -> list[TrueObject] | None:
-    """Give the objects clearly in view; None if it is not clear of one of them, as how high the camera is matters."""
+    """Return the objects clearly in view; None if it is not clear of one of them, as how high the camera is matters."""
     seen = []
     for thing in objects:
         if _share_in_view(thing, viewer, FIELD_OF_VIEW_RAD, world.surely_sees) >= CLEARLY_SEEN:
@@ -112,7 +112,7 @@ def in_view(world: World, objects: Sequence[TrueObject], viewer: Pose2) -> list[
 def _share_in_view(
     thing: TrueObject, viewer: Pose2, field_of_view_rad: float, sees: Callable[[NDArray, NDArray, int], bool]
 ) -> float:
-    """Give the share of an object's (at most 60) cells that is in a field of view and that a test says is seen."""
+    """Return the share of an object's (at most 60) cells that is in a field of view and that a test says is seen."""
     here = np.array([viewer.x_m, viewer.y_m])
     cells = thing.cells_m[:: max(1, len(thing.cells_m) // 60)]
     bearing = np.arctan2(*(cells - here).T[::-1]) - viewer.yaw_rad
@@ -121,7 +121,7 @@ def _share_in_view(
 
 
 def is_approachable(world: World, thing: TrueObject) -> bool:
-    """Tell whether a robot can stand near an object and see it, and then nearer to it than to others of its class."""
+    """Return whether a robot can stand near an object and see it, and then nearer to it than to others of its class."""
     distance, cell = thing.tree.query(world.roomy)
     if distance.min() > REACH_M:
         return False
@@ -133,7 +133,7 @@ def is_approachable(world: World, thing: TrueObject) -> bool:
 
 
 def beside(world: World, thing: TrueObject, side: str) -> TrueGoal | None:
-    """Give the goal on a compass side of an object, if the robot can stand there and sees the object."""
+    """Return the goal on a compass side of an object, if the robot can stand there and sees the object."""
     direction = np.array(_COMPASS[side])
     extent = float(((thing.cells_m - thing.centroid_m) @ direction).max()) + world.spec.cell_size_m / 2.0
     point = thing.centroid_m + direction * (extent + world.robot.radius_m + CLEARANCE_M)
@@ -145,7 +145,7 @@ def beside(world: World, thing: TrueObject, side: str) -> TrueGoal | None:
 
 
 def between(world: World, a: TrueObject, b: TrueObject) -> TrueGoal | None:
-    """Give the goal in the gap between two objects, if the robot can stand there and sees both."""
+    """Return the goal in the gap between two objects, if the robot can stand there and sees both."""
     share = np.linspace(0.0, 1.0, 4001)
     line = a.centroid_m + share[:, None] * (b.centroid_m - a.centroid_m)
     cells = np.floor((line - (world.spec.x0_m, world.spec.y0_m)) / world.spec.cell_size_m).astype(np.int64)
@@ -161,7 +161,7 @@ def between(world: World, a: TrueObject, b: TrueObject) -> TrueGoal | None:
 
 
 def side_error_m(world: World, goal: TrueGoal, point_m: Sequence[float]) -> float:
-    """Give how far a point is from being on the goal's side of its object (within 45 degrees of it), metres; 0 = is."""
+    """How far a point is from being on the goal's side of its object (within 45 degrees of it), metres; 0 = is."""
     thing = world.by_id(goal.object)
     direction = np.array(_COMPASS[goal.side or "north"])
     offset = np.asarray(point_m) - thing.centroid_m

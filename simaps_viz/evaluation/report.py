@@ -163,7 +163,7 @@ def counts_table(counts: Mapping[str, tuple[CountScore, ...]], *, min_cells: int
 
 
 def report_json(report: Report) -> dict[str, Any]:
-    """Give the report as JSON.
+    """Return the report as JSON.
 
     Keys: ``format``; ``name``, ``sequence``, ``truth`` (who made it), ``simulated`` (the frames are); ``rules``;
     ``rows``, one for each errors and method: ``method``, ``errors``, ``simulated_errors``, ``seeds``, ``mean`` and

@@ -71,7 +71,7 @@ class Evaluation:
     min_count_cells: int
 
     def tables(self) -> list[TextTable]:
-        """Give what a person reads, in this order."""
+        """Return what a person reads, in this order."""
         tables = []
         if self.report:
             tables += [class_table(self.report), overall_table(self.report), cost_table(self.report)]
@@ -80,7 +80,7 @@ class Evaluation:
         return tables
 
     def to_json(self) -> dict[str, Any]:
-        """Give everything: the keys of `report_json`, and ``counts``.
+        """Return everything: the keys of `report_json`, and ``counts``.
 
         That is {method: [{label, expected, found, difference}]}; ``rows`` is empty when there is no truth.
         """

@@ -33,7 +33,7 @@ class Verdict:
 
 
 def true_objects_of(simap: SIMap, world: World) -> dict[int, int]:
-    """Give {instance of the judged map: world-wide id of the object it shares most cells with}; 0 if with none."""
+    """Return {instance of the judged map: world-wide id of the object it shares most cells with}; 0 if with none."""
     rows, cols = np.nonzero(simap.instance)
     x = simap.spec.x0_m + (cols + 0.5) * simap.spec.cell_size_m
     y = simap.spec.y0_m + (rows + 0.5) * simap.spec.cell_size_m
@@ -80,7 +80,7 @@ def judge(world: World, shows: Mapping[int, int], task: Task, answer: Answer, dr
 
 
 def distance_to_goal_m(world: World, goal: TrueGoal, stop_m: Sequence[float]) -> float:
-    """Give how far a stop is from the nearest cell of the goal's object; of "between", from the middle of the gap."""
+    """Return how far a stop is from the nearest cell of the goal's object; of "between", from the middle of the gap."""
     if goal.kind == "between" and goal.point_m is not None:
         return float(np.hypot(stop_m[0] - goal.point_m[0], stop_m[1] - goal.point_m[1]))
     return world.by_id(goal.object).distance_m(stop_m)
@@ -89,7 +89,7 @@ def distance_to_goal_m(world: World, goal: TrueGoal, stop_m: Sequence[float]) ->
 def _why_wrong(
     world: World, shows: Mapping[int, int], goal: TrueGoal, planned: Goal, stop_m: tuple[float, float]
 ) -> str | None:
-    """Say why a stop near a goal is not the right one; None if it is."""
+    """Describe why a stop near a goal is not the right one; None if it is."""
     went_to = shows.get(planned.instance or 0, 0)
     if goal.kind == "between":
         other = shows.get(planned.other_instance or 0, 0)

@@ -62,7 +62,7 @@ class WithSimulatedErrors:
         return len(self._exact)
 
     def described(self) -> bytes:
-        """Give what the sequence says its images mean; ``segmentation_source`` names the errors."""
+        """Return what the sequence says its images mean; ``segmentation_source`` names the errors."""
         return self._exact.described()
 
     def read(self, index: int, *, color: bool = False) -> Frame:
@@ -74,7 +74,7 @@ class WithSimulatedErrors:
         return self._exact.color(index)
 
     def segmentation(self, index: int) -> Segmentation:
-        """Give a frame's spoiled masks; the same every time."""
+        """Return a frame's spoiled masks; the same every time."""
         if index not in self._packed:
             self._packed[index] = self._spoil(index)
         packed, segments = self._packed[index]
@@ -117,7 +117,7 @@ def _known_instances(sequence: PosedFrames) -> Mapping[int, KnownInstance]:
 
 
 def _middle(path: Path, row: Mapping[str, Any]) -> NDArray:
-    """Give the middle of an object's box, world frame, metres."""
+    """Return the middle of an object's box, world frame, metres."""
     try:
         low, high = (np.array(row[key], dtype=np.float64).reshape(3) for key in ("aabb_min", "aabb_max"))
     except (KeyError, TypeError, ValueError) as error:

@@ -40,7 +40,7 @@ class Task:
 
     @property
     def wants_refusal(self) -> bool:
-        """Tell whether the world has not what the command asks for."""
+        """Return whether the world has not what the command asks for."""
         return not self.goals
 
 
@@ -104,7 +104,7 @@ class _Maker:
         }
 
     def draw(self, family: str, asked: set[Meaning]) -> Task | None:
-        """Give a new task of a family and note it in ``asked``; None when many tries gave none."""
+        """Return a new task of a family and note it in ``asked``; None when many tries gave none."""
         for _ in range(_TRIES):
             draft = self._drafts[family]()
             if draft is None or draft[1:] in asked:
@@ -149,7 +149,7 @@ class _Maker:
         return referents.nth_closest(self.objects[label], _here(start), 1)
 
     def _is_nearest_from(self, before: TrueObject, thing: TrueObject) -> bool:
-        """Tell whether a thing is also the closest of its class to the goal before it."""
+        """Return whether a thing is also the closest of its class to the goal before it."""
         others = self.objects[thing.label]
         gaps = [float(before.tree.query(o.cells_m)[0].min()) for o in others]
         return referents.ranked(gaps, 1) == others.index(thing)
@@ -247,7 +247,7 @@ class _Maker:
 
 
 def is_ambiguous(label: str, labels: Sequence[str]) -> bool:
-    """Tell whether the plain word for a class is read as anything but that class alone."""
+    """Return whether the plain word for a class is read as anything but that class alone."""
     try:
         reading = read_command(f"go to the {plain(label)}", labels)
     except CommandError:

@@ -53,7 +53,7 @@ class Truth:
         return self.grid.labels
 
     def on(self, spec: GridSpec) -> "Truth":
-        """Give the truth on another window of the same endless grid; what lies outside it is cut off.
+        """Return the truth on another window of the same endless grid; what lies outside it is cut off.
 
         Raises:
             InputError: the cells have another size or do not coincide.
@@ -128,7 +128,7 @@ def find_truth(sequence: PosedFrames, given: Path | None = None) -> PosedFrames:
 
 
 def settings_of(simap: SIMap) -> ProjectionSettings:
-    """Give the projection settings a map was made with; what its file does not say is the default."""
+    """Return the projection settings a map was made with; what its file does not say is the default."""
     known = {f.name: simap.parameters[f.name] for f in fields(ProjectionSettings) if f.name in simap.parameters}
     return ProjectionSettings(**{**known, "cell_size_m": simap.spec.cell_size_m})
 
@@ -146,7 +146,7 @@ def check_same_frame(simap: SIMap, truth: Truth) -> None:
 
 
 def truth_as_map(truth: Truth) -> SIMap:
-    """Give the truth as a Semantic Instance Map, to be looked at or scored; it has neither graph nor merges."""
+    """Return the truth as a Semantic Instance Map, to be looked at or scored; it has neither graph nor merges."""
     nothing = np.zeros(0, dtype=np.int32)
     views = Views(nothing, nothing, nothing, nothing, nothing.astype(np.float32))
     ids = np.arange(int(truth.instance.max(initial=0)) + 1, dtype=np.int32)

@@ -10,7 +10,7 @@ from simaps_viz.structures import Grid, GridSpec
 
 
 def whole_cells(old: GridSpec, new: GridSpec) -> tuple[int, int]:
-    """Give (rows, cols) to add to a cell of one window to find it in another.
+    """Return (rows, cols) to add to a cell of one window to find it in another.
 
     Raises:
         InputError: the cells have another size or do not coincide.
@@ -28,7 +28,7 @@ def whole_cells(old: GridSpec, new: GridSpec) -> tuple[int, int]:
 
 
 def joint_window(one: GridSpec, other: GridSpec) -> GridSpec:
-    """Give the smallest window that holds two windows of the same endless grid."""
+    """Return the smallest window that holds two windows of the same endless grid."""
     row, col = whole_cells(other, one)
     low = (min(0, row), min(0, col))
     high = (max(one.rows, row + other.rows), max(one.cols, col + other.cols))

@@ -53,7 +53,7 @@ class TrueObject:
         return KDTree(self.cells_m)
 
     def distance_m(self, point_m: Sequence[float] | NDArray) -> float:
-        """Give the distance from a point (x, y in metres, map frame) to the centre of its nearest cell, metres."""
+        """Return the distance from a point (x, y in metres, map frame) to the centre of its nearest cell, metres."""
         return float(self.tree.query(np.asarray(point_m, np.float64))[0])
 
 
@@ -85,11 +85,11 @@ class World:
         return self.tops.instance
 
     def of_class(self, label: str) -> tuple[TrueObject, ...]:
-        """Give the objects of a class, by id."""
+        """Return the objects of a class, by id."""
         return tuple(o for o in self.objects if o.label == label)
 
     def by_id(self, object_id: int) -> TrueObject:
-        """Give the object with that world-wide id."""
+        """Return the object with that world-wide id."""
         return next(o for o in self.objects if o.id == object_id)
 
     @cached_property
@@ -103,7 +103,7 @@ class World:
         return KDTree(_centres(self.fine, rows, cols)) if len(rows) else None
 
     def clearance_m(self, points_m: NDArray) -> NDArray:
-        """Give each point's distance to what is occupied, float64 [n], metres; 0 inside.
+        """Return each point's distance to what is occupied, float64 [n], metres; 0 inside.
 
         Measured to the centre of the nearest occupied cell, less half a (fine) cell.
         """
@@ -134,7 +134,7 @@ class World:
         return np.isin(self.tops.label, walls)
 
     def sight_is_free(self, eye_m: NDArray, target_m: NDArray, target_id: int) -> bool:
-        """Tell whether no wall and nothing at least 1.5 m high but the target stands between two points.
+        """Return whether no wall and nothing at least 1.5 m high but the target stands between two points.
 
         Args:
             eye_m: float [2], where the camera is, map frame.
@@ -147,7 +147,7 @@ class World:
         return not bool((hides & (self.ids[row, col] != target_id)).any())
 
     def surely_sees(self, eye_m: NDArray, target_m: NDArray, target_id: int) -> bool:
-        """Tell whether a camera 1.2 m high sees the top of a cell, even if it cannot look under anything.
+        """Return whether a camera 1.2 m high sees the top of a cell, even if it cannot look under anything.
 
         Arguments as for `sight_is_free`.
         """
@@ -159,7 +159,7 @@ class World:
         return not bool((hides & (self.ids[row, col] != target_id)).any())
 
     def might_see(self, eye_m: NDArray, target_m: NDArray, target_id: int) -> bool:
-        """Tell whether any robot's camera could: only walls hide, and what stands on the floor and is 1.9 m high.
+        """Return whether any robot's camera could: only walls hide, and what stands on the floor and is 1.9 m high.
 
         Arguments as for `sight_is_free`.
         """
@@ -170,7 +170,7 @@ class World:
         return not bool(((self._walls[row, col] | stands) & (self.ids[row, col] != target_id)).any())
 
     def _ray(self, eye_m: NDArray, target_m: NDArray) -> tuple[NDArray, NDArray, NDArray]:
-        """Give rows, cols and the share of the way of points on a line, from 0.2 m before the eye to the target."""
+        """Return rows, cols and the share of the way of points on a line, from 0.2 m before the eye to the target."""
         length = float(np.linalg.norm(target_m - eye_m))
         steps = max(2, int(length / (self.spec.cell_size_m / 4.0)))
         share = np.linspace(min(1.0, 0.2 / max(length, 1e-9)), 1.0, steps)

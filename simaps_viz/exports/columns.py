@@ -37,7 +37,7 @@ class Part:
 
 
 def parts(simap: SIMap) -> Iterator[Part]:
-    """Give a closed mesh for each instance, then one for what is left of each class; cells never seen have none.
+    """Return a closed mesh for each instance, then one for what is left of each class; cells never seen have none.
 
     A column reaches from the floor (or from the part's lowest cell, should it lie below) to the height of its cell, so
     an instance's volume is the sum of its cells' areas times their heights. What hangs below a table top is not known.
@@ -56,7 +56,7 @@ def parts(simap: SIMap) -> Iterator[Part]:
 
 
 def _columns(simap: SIMap, mask: NDArray, *, closed: bool) -> tuple[NDArray, NDArray]:
-    """Give vertices and faces of the columns over the cells of a mask; no faces between two columns that touch."""
+    """Return vertices and faces of the columns over the cells of a mask; no faces between two columns that touch."""
     row, col = np.nonzero(mask)
     top = simap.grid.height_m[row, col].astype(np.float64)
     base = min(0.0, float(top.min()))

@@ -69,7 +69,7 @@ class ExportOptions:
 
 
 def choose_format(path: Path, format: str | None = None, *, command: str | None = None) -> FormatName:
-    """Give the format asked for, or tell it from a file's ending (.yaml means ros; with a command, .txt means tum).
+    """Return the format asked for, or tell it from a file's ending (.yaml means ros; with a command, .txt means tum).
 
     Raises:
         InputError: there is no such format, or the ending says nothing, or several things; or another ending fits.
@@ -142,7 +142,7 @@ def _check_options(name: FormatName, options: ExportOptions) -> None:
 
 
 def _several(name: FormatName, simap: SIMap, path: Path, options: ExportOptions) -> dict[Path, bytes] | None:
-    """Give the files of a format that has more than one, the main one first."""
+    """Return the files of a format that has more than one, the main one first."""
     stem = path.with_suffix("")
     if name == "ros":
         return ros_files(planner_of(simap, options.robot), stem)

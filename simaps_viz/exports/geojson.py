@@ -13,7 +13,7 @@ from simaps_viz.structures import Instance, SIMap
 
 
 def geojson_bytes(simap: SIMap) -> bytes:
-    """Give a FeatureCollection, a feature an instance: its outline with holes, and the columns of the CSV."""
+    """Return a FeatureCollection, a feature an instance: its outline with holes, and the columns of the CSV."""
     collection = {
         "type": "FeatureCollection",
         "coordinates_are": {

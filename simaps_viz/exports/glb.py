@@ -20,7 +20,7 @@ ROOT: Final = "map"
 
 
 def glb_bytes(simap: SIMap) -> bytes:
-    """Give the scene as columns, a node for each instance ("chair-7") and each other class ("floor")."""
+    """Return the scene as columns, a node for each instance ("chair-7") and each other class ("floor")."""
     import trimesh  # noqa: PLC0415 - slow to import, and only two formats need it
     from trimesh.visual import TextureVisuals  # noqa: PLC0415 - as above
     from trimesh.visual.material import PBRMaterial  # noqa: PLC0415 - as above
@@ -37,7 +37,7 @@ def glb_bytes(simap: SIMap) -> bytes:
 
 
 def glb_points_bytes(simap: SIMap, cloud: Cloud) -> bytes:
-    """Give the recording's points in their own colours, a node for each instance and one for the rest."""
+    """Return the recording's points in their own colours, a node for each instance and one for the rest."""
     import trimesh  # noqa: PLC0415 - as above
 
     scene = _scene()
@@ -70,7 +70,7 @@ def _export(scene: Any) -> bytes:
 
 
 def _linear(color: Color) -> NDArray:
-    """Give RGBA uint8 in linear light, which glTF factors are in (IEC 61966-2-1)."""
+    """Return RGBA uint8 in linear light, which glTF factors are in (IEC 61966-2-1)."""
     c = np.array(color) / 255.0
     linear = np.where(c <= 0.04045, c / 12.92, ((c + 0.055) / 1.055) ** 2.4)
     return np.append(np.round(linear * 255.0), 255).astype(np.uint8)

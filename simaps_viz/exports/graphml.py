@@ -24,7 +24,7 @@ _ILLEGAL: Final = re.compile("[^\t\n\r\x20-\ud7ff\ue000-\ufffd\U00010000-\U0010f
 
 
 def graphml_bytes(simap: SIMap, label: str | None = None) -> bytes:
-    """Give the cell graph of a class, or of all classes side by side (no edge joins two).
+    """Return the cell graph of a class, or of all classes side by side (no edge joins two).
 
     Nodes are named "row,col" and carry ``row``, ``col``, ``x_m``, ``y_m``, ``height_m``, ``label``, ``instance``;
     edges ``count``, ``different`` and ``weight``.

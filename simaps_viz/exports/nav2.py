@@ -25,7 +25,7 @@ UNKNOWN: Final = 255
 
 
 def nav2_files(simap: SIMap, planner: Planner, stem: Path) -> dict[Path, bytes]:
-    """Give STEM, STEM-keepout and STEM-costmap, a .yaml and a .pgm each."""
+    """Return STEM, STEM-keepout and STEM-costmap, a .yaml and a .pgm each."""
     keepout = np.where(keepout_cells(simap, planner), OCCUPIED, FREE).astype(np.uint8)
     return {
         **ros_files(planner, stem),
@@ -35,7 +35,7 @@ def nav2_files(simap: SIMap, planner: Planner, stem: Path) -> dict[Path, bytes]:
 
 
 def keepout_cells(simap: SIMap, planner: Planner) -> NDArray:
-    """Tell which cells belong to an object the robot would touch, bool [rows, cols].
+    """Return which cells belong to an object the robot would touch, bool [rows, cols].
 
     A laser scanner sees only the legs of a table; the mask holds the table.
     """
@@ -43,7 +43,7 @@ def keepout_cells(simap: SIMap, planner: Planner) -> NDArray:
 
 
 def inflated(planner: Planner) -> NDArray:
-    """Give the costmap, uint8 [rows, cols]: 0 free .. 98, 99 the robot would touch, 100 obstacle, 255 never seen.
+    """Return the costmap, uint8 [rows, cols]: 0 free .. 98, 99 the robot would touch, 100 obstacle, 255 never seen.
 
     Below 99 lie exactly the cells that are free for the planner.
     """

@@ -13,7 +13,7 @@ Ring = list[tuple[int, int]]
 
 
 def outlines(mask: NDArray) -> list[list[Ring]]:
-    """Give the polygons that cover exactly the cells of a mask.
+    """Return the polygons that cover exactly the cells of a mask.
 
     One polygon for each 4-connected patch: its outer ring counter-clockwise (x right, y up), then its holes clockwise.
     Rings are simple: patches and holes that touch at a corner only are kept apart, as OGC simple features want it.
@@ -32,7 +32,7 @@ def outlines(mask: NDArray) -> list[list[Ring]]:
 
 
 def polygons_m(simap: SIMap, instance: Instance) -> list[list[list[tuple[float, float]]]]:
-    """Give an instance's polygons in metres of the map frame, every ring closed (the first point again at the end)."""
+    """An instance's polygons in metres of the map frame, every ring closed (the first point again at the end)."""
     (x_low, y_low, _), (x_high, y_high, _) = instance.aabb_m
     spec, half = simap.spec, simap.spec.cell_size_m / 2
     row, col = np.maximum(spec.cell_of(x_low + half, y_low + half), 1) - np.int64(1)  # a cell more, against rounding
@@ -78,7 +78,7 @@ def _rings(patch: NDArray) -> Iterator[Ring]:
 
 
 def _border_steps(patch: NDArray) -> dict[tuple[int, int], list[tuple[int, int]]]:
-    """Give {corner: corners one edge further}, for every cell edge with the patch on its left and none on its right."""
+    """{corner: corners one edge further}, for every cell edge with the patch on its left and none on its right."""
     padded = np.pad(patch, 1)
     sides = (  # of a cell: its neighbour there, then where the edge starts and ends
         ((-1, 0), (0, 0), (1, 0)),

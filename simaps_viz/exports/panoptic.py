@@ -16,7 +16,7 @@ UNSEEN = (24, 24, 28)
 
 
 def coco_files(simap: SIMap, stem: Path) -> dict[Path, bytes]:
-    """Give STEM.json, STEM.png (segment ids as R + 256 G + 256² B) and STEM-top.png (the coloured map).
+    """Return STEM.json, STEM.png (segment ids as R + 256 G + 256² B) and STEM-top.png (the coloured map).
 
     Instances keep their ids; the segment of a stuff class has the largest instance id plus the class's index. Cells
     without a class, and those of things too small to be an instance, are void (0). ``category_id`` is the index into
@@ -31,7 +31,7 @@ def coco_files(simap: SIMap, stem: Path) -> dict[Path, bytes]:
 
 
 def segment_ids(simap: SIMap) -> NDArray:
-    """Give int64 [rows, cols], row 0 in the south: the segment of each cell, 0 = void."""
+    """Return int64 [rows, cols], row 0 in the south: the segment of each cell, 0 = void."""
     label = simap.grid.label.astype(np.int64)
     is_stuff = ~np.array(simap.grid.is_thing) & (np.arange(len(simap.grid.labels)) > 0)
     stuff = np.where(is_stuff[label], _stuff_base(simap) + label, 0)
@@ -39,7 +39,7 @@ def segment_ids(simap: SIMap) -> NDArray:
 
 
 def top_view(simap: SIMap) -> NDArray:
-    """Give uint8 [rows, cols, 3], RGB, north up: instances in their colours, other classes in theirs."""
+    """Return uint8 [rows, cols, 3], RGB, north up: instances in their colours, other classes in theirs."""
     classes = np.array(label_colors(simap), np.uint8)
     picture = classes[simap.grid.label]
     picture[np.isnan(simap.grid.height_m)] = UNSEEN

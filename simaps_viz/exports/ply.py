@@ -18,7 +18,7 @@ _FACE = np.dtype([("corners", "u1"), ("vertices", "<i4", 3)])
 
 
 def ply_bytes(simap: SIMap) -> bytes:
-    """Give the scene as a mesh; instance 0 is what belongs to no instance."""
+    """Return the scene as a mesh; instance 0 is what belongs to no instance."""
     meshes = list(parts(simap))
     vertices = [_vertices(p.vertices, np.tile(p.color, (len(p.vertices), 1)), p.instance) for p in meshes]
     starts = np.cumsum([0, *(len(v) for v in vertices[:-1])])
@@ -29,7 +29,7 @@ def ply_bytes(simap: SIMap) -> bytes:
 
 
 def ply_points_bytes(simap: SIMap, cloud: Cloud) -> bytes:
-    """Give the recording's points in their own colours."""
+    """Return the recording's points in their own colours."""
     return _ply(simap, _vertices(cloud.xyz_m, cloud.rgb, cloud.instance), None)
 
 

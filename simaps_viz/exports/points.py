@@ -57,7 +57,7 @@ def gather_points(
 
 
 def _one_a_voxel(points: NDArray) -> NDArray:
-    """Give the positions, ascending, of the first point in each cube."""
+    """Return the positions, ascending, of the first point in each cube."""
     x, y, z = np.floor(points / VOXEL_M).astype(np.int64).T + (1 << 20)  # 20 km each way
     return np.sort(np.unique(x << 42 | y << 21 | z, return_index=True)[1])
 

@@ -14,24 +14,24 @@ def node_name(instance: Instance) -> str:
 
 
 def color_of(simap: SIMap, instance: Instance) -> Color:
-    """Give the instance's colour on the page, RGB, 0-255."""
+    """Return the instance's colour on the page, RGB, 0-255."""
     r, g, b = instance_colors(simap)[instance.id].tolist()
     return (r, g, b)
 
 
 def label_colors(simap: SIMap) -> list[Color]:
-    """Give every class of ``simap.grid.labels`` its colour on the page, RGB, 0-255."""
+    """Return every class of ``simap.grid.labels`` its colour on the page, RGB, 0-255."""
     things = class_colors(simap)
     return [things.get(name, class_color(name)) for name in simap.grid.labels]
 
 
 def hex_color(simap: SIMap, instance: Instance) -> str:
-    """Give the instance's colour on the page, "#rrggbb"."""
+    """Return the instance's colour on the page, "#rrggbb"."""
     return "#{:02x}{:02x}{:02x}".format(*color_of(simap, instance))
 
 
 def record(simap: SIMap, instance: Instance) -> dict[str, Any]:
-    """Give an instance flat and JSON-able; lengths in metres of the map frame."""
+    """Return an instance flat and JSON-able; lengths in metres of the map frame."""
     (x_min, y_min, z_min), (x_max, y_max, z_max) = instance.aabb_m
     x, y, z = instance.centroid_m
     metres = {
@@ -52,7 +52,7 @@ def record(simap: SIMap, instance: Instance) -> dict[str, Any]:
 
 
 def origin(simap: SIMap) -> dict[str, Any]:
-    """Say where an export comes from, JSON-able."""
+    """Describe where an export comes from, JSON-able."""
     return {
         "name": simap.provenance.get("name"),
         "method": simap.method,

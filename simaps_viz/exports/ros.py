@@ -24,18 +24,18 @@ OCCUPIED_THRESH: Final = 0.65
 
 
 def ros_files(planner: Planner, stem: Path) -> dict[Path, bytes]:
-    """Give STEM.yaml and STEM.pgm: occupied where the robot would touch something, unknown where nothing was seen."""
+    """Return STEM.yaml and STEM.pgm: occupied where the robot would touch something, unknown where nothing was seen."""
     return map_pair(planner.spec, occupancy_grey(planner), stem, mode="trinary")
 
 
 def occupancy_grey(planner: Planner) -> NDArray:
-    """Give uint8 [rows, cols], grey values, row 0 in the south: the planner's obstacles, not grown by the radius."""
+    """Return uint8 [rows, cols], grey values, row 0 in the south: the planner's obstacles, not grown by the radius."""
     seen = ~np.isnan(planner.grid.height_m)
     return np.where(planner.blocked, OCCUPIED, np.where(seen, FREE, UNKNOWN)).astype(np.uint8)
 
 
 def map_pair(spec: GridSpec, grey: NDArray, stem: Path, *, mode: Literal["trinary", "raw"]) -> dict[Path, bytes]:
-    """Give the two files of one map.
+    """Return the two files of one map.
 
     Args:
         spec: where the cells lie.

@@ -22,12 +22,12 @@ _UPRIGHT: Final = {"w": 1.0, "x": 0.0, "y": 0.0, "z": 0.0}
 
 
 def node_number(layer: str, index: int) -> int:
-    """Give the number of a node: its layer's letter in the top byte, its index below (Spark-DSG's NodeSymbol)."""
+    """Return the number of a node: its layer's letter in the top byte, its index below (Spark-DSG's NodeSymbol)."""
     return ord(layer) << 56 | index
 
 
 def scene_graph_bytes(simap: SIMap) -> bytes:
-    """Give the scene graph as JSON; positions and boxes in metres of the map frame, boxes stand on the floor."""
+    """Return the scene graph as JSON; positions and boxes in metres of the map frame, boxes stand on the floor."""
     room = node_number("R", 0)
     objects = [_object(simap, instance) for instance in simap.instances]
     graph = {

@@ -18,7 +18,7 @@ FORMULA_STARTS = ("=", "+", "-", "@", "\t", "\r")
 
 
 def csv_bytes(simap: SIMap) -> bytes:
-    """Give a CSV (RFC 4180, UTF-8) with a header line and a line an instance."""
+    """Return a CSV (RFC 4180, UTF-8) with a header line and a line an instance."""
     text = io.StringIO(newline="")
     writer = csv.DictWriter(text, COLUMNS)
     writer.writeheader()

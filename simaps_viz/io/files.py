@@ -29,7 +29,7 @@ def check_output(path: Path, suffix: str = "") -> None:
 
 @contextmanager
 def beside(path: Path) -> Iterator[Path]:
-    """Give a new, empty, hidden file in the folder of a path, to be moved to its place; else it is gone at the end.
+    """Return a new, empty, hidden file in the folder of a path, to be moved to its place; else it is gone at the end.
 
     It has the rights any new file gets (those that the umask leaves), and its name is nobody else's.
 
@@ -52,7 +52,7 @@ def left_beside(path: Path) -> list[Path]:
 
 @contextmanager
 def replacing(path: Path, what: str, *, durable: bool = True) -> Iterator[Path]:
-    """Give a temporary file to write; at the end it takes the place of ``path``, after an error it is removed.
+    """Return a temporary file to write; at the end it takes the place of ``path``, after an error it is removed.
 
     Args:
         path: where; an earlier file there stays as it is until the new one is complete.

@@ -41,7 +41,7 @@ class Builder(ThingBuilder):
         self.lines: list[str] = []
 
     def copy(self) -> "Builder":
-        """Give one in the same state, that can go its own way."""
+        """Return one in the same state, that can go its own way."""
         other = Builder(self._vocabulary, self._choices)
         other._last, other._before = self._last, self._before
         other._names, other._loop_of = dict(self._names), self._loop_of
@@ -70,7 +70,7 @@ class Builder(ThingBuilder):
     start_go = start_turn = start_any = start
 
     def _do(self, call: str, thing: Thing | None = None) -> Step:
-        """Give the lines of one call, in the loop it belongs to; ``{}`` in the call is the thing's arguments."""
+        """Return the lines of one call, in the loop it belongs to; ``{}`` in the call is the thing's arguments."""
         written = f"robot.{call.format(thing.arguments) if thing else call}"
         return self._lines([written], thing)
 

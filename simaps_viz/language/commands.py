@@ -46,7 +46,7 @@ _THINGS: Final = ("described", "another_one", "compound", "group")
 
 
 def readings_of(tree: Tree[Any]) -> list[Tree[Any]]:
-    """Give the single trees of an ambiguous one, the likeliest first; of equally likely ones, the parser's first."""
+    """Return the single trees of an ambiguous one, the likeliest first; of equally likely ones, the parser's first."""
     trees = CollapseAmbiguities().transform(tree) if any(tree.find_data("_ambig")) else [tree]
     unique = sorted(dict.fromkeys(trees), key=lambda t: round(_cost(t, 0), 6))
     # "second from the left of the table" may also mean: of those to its left, the second
@@ -60,7 +60,7 @@ def _renamed(tree: Tree[Any], name: str, other: str) -> Tree[Any]:
 
 
 def _cost(tree: Tree[Any], depth: int) -> float:
-    """Give how unlikely a reading is: a phrase belongs to the nearest thing before it, what is seen to the first."""
+    """Return how unlikely a reading is: a phrase belongs to the nearest thing before it, what is seen to the first."""
     cost = _COST.get(str(tree.data), 0.0)
     deeper = depth + (str(tree.data) in _THINGS)
     for child in tree.children:
@@ -155,7 +155,7 @@ def read_command(text: str, labels: Sequence[str] | Mapping[str, int]) -> Readin
 
 
 def too_long(text: str) -> str:
-    """Say that a command is too long, and what to do about it."""
+    """Report that a command is too long, and what to do about it."""
     return (
         f"This command has {len(text)} characters, and at most {MAX_LENGTH} can be read. "
         "Say it in fewer words, or give one command after the other."
@@ -163,7 +163,7 @@ def too_long(text: str) -> str:
 
 
 def examples(labels: Iterable[str]) -> str:
-    """Give commands that work on a map with these classes, in one sentence."""
+    """Return commands that work on a map with these classes, in one sentence."""
     names = [label for label in labels if len(label) <= _MOST_OF_NAME] or ["chair"]
     first, other = names[0], names[min(1, len(names) - 1)]
     return (
@@ -202,7 +202,7 @@ def _read(text: str, spoken: Sequence[Token], vocabulary: Vocabulary, notes: Seq
 def _likeliest(
     parses: Sequence[Sequence[Tree[Any]]], vocabulary: Vocabulary
 ) -> tuple[Builder, list[Tree[Any]], list[list[Tree[Any]]]]:
-    """Build the likeliest reading of every clause that makes sense; gives its trees and those of the others."""
+    """Build the likeliest reading of every clause that makes sense; returns its trees and those of the others."""
     builder, chosen, rest = Builder(vocabulary), [], []
     for readings in parses:
         refusal: CommandError | None = None
@@ -253,14 +253,14 @@ class _Tokens(Lexer):
 
 
 def _parsed(clause: Sequence[Token]) -> list[Tree[Any]]:
-    """Give the readings of a clause, the likeliest first."""
+    """Return the readings of a clause, the likeliest first."""
     shapes = _shapes(tuple(word.type for word in clause))
     return [_filled(shape, clause) for shape in shapes]
 
 
 @lru_cache(512)
 def _shapes(kinds: tuple[str, ...]) -> tuple[Tree[Any], ...]:
-    """Give the readings of a clause of such tokens, with their positions for words: many clauses share a shape.
+    """Return the readings of a clause of such tokens, with their positions for words: many clauses share a shape.
 
     Which part of the grammar is tried follows from the first token.
     """

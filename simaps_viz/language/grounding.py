@@ -54,7 +54,7 @@ class Grounding:
         self._vocabulary = Vocabulary(simap.counts())
 
     def labels_of(self, name: str) -> tuple[str, ...]:
-        """Give the map's classes a name takes together, or raise CommandError naming all.
+        """Return the map's classes a name takes together, or raise CommandError naming all.
 
         A class of that very name, or its singular, stands alone; a generic name ("seat", "any table") takes all
         classes of its kind, a synonym the most fitting one.
@@ -69,24 +69,24 @@ class Grounding:
         raise CommandError(f"There is no {said} on this map. {has}.{f' Did you mean {near}?' if near else ''}")
 
     def label_of(self, name: str) -> str:
-        """Give the first of the classes a name takes together, or raise CommandError naming all."""
+        """Return the first of the classes a name takes together, or raise CommandError naming all."""
         return self.labels_of(name)[0]
 
     def members(self, name: str) -> tuple[Instance, ...]:
-        """Give all instances of the classes a name takes together, class by class."""
+        """Return all instances of the classes a name takes together, class by class."""
         return tuple(i for label in self.labels_of(name) for i in self.simap.of_class(label))
 
     def candidates(self, name: str) -> tuple[Candidate, ...]:
-        """Give all instances a name may mean, the closest first, with their distances."""
+        """Return all instances a name may mean, the closest first, with their distances."""
         ranked = sorted((self.distance_m(i), i.id, i) for i in self.members(name))
         return tuple(Candidate(k, instance, d) for k, (d, _, instance) in enumerate(ranked, start=1))
 
     def instances(self, name: str) -> tuple[Instance, ...]:
-        """Give all instances of a class, the closest first."""
+        """Return all instances of a class, the closest first."""
         return tuple(candidate.instance for candidate in self.candidates(name))
 
     def pick(self, name: str, which: int | Instance = 1) -> Instance:
-        """Give the instance of that rank, or the given one once its class is checked."""
+        """Return the instance of that rank, or the given one once its class is checked."""
         if isinstance(which, Instance):
             labels = self.labels_of(name)
             if which.label not in labels:
@@ -98,18 +98,18 @@ class Grounding:
         return ranked[which - 1]
 
     def object_of(self, other: str | Instance) -> Instance:
-        """Give an instance as it is, or the closest of a class."""
+        """Return an instance as it is, or the closest of a class."""
         return other if isinstance(other, Instance) else self.pick(other, 1)
 
     def nth_from(self, name: str, side: str, n: int) -> Instance:
-        """Give the n-th instance of a class counted from a side; left and right are the viewer's."""
+        """Return the n-th instance of a class counted from a side; left and right are the viewer's."""
         direction = self._direction_of(side)
         ranked = sorted(self.members(name), key=lambda i: (-float(np.dot(i.centroid_m[:2], direction)), i.id))
         self._expect_rank(name, len(ranked), n)
         return ranked[n - 1]
 
     def closest_to(self, name: str, other: str | Instance, which: int | Instance = 1) -> Instance:
-        """Give the instance of a class whose cells come nearest to another object's; that object itself left out."""
+        """Return the instance of a class whose cells come nearest to another object's; that object itself left out."""
         all_members = self.members(name)
         target = other if isinstance(other, Instance) else self.pick(other, which)
         members = [i for i in all_members if i.id != target.id]
@@ -119,7 +119,7 @@ class Grounding:
         return min(members, key=lambda i: (float(tree.query(self.cells_of(i))[0].min()), i.id))
 
     def between(self, name: str, other_a: str | Instance, other_b: str | Instance) -> Instance:
-        """Give the instance of a class that lies between two objects, nearest to the line of their centroids."""
+        """Return the instance of a class that lies between two objects, nearest to the line of their centroids."""
         members = self.members(name)
         a, b = self.pair(other_a, other_b)
         start, end = np.array(a.centroid_m[:2]), np.array(b.centroid_m[:2])
@@ -136,7 +136,7 @@ class Grounding:
         return min(found)[2]
 
     def pair(self, other_a: str | Instance, other_b: str | Instance) -> tuple[Instance, Instance]:
-        """Give two different instances for two names or instances; equal names mean the two closest."""
+        """Return two different instances for two names or instances; equal names mean the two closest."""
         a = self.object_of(other_a)
         if isinstance(other_b, Instance):
             b = other_b
@@ -150,18 +150,18 @@ class Grounding:
         return a, b
 
     def in_view(self, name: str) -> tuple[Instance, ...]:
-        """Give the instances of a class within the field of view that no wall hides, the closest first."""
+        """Return the instances of a class within the field of view that no wall hides, the closest first."""
         return tuple(
             instance for instance in self.instances(name) if self.sight.sees(instance, self.cells_of(instance))
         )
 
     def distance_m(self, instance: Instance) -> float:
-        """Give the distance from the viewer to the centre of the instance's nearest cell."""
+        """Return the distance from the viewer to the centre of the instance's nearest cell."""
         offsets = self.cells_of(instance) - (self.viewer.x_m, self.viewer.y_m)
         return float(np.sqrt((offsets**2).sum(axis=1).min()).round(9))
 
     def cells_of(self, instance: Instance) -> NDArray:
-        """Give the centres of the instance's cells, float64 [n, 2], map frame."""
+        """Return the centres of the instance's cells, float64 [n, 2], map frame."""
         return self._cells[instance.id]
 
     def _direction_of(self, side: str) -> NDArray:
@@ -171,7 +171,7 @@ class Grounding:
         return left if side == "left" else -left
 
     def _called(self, name: str) -> str:
-        """Give what to call a name's things in a sentence: the map's class, or the generic name."""
+        """Return what to call a name's things in a sentence: the map's class, or the generic name."""
         labels = self.labels_of(name)
         return labels[0] if len(labels) == 1 else singular(plain(name.removeprefix(ANY)))
 
@@ -201,6 +201,6 @@ class Grounding:
 
 
 def ordinal(n: int) -> str:
-    """Give "1st", "2nd", "3rd", "4th", "11th"."""
+    """Return "1st", "2nd", "3rd", "4th", "11th"."""
     ending = "th" if n % 100 in (11, 12, 13) else {1: "st", 2: "nd", 3: "rd"}.get(n % 10, "th")
     return f"{n}{ending}"

@@ -262,7 +262,7 @@ def _is_number(value: object) -> bool:
 
 
 def _too_few(source: ast.expr, found: int, index: int) -> str:
-    """Say that a list is too short for an index; of a look-up written out, in the words of the map."""
+    """Report that a list is too short for an index; of a look-up written out, in the words of the map."""
     rank = ordinal(index + 1 if index >= 0 else -index)
     arguments = source.args if isinstance(source, ast.Call) else []
     if not (arguments and isinstance(arguments[0], ast.Constant) and isinstance(source, ast.Call)):

@@ -120,7 +120,7 @@ class LLMReader:
         record: list[Exchange],
         cancel: threading.Event | None,
     ) -> tuple[str, int]:
-        """Give a valid program, and how many repairs it took."""
+        """Return a valid program, and how many repairs it took."""
         more: list[Message] = []
         reason = ""
 

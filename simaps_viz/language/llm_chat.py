@@ -31,7 +31,7 @@ _ASKS_FOR_BYTES: Final = "x-stainless-raw-response"  # the client reads it back 
 
 
 async def post(settings: LLMSettings, key: str, request: dict[str, Any]) -> bytes:
-    """Send a request; gives the body of a good response.
+    """Send a request; returns the body of a good response.
 
     Local servers are reached directly, whatever proxies the environment names; redirects are never followed.
 
@@ -101,7 +101,7 @@ class _Limited(httpx2.AsyncByteStream):
 
 
 def _refusal(settings: LLMSettings, error: openai.APIStatusError, key: str) -> str:
-    """Say what an error status means for whoever typed the command."""
+    """Describe what an error status means for whoever typed the command."""
     status = error.status_code
     said = one_line(without_key(said_in(error.body), key))
     said = f": {said}" if said else ""
@@ -143,7 +143,7 @@ class Dialect:
     limit: Literal["max_tokens", "max_completion_tokens"] = "max_tokens"
 
     def plainer(self, complaint: str) -> "Dialect | None":
-        """Give what to try after a complaint about a request; None when nothing is left to try."""
+        """Return what to try after a complaint about a request; None when nothing is left to try."""
         if self.limit == "max_tokens" and "max_completion_tokens" in complaint:
             return replace(self, limit="max_completion_tokens")
         if self.temperature and "temperature" in complaint:
@@ -170,7 +170,7 @@ class Chat:
         record: Callable[[Exchange], None],
         cancel: threading.Event | None = None,
     ) -> str:
-        """Ask one question; gives the model's text.
+        """Ask one question; returns the model's text.
 
         Args:
             compose: makes the messages.
@@ -239,7 +239,7 @@ class _Call:
         self._error: BaseException | None = None
 
     def wait(self, cancel: threading.Event | None) -> bytes:
-        """Give the body of the response, or raise what went wrong; LLMCancelledError as soon as ``cancel`` is set."""
+        """Return the body of the response, or raise what went wrong; LLMCancelledError as soon as ``cancel`` is set."""
         thread = threading.Thread(target=self._run, name="language model", daemon=True)
         try:
             while not self._over.wait(_LOOK_S if thread.ident else 0.0):
@@ -273,7 +273,7 @@ class _Call:
 
 
 def _answer_of(body: bytes, key: str, settings: LLMSettings) -> str:
-    """Give the model's text in the body of a response, or raise LLMServerError."""
+    """Return the model's text in the body of a response, or raise LLMServerError."""
 
     def fail(what: str) -> LLMServerError:
         return LLMServerError(f"{settings}: {what}")

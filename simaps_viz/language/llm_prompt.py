@@ -62,7 +62,7 @@ _REFUSED: Final = re.compile(r"^\W*REFUSED?\b\W*(.*)", re.DOTALL | re.IGNORECASE
 
 
 def command_messages(command: str, counts: Mapping[str, int], *, structured: bool) -> list[Message]:
-    """Give the conversation up to and with a command."""
+    """Return the conversation up to and with a command."""
     messages = [Message("system", _system(structured))]
     for said, text, refusal in _worked_examples():
         messages.append(Message("user", _question(said, _EXAMPLE_COUNTS)))
@@ -71,7 +71,7 @@ def command_messages(command: str, counts: Mapping[str, int], *, structured: boo
 
 
 def repair_messages(answer: str, error: str) -> list[Message]:
-    """Give what to add to a conversation when its answer cannot be carried out."""
+    """Return what to add to a conversation when its answer cannot be carried out."""
     told = f"That cannot be carried out: {error}\nAnswer again in the same form, corrected, or refuse."
     return [Message("assistant", answer or "(nothing)"), Message("user", told)]
 
@@ -115,20 +115,20 @@ def _system(structured: bool) -> str:
 
 
 def _signature(primitive: Primitive) -> str:
-    """Give e.g. ``robot.face(name: label, instance: instance = 1)``."""
+    """Return e.g. ``robot.face(name: label, instance: instance = 1)``."""
     words = [f"{p.name}: {p.type}" + ("" if p.required else f" = {p.default!r}") for p in primitive.parameters]
     gives = "" if primitive.result == "nothing" else f" -> {primitive.result}"
     return f"robot.{primitive.name}({', '.join(words)}){gives}"
 
 
 def _after_first_line(module: ModuleType) -> str:
-    """Give what a module's docstring explains below its title."""
+    """Return what a module's docstring explains below its title."""
     return (inspect.getdoc(module) or "").partition("\n\n")[2].replace("``", "`")
 
 
 @cache
 def _worked_examples() -> tuple[tuple[str, str, str], ...]:
-    """Give (command, program, refusal)."""
+    """Return (command, program, refusal)."""
     labels = tuple(_EXAMPLE_COUNTS)
     done = [(said, read_command(plain, labels).program, "") for said, plain in _EXAMPLES]
     return (*done, *((said, "", reason) for said, reason in _REFUSALS))
@@ -152,7 +152,7 @@ def _data(value: object) -> str:
 
 
 def _object(text: str) -> dict[str, Any] | None:
-    """Give the JSON object a text is, or the one from its first to its last brace, if any."""
+    """Return the JSON object a text is, or the one from its first to its last brace, if any."""
     whole = text.strip()
     for piece in (whole, whole[whole.find("{") : whole.rfind("}") + 1]):
         if piece.startswith("{"):
@@ -171,7 +171,7 @@ def _words(value: object) -> str:
 
 
 def _code(text: str) -> str:
-    """Give program text without the wrapping models put around it."""
+    """Return program text without the wrapping models put around it."""
     block = _FENCE.search(text + "\n")
     code = textwrap.dedent((block[1] if block else text).replace("\r\n", "\n")).strip()
     if not code:

@@ -54,7 +54,7 @@ class LLMSettings:
 
     @property
     def is_local(self) -> bool:
-        """Tell whether the server runs on this very machine."""
+        """Return whether the server runs on this very machine."""
         try:
             return ipaddress.ip_address(self.host).is_loopback
         except ValueError:
@@ -62,7 +62,7 @@ class LLMSettings:
 
     @property
     def may_carry_key(self) -> bool:
-        """Tell whether a key may go there: over an unencrypted network it may not."""
+        """Return whether a key may go there: over an unencrypted network it may not."""
         return self.is_local or self.base_url.startswith("https://")
 
     def key(self) -> str:
@@ -162,18 +162,18 @@ class LLMCancelledError(LLMError):
 
 
 def one_line(text: str, most: int = 200) -> str:
-    """Give foreign text as one short line of printable characters."""
+    """Return foreign text as one short line of printable characters."""
     line = " ".join("".join(c if c.isprintable() else " " for c in text).split())
     return line if len(line) <= most else f"{line[: most - 1]}…"
 
 
 def without_key(text: str, key: str) -> str:
-    """Give a text with the key blotted out, should a server have sent it back; short keys are no secrets."""
+    """Return a text with the key blotted out, should a server have sent it back; short keys are no secrets."""
     return text if key == PLACEHOLDER_KEY or len(key) < _SECRET else text.replace(key, "•••")
 
 
 def said_in(body: object) -> str:
-    """Give the message in the body of an error; servers nest it differently."""
+    """Return the message in the body of an error; servers nest it differently."""
     if isinstance(body, dict):
         return next((said_in(body[name]) for name in ("message", "error", "detail") if body.get(name)), "")
     text = body if isinstance(body, str) else ""

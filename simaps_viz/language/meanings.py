@@ -38,12 +38,12 @@ class Thing:
 
     @property
     def arguments(self) -> str:
-        """Give e.g. ``"chair", 3``."""
+        """Return e.g. ``"chair", 3``."""
         return quoted(self.label) + (f", {self.which}" if self.which else "")
 
     @property
     def value(self) -> str:
-        """Give program text for an instance, or a class name for its closest, where either may stand."""
+        """Return program text for an instance, or a class name for its closest, where either may stand."""
         if not self.which:
             return quoted(self.label)
         if self.which.isdigit():
@@ -52,7 +52,7 @@ class Thing:
 
     @property
     def in_words(self) -> str:
-        """Give what to call it in a sentence."""
+        """Return what to call it in a sentence."""
         return f"the {self.label}"
 
 
@@ -84,7 +84,7 @@ class Measure:
     text: str
 
     def negated(self) -> "Measure":
-        """Give it with the other sign."""
+        """Return it with the other sign."""
         return Measure(self.text[1:] if self.text.startswith("-") else f"-{self.text}")
 
 
@@ -108,26 +108,26 @@ class Step:
 
 
 def quoted(label: str) -> str:
-    """Give a label as a string of a program; quotes and backslashes cannot leave it."""
+    """Return a label as a string of a program; quotes and backslashes cannot leave it."""
     plain = "".join(c for c in label if c.isprintable() and c not in '"\\')
     return f'"{plain}"'
 
 
 def tidy(number: float) -> str:
-    """Give a number as program text without needless digits: 2.0 -> "2"."""
+    """Return a number as program text without needless digits: 2.0 -> "2"."""
     return f"{round(number, 6):.6f}".rstrip("0").rstrip(".")
 
 
 def first(kind: type[T], children: Sequence[object]) -> T:
-    """Give the first child of a kind; the grammar promises there is one."""
+    """Return the first child of a kind; the grammar promises there is one."""
     return next(child for child in children if isinstance(child, kind) and not isinstance(child, Token))
 
 
 def maybe(kind: type[T], children: Sequence[object]) -> T | None:
-    """Give the first child of a kind, or None."""
+    """Return the first child of a kind, or None."""
     return next((child for child in children if isinstance(child, kind) and not isinstance(child, Token)), None)
 
 
 def token(kind: str, children: Sequence[object]) -> Token | None:
-    """Give the first token of a kind, or None."""
+    """Return the first token of a kind, or None."""
     return next((child for child in children if isinstance(child, Token) and child.type == kind), None)

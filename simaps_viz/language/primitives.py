@@ -46,7 +46,7 @@ class Parameter:
 
     @property
     def required(self) -> bool:
-        """Tell whether a call must give it."""
+        """Return whether a call must give it."""
         return self.default is REQUIRED
 
 
@@ -62,7 +62,7 @@ class Primitive:
 
     @property
     def signature(self) -> str:
-        """Give e.g. ``robot.face(name, instance=1)``."""
+        """Return e.g. ``robot.face(name, instance=1)``."""
         words = [p.name if p.required else f"{p.name}={p.default!r}" for p in self.parameters]
         return f"robot.{self.name}({', '.join(words)})"
 

@@ -29,7 +29,7 @@ _SEPARATORS = {"Zl": "a line separator", "Zp": "a paragraph separator"}
 
 
 def located(line: int, primitive: str | None, message: str) -> str:
-    """Give "line 2: move_to: …"."""
+    """Return "line 2: move_to: …"."""
     return f"line {line}: {primitive}: {message}" if primitive else f"line {line}: {message}"
 
 
@@ -50,7 +50,7 @@ class ProgramStuckError(PlanningError):
 
 
 def lines_of(text: str) -> list[str]:
-    """Give the lines of a program as Python counts them."""
+    """Return the lines of a program as Python counts them."""
     return _NEWLINE.split(text)
 
 
@@ -76,12 +76,12 @@ def check_text(text: str) -> None:
 
 
 def too_deep(line: int) -> ProgramError:
-    """Give the error for a program nested too deeply."""
+    """Return the error for a program nested too deeply."""
     return ProgramError(line, None, f"too deeply nested; at most {MAX_DEPTH} levels are allowed")
 
 
 def longest_line(text: str) -> int:
-    """Give the number of the longest line: where nesting that stopped the parser itself is most likely found."""
+    """Return the number of the longest line: where nesting that stopped the parser itself is most likely found."""
     lengths = [len(line) for line in lines_of(text)]
     return lengths.index(max(lengths)) + 1
 
@@ -93,7 +93,7 @@ class Spelling:
         self._lines = [line.encode() for line in lines_of(text)]
 
     def is_plain(self, name: str, line: int, start: int | None = None, end: int | None = None) -> bool:
-        """Tell whether a name is plain letters and stands at a byte offset (its start or its end) of a line."""
+        """Return whether a name is plain letters and stands at a byte offset (its start or its end) of a line."""
         first = start if start is not None else (end or 0) - len(name)
         return name.isascii() and self._lines[line - 1][max(first, 0) : first + len(name)] == name.encode()
 
@@ -164,7 +164,7 @@ class Call:
     """By parameter name; what was left out is not in it."""
 
     def constant(self, name: str) -> object:
-        """Give the argument if it is written out as a number or string, else None."""
+        """Return the argument if it is written out as a number or string, else None."""
         return literal(self.arguments.get(name))
 
 
@@ -213,7 +213,7 @@ def _syntax_tree(text: str) -> ast.Module:
 
 
 def literal(node: ast.expr | None) -> object:
-    """Give the value of a number (also with a minus) or string written out, else None."""
+    """Return the value of a number (also with a minus) or string written out, else None."""
     match node:
         case ast.Constant(value=value):
             return value
@@ -254,7 +254,7 @@ def bind(node: ast.Call) -> Call:
 
 
 def check_argument(parameter: Parameter, value: object) -> str | None:
-    """Give what is wrong with a number or string for a parameter, in words, or None when it will do."""
+    """Return what is wrong with a number or string for a parameter, in words, or None when it will do."""
     wanted = f"{parameter.name}: expected {ARGUMENT_KINDS[parameter.type]}, found {value!r}"
     if isinstance(value, bool):
         return wanted
@@ -453,6 +453,6 @@ class _Validator:
 
 
 def _name_of(node: ast.AST) -> str:
-    """Give what Python calls a piece of syntax, in lower case words."""
+    """Return what Python calls a piece of syntax, in lower case words."""
     name = type(node).__name__
     return _SYNTAX.get(name, name.lower())

@@ -40,7 +40,7 @@ class Relation:
 
     @property
     def in_words(self) -> str:
-        """Give e.g. "to the left of the couch"."""
+        """Return e.g. "to the left of the couch"."""
         if self.kind == "between":
             return f"between {self.things[0].in_words} and {self.things[1].in_words}"
         return f"{_IN_WORDS[self.kind]} {self.things[0].in_words}"
@@ -62,18 +62,18 @@ class Wanted:
 
     @property
     def source(self) -> str:
-        """Give the look-up that lists the candidates, the closest first."""
+        """Return the look-up that lists the candidates, the closest first."""
         return f"robot.{'in_view' if self.in_view else 'instances'}({quoted(self.label)})"
 
     @property
     def in_words(self) -> str:
-        """Give e.g. "chair to the left of the couch"."""
+        """Return e.g. "chair to the left of the couch"."""
         words = [self.label, *(relation.in_words for relation in self.relations)]
         return " ".join([*words, "in view"] if self.in_view else words)
 
 
 def pick(wanted: Wanted, fresh: Fresh) -> Lines:
-    """Give lines that set ``wanted.variable`` to the thing, or refuse by name when there is none."""
+    """Return lines that set ``wanted.variable`` to the thing, or refuse by name when there is none."""
     if wanted.order in ("to", "from"):
         return _by_distance(wanted, fresh)
     count, item = fresh("count"), fresh("candidate")
@@ -139,7 +139,7 @@ def _not_itself(wanted: Wanted) -> Callable[[str], str]:
 
 
 def each(wanted: Wanted, fresh: Fresh) -> tuple[Lines, Lines, str]:
-    """Give the head of a loop over the things, the lines before it, and the indent of its body."""
+    """Return the head of a loop over the things, the lines before it, and the indent of its body."""
     item = wanted.variable
     (test_lines, test), places = _test(wanted, item, fresh)
     if wanted.order in ("to", "from") and wanted.rank and not wanted.relations:
@@ -169,7 +169,7 @@ def each(wanted: Wanted, fresh: Fresh) -> tuple[Lines, Lines, str]:
 
 
 def _each_by_distance(wanted: Wanted, fresh: Fresh) -> tuple[Lines, Lines, str]:
-    """Give each of the first few by distance to another thing: the search for one, with its rank a loop's."""
+    """Return each of the first few by distance to another thing: the search for one, with its rank a loop's."""
     lines, places = _passes(wanted, wanted.rank, fresh)
     at = next(i for i, line in enumerate(lines) if line.startswith("for "))
     end = next((i for i, line in enumerate(lines) if i > at and not line.startswith(" ")), len(lines))
@@ -178,7 +178,7 @@ def _each_by_distance(wanted: Wanted, fresh: Fresh) -> tuple[Lines, Lines, str]:
 
 
 def _candidates(wanted: Wanted, item: str, fresh: Fresh) -> tuple[list[str], str]:
-    """Give lines that set ``item`` to each candidate in the order of ``wanted``, and the indent of what follows."""
+    """Return lines that set ``item`` to each candidate in the order of ``wanted``, and the indent of what follows."""
     if wanted.order != "side":
         return [f"for {item} in {wanted.source}:"], "    "
     place, other = fresh("place"), fresh("each")
@@ -195,7 +195,7 @@ def _candidates(wanted: Wanted, item: str, fresh: Fresh) -> tuple[list[str], str
 
 
 def _test(wanted: Wanted, item: str, fresh: Fresh, at: str = "") -> tuple[tuple[list[str], str], list[str]]:
-    """Give lines and a condition that hold for a candidate, and lines that find what it is compared with."""
+    """Return lines and a condition that hold for a candidate, and lines that find what it is compared with."""
     lines: list[str] = []
     tests: list[str] = []
     places: list[str] = []
@@ -223,7 +223,7 @@ def _place_of(thing: Thing, places: list[str], fresh: Fresh) -> str:
 
 
 def _relation(kind: str, at: str, others: list[str], fresh: Fresh) -> tuple[list[str], str]:
-    """Give lines and a condition that a place lies on a side of others; see the module for the geometry."""
+    """Return lines and a condition that a place lies on a side of others; see the module for the geometry."""
     o = others[0]
     if kind == "near":
         square = f"({at}[0] - {o}[0]) * ({at}[0] - {o}[0]) + ({at}[1] - {o}[1]) * ({at}[1] - {o}[1])"

@@ -125,7 +125,7 @@ class Selection:
     # ---- what it gives
 
     def _settle(self) -> None:
-        """Give the order and a rank from 1 that say the same."""
+        """Return the order and a rank from 1 that say the same."""
         if not self.order and self.relations and self.relations[0].kind != "between":
             self.order, self.other = "to", self.relations[0].things[0]
         self.order = self.order or "near"
@@ -143,7 +143,7 @@ class Selection:
         return max(least, abs(self.rank or 1))
 
     def one(self, fresh: Callable[[str], str]) -> Thing:
-        """Give the thing meant; ``fresh`` makes names that are not in use yet."""
+        """Return the thing meant; ``fresh`` makes names that are not in use yet."""
         explicit = self.order == "near"
         self._settle()
         name, rank = quoted(self.label), self.rank or 1
@@ -183,7 +183,7 @@ class Selection:
         )
 
     def each(self, fresh: Callable[[str], str], count: int | None) -> Thing:
-        """Give a loop over the things meant: the first ``count`` of them, or all."""
+        """Return a loop over the things meant: the first ``count`` of them, or all."""
         if self.rank not in (None, 1, -1):
             raise CommandError("a rank and several things were said together")
         if count is not None and not 1 <= count <= _MAX_COUNT:
@@ -206,7 +206,7 @@ class Selection:
 
 
 def identifier(label: str) -> str:
-    """Give a name a program can use for a thing of a class."""
+    """Return a name a program can use for a thing of a class."""
     name = re.sub(r"\W+", "_", label.lower()).strip("_")
     if not (name.isidentifier() and name.isascii()) or keyword.iskeyword(name) or name in ("robot", "start"):
         return "thing"

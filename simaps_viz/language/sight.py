@@ -48,7 +48,7 @@ class Sight:
         self.eye_height_m = recorded_height_m(simap) if eye_height_m is None else eye_height_m
 
     def sees(self, instance: Instance, cells_m: NDArray) -> bool:
-        """Tell whether a free line of sight within the field of view reaches one of (at most 48 of) its cells.
+        """Return whether a free line of sight within the field of view reaches one of (at most 48 of) its cells.
 
         Args:
             instance: what is looked for.
@@ -67,7 +67,7 @@ class Sight:
         return np.nan_to_num(self._simap.grid.height_m[row, col].astype(np.float64))
 
     def _free(self, offsets_m: NDArray, tops_m: NDArray, instance_id: int) -> NDArray:
-        """Tell which of some rays, given by where they end [n, 2] and how high [n], nothing else stops."""
+        """Return which of some rays, given by where they end [n, 2] and how high [n], nothing else stops."""
         spec = self._simap.spec
         length = np.linalg.norm(offsets_m, axis=1)
         along = np.arange(_BODY_M, float(length.max()), spec.cell_size_m / _STEPS_PER_CELL)[None, :]
@@ -99,13 +99,13 @@ class Sight:
 
 
 def wall_cells(simap: SIMap) -> NDArray:
-    """Give the cells whose class reaches from floor to ceiling, bool [rows, cols]."""
+    """Return the cells whose class reaches from floor to ceiling, bool [rows, cols]."""
     names = simap.grid.labels
     walls = [i for i, name in enumerate(names) if name == "wall" or name.startswith("wall-") or name == "column"]
     return np.isin(simap.grid.label, walls)
 
 
 def recorded_height_m(simap: SIMap) -> float:
-    """Give the median height the map's camera had over the floor, kept to what a robot may carry."""
+    """Return the median height the map's camera had over the floor, kept to what a robot may carry."""
     heights = simap.T_map_camera[:, 2, 3] if len(simap.T_map_camera) else np.array([EYE_HEIGHT_M])
     return float(np.clip(np.median(heights), *_EYE_RANGE_M))

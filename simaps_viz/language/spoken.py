@@ -170,7 +170,7 @@ def _shortened(spoken: Sequence[Token]) -> list[Token]:
 
 
 def _adds_half(before: Sequence[Token], ahead: Sequence[Token]) -> bool:
-    """Tell whether "and a half" follows "one metre"."""
+    """Return whether "and a half" follows "one metre"."""
     kinds = [word.type for word in ahead]
     half = kinds[:2] == ["AND", "HALF"] or kinds == ["AND", "DET", "HALF"]
     return half and len(before) > 1 and before[-1].type in _UNITS and before[-2].type in ("NUM", "ONE", "DET")
@@ -184,7 +184,7 @@ def _lend_noun(clause: list[Token], rest: Sequence[Token]) -> None:
 
 
 def _splits(clause: Sequence[Token], word: Token, after: Token | None, in_pair: bool, verb: bool) -> bool:
-    """Tell whether a comma or "and" ends what is to be done."""
+    """Return whether a comma or "and" ends what is to be done."""
     if not clause or after is None or verb:
         return True
     if in_pair and word.type == "AND":
@@ -208,7 +208,7 @@ def _without_rank(clause: list[Token]) -> list[Token]:
 
 
 def _token(kind: str, words: list[str], vocabulary: Vocabulary) -> tuple[str, str, int]:
-    """Give the token that starts here, its value, and how many pieces it takes; token "" is left out.
+    """Return the token that starts here, its value, and how many pieces it takes; token "" is left out.
 
     Raises:
         CommandError: a number larger than a program may hold.

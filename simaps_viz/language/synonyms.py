@@ -204,7 +204,7 @@ def _table(text: str) -> dict[str, tuple[str, ...]]:
 
 
 def _synonyms() -> dict[str, tuple[str, ...]]:
-    """Give every name the class it names first, then that class's other names; narrower names only the class."""
+    """Return every name the class it names first, then that class's other names; narrower names only the class."""
     classes: dict[str, list[str]] = {}
     names: dict[str, list[str]] = {}
     for line in _SAME.replace("\n ", " ").strip().splitlines():

@@ -287,7 +287,7 @@ class ThingBuilder(Transformer):
         return Thing(self._last.label, self._last.which, indent=self._last.indent)
 
     def _named_before(self, word: str) -> Thing:
-        """Give what was named last in the steps before this one."""
+        """Return what was named last in the steps before this one."""
         self._last = self._before
         return self._named_last(word)
 
@@ -301,7 +301,7 @@ class ThingBuilder(Transformer):
 
 
 def first_token(children: Children) -> Token:
-    """Give the first token; the grammar promises there is one."""
+    """Return the first token; the grammar promises there is one."""
     return next(child for child in children if isinstance(child, Token))
 
 

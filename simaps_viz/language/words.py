@@ -290,7 +290,7 @@ _ORDINARY: Final = frozenset(
 
 
 def slips(a: str, b: str, limit: int) -> int:
-    """Give how many letters were left out, added, changed or swapped with the next; ``limit`` + 1 if more than limit.
+    """Return how many letters were left out, added, changed or swapped with the next; ``limit`` + 1 if more than limit.
 
     The optimal string alignment distance, Levenshtein's with swaps of neighbours.
     """
@@ -312,7 +312,7 @@ def slips(a: str, b: str, limit: int) -> int:
 
 
 def correct(word: str, known: Iterable[str]) -> str | None:
-    """Give the known word that a word is a slip of, or None when none is close or the word is an everyday one.
+    """Return the known word that a word is a slip of, or None when none is close or the word is an everyday one.
 
     One slip from 4 letters on (with the same first or last letter), two from 8 on; of equally close words, the first.
     """
@@ -378,7 +378,7 @@ _IRREGULAR = {
 
 
 def singular(phrase: str) -> str:
-    """Give a phrase with its last word in the singular: "dining tables" -> "dining table"."""
+    """Return a phrase with its last word in the singular: "dining tables" -> "dining table"."""
     *first, last = phrase.split() or [""]
     return " ".join([*first, _singular_word(last)])
 
@@ -396,7 +396,7 @@ def _singular_word(word: str) -> str:
 
 
 def plural(phrase: str) -> str:
-    """Give a phrase with its last word in the plural: "couch" -> "couches"."""
+    """Return a phrase with its last word in the plural: "couch" -> "couches"."""
     *first, last = phrase.split() or [""]
     for many, one in _IRREGULAR.items():
         if one == last and many not in ("persons", "tv's"):
@@ -411,7 +411,7 @@ def plural(phrase: str) -> str:
 
 
 def plain(label: str) -> str:
-    """Give a class name as a person says it: "tv_monitor" -> "tv monitor", "table-merged" -> "table"."""
+    """Return a class name as a person says it: "tv_monitor" -> "tv monitor", "table-merged" -> "table"."""
     words = re.split(r"[\s_\-/]+", label.strip().lower())
     return " ".join(w for w in words if w not in ("merged", "other", "stuff")) or label.strip().lower()
 
@@ -439,11 +439,11 @@ class Vocabulary:
         self._counts = labels if isinstance(labels, Mapping) else None
 
     def count(self, label: str) -> int | None:
-        """Give how many instances of a class the map has; None when only the class names are known."""
+        """Return how many instances of a class the map has; None when only the class names are known."""
         return None if self._counts is None else self._counts.get(label, 0)
 
     def resolve(self, phrase: str) -> Meaning | None:
-        """Give what a word or phrase means; None when the map has nothing it may mean.
+        """Return what a word or phrase means; None when the map has nothing it may mean.
 
         A class of exactly that name comes first, then all classes of a kind together, then the first synonym.
         """
@@ -463,7 +463,7 @@ class Vocabulary:
         return Meaning(fitting[:1], fitting[1:]) if fitting else None
 
     def match(self, words: Sequence[str]) -> int:
-        """Give how many of the first words form the longest known name of anything (0: none)."""
+        """Return how many of the first words form the longest known name of anything (0: none)."""
         for length in range(min(self._longest, len(words)), 0, -1):
             spoken = " ".join(words[:length])
             if spoken in self._known or singular(spoken) in self._known:
@@ -471,7 +471,7 @@ class Vocabulary:
         return 0
 
     def activity(self, words: Sequence[str]) -> tuple[str, int]:
-        """Read "somewhere to sit" at the start of some words; gives the generic word and the length ("", 0: none)."""
+        """Read "somewhere to sit" at the start of some words; returns the generic word and the length ("", 0: none)."""
         for place in PLACES:
             if tuple(words[: len(place)]) != place:
                 continue
@@ -486,7 +486,7 @@ class Vocabulary:
         return "", 0
 
     def correct(self, words: Sequence[str]) -> tuple[str, int]:
-        """Read a misspelled name at the start of some words; gives the name and its length ("", 0: none is close)."""
+        """Read a misspelled name at the start of some words; returns the name and its length ("", 0: none is close)."""
         for length in (3, 2, 1):
             spoken = " ".join(words[:length])
             if len(words) >= length and all(word.isalpha() for word in words[:length]):
@@ -497,7 +497,7 @@ class Vocabulary:
         return "", 0
 
     def suggest(self, phrase: str) -> str | None:
-        """Give the class whose name is spelled most like the phrase, if any is close."""
+        """Return the class whose name is spelled most like the phrase, if any is close."""
         near = correct(singular(plain(phrase)), [plain(label) for label in self.labels])
         return next((label for label in self.labels if near and plain(label) == near), None)
 
@@ -505,7 +505,7 @@ class Vocabulary:
         return tuple(dict.fromkeys(label for name in names for label in self.labels if plain(label) == name))
 
     def _family(self, names: Iterable[str]) -> tuple[str, ...]:
-        """Give the classes of a kind: those listed, and those whose name ends so ("kitchen counter" is a counter)."""
+        """Return the classes of a kind: those listed, and those whose name ends so ("kitchen counter" is a counter)."""
         members = [m for name in names for m in KINDS.get(name, ())]
         found = list(self._called(members))
         if any(name in EVERYTHING for name in names):

@@ -86,7 +86,7 @@ class MapAccumulator:
         return [frame.readings for frame in self.frames]
 
     def readings_on(self, grid: Grid) -> AllReadings:
-        """Give the readings of all frames on the map as it is now; those on disk are read as they are used."""
+        """Return the readings of all frames on the map as it is now; those on disk are read as they are used."""
         if not self.frames.all_held:
             return StreamedReadings(self.frames, self.origin_cell, grid)
         frames = list(self.frames)
@@ -180,7 +180,7 @@ class MapAccumulator:
             raise InputError(f"merge: expected different frames in each part, found frame {min(both)} in both")
 
     def _slots_like(self, theirs: TileStore) -> list[int]:
-        """Give our slot of each of their tiles; makes those that are not there yet."""
+        """Return our slot of each of their tiles; makes those that are not there yet."""
         return [int(self.tiles.slots(place, np.ones((1, 1), bool))[0, 0]) for place in theirs.slot_of]
 
     def _first_at_ties(self, other: "MapAccumulator", slots: list[int]) -> tuple[NDArray, NDArray] | None:
@@ -229,7 +229,7 @@ class MapAccumulator:
         )
 
     def copy(self) -> "MapAccumulator":
-        """Give one that goes its own way from here."""
+        """Return one that goes its own way from here."""
         twin = copy(self)
         twin.tiles, twin.frames, twin.links = self.tiles.copy(), self.frames.copy(), deepcopy(self.links)
         twin._window = None
@@ -251,7 +251,7 @@ class MapAccumulator:
         return (self._seen[0], self._seen[1]) if self._seen else (0, 0)
 
     def _tables(self, segments: tuple[Segment, ...]) -> tuple[NDArray, NDArray]:
-        """Give int16 tables from segment id to class index: of all segments, and of things only (0 elsewhere)."""
+        """Return int16 tables from segment id to class index: of all segments, and of things only (0 elsewhere)."""
         highest = max((s.id for s in segments), default=0)
         if highest > MAX_SEGMENT_ID or min((s.id for s in segments), default=1) < 1:
             raise ValueError(f"segment ids from 1 to {MAX_SEGMENT_ID} expected")
@@ -298,7 +298,7 @@ class MapAccumulator:
         self._seen = (*low, *high)
 
     def _window_around(self, camera_xy_m: NDArray, k: Intrinsics) -> "_Window":
-        """Give a window that holds everything a camera standing there can see."""
+        """Return a window that holds everything a camera standing there can see."""
         size, far = self.settings.cell_size_m, self.settings.far_m * _ray_length(k)
         if not bool((np.abs(camera_xy_m) + far < MAX_CELL_INDEX * size).all()):  # NaN is not less
             most = f"{MAX_CELL_INDEX * size:g} m"
@@ -327,7 +327,7 @@ class _Window:
 
 
 def _ray_length(k: Intrinsics) -> float:
-    """Give how much longer than its depth the way to a pixel can be."""
+    """Return how much longer than its depth the way to a pixel can be."""
     a = max(k.cx, k.width - 1 - k.cx) / k.fx
     b = max(k.cy, k.height - 1 - k.cy) / k.fy
     length = float(np.sqrt(1.0 + a * a + b * b))
@@ -340,7 +340,7 @@ def _extent_of(readings: FrameReadings) -> Extent:
 
 
 def _first_at(frames: FrameList, tiles: TileStore, top: NDArray) -> NDArray:
-    """Give the first frame that saw each cell of some tiles as high as ``top`` (NaN = do not ask), int64 like it."""
+    """Return the first frame that saw each cell of some tiles as high as ``top`` (NaN = do not ask), int64 like it."""
     first = np.full(len(top), np.iinfo(np.int64).max)
     for frame in frames:
         at = tiles.find(frame.readings.rows, frame.readings.cols)

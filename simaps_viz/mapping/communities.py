@@ -54,7 +54,7 @@ def find_communities(graph: CellGraph, *, resolution: float = 1.0, seed: int = 0
 
 
 def _adjacency(weights: NDArray, first: NDArray, second: NDArray, n: int) -> sparse.csr_matrix:
-    """Give the symmetric matrix of edges that each come once."""
+    """Return the symmetric matrix of edges that each come once."""
     half = sparse.coo_matrix((weights, (first, second)), shape=(n, n)).tocsr()
     return (half + half.T).tocsr()
 
@@ -79,7 +79,7 @@ class _LeanLouvain(Louvain):
 
 
 def _louvain(adjacency: sparse.csr_matrix, *, resolution: float, seed: int, levels: int) -> NDArray:
-    """Give the community of each node; the matrix, symmetric, is changed."""
+    """Return the community of each node; the matrix, symmetric, is changed."""
     louvain = _LeanLouvain(
         resolution=resolution, random_state=seed, shuffle_nodes=False, n_aggregations=levels,
         return_probs=False, return_aggregate=False,
@@ -142,7 +142,7 @@ def find_chunks(
 
 
 def _are_near(cells: NDArray, edges: NDArray, cols: int) -> NDArray:
-    """Tell which edges join 8-neighbours, bool [m]."""
+    """Return which edges join 8-neighbours, bool [m]."""
     apart = cells[edges[:, 1]] - cells[edges[:, 0]]  # at least 1
     close = np.flatnonzero(apart <= cols + 1)
     first_col, second_col = (cells[edges[close, end]] % cols for end in (0, 1))

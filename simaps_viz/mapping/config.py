@@ -61,7 +61,7 @@ class BuildConfig:
             raise InputError(f"cell size: expected 0.005 to 1 m, found {self.projection.cell_size_m:g} m")
 
     def parameters(self) -> dict[str, Any]:
-        """Give what the map file keeps of it: what its method uses."""
+        """Return what the map file keeps of it: what its method uses."""
         kept: dict[str, Any] = {"min_cells": self.min_cells, **asdict(self.projection)}
         if self.method in JOINING:
             name = JOINING[self.method]
@@ -75,7 +75,7 @@ class BuildConfig:
         return kept
 
     def to_json(self) -> dict[str, Any]:
-        """Give all of it, JSON-able; `config_from_json` takes it."""
+        """Return all of it, JSON-able; `config_from_json` takes it."""
         kept = asdict(self)
         kept["evidence"]["ranges"] = list(self.evidence.ranges)
         return kept
@@ -96,7 +96,7 @@ def _check_kinds(settings: Any, *, finite: bool) -> None:
 
 
 def config_from_json(values: Mapping[str, Any]) -> BuildConfig:
-    """Give back what `BuildConfig.to_json` gave.
+    """Return back what `BuildConfig.to_json` gave.
 
     Raises:
         InputError: something of it makes no sense.

@@ -42,7 +42,7 @@ class Entry:
     """ISO 8601, UTC, whole seconds: 2026-11-21T19:30:00Z."""
 
     def to_json(self) -> dict[str, str]:
-        """Say who did what, when."""
+        """Describe who did what, when."""
         return {"who": self.who, "when": self.when, "what": self.edit.words}
 
 
@@ -83,7 +83,7 @@ class EditLog:
         return EditLog((*self.entries, self.undone[-1]), self.undone[:-1])
 
     def people(self) -> dict[str, int]:
-        """Give {who: number of edits}, most first, then by name."""
+        """Return {who: number of edits}, most first, then by name."""
         names = [entry.who for entry in self.entries]
         return {name: names.count(name) for name in sorted(set(names), key=lambda name: (-names.count(name), name))}
 
@@ -108,12 +108,12 @@ def mended(simap: SIMap, log: EditLog) -> Replayed:
 
 
 def edits_of(simap: SIMap, instance_id: int) -> list[dict[str, Any]]:
-    """Give who did what, when, of the edits that made an instance what it is; none for what nobody touched."""
+    """Return who did what, when, of the edits that made an instance what it is; none for what nobody touched."""
     return [edit for edit in simap.provenance.get("edits", []) if instance_id in edit.get("instances", [])]
 
 
 def people_in_words(edits: Iterable[Mapping[str, Any]]) -> str:
-    """Say how many edits there are and by whom: "3 edits: 2 by Ann, 1 by Bo"; nothing when there are none."""
+    """Describe how many edits there are and by whom: "3 edits: 2 by Ann, 1 by Bo"; nothing when there are none."""
     names = [str(edit.get("who")) for edit in edits]
     if not names:
         return ""
@@ -123,7 +123,7 @@ def people_in_words(edits: Iterable[Mapping[str, Any]]) -> str:
 
 
 def signature(who: str) -> str:
-    """Give a person's name with single spaces, or raise InputError where it is none."""
+    """Return a person's name with single spaces, or raise InputError where it is none."""
     name = " ".join(who.split())
     if not name or len(name) > LONGEST_NAME or not name.isprintable():
         raise EditRefused(
@@ -134,7 +134,7 @@ def signature(who: str) -> str:
 
 
 def now() -> str:
-    """Give the time, ISO 8601, UTC, whole seconds."""
+    """Return the time, ISO 8601, UTC, whole seconds."""
     return datetime.now(UTC).strftime("%Y-%m-%dT%H:%M:%SZ")
 
 
@@ -153,12 +153,12 @@ class EditsFile:
 
 
 def edits_path(map_path: Path) -> Path:
-    """Give where the edits of a map file are kept: cafe.npz -> cafe.edits.json."""
+    """Return where the edits of a map file are kept: cafe.npz -> cafe.edits.json."""
     return Path(map_path).with_suffix(".edits.json")
 
 
 def fingerprint(simap: SIMap) -> str:
-    """Give 32 hexadecimal digits that stand for the map's grid, classes and heights."""
+    """Return 32 hexadecimal digits that stand for the map's grid, classes and heights."""
     grid = simap.grid
     digest = hashlib.blake2b(json.dumps([asdict(grid.spec), grid.labels]).encode(), digest_size=16)
     for array in (grid.label, grid.height_m):

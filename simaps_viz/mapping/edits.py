@@ -82,7 +82,7 @@ def _summed(views: Views, untouched: NDArray, row: NDArray, community: NDArray, 
 
 
 def graphs_after(simap: SIMap, grid: Grid) -> tuple[CellGraph, ...]:
-    """Give the graphs of the classes as they are on ``grid``: edges stay where both of their cells have one class."""
+    """Return the graphs of the classes as they are on ``grid``: edges stay where both of their cells have one class."""
     before, after = simap.grid.label.reshape(-1), grid.label.reshape(-1)
     moved = before != after
     if not simap.graphs or not moved.any():
@@ -105,7 +105,7 @@ def graphs_after(simap: SIMap, grid: Grid) -> tuple[CellGraph, ...]:
 
 
 def _links(graphs: list[CellGraph]) -> NDArray:
-    """Give the edges of graphs, int64 [4, m]: the two flat cell numbers, counts, different."""
+    """Return the edges of graphs, int64 [4, m]: the two flat cell numbers, counts, different."""
     if not graphs:
         return np.zeros((4, 0), np.int64)
     parts = [
@@ -146,7 +146,7 @@ class Region:
         return cls(tuple(zip(cells[begins].tolist(), lengths.tolist(), strict=True)))
 
     def cells(self) -> NDArray:
-        """Give the flat cell numbers, int64 [n], ascending."""
+        """Return the flat cell numbers, int64 [n], ascending."""
         if not self.runs:
             return np.zeros(0, np.int64)
         first, length = np.array(self.runs, np.int64).T
@@ -168,7 +168,7 @@ class Merge:
 
     @property
     def words(self) -> str:
-        """Say what was done."""
+        """Describe what was done."""
         (first, second), (a, b) = self.objects, self.was
         return f"joined {a} #{first} and {b} #{second}"
 
@@ -186,7 +186,7 @@ class Split:
 
     @property
     def words(self) -> str:
-        """Say what was done."""
+        """Describe what was done."""
         return f"cut {self.label} #{self.object} in two"
 
     @property
@@ -208,7 +208,7 @@ class Relabel:
 
     @property
     def words(self) -> str:
-        """Say what was done."""
+        """Describe what was done."""
         return f"{self.was[0]} #{self.object} is called {self.label}"
 
 
@@ -224,7 +224,7 @@ class Delete:
 
     @property
     def words(self) -> str:
-        """Say what was done."""
+        """Describe what was done."""
         return f"took away {self.was[0]} #{self.object}"
 
 
@@ -292,7 +292,7 @@ def delete(simap: SIMap, instance_id: int) -> Delete:
 
 
 def class_name(simap: SIMap, text: str) -> str:
-    """Give a class name as the map writes it, or a new one with single spaces.
+    """Return a class name as the map writes it, or a new one with single spaces.
 
     Raises:
         InputError: it is empty, "none", too long, or has characters that cannot be shown.
@@ -356,7 +356,7 @@ def numbered(simap: SIMap, one: Instance) -> str:
 
 
 def told(edit: Edit, simap: SIMap) -> str:
-    """Say what an edit does to the map it is made on, without ids: "joined chair 2 and chair 3"."""
+    """Describe what an edit does to the map it is made on, without ids: "joined chair 2 and chair 3"."""
     ids = edit.objects if isinstance(edit, Merge) else (edit.object,)
     names = [numbered(simap, simap.by_id(one)) for one in ids]
     if isinstance(edit, Merge):
@@ -367,7 +367,7 @@ def told(edit: Edit, simap: SIMap) -> str:
 
 
 def told_later(edit: Edit) -> str:
-    """Say what an edit did where the map before it is not at hand: by classes alone."""
+    """Describe what an edit did where the map before it is not at hand: by classes alone."""
     if isinstance(edit, Merge):
         first, second = edit.was
         return f"joined two objects: {first} and {second}" if first != second else f"joined two objects: {first}"
@@ -377,7 +377,7 @@ def told_later(edit: Edit) -> str:
 
 
 def smallest(simap: SIMap) -> int:
-    """Give how many cells the map's objects have at least."""
+    """Return how many cells the map's objects have at least."""
     return max(int(simap.parameters.get("min_cells", 1)), 1)
 
 
@@ -420,7 +420,7 @@ class _Sheet:
         self.touched: set[int] = set()
 
     def class_index(self, label: str) -> int:
-        """Give the index of a class, which is added when it is new."""
+        """Return the index of a class, which is added when it is new."""
         if label not in self.labels:
             if len(self.labels) >= MOST_CLASSES:
                 raise InputError(f"class {label}: expected fewer than {MOST_CLASSES} classes on a map")
@@ -429,7 +429,7 @@ class _Sheet:
         return self.labels.index(label)
 
     def fresh(self) -> int:
-        """Give a number no community has had."""
+        """Return a number no community has had."""
         self.size.append(0)
         self.next += 1
         return self.next - 1
@@ -458,7 +458,7 @@ class _Sheet:
             self.touched.update(numbers)
 
     def _owners(self, groups: Sequence[NDArray]) -> tuple[list[list[int]], list[int]]:
-        """Say which communities belong to each group, and which of these have cells outside all groups."""
+        """Describe which communities belong to each group, and which of these have cells outside all groups."""
         share: dict[int, list[int]] = {}
         for i, group in enumerate(groups):
             for number, cells in zip(
@@ -476,7 +476,7 @@ class _Sheet:
         return owned, rest
 
     def _leave(self, number: int, groups: Sequence[NDArray]) -> None:
-        """Give the cells of a community that lie outside all groups a number of their own."""
+        """Return the cells of a community that lie outside all groups a number of their own."""
         left = np.setdiff1d(np.flatnonzero(self.community == number), np.concatenate(groups), assume_unique=True)
         fresh = self.fresh()
         self.community[left] = fresh
@@ -484,7 +484,7 @@ class _Sheet:
         self.size[fresh] += len(left)
 
     def still(self, edit: Edit) -> NDArray:
-        """Give the cells of an edit that still carry the class it speaks of.
+        """Return the cells of an edit that still carry the class it speaks of.
 
         Raises:
             InputError: these are fewer than half.
@@ -545,7 +545,7 @@ def apply(simap: SIMap, edit: Edit) -> SIMap:
 
 
 def _with_communities(simap: SIMap) -> SIMap:
-    """Give the map itself, or, when its instances do not follow from its communities, one where each is a community."""
+    """The map itself, or, when its instances do not follow from its communities, one where each is a community."""
     applied = applied_steps(simap.merges, joining_threshold(simap.method, simap.parameters))
     highest = max(int(a.max(initial=0)) for a in (simap.community, simap.merges.source, simap.merges.target))
     follows = look_up(instance_of_community(simap.merges, applied, highest), simap.community)

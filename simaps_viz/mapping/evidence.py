@@ -74,7 +74,7 @@ def pair_graphs(grid: Grid, readings: AllReadings, settings: EvidenceSettings) -
 
 
 def pair_steps(ranges: tuple[int, ...]) -> NDArray:
-    """Give the (rows, cols) from a pair's first cell to its second, int32 [4 r, 2]; the second is the later one."""
+    """Return the (rows, cols) from a pair's first cell to its second, int32 [4 r, 2]; the second is the later one."""
     return np.array([s for r in ranges for s in ((0, r), (r, 0), (r, r), (r, -r))], dtype=np.int32).reshape(-1, 2)
 
 
@@ -174,7 +174,7 @@ def _graphs(
 
 @njit(cache=True, nogil=True)
 def _edges(members, thing_cells, number, position, order, ahead, same, different):
-    """Give the edges of one class: positions int32 [m, 2], and same and different int32 [m]."""
+    """Return the edges of one class: positions int32 [m, 2], and same and different int32 [m]."""
     size = 0
     for i in members:
         for s in order:

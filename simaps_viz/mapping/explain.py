@@ -97,7 +97,7 @@ def seen_together(simap: SIMap, first: NDArray, second: NDArray) -> Together:
 
 
 def _in_both(frame: NDArray, group: NDArray) -> NDArray:
-    """Tell which entries belong to a frame that has entries of group 1 and of group 2."""
+    """Return which entries belong to a frame that has entries of group 1 and of group 2."""
     if len(frame) == 0:
         return np.zeros(0, dtype=bool)
     seen = [np.bincount(frame[group == g], minlength=int(frame.max()) + 1) > 0 for g in (1, 2)]
@@ -105,7 +105,7 @@ def _in_both(frame: NDArray, group: NDArray) -> NDArray:
 
 
 def source_frames(simap: SIMap, community: NDArray) -> tuple[SourceFrame, ...]:
-    """Give the frames whose segments named cells of some communities, int [n]; those that named most come first."""
+    """Return the frames whose segments named cells of some communities, int [n]; those that named most come first."""
     views = simap.views
     mine = np.isin(views.community, community)
     frames, segments, cells = views.frame[mine], views.segment[mine], views.cells[mine]
@@ -200,7 +200,7 @@ class Why:
     """All frames that named it; those that named most of its cells first."""
 
     def cells_of(self, communities: NDArray) -> NDArray:
-        """Give the instance's cells that lie in some communities, int64 [m], flat, ascending."""
+        """Return the instance's cells that lie in some communities, int64 [m], flat, ascending."""
         return self.cells[np.isin(self.community, communities)]
 
 
@@ -265,7 +265,7 @@ def between(simap: SIMap, first_id: int, second_id: int) -> Between:
 
 
 def frames_that(simap: SIMap, first_id: int, second_id: int) -> Together:
-    """Give the frames that saw two instances at once, as one object or as two.
+    """Return the frames that saw two instances at once, as one object or as two.
 
     Raises:
         InputError: one of them is not on the map.
@@ -275,7 +275,7 @@ def frames_that(simap: SIMap, first_id: int, second_id: int) -> Together:
 
 
 def recorded_step(joint: Joint, applied: NDArray) -> int:
-    """Give the time of a joint on timeline "merge" of a recorded build.
+    """Return the time of a joint on timeline "merge" of a recorded build.
 
     Args:
         joint: a step of the recorded build's merge log.
@@ -410,7 +410,7 @@ def _links(
 def _nearest(
     simap: SIMap, cells: NDArray, others: tuple[Instance, ...]
 ) -> Iterator[tuple[Instance, NDArray, NDArray, NDArray]]:
-    """Give each other instance, its cells, and the (row, col) of the two nearest cells, the first one of ``cells``."""
+    """each other instance, its cells, and the (row, col) of the two nearest cells, the first one of ``cells``."""
     flat = simap.instance.reshape(-1)
     wanted = np.zeros(int(flat.max(initial=0)) + 1, dtype=bool)
     wanted[[other.id for other in others]] = True
@@ -454,7 +454,7 @@ def _between_instances(
 
 
 def _score(simap: SIMap, same: int, different: int, *, touching: bool, share: float) -> float:
-    """Give what the method would have joined two instances by; see `pool` for the affinity."""
+    """Return what the method would have joined two instances by; see `pool` for the affinity."""
     if simap.method not in JOINING:
         return float("nan")
     if simap.method == "paper":
@@ -471,7 +471,7 @@ def score_text(method: str, score: float) -> str:
 
 
 def needed_text(method: str, threshold: float) -> str:
-    """Say what a score must exceed: "K = 5 %", "0.60"."""
+    """Describe what a score must exceed: "K = 5 %", "0.60"."""
     return f"K = {100.0 * threshold:g} %" if method == "paper" else f"{threshold:.2f}"
 
 
@@ -495,7 +495,7 @@ def joint_words(why: Why, joint: Joint) -> str:
 
 
 def together_words(together: Together) -> str:
-    """Say how many frames saw two parts at once, and as what."""
+    """Describe how many frames saw two parts at once, and as what."""
     one, two = len(together.as_one), len(together.as_two)
     if one + two == 0:
         return "no frame saw both"
@@ -507,7 +507,7 @@ def together_words(together: Together) -> str:
 
 
 def link_words(method: str, threshold: float, link: Link) -> str:
-    """Say what keeps two instances of a class apart: "seen together in ... → 0.11, below the 0.60 needed"."""
+    """Describe what keeps two instances of a class apart: "seen together in ... → 0.11, below the 0.60 needed"."""
     seen = together_words(link.together)
     if method not in JOINING:
         touch = "their cells touch" if link.touching else "their cells do not touch"
@@ -525,7 +525,7 @@ def link_words(method: str, threshold: float, link: Link) -> str:
 
 
 def between_words(found: Between, first: str, second: str) -> str:
-    """Say what keeps two instances apart, in sentences.
+    """Describe what keeps two instances apart, in sentences.
 
     Args:
         found: what was found.

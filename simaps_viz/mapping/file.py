@@ -165,7 +165,7 @@ def _within(values: NDArray, low: int, high: int | None) -> bool:
 
 
 def _infinite(heights: NDArray) -> bool:
-    """Tell whether a number is infinite; NaN is not."""
+    """Return whether a number is infinite; NaN is not."""
     ends = [ufunc.reduce(heights, axis=None, initial=np.float32(0)) for ufunc in (np.fmin, np.fmax)]
     return bool(np.isinf(ends).any())
 
@@ -250,7 +250,7 @@ def _metadata(simap: SIMap) -> dict[str, Any]:
 
 
 def _arrays(simap: SIMap) -> dict[str, ArrayLike]:
-    """Give all arrays but those of the edges."""
+    """Return all arrays but those of the edges."""
     grid, views, log = simap.grid, simap.views, simap.merges
     return {
         "label": grid.label, "instance": simap.instance, "height": grid.height_m, "lowest": grid.lowest_m,
@@ -299,7 +299,7 @@ def map_in(path: Path, data: Mapping[str, NDArray], packed: Mapping[str, PackedA
 
 
 def _check_of(path: Path, name: str) -> Check:
-    """Give what an array of that name is checked for before it is read."""
+    """Return what an array of that name is checked for before it is read."""
 
     def check(shape: tuple[int, ...], dtype: np.dtype) -> None:
         wanted, axes = _ARRAYS.get(name, (np.str_, 0))

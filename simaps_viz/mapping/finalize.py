@@ -41,7 +41,7 @@ class SequenceFacts:
     """float64 [4, 4]."""
 
     def to_json(self) -> dict[str, Any]:
-        """Give it JSON-able; floats come back exactly."""
+        """Return it JSON-able; floats come back exactly."""
         kept = {k: getattr(self, k) for k in ("name", "path", "segmentation_source", "simulated")}
         return kept | {
             "labels": list(self.labels),
@@ -51,7 +51,7 @@ class SequenceFacts:
 
 
 def facts_from_json(values: Mapping[str, Any]) -> SequenceFacts:
-    """Give back what `SequenceFacts.to_json` gave; raises KeyError, TypeError or ValueError for anything else."""
+    """Return back what `SequenceFacts.to_json` gave; raises KeyError, TypeError or ValueError for anything else."""
     words = [values["name"], values["path"], values["segmentation_source"], *values["labels"]]
     if not all(isinstance(word, str) for word in words) or not all(type(one) is bool for one in values["is_thing"]):
         raise ValueError("names that are none")
@@ -88,7 +88,7 @@ class Gathered:
 
 
 def gathered(accumulator: MapAccumulator) -> Gathered:
-    """Give what was gathered so far, to be finished."""
+    """Return what was gathered so far, to be finished."""
     grid = accumulator.snapshot()
     return Gathered(grid, accumulator.readings_on(grid), accumulator.frames, accumulator.links, accumulator.origin_cell)
 
@@ -110,7 +110,7 @@ class Found:
 def empty_accumulator_of(
     labels: tuple[str, ...], is_thing: tuple[bool, ...], config: BuildConfig, *, links: bool, steps: bool = False
 ) -> MapAccumulator:
-    """Give what frames are gathered in; links are counted for method paper, and where ``links`` asks for them."""
+    """Return what frames are gathered in; links are counted for method paper, and where ``links`` asks for them."""
     reach = -1 if config.literal else 2
     counted = links or config.method == "paper"
     return MapAccumulator(labels, is_thing, config.projection, reach_cells=reach, links=counted, steps=steps)
@@ -142,7 +142,7 @@ def objects_of(found: Found, config: BuildConfig) -> NDArray:
 
 
 def graphs_so_far(grid: Grid, links: LinkTable, origin_cell: tuple[int, int]) -> tuple[CellGraph, ...]:
-    """Give the cell graph of each thing class of a map by highest pixels, from the links of its cells."""
+    """Return the cell graph of each thing class of a map by highest pixels, from the links of its cells."""
     edges, labels, counts = links.entries()
     return class_graphs(grid, edges - np.tile(np.array(origin_cell), 2), labels, counts)
 
@@ -172,7 +172,7 @@ def map_so_far(accumulator: MapAccumulator, facts: SequenceFacts, config: BuildC
 
 
 def skipped_frames(frames: FrameList) -> dict[str, str]:
-    """Give {name: reason} of the frames that could not be read."""
+    """Return {name: reason} of the frames that could not be read."""
     return {frames.names[bisect_left(frames.indices, index)]: why for index, why in frames.skipped.items()}
 
 

@@ -37,7 +37,7 @@ class Shelf(Protocol):
         ...
 
     def place_of(self, index: int) -> tuple[int, int] | None:
-        """Give (offset, bytes) of a frame's plain step in it; None when it is not there."""
+        """Return (offset, bytes) of a frame's plain step in it; None when it is not there."""
         ...
 
 
@@ -127,7 +127,7 @@ class FrameList(Sequence[FrameSeen]):
         self._put_away()
 
     def copy(self) -> "FrameList":
-        """Give one that goes its own way from here."""
+        """Return one that goes its own way from here."""
         twin = FrameList()
         for name in ("indices", "_poses", "_offset", "_length", "_file"):
             setattr(twin, name, getattr(self, name)[:])
@@ -156,7 +156,7 @@ class FrameList(Sequence[FrameSeen]):
         self._put_away()
 
     def __getstate__(self) -> dict[str, Any]:
-        """Give what goes to another process: everything that was seen, packed."""
+        """Return what goes to another process: everything that was seen, packed."""
         return {"packed": [pack_step(_alone(frame)) for frame in self]}
 
     def __setstate__(self, state: dict[str, Any]) -> None:
@@ -180,7 +180,7 @@ class FrameList(Sequence[FrameSeen]):
         self._held_bytes = sum(map(_bytes_of, self._held.values()))
 
     def _awaits_log(self, at: int) -> bool:
-        """Tell whether a frame is the last one, which the log is about to get."""
+        """Return whether a frame is the last one, which the log is about to get."""
         return at == len(self) - 1 and self._shelf is not None and self._shelf.place_of(self.indices[at]) is None
 
     def _written(self, index: int) -> tuple[int, int, int]:
@@ -199,7 +199,7 @@ class FrameList(Sequence[FrameSeen]):
         return self._scratch, offset, len(packed)
 
     def _opened(self, path: Path) -> int:
-        """Give the number of a log's file, opened for itself: it stays readable when the log is closed or renamed."""
+        """Return the number of a log's file, opened for itself: it stays readable when the log is closed or renamed."""
         for number, known in enumerate(self._files):
             if known.name == str(path):
                 return number

@@ -64,7 +64,7 @@ def weighted(grid: Grid, label: int, cells: NDArray, edges: NDArray, counts: NDA
 
 
 def to_networkx(simap: SIMap, label: str) -> nx.Graph:
-    """Give the graph of a class to hold.
+    """Return the graph of a class to hold.
 
     Nodes are (row, col) with ``height_m`` and ``instance``; edges have ``weight``, ``count`` and ``different``.
 

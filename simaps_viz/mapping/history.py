@@ -133,7 +133,7 @@ class KeptFrames(FrameList):
         return self._steps.all_held
 
     def copy(self) -> "KeptFrames":
-        """Give one that goes its own way from here."""
+        """Return one that goes its own way from here."""
         twin = KeptFrames(self._steps)
         for name in ("indices", "_poses", "_offset", "_length", "_file"):
             setattr(twin, name, getattr(self, name)[:])
@@ -198,7 +198,7 @@ class MapHistory:
         return tuple(self._steps.names)
 
     def is_of(self, simap: SIMap) -> bool:
-        """Tell whether this is the history of a map: the same frames of the same sequence, seen the same way."""
+        """Return whether this is the history of a map: the same frames of the same sequence, seen the same way."""
         here = (self.config.method, self.config.projection.cell_size_m, self.facts.segmentation_source)
         there = (simap.method, simap.spec.cell_size_m, simap.provenance.get("segmentation"))
         same = here == there and self.frame_names == simap.frame_names
@@ -276,7 +276,7 @@ class MapHistory:
                     self._states = [kept for kept in self._states if kept[0] % apart == 0]
 
     def _state_after(self, frame: int) -> MapAccumulator:
-        """Give the accumulator after a frame; never one of those that are kept, which must not change."""
+        """Return the accumulator after a frame; never one of those that are kept, which must not change."""
         at = bisect_right([done for done, _ in self._states], frame + 1) - 1
         done, kept = self._states[at]
         state = kept.copy()
@@ -285,7 +285,7 @@ class MapHistory:
         return state
 
     def _readings_until(self, frame: int, state: MapAccumulator, grid: Grid) -> AllReadings:
-        """Give the readings of the frames up to one, whose state it is, on the finished grid."""
+        """Return the readings of the frames up to one, whose state it is, on the finished grid."""
         if not self._steps.all_held:
             return StreamedReadings(state.frames, self._origin(grid), grid)
         if self._all is None:
@@ -295,7 +295,7 @@ class MapHistory:
         return _first(self._all, sum(self._steps.readings[: frame + 1]))
 
     def _origin(self, grid: Grid) -> tuple[int, int]:
-        """Give (row, col), counted from the map's origin, of the finished grid's cell (0, 0)."""
+        """Return (row, col), counted from the map's origin, of the finished grid's cell (0, 0)."""
         spec = grid.spec
         return round(spec.y0_m / spec.cell_size_m), round(spec.x0_m / spec.cell_size_m)
 
@@ -308,7 +308,7 @@ def _first(readings: Readings, count: int) -> Readings:
 
 
 def _on(whole: Grid, state: MapAccumulator) -> Grid:
-    """Give a state of the grid at the size of the whole one."""
+    """Return a state of the grid at the size of the whole one."""
     part, spec = state.snapshot(), whole.spec
     row = round((part.spec.y0_m - spec.y0_m) / spec.cell_size_m)
     col = round((part.spec.x0_m - spec.x0_m) / spec.cell_size_m)
@@ -324,7 +324,7 @@ def _on(whole: Grid, state: MapAccumulator) -> Grid:
 
 
 def cut_as(look: SIMap, simap: SIMap) -> SIMap:
-    """Give a look back (`MapHistory.look_at`) the instances of another cut of the finished map, mended or not.
+    """Return a look back (`MapHistory.look_at`) the instances of another cut of the finished map, mended or not.
 
     It shares the cut's communities, so that its objects have the same colours; instances keep the facts they end with.
     """

@@ -34,7 +34,7 @@ def _find_or_add(key, label, slots, mask, keys, labels, counts, size):
 
 @njit(cache=True, nogil=True)
 def _key_within(first, second, cols, row0, col0, reach):
-    """Give the key of two cells (their numbers in a window), 0 where they lie farther apart than ``reach``."""
+    """Return the key of two cells (their numbers in a window), 0 where they lie farther apart than ``reach``."""
     row_a, row_b = first // cols, second // cols
     col_a, col_b = first - row_a * cols, second - row_b * cols
     if reach >= 0 and (row_b - row_a > reach or abs(col_b - col_a) > reach):
@@ -184,7 +184,7 @@ class LinkTable:
         self._all.add(frame.keys[: frame.size], frame.labels[: frame.size], frame.counts[: frame.size])
 
     def last_frame(self) -> Links:
-        """Give the links of the frame added last, in the order it met them. Copies."""
+        """Return the links of the frame added last, in the order it met them. Copies."""
         return _links(self._frame, 0)
 
     def add(self, links: Links) -> None:
@@ -201,7 +201,7 @@ class LinkTable:
         self._all.add(theirs.keys[: theirs.size], theirs.labels[: theirs.size], theirs.counts[: theirs.size])
 
     def entries(self, start: int = 0) -> tuple[NDArray, NDArray, NDArray]:
-        """Give the entries from ``start`` on.
+        """Return the entries from ``start`` on.
 
         Returns:
             cells int32 [n, 4]: (row_a, col_a, row_b, col_b) counted from the map's origin; labels int16 [n];

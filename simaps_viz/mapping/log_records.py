@@ -53,7 +53,7 @@ class LogReader:
         return len(self._places)
 
     def read(self, number: int) -> tuple[int, bytes]:
-        """Give (kind, content) of a frame for `decode_step`; raises InputError when the file was written over."""
+        """Return (kind, content) of a frame for `decode_step`; raises InputError when the file was written over."""
         offset, length, kind = self._places[number]
         try:
             with self._lock:
@@ -68,7 +68,7 @@ class LogReader:
 
 
 def is_log(path: Path) -> bool:
-    """Tell whether a file is the log or history of a build."""
+    """Return whether a file is the log or history of a build."""
     try:
         with FileIO(path) as file:
             return read_bytes(file, len(MAGIC)) == MAGIC
@@ -90,7 +90,7 @@ def decode_step(found: tuple[int, bytes]) -> FrameStep:
 
 
 def record(kind: int, content: bytes) -> bytes:
-    """Give a whole record."""
+    """Return a whole record."""
     head = bytes([kind])
     return RECORD.pack(len(content), zlib.crc32(content, zlib.crc32(head)), kind) + content
 

@@ -64,23 +64,23 @@ class Mending:
         return self._on_disk is not None
 
     def simap(self) -> SIMap:
-        """Give the map with its edits, for the parameters it was built with."""
+        """Return the map with its edits, for the parameters it was built with."""
         return mended(self.original, self._log).simap
 
     def refused(self) -> tuple[str, ...]:
-        """Say which edits no longer make sense on the map, and why."""
+        """Describe which edits no longer make sense on the map, and why."""
         with self._lock:
             if self._refused[0] is not self._log:
                 self._refused = self._log, tuple(why for _, why in mended(self.original, self._log).refused)
             return self._refused[1]
 
     def told(self) -> tuple[str, ...]:
-        """Say what each edit did, without ids; those made here by the numbers that the objects had then."""
+        """Describe what each edit did, without ids; those made here by the numbers that the objects had then."""
         with self._lock:
             return tuple(self._told.get(entry) or edits.told_later(entry.edit) for entry in self._log.entries)
 
     def covers(self, simap: SIMap) -> bool:
-        """Tell whether a map is this one, with whatever edits and parameters."""
+        """Return whether a map is this one, with whatever edits and parameters."""
         return simap.grid.height_m is self.original.grid.height_m and simap.spec == self.original.spec
 
     def merge(self, simap: SIMap, first_id: int, second_id: int, *, who: str) -> SIMap:
@@ -143,14 +143,14 @@ class Mending:
             self._write(self._log)
 
     def refresh(self, simap: SIMap) -> SIMap:
-        """Give the map that is shown with all edits made since."""
+        """Return the map that is shown with all edits made since."""
         with self._lock:
             return mended(self._base_of(simap), self._log).simap
 
     def recommunity(
         self, simap: SIMap, *, resolution: float, k_percent: float | None = None, affinity: float | None = None
     ) -> SIMap:
-        """Give the map for another Louvain resolution, with its edits; see `mapping.simap.recommunity`."""
+        """Return the map for another Louvain resolution, with its edits; see `mapping.simap.recommunity`."""
         self._check(simap)
         value = {"k_percent": k_percent} if affinity is None else {"affinity": affinity}
         with self._lock:
@@ -166,7 +166,7 @@ class Mending:
             return changed
 
     def _change(self, simap: SIMap, log: EditLog) -> SIMap:
-        """Save a log, and give the map that is shown for it."""
+        """Save a log, and return the map that is shown for it."""
         self._check(simap)
         done = mended(self._base_of(simap), log)
         last = len(log.entries) - 1
@@ -183,7 +183,7 @@ class Mending:
             raise InputError(f"edits: expected the map that {self.path} belongs to, found another")
 
     def _base_of(self, simap: SIMap) -> SIMap:
-        """Give the map without edits, for the parameters of the one that is shown."""
+        """Return the map without edits, for the parameters of the one that is shown."""
         joining = JOINING.get(self.original.method)
         if joining is None:
             return self.original
@@ -191,7 +191,7 @@ class Mending:
         return self._base_at(wanted.get("resolution"), {joining: float(wanted[joining])})
 
     def _base_at(self, resolution: float | None, joining: Mapping[str, float | None]) -> SIMap:
-        """Give the map without edits; Louvain runs again only for a resolution that was not asked for last."""
+        """Return the map without edits; Louvain runs again only for a resolution that was not asked for last."""
         base = self.original
         if resolution is not None and resolution != base.parameters.get("resolution"):
             if self._base.parameters.get("resolution") != resolution:

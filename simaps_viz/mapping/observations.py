@@ -28,7 +28,7 @@ class AllReadings(Protocol):
     """The readings of all frames, as often as asked for; they need not fit into memory."""
 
     def batches(self) -> "Iterator[Readings]":
-        """Give them in the order of the frames; no frame is in two batches."""
+        """Return them in the order of the frames; no frame is in two batches."""
         ...
 
 
@@ -53,11 +53,11 @@ class Readings:
         return len(self.cell)
 
     def batches(self) -> "Iterator[Readings]":
-        """Give all of them at once."""
+        """Return all of them at once."""
         yield self
 
     def where(self, kept: NDArray) -> "Readings":
-        """Give the readings that a mask, bool [v], or places among them, int, select."""
+        """Return the readings that a mask, bool [v], or places among them, int, select."""
         return Readings(
             self.cell[kept],
             self.frame[kept],
@@ -137,7 +137,7 @@ class StreamedReadings:
     """The finished grid."""
 
     def batches(self) -> Iterator[Readings]:
-        """Give them some frames at a time."""
+        """Return them some frames at a time."""
         waiting: list[SeenFrame] = []
         first = size = 0
         for frame in self.frames:

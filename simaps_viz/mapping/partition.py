@@ -53,7 +53,7 @@ def group_views(community: NDArray, frame: NDArray, segment: NDArray) -> Groups:
 
 
 def applied_steps(log: MergeLog, threshold: float) -> NDArray:
-    """Tell which steps of a merge log a threshold takes.
+    """Return which steps of a merge log a threshold takes.
 
     In each class that is the prefix before the first step whose score is not above the threshold.
 
@@ -74,7 +74,7 @@ def applied_steps(log: MergeLog, threshold: float) -> NDArray:
 
 
 def empty_log() -> MergeLog:
-    """Give the log of a method that joins nothing."""
+    """Return the log of a method that joins nothing."""
     return MergeLog(np.zeros(0, np.int16), np.zeros(0, np.int32), np.zeros(0, np.int32), np.zeros(0, np.float32))
 
 
@@ -156,7 +156,7 @@ def describe_instances(grid: Grid, instance: NDArray, views: Views, instance_of:
 
 
 def _along(grid: Grid, where: NDArray, axis: int) -> NDArray:
-    """Give x, y or z (axis 0, 1, 2) of the tops of some flat cells, float64 [n], metres."""
+    """Return x, y or z (axis 0, 1, 2) of the tops of some flat cells, float64 [n], metres."""
     spec = grid.spec
     if axis == 0:
         return spec.x0_m + (where % spec.cols + 0.5) * spec.cell_size_m

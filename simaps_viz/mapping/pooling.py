@@ -338,7 +338,7 @@ def partition_evidence(
 
 
 def _across(graph: CellGraph, chunk: NDArray, spec: GridSpec) -> tuple[NDArray, NDArray, NDArray, NDArray]:
-    """Give the edges between chunks with their evidence, and the touching pairs; only these have a say in pooling."""
+    """Return the edges between chunks with their evidence, and the touching pairs; only these have a say in pooling."""
     edges, touching = graph.edges, touching_pairs(graph.cells, spec)
     kept = chunk[edges[:, 0]] != chunk[edges[:, 1]]
     touching = touching[chunk[touching[:, 0]] != chunk[touching[:, 1]]]
@@ -346,7 +346,7 @@ def _across(graph: CellGraph, chunk: NDArray, spec: GridSpec) -> tuple[NDArray, 
 
 
 def touching_pairs(cells: NDArray, spec: GridSpec) -> NDArray:
-    """Give the pairs of 8-neighbouring cells of one class, int32 [t, 2], positions in ``cells`` (flat, ascending)."""
+    """Return the pairs of 8-neighbouring cells of one class, int32 [t, 2], positions in ``cells`` (flat, ascending)."""
     return _touching(cells, spec.cols)
 
 

@@ -35,7 +35,7 @@ def project_pixels(
     cells: NDArray,  # out int32 [H, W]
     heights: NDArray,  # out float32 [H, W]
 ) -> None:
-    """Give every pixel its cell of the window (row * cols + col) and its height over the floor.
+    """Return every pixel its cell of the window (row * cols + col) and its height over the floor.
 
     Pixels with depth outside (near, far), height outside (floor, cut) or a cell outside the window get NO_CELL.
     Formula: ``p_map = R ((u - cx) / fx z, (v - cy) / fy z, z) + t``; cell = floor(p / cell size).

@@ -10,7 +10,7 @@ BAND_CELLS = 1 << 20
 
 
 def bands(shape: tuple[int, ...]) -> Iterator[slice]:
-    """Give slices of rows that cover a layer of that shape."""
+    """Return slices of rows that cover a layer of that shape."""
     rows, cols = shape
     step = max(BAND_CELLS // max(cols, 1), 1)
     for first in range(0, rows, step):
@@ -18,7 +18,7 @@ def bands(shape: tuple[int, ...]) -> Iterator[slice]:
 
 
 def look_up(table: NDArray, ids: NDArray) -> NDArray:
-    """Give ``table[ids]``.
+    """Return ``table[ids]``.
 
     Args:
         table: [k].

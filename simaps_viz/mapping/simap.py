@@ -37,7 +37,7 @@ _PERCENT = {"k_percent": 1.0, "affinity": 100.0}
 
 
 def joining_threshold(method: str, parameters: Mapping[str, Any]) -> float:
-    """Give the score that a step of the merge log must exceed: K / 100, or the affinity; infinite without a log."""
+    """Return the score that a step of the merge log must exceed: K / 100, or the affinity; infinite without a log."""
     name = JOINING.get(method)
     if name is None:
         return float("inf")
@@ -45,13 +45,13 @@ def joining_threshold(method: str, parameters: Mapping[str, Any]) -> float:
 
 
 def joining_percent(simap: SIMap) -> float:
-    """Give where the slider stands for a map, 0 to 100: K, or 100 x the affinity; 0 for a map that has neither."""
+    """Return where the slider stands for a map, 0 to 100: K, or 100 x the affinity; 0 for a map that has neither."""
     name = JOINING.get(simap.method, "k_percent")
     return round(_PERCENT[name] * float(simap.parameters.get(name, 0.0)), 6)
 
 
 def joining_at(simap: SIMap, percent: float) -> dict[str, float]:
-    """Give what the slider's place means for a map, for `repartition` and `recommunity`: K, or percent / 100."""
+    """Return what the slider's place means for a map, for `repartition` and `recommunity`: K, or percent / 100."""
     name = JOINING.get(simap.method, "k_percent")
     return {name: percent / _PERCENT[name]}
 
@@ -144,14 +144,14 @@ def assemble(
 
 
 def origin_of(simap: SIMap) -> Origin:
-    """Give back what `assemble` was told of a map's origin."""
+    """Return back what `assemble` was told of a map's origin."""
     return Origin(
         simap.T_map_world, simap.method, simap.parameters, simap.provenance, simap.frame_names, simap.T_map_camera
     )
 
 
 def repartition(simap: SIMap, *, k_percent: float | None = None, affinity: float | None = None) -> SIMap:
-    """Give the map for another K (method paper) or affinity (method evidence): a look-up in the merge log.
+    """Return the map for another K (method paper) or affinity (method evidence): a look-up in the merge log.
 
     Raises:
         InputError: the map's method has no such parameter, or K lies outside 0 to 100, or the affinity outside 0 to 1.
@@ -165,7 +165,7 @@ def repartition(simap: SIMap, *, k_percent: float | None = None, affinity: float
 def recommunity(
     simap: SIMap, *, resolution: float, k_percent: float | None = None, affinity: float | None = None
 ) -> SIMap:
-    """Give the map for another Louvain resolution, from the stored graphs.
+    """Return the map for another Louvain resolution, from the stored graphs.
 
     Views are handed on through the cells' shares, as the frames are not at hand: the new communities of an old one
     take its views in proportion to the cells they share with it.
@@ -189,7 +189,7 @@ def recommunity(
 
 
 def _joined(simap: SIMap, k_percent: float | None, affinity: float | None) -> dict[str, Any]:
-    """Give the map's parameters with another K or affinity, checked."""
+    """Return the map's parameters with another K or affinity, checked."""
     name = JOINING.get(simap.method)
     given = {"k_percent": k_percent, "affinity": affinity}
     wrong = [other for other, value in given.items() if value is not None and other != name]

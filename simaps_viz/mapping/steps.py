@@ -47,7 +47,7 @@ class FrameStep:
 
 
 def step_upon(step: FrameStep, lowest_m: NDArray) -> FrameStep:
-    """Give the step that a frame is upon others than it was gathered upon: what is still lower than what they saw.
+    """Return the step that a frame is upon others than it was gathered upon: what is still lower than what they saw.
 
     Args:
         step: gathered upon some of these others, or upon none.
@@ -150,7 +150,7 @@ def _links(arrays: list[NDArray]) -> Links:
 
 
 def _steps_of(values: NDArray) -> NDArray:
-    """Give the differences from one to the next, which are small: neighbours follow each other."""
+    """Return the differences from one to the next, which are small: neighbours follow each other."""
     return _narrowed(np.diff(values, prepend=values.dtype.type(0)))
 
 
@@ -162,7 +162,7 @@ def _summed(differences: NDArray) -> NDArray:
 
 
 def _narrowed(values: NDArray) -> NDArray:
-    """Give whole numbers in the smallest type that holds them all."""
+    """Return whole numbers in the smallest type that holds them all."""
     low, high = (int(values.min()), int(values.max())) if len(values) else (0, 0)
     for dtype in _TYPES[:3]:
         limits = np.iinfo(dtype)

@@ -73,7 +73,7 @@ _PARTS = {
 def stored_graphs(
     grid: Grid, graph_label: NDArray, graph_edges: NDArray, rows: Mapping[str, Rows], *, evidence: bool
 ) -> tuple[StoredGraph, ...]:
-    """Give the graphs of a map file.
+    """Return the graphs of a map file.
 
     Raises:
         ValueError: edges leave the cells of their class, or lead backwards, or were counted less than never.
@@ -92,7 +92,7 @@ def stored_graphs(
 
 
 def edge_parts(graphs: Sequence[CellGraph], name: str) -> Iterator[NDArray]:
-    """Give one of `EDGES` of some graphs, part by part."""
+    """Return one of `EDGES` of some graphs, part by part."""
     for graph in graphs:
         for block in _blocks(slice(0, len(graph.edges))):
             first, second = graph.edges[block].T

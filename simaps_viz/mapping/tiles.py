@@ -55,7 +55,7 @@ class TileStore:
         return len(self) * AREA * CELL_BYTES
 
     def copy(self) -> "TileStore":
-        """Give one that goes its own way from here."""
+        """Return one that goes its own way from here."""
         twin = copy(self)
         twin.slot_of = dict(self.slot_of)
         for name in _LAYERS:
@@ -63,13 +63,13 @@ class TileStore:
         return twin
 
     def known(self, first: tuple[int, int], side: int) -> NDArray:
-        """Give the slots of ``side`` x ``side`` tiles from ``first`` on, int32, -1 where there is none."""
+        """Return the slots of ``side`` x ``side`` tiles from ``first`` on, int32, -1 where there is none."""
         at = self.slot_of.get
         rows, cols = range(first[0], first[0] + side), range(first[1], first[1] + side)
         return np.array([[at((row, col), -1) for col in cols] for row in rows], dtype=np.int32)
 
     def slots(self, first: tuple[int, int], wanted: NDArray) -> NDArray:
-        """Give the slots of some tiles, and make those that are not there yet.
+        """Return the slots of some tiles, and make those that are not there yet.
 
         Args:
             first: (tile row, tile column) of ``wanted[0, 0]``.
@@ -86,7 +86,7 @@ class TileStore:
         return found
 
     def locate(self, rows: NDArray, cols: NDArray) -> NDArray:
-        """Give the place of some cells in the flat layers, int64 [n]; makes the tiles that are not there yet.
+        """Return the place of some cells in the flat layers, int64 [n]; makes the tiles that are not there yet.
 
         Args:
             rows: int32 [n], counted from the map's origin; they must lie within one map (`limits.check_cells`).
@@ -100,7 +100,7 @@ class TileStore:
         return _places(rows, cols, low[0], low[1], self.slots(low, wanted))
 
     def find(self, rows: NDArray, cols: NDArray) -> NDArray:
-        """Give the place of some cells like `locate`, -1 where there is no tile; makes none."""
+        """Return the place of some cells like `locate`, -1 where there is no tile; makes none."""
         tile = np.stack([rows >> _BITS, cols >> _BITS], axis=1)
         known, which = np.unique(tile, axis=0, return_inverse=True)
         slots = np.array([self.slot_of.get((r, c), -1) for r, c in known.tolist()], dtype=np.int64)
@@ -120,7 +120,7 @@ class TileStore:
         return result
 
     def tile(self, name: str, slot: int) -> NDArray:
-        """Give a layer of one tile, [SIDE, SIDE], the layer's dtype; writing into it changes the map."""
+        """Return a layer of one tile, [SIDE, SIDE], the layer's dtype; writing into it changes the map."""
         return getattr(self, name)[slot * AREA : (slot + 1) * AREA].reshape(SIDE, SIDE)
 
     def _tiles(self, name: str) -> Iterator[tuple[tuple[int, int], NDArray]]:
@@ -143,7 +143,7 @@ class TileStore:
 
 @njit(cache=True, nogil=True, inline="always")
 def lowest_so_far(row: int, col: int, slots: NDArray, lowest: NDArray, wanted: NDArray) -> np.float32:
-    """Give the lowest obstacle of a cell of a window, metres, +inf where there is no tile; mark its tile as wanted.
+    """Return the lowest obstacle of a cell of a window, metres, +inf where there is no tile; mark its tile as wanted.
 
     ``slots`` int32 and ``wanted`` bool are [tile rows, tile columns] of the window, ``lowest`` float32 [tiles * AREA].
     """

@@ -62,7 +62,7 @@ class Timeline:
         return self.levels + self.taken
 
     def map_at(self, position: int) -> SIMap:
-        """Give the map as it would be at a position, to look at: it has no facts of instances."""
+        """Return the map as it would be at a position, to look at: it has no facts of instances."""
         levels = self.levels
         if position == self.finished:
             return self.simap
@@ -74,7 +74,7 @@ class Timeline:
         return replace(self.simap, instance=ids, instances=())
 
     def words(self, position: int) -> str:
-        """Say what a position shows."""
+        """Describe what a position shows."""
         levels, done = self.levels, position - self.levels
         if position <= CLASSES:
             return "Classes only: what stands where is known, not which cells are one object."
@@ -89,22 +89,22 @@ class Timeline:
         return f"Step {done} of {len(self._order)}{taken}: {self._joined(at, done)}.{end}"
 
     def recorded(self, position: int) -> tuple[str, int]:
-        """Give the timeline of a recorded build that shows a position, and the time on it."""
+        """Return the timeline of a recorded build that shows a position, and the time on it."""
         return ("louvain", position) if position <= self.levels else ("merge", position - self.levels)
 
     def position_of(self, timeline: str, time: int) -> int:
-        """Give the position of a time on timeline "louvain" or "merge" of a recorded build."""
+        """Return the position of a time on timeline "louvain" or "merge" of a recorded build."""
         position = self.levels + time if timeline == "merge" else min(time, self.levels)
         return min(max(position, CLASSES), self.last)
 
     def done_at(self, position: int) -> NDArray:
-        """Give bool [steps of the merge log]: which of them are done at a position."""
+        """Return bool [steps of the merge log]: which of them are done at a position."""
         done = np.zeros(len(self._order), dtype=bool)
         done[self._order[: max(position - self.levels, 0)]] = True
         return done
 
     def _names(self, merges: int) -> NDArray:
-        """Give int32 [communities + 1]: what each finest community is called after so many merges."""
+        """Return int32 [communities + 1]: what each finest community is called after so many merges."""
         return instance_of_community(self.simap.merges, self.done_at(self.levels + merges), self._communities)
 
     def _joined(self, at: int, done: int) -> str:
@@ -119,7 +119,7 @@ class Timeline:
         return f"{name}, parts {source} and {target} joined: {reason}{frames}"
 
     def _found_levels(self) -> list[SIMap]:
-        """Give a map for each of Louvain's levels but the last, which is the map's own, and that one too."""
+        """Return a map for each of Louvain's levels but the last, which is the map's own, and that one too."""
         return self._levels.of(self.simap)
 
 
@@ -131,7 +131,7 @@ class _Levels:
         self._found: list[SIMap] | None = None
 
     def of(self, simap: SIMap) -> list[SIMap]:
-        """Give them, found anew the first time."""
+        """Return them, found anew the first time."""
         with self._lock:
             if self._found is None:
                 self._found = _levels_of(simap)
@@ -155,7 +155,7 @@ def _levels_of(simap: SIMap) -> list[SIMap]:
 
 
 def _level(simap: SIMap, level: int) -> NDArray:
-    """Give int32 [rows, cols], numbered from 1."""
+    """Return int32 [rows, cols], numbered from 1."""
     resolution, seed = float(simap.parameters.get("resolution", 1.0)), int(simap.parameters.get("seed", 0))
     if simap.method == "evidence":
         parts = find_chunks(simap.graphs, simap.spec, resolution=resolution, seed=seed, levels=level)

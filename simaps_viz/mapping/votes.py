@@ -77,7 +77,7 @@ def vote_labels(grid: Grid, readings: AllReadings, settings: VoteSettings) -> tu
 
 
 def _standing(label: NDArray, top: NDArray, grid: Grid, floor_m: float) -> NDArray:
-    """Tell which thing classes have most of their cells higher than the floor, bool [labels]."""
+    """Return which thing classes have most of their cells higher than the floor, bool [labels]."""
     seen = top > -np.inf
     cells = np.bincount(label[seen], minlength=len(grid.labels))
     low = np.bincount(label[seen & (top < floor_m)], minlength=len(grid.labels))
@@ -118,7 +118,7 @@ def _gather_votes(
 
 
 def _room_for(entries: int) -> tuple[NDArray, ...]:
-    """Give room for entries; what is not used yet takes no memory."""
+    """Return room for entries; what is not used yet takes no memory."""
     return tuple(np.zeros(entries, dtype) for dtype in (np.int32, np.int16, np.float32, np.int32))
 
 

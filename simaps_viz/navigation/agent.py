@@ -61,7 +61,7 @@ class Answer:
     """Other programs the command could mean."""
 
     def to_json(self) -> dict[str, Any]:
-        """Give the line ``simaps query`` prints, as a dict; angles in degrees clockwise from north."""
+        """Return the line ``simaps query`` prints, as a dict; angles in degrees clockwise from north."""
         pose = self.final_pose
         return {
             "status": self.status,
@@ -249,12 +249,12 @@ def answer(
 
 
 def is_program(command: str) -> bool:
-    """Tell whether a command is a program rather than English: it calls something on ``robot``."""
+    """Return whether a command is a program rather than English: it calls something on ``robot``."""
     return command.lstrip().startswith("robot.") or _CALL_ON_ROBOT.search(command) is not None
 
 
 def planner_of(simap: SIMap, robot: RobotShape) -> Planner:
-    """Give the planner of a map and robot, made once for as long as the map lives."""
+    """Return the planner of a map and robot, made once for as long as the map lives."""
     planners = _PLANNERS.setdefault(simap, {})
     if robot not in planners:
         planners[robot] = Planner(simap.grid, robot)
@@ -321,7 +321,7 @@ def _check_call(call: Call, robot: Robot) -> None:
 
 
 def start_pose(simap: SIMap, robot: RobotShape | None = None) -> Pose2:
-    """Give where the robot starts: where the first camera stood that has free floor by it, looking its way.
+    """Return where the robot starts: where the first camera stood that has free floor by it, looking its way.
 
     Who scans by hand seldom sees the floor he stands on first. Where no camera has any, it is the first one's place.
 

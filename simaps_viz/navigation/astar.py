@@ -21,7 +21,7 @@ EAST, WEST, NORTH, SOUTH = 0, 1, 2, 3
 
 @numba.njit(cache=True)
 def straight_jumps(free: NDArray) -> NDArray:
-    """Give the table of straight jumps.
+    """Return the table of straight jumps.
 
     Args:
         free: bool [rows, cols].
@@ -59,7 +59,7 @@ def _extend(jumps: NDArray, free: NDArray, row: int, col: int, dr: int, dc: int,
 
 @numba.njit(cache=True)
 def _obstacle_ends(free: NDArray, row: int, col: int, dr: int, dc: int, hand: int) -> bool:
-    """Tell whether, at a cell come to in a direction, the cell on one hand is free but the one before that was not."""
+    """Whether, at a cell come to in a direction, the cell on one hand is free but the one before that was not."""
     r, c = row + hand * dc, col + hand * dr
     return 0 <= r < free.shape[0] and 0 <= c < free.shape[1] and free[r, c] and not free[r - dr, c - dc]
 
@@ -74,7 +74,7 @@ def _before(keys: NDArray, cells: NDArray, a: int, b: int) -> bool:
 
 @numba.njit(cache=True)
 def _push(keys: NDArray, cells: NDArray, size: int, key: float, cell: int) -> int:
-    """Add to the binary heap; gives its new size."""
+    """Add to the binary heap; returns its new size."""
     i = size
     keys[i], cells[i] = key, cell
     while i > 0:
@@ -89,7 +89,7 @@ def _push(keys: NDArray, cells: NDArray, size: int, key: float, cell: int) -> in
 
 @numba.njit(cache=True)
 def _pop(keys: NDArray, cells: NDArray, size: int) -> int:
-    """Take the first off the binary heap (the caller has read it); gives its new size."""
+    """Take the first off the binary heap (the caller has read it); returns its new size."""
     size -= 1
     keys[0], cells[0] = keys[size], cells[size]
     i = 0
@@ -116,7 +116,7 @@ def _octile_to_box(row: int, col: int, box: NDArray) -> float:
 
 @numba.njit(cache=True)
 def _straight_jump(jumps: NDArray, goal: NDArray, lines: NDArray, row: int, col: int, dr: int, dc: int) -> int:
-    """Give how many cells a straight jump goes: to the next goal, or else jump point; 0 when there is neither."""
+    """Return how many cells a straight jump goes: to the next goal, or else jump point; 0 when there is neither."""
     side = (EAST if dc > 0 else WEST) if dr == 0 else (NORTH if dr > 0 else SOUTH)
     jump = jumps[row, col, side]
     if lines[0, row] if dr == 0 else lines[1, col]:
@@ -130,7 +130,7 @@ def _straight_jump(jumps: NDArray, goal: NDArray, lines: NDArray, row: int, col:
 def _diagonal_jump(
     free: NDArray, jumps: NDArray, goal: NDArray, lines: NDArray, row: int, col: int, dr: int, dc: int
 ) -> int:
-    """Give how many steps a diagonal jump goes, to a goal or a cell from which a straight jump leads on; 0: nowhere."""
+    """How many steps a diagonal jump goes, to a goal or a cell from which a straight jump leads on; 0: nowhere."""
     rows, cols = free.shape
     step = 0
     while True:
@@ -150,7 +150,7 @@ def _diagonal_jump(
 
 @numba.njit(cache=True)
 def _leads_on(free: NDArray, row: int, col: int, came: tuple[int, int], dr: int, dc: int) -> bool:
-    """Tell whether a way that came to a cell in one direction may go on in another.
+    """Return whether a way that came to a cell in one direction may go on in another.
 
     After a diagonal: the same way, or either of its two straight parts. After a straight: straight on; to a side, or
     diagonally towards it, only where the cell beside the one before is not free, since otherwise the way would have
@@ -235,7 +235,7 @@ def _lines_with_goals(goal: NDArray, box: NDArray) -> NDArray:
 
 @numba.njit(cache=True)
 def _direction(before: int, cell: int, cols: int) -> tuple[int, int]:
-    """Give the sign of the way from one cell to another, (0, 0) when there is no cell before."""
+    """Return the sign of the way from one cell to another, (0, 0) when there is no cell before."""
     if before < 0:
         return 0, 0
     dr, dc = cell // cols - before // cols, cell % cols - before % cols
@@ -263,7 +263,7 @@ def _way_back(parent: NDArray, goal: int, cols: int) -> NDArray:
 
 @numba.njit(cache=True)
 def clear_length(free: NDArray, x0: float, y0: float, x1: float, y1: float) -> float:
-    """Give the share (0 to 1) of a segment before it first enters a cell that is not free; 1 = the whole is clear.
+    """Return the share (0 to 1) of a segment before it first enters a cell that is not free; 1 = the whole is clear.
 
     Every cell the segment passes through counts; where it passes exactly through a corner, the two cells beside it
     count as well. Coordinates are in cells: cell (row, col) covers x in [col, col + 1), y in [row, row + 1).

@@ -83,7 +83,7 @@ class Planner:
         return np.bincount(self._areas.ravel())
 
     def start_cell(self, x_m: float, y_m: float) -> tuple[int, int]:
-        """Give the free cell the robot starts from: its own, or the nearest within 0.5 m, pockets avoided.
+        """Return the free cell the robot starts from: its own, or the nearest within 0.5 m, pockets avoided.
 
         Raises:
             PlanningError: when there is none.
@@ -104,7 +104,7 @@ class Planner:
         return int(rows[best]), int(cols[best])
 
     def reachable(self, x_m: float, y_m: float) -> NDArray:
-        """Give the free cells that can be reached from a point, bool [rows, cols]."""
+        """Return the free cells that can be reached from a point, bool [rows, cols]."""
         return self._areas == self._areas[self.start_cell(x_m, y_m)]
 
     def plan(self, start_m: tuple[float, float], goal_m: tuple[float, float]) -> Path:
@@ -176,7 +176,7 @@ class Planner:
         return self._plan_to(start_m, goal, what)
 
     def clear_ahead_m(self, start_m: tuple[float, float], end_m: tuple[float, float]) -> float:
-        """Give how far a straight drive gets over free cells before it has to stop, metres.
+        """Return how far a straight drive gets over free cells before it has to stop, metres.
 
         A start that is not free may be left, as long as the drive is on free cells within 0.5 m.
         """
@@ -192,7 +192,7 @@ class Planner:
         return float(np.linalg.norm(reached - start)) if share > 0.0 else 0.0
 
     def obstacle_near(self, point_m: tuple[float, float]) -> str:
-        """Say what keeps the robot's centre from a point: a class, the edge of the map, or floor never seen."""
+        """Describe what keeps the robot's centre from a point: a class, the edge of the map, or floor never seen."""
         row, col = self.spec.cell_of(*point_m)
         if not self.spec.contains(row, col):
             return "the edge of the map"
@@ -236,7 +236,7 @@ class Planner:
         return (point_m[0] - self.spec.x0_m) / s, (point_m[1] - self.spec.y0_m) / s
 
     def _window(self, mask: NDArray, target_m: NDArray, margin_m: float) -> tuple[NDArray, NDArray]:
-        """Give rows and cols of the cells of a mask within a margin of the targets' bounding box."""
+        """Return rows and cols of the cells of a mask within a margin of the targets' bounding box."""
         (x_low, y_low), (x_high, y_high) = target_m.min(axis=0) - margin_m, target_m.max(axis=0) + margin_m
         row, col = np.maximum(self.spec.cell_of(x_low, y_low), 0)
         row_end, col_end = np.maximum(self.spec.cell_of(x_high, y_high), -1) + np.int64(1)
@@ -244,7 +244,7 @@ class Planner:
         return rows + row, cols + col
 
     def _squared_cells(self, rows: NDArray, cols: NDArray, target_m: NDArray) -> tuple[NDArray, NDArray]:
-        """Give the squared distance of cells to the nearest target, in cells, and which target that is."""
+        """Return the squared distance of cells to the nearest target, in cells, and which target that is."""
         targets = (target_m - (self.spec.x0_m, self.spec.y0_m)) / self.spec.cell_size_m
         distance, nearest = KDTree(targets).query(np.column_stack([cols, rows]) + 0.5)
         return np.asarray(distance) ** 2, np.asarray(nearest)
@@ -258,7 +258,7 @@ class Planner:
 
 
 def _clear(blocked: NDArray, needed: float) -> NDArray:
-    """Tell which cells are at least so many cells, more than 0, from every blocked one, bool [rows, cols].
+    """Return which cells are at least so many cells, more than 0, from every blocked one, bool [rows, cols].
 
     Some rows at a time, each with the rows around it that matter: distances take 40 bytes a cell.
     """

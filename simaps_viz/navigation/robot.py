@@ -105,7 +105,7 @@ class Goal:
     other_instance: int | None = None
 
     def to_json(self) -> dict[str, Any]:
-        """Give primitive, label, instance and point; for move_in_between other_label and other_instance as well."""
+        """Return primitive, label, instance and point; for move_in_between other_label and other_instance as well."""
         known = {"primitive": self.primitive, "label": self.label, "instance": self.instance}
         goal = {**known, "point": [round(v, 6) for v in self.point_m]}
         if self.other_label is not None:
@@ -139,7 +139,7 @@ class Robot:
         self._poses: list[NDArray] = []
 
     def call(self, primitive: Primitive, arguments: Mapping[str, Any]) -> Any:
-        """Carry out a primitive with checked arguments; gives what a look-up found, else None.
+        """Carry out a primitive with checked arguments; returns what a look-up found, else None.
 
         Raises:
             CommandError: when the map has not what is asked for.
@@ -148,7 +148,7 @@ class Robot:
         return getattr(self, f"_{primitive.name}")(**arguments)
 
     def take_poses(self) -> NDArray:
-        """Give the poses driven since the last call, float64 [n, 3] (x, y, yaw), and forget them."""
+        """Return the poses driven since the last call, float64 [n, 3] (x, y, yaw), and forget them."""
         poses = np.concatenate(self._poses) if self._poses else np.zeros((0, 3))
         self._poses.clear()
         return poses
@@ -284,7 +284,7 @@ class Robot:
         return self.pose.x_m, self.pose.y_m
 
     def _from_viewer(self, target: Instance) -> tuple[float, float]:
-        """Give the unit vector from where the command was given to the object's centroid."""
+        """Return the unit vector from where the command was given to the object's centroid."""
         offset = np.array(target.centroid_m[:2]) - (self.viewer.x_m, self.viewer.y_m)
         length = float(np.linalg.norm(offset))
         if length < 1e-6:
@@ -292,7 +292,7 @@ class Robot:
         return float(offset[0]) / length, float(offset[1]) / length
 
     def _see_through(self, *targets: Instance) -> NDArray:
-        """Give what hides nothing, bool [rows, cols]: the objects themselves, and all that is not opaque."""
+        """Return what hides nothing, bool [rows, cols]: the objects themselves, and all that is not opaque."""
         return ~self.grounding.opaque | np.isin(self.simap.instance, [target.id for target in targets])
 
     def _approach(self, primitive: str, target: Instance) -> None:
@@ -322,7 +322,7 @@ class Robot:
         self._go(primitive, path, target)
 
     def _gap_middle(self, a: Instance, b: Instance) -> NDArray:
-        """Give the middle of the part of the line between two centroids that lies in neither object."""
+        """Return the middle of the part of the line between two centroids that lies in neither object."""
         start, end = np.array(a.centroid_m[:2]), np.array(b.centroid_m[:2])
         share = np.linspace(0.0, 1.0, 2001)
         points = start + share[:, None] * (end - start)
@@ -369,7 +369,7 @@ class Robot:
 
 
 def _cell_centres(simap: SIMap) -> tuple[NDArray, NDArray]:
-    """Give x [1, cols] and y [rows, 1] of the cells' centres, metres."""
+    """Return x [1, cols] and y [rows, 1] of the cells' centres, metres."""
     spec = simap.spec
     x = spec.x0_m + (np.arange(spec.cols) + 0.5) * spec.cell_size_m
     y = spec.y0_m + (np.arange(spec.rows) + 0.5) * spec.cell_size_m

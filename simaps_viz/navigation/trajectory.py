@@ -42,16 +42,16 @@ class Trajectory:
         return float(self.times_s[-1])
 
     def leg_at(self, time_s: float) -> int:
-        """Give the index of the last pose that was passed by a time."""
+        """Return the index of the last pose that was passed by a time."""
         return int(np.clip(np.searchsorted(self.times_s, time_s, side="right") - 1, 0, len(self.times_s) - 1))
 
     def next_step(self, time_s: float) -> float | None:
-        """Give when the next statement begins; None when there is none."""
+        """Return when the next statement begins; None when there is none."""
         later = self.steps_s[self.steps_s > time_s + 1e-9]
         return float(later[0]) if len(later) and later[0] < self.duration_s - 1e-9 else None
 
     def at(self, time_s: float) -> Pose2:
-        """Give the pose at a time; before the start and after the end the robot stands."""
+        """Return the pose at a time; before the start and after the end the robot stands."""
         i = self.leg_at(time_s)
         if i == len(self.times_s) - 1 or time_s <= 0.0:
             return Pose2(*(float(v) for v in self.poses[i]))
@@ -71,7 +71,7 @@ def trajectory(poses: ArrayLike) -> Trajectory:
 
 
 def poses_along(start: Pose2, path: ArrayLike, final: Pose2) -> NDArray:
-    """Give poses [n, 3] for a path [m, 2]: turn on the spot towards each next point, drive there, end as ``final``."""
+    """poses [n, 3] for a path [m, 2]: turn on the spot towards each next point, drive there, end as ``final``."""
     poses = [[start.x_m, start.y_m, start.yaw_rad]]
     for x, y in np.asarray(path, np.float64).reshape(-1, 2):
         dx, dy = x - poses[-1][0], y - poses[-1][1]
@@ -106,7 +106,7 @@ def ride_of_steps(steps: Sequence[StepLike], start: Pose2) -> Trajectory:
 
 
 def _statements(steps: Sequence[StepLike]) -> list[tuple[int, NDArray]]:
-    """Give the line and the poses [n, 3] of each statement; what ends only after its block is told by its start."""
+    """Return the line and the poses [n, 3] of each statement; what ends only after its block is told by its start."""
     found: list[tuple[int, NDArray]] = []
     open_line: int | None = None
     for step in steps:

@@ -58,7 +58,7 @@ class CameraLog:
         self._stream.log("/world/points", rr.Points3D(points, colors=colors, radii=0.02))
 
     def _pinhole(self, name: str, intrinsics: Intrinsics, divide: int) -> None:
-        """Say how a picture was taken, for all times; each has a size, so a camera model, of its own."""
+        """Describe how a picture was taken, for all times; each has a size, so a camera model, of its own."""
         if self._pinholes.get(name) == (intrinsics, divide):
             return
         self._pinholes[name] = (intrinsics, divide)

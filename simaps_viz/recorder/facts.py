@@ -39,7 +39,7 @@ class RecordingFacts:
 
 
 def started_facts(event: BuildStarted) -> dict[str, Any]:
-    """Give what is known when a build begins."""
+    """Return what is known when a build begins."""
     return {
         "frames": len(event.frame_names),
         "simulated": event.simulated,
@@ -49,7 +49,7 @@ def started_facts(event: BuildStarted) -> dict[str, Any]:
 
 
 def finished_facts(simap: SIMap) -> dict[str, Any]:
-    """Give what is known of a map."""
+    """Return what is known of a map."""
     provenance = simap.provenance
     return {
         "frames": len(simap.frame_names),
@@ -100,7 +100,7 @@ def read_levels(path: Path) -> int:
 
 
 def _read(path: Path) -> tuple[str | None, dict[str, Any]]:
-    """Give the application of a recording, and its properties by name."""
+    """Return the application of a recording, and its properties by name."""
     import rerun.chunk as rc  # noqa: PLC0415 - only needed here
 
     values: dict[str, Any] = {}

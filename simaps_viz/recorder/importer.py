@@ -28,12 +28,12 @@ _MEMBERS = {"metadata.npy", "label.npy", "instance.npy"}
 
 
 def loader(arguments: Sequence[str] | None = None) -> int:
-    """Do as `main` does under the old name, but for a rerun that runs `main` as well; gives the exit status."""
+    """Do as `main` does under the old name, but for a rerun that runs `main` as well; returns the exit status."""
     return NOT_MINE if knows_importers(_program_of(os.getppid())) else main(arguments, name=LOADER)
 
 
 def main(arguments: Sequence[str] | None = None, *, name: str = IMPORTER) -> int:
-    """Write a map as a recording to standard output; gives the exit status."""
+    """Write a map as a recording to standard output; returns the exit status."""
     options = _parse(arguments, name)
     if not is_map(options.path):
         return NOT_MINE
@@ -51,7 +51,7 @@ def main(arguments: Sequence[str] | None = None, *, name: str = IMPORTER) -> int
 
 
 def is_map(path: Path) -> bool:
-    """Tell from a file's table of contents whether it is a map of this program."""
+    """Determine from a file's table of contents whether it is a map of this program."""
     if path.suffix.lower() != ".npz" or not path.is_file():
         return False
     try:
@@ -62,7 +62,7 @@ def is_map(path: Path) -> bool:
 
 
 def knows_importers(program: Path | None) -> bool:
-    """Tell whether the program that asks for a file is a rerun that runs programs of the new name, too.
+    """Return whether the program that asks for a file is a rerun that runs programs of the new name, too.
 
     Args:
         program: its path, or None where that cannot be told (on Windows). What is no rerun is taken for a script that

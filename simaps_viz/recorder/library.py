@@ -20,7 +20,7 @@ _LONGEST_NAME = 120
 
 
 def recording_folders() -> list[Path]:
-    """Give the folders of the library, the user's first: ``SIMAPS_RECORDINGS``, or the user's data directory.
+    """Return the folders of the library, the user's first: ``SIMAPS_RECORDINGS``, or the user's data directory.
 
     A checkout of the program has a second one, ``recordings/``.
     """
@@ -48,7 +48,7 @@ class LibraryEntry:
         return self.path.stem
 
     def to_json(self) -> dict[str, Any]:
-        """Give it as plain values."""
+        """Return it as plain values."""
         return {
             "name": self.name,
             "path": str(self.path),
@@ -72,7 +72,7 @@ class RecordingLibrary:
         return sorted(found, key=lambda entry: (-entry.modified.timestamp(), entry.name))
 
     def find(self, name: str) -> LibraryEntry:
-        """Give the recording of that name; of the same name in two folders, the user's.
+        """Return the recording of that name; of the same name in two folders, the user's.
 
         Raises:
             InputError: there is none; the message says what is near.
@@ -88,7 +88,7 @@ class RecordingLibrary:
         raise InputError(f"recording {name!r}: expected one of the library, found none{hint}")
 
     def rename(self, name: str, new_name: str) -> LibraryEntry:
-        """Give a recording another name, in its folder.
+        """Return a recording another name, in its folder.
 
         Raises:
             InputError: there is no such recording, the new name is none for a file, or it is taken.

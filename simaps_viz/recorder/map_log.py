@@ -92,7 +92,7 @@ class MapLog:
         self._log_object_picture(grid, thing_picture(grid))
 
     def wear_colors_of(self, simap: SIMap) -> None:
-        """Give every object the colour it has on the finished map's page, from now on and on all frames before."""
+        """Return every object the colour it has on the finished map's page, from now on and on all frames before."""
         self._colors = instance_colors(simap)
         for frame, entries in self._on_the_way.as_finished(simap):
             self._stream.reset_time()

@@ -43,7 +43,7 @@ def north_up(cells: NDArray) -> NDArray:
 
 
 def picture_corner(spec: GridSpec) -> tuple[float, float]:
-    """Give where the top left corner of a grid's picture lies on the plane of the pictures, metres."""
+    """Return where the top left corner of a grid's picture lies on the plane of the pictures, metres."""
     return (spec.x0_m, -(spec.y0_m + spec.rows * spec.cell_size_m))
 
 
@@ -53,7 +53,7 @@ def on_picture(points_m: NDArray) -> NDArray:
 
 
 def cell_centres(spec: GridSpec, rows: NDArray, cols: NDArray) -> NDArray:
-    """Give the map-frame centres, float64 [..., 2], of cells."""
+    """Return the map-frame centres, float64 [..., 2], of cells."""
     return np.stack([spec.x0_m + (cols + 0.5) * spec.cell_size_m, spec.y0_m + (rows + 0.5) * spec.cell_size_m], axis=-1)
 
 
@@ -113,7 +113,7 @@ def object_entries(grid: Grid, ids: NDArray, colors: NDArray | None = None) -> l
 
 
 def recolored(entries: Sequence[Entry], colors: NDArray) -> list[Entry]:
-    """Give ``object_entries`` the objects' colours anew, uint8 [n, 3], at the place of the id."""
+    """Return ``object_entries`` the objects' colours anew, uint8 [n, 3], at the place of the id."""
     return [
         (value, name, (*_color(value, colors), 255)) if 0 < value < CLASS_BASE else (value, name, color)
         for value, name, color in entries
@@ -174,7 +174,7 @@ class Merging:
         """int32 [communities + 1]: what each community is called now."""
 
     def step(self, position: int) -> tuple[int, int]:
-        """Do the step at a position of the order; gives what the two groups were called, source first."""
+        """Do the step at a position of the order; returns what the two groups were called, source first."""
         at = self.order[position]
         source, target = (int(self.name_of[c[at]]) for c in (self.log.source, self.log.target))
         self.name_of[np.isin(self.name_of, (source, target))] = min(source, target)

@@ -51,7 +51,7 @@ def log_louvain(stream: rr.RecordingStream, map_log: MapLog, event: CommunitiesF
 
 
 def _levels_between(simap: SIMap) -> list[SIMap]:
-    """Give what Louvain found on the way to the map's communities, in colours like the map's."""
+    """Return what Louvain found on the way to the map's communities, in colours like the map's."""
     steps = Timeline(simap)
     found = [steps.map_at(position) for position in range(1, steps.levels)]
     for level in found:
@@ -110,11 +110,11 @@ class _Places:
         np.maximum.at(self._high, of_cell, xy)
 
     def centre(self, group: NDArray) -> NDArray:
-        """Give the mean of the group's cells, float64 [2], map frame, metres."""
+        """Return the mean of the group's cells, float64 [2], map frame, metres."""
         return self._sums[group].sum(axis=0) / max(int(self._cells[group].sum()), 1)
 
     def frame(self, group: NDArray) -> NDArray:
-        """Give the corners of a rectangle around the group, closed, float64 [5, 2], map frame, metres."""
+        """Return the corners of a rectangle around the group, closed, float64 [5, 2], map frame, metres."""
         (x0, y0), (x1, y1) = self._low[group].min(axis=0) - MARK_MARGIN_M, self._high[group].max(axis=0) + MARK_MARGIN_M
         return np.array([(x0, y0), (x1, y0), (x1, y1), (x0, y1), (x0, y0)])
 

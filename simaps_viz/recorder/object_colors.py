@@ -50,7 +50,7 @@ class ObjectColors:
         return entries
 
     def as_finished(self, simap: SIMap) -> Iterator[tuple[int, list[Entry]]]:
-        """Give (frame, colours) where objects on the way looked other than what they are on the finished map."""
+        """Return (frame, colours) where objects on the way looked other than what they are on the finished map."""
         finished = Colored(simap.spec, simap.instance, instance_colors(simap))
         for one in self._shown:
             entries = recolored(one.entries, colors_like(one.spec, one.ids(), finished))

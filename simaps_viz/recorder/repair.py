@@ -62,7 +62,7 @@ def _frames(path: Path) -> int:
 
 
 def _is_running(partial: Path) -> bool:
-    """Tell whether the program that writes a partial recording is still there."""
+    """Return whether the program that writes a partial recording is still there."""
     try:
         os.kill(int(partial.name.split(".")[-3]), 0)
     except (ValueError, IndexError, ProcessLookupError):

@@ -57,7 +57,7 @@ CONTENT_SECURITY_POLICY = "; ".join(
 
 
 def policy_for_stream(address: str) -> str:
-    """Give the header value for a page that shows one live recording, and may reach nothing else but its own server.
+    """Return the header value for a page that shows one live recording, and may reach nothing else but its own server.
 
     Args:
         address: of the stream, ``rerun+http://127.0.0.1:9876/proxy``.
@@ -103,7 +103,7 @@ _THEMES = ("page", "light", "dark")
 
 
 def rerun_page(recordings: Sequence[str], *, theme: str = "page", note: str = "") -> str:
-    """Give the HTML page that shows recordings in rerun's web viewer.
+    """Return the HTML page that shows recordings in rerun's web viewer.
 
     Args:
         recordings: addresses of ``.rrd`` files, absolute or relative to the page, or of live streams
@@ -133,7 +133,7 @@ def check_version(version: str | None = None) -> None:
 
 @cache
 def viewer_assets() -> dict[str, tuple[bytes, str]]:
-    """Give the web viewer's files as {name: (content, content type)}: ``re_viewer.js`` and ``re_viewer_bg.wasm``.
+    """Return the web viewer's files as {name: (content, content type)}: ``re_viewer.js`` and ``re_viewer_bg.wasm``.
 
     They are shipped inside rerun's own program, which only hands them out over HTTP, so it is run for half a second
     on 127.0.0.1. (``rerun.serve_web_viewer`` would listen on every interface until this process ends.)
@@ -160,7 +160,7 @@ def _program() -> Path:
 
 @contextmanager
 def _rerun_server() -> Iterator[str]:
-    """Run rerun's web server on a free port of 127.0.0.1; gives its address and ends it afterwards.
+    """Run rerun's web server on a free port of 127.0.0.1; returns its address and ends it afterwards.
 
     Its home is an empty folder: on a first session rerun sends no usage data, and it leaves no files behind.
     """

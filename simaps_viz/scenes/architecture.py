@@ -24,7 +24,7 @@ class Opening:
 
     @property
     def is_window(self) -> bool:
-        """Tell whether the hole has a sill."""
+        """Return whether the hole has a sill."""
         return self.low > 0
 
 

@@ -50,7 +50,7 @@ class DemoSettings:
     sensor_seed: int = 0
 
     def intrinsics(self) -> Intrinsics:
-        """Give the camera: square pixels, principal point in the middle."""
+        """Return the camera: square pixels, principal point in the middle."""
         focal = self.focal_share * self.width
         return Intrinsics(self.width, self.height, focal, focal, (self.width - 1) / 2, (self.height - 1) / 2)
 
@@ -70,7 +70,7 @@ def ensure_demo(
     progress: Progress | None = None,
     settings: DemoSettings | None = None,
 ) -> Path:
-    """Render the embedded scene if this has not been done yet, and give the manifest of the wanted masks.
+    """Render the embedded scene if this has not been done yet, and return the manifest of the wanted masks.
 
     Args:
         level: Simulated network errors: none (the exact masks), light, medium or heavy.
@@ -116,7 +116,7 @@ def _cache_root(cache_dir: Path | None) -> Path:
 
 @contextmanager
 def _whole_or_nothing(target: Path) -> Iterator[Path]:
-    """Give a new folder beside ``target`` that becomes ``target`` at the end, or is removed on any failure.
+    """Return a new folder beside ``target`` that becomes ``target`` at the end, or is removed on any failure.
 
     When another process was faster, its folder stays and this one is dropped.
     """

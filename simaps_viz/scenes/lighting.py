@@ -99,12 +99,12 @@ def _cast_light(points_m: NDArray, normals: NDArray, light: Light) -> NDArray:
 
 
 def _towards_sun(normals: NDArray) -> NDArray:
-    """Give the cosine between normals [n, 3] and the direction to the sun (BLAS would start threads of its own)."""
+    """Return the cosine between normals [n, 3] and the direction to the sun (BLAS would start threads of its own)."""
     return np.einsum("ij,j->i", normals, TO_SUN)
 
 
 def _visible_sun(origin: NDArray, normals: NDArray, directions: NDArray, light: Light) -> NDArray:
-    """Tell where the sun is seen: float32 [n], 0 or 1; its disc is widened for soft shadow edges."""
+    """Report where the sun is seen: float32 [n], 0 or 1; its disc is widened for soft shadow edges."""
     facing = np.flatnonzero(_towards_sun(normals) > 0)
     seen = np.zeros(len(origin), dtype=np.float32)
     if len(facing):
@@ -134,7 +134,7 @@ class _Geometry:
         return _Geometry(p, n, np.pad(self.tolerance_m, pad, mode="edge"))
 
     def same_surface(self, other: _Geometry) -> NDArray:
-        """Tell which samples lie on one smooth surface with the other's: float32 [h, w], 0 or 1."""
+        """Return which samples lie on one smooth surface with the other's: float32 [h, w], 0 or 1."""
         (nx, ny, nz), (mx, my, mz) = self.normals, other.normals
         (px, py, pz), (qx, qy, qz) = self.points_m, other.points_m
         off_plane = np.abs(nx * (qx - px) + ny * (qy - py) + nz * (qz - pz))

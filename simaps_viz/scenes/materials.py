@@ -50,7 +50,7 @@ class Material:
     texture: Texture = Texture.PLAIN
 
     def shifted(self, hue_shift: float, gain: float) -> "Material":
-        """Give the same material a little warmer (hue_shift > 0) or cooler, lighter or darker."""
+        """Return the same material a little warmer (hue_shift > 0) or cooler, lighter or darker."""
         r, g, b = self.color
         shifted = (r * gain * (1 + hue_shift), g * gain, b * gain * (1 - hue_shift))
         return Material((min(shifted[0], 0.95), min(shifted[1], 0.95), min(shifted[2], 0.95)), self.texture)

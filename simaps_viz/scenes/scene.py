@@ -80,11 +80,11 @@ class Scene:
 
     @property
     def lets_light_through(self) -> NDArray:
-        """Tell which faces [F] cast no shadow, bool: panes and lamps."""
+        """Return which faces [F] cast no shadow, bool: panes and lamps."""
         return np.isin(self.texture, (int(Texture.SKY), int(Texture.GLOW)))
 
     def table(self) -> dict[str, Any]:
-        """Give what ``scene.json`` holds: units, up and the list of instances."""
+        """Return what ``scene.json`` holds: units, up and the list of instances."""
         rows = []
         for i, scene_object in enumerate(self.objects):
             low, high = scene_object.bounds_m.round(4).tolist()

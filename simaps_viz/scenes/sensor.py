@@ -33,7 +33,7 @@ class DepthSensor:
     grazing_dropout: float = 0.85
 
     def sigma_m(self, z_m: NDArray) -> NDArray:
-        """Give the axial standard deviation at depth z, metres."""
+        """Return the axial standard deviation at depth z, metres."""
         return self.sigma_floor_m + self.sigma_growth_per_m * (z_m - 0.4) ** 2
 
 

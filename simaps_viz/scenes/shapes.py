@@ -159,7 +159,7 @@ def moved(parts: Model, x: float, y: float, z: float = 0.0, *, yaw_rad: float = 
 
 
 def corner_normals(mesh: trimesh.Trimesh) -> NDArray:
-    """Give the shading normal of every corner of every face, float32 [faces, 3, 3].
+    """Return the shading normal of every corner of every face, float32 [faces, 3, 3].
 
     A corner's normal is the area-weighted mean over those faces round its vertex that meet this face at less
     than ``SMOOTH_ANGLE_RAD``; so a cylinder's side is smooth and its rim is sharp.

@@ -68,7 +68,7 @@ def known_instances(scene: Mapping[str, Any]) -> dict[int, KnownInstance]:
 
 
 def check_level(level: str) -> str:
-    """Give the level back; raises InputError when there is none of that name."""
+    """Return the level back; raises InputError when there is none of that name."""
     if level not in LEVELS:
         raise InputError(f"error level: expected one of {', '.join(LEVELS)}, found {level!r}")
     return level
@@ -196,7 +196,7 @@ def _numbers(found: list[int], names: Mapping[int, str], instances: Mapping[int,
 
 
 def _score(i: int, name: str, instances: Mapping[int, KnownInstance], draws: _Draws) -> float:
-    """Give a confidence: lower for a wrong name."""
+    """Return a confidence: lower for a wrong name."""
     low, high = (0.70, 0.99) if name == instances[i].label else (0.40, 0.80)
     return round(float(low + (high - low) * draws.score[i]), 3)
 
@@ -249,7 +249,7 @@ def _merge(
 
 
 def _box_gap(spoiled: NDArray, a: int, b: int) -> float:
-    """Give the distance between the boxes round two segments, pixels; infinite when one has no pixel."""
+    """Return the distance between the boxes round two segments, pixels; infinite when one has no pixel."""
     boxes = []
     for number in (a, b):
         mask = (spoiled == number).astype(np.uint8)

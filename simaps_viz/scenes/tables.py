@@ -120,7 +120,7 @@ def bookshelf(length: float, height: float, wood: Material, *, boards: int) -> M
 
 
 def shelf_heights(height: float, boards: int) -> list[float]:
-    """Give the height of the top of each board of a bookshelf, the lowest first."""
+    """Return the height of the top of each board of a bookshelf, the lowest first."""
     return [0.08 + i * (height - 0.08) / boards for i in range(boards)]
 
 

@@ -88,7 +88,7 @@ class Walk:
 
 
 def camera_pose(position_m: NDArray, yaw_rad: float, pitch_down_rad: float) -> NDArray:
-    """Give ``T_world_camera`` [4, 4] of a level camera that looks along yaw, tipped down by the pitch."""
+    """Return ``T_world_camera`` [4, 4] of a level camera that looks along yaw, tipped down by the pitch."""
     c, s = np.cos(yaw_rad), np.sin(yaw_rad)
     forward = np.array([c * np.cos(pitch_down_rad), s * np.cos(pitch_down_rad), -np.sin(pitch_down_rad)])
     right = np.array([s, -c, 0.0])

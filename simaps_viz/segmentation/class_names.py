@@ -101,7 +101,7 @@ def names_beside(network: Path, metadata: dict[str, str]) -> ClassNames | None:
 
 
 def things_among(labels: Sequence[str]) -> tuple[bool, ...]:
-    """Tell which classes can be counted: by the lists of COCO panoptic and ADE20K where these are the ones."""
+    """Return which classes can be counted: by the lists of COCO panoptic and ADE20K where these are the ones."""
     first = [label.split(",")[0].strip() for label in labels]
     if len(labels) == _COCO_PANOPTIC_CLASSES and set(COCO_THINGS) <= set(first):
         return tuple(label in COCO_THINGS for label in first)

@@ -38,7 +38,7 @@ class CocoPanoptic:
     """By the id in the PNG; the segment's own id counts from 1."""
 
     def classes(self) -> dict[str, bool]:
-        """Give {class name: is it a thing} of all segments, by name."""
+        """Return {class name: is it a thing} of all segments, by name."""
         found = {s.label: s.is_thing for by_id in self.segments.values() for s in by_id.values()}
         return dict(sorted(found.items()))
 
@@ -175,7 +175,7 @@ def _rows(path: Path, table: Any, key: str) -> list[dict[str, Any]]:
 
 
 def _key(value: Any) -> str:
-    """Give an id, which is a number or text, as something to look up by."""
+    """Return an id, which is a number or text, as something to look up by."""
     return shown(value)
 
 

@@ -91,7 +91,7 @@ def _map_points(depth: NDArray, frame: Frame, T_map_camera: NDArray, step: int) 
 
 
 def _vertical_share(points: NDArray, depth: NDArray, settings: StuffSettings) -> tuple[NDArray, NDArray]:
-    """Give z of the surface's unit normal (float32 [h, w], towards the camera for floors: up) and where it is known.
+    """Return z of the surface's unit normal (float32 [h, w], towards the camera for floors: up) and where it is known.
 
     Points are averaged over 5 x 5 samples first, as depth cameras are noisy; differences reach two samples each way.
     """

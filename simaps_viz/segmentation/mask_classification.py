@@ -79,7 +79,7 @@ class MaskClassifier:
         )  # fmt: skip
 
     def adjusted(self, thresholds: Mapping[str, float]) -> "MaskClassifier":
-        """Give the same network with other thresholds."""
+        """Return the same network with other thresholds."""
         settings = replace(self._settings, **thresholds)
         return MaskClassifier(self._session, self._ports, self._names, self._picture, settings)
 
@@ -116,7 +116,7 @@ class MaskClassifier:
         return fit(height, width, into=self._ports.size)
 
     def _probability(self, logits: NDArray, height: int, width: int) -> NDArray:
-        """Give each query's mask in the picture, float32 [n, height, width].
+        """Return each query's mask in the picture, float32 [n, height, width].
 
         With the rule of transformers probabilities are resized, else logits: each as their code does it.
         """
@@ -133,7 +133,7 @@ class MaskClassifier:
 
 
 def sigmoid(logits: NDArray) -> NDArray:
-    """Give 1 / (1 + exp(-x)), float32, without overflow."""
+    """Return 1 / (1 + exp(-x)), float32, without overflow."""
     return (0.5 * (1.0 + np.tanh(0.5 * logits))).astype(np.float32)
 
 

@@ -42,7 +42,7 @@ class About:
     """Where the network's file is and how it was opened, JSON-able, to open it again; names no folder."""
 
     def folder(self, root: Path) -> Path:
-        """Give the folder that belongs to this below ``root``."""
+        """Return the folder that belongs to this below ``root``."""
         digest = hashlib.sha256(json.dumps([self.sequence, self.source, self.key]).encode()).hexdigest()
         return root / "masks" / digest[:20]
 
@@ -69,7 +69,7 @@ class MaskStore:
             raise InputError(f"{self.folder}: expected to keep masks there, found {error.strerror or error}") from error
 
     def holds(self, index: int, stamp: Sequence[Any]) -> bool:
-        """Tell whether a frame is done, and of files of the same stamp (see `file_stamp`)."""
+        """Return whether a frame is done, and of files of the same stamp (see `file_stamp`)."""
         row = self._rows.get(index)
         return row is not None and row["stamp"] == list(stamp) and self._image(index).is_file()
 
@@ -98,7 +98,7 @@ class MaskStore:
         return Segmentation(read_ids(self._image(index)).astype(np.int32), segments)
 
     def classes(self) -> dict[str, bool]:
-        """Give {class name: is it a thing} of all segments, by name."""
+        """Return {class name: is it a thing} of all segments, by name."""
         found = {row["label"]: row["is_thing"] for line in self._rows.values() for row in line["segments"]}
         return dict(sorted(found.items()))
 
@@ -106,7 +106,7 @@ class MaskStore:
         return self.folder / f"{index:06d}.png"
 
     def _torn(self) -> bool:
-        """Tell whether the last line was cut off by a crash."""
+        """Return whether the last line was cut off by a crash."""
         path = self.folder / _LINES
         if not path.is_file() or path.stat().st_size == 0:
             return False
@@ -128,7 +128,7 @@ def find_store(root: Path, *, sequence: str, source: str) -> MaskStore | None:
 
 
 def file_stamp(*paths: Path) -> list[int]:
-    """Give size and time of change of files: masks of a picture that was replaced are made anew."""
+    """Return size and time of change of files: masks of a picture that was replaced are made anew."""
     stats = [path.stat() for path in paths]
     return [number for s in stats for number in (s.st_size, s.st_mtime_ns)]
 

@@ -91,7 +91,7 @@ def export_network(checkpoint: str, output: Path, *, size: tuple[int, int] | Non
 
 
 def input_size(family: str, processor: dict[str, Any], config: Any) -> tuple[int, int]:
-    """Give height and width of the input that an image processor's settings mean.
+    """Return height and width of the input that an image processor's settings mean.
 
     Where only edges are limited, as for MaskFormer, the input is a picture of 4:3 of that size, rounded up to 32.
     """
@@ -109,7 +109,7 @@ def input_size(family: str, processor: dict[str, Any], config: Any) -> tuple[int
 
 
 def metadata(family: str, processor: dict[str, Any], config: Any) -> dict[str, str]:
-    """Give what the file has to say about itself."""
+    """Return what the file has to say about itself."""
     kept = ("size", "do_rescale", "rescale_factor", "do_normalize", "image_mean", "image_std")
     names = {str(i): config.id2label[i] for i in sorted(config.id2label)}
     return {
@@ -137,7 +137,7 @@ def _load(transformers: Any, checkpoint: str) -> tuple[Any, dict[str, Any]]:
 
 
 def _constants(torch: Any, transformers: Any, checkpoint: str, config: Any) -> dict[str, Any]:
-    """Give the inputs besides the picture, the same for every picture: OneFormer's task, int64 [1, tokens].
+    """Return the inputs besides the picture, the same for every picture: OneFormer's task, int64 [1, tokens].
 
     Raises:
         InputError: the checkpoint has no tokenizer to write it with.
@@ -197,7 +197,7 @@ def _add_metadata(onnx: Any, path: Path, entries: dict[str, str]) -> None:
 
 
 def _difference(torch: Any, network: Any, path: Path, size: tuple[int, int]) -> float:
-    """Give the largest difference between torch and the file on another picture than the one it was traced with."""
+    """Return the largest difference between torch and the file on another picture than the one it was traced with."""
     from simaps_viz.segmentation.session import Session  # noqa: PLC0415 - onnxruntime is slow to import
 
     picture = torch.rand((1, 3, *size), generator=torch.Generator().manual_seed(1)) * 4.0 - 2.0

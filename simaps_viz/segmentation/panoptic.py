@@ -83,7 +83,7 @@ def confident_queries(class_logits: NDArray, score: float) -> Queries:
 def panoptic_map(
     probability: NDArray, queries: Queries, fused: Collection[int], settings: PanopticSettings
 ) -> tuple[NDArray, tuple[PanopticSegment, ...]]:
-    """Give every pixel to one query or to none, and join the stuff of a class.
+    """Return every pixel to one query or to none, and join the stuff of a class.
 
     Args:
         probability: float32 [n, H, W], each query's mask.

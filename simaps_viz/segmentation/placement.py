@@ -71,7 +71,7 @@ def lay(image: NDArray, place: Placement, *, into: tuple[int, int], fill: int, s
 
 
 def channels_first(image: NDArray, *, scale: tuple[float, ...], offset: tuple[float, ...] = (0.0, 0.0, 0.0)) -> NDArray:
-    """Give ``image * scale + offset`` by channel, float32 [1, 3, H, W], of uint8 [H, W, 3].
+    """Return ``image * scale + offset`` by channel, float32 [1, 3, H, W], of uint8 [H, W, 3].
 
     Ten times as fast as OpenCV's ``blobFromImage``, whose memory is new each time.
     """

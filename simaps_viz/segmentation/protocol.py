@@ -69,5 +69,5 @@ class Adjustable(Protocol):
         ...
 
     def adjusted(self, thresholds: Mapping[str, float]) -> Network:
-        """Give the same network, already open, with some thresholds changed, by key."""
+        """Return the same network, already open, with some thresholds changed, by key."""
         ...

@@ -56,7 +56,7 @@ class NetworkSettings:
     """Mask classifiers: whose."""
 
     def to_json(self) -> dict[str, Any]:
-        """Give them JSON-able."""
+        """Return them JSON-able."""
         return {**asdict(self), "labels": None if self.labels is None else str(self.labels.resolve())}
 
     @classmethod
@@ -75,7 +75,7 @@ class NetworkSettings:
 
 
 def open_network(path: Path, settings: NetworkSettings | None = None) -> tuple[Network, str]:
-    """Open a network file; gives it and what it runs on.
+    """Open a network file; returns it and what it runs on.
 
     Raises:
         InputError: the file cannot be opened, is of no known kind, or its class names are missing or too many.
@@ -102,7 +102,7 @@ def open_network(path: Path, settings: NetworkSettings | None = None) -> tuple[N
 
 
 def origin(network: Network, path: Path, settings: NetworkSettings) -> dict[str, Any]:
-    """Say where an open network's file is and how it was opened, JSON-able; see `mask_store.About`."""
+    """Describe where an open network's file is and how it was opened, JSON-able; see `mask_store.About`."""
     thresholds = network.thresholds if isinstance(network, Adjustable) else ()
     return {
         "network": str(Path(path).resolve()),
@@ -165,7 +165,7 @@ def _image_input(session: Session, wanted: tuple[int, int] | None) -> tuple[Port
 
 
 def _open_size(session: Session) -> tuple[int, int]:
-    """Give the size that a file which leaves it open was made for: Ultralytics writes ``imgsz``."""
+    """Return the size that a file which leaves it open was made for: Ultralytics writes ``imgsz``."""
     try:
         rows, cols = json.loads(session.metadata.get("imgsz", ""))
         return int(rows), int(cols)
@@ -174,7 +174,7 @@ def _open_size(session: Session) -> tuple[int, int]:
 
 
 def _resolved(session: Session, image: Port, size: tuple[int, int]) -> Sequence[Port]:
-    """Give the outputs with their real shapes; where the file leaves some open, by running it once on grey."""
+    """Return the outputs with their real shapes; where the file leaves some open, by running it once on grey."""
     if all(None not in port.shape and port.shape for port in session.outputs):
         return session.outputs
     grey = np.full((1, 3, *size), 0.5, dtype=image.dtype)

@@ -28,7 +28,7 @@ class Masks(Protocol):
     """Segmentations of all frames of a sequence, by position."""
 
     def classes(self) -> dict[str, bool]:
-        """Give {class name: is it a thing}."""
+        """Return {class name: is it a thing}."""
         ...
 
     def get(self, index: int) -> Segmentation:
@@ -57,7 +57,7 @@ class WithMasks:
         return len(self._sequence)
 
     def described(self) -> bytes:
-        """Give what the sequence says its images mean; ``segmentation_source`` names the masks."""
+        """Return what the sequence says its images mean; ``segmentation_source`` names the masks."""
         return self._sequence.described()
 
     def read(self, index: int, *, color: bool = False) -> Frame:
@@ -93,7 +93,7 @@ def segment_sequence(
     progress: Progress | None = None,
     origin: Mapping[str, Any] | None = None,
 ) -> WithMasks:
-    """Segment every frame that has not been yet, and give the sequence with these masks.
+    """Segment every frame that has not been yet, and return the sequence with these masks.
 
     Pictures are decoded and prepared on one thread, the network runs on this one, its output is read and kept by a
     third. What is done stays done when this is interrupted.
@@ -144,12 +144,12 @@ def masks_from(sequence: PosedFrames, source: str, root: Path) -> WithMasks | No
 
 
 def needs_stuff(network: Network) -> bool:
-    """Tell whether a network knows only things."""
+    """Return whether a network knows only things."""
     return all(network.is_thing)
 
 
 def about(sequence: PosedFrames, network: Network, by_geometry: bool) -> About:
-    """Say what the masks depend on."""
+    """Describe what the masks depend on."""
     source = f"{network.name}, {FLOOR} and {WALL} by geometry" if by_geometry else network.name
     key = f"{network.key} {sequence.T_map_world.round(9).tolist() if by_geometry else ''}"
     return About(str(sequence.path.resolve()), f"{source} [{_short(key)}]", key)

@@ -98,12 +98,12 @@ class Session:
 
 
 def available_providers() -> list[str]:
-    """Give short names of what networks can run on here, the fastest first ("cuda", "cpu")."""
+    """Return short names of what networks can run on here, the fastest first ("cuda", "cpu")."""
     return [_short(name) for name in choose_providers((), onnxruntime.get_available_providers())]
 
 
 def choose_providers(wanted: Sequence[str], available: Sequence[str]) -> list[str]:
-    """Give onnxruntime's names of what to run on, the CPU always last.
+    """Return onnxruntime's names of what to run on, the CPU always last.
 
     Raises:
         InputError: one of those wanted is not there.
@@ -134,7 +134,7 @@ def _port(value: Any) -> Port:
 
 
 def _why(error: Exception) -> str:
-    """Give the end of onnxruntime's message, which says why, on one line and without the file's name again."""
+    """Return the end of onnxruntime's message, which says why, on one line and without the file's name again."""
     text = " ".join(str(error).split())
     for mark in ("] : ", " : ", " failed:"):
         text = text.partition(mark)[2] or text

@@ -93,5 +93,5 @@ def above_score(masks: Segmentation, score: float) -> Segmentation:
 
 
 def score_threshold() -> Threshold:
-    """Give the only threshold that masks made elsewhere have."""
+    """Return the only threshold that masks made elsewhere have."""
     return Threshold("score", "Score", 0.0, "Least confidence of a segment.")

@@ -65,7 +65,7 @@ class Detections:
     """float32 [n, prototypes]."""
 
     def of(self, index: NDArray) -> "Detections":
-        """Give some of them."""
+        """Return some of them."""
         return Detections(self.boxes[index], self.scores[index], self.classes[index], self.coefficients[index])
 
 
@@ -90,7 +90,7 @@ class YoloSeg:
         )
 
     def adjusted(self, thresholds: Mapping[str, float]) -> "YoloSeg":
-        """Give the same network with other thresholds."""
+        """Return the same network with other thresholds."""
         return YoloSeg(self._session, self._ports, self._names, replace(self._settings, **thresholds))
 
     def prepare(self, color: NDArray) -> NDArray:
@@ -183,7 +183,7 @@ def suppress(found: Detections, iou: float) -> NDArray:
 def detection_masks(
     found: Detections, prototypes: NDArray, place: Placement, size: tuple[int, int], shape: tuple[int, int], mask: float
 ) -> list[tuple[int, int, NDArray]]:
-    """Give each detection's mask inside its box: (top, left, bool [h, w]) in the picture.
+    """Return each detection's mask inside its box: (top, left, bool [h, w]) in the picture.
 
     A pixel belongs to the mask where sigmoid(coefficients . prototypes), read bilinearly, exceeds ``mask``; logits are
     compared instead, which is the same.
@@ -225,6 +225,6 @@ def detection_masks(
 
 
 def _reach(first: float, length: float, size: int) -> tuple[int, int]:
-    """Give the first and the last + 1 prototype pixel of a row or column that bilinear reading needs."""
+    """Return the first and the last + 1 prototype pixel of a row or column that bilinear reading needs."""
     low = min(max(math.floor(first) - 1, 0), size - 1)
     return low, max(min(math.ceil(first + length) + 2, size), low + 1)

@@ -86,7 +86,7 @@ class ExtraPanels:
         return any(panel.take_click(x_m, y_m) for _, panel in self)
 
     def states(self) -> dict[str, Any]:
-        """Give what was done on each panel."""
+        """Return what was done on each panel."""
         found: dict[str, Any] = {}
         for title, panel in self:
             self._guarded(lambda title=title, panel=panel: found.update({title: panel.state()}))
@@ -246,7 +246,7 @@ def _dock_small(session: "Session", objects: viser.PanelHandle) -> viser.PanelHa
 
 
 def recording_width(page_px: float) -> float:
-    """Give how wide the recorded build is docked on a page of some width, px: a quarter, or 400 where there is room."""
+    """How wide the recorded build is docked on a page of some width, px: a quarter, or 400 where there is room."""
     return max(0.25 * page_px, RECORDING_WIDTH_PX if page_px >= ROOMY_PX else 0.0)
 
 

@@ -62,7 +62,7 @@ class TabState:
 
 
 def state_of(session: "Session") -> TabState:
-    """Give what a session's person did."""
+    """Return what a session's person did."""
     parts, published = session.parts, session.common.published()
     return TabState(
         published=weakref.ref(published),
@@ -230,11 +230,11 @@ class Session:
         self.panel_worker.submit(name, job)
 
     def say(self, title: str, text: str) -> None:
-        """Tell this person something in passing."""
+        """Notify this person something in passing."""
         self._notify(title, text, "blue", 6.0)
 
     def report(self, error: Exception) -> None:
-        """Tell this person of an error; one that is not meant for people also goes to the log in full."""
+        """Notify this person of an error; one that is not meant for people also goes to the log in full."""
         if self._closed:
             return
         if self._begun:
@@ -309,7 +309,7 @@ class Session:
         self.parts.build.set_frame(frame, chosen_here=True)
 
     def view(self, frame: int) -> tuple[NDArray, NDArray] | None:
-        """Give a frame's RGB picture and segment ids; None when the sequence is not at hand."""
+        """Return a frame's RGB picture and segment ids; None when the sequence is not at hand."""
         return None if self.common.services.view is None else self.common.services.view(frame)
 
     def leave_robot(self) -> None:
@@ -321,7 +321,7 @@ class Session:
         return all(w.wait_idle(timeout_s) for w in (self.command_worker, self.panel_worker, self.worker))
 
     def close(self, timeout_s: float = 2.0) -> TabState:
-        """End all that runs, and give what a page that is loaded again needs."""
+        """End all that runs, and return what a page that is loaded again needs."""
         with self._lock:
             state = self._waiting_state or state_of(self)
             self._closed = True

@@ -64,7 +64,7 @@ def moment(shared: Shared, simap: SIMap, *, frame: int | None, step: int | None)
 
 
 def then_text(look: SIMap) -> str:
-    """Say what was on a map at some time."""
+    """Describe what was on a map at some time."""
     seen = float((~np.isnan(look.grid.height_m)).sum()) * look.spec.cell_size_m**2
     found = counts_text(look) if look.instances else "no instances yet"
     return f"{found} · {seen:.1f} m² seen"

@@ -234,7 +234,7 @@ class Workbench:
         return [host.port for host in hosts if host is not None]
 
     def _seen_by(self, client: viser.ClientHandle) -> Common:
-        """Give what pages share, with the addresses that this page's browser reaches."""
+        """Return what pages share, with the addresses that this page's browser reaches."""
         connection = self.server._websock_server._live_connections.get(client.client_id)
         name = None if connection is None or connection.request is None else connection.request.headers.get("Host")
         name = name_of(name) or self.access.name
@@ -242,7 +242,7 @@ class Workbench:
         return replace(self._common, recording=recording, tabs=self._tab_host.seen_as(name))
 
     def _came(self, client: viser.ClientHandle) -> None:
-        """Give a new page its session; it is painted once it is known which tab it is in."""
+        """Return a new page its session; it is painted once it is known which tab it is in."""
         try:
             check_values(client, self.gate.note)
             session = Session(client, self._seen_by(client))

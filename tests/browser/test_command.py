@@ -36,7 +36,7 @@ def press(page, name):
 
 
 def say(session, page, command, *, by="Enter"):
-    """Give a command. Each change waits for the one before: viser's page sends only the last of any 50 ms."""
+    """Return a command. Each change waits for the one before: viser's page sends only the last of any 50 ms."""
     box = field_of(page, "Command")
     box.fill(command)
     if by == "Enter":

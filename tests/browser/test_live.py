@@ -16,7 +16,7 @@ TIMES = "() => window.simapsEvents.filter((one) => one.type === 'time_update').m
 
 
 def docked(page) -> Callable[[], np.ndarray]:
-    """Give what takes pictures of the docked recording."""
+    """Return what takes pictures of the docked recording."""
     box = page.locator("iframe[title='Recorded build']").bounding_box()
 
     def picture() -> np.ndarray:

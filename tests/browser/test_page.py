@@ -96,13 +96,13 @@ def tab(page, name):
 
 
 def kept_of_comparison(session):
-    """Give what the comparison would have on a page that is loaded again: its right side and where it is divided."""
+    """Return what the comparison would have on a page that is loaded again: its right side and where it is divided."""
     kept = session.parts.others.states()["Compare"]
     return kept["sides"][1].title, kept["divide"]
 
 
 def seen_in_all_tabs(page, bench, look):
-    """Give what a look at each tab finds, with an object selected and with the answer to a command."""
+    """Return what a look at each tab finds, with an object selected and with the answer to a command."""
     select_chair_1(page, bench)
     found = {}
     for name in tabs(page, ALL_SAY):

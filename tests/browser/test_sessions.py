@@ -77,7 +77,7 @@ def fill(page, label, value):
 
 
 def loaded_again(page, bench):
-    """Load the page again, and give its new session."""
+    """Load the page again, and return its new session."""
     before = mine(bench)
     page.reload()
     until(page, lambda: len(bench.sessions) == 1 and mine(bench) is not before)

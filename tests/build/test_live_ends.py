@@ -20,7 +20,7 @@ FRAMES = 6
 
 
 def watched(held, how):
-    """Build with a page open; gives the state at the end, the page's map and its panels."""
+    """Build with a page open; returns the state at the end, the page's map and its panels."""
     with (
         stage_progress(quiet=True) as progress,
         live_workbench(held, how, progress) as (bench, build),

@@ -73,7 +73,7 @@ def test_query_prints_a_line_a_command_each_from_the_given_pose(built, capsys):
 
 
 def damage(folder: Path, what: str) -> tuple[str, str]:
-    """Break a tiny sequence; gives the name the message must hold and a word of what was expected."""
+    """Break a tiny sequence; returns the name the message must hold and a word of what was expected."""
     depth = folder / "depth" / f"{frame_name(1)}.png"
     if what == "missing file":
         depth.unlink()

@@ -26,7 +26,7 @@ EYE_M = np.array([0.0, -1.6, 1.5])
 
 
 def look(yaw_deg: float, pitch_deg: float) -> NDArray:
-    """Give T_room_camera [4, 4] of a camera at EYE_M; positive pitch looks down."""
+    """Return T_room_camera [4, 4] of a camera at EYE_M; positive pitch looks down."""
     yaw, pitch = np.deg2rad(yaw_deg), np.deg2rad(pitch_deg)
     forward = np.array([np.cos(yaw) * np.cos(pitch), np.sin(yaw) * np.cos(pitch), -np.sin(pitch)])
     right = np.array([np.sin(yaw), -np.cos(yaw), 0.0])

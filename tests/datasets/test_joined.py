@@ -19,7 +19,7 @@ FRAMES = 9
 
 
 def part(folder, first, last, *, name="tiny"):
-    """Give a folder with some of the tiny sequence's frames."""
+    """Return a folder with some of the tiny sequence's frames."""
     path = write_tiny_sequence(folder, frames=FRAMES, manifest={"name": name})
     lines = (folder / "poses.txt").read_text().splitlines()
     (folder / "poses.txt").write_text("\n".join(lines[first:last]) + "\n")

@@ -23,7 +23,7 @@ TEXT = (".txt", ".json", ".traj", ".pincam")
 
 
 def as_windows_writes(folder: Path) -> None:
-    """Give every text file Windows' line ends, and the mark that its editor puts first."""
+    """Return every text file Windows' line ends, and the mark that its editor puts first."""
     for path in folder.rglob("*"):
         if path.suffix in TEXT:
             path.write_bytes(b"\xef\xbb\xbf" + path.read_bytes().replace(b"\n", b"\r\n"))

@@ -51,7 +51,7 @@ def world(tmp_path_factory):
 
 @pytest.fixture
 def typed(world, tmp_path, monkeypatch):
-    """Type a line at the prompt, in a copy of the world; gives the exit status."""
+    """Type a line at the prompt, in a copy of the world; returns the exit status."""
     shutil.copytree(world / "world", tmp_path / "world")
     monkeypatch.chdir(tmp_path / "world" / "here")
     monkeypatch.setenv("SIMAPS_CACHE", str(world / "cache"))

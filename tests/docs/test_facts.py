@@ -37,7 +37,7 @@ def test_every_key_of_a_manifest_is_on_its_page():
 
 
 def needed(*wanted: str) -> Iterator[Distribution]:
-    """Give what is installed of some requirements, and of what these require."""
+    """Return what is installed of some requirements, and of what these require."""
     waiting, seen = [Requirement(one) for one in wanted], set()
     while waiting:
         one = waiting.pop()

@@ -114,7 +114,7 @@ def test_the_pandas_frame_is_the_csv_without_outlines(tmp_path):
 
 
 def named(simap, names):
-    """Give a map with other names for some classes."""
+    """Return a map with other names for some classes."""
     labels = tuple(names.get(label, label) for label in simap.grid.labels)
     instances = tuple(replace(one, label=names.get(one.label, one.label)) for one in simap.instances)
     return replace(simap, grid=replace(simap.grid, labels=labels), instances=instances)

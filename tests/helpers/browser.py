@@ -88,7 +88,7 @@ def toy_view(frame: int) -> tuple[NDArray, NDArray]:
 
 
 def free_port() -> int:
-    """Give the first of six free ports in a row: a workbench takes three, and the next one three more."""
+    """Return the first of six free ports in a row: a workbench takes three, and the next one three more."""
     worker = int(os.environ.get("PYTEST_XDIST_WORKER", "gw0").removeprefix("gw")) % 6
     for row in itertools.islice(_rows, PORTS_EACH // 8):
         first = FIRST_PORT + PORTS_EACH * worker + row

@@ -40,7 +40,7 @@ class Spoiling:
 
 
 def drawn_room(folder: Path, frames: int = 36, poses: list[NDArray] | None = None) -> Path:
-    """Ray-cast a walk (or the poses given) through a furnished room and write it as a sequence; gives its folder."""
+    """Ray-cast a walk (or the poses given) through a furnished room and write it as a sequence; returns its folder."""
     for name in ("color", "depth"):
         (folder / name).mkdir(parents=True)
     lines = []
@@ -62,7 +62,7 @@ def drawn_room(folder: Path, frames: int = 36, poses: list[NDArray] | None = Non
 
 
 def spoiled_copy(source: Path, folder: Path, spoiling: Spoiling, *, every: int = 1) -> Path:
-    """Write a manifest, poses and camera that refer to the source's images, spoiled; gives the folder."""
+    """Write a manifest, poses and camera that refer to the source's images, spoiled; returns the folder."""
     folder.mkdir(parents=True)
     keys = json.loads((source / "sequence.json").read_text())
     keys.pop("segmentation", None)
@@ -88,20 +88,20 @@ def spoiled_copy(source: Path, folder: Path, spoiling: Spoiling, *, every: int =
 
 
 def read_poses(path: Path) -> tuple[list[str], NDArray]:
-    """Give names and matrices [n, 4, 4] of a pose file."""
+    """Return names and matrices [n, 4, 4] of a pose file."""
     rows = [line.split() for line in path.read_text().splitlines()]
     return [row[0] for row in rows], np.array([[float(x) for x in row[1:]] for row in rows]).reshape(-1, 4, 4)
 
 
 def turn(matrix: Any) -> NDArray:
-    """Give the 4x4 transform of a 3x3 matrix."""
+    """Return the 4x4 transform of a 3x3 matrix."""
     out = np.eye(4)
     out[:3, :3] = matrix
     return out
 
 
 def standing(eye: Any, yaw: float, pitch: float) -> NDArray:
-    """Give the pose [4, 4] of a camera held upright; radians, positive pitch looks down."""
+    """Return the pose [4, 4] of a camera held upright; radians, positive pitch looks down."""
     forward = np.array([np.cos(yaw) * np.cos(pitch), np.sin(yaw) * np.cos(pitch), -np.sin(pitch)])
     right = np.array([np.sin(yaw), -np.cos(yaw), 0.0])
     pose = turn(np.stack([right, np.cross(forward, right), forward], axis=1))
@@ -118,7 +118,7 @@ def tilted(up: Any, degrees: float) -> list[float]:
 
 
 def _walk(frames: int) -> list[NDArray]:
-    """Give poses of a camera that wanders and looks about, up and down too; never at constant speed."""
+    """Return poses of a camera that wanders and looks about, up and down too; never at constant speed."""
     poses = []
     for t in np.linspace(0, 1, frames):
         yaw = 2 * np.pi * (1.2 * t + 0.05 * np.sin(9 * t))
@@ -129,7 +129,7 @@ def _walk(frames: int) -> list[NDArray]:
 
 
 def _cast(pose: NDArray) -> tuple[NDArray, NDArray]:
-    """Give depth along the optical axis, metres [H, W], and a grey shade by surface, uint8 [H, W]."""
+    """Return depth along the optical axis, metres [H, W], and a grey shade by surface, uint8 [H, W]."""
     v, u = np.mgrid[:HEIGHT, :WIDTH]
     rays = np.stack([(u - WIDTH / 2 + 0.5) / FOCAL, (v - HEIGHT / 2 + 0.5) / FOCAL, np.ones(u.shape)], axis=-1)
     rays = rays @ pose[:3, :3].T

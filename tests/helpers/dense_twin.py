@@ -50,7 +50,7 @@ class DenseTwin:
         ])  # fmt: skip
 
     def cut(self):
-        """Give the layers of what was seen, and the cell they start at."""
+        """Return the layers of what was seen, and the cell they start at."""
         rows, cols = np.nonzero(self.observations)
         part = np.s_[rows.min() : rows.max() + 1, cols.min() : cols.max() + 1]
         layers = [self.label[part]]

@@ -35,7 +35,7 @@ class Line:
 
 
 def blocks(page: str, languages: tuple[str, ...]) -> Iterator[tuple[int, str]]:
-    """Give the line number and the text of each fenced block in one of these languages."""
+    """Return the line number and the text of each fenced block in one of these languages."""
     text = (ROOT / page).read_text()
     for found in _BLOCK.finditer(text):
         if found[1] in languages:
@@ -43,7 +43,7 @@ def blocks(page: str, languages: tuple[str, ...]) -> Iterator[tuple[int, str]]:
 
 
 def shell_lines(page: str) -> list[Line]:
-    """Give every command line of a page's shell blocks, those broken with a backslash joined."""
+    """Return every command line of a page's shell blocks, those broken with a backslash joined."""
     found = []
     for start, block in blocks(page, SHELL):
         begun = ""
@@ -60,7 +60,7 @@ def shell_lines(page: str) -> list[Line]:
 
 
 def inline_commands(page: str) -> list[Line]:
-    """Give the commands that stand in the text, those with a placeholder such as MAP left out."""
+    """Return the commands that stand in the text, those with a placeholder such as MAP left out."""
     outside = _outside(page)
     found = []
     for span in _INLINE.finditer(outside):
@@ -71,7 +71,7 @@ def inline_commands(page: str) -> list[Line]:
 
 
 def indented_commands(page: str) -> list[Line]:
-    """Give the command lines that are set off by four spaces: shown, not to be run as they stand."""
+    """Return the command lines that are set off by four spaces: shown, not to be run as they stand."""
     outside = _outside(page)
     return [
         Line(page, outside.count("\n", 0, line.start()) + 1, shlex.join(shlex.split(line[1], comments=True)))
@@ -80,11 +80,11 @@ def indented_commands(page: str) -> list[Line]:
 
 
 def links(page: str) -> list[str]:
-    """Give what a page links to, other sites left out."""
+    """Return what a page links to, other sites left out."""
     targets = re.findall(r"\]\(([^)#]+)[^)]*\)", (ROOT / page).read_text())
     return [target for target in targets if not target.startswith("http")]
 
 
 def _outside(page: str) -> str:
-    """Give a page with its fenced blocks blanked."""
+    """Return a page with its fenced blocks blanked."""
     return _BLOCK.sub(lambda block: "\n" * block[0].count("\n"), (ROOT / page).read_text())

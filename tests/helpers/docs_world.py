@@ -20,7 +20,7 @@ STEPS_PER_M = 5000
 
 
 def write_world(folder: Path, cache: Path) -> Path:
-    """Write what the commands read: recordings in ``scans/``, and ``here/``, where they are typed; gives that."""
+    """Write what the commands read: recordings in ``scans/``, and ``here/``, where they are typed; returns that."""
     here = folder / "here"
     here.mkdir(parents=True)
     sequence = open_sequence(ensure_demo(cache_dir=cache, settings=SMALL))

@@ -134,7 +134,7 @@ def plain_gap(grid: Grid, a: int, b: int) -> int:
 
 
 def evidence_of(graphs: Sequence[CellGraph]) -> Evidence:
-    """Give the graphs as `plain_pairs` does."""
+    """Return the graphs as `plain_pairs` does."""
     return {
         (graph.label, int(graph.cells[a]), int(graph.cells[b])): (int(same), int(different))
         for graph in graphs

@@ -20,7 +20,7 @@ _LOOPS = "stopped: the program took more than 1000 loop turns"
 
 
 def nested(header: str, levels: int, body: str = "robot.turn(1)") -> str:
-    """Give headers one inside the other."""
+    """Return headers one inside the other."""
     return "".join(" " * i + header + "\n" for i in range(levels)) + " " * levels + body
 
 

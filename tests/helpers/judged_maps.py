@@ -14,7 +14,7 @@ IS_THING = (False, True, False, True)
 
 
 def drawn(drawing: str, *, cells: int = 4) -> NDArray:
-    """Give int32 ids of a drawing, north up: digits and letters are ids (a = 10), "." is none."""
+    """Return int32 ids of a drawing, north up: digits and letters are ids (a = 10), "." is none."""
     lines = [line.strip() for line in drawing.strip().splitlines()][::-1]
     ids = np.array([[0 if c == "." else int(c, 36) for c in line] for line in lines], np.int32)
     return np.kron(ids, np.ones((cells, cells), np.int32)).astype(np.int32)

@@ -63,7 +63,7 @@ SAYS = {
 
 
 def tabs(page, says):
-    """Give the tabs there are, once those that must be there are."""
+    """Return the tabs there are, once those that must be there are."""
     for name in says:
         expect(page.get_by_role("tab", name=name, exact=True)).to_be_visible()
     return [one.inner_text() for one in page.get_by_role("tab").all() if one.is_visible()]
@@ -77,7 +77,7 @@ def open_tab(page, name, text):
 
 
 def faults(page):
-    """Give what cannot be read and what has no name; names come a moment after what they name."""
+    """Return what cannot be read and what has no name; names come a moment after what they name."""
     end = time.monotonic() + PATIENCE_S
     while page.evaluate(NAMELESS) and time.monotonic() < end:
         page.wait_for_timeout(40)

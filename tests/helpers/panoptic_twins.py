@@ -15,7 +15,7 @@ SHAPE = (24, 32)
 
 
 def drawn_logits(seed: int) -> tuple[NDArray, NDArray]:
-    """Give class logits [14, 7] and mask logits [14, 16, 20]: blobs that overlap, some sure and some not."""
+    """Return class logits [14, 7] and mask logits [14, 16, 20]: blobs that overlap, some sure and some not."""
     rng = np.random.default_rng(seed)
     queries, h, w = 14, 16, 20
     classes = rng.normal(0.0, 1.0, (queries, CLASSES + 1)).astype(np.float32)
@@ -89,7 +89,7 @@ def plain_panoptic(
 
 
 def by_transformers(family: str, class_logits: NDArray, mask_logits: NDArray, **thresholds: Any) -> Any:
-    """Let transformers itself make the map; gives its ids [H, W] and its list of segments."""
+    """Let transformers itself make the map; returns its ids [H, W] and its list of segments."""
     torch, transformers = (importlib.import_module(name) for name in ("torch", "transformers"))
     transformers.logging.set_verbosity_error()
     module = importlib.import_module("transformers.models.mask2former.modeling_mask2former")
@@ -112,7 +112,7 @@ def by_transformers(family: str, class_logits: NDArray, mask_logits: NDArray, **
 
 
 def _lend_torchvision(torch: Any) -> None:
-    """Give transformers' OneFormer the two names of torchvision that it uses without importing them (5.23)."""
+    """Return transformers' OneFormer the two names of torchvision that it uses without importing them (5.23)."""
     module: Any = importlib.import_module("transformers.models.oneformer.image_processing_pil_oneformer")
     if not hasattr(module, "tvF"):
 

@@ -19,7 +19,7 @@ def random_rotation(rng: np.random.Generator) -> NDArray:
 
 
 def random_frames(seed: int, frames: int = 3) -> list[tuple[Frame, Segmentation, NDArray]]:
-    """Give (frame, segmentation, T_map_camera) with blocky segments, noisy blocky depth and holes."""
+    """Return (frame, segmentation, T_map_camera) with blocky segments, noisy blocky depth and holes."""
     rng = np.random.default_rng(seed)
     width, height = 40, 30
     intrinsics = Intrinsics(width, height, 35.0, 36.0, 19.2, 14.7)

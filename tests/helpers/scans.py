@@ -32,12 +32,12 @@ START_S = 100.0
 
 
 def camera(width: int = 64, height: int = 48, focal: float = 58.0) -> Intrinsics:
-    """Give a camera whose principal point is not in the middle."""
+    """Return a camera whose principal point is not in the middle."""
     return Intrinsics(width, height, focal, focal * 1.02, width * 0.51, height * 0.48)
 
 
 def map_pose(index: float) -> NDArray:
-    """Give T_map_camera [4, 4]: two metres south of the seats, looking north and down, turning a little."""
+    """Return T_map_camera [4, 4]: two metres south of the seats, looking north and down, turning a little."""
     yaw, pitch = 0.05 * index - 0.1, 0.6
     forward = np.array([np.sin(yaw) * np.cos(pitch), np.cos(yaw) * np.cos(pitch), -np.sin(pitch)])
     right = np.array([np.cos(yaw), -np.sin(yaw), 0.0])
@@ -48,7 +48,7 @@ def map_pose(index: float) -> NDArray:
 
 
 def look(k: Intrinsics, T_map_camera: NDArray) -> tuple[NDArray, NDArray]:
-    """Give depth float64 [H, W] in metres, 0 = nothing near, and world-wide ids int32 [H, W]."""
+    """Return depth float64 [H, W] in metres, 0 = nothing near, and world-wide ids int32 [H, W]."""
     v, u = np.mgrid[: k.height, : k.width]
     rays = np.stack([(u - k.cx) / k.fx, (v - k.cy) / k.fy, np.ones(u.shape)], axis=-1) @ T_map_camera[:3, :3].T
     with np.errstate(divide="ignore"):
@@ -66,7 +66,7 @@ def look(k: Intrinsics, T_map_camera: NDArray) -> tuple[NDArray, NDArray]:
 
 
 def steps(depth_m: NDArray, unit_m: float = 0.001) -> NDArray:
-    """Give depth as uint16 steps."""
+    """Return depth as uint16 steps."""
     return np.rint(depth_m / unit_m).astype(np.uint16)
 
 
@@ -80,7 +80,7 @@ class World:
     """The format says which way is up."""
 
     def pose(self, index: float) -> NDArray:
-        """Give T_world_camera [4, 4] with OpenCV axes."""
+        """Return T_world_camera [4, 4] with OpenCV axes."""
         return invert_pose(map_from_world(self.up, self.floor_height_m)) @ map_pose(index)
 
 
@@ -158,7 +158,7 @@ def write_depth(path: Path, image: NDArray) -> None:
 
 
 def quaternion(T: NDArray) -> list[float]:
-    """Give x, y, z, w of a pose's rotation, by Shepperd's method."""
+    """Return x, y, z, w of a pose's rotation, by Shepperd's method."""
     R = T[:3, :3]
     squares = np.array([1 + R[0, 0] - R[1, 1] - R[2, 2], 1 - R[0, 0] + R[1, 1] - R[2, 2],
                         1 - R[0, 0] - R[1, 1] + R[2, 2], 1 + np.trace(R)])  # fmt: skip

@@ -106,7 +106,7 @@ class Messages:
 
 
 def entries(make: Messages, *, odometry: bool = False, compressed: bool = False) -> list[tuple[float, str, Any]]:
-    """Give (time logged, topic, message); pictures are logged 30 ms after they were taken, and late depth has no tf."""
+    """(time logged, topic, message); pictures are logged 30 ms after they were taken, and late depth has no tf."""
     found: list[tuple[float, str, Any]] = [
         (START_S - 0.5, "/tf_static", make.transform(0.0, "base_link", "camera_optical", T_BASE_CAMERA)),
         (START_S - 0.4, f"{COLOR}/camera_info", make.camera_info(START_S)),

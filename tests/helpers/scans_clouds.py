@@ -20,7 +20,7 @@ LIDAR = "/velodyne_points"
 
 
 def cloud_of(index: int) -> NDArray:
-    """Give a frame's points in camera axes, float64 [n, 3]; depth in whole millimetres, as in other formats."""
+    """Return a frame's points in camera axes, float64 [n, 3]; depth in whole millimetres, as in other formats."""
     depth_m = steps(look(camera(), map_pose(index))[0]) * np.float32(0.001)
     k = camera()
     points = back_project(depth_m, k.fx, k.fy, k.cx, k.cy).reshape(-1, 3)

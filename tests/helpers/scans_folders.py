@@ -201,7 +201,7 @@ def polycam(folder: Path) -> Sample:
 
 
 def float32_pose(world: World, index: float) -> NDArray:
-    """Give the pose as a file of 32-bit floats has it."""
+    """Return the pose as a file of 32-bit floats has it."""
     return world.pose(index).astype(np.float32).astype(np.float64)
 
 

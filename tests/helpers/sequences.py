@@ -34,14 +34,14 @@ def frame_name(index: int) -> str:
 
 
 def tiny_pose(index: int) -> NDArray:
-    """Give T_world_camera [4, 4]: x right is world x, y down is world -y, forward is straight down."""
+    """Return T_world_camera [4, 4]: x right is world x, y down is world -y, forward is straight down."""
     T_world_camera = np.diag([1.0, -1.0, -1.0, 1.0])
     T_world_camera[:3, 3] = (STEP_M * (index % 3), 0.0, CAMERA_HEIGHT_M)
     return T_world_camera
 
 
 def tiny_images(index: int) -> tuple[NDArray, NDArray]:
-    """Give depth float32 [H, W] in metres and world-wide ids int32 [H, W] of a frame."""
+    """Return depth float32 [H, W] in metres and world-wide ids int32 [H, W] of a frame."""
     v, u = np.mgrid[:HEIGHT, :WIDTH]
     seat_depth_m = CAMERA_HEIGHT_M - SEAT_HEIGHT_M
     x = STEP_M * (index % 3) + (u - CX) / FOCAL * seat_depth_m
@@ -56,7 +56,7 @@ def tiny_images(index: int) -> tuple[NDArray, NDArray]:
 
 
 def local_ids(index: int) -> dict[int, int]:
-    """Give {world-wide id: id in that frame's segmentation}; the chairs swap theirs in odd frames."""
+    """Return {world-wide id: id in that frame's segmentation}; the chairs swap theirs in odd frames."""
     return {1: 2, 2: 1, FLOOR_ID: FLOOR_ID} if index % 2 else {1: 1, 2: 2, FLOOR_ID: FLOOR_ID}
 
 

@@ -18,7 +18,7 @@ Box = tuple[float, float, float, float, int, float]
 
 
 def yolo_rows(boxes: Sequence[Box], *, anchors: int = 24, classes: int = len(NAMES)) -> NDArray:
-    """Give float32 [1, 4 + classes + 2, anchors]: the boxes, and anchors that found nothing."""
+    """Return float32 [1, 4 + classes + 2, anchors]: the boxes, and anchors that found nothing."""
     rows = np.zeros((1, 4 + classes + PROTOTYPES, anchors), np.float32)
     for i, (x0, y0, x1, y1, label, score) in enumerate(boxes):
         rows[0, :4, i] = (x0 + x1) / 2, (y0 + y1) / 2, x1 - x0, y1 - y0

@@ -74,7 +74,7 @@ TOY_BRIDGES = (((27, 19), (74, 41)),)
 
 
 def toy_map(*, k_percent: float = 5.0) -> SIMap:
-    """Give the map drawn above, method paper.
+    """Return the map drawn above, method paper.
 
     The merge log, in order: 2 -> 1 (share 0.25), 3 -> 1 (share 1/64); 7 -> 6 (share 1/9).
     So there are 3 chairs and 2 tables while 1.57 < K < 11.1, 3 tables from 11.2, 4 chairs from K = 25, 2 chairs at 0.

@@ -103,7 +103,7 @@ Expected = Callable[[World], End]
 
 
 def problem(world: World, expected: End, done) -> str | None:
-    """Say what is wrong with an answer, or None."""
+    """Describe what is wrong with an answer, or None."""
     if expected.refused:
         missing = [word for word in expected.refused if word not in (done.reason or "")]
         return None if done.status == "refused" and not missing else f"{done.status}: {done.reason}"

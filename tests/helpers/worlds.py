@@ -55,7 +55,7 @@ _WIDTH, _HEIGHT, _FOCAL, _CAMERA_M = 640, 480, 300.0, 5.5
 
 
 def write_room(folder: Path) -> Path:
-    """Write three frames of the room, seen straight from above, with exact ids; gives the manifest."""
+    """Write three frames of the room, seen straight from above, with exact ids; returns the manifest."""
     for name in ("color", "depth", "ids"):
         (folder / name).mkdir(parents=True)
     poses = []

@@ -38,7 +38,7 @@ def simap():
 
 @pytest.fixture(scope="module")
 def attempt(simap) -> Callable[[str], None]:
-    """Give what must never raise anything but an error of ours, nor hang, nor drive on after a refusal."""
+    """Return what must never raise anything but an error of ours, nor hang, nor drive on after a refusal."""
 
     def once(text: str) -> float:
         began = time.thread_time()

@@ -146,7 +146,7 @@ def test_smoothing_never_cuts_an_obstacle(seed: int, rows: int, cols: int) -> No
 
 
 def crosses_cell(x0: float, y0: float, x1: float, y1: float, row: int, col: int) -> bool:
-    """Tell whether a segment runs through the inside of a cell: clipped to it, something is left (Liang and Barsky)."""
+    """Whether a segment runs through the inside of a cell: clipped to it, something is left (Liang and Barsky)."""
     enter, leave = 0.0, 1.0
     for start, delta, low in ((x0, x1 - x0, col), (y0, y1 - y0, row)):
         if delta == 0.0:

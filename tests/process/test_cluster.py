@@ -54,7 +54,7 @@ def sequence(tmp_path_factory):
 
 
 def copied(sequence, folder):
-    """Give the sequence as a folder of its own, to be damaged."""
+    """Return the sequence as a folder of its own, to be damaged."""
     write_tiny_sequence(folder, frames=FRAMES)
     return folder
 

@@ -34,7 +34,7 @@ SIMAPS = [sys.executable, "-m", "simaps_viz"]
 
 
 def on_terminal(command: list[str], folder: Path) -> tuple[int, str]:
-    """Run a command on a terminal of its own; gives its status and all that appeared there, in order."""
+    """Run a command on a terminal of its own; returns its status and all that appeared there, in order."""
     ours, theirs = pty.openpty()
     environment = {**os.environ, "TERM": "xterm", "COLUMNS": "100"}
     bounded = [sys.executable, "-c", BOUNDED, *command]

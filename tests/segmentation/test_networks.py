@@ -158,7 +158,7 @@ PICTURE = (1, 3, 32, 32)
 
 
 def wrong_networks(folder: Path):
-    """Give (file, settings, what has to be said)."""
+    """Return (file, settings, what has to be said)."""
     good = write_yolo(folder / "good.onnx", BOX)
     (folder / "two.txt").write_text("chair\ntable\n")
     (folder / "bad.onnx").write_bytes(b"no network")

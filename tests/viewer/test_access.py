@@ -81,7 +81,7 @@ def test_a_token_is_asked_for_and_guessing_ends():
 
 
 def entered(access):
-    """Give the cookie of a new browser that brings the token."""
+    """Return the cookie of a new browser that brings the token."""
     given = access.entering({}, f"/?token={access.token}")["Set-Cookie"]
     cookie, rest = given.split("; ", 1)
     assert cookie.startswith(f"{access.cookie}=") and rest == "HttpOnly; SameSite=Strict; Path=/"

@@ -126,7 +126,7 @@ BOXES = [(2.0, 6.0, 12.0, 18.0, 0, 0.9), (20.0, 10.0, 30.0, 20.0, 2, 0.5), (14.0
 
 
 def built(tmp_path: Path, monkeypatch, network: Path, *options: str) -> SIMap:
-    """Give the map that the command line builds of a tiny sequence with a network."""
+    """Return the map that the command line builds of a tiny sequence with a network."""
     monkeypatch.setenv("SIMAPS_CACHE", str(tmp_path / "cache"))
     write_tiny_sequence(tmp_path / "tiny")
     command = ["build", str(tmp_path / "tiny"), "--segmentation", str(network), "-o", str(tmp_path / "m.npz")]

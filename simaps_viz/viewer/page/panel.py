@@ -89,11 +89,11 @@ class Desk(Protocol):
         ...
 
     def say(self, title: str, text: str) -> None:
-        """Tell this person something in passing."""
+        """Notify this person something in passing."""
         ...
 
     def report(self, error: Exception) -> None:
-        """Tell this person that something went wrong."""
+        """Notify this person that something went wrong."""
         ...
 
 
@@ -120,7 +120,7 @@ class Panel:
         return False
 
     def state(self) -> Any:
-        """Give what this person did, for a page that is loaded again; None = nothing."""
+        """Return what this person did, for a page that is loaded again; None = nothing."""
         return None
 
     def restore(self, state: Any) -> None:

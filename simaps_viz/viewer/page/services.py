@@ -199,7 +199,7 @@ class JudgingLike(Protocol):
     """A session in which a person judges runs, blind and in random order; it saves every answer at once."""
 
     def next_run(self) -> RunLike | None:
-        """Give the first run without an answer; None when all are done."""
+        """Return the first run without an answer; None when all are done."""
         ...
 
     def judge(self, run_id: str, answer: Literal["yes", "no", "skip"]) -> None:
@@ -207,7 +207,7 @@ class JudgingLike(Protocol):
         ...
 
     def summary(self) -> Mapping[tuple[str, str], ScoreLike]:
-        """Give {(kind of errors, method): what people say}."""
+        """Return {(kind of errors, method): what people say}."""
         ...
 
 

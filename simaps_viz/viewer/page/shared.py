@@ -49,7 +49,7 @@ class Once(Generic[V]):
         """How often something had to be computed."""
 
     def get(self, key: Hashable, compute: Callable[[], V]) -> V:
-        """Give the result for a key. What ``compute`` raises goes to the one who ran it; the next tries anew."""
+        """Return the result for a key. What ``compute`` raises goes to the one who ran it; the next tries anew."""
         while True:
             with self._lock:
                 if key in self._found:
@@ -99,7 +99,7 @@ class Shared:
         self.pictures: Once[bytes] = Once(MOST_PICTURES, size=len, most_size=MOST_PICTURE_BYTES)
 
     def partition(self, base: SIMap, percent: float, resolution: float) -> SIMap:
-        """Give a map cut into instances anew.
+        """Return a map cut into instances anew.
 
         Args:
             base: as it was built.
@@ -119,14 +119,14 @@ class Shared:
         return self.partitions.get((cut, percent), lambda: self._in_turn(lambda: join(cut, percent)))
 
     def look_back(self, simap: SIMap, frame: int) -> SIMap | None:
-        """Give what a map looked like after a frame; None when nobody knows."""
+        """Return what a map looked like after a frame; None when nobody knows."""
         look = self._services.look_back
         if look is None:
             return None
         return self.looks.get((simap, frame), lambda: self._in_turn(lambda: look(simap, frame)))
 
     def timeline(self, simap: SIMap) -> Timeline:
-        """Give the steps in which the objects of a map came about."""
+        """Return the steps in which the objects of a map came about."""
         self._timeline = made = self.timelines.get((simap,), lambda: Timeline(simap, like=self._timeline))
         return made
 
@@ -138,7 +138,7 @@ class Shared:
         until: int | None,
         theme: Theme = LIGHT,
     ) -> bytes:
-        """Give a map's picture as PNG; ``until``: without what no frame up to this one had named (None = all)."""
+        """Return a map's picture as PNG; ``until``: without what no frame up to this one had named (None = all)."""
         key = (simap, mode, lit, until, theme)
         return self.pictures.get(key, lambda: self._in_turn(lambda: png(paint(simap, mode, lit, until, theme))))
 

@@ -49,7 +49,7 @@ class FrameLink:
         self.push(frame)
 
     def accept(self, reported: int, current: int) -> bool:
-        """Tell whether a frame the recording reports is news."""
+        """Return whether a frame the recording reports is news."""
         now = self._clock()
         if reported == current or any(frame == reported and now - at < ECHO_S for frame, at in self._sent):
             return False
@@ -130,7 +130,7 @@ class BuildPanel:
         self._fill.value = fill_in_step
 
     def tell(self, words: str) -> None:
-        """Say what was known then; nothing for the finished map."""
+        """Describe what was known then; nothing for the finished map."""
         content = f'<div role="status" style="{BOX_STYLE}">{escape(words)}</div>' if words else ""
         if self._then.content != content:
             self._then.content, self._then.visible = content, bool(words)

@@ -39,7 +39,7 @@ _CHOICES = (
 
 
 def result_text(answer: AnswerLike) -> str:
-    """Say why not, or where the robot goes and how far."""
+    """Describe why not, or where the robot goes and how far."""
     if answer.status != "ok":
         return str(answer.reason or "")
     names = [_name_of(goal) for goal in answer.goals if field_of(goal, "label")]
@@ -54,7 +54,7 @@ def result_text(answer: AnswerLike) -> str:
 
 
 def why_text(answer: AnswerLike, candidates: Sequence[CandidateLike]) -> str:
-    """Say why the robot goes to this instance and to no other of its class; empty when there was nothing to choose.
+    """Why the robot goes to this instance and to no other of its class; empty when there was nothing to choose.
 
     Args:
         answer: with the goals.
@@ -111,7 +111,7 @@ def goal_labels(simap: SIMap, goals: Sequence[Any]) -> list[Label]:
 
 
 def label_of(text: str, one: Instance) -> Label:
-    """Give a text that stands beside an instance."""
+    """Return a text that stands beside an instance."""
     (x0, y0, _), (x1, y1, _) = one.aabb_m
     return Label(text, (x0 + x1) / 2, (y0 + y1) / 2, (x1 - x0) / 2, (y1 - y0) / 2)
 
@@ -165,7 +165,7 @@ def exchanges_html(exchanges: Sequence[ExchangeLike]) -> str:
 
 
 def field_of(goal: Any, name: str) -> Any:
-    """Give a field of a goal, whether it is a mapping or an object; None when it has none of that name."""
+    """Return a field of a goal, whether it is a mapping or an object; None when it has none of that name."""
     return goal.get(name) if isinstance(goal, Mapping) else getattr(goal, name, None)
 
 
@@ -175,7 +175,7 @@ def _name_of(goal: Any) -> str:
 
 
 def _others(one: CandidateLike, candidates: Sequence[CandidateLike]) -> str:
-    """Say where the closer ones are, or the next when there is none closer."""
+    """Describe where the closer ones are, or the next when there is none closer."""
     label = one.instance.label
     if one.rank == 1:
         return f"the next {label} is at {candidates[1].distance_m:.2f} m."
@@ -198,7 +198,7 @@ def _listed(candidates: Sequence[CandidateLike], label: str) -> str:
 
 
 def _choice(program: str, label: str) -> list[str]:
-    """Say how the program chose, where it did not go by closeness alone."""
+    """Describe how the program chose, where it did not go by closeness alone."""
     for pattern, words in _CHOICES:
         found = pattern.search(program)
         if found:
@@ -316,12 +316,12 @@ class CommandPanel:
             self._run.options = _BUTTONS[phase]
 
     def show_thinking(self, command: str, reader: str = "") -> None:
-        """Say that a command is being worked on, and who reads it."""
+        """Report that a command is being worked on, and who reads it."""
         more = (f"Asking {reader}. Stop ends the wait.",) if reader else ()
         self._result.content = message_html("Working on it …", command, "plain", more)
 
     def show_result(self, title: str, text: str, tone: str, more: Sequence[str] = ()) -> None:
-        """Say what became of a command, with further lines; tone is one of plain, good, bad."""
+        """Describe what became of a command, with further lines; tone is one of plain, good, bad."""
         self._result.content = message_html(title, text, tone, more)
 
     def show_program(self, program: str, line: int | None = None, *, stuck: bool = False) -> None:
@@ -358,7 +358,7 @@ class CommandPanel:
             button.visible = one is not None
 
     def show_pose(self, pose: Pose2) -> None:
-        """Say where the robot stands."""
+        """Describe where the robot stands."""
         self._pose.content = (
             '<div style="padding:.2em .8em;font-size:.82em">Robot at '
             f"<b>x {pose.x_m:.2f} m, y {pose.y_m:.2f} m</b>, heading <b>{pose.heading_deg % 360:.0f}°</b></div>"
@@ -441,7 +441,7 @@ class CommandPanel:
 
 
 def entered(text: str) -> str | None:
-    """Give the command that Enter ended; None while it is still being written.
+    """Return the command that Enter ended; None while it is still being written.
 
     A program has lines, so that only a last empty line ends it; any other command is one line.
     """

@@ -100,7 +100,7 @@ class SideChooser:
         return self._keys[str(self._which.value)]
 
     def map(self, simap: SIMap, tell: Progress, cancel: threading.Event) -> Named:
-        """Give the chosen map and what it is called; may take long.
+        """Return the chosen map and what it is called; may take long.
 
         Raises:
             InputError: the map cannot be made.
@@ -128,7 +128,7 @@ class SideChooser:
         self._show_settings()
 
     def state(self) -> SideState:
-        """Give what is chosen, with the files that were read."""
+        """Return what is chosen, with the files that were read."""
         return SideState(str(self._which.value), float(self._percent.value), float(self._resolution.value), self._files)
 
     def restore(self, state: SideState) -> None:
@@ -163,7 +163,7 @@ EMPTY: tuple[str, ...] = ("all (0)",)
 
 
 def compare_panel(services: CompareServices) -> PanelSpec:
-    """Give the tab of a page that has this panel."""
+    """Return the tab of a page that has this panel."""
     return PanelSpec("Compare", viser.Icon.ARROWS_DIFF, lambda desk: ComparePanel(desk, services))
 
 
@@ -225,7 +225,7 @@ class ComparePanel(Panel):
         return True
 
     def state(self) -> dict[str, Any]:
-        """Give what this person compares, for a page that is loaded again."""
+        """Return what this person compares, for a page that is loaded again."""
         return {
             "sides": [side.state() for side in self._sides], "how": self._how.value, "divide": self._line.value,
             "kind": self._kind_name, "mark_all": self._mark_all.value, "wanted": self._wanted,

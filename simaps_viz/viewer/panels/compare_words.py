@@ -217,7 +217,7 @@ _TONES = {"plain": "", "bad": BAD_STYLE}
 
 
 def item_text(item: ItemLike, maps: TwoMapsLike) -> str:
-    """Say what a difference is: "merged · chairs 4 + 5 → 1", "missed · chair 2", "label · chair 1 → couch 2".
+    """Describe what a difference is: "merged · chairs 4 + 5 → 1", "missed · chair 2", "label · chair 1 → couch 2".
 
     Numbers are those of the objects among their class, each on its own map.
     """
@@ -250,13 +250,13 @@ def _together(names: Sequence[str], *, known: str = "") -> str:
 
 
 def kind_options(maps: TwoMapsLike) -> tuple[str, ...]:
-    """Give what the list can be narrowed to: "all (9)", "merged (2)", ... only kinds that occur."""
+    """Return what the list can be narrowed to: "all (9)", "merged (2)", ... only kinds that occur."""
     found = [f"{kind} ({count})" for kind, count in maps.counts.items() if count]
     return (f"{ALL} ({len(maps.items)})", *found)
 
 
 def of_kind(maps: TwoMapsLike, option: str) -> list[ItemLike]:
-    """Give the differences of an option of ``kind_options``."""
+    """Return the differences of an option of ``kind_options``."""
     kind = option.partition(" (")[0]
     return [item for item in maps.items if kind in (ALL, item.kind)]
 
@@ -279,7 +279,7 @@ def headline_html(maps: TwoMapsLike) -> str:
 
 
 def summary_html(maps: TwoMapsLike, theme: Theme = LIGHT) -> str:
-    """Say what every colour of a mark means and how often it occurs, and the rest of the numbers."""
+    """Describe what every colour of a mark means and how often it occurs, and the rest of the numbers."""
     left, right = maps.left, maps.right
     reference, other = (left, right) if maps.reference == "left" else (right, left)
     lines = []
@@ -308,7 +308,7 @@ def summary_html(maps: TwoMapsLike, theme: Theme = LIGHT) -> str:
 
 
 def ignored_lines(maps: TwoMapsLike) -> list[str]:
-    """Say which objects were too small to be compared, where there are any."""
+    """Describe which objects were too small to be compared, where there are any."""
     left, right = maps.left, maps.right
     if not left.ignored and not right.ignored:
         return []

@@ -22,7 +22,7 @@ class NotFound(Exception):  # noqa: N818 - what was typed is not on the map
 
 
 def find(simap: SIMap, typed: str, *, after: int | None = None) -> Instance:
-    """Give the object that what was typed means.
+    """Return the object that what was typed means.
 
     Args:
         simap: the map.
@@ -47,7 +47,7 @@ def find(simap: SIMap, typed: str, *, after: int | None = None) -> Instance:
 
 
 def _of_class(simap: SIMap, label: str, number: int | None, after: int | None) -> Instance:
-    """Give an object of a class by its number among them, or the next one."""
+    """Return an object of a class by its number among them, or the next one."""
     ones = simap.of_class(label)
     if number is None:
         return next((one for one in ones if after is not None and one.id > after), ones[0])
@@ -57,7 +57,7 @@ def _of_class(simap: SIMap, label: str, number: int | None, after: int | None) -
 
 
 def _class_of(simap: SIMap, name: str) -> str:
-    """Give the class that a name means: as it is called, in the plural, or by a part that no other class has."""
+    """Return the class that a name means: as it is called, in the plural, or by a part that no other class has."""
     known = {label.lower(): label for label in simap.counts()}
     known |= {plural(2, label).removeprefix("2 ").lower(): label for label in known.values()}
     if name in known:

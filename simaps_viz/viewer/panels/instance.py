@@ -82,7 +82,7 @@ class InstancePanel:
             self._list.value = name
 
     def explain(self, summary: str | None, edits: Sequence[Mapping[str, Any]] = ()) -> None:
-        """Say why it is one object, as HTML, and who has edited it by hand; None = nothing is selected."""
+        """Describe why it is one object, as HTML, and who has edited it by hand; None = nothing is selected."""
         self._why.content = (summary or "") + edits_html(edits)
         self._why.visible = summary is not None
 
@@ -108,7 +108,7 @@ class InstancePanel:
 
 
 def edits_html(edits: Sequence[Mapping[str, Any]]) -> str:
-    """Say who made an object what it is by hand, the last edit first; nothing where nobody did."""
+    """Describe who made an object what it is by hand, the last edit first; nothing where nobody did."""
     if not edits:
         return ""
     lines = ""
@@ -120,7 +120,7 @@ def edits_html(edits: Sequence[Mapping[str, Any]]) -> str:
 
 
 def object_names(simap: SIMap, most: int = MOST_LISTED) -> dict[str, int]:
-    """Give {name: id} of a map's instances, named as `legend.object_name` does, of many only the largest."""
+    """Return {name: id} of a map's instances, named as `legend.object_name` does, of many only the largest."""
     total = Counter(instance.label for instance in simap.instances)
     number: Counter[str] = Counter()
     floor = 0
@@ -141,7 +141,7 @@ def _small(note: str) -> str:
 def best_pictures(
     simap: SIMap, instance_id: int, view: Callable[[int], tuple[NDArray, NDArray] | None]
 ) -> tuple[NDArray | None, str, dict[str, int]]:
-    """Give an instance's best views side by side (None when the sequence is not at hand), a note, and the frames."""
+    """Return an instance's best views side by side (None when the sequence is not at hand), a note, and the frames."""
     views = best_views(simap, instance_id)
     names = {simap.frame_names[one.frame]: one.frame for one in views}
     pictures = []

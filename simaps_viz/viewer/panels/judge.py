@@ -36,7 +36,7 @@ def run_html(run: RunLike) -> str:
 
 
 def outcome_text(shown: Mapping[str, Any]) -> str:
-    """Say what the robot did, without saying whether it was right."""
+    """Describe what the robot did, without saying whether it was right."""
     stops = len(shown.get("stops") or ())
     moved = len(shown.get("track") or ()) > 1
     if shown.get("collision"):
@@ -77,7 +77,7 @@ def summary_html(session: JudgingLike) -> str:
 
 
 def _masks(errors: str) -> str:
-    """Say what the maps were built from."""
+    """Describe what the maps were built from."""
     known = {"none": "Exact masks", "precomputed": "The sequence's own masks"}
     return known.get(errors, f"Masks with {errors} simulated errors")
 
@@ -237,7 +237,7 @@ class JudgePanel:
             button.visible = False
 
     def _things(self, run: RunLike, start: Pose2) -> list[Label]:
-        """Say how far the things the command names are from where it was given; without ranks, which judge."""
+        """Describe how far the things the command names are from where it was given; without ranks, which judge."""
         if self._candidates is None:
             return []
         texts: list[Label] = []
@@ -248,7 +248,7 @@ class JudgePanel:
 
 
 def named_in(command: str, labels: Sequence[str]) -> list[str]:
-    """Give the classes that a command names, or of whose names it has the last word ("table", "plants")."""
+    """Return the classes that a command names, or of whose names it has the last word ("table", "plants")."""
     words = set(re.findall(r"[a-z]+", command.lower()))
     words |= {word.removesuffix("es") for word in words} | {word.removesuffix("s") for word in words}
     return [label for label in labels if label.lower().split()[-1] in words]

@@ -67,7 +67,7 @@ WAITING = "The first objects appear after a few seconds; the smaller the cells, 
 
 
 def live_panel(services: LiveServices) -> PanelSpec:
-    """Give the tab."""
+    """Return the tab."""
     return PanelSpec(PROGRESS, viser.Icon.HAMMER, lambda desk: LivePanel(desk, services), place="front")
 
 
@@ -118,14 +118,14 @@ class LivePanel(Panel):
 
 
 def head_html(state: LiveState) -> str:
-    """Say what is going on."""
+    """Describe what is going on."""
     style = ";color:light-dark(#b02a2a,#ff8f8f)" if state.status == "failed" else ""
     style = f"{BOX_STYLE};font-size:1em;font-weight:600{style}"
     return f'<div role="status" style="{style}">{escape(HEADS[state.status])}</div>'
 
 
 def text_html(state: LiveState) -> str:
-    """Say how far, how fast, how long."""
+    """Describe how far, how fast, how long."""
     parts = [f"{state.done} of {plural(state.total, 'frame')}"]
     if state.status == "building" and state.rate:
         parts.append(f"{state.rate:.{0 if state.rate >= 10 else 1}f} frames/s")
@@ -156,7 +156,7 @@ def sketch_html(state: LiveState) -> str:
 
 
 def duration(seconds: float) -> str:
-    """Say how long: "8 s", "2 min 05 s", "1 h 10 min"."""
+    """Describe how long: "8 s", "2 min 05 s", "1 h 10 min"."""
     whole = max(round(seconds), 1)
     if whole < 60:
         return f"{whole} s"

@@ -45,7 +45,7 @@ JOINING_WORDS = {
 
 
 def joining_words(simap: SIMap) -> JoiningWords:
-    """Give the words for the slider of a map; those of K where it has none, as a slider out of sight has words too."""
+    """The words for the slider of a map; those of K where it has none, as a slider out of sight has words too."""
     return JOINING_WORDS[JOINING.get(simap.method, "k_percent")]
 
 
@@ -173,7 +173,7 @@ class MapPanel:
             self._class.value = shown_class or EVERY_CLASS
 
     def show(self, simap: SIMap, theme: Theme = LIGHT) -> None:
-        """Say what is on the map now."""
+        """Describe what is on the map now."""
         self._busy = False
         self._counts.content = counts_html(simap)
         for widget in (self._k, self._resolution, self._reset):
@@ -185,7 +185,7 @@ class MapPanel:
             self._class.options = options  # of the same classes in another order the chosen one stays
 
     def tell_past(self, badge: str) -> None:
-        """Say that the map is not the finished one, and offer that; nothing when the text is empty."""
+        """Report that the map is not the finished one, and offer that; nothing when the text is empty."""
         words = f'<span style="{BADGE_STYLE}">{escape(badge)}</span>'
         content = f'<div style="padding:.2em .8em .4em;font-size:.85em">{words}</div>'
         if badge and self._past.content != content:
@@ -216,7 +216,7 @@ class MapPanel:
 
 
 def origin_html(simap: SIMap) -> str:
-    """Say where a map comes from, and that it is simulated where it is."""
+    """Describe where a map comes from, and that it is simulated where it is."""
     sequence = PurePath(str(simap.provenance.get("sequence", "unknown sequence")))
     folder = sequence.parent.name if sequence.suffix == ".json" and sequence.parent.name else sequence.name
     name = str(simap.provenance.get("name") or folder)
@@ -246,5 +246,5 @@ def _line(text: str) -> str:
 
 
 def joins(simap: SIMap) -> bool:
-    """Tell whether the map has a merge log that a slider can follow."""
+    """Return whether the map has a merge log that a slider can follow."""
     return JOINING.get(simap.method) in simap.parameters

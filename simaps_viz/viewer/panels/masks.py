@@ -29,7 +29,7 @@ def error_html(text: str) -> str:
 
 
 def class_counts(masks: Segmentation) -> dict[str, tuple[int, bool]]:
-    """Give {class: (how many segments, is it a thing)}: things first, then by name."""
+    """Return {class: (how many segments, is it a thing)}: things first, then by name."""
     counts = Counter(s.label for s in masks.segments)
     things = {s.label: s.is_thing for s in masks.segments}
     return {label: (counts[label], things[label]) for label in sorted(counts, key=lambda c: (not things[c], c))}
@@ -76,7 +76,7 @@ def segments_html(masks: Segmentation, hidden: Collection[str]) -> str:
 
 
 def effect_words(before: Segmentation, now: Segmentation) -> str:
-    """Say what other thresholds change on a frame."""
+    """Describe what other thresholds change on a frame."""
     named = [float(np.count_nonzero(masks.ids) / max(masks.ids.size, 1)) for masks in (before, now)]
     old, new = (Counter(s.label for s in masks.segments) for masks in (before, now))
     text = f"{plural(len(now.segments), 'segment')}, {_share(named[1])} of the picture"
@@ -93,13 +93,13 @@ def effect_words(before: Segmentation, now: Segmentation) -> str:
 
 
 def command_words(source: str, options: Mapping[str, float], names: Mapping[str, str]) -> str:
-    """Give the options that build a map with such thresholds."""
+    """Return the options that build a map with such thresholds."""
     told = " ".join(f"{names[key]} {value:g}" for key, value in options.items() if key in names)
     return f"To build a map so: simaps build … --segmentation {source} {told}" if told else ""
 
 
 def has_confidence(masks: Segmentation) -> bool:
-    """Tell whether the things on a frame carry a confidence; masks without one say 1 of each."""
+    """Return whether the things on a frame carry a confidence; masks without one say 1 of each."""
     scores: Sequence[float] = [s.score for s in masks.segments if s.is_thing]
     return not scores or any(score < 1.0 for score in scores)
 
@@ -190,7 +190,7 @@ class _Widgets:
 
 
 def masks_panel(services: SegmentationServices) -> PanelSpec:
-    """Give the tab of a page that has this section."""
+    """Return the tab of a page that has this section."""
 
     def make(desk: Desk) -> SegmentationPanel:
         return SegmentationPanel(desk, services, on_frame=desk.jump)
@@ -250,7 +250,7 @@ class SegmentationPanel(Panel):
             self.refresh()
 
     def state(self) -> dict[str, Any]:
-        """Give what this person chose, for a page that is loaded again."""
+        """Return what this person chose, for a page that is loaded again."""
         w = self._w
         if w.frame is None:
             return {}
@@ -334,7 +334,7 @@ class SegmentationPanel(Panel):
         self.refresh()
 
     def _values(self) -> dict[str, float]:
-        """Give the thresholds that differ from those the map was built with."""
+        """Return the thresholds that differ from those the map was built with."""
         now = {knob.key: float(self._w.knobs[knob.key].value) for knob in self._services.knobs if self._w.knobs}
         built = {knob.key: knob.value for knob in self._services.knobs}
         return {key: value for key, value in now.items() if abs(value - built[key]) > 1e-6}
@@ -399,7 +399,7 @@ class SegmentationPanel(Panel):
         self._w.classes.label = f"Classes: {shown} of {plural(len(masks.segments), 'segment')} shown"
 
     def _box(self, label: str) -> Any:
-        """Give the switch of a class; make it when there is none yet."""
+        """Return the switch of a class; make it when there is none yet."""
         if label not in self._w.class_boxes:
             with self._w.classes:
                 box = self._desk.gui.add_checkbox(label, True)

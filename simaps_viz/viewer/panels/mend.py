@@ -42,7 +42,7 @@ class EntryLike(Protocol):
         ...
 
     def to_json(self) -> dict[str, str]:
-        """Give at least ``what``: the edit in words."""
+        """Return at least ``what``: the edit in words."""
         ...
 
 
@@ -118,13 +118,13 @@ def nearest(simap: SIMap, one: Instance) -> dict[str, int]:
 
 
 def classes(simap: SIMap) -> list[str]:
-    """Give the map's classes by name; countable ones first."""
+    """Return the map's classes by name; countable ones first."""
     named = zip(simap.grid.labels[1:], simap.grid.is_thing[1:], strict=True)
     return [label for label, _ in sorted(named, key=lambda pair: (not pair[1], pair[0]))]
 
 
 def status_html(simap: SIMap, one: Instance | None, words: str, tone: str, *, known: bool) -> str:
-    """Say what is selected, and what became of the last thing done; it stays in sight while the panel scrolls."""
+    """Describe what is selected, and what became of the last thing done; it stays in sight while the panel scrolls."""
     if not known:
         head = note_html("This is another map than the one that the edits belong to.")
     elif one is None:
@@ -140,13 +140,13 @@ def status_html(simap: SIMap, one: Instance | None, words: str, tone: str, *, kn
 
 
 def joined_text(simap: SIMap, first: int, second: int) -> str:
-    """Say that two objects are joined, and how far apart they are where they do not touch."""
+    """Report that two objects are joined, and how far apart they are where they do not touch."""
     apart = apart_m(simap, first, second)
     return "Joined." if apart == 0.0 else f"Joined. They do not touch: {apart:.2f} m lie between them. Undo parts them."
 
 
 def apart_m(simap: SIMap, first: int, second: int) -> float:
-    """Give the distance between the nearest edges of two objects, metres; 0 where cells of theirs touch."""
+    """Return the distance between the nearest edges of two objects, metres; 0 where cells of theirs touch."""
     both = np.isin(simap.instance, (first, second))
     row, col = np.flatnonzero(both.any(axis=1)), np.flatnonzero(both.any(axis=0))
     if first == second or not (simap.instance == first).any() or not (simap.instance == second).any():
@@ -178,7 +178,7 @@ def edits_html(entries: Sequence[tuple[str, EntryLike]], undone: int, refused: S
 
 
 def saved_html(path: str, saved: bool) -> str:
-    """Say where the edits are."""
+    """Describe where the edits are."""
     said = "Saved to" if saved else "Edits will be saved to"
     return note_html(f'{said} <span style="overflow-wrap:anywhere">{escape(path)}</span>')
 
@@ -197,7 +197,7 @@ Waiting = Literal["join", "cut"] | None
 
 
 def mend_panel(services: MendServices) -> PanelSpec:
-    """Give the panel, beside the one about the selected instance."""
+    """Return the panel, beside the one about the selected instance."""
 
     def make(desk: Desk) -> MendPanel:
         return MendPanel(desk, services, CutMark(desk.scene.nodes))
@@ -293,7 +293,7 @@ class MendPanel(Panel):
         self._cancel.visible = False
 
     def state(self) -> dict[str, str]:
-        """Give who signs here."""
+        """Return who signs here."""
         return {"who": str(self._who.value)}
 
     def restore(self, state: dict[str, str]) -> None:
@@ -403,7 +403,7 @@ class MendPanel(Panel):
             self._do(lambda simap: self._services.split(simap, one, start_m, end_m, who), "Cut in two.")
 
     def _target(self) -> int | None:
-        """Give the object that this panel speaks of, unless another one was selected meanwhile."""
+        """Return the object that this panel speaks of, unless another one was selected meanwhile."""
         selected = self._desk.selected
         if selected is None:
             self._say("Select an object first.", "bad")
@@ -453,7 +453,7 @@ class MendPanel(Panel):
             self._mark.show(tuple(points_m), self._reach_m())
 
     def _reach_m(self) -> float:
-        """Say how far a cutting line is drawn beyond two points: so far that it crosses the object."""
+        """Describe how far a cutting line is drawn beyond two points: so far that it crosses the object."""
         one = next((i for i in self._desk.simap.instances if i.id == self._shown), None)
         return 0.0 if one is None else math.dist(one.aabb_m[0][:2], one.aabb_m[1][:2])
 

@@ -99,7 +99,7 @@ class RecordingServices:
 
 
 def recordings_spec(services: RecordingServices) -> PanelSpec:
-    """Give the panel as one that every page has."""
+    """Return the panel as one that every page has."""
     return PanelSpec("Recordings", viser.Icon.MOVIE, lambda desk: RecordingsPanel(desk, services))
 
 
@@ -214,7 +214,7 @@ def _option(entry: RecordingLike) -> str:
 
 
 def details_html(entry: RecordingLike) -> str:
-    """Say what is known of a recording."""
+    """Describe what is known of a recording."""
     if entry.fault:
         return f"It cannot be opened: {escape(entry.fault)}"
     facts = entry.facts

@@ -156,7 +156,7 @@ class RobotControl:
             self._submit(program, at=self._asked_at, readings=tuple(others))
 
     def state(self) -> RobotState:
-        """Give where the robot is and what was said; a ride or a wait that is under way ends."""
+        """Return where the robot is and what was said; a ride or a wait that is under way ends."""
         if self.driving or self._waiting is not None:
             self.stop()
         return RobotState(self._pose, self._start, tuple(self._past), self._panel.said, self._panel.speed)
@@ -240,7 +240,7 @@ class RobotControl:
         at: Pose2 | None = None,
         readings: tuple[str, ...] = (),
     ) -> None:
-        """Give a command to the worker; ``at``: put the robot there first; ``readings``: what else it could mean."""
+        """Return a command to the worker; ``at``: put the robot there first; ``readings``: what else it could mean."""
         self._on_use()
         self._end()
         self._waiting = cancel = threading.Event()
@@ -318,7 +318,7 @@ class RobotControl:
         self._drive.start(ride, held=held)
 
     def _ride_of(self, simap: SIMap, answer: AnswerLike) -> Trajectory:
-        """Give the ride, with the lines of the program where the statements are known."""
+        """Return the ride, with the lines of the program where the statements are known."""
         if self._services.steps is not None and answer.program:
             steps: list[StepLike] = []
             with contextlib.suppress(SIMapsError):  # the answer has said it already; the ride ends there

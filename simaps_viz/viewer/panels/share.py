@@ -32,7 +32,7 @@ class ShareServices:
 
 
 def share_panel(services: ShareServices) -> PanelSpec:
-    """Give the tab of a page that has this panel."""
+    """Return the tab of a page that has this panel."""
     return PanelSpec("Share", viser.Icon.SHARE, lambda desk: SharePanel(desk, services))
 
 

@@ -51,7 +51,7 @@ def text_html(text: str) -> str:
 
 
 def summary_html(why: Why, *, by_hand: bool = False) -> str:
-    """Say why an instance is one object; ``by_hand``: people made it what it is."""
+    """Describe why an instance is one object; ``by_hand``: people made it what it is."""
     words = escape(summary(why, by_hand=by_hand))
     return (
         '<div style="margin:.1em .8em .6em;padding:.4em .6em;font-size:.82em;line-height:1.45;'
@@ -182,14 +182,14 @@ class WhyPanel:
         return frozenset() if self._between is None else frozenset({self._between.second.id})
 
     def paint(self, simap: SIMap) -> tuple[NDArray, NDArray] | None:
-        """Give the cells (flat) of a map to colour and their colours, uint8 [n, 3]; None = none."""
+        """Return the cells (flat) of a map to colour and their colours, uint8 [n, 3]; None = none."""
         why = self._why
         if why is None or simap is not self._simap or not self._color.value:
             return None
         return why.cells, sureness_colors(why)
 
     def show(self, simap: SIMap, instance: Instance | None) -> str | None:
-        """Explain an instance; gives the summary as HTML."""
+        """Explain an instance; returns the summary as HTML."""
         self._asking, self._between, self._joint = False, None, None
         self._simap, self._why = simap, None if instance is None else explain(simap, instance.id)
         self._folder.visible = self._why is not None
@@ -217,7 +217,7 @@ class WhyPanel:
         return True
 
     def compare(self, other_id: int) -> None:
-        """Say what keeps the explained instance and another apart."""
+        """Describe what keeps the explained instance and another apart."""
         self._apart.content = working_html("Comparing")
         self._actions.submit("compare", lambda: self._compare_now(other_id))
 
@@ -385,6 +385,6 @@ def _steps_words(why: Why) -> str:
 
 
 def _window(why: Why, position: int) -> tuple[str, ...]:
-    """Give the rows of the table around a step (from 1)."""
+    """Return the rows of the table around a step (from 1)."""
     first = min(max(position - ROWS // 2, 1), max(len(why.joints) - ROWS + 1, 1))
     return tuple(joint_name(why, i) for i in range(first, min(first + ROWS, len(why.joints) + 1)))

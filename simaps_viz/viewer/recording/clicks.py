@@ -16,7 +16,7 @@ IN_ROOM = ("/world/cells", "/world/points")
 
 
 def place_inside(simap: SIMap, instance_id: int) -> tuple[float, float]:
-    """Give the centre of the instance's cell that lies nearest to its middle, map frame, metres.
+    """Return the centre of the instance's cell that lies nearest to its middle, map frame, metres.
 
     Raises:
         InputError: there is no such instance.
@@ -34,7 +34,7 @@ def clicked_place(
     view: Callable[[int], tuple[NDArray, NDArray] | None],
     divide: Mapping[str, int],
 ) -> tuple[float, float] | None:
-    """Give the place on the map that was clicked in the recorded build.
+    """Return the place on the map that was clicked in the recorded build.
 
     Args:
         items: of a ``selection_change`` event of rerun's web viewer.
@@ -68,7 +68,7 @@ def clicked_place(
 
 
 def in_a_view(items: Sequence[Mapping[str, Any]]) -> bool:
-    """Tell whether something was clicked in one of the recording's views, and not only chosen by its name."""
+    """Return whether something was clicked in one of the recording's views, and not only chosen by its name."""
     return any(
         isinstance(item.get("position"), list) or (item.get("type") == "view" and not item.get("by_name"))
         for item in items
@@ -78,7 +78,7 @@ def in_a_view(items: Sequence[Mapping[str, Any]]) -> bool:
 def _instance_in_picture(
     simap: SIMap, frame: int, seen: tuple[NDArray, NDArray] | None, pixel: tuple[float, float]
 ) -> int:
-    """Give the instance most of whose cells the segment at a pixel (u, v) named, or 0."""
+    """Return the instance most of whose cells the segment at a pixel (u, v) named, or 0."""
     if seen is None:
         return 0
     (height, width), (rgb_height, rgb_width) = seen[1].shape, seen[0].shape[:2]

@@ -30,7 +30,7 @@ class RecordedSteps:
     """At which time of "louvain" it has the final communities; None = after as many levels as there are."""
 
     def time_of(self, page: Timeline, position: int) -> tuple[str, int] | None:
-        """Give the timeline of the recording that shows a position of the page's, and its time; None = there is none.
+        """Return the timeline of the recording that shows a position of the page's, and its time; None = there is none.
 
         Every map begins with the same classes.
         """
@@ -45,7 +45,7 @@ class RecordedSteps:
         return page.recorded(position) if page.levels == self._levels else None
 
     def position_of(self, page: Timeline, timeline: str, time: int) -> int | None:
-        """Give the position of a time of the recording; None = the page has none."""
+        """Return the position of a time of the recording; None = the page has none."""
         if timeline == "louvain" and time <= 0:
             return CLASSES
         at_last = timeline == "louvain" and time >= self._levels
@@ -228,7 +228,7 @@ def show_step_beside(session: "Session", position: int) -> None:
 
 
 def words_beside(session: "Session", position: int) -> str:
-    """Say that the recording does not show a position of the page's timeline; empty where it does, or there is none."""
+    """State that the recording does not show a position of the page's timeline; empty where it does, or there is none."""
     return NO_SUCH_STEP if session.recording.tied and _time_beside(session, position) is None else ""
 
 

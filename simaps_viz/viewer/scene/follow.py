@@ -51,7 +51,7 @@ class Follower:
         self.see(pose, rests=True)
 
     def see(self, pose: Pose2, *, rests: bool = False) -> None:
-        """Tell where the robot is, and whether it rests there; else moves that come too fast are left out."""
+        """Report where the robot is, and whether it rests there; else moves that come too fast are left out."""
         soon = time.monotonic() - self._moved_at < _EVERY_S and not rests
         if not self._on or soon or not self._lock.acquire(blocking=rests):
             return

@@ -46,7 +46,7 @@ class Zoom:
             page.camera.on_update(lambda _: self._moved())
 
     def metres_per_px(self) -> float:
-        """Give how much of the floor a pixel of the screen shows, where the camera looks."""
+        """Return how much of the floor a pixel of the screen shows, where the camera looks."""
         found = None
         if isinstance(self._page, viser.ClientHandle):
             found = seen_metres_per_px(self._page.camera)
@@ -67,7 +67,7 @@ class Zoom:
 
 
 def seen_metres_per_px(camera: Any) -> float | None:
-    """Give how many metres a pixel shows at the place a camera looks at; None for one that has not told yet."""
+    """Return how many metres a pixel shows at the place a camera looks at; None for one that has not told yet."""
     if camera.update_timestamp == 0.0 or camera.image_height <= 0:
         return None
     away = float(np.linalg.norm(np.subtract(camera.position, camera.look_at)))

@@ -13,7 +13,7 @@ THINNEST = 0.4
 
 
 def line_share(segments: NDArray, metres_per_px: float) -> float:
-    """Give the share of their thickness, THINNEST to 1, that lines around a thing, float [n, 2, 3], should have."""
+    """Return the share of their thickness, THINNEST to 1, that lines around a thing, float [n, 2, 3], should have."""
     if not len(segments):
         return 1.0
     corners = segments.reshape(-1, 3)[:, :2]

@@ -325,7 +325,7 @@ class MapScene:
 
 
 def seen_extent(simap: SIMap) -> Extent:
-    """Give the part of the grid that anything was seen of."""
+    """Return the part of the grid that anything was seen of."""
     seen = ~np.isnan(simap.grid.height_m)
     row, col = np.flatnonzero(seen.any(axis=1)), np.flatnonzero(seen.any(axis=0))
     if not len(row):
@@ -335,7 +335,7 @@ def seen_extent(simap: SIMap) -> Extent:
 
 
 def frame_extent(extent: Extent) -> Extent:
-    """Give what a camera should show of a map with that extent: its scale bar and its compass too."""
+    """Return what a camera should show of a map with that extent: its scale bar and its compass too."""
     xmin, ymin, xmax, ymax = with_margin(extent)
     return xmin, ymin - 0.06 * (ymax - ymin), xmax, ymax
 

@@ -99,7 +99,7 @@ class Viewpoints:
                 self._fit()
 
     def state(self) -> CameraState:
-        """Give where the page looks."""
+        """Return where the page looks."""
         with self._lock:
             if not self._moved():
                 return CameraState(self._name)
@@ -117,7 +117,7 @@ class Viewpoints:
                 self._put(View(position, look_at, fov_rad), up)
 
     def _moved(self) -> bool:
-        """Tell whether the camera is not where it was put."""
+        """Return whether the camera is not where it was put."""
         return not any(self._is_at(view) for view in self._put_there)
 
     def _is_at(self, view: View) -> bool:

@@ -48,7 +48,7 @@ ABOVE_OUTLINES_M = 0.01
 
 
 def sureness_range(why: Why) -> tuple[float, float]:
-    """Give what the two ends of the colour scale mean."""
+    """Return what the two ends of the colour scale mean."""
     if why.method != "paper":
         return LOW_EVIDENCE, 1.0
     known = why.sureness[~np.isnan(why.sureness)]
@@ -73,14 +73,14 @@ def paint_cells(image: NDArray, cells: NDArray, colors: NDArray, cols: int) -> N
 
 
 def cell_outline(simap: SIMap, cells: NDArray, z_m: float = FLOOR_M) -> NDArray:
-    """Give the cell edges around some cells (flat), float32 [n, 2, 3], map frame, metres."""
+    """Return the cell edges around some cells (flat), float32 [n, 2, 3], map frame, metres."""
     mask = np.zeros(simap.spec.shape, np.int32)
     mask.reshape(-1)[cells] = 1
     return outline_segments(replace(simap, instance=mask), 1, z_m)
 
 
 def joint_line(simap: SIMap, why: Why, joint: Joint, z_m: float = FLOOR_M) -> NDArray:
-    """Give the cell edges along which the two parts of a joint meet, or a line between them where they do not.
+    """Return the cell edges along which the two parts of a joint meet, or a line between them where they do not.
 
     Returns:
         float32 [n, 2, 3], map frame, metres.
@@ -105,7 +105,7 @@ def drawn_links(why: Why) -> tuple[Link, ...]:
 
 
 def link_lines(links: Sequence[Link], z_m: float = FLOOR_M) -> NDArray:
-    """Give a line from cell to cell for each link, float32 [n, 2, 3], map frame, metres."""
+    """Return a line from cell to cell for each link, float32 [n, 2, 3], map frame, metres."""
     lines = np.zeros((len(links), 2, 3), np.float32)
     for line, link in zip(lines, links, strict=True):
         a, b = np.array(link.ends_m)
@@ -188,7 +188,7 @@ def _links_of(marks: Marks) -> tuple[Link, ...]:
 
 
 def _lines_of(marks: Marks, links: Sequence[Link], z_m: float) -> dict[str, NDArray]:
-    """Give what is drawn by its place in NODES."""
+    """Return what is drawn by its place in NODES."""
     simap, why, joint = marks.simap, marks.why, marks.joint
     lines: dict[str, NDArray] = {}
     shown = joint or (why.weakest if marks.lines else None)

@@ -49,7 +49,7 @@ ENTERED_CSP = "default-src 'none'; base-uri 'none'; form-action 'none'; frame-an
 
 
 def is_loopback(host: str) -> bool:
-    """Tell whether an address can only be reached from this machine."""
+    """Return whether an address can only be reached from this machine."""
     if host == "localhost":
         return True
     try:
@@ -64,13 +64,13 @@ def bracketed(host: str) -> str:
 
 
 def name_of(host_header: str | None) -> str | None:
-    """Give the name in a Host header, in lower case, without its port; None where it is none."""
+    """Return the name in a Host header, in lower case, without its port; None where it is none."""
     match = re.fullmatch(r"(\[[0-9a-f:.]+\]|[a-z0-9._-]{1,253})(:\d{1,5})?", (host_header or "").lower())
     return None if match is None else match[1]
 
 
 def headers_of(pairs: Iterable[tuple[str, str]]) -> dict[str, str]:
-    """Give a request's headers by their names in lower case; of one that comes twice, nothing that anyone believes."""
+    """A request's headers by their names in lower case; of one that comes twice, nothing that anyone believes."""
     found: dict[str, str] = {}
     for name, value in pairs:
         key = name.lower()
@@ -126,7 +126,7 @@ class Access:
     def refuse(
         self, headers: Mapping[str, str], path: str, *, own_address: str, peer: str, joins: bool = False
     ) -> Refusal | None:
-        """Give why a request is not answered; None when it is.
+        """Return why a request is not answered; None when it is.
 
         Args:
             headers: of the request, from `headers_of`.
@@ -158,7 +158,7 @@ class Access:
             self._wrong.clear()
 
     def entering(self, headers: Mapping[str, str], path: str) -> dict[str, str] | None:
-        """Give the headers that let in who has the token in the address, and has not come in yet.
+        """Return the headers that let in who has the token in the address, and has not come in yet.
 
         The cookie never holds the token: browsers send cookies to every port of a name, whoever serves there.
         """
@@ -212,7 +212,7 @@ def _is_cross_site(headers: Mapping[str, str]) -> bool:
 
 
 def _digest(given: str) -> bytes:
-    """Give what is kept of a cookie: looking it up takes as long for nearly right ones as for others."""
+    """Return what is kept of a cookie: looking it up takes as long for nearly right ones as for others."""
     return hashlib.sha256(given.encode(errors="replace")).digest()
 
 
@@ -224,7 +224,7 @@ def _token_in(path: str) -> str | None:
 
 
 def without_query(text: str) -> str:
-    """Give a line for the log without the query, which may hold a token; its status stays, control characters do not.
+    """Return a line for the log without the query, which may hold a token; its status stays, control characters do not.
 
     What looks like the end of the address may be part of a token, so all goes but the very end of the line.
     """

@@ -29,7 +29,7 @@ _HEADER_LINE = re.compile(rb"[!#$%&'*+.^_`|~0-9A-Za-z-]+:[\t -~\x80-\xff]*\r\n")
 
 
 def first_free(host: str, port: int) -> int:
-    """Give the first port from ``port`` on that can be listened on, 0 for any; ``port`` itself when there is none."""
+    """Return the first port from ``port`` on that can be listened on, 0 for any; ``port`` itself when there is none."""
     for tried in range(port, min(port + MOST_TRIED, 65536)):
         with socket.socket(_family(host)) as probe:
             probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
@@ -126,7 +126,7 @@ class BoundedHandler(BaseHTTPRequestHandler):
         return False
 
     def _has_one_length(self) -> bool:
-        """Tell whether it is certain where the request ends: with its head, or a body of one length after a POST."""
+        """Return whether it is certain where the request ends: with its head, or a body of one length after a POST."""
         lengths = self.headers.get_all("Content-Length", [])
         if self.headers.get_all("Transfer-Encoding"):
             return False
@@ -135,7 +135,7 @@ class BoundedHandler(BaseHTTPRequestHandler):
         return lengths in ([], ["0"])
 
     def handle_one_request(self) -> None:
-        """Give the next request its time."""
+        """Return the next request its time."""
         self._incoming.deadline = time.monotonic() + REQUEST_S
         try:
             super().handle_one_request()

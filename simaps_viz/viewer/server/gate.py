@@ -87,14 +87,14 @@ def cover(response: Response) -> None:
 
 @lru_cache(maxsize=4)
 def covered(body: bytes, *, zipped: bool) -> bytes:
-    """Give a page of HTML, gzipped or not, with the cover."""
+    """Return a page of HTML, gzipped or not, with the cover."""
     head, end, rest = (gzip.decompress(body) if zipped else body).rpartition(b"</head>")
     page = head + _STYLE + rest if end else rest
     return gzip.compress(page, mtime=0) if zipped else page
 
 
 def fits(widget: Any, value: Any) -> bool:
-    """Tell whether a person could have given a widget that value."""
+    """Return whether a person could have given a widget that value."""
     state = widget._impl
     now, props = state.value, state.props
     options = getattr(props, "options", None)
@@ -198,7 +198,7 @@ class Gate:
             logger.warning("refused: %s (%d times)", why, self.refused[why])
 
     def csp(self, host: str) -> str:
-        """Give the Content-Security-Policy of viser's page under the name it is asked by, such as 127.0.0.1:8080."""
+        """Return the Content-Security-Policy of viser's page under the name it is asked by, such as 127.0.0.1:8080."""
         name = re.sub(r":\d+$", "", host)
         frames = " ".join(f"http://{name}:{port}" for port in self._frames()) or "'none'"
         return "; ".join(
@@ -306,7 +306,7 @@ class GatedConnection(ServerConnection):
             super().data_received(data)
 
     def _turn_away(self) -> None:
-        """Say what is answered here; what else comes is not read, and who does not go is hung up on in time."""
+        """Describe what is answered here; what else comes is not read, and who does not go is hung up on in time."""
         self.gate.note("a request that is no GET")
         response = _response(HTTPStatus.METHOD_NOT_ALLOWED, b"", "text/plain; charset=utf-8", ENTERED_CSP)
         response.headers["Allow"] = "GET"

@@ -115,20 +115,20 @@ class Host:
         return f"{self.url}?token={self.access.token}" if self.access.token else self.url
 
     def seen_as(self, name: str) -> "Host":
-        """Give this host with addresses under the name that a browser calls this machine by."""
+        """Return this host with addresses under the name that a browser calls this machine by."""
         return _SeenHost(self, name)
 
     def csp(self, host: str) -> str:
-        """Give the Content-Security-Policy of what is served; pages of the host it was asked by may show it."""
+        """Return the Content-Security-Policy of what is served; pages of the host it was asked by may show it."""
         names = {"127.0.0.1", "localhost", host}
         return f"{self._csp}; frame-ancestors {' '.join(sorted(f'http://{one}:*' for one in names))}"
 
     def url_for(self, session: str) -> str:
-        """Give the address of the page for one session."""
+        """Return the address of the page for one session."""
         return f"{self.url}?session={quote(session)}"
 
     def offer(self, path: Path) -> str:
-        """Serve one more recording; gives its address on this server.
+        """Serve one more recording; returns its address on this server.
 
         Raises:
             InputError: it does not exist.

@@ -126,7 +126,7 @@ class Uploads:
         self._most, self._taken, self._keys = most, {}, itertools.count()
 
     def take(self, size: int) -> int | None:
-        """Set some bytes aside; gives what to ``release``, or None when there are not so many left."""
+        """Set some bytes aside; returns what to ``release``, or None when there are not so many left."""
         if size + sum(self._taken.values()) > self._most:
             return None
         key = next(self._keys)
@@ -134,7 +134,7 @@ class Uploads:
         return key
 
     def release(self, key: int) -> None:
-        """Give the bytes back."""
+        """Return the bytes back."""
         self._taken.pop(key, None)
 
     @property
@@ -161,7 +161,7 @@ class Listener:
         self._closed = False
 
     def fault(self, raw: str | bytes) -> str | None:
-        """Give what is wrong with a message; None when it is one that a page sends."""
+        """Return what is wrong with a message; None when it is one that a page sends."""
         if not isinstance(raw, bytes):
             return "text, where pages send msgpack"
         try:

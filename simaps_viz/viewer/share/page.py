@@ -79,7 +79,7 @@ def page_html(
 
 
 def overlay_html(simap: SIMap, ride: Ride | None = None) -> str:
-    """Give the text that lies over the page: title, origin, counts, legend, the command."""
+    """Return the text that lies over the page: title, origin, counts, legend, the command."""
     badge = '<span class="badge">simulated</span> ' if is_simulated(simap) else ""
     said = ""
     if ride is not None:

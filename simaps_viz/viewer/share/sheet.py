@@ -123,7 +123,7 @@ class Sheet:
         return sheet
 
     def place_of(self, x_m: float, y_m: float) -> tuple[int, int]:
-        """Give the (row, column) of the pixel that shows a place of the map."""
+        """Return the (row, column) of the pixel that shows a place of the map."""
         x, y = (self._pixels(np.array([[x_m, y_m]]))[0, 0] / (1 << _SUB)).astype(int).tolist()
         return y, x
 
@@ -138,7 +138,7 @@ class Sheet:
         return part[:: area.every, :: area.every][::-1][: area.height, : area.width]
 
     def _pixels(self, points_m: NDArray) -> NDArray:
-        """Give int32 [n, 1, 2], the places of points on the sheet in parts of a pixel, as OpenCV wants them."""
+        """Return int32 [n, 1, 2], the places of points on the sheet in parts of a pixel, as OpenCV wants them."""
         area, spec = self._area, self._simap.spec
         per_m = area.scale / area.every / spec.cell_size_m
         x = area.x + (points_m[:, 0] - spec.x0_m) * per_m - area.col0 * area.scale / area.every
@@ -236,7 +236,7 @@ class Sheet:
 
 
 def _cells(spec: GridSpec, extent: Extent) -> tuple[int, int, int, int]:
-    """Give (row, column, rows, columns) of the cells of an extent, with a margin, within the grid."""
+    """Return (row, column, rows, columns) of the cells of an extent, with a margin, within the grid."""
     low, left = spec.cell_of(extent[0] + 1e-6, extent[1] + 1e-6)
     high, right = spec.cell_of(extent[2] - 1e-6, extent[3] - 1e-6)
     row0, col0 = max(0, low - MARGIN_CELLS), max(0, left - MARGIN_CELLS)

@@ -83,7 +83,7 @@ def ride_of(
 
 
 def moments(simap: SIMap, most: int, look: Look | None = None) -> Iterator[Moment]:
-    """Give at most so many moments of the build, evenly spaced, the last being the finished map.
+    """Return at most so many moments of the build, evenly spaced, the last being the finished map.
 
     Args:
         simap: the finished map.
@@ -106,7 +106,7 @@ def moments(simap: SIMap, most: int, look: Look | None = None) -> Iterator[Momen
 
 
 def _dressed(then: SIMap, simap: SIMap) -> SIMap:
-    """Give the objects of an earlier map the colours that they have on the finished one."""
+    """Return the objects of an earlier map the colours that they have on the finished one."""
     if then is simap:
         return simap
     seen = then.instance > 0
@@ -125,12 +125,12 @@ def title_of(simap: SIMap) -> str:
 
 
 def is_simulated(simap: SIMap) -> bool:
-    """Tell whether any of what the map was made from is simulated."""
+    """Return whether any of what the map was made from is simulated."""
     return bool(simap.provenance.get("simulated"))
 
 
 def origin_text(simap: SIMap) -> str:
-    """Say how a map was made: method with its parameter, frames, cell size, masks."""
+    """Describe how a map was made: method with its parameter, frames, cell size, masks."""
     joining = JOINING.get(simap.method)
     method = f"method {simap.method}"
     if joining is not None and joining in simap.parameters:
