@@ -218,7 +218,7 @@ def _recording_frame(page: "Page") -> "Frame":
 
 
 def _near_the_middle(simap: SIMap) -> list[Instance]:
-    """objects that a click on their middle hits, of the larger half, the one nearest to the map's middle first."""
+    """Objects that a click on their middle hits, of the larger half, the one nearest to the map's middle first."""
     xmin, ymin, xmax, ymax = simap.spec.extent_m
     usual = statistics.median(one.cells for one in simap.instances)
     hit = [one for one in simap.instances if one.cells >= usual and simap.at(*one.centroid_m[:2]) == one]

@@ -410,7 +410,7 @@ def _links(
 def _nearest(
     simap: SIMap, cells: NDArray, others: tuple[Instance, ...]
 ) -> Iterator[tuple[Instance, NDArray, NDArray, NDArray]]:
-    """each other instance, its cells, and the (row, col) of the two nearest cells, the first one of ``cells``."""
+    """Each other instance, its cells, and the (row, col) of the two nearest cells, the first one of ``cells``."""
     flat = simap.instance.reshape(-1)
     wanted = np.zeros(int(flat.max(initial=0)) + 1, dtype=bool)
     wanted[[other.id for other in others]] = True

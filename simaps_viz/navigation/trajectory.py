@@ -71,7 +71,7 @@ def trajectory(poses: ArrayLike) -> Trajectory:
 
 
 def poses_along(start: Pose2, path: ArrayLike, final: Pose2) -> NDArray:
-    """poses [n, 3] for a path [m, 2]: turn on the spot towards each next point, drive there, end as ``final``."""
+    """Poses [n, 3] for a path [m, 2]: turn on the spot towards each next point, drive there, end as ``final``."""
     poses = [[start.x_m, start.y_m, start.yaw_rad]]
     for x, y in np.asarray(path, np.float64).reshape(-1, 2):
         dx, dy = x - poses[-1][0], y - poses[-1][1]

@@ -228,7 +228,7 @@ def show_step_beside(session: "Session", position: int) -> None:
 
 
 def words_beside(session: "Session", position: int) -> str:
-    """State that the recording does not show a position of the page's timeline; empty where it does, or there is none."""
+    """Why the recording does not show a position of the page's timeline; empty where it does, or there is none."""
     return NO_SUCH_STEP if session.recording.tied and _time_beside(session, position) is None else ""
 
 
