@@ -1,5 +1,6 @@
 """Puts the parts together for the command line and the apps: sequence to map, map to page."""
 
+import getpass
 import threading
 import webbrowser
 from collections.abc import Callable, Mapping, Sequence
@@ -13,7 +14,6 @@ from simaps_viz.app.share import looking_back
 from simaps_viz.build.cache import cache_folder, map_in_cache
 from simaps_viz.build.pipeline import BuildConfig
 from simaps_viz.build.to_file import build_whole, is_whole
-from simaps_viz.cli.mend import mending_panels
 from simaps_viz.console.progress import StageProgress
 from simaps_viz.console.terminal import console
 from simaps_viz.datasets.posed_frames import PosedFrames, open_sequence
@@ -34,6 +34,7 @@ if TYPE_CHECKING:
     from simaps_viz.evaluation.judging import JudgingSession
     from simaps_viz.viewer.page.panel import PanelSpec
     from simaps_viz.viewer.page.services import LanguageModel, Services
+    from simaps_viz.viewer.panels.mend import MendServices
     from simaps_viz.viewer.panels.recordings import RecordingServices
     from simaps_viz.viewer.workbench import Workbench
 
@@ -212,6 +213,43 @@ def panels_of(
         share_panel(share_services(recording)),
         recordings_spec(_recording_services(beside=beside)),
     )
+
+
+def page_services(mending: Mending) -> "MendServices":
+    """Return the actions that a page edits a map with."""
+    from simaps_viz.viewer.panels.mend import MendServices  # noqa: PLC0415 - viser is slow to import
+
+    return MendServices(
+        merge=lambda simap, first, second, who: mending.merge(simap, first, second, who=who),
+        split=lambda simap, one, start, end, who: mending.split(simap, one, start, end, who=who),
+        relabel=lambda simap, one, label, who: mending.relabel(simap, one, label, who=who),
+        delete=lambda simap, one, who: mending.delete(simap, one, who=who),
+        undo=mending.undo,
+        redo=mending.redo,
+        entries=lambda: mending.log.entries,
+        told=mending.told,
+        undone=lambda: len(mending.log.undone),
+        refused=mending.refused,
+        covers=mending.covers,
+        saved=lambda: mending.saved,
+        path=str(mending.path),
+        who=login(),
+    )
+
+
+def mending_panels(mending: Mending | None) -> "tuple[PanelSpec, ...]":
+    """Return the panel for editing the map; none where the map cannot be edited."""
+    from simaps_viz.viewer.panels.mend import mend_panel  # noqa: PLC0415 - viser is slow to import
+
+    return () if mending is None else (mend_panel(page_services(mending)),)
+
+
+def login() -> str:
+    """Return the name the person is logged in by, or "somebody"."""
+    try:
+        return getpass.getuser()
+    except (OSError, KeyError, ImportError):  # no such user on this machine
+        return "somebody"
 
 
 def _recording_services(*, beside: bool) -> "RecordingServices":

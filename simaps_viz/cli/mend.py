@@ -1,22 +1,18 @@
 """`simaps mend`: putting a map right by hand on the command line, listing the edits, saving the mended map."""
 
-import getpass
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated, Any
 
 import tyro
 
+from simaps_viz.app.workbench import login
 from simaps_viz.errors import InputError
 from simaps_viz.io.files import check_ending
 from simaps_viz.mapping.file import check_writable, save_map
 from simaps_viz.mapping.mending import Mending, open_mending
 from simaps_viz.structures import SIMap
-
-if TYPE_CHECKING:
-    from simaps_viz.viewer.page.panel import PanelSpec
-    from simaps_viz.viewer.panels.mend import MendServices
 
 FORMS = "merge ID ID, split ID X Y X Y (metres), relabel ID CLASS, delete ID, undo, redo"
 
@@ -97,43 +93,6 @@ def do(mending: Mending, simap: SIMap, text: str, who: str) -> SIMap:
     if verb not in take or rest:
         raise InputError(f"edit: expected {FORMS}; found {text!r}")
     return take[verb](simap)
-
-
-def page_services(mending: Mending) -> "MendServices":
-    """Return the page what it mends a map with."""
-    from simaps_viz.viewer.panels.mend import MendServices  # noqa: PLC0415 - viser is slow to import
-
-    return MendServices(
-        merge=lambda simap, first, second, who: mending.merge(simap, first, second, who=who),
-        split=lambda simap, one, start, end, who: mending.split(simap, one, start, end, who=who),
-        relabel=lambda simap, one, label, who: mending.relabel(simap, one, label, who=who),
-        delete=lambda simap, one, who: mending.delete(simap, one, who=who),
-        undo=mending.undo,
-        redo=mending.redo,
-        entries=lambda: mending.log.entries,
-        told=mending.told,
-        undone=lambda: len(mending.log.undone),
-        refused=mending.refused,
-        covers=mending.covers,
-        saved=lambda: mending.saved,
-        path=str(mending.path),
-        who=login(),
-    )
-
-
-def mending_panels(mending: Mending | None) -> "tuple[PanelSpec, ...]":
-    """Return the panels a page needs for mending: one, or none where there is nothing to mend."""
-    from simaps_viz.viewer.panels.mend import mend_panel  # noqa: PLC0415 - viser is slow to import
-
-    return () if mending is None else (mend_panel(page_services(mending)),)
-
-
-def login() -> str:
-    """Return the name the person is logged in by, or "somebody"."""
-    try:
-        return getpass.getuser()
-    except (OSError, KeyError, ImportError):  # no such user on this machine
-        return "somebody"
 
 
 def _report(command: Mend, mending: Mending, simap: SIMap) -> tuple[list[str], dict[str, Any]]:

@@ -8,7 +8,7 @@ from playwright.sync_api import expect
 from toy_maps import toy_map
 from toy_segmentations import toy_segmentation
 
-from simaps_viz.cli.mend import mending_panels
+from simaps_viz.app.workbench import mending_panels
 from simaps_viz.evaluation.two_maps import compare_two
 from simaps_viz.mapping.file import save_map
 from simaps_viz.mapping.mending import open_mending

@@ -136,7 +136,7 @@ def test_the_installed_demo_renders_maps_and_records(fresh, tmp_path):
     """All that `simaps demo` does before it serves the page, on fewer and smaller pictures."""
     small = DemoSettings(frames=8, width=160, height=120)
     code = (
-        "import sys; from simaps_viz import cli; from simaps_viz.scenes import demo;"
+        "import sys; from simaps_viz.cli import main as cli; from simaps_viz.scenes import demo;"
         f"whole, small = demo.ensure_demo, demo.{small!r};"
         "demo.ensure_demo = lambda **given: whole(settings=small, **given);"
         "sys.exit(cli.main(['demo', '--no-serve']))"
@@ -167,7 +167,7 @@ def test_the_rest_works_without_the_extras(fresh, tiny):
     code = (
         "import sys\nfor name in ('pandas', 'OpenEXR', 'liblzfse'):\n"
         "    sys.modules[name] = None\n"
-        "from simaps_viz.cli import main\n"
+        "from simaps_viz.cli.main import main\n"
         "assert main(['build', 'tiny', '-o', 't.npz', '--record', 't.rrd']) == 0\n"
         "assert main(['query', 't.npz', 'turn left']) == 0\n"
         "import simaps_viz.viewer.workbench, simaps_viz.evaluation.report, simaps_viz.checking.run\n"

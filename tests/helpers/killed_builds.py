@@ -12,7 +12,7 @@ FRAMES = 60
 
 SMALL_DISK = (
     "import resource, sys; resource.setrlimit(resource.RLIMIT_FSIZE, ({bytes},) * 2);"
-    "from simaps_viz.cli import main; sys.exit(main(sys.argv[1:]))"
+    "from simaps_viz.cli.main import main; sys.exit(main(sys.argv[1:]))"
 )
 """Runs a command whose files cannot be larger than so many bytes."""
 

@@ -6,8 +6,9 @@ import pytest
 from mended_maps import check_map
 from toy_maps import toy_map
 
+from simaps_viz.app.workbench import login, mending_panels, page_services
 from simaps_viz.cli.main import main
-from simaps_viz.cli.mend import do, login, mending_panels, page_services
+from simaps_viz.cli.mend import do
 from simaps_viz.errors import InputError
 from simaps_viz.mapping.edit_log import edits_path
 from simaps_viz.mapping.file import load_map, save_map

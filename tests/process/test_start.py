@@ -20,7 +20,7 @@ def test_every_public_name_is_there():
     assert len(simaps_viz.__all__) > 30
     for name in simaps_viz.__all__:
         assert getattr(simaps_viz, name) is not None and name in dir(simaps_viz)
-    with pytest.raises(AttributeError, match="has no attribute 'nothing'"):
+    with pytest.raises(AttributeError, match="No simaps_viz attribute nothing"):
         simaps_viz.nothing  # noqa: B018 # pyright: ignore[reportAttributeAccessIssue] - asking is the test
 
 

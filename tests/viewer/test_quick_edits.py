@@ -10,7 +10,7 @@ from browser import free_port, toy_services
 from fake_page import fake_page
 from toy_maps import TOY_POSE, toy_map
 
-from simaps_viz.cli.mend import mending_panels
+from simaps_viz.app.workbench import mending_panels
 from simaps_viz.mapping.file import save_map
 from simaps_viz.mapping.mending import Mending, open_mending
 from simaps_viz.viewer.panels.mend import NEW_CLASS, MendPanel
