@@ -43,7 +43,7 @@ dist: $(DEV_READY)
 	@$(BIN)/python -m build --no-isolation --outdir dist .
 
 # The wheel on other Pythons, in environments of their own; all tests but the browser's, or those named:
-# make test-pythons PYTHONS="python3.12 python3.13" TESTS=tests/test_cli.py
+# make test-pythons PYTHONS="python3.12 python3.13" TESTS=tests/cli/test_cli.py
 PYTHONS ?= python3.12 python3.13
 TESTS ?= tests
 test-pythons: dist

@@ -22,7 +22,7 @@ from simaps_viz.datasets.manifest import FORMAT
 from simaps_viz.scenes import demo
 
 NOT_RUN = {
-    "simaps export-network": "needs torch and a trained checkpoint; tests/test_segmentation_export.py runs it",
+    "simaps export-network": "needs torch and a trained checkpoint; tests/segmentation/test_export.py runs it",
 }
 """How a command begins that only has to be understood, and why."""
 

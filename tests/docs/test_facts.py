@@ -22,7 +22,7 @@ def test_files_named_are_there(page):
 def test_what_security_says_is_tested_is_a_test():
     """The last column names attacks of `apps/attack.py`, tests, or files."""
     rows = re.findall(r"^\|[^|]*\|[^|]*\|([^|]*)\|$", (ROOT / "SECURITY.md").read_text(), re.M)
-    sources = [*(ROOT / "simaps_viz" / "attacking").rglob("*.py"), *(ROOT / "tests").glob("*.py")]
+    sources = [*(ROOT / "apps" / "attacks").glob("*.py"), *(ROOT / "tests").rglob("*.py")]
     defined = set(re.findall(r"^def (\w+)\(", "\n".join(path.read_text() for path in sources), re.M))
     named = [name for row in rows for name in re.findall(r"`([a-z_]+)`", row)]
     assert len(named) >= 20 and set(named) <= defined

@@ -77,7 +77,7 @@ def test_the_frames_are_on_the_ports_after_the_pages_where_tunnels_expect_them(t
 @pytest.mark.parametrize("taken", [1, 2])
 def test_a_taken_port_is_gone_around_and_told(tmp_path, taken, monkeypatch):
     first = free_port()
-    monkeypatch.setattr("test_viewer_open.free_port", lambda: first)
+    monkeypatch.setitem(opened.__globals__, "free_port", lambda: first)
     with socket.socket() as other:
         other.bind(("127.0.0.1", first + taken))
         other.listen()
