@@ -28,13 +28,16 @@ from contextlib import contextmanager
 from functools import cache
 from importlib import resources
 from pathlib import Path
+from string import Template
 
 from simaps_viz.errors import InputError, SIMapsError
 
 RERUN_VERSION = "0.41"
 """The only version this module was written for; neither the page nor its messages are a public interface of rerun."""
 
-_SCRIPT = resources.files("simaps_viz.recorder").joinpath("rerun_page.js").read_text(encoding="utf-8")
+_FILES = resources.files(__package__)
+_SCRIPT = _FILES.joinpath("rerun_page.js").read_text(encoding="utf-8")
+_PAGE = Template(_FILES.joinpath("rerun_page.html").read_text(encoding="utf-8"))
 _SCRIPT_HASH = base64.b64encode(hashlib.sha256(_SCRIPT.encode()).digest()).decode()
 _LOCAL = "http://127.0.0.1:* ws://127.0.0.1:*"
 _CONNECT = "connect-src 'self' data: blob: "
@@ -69,36 +72,6 @@ def policy_for_stream(address: str) -> str:
 _ASSETS = {"re_viewer.js": "text/javascript", "re_viewer_bg.wasm": "application/wasm"}
 _START_TIMEOUT_S = 30.0
 
-_PAGE = """<!doctype html>
-<html lang="en" data-theme="{theme}">
-<head>
-<meta charset="utf-8">
-<title>Recorded build</title>
-<style>
-:root {{ color-scheme: light; background: #f6f7f8; color: #333; }}
-:root[data-theme=dark] {{ color-scheme: dark; background: #0d1011; color: #ccc; }}
-html, body {{ margin: 0; height: 100%; overflow: hidden; }}
-body {{ display: flex; flex-direction: column; font: 14px sans-serif; }}
-main {{ position: relative; flex: 1; min-height: 0; }}
-canvas {{ position: absolute; inset: 0; width: 100%; height: 100%; }}
-canvas:focus-visible {{ outline: 2px solid #166eeb !important; outline-offset: -2px; }}
-#note {{ margin: 0; padding: 8px 12px; }}
-#note:empty {{ display: none; }}
-#message {{ position: absolute; inset: 0; margin: auto; height: 3em; text-align: center; }}
-</style>
-</head>
-<body>
-<p id="note">{note}</p>
-<main>
-<canvas id="viewer" aria-label="Recorded build"></canvas>
-<p id="message" role="status">Opening the recording &hellip;</p>
-</main>
-<script type="application/json" id="config">{config}</script>
-<script src="/rerun/re_viewer.js"></script>
-<script>{script}</script>
-</body>
-</html>
-"""
 _THEMES = ("page", "light", "dark")
 
 
@@ -118,7 +91,7 @@ def rerun_page(recordings: Sequence[str], *, theme: str = "page", note: str = ""
     if theme not in _THEMES:
         raise InputError(f"theme: expected one of {', '.join(_THEMES)}, found {theme!r}")
     config = json.dumps({"recordings": list(recordings), "theme": theme}).replace("<", "\\u003c")
-    return _PAGE.format(theme=theme, note=html.escape(note), config=config, script=_SCRIPT)
+    return _PAGE.substitute(theme=theme, note=html.escape(note), config=config, script=_SCRIPT)
 
 
 def check_version(version: str | None = None) -> None:

@@ -1,0 +1,112 @@
+(() => {
+  if (window.simapsPage) return;
+  window.simapsPage = true;
+  document.documentElement.lang = 'en';
+
+  const press = (element) => {
+    for (const kind of ['pointerdown', 'mousedown', 'pointerup', 'mouseup', 'click'])
+      element.dispatchEvent(new (kind.startsWith('pointer') ? PointerEvent : MouseEvent)(kind,
+        { bubbles: true, cancelable: true, button: 0, pointerId: 1, isPrimary: true }));
+  };
+
+  const OPEN = 'simaps-open-tabs';
+  const tabs = () => [...document.querySelectorAll('[role=tab]')];
+  const titleOf = (tab) => tab.textContent.trim();
+  const isOpen = (tab) => tab.getAttribute('aria-selected') === 'true';
+  let wanted = [];
+  try { wanted = JSON.parse(sessionStorage.getItem(OPEN)) || []; } catch { /* then the first tabs are open */ }
+  const reopen = () => {
+    for (const tab of wanted.length ? tabs() : []) {
+      if (!wanted.includes(titleOf(tab))) continue;
+      wanted = wanted.filter((title) => title !== titleOf(tab));
+      if (!isOpen(tab)) press(tab);
+    }
+  };
+  document.addEventListener('pointerdown', (event) => { if (event.isTrusted) wanted = []; }, true);
+  window.addEventListener('pagehide', () => {
+    const open = tabs().filter(isOpen).map(titleOf);
+    try { if (open.length) sessionStorage.setItem(OPEN, JSON.stringify(open)); } catch { /* as above */ }
+  });
+
+  const nameControls = () => {
+    for (const label of document.querySelectorAll('label[for]')) {
+      const row = label.closest('.mantine-Flex-root');
+      if (!row) continue;
+      const text = label.textContent.trim();
+      for (const one of row.querySelectorAll('input:not([type=hidden]), textarea:not([aria-hidden]), [role=slider]'))
+        if (one.getAttribute('aria-label') !== text) one.setAttribute('aria-label', text);
+    }
+  };
+  const hush = () => {  // viser's remark on graphics without a card lies on the map until it is closed
+    for (const one of document.querySelectorAll('.mantine-Notification-root:not([data-simaps])')) {
+      if (!one.textContent.startsWith('Software WebGL')) continue;
+      one.dataset.simaps = 'seen';
+      setTimeout(() => { const close = one.querySelector('button'); if (close) close.click(); }, 6000);
+    }
+  };
+  let waiting = 0;
+  const soon = () => {
+    if (!waiting) waiting = setTimeout(() => { waiting = 0; nameControls(); reopen(); hush(); }, 100);
+  };
+  new MutationObserver(soon).observe(document.body, { childList: true, subtree: true, characterData: true });
+  nameControls();
+  reopen();
+
+  const root = document.documentElement;
+  const originOf = (frame) => new window.URL(frame.src).origin;  // URL alone is the document's here
+  const tellTheme = (frame) =>
+    frame.contentWindow.postMessage({ simapsTheme: root.dataset.mantineColorScheme }, originOf(frame));
+  const frames = () => [...document.querySelectorAll('iframe[src^=http]')].filter((frame) => frame.contentWindow);
+  const STOPS = 'a[href], button, input:not([type=hidden]), select, textarea, summary, iframe, [tabindex]';
+  const isStop = (one) => one.tabIndex >= 0 && !one.disabled && one.getClientRects().length > 0
+    && getComputedStyle(one).visibility !== 'hidden';
+  const leave = (frame, step) => {
+    const stops = [...document.querySelectorAll(STOPS)].filter(isStop);
+    for (let i = 1; i < stops.length; i++) {
+      const next = stops[(stops.indexOf(frame) + (step < 0 ? -i : i) + stops.length) % stops.length];
+      next.focus();
+      if (document.activeElement === next) return;
+    }
+  };
+  window.addEventListener('message', (event) => {
+    const frame = frames().find((one) => one.contentWindow === event.source && originOf(one) === event.origin);
+    const said = event.data || {};
+    if (!frame) return;
+    if (said.simapsLeave) leave(frame, said.simapsLeave);
+    else if (said.simapsKey) document.body.dispatchEvent(
+      new KeyboardEvent('keydown', { ...said.simapsKey, bubbles: true, cancelable: true }));
+    else tellTheme(frame);
+  });
+  new MutationObserver(() => frames().forEach(tellTheme))
+    .observe(root, { attributes: true, attributeFilter: ['data-mantine-color-scheme'] });
+  frames().forEach(tellTheme);
+
+  const withText = (text) => {
+    const walker = document.createTreeWalker(document.body, NodeFilter.SHOW_TEXT);
+    for (let node = walker.nextNode(); node; node = walker.nextNode())
+      if (node.data.trim() === text && node.parentElement.offsetParent) return node.parentElement;
+    return null;
+  };
+  const toBox = (label, tabName, tries) => {
+    const box = document.querySelector(`[aria-label="${label}"]`);
+    if (box && box.offsetParent) { box.focus(); return; }
+    if (tries === 0) return;
+    const tab = withText(tabName);
+    if (tab) press(tab);
+    setTimeout(() => { nameControls(); toBox(label, tabName, tries - 1); }, 120);
+  };
+  document.addEventListener('keydown', (event) => {
+    const busy = event.target.closest && event.target.closest('input, textarea, [contenteditable]');
+    if (busy || event.ctrlKey || event.metaKey || event.altKey) return;
+    if (event.key === '/') { event.preventDefault(); toBox('Command', 'Command', 3); }
+    if (event.key === 'f') { event.preventDefault(); toBox('Find', 'Instance', 3); }
+    if (event.key === '?') { event.preventDefault(); const help = withText('Help'); if (help) help.click(); }
+  });
+  window.addEventListener('keydown', (event) => {
+    const open = [...document.querySelectorAll('.mantine-Modal-content')].pop();
+    const close = open && [...open.querySelectorAll('button')].find((one) => one.textContent.trim() === 'Close');
+    if (event.key !== 'Escape' || !close) return;
+    event.stopImmediatePropagation();
+    close.click();
+  }, true);
+})();
