@@ -7,7 +7,7 @@ DEV_READY := $(VENV)/.ready-dev
 # Two workers: the machines this runs on have two cores; tests of one file share their fixtures.
 WORKERS ?= 2
 
-.PHONY: demo test check format bench recordings screenshots docs dist test-pythons clean chromium
+.PHONY: demo test test-fast check format bench recordings screenshots docs dist test-pythons clean chromium
 
 demo: $(READY)
 	@$(BIN)/simaps demo
@@ -15,9 +15,14 @@ demo: $(READY)
 test: $(DEV_READY) chromium
 	@$(BIN)/python -m pytest -n $(WORKERS) --dist loadfile
 
+# For every minute: no browser, no processes, under a minute on two cores.
+test-fast: $(DEV_READY)
+	@$(BIN)/python -m pytest -n $(WORKERS) --dist loadfile -m "not browser and not slow"
+
 check: $(DEV_READY)
 	@$(BIN)/ruff check --no-cache .
 	@$(BIN)/ruff format --check .
+	@$(BIN)/lint-imports --no-cache
 	@$(BIN)/pyright
 
 format: $(DEV_READY)

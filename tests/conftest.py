@@ -10,12 +10,17 @@ settings.register_profile("others", deadline=None, max_examples=1000)
 settings.load_profile("same examples")
 
 
+SLOW_FOLDERS = {"docs", "process"}
+
+
 @pytest.hookimpl(tryfirst=True)  # before `-m` chooses
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Mark every test that is given the browser, by whatever fixture: `-m "not browser"` starts none."""
+    """Mark the tests that are given the browser, by whatever fixture, and those of the folders that start processes."""
     for item in items:
         if "browser" in getattr(item, "fixturenames", ()):
             item.add_marker("browser")
+        if item.path.parent.name in SLOW_FOLDERS:
+            item.add_marker("slow")
 
 
 @pytest.fixture(scope="module")

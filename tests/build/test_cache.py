@@ -2,8 +2,8 @@
 
 import numpy as np
 import pytest
-from sequences import write_tiny_sequence
 from killed_builds import unfinished
+from sequences import write_tiny_sequence
 
 from simaps_viz import load_map, open_sequence
 from simaps_viz.app import workbench

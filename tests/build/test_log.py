@@ -1,6 +1,5 @@
 """The build log: every step comes back exactly, and whatever happens to the file, a build ends in the same map."""
 
-from stopped_builds import Stop, same, saved, sorted_links
 import errno
 import os
 import shutil
@@ -16,13 +15,13 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from random_frames import IS_THING, LABELS, random_frames
 from sequences import write_tiny_sequence
+from stopped_builds import Stop, same, saved
 
-from simaps_viz import open_sequence, save_map
+from simaps_viz import open_sequence
 from simaps_viz.build import build_log
 from simaps_viz.build.build_log import BuildLog, LogBusyError, frames_logged, set_aside_name
 from simaps_viz.build.pipeline import BuildCancelled, BuildConfig, build_map
 from simaps_viz.errors import InputError
-from simaps_viz.events import BuildFinished, FrameProjected
 from simaps_viz.mapping.accumulator import MapAccumulator, ProjectionSettings
 from simaps_viz.mapping.steps import pack_step, squeeze, unpack_step, unsqueeze
 
@@ -35,14 +34,8 @@ def tiny(tmp_path_factory):
     return open_sequence(write_tiny_sequence(tmp_path_factory.mktemp("tiny"), frames=FRAMES))
 
 
-
-
 def accumulator(**options):
     return MapAccumulator(LABELS, IS_THING, ProjectionSettings(), **options)
-
-
-
-
 
 
 def stepped(seed, frames=6):
@@ -212,8 +205,6 @@ def test_a_folder_without_locks_is_used_without_and_other_faults_are_told(tiny, 
     with pytest.raises(InputError, match="could not write the build log: No space left on device") as told:
         build_map(tiny, log=tmp_path / "log")
     assert not isinstance(told.value, LogBusyError)
-
-
 
 
 def test_a_cancelled_build_goes_on_where_it_was(tiny, tmp_path):

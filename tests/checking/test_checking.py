@@ -21,6 +21,8 @@ from simaps_viz.datasets.posed_frames import open_sequence
 from simaps_viz.errors import InputError
 from simaps_viz.geometry import back_project, invert_pose, project, transform_points
 
+pytestmark = pytest.mark.slow
+
 SOURCES = ("drawn room", "hololens-breakroom", "aws-small-house/rgbd")
 EVERY = {"drawn room": 1, "hololens-breakroom": 6, "aws-small-house/rgbd": 6}
 FOCAL_TOLERANCE, CENTRE_TOLERANCE, AGREEMENT_TOLERANCE = 0.01, 0.005, 0.01

@@ -16,6 +16,8 @@ import simaps_viz
 from simaps_viz import load_map
 from simaps_viz.cli.main import main
 
+pytestmark = pytest.mark.slow
+
 SIMAPS = [sys.executable, "-m", "simaps_viz"]
 
 

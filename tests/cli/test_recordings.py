@@ -27,6 +27,8 @@ from simaps_viz.recorder.importer import NOT_MINE, is_map, knows_importers
 from simaps_viz.recorder.library import RecordingLibrary, recording_folders
 from simaps_viz.recorder.recorder import RerunRecorder
 
+pytestmark = pytest.mark.slow
+
 
 @pytest.fixture(scope="module")
 def recorded(tmp_path_factory) -> Path:

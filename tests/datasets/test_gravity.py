@@ -18,6 +18,8 @@ from simaps_viz.datasets.posed_frames import open_sequence
 from simaps_viz.errors import InputError
 from simaps_viz.structures import Frame, Intrinsics
 
+pytestmark = pytest.mark.slow
+
 SHARED = Path(__file__).parents[2].parent / "shared" / "data"
 CAMERA = Intrinsics(128, 96, 100.0, 100.0, 63.5, 47.5)
 ROOM_M = np.array([[-3.0, -2.0, 0.0], [3.0, 2.0, 2.5]])

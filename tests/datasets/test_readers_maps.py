@@ -33,6 +33,8 @@ from simaps_viz.datasets.recognise import READERS, recognise
 from simaps_viz.errors import InputError
 from simaps_viz.structures import SIMap
 
+pytestmark = pytest.mark.slow
+
 WRITERS = [tum, seven_scenes, scannet, replica, nerfstudio, habitat, habitat_classes, arkit, polycam, record3d_zip,
            record3d_folder, record3d_exr, ros1_bag, ros2_sqlite, ros2_mcap, rerun_rrd, sens, lidar,
            cloud_bag]  # fmt: skip

@@ -30,6 +30,8 @@ from simaps_viz.language.commands import read_command
 from simaps_viz.navigation.agent import answer
 from simaps_viz.structures import Pose2
 
+pytestmark = pytest.mark.slow
+
 TOY = toy_map()
 WORLD = world_of(TOY)
 SHOWS = true_objects_of(TOY, WORLD)

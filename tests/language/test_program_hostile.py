@@ -13,6 +13,8 @@ from simaps_viz.errors import CommandError
 from simaps_viz.language.program import MAX_ITEMS, MAX_SOURCE, parse_program
 from simaps_viz.navigation.agent import Agent, answer
 
+pytestmark = pytest.mark.slow
+
 HERE = Path(__file__).parents[1] / "helpers"
 
 

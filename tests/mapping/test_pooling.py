@@ -9,6 +9,8 @@ from numpy.typing import NDArray
 
 from simaps_viz.mapping.pooling import PoolSettings, between, join, pool
 
+pytestmark = pytest.mark.slow
+
 Case = tuple[NDArray, NDArray, NDArray, NDArray, NDArray]
 """Communities of cells, pairs, same, different, touching pairs."""
 

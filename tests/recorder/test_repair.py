@@ -12,6 +12,8 @@ from simaps_viz.errors import InputError
 from simaps_viz.recorder import repair
 from simaps_viz.recorder.repair import repair_recording, unfinished_recordings
 
+pytestmark = pytest.mark.slow
+
 KILLED = """
 import os, signal, sys
 from pathlib import Path

@@ -15,6 +15,8 @@ from simaps_viz.scenes import demo
 from simaps_viz.scenes.demo import DemoSettings, ensure_demo
 from simaps_viz.scenes.sensor import DepthSensor
 
+pytestmark = pytest.mark.slow
+
 TINY = DemoSettings(frames=8, width=160, height=120)
 
 

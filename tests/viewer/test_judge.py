@@ -18,6 +18,8 @@ from simaps_viz.structures import Pose2
 from simaps_viz.viewer.panels import judge
 from simaps_viz.viewer.panels.judge import FIRST_S, PAUSE_S, named_in, outcome_text, places, ride, summary_html
 
+pytestmark = pytest.mark.slow
+
 METHODS = ("evidence", "components")
 
 

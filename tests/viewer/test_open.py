@@ -13,6 +13,8 @@ from simaps_viz.console.terminal import console
 from simaps_viz.errors import InputError
 from simaps_viz.viewer.workbench import Workbench
 
+pytestmark = pytest.mark.slow
+
 
 def opened(tmp_path, host):
     recording = tmp_path / "toy.rrd"

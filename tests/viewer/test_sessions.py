@@ -23,6 +23,8 @@ from simaps_viz.viewer.page.panel import Panel, PanelSpec
 from simaps_viz.viewer.panels.map import SLANT
 from simaps_viz.viewer.server.host import Host
 
+pytestmark = pytest.mark.slow
+
 CHAIR_1, CHAIR_3, TABLE = 1, 3, 6
 TOGETHER, APART = 5.0, 30.0
 """Percentages at which chair 1 of the toy map is whole, and in two."""
