@@ -15,9 +15,8 @@ from toy_maps import TOY_POSE, toy_map
 from simaps_viz.evaluation.judging import resume_session, start_session
 from simaps_viz.language.commands import read_command
 from simaps_viz.language.interpreter import Budget
-from simaps_viz.language.llm import check_names
+from simaps_viz.language.llm import check_names, read_answer
 from simaps_viz.language.llm_chat import _answer_of
-from simaps_viz.language.llm_prompt import read_answer
 from simaps_viz.language.llm_settings import LLMSettings
 from simaps_viz.language.program import parse_program
 from simaps_viz.navigation.agent import Agent

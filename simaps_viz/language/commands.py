@@ -4,7 +4,6 @@ import re
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache, lru_cache
-from pathlib import Path
 from typing import Any, Final, Literal
 
 from lark import Lark, Token, Tree
@@ -14,7 +13,8 @@ from lark.visitors import CollapseAmbiguities
 
 from simaps_viz.errors import CommandError
 from simaps_viz.language.builder import Builder
-from simaps_viz.language.spoken import clauses, tokens
+from simaps_viz.language.lexicon import load_text
+from simaps_viz.language.tokenizer import clauses, tokens
 from simaps_viz.language.words import Vocabulary
 
 MAX_READINGS: Final = 24
@@ -243,7 +243,7 @@ def _add(builder: Builder, tree: Tree[Any]) -> None:
 
 
 class _Tokens(Lexer):
-    """Gives the parser the tokens made by ``spoken.tokens``."""
+    """Gives the parser the tokens made by ``tokenizer.tokens``."""
 
     def __init__(self, lexer_conf: Any) -> None:
         pass
@@ -278,9 +278,8 @@ def _filled(shape: Tree[Any], clause: Sequence[Token]) -> Tree[Any]:
 
 @cache
 def _parser(ambiguity: Literal["explicit", "resolve"]) -> Lark:
-    grammar = Path(__file__).with_suffix(".lark").read_text(encoding="utf-8")
     return Lark(
-        grammar,
+        load_text("commands.lark"),
         parser="earley",
         lexer=_Tokens,
         start=["start_any", *_STARTS],

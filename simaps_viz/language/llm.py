@@ -1,23 +1,29 @@
 """Spoken English, or any other language, to a robot program by a language model on any chat-completions server.
 
 What the model writes is only ever data: it goes through ``parse_program`` and a check of its names, like a program
-somebody typed, and what does not pass is sent back once and then refused.
+somebody typed; what does not pass is sent back once and then refused.
+
+The prompt is ``prompt.md``. The calls, their meaning and the rules of a program in it are those of ``primitives`` and
+``program``, and its examples are what the offline reader makes of the same words, so that nothing is stated twice. What
+never changes comes first, so that servers can cache it.
 """
 
+import inspect
+import json
+import re
+import textwrap
 import threading
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import Final
+from functools import cache
+from types import ModuleType
+from typing import Any, Final
 
 from simaps_viz.errors import CommandError
-from simaps_viz.language.commands import MAX_LENGTH, Reading, examples, too_long
+from simaps_viz.language import primitives, program
+from simaps_viz.language.commands import MAX_LENGTH, Reading, examples, read_command, too_long
+from simaps_viz.language.lexicon import load, load_text
 from simaps_viz.language.llm_chat import Chat
-from simaps_viz.language.llm_prompt import (
-    SCHEMA,
-    command_messages,
-    read_answer,
-    repair_messages,
-)
 from simaps_viz.language.llm_settings import (
     Exchange,
     LLMCancelledError,
@@ -29,7 +35,7 @@ from simaps_viz.language.llm_settings import (
     one_line,
     parse_llm_spec,
 )
-from simaps_viz.language.primitives import SELF
+from simaps_viz.language.primitives import PRIMITIVES, SELF, Primitive
 from simaps_viz.language.program import Program, ProgramError, parse_program
 from simaps_viz.language.words import Vocabulary
 
@@ -164,3 +170,144 @@ def check_names(program: Program, counts: Mapping[str, int]) -> None:
                 has = ", ".join(f"{label} ({n})" for label, n in counts.items()) or "no objects at all"
                 message = f"There is no {value} on this map. It has: {has}."
                 raise ProgramError(call.line, call.primitive.name, message)
+
+
+SCHEMA: Final[dict[str, Any]] = {
+    "type": "object",
+    "properties": {"program": {"type": "string"}, "refusal": {"type": ["string", "null"]}},
+    "required": ["program", "refusal"],
+    "additionalProperties": False,
+}
+"""Of the answer to a command."""
+
+_STRUCTURED = """Answer with one JSON object and nothing else: {"program": the program, "refusal": null}, or, \
+to refuse, {"program": "", "refusal": the reason}."""
+_PLAIN = """Answer with the program in one fenced code block and nothing else, or, to refuse, with one line: \
+REFUSED: the reason."""
+_EXAMPLES: Final = load("prompt_examples.json")
+"""What is said, and the same in the words of the offline reader, on a map with these counts; and refusals."""
+_NOTHING: Final = frozenset(("", "null", "none", "n/a", "no"))
+_MAX_CLASSES = 200
+_THOUGHT: Final = re.compile(r"<think(?:ing)?>.*?</think(?:ing)?>", re.DOTALL | re.IGNORECASE)
+_FENCE: Final = re.compile(r"^[ \t]*```[^\n`]*\n(.*?)^[ \t]*```", re.DOTALL | re.MULTILINE)
+_REFUSED: Final = re.compile(r"^\W*REFUSED?\b\W*(.*)", re.DOTALL | re.IGNORECASE)
+
+
+def command_messages(command: str, counts: Mapping[str, int], *, structured: bool) -> list[Message]:
+    """Return the conversation up to and with a command."""
+    messages = [Message("system", _system(structured))]
+    for said, text, refusal in _worked_examples():
+        messages.append(Message("user", _question(said, _EXAMPLES["counts"])))
+        messages.append(Message("assistant", _written(text, refusal, structured)))
+    return [*messages, Message("user", _question(command, counts))]
+
+
+def repair_messages(answer: str, error: str) -> list[Message]:
+    """Return what to add to a conversation when its answer cannot be carried out."""
+    told = f"That cannot be carried out: {error}\nAnswer again in the same form, corrected, or refuse."
+    return [Message("assistant", answer or "(nothing)"), Message("user", told)]
+
+
+def read_answer(text: str) -> tuple[str, str]:
+    """Read a model's answer, in whichever of the two forms; gives (program, refusal), one of them empty.
+
+    Raises:
+        CommandError: when there is neither in it.
+    """
+    text = _THOUGHT.sub("", text).strip()
+    blocks = _FENCE.findall(text + "\n")
+    for candidate in (text, *reversed(blocks)):
+        found = _object(candidate)
+        if found is not None and ("program" in found or "refusal" in found):
+            refusal = _words(found.get("refusal"))
+            return ("", refusal) if refusal else (_code(_words(found.get("program"))), "")
+    if blocks:
+        return _code(blocks[-1]), ""
+    refused = _REFUSED.match(text)
+    if refused:
+        return "", refused[1].strip() or "no reason given"
+    if not text:
+        raise CommandError("the answer is empty")
+    return _code(text), ""
+
+
+@cache
+def _system(structured: bool) -> str:
+    kinds = "\n".join(f"- {kind}: {meaning}" for kind, meaning in program.ARGUMENT_KINDS.items())
+    calls = "\n".join(f"- {_signature(p)}: {p.meaning}" for p in PRIMITIVES.values())
+    fields = {
+        "program": _after_first_line(program),
+        "primitives": _after_first_line(primitives),
+        "calls": calls,
+        "kinds": kinds,
+        "form": _STRUCTURED if structured else _PLAIN,
+    }
+    text = load_text("prompt.md").strip()
+    for name, value in fields.items():
+        text = text.replace(f"{{{name}}}", value)
+    return text
+
+
+def _signature(primitive: Primitive) -> str:
+    """Return e.g. ``robot.face(name: label, instance: instance = 1)``."""
+    words = [f"{p.name}: {p.type}" + ("" if p.required else f" = {p.default!r}") for p in primitive.parameters]
+    gives = "" if primitive.result == "nothing" else f" -> {primitive.result}"
+    return f"robot.{primitive.name}({', '.join(words)}){gives}"
+
+
+def _after_first_line(module: ModuleType) -> str:
+    """Return what a module's docstring explains below its title."""
+    return (inspect.getdoc(module) or "").partition("\n\n")[2].replace("``", "`")
+
+
+@cache
+def _worked_examples() -> tuple[tuple[str, str, str], ...]:
+    """Return (command, program, refusal)."""
+    labels = tuple(_EXAMPLES["counts"])
+    done = [(one["said"], read_command(one["plainly"], labels).program, "") for one in _EXAMPLES["commands"]]
+    return (*done, *((said, "", reason) for said, reason in _EXAMPLES["refusals"].items()))
+
+
+def _written(text: str, refusal: str, structured: bool) -> str:
+    if structured:
+        return json.dumps({"program": text, "refusal": refusal or None})
+    return f"REFUSED: {refusal}" if refusal else f"```python\n{text}\n```"
+
+
+def _question(command: str, counts: Mapping[str, int]) -> str:
+    shown = dict(list(counts.items())[:_MAX_CLASSES])
+    has = {label[: program.MAX_TEXT]: n for label, n in shown.items()}
+    return f"On the map, class and how many: {_data(has)}\nCommand: {_data(command)}"
+
+
+def _data(value: object) -> str:
+    """Quote foreign text, so that it cannot end its line or its quotes."""
+    return json.dumps(value, ensure_ascii=False).encode("utf-8", "replace").decode("utf-8")
+
+
+def _object(text: str) -> dict[str, Any] | None:
+    """Return the JSON object a text is, or the one from its first to its last brace, if any."""
+    whole = text.strip()
+    for piece in (whole, whole[whole.find("{") : whole.rfind("}") + 1]):
+        if piece.startswith("{"):
+            try:
+                found = json.loads(piece, strict=False)
+            except (ValueError, RecursionError):
+                continue
+            if isinstance(found, dict):
+                return found
+    return None
+
+
+def _words(value: object) -> str:
+    text = value.strip("\n") if isinstance(value, str) else ""
+    return "" if text.strip().lower() in _NOTHING else text
+
+
+def _code(text: str) -> str:
+    """Return program text without the wrapping models put around it."""
+    block = _FENCE.search(text + "\n")
+    code = textwrap.dedent((block[1] if block else text).replace("\r\n", "\n")).strip()
+    if not code:
+        raise CommandError("there is neither a program nor a refusal in the answer")
+    return code

@@ -1,4 +1,4 @@
-"""Which language model to ask and where, and the ways in which asking one goes wrong."""
+"""Which language model to ask and where, and the ways in which asking one fails."""
 
 import ipaddress
 import os

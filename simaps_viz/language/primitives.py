@@ -20,6 +20,8 @@ Words used below:
 from dataclasses import dataclass
 from typing import Any, Final, Literal
 
+from simaps_viz.language.lexicon import load
+
 Kind = Literal["motion", "goal", "lookup"]
 Type = Literal["label", "instance", "object", "number", "count", "side", "position"]
 """What an argument may be.
@@ -67,113 +69,15 @@ class Primitive:
         return f"robot.{self.name}({', '.join(words)})"
 
 
-_NAME = Parameter("name", "label")
-_INSTANCE = Parameter("instance", "instance", 1)
+def _load_primitives() -> dict[str, Primitive]:
+    return {
+        name: Primitive(
+            name, one["kind"], tuple(Parameter(**parameter) for parameter in one["parameters"]), one["meaning"],
+            one["result"],
+        )
+        for name, one in load("primitives.json").items()
+    }  # fmt: skip
 
 
-def _of_object(name: str, kind: Kind, meaning: str, result: Result = "nothing") -> Primitive:
-    return Primitive(name, kind, (_NAME, _INSTANCE), meaning, result)
-
-
-_ALL = (
-    Primitive(
-        "move_to",
-        "motion",
-        (Parameter("pos", "position"),),
-        "Drive to the free, reachable cell nearest to the position [x, y] (at most 1.5 m from it or its object).",
-    ),
-    Primitive(
-        "move_forward",
-        "motion",
-        (Parameter("meters", "number"),),
-        "Drive straight ahead (negative: straight back) by that many metres; fails if anything is in the way.",
-    ),
-    Primitive(
-        "turn",
-        "motion",
-        (Parameter("angle_deg", "number"),),
-        "Turn on the spot by that many degrees; positive turns right (clockwise seen from above).",
-    ),
-    Primitive(
-        "turn_absolute",
-        "motion",
-        (Parameter("angle_deg", "number"),),
-        "Turn on the spot to a compass heading: 0 north, 90 east, 180 south, 270 west.",
-    ),
-    _of_object("face", "motion", "Turn on the spot until the object's centroid is straight ahead."),
-    _of_object("with_object_on_left", "motion", "Turn on the spot until the object's centroid is exactly on the left."),
-    _of_object(
-        "with_object_on_right", "motion", "Turn on the spot until the object's centroid is exactly on the right."
-    ),
-    _of_object(
-        "move_to_object",
-        "goal",
-        "Drive to the reachable free cell nearest to the object's cells (ties: the shorter way), at most 1.5 m off.",
-    ),
-    Primitive(
-        "move_to_nth_closest",
-        "goal",
-        (_NAME, Parameter("n", "count")),
-        "As move_to_object, to the n-th closest instance; 1 is the closest to where the command was given.",
-    ),
-    _of_object("move_to_left", "goal", "Drive to the point beside the object, on its left as the viewer sees it."),
-    _of_object("move_to_right", "goal", "Drive to the point beside the object, on its right as the viewer sees it."),
-    Primitive(
-        "move_in_between",
-        "goal",
-        (
-            Parameter("name_a", "label"),
-            Parameter("name_b", "label"),
-            Parameter("instance_a", "instance", 1),
-            Parameter("instance_b", "instance", None),
-        ),
-        "Drive to the middle of the gap on the line between the two centroids; instance_b left out is the closest of "
-        "name_b other than a.",
-    ),
-    _of_object("move_north", "goal", "Drive to the point beside the object, north of it on the map."),
-    _of_object("move_south", "goal", "Drive to the point beside the object, south of it on the map."),
-    _of_object("move_east", "goal", "Drive to the point beside the object, east of it on the map."),
-    _of_object("move_west", "goal", "Drive to the point beside the object, west of it on the map."),
-    _of_object(
-        "get_pos",
-        "lookup",
-        'The object\'s centroid [x, y], metres; get_pos("robot") is where the robot stands now.',
-        "position",
-    ),
-    _of_object("get_contour", "lookup", "The object's outline, a list of [x, y], metres, in order.", "positions"),
-    Primitive("instances", "lookup", (_NAME,), "All instances of the class, the closest first.", "instances"),
-    Primitive(
-        "nth_from",
-        "lookup",
-        (_NAME, Parameter("side", "side"), Parameter("n", "count")),
-        "The n-th instance of the class counted from a side, by centroids; left and right are the viewer's, "
-        "all instances of the map count, also those behind.",
-        "instance",
-    ),
-    Primitive(
-        "closest_to",
-        "lookup",
-        (_NAME, Parameter("other", "object"), Parameter("instance", "instance", 1)),
-        "The instance of the class whose cells come nearest to another object's, itself left out.",
-        "instance",
-    ),
-    Primitive(
-        "between",
-        "lookup",
-        (_NAME, Parameter("other_a", "object"), Parameter("other_b", "object")),
-        "The instance of the class that lies between two objects: its centroid inside the circle over the line of "
-        "their centroids, and nearest to that line; two equal class names mean the two closest instances.",
-        "instance",
-    ),
-    Primitive(
-        "in_view",
-        "lookup",
-        (_NAME,),
-        "The instances of the class within the viewer's field of view (90 degrees) that no wall or high enough thing "
-        "hides, closest first.",
-        "instances",
-    ),
-)
-
-PRIMITIVES: Final[dict[str, Primitive]] = {primitive.name: primitive for primitive in _ALL}
-"""All 23, by name."""
+PRIMITIVES: Final = _load_primitives()
+"""All 23, by name; those of ``primitives.json``."""

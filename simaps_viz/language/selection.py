@@ -7,8 +7,8 @@ from dataclasses import dataclass, field, replace
 from typing import Final
 
 from simaps_viz.errors import CommandError
-from simaps_viz.language import search
-from simaps_viz.language.meanings import Noun, Pair, Part, Thing, quoted
+from simaps_viz.language import program_text
+from simaps_viz.language.program_text import NEAR_M, Relation, Thing, Wanted, quoted
 
 MAX_RANK: Final = 10_000
 _MAX_COUNT: Final = 100
@@ -21,6 +21,38 @@ _OPPOSITE: Final = {
     "west": "east",
 }
 _FAR_OF: Final = {"near": "far", "far": "near", "to": "from", "from": "to"}
+
+
+@dataclass(frozen=True)
+class Noun:
+    """A class name, or several classes' generic name: one the map knows, or what was said."""
+
+    label: str
+    is_plural: bool = False
+    wide: str = ""
+    """A name that takes more classes together, for when more than one thing is needed."""
+    count: int | None = None
+    """How many of the class the map has, if that is known."""
+
+
+@dataclass(frozen=True)
+class Pair:
+    """Two things something lies between."""
+
+    a: Thing
+    b: Thing
+
+
+@dataclass(frozen=True)
+class Part:
+    """A word or phrase that says which thing is meant."""
+
+    kind: str
+    """The name of its rule, e.g. "nearest", "from_side"."""
+    rank: int | None = None
+    """-1 is the last."""
+    side: str = ""
+    other: Thing | Pair | None = None
 
 
 @dataclass
@@ -37,7 +69,7 @@ class Selection:
     other: Thing | None = None
     rank: int | None = None
     in_view: bool = False
-    relations: list[search.Relation] = field(default_factory=list)
+    relations: list[Relation] = field(default_factory=list)
     notes: list[str] = field(default_factory=list)
 
     def add(self, part: Part) -> None:
@@ -90,7 +122,7 @@ class Selection:
             self.order = ""
             self._count_by("to", other=part.other)
         else:
-            self.relations.append(search.Relation("near", (part.other,)))
+            self.relations.append(Relation("near", (part.other,)))
 
     def _away_from(self, part: Part) -> None:
         self._farthest(part) if self.order == "far" else self._near(part)
@@ -107,7 +139,7 @@ class Selection:
 
     def _side_of(self, part: Part) -> None:
         assert isinstance(part.other, Thing)
-        self.relations.append(search.Relation(part.side, (part.other,)))
+        self.relations.append(Relation(part.side, (part.other,)))
 
     def _in_front(self, part: Part) -> None:
         self._side_of(replace(part, side="front"))
@@ -117,7 +149,7 @@ class Selection:
 
     def _between(self, part: Part) -> None:
         assert isinstance(part.other, Pair)
-        self.relations.append(search.Relation("between", (part.other.a, part.other.b)))
+        self.relations.append(Relation("between", (part.other.a, part.other.b)))
 
     def _view(self, _: Part) -> None:
         self.in_view = True
@@ -162,7 +194,7 @@ class Selection:
         if self.order == "far" and rank > 1:
             raise CommandError("only the farthest can be found where a side or neighbour is said too")
         variable = fresh(identifier(self.label))
-        lines = search.pick(self._wanted(variable, rank), fresh)
+        lines = program_text.pick(self._wanted(variable, rank), fresh)
         return Thing(self.label, variable, before + lines)
 
     def _looked_up(self, name: str, rank: int, explicit: bool) -> str | None:
@@ -177,8 +209,8 @@ class Selection:
             return f"robot.closest_to({name}, {arguments})"
         return None
 
-    def _wanted(self, variable: str, rank: int) -> search.Wanted:
-        return search.Wanted(
+    def _wanted(self, variable: str, rank: int) -> Wanted:
+        return Wanted(
             self.label, variable, self.order, rank, self.side, self.other, self.in_view, tuple(self.relations)
         )
 
@@ -192,16 +224,16 @@ class Selection:
             raise CommandError("the last of how many was not said")
         near = [r for r in self.relations if r.kind == "near"]
         if count is None and self.order == "to" and self.other and not near:
-            self.order, relation = "", search.Relation("near", (self.other,))
+            self.order, relation = "", Relation("near", (self.other,))
             self.relations.append(relation)
-            self.notes.append(f"near {self.other.in_words} is read as at most {search.NEAR_M:g} m from its middle")
+            self.notes.append(f"near {self.other.in_words} is read as at most {NEAR_M:g} m from its middle")
         if self.order or self.rank or count is not None:
             self._settle()
         others = [thing for relation in self.relations for thing in relation.things]
         before = tuple(line for thing in [*others, self.other] if thing for line in thing.before)
         variable = fresh(identifier(self.label))
         wanted = self._wanted(variable, count or 0)
-        loop, guard, indent = search.each(replace(wanted, order=self.order or "near"), fresh)
+        loop, guard, indent = program_text.each(replace(wanted, order=self.order or "near"), fresh)
         return Thing(self.label, variable, before + guard, loop, indent)
 
 

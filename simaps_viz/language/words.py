@@ -1,4 +1,4 @@
-"""Names of things: plurals, synonyms and generic words, tied to the classes a map really has."""
+"""Numbers, spelling, plurals, and which classes of a map a name may mean."""
 
 import re
 from collections.abc import Iterable, Mapping, Sequence
@@ -6,56 +6,32 @@ from dataclasses import dataclass
 from functools import cached_property
 from typing import Final
 
-from simaps_viz.colors.classes import COCO_THINGS
-from simaps_viz.language.synonyms import ACTIVITIES, KINDS, LINKS, OTHER_THINGS, PLACES, SYNONYMS
+from simaps_viz.language.lexicon import (
+    ACTIVITIES,
+    AMOUNTS,
+    EVERYDAY,
+    EVERYTHING,
+    FRACTIONS,
+    FROM_THE_END,
+    KINDS,
+    KNOWN_THINGS,
+    LAST,
+    LINKS,
+    NUMBERS,
+    ORDINALS,
+    PLACES,
+    SINGULAR,
+    SYNONYMS,
+)
 
-_UNITS: Final = (
-    "zero one two three four five six seven eight nine ten eleven twelve thirteen fourteen fifteen sixteen seventeen "
-    "eighteen nineteen"
-)
-_TENS: Final = "twenty thirty forty fifty sixty seventy eighty ninety"
-_RANKS: Final = (
-    "first second third fourth fifth sixth seventh eighth ninth tenth eleventh twelfth thirteenth fourteenth fifteenth "
-    "sixteenth seventeenth eighteenth nineteenth twentieth"
-)
-_NUMBERS: Final = {
-    **{word: n for n, word in enumerate(_UNITS.split())},
-    **{word: 10 * n for n, word in enumerate(_TENS.split(), start=2)},
-}
-_ORDINALS: Final = {word: n for n, word in enumerate(_RANKS.split(), start=1)}
-_SOME: Final = {
-    ("a", "couple", "of"): 2.0,
-    ("couple", "of"): 2.0,
-    ("a", "couple"): 2.0,
-    ("a", "pair", "of"): 2.0,
-    ("a", "few"): 3.0,
-    ("half", "a", "dozen"): 6.0,
-    ("a", "dozen"): 12.0,
-}
-"""Amounts by word; "a few" is read as three."""
-_FRACTIONS: Final[dict[tuple[str, ...], float]] = {
-    ("and", "a", "half"): 0.5,
-    ("and", "one", "half"): 0.5,
-    ("and", "a", "quarter"): 0.25,
-    ("and", "three", "quarters"): 0.75,
-}
-_FROM_THE_END: Final = {
-    ("to", "last"): 0,
-    ("from", "last"): 0,
-    ("last",): 0,
-    ("to", "the", "last"): 0,
-    ("from", "the", "last"): 0,
-    ("from", "the", "end"): 0,
-    ("to", "the", "end"): 0,
-}
-_LAST: Final = {
-    ("last",): -1,
-    ("very", "last"): -1,
-    ("penultimate",): -2,
-    ("next", "to", "last"): -2,
-    ("last", "but", "one"): -2,
-    ("last", "but", "two"): -3,
-}
+ANY: Final = "any "
+"""Before a name: all classes of that kind, where a class of exactly that name would be meant otherwise."""
+_NO_KIND: Final = ("hot dog", "teddy bear")
+"""Names whose last word misleads: a hot dog is no dog."""
+_MAX_NAME: Final = max(len(name.split()) for name in KNOWN_THINGS)
+_MIN_LETTERS: Final = 4
+"""Shorter words are too close to one another to be corrected."""
+_TWO_SLIPS_LETTERS: Final = 8
 
 
 def read_rank(words: Sequence[str], digits: int | None = None) -> tuple[int, int]:
@@ -69,17 +45,17 @@ def read_rank(words: Sequence[str], digits: int | None = None) -> tuple[int, int
         The rank (-1 the last, -2 the one before it), and how many words it took; (0, 0) when there is none.
     """
     for taken in (3, 2, 1):
-        rank = _LAST.get(tuple(words[:taken]))
+        rank = LAST.get(tuple(words[:taken]))
         if rank is not None:
             return rank, taken
-    rank, taken = (digits, 1) if digits is not None else (_ORDINALS.get(words[0], 0), 1)
-    if digits is None and words[0] in _NUMBERS and _NUMBERS[words[0]] >= 20 and len(words) > 1:
-        rank, taken = _ORDINALS.get(words[1], 0), 2
-        rank = _NUMBERS[words[0]] + rank if 0 < rank < 10 else 0
+    rank, taken = (digits, 1) if digits is not None else (ORDINALS.get(words[0], 0), 1)
+    if digits is None and words[0] in NUMBERS and NUMBERS[words[0]] >= 20 and len(words) > 1:
+        rank, taken = ORDINALS.get(words[1], 0), 2
+        rank = NUMBERS[words[0]] + rank if 0 < rank < 10 else 0
     if not rank and digits is None:
         return 0, 0
     for length in (3, 2, 1):
-        if tuple(words[taken : taken + length]) in _FROM_THE_END:
+        if tuple(words[taken : taken + length]) in FROM_THE_END:
             return -rank, taken + length
     return rank, taken
 
@@ -95,14 +71,14 @@ def read_number(words: Sequence[str], digits: float | None = None) -> tuple[floa
         The number, and how many words it took; (0, 0) when there is none.
     """
     for length in (3, 2):
-        if tuple(words[:length]) in _SOME:
-            return _SOME[tuple(words[:length])], length
+        if tuple(words[:length]) in AMOUNTS:
+            return AMOUNTS[tuple(words[:length])], length
     total, taken = (digits, 1) if digits is not None else _whole(words)
     if taken == 0:
         return 0.0, 0
-    if words[taken : taken + 1] == ["point"] and len(words) > taken + 1 and words[taken + 1] in _NUMBERS:
-        total, taken = total + _NUMBERS[words[taken + 1]] / 10.0, taken + 2
-    fraction = _FRACTIONS.get(tuple(words[taken : taken + 3]))
+    if words[taken : taken + 1] == ["point"] and len(words) > taken + 1 and words[taken + 1] in NUMBERS:
+        total, taken = total + NUMBERS[words[taken + 1]] / 10.0, taken + 2
+    fraction = FRACTIONS.get(tuple(words[taken : taken + 3]))
     return (total + fraction, taken + 3) if fraction else (float(total), taken)
 
 
@@ -111,182 +87,12 @@ def _whole(words: Sequence[str]) -> tuple[float, int]:
     for word in words[:4]:
         if word == "hundred" and 0 <= total < 10:
             total = max(total, 1) * 100
-        elif word in _NUMBERS and (taken == 0 or total % 100 == 0 or (total % 10 == 0 and _NUMBERS[word] < 10)):
-            total += _NUMBERS[word]
+        elif word in NUMBERS and (taken == 0 or total % 100 == 0 or (total % 10 == 0 and NUMBERS[word] < 10)):
+            total += NUMBERS[word]
         else:
             break
         taken += 1
     return float(total), taken
-
-
-_SHORTEST: Final = 4
-_ONE_SLIP: Final = 4
-_TWO_SLIPS: Final = 8
-_ORDINARY: Final = frozenset(
-    [
-        "black",
-        "brown",
-        "white",
-        "green",
-        "blue",
-        "grey",
-        "gray",
-        "yellow",
-        "purple",
-        "pink",
-        "small",
-        "large",
-        "wooden",
-        "metal",
-        "plastic",
-        "round",
-        "square",
-        "short",
-        "tall",
-        "clean",
-        "dirty",
-        "empty",
-        "broken",
-        "pick",
-        "grab",
-        "open",
-        "close",
-        "lock",
-        "cook",
-        "bake",
-        "make",
-        "sing",
-        "dance",
-        "jump",
-        "push",
-        "pull",
-        "lift",
-        "carry",
-        "play",
-        "cut",
-        "clear",
-        "write",
-        "call",
-        "drop",
-        "throw",
-        "feed",
-        "fill",
-        "pour",
-        "book",
-        "boot",
-        "boat",
-        "coat",
-        "goat",
-        "when",
-        "where",
-        "what",
-        "why",
-        "whom",
-        "whose",
-        "some",
-        "same",
-        "time",
-        "than",
-        "them",
-        "they",
-        "this",
-        "with",
-        "from",
-        "form",
-        "work",
-        "word",
-        "fast",
-        "slow",
-        "quick",
-        "quickly",
-        "slowly",
-        "cheap",
-        "heavy",
-        "light",
-        "dark",
-        "cold",
-        "warm",
-        "hot",
-        "water",
-        "coffee",
-        "food",
-        "money",
-        "paper",
-        "wood",
-        "glass",
-        "stone",
-        "brick",
-        "high",
-        "lower",
-        "higher",
-        "bigger",
-        "smaller",
-        "taller",
-        "pretty",
-        "nice",
-        "best",
-        "worst",
-        "five",
-        "four",
-        "nine",
-        "fire",
-        "wire",
-        "hand",
-        "head",
-        "foot",
-        "feet",
-        "face",
-        "lake",
-        "cake",
-        "take",
-        "bake",
-        "tree",
-        "three",
-        "free",
-        "each",
-        "such",
-        "much",
-        "more",
-        "most",
-        "less",
-        "least",
-        "many",
-        "only",
-        "even",
-        "ever",
-        "never",
-        "every",
-        "other",
-        "mother",
-        "brother",
-        "sister",
-        "father",
-        "door",
-        "floor",
-        "poor",
-        "fish",
-        "cheer",
-        "hair",
-        "clap",
-        "wave",
-        "sell",
-        "tell",
-        "wash",
-        "brush",
-        "sweep",
-        "paint",
-        "build",
-        "kick",
-        "catch",
-        "serve",
-        "fetch",
-        "load",
-        "unload",
-        "hide",
-        "wake",
-    ]
-)
-"""Everyday words that are no slip of another."""
 
 
 def slips(a: str, b: str, limit: int) -> int:
@@ -316,65 +122,17 @@ def correct(word: str, known: Iterable[str]) -> str | None:
 
     One slip from 4 letters on (with the same first or last letter), two from 8 on; of equally close words, the first.
     """
-    if len(word) < _SHORTEST or word in _ORDINARY:
+    if len(word) < _MIN_LETTERS or word in EVERYDAY:
         return None
-    limit = 2 if len(word) >= _TWO_SLIPS else 1
+    limit = 2 if len(word) >= _TWO_SLIPS_LETTERS else 1
     best, fewest = None, limit + 1
     for candidate in known:
-        if len(candidate) < _ONE_SLIP or (candidate[0] != word[0] and candidate[-1] != word[-1]):
+        if len(candidate) < _MIN_LETTERS or (candidate[0] != word[0] and candidate[-1] != word[-1]):
             continue
         found = slips(word, candidate, fewest - 1)
         if found < fewest:
             best, fewest = candidate, found
     return best
-
-
-ANY: Final = "any "
-"""Before a name: all classes of that kind, where a class of exactly that name would be meant otherwise."""
-_NO_KIND: Final = ("hot dog", "teddy bear")
-"""Names whose last word misleads: a hot dog is no dog."""
-EVERYTHING: Final = ("object", "thing", "item")
-"""Words for whatever there is."""
-_EVERYWHERE: Final = frozenset(
-    {w for names in (*SYNONYMS.values(), *KINDS.values()) for w in names}
-    | {*SYNONYMS, *KINDS, *COCO_THINGS, *EVERYTHING, *(word.replace("_", " ") for word in OTHER_THINGS.split())}
-)
-"""Names of things on any map."""
-_LONGEST: Final = max(len(name.split()) for name in _EVERYWHERE)
-_IRREGULAR = {
-    "people": "person",
-    "persons": "person",
-    "men": "man",
-    "women": "woman",
-    "mice": "mouse",
-    "knives": "knife",
-    "shelves": "shelf",
-    "bookshelves": "bookshelf",
-    "loaves": "loaf",
-    "children": "child",
-    "tvs": "tv",
-    "tv's": "tv",
-    "buses": "bus",
-    "vases": "vase",
-    "suitcases": "suitcase",
-    "bookcases": "bookcase",
-    "cases": "case",
-    "horses": "horse",
-    "skis": "skis",
-    "scissors": "scissors",
-    "stairs": "stairs",
-    "cookies": "cookie",
-    "ties": "tie",
-    "bus": "bus",
-    "tableware": "tableware",
-    "stoves": "stove",
-    "sheep": "sheep",
-    "dresses": "dress",
-    "glasses": "glass",
-    "gas": "gas",
-    "shears": "shears",
-    "places": "place",
-}
 
 
 def singular(phrase: str) -> str:
@@ -384,8 +142,8 @@ def singular(phrase: str) -> str:
 
 
 def _singular_word(word: str) -> str:
-    if word in _IRREGULAR:
-        return _IRREGULAR[word]
+    if word in SINGULAR:
+        return SINGULAR[word]
     if len(word) > 4 and word.endswith("ies"):
         return word[:-3] + "y"
     if len(word) > 4 and word.endswith(("ches", "shes", "sses", "xes", "zes")):
@@ -398,7 +156,7 @@ def _singular_word(word: str) -> str:
 def plural(phrase: str) -> str:
     """Return a phrase with its last word in the plural: "couch" -> "couches"."""
     *first, last = phrase.split() or [""]
-    for many, one in _IRREGULAR.items():
+    for many, one in SINGULAR.items():
         if one == last and many not in ("persons", "tv's"):
             return " ".join([*first, many])
     if last.endswith(("ch", "sh", "s", "x", "z")):
@@ -523,7 +281,7 @@ class Vocabulary:
     def _known(self) -> frozenset[str]:
         spoken = set(self._here)
         heads = {name.split()[-1] for name in spoken}
-        return _EVERYWHERE | spoken | heads | {singular(s) for s in spoken}
+        return KNOWN_THINGS | spoken | heads | {singular(s) for s in spoken}
 
     @cached_property
     def _sorted(self) -> tuple[str, ...]:
@@ -531,4 +289,4 @@ class Vocabulary:
 
     @cached_property
     def _longest(self) -> int:
-        return max([_LONGEST, *(len(name.split()) for name in self._here)])
+        return max([_MAX_NAME, *(len(name.split()) for name in self._here)])

@@ -5,7 +5,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from simaps_viz.colors.classes import COCO_THINGS
-from simaps_viz.language.synonyms import SYNONYMS
+from simaps_viz.language.lexicon import SYNONYMS
 from simaps_viz.language.words import Vocabulary, plain, plural, singular, slips
 
 

@@ -7,9 +7,8 @@ from typing import Final
 from lark import Token
 
 from simaps_viz.errors import CommandError
-from simaps_viz.language.phrases import COMPASS_POINTS, LONGEST, PHRASES
+from simaps_viz.language.lexicon import ACTIVITIES, COMPASS_POINTS, MAX_PHRASE, PHRASES
 from simaps_viz.language.program import MAX_NUMBER
-from simaps_viz.language.synonyms import ACTIVITIES
 from simaps_viz.language.words import Vocabulary, correct, read_number, read_rank, singular
 
 _PIECE: Final = re.compile(
@@ -256,7 +255,7 @@ def _word(words: list[str], vocabulary: Vocabulary) -> tuple[str, str, int]:
 
 
 def _keyword(words: Sequence[str]) -> tuple[int, str]:
-    for length in range(min(LONGEST, len(words)), 0, -1):
+    for length in range(min(MAX_PHRASE, len(words)), 0, -1):
         kind = PHRASES.get(tuple(words[:length]))
         if kind is not None:
             return length, kind

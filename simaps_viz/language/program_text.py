@@ -1,21 +1,25 @@
-"""Program text that looks for a thing no single look-up gives, e.g. the second chair nearest the desk.
+"""Program text for what no single primitive does: places beside a thing, and things that take a search.
 
-All of it is counting and comparing over ``instances``, ``in_view``, ``nth_from`` and ``get_pos``. Distances and sides
-are those of centroids: left, right, in front (towards the viewer) and behind (away) as seen from where the command was
-given, within 60 degrees of that direction.
+The text of a search counts and compares over ``instances``, ``in_view``, ``nth_from`` and ``get_pos``. Distances and
+sides are those of centroids: left, right, in front (towards the viewer) and behind (away), seen from where the command
+was given, within 60 degrees of that direction. As a place to drive to, "in front of" is that of the thing's four sides
+which is turned to where the command was given, and "behind" the opposite one.
 """
 
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Final
 
-from simaps_viz.language.meanings import Thing, quoted
-
+START: Final = 'start = robot.get_pos("robot")'
+CORNER_M: Final = 0.6
+"""From the corner of a thing's outline to where the robot stops beside it, along x and along y."""
 NEAR_M: Final = 2.0
 """Centroids this close are near each other, where all things near another one are asked for."""
 _NOTHING: Final = "1000000"
+"""A squared distance no two things of a map have."""
 _MAX_TEXT: Final = 90  # characters; a string of a program has at most 100
-_COMPASS: Final = {"north": (1, 1), "south": (1, -1), "east": (0, 1), "west": (0, -1)}
+_COMPASS: Final = {"north": (0, 1), "south": (0, -1), "east": (1, 0), "west": (-1, 0)}
+"""Unit vectors (x, y), map frame."""
 _IN_WORDS: Final = {
     "left": "to the left of",
     "right": "to the right of",
@@ -28,7 +32,132 @@ _IN_WORDS: Final = {
     "near": "near",
 }
 Fresh = Callable[[str], str]
+"""Returns a name that the program does not use yet, from a wish."""
 Lines = tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class Thing:
+    """One thing, or each of several things in turn, as program text."""
+
+    label: str
+    which: str = ""
+    """The instance; "" = the closest."""
+    before: tuple[str, ...] = ()
+    """Lines that have to run before ``which`` means anything."""
+    loop: tuple[str, ...] = ()
+    """Head of a loop that sets ``which`` to each thing in turn; empty for one thing."""
+    indent: str = ""
+    """Of the loop's body."""
+
+    @property
+    def arguments(self) -> str:
+        """Return e.g. ``"chair", 3``."""
+        return quoted(self.label) + (f", {self.which}" if self.which else "")
+
+    @property
+    def value(self) -> str:
+        """Return program text for an instance, or a class name for its closest, where either may stand."""
+        if not self.which:
+            return quoted(self.label)
+        if self.which.isdigit():
+            return f"robot.instances({quoted(self.label)})[{int(self.which) - 1}]"
+        return self.which
+
+    @property
+    def in_words(self) -> str:
+        """Return what to call it in a sentence."""
+        return f"the {self.label}"
+
+
+def quoted(label: str) -> str:
+    """Return a label as a string of a program; quotes and backslashes cannot leave it."""
+    plain = "".join(c for c in label if c.isprintable() and c not in '"\\')
+    return f'"{plain}"'
+
+
+def tidy(number: float) -> str:
+    """Return a number as program text without needless digits: 2.0 -> "2"."""
+    return f"{round(number, 6):.6f}".rstrip("0").rstrip(".")
+
+
+# ---- places
+
+
+def facing_side(thing: Thing, away: bool, fresh: Fresh) -> list[str]:
+    """Drive to the side of a thing that faces the start, or the one away from it."""
+    at, dx, dy = fresh("at"), fresh("dx"), fresh("dy")
+    sides = ("west", "east", "south", "north") if away else ("east", "west", "north", "south")
+    east, west, north, south = (f"robot.move_{side}({thing.arguments})" for side in sides)
+    return [
+        START,
+        f"{at} = robot.get_pos({thing.arguments})",
+        f"{dx} = start[0] - {at}[0]",
+        f"{dy} = start[1] - {at}[1]",
+        f"if {dx} * {dx} > {dy} * {dy}:",
+        f"    if {dx} > 0:",
+        f"        {east}",
+        "    else:",
+        f"        {west}",
+        "else:",
+        f"    if {dy} > 0:",
+        f"        {north}",
+        "    else:",
+        f"        {south}",
+    ]
+
+
+def off(thing: Thing, side: str, distance: str, fresh: Fresh) -> list[str]:
+    """Drive to a point some metres from the middle of a thing, to a side, towards the start or away from it."""
+    at = fresh("at")
+    lines = [f"{at} = robot.get_pos({thing.arguments})"]
+    if side in _COMPASS:
+        x, y = (_plus(f"{at}[{i}]", distance, _COMPASS[side][i]) for i in (0, 1))
+        return [*lines, f"robot.move_to([{x}, {y}])"]
+    dx, dy, square, far, turn = (fresh(name) for name in ("dx", "dy", "square", "distance", "turn"))
+    lines += [
+        START,
+        f"{dx} = {at}[0] - start[0]",
+        f"{dy} = {at}[1] - start[1]",
+        f"{square} = {dx} * {dx} + {dy} * {dy} + 0.000001",
+        f"{far} = {square} / 2 + 0.5",
+        f"for {turn} in [1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12]:",
+        f"    {far} = ({far} + {square} / {far}) / 2",
+    ]
+    ahead = {"left": (f"-{dy}", dx), "right": (dy, f"-{dx}"), "front": (f"-{dx}", f"-{dy}"), "behind": (dx, dy)}[side]
+    x, y = (f"{at}[{i}] + {ahead[i]} * {distance} / {far}" for i in (0, 1))
+    return [*lines, f"robot.move_to([{x}, {y}])"]
+
+
+def halfway(thing: Thing, fresh: Fresh) -> list[str]:
+    """Drive to the middle of the line from where the robot stands to the middle of a thing."""
+    at, here = fresh("at"), fresh("here")
+    x, y = (f"({here}[{i}] + {at}[{i}]) / 2" for i in (0, 1))
+    lines = [f"{at} = robot.get_pos({thing.arguments})", f'{here} = robot.get_pos("robot")']
+    return [*lines, f"robot.move_to([{x}, {y}])"]
+
+
+def corner(thing: Thing, heading_deg: float, fresh: Fresh) -> list[str]:
+    """Drive beside the corner of a thing's outline that lies north-east, south-east, south-west or north-west."""
+    north, east = heading_deg < 90.0 or heading_deg > 270.0, heading_deg < 180.0
+    x, y, point = fresh("x"), fresh("y"), fresh("point")
+    return [
+        f"{x} = robot.get_pos({thing.arguments})[0]",
+        f"{y} = robot.get_pos({thing.arguments})[1]",
+        f"for {point} in robot.get_contour({thing.arguments}):",
+        f"    if {point}[0] {'>' if east else '<'} {x}:",
+        f"        {x} = {point}[0]",
+        f"    if {point}[1] {'>' if north else '<'} {y}:",
+        f"        {y} = {point}[1]",
+        f"robot.move_to([{x} {'+' if east else '-'} {CORNER_M}, {y} {'+' if north else '-'} {CORNER_M}])",
+    ]
+
+
+def _plus(what: str, distance: str, times: int) -> str:
+    return what if times == 0 else f"{what} {'+' if times > 0 else '-'} {distance}"
+
+
+# ---- searches
 
 
 @dataclass(frozen=True)
@@ -205,7 +334,7 @@ def _test(wanted: Wanted, item: str, fresh: Fresh, at: str = "") -> tuple[tuple[
     for relation in wanted.relations:
         others = [_place_of(thing, places, fresh) for thing in relation.things]
         if relation.kind in ("left", "right", "front", "behind") and not any(p.startswith("start = ") for p in places):
-            places.append('start = robot.get_pos("robot")')
+            places.append(START)
         more, test = _relation(relation.kind, at, others, fresh)
         lines += more
         tests.append(test)
@@ -233,7 +362,7 @@ def _relation(kind: str, at: str, others: list[str], fresh: Fresh) -> tuple[list
         return [], f"({at}[0] - {a}[0]) * ({at}[0] - {b}[0]) + ({at}[1] - {a}[1]) * ({at}[1] - {b}[1]) < 0"
     along, across = fresh("along"), fresh("across")
     if kind in _COMPASS:
-        axis, sign = _COMPASS[kind]
+        axis, sign = (0, _COMPASS[kind][0]) if _COMPASS[kind][0] else (1, _COMPASS[kind][1])
         away = f"{at}[{axis}] - {o}[{axis}]" if sign > 0 else f"{o}[{axis}] - {at}[{axis}]"
         lines = [f"{along} = {away}", f"{across} = {at}[{1 - axis}] - {o}[{1 - axis}]"]
     else:
@@ -252,5 +381,5 @@ def _refusal(wanted: Wanted, test: str, fresh: Fresh) -> Lines:
     return (f"if {test}:", f"    {missing} = {quoted(wanted.in_words[:_MAX_TEXT])}", f"    robot.face({missing})")
 
 
-def _indented(indent: str, lines: "list[str] | Lines") -> list[str]:
+def _indented(indent: str, lines: list[str] | Lines) -> list[str]:
     return [indent + line for line in lines]

@@ -1,0 +1,94 @@
+"""The words of commands, loaded once from the JSON files beside this module.
+
+- ``phrases.json``: {token of the grammar: what a person may say for it}; the phrases of token "" may be left out.
+- ``things.json``: other names of classes (``names``, ``narrower``), generic words that take several classes together
+  (``kinds``, ``like``), classes to try in turn (``first_fit``), what one does somewhere (``activities``, ``places``,
+  ``links``), and further things people speak of (``others``).
+- ``words.json``: numbers, ordinals, amounts, compass points, irregular plurals and everyday words.
+"""
+
+import json
+from collections.abc import Iterable
+from importlib.resources import files
+from typing import Any, Final
+
+from simaps_viz.colors.classes import COCO_THINGS
+
+Words = tuple[str, ...]
+"""A phrase, split at its spaces."""
+
+
+def load_text(name: str) -> str:
+    """Load one text file of this package."""
+    return files("simaps_viz.language").joinpath(name).read_text(encoding="utf-8")
+
+
+def load(name: str) -> Any:
+    """Load one JSON file of this package."""
+    return json.loads(load_text(name))
+
+
+def _split(phrases: Iterable[str]) -> tuple[Words, ...]:
+    return tuple(tuple(phrase.split()) for phrase in phrases)
+
+
+def _synonyms(things: dict[str, Any]) -> dict[str, tuple[str, ...]]:
+    """Return {name: the class it names first, then that class's other names}; narrower names have only the class."""
+    classes: dict[str, list[str]] = {}
+    names: dict[str, list[str]] = {}
+    for name, same in things["names"].items():
+        for word in (*same, *things["narrower"].get(name, ())):
+            classes.setdefault(word, []).append(name)
+        for word in (name, *same):
+            names.setdefault(word, []).extend(other for other in same if other != word)
+    for word, others in things["first_fit"].items():
+        classes.setdefault(word, []).extend(others)
+    words = dict.fromkeys([*names, *classes])
+    return {word: tuple(dict.fromkeys([*classes.get(word, ()), *names.get(word, ())])) for word in words}
+
+
+_THINGS: Final = load("things.json")
+_WORDS: Final = load("words.json")
+
+PHRASES: Final[dict[Words, str]] = {
+    words: token for token, phrases in load("phrases.json").items() for words in _split(phrases)
+}
+"""{words: token of the grammar, "" for what may be left out}."""
+MAX_PHRASE: Final = max(map(len, PHRASES))
+"""The number of words in the longest phrase."""
+
+SYNONYMS: Final = _synonyms(_THINGS)
+"""{word: classes it may mean, the most fitting first}; a class of exactly that name always comes before all of them."""
+KINDS: Final[dict[str, tuple[str, ...]]] = {kind: tuple(classes) for kind, classes in _THINGS["kinds"].items()}
+"""{generic word: classes it takes together}."""
+KINDS.update({word: KINDS[kind] for word, kind in _THINGS["like"].items()})
+EVERYTHING: Final = ("object", "thing", "item")
+"""Words for any class."""
+KNOWN_THINGS: Final = frozenset(
+    {*SYNONYMS, *KINDS, *COCO_THINGS, *EVERYTHING, *_THINGS["others"]}.union(*SYNONYMS.values(), *KINDS.values())
+)
+"""Names of things on any map: known words, refused by name where a map lacks them."""
+ACTIVITIES: Final[dict[Words, str]] = {
+    words: kind for kind, phrases in _THINGS["activities"].items() for words in _split(phrases)
+}
+"""{("sit", "down"): generic word}, as in "somewhere to sit down"."""
+PLACES: Final = _split(_THINGS["places"])
+"""What an activity is tied to, such as "somewhere"."""
+LINKS: Final = _split(_THINGS["links"])
+"""What joins a place and an activity, such as "where i can"."""
+
+NUMBERS: Final[dict[str, int]] = _WORDS["numbers"]
+ORDINALS: Final[dict[str, int]] = _WORDS["ordinals"]
+AMOUNTS: Final[dict[Words, float]] = {tuple(words.split()): n for words, n in _WORDS["amounts"].items()}
+"""Amounts by words; "a few" is read as three."""
+FRACTIONS: Final[dict[Words, float]] = {tuple(words.split()): n for words, n in _WORDS["fractions"].items()}
+LAST: Final[dict[Words, int]] = {tuple(words.split()): rank for words, rank in _WORDS["last"].items()}
+"""Ranks from the end; -1 is the last."""
+FROM_THE_END: Final = frozenset(_split(_WORDS["from_the_end"]))
+"""What follows an ordinal that counts from the end, as in "second to last"."""
+COMPASS_POINTS: Final[dict[str, float]] = _WORDS["compass"]
+"""Degrees clockwise from north."""
+SINGULAR: Final[dict[str, str]] = _WORDS["singular"]
+"""Irregular plurals, and words that only look like plurals."""
+EVERYDAY: Final = frozenset(_WORDS["everyday"])
+"""Everyday words, never taken for a misspelling of another."""
