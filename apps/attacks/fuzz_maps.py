@@ -32,8 +32,8 @@ from simaps_viz.mapping.edits import delete, merge, relabel
 from simaps_viz.mapping.explain import explain
 from simaps_viz.mapping.file import load_map, save_map
 from simaps_viz.mapping.history import MapHistory
-from simaps_viz.mapping.log_records import MAGIC
 from simaps_viz.mapping.simap import repartition
+from simaps_viz.mapping.steps import MAGIC
 from simaps_viz.navigation.agent import answer
 from simaps_viz.structures import SIMap
 

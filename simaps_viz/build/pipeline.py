@@ -171,7 +171,7 @@ class _Building:
 
     def gather_logged(self, log: BuildLog) -> None:
         """Gather all frames, those in the log from there where nobody has to see them; log the others."""
-        self.accumulator.frames.lean_on(log)
+        self.accumulator.frames.read_from(log.path, log.records)
         if not self.watched:
             for step in log.replay():
                 if step.seen.skipped and self._can_be_read(step.seen.index):  # it was put right since

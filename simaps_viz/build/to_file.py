@@ -20,7 +20,7 @@ from simaps_viz.build.build_log import (  # fmt: skip
     steps_beside,
 )
 from simaps_viz.mapping.history import MapHistory
-from simaps_viz.mapping.log_records import is_log
+from simaps_viz.mapping.steps import is_step_file
 from simaps_viz.mapping.file import check_writable, save_map
 from simaps_viz.build.methods import Careful, build, config_of, keeps_log
 from simaps_viz.build.pipeline import BuildConfig, Elsewhere, Method, fingerprint
@@ -165,7 +165,7 @@ def _check_method(request: BuildRequest, *, elsewhere: bool) -> None:
 def _check_steps(output: Path, *, history: bool) -> None:
     """The history takes the place of an earlier one, and of nothing else."""
     steps = steps_beside(output)
-    if history and steps.exists() and not is_log(steps):
+    if history and steps.exists() and not is_step_file(steps):
         raise InputError(f"{steps}: expected the history of an earlier map or nothing, found another file")
 
 
@@ -226,7 +226,7 @@ def _finish(log: BuildLog, output: Path, left: list[Path], *, history: bool) -> 
     if history:
         log.keep(steps)
     else:
-        if is_log(steps):
+        if is_step_file(steps):
             steps.unlink()  # of the map that was there before
         log.remove()
     for one in left:

@@ -17,10 +17,9 @@ from simaps_viz.datasets.joined import JoinedFrames, join
 from simaps_viz.datasets.posed_frames import open_sequence
 from simaps_viz.datasets.source import FrameSource
 from simaps_viz.errors import InputError
-from simaps_viz.io.limits import MAX_STEP_BYTES
 from simaps_viz.mapping import finalize
 from simaps_viz.mapping.config import BuildConfig
-from simaps_viz.mapping.steps import FrameStep, pack_step, squeeze, unpack_step, unsqueeze
+from simaps_viz.mapping.steps import FrameStep, compress, decompress, pack_step, unpack_step
 from simaps_viz.build.pipeline import content_of
 from simaps_viz.segmentation.sequences import masks_from
 import logging
@@ -157,7 +156,7 @@ def steps_in(data: bytes, indices: Sequence[int]) -> Iterator[FrameStep]:
         if len(content) != length or zlib.crc32(content) != crc:
             raise ValueError("damaged on the way")
         try:
-            step = unpack_step(unsqueeze(content, most=MAX_STEP_BYTES))
+            step = unpack_step(decompress(content))
         except (KeyError, TypeError, struct.error) as error:
             raise ValueError(f"no frame's step ({type(error).__name__})") from error
         if step.seen.index != index:
@@ -167,7 +166,7 @@ def steps_in(data: bytes, indices: Sequence[int]) -> Iterator[FrameStep]:
 
 
 def _sealed(step: FrameStep, *, links: bool) -> bytes:
-    content = squeeze(pack_step(step if links else replace(step, links=None)))
+    content = compress(pack_step(step if links else replace(step, links=None)))
     return _HEAD.pack(len(content), zlib.crc32(content)) + content
 
 

@@ -1,8 +1,8 @@
-"""What a build remembers of its frames: the last ones in memory, all others on disk, so that memory stays flat.
+"""The frames of a build: what they saw moves from memory to disk when it becomes too much, so that memory stays flat.
 
-Of every frame its index, name and pose stay in memory, as the map keeps them too: some 0.3 kB. What it saw, a hundred
-times as much, is held until all together is too much, and then lies in the build's log or, without one, in a scratch
-file that nobody else sees and that is gone with the program.
+The index, name and pose of every frame stay in memory, as the map needs them too: about 0.3 kB a frame. What it saw is
+a hundred times as much. Once all frames together exceed `HELD_BYTES`, it is read back from the build log or, without a
+log, from an unnamed scratch file that disappears with the program.
 """
 
 import os
@@ -13,51 +13,39 @@ import weakref
 from array import array
 from collections.abc import Iterator, Sequence
 from pathlib import Path
-from typing import IO, Any, Protocol, overload
+from typing import IO, Any, overload
 
 import numpy as np
 from numpy.typing import NDArray
 
 from simaps_viz.errors import InputError
-from simaps_viz.mapping.steps import FrameSeen, FrameStep, pack_step, unpack_step
+from simaps_viz.mapping.steps import PLAIN, FrameSeen, FrameStep, StepRecord, pack_step, unpack_step
 
 HELD_BYTES = 128 << 20
-"""What is held in memory before it goes to disk; ordinary sequences never need more."""
+"""What frames may hold in memory before they move to disk; ordinary sequences never need more."""
 _FRAME_BYTES = 1000  # of Python objects
 _SEGMENT_BYTES = 300
-_ALWAYS_BYTES = 3 * 8 + 2 + 16 * 8 + 8 + 49  # index, place, pose and the name's object
-
-
-class Shelf(Protocol):
-    """A file in which steps of frames lie already: a build's log."""
-
-    @property
-    def path(self) -> Path:
-        """The file."""
-        ...
-
-    def place_of(self, index: int) -> tuple[int, int] | None:
-        """Return (offset, bytes) of a frame's plain step in it; None when it is not there."""
-        ...
+_ALWAYS_BYTES = 3 * 8 + 2 + 16 * 8 + 8 + 49  # index, position on disk, pose and the name's object
 
 
 class FrameList(Sequence[FrameSeen]):
-    """Frames, ascending by index. Those on disk are read when they are asked for."""
+    """What the frames of a build saw, ascending by index. Frames on disk are read when they are asked for."""
 
     def __init__(self) -> None:
         """Start empty."""
         self.indices = array("q")
-        """Of each frame in the sequence."""
+        """The index of each frame in the sequence."""
         self.names: list[str] = []
         self.skipped: dict[int, str] = {}
-        """{index: why} of the frames that could not be read."""
+        """{index: reason} for the frames that could not be read."""
         self._poses = array("d")
         self._offset, self._length, self._file = array("q"), array("q"), array("h")  # file -1 = held
         self._held: dict[int, FrameSeen] = {}
         self._held_bytes = 0
         self._files: list[_OnDisk] = []
         self._scratch = -1
-        self._shelf: Shelf | None = None
+        self._log: Path | None = None
+        self._logged: Sequence[StepRecord] = ()
 
     def __len__(self) -> int:
         return len(self.indices)
@@ -92,28 +80,33 @@ class FrameList(Sequence[FrameSeen]):
 
     @property
     def all_held(self) -> bool:
-        """Nothing lies on disk."""
+        """Whether all frames are in memory."""
         return len(self._held) == len(self)
 
     @property
     def nbytes(self) -> int:
-        """Bytes of memory in use, about, without what is held; that is what a copy costs."""
+        """Approximate bytes of memory that a copy takes: all but what frames saw, which copies share."""
         return len(self) * _ALWAYS_BYTES + sum(map(len, self.names))
 
     @property
     def held_bytes(self) -> int:
-        """Bytes of memory, about, of what frames saw and is not on disk; copies share it."""
+        """Approximate bytes of memory for what frames saw, as far as it is not on disk; copies share it."""
         return self._held_bytes
 
-    def lean_on(self, shelf: Shelf) -> None:
-        """Read frames back from a log that has them, instead of writing them a second time."""
-        self._shelf = shelf
+    def read_from(self, log: Path, records: Sequence[StepRecord]) -> None:
+        """Read frames back from a build log that has them, instead of writing them a second time.
+
+        Args:
+            log: the file.
+            records: where the step of each frame is in it; grows as the log grows.
+        """
+        self._log, self._logged = log, records
 
     def append(self, frame: FrameSeen) -> None:
         """Add the next frame.
 
         Raises:
-            InputError: there is no room on disk.
+            InputError: the disk is full.
         """
         self.indices.append(frame.index)
         self.names.append(frame.name)
@@ -124,10 +117,10 @@ class FrameList(Sequence[FrameSeen]):
         if frame.skipped:
             self.skipped[frame.index] = frame.skipped
         self._hold(frame)
-        self._put_away()
+        self._limit_memory()
 
     def copy(self) -> "FrameList":
-        """Return one that goes its own way from here."""
+        """Return an independent copy, which shares what frames saw."""
         twin = FrameList()
         for name in ("indices", "_poses", "_offset", "_length", "_file"):
             setattr(twin, name, getattr(self, name)[:])
@@ -136,7 +129,7 @@ class FrameList(Sequence[FrameSeen]):
         return twin  # writes a scratch file of its own
 
     def merge(self, other: "FrameList") -> None:
-        """Add the frames of another list; no index is in both."""
+        """Add the frames of another list, which has none of the same indices."""
         files = len(self._files)
         self._files += other._files
         moved = array("h", [file + files if file >= 0 else -1 for file in other._file])
@@ -153,10 +146,10 @@ class FrameList(Sequence[FrameSeen]):
         self.skipped = dict(sorted((self.skipped | other.skipped).items()))
         for frame in other._held.values():
             self._hold(frame)
-        self._put_away()
+        self._limit_memory()
 
     def __getstate__(self) -> dict[str, Any]:
-        """Return what goes to another process: everything that was seen, packed."""
+        """Return what is sent to another process: all that frames saw, packed."""
         return {"packed": [pack_step(_alone(frame)) for frame in self]}
 
     def __setstate__(self, state: dict[str, Any]) -> None:
@@ -168,38 +161,43 @@ class FrameList(Sequence[FrameSeen]):
         self._held[frame.index] = frame
         self._held_bytes += _bytes_of(frame)
 
-    def _put_away(self) -> None:
-        """Let go of what is held when it is too much: on disk it stays, or is written now."""
+    def _limit_memory(self) -> None:
+        """Move frames to disk once they hold more than `HELD_BYTES`: those in the log already need not be written."""
         if self._held_bytes <= HELD_BYTES:
             return
         for at in range(len(self) - 1, -1, -1):
             if not self._held:
                 break
-            if self._file[at] < 0 and not self._awaits_log(at):
-                self._file[at], self._offset[at], self._length[at] = self._written(self.indices[at])
+            awaits_log = self._log is not None and at == len(self) - 1 and self._in_log(self.indices[at]) is None
+            if self._file[at] < 0 and not awaits_log:  # the last frame is about to be logged
+                self._file[at], self._offset[at], self._length[at] = self._moved_to_disk(self.indices[at])
         self._held_bytes = sum(map(_bytes_of, self._held.values()))
 
-    def _awaits_log(self, at: int) -> bool:
-        """Return whether a frame is the last one, which the log is about to get."""
-        return at == len(self) - 1 and self._shelf is not None and self._shelf.place_of(self.indices[at]) is None
+    def _in_log(self, index: int) -> StepRecord | None:
+        """Return the record of a frame in the log; None when there is none, or it is compressed."""
+        found = self._logged[index] if index < len(self._logged) else None
+        return found if found is not None and found.kind == PLAIN else None
 
-    def _written(self, index: int) -> tuple[int, int, int]:
-        frame = self._held.pop(index)
-        place = None if self._shelf is None else self._shelf.place_of(index)
-        if self._shelf is not None and place is not None:
-            return self._opened(self._shelf.path), *place
+    def _moved_to_disk(self, index: int) -> tuple[int, int, int]:
+        """Return (number of the file, offset, bytes) of a frame, which is no longer held."""
+        frame, logged = self._held.pop(index), self._in_log(index)
+        if self._log is not None and logged is not None:
+            return self._opened(self._log), logged.offset, logged.length
         packed = pack_step(_alone(frame))
         try:
             if self._scratch < 0:
                 self._scratch = len(self._files)
-                self._files.append(_OnDisk(_scratch_file(self._shelf)))
+                # beside the log if there is one: the system's own folder may be in memory
+                folder = None if self._log is None else self._log.absolute().parent
+                scratch = tempfile.TemporaryFile
+                self._files.append(_OnDisk(scratch(buffering=0, prefix="simaps-frames-", dir=folder)))
             offset = self._files[self._scratch].add(packed)
         except OSError as error:
             raise InputError(f"frames: could not be put aside on disk: {error.strerror or error}") from error
         return self._scratch, offset, len(packed)
 
     def _opened(self, path: Path) -> int:
-        """Return the number of a log's file, opened for itself: it stays readable when the log is closed or renamed."""
+        """Return the number of a log's file, opened a second time: it stays readable when the log is removed."""
         for number, known in enumerate(self._files):
             if known.name == str(path):
                 return number
@@ -220,7 +218,7 @@ class _OnDisk:
             return self._file.read(length)
 
     def add(self, data: bytes) -> int:
-        """Write at the end; give where that is."""
+        """Write at the end, and return the offset of what was written."""
         with self._lock:
             offset = self._file.seek(0, os.SEEK_END)
             view = memoryview(data)
@@ -229,13 +227,8 @@ class _OnDisk:
             return offset
 
 
-def _scratch_file(shelf: Shelf | None) -> IO[bytes]:
-    """Open a file without a name, beside the log if there is one: the system's own place may be in memory."""
-    folder = None if shelf is None else shelf.path.absolute().parent
-    return tempfile.TemporaryFile(buffering=0, prefix="simaps-frames-", dir=folder)
-
-
 def _alone(frame: FrameSeen) -> FrameStep:
+    """Return a step that carries what a frame saw and nothing else."""
     nothing = np.zeros(len(frame.readings.rows), dtype=bool)
     return FrameStep(frame, nothing, np.zeros(0, np.float32))
 

@@ -19,11 +19,10 @@ from simaps_viz.mapping.accumulator import MapAccumulator
 from simaps_viz.mapping.config import BuildConfig, config_from_json
 from simaps_viz.mapping.finalize import SequenceFacts, empty_accumulator_of, facts_from_json, map_so_far
 from simaps_viz.mapping.frame_list import FrameList
-from simaps_viz.mapping.log_records import LogReader, decode_step
 from simaps_viz.mapping.observations import AllReadings, Readings, StreamedReadings, gather_readings
 from simaps_viz.mapping.partition import empty_log
 from simaps_viz.mapping.simap import assemble, origin_of
-from simaps_viz.mapping.steps import FrameSeen, FrameStep
+from simaps_viz.mapping.steps import FrameSeen, FrameStep, StepReader, decode_step
 from simaps_viz.mapping.votes import vote_labels
 from simaps_viz.structures import Grid, SIMap, Views
 
@@ -44,8 +43,8 @@ class KeptSteps(Sequence[FrameStep]):
             ValueError, KeyError, TypeError, struct.error: these are not the steps of one build of at least one frame,
                 in order, of a map not too large.
         """
-        self._reader = LogReader(path)
-        self.known: dict[str, Any] = self._reader.known
+        self._reader = StepReader(path)
+        self.facts: dict[str, Any] = self._reader.facts
         """What was built."""
         self.names: list[str] = []
         """Of the frames."""
@@ -183,7 +182,7 @@ class MapHistory:
         """
         try:
             steps = KeptSteps(Path(path))
-            facts, config = facts_from_json(steps.known["sequence"]), config_from_json(steps.known["config"])
+            facts, config = facts_from_json(steps.facts["sequence"]), config_from_json(steps.facts["config"])
             return cls(facts, config, steps, finished)
         except (InputError, KeyError, TypeError, ValueError, IndexError, OverflowError, struct.error) as error:
             raise InputError(f"{path}: expected the steps of a build, found other contents ({error!r})") from error

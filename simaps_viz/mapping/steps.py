@@ -1,14 +1,38 @@
-"""One step of a build: all that one frame adds to the map, small enough to be kept, exact enough to be replayed."""
+"""Steps of a build: what each frame adds to the map, as bytes, and the file that holds one step a frame.
+
+A step is small enough to be kept and exact enough to be replayed. While a map is built its steps are appended to the
+build log (`build.build_log`); afterwards the log may be kept, compressed, as the map's history (`mapping.history`).
+Both are the same kind of file: 16 bytes of magic, then records, each ``<IIB`` = bytes of content, CRC-32 of the rest,
+kind, then the content. The first record is JSON that names what is built (the facts); each later one is the step of one
+frame. A record that is cut off or changed ends the file: it and all records behind it count as not written.
+
+Why not sqlite3: a prototype with one table of steps (5,000 steps of 32 kB, SQLite 3.40) read back as fast (0.03 ms a
+step) and lost no step to SIGKILL, but appending took 0.22 ms instead of 0.05 ms, and
+- a database cut at 10 % to 90 % of its length was "malformed" and lost every step, where this file keeps all complete
+  records before the cut (a log copied off a robot too early, a power cut);
+- pages have no checksums, so the CRC-32 of each step stayed ours;
+- a killed build leaves a second file (-wal or -journal); setting the log aside without it lost every step;
+- a full disk was reported as "disk I/O error", without the reason of the operating system;
+- a hostile file of 4 kB whose table was an endless view kept the reader busy for ever until its schema was checked.
+"""
 
 import json
+import os
 import struct
+import threading
+import weakref
 import zlib
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from io import FileIO
+from pathlib import Path
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from simaps_viz.io.limits import MAX_CELL_INDEX, MAX_LINKED_CELL, MAX_SEGMENT_ID
+from simaps_viz.errors import InputError
+from simaps_viz.io.limits import MAX_CELL_INDEX, MAX_LINKED_CELL, MAX_SEGMENT_ID, MAX_STEP_BYTES
 from simaps_viz.mapping.links import Links
 from simaps_viz.mapping.observations import FrameReadings
 from simaps_viz.structures import Segment
@@ -20,38 +44,38 @@ _HEAD = struct.Struct("<iI")
 
 @dataclass(frozen=True, eq=False)
 class FrameSeen:
-    """What is remembered of one frame: where it was taken, what it saw and what its segments are."""
+    """What a build keeps of one frame: where it was taken, what it saw and what its segments are."""
 
     index: int
-    """In the sequence."""
+    """Position in the sequence, from 0."""
     name: str
     T_map_camera: NDArray
-    """float64 [4, 4]."""
+    """float64 [4, 4], camera (OpenCV axes) to map, metres."""
     readings: FrameReadings
     segments: tuple[Segment, ...]
     skipped: str = ""
-    """Why the frame could not be read, in words; it saw nothing then."""
+    """Why the frame could not be read, as a sentence; it saw nothing then. Empty for a frame that was read."""
 
 
 @dataclass(frozen=True, eq=False)
 class FrameStep:
-    """All that one frame adds to a map, in whatever order frames come; `MapAccumulator.replay` takes it."""
+    """All that one frame adds to a map, in whatever order frames come; `MapAccumulator.replay` adds it."""
 
     seen: FrameSeen
     lowered: NDArray
     """bool [readings]: cells whose lowest obstacle pixel so far is this frame's."""
     lowest_m: NDArray
-    """float32 [lowered cells], that pixel over the floor."""
+    """float32 [lowered cells], height of that pixel over the floor, metres."""
     links: Links | None = None
-    """Of this frame alone, in the order it met them; None when nobody counts links."""
+    """The links of this frame alone, in the order it met them; None when links are not counted."""
 
 
 def step_upon(step: FrameStep, lowest_m: NDArray) -> FrameStep:
-    """Return the step that a frame is upon others than it was gathered upon: what is still lower than what they saw.
+    """Return a frame's step after other frames: a cell they saw lower still is not lowered by this frame.
 
     Args:
-        step: gathered upon some of these others, or upon none.
-        lowest_m: float32, of the step's lowered cells: the lowest obstacle pixel of the others, inf = none.
+        step: the step after none, or some, of these other frames.
+        lowest_m: float32 [lowered cells], the lowest obstacle pixel of the other frames there, inf = none.
     """
     lower = step.lowest_m < lowest_m
     if lower.all():
@@ -62,7 +86,11 @@ def step_upon(step: FrameStep, lowest_m: NDArray) -> FrameStep:
 
 
 def pack_step(step: FrameStep) -> bytes:
-    """Write a step as bytes; nothing is lost."""
+    """Return a step as bytes, without loss.
+
+    A head (index, length of the JSON), JSON with name and segments, then arrays, each with a head (type, length).
+    Cells follow each other closely: differences from one to the next fit smaller types than positions.
+    """
     seen, readings = step.seen, step.seen.readings
     about = {
         "name": seen.name,
@@ -72,8 +100,8 @@ def pack_step(step: FrameStep) -> bytes:
     }
     arrays = [
         seen.T_map_camera.reshape(-1),
-        _steps_of(readings.rows),
-        _steps_of(readings.cols),
+        _differences(readings.rows),
+        _differences(readings.cols),
         _narrowed(readings.segments),
         readings.height_m,
         np.packbits(step.lowered),
@@ -82,7 +110,7 @@ def pack_step(step: FrameStep) -> bytes:
     if step.links is not None:
         cells = step.links.cells
         first_to_second = cells[:, 2:] - cells[:, :2]
-        arrays += [_steps_of(cells[:, 0]), _steps_of(cells[:, 1])]
+        arrays += [_differences(cells[:, 0]), _differences(cells[:, 1])]
         arrays += [_narrowed(first_to_second[:, 0]), _narrowed(first_to_second[:, 1])]
         arrays += [_narrowed(step.links.labels), _narrowed(step.links.counts)]
     words = json.dumps(about, separators=(",", ":")).encode()
@@ -98,10 +126,11 @@ def unpack_step(data: bytes) -> FrameStep:
     try:
         return _step_in(data)
     except (IndexError, AttributeError, OverflowError, RecursionError, MemoryError) as error:
-        raise ValueError(f"a step that makes no sense ({type(error).__name__})") from error
+        raise ValueError(f"a damaged step ({type(error).__name__})") from error
 
 
 def _step_in(data: bytes) -> FrameStep:
+    # take the bytes apart
     index, length = _HEAD.unpack_from(data)
     about = json.loads(data[_HEAD.size : _HEAD.size + length])
     arrays, at = [], _HEAD.size + length
@@ -109,6 +138,7 @@ def _step_in(data: bytes) -> FrameStep:
         array, at = _unpacked(data, at)
         arrays.append(array)
     pose, rows, cols, segments, heights, lowered, lowest = arrays[:7]
+    # check types and numbers before anything is computed from them
     floats = [i for i, array in enumerate(arrays) if array.dtype.kind == "f"]
     if floats != [0, 4, 6] or lowered.dtype != np.uint8:
         raise ValueError("arrays of other kinds")
@@ -124,7 +154,7 @@ def _step_in(data: bytes) -> FrameStep:
         skipped=about["skipped"],
     )
     if not isinstance(seen.name, str) or not isinstance(seen.skipped, str):
-        raise ValueError("names that are none")
+        raise ValueError("names that are no text")
     mask = np.unpackbits(lowered, count=len(rows)).astype(bool)
     if not len(rows) == len(cols) == len(segments) == len(heights) or mask.sum() != len(lowest):
         raise ValueError("readings of different lengths")
@@ -134,7 +164,7 @@ def _step_in(data: bytes) -> FrameStep:
 def _segment(number: int, label: str, score: float, is_thing: bool) -> Segment:
     fine = type(number) is int and 1 <= number <= MAX_SEGMENT_ID and isinstance(label, str) and type(is_thing) is bool
     if not fine or not isinstance(score, int | float) or not 0 <= score <= 1:
-        raise ValueError("a segment that is none")
+        raise ValueError("a malformed segment")
     return Segment(number, label, score, is_thing)
 
 
@@ -149,12 +179,13 @@ def _links(arrays: list[NDArray]) -> Links:
     return Links(cells, labels.astype(np.int16), counts.astype(np.int64))
 
 
-def _steps_of(values: NDArray) -> NDArray:
-    """Return the differences from one to the next, which are small: neighbours follow each other."""
+def _differences(values: NDArray) -> NDArray:
+    """Return each number less the one before it, in the smallest type."""
     return _narrowed(np.diff(values, prepend=values.dtype.type(0)))
 
 
 def _summed(differences: NDArray) -> NDArray:
+    """Undo `_differences`."""
     found = np.cumsum(differences, dtype=np.int64)
     if len(found) and not -MAX_CELL_INDEX < int(found.min()) <= int(found.max()) < MAX_CELL_INDEX:
         raise ValueError("cells farther from the origin than a map reaches")
@@ -162,7 +193,7 @@ def _summed(differences: NDArray) -> NDArray:
 
 
 def _narrowed(values: NDArray) -> NDArray:
-    """Return whole numbers in the smallest type that holds them all."""
+    """Return integers in the smallest type that holds them all."""
     low, high = (int(values.min()), int(values.max())) if len(values) else (0, 0)
     for dtype in _TYPES[:3]:
         limits = np.iinfo(dtype)
@@ -181,22 +212,176 @@ def _unpacked(data: bytes, at: int) -> tuple[NDArray, int]:
     return np.frombuffer(data, _TYPES[kind], length, at).copy(), at + length * _TYPES[kind].itemsize
 
 
-def squeeze(data: bytes) -> bytes:
-    """Make a packed step smaller; costs some 0.2 ms."""
+def compress(data: bytes) -> bytes:
+    """Return a packed step with fewer bytes; costs about 0.2 ms."""
     return zlib.compress(data, 1)
 
 
-def unsqueeze(data: bytes, *, most: int) -> bytes:
-    """Undo `squeeze`.
+def decompress(data: bytes, *, most: int = MAX_STEP_BYTES) -> bytes:
+    """Undo `compress`.
 
     Raises:
         ValueError: it is something else, or longer than ``most`` bytes.
     """
     machine = zlib.decompressobj()
     try:
-        whole = machine.decompress(data, most)
+        found = machine.decompress(data, most)
     except zlib.error as error:
-        raise ValueError(f"not squeezed data ({error})") from error
+        raise ValueError(f"not compressed data ({error})") from error
     if not machine.eof:
-        raise ValueError("squeezed data that is cut or too long")
-    return whole
+        raise ValueError("compressed data that is cut or too long")
+    return found
+
+
+MAGIC = b"SIMAPS STEPS 1\r\n"
+FACTS, PLAIN, COMPRESSED = 0, 1, 2
+"""Kinds of records."""
+RECORD = struct.Struct("<IIB")
+"""What precedes the content of a record: bytes of content, CRC-32, kind."""
+
+
+class StepRecord(NamedTuple):
+    """Where the content of a step's record is in the file."""
+
+    offset: int
+    """Bytes from the start of the file."""
+    length: int
+    """Bytes."""
+    kind: int
+    """`PLAIN` or `COMPRESSED`."""
+
+
+class ScannedSteps(NamedTuple):
+    """The complete records of a file of steps."""
+
+    facts: dict[str, Any] | None
+    """What is built; None for another kind of file."""
+    records: list[StepRecord]
+    """One for each frame."""
+    end: int
+    """Bytes up to the end of the last complete record."""
+
+
+class StepReader:
+    """Reads the steps of a log or history one by one. Several threads may share it.
+
+    The file stays open: when it is replaced or removed, its steps can still be read.
+    """
+
+    def __init__(self, path: Path) -> None:
+        """Find all complete records; raises InputError when the file is missing or is something else."""
+        self._path, self._lock = path, threading.Lock()
+        try:
+            self._file = FileIO(path)
+        except OSError as error:
+            raise InputError(f"{path}: expected the steps of a build, found {error.strerror or error}") from error
+        weakref.finalize(self, self._file.close)
+        facts, self._records, _ = scan(self._file)
+        if facts is None:
+            raise InputError(f"{path}: expected the steps of a build, found another kind of file")
+        self.facts: dict[str, Any] = facts
+        """What is built."""
+
+    def __len__(self) -> int:
+        """Return the number of frames."""
+        return len(self._records)
+
+    def read(self, number: int) -> tuple[int, bytes]:
+        """Return (kind, content) of a frame's record, for `decode_step`.
+
+        Raises:
+            InputError: the file was changed after it was opened, or cannot be read.
+        """
+        offset, length, kind = self._records[number]
+        try:
+            with self._lock:
+                self._file.seek(offset - RECORD.size)
+                data = read_bytes(self._file, RECORD.size + length)
+        except OSError as error:
+            raise InputError(f"{self._path}: could not be read: {error.strerror or error}") from error
+        content = data[RECORD.size :]
+        if data != record(kind, content) or len(content) != length:
+            raise InputError(f"{self._path}: frame {number} could not be read back, the file was changed")
+        return kind, content
+
+
+def is_step_file(path: Path) -> bool:
+    """Return whether a file is the log or history of a build."""
+    try:
+        with FileIO(path) as file:
+            return read_bytes(file, len(MAGIC)) == MAGIC
+    except OSError:
+        return False
+
+
+def contents(file: FileIO, records: Sequence[StepRecord]) -> Iterator[tuple[int, bytes]]:
+    """Read (kind, content) of each frame's record when it is asked for: a log may be larger than memory."""
+    for offset, length, kind in records:
+        file.seek(offset)
+        yield kind, read_bytes(file, length)
+
+
+def decode_step(found: tuple[int, bytes]) -> FrameStep:
+    """Return the step in a record's (kind, content).
+
+    Raises:
+        ValueError, KeyError, TypeError, struct.error: it is something else.
+    """
+    kind, content = found
+    return unpack_step(decompress(content) if kind == COMPRESSED else content)
+
+
+def record(kind: int, content: bytes) -> bytes:
+    """Return a complete record."""
+    return RECORD.pack(len(content), zlib.crc32(content, zlib.crc32(bytes([kind]))), kind) + content
+
+
+def read_bytes(file: FileIO, length: int) -> bytes:
+    """Read so many bytes; fewer only at the end of the file."""
+    parts = []
+    while length > 0:
+        part = file.read(length)
+        if not part:
+            break
+        parts.append(part)
+        length -= len(part)
+    return b"".join(parts)
+
+
+def scan(file: FileIO) -> ScannedSteps:
+    """Find the complete records of a file of steps; whatever is damaged ends them."""
+    size = os.fstat(file.fileno()).st_size
+    file.seek(0)
+    if read_bytes(file, len(MAGIC)) != MAGIC:
+        return ScannedSteps(None, [], 0)
+    facts: dict[str, Any] | None = None
+    records: list[StepRecord] = []
+    end = len(MAGIC)
+    while True:
+        head = read_bytes(file, RECORD.size)
+        if len(head) < RECORD.size:
+            break
+        # A damaged head is recognised before its length is believed; the facts come first, and only once.
+        length, crc, kind = RECORD.unpack(head)
+        start = end + RECORD.size
+        if length > MAX_STEP_BYTES or start + length > size or (kind == FACTS) != (facts is None) or kind > COMPRESSED:
+            break
+        content = read_bytes(file, length)
+        if zlib.crc32(content, zlib.crc32(head[-1:])) != crc:
+            break
+        if facts is None:
+            facts = _facts_in(content)
+            if facts is None:
+                break
+        else:
+            records.append(StepRecord(start, length, kind))
+        end = start + length
+    return ScannedSteps(facts, records, end)
+
+
+def _facts_in(content: bytes) -> dict[str, Any] | None:
+    try:
+        facts = json.loads(content)
+    except (ValueError, RecursionError):
+        return None
+    return facts if isinstance(facts, dict) else None

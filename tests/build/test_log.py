@@ -23,7 +23,7 @@ from simaps_viz.build.build_log import BuildLog, LogBusyError, frames_logged, se
 from simaps_viz.build.pipeline import BuildCancelled, BuildConfig, build_map
 from simaps_viz.errors import InputError
 from simaps_viz.mapping.accumulator import MapAccumulator, ProjectionSettings
-from simaps_viz.mapping.steps import pack_step, squeeze, unpack_step, unsqueeze
+from simaps_viz.mapping.steps import compress, decompress, pack_step, unpack_step
 
 FRAMES = 5
 METHODS = ("evidence", "paper", "components")
@@ -53,7 +53,7 @@ def test_a_step_comes_back_exactly_and_replays_the_frame(seed):
     again = accumulator(steps=True)
     for step in steps:
         packed = pack_step(step)
-        assert unsqueeze(squeeze(packed), most=len(packed)) == packed
+        assert decompress(compress(packed), most=len(packed)) == packed
         back = unpack_step(packed)
         assert pack_step(back) == packed
         again.replay(back)
@@ -139,7 +139,7 @@ def test_whatever_is_cut_off_or_changed_the_log_ends_before_it_and_the_map_is_th
 
 def records(path):
     with build_log.FileIO(path) as file:
-        return build_log.scan(file)[1]
+        return build_log.scan(file).records
 
 
 @settings(max_examples=40, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
@@ -258,7 +258,7 @@ def test_a_history_holds_the_same_steps_in_less_room(tiny, tmp_path):
     shutil.copy(tmp_path / "log", tmp_path / "copy")
     keep_log(tmp_path / "log", tmp_path / "m.steps")
     facts, plain = read_log(tmp_path / "copy")
-    kept, squeezed = read_log(tmp_path / "m.steps")
+    kept, compressed = read_log(tmp_path / "m.steps")
     assert not (tmp_path / "log").exists() and facts == kept
-    assert [pack_step(build_log.decode_step(r)) for r in squeezed] == [content for _, content in plain]
+    assert [pack_step(build_log.decode_step(r)) for r in compressed] == [content for _, content in plain]
     assert (tmp_path / "m.steps").stat().st_size < (tmp_path / "copy").stat().st_size

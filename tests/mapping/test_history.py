@@ -16,9 +16,8 @@ from simaps_viz.errors import InputError
 from simaps_viz.mapping import history as histories
 from simaps_viz.mapping.finalize import map_so_far
 from simaps_viz.mapping.history import MapHistory
-from simaps_viz.mapping.log_records import MAGIC, record
 from simaps_viz.mapping.simap import repartition
-from simaps_viz.mapping.steps import pack_step
+from simaps_viz.mapping.steps import MAGIC, pack_step, record
 
 FRAMES = 6
 

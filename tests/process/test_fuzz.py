@@ -28,7 +28,7 @@ from simaps_viz.errors import CommandError, InputError
 from simaps_viz.mapping.edit_log import read_edits
 from simaps_viz.mapping.file import load_map
 from simaps_viz.mapping.history import MapHistory
-from simaps_viz.mapping.log_records import MAGIC
+from simaps_viz.mapping.steps import MAGIC
 from simaps_viz.segmentation.class_names import read_class_names
 
 SLOW = (

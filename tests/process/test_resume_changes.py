@@ -129,7 +129,7 @@ def test_a_log_removed_by_its_build_is_not_written_by_who_waited_for_it(sequence
     path, facts = tmp_path / "log", fingerprint(open_sequence(sequence), BuildConfig())
     with BuildLog(path, facts):
         late = object.__new__(BuildLog)
-        late.path, late.steps, late._synced = path, [], 0.0
+        late.path, late.records, late._synced = path, [], 0.0
         late._file = open(path, "r+b", buffering=0)  # noqa: SIM115 - the log closes it
         path.unlink()
     late._lock()
