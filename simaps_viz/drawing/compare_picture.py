@@ -14,7 +14,7 @@ from simaps_viz.drawing.theme import LIGHT, Theme
 from simaps_viz.structures import GridSpec
 
 if TYPE_CHECKING:
-    from simaps_viz.viewer.panels.compare_words import ItemLike, SideLike, TwoMapsLike
+    from simaps_viz.evaluation.two_maps import Item, MapSide, TwoMaps
 
 Mode = Literal["swipe", "side by side", "stacked"]
 """One map up to a line and the other beyond it; the right one to the east of the left one; to the south of it."""
@@ -49,7 +49,7 @@ def mark_color(kind: str, theme: Theme = LIGHT) -> Color:
 class TwoPictures:
     """Both textures, made once; putting them together takes a few milliseconds."""
 
-    def __init__(self, maps: "TwoMapsLike", theme: Theme = LIGHT) -> None:
+    def __init__(self, maps: "TwoMaps", theme: Theme = LIGHT) -> None:
         """Paint both maps for a light page or a dark one."""
         self._maps, spec = maps, maps.spec
         self._theme, self._ink = theme, theme.ink if theme.dark else INK
@@ -82,7 +82,7 @@ class TwoPictures:
         """(xmin, ymin, xmax, ymax) of the picture, titles included."""
         return self._spec(mode).extent_m
 
-    def mark(self, items: "Sequence[ItemLike]", chosen: "ItemLike | None") -> None:
+    def mark(self, items: "Sequence[Item]", chosen: "Item | None") -> None:
         """Outline differences on both maps, and one of them boldly."""
         self._halves = self._mark(items, chosen)
 
@@ -118,7 +118,7 @@ class TwoPictures:
         n = self._every
         return np.ascontiguousarray(cells[: self._rows * n : n, : self._cols * n : n][::-1])
 
-    def _painted(self, side: "SideLike") -> NDArray:
+    def _painted(self, side: "MapSide") -> NDArray:
         n = self._scale
         theme, ids = self._theme, self._coarse(side.instance)
         grounds = np.array((theme.unseen, theme.floor, theme.clutter, theme.wall), np.uint8)
@@ -130,7 +130,7 @@ class TwoPictures:
             image[rim] = (image[rim] * RIM).astype(np.uint8)
         return image
 
-    def _mark(self, items: "Sequence[ItemLike]", chosen: "ItemLike | None") -> tuple[NDArray, NDArray]:
+    def _mark(self, items: "Sequence[Item]", chosen: "Item | None") -> tuple[NDArray, NDArray]:
         thin, bold = max(1, self._scale // 2), max(2, round(0.7 * self._scale))
         result = []
         for at, plain in enumerate(self._plain):

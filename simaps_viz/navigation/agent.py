@@ -76,6 +76,21 @@ class Answer:
         }
 
 
+def outcome_text(answer: Answer) -> str:
+    """Describe in one sentence where the robot goes and how far, or why it does not."""
+    if answer.status != "ok":
+        return answer.reason or ""
+    names = [f"{g.label} and the {g.other_label}" if g.other_label else g.label for g in answer.goals if g.label]
+    parts = [", then ".join(f"to the {name}" for name in dict.fromkeys(names))] if names else []
+    pose = answer.final_pose
+    parts += [
+        f"{answer.path_length_m:.2f} m",
+        f"ends at x {pose.x_m:.2f} m, y {pose.y_m:.2f} m, heading {pose.heading_deg % 360:.0f}°",
+    ]
+    text = ", ".join(parts)
+    return f"{text[0].upper()}{text[1:]}."
+
+
 class Rehearsal:
     """Goes through a program on a robot that drives nowhere, so that what is bound to be refused never starts.
 

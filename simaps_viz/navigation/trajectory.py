@@ -9,9 +9,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from simaps_viz.geometry import wrap_angle
+from simaps_viz.navigation.agent import StepEvent
 from simaps_viz.navigation.robot import Motion
 from simaps_viz.structures import Pose2
-from simaps_viz.viewer.page.services import StepLike
 
 MOTION = Motion()
 """How fast the robot is, here as in `simaps export --trajectory`."""
@@ -82,7 +82,7 @@ def poses_along(start: Pose2, path: ArrayLike, final: Pose2) -> NDArray:
     return np.array(poses)
 
 
-def ride_of_steps(steps: Sequence[StepLike], start: Pose2) -> Trajectory:
+def ride_of_steps(steps: Sequence[StepEvent], start: Pose2) -> Trajectory:
     """Time what statements drive. A statement that drives nowhere takes a moment, so that its line is seen to run.
 
     Args:
@@ -105,19 +105,19 @@ def ride_of_steps(steps: Sequence[StepLike], start: Pose2) -> Trajectory:
     return Trajectory(ride.poses, times, times[np.array(begins, np.int64)], np.array(lines, np.int64))
 
 
-def _statements(steps: Sequence[StepLike]) -> list[tuple[int, NDArray]]:
+def _statements(steps: Sequence[StepEvent]) -> list[tuple[int, NDArray]]:
     """Return the line and the poses [n, 3] of each statement; what ends only after its block is told by its start."""
     found: list[tuple[int, NDArray]] = []
     open_line: int | None = None
     for step in steps:
         poses = np.asarray(step.poses, np.float64).reshape(-1, 3)
-        if not getattr(step, "done", True):
+        if not step.done:
             found.append((step.line, poses))
             open_line = step.line
         elif open_line == step.line:
             found[-1] = (step.line, poses)
             open_line = None
-        elif len(poses) or not hasattr(step, "done"):
+        elif len(poses):
             found.append((step.line, poses))
     return found
 

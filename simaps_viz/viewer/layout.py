@@ -13,13 +13,14 @@ from simaps_viz.viewer.panels.find import FindBox
 from simaps_viz.viewer.panels.help import OTHER_TABS, HelpPanel, PageActions
 from simaps_viz.viewer.panels.instance import InstancePanel
 from simaps_viz.viewer.panels.judge import JudgePanel
-from simaps_viz.viewer.panels.map import SLANT, MapActions, MapPanel
+from simaps_viz.viewer.panels.map import MapActions, MapPanel
 from simaps_viz.viewer.panels.robot import RobotControl
 from simaps_viz.viewer.panels.steps import StepsPanel
 from simaps_viz.viewer.panels.why import WhyActions, WhyPanel
 from simaps_viz.viewer.recording.link import words_beside
 from simaps_viz.viewer.scene.camera import with_margin
 from simaps_viz.viewer.scene.follow import Follower
+from simaps_viz.viewer.scene.viewpoints import SLANT
 
 if TYPE_CHECKING:
     from simaps_viz.viewer.session import Session

@@ -25,13 +25,13 @@ from simaps_viz.viewer.layout import Parts, lay_out
 from simaps_viz.viewer.page.shared import Common, paint, png
 from simaps_viz.viewer.page.worker import Worker
 from simaps_viz.viewer.panels.instance import best_pictures
-from simaps_viz.viewer.panels.map import DEFAULT_RESOLUTION, SLANT, TOP
+from simaps_viz.viewer.panels.map import DEFAULT_RESOLUTION
 from simaps_viz.viewer.panels.robot import RobotControl, RobotState
 from simaps_viz.viewer.recording.clicks import place_inside
 from simaps_viz.viewer.recording.link import RecordingLink, page_side
 from simaps_viz.viewer.scene.camera import Extent
 from simaps_viz.viewer.scene.map_scene import MapScene, Style
-from simaps_viz.viewer.scene.viewpoints import CameraState, Viewpoints
+from simaps_viz.viewer.scene.viewpoints import SLANT, TOP, CameraState, Viewpoints
 from simaps_viz.viewer.scene.why_marks import paint_cells
 from simaps_viz.viewer.server.gate import guard
 from simaps_viz.viewer.timeline import PageTime

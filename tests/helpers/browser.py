@@ -6,7 +6,7 @@ import socket
 import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
-from dataclasses import dataclass, field
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -19,6 +19,8 @@ from toy_maps import TOY_POSE, toy_map
 
 from simaps_viz.errors import CommandError
 from simaps_viz.mapping.simap import recommunity, repartition
+from simaps_viz.navigation.agent import Answer
+from simaps_viz.navigation.robot import Goal
 from simaps_viz.structures import Pose2, SIMap
 from simaps_viz.viewer.page.services import Services
 from simaps_viz.viewer.session import Session
@@ -44,32 +46,23 @@ _rows = itertools.islice(itertools.cycle(range(0, PORTS_EACH, 8)), os.getpid() %
 LOCAL = ("http://127.0.0.1:", "ws://127.0.0.1:", "data:", "blob:")
 
 
-@dataclass(frozen=True, eq=False)
-class ToyAnswer:
-    """What a command service gives, as plain as it can be."""
-
-    status: str = "ok"
-    reason: str | None = None
-    program: str | None = None
-    goals: Sequence[Any] = ()
-    path_m: NDArray = field(default_factory=lambda: np.zeros((0, 2)))
-    final_pose: Pose2 = TOY_POSE
-    path_length_m: float = 0.0
-    notes: Sequence[str] = ()
-    alternatives: Sequence[str] = ()
+def toy_answer(**others: Any) -> Answer:
+    """Return what a command service gives, as plain as it can be."""
+    plain = Answer("ok", None, "", (), np.zeros((0, 2)), TOY_POSE, 0.0)
+    return replace(plain, **others)
 
 
-def toy_ask(simap: SIMap, command: str, pose: Pose2) -> ToyAnswer:
+def toy_ask(simap: SIMap, command: str, pose: Pose2) -> Answer:
     """Drive to x = 1.5 m, or refuse a piano."""
     if "piano" in command:
         raise CommandError("There is no piano on this map. It has: chair (3), dining table (2).")
     if "crash" in command:
         raise ZeroDivisionError("a fault of the service")
     if "locked" in command:
-        return ToyAnswer(status="failed", reason="No free way to the locked room.", program="robot.move_to((9, 9))\n")
-    return ToyAnswer(
+        return toy_answer(status="failed", reason="No free way to the locked room.", program="robot.move_to((9, 9))\n")
+    return toy_answer(
         program='chair = robot.instances("chair")[0]\nrobot.move_to_object("chair", chair)\n',
-        goals=[{"primitive": "move_to_object", "label": "chair", "instance": 1, "point": (1.5, pose.y_m)}],
+        goals=(Goal("move_to_object", "chair", 1, (1.5, pose.y_m)),),
         path_m=np.array([[pose.x_m, pose.y_m], [1.5, pose.y_m]]),
         final_pose=Pose2(1.5, pose.y_m, np.pi / 2),
         path_length_m=abs(1.5 - pose.x_m),

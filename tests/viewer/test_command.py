@@ -3,12 +3,11 @@
 import threading
 import time
 from contextlib import nullcontext
-from dataclasses import dataclass, field
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from browser import mine, toy_services, toy_workbench
+from browser import mine, toy_answer, toy_services, toy_workbench
 from chat_server import hangs, serving, writes
 from fake_page import fake_page
 from hypothesis import given
@@ -20,11 +19,12 @@ from waiting import until
 from simaps_viz.app import workbench
 from simaps_viz.language.grounding import Grounding
 from simaps_viz.language.llm_settings import Exchange, Message
-from simaps_viz.navigation.agent import answer
+from simaps_viz.navigation.agent import StepEvent, answer, outcome_text
+from simaps_viz.navigation.robot import Goal
 from simaps_viz.navigation.trajectory import LOOK_S, MOTION, TICK_S, Drive, Trajectory, ride_of_steps, trajectory
 from simaps_viz.structures import Pose2
 from simaps_viz.viewer.page.services import LanguageModel
-from simaps_viz.viewer.panels.command import entered, exchanges_html, program_html, result_text, why_text
+from simaps_viz.viewer.panels.command import entered, exchanges_html, program_html, why_text
 from simaps_viz.viewer.scene.follow import AHEAD_M, BEHIND_M, Follower, above, behind
 
 # --- words
@@ -60,21 +60,18 @@ def test_why_this_one_is_said_with_the_distances_of_the_others():
 
 
 def test_what_another_class_was_looked_up_by_is_not_taken_for_the_reason():
-    @dataclass
-    class Said:
-        program: str = 'robot.move_to_object("chair", robot.closest_to("chair", robot.closest_to("tv", "couch")))'
-        goals: tuple = ({"label": "chair", "instance": 1},)
-
-    text = why_text(Said(), Grounding(toy_map(), TOY_POSE).candidates("chair"))  # pyright: ignore
+    program = 'robot.move_to_object("chair", robot.closest_to("chair", robot.closest_to("tv", "couch")))'
+    said = toy_answer(program=program, goals=(Goal("move_to_object", "chair", 1, (0.0, 0.0)),))
+    text = why_text(said, Grounding(toy_map(), TOY_POSE).candidates("chair"))
     assert "couch" not in text and text.endswith("The program says how it was chosen.")
 
 
-def test_result_text_names_both_things_it_goes_between():
+def test_outcome_text_names_both_things_it_goes_between():
     said = answer(toy_map(), "go between the dining table and the chair", TOY_POSE)
     assert said.status == "ok"
-    assert result_text(said).startswith("To the dining table and the chair, ")
+    assert outcome_text(said).startswith("To the dining table and the chair, ")
     refused = answer(toy_map(), "go to the piano", TOY_POSE)
-    assert result_text(refused).startswith("There is no piano on this map. It has: chair (3)")
+    assert outcome_text(refused).startswith("There is no piano on this map. It has: chair (3)")
 
 
 def test_html_marks_one_line_and_escapes_what_models_write():
@@ -104,20 +101,17 @@ def test_enter_ends_a_command(text, command):
 # --- steps
 
 
-@dataclass
-class Event:
-    line: int
-    done: bool
-    poses: np.ndarray = field(default_factory=lambda: np.zeros((0, 3)))
+def event(line, done, poses=()):
+    return StepEvent(line, "", np.reshape(poses, (-1, 3)).astype(float), None, done)
 
 
 def test_every_statement_gets_its_line_and_look_ups_take_a_moment():
     drive = np.array([[0.0, 0.0, 0.0], [0.9, 0.0, 0.0]])
     further = np.array([[0.9, 0.0, 0.0], [1.8, 0.0, 0.0]])
     events = [
-        Event(1, False), Event(1, True),
-        Event(2, False), Event(3, False), Event(3, True, drive), Event(3, False), Event(3, True, further),
-        Event(2, True),
+        event(1, False), event(1, True),
+        event(2, False), event(3, False), event(3, True, drive), event(3, False), event(3, True, further),
+        event(2, True),
     ]  # fmt: skip
     ride = ride_of_steps(events, Pose2(0.0, 0.0, 0.0))
     leg = 0.9 / MOTION.speed_mps
@@ -130,7 +124,7 @@ def test_every_statement_gets_its_line_and_look_ups_take_a_moment():
 
 
 def test_a_statement_that_fails_is_the_last_line_of_the_ride():
-    events = [Event(1, False), Event(1, True, np.array([[0, 0, 0], [1.0, 0, 0]])), Event(2, False)]
+    events = [event(1, False), event(1, True, np.array([[0, 0, 0], [1.0, 0, 0]])), event(2, False)]
     ride = ride_of_steps(events, Pose2(0.0, 0.0, 0.0))
     assert ride.lines[-1] == 2 and ride.at(ride.duration_s).x_m == 1.0
 
@@ -139,7 +133,7 @@ def test_a_statement_that_fails_is_the_last_line_of_the_ride():
 def test_rides_of_real_programs_never_go_back_in_time(statements):
     events, x = [], 0.0
     for line, metres in statements:
-        events += [Event(line, False), Event(line, True, np.array([[x, 0, 0], [x + metres, 0, 0]]))]
+        events += [event(line, False), event(line, True, np.array([[x, 0, 0], [x + metres, 0, 0]]))]
         x += metres
     ride = ride_of_steps(events, Pose2(0.0, 0.0, 0.0))
     assert (np.diff(ride.times_s) >= 0).all() and len(ride.steps_s) == len(statements)

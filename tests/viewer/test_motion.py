@@ -13,6 +13,7 @@ from toy_maps import TOY_POSE, TOY_SPEC, toy_map
 from waiting import until
 
 from simaps_viz.language.grounding import Grounding
+from simaps_viz.navigation.robot import Goal
 from simaps_viz.navigation.trajectory import MOTION, Drive, poses_along, trajectory
 from simaps_viz.structures import Pose2
 from simaps_viz.viewer.page.worker import Worker
@@ -159,7 +160,7 @@ def test_the_robot_starts_on_open_floor():
 
 def test_goals_are_numbered_on_their_objects():
     simap = toy_map()
-    goals = [{"instance": 3}, {"instance": None, "point": (0, 0)}, {"instance": 1}, {"instance": 3}]
+    goals = [Goal("move_to", None, number, (0.0, 0.0)) for number in (3, None, 1, 3)]
     first, second = goal_labels(simap, goals)
     assert (first.text, second.text) == ("1, 4", "3")
     assert (first.x, first.y) == pytest.approx(simap.by_id(3).centroid_m[:2])

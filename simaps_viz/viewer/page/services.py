@@ -4,137 +4,19 @@ import threading
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal, Protocol
+from typing import TYPE_CHECKING
 
 from numpy.typing import NDArray
 
-from simaps_viz.structures import Instance, Pose2, SIMap
+from simaps_viz.evaluation.judging import JudgingSession
+from simaps_viz.language.grounding import Candidate
+from simaps_viz.language.llm_settings import Exchange
+from simaps_viz.navigation.agent import Answer, StepEvent
+from simaps_viz.structures import Pose2, SIMap
+from simaps_viz.viewer.server.host import Asset
 
 if TYPE_CHECKING:
     from simaps_viz.viewer.page.panel import PanelSpec
-
-Asset = tuple[bytes | Path, str]
-"""Content (or the file that holds it) and its media type."""
-
-
-class AnswerLike(Protocol):
-    """What carrying out a command gave."""
-
-    @property
-    def status(self) -> str:
-        """Either ok, refused or failed."""
-        ...
-
-    @property
-    def reason(self) -> str | None:
-        """Why not, or what is worth knowing, in words."""
-        ...
-
-    @property
-    def program(self) -> str | None:
-        """The program that was run; empty when the command was not understood."""
-        ...
-
-    @property
-    def goals(self) -> Sequence[Any]:
-        """Where the robot was sent: mappings or objects with ``label``, ``instance`` and ``point``."""
-        ...
-
-    @property
-    def path_m(self) -> NDArray:
-        """Points [n, 2], map frame, metres, as far as the robot came; may be empty."""
-        ...
-
-    @property
-    def final_pose(self) -> Pose2:
-        """Where the robot ends."""
-        ...
-
-    @property
-    def path_length_m(self) -> float:
-        """Length of the path, metres."""
-        ...
-
-    @property
-    def notes(self) -> Sequence[str]:
-        """How words were read."""
-        ...
-
-    @property
-    def alternatives(self) -> Sequence[str]:
-        """Other programs the command could mean."""
-        ...
-
-
-class StepLike(Protocol):
-    """One statement of a program as it was run."""
-
-    @property
-    def line(self) -> int:
-        """Counted from 1."""
-        ...
-
-    @property
-    def poses(self) -> NDArray:
-        """float64 [n, 3], x, y (metres), yaw (radians), map frame: what the statement drove; may be empty."""
-        ...
-
-
-class CandidateLike(Protocol):
-    """One of the objects a command could have meant."""
-
-    @property
-    def instance(self) -> Instance:
-        """The object."""
-        ...
-
-    @property
-    def rank(self) -> int:
-        """1 is the closest to where the command was given."""
-        ...
-
-    @property
-    def distance_m(self) -> float:
-        """How far from there, metres."""
-        ...
-
-
-class MessageLike(Protocol):
-    """One turn of a conversation with a language model."""
-
-    @property
-    def role(self) -> str:
-        """Either system, user or assistant."""
-        ...
-
-    @property
-    def content(self) -> str:
-        """The text."""
-        ...
-
-
-class ExchangeLike(Protocol):
-    """One question to a language model, and what came back."""
-
-    @property
-    def messages(self) -> Sequence[MessageLike]:
-        """What was sent."""
-        ...
-
-    @property
-    def response(self) -> str:
-        """What came back; empty when nothing did."""
-        ...
-
-    @property
-    def seconds(self) -> float:
-        """How long that took."""
-        ...
-
-    @property
-    def error(self) -> str | None:
-        """Why nothing came back, in words."""
-        ...
 
 
 @dataclass(frozen=True)
@@ -143,72 +25,8 @@ class LanguageModel:
 
     name: str
     """Which, and where it runs."""
-    ask: Callable[[SIMap, str, Pose2, threading.Event, Callable[[Sequence[ExchangeLike]], None]], AnswerLike]
+    ask: Callable[[SIMap, str, Pose2, threading.Event, Callable[[Sequence[Exchange]], None]], Answer]
     """(map, command, where the robot stands, set to end the wait, told what was sent and received) -> answer."""
-
-
-class RunLike(Protocol):
-    """One run that a person judges."""
-
-    @property
-    def run_id(self) -> str:
-        """Names the run in the session."""
-        ...
-
-    @property
-    def shown(self) -> Mapping[str, Any]:
-        """Command, start (x, y, heading in degrees), track and stops (lists of [x, y]), status, collision."""
-        ...
-
-    @property
-    def number(self) -> int:
-        """From 1."""
-        ...
-
-    @property
-    def total(self) -> int:
-        """Runs of the session."""
-        ...
-
-
-class ScoreLike(Protocol):
-    """What people say of one method."""
-
-    @property
-    def yes(self) -> int:
-        """Runs that did what was asked."""
-        ...
-
-    @property
-    def no(self) -> int:
-        """Runs that did not."""
-        ...
-
-    @property
-    def skipped(self) -> int:
-        """Runs of which the judge could not tell."""
-        ...
-
-    @property
-    def share(self) -> float | None:
-        """Share of yes among yes and no; None before the first."""
-        ...
-
-
-class JudgingLike(Protocol):
-    """A session in which a person judges runs, blind and in random order; it saves every answer at once."""
-
-    def next_run(self) -> RunLike | None:
-        """Return the first run without an answer; None when all are done."""
-        ...
-
-    def judge(self, run_id: str, answer: Literal["yes", "no", "skip"]) -> None:
-        """Save an answer; may raise SIMapsError."""
-        ...
-
-    def summary(self) -> Mapping[tuple[str, str], ScoreLike]:
-        """Return {(kind of errors, method): what people say}."""
-        ...
 
 
 @dataclass(frozen=True)
@@ -219,15 +37,15 @@ class Services:
     """(map, percent) -> the map with another K (method paper) or affinity (method evidence); fast."""
     recommunity: Callable[[SIMap, float, float], SIMap] | None = None
     """(map, resolution, percent) -> the map with communities found anew."""
-    ask: Callable[[SIMap, str, Pose2], AnswerLike] | None = None
+    ask: Callable[[SIMap, str, Pose2], Answer] | None = None
     """(map, command, where the robot stands) -> answer. May raise SIMapsError."""
-    steps: Callable[[SIMap, str, Pose2], Iterable[StepLike]] | None = None
+    steps: Callable[[SIMap, str, Pose2], Iterable[StepEvent]] | None = None
     """(map, program, where the robot stands) -> its statements as they are run, to mark the line during the ride."""
-    candidates: Callable[[SIMap, str, Pose2], Sequence[CandidateLike]] | None = None
+    candidates: Callable[[SIMap, str, Pose2], Sequence[Candidate]] | None = None
     """(map, class, where the command is given) -> all objects of the class, the closest first, to number them."""
     model: LanguageModel | None = None
     """Reads commands in the place of ``ask`` while it is switched on."""
-    judging: JudgingLike | None = None
+    judging: JudgingSession | None = None
     """Runs for a person to judge, on a page of their own in front of all others."""
     view: Callable[[int], tuple[NDArray, NDArray] | None] | None = None
     """frame index -> (RGB uint8 [H, W, 3], segment ids int32 [H, W]); None when the sequence is not at hand."""

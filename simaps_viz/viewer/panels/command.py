@@ -1,10 +1,10 @@
 """The panel one speaks to the robot through: the command, what became of it, and the ride."""
 
 import re
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass
 from html import escape
-from typing import Any, Literal
+from typing import Literal
 
 import viser
 
@@ -19,10 +19,12 @@ from simaps_viz.drawing.theme import (
     PAPER_STYLE,
     SENT_PAPER_STYLE,
 )
-from simaps_viz.navigation.agent import is_program
+from simaps_viz.language.grounding import Candidate
+from simaps_viz.language.llm_settings import Exchange
+from simaps_viz.navigation.agent import Answer, is_program
+from simaps_viz.navigation.robot import Goal
 from simaps_viz.navigation.trajectory import SPEED_HINT
 from simaps_viz.structures import Instance, Pose2, SIMap
-from simaps_viz.viewer.page.services import AnswerLike, CandidateLike, ExchangeLike
 
 _NTH = ("", "", "second ", "third ", "fourth ", "fifth ", "sixth ", "seventh ", "eighth ", "ninth ", "tenth ")
 _MOST_LISTED = 4
@@ -38,29 +40,14 @@ _CHOICES = (
 """How a program may choose among the instances of a class other than by closeness, and how to say so."""
 
 
-def result_text(answer: AnswerLike) -> str:
-    """Describe why not, or where the robot goes and how far."""
-    if answer.status != "ok":
-        return str(answer.reason or "")
-    names = [_name_of(goal) for goal in answer.goals if field_of(goal, "label")]
-    parts = [", then ".join(f"to the {name}" for name in dict.fromkeys(names))] if names else []
-    pose = answer.final_pose
-    parts += [
-        f"{answer.path_length_m:.2f} m",
-        f"ends at x {pose.x_m:.2f} m, y {pose.y_m:.2f} m, heading {pose.heading_deg % 360:.0f}°",
-    ]
-    text = ", ".join(parts)
-    return f"{text[0].upper()}{text[1:]}."
-
-
-def why_text(answer: AnswerLike, candidates: Sequence[CandidateLike]) -> str:
+def why_text(answer: Answer, candidates: Sequence[Candidate]) -> str:
     """Why the robot goes to this instance and to no other of its class; empty when there was nothing to choose.
 
     Args:
         answer: with the goals.
         candidates: all instances of the goals' class, the closest to where the command was given first.
     """
-    chosen = dict.fromkeys(int(field_of(goal, "instance") or 0) for goal in answer.goals)
+    chosen = dict.fromkeys(goal.instance or 0 for goal in answer.goals)
     mine = [c for c in candidates if c.instance.id in chosen]
     if not mine:
         return ""
@@ -81,7 +68,7 @@ def why_text(answer: AnswerLike, candidates: Sequence[CandidateLike]) -> str:
     return " ".join([text[0].upper() + text[1:], _others(one, candidates), *_choice(answer.program or "", label)])
 
 
-def candidate_labels(candidates: Sequence[CandidateLike], chosen: Collection[int], most: int = 5) -> list[Label]:
+def candidate_labels(candidates: Sequence[Candidate], chosen: Collection[int], most: int = 5) -> list[Label]:
     """Number what a command could have meant: "▶ 3 · 2.6 m" is the chosen one, "1 · 1.2 m" one that lies closer.
 
     Args:
@@ -99,13 +86,13 @@ def candidate_labels(candidates: Sequence[CandidateLike], chosen: Collection[int
     return [label_of(text, one) for text, one in texts]
 
 
-def goal_labels(simap: SIMap, goals: Sequence[Any]) -> list[Label]:
+def goal_labels(simap: SIMap, goals: Sequence[Goal]) -> list[Label]:
     """Number the objects the robot was sent to, in order, those that are on the map."""
     places: dict[int, list[str]] = {}
     for number, goal in enumerate(goals, start=1):
-        for name in ("instance", "other_instance"):
-            if field_of(goal, name):
-                places.setdefault(int(field_of(goal, name)), []).append(str(number))
+        for one in (goal.instance, goal.other_instance):
+            if one:
+                places.setdefault(one, []).append(str(number))
     known = {instance.id: instance for instance in simap.instances}
     return [label_of(", ".join(texts), known[i]) for i, texts in places.items() if i in known]
 
@@ -150,7 +137,7 @@ def program_html(program: str, line: int | None = None, *, stuck: bool = False) 
     )
 
 
-def exchanges_html(exchanges: Sequence[ExchangeLike]) -> str:
+def exchanges_html(exchanges: Sequence[Exchange]) -> str:
     """Show what a language model was sent, and what it wrote back."""
     parts = []
     for number, exchange in enumerate(exchanges, start=1):
@@ -164,17 +151,7 @@ def exchanges_html(exchanges: Sequence[ExchangeLike]) -> str:
     return f'<div style="padding:0 .8em .4em;font-size:.85em">{"".join(parts)}</div>'
 
 
-def field_of(goal: Any, name: str) -> Any:
-    """Return a field of a goal, whether it is a mapping or an object; None when it has none of that name."""
-    return goal.get(name) if isinstance(goal, Mapping) else getattr(goal, name, None)
-
-
-def _name_of(goal: Any) -> str:
-    other = field_of(goal, "other_label")
-    return f"{field_of(goal, 'label')} and the {other}" if other else str(field_of(goal, "label"))
-
-
-def _others(one: CandidateLike, candidates: Sequence[CandidateLike]) -> str:
+def _others(one: Candidate, candidates: Sequence[Candidate]) -> str:
     """Describe where the closer ones are, or the next when there is none closer."""
     label = one.instance.label
     if one.rank == 1:
@@ -188,7 +165,7 @@ def _others(one: CandidateLike, candidates: Sequence[CandidateLike]) -> str:
     return f"{_listed(closer, label)} are at {', '.join(distances[:-1])} and {distances[-1]} m."
 
 
-def _listed(candidates: Sequence[CandidateLike], label: str) -> str:
+def _listed(candidates: Sequence[Candidate], label: str) -> str:
     """Name several by their numbers: "chairs 1, 2 and 5"; a long row that has no holes as "chairs 1 to 9"."""
     ranks = sorted(c.rank for c in candidates)
     name = plural(2, label).removeprefix("2 ")
@@ -341,7 +318,7 @@ class CommandPanel:
         if share is not None:
             self._progress.value = round(100.0 * share, 1)
 
-    def show_exchanges(self, exchanges: Sequence[ExchangeLike]) -> None:
+    def show_exchanges(self, exchanges: Sequence[Exchange]) -> None:
         """Show what a language model was sent and answered; none hides it."""
         self._exchanges.content = exchanges_html(exchanges)
         self._conversation.visible = bool(exchanges)

@@ -11,6 +11,7 @@ import viser
 from simaps_viz.colors.palette import Color
 from simaps_viz.drawing.compare_picture import KINDS, Mode, TwoPictures
 from simaps_viz.errors import InputError
+from simaps_viz.evaluation.two_maps import Item, TwoMaps
 from simaps_viz.events import Progress
 from simaps_viz.mapping.simap import JOINING, joining_percent
 from simaps_viz.structures import SIMap
@@ -21,9 +22,7 @@ from simaps_viz.viewer.panels.compare_words import (
     TRUTH,
     Cancelled,
     CompareServices,
-    ItemLike,
     Named,
-    TwoMapsLike,
     chosen_html,
     headline_html,
     item_text,
@@ -173,11 +172,11 @@ class ComparePanel(Panel):
     def __init__(self, desk: Desk, services: CompareServices) -> None:
         """Fill the open container."""
         self._desk, self._services = desk, services
-        self._maps: TwoMapsLike | None = None
+        self._maps: TwoMaps | None = None
         self._beside: Mode = "side by side"
         self._pictures: TwoPictures | None = None
-        self._items: list[ItemLike] = []
-        self._chosen: ItemLike | None = None
+        self._items: list[Item] = []
+        self._chosen: Item | None = None
         self._first = 0
         self._wanted = self._restored = False
         self._lock = threading.RLock()
@@ -195,7 +194,7 @@ class ComparePanel(Panel):
         return self._maps is not None
 
     @property
-    def maps(self) -> TwoMapsLike | None:
+    def maps(self) -> TwoMaps | None:
         """What is compared now."""
         return self._maps
 
@@ -270,7 +269,7 @@ class ComparePanel(Panel):
             self._maps = None
             self._show_parts()
 
-    def choose(self, item: ItemLike | None) -> None:
+    def choose(self, item: Item | None) -> None:
         """Outline a difference boldly on both maps and move the camera there; None chooses none."""
         self._chosen = item
         if item is not None and item in self._items:
@@ -372,14 +371,14 @@ class ComparePanel(Panel):
         if theme is not self._desk.theme:  # switched before there was anything to paint anew
             self.theme_changed()
 
-    def _compared(self, left: Named, right: Named) -> TwoMapsLike:
+    def _compared(self, left: Named, right: Named) -> TwoMaps:
         keys = [side.key for side in self._sides]
         if keys[0] == keys[1] == TRUTH or left[1] is right[1]:
             raise InputError(f"comparison: expected two different maps, found {left[0]} twice")
         truth = {(True, False): "left", (False, True): "right"}.get((keys[0] == TRUTH, keys[1] == TRUTH))
         return self._services.compare(left, right, truth)  # pyright: ignore[reportArgumentType]
 
-    def _show(self, maps: TwoMapsLike, pictures: TwoPictures) -> None:
+    def _show(self, maps: TwoMaps, pictures: TwoPictures) -> None:
         begins = self._maps is None
         self._beside = pictures.both(self._desk.aspect)
         self._maps, self._pictures, self._chosen, self._first = maps, pictures, None, 0
@@ -480,13 +479,13 @@ class ComparePanel(Panel):
 
     def _sides_under(self, moved: bool, x_m: float) -> tuple[int, ...]:
         """Which of the two maps lies under the pointer."""
-        maps = cast(TwoMapsLike, self._maps)
+        maps = cast(TwoMaps, self._maps)
         if self._mode != "swipe":
             return (1,) if moved else (0,)
         xmin, _, xmax, _ = maps.spec.extent_m
         return (0,) if x_m < xmin + float(self._line.value) / 100.0 * (xmax - xmin) else (1,)
 
-    def _divide(self, item: ItemLike) -> None:
+    def _divide(self, item: Item) -> None:
         """Put the line through the middle of a difference, so that both maps are seen there."""
         if self._mode == "swipe" and self._maps is not None:
             xmin, _, xmax, _ = self._maps.spec.extent_m
@@ -496,7 +495,7 @@ class ComparePanel(Panel):
     def _look_at_all(self, pictures: TwoPictures) -> None:
         self._desk.look_at(frame_extent(pictures.extent_m(self._mode)))
 
-    def _around(self, item: ItemLike) -> Extent:
+    def _around(self, item: Item) -> Extent:
         """What to show of a difference: its surroundings, on both maps."""
         xmin, ymin, xmax, ymax = item.extent_m
         margin = max(2.0, 0.8 * max(xmax - xmin, ymax - ymin))

@@ -1,180 +1,23 @@
 """The comparison in words: what differs, how often, what the marks mean. Text and small pieces of HTML."""
 
 import threading
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from html import escape
-from typing import Literal, Protocol
-
-from numpy.typing import NDArray
+from typing import Literal
 
 from simaps_viz.colors.classes import plural
 from simaps_viz.colors.palette import Color
 from simaps_viz.drawing.compare_picture import KINDS, mark_color
 from simaps_viz.drawing.theme import BAD_STYLE, DIM_STYLE, LIGHT, Theme, short
+from simaps_viz.evaluation.two_maps import Item, MapSide, TwoMaps
 from simaps_viz.events import Progress
-from simaps_viz.structures import GridSpec, SIMap
+from simaps_viz.structures import SIMap
 
 Named = tuple[str, SIMap]
 """A map and what it is called on the page."""
 TRUTH = "truth"
 """Key of the source that is the ground truth."""
-
-
-class SideLike(Protocol):
-    """One of two maps, on the window they share."""
-
-    @property
-    def title(self) -> str:
-        """What it is called."""
-        ...
-
-    @property
-    def colors(self) -> NDArray:
-        """uint8 [rows, cols, 3], row 0 at the south."""
-        ...
-
-    @property
-    def instance(self) -> NDArray:
-        """int32 [rows, cols], 0 = none."""
-        ...
-
-    @property
-    def ground(self) -> NDArray:
-        """uint8 [rows, cols], what lies where no instance does: 0 unseen, 1 floor, 2 clutter, 3 wall."""
-        ...
-
-    @property
-    def names(self) -> Mapping[int, str]:
-        """{id: class and number among its class, such as "chair 4"}, of all instances."""
-        ...
-
-    @property
-    def ignored(self) -> int:
-        """Objects too small to be compared."""
-        ...
-
-    @property
-    def least_cells(self) -> int:
-        """An object with fewer cells is too small."""
-        ...
-
-    @property
-    def count(self) -> int:
-        """Instances on the map."""
-        ...
-
-
-class ItemLike(Protocol):
-    """One difference."""
-
-    @property
-    def kind(self) -> str:
-        """One of merged, split, missed, extra, label, outline."""
-        ...
-
-    @property
-    def left(self) -> Sequence[int]:
-        """Ids on the left map."""
-        ...
-
-    @property
-    def right(self) -> Sequence[int]:
-        """Ids on the right map."""
-        ...
-
-    @property
-    def label(self) -> str:
-        """Class on the reference."""
-        ...
-
-    @property
-    def other_label(self) -> str:
-        """Class on the other map."""
-        ...
-
-    @property
-    def extent_m(self) -> tuple[float, float, float, float]:
-        """(xmin, ymin, xmax, ymax), map frame."""
-        ...
-
-
-class ScoreLike(Protocol):
-    """How good a map is by the truth."""
-
-    @property
-    def pq(self) -> float | None:
-        """Panoptic quality."""
-        ...
-
-    @property
-    def true(self) -> int:
-        """Objects asked for."""
-        ...
-
-    @property
-    def found(self) -> int:
-        """Objects on the map that count."""
-        ...
-
-    @property
-    def matched(self) -> int:
-        """Objects found."""
-        ...
-
-    @property
-    def over(self) -> int:
-        """True objects split."""
-        ...
-
-    @property
-    def under(self) -> int:
-        """Found objects that merge several."""
-        ...
-
-
-class TwoMapsLike(Protocol):
-    """Two maps laid over one another."""
-
-    @property
-    def spec(self) -> GridSpec:
-        """The window."""
-        ...
-
-    @property
-    def left(self) -> SideLike:
-        """The map on the left."""
-        ...
-
-    @property
-    def right(self) -> SideLike:
-        """The map on the right."""
-        ...
-
-    @property
-    def reference(self) -> Literal["left", "right"]:
-        """Whose objects the differences speak of."""
-        ...
-
-    @property
-    def items(self) -> Sequence[ItemLike]:
-        """The differences, the gravest first."""
-        ...
-
-    @property
-    def counts(self) -> Mapping[str, int]:
-        """{kind: how many}."""
-        ...
-
-    @property
-    def same(self) -> int:
-        """Objects that agree."""
-        ...
-
-    @property
-    def score(self) -> ScoreLike | None:
-        """Of the map that is not the truth; None without truth."""
-        ...
 
 
 @dataclass(frozen=True)
@@ -192,7 +35,7 @@ class Source:
 class CompareServices:
     """Plain functions behind the comparison; what is None is left out."""
 
-    compare: Callable[[Named, Named, Literal["left", "right"] | None], TwoMapsLike]
+    compare: Callable[[Named, Named, Literal["left", "right"] | None], TwoMaps]
     """(left, right, which is the truth) -> the comparison; may raise SIMapsError."""
     sources: tuple[Source, ...] = ()
     """What ``make`` can make."""
@@ -216,7 +59,7 @@ PQ_MEANS = "PQ: the share of objects that are found, times how well their outlin
 _TONES = {"plain": "", "bad": BAD_STYLE}
 
 
-def item_text(item: ItemLike, maps: TwoMapsLike) -> str:
+def item_text(item: Item, maps: TwoMaps) -> str:
     """Describe what a difference is: "merged · chairs 4 + 5 → 1", "missed · chair 2", "label · chair 1 → couch 2".
 
     Numbers are those of the objects among their class, each on its own map.
@@ -231,7 +74,7 @@ def item_text(item: ItemLike, maps: TwoMapsLike) -> str:
     return f"{item.kind} · {_together(here or there)}"
 
 
-def _names(ids: Sequence[int], side: SideLike) -> list[str]:
+def _names(ids: Sequence[int], side: MapSide) -> list[str]:
     return [side.names.get(one, f"instance {one}") for one in ids]
 
 
@@ -249,19 +92,19 @@ def _together(names: Sequence[str], *, known: str = "") -> str:
     return f"{short(label if len(names) == 1 else plural(2, label).removeprefix('2 '))} {numbers}"
 
 
-def kind_options(maps: TwoMapsLike) -> tuple[str, ...]:
+def kind_options(maps: TwoMaps) -> tuple[str, ...]:
     """Return what the list can be narrowed to: "all (9)", "merged (2)", ... only kinds that occur."""
     found = [f"{kind} ({count})" for kind, count in maps.counts.items() if count]
     return (f"{ALL} ({len(maps.items)})", *found)
 
 
-def of_kind(maps: TwoMapsLike, option: str) -> list[ItemLike]:
+def of_kind(maps: TwoMaps, option: str) -> list[Item]:
     """Return the differences of an option of ``kind_options``."""
     kind = option.partition(" (")[0]
     return [item for item in maps.items if kind in (ALL, item.kind)]
 
 
-def headline_html(maps: TwoMapsLike) -> str:
+def headline_html(maps: TwoMaps) -> str:
     """Say in two lines how much differs, and how good the map is where that is known."""
     empty = [escape(side.title) for side in (maps.left, maps.right) if not side.count]
     if len(empty) == 2:
@@ -278,7 +121,7 @@ def headline_html(maps: TwoMapsLike) -> str:
     return note(*lines)
 
 
-def summary_html(maps: TwoMapsLike, theme: Theme = LIGHT) -> str:
+def summary_html(maps: TwoMaps, theme: Theme = LIGHT) -> str:
     """Describe what every colour of a mark means and how often it occurs, and the rest of the numbers."""
     left, right = maps.left, maps.right
     reference, other = (left, right) if maps.reference == "left" else (right, left)
@@ -307,7 +150,7 @@ def summary_html(maps: TwoMapsLike, theme: Theme = LIGHT) -> str:
     return note(*lines)
 
 
-def ignored_lines(maps: TwoMapsLike) -> list[str]:
+def ignored_lines(maps: TwoMaps) -> list[str]:
     """Describe which objects were too small to be compared, where there are any."""
     left, right = maps.left, maps.right
     if not left.ignored and not right.ignored:
@@ -326,7 +169,7 @@ def note(*lines: str, tone: str = "plain") -> str:
     return f'<div style="{style}">{body}</div>'
 
 
-def chosen_html(item: ItemLike, maps: TwoMapsLike, position: int, total: int, theme: Theme = LIGHT) -> str:
+def chosen_html(item: Item, maps: TwoMaps, position: int, total: int, theme: Theme = LIGHT) -> str:
     """Describe the difference that was clicked."""
     sides = [(maps.left, item.left), (maps.right, item.right)]
     where = " · ".join(

@@ -8,7 +8,7 @@ import viser
 from viser._gui_handles import GuiModalHandle
 
 from simaps_viz.drawing.theme import BRAND, DARK, DIM_STYLE, LIGHT, Theme
-from simaps_viz.viewer.panels.map import SLANT, TOP
+from simaps_viz.viewer.scene.viewpoints import SLANT, TOP
 from simaps_viz.viewer.server.page_script import PAGE_SCRIPT
 
 MEND = "Mend"

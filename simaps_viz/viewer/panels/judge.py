@@ -15,16 +15,17 @@ import viser
 from simaps_viz.drawing.label_layout import Label
 from simaps_viz.drawing.theme import DIM_STYLE
 from simaps_viz.errors import SIMapsError
+from simaps_viz.evaluation.judging import BlindRun, JudgingSession
+from simaps_viz.language.grounding import Candidate
 from simaps_viz.navigation.trajectory import SPEED_HINT, Drive, Trajectory, poses_along, trajectory
 from simaps_viz.structures import Pose2, SIMap
-from simaps_viz.viewer.page.services import CandidateLike, JudgingLike, RunLike
 from simaps_viz.viewer.panels.command import label_of, message_html
 from simaps_viz.viewer.scene.map_scene import MapScene
 
 _CELL = "padding:.15em .5em;text-align:right"
 
 
-def run_html(run: RunLike) -> str:
+def run_html(run: BlindRun) -> str:
     """Show a run's command in large letters, and its number."""
     return (
         '<div style="padding:.6em .8em .2em">'
@@ -50,7 +51,7 @@ def outcome_text(shown: Mapping[str, Any]) -> str:
     return "The robot drove and stopped once." if stops == 1 else f"The robot drove and stopped {stops} times."
 
 
-def summary_html(session: JudgingLike) -> str:
+def summary_html(session: JudgingSession) -> str:
     """Show what people say of each method, a table for each kind of errors."""
     tables: dict[str, list[str]] = {}
     for (errors, method), score in session.summary().items():
@@ -106,10 +107,10 @@ class JudgePanel:
         self,
         gui: viser.GuiApi,
         scene: MapScene,
-        session: JudgingLike,
+        session: JudgingSession,
         *,
         simap: SIMap,
-        candidates: Callable[[SIMap, str, Pose2], Sequence[CandidateLike]] | None,
+        candidates: Callable[[SIMap, str, Pose2], Sequence[Candidate]] | None,
         take_robot: Callable[[], None],
         lock: AbstractContextManager[object] | None = None,
     ) -> None:
@@ -126,16 +127,16 @@ class JudgePanel:
         """
         self._scene, self._session, self._simap = scene, session, simap
         self._candidates, self._take_robot = candidates, take_robot
-        self._run: RunLike | None = None
-        self._seen: list[RunLike] = []
-        self._again: RunLike | None = None
+        self._run: BlindRun | None = None
+        self._seen: list[BlindRun] = []
+        self._again: BlindRun | None = None
         self._shown_at = 0.0
         self._lock = lock or threading.RLock()
         self._drive = Drive(lambda pose, _share, _leg: scene.show_robot(pose), lambda: None)
         self._fill(gui)
 
     @property
-    def run(self) -> RunLike | None:
+    def run(self) -> BlindRun | None:
         """The run that is shown; None when all are judged."""
         return self._run
 
@@ -212,7 +213,7 @@ class JudgePanel:
     def _set_speed(self) -> None:
         self._drive.speed = float(self._speed.value)
 
-    def _show_run(self, run: RunLike) -> None:
+    def _show_run(self, run: BlindRun) -> None:
         self._take_robot()
         self._shown_at = time.monotonic()
         self._head.content = run_html(run)
@@ -236,7 +237,7 @@ class JudgePanel:
         for button in self._buttons:
             button.visible = False
 
-    def _things(self, run: RunLike, start: Pose2) -> list[Label]:
+    def _things(self, run: BlindRun, start: Pose2) -> list[Label]:
         """Describe how far the things the command names are from where it was given; without ranks, which judge."""
         if self._candidates is None:
             return []
@@ -254,7 +255,7 @@ def named_in(command: str, labels: Sequence[str]) -> list[str]:
     return [label for label in labels if label.lower().split()[-1] in words]
 
 
-def places(run: RunLike, start: Pose2) -> list[Label]:
+def places(run: BlindRun, start: Pose2) -> list[Label]:
     """Name the start, the stops and the collision of a run: texts, each at its (x, y)."""
     stops, hit = run.shown.get("stops") or [], run.shown.get("collision")
     looks = _COMPASS[round(start.heading_deg / 45.0) % 8]

@@ -5,7 +5,7 @@ import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from html import escape
-from typing import Any, Literal, Protocol
+from typing import Any, Literal
 
 import cv2
 import numpy as np
@@ -15,6 +15,7 @@ from simaps_viz.colors.instances import take_over
 from simaps_viz.drawing.legend import facts_text, object_name
 from simaps_viz.drawing.theme import BAD_STYLE, BOX_STYLE, DIM_STYLE, STICKY, TEXT_STYLE, note_html, short_html
 from simaps_viz.errors import InputError, SIMapsError
+from simaps_viz.mapping.edit_log import Entry
 from simaps_viz.mapping.edits import EditRefused
 from simaps_viz.structures import Instance, SIMap
 from simaps_viz.viewer.page.panel import Desk, Panel, PanelSpec
@@ -26,24 +27,6 @@ Point = tuple[float, float]
 CUT = (214, 39, 40)
 FLOOR_M = 0.03
 CROSS_M = 0.05
-
-
-class EntryLike(Protocol):
-    """One edit, signed."""
-
-    @property
-    def who(self) -> str:
-        """Who made it."""
-        ...
-
-    @property
-    def when(self) -> str:
-        """ISO 8601, UTC."""
-        ...
-
-    def to_json(self) -> dict[str, str]:
-        """Return at least ``what``: the edit in words."""
-        ...
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,7 +43,7 @@ class MendServices:
     """map, id, who -> map."""
     undo: Callable[[SIMap], SIMap]
     redo: Callable[[SIMap], SIMap]
-    entries: Callable[[], Sequence[EntryLike]]
+    entries: Callable[[], Sequence[Entry]]
     """The edits, the first one first."""
     told: Callable[[], Sequence[str]]
     """What each of them did, for one who sees the map."""
@@ -157,7 +140,7 @@ def apart_m(simap: SIMap, first: int, second: int) -> float:
     return 0.0 if cells < 1.5 else (cells - 1.0) * simap.spec.cell_size_m
 
 
-def edits_html(entries: Sequence[tuple[str, EntryLike]], undone: int, refused: Sequence[str]) -> str:
+def edits_html(entries: Sequence[tuple[str, Entry]], undone: int, refused: Sequence[str]) -> str:
     """List the edits (what they did, and the edits themselves), the last one first."""
     lost = "".join(f'<li style="{BAD_STYLE}">{escape(why)}</li>' for why in refused)
     if not entries and not lost:

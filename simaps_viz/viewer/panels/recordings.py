@@ -3,12 +3,14 @@
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from html import escape
-from pathlib import Path
-from typing import Protocol
+from typing import TYPE_CHECKING
 
 import viser
 
 from simaps_viz.viewer.page.panel import Desk, Panel, PanelSpec
+
+if TYPE_CHECKING:
+    from simaps_viz.recorder.library import LibraryEntry
 
 NONE = "no recordings yet"
 _NOTHING: tuple[str, ...] = (NONE,)
@@ -19,74 +21,11 @@ _EMPTY = (
 )
 
 
-class FactsLike(Protocol):
-    """What a recording says of itself; None where it does not."""
-
-    @property
-    def title(self) -> str | None:
-        """The sequence it is of."""
-        ...
-
-    @property
-    def frames(self) -> int | None:
-        """How many."""
-        ...
-
-    @property
-    def simulated(self) -> bool | None:
-        """Frames or masks are simulated."""
-        ...
-
-    @property
-    def method(self) -> str | None:
-        """Of the build."""
-        ...
-
-    @property
-    def parameters(self) -> str | None:
-        """Of the method, in words."""
-        ...
-
-    @property
-    def instances(self) -> int | None:
-        """On the finished map."""
-        ...
-
-
-class RecordingLike(Protocol):
-    """One recorded build."""
-
-    @property
-    def name(self) -> str:
-        """What it is called."""
-        ...
-
-    @property
-    def path(self) -> Path:
-        """Where it lies."""
-        ...
-
-    @property
-    def size_bytes(self) -> int:
-        """Of the file."""
-        ...
-
-    @property
-    def facts(self) -> FactsLike:
-        """What it says of itself."""
-        ...
-
-    @property
-    def fault(self) -> str | None:
-        """Why it cannot be opened, in words; None when it can."""
-        ...
-
-
 @dataclass(frozen=True)
 class RecordingServices:
     """Plain functions behind the panel; all may raise SIMapsError."""
 
-    entries: Callable[[], Sequence[RecordingLike]]
+    entries: "Callable[[], Sequence[LibraryEntry]]"
     """List the recordings, in the order shown."""
     rename: Callable[[str, str], object]
     """(name, new name)."""
@@ -109,8 +48,8 @@ class RecordingsPanel(Panel):
     def __init__(self, desk: Desk, services: RecordingServices) -> None:
         """Fill the open container."""
         self._desk, self._services = desk, services
-        self._entries: dict[str, RecordingLike] = {}
-        self._listed: Sequence[RecordingLike] = ()
+        self._entries: dict[str, LibraryEntry] = {}
+        self._listed: Sequence[LibraryEntry] = ()
         gui = desk.gui
         self._choice = gui.add_dropdown("Recording", _NOTHING, hint="Recorded builds, the newest first")
         self._details = gui.add_html("")
@@ -142,7 +81,7 @@ class RecordingsPanel(Panel):
         self._again.on_click(lambda _: self.refresh())
 
     @property
-    def chosen(self) -> RecordingLike | None:
+    def chosen(self) -> "LibraryEntry | None":
         """The recording that is chosen in the list."""
         return self._entries.get(self._choice.value)
 
@@ -186,34 +125,34 @@ class RecordingsPanel(Panel):
                 f"{escape(str(entry.path))}</div>"
             )
 
-    def _with_chosen(self, name: str, job: Callable[[RecordingLike], None]) -> None:
+    def _with_chosen(self, name: str, job: "Callable[[LibraryEntry], None]") -> None:
         """Do something with the chosen recording off the page's thread."""
         entry = self.chosen
         if entry is not None:
             self._desk.submit(name, lambda: job(entry))
 
-    def _open_it(self, entry: RecordingLike) -> None:
+    def _open_it(self, entry: "LibraryEntry") -> None:
         self._desk.show_recording(entry.path)
         self._desk.say("Recording", f"{entry.name} is shown beside the map.")
 
-    def _rename_it(self, entry: RecordingLike) -> None:
+    def _rename_it(self, entry: "LibraryEntry") -> None:
         new_name = self._new_name.value.strip()
         if new_name and new_name != entry.name:
             self._services.rename(entry.name, new_name)
         self._list(new_name or entry.name)
 
-    def _delete_it(self, entry: RecordingLike) -> None:
+    def _delete_it(self, entry: "LibraryEntry") -> None:
         self._services.delete(entry.name)
         self._list(None)
         self._desk.say("Recording", f"{entry.name} was deleted.")
 
 
-def _option(entry: RecordingLike) -> str:
+def _option(entry: "LibraryEntry") -> str:
     method = "cannot be opened" if entry.fault else entry.facts.method or "method unknown"
     return f"{entry.name} · {entry.size_bytes / 1e6:.1f} MB · {method}"
 
 
-def details_html(entry: RecordingLike) -> str:
+def details_html(entry: "LibraryEntry") -> str:
     """Describe what is known of a recording."""
     if entry.fault:
         return f"It cannot be opened: {escape(entry.fault)}"

@@ -13,18 +13,19 @@ import viser
 from simaps_viz.drawing.label_layout import Label, boxes_near
 from simaps_viz.errors import SIMapsError
 from simaps_viz.geometry import STANDS_FROM_M
+from simaps_viz.language.grounding import Candidate
+from simaps_viz.language.llm_settings import Exchange
+from simaps_viz.navigation.agent import Answer, StepEvent, outcome_text
 from simaps_viz.navigation.trajectory import Drive, Trajectory, poses_along, ride_of_steps, trajectory
 from simaps_viz.structures import Pose2, SIMap
-from simaps_viz.viewer.page.services import AnswerLike, CandidateLike, ExchangeLike, Services, StepLike
+from simaps_viz.viewer.page.services import Services
 from simaps_viz.viewer.page.worker import Worker
 from simaps_viz.viewer.panels.command import (
     CommandActions,
     CommandPanel,
     Past,
     candidate_labels,
-    field_of,
     goal_labels,
-    result_text,
     why_text,
 )
 from simaps_viz.viewer.scene.follow import Follower
@@ -94,7 +95,7 @@ class RobotControl:
         self._start = start or open_floor(current_map())
         self._pose = self._asked_at = self._start
         self._placing: list[tuple[float, float]] | None = None
-        self._answer: AnswerLike | None = None
+        self._answer: Answer | None = None
         self._why: tuple[str, ...] = ()
         self._readings: tuple[str, ...] = ()
         self._ride: Trajectory | None = None
@@ -282,11 +283,11 @@ class RobotControl:
         if at is None:
             self._remember(command, answer.status)
 
-    def _answer_to(self, simap: SIMap, command: str, cancel: threading.Event, by_model: bool) -> AnswerLike:
+    def _answer_to(self, simap: SIMap, command: str, cancel: threading.Event, by_model: bool) -> Answer:
         services = self._services
         if by_model and services.model is not None:
 
-            def told(exchanges: Sequence[ExchangeLike]) -> None:
+            def told(exchanges: Sequence[Exchange]) -> None:
                 if self._waiting in (cancel, None):  # not when another command has taken over
                     self._panel.show_exchanges(exchanges)
 
@@ -295,7 +296,7 @@ class RobotControl:
             raise SIMapsError("commands: expected a service that carries them out, found none")
         return services.ask(simap, command, self._pose)
 
-    def _begin(self, simap: SIMap, answer: AnswerLike, cancel: threading.Event, held: bool) -> None:
+    def _begin(self, simap: SIMap, answer: Answer, cancel: threading.Event, held: bool) -> None:
         """Show an answer, and start the ride if there is one."""
         labels, self._why = self._explain(simap, answer)
         ride = None if answer.status == "refused" else self._ride_of(simap, answer)
@@ -308,7 +309,7 @@ class RobotControl:
             self._conclude(answer)
             return
         self._ride = ride
-        self._panel.show_result("On the way", result_text(answer), "plain", (*self._why, *answer.notes))
+        self._panel.show_result("On the way", outcome_text(answer), "plain", (*self._why, *answer.notes))
         self._scene.show_path(answer.path_m)
         end = answer.final_pose
         goal = (end.x_m - GOAL_M, end.y_m - GOAL_M, end.x_m + GOAL_M, end.y_m + GOAL_M)
@@ -317,10 +318,10 @@ class RobotControl:
         self._panel.show_phase("held" if held else "driving")
         self._drive.start(ride, held=held)
 
-    def _ride_of(self, simap: SIMap, answer: AnswerLike) -> Trajectory:
+    def _ride_of(self, simap: SIMap, answer: Answer) -> Trajectory:
         """Return the ride, with the lines of the program where the statements are known."""
         if self._services.steps is not None and answer.program:
-            steps: list[StepLike] = []
+            steps: list[StepEvent] = []
             with contextlib.suppress(SIMapsError):  # the answer has said it already; the ride ends there
                 steps.extend(self._services.steps(simap, answer.program, self._pose))
             if steps:
@@ -329,17 +330,17 @@ class RobotControl:
             return trajectory([[self._pose.x_m, self._pose.y_m, self._pose.yaw_rad]])
         return trajectory(poses_along(self._pose, answer.path_m, answer.final_pose))
 
-    def _explain(self, simap: SIMap, answer: AnswerLike) -> tuple[list[Label], tuple[str, ...]]:
+    def _explain(self, simap: SIMap, answer: Answer) -> tuple[list[Label], tuple[str, ...]]:
         """Number what the command could have meant, and say why it means this one.
 
         Without that service, or for goals of several classes, the goals are numbered in their order.
         """
-        labels = {field_of(goal, "label") for goal in answer.goals}
-        several = any(field_of(goal, "other_label") for goal in answer.goals)
-        if self._services.candidates is None or several or len(labels) != 1 or None in labels:
+        labels = {goal.label for goal in answer.goals if goal.label}
+        mixed = any(goal.other_label or not goal.label for goal in answer.goals)
+        if self._services.candidates is None or mixed or len(labels) != 1:
             return goal_labels(simap, answer.goals), ()
-        candidates: Sequence[CandidateLike] = self._services.candidates(simap, labels.pop(), self._pose)
-        chosen = {int(field_of(goal, "instance") or 0) for goal in answer.goals}
+        candidates: Sequence[Candidate] = self._services.candidates(simap, labels.pop(), self._pose)
+        chosen = {goal.instance or 0 for goal in answer.goals}
         return candidate_labels(candidates, chosen), (why_text(answer, candidates),)
 
     def _moved(self, pose: Pose2, share: float, leg: int) -> None:
@@ -375,13 +376,13 @@ class RobotControl:
 
         self._worker.submit("broke down", tell)
 
-    def _conclude(self, answer: AnswerLike) -> None:
+    def _conclude(self, answer: Answer) -> None:
         stuck = answer.status != "ok" and self._line > 0
         self._panel.show_program(answer.program or "", self._line if stuck else None, stuck=stuck)
         self._panel.show_progress(None)
         self._panel.show_phase("idle")
         title, tone = {"ok": ("Done", "good"), "refused": ("Refused", "bad")}.get(answer.status, ("Failed", "bad"))
-        self._panel.show_result(title, result_text(answer), tone, (*self._why, *answer.notes))
+        self._panel.show_result(title, outcome_text(answer), tone, (*self._why, *answer.notes))
 
     def _refuse(self, command: str, reason: str) -> None:
         self._panel.show_phase("idle")

@@ -8,9 +8,9 @@ from pathlib import Path
 
 import viser
 
+from simaps_viz.navigation.agent import Answer, StepEvent
 from simaps_viz.structures import Pose2, SIMap
 from simaps_viz.viewer.page.panel import Desk, Panel, PanelSpec
-from simaps_viz.viewer.page.services import AnswerLike, StepLike
 from simaps_viz.viewer.page.worker import Worker
 from simaps_viz.viewer.panels.compare_words import Cancelled, note
 from simaps_viz.viewer.share.files import share_bytes
@@ -21,9 +21,9 @@ from simaps_viz.viewer.share.story import Look, Ride, ride_of, title_of
 class ShareServices:
     """Plain functions behind the panel."""
 
-    ask: Callable[[SIMap, str, Pose2], AnswerLike] | None = None
+    ask: Callable[[SIMap, str, Pose2], Answer] | None = None
     """As in `Services`; without it no robot drives."""
-    steps: Callable[[SIMap, str, Pose2], Iterable[StepLike]] | None = None
+    steps: Callable[[SIMap, str, Pose2], Iterable[StepEvent]] | None = None
     """As in `Services`."""
     look: Callable[[SIMap], Look | None] | None = None
     """(map) -> what gives the map after a frame, where that is known."""

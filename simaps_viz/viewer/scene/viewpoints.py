@@ -8,9 +8,10 @@ from dataclasses import dataclass
 import numpy as np
 import viser
 
-from simaps_viz.viewer.panels.map import SLANT, TOP
 from simaps_viz.viewer.scene.camera import Extent, View, slanted_view, top_view
 
+TOP, SLANT = "Top view", "3-D view"
+"""The two views of a map, as the page names them."""
 FIRST_ASPECT = 0.75
 """Width over height of the canvas assumed until a page has told its own."""
 UP = (0.0, 0.0, 1.0)

@@ -14,7 +14,6 @@ from typing import Any, BinaryIO
 from urllib.parse import parse_qs, quote, unquote, urlsplit
 
 from simaps_viz.errors import InputError
-from simaps_viz.viewer.page.services import Asset
 from simaps_viz.viewer.server.access import (
     ENTERED,
     ENTERED_CSP,
@@ -36,6 +35,10 @@ HEARTBEAT_S = 2.0
 LARGEST_EVENT_BYTES = 65_536
 CHUNK_BYTES = 1 << 20
 LARGEST_NUMBER = 1e15
+
+
+Asset = tuple[bytes | Path, str]
+"""Content (or the file that holds it) and its media type."""
 
 
 class Host:

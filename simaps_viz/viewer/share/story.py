@@ -12,10 +12,9 @@ from simaps_viz.colors.instances import take_over
 from simaps_viz.drawing.picking import communities_unseen_until, owner_of_community
 from simaps_viz.errors import CommandError
 from simaps_viz.mapping.simap import JOINING
+from simaps_viz.navigation.agent import Answer, StepEvent, outcome_text
 from simaps_viz.navigation.trajectory import Trajectory, poses_along, ride_of_steps, trajectory
 from simaps_viz.structures import Pose2, SIMap
-from simaps_viz.viewer.page.services import AnswerLike, StepLike
-from simaps_viz.viewer.panels.command import result_text
 
 Look = Callable[[int], SIMap | None]
 """Gives the map as it was after a frame; None when that is not known."""
@@ -54,8 +53,8 @@ def ride_of(
     command: str,
     pose: Pose2,
     *,
-    ask: Callable[[SIMap, str, Pose2], AnswerLike],
-    steps: Callable[[SIMap, str, Pose2], Iterable[StepLike]] | None = None,
+    ask: Callable[[SIMap, str, Pose2], Answer],
+    steps: Callable[[SIMap, str, Pose2], Iterable[StepEvent]] | None = None,
 ) -> Ride:
     """Carry out a command in simulation.
 
@@ -79,7 +78,7 @@ def ride_of(
     else:
         raise CommandError(f'"{command}": {answer.reason or "the robot does not move"}')
     done = answer.status == "ok"
-    return Ride(command, ride, np.asarray(answer.path_m, np.float64).reshape(-1, 2), result_text(answer), done)
+    return Ride(command, ride, np.asarray(answer.path_m, np.float64).reshape(-1, 2), outcome_text(answer), done)
 
 
 def moments(simap: SIMap, most: int, look: Look | None = None) -> Iterator[Moment]:
