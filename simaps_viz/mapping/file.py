@@ -1,14 +1,20 @@
-"""The map file, ``simap/1``: one .npz without pickles, written whole or not at all."""
+"""The map file, ``simap/1``: one .npz without pickles, written completely or not at all.
+
+Everything in a file is checked when it is opened. Its largest arrays (`PACKED`) then stay packed in memory and are
+unpacked when somebody asks for one: few uses of a map need all of its layers, and those of a building of 500 m x 500 m
+take 0.4 GB each.
+"""
 
 import json
 import math
 import os
 import tempfile
+import threading
 import zipfile
-from collections.abc import Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import asdict, fields
 from pathlib import Path
-from typing import IO, Any
+from typing import IO, Any, Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -20,160 +26,7 @@ from simaps_viz.io.limits import MAX_ARRAY_BYTES, MAX_CELL_INDEX, MAX_CLASSES, M
 from simaps_viz.mapping.pooling import PoolSettings
 from simaps_viz.mapping.row_blocks import bands
 from simaps_viz.mapping.simap import JOINING
-from simaps_viz.mapping.stored_layers import EDGES, LAYERS, StoredGrid, StoredMap, edge_parts, stored_graphs
-from simaps_viz.structures import GridSpec, Instance, MergeLog, SIMap, Views
-
-_CELL_SIZE_M = (1e-4, 100.0)
-_LONGEST_NAME = 1000
-_PARAMETERS = {
-    "k_percent": (0.0, 100.0), "affinity": (0.0, 1.0), "resolution": (1e-9, 1e9), "seed": (0, (1 << 32) - 1),
-    "min_cells": (0, 1 << 31), "cut_height_m": (-1e6, 1e6),
-}  # fmt: skip
-"""Those that are computed with again, and their ranges."""
-_SPARE_IDS = 1_000_000
-"""Ids count up from the number of communities, which are fewer than cells, with every edit."""
-
-
-def check_metadata(meta: Mapping[str, Any]) -> None:
-    """Raise ValueError, KeyError or TypeError for metadata that cannot be a map's."""
-    labels, is_thing, frames = meta["labels"], meta["is_thing"], meta["frame_names"]
-    _check(_are(labels, str) and labels[:1] == ["none"] and len(set(labels)) == len(labels), "labels")
-    _check(len(labels) <= MAX_CLASSES, "more classes than a map has")
-    _check(_are(is_thing, bool) and len(is_thing) == len(labels), "is_thing")
-    _check(_are(frames, str) and len(frames) <= MAX_FRAMES, "frame names")
-    names = [*labels, *frames, meta["method"]]
-    _check(all(isinstance(n, str) and len(n) <= _LONGEST_NAME and n.isprintable() for n in names), "names")
-    _check(isinstance(meta["parameters"], dict) and isinstance(meta["provenance"], dict), "parameters, provenance")
-    _check_parameters(meta["method"], meta["parameters"])
-    _check_provenance(meta["provenance"])
-    low, high = _CELL_SIZE_M
-    size, origin = meta["cell_size_m"], np.array(meta["origin_m"], dtype=np.float64)
-    _check(isinstance(size, int | float) and low <= size <= high, "cell_size_m")
-    _check(origin.shape == (2,) and bool((np.abs(origin) < MAX_CELL_INDEX * size).all()), "origin_m")
-    T = np.array(meta["T_map_world"], dtype=np.float64)
-    _check(T.shape == (4, 4) and bool(np.isfinite(T).all()), "T_map_world")
-
-
-def _check_parameters(method: str, parameters: Mapping[str, Any]) -> None:
-    """Check what is read of the parameters; what else there is may be anything."""
-    for name, (low, high) in _PARAMETERS.items():
-        value = parameters.get(name, low)
-        _check(_is_number(value) and low <= value <= high, f"parameter {name}")
-    _check(all(type(parameters.get(name, 0)) is int for name in ("seed", "min_cells")), "parameters")
-    _check(JOINING.get(method, "seed") in {*parameters, "seed"}, "parameters")
-    pooling = parameters.get("pooling", {})
-    _check(isinstance(pooling, dict) and set(pooling) <= {f.name for f in fields(PoolSettings)}, "parameter pooling")
-    _check(all(_is_number(value) and 0 <= value <= 1e6 for value in pooling.values()), "parameter pooling")
-
-
-def _check_provenance(provenance: Mapping[str, Any]) -> None:
-    words = [provenance.get(name) for name in ("sequence", "segmentation", "name")]
-    _check(all(word is None or (isinstance(word, str) and word.isprintable()) for word in words), "provenance")
-    edits, skipped = provenance.get("edits", []), provenance.get("skipped", {})
-    _check(isinstance(edits, list) and all(isinstance(one, dict) for one in edits), "provenance: edits")
-    _check(all(_are(one.get("instances", []), int) for one in edits), "provenance: edits")
-    _check(isinstance(skipped, dict) and type(skipped.get("frames", 0)) is int, "provenance: skipped")
-
-
-def check_arrays(meta: Mapping[str, Any], data: Mapping[str, NDArray], rows: Mapping[str, Rows]) -> None:
-    """Raise ValueError for arrays that do not fit the metadata and each other.
-
-    Args:
-        meta: the metadata.
-        data: the arrays.
-        rows: those that may be packed; what is in those of the edges is checked with the graphs.
-    """
-    frames, classes = len(meta["frame_names"]), len(meta["labels"])
-    cameras = data["T_map_camera"]
-    _check(cameras.shape == (frames, 4, 4) and bool(np.isfinite(cameras).all()), "T_map_camera")
-    _check(_within(data["label"], 0, classes - 1), "label out of range")
-    _check(_within(data["instance"], 0, data["instance"].size + _SPARE_IDS), "instance out of range")
-    highest = _check_layers(rows, data["label"].shape)
-    for name in ("merge_source", "merge_target", "view_community"):
-        _check(_within(data[name], 1, highest), f"{name} out of range")
-    _check(_within(data["merge_label"], 0, classes - 1), "merge_label out of range")
-    _check_merges(data["merge_source"], data["merge_target"], highest)
-    _check(_within(data["view_frame"], 0, frames - 1), "view_frame out of range")
-    _check(_within(data["view_cells"], 0, None) and _within(data["view_segment"], 0, None), "views")
-    for kind, arrays in (("merge_", data), ("view_", data), ("edge_", rows)):
-        sizes = {len(array) for name, array in arrays.items() if name.startswith(kind)}
-        _check(len(sizes) == 1, f"{kind} arrays of different lengths")
-    _check(bool(np.isfinite(data["merge_score"]).all() and np.isfinite(data["view_score"]).all()), "scores")
-    edges = data["graph_edges"]
-    _check(_within(edges, 0, len(rows["edge_first"])) and int(edges.sum()) == len(rows["edge_first"]), "graph_edges")
-    _check(_within(data["graph_label"], 0, classes - 1), "graph_label out of range")
-    _check(len(set(data["graph_label"].tolist())) == len(data["graph_label"]), "a class with two graphs")
-
-
-def _check_layers(rows: Mapping[str, Rows], shape: tuple[int, ...]) -> int:
-    """Raise ValueError for a layer with numbers it cannot have; give the highest community."""
-    highest = 0
-    for band in bands(shape):
-        _check(_within(rows["observations"][band], 0, None), "observations")
-        _check(not _infinite(rows["height"][band]) and not _infinite(rows["lowest"][band]), "heights that are infinite")
-        community = rows["community"][band]
-        highest = max(highest, int(community.max(initial=0)))
-        _check(_within(community, 0, math.prod(shape) + _SPARE_IDS), "community out of range")
-    check_ends(rows[name] for name in ("observations", "height", "lowest", "community"))
-    return highest
-
-
-def _check_merges(source: NDArray, target: NDArray, highest: int) -> None:
-    """Raise ValueError unless a community that was merged into another one is never met again."""
-    step = np.arange(len(source))
-    gone = np.full(highest + 1, len(source))
-    gone[source] = step
-    _check(bool((gone[source] == step).all() and (gone[target] > step).all()), "a merge of what is no more")
-
-
-def check_instances(meta: Mapping[str, Any], instance: NDArray, label: NDArray) -> None:
-    """Raise ValueError, KeyError or TypeError unless every instance on the grid is told, once, with finite numbers.
-
-    Its cells are of its class.
-    """
-    ids = [entry["id"] for entry in meta["instances"]]
-    _check(_are(ids, int) and all(0 < i < 1 << 31 for i in ids) and len(set(ids)) == len(ids), "instance ids")
-    seen = np.zeros(int(instance.max(initial=0)) + 1, dtype=np.bool_)
-    for band in bands(instance.shape):
-        seen[instance[band]] = True
-    here = np.flatnonzero(seen).tolist()
-    _check(set(here) - {0} == set(ids), "instances that are not those on the grid")
-    class_of = np.full(len(seen), -1, dtype=np.int32)
-    for entry in meta["instances"]:
-        _check(entry["label"] in meta["labels"], "an instance of an unknown class")
-        class_of[entry["id"]] = meta["labels"].index(entry["label"])
-        numbers = [*entry["centroid_m"], *entry["aabb_m"][0], *entry["aabb_m"][1], entry["score"]]
-        _check(len(numbers) == 10 and bool(np.isfinite(np.array(numbers, dtype=np.float64)).all()), "an instance")
-    for band in bands(instance.shape):
-        named = instance[band] > 0
-        same = class_of[instance[band][named]] == label[band][named]
-        _check(bool(same.all()), "an instance with cells of another class")
-
-
-def _is_number(value: Any) -> bool:
-    return isinstance(value, int | float) and not isinstance(value, bool)
-
-
-def _are(values: Any, kind: type) -> bool:
-    return isinstance(values, list) and all(type(value) is kind for value in values)
-
-
-def _within(values: NDArray, low: int, high: int | None) -> bool:
-    if not values.size:
-        return True
-    return low <= int(values.min()) and (high is None or int(values.max()) <= high)
-
-
-def _infinite(heights: NDArray) -> bool:
-    """Return whether a number is infinite; NaN is not."""
-    ends = [ufunc.reduce(heights, axis=None, initial=np.float32(0)) for ufunc in (np.fmin, np.fmax)]
-    return bool(np.isinf(ends).any())
-
-
-def _check(fine: bool, what: str) -> None:
-    if not fine:
-        raise ValueError(what)
-
+from simaps_viz.structures import CellGraph, Grid, GridSpec, Instance, MergeLog, SIMap, Views
 
 FORMAT = "simap/1"
 
@@ -188,8 +41,23 @@ _ARRAYS: dict[str, tuple[type, int]] = {
     "view_cells": (np.int32, 1), "view_score": (np.float32, 1),
 }  # fmt: skip
 """Every array of the file: dtype and number of axes."""
+LAYERS = ("height", "lowest", "observations", "community")
+"""The arrays with a number for each cell that few uses of a map need."""
+EDGES = ("edge_first", "edge_step", "edge_count", "edge_different")
+"""The arrays with an entry for each edge, class by class: flat cell, how many cells further the other end is, and
+`CellGraph.counts` and `CellGraph.different`."""
 PACKED = (*LAYERS, *EDGES)
-"""Those that stay packed until somebody asks for them."""
+"""The arrays that stay packed until somebody asks for them."""
+_EDGES_AT_ONCE = 1 << 20
+_CELL_SIZE_M = (1e-4, 100.0)
+_MAX_NAME = 1000
+_PARAMETERS = {
+    "k_percent": (0.0, 100.0), "affinity": (0.0, 1.0), "resolution": (1e-9, 1e9), "seed": (0, (1 << 32) - 1),
+    "min_cells": (0, 1 << 31), "cut_height_m": (-1e6, 1e6),
+}  # fmt: skip
+"""The parameters that are computed with again, and their ranges."""
+_SPARE_IDS = 1_000_000
+"""Communities are fewer than cells, but every edit adds ids above theirs."""
 
 
 def check_writable(path: Path) -> None:
@@ -198,10 +66,10 @@ def check_writable(path: Path) -> None:
     if path.is_dir():
         raise InputError(f"{path}: expected a file name for the map, found a folder")
     try:
-        # as long as the longest name that a build gives to files of this map
+        # as long as the longest name that a build gives to a file beside this map
         handle, name = tempfile.mkstemp(prefix=f".{path.name}.", suffix=".building", dir=path.parent)
     except OSError as error:
-        raise InputError(f"{path}: expected a place that can be written, found: {error.strerror or error}") from error
+        raise InputError(f"{path}: expected a folder that can be written, found: {error.strerror or error}") from error
     os.close(handle)
     os.unlink(name)
 
@@ -218,7 +86,7 @@ def save_map(simap: SIMap, path: Path) -> None:
 
 
 def _write(simap: SIMap, file: IO[bytes]) -> None:
-    """Write what `numpy.savez_compressed` writes, byte for byte, one array after the other and edges in parts."""
+    """Write the same bytes as `numpy.savez_compressed`, array by array and edges in parts, to save memory."""
     arrays, edges = _arrays(simap), sum(len(graph.edges) for graph in simap.graphs)
     with zipfile.ZipFile(file, "w", compression=zipfile.ZIP_DEFLATED) as archive:
         for name in ("metadata", *_ARRAYS):
@@ -226,7 +94,7 @@ def _write(simap: SIMap, file: IO[bytes]) -> None:
                 if name == "metadata":
                     np.lib.format.write_array(member, np.array(json.dumps(_metadata(simap))), allow_pickle=False)
                 elif name in EDGES:
-                    write_rows(member, np.dtype(_ARRAYS[name][0]), edges, edge_parts(simap.graphs, name))
+                    write_rows(member, np.dtype(_ARRAYS[name][0]), edges, _edge_parts(simap.graphs, name))
                 else:
                     array = np.asarray(arrays[name], dtype=_ARRAYS[name][0])
                     np.lib.format.write_array(member, array, allow_pickle=False)
@@ -276,12 +144,15 @@ def load_map(path: Path) -> SIMap:
 
 
 def map_in(path: Path, data: Mapping[str, NDArray], packed: Mapping[str, PackedArray] | None = None) -> SIMap:
-    """Make the map of a file's arrays; raises InputError, naming the file, when they do not fit together.
+    """Return the map in a file's arrays.
 
     Args:
-        path: of the file.
+        path: the file, for messages.
         data: its arrays.
-        packed: those of `PACKED` that are not in ``data``.
+        packed: the arrays of `PACKED` that are not in ``data``.
+
+    Raises:
+        InputError: they are not of this format, or do not fit together.
     """
     meta = _read_metadata(path, data)
     rows = {name: found for part in (data, packed or {}) for name, found in part.items() if name in PACKED}
@@ -299,7 +170,7 @@ def map_in(path: Path, data: Mapping[str, NDArray], packed: Mapping[str, PackedA
 
 
 def _check_of(path: Path, name: str) -> Check:
-    """Return what an array of that name is checked for before it is read."""
+    """Return the check of an array's shape and dtype before the array is read."""
 
     def check(shape: tuple[int, ...], dtype: np.dtype) -> None:
         wanted, axes = _ARRAYS.get(name, (np.str_, 0))
@@ -341,15 +212,19 @@ def _check_arrays(path: Path, data: Mapping[str, NDArray], rows: Mapping[str, Ro
 def _rebuild(meta: Mapping[str, Any], data: Mapping[str, NDArray], packed: Mapping[str, Rows]) -> SIMap:
     rows, cols = data["label"].shape
     x0, y0 = meta["origin_m"]
-    grid = StoredGrid.of(
-        {"height_m": packed["height"], "lowest_m": packed["lowest"], "observations": packed["observations"]},
+    grid = _LazyGrid.of(
+        {
+            "height_m": lambda _: packed["height"][:],
+            "lowest_m": lambda _: packed["lowest"][:],
+            "observations": lambda _: packed["observations"][:],
+        },
         spec=GridSpec(rows, cols, float(meta["cell_size_m"]), float(x0), float(y0)),
         labels=tuple(meta["labels"]),
         is_thing=tuple(meta["is_thing"]),
         label=data["label"],
     )
-    return StoredMap.of(
-        {"community": packed["community"]},
+    return _LazyMap.of(
+        {"community": lambda _: packed["community"][:]},
         grid=grid,
         instance=data["instance"],
         instances=tuple(_instance(entry) for entry in meta["instances"]),
@@ -358,15 +233,110 @@ def _rebuild(meta: Mapping[str, Any], data: Mapping[str, NDArray], packed: Mappi
         parameters=meta["parameters"],
         provenance=meta["provenance"],
         merges=MergeLog(data["merge_label"], data["merge_source"], data["merge_target"], data["merge_score"]),
-        graphs=stored_graphs(
-            grid, data["graph_label"], data["graph_edges"], packed, evidence=meta["method"] == "evidence"
-        ),
+        graphs=_graphs(grid, data["graph_label"], data["graph_edges"], packed, evidence=meta["method"] == "evidence"),
         views=Views(
             data["view_community"], data["view_frame"], data["view_segment"], data["view_cells"], data["view_score"]
         ),
         frame_names=tuple(meta["frame_names"]),
         T_map_camera=data["T_map_camera"].reshape(-1, 4, 4),
     )
+
+
+class _Lazy:
+    """Makes a frozen dataclass of which some fields are computed when first asked for, then kept.
+
+    Threads may share it: all get the same array. Copies and pickles are complete.
+    """
+
+    @classmethod
+    def of(cls, compute: Mapping[str, Callable[[Any], Any]], **known: Any) -> Self:
+        """Return an instance with some fields; ``compute`` makes each of the others from the instance.
+
+        Nothing is checked: `__init__`, and with it `__post_init__`, is for `dataclasses.replace` alone.
+        """
+        made = cls.__new__(cls)
+        vars(made).update(known, _compute=compute, _lock=threading.RLock())
+        return made
+
+    def __getattr__(self, name: str) -> Any:  # called only for what is not there yet
+        known = vars(self)
+        if name not in known.get("_compute", ()):
+            raise AttributeError(f"{type(self).__name__} has no {name}")
+        with known["_lock"]:
+            if name not in known:
+                known[name] = known["_compute"][name](self)
+        return known[name]
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return type(self), tuple(getattr(self, one.name) for one in fields(self))  # pyright: ignore[reportArgumentType]
+
+
+class _LazyGrid(_Lazy, Grid):
+    """A grid whose layers are unpacked when first asked for."""
+
+
+class _LazyMap(_Lazy, SIMap):
+    """A map whose communities are unpacked when first asked for."""
+
+
+class _LazyGraph(_Lazy, CellGraph):
+    """A graph whose cells and edges are found when first asked for."""
+
+
+def _graphs(
+    grid: Grid, graph_label: NDArray, graph_edges: NDArray, rows: Mapping[str, Rows], *, evidence: bool
+) -> tuple[CellGraph, ...]:
+    """Return the graphs of a map file, whose edges are checked now.
+
+    Raises:
+        ValueError: an edge leaves the cells of its class or leads backwards, or a count is negative.
+        InputError: a packed array is damaged.
+    """
+    ends = np.cumsum(graph_edges).tolist()
+    spans = [slice(stop - edges, stop) for stop, edges in zip(ends, graph_edges.tolist(), strict=True)]
+    labels = graph_label.tolist()
+    for label, span in zip(labels, spans, strict=True):
+        for block in _blocks(span):
+            _check_edges(grid.label.reshape(-1), label, *(rows[name][block] for name in EDGES))
+    check_ends(rows[name] for name in EDGES)
+    return tuple(_graph(grid, label, span, rows, evidence=evidence) for label, span in zip(labels, spans, strict=True))
+
+
+def _graph(grid: Grid, label: int, span: slice, rows: Mapping[str, Rows], *, evidence: bool) -> CellGraph:
+    """Return the graph of a class; ``span`` is where its edges are in ``rows``."""
+
+    def edges(graph: CellGraph) -> NDArray:
+        found = np.zeros((span.stop - span.start, 2), dtype=np.int32)
+        for block in _blocks(span):
+            first = rows["edge_first"][block]
+            here = found[block.start - span.start : block.stop - span.start]
+            here[:, 0] = np.searchsorted(graph.cells, first)
+            here[:, 1] = np.searchsorted(graph.cells, first + rows["edge_step"][block])
+        return found
+
+    return _LazyGraph.of(
+        {
+            "cells": lambda _: np.flatnonzero(grid.label.reshape(-1) == label),
+            "seen": lambda graph: None if evidence else grid.observations.reshape(-1)[graph.cells],
+            "edges": edges,
+            "counts": lambda _: rows["edge_count"][span],
+            "different": lambda _: rows["edge_different"][span],
+        },
+        label=label,
+    )
+
+
+def _edge_parts(graphs: Sequence[CellGraph], name: str) -> Iterator[NDArray]:
+    """Yield one of `EDGES` of some graphs, part by part."""
+    for graph in graphs:
+        for block in _blocks(slice(0, len(graph.edges))):
+            first, second = graph.edges[block].T
+            if name == "edge_first":
+                yield graph.cells[first]
+            elif name == "edge_step":
+                yield graph.cells[second] - graph.cells[first]  # small numbers pack well
+            else:
+                yield (graph.counts if name == "edge_count" else graph.different)[block]
 
 
 def _instance(entry: Mapping[str, Any]) -> Instance:
@@ -380,3 +350,165 @@ def _instance(entry: Mapping[str, Any]) -> Instance:
         frames=int(entry["frames"]),
         score=float(entry["score"]),
     )
+
+
+def check_metadata(meta: Mapping[str, Any]) -> None:
+    """Raise ValueError, KeyError or TypeError for metadata that cannot be a map's."""
+    labels, is_thing, frames = meta["labels"], meta["is_thing"], meta["frame_names"]
+    _check(_are(labels, str) and labels[:1] == ["none"] and len(set(labels)) == len(labels), "labels")
+    _check(len(labels) <= MAX_CLASSES, "more classes than a map has")
+    _check(_are(is_thing, bool) and len(is_thing) == len(labels), "is_thing")
+    _check(_are(frames, str) and len(frames) <= MAX_FRAMES, "frame names")
+    names = [*labels, *frames, meta["method"]]
+    _check(all(isinstance(n, str) and len(n) <= _MAX_NAME and n.isprintable() for n in names), "names")
+    _check(isinstance(meta["parameters"], dict) and isinstance(meta["provenance"], dict), "parameters, provenance")
+    _check_parameters(meta["method"], meta["parameters"])
+    _check_provenance(meta["provenance"])
+    low, high = _CELL_SIZE_M
+    size, origin = meta["cell_size_m"], np.array(meta["origin_m"], dtype=np.float64)
+    _check(isinstance(size, int | float) and low <= size <= high, "cell_size_m")
+    _check(origin.shape == (2,) and bool((np.abs(origin) < MAX_CELL_INDEX * size).all()), "origin_m")
+    T = np.array(meta["T_map_world"], dtype=np.float64)
+    _check(T.shape == (4, 4) and bool(np.isfinite(T).all()), "T_map_world")
+
+
+def _check_parameters(method: str, parameters: Mapping[str, Any]) -> None:
+    """Check the parameters that are computed with; others may have any value."""
+    for name, (low, high) in _PARAMETERS.items():
+        value = parameters.get(name, low)
+        _check(_is_number(value) and low <= value <= high, f"parameter {name}")
+    _check(all(type(parameters.get(name, 0)) is int for name in ("seed", "min_cells")), "parameters")
+    _check(JOINING.get(method, "seed") in {*parameters, "seed"}, "parameters")
+    pooling = parameters.get("pooling", {})
+    _check(isinstance(pooling, dict) and set(pooling) <= {f.name for f in fields(PoolSettings)}, "parameter pooling")
+    _check(all(_is_number(value) and 0 <= value <= 1e6 for value in pooling.values()), "parameter pooling")
+
+
+def _check_provenance(provenance: Mapping[str, Any]) -> None:
+    words = [provenance.get(name) for name in ("sequence", "segmentation", "name")]
+    _check(all(word is None or (isinstance(word, str) and word.isprintable()) for word in words), "provenance")
+    edits, skipped = provenance.get("edits", []), provenance.get("skipped", {})
+    _check(isinstance(edits, list) and all(isinstance(one, dict) for one in edits), "provenance: edits")
+    _check(all(_are(one.get("instances", []), int) for one in edits), "provenance: edits")
+    _check(isinstance(skipped, dict) and type(skipped.get("frames", 0)) is int, "provenance: skipped")
+
+
+def check_arrays(meta: Mapping[str, Any], data: Mapping[str, NDArray], rows: Mapping[str, Rows]) -> None:
+    """Raise ValueError for arrays that do not fit the metadata and each other.
+
+    Args:
+        meta: the metadata.
+        data: the arrays that are not in `PACKED`.
+        rows: those in `PACKED`; the values of `EDGES` are checked later, class by class (`_graphs`).
+    """
+    frames, classes = len(meta["frame_names"]), len(meta["labels"])
+    cameras = data["T_map_camera"]
+    _check(cameras.shape == (frames, 4, 4) and bool(np.isfinite(cameras).all()), "T_map_camera")
+    _check(_within(data["label"], 0, classes - 1), "label out of range")
+    _check(_within(data["instance"], 0, data["instance"].size + _SPARE_IDS), "instance out of range")
+    highest = _check_layers(rows, data["label"].shape)
+    for name in ("merge_source", "merge_target", "view_community"):
+        _check(_within(data[name], 1, highest), f"{name} out of range")
+    _check(_within(data["merge_label"], 0, classes - 1), "merge_label out of range")
+    _check_merges(data["merge_source"], data["merge_target"], highest)
+    _check(_within(data["view_frame"], 0, frames - 1), "view_frame out of range")
+    _check(_within(data["view_cells"], 0, None) and _within(data["view_segment"], 0, None), "views")
+    for kind, arrays in (("merge_", data), ("view_", data), ("edge_", rows)):
+        sizes = {len(array) for name, array in arrays.items() if name.startswith(kind)}
+        _check(len(sizes) == 1, f"{kind} arrays of different lengths")
+    _check(bool(np.isfinite(data["merge_score"]).all() and np.isfinite(data["view_score"]).all()), "scores")
+    edges = data["graph_edges"]
+    _check(_within(edges, 0, len(rows["edge_first"])) and int(edges.sum()) == len(rows["edge_first"]), "graph_edges")
+    _check(_within(data["graph_label"], 0, classes - 1), "graph_label out of range")
+    _check(len(set(data["graph_label"].tolist())) == len(data["graph_label"]), "a class with two graphs")
+
+
+def _check_layers(rows: Mapping[str, Rows], shape: tuple[int, ...]) -> int:
+    """Return the highest community; raise ValueError for a layer with numbers that it cannot have."""
+    highest = 0
+    for band in bands(shape):
+        _check(_within(rows["observations"][band], 0, None), "observations")
+        _check(not _infinite(rows["height"][band]) and not _infinite(rows["lowest"][band]), "heights that are infinite")
+        community = rows["community"][band]
+        highest = max(highest, int(community.max(initial=0)))
+        _check(_within(community, 0, math.prod(shape) + _SPARE_IDS), "community out of range")
+    check_ends(rows[name] for name in ("observations", "height", "lowest", "community"))
+    return highest
+
+
+def _check_merges(source: NDArray, target: NDArray, highest: int) -> None:
+    """Raise ValueError where a community that was merged into another one takes part in a later merge."""
+    step = np.arange(len(source))
+    gone = np.full(highest + 1, len(source))
+    gone[source] = step
+    once = (gone[source] == step).all() and (gone[target] > step).all()
+    _check(bool(once), "a merge of a community that was merged before")
+
+
+def check_instances(meta: Mapping[str, Any], instance: NDArray, label: NDArray) -> None:
+    """Check instances against the grid.
+
+    Each instance on the grid must be described once, with finite numbers, and its cells must be of its class.
+
+    Raises:
+        ValueError, KeyError, TypeError: this is not so.
+    """
+    ids = [entry["id"] for entry in meta["instances"]]
+    _check(_are(ids, int) and all(0 < i < 1 << 31 for i in ids) and len(set(ids)) == len(ids), "instance ids")
+    seen = np.zeros(int(instance.max(initial=0)) + 1, dtype=np.bool_)
+    for band in bands(instance.shape):
+        seen[instance[band]] = True
+    here = np.flatnonzero(seen).tolist()
+    _check(set(here) - {0} == set(ids), "instances that are not those on the grid")
+    class_of = np.full(len(seen), -1, dtype=np.int32)
+    for entry in meta["instances"]:
+        _check(entry["label"] in meta["labels"], "an instance of an unknown class")
+        class_of[entry["id"]] = meta["labels"].index(entry["label"])
+        numbers = [*entry["centroid_m"], *entry["aabb_m"][0], *entry["aabb_m"][1], entry["score"]]
+        _check(len(numbers) == 10 and bool(np.isfinite(np.array(numbers, dtype=np.float64)).all()), "an instance")
+    for band in bands(instance.shape):
+        named = instance[band] > 0
+        same = class_of[instance[band][named]] == label[band][named]
+        _check(bool(same.all()), "an instance with cells of another class")
+
+
+def _is_number(value: Any) -> bool:
+    return isinstance(value, int | float) and not isinstance(value, bool)
+
+
+def _are(values: Any, kind: type) -> bool:
+    return isinstance(values, list) and all(type(value) is kind for value in values)
+
+
+def _within(values: NDArray, low: int, high: int | None) -> bool:
+    if not values.size:
+        return True
+    return low <= int(values.min()) and (high is None or int(values.max()) <= high)
+
+
+def _infinite(heights: NDArray) -> bool:
+    """Return whether a number is infinite; NaN is not."""
+    ends = [ufunc.reduce(heights, axis=None, initial=np.float32(0)) for ufunc in (np.fmin, np.fmax)]
+    return bool(np.isinf(ends).any())
+
+
+def _check(fine: bool, what: str) -> None:
+    if not fine:
+        raise ValueError(what)
+
+
+def _check_edges(
+    of_cell: NDArray, label: int, first: NDArray, step: NDArray, counts: NDArray, different: NDArray
+) -> None:
+    second = first.astype(np.int64) + step
+    if int(step.min()) <= 0:
+        raise ValueError(f"edges of class {label} that lead backwards")
+    inside = int(first.min()) >= 0 and int(second.max()) < len(of_cell)
+    if not inside or (of_cell[first] != label).any() or (of_cell[second] != label).any():
+        raise ValueError(f"edges of class {label} leave its cells")
+    if int(counts.min()) < 0 or int(different.min()) < 0:
+        raise ValueError("edge counts")
+
+
+def _blocks(span: slice) -> list[slice]:
+    return [slice(at, min(at + _EDGES_AT_ONCE, span.stop)) for at in range(span.start, span.stop, _EDGES_AT_ONCE)]

@@ -189,8 +189,8 @@ class FrameList(Sequence[FrameSeen]):
                 self._scratch = len(self._files)
                 # beside the log if there is one: the system's own folder may be in memory
                 folder = None if self._log is None else self._log.absolute().parent
-                scratch = tempfile.TemporaryFile
-                self._files.append(_OnDisk(scratch(buffering=0, prefix="simaps-frames-", dir=folder)))
+                scratch = tempfile.TemporaryFile(buffering=0, prefix="simaps-frames-", dir=folder)  # noqa: SIM115
+                self._files.append(_OnDisk(scratch))  # which closes it
             offset = self._files[self._scratch].add(packed)
         except OSError as error:
             raise InputError(f"frames: could not be put aside on disk: {error.strerror or error}") from error

@@ -196,7 +196,7 @@ def test_maps_whose_parts_do_not_fit(tmp_path):
         ({"instance": np.where(simap.instance == 6, 1, simap.instance).astype(np.int32)}, "instances that are not"),
         ({"T_map_camera": simap.T_map_camera[:2]}, "T_map_camera"),
         ({"T_map_camera": far}, "T_map_camera"),
-        ({"merge_source": again}, "a merge of what is no more"),
+        ({"merge_source": again}, "a merge of a community that was merged before"),
         ({"view_frame": simap.views.frame + 90}, "view_frame"),
         ({"metadata": np.array("[" * 100_000)}, "JSON metadata"),
         ({"metadata": of_metadata(path, is_thing=[True])}, "is_thing"),

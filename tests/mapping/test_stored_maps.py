@@ -19,7 +19,7 @@ from simaps_viz import build_map, load_map, open_sequence, save_map
 from simaps_viz.build.pipeline import BuildConfig
 from simaps_viz.errors import InputError
 from simaps_viz.io import arrays
-from simaps_viz.mapping import communities, row_blocks, stored_layers
+from simaps_viz.mapping import communities, file, row_blocks
 from simaps_viz.mapping.file import PACKED
 from simaps_viz.mapping.simap import repartition
 from simaps_viz.structures import Grid, GridSpec, SIMap
@@ -44,7 +44,7 @@ def toy() -> SIMap:
 def _together(request, monkeypatch):
     """However many cells and edges are looked at together."""
     monkeypatch.setattr(row_blocks, "BAND_CELLS", request.param)
-    monkeypatch.setattr(stored_layers, "_TOGETHER", request.param)
+    monkeypatch.setattr(file, "_EDGES_AT_ONCE", request.param)
 
 
 def same(one, other) -> None:
