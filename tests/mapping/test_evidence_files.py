@@ -56,7 +56,7 @@ def test_a_build_is_the_same_to_the_last_bit_also_with_one_thread(spoiled, simap
     save_map(build_map(spoiled, BuildConfig(min_cells=1, resolution=3.0)), tmp_path / "two.npz")
     code = (
         "import sys; from pathlib import Path; from simaps_viz import build_map, open_sequence, save_map\n"
-        "from simaps_viz.pipeline import BuildConfig\n"
+        "from simaps_viz.build.pipeline import BuildConfig\n"
         "simap = build_map(open_sequence(Path(sys.argv[1])), BuildConfig(min_cells=1, resolution=3.0))\n"
         "save_map(simap, Path(sys.argv[2]))"
     )

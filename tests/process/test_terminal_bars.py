@@ -13,8 +13,8 @@ pty = pytest.importorskip("pty", reason="no terminals to make here")
 
 BARS = """
 import time
-from simaps_viz.progress import stage_progress
-from simaps_viz.terminal import console
+from simaps_viz.console.progress import stage_progress
+from simaps_viz.console.terminal import console
 with stage_progress() as progress:
     for done in range(5):
         progress("mapping frames", done, 5)
