@@ -20,9 +20,9 @@ from simaps_viz.build.pipeline import BuildConfig, build_map
 from simaps_viz.mapping.edit_log import (
     EditLog,
     EditsFile,
+    apply_log,
     edits_path,
     fingerprint,
-    mended,
     moved_to,
     read_edits,
     save_edits,
@@ -121,7 +121,7 @@ def _edits(folder: Path) -> Case:
     log = EditLog()
     first, second = simap.of_class("chair")[:2]
     for edit in (relabel(simap, first.id, "couch"), merge(simap, first.id, second.id), delete(simap, second.id)):
-        log = log.done(edit, who="Ann", when="2026-11-21T19:30:00Z")
+        log = log.add(edit, who="Ann", when="2026-11-21T19:30:00Z")
     good = to_bytes(EditsFile(fingerprint(simap), simap.spec, log.undo()), "toy.npz")
     path = edits_path(folder / "toy.npz")
 
@@ -129,7 +129,7 @@ def _edits(folder: Path) -> Case:
         path.write_bytes(mutate_json(r, good))
         contents, _ = read_edits(path)
         if r.random() < 0.1:
-            mended(simap, moved_to(contents, simap).log)
+            apply_log(simap, moved_to(contents, simap).log)
             save_edits(folder / "out.edits.json", contents, "toy.npz")
         return contents
 

@@ -227,7 +227,7 @@ def page_services(mending: Mending) -> "MendServices":
         undo=mending.undo,
         redo=mending.redo,
         entries=lambda: mending.log.entries,
-        told=mending.told,
+        told=mending.descriptions,
         undone=lambda: len(mending.log.undone),
         refused=mending.refused,
         covers=mending.covers,

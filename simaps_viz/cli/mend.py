@@ -57,7 +57,7 @@ def mend_map(command: Mend) -> tuple[list[str], dict[str, Any]]:
         check_writable(command.output)
     mending = open_mending(command.map, adopt=command.adopt)
     simap = mending.simap()
-    with mending.together():
+    with mending.batch():
         for text in command.edit:
             simap = do(mending, simap, text, command.who or login())
         if command.output is not None:

@@ -1,8 +1,12 @@
-"""Which edits were made on a map, by whom and when; and which were taken back."""
+"""The edits of a map: who made them and when, which were undone, and the file beside the map that keeps them.
+
+An edits file is JSON of format ``simap-edits/1``, named MAP.edits.json. It names the map by a fingerprint of its grid,
+as its cells mean nothing on another one.
+"""
 
 import hashlib
 import json
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from datetime import UTC, datetime
 from pathlib import Path
@@ -14,27 +18,29 @@ from simaps_viz.errors import InputError
 from simaps_viz.io.files import write_whole
 from simaps_viz.io.limits import MAX_EDITS_BYTES, check_cells, check_file
 from simaps_viz.mapping.edits import (
-    LONGEST_LABEL,
+    MAX_LABEL_LENGTH,
     Delete,
     Edit,
+    Edited,
     EditRefused,
     Merge,
     Point,
     Region,
     Relabel,
-    Replayed,
     Split,
-    replay,
+    apply_edits,
+    describe_by_id,
 )
 from simaps_viz.structures import GridSpec, SIMap
 
-LONGEST_NAME = 80
+FORMAT = "simap-edits/1"
+MAX_NAME_LENGTH = 80
 """Characters of a person's name."""
 
 
 @dataclass(frozen=True)
 class Entry:
-    """One edit, signed."""
+    """One edit, signed and dated."""
 
     edit: Edit
     who: str
@@ -42,38 +48,38 @@ class Entry:
     """ISO 8601, UTC, whole seconds: 2026-11-21T19:30:00Z."""
 
     def to_json(self) -> dict[str, str]:
-        """Describe who did what, when."""
-        return {"who": self.who, "when": self.when, "what": self.edit.words}
+        """Return who did what, when."""
+        return {"who": self.who, "when": self.when, "what": describe_by_id(self.edit)}
 
 
 @dataclass(frozen=True)
 class EditLog:
-    """The edits on a map in the order they were made, whoever made them; frozen, every change gives a new one."""
+    """The edits of a map in the order they were made, whoever made them; every change returns a new log."""
 
     entries: tuple[Entry, ...] = ()
     undone: tuple[Entry, ...] = ()
-    """Those that ``redo`` brings back, the next one last."""
+    """Those that `redo` makes again, the next one last."""
 
-    def done(self, edit: Edit, *, who: str, when: str | None = None) -> "EditLog":
-        """Add an edit; what was undone before cannot be redone any more.
+    def add(self, edit: Edit, *, who: str, when: str | None = None) -> "EditLog":
+        """Return the log with one more edit; edits that were undone can no longer be redone.
 
         Raises:
-            InputError: nobody signed it, or the name is too long.
+            InputError: the name of the person is empty, too long or not printable.
         """
         return EditLog((*self.entries, Entry(edit, signature(who), when or now())))
 
     def undo(self) -> "EditLog":
-        """Take the last edit back.
+        """Return the log without its last edit.
 
         Raises:
-            InputError: there is none.
+            InputError: it has none.
         """
         if not self.entries:
             raise EditRefused("undo: expected an edit to take back, found none", "There is nothing to undo.")
         return EditLog(self.entries[:-1], (*self.undone, self.entries[-1]))
 
     def redo(self) -> "EditLog":
-        """Make the edit again that was taken back last.
+        """Return the log with the edit that was undone last.
 
         Raises:
             InputError: there is none.
@@ -82,38 +88,33 @@ class EditLog:
             raise EditRefused("redo: expected an edit that was taken back, found none", "There is nothing to redo.")
         return EditLog((*self.entries, self.undone[-1]), self.undone[:-1])
 
-    def people(self) -> dict[str, int]:
-        """Return {who: number of edits}, most first, then by name."""
-        names = [entry.who for entry in self.entries]
-        return {name: names.count(name) for name in sorted(set(names), key=lambda name: (-names.count(name), name))}
 
+def apply_log(simap: SIMap, log: EditLog) -> Edited:
+    """Apply the edits of a log to a map that has none yet.
 
-def mended(simap: SIMap, log: EditLog) -> Replayed:
-    """Replay a log on a map that has none yet.
-
-    The provenance of the mended map says under ``edits`` who did what, when, and which instances came of it.
+    The provenance of the edited map lists under ``edits`` who did what, when, and the ids of the resulting instances.
     """
-    done = replay(simap, [entry.edit for entry in log.entries])
-    if done.simap is simap:
-        return done
-    refused = {i for i, _ in done.refused}
-    instance = done.simap.instance.reshape(-1)
-    told = []
+    edited = apply_edits(simap, [entry.edit for entry in log.entries])
+    if edited.simap is simap:
+        return edited
+    refused = {i for i, _ in edited.refused}
+    instance = edited.simap.instance.reshape(-1)
+    applied = []
     for i, entry in enumerate(log.entries):
         if i not in refused:
             ids = np.unique(instance[entry.edit.region.cells()])
-            told.append({**entry.to_json(), "instances": ids[ids > 0].tolist()})
-    edits = [*simap.provenance.get("edits", []), *told]
-    return replace(done, simap=replace(done.simap, provenance={**simap.provenance, "edits": edits}))
+            applied.append({**entry.to_json(), "instances": ids[ids > 0].tolist()})
+    edits = [*simap.provenance.get("edits", []), *applied]
+    return replace(edited, simap=replace(edited.simap, provenance={**simap.provenance, "edits": edits}))
 
 
 def edits_of(simap: SIMap, instance_id: int) -> list[dict[str, Any]]:
-    """Return who did what, when, of the edits that made an instance what it is; none for what nobody touched."""
+    """Return the edits that made an instance what it is, as in the provenance; none where nobody edited it."""
     return [edit for edit in simap.provenance.get("edits", []) if instance_id in edit.get("instances", [])]
 
 
 def people_in_words(edits: Iterable[Mapping[str, Any]]) -> str:
-    """Describe how many edits there are and by whom: "3 edits: 2 by Ann, 1 by Bo"; nothing when there are none."""
+    """Return how many edits there are and by whom, "3 edits: 2 by Ann, 1 by Bo"; empty when there are none."""
     names = [str(edit.get("who")) for edit in edits]
     if not names:
         return ""
@@ -123,42 +124,42 @@ def people_in_words(edits: Iterable[Mapping[str, Any]]) -> str:
 
 
 def signature(who: str) -> str:
-    """Return a person's name with single spaces, or raise InputError where it is none."""
+    """Return a person's name with single spaces; raises InputError unless it is one."""
     name = " ".join(who.split())
-    if not name or len(name) > LONGEST_NAME or not name.isprintable():
+    if not name or len(name) > MAX_NAME_LENGTH or not name.isprintable():
         raise EditRefused(
-            f"name: expected who makes the edit, in 1 to {LONGEST_NAME} characters, found {who[:90]!r}",
-            f"Write your name below, in 1 to {LONGEST_NAME} characters: edits are signed with it.",
+            f"name: expected who makes the edit, in 1 to {MAX_NAME_LENGTH} characters, found {who[:90]!r}",
+            f"Write your name below, in 1 to {MAX_NAME_LENGTH} characters: edits are signed with it.",
         )
     return name
 
 
 def now() -> str:
-    """Return the time, ISO 8601, UTC, whole seconds."""
+    """Return the current time, ISO 8601, UTC, whole seconds."""
     return datetime.now(UTC).strftime("%Y-%m-%dT%H:%M:%SZ")
 
 
-FORMAT = "simap-edits/1"
 _KINDS: Mapping[type, str] = {Merge: "merge", Split: "split", Relabel: "relabel", Delete: "delete"}
 
 
 @dataclass(frozen=True)
 class EditsFile:
-    """What an edits file says."""
+    """The contents of an edits file."""
 
     fingerprint: str
+    """Of the map whose cells the edits name, see `fingerprint`."""
     spec: GridSpec
-    """Of the map whose cells the edits name."""
+    """The grid of that map."""
     log: EditLog
 
 
 def edits_path(map_path: Path) -> Path:
-    """Return where the edits of a map file are kept: cafe.npz -> cafe.edits.json."""
+    """Return the path of the edits of a map file: cafe.npz -> cafe.edits.json."""
     return Path(map_path).with_suffix(".edits.json")
 
 
 def fingerprint(simap: SIMap) -> str:
-    """Return 32 hexadecimal digits that stand for the map's grid, classes and heights."""
+    """Return a hash of the map's grid, classes and heights, 32 hexadecimal digits."""
     grid = simap.grid
     digest = hashlib.blake2b(json.dumps([asdict(grid.spec), grid.labels]).encode(), digest_size=16)
     for array in (grid.label, grid.height_m):
@@ -167,7 +168,7 @@ def fingerprint(simap: SIMap) -> str:
 
 
 def to_bytes(contents: EditsFile, map_name: str) -> bytes:
-    """Write the contents of an edits file."""
+    """Return the contents of an edits file as bytes."""
     record = {
         "format": FORMAT,
         "map": {"file": map_name, "fingerprint": contents.fingerprint, "grid": asdict(contents.spec)},
@@ -178,7 +179,7 @@ def to_bytes(contents: EditsFile, map_name: str) -> bytes:
 
 
 def save_edits(path: Path, contents: EditsFile, map_name: str) -> bytes:
-    """Write an edits file and give its bytes; an earlier file is replaced once the new one is complete on disk.
+    """Write an edits file and return its bytes; an earlier file is replaced once the new one is complete on disk.
 
     Raises:
         InputError: it cannot be written; an earlier one is left as it was.
@@ -189,10 +190,10 @@ def save_edits(path: Path, contents: EditsFile, map_name: str) -> bytes:
 
 
 def read_edits(path: Path) -> tuple[EditsFile, bytes]:
-    """Read an edits file; also gives its bytes.
+    """Return the contents of an edits file, and its bytes.
 
     Raises:
-        InputError: it is missing, damaged, or no ``simap-edits/1`` file. It is left as it is.
+        InputError: it is missing, damaged, or no ``simap-edits/1`` file.
     """
     path = Path(path)
     check_file(path, MAX_EDITS_BYTES, "a file of edits")
@@ -214,10 +215,10 @@ def read_edits(path: Path) -> tuple[EditsFile, bytes]:
 
 
 def moved_to(contents: EditsFile, simap: SIMap) -> EditsFile:
-    """Move edits to another grid, by place: a cell becomes the cell that holds its centre; what lies outside is lost.
+    """Move edits to another grid by position: a cell becomes the cell that holds its centre, if there is one.
 
     Raises:
-        InputError: the cells are of another size.
+        InputError: the cells of the other grid have another size.
     """
     old, new = contents.spec, simap.spec
     if abs(old.cell_size_m - new.cell_size_m) > 1e-9:
@@ -276,9 +277,9 @@ def _entry(record: Any, name: str, spec: GridSpec) -> Entry:
         when = _text(record["when"])
         datetime.strptime(when, "%Y-%m-%dT%H:%M:%SZ")
         kind = _text(record["do"])
-        if kind not in _READ:
-            raise InputError(f"do: expected one of {', '.join(_READ)}, found {kind!r}")
-        return Entry(_READ[kind](record, _region(record["cells"], spec)), signature(_text(record["who"])), when)
+        if kind not in _KINDS.values():
+            raise InputError(f"do: expected one of {', '.join(_KINDS.values())}, found {kind!r}")
+        return Entry(_edit(kind, record, _region(record["cells"], spec)), signature(_text(record["who"])), when)
     except InputError as error:
         raise InputError(f"{name}: {error}") from error
     except (KeyError, TypeError, ValueError) as error:
@@ -295,31 +296,19 @@ def _region(records: Any, spec: GridSpec) -> Region:
     return Region(runs)
 
 
-def _merge(record: Mapping[str, Any], region: Region) -> Merge:
-    (first, second), (a, b) = record["objects"], record["was"]
-    return Merge((_whole(first), _whole(second)), (_class(a), _class(b)), _class(record["label"]), region)
-
-
-def _split(record: Mapping[str, Any], region: Region) -> Split:
-    start, end = (_point(point) for point in record["line_m"])
-    if start == end:
-        raise InputError("line_m: expected two different points, found the same twice")
-    return Split(_whole(record["object"]), _class(record["label"]), region, (start, end))
-
-
-def _relabel(record: Mapping[str, Any], region: Region) -> Relabel:
+def _edit(kind: str, record: Mapping[str, Any], region: Region) -> Edit:
+    if kind == "merge":
+        (first, second), (a, b) = record["objects"], record["was"]
+        return Merge((_whole(first), _whole(second)), (_class(a), _class(b)), _class(record["label"]), region)
+    if kind == "split":
+        start, end = (_point(point) for point in record["line_m"])
+        if start == end:
+            raise InputError("line_m: expected two different points, found the same twice")
+        return Split(_whole(record["object"]), _class(record["label"]), region, (start, end))
     (was,) = record["was"]
-    return Relabel(_whole(record["object"]), (_class(was),), _class(record["label"]), region)
-
-
-def _delete(record: Mapping[str, Any], region: Region) -> Delete:
-    (was,) = record["was"]
+    if kind == "relabel":
+        return Relabel(_whole(record["object"]), (_class(was),), _class(record["label"]), region)
     return Delete(_whole(record["object"]), (_class(was),), region)
-
-
-_READ: dict[str, Callable[[Mapping[str, Any], Region], Edit]] = {
-    "merge": _merge, "split": _split, "relabel": _relabel, "delete": _delete,
-}  # fmt: skip
 
 
 def _point(values: Sequence[Any]) -> Point:
@@ -347,6 +336,6 @@ def _text(value: Any) -> str:
 
 def _class(value: Any) -> str:
     text = _text(value)
-    if not text or len(text) > 2 * LONGEST_LABEL or text == "none" or not text.isprintable():
+    if not text or len(text) > 2 * MAX_LABEL_LENGTH or text == "none" or not text.isprintable():
         raise InputError(f"expected the name of a class, found {text[:90]!r}")
     return text

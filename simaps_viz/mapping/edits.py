@@ -1,8 +1,11 @@
-"""What a person may put right on a map by hand: join objects, cut one in two, name one anew, take one away.
+"""Edits by hand: join two objects, cut one in two, give one another class, take one away.
 
 An edit names *cells*, not ids: ids follow from a partition and mean other objects once Louvain ran with another
 resolution, while cells stay where they are. "These cells are one object" holds for any partition of the same grid, so
-that edits can be replayed on it whatever K, affinity or resolution says of the rest.
+edits can be applied again whatever K, affinity or resolution make of the rest.
+
+An edit is made on the map that a person looks at (`merge`, `split`, `relabel`, `delete`) and applied, with all edits
+before it, to the map as it was built (`apply_edits`). The edits of a map and their file are in `mapping.edit_log`.
 """
 
 from collections.abc import Sequence
@@ -13,6 +16,7 @@ from numpy.typing import NDArray
 
 from simaps_viz.colors.classes import is_thing
 from simaps_viz.errors import InputError
+from simaps_viz.io.limits import MAX_CLASSES
 from simaps_viz.mapping.evidence import affine
 from simaps_viz.mapping.graph import weighted
 from simaps_viz.mapping.partition import applied_steps, empty_log, group_views, instance_of_community
@@ -20,109 +24,14 @@ from simaps_viz.mapping.row_blocks import look_up
 from simaps_viz.mapping.simap import assemble, joining_threshold, origin_of
 from simaps_viz.structures import CellGraph, Grid, GridSpec, Instance, MergeLog, SIMap, Views
 
-
-def log_without(log: MergeLog, communities: NDArray) -> MergeLog:
-    """Drop the steps that speak of some communities; every threshold takes the same of the other steps as before.
-
-    A threshold takes a class's steps up to the first whose score it does not let pass. A step after a dropped one of
-    lower score therefore takes over that score.
-    """
-    gone = np.isin(log.source, communities) | np.isin(log.target, communities)
-    if not gone.any():
-        return log
-    score = log.score.copy()
-    starts = np.flatnonzero(np.r_[True, np.diff(log.label) != 0])
-    for first, last in zip(starts.tolist(), [*starts[1:].tolist(), len(log)], strict=True):
-        here = slice(first, last)
-        if gone[here].any():
-            dropped = np.where(gone[here], log.score[here], np.float32(np.inf))
-            score[here] = np.minimum(score[here], np.minimum.accumulate(dropped))
-    kept = ~gone
-    return MergeLog(log.label[kept], log.source[kept], log.target[kept], score[kept])
-
-
-def views_after(simap: SIMap, after: NDArray) -> Views:
-    """Hand the views of changed communities on: new ones take them in proportion to the cells they share.
-
-    Args:
-        simap: the map before.
-        after: int32 [rows, cols], its communities now, 0 where nothing is left.
-    """
-    views, before = simap.views, simap.community
-    touched = np.unique(before[(before != after) & (before > 0)])
-    changed = np.isin(views.community, touched)
-    if not changed.any():
-        return views
-    there = np.isin(before, touched)
-    pairs, overlap = np.unique(before[there].astype(np.int64) << 32 | after[there], return_counts=True)
-    old, new = pairs >> 32, pairs & 0xFFFFFFFF
-    sizes = np.bincount(old, overlap)
-    rows = np.flatnonzero(changed)
-    first, last = (np.searchsorted(old, views.community[rows], side=side) for side in ("left", "right"))
-    row = np.repeat(rows, last - first)
-    at = np.arange(len(row)) + np.repeat(first - (np.cumsum(last - first) - (last - first)), last - first)
-    cells = np.rint(views.cells[row] * overlap[at] / sizes[old[at]]).astype(np.int64)
-    kept = (new[at] > 0) & (cells > 0)
-    return _summed(views, ~changed, row[kept], new[at][kept], cells[kept])
-
-
-def _summed(views: Views, untouched: NDArray, row: NDArray, community: NDArray, cells: NDArray) -> Views:
-    """Add shares to the untouched views; shares of one community, frame and segment become one."""
-    groups = group_views(community, views.frame[row], views.segment[row])
-    first, group = groups.first, groups.of_row
-    total = np.bincount(group, cells, minlength=len(first)).astype(np.int32)
-    mean = np.bincount(group, cells * views.score[row], minlength=len(first)) / np.maximum(total, 1)
-    return Views(
-        community=np.r_[views.community[untouched], community[first].astype(np.int32)],
-        frame=np.r_[views.frame[untouched], views.frame[row[first]]],
-        segment=np.r_[views.segment[untouched], views.segment[row[first]]],
-        cells=np.r_[views.cells[untouched], total],
-        score=np.r_[views.score[untouched], mean.astype(np.float32)],
-    )
-
-
-def graphs_after(simap: SIMap, grid: Grid) -> tuple[CellGraph, ...]:
-    """Return the graphs of the classes as they are on ``grid``: edges stay where both of their cells have one class."""
-    before, after = simap.grid.label.reshape(-1), grid.label.reshape(-1)
-    moved = before != after
-    if not simap.graphs or not moved.any():
-        return simap.graphs
-    affected = {int(i) for i in np.unique(np.r_[before[moved], after[moved]])}
-    graphs = {graph.label: graph for graph in simap.graphs if graph.label not in affected}
-    links = _links([graph for graph in simap.graphs if graph.label in affected])
-    for index in sorted(affected):
-        cells = np.flatnonzero(after == index)
-        if index == 0 or not grid.is_thing[index] or len(cells) == 0:
-            continue
-        mine = links[:, (after[links[0]] == index) & (after[links[1]] == index)]
-        mine = mine[:, np.lexsort((mine[1], mine[0]))]
-        edges = np.searchsorted(cells, mine[:2].T).astype(np.int32)
-        if simap.method == "evidence":
-            graphs[index] = affine(index, cells, edges, mine[2], mine[3])
-        else:
-            graphs[index] = weighted(grid, index, cells, edges, mine[2])
-    return tuple(graphs[index] for index in sorted(graphs))
-
-
-def _links(graphs: list[CellGraph]) -> NDArray:
-    """Return the edges of graphs, int64 [4, m]: the two flat cell numbers, counts, different."""
-    if not graphs:
-        return np.zeros((4, 0), np.int64)
-    parts = [
-        np.stack([graph.cells[graph.edges[:, 0]], graph.cells[graph.edges[:, 1]], graph.counts, graph.different])
-        for graph in graphs
-    ]
-    return np.concatenate(parts, axis=1)
-
-
 Point = tuple[float, float]
 """x and y in metres, map frame."""
-LONGEST_LABEL = 40
+MAX_LABEL_LENGTH = 40
 """Characters of a class name."""
 
 
-class EditRefused(InputError):  # noqa: N818 - a refusal, in words
-    """An edit makes no sense on this map; ``plain`` says so to one who sees the map, without ids."""
+class EditRefused(InputError):  # noqa: N818 - a refusal, not a fault
+    """An edit makes no sense on this map; ``plain`` explains it to a person who sees the map, without ids."""
 
     def __init__(self, message: str, plain: str) -> None:
         super().__init__(message)
@@ -131,14 +40,14 @@ class EditRefused(InputError):  # noqa: N818 - a refusal, in words
 
 @dataclass(frozen=True)
 class Region:
-    """Some cells of a grid, as runs of flat cell numbers (row * cols + col)."""
+    """Cells of a grid, as runs of flat cell numbers (row * cols + col)."""
 
     runs: tuple[tuple[int, int], ...]
     """(first cell, number of cells), ascending, with gaps between."""
 
     @classmethod
     def of(cls, cells: NDArray) -> "Region":
-        """Make a region of flat cell numbers, int64 [n], ascending."""
+        """Return the region of flat cell numbers, int64 [n], ascending."""
         if len(cells) == 0:
             return cls(())
         begins = np.flatnonzero(np.r_[True, np.diff(cells) != 1])
@@ -156,79 +65,103 @@ class Region:
 
 @dataclass(frozen=True)
 class Merge:
-    """Some cells are one object."""
+    """These cells are one object."""
 
     objects: tuple[int, int]
-    """Ids they had when it was said; only for words."""
+    """The ids they had when the edit was made; only for descriptions."""
     was: tuple[str, str]
     """Their classes."""
     label: str
     """Class of the one object: that of the first."""
     region: Region
 
-    @property
-    def words(self) -> str:
-        """Describe what was done."""
-        (first, second), (a, b) = self.objects, self.was
-        return f"joined {a} #{first} and {b} #{second}"
-
 
 @dataclass(frozen=True)
 class Split:
-    """Some cells are two objects, one on each side of a line."""
+    """These cells are two objects, one on each side of a line."""
 
     object: int
-    """Id it had; only for words."""
+    """The id it had when the edit was made; only for descriptions."""
     label: str
     region: Region
     line_m: tuple[Point, Point]
-    """Two points of the straight line, which goes on beyond both. Cells whose centre lies on it belong to the right."""
+    """Two points of the straight line, which extends beyond both. A cell whose centre is on it belongs to the right."""
 
     @property
-    def words(self) -> str:
-        """Describe what was done."""
-        return f"cut {self.label} #{self.object} in two"
-
-    @property
-    def was(self) -> tuple[str, ...]:
+    def was(self) -> tuple[str]:
         """Class of the cells."""
         return (self.label,)
 
 
 @dataclass(frozen=True)
 class Relabel:
-    """Some cells are one object, of another class; no object when the class is uncountable (wall)."""
+    """These cells are one object, of another class; no object when the class is uncountable (wall)."""
 
     object: int
-    """Id it had; only for words."""
+    """The id it had when the edit was made; only for descriptions."""
     was: tuple[str]
     """Class it had."""
     label: str
     region: Region
 
-    @property
-    def words(self) -> str:
-        """Describe what was done."""
-        return f"{self.was[0]} #{self.object} is called {self.label}"
-
 
 @dataclass(frozen=True)
 class Delete:
-    """Some cells are no object and have no class; what stands there still blocks a robot."""
+    """These cells are no object and have no class; they still block a robot."""
 
     object: int
-    """Id it had; only for words."""
+    """The id it had when the edit was made; only for descriptions."""
     was: tuple[str]
     """Class it had."""
     region: Region
 
-    @property
-    def words(self) -> str:
-        """Describe what was done."""
-        return f"took away {self.was[0]} #{self.object}"
-
 
 Edit = Merge | Split | Relabel | Delete
+
+
+def describe_by_id(edit: Edit) -> str:
+    """Describe an edit by the ids that its objects had: "joined chair #3 and chair #4"."""
+    return _describe(edit, [f"{label} #{i}" for label, i in zip(edit.was, _ids(edit), strict=True)])
+
+
+def describe_by_number(edit: Edit, simap: SIMap) -> str:
+    """Describe an edit of the map it was made on as the page numbers objects: "joined chair 2 and chair 3"."""
+    return _describe(edit, [numbered(simap, simap.by_id(i)) for i in _ids(edit)])
+
+
+def describe_by_class(edit: Edit) -> str:
+    """Describe an edit where the map it was made on is not at hand, by classes alone: "took one away: chair"."""
+    label = " and ".join(dict.fromkeys(edit.was))
+    match edit:
+        case Merge():
+            return f"joined two objects: {label}"
+        case Split():
+            return f"cut one in two: {label}"
+        case Relabel():
+            return f"{label} is called {edit.label}"
+        case Delete():
+            return f"took one away: {label}"
+
+
+def _describe(edit: Edit, names: Sequence[str]) -> str:
+    match edit:
+        case Merge():
+            return f"joined {names[0]} and {names[1]}"
+        case Split():
+            return f"cut {names[0]} in two"
+        case Relabel():
+            return f"{names[0]} is called {edit.label}"
+        case Delete():
+            return f"took away {names[0]}"
+
+
+def _ids(edit: Edit) -> tuple[int, ...]:
+    return edit.objects if isinstance(edit, Merge) else (edit.object,)
+
+
+def numbered(simap: SIMap, one: Instance) -> str:
+    """Name an object by its number among its class on this map, as the page does: "chair 7"."""
+    return f"{one.label} {1 + [other.id for other in simap.of_class(one.label)].index(one.id)}"
 
 
 def merge(simap: SIMap, first_id: int, second_id: int) -> Merge:
@@ -261,15 +194,15 @@ def split(simap: SIMap, instance_id: int, start_m: Point, end_m: Point) -> Split
             f"Both clicks are at the same place. Click on both sides of {numbered(simap, one)}.",
         )
     cells = _cells(simap, one.id)
-    check_sides(sides(simap.spec, cells, line), f"{one.label} #{one.id}", smallest(simap), numbered(simap, one))
+    check_sides(sides(simap.spec, cells, line), f"{one.label} #{one.id}", min_cells(simap), numbered(simap, one))
     return Split(one.id, one.label, Region.of(cells), line)
 
 
 def relabel(simap: SIMap, instance_id: int, label: str) -> Relabel:
-    """Call an object something else: a class of the map, in whatever case, or a new one.
+    """Give an object another class: one of the map, in whatever case, or a new one.
 
     Raises:
-        InputError: it is not on the map, or is called so already, or that is no name for a class.
+        InputError: it is not on the map, or has that class already, or the name cannot be a class.
     """
     one = simap.by_id(instance_id)
     name = class_name(simap, label)
@@ -292,31 +225,31 @@ def delete(simap: SIMap, instance_id: int) -> Delete:
 
 
 def class_name(simap: SIMap, text: str) -> str:
-    """Return a class name as the map writes it, or a new one with single spaces.
+    """Return a class name as the map spells it, or a new one with single spaces.
 
     Raises:
         InputError: it is empty, "none", too long, or has characters that cannot be shown.
     """
     name = " ".join(text.split())
-    if not name or not name.isprintable() or len(name) > LONGEST_LABEL or name.casefold() == "none":
+    if not name or not name.isprintable() or len(name) > MAX_LABEL_LENGTH or name.casefold() == "none":
         raise EditRefused(
-            f"class: expected a name of 1 to {LONGEST_LABEL} characters, found {text[:60]!r}",
-            f'A class has a name of 1 to {LONGEST_LABEL} characters, other than "none". This one has {len(name)}.',
+            f"class: expected a name of 1 to {MAX_LABEL_LENGTH} characters, found {text[:60]!r}",
+            f'A class has a name of 1 to {MAX_LABEL_LENGTH} characters, other than "none". This one has {len(name)}.',
         )
     known = {label.casefold(): label for label in simap.grid.labels}
     return known.get(name.casefold(), name)
 
 
 def sides(spec: GridSpec, cells: NDArray, line_m: tuple[Point, Point]) -> tuple[NDArray, NDArray]:
-    """Sort cells by the side of a line their centres lie on.
+    """Sort cells by the side of a line that their centres are on.
 
     Args:
-        spec: their grid.
+        spec: the grid.
         cells: int [n], row * cols + col.
         line_m: two different points of the line, (x, y) in the map frame; left and right are seen along it.
 
     Returns:
-        the cells left of it, and those right of it or on it, each int, in the order given.
+        The cells left of the line, and those right of it or on it, int, in the order given.
     """
     (ax, ay), (bx, by) = line_m
     row, col = np.divmod(cells, spec.cols)
@@ -329,13 +262,13 @@ def sides(spec: GridSpec, cells: NDArray, line_m: tuple[Point, Point]) -> tuple[
 
 
 def check_sides(both: tuple[NDArray, NDArray], name: str, least: int, plain_name: str = "the object") -> None:
-    """Raise EditRefused unless a cut leaves something worth calling an object on both sides.
+    """Raise EditRefused unless a cut leaves cells enough for an object on both sides.
 
     Args:
-        both: the cells of each side, int, as `sides` gives them.
-        name: of what is cut.
-        least: cells that an object of this map has at least.
-        plain_name: the same, for one who sees the map.
+        both: the cells of each side, from `sides`.
+        name: the object that is cut.
+        least: the number of cells that an object of this map has at least.
+        plain_name: the object, for a person who sees the map.
     """
     few = min(len(side) for side in both)
     if few == 0:
@@ -350,34 +283,8 @@ def check_sides(both: tuple[NDArray, NDArray], name: str, least: int, plain_name
         )
 
 
-def numbered(simap: SIMap, one: Instance) -> str:
-    """Name an object by its number among its class on this map, as the page does: "chair 7"."""
-    return f"{one.label} {1 + [other.id for other in simap.of_class(one.label)].index(one.id)}"
-
-
-def told(edit: Edit, simap: SIMap) -> str:
-    """Describe what an edit does to the map it is made on, without ids: "joined chair 2 and chair 3"."""
-    ids = edit.objects if isinstance(edit, Merge) else (edit.object,)
-    names = [numbered(simap, simap.by_id(one)) for one in ids]
-    if isinstance(edit, Merge):
-        return f"joined {names[0]} and {names[1]}"
-    if isinstance(edit, Split):
-        return f"cut {names[0]} in two"
-    return f"{names[0]} is called {edit.label}" if isinstance(edit, Relabel) else f"took away {names[0]}"
-
-
-def told_later(edit: Edit) -> str:
-    """Describe what an edit did where the map before it is not at hand: by classes alone."""
-    if isinstance(edit, Merge):
-        first, second = edit.was
-        return f"joined two objects: {first} and {second}" if first != second else f"joined two objects: {first}"
-    if isinstance(edit, Split):
-        return f"cut one in two: {edit.label}"
-    return f"{edit.was[0]} is called {edit.label}" if isinstance(edit, Relabel) else f"took one away: {edit.was[0]}"
-
-
-def smallest(simap: SIMap) -> int:
-    """Return how many cells the map's objects have at least."""
+def min_cells(simap: SIMap) -> int:
+    """Return the number of cells that an object of the map has at least."""
     return max(int(simap.parameters.get("min_cells", 1)), 1)
 
 
@@ -392,24 +299,53 @@ def _point(point: Point) -> Point:
     return x, y
 
 
-MOST_CLASSES = np.iinfo(np.int16).max
-
-
 @dataclass(frozen=True, eq=False)
-class Replayed:
-    """A map with edits on it."""
+class Edited:
+    """A map with edits applied."""
 
     simap: SIMap
     refused: tuple[tuple[int, str], ...] = ()
-    """Position among the edits and why, in words: those that no longer make sense here. They changed nothing."""
+    """(position, reason) of the edits that no longer make sense on this map. They changed nothing."""
 
 
-class _Sheet:
-    """The arrays that edits change, flat."""
+def apply_edits(simap: SIMap, edits: Sequence[Edit]) -> Edited:
+    """Apply edits, in order, to a map that has none yet; the map itself is returned when none of them applies.
+
+    What no edit touched keeps its id, its cells and its facts.
+    """
+    if not edits:
+        return Edited(simap)
+    base = _with_communities(simap)
+    draft = _Draft(base)
+    refused = []
+    for i, edit in enumerate(edits):
+        try:
+            draft.apply(edit)
+        except InputError as error:
+            refused.append((i, str(error)))
+    if len(refused) == len(edits):
+        return Edited(simap, tuple(refused))
+    return Edited(_finish(simap, base, draft), tuple(refused))
+
+
+def apply(simap: SIMap, edit: Edit) -> SIMap:
+    """Apply one edit to a map that has none yet.
+
+    Raises:
+        InputError: it does not make sense on this map.
+    """
+    done = apply_edits(simap, (edit,))
+    if done.refused:
+        raise InputError(done.refused[0][1])
+    return done.simap
+
+
+class _Draft:
+    """The arrays of a map that edits change, flat: the label and the community of each cell."""
 
     def __init__(self, simap: SIMap) -> None:
         self.spec = simap.spec
-        self.least = smallest(simap)
+        self.least = min_cells(simap)
         self.label = simap.grid.label.reshape(-1).copy()
         self.labels = list(simap.grid.labels)
         self.is_thing = list(simap.grid.is_thing)
@@ -422,14 +358,14 @@ class _Sheet:
     def class_index(self, label: str) -> int:
         """Return the index of a class, which is added when it is new."""
         if label not in self.labels:
-            if len(self.labels) >= MOST_CLASSES:
-                raise InputError(f"class {label}: expected fewer than {MOST_CLASSES} classes on a map")
+            if len(self.labels) >= MAX_CLASSES:
+                raise InputError(f"class {label}: expected fewer than {MAX_CLASSES} classes on a map")
             self.labels.append(label)
             self.is_thing.append(is_thing(label))
         return self.labels.index(label)
 
     def fresh(self) -> int:
-        """Return a number no community has had."""
+        """Return a number that no community has had."""
         self.size.append(0)
         self.next += 1
         return self.next - 1
@@ -458,7 +394,7 @@ class _Sheet:
             self.touched.update(numbers)
 
     def _owners(self, groups: Sequence[NDArray]) -> tuple[list[list[int]], list[int]]:
-        """Describe which communities belong to each group, and which of these have cells outside all groups."""
+        """Return the communities that belong to each group, and which of these have cells outside all groups."""
         share: dict[int, list[int]] = {}
         for i, group in enumerate(groups):
             for number, cells in zip(
@@ -466,6 +402,7 @@ class _Sheet:
             ):
                 if number:
                     share.setdefault(number, [0] * len(groups))[i] += cells
+        # a community belongs to the group that has most of its cells, unless more of them lie outside
         owned: list[list[int]] = [[] for _ in groups]
         rest = []
         for number, cells in share.items():
@@ -476,15 +413,15 @@ class _Sheet:
         return owned, rest
 
     def _leave(self, number: int, groups: Sequence[NDArray]) -> None:
-        """Return the cells of a community that lie outside all groups a number of their own."""
+        """Move the cells of a community that lie outside all groups to a community of their own."""
         left = np.setdiff1d(np.flatnonzero(self.community == number), np.concatenate(groups), assume_unique=True)
         fresh = self.fresh()
         self.community[left] = fresh
         self.size[number] -= len(left)
         self.size[fresh] += len(left)
 
-    def still(self, edit: Edit) -> NDArray:
-        """Return the cells of an edit that still carry the class it speaks of.
+    def _cells_of(self, edit: Edit) -> NDArray:
+        """Return the cells of an edit that still have the class it names.
 
         Raises:
             InputError: these are fewer than half.
@@ -495,13 +432,13 @@ class _Sheet:
         if len(cells) == 0 or 2 * len(kept) < len(cells):
             what = " or ".join(dict.fromkeys(edit.was))
             raise InputError(
-                f"{edit.words}: no longer makes sense: {len(kept)} of its {len(cells)} cells are {what} now"
+                f"{describe_by_id(edit)}: no longer makes sense: {len(kept)} of its {len(cells)} cells are {what} now"
             )
         return kept
 
     def apply(self, edit: Edit) -> None:
-        """Do one edit, or raise InputError and change nothing."""
-        cells = self.still(edit)
+        """Apply one edit, or raise InputError and change nothing."""
+        cells = self._cells_of(edit)
         if isinstance(edit, Split):
             both = sides(self.spec, cells, edit.line_m)
             check_sides(both, f"{edit.label} #{edit.object}", self.least)
@@ -512,62 +449,128 @@ class _Sheet:
             self.claim([cells], self.labels[0])
 
 
-def replay(simap: SIMap, edits: Sequence[Edit]) -> Replayed:
-    """Do edits, in order, on a map that has none yet; the map itself is returned when nothing remains to be done.
-
-    Whatever an edit did not touch keeps its id, its cells and all that is said of it.
-    """
-    if not edits:
-        return Replayed(simap)
-    base = _with_communities(simap)
-    sheet = _Sheet(base)
-    refused = []
-    for i, edit in enumerate(edits):
-        try:
-            sheet.apply(edit)
-        except InputError as error:
-            refused.append((i, str(error)))
-    if len(refused) == len(edits):
-        return Replayed(simap, tuple(refused))
-    return Replayed(_finish(simap, base, sheet), tuple(refused))
-
-
-def apply(simap: SIMap, edit: Edit) -> SIMap:
-    """Do one edit on a map that has none yet.
-
-    Raises:
-        InputError: it does not make sense on this map.
-    """
-    done = replay(simap, (edit,))
-    if done.refused:
-        raise InputError(done.refused[0][1])
-    return done.simap
-
-
 def _with_communities(simap: SIMap) -> SIMap:
-    """The map itself, or, when its instances do not follow from its communities, one where each is a community."""
+    """Return the map itself or, if its instances do not follow from its communities, one where each is a community."""
     applied = applied_steps(simap.merges, joining_threshold(simap.method, simap.parameters))
     highest = max(int(a.max(initial=0)) for a in (simap.community, simap.merges.source, simap.merges.target))
     follows = look_up(instance_of_community(simap.merges, applied, highest), simap.community)
-    follows[np.bincount(follows.reshape(-1))[follows] < smallest(simap)] = 0
+    follows[np.bincount(follows.reshape(-1))[follows] < min_cells(simap)] = 0
     if np.array_equal(follows, simap.instance):
         return simap
     return replace(simap, community=simap.instance, merges=empty_log())
 
 
-def _finish(simap: SIMap, base: SIMap, sheet: _Sheet) -> SIMap:
-    """Put a mended map together; ``base`` is ``simap`` with the communities that the sheet began with."""
+def _finish(simap: SIMap, base: SIMap, draft: _Draft) -> SIMap:
+    """Return the edited map; ``base`` is ``simap`` with the communities that the draft began with."""
     shape = simap.spec.shape
-    community, grid = sheet.community.reshape(shape), simap.grid
-    if not np.array_equal(sheet.label, grid.label.reshape(-1)) or len(sheet.labels) > len(grid.labels):
+    community, grid = draft.community.reshape(shape), simap.grid
+    if not np.array_equal(draft.label, grid.label.reshape(-1)) or len(draft.labels) > len(grid.labels):
         grid = Grid(
-            grid.spec, tuple(sheet.labels), tuple(sheet.is_thing), sheet.label.reshape(shape), grid.height_m,
+            grid.spec, tuple(draft.labels), tuple(draft.is_thing), draft.label.reshape(shape), grid.height_m,
             grid.lowest_m, grid.observations,
         )  # fmt: skip
-    log = log_without(base.merges, np.fromiter(sheet.touched, np.int32, len(sheet.touched)))
+    # merge log, graphs and views follow the communities
+    log = log_without(base.merges, np.fromiter(draft.touched, np.int32, len(draft.touched)))
     mended = assemble(grid, graphs_after(simap, grid), community, log, views_after(simap, community), origin_of(simap))
+    # an instance that no edit touched keeps its facts, which its cells alone may not tell
     changed = (mended.instance != simap.instance) | (grid.label != simap.grid.label)
     touched = set(np.unique(mended.instance[changed]).tolist()) | set(np.unique(simap.instance[changed]).tolist())
     touched |= set(np.unique(mended.instance[community != base.community]).tolist())
     before = {one.id: one for one in simap.instances if one.id not in touched}
     return replace(mended, instances=tuple(before.get(one.id, one) for one in mended.instances))
+
+
+def log_without(log: MergeLog, communities: NDArray) -> MergeLog:
+    """Return a merge log without the steps of some communities.
+
+    Every threshold still takes the same of the other steps: it takes the steps of a class up to the first whose score
+    is too low, so a step after a dropped one takes over its score if that is lower.
+    """
+    gone = np.isin(log.source, communities) | np.isin(log.target, communities)
+    if not gone.any():
+        return log
+    score = log.score.copy()
+    starts = np.flatnonzero(np.r_[True, np.diff(log.label) != 0])
+    for first, last in zip(starts.tolist(), [*starts[1:].tolist(), len(log)], strict=True):
+        here = slice(first, last)
+        if gone[here].any():
+            dropped = np.where(gone[here], log.score[here], np.float32(np.inf))
+            score[here] = np.minimum(score[here], np.minimum.accumulate(dropped))
+    kept = ~gone
+    return MergeLog(log.label[kept], log.source[kept], log.target[kept], score[kept])
+
+
+def views_after(simap: SIMap, after: NDArray) -> Views:
+    """Return the views after an edit: new communities inherit views of old ones in proportion to the cells they share.
+
+    Args:
+        simap: the map before the edit.
+        after: int32 [rows, cols], its communities after the edit, 0 = none.
+    """
+    views, before = simap.views, simap.community
+    touched = np.unique(before[(before != after) & (before > 0)])
+    changed = np.isin(views.community, touched)
+    if not changed.any():
+        return views
+    # how many cells each pair of an old and a new community shares
+    there = np.isin(before, touched)
+    pairs, overlap = np.unique(before[there].astype(np.int64) << 32 | after[there], return_counts=True)
+    old, new = pairs >> 32, pairs & 0xFFFFFFFF
+    sizes = np.bincount(old, overlap)
+    # one row for each changed view and each new community that shares cells with its old one
+    rows = np.flatnonzero(changed)
+    first, last = (np.searchsorted(old, views.community[rows], side=side) for side in ("left", "right"))
+    row = np.repeat(rows, last - first)
+    at = np.arange(len(row)) + np.repeat(first - (np.cumsum(last - first) - (last - first)), last - first)
+    cells = np.rint(views.cells[row] * overlap[at] / sizes[old[at]]).astype(np.int64)
+    kept = (new[at] > 0) & (cells > 0)
+    return _summed(views, ~changed, row[kept], new[at][kept], cells[kept])
+
+
+def _summed(views: Views, untouched: NDArray, row: NDArray, community: NDArray, cells: NDArray) -> Views:
+    """Return the untouched views and the shares; shares of one community, frame and segment become one view."""
+    groups = group_views(community, views.frame[row], views.segment[row])
+    first, group = groups.first, groups.of_row
+    total = np.bincount(group, cells, minlength=len(first)).astype(np.int32)
+    mean = np.bincount(group, cells * views.score[row], minlength=len(first)) / np.maximum(total, 1)
+    return Views(
+        community=np.r_[views.community[untouched], community[first].astype(np.int32)],
+        frame=np.r_[views.frame[untouched], views.frame[row[first]]],
+        segment=np.r_[views.segment[untouched], views.segment[row[first]]],
+        cells=np.r_[views.cells[untouched], total],
+        score=np.r_[views.score[untouched], mean.astype(np.float32)],
+    )
+
+
+def graphs_after(simap: SIMap, grid: Grid) -> tuple[CellGraph, ...]:
+    """Return the graphs of the classes on an edited grid: an edge stays where both of its cells have one class."""
+    before, after = simap.grid.label.reshape(-1), grid.label.reshape(-1)
+    moved = before != after
+    if not simap.graphs or not moved.any():
+        return simap.graphs
+    affected = {int(i) for i in np.unique(np.r_[before[moved], after[moved]])}
+    graphs = {graph.label: graph for graph in simap.graphs if graph.label not in affected}
+    links = _links([graph for graph in simap.graphs if graph.label in affected])
+    for index in sorted(affected):
+        cells = np.flatnonzero(after == index)
+        if index == 0 or not grid.is_thing[index] or len(cells) == 0:
+            continue
+        mine = links[:, (after[links[0]] == index) & (after[links[1]] == index)]
+        mine = mine[:, np.lexsort((mine[1], mine[0]))]
+        edges = np.searchsorted(cells, mine[:2].T).astype(np.int32)
+        if simap.method == "evidence":
+            graphs[index] = affine(index, cells, edges, mine[2], mine[3])
+        else:
+            graphs[index] = weighted(grid, index, cells, edges, mine[2])
+    return tuple(graphs[index] for index in sorted(graphs))
+
+
+def _links(graphs: list[CellGraph]) -> NDArray:
+    """Return the edges of graphs, int64 [4, m]: the two flat cell numbers, count, different."""
+    if not graphs:
+        return np.zeros((4, 0), np.int64)
+    parts = [
+        np.stack([graph.cells[graph.edges[:, 0]], graph.cells[graph.edges[:, 1]], graph.counts, graph.different])
+        for graph in graphs
+    ]
+    return np.concatenate(parts, axis=1)

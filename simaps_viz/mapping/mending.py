@@ -1,4 +1,4 @@
-"""Mending a map that people look at: edits are done, taken back, saved beside the map, replayed when it is opened."""
+"""Editing a map that people look at: edits are made, undone, saved beside the map, and applied when it is opened."""
 
 import threading
 from collections.abc import Callable, Iterator, Mapping
@@ -6,50 +6,48 @@ from contextlib import contextmanager
 from pathlib import Path
 
 from simaps_viz.errors import InputError
-from simaps_viz.mapping import edits
 from simaps_viz.mapping.edit_log import (
     EditLog,
     EditsFile,
     Entry,
+    apply_log,
     edits_path,
     fingerprint,
-    mended,
     moved_to,
     read_edits,
     save_edits,
 )
+from simaps_viz.mapping.edits import Edit, Point, delete, describe_by_class, describe_by_number, merge, relabel, split
 from simaps_viz.mapping.file import load_map
 from simaps_viz.mapping.simap import JOINING, recommunity, repartition
 from simaps_viz.structures import SIMap
 
-WAYS_OUT = "--no-edits leaves them out"
-
 
 class Mending:
-    """One map and its edits, shared by all who look at it; every change is on disk before it is seen.
+    """One map and its edits, shared by all pages that show it; every change is on disk before it is shown.
 
-    What is shown may be the map for another K, affinity or resolution: methods take the map that is shown and give one
-    for the same parameters.
+    A page may show the map for another K, affinity or resolution: methods take the map that is shown and return the
+    edited map for the same parameters.
     """
 
     def __init__(
         self, simap: SIMap, log: EditLog, path: Path, *, map_name: str = "", on_disk: bytes | None = None
     ) -> None:
-        """Take the map without any edits.
+        """Take a map and its edits.
 
         Args:
-            simap: as built.
+            simap: the map as built, without edits.
             log: its edits.
-            path: where they are kept.
-            map_name: named in that file.
-            on_disk: what stands there now; None when there is no such file.
+            path: the edits file.
+            map_name: the name of the map in that file.
+            on_disk: the contents of the edits file; None when there is none.
         """
         self.original, self.path = simap, path
         self._log, self._map_name, self._on_disk = log, map_name, on_disk
         self._base = simap
         self._fingerprint: str | None = None
         self._waiting = False
-        self._told: dict[Entry, str] = {}
+        self._descriptions: dict[Entry, str] = {}
         self._refused: tuple[EditLog, tuple[str, ...]] = (EditLog(), ())
         self._lock = threading.RLock()
 
@@ -60,24 +58,25 @@ class Mending:
 
     @property
     def saved(self) -> bool:
-        """There is a file of edits."""
+        """Whether there is an edits file."""
         return self._on_disk is not None
 
     def simap(self) -> SIMap:
         """Return the map with its edits, for the parameters it was built with."""
-        return mended(self.original, self._log).simap
+        return apply_log(self.original, self._log).simap
 
     def refused(self) -> tuple[str, ...]:
-        """Describe which edits no longer make sense on the map, and why."""
+        """Return, for each edit that no longer makes sense on the map, why."""
         with self._lock:
             if self._refused[0] is not self._log:
-                self._refused = self._log, tuple(why for _, why in mended(self.original, self._log).refused)
+                self._refused = self._log, tuple(why for _, why in apply_log(self.original, self._log).refused)
             return self._refused[1]
 
-    def told(self) -> tuple[str, ...]:
-        """Describe what each edit did, without ids; those made here by the numbers that the objects had then."""
+    def descriptions(self) -> tuple[str, ...]:
+        """Return what each edit did, without ids; those made here name objects by their numbers at the time."""
         with self._lock:
-            return tuple(self._told.get(entry) or edits.told_later(entry.edit) for entry in self._log.entries)
+            found = ((self._descriptions.get(entry), entry.edit) for entry in self._log.entries)
+            return tuple(text or describe_by_class(edit) for text, edit in found)
 
     def covers(self, simap: SIMap) -> bool:
         """Return whether a map is this one, with whatever edits and parameters."""
@@ -85,22 +84,22 @@ class Mending:
 
     def merge(self, simap: SIMap, first_id: int, second_id: int, *, who: str) -> SIMap:
         """Join two objects of the map that is shown; see `edits.merge`."""
-        return self._do(simap, lambda: edits.merge(simap, first_id, second_id), who)
+        return self._do(simap, lambda: merge(simap, first_id, second_id), who)
 
-    def split(self, simap: SIMap, instance_id: int, start_m: edits.Point, end_m: edits.Point, *, who: str) -> SIMap:
+    def split(self, simap: SIMap, instance_id: int, start_m: Point, end_m: Point, *, who: str) -> SIMap:
         """Cut an object of the map that is shown; see `edits.split`."""
-        return self._do(simap, lambda: edits.split(simap, instance_id, start_m, end_m), who)
+        return self._do(simap, lambda: split(simap, instance_id, start_m, end_m), who)
 
     def relabel(self, simap: SIMap, instance_id: int, label: str, *, who: str) -> SIMap:
-        """Call an object of the map that is shown something else; see `edits.relabel`."""
-        return self._do(simap, lambda: edits.relabel(simap, instance_id, label), who)
+        """Give an object of the map that is shown another class; see `edits.relabel`."""
+        return self._do(simap, lambda: relabel(simap, instance_id, label), who)
 
     def delete(self, simap: SIMap, instance_id: int, *, who: str) -> SIMap:
-        """Take an object of the map that is shown away; see `edits.delete`."""
-        return self._do(simap, lambda: edits.delete(simap, instance_id), who)
+        """Take away an object of the map that is shown; see `edits.delete`."""
+        return self._do(simap, lambda: delete(simap, instance_id), who)
 
     def undo(self, simap: SIMap) -> SIMap:
-        """Take the last edit back, whoever made it.
+        """Undo the last edit, whoever made it.
 
         Raises:
             InputError: there is none, or that cannot be saved.
@@ -109,7 +108,7 @@ class Mending:
             return self._change(simap, self._log.undo())
 
     def redo(self, simap: SIMap) -> SIMap:
-        """Make the edit again that was taken back last.
+        """Make the edit again that was undone last.
 
         Raises:
             InputError: there is none, or that cannot be saved.
@@ -118,8 +117,8 @@ class Mending:
             return self._change(simap, self._log.redo())
 
     @contextmanager
-    def together(self) -> Iterator[None]:
-        """Save what is done inside at once at the end, or nothing of it when something is refused."""
+    def batch(self) -> Iterator[None]:
+        """Save the edits made inside all at once at the end, or none of them when one is refused."""
         with self._lock:
             before, self._waiting = self._log, True
             try:
@@ -134,7 +133,7 @@ class Mending:
                 self._waiting = False
 
     def save(self) -> None:
-        """Write the edits as they are, also when nothing was done.
+        """Write the edits file, even when nothing changed.
 
         Raises:
             InputError: they cannot be written; the file is left as it was.
@@ -145,7 +144,7 @@ class Mending:
     def refresh(self, simap: SIMap) -> SIMap:
         """Return the map that is shown with all edits made since."""
         with self._lock:
-            return mended(self._base_of(simap), self._log).simap
+            return apply_log(self._base_of(simap), self._log).simap
 
     def recommunity(
         self, simap: SIMap, *, resolution: float, k_percent: float | None = None, affinity: float | None = None
@@ -154,21 +153,21 @@ class Mending:
         self._check(simap)
         value = {"k_percent": k_percent} if affinity is None else {"affinity": affinity}
         with self._lock:
-            return mended(self._base_at(resolution, value), self._log).simap
+            return apply_log(self._base_at(resolution, value), self._log).simap
 
-    def _do(self, simap: SIMap, make: Callable[[], edits.Edit], who: str) -> SIMap:
+    def _do(self, simap: SIMap, make: Callable[[], Edit], who: str) -> SIMap:
         with self._lock:
             self._check(simap)
             edit = make()
-            log = self._log.done(edit, who=who)
+            log = self._log.add(edit, who=who)
             changed = self._change(simap, log)
-            self._told[log.entries[-1]] = edits.told(edit, simap)
+            self._descriptions[log.entries[-1]] = describe_by_number(edit, simap)
             return changed
 
     def _change(self, simap: SIMap, log: EditLog) -> SIMap:
-        """Save a log, and return the map that is shown for it."""
+        """Save a log, and return the map that is shown with its edits."""
         self._check(simap)
-        done = mended(self._base_of(simap), log)
+        done = apply_log(self._base_of(simap), log)
         last = len(log.entries) - 1
         refused = dict(done.refused)
         if len(log.entries) > len(self._log.entries) and last in refused:
@@ -211,12 +210,12 @@ class Mending:
 
 
 def open_mending(map_path: Path, simap: SIMap | None = None, *, adopt: bool = False) -> Mending:
-    """Open a map file to mend it, with the edits there are.
+    """Open a map file, with its edits if there are any, to edit it.
 
     Args:
         map_path: the map file.
-        simap: what it holds, when that is at hand.
-        adopt: take edits of another build of the map over, by place; they are saved with the next change.
+        simap: its contents, when they are at hand.
+        adopt: take over edits of another build of the map, by position; they are saved with the next change.
 
     Raises:
         InputError: the map or its edits are damaged, or the edits belong to another map. No file is changed.
@@ -229,19 +228,19 @@ def open_mending(map_path: Path, simap: SIMap | None = None, *, adopt: bool = Fa
     try:
         contents, data = read_edits(path)
     except InputError as error:
-        raise InputError(f"{error}; {WAYS_OUT}") from error
+        raise InputError(f"{error}; --no-edits leaves them out") from error
     if contents.fingerprint != fingerprint(simap):
         if not adopt:
             raise InputError(
                 f"{path}: expected edits of {map_path.name} as it is, found edits of another build of it; "
-                f"simaps mend {map_path} --adopt takes them over by place, {WAYS_OUT}"
+                f"simaps mend {map_path} --adopt takes them over by place, --no-edits leaves them out"
             )
         contents = moved_to(contents, simap)
     return Mending(simap, contents.log, path, map_name=map_path.name, on_disk=data)
 
 
 def load_mended(path: Path, *, edits: bool = True) -> SIMap:
-    """Read a map file and replay the edits beside it, if there are any and they are wanted.
+    """Return a map file's map with the edits beside it, if there are any and they are wanted.
 
     Raises:
         InputError: the map or its edits are damaged, or the edits belong to another build of the map.

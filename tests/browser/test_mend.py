@@ -219,7 +219,7 @@ def test_two_pages_see_one_anothers_edits(browser, mending):
         until(ann, lambda: len(bench.sessions) == 1)
         press(ann, "Undo")
         expect(ann.get_by_text("No edits yet")).to_be_visible()
-    assert mending.log.people() == {}
+    assert mending.log.entries == ()
 
 
 def test_what_cannot_be_saved_is_said_and_not_shown(browser, mending):

@@ -9,7 +9,7 @@ from toy_maps import TOY_SPEC, Box, map_from_drawing, map_of_boxes, toy_map
 
 from simaps_viz.errors import InputError
 from simaps_viz.mapping import edits
-from simaps_viz.mapping.edits import Region, Split, apply, log_without, replay
+from simaps_viz.mapping.edits import Region, Split, apply, apply_edits, log_without
 from simaps_viz.mapping.explain import explain
 from simaps_viz.mapping.partition import applied_steps
 from simaps_viz.mapping.simap import recommunity, repartition
@@ -212,17 +212,17 @@ def test_cells_left_over_from_a_cut_community_become_their_own_object():
 
 def test_an_edit_that_no_longer_makes_sense_is_reported_and_the_others_are_done():
     doubled = [edits.delete(TOY, 3), edits.delete(TOY, 3), edits.relabel(TOY, 9, "stool")]
-    done = replay(TOY, doubled)
+    done = apply_edits(TOY, doubled)
     check_map(done.simap)
     ((at, why),) = done.refused
     assert at == 1 and "took away chair #3: no longer makes sense: 0 of its 64 cells are chair now" in why
     assert done.simap.by_id(9).label == "stool"
     lost = Split(1, "chair", Region(()), ((0.0, 0.0), (1.0, 0.0)))
-    assert replay(TOY, [lost]).simap is TOY and len(replay(TOY, [lost]).refused) == 1
+    assert apply_edits(TOY, [lost]).simap is TOY and len(apply_edits(TOY, [lost]).refused) == 1
 
 
 def test_no_edits_give_the_map_itself():
-    assert replay(TOY, []).simap is TOY
+    assert apply_edits(TOY, []).simap is TOY
 
 
 def test_a_map_whose_instances_follow_from_nothing_can_be_mended():
@@ -244,7 +244,7 @@ def test_any_sequence_of_edits_keeps_the_map_whole_and_moves_nothing_else(data):
         edit = data.draw(random_edit(simap))
         if edit is None:
             continue
-        done = replay(base, [*made, edit])
+        done = apply_edits(base, [*made, edit])
         assert done.refused == ()
         check_map(done.simap)
         cells = edit.region.cells()
@@ -268,9 +268,9 @@ def test_mending_and_moving_k_can_be_done_in_either_order(data):
         edit = data.draw(random_edit(simap))
         if edit is not None:
             made.append(edit)
-            simap = replay(TOY, made).simap
+            simap = apply_edits(TOY, made).simap
     k = data.draw(st.sampled_from([0.0, 1.0, 5.0, 11.2, 26.0, 100.0]))
-    first, second = repartition(simap, k_percent=k), replay(repartition(TOY, k_percent=k), made).simap
+    first, second = repartition(simap, k_percent=k), apply_edits(repartition(TOY, k_percent=k), made).simap
     check_map(first)
     assert np.array_equal(first.instance, second.instance) and np.array_equal(first.community, second.community)
     assert [(one.id, one.cells, one.label) for one in first.instances] == [
@@ -309,7 +309,7 @@ def test_a_mended_map_can_still_be_asked_why(data):
         edit = data.draw(random_edit(simap))
         if edit is not None:
             made.append(edit)
-            simap = replay(TOY, made).simap
+            simap = apply_edits(TOY, made).simap
     for one in simap.instances:
         why = explain(simap, one.id)
         assert len(why.cells) == one.cells and len(why.frames) == one.frames

@@ -68,7 +68,7 @@ def test_all_edits_or_none(toy_file, capsys):
     status, _, err = spoken(capsys, "mend", toy_file, "delete 9", "delete 77")
     assert status == 2 and "instance 77: not on this map" in err and not edits_path(toy_file).exists()
     mending = open_mending(toy_file)
-    with pytest.raises(InputError), mending.together():
+    with pytest.raises(InputError), mending.batch():
         do(mending, mending.simap(), "delete 9", "Ann")
         do(mending, mending.simap(), "delete 77", "Ann")
     assert mending.log.entries == () and not mending.saved
