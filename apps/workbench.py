@@ -4,7 +4,8 @@ import sys
 
 import tyro
 
-from simaps_viz.cli.main import View, run
+from simaps_viz.cli.main import run
+from simaps_viz.cli.view import View
 
 if __name__ == "__main__":
     sys.exit(run(tyro.cli(View)))

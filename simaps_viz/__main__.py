@@ -1,12 +1,12 @@
-"""Where the command begins; so small that Ctrl-C is answered in one line from the first moment on."""
+"""Entry point; it imports nothing at its top, so that Ctrl-C is answered in one line from the start."""
 
 import sys
 
 
 def main() -> int:
-    """Run the command line; see `cli.run` for the exit status."""
+    """Run the command line and return the exit status; see `cli.main.run`."""
     try:
-        from simaps_viz.cli.main import main as run  # noqa: PLC0415 - takes a second
+        from simaps_viz.cli.main import main as run  # noqa: PLC0415 - an interrupt meanwhile is answered, too
 
         return run()
     except KeyboardInterrupt:

@@ -4,9 +4,9 @@ import getpass
 import threading
 import webbrowser
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import asdict, replace
+from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -317,72 +317,6 @@ def _language_model(llm: str) -> "LanguageModel":
         return answer(simap, command, pose, reader=_reading(model, simap, pose, cancel=cancel, tell=tell))
 
     return LanguageModel(str(model.settings), ask)
-
-
-def judging(session: Path, world: str, progress: StageProgress) -> tuple["JudgingSession", SIMap]:
-    """Open a session of runs to judge, and the true map they were driven on.
-
-    Args:
-        session: written by ``simaps evaluate --judge``.
-        world: a map file, or a sequence (or its manifest, or "demo") with exact ids, of which the map is made.
-        progress: shows that making it takes a while.
-
-    Raises:
-        InputError: one of them is missing or damaged, or a run begins off the map.
-    """
-    from simaps_viz.evaluation.judging import resume_session  # noqa: PLC0415 - only needed here
-    from simaps_viz.evaluation.run import DEMO, open_for_evaluation  # noqa: PLC0415 - as above
-    from simaps_viz.evaluation.truth import find_truth, truth_as_map  # noqa: PLC0415 - as above
-    from simaps_viz.evaluation.world import observe_world  # noqa: PLC0415 - as above
-
-    opened = resume_session(session)
-    path = Path(world)
-    if world != DEMO and not path.is_dir() and path.suffix != ".json":
-        simap = load_map(path)
-    else:
-        exact = find_truth(open_for_evaluation(world, progress))
-        progress("looking at the true world", 0, 1)
-        simap = truth_as_map(observe_world(exact).tops)
-        provenance = {**simap.provenance, "name": f"{exact.name}: the true map", "simulated": exact.simulated}
-        simap = replace(simap, provenance=provenance)
-        progress("looking at the true world", 1, 1)
-    for run in opened.runs:
-        x, y = run["start"][:2]
-        if not simap.spec.contains(*simap.spec.cell_of(x, y)):
-            raise InputError(f"{session}: expected runs on {world}, found one that starts off it, at ({x:g}, {y:g}) m")
-    return opened, simap
-
-
-def recording_beside(path: Path, given: Path | None) -> Path | None:
-    """Find a map's recording: the one given (which must exist), or the .rrd of the same name beside the map."""
-    if given is not None:
-        if not given.is_file():
-            raise InputError(f"{given}: expected a recording (.rrd), found nothing")
-        from simaps_viz.recorder.facts import read_facts  # noqa: PLC0415 - rerun is slow to import
-
-        read_facts(given)  # refuses what is no recording
-        return given
-    beside = path.with_suffix(".rrd")
-    return beside if beside.is_file() else None
-
-
-def summary(simap: SIMap) -> dict[str, Any]:
-    """Return what is worth knowing of a map, JSON-able."""
-    spec = simap.spec
-    return {
-        "name": simap.provenance.get("name"),
-        "method": simap.method,
-        "parameters": dict(simap.parameters),
-        "provenance": dict(simap.provenance),
-        "rows": spec.rows,
-        "cols": spec.cols,
-        "cell_size_m": spec.cell_size_m,
-        "extent_m": [round(v, 3) for v in spec.extent_m],
-        "seen_m2": round(float(np.count_nonzero(simap.grid.observations)) * spec.cell_size_m**2, 2),
-        "frames": len(simap.frame_names),
-        "counts": simap.counts(),
-        "instances": [asdict(instance) for instance in simap.instances],
-    }
 
 
 def counts_in_words(counts: dict[str, int] | Sequence[tuple[str, int]]) -> str:

@@ -1,25 +1,21 @@
 """`simaps build`: a sequence, or several of one building, to a map file."""
 
-import dataclasses
 from contextlib import AbstractContextManager, nullcontext
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import tyro
 
-from simaps_viz.app import workbench
-from simaps_viz.build.pipeline import Elsewhere
-from simaps_viz.build.to_file import BuildRequest, build_to_file, going_on
-from simaps_viz.build.workers import open_workers, reopening
+from simaps_viz.cli import OK
 from simaps_viz.cli.options import Mapping, Networks
-from simaps_viz.cli.segment import open_segmented
-from simaps_viz.console.progress import StageProgress, stage_progress
-from simaps_viz.console.terminal import console, emit
-from simaps_viz.datasets.joined import join
-from simaps_viz.datasets.source import FrameSource
 from simaps_viz.errors import InputError
-from simaps_viz.io.files import check_ending
+
+if TYPE_CHECKING:
+    from simaps_viz.build.pipeline import Elsewhere
+    from simaps_viz.build.to_file import BuildRequest
+    from simaps_viz.console.progress import StageProgress
+    from simaps_viz.datasets.source import FrameSource
 
 
 @dataclass(frozen=True)
@@ -34,11 +30,11 @@ class Build:
     Several are put on one map: their poses have to be in one world frame."""
     output: Annotated[Path, tyro.conf.arg(aliases=["-o"])]
     """Map file to write (.npz)."""
-    mapping: Annotated[Mapping, tyro.conf.arg(name="")] = dataclasses.field(default_factory=Mapping)
+    mapping: Annotated[Mapping, tyro.conf.arg(name="")] = field(default_factory=Mapping)
     segmentation: str = "precomputed"
     """Where segments come from: "precomputed" (the ones the sequence has), a network (.onnx: YOLO-seg, Mask2Former,
     MaskFormer, OneFormer, EoMT) or a COCO panoptic table (.json)."""
-    network: Annotated[Networks, tyro.conf.arg(name="")] = dataclasses.field(default_factory=Networks)
+    network: Annotated[Networks, tyro.conf.arg(name="")] = field(default_factory=Networks)
     record: Path | None = None
     """Also record the build for rerun (.rrd)."""
     resume: bool = False
@@ -61,62 +57,74 @@ class Build:
     json: bool = False
     """Print JSON lines on stdout."""
 
+    def run(self) -> int:
+        """Build the map and print what is on it."""
+        from simaps_viz.app.workbench import counts_in_words
+        from simaps_viz.build.to_file import BuildRequest, build_to_file, going_on
+        from simaps_viz.console.progress import stage_progress
+        from simaps_viz.console.terminal import console, emit
+        from simaps_viz.io.files import check_ending
 
-def build(command: Build) -> None:
-    """Build the map and say what is on it."""
-    request = BuildRequest(
-        command.mapping.method, command.mapping.config(), command.output, command.record,
-        resume=command.resume, strict=command.strict, history=command.history,
-    )  # fmt: skip
-    check_ending(command.output, ".npz", "a map's name")
-    if command.view:
-        _watch(command, request)
-        return
-    with stage_progress(quiet=command.json) as progress:
-        sequence = _opened(command, progress)
-        with _elsewhere(command, sequence) as elsewhere, going_on(command.output):
-            simap = build_to_file(sequence, request, progress, json_lines=command.json, elsewhere=elsewhere)
-    skipped: int = simap.provenance.get("skipped", {}).get("frames", 0)
-    notes: list[str] = list(getattr(sequence, "notes", ()))
-    if command.json:
-        emit({"event": "done", "map": str(command.output), "record": str(command.record) if command.record else None,
-              "counts": simap.counts(), "instances": len(simap.instances), "skipped": skipped,
-              "notes": notes, "seconds": progress.clock.seconds()})  # fmt: skip
-    else:
-        if skipped:
-            notes.append(f"{skipped} of {len(sequence)} frames could not be read and were skipped")
-        for note in notes:
-            console.print(f"{sequence.path}: {note}", markup=False, soft_wrap=True)
-        console.print(f"{command.output}: {workbench.counts_in_words(simap.counts())}", markup=False)
-        console.print(f"Look at it: simaps view {command.output}", markup=False)
+        request = BuildRequest(
+            self.mapping.method, self.mapping.config(), self.output, self.record,
+            resume=self.resume, strict=self.strict, history=self.history,
+        )  # fmt: skip
+        check_ending(self.output, ".npz", "a map's name")
+        if self.view:
+            self._watch(request)
+            return OK
+        with stage_progress(quiet=self.json) as progress:
+            sequence = self._opened(progress)
+            with self._elsewhere(sequence) as elsewhere, going_on(self.output):
+                simap = build_to_file(sequence, request, progress, json_lines=self.json, elsewhere=elsewhere)
+        skipped: int = simap.provenance.get("skipped", {}).get("frames", 0)
+        notes: list[str] = list(getattr(sequence, "notes", ()))
+        if self.json:
+            emit({"event": "done", "map": str(self.output), "record": str(self.record) if self.record else None,
+                  "counts": simap.counts(), "instances": len(simap.instances), "skipped": skipped,
+                  "notes": notes, "seconds": progress.clock.seconds()})  # fmt: skip
+        else:
+            if skipped:
+                notes.append(f"{skipped} of {len(sequence)} frames could not be read and were skipped")
+            for note in notes:
+                console.print(f"{sequence.path}: {note}", markup=False, soft_wrap=True)
+            console.print(f"{self.output}: {counts_in_words(simap.counts())}", markup=False)
+            console.print(f"Look at it: simaps view {self.output}", markup=False)
+        return OK
 
+    def _watch(self, request: "BuildRequest") -> None:
+        from simaps_viz.app.live import LiveSettings, watch_build
+        from simaps_viz.console.progress import stage_progress
 
-def _watch(command: Build, request: BuildRequest) -> None:
-    from simaps_viz.app.live import LiveSettings, watch_build  # noqa: PLC0415 - viser and rerun are slow to import
+        if self.scheduler is not None or self.json:
+            option = "--scheduler" if self.scheduler is not None else "--json"
+            raise InputError(f"--view: expected a build in this process, for people, found {option}")
+        with stage_progress() as progress:
+            sequence = self._opened(progress)
+        watch_build(sequence, LiveSettings(request, port=self.port), browser=self.browser)
 
-    if command.scheduler is not None or command.json:
-        option = "--scheduler" if command.scheduler is not None else "--json"
-        raise InputError(f"--view: expected a build in this process, for people, found {option}")
-    with stage_progress() as progress:
-        sequence = _opened(command, progress)
-    watch_build(sequence, LiveSettings(request, port=command.port), browser=command.browser)
+    def _opened(self, progress: "StageProgress") -> "FrameSource":
+        """Open the sequences, joined where there are several."""
+        from simaps_viz.build.cache import cache_folder
+        from simaps_viz.cli.segment import open_segmented
+        from simaps_viz.datasets.joined import join
 
+        if not self.sequence:
+            raise InputError("build: expected at least one sequence, found none")
+        opened = [
+            open_segmented(
+                path, self.segmentation, self.network, cache_folder(), progress,
+                quiet=self.json, whole=self.strict,
+            )
+            for path in self.sequence
+        ]  # fmt: skip
+        return opened[0] if len(opened) == 1 else join(opened)
 
-def _opened(command: Build, progress: StageProgress) -> FrameSource:
-    if not command.sequence:
-        raise InputError("build: expected at least one sequence, found none")
-    opened = [
-        open_segmented(
-            path, command.segmentation, command.network, workbench.cache_folder(), progress,
-            quiet=command.json, whole=command.strict,
-        )
-        for path in command.sequence
-    ]  # fmt: skip
-    return opened[0] if len(opened) == 1 else join(opened)
+    def _elsewhere(self, sequence: "FrameSource") -> "AbstractContextManager[Elsewhere | None]":
+        """Return the workers that read the frames; None where this process does."""
+        if self.scheduler is None:
+            return nullcontext()
+        from simaps_viz.build.cache import cache_folder
+        from simaps_viz.build.workers import open_workers, reopening
 
-
-def _elsewhere(command: Build, sequence: FrameSource) -> AbstractContextManager[Elsewhere | None]:
-    """Return who reads the frames, None: this process."""
-    if command.scheduler is None:
-        return nullcontext()
-    return open_workers(command.scheduler, reopening(sequence, workbench.cache_folder()))
+        return open_workers(self.scheduler, reopening(sequence, cache_folder()))

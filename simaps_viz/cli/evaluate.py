@@ -1,21 +1,20 @@
-"""What `simaps evaluate` does: builds by name, hands over, gives text and a record."""
+"""`simaps evaluate`: methods scored against the truth, by counts, by driving, or piece by piece."""
 
-from dataclasses import replace
-from typing import Any
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Literal
 
-from simaps_viz.build.methods import build, check_method
-from simaps_viz.build.pipeline import BuildConfig, build_map
-from simaps_viz.cli.options import Evaluate
-from simaps_viz.console.progress import StageProgress
+import tyro
+
+from simaps_viz.build.names import METHODS
+from simaps_viz.cli import OK
 from simaps_viz.errors import InputError
-from simaps_viz.evaluation.evaluate import Footprint, evaluate_variants
-from simaps_viz.evaluation.judging import start_session
-from simaps_viz.evaluation.navigation import TRUE_MAP, evaluate_navigation
-from simaps_viz.evaluation.navigation_report import navigation_json, navigation_text
-from simaps_viz.evaluation.report import ablation_table, report_json
-from simaps_viz.evaluation.run import EvaluationConfig, open_for_evaluation, run_evaluation, split_names, write_json
-from simaps_viz.io.files import check_ending, check_output
-from simaps_viz.structures import SIMap
+
+if TYPE_CHECKING:
+    from simaps_viz.build.pipeline import BuildConfig
+    from simaps_viz.console.progress import StageProgress
+    from simaps_viz.evaluation.evaluate import Footprint
+    from simaps_viz.structures import SIMap
 
 _ONLY_WITH = {
     "counts": "instances", "picture": "instances", "record": "instances", "discrete": "navigation",
@@ -24,23 +23,70 @@ _ONLY_WITH = {
 """Options that the other tasks would ignore."""
 
 
-def evaluate(settings: Evaluate, progress: StageProgress) -> tuple[str, dict[str, Any]]:
-    """Run one evaluation; returns what a person reads, and the record.
+@dataclass(frozen=True)
+class Evaluate:
+    """Score methods against the truth of a rendered scene, or against counts by eye; or drive on their maps.
 
-    Raises:
-        InputError: anything asked for is not possible; nothing is left half-written.
+    Example: simaps evaluate demo --errors light,medium --seeds 3 --picture maps.png
     """
-    for option, task in _ONLY_WITH.items():
-        if getattr(settings, option) and settings.task != task:
-            raise InputError(f"--{option}: expected --task {task}, found --task {settings.task}")
-    for method in split_names("methods", settings.methods):
-        check_method(method)
-    task = {"instances": _instances, "navigation": _navigation, "ablation": _ablation}[settings.task]
-    return task(settings, progress)
+
+    sequence: tyro.conf.Positional[str]
+    """Sequence folder or manifest with exact ids, or "demo" for the embedded café."""
+    task: Literal["instances", "navigation", "ablation"] = "instances"
+    """instances: is every object one instance? navigation: a simulated robot carries out generated commands.
+    ablation: what each piece of method evidence is worth."""
+    methods: str = ",".join(METHODS)
+    """Separated by commas; also components-highest, paper-k9 and paper-literal."""
+    errors: str = ""
+    """Masks, separated by commas: none (exact), light, medium, heavy (simulated network errors), precomputed (the
+    sequence's own). By default light where the sequence's masks are exact."""
+    seeds: int = 1
+    """Of the simulated errors; more than one gives mean ± spread."""
+    counts: str = ""
+    """Numbers counted by eye on a real scan, such as chair=11,table=2."""
+    truth: Path | None = None
+    """Manifest with exact ids, where it is not beside the sequence."""
+    commands: int = 100
+    """Navigation: how many commands a scene."""
+    discrete: bool = False
+    """Navigation: move in steps of 0.1 m and turns of 5°, as VLMaps does."""
+    judge: Path | None = None
+    """Navigation: also write the runs for people to judge in the workbench (simaps judge)."""
+    picture: Path | None = None
+    """Draw the maps side by side (.png)."""
+    record: Path | None = None
+    """Write the maps side by side as a recording for rerun (.rrd)."""
+    output: Path | None = None
+    """Write everything measured (.json)."""
+    json: bool = False
+    """Print everything measured as one JSON line."""
+
+    def run(self) -> int:
+        """Run one evaluation and print its tables; nothing is left half-written when anything is refused."""
+        from simaps_viz.build.methods import check_method
+        from simaps_viz.console.progress import stage_progress
+        from simaps_viz.console.terminal import emit, say
+        from simaps_viz.evaluation.run import split_names
+
+        for option, task in _ONLY_WITH.items():
+            if getattr(self, option) and self.task != task:
+                raise InputError(f"--{option}: expected --task {task}, found --task {self.task}")
+        for method in split_names("methods", self.methods):
+            check_method(method)
+        task = {"instances": _instances, "navigation": _navigation, "ablation": _ablation}[self.task]
+        with stage_progress(quiet=self.json) as progress:
+            text, record = task(self, progress)
+        if self.json:
+            emit(record)
+        else:
+            say(text + "\n")
+        return OK
 
 
-def ablations() -> list[tuple[str, BuildConfig]]:
+def ablations() -> "list[tuple[str, BuildConfig]]":
     """Return method evidence whole, then with one piece taken away at a time."""
+    from simaps_viz.build.pipeline import BuildConfig
+
     whole = BuildConfig()
     votes, evidence, pooling = whole.votes, whole.evidence, whole.pooling
     return [
@@ -60,7 +106,11 @@ def ablations() -> list[tuple[str, BuildConfig]]:
     ]
 
 
-def _instances(settings: Evaluate, progress: StageProgress) -> tuple[str, dict[str, Any]]:
+def _instances(settings: Evaluate, progress: "StageProgress") -> tuple[str, dict[str, Any]]:
+    from simaps_viz.build.methods import build
+    from simaps_viz.evaluation.run import EvaluationConfig, run_evaluation
+    from simaps_viz.io.files import check_ending, check_output
+
     config = EvaluationConfig(
         sequence=settings.sequence, methods=settings.methods, errors=settings.errors, seeds=settings.seeds,
         counts=settings.counts, truth=settings.truth, picture=settings.picture, output=settings.output,
@@ -70,7 +120,7 @@ def _instances(settings: Evaluate, progress: StageProgress) -> tuple[str, dict[s
         check_output(settings.record)
     result = run_evaluation(config, build, store=_store, progress=progress)
     if settings.record is not None:
-        from simaps_viz.recorder.comparison import record_comparison  # noqa: PLC0415 - rerun is slow to import
+        from simaps_viz.recorder.comparison import record_comparison
 
         panels = result.comparison.panels
         pictures = [(f"{p.title} {p.subtitle}", p.colors, p.instance) for p in panels]
@@ -78,13 +128,21 @@ def _instances(settings: Evaluate, progress: StageProgress) -> tuple[str, dict[s
     return "\n".join(table.text() for table in result.tables()), result.to_json()
 
 
-def _store(method: str, simap: SIMap) -> Footprint:
+def _store(method: str, simap: "SIMap") -> "Footprint":
     """Return what a method holds beside the map: VLMaps' embeddings, in memory and on disk."""
+    from simaps_viz.evaluation.evaluate import Footprint
+
     held = int(simap.provenance.get("embedding_bytes_held", 0))
     return Footprint(held, held)
 
 
-def _navigation(settings: Evaluate, progress: StageProgress) -> tuple[str, dict[str, Any]]:
+def _navigation(settings: Evaluate, progress: "StageProgress") -> tuple[str, dict[str, Any]]:
+    from simaps_viz.build.methods import build
+    from simaps_viz.evaluation.judging import start_session
+    from simaps_viz.evaluation.navigation import TRUE_MAP, evaluate_navigation
+    from simaps_viz.evaluation.navigation_report import navigation_json, navigation_text
+    from simaps_viz.evaluation.run import open_for_evaluation, split_names, write_json
+
     if settings.judge is not None and settings.judge.exists():
         raise InputError(f"{settings.judge}: expected a new session file, found one; it would lose what was judged")
     sequence = open_for_evaluation(settings.sequence, progress)
@@ -107,7 +165,12 @@ def _navigation(settings: Evaluate, progress: StageProgress) -> tuple[str, dict[
     return navigation_text(report), record
 
 
-def _ablation(settings: Evaluate, progress: StageProgress) -> tuple[str, dict[str, Any]]:
+def _ablation(settings: Evaluate, progress: "StageProgress") -> tuple[str, dict[str, Any]]:
+    from simaps_viz.build.pipeline import build_map
+    from simaps_viz.evaluation.evaluate import evaluate_variants
+    from simaps_viz.evaluation.report import ablation_table, report_json
+    from simaps_viz.evaluation.run import open_for_evaluation, split_names, write_json
+
     sequence = open_for_evaluation(settings.sequence, progress)
     report = evaluate_variants(
         sequence,

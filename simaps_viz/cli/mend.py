@@ -3,16 +3,16 @@
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import tyro
 
-from simaps_viz.app.workbench import login
+from simaps_viz.cli import OK
 from simaps_viz.errors import InputError
-from simaps_viz.io.files import check_ending
-from simaps_viz.mapping.file import check_writable, save_map
-from simaps_viz.mapping.mending import Mending, open_mending
-from simaps_viz.structures import SIMap
+
+if TYPE_CHECKING:
+    from simaps_viz.mapping.mending import Mending
+    from simaps_viz.structures import SIMap
 
 FORMS = "merge ID ID, split ID X Y X Y (metres), relabel ID CLASS, delete ID, undo, redo"
 
@@ -40,34 +40,41 @@ class Mend:
     json: bool = False
     """Print the edits as one JSON line."""
 
+    def run(self) -> int:
+        """Do the edits, save the map where that is asked for, and list all edits.
 
-def mend_map(command: Mend) -> tuple[list[str], dict[str, Any]]:
-    """Do what a command says.
+        Raises:
+            InputError: an edit is refused, or a file is damaged or cannot be written. No file was changed.
+        """
+        from simaps_viz.app.workbench import login
+        from simaps_viz.console.terminal import emit, say
+        from simaps_viz.io.files import check_ending
+        from simaps_viz.mapping.file import check_writable, save_map
+        from simaps_viz.mapping.mending import open_mending
 
-    Returns:
-        Lines for people, and the same as a JSON-able record.
+        if self.output is not None:
+            if self.output.resolve() == self.map.resolve():
+                raise InputError(f"{self.output}: expected another file than the map, which stays as it was built")
+            check_ending(self.output, ".npz", "a map's name")
+            check_writable(self.output)
+        mending = open_mending(self.map, adopt=self.adopt)
+        simap = mending.simap()
+        with mending.batch():
+            for text in self.edit:
+                simap = do(mending, simap, text, self.who or login())
+            if self.output is not None:
+                save_map(simap, self.output)  # before the edits are: what cannot be saved was not done
+        if self.adopt and mending.saved and not self.edit:
+            mending.save()
+        lines, record = _report(self, mending, simap)
+        if self.json:
+            emit(record)
+        else:
+            say("\n".join(lines) + "\n")
+        return OK
 
-    Raises:
-        InputError: an edit is refused, or a file is damaged or cannot be written. No file was changed.
-    """
-    if command.output is not None:
-        if command.output.resolve() == command.map.resolve():
-            raise InputError(f"{command.output}: expected another file than the map, which stays as it was built")
-        check_ending(command.output, ".npz", "a map's name")
-        check_writable(command.output)
-    mending = open_mending(command.map, adopt=command.adopt)
-    simap = mending.simap()
-    with mending.batch():
-        for text in command.edit:
-            simap = do(mending, simap, text, command.who or login())
-        if command.output is not None:
-            save_map(simap, command.output)  # before the edits are: what cannot be saved was not done
-    if command.adopt and mending.saved and not command.edit:
-        mending.save()
-    return _report(command, mending, simap)
 
-
-def do(mending: Mending, simap: SIMap, text: str, who: str) -> SIMap:
+def do(mending: "Mending", simap: "SIMap", text: str, who: str) -> "SIMap":
     """Do one edit, given in words.
 
     Raises:
@@ -95,7 +102,7 @@ def do(mending: Mending, simap: SIMap, text: str, who: str) -> SIMap:
     return take[verb](simap)
 
 
-def _report(command: Mend, mending: Mending, simap: SIMap) -> tuple[list[str], dict[str, Any]]:
+def _report(command: Mend, mending: "Mending", simap: "SIMap") -> tuple[list[str], dict[str, Any]]:
     entries, refused = [entry.to_json() for entry in mending.log.entries], mending.refused()
     lines = [f"{i}. {entry['when']}  {entry['who']}  {entry['what']}" for i, entry in enumerate(entries, start=1)]
     lines += [f"not done: {why}" for why in refused]

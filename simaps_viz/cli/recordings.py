@@ -8,9 +8,8 @@ from pathlib import Path
 from typing import Any, Literal
 
 import tyro
-from rich.table import Table
 
-from simaps_viz.console.terminal import console, emit, show
+from simaps_viz.cli import OK
 from simaps_viz.errors import InputError
 
 Action = Literal["list", "add", "rename", "delete", "repair"]
@@ -37,45 +36,47 @@ class Recordings:
     action: tyro.conf.Positional[Action] = "list"
     """list; add FILE [NAME]; rename NAME NEW_NAME; delete NAME; repair FILE [OUTPUT]."""
     names: tyro.conf.Positional[tuple[str, ...]] = ()
-    """What it is done to."""
+    """The names it is done to."""
     yes: bool = False
     """Really delete it."""
     json: bool = False
     """Print one JSON line a recording."""
 
+    def run(self) -> int:
+        """List, add, rename, delete or repair.
 
-def recordings(command: Recordings) -> None:
-    """Carry out the command.
+        Raises:
+            InputError: the wrong number of names, no such recording, a name that is taken.
+        """
+        from simaps_viz.recorder.library import RecordingLibrary
 
-    Raises:
-        InputError: the wrong number of names, no such recording, a name that is taken.
-    """
-    from simaps_viz.recorder.library import RecordingLibrary  # noqa: PLC0415 - rerun is slow to import
-
-    library = RecordingLibrary()
-    wanted = {"list": (0, 0), "add": (1, 2), "rename": (2, 2), "delete": (1, 1), "repair": (1, 2)}[command.action]
-    if not wanted[0] <= len(command.names) <= wanted[1]:
-        usage = {"list": "list", "add": "add FILE [NAME]", "rename": "rename NAME NEW_NAME", "delete": "delete NAME",
-                 "repair": "repair FILE [OUTPUT]"}  # fmt: skip
-        raise InputError(f"recordings: expected {usage[command.action]}, found {len(command.names)} names")
-    if command.action == "list":
-        _show([entry.to_json() for entry in library.entries()], library.folders, json=command.json)
-    elif command.action == "repair":
-        _repair(*map(Path, command.names), json=command.json)
-    elif command.action == "delete":
-        entry = library.find(command.names[0])
-        if not command.yes:
-            raise InputError(f"{entry.path}: expected --yes to delete it for good, found none; nothing was deleted")
-        _tell({"event": "deleted", "path": str(library.delete(entry.name))}, "deleted", json=command.json)
-    elif command.action == "add":
-        entry = library.add(Path(command.names[0]), *command.names[1:])
-        _tell({"event": "added", **entry.to_json()}, "added", json=command.json)
-    else:
-        entry = library.rename(*command.names)
-        _tell({"event": "renamed", **entry.to_json()}, "renamed", json=command.json)
+        library = RecordingLibrary()
+        wanted = {"list": (0, 0), "add": (1, 2), "rename": (2, 2), "delete": (1, 1), "repair": (1, 2)}[self.action]
+        if not wanted[0] <= len(self.names) <= wanted[1]:
+            usage = {"list": "list", "add": "add FILE [NAME]", "rename": "rename NAME NEW_NAME",
+                     "delete": "delete NAME", "repair": "repair FILE [OUTPUT]"}  # fmt: skip
+            raise InputError(f"recordings: expected {usage[self.action]}, found {len(self.names)} names")
+        if self.action == "list":
+            _show([entry.to_json() for entry in library.entries()], library.folders, json=self.json)
+        elif self.action == "repair":
+            _repair(*map(Path, self.names), json=self.json)
+        elif self.action == "delete":
+            entry = library.find(self.names[0])
+            if not self.yes:
+                raise InputError(f"{entry.path}: expected --yes to delete it for good, found none; nothing was deleted")
+            _tell({"event": "deleted", "path": str(library.delete(entry.name))}, "deleted", json=self.json)
+        elif self.action == "add":
+            entry = library.add(Path(self.names[0]), *self.names[1:])
+            _tell({"event": "added", **entry.to_json()}, "added", json=self.json)
+        else:
+            entry = library.rename(*self.names)
+            _tell({"event": "renamed", **entry.to_json()}, "renamed", json=self.json)
+        return OK
 
 
 def _tell(record: dict[str, Any], done: str, *, json: bool) -> None:
+    from simaps_viz.console.terminal import console, emit
+
     if json:
         emit(record)
     else:
@@ -83,7 +84,7 @@ def _tell(record: dict[str, Any], done: str, *, json: bool) -> None:
 
 
 def _repair(broken: Path, output: Path | None = None, *, json: bool) -> None:
-    from simaps_viz.recorder.repair import repair_recording  # noqa: PLC0415 - rerun is slow to import
+    from simaps_viz.recorder.repair import repair_recording
 
     output = output or broken.with_name(f"{_plain_stem(broken)}-repaired.rrd")
     frames = repair_recording(broken, output)
@@ -96,6 +97,10 @@ def _plain_stem(path: Path) -> str:
 
 
 def _show(entries: list[dict[str, Any]], folders: list[Path], *, json: bool) -> None:
+    from rich.table import Table
+
+    from simaps_viz.console.terminal import console, emit, show
+
     if json:
         for entry in entries:
             emit(entry)
@@ -125,8 +130,8 @@ def _number(value: int | None) -> str:
 
 def is_recorded_build(path: Path) -> bool:
     """Whether a path, or a name in the library, means a recorded build; recordings of others may be sequences."""
-    from simaps_viz.recorder.facts import read_facts  # noqa: PLC0415 - rerun is slow to import
-    from simaps_viz.recorder.library import RecordingLibrary  # noqa: PLC0415 - as above
+    from simaps_viz.recorder.facts import read_facts
+    from simaps_viz.recorder.library import RecordingLibrary
 
     if path.suffix != ".rrd":
         return False
@@ -142,7 +147,7 @@ def find_recording(path: Path) -> Path:
     Raises:
         InputError: there is neither.
     """
-    from simaps_viz.recorder.library import RecordingLibrary  # noqa: PLC0415 - rerun is slow to import
+    from simaps_viz.recorder.library import RecordingLibrary
 
     if path.is_file():
         return path
@@ -159,13 +164,13 @@ def open_alone(path: Path, *, port: int = 0, access: Any = None) -> Any:
     Raises:
         InputError: no such recording, it is not finished, or the port is taken.
     """
-    from simaps_viz.recorder.facts import read_facts  # noqa: PLC0415 - rerun is slow to import
-    from simaps_viz.recorder.web_viewer import (  # noqa: PLC0415 - as above
+    from simaps_viz.recorder.facts import read_facts
+    from simaps_viz.recorder.web_viewer import (
         CONTENT_SECURITY_POLICY,
         rerun_page,
         viewer_assets,
     )  # fmt: skip
-    from simaps_viz.viewer.server.host import Host  # noqa: PLC0415 - as above
+    from simaps_viz.viewer.server.host import Host
 
     file = find_recording(path)
     facts = read_facts(file)
@@ -183,7 +188,8 @@ def open_alone(path: Path, *, port: int = 0, access: Any = None) -> Any:
 
 def view_alone(path: Path, *, port: int, browser: bool, host: str = "127.0.0.1") -> None:
     """Show a recorded build until Ctrl-C; on the next free port when that one is taken."""
-    from simaps_viz.viewer.server.access import Access  # noqa: PLC0415 - the viewer is slow to import
+    from simaps_viz.console.terminal import console
+    from simaps_viz.viewer.server.access import Access
 
     find_recording(path)
     access, served = Access(host), None

@@ -1,16 +1,81 @@
-"""What ``--segmentation`` means: the sequence's own masks, a network's, or those of a COCO panoptic file."""
+"""`simaps segment`, and what ``--segmentation`` means: own masks, a network's, or a COCO panoptic table."""
 
+from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
-from simaps_viz.cli.options import Networks, Segment
-from simaps_viz.console.progress import StageProgress
-from simaps_viz.console.terminal import console
-from simaps_viz.datasets.posed_frames import PosedFrames, open_sequence
-from simaps_viz.datasets.source import FrameSource
+import tyro
+
+from simaps_viz.cli import OK
+from simaps_viz.cli.options import Networks
 from simaps_viz.errors import InputError
 
+if TYPE_CHECKING:
+    from simaps_viz.console.progress import StageProgress
+    from simaps_viz.datasets.posed_frames import PosedFrames
+    from simaps_viz.datasets.source import FrameSource
+
 PRECOMPUTED = "precomputed"
+
+
+@dataclass(frozen=True)
+class Segment:
+    """Segment the frames of a sequence with a network, and write the masks as files.
+
+    Example: simaps segment ../scans/breakroom yolo.onnx; simaps build ../scans/breakroom/sequence-yolo.json
+    """
+
+    sequence: tyro.conf.Positional[Path]
+    """Folder in the posed-frames/1 format, or its manifest (.json); with --format coco also a recording in another
+    format."""
+    segmentation: tyro.conf.Positional[str]
+    """Network (.onnx), COCO panoptic table (.json), or "precomputed" to write the sequence's own masks anew."""
+    output: Annotated[Path | None, tyro.conf.arg(aliases=["-o"])] = None
+    """Manifest to write (.json), or with --format coco the table; the images go to a folder of its name. By default
+    beside the sequence, named after the network."""
+    format: Literal["posed-frames", "coco", "coco-ids"] = "posed-frames"
+    """coco: panoptic table with coloured PNGs; coco-ids: with plain 16-bit id images."""
+    network: Annotated[Networks, tyro.conf.arg(name="")] = field(default_factory=Networks)
+    json: bool = False
+    """Print the outcome as one JSON line."""
+
+    def run(self) -> int:
+        """Write the masks and print where they are."""
+        from simaps_viz.build.cache import cache_folder
+        from simaps_viz.console.progress import stage_progress
+        from simaps_viz.console.terminal import console, emit
+
+        with stage_progress(quiet=self.json) as progress:
+            written = self._write(cache_folder(), progress)
+        if self.json:
+            emit(written)
+            return OK
+        words = f"{written['output']}: {written['segments']} segments in {written['frames']} frames"
+        console.print(words, markup=False)
+        if self.format == "posed-frames":
+            console.print(f"Map it: simaps build {written['output']} -o map.npz", markup=False, soft_wrap=True)
+        return OK
+
+    def _write(self, cache: Path, progress: "StageProgress") -> dict[str, Any]:
+        """Segment the sequence and write the masks; return what was written, JSON-able."""
+        from simaps_viz.datasets.posed_frames import open_sequence
+        from simaps_viz.segmentation.coco_panoptic import write_coco_panoptic
+        from simaps_viz.segmentation.mask_files import check_place, write_masks
+
+        path = open_sequence(self.sequence).path
+        stem = "masks" if self.segmentation == PRECOMPUTED else Path(self.segmentation).stem
+        name = f"{path.stem}-{stem}.json" if self.format == "posed-frames" else f"panoptic-{stem}.json"
+        output = self.output or (path if path.is_dir() else path.parent) / name
+        if self.format == "posed-frames":
+            check_place(path, output)  # before the network runs for minutes
+        masks = open_segmented(self.sequence, self.segmentation, self.network, cache, progress, quiet=self.json)
+        if self.format == "posed-frames":
+            write_masks(masks, output)
+        else:
+            write_coco_panoptic(masks, output, plain=self.format == "coco-ids")
+        count = sum(len(masks.segmentation(index).segments) for index in range(len(masks)))
+        return {"event": "done", "output": str(output), "source": masks.segmentation_source, "frames": len(masks),
+                "segments": count, "classes": list(masks.labels[1:])}  # fmt: skip
 
 
 def open_segmented(
@@ -18,11 +83,11 @@ def open_segmented(
     segmentation: str,
     options: Networks,
     cache: Path,
-    progress: StageProgress,
+    progress: "StageProgress",
     *,
     quiet: bool = False,
     whole: bool = True,
-) -> FrameSource:
+) -> "FrameSource":
     """Open a sequence with the masks that are asked for; a network is run over it first, where it has not been.
 
     Args:
@@ -37,6 +102,8 @@ def open_segmented(
     Raises:
         InputError: anything is not as it should be.
     """
+    from simaps_viz.datasets.posed_frames import open_sequence
+
     sequence = open_sequence(path, whole=whole or segmentation.lower().endswith(".onnx"))
     if segmentation == PRECOMPUTED:
         return sequence
@@ -44,8 +111,8 @@ def open_segmented(
     if given.suffix.lower() == ".onnx":
         return _by_network(sequence, given, options, cache, progress, quiet=quiet)
     if given.suffix.lower() == ".json":
-        from simaps_viz.segmentation.coco_panoptic import read_coco_panoptic  # noqa: PLC0415 - only needed here
-        from simaps_viz.segmentation.sequences import WithMasks  # noqa: PLC0415 - as above
+        from simaps_viz.segmentation.coco_panoptic import read_coco_panoptic
+        from simaps_viz.segmentation.sequences import WithMasks
 
         masks = read_coco_panoptic(given, sequence.frame_names)
         return WithMasks(sequence, masks, masks.source)
@@ -55,10 +122,17 @@ def open_segmented(
 
 
 def _by_network(
-    sequence: PosedFrames, network_file: Path, options: Networks, cache: Path, progress: StageProgress, *, quiet: bool
-) -> FrameSource:
-    from simaps_viz.segmentation.recognise import open_network, origin  # noqa: PLC0415 - onnxruntime is slow to import
-    from simaps_viz.segmentation.sequences import segment_sequence  # noqa: PLC0415 - as above
+    sequence: "PosedFrames",
+    network_file: Path,
+    options: Networks,
+    cache: Path,
+    progress: "StageProgress",
+    *,
+    quiet: bool,
+) -> "FrameSource":
+    from simaps_viz.console.terminal import console
+    from simaps_viz.segmentation.recognise import open_network, origin
+    from simaps_viz.segmentation.sequences import segment_sequence
 
     network, device = open_network(network_file, options.settings())
     if not quiet:
@@ -67,28 +141,3 @@ def _by_network(
     by_geometry = {"auto": None, "geometry": True, "none": False}[options.stuff]
     opened = origin(network, network_file, options.settings())
     return segment_sequence(sequence, network, cache, stuff=by_geometry, progress=progress, origin=opened)
-
-
-def write_segmented(command: Segment, cache: Path, progress: StageProgress) -> dict[str, Any]:
-    """Segment a sequence and write the masks; returns what was written, JSON-able.
-
-    Raises:
-        InputError: anything is not as it should be, or cannot be written.
-    """
-    from simaps_viz.segmentation.coco_panoptic import write_coco_panoptic  # noqa: PLC0415 - only needed here
-    from simaps_viz.segmentation.mask_files import check_place, write_masks  # noqa: PLC0415 - as above
-
-    path = open_sequence(command.sequence).path
-    stem = "masks" if command.segmentation == PRECOMPUTED else Path(command.segmentation).stem
-    name = f"{path.stem}-{stem}.json" if command.format == "posed-frames" else f"panoptic-{stem}.json"
-    output = command.output or (path if path.is_dir() else path.parent) / name
-    if command.format == "posed-frames":
-        check_place(path, output)
-    masks = open_segmented(command.sequence, command.segmentation, command.network, cache, progress, quiet=command.json)
-    if command.format == "posed-frames":
-        write_masks(masks, output)
-    else:
-        write_coco_panoptic(masks, output, plain=command.format == "coco-ids")
-    count = sum(len(masks.segmentation(index).segments) for index in range(len(masks)))
-    return {"event": "done", "output": str(output), "source": masks.segmentation_source, "frames": len(masks),
-            "segments": count, "classes": list(masks.labels[1:])}  # fmt: skip

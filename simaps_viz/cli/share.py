@@ -2,19 +2,15 @@
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import tyro
 
-from simaps_viz.app import workbench
-from simaps_viz.app.share import look_back
-from simaps_viz.console.progress import StageProgress
+from simaps_viz.cli import NO, OK
 from simaps_viz.errors import InputError
-from simaps_viz.io.files import check_output, write_whole
-from simaps_viz.mapping.mending import load_mended
-from simaps_viz.navigation.agent import Agent, answer
-from simaps_viz.navigation.planner import RobotShape
-from simaps_viz.structures import Pose2, SIMap
+
+if TYPE_CHECKING:
+    from simaps_viz.console.progress import StageProgress
 
 ENDINGS = (".html", ".gif", ".png")
 
@@ -32,7 +28,7 @@ class Share:
     """File to write: .html (page: the map grows, the robot drives, to be turned and scrubbed), .gif (the same as a
     film) or .png (large picture of the map with its legend)."""
     command: str | None = None
-    """What the robot is told at the end: English or a program."""
+    """Command that the robot carries out at the end: English or a program."""
     pose: tuple[float, float, float] | None = None
     """Where the robot starts: x and y in metres, heading in degrees clockwise from north. By default where the first
     camera stood that has free floor by it."""
@@ -43,41 +39,58 @@ class Share:
     json: bool = False
     """Print what was written as one JSON line."""
 
+    def run(self) -> int:
+        """Write the file; the answer is no when the command failed."""
+        from simaps_viz.console.progress import stage_progress
+        from simaps_viz.console.terminal import console, emit
 
-def share(settings: Share, progress: StageProgress) -> dict[str, Any]:
-    """Write the file; returns what is worth saying of it.
+        with stage_progress(quiet=self.json) as progress:
+            written = self._write(progress)
+        if self.json:
+            emit(written)
+        else:
+            console.print(f"{written['output']}: {written['bytes'] / 1e6:.1f} MB", markup=False, soft_wrap=True)
+            if written["done"] is False:
+                console.print(f'"{self.command}" failed: {written["outcome"]}', markup=False, soft_wrap=True)
+        return NO if written["done"] is False else OK
 
-    Raises:
-        SIMapsError: the map or the place to write is no good, or the command was refused.
-    """
-    from simaps_viz.viewer.share.files import MAKERS, share_bytes  # noqa: PLC0415 - viser is slow to import
-    from simaps_viz.viewer.share.story import ride_of  # noqa: PLC0415 - as above
+    def _write(self, progress: "StageProgress") -> dict[str, Any]:
+        """Write the file and return what it holds, JSON-able."""
+        from simaps_viz.app import workbench
+        from simaps_viz.app.share import look_back
+        from simaps_viz.io.files import check_output, write_whole
+        from simaps_viz.mapping.mending import load_mended
+        from simaps_viz.navigation.agent import Agent, answer, start_pose
+        from simaps_viz.navigation.planner import RobotShape
+        from simaps_viz.structures import Pose2
+        from simaps_viz.viewer.share.files import MAKERS, share_bytes
+        from simaps_viz.viewer.share.story import ride_of
 
-    ending = settings.output.suffix.lower()
-    if ending not in MAKERS:
-        raise InputError(
-            f"{settings.output}: expected a name that ends in {', '.join(ENDINGS)}, found {ending or 'no ending'}"
-        )
-    check_output(settings.output)
-    simap = load_mended(settings.map, edits=settings.edits)
-    ride = None
-    if settings.command is not None:
-        pose = Pose2.from_heading(*settings.pose) if settings.pose else workbench.start_pose(simap)
-        read = workbench.reader(settings.llm, simap, pose)
-        ride = ride_of(
-            simap, settings.command, pose, ask=lambda m, text, at: answer(m, text, at, reader=read), steps=_steps
-        )
-    look = None if ending == ".png" else look_back(settings.map, simap)
-    made = share_bytes(ending, simap, ride=ride, look=look, radius_m=RobotShape().radius_m, tell=progress)
-    write_whole(settings.output, made, "the shared file")
-    return {
-        "output": str(settings.output),
-        "bytes": len(made),
-        "instances": len(simap.instances),
-        "outcome": ride.outcome if ride else None,
-        "done": ride.done if ride else None,
-    }
-
-
-def _steps(simap: SIMap, program: str, pose: Pose2) -> Any:
-    return Agent(simap, pose).steps(program)
+        ending = self.output.suffix.lower()
+        if ending not in MAKERS:
+            raise InputError(
+                f"{self.output}: expected a name that ends in {', '.join(ENDINGS)}, found {ending or 'no ending'}"
+            )
+        check_output(self.output)
+        simap = load_mended(self.map, edits=self.edits)
+        ride = None
+        if self.command is not None:
+            pose = Pose2.from_heading(*self.pose) if self.pose else start_pose(simap)
+            read = workbench.reader(self.llm, simap, pose)
+            ride = ride_of(
+                simap,
+                self.command,
+                pose,
+                ask=lambda m, text, at: answer(m, text, at, reader=read),
+                steps=lambda m, program, at: Agent(m, at).steps(program),
+            )
+        look = None if ending == ".png" else look_back(self.map, simap)
+        made = share_bytes(ending, simap, ride=ride, look=look, radius_m=RobotShape().radius_m, tell=progress)
+        write_whole(self.output, made, "the shared file")
+        return {
+            "output": str(self.output),
+            "bytes": len(made),
+            "instances": len(simap.instances),
+            "outcome": ride.outcome if ride else None,
+            "done": ride.done if ride else None,
+        }

@@ -3,7 +3,6 @@
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Literal, get_args
 
 from simaps_viz.datasets.source import FrameSource
 from simaps_viz.errors import InputError
@@ -11,6 +10,7 @@ from simaps_viz.events import Progress
 from simaps_viz.exports.geojson import geojson_bytes
 from simaps_viz.exports.glb import glb_bytes, glb_points_bytes
 from simaps_viz.exports.graphml import graphml_bytes
+from simaps_viz.exports.names import FORMATS, FormatName
 from simaps_viz.exports.nav2 import nav2_files
 from simaps_viz.exports.panoptic import coco_files
 from simaps_viz.exports.ply import ply_bytes, ply_points_bytes
@@ -24,9 +24,6 @@ from simaps_viz.language.commands import read_command
 from simaps_viz.navigation.agent import Reader, planner_of
 from simaps_viz.navigation.planner import RobotShape
 from simaps_viz.structures import Pose2, SIMap
-
-FormatName = Literal["ros", "nav2", "geojson", "csv", "glb", "ply", "coco", "graphml", "spark-dsg", "tum"]
-FORMATS: tuple[FormatName, ...] = get_args(FormatName)
 
 ENDINGS: dict[FormatName, tuple[str, ...]] = {
     "ros": (".yaml", ".pgm"),

@@ -17,8 +17,9 @@ from toy_maps import toy_map
 from simaps_viz import open_sequence
 from simaps_viz.build.methods import build
 from simaps_viz.build.pipeline import BuildConfig
-from simaps_viz.cli import main
-from simaps_viz.cli.recordings import Recordings, find_recording, is_recorded_build, open_alone, recordings
+from simaps_viz.cli import BAD_INPUT
+from simaps_viz.cli.main import main
+from simaps_viz.cli.recordings import Recordings, find_recording, is_recorded_build, open_alone
 from simaps_viz.errors import InputError
 from simaps_viz.mapping.file import save_map
 from simaps_viz.recorder import importer
@@ -162,24 +163,24 @@ def test_the_folder_can_be_chosen(monkeypatch, tmp_path):
 
 def test_the_command(monkeypatch, tmp_path, recorded, capsys):
     monkeypatch.setenv("SIMAPS_RECORDINGS", str(tmp_path / "own"))
-    recordings(Recordings("add", (str(recorded), "first"), json=True))
+    Recordings("add", (str(recorded), "first"), json=True).run()
     assert json.loads(capsys.readouterr().out)["event"] == "added"
-    recordings(Recordings(json=True))
+    Recordings(json=True).run()
     lines = [json.loads(line) for line in capsys.readouterr().out.splitlines()]
     assert {"name": "first", "frames": 3, "method": "evidence", "simulated": True}.items() <= lines[0].items()
-    recordings(Recordings())
+    Recordings().run()
     out = capsys.readouterr().out
     assert "first" in out and "tiny (simulated)" in out and "evidence" in out
-    recordings(Recordings("rename", ("first", "second")))
+    Recordings("rename", ("first", "second")).run()
     assert find_recording(Path("second.rrd")) == tmp_path / "own" / "second.rrd"
     with pytest.raises(InputError, match="expected --yes to delete"):
-        recordings(Recordings("delete", ("second",)))
+        Recordings("delete", ("second",)).run()
     assert (tmp_path / "own" / "second.rrd").is_file()
-    recordings(Recordings("delete", ("second",), yes=True))
+    Recordings("delete", ("second",), yes=True).run()
     assert not (tmp_path / "own" / "second.rrd").exists()
     for wrong in (Recordings("delete"), Recordings("list", ("x",)), Recordings("rename", ("x",))):
         with pytest.raises(InputError, match=r"recordings: expected .*, found \d names"):
-            recordings(wrong)
+            wrong.run()
     with pytest.raises(InputError, match="no such file"):
         find_recording(Path("folder/second.rrd"))
 
@@ -204,10 +205,10 @@ def test_what_view_takes_for_a_recorded_build(monkeypatch, tmp_path, recorded, c
     paths = (recorded, Path("mine.rrd"), tmp_path / "theirs.rrd", Path("no.rrd"), Path("a/mine.rrd"), tmp_path)
     assert [is_recorded_build(path) for path in paths] == [True, True, False, False, False, False]
     shown = []
-    monkeypatch.setattr(main, "view_alone", lambda path, **options: shown.append((path, options)))
-    assert main.main(["view", str(recorded), "--no-browser", "--port", "8123"]) == 0
+    monkeypatch.setattr("simaps_viz.cli.recordings.view_alone", lambda path, **options: shown.append((path, options)))
+    assert main(["view", str(recorded), "--no-browser", "--port", "8123"]) == 0
     assert shown == [(recorded, {"port": 8123, "browser": False, "host": "127.0.0.1"})]
-    assert main.main(["view", str(tmp_path / "theirs.rrd"), "--no-browser"]) == main.BAD_INPUT
+    assert main(["view", str(tmp_path / "theirs.rrd"), "--no-browser"]) == BAD_INPUT
     assert "theirs.rrd" in capsys.readouterr().err.replace("\n", "") and len(shown) == 1
 
 

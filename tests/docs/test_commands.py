@@ -8,7 +8,6 @@ import shutil
 import sys
 import webbrowser
 from pathlib import Path
-from typing import get_args
 
 import pytest
 import tyro
@@ -17,7 +16,7 @@ from docs_pages import PAGES, ROOT, blocks, indented_commands, inline_commands, 
 from docs_world import SMALL, write_world
 
 from simaps_viz import load_map
-from simaps_viz.cli import main
+from simaps_viz.cli import COMMANDS, main
 from simaps_viz.datasets.manifest import FORMAT
 from simaps_viz.scenes import demo
 
@@ -36,7 +35,6 @@ SHORTER = (
 OTHER_PROGRAMS = ("make", "pip", "git", "python", "jupyter", "source")
 """May stand in a block of commands; make's targets are looked up."""
 
-SUBCOMMANDS = {re.sub(r"(?<!^)(?=[A-Z])", "-", kind.__name__).lower() for kind in get_args(main.Command)}
 WITH_A_PAGE = ("demo", "view", "judge")
 
 SERVER = "http://127.0.0.1:11434/v1"
@@ -76,8 +74,7 @@ def not_run(line):
 
 
 def parse(line):
-    commands = tyro.conf.OmitSubcommandPrefixes[main.Command]
-    return tyro.cli(commands, prog="simaps", args=line.words[1:])
+    return main.parse(line.words[1:])
 
 
 @pytest.mark.parametrize("page", [page for page in PAGES if shell_lines(page)])
@@ -104,7 +101,7 @@ def test_commands_in_the_text_are_understood(page, capsys):
         if line.words[0] == "python":
             continue  # below
         if len(line.words) == 2:  # the name of a command
-            assert line.words[1] in {*SUBCOMMANDS, "--help", "--version"}, line
+            assert line.words[1] in {*COMMANDS, "--help", "--version"}, line
             continue
         try:
             parse(line)
@@ -153,7 +150,7 @@ def test_links_lead_somewhere(page):
 
 def test_every_subcommand_is_in_the_table():
     table = set(re.findall(r"^\| `simaps ([a-z-]+)", (ROOT / "docs" / "COMMANDS.md").read_text(), re.M))
-    assert table == SUBCOMMANDS
+    assert table == set(COMMANDS)
 
 
 def test_the_figures_of_the_method_can_be_drawn(world):

@@ -112,7 +112,7 @@ def test_what_cannot_be_saved_was_not_done(toy_file, tmp_path, monkeypatch, caps
     def refuse(simap, path):
         raise InputError(f"{path}: could not write the map: No space left on device")
 
-    monkeypatch.setattr("simaps_viz.cli.mend.save_map", refuse)
+    monkeypatch.setattr("simaps_viz.mapping.file.save_map", refuse)
     status, _, err = spoken(capsys, "mend", toy_file, "merge 3 4", "-o", tmp_path / "mended.npz")
     assert status == 2 and "No space left" in err
     assert not edits_path(toy_file).exists()

@@ -356,7 +356,7 @@ def test_the_command_says_the_same_and_writes_the_same_file(sequence, address, t
 def test_ctrl_c_ends_all_processes_and_the_build_goes_on(sequence, tmp_path):
     output, whole = tmp_path / "m.npz", tmp_path / "whole.npz"
     held = f"OpensHeld(str(s.path), {FRAMES - 1}, {str(tmp_path / 'never')!r})"  # the build cannot end by itself
-    slow = f"from simaps_viz.cli import build as b; b.reopening = lambda s, masks: {held};"
+    slow = f"from simaps_viz.build import workers as b; b.reopening = lambda s, masks: {held};"
     run = "from simaps_viz.cli.main import main; sys.exit(main())"
     code = f"import sys; from held_sequences import OpensHeld; {slow} {run}"
     build = ["build", str(sequence), "-o", str(output)]

@@ -1,0 +1,43 @@
+"""`simaps check`: faults of a sequence, and what puts them right."""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import tyro
+
+from simaps_viz.cli import NO, OK
+
+
+@dataclass(frozen=True)
+class Check:
+    """Return whether a sequence is usable and, if not, what is wrong with it and what would put it right.
+
+    Neighbouring frames have to see the same surfaces in the same places: tried are inverted poses, other axes, depth
+    units, a wrong camera matrix, shifted and dropped frames, up and the floor. Exit status 1 means faults were found.
+
+    Example: simaps check ../scans/breakroom --fix --picture evidence.png
+    """
+
+    sequence: tyro.conf.Positional[Path]
+    """Folder in the posed-frames/1 format, or its manifest (.json)."""
+    fix: bool = False
+    """Write the corrected manifest beside the old one, which stays: sequence-fixed.json, with its own poses and
+    intrinsics where these change."""
+    picture: Path | None = None
+    """Draw the evidence (.png): how well each explanation fits, and two frames laid over one another."""
+    json: bool = False
+    """Print what was found as one JSON line."""
+
+    def run(self) -> int:
+        """Print the findings; the answer is no when faults were found."""
+        from simaps_viz.checking.run import check
+        from simaps_viz.console.progress import stage_progress
+        from simaps_viz.console.terminal import emit, say
+
+        with stage_progress(quiet=self.json) as progress:
+            ok, text, record = check(self.sequence, fix=self.fix, picture=self.picture, progress=progress)
+        if self.json:
+            emit(record)
+        else:
+            say(text + "\n")
+        return OK if ok else NO

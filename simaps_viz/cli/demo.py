@@ -1,0 +1,49 @@
+"""`simaps demo`: the embedded café, rendered, mapped and shown."""
+
+from dataclasses import asdict, dataclass, field
+from typing import Annotated, Literal
+
+import tyro
+
+from simaps_viz.cli import OK
+from simaps_viz.cli.options import Mapping, Serving
+
+Level = Literal["none", "light", "medium", "heavy"]
+"""How strong the simulated errors of the segmentation network are."""
+
+
+@dataclass(frozen=True)
+class Demo:
+    """Make the embedded café (rendered, with simulated network errors), map it, and open the workbench.
+
+    Example: simaps demo --errors medium --port 9000
+    """
+
+    mapping: Annotated[Mapping, tyro.conf.arg(name="")] = field(default_factory=Mapping)
+    errors: Level = "light"
+    """Simulated errors of the segmentation network."""
+    serving: Annotated[Serving, tyro.conf.arg(name="")] = field(default_factory=Serving)
+    serve: bool = True
+    """Serve the page; with --no-serve only prepare everything."""
+    llm: str | None = None
+    """A language model for the page's commands: MODEL[@ADDRESS], see simaps query."""
+
+    def run(self) -> int:
+        """Render the café, build its map with its recording, and serve the page."""
+        from simaps_viz.app import workbench
+        from simaps_viz.build.cache import cache_folder
+        from simaps_viz.console.progress import stage_progress
+        from simaps_viz.console.terminal import console
+        from simaps_viz.datasets.posed_frames import open_sequence
+        from simaps_viz.mapping.mending import open_mending
+        from simaps_viz.scenes.demo import ensure_demo
+
+        with stage_progress() as progress:
+            manifest = ensure_demo(level=self.errors, cache_dir=cache_folder(), progress=progress)
+            sequence = open_sequence(manifest)
+            simap, recording = workbench.cached_build(sequence, self.mapping.method, self.mapping.config(), progress)
+        console.print(f"On the map: {workbench.counts_in_words(simap.counts())}", markup=False)
+        if self.serve:
+            mending = open_mending(recording.with_suffix(".npz"), simap)
+            workbench.serve(simap, recording=recording, llm=self.llm, mending=mending, **asdict(self.serving))
+        return OK
