@@ -1,9 +1,11 @@
-"""Why the map takes an object for one object, and two for two: all of it read off what the map itself carries.
+"""Why the map takes an object for one object, and two objects for two: explained from what the map itself holds.
 
-Two kinds of witnesses are counted. *Sightings* are what the map was made of: with method evidence a sighting is one
-frame that saw one pair of cells, in the same segment or in two different ones; with method paper it is a pair of
+Two kinds of evidence are counted. *Sightings* are what the map was made of: with method evidence, a sighting is one
+frame that saw one pair of cells, in the same segment or in two different ones; with method paper, it is a pair of
 neighbouring pixels of one segment. *Frames* are easier to look at: a frame counts as having seen two parts as one when
 the same segment named both ends of more than half of the pairs of their cells that it saw.
+
+`explain` and `between` collect the evidence; the functions at the end put it into words.
 """
 
 from collections.abc import Iterator
@@ -19,6 +21,9 @@ from simaps_viz.mapping.pooling import PoolSettings
 from simaps_viz.mapping.simap import JOINING, joining_threshold
 from simaps_viz.structures import CellGraph, Instance, SIMap
 
+NEIGHBOUR_M = 1.0
+"""Objects of one class no farther apart than this are neighbours, whether or not any frame saw both."""
+
 
 @dataclass(frozen=True)
 class PairFrame:
@@ -27,17 +32,17 @@ class PairFrame:
     frame: int
     """Index into ``SIMap.frame_names``."""
     first: tuple[int, ...]
-    """Segments, ids in that frame's segmentation, that named cells of the first part. Where the frame saw two, those
-    that named more of the first part than of the second."""
+    """Ids, in that frame's segmentation, of the segments that named cells of the first part. Where the frame saw two
+    objects, only those that named more of the first part than of the second."""
     second: tuple[int, ...]
-    """The same of the second part."""
+    """The same for the second part."""
     cells: int
-    """How many cells of the part of which it saw fewer."""
+    """Number of cells it saw of the part of which it saw fewer."""
 
 
 @dataclass(frozen=True)
 class Together:
-    """The frames that saw two parts at once; those that saw most of both come first (ties: the earlier frame)."""
+    """The frames that saw two parts at once, those that saw most of both first (ties: the earlier frame first)."""
 
     as_one: tuple[PairFrame, ...]
     as_two: tuple[PairFrame, ...]
@@ -55,79 +60,9 @@ class SourceFrame:
     segments: tuple[int, ...]
     """Ids in that frame's segmentation."""
     cells: int
-    """How many of its cells."""
+    """Number of the instance's cells that it named."""
     as_one: bool
-    """One segment named both ends of more than half of the pairs of cells it saw."""
-
-
-def seen_together(simap: SIMap, first: NDArray, second: NDArray) -> Together:
-    """Sort the frames that saw two groups of communities at once into those that saw one object and those that saw two.
-
-    A frame's pairs of cells, one in each group, are seen as one where the same segment names both.
-
-    Args:
-        simap: the map.
-        first: int [n], ids of the communities of one group.
-        second: int [m], of the other, which shares none with it.
-    """
-    views = simap.views
-    size = max(int(simap.community.max(initial=0)), int(views.community.max(initial=0))) + 1
-    group = np.zeros(size, dtype=np.int8)
-    group[first], group[second] = 1, 2
-    of_view = group[views.community]
-    kept = np.flatnonzero(of_view)
-    kept = kept[_in_both(views.frame[kept], of_view[kept])]
-    key = views.frame[kept].astype(np.int64) << 32 | views.segment[kept]
-    names, at = np.unique(key, return_inverse=True)
-    cells = [np.bincount(at, views.cells[kept] * (of_view[kept] == g), minlength=len(names)) for g in (1, 2)]
-    frame, segment = names >> 32, names & 0xFFFFFFFF
-    as_one: list[PairFrame] = []
-    as_two: list[PairFrame] = []
-    for f in np.unique(frame):
-        here = slice(*np.searchsorted(frame, [f, f + 1]))
-        a, b, ids = cells[0][here], cells[1][here], segment[here]
-        one = 2.0 * (a @ b) > a.sum() * b.sum()
-        first, second = a > 0, b > 0
-        if not one:  # a few stray cells of the other part do not make a segment name both
-            nearer = a / a.sum() - b / b.sum()
-            first, second = (nearer > 0, nearer < 0) if nearer.any() else (first, second)
-        seen = PairFrame(int(f), _ids(ids[first]), _ids(ids[second]), int(min(a.sum(), b.sum())))
-        (as_one if one else as_two).append(seen)
-    return Together(*(tuple(sorted(side, key=lambda one: (-one.cells, one.frame))) for side in (as_one, as_two)))
-
-
-def _in_both(frame: NDArray, group: NDArray) -> NDArray:
-    """Return which entries belong to a frame that has entries of group 1 and of group 2."""
-    if len(frame) == 0:
-        return np.zeros(0, dtype=bool)
-    seen = [np.bincount(frame[group == g], minlength=int(frame.max()) + 1) > 0 for g in (1, 2)]
-    return (seen[0] & seen[1])[frame]
-
-
-def source_frames(simap: SIMap, community: NDArray) -> tuple[SourceFrame, ...]:
-    """Return the frames whose segments named cells of some communities, int [n]; those that named most come first."""
-    views = simap.views
-    mine = np.isin(views.community, community)
-    frames, segments, cells = views.frame[mine], views.segment[mine], views.cells[mine]
-    if not mine.any():
-        return ()
-    pairs, at = np.unique(frames.astype(np.int64) << 32 | segments, return_inverse=True)
-    named = np.bincount(at, cells)
-    names, starts = np.unique(pairs >> 32, return_index=True)
-    totals, squares = np.add.reduceat(named, starts), np.add.reduceat(named**2, starts)
-    ids = np.split(pairs & 0xFFFFFFFF, starts[1:])
-    return tuple(
-        SourceFrame(int(names[i]), _ids(ids[i]), int(totals[i]), bool(2.0 * squares[i] > totals[i] ** 2))
-        for i in np.lexsort((names, -totals))
-    )
-
-
-def _ids(values: NDArray) -> tuple[int, ...]:
-    return tuple(int(value) for value in values)
-
-
-NEIGHBOUR_M = 1.0
-"""Objects of one class no farther apart than this are neighbours, whether or not anything was seen of both."""
+    """Whether one segment named both ends of more than half of the pairs of cells it saw."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -137,7 +72,7 @@ class Joint:
     step: int
     """Position in ``SIMap.merges``."""
     score: float
-    """As in the log: share of the source's cells that neighbour the target (paper), pooled affinity (evidence)."""
+    """From the log: share of the source's cells that neighbour the target (paper), pooled affinity (evidence)."""
     source: NDArray
     """int32 [n], communities of the part that joined, ascending."""
     target: NDArray
@@ -145,29 +80,29 @@ class Joint:
     source_cells: int
     target_cells: int
     same: int
-    """Sightings of pairs of cells, one in each part, as one."""
+    """Sightings of a pair of cells, one in each part, as one object."""
     different: int
-    """As two; always 0 with method paper."""
+    """Sightings as two objects; always 0 with method paper."""
 
 
 @dataclass(frozen=True)
 class Link:
-    """What there is between two instances of one class."""
+    """The evidence on two instances of one class."""
 
     other: Instance
     same: int
-    """Sightings of pairs of cells, one in each instance, as one."""
+    """Sightings of a pair of cells, one in each instance, as one object."""
     different: int
-    """As two; always 0 with method paper."""
+    """Sightings as two objects; always 0 with method paper."""
     score: float
-    """What the method would have joined them by: pooled affinity (evidence), the larger of the two shares of cells that
-    neighbour the other (paper), NaN for methods without a merge log."""
+    """The score that decides whether the method joins them: pooled affinity (evidence), the larger of the two shares of
+    cells that neighbour the other instance (paper), NaN for methods without a merge log."""
     distance_m: float
-    """Between the nearest edges of their cells, 0 when they touch."""
+    """Distance between the nearest edges of their cells, 0 when they touch."""
     touching: bool
-    """Some of their cells are 8-neighbours."""
+    """Whether some of their cells are 8-neighbours."""
     ends_m: tuple[tuple[float, float], tuple[float, float]]
-    """Centres of the two nearest cells, that of the explained instance first. Map frame."""
+    """Centres of the two nearest cells, that of the explained instance first, map frame."""
     together: Together
     """The frames that saw both."""
 
@@ -185,11 +120,11 @@ class Why:
     community: NDArray
     """int32 [n], finest community of each cell."""
     sureness: NDArray
-    """float32 [n], how sure the map is that the cell belongs, NaN = nothing speaks for or against it. Evidence:
-    same / (same + different) over all pairs it forms with cells of the instance, 0 to 1. Paper: mean weight of its
-    edges to cells of the instance."""
+    """float32 [n], how sure the map is that each cell belongs to the instance, NaN = no evidence. Method evidence:
+    same / (same + different) over all pairs of the cell with cells of the instance, 0 to 1. Method paper: mean weight
+    of its edges to cells of the instance."""
     joints: tuple[Joint, ...]
-    """The steps of the merge log that made it, in order."""
+    """The steps of the merge log that made the instance, in order."""
     weakest: Joint | None
     """The joint of the lowest score (ties: the last); None when it is a single community."""
     together: Together
@@ -197,10 +132,10 @@ class Why:
     neighbours: tuple[Link, ...]
     """Strongest link first, then nearest."""
     frames: tuple[SourceFrame, ...]
-    """All frames that named it; those that named most of its cells first."""
+    """All frames that named it, those that named most of its cells first."""
 
     def cells_of(self, communities: NDArray) -> NDArray:
-        """Return the instance's cells that lie in some communities, int64 [m], flat, ascending."""
+        """Return the instance's cells in some communities, int64 [m], flat, ascending."""
         return self.cells[np.isin(self.community, communities)]
 
 
@@ -258,13 +193,24 @@ def between(simap: SIMap, first_id: int, second_id: int) -> Between:
     first, second = simap.by_id(first_id), simap.by_id(second_id)
     threshold = joining_threshold(simap.method, simap.parameters)
     if first.label != second.label:
-        return Between(first, second, simap.method, threshold, None, frames_that(simap, first_id, second_id))
+        return Between(first, second, simap.method, threshold, None, frames_of_both(simap, first_id, second_id))
     cells = np.flatnonzero(simap.instance.reshape(-1) == first_id).astype(np.int64)
     (link,) = _links(simap, cells, _graph_of(simap, cells), (second,))
     return Between(first, second, simap.method, threshold, link, link.together)
 
 
-def frames_that(simap: SIMap, first_id: int, second_id: int) -> Together:
+def recorded_step(joint: Joint, applied: NDArray) -> int:
+    """Return the time of a joint on timeline "merge" of a recorded build.
+
+    Args:
+        joint: a step of the recorded build's merge log.
+        applied: bool [steps], which steps the recorded build applied: these come first on the timeline.
+    """
+    before = int(applied[: joint.step].sum())
+    return 1 + (before if applied[joint.step] else int(applied.sum()) + joint.step - before)
+
+
+def frames_of_both(simap: SIMap, first_id: int, second_id: int) -> Together:
     """Return the frames that saw two instances at once, as one object or as two.
 
     Raises:
@@ -274,19 +220,78 @@ def frames_that(simap: SIMap, first_id: int, second_id: int) -> Together:
     return seen_together(simap, parts[0], parts[1])
 
 
-def recorded_step(joint: Joint, applied: NDArray) -> int:
-    """Return the time of a joint on timeline "merge" of a recorded build.
+def seen_together(simap: SIMap, first: NDArray, second: NDArray) -> Together:
+    """Return the frames that saw two groups of communities at once: those that saw one object, those that saw two.
+
+    A frame sees a pair of cells, one in each group, as one where the same segment names both.
 
     Args:
-        joint: a step of the recorded build's merge log.
-        applied: bool [steps], those that the recorded build took: they come first on the timeline.
+        simap: the map.
+        first: int [n], ids of the communities of one group.
+        second: int [m], ids of the communities of the other group, none of which is in the first.
     """
-    before = int(applied[: joint.step].sum())
-    return 1 + (before if applied[joint.step] else int(applied.sum()) + joint.step - before)
+    views = simap.views
+    size = max(int(simap.community.max(initial=0)), int(views.community.max(initial=0))) + 1
+    group = np.zeros(size, dtype=np.int8)
+    group[first], group[second] = 1, 2
+    # the views of both groups, in frames that saw both
+    of_view = group[views.community]
+    kept = np.flatnonzero(of_view)
+    kept = kept[_in_both(views.frame[kept], of_view[kept])]
+    # how many cells of each group each segment of each frame named
+    key = views.frame[kept].astype(np.int64) << 32 | views.segment[kept]
+    names, at = np.unique(key, return_inverse=True)
+    cells = [np.bincount(at, views.cells[kept] * (of_view[kept] == g), minlength=len(names)) for g in (1, 2)]
+    frame, segment = names >> 32, names & 0xFFFFFFFF
+    as_one: list[PairFrame] = []
+    as_two: list[PairFrame] = []
+    for f in np.unique(frame):
+        here = slice(*np.searchsorted(frame, [f, f + 1]))
+        a, b, ids = cells[0][here], cells[1][here], segment[here]
+        # a segment of a cells of one group and b of the other names a * b of the pairs as one
+        one = 2.0 * (a @ b) > a.sum() * b.sum()
+        first, second = a > 0, b > 0
+        if not one:  # a few stray cells of the other part do not make a segment name both
+            nearer = a / a.sum() - b / b.sum()
+            first, second = (nearer > 0, nearer < 0) if nearer.any() else (first, second)
+        seen = PairFrame(int(f), _int_tuple(ids[first]), _int_tuple(ids[second]), int(min(a.sum(), b.sum())))
+        (as_one if one else as_two).append(seen)
+    return Together(*(tuple(sorted(side, key=lambda one: (-one.cells, one.frame))) for side in (as_one, as_two)))
+
+
+def _in_both(frame: NDArray, group: NDArray) -> NDArray:
+    """Return whether each entry belongs to a frame that has entries of group 1 and of group 2."""
+    if len(frame) == 0:
+        return np.zeros(0, dtype=bool)
+    seen = [np.bincount(frame[group == g], minlength=int(frame.max()) + 1) > 0 for g in (1, 2)]
+    return (seen[0] & seen[1])[frame]
+
+
+def source_frames(simap: SIMap, community: NDArray) -> tuple[SourceFrame, ...]:
+    """Return the frames whose segments named cells of some communities, int [n], those that named most first."""
+    views = simap.views
+    mine = np.isin(views.community, community)
+    frames, segments, cells = views.frame[mine], views.segment[mine], views.cells[mine]
+    if not mine.any():
+        return ()
+    # cells named by each segment of each frame, then per frame: their sum, and the sum of their squares
+    pairs, at = np.unique(frames.astype(np.int64) << 32 | segments, return_inverse=True)
+    named = np.bincount(at, cells)
+    names, starts = np.unique(pairs >> 32, return_index=True)
+    totals, squares = np.add.reduceat(named, starts), np.add.reduceat(named**2, starts)
+    ids = np.split(pairs & 0xFFFFFFFF, starts[1:])
+    return tuple(
+        SourceFrame(int(names[i]), _int_tuple(ids[i]), int(totals[i]), bool(2.0 * squares[i] > totals[i] ** 2))
+        for i in np.lexsort((names, -totals))
+    )
+
+
+def _int_tuple(values: NDArray) -> tuple[int, ...]:
+    return tuple(int(value) for value in values)
 
 
 def _graph_of(simap: SIMap, cells: NDArray) -> CellGraph | None:
-    """Find the graph that holds the cells; whole instances lie in one."""
+    """Return the graph that holds the cells of an instance, which are all in one; None where there is none."""
     label = simap.grid.label.reshape(-1)[cells[0]]
     for graph in simap.graphs:
         if graph.label != label:
@@ -298,6 +303,7 @@ def _graph_of(simap: SIMap, cells: NDArray) -> CellGraph | None:
 
 
 def _sureness(simap: SIMap, cells: NDArray, graph: CellGraph | None) -> NDArray:
+    """Return how sure the map is that each cell belongs to the instance, see `Why.sureness`."""
     if graph is None:
         return np.full(len(cells), np.nan, np.float32)
     mine = np.isin(graph.cells, cells)
@@ -315,13 +321,14 @@ def _sureness(simap: SIMap, cells: NDArray, graph: CellGraph | None) -> NDArray:
 
 
 def _joints(simap: SIMap, cells: NDArray, community: NDArray, graph: CellGraph | None) -> tuple[Joint, ...]:
-    """Follow the applied steps inside the instance; the evidence of a step is that of the pairs it brought together."""
+    """Return the applied steps inside the instance; the evidence of a step is that of the pairs it brought together."""
     log = simap.merges
     names, sizes = np.unique(community, return_counts=True)
     applied = applied_steps(log, joining_threshold(simap.method, simap.parameters))
     steps = np.flatnonzero(applied & np.isin(log.source, names) & np.isin(log.target, names))
     if len(steps) == 0:
         return ()
+    # replay the steps: which communities each part has, and by which step each pair of communities was joined
     members = {name: np.array([i]) for i, name in enumerate(names.tolist())}
     joined_by = np.full((len(names), len(names)), len(steps), dtype=np.int32)
     cells_in = dict(zip(names.tolist(), sizes.tolist(), strict=True))
@@ -352,7 +359,7 @@ def _joints(simap: SIMap, cells: NDArray, community: NDArray, graph: CellGraph |
 def _sightings_of_steps(
     cells: NDArray, part: NDArray, joined_by: NDArray, steps: int, graph: CellGraph | None
 ) -> tuple[NDArray, NDArray]:
-    """Sum up, for each step, what was seen of the pairs of cells it brought together."""
+    """Return, for each step, the sightings as one and as two of the pairs of cells it brought together."""
     if graph is None:
         return np.zeros(steps), np.zeros(steps)
     part_of = np.full(len(graph.cells), -1)
@@ -379,7 +386,7 @@ def _links(
     *,
     near_m: float = float("inf"),
 ) -> tuple[Link, ...]:
-    """Measure what there is between an instance's cells and others of its class that are near or have evidence."""
+    """Return the links from an instance's cells to other instances of its class that are near, or were seen with it."""
     flat, communities = simap.instance.reshape(-1), simap.community.reshape(-1)
     size = int(flat.max(initial=0)) + 1
     mine = np.unique(communities[cells])
@@ -410,7 +417,7 @@ def _links(
 def _nearest(
     simap: SIMap, cells: NDArray, others: tuple[Instance, ...]
 ) -> Iterator[tuple[Instance, NDArray, NDArray, NDArray]]:
-    """Each other instance, its cells, and the (row, col) of the two nearest cells, the first one of ``cells``."""
+    """Yield each other instance, its cells, and (row, col) of the two nearest cells, that of ``cells`` first."""
     flat = simap.instance.reshape(-1)
     wanted = np.zeros(int(flat.max(initial=0)) + 1, dtype=bool)
     wanted[[other.id for other in others]] = True
@@ -419,6 +426,7 @@ def _nearest(
         return
     here, there = (np.column_stack(np.divmod(side, simap.spec.cols)) for side in (cells, theirs))
     apart, nearest = (np.asarray(answer) for answer in KDTree(here).query(there))
+    # cells by owner, the nearest of each owner first
     order = np.lexsort((apart, flat[theirs]))
     owners = flat[theirs][order]
     for other in others:
@@ -430,23 +438,26 @@ def _nearest(
 def _between_instances(
     flat: NDArray, cells: NDArray, graph: CellGraph | None, size: int
 ) -> tuple[NDArray, NDArray, NDArray]:
-    """Sum up what was seen of the pairs between some cells and every instance.
+    """Return the evidence on some cells and every instance.
 
     Returns:
-        float64 [size] each: sightings as one, as two, and the larger of the shares of cells that have an edge to a cell
-        of the other side.
+        Three arrays, float64 [size]: sightings as one, sightings as two, and the larger of the two shares of cells that
+        have an edge to the other side.
     """
     if graph is None:
         return np.zeros(size), np.zeros(size), np.zeros(size)
+    # edges with one end among the cells, turned so that this end comes first
     mine = np.isin(graph.cells, cells)
     crossing = mine[graph.edges[:, 0]] != mine[graph.edges[:, 1]]
     at, away = graph.edges[crossing].T
     swapped = mine[away]
     at, away = np.where(swapped, away, at), np.where(swapped, at, away)
+    # evidence by the instance of the other end
     owner = flat[graph.cells]
     other = owner[away]
     same = np.bincount(other, graph.counts[crossing], minlength=size)
     different = np.bincount(other, graph.different[crossing], minlength=size)
+    # cells of either side that have an edge to the other, each cell counted once
     reached = np.bincount(np.unique(at.astype(np.int64) * size + other) % size, minlength=size)
     reaching = np.bincount(owner[np.unique(away)], minlength=size)
     sizes = np.maximum(np.bincount(flat, minlength=size), 1)
@@ -454,7 +465,7 @@ def _between_instances(
 
 
 def _score(simap: SIMap, same: int, different: int, *, touching: bool, share: float) -> float:
-    """Return what the method would have joined two instances by; see `pool` for the affinity."""
+    """Return the score that decides whether the method joins two instances; see `pool` for the affinity."""
     if simap.method not in JOINING:
         return float("nan")
     if simap.method == "paper":
@@ -466,21 +477,21 @@ def _score(simap: SIMap, same: int, different: int, *, touching: bool, share: fl
 
 
 def score_text(method: str, score: float) -> str:
-    """Say a score of the merge log as its method means it: "19.6 %" of cells (paper), "0.87" of evidence."""
+    """Return a score of the merge log as its method reads it: "19.6 %" of cells (paper), "0.87" (evidence)."""
     return f"{100.0 * score:.1f} %" if method == "paper" else f"{score:.2f}"
 
 
 def needed_text(method: str, threshold: float) -> str:
-    """Describe what a score must exceed: "K = 5 %", "0.60"."""
+    """Return the threshold that a score must exceed: "K = 5 %", "0.60"."""
     return f"K = {100.0 * threshold:g} %" if method == "paper" else f"{threshold:.2f}"
 
 
 def summary(why: Why, *, by_hand: bool = False) -> str:
-    """Say in two sentences why an instance is one object.
+    """Explain in two sentences why an instance is one object.
 
     Args:
-        why: what the map knows.
-        by_hand: people made the instance what it is; what the map would have joined does not count then.
+        why: the evidence.
+        by_hand: whether people edited the instance; the map's own reason to join its parts does not count then.
     """
     if by_hand:
         return f"One object because people made it so by hand, see below. {_seen_as_one(why)}"
@@ -488,14 +499,14 @@ def summary(why: Why, *, by_hand: bool = False) -> str:
 
 
 def joint_words(why: Why, joint: Joint) -> str:
-    """Say on what evidence a step of the merge log joined its parts."""
+    """Describe the evidence on which a step of the merge log joined its parts."""
     if why.method == "paper":
         return f"{score_text('paper', joint.score)} of the part that joined neighbours the other"
     return f"{_sightings(joint.same, joint.different)} → {score_text(why.method, joint.score)}"
 
 
 def together_words(together: Together) -> str:
-    """Describe how many frames saw two parts at once, and as what."""
+    """Describe how many frames saw two parts at once, and as one object or two."""
     one, two = len(together.as_one), len(together.as_two)
     if one + two == 0:
         return "no frame saw both"
@@ -528,9 +539,9 @@ def between_words(found: Between, first: str, second: str) -> str:
     """Describe what keeps two instances apart, in sentences.
 
     Args:
-        found: what was found.
-        first: name of the first, such as "chair 2 of 5".
-        second: name of the second.
+        found: the evidence.
+        first: name of the first instance, such as "chair 2 of 5".
+        second: name of the second instance.
     """
     link = found.link
     if link is None:

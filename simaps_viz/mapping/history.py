@@ -1,4 +1,4 @@
-"""The history of a map: what it was after each frame of its build, from the log the build has kept."""
+"""The history of a map: the map as it was after each frame of its build, made again from the steps the build kept."""
 
 import struct
 import threading
@@ -27,31 +27,37 @@ from simaps_viz.mapping.votes import vote_labels
 from simaps_viz.structures import Grid, SIMap, Views
 
 HELD_BYTES = 128 << 20
-"""Memory for the steps that are held; those of ordinary builds all fit into it."""
-_ALWAYS_CELLS = 1 << 24  # 205 m x 205 m with cells of 0.05 m
-_CELLS_A_READING = 1000  # a larger map is one that was looked at
+"""Memory for steps; those of ordinary builds all fit into it, others are read from the file when they are needed."""
+KEPT_BYTES = 64 << 20
+"""Memory for states of the grid to replay from; the readings of all frames come on top."""
+MAPS_KEPT = 4
+"""Number of complete maps that are kept once made."""
+_ALWAYS_CELLS = 1 << 24
+"""A grid of so many cells is always accepted: 205 m x 205 m with cells of 0.05 m."""
+_CELLS_A_READING = 1000
+"""A larger grid is accepted up to so many cells for each reading; a damaged file may claim any size."""
 
 
 class KeptSteps(Sequence[FrameStep]):
-    """The steps of one build, one a frame, in order. Several threads may read them."""
+    """The steps of one build, one for each frame, in order. Several threads may share them."""
 
     def __init__(self, path: Path) -> None:
-        """Look through a history's file.
+        """Read and check all steps of a history's file.
 
         Raises:
             InputError: it is missing or something else.
-            ValueError, KeyError, TypeError, struct.error: these are not the steps of one build of at least one frame,
-                in order, of a map not too large.
+            ValueError, KeyError, TypeError, struct.error: it does not hold the steps of one build of at least one
+                frame, in order, or its map would be too large.
         """
         self._reader = StepReader(path)
         self.facts: dict[str, Any] = self._reader.facts
         """What was built."""
         self.names: list[str] = []
-        """Of the frames."""
+        """Names of the frames."""
         self.readings = array("q")
-        """How many each frame has."""
+        """Number of readings of each frame."""
         self._poses, self._held = array("d"), list[FrameStep]()
-        self._look_through()
+        self._check_steps()
 
     def __len__(self) -> int:
         return len(self.names)
@@ -68,16 +74,16 @@ class KeptSteps(Sequence[FrameStep]):
 
     @property
     def poses(self) -> NDArray:
-        """float64 [n, 4, 4], T_map_camera. A copy."""
+        """float64 [n, 4, 4], T_map_camera; a copy."""
         return np.array(self._poses, dtype=np.float64).reshape(-1, 4, 4)
 
     @property
     def all_held(self) -> bool:
-        """Nothing is read from the file any more."""
+        """Whether all steps are in memory."""
         return len(self._held) == len(self)
 
-    def _look_through(self) -> None:
-        """Check every step, which bounds the memory that a damaged or hostile file can make a reader ask for."""
+    def _check_steps(self) -> None:
+        """Check every step: this bounds the memory that a damaged or hostile file can take."""
         size, held = 0, True
         extent = np.array([[1 << 62, -(1 << 62)]] * 2, dtype=np.int64)  # lowest and highest row, and column
         for number in range(len(self._reader)):
@@ -110,7 +116,7 @@ class KeptSteps(Sequence[FrameStep]):
 
 
 class KeptFrames(FrameList):
-    """The first frames of a history, which has them: nothing is held here."""
+    """The first frames of a history, which holds what they saw itself."""
 
     def __init__(self, steps: KeptSteps) -> None:
         """Start empty."""
@@ -128,11 +134,11 @@ class KeptFrames(FrameList):
 
     @property
     def all_held(self) -> bool:
-        """Nothing lies on disk."""
+        """Whether all frames are in memory."""
         return self._steps.all_held
 
     def copy(self) -> "KeptFrames":
-        """Return one that goes its own way from here."""
+        """Return an independent copy."""
         twin = KeptFrames(self._steps)
         for name in ("indices", "_poses", "_offset", "_length", "_file"):
             setattr(twin, name, getattr(self, name)[:])
@@ -140,7 +146,7 @@ class KeptFrames(FrameList):
         return twin
 
     def _hold(self, frame: FrameSeen) -> None:
-        """Its history has it."""
+        """Do nothing: the history holds what a frame saw."""
 
 
 def _bytes_of(step: FrameStep) -> int:
@@ -148,19 +154,13 @@ def _bytes_of(step: FrameStep) -> int:
     return sum(part.nbytes for part in (readings.rows, readings.cols, readings.segments, readings.height_m))
 
 
-KEPT_BYTES = 64 << 20
-"""Memory for the states of the grid that are kept to start from; the readings of all frames come on top."""
-MAPS_KEPT = 4
-"""Whole maps that are kept once made."""
-
-
 class MapHistory:
-    """A finished build that can be looked at after each of its frames. Several threads may ask at once."""
+    """The map after each frame of a finished build. Several threads may share it."""
 
     def __init__(
         self, facts: SequenceFacts, config: BuildConfig, steps: KeptSteps, finished: SIMap | None = None
     ) -> None:
-        """Take the steps of a build; `open` finds them in a file."""
+        """Prepare the history of a build from its steps; `open` reads them from a file."""
         self.facts, self.config = facts, config
         self._steps, self._lock = steps, threading.Lock()
         self._states: list[tuple[int, MapAccumulator]] = [(0, self._empty())]
@@ -171,11 +171,11 @@ class MapHistory:
 
     @classmethod
     def open(cls, path: Path, *, finished: SIMap | None = None) -> "MapHistory":
-        """Open the history kept beside a map.
+        """Open the history of a map.
 
         Args:
             path: the ``.steps`` file.
-            finished: the map of all frames, if it is at hand; otherwise it is made when it is needed.
+            finished: the map of all frames, if it is at hand; otherwise it is made when needed.
 
         Raises:
             InputError: the file is missing, damaged, or something else.
@@ -188,25 +188,25 @@ class MapHistory:
             raise InputError(f"{path}: expected the steps of a build, found other contents ({error!r})") from error
 
     def __len__(self) -> int:
-        """Number of frames."""
+        """Return the number of frames."""
         return len(self._steps)
 
     @property
     def frame_names(self) -> tuple[str, ...]:
-        """In order."""
+        """Names of the frames, in order."""
         return tuple(self._steps.names)
 
     def is_of(self, simap: SIMap) -> bool:
-        """Return whether this is the history of a map: the same frames of the same sequence, seen the same way."""
+        """Return whether this is the history of a map: same frames and poses, method, cell size and segmentation."""
         here = (self.config.method, self.config.projection.cell_size_m, self.facts.segmentation_source)
         there = (simap.method, simap.spec.cell_size_m, simap.provenance.get("segmentation"))
         same = here == there and self.frame_names == simap.frame_names
         return same and np.array_equal(self._steps.poses, simap.T_map_camera)
 
     def map_at(self, frame: int) -> SIMap:
-        """Make the map as it was after a frame, exactly as a build of the frames up to it makes it.
+        """Return the map as it was after a frame, exactly as a build of the frames up to it makes it.
 
-        Costs what finding instances costs: some 0.1 s for a flat. The last few are kept.
+        Takes as long as finding instances does, about 0.1 s for a flat. The last few maps are kept.
 
         Raises:
             InputError: there is no such frame.
@@ -221,10 +221,10 @@ class MapHistory:
             return self._maps[frame]
 
     def look_at(self, frame: int) -> SIMap:
-        """Make what the map looked like after a frame, fast enough to scrub through.
+        """Return what the map looked like after a frame, fast enough for a slider.
 
-        Heights and classes are what they were then; things have the instances of the finished map where they were of
-        its class already, so that colours do not jump. It has no graph, merge log or views: ask `map_at` why.
+        Heights and classes are those of that time; cells that already had their final class have the instances of the
+        finished map, so that colours do not jump. It has no graphs, merge log or views; `map_at` has.
 
         Raises:
             InputError: there is no such frame.
@@ -264,7 +264,7 @@ class MapHistory:
         return self._finished
 
     def _keep_states(self) -> None:
-        """Go through all frames and keep states at even distances, twice as far apart whenever memory runs out."""
+        """Replay all frames and keep states at even distances, twice as far apart whenever memory runs out."""
         state, apart = self._empty(), 1
         for done, step in enumerate(self._steps, 1):
             state.replay(step)
@@ -275,7 +275,7 @@ class MapHistory:
                     self._states = [kept for kept in self._states if kept[0] % apart == 0]
 
     def _state_after(self, frame: int) -> MapAccumulator:
-        """Return the accumulator after a frame; never one of those that are kept, which must not change."""
+        """Return the accumulator after a frame: a copy, as the kept ones must not change."""
         at = bisect_right([done for done, _ in self._states], frame + 1) - 1
         done, kept = self._states[at]
         state = kept.copy()
@@ -284,7 +284,7 @@ class MapHistory:
         return state
 
     def _readings_until(self, frame: int, state: MapAccumulator, grid: Grid) -> AllReadings:
-        """Return the readings of the frames up to one, whose state it is, on the finished grid."""
+        """Return the readings of the frames up to one, whose state is given, on the finished grid."""
         if not self._steps.all_held:
             return StreamedReadings(state.frames, self._origin(grid), grid)
         if self._all is None:
@@ -306,9 +306,9 @@ def _first(readings: Readings, count: int) -> Readings:
     )  # fmt: skip
 
 
-def _on(whole: Grid, state: MapAccumulator) -> Grid:
-    """Return a state of the grid at the size of the whole one."""
-    part, spec = state.snapshot(), whole.spec
+def _on(finished: Grid, state: MapAccumulator) -> Grid:
+    """Return a state of the grid at the size of the finished one."""
+    part, spec = state.snapshot(), finished.spec
     row = round((part.spec.y0_m - spec.y0_m) / spec.cell_size_m)
     col = round((part.spec.x0_m - spec.x0_m) / spec.cell_size_m)
     if not len(state.frames) or state.is_empty:
@@ -319,13 +319,14 @@ def _on(whole: Grid, state: MapAccumulator) -> Grid:
         layer = getattr(part, name)
         layers[name] = np.full(spec.shape, empty, dtype=layer.dtype)
         layers[name][row : row + shape[0], col : col + shape[1]] = layer[: shape[0], : shape[1]]
-    return Grid(spec=spec, labels=whole.labels, is_thing=whole.is_thing, **layers)
+    return Grid(spec=spec, labels=finished.labels, is_thing=finished.is_thing, **layers)
 
 
 def cut_as(look: SIMap, simap: SIMap) -> SIMap:
-    """Return a look back (`MapHistory.look_at`) the instances of another cut of the finished map, mended or not.
+    """Return what the map looked like (`MapHistory.look_at`) with the instances of another map of the same build.
 
-    It shares the cut's communities, so that its objects have the same colours; instances keep the facts they end with.
+    That is the finished map for another threshold, edited or not. The result shares its communities, so that objects
+    have the same colours, and its instances keep the facts of the finished map.
     """
     known = (look.instance > 0) & (simap.instance > 0)
     label = np.where(known, simap.grid.label, look.grid.label)

@@ -1,7 +1,7 @@
-"""How a map's objects came about, step by step: classes, Louvain's levels, then the merge log, one step at a time.
+"""How the objects of a map came about, step by step: classes, the levels of Louvain, then the merge log.
 
-A map keeps its finest communities and its merge log. The levels on the way to the communities are found again from its
-graphs, with the same seed; the last of them are the map's own communities.
+A map keeps its communities and its merge log. The levels before the communities are computed again from its graphs,
+with the same seed; the last level is the map's own communities.
 """
 
 import threading
@@ -17,39 +17,39 @@ from simaps_viz.mapping.row_blocks import look_up
 from simaps_viz.mapping.simap import JOINING, joining_threshold
 from simaps_viz.structures import SIMap
 
-MOST_LEVELS = 12
+MAX_LEVELS = 12
 CLASSES = 0
-"""The first position: nothing is told apart yet."""
+"""The first position: no cells are grouped yet."""
 
 
 class Timeline:
-    """The positions of one map: 0 classes only, then Louvain's levels, then one for each merge. Threads may share it.
+    """The positions of one map: 0 classes only, then the levels of Louvain, then one for each merge.
 
-    The steps that the map takes come first, in the order of its log; those that only a smaller threshold would take
-    follow.
+    The merges that the map applies come first, in the order of its log; those that only a smaller threshold would apply
+    follow. Several threads may share a timeline.
     """
 
     def __init__(self, simap: SIMap, like: "Timeline | None" = None) -> None:
-        """Take the map; levels are found when first asked for.
+        """Prepare the timeline; levels are computed when first asked for.
 
         Args:
             simap: the map.
-            like: that of another cut of the same communities; its levels are this one's.
+            like: a timeline of the map for another threshold; its levels are shared.
         """
         self.simap = simap
         threshold = joining_threshold(simap.method, simap.parameters)
         applied = applied_steps(simap.merges, threshold)
         self._order = np.concatenate([np.flatnonzero(applied), np.flatnonzero(~applied)])
         self.taken = int(applied.sum())
-        """Merges that the map takes."""
+        """Number of merges that the map applies."""
         self._communities = int(simap.community.max(initial=0))
         same = like is not None and like.simap.community is simap.community and like.simap.graphs is simap.graphs
-        self._levels = like._levels if like is not None and same else _Levels()
+        self._shared = like._shared if like is not None and same else _Levels()
 
     @property
     def levels(self) -> int:
-        """Of Louvain: how often it has joined communities; at least 1."""
-        return max(len(self._found_levels()), 1)
+        """Number of levels of Louvain, at least 1."""
+        return max(len(self._levels()), 1)
 
     @property
     def last(self) -> int:
@@ -62,24 +62,24 @@ class Timeline:
         return self.levels + self.taken
 
     def map_at(self, position: int) -> SIMap:
-        """Return the map as it would be at a position, to look at: it has no facts of instances."""
+        """Return the map as it would be at a position, to look at; its instances have no facts."""
         levels = self.levels
         if position == self.finished:
             return self.simap
         if position <= CLASSES:
             return replace(self.simap, instance=np.zeros_like(self.simap.instance), instances=())
         if position < levels:
-            return self._found_levels()[position - 1]
+            return self._levels()[position - 1]
         ids = look_up(self._names(position - levels), self.simap.community)
         return replace(self.simap, instance=ids, instances=())
 
     def words(self, position: int) -> str:
-        """Describe what a position shows."""
+        """Describe what a position shows, for the page."""
         levels, done = self.levels, position - self.levels
         if position <= CLASSES:
             return "Classes only: what stands where is known, not which cells are one object."
         if done < 0:
-            count = _count(self._found_levels()[position - 1].community)
+            count = _count(self._levels()[position - 1].community)
             return f"Louvain, level {position} of {levels}: {count} communities."
         if done == 0:
             return f"Louvain's communities: {_count(self.simap.community)} parts, before any is joined."
@@ -89,7 +89,7 @@ class Timeline:
         return f"Step {done} of {len(self._order)}{taken}: {self._joined(at, done)}.{end}"
 
     def recorded(self, position: int) -> tuple[str, int]:
-        """Return the timeline of a recorded build that shows a position, and the time on it."""
+        """Return the timeline of a recorded build ("louvain" or "merge") that shows a position, and the time on it."""
         return ("louvain", position) if position <= self.levels else ("merge", position - self.levels)
 
     def position_of(self, timeline: str, time: int) -> int:
@@ -98,13 +98,13 @@ class Timeline:
         return min(max(position, CLASSES), self.last)
 
     def done_at(self, position: int) -> NDArray:
-        """Return bool [steps of the merge log]: which of them are done at a position."""
+        """Return bool [steps of the merge log], whether each step is done at a position."""
         done = np.zeros(len(self._order), dtype=bool)
         done[self._order[: max(position - self.levels, 0)]] = True
         return done
 
     def _names(self, merges: int) -> NDArray:
-        """Return int32 [communities + 1]: what each finest community is called after so many merges."""
+        """Return int32 [communities + 1], the instance of each community after so many merges."""
         return instance_of_community(self.simap.merges, self.done_at(self.levels + merges), self._communities)
 
     def _joined(self, at: int, done: int) -> str:
@@ -118,33 +118,29 @@ class Timeline:
             reason = f"{share:.0f} % of the cells of the first neighbour the second"
         return f"{name}, parts {source} and {target} joined: {reason}{frames}"
 
-    def _found_levels(self) -> list[SIMap]:
-        """Return a map for each of Louvain's levels but the last, which is the map's own, and that one too."""
-        return self._levels.of(self.simap)
+    def _levels(self) -> list[SIMap]:
+        """Return a map for each level of Louvain, the last of which is the map's own communities."""
+        with self._shared.lock:
+            if self._shared.maps is None:
+                self._shared.maps = _levels_of(self.simap)
+            return self._shared.maps
 
 
 class _Levels:
-    """Louvain's levels, found once for all cuts of the same communities."""
+    """The levels of Louvain, shared by the timelines of a map for all thresholds."""
 
     def __init__(self) -> None:
-        self._lock = threading.Lock()
-        self._found: list[SIMap] | None = None
-
-    def of(self, simap: SIMap) -> list[SIMap]:
-        """Return them, found anew the first time."""
-        with self._lock:
-            if self._found is None:
-                self._found = _levels_of(simap)
-            return self._found
+        self.lock = threading.Lock()
+        self.maps: list[SIMap] | None = None
 
 
 def _levels_of(simap: SIMap) -> list[SIMap]:
-    """Run Louvain again, one level more each time, until nothing changes; empty where the map has no graphs."""
+    """Run Louvain again, with one level more each time, until nothing changes; none where the map has no graphs."""
     found: list[SIMap] = []
     if not simap.graphs or simap.method not in JOINING or not any(len(graph.edges) for graph in simap.graphs):
         return found
     before = -1
-    for level in range(1, MOST_LEVELS + 1):
+    for level in range(1, MAX_LEVELS + 1):
         community = _level(simap, level)
         count = int(community.max(initial=0))
         if count == before:
@@ -155,7 +151,7 @@ def _levels_of(simap: SIMap) -> list[SIMap]:
 
 
 def _level(simap: SIMap, level: int) -> NDArray:
-    """Return int32 [rows, cols], numbered from 1."""
+    """Return the communities after so many levels, int32 [rows, cols], numbered from 1, 0 = none."""
     resolution, seed = float(simap.parameters.get("resolution", 1.0)), int(simap.parameters.get("seed", 0))
     if simap.method == "evidence":
         parts = find_chunks(simap.graphs, simap.spec, resolution=resolution, seed=seed, levels=level)
@@ -169,4 +165,5 @@ def _level(simap: SIMap, level: int) -> NDArray:
 
 
 def _count(ids: NDArray) -> int:
+    """Return the number of different ids, without 0."""
     return int(np.count_nonzero(np.unique(ids)))

@@ -19,7 +19,7 @@ from simaps_viz.mapping.explain import (
     between,
     between_words,
     explain,
-    frames_that,
+    frames_of_both,
     link_words,
     recorded_step,
     summary,
@@ -248,7 +248,7 @@ def test_frames_see_one_or_two_by_the_majority_of_pairs(random_map):
     for a in largest:
         for b in largest:
             if a.id != b.id:
-                found = frames_that(simap, a.id, b.id)
+                found = frames_of_both(simap, a.id, b.id)
                 one, two = {f.frame for f in found.as_one}, {f.frame for f in found.as_two}
                 assert (one, two) == plain_together(simap, community[a.id], community[b.id])
                 assert all(not set(f.first) & set(f.second) for f in found.as_two if f.first != f.second)
