@@ -1,1 +1,1 @@
-"""Files written whole, arrays read with care, limits."""
+"""Files written completely or not at all, arrays checked before they are read, and limits on what is read."""

@@ -1,4 +1,4 @@
-"""Reads NumPy's .npy and .npz formats: sizes are checked before memory is asked for, pickles are never read."""
+"""Read NumPy's .npy and .npz formats: sizes are checked before memory is allocated, pickles are never read."""
 
 import io
 import lzma
@@ -20,26 +20,26 @@ from simaps_viz.io.limits import MAX_ARRAY_BYTES
 
 Shape = tuple[int, ...]
 Check = Callable[[Shape, np.dtype], None]
-"""Raises InputError for a shape or dtype that is not wanted."""
+"""Raises InputError for a shape or dtype that is not accepted."""
 ARCHIVE_FAULTS = (OSError, EOFError, ValueError, RuntimeError, zipfile.BadZipFile, zlib.error, lzma.LZMAError,
                   struct.error, OverflowError, IndexError, MemoryError)  # fmt: skip
-"""What `zipfile` raises for archives that are damaged, encrypted or packed in ways it does not know."""
+"""What `zipfile` raises for archives that are damaged, encrypted or compressed in a way it does not know."""
 _BLOCK = 1 << 20
-_DENSEST = 1032
-"""Deflate packs no better than so many bytes into one."""
+_MAX_RATIO = 1032
+"""Deflate compresses at most so many bytes into one."""
 
 
 def read_npy(where: object, file: IO[bytes], size: int, check: Check) -> NDArray:
     """Read one array.
 
     Args:
-        where: names it in an error.
-        file: at its start.
-        size: bytes that follow; an array that claims more is refused.
-        check: of its shape and dtype, before anything is read.
+        where: names the array in an error.
+        file: an open file at the start of the array.
+        size: the bytes that follow; an array that claims another size is refused.
+        check: checks shape and dtype before anything is read.
 
     Raises:
-        InputError: it is damaged, cut short, too large or something else. Errors of ``file`` itself come through.
+        InputError: the array is damaged, cut short, too large or something else. Errors of ``file`` itself pass.
     """
     fault = _fault(where)
     shape, fortran, dtype = _read_head(where, file, size, check)
@@ -57,7 +57,7 @@ def _fault(where: object) -> InputError:
 
 
 def _read_head(where: object, file: IO[bytes], size: int, check: Check) -> tuple[Shape, bool, np.dtype]:
-    """Read what an array's file says of it, up to its first number; see `read_npy`."""
+    """Return (shape, whether by columns, dtype) of an array, and leave the file at its first number; see `read_npy`."""
     fault = _fault(where)
     try:
         version = np.lib.format.read_magic(file)
@@ -78,14 +78,14 @@ def _read_head(where: object, file: IO[bytes], size: int, check: Check) -> tuple
 
 
 class PackedArray:
-    """An array that stays packed as it lay in its archive; some rows of it are unpacked when asked for.
+    """An array that stays compressed in memory, as it was in its archive; its rows are unpacked when asked for.
 
-    It no longer needs the file, which may change or go. Rows that follow each other are read in one go. Threads may
+    The archive itself is no longer needed. Reading rows in ascending order unpacks each byte once. Several threads may
     share it.
     """
 
     def __init__(self, where: object, packed: bytes, info: zipfile.ZipInfo, check: Check) -> None:
-        """Read its shape and dtype; raises InputError, or one of `ARCHIVE_FAULTS`, for what is no such array."""
+        """Read shape and dtype; raises InputError, or one of `ARCHIVE_FAULTS`, for anything else than an array."""
         self._where, self._lock = where, threading.Lock()
         self._file = cast(IO[bytes], zipfile.ZipExtFile(io.BytesIO(packed), "r", info))
         self.shape, self.by_columns, self.dtype = _read_head(where, self._file, info.file_size, check)
@@ -113,7 +113,7 @@ class PackedArray:
         return found
 
     def check_end(self) -> None:
-        """Raise InputError unless the archive's checksum is right; all must have been read, part after part."""
+        """Raise InputError unless the archive's checksum is right, once all rows have been read in ascending order."""
         with self._lock:
             try:
                 rest = self._file.read(1)
@@ -124,29 +124,29 @@ class PackedArray:
 
 
 def check_ends(arrays: Iterable["Rows"]) -> None:
-    """Raise InputError unless the checksums of those that are packed are right; see `PackedArray.check_end`."""
+    """Raise InputError unless the checksums of the packed arrays among these are right; see `PackedArray.check_end`."""
     for array in arrays:
         if isinstance(array, PackedArray):
             array.check_end()
 
 
 Rows = NDArray | PackedArray
-"""An array, or one that is packed: some rows of either, ``[first:stop]``, are an array."""
+"""An array or a packed array: of either, ``[first:stop]`` is an array."""
 
 
 def read_npz(
     path: Path, checks: Mapping[str, Check], *, what: str, packed: Collection[str] = ()
 ) -> tuple[dict[str, NDArray], dict[str, PackedArray]]:
-    """Read some arrays of an archive; one that is not in it is left out.
+    """Read some arrays of an archive; those that are not in it are left out.
 
     Args:
-        path: of the archive.
-        checks: of each array's shape and dtype.
+        path: the archive.
+        checks: {name: check of shape and dtype} of the arrays.
         what: names the archive in an error.
-        packed: names of arrays that stay packed where they can; `PackedArray.check_end` is the caller's.
+        packed: names of arrays that stay packed if they are stored by rows; the caller calls `PackedArray.check_end`.
 
     Returns:
-        Those that are unpacked, and those that are not.
+        The unpacked arrays and the packed ones, by name.
 
     Raises:
         InputError: the archive or an array is damaged, too large or something else.
@@ -160,7 +160,7 @@ def read_npz(
                 info = infos.get(f"{name}.npy")
                 if info is None:
                     continue
-                if info.file_size > _DENSEST * info.compress_size + _BLOCK:
+                if info.file_size > _MAX_RATIO * info.compress_size + _BLOCK:
                     raise InputError(f"{path}: {name}: expected an array, found a size that its bytes cannot have")
                 with archive.open(info) as file:
                     if name in packed:
@@ -176,7 +176,7 @@ def read_npz(
 
 
 def write_rows(file: IO[bytes], dtype: np.dtype, count: int, parts: Iterable[NDArray]) -> None:
-    """Write an array with one axis as `numpy.save` does, part by part; ``count`` is its length."""
+    """Write an array with one axis, of ``count`` numbers, as `numpy.save` does, but part by part."""
     head = {"descr": np.lib.format.dtype_to_descr(dtype), "fortran_order": False, "shape": (count,)}
     np.lib.format.write_array_header_1_0(file, head)
     for part in parts:
@@ -184,7 +184,7 @@ def write_rows(file: IO[bytes], dtype: np.dtype, count: int, parts: Iterable[NDA
 
 
 def _packed(whole: IO[bytes], info: zipfile.ZipInfo) -> bytes:
-    """Read an archive's member as it lies there; `zipfile` has checked its head."""
+    """Return the compressed bytes of an archive's member, whose local header `zipfile` has checked."""
     if (
         info.file_size > MAX_ARRAY_BYTES + _BLOCK
         or info.compress_size > info.file_size + info.file_size // 100 + _BLOCK

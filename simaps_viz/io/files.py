@@ -1,4 +1,4 @@
-"""Writing files whole or not at all."""
+"""Write files completely or not at all: each grows under a temporary name beside the path it will take."""
 
 import glob
 import os
@@ -14,13 +14,13 @@ from simaps_viz.errors import InputError
 
 
 def check_ending(path: Path, suffix: str, what: str) -> None:
-    """Raise InputError unless a name has that ending: whoever opens the file tells by it what it is."""
+    """Raise InputError unless a path has an ending, by which programs that open the file recognise it."""
     if path.suffix.lower() != suffix:
         raise InputError(f"{path}: expected {what} that ends in {suffix}, found {path.suffix or 'no ending'}")
 
 
 def check_output(path: Path, suffix: str = "") -> None:
-    """Raise InputError unless a file of that ending can be written there, so that nobody waits for nothing."""
+    """Raise InputError unless a file with an ending can be written at a path: better now than after a long build."""
     if suffix:
         check_ending(path, suffix, "a picture name")
     if path.is_dir() or not path.absolute().parent.is_dir() or not os.access(path.absolute().parent, os.W_OK):
@@ -29,14 +29,14 @@ def check_output(path: Path, suffix: str = "") -> None:
 
 @contextmanager
 def beside(path: Path) -> Iterator[Path]:
-    """Return a new, empty, hidden file in the folder of a path, to be moved to its place; else it is gone at the end.
+    """Yield a new, empty, hidden file in the folder of a path, to be renamed to it; otherwise it is removed at the end.
 
-    It has the rights any new file gets (those that the umask leaves), and its name is nobody else's.
+    It has the permissions of any new file (those that the umask leaves), and a name of its own.
 
     Raises:
-        OSError: it cannot be made.
+        OSError: it cannot be created.
     """
-    temporary = path.parent / f".{path.name}.{secrets.token_urlsafe(6)}"  # `left_beside` knows such a name
+    temporary = path.parent / f".{path.name}.{secrets.token_urlsafe(6)}"  # `left_beside` finds such a name
     os.close(os.open(temporary, os.O_CREAT | os.O_EXCL | os.O_WRONLY, 0o666))
     try:
         yield temporary
@@ -45,20 +45,20 @@ def beside(path: Path) -> Iterator[Path]:
 
 
 def left_beside(path: Path) -> list[Path]:
-    """Find what those who were killed while they wrote to a path have left there: the files that `beside` makes."""
+    """Return the files of `beside` that programs left behind which were killed while they wrote to a path."""
     near = path.parent.glob(f".{glob.escape(path.name)}.????????")
     return sorted(p for p in near if re.fullmatch(r"[A-Za-z0-9_-]{8}", p.name[-8:]))
 
 
 @contextmanager
 def replacing(path: Path, what: str, *, durable: bool = True) -> Iterator[Path]:
-    """Return a temporary file to write; at the end it takes the place of ``path``, after an error it is removed.
+    """Yield a temporary file to write; at the end it replaces ``path``, after an error it is removed.
 
     Args:
-        path: where; an earlier file there stays as it is until the new one is complete.
+        path: the file; an earlier one stays as it is until the new one is complete.
         what: names the contents in an error, e.g. "the map".
-        durable: wait until the new file is on the disk, so that a power cut leaves one of the two. What is made
-            again as quickly as the disk writes can do without.
+        durable: wait until the new file is on the disk, so that a power cut leaves either the earlier file or the new
+            one. Not needed for a file that can be made again as fast as it is written.
 
     Raises:
         InputError: the file cannot be written, e.g. the disk is full.
@@ -74,15 +74,15 @@ def replacing(path: Path, what: str, *, durable: bool = True) -> Iterator[Path]:
 
 
 Written = bytes | memoryview | Iterable[bytes] | Callable[[IO[bytes]], None]
-"""What goes into a file: all of it, or part by part, or what writes it into the open file."""
+"""The contents of a file: at once, part by part, or as a function that writes them into the open file."""
 
 
 def write_whole(path: Path, data: Written, what: str, *, durable: bool = True) -> None:
     """Write a file, replacing an earlier one only once the new one is complete.
 
     Args:
-        path: where.
-        data: what goes into it.
+        path: the file.
+        data: its contents.
         what: names the contents in an error, e.g. "the map".
         durable: as for `replacing`.
 
@@ -98,18 +98,19 @@ def write_whole(path: Path, data: Written, what: str, *, durable: bool = True) -
 
 
 def write_all(files: Mapping[Path, bytes], what: str) -> None:
-    """Write files that belong together, in their order; none takes its name before all are complete on disk.
+    """Write files that belong together, in order; none takes its name before all are complete on disk.
 
     Args:
-        files: {where: what goes into it}.
+        files: {path: contents}.
         what: names the contents in an error, e.g. "the correction".
 
     Raises:
-        InputError: one cannot be written; then none is, and earlier ones are as they were.
+        InputError: one cannot be written; then none is, and earlier files are as they were.
     """
     for path in files:
         if path.is_dir():
             raise InputError(f"{path}: expected a file name to write, found a folder")
+    # write all under temporary names, copy the earlier files, then rename; an error undoes the renames so far
     staged: dict[Path, Path] = {}
     kept: dict[Path, Path | None] = {}
     with ExitStack() as stack:
@@ -131,14 +132,14 @@ def write_all(files: Mapping[Path, bytes], what: str) -> None:
 
 @contextmanager
 def _copied(path: Path) -> Iterator[Path]:
-    """Copy what stands at a path, to put it back should a later file fail."""
+    """Yield a copy of a file, to restore it should a later file fail."""
     with beside(path) as copy:
         shutil.copy2(path, copy)
         yield copy
 
 
 def _put_back(staged: Mapping[Path, Path], kept: Mapping[Path, Path | None]) -> None:
-    """Undo the replacements done so far: those whose temporary file is gone."""
+    """Undo the replacements made so far: those whose temporary file is gone."""
     for path, temporary in staged.items():
         if temporary.exists() or path not in kept:
             continue

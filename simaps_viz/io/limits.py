@@ -1,7 +1,7 @@
-"""How much is too much: every reader checks these before it asks for memory. The table is in docs/RELIABILITY.md.
+"""Limits on what is read: every reader checks them before it allocates memory. docs/RELIABILITY.md has the table.
 
-They are far above what cameras, scanners and buildings of 500 m x 500 m need; what is beyond them is damaged, hostile
-or not meant for this program, and is refused in one line.
+They are far above what cameras, scanners and buildings of 500 m x 500 m need. An input beyond them is damaged, hostile
+or not meant for this program, and is refused with one line.
 """
 
 from pathlib import Path
@@ -9,51 +9,49 @@ from pathlib import Path
 from simaps_viz.errors import InputError
 
 MAX_IMAGE_PIXELS = 1 << 26
-"""Of a picture, 8192 x 8192; decoding one takes 200 MB."""
+"""Pixels of an image, 8192 x 8192; decoding one takes 200 MB."""
 MAX_IMAGE_SIDE = 16_384
-"""Pixels along one side."""
+"""Pixels along one side of an image."""
 MAX_IMAGE_BYTES = 1 << 28
-"""Of an image file."""
+"""Bytes of an image file."""
 MAX_FRAMES = 1_000_000
-"""Of a sequence; 9 hours at 30 a second."""
+"""Frames of a sequence; 9 hours at 30 a second."""
 MAX_TEXT_BYTES = 1 << 28
-"""Of a text file: a million poses."""
+"""Bytes of a text file: a million poses."""
 MAX_JSON_BYTES = 1 << 27
-"""Of a JSON file: Python takes some ten times as much to hold it."""
+"""Bytes of a JSON file, which takes about ten times as much memory."""
 MAX_ARRAY_BYTES = 1 << 30
-"""Of one array in a file."""
+"""Bytes of one array in a file."""
 MAX_CLOUD_POINTS = 100_000_000
-"""In one point cloud."""
+"""Points of one point cloud."""
 MAX_CLOUD_BYTES = 1 << 33
-"""Of a point cloud's file."""
+"""Bytes of a point cloud file."""
 MAX_MAP_CELLS = 1 << 27
-"""Of a map's grid: 579 m x 579 m with cells of 0.05 m, which takes 7 GB to finish, 2 GB to open when all is seen."""
+"""Cells of a map: 579 m x 579 m with cells of 0.05 m, which takes 7 GB to build, 2 GB to open with all its layers."""
 MAX_CELL_INDEX = 1 << 29
 """Cells from the map's origin, either way: 26,000 km with cells of 0.05 m."""
 MAX_LINKED_CELL = 1 << 15
 """The same where links of cells are counted (method paper): 1638 m; a link's key has 16 bits for each number."""
 MAX_EDITS_BYTES = 1 << 26
-"""Of an edits file."""
+"""Bytes of an edits file."""
 MAX_MEMBER_BYTES = 1 << 28
-"""Of a file inside an archive, unpacked."""
+"""Bytes of a file inside an archive, unpacked."""
 MAX_NAME = 200
 """Characters of a frame's name."""
 MAX_SEGMENT_ID = (1 << 24) - 1
-"""Of a frame's segment: what fits the pixels of a COCO panoptic image."""
+"""Highest id of a segment: what fits the pixels of a COCO panoptic image."""
 MAX_STEP_BYTES = 1 << 28
-"""Of what one frame adds to a map, in a build log."""
+"""Bytes of what one frame adds to a map, in a build log."""
 MAX_HISTORY_BYTES = 1 << 33
-"""Of the steps of a build, unpacked, that are looked through."""
-LAST_PORT = 65_535
-"""Of TCP."""
+"""Bytes of the readings of a build, unpacked, when a history is opened."""
 MAX_CLASSES = 30_000
 """Class names of a map: its layers hold them as 16-bit numbers."""
 
 
 def check_file(path: Path, most: int, what: str) -> None:
-    """Raise InputError for a file of more than ``most`` bytes; one that is not there is somebody else's error.
+    """Raise InputError for a file of more than ``most`` bytes; a missing file is the error of the reader.
 
-    What is no regular file is refused too: a pipe or a device has no size, and may never end.
+    Anything but a regular file is refused too: a pipe or a device has no size, and may never end.
     """
     try:
         size = path.stat().st_size if path.is_file() or not path.exists() or path.is_dir() else None
@@ -66,7 +64,7 @@ def check_file(path: Path, most: int, what: str) -> None:
 
 
 def check_picture(where: object, width: int, height: int) -> None:
-    """Raise InputError for a picture that nobody's camera takes."""
+    """Raise InputError for an image larger than any camera takes."""
     if not (1 <= width <= MAX_IMAGE_SIDE and 1 <= height <= MAX_IMAGE_SIDE and width * height <= MAX_IMAGE_PIXELS):
         raise InputError(
             f"{where}: expected a picture of at most {MAX_IMAGE_SIDE} pixels a side and {MAX_IMAGE_PIXELS} in all, "
@@ -75,13 +73,13 @@ def check_picture(where: object, width: int, height: int) -> None:
 
 
 def check_port(port: int) -> None:
-    """Raise InputError for a number that no page can be served at; 0 means any free one."""
-    if not 0 <= port <= LAST_PORT:
-        raise InputError(f"--port: expected 0 to {LAST_PORT}, found {port}")
+    """Raise InputError for a number that is no port; 0 means any free one."""
+    if not 0 <= port <= 65_535:
+        raise InputError(f"--port: expected 0 to {MAX_PORT}, found {port}")
 
 
 def check_cells(where: object, rows: int, cols: int) -> None:
-    """Raise InputError for a grid that is larger than a map may be."""
+    """Raise InputError for a grid larger than a map may be."""
     if rows * cols > MAX_MAP_CELLS:
         raise InputError(
             f"{where}: expected a map of at most {MAX_MAP_CELLS} cells, found {rows} x {cols}; are the positions in "
@@ -90,7 +88,7 @@ def check_cells(where: object, rows: int, cols: int) -> None:
 
 
 def check_frame_name(where: object, name: str) -> None:
-    """Raise InputError for a frame's name that could not be part of a file's name, or would lead out of its folder."""
+    """Raise InputError for a frame name that cannot be part of a file name, or leads out of its folder."""
     if not name or len(name) > MAX_NAME or not name.isprintable() or not _encodable(name):
         raise InputError(f"{where}: expected a frame name of 1 to {MAX_NAME} printable characters, found {name[:30]!r}")
     if "\\" in name or any(part in ("", ".", "..") for part in name.split("/")):
