@@ -13,7 +13,7 @@ from .errors import InputError as InputError
 from .errors import PlanningError as PlanningError
 from .errors import SIMapsError as SIMapsError
 from .events import Observer as Observer
-from .exports.formats import ExportOptions as ExportOptions
+from .exports.exporter import ExportOptions as ExportOptions
 from .exports.formats import export_map as export_map
 from .mapping.accumulator import ProjectionSettings as ProjectionSettings
 from .mapping.evidence import EvidenceSettings as EvidenceSettings

@@ -10,8 +10,7 @@ from numpy.typing import NDArray
 from scipy.spatial import KDTree
 
 from simaps_viz.errors import InputError, needs_extra
-from simaps_viz.exports.records import record
-from simaps_viz.exports.tables import COLUMNS
+from simaps_viz.exports.records import COLUMNS, record
 from simaps_viz.language.grounding import Grounding
 from simaps_viz.navigation.agent import Answer, answer, planner_of, start_pose
 from simaps_viz.navigation.planner import RobotShape

@@ -8,7 +8,7 @@ import tyro
 
 from simaps_viz.cli import OK
 from simaps_viz.errors import InputError
-from simaps_viz.exports.names import FormatName
+from simaps_viz.exports import FormatName
 
 if TYPE_CHECKING:
     from simaps_viz.datasets.source import FrameSource
@@ -55,7 +55,8 @@ class Export:
         from simaps_viz.app import workbench
         from simaps_viz.console.progress import stage_progress
         from simaps_viz.console.terminal import console, emit
-        from simaps_viz.exports.formats import ExportOptions, choose_format, export_map
+        from simaps_viz.exports.exporter import ExportOptions
+        from simaps_viz.exports.formats import choose_format, export_map
         from simaps_viz.language.commands import read_command
         from simaps_viz.mapping.mending import load_mended
         from simaps_viz.navigation.agent import start_pose

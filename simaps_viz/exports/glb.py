@@ -1,22 +1,35 @@
 """Binary glTF of the scene with a named node for every instance.
 
 glTF is y up; the map is z up. The geometry stays in the map frame (metres, z up), and the node ``map``, the parent
-of all others, turns it: x stays, map z becomes glTF y, map y (north) becomes glTF -z.
+of all others, rotates it: x stays, map z becomes glTF y, map y (north) becomes glTF -z.
 """
 
+from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
 
 from simaps_viz.colors.palette import Color
-from simaps_viz.exports.columns import UNLABELLED, parts
-from simaps_viz.exports.points import Cloud
+from simaps_viz.exports.exporter import Exporter, ExportOptions
 from simaps_viz.exports.records import node_name, record
+from simaps_viz.exports.scene import UNLABELLED, Cloud, cloud_asked_for, parts
 from simaps_viz.structures import SIMap
 
 T_GLTF_MAP: Final = np.array([[1.0, 0, 0, 0], [0, 0, 1, 0], [0, -1, 0, 0], [0, 0, 0, 1]])
 ROOT: Final = "map"
+
+
+class GLB(Exporter):
+    """The scene as binary glTF."""
+
+    endings = own_endings = (".glb",)
+    options = ("points",)
+
+    def files(self, simap: SIMap, path: Path, options: ExportOptions) -> dict[Path, bytes]:
+        """Return the scene as points where a sequence is given, else as columns."""
+        cloud = cloud_asked_for(simap, options)
+        return {path: glb_bytes(simap) if cloud is None else glb_points_bytes(simap, cloud)}
 
 
 def glb_bytes(simap: SIMap) -> bytes:

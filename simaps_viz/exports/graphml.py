@@ -1,15 +1,17 @@
 """GraphML of the cell graph: which cells were seen as one object, and how often.
 
 Written directly rather than through networkx, whose writer takes tens of seconds for a whole house;
-`networkx.read_graphml` gives back the graph of `to_networkx`.
+`networkx.read_graphml` returns the graph of `to_networkx`.
 """
 
 import re
 from collections.abc import Iterator
+from pathlib import Path
 from typing import Any, Final
 from xml.sax.saxutils import escape
 
 from simaps_viz.errors import InputError
+from simaps_viz.exports.exporter import Exporter, ExportOptions
 from simaps_viz.structures import CellGraph, SIMap
 
 _KEYS: Final = {
@@ -23,34 +25,40 @@ _ILLEGAL: Final = re.compile("[^\t\n\r\x20-\ud7ff\ue000-\ufffd\U00010000-\U0010f
 """What XML 1.0 cannot hold, escaped or not."""
 
 
-def graphml_bytes(simap: SIMap, label: str | None = None) -> bytes:
-    """Return the cell graph of a class, or of all classes side by side (no edge joins two).
+class GraphML(Exporter):
+    """The cell graph."""
 
-    Nodes are named "row,col" and carry ``row``, ``col``, ``x_m``, ``y_m``, ``height_m``, ``label``, ``instance``;
-    edges ``count``, ``different`` and ``weight``.
+    endings = own_endings = (".graphml",)
+    options = ("class",)
 
-    Raises:
-        InputError: the map has no cells of that class.
-    """
-    labels = simap.grid.labels
-    graphs = [graph for graph in simap.graphs if label in (None, labels[graph.label])]
-    if label is not None and not graphs:
-        known = ", ".join(labels[graph.label] for graph in simap.graphs)
-        raise InputError(f"class {label!r}: expected one with a graph on this map ({known})")
-    lines = ['<?xml version="1.0" encoding="UTF-8"?>', '<graphml xmlns="http://graphml.graphdrawing.org/xmlns">']
-    for owner, keys in _KEYS.items():
-        lines += [_key(owner, name, kind) for name, kind in keys.items()]
-    spec = simap.spec
-    about = {
-        "name": str(simap.provenance.get("name") or ""), "method": simap.method, "cell_size_m": spec.cell_size_m,
-        "x0_m": spec.x0_m, "y0_m": spec.y0_m,
-    }  # fmt: skip
-    lines += ['<graph edgedefault="undirected">', _data("graph", about)]
-    for graph in graphs:
-        lines += _nodes(simap, graph)
-    for graph in graphs:
-        lines += _edges(simap, graph)
-    return "\n".join([*lines, "</graph>", "</graphml>", ""]).encode()
+    def files(self, simap: SIMap, path: Path, options: ExportOptions) -> dict[Path, bytes]:
+        """Return the cell graph of a class, or of all classes side by side (no edge joins two).
+
+        Nodes are named "row,col" and carry ``row``, ``col``, ``x_m``, ``y_m``, ``height_m``, ``label``, ``instance``;
+        edges ``count``, ``different`` and ``weight``.
+
+        Raises:
+            InputError: the map has no cells of that class.
+        """
+        labels, label = simap.grid.labels, options.label
+        graphs = [graph for graph in simap.graphs if label in (None, labels[graph.label])]
+        if label is not None and not graphs:
+            known = ", ".join(labels[graph.label] for graph in simap.graphs)
+            raise InputError(f"class {label!r}: expected one with a graph on this map ({known})")
+        lines = ['<?xml version="1.0" encoding="UTF-8"?>', '<graphml xmlns="http://graphml.graphdrawing.org/xmlns">']
+        for owner, keys in _KEYS.items():
+            lines += [_key(owner, name, kind) for name, kind in keys.items()]
+        spec = simap.spec
+        about = {
+            "name": str(simap.provenance.get("name") or ""), "method": simap.method, "cell_size_m": spec.cell_size_m,
+            "x0_m": spec.x0_m, "y0_m": spec.y0_m,
+        }  # fmt: skip
+        lines += ['<graph edgedefault="undirected">', _data("graph", about)]
+        for graph in graphs:
+            lines += _nodes(simap, graph)
+        for graph in graphs:
+            lines += _edges(simap, graph)
+        return {path: "\n".join([*lines, "</graph>", "</graphml>", ""]).encode()}
 
 
 def _nodes(simap: SIMap, graph: CellGraph) -> Iterator[str]:

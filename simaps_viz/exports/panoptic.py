@@ -9,25 +9,31 @@ import numpy as np
 from numpy.typing import NDArray
 
 from simaps_viz.colors.instances import instance_colors
+from simaps_viz.exports.exporter import Exporter, ExportOptions
 from simaps_viz.exports.records import label_colors, node_name, origin
 from simaps_viz.structures import SIMap
 
 UNSEEN = (24, 24, 28)
 
 
-def coco_files(simap: SIMap, stem: Path) -> dict[Path, bytes]:
-    """Return STEM.json, STEM.png (segment ids as R + 256 G + 256² B) and STEM-top.png (the coloured map).
+class COCOPanoptic(Exporter):
+    """The map from above, with a table of its segments."""
 
-    Instances keep their ids; the segment of a stuff class has the largest instance id plus the class's index. Cells
-    without a class, and those of things too small to be an instance, are void (0). ``category_id`` is the index into
-    the map's ``labels``.
-    """
-    ids = segment_ids(simap)[::-1]
-    names = [stem.with_name(stem.name + ending) for ending in (".json", ".png", "-top.png")]
-    about = _about(simap, ids, ids_name=names[1].name, top_name=names[2].name)
-    rgb = np.stack([ids & 255, ids >> 8 & 255, ids >> 16 & 255], axis=-1).astype(np.uint8)
-    contents = (json.dumps(about, ensure_ascii=False, indent=1).encode(), _png(rgb), _png(top_view(simap)))
-    return dict(zip(names, contents, strict=True))
+    endings = (".json", ".png")
+
+    def files(self, simap: SIMap, path: Path, options: ExportOptions) -> dict[Path, bytes]:
+        """Return STEM.json, STEM.png (segment ids as R + 256 G + 256² B) and STEM-top.png (the coloured map).
+
+        Instances keep their ids; the segment of a stuff class has the largest instance id plus the class's index.
+        Cells without a class, and those of things too small to be an instance, are void (0). ``category_id`` is the
+        index into the map's ``labels``.
+        """
+        ids = segment_ids(simap)[::-1]
+        names = [path.with_name(path.stem + ending) for ending in (".json", ".png", "-top.png")]
+        about = _about(simap, ids, ids_name=names[1].name, top_name=names[2].name)
+        rgb = np.stack([ids & 255, ids >> 8 & 255, ids >> 16 & 255], axis=-1).astype(np.uint8)
+        contents = (json.dumps(about, ensure_ascii=False, indent=1).encode(), _png(rgb), _png(top_view(simap)))
+        return dict(zip(names, contents, strict=True))
 
 
 def segment_ids(simap: SIMap) -> NDArray:

@@ -4,17 +4,30 @@ PLY knows no objects, so every vertex carries the id of its instance, and the he
 """
 
 from collections.abc import Iterable
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
-from simaps_viz.exports.columns import parts
-from simaps_viz.exports.points import Cloud
+from simaps_viz.exports.exporter import Exporter, ExportOptions
 from simaps_viz.exports.records import node_name
+from simaps_viz.exports.scene import Cloud, cloud_asked_for, parts
 from simaps_viz.structures import SIMap
 
 _VERTEX = np.dtype([("xyz", "<f4", 3), ("rgba", "u1", 4), ("instance", "<i4")])
 _FACE = np.dtype([("corners", "u1"), ("vertices", "<i4", 3)])
+
+
+class PLY(Exporter):
+    """The scene as binary PLY."""
+
+    endings = own_endings = (".ply",)
+    options = ("points",)
+
+    def files(self, simap: SIMap, path: Path, options: ExportOptions) -> dict[Path, bytes]:
+        """Return the scene as points where a sequence is given, else as columns."""
+        cloud = cloud_asked_for(simap, options)
+        return {path: ply_bytes(simap) if cloud is None else ply_points_bytes(simap, cloud)}
 
 
 def ply_bytes(simap: SIMap) -> bytes:

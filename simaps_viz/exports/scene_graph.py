@@ -5,11 +5,13 @@ written here. Rooms are not told apart on a map, so there is one.
 """
 
 import json
+from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
 
 from simaps_viz.colors.palette import Color
+from simaps_viz.exports.exporter import Exporter, ExportOptions
 from simaps_viz.exports.records import color_of, node_name, record
 from simaps_viz.structures import Instance, SIMap
 
@@ -26,23 +28,28 @@ def node_number(layer: str, index: int) -> int:
     return ord(layer) << 56 | index
 
 
-def scene_graph_bytes(simap: SIMap) -> bytes:
-    """Return the scene graph as JSON; positions and boxes in metres of the map frame, boxes stand on the floor."""
-    room = node_number("R", 0)
-    objects = [_object(simap, instance) for instance in simap.instances]
-    graph = {
-        "SPARK_DSG_header": {"project_name": "main", "version": VERSION},
-        "directed": False,
-        "multigraph": False,
-        "metadata": {
-            "labelspaces": {f"_l{OBJECTS}p0": [[i, name] for i, name in enumerate(simap.grid.labels)]},
-        },
-        "layer_keys": [{"layer": layer, "partition": 0} for layer in _LAYERS.values()],
-        "layer_names": {name: {"layer": layer, "partition": 0} for name, layer in _LAYERS.items()},
-        "nodes": [*objects, _room(simap, room)],
-        "edges": [_edge(room, node["id"]) for node in objects],
-    }
-    return json.dumps(graph, ensure_ascii=False, indent=1).encode()
+class SparkDSG(Exporter):
+    """The map as a scene graph."""
+
+    endings = (".json",)
+
+    def files(self, simap: SIMap, path: Path, options: ExportOptions) -> dict[Path, bytes]:
+        """Return the scene graph as JSON; positions and boxes in metres of the map frame, boxes stand on the floor."""
+        room = node_number("R", 0)
+        objects = [_object(simap, instance) for instance in simap.instances]
+        graph = {
+            "SPARK_DSG_header": {"project_name": "main", "version": VERSION},
+            "directed": False,
+            "multigraph": False,
+            "metadata": {
+                "labelspaces": {f"_l{OBJECTS}p0": [[i, name] for i, name in enumerate(simap.grid.labels)]},
+            },
+            "layer_keys": [{"layer": layer, "partition": 0} for layer in _LAYERS.values()],
+            "layer_names": {name: {"layer": layer, "partition": 0} for name, layer in _LAYERS.items()},
+            "nodes": [*objects, _room(simap, room)],
+            "edges": [_edge(room, node["id"]) for node in objects],
+        }
+        return {path: json.dumps(graph, ensure_ascii=False, indent=1).encode()}
 
 
 def _object(simap: SIMap, instance: Instance) -> dict[str, Any]:

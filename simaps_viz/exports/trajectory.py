@@ -1,9 +1,12 @@
 """A planned drive as a TUM trajectory, for evo and other trajectory tools."""
 
+from pathlib import Path
+
 import numpy as np
 from numpy.typing import NDArray
 
-from simaps_viz.errors import CommandError
+from simaps_viz.errors import CommandError, InputError
+from simaps_viz.exports.exporter import Exporter, ExportOptions
 from simaps_viz.language.commands import read_command
 from simaps_viz.navigation.agent import Agent, Reader, is_program
 from simaps_viz.navigation.planner import RobotShape
@@ -11,17 +14,32 @@ from simaps_viz.navigation.robot import Motion
 from simaps_viz.structures import Pose2, SIMap
 
 
+class TUMTrajectory(Exporter):
+    """A drive as timed poses."""
+
+    endings = (".tum", ".txt")
+    own_endings = (".tum",)
+    options = ("command",)
+
+    def files(self, simap: SIMap, path: Path, options: ExportOptions) -> dict[Path, bytes]:
+        """Drive the command and return its poses."""
+        if options.command is None or options.pose is None:
+            raise InputError('tum: expected a command to drive, such as --trajectory "go to the sofa", found none')
+        poses = driven_poses(simap, options.command, options.pose, robot=options.robot, reader=options.reader)
+        return {path: tum_bytes(poses)}
+
+
 def driven_poses(
     simap: SIMap, command: str, pose: Pose2, *, robot: RobotShape | None = None, reader: Reader = read_command
 ) -> NDArray:
-    """Drive a command in simulation and give its poses.
+    """Drive a command in simulation and return its poses.
 
     Returns:
         float64 [n, 4]: time in seconds from 0, x, y in metres, yaw in radians; map frame.
 
     Raises:
-        CommandError: the command is not understood, or the map has not what it asks for.
-        PlanningError: there is no way.
+        CommandError: the command is not understood, or the map lacks what it asks for.
+        PlanningError: there is no path.
     """
     program = command if is_program(command) else reader(command, simap.counts()).program
     motion = Motion()

@@ -34,21 +34,24 @@ Caller = Callable[[Primitive, Mapping[str, Any]], Any]
 
 
 class BudgetError(ProgramError):
-    """A program took more steps, turns, time or way than it may."""
+    """A program took more steps, loop turns or time than it may."""
 
 
 @dataclass(frozen=True)
 class Budget:
-    """What one program may use."""
+    """What one program may use. All but ``seconds`` stop the same program at the same place on every machine."""
 
     steps: int = 10_000
     """Statements and expressions evaluated."""
     loop_turns: int = 1_000
     """Turns of all loops together."""
-    seconds: float = 10.0
-    """Computing time; the time between two statements, while a viewer animates or pauses, does not count."""
     path_m: float = 1_000.0
-    """Way driven."""
+    """Length of the path driven."""
+    planned_cells: int = 1_000_000_000
+    """Cells of the map times paths planned."""
+    seconds: float = 120.0
+    """Computing time, as a last resort; the time between two statements, while a viewer animates or waits, does not
+    count."""
 
 
 @dataclass(frozen=True)
@@ -92,9 +95,11 @@ class _Runner:
         self._since = 0.0
 
     def resume(self) -> None:
+        """Start counting computing time."""
         self._since = time.thread_time()
 
     def pause(self) -> None:
+        """Stop counting computing time."""
         self._seconds += time.thread_time() - self._since
 
     def block(self, body: list[ast.stmt]) -> Iterator[Turn]:

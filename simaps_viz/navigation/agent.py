@@ -42,7 +42,7 @@ class StepEvent:
 
 @dataclass(frozen=True, eq=False)
 class Answer:
-    """What came of one command: nothing here moved, the robot is simulated."""
+    """The outcome of one command on a simulated robot."""
 
     status: Literal["ok", "refused", "failed"]
     """refused: not understood, not a program, or not on this map; failed: no way there, or a budget used up."""
@@ -52,7 +52,7 @@ class Answer:
     """The program that was run; empty when the command was not understood."""
     goals: tuple[Goal, ...]
     path_m: NDArray
-    """float64 [n, 2], map frame, starts where the robot stood; as far as it came."""
+    """float64 [n, 2], map frame: from where the robot was, as far as it came."""
     final_pose: Pose2
     path_length_m: float
     notes: tuple[str, ...] = ()
@@ -92,7 +92,7 @@ def outcome_text(answer: Answer) -> str:
 
 
 class Rehearsal:
-    """Goes through a program on a robot that drives nowhere, so that what is bound to be refused never starts.
+    """Runs a program on a robot that does not drive, so that what is bound to be refused never starts.
 
     Look-ups depend on the map and on where the command was given, not on where the robot is by then: all but
     ``get_pos("robot")`` are answered for real. So the rehearsal takes the very branches and turns the run will take;
@@ -101,7 +101,7 @@ class Rehearsal:
     verdict.
 
     Args:
-        robot: stands where the program will start; it turns, but does not drive.
+        robot: at the place where the program will start; it turns, but does not drive.
         look_up: answers look-ups.
     """
 
@@ -143,7 +143,7 @@ class Rehearsal:
 
 
 class _WhereaboutsError(Exception):
-    """Where the robot will be is not known in a rehearsal."""
+    """A rehearsal does not know where the robot will be."""
 
 
 class Agent:
@@ -151,7 +151,7 @@ class Agent:
 
     Args:
         simap: the map.
-        pose: where the robot stands.
+        pose: where the robot is.
         robot: its shape.
         budget: what one program may use.
         motion: speeds and sampling of the drive.
@@ -174,43 +174,47 @@ class Agent:
 
     @property
     def pose(self) -> Pose2:
-        """Where the robot stands now."""
+        """Where the robot is now."""
         return self.robot.pose
 
     def steps(self, program: str) -> Generator[StepEvent, None, None]:
-        """Validate a program whole, then give a generator that runs it statement by statement.
+        """Validate all of a program, then return a generator that runs it statement by statement.
 
-        Nothing moves before the first ``next``. Every ``next`` goes on to just before, or just after, the next
+        Nothing moves before the first ``next``. Every ``next`` runs up to just before, or just after, the next
         statement, also those inside ``for`` and ``if``; between two calls the program pauses, and waiting costs
         nothing of its budget. ``close`` (or dropping the generator, or starting another program) stops the robot where
         the last statement left it.
 
         Raises:
-            CommandError: at once when the program is invalid, when it names what the map has not, or when a look-up
+            CommandError: at once when the program is invalid, when it names what the map lacks, or when a look-up
                 finds nothing or a budget is used up in the rehearsal (see ``Rehearsal``); from the generator when that
-                shows only on the way.
+                shows only later.
             PlanningError: from the generator.
         """
         parsed = parse_program(program)
         robot = self._new_robot(self.robot.pose)
         _check_names(parsed, robot)
-        call = _remembering(robot.call)
+        call = _caching(robot.call)
         Rehearsal(self._new_robot(robot.pose), call).run(parsed, self._budget)
         self.robot = robot
         return self._run(parsed, robot, call)
 
     def run_program(self, program: str) -> list[StepEvent]:
-        """Run a program to its end; gives all its events."""
+        """Run a program to its end and return all its events."""
         return list(self.steps(program))
 
     def _new_robot(self, pose: Pose2) -> Robot:
-        return Robot(self.simap, self.planner, pose, motion=self._motion, max_path_m=self._budget.path_m)
+        budget = self._budget
+        return Robot(
+            self.simap, self.planner, pose, motion=self._motion,
+            max_path_m=budget.path_m, max_planned_cells=budget.planned_cells,
+        )  # fmt: skip
 
     def _run(self, program: Program, robot: Robot, call: Caller) -> Generator[StepEvent, None, None]:
-        told = 0
+        reported = 0
         for turn in interpret(program, call, budget=self._budget):
-            goal = robot.goals[-1] if len(robot.goals) > told else None
-            told = len(robot.goals)
+            goal = robot.goals[-1] if len(robot.goals) > reported else None
+            reported = len(robot.goals)
             yield StepEvent(turn.line, program.lines[turn.line - 1], robot.take_poses(), goal, turn.phase == "after")
             if self.robot is not robot:
                 return
@@ -269,7 +273,7 @@ def is_program(command: str) -> bool:
 
 
 def planner_of(simap: SIMap, robot: RobotShape) -> Planner:
-    """Return the planner of a map and robot, made once for as long as the map lives."""
+    """Return the planner of a map and robot, made once and kept as long as the map is."""
     planners = _PLANNERS.setdefault(simap, {})
     if robot not in planners:
         planners[robot] = Planner(simap.grid, robot)
@@ -298,11 +302,11 @@ def _answer(
     )
 
 
-def _remembering(call: Caller) -> Caller:
-    """Answer each look-up once: all but the robot's own position stay the same while a program runs."""
+def _caching(call: Caller) -> Caller:
+    """Return a caller that looks everything up only once: all but the robot's own position stay the same in a run."""
     known: dict[tuple[Any, ...], Any] = {}
 
-    def remembered(primitive: Primitive, arguments: Mapping[str, Any]) -> Any:
+    def cached(primitive: Primitive, arguments: Mapping[str, Any]) -> Any:
         if primitive.kind != "lookup" or arguments.get("name") == SELF:
             return call(primitive, arguments)
         key = (primitive.name, *arguments.values())
@@ -310,11 +314,11 @@ def _remembering(call: Caller) -> Caller:
             known[key] = call(primitive, arguments)
         return known[key]
 
-    return remembered
+    return cached
 
 
 def _check_names(program: Program, robot: Robot) -> None:
-    """Refuse, before anything moves, every name and rank written in the program that the map has not."""
+    """Refuse, before anything moves, every name and rank written in the program that the map lacks."""
     for call in program.calls:
         try:
             _check_call(call, robot)
@@ -336,9 +340,9 @@ def _check_call(call: Call, robot: Robot) -> None:
 
 
 def start_pose(simap: SIMap, robot: RobotShape | None = None) -> Pose2:
-    """Return where the robot starts: where the first camera stood that has free floor by it, looking its way.
+    """Return where the robot starts: at the first camera with free floor by it, in its direction.
 
-    Who scans by hand seldom sees the floor he stands on first. Where no camera has any, it is the first one's place.
+    A person who scans by hand seldom sees the floor below at first. Where no camera has free floor, it is the first.
 
     Raises:
         InputError: the map has no camera.
@@ -346,7 +350,7 @@ def start_pose(simap: SIMap, robot: RobotShape | None = None) -> Pose2:
     if len(simap.T_map_camera) == 0:
         raise InputError("start pose: expected a map with at least one camera, found none")
     planner = planner_of(simap, robot or RobotShape())
-    poses = [_standing(T) for T in simap.T_map_camera[:: max(1, len(simap.T_map_camera) // 200)]]
+    poses = [_pose_on_floor(T) for T in simap.T_map_camera[:: max(1, len(simap.T_map_camera) // 200)]]
     for pose in poses:
         with suppress(PlanningError):
             planner.start_cell(pose.x_m, pose.y_m)
@@ -354,6 +358,6 @@ def start_pose(simap: SIMap, robot: RobotShape | None = None) -> Pose2:
     return poses[0]
 
 
-def _standing(T_map_camera: NDArray) -> Pose2:
+def _pose_on_floor(T_map_camera: NDArray) -> Pose2:
     x, y = T_map_camera[:2, 3].tolist()
     return Pose2(x, y, float(np.arctan2(T_map_camera[1, 2], T_map_camera[0, 2])))

@@ -5,11 +5,12 @@ is cut. The heuristic is the octile distance to the bounding box of the goal cel
 drops by more than a step costs, so a cell is final when it leaves the heap (Hart, Nilsson and Raphael, 1968).
 Among equal estimates the smaller cell number leaves the heap first, so the answer does not depend on chance.
 
-Only *jump points* enter the heap: of all equally short ways the search follows the one that goes diagonally first, and
-such a way turns nowhere but beside the end of an obstacle (Harabor and Grastien, 2011; without cutting corners: 2012).
+Only *jump points* enter the heap: of all equally short paths the search follows the one that goes diagonally first, and
+such a path turns only beside the end of an obstacle (Harabor and Grastien, 2011; without cutting corners: 2012).
 """
 
 import math
+from heapq import heappop, heappush
 
 import numba
 import numpy as np
@@ -21,14 +22,14 @@ EAST, WEST, NORTH, SOUTH = 0, 1, 2, 3
 
 @numba.njit(cache=True)
 def straight_jumps(free: NDArray) -> NDArray:
-    """Return the table of straight jumps.
+    """Compute the table of straight jumps.
 
     Args:
         free: bool [rows, cols].
 
     Returns:
         int32 [rows, cols, 4]: a number n > 0 when the next jump point is n cells away; -n when there is none on the
-        n free cells before the next obstacle or the map's edge. Of cells that are not free: 0.
+        n free cells before the next obstacle or the map's edge. 0 for cells that are not free.
     """
     rows, cols = free.shape
     jumps = np.zeros((rows, cols, 4), np.int32)
@@ -36,6 +37,7 @@ def straight_jumps(free: NDArray) -> NDArray:
         row, back = i, rows - 1 - i
         for j in range(cols):
             col, left = j, cols - 1 - j
+            # Each direction runs against its own sense, so that the next cell is always known.
             _extend(jumps, free, row, left, 0, 1, EAST)
             _extend(jumps, free, row, col, 0, -1, WEST)
             _extend(jumps, free, back, col, 1, 0, NORTH)
@@ -45,7 +47,7 @@ def straight_jumps(free: NDArray) -> NDArray:
 
 @numba.njit(cache=True)
 def _extend(jumps: NDArray, free: NDArray, row: int, col: int, dr: int, dc: int, side: int) -> None:
-    """Fill in one cell from the next cell in that direction, which is known."""
+    """Fill in one cell of the table from the next cell in that direction, which is filled in already."""
     rows, cols = free.shape
     r, c = row + dr, col + dc
     if not free[row, col] or r < 0 or c < 0 or r >= rows or c >= cols or not free[r, c]:
@@ -65,46 +67,6 @@ def _obstacle_ends(free: NDArray, row: int, col: int, dr: int, dc: int, hand: in
 
 
 _SQRT2 = math.sqrt(2.0)
-
-
-@numba.njit(cache=True)
-def _before(keys: NDArray, cells: NDArray, a: int, b: int) -> bool:
-    return keys[a] < keys[b] or (keys[a] == keys[b] and cells[a] < cells[b])
-
-
-@numba.njit(cache=True)
-def _push(keys: NDArray, cells: NDArray, size: int, key: float, cell: int) -> int:
-    """Add to the binary heap; returns its new size."""
-    i = size
-    keys[i], cells[i] = key, cell
-    while i > 0:
-        parent = (i - 1) >> 1
-        if not _before(keys, cells, i, parent):
-            break
-        keys[i], keys[parent] = keys[parent], keys[i]
-        cells[i], cells[parent] = cells[parent], cells[i]
-        i = parent
-    return size + 1
-
-
-@numba.njit(cache=True)
-def _pop(keys: NDArray, cells: NDArray, size: int) -> int:
-    """Take the first off the binary heap (the caller has read it); returns its new size."""
-    size -= 1
-    keys[0], cells[0] = keys[size], cells[size]
-    i = 0
-    while True:
-        child = 2 * i + 1
-        if child >= size:
-            break
-        if child + 1 < size and _before(keys, cells, child + 1, child):
-            child += 1
-        if not _before(keys, cells, child, i):
-            break
-        keys[i], keys[child] = keys[child], keys[i]
-        cells[i], cells[child] = cells[child], cells[i]
-        i = child
-    return size
 
 
 @numba.njit(cache=True)
@@ -130,7 +92,7 @@ def _straight_jump(jumps: NDArray, goal: NDArray, lines: NDArray, row: int, col:
 def _diagonal_jump(
     free: NDArray, jumps: NDArray, goal: NDArray, lines: NDArray, row: int, col: int, dr: int, dc: int
 ) -> int:
-    """How many steps a diagonal jump goes, to a goal or a cell from which a straight jump leads on; 0: nowhere."""
+    """Return how many steps a diagonal jump goes: to a goal or a cell from which a straight jump continues, else 0."""
     rows, cols = free.shape
     step = 0
     while True:
@@ -149,12 +111,12 @@ def _diagonal_jump(
 
 
 @numba.njit(cache=True)
-def _leads_on(free: NDArray, row: int, col: int, came: tuple[int, int], dr: int, dc: int) -> bool:
-    """Return whether a way that came to a cell in one direction may go on in another.
+def _may_continue(free: NDArray, row: int, col: int, came: tuple[int, int], dr: int, dc: int) -> bool:
+    """Return whether a path that came to a cell in one direction may continue in another.
 
-    After a diagonal: the same way, or either of its two straight parts. After a straight: straight on; to a side, or
-    diagonally towards it, only where the cell beside the one before is not free, since otherwise the way would have
-    gone there first.
+    After a diagonal: in the same direction, or in either of its two straight parts. After a straight: straight on; to a
+    side, or diagonally towards it, only where the cell beside the previous one is not free, since otherwise the path
+    would have gone there first.
     """
     came_r, came_c = came
     if came_r == 0 and came_c == 0:
@@ -172,7 +134,7 @@ def _leads_on(free: NDArray, row: int, col: int, came: tuple[int, int], dr: int,
 
 @numba.njit(cache=True)
 def search(free: NDArray, jumps: NDArray, start: tuple[int, int], goal: NDArray, box: NDArray) -> tuple[NDArray, float]:
-    """Find a cheapest way from a cell to the nearest of the goal cells.
+    """Find a cheapest path from a cell to the nearest of the goal cells.
 
     Args:
         free: bool [rows, cols].
@@ -182,43 +144,39 @@ def search(free: NDArray, jumps: NDArray, start: tuple[int, int], goal: NDArray,
         box: int64 [4], (first row, last row, first col, last col) of the goal cells.
 
     Returns:
-        int64 [n, 2] cells from start to goal, and the cost in cells; empty and infinity when there is no way.
+        int64 [n, 2] cells from start to goal, and the cost in cells; empty and infinity when there is no path.
     """
     rows, cols = free.shape
     lines = _lines_with_goals(goal, box)
     cost = np.full(rows * cols, np.inf)
     parent = np.full(rows * cols, -1, np.int32)
-    keys = np.zeros(1024)
-    cells = np.zeros(1024, np.int64)
-    cost[start[0] * cols + start[1]] = 0.0
-    size = _push(keys, cells, 0, _octile_to_box(start[0], start[1], box), start[0] * cols + start[1])
-    while size > 0:
-        here, estimate = cells[0], keys[0]
-        size = _pop(keys, cells, size)
+    first = start[0] * cols + start[1]
+    cost[first] = 0.0
+    heap = [(_octile_to_box(start[0], start[1], box), first)]
+    while heap:
+        estimate, here = heappop(heap)
         row, col = here // cols, here % cols
         if estimate > cost[here] + _octile_to_box(row, col, box):
-            continue  # it was reached more cheaply since
+            continue  # a cheaper path to this cell has been found since
         if goal[row, col]:
-            return _way_back(parent, here, cols), float(cost[here])
-        if size + 8 > len(keys):
-            keys = np.concatenate((keys, np.zeros_like(keys)))
-            cells = np.concatenate((cells, np.zeros_like(cells)))
-        came = _direction(parent[here], here, cols)
+            return _path_back(parent, here, cols), float(cost[here])
+        # Expand: jump in every direction in which a path that came this way may continue.
+        came = _direction(int(parent[here]), here, cols)
         for dr in range(-1, 2):
             for dc in range(-1, 2):
-                if (dr == 0 and dc == 0) or not _leads_on(free, row, col, came, dr, dc):
+                if (dr == 0 and dc == 0) or not _may_continue(free, row, col, came, dr, dc):
                     continue
                 if dr == 0 or dc == 0:
                     steps = _straight_jump(jumps, goal, lines, row, col, dr, dc)
                 else:
                     steps = _diagonal_jump(free, jumps, goal, lines, row, col, dr, dc)
+                # Relax: keep the jump point if this is the cheapest path to it until now.
                 there = here + steps * (dr * cols + dc)
-                along = cost[here] + steps * (_SQRT2 if dr != 0 and dc != 0 else 1.0)
+                along = float(cost[here]) + steps * (_SQRT2 if dr != 0 and dc != 0 else 1.0)
                 if steps > 0 and along < cost[there]:
                     cost[there] = along
                     parent[there] = here
-                    estimate = along + _octile_to_box(there // cols, there % cols, box)
-                    size = _push(keys, cells, size, estimate, there)
+                    heappush(heap, (along + _octile_to_box(there // cols, there % cols, box), there))
     return np.zeros((0, 2), np.int64), np.inf
 
 
@@ -235,7 +193,7 @@ def _lines_with_goals(goal: NDArray, box: NDArray) -> NDArray:
 
 @numba.njit(cache=True)
 def _direction(before: int, cell: int, cols: int) -> tuple[int, int]:
-    """Return the sign of the way from one cell to another, (0, 0) when there is no cell before."""
+    """Return the direction from one cell to another as signs, (0, 0) when there is no previous cell."""
     if before < 0:
         return 0, 0
     dr, dc = cell // cols - before // cols, cell % cols - before % cols
@@ -243,27 +201,27 @@ def _direction(before: int, cell: int, cols: int) -> tuple[int, int]:
 
 
 @numba.njit(cache=True)
-def _way_back(parent: NDArray, goal: int, cols: int) -> NDArray:
+def _path_back(parent: NDArray, goal: int, cols: int) -> NDArray:
     """Follow the parents from the goal to the start, filling in the cells between jump points."""
     n, cell = 1, goal
     while parent[cell] >= 0:
         before = parent[cell]
         n += max(abs(cell // cols - before // cols), abs(cell % cols - before % cols))
         cell = before
-    way = np.zeros((n, 2), np.int64)
+    path = np.zeros((n, 2), np.int64)
     row, col, cell = goal // cols, goal % cols, goal
     for i in range(n - 1, -1, -1):
-        way[i, 0], way[i, 1] = row, col
+        path[i, 0], path[i, 1] = row, col
         if row * cols + col == parent[cell]:
             cell = parent[cell]
         dr, dc = _direction(parent[cell], cell, cols)
         row, col = row - dr, col - dc
-    return way
+    return path
 
 
 @numba.njit(cache=True)
 def clear_length(free: NDArray, x0: float, y0: float, x1: float, y1: float) -> float:
-    """Return the share (0 to 1) of a segment before it first enters a cell that is not free; 1 = the whole is clear.
+    """Return the share (0 to 1) of a segment before it first enters a cell that is not free; 1 = all of it is clear.
 
     Every cell the segment passes through counts; where it passes exactly through a corner, the two cells beside it
     count as well. Coordinates are in cells: cell (row, col) covers x in [col, col + 1), y in [row, row + 1).
@@ -277,6 +235,7 @@ def clear_length(free: NDArray, x0: float, y0: float, x1: float, y1: float) -> f
     t_c = ((col + (step_c > 0)) - x0) / dx if dx != 0 else np.inf
     t_r = ((row + (step_r > 0)) - y0) / dy if dy != 0 else np.inf
     entered = 0.0
+    # Amanatides and Woo (1987): step to the next column or row, whichever the segment crosses first.
     for _ in range(abs(last_row - row) + abs(last_col - col) + 2):
         if row < 0 or col < 0 or row >= rows or col >= cols or not free[row, col]:
             return entered
@@ -297,9 +256,13 @@ def clear_length(free: NDArray, x0: float, y0: float, x1: float, y1: float) -> f
 
 @numba.njit(cache=True)
 def pull_straight(free: NDArray, points: NDArray) -> NDArray:
-    """Drop the points of a way that a clear straight line can skip; float64 [n, 2] (x, y) in cells, both ends stay."""
+    """Drop the points of a path that a clear straight line can skip.
+
+    ``points`` is float64 [n, 2], (x, y) in cells; both ends stay.
+    """
     keep = np.zeros(len(points), np.bool_)
     keep[0] = keep[-1] = True
+    # First pass: keep the last point in sight of the previous kept one.
     anchor = 0
     for i in range(1, len(points) - 1):
         if not _is_clear(free, points, anchor, i + 1):
@@ -308,7 +271,8 @@ def pull_straight(free: NDArray, points: NDArray) -> NDArray:
     kept = np.flatnonzero(keep)
     shorter = [kept[0]]
     at = 0
-    while at < len(kept) - 1:  # the first pass stops at every hidden point, even if a later one is in sight
+    # Second pass: the first stops at every hidden point, even if a later one is in sight again.
+    while at < len(kept) - 1:
         ahead = len(kept) - 1
         while ahead > at + 1 and not _is_clear(free, points, kept[at], kept[ahead]):
             ahead -= 1

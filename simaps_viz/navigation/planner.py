@@ -1,4 +1,4 @@
-"""Where the robot fits, and the cheapest way there."""
+"""Where the robot fits, and the cheapest path there."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -22,7 +22,7 @@ DETOUR_TO_SEE_M: Final = 0.5
 """How much farther off a goal may be for the sake of seeing it: a low wall under a window does not hide it."""
 _POCKET_M2 = 0.5
 """A start that is not free moves into less free floor than this, as between chair legs, only if it must."""
-_BAND_CELLS = 1 << 22  # looked at together where distances to obstacles are measured
+_BLOCK_CELLS = 1 << 22  # processed together where distances to obstacles are measured
 
 
 @dataclass(frozen=True)
@@ -111,7 +111,7 @@ class Planner:
         """Plan from a point to another, whose cell has to be free.
 
         Raises:
-            PlanningError: naming why there is no way.
+            PlanningError: naming why there is no path.
         """
         goal = np.zeros(self.spec.shape, np.bool_)
         row, col = self.spec.cell_of(*goal_m)
@@ -130,12 +130,13 @@ class Planner:
         see_through: NDArray | None = None,
         watch_m: NDArray | None = None,
     ) -> Path:
-        """Plan to the reachable free cell nearest to any of the target points; of equally near ones, the shortest way.
+        """Plan to the reachable free cell nearest to any of the target points.
 
-        The path ends at the cell's centre, or exactly at the target if that is one point in that very cell.
+        Of equally near cells it is the one with the shortest path. The path ends at the cell's centre, or exactly at
+        the target if that is one point in that very cell.
 
         Args:
-            start_m: where the robot stands.
+            start_m: where the robot is.
             target_m: float64 [n, 2], map frame.
             what: names the target in an error, e.g. "to the chair", "left of the chair".
             allowed: bool [rows, cols], only these cells will do.
@@ -156,6 +157,7 @@ class Planner:
 
         if len(target_m) == 1 and self._holds(usable, target_m[0]) and is_seen(*self._in_cells(target_m[0]), 0):
             return self.plan(start_m, (float(target_m[0, 0]), float(target_m[0, 1])))
+        # The usable cells near a target, the nearest first.
         rows, cols = self._window(usable, target_m, APPROACH_M)
         squared, nearest = self._squared_cells(rows, cols, target_m)
         order = np.lexsort((cols, rows, squared))
@@ -166,9 +168,11 @@ class Planner:
         def sees(i: int) -> bool:
             return is_seen(cols[i] + 0.5, rows[i] + 0.5, nearest[i])
 
+        # Prefer the nearest cell from which the target can be seen, unless that is much farther off.
         further = np.sqrt(squared[order]) - np.sqrt(squared[order[0]])
         worthwhile = order[further <= DETOUR_TO_SEE_M / self.spec.cell_size_m + 1e-9]
         best = next((i for i in worthwhile if sees(i)), order[0])
+        # Of equally near cells A* takes the one with the shortest path.
         ties = order[np.abs(squared[order] - squared[best]) < 1e-6]
         ties = [i for i in ties if sees(i)] or ties
         goal = np.zeros(self.spec.shape, np.bool_)
@@ -224,9 +228,9 @@ class Planner:
             return Path(np.vstack([start_m, self._in_metres(pull_straight(self.free, cells_xy))]), cost_m)
         if len(cells) == 1 and end_m is None:
             return Path(np.array([start_m], np.float64), 0.0)
-        # within its cell the robot leaves from where it stands
-        way = np.vstack([self._in_cells(start_m), cells_xy[1:] if len(cells) > 1 else cells_xy])
-        return Path(self._in_metres(pull_straight(self.free, way)), cost_m)
+        # within its cell the robot leaves from where it is
+        path = np.vstack([self._in_cells(start_m), cells_xy[1:] if len(cells) > 1 else cells_xy])
+        return Path(self._in_metres(pull_straight(self.free, path)), cost_m)
 
     def _in_metres(self, points: NDArray) -> NDArray:
         return points * self.spec.cell_size_m + (self.spec.x0_m, self.spec.y0_m)
@@ -258,12 +262,12 @@ class Planner:
 
 
 def _clear(blocked: NDArray, needed: float) -> NDArray:
-    """Return which cells are at least so many cells, more than 0, from every blocked one, bool [rows, cols].
+    """Return which cells are at least ``needed`` > 0 cells from every blocked one, bool [rows, cols].
 
-    Some rows at a time, each with the rows around it that matter: distances take 40 bytes a cell.
+    Works on blocks of rows, each with the rows around it that matter: distances take 40 bytes a cell.
     """
     clear, (rows, cols), reach = np.ones_like(blocked), blocked.shape, int(np.ceil(needed)) + 1
-    step = max(_BAND_CELLS // max(cols, 1), reach)
+    step = max(_BLOCK_CELLS // max(cols, 1), reach)
     for first in range(0, rows, step):
         low, stop = max(first - reach, 0), min(first + step, rows)
         part = blocked[low : stop + reach]

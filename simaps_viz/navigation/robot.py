@@ -34,8 +34,8 @@ def drive(path: Path, start_yaw_rad: float, motion: Motion | None = None) -> NDA
     """Sample the drive along a path: at every point turn on the spot, then go straight to the next.
 
     Args:
-        path: polyline, map frame; its first point is where the robot stands.
-        start_yaw_rad: where it looks.
+        path: polyline, map frame; its first point is where the robot is.
+        start_yaw_rad: its heading there.
         motion: speeds and sampling.
 
     Returns:
@@ -122,10 +122,18 @@ class Robot:
         pose: where the command is given; ranks and sides refer to it, also after the robot has moved.
         motion: speeds and sampling of the drive.
         max_path_m: driving further than this fails.
+        max_planned_cells: planning fails once the map's cells, times the paths planned, are more than this.
     """
 
     def __init__(
-        self, simap: SIMap, planner: Planner, pose: Pose2, *, motion: Motion | None = None, max_path_m: float = np.inf
+        self,
+        simap: SIMap,
+        planner: Planner,
+        pose: Pose2,
+        *,
+        motion: Motion | None = None,
+        max_path_m: float = np.inf,
+        max_planned_cells: float = np.inf,
     ) -> None:
         if not np.isfinite([pose.x_m, pose.y_m, pose.yaw_rad]).all():
             raise InputError(f"pose: expected three finite numbers, found {pose.x_m}, {pose.y_m}, {pose.yaw_rad}")
@@ -135,14 +143,15 @@ class Robot:
         self.path_m: list[tuple[float, float]] = [(pose.x_m, pose.y_m)]
         self.path_length_m = 0.0
         self._motion = motion or Motion()
-        self._max_path_m = max_path_m
+        self._max_path_m, self._max_planned_cells = max_path_m, max_planned_cells
+        self._planned_cells = 0
         self._poses: list[NDArray] = []
 
     def call(self, primitive: Primitive, arguments: Mapping[str, Any]) -> Any:
         """Carry out a primitive with checked arguments; returns what a look-up found, else None.
 
         Raises:
-            CommandError: when the map has not what is asked for.
+            CommandError: when the map lacks what is asked for.
             PlanningError: when the robot cannot get there.
         """
         return getattr(self, f"_{primitive.name}")(**arguments)
@@ -164,8 +173,8 @@ class Robot:
         # Where the robot can stand, the position is meant; a rug there is no object to stop beside.
         there = None if self.planner.free[cell] else self.simap.at(x, y)
         targets = np.array([[x, y]]) if there is None else self.grounding.cells_of(there)
-        path = self.planner.plan_near(
-            self._here, targets, f"to ({x:g}, {y:g})", see_through=self._see_through(*([there] if there else []))
+        path = self._plan_near(
+            targets, f"to ({x:g}, {y:g})", see_through=self._see_through(*([there] if there else []))
         )
         self._go("move_to", path, there)
 
@@ -185,7 +194,7 @@ class Robot:
             raise PlanningError(
                 f"the way {way} is free for {clear_m:.2f} m, then {what}; {abs(meters):g} m were asked for"
             )
-        self._add_way(np.array([self._here, end[:2]]), straight(self.pose, meters, self._motion), "move_forward")
+        self._add_path(np.array([self._here, end[:2]]), straight(self.pose, meters, self._motion), "move_forward")
 
     def _turn(self, angle_deg: float) -> None:
         if abs(angle_deg) > _MAX_TURN_DEG:
@@ -243,8 +252,7 @@ class Robot:
         along = ((x - start[0]) * (end - start)[0] + (y - start[1]) * (end - start)[1]) / (
             (end - start) @ (end - start)
         )
-        path = self.planner.plan_near(
-            self._here,
+        path = self._plan_near(
             self._gap_middle(a, b)[None],
             f"between the {a.label} and the {b.label}",
             allowed=(along >= 0.0) & (along <= 1.0),
@@ -292,15 +300,23 @@ class Robot:
         return float(offset[0]) / length, float(offset[1]) / length
 
     def _see_through(self, *targets: Instance) -> NDArray:
-        """Return what hides nothing, bool [rows, cols]: the objects themselves, and all that is not opaque."""
+        """Return the cells that hide nothing, bool [rows, cols]: the objects' own, and all that are not opaque."""
         return ~self.grounding.opaque | np.isin(self.simap.instance, [target.id for target in targets])
 
     def _approach(self, primitive: str, target: Instance) -> None:
         cells = self.grounding.cells_of(target)
-        path = self.planner.plan_near(
-            self._here, cells, f"to the {target.label}", see_through=self._see_through(target)
-        )
+        path = self._plan_near(cells, f"to the {target.label}", see_through=self._see_through(target))
         self._go(primitive, path, target)
+
+    def _plan_near(self, targets_m: NDArray, what: str, **wishes: Any) -> Path:
+        """Plan from where the robot is, see `Planner.plan_near`.
+
+        Planning goes over the whole map, so its work is counted in cells: the same on every machine.
+        """
+        self._planned_cells += self.simap.instance.size
+        if self._planned_cells > self._max_planned_cells:
+            raise PlanningError(f"stopped: the program would plan over more than {self._max_planned_cells:g} cells")
+        return self.planner.plan_near(self._here, targets_m, what, **wishes)
 
     def _go_beside(self, primitive: str, target: Instance, side: NDArray, words: str) -> None:
         """Drive to the point beside an object, in the direction ``side`` (unit vector [2], map frame)."""
@@ -311,8 +327,7 @@ class Robot:
         along = (x - centroid[0]) * side[0] + (y - centroid[1]) * side[1]
         across = np.abs((y - centroid[1]) * side[0] - (x - centroid[0]) * side[1])
         point = centroid + side * (extent_m + self.planner.robot.radius_m + CLEARANCE_M)
-        path = self.planner.plan_near(
-            self._here,
+        path = self._plan_near(
             point[None],
             f"{words} the {target.label}",
             allowed=(along >= extent_m) & (across <= along),
@@ -347,9 +362,9 @@ class Robot:
 
     def _go(self, primitive: str, path: Path, target: Instance | None, other: Instance | None = None) -> None:
         about = (target.label, target.id) if target else (None, None)
-        self._add_way(path.points_m, drive(path, self.pose.yaw_rad, self._motion), primitive, about, other)
+        self._add_path(path.points_m, drive(path, self.pose.yaw_rad, self._motion), primitive, about, other)
 
-    def _add_way(
+    def _add_path(
         self,
         points_m: NDArray,
         poses: NDArray,

@@ -9,7 +9,7 @@ from sequences import write_tiny_sequence
 from toy_maps import toy_map
 
 import simaps_viz
-from simaps_viz.exports.formats import ENDINGS, FORMATS
+from simaps_viz.exports.formats import EXPORTERS
 
 PAGE = (Path(__file__).parents[2] / "docs" / "API.md").read_text()
 BLOCKS = re.findall(r"^```python\n(.*?)^```", PAGE, re.M | re.S)
@@ -47,9 +47,9 @@ def test_what_public_names_take_and_hold_is_public():
 
 def test_the_page_names_every_format_and_only_those():
     rows = dict(re.findall(r"^\| `([a-z0-9-]+)` \| (`X.*?|the same.*?) \|", PAGE, re.M))
-    assert set(rows) == set(FORMATS)
+    assert set(rows) == set(EXPORTERS)
     for name, files in rows.items():
-        assert files.startswith("the same") or f"X{ENDINGS[name][0]}" in files
+        assert files.startswith("the same") or f"X{EXPORTERS[name].endings[0]}" in files
 
 
 def test_the_page_imports_public_names_only():

@@ -2,6 +2,7 @@
 
 import json
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 from color_vision import least_apart
@@ -12,10 +13,11 @@ from simaps_viz.colors.instances import class_colors, instance_colors
 from simaps_viz.colors.palette import LEAST_APART, PALETTE
 from simaps_viz.evaluation.coloring import PALETTE as EVALUATION_PALETTE
 from simaps_viz.evaluation.picture import WRONG_RED
-from simaps_viz.exports.columns import parts
+from simaps_viz.exports.exporter import ExportOptions
 from simaps_viz.exports.panoptic import top_view
 from simaps_viz.exports.records import label_colors, node_name, record
-from simaps_viz.exports.scene_graph import scene_graph_bytes
+from simaps_viz.exports.scene import parts
+from simaps_viz.exports.scene_graph import SparkDSG
 
 
 def test_exports_and_evaluations_have_the_colours_of_the_page():
@@ -30,7 +32,8 @@ def test_exports_and_evaluations_have_the_colours_of_the_page():
     assert (top_view(clash)[::-1][ids > 0] == page[ids[ids > 0]]).all()
     for one in named:
         assert record(clash, one)["color"] == "#{:02x}{:02x}{:02x}".format(*page[one.id])
-    nodes = json.loads(scene_graph_bytes(clash))["nodes"]
+    (graph,) = SparkDSG().files(clash, Path("a.json"), ExportOptions()).values()
+    nodes = json.loads(graph)["nodes"]
     shown = {n["attributes"]["name"]: n["attributes"]["color"] for n in nodes}
     assert all(list(shown[node_name(one)].values())[:3] == page[one.id].tolist() for one in named)
 

@@ -2,6 +2,7 @@
 
 import json
 import os
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -9,9 +10,11 @@ from toy_maps import TOY_POSE, toy_map
 
 from simaps_viz import CommandError, ExportOptions, InputError, Pose2, RobotShape, export_map, plan, save_map
 from simaps_viz.cli.main import main
-from simaps_viz.exports.formats import ENDINGS, FORMATS, choose_format
+from simaps_viz.exports.exporter import Exporter
+from simaps_viz.exports.formats import EXPORTERS, choose_format
 from simaps_viz.exports.trajectory import driven_poses
 from simaps_viz.navigation.planner import Planner
+from simaps_viz.structures import SIMap
 
 COMMAND = ExportOptions(command="go to the couch", pose=TOY_POSE)
 
@@ -42,7 +45,7 @@ def test_what_does_not_tell_is_refused(tmp_path, name, format, words):
     assert not list(tmp_path.iterdir())
 
 
-@pytest.mark.parametrize("format", FORMATS)
+@pytest.mark.parametrize("format", EXPORTERS)
 def test_every_format_twice_gives_the_same_bytes_and_nothing_else(tmp_path, format):
     options = COMMAND if format == "tum" else None
     contents = []
@@ -50,7 +53,7 @@ def test_every_format_twice_gives_the_same_bytes_and_nothing_else(tmp_path, form
         (tmp_path / folder).mkdir()
         files = export_map(toy_map(), tmp_path / folder / "toy", format, options)
         assert sorted(files) == sorted((tmp_path / folder).iterdir())
-        assert files[0].name == "toy" + ENDINGS[format][0]
+        assert files[0].name == "toy" + EXPORTERS[format].endings[0]
         contents.append([path.read_bytes() for path in files])
     assert contents[0] == contents[1]
 
@@ -62,6 +65,26 @@ def test_every_format_twice_gives_the_same_bytes_and_nothing_else(tmp_path, form
 def test_options_of_other_formats_are_refused(tmp_path, format, options):
     with pytest.raises(InputError, match=f"^{format}: expected"):
         export_map(toy_map(), tmp_path / "a", format, options)
+
+
+class Sizes(Exporter):
+    """A format that no release has: the size of each instance."""
+
+    endings = (".sizes",)
+    own_endings = (".sizes",)
+
+    def files(self, simap: SIMap, path: Path, options: ExportOptions) -> dict[Path, bytes]:
+        return {path: "\n".join(f"{one.label} {one.cells}" for one in simap.instances).encode()}
+
+
+def test_a_new_format_is_one_object_in_the_registry(tmp_path, monkeypatch):
+    monkeypatch.setitem(EXPORTERS, "sizes", Sizes())
+    simap = toy_map()
+    (path,) = export_map(simap, tmp_path / "toy.sizes")
+    assert path.read_text().splitlines() == [f"{one.label} {one.cells}" for one in simap.instances]
+    assert export_map(simap, tmp_path / "other", "sizes") == [tmp_path / "other.sizes"]
+    with pytest.raises(InputError, match=r"^sizes: expected no class"):
+        export_map(simap, tmp_path / "third", "sizes", ExportOptions(label="chair"))
 
 
 def test_a_place_that_cannot_be_written(tmp_path):

@@ -7,8 +7,8 @@ from PIL import Image
 from toy_maps import TOY_SPEC, map_from_drawing, map_of_boxes, toy_map
 
 from simaps_viz import RobotShape, export_map
-from simaps_viz.exports.formats import ExportOptions
-from simaps_viz.exports.nav2 import inflated
+from simaps_viz.exports.exporter import ExportOptions
+from simaps_viz.exports.ros import inflated
 from simaps_viz.navigation.planner import Planner
 from simaps_viz.structures import GridSpec
 

@@ -14,7 +14,7 @@ from hypothesis.extra.numpy import arrays
 from toy_maps import map_from_drawing, toy_map
 
 from simaps_viz import export_map, to_pandas
-from simaps_viz.exports.outlines import outlines
+from simaps_viz.exports.records import outlines
 
 
 def covered(polygon, shape):

@@ -9,6 +9,7 @@ from hypothesis import strategies as st
 from toy_maps import TOY_POSE, Box, map_from_drawing, map_of_boxes, toy_map
 
 from simaps_viz.errors import CommandError, InputError, PlanningError
+from simaps_viz.language.interpreter import Budget
 from simaps_viz.navigation.agent import Agent, answer, is_program
 from simaps_viz.navigation.planner import RobotShape
 from simaps_viz.navigation.robot import MAX_STRAIGHT_M, Motion, Robot, drive, spin, straight
@@ -385,3 +386,16 @@ def test_path_budget(simap) -> None:
     said = answer(simap, program, TOY_POSE)
     assert said.status == "failed" and said.reason and "would drive more than 1000 m" in said.reason
     assert 990.0 < said.path_length_m <= 1000.0
+
+
+def test_planning_budget(simap) -> None:
+    """Planning is counted in cells, so that a program stops at the same line on every machine."""
+    program = "robot.move_to_object('couch')\nrobot.move_to_object('chair', 3)\nrobot.move_to_object('couch')"
+    for paths in (2, 3):
+        agent = Agent(simap, TOY_POSE, budget=Budget(planned_cells=paths * simap.instance.size))
+        steps = agent.steps(program)
+        if paths == 3:
+            assert [step.line for step in steps if step.done] == [1, 2, 3]
+            continue
+        with pytest.raises(PlanningError, match=r"^line 3: move_to_object: stopped: the program would plan over more"):
+            list(steps)

@@ -382,7 +382,7 @@ def test_free_cells_do_not_depend_on_how_many_rows_are_looked_at_together(monkey
     rng = np.random.default_rng(7)
     for obstacles in (0.0, 0.002, 0.02):
         blocked = rng.random((83, 61)) < obstacles
-        monkeypatch.setattr(planners, "_BAND_CELLS", band)
+        monkeypatch.setattr(planners, "_BLOCK_CELLS", band)
         needed = radius_m / 0.05 + 0.5
         near = np.asarray(ndimage.distance_transform_edt(~blocked))
         distance = near if blocked.any() else np.full(blocked.shape, np.inf)

@@ -1,0 +1,51 @@
+"""What every export format offers, and what some of them take beside the map."""
+
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Protocol
+
+from simaps_viz.datasets.source import FrameSource
+from simaps_viz.events import Progress
+from simaps_viz.language.commands import read_command
+from simaps_viz.navigation.agent import Reader
+from simaps_viz.navigation.planner import RobotShape
+from simaps_viz.structures import Pose2, SIMap
+
+
+@dataclass(frozen=True, eq=False)
+class ExportOptions:
+    """What some formats take beside the map."""
+
+    robot: RobotShape = field(default_factory=RobotShape)
+    """ros, nav2, tum: for whom cells are blocked and free."""
+    label: str | None = None
+    """graphml: one class only."""
+    command: str | None = None
+    """tum: what to drive."""
+    pose: Pose2 | None = None
+    """tum: where the drive starts."""
+    reader: Reader = read_command
+    """tum: reads the command."""
+    points_of: FrameSource | None = None
+    """glb, ply: the points of this sequence, instead of columns."""
+    progress: Progress | None = None
+    """glb, ply: notified while points are read."""
+
+
+class Exporter(Protocol):
+    """One format. A new one is a file with a class of this kind, and one line in ``exports.REGISTRY``."""
+
+    endings: tuple[str, ...]
+    """What its main file may end in; the first is added to a name without an ending."""
+    own_endings: tuple[str, ...] = ()
+    """Those of ``endings`` that mean this format where none is asked for."""
+    options: tuple[str, ...] = ()
+    """Which of "class", "command" and "points" it takes; the others are refused."""
+
+    def files(self, simap: SIMap, path: Path, options: ExportOptions) -> dict[Path, bytes]:
+        """Return the content of all files to write, named after ``path``, the main one first.
+
+        Raises:
+            InputError, CommandError, PlanningError: the map or the options do not allow it.
+        """
+        ...

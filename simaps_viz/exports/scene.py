@@ -1,0 +1,178 @@
+"""The scene in 3-D, as glb and ply write it: the map as solid columns, or the recording's points.
+
+As columns, every cell reaches from the floor to its height, one mesh for each instance or class. As points, the depth
+pixels of the recording are one coloured cloud, each point with the instance of its cell.
+"""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from simaps_viz.colors.palette import Color
+from simaps_viz.datasets.source import FrameSource
+from simaps_viz.events import Progress
+from simaps_viz.exports.exporter import ExportOptions
+from simaps_viz.exports.records import color_of, label_colors, node_name
+from simaps_viz.geometry import back_project, transform_points
+from simaps_viz.structures import Frame, GridSpec, SIMap
+
+UNLABELLED: Final = "unlabelled"
+UNLABELLED_COLOR: Final = (110, 110, 116)
+_SIDES: Final = {  # towards a neighbour (row, col): lower edge from, to, seen from outside left to right, as (x, y)
+    (-1, 0): ((0, 0), (1, 0)),
+    (0, 1): ((1, 0), (1, 1)),
+    (1, 0): ((1, 1), (0, 1)),
+    (0, -1): ((0, 1), (0, 0)),
+}
+FRAMES: Final = 60
+"""Spread evenly over the recording."""
+STRIDE: Final = 2
+"""Every other pixel of every other row."""
+VOXEL_M: Final = 0.02
+"""One point is kept in each cube of this edge: the first."""
+NEAR_M, FAR_M, BELOW_M = 0.1, 6.0, 0.3
+ON_FLOOR_M: Final = 0.05
+"""Points no higher than this belong to no instance, unless it is as flat itself."""
+
+
+@dataclass(frozen=True, eq=False)
+class Part:
+    """One named mesh."""
+
+    name: str
+    label: str
+    instance: int
+    """0 for a class without instances."""
+    color: Color
+    vertices: NDArray
+    """float64 [n, 3], map frame, metres."""
+    faces: NDArray
+    """int64 [m, 3], counter-clockwise from outside."""
+
+
+def parts(simap: SIMap) -> Iterator[Part]:
+    """Yield a closed mesh for each instance, then one for the rest of each class; cells never seen have none.
+
+    A column reaches from the floor (or from the part's lowest cell, should it lie below) to the height of its cell, so
+    an instance's volume is the sum of its cells' areas times their heights. What hangs below a table top is not known.
+    Meshes of classes have no underside, which is never visible.
+    """
+    for one in simap.instances:
+        vertices, faces = _columns(simap, simap.instance == one.id, closed=True)
+        yield Part(node_name(one), one.label, one.id, color_of(simap, one), vertices, faces)
+    colors = label_colors(simap)
+    rest = (simap.instance == 0) & ~np.isnan(simap.grid.height_m)
+    for index in np.unique(simap.grid.label[rest]).tolist():
+        label = simap.grid.labels[index] if index else UNLABELLED
+        name = f"{label}-unassigned" if index and simap.grid.is_thing[index] else label
+        color = colors[index] if index else UNLABELLED_COLOR
+        yield Part(name, label, 0, color, *_columns(simap, rest & (simap.grid.label == index), closed=False))
+
+
+def _columns(simap: SIMap, mask: NDArray, *, closed: bool) -> tuple[NDArray, NDArray]:
+    """Return vertices and faces of the columns over the cells of a mask; no faces between two columns that touch."""
+    row, col = np.nonzero(mask)
+    top = simap.grid.height_m[row, col].astype(np.float64)
+    base = min(0.0, float(top.min()))
+    heights = np.full((simap.spec.rows + 2, simap.spec.cols + 2), base)
+    heights[row + 1, col + 1] = top
+    lid = np.array([[0, 0], [1, 0], [1, 1], [0, 1]])
+    quads = [_quads(row, col, lid, top)]
+    if closed:
+        quads.append(_quads(row, col, lid[::-1], np.full(len(top), base)))
+    for (d_row, d_col), (left, right) in _SIDES.items():
+        foot = heights[row + 1 + d_row, col + 1 + d_col]
+        bare = foot < top
+        around = np.array([left, right, right, left])
+        side = _quads(row[bare], col[bare], around, foot[bare])
+        side[:, 2:, 2] = top[bare][:, None]
+        quads.append(side)
+    corners = np.concatenate(quads).reshape(-1, 3)
+    first = np.arange(len(corners) // 4)[:, None] * 4
+    faces = np.concatenate([first + np.array([0, 1, 2]), first + np.array([0, 2, 3])])
+    unique, inverse = np.unique(corners, axis=0, return_inverse=True)
+    return _in_metres(simap.spec, unique), inverse.reshape(-1)[faces]
+
+
+def _quads(row: NDArray, col: NDArray, around: NDArray, height: NDArray) -> NDArray:
+    """Return corners, float64 [n, 4, 3]: x and y in cells, z in metres."""
+    quads = np.zeros((len(row), 4, 3))
+    quads[..., 0] = col[:, None] + around[:, 0]
+    quads[..., 1] = row[:, None] + around[:, 1]
+    quads[..., 2] = height[:, None]
+    return quads
+
+
+def _in_metres(spec: GridSpec, corners: NDArray) -> NDArray:
+    scale = (spec.cell_size_m, spec.cell_size_m, 1.0)
+    return corners * scale + (spec.x0_m, spec.y0_m, 0.0)
+
+
+@dataclass(frozen=True, eq=False)
+class Cloud:
+    """Coloured points."""
+
+    xyz_m: NDArray
+    """float32 [n, 3], map frame."""
+    rgb: NDArray
+    """uint8 [n, 3]."""
+    instance: NDArray
+    """int32 [n], 0 = none."""
+
+
+def cloud_asked_for(simap: SIMap, options: ExportOptions) -> Cloud | None:
+    """Read the points of the sequence in the options, cut at the height at which the map was; None without one."""
+    if options.points_of is None:
+        return None
+    cut_height_m = float(simap.parameters.get("cut_height_m", 2.0))
+    return gather_points(simap, options.points_of, cut_height_m=cut_height_m, progress=options.progress)
+
+
+def gather_points(
+    simap: SIMap, sequence: FrameSource, *, cut_height_m: float = 2.0, progress: Progress | None = None
+) -> Cloud:
+    """Read the points of a map's sequence, thinned out; points above the cut are left out, as on the map.
+
+    Raises:
+        InputError: a frame cannot be read.
+    """
+    chosen = sorted({int(i) for i in np.linspace(0, len(sequence) - 1, min(FRAMES, len(sequence)))})
+    xyz, rgb = [np.zeros((0, 3))], [np.zeros((0, 3), np.uint8)]
+    for done, index in enumerate(chosen, start=1):
+        points, colors = _of_frame(sequence.read(index, color=True), simap.T_map_world, cut_height_m)
+        kept = _one_a_voxel(points)
+        xyz.append(points[kept])
+        rgb.append(colors[kept])
+        if progress is not None:
+            progress("reading points", done, len(chosen))
+    points, colors = np.concatenate(xyz), np.concatenate(rgb)
+    kept = _one_a_voxel(points)
+    return Cloud(points[kept].astype(np.float32), colors[kept], _instance_at(simap, points[kept]))
+
+
+def _one_a_voxel(points: NDArray) -> NDArray:
+    """Return the indices, ascending, of the first point in each cube."""
+    x, y, z = np.floor(points / VOXEL_M).astype(np.int64).T + (1 << 20)  # 20 km each way
+    return np.sort(np.unique(x << 42 | y << 21 | z, return_index=True)[1])
+
+
+def _of_frame(frame: Frame, T_map_world: NDArray, cut_height_m: float) -> tuple[NDArray, NDArray]:
+    depth, K = frame.depth_m[::STRIDE, ::STRIDE], frame.intrinsics
+    camera = back_project(depth, K.fx / STRIDE, K.fy / STRIDE, K.cx / STRIDE, K.cy / STRIDE)
+    points = transform_points(T_map_world @ frame.T_world_camera, camera)
+    height_m = points[..., 2]
+    kept = np.logical_and.reduce([depth >= NEAR_M, depth <= FAR_M, height_m <= cut_height_m, height_m >= -BELOW_M])
+    assert frame.color is not None  # it was asked for
+    return points[kept], frame.color[::STRIDE, ::STRIDE][kept]
+
+
+def _instance_at(simap: SIMap, xyz_m: NDArray) -> NDArray:
+    spec = simap.spec
+    cell = np.floor((xyz_m[:, 1::-1] - (spec.y0_m, spec.x0_m)) / spec.cell_size_m).astype(np.int64)
+    inside = np.asarray(((cell >= 0) & (cell < spec.shape)).all(axis=1))
+    row, col = np.where(inside[:, None], cell, 0).T
+    lies = (xyz_m[:, 2] <= ON_FLOOR_M) & (simap.grid.height_m[row, col] > 2 * ON_FLOOR_M)
+    return np.where(inside & ~lies, simap.instance[row, col], 0).astype(np.int32)
