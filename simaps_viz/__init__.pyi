@@ -5,8 +5,8 @@ from .api import to_pandas as to_pandas
 from .build.pipeline import BuildCancelled as BuildCancelled
 from .build.pipeline import BuildConfig as BuildConfig
 from .build.pipeline import build_map as build_map
-from .datasets.posed_frames import PosedFrames as PosedFrames
-from .datasets.posed_frames import open_sequence as open_sequence
+from .datasets.open import open_sequence as open_sequence
+from .datasets.sequence import PosedFrames as PosedFrames
 from .datasets.source import FrameSource as FrameSource
 from .errors import CommandError as CommandError
 from .errors import InputError as InputError

@@ -13,7 +13,7 @@ from benchmarks.timing import best_of, measure, timed, times
 from simaps_viz.build.pipeline import BuildConfig, empty_accumulator, facts_of, gather_frames
 from simaps_viz.build.workers import SHARD_FRAMES, gather_shard, job_of, open_workers, reopening, steps_in
 from simaps_viz.datasets.joined import JoinedFrames, join
-from simaps_viz.datasets.posed_frames import PosedFrames
+from simaps_viz.datasets.sequence import PosedFrames
 from simaps_viz.mapping.file import save_map
 from simaps_viz.mapping.finalize import map_so_far
 from simaps_viz.mapping.steps import pack_step
@@ -135,7 +135,7 @@ def _on_paper(sequence: PosedFrames, config: BuildConfig, run: Run) -> Iterator[
     """Carry the figures on to a campus; the first run is by one worker."""
     worker = min(SHARD_FRAMES, len(sequence)) / _gathering_s(sequence, config)
     client = run.frames / run.cpu_s
-    read = np.mean([_read_bytes(sequence, name) for name in sequence.frame_names])
+    read = np.mean([_read_bytes(sequence, index) for index in range(len(sequence))])
     moved = run.received / run.frames
     limits = {
         "the one who merges": client,
@@ -157,7 +157,7 @@ def _on_paper(sequence: PosedFrames, config: BuildConfig, run: Run) -> Iterator[
     )
 
 
-def _read_bytes(sequence: PosedFrames, name: str) -> int:
-    manifest = sequence.manifest
-    patterns = [manifest.depth, *([manifest.segmentation.ids] if manifest.segmentation else [])]
-    return sum(manifest.file(pattern, name).stat().st_size for pattern in patterns)
+def _read_bytes(sequence: PosedFrames, index: int) -> int:
+    segments = sequence.recording.segments
+    ids = [segments.stored(index)] if segments and segments.stored else []
+    return sum(file.stat().st_size for file in (sequence.files(index)[1], *ids))

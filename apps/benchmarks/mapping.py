@@ -10,7 +10,7 @@ import cv2
 from benchmarks.timing import Cost, measure
 
 from simaps_viz.build.pipeline import BuildConfig, Method, build_map, empty_accumulator, graphs_so_far
-from simaps_viz.datasets.posed_frames import PosedFrames
+from simaps_viz.datasets.sequence import PosedFrames
 from simaps_viz.datasets.source import FrameSource, read_ahead
 from simaps_viz.events import Event
 from simaps_viz.mapping.evidence import pair_graphs
@@ -34,11 +34,14 @@ class Watcher:
 
 def image_files(sequence: PosedFrames, *, color: bool = False) -> list[Path]:
     """Return the images a build decodes: depth and segment ids of every frame, and colour when somebody watches."""
-    manifest, folder = sequence.manifest, sequence.path.parent
-    if manifest.segmentation is None:
+    segments = sequence.recording.segments
+    if segments is None or segments.stored is None:
         return []
-    patterns = [manifest.depth, manifest.segmentation.ids] + ([manifest.color] if color else [])
-    return [folder / pattern.replace("{frame}", name) for name in sequence.frame_names for pattern in patterns]
+    files = []
+    for index in range(len(sequence)):
+        color_file, depth_file = sequence.files(index)
+        files += [depth_file, segments.stored(index)] + ([color_file] if color else [])
+    return files
 
 
 def decode_only(files: list[Path]) -> None:

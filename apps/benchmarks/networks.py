@@ -11,7 +11,7 @@ from benchmarks.timing import Cost, measure
 from numpy.typing import NDArray
 
 from simaps_viz.build.pipeline import build_map
-from simaps_viz.datasets.posed_frames import PosedFrames
+from simaps_viz.datasets.sequence import PosedFrames
 from simaps_viz.segmentation.protocol import Network
 from simaps_viz.segmentation.recognise import NetworkSettings, open_network
 from simaps_viz.segmentation.sequences import WithMasks, segment_sequence
@@ -28,7 +28,7 @@ class Every:
         step = max(1, len(sequence) // frames)
         self._sequence = sequence
         self._indices = list(range(0, len(sequence), step))[:frames]
-        self.name, self.path, self.manifest = sequence.name, sequence.path, sequence.manifest
+        self.name, self.path = sequence.name, sequence.path
         self.frame_names = tuple(sequence.frame_names[i] for i in self._indices)
         self.poses: NDArray = sequence.poses[self._indices]
         self.T_map_world, self.simulated, self.intrinsics = (
@@ -49,6 +49,10 @@ class Every:
     def color_file(self, index: int) -> Path | None:
         """Return the file of a frame's colour image."""
         return self._sequence.color_file(self._indices[index])
+
+    def files(self, index: int) -> tuple[Path, Path]:
+        """Return the files of a frame's colour and depth."""
+        return self._sequence.files(self._indices[index])
 
     def color(self, index: int) -> NDArray:
         """Read a frame's colour image."""

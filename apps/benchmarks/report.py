@@ -14,7 +14,7 @@ from benchmarks.points import bench_memory, bench_points
 from benchmarks.sliders import bench_sliders
 
 from simaps_viz.build.pipeline import BuildConfig, build_map
-from simaps_viz.datasets.posed_frames import PosedFrames
+from simaps_viz.datasets.sequence import PosedFrames
 from simaps_viz.structures import Pose2, SIMap
 
 COMMANDS = (

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 from simaps_viz.build.cache import cache_key, made_folder, map_in_cache
 from simaps_viz.build.methods import METHODS, MethodName, build
 from simaps_viz.build.pipeline import BuildConfig
-from simaps_viz.datasets.posed_frames import PosedFrames
+from simaps_viz.datasets.sequence import PosedFrames
 from simaps_viz.datasets.source import FrameSource
 from simaps_viz.errors import InputError, SIMapsError
 from simaps_viz.evaluation.truth import find_truth, settings_of, truth_as_map, truth_of

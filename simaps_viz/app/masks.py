@@ -6,7 +6,8 @@ from pathlib import Path
 
 from numpy.typing import NDArray
 
-from simaps_viz.datasets.posed_frames import PosedFrames, open_sequence
+from simaps_viz.datasets.open import open_sequence
+from simaps_viz.datasets.sequence import PosedFrames
 from simaps_viz.errors import InputError
 from simaps_viz.segmentation.mask_store import About, find_store
 from simaps_viz.segmentation.protocol import Threshold

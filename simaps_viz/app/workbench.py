@@ -16,7 +16,8 @@ from simaps_viz.build.pipeline import BuildConfig
 from simaps_viz.build.to_file import build_whole, is_whole
 from simaps_viz.console.progress import StageProgress
 from simaps_viz.console.terminal import console
-from simaps_viz.datasets.posed_frames import PosedFrames, open_sequence
+from simaps_viz.datasets.open import open_sequence
+from simaps_viz.datasets.sequence import PosedFrames
 from simaps_viz.datasets.source import FrameSource
 from simaps_viz.errors import InputError
 from simaps_viz.language.commands import Reading, read_command

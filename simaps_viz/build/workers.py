@@ -14,7 +14,7 @@ from importlib.metadata import version
 from pathlib import Path
 from numpy.typing import NDArray
 from simaps_viz.datasets.joined import JoinedFrames, join
-from simaps_viz.datasets.posed_frames import open_sequence
+from simaps_viz.datasets.open import open_sequence
 from simaps_viz.datasets.source import FrameSource
 from simaps_viz.errors import InputError
 from simaps_viz.mapping import finalize

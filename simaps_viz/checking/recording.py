@@ -11,9 +11,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from simaps_viz.checking.conventions import Convention
+from simaps_viz.datasets.calibration import lines
 from simaps_viz.datasets.images import read_color, read_depth
 from simaps_viz.datasets.manifest import Manifest, read_manifest
-from simaps_viz.datasets.rows import lines
 from simaps_viz.errors import InputError
 from simaps_viz.io.limits import MAX_FRAMES, check_frame_name
 

@@ -7,8 +7,8 @@ from simaps_viz.checking.diagnose import Diagnosis, diagnose
 from simaps_viz.checking.fix import write_fixed
 from simaps_viz.checking.picture import save_picture
 from simaps_viz.checking.recording import open_recording
-from simaps_viz.datasets.posed_frames import open_sequence
-from simaps_viz.datasets.recognise import recognise
+from simaps_viz.datasets.open import open_sequence, recognise
+from simaps_viz.datasets.posed_frames import PosedFramesReader
 from simaps_viz.errors import InputError
 from simaps_viz.events import Progress
 from simaps_viz.io.files import check_output
@@ -25,7 +25,8 @@ def check(path: Path, *, fix: bool, picture: Path | None, progress: Progress) ->
     """
     if picture is not None:
         check_output(picture, ".png")
-    if not (path / "sequence.json").is_file() and recognise(path) is not None:
+    reader = recognise(path)
+    if reader is not None and not isinstance(reader, PosedFramesReader):
         raise InputError(f"{path}: expected a posed-frames/1 sequence, found another format; run simaps convert first")
     diagnosis = diagnose(open_recording(path), progress)
     if picture is not None:

@@ -10,7 +10,7 @@ from simaps_viz.checking.agreement import AGREES, Agreement, Views, kept_by_pair
 from simaps_viz.checking.conventions import FORMS, OPENGL, PLAIN, ROS, Convention, conventions
 from simaps_viz.checking.recording import Reading, Recording
 from simaps_viz.checking.refine import other_sizes
-from simaps_viz.datasets.posed_frames import DEPTH_RANGE_M
+from simaps_viz.datasets.sequence import DEPTH_RANGE_M
 
 USUAL_M = (0.001, 0.0002, 0.00025, 0.0001, 0.0005, 0.01, 0.1, 1.0, 1e-6, 1 / 256, 1e-5)
 """Metres a step that cameras and datasets use."""

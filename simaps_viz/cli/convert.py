@@ -30,7 +30,7 @@ class Convert:
         from simaps_viz.console.progress import stage_progress
         from simaps_viz.console.terminal import console, emit
         from simaps_viz.datasets.convert import write_posed_frames
-        from simaps_viz.datasets.posed_frames import open_sequence
+        from simaps_viz.datasets.open import open_sequence
 
         with stage_progress(quiet=self.json) as progress:
             sequence = open_sequence(self.source)

@@ -34,7 +34,7 @@ class Demo:
         from simaps_viz.build.cache import cache_folder
         from simaps_viz.console.progress import stage_progress
         from simaps_viz.console.terminal import console
-        from simaps_viz.datasets.posed_frames import open_sequence
+        from simaps_viz.datasets.open import open_sequence
         from simaps_viz.mapping.mending import open_mending
         from simaps_viz.scenes.demo import ensure_demo
 

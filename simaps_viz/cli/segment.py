@@ -12,7 +12,7 @@ from simaps_viz.errors import InputError
 
 if TYPE_CHECKING:
     from simaps_viz.console.progress import StageProgress
-    from simaps_viz.datasets.posed_frames import PosedFrames
+    from simaps_viz.datasets.sequence import PosedFrames
     from simaps_viz.datasets.source import FrameSource
 
 PRECOMPUTED = "precomputed"
@@ -58,7 +58,7 @@ class Segment:
 
     def _write(self, cache: Path, progress: "StageProgress") -> dict[str, Any]:
         """Segment the sequence and write the masks; return what was written, JSON-able."""
-        from simaps_viz.datasets.posed_frames import open_sequence
+        from simaps_viz.datasets.open import open_sequence
         from simaps_viz.segmentation.coco_panoptic import write_coco_panoptic
         from simaps_viz.segmentation.mask_files import check_place, write_masks
 
@@ -102,7 +102,7 @@ def open_segmented(
     Raises:
         InputError: anything is not as it should be.
     """
-    from simaps_viz.datasets.posed_frames import open_sequence
+    from simaps_viz.datasets.open import open_sequence
 
     sequence = open_sequence(path, whole=whole or segmentation.lower().endswith(".onnx"))
     if segmentation == PRECOMPUTED:

@@ -39,7 +39,7 @@ class View:
         from simaps_viz.cli.recordings import is_recorded_build, view_alone
         from simaps_viz.cli.segment import PRECOMPUTED, open_segmented
         from simaps_viz.console.progress import stage_progress
-        from simaps_viz.datasets.posed_frames import is_sequence
+        from simaps_viz.datasets.open import is_sequence
         from simaps_viz.mapping.mending import load_mended, open_mending
 
         if is_recorded_build(self.path):

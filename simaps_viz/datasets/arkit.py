@@ -6,11 +6,10 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from simaps_viz.datasets.association import associate, interpolate_poses, nearest
+from simaps_viz.datasets.association import nearest, posed_pairs
+from simaps_viz.datasets.calibration import Lens, number_rows, pinhole
 from simaps_viz.datasets.file_frames import FileFrames, depth_png, number_of, numbered
-from simaps_viz.datasets.lens import Lens, pinhole
-from simaps_viz.datasets.recording import FormatFacts, Recording
-from simaps_viz.datasets.rows import number_rows
+from simaps_viz.datasets.recording import FormatFacts, Reader, Recording, left_out
 from simaps_viz.errors import InputError
 from simaps_viz.geometry import invert_pose
 
@@ -27,57 +26,48 @@ FACTS = FormatFacts(
 
 TOLERANCE_S = 0.02
 """How far colour may be from depth; file names carry milliseconds."""
-LONGEST_POSE_GAP_S = 0.25
+MAX_POSE_GAP_S = 0.25
 """The trajectory has ten poses a second."""
 
 
-def recognise(path: Path) -> bool:
-    """Determine from names alone whether a folder is in this format."""
-    return (_folder(path) / "lowres_wide.traj").is_file() and (_folder(path) / "lowres_depth").is_dir()
+class ArkitReader(Reader):
+    """The reader of ARKitScenes recordings."""
 
+    facts = FACTS
 
-def open_recording(path: Path) -> Recording:
-    """Open a scan; raises InputError for anything that is not as the format wants it."""
-    folder = _folder(path)
-    depth_all, color_all = numbered(folder / "lowres_depth", "*.png"), numbered(folder / "lowres_wide", "*.png")
-    cameras = numbered(folder / "lowres_wide_intrinsics", "*.pincam")
-    for name, files in (("lowres_depth/*.png", depth_all), ("lowres_wide/*.png", color_all),
-                        ("lowres_wide_intrinsics/*.pincam", cameras)):  # fmt: skip
-        if not files:
-            raise InputError(f"{folder / name}: expected files named VIDEO_SECONDS, found none")
-    depth_times = _times(depth_all)
-    pairs = associate(depth_times, _times(color_all), tolerance_s=TOLERANCE_S)
-    pose_times, known_poses = _trajectory(folder / "lowres_wide.traj")
-    poses, known = interpolate_poses(
-        pose_times, known_poses, depth_times[pairs[:, 0]], longest_gap_s=LONGEST_POSE_GAP_S, beyond_s=TOLERANCE_S
-    )
-    if not known.any():
-        raise InputError(
-            f"{folder}: expected depth, colour and pose of about the same time, found none among {len(depth_all)} "
-            f"depth images, {len(color_all)} colour images and {len(pose_times)} poses"
+    def recognise(self, path: Path) -> bool:
+        """Return whether a folder is in this format, from names alone."""
+        return (_folder(path) / "lowres_wide.traj").is_file() and (_folder(path) / "lowres_depth").is_dir()
+
+    def open(self, path: Path) -> Recording:
+        """Open a scan; raises InputError for anything that is not as the format wants it."""
+        folder = _folder(path)
+        depth_all, color_all = numbered(folder / "lowres_depth", "*.png"), numbered(folder / "lowres_wide", "*.png")
+        cameras = numbered(folder / "lowres_wide_intrinsics", "*.pincam")
+        for name, files in (("lowres_depth/*.png", depth_all), ("lowres_wide/*.png", color_all),
+                            ("lowres_wide_intrinsics/*.pincam", cameras)):  # fmt: skip
+            if not files:
+                raise InputError(f"{folder / name}: expected files named VIDEO_SECONDS, found none")
+        depth_times = _times(depth_all)
+        trajectory = _trajectory(folder / "lowres_wide.traj")
+        pairs, poses = posed_pairs(
+            folder, depth_times, _times(color_all), trajectory, tolerance_s=TOLERANCE_S, max_gap_s=MAX_POSE_GAP_S
         )
-    pairs, poses = pairs[known], poses[known]
-    of_frame = nearest(_times(cameras), depth_times[pairs[:, 0]])
-    lenses = [_lens(cameras[i]) for i in of_frame]
-    depth_files, color_files = [depth_all[i] for i in pairs[:, 0]], [color_all[i] for i in pairs[:, 1]]
-    target = lenses[0].intrinsics
-    files = FileFrames(color_files, depth_files, lenses, lenses, target, depth_png(FACTS.depth_unit_m))
-    left = len(depth_all) - len(pairs)
-    return Recording(
-        facts=FACTS,
-        path=path,
-        name=depth_files[0].stem.rpartition("_")[0] or path.resolve().name,
-        frame_names=tuple(file.stem for file in depth_files),
-        poses=poses,
-        intrinsics=target,
-        depth=files.depth,
-        color=files.color,
-        color_file=files.color_file,
-        stored=files.stored,
-        notes=(f"{left} of {len(depth_all)} depth images have no colour or pose of their time: left out",)
-        if left
-        else (),
-    )
+        of_frame = nearest(_times(cameras), depth_times[pairs[:, 0]])
+        lenses = [_lens(cameras[i]) for i in of_frame]
+        depth_files, color_files = [depth_all[i] for i in pairs[:, 0]], [color_all[i] for i in pairs[:, 1]]
+        target = lenses[0].intrinsics
+        files = FileFrames(color_files, depth_files, lenses, lenses, target, depth_png(FACTS.depth_unit_m))
+        return files.recording(
+            FACTS,
+            path,
+            name=depth_files[0].stem.rpartition("_")[0] or path.resolve().name,
+            frame_names=tuple(file.stem for file in depth_files),
+            poses=poses,
+            notes=left_out(
+                len(depth_all) - len(pairs), len(depth_all), "depth images have no colour or pose of their time"
+            ),
+        )
 
 
 def _folder(path: Path) -> Path:

@@ -13,8 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from simaps_viz.datasets.manifest import CAMERA_AXES, FORMAT, POSE
-from simaps_viz.datasets.posed_frames import PosedFrames
 from simaps_viz.datasets.segment_tables import MAX_ID
+from simaps_viz.datasets.sequence import PosedFrames
 from simaps_viz.errors import InputError
 from simaps_viz.structures import Segmentation
 
@@ -68,7 +68,7 @@ def write_posed_frames(
 class _Writer:
     def __init__(self, sequence: PosedFrames, folder: Path) -> None:
         self.sequence, self.folder = sequence, folder
-        self.unit_m = sequence.manifest.depth_unit_m
+        self.unit_m = sequence.depth_unit_m
         first = sequence.color_file(0)
         self.color_suffix = first.suffix if first else ".jpg"
         self.world = sequence.world_segments()
@@ -100,7 +100,7 @@ class _Writer:
         up, floor_height_m = s.T_map_world[2, :3], -s.T_map_world[2, 3]
         keys: dict[str, Any] = {
             "name": s.name,
-            "description": s.manifest.description,
+            "description": s.description,
             "format": FORMAT,
             "color": f"color/{{frame}}{self.color_suffix}",
             "depth": "depth/{frame}.png",

@@ -9,9 +9,10 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from simaps_viz.datasets.calibration import Lens, see_through
 from simaps_viz.datasets.images import read_color, read_depth
-from simaps_viz.datasets.lens import Lens, see_through
 from simaps_viz.datasets.manifest import is_finite_number, shown
+from simaps_viz.datasets.recording import FormatFacts, Recording, Segments
 from simaps_viz.datasets.segment_tables import few
 from simaps_viz.errors import InputError
 from simaps_viz.io.arrays import read_npy
@@ -62,6 +63,25 @@ class FileFrames:
         """Return the colour file if it can be used as it is."""
         lens = _of(self.color_lenses, index)
         return self.color_paths[index] if lens == Lens(self.intrinsics) else None
+
+    def recording(
+        self,
+        facts: FormatFacts,
+        path: Path,
+        *,
+        name: str,
+        frame_names: tuple[str, ...],
+        poses: NDArray,
+        segments: Segments | None = None,
+        depth_unit_m: float | None = None,
+        notes: tuple[str, ...] = (),
+        simulated: bool = False,
+    ) -> Recording:
+        """Return the recording of these frames; arguments as in `Recording`."""
+        return Recording(
+            facts, path, name, frame_names, poses, self.intrinsics, self.depth, self.color, self.color_file,
+            self.stored, segments, depth_unit_m, notes, simulated,
+        )  # fmt: skip
 
     def stored(self, index: int) -> tuple[Path, Path]:
         """Return the files of a frame's colour and depth."""

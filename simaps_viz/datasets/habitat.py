@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from simaps_viz.colors.classes import is_thing
+from simaps_viz.datasets.calibration import OPENCV_FROM_OPENGL, Lens, from_quaternion, number_rows, pinhole
 from simaps_viz.datasets.file_frames import (
     FileFrames,
     check_size,
@@ -21,9 +22,7 @@ from simaps_viz.datasets.file_frames import (
     numbered,
     read_array,
 )
-from simaps_viz.datasets.lens import Lens, pinhole
-from simaps_viz.datasets.recording import FormatFacts, Recording, Segments
-from simaps_viz.datasets.rows import OPENCV_FROM_OPENGL, from_quaternion, number_rows
+from simaps_viz.datasets.recording import FormatFacts, Reader, Recording, Segments
 from simaps_viz.datasets.segment_tables import WorldSegments
 from simaps_viz.errors import InputError
 from simaps_viz.io.limits import MAX_TEXT_BYTES, check_file
@@ -56,37 +55,40 @@ MIN_PATCH_PIXELS = 4
 """A smaller patch of a thing class is a seam of the rendering."""
 
 
-def recognise(path: Path) -> bool:
-    """Determine from names alone whether a folder is in this format."""
-    depth = path / "depth"
-    return (path / "poses.txt").is_file() and (path / "rgb").is_dir() and next(depth.glob("*.npy"), None) is not None
+class HabitatReader(Reader):
+    """The reader of VLMaps / Habitat-Matterport recordings."""
 
+    facts = FACTS
 
-def open_recording(path: Path) -> Recording:
-    """Open a folder; raises InputError for anything that is not as the format wants it."""
-    depth_files, color_files = numbered(path / "depth", "*.npy"), numbered(path / "rgb", "*.png")
-    color_files = color_files or numbered(path / "rgb", "*.jpg")
-    expect_as_many(path / "rgb", "colour images (*.png, *.jpg), one a depth array", len(depth_files), len(color_files))
-    rows = number_rows(path / "poses.txt", 7)
-    expect_as_many(path / "poses.txt", "poses, one a depth array", len(depth_files), len(rows))
-    width, height = image_size(color_files[0])
-    lens = Lens(pinhole(str(path), width, height, width / 2, width / 2, (width - 1) / 2, (height - 1) / 2))
-    files = FileFrames(color_files, depth_files, [lens], [lens], lens.intrinsics, depth_npy(FACTS.depth_unit_m))
-    return Recording(
-        facts=FACTS,
-        path=path,
-        name=path.resolve().name,
-        frame_names=tuple(file.stem.replace(" ", "_") for file in depth_files),
-        poses=np.stack([_camera_pose(where, row) for where, row in rows]),
-        intrinsics=lens.intrinsics,
-        depth=files.depth,
-        color=files.color,
-        color_file=files.color_file,
-        stored=files.stored,
-        segments=_segments(path, len(depth_files), lens.intrinsics),
-        depth_unit_m=WRITTEN_UNIT_M,
-        simulated=True,
-    )
+    def recognise(self, path: Path) -> bool:
+        """Return whether a folder is in this format, from names alone."""
+        depth = path / "depth"
+        return (
+            (path / "poses.txt").is_file() and (path / "rgb").is_dir() and next(depth.glob("*.npy"), None) is not None
+        )
+
+    def open(self, path: Path) -> Recording:
+        """Open a folder; raises InputError for anything that is not as the format wants it."""
+        depth_files, color_files = numbered(path / "depth", "*.npy"), numbered(path / "rgb", "*.png")
+        color_files = color_files or numbered(path / "rgb", "*.jpg")
+        expect_as_many(
+            path / "rgb", "colour images (*.png, *.jpg), one a depth array", len(depth_files), len(color_files)
+        )
+        rows = number_rows(path / "poses.txt", 7)
+        expect_as_many(path / "poses.txt", "poses, one a depth array", len(depth_files), len(rows))
+        width, height = image_size(color_files[0])
+        lens = Lens(pinhole(str(path), width, height, width / 2, width / 2, (width - 1) / 2, (height - 1) / 2))
+        files = FileFrames(color_files, depth_files, [lens], [lens], lens.intrinsics, depth_npy(FACTS.depth_unit_m))
+        return files.recording(
+            FACTS,
+            path,
+            name=path.resolve().name,
+            frame_names=tuple(file.stem.replace(" ", "_") for file in depth_files),
+            poses=np.stack([_camera_pose(where, row) for where, row in rows]),
+            segments=_segments(path, len(depth_files), lens.intrinsics),
+            depth_unit_m=WRITTEN_UNIT_M,
+            simulated=True,
+        )
 
 
 def _camera_pose(where: str, row: NDArray) -> NDArray:

@@ -14,18 +14,17 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from simaps_viz.datasets.calibration import read_intrinsics, read_poses
+from simaps_viz.datasets.calibration import read_intrinsics, read_poses, rigid
+from simaps_viz.datasets.cloud_files import read_pcd, read_ply
 from simaps_viz.datasets.clouds import CloudSettings, camera_points, depth_of_cloud, gravity_of_clouds
-from simaps_viz.datasets.images import read_color, read_ids
-from simaps_viz.datasets.manifest import KeyTable, SegmentationFiles, read_json, segmentation_files, shown
-from simaps_viz.datasets.pcd import read_pcd
-from simaps_viz.datasets.ply import read_ply
-from simaps_viz.datasets.recording import FormatFacts, Recording, Segments
-from simaps_viz.datasets.rows import rigid
-from simaps_viz.datasets.segment_tables import WorldSegments, few, read_frame_segments, read_world_segments
+from simaps_viz.datasets.images import read_color
+from simaps_viz.datasets.manifest import KeyTable, read_json, segmentation_files, shown
+from simaps_viz.datasets.posed_frames import read_segments
+from simaps_viz.datasets.recording import FormatFacts, Reader, Recording, Segments
+from simaps_viz.datasets.segment_tables import few
 from simaps_viz.errors import InputError
 from simaps_viz.geometry import invert_pose
-from simaps_viz.structures import Intrinsics, Segmentation
+from simaps_viz.structures import Intrinsics
 
 FACTS = FormatFacts(
     title="LiDAR and camera",
@@ -39,7 +38,7 @@ FACTS = FormatFacts(
     segmentation="as in posed-frames/1",
 )
 FORMAT = "posed-clouds/1"
-READERS: dict[str, Callable[[Path], NDArray]] = {".ply": read_ply, ".pcd": read_pcd}
+CLOUD_READERS: dict[str, Callable[[Path], NDArray]] = {".ply": read_ply, ".pcd": read_pcd}
 
 _REQUIRED = ("format", "clouds", "color", "intrinsics", "poses")
 _OPTIONAL = ("name", "description", "simulated", "pose", "points", "T_lidar_camera", "up", "floor_height_m",
@@ -49,40 +48,44 @@ _FRAMES = ("lidar", "world")
 _SAMPLED_FOR_GRAVITY = 40
 
 
-def recognise(path: Path) -> bool:
-    """Determine from names alone whether a folder or file is in this format."""
-    return _file(path).is_file()
+class LidarReader(Reader):
+    """The reader of LiDAR and camera recordings."""
 
+    facts = FACTS
 
-def open_recording(path: Path) -> Recording:
-    """Open a folder or its lidar.json.
+    def recognise(self, path: Path) -> bool:
+        """Return whether a folder or file is in this format, from names alone."""
+        return _file(path).is_file()
 
-    Raises:
-        InputError: Anything is not as the format wants it; the message names the file, what was expected and found.
-    """
-    scan = _Scan.read(_file(path))
-    facts, floor_height_m = replace(FACTS, up=scan.up), scan.floor_height_m
-    if scan.up is None or floor_height_m is None:
-        picked = {int(i) for i in np.linspace(0, len(scan.names) - 1, min(len(scan.names), _SAMPLED_FOR_GRAVITY))}
-        clouds = [(scan.cloud(i), scan.T_world_camera[i]) for i in sorted(picked)]
-        up, found_m = gravity_of_clouds(scan.file, clouds, scan.camera, scan.up)
-        facts, floor_height_m = replace(FACTS, up=up), found_m if floor_height_m is None else floor_height_m
-    return Recording(
-        facts=facts,
-        path=path,
-        name=scan.name,
-        frame_names=scan.names,
-        poses=scan.T_world_camera,
-        intrinsics=scan.camera,
-        depth=lambda i: depth_of_cloud(scan.cloud(i), scan.camera, scan.settings),
-        color=lambda i: read_color(scan.color_file(i)),
-        color_file=scan.color_file,
-        stored=lambda i: (scan.color_file(i), scan.cloud_file(i)),
-        segments=scan.segments,
-        depth_unit_m=0.001,
-        floor_height_m=floor_height_m,
-        simulated=scan.simulated,
-    )
+    def open(self, path: Path) -> Recording:
+        """Open a folder or its lidar.json.
+
+        Raises:
+            InputError: Anything is not as the format wants it; the message names the file, what was expected and found.
+        """
+        scan = _Scan.read(_file(path))
+        facts, floor_height_m = replace(FACTS, up=scan.up), scan.floor_height_m
+        if scan.up is None or floor_height_m is None:
+            picked = {int(i) for i in np.linspace(0, len(scan.names) - 1, min(len(scan.names), _SAMPLED_FOR_GRAVITY))}
+            clouds = [(scan.cloud(i), scan.T_world_camera[i]) for i in sorted(picked)]
+            up, found_m = gravity_of_clouds(scan.file, clouds, scan.camera, scan.up)
+            facts, floor_height_m = replace(FACTS, up=up), found_m if floor_height_m is None else floor_height_m
+        return Recording(
+            facts=facts,
+            path=path,
+            name=scan.name,
+            frame_names=scan.names,
+            poses=scan.T_world_camera,
+            intrinsics=scan.camera,
+            depth=lambda i: depth_of_cloud(scan.cloud(i), scan.camera, scan.settings),
+            color=lambda i: read_color(scan.color_file(i)),
+            color_file=scan.color_file,
+            stored=lambda i: (scan.color_file(i), scan.cloud_file(i)),
+            segments=scan.segments,
+            depth_unit_m=0.001,
+            floor_height_m=floor_height_m,
+            simulated=scan.simulated,
+        )
 
 
 def _file(path: Path) -> Path:
@@ -123,6 +126,7 @@ class _Scan:
         _check_files(file, keys, names)
         height, width = read_color(file.parent / color.replace("{frame}", names[0])).shape[:2]
         T_camera_lidar = invert_pose(T_lidar_camera)
+        camera = read_intrinsics(file.parent / keys.file("intrinsics"), width=width, height=height)
         files = segmentation_files(file, keys.values["segmentation"]) if "segmentation" in keys.values else None
         return cls(
             file=file,
@@ -132,13 +136,13 @@ class _Scan:
             T_camera_points=(lambda i: T_camera_lidar)
             if points == _FRAMES[0]
             else (lambda i: invert_pose(T_world_camera[i])),
-            camera=read_intrinsics(file.parent / keys.file("intrinsics"), width=width, height=height),
+            camera=camera,
             clouds=keys.file("clouds"),
             color=color,
             settings=CloudSettings(_pixels(keys, "hidden_pixels"), _pixels(keys, "fill_pixels") or 0),
             up=keys.direction("up"),
             floor_height_m=keys.number("floor_height_m") if "floor_height_m" in keys.values else None,
-            segments=_segments(file, files, names) if files else None,
+            segments=read_segments(file.parent, files, names, camera) if files else None,
             simulated=keys.flag("simulated", False) or bool(files and files.source.lower().startswith("simulated")),
         )
 
@@ -156,7 +160,7 @@ class _Scan:
 
 
 def _read_cloud(file: Path) -> NDArray:
-    return READERS[file.suffix.lower()](file)
+    return CLOUD_READERS[file.suffix.lower()](file)
 
 
 _kept = lru_cache(maxsize=1)(_read_cloud)
@@ -194,8 +198,8 @@ def _mounting(file: Path, keys: KeyTable, *, needed: bool) -> NDArray:
 
 def _check_files(file: Path, keys: KeyTable, names: tuple[str, ...]) -> None:
     clouds = keys.file("clouds")
-    if Path(clouds).suffix.lower() not in READERS:
-        raise InputError(f"{file}: clouds: expected files ending in {', '.join(READERS)}, found {shown(clouds)}")
+    if Path(clouds).suffix.lower() not in CLOUD_READERS:
+        raise InputError(f"{file}: clouds: expected files ending in {', '.join(CLOUD_READERS)}, found {shown(clouds)}")
     if "{frame}" not in clouds and keys.values.get("points") != _FRAMES[1]:
         raise InputError(f'{file}: clouds: expected {{frame}} in it, or "points": "world", found {shown(clouds)}')
     for pattern in (keys.pattern("color"), clouds):
@@ -206,15 +210,3 @@ def _check_files(file: Path, keys: KeyTable, names: tuple[str, ...]) -> None:
                 f"{missing[0]}: expected a file for each of {len(names)} frames, found none for {len(missing)}: "
                 f"{few([one.name for one in missing])}"
             )
-
-
-def _segments(file: Path, files: SegmentationFiles, names: tuple[str, ...]) -> Segments:
-    path = file.parent / files.table
-    table = read_world_segments(path) if files.world_wide else read_frame_segments(path, names)
-
-    def read(index: int) -> Segmentation:
-        image = file.parent / files.ids.replace("{frame}", names[index])
-        return table.segmentation(names[index], image, read_ids(image))
-
-    world = table.by_id if isinstance(table, WorldSegments) else None
-    return Segments(table.classes(), read, files.source, world, files.ground_truth)

@@ -6,12 +6,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from simaps_viz.datasets.calibration import OPENCV_FROM_OPENGL, Lens, pinhole, rigid
 from simaps_viz.datasets.file_frames import FileFrames, depth_npy, depth_png, image_size, json_number, read_array
 from simaps_viz.datasets.images import read_depth
-from simaps_viz.datasets.lens import Lens, pinhole
 from simaps_viz.datasets.manifest import read_json, shown
-from simaps_viz.datasets.recording import FormatFacts, Recording
-from simaps_viz.datasets.rows import OPENCV_FROM_OPENGL, rigid
+from simaps_viz.datasets.recording import FormatFacts, Reader, Recording, left_out
 from simaps_viz.errors import InputError
 from simaps_viz.structures import Intrinsics
 
@@ -31,54 +30,55 @@ PIXEL_CENTRE = 0.5
 PINHOLES = ("OPENCV", "PINHOLE", "SIMPLE_PINHOLE", "SIMPLE_RADIAL", "RADIAL", "PERSPECTIVE")
 
 
-def recognise(path: Path) -> bool:
-    """Determine from names alone whether a folder or file is in this format."""
-    return _file(path).is_file()
+class NerfstudioReader(Reader):
+    """The reader of nerfstudio recordings."""
 
+    facts = FACTS
 
-def open_recording(path: Path) -> Recording:
-    """Open a folder or its transforms.json; raises InputError for anything that is not as the format wants it.
+    def recognise(self, path: Path) -> bool:
+        """Return whether a folder or file is in this format, from names alone."""
+        return _file(path).is_file()
 
-    Poses may be off by any turn, as they come from a reconstruction, so up is estimated. They have to be in metres.
-    """
-    file = _file(path)
-    content = read_json(file)
-    frames = content.get("frames") if isinstance(content, dict) else None
-    if not isinstance(frames, list) or not frames:
-        raise InputError(f'{file}: expected an object with a list "frames", found {shown(content)}')
-    model = str(content.get("camera_model", "OPENCV")).upper()
-    if model not in PINHOLES or json_number(str(file), {"k4": 0.0} | content, "k4"):
-        raise InputError(
-            f"{file}: camera_model: expected one of {', '.join(PINHOLES)} without k4, found {shown(model)}"
+    def open(self, path: Path) -> Recording:
+        """Open a folder or its transforms.json; raises InputError for anything that is not as the format wants it.
+
+        Poses may be off by any turn, as they come from a reconstruction, so up is estimated. They have to be in metres.
+        """
+        file = _file(path)
+        content = read_json(file)
+        frames = content.get("frames") if isinstance(content, dict) else None
+        if not isinstance(frames, list) or not frames:
+            raise InputError(f'{file}: expected an object with a list "frames", found {shown(content)}')
+        model = str(content.get("camera_model", "OPENCV")).upper()
+        if model not in PINHOLES or json_number(str(file), {"k4": 0.0} | content, "k4"):
+            raise InputError(
+                f"{file}: camera_model: expected one of {', '.join(PINHOLES)} without k4, found {shown(model)}"
+            )
+        frames = [_merged(file, i, content, frame) for i, frame in enumerate(frames)]
+        stated = len(frames)
+        frames = sorted((f for f in frames if f["depth_file_path"] is not None), key=lambda f: f["file_path"])
+        if not frames:
+            raise InputError(
+                f"{file}: expected depth_file_path in its frames, found none in {stated}; a map needs depth"
+            )
+        color_files, depth_files = _files(file, frames, "file_path"), _files(file, frames, "depth_file_path")
+        unit_m = json_number(
+            str(file), {"depth_unit_scale_factor": FACTS.depth_unit_m} | content, "depth_unit_scale_factor"
         )
-    frames = [_merged(file, i, content, frame) for i, frame in enumerate(frames)]
-    told = len(frames)
-    frames = sorted((f for f in frames if f["depth_file_path"] is not None), key=lambda f: f["file_path"])
-    if not frames:
-        raise InputError(f"{file}: expected depth_file_path in its frames, found none in {told}; a map needs depth")
-    color_files, depth_files = _files(file, frames, "file_path"), _files(file, frames, "depth_file_path")
-    unit_m = json_number(
-        str(file), {"depth_unit_scale_factor": FACTS.depth_unit_m} | content, "depth_unit_scale_factor"
-    )
-    lenses = [_lens(f"{file}: frame {frame['file_path']}", frame, color_files[i]) for i, frame in enumerate(frames)]
-    height, width = _depth_shape(depth_files[0], unit_m)
-    depth_lenses = [lens.scaled(width, height) for lens in lenses]
-    target = Intrinsics(**vars(depth_lenses[0].intrinsics))
-    images = FileFrames(color_files, depth_files, lenses, depth_lenses, target, lambda p: _read_depth(p, unit_m))
-    return Recording(
-        facts=FACTS,
-        path=path,
-        name=file.resolve().parent.name,
-        frame_names=_names(frames),
-        poses=np.stack([_pose(f"{file}: frame {frame['file_path']}", frame) for frame in frames]),
-        intrinsics=target,
-        depth=images.depth,
-        color=images.color,
-        color_file=images.color_file,
-        stored=images.stored,
-        depth_unit_m=unit_m if depth_files[0].suffix != ".npy" else None,
-        notes=(f"{told - len(frames)} of {told} frames have no depth: left out",) if len(frames) < told else (),
-    )
+        lenses = [_lens(f"{file}: frame {frame['file_path']}", frame, color_files[i]) for i, frame in enumerate(frames)]
+        height, width = _depth_shape(depth_files[0], unit_m)
+        depth_lenses = [lens.scaled(width, height) for lens in lenses]
+        target = Intrinsics(**vars(depth_lenses[0].intrinsics))
+        images = FileFrames(color_files, depth_files, lenses, depth_lenses, target, lambda p: _read_depth(p, unit_m))
+        return images.recording(
+            FACTS,
+            path,
+            name=file.resolve().parent.name,
+            frame_names=_names(frames),
+            poses=np.stack([_pose(f"{file}: frame {frame['file_path']}", frame) for frame in frames]),
+            depth_unit_m=unit_m if depth_files[0].suffix != ".npy" else None,
+            notes=left_out(stated - len(frames), stated, "frames have no depth"),
+        )
 
 
 def _file(path: Path) -> Path:
@@ -106,8 +106,8 @@ def _names(frames: list[dict[str, Any]]) -> tuple[str, ...]:
 
 
 def _lens(where: str, frame: dict[str, Any], color_file: Path) -> Lens:
-    told = "w" in frame and "h" in frame
-    width, height = (int(json_number(where, frame, key)) for key in "wh") if told else image_size(color_file)
+    stated = "w" in frame and "h" in frame
+    width, height = (int(json_number(where, frame, key)) for key in "wh") if stated else image_size(color_file)
     numbers = [json_number(where, {"fl_y": frame.get("fl_x")} | frame, key) for key in ("fl_x", "fl_y", "cx", "cy")]
     fx, fy, cx, cy = numbers
     camera = pinhole(where, width, height, fx, fy, cx - PIXEL_CENTRE, cy - PIXEL_CENTRE)

@@ -5,11 +5,10 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from simaps_viz.datasets.calibration import OPENCV_FROM_OPENGL, Lens, pinhole, rigid
 from simaps_viz.datasets.file_frames import FileFrames, depth_png, json_number, numbered
-from simaps_viz.datasets.lens import Lens, pinhole
 from simaps_viz.datasets.manifest import read_json
-from simaps_viz.datasets.recording import FormatFacts, Recording
-from simaps_viz.datasets.rows import OPENCV_FROM_OPENGL, rigid
+from simaps_viz.datasets.recording import FormatFacts, Reader, Recording, left_out
 from simaps_viz.errors import InputError
 
 FACTS = FormatFacts(
@@ -24,48 +23,46 @@ FACTS = FormatFacts(
 )
 
 
-def recognise(path: Path) -> bool:
-    """Determine from names alone whether a folder is in this format."""
-    return (_folder(path) / "depth").is_dir() and (_folder(path) / "cameras").is_dir()
+class PolycamReader(Reader):
+    """The reader of Polycam recordings."""
 
+    facts = FACTS
 
-def open_recording(path: Path) -> Recording:
-    """Open an export; raises InputError for anything that is not as the format wants it.
+    def recognise(self, path: Path) -> bool:
+        """Return whether a folder is in this format, from names alone."""
+        return (_folder(path) / "depth").is_dir() and (_folder(path) / "cameras").is_dir()
 
-    Where Polycam has optimised the poses, those (``corrected_cameras``) and their pictures are taken.
-    """
-    folder = _folder(path)
-    corrected = "corrected_" if (folder / "corrected_cameras").is_dir() else ""
-    images, cameras = folder / f"{corrected}images", folder / f"{corrected}cameras"
-    camera_files = numbered(cameras, "*.json")
-    if not camera_files:
-        raise InputError(f"{cameras}: expected *.json, found none")
-    with_depth = [file for file in camera_files if (folder / "depth" / f"{file.stem}.png").is_file()]
-    if not with_depth:
-        raise InputError(f"{folder / 'depth'}: expected *.png named as the cameras, found none; was LiDAR mode on?")
-    contents = [read_json(file) for file in with_depth]
-    lenses = [_lens(str(file), content) for file, content in zip(with_depth, contents, strict=True)]
-    depth_files = [folder / "depth" / f"{file.stem}.png" for file in with_depth]
-    read = depth_png(FACTS.depth_unit_m)
-    height, width = read(depth_files[0]).shape
-    depth_lenses = [lens.scaled(width, height) for lens in lenses]
-    target = depth_lenses[0].intrinsics
-    color_files = [images / f"{file.stem}.jpg" for file in with_depth]
-    files = FileFrames(color_files, depth_files, lenses, depth_lenses, target, read)
-    left = len(camera_files) - len(with_depth)
-    return Recording(
-        facts=FACTS,
-        path=path,
-        name=folder.resolve().parent.name,
-        frame_names=tuple(file.stem for file in with_depth),
-        poses=np.stack([_pose(str(file), content) for file, content in zip(with_depth, contents, strict=True)]),
-        intrinsics=target,
-        depth=files.depth,
-        color=files.color,
-        color_file=files.color_file,
-        stored=files.stored,
-        notes=(f"{left} of {len(camera_files)} pictures have no depth: left out",) if left else (),
-    )
+    def open(self, path: Path) -> Recording:
+        """Open an export; raises InputError for anything that is not as the format wants it.
+
+        Where Polycam has optimised the poses, those (``corrected_cameras``) and their pictures are taken.
+        """
+        folder = _folder(path)
+        corrected = "corrected_" if (folder / "corrected_cameras").is_dir() else ""
+        images, cameras = folder / f"{corrected}images", folder / f"{corrected}cameras"
+        camera_files = numbered(cameras, "*.json")
+        if not camera_files:
+            raise InputError(f"{cameras}: expected *.json, found none")
+        with_depth = [file for file in camera_files if (folder / "depth" / f"{file.stem}.png").is_file()]
+        if not with_depth:
+            raise InputError(f"{folder / 'depth'}: expected *.png named as the cameras, found none; was LiDAR mode on?")
+        contents = [read_json(file) for file in with_depth]
+        lenses = [_lens(str(file), content) for file, content in zip(with_depth, contents, strict=True)]
+        depth_files = [folder / "depth" / f"{file.stem}.png" for file in with_depth]
+        read = depth_png(FACTS.depth_unit_m)
+        height, width = read(depth_files[0]).shape
+        depth_lenses = [lens.scaled(width, height) for lens in lenses]
+        target = depth_lenses[0].intrinsics
+        color_files = [images / f"{file.stem}.jpg" for file in with_depth]
+        files = FileFrames(color_files, depth_files, lenses, depth_lenses, target, read)
+        return files.recording(
+            FACTS,
+            path,
+            name=folder.resolve().parent.name,
+            frame_names=tuple(file.stem for file in with_depth),
+            poses=np.stack([_pose(str(file), content) for file, content in zip(with_depth, contents, strict=True)]),
+            notes=left_out(len(camera_files) - len(with_depth), len(camera_files), "pictures have no depth"),
+        )
 
 
 def _folder(path: Path) -> Path:

@@ -12,6 +12,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from simaps_viz.datasets.calibration import OPENCV_FROM_OPENGL, Lens, from_quaternion, pinhole, see_through
 from simaps_viz.datasets.file_frames import (
     check_size,
     clean_depth,
@@ -21,10 +22,8 @@ from simaps_viz.datasets.file_frames import (
     numbered,
 )
 from simaps_viz.datasets.images import decode_image, read_color
-from simaps_viz.datasets.lens import Lens, pinhole, see_through
 from simaps_viz.datasets.manifest import is_finite_number, parse_json, read_json, shown
-from simaps_viz.datasets.recording import FormatFacts, Recording
-from simaps_viz.datasets.rows import OPENCV_FROM_OPENGL, from_quaternion
+from simaps_viz.datasets.recording import FormatFacts, Reader, Recording
 from simaps_viz.errors import InputError, needs_extra
 from simaps_viz.io.arrays import ARCHIVE_FAULTS
 from simaps_viz.io.limits import MAX_IMAGE_BYTES, MAX_IMAGE_PIXELS, MAX_MEMBER_BYTES, check_file, check_picture
@@ -167,51 +166,55 @@ class _Parts:
     depth_where: Callable[[int], str]
 
 
-def recognise(path: Path) -> bool:
-    """Determine from names alone whether a folder or file is in this format."""
-    if path.suffix == ".r3d":
-        return path.is_file()
-    return _is_unpacked(path) or _is_exr(_exr_folder(path))
+class Record3DReader(Reader):
+    """The reader of Record3D recordings."""
 
+    facts = FACTS
 
-def open_recording(path: Path) -> Recording:
-    """Open a recording; raises InputError for anything that is not as the format wants it."""
-    if path.suffix == ".r3d":
-        parts = _zip_parts(path)
-    else:
-        parts = _folder_parts(path) if _is_unpacked(path) else _exr_parts(_exr_folder(path))
-    where, metadata = parts.metadata_path, parts.metadata
-    if not isinstance(metadata, dict) or not isinstance(metadata.get("poses"), list):
-        raise InputError(f'{where}: expected an object with a list "poses", found {shown(metadata)}')
-    expect_as_many(Path(where), "poses, one a picture", len(parts.names), len(metadata["poses"]))
-    first = parts.color(0)
-    lenses = _lenses(where, metadata, len(parts.names), (first.shape[1], first.shape[0]))
-    width, height = _depth_size(metadata, parts)
-    depth_lenses = [lens.scaled(width, height) for lens in lenses]
-    target = depth_lenses[0].intrinsics
+    def recognise(self, path: Path) -> bool:
+        """Return whether a folder or file is in this format, from names alone."""
+        if path.suffix == ".r3d":
+            return path.is_file()
+        return _is_unpacked(path) or _is_exr(_exr_folder(path))
 
-    def depth(index: int) -> NDArray:
-        raw = parts.raw_depth(index)
-        if raw.size != width * height:
-            raise InputError(f"{parts.depth_where(index)}: expected {width}x{height} depths, found {raw.size}")
-        return see_through(clean_depth(raw.reshape(height, width)), depth_lenses[index], target, exact=True)
+    def open(self, path: Path) -> Recording:
+        """Open a recording; raises InputError for anything that is not as the format wants it."""
+        if path.suffix == ".r3d":
+            parts = _zip_parts(path)
+        else:
+            parts = _folder_parts(path) if _is_unpacked(path) else _exr_parts(_exr_folder(path))
+        where, metadata = parts.metadata_path, parts.metadata
+        if not isinstance(metadata, dict) or not isinstance(metadata.get("poses"), list):
+            raise InputError(f'{where}: expected an object with a list "poses", found {shown(metadata)}')
+        expect_as_many(Path(where), "poses, one a picture", len(parts.names), len(metadata["poses"]))
+        first = parts.color(0)
+        lenses = _lenses(where, metadata, len(parts.names), (first.shape[1], first.shape[0]))
+        width, height = _depth_size(metadata, parts)
+        depth_lenses = [lens.scaled(width, height) for lens in lenses]
+        target = depth_lenses[0].intrinsics
 
-    def color(index: int) -> NDArray:
-        rgb = parts.color(index)
-        check_size(f"{path}: picture {parts.names[index]}", rgb, lenses[index].intrinsics)
-        return see_through(rgb, lenses[index], target, exact=False)
+        def depth(index: int) -> NDArray:
+            raw = parts.raw_depth(index)
+            if raw.size != width * height:
+                raise InputError(f"{parts.depth_where(index)}: expected {width}x{height} depths, found {raw.size}")
+            return see_through(clean_depth(raw.reshape(height, width)), depth_lenses[index], target, exact=True)
 
-    return Recording(
-        facts=FACTS,
-        path=path,
-        name=path.resolve().parent.name if path.name == "EXR_RGBD" else path.resolve().stem,
-        frame_names=tuple(parts.names),
-        poses=np.stack([_pose(f"{where}: poses[{i}]", pose) for i, pose in enumerate(metadata["poses"])]),
-        intrinsics=target,
-        depth=depth,
-        color=color,
-        depth_unit_m=WRITTEN_UNIT_M,
-    )
+        def color(index: int) -> NDArray:
+            rgb = parts.color(index)
+            check_size(f"{path}: picture {parts.names[index]}", rgb, lenses[index].intrinsics)
+            return see_through(rgb, lenses[index], target, exact=False)
+
+        return Recording(
+            facts=FACTS,
+            path=path,
+            name=path.resolve().parent.name if path.name == "EXR_RGBD" else path.resolve().stem,
+            frame_names=tuple(parts.names),
+            poses=np.stack([_pose(f"{where}: poses[{i}]", pose) for i, pose in enumerate(metadata["poses"])]),
+            intrinsics=target,
+            depth=depth,
+            color=color,
+            depth_unit_m=WRITTEN_UNIT_M,
+        )
 
 
 def _is_unpacked(path: Path) -> bool:

@@ -1,10 +1,11 @@
-"""What a reader of a foreign format hands over: everything already in metres, OpenCV axes and camera-to-world poses."""
+"""What a reader returns: a recording in metres, OpenCV camera axes and camera-to-world poses, whatever its format."""
 
 import struct
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
+from typing import Protocol
 
 from numpy.typing import NDArray
 
@@ -14,7 +15,7 @@ from simaps_viz.structures import Intrinsics, Segment, Segmentation
 
 @dataclass(frozen=True)
 class FormatFacts:
-    """What a format's files mean, as its reader takes them: a row of the table in docs/FORMATS.md."""
+    """What the files of a format mean: a row of the table in docs/FORMATS.md."""
 
     title: str
     recognised_by: str
@@ -30,23 +31,27 @@ class FormatFacts:
     camera_axes: str
     """"OpenCV" (x right, y down, z forward) or "OpenGL" (x right, y up, z backward), as stored."""
     up: tuple[float, float, float] | None
-    """World's up direction; None = estimated from the depth images. The floor's height is always estimated."""
+    """World's up direction; None = estimated from the depth images."""
     segmentation: str = "none"
 
 
 @dataclass(frozen=True, eq=False)
 class Segments:
-    """Segmentation that a format brings along."""
+    """The segmentation that a recording brings along."""
 
     classes: Mapping[str, bool]
     """{class name: is it a thing}."""
     read: Callable[[int], Segmentation]
-    """Decode a frame's."""
+    """Decode the segmentation of a frame."""
     source: str
-    """In words."""
+    """Who made it, in words."""
     world: Mapping[int, Segment] | None = None
     """What ids mean when they are the same objects in every frame; None = ids per frame."""
     ground_truth: bool = False
+    table: Path | None = None
+    """The JSON file that says what the ids are, where there is one."""
+    stored: Callable[[int], Path] | None = None
+    """The id image of a frame; None = it has none of its own."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -62,32 +67,55 @@ class Recording:
     poses: NDArray
     """float64 [n, 4, 4], ``T_world_camera``, OpenCV axes, metres."""
     intrinsics: Intrinsics
-    """Of depth and colour as they are handed over."""
+    """The camera of depth and colour as ``depth`` and ``color`` return them."""
     depth: Callable[[int], NDArray]
     """float32 [H, W], metres along the optical axis, 0 = invalid."""
     color: Callable[[int], NDArray]
     """uint8 [H, W, 3], RGB, seen through the same camera as the depth."""
-    color_file: Callable[[int], Path | None] = field(default=lambda _: None)
+    color_file: Callable[[int], Path | None] = lambda _: None
     """The file that holds exactly that colour image, if there is one."""
     stored: Callable[[int], tuple[Path, Path]] | None = None
-    """The files that colour and depth of a frame lie in; None = the recording's own path."""
+    """The files that colour and depth of a frame are in; None = the recording's own path."""
     segments: Segments | None = None
     depth_unit_m: float | None = None
-    """Unit for 16-bit depth images written of it; None = the format's."""
+    """Unit for 16-bit depth images written from it; None = the format's."""
     notes: tuple[str, ...] = ()
     """What was left out, in words."""
     simulated: bool = False
     floor_height_m: float | None = None
     """Height of the floor along the format's up; None = estimated from the depth images."""
+    description: str | None = None
+    """In words; None = the format's title."""
+    complete: bool = True
+    """Every frame can be read; False: all but the first may be missing."""
+
+
+class Reader(Protocol):
+    """Recognises and opens the recordings of one format; registered by one line in ``datasets/open.py``."""
+
+    facts: FormatFacts
+
+    def recognise(self, path: Path) -> bool:
+        """Return whether a folder or file is in this format, from names alone."""
+        ...
+
+    def open(self, path: Path) -> Recording:
+        """Open a recording; raises InputError for anything that is not as the format wants it."""
+        ...
+
+
+def left_out(count: int, total: int, which: str) -> tuple[str, ...]:
+    """Return the note on what was left out of a recording; none when nothing was."""
+    return (f"{count} of {total} {which}: left out",) if count else ()
 
 
 @contextmanager
-def whole(path: Path, title: str) -> Iterator[None]:
+def complete(path: Path, title: str) -> Iterator[None]:
     """Turn what Python raises where a recording's contents lack something into InputError."""
     try:
         yield
     except (KeyError, TypeError, IndexError, AttributeError, ArithmeticError, ValueError, struct.error) as error:
         why = " ".join(repr(error).split())[:200]
         raise InputError(
-            f"{path}: expected a whole {title} recording, found that it lacks something ({why})"
+            f"{path}: expected a complete {title} recording, found that it lacks something ({why})"
         ) from error

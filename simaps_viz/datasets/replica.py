@@ -4,11 +4,10 @@ from pathlib import Path
 
 import numpy as np
 
+from simaps_viz.datasets.calibration import Lens, number_rows, pinhole, rigid
 from simaps_viz.datasets.file_frames import FileFrames, depth_png, expect_as_many, json_number, numbered
-from simaps_viz.datasets.lens import Lens, pinhole
 from simaps_viz.datasets.manifest import read_json
-from simaps_viz.datasets.recording import FormatFacts, Recording
-from simaps_viz.datasets.rows import number_rows, rigid
+from simaps_viz.datasets.recording import FormatFacts, Reader, Recording
 from simaps_viz.errors import InputError
 
 FACTS = FormatFacts(
@@ -26,37 +25,36 @@ CAMERA = (1200, 680, 600.0, 600.0, 599.5, 339.5)
 """Width, height, fx, fy, cx, cy where ``cam_params.json`` is not there."""
 
 
-def recognise(path: Path) -> bool:
-    """Determine from names alone whether a folder is in this format."""
-    return (path / "traj.txt").is_file() and (path / "results").is_dir()
+class ReplicaReader(Reader):
+    """The reader of Replica (NICE-SLAM) recordings."""
 
+    facts = FACTS
 
-def open_recording(path: Path) -> Recording:
-    """Open a recording; raises InputError for anything that is not as the format wants it."""
-    depth_files = numbered(path / "results", "depth*.png")
-    color_files = numbered(path / "results", "frame*.jpg") or numbered(path / "results", "frame*.png")
-    if not depth_files:
-        raise InputError(f"{path / 'results'}: expected depth*.png, found none")
-    rows = number_rows(path / "traj.txt", 16)
-    expect_as_many(path / "results", "colour images (frame*.jpg), one a depth image", len(depth_files),
-                   len(color_files))  # fmt: skip
-    expect_as_many(path / "traj.txt", "poses, one a depth image", len(depth_files), len(rows))
-    lens, unit_m = _camera(path)
-    files = FileFrames(color_files, depth_files, [lens], [lens], lens.intrinsics, depth_png(unit_m))
-    return Recording(
-        facts=FACTS,
-        path=path,
-        name=path.resolve().name,
-        frame_names=tuple(file.stem.removeprefix("depth") for file in depth_files),
-        poses=np.stack([rigid(where, row.reshape(4, 4)) for where, row in rows]),
-        intrinsics=lens.intrinsics,
-        depth=files.depth,
-        color=files.color,
-        color_file=files.color_file,
-        stored=files.stored,
-        depth_unit_m=unit_m,
-        simulated=True,
-    )
+    def recognise(self, path: Path) -> bool:
+        """Return whether a folder is in this format, from names alone."""
+        return (path / "traj.txt").is_file() and (path / "results").is_dir()
+
+    def open(self, path: Path) -> Recording:
+        """Open a recording; raises InputError for anything that is not as the format wants it."""
+        depth_files = numbered(path / "results", "depth*.png")
+        color_files = numbered(path / "results", "frame*.jpg") or numbered(path / "results", "frame*.png")
+        if not depth_files:
+            raise InputError(f"{path / 'results'}: expected depth*.png, found none")
+        rows = number_rows(path / "traj.txt", 16)
+        expect_as_many(path / "results", "colour images (frame*.jpg), one a depth image", len(depth_files),
+                       len(color_files))  # fmt: skip
+        expect_as_many(path / "traj.txt", "poses, one a depth image", len(depth_files), len(rows))
+        lens, unit_m = _camera(path)
+        files = FileFrames(color_files, depth_files, [lens], [lens], lens.intrinsics, depth_png(unit_m))
+        return files.recording(
+            FACTS,
+            path,
+            name=path.resolve().name,
+            frame_names=tuple(file.stem.removeprefix("depth") for file in depth_files),
+            poses=np.stack([rigid(where, row.reshape(4, 4)) for where, row in rows]),
+            depth_unit_m=unit_m,
+            simulated=True,
+        )
 
 
 def _camera(path: Path) -> tuple[Lens, float]:

@@ -21,11 +21,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from simaps_viz.datasets.association import nearest
+from simaps_viz.datasets.calibration import Lens, from_quaternion, pinhole, rigid, see_through
 from simaps_viz.datasets.file_frames import clean_depth
 from simaps_viz.datasets.images import decode_image
-from simaps_viz.datasets.lens import Lens, pinhole, see_through
-from simaps_viz.datasets.recording import FormatFacts, Recording, whole
-from simaps_viz.datasets.rows import from_quaternion, rigid
+from simaps_viz.datasets.recording import FormatFacts, Reader, Recording, complete, left_out
 from simaps_viz.errors import InputError
 
 _ROOM = 8 << 30
@@ -122,21 +121,25 @@ _U8, _U16, _F32 = 6, 8, 34
 _TIMELINES_LAST = ("log_time", "log_tick")
 
 
-def recognise(path: Path) -> bool:
-    """Determine from names alone whether a file is in this format."""
-    return path.suffix == ".rrd" and path.is_file()
+class RerunReader(Reader):
+    """The reader of rerun recordings."""
 
+    facts = FACTS
 
-def open_recording(path: Path) -> Recording:
-    """Open a recording.
+    def recognise(self, path: Path) -> bool:
+        """Return whether a file is in this format, from names alone."""
+        return path.suffix == ".rrd" and path.is_file()
 
-    Raises:
-        InputError: It is damaged, or lacks depth, pictures, a camera or poses that belong together.
-    """
-    check_readable(path)
-    _check_finished(path)
-    with whole(path, FACTS.title):
-        return _open(path)
+    def open(self, path: Path) -> Recording:
+        """Open a recording.
+
+        Raises:
+            InputError: It is damaged, or lacks depth, pictures, a camera or poses that belong together.
+        """
+        check_readable(path)
+        _check_finished(path)
+        with complete(path, FACTS.title):
+            return _open(path)
 
 
 def _open(path: Path) -> Recording:
@@ -160,15 +163,14 @@ def _open(path: Path) -> Recording:
     depth_rows, color_rows = depth_order[kept], partner[kept]
 
     def read_depth(i: int) -> NDArray:
-        with whole(path, FACTS.title):
+        with complete(path, FACTS.title):
             return see_through(_depth_m(path, depth.read(int(depth_rows[i]))), depth_lens, target, exact=True)
 
     def read_color(i: int) -> NDArray:
-        with whole(path, FACTS.title):
+        with complete(path, FACTS.title):
             rgb = _rgb(path, color.read(int(color_rows[i])))
         return see_through(rgb, color_lens.scaled(rgb.shape[1], rgb.shape[0]), target, exact=False)
 
-    left = len(times) - len(kept)
     return Recording(
         facts=replace(FACTS, up=found.up),
         path=path,
@@ -179,7 +181,7 @@ def _open(path: Path) -> Recording:
         depth=read_depth,
         color=read_color,
         depth_unit_m=1 / depth.meter if depth.meter and depth.meter >= 100 else None,
-        notes=(f"{left} of {len(times)} depth images have no picture or pose of their time: left out",) if left else (),
+        notes=left_out(len(times) - len(kept), len(times), "depth images have no picture or pose of their time"),
     )
 
 

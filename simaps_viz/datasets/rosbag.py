@@ -5,28 +5,43 @@ same camera, their CameraInfo, and poses from tf, or else from an Odometry or Po
 depth images, a LiDAR's clouds (PointCloud2) take their place.
 """
 
+import struct
 import threading
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from simaps_viz.datasets import ros_messages as ros
 from simaps_viz.datasets.association import associate, interpolate_poses
+from simaps_viz.datasets.calibration import Lens, from_quaternion, pinhole, see_through
+from simaps_viz.datasets.cloud_files import finite_points
 from simaps_viz.datasets.clouds import CloudSettings, camera_points, depth_of_cloud, gravity_of_clouds
-from simaps_viz.datasets.file_frames import check_size
-from simaps_viz.datasets.lens import Lens, see_through
-from simaps_viz.datasets.recording import FormatFacts, Recording, whole
+from simaps_viz.datasets.file_frames import check_size, clean_depth
+from simaps_viz.datasets.images import decode_image
+from simaps_viz.datasets.recording import FormatFacts, Reader, Recording, complete, left_out
 from simaps_viz.errors import InputError
 from simaps_viz.geometry import invert_pose
+
+IMAGE, COMPRESSED = "sensor_msgs/msg/Image", "sensor_msgs/msg/CompressedImage"
+CLOUD = "sensor_msgs/msg/PointCloud2"
+MILLIMETRES, METRES = ("16UC1", "mono16"), ("32FC1",)
+"""Encodings of depth images (REP 118)."""
+DEPTH_UNIT_M = 0.001
+_COLORS = {"rgb8": 3, "bgr8": 3, "rgba8": 4, "bgra8": 4, "8UC3": 3, "mono8": 1}
+"""{encoding: channels}; 8UC3 is taken as BGR."""
+_FLOATS = {7: "f4", 8: "f8"}
+"""PointField's numbers for floats, as NumPy writes them."""
+_COMPRESSED_DEPTH_HEADER = struct.Struct("<iff")
+"""Before the PNG of a compressed depth image: a kind, and the two numbers a and b that metres are packed with."""
 
 CLOUD_TOLERANCE_S = 0.05
 """A cloud takes the picture nearest to it, within this: half a turn of a LiDAR that turns ten times a second."""
 _SAMPLED_FOR_FLOOR = 40
-LONGEST_GAP_S = 0.5
+MAX_GAP_S = 0.5
 """No pose is made up where a transform was silent for longer."""
 
 
@@ -45,7 +60,7 @@ class Link:
             return np.repeat(self.poses[-1][None], len(times_s), axis=0), np.ones(len(times_s), dtype=bool)
         times, first = np.unique(self.times_s, return_index=True)
         poses = np.stack([self.poses[i] for i in first])
-        return interpolate_poses(times, poses, times_s, longest_gap_s=LONGEST_GAP_S, beyond_s=LONGEST_GAP_S / 10)
+        return interpolate_poses(times, poses, times_s, max_gap_s=MAX_GAP_S, beyond_s=MAX_GAP_S / 10)
 
 
 class Transforms:
@@ -97,7 +112,7 @@ FACTS = FormatFacts(
     title="ROS bag",
     recognised_by="`*.bag` (ROS 1), a folder with `metadata.yaml` (ROS 2), `*.db3`, `*.mcap` (ROS 2 profile)",
     depth="Image or CompressedImage, 16UC1 or 32FC1; PointCloud2",
-    depth_unit_m=ros.DEPTH_UNIT_M,
+    depth_unit_m=DEPTH_UNIT_M,
     invalid="0, NaN, infinity",
     pose="tf to the camera's optical frame; or Odometry, PoseStamped",
     camera_axes="OpenCV",
@@ -113,26 +128,30 @@ POSE_TYPES = (
 )
 
 
-def recognise(path: Path) -> bool:
-    """Determine from names alone whether a folder or file is in this format."""
-    if path.is_dir():
-        return (path / "metadata.yaml").is_file()
-    return path.suffix in (".bag", ".mcap", ".db3") and path.is_file()
+class RosbagReader(Reader):
+    """The reader of ROS bag recordings."""
 
+    facts = FACTS
 
-def open_recording(path: Path) -> Recording:
-    """Open a recording: it is read through once for the times of its pictures and for all poses.
+    def recognise(self, path: Path) -> bool:
+        """Return whether a folder or file is in this format, from names alone."""
+        if path.is_dir():
+            return (path / "metadata.yaml").is_file()
+        return path.suffix in (".bag", ".mcap", ".db3") and path.is_file()
 
-    Raises:
-        InputError: It is damaged, or lacks depth, colour, a camera or poses that belong together.
-    """
-    bag = Bag(path)
-    with whole(path, FACTS.title):
-        return _open(path, bag)
+    def open(self, path: Path) -> Recording:
+        """Open a recording: it is read through once for the times of its pictures and for all poses.
+
+        Raises:
+            InputError: It is damaged, or lacks depth, colour, a camera or poses that belong together.
+        """
+        bag = Bag(path)
+        with complete(path, FACTS.title):
+            return _open(path, bag)
 
 
 def _open(path: Path, bag: "Bag") -> Recording:
-    if bag.of_type(ros.CLOUD) and not any(ros.is_depth(bag.first(t)) for t in bag.of_type(ros.IMAGE, ros.COMPRESSED)):
+    if bag.of_type(CLOUD) and not any(is_depth(bag.first(t)) for t in bag.of_type(IMAGE, COMPRESSED)):
         return open_clouds(bag)
     topics = _choose_topics(bag)
     index = bag.index((topics.depth, topics.color))
@@ -153,18 +172,17 @@ def _open(path: Path, bag: "Bag") -> Recording:
 
     def depth(i: int) -> NDArray:
         entry = index[topics.depth][pairs[i, 0]]
-        with whole(path, FACTS.title):
-            image = ros.depth_m(f"{path}: {topics.depth}", bag.read(topics.depth, entry))
+        with complete(path, FACTS.title):
+            image = decode_depth(f"{path}: {topics.depth}", bag.read(topics.depth, entry))
         check_size(f"{path}: {topics.depth}", image, target)
         return see_through(image, topics.depth_lens, target, exact=True)
 
     def color(i: int) -> NDArray:
         entry = index[topics.color][pairs[i, 1]]
-        with whole(path, FACTS.title):
-            image = ros.color(f"{path}: {topics.color}", bag.read(topics.color, entry))
+        with complete(path, FACTS.title):
+            image = decode_color(f"{path}: {topics.color}", bag.read(topics.color, entry))
         return see_through(image, topics.color_lens.scaled(image.shape[1], image.shape[0]), target, exact=False)
 
-    left = len(depth_times) - len(pairs)
     return Recording(
         facts=FACTS,
         path=path,
@@ -174,9 +192,9 @@ def _open(path: Path, bag: "Bag") -> Recording:
         intrinsics=target,
         depth=depth,
         color=color,
-        notes=(f"{left} of {len(depth_times)} depth images have no colour or pose of their time: left out",)
-        if left
-        else (),
+        notes=left_out(
+            len(depth_times) - len(pairs), len(depth_times), "depth images have no colour or pose of their time"
+        ),
     )
 
 
@@ -253,7 +271,7 @@ class Bag:
         assert self._reader is not None
         found: dict[str, list[Entry]] = {topic: [] for topic in topics}
         for topic, logged_ns, data, _ in self.messages(list(topics)):
-            found[topic].append(Entry(logged_ns, ros.raw_stamp_ns(data, ros2=self._reader.is2)))
+            found[topic].append(Entry(logged_ns, raw_stamp_ns(data, ros2=self._reader.is2)))
         return {topic: sorted(entries, key=lambda e: e.stamp_ns) for topic, entries in found.items()}
 
     def read(self, topic: str, entry: Entry) -> Any:
@@ -267,7 +285,7 @@ class Bag:
             except self._errors as error:
                 raise InputError(f"{self.path}: expected a whole bag, found {_one_line(error)}") from error
         for data, msgtype in found:
-            if ros.raw_stamp_ns(data, ros2=self._reader.is2) == entry.stamp_ns:
+            if raw_stamp_ns(data, ros2=self._reader.is2) == entry.stamp_ns:
                 return self.decode(data, msgtype)
         raise InputError(f"{self.path}: {topic}: expected the message of {entry.stamp_ns} ns, found it no more")
 
@@ -283,15 +301,13 @@ class _Topics:
 
 
 def _choose_topics(bag: Bag) -> _Topics:
-    images = {topic: bag.first(topic) for topic in bag.of_type(ros.IMAGE, ros.COMPRESSED)}
-    depths = [topic for topic, message in images.items() if ros.is_depth(message)]
+    images = {topic: bag.first(topic) for topic in bag.of_type(IMAGE, COMPRESSED)}
+    depths = [topic for topic, message in images.items() if is_depth(message)]
     colors = [topic for topic in images if topic not in depths and not _has(topic, "infra", "confidence", "depth")]
     if not depths or not colors:
         what = "depth images (16UC1, 32FC1) or clouds (PointCloud2)" if not depths else "colour images"
         raise InputError(f"{bag.path}: expected a topic with {what}, found {', '.join(images) or 'no images'}")
-    depth = min(
-        depths, key=lambda t: (not _has(t, "aligned", "registered"), bag.topics[t].msgtype == ros.COMPRESSED, t)
-    )
+    depth = min(depths, key=lambda t: (not _has(t, "aligned", "registered"), bag.topics[t].msgtype == COMPRESSED, t))
     color = min(colors, key=lambda t: (not _has(t, "color", "rgb"), -len(_shared(t, depth)), "raw" in t, t))
     depth_lens = lens_of(bag, depth)
     color_lens = lens_of(bag, color, otherwise=depth_lens)
@@ -306,7 +322,7 @@ def lens_of(bag: Bag, topic: str, otherwise: Lens | None = None) -> Lens:
     if not infos:
         raise InputError(f"{bag.path}: expected a CameraInfo topic beside {topic}, found none")
     info = max(infos, key=lambda name: (len(_shared(name, topic)), -len(name)))
-    return ros.lens(f"{bag.path}: {info}", bag.first(info), rectified=_has(topic, "rect", "aligned", "registered"))
+    return decode_lens(f"{bag.path}: {info}", bag.first(info), rectified=_has(topic, "rect", "aligned", "registered"))
 
 
 def poses_of(bag: Bag, wanted: Sequence[tuple[str, NDArray]]) -> list[tuple[NDArray, NDArray]]:
@@ -343,8 +359,8 @@ def _transforms(bag: Bag, start_ns: int) -> Transforms:
         for entry in message.transforms:
             where = f"{bag.path}: {topic}: {entry.child_frame_id}"
             transforms.add(
-                entry.header.frame_id, entry.child_frame_id, (ros.stamp_ns(entry.header) - start_ns) / 1e9,
-                ros.pose(where, entry.transform), fixed=topic.endswith("tf_static"),
+                entry.header.frame_id, entry.child_frame_id, (stamp_ns(entry.header) - start_ns) / 1e9,
+                decode_pose(where, entry.transform), fixed=topic.endswith("tf_static"),
             )  # fmt: skip
     return transforms
 
@@ -358,8 +374,8 @@ def _from_poses(
         inner = getattr(message.pose, "pose", message.pose)
         if message.header.frame_id.lstrip("/") == frame.lstrip("/"):
             return np.repeat(np.eye(4)[None], len(times_s), axis=0), np.ones(len(times_s), dtype=bool)
-        moving.times_s.append((ros.stamp_ns(message.header) - start) / 1e9)
-        moving.poses.append(ros.pose(f"{bag.path}: {topic}", inner))
+        moving.times_s.append((stamp_ns(message.header) - start) / 1e9)
+        moving.poses.append(decode_pose(f"{bag.path}: {topic}", inner))
         child = getattr(message, "child_frame_id", "") or frame
     T, known = moving.at(times_s)
     chain, child = transforms.chain(frame), child.lstrip("/")
@@ -416,18 +432,17 @@ def open_clouds(bag: Bag) -> Recording:
     pairs, T_world_camera, T_world_cloud = pairs[known], T_world_camera[known], T_world_cloud[known]
 
     def points(i: int) -> NDArray:
-        with whole(bag.path, FACTS.title):
-            stored = ros.points(f"{bag.path}: {clouds}", bag.read(clouds, index[clouds][pairs[i, 0]]))
+        with complete(bag.path, FACTS.title):
+            stored = decode_points(f"{bag.path}: {clouds}", bag.read(clouds, index[clouds][pairs[i, 0]]))
         return camera_points(stored, invert_pose(T_world_camera[i]) @ T_world_cloud[i])
 
     def picture(i: int) -> NDArray:
-        with whole(bag.path, FACTS.title):
-            image = ros.color(f"{bag.path}: {color}", bag.read(color, index[color][pairs[i, 1]]))
+        with complete(bag.path, FACTS.title):
+            image = decode_color(f"{bag.path}: {color}", bag.read(color, index[color][pairs[i, 1]]))
         return see_through(image, lens.scaled(image.shape[1], image.shape[0]), target, exact=False)
 
     picked = sorted({int(i) for i in np.linspace(0, len(pairs) - 1, min(len(pairs), _SAMPLED_FOR_FLOOR))})
     _, floor_height_m = gravity_of_clouds(bag.path, [(points(i), T_world_camera[i]) for i in picked], target, FACTS.up)
-    left = len(cloud_times) - len(pairs)
     return Recording(
         facts=FACTS,
         path=bag.path,
@@ -438,15 +453,148 @@ def open_clouds(bag: Bag) -> Recording:
         depth=lambda i: depth_of_cloud(points(i), target, CloudSettings()),
         color=picture,
         floor_height_m=floor_height_m,
-        notes=(f"{left} of {len(cloud_times)} clouds have no colour or pose of their time: left out",) if left else (),
+        notes=left_out(len(cloud_times) - len(pairs), len(cloud_times), "clouds have no colour or pose of their time"),
     )
 
 
 def _topics(bag: Bag) -> tuple[str, str]:
     """Choose the clouds with the most messages, and colour images."""
-    clouds = max(bag.of_type(ros.CLOUD), key=lambda topic: (bag.topics[topic].msgcount, topic))
-    images = bag.of_type(ros.IMAGE, ros.COMPRESSED)
+    clouds = max(bag.of_type(CLOUD), key=lambda topic: (bag.topics[topic].msgcount, topic))
+    images = bag.of_type(IMAGE, COMPRESSED)
     if not images:
         raise InputError(f"{bag.path}: expected colour images beside the clouds ({clouds}), found none")
     named = [t for t in images if "color" in t.lower() or "rgb" in t.lower()] or images
     return clouds, min(named, key=lambda topic: ("raw" in topic, topic))
+
+
+def is_depth(message: Any) -> bool:
+    """Return whether an image message holds depth."""
+    if message.__msgtype__ == IMAGE:
+        return message.encoding in MILLIMETRES + METRES
+    return "compressedDepth" in message.format or _encoding(message) in MILLIMETRES
+
+
+def decode_depth(where: str, message: Any) -> NDArray:
+    """Decode a depth image: float32 [H, W], metres, 0 = invalid.
+
+    Raises:
+        InputError: Its encoding is not supported, or it is cut short.
+    """
+    if message.__msgtype__ == IMAGE:
+        kind = "u2" if message.encoding in MILLIMETRES else "f4"
+        pixels = _pixels(where, message, np.dtype(kind), 1)[..., 0]
+        return clean_depth(pixels * np.float32(DEPTH_UNIT_M) if kind == "u2" else pixels)
+    encoding, data = _encoding(message), bytes(message.data)
+    if encoding not in MILLIMETRES + METRES or message.format.rstrip().endswith("rvl"):
+        raise InputError(f"{where}: expected compressed depth, 16UC1 or 32FC1, as PNG, found {message.format!r}")
+    if "compressedDepth" not in message.format:  # image_transport's own, a PNG and nothing else
+        return _sixteen_bits(where, data) * np.float32(DEPTH_UNIT_M)
+    if len(data) < _COMPRESSED_DEPTH_HEADER.size:
+        raise InputError(f"{where}: expected compressed depth, found {len(data)} bytes")
+    _, a, b = _COMPRESSED_DEPTH_HEADER.unpack_from(data)
+    steps = _sixteen_bits(where, data[_COMPRESSED_DEPTH_HEADER.size :])
+    if encoding in MILLIMETRES:
+        return steps * np.float32(DEPTH_UNIT_M)
+    with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
+        return clean_depth(np.where(steps > 0, np.float32(a) / (steps - np.float32(b)), 0))
+
+
+def _encoding(message: Any) -> str:
+    return message.format.partition(";")[0].strip()
+
+
+def _sixteen_bits(where: str, png: bytes) -> NDArray:
+    """Decode a picture of one channel of 16 bits, as float32 [H, W]."""
+    image = decode_image(where, png, cv2.IMREAD_UNCHANGED)
+    if image.dtype != np.uint16 or image.ndim != 2:
+        raise InputError(f"{where}: expected a PNG of one channel of 16 bits, found {image.dtype} {list(image.shape)}")
+    return image.astype(np.float32)
+
+
+def decode_color(where: str, message: Any) -> NDArray:
+    """Decode a colour image: uint8 [H, W, 3], RGB; raises InputError like ``decode_depth``."""
+    if message.__msgtype__ == COMPRESSED:
+        bgr = decode_image(where, bytes(message.data), cv2.IMREAD_COLOR)
+        return cv2.cvtColor(bgr, cv2.COLOR_BGR2RGB)
+    if message.encoding not in _COLORS:
+        raise InputError(f"{where}: expected colour as {', '.join(_COLORS)}, found {message.encoding!r}")
+    pixels = _pixels(where, message, np.dtype("u1"), _COLORS[message.encoding])
+    if pixels.shape[2] == 1:
+        return np.repeat(pixels, 3, axis=2)
+    rgb = pixels[..., :3] if message.encoding.startswith("rgb") else pixels[..., 2::-1]
+    return np.ascontiguousarray(rgb)
+
+
+def decode_points(where: str, message: Any) -> NDArray:
+    """Decode a cloud: float64 [n, 3], in the frame of its header; points that are not finite are left out.
+
+    Raises:
+        InputError: It has no x, y and z as floats, or is cut short.
+    """
+    fields = {field.name: field for field in message.fields}
+    kinds = {axis: _FLOATS.get(fields[axis].datatype) for axis in "xyz" if axis in fields}
+    if len(kinds) != 3 or None in kinds.values():
+        raise InputError(
+            f"{where}: expected a cloud with x, y and z as floats, found {', '.join(fields) or 'no fields'}"
+        )
+    order = ">" if message.is_bigendian else "<"
+    step, size = message.point_step, message.row_step * message.height
+    data = np.frombuffer(bytes(message.data), np.uint8)
+    ends = [fields[axis].offset + np.dtype(kind).itemsize for axis, kind in kinds.items()]
+    if max(ends) > step or step * message.width > message.row_step or data.size < size:
+        expected = f"{message.width}x{message.height} points of {step} bytes"
+        raise InputError(f"{where}: expected {expected}, found {data.size} bytes in rows of {message.row_step}")
+    rows = data[:size].reshape(message.height, message.row_step)[:, : step * message.width]
+    table = np.ascontiguousarray(rows).view(
+        np.dtype({"names": list(kinds), "formats": [order + str(kind) for kind in kinds.values()],
+                  "offsets": [fields[axis].offset for axis in kinds], "itemsize": step})
+    )  # fmt: skip
+    return finite_points(np.stack([table[axis].ravel().astype(np.float64) for axis in "xyz"], axis=1))
+
+
+def decode_lens(where: str, message: Any, *, rectified: bool) -> Lens:
+    """Return the camera of a CameraInfo message: of rectified images P says it, of raw ones K and D.
+
+    Raises:
+        InputError: It is no pinhole, or its distortion is not Brown-Conrady ("plumb_bob").
+    """
+    K, P, D = (np.ravel(getattr(message, n, getattr(message, n.lower(), []))) for n in ("K", "P", "D"))
+    fx, fy, cx, cy = (P[0], P[5], P[2], P[6]) if rectified and len(P) == 12 and P[0] > 0 else (K[0], K[4], K[2], K[5])
+    bent = not rectified and bool(np.any(D))
+    if bent and (message.distortion_model not in ("plumb_bob", "") or len(D) not in (4, 5)):
+        raise InputError(f"{where}: expected distortion model plumb_bob, found {message.distortion_model!r}")
+    camera = pinhole(where, message.width, message.height, float(fx), float(fy), float(cx), float(cy))
+    return Lens(camera, tuple(float(x) for x in D) if bent else ())
+
+
+def decode_pose(where: str, message: Any) -> NDArray:
+    """Return the pose [4, 4] of a Pose or Transform message."""
+    t = message.position if hasattr(message, "position") else message.translation
+    q = message.orientation if hasattr(message, "orientation") else message.rotation
+    return from_quaternion(where, (t.x, t.y, t.z), (q.x, q.y, q.z, q.w))
+
+
+def stamp_ns(header: Any) -> int:
+    """Return the time of a header, nanoseconds."""
+    return header.stamp.sec * 1_000_000_000 + header.stamp.nanosec
+
+
+def raw_stamp_ns(data: bytes, *, ros2: bool) -> int:
+    """Read the time of a message that starts with a header, without decoding its picture, nanoseconds."""
+    if ros2:  # four bytes say how numbers are written, then come seconds and nanoseconds
+        sec, nanosec = struct.unpack_from("<iI" if data[1] & 1 else ">iI", data, 4)
+    else:  # a counter comes first
+        sec, nanosec = struct.unpack_from("<II", data, 4)
+    return sec * 1_000_000_000 + nanosec
+
+
+def _pixels(where: str, message: Any, dtype: np.dtype, channels: int) -> NDArray:
+    """Return [H, W, channels]; rows may be padded."""
+    dtype = dtype.newbyteorder(">" if message.is_bigendian else "<")
+    width = message.width * channels * dtype.itemsize
+    data = np.frombuffer(bytes(message.data), np.uint8)
+    if message.step < width or data.size < message.step * message.height:
+        expected = f"{message.width}x{message.height} {message.encoding}"
+        raise InputError(f"{where}: expected {expected}, found {data.size} bytes in rows of {message.step}")
+    rows = data[: message.step * message.height].reshape(message.height, message.step)[:, :width]
+    return np.ascontiguousarray(rows).view(dtype).reshape(message.height, message.width, channels)

@@ -1,23 +1,32 @@
-"""Reads ScanNet scans whose .sens file has been extracted: colour, depth, poses, and instances where they are there."""
+"""Read ScanNet scans, extracted (colour, depth, poses, and instances where they are there) or as a ``.sens`` file.
 
+A ``.sens`` file of version 4 has all frames of a scan. Layout, little-endian: a header (version, sensor name, four 4x4
+matrices, compressions, sizes, steps a metre, number of frames), then for each frame its 4x4 pose, two times, two
+lengths and the compressed colour and depth.
+"""
+
+import struct
+import zlib
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, BinaryIO
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from simaps_viz.colors.classes import is_thing
+from simaps_viz.datasets.calibration import Lens, matrix4, pinhole, rigid, see_through
 from simaps_viz.datasets.file_frames import FileFrames, check_size, depth_png, image_size, numbered
-from simaps_viz.datasets.images import read_ids
-from simaps_viz.datasets.lens import Lens, pinhole, see_through
+from simaps_viz.datasets.images import decode_image, read_ids
 from simaps_viz.datasets.manifest import read_json, shown
-from simaps_viz.datasets.recording import FormatFacts, Recording, Segments
-from simaps_viz.datasets.rows import matrix4, rigid
+from simaps_viz.datasets.recording import FormatFacts, Reader, Recording, Segments, left_out
 from simaps_viz.datasets.segment_tables import WorldSegments
 from simaps_viz.errors import InputError
+from simaps_viz.io.limits import MAX_FRAMES, MAX_MEMBER_BYTES
 from simaps_viz.structures import Intrinsics, Segment
 
-FACTS = FormatFacts(
+EXTRACTED = FormatFacts(
     title="ScanNet (extracted)",
     recognised_by="`color/*.jpg`, `depth/*.png`, `pose/*.txt`, `intrinsic/intrinsic_depth.txt` (also in `frames/`) "
     "or `intrinsics_depth.txt`",
@@ -31,41 +40,40 @@ FACTS = FormatFacts(
 )
 
 
-def recognise(path: Path) -> bool:
-    """Determine from names alone whether a folder is in this format."""
-    return _camera_file(_frames_folder(path), "depth").is_file()
+class ScanNetReader(Reader):
+    """The reader of scans whose .sens file has been extracted."""
 
+    facts = EXTRACTED
 
-def open_recording(path: Path) -> Recording:
-    """Open a scan; raises InputError for anything that is not as the format wants it."""
-    folder = _frames_folder(path)
-    depth_files = numbered(folder / "depth", "*.png")
-    if not depth_files:
-        raise InputError(f"{folder / 'depth'}: expected *.png, found none")
-    matrices = [matrix4(folder / "pose" / f"{file.stem}.txt") for file in depth_files]
-    kept, poses, notes = tracked_poses([str(folder / "pose" / f"{f.stem}.txt") for f in depth_files], matrices)
-    depth_files = [depth_files[i] for i in kept]
-    color_files = [_color_file(folder / "color", file.stem) for file in depth_files]
-    read = depth_png(FACTS.depth_unit_m)
-    height, width = read(depth_files[0]).shape
-    depth_lens = _lens(_camera_file(folder, "depth"), width, height)
-    color_lens = _lens(_camera_file(folder, "color"), *image_size(color_files[0]))
-    files = FileFrames(color_files, depth_files, [color_lens], [depth_lens], depth_lens.intrinsics, read)
-    names = tuple(file.stem for file in depth_files)
-    return Recording(
-        facts=FACTS,
-        path=path,
-        name=path.resolve().name,
-        frame_names=names,
-        poses=poses,
-        intrinsics=depth_lens.intrinsics,
-        depth=files.depth,
-        color=files.color,
-        color_file=files.color_file,
-        stored=files.stored,
-        segments=_segments(path, folder, names, color_lens, depth_lens.intrinsics),
-        notes=notes,
-    )
+    def recognise(self, path: Path) -> bool:
+        """Return whether a folder is in this format, from names alone."""
+        return _camera_file(_frames_folder(path), "depth").is_file()
+
+    def open(self, path: Path) -> Recording:
+        """Open a scan; raises InputError for anything that is not as the format wants it."""
+        folder = _frames_folder(path)
+        depth_files = numbered(folder / "depth", "*.png")
+        if not depth_files:
+            raise InputError(f"{folder / 'depth'}: expected *.png, found none")
+        matrices = [matrix4(folder / "pose" / f"{file.stem}.txt") for file in depth_files]
+        kept, poses, notes = tracked_poses([str(folder / "pose" / f"{f.stem}.txt") for f in depth_files], matrices)
+        depth_files = [depth_files[i] for i in kept]
+        color_files = [_color_file(folder / "color", file.stem) for file in depth_files]
+        read = depth_png(EXTRACTED.depth_unit_m)
+        height, width = read(depth_files[0]).shape
+        depth_lens = _lens(_camera_file(folder, "depth"), width, height)
+        color_lens = _lens(_camera_file(folder, "color"), *image_size(color_files[0]))
+        files = FileFrames(color_files, depth_files, [color_lens], [depth_lens], depth_lens.intrinsics, read)
+        names = tuple(file.stem for file in depth_files)
+        return files.recording(
+            EXTRACTED,
+            path,
+            name=path.resolve().name,
+            frame_names=names,
+            poses=poses,
+            segments=_segments(path, folder, names, color_lens, depth_lens.intrinsics),
+            notes=notes,
+        )
 
 
 def tracked_poses(where: list[str], matrices: list[NDArray]) -> tuple[list[int], NDArray, tuple[str, ...]]:
@@ -81,8 +89,7 @@ def tracked_poses(where: list[str], matrices: list[NDArray]) -> tuple[list[int],
     kept = [i for i, matrix in enumerate(matrices) if np.isfinite(matrix).all()]
     if not kept:
         raise InputError(f"{where[0]}: expected a finite pose in one of {len(matrices)} frames, found none")
-    lost = len(matrices) - len(kept)
-    notes = (f"{lost} of {len(matrices)} frames have no pose, tracking was lost: left out",) if lost else ()
+    notes = left_out(len(matrices) - len(kept), len(matrices), "frames have no pose, tracking was lost")
     return kept, np.stack([rigid(where[i], matrices[i]) for i in kept]), notes
 
 
@@ -141,3 +148,193 @@ def _objects(path: Path) -> dict[int, Segment]:
             raise InputError(f"{path}: segGroups: expected objectId and label, found {shown(group)}")
         objects[number + 1] = Segment(number + 1, label.strip(), 1.0, is_thing(label.strip()))
     return objects
+
+
+SENS = FormatFacts(
+    title="ScanNet (.sens)",
+    recognised_by="`*.sens`, or a folder with one",
+    depth="16 bit, zlib or raw",
+    depth_unit_m=0.001,
+    invalid="0",
+    pose="camera to world: 4x4; -inf where tracking was lost, left out",
+    camera_axes="OpenCV",
+    up=(0.0, 0.0, 1.0),
+)
+
+VERSION = 4
+COLOR_CODED = (1, 2)
+"""PNG, JPEG."""
+DEPTH_RAW, DEPTH_ZLIB = 0, 1
+
+
+@dataclass(frozen=True, eq=False)
+class _Header:
+    color: Lens
+    depth: Lens
+    color_compression: int
+    depth_compression: int
+    depth_unit_m: float
+    frames: int
+
+
+@dataclass(frozen=True, eq=False)
+class _Entry:
+    """Where a frame lies in the file."""
+
+    T_world_camera: NDArray
+    color_at: int
+    color_bytes: int
+    depth_at: int
+    depth_bytes: int
+
+
+class SensReader(Reader):
+    """The reader of .sens files."""
+
+    facts = SENS
+
+    def recognise(self, path: Path) -> bool:
+        """Return whether a file is in this format, or a folder has one such file, from names alone."""
+        return _sens_file(path).suffix == ".sens" and _sens_file(path).is_file()
+
+    def open(self, path: Path) -> Recording:
+        """Open a file: its header and where each frame lies are read, its pictures when they are wanted.
+
+        Raises:
+            InputError: It is no .sens file of version 4, is cut short, or has a compression that only ScanNet's own
+                program reads.
+        """
+        path = _sens_file(path)
+        try:
+            with path.open("rb") as file:
+                header = _read_header(path, file)
+                entries = [_read_entry(path, file, i, header.frames) for i in range(header.frames)]
+        except OSError as error:
+            raise InputError(f"{path}: expected a .sens file, found {error.strerror or error}") from error
+        if not entries:
+            raise InputError(f"{path}: expected frames, found none")
+        wheres = [f"{path}: frame {i}" for i in range(len(entries))]
+        kept, poses, notes = tracked_poses(wheres, [entry.T_world_camera for entry in entries])
+        target = header.depth.intrinsics
+
+        def depth(index: int) -> NDArray:
+            entry = entries[kept[index]]
+            data = _read_at(path, entry.depth_at, entry.depth_bytes)
+            raw = _depth_steps(wheres[kept[index]], data, header)
+            return np.multiply(raw, np.float32(header.depth_unit_m), dtype=np.float32)
+
+        def color(index: int) -> NDArray:
+            entry, where = entries[kept[index]], f"{wheres[kept[index]]}: colour"
+            data = _read_at(path, entry.color_at, entry.color_bytes)
+            k = header.color.intrinsics
+            if header.color_compression in COLOR_CODED:
+                rgb = cv2.cvtColor(decode_image(where, data, cv2.IMREAD_COLOR), cv2.COLOR_BGR2RGB)
+            else:
+                rgb = np.frombuffer(data, np.uint8)
+            if rgb.size != k.width * k.height * 3:
+                raise InputError(f"{where}: expected {k.width}x{k.height} pixels, found {rgb.size // 3} pixels in all")
+            return see_through(rgb.reshape(k.height, k.width, 3), header.color, target, exact=False)
+
+        return Recording(
+            facts=SENS,
+            path=path,
+            name=path.stem,
+            frame_names=tuple(str(i) for i in kept),
+            poses=poses,
+            intrinsics=target,
+            depth=depth,
+            color=color,
+            depth_unit_m=header.depth_unit_m,
+            notes=notes,
+        )
+
+
+def _sens_file(path: Path) -> Path:
+    inside = list(path.glob("*.sens")) if path.is_dir() else []
+    return inside[0] if len(inside) == 1 else path
+
+
+def _read_header(path: Path, file: BinaryIO) -> _Header:
+    (version,) = _unpack(path, file, "<I")
+    if version != VERSION:
+        raise InputError(f"{path}: expected a .sens file of version {VERSION}, found version {version}")
+    (length,) = _unpack(path, file, "<Q")
+    if length > 4096:
+        raise InputError(f"{path}: expected a sensor's name, found one of {length} bytes")
+    _unpack(path, file, f"<{length}s")
+    K_color, _, K_depth, _ = (_matrix(path, file) for _ in range(4))  # between them: extrinsics, which are identities
+    color_compression, depth_compression = _unpack(path, file, "<ii")
+    color_width, color_height, depth_width, depth_height = _unpack(path, file, "<IIII")
+    (steps_a_metre,) = _unpack(path, file, "<f")
+    (frames,) = _unpack(path, file, "<Q")
+    if frames > MAX_FRAMES:
+        raise InputError(f"{path}: expected at most {MAX_FRAMES} frames, found {frames}")
+    if color_compression not in (0, *COLOR_CODED) or depth_compression not in (DEPTH_RAW, DEPTH_ZLIB):
+        raise InputError(
+            f"{path}: expected colour as raw, PNG or JPEG (0-2) and depth as raw or zlib (0, 1), found "
+            f"{color_compression} and {depth_compression}"
+        )
+    if not steps_a_metre > 0:
+        raise InputError(f"{path}: expected depth steps a metre over 0, found {steps_a_metre:g}")
+    return _Header(
+        color=_sens_lens(f"{path}: colour camera", color_width, color_height, K_color),
+        depth=_sens_lens(f"{path}: depth camera", depth_width, depth_height, K_depth),
+        color_compression=color_compression,
+        depth_compression=depth_compression,
+        depth_unit_m=1.0 / steps_a_metre,
+        frames=frames,
+    )
+
+
+def _read_entry(path: Path, file: BinaryIO, index: int, frames: int) -> _Entry:
+    try:
+        T = _matrix(path, file)
+        _, _, color_bytes, depth_bytes = _unpack(path, file, "<QQQQ")
+        start = file.tell()
+        end = start + color_bytes + depth_bytes
+        if end > file.seek(0, 2) or max(color_bytes, depth_bytes) > MAX_MEMBER_BYTES:
+            raise InputError("")
+        file.seek(end)
+    except InputError as error:
+        raise InputError(f"{path}: expected {frames} frames, found a file cut short in frame {index}") from error
+    return _Entry(T, start, color_bytes, start + color_bytes, depth_bytes)
+
+
+def _depth_steps(where: str, data: bytes, header: _Header) -> NDArray:
+    k = header.depth.intrinsics
+    if header.depth_compression == DEPTH_ZLIB:
+        try:
+            machine = zlib.decompressobj()
+            data = machine.decompress(data, 2 * k.width * k.height + 1)
+            if not machine.eof:
+                raise zlib.error("cut short, or larger than a picture")
+        except zlib.error as error:
+            raise InputError(f"{where}: expected zlib-compressed depth, found damaged data") from error
+    if len(data) != 2 * k.width * k.height:
+        raise InputError(f"{where}: expected {k.width}x{k.height} depths of 16 bits, found {len(data)} bytes")
+    return np.frombuffer(data, "<u2").reshape(k.height, k.width)
+
+
+def _sens_lens(where: str, width: int, height: int, K: NDArray) -> Lens:
+    return Lens(pinhole(where, width, height, float(K[0, 0]), float(K[1, 1]), float(K[0, 2]), float(K[1, 2])))
+
+
+def _matrix(path: Path, file: BinaryIO) -> NDArray:
+    return np.array(_unpack(path, file, "<16f"), dtype=np.float64).reshape(4, 4)
+
+
+def _unpack(path: Path, file: BinaryIO, layout: str) -> tuple:
+    size = struct.calcsize(layout)
+    data = file.read(size)
+    if len(data) != size:
+        raise InputError(f"{path}: expected a whole .sens file, found one that ends after {file.tell()} bytes")
+    return struct.unpack(layout, data)
+
+
+def _read_at(path: Path, start: int, size: int) -> bytes:
+    try:
+        with path.open("rb") as file:  # opened anew: threads read at once
+            file.seek(start)
+            return file.read(size)
+    except OSError as error:
+        raise InputError(f"{path}: expected a .sens file, found {error.strerror or error}") from error

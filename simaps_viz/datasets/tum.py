@@ -10,12 +10,10 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from simaps_viz.datasets.association import associate, interpolate_poses
-from simaps_viz.datasets.calibration import read_intrinsics
+from simaps_viz.datasets.association import posed_pairs
+from simaps_viz.datasets.calibration import Lens, from_quaternion, number_rows, numbers, pinhole, read_intrinsics, words
 from simaps_viz.datasets.file_frames import FileFrames, depth_png, image_size
-from simaps_viz.datasets.lens import Lens, pinhole
-from simaps_viz.datasets.recording import FormatFacts, Recording
-from simaps_viz.datasets.rows import from_quaternion, number_rows, numbers, words
+from simaps_viz.datasets.recording import FormatFacts, Reader, Recording, left_out
 from simaps_viz.errors import InputError
 
 FACTS = FormatFacts(
@@ -39,46 +37,40 @@ CAMERAS: dict[str, tuple[float, ...]] = {
 CALIBRATED_SIZE = (640, 480)
 COLOR_TOLERANCE_S = 0.02
 """Colour farther than this from a depth image is not its colour."""
-LONGEST_POSE_GAP_S = 0.2
+MAX_POSE_GAP_S = 0.2
 
 
-def recognise(path: Path) -> bool:
-    """Determine from names alone whether a folder is in this format."""
-    return all((path / name).is_file() for name in ("rgb.txt", "depth.txt", "groundtruth.txt"))
+class TumReader(Reader):
+    """The reader of TUM RGB-D recordings."""
 
+    facts = FACTS
 
-def open_recording(path: Path) -> Recording:
-    """Open a recording; raises InputError for anything that is not as the format wants it."""
-    color_times, color_paths = _image_list(path / "rgb.txt")
-    depth_times, depth_paths = _image_list(path / "depth.txt")
-    pairs = associate(depth_times, color_times, tolerance_s=COLOR_TOLERANCE_S)
-    pose_times, known_poses = _trajectory(path / "groundtruth.txt")
-    poses, known = interpolate_poses(
-        pose_times, known_poses, depth_times[pairs[:, 0]], longest_gap_s=LONGEST_POSE_GAP_S, beyond_s=COLOR_TOLERANCE_S
-    )
-    if not known.any():
-        raise InputError(
-            f"{path}: expected depth, colour and pose of about the same time, found none among "
-            f"{len(depth_times)} depth images, {len(color_times)} colour images and {len(pose_times)} poses"
+    def recognise(self, path: Path) -> bool:
+        """Return whether a folder is in this format, from names alone."""
+        return all((path / name).is_file() for name in ("rgb.txt", "depth.txt", "groundtruth.txt"))
+
+    def open(self, path: Path) -> Recording:
+        """Open a recording; raises InputError for anything that is not as the format wants it."""
+        color_times, color_paths = _image_list(path / "rgb.txt")
+        depth_times, depth_paths = _image_list(path / "depth.txt")
+        trajectory = _trajectory(path / "groundtruth.txt")
+        pairs, poses = posed_pairs(
+            path, depth_times, color_times, trajectory, tolerance_s=COLOR_TOLERANCE_S, max_gap_s=MAX_POSE_GAP_S
         )
-    pairs, poses = pairs[known], poses[known]
-    depth_files = [depth_paths[i] for i in pairs[:, 0]]
-    color_files = [color_paths[i] for i in pairs[:, 1]]
-    lens = _lens(path, color_files[0])
-    files = FileFrames(color_files, depth_files, [lens], [lens], lens.intrinsics, depth_png(FACTS.depth_unit_m))
-    return Recording(
-        facts=FACTS,
-        path=path,
-        name=path.resolve().name,
-        frame_names=tuple(file.stem for file in depth_files),
-        poses=poses,
-        intrinsics=lens.intrinsics,
-        depth=files.depth,
-        color=files.color,
-        color_file=files.color_file,
-        stored=files.stored,
-        notes=_left_out(len(depth_times), len(pairs)),
-    )
+        depth_files = [depth_paths[i] for i in pairs[:, 0]]
+        color_files = [color_paths[i] for i in pairs[:, 1]]
+        lens = _lens(path, color_files[0])
+        files = FileFrames(color_files, depth_files, [lens], [lens], lens.intrinsics, depth_png(FACTS.depth_unit_m))
+        return files.recording(
+            FACTS,
+            path,
+            name=path.resolve().name,
+            frame_names=tuple(file.stem for file in depth_files),
+            poses=poses,
+            notes=left_out(
+                len(depth_times) - len(pairs), len(depth_times), "depth images have no colour or pose of their time"
+            ),
+        )
 
 
 def _image_list(path: Path) -> tuple[NDArray, list[Path]]:
@@ -115,9 +107,3 @@ def _lens(path: Path, color_file: Path) -> Lens:
         )
     fx, fy, cx, cy, *distortion = CAMERAS[key]
     return Lens(pinhole(str(path), width, height, fx, fy, cx, cy), tuple(distortion))
-
-
-def _left_out(depth_images: int, used: int) -> tuple[str, ...]:
-    if used == depth_images:
-        return ()
-    return (f"{depth_images - used} of {depth_images} depth images have no colour or pose of their time: left out",)

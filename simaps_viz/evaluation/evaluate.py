@@ -9,7 +9,7 @@ from typing import TypeVar
 
 import numpy as np
 
-from simaps_viz.datasets.posed_frames import PosedFrames
+from simaps_viz.datasets.sequence import PosedFrames
 from simaps_viz.datasets.source import FrameSource
 from simaps_viz.errors import InputError
 from simaps_viz.evaluation.overlaps import ScoringRules, find_overlaps

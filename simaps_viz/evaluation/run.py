@@ -6,7 +6,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from simaps_viz.datasets.posed_frames import PosedFrames, open_sequence
+from simaps_viz.datasets.open import open_sequence
+from simaps_viz.datasets.sequence import PosedFrames
 from simaps_viz.errors import InputError
 from simaps_viz.evaluation.compare import Comparison, compare_maps, compare_report
 from simaps_viz.evaluation.counts import MIN_CELLS, CountScore, parse_counts, resolve_classes, score_counts, things_of

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from simaps_viz.datasets.manifest import read_json
-from simaps_viz.datasets.posed_frames import PosedFrames
+from simaps_viz.datasets.sequence import PosedFrames
 from simaps_viz.errors import InputError
 from simaps_viz.events import Progress
 from simaps_viz.geometry import transform_points
@@ -101,13 +101,13 @@ class WithSimulatedErrors:
 
 
 def _known_instances(sequence: PosedFrames) -> Mapping[int, KnownInstance]:
-    files = sequence.manifest.segmentation
-    if not sequence.ground_truth or files is None or not files.world_wide:
+    segments = sequence.recording.segments
+    if not sequence.ground_truth or segments is None or segments.table is None or segments.world is None:
         raise InputError(
             f"{sequence.path}: expected exact world-wide ids, to simulate errors on them, found masks by "
             f'"{sequence.segmentation_source}"'
         )
-    path = sequence.manifest.file(files.table)
+    path = segments.table
     things = dict(zip(sequence.labels, sequence.is_thing, strict=True))
     known = {}
     for row in read_json(path)["instances"]:

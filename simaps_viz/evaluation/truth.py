@@ -7,8 +7,9 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from simaps_viz.datasets.posed_frames import PosedFrames, open_sequence
+from simaps_viz.datasets.open import open_sequence
 from simaps_viz.datasets.segment_tables import few
+from simaps_viz.datasets.sequence import PosedFrames
 from simaps_viz.datasets.source import FrameSource, read_ahead
 from simaps_viz.errors import InputError
 from simaps_viz.evaluation.windows import moved, moved_grid, whole_cells
@@ -173,8 +174,7 @@ def _check_exact(sequence: FrameSource) -> None:
         raise InputError(
             f'{sequence.path}: expected exact ids (ground_truth), found masks by "{sequence.segmentation_source}"'
         )
-    files = sequence.manifest.segmentation if isinstance(sequence, PosedFrames) else None
-    if files is not None and not files.world_wide:
+    if isinstance(sequence, PosedFrames) and sequence.world_segments() is None:
         raise InputError(f'{sequence.path}: expected world-wide ids ("instances"), found ids that change every frame')
 
 

@@ -10,7 +10,7 @@ from typing import Any, NamedTuple, Protocol
 
 from numpy.typing import NDArray
 
-from simaps_viz.datasets.posed_frames import PosedFrames
+from simaps_viz.datasets.sequence import PosedFrames
 from simaps_viz.errors import InputError
 from simaps_viz.events import Progress
 from simaps_viz.segmentation.coco_panoptic import SOURCE as COCO
@@ -199,10 +199,9 @@ def segmented(
 
 def _stamp(sequence: PosedFrames, index: int, by_geometry: bool) -> list[int]:
     """Tell the files apart that a frame's masks were made from; of a recording in one file, that file."""
-    manifest = sequence.manifest
     files = [sequence.color_file(index) or sequence.path]
     if by_geometry:
-        files.append(manifest.file(manifest.depth, sequence.frame_names[index]))
+        files.append(sequence.files(index)[1])
     return file_stamp(*(path for path in files if path.exists()))
 
 

@@ -9,7 +9,7 @@ from sequences import write_tiny_sequence
 
 from simaps_viz.build.methods import BASELINES, METHODS, VARIANTS, build, config_of, keeps_log
 from simaps_viz.build.pipeline import BuildConfig, Method, build_map
-from simaps_viz.datasets.posed_frames import open_sequence
+from simaps_viz.datasets.open import open_sequence
 from simaps_viz.errors import InputError
 from simaps_viz.mapping.accumulator import ProjectionSettings
 from simaps_viz.mapping.votes import VoteSettings

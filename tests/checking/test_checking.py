@@ -17,7 +17,7 @@ from simaps_viz.checking.fix import write_fixed
 from simaps_viz.checking.picture import save_picture
 from simaps_viz.checking.recording import open_recording
 from simaps_viz.cli.main import main
-from simaps_viz.datasets.posed_frames import open_sequence
+from simaps_viz.datasets.open import open_sequence
 from simaps_viz.errors import InputError
 from simaps_viz.geometry import back_project, invert_pose, project, transform_points
 
@@ -111,7 +111,7 @@ def assert_repaired(fixed: Path, folder: Path, wanted: Diagnosis, unit_m: float)
     k = sequence.intrinsics
     np.testing.assert_allclose([k.fx, k.fy], [fx, fy], rtol=FOCAL_TOLERANCE)
     np.testing.assert_allclose([k.cx, k.cy], [cx, cy], atol=CENTRE_TOLERANCE * fx)
-    assert sequence.manifest.depth_unit_m == pytest.approx(unit_m)
+    assert sequence.depth_unit_m == pytest.approx(unit_m)
 
 
 REAL = ("clean", "inverted", "y and z flipped", "unit x1000", "values x0.1", "focal x1.15", "centre x1.15",

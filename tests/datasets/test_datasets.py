@@ -24,7 +24,7 @@ from sequences import (
     write_tiny_sequence,
 )
 
-from simaps_viz.datasets.posed_frames import open_sequence
+from simaps_viz.datasets.open import open_sequence
 from simaps_viz.errors import InputError
 from simaps_viz.structures import Intrinsics, Segment
 
@@ -150,7 +150,9 @@ def test_optional_keys_may_be_left_out(tmp_path: Path) -> None:
     assert (sequence.labels, sequence.is_thing, sequence.segmentation_source) == (("none",), (False,), "none")
     assert not sequence.ground_truth
     assert sequence.gravity_estimated
-    with pytest.raises(InputError, match=r'sequence\.json: expected "segmentation", found none'):
+    with pytest.raises(
+        InputError, match=r"sequence\.json: expected a segmentation, found none in this posed-frames/1 recording"
+    ):
         sequence.segmentation(0)
 
 

@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from sequences import FOCAL, HEIGHT, WIDTH, frame_name, write_manifest, write_tiny_sequence
 
 from simaps_viz.datasets.images import read_color, read_depth
-from simaps_viz.datasets.posed_frames import open_sequence
+from simaps_viz.datasets.open import open_sequence
 from simaps_viz.errors import InputError
 
 FRAMES = 12
@@ -168,7 +168,7 @@ ON_OPENING = {
     "columns first": (pose(1, transpose), "poses.txt, line 1", "0 0 0 1", "0 0 2 1; is the matrix written column by"),
     "no depth": (
         lambda f: [image(f"depth/{frame_name(i)}.png", ZEROS)(f) for i in range(FRAMES)],
-        "depth/{frame}.png",
+        "depth/0010.png",
         "depth readings",
         "only 0 in 5 sampled frames",
     ),

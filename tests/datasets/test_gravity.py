@@ -14,7 +14,7 @@ from sequences import write_tiny_sequence
 
 from simaps_viz.datasets import gravity
 from simaps_viz.datasets.gravity import estimate_gravity
-from simaps_viz.datasets.posed_frames import open_sequence
+from simaps_viz.datasets.open import open_sequence
 from simaps_viz.errors import InputError
 from simaps_viz.structures import Frame, Intrinsics
 

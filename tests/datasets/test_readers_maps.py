@@ -27,9 +27,8 @@ from scans_rerun import rerun_rrd
 
 from simaps_viz import build_map, open_sequence
 from simaps_viz.datasets.convert import write_posed_frames
-from simaps_viz.datasets.converted import ConvertedFrames
-from simaps_viz.datasets.posed_frames import PosedFrames
-from simaps_viz.datasets.recognise import READERS, recognise
+from simaps_viz.datasets.open import readers, recognise
+from simaps_viz.datasets.sequence import PosedFrames
 from simaps_viz.errors import InputError
 from simaps_viz.structures import SIMap
 
@@ -56,11 +55,11 @@ class Segmented:
 
 
 @pytest.fixture(scope="module", params=WRITERS, ids=lambda writer: writer.__name__)
-def opened(request, tmp_path_factory) -> tuple[Sample, ConvertedFrames, PosedFrames]:
+def opened(request, tmp_path_factory) -> tuple[Sample, PosedFrames, PosedFrames]:
     writer: Callable[[Path], Sample] = request.param
     sample = writer(tmp_path_factory.mktemp(writer.__name__))
     sequence = open_sequence(sample.path)
-    assert isinstance(sequence, ConvertedFrames)
+    assert sequence.recording.facts.title != "posed-frames/1"
     return sample, sequence, open_sequence(sample.reference)
 
 
@@ -108,7 +107,7 @@ def test_converted_folder_gives_the_same_map(opened, tmp_path):
     manifest = write_posed_frames(sequence, tmp_path / "out", progress=lambda done, total: steps.append((done, total)))
     assert steps == [(i + 1, len(sequence)) for i in range(len(sequence))]
     converted = open_sequence(manifest)
-    assert type(converted) is PosedFrames and converted.frame_names == sequence.frame_names
+    assert converted.recording.facts.title == "posed-frames/1" and converted.frame_names == sequence.frame_names
     np.testing.assert_array_equal(converted.T_map_world @ [0, 0, 0, 1], sequence.T_map_world @ [0, 0, 0, 1])
     assert converted.simulated == sequence.simulated
     assert converted.ground_truth == sequence.ground_truth
@@ -140,14 +139,15 @@ def test_without_a_segmentation_there_is_one_clear_line(opened):
 
 def test_only_one_reader_knows_it(opened):
     sample, sequence, _ = opened
-    knowing = [reader for reader in READERS if reader.recognise(sample.path)]
-    assert [reader.FACTS.title for reader in knowing] == [sequence.recording.facts.title]
-    assert recognise(sample.reference) is None
+    knowing = [reader for reader in readers() if reader.recognise(sample.path)]
+    assert [reader.facts.title for reader in knowing] == [sequence.recording.facts.title]
+    reader = recognise(sample.reference)
+    assert reader is not None and reader.facts.title == "posed-frames/1"
 
 
 def test_every_frame_names_the_files_it_lies_in(opened):
     _, sequence, _ = opened
-    for name in sequence.frame_names:
-        color, depth = (sequence.manifest.file(pattern, name) for pattern in ("color", "depth"))
+    for index in range(len(sequence)):
+        color, depth = sequence.files(index)
         assert color.exists() and depth.exists()
         assert color == depth == sequence.path or color != depth

@@ -9,8 +9,7 @@ from scans import camera, look, map_pose
 from scipy.spatial.transform import Rotation
 
 from simaps_viz.datasets.association import associate, interpolate_poses, nearest
-from simaps_viz.datasets.lens import Lens, see_through
-from simaps_viz.datasets.rows import from_quaternion, rigid
+from simaps_viz.datasets.calibration import Lens, from_quaternion, rigid, see_through
 from simaps_viz.errors import InputError
 from simaps_viz.structures import Intrinsics
 
@@ -51,7 +50,7 @@ def poses_at(times) -> np.ndarray:
 @settings(deadline=None)
 def test_steady_motion_is_interpolated_exactly(at):
     times = np.arange(10.0)
-    found, known = interpolate_poses(times, poses_at(times), np.array(at), longest_gap_s=1.0)
+    found, known = interpolate_poses(times, poses_at(times), np.array(at), max_gap_s=1.0)
     assert known.all()
     np.testing.assert_allclose(found, poses_at(np.array(at)), atol=1e-5)
 
@@ -59,10 +58,10 @@ def test_steady_motion_is_interpolated_exactly(at):
 def test_no_pose_is_made_up_in_a_gap_or_outside():
     times = np.array([0.0, 1.0, 5.0, 6.0])
     at = np.array([-0.2, -0.05, 0.5, 1.0, 3.0, 5.0, 6.05, 6.2])
-    found, known = interpolate_poses(times, poses_at(times), at, longest_gap_s=1.5, beyond_s=0.1)
+    found, known = interpolate_poses(times, poses_at(times), at, max_gap_s=1.5, beyond_s=0.1)
     assert known.tolist() == [False, True, True, True, False, True, True, False]
     np.testing.assert_array_equal(found[3], poses_at(times)[1], "recorded poses are not touched")
-    one, known = interpolate_poses(times[:1], poses_at(times[:1]), np.array([0.0, 1.0]), longest_gap_s=9, beyond_s=0.1)
+    one, known = interpolate_poses(times[:1], poses_at(times[:1]), np.array([0.0, 1.0]), max_gap_s=9, beyond_s=0.1)
     assert known.tolist() == [True, False] and one.shape == (2, 4, 4)
 
 

@@ -15,8 +15,8 @@ from sequences import write_tiny_sequence
 
 from simaps_viz import open_sequence
 from simaps_viz.checking.recording import open_recording
-from simaps_viz.datasets.posed_frames import PosedFrames
-from simaps_viz.datasets.ros_messages import depth_m
+from simaps_viz.datasets.rosbag import decode_depth
+from simaps_viz.datasets.sequence import PosedFrames
 from simaps_viz.errors import InputError
 
 TEXT = (".txt", ".json", ".traj", ".pincam")
@@ -109,7 +109,7 @@ STEPS = np.array([[0, 700, 1234], [2500, 5000, 9000]], np.uint16)
 
 def packed(format: str, png: np.ndarray, header: bytes) -> np.ndarray:
     message = Messages(Stores.ROS1_NOETIC).compressed(0.0, header + cv2.imencode(".png", png)[1].tobytes(), format)
-    return depth_m(DEPTH, message)
+    return decode_depth(DEPTH, message)
 
 
 @pytest.mark.parametrize(

@@ -11,7 +11,7 @@ from toy_maps import TOY_POSE, toy_map
 from worlds import world_of, write_room
 
 from simaps_viz.build.pipeline import BuildConfig, build_map
-from simaps_viz.datasets.posed_frames import open_sequence
+from simaps_viz.datasets.open import open_sequence
 from simaps_viz.errors import InputError
 from simaps_viz.evaluation import phrasings as say
 from simaps_viz.evaluation.driving import Drive

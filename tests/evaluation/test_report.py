@@ -14,7 +14,7 @@ from sequences import write_tiny_sequence
 from toy_maps import toy_map
 
 from simaps_viz.build.pipeline import BuildConfig, build_map
-from simaps_viz.datasets.posed_frames import open_sequence
+from simaps_viz.datasets.open import open_sequence
 from simaps_viz.errors import InputError
 from simaps_viz.evaluation.coloring import NO_PARTNER, PALETTE, distinct_colors
 from simaps_viz.evaluation.compare import Verdict, compare_maps, compare_report, missed_ids, verdicts

@@ -9,7 +9,7 @@ import pytest
 from sequences import SEATS_M, frame_name, write_manifest, write_tiny_sequence
 
 from simaps_viz.build.pipeline import BuildConfig, build_map
-from simaps_viz.datasets.posed_frames import open_sequence
+from simaps_viz.datasets.open import open_sequence
 from simaps_viz.errors import InputError
 from simaps_viz.evaluation.quality import score
 from simaps_viz.evaluation.simulated_masks import WithSimulatedErrors

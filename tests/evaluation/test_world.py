@@ -8,7 +8,7 @@ from sequences import write_tiny_sequence
 from toy_maps import TOY_POSE, map_from_drawing, toy_map
 from worlds import PLATES, ROOM_M, world_of, write_room
 
-from simaps_viz.datasets.posed_frames import open_sequence
+from simaps_viz.datasets.open import open_sequence
 from simaps_viz.errors import InputError
 from simaps_viz.evaluation import referents
 from simaps_viz.evaluation.driving import FORWARD_M, TURN_RAD, drive_through, legs_of

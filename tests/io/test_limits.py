@@ -19,10 +19,10 @@ from toy_maps import toy_map
 from simaps_viz import open_sequence
 from simaps_viz.datasets import rerun_rrd
 from simaps_viz.datasets.calibration import read_poses
+from simaps_viz.datasets.cloud_files import read_pcd
 from simaps_viz.datasets.file_frames import read_array
 from simaps_viz.datasets.images import read_color
 from simaps_viz.datasets.manifest import read_json, read_manifest
-from simaps_viz.datasets.pcd import read_pcd
 from simaps_viz.datasets.record3d import check_exr, lzfse_size, member
 from simaps_viz.errors import LONGEST_MESSAGE, InputError
 from simaps_viz.io import limits

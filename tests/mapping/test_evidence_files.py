@@ -12,7 +12,7 @@ import pytest
 from sequences import frame_name, write_tiny_sequence
 
 from simaps_viz.build.pipeline import BuildConfig, build_map
-from simaps_viz.datasets.posed_frames import open_sequence
+from simaps_viz.datasets.open import open_sequence
 from simaps_viz.mapping.file import load_map, save_map
 from simaps_viz.mapping.simap import recommunity, repartition
 from simaps_viz.structures import CellGraph, Grid, MergeLog, Views

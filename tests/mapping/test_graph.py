@@ -6,7 +6,7 @@ from random_frames import IS_THING, LABELS, random_frames
 from sequences import write_tiny_sequence
 
 from simaps_viz.build.pipeline import BuildConfig, build_map
-from simaps_viz.datasets.posed_frames import open_sequence
+from simaps_viz.datasets.open import open_sequence
 from simaps_viz.errors import InputError
 from simaps_viz.mapping.accumulator import MapAccumulator, ProjectionSettings
 from simaps_viz.mapping.graph import class_graphs, to_networkx

@@ -10,7 +10,7 @@ from evidence_twins import blocks, plain_follow, plain_pool, plain_touching
 from sequences import write_tiny_sequence
 
 from simaps_viz.build.pipeline import BuildConfig, Method, build_map
-from simaps_viz.datasets.posed_frames import open_sequence
+from simaps_viz.datasets.open import open_sequence
 from simaps_viz.errors import InputError
 from simaps_viz.mapping.communities import find_chunks
 from simaps_viz.mapping.evidence import EvidenceSettings, affine, pair_graphs

@@ -14,7 +14,8 @@ from benchmarks.timing import Cost, measure, slowest, times
 from sequences import write_tiny_sequence
 
 from simaps_viz.build.pipeline import BuildConfig, build_map
-from simaps_viz.datasets.posed_frames import PosedFrames, open_sequence
+from simaps_viz.datasets.open import open_sequence
+from simaps_viz.datasets.sequence import PosedFrames
 from simaps_viz.mapping.accumulator import ProjectionSettings
 from simaps_viz.structures import Pose2, SIMap
 

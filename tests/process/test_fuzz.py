@@ -19,11 +19,10 @@ from hypothesis import strategies as st
 
 from simaps_viz import open_sequence
 from simaps_viz.datasets.calibration import read_poses
+from simaps_viz.datasets.cloud_files import read_pcd, read_ply
 from simaps_viz.datasets.file_frames import read_array
 from simaps_viz.datasets.images import read_color
 from simaps_viz.datasets.manifest import read_json
-from simaps_viz.datasets.pcd import read_pcd
-from simaps_viz.datasets.ply import read_ply
 from simaps_viz.errors import CommandError, InputError
 from simaps_viz.mapping.edit_log import read_edits
 from simaps_viz.mapping.file import load_map

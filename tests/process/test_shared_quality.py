@@ -10,7 +10,7 @@ import pytest
 
 from simaps_viz import open_sequence, save_map
 from simaps_viz.build.methods import build
-from simaps_viz.datasets.posed_frames import PosedFrames
+from simaps_viz.datasets.sequence import PosedFrames
 from simaps_viz.datasets.source import FrameSource
 from simaps_viz.evaluation.quality import Scores, score
 from simaps_viz.evaluation.simulated_masks import WithSimulatedErrors

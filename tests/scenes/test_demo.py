@@ -9,7 +9,7 @@ import cv2
 import numpy as np
 import pytest
 
-from simaps_viz.datasets.posed_frames import open_sequence
+from simaps_viz.datasets.open import open_sequence
 from simaps_viz.errors import InputError
 from simaps_viz.scenes import demo
 from simaps_viz.scenes.demo import DemoSettings, ensure_demo

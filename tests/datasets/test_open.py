@@ -1,0 +1,86 @@
+"""A format is added by one object and one registry line; a reader's module is imported when its turn comes."""
+
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+from sequences import write_tiny_sequence
+
+import simaps_viz
+from simaps_viz.datasets import open as opening
+from simaps_viz.datasets.recording import FormatFacts, Reader, Recording
+from simaps_viz.structures import Intrinsics
+
+
+class ArchiveReader(Reader):
+    """Colour, depth and poses in one NumPy file."""
+
+    facts = FormatFacts(
+        title="NumPy archive",
+        recognised_by="`frames.npz`",
+        depth="float32 array",
+        depth_unit_m=1.0,
+        invalid="0",
+        pose="camera to world: 4x4",
+        camera_axes="OpenCV",
+        up=(0.0, 0.0, 1.0),
+    )
+
+    def recognise(self, path: Path) -> bool:
+        return (path / "frames.npz").is_file()
+
+    def open(self, path: Path) -> Recording:
+        with np.load(path / "frames.npz") as file:
+            color, depth_m, poses = file["color"], file["depth_m"], file["poses"]
+        return Recording(
+            facts=self.facts,
+            path=path,
+            name=path.name,
+            frame_names=tuple(f"{i:03d}" for i in range(len(poses))),
+            poses=poses,
+            intrinsics=Intrinsics(16, 12, 14.0, 14.0, 7.5, 5.5),
+            depth=lambda i: depth_m[i],
+            color=lambda i: color[i],
+            floor_height_m=0.0,
+        )
+
+
+def test_a_reader_is_one_object_and_one_registry_line(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    r = np.random.default_rng(15)
+    color, depth_m = r.integers(0, 256, (3, 12, 16, 3), np.uint8), r.uniform(1, 3, (3, 12, 16)).astype(np.float32)
+    np.savez(tmp_path / "frames.npz", color=color, depth_m=depth_m, poses=np.repeat(np.eye(4)[None], 3, axis=0))
+    monkeypatch.setattr(opening, "READERS", [*opening.READERS, ArchiveReader()])
+
+    sequence = simaps_viz.open_sequence(tmp_path)
+
+    assert sequence.frame_names == ("000", "001", "002")
+    np.testing.assert_array_equal(sequence.read(1).depth_m, depth_m[1])
+    np.testing.assert_array_equal(sequence.color(2), color[2])
+    assert opening.is_sequence(tmp_path)
+    assert "| NumPy archive | `frames.npz` |" in opening.format_table()
+
+
+def test_readers_that_are_not_asked_are_not_imported(tmp_path: Path) -> None:
+    path = write_tiny_sequence(tmp_path)
+    for name in ("rgb.txt", "depth.txt", "groundtruth.txt"):
+        (tmp_path / "tum" / name).parent.mkdir(exist_ok=True)
+        (tmp_path / "tum" / name).write_text("")
+    program = f"""
+import sys
+from pathlib import Path
+from simaps_viz import open_sequence
+from simaps_viz.datasets.open import recognise
+
+def loaded():
+    return sorted(name for name in ("tum", "rosbag", "rerun_rrd") if f"simaps_viz.datasets.{{name}}" in sys.modules)
+
+open_sequence(Path({str(path)!r}))
+open_sequence(Path({str(path.parent)!r}))
+assert loaded() == []
+assert recognise(Path({str(tmp_path / "tum")!r})).facts.title == "TUM RGB-D"
+print(loaded(), "rosbags" in sys.modules, "rerun" in sys.modules)
+"""
+    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
+    assert done.stdout.strip() == "['tum'] False False"
