@@ -30,22 +30,17 @@ def _is_open(connection: socket.socket) -> bool:
         return False
 
 
-def _page(target: Target, port: int) -> str:
-    return "/" if port == target.ports[0] else "/tab/" if port == target.ports[1] else "/rerun/"
-
-
 def dripping_requests(target: Target) -> Tries:
     """Slowloris: headers, and bodies, that arrive a byte at a time; others are served meanwhile."""
     held: list[socket.socket] = []
-    for port in target.ports:
-        head = f"POST /tab/event HTTP/1.1\r\nHost: 127.0.0.1:{port}\r\nContent-Length: 60000\r\n\r\n".encode()
-        for n in range(40):
-            held.append(_connect(port))
-            held[-1].sendall(head if n % 2 else b"GET / HTTP/1.1\r\nX: ")
+    port = target.port
+    head = f"POST /tab/event HTTP/1.1\r\nHost: 127.0.0.1:{port}\r\nContent-Length: 60000\r\n\r\n".encode()
+    for n in range(40):
+        held.append(_connect(port))
+        held[-1].sendall(head if n % 2 else b"GET / HTTP/1.1\r\nX: ")
     begun = time.monotonic()
-    for port in target.ports:
-        quick, served = time.monotonic(), ask(port, _page(target, port)).status == 200
-        yield None if served and time.monotonic() - quick < SERVED_S else "others are not served"
+    quick, served = time.monotonic(), ask(port, "/").status == 200
+    yield None if served and time.monotonic() - quick < SERVED_S else "others are not served"
     while any(alive := [_is_open(one) for one in held]) and time.monotonic() - begun < AWAY_S:
         for one in held:
             with contextlib.suppress(OSError):
@@ -58,37 +53,35 @@ def dripping_requests(target: Target) -> Tries:
 
 def unused_connections(target: Target) -> Tries:
     """Hundreds of connections on which nothing is said: so many are held, the rest hung up on, all freed in time."""
-    for port in target.ports:
-        held = []
-        for _ in range(280):
-            with contextlib.suppress(OSError):
-                held.append(_connect(port))
-        few = wait(lambda held=held: sum(map(_is_open, held)) <= 256, HUNG_UP_S)
-        yield None if few else f"{sum(map(_is_open, held))} connections are held open"
-        for one in held:
-            one.close()
-        served = wait(lambda port=port: ask(port, _page(target, port)).status == 200)
-        yield None if served else "nobody is served any more"
+    port = target.port
+    held = []
+    for _ in range(280):
+        with contextlib.suppress(OSError):
+            held.append(_connect(port))
+    few = wait(lambda: sum(map(_is_open, held)) <= 256, HUNG_UP_S)
+    yield None if few else f"{sum(map(_is_open, held))} connections are held open"
+    for one in held:
+        one.close()
+    served = wait(lambda: ask(port, "/").status == 200)
+    yield None if served else "nobody is served any more"
 
 
 def streams_without_end(target: Target) -> Tries:
     """Hundreds listen for what a recording is told, and never read it."""
     before = memory()
-    for port in target.ports[2:]:
-        held = []
-        for n in range(300):
-            with contextlib.suppress(OSError):
-                one = _connect(port)
-                held.append(one)
-                one.sendall(f"GET /rerun/events?session={n} HTTP/1.1\r\nHost: 127.0.0.1:{port}\r\n\r\n".encode())
-        for _ in range(2000):
-            target.bench.recording_host.push({"set_time": {"timeline": "frame", "time": 1}})  # type: ignore[union-attr]
-        yield None if threading.active_count() < 400 else f"{threading.active_count()} threads"
-        for one in held:
-            one.close()
-        yield (
-            None if wait(lambda port=port: ask(port, "/rerun/").status == 200, AWAY_S) else "nobody is served any more"
-        )
+    port = target.port
+    held = []
+    for n in range(300):
+        with contextlib.suppress(OSError):
+            one = _connect(port)
+            held.append(one)
+            one.sendall(f"GET /rerun/events?session={n} HTTP/1.1\r\nHost: 127.0.0.1:{port}\r\n\r\n".encode())
+    for _ in range(2000):
+        target.bench.recording_host.push({"set_time": {"timeline": "frame", "time": 1}})  # type: ignore[union-attr]
+    yield None if threading.active_count() < 400 else f"{threading.active_count()} threads"
+    for one in held:
+        one.close()
+    yield (None if wait(lambda: ask(port, "/rerun/").status == 200, AWAY_S) else "nobody is served any more")
     yield None if memory() - before < 200 << 20 else "memory was taken"
 
 
@@ -97,11 +90,11 @@ def more_pages_than_allowed(target: Target) -> Tries:
     held = []
     for _ in range(100):
         with contextlib.suppress(Exception):
-            held.append(open_socket(target.ports[0]))
+            held.append(open_socket(target.port))
     yield None if len(held) <= 64 else f"{len(held)} pages were let in"
     for one in held:
         one.close()
-    yield None if wait(lambda: target.bench.gate.pages == 0, AWAY_S) else "pages that went are still counted"
+    yield None if wait(lambda: target.bench.door.pages == 0, AWAY_S) else "pages that went are still counted"
     yield target.is_well()
 
 
@@ -133,7 +126,7 @@ def floods_of_messages(target: Target) -> Tries:
 def pages_that_break_off(target: Target) -> Tries:
     """Pages that go in the middle of a message, without a word, and at once after they came."""
     for _ in range(8):
-        one = open_socket(target.ports[0])
+        one = open_socket(target.port)
         one.socket.sendall(b"\x82\xfe\x10\x00")
         one.socket.shutdown(socket.SHUT_RDWR)
         one.socket.close()

@@ -54,15 +54,17 @@ class _Told:
 
 def _http(folder: Path) -> Case:
     """Requests of bytes on a socket; afterwards, a good one must still be answered."""
+    from simaps_viz.viewer.server.front_door import FrontDoor  # noqa: PLC0415 - as above
     from simaps_viz.viewer.server.host import Host  # noqa: PLC0415 - as above
 
     recording = folder / "a b.rrd"
     recording.write_bytes(bytes(range(200)))
     host = Host(page=lambda urls: "<p>page</p>", assets={"v.js": (b"js()", "text/javascript")}, recordings=[recording],
                 on_event=_Told())  # fmt: skip
+    door = FrontDoor().start([host])
     broken: queue.SimpleQueue[str] = queue.SimpleQueue()
-    host._server.handle_error = lambda request, address: broken.put(_raised())  # type: ignore
-    here = f"127.0.0.1:{host.port}"
+    door._server.handle_error = lambda request, address: broken.put(_raised())  # type: ignore
+    here = f"127.0.0.1:{door.port}"
     body = json.dumps({"type": "tab", "tab": "x"}).encode()
     good = f"GET /rerun/v.js HTTP/1.1\r\nHost: {here}\r\nConnection: close\r\n\r\n".encode()
     requests = (
@@ -80,8 +82,8 @@ def _http(folder: Path) -> Case:
             data = data.partition(b"Content-Length")[0] + b"Content-Length: %d\r\n\r\n" % len(changed) + changed
         else:
             data = mutate_bytes(r, data)
-        status = _status(_asked(host.port, data, _STREAM_S))
-        if r.random() < 0.02 and _status(_asked(host.port, good, PATIENCE_S)) != 200:
+        status = _status(_asked(door.port, data, _STREAM_S))
+        if r.random() < 0.02 and _status(_asked(door.port, good, PATIENCE_S)) != 200:
             raise AssertionError("a good request is not answered any more")
         if not broken.empty():
             raise AssertionError(broken.get())

@@ -17,6 +17,7 @@ from pathlib import Path
 from typing import Any
 
 import msgspec.msgpack
+import viser
 import zstandard
 from attacks.target import CAMERA
 from websockets.asyncio.client import ClientConnection, connect
@@ -28,7 +29,6 @@ from simaps_viz.mapping.simap import joining_at, joining_percent, repartition
 from simaps_viz.structures import SIMap
 from simaps_viz.viewer.panels.command import program_html
 from simaps_viz.viewer.panels.map import counts_html, joining_words
-from simaps_viz.viewer.server.gate import VISER_VERSION
 
 PATIENCE_S = 30.0
 """An answer that takes longer is lost."""
@@ -125,7 +125,7 @@ class Visitor:
 
     async def visit(self, url: str, until: float) -> None:
         """Ask one thing after another until a time of the monotonic clock; at least everything once."""
-        protocol: Any = [f"viser-v{VISER_VERSION}"]
+        protocol: Any = [f"viser-v{viser.__version__}"]
         options: Any = {"max_size": None, "proxy": None, "open_timeout": PATIENCE_S}
         async with connect(url, subprotocols=protocol, **options) as connection:
             await self._send(connection, **CAMERA)

@@ -11,7 +11,7 @@ from viser import _messages
 from websockets.exceptions import ConnectionClosed
 from websockets.sync.connection import Connection
 
-from simaps_viz.viewer.server.messages import LARGEST_UPLOAD
+from simaps_viz.viewer.server.page_socket import MAX_UPLOAD
 from simaps_viz.viewer.session import Session
 
 MOST_GROWTH = 200 << 20
@@ -101,7 +101,7 @@ def servers_own_messages(target: Target) -> Tries:
         buffer = target.bench.server._websock_server.get_message_buffer()
         held = len(buffer.message_from_id)
         for start in range(0, len(made), 15):
-            with open_socket(target.ports[0]) as mine:
+            with open_socket(target.port) as mine:
                 for message in made[start : start + 15]:
                     for _ in range(3):
                         say(mine, **message)
@@ -143,7 +143,7 @@ def messages_that_are_none(target: Target) -> Tries:
         broken.append(bytes(spoilt))
     before = memory()
     for start in range(0, len(broken), 16):
-        with open_socket(target.ports[0]) as mine:
+        with open_socket(target.port) as mine:
             try:
                 for one in broken[start : start + 16]:
                     mine.send(one)
@@ -153,7 +153,7 @@ def messages_that_are_none(target: Target) -> Tries:
             wait(lambda: False, 0.02)
         for _ in broken[start : start + 16]:
             yield None if memory() - before < MOST_GROWTH else "memory was taken"
-    with open_socket(target.ports[0]) as mine:
+    with open_socket(target.port) as mine:
         for _ in range(60):
             say(mine, type="No such message")
         yield None if hung_up(mine) else "a page that talks nonsense is heard for ever"
@@ -163,13 +163,13 @@ def messages_that_are_none(target: Target) -> Tries:
 def enormous_messages(target: Target) -> Tries:
     """A message of 64 MB, one whose size is only announced, and one in parts that never ends."""
     before = memory()
-    with open_socket(target.ports[0]) as mine:
+    with open_socket(target.port) as mine:
         say(mine, type="GuiUpdateMessage", uuid="a", updates={"value": "a" * (64 << 20)})
         yield None if hung_up(mine) else "a message of 64 MB was taken"
-    with open_socket(target.ports[0]) as mine:
+    with open_socket(target.port) as mine:
         mine.socket.sendall(b"\x82\xff" + (1 << 40).to_bytes(8) + b"\x00" * 4 + b"a" * 1000)
         yield None if hung_up(mine) else "a message of 1 TB was waited for"
-    with open_socket(target.ports[0]) as mine:
+    with open_socket(target.port) as mine:
         try:
             mine.send((b"a" * 65_536 for _ in range(4096)), text=False)
             yield "a message without an end was taken"
@@ -180,11 +180,11 @@ def enormous_messages(target: Target) -> Tries:
 
 def compressed_bombs(target: Target) -> Tries:
     """A message that unpacks to a thousand times its size: compression is not offered, and its bit is refused."""
-    with open_socket(target.ports[0], compression="deflate") as mine:
+    with open_socket(target.port, compression="deflate") as mine:
         yield "compression was agreed on" if mine.protocol.extensions else None
         mine.socket.sendall(b"\xc2\xfe\x07\xd0" + b"\x00" * 4 + b"\xcb\x00" * 1000)
         yield None if hung_up(mine) else "a compressed message was taken"
-    with open_socket(target.ports[0]) as mine:
+    with open_socket(target.port) as mine:
         mine.socket.sendall(b"\x82\x01a")
         yield None if hung_up(mine) else "a message without a mask was taken"
 
@@ -196,7 +196,7 @@ def uploads_without_bounds(target: Target) -> Tries:
         some = next(iter(widgets(session)))
         for size, parts in (
             (1 << 30, 2048),
-            (LARGEST_UPLOAD + 1, 513),
+            (MAX_UPLOAD + 1, 513),
             (-1, 1),
             (1 << 62, 1),
             (100, 0),
@@ -210,7 +210,7 @@ def uploads_without_bounds(target: Target) -> Tries:
         states = session.gui._current_file_upload_states
         yield None if len(states) <= 16 else f"{len(states)} uploads were begun"
         total = sum(state["total_bytes"] for state in states.values())
-        yield None if total <= LARGEST_UPLOAD else f"{total} bytes were promised room"
+        yield None if total <= MAX_UPLOAD else f"{total} bytes were promised room"
     for transfer in ("nobody's", "short"):
         with page(target.bench) as (mine, session):
             some = next(iter(widgets(session)))
@@ -221,7 +221,7 @@ def uploads_without_bounds(target: Target) -> Tries:
             wait(lambda: False, 0.3)
             held = sum(len(p) for s in session.gui._current_file_upload_states.values() for p in s["parts"].values())
             yield None if held <= 1000 else f"{held} bytes are held that were never announced"
-    yield None if wait(lambda: target.bench.gate.uploads.taken == 0) else "room for uploads is lost when pages go"
+    yield None if wait(lambda: target.bench.door.uploads.taken == 0) else "room for uploads is lost when pages go"
     yield None if memory() - before < MOST_GROWTH else "memory was taken"
 
 

@@ -9,17 +9,18 @@ from pathlib import Path
 from typing import Any
 
 import msgspec.msgpack
+import viser
 from websockets.exceptions import ConnectionClosed, InvalidHandshake
 from websockets.sync.client import connect
 from websockets.sync.connection import Connection
 
-from simaps_viz.viewer.server.gate import VISER_VERSION
 from simaps_viz.viewer.session import Session
 from simaps_viz.viewer.workbench import Workbench
 
 Tries = Iterator[str | None]
 """Of each try: None when it was withstood, else what it brought about."""
 PATIENCE_S = 10.0
+PAGES = ("/", "/tab/", "/rerun/")
 CAMERA = {
     "type": "ViewerCameraMessage", "wxyz": (1.0, 0.0, 0.0, 0.0), "position": (3.0, 3.0, 3.0), "fov": 0.5, "near": 0.1,
     "far": 1000.0, "image_height": 600, "image_width": 600, "look_at": (0.0, 0.0, 0.0), "up_direction": (0.0, 0.0, 1.0),
@@ -51,17 +52,16 @@ class Target:
     secret_text: str = "nobody may read this"
 
     @property
-    def ports(self) -> list[int]:
+    def port(self) -> int:
         """Of the page and its frames."""
-        return self.bench.ports
+        return self.bench.port
 
     def is_well(self) -> str | None:
         """Open a page as a browser would; returns what is wrong."""
-        for port in self.ports:
-            path = "/" if port == self.ports[0] else "/tab/" if port == self.ports[1] else "/rerun/"
-            reply = ask(port, path)
+        for path in PAGES:
+            reply = ask(self.port, path)
             if reply.status != 200:
-                return f"port {port} answers {reply.status} to an honest page"
+                return f"{path} answers {reply.status} to an honest page"
         with page(self.bench) as (_, session):
             return None if session.wait_idle() else "a new page is never painted"
 
@@ -102,7 +102,7 @@ def enter(bench: Workbench) -> str:
     """Bring a workbench its token, and return the cookie that lets in; empty where none is asked for."""
     if not bench.access.token:
         return ""
-    reply = ask(bench.server.get_port(), f"/?token={bench.access.token}")
+    reply = ask(bench.port, f"/?token={bench.access.token}")
     cookie = next((line for line in reply.head.splitlines() if line.startswith("Set-Cookie: ")), "")
     return cookie.removeprefix("Set-Cookie: ").partition(";")[0]
 
@@ -113,7 +113,7 @@ def open_socket(
     """Open a WebSocket as viser's page does."""
     through = socket.create_connection(("127.0.0.1", port), timeout=PATIENCE_S)
     return connect(
-        f"ws://{name}:{port}{path}", sock=through, subprotocols=[protocol or f"viser-v{VISER_VERSION}"],  # type: ignore
+        f"ws://{name}:{port}{path}", sock=through, subprotocols=[protocol or f"viser-v{viser.__version__}"],  # type: ignore
         max_size=None, proxy=None, open_timeout=PATIENCE_S, close_timeout=0.3, **options,
     )  # fmt: skip
 
@@ -132,7 +132,7 @@ def page(bench: Workbench, *, name: str = "127.0.0.1") -> Iterator[tuple[Connect
     """Open a page that nobody draws, by another name if need be; returns its WebSocket and its session."""
     before = {session.token for session in bench.sessions}
     head = {"Cookie": cookie} if (cookie := enter(bench)) else {}
-    with open_socket(bench.server.get_port(), name=name, additional_headers=head) as connection:
+    with open_socket(bench.port, name=name, additional_headers=head) as connection:
         connection.send(msgspec.msgpack.encode(CAMERA))
         new: list[Session] = []
 

@@ -141,7 +141,7 @@ def _serve(
     mending: Callable[[], Mending | None],
 ) -> "Workbench":
     from simaps_viz.recorder.web_viewer import (  # noqa: PLC0415 - rerun is slow to import
-        policy_for_stream,
+        CONTENT_SECURITY_POLICY,
         rerun_page,
         viewer_assets,
     )  # fmt: skip
@@ -153,7 +153,7 @@ def _serve(
         panels=(live_panel(LiveServices(build.state, build.stop, build.go_on)),),
         rerun_page=rerun_page,
         rerun_assets=viewer_assets(),
-        csp=policy_for_stream(stream),
+        csp=CONTENT_SECURITY_POLICY,
         stream=stream,
         building=True,
         look_back=looking_back(lambda: None if mending() is None else settings.request.output),

@@ -120,14 +120,11 @@ def serve(
 
 
 def tell_where(page: "Workbench") -> None:
-    """Print where a page is served, and its ports where a firewall or a tunnel cannot take them for granted."""
+    """Print where a page is served."""
     console.print(f"Workbench: {page.entrance}  (Ctrl-C to stop)", soft_wrap=True, markup=False)
-    ports = f"Ports: {', '.join(map(str, page.ports))}"
     if page.access.is_open:
         words = "Open to the network, not encrypted; whoever has this address has the map."
-        console.print(f"{words} {ports}", soft_wrap=True, highlight=False)
-    elif not page.ports_in_a_row:
-        console.print(f"{ports} (a tunnel has to forward all of them)", soft_wrap=True, highlight=False)
+        console.print(words, soft_wrap=True, highlight=False)
 
 
 def _services(simap: SIMap, recording: Path | None, mending: Mending | None = None) -> "Services":

@@ -170,20 +170,20 @@ def open_alone(path: Path, *, port: int = 0, access: Any = None) -> Any:
         rerun_page,
         viewer_assets,
     )  # fmt: skip
+    from simaps_viz.viewer.server.front_door import FrontDoor
     from simaps_viz.viewer.server.host import Host
 
     file = find_recording(path)
     facts = read_facts(file)
     title = (facts.title or file.stem) + (" (simulated)" if facts.simulated else "")
     note = f"{title}. {NO_MAP.format(name=file.name)}"
-    return Host(
+    host = Host(
         page=lambda addresses: rerun_page(addresses, note=note),
         assets=viewer_assets(),
         csp=CONTENT_SECURITY_POLICY,
         recordings=(file,),
-        port=port,
-        access=access,
     )
+    return FrontDoor(access, port).start([host])
 
 
 def view_alone(path: Path, *, port: int, browser: bool, host: str = "127.0.0.1") -> None:
@@ -192,16 +192,7 @@ def view_alone(path: Path, *, port: int, browser: bool, host: str = "127.0.0.1")
     from simaps_viz.viewer.server.access import Access
 
     find_recording(path)
-    access, served = Access(host), None
-    for tried in (*range(port, min(port + 20, 65536)), 0):
-        try:
-            served = open_alone(path, port=tried, access=access)
-        except InputError as error:
-            if tried == 0 or not str(error).startswith("port "):
-                raise
-        else:
-            break
-    assert served is not None
+    served = open_alone(path, port=port, access=Access(host))
     try:
         console.print(f"Recorded build: {served.entrance}  (Ctrl-C to stop)", soft_wrap=True, markup=False)
         if browser:

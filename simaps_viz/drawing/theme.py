@@ -93,7 +93,7 @@ SMALL_STYLE = "padding:.1em .8em .45em;font-size:.82em;line-height:1.45"
 """Inline style of a block of smaller text, where there is much of it."""
 
 STICKY = "simaps-sticky"
-"""Class of a block of HTML that stays at the top of its panel while that scrolls; `page_script` has its style."""
+"""Class of a block of HTML that stays at the top of its panel while that scrolls; `page.css` has its style."""
 LONGEST_NAME = 40
 """Characters of a name in a heading, a list or a legend; sequences may have classes of any length."""
 

@@ -190,7 +190,10 @@ function isEcho(event) {
 }
 
 // A recording comes to the front a while after it was asked for: times are meant for the one asked for last.
-const absolute = (address) => new URL(address, location.href).href; // rerun wants them so
+function absolute(address) { // rerun wants them so, those of streams with a scheme of their own
+  const stream = address.startsWith("rerun+/") ? "rerun+" : "";
+  return stream + new URL(address.slice(stream.length), location.href).href;
+}
 let asked = config.recordings.length ? absolute(config.recordings[0]) : "";
 const ids = new Map(); // {address: what rerun calls that recording}
 

@@ -1,6 +1,6 @@
 """All that is bound to rerun 0.41's web viewer: its two assets, the page that hosts it, and what that page may load.
 
-Whoever serves the page answers, on one origin of 127.0.0.1:
+Whoever serves the page answers, on one origin:
 
 - ``GET /rerun/`` (any name) with :func:`rerun_page`, under the header ``Content-Security-Policy``;
 - ``GET /rerun/re_viewer.js`` and ``/rerun/re_viewer_bg.wasm`` with :func:`viewer_assets`;
@@ -35,12 +35,10 @@ from simaps_viz.errors import InputError, SIMapsError
 RERUN_VERSION = "0.41"
 """The only version this module was written for; neither the page nor its messages are a public interface of rerun."""
 
-_FILES = resources.files(__package__)
+_FILES = resources.files("simaps_viz.recorder")
 _SCRIPT = _FILES.joinpath("rerun_page.js").read_text(encoding="utf-8")
 _PAGE = Template(_FILES.joinpath("rerun_page.html").read_text(encoding="utf-8"))
 _SCRIPT_HASH = base64.b64encode(hashlib.sha256(_SCRIPT.encode()).digest()).decode()
-_LOCAL = "http://127.0.0.1:* ws://127.0.0.1:*"
-_CONNECT = "connect-src 'self' data: blob: "
 
 CONTENT_SECURITY_POLICY = "; ".join(
     (
@@ -49,25 +47,14 @@ CONTENT_SECURITY_POLICY = "; ".join(
         "style-src 'unsafe-inline'",
         "img-src 'self' data: blob:",
         "font-src 'self' data:",
-        _CONNECT + _LOCAL,  # a live recording streams from a port of its own
+        "connect-src 'self' data: blob:",
         "worker-src 'self' blob:",
         "base-uri 'none'",
         "form-action 'none'",
-        "frame-ancestors http://127.0.0.1:* http://localhost:*",
+        "frame-ancestors 'self'",
     )
 )
-"""Header value for the page: nothing outside this machine can be reached, whatever the viewer tries."""
-
-
-def policy_for_stream(address: str) -> str:
-    """Return the header value for a page that shows one live recording, and may reach nothing else but its own server.
-
-    Args:
-        address: of the stream, ``rerun+http://127.0.0.1:9876/proxy``.
-    """
-    server = address.removeprefix("rerun+").removesuffix("/proxy")
-    return CONTENT_SECURITY_POLICY.replace(_CONNECT + _LOCAL, _CONNECT + server)
-
+"""Header value for the page: nothing but its own server can be reached, whatever the viewer tries."""
 
 _ASSETS = {"re_viewer.js": "text/javascript", "re_viewer_bg.wasm": "application/wasm"}
 _START_TIMEOUT_S = 30.0
@@ -80,7 +67,7 @@ def rerun_page(recordings: Sequence[str], *, theme: str = "page", note: str = ""
 
     Args:
         recordings: addresses of ``.rrd`` files, absolute or relative to the page, or of live streams
-            (``rerun+http://127.0.0.1:9876/proxy``).
+            (``rerun+/proxy`` on the same server, or ``rerun+http://127.0.0.1:9876/proxy``).
         theme: "light", "dark", or "page": as the workbench that shows it in a frame is, at every moment; alone, as the
             system is.
         note: a sentence over the viewer; empty = none.

@@ -33,7 +33,7 @@ from simaps_viz.viewer.scene.camera import Extent
 from simaps_viz.viewer.scene.map_scene import MapScene, Style
 from simaps_viz.viewer.scene.viewpoints import SLANT, TOP, CameraState, Viewpoints
 from simaps_viz.viewer.scene.why_marks import paint_cells
-from simaps_viz.viewer.server.gate import guard
+from simaps_viz.viewer.server.viser_hooks import guard
 from simaps_viz.viewer.timeline import PageTime
 
 

@@ -10,10 +10,10 @@ from dataclasses import replace
 from pathlib import Path
 from types import TracebackType
 from typing import Any
+from urllib.parse import urlsplit
 
 import viser
 
-from simaps_viz.errors import InputError
 from simaps_viz.structures import Pose2, SIMap
 from simaps_viz.viewer.layout import set_the_table
 from simaps_viz.viewer.page.panel import PanelSpec
@@ -23,16 +23,20 @@ from simaps_viz.viewer.page.tab_identity import TAB_CSP, TAB_PAGE, Tabs
 from simaps_viz.viewer.page.worker import Worker
 from simaps_viz.viewer.scene.map_scene import frame_extent, light_up, seen_extent
 from simaps_viz.viewer.scene.viewpoints import set_first_view
-from simaps_viz.viewer.server.access import Access, name_of
-from simaps_viz.viewer.server.bounded_http import first_free
-from simaps_viz.viewer.server.gate import Gate, check_values
+from simaps_viz.viewer.server.access import Access
+from simaps_viz.viewer.server.front_door import FrontDoor, Viser
 from simaps_viz.viewer.server.host import Host
+from simaps_viz.viewer.server.viser_hooks import admit_only, check_values
 from simaps_viz.viewer.session import Session, TabState
 
 logger = logging.getLogger(__name__)
 
 TELL_S = 0.8
 """How long a new page may take to say which tab it is in, before it is painted as if nobody had been there."""
+
+
+LIVE_STREAM = "rerun+/proxy"
+"""Address of the live recording, as the recording's page has it: on the front door."""
 
 
 class LocalServer(viser.ViserServer):
@@ -76,18 +80,14 @@ class Workbench:
         self._teller = Worker(lambda error: logger.error("a map could not be published", exc_info=error))
         self.tabs: Tabs[TabState] = Tabs()
         self.access = Access(host)
-        self.gate = Gate(self.access, self._frame_ports)
         self.shared = Shared(services)
-        port = first_free(self.access.host, port)
-        self.recording_host = self._serve_recording(services, port + 2)
-        self._tab_host = self._host(
-            port + 1, page=lambda _: TAB_PAGE, assets={}, csp=TAB_CSP, on_event=self._tab_told, root="tab"
-        )
+        self.recording_host = self._recording_host(services)
+        tab_host = Host(page=lambda _: TAB_PAGE, assets={}, csp=TAB_CSP, on_event=self._tab_told, root="tab")
         self._common = Common(
             services=services,
             shared=self.shared,
             recording=self.recording_host,
-            tabs=self._tab_host,
+            tabs=tab_host,
             recorded=simap,
             building=services.building,
             published=lambda: self._published,
@@ -95,24 +95,35 @@ class Workbench:
             start=start,
             robot_radius_m=robot_radius_m,
         )
-        with contextlib.redirect_stdout(io.StringIO()), self.gate.guard():  # its banner; the app says where the page is
-            self.server = LocalServer(host=host, port=port, label="SI Maps workbench", verbose=False)
+        self.door = FrontDoor(self.access, port)
+        # viser listens on a private port, which only the front door knows the key of.
+        with contextlib.redirect_stdout(io.StringIO()):  # its banner; the app says where the page is
+            self.server = LocalServer(host="127.0.0.1", port=0, label="SI Maps workbench", verbose=False)
+        behind = Viser(self.server.get_port(), f"viser-v{viser.__version__}")
+        admit_only(self.server, behind.key)
         light_up(self.server.scene)
         set_the_table(self.server)
         set_first_view(self.server, frame_extent(seen_extent(simap)))
         self.server.on_client_disconnect(self._left)
         self.server.on_client_connect(self._came)
         self._teller.submit("prepare", lambda: self.shared.prepare(simap))
+        hosts = [tab_host] if self.recording_host is None else [tab_host, self.recording_host]
+        self.door.start(hosts, viser=behind, stream_port=urlsplit(services.stream.removeprefix("rerun+")).port)
 
     @property
     def url(self) -> str:
         """Address of the page."""
-        return f"http://{self.access.name}:{self.server.get_port()}"
+        return self.door.url
+
+    @property
+    def port(self) -> int:
+        """The one port that everything is served on."""
+        return self.door.port
 
     @property
     def entrance(self) -> str:
         """Address of the page with the token, where one is asked for."""
-        return f"{self.url}/?token={self.access.token}" if self.access.token else self.url
+        return self.door.entrance
 
     @property
     def simap(self) -> SIMap:
@@ -162,7 +173,7 @@ class Workbench:
             pass
 
     def close(self) -> None:
-        """Stop serving and free the ports."""
+        """Stop serving and free the port."""
         if self._closed.is_set():
             return
         self._closed.set()
@@ -174,9 +185,7 @@ class Workbench:
             session.close(timeout_s=10.0)
         with contextlib.redirect_stdout(io.StringIO()):
             self.server.stop()
-        self._tab_host.close()
-        if self.recording_host is not None:
-            self.recording_host.close()
+        self.door.close()
 
     def __enter__(self) -> "Workbench":
         return self
@@ -197,55 +206,24 @@ class Workbench:
         for session in self.sessions:
             session.catch_up(self._common)
 
-    def _host(self, port: int, **served: Any) -> Host:
-        """Serve what is shown in a frame; beside the page's own port if that is free, as tunnels have to know it."""
-        if port < 65536:
-            with contextlib.suppress(InputError):
-                return Host(port=port, access=self.access, **served)
-        return Host(access=self.access, **served)
-
-    def _serve_recording(self, services: Services, port: int) -> Host | None:
+    def _recording_host(self, services: Services) -> Host | None:
         if services.rerun_page is None:
             return None
-        return self._host(
-            port,
+        return Host(
             page=services.rerun_page,
             assets=services.rerun_assets,
             csp=services.csp,
             recordings=services.recordings,
-            streams=(services.stream,) if services.stream else (),
+            streams=(LIVE_STREAM,) if services.stream else (),
             on_event=self._recording_told,
             on_listen=self._recording_listens,
         )
 
-    @property
-    def ports(self) -> list[int]:
-        """The ports of the page, and of the frames on it."""
-        return [self.server.get_port(), *self._frame_ports()]
-
-    @property
-    def ports_in_a_row(self) -> bool:
-        """Whether the frames are on the ports after the page's, where people look for them."""
-        first, *frames = self.ports
-        return frames == [first + 1 + n for n in range(len(frames))]
-
-    def _frame_ports(self) -> list[int]:
-        hosts = (self._tab_host, self.recording_host)
-        return [host.port for host in hosts if host is not None]
-
-    def _seen_by(self, client: viser.ClientHandle) -> Common:
-        """Return what pages share, with the addresses that this page's browser reaches."""
-        connection = self.server._websock_server._live_connections.get(client.client_id)
-        name = None if connection is None or connection.request is None else connection.request.headers.get("Host")
-        name = name_of(name) or self.access.name
-        recording = self.recording_host.seen_as(name) if self.recording_host else None
-        return replace(self._common, recording=recording, tabs=self._tab_host.seen_as(name))
-
     def _came(self, client: viser.ClientHandle) -> None:
         """Return a new page its session; it is painted once it is known which tab it is in."""
         try:
-            check_values(client, self.gate.note)
-            session = Session(client, self._seen_by(client))
+            check_values(client, self.door.note)
+            session = Session(client, self._common)
         except Exception as error:  # whatever one page, or a panel of it, fails of, the others are served on
             logger.error("a page could not be built", exc_info=error)
             client.add_notification("The page could not be built", str(error), color="red")

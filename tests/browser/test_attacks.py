@@ -8,6 +8,7 @@ from hostile_maps import IMAGE, PWNED, SCRIPT, hostile_map
 
 from simaps_viz.errors import CommandError
 from simaps_viz.recorder.web_viewer import CONTENT_SECURITY_POLICY, rerun_page, viewer_assets
+from simaps_viz.viewer.server.front_door import FrontDoor
 from simaps_viz.viewer.server.host import Host
 from simaps_viz.viewer.share.page import page_html
 from simaps_viz.viewer.workbench import Workbench
@@ -61,7 +62,7 @@ def test_no_name_runs_a_script_on_the_page(browser):
         has_come(page, "There is no")
         page.wait_for_timeout(300)
         assert not page.evaluate(PWNED)
-        assert bench.gate.refused.total() == 0  # nothing an honest page said was dropped
+        assert bench.door.refused.total() == 0  # nothing an honest page said was dropped
 
 
 def test_even_html_that_got_in_runs_nothing(browser):
@@ -101,7 +102,7 @@ def test_no_name_runs_a_script_beside_the_recorded_build(browser):
     def page_of(urls):
         return rerun_page([f"/recordings/{SCRIPT}{IMAGE}.rrd"], note=IMAGE + SCRIPT)
 
-    host = Host(page=page_of, assets=viewer_assets(), csp=CONTENT_SECURITY_POLICY)
+    host = FrontDoor().start([Host(page=page_of, assets=viewer_assets(), csp=CONTENT_SECURITY_POLICY)])
     page = stranger(browser)
     page.goto(host.url)
     page.wait_for_function("() => window.simapsReady")
@@ -143,7 +144,7 @@ def test_another_sites_page_gets_nothing(browser):
     other = http.server.ThreadingHTTPServer(("127.0.0.1", 0), Other)
     threading.Thread(target=other.serve_forever, daemon=True).start()
     with Workbench(hostile_map(), services=toy_services(), port=free_port()) as bench:
-        port = bench.server.get_port()
+        port = bench.port
         for name in ("127.0.0.1", "localhost"):
             page = stranger(browser)
             page.goto(f"http://{name}:{other.server_port}/#{port}")
@@ -174,10 +175,11 @@ def test_a_browser_with_the_token_comes_in_and_one_without_does_not(browser, mon
 def test_a_tab_that_nobody_looks_at_holds_no_connection(browser):
     """Else the seventh tab with a recorded build would wait for ever: browsers open six connections to a host."""
     host = Host(page=lambda urls: rerun_page([]), assets=viewer_assets(), csp=CONTENT_SECURITY_POLICY)
+    door = FrontDoor().start([host])
     heard = []
     host.on_listen = heard.append
     page = stranger(browser)
-    page.goto(f"{host.url}?session=one")
+    page.goto(f"{door.url}?session=one")
     page.wait_for_function("() => window.simapsReady")
     until(page, lambda: heard == ["one"])
     look = "(state) => { Object.defineProperty(document, 'visibilityState', { value: state, configurable: true }); "
@@ -187,4 +189,4 @@ def test_a_tab_that_nobody_looks_at_holds_no_connection(browser):
     page.evaluate(look, "visible")
     until(page, lambda: heard == ["one", "one"] and len(host._listeners) == 1)
     page.context.close()
-    host.close()
+    door.close()

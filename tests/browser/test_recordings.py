@@ -116,11 +116,12 @@ def test_what_cannot_be_opened_says_so_and_nothing_at_all_too(browser: Browser, 
 
 def test_a_recording_alone_and_another_in_its_place(browser: Browser, tmp_path: Path):
     one, two = record(tmp_path / "one.rrd", "first"), record(tmp_path / "two.rrd", "second")
-    host = open_alone(one)
+    door = open_alone(one)
+    host = door.hosts["rerun"]
     host.recordings["two.rrd"] = two
     try:
         with watched_page(browser) as page:
-            page.goto(host.url)
+            page.goto(door.url)
             note = "first (simulated). A recorded build alone, without its map"
             assert page.locator("#note").inner_text().startswith(note)
 
@@ -137,4 +138,4 @@ def test_a_recording_alone_and_another_in_its_place(browser: Browser, tmp_path: 
             assert box and canvas and canvas["y"] >= box["y"] + box["height"] - 1
             assert canvas["y"] + canvas["height"] == pytest.approx(800, abs=1)
     finally:
-        host.close()
+        door.close()

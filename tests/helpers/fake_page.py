@@ -36,7 +36,7 @@ class FakePage:
     def __init__(self, bench: Workbench, *, tab: str | None = None, tells: bool = True) -> None:
         """Open the page; ``tab``: the name in the tab's storage; ``tells``: whether its hidden frame gets through."""
         before = {session.token for session in bench.sessions}
-        address = f"ws://127.0.0.1:{bench.server.get_port()}"
+        address = f"ws://127.0.0.1:{bench.port}"
         self._socket = connect(address, subprotocols=[f"viser-v{viser.__version__}"], max_size=None)  # type: ignore
         self._reader = threading.Thread(target=self._read, daemon=True)
         self._reader.start()
@@ -55,7 +55,7 @@ class FakePage:
         self._reader.join(timeout=PATIENCE_S)
 
     def _tell(self, bench: Workbench, tab: str | None) -> str:
-        address = f"{bench._tab_host.url}".replace("/tab/", f"/tab/event?session={self.session.token}")
+        address = f"{bench.url}/tab/event?session={self.session.token}"
         body = json.dumps({"type": "tab", "tab": tab}).encode()
         direct = urllib.request.build_opener(urllib.request.ProxyHandler({}))
         with direct.open(address, body, timeout=PATIENCE_S) as answer:

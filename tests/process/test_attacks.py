@@ -7,7 +7,7 @@ from attack_target import toy_target
 from attacks import floods
 from attacks.run import ATTACKS, run_attack
 
-from simaps_viz.viewer.server import bounded_http, gate
+from simaps_viz.viewer.server import front_door
 
 TRIED = 15
 """Attacks below which some have gone missing."""
@@ -16,8 +16,7 @@ TRIED = 15
 @pytest.fixture(scope="module")
 def target(tmp_path_factory):
     patch = pytest.MonkeyPatch()
-    patch.setattr(bounded_http, "REQUEST_S", 5.0)
-    patch.setattr(gate, "SHAKE_HANDS_S", 5.0)
+    patch.setattr(front_door, "REQUEST_S", 5.0)
     # What counts here is that nothing is held for ever, and not how busy the machine is.
     for name, seconds in (("AWAY_S", 60.0), ("SERVED_S", 30.0), ("ANSWERED_S", 30.0), ("HUNG_UP_S", 4.0)):
         patch.setattr(floods, name, seconds)

@@ -1,5 +1,6 @@
 """Who may ask: names, origins, tokens; what a page may say, and how much it may upload."""
 
+from importlib import resources
 from typing import Any
 
 import msgspec
@@ -11,8 +12,8 @@ from hypothesis import strategies as st
 from simaps_viz.errors import InputError
 from simaps_viz.viewer.server import access as access_module
 from simaps_viz.viewer.server.access import Access, headers_of, is_loopback, name_of, without_query
-from simaps_viz.viewer.server.gate import VISER_VERSION, Gate, _script_sources
-from simaps_viz.viewer.server.messages import LARGEST_UPLOAD, Listener, Uploads
+from simaps_viz.viewer.server.page_socket import MAX_UPLOAD, Listener, Uploads
+from simaps_viz.viewer.server.viser_page import page_policy, script_sources
 
 TOKEN = "A-token_of_0123456789_abcdefghij"
 CAMERA = {
@@ -150,11 +151,13 @@ def test_the_log_tells_refused_from_accepted():
     assert without_query("a\x1b[31mb\n?c") == "a.[31mb.?…"
 
 
-def test_it_is_the_viser_it_was_written_for():
-    assert viser.__version__ == VISER_VERSION
-    assert "unsafe-inline" not in _script_sources() and "'unsafe-eval'" not in _script_sources()
-    csp = Gate(Access(token=""), lambda: [1, 2]).csp("localhost:8080")
-    assert "default-src 'none'" in csp and "frame-src http://localhost:1 http://localhost:2" in csp
+def test_the_scripts_of_visers_page_are_known_one_by_one():
+    page = resources.files(viser).joinpath("client/build/index.html").read_bytes()
+    sources = script_sources(page)
+    assert "unsafe-inline" not in sources and "'unsafe-eval'" not in sources
+    assert sources.count("'sha256-") == 3  # what unpacks the page, the page, and our handler
+    csp = page_policy("localhost:8080", page)
+    assert "default-src 'none'" in csp and "frame-src 'self'" in csp and "ws://localhost:8080 " in csp
 
 
 def heard(message):
@@ -186,12 +189,12 @@ def part(listener, transfer, content):
 
 
 def test_uploads_are_bounded_for_a_page_and_for_all():
-    uploads = Uploads(most=3 * LARGEST_UPLOAD // 2)
+    uploads = Uploads(most=3 * MAX_UPLOAD // 2)
     one, two = Listener(uploads), Listener(uploads)
-    assert start(one, "a", LARGEST_UPLOAD + 1) is not None
-    assert start(one, "a", LARGEST_UPLOAD) is None
+    assert start(one, "a", MAX_UPLOAD + 1) is not None
+    assert start(one, "a", MAX_UPLOAD) is None
     assert start(one, "b", 1) is not None  # one page's share
-    assert start(two, "a", LARGEST_UPLOAD) is not None  # all pages' share
+    assert start(two, "a", MAX_UPLOAD) is not None  # all pages' share
     one.close()
     assert uploads.taken == 0 and start(one, "c", 1) is not None
     assert start(two, "a", 10, 2) is None

@@ -9,6 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from simaps_viz.errors import InputError
+from simaps_viz.viewer.server.front_door import FrontDoor
 from simaps_viz.viewer.server.host import Host, parse_range
 
 
@@ -24,8 +25,10 @@ def served(tmp_path):
         recordings=[recording],
         on_event=lambda event, _session: events.append(event),
     )
+    door = FrontDoor().start([host])
+    vars(host)["port"] = door.port
     yield host, events, addresses
-    host.close()
+    door.close()
 
 
 def ask(host, path, *, method="GET", body=None, headers=None):
@@ -90,7 +93,7 @@ def test_takes_events_and_refuses_nonsense(served):
     assert events == [{"type": "time_update", "time": 3}]
     assert ask(host, "/rerun/event", method="POST", body="{")[0] == 400
     assert ask(host, "/rerun/event", method="POST", body="x" * 70_000)[0] == 400
-    assert ask(host, "/other", method="POST", body="{}")[0] == 400
+    assert ask(host, "/other", method="POST", body="{}")[0] == 405
     assert len(events) == 1
 
 
@@ -126,13 +129,18 @@ def test_names_a_missing_recording_and_a_taken_port(served, tmp_path):
     with pytest.raises(InputError, match=r"none\.rrd: expected a recording"):
         Host(page=lambda _: "", assets={}, recordings=[tmp_path / "none.rrd"])
     with pytest.raises(InputError, match=f"port {host.port}: expected a free one"):
-        Host(page=lambda _: "", assets={}, port=host.port)
+        FrontDoor(port=host.port, tried=1)
+    door = FrontDoor(port=host.port)
+    assert door.port > host.port
+    door.close()
 
 
 def test_frees_its_port():
-    first = Host(page=lambda _: "", assets={})
+    first = FrontDoor()
     first.close()
-    Host(page=lambda _: "", assets={}, port=first.port).close()
+    second = FrontDoor(port=first.port, tried=1).start([])
+    second.close()
+    FrontDoor(port=first.port, tried=1).close()
 
 
 def connect(host):

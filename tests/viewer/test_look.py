@@ -33,7 +33,7 @@ from simaps_viz.drawing.theme import (
 from simaps_viz.structures import Grid, GridSpec
 from simaps_viz.viewer.panels import help
 from simaps_viz.viewer.panels.help import HelpPanel, PageActions
-from simaps_viz.viewer.server.page_script import PAGE_SCRIPT
+from simaps_viz.viewer.server.viser_page import PAGE_SCRIPT
 
 READABLE = 4.5
 """WCAG 2 AA for texts."""

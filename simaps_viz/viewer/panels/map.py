@@ -20,7 +20,7 @@ DEFAULT_RESOLUTION = 1.0
 FINISH = "Show the finished map"
 MODE_HINT = "What a colour on the map means; the legend follows."
 LEGEND_STYLE = "border-block:1px solid rgba(128,128,128,.25);margin-bottom:.4em"
-"""How long it is, `page_script` says, by the page's height."""
+"""How long it is, `viser_page` says, by the page's height."""
 
 
 @dataclass(frozen=True)

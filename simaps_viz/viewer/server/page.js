@@ -56,7 +56,7 @@
   const originOf = (frame) => new window.URL(frame.src).origin;  // URL alone is the document's here
   const tellTheme = (frame) =>
     frame.contentWindow.postMessage({ simapsTheme: root.dataset.mantineColorScheme }, originOf(frame));
-  const frames = () => [...document.querySelectorAll('iframe[src^=http]')].filter((frame) => frame.contentWindow);
+  const frames = () => [...document.querySelectorAll('iframe[src^="/"]')].filter((frame) => frame.contentWindow);
   const STOPS = 'a[href], button, input:not([type=hidden]), select, textarea, summary, iframe, [tabindex]';
   const isStop = (one) => one.tabIndex >= 0 && !one.disabled && one.getClientRects().length > 0
     && getComputedStyle(one).visibility !== 'hidden';

@@ -1,4 +1,4 @@
-"""A page hears of every message, whenever a thread puts it in: also between the loop's look and its waiting."""
+"""What we need of viser beyond its public interface, by what it does; and when it is no longer needed."""
 
 import asyncio
 import threading
@@ -6,15 +6,13 @@ import time
 from typing import Any
 
 import pytest
-import viser.infra._infra as infra
-from browser import free_port
+from attacks.target import CAMERA, open_socket, say
 from viser import ViserServer
 from viser._messages import RunJavascriptMessage
 from viser.infra._async_message_buffer import AsyncMessageBuffer
 
-from simaps_viz.viewer.server.access import Access
-from simaps_viz.viewer.server.gate import Gate
-from simaps_viz.viewer.server.threadsafe_event import Bell, RungBuffer
+from simaps_viz.viewer.server.page_socket import KEY_HEADER
+from simaps_viz.viewer.server.viser_hooks import Bell, admit_only, hang_bell
 
 
 @pytest.fixture
@@ -67,9 +65,12 @@ class Drained:
         self._task.cancel()
 
 
-def told(loop, kind: type[AsyncMessageBuffer], timeout_s: float) -> list[str]:
+def told(loop, *, bell: bool, timeout_s: float) -> list[str]:
     """What is heard of a first, a late and a last message."""
-    drained = Drained(kind(loop, persistent_messages=False))
+    buffer = AsyncMessageBuffer(loop, persistent_messages=False)
+    if bell:
+        hang_bell(buffer)
+    drained = Drained(buffer)
     drained.buffer.push(message("first"))
     assert until(lambda: drained.got == ["first"])
     time.sleep(0.1)  # it waits again
@@ -84,22 +85,45 @@ def told(loop, kind: type[AsyncMessageBuffer], timeout_s: float) -> list[str]:
 
 
 def test_a_message_put_in_at_the_worst_moment_is_heard_and_so_are_those_after_it(loop) -> None:
-    assert told(loop, RungBuffer, 60.0) == ["first", "next", "late", "last"]
+    assert told(loop, bell=True, timeout_s=60.0) == ["first", "next", "late", "last"]
 
 
-def test_it_is_needed(loop) -> None:
+def test_the_bell_is_needed(loop) -> None:
     """When viser hears them all by itself, the bell can go."""
-    assert told(loop, AsyncMessageBuffer, 1.0) == ["first", "next"]
+    assert told(loop, bell=False, timeout_s=1.0) == ["first", "next"]
 
 
-def test_the_workbench_has_such_buffers_for_the_server_and_for_each_page() -> None:
-    with Gate(Access()).guard():
-        server = ViserServer("127.0.0.1", free_port(), verbose=False)
-    try:
-        assert isinstance(server._websock_server._broadcast_buffer, RungBuffer)
-        assert infra.__dict__["AsyncMessageBuffer"] is RungBuffer  # pages come later
-    finally:
-        server.stop()
+@pytest.fixture
+def server():
+    made = ViserServer("127.0.0.1", 0, verbose=False)
+    admit_only(made, "the key")
+    yield made
+    made.stop()
+
+
+def test_nobody_joins_without_the_key_and_nothing_of_them_is_kept(server) -> None:
+    came = []
+    server.on_client_connect(came.append)
+    for headers in ({}, {KEY_HEADER: "another"}):
+        with open_socket(server.get_port(), additional_headers=headers) as stranger:
+            say(stranger, **CAMERA)
+            assert until(lambda one=stranger: one.protocol.close_code is not None)
+            assert stranger.protocol.close_code == 1008
+    assert not came and not server.get_clients()
+    assert until(lambda: not server._websock_server._client_state_from_id)
+    assert not server._websock_server._live_connections
+    with open_socket(server.get_port(), additional_headers={KEY_HEADER: "the key"}) as page:
+        say(page, **CAMERA)
+        assert until(lambda: came and server.get_clients())
+
+
+def test_the_server_and_each_page_have_the_bell(server) -> None:
+    assert isinstance(server._websock_server.get_message_buffer().message_event, Bell)
+    with open_socket(server.get_port(), additional_headers={KEY_HEADER: "the key"}) as page:
+        say(page, **CAMERA)
+        assert until(server.get_clients)
+        (client,) = server.get_clients().values()
+        assert isinstance(client._websock_connection.get_message_buffer().message_event, Bell)
 
 
 def test_a_closed_loop_is_no_error() -> None:
