@@ -75,7 +75,7 @@ def check_picture(where: object, width: int, height: int) -> None:
 def check_port(port: int) -> None:
     """Raise InputError for a number that is no port; 0 means any free one."""
     if not 0 <= port <= 65_535:
-        raise InputError(f"--port: expected 0 to {MAX_PORT}, found {port}")
+        raise InputError(f"--port: expected 0 to 65535, found {port}")
 
 
 def check_cells(where: object, rows: int, cols: int) -> None:
