@@ -1,20 +1,25 @@
 """The evidence as one picture: bars of the hypotheses' agreement, and two frames laid over one another."""
 
-import io
-from functools import cache
 from pathlib import Path
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
-from PIL import Image, ImageDraw, ImageFont
 
 from simaps_viz.checking.agreement import relative_poses, residuals
 from simaps_viz.checking.diagnose import Diagnosis
 from simaps_viz.checking.findings import Bar
 from simaps_viz.checking.recording import Reading
 from simaps_viz.colors.palette import Color
-from simaps_viz.io.files import check_output, write_whole
+from simaps_viz.drawing.sheet import INK, PALE_INK, RULE, Sheet, save_png, wrapped
+
+WIDTH, MARGIN = 1500, 36
+STATED, CHOSEN, OTHER = (196, 70, 52), (38, 132, 90), (176, 184, 196)
+FINDING, HEADING, LABEL = 18, 20, 17
+"""Font sizes."""
+LINE, ROW, LABEL_WIDTH = 26, 34, 560
+"""Height of a line and of a bar's row, width of its label, pixels."""
+MAX_BARS = 12
 
 
 def telling_pair(diagnosis: Diagnosis) -> NDArray | None:
@@ -83,57 +88,44 @@ def _filled(image: NDArray) -> NDArray:
     return np.where(empty & (grown >= 0), grown, image)
 
 
-WIDTH, MARGIN = 1500, 36
-INK, PALE_INK, RULE = (33, 37, 44), (98, 104, 115), (214, 218, 226)
-STATED, CHOSEN, OTHER = (196, 70, 52), (38, 132, 90), (176, 184, 196)
-ROW, LABEL = 34, 560
-"""Height of a bar's row and width of its label, pixels."""
-MOST_BARS = 12
-
-
 def save_picture(diagnosis: Diagnosis, path: Path) -> None:
     """Write the picture as PNG, replacing an earlier file only once the new one is complete.
 
     Raises:
-        InputError: The file cannot be written, or is not called .png.
+        InputError: the file cannot be written, or is not called .png.
     """
-    path = Path(path)
-    check_output(path, ".png")
-    buffer = io.BytesIO()
-    draw(diagnosis).save(buffer, format="PNG", optimize=True)
-    write_whole(path, buffer.getbuffer(), "the picture")
+    save_png(draw(diagnosis), path)
 
 
-def draw(diagnosis: Diagnosis) -> Image.Image:
-    """Lay out the picture."""
+def draw(diagnosis: Diagnosis) -> NDArray:
+    """Lay out the picture: verdict, findings, bars, frames. uint8 [H, W, 3], RGB."""
     lines = _finding_lines(diagnosis)
-    bars = _shown(diagnosis.bars)
-    frames = _frames(diagnosis)
-    bars_top = MARGIN + 56 + 26 * len(lines) + 34
+    bars, frames = _shown(diagnosis.bars), _frames(diagnosis)
+    bars_top = MARGIN + 56 + LINE * len(lines) + 34
     frames_top = bars_top + 40 + ROW * len(bars) + 34
-    frames_high = max((image.height for _, image in frames), default=-90) + 90
-    page = Image.new("RGB", (WIDTH, frames_top + frames_high + MARGIN), (255, 255, 255))
-    pen = ImageDraw.Draw(page)
+    frames_high = max((image.shape[0] for _, image in frames), default=-90) + 90
+    sheet = Sheet(WIDTH, frames_top + frames_high + MARGIN)
+
     verdict = "usable" if diagnosis.ok else "not usable as it is"
-    pen.text((MARGIN, MARGIN), f"{diagnosis.recording.manifest.name}: {verdict}", fill=INK, font=_font(30))
+    title = f"{diagnosis.recording.manifest.name}: {verdict}"
+    sheet.text(title, (MARGIN, MARGIN + 16), 30, room=WIDTH - 2 * MARGIN)
     for number, (text, color) in enumerate(lines):
-        pen.text((MARGIN, MARGIN + 52 + 26 * number), text, fill=color, font=_font(18))
-    _draw_bars(pen, bars, bars_top)
-    _draw_frames(page, pen, frames, frames_top)
-    return page
+        sheet.text(text, (MARGIN, MARGIN + 62 + LINE * number), FINDING, color)
+    _draw_bars(sheet, bars, bars_top)
+
+    for number, (title, image) in enumerate(frames):
+        sheet.panel(image, (MARGIN + number * (image.shape[1] + MARGIN), frames_top), title)
+    if frames:
+        words = "grey where both agree; red and cyan fringes where they do not; pale where only one of them sees"
+        sheet.text(words, (MARGIN, frames_top + frames_high - 32), LABEL, PALE_INK)
+    return sheet.pixels
 
 
 def _finding_lines(diagnosis: Diagnosis) -> list[tuple[str, Color]]:
-    font, lines = _font(18), []
+    lines: list[tuple[str, Color]] = []
     for finding in diagnosis.findings:
         color = STATED if finding.severity == "error" else PALE_INK
-        line = ""
-        for word in finding.message.split():
-            if line and font.getlength(f"{line} {word}") > WIDTH - 2 * MARGIN:
-                lines.append((line, color))
-                line = "   "
-            line = f"{line} {word}".lstrip() if line.strip() or not line else f"{line}{word}"
-        lines.append((line, color))
+        lines += [(line, color) for line in wrapped(finding.message, FINDING, WIDTH - 2 * MARGIN)]
     return lines or [("Neighbouring frames see the same surfaces in the same places.", CHOSEN)]
 
 
@@ -141,34 +133,27 @@ def _shown(bars: tuple[Bar, ...]) -> list[Bar]:
     """Return what the files say and what is believed first, then the best of the others."""
     special = [bar for bar in bars if bar.stated or bar.chosen]
     others = sorted((bar for bar in bars if not (bar.stated or bar.chosen)), key=lambda bar: -bar.share)
-    return (special + others)[:MOST_BARS]
+    return (special + others)[:MAX_BARS]
 
 
-def _draw_bars(pen: ImageDraw.ImageDraw, bars: list[Bar], top: int) -> None:
-    pen.text((MARGIN, top), "How much of what two neighbouring frames see agrees, if ...", fill=INK, font=_font(20))
-    left, room = MARGIN + LABEL, WIDTH - 2 * MARGIN - LABEL - 90
+def _draw_bars(sheet: Sheet, bars: list[Bar], top: int) -> None:
+    sheet.text("How much of what two neighbouring frames see agrees, if ...", (MARGIN, top + 10), HEADING)
+    left, room = MARGIN + LABEL_WIDTH, WIDTH - 2 * MARGIN - LABEL_WIDTH - 90
     top += 40
     for share in (0.0, 0.25, 0.5, 0.75, 1.0):
         x = left + share * room
-        pen.line((x, top - 4, x, top + ROW * len(bars)), fill=RULE)
+        sheet.fill((x, top - 4, x + 1, top + ROW * len(bars)), RULE)
     for number, bar in enumerate(bars):
-        y = top + ROW * number
+        y, end = top + ROW * number, left + max(2, bar.share * room)
         color = CHOSEN if bar.chosen else STATED if bar.stated else OTHER
         ink = INK if bar.chosen or bar.stated else PALE_INK
-        pen.text((left - 14, y + ROW / 2 - 4), _fitted(bar.label, LABEL - 20), fill=ink, font=_font(17), anchor="rm")
-        pen.rectangle((left, y + 3, left + max(2, bar.share * room), y + ROW - 11), fill=color)
-        words = f"{100 * bar.share:.0f} %"
-        pen.text((left + bar.share * room + 10, y + ROW / 2 - 4), words, fill=ink, font=_font(17), anchor="lm")
+        middle = y + ROW / 2 - 4
+        sheet.text(bar.label, (left - 14, middle), LABEL, ink, anchor="right", room=LABEL_WIDTH - 20)
+        sheet.fill((left, y + 3, end, y + ROW - 11), color)
+        sheet.text(f"{100 * bar.share:.0f} %", (end + 10, middle), LABEL, ink)
 
 
-def _fitted(text: str, width: float) -> str:
-    font = _font(17)
-    while font.getlength(text) > width and len(text) > 8:
-        text = text[:-2].rstrip() + "…" if not text.endswith("…") else text[:-3].rstrip() + "…"
-    return text
-
-
-def _frames(diagnosis: Diagnosis) -> list[tuple[str, Image.Image]]:
+def _frames(diagnosis: Diagnosis) -> list[tuple[str, NDArray]]:
     """Return titled overlays: as the files are, and as corrected where that differs."""
     pair = telling_pair(diagnosis)
     if pair is None or diagnosis.views is None:
@@ -180,23 +165,7 @@ def _frames(diagnosis: Diagnosis) -> list[tuple[str, Image.Image]]:
     wide = (WIDTH - 3 * MARGIN) // 2
     images = []
     for title, reading in wanted:
-        image = Image.fromarray(overlay(diagnosis, pair, reading))
-        images.append((title, image.resize((wide, round(image.height * wide / image.width)))))
+        image = overlay(diagnosis, pair, reading)
+        size = (wide, round(image.shape[0] * wide / image.shape[1]))
+        images.append((title, cv2.resize(image, size, interpolation=cv2.INTER_CUBIC)))
     return images
-
-
-def _draw_frames(page: Image.Image, pen: ImageDraw.ImageDraw, frames: list[tuple[str, Image.Image]], top: int) -> None:
-    for number, (title, image) in enumerate(frames):
-        x = MARGIN + number * (image.width + MARGIN)
-        pen.text((x, top), title, fill=INK, font=_font(20))
-        page.paste(image, (x, top + 36))
-    if frames:
-        words = "grey where both agree; red and cyan fringes where they do not; pale where only one of them sees"
-        pen.text((MARGIN, top + 36 + frames[0][1].height + 10), words, fill=PALE_INK, font=_font(17))
-
-
-@cache
-def _font(size: int) -> ImageFont.FreeTypeFont:
-    font = ImageFont.load_default(size)
-    assert isinstance(font, ImageFont.FreeTypeFont)
-    return font

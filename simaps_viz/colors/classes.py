@@ -1,143 +1,43 @@
-"""Categories and their colours. Colours depend on the name or id alone, so they stay when anything else changes."""
+"""Names of classes, their colours, which depend on the name alone, and which of them are ground below objects."""
 
+import json
 import zlib
+from importlib import resources
+
+import numpy as np
+from numpy.typing import NDArray
 
 from simaps_viz.colors.palette import PALETTE, Color, color_of_number
+from simaps_viz.geometry import STANDS_FROM_M
+from simaps_viz.structures import Grid
 
-COCO_THINGS = tuple(
-    [
-        "person",
-        "bicycle",
-        "car",
-        "motorcycle",
-        "airplane",
-        "bus",
-        "train",
-        "truck",
-        "boat",
-        "traffic light",
-        "fire hydrant",
-        "stop sign",
-        "parking meter",
-        "bench",
-        "bird",
-        "cat",
-        "dog",
-        "horse",
-        "sheep",
-        "cow",
-        "elephant",
-        "bear",
-        "zebra",
-        "giraffe",
-        "backpack",
-        "umbrella",
-        "handbag",
-        "tie",
-        "suitcase",
-        "frisbee",
-        "skis",
-        "snowboard",
-        "sports ball",
-        "kite",
-        "baseball bat",
-        "baseball glove",
-        "skateboard",
-        "surfboard",
-        "tennis racket",
-        "bottle",
-        "wine glass",
-        "cup",
-        "fork",
-        "knife",
-        "spoon",
-        "bowl",
-        "banana",
-        "apple",
-        "sandwich",
-        "orange",
-        "broccoli",
-        "carrot",
-        "hot dog",
-        "pizza",
-        "donut",
-        "cake",
-        "chair",
-        "couch",
-        "potted plant",
-        "bed",
-        "dining table",
-        "toilet",
-        "tv",
-        "laptop",
-        "mouse",
-        "remote",
-        "keyboard",
-        "cell phone",
-        "microwave",
-        "oven",
-        "toaster",
-        "sink",
-        "refrigerator",
-        "book",
-        "clock",
-        "vase",
-        "scissors",
-        "teddy bear",
-        "hair drier",
-        "toothbrush",
-    ]
+_NAMES: dict[str, list[str]] = json.loads(
+    resources.files("simaps_viz.colors").joinpath("class_names.json").read_text(encoding="utf-8")
 )
+COCO_THINGS = tuple(_NAMES["coco_things"])
 """The 80 countable classes of COCO, in their usual order."""
+STUFF = frozenset(_NAMES["stuff"])
+"""Uncountable classes by name: plain words and those of COCO panoptic; used when a sequence does not say itself."""
+ADE20K_STUFF = frozenset(_NAMES["ade20k_stuff"])
+"""Uncountable classes of ADE20K, by the first of the names that it has for a class ("floor" of "floor, flooring")."""
+COMMON = tuple(_NAMES["indoor"])
+"""Classes that are common indoors; each has a colour of its own, the one at its place in the palette."""
 
-STUFF = frozenset(
-    [
-        "wall",
-        "floor",
-        "ceiling",
-        "column",
-        "wall-brick",
-        "wall-stone",
-        "wall-tile",
-        "wall-wood",
-        "wall-other-merged",
-        "floor-wood",
-        "floor-other-merged",
-        "ceiling-merged",
-        "window-other",
-        "window-blind",
-        "sky-other-merged",
-        "pavement-merged",
-        "rug-merged",
-        "cabinet-merged",
-        "table-merged",
-        "building-other-merged",
-        "door-stuff",
-        "grass-merged",
-        "dirt-merged",
-        "road",
-        "tree-merged",
-    ]
-)
-"""Uncountable classes by name: plain words and COCO panoptic's; used when a sequence does not say itself."""
-
-COMMON = (
-    "chair", "dining table", "tv", "couch", "potted plant", "bed", "laptop", "refrigerator", "bench", "sink", "toilet",
-    "book",
-)  # fmt: skip
-"""Classes of rooms, each with a colour of its own: the one at its place in the palette."""
+STRUCTURE = ("wall", "column", "door", "window")
+"""Classes that belong to the building."""
+UNSEEN, FLOOR, CLUTTER, WALL = range(4)
+"""Kinds of ground; clutter is something that stands there without a name."""
 
 
 def is_thing(label: str) -> bool:
-    """Return whether a class is countable, by its name alone."""
+    """Whether a class is countable, judged by its name alone."""
     return label not in STUFF
 
 
 def class_color(label: str) -> Color:
-    """Return a class its RGB colour (0-255), from its name; stuff is grey.
+    """Return the colour of a class from its name; stuff is grey.
 
-    Classes that are often together have different ones; ``map_colors.class_colors`` sees to it that all classes of a
-    map do.
+    Common classes have different colours. ``instances.class_colors`` makes sure that all classes of one map have.
     """
     if label in ("none", ""):
         return (0, 0, 0)
@@ -151,15 +51,15 @@ def class_color(label: str) -> Color:
 
 
 def instance_color(instance_id: int) -> Color:
-    """Return an instance its RGB colour (0-255), from its id alone: the palette, over and over.
+    """Return the colour of an instance from its id alone: the palette, over and over.
 
-    ``map_colors.instance_colors`` gives another one to an instance whose neighbour has the same.
+    ``instances.instance_colors`` chooses another one where a neighbour has the same.
     """
     return (0, 0, 0) if instance_id <= 0 else color_of_number(instance_id)
 
 
 def plural(count: int, noun: str) -> str:
-    """Describe how many, in English: "1 chair", "4 benches"."""
+    """Return a number with its noun in English: "1 chair", "4 benches"."""
     if count == 1:
         return f"1 {noun}"
     if noun.endswith("person"):
@@ -172,3 +72,16 @@ def plural(count: int, noun: str) -> str:
         return f"{count} {noun}"
     ending = "es" if noun.endswith(("s", "x", "ch", "sh")) else "s"
     return f"{count} {noun}{ending}"
+
+
+def cells_of_classes(grid: Grid, *names: str) -> NDArray:
+    """Return bool [rows, cols]: cells whose class is one of the names, or one of their kinds ("wall-brick")."""
+    return np.isin(grid.label, [i for i, label in enumerate(grid.labels) if label.split("-")[0] in names])
+
+
+def ground_kinds(grid: Grid) -> NDArray:
+    """Return what every cell is below the objects: uint8 [rows, cols], UNSEEN, FLOOR, CLUTTER or WALL."""
+    kinds = np.where(np.isnan(grid.height_m), UNSEEN, FLOOR).astype(np.uint8)
+    kinds[(grid.height_m >= STANDS_FROM_M) & ~cells_of_classes(grid, "floor")] = CLUTTER
+    kinds[cells_of_classes(grid, *STRUCTURE)] = WALL
+    return kinds

@@ -1,89 +1,49 @@
 """Colours of a map's objects: neighbours differ, and an object keeps its colour whatever else changes.
 
-Every finest community gets a colour once, and an instance has that of the community it is called by. So moving K or the
-evidence never recolours what it does not join. A map built anew, mended or parted otherwise takes over the colours of
-the one before it by overlap (``take_over``).
+Every finest community gets a colour once, and an instance has that of the community after which it is numbered. So
+moving K or the evidence never recolours what it does not join. A map that was built anew, edited or split in another
+way takes over the colours of the one before it by overlap (``take_over``).
 """
 
-import threading
-import weakref
-from collections.abc import Hashable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
+from simaps_viz.colors.array_cache import ArrayCache
 from simaps_viz.colors.classes import COMMON, class_color
 from simaps_viz.colors.palette import PALETTE, Color, as_color
 from simaps_viz.structures import GridSpec, MergeLog, SIMap
 
-MOST = 24
-
-
-class Remembered:
-    """The last few results, found by the very arrays they came from; never keeps such an array alive."""
-
-    def __init__(self) -> None:
-        """Start empty."""
-        self._lock = threading.Lock()
-        self._kept: list[tuple[tuple[weakref.ref, ...], Hashable, NDArray]] = []
-
-    def find(self, arrays: Sequence[NDArray], name: Hashable = None) -> NDArray | None:
-        """Return what was kept for these arrays under that name."""
-        with self._lock:
-            for refs, kept_name, result in self._kept:
-                same = len(refs) == len(arrays) and all(ref() is one for ref, one in zip(refs, arrays, strict=True))
-                if same and kept_name == name:
-                    return result
-        return None
-
-    def keep(self, arrays: Sequence[NDArray], name: Hashable, result: NDArray) -> None:
-        """Keep a result; nobody may write into it."""
-        with self._lock:
-            alive = [entry for entry in self._kept if all(ref() is not None for ref in entry[0])]
-            self._kept = [(tuple(weakref.ref(one) for one in arrays), name, result), *alive][:MOST]
-
-
 NEAR_CELLS = 3
 """Objects with fewer cells than this between them, along a row, a column or a diagonal, are near one another."""
 TOUCHES = 1000
-"""Near neighbours of one colour that one pair of touching ones is worth avoiding for."""
+"""Weight of a pair of ids that touch; one that is only near has 1. So a touching pair of one colour is avoided even
+at the cost of many near ones."""
 
-
-_kept = Remembered()
-_one_at_a_time = threading.RLock()
-"""Several pages may want the colours of a large map, which take a second, at once."""
+_instance_colors, _class_colors = ArrayCache(), ArrayCache()
 
 
 def instance_colors(simap: SIMap) -> NDArray:
     """Return the colour of every instance and every finest community.
 
     Returns:
-        uint8 [n, 3], RGB, at the place of its id; row 0 is black. The same for every K or evidence of a map.
+        uint8 [n, 3], RGB, indexed by id; row 0 is black. The same for every K or evidence of a map.
     """
-    arrays = _arrays(simap)
-    with _one_at_a_time:
-        colors = _kept.find(arrays)
-        if colors is None:
-            colors = _colors(simap, None)
-            _kept.keep(arrays, None, colors)
-    return colors
+    return _instance_colors.get(_arrays(simap), None, lambda: _chosen_colors(simap, None))
 
 
 def take_over(simap: SIMap, before: SIMap, first: int | None = None) -> None:
-    """Let the objects of a map have the colours of those of another map of the same place that they overlap most.
+    """Let the objects of a map have the colours of those of an earlier map of the same place that they overlap most.
 
-    The object in which most of the earlier map's object ``first`` lies has that one's colour, however little that is.
+    The object in which most of the earlier map's object ``first`` lies gets that one's colour, however small the share.
 
-    To be called before the first ``instance_colors(simap)``; does nothing when the two share their communities.
+    Has to be called before the first ``instance_colors(simap)``; does nothing when both maps share their communities.
     """
-    arrays = _arrays(simap)
-    theirs = _arrays(before)
-    if len(arrays) == len(theirs) and all(new is old for new, old in zip(arrays, theirs, strict=True)):
+    arrays, earlier = _arrays(simap), _arrays(before)
+    if len(arrays) == len(earlier) and all(new is old for new, old in zip(arrays, earlier, strict=True)):
         return
-    with _one_at_a_time:
-        if _kept.find(arrays) is None:
-            _kept.keep(arrays, None, _colors(simap, _worn_before(simap, before, first)))
+    _instance_colors.get(arrays, None, lambda: _chosen_colors(simap, _places_before(simap, before, first)))
 
 
 @dataclass(frozen=True, eq=False)
@@ -98,59 +58,52 @@ class Colored:
 
 
 def colors_like(spec: GridSpec, ids: NDArray, before: Colored | None) -> NDArray:
-    """Colour objects of which nothing is known but where they are.
+    """Colour objects of which only the cells are known.
 
-    Neighbours differ; otherwise an object has the colour of what was there before and overlaps it most.
+    Neighbours differ; otherwise an object has the colour of the earlier object that it overlaps most.
 
     Args:
         spec: of the grid.
         ids: int32 [rows, cols], 0 = none.
-        before: what was there before; None = nothing.
+        before: the earlier objects; None = there were none.
 
     Returns:
-        uint8 [n, 3], RGB, at the place of the id; row 0 is black.
+        uint8 [n, 3], RGB, indexed by id; row 0 is black.
     """
     size = 1 + int(ids.max(initial=0))
     old = None if before is None else _on_cells_of(spec, before.spec, before.ids)
-    worn = np.full(size, -1) if before is None or old is None else _worn(ids, old, _places_of(before.colors), size)
-    cells = np.bincount(ids.reshape(-1), minlength=size)
-    cells[0] = 0
-    beside: Neighbours = [{} for _ in range(size)]
+    earlier = np.full(size, -1)
+    if before is not None and old is not None:
+        earlier = _places_by_overlap(ids, old, _places_of(before.colors), size)
     pairs, weight = near_pairs(ids)
-    for (a, b), w in zip(pairs.tolist(), weight.tolist(), strict=True):
-        beside[a][b] = beside[b][a] = w
-    wish = np.where(worn >= 0, worn, (np.arange(size) - 1) % len(PALETTE))
-    had_one = (worn >= 0).astype(int)  # who had a colour chooses first
-    colors = np.array(PALETTE, np.uint8)[_choose(cells, had_one, beside, wish)]
-    colors[0] = 0
-    return colors
+    wish = np.where(earlier >= 0, earlier, (np.arange(size) - 1) % len(PALETTE))
+    had_one = (earlier >= 0).astype(int)  # who had a colour chooses first
+    return _choose(_cell_counts(ids, size), had_one, _neighbours(pairs, weight, size), wish)
 
 
 def keep_classes(simap: SIMap, other: SIMap) -> None:
-    """Let the classes of a map have the colours they have on another map with the same names of classes."""
-    class_colors(other)
-    colors = _kept.find((other.grid.label,), "classes")
-    if colors is not None and _kept.find((simap.grid.label,), "classes") is None:
-        _kept.keep((simap.grid.label,), "classes", colors)
+    """Let the classes of a map have the colours that they have on another map with the same class names."""
+    colors = _colors_of_classes(other)
+    _class_colors.get((simap.grid.label,), None, lambda: colors)
 
 
 def class_colors(simap: SIMap) -> dict[str, Color]:
-    """Return every countable class that is on the map its colour; no two alike while the palette lasts.
+    """Return the colour of every countable class on the map; no two are alike as long as the palette suffices.
 
-    Then colours repeat, but not between classes that touch, while that can be. The same for every K or evidence.
+    After that colours repeat, but not between classes that touch, where possible. The same for every K or evidence.
     """
-    arrays = (simap.grid.label,)
-    colors = _kept.find(arrays, "classes")
-    if colors is None:
-        colors = _class_colors(simap)
-        _kept.keep(arrays, "classes", colors)
+    colors = _colors_of_classes(simap)
     names = {simap.grid.labels[graph.label] for graph in simap.graphs} | {one.label for one in simap.instances}
     places = {name: place for place, name in enumerate(simap.grid.labels)}
     return {name: as_color(colors[places[name]]) if name in places else class_color(name) for name in sorted(names)}
 
 
-def _class_colors(simap: SIMap) -> NDArray:
-    """Return uint8 [labels, 3]; classes of rooms choose first, then the others by name."""
+def _colors_of_classes(simap: SIMap) -> NDArray:
+    return _class_colors.get((simap.grid.label,), None, lambda: _choose_class_colors(simap))
+
+
+def _choose_class_colors(simap: SIMap) -> NDArray:
+    """Return uint8 [labels, 3]; common indoor classes choose first, then the others by name."""
     labels = simap.grid.labels
     used = np.zeros(len(PALETTE))
     things = np.array(simap.grid.is_thing, dtype=bool)[simap.grid.label]
@@ -161,52 +114,53 @@ def _class_colors(simap: SIMap) -> NDArray:
     colors = np.array([class_color(name) for name in labels], np.uint8).reshape(-1, 3)
     order = sorted(present.tolist(), key=lambda i: (labels[i] not in COMMON, labels[i]))
     for one in order:
-        beside = np.r_[touching[touching[:, 0] == one, 1], touching[touching[:, 1] == one, 0]]
+        # The least used colour, beginning with that of the name; once colours repeat, none that a toucher has.
         cost = used.copy()
         if len(order) > len(PALETTE):
-            worn = chosen[beside]
-            cost += np.bincount(worn[worn >= 0], minlength=len(PALETTE)) * TOUCHES
-        around = np.roll(np.arange(len(PALETTE)), -_place_of(class_color(labels[one])))
-        chosen[one] = around[np.argmin(cost[around])]
+            beside = np.r_[touching[touching[:, 0] == one, 1], touching[touching[:, 1] == one, 0]]
+            taken = chosen[beside]
+            cost += np.bincount(taken[taken >= 0], minlength=len(PALETTE)) * TOUCHES
+        color = class_color(labels[one])
+        chosen[one] = _first_cheapest(cost, PALETTE.index(color) if color in PALETTE else 0)
         used[chosen[one]] += 1
         colors[one] = PALETTE[chosen[one]]
     return colors
 
 
-def _place_of(color: Color) -> int:
-    return PALETTE.index(color) if color in PALETTE else 0
-
-
 def _arrays(simap: SIMap) -> tuple[NDArray, ...]:
-    """The arrays that the colours depend on."""
-    own = () if _called_by_communities(simap) else (simap.instance,)
+    """Return the arrays that the colours of instances depend on."""
+    own = () if _numbered_by_communities(simap) else (simap.instance,)
     return (simap.community, simap.merges.source, *own)
 
 
-def _called_by_communities(simap: SIMap) -> bool:
-    """Return whether every instance is called by a community that lies in it, as in a map nobody has mended."""
+def _numbered_by_communities(simap: SIMap) -> bool:
+    """Whether every instance has the number of a community that lies in it, as on a map without edits."""
     return max((one.id for one in simap.instances), default=0) <= int(simap.community.max(initial=0))
 
 
-def _colors(simap: SIMap, worn: NDArray | None) -> NDArray:
+def _chosen_colors(simap: SIMap, earlier: NDArray | None) -> NDArray:
+    """Choose the colours of communities and instances; ``earlier``: palette places they had, int [n], -1 = none."""
     community, instance = simap.community, simap.instance
     size = 1 + max(int(community.max(initial=0)), int(instance.max(initial=0)))
-    cells = np.bincount(community.reshape(-1), minlength=size)
-    cells[0] = 0
+    cells = _cell_counts(community, size)
     pairs, weight = near_pairs(community)
-    if not _called_by_communities(simap):
+    if not _numbered_by_communities(simap):
+        # Edits made instances with numbers of their own, which have neighbours too.
         others, their_weight = near_pairs(instance)
         pairs, weight = np.concatenate([pairs, others]), np.concatenate([weight, their_weight])
-        cells = np.where(cells > 0, cells, np.bincount(instance.reshape(-1), minlength=size))
-        cells[0] = 0
-    conflicts, lasts = _ever_neighbours(pairs, weight, simap.merges, size)
+        cells = np.where(cells > 0, cells, _cell_counts(instance, size))
+    conflicts, lasts = _ever_neighbours(_neighbours(pairs, weight, size), simap.merges)
     wish = (np.arange(size) - 1) % len(PALETTE)
-    if worn is not None:
-        wish[: len(worn)] = np.where(worn >= 0, worn, wish[: len(worn)])
-    chosen = _choose(cells, lasts, conflicts, wish)
-    colors = np.array(PALETTE, np.uint8)[chosen]
-    colors[0] = 0
-    return colors
+    if earlier is not None:
+        wish[: len(earlier)] = np.where(earlier >= 0, earlier, wish[: len(earlier)])
+    return _choose(cells, lasts, conflicts, wish)
+
+
+def _cell_counts(ids: NDArray, size: int) -> NDArray:
+    """Count the cells of each id, int [size]; 0 is nobody and has none."""
+    cells = np.bincount(ids.reshape(-1), minlength=size)
+    cells[0] = 0
+    return cells
 
 
 def near_pairs(ids: NDArray) -> tuple[NDArray, NDArray]:
@@ -225,6 +179,7 @@ def near_pairs(ids: NDArray) -> tuple[NDArray, NDArray]:
 
 
 def _pairs_apart(ids: NDArray, step: int, size: int) -> NDArray:
+    """Return the keys (lower id * size + higher id) of ids with cells exactly ``step`` apart, ascending."""
     found = []
     for a, b in (
         (ids[:, :-step], ids[:, step:]),
@@ -243,21 +198,29 @@ Neighbours = list[dict[int, int]]
 """For each community: {another: how much it matters that their colours differ}."""
 
 
-def _ever_neighbours(pairs: NDArray, weight: NDArray, merges: MergeLog, size: int) -> tuple[Neighbours, NDArray]:
-    """Find, for each community, those that should not share its colour: they call an instance near its own.
-
-    The merges are replayed from the strictest threshold to the laxest; what becomes one is called by its smallest
-    community, which then has the neighbours of both.
-
-    Returns:
-        those neighbours; and int [size], after how many merges nothing is called by the community any more.
-    """
+def _neighbours(pairs: NDArray, weight: NDArray, size: int) -> Neighbours:
     beside: Neighbours = [{} for _ in range(size)]
     for (a, b), w in zip(pairs.tolist(), weight.tolist(), strict=True):
         beside[a][b] = beside[b][a] = w
+    return beside
+
+
+def _ever_neighbours(beside: Neighbours, merges: MergeLog) -> tuple[Neighbours, NDArray]:
+    """Find, for each community, those that should not share its colour: they number an instance near its own.
+
+    The merges are replayed from the strictest threshold to the laxest; what becomes one is numbered by its smallest
+    community, which then has the neighbours of both.
+
+    Args:
+        beside: the neighbours before any merge; changed in place.
+        merges: the merge log.
+
+    Returns:
+        those neighbours; and int [size], after how many merges nothing is numbered by the community any more.
+    """
     conflicts = [dict(one) for one in beside]
-    lasts = np.full(size, len(merges))
-    parent = list(range(size))
+    lasts = np.full(len(beside), len(merges))
+    parent = list(range(len(beside)))
 
     def root(at: int) -> int:
         while parent[at] != at:
@@ -270,6 +233,7 @@ def _ever_neighbours(pairs: NDArray, weight: NDArray, merges: MergeLog, size: in
         if keeps == goes:
             continue
         parent[goes], lasts[goes] = keeps, count
+        # The neighbours of the one that goes become neighbours of the one that stays.
         for one, w in beside[goes].items():
             if one != keeps:
                 del beside[one][goes]
@@ -294,12 +258,12 @@ def _strictest_first(merges: MergeLog) -> NDArray:
 
 
 def _choose(cells: NDArray, lasts: NDArray, conflicts: Neighbours, wish: NDArray) -> NDArray:
-    """Colour those that call an instance longest first, the largest of them first.
+    """Colour ids in the order of how long they number an instance, and among equals of how many cells they have.
 
     Each gets its wish, or the next colour that no neighbour has, or the one whose neighbours matter least.
 
     Returns:
-        int [n], places in the palette.
+        uint8 [n, 3], RGB, indexed by id; row 0 is black.
     """
     chosen = np.full(len(cells), -1)
     order = np.lexsort((np.arange(len(cells)), -cells, -lasts))
@@ -308,25 +272,33 @@ def _choose(cells: NDArray, lasts: NDArray, conflicts: Neighbours, wish: NDArray
         for other, weight in conflicts[one].items():
             if chosen[other] >= 0:
                 taken[chosen[other]] += weight
-        around = np.roll(np.arange(len(PALETTE)), -int(wish[one]))
-        chosen[one] = around[np.argmin(taken[around])]
-    return np.where(chosen < 0, wish, chosen)
+        chosen[one] = _first_cheapest(taken, int(wish[one]))
+    colors = np.array(PALETTE, np.uint8)[np.where(chosen < 0, wish, chosen)]
+    colors[0] = 0
+    return colors
 
 
-def _worn_before(simap: SIMap, before: SIMap, first: int | None) -> NDArray | None:
-    """Give, for each community, the palette place of the instance of the earlier map it overlaps most; -1 = none."""
+def _first_cheapest(cost: NDArray, start: int) -> int:
+    """Return the place of the lowest cost, the first from ``start`` on, going around."""
+    around = np.roll(np.arange(len(cost)), -start)
+    return int(around[np.argmin(cost[around])])
+
+
+def _places_before(simap: SIMap, before: SIMap, first: int | None) -> NDArray | None:
+    """Return, for each id, the palette place of the earlier map's instance that it overlaps most; -1 = none."""
     old = _on_cells_of(simap.spec, before.spec, before.instance)
     if old is None:
         return None
     size = 1 + max(int(simap.community.max(initial=0)), int(simap.instance.max(initial=0)))
     places = _places_of(instance_colors(before))
-    of_instances, of_communities = (_worn(ids, old, places, size) for ids in (simap.instance, simap.community))
-    worn = np.where(of_communities >= 0, of_communities, of_instances)  # communities overrule, where there are any
+    by_instance = _places_by_overlap(simap.instance, old, places, size)
+    by_community = _places_by_overlap(simap.community, old, places, size)
+    earlier = np.where(by_community >= 0, by_community, by_instance)  # communities overrule, where there are any
     if first is not None:
         inside = simap.instance[(old == first) & (simap.instance > 0)]
         if inside.size:
-            worn[np.bincount(inside).argmax()] = places[first]
-    return worn
+            earlier[np.bincount(inside).argmax()] = places[first]
+    return earlier
 
 
 def _places_of(colors: NDArray) -> NDArray:
@@ -335,17 +307,17 @@ def _places_of(colors: NDArray) -> NDArray:
     return np.array([places.get(tuple(color), -1) for color in colors.tolist()])
 
 
-def _worn(ids: NDArray, old: NDArray, places: NDArray, size: int) -> NDArray:
-    """Give, for each id, the palette place of what it overlaps most, int [size]; -1 = none."""
-    worn = np.full(size, -1)
+def _places_by_overlap(ids: NDArray, old: NDArray, places: NDArray, size: int) -> NDArray:
+    """Return, for each id, the palette place of the old id that it overlaps most, int [size]; -1 = none."""
+    found = np.full(size, -1)
     both = (ids > 0) & (old > 0)
     if both.any():
-        most = int(old.max()) + 1
-        keys, shared = np.unique(ids[both].astype(np.int64) * most + old[both], return_counts=True)
-        mine, theirs = np.divmod(keys, most)
+        base = int(old.max()) + 1
+        keys, shared = np.unique(ids[both].astype(np.int64) * base + old[both], return_counts=True)
+        mine, theirs = np.divmod(keys, base)
         order = np.argsort(shared, kind="stable")
-        worn[mine[order]] = places[theirs[order]]  # the last written is the largest overlap
-    return worn
+        found[mine[order]] = places[theirs[order]]  # the last written is the largest overlap
+    return found
 
 
 def _on_cells_of(new: GridSpec, old: GridSpec, ids: NDArray) -> NDArray | None:

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from simaps_viz.colors.palette import Color
-from simaps_viz.drawing.lettering import BOLD, fitting, write
+from simaps_viz.drawing.sheet import fitting, write
 from simaps_viz.drawing.texture import MapPicture
 from simaps_viz.drawing.theme import LIGHT, Theme
 from simaps_viz.structures import GridSpec
@@ -121,7 +121,7 @@ class TwoPictures:
     def _painted(self, side: "MapSide") -> NDArray:
         n = self._scale
         theme, ids = self._theme, self._coarse(side.instance)
-        grounds = np.array((theme.unseen, theme.floor, theme.clutter, theme.wall), np.uint8)
+        grounds = np.array(theme.grounds, np.uint8)
         cells = np.where(ids[..., None] > 0, self._coarse(side.colors), grounds[self._coarse(side.ground)])
         image = cells.repeat(n, axis=0).repeat(n, axis=1)
         if n >= 3:
@@ -166,19 +166,19 @@ class TwoPictures:
         size = round(0.5 * head.shape[0])
         y, pad = head.shape[0] / 2.0, size // 2
         room = (width - 4 * pad) // 2
-        left, right = (fitting(side.title, size, room, weight=BOLD) for side in (self._maps.left, self._maps.right))
-        write(head, left, (pad, y), size, self._ink, weight=BOLD)
+        left, right = (fitting(side.title, size, room, bold=True) for side in (self._maps.left, self._maps.right))
+        write(head, left, (pad, y), size, self._ink, bold=True)
         if mode == "side by side":
-            write(head, right, ((self._cols + self._gap) * n + pad, y), size, self._ink, weight=BOLD)
+            write(head, right, ((self._cols + self._gap) * n + pad, y), size, self._ink, bold=True)
         else:
-            write(head, right, (width - pad, y), size, self._ink, weight=BOLD, anchor="right")
+            write(head, right, (width - pad, y), size, self._ink, bold=True, anchor="right")
         return head
 
     def _title(self, title: str, width: int) -> NDArray:
         head = np.full((self._head * self._scale, width, 3), self._theme.unseen, np.uint8)
         size = round(0.5 * head.shape[0])
-        fits = fitting(title, size, width - size, weight=BOLD)
-        write(head, fits, (size // 2, head.shape[0] / 2.0), size, self._ink, weight=BOLD)
+        fits = fitting(title, size, width - size, bold=True)
+        write(head, fits, (size // 2, head.shape[0] / 2.0), size, self._ink, bold=True)
         return head
 
 

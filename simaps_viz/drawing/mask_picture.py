@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from simaps_viz.colors.classes import class_color
 from simaps_viz.colors.palette import Color
-from simaps_viz.drawing.lettering import fitting, width_of, write
+from simaps_viz.drawing.sheet import fitting, width_of, write
 from simaps_viz.structures import Segment, Segmentation
 
 ColorBy = Literal["class", "confidence"]

@@ -5,8 +5,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from simaps_viz.colors.classes import STRUCTURE, cells_of_classes
 from simaps_viz.colors.palette import Color
-from simaps_viz.drawing.texture import STRUCTURE, is_ground_class
 from simaps_viz.geometry import STANDS_FROM_M
 from simaps_viz.structures import SIMap
 
@@ -35,7 +35,7 @@ def block_heights(simap: SIMap) -> NDArray:
     """Return float32 [rows, cols]: how high each cell stands in the 3-D view, metres; 0 = floor or unseen."""
     height = np.nan_to_num(simap.grid.height_m, nan=0.0)
     height = np.where(height >= STANDS_FROM_M, np.rint(height / HEIGHT_STEP_M) * HEIGHT_STEP_M, 0.0)
-    walls = is_ground_class(simap, *STRUCTURE) | (simap.grid.label == 0)
+    walls = cells_of_classes(simap.grid, *STRUCTURE) | (simap.grid.label == 0)
     return np.where(walls, np.minimum(height, WALL_CUT_M), height).astype(np.float32)
 
 

@@ -12,11 +12,11 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from simaps_viz.colors.classes import class_color
-from simaps_viz.colors.instances import Remembered, class_colors, instance_colors
+from simaps_viz.colors.array_cache import ArrayCache
+from simaps_viz.colors.classes import cells_of_classes, class_color, ground_kinds
+from simaps_viz.colors.instances import class_colors, instance_colors
 from simaps_viz.colors.palette import PALETTE, Color
 from simaps_viz.drawing.theme import LIGHT, Theme
-from simaps_viz.geometry import STANDS_FROM_M
 from simaps_viz.structures import GridSpec, SIMap
 
 ColorMode = Literal["instance", "class", "height", "observations"]
@@ -30,14 +30,12 @@ BORDER = 0.55
 """Factor that darkens the rim of an object."""
 FADED = 0.22
 """How much of its colour is left to what is not emphasised."""
-STRUCTURE = ("wall", "column", "door", "window")
-"""Classes that belong to the building."""
 HEIGHT_TOP_M = 2.0
 
 MAX_TEXTURE_PIXELS = 1600
 MAX_PIXELS_PER_CELL = 6
 
-_grounds = Remembered()
+_grounds = ArrayCache()
 
 
 @dataclass(frozen=True, eq=False)
@@ -91,7 +89,7 @@ def _palette(simap: SIMap, mode: ColorMode, grounds: int, lit: Collection[int] |
     """Return uint8 [n, 3]: the colours of the grounds, then those of ids 1, 2, ..."""
     colors = instance_colors(simap)[1:]
     palette = np.concatenate([np.zeros((grounds, 3), np.uint8), colors])
-    palette[:GROUND] = theme.unseen, theme.floor, theme.clutter, theme.wall
+    palette[:GROUND] = theme.grounds
     if mode == "class":
         of_class = shown_class_colors(simap)
         palette[GROUND:grounds] = [of_class.get(name, class_color(name)) for name in simap.grid.labels]
@@ -182,30 +180,22 @@ def outline_segments(simap: SIMap, instance_id: int, z_m: float = 0.0) -> NDArra
     return np.concatenate([corners, np.full((*corners.shape[:2], 1), z_m)], axis=2).astype(np.float32)
 
 
-def is_ground_class(simap: SIMap, *names: str) -> NDArray:
-    """Return bool [rows, cols]: cells whose class is one of the names, or one of their kinds ("wall-brick")."""
-    wanted = [i for i, label in enumerate(simap.grid.labels) if label.split("-")[0] in names]
-    return np.isin(simap.grid.label, wanted)
-
-
 def _ground(simap: SIMap, mode: ColorMode) -> tuple[NDArray, int]:
-    """Report what is under each cell's object: int16 [rows, cols], places in the palette; and how many there are.
+    """Return what is below each cell's object, int16 [rows, cols], places in the palette; and how many there are.
 
     It depends on the grid alone, so it is kept while K moves.
     """
-    grounds = GROUND + (len(simap.grid.labels) if mode == "class" else 0)
-    height, label = simap.grid.height_m, simap.grid.label
-    kept = _grounds.find((height, label), mode)
-    if kept is None:
-        kept = np.zeros(simap.spec.shape, np.int16)
-        kept[~np.isnan(height)] = 1
-        kept[(height >= STANDS_FROM_M) & ~is_ground_class(simap, "floor")] = 2
-        kept[is_ground_class(simap, *STRUCTURE)] = 3
+    grid = simap.grid
+
+    def compute() -> NDArray:
+        kinds = ground_kinds(grid).astype(np.int16)
         if mode == "class":
-            stuff = (label > 0) & ~is_ground_class(simap, "floor", "wall")
-            kept[stuff] = GROUND + label[stuff]
-        _grounds.keep((height, label), mode, kept)
-    return kept, grounds
+            stuff = (grid.label > 0) & ~cells_of_classes(grid, "floor", "wall")
+            kinds[stuff] = GROUND + grid.label[stuff]
+        return kinds
+
+    kept = _grounds.get((grid.height_m, grid.label), mode, compute)
+    return kept, GROUND + (len(grid.labels) if mode == "class" else 0)
 
 
 def _ramp_colors(simap: SIMap, mode: ColorMode, theme: Theme) -> NDArray:

@@ -32,6 +32,11 @@ class Theme:
     link: Color
     """Of what can be pressed."""
 
+    @property
+    def grounds(self) -> tuple[Color, Color, Color, Color]:
+        """The colours of the kinds of ground, in the order of `colors.classes`."""
+        return self.unseen, self.floor, self.clutter, self.wall
+
 
 LIGHT = Theme(
     name="light",

@@ -6,24 +6,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 from simaps_viz.colors import palette
+from simaps_viz.colors.classes import ground_kinds
 from simaps_viz.colors.palette import Color
-from simaps_viz.geometry import STANDS_FROM_M
+from simaps_viz.drawing.theme import LIGHT
 from simaps_viz.structures import Grid
 
-UNSEEN: Color = (250, 250, 252)
-FLOOR: Color = (232, 235, 240)
-CLUTTER: Color = (205, 209, 216)
-"""Something stands there that is no instance."""
-WALL: Color = (92, 98, 110)
 NO_PARTNER: Color = (150, 153, 158)
-"""An instance that lies on no true one."""
+"""An instance that overlaps no true one."""
 PALETTE: tuple[Color, ...] = tuple(c for c in palette.PALETTE if c[0] <= 1.5 * max(c[1:]))
 """The page's colours without the reds, which are left to what marks an error (`picture.WRONG_RED`)."""
-_STRUCTURE = ("wall", "column", "door", "window")
 
 
 def distinct_colors(instance: NDArray) -> dict[int, Color]:
-    """Return every instance a colour of the palette, the largest first, each the one whose nearest user is farthest.
+    """Choose a colour for every instance, the largest first: the one whose nearest user is farthest away.
 
     Args:
         instance: int [rows, cols], 0 = none.
@@ -47,7 +42,7 @@ def distinct_colors(instance: NDArray) -> dict[int, Color]:
 
 
 def partners(cells: NDArray, reference: NDArray) -> dict[int, int]:
-    """Return {id: the id of the reference it shares most cells with}; the lower id of equals; no entry without any.
+    """Return {id: the id of the reference with which it shares most cells}, the lower of equals; none without any.
 
     Args:
         cells: int [rows, cols], 0 = none.
@@ -61,23 +56,13 @@ def partners(cells: NDArray, reference: NDArray) -> dict[int, int]:
     return best
 
 
-def ground_of(grid: Grid) -> NDArray:
-    """Describe what every cell is where no instance lies: uint8 [rows, cols], 0 unseen, 1 floor, 2 clutter, 3 wall."""
-    ground = np.where(np.isnan(grid.height_m), 0, 1).astype(np.uint8)
-    kinds = [name.split("-")[0] for name in grid.labels]
-    floor = np.isin(grid.label, [i for i, kind in enumerate(kinds) if kind == "floor"])
-    ground[(grid.height_m >= STANDS_FROM_M) & ~floor] = 2
-    ground[np.isin(grid.label, [i for i, kind in enumerate(kinds) if kind in _STRUCTURE])] = 3
-    return ground
-
-
 def paint(grid: Grid, instance: NDArray, colors: Mapping[int, Color]) -> NDArray:
-    """Colour every cell: instances as told (or grey), the ground below them pale.
+    """Colour every cell: instances in their colours (or grey), the ground below them pale.
 
     Returns:
         uint8 [rows, cols, 3], RGB, row 0 at the south.
     """
-    picture = np.array((UNSEEN, FLOOR, CLUTTER, WALL), np.uint8)[ground_of(grid)]
+    picture = np.array(LIGHT.grounds, np.uint8)[ground_kinds(grid)]
     palette = np.full((int(instance.max(initial=0)) + 1, 3), NO_PARTNER, np.uint8)
     for number, color in colors.items():
         if number < len(palette):

@@ -1,62 +1,27 @@
 """A comparison as one PNG: panels side by side, what is wrong marked, legend and scale bar."""
 
-import io
-from dataclasses import dataclass
-from functools import cache
 from pathlib import Path
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
-from PIL import Image, ImageDraw, ImageFont
 
 from simaps_viz.colors.palette import Color
-from simaps_viz.evaluation.coloring import FLOOR, NO_PARTNER, PALETTE
+from simaps_viz.drawing.sheet import INK, PALE_INK, WORDS, Sheet, save_png, width_of
+from simaps_viz.drawing.theme import LIGHT
+from simaps_viz.evaluation.coloring import NO_PARTNER, PALETTE
 from simaps_viz.evaluation.compare import Comparison, Panel, Verdict
-from simaps_viz.io.files import check_output, write_whole
 
 WRONG_RED = (206, 17, 38)
-INK = (33, 37, 44)
-PALE_INK = (98, 104, 115)
 RIM = 0.5
 """Factor that darkens the rim of an instance."""
-WIDEST = 3200
+MAX_WIDTH, MAX_PANEL_WIDTH = 3200, 1000
 """Pixels; panels get as many pixels a cell as fit."""
-WIDEST_PANEL = 1000
-_MOST_ACROSS = 4
-_SHORTEST_BAR = 60
+MAX_ACROSS = 4
+ROW_TITLE, SWATCH = 18, 20
 _DARK = 330
 """Sum of red, green and blue below which marks are white."""
-
-
-@dataclass(frozen=True)
-class _Style:
-    """Sizes in pixels, larger on a larger page, so that the words stay readable when the page is shown small."""
-
-    factor: float
-
-    def px(self, pixels: float) -> int:
-        return round(pixels * self.factor)
-
-    def font(self, size: int) -> ImageFont.FreeTypeFont | ImageFont.ImageFont:
-        return _font(self.px(size))
-
-    def length(self, text: str, size: int) -> int:
-        """Width of a line of text."""
-        return int(np.ceil(self.font(size).getlength(text)))
-
-    @property
-    def margin(self) -> int:
-        return self.px(24)
-
-    @property
-    def head(self) -> int:
-        """Height of a panel's title and subtitle."""
-        return self.px(TITLE + SUBTITLE + 16)
-
-
-TITLE, SUBTITLE, ROW_TITLE, LEGEND = 24, 15, 18, 15
-"""Font sizes, before they grow with the page."""
+_ORDER = list(Verdict)
 
 
 def save_picture(comparison: Comparison, path: Path) -> None:
@@ -65,11 +30,7 @@ def save_picture(comparison: Comparison, path: Path) -> None:
     Raises:
         InputError: the file cannot be written, or is not called .png.
     """
-    path = Path(path)
-    check_output(path, ".png")
-    buffer = io.BytesIO()
-    Image.fromarray(render(comparison)).save(buffer, format="PNG", optimize=True)
-    write_whole(path, buffer.getbuffer(), "the picture")
+    save_png(render(comparison), path)
 
 
 def panel_image(panel: Panel, scale: int) -> NDArray:
@@ -104,44 +65,40 @@ def panel_image(panel: Panel, scale: int) -> NDArray:
 
 
 def render(comparison: Comparison) -> NDArray:
-    """Lay out the whole picture: the reference, the rows of panels, the legend. uint8 [H, W, 3], RGB."""
+    """Lay out the complete picture: the reference, the rows of panels, the legend. uint8 [H, W, 3], RGB."""
     rows, cols = comparison.spec.shape
     across, lines = _layout(comparison)
-    scale = int(np.clip(min(WIDEST_PANEL // cols, WIDEST // (across * cols)), 2, 8))
-    style = _Style(float(np.clip(across * cols * scale / 1700, 1.0, 1.8)))
-    gap, row_head = style.px(24), style.px(ROW_TITLE + 12)
-    words = [style.length(panel.subtitle, SUBTITLE) for panel in comparison.panels]
-    wide, high = max(cols * scale, *words), rows * scale
-    width = 2 * style.margin + across * wide + (across - 1) * gap
-    heights = [(row_head if title else 0) + style.head + high + gap for title, _ in lines]
-    page = Image.new("RGB", (width, 2 * style.margin + sum(heights) + style.px(60)), (255, 255, 255))
-    draw = ImageDraw.Draw(page)
-    y = style.margin
+
+    # A large picture is shown small: words and distances grow with it.
+    scale = int(np.clip(min(MAX_PANEL_WIDTH // cols, MAX_WIDTH // (across * cols)), 2, 8))
+    growth = float(np.clip(across * cols * scale / 1700, 1.0, 1.8))
+    blank = Sheet(1, 1, growth)
+    gap = blank.px(24)
+    row_title, head = blank.px(ROW_TITLE + 12), blank.panel_head(subtitle=True)
+    wide = max(cols * scale, *(width_of(panel.subtitle, blank.px(WORDS)) for panel in comparison.panels))
+    heights = [(row_title if title else 0) + head + rows * scale + gap for title, _ in lines]
+    sheet = Sheet((across + 1) * gap + across * wide, 2 * gap + sum(heights) + blank.px(60), growth)
+
+    y = gap
     for (title, panels), height in zip(lines, heights, strict=True):
-        draw.text((style.margin, y), title, fill=PALE_INK, font=style.font(ROW_TITLE))
-        top = y + (row_head if title else 0)
+        sheet.text(title, (gap, y + sheet.px(ROW_TITLE / 2)), ROW_TITLE, PALE_INK)
+        top = y + (row_title if title else 0)
         for at, panel in enumerate(panels):
             if panel is not None:
-                _place(page, draw, panel, (style.margin + at * (wide + gap), top), scale, style)
+                place = (gap + at * (wide + gap), top)
+                sheet.panel(panel_image(panel, scale), place, panel.title, panel.subtitle)
         y += height
-    _scale_bar(draw, (style.margin, y + style.px(8)), scale / comparison.spec.cell_size_m, style)
-    _legend(page, draw, comparison.has_truth, y, style)
-    return np.asarray(page)
-
-
-_ORDER = list(Verdict)
-
-
-@cache
-def _font(size: int) -> ImageFont.FreeTypeFont | ImageFont.ImageFont:
-    return ImageFont.load_default(size)
+    y += sheet.px(12)
+    end = sheet.scale_bar((gap, y), scale / comparison.spec.cell_size_m)
+    _draw_legend(sheet, comparison.has_truth, end + sheet.px(40), y)
+    return sheet.pixels
 
 
 def _layout(comparison: Comparison) -> tuple[int, list[tuple[str, list[Panel | None]]]]:
     """Return panels across, and lines of (title, panels); the reference starts every row."""
     rows = comparison.rows or (("", ()),)
     longest = 1 + max(len(panels) for _, panels in rows)
-    across = longest if longest <= _MOST_ACROSS else -(-longest // -(-longest // _MOST_ACROSS))
+    across = longest if longest <= MAX_ACROSS else -(-longest // -(-longest // MAX_ACROSS))
     lines: list[tuple[str, list[Panel | None]]] = []
     for title, panels in rows:
         shown: list[Panel | None] = [comparison.reference, *panels]
@@ -149,17 +106,6 @@ def _layout(comparison: Comparison) -> tuple[int, list[tuple[str, list[Panel | N
         for start in range(0, len(shown), across):
             lines.append((title if start == 0 else "", shown[start : start + across]))
     return across, lines
-
-
-def _place(
-    page: Image.Image, draw: ImageDraw.ImageDraw, panel: Panel, at: tuple[int, int], scale: int, style: _Style
-) -> None:
-    (x, y), top = at, at[1] + style.head
-    draw.text((x, y), panel.title, fill=INK, font=style.font(TITLE))
-    draw.text((x, y + style.px(TITLE + 7)), panel.subtitle, fill=PALE_INK, font=style.font(SUBTITLE))
-    image = Image.fromarray(panel_image(panel, scale))
-    page.paste(image, (x, top))
-    draw.rectangle((x - 1, top - 1, x + image.width, top + image.height), outline=(214, 218, 226))
 
 
 def _rim(ids: NDArray) -> NDArray:
@@ -181,24 +127,14 @@ def _outline(mask: NDArray, scale: int) -> NDArray:
     return (closed > inside)[pad:-pad, pad:-pad]
 
 
-def _scale_bar(draw: ImageDraw.ImageDraw, at: tuple[int, int], pixels_per_m: float, style: _Style) -> None:
-    length_m = next((m for m in (1, 2, 5, 10, 20) if m * pixels_per_m >= style.px(_SHORTEST_BAR)), 50)
-    (x, y), length = at, round(length_m * pixels_per_m)
-    draw.rectangle((x, y, x + length, y + style.px(5)), fill=INK)
-    draw.text((x, y + style.px(12)), f"{length_m} m", fill=INK, font=style.font(LEGEND))
-
-
-def _legend(page: Image.Image, draw: ImageDraw.ImageDraw, has_truth: bool, y: int, style: _Style) -> None:
-    """Explain colours and marks, right of the scale bar, wrapping where the page ends."""
-    left = style.margin + style.px(190)
-    x, size = left, style.px(20)
+def _draw_legend(sheet: Sheet, has_truth: bool, left: int, y: int) -> None:
+    """Explain colours and marks, wrapping where the sheet ends."""
+    x = left
     for panel, words in _legend_entries(has_truth):
-        length = size + style.px(34) + style.length(words, LEGEND)
-        if x > left and x + length > page.width - style.margin:
-            x, y = left, y + style.px(32)
-        swatch = panel_image(panel, 2)
-        page.paste(Image.fromarray(swatch).resize((size, size), Image.Resampling.NEAREST), (x, y + style.px(2)))
-        draw.text((x + size + style.px(8), y + style.px(3)), words, fill=INK, font=style.font(LEGEND))
+        length = sheet.px(SWATCH + 34) + width_of(words, sheet.px(WORDS))
+        if x > left and x + length > sheet.width - sheet.px(24):
+            x, y = left, y + sheet.px(32)
+        sheet.swatch(panel_image(panel, 2), words, (x, y), SWATCH)
         x += length
 
 
@@ -206,20 +142,20 @@ def _legend_entries(has_truth: bool) -> list[tuple[Panel, str]]:
     plain, other = PALETTE[1], NO_PARTNER
     if not has_truth:
         return [
-            (_swatch(plain), "same colour: same object, by overlap with the first map"),
-            (_swatch(other), "nothing there on the first map"),
+            (_sample(plain), "same colour: same object, by overlap with the first map"),
+            (_sample(other), "nothing there on the first map"),
         ]
     return [
-        (_swatch(plain), "colour of the true object it overlaps most"),
-        (_swatch(plain, Verdict.MERGED), "merges several true objects"),
-        (_swatch(plain, Verdict.PIECE), "only a piece of one"),
-        (_swatch(plain, Verdict.WRONG), "matches none"),
-        (_swatch(other, Verdict.WRONG), "lies on none"),
-        (_swatch(FLOOR, missed=True), "true object missed"),
+        (_sample(plain), "colour of the true object it overlaps most"),
+        (_sample(plain, Verdict.MERGED), "merges several true objects"),
+        (_sample(plain, Verdict.PIECE), "only a piece of one"),
+        (_sample(plain, Verdict.WRONG), "matches none"),
+        (_sample(other, Verdict.WRONG), "lies on none"),
+        (_sample(LIGHT.floor, missed=True), "true object missed"),
     ]
 
 
-def _swatch(color: Color, verdict: Verdict = Verdict.UNJUDGED, *, missed: bool = False) -> Panel:
+def _sample(color: Color, verdict: Verdict = Verdict.UNJUDGED, *, missed: bool = False) -> Panel:
     """Make a panel of one instance that fills it."""
     cells = np.full((11, 11), 0 if missed else 1, np.int32)
     colors = np.full((*cells.shape, 3), color, np.uint8)

@@ -6,9 +6,10 @@ from typing import Literal
 
 from numpy.typing import NDArray
 
+from simaps_viz.colors.classes import ground_kinds
 from simaps_viz.colors.instances import instance_colors
 from simaps_viz.colors.palette import Color
-from simaps_viz.evaluation.coloring import ground_of, paint, partners
+from simaps_viz.evaluation.coloring import paint, partners
 from simaps_viz.evaluation.differences import Difference, as_reference, extent_of, find_differences
 from simaps_viz.evaluation.overlaps import ScoringRules, find_overlaps
 from simaps_viz.evaluation.quality import Score, scores_of
@@ -127,7 +128,7 @@ def _on(simap: SIMap, window: GridSpec) -> NDArray:
 def _side(named: tuple[str, SIMap], window: GridSpec, cells: NDArray, colors: dict, small: tuple[int, int]) -> MapSide:
     title, simap = named
     grid = moved_grid(simap.grid, window)
-    return MapSide(title, paint(grid, cells, colors), cells, ground_of(grid), _names(simap), *small)
+    return MapSide(title, paint(grid, cells, colors), cells, ground_kinds(grid), _names(simap), *small)
 
 
 def _names(simap: SIMap) -> dict[int, str]:

@@ -10,9 +10,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from simaps_viz.colors.classes import class_color, instance_color
+from simaps_viz.colors.classes import CLUTTER, FLOOR, UNSEEN, WALL, class_color, ground_kinds, instance_color
 from simaps_viz.colors.palette import Color
-from simaps_viz.geometry import STANDS_FROM_M
 from simaps_viz.structures import Grid, GridSpec, MergeLog
 
 Entry = tuple[int, str, tuple[int, int, int, int]]
@@ -20,11 +19,11 @@ Entry = tuple[int, str, tuple[int, int, int, int]]
 
 NOTHING: Entry = (0, "", (0, 0, 0, 0))
 
-UNSEEN, FLOOR, STANDING, WALL, UNPARTED = range(5)
+UNPARTED = 4
 GROUND: tuple[Entry, ...] = (
     (UNSEEN, "not seen", (216, 219, 226, 255)),
     (FLOOR, "floor", (246, 248, 250, 255)),
-    (STANDING, "no name", (196, 202, 211, 255)),
+    (CLUTTER, "no name", (196, 202, 211, 255)),
     (WALL, "wall", (92, 98, 110, 255)),
     (UNPARTED, "seen, not told apart yet", (240, 214, 160, 255)),
 )
@@ -59,12 +58,7 @@ def cell_centres(spec: GridSpec, rows: NDArray, cols: NDArray) -> NDArray:
 
 def ground_picture(grid: Grid) -> NDArray:
     """Tell floor, walls, unnamed things and named things apart, uint8 [rows, cols], values as in ``GROUND``."""
-    walls = [i for i, name in enumerate(grid.labels) if name.split("-")[0] in ("wall", "column", "door", "window")]
-    floors = [i for i, name in enumerate(grid.labels) if name.split("-")[0] == "floor"]
-    picture = np.full(grid.spec.shape, UNSEEN, np.uint8)
-    picture[~np.isnan(grid.height_m)] = FLOOR
-    picture[(grid.height_m >= STANDS_FROM_M) & ~np.isin(grid.label, floors)] = STANDING
-    picture[np.isin(grid.label, walls)] = WALL
+    picture = ground_kinds(grid)
     picture[np.array(grid.is_thing, dtype=bool)[grid.label]] = UNPARTED
     return north_up(picture)
 

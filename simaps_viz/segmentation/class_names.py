@@ -7,21 +7,11 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from simaps_viz.colors.classes import COCO_THINGS, is_thing
+from simaps_viz.colors.classes import ADE20K_STUFF, COCO_THINGS, is_thing
 from simaps_viz.datasets.manifest import read_json, shown
 from simaps_viz.errors import InputError
 
 _ADE20K_CLASSES = 150
-_ADE20K_STUFF = frozenset(
-    {
-        "wall", "building", "sky", "floor", "tree", "ceiling", "road", "grass", "sidewalk", "earth", "mountain",
-        "plant", "water", "house", "sea", "rug", "field", "rock", "base", "counter", "sand", "skyscraper",
-        "grandstand", "path", "runway", "stairway", "river", "bridge", "blind", "hill", "bar", "hovel", "tower",
-        "dirt track", "land", "escalator", "buffet", "poster", "stage", "conveyer belt", "canopy", "swimming pool",
-        "waterfall", "tent", "step", "tank", "lake", "blanket", "pier", "crt screen", "shower",
-    }
-)  # fmt: skip
-"""By the first of the names that ADE20K gives a class; others say "floor, flooring" for the same."""
 _COCO_PANOPTIC_CLASSES = 133
 
 
@@ -106,7 +96,7 @@ def things_among(labels: Sequence[str]) -> tuple[bool, ...]:
     if len(labels) == _COCO_PANOPTIC_CLASSES and set(COCO_THINGS) <= set(first):
         return tuple(label in COCO_THINGS for label in first)
     if len(labels) == _ADE20K_CLASSES and {"wall", "building", "sky", "floor", "bed"} <= set(first):
-        return tuple(label not in _ADE20K_STUFF for label in first)
+        return tuple(label not in ADE20K_STUFF for label in first)
     return tuple(is_thing(label) for label in first)
 
 
