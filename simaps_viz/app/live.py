@@ -11,7 +11,7 @@ import numpy as np
 
 from simaps_viz.app import workbench
 from simaps_viz.app.live_build import BEGINS_ANEW, STOPPED, Audience, LiveBuild, Run
-from simaps_viz.app.share import looking_back
+from simaps_viz.app.share import look_back
 from simaps_viz.build.methods import config_of, keeps_log
 from simaps_viz.build.pipeline import BuildConfig, facts_of, started
 from simaps_viz.build.to_file import BuildRequest, RecordingFault, build_to_file, going_on
@@ -156,7 +156,7 @@ def _serve(
         csp=CONTENT_SECURITY_POLICY,
         stream=stream,
         building=True,
-        look_back=looking_back(lambda: None if mending() is None else settings.request.output),
+        look_back=look_back(lambda: None if mending() is None else settings.request.output),
     )
     start = workbench.start_pose(replace(waiting, T_map_camera=_cameras(sequence)))
     return Workbench(waiting, services=services, port=settings.port, start=start, robot_radius_m=RobotShape().radius_m)

@@ -1,7 +1,8 @@
-"""What stands behind the files that a page makes to be sent: the map's growth and a robot's ride."""
+"""What the page needs for the files it makes to be sent: the map after each frame, and a robot that drives."""
 
 import threading
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -15,8 +16,11 @@ if TYPE_CHECKING:
     from simaps_viz.viewer.panels.share import ShareServices
 
 
-def looking_back(path: Callable[[], Path | None]) -> Callable[[SIMap, int], SIMap | None]:
-    """Return what shows a map as it was after a frame, from the history beside a file, opened when first asked for.
+def look_back(path: Callable[[], Path | None]) -> Callable[[SIMap, int], SIMap | None]:
+    """Return a function that shows a map as it was after a frame, from the history beside the map's file.
+
+    The history is opened once, when it is first asked for. What the function returns has the objects of the map it is
+    given, whatever its K and its edits, as far as they were seen by then; None where nobody knows.
 
     Args:
         path: of the map or its recording; None as long as there is none.
@@ -24,36 +28,31 @@ def looking_back(path: Callable[[], Path | None]) -> Callable[[SIMap, int], SIMa
     lock = threading.Lock()
     opened: list[MapHistory | None] = []
 
-    def look_back(simap: SIMap, frame: int) -> SIMap | None:
+    def look(simap: SIMap, frame: int) -> SIMap | None:
         beside = path()
         if beside is None:
             return None
         with lock:
             if not opened:
                 opened.append(history_beside(beside, simap))
-        look = None if opened[0] is None else opened[0].look_at(frame)
-        return cut_as(look, simap) if look is not None and look.spec == simap.spec else None
+        then = None if opened[0] is None else opened[0].look_at(frame)
+        return cut_as(then, simap) if then is not None and then.spec == simap.spec else None
 
-    return look_back
+    return look
 
 
 def share_services(beside: Path | None) -> "ShareServices":
-    """Return what the page's files to send need.
+    """Return what the page needs to make files to be sent.
 
     Args:
         beside: the map's recording; the history of its build lies beside it, if there is one.
     """
     from simaps_viz.viewer.panels.share import ShareServices  # noqa: PLC0415 - viser is slow to import
 
+    look = look_back(lambda: beside)
     return ShareServices(
         ask=answer,
         steps=lambda simap, program, pose: Agent(simap, pose).steps(program),
-        look=lambda simap: look_back(beside, simap) if beside is not None else None,
+        look=lambda simap: partial(look, simap),
         radius_m=RobotShape().radius_m,
     )
-
-
-def look_back(beside: Path, simap: SIMap) -> Callable[[int], SIMap] | None:
-    """Return what shows the map after a frame, from the history beside a map or its recording; None without one."""
-    history = history_beside(beside, simap)
-    return None if history is None else history.look_at

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from simaps_viz.app.share import looking_back
+from simaps_viz.app.share import look_back
 from simaps_viz.build.cache import cache_folder, map_in_cache
 from simaps_viz.build.pipeline import BuildConfig
 from simaps_viz.build.to_file import build_whole, is_whole
@@ -91,7 +91,7 @@ def open_workbench(
     model = None if llm is None else _language_model(llm)
     path = recording if map_path is None else map_path
     services = replace(
-        _services(simap, recording, mending), model=model, judging=judging, look_back=looking_back(lambda: path)
+        _services(simap, recording, mending), model=model, judging=judging, look_back=look_back(lambda: path)
     )
     simap = simap if mending is None else mending.simap()
     start = start_pose(simap) if len(simap.T_map_camera) else None

@@ -1,6 +1,7 @@
-"""`simaps share`: a map, its growth and a robot's ride as one file to send to somebody."""
+"""`simaps share`: a map, its growth and a robot's drive as one file to send to somebody."""
 
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -63,34 +64,34 @@ class Share:
         from simaps_viz.navigation.agent import Agent, answer, start_pose
         from simaps_viz.navigation.planner import RobotShape
         from simaps_viz.structures import Pose2
-        from simaps_viz.viewer.share.files import MAKERS, share_bytes
-        from simaps_viz.viewer.share.story import ride_of
+        from simaps_viz.viewer.share.files import share_bytes
+        from simaps_viz.viewer.share.story import drive_of
 
         ending = self.output.suffix.lower()
-        if ending not in MAKERS:
+        if ending not in ENDINGS:
             raise InputError(
                 f"{self.output}: expected a name that ends in {', '.join(ENDINGS)}, found {ending or 'no ending'}"
             )
         check_output(self.output)
         simap = load_mended(self.map, edits=self.edits)
-        ride = None
+        drive = None
         if self.command is not None:
             pose = Pose2.from_heading(*self.pose) if self.pose else start_pose(simap)
             read = workbench.reader(self.llm, simap, pose)
-            ride = ride_of(
+            drive = drive_of(
                 simap,
                 self.command,
                 pose,
                 ask=lambda m, text, at: answer(m, text, at, reader=read),
                 steps=lambda m, program, at: Agent(m, at).steps(program),
             )
-        look = None if ending == ".png" else look_back(self.map, simap)
-        made = share_bytes(ending, simap, ride=ride, look=look, radius_m=RobotShape().radius_m, tell=progress)
+        look = None if ending == ".png" else partial(look_back(lambda: self.map), simap)
+        made = share_bytes(ending, simap, drive=drive, look=look, radius_m=RobotShape().radius_m, progress=progress)
         write_whole(self.output, made, "the shared file")
         return {
             "output": str(self.output),
             "bytes": len(made),
             "instances": len(simap.instances),
-            "outcome": ride.outcome if ride else None,
-            "done": ride.done if ride else None,
+            "outcome": drive.outcome if drive else None,
+            "done": drive.done if drive else None,
         }

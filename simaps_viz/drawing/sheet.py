@@ -128,14 +128,29 @@ class Sheet:
 
     def __init__(self, width: int, height: int, growth: float = 1.0) -> None:
         """Begin with an empty sheet of so many pixels."""
+        self.growth = growth
+        self.begin(width, height)
+
+    def begin(self, width: int, height: int) -> None:
+        """Begin anew with an empty sheet of so many pixels."""
         self.pixels = np.full((height, width, 3), PAPER, np.uint8)
         """uint8 [H, W, 3], RGB."""
-        self.growth = growth
+
+    def copy(self) -> "Sheet":
+        """Return another sheet with the same on it."""
+        other = Sheet(0, 0, self.growth)
+        other.pixels = self.pixels.copy()
+        return other
 
     @property
     def width(self) -> int:
         """Pixels from left to right."""
         return self.pixels.shape[1]
+
+    @property
+    def height(self) -> int:
+        """Pixels from top to bottom."""
+        return self.pixels.shape[0]
 
     def px(self, length: float) -> int:
         """Return a length as it is on this sheet, pixels."""
@@ -158,19 +173,18 @@ class Sheet:
         write(self.pixels, text, at, size, color, bold=bold, anchor=anchor)
         return width_of(text, size, bold=bold)
 
-    def fill(self, box: Box, color: Color, outline: Color | None = None) -> None:
-        """Fill a rectangle, with a thin line around its inside if an outline is asked for."""
+    def fill(self, box: Box, color: ArrayLike) -> None:
+        """Fill a rectangle."""
         left, top, right, bottom = (max(0, round(value)) for value in box)
-        self.pixels[top:bottom, left:right] = color if outline is None else outline
-        if outline is not None:
-            self.pixels[top + 1 : bottom - 1, left + 1 : right - 1] = color
+        self.pixels[top:bottom, left:right] = color
 
     def paste(self, image: NDArray, at: tuple[int, int], *, framed: bool = False) -> None:
-        """Lay a picture, uint8 [h, w, 3], on the sheet with its top left corner at a place."""
+        """Lay a picture, uint8 [h, w, 3], on the sheet with its top left corner at ``at``; the rest is cut."""
         (x, y), (height, width) = at, image.shape[:2]
         if framed:
             self.fill((x - 1, y - 1, x + width + 1, y + height + 1), RULE)
-        self.pixels[y : y + height, x : x + width] = image
+        room = self.pixels[y : y + height, x : x + width]
+        room[:] = image[: room.shape[0], : room.shape[1]]
 
     def panel_head(self, *, subtitle: bool) -> int:
         """Return how far below a panel's top its picture begins, pixels."""

@@ -19,6 +19,8 @@ MAX_WIDTH, MAX_PANEL_WIDTH = 3200, 1000
 """Pixels; panels get as many pixels a cell as fit."""
 MAX_ACROSS = 4
 ROW_TITLE, SWATCH = 18, 20
+BAR_WIDTH = 240
+"""Room for the scale bar, left of the legend, pixels."""
 _DARK = 330
 """Sum of red, green and blue below which marks are white."""
 _ORDER = list(Verdict)
@@ -72,12 +74,14 @@ def render(comparison: Comparison) -> NDArray:
     # A large picture is shown small: words and distances grow with it.
     scale = int(np.clip(min(MAX_PANEL_WIDTH // cols, MAX_WIDTH // (across * cols)), 2, 8))
     growth = float(np.clip(across * cols * scale / 1700, 1.0, 1.8))
-    blank = Sheet(1, 1, growth)
-    gap = blank.px(24)
-    row_title, head = blank.px(ROW_TITLE + 12), blank.panel_head(subtitle=True)
-    wide = max(cols * scale, *(width_of(panel.subtitle, blank.px(WORDS)) for panel in comparison.panels))
+    sheet = Sheet(0, 0, growth)
+    gap = sheet.px(24)
+    row_title, head = sheet.px(ROW_TITLE + 12), sheet.panel_head(subtitle=True)
+    wide = max(cols * scale, *(width_of(panel.subtitle, sheet.px(WORDS)) for panel in comparison.panels))
     heights = [(row_title if title else 0) + head + rows * scale + gap for title, _ in lines]
-    sheet = Sheet((across + 1) * gap + across * wide, 2 * gap + sum(heights) + blank.px(60), growth)
+    width = (across + 1) * gap + across * wide
+    legend = _legend_places(comparison.has_truth, sheet, width)
+    sheet.begin(width, 2 * gap + sum(heights) + sheet.px(28) + max(y for _, y in legend))
 
     y = gap
     for (title, panels), height in zip(lines, heights, strict=True):
@@ -89,8 +93,9 @@ def render(comparison: Comparison) -> NDArray:
                 sheet.panel(panel_image(panel, scale), place, panel.title, panel.subtitle)
         y += height
     y += sheet.px(12)
-    end = sheet.scale_bar((gap, y), scale / comparison.spec.cell_size_m)
-    _draw_legend(sheet, comparison.has_truth, end + sheet.px(40), y)
+    sheet.scale_bar((gap, y), scale / comparison.spec.cell_size_m)
+    for (sample, words), (x, down) in zip(_legend_entries(comparison.has_truth), legend, strict=True):
+        sheet.swatch(panel_image(sample, 2), words, (x, y + down), SWATCH)
     return sheet.pixels
 
 
@@ -127,15 +132,17 @@ def _outline(mask: NDArray, scale: int) -> NDArray:
     return (closed > inside)[pad:-pad, pad:-pad]
 
 
-def _draw_legend(sheet: Sheet, has_truth: bool, left: int, y: int) -> None:
-    """Explain colours and marks, wrapping where the sheet ends."""
-    x = left
-    for panel, words in _legend_entries(has_truth):
+def _legend_places(has_truth: bool, sheet: Sheet, width: int) -> list[tuple[int, int]]:
+    """Return where the legend's entries are, pixels from the left and down from the first line, wrapped at a width."""
+    left = sheet.px(BAR_WIDTH)
+    places, x, down = [], left, 0
+    for _, words in _legend_entries(has_truth):
         length = sheet.px(SWATCH + 34) + width_of(words, sheet.px(WORDS))
-        if x > left and x + length > sheet.width - sheet.px(24):
-            x, y = left, y + sheet.px(32)
-        sheet.swatch(panel_image(panel, 2), words, (x, y), SWATCH)
+        if x > left and x + length > width - sheet.px(24):
+            x, down = left, down + sheet.px(32)
+        places.append((x, down))
         x += length
+    return places
 
 
 def _legend_entries(has_truth: bool) -> list[tuple[Panel, str]]:

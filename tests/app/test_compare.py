@@ -93,7 +93,7 @@ def test_giving_up_leaves_nothing_behind(tiny):
 def test_without_a_sequence_one_line_says_so(tmp_path):
     with pytest.raises(InputError, match="expected the sequence the map was built from, found none"):
         MapMaker(None, tmp_path).make("paper", toy_map(), lambda *what: None, NEVER)
-    assert look_back(tmp_path / "no.npz", toy_map()) is None
+    assert look_back(lambda: tmp_path / "no.npz")(toy_map(), 0) is None
 
 
 def test_other_settings():

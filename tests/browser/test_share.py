@@ -7,7 +7,7 @@ import pytest
 from browser import PATIENCE_S, PIXEL, place_on, until, watched_page
 from PIL import Image
 from playwright.sync_api import expect
-from shared_rides import COMMAND, couch_of, late_map, toy_ride
+from shared_rides import COMMAND, couch_of, late_map, toy_drive
 from stub_desk import open_desk, stub_desk
 from toy_maps import TOY_POSE
 
@@ -51,14 +51,14 @@ def check_camera(page, simap):
 @pytest.fixture(scope="module")
 def shared(tmp_path_factory):
     simap = late_map()
-    ride = toy_ride(simap)
+    drive = toy_drive(simap)
     path = tmp_path_factory.mktemp("share") / "toy.html"
-    path.write_bytes(page_html(simap, ride=ride))
-    return simap, ride, path
+    path.write_bytes(page_html(simap, drive=drive))
+    return simap, drive, path
 
 
 def test_the_page_opens_from_disk_and_asks_for_nothing(browser, shared):
-    simap, ride, path = shared
+    simap, drive, path = shared
     assert path.stat().st_size < 2_000_000
     context = browser.new_context(viewport={"width": 1280, "height": 800}, offline=True)
     page = context.new_page()
@@ -86,8 +86,8 @@ def test_the_page_opens_from_disk_and_asks_for_nothing(browser, shared):
     go_to(page, 7.0 + 0.5 * HOLD_S)  # the middle: all is built
     until(page, shows(place, color))
     until(page, shows(start, FLOOR))
-    go_to(page, 7.0 + HOLD_S + ride.trajectory.duration_s + HOLD_S)  # the end: the robot is at the couch
-    end = ride.trajectory.at(ride.trajectory.duration_s)
+    go_to(page, 7.0 + HOLD_S + drive.trajectory.duration_s + HOLD_S)  # the end: the robot is at the couch
+    end = drive.trajectory.at(drive.trajectory.duration_s)
     behind = (end.x_m - 0.12 * np.cos(end.yaw_rad), end.y_m - 0.12 * np.sin(end.yaw_rad))
     until(page, lambda: near(color_at(page, simap, behind), ROBOT, 60))
     page.screenshot(path=str(path.with_suffix(".png")))

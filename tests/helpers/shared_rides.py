@@ -6,7 +6,7 @@ from toy_maps import TOY_POSE, toy_map
 
 from simaps_viz.colors.instances import instance_colors
 from simaps_viz.navigation.agent import Agent, answer
-from simaps_viz.viewer.share.story import ride_of
+from simaps_viz.viewer.share.story import drive_of
 
 COMMAND = "go to the couch"
 
@@ -21,8 +21,8 @@ def late_map():
     }))  # fmt: skip
 
 
-def toy_ride(simap, command=COMMAND):
-    return ride_of(simap, command, TOY_POSE, ask=answer, steps=lambda m, program, pose: Agent(m, pose).steps(program))
+def toy_drive(simap, command=COMMAND):
+    return drive_of(simap, command, TOY_POSE, ask=answer, steps=lambda m, program, pose: Agent(m, pose).steps(program))
 
 
 def couch_of(simap):

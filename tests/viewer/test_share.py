@@ -7,39 +7,45 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from PIL import Image
-from shared_rides import COMMAND, couch_of, late_map, toy_ride
+from shared_rides import COMMAND, couch_of, late_map, toy_drive
 from toy_maps import TOY_POSE, toy_map
 
 from simaps_viz.cli.main import main
 from simaps_viz.colors.instances import instance_colors
-from simaps_viz.drawing.texture import FLOOR, UNSEEN
+from simaps_viz.drawing.texture import FLOOR
 from simaps_viz.errors import CommandError
 from simaps_viz.mapping.file import save_map
+from simaps_viz.mapping.history import cut_as
 from simaps_viz.mapping.partition import empty_log
-from simaps_viz.structures import GridSpec
 from simaps_viz.viewer.scene.map_scene import PATH, ROBOT
-from simaps_viz.viewer.share.files import MAKERS, share_bytes
-from simaps_viz.viewer.share.film import MOST_MOMENTS, gif_bytes, key_picture, shots
+from simaps_viz.viewer.share.files import (
+    ENDINGS,
+    MAX_TIME_STEPS,
+    MapSheet,
+    gif_bytes,
+    key_picture,
+    share_bytes,
+    shots,
+)
 from simaps_viz.viewer.share.page import overlay_html
-from simaps_viz.viewer.share.sheet import Sheet, moved_image
-from simaps_viz.viewer.share.story import moments, origin_text, title_of
+from simaps_viz.viewer.share.story import origin_text, time_steps, title_of
 
 
 def test_the_story_grows_and_counts():
     simap = late_map()
-    told = list(moments(simap, 40))
+    told = list(time_steps(simap, 40))
     assert [m.frame for m in told] == [0, 1, 2, 3, 4]
     assert [m.words.split(" · ")[1] for m in told] == ["6 objects", "6 objects", "6 objects", "7 objects", "7 objects"]
     assert [5 in m.hidden for m in told] == [True, True, True, False, False]
     assert told[-1].simap is simap
-    few = list(moments(simap, 2))
+    few = list(time_steps(simap, 2))
     assert [m.frame for m in few] == [0, 4]
 
 
 def test_a_map_of_that_time_is_shown_where_it_is_known():
     simap = toy_map()
     small = replace(simap, instances=simap.instances[:2])
-    told = list(moments(simap, 5, lambda frame: small if frame == 1 else None))
+    told = list(time_steps(simap, 5, lambda frame: small if frame == 1 else None))
     assert [m.words for m in told][1] == "Frame 2 of 5 · 2 objects"
     assert told[1].simap.instances == small.instances and not len(told[1].hidden)
     assert told[2].simap is simap
@@ -49,75 +55,61 @@ def test_objects_keep_their_colours_while_the_map_grows():
     simap = toy_map()
     early = np.where(np.arange(simap.spec.cols) < 45, simap.instance, 0).astype(np.int32)
     kept = tuple(one for one in simap.instances if (early == one.id).any())
-    # As a history gives it: the finished map's ids, but neither its communities nor its merges.
+    # As a history returns it: the finished map's ids, but neither its communities nor its merges.
     then = replace(simap, instance=early, instances=kept, community=early, graphs=(), merges=empty_log())
-    told = next(moments(simap, 5, lambda frame: then if frame == 0 else None))
-    finished, shown = instance_colors(simap), instance_colors(told.simap)
-    assert len(kept) > 2
+    step = next(time_steps(simap, 5, lambda frame: cut_as(then, simap) if frame == 0 else None))
+    finished, shown = instance_colors(simap), instance_colors(step.simap)
+    assert len(kept) > 2 and step.simap.instances == kept
     assert all((finished[one.id] == shown[one.id]).all() for one in kept)
-    moved = replace(then, instance=np.roll(early, 1, axis=0), community=np.roll(early, 1, axis=0))
-    told = next(moments(simap, 5, lambda frame: moved if frame == 0 else None))
-    assert told.simap is moved
 
 
 def test_a_sheet_shows_every_object_in_its_place_and_north_up():
     simap = toy_map()
-    sheet = Sheet(simap)
+    sheet = MapSheet(simap)
     picture = sheet.draw()
     assert picture.shape == (*sheet.size, 3) and picture.shape[0] % 2 == picture.shape[1] % 2 == 0
     colors = instance_colors(simap)
     for one in simap.instances:
-        row, col = sheet.place_of(*one.centroid_m[:2])
+        row, col = sheet.pixel_of(*one.centroid_m[:2])
         assert tuple(picture[row, col]) == tuple(colors[one.id])
-    south, north = sheet.place_of(0.0, -1.0), sheet.place_of(0.0, 2.0)
+    south, north = sheet.pixel_of(0.0, -1.0), sheet.pixel_of(0.0, 2.0)
     assert south[0] > north[0] and south[1] == north[1]
 
 
 def test_what_nobody_has_named_yet_is_floor():
     simap = late_map()
     couch, color = couch_of(simap)
-    sheet = Sheet(simap)
-    first, *_, last = moments(simap, 5)
-    place = sheet.place_of(*couch.centroid_m[:2])
+    sheet = MapSheet(simap)
+    first, *_, last = time_steps(simap, 5)
+    place = sheet.pixel_of(*couch.centroid_m[:2])
     assert tuple(sheet.draw(first)[place]) == FLOOR
     assert tuple(sheet.draw(last)[place]) == color
 
 
 def test_the_robot_stands_where_it_should_and_looks_its_way():
     simap = toy_map()
-    sheet = Sheet(simap)
-    ride = toy_ride(simap)
-    picture = sheet.draw(robot=TOY_POSE, path_m=ride.path_m)
+    sheet = MapSheet(simap)
+    drive = toy_drive(simap)
+    picture = sheet.draw(robot=TOY_POSE, path_m=drive.path_m)
     x, y = TOY_POSE.x_m, TOY_POSE.y_m
-    assert tuple(picture[sheet.place_of(x - 0.17, y)]) == ROBOT
-    assert tuple(picture[sheet.place_of(x + 0.08, y)]) == (255, 255, 255)  # its nose, to the east
-    middle = ride.path_m[len(ride.path_m) // 2]
+    assert tuple(picture[sheet.pixel_of(x - 0.17, y)]) == ROBOT
+    assert tuple(picture[sheet.pixel_of(x + 0.08, y)]) == (255, 255, 255)  # its nose, to the east
+    middle = drive.path_m[len(drive.path_m) // 2]
     assert (np.abs(picture.astype(int) - PATH).max(axis=-1) < 8).any()
-    row, col = sheet.place_of(*middle)
+    row, col = sheet.pixel_of(*middle)
     near = picture[row - 3 : row + 4, col - 3 : col + 4].astype(int)
     assert (np.abs(near - PATH).max(axis=-1) < 8).any()
 
 
-def test_a_map_of_another_window_lies_where_it_belongs():
-    old, new = GridSpec(2, 3, 0.1, 0.2, 0.1), GridSpec(5, 6, 0.1, 0.0, 0.0)
-    image = np.arange(18, dtype=np.uint8).reshape(2, 3, 3)
-    result = moved_image(image, old, new, 1)
-    assert np.array_equal(result[1:3, 2:5], image)
-    result[1:3, 2:5] = UNSEEN
-    assert (result == UNSEEN).all()
-    back = moved_image(moved_image(image, old, new, 1), new, old, 1)
-    assert np.array_equal(back, image)
-
-
 def test_a_film_begins_without_the_couch_and_ends_with_the_robot_at_it():
     simap = late_map()
-    ride = toy_ride(simap)
-    film = Image.open(io.BytesIO(gif_bytes(shots(simap, ride=ride), key_picture(simap, ride=ride))))
+    drive = toy_drive(simap)
+    film = Image.open(io.BytesIO(gif_bytes(shots(simap, drive=drive), key_picture(simap, drive=drive))))
     frames = getattr(film, "n_frames", 1)
-    assert frames > min(MOST_MOMENTS, 5) + 5 and film.info.get("loop") == 0
+    assert frames > min(MAX_TIME_STEPS, 5) + 5 and film.info.get("loop") == 0
     couch, color = couch_of(simap)
-    sheet = Sheet(simap)
-    place = sheet.place_of(*couch.centroid_m[:2])
+    sheet = MapSheet(simap)
+    place = sheet.pixel_of(*couch.centroid_m[:2])
     seen = []
     for frame in (0, 4, frames - 1):
         film.seek(frame)
@@ -125,27 +117,27 @@ def test_a_film_begins_without_the_couch_and_ends_with_the_robot_at_it():
     assert seen[0].shape == (*sheet.size, 3)
     assert np.abs(seen[0][place] - FLOOR).max() < 8
     assert np.abs(seen[1][place] - color).max() < 8 and np.abs(seen[2][place] - color).max() < 8
-    end = ride.trajectory.at(ride.trajectory.duration_s)
-    behind = sheet.place_of(end.x_m - 0.17 * np.cos(end.yaw_rad), end.y_m - 0.17 * np.sin(end.yaw_rad))
+    end = drive.trajectory.at(drive.trajectory.duration_s)
+    behind = sheet.pixel_of(end.x_m - 0.17 * np.cos(end.yaw_rad), end.y_m - 0.17 * np.sin(end.yaw_rad))
     assert np.abs(seen[2][behind] - ROBOT).max() < 10 and np.abs(seen[1][behind] - ROBOT).max() > 60
 
 
 def test_progress_reaches_its_end_and_work_can_be_given_up():
     simap = toy_map()
     told = []
-    share_bytes(".gif", simap, tell=lambda what, done, total: told.append((done, total)))
+    share_bytes(".gif", simap, progress=lambda what, done, total: told.append((done, total)))
     assert told[-1][0] == told[-1][1] == len(told)
 
     def give_up(what, done, total):
         raise KeyboardInterrupt
 
     with pytest.raises(KeyboardInterrupt):
-        share_bytes(".gif", simap, tell=give_up)
+        share_bytes(".gif", simap, progress=give_up)
 
 
 def test_refused_commands_say_why():
     with pytest.raises(CommandError, match='"go to the piano": There is no piano'):
-        toy_ride(toy_map(), "go to the piano")
+        toy_drive(toy_map(), "go to the piano")
 
 
 def test_words_are_escaped_and_tell_what_is_simulated():
@@ -164,7 +156,7 @@ def test_words_are_escaped_and_tell_what_is_simulated():
 def test_the_command_writes_one_file_or_none(tmp_path, capsys):
     source = tmp_path / "toy.npz"
     save_map(toy_map(), source)
-    for ending in MAKERS:
+    for ending in ENDINGS:
         output = tmp_path / f"out{ending}"
         arguments = ["share", str(source), "-o", str(output), "--pose", "0.5", "0.5", "90", "--command", COMMAND]
         assert main([*arguments, "--json"]) == 0

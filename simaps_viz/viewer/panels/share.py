@@ -14,7 +14,7 @@ from simaps_viz.viewer.page.panel import Desk, Panel, PanelSpec
 from simaps_viz.viewer.page.worker import Worker
 from simaps_viz.viewer.panels.compare_words import Cancelled, note
 from simaps_viz.viewer.share.files import share_bytes
-from simaps_viz.viewer.share.story import Look, Ride, ride_of, title_of
+from simaps_viz.viewer.share.story import Drive, Look, drive_of, title_of
 
 
 @dataclass(frozen=True)
@@ -88,8 +88,8 @@ class SharePanel(Panel):
         services = self._services
         look = services.look(simap) if services.look is not None else None
         try:
-            ride = self._ride(simap)
-            content = share_bytes(ending, simap, ride=ride, look=look, radius_m=services.radius_m, tell=tell)
+            drive = self._drive(simap)
+            content = share_bytes(ending, simap, drive=drive, look=look, radius_m=services.radius_m, progress=tell)
         except Cancelled:
             return
         name = file_name(simap, ending)
@@ -97,11 +97,11 @@ class SharePanel(Panel):
         self._done()
         self._status.content = note(f"{name} · {len(content) / 1e6:.1f} MB")
 
-    def _ride(self, simap: SIMap) -> Ride | None:
+    def _drive(self, simap: SIMap) -> Drive | None:
         command, services = str(self._command.value).strip(), self._services
         if not command or services.ask is None:
             return None
-        return ride_of(simap, command, self._desk.pose, ask=services.ask, steps=services.steps)
+        return drive_of(simap, command, self._desk.pose, ask=services.ask, steps=services.steps)
 
     def _done(self) -> None:
         self._progress.visible = False

@@ -1,9 +1,10 @@
-"""One HTML file of a map, its growth and a robot's ride. It opens from disk, and asks no network for anything."""
+"""One HTML file of a map, its growth and a robot's drive. It opens from disk and needs no network."""
 
 import contextlib
 import io
 import re
 from html import escape
+from importlib import resources
 
 import cv2
 import numpy as np
@@ -16,15 +17,14 @@ from simaps_viz.events import Progress
 from simaps_viz.structures import SIMap
 from simaps_viz.viewer.scene.camera import Extent, top_view
 from simaps_viz.viewer.scene.map_scene import MapScene, Style, light_up
-from simaps_viz.viewer.share.sheet import moved_image
-from simaps_viz.viewer.share.story import Look, Moment, Ride, is_simulated, moments, origin_text, title_of
+from simaps_viz.viewer.share.story import Drive, Look, TimeStep, is_simulated, origin_text, time_steps, title_of
 
-MOST_MOMENTS = 48
+MAX_TIME_STEPS = 48
 GROWTH_S = 7.0
 """How long the map grows."""
 HOLD_S = 1.5
 TICK_S = 0.08
-LONGEST_RIDE_S = 20.0
+MAX_DRIVE_S = 20.0
 MAX_TEXTURE_PIXELS, MAX_PER_CELL = 1300, 4
 ASPECT = 1.6
 """Width over height of the window the camera is set for."""
@@ -36,34 +36,23 @@ POLICY = (
 )
 """Forbids the file to ask any network for anything."""
 
-_CSS = """
-#simaps{position:fixed;top:12px;left:12px;z-index:5;width:288px;max-height:calc(100vh - 76px);overflow:auto;
-background:rgba(255,255,255,.95);color:#1a1b1e;border:1px solid #d6dae2;border-radius:8px;padding:10px 12px;
-font:13px/1.45 system-ui,-apple-system,"Segoe UI",Roboto,"Helvetica Neue",Arial,sans-serif;box-sizing:border-box}
-#simaps h1{font-size:17px;line-height:1.25;margin:0 0 4px}#simaps p{margin:4px 0}
-#simaps .dim{color:#495057}#simaps .badge{background:#ffecb3;color:#6e4c00;border-radius:3px;padding:1px 6px;
-font-weight:600;font-size:12px;display:inline-block}
-#simaps summary{cursor:pointer;font-weight:600;margin-top:6px}#simaps .legend{margin:0 -.8em}
-@media (max-width:640px){#simaps{width:200px;max-height:45vh}}
-"""
-
 
 def page_html(
     simap: SIMap,
     *,
-    ride: Ride | None = None,
+    drive: Drive | None = None,
     look: Look | None = None,
     radius_m: float = 0.18,
-    tell: Progress | None = None,
+    progress: Progress | None = None,
 ) -> bytes:
     """Make the page.
 
     Args:
         simap: the map.
-        ride: a command as the robot carries it out; None shows no robot.
+        drive: a command as the robot carries it out; None shows no robot.
         look: the map after a frame, where that is known.
         radius_m: of the robot.
-        tell: told how far it is.
+        progress: called with what is done.
 
     Returns:
         The file, UTF-8.
@@ -71,19 +60,19 @@ def page_html(
     with contextlib.redirect_stdout(io.StringIO()):  # viser's banner
         server = viser.ViserServer(host="127.0.0.1", port=0, label="SI Maps", verbose=False)
     try:
-        html = _record(server, simap, ride, look, radius_m, tell)
+        html = _record(server, simap, drive, look, radius_m, progress)
     finally:
         with contextlib.redirect_stdout(io.StringIO()):
             server.stop()
-    return _with_overlay(html, simap, ride).encode()
+    return _with_overlay(html, simap, drive).encode()
 
 
-def overlay_html(simap: SIMap, ride: Ride | None = None) -> str:
+def overlay_html(simap: SIMap, drive: Drive | None = None) -> str:
     """Return the text that lies over the page: title, origin, counts, legend, the command."""
     badge = '<span class="badge">simulated</span> ' if is_simulated(simap) else ""
     said = ""
-    if ride is not None:
-        said = f"<p><b>“{escape(ride.command)}”</b><br>{escape(ride.outcome)} The drive is simulated.</p>"
+    if drive is not None:
+        said = f"<p><b>“{escape(drive.command)}”</b><br>{escape(drive.outcome)} The drive is simulated.</p>"
     parts = [
         f"<h1>{escape(title_of(simap))}</h1>",
         f'<p class="dim">{badge}{escape(origin_text(simap))}</p>',
@@ -98,10 +87,10 @@ def overlay_html(simap: SIMap, ride: Ride | None = None) -> str:
 def _record(
     server: viser.ViserServer,
     simap: SIMap,
-    ride: Ride | None,
+    drive: Drive | None,
     look: Look | None,
     radius_m: float,
-    tell: Progress | None,
+    progress: Progress | None,
 ) -> str:
     """Play the story to nobody, and keep what was sent."""
     scene = MapScene(server, simap, robot_radius_m=radius_m)
@@ -115,36 +104,36 @@ def _record(
     robot = server.scene.get_handle_by_name("/robot")
     if robot is not None:
         robot.visible = False
-    story = list(moments(simap, MOST_MOMENTS, look))
-    total = max(1, len(story) + (0 if ride is None else 1))
+    story = list(time_steps(simap, MAX_TIME_STEPS, look))
+    total = max(1, len(story) + (0 if drive is None else 1))
     recorder = server.get_scene_serializer()
-    for at, moment in enumerate(story, 1):
-        scene.show_map(simap, _png(simap, moment), Style())
-        label.text = f"Building the map · {moment.words}"
+    for at, step in enumerate(story, 1):
+        scene.show_map(simap, _png(simap, step), Style())
+        label.text = f"Building the map · {step.words}"
         recorder.insert_sleep(GROWTH_S / len(story))
-        if tell:
-            tell("writing the page", at, total)
+        if progress:
+            progress("writing the page", at, total)
     if not story:
         scene.show_map(simap, _png(simap, None), Style())
-    if ride is None:
+    if drive is None:
         label.text = counts_text(simap)
     else:
         recorder.insert_sleep(HOLD_S)
-        label.text = f"“{ride.command}”"
+        label.text = f"“{drive.command}”"
         if robot is not None:
             robot.visible = True
-        scene.show_path(ride.path_m)
-        duration = ride.trajectory.duration_s
-        seconds = min(duration, LONGEST_RIDE_S)
+        scene.show_path(drive.path_m)
+        duration = drive.trajectory.duration_s
+        seconds = min(duration, MAX_DRIVE_S)
         for share in np.linspace(0.0, 1.0, max(2, int(seconds / TICK_S))).tolist():
-            scene.show_robot(ride.trajectory.at(share * duration))
+            scene.show_robot(drive.trajectory.at(share * duration))
             recorder.insert_sleep(TICK_S)
-        label.text = f"“{ride.command}” · {ride.outcome}"
-    if story or ride is not None:
+        label.text = drive.caption
+    if story or drive is not None:
         recorder.insert_sleep(2 * HOLD_S)
     html = recorder.as_html()
-    if tell:
-        tell("writing the page", total, total)
+    if progress:
+        progress("writing the page", total, total)
     return html
 
 
@@ -158,21 +147,20 @@ def _set_camera(server: viser.ViserServer, extent: Extent) -> None:
     server.initial_camera.fov = view.fov_rad
 
 
-def _png(simap: SIMap, moment: Moment | None) -> bytes:
+def _png(simap: SIMap, step: TimeStep | None) -> bytes:
     """Paint a moment of the map on the finished map's grid, PNG, row 0 at the south."""
     spec = simap.spec
     scale = int(np.clip(MAX_TEXTURE_PIXELS // max(spec.shape), 1, MAX_PER_CELL))
-    shown, hidden = (simap, ()) if moment is None else (moment.simap, moment.hidden.tolist())
+    shown, hidden = (simap, ()) if step is None else (step.simap, step.hidden.tolist())
     image: NDArray = map_image(shown, "instance", hidden=hidden, scale=scale)
-    if shown.spec != spec:
-        image = moved_image(image, shown.spec, spec, scale)
     _, encoded = cv2.imencode(".png", cv2.cvtColor(image, cv2.COLOR_RGB2BGR), [cv2.IMWRITE_PNG_COMPRESSION, 3])
     return encoded.tobytes()
 
 
-def _with_overlay(html: str, simap: SIMap, ride: Ride | None) -> str:
+def _with_overlay(html: str, simap: SIMap, drive: Drive | None) -> str:
     """Put policy, title and text into viser's page."""
-    head = f'<meta http-equiv="Content-Security-Policy" content="{POLICY}"><style>{_CSS}</style>'
+    css = resources.files("simaps_viz.viewer.share").joinpath("page.css").read_text(encoding="utf-8")
+    head = f'<meta http-equiv="Content-Security-Policy" content="{POLICY}"><style>{css}</style>'
     title = f"<title>{escape(title_of(simap))} · SI Maps</title>"
     html = re.sub(r"<title>.*?</title>", lambda _: title, html, count=1, flags=re.DOTALL)
     # The policy has to stand before everything it is for; the text after everything else.
@@ -180,4 +168,4 @@ def _with_overlay(html: str, simap: SIMap, ride: Ride | None) -> str:
     at = start.end() if start else 0
     html = html[:at] + head + html[at:]
     end = html.rindex("</body>")
-    return html[:end] + overlay_html(simap, ride) + html[end:]
+    return html[:end] + overlay_html(simap, drive) + html[end:]
