@@ -1,13 +1,13 @@
-"""Record a build of the embedded scene for `recordings/`. `make recordings`."""
+"""Record a build of the embedded scene for `recordings/`, with its map beside it. `make recordings`."""
 
 import sys
 import tempfile
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import tyro
 
-from simaps_viz import BuildConfig, open_sequence
+from simaps_viz import BuildConfig, open_sequence, save_map
 from simaps_viz.app.workbench import cache_folder
 from simaps_viz.build.to_file import BuildRequest, build_to_file
 from simaps_viz.console.progress import stage_progress
@@ -30,12 +30,15 @@ class Record:
 
 
 def main(config: Record) -> None:
-    """Render the scene if need be, build it, keep the recording and drop the map."""
+    """Render the scene if need be, build it, and keep the recording and the map, which the demo shows at once."""
     with stage_progress() as progress, tempfile.TemporaryDirectory() as scratch:
         sequence = open_sequence(ensure_demo(cache_dir=cache_folder(), progress=progress))
         output = Path(scratch) / "cafe.npz"
         request = BuildRequest(config.method, BuildConfig(), output, config.output, recorder_settings=SHIPPED)
-        build_to_file(sequence, request, progress)
+        simap = build_to_file(sequence, request, progress)
+        # Where the frames lay on this machine means nothing on others.
+        shipped = replace(simap, provenance={**simap.provenance, "sequence": ""})
+        save_map(shipped, config.output.with_suffix(".npz"))
     sys.stdout.write(f"{config.output}: {config.output.stat().st_size / 2**20:.1f} MiB\n")
 
 

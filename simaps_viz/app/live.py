@@ -1,7 +1,6 @@
 """The page of a map that is still being built: it grows there, and in the docked recording, as it is computed."""
 
 import threading
-import webbrowser
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
@@ -47,9 +46,7 @@ class LiveSettings:
 def watch_build(sequence: FrameSource, settings: LiveSettings, *, browser: bool) -> None:
     """Build a map and show it while it grows, until Ctrl-C; at any moment that leaves a log to go on with."""
     with stage_progress() as progress, live_workbench(sequence, settings, progress) as (page, build):
-        workbench.tell_where(page)
-        if browser:
-            webbrowser.open(page.entrance)
+        workbench.tell_where(page, browser=browser)
         build.start(resume=settings.request.resume)
         try:
             with going_on(settings.request.output):

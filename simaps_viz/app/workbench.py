@@ -88,10 +88,13 @@ def open_workbench(
     """
     from simaps_viz.viewer.workbench import Workbench  # noqa: PLC0415 - viser is slow to import
 
-    model = None if llm is None else _language_model(llm)
     path = recording if map_path is None else map_path
     services = replace(
-        _services(simap, recording, mending), model=model, judging=judging, look_back=look_back(lambda: path)
+        services_of(simap, recording, lambda: mending),
+        panels=panels_of(simap, recording, mending, beside=recording is not None),
+        model=language_model(llm),
+        judging=judging,
+        look_back=look_back(lambda: path),
     )
     simap = simap if mending is None else mending.simap()
     start = start_pose(simap) if len(simap.T_map_camera) else None
@@ -113,21 +116,25 @@ def serve(
     """Show the workbench until Ctrl-C."""
     with open_workbench(simap, recording=recording, port=port, llm=llm, judging=judging, mending=mending, host=host,
                    map_path=map_path) as page:  # fmt: skip
-        tell_where(page)
-        if browser:
-            webbrowser.open(page.entrance)
+        tell_where(page, browser=browser)
         page.wait()
 
 
-def tell_where(page: "Workbench") -> None:
-    """Print where a page is served."""
+def tell_where(page: "Workbench", *, browser: bool = False) -> None:
+    """Print where a page is served; ``browser``: also open it in the browser."""
     console.print(f"Workbench: {page.entrance}  (Ctrl-C to stop)", soft_wrap=True, markup=False)
     if page.access.is_open:
         words = "Open to the network, not encrypted; whoever has this address has the map."
         console.print(words, soft_wrap=True, highlight=False)
+    if browser:
+        webbrowser.open(page.entrance)
 
 
-def _services(simap: SIMap, recording: Path | None, mending: Mending | None = None) -> "Services":
+def services_of(simap: SIMap, recording: Path | None, mending: Callable[[], Mending | None]) -> "Services":
+    """Return what stands behind the page of a map with its recording, if there is one; the panels are still to come.
+
+    ``mending`` returns the edits, once there are any.
+    """
     from simaps_viz.recorder.facts import read_levels  # noqa: PLC0415 - rerun is slow to import
     from simaps_viz.recorder.web_viewer import (  # noqa: PLC0415 - as above
         CONTENT_SECURITY_POLICY,
@@ -135,8 +142,7 @@ def _services(simap: SIMap, recording: Path | None, mending: Mending | None = No
         viewer_assets,
     )  # fmt: skip
 
-    services = bare_services(simap, lambda: mending)
-    services = replace(services, panels=panels_of(simap, recording, mending, beside=recording is not None))
+    services = bare_services(simap, mending)
     if recording is None:
         return services
     return replace(
@@ -159,12 +165,12 @@ def bare_services(simap: SIMap, mending: Callable[[], Mending | None] = lambda: 
     from simaps_viz.recorder.settings import SMALL  # noqa: PLC0415 - rerun is slow to import
     from simaps_viz.viewer.page.services import Services  # noqa: PLC0415 - viser is slow to import
 
-    sequence = sequence_of(simap)
+    opened: list[PosedFrames | WithMasks] = []
 
     def view(index: int) -> tuple[np.ndarray, np.ndarray] | None:
-        if sequence is None:
-            return None
-        return sequence.color(index), sequence.segmentation(index).ids
+        if not opened:  # the frames may come while the page is open
+            opened.extend(filter(None, [sequence_of(simap)]))
+        return (opened[0].color(index), opened[0].segmentation(index).ids) if opened else None
 
     def find_anew(m: SIMap, resolution: float, percent: float) -> SIMap:
         edits = mending()
@@ -186,15 +192,16 @@ def bare_services(simap: SIMap, mending: Callable[[], Mending | None] = lambda: 
 
 
 def panels_of(
-    simap: SIMap, recording: Path | None, mending: Mending | None, *, beside: bool
+    simap: SIMap, recording: Path | None, mending: Mending | None, *, beside: bool, frames: bool = True
 ) -> "tuple[PanelSpec, ...]":
-    """Return the panels that a page on a finished map has.
+    """Return the panels of a page, besides those that every page has.
 
     Args:
         simap: the map.
         recording: of its build.
         mending: its edits.
         beside: whether the page has a place for recordings.
+        frames: whether to have the panels that need the frames: comparison and masks.
     """
     from simaps_viz.app.compare import compare_services  # noqa: PLC0415 - only needed by the page
     from simaps_viz.app.masks import segmentation_services  # noqa: PLC0415 - viser is slow to import
@@ -204,9 +211,16 @@ def panels_of(
     from simaps_viz.viewer.panels.recordings import recordings_spec  # noqa: PLC0415 - as above
     from simaps_viz.viewer.panels.share import share_panel  # noqa: PLC0415 - as above
 
+    of_frames = (
+        ()
+        if not frames
+        else (
+            compare_panel(compare_services(simap, sequence_of(simap), cache_folder())),
+            masks_panel(segmentation_services(simap, cache_folder())),
+        )
+    )
     return (
-        compare_panel(compare_services(simap, sequence_of(simap), cache_folder())),
-        masks_panel(segmentation_services(simap, cache_folder())),
+        *of_frames,
         *mending_panels(mending),
         share_panel(share_services(recording)),
         recordings_spec(_recording_services(beside=beside)),
@@ -300,7 +314,10 @@ def _reading(
     return read
 
 
-def _language_model(llm: str) -> "LanguageModel":
+def language_model(llm: str | None) -> "LanguageModel | None":
+    """Return the model named MODEL[@ADDRESS] for a page's commands; None without a name."""
+    if llm is None:
+        return None
     from simaps_viz.viewer.page.services import LanguageModel  # noqa: PLC0415 - viser is slow to import
 
     model = LLMReader(parse_llm_spec(llm))

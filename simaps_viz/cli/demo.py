@@ -29,8 +29,8 @@ class Demo:
     """A language model for the page's commands: MODEL[@ADDRESS], see simaps query."""
 
     def run(self) -> int:
-        """Render the café, build its map with its recording, and serve the page."""
-        from simaps_viz.app import workbench
+        """Serve the shipped map at once where there is one; else render the café and build its map first."""
+        from simaps_viz.app import demo, workbench
         from simaps_viz.build.cache import cache_folder
         from simaps_viz.console.progress import stage_progress
         from simaps_viz.console.terminal import console
@@ -38,6 +38,11 @@ class Demo:
         from simaps_viz.mapping.mending import open_mending
         from simaps_viz.scenes.demo import ensure_demo
 
+        shipped = demo.shipped_demo(self.mapping.method, self.mapping.config(), self.errors) if self.serve else None
+        if shipped is not None:
+            console.print(f"On the map: {workbench.counts_in_words(shipped.counts())}", markup=False)
+            demo.serve_shipped(shipped, llm=self.llm, **asdict(self.serving))
+            return OK
         with stage_progress() as progress:
             manifest = ensure_demo(level=self.errors, cache_dir=cache_folder(), progress=progress)
             sequence = open_sequence(manifest)

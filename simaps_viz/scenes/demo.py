@@ -90,14 +90,11 @@ def ensure_demo(
         raise InputError(f"seed: expected 0 or more, found {seed}")
     tell = progress or (lambda stage, done, total: None)
     settings = settings or DemoSettings()
-    folder = _cache_root(cache_dir) / "scenes" / f"cafe-{settings.key()}"
+    manifest = demo_manifest(level=level, seed=seed, cache_dir=cache_dir, settings=settings)
+    folder = manifest.parent
     try:
         if not (folder / "sequence.json").is_file():
             _render(folder, settings, tell)
-        if level == "none":
-            return folder / "sequence.json"
-        suffix = level if seed == 0 else f"{level}-seed{seed}"
-        manifest = folder / f"sequence-{suffix}.json"
         if not manifest.is_file():
             _spoil(folder, manifest, level, seed, tell)
         return manifest
@@ -105,6 +102,16 @@ def ensure_demo(
         raise InputError(
             f"{folder}: expected to keep the rendered scene there, found {error.strerror or error}"
         ) from error
+
+
+def demo_manifest(
+    *, level: str = "light", seed: int = 0, cache_dir: Path | None = None, settings: DemoSettings | None = None
+) -> Path:
+    """Return the path that `ensure_demo` returns for the same arguments, whether or not it is there yet."""
+    folder = _cache_root(cache_dir) / "scenes" / f"cafe-{(settings or DemoSettings()).key()}"
+    if level == "none":
+        return folder / "sequence.json"
+    return folder / f"sequence-{level if seed == 0 else f'{level}-seed{seed}'}.json"
 
 
 def _cache_root(cache_dir: Path | None) -> Path:

@@ -1,0 +1,214 @@
+"""The embedded café at once: the shipped map and recording are shown while the frames are rendered behind the page."""
+
+import threading
+from dataclasses import dataclass, replace
+from html import escape
+from pathlib import Path
+
+import viser
+from rich.progress import Progress as Bars
+
+from simaps_viz.app import workbench
+from simaps_viz.app.share import look_back
+from simaps_viz.build.cache import cache_folder
+from simaps_viz.build.pipeline import BuildConfig
+from simaps_viz.console.logs import logger
+from simaps_viz.console.progress import StageProgress
+from simaps_viz.datasets.open import open_sequence
+from simaps_viz.drawing.theme import BOX_STYLE, DIM_STYLE
+from simaps_viz.errors import SIMapsError
+from simaps_viz.events import Progress
+from simaps_viz.mapping.file import load_map
+from simaps_viz.mapping.mending import Mending, open_mending
+from simaps_viz.navigation.agent import start_pose
+from simaps_viz.navigation.planner import RobotShape
+from simaps_viz.scenes.demo import demo_manifest, ensure_demo
+from simaps_viz.structures import SIMap
+from simaps_viz.viewer.page.panel import Panel, PanelSpec
+from simaps_viz.viewer.workbench import Workbench
+
+SHIPPED_MAP = Path(__file__).parents[2] / "recordings" / "cafe-evidence.npz"
+"""The default build of the café, with its recording (.rrd) beside it; in a checkout only. Both are made
+by `make recordings`."""
+SHIPPED_METHOD = "evidence"
+SHIPPED_LEVEL = "light"
+EVERY_S = 0.5
+"""How often the panel is brought up to date."""
+STAGES = {
+    "building the scene": "Preparing the café",
+    "rendering frames": "Rendering the café's frames",
+    "simulating network errors": "Simulating a network's errors",
+    "mapping frames": "Building the map with its history",
+    "finding instances": "Finding the objects",
+}
+"""Words for the stages of `ensure_demo` and of a build."""
+NOTE = (
+    "The map and its recorded build are shipped with the program, so everything else works already. Pictures of "
+    "objects, masks, comparison, editing and the map's history follow when the frames are there."
+)
+
+
+class _StoppedError(Exception):
+    """The page was closed before the frames were there."""
+
+
+@dataclass(frozen=True)
+class FramesState:
+    """How far the work behind the page is."""
+
+    stage: str = "building the scene"
+    done: int = 0
+    total: int = 1
+    status: str = "working"
+    """working, done or failed."""
+    error: str = ""
+    """Why it failed, in words."""
+
+
+def serve_shipped(simap: SIMap, *, port: int, host: str, browser: bool, llm: str | None) -> None:
+    """Serve the page of the shipped map until Ctrl-C, and complete it when the frames are there."""
+    frames, recording = DemoFrames(), SHIPPED_MAP.with_suffix(".rrd")
+    panels = workbench.panels_of(simap, recording, None, beside=True, frames=False)
+    services = replace(
+        workbench.services_of(simap, recording, lambda: frames.mending),
+        panels=(frames.panel(), *panels),
+        model=workbench.language_model(llm),
+        look_back=look_back(lambda: frames.map_path),
+    )
+    start = start_pose(simap)
+    with Workbench(
+        simap, services=services, port=port, host=host, start=start, robot_radius_m=RobotShape().radius_m
+    ) as page:
+        workbench.tell_where(page, browser=browser)
+        frames.start(page)
+        try:
+            page.wait()
+        finally:
+            frames.stop()
+
+
+def shipped_demo(method: str, config: BuildConfig, level: str) -> SIMap | None:
+    """Return the shipped map as if it had been built from frames that are still to be rendered.
+
+    None where it would not help: another build is asked for, the frames are rendered already, or nothing is shipped.
+    """
+    if (method, config, level) != (SHIPPED_METHOD, BuildConfig(), SHIPPED_LEVEL):
+        return None
+    manifest = demo_manifest(level=level, cache_dir=cache_folder())
+    if manifest.is_file() or not (SHIPPED_MAP.is_file() and SHIPPED_MAP.with_suffix(".rrd").is_file()):
+        return None
+    simap = load_map(SHIPPED_MAP)
+    return replace(simap, provenance={**simap.provenance, "sequence": str(manifest)})
+
+
+class DemoFrames:
+    """Renders the café's frames in a thread, builds the map with its history from them, and completes a page."""
+
+    def __init__(self) -> None:
+        """Begin with ``start``."""
+        self._state = FramesState()
+        self._cancel = threading.Event()
+        self._thread: threading.Thread | None = None
+        self.mending: Mending | None = None
+        """The edits of the map, once its file is there."""
+        self.map_path: Path | None = None
+        """That file, whose history lies beside it."""
+
+    def state(self) -> FramesState:
+        """Return how far it is."""
+        return self._state
+
+    def panel(self) -> PanelSpec:
+        """Return the tab that shows how far it is; a finished page has it no more."""
+        return PanelSpec("Frames", viser.Icon.MOVIE, lambda page: FramesPanel(page.gui, self), place="front")
+
+    def start(self, page: Workbench) -> None:
+        """Begin to render."""
+        self._thread = threading.Thread(target=self._work, args=(page,), name="demo-frames", daemon=True)
+        self._thread.start()
+
+    def stop(self) -> None:
+        """Stop soon; what was rendered in part is removed, and a build leaves a log to resume from."""
+        self._cancel.set()
+        if self._thread is not None:
+            self._thread.join(30.0)
+
+    def _work(self, page: Workbench) -> None:
+        progress = _PageProgress(self._report)
+        try:
+            manifest = ensure_demo(level=SHIPPED_LEVEL, cache_dir=cache_folder(), progress=progress)
+            simap, recording = workbench.cached_build(open_sequence(manifest), SHIPPED_METHOD, BuildConfig(), progress)
+            self.map_path = recording.with_suffix(".npz")
+            self.mending = open_mending(self.map_path, simap)
+            panels = workbench.panels_of(simap, recording, self.mending, beside=True)
+            # The recording that is docked shows the same build, so it stays.
+            page.finish(self.mending.simap(), panels)
+            self._state = replace(self._state, status="done")
+        except _StoppedError:
+            pass
+        except SIMapsError as error:
+            self._state = replace(self._state, status="failed", error=str(error))
+        except Exception as error:  # the page has to report it; the log has it in full
+            logger.error("the frames of the demo could not be made", exc_info=error)
+            text = f"Unexpected error ({type(error).__name__}): {error}"
+            self._state = replace(self._state, status="failed", error=text)
+
+    def _report(self, stage: str, done: int, total: int) -> None:
+        if self._cancel.is_set():
+            raise _StoppedError
+        self._state = FramesState(stage, done, total)
+
+
+class _PageProgress(StageProgress):
+    """Reports on the page instead of the terminal; a callback that raises ends the work."""
+
+    def __init__(self, report: Progress) -> None:
+        super().__init__(Bars(disable=True))
+        self._report = report
+
+    def __call__(self, stage: str, done: int, total: int) -> None:
+        self.clock.begin(stage)
+        self._report(stage, done, total)
+
+
+class FramesPanel(Panel):
+    """A line, a bar and a note; a thread keeps them up to date until the frames are there or the person has gone."""
+
+    def __init__(self, gui: viser.GuiApi, frames: DemoFrames) -> None:
+        """Fill the open container."""
+        self._frames = frames
+        self._closed = threading.Event()
+        self._shown: FramesState | None = None
+        self._head = gui.add_html("")
+        self._bar = gui.add_progress_bar(0.0)
+        gui.add_html(f'<div style="{BOX_STYLE};{DIM_STYLE}">{escape(NOTE)}</div>')
+        self._update()
+        threading.Thread(target=self._run, name="workbench-frames", daemon=True).start()
+
+    def close(self) -> None:
+        """Stop updating."""
+        self._closed.set()
+
+    def _run(self) -> None:
+        while not self._closed.wait(EVERY_S):
+            try:
+                self._update()
+            except RuntimeError:  # the widgets were removed meanwhile
+                if not self._closed.is_set():
+                    raise
+
+    def _update(self) -> None:
+        state = self._frames.state()
+        if state != self._shown:
+            self._shown = state
+            style = f"{BOX_STYLE};font-size:1em;font-weight:600"
+            self._head.content = f'<div role="status" style="{style}">{escape(state_in_words(state))}</div>'
+            self._bar.value = 100.0 * state.done / max(state.total, 1)
+
+
+def state_in_words(state: FramesState) -> str:
+    """Describe how far it is: "Rendering the café's frames: 43 of 200"."""
+    if state.status == "failed":
+        return f"The frames could not be made: {state.error}"
+    words = STAGES.get(state.stage, state.stage)
+    return f"{words}: {state.done} of {state.total}" if state.total > 1 else f"{words} …"
