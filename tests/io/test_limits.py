@@ -141,6 +141,11 @@ def test_frame_names_stay_in_their_folder(tmp_path, name):
     refused(read_poses, path, match="a frame name")
 
 
+@pytest.mark.parametrize("port", [-1, 65_536])
+def test_a_number_that_is_no_port_is_refused(port):
+    refused(limits.check_port, port, match=f"--port: expected 0 to 65535, found {port}")
+
+
 def test_devices_and_pipes_are_no_files():
     refused(read_json, Path("/dev/zero"), match="something that is no file")
 
