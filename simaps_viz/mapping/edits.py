@@ -378,6 +378,7 @@ class _Draft:
         cells left over from a community that belongs to a group get a fresh one.
         """
         index = self.class_index(label)
+        # cells left over leave first, so that what remains of a community belongs to its group
         owned, rest = self._owners(groups)
         for number in rest:
             self._leave(number, groups)
@@ -386,6 +387,7 @@ class _Draft:
             number = 0
             if index and self.is_thing[index]:
                 number = min(numbers) if numbers else self.fresh()
+            # sizes change with the cells; communities that belonged to the group are no longer in the merge log
             old, counts = np.unique(self.community[group], return_counts=True)
             for one, cells in zip(old.tolist(), counts.tolist(), strict=True):
                 self.size[one] -= cells

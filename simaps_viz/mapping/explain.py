@@ -391,6 +391,7 @@ def _links(
     size = int(flat.max(initial=0)) + 1
     mine = np.unique(communities[cells])
     same, different, share = _between_instances(flat, cells, graph, size)
+    # an instance that is neither near nor was seen with this one is no link
     found = []
     for other, its_cells, a, b in _nearest(simap, cells, others):
         gap = np.abs(a - b)

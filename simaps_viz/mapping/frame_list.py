@@ -121,15 +121,19 @@ class FrameList(Sequence[FrameSeen]):
 
     def copy(self) -> "FrameList":
         """Return an independent copy, which shares what frames saw."""
-        twin = FrameList()
+        twin = self._empty()
         for name in ("indices", "_poses", "_offset", "_length", "_file"):
             setattr(twin, name, getattr(self, name)[:])
         twin.names, twin.skipped, twin._held = list(self.names), dict(self.skipped), dict(self._held)
         twin._files, twin._held_bytes = list(self._files), self._held_bytes
         return twin  # writes a scratch file of its own
 
+    def _empty(self) -> "FrameList":
+        return FrameList()
+
     def merge(self, other: "FrameList") -> None:
         """Add the frames of another list, which has none of the same indices."""
+        # files are numbered on; all else is put in the order of the indices
         files = len(self._files)
         self._files += other._files
         moved = array("h", [file + files if file >= 0 else -1 for file in other._file])

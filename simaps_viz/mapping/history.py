@@ -137,13 +137,8 @@ class KeptFrames(FrameList):
         """Whether all frames are in memory."""
         return self._steps.all_held
 
-    def copy(self) -> "KeptFrames":
-        """Return an independent copy."""
-        twin = KeptFrames(self._steps)
-        for name in ("indices", "_poses", "_offset", "_length", "_file"):
-            setattr(twin, name, getattr(self, name)[:])
-        twin.names, twin.skipped = list(self.names), dict(self.skipped)
-        return twin
+    def _empty(self) -> "KeptFrames":
+        return KeptFrames(self._steps)
 
     def _hold(self, frame: FrameSeen) -> None:
         """Do nothing: the history holds what a frame saw."""
@@ -237,6 +232,7 @@ class MapHistory:
             if self.config.method != "paper":
                 label, _ = vote_labels(grid, self._readings_until(frame, state, finished.grid), self.config.votes)
                 grid = replace(grid, label=label)
+        # instances of the finished map where the cell already has its final class
         thing = np.array(grid.is_thing)[grid.label] & (grid.label == finished.grid.label)
         instance = np.where(thing, finished.instance, 0).astype(np.int32)
         nothing = np.zeros(0, np.int32)
