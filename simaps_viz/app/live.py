@@ -66,7 +66,7 @@ def live_workbench(
     Raises:
         InputError: the port is taken, or rerun's viewer is missing.
     """
-    from simaps_viz.drawing.sketch import sketch_png  # noqa: PLC0415 - so that nothing slow comes with it
+    from simaps_viz.drawing.texture import sketch_png  # noqa: PLC0415 - so that nothing slow comes with it
     from simaps_viz.recorder.live import LiveStream  # noqa: PLC0415 - rerun is slow to import
 
     color: Any = getattr(sequence, "color", None)

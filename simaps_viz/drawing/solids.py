@@ -1,9 +1,9 @@
-"""The 3-D view: everything that stands on the floor as solid blocks, one mesh for each colour."""
+"""The 3-D view: everything that stands on the floor as solid blocks, and where rays of clicks meet them."""
 
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from simaps_viz.colors.classes import STRUCTURE, cells_of_classes
 from simaps_viz.colors.palette import Color
@@ -141,3 +141,39 @@ def _sides(height: NDArray, key: NDArray, towards: tuple[int, int]) -> tuple[NDA
     return np.stack([np.column_stack([col + x, row + y, z]) for x, y, z in ring], axis=1).astype(np.float64), owner[
         first
     ]
+
+
+def ray_on_floor(origin: ArrayLike, direction: ArrayLike) -> tuple[float, float] | None:
+    """Meet a ray (map frame, metres) with the floor z = 0; None when it never comes down to it."""
+    o, d = np.asarray(origin, np.float64), np.asarray(direction, np.float64)
+    if o[2] * d[2] >= 0.0:
+        return None
+    hit = o - d * (o[2] / d[2])
+    return float(hit[0]), float(hit[1])
+
+
+def ray_on_blocks(simap: SIMap, origin: ArrayLike, direction: ArrayLike) -> tuple[float, float] | None:
+    """Meet a ray with the blocks of the 3-D view; where it meets none, with the floor.
+
+    The ray is followed from the highest block down in steps of half a cell; the answer is good to a cell.
+    """
+    o, d = np.asarray(origin, np.float64), np.asarray(direction, np.float64)
+    floor = ray_on_floor(o, d)
+    if floor is None:
+        return None
+    d = d / np.linalg.norm(d)
+    height = block_heights(simap)
+    top = float(height.max(initial=0.0))
+    start = max(0.0, (top - o[2]) / d[2])
+    stop = -o[2] / d[2]
+    steps = np.arange(start, stop, simap.spec.cell_size_m / 2.0)
+    points = o + steps[:, None] * d
+    col = np.floor((points[:, 0] - simap.spec.x0_m) / simap.spec.cell_size_m).astype(int)
+    row = np.floor((points[:, 1] - simap.spec.y0_m) / simap.spec.cell_size_m).astype(int)
+    inside = (row >= 0) & (row < simap.spec.rows) & (col >= 0) & (col < simap.spec.cols)
+    met = np.zeros(len(steps), bool)
+    met[inside] = points[inside, 2] <= height[row[inside], col[inside]]
+    if not met.any():
+        return floor
+    first = points[int(met.argmax())]
+    return float(first[0]), float(first[1])

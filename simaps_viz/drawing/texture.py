@@ -17,7 +17,8 @@ from simaps_viz.colors.classes import cells_of_classes, class_color, ground_kind
 from simaps_viz.colors.instances import class_colors, instance_colors
 from simaps_viz.colors.palette import PALETTE, Color
 from simaps_viz.drawing.theme import LIGHT, Theme
-from simaps_viz.structures import GridSpec, SIMap
+from simaps_viz.geometry import STANDS_FROM_M
+from simaps_viz.structures import Grid, GridSpec, SIMap
 
 ColorMode = Literal["instance", "class", "height", "observations"]
 COLOR_MODES: tuple[ColorMode, ...] = get_args(ColorMode)
@@ -34,6 +35,10 @@ HEIGHT_TOP_M = 2.0
 
 MAX_TEXTURE_PIXELS = 1600
 MAX_PIXELS_PER_CELL = 6
+
+MAX_SKETCH_PIXELS = 200
+"""Along the longer side; larger maps show every so many-th cell."""
+CAMERA = (220, 60, 40)
 
 _grounds = ArrayCache()
 
@@ -232,3 +237,31 @@ def _darken_rims(image: NDArray, colors: NDArray, instance: NDArray, scale: int)
     for side, neighbour in sides:
         edge = (instance > 0) & (instance != neighbour)
         np.copyto(side, dark, where=edge[:, :, None, None])
+
+
+def sketch_png(grid: Grid, camera_m: NDArray, theme: Theme = LIGHT) -> bytes:
+    """Paint the cells by their classes, what is unseen left transparent.
+
+    Args:
+        grid: what was seen so far.
+        camera_m: [2 or more], x and y of the camera, map frame, metres.
+        theme: whose colours the floor and what nobody could name have.
+
+    Returns:
+        PNG, RGBA, north up, one pixel for each cell that is shown.
+    """
+    step = max(1, -(-max(grid.spec.shape) // MAX_SKETCH_PIXELS))
+    label, height = grid.label[::step, ::step], grid.height_m[::step, ::step]
+    palette = np.array([(*class_color(name), 255) for name in grid.labels], np.uint8)
+    for name, color in {"floor": theme.floor, "wall": theme.wall}.items():
+        if name in grid.labels:
+            palette[grid.labels.index(name), :3] = color
+    pixels = palette[label]
+    pixels[label == 0] = (*theme.floor, 255)
+    pixels[(label == 0) & (height >= STANDS_FROM_M)] = (*theme.clutter, 255)
+    pixels[np.isnan(height)] = 0
+    spec = grid.spec
+    at = (np.asarray(camera_m[:2]) - (spec.x0_m, spec.y0_m)) / (spec.cell_size_m * step)
+    pixels = np.ascontiguousarray(pixels)
+    cv2.circle(pixels, (int(at[0]), int(at[1])), max(2, max(label.shape) // 50), (*CAMERA, 255), -1)
+    return cv2.imencode(".png", cv2.cvtColor(pixels[::-1], cv2.COLOR_RGBA2BGRA))[1].tobytes()

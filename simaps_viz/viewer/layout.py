@@ -18,9 +18,7 @@ from simaps_viz.viewer.panels.robot import RobotControl
 from simaps_viz.viewer.panels.steps import StepsPanel
 from simaps_viz.viewer.panels.why import WhyActions, WhyPanel
 from simaps_viz.viewer.recording.link import words_beside
-from simaps_viz.viewer.scene.camera import with_margin
-from simaps_viz.viewer.scene.follow import Follower
-from simaps_viz.viewer.scene.viewpoints import SLANT
+from simaps_viz.viewer.scene.camera import SLANT, Follower, with_margin
 
 if TYPE_CHECKING:
     from simaps_viz.viewer.session import Session

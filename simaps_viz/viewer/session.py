@@ -14,7 +14,7 @@ import viser
 from numpy.typing import NDArray
 
 from simaps_viz.colors.instances import take_over
-from simaps_viz.drawing.picking import ray_on_blocks, ray_on_floor
+from simaps_viz.drawing.solids import ray_on_blocks, ray_on_floor
 from simaps_viz.drawing.texture import ColorMode, MapPicture
 from simaps_viz.drawing.theme import Theme
 from simaps_viz.errors import SIMapsError
@@ -29,9 +29,8 @@ from simaps_viz.viewer.panels.map import DEFAULT_RESOLUTION
 from simaps_viz.viewer.panels.robot import RobotControl, RobotState
 from simaps_viz.viewer.recording.clicks import place_inside
 from simaps_viz.viewer.recording.link import RecordingLink, page_side
-from simaps_viz.viewer.scene.camera import Extent
+from simaps_viz.viewer.scene.camera import SLANT, TOP, CameraState, Extent, Viewpoints
 from simaps_viz.viewer.scene.map_scene import MapScene, Style
-from simaps_viz.viewer.scene.viewpoints import SLANT, TOP, CameraState, Viewpoints
 from simaps_viz.viewer.scene.why_marks import paint_cells
 from simaps_viz.viewer.server.viser_hooks import guard
 from simaps_viz.viewer.timeline import PageTime

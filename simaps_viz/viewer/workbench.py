@@ -21,8 +21,8 @@ from simaps_viz.viewer.page.services import Services
 from simaps_viz.viewer.page.shared import Common, Shared
 from simaps_viz.viewer.page.tab_identity import TAB_CSP, TAB_PAGE, Tabs
 from simaps_viz.viewer.page.worker import Worker
+from simaps_viz.viewer.scene.camera import set_first_view
 from simaps_viz.viewer.scene.map_scene import frame_extent, light_up, seen_extent
-from simaps_viz.viewer.scene.viewpoints import set_first_view
 from simaps_viz.viewer.server.access import Access
 from simaps_viz.viewer.server.front_door import FrontDoor, Viser
 from simaps_viz.viewer.server.host import Host

@@ -13,7 +13,7 @@ from toy_maps import toy_map
 
 from simaps_viz.app import live_build as live_pace
 from simaps_viz.app.live_build import Pace
-from simaps_viz.drawing.sketch import CAMERA, sketch_png
+from simaps_viz.drawing.texture import CAMERA, sketch_png
 from simaps_viz.drawing.theme import LIGHT
 from simaps_viz.viewer.panels import live
 from simaps_viz.viewer.panels.live import LivePanel, LiveServices, LiveState

@@ -3,7 +3,7 @@
 import viser
 
 from simaps_viz.app.workbench import page_services
-from simaps_viz.drawing.picking import ray_on_floor
+from simaps_viz.drawing.solids import ray_on_floor
 from simaps_viz.drawing.texture import map_image
 from simaps_viz.mapping.mending import Mending
 from simaps_viz.structures import SIMap

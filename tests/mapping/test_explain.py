@@ -11,8 +11,8 @@ from drawn_readings import drawn_grid, drawn_readings, evidence_map, random_read
 from toy_maps import TOY_SPEC, toy_map
 
 from simaps_viz import BuildConfig, build_map, open_sequence
+from simaps_viz.drawing.frame_pictures import OTHER_OUTLINE, OUTLINE, outlined
 from simaps_viz.drawing.texture import map_image
-from simaps_viz.drawing.thumbnails import OTHER_OUTLINE, OUTLINE, outlined
 from simaps_viz.errors import InputError
 from simaps_viz.mapping.explain import (
     Why,

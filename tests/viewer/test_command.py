@@ -25,7 +25,7 @@ from simaps_viz.navigation.trajectory import LOOK_S, MOTION, TICK_S, Drive, Traj
 from simaps_viz.structures import Pose2
 from simaps_viz.viewer.page.services import LanguageModel
 from simaps_viz.viewer.panels.command import entered, exchanges_html, program_html, why_text
-from simaps_viz.viewer.scene.follow import AHEAD_M, BEHIND_M, Follower, above, behind
+from simaps_viz.viewer.scene.camera import AHEAD_M, BEHIND_M, Follower, above, behind
 
 # --- words
 

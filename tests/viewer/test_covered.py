@@ -15,8 +15,8 @@ from simaps_viz.drawing.theme import DARK
 from simaps_viz.mapping.explain import explain
 from simaps_viz.viewer.scene import map_scene as scene_module
 from simaps_viz.viewer.scene import why_marks
+from simaps_viz.viewer.scene.camera import SLANT, TOP
 from simaps_viz.viewer.scene.map_scene import MapScene
-from simaps_viz.viewer.scene.viewpoints import SLANT, TOP
 from simaps_viz.viewer.scene.why_marks import Marks, WhyMarks
 
 CHAIR_1, TABLE = 1, 6

@@ -14,8 +14,15 @@ from toy_maps import toy_map
 
 from simaps_viz.drawing.label_layout import LINE_PX, Label, spread, text_size
 from simaps_viz.mapping.explain import between, explain
-from simaps_viz.viewer.scene.label_layer import FINE_FROM_PX, LabelLayer, Zoom, seen_metres_per_px
-from simaps_viz.viewer.scene.lines import FULL_FROM_PX, THINNEST, line_share
+from simaps_viz.viewer.scene.annotations import (
+    FINE_FROM_PX,
+    FULL_FROM_PX,
+    THINNEST,
+    LabelLayer,
+    Zoom,
+    line_share,
+    seen_metres_per_px,
+)
 from simaps_viz.viewer.scene.map_scene import OUTLINE_PX, MapScene
 from simaps_viz.viewer.scene.why_marks import MOST_NUMBERS, NODES, Marks, WhyMarks, link_label
 

@@ -1,12 +1,12 @@
-"""The map as a picture, as blocks, as a legend; picking; thumbnails. No browser."""
+"""The map as a picture, as blocks, as a legend; rays of clicks; pictures of frames. No browser."""
 
 import numpy as np
 import pytest
 from toy_maps import TOY_SPEC, toy_map
 
 from simaps_viz.colors.classes import class_color, instance_color
-from simaps_viz.drawing import legend, picking, texture, thumbnails
-from simaps_viz.drawing.solids import WALL_CUT_M, block_heights, solids
+from simaps_viz.drawing import frame_pictures, legend, texture
+from simaps_viz.drawing.solids import WALL_CUT_M, block_heights, ray_on_blocks, ray_on_floor, solids
 from simaps_viz.mapping.simap import repartition
 
 CHAIR_1, CHAIR_3, TABLE_6 = 1, 3, 6
@@ -97,22 +97,22 @@ def test_blocks_hold_the_furniture_and_face_outwards(simap):
 
 
 def test_rays_meet_floor_and_blocks(simap):
-    assert picking.ray_on_floor((1.0, 2.0, 10.0), (0.1, 0.0, -1.0)) == pytest.approx((2.0, 2.0))
-    assert picking.ray_on_floor((1.0, 2.0, 10.0), (0.0, 0.0, 1.0)) is None
+    assert ray_on_floor((1.0, 2.0, 10.0), (0.1, 0.0, -1.0)) == pytest.approx((2.0, 2.0))
+    assert ray_on_floor((1.0, 2.0, 10.0), (0.0, 0.0, 1.0)) is None
     chair = simap.by_id(CHAIR_1)
     x, y, _ = chair.centroid_m
     origin = np.array([x, y - 4.0, 4.0])
     towards_top = np.array([x, y, 0.85]) - origin
-    place = picking.ray_on_blocks(simap, origin, towards_top)
+    place = ray_on_blocks(simap, origin, towards_top)
     assert place is not None and simap.at(*place) == chair
-    beyond = picking.ray_on_floor(origin, towards_top)
+    beyond = ray_on_floor(origin, towards_top)
     assert beyond is not None and simap.at(*beyond) is None  # the plain floor would have missed it
-    assert picking.ray_on_blocks(simap, (0.0, 0.0, 5.0), (0.0, 0.0, -1.0)) == pytest.approx((0.0, 0.0))
+    assert ray_on_blocks(simap, (0.0, 0.0, 5.0), (0.0, 0.0, -1.0)) == pytest.approx((0.0, 0.0))
 
 
 def test_best_views_sum_up_the_communities_of_an_instance(simap):
     # Instance 1 = communities 1 and 2, each 32 cells; 1 is not seen in frame 1, 2 not in frame 2.
-    views = picking.best_views(simap, CHAIR_1, most=4)
+    views = frame_pictures.best_views(simap, CHAIR_1, most=4)
     assert [(v.frame, v.segments, v.cells) for v in views] == [
         (0, (11, 12), 64),
         (3, (11, 12), 64),
@@ -120,14 +120,14 @@ def test_best_views_sum_up_the_communities_of_an_instance(simap):
         (1, (12,), 32),
     ]
     split = repartition(simap, k_percent=50.0)
-    assert {v.segments for v in picking.best_views(split, 2)} == {(12,)}
-    assert picking.best_views(simap, 99) == []
+    assert {v.segments for v in frame_pictures.best_views(split, 2)} == {(12,)}
+    assert frame_pictures.best_views(simap, 99) == []
 
 
 def test_communities_appear_when_first_seen(simap):
-    assert picking.communities_unseen_until(simap, 0).tolist() == [5]  # community c is not seen in frame c mod 5
-    assert picking.communities_unseen_until(simap, 4).tolist() == []
-    assert len(picking.communities_unseen_until(simap, -1)) == len(np.unique(simap.community)) - 1
+    assert frame_pictures.communities_unseen_until(simap, 0).tolist() == [5]  # community c is not seen in frame c mod 5
+    assert frame_pictures.communities_unseen_until(simap, 4).tolist() == []
+    assert len(frame_pictures.communities_unseen_until(simap, -1)) == len(np.unique(simap.community)) - 1
 
 
 def test_texts_say_what_is_on_the_map(simap):
@@ -158,22 +158,22 @@ def test_thumbnail_outlines_the_mask_and_only_it():
     ids = np.zeros((480, 640), np.int32)
     ids[200:260, 300:380] = 7
     ids[10:40, 10:40] = 8
-    picture = thumbnails.outlined(rgb, ids, {7})
-    assert picture.shape == (thumbnails.HEIGHT, thumbnails.WIDTH, 3)
-    yellow = (picture == thumbnails.OUTLINE).all(axis=2)
+    picture = frame_pictures.outlined(rgb, ids, {7})
+    assert picture.shape == (frame_pictures.HEIGHT, frame_pictures.WIDTH, 3)
+    yellow = (picture == frame_pictures.OUTLINE).all(axis=2)
     rows, cols = np.nonzero(yellow)
     assert np.ptp(cols) / np.ptp(rows) == pytest.approx(80 / 60, abs=0.1)
     middle = yellow[rows.min() + 12 : rows.max() - 12, cols.min() + 12 : cols.max() - 12]
     assert not middle.any()
-    assert not (thumbnails.outlined(rgb, ids, {9}) == thumbnails.OUTLINE).all(axis=2).any()
+    assert not (frame_pictures.outlined(rgb, ids, {9}) == frame_pictures.OUTLINE).all(axis=2).any()
 
 
 def test_gallery_shows_each_picture_once():
-    tinted = [np.full((thumbnails.HEIGHT, thumbnails.WIDTH, 3), v, np.uint8) for v in (10, 20, 30)]
+    tinted = [np.full((frame_pictures.HEIGHT, frame_pictures.WIDTH, 3), v, np.uint8) for v in (10, 20, 30)]
     for count in (1, 2, 3):
-        page = thumbnails.gallery(tinted[:count])
+        page = frame_pictures.gallery(tinted[:count])
         sizes = [int((page[..., 0] == v).sum()) for v in (10, 20, 30)]
-        small = thumbnails.HEIGHT * thumbnails.WIDTH
+        small = frame_pictures.HEIGHT * frame_pictures.WIDTH
         assert sizes[0] > 4 * small
         assert sizes[1:] == [small if count > i else 0 for i in (1, 2)]
 
@@ -181,5 +181,5 @@ def test_gallery_shows_each_picture_once():
 def test_thumbnail_takes_a_segmentation_of_another_size():
     ids = np.zeros((48, 64), np.int32)
     ids[20:30, 30:40] = 70_001
-    picture = thumbnails.outlined(np.zeros((480, 640, 3), np.uint8), ids, {70_001})
-    assert (picture == thumbnails.OUTLINE).all(axis=2).sum() > 100
+    picture = frame_pictures.outlined(np.zeros((480, 640, 3), np.uint8), ids, {70_001})
+    assert (picture == frame_pictures.OUTLINE).all(axis=2).sum() > 100

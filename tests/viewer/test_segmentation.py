@@ -18,7 +18,7 @@ from simaps_viz.cli.main import main
 from simaps_viz.colors.classes import class_color
 from simaps_viz.colors.instances import class_colors
 from simaps_viz.colors.palette import PALETTE
-from simaps_viz.drawing.mask_picture import MaskStyle, confidence_color, paint_masks, segment_name
+from simaps_viz.drawing.frame_pictures import MaskStyle, confidence_color, paint_masks, segment_name
 from simaps_viz.drawing.texture import cell_colors, shown_class_colors
 from simaps_viz.errors import InputError
 from simaps_viz.segmentation.coco_panoptic import write_coco_panoptic

@@ -20,7 +20,7 @@ from simaps_viz.drawing.texture import MapPicture
 from simaps_viz.errors import InputError
 from simaps_viz.mapping.simap import repartition
 from simaps_viz.viewer.page.panel import Panel, PanelSpec
-from simaps_viz.viewer.scene.viewpoints import SLANT
+from simaps_viz.viewer.scene.camera import SLANT
 from simaps_viz.viewer.server.host import Host
 
 pytestmark = pytest.mark.slow

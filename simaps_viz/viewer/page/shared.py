@@ -10,7 +10,7 @@ from typing import Generic, TypeVar
 import cv2
 from numpy.typing import NDArray
 
-from simaps_viz.drawing.picking import communities_unseen_until
+from simaps_viz.drawing.frame_pictures import communities_unseen_until
 from simaps_viz.drawing.texture import ColorMode, map_image, pixels_per_cell
 from simaps_viz.drawing.theme import LIGHT, Theme
 from simaps_viz.mapping.timeline import Timeline

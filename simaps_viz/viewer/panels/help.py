@@ -8,7 +8,7 @@ import viser
 from viser._gui_handles import GuiModalHandle
 
 from simaps_viz.drawing.theme import BRAND, DARK, DIM_STYLE, LIGHT, Theme
-from simaps_viz.viewer.scene.viewpoints import SLANT, TOP
+from simaps_viz.viewer.scene.camera import SLANT, TOP
 from simaps_viz.viewer.server.viser_page import PAGE_SCRIPT
 
 MEND = "Mend"

@@ -10,10 +10,9 @@ import numpy as np
 import viser
 from numpy.typing import NDArray
 
+from simaps_viz.drawing.frame_pictures import best_views, gallery, named, outlined
 from simaps_viz.drawing.legend import facts_html, object_name
-from simaps_viz.drawing.picking import best_views
 from simaps_viz.drawing.theme import BOX_STYLE
-from simaps_viz.drawing.thumbnails import gallery, named, outlined
 from simaps_viz.structures import Instance, SIMap
 
 NOTHING: str = "(none)"

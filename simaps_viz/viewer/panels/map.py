@@ -13,7 +13,7 @@ from simaps_viz.drawing.texture import COLOR_MODES, ColorMode
 from simaps_viz.drawing.theme import BADGE_STYLE, LIGHT, Theme
 from simaps_viz.mapping.simap import JOINING, joining_percent
 from simaps_viz.structures import SIMap
-from simaps_viz.viewer.scene.viewpoints import SLANT, TOP
+from simaps_viz.viewer.scene.camera import SLANT, TOP
 
 EVERY_CLASS = "all classes"
 DEFAULT_RESOLUTION = 1.0

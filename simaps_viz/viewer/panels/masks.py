@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from simaps_viz.colors.classes import plural
 from simaps_viz.colors.palette import Color
-from simaps_viz.drawing.mask_picture import ColorBy, MaskStyle, confidence_color, named_color, paint_masks
+from simaps_viz.drawing.frame_pictures import ColorBy, MaskStyle, confidence_color, named_color, paint_masks
 from simaps_viz.drawing.texture import shown_class_colors
 from simaps_viz.drawing.theme import BAD_STYLE, DIM_STYLE, SMALL_STYLE, remark_html, working_html
 from simaps_viz.errors import SIMapsError

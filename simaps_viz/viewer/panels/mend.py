@@ -20,7 +20,7 @@ from simaps_viz.mapping.edits import EditRefused
 from simaps_viz.structures import Instance, SIMap
 from simaps_viz.viewer.page.panel import Desk, Panel, PanelSpec
 from simaps_viz.viewer.panels.command import message_html
-from simaps_viz.viewer.scene.lines import draw_lines
+from simaps_viz.viewer.scene.annotations import draw_lines
 
 Point = tuple[float, float]
 """x and y in metres, map frame."""

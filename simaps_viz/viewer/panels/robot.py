@@ -28,7 +28,7 @@ from simaps_viz.viewer.panels.command import (
     goal_labels,
     why_text,
 )
-from simaps_viz.viewer.scene.follow import Follower
+from simaps_viz.viewer.scene.camera import Follower
 from simaps_viz.viewer.scene.map_scene import MapScene
 
 

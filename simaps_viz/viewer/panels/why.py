@@ -10,9 +10,9 @@ from numpy.typing import NDArray
 
 from simaps_viz.colors.classes import plural
 from simaps_viz.colors.palette import Color
+from simaps_viz.drawing.frame_pictures import gallery, named, outlined
 from simaps_viz.drawing.legend import object_name, short_name
 from simaps_viz.drawing.theme import SMALL_STYLE, remark_html, working_html
-from simaps_viz.drawing.thumbnails import gallery, named, outlined
 from simaps_viz.mapping.edit_log import edits_of
 from simaps_viz.mapping.explain import (
     Between,

@@ -13,10 +13,8 @@ from simaps_viz.drawing.solids import solids
 from simaps_viz.drawing.texture import ColorMode, cell_colors, outline_segments
 from simaps_viz.drawing.theme import LIGHT, Theme
 from simaps_viz.structures import GridSpec, Pose2, SIMap
+from simaps_viz.viewer.scene.annotations import LabelLayer, draw_lines, line_share
 from simaps_viz.viewer.scene.camera import Extent, with_margin
-from simaps_viz.viewer.scene.camera_mark import CameraMark
-from simaps_viz.viewer.scene.label_layer import LabelLayer
-from simaps_viz.viewer.scene.lines import draw_lines, line_share
 from simaps_viz.viewer.scene.why_marks import paint_cells
 
 ROBOT = (10, 84, 200)
@@ -28,6 +26,9 @@ PICTURE_M = 0.004
 PARENTS = ("/candidates", "/why")
 """What is below these comes and goes; they stay, and are hidden with all below them."""
 LINES = ("/path", "/selection", "/cut")
+CAMERA = (220, 60, 40)
+CAMERA_FOV_RAD, CAMERA_ASPECT, CAMERA_SIZE_M = 0.9, 4 / 3, 0.45
+"""The mark of a camera shows where a frame was taken from, not how much was on it."""
 _BLANK = np.zeros((1, 1, 3), np.uint8)
 
 
@@ -322,6 +323,48 @@ class MapScene:
             receive_shadow=False,
         )
         return robot
+
+
+class CameraMark:
+    """A camera's frustum and the line from it to the floor.
+
+    Made once and then moved: a page that is sent a node anew for every frame shows none of them while they come.
+    """
+
+    def __init__(self, page: viser.ViserServer | viser.ClientHandle) -> None:
+        """Add the nodes, hidden."""
+        self._page = page
+        self._frustum = page.scene.add_camera_frustum(
+            "/camera",
+            CAMERA_FOV_RAD,
+            CAMERA_ASPECT,
+            scale=CAMERA_SIZE_M,
+            thickness=2.5,
+            thickness_units="screen",
+            color=CAMERA,
+            cast_shadow=False,
+            receive_shadow=False,
+            visible=False,
+        )
+        upright = np.array([[[0.0, 0.0, 0.0], [0.0, 0.0, 1.0]]])
+        self._drop = page.scene.add_line_segments(
+            "/camera_dot", upright, CAMERA, thickness=1.5, thickness_units="screen", visible=False
+        )
+
+    def show(self, T_map_camera: NDArray) -> None:
+        """Stand where a frame was taken from, float [4, 4], camera to map, metres."""
+        x, y, z = (float(value) for value in T_map_camera[:3, 3])
+        with self._page.atomic():
+            self._frustum.position = (x, y, z)
+            self._frustum.wxyz = vtf.SO3.from_matrix(T_map_camera[:3, :3]).wxyz
+            self._drop.position = (x, y, 0.0)
+            self._drop.scale = (1.0, 1.0, z)
+            self._frustum.visible = self._drop.visible = True
+
+    def hide(self) -> None:
+        """Take it away."""
+        with self._page.atomic():
+            self._frustum.visible = self._drop.visible = False
 
 
 def seen_extent(simap: SIMap) -> Extent:

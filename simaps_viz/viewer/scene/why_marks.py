@@ -14,8 +14,7 @@ from simaps_viz.drawing.texture import outline_segments
 from simaps_viz.mapping.explain import Joint, Link, Why, score_text
 from simaps_viz.mapping.simap import JOINING
 from simaps_viz.structures import Instance, SIMap
-from simaps_viz.viewer.scene.label_layer import LabelLayer
-from simaps_viz.viewer.scene.lines import draw_lines, line_share
+from simaps_viz.viewer.scene.annotations import LabelLayer, draw_lines, line_share
 
 CUT: Color = (214, 39, 40)
 LINK: Color = (112, 120, 134)

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from simaps_viz.colors.classes import plural
-from simaps_viz.drawing.picking import communities_unseen_until, owner_of_community
+from simaps_viz.drawing.frame_pictures import communities_unseen_until, owner_of_community
 from simaps_viz.errors import CommandError
 from simaps_viz.mapping.simap import JOINING
 from simaps_viz.navigation.agent import Answer, StepEvent, outcome_text
