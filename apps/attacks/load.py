@@ -25,10 +25,10 @@ from websockets.exceptions import ConnectionClosed
 
 from simaps_viz.drawing.legend import facts_html
 from simaps_viz.language.commands import read_command
-from simaps_viz.mapping.simap import joining_at, joining_percent, repartition
+from simaps_viz.mapping.simap import joining_at, joining_percent, repartition, slider_of
 from simaps_viz.structures import SIMap
 from simaps_viz.viewer.panels.command import program_html
-from simaps_viz.viewer.panels.map import counts_html, joining_words
+from simaps_viz.viewer.panels.map import counts_html
 
 PATIENCE_S = 30.0
 """An answer that takes longer is lost."""
@@ -77,7 +77,7 @@ def expected_of(simap: SIMap) -> Expected:
             command = f"go to the {ordinal} {label}"
             commands.append((command, plain(program_html(read_command(command, fewest).program))))
     return Expected(
-        joining_words(simap).title,
+        slider_of(simap).title,
         joining_percent(simap),
         {p: plain(counts_html(m)) for p, m in maps.items()},
         facts,

@@ -10,11 +10,11 @@ from benchmarks.points import held_bytes
 from benchmarks.timing import measure, times
 from numpy.typing import NDArray
 
-from simaps_viz.build.pipeline import BuildConfig, Method, build_map
+from simaps_viz.build.pipeline import BuildConfig, build_map
 from simaps_viz.datasets.source import FrameSource
 from simaps_viz.structures import Frame, Segmentation, SIMap
 
-METHODS: tuple[Method, ...] = ("evidence", "paper")
+METHODS: tuple[str, ...] = ("evidence", "paper")
 APART_M = 1.0
 """Between the copies of a scene's map: farther than any pair of cells whose evidence is gathered."""
 
@@ -132,7 +132,7 @@ def bench_area(sequence: FrameSource, *, frames: int = 24, side: int = 4, runs: 
         yield from _compared(alone, together, costs[1].wall, costs[copies].wall, copies)
 
 
-def _building(sequence: Posed, method: Method) -> Callable[[], object]:
+def _building(sequence: Posed, method: str) -> Callable[[], object]:
     return lambda: build_map(sequence, BuildConfig(method=method))
 
 

@@ -3,22 +3,20 @@
 import tempfile
 from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import replace
 from pathlib import Path
 
 import cv2
 from benchmarks.timing import Cost, measure
 
-from simaps_viz.build.pipeline import BuildConfig, Method, build_map, empty_accumulator, graphs_so_far
+from simaps_viz.build.pipeline import BuildConfig, build_map
 from simaps_viz.datasets.sequence import PosedFrames
 from simaps_viz.datasets.source import FrameSource, read_ahead
 from simaps_viz.events import Event
-from simaps_viz.mapping.evidence import pair_graphs
-from simaps_viz.mapping.observations import gather_readings
-from simaps_viz.mapping.votes import vote_labels
-from simaps_viz.structures import CellGraph, Segment
+from simaps_viz.mapping import finalize
+from simaps_viz.mapping.methods import method_of
+from simaps_viz.structures import CellGraph
 
-METHODS: tuple[Method, ...] = ("evidence", "paper")
+METHODS: tuple[str, ...] = ("evidence", "paper")
 REQUIRED = 2.0
 """A map may cost this many times as much as decoding its images."""
 
@@ -64,18 +62,13 @@ def read_only(sequence: FrameSource) -> None:
 
 def gather(sequence: FrameSource, config: BuildConfig) -> tuple[CellGraph, ...]:
     """Do everything a build does up to, but without, looking for communities; give the graphs they are found in."""
-    accumulator = empty_accumulator(sequence, config)
+    accumulator = finalize.empty_accumulator(sequence, config)
     T_map_camera = sequence.T_map_world @ sequence.poses
-    segments: list[tuple[Segment, ...]] = []
     for frame, segmentation in read_ahead(sequence, color=False):
         accumulator.add_frame(frame, segmentation, T_map_camera[frame.index])
-        segments.append(segmentation.segments)
-    grid = accumulator.snapshot()
-    readings = gather_readings(accumulator.readings, segments, accumulator.origin_cell, grid)
-    if config.method == "paper":
-        return graphs_so_far(accumulator)[1]
-    label, _ = vote_labels(grid, readings, config.votes)
-    return pair_graphs(replace(grid, label=label), readings, config.evidence)
+    method, seen = method_of(config.method), finalize.gathered(accumulator)
+    grid, _ = method.label_cells(seen.grid, seen.readings, config)
+    return method.graphs(grid, seen, config)
 
 
 def bench_build(sequence: PosedFrames, *, runs: int = 5) -> Iterator[str]:

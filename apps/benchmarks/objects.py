@@ -11,9 +11,9 @@ from numpy.typing import NDArray
 from simaps_viz.mapping.evidence import EvidenceSettings, pair_graphs
 from simaps_viz.mapping.graph import class_graphs
 from simaps_viz.mapping.observations import Readings
+from simaps_viz.mapping.paper import partition_grid
 from simaps_viz.mapping.partition import applied_steps, instance_of_community
 from simaps_viz.mapping.pooling import partition_evidence
-from simaps_viz.mapping.simap import partition_grid
 from simaps_viz.structures import CellGraph, Grid, GridSpec, MergeLog
 
 CHAIR_CELLS, GAP_CELLS, FRAMES = 10, 3, 24

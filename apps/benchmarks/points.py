@@ -13,10 +13,11 @@ from numpy.typing import NDArray
 from simaps_viz.baselines.embedder import PixelEmbeddings
 from simaps_viz.baselines.simulated_lseg import SimulatedLSeg
 from simaps_viz.baselines.store import EmbeddingStore, cell_points, dense_bytes
-from simaps_viz.build.pipeline import BuildConfig, empty_accumulator
+from simaps_viz.build.pipeline import BuildConfig
 from simaps_viz.datasets.source import FrameSource
 from simaps_viz.mapping.accumulator import MapAccumulator, ProjectionSettings
 from simaps_viz.mapping.file import save_map
+from simaps_viz.mapping.finalize import empty_accumulator
 from simaps_viz.structures import Frame, Segmentation, SIMap
 
 REQUIRED = 500

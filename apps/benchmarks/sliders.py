@@ -5,7 +5,7 @@ from collections.abc import Callable, Iterator, Mapping
 import numpy as np
 from benchmarks.timing import slowest
 
-from simaps_viz.mapping.simap import JOINING, recommunity, repartition
+from simaps_viz.mapping.simap import recommunity, repartition, slider_of
 from simaps_viz.structures import SIMap
 
 JOINING_MS, RESOLUTION_MS = 30, 50
@@ -22,7 +22,7 @@ def bench_sliders(simap: SIMap, *, paint: Callable[[SIMap], object], values: int
         values: of K or the affinity, from one end of the slider to the other.
         runs: of each value.
     """
-    name = JOINING[simap.method]
+    name = slider_of(simap).parameter
     top, words = (100.0, "K") if name == "k_percent" else (1.0, "affinity")
     settings = [round(float(value), 6) for value in np.linspace(0.0, top, values)]
 

@@ -8,7 +8,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from simaps_viz.build.cache import cache_key, made_folder, map_in_cache
-from simaps_viz.build.methods import METHODS, MethodName, build
+from simaps_viz.build.methods import build
+from simaps_viz.build.names import METHODS
 from simaps_viz.build.pipeline import BuildConfig
 from simaps_viz.datasets.sequence import PosedFrames
 from simaps_viz.datasets.source import FrameSource
@@ -40,7 +41,7 @@ def load_bytes(name: str, content: bytes) -> SIMap:
             raise InputError(str(error).replace(str(path), path.name)) from error
 
 
-_BASELINES: Mapping[MethodName, str] = {
+_BASELINES: Mapping[str, str] = {
     "vlmaps": "VLMaps (simulated encoder)",
     "vlmaps+components": "VLMaps + components (simulated encoder)",
 }

@@ -10,7 +10,7 @@ cleaned mask of the class, contour by contour (see `contours`).
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from importlib.metadata import version
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -37,10 +37,8 @@ from simaps_viz.mapping.partition import describe_instances, empty_log
 from simaps_viz.mapping.simap import count_views
 from simaps_viz.structures import Frame, Grid, Segment, Segmentation, SIMap
 
-Instances = Literal["none", "components"]
-Baseline = Literal["vlmaps", "vlmaps+components"]
-BASELINE_OF: Mapping[Instances, Baseline] = {"none": "vlmaps", "components": "vlmaps+components"}
-"""How a map's method is called."""
+BASELINES: Mapping[str, bool] = {"vlmaps": False, "vlmaps+components": True}
+"""The methods of this module by name: whether each tells the objects of a class apart."""
 
 
 @dataclass(frozen=True)
@@ -79,7 +77,7 @@ def build_vlmaps(
     sequence: FrameSource,
     config: VLMapsConfig | None = None,
     *,
-    instances: Instances = "none",
+    components: bool = False,
     embedder: Embedder | None = None,
     observers: Sequence[Observer] = (),
 ) -> SIMap:
@@ -91,7 +89,7 @@ def build_vlmaps(
     Args:
         sequence: posed RGB-D frames with their segmentation.
         config: how.
-        instances: "none": one instance a class; "components": one a contour of the class's cleaned mask.
+        components: one instance for each contour of the class's cleaned mask; False: one for each class.
         embedder: gives pixels and words their vectors; a simulated LSeg when left out.
         observers: told everything, in order.
 
@@ -99,9 +97,6 @@ def build_vlmaps(
         InputError: a frame is missing or damaged (named), or the configuration makes no sense.
     """
     config = config or VLMapsConfig()
-    if instances not in ("none", "components"):
-        raise InputError(f"instances: expected none or components, found {instances!r}")
-    components = instances == "components"
     encoder = embedder or SimulatedLSeg(sequence.labels, config.seed)
 
     def tell(event: Event) -> None:
@@ -216,7 +211,7 @@ def _assemble(
         instance=instance,
         instances=describe_instances(grid, instance, views, itself),
         T_map_world=sequence.T_map_world,
-        method=BASELINE_OF["components" if components else "none"],
+        method=next(name for name, apart in BASELINES.items() if apart == components),
         parameters=config.parameters(components=components),
         provenance=_provenance(sequence, gathered.embedder, gathered.store, grid),
         community=instance,

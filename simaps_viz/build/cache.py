@@ -11,9 +11,9 @@ from typing import Any
 
 from platformdirs import user_cache_path
 
+from simaps_viz.build.pipeline import BuildConfig, content_of
 from simaps_viz.datasets.source import FrameSource
 from simaps_viz.errors import InputError
-from simaps_viz.build.pipeline import BuildConfig, content_of
 
 _LONGEST_NAME = 100
 """Of a sequence, in a file's name, which ends at 255 bytes."""

@@ -1,63 +1,43 @@
-"""All methods by name: ours, the paper's and the baselines. Every one gives a SIMap."""
+"""What ``--method`` takes, by name: the methods of `build_map`, variants of them, and the baselines."""
 
-import threading
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
-from pathlib import Path
-from typing import Literal, TypedDict, Unpack, get_args
 
-from simaps_viz.baselines.vlmaps import BASELINE_OF, Baseline, Instances, VLMapsConfig, build_vlmaps
+from simaps_viz.baselines.vlmaps import BASELINES, VLMapsConfig, build_vlmaps
+from simaps_viz.build.names import METHODS
+from simaps_viz.build.pipeline import BuildCancelled, BuildConfig, BuildControl, run_build
 from simaps_viz.datasets.source import FrameSource
 from simaps_viz.errors import InputError
 from simaps_viz.events import Event, FrameProjected, Observer
-from simaps_viz.build.build_log import BuildLog
+from simaps_viz.mapping import methods
 from simaps_viz.mapping.votes import VoteSettings
-from simaps_viz.build.pipeline import BuildCancelled, BuildConfig, Elsewhere, Method, build_map
 from simaps_viz.structures import SIMap
 
-MethodName = Literal[Method, Baseline]
-"""What ``--method`` takes."""
-METHODS: tuple[MethodName, ...] = get_args(MethodName)
-"""Its names, the default first."""
-
 VARIANTS: Mapping[str, Callable[[BuildConfig], BuildConfig]] = {
-    "evidence": lambda config: replace(config, method="evidence"),
-    "components": lambda config: replace(config, method="components"),
     "components-highest": lambda config: replace(config, method="components", votes=VoteSettings(enabled=False)),
-    "paper": lambda config: replace(config, method="paper"),
     "paper-k9": lambda config: replace(config, method="paper", k_percent=9.0),
     "paper-literal": lambda config: replace(config, method="paper", literal=True),
 }
-"""What `build_map` makes, by name: its methods, and settings of them worth comparing. An evaluation takes them all."""
-BASELINES: Mapping[str, Instances] = {name: instances for instances, name in BASELINE_OF.items()}
-"""What `build_vlmaps` makes, by name."""
+"""Other settings of methods worth comparing in an evaluation, by name."""
 
 
 def check_method(method: str) -> None:
-    """Raise InputError unless there is a method of that name."""
-    known = dict.fromkeys((*METHODS, *VARIANTS))
+    """Raise InputError unless there is a method or variant of that name."""
+    known = dict.fromkeys((*METHODS, *methods.METHODS, *VARIANTS))
     if method not in known:
         raise InputError(f"method: expected one of {', '.join(known)}, found {method!r}")
 
 
 def keeps_log(method: str) -> bool:
-    """Return whether a build by this method can be logged, gone on with, and done by several processes."""
-    return method in VARIANTS
+    """Return whether a build by this method can be logged, resumed, and done by several processes."""
+    return method in methods.METHODS or method in VARIANTS
 
 
 def config_of(method: str, config: BuildConfig) -> BuildConfig:
-    """Return the settings of a method of a name; a baseline has none of its own."""
-    return VARIANTS[method](config) if method in VARIANTS else config
-
-
-class Careful(TypedDict, total=False):
-    """What `build_map` takes besides: how it deals with faults."""
-
-    strict: bool
-    log: Path | BuildLog | None
-    resume: bool
-    cancel: threading.Event | None
-    elsewhere: Elsewhere | None
+    """Return the settings of a method or variant; a baseline has none of its own."""
+    if method in VARIANTS:
+        return VARIANTS[method](config)
+    return replace(config, method=method) if method in methods.METHODS else config
 
 
 def build(
@@ -65,9 +45,7 @@ def build(
     method: str,
     config: BuildConfig | None = None,
     observers: Sequence[Observer] = (),
-    *,
-    communities_every: int = 0,
-    **how: Unpack[Careful],
+    control: BuildControl | None = None,
 ) -> SIMap:
     """Build a map by the method of a name.
 
@@ -75,32 +53,31 @@ def build(
         sequence: posed RGB-D frames with their segmentation.
         method: one of ``METHODS`` or ``VARIANTS``, see `check_method`.
         config: everything but the method.
-        observers: told everything, in order.
-        communities_every: see `build_map`.
-        how: ``strict``, ``log``, ``resume``, ``cancel`` and ``elsewhere``, see `build_map`; the baselines are always
-            strict, keep no log, read their frames themselves and look at ``cancel`` too.
+        observers: notified of every event, in order.
+        control: how the build is run; a baseline is always strict, keeps no log, reads its frames itself, and only
+            looks at ``cancel``.
 
     Raises:
         InputError: there is no such method, or as for `build_map`.
     """
-    config = config or BuildConfig()
+    config, control = config or BuildConfig(), control or BuildControl()
     check_method(method)
-    if method in BASELINES:
-        settings = VLMapsConfig(projection=config.projection, min_cells=config.min_cells, seed=config.seed)
-        watching = [*observers, _Stop(how.get("cancel"), sequence.name)]
-        return build_vlmaps(sequence, settings, instances=BASELINES[method], observers=watching)
-    return build_map(sequence, config_of(method, config), observers, communities_every=communities_every, **how)
+    if method not in BASELINES:
+        return run_build(sequence, config_of(method, config), observers, control)
+    settings = VLMapsConfig(projection=config.projection, min_cells=config.min_cells, seed=config.seed)
+    watching = [*observers, _Stop(control, sequence.name)]
+    return build_vlmaps(sequence, settings, components=BASELINES[method], observers=watching)
 
 
 class _Stop:
-    """Ends a build that looks at no ``cancel`` itself."""
+    """Ends a build that does not look at ``cancel`` itself."""
 
     wants_color = False
 
-    def __init__(self, cancel: threading.Event | None, name: str) -> None:
-        self._cancel, self._name = cancel, name
+    def __init__(self, control: BuildControl, name: str) -> None:
+        self._cancel, self._name = control.cancel, name
 
     def on_event(self, event: Event) -> None:
-        """Raise BuildCancelled when it is time."""
+        """Raise BuildCancelled after a frame if ``cancel`` is set."""
         if self._cancel is not None and self._cancel.is_set() and isinstance(event, FrameProjected):
             raise BuildCancelled(f"{self._name}: cancelled after {event.frame.index} frames")

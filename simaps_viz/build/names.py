@@ -1,8 +1,13 @@
 """The names of all methods, without their code: the command line lists them before it loads one."""
 
-from typing import Literal, get_args
+from typing import TYPE_CHECKING, Literal
 
-MethodName = Literal["evidence", "components", "paper", "vlmaps", "vlmaps+components"]
-"""What ``--method`` takes."""
-METHODS: tuple[MethodName, ...] = get_args(MethodName)
-"""The same as a tuple, the default first."""
+from simaps_viz.mapping import methods
+
+METHODS: tuple[str, ...] = (*methods.METHODS, "vlmaps", "vlmaps+components")
+"""What ``--method`` takes, the default first: the methods of `build_map`, and the baselines."""
+if TYPE_CHECKING:
+    MethodName = str
+else:
+    MethodName = Literal[METHODS]
+"""One of `METHODS`; the command line shows them as choices."""

@@ -1,4 +1,4 @@
-"""The order of the stages: frames in, a SIMap out, everything told to those who watch."""
+"""The stages of a build, in order: frames in, a SIMap out, observers notified of everything on the way."""
 
 import hashlib
 import threading
@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from simaps_viz.build.build_log import BuildLog
 from simaps_viz.datasets.source import FrameSource, Unreadable, read_each
 from simaps_viz.errors import InputError, SIMapsError
 from simaps_viz.events import (
@@ -29,43 +30,63 @@ from simaps_viz.events import (
 )  # fmt: skip
 from simaps_viz.mapping import finalize
 from simaps_viz.mapping.accumulator import MapAccumulator
-from simaps_viz.build.build_log import BuildLog
-from simaps_viz.mapping.config import BuildConfig, Method
+from simaps_viz.mapping.config import BuildConfig
+from simaps_viz.mapping.finalize import SequenceFacts
+from simaps_viz.mapping.methods import method_of
 from simaps_viz.mapping.partition import applied_steps
 from simaps_viz.mapping.simap import joining_threshold
-from simaps_viz.mapping.finalize import SequenceFacts
 from simaps_viz.mapping.steps import FrameStep
-from simaps_viz.structures import CellGraph, Frame, Grid, Segmentation, SIMap
+from simaps_viz.structures import Frame, Segmentation, SIMap
 
 __all__ = [
     "CONTENT",
     "BuildCancelled",
     "BuildConfig",
-    "Elsewhere",
-    "Method",
+    "BuildControl",
+    "RemoteGatherer",
     "build_map",
     "content_of",
-    "empty_accumulator",
     "facts_of",
     "fingerprint",
     "gather_frames",
-    "graphs_so_far",
+    "run_build",
     "started",
 ]
 
-Elsewhere = Callable[[FrameSource, BuildConfig, NDArray, Sequence[int]], Generator[FrameStep | None, None, None]]
+RemoteGatherer = Callable[[FrameSource, BuildConfig, NDArray, Sequence[int]], Generator[FrameStep | None, None, None]]
 """Has frames gathered by other processes. Takes the sequence, the settings, T_map_camera of all frames (float64
-[n, 4, 4]) and indices, ascending; returns the steps of these frames, in order, and None every so often while it waits."""
+[n, 4, 4]) and indices, ascending; returns the steps of these frames, in order, and None every so often while it
+waits."""
 
 CONTENT = "names, poses, cameras and tables"
-"""Under this name a build's log keeps the hash of its sequence."""
+"""Under this name the log of a build keeps the hash of its sequence."""
 
-NONE_OF_FIRST = 20
+FIRST_FRAMES = 20
 """When none of so many first frames can be read, the sequence is at fault, not a frame."""
 
 
 class BuildCancelled(SIMapsError):  # noqa: N818 - not a fault
-    """Somebody asked a build to stop; nothing was written but its log, from which it can go on."""
+    """A build was asked to stop; it has written nothing but its log, from which it can resume."""
+
+
+@dataclass(frozen=True, eq=False)
+class BuildControl:
+    """How a build is run: everything that does not change its map. Handed down unchanged from whoever starts it."""
+
+    strict: bool = False
+    """A frame that cannot be read is an error; otherwise it is skipped and counted in the provenance."""
+    log: Path | BuildLog | None = None
+    """Keep a build log in this file; the finished log stays there. Or an open log, made with this build's
+    `fingerprint`: it stays open, and the build resumes from what is in it."""
+    resume: bool = False
+    """Resume from the log that is there. Observers are notified of the remaining frames only; if one wants colour, of
+    all frames, which are read again for it."""
+    cancel: threading.Event | None = None
+    """Checked between frames; set it, from any thread, to stop the build."""
+    gatherer: RemoteGatherer | None = None
+    """Gathers the frames in place of this process; no observer may want colour."""
+    communities_every: int = 0
+    """Notify observers of the communities after every so many frames; 0 = only at the end."""
 
 
 def build_map(
@@ -78,52 +99,62 @@ def build_map(
     log: Path | BuildLog | None = None,
     resume: bool = False,
     cancel: threading.Event | None = None,
-    elsewhere: Elsewhere | None = None,
+    elsewhere: RemoteGatherer | None = None,
 ) -> SIMap:
     """Build a Semantic Instance Map.
 
+    A build that resumes, or has its frames gathered by other processes, makes the same map bit for bit.
+
     Args:
         sequence: posed RGB-D frames with their segmentation.
-        config: how.
-        observers: told everything, in order; colour is decoded only if one wants it.
-        communities_every: tell observers the communities after every so many frames; 0 = only at the end.
+        config: how the map is built.
+        observers: notified of every event, in order; colour is decoded only if one wants it.
+        communities_every: notify observers of the communities after every so many frames; 0 = only at the end.
         strict: a frame that cannot be read is an error; otherwise it is skipped and counted in the provenance.
-        log: keep a build log in this file while building; the finished log stays there. Or a log that is open, of
-            this build's `fingerprint`; it stays open, and is gone on with if there is something in it.
-        resume: go on with the log that is there. The map comes out the same bit for bit. Observers are told of the
-            frames that are left; if one wants colour, of all frames, which are read again for it.
+        log: keep a build log in this file; the finished log stays there. Or an open log, made with this build's
+            `fingerprint`: it stays open, and the build resumes from what is in it.
+        resume: resume from the log that is there. Observers are notified of the remaining frames only; if one wants
+            colour, of all frames, which are read again for it.
         cancel: checked between frames; set it, from any thread, to stop the build.
-        elsewhere: who gathers the frames in place of this process. The map comes out the same bit for bit, the log
-            too; no observer may want colour.
+        elsewhere: gathers the frames in place of this process; no observer may want colour.
 
     Raises:
         InputError: a frame is missing or damaged (named) and ``strict``, or more than half of them are, or the
             configuration makes no sense, or the log is of another build or cannot be written.
         BuildCancelled: ``cancel`` was set.
     """
-    config = config or BuildConfig()
-    building = _Building(
-        sequence, config, len(sequence), observers, communities_every, strict=strict, cancel=cancel,
-        logged=log is not None, elsewhere=elsewhere,
-    )  # fmt: skip
-    building.tell(started(sequence))
-    if log is None:
-        building.gather(range(len(sequence)))
-    elif isinstance(log, BuildLog):
-        building.gather_logged(log)
-    else:
-        with BuildLog(log, fingerprint(sequence, config), resume=resume) as steps:
-            building.gather_logged(steps)
-    facts, tell = building.facts, partial(_tell, observers)
-    seen = finalize.gathered(building.accumulator)
-    del building  # with the tiles, whose room the graphs can use
+    control = BuildControl(strict, log, resume, cancel, elsewhere, communities_every)
+    return run_build(sequence, config or BuildConfig(), observers, control)
 
+
+def run_build(
+    sequence: FrameSource, config: BuildConfig, observers: Sequence[Observer], control: BuildControl
+) -> SIMap:
+    """Build a map; see `build_map`. All stages of a build are here, in order."""
+    notify = partial(_notify, observers)
+    notify(started(sequence))
+
+    # 1. Every frame is projected into cells (projection.py), which raise the map's tiles, or is replayed from the log.
+    building = _Building(sequence, config, len(sequence), observers, control)
+    if control.log is None:
+        building.gather(range(len(sequence)))
+    elif isinstance(control.log, BuildLog):
+        building.gather_logged(control.log)
+    else:
+        with BuildLog(control.log, fingerprint(sequence, config), resume=control.resume) as steps:
+            building.gather_logged(steps)
+    facts, seen = building.facts, finalize.gathered(building.accumulator)
+    del building  # with its tiles, whose memory the graphs can use
+
+    # 2. The method names the cells, makes their graphs, and finds communities and how they merge.
     found = finalize.partition(seen, config)
-    tell(CommunitiesFound(found.grid, found.community, len(sequence) - 1, final=True))
+    notify(CommunitiesFound(found.grid, found.community, len(sequence) - 1, final=True))
     threshold = joining_threshold(config.method, config.parameters())
-    tell(MergesFound(found.grid, found.community, found.log, applied_steps(found.log, threshold)))
+    notify(MergesFound(found.grid, found.community, found.log, applied_steps(found.log, threshold)))
+
+    # 3. Merged communities are instances; the frames that saw them are counted.
     simap = finalize.map_of(found, seen.frames, facts, config)
-    tell(BuildFinished(simap))
+    notify(BuildFinished(simap))
     return simap
 
 
@@ -132,55 +163,50 @@ def gather_frames(
 ) -> MapAccumulator:
     """Gather some frames of a sequence, ascending; parts gathered anywhere are joined by `MapAccumulator.merge`.
 
-    `mapping.so_far.map_so_far(accumulator, facts_of(sequence), config)` makes their map.
+    `finalize.map_so_far(accumulator, facts_of(sequence), config)` makes their map.
 
     Raises:
         InputError: a frame is missing or damaged and ``strict``, or more than half of these are.
     """
-    building = _Building(sequence, config, len(indices), strict=strict)
+    building = _Building(sequence, config, len(indices), (), BuildControl(strict=strict))
     building.gather(indices)
     return building.accumulator
 
 
 @dataclass
 class _Building:
-    """One build under way."""
+    """The first stage of a build: frames into an accumulator."""
 
     sequence: FrameSource
     config: BuildConfig
     wanted: int
     """Number of frames to be read in all."""
-    observers: Sequence[Observer] = ()
-    communities_every: int = 0
-    strict: bool = False
-    cancel: threading.Event | None = None
-    logged: bool = False
-    elsewhere: Elsewhere | None = None
+    observers: Sequence[Observer]
+    control: BuildControl
 
     def __post_init__(self) -> None:
         self.facts = facts_of(self.sequence)
         self.watched = wants_color(self.observers)
-        if self.watched and self.elsewhere is not None:
+        if self.watched and self.control.gatherer is not None:
             raise InputError("frames gathered elsewhere: expected no observer that wants their pictures, found one")
-        self.accumulator = empty_accumulator(self.sequence, self.config, watched=self.watched, steps=self.logged)
+        self.accumulator = finalize.empty_accumulator(
+            self.sequence, self.config, links=self.watched, steps=self.control.log is not None
+        )
         self.T_map_camera = self.sequence.T_map_world @ self.sequence.poses
-        self.links_told = 0
-
-    def tell(self, event: Event) -> None:
-        _tell(self.observers, event)
+        self.links_reported = 0
 
     def gather_logged(self, log: BuildLog) -> None:
-        """Gather all frames, those in the log from there where nobody has to see them; log the others."""
+        """Gather all frames: replay those in the log unless an observer wants to see them, read and log the others."""
         self.accumulator.frames.read_from(log.path, log.records)
         if not self.watched:
             for step in log.replay():
-                if step.seen.skipped and self._can_be_read(step.seen.index):  # it was put right since
+                if step.seen.skipped and self._can_be_read(step.seen.index):  # it has been repaired since
                     log.cut(step.seen.index)
                     break
                 self._check_skipped(step.seen.skipped)
                 try:
                     self.accumulator.replay(step)
-                except (ValueError, KeyError, IndexError):  # whole, but not ours: read the frames again from here
+                except (ValueError, KeyError, IndexError):  # undamaged, but not ours: read the frames again from here
                     log.cut(step.seen.index)
                     break
         first = len(self.accumulator.frames)
@@ -191,8 +217,8 @@ class _Building:
 
     def gather(self, indices: Sequence[int], log: BuildLog | None = None) -> None:
         """Read frames, or have them read, and put them on the grid."""
-        if self.elsewhere is not None:
-            self._gather_elsewhere(self.elsewhere, indices, log)
+        if self.control.gatherer is not None:
+            self._gather_remotely(self.control.gatherer, indices, log)
             return
         with closing(read_each(self.sequence, indices, color=self.watched)) as reads:
             for read in reads:
@@ -203,8 +229,8 @@ class _Building:
                     self._add(*read)
                 self._log(log)
 
-    def _gather_elsewhere(self, elsewhere: Elsewhere, indices: Sequence[int], log: BuildLog | None) -> None:
-        with closing(elsewhere(self.sequence, self.config, self.T_map_camera, indices)) as steps:
+    def _gather_remotely(self, gatherer: RemoteGatherer, indices: Sequence[int], log: BuildLog | None) -> None:
+        with closing(gatherer(self.sequence, self.config, self.T_map_camera, indices)) as steps:
             for step in steps:
                 self._check_cancelled()
                 if step is None:
@@ -216,15 +242,15 @@ class _Building:
                 else:
                     self.accumulator.replay(step)
                     self._log(log)
-                    self.tell(FrameGathered(seen.index, seen.name))
+                    _notify(self.observers, FrameGathered(seen.index, seen.name))
 
     def _log(self, log: BuildLog | None) -> None:
         step = self.accumulator.step
         if log is not None and step is not None and step.seen.index >= len(log):
-            log.append(step if self.config.method == "paper" else replace(step, links=None))
+            log.append(step if method_of(self.config.method).counts_links else replace(step, links=None))
 
     def _check_cancelled(self) -> None:
-        if self.cancel is not None and self.cancel.is_set():
+        if self.control.cancel is not None and self.control.cancel.is_set():
             done = len(self.accumulator.frames)
             raise BuildCancelled(f"{self.sequence.name}: cancelled after {done} of {self.wanted} frames")
 
@@ -233,32 +259,36 @@ class _Building:
         seen = self.accumulator.add_frame(frame, segmentation, T_map_camera)
         if not self.observers:
             return
-        self.tell(self._projected(frame, segmentation, seen))
-        self.links_told = self.accumulator.links.size
-        if self.communities_every and (frame.index + 1) % self.communities_every == 0:
+        _notify(self.observers, self._projected(frame, segmentation, seen))
+        self.links_reported = self.accumulator.links.size
+        every = self.control.communities_every
+        if every and (frame.index + 1) % every == 0:
             found = finalize.partition(finalize.gathered(self.accumulator), self.config)
             objects = finalize.objects_of(found, self.config)
-            self.tell(CommunitiesFound(found.grid, found.community, frame.index, final=False, instance=objects))
+            _notify(
+                self.observers,
+                CommunitiesFound(found.grid, found.community, frame.index, final=False, instance=objects),
+            )
 
     def _skip(self, read: Unreadable) -> None:
         self._check_skipped(str(read.error))
         name = self.sequence.frame_names[read.index]
         self.accumulator.skip_frame(read.index, name, self.T_map_camera[read.index], str(read.error))
         skipped = finalize.skipped_frames(self.accumulator.frames)
-        none_yet = len(skipped) == len(self.accumulator.frames) == min(self.wanted, NONE_OF_FIRST)
+        none_yet = len(skipped) == len(self.accumulator.frames) == min(self.wanted, FIRST_FRAMES)
         if none_yet or 2 * len(skipped) > self.wanted:
             more = f", and {len(skipped) - 1} more of {self.wanted} frames" if len(skipped) > 1 else ""
             raise InputError(f"{next(iter(skipped.values()))}{more}")
-        self.tell(FrameSkipped(read.index, name, str(read.error)))
+        _notify(self.observers, FrameSkipped(read.index, name, str(read.error)))
 
     def _check_skipped(self, reason: str) -> None:
-        if reason and self.strict:
+        if reason and self.control.strict:
             raise InputError(reason)
 
     def _projected(self, frame: Frame, segmentation: Segmentation, seen: NDArray) -> FrameProjected:
         accumulator = self.accumulator
         origin = np.array(accumulator.origin_cell, dtype=np.int32)
-        edges, labels, _ = accumulator.links.entries(self.links_told)
+        edges, labels, _ = accumulator.links.entries(self.links_reported)
         return FrameProjected(
             frame=frame,
             segmentation=segmentation,
@@ -271,7 +301,7 @@ class _Building:
         )
 
 
-def _tell(observers: Sequence[Observer], event: Event) -> None:
+def _notify(observers: Sequence[Observer], event: Event) -> None:
     for observer in observers:
         observer.on_event(event)
 
@@ -303,7 +333,7 @@ def fingerprint(sequence: FrameSource, config: BuildConfig) -> dict[str, Any]:
 def content_of(sequence: FrameSource) -> str:
     """Hash a sequence: names, poses, cameras, segment tables, and what its manifest says.
 
-    The images are not looked at: whoever changes them between a build and its resumption gets a map of both.
+    The images are not hashed: if they change before a build resumes, its map is made of both.
     """
     content = hashlib.sha256("\n".join(sequence.frame_names).encode())
     content.update(np.ascontiguousarray(sequence.poses, dtype=np.float64).tobytes())
@@ -311,13 +341,6 @@ def content_of(sequence: FrameSource) -> str:
     if sequence.path.is_file() and sequence.path.suffix == ".json":
         content.update(sequence.path.read_bytes())
     return content.hexdigest()
-
-
-def empty_accumulator(
-    sequence: FrameSource, config: BuildConfig, *, watched: bool = False, steps: bool = False
-) -> MapAccumulator:
-    """Return what a build gathers its frames in; links are counted where the method or an observer wants them."""
-    return finalize.empty_accumulator_of(sequence.labels, sequence.is_thing, config, links=watched, steps=steps)
 
 
 def started(sequence: FrameSource) -> BuildStarted:
@@ -329,9 +352,3 @@ def started(sequence: FrameSource) -> BuildStarted:
         segmentation_source=sequence.segmentation_source,
         simulated=sequence.simulated,
     )
-
-
-def graphs_so_far(accumulator: MapAccumulator) -> tuple[Grid, tuple[CellGraph, ...]]:
-    """Return the map as it is now, and the cell graph of each of its thing classes."""
-    grid = accumulator.snapshot()
-    return grid, finalize.graphs_so_far(grid, accumulator.links, accumulator.origin_cell)

@@ -5,12 +5,8 @@ from collections.abc import Iterator
 from contextlib import contextmanager, nullcontext
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, get_args
+from typing import TYPE_CHECKING
 
-from simaps_viz.datasets.source import FrameSource
-from simaps_viz.errors import InputError
-from simaps_viz.events import Observer
-from simaps_viz.io.files import left_beside
 from simaps_viz.build.build_log import (  # fmt: skip
     BuildLog,
     LogBusyError,
@@ -19,14 +15,19 @@ from simaps_viz.build.build_log import (  # fmt: skip
     set_aside_name,
     steps_beside,
 )
+from simaps_viz.build.methods import build, config_of, keeps_log
+from simaps_viz.build.names import METHODS
+from simaps_viz.build.pipeline import BuildConfig, BuildControl, RemoteGatherer, fingerprint
+from simaps_viz.console.progress import BuildProgress, StageProgress
+from simaps_viz.console.terminal import console
+from simaps_viz.datasets.source import FrameSource
+from simaps_viz.errors import InputError
+from simaps_viz.events import Observer
+from simaps_viz.io.files import left_beside
+from simaps_viz.mapping.file import check_writable, save_map
 from simaps_viz.mapping.history import MapHistory
 from simaps_viz.mapping.steps import is_step_file
-from simaps_viz.mapping.file import check_writable, save_map
-from simaps_viz.build.methods import Careful, build, config_of, keeps_log
-from simaps_viz.build.pipeline import BuildConfig, Elsewhere, Method, fingerprint
-from simaps_viz.console.progress import BuildProgress, StageProgress
 from simaps_viz.structures import SIMap
-from simaps_viz.console.terminal import console
 
 if TYPE_CHECKING:
     from simaps_viz.recorder.settings import RecorderSettings
@@ -75,7 +76,7 @@ def build_to_file(
     json_lines: bool = False,
     observers: tuple[Observer, ...] = (),
     cancel: threading.Event | None = None,
-    elsewhere: Elsewhere | None = None,
+    elsewhere: RemoteGatherer | None = None,
 ) -> SIMap:
     """Build a map, write it, and record the build if asked; killed at any moment, it can go on.
 
@@ -106,12 +107,13 @@ def build_to_file(
     watching = [BuildProgress(progress, json_lines=json_lines), *observers]
     with _log_of(sequence, request) if logged else nullcontext() as log:
         left = _left_behind(output) if log is not None else []
-        how: Careful = {"strict": request.strict, "cancel": cancel, "log": log, "elsewhere": elsewhere}
+        every = COMMUNITIES_EVERY if record is not None else 0
+        control = BuildControl(request.strict, log, cancel=cancel, gatherer=elsewhere, communities_every=every)
         fault = None
         if record is None:
-            simap = build(sequence, request.method, request.config, watching, **how)
+            simap = build(sequence, request.method, request.config, watching, control)
         else:
-            simap, fault = _build_recorded(sequence, request, record, watching, how)
+            simap, fault = _build_recorded(sequence, request, record, watching, control)
         save_map(simap, output)
         if log is not None:
             _finish(log, output, left, history=request.history)
@@ -127,7 +129,7 @@ def _log_of(sequence: FrameSource, request: BuildRequest) -> BuildLog:
 
 
 def _build_recorded(
-    sequence: FrameSource, request: BuildRequest, record: Path, watching: list[Observer], how: Careful
+    sequence: FrameSource, request: BuildRequest, record: Path, watching: list[Observer], control: BuildControl
 ) -> tuple[SIMap, InputError | None]:
     """Build a map, and return it with what was wrong with its recording, for which it shall not be lost."""
     from simaps_viz.recorder.recorder import RerunRecorder  # noqa: PLC0415 - rerun is slow to import
@@ -137,10 +139,7 @@ def _build_recorded(
     simap = None
     try:
         with RerunRecorder(record, settings=request.recorder_settings or SMALL) as recorder:
-            watching = [*watching, recorder]
-            simap = build(
-                sequence, request.method, request.config, watching, communities_every=COMMUNITIES_EVERY, **how
-            )
+            simap = build(sequence, request.method, request.config, [*watching, recorder], control)
     except InputError as fault:
         if simap is None:
             raise
@@ -151,7 +150,7 @@ def _build_recorded(
 
 
 def _check_method(request: BuildRequest, *, elsewhere: bool) -> None:
-    able, method = get_args(Method), request.method
+    able, method = [name for name in METHODS if keeps_log(name)], request.method
     if not keeps_log(method) and (request.resume or request.history):
         option = "--resume" if request.resume else "--history"
         raise InputError(f"{option}: expected a method that keeps a log ({', '.join(able)}), found {method}")

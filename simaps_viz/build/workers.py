@@ -1,48 +1,48 @@
-"""Workers of a Dask cluster, or processes of this machine, gather the frames of a build; see `pipeline.Elsewhere`.
+"""Workers of a Dask cluster, or processes of this machine, gather the frames of a build; see `pipeline.RemoteGatherer`.
 
 Shards are handed out in the order of their frames, a few for each worker ahead of their use, and taken back in that
 order: what is done early waits on its worker, so that this process holds one shard at a time. What a worker that dies
 had in hand, or had done and not yet handed over, Dask gives to another.
 """
 
-import struct
-import zlib
-from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, replace
-from functools import lru_cache
-from importlib.metadata import version
-from pathlib import Path
-from numpy.typing import NDArray
-from simaps_viz.datasets.joined import JoinedFrames, join
-from simaps_viz.datasets.open import open_sequence
-from simaps_viz.datasets.source import FrameSource
-from simaps_viz.errors import InputError
-from simaps_viz.mapping import finalize
-from simaps_viz.mapping.config import BuildConfig
-from simaps_viz.mapping.steps import FrameStep, compress, decompress, pack_step, unpack_step
-from simaps_viz.build.pipeline import content_of
-from simaps_viz.segmentation.sequences import masks_from
 import logging
 import re
 import signal
 import socket
+import struct
 import threading
 import time
 import warnings
+import zlib
 from collections import deque
 from collections.abc import Callable, Generator, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
+from functools import lru_cache
+from importlib.metadata import version
 from itertools import islice
 from multiprocessing import resource_tracker
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 from urllib.parse import urlsplit
-from simaps_viz.errors import needs_extra
+
+from numpy.typing import NDArray
+
+from simaps_viz.build.pipeline import content_of
 from simaps_viz.console.logs import logger
-from simaps_viz.mapping.steps import FrameStep
+from simaps_viz.datasets.joined import JoinedFrames, join
+from simaps_viz.datasets.open import open_sequence
+from simaps_viz.datasets.source import FrameSource
+from simaps_viz.errors import InputError, needs_extra
+from simaps_viz.mapping import finalize
+from simaps_viz.mapping.config import BuildConfig
+from simaps_viz.mapping.methods import method_of
+from simaps_viz.mapping.steps import FrameStep, compress, decompress, pack_step, unpack_step
+from simaps_viz.segmentation.sequences import masks_from
 
 if TYPE_CHECKING:
     from distributed import Client, Future
+
     _Waiting = tuple[Sequence[int], Future]  # a shard, and what will be its steps
 
 
@@ -126,7 +126,7 @@ def gather_shard(job: Job, indices: Sequence[int], T_map_camera: NDArray) -> byt
         InputError: the sequence is not here, is another one, or cannot be mapped.
     """
     sequence = _opened(job.reopen, job.content, job.version)
-    accumulator = finalize.empty_accumulator_of(job.labels, job.is_thing, job.config, links=False, steps=True)
+    accumulator = finalize.empty_accumulator(job, job.config, steps=True)
     packed = []
     for index, pose in zip(indices, T_map_camera, strict=True):
         try:
@@ -136,7 +136,7 @@ def gather_shard(job: Job, indices: Sequence[int], T_map_camera: NDArray) -> byt
         else:
             accumulator.add_frame(frame, segmentation, pose)
         assert accumulator.step is not None  # steps were asked for
-        packed.append(_sealed(accumulator.step, links=job.config.method == "paper"))
+        packed.append(_sealed(accumulator.step, links=method_of(job.config.method).counts_links))
     return b"".join(packed)
 
 
@@ -227,7 +227,7 @@ class Workers:
     def __call__(
         self, sequence: FrameSource, config: BuildConfig, T_map_camera: NDArray, indices: Sequence[int]
     ) -> Generator[FrameStep | None, None, None]:
-        """Gather frames, see `pipeline.Elsewhere`.
+        """Gather frames, see `pipeline.RemoteGatherer`.
 
         Raises:
             InputError: a worker lacks the sequence or has another one, no worker is left, or the scheduler is gone.

@@ -12,7 +12,7 @@ from simaps_viz.cli.options import Mapping, Networks
 from simaps_viz.errors import InputError
 
 if TYPE_CHECKING:
-    from simaps_viz.build.pipeline import Elsewhere
+    from simaps_viz.build.pipeline import RemoteGatherer
     from simaps_viz.build.to_file import BuildRequest
     from simaps_viz.console.progress import StageProgress
     from simaps_viz.datasets.source import FrameSource
@@ -120,7 +120,7 @@ class Build:
         ]  # fmt: skip
         return opened[0] if len(opened) == 1 else join(opened)
 
-    def _elsewhere(self, sequence: "FrameSource") -> "AbstractContextManager[Elsewhere | None]":
+    def _elsewhere(self, sequence: "FrameSource") -> "AbstractContextManager[RemoteGatherer | None]":
         """Return the workers that read the frames; None where this process does."""
         if self.scheduler is None:
             return nullcontext()

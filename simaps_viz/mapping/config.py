@@ -2,25 +2,23 @@
 
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field, fields
-from typing import Any, Literal, get_args
+from typing import Any
 
 from simaps_viz.errors import InputError
 from simaps_viz.mapping.accumulator import ProjectionSettings
-from simaps_viz.mapping.evidence import EvidenceSettings
+from simaps_viz.mapping.evidence import AFFINITY, EvidenceSettings
+from simaps_viz.mapping.methods import METHODS, method_of
+from simaps_viz.mapping.paper import K_PERCENT
 from simaps_viz.mapping.pooling import PoolSettings
-from simaps_viz.mapping.simap import JOINING, check_joining
 from simaps_viz.mapping.votes import VoteSettings
-
-Method = Literal["evidence", "components", "paper"]
-"""Ours, and the paper's."""
 
 
 @dataclass(frozen=True)
 class BuildConfig:
     """How a map is built."""
 
-    method: Method = "evidence"
-    """How cells become instances."""
+    method: str = "evidence"
+    """How cells become instances, by name: see `methods.METHODS`."""
     k_percent: float = 5.0
     """Method paper: communities join while more than this share of one's cells neighbour the other."""
     affinity: float = 0.6
@@ -46,10 +44,10 @@ class BuildConfig:
         _check_kinds(self, finite=False)  # each is looked at below
         for settings in (self.projection, self.votes, self.evidence, self.pooling):
             _check_kinds(settings, finite=True)
-        if self.method not in get_args(Method):
-            raise InputError(f"method: expected one of {', '.join(get_args(Method))}, found {str(self.method)[:60]!r}")
-        check_joining("k_percent", self.k_percent)
-        check_joining("affinity", self.affinity)
+        if self.method not in METHODS:
+            raise InputError(f"method: expected one of {', '.join(METHODS)}, found {str(self.method)[:60]!r}")
+        K_PERCENT.check(self.k_percent)
+        AFFINITY.check(self.affinity)
         if not 0.0 < self.resolution < float("inf"):
             raise InputError(f"resolution: expected a number above 0, found {self.resolution:g}")
         ranges = self.evidence.ranges
@@ -61,18 +59,9 @@ class BuildConfig:
             raise InputError(f"cell size: expected 0.005 to 1 m, found {self.projection.cell_size_m:g} m")
 
     def parameters(self) -> dict[str, Any]:
-        """Return what the map file keeps of it: what its method uses."""
-        kept: dict[str, Any] = {"min_cells": self.min_cells, **asdict(self.projection)}
-        if self.method in JOINING:
-            name = JOINING[self.method]
-            kept |= {name: getattr(self, name), "resolution": self.resolution, "seed": self.seed}
-        if self.method == "paper":
-            return {**kept, "literal": self.literal}
-        kept["votes"] = asdict(self.votes)
-        if self.method == "evidence":
-            evidence = {**asdict(self.evidence), "ranges": list(self.evidence.ranges)}  # as JSON gives it back
-            kept |= {"evidence": evidence, "pooling": asdict(self.pooling)}
-        return kept
+        """Return what a map keeps of the settings: those that its method uses."""
+        common = {"min_cells": self.min_cells, **asdict(self.projection)}
+        return common | method_of(self.method).parameters(self)
 
     def to_json(self) -> dict[str, Any]:
         """Return all of it, JSON-able; `config_from_json` takes it."""

@@ -17,8 +17,8 @@ from numpy.typing import NDArray
 from simaps_viz.colors.classes import is_thing
 from simaps_viz.errors import InputError
 from simaps_viz.io.limits import MAX_CLASSES
-from simaps_viz.mapping.evidence import affine
-from simaps_viz.mapping.graph import weighted
+from simaps_viz.mapping.graph import affine, weighted
+from simaps_viz.mapping.methods import method_of
 from simaps_viz.mapping.partition import applied_steps, empty_log, group_views, instance_of_community
 from simaps_viz.mapping.row_blocks import look_up
 from simaps_viz.mapping.simap import assemble, joining_threshold, origin_of
@@ -560,10 +560,10 @@ def graphs_after(simap: SIMap, grid: Grid) -> tuple[CellGraph, ...]:
         mine = links[:, (after[links[0]] == index) & (after[links[1]] == index)]
         mine = mine[:, np.lexsort((mine[1], mine[0]))]
         edges = np.searchsorted(cells, mine[:2].T).astype(np.int32)
-        if simap.method == "evidence":
-            graphs[index] = affine(index, cells, edges, mine[2], mine[3])
-        else:
+        if method_of(simap.method).weights_per_frame:
             graphs[index] = weighted(grid, index, cells, edges, mine[2])
+        else:
+            graphs[index] = affine(index, cells, edges, mine[2], mine[3])
     return tuple(graphs[index] for index in sorted(graphs))
 
 

@@ -4,14 +4,23 @@ Every frame is one witness of a pair of cells. Pairs are taken at several ranges
 hold together over their whole extent, the patches of a lattice do not.
 """
 
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from simaps_viz.mapping.communities import find_chunks
+from simaps_viz.mapping.graph import affine
+from simaps_viz.mapping.method import Gathered, Method, Slider
 from simaps_viz.mapping.observations import AllReadings
-from simaps_viz.structures import CellGraph, Grid
+from simaps_viz.mapping.pooling import PoolSettings, partition_evidence
+from simaps_viz.structures import CellGraph, Grid, GridSpec, MergeLog
+
+if TYPE_CHECKING:
+    from simaps_viz.mapping.config import BuildConfig
 
 _MOST_16 = np.iinfo(np.uint16).max
 HIDES_FROM_M = 0.05
@@ -191,21 +200,52 @@ def _edges(members, thing_cells, number, position, order, ahead, same, different
     return edges, counts, against
 
 
-def affine(label: int, cells: NDArray, edges: NDArray, same: NDArray, different: NDArray) -> CellGraph:
-    """Make one class's graph from its evidence.
+AFFINITY = Slider(
+    parameter="affinity", full=1.0, name="affinity", unit="a share", setting="affinity {:g}", title="Evidence (%)",
+    word="evidence",
+    hint="Two parts are one object while more than this share of what the frames saw of both says so.",
+    reason="{:.0f} % of what was seen of both says they are one",
+    number="evidence that both are one",
+)  # fmt: skip
 
-    Args:
-        label: the class.
-        cells: int [n], row * cols + col, ascending.
-        edges: int32 [m, 2], places in ``cells``.
-        same: int [m], how often the two cells were seen in one segment.
-        different: int [m], in two segments.
-    """
-    return CellGraph(
-        label=label,
-        cells=cells.astype(np.int64, copy=False),
-        edges=edges,
-        counts=same,
-        different=different,
-        seen=None,
-    )
+
+class Evidence(Method):
+    """Our method: votes name the cells, and pooled evidence of pairs of cells joins small communities."""
+
+    slider = AFFINITY
+
+    def parameters(self, config: "BuildConfig") -> dict[str, Any]:
+        """Return the affinity and the settings of Louvain, votes, pairs and pooling."""
+        pairs = {**asdict(config.evidence), "ranges": list(config.evidence.ranges)}  # a list, as in JSON
+        return super().parameters(config) | {"evidence": pairs, "pooling": asdict(config.pooling)}
+
+    def graphs(self, grid: Grid, seen: Gathered, config: "BuildConfig") -> tuple[CellGraph, ...]:
+        """Gather the evidence of all pairs of cells."""
+        return pair_graphs(grid, seen.readings, config.evidence)
+
+    def communities(
+        self, grid: Grid, graphs: Sequence[CellGraph], parameters: Mapping[str, Any]
+    ) -> tuple[NDArray, MergeLog]:
+        """Find small communities and log how pooled evidence joins them."""
+        return partition_evidence(
+            grid, graphs, resolution=parameters["resolution"], seed=int(parameters.get("seed", 0)),
+            settings=PoolSettings(**parameters.get("pooling", {})),
+        )  # fmt: skip
+
+    def level(
+        self, graphs: Sequence[CellGraph], spec: GridSpec, parameters: Mapping[str, Any], levels: int
+    ) -> list[NDArray]:
+        """Run Louvain on all classes together."""
+        resolution, seed = float(parameters.get("resolution", 1.0)), int(parameters.get("seed", 0))
+        return find_chunks(graphs, spec, resolution=resolution, seed=seed, levels=levels)
+
+    def score(self, parameters: Mapping[str, Any], same: int, different: int, *, touching: bool, share: float) -> float:
+        """Return the affinity; see `pooling.py`."""
+        del share
+        settings = PoolSettings(**parameters.get("pooling", {}))
+        m, believed = settings.imagined_pairs, settings.touching_same if touching else 0.0
+        pairs = same + different + m
+        return (same + m * believed) / pairs if pairs > 0.0 else 0.0
+
+
+EVIDENCE = Evidence("evidence")

@@ -16,9 +16,9 @@ from numpy.typing import NDArray
 from scipy.spatial import KDTree
 
 from simaps_viz.colors.classes import plural
+from simaps_viz.mapping.methods import method_of
 from simaps_viz.mapping.partition import applied_steps
-from simaps_viz.mapping.pooling import PoolSettings
-from simaps_viz.mapping.simap import JOINING, joining_threshold
+from simaps_viz.mapping.simap import joining_threshold
 from simaps_viz.structures import CellGraph, Instance, SIMap
 
 NEIGHBOUR_M = 1.0
@@ -309,7 +309,7 @@ def _sureness(simap: SIMap, cells: NDArray, graph: CellGraph | None) -> NDArray:
     mine = np.isin(graph.cells, cells)
     inside = mine[graph.edges].all(axis=1)
     ends = graph.edges[inside].T.reshape(-1)
-    if simap.method == "paper":
+    if method_of(simap.method).weights_per_frame:
         parts = graph.weights[inside], np.ones(int(inside.sum()))
     else:
         parts = graph.counts[inside], np.add(graph.counts[inside], graph.different[inside], dtype=np.int64)
@@ -467,24 +467,17 @@ def _between_instances(
 
 def _score(simap: SIMap, same: int, different: int, *, touching: bool, share: float) -> float:
     """Return the score that decides whether the method joins two instances; see `pool` for the affinity."""
-    if simap.method not in JOINING:
-        return float("nan")
-    if simap.method == "paper":
-        return share
-    settings = PoolSettings(**simap.parameters.get("pooling", {}))
-    m, believed = settings.imagined_pairs, settings.touching_same if touching else 0.0
-    pairs = same + different + m
-    return (same + m * believed) / pairs if pairs > 0.0 else 0.0
+    return method_of(simap.method).score(simap.parameters, same, different, touching=touching, share=share)
 
 
 def score_text(method: str, score: float) -> str:
     """Return a score of the merge log as its method reads it: "19.6 %" of cells (paper), "0.87" (evidence)."""
-    return f"{100.0 * score:.1f} %" if method == "paper" else f"{score:.2f}"
+    return method_of(method).score_text(score)
 
 
 def needed_text(method: str, threshold: float) -> str:
     """Return the threshold that a score must exceed: "K = 5 %", "0.60"."""
-    return f"K = {100.0 * threshold:g} %" if method == "paper" else f"{threshold:.2f}"
+    return method_of(method).needed_text(threshold)
 
 
 def summary(why: Why, *, by_hand: bool = False) -> str:
@@ -501,8 +494,8 @@ def summary(why: Why, *, by_hand: bool = False) -> str:
 
 def joint_words(why: Why, joint: Joint) -> str:
     """Describe the evidence on which a step of the merge log joined its parts."""
-    if why.method == "paper":
-        return f"{score_text('paper', joint.score)} of the part that joined neighbours the other"
+    if method_of(why.method).weights_per_frame:
+        return f"{score_text(why.method, joint.score)} of the part that joined neighbours the other"
     return f"{_sightings(joint.same, joint.different)} → {score_text(why.method, joint.score)}"
 
 
@@ -521,10 +514,10 @@ def together_words(together: Together) -> str:
 def link_words(method: str, threshold: float, link: Link) -> str:
     """Describe what keeps two instances of a class apart: "seen together in ... → 0.11, below the 0.60 needed"."""
     seen = together_words(link.together)
-    if method not in JOINING:
+    if method_of(method).slider is None:
         touch = "their cells touch" if link.touching else "their cells do not touch"
         return f"{touch}; {seen}"
-    if method == "paper":
+    if method_of(method).weights_per_frame:
         if link.score == 0.0:
             return f"{seen}; no cell of one neighbours a cell of the other"
         share = f"{score_text(method, link.score)} of the cells of one neighbour the other"
@@ -552,7 +545,7 @@ def between_words(found: Between, first: str, second: str) -> str:
         )
     apart = "touch" if link.touching else f"are {link.distance_m:.2f} m apart"
     text = f"{first} and {second} {apart}: {link_words(found.method, found.threshold, link)}."
-    if found.method == "evidence" and link.same + link.different > 0:
+    if not method_of(found.method).weights_per_frame and link.same + link.different > 0:
         text += f" Pooled over all pairs of their cells: {_sightings(link.same, link.different)}."
     return text
 
@@ -579,7 +572,7 @@ def _seen_as_one(why: Why) -> str:
 
 
 def _weakest(why: Why) -> str:
-    if why.method not in JOINING:
+    if method_of(why.method).slider is None:
         return f"Method {why.method} has no joints to question: it knows no merge log."
     if why.weakest is None:
         return "It is a single patch that was never joined from parts."

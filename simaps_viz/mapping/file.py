@@ -23,9 +23,9 @@ from simaps_viz.errors import InputError
 from simaps_viz.io.arrays import Check, PackedArray, Rows, check_ends, read_npz, write_rows
 from simaps_viz.io.files import write_whole
 from simaps_viz.io.limits import MAX_ARRAY_BYTES, MAX_CELL_INDEX, MAX_CLASSES, MAX_FRAMES, MAX_JSON_BYTES, check_cells
+from simaps_viz.mapping.methods import method_of
 from simaps_viz.mapping.pooling import PoolSettings
 from simaps_viz.mapping.row_blocks import bands
-from simaps_viz.mapping.simap import JOINING
 from simaps_viz.structures import CellGraph, Grid, GridSpec, Instance, MergeLog, SIMap, Views
 
 FORMAT = "simap/1"
@@ -233,7 +233,13 @@ def _rebuild(meta: Mapping[str, Any], data: Mapping[str, NDArray], packed: Mappi
         parameters=meta["parameters"],
         provenance=meta["provenance"],
         merges=MergeLog(data["merge_label"], data["merge_source"], data["merge_target"], data["merge_score"]),
-        graphs=_graphs(grid, data["graph_label"], data["graph_edges"], packed, evidence=meta["method"] == "evidence"),
+        graphs=_graphs(
+            grid,
+            data["graph_label"],
+            data["graph_edges"],
+            packed,
+            evidence=not method_of(meta["method"]).weights_per_frame,
+        ),
         views=Views(
             data["view_community"], data["view_frame"], data["view_segment"], data["view_cells"], data["view_score"]
         ),
@@ -378,7 +384,8 @@ def _check_parameters(method: str, parameters: Mapping[str, Any]) -> None:
         value = parameters.get(name, low)
         _check(_is_number(value) and low <= value <= high, f"parameter {name}")
     _check(all(type(parameters.get(name, 0)) is int for name in ("seed", "min_cells")), "parameters")
-    _check(JOINING.get(method, "seed") in {*parameters, "seed"}, "parameters")
+    slider = method_of(method).slider
+    _check(slider is None or slider.parameter in parameters, "parameters")
     pooling = parameters.get("pooling", {})
     _check(isinstance(pooling, dict) and set(pooling) <= {f.name for f in fields(PoolSettings)}, "parameter pooling")
     _check(all(_is_number(value) and 0 <= value <= 1e6 for value in pooling.values()), "parameter pooling")

@@ -2,26 +2,22 @@
 
 from bisect import bisect_left
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from importlib.metadata import version
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 from simaps_viz.mapping.accumulator import MapAccumulator
-from simaps_viz.mapping.communities import component_communities
 from simaps_viz.mapping.config import BuildConfig
-from simaps_viz.mapping.evidence import pair_graphs
 from simaps_viz.mapping.frame_list import FrameList
-from simaps_viz.mapping.graph import class_graphs
-from simaps_viz.mapping.links import LinkTable
+from simaps_viz.mapping.method import Gathered
+from simaps_viz.mapping.methods import method_of
 from simaps_viz.mapping.observations import AllReadings
-from simaps_viz.mapping.partition import applied_steps, empty_log, instance_of_community
-from simaps_viz.mapping.pooling import partition_evidence
+from simaps_viz.mapping.partition import applied_steps, instance_of_community
 from simaps_viz.mapping.row_blocks import look_up
-from simaps_viz.mapping.simap import Origin, assemble, count_views, joining_threshold, partition_grid
-from simaps_viz.mapping.votes import vote_labels
+from simaps_viz.mapping.simap import Origin, assemble, count_views, joining_threshold
 from simaps_viz.structures import CellGraph, Grid, MergeLog, SIMap
 
 _NAMED = 20  # skipped frames that a map names; more are counted
@@ -74,19 +70,6 @@ def facts_from_json(values: Mapping[str, Any]) -> SequenceFacts:
     )
 
 
-@dataclass(frozen=True, eq=False)
-class Gathered:
-    """All of some frames that their map is made of. The tiles they were gathered in can go: nothing here needs them."""
-
-    grid: Grid
-    """By highest pixels."""
-    readings: AllReadings
-    frames: FrameList
-    links: LinkTable
-    origin_cell: tuple[int, int]
-    """(row, col), counted from the map's origin, of the grid's cell (0, 0)."""
-
-
 def gathered(accumulator: MapAccumulator) -> Gathered:
     """Return what was gathered so far, to be finished."""
     grid = accumulator.snapshot()
@@ -107,44 +90,50 @@ class Found:
     """For the map's provenance."""
 
 
-def empty_accumulator_of(
-    labels: tuple[str, ...], is_thing: tuple[bool, ...], config: BuildConfig, *, links: bool, steps: bool = False
+class HasClasses(Protocol):
+    """Anything that knows the classes of a sequence: `SequenceFacts`, a `FrameSource`, a worker's job."""
+
+    @property
+    def labels(self) -> tuple[str, ...]:
+        """Class names, index 0 is "none"."""
+        ...
+
+    @property
+    def is_thing(self) -> tuple[bool, ...]:
+        """Aligned with ``labels``."""
+        ...
+
+
+def empty_accumulator(
+    classes: HasClasses, config: BuildConfig, *, links: bool = False, steps: bool = False
 ) -> MapAccumulator:
-    """Return what frames are gathered in; links are counted for method paper, and where ``links`` asks for them."""
-    reach = -1 if config.literal else 2
-    counted = links or config.method == "paper"
-    return MapAccumulator(labels, is_thing, config.projection, reach_cells=reach, links=counted, steps=steps)
+    """Make the accumulator that frames are gathered in.
+
+    Args:
+        classes: of the sequence.
+        config: how the map is built.
+        links: count links even if the method does without; an observer may want them.
+        steps: keep what each frame added, for a build log.
+    """
+    return MapAccumulator(
+        classes.labels, classes.is_thing, config.projection, reach_cells=-1 if config.literal else 2,
+        links=links or method_of(config.method).counts_links, steps=steps,
+    )  # fmt: skip
 
 
 def partition(seen: Gathered, config: BuildConfig) -> Found:
     """Name the cells of what was gathered, and find its communities and how they merge."""
-    grid, readings = seen.grid, seen.readings
-    if config.method == "paper":
-        graphs = graphs_so_far(grid, seen.links, seen.origin_cell)
-        community, log = partition_grid(grid, graphs, resolution=config.resolution, seed=config.seed)
-        return Found(grid, graphs, community, log, readings, {})
-    label, disagreement = vote_labels(grid, readings, config.votes)
-    grid = replace(grid, label=label)
-    notes = {"disagreement": round(disagreement, 6)}
-    if config.method == "components":
-        return Found(grid, (), component_communities(grid), empty_log(), readings, notes)
-    graphs = pair_graphs(grid, readings, config.evidence)
-    community, log = partition_evidence(
-        grid, graphs, resolution=config.resolution, seed=config.seed, settings=config.pooling
-    )
-    return Found(grid, graphs, community, log, readings, notes)
+    method = method_of(config.method)
+    grid, notes = method.label_cells(seen.grid, seen.readings, config)
+    graphs = method.graphs(grid, seen, config)
+    community, log = method.communities(grid, graphs, config.parameters())
+    return Found(grid, graphs, community, log, seen.readings, notes)
 
 
 def objects_of(found: Found, config: BuildConfig) -> NDArray:
     """Join communities as the configuration says; int32 [rows, cols], 0 = none, specks are kept."""
     applied = applied_steps(found.log, joining_threshold(config.method, config.parameters()))
     return look_up(instance_of_community(found.log, applied, int(found.community.max(initial=0))), found.community)
-
-
-def graphs_so_far(grid: Grid, links: LinkTable, origin_cell: tuple[int, int]) -> tuple[CellGraph, ...]:
-    """Return the cell graph of each thing class of a map by highest pixels, from the links of its cells."""
-    edges, labels, counts = links.entries()
-    return class_graphs(grid, edges - np.tile(np.array(origin_cell), 2), labels, counts)
 
 
 def map_of(found: Found, frames: FrameList, facts: SequenceFacts, config: BuildConfig) -> SIMap:

@@ -63,6 +63,26 @@ def weighted(grid: Grid, label: int, cells: NDArray, edges: NDArray, counts: NDA
     )
 
 
+def affine(label: int, cells: NDArray, edges: NDArray, same: NDArray, different: NDArray) -> CellGraph:
+    """Make one class's graph from its evidence.
+
+    Args:
+        label: the class.
+        cells: int [n], row * cols + col, ascending.
+        edges: int32 [m, 2], places in ``cells``.
+        same: int [m], how often the two cells were seen in one segment.
+        different: int [m], in two segments.
+    """
+    return CellGraph(
+        label=label,
+        cells=cells.astype(np.int64, copy=False),
+        edges=edges,
+        counts=same,
+        different=different,
+        seen=None,
+    )
+
+
 def to_networkx(simap: SIMap, label: str) -> nx.Graph:
     """Return the graph of a class to hold.
 

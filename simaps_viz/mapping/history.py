@@ -17,8 +17,9 @@ from simaps_viz.errors import InputError
 from simaps_viz.io.limits import MAX_HISTORY_BYTES, check_cells
 from simaps_viz.mapping.accumulator import MapAccumulator
 from simaps_viz.mapping.config import BuildConfig, config_from_json
-from simaps_viz.mapping.finalize import SequenceFacts, empty_accumulator_of, facts_from_json, map_so_far
+from simaps_viz.mapping.finalize import SequenceFacts, empty_accumulator, facts_from_json, map_so_far
 from simaps_viz.mapping.frame_list import FrameList
+from simaps_viz.mapping.methods import method_of
 from simaps_viz.mapping.observations import AllReadings, Readings, StreamedReadings, gather_readings
 from simaps_viz.mapping.partition import empty_log
 from simaps_viz.mapping.simap import assemble, origin_of
@@ -229,7 +230,7 @@ class MapHistory:
         with self._lock:
             state = self._state_after(frame)
             grid = _on(finished.grid, state)
-            if self.config.method != "paper":
+            if method_of(self.config.method).votes:
                 label, _ = vote_labels(grid, self._readings_until(frame, state, finished.grid), self.config.votes)
                 grid = replace(grid, label=label)
         # instances of the finished map where the cell already has its final class
@@ -250,7 +251,7 @@ class MapHistory:
             raise InputError(f"history: expected a frame from 0 to {len(self._steps) - 1}, found {frame}")
 
     def _empty(self) -> MapAccumulator:
-        empty = empty_accumulator_of(self.facts.labels, self.facts.is_thing, self.config, links=False)
+        empty = empty_accumulator(self.facts, self.config)
         empty.frames = KeptFrames(self._steps)
         return empty
 

@@ -19,7 +19,8 @@ from simaps_viz.mapping.edit_log import (
 )
 from simaps_viz.mapping.edits import Edit, Point, delete, describe_by_class, describe_by_number, merge, relabel, split
 from simaps_viz.mapping.file import load_map
-from simaps_viz.mapping.simap import JOINING, recommunity, repartition
+from simaps_viz.mapping.methods import method_of
+from simaps_viz.mapping.simap import recommunity, repartition
 from simaps_viz.structures import SIMap
 
 
@@ -183,11 +184,11 @@ class Mending:
 
     def _base_of(self, simap: SIMap) -> SIMap:
         """Return the map without edits, for the parameters of the one that is shown."""
-        joining = JOINING.get(self.original.method)
-        if joining is None:
+        slider = method_of(self.original.method).slider
+        if slider is None:
             return self.original
         wanted = simap.parameters
-        return self._base_at(wanted.get("resolution"), {joining: float(wanted[joining])})
+        return self._base_at(wanted.get("resolution"), {slider.parameter: float(wanted[slider.parameter])})
 
     def _base_at(self, resolution: float | None, joining: Mapping[str, float | None]) -> SIMap:
         """Return the map without edits; Louvain runs again only for a resolution that was not asked for last."""

@@ -9,11 +9,11 @@ from numba import njit
 from numpy.typing import NDArray
 
 from simaps_viz.errors import InputError
-from simaps_viz.mapping.communities import find_communities
-from simaps_viz.mapping.merge import merge_steps
+from simaps_viz.mapping.method import Slider
+from simaps_viz.mapping.methods import method_of
 from simaps_viz.mapping.observations import AllReadings, Readings
+from simaps_viz.mapping.paper import K_PERCENT
 from simaps_viz.mapping.partition import applied_steps, describe_instances, group_views, instance_of_community
-from simaps_viz.mapping.pooling import PoolSettings, partition_evidence
 from simaps_viz.mapping.row_blocks import count_ids, look_up
 from simaps_viz.structures import CellGraph, Grid, MergeLog, SIMap, Views
 
@@ -30,55 +30,27 @@ class Origin:
     T_map_camera: NDArray
 
 
-JOINING = {"paper": "k_percent", "evidence": "affinity"}
-"""The parameter that says how far down a method's merge log is followed; other methods have no log."""
-_PERCENT = {"k_percent": 1.0, "affinity": 100.0}
-"""The slider that sets it stands at so many times the parameter."""
-
-
 def joining_threshold(method: str, parameters: Mapping[str, Any]) -> float:
     """Return the score that a step of the merge log must exceed: K / 100, or the affinity; infinite without a log."""
-    name = JOINING.get(method)
-    if name is None:
-        return float("inf")
-    return float(parameters[name]) / (100.0 if name == "k_percent" else 1.0)
+    slider = method_of(method).slider
+    return slider.threshold(parameters[slider.parameter]) if slider is not None else float("inf")
 
 
 def joining_percent(simap: SIMap) -> float:
-    """Return where the slider stands for a map, 0 to 100: K, or 100 x the affinity; 0 for a map that has neither."""
-    name = JOINING.get(simap.method, "k_percent")
-    return round(_PERCENT[name] * float(simap.parameters.get(name, 0.0)), 6)
+    """Return the slider's position for a map, 0 to 100: K, or 100 x the affinity; 0 for a map that has neither."""
+    slider = slider_of(simap)
+    return slider.percent(simap.parameters.get(slider.parameter, 0.0))
 
 
 def joining_at(simap: SIMap, percent: float) -> dict[str, float]:
-    """Return what the slider's place means for a map, for `repartition` and `recommunity`: K, or percent / 100."""
-    name = JOINING.get(simap.method, "k_percent")
-    return {name: percent / _PERCENT[name]}
+    """Return the parameter that a position of the slider sets, as `repartition` and `recommunity` take it."""
+    slider = slider_of(simap)
+    return {slider.parameter: slider.value(percent)}
 
 
-def partition_grid(
-    grid: Grid, graphs: Sequence[CellGraph], *, resolution: float, seed: int
-) -> tuple[NDArray, MergeLog]:
-    """Run Louvain and the K % rule on every class.
-
-    Returns:
-        community int32 [rows, cols], numbered from 1 over the whole map, 0 = none; and the log down to K = 0.
-    """
-    community = np.zeros(grid.spec.rows * grid.spec.cols, dtype=np.int32)
-    steps: list[tuple[int, int, int, float]] = []
-    first = 1
-    for graph in graphs:
-        found = find_communities(graph, resolution=resolution, seed=seed)
-        community[graph.cells] = found + first
-        steps += [(graph.label, s + first, t + first, share) for s, t, share in merge_steps(found, graph.edges)]
-        first += int(found.max()) + 1 if len(found) else 0
-    log = MergeLog(
-        label=np.array([s[0] for s in steps], dtype=np.int16),
-        source=np.array([s[1] for s in steps], dtype=np.int32),
-        target=np.array([s[2] for s in steps], dtype=np.int32),
-        score=np.array([s[3] for s in steps], dtype=np.float32),
-    )
-    return community.reshape(grid.spec.shape), log
+def slider_of(simap: SIMap) -> Slider:
+    """Return the slider of a map's method; that of K for a method without one, whose page hides it."""
+    return method_of(simap.method).slider or K_PERCENT
 
 
 def count_views(grid: Grid, community: NDArray, seen: AllReadings) -> Views:
@@ -176,39 +148,25 @@ def recommunity(
     if not resolution > 0.0:
         raise InputError(f"resolution: expected a number above 0, found {resolution:g}")
     parameters = {**_joined(simap, k_percent, affinity), "resolution": float(resolution)}
-    seed = int(simap.parameters.get("seed", 0))
-    if simap.method == "evidence":
-        believed = PoolSettings(**simap.parameters.get("pooling", {}))
-        community, log = partition_evidence(
-            simap.grid, simap.graphs, resolution=resolution, seed=seed, settings=believed
-        )
-    else:
-        community, log = partition_grid(simap.grid, simap.graphs, resolution=resolution, seed=seed)
+    community, log = method_of(simap.method).communities(simap.grid, simap.graphs, parameters)
     origin = replace(origin_of(simap), parameters=parameters)
     return assemble(simap.grid, simap.graphs, community, log, _share_views(simap, community), origin)
 
 
 def _joined(simap: SIMap, k_percent: float | None, affinity: float | None) -> dict[str, Any]:
     """Return the map's parameters with another K or affinity, checked."""
-    name = JOINING.get(simap.method)
+    slider = method_of(simap.method).slider
+    name = slider.parameter if slider is not None else None
     given = {"k_percent": k_percent, "affinity": affinity}
     wrong = [other for other, value in given.items() if value is not None and other != name]
-    if name is None or wrong:
+    if slider is None or wrong:
         has = f"{name} only" if name else "neither k_percent nor affinity, and no communities to find anew"
         raise InputError(f"method {simap.method}: expected a map that has {(wrong or ['a merge log'])[0]}, found {has}")
-    value = given[name]
+    value = given.get(slider.parameter)
     if value is None:
         return dict(simap.parameters)
-    check_joining(name, value)
-    return {**simap.parameters, name: float(value)}
-
-
-def check_joining(name: str, value: float) -> None:
-    """Raise InputError unless K lies in 0 to 100, or the affinity in 0 to 1."""
-    if name == "k_percent" and not 0.0 <= value <= 100.0:
-        raise InputError(f"K: expected a percentage from 0 to 100, found {value:g}")
-    if name == "affinity" and not 0.0 <= value <= 1.0:
-        raise InputError(f"affinity: expected a share from 0 to 1, found {value:g}")
+    slider.check(value)
+    return {**simap.parameters, slider.parameter: float(value)}
 
 
 def _share_views(simap: SIMap, community: NDArray) -> Views:

@@ -10,11 +10,11 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from simaps_viz.mapping.communities import find_chunks, find_communities
 from simaps_viz.mapping.explain import seen_together
+from simaps_viz.mapping.methods import method_of
 from simaps_viz.mapping.partition import applied_steps, empty_log, instance_of_community
 from simaps_viz.mapping.row_blocks import look_up
-from simaps_viz.mapping.simap import JOINING, joining_threshold
+from simaps_viz.mapping.simap import joining_threshold, slider_of
 from simaps_viz.structures import SIMap
 
 MAX_LEVELS = 12
@@ -113,9 +113,7 @@ class Timeline:
         name, share = self.simap.grid.labels[int(log.label[at])], 100.0 * float(log.score[at])
         seen = seen_together(self.simap, np.flatnonzero(before == source), np.flatnonzero(before == target))
         frames = f"; of {len(seen)} frames that saw both, {len(seen.as_one)} saw one object" if len(seen) else ""
-        reason = f"{share:.0f} % of what was seen of both says they are one"
-        if self.simap.method == "paper":
-            reason = f"{share:.0f} % of the cells of the first neighbour the second"
+        reason = slider_of(self.simap).reason.format(share)
         return f"{name}, parts {source} and {target} joined: {reason}{frames}"
 
     def _levels(self) -> list[SIMap]:
@@ -137,7 +135,7 @@ class _Levels:
 def _levels_of(simap: SIMap) -> list[SIMap]:
     """Run Louvain again, with one level more each time, until nothing changes; none where the map has no graphs."""
     found: list[SIMap] = []
-    if not simap.graphs or simap.method not in JOINING or not any(len(graph.edges) for graph in simap.graphs):
+    if method_of(simap.method).slider is None or not any(len(graph.edges) for graph in simap.graphs):
         return found
     before = -1
     for level in range(1, MAX_LEVELS + 1):
@@ -152,11 +150,7 @@ def _levels_of(simap: SIMap) -> list[SIMap]:
 
 def _level(simap: SIMap, level: int) -> NDArray:
     """Return the communities after so many levels, int32 [rows, cols], numbered from 1, 0 = none."""
-    resolution, seed = float(simap.parameters.get("resolution", 1.0)), int(simap.parameters.get("seed", 0))
-    if simap.method == "evidence":
-        parts = find_chunks(simap.graphs, simap.spec, resolution=resolution, seed=seed, levels=level)
-    else:
-        parts = [find_communities(g, resolution=resolution, seed=seed, levels=level) for g in simap.graphs]
+    parts = method_of(simap.method).level(simap.graphs, simap.spec, simap.parameters, level)
     community, first = np.zeros(simap.spec.rows * simap.spec.cols, dtype=np.int32), 1
     for graph, part in zip(simap.graphs, parts, strict=True):
         community[graph.cells] = part + first

@@ -6,6 +6,7 @@ from numpy.typing import NDArray
 
 from simaps_viz.colors.instances import instance_colors, take_over
 from simaps_viz.events import CommunitiesFound, MergesFound
+from simaps_viz.mapping.methods import method_of
 from simaps_viz.mapping.timeline import Timeline
 from simaps_viz.recorder.map_log import MapLog
 from simaps_viz.recorder.map_pictures import Merging, cell_centres, merge_order, on_picture, shown_steps
@@ -129,15 +130,13 @@ def _mark(places: _Places, source: NDArray, target: NDArray) -> rr.LineStrips2D:
 def _chosen(simap: SIMap | None) -> str:
     if simap is None:
         return ""
-    k, affinity = simap.parameters.get("k_percent"), simap.parameters.get("affinity")
-    if simap.method == "paper" and isinstance(k, int | float):
-        return f" at K = {k:g} %"
-    return f" at affinity {affinity:g}" if isinstance(affinity, int | float) else ""
+    slider = method_of(simap.method).slider
+    value = simap.parameters.get(slider.parameter) if slider is not None else None
+    return f" at {slider.setting.format(value)}" if slider is not None and isinstance(value, int | float) else ""
 
 
 def _score(score: float, simap: SIMap | None) -> str:
-    if simap is not None and simap.method == "paper":
-        return f"{100 * score:.0f} % of its cells neighbour it"
-    if simap is not None and simap.method == "evidence":
-        return f"{100 * score:.0f} % of what was seen of both says they are one"
+    slider = method_of(simap.method).slider if simap is not None else None
+    if slider is not None:
+        return slider.reason.format(100 * score)
     return f"score {score:.2f}"

@@ -19,7 +19,8 @@ from simaps_viz.drawing.texture import ColorMode, MapPicture
 from simaps_viz.drawing.theme import Theme
 from simaps_viz.errors import SIMapsError
 from simaps_viz.mapping.edit_log import edits_of
-from simaps_viz.mapping.simap import JOINING, joining_percent
+from simaps_viz.mapping.methods import method_of
+from simaps_viz.mapping.simap import joining_percent
 from simaps_viz.structures import Instance, Pose2, SIMap
 from simaps_viz.viewer.layout import Parts, lay_out
 from simaps_viz.viewer.page.shared import Common, paint, png
@@ -364,10 +365,12 @@ class Session:
     def _cut_as_published(self, simap: SIMap) -> SIMap:
         """Cut a map as the published one is, so that what one person cuts does not become everybody's."""
         published = self.common.published()
-        joining = JOINING.get(simap.method)
-        if joining is None or simap.method != published.method or simap.spec != published.spec:
+        slider = method_of(simap.method).slider
+        if slider is None or simap.method != published.method or simap.spec != published.spec:
             return simap
-        if all(simap.parameters.get(name) == published.parameters.get(name) for name in (joining, "resolution")):
+        if all(
+            simap.parameters.get(name) == published.parameters.get(name) for name in (slider.parameter, "resolution")
+        ):
             return simap
         resolution = float(published.parameters.get("resolution", DEFAULT_RESOLUTION))
         return self.common.shared.partition(simap, joining_percent(published), resolution)

@@ -1,17 +1,23 @@
 """Methods by name: what each name means, and that unknown ones are refused."""
 
 from dataclasses import replace
-from typing import get_args
 
 import numpy as np
 import pytest
 from sequences import write_tiny_sequence
 
-from simaps_viz.build.methods import BASELINES, METHODS, VARIANTS, build, config_of, keeps_log
-from simaps_viz.build.pipeline import BuildConfig, Method, build_map
+from simaps_viz import load_map, save_map
+from simaps_viz.baselines.vlmaps import BASELINES
+from simaps_viz.build.methods import VARIANTS, build, config_of, keeps_log
+from simaps_viz.build.names import METHODS
+from simaps_viz.build.pipeline import BuildConfig, build_map
 from simaps_viz.datasets.open import open_sequence
 from simaps_viz.errors import InputError
+from simaps_viz.mapping import methods
 from simaps_viz.mapping.accumulator import ProjectionSettings
+from simaps_viz.mapping.method import Method
+from simaps_viz.mapping.partition import empty_log
+from simaps_viz.mapping.simap import joining_percent, repartition
 from simaps_viz.mapping.votes import VoteSettings
 
 CONFIG = BuildConfig(
@@ -38,7 +44,7 @@ def tiny(tmp_path_factory):
 )
 def test_a_name_changes_what_it_says_and_nothing_else(tiny, name, changes):
     config = replace(CONFIG, **changes)
-    assert VARIANTS[name](CONFIG) == config
+    assert config_of(name, CONFIG) == config
     simap, wanted = build(tiny, name, CONFIG), build_map(tiny, config)
     assert simap.method == config.method and simap.parameters == config.parameters() == wanted.parameters
     assert simap.parameters["min_cells"] == 2 and simap.parameters["far_m"] == 5.0
@@ -47,8 +53,8 @@ def test_a_name_changes_what_it_says_and_nothing_else(tiny, name, changes):
 
 def test_every_variant_was_tried_above():
     marks = test_a_name_changes_what_it_says_and_nothing_else.pytestmark
-    assert [case[0] for case in marks[0].args[1]] == list(VARIANTS)
-    assert set(METHODS) - set(VARIANTS) == {"vlmaps", "vlmaps+components"}
+    assert {case[0] for case in marks[0].args[1]} == {*methods.METHODS, *VARIANTS}
+    assert set(METHODS) - set(methods.METHODS) == {"vlmaps", "vlmaps+components"}
 
 
 @pytest.mark.parametrize(
@@ -75,9 +81,9 @@ def test_every_method_gives_a_map_that_bears_its_name(tiny, method):
 
 
 def test_a_method_keeps_a_log_unless_it_is_a_baseline():
-    assert [name for name in METHODS if keeps_log(name)] == list(get_args(Method))
+    assert [name for name in METHODS if keeps_log(name)] == list(methods.METHODS)
     assert all(map(keeps_log, VARIANTS)) and not any(map(keeps_log, BASELINES)) and not keeps_log("louvain")
-    assert set(METHODS) == {*get_args(Method), *BASELINES} and METHODS[0] == "evidence"
+    assert set(METHODS) == {*methods.METHODS, *BASELINES} and METHODS[0] == "evidence"
     assert config_of("paper-k9", CONFIG) == replace(CONFIG, method="paper", k_percent=9.0)
     assert all(config_of(name, CONFIG) is CONFIG for name in BASELINES)
 
@@ -101,3 +107,31 @@ def test_an_unknown_method_is_refused_and_the_known_are_listed(tiny, name):
 def test_a_senseless_affinity_is_refused(affinity):
     with pytest.raises(InputError, match="affinity: expected a share from 0 to 1"):
         BuildConfig(affinity=affinity)
+
+
+class EveryClass(Method):
+    """All cells of a thing class are one instance."""
+
+    votes = False
+
+    def communities(self, grid, graphs, parameters):
+        things = np.array(grid.is_thing)[grid.label] & (grid.label > 0)
+        return np.where(things, grid.label, 0).astype(np.int32), empty_log()
+
+
+EVERY_CLASS = EveryClass("every-class")
+
+
+def test_a_new_method_is_one_object_and_one_line_of_the_registry(tiny, monkeypatch, tmp_path):
+    with pytest.raises(InputError, match="method: expected one of evidence, components, paper, found 'every-class'"):
+        BuildConfig(method="every-class")
+    monkeypatch.setitem(methods.METHODS, "every-class", f"{__name__}:EVERY_CLASS")
+    simap = build_map(tiny, BuildConfig(method="every-class"), log=tmp_path / "log")
+    assert simap.method == "every-class" and simap.counts() == {"chair": 1}
+    assert simap.instances[0].cells == sum(one.cells for one in build_map(tiny).instances) == 32
+    assert keeps_log("every-class") and not {"votes", "resolution", "k_percent"} & set(simap.parameters)
+    # What is asked of every map works for its maps too: its slider, its file, its refusals.
+    save_map(simap, tmp_path / "map.npz")
+    assert load_map(tmp_path / "map.npz").instances == simap.instances and joining_percent(simap) == 0.0
+    with pytest.raises(InputError, match="method every-class: expected a map that has k_percent"):
+        repartition(simap, k_percent=5.0)

@@ -8,8 +8,7 @@ from typing import get_args
 
 import pytest
 
-from simaps_viz.build.methods import METHODS
-from simaps_viz.build.names import METHODS as METHOD_NAMES
+from simaps_viz.build.names import METHODS
 from simaps_viz.cli import COMMANDS, NO
 from simaps_viz.cli.demo import Level
 from simaps_viz.cli.main import load, main

@@ -5,7 +5,7 @@ import pytest
 from drawn_readings import LABELS, drawn_grid, grid_of, random_readings
 from evidence_twins import blocks, plain_patches
 
-from simaps_viz.mapping.communities import component_communities
+from simaps_viz.mapping.components import component_communities
 
 
 @pytest.mark.parametrize("seed", range(8))

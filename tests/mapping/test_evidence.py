@@ -19,7 +19,8 @@ from evidence_twins import blocks, evidence_of, plain_gap, plain_pairs
 from random_frames import random_frames
 
 from simaps_viz.build.pipeline import BuildConfig, build_map
-from simaps_viz.mapping.evidence import EvidenceSettings, affine, pair_graphs, pair_steps
+from simaps_viz.mapping.evidence import EvidenceSettings, pair_graphs, pair_steps
+from simaps_viz.mapping.graph import affine
 from simaps_viz.structures import Segment, Segmentation, SIMap
 
 CLASSES = {"1": "chair", "2": "chair", "3": "chair", "t": "table", "_": "floor"}

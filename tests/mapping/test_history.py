@@ -9,7 +9,7 @@ from build_logs import keep_log
 from sequences import write_tiny_sequence
 
 from simaps_viz import build_map, open_sequence, save_map
-from simaps_viz.build.pipeline import BuildConfig, Method, facts_of, gather_frames
+from simaps_viz.build.pipeline import BuildConfig, facts_of, gather_frames
 from simaps_viz.build.to_file import BuildRequest, build_to_file, history_beside
 from simaps_viz.console.progress import stage_progress
 from simaps_viz.errors import InputError
@@ -41,7 +41,7 @@ def tiny(tmp_path_factory):
     return open_sequence(write_tiny_sequence(tmp_path_factory.mktemp("tiny"), frames=FRAMES))
 
 
-def kept(sequence, folder, method: Method = "evidence"):
+def kept(sequence, folder, method="evidence"):
     build_map(sequence, BuildConfig(method=method), log=folder / "log")
     keep_log(folder / "log", folder / "m.steps")
     return MapHistory.open(folder / "m.steps")

@@ -1,7 +1,6 @@
 """From evidence to communities and their log: exact partitions, prefixes of the log, independence, recommunity."""
 
 from dataclasses import replace
-from typing import get_args
 
 import numpy as np
 import pytest
@@ -9,14 +8,16 @@ from drawn_readings import evidence_map, grid_of, random_readings, readings_of
 from evidence_twins import blocks, plain_follow, plain_pool, plain_touching
 from sequences import write_tiny_sequence
 
-from simaps_viz.build.pipeline import BuildConfig, Method, build_map
+from simaps_viz.build.pipeline import BuildConfig, build_map
 from simaps_viz.datasets.open import open_sequence
 from simaps_viz.errors import InputError
 from simaps_viz.mapping.communities import find_chunks
-from simaps_viz.mapping.evidence import EvidenceSettings, affine, pair_graphs
+from simaps_viz.mapping.evidence import EvidenceSettings, pair_graphs
+from simaps_viz.mapping.graph import affine
+from simaps_viz.mapping.methods import METHODS
 from simaps_viz.mapping.observations import Readings
 from simaps_viz.mapping.pooling import PoolSettings, partition_evidence, touching_pairs
-from simaps_viz.mapping.simap import JOINING, joining_at, joining_percent, recommunity, repartition
+from simaps_viz.mapping.simap import joining_at, joining_percent, recommunity, repartition
 from simaps_viz.structures import Grid, GridSpec, SIMap
 
 
@@ -217,11 +218,11 @@ def test_what_a_method_does_not_have_is_refused(tiny, method, call, message):
 
 
 def test_where_the_slider_stands_is_what_it_sets(tiny):
-    maps = {name: build_map(tiny, BuildConfig(method=name, affinity=0.55, k_percent=7.5)) for name in get_args(Method)}
+    maps = {name: build_map(tiny, BuildConfig(method=name, affinity=0.55, k_percent=7.5)) for name in METHODS}
     assert {name: joining_percent(m) for name, m in maps.items()} == {"evidence": 55.0, "paper": 7.5, "components": 0.0}
     assert joining_at(maps["evidence"], 30.0) == {"affinity": 0.3}
     assert joining_at(maps["paper"], 30.0) == {"k_percent": 30.0}
-    for name, parameter in JOINING.items():
+    for name, parameter in (("paper", "k_percent"), ("evidence", "affinity")):
         set_by_hand = joining_at(maps[name], 12.5)
         moved = repartition(maps[name], **set_by_hand)
         assert joining_percent(moved) == 12.5 and moved.parameters[parameter] == set_by_hand[parameter]

@@ -27,12 +27,12 @@ from sequences import frame_name, write_tiny_sequence
 
 from simaps_viz import open_sequence, save_map
 from simaps_viz.build.build_log import BuildLog, frames_logged, log_beside
-from simaps_viz.build.pipeline import BuildCancelled, BuildConfig, build_map, empty_accumulator, facts_of
+from simaps_viz.build.pipeline import BuildCancelled, BuildConfig, build_map, facts_of
 from simaps_viz.build.workers import Reopen, check_versions, gather_shard, job_of, open_workers, reopening, steps_in
 from simaps_viz.cli.main import main
 from simaps_viz.errors import InputError
 from simaps_viz.events import FrameGathered, FrameSkipped
-from simaps_viz.mapping.finalize import empty_accumulator_of, map_so_far
+from simaps_viz.mapping.finalize import empty_accumulator, map_so_far
 
 FRAMES = 70
 METHODS = ("evidence", "paper")
@@ -130,7 +130,7 @@ def test_any_sharding_in_any_order_makes_the_map_of_one_process(tmp_path_factory
 
     merged = empty_accumulator(sequence, config)
     for part in parts:
-        alone = empty_accumulator_of(sequence.labels, sequence.is_thing, config, links=False)
+        alone = empty_accumulator(sequence, config)
         for step in part:
             alone.replay(step)
         merged.merge(alone)

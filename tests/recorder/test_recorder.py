@@ -184,7 +184,8 @@ def test_merge_timeline_ends_at_the_finished_map(recording: Any) -> None:
     assert (image(found, 1, np.uint16)[0] == [0] * 5 + [4, 4]).all()
     assert palette(found, 1)[4][1] == rgba(instance_color(4))
     text = rows(recording, "/now", timeline="merge")["text"][1][0]
-    assert text == "**Step 1 of 1**, taken at K = 5 %. chair: community 9 joins 4, 50 % of its cells neighbour it."
+    joined = "chair: community 9 joins 4, 50 % of the cells of the first neighbour the second."
+    assert text == f"**Step 1 of 1**, taken at K = 5 %. {joined}"
     mark = rows(recording, "/map/merge", timeline="merge")["strips"][0]
     assert np.allclose(mark[0], [[0.25, -1.25], [0.35, -1.25]], atol=1e-6)
     assert rows(recording, "/world/cells", timeline="merge", at=[1])["class_ids"][0] == [4, 4]

@@ -13,7 +13,8 @@ from simaps_viz.drawing.compare_picture import KINDS, Mode, TwoPictures
 from simaps_viz.errors import InputError
 from simaps_viz.evaluation.two_maps import Item, TwoMaps
 from simaps_viz.events import Progress
-from simaps_viz.mapping.simap import JOINING, joining_percent
+from simaps_viz.mapping.methods import method_of
+from simaps_viz.mapping.simap import joining_percent, slider_of
 from simaps_viz.structures import SIMap
 from simaps_viz.viewer.page.panel import Desk, Panel, PanelSpec
 from simaps_viz.viewer.page.worker import Worker
@@ -31,7 +32,7 @@ from simaps_viz.viewer.panels.compare_words import (
     of_kind,
     summary_html,
 )
-from simaps_viz.viewer.panels.map import DEFAULT_RESOLUTION, joining_words
+from simaps_viz.viewer.panels.map import DEFAULT_RESOLUTION
 from simaps_viz.viewer.scene.camera import Extent
 from simaps_viz.viewer.scene.map_scene import frame_extent
 
@@ -73,12 +74,12 @@ class SideChooser:
         """
         self._services, self._desk, self._changed = services, desk, changed
         self._keys = {THIS: "map"}
-        if services.rejoin is not None and desk.simap.method in JOINING:
+        if services.rejoin is not None and method_of(desk.simap.method).slider is not None:
             self._keys[SETTINGS] = "settings"
         self._keys |= {source.title: source.key for source in services.sources}
         at_first = next((title for title, key in self._keys.items() if key == first), THIS)
         self._files: dict[str, SIMap] = {}
-        joining = joining_words(desk.simap)
+        joining = slider_of(desk.simap)
         self._word = joining.word
         hint = f"Which map stands on the {name.lower()}."
         self._which = gui.add_dropdown(name, tuple(self._keys), initial_value=at_first, hint=hint)

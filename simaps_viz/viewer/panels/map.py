@@ -11,7 +11,8 @@ import viser
 from simaps_viz.drawing.legend import counts_text, legend_html
 from simaps_viz.drawing.texture import COLOR_MODES, ColorMode
 from simaps_viz.drawing.theme import BADGE_STYLE, LIGHT, Theme
-from simaps_viz.mapping.simap import JOINING, joining_percent
+from simaps_viz.mapping.methods import method_of
+from simaps_viz.mapping.simap import joining_percent, slider_of
 from simaps_viz.structures import SIMap
 from simaps_viz.viewer.scene.camera import SLANT, TOP
 
@@ -21,32 +22,6 @@ FINISH = "Show the finished map"
 MODE_HINT = "What a colour on the map means; the legend follows."
 LEGEND_STYLE = "border-block:1px solid rgba(128,128,128,.25);margin-bottom:.4em"
 """How long it is, `viser_page` says, by the page's height."""
-
-
-@dataclass(frozen=True)
-class JoiningWords:
-    """What the slider is called that decides which communities are one instance."""
-
-    title: str
-    word: str
-    hint: str
-
-
-JOINING_WORDS = {
-    "k_percent": JoiningWords(
-        "K (%)", "K", "A community joins another while more than K % of its cells neighbour it."
-    ),
-    "affinity": JoiningWords(
-        "Evidence (%)", "evidence",
-        "Two parts are one object while more than this share of what the frames saw of both says so.",
-    ),
-}  # fmt: skip
-"""By the parameter it sets, see `JOINING`."""
-
-
-def joining_words(simap: SIMap) -> JoiningWords:
-    """The words for the slider of a map; those of K where it has none, as a slider out of sight has words too."""
-    return JOINING_WORDS[JOINING.get(simap.method, "k_percent")]
 
 
 @dataclass(frozen=True)
@@ -79,7 +54,7 @@ class MapPanel:
             with_resolution: whether communities can be found anew.
         """
         self._actions, self._with_k, self._with_resolution = actions, with_k, with_resolution
-        joining = joining_words(simap)
+        joining = slider_of(simap)
         self._k0 = joining_percent(simap)
         self._resolution0 = float(simap.parameters.get("resolution", DEFAULT_RESOLUTION))
         self._origin = gui.add_html(origin_html(simap))
@@ -150,7 +125,7 @@ class MapPanel:
 
     def come_from(self, base: SIMap) -> None:
         """Another map is the one that the sliders cut: set them to how it was cut."""
-        joining = joining_words(base)
+        joining = slider_of(base)
         self._k0 = joining_percent(base)
         self._resolution0 = float(base.parameters.get("resolution", DEFAULT_RESOLUTION))
         self._origin.content = origin_html(base)
@@ -247,4 +222,5 @@ def _line(text: str) -> str:
 
 def joins(simap: SIMap) -> bool:
     """Return whether the map has a merge log that a slider can follow."""
-    return JOINING.get(simap.method) in simap.parameters
+    slider = method_of(simap.method).slider
+    return slider is not None and slider.parameter in simap.parameters

@@ -27,6 +27,7 @@ from simaps_viz.mapping.explain import (
     score_text,
     summary,
 )
+from simaps_viz.mapping.methods import method_of
 from simaps_viz.structures import Instance, SIMap
 from simaps_viz.viewer.scene.why_marks import (
     CUT,
@@ -62,7 +63,7 @@ def summary_html(why: Why, *, by_hand: bool = False) -> str:
 def sureness_legend(why: Why) -> str:
     """Explain the colours of `sureness_colors`."""
     low, high = sureness_range(why)
-    if why.method == "paper":
+    if method_of(why.method).weights_per_frame:
         meaning, ends = "mean weight of a cell's edges inside (pixel pairs per frame)", (f"{low:g}", f"{high:.1f}")
     else:
         meaning, ends = "share of sightings with the rest that say one object", (f"{low:g} and less", f"{high:g}")
@@ -87,8 +88,9 @@ def lines_legend(why: Why) -> str:
             f"<div>{_stroke(CUT)}weakest joint: {score}, needed: above {needed_text(why.method, why.threshold)}</div>"
         )
     if drawn_links(why):
-        number = {"paper": "share of cells that neighbour the other", "evidence": "evidence that both are one"}
-        parts.append(f"<div>{_stroke(LINK)}neighbours, with {number.get(why.method, 'their distance')}</div>")
+        slider = method_of(why.method).slider
+        number = slider.number if slider is not None else "their distance"
+        parts.append(f"<div>{_stroke(LINK)}neighbours, with {number}</div>")
     return f'<div style="{SMALL_STYLE}">{"".join(parts)}</div>' if parts else ""
 
 

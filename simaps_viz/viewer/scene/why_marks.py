@@ -12,7 +12,7 @@ from simaps_viz.drawing.label_layout import Box, Label, boxes_near
 from simaps_viz.drawing.legend import short_name
 from simaps_viz.drawing.texture import outline_segments
 from simaps_viz.mapping.explain import Joint, Link, Why, score_text
-from simaps_viz.mapping.simap import JOINING
+from simaps_viz.mapping.methods import method_of
 from simaps_viz.structures import Instance, SIMap
 from simaps_viz.viewer.scene.annotations import LabelLayer, draw_lines, line_share
 
@@ -48,7 +48,7 @@ ABOVE_OUTLINES_M = 0.01
 
 def sureness_range(why: Why) -> tuple[float, float]:
     """Return what the two ends of the colour scale mean."""
-    if why.method != "paper":
+    if not method_of(why.method).weights_per_frame:
         return LOW_EVIDENCE, 1.0
     known = why.sureness[~np.isnan(why.sureness)]
     return 0.0, float(known.max(initial=0.0)) or 1.0
@@ -117,7 +117,7 @@ def link_lines(links: Sequence[Link], z_m: float = FLOOR_M) -> NDArray:
 
 def link_text(method: str, link: Link) -> str:
     """Say the number that stands at a link."""
-    return score_text(method, link.score) if method in JOINING else f"{link.distance_m:.2f} m"
+    return score_text(method, link.score) if method_of(method).slider is not None else f"{link.distance_m:.2f} m"
 
 
 @dataclass(frozen=True, eq=False)

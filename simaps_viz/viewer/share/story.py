@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from simaps_viz.colors.classes import plural
 from simaps_viz.drawing.frame_pictures import communities_unseen_until, owner_of_community
 from simaps_viz.errors import CommandError
-from simaps_viz.mapping.simap import JOINING
+from simaps_viz.mapping.methods import method_of
 from simaps_viz.navigation.agent import Answer, StepEvent, outcome_text
 from simaps_viz.navigation.trajectory import Trajectory, poses_along, ride_of_steps, trajectory
 from simaps_viz.structures import Pose2, SIMap
@@ -117,12 +117,11 @@ def is_simulated(simap: SIMap) -> bool:
 
 
 def origin_text(simap: SIMap) -> str:
-    """Describe how the map was made: method and its parameter, frames, cell size, masks."""
-    joining = JOINING.get(simap.method)
+    """Describe how the map was made: method with its parameter, frames, cell size, masks."""
+    slider = method_of(simap.method).slider
     method = f"method {simap.method}"
-    if joining is not None and joining in simap.parameters:
-        words = {"affinity": "affinity {:g}", "k_percent": "K = {:g} %"}[joining]
-        method += ", " + words.format(float(simap.parameters[joining]))
+    if slider is not None and slider.parameter in simap.parameters:
+        method += ", " + slider.setting.format(float(simap.parameters[slider.parameter]))
     masks = simap.provenance.get("segmentation", "unknown")
     frames = plural(len(simap.frame_names), "frame")
     return f"{method} · {frames} · cells of {simap.spec.cell_size_m * 100:g} cm · masks: {masks}"

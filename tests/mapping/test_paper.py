@@ -6,7 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from mapping_twins import plain_merge_steps
 
-from simaps_viz.mapping.merge import merge_steps
+from simaps_viz.mapping.paper import merge_steps
 from simaps_viz.mapping.partition import applied_steps, instance_of_community
 from simaps_viz.structures import MergeLog
 

@@ -1,10 +1,108 @@
-"""The K % rule: which communities of one class join, in which order. One run gives the answer for every K."""
+"""Method paper: the graph of cells seen in one segment, Louvain communities, and merging by the K % rule.
+
+"Instance-Level Semantic Maps for Vision Language Navigation" (Nanwani et al., 2023). Community C1 merges into C2 while
+more than K % of C1's cells neighbour C2. One run of the rule, down to K = 0, answers every K.
+"""
 
 import heapq
 from collections import defaultdict
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
+
+from simaps_viz.mapping.communities import find_communities
+from simaps_viz.mapping.graph import class_graphs
+from simaps_viz.mapping.method import Gathered, Method, Slider
+from simaps_viz.structures import CellGraph, Grid, GridSpec, MergeLog
+
+if TYPE_CHECKING:
+    from simaps_viz.mapping.config import BuildConfig
+
+K_PERCENT = Slider(
+    parameter="k_percent", full=100.0, name="K", unit="a percentage", setting="K = {:g} %", title="K (%)", word="K",
+    hint="A community joins another while more than K % of its cells neighbour it.",
+    reason="{:.0f} % of the cells of the first neighbour the second",
+    number="share of cells that neighbour the other",
+)  # fmt: skip
+
+
+class Paper(Method):
+    """The paper's method."""
+
+    slider = K_PERCENT
+    votes = False
+    counts_links = True
+    weights_per_frame = True
+
+    def parameters(self, config: "BuildConfig") -> dict[str, Any]:
+        """Return K, Louvain's settings, and whether the literal reading is meant."""
+        return super().parameters(config) | {"literal": config.literal}
+
+    def graphs(self, grid: Grid, seen: Gathered, config: "BuildConfig") -> tuple[CellGraph, ...]:
+        """Make the graphs from the links between cells, whose classes are those of the highest pixels."""
+        del config
+        edges, labels, counts = seen.links.entries()
+        return class_graphs(grid, edges - np.tile(np.array(seen.origin_cell), 2), labels, counts)
+
+    def communities(
+        self, grid: Grid, graphs: Sequence[CellGraph], parameters: Mapping[str, Any]
+    ) -> tuple[NDArray, MergeLog]:
+        """Run Louvain and the K % rule on every class."""
+        return partition_grid(
+            grid, graphs, resolution=parameters["resolution"], seed=int(parameters.get("seed", 0))
+        )  # fmt: skip
+
+    def level(
+        self, graphs: Sequence[CellGraph], spec: GridSpec, parameters: Mapping[str, Any], levels: int
+    ) -> list[NDArray]:
+        """Run Louvain on every class."""
+        del spec
+        resolution, seed = float(parameters.get("resolution", 1.0)), int(parameters.get("seed", 0))
+        return [find_communities(graph, resolution=resolution, seed=seed, levels=levels) for graph in graphs]
+
+    def score(self, parameters: Mapping[str, Any], same: int, different: int, *, touching: bool, share: float) -> float:
+        """Return the share of neighbouring cells."""
+        del parameters, same, different, touching
+        return share
+
+    def score_text(self, score: float) -> str:
+        """Write a score as a percentage of cells."""
+        return f"{100.0 * score:.1f} %"
+
+    def needed_text(self, threshold: float) -> str:
+        """Write the threshold as K."""
+        return f"K = {100.0 * threshold:g} %"
+
+
+PAPER = Paper("paper")
+
+
+def partition_grid(
+    grid: Grid, graphs: Sequence[CellGraph], *, resolution: float, seed: int
+) -> tuple[NDArray, MergeLog]:
+    """Run Louvain and the K % rule on every class.
+
+    Returns:
+        community int32 [rows, cols], numbered from 1 over the whole map, 0 = none; and the log down to K = 0.
+    """
+    community = np.zeros(grid.spec.rows * grid.spec.cols, dtype=np.int32)
+    steps: list[tuple[int, int, int, float]] = []
+    first = 1
+    for graph in graphs:
+        found = find_communities(graph, resolution=resolution, seed=seed)
+        community[graph.cells] = found + first
+        steps += [(graph.label, s + first, t + first, share) for s, t, share in merge_steps(found, graph.edges)]
+        first += int(found.max()) + 1 if len(found) else 0
+    log = MergeLog(
+        label=np.array([s[0] for s in steps], dtype=np.int16),
+        source=np.array([s[1] for s in steps], dtype=np.int32),
+        target=np.array([s[2] for s in steps], dtype=np.int32),
+        score=np.array([s[3] for s in steps], dtype=np.float32),
+    )
+    return community.reshape(grid.spec.shape), log
+
 
 Step = tuple[int, int, float]
 """(source, target, share): the source ends and its cells belong to the target."""
