@@ -8,12 +8,14 @@ from typing import get_args
 
 import pytest
 
+from simaps_viz.baselines.vlmaps import BASELINES
 from simaps_viz.build.names import METHODS
 from simaps_viz.cli import COMMANDS, NO
 from simaps_viz.cli.demo import Level
 from simaps_viz.cli.main import load, main
 from simaps_viz.exports import FormatName
 from simaps_viz.exports.formats import EXPORTERS
+from simaps_viz.mapping import methods
 from simaps_viz.scenes.simulated_errors import LEVELS
 
 HEAVY = ("numba", "scipy", "viser", "rerun", "networkx", "onnxruntime", "cv2", "trimesh")
@@ -100,4 +102,5 @@ def test_an_underscore_is_as_good_as_a_hyphen(capsys):
 
 
 def test_the_names_that_options_offer_are_those_there_are():
-    assert METHOD_NAMES == METHODS and get_args(FormatName) == tuple(EXPORTERS) and get_args(Level) == tuple(LEVELS)
+    assert set(METHODS) == {*methods.METHODS, *BASELINES}
+    assert get_args(FormatName) == tuple(EXPORTERS) and get_args(Level) == tuple(LEVELS)
