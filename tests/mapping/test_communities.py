@@ -6,7 +6,9 @@ import pytest
 from cliques import cliques, graph_of
 from hypothesis import given
 from hypothesis import strategies as st
+from sknetwork.clustering import Louvain
 
+from simaps_viz.mapping import communities
 from simaps_viz.mapping.communities import find_communities, renumber
 
 
@@ -45,3 +47,16 @@ def test_renumber_keeps_the_partition_and_orders_it(numbers):
     ]
     firsts = [found.tolist().index(c) for c in range(found.max() + 1)]
     assert firsts == sorted(firsts)
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_louvain_without_the_copies_is_the_librarys_louvain(seed):
+    rng = np.random.default_rng(seed)
+    for n, edges in ((40, 90), (300, 1500)):
+        pairs = np.unique(np.sort(rng.integers(0, n, (edges, 2)), axis=1), axis=0).astype(np.int32)
+        pairs = pairs[pairs[:, 0] < pairs[:, 1]]
+        adjacency = communities._adjacency(rng.random(len(pairs)), pairs[:, 0], pairs[:, 1], n)
+        plain = Louvain(resolution=1.3, random_state=seed, shuffle_nodes=False).fit_predict(adjacency.copy())
+        lean = communities._louvain(adjacency, resolution=1.3, seed=seed, levels=-1)
+        assert np.array_equal(lean, plain) and lean.max() > 2
+    assert communities.find_communities(cliques([5, 6, 4])).tolist() == [0] * 5 + [1] * 6 + [2] * 4

@@ -10,16 +10,14 @@ from dataclasses import fields, is_dataclass, replace
 
 import numpy as np
 import pytest
-from cliques import cliques
 from sequences import write_tiny_sequence
-from sknetwork.clustering import Louvain
 from toy_maps import toy_map
 
 from simaps_viz import build_map, load_map, open_sequence, save_map
 from simaps_viz.build.pipeline import BuildConfig
 from simaps_viz.errors import InputError
 from simaps_viz.io import arrays
-from simaps_viz.mapping import communities, file, row_blocks
+from simaps_viz.mapping import file, row_blocks
 from simaps_viz.mapping.file import PACKED
 from simaps_viz.mapping.simap import repartition
 from simaps_viz.structures import Grid, GridSpec, SIMap
@@ -228,26 +226,3 @@ def test_threads_share_what_one_of_them_has_unpacked(toy, tmp_path):
     for thread in threads:
         thread.join()
     assert len(found) == 8 and {tuple(map(id, one)) for one in found} == {tuple(map(id, found[0]))}
-
-
-@pytest.mark.usefixtures("_together")
-def test_looking_up_and_counting_in_bands_is_looking_up_and_counting():
-    ids = np.random.default_rng(2).integers(0, 9, (37, 23), dtype=np.int32)
-    table = np.arange(9, dtype=np.int32)[::-1] * 5
-    found = row_blocks.look_up(table, ids)
-    assert np.array_equal(found, table[ids]) and found.dtype == table.dtype
-    assert row_blocks.count_ids(ids, 12).tolist() == [0, *np.bincount(ids.reshape(-1), minlength=12)[1:].tolist()]
-    assert row_blocks.count_ids(ids * 0, 2).tolist() == [0, 0] and row_blocks.look_up(table, ids[:0]).shape == (0, 23)
-
-
-@pytest.mark.parametrize("seed", range(4))
-def test_louvain_without_the_copies_is_the_librarys_louvain(seed):
-    rng = np.random.default_rng(seed)
-    for n, edges in ((40, 90), (300, 1500)):
-        pairs = np.unique(np.sort(rng.integers(0, n, (edges, 2)), axis=1), axis=0).astype(np.int32)
-        pairs = pairs[pairs[:, 0] < pairs[:, 1]]
-        adjacency = communities._adjacency(rng.random(len(pairs)), pairs[:, 0], pairs[:, 1], n)
-        plain = Louvain(resolution=1.3, random_state=seed, shuffle_nodes=False).fit_predict(adjacency.copy())
-        lean = communities._louvain(adjacency, resolution=1.3, seed=seed, levels=-1)
-        assert np.array_equal(lean, plain) and lean.max() > 2
-    assert communities.find_communities(cliques([5, 6, 4])).tolist() == [0] * 5 + [1] * 6 + [2] * 4
