@@ -53,7 +53,7 @@ def read_npy(where: object, file: IO[bytes], size: int, check: Check) -> NDArray
 
 
 def _fault(where: object) -> InputError:
-    return InputError(f"{where}: expected a whole NumPy array, found a damaged or truncated file")
+    return InputError(f"{where}: expected a complete NumPy array, found a damaged or truncated file")
 
 
 def _read_head(where: object, file: IO[bytes], size: int, check: Check) -> tuple[Shape, bool, np.dtype]:
@@ -152,7 +152,7 @@ def read_npz(
         InputError: the archive or an array is damaged, too large or something else.
     """
     try:
-        with open(path, "rb") as whole, zipfile.ZipFile(whole) as archive:
+        with open(path, "rb") as raw, zipfile.ZipFile(raw) as archive:
             infos = {info.filename: info for info in archive.infolist()}
             data: dict[str, NDArray] = {}
             kept: dict[str, PackedArray] = {}
@@ -164,7 +164,7 @@ def read_npz(
                     raise InputError(f"{path}: {name}: expected an array, found a size that its bytes cannot have")
                 with archive.open(info) as file:
                     if name in packed:
-                        array = PackedArray(f"{path}: {name}", _packed(whole, info), info, check)
+                        array = PackedArray(f"{path}: {name}", _packed(raw, info), info, check)
                         if array.ndim == 1 or not array.by_columns:
                             kept[name] = array
                             continue
@@ -172,7 +172,7 @@ def read_npz(
             return data, kept
     except ARCHIVE_FAULTS as error:
         why = " ".join(str(error).split())[:200] or type(error).__name__
-        raise InputError(f"{path}: expected a whole {what}, found a damaged or foreign one ({why})") from error
+        raise InputError(f"{path}: expected a complete {what}, found a damaged or foreign one ({why})") from error
 
 
 def write_rows(file: IO[bytes], dtype: np.dtype, count: int, parts: Iterable[NDArray]) -> None:
@@ -183,21 +183,22 @@ def write_rows(file: IO[bytes], dtype: np.dtype, count: int, parts: Iterable[NDA
         file.write(np.ascontiguousarray(part, dtype).data)
 
 
-def _packed(whole: IO[bytes], info: zipfile.ZipInfo) -> bytes:
+def _packed(archive: IO[bytes], info: zipfile.ZipInfo) -> bytes:
     """Return the compressed bytes of an archive's member, whose local header `zipfile` has checked."""
     if (
         info.file_size > MAX_ARRAY_BYTES + _BLOCK
         or info.compress_size > info.file_size + info.file_size // 100 + _BLOCK
     ):
         raise ValueError("a member that no array can be")
-    whole.seek(info.header_offset)
-    name, extra = struct.unpack("<26xHH", whole.read(30))
+    archive.seek(info.header_offset)
+    name, extra = struct.unpack("<26xHH", archive.read(30))
     at = info.header_offset + 30 + name + extra
-    whole.seek(at)
-    return whole.read(max(min(info.compress_size, os.fstat(whole.fileno()).st_size - at), 0))
+    archive.seek(at)
+    return archive.read(max(min(info.compress_size, os.fstat(archive.fileno()).st_size - at), 0))
 
 
 def _fill(file: IO[bytes], view: memoryview, fault: InputError) -> None:
+    """Read exactly as many bytes as there is room for, in blocks; raises ``fault`` where the file ends before."""
     at = 0
     while at < len(view):
         block = file.read(min(_BLOCK, len(view) - at))

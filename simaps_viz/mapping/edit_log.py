@@ -204,14 +204,14 @@ def read_edits(path: Path) -> tuple[EditsFile, bytes]:
     try:
         record = json.loads(data.decode())
     except (ValueError, RecursionError) as error:
-        raise InputError(f"{path}: expected a whole {FORMAT} file, found damaged JSON ({error})") from error
+        raise InputError(f"{path}: expected a complete {FORMAT} file, found damaged JSON ({error})") from error
     try:
         return _contents(record), data
     except InputError as error:
         raise InputError(f"{path}: {error}") from error
     except (KeyError, TypeError, ValueError, AttributeError, OverflowError) as error:
         why = ascii(error)[:200]
-        raise InputError(f"{path}: expected a whole {FORMAT} file, found otherwise ({why})") from error
+        raise InputError(f"{path}: expected a complete {FORMAT} file, found otherwise ({why})") from error
 
 
 def moved_to(contents: EditsFile, simap: SIMap) -> EditsFile:
@@ -256,7 +256,7 @@ def _contents(record: Any) -> EditsFile:
     where = record["map"]
     grid = where["grid"]
     spec = GridSpec(
-        _whole(grid["rows"]), _whole(grid["cols"]),
+        _integer(grid["rows"]), _integer(grid["cols"]),
         *(_number(grid[name]) for name in ("cell_size_m", "x0_m", "y0_m")),
     )  # fmt: skip
     check_cells("grid", spec.rows, spec.cols)
@@ -283,11 +283,11 @@ def _entry(record: Any, name: str, spec: GridSpec) -> Entry:
     except InputError as error:
         raise InputError(f"{name}: {error}") from error
     except (KeyError, TypeError, ValueError) as error:
-        raise InputError(f"{name}: expected a whole edit, found otherwise ({error!r})") from error
+        raise InputError(f"{name}: expected a complete edit, found otherwise ({error!r})") from error
 
 
 def _region(records: Any, spec: GridSpec) -> Region:
-    runs = tuple((_whole(first), _whole(length)) for first, length in records)
+    runs = tuple((_integer(first), _integer(length)) for first, length in records)
     end = -1
     for first, length in runs:
         if first <= end or length < 1 or first + length > spec.rows * spec.cols:
@@ -299,16 +299,16 @@ def _region(records: Any, spec: GridSpec) -> Region:
 def _edit(kind: str, record: Mapping[str, Any], region: Region) -> Edit:
     if kind == "merge":
         (first, second), (a, b) = record["objects"], record["was"]
-        return Merge((_whole(first), _whole(second)), (_class(a), _class(b)), _class(record["label"]), region)
+        return Merge((_integer(first), _integer(second)), (_class(a), _class(b)), _class(record["label"]), region)
     if kind == "split":
         start, end = (_point(point) for point in record["line_m"])
         if start == end:
             raise InputError("line_m: expected two different points, found the same twice")
-        return Split(_whole(record["object"]), _class(record["label"]), region, (start, end))
+        return Split(_integer(record["object"]), _class(record["label"]), region, (start, end))
     (was,) = record["was"]
     if kind == "relabel":
-        return Relabel(_whole(record["object"]), (_class(was),), _class(record["label"]), region)
-    return Delete(_whole(record["object"]), (_class(was),), region)
+        return Relabel(_integer(record["object"]), (_class(was),), _class(record["label"]), region)
+    return Delete(_integer(record["object"]), (_class(was),), region)
 
 
 def _point(values: Sequence[Any]) -> Point:
@@ -316,7 +316,7 @@ def _point(values: Sequence[Any]) -> Point:
     return _number(x), _number(y)
 
 
-def _whole(value: Any) -> int:
+def _integer(value: Any) -> int:
     if not isinstance(value, int) or isinstance(value, bool):
         raise InputError(f"expected a whole number, found {value!r}")
     return value

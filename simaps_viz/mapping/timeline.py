@@ -77,15 +77,15 @@ class Timeline:
         """Describe what a position shows, for the page."""
         levels, done = self.levels, position - self.levels
         if position <= CLASSES:
-            return "Classes only: what stands where is known, not which cells are one object."
+            return "Classes only: each cell has a class, but no cells are grouped into objects yet."
         if done < 0:
             count = _count(self._levels()[position - 1].community)
             return f"Louvain, level {position} of {levels}: {count} communities."
         if done == 0:
             return f"Louvain's communities: {_count(self.simap.community)} parts, before any is joined."
         at = int(self._order[done - 1])
-        taken = "" if done <= self.taken else ", which the map does not take"
-        end = f" Here is the map: {self.taken} steps taken." if done == self.taken else ""
+        taken = "" if done <= self.taken else ", which the map does not apply"
+        end = f" This is the map: {self.taken} steps applied." if done == self.taken else ""
         return f"Step {done} of {len(self._order)}{taken}: {self._joined(at, done)}.{end}"
 
     def recorded(self, position: int) -> tuple[str, int]:

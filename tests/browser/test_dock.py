@@ -202,7 +202,7 @@ def test_the_timelines_of_rerun_and_the_steps_of_the_page_move_each_other(browse
             dock.scrub(share)
             dock.shows("merge", merge)
             expect(step).to_have_value(str(communities + merge))
-        expect(page.get_by_text(f"Here is the map: {parts.taken} steps taken.")).to_be_visible()
+        expect(page.get_by_text(f"This is the map: {parts.taken} steps applied.")).to_be_visible()
         # Back on the frames, it shows the page's.
         dock.choose("frame")
         dock.shows("frame", FRAMES - 1)

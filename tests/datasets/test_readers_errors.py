@@ -89,7 +89,7 @@ FAULTS: list[tuple[Callable[[Path], Sample], Change, str, str, str]] = [
     (nerfstudio, text("transforms.json", "{"), "transforms.json", "JSON", "line 1"),
     (habitat, remove("rgb/000001.png"), "rgb", "4 colour images", "3"),
     (habitat, remove("semantic/000001.npy"), "semantic", "4 semantic arrays", "3"),
-    (habitat, cut("depth/000000.npy"), "depth/000000.npy", "a whole NumPy array", "truncated"),
+    (habitat, cut("depth/000000.npy"), "depth/000000.npy", "a complete NumPy array", "truncated"),
     (habitat, text("obj2cls_dict.txt", "chair 5"), "obj2cls_dict.txt, line 1", "object:class,name", "chair 5"),
     (habitat, lambda f: np.save(f / "semantic/000000.npy", np.full((48, 64), -1)), "000000.npy", "0 to 65535", "int64"),
     (habitat, lambda f: np.save(f / "semantic/000000.npy", np.zeros((4, 64), int)), "000000.npy", "64x48", "64x4"),

@@ -76,7 +76,7 @@ def test_each_step_is_said_in_words():
     name = simap.grid.labels[int(simap.merges.label[at])]
     assert first.startswith(f"Step 1 of {len(simap.merges)}: {name}, parts ") and "% of the cells" in first
     assert f"{timeline.taken} steps taken" in timeline.words(timeline.finished)
-    assert "which the map does not take" in timeline.words(timeline.last)
+    assert "which the map does not apply" in timeline.words(timeline.last)
 
 
 def test_positions_and_times_of_a_recording_are_one_another():
