@@ -4,21 +4,25 @@ import contextlib
 import os
 import subprocess
 import tempfile
+import threading
 import time
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from unittest.mock import patch
 
 from benchmarks.page import ARGUMENTS, CHROMIUM, HEIGHT, WIDTH
 
-from simaps_viz.app.live import LiveSettings, live_workbench
-from simaps_viz.app.live_build import LiveBuild
+from simaps_viz.app import live
+from simaps_viz.app.live import Audience, LiveBuild, LiveSettings, Run, Stream, live_workbench
 from simaps_viz.build.pipeline import BuildConfig
 from simaps_viz.build.to_file import BuildRequest, build_to_file
 from simaps_viz.console.progress import StageProgress
 from simaps_viz.datasets.source import FrameSource
 from simaps_viz.errors import InputError
+from simaps_viz.events import Event, FrameProjected, Observer
+from simaps_viz.structures import SIMap
 from simaps_viz.viewer.workbench import Workbench
 
 PATIENCE_S = 60.0
@@ -51,6 +55,59 @@ class Cost:
         return f"{self.seconds:6.2f} s, {self.busy_s:5.2f} s busy"
 
 
+class MeasuredBuild(LiveBuild):
+    """A build that counts what was shown while frames came, and measures the time until its map was saved."""
+
+    def __init__(self, run: Run, frames: int, audience: Audience) -> None:
+        self.maps_shown = self.frames_shown = self.sketches = 0
+        self.saved_s: float | None = None
+        """From the start to the saved map."""
+        self.busy_s = 0.0
+        """Processor time of the whole program in that time."""
+        stream = None if audience.stream is None else _CountedStream(audience.stream, self)
+        super().__init__(
+            self._measured(run),
+            frames,
+            replace(audience, show=self._show_counted(audience), sketch=self._sketch_counted(audience), stream=stream),
+        )
+
+    def _measured(self, run: Run) -> Run:
+        def measured(observers: Sequence[Observer], cancel: threading.Event, resume: bool) -> SIMap:
+            start, busy = time.perf_counter(), time.process_time()
+            simap = run(observers, cancel, resume)
+            self.busy_s = time.process_time() - busy
+            self.saved_s = time.perf_counter() - start
+            return simap
+
+        return measured
+
+    def _show_counted(self, audience: Audience) -> Callable[[SIMap], None]:
+        def show(simap: SIMap) -> None:
+            self.maps_shown += 1
+            audience.show(simap)
+
+        return show
+
+    def _sketch_counted(self, audience: Audience) -> Callable[[FrameProjected], bytes]:
+        def sketch(event: FrameProjected) -> bytes:
+            self.sketches += 1
+            return audience.sketch(event)
+
+        return sketch
+
+
+class _CountedStream:
+    def __init__(self, stream: Stream, build: MeasuredBuild) -> None:
+        self._stream, self._build = stream, build
+
+    def on_event(self, event: Event) -> None:
+        self._stream.on_event(event)
+
+    def show(self, event: FrameProjected, simap: SIMap | None) -> None:
+        self._build.frames_shown += 1
+        self._stream.show(event, simap)
+
+
 def plain_build(sequence: FrameSource, folder: Path, progress: StageProgress) -> Cost:
     """Build with nobody looking, and no browser."""
     start, busy = time.perf_counter(), time.process_time()
@@ -67,7 +124,12 @@ def watched_build(sequence: FrameSource, folder: Path, progress: StageProgress) 
         InputError: Chromium is missing, or its page does not open.
     """
     settings = LiveSettings(BuildRequest("evidence", BuildConfig(), folder / "watched.npz", history=True), port=0)
-    with live_workbench(sequence, settings, progress) as (page, build), _browser(page.url) as process:
+    with (
+        patch.object(live, "LiveBuild", MeasuredBuild),
+        live_workbench(sequence, settings, progress) as (page, build),
+        _browser(page.url) as process,
+    ):
+        assert isinstance(build, MeasuredBuild)
         told = _wait_for_page(page)
         told.clear()
         before = browser_busy_s(process.pid)

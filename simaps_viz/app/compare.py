@@ -19,6 +19,7 @@ from simaps_viz.evaluation.two_maps import compare_two
 from simaps_viz.events import BuildStarted, Event, FrameProjected, Progress
 from simaps_viz.io.files import write_whole
 from simaps_viz.mapping.file import load_map, save_map
+from simaps_viz.mapping.mending import Mending
 from simaps_viz.mapping.simap import joining_at, recommunity, repartition
 from simaps_viz.structures import SIMap
 
@@ -78,10 +79,15 @@ def rejoin(simap: SIMap, percent: float, resolution: float) -> SIMap:
     Raises:
         InputError: the map's method has neither.
     """
-    joined = joining_at(simap, percent)
     if abs(resolution - float(simap.parameters.get("resolution", 1.0))) < 1e-9:
-        return repartition(simap, **joined)
-    return recommunity(simap, resolution=resolution, **joined)
+        return repartition(simap, **joining_at(simap, percent))
+    return find_again(simap, resolution, percent)
+
+
+def find_again(simap: SIMap, resolution: float, percent: float, edits: Mending | None = None) -> SIMap:
+    """Return the map with its communities found again for a Louvain resolution, and its edits where they cover it."""
+    find = recommunity if edits is None or not edits.covers(simap) else edits.recommunity
+    return find(simap, resolution=resolution, **joining_at(simap, percent))
 
 
 class MapMaker:

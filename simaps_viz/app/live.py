@@ -1,36 +1,317 @@
-"""The page of a map that is still being built: it grows there, and in the docked recording, as it is computed."""
+"""A build that people watch: the map grows on the page, and in the docked recording, as it is computed.
+
+`LiveBuild` builds in a thread of its own and shows the map now and then, as `Pace` allows; it can be stopped and
+resumed. `live_workbench` serves the page of such a build.
+"""
 
 import threading
+import time
+from collections import deque
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 
 from simaps_viz.app import workbench
-from simaps_viz.app.live_build import BEGINS_ANEW, STOPPED, Audience, LiveBuild, Run
 from simaps_viz.app.share import look_back
 from simaps_viz.build.methods import config_of, keeps_log
-from simaps_viz.build.pipeline import BuildConfig, facts_of, started
+from simaps_viz.build.pipeline import BuildCancelled, BuildConfig, facts_of, started
 from simaps_viz.build.to_file import BuildRequest, RecordingFault, build_to_file, going_on
+from simaps_viz.console.logs import logger
 from simaps_viz.console.progress import StageProgress, stage_progress
 from simaps_viz.console.terminal import console
 from simaps_viz.datasets.source import FrameSource
-from simaps_viz.errors import InputError
-from simaps_viz.events import FrameProjected, Observer
+from simaps_viz.errors import InputError, SIMapsError
+from simaps_viz.events import BuildStarted, CommunitiesFound, Event, FrameProjected, FrameSkipped, Observer
 from simaps_viz.mapping.mending import Mending, open_mending
 from simaps_viz.mapping.partition import empty_log
 from simaps_viz.mapping.simap import Origin, assemble
+from simaps_viz.navigation.agent import start_pose
 from simaps_viz.navigation.planner import RobotShape
 from simaps_viz.structures import Grid, GridSpec, SIMap, Views
+from simaps_viz.viewer.panels.live import LiveState
 
 if TYPE_CHECKING:
+    from simaps_viz.recorder.live import LiveStream
     from simaps_viz.viewer.workbench import Workbench
 
 AROUND_M = 2.0
-"""Floor that is shown around the cameras' way before anything was seen."""
-MOST_CELLS = 4_000_000
+"""Margin of floor that is shown around the cameras' path before anything was seen, metres."""
+MAX_CELLS = 4_000_000
+
+
+SHARE = 0.1
+"""Share of a build's time that may be lost to showing it."""
+FIRST_S = 1.0
+"""Nothing is shown before: a build that is over by then is fastest seen when it is done."""
+MAX_WAIT_S = 10.0
+"""However much slower the build goes afterwards: so often something is shown. What making it takes counts in full."""
+WATCHED_S = 0.8
+"""For how long after something was shown the build is watched: by then a page has painted it. Nothing more is shown
+before."""
+MAX_LOST_S = 2.0
+"""No page works longer on what it is shown; a build that stays slow is slow for another reason."""
+SOON_S = 0.7
+"""Nothing more is shown when the build needs no longer than that."""
+REMEMBERED = 3
+"""Showings over which the cost is averaged."""
+MAX_CALM_FRAMES = 200
+"""The build's own rate is that of about so many frames."""
+
+
+class Pace:
+    """Decides when something may be shown, from when frames arrived and something was shown; seconds of one clock.
+
+    What is shown costs twice: making it holds up the build itself, and drawing it keeps processors busy, here and in
+    the browser, wherever that runs. Both are the frames that the build should have done meanwhile at its own rate.
+    """
+
+    def __init__(self) -> None:
+        """Begin with ``begin``."""
+        self.begin(0.0)
+
+    def begin(self, now_s: float) -> None:
+        """A build begins, or resumes."""
+        self._last_s: float | None = None
+        self._next_s = now_s + FIRST_S
+        self._calm_s, self._calm_frames = 0.0, 0
+        self._shown_s: float | None = None
+        self._making_s, self._since = 0.0, 0
+        self._lost: deque[float] = deque(maxlen=REMEMBERED)
+
+    def arrive(self, now_s: float) -> None:
+        """Take note that a frame is on the map."""
+        passed_s = 0.0 if self._last_s is None else now_s - self._last_s
+        first, self._last_s = self._last_s is None, now_s
+        if self._shown_s is not None:
+            self._since += 1
+            if now_s - self._shown_s >= WATCHED_S:
+                self._judge(now_s)
+        elif not first:
+            self._calm_s, self._calm_frames = self._calm_s + passed_s, self._calm_frames + 1
+            if self._calm_frames > MAX_CALM_FRAMES:
+                self._calm_s, self._calm_frames = self._calm_s / 2, self._calm_frames // 2
+
+    def has_time(self, now_s: float, left_s: float | None = None) -> bool:
+        """Whether something may be shown now; ``left_s``: how long the build still needs, where that is known."""
+        return self._shown_s is None and now_s >= self._next_s and (left_s is None or left_s >= SOON_S)
+
+    def shown(self, began_s: float, now_s: float) -> None:
+        """Take note that something was made to be shown, which held up the build since ``began_s``."""
+        self._making_s, self._since = now_s - began_s, 0
+        self._shown_s = self._last_s = now_s
+
+    def _judge(self, now_s: float) -> None:
+        """Set the time of the next showing from what the last ones cost."""
+        assert self._shown_s is not None
+        # Lost is what passed beyond the time that as many frames take when nothing is shown.
+        watched_s = now_s - self._shown_s
+        own_s = self._calm_s / self._calm_frames if self._calm_frames else watched_s / self._since
+        self._lost.append(min(max(watched_s - self._since * own_s, 0.0), MAX_LOST_S))
+        # Making it is paid in full; what pages lose by drawing is bounded, whatever else slows the build.
+        lost_s = sum(self._lost) / len(self._lost)
+        wait_s = self._making_s / SHARE + min(lost_s / SHARE, MAX_WAIT_S)
+        self._next_s = self._shown_s + wait_s
+        self._shown_s = None
+
+
+RATE_OVER_S = 5.0
+"""Frames a second are those of the last so many seconds."""
+SKETCH_SHARE = 0.03
+"""Share of the time since the last sketch that may go into making the next one."""
+SKETCH_EVERY_S = 0.9
+"""How often a sketch is made at most; the page looks a little less often."""
+STOPPED = "Stopped. Nothing is lost: resume here, or later with the same command and --resume."
+STARTS_AGAIN = "Stopped. This method keeps no log of its frames: resuming starts at the first one."
+
+
+class Stream(Protocol):
+    """A recording that shows some of the build's frames, with what their camera saw."""
+
+    def on_event(self, event: Event) -> None:
+        """Take one event; shows nothing yet."""
+        ...
+
+    def show(self, event: FrameProjected, simap: SIMap | None) -> None:
+        """Show a frame, and the objects found so far where they are new."""
+        ...
+
+
+Run = Callable[[Sequence[Observer], threading.Event, bool], SIMap]
+"""(observers, set to stop it, whether to resume from the log) -> the finished map, which is saved."""
+
+
+@dataclass(frozen=True, eq=False)
+class Audience:
+    """The page and the recording that a build is shown on."""
+
+    show: Callable[[SIMap], None]
+    """Show the unfinished map; returns at once."""
+    watches: Callable[[], bool]
+    """Whether anybody is watching."""
+    done: Callable[[SIMap], str]
+    """Called when the map is finished and saved; returns the words that say where."""
+    stream: Stream | None = None
+    sketch: Callable[[FrameProjected], bytes] = lambda event: b""
+    """Draw what was seen so far in little time, for ``LiveState.sketch``."""
+    stopped: str = STOPPED
+    """Words for a build that was stopped."""
+
+
+class LiveBuild:
+    """A build in a thread of its own, which is shown now and then; its methods may be called from any thread."""
+
+    wants_color = False
+
+    def __init__(self, run: Run, frames: int, audience: Audience) -> None:
+        """Take the function that builds, the number of frames, and who watches; ``start`` begins."""
+        self._run, self._audience = run, audience
+        self._state = LiveState(total=frames)
+        self._lock = threading.RLock()
+        self._cancel = threading.Event()
+        self._thread: threading.Thread | None = None
+        self._arrived: deque[tuple[float, int]] = deque()
+        self._sketch_s = 0.0
+        self._pace = Pace()
+        self._for_stream: SIMap | None = None
+        self._latest: FrameProjected | None = None
+        self._show_last = True
+        self._turn = False
+
+    def state(self) -> LiveState:
+        """Return how far it is."""
+        return self._state
+
+    def start(self, *, resume: bool = False) -> None:
+        """Begin, or resume; does nothing while it runs or when it is done."""
+        with self._lock:
+            if self._state.status == "done" or self._runs():
+                return
+            if self._thread is not None:
+                self._thread.join()  # it reported its end, and is clearing up
+            self._cancel, self._latest, self._show_last = threading.Event(), None, True
+            self._arrived.clear()
+            self._sketch_s = time.perf_counter()
+            self._pace.begin(self._sketch_s)
+            self._say(status="starting", error="", said="", rate=None, left_s=None)
+            self._thread = threading.Thread(target=self._build, args=(resume,), name="live-build", daemon=True)
+            self._thread.start()
+
+    def go_on(self) -> None:
+        """Begin again where it was stopped or has failed."""
+        self.start(resume=True)
+
+    def stop(self, *, show: bool = True) -> None:
+        """Stop after the frame that is being worked on; ``show``: then show the unfinished map, which takes a while."""
+        with self._lock:
+            if self._runs():
+                self._show_last = show
+                self._cancel.set()
+                self._say(status="stopping")
+
+    def wait(self, timeout_s: float | None = None) -> bool:
+        """Wait until it is done, stopped or failed; False when that took too long."""
+        thread = self._thread
+        if thread is not None:
+            thread.join(timeout_s)
+        return thread is None or not thread.is_alive()
+
+    def _runs(self) -> bool:
+        """Whether the build has not yet reported its end; its thread may live on for a moment."""
+        alive = self._thread is not None and self._thread.is_alive()
+        return alive and self._state.status not in ("done", "stopped", "failed")
+
+    def on_event(self, event: Event) -> None:
+        """Watch the build, from its thread."""
+        if isinstance(event, FrameProjected):
+            self._arrive(event.frame.index + 1)
+            self._show(event)
+        elif isinstance(event, FrameSkipped):
+            self._arrive(event.index + 1)
+            self._say(skipped=self._state.skipped + 1)
+        elif isinstance(event, BuildStarted):
+            self._say(skipped=0, total=len(event.frame_names))
+        elif isinstance(event, CommunitiesFound) and event.final:
+            self._say(status="finishing", left_s=None)
+        if self._audience.stream is not None:
+            self._audience.stream.on_event(event)
+
+    def _build(self, resume: bool) -> None:
+        try:
+            simap = self._run((self,), self._cancel, resume)
+            self._say(status="finishing", done=self._state.total)
+            said = self._audience.done(simap)
+            self._say(status="done", said=said)
+        except BuildCancelled:
+            self._show_stopped()
+            self._say(status="stopped", said=self._audience.stopped)
+        except SIMapsError as error:
+            self._say(status="failed", error=str(error))
+        except Exception as error:  # the page has to say so; the log has it in full
+            logger.error("a build that was watched failed", exc_info=error)
+            self._say(status="failed", error=f"Unexpected error ({type(error).__name__}): {error}")
+        finally:
+            self._latest = None  # with it goes what the build has gathered
+
+    def _show_stopped(self) -> None:
+        """Show the map of all frames there are, and the last of them; a fault in that is no fault of the build."""
+        event, audience = self._latest, self._audience
+        if event is None or event.map_so_far is None or not (self._show_last and audience.watches()):
+            return
+        try:
+            self._say(sketch=audience.sketch(event))
+            self._show_map(event.map_so_far())
+            if audience.stream is not None:
+                audience.stream.show(event, self._for_stream)
+        except Exception as error:
+            logger.error("the map of a stopped build could not be shown", exc_info=error)
+        self._for_stream = None
+
+    def _show_map(self, simap: SIMap) -> None:
+        self._for_stream = simap
+        self._audience.show(simap)
+        self._say(shown=len(simap.frame_names))
+
+    def _say(self, **changes: object) -> None:
+        with self._lock:
+            self._state = replace(self._state, **changes)  # pyright: ignore[reportArgumentType]
+
+    def _arrive(self, done: int) -> None:
+        now = time.perf_counter()
+        self._pace.arrive(now)
+        self._arrived.append((now, done))
+        while now - self._arrived[0][0] > RATE_OVER_S:
+            self._arrived.popleft()
+        (then, before), total = self._arrived[0], self._state.total
+        rate = (done - before) / (now - then) if now > then else None
+        with self._lock:
+            status = "stopping" if self._cancel.is_set() else "building"
+            self._say(status=status, done=done, rate=rate, left_s=(total - done) / rate if rate else None)
+
+    def _show(self, event: FrameProjected) -> None:
+        """Show the unfinished map, or this frame, by turns, when there is time and somebody is watching."""
+        self._latest = event
+        if not self._audience.watches():
+            return
+        # A small sketch of the map costs little and comes about once a second.
+        began_s = time.perf_counter()
+        if began_s >= self._sketch_s:
+            sketch = self._audience.sketch(event)
+            took_s = time.perf_counter() - began_s
+            self._sketch_s = began_s + max(SKETCH_EVERY_S, took_s / SKETCH_SHARE)
+            self._say(sketch=sketch)
+        # The map itself and the recording take turns, at a pace that costs the build a tenth of its time.
+        if not self._pace.has_time(began_s, self._state.left_s):
+            return
+        if self._turn and self._audience.stream is not None:
+            self._audience.stream.show(event, self._for_stream)
+            self._for_stream = None
+        elif event.map_so_far is not None:
+            self._show_map(event.map_so_far())
+        self._turn = not self._turn
+        self._pace.shown(began_s, time.perf_counter())
 
 
 @dataclass(frozen=True, eq=False)
@@ -38,13 +319,13 @@ class LiveSettings:
     """What is built, and where it is shown."""
 
     request: BuildRequest
-    """Its history is kept, asked for or not, where its method keeps a log."""
+    """The build; its history is kept, asked for or not, where its method keeps a log."""
     port: int = 8080
     """Where to serve the page; the next free one when it is taken."""
 
 
 def watch_build(sequence: FrameSource, settings: LiveSettings, *, browser: bool) -> None:
-    """Build a map and show it while it grows, until Ctrl-C; at any moment that leaves a log to go on with."""
+    """Build a map and show it while it grows, until Ctrl-C, which leaves a log to resume from."""
     with stage_progress() as progress, live_workbench(sequence, settings, progress) as (page, build):
         workbench.tell_where(page, browser=browser)
         build.start(resume=settings.request.resume)
@@ -57,115 +338,126 @@ def watch_build(sequence: FrameSource, settings: LiveSettings, *, browser: bool)
             build.wait(10.0)
 
 
-@contextmanager
-def live_workbench(
-    sequence: FrameSource, settings: LiveSettings, progress: StageProgress
-) -> "Iterator[tuple[Workbench, LiveBuild]]":
-    """Serve the page of a build that has not begun; begin with ``start`` of what this gives.
+class _LivePage:
+    """The page of a build, with all that comes of it: the map, its edits, and faults that cost no map."""
 
-    Raises:
-        InputError: the port is taken, or rerun's viewer is missing.
-    """
-    from simaps_viz.drawing.texture import sketch_png  # noqa: PLC0415 - so that nothing slow comes with it
-    from simaps_viz.recorder.live import LiveStream  # noqa: PLC0415 - rerun is slow to import
+    def __init__(self, sequence: FrameSource, settings: LiveSettings, progress: StageProgress) -> None:
+        self._sequence, self._settings, self._progress = sequence, settings, progress
+        self._request = settings.request
+        self._logged = keeps_log(self._request.method)
+        self._faults: list[str] = []
+        self._ended = False
+        self._page: Workbench | None = None
+        self.mending: Mending | None = None
+        self.waiting = waiting_map(sequence, config_of(self._request.method, self._request.config))
 
-    color: Any = getattr(sequence, "color", None)
-    request = settings.request
-    waiting = waiting_map(sequence, config_of(request.method, request.config))
-    stream = LiveStream(color or (lambda index: None))
-    stream.open(started(sequence), first_look(sequence, waiting))
-    pages: list[Workbench] = []
-    ended = threading.Event()
-
-    def done(simap: SIMap) -> str:
+    def run(self, observers: Sequence[Observer], cancel: threading.Event, resume: bool) -> SIMap:
+        """Build the map and save it; a recording that was lost is reported with it."""
+        history = self._request.history or self._logged
+        request = replace(self._request, resume=resume and self._logged, history=history)
         try:
-            edits.append(open_mending(request.output, simap))
+            return build_to_file(self._sequence, request, self._progress, observers=tuple(observers), cancel=cancel)
+        except RecordingFault as fault:
+            self._faults.append(str(fault))
+            return fault.simap
+
+    def audience(self, stream: "LiveStream") -> Audience:
+        """Return the page as the audience of its build."""
+        from simaps_viz.drawing.texture import sketch_png  # noqa: PLC0415 - so that nothing slow comes with it
+
+        return Audience(
+            show=lambda simap: self._opened.publish(simap, growing=True),
+            watches=lambda: bool(self._opened.sessions),
+            done=lambda simap: self._done(simap, stream),
+            stream=stream,
+            sketch=lambda event: sketch_png(event.snapshot(), event.T_map_camera[:2, 3]),
+            stopped=STOPPED if self._logged else STARTS_AGAIN,
+        )
+
+    @contextmanager
+    def serve(self, build: LiveBuild, stream: "LiveStream") -> "Iterator[Workbench]":
+        """Serve the page until the block ends, which stops the build."""
+        from simaps_viz.recorder.web_viewer import (  # noqa: PLC0415 - rerun is slow to import
+            CONTENT_SECURITY_POLICY,
+            rerun_page,
+            viewer_assets,
+        )  # fmt: skip
+        from simaps_viz.viewer.panels.live import LiveServices, live_panel  # noqa: PLC0415 - viser is slow to import
+        from simaps_viz.viewer.workbench import Workbench  # noqa: PLC0415 - as above
+
+        services = replace(
+            workbench.bare_services(self.waiting, lambda: self.mending),
+            panels=(live_panel(LiveServices(build.state, build.stop, build.go_on)),),
+            rerun_page=rerun_page,
+            rerun_assets=viewer_assets(),
+            csp=CONTENT_SECURITY_POLICY,
+            stream=stream.url,
+            building=True,
+            look_back=look_back(lambda: None if self.mending is None else self._request.output),
+        )
+        start = start_pose(replace(self.waiting, T_map_camera=_cameras(self._sequence)))
+        radius_m = RobotShape().radius_m
+        with Workbench(
+            self.waiting, services=services, port=self._settings.port, start=start, robot_radius_m=radius_m
+        ) as page:
+            self._page = page
+            yield page
+            self._ended = True
+            build.stop(show=False)
+            build.wait(10.0)
+
+    @property
+    def _opened(self) -> "Workbench":
+        assert self._page is not None, "a build starts when its page is open"
+        return self._page
+
+    def _done(self, simap: SIMap, stream: "LiveStream") -> str:
+        """Complete the page with the finished map, and report where it is."""
+        request, faults = self._request, self._faults
+        try:
+            self.mending = open_mending(request.output, simap)
         except InputError as fault:  # edits of an earlier build: this one is there nevertheless
             faults.append(str(fault))
-        mending = edits[0] if edits else None
         recorded = request.record if request.record is not None and request.record.is_file() else None
-        panels = workbench.panels_of(simap, recorded, mending, beside=True)
-        pages[0].finish(simap if mending is None else mending.simap(), panels, recorded)
-        if not ended.is_set():
+        panels = workbench.panels_of(simap, recorded, self.mending, beside=True)
+        self._opened.finish(simap if self.mending is None else self.mending.simap(), panels, recorded)
+        if not self._ended:
             stream.finish()
         for text in (f"{request.output}: {workbench.counts_in_words(simap.counts())}", *faults):
             console.print(text, markup=False, soft_wrap=True)
         return " ".join((f"Saved as {request.output}.", *faults))
 
-    faults: list[str] = []
-    edits: list[Mending] = []
-    audience = Audience(
-        show=lambda simap: pages[0].publish(simap, growing=True),
-        watches=lambda: bool(pages[0].sessions),
-        done=done,
-        stream=stream,
-        sketch=lambda event: sketch_png(event.snapshot(), event.T_map_camera[:2, 3]),
-        stopped=STOPPED if keeps_log(request.method) else BEGINS_ANEW,
-    )
-    build = LiveBuild(_runner(sequence, request, progress, faults), len(sequence), audience)
+
+@contextmanager
+def live_workbench(
+    sequence: FrameSource, settings: LiveSettings, progress: StageProgress
+) -> "Iterator[tuple[Workbench, LiveBuild]]":
+    """Serve the page of a build that has not begun; begin with ``start`` of the build that this yields.
+
+    Raises:
+        InputError: the port is taken, or rerun's viewer is missing.
+    """
+    from simaps_viz.recorder.live import LiveStream  # noqa: PLC0415 - rerun is slow to import
+
+    color: Any = getattr(sequence, "color", None)
+    live = _LivePage(sequence, settings, progress)
+    stream = LiveStream(color or (lambda index: None))
+    stream.open(started(sequence), first_look(sequence, live.waiting))
+    build = LiveBuild(live.run, len(sequence), live.audience(stream))
     try:
-        with _serve(sequence, settings, build, waiting, stream.url, lambda: edits[0] if edits else None) as page:
-            pages.append(page)
+        with live.serve(build, stream) as page:
             yield page, build
-            ended.set()
-            build.stop(show=False)
-            build.wait(10.0)
     finally:
         stream.close()
 
 
-def _runner(sequence: FrameSource, request: BuildRequest, progress: StageProgress, faults: list[str]) -> Run:
-    """Return what builds; that its recording was lost goes to ``faults``, for the map is there."""
-    logged = keeps_log(request.method)
-
-    def run(observers: Sequence[Observer], cancel: threading.Event, resume: bool) -> SIMap:
-        now = replace(request, resume=resume and logged, history=request.history or logged)
-        try:
-            return build_to_file(sequence, now, progress, observers=tuple(observers), cancel=cancel)
-        except RecordingFault as fault:
-            faults.append(str(fault))
-            return fault.simap
-
-    return run
-
-
-def _serve(
-    sequence: FrameSource,
-    settings: LiveSettings,
-    build: LiveBuild,
-    waiting: SIMap,
-    stream: str,
-    mending: Callable[[], Mending | None],
-) -> "Workbench":
-    from simaps_viz.recorder.web_viewer import (  # noqa: PLC0415 - rerun is slow to import
-        CONTENT_SECURITY_POLICY,
-        rerun_page,
-        viewer_assets,
-    )  # fmt: skip
-    from simaps_viz.viewer.panels.live import LiveServices, live_panel  # noqa: PLC0415 - viser is slow to import
-    from simaps_viz.viewer.workbench import Workbench  # noqa: PLC0415 - as above
-
-    services = replace(
-        workbench.bare_services(waiting, mending),
-        panels=(live_panel(LiveServices(build.state, build.stop, build.go_on)),),
-        rerun_page=rerun_page,
-        rerun_assets=viewer_assets(),
-        csp=CONTENT_SECURITY_POLICY,
-        stream=stream,
-        building=True,
-        look_back=look_back(lambda: None if mending() is None else settings.request.output),
-    )
-    start = workbench.start_pose(replace(waiting, T_map_camera=_cameras(sequence)))
-    return Workbench(waiting, services=services, port=settings.port, start=start, robot_radius_m=RobotShape().radius_m)
-
-
 def waiting_map(sequence: FrameSource, config: BuildConfig) -> SIMap:
-    """Return a map on which nothing has been seen yet, of the floor around the cameras' way."""
+    """Return a map on which nothing has been seen yet, of the floor around the cameras' path."""
     facts, size = facts_of(sequence), config.projection.cell_size_m
     at = _cameras(sequence)[:, :2, 3]
     low = np.floor((at.min(axis=0) - AROUND_M) / size)
     cells = np.ceil((at.max(axis=0) + AROUND_M) / size) - low
-    rows, cols = (int(cells[1]), int(cells[0])) if cells.prod() <= MOST_CELLS else (1, 1)
+    rows, cols = (int(cells[1]), int(cells[0])) if cells.prod() <= MAX_CELLS else (1, 1)
     spec = GridSpec(rows, cols, cell_size_m=size, x0_m=float(low[0] * size), y0_m=float(low[1] * size))
     nothing, zero = np.full(spec.shape, np.nan, np.float32), np.zeros(spec.shape, np.int32)
     grid = Grid(spec, facts.labels, facts.is_thing, zero.astype(np.int16), nothing, nothing.copy(), zero)
@@ -183,11 +475,11 @@ def waiting_map(sequence: FrameSource, config: BuildConfig) -> SIMap:
 
 
 def first_look(sequence: FrameSource, waiting: SIMap) -> FrameProjected | None:
-    """Return the first frame as it is before anything of it is on the map; None when it cannot be read."""
+    """Return the first frame before anything of it is on the map; None when it cannot be read."""
     try:
         frame, segmentation = sequence.read(0), sequence.segmentation(0)
     except InputError:
-        return None  # the build says so
+        return None  # the build reports it
     nothing = np.zeros((0, 4), np.int32)
     return FrameProjected(
         frame=frame,
@@ -206,7 +498,7 @@ def _cameras(sequence: FrameSource) -> np.ndarray:
 
 
 def _wait(build: LiveBuild) -> None:
-    """Wait until the map is done, however often it is stopped and gone on with on the page."""
+    """Wait until the map is done, however often it is stopped and resumed on the page."""
     pause, before = threading.Event(), build.state()
     while (state := build.state()).status != "done":
         if state.status != before.status and state.status in ("stopped", "failed"):

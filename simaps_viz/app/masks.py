@@ -1,4 +1,4 @@
-"""What the workbench's section on masks can ask for: a map's frames, its masks, and the network that made them."""
+"""The frames a map was built from, its masks, and the network that made them, for the page's panel of masks."""
 
 import threading
 from collections.abc import Mapping
@@ -29,6 +29,17 @@ NO_NETWORK = (
 SIMULATED = "The frames are rendered, and errors of a network may be simulated."
 
 
+def open_frames(simap: SIMap, cache: Path) -> tuple[PosedFrames, PosedFrames | WithMasks | None]:
+    """Open the sequence a map was built from, and the same with the masks it was built from; None: no longer kept.
+
+    Raises:
+        InputError: the sequence is not where it was.
+    """
+    source = str(simap.provenance.get("segmentation", ""))
+    sequence = open_sequence(Path(str(simap.provenance.get("sequence", ""))))
+    return sequence, sequence if source == sequence.segmentation_source else masks_from(sequence, source, cache)
+
+
 def segmentation_services(simap: SIMap, cache: Path) -> SegmentationServices:
     """Find the frames, the masks and, where it is still there, the network that a map was built from.
 
@@ -36,30 +47,29 @@ def segmentation_services(simap: SIMap, cache: Path) -> SegmentationServices:
         simap: the map; its provenance says all this.
         cache: folder where networks' masks are kept.
     """
-    told = str(simap.provenance.get("segmentation", ""))
+    source = str(simap.provenance.get("segmentation", ""))
     try:
-        sequence = open_sequence(Path(str(simap.provenance.get("sequence", ""))))
-        masks = sequence if told == sequence.segmentation_source else masks_from(sequence, told, cache)
+        sequence, masks = open_frames(simap, cache)
     except InputError as error:
-        return SegmentationServices(source=told, notes=(f"The frames of this map are not at hand: {error}.",))
+        return SegmentationServices(source=source, notes=(f"The frames of this map are not at hand: {error}.",))
     simulated = (SIMULATED,) if sequence.simulated else ()
     if masks is None:
         note = "The masks this map was built from are no longer kept; build it again to see them."
-        return SegmentationServices(source=told, notes=(note, *simulated))
-    store = find_store(cache, sequence=str(sequence.path.resolve()), source=told)
+        return SegmentationServices(source=source, notes=(note, *simulated))
+    store = find_store(cache, sequence=str(sequence.path.resolve()), source=source)
     if masks is sequence or store is None:
-        return _elsewhere(sequence, masks, told, (NO_NETWORK, *simulated))
+        return _elsewhere(sequence, masks, source, (NO_NETWORK, *simulated))
     try:
         opener = _Opener(sequence, store.about)
     except InputError as error:
-        return _elsewhere(sequence, masks, told, (NO_NETWORK, f"{error}.", *simulated))
+        return _elsewhere(sequence, masks, source, (NO_NETWORK, f"{error}.", *simulated))
     return SegmentationServices(
         frame_names=sequence.frame_names,
         look=lambda index: _look(sequence, masks, index),
         retry=opener.segmentation,
         runs_network=True,
         knobs=tuple(_knob(threshold) for threshold in opener.thresholds()),
-        source=told,
+        source=source,
         network=opener.file.name,
         notes=simulated,
     )
@@ -124,5 +134,5 @@ def _look(sequence: PosedFrames, masks: PosedFrames | WithMasks, index: int) -> 
 
 
 def _knob(threshold: Threshold, *, option: bool = True) -> Knob:
-    told = OPTIONS.get(threshold.key, "") if option else ""
-    return Knob(threshold.key, threshold.label, threshold.value, threshold.hint, told)
+    name = OPTIONS.get(threshold.key, "") if option else ""
+    return Knob(threshold.key, threshold.label, threshold.value, threshold.hint, name)

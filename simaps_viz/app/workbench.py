@@ -10,13 +10,13 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from simaps_viz.app.compare import find_again
 from simaps_viz.app.share import look_back
 from simaps_viz.build.cache import cache_folder, map_in_cache
 from simaps_viz.build.pipeline import BuildConfig
 from simaps_viz.build.to_file import build_whole, is_whole
 from simaps_viz.console.progress import StageProgress
 from simaps_viz.console.terminal import console
-from simaps_viz.datasets.open import open_sequence
 from simaps_viz.datasets.sequence import PosedFrames
 from simaps_viz.datasets.source import FrameSource
 from simaps_viz.errors import InputError
@@ -25,10 +25,10 @@ from simaps_viz.language.grounding import Grounding
 from simaps_viz.language.llm import Exchange, LLMError, LLMReader, LLMServerError, parse_llm_spec
 from simaps_viz.mapping.file import load_map
 from simaps_viz.mapping.mending import Mending
-from simaps_viz.mapping.simap import joining_at, recommunity, repartition
+from simaps_viz.mapping.simap import joining_at, repartition
 from simaps_viz.navigation.agent import Agent, Answer, Reader, answer, start_pose
 from simaps_viz.navigation.planner import RobotShape
-from simaps_viz.segmentation.sequences import WithMasks, masks_from
+from simaps_viz.segmentation.sequences import WithMasks
 from simaps_viz.structures import Pose2, SIMap
 
 if TYPE_CHECKING:
@@ -52,13 +52,11 @@ def cached_build(
 
 
 def sequence_of(simap: SIMap) -> PosedFrames | WithMasks | None:
-    """Open the sequence a map was built from, if it is still where it was, with the masks the map was built from."""
-    path, source = Path(str(simap.provenance.get("sequence", ""))), str(simap.provenance.get("segmentation", ""))
+    """Open the sequence a map was built from, with the masks of that build; None where either is gone."""
+    from simaps_viz.app.masks import open_frames  # noqa: PLC0415 - viser is slow to import
+
     try:
-        sequence = open_sequence(path)
-        if source == sequence.segmentation_source:
-            return sequence
-        return masks_from(sequence, source, cache_folder())  # other masks would mislead
+        return open_frames(simap, cache_folder())[1]
     except InputError:
         return None
 
@@ -172,14 +170,9 @@ def bare_services(simap: SIMap, mending: Callable[[], Mending | None] = lambda: 
             opened.extend(filter(None, [sequence_of(simap)]))
         return (opened[0].color(index), opened[0].segmentation(index).ids) if opened else None
 
-    def find_anew(m: SIMap, resolution: float, percent: float) -> SIMap:
-        edits = mending()
-        find = recommunity if edits is None or not edits.covers(m) else edits.recommunity
-        return find(m, resolution=resolution, **joining_at(m, percent))
-
     return Services(
         repartition=lambda m, percent: repartition(m, **joining_at(m, percent)),
-        recommunity=find_anew,
+        recommunity=lambda m, resolution, percent: find_again(m, resolution, percent, mending()),
         ask=answer,
         steps=lambda m, program, pose: Agent(m, pose).steps(program),
         candidates=lambda m, label, pose: Grounding(m, pose).candidates(label),

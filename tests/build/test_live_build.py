@@ -6,8 +6,7 @@ from fake_page import fake_page
 from live_sequences import at_once, held_sequence, settings
 from waiting import until
 
-from simaps_viz.app.live import live_workbench, waiting_map
-from simaps_viz.app.live_build import Audience, LiveBuild
+from simaps_viz.app.live import Audience, LiveBuild, live_workbench, waiting_map
 from simaps_viz.build.pipeline import BuildConfig
 from simaps_viz.build.to_file import BuildRequest, build_to_file
 from simaps_viz.console.progress import stage_progress
@@ -99,7 +98,7 @@ class Stream:
 
 @pytest.mark.parametrize("show", [True, False])
 def test_a_stopped_build_shows_the_map_of_all_its_frames(tmp_path, monkeypatch, show):
-    monkeypatch.setattr("simaps_viz.app.live_build.FIRST_S", 1e9)  # so that nothing is shown but what stopping shows
+    monkeypatch.setattr("simaps_viz.app.live.FIRST_S", 1e9)  # so that nothing is shown but what stopping shows
     held = held_sequence(tmp_path / "tiny", 40, held_from=20)
     maps, stream, sketched = [], Stream(), []
 

@@ -7,8 +7,7 @@ from live_sequences import at_once, held_sequence, settings
 from toy_maps import toy_map
 
 from simaps_viz.app import live
-from simaps_viz.app.live import LiveSettings, live_workbench
-from simaps_viz.app.live_build import BEGINS_ANEW, STOPPED, Audience, LiveBuild
+from simaps_viz.app.live import STARTS_AGAIN, STOPPED, Audience, LiveBuild, LiveSettings, live_workbench
 from simaps_viz.build.pipeline import BuildCancelled, BuildConfig
 from simaps_viz.build.to_file import BuildRequest, RecordingFault
 from simaps_viz.console.progress import stage_progress
@@ -67,7 +66,7 @@ def test_a_method_without_a_log_begins_anew_and_says_so(tmp_path, monkeypatch):
         build.start()
         build.stop()
         held.let_go()
-        assert build.wait(60.0) and (build.state().status, build.state().said) == ("stopped", BEGINS_ANEW)
+        assert build.wait(60.0) and (build.state().status, build.state().said) == ("stopped", STARTS_AGAIN)
         build.go_on()
         assert build.wait(60.0) and build.state().status == "done", build.state().error
     assert len(load_map(tmp_path / "m.npz").frame_names) == 12

@@ -44,7 +44,7 @@ def held_sequence(folder: Path, frames: int, *, held_from: int) -> Any:
 def at_once(monkeypatch: Any) -> None:
     """Let builds show every frame, the map and the recording by turns, whatever it costs."""
     for name, value in {"FIRST_S": 0.0, "SOON_S": 0.0, "WATCHED_S": 0.0, "SHARE": 1e9}.items():
-        monkeypatch.setattr(f"simaps_viz.app.live_build.{name}", value)
+        monkeypatch.setattr(f"simaps_viz.app.live.{name}", value)
 
 
 def settings(output: Path, **others: Any) -> LiveSettings:
