@@ -75,7 +75,7 @@ def test_each_step_is_said_in_words():
     at = int(np.flatnonzero(applied_steps(simap.merges, 0.05))[0])
     name = simap.grid.labels[int(simap.merges.label[at])]
     assert first.startswith(f"Step 1 of {len(simap.merges)}: {name}, parts ") and "% of the cells" in first
-    assert f"{timeline.taken} steps taken" in timeline.words(timeline.finished)
+    assert f"{timeline.taken} steps applied" in timeline.words(timeline.finished)
     assert "which the map does not apply" in timeline.words(timeline.last)
 
 
