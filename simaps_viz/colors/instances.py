@@ -54,7 +54,7 @@ class Colored:
     ids: NDArray
     """int32 [rows, cols], 0 = none."""
     colors: NDArray
-    """uint8 [n, 3], RGB, at the place of the id."""
+    """uint8 [n, 3], RGB, indexed by id."""
 
 
 def colors_like(spec: GridSpec, ids: NDArray, before: Colored | None) -> NDArray:

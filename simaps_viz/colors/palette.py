@@ -1,4 +1,4 @@
-"""The colours of everything that has to be told apart, with any kind of colour vision."""
+"""Twelve colours that can be distinguished with any kind of colour vision."""
 
 from numpy.typing import NDArray
 
@@ -9,7 +9,7 @@ PALETTE: tuple[Color, ...] = (
     (230, 159, 0), (0, 114, 178), (240, 228, 66), (119, 51, 119), (0, 158, 115), (255, 102, 136), (51, 238, 255),
     (153, 51, 68), (136, 119, 255), (187, 238, 170), (86, 180, 233), (170, 0, 0),
 )  # fmt: skip
-"""Twelve colours. Five are Okabe and Ito's; the others were searched for so that no two are closer than LEAST_APART.
+"""Five are Okabe and Ito's; the others were searched for so that no two are closer than LEAST_APART.
 Neighbours in this list differ most."""
 
 LEAST_APART = 11.0

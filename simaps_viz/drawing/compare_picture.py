@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from simaps_viz.colors.palette import Color
-from simaps_viz.drawing.sheet import fitting, write
+from simaps_viz.drawing.sheet import INK, fitting, write
 from simaps_viz.drawing.texture import MapPicture
 from simaps_viz.drawing.theme import LIGHT, Theme
 from simaps_viz.structures import GridSpec
@@ -27,14 +27,12 @@ KINDS: Mapping[str, tuple[Color, str]] = {
     "label": ((175, 60, 200), "the same object, another class"),
     "outline": ((105, 112, 124), "there, but less than half agrees"),
 }
-"""Colour and meaning of every kind of difference; told apart with any kind of colour vision (see the tests)."""
+"""Colour and meaning of every kind of difference; distinguishable with any kind of colour vision (see the tests)."""
 LIGHT_MISSED: Color = (238, 240, 244)
-"""What is missed is marked so on a dark page."""
-INK: Color = (26, 30, 38)
-"""Of titles and the line on a light page; a dark one has its theme's."""
+"""Colour of missed objects on a dark page."""
 RIM = 0.55
-MOST_PIXELS = 1100
-MOST_PER_CELL = 6
+MAX_PIXELS = 1100
+MAX_PIXELS_PER_CELL = 6
 GAP = 0.04
 """Between two maps side by side, as a share of a map's width."""
 HEAD = 0.055
@@ -54,8 +52,8 @@ class TwoPictures:
         self._maps, spec = maps, maps.spec
         self._theme, self._ink = theme, theme.ink if theme.dark else INK
         longest = max(spec.shape)
-        self._every = max(1, -(-longest // MOST_PIXELS))  # very large maps are shown coarser while they are compared
-        self._scale = 1 if self._every > 1 else int(np.clip(MOST_PIXELS // longest, 1, MOST_PER_CELL))
+        self._every = max(1, -(-longest // MAX_PIXELS))  # very large maps are compared more coarsely
+        self._scale = 1 if self._every > 1 else int(np.clip(MAX_PIXELS // longest, 1, MAX_PIXELS_PER_CELL))
         self._rows, self._cols = (n // self._every for n in spec.shape)
         self._cell_m = spec.cell_size_m * self._every
         self._head = max(4, round(HEAD * max(self._rows, self._cols)))
@@ -71,7 +69,7 @@ class TwoPictures:
         return 0.0, -(self._rows + self._head + self._gap) * self._cell_m if mode == "stacked" else 0.0
 
     def both(self, aspect: float) -> Mode:
-        """Describe how both whole maps are largest on a canvas of some width over height."""
+        """Return the arrangement in which both maps are shown largest on a canvas, by its width over height."""
         sizes = {}
         for mode in ("side by side", "stacked"):
             spec = self._spec(mode)

@@ -30,17 +30,17 @@ class MaskStyle:
 
     color_by: ColorBy = "class"
     opacity: float = 0.5
-    """Of the fill, 0 to 1; outlines stay."""
+    """Opacity of the fill, 0 to 1; outlines are always opaque."""
     names: bool = True
     """Write class and confidence on each segment."""
     hidden: frozenset[str] = frozenset()
     """Classes that are left out."""
     width: int = 560
-    """Of the picture, pixels; the height follows."""
+    """Width of the picture, pixels; the height follows from it."""
     colors: Mapping[str, Color] = field(default_factory=dict)
-    """Of classes, as the map has them; those it does not name have `class_color`."""
+    """Colours of classes, as the map has them; classes that are not listed have `class_color`."""
     most_names: int | None = None
-    """Write those of so many segments, the largest; None = of all."""
+    """Write the names of only so many segments, the largest; None = of all."""
     font_px: int = 20
     """It is shown at about half its size in the panel."""
 
@@ -79,6 +79,8 @@ def paint_masks(rgb: NDArray, masks: Segmentation, style: MaskStyle) -> NDArray:
     ids = cv2.resize(masks.ids, (style.width, height), interpolation=cv2.INTER_NEAREST_EXACT)
     shown = [s for s in masks.segments if s.label not in style.hidden]
     picture = _filled(picture, ids, shown, style)
+
+    # Outlines and names of the large segments first, so that those of small ones lie on top.
     parts = [(segment, *_cut(ids, segment.id)) for segment in shown]
     found = [(segment, mask, left, top) for segment, mask, left, top in parts if mask.size]
     found.sort(key=lambda part: -int(np.count_nonzero(part[1])))
@@ -196,6 +198,8 @@ def best_views(simap: SIMap, instance_id: int, most: int = 3) -> list[BestView]:
     names = np.unique(frames)
     totals = np.array([int(cells[frames == f].sum()) for f in names])
     ranked = [int(names[i]) for i in np.lexsort((names, -totals))]
+
+    # The best that are apart from one another, then the best of the others.
     apart = len(simap.frame_names) // 20
     chosen: list[int] = []
     for frame in ranked:
@@ -247,12 +251,16 @@ def outlined(rgb: NDArray, ids: NDArray, segments: Collection[int], others: Coll
         ids = cv2.resize(ids.astype(np.float32), (width, height), interpolation=cv2.INTER_NEAREST).astype(np.int32)
     mine, shared, theirs = set(segments) - set(others), set(segments) & set(others), set(others) - set(segments)
     masks = [np.isin(ids, list(group)).astype(np.uint8) for group in (mine, shared, theirs)]
+
+    # Cut and enlarge the surroundings.
     x0, y0, x1, y1 = _window(masks[0] | masks[1] | masks[2])
     scale = WIDTH / (x1 - x0)
     picture = cv2.resize(
         rgb[y0:y1, x0:x1], (WIDTH, HEIGHT), interpolation=cv2.INTER_AREA if scale < 1 else cv2.INTER_LINEAR
     )
     picture = np.ascontiguousarray(picture)
+
+    # A dark line below each outline keeps it visible on any picture.
     for mask, color in zip(masks, (OUTLINE, OUTLINE, OTHER_OUTLINE), strict=True):
         large = cv2.resize(mask[y0:y1, x0:x1], (WIDTH, HEIGHT), interpolation=cv2.INTER_NEAREST)
         contours, _ = cv2.findContours(large, cv2.RETR_LIST, cv2.CHAIN_APPROX_NONE)
@@ -265,7 +273,7 @@ def outlined(rgb: NDArray, ids: NDArray, segments: Collection[int], others: Coll
 
 
 def named(picture: NDArray, name: str) -> NDArray:
-    """Write a name into the lower left corner of a thumbnail, as large as it fits; gives a copy."""
+    """Write a name into the lower left corner of a thumbnail, as large as it fits. Returns a copy."""
     picture = picture.copy()
     (width, _), _ = cv2.getTextSize(name, cv2.FONT_HERSHEY_SIMPLEX, FONT_SCALE, 2)
     scale = FONT_SCALE * min(1.0, (WIDTH - 2 * PAD) / max(width, 1))
@@ -277,7 +285,7 @@ def named(picture: NDArray, name: str) -> NDArray:
 
 
 def gallery(pictures: Sequence[NDArray]) -> NDArray:
-    """Lay out one to three thumbnails: the first large, the others stacked beside it; uint8 [h, w, 3]."""
+    """Lay out one to three thumbnails: the first large, the others stacked to its right; uint8 [h, w, 3]."""
     first, others = pictures[0], pictures[1:3]
     height, width = 2 * HEIGHT + GAP, round((2 * HEIGHT + GAP) * WIDTH / HEIGHT)
     page = np.full((height, width + GAP + WIDTH if others else width, 3), BETWEEN, np.uint8)

@@ -1,4 +1,4 @@
-"""Finds room on the page for the texts on the map: beside what they name, and none over another."""
+"""Layout of the texts on the map: each next to the object that it names, and none over another."""
 
 from collections.abc import Sequence
 from typing import NamedTuple
@@ -11,42 +11,43 @@ LETTER_PX = 5.6
 PLATE_PX = 8.0
 """Width of an empty plate."""
 GAP_PX = 3.0
-"""Between a thing and the text beside it."""
+"""Between an object and its text."""
 NEAR_M = 4.0
-MOST_NEAR = 1000
-"""Instances that are left free, so that a large map is not waited for."""
+MAX_NEAR = 1000
+"""Instances that texts avoid at most, so that the layout of a large map is fast."""
 _RINGS = 3
-"""How many lines higher or lower than beside its thing a text may stand."""
+"""By how many lines a text may be moved up or down from its object."""
 
 Box = tuple[float, float, float, float]
 """(xmin, ymin, xmax, ymax), map frame, metres."""
 
 
 class Label(NamedTuple):
-    """A text and what it names: a place, or a thing that reaches some way around it. Metres, map frame."""
+    """A text and the position or object that it names. Metres, map frame."""
 
     text: str
     x: float
     y: float
     reach_x: float = 0.0
-    """Half the thing's size from west to east; the text stands beside it. 0 with ``reach_y``: the text stands on it."""
+    """Half the object's size from west to east; its text is next to it. With 0 here and in ``reach_y`` it is on the
+    position."""
     reach_y: float = 0.0
     away_x: float = 0.0
-    """The side on which the text should stand, if there is room: a direction, of any length; 0, 0 = above."""
+    """The side on which the text should be, if there is room: a direction, of any length; 0, 0 = above."""
     away_y: float = 0.0
 
     @property
     def box(self) -> Box:
-        """What the thing covers."""
+        """Extent of the object."""
         return self.x - self.reach_x, self.y - self.reach_y, self.x + self.reach_x, self.y + self.reach_y
 
 
 def spread(
     labels: Sequence[Label], metres_per_px: float, blocked: Sequence[Box] = ()
 ) -> list[tuple[float, float] | None]:
-    """Choose where texts stand, seen from above with north up, so that none covers another.
+    """Choose the positions of texts, seen from above with north up, so that none covers another.
 
-    A text avoids the things that others name and what is ``blocked``, where there is room.
+    A text avoids the objects that others name and what is ``blocked``, where there is room.
 
     Args:
         labels: the most important first.
@@ -54,14 +55,14 @@ def spread(
         blocked: what should not be covered.
 
     Returns:
-        the middle of each text, map frame; None where there is no room for it. The first always has a place.
+        the middle of each text, map frame; None where there is no room for it. The first always has a position.
     """
     things = [*blocked, *(label.box for label in labels if label.reach_x or label.reach_y)]
     taken: list[Box] = []
     middles: list[tuple[float, float] | None] = []
     for label in labels:
         width, height = text_size(label.text, metres_per_px)
-        places = _places(label, width, height, metres_per_px)
+        places = _candidates(label, width, height, metres_per_px)
         boxes = [(x - width / 2, y - height / 2, x + width / 2, y + height / 2) for x, y in places]
         alone = [i for i, box in enumerate(boxes) if not any(_cover(box, other) for other in taken)]
         free = [i for i in alone if not any(_cover(boxes[i], thing) for thing in things)]
@@ -80,7 +81,7 @@ def boxes_near(simap: SIMap, labels: Sequence[Label]) -> list[Box]:
     south, north = min(one.y for one in labels) - NEAR_M, max(one.y for one in labels) + NEAR_M
     around = (west, south, east, north)
     boxes = [(*one.aabb_m[0][:2], *one.aabb_m[1][:2]) for one in simap.instances]
-    return [box for box in boxes if _cover(box, around)][:MOST_NEAR]
+    return [box for box in boxes if _cover(box, around)][:MAX_NEAR]
 
 
 def text_size(text: str, metres_per_px: float) -> tuple[float, float]:
@@ -88,8 +89,8 @@ def text_size(text: str, metres_per_px: float) -> tuple[float, float]:
     return (len(text) * LETTER_PX + PLATE_PX) * metres_per_px, LINE_PX * metres_per_px
 
 
-def _places(label: Label, width: float, height: float, metres_per_px: float) -> list[tuple[float, float]]:
-    """Return where a text may stand, best first."""
+def _candidates(label: Label, width: float, height: float, metres_per_px: float) -> list[tuple[float, float]]:
+    """Return the positions that a text may have, best first."""
     x, y, line = label.x, label.y, LINE_PX * metres_per_px
     if not (label.reach_x or label.reach_y or label.away_x or label.away_y):
         return [(x, y + k * line) for k in (0, 1, -1, 2, -2, 3, -3)]
@@ -97,12 +98,15 @@ def _places(label: Label, width: float, height: float, metres_per_px: float) -> 
     out_x, out_y = label.reach_x + gap + width / 2, label.reach_y + gap + height / 2
     sides, corners = ((0, 1), (1, 0), (-1, 0), (0, -1)), ((1, 1), (-1, 1), (1, -1), (-1, -1))
 
-    def ranked(ways: Sequence[tuple[int, int]]) -> list[tuple[int, int]]:
-        return sorted(ways, key=lambda way: -(way[0] * label.away_x + way[1] * label.away_y))
+    def ranked(sides: Sequence[tuple[int, int]]) -> list[tuple[int, int]]:
+        return sorted(sides, key=lambda side: -(side[0] * label.away_x + side[1] * label.away_y))
 
-    ways = (*ranked(sides), *ranked(corners))
+    directions = (*ranked(sides), *ranked(corners))
     return [
-        (x + dx * out_x, y + dy * (out_y + ring * line)) for ring in range(_RINGS) for dx, dy in ways if dy or not ring
+        (x + dx * out_x, y + dy * (out_y + ring * line))
+        for ring in range(_RINGS)
+        for dx, dy in directions
+        if dy or not ring
     ]
 
 

@@ -1,4 +1,4 @@
-"""What the colours mean and what is on the map, as text and as small pieces of HTML."""
+"""Legends of the colours, and descriptions of a map and its objects, as text and as small pieces of HTML."""
 
 from html import escape
 
@@ -12,7 +12,7 @@ from simaps_viz.drawing.texture import HEIGHT_TOP_M, ColorMode
 from simaps_viz.drawing.theme import BOX_STYLE, DIM_STYLE, LIGHT, NESTED_EM, Theme, short, short_html
 from simaps_viz.structures import Instance, SIMap
 
-MOST_CHIPS = 40
+MAX_CHIPS = 40
 """Instances of a class that get their own colour chip; more are summed up."""
 
 
@@ -27,7 +27,7 @@ def counts_text(simap: SIMap, most: int = 4) -> str:
 
 
 def why_empty(simap: SIMap) -> str:
-    """Describe why a map has no instances, in words."""
+    """Return why a map has no instances."""
     if not any(simap.grid.is_thing):
         return "none of the classes of its masks is countable (is_thing)."
     if not (simap.grid.observations > 0).any():
@@ -116,8 +116,8 @@ def _instance_rows(simap: SIMap) -> list[str]:
         ids.setdefault(one.label, []).append(one.id)
     rows = []
     for label, count in simap.counts().items():
-        chips = "".join(_chip(as_color(colors[i])) for i in ids[label][:MOST_CHIPS])
-        rest = f" +{count - MOST_CHIPS}" if count > MOST_CHIPS else ""
+        chips = "".join(_chip(as_color(colors[i])) for i in ids[label][:MAX_CHIPS])
+        rest = f" +{count - MAX_CHIPS}" if count > MAX_CHIPS else ""
         rows.append(f'<div><span class="simaps-entry">{short_html(label)} <b>{count}</b></span>{chips}{rest}</div>')
     if len(simap.instances) > len(PALETTE):
         rows.append(_note("Objects near one another have different colours; farther off, colours repeat."))

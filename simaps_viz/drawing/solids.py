@@ -16,7 +16,7 @@ COLOR_STEP = 8
 """Colours closer than this share a mesh."""
 HEIGHT_STEP_M = 0.05
 """Heights closer than this are one, so that flat tops become few large faces."""
-MOST_CELLS = 1_000_000
+MAX_CELLS = 1_000_000
 """A larger map is shown in coarser blocks."""
 
 
@@ -40,14 +40,16 @@ def block_heights(simap: SIMap) -> NDArray:
 
 
 def solids(simap: SIMap, colors: NDArray) -> list[Solid]:
-    """Return the blocks, only their faces that can be seen; those of cells alike in a row are one.
+    """Return the blocks: only faces that can be seen; equal faces of cells in a row are joined to one.
 
     Args:
         simap: the map.
         colors: uint8 [rows, cols, 3], from ``cell_colors``.
     """
-    coarse = int(np.ceil(np.sqrt(colors.shape[0] * colors.shape[1] / MOST_CELLS)))
+    # Very large maps get coarser blocks.
+    coarse = int(np.ceil(np.sqrt(colors.shape[0] * colors.shape[1] / MAX_CELLS)))
     height, colors = _coarser(block_heights(simap), colors, coarse)
+    # The lids, and the sides towards each of the four neighbours.
     padded, key = np.pad(height, 1), np.pad(_keys(colors), 1)
     quads, owners = zip(_tops(padded, key), *(_sides(padded, key, towards) for towards in _CORNERS), strict=True)
     corners, owner = np.concatenate(quads), np.concatenate(owners)
@@ -55,6 +57,8 @@ def solids(simap: SIMap, colors: NDArray) -> list[Solid]:
     size = spec.cell_size_m * coarse
     corners[..., 0] = spec.x0_m + (corners[..., 0] - 1) * size
     corners[..., 1] = spec.y0_m + (corners[..., 1] - 1) * size
+
+    # One mesh for each colour: two triangles a quad.
     order = np.argsort(owner, kind="stable")
     corners, owner = corners[order].astype(np.float32), owner[order]
     if len(owner) == 0:
@@ -104,7 +108,7 @@ def _runs(row: NDArray, col: NDArray, *alike: NDArray) -> tuple[NDArray, NDArray
 
 
 def _tops(height: NDArray, key: NDArray) -> tuple[NDArray, NDArray]:
-    """Corners [n, 4, 3] of the lids, in cells and metres of height, and their colour keys."""
+    """Return the corners [n, 4, 3] of the lids, in cells and metres of height, and their colour keys."""
     row, col = np.nonzero(height > 0)
     top, owner = height[row, col], key[row, col]
     first, end = _runs(row, col, top, owner)
@@ -123,7 +127,7 @@ _CORNERS = {
 
 
 def _sides(height: NDArray, key: NDArray, towards: tuple[int, int]) -> tuple[NDArray, NDArray]:
-    """Corners [n, 4, 3] of the sides that face one neighbour, from that neighbour's lid up, and their colour keys."""
+    """Return corners [n, 4, 3] of the sides that face a neighbour, from that neighbour's lid up, and their keys."""
     d_row, d_col = towards
     inner = height[1:-1, 1:-1]
     beyond = height[1 + d_row : height.shape[0] - 1 + d_row, 1 + d_col : height.shape[1] - 1 + d_col]
@@ -161,6 +165,8 @@ def ray_on_blocks(simap: SIMap, origin: ArrayLike, direction: ArrayLike) -> tupl
     floor = ray_on_floor(o, d)
     if floor is None:
         return None
+
+    # Points along the ray, from the height of the highest block down to the floor.
     d = d / np.linalg.norm(d)
     height = block_heights(simap)
     top = float(height.max(initial=0.0))
@@ -168,6 +174,8 @@ def ray_on_blocks(simap: SIMap, origin: ArrayLike, direction: ArrayLike) -> tupl
     stop = -o[2] / d[2]
     steps = np.arange(start, stop, simap.spec.cell_size_m / 2.0)
     points = o + steps[:, None] * d
+
+    # The first that is inside a block.
     col = np.floor((points[:, 0] - simap.spec.x0_m) / simap.spec.cell_size_m).astype(int)
     row = np.floor((points[:, 1] - simap.spec.y0_m) / simap.spec.cell_size_m).astype(int)
     inside = (row >= 0) & (row < simap.spec.rows) & (col >= 0) & (col < simap.spec.cols)

@@ -24,7 +24,7 @@ ColorMode = Literal["instance", "class", "height", "observations"]
 COLOR_MODES: tuple[ColorMode, ...] = get_args(ColorMode)
 
 UNSEEN, FLOOR, CLUTTER, WALL = LIGHT.unseen, LIGHT.floor, LIGHT.clutter, LIGHT.wall
-"""Of the light page."""
+"""Colours of the light page."""
 GROUND = 4
 """Kinds of ground: unseen, floor, clutter, wall, in this order."""
 BORDER = 0.55
@@ -45,7 +45,7 @@ _grounds = ArrayCache()
 
 @dataclass(frozen=True, eq=False)
 class MapPicture:
-    """A picture that lies where a map lies, in the place of the map's own."""
+    """A picture that is shown on the floor instead of a map's own."""
 
     spec: GridSpec
     """Which part of the floor it covers."""
@@ -109,9 +109,9 @@ def _palette(simap: SIMap, mode: ColorMode, grounds: int, lit: Collection[int] |
 
 
 def shown_class_colors(simap: SIMap) -> dict[str, Color]:
-    """Return a colour to every class that a map's frames name: those of `class_colors`, and to the others what is left.
+    """Choose a colour for every class that a map's frames name: that of `class_colors` where there is one.
 
-    What cannot be counted, and what never made it onto the map, gets the colour that the fewest others have.
+    Classes that cannot be counted, or that are not on the map, get the colour that the fewest others have.
     """
     colors = class_colors(simap)
     used = Counter(colors.values())

@@ -1,4 +1,4 @@
-"""The colours of a light page and of a dark one: the ground of the map, its lines, and the texts beside it."""
+"""Colours of a light page and of a dark one, and styles of the pieces of HTML in their panels."""
 
 from dataclasses import dataclass
 from html import escape
@@ -8,29 +8,29 @@ from simaps_viz.colors.palette import Color
 
 @dataclass(frozen=True)
 class Theme:
-    """What changes with the page from light to dark."""
+    """Colours that differ between a light page and a dark one."""
 
     name: str
     dark: bool
     unseen: Color
     floor: Color
     clutter: Color
-    """Something stands there, but nobody could name it."""
+    """Ground on which something stands that has no name."""
     wall: Color
     ink: Color
     """Scale bar and compass."""
     selected: Color
     """The line around what is selected."""
     page: Color
-    """What viser paints behind the map."""
+    """viser's background behind the map."""
     panel: Color
-    """What viser paints behind the widgets."""
+    """viser's background behind the widgets."""
     text: Color
-    """Of our own pieces of HTML on ``panel``."""
+    """Text of our own HTML on ``panel``."""
     dim: Color
-    """Of what matters less."""
+    """Text that matters less."""
     link: Color
-    """Of what can be pressed."""
+    """Text that can be pressed."""
 
     @property
     def grounds(self) -> tuple[Color, Color, Color, Color]:
@@ -99,11 +99,11 @@ SMALL_STYLE = "padding:.1em .8em .45em;font-size:.82em;line-height:1.45"
 
 STICKY = "simaps-sticky"
 """Class of a block of HTML that stays at the top of its panel while that scrolls; `page.css` has its style."""
-LONGEST_NAME = 40
+MAX_NAME_LENGTH = 40
 """Characters of a name in a heading, a list or a legend; sequences may have classes of any length."""
 
 
-def short(text: str, most: int = LONGEST_NAME) -> str:
+def short(text: str, most: int = MAX_NAME_LENGTH) -> str:
     """Leave the middle out of a name that is too long."""
     if len(text) <= most:
         return text
@@ -111,8 +111,8 @@ def short(text: str, most: int = LONGEST_NAME) -> str:
     return f"{text[: most - tail - 1].rstrip()}…{text[-tail:].lstrip()}"
 
 
-def short_html(text: str, most: int = LONGEST_NAME) -> str:
-    """Escape a name; of one that is too long the whole is told to the pointer that rests on it."""
+def short_html(text: str, most: int = MAX_NAME_LENGTH) -> str:
+    """Escape a name; one that is too long is shortened, and shown in full when the pointer rests on it."""
     cut = short(text, most)
     return escape(text) if cut == text else f'<span title="{escape(text)}">{escape(cut)}</span>'
 
@@ -128,5 +128,5 @@ def remark_html(text: str) -> str:
 
 
 def working_html(text: str) -> str:
-    """Report that something is being worked on."""
+    """Return the line that is shown while something is being worked on."""
     return f'<div style="{SMALL_STYLE};opacity:.75" role="status"><i>{escape(text)} …</i></div>'

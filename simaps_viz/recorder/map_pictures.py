@@ -57,7 +57,7 @@ def cell_centres(spec: GridSpec, rows: NDArray, cols: NDArray) -> NDArray:
 
 
 def ground_picture(grid: Grid) -> NDArray:
-    """Tell floor, walls, unnamed things and named things apart, uint8 [rows, cols], values as in ``GROUND``."""
+    """Draw floor, walls, things without a name and things with one, uint8 [rows, cols], values as in ``GROUND``."""
     picture = ground_kinds(grid)
     picture[np.array(grid.is_thing, dtype=bool)[grid.label]] = UNPARTED
     return north_up(picture)

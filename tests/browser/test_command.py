@@ -168,7 +168,7 @@ def test_the_other_reading_starts_where_the_command_was_given(browser):
 
 def test_a_language_model_is_asked_shown_and_stopped(browser):
     with serving(writes('robot.move_to_object("couch")'), hangs) as server:
-        services = real_services(model=workbench._language_model(f"polyglot@{server.url}"))
+        services = real_services(model=workbench.language_model(f"polyglot@{server.url}"))
         with toy_workbench(services) as bench, watched_page(browser) as page:
             open_workbench(page, bench)
             open_tab(page)

@@ -218,7 +218,7 @@ def test_a_program_that_gets_stuck_marks_the_line():
 
 def test_a_hanging_model_holds_nothing_up_and_stop_ends_the_wait():
     with serving(hangs) as server:
-        model = workbench._language_model(f"m@{server.url}")
+        model = workbench.language_model(f"m@{server.url}")
         with toy_workbench(real_services(model=model)) as bench, fake_page(bench):
             mine(bench).robot.ask("go to the couch")
             assert server.arrived.wait(60.0)
@@ -234,7 +234,7 @@ def test_a_hanging_model_holds_nothing_up_and_stop_ends_the_wait():
 
 def test_what_a_model_was_sent_is_shown_and_off_means_off():
     with serving(writes('robot.move_to_object("couch")')) as server:
-        model = workbench._language_model(f"m@{server.url}")
+        model = workbench.language_model(f"m@{server.url}")
         with toy_workbench(real_services(model=model)) as bench, fake_page(bench):
             mine(bench).robot._drive.speed = 8.0
             mine(bench).robot.ask("va au canapé")
@@ -251,7 +251,7 @@ def test_what_a_model_was_sent_is_shown_and_off_means_off():
 def test_the_grammar_reads_when_the_server_is_gone():
     with serving(writes("robot.turn(1)")) as server:
         address = server.url
-    model: LanguageModel = workbench._language_model(f"m@{address}")
+    model: LanguageModel = workbench.language_model(f"m@{address}")
     told = []
     said = model.ask(toy_map(), "go to the couch", TOY_POSE, threading.Event(), told.append)
     assert said.status == "ok" and said.notes[0].startswith("read offline: ") and told[0][0].error

@@ -17,14 +17,14 @@ from simaps_viz.mapping.explain import between, explain
 from simaps_viz.viewer.scene.annotations import (
     FINE_FROM_PX,
     FULL_FROM_PX,
-    THINNEST,
+    MIN_LINE_SHARE,
     LabelLayer,
     Zoom,
     line_share,
     seen_metres_per_px,
 )
 from simaps_viz.viewer.scene.map_scene import OUTLINE_PX, MapScene
-from simaps_viz.viewer.scene.why_marks import MOST_NUMBERS, NODES, Marks, WhyMarks, link_label
+from simaps_viz.viewer.scene.why_marks import MAX_NUMBERS, NODES, Marks, WhyMarks, link_label
 
 CHAIR_1, CHAIR_3, TABLE = 1, 3, 6
 METRES_PER_PX = 0.01
@@ -77,7 +77,7 @@ def test_small_things_get_thin_lines():
     square = np.array([[[0, 0, 0], [1, 0, 0]], [[1, 0, 0], [1, 1, 0]]], float)
     assert line_share(square, 1.0 / FULL_FROM_PX) == 1.0 and line_share(square, 0.001) == 1.0
     assert line_share(square, 2.0 / FULL_FROM_PX) == pytest.approx(0.5)
-    assert line_share(square, 1.0) == THINNEST and line_share(square[:0], 1.0) == 1.0
+    assert line_share(square, 1.0) == MIN_LINE_SHARE and line_share(square[:0], 1.0) == 1.0
 
 
 def camera(height_m=10.0, rows=800, told=1.0):
@@ -189,8 +189,8 @@ def test_the_outline_is_thin_where_the_object_is_small(server, monkeypatch):
     thick = node(server, "/selection").thickness
     monkeypatch.setattr(LabelLayer, "metres_per_px", 1.0)
     scene.outline(toy_map(), TABLE)
-    assert node(server, "/selection").thickness == pytest.approx(OUTLINE_PX * THINNEST)
-    assert thick > 2 * OUTLINE_PX * THINNEST
+    assert node(server, "/selection").thickness == pytest.approx(OUTLINE_PX * MIN_LINE_SHARE)
+    assert thick > 2 * OUTLINE_PX * MIN_LINE_SHARE
 
 
 def test_the_strongest_links_are_named_at_the_neighbour(server):
@@ -208,7 +208,7 @@ def test_the_strongest_links_are_named_at_the_neighbour(server):
     drawn = WhyMarks(server)
     drawn.draw(marks)
     texts = [node(server, f"/why/number/{i}") for i in range(5)]
-    assert 0 < sum(text is not None for text in texts) <= MOST_NUMBERS
+    assert 0 < sum(text is not None for text in texts) <= MAX_NUMBERS
     drawn.draw(None)
     assert node(server, "/why/number/0") is None and node(server, "/why/links") is None
 

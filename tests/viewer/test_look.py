@@ -14,7 +14,7 @@ from toy_maps import map_from_drawing, toy_map
 
 from simaps_viz.colors.instances import class_colors, instance_colors
 from simaps_viz.drawing import legend, texture
-from simaps_viz.drawing.solids import MOST_CELLS, block_heights, solids
+from simaps_viz.drawing.solids import MAX_CELLS, block_heights, solids
 from simaps_viz.drawing.theme import (
     BAD_PAPER_STYLE,
     BAD_STYLE,
@@ -117,7 +117,7 @@ def test_the_ground_is_kept_for_one_grid_only(simap):
 
 def test_blocks_of_a_large_map_are_coarser_but_as_high():
     simap = large_map(1200, 1000, 40, edges=False)
-    assert simap.spec.rows * simap.spec.cols > MOST_CELLS
+    assert simap.spec.rows * simap.spec.cols > MAX_CELLS
     found = solids(simap, texture.cell_colors(simap, "instance"))
     points = np.concatenate([solid.vertices for solid in found])
     xmin, ymin, xmax, ymax = simap.spec.extent_m

@@ -6,7 +6,7 @@ import pytest
 from toy_maps import toy_map
 
 from simaps_viz.drawing.legend import counts_text, facts_html, legend_html
-from simaps_viz.drawing.theme import LONGEST_NAME, short, short_html
+from simaps_viz.drawing.theme import MAX_NAME_LENGTH, short, short_html
 from simaps_viz.errors import CommandError
 from simaps_viz.language.commands import examples as spoken_examples
 from simaps_viz.language.commands import read_command
@@ -27,7 +27,7 @@ def long_map():
 def test_a_long_name_is_shortened_and_told_in_full_to_who_asks():
     assert short("chair 7 of 31") == short_html("chair 7 of 31") == "chair 7 of 31"
     cut = short(LONG)
-    assert len(cut) <= LONGEST_NAME and cut.startswith("www") and "…" in cut and cut.endswith("of name")
+    assert len(cut) <= MAX_NAME_LENGTH and cut.startswith("www") and "…" in cut and cut.endswith("of name")
     assert short_html(LONG) == f'<span title="{LONG}">{cut}</span>'
     assert 'title="&lt;b&gt;' in short_html("<b>" + LONG)
 

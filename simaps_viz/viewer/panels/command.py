@@ -14,7 +14,7 @@ from simaps_viz.drawing.theme import (
     BAD_PAPER_STYLE,
     DIM_STYLE,
     GOOD_PAPER_STYLE,
-    LONGEST_NAME,
+    MAX_NAME_LENGTH,
     NESTED_EM,
     PAPER_STYLE,
     SENT_PAPER_STYLE,
@@ -429,7 +429,7 @@ def entered(text: str) -> str | None:
 
 def examples(simap: SIMap, most: int = EXAMPLES) -> list[str]:
     """Make commands that this map can answer, from the classes on it."""
-    counts = {name: count for name, count in simap.counts().items() if len(name) <= LONGEST_NAME}
+    counts = {name: count for name, count in simap.counts().items() if len(name) <= MAX_NAME_LENGTH}
     names = list(counts)
     if not names:
         return ["move forward 1 meter"]

@@ -12,7 +12,7 @@ from simaps_viz.colors.palette import Color
 from simaps_viz.drawing.label_layout import Box, Label, spread
 
 CANVAS_PX = 560.0
-"""Height of the canvas assumed until a page has told its own."""
+"""Height of the canvas assumed until a page has reported its own."""
 FINE_FROM_PX = 1500
 """A canvas of more rows is taken for one of a fine screen."""
 CHANGE = 0.1
@@ -22,7 +22,7 @@ REST_S = 0.25
 
 
 class Zoom:
-    """The size of a metre on one page; a camera that moves is waited for."""
+    """Reports when the size of a metre on one page has changed, once its camera rests."""
 
     def __init__(
         self,
@@ -37,13 +37,13 @@ class Zoom:
         Args:
             page: a server has no camera of its own.
             changed: called from a thread of its own, once the camera rests.
-            assumed_m: how much of the floor a page shows from south to north that has not told.
+            assumed_m: how much of the floor, from south to north, a page is assumed to show until it reports.
             rest_s: for how long the camera has to rest.
         """
         self._page, self._changed, self._assumed_m, self._rest_s = page, changed, assumed_m, rest_s
         self._lock = threading.Lock()
         self._waiting: threading.Timer | None = None
-        self._told = 0.0
+        self._reported = 0.0
         if isinstance(page, viser.ClientHandle):
             page.camera.on_update(lambda _: self._moved())
 
@@ -52,13 +52,13 @@ class Zoom:
         found = None
         if isinstance(self._page, viser.ClientHandle):
             found = seen_metres_per_px(self._page.camera)
-        self._told = self._assumed_m() / CANVAS_PX if found is None else found
-        return self._told
+        self._reported = self._assumed_m() / CANVAS_PX if found is None else found
+        return self._reported
 
     def _moved(self) -> None:
         assert isinstance(self._page, viser.ClientHandle)
         now = seen_metres_per_px(self._page.camera)
-        if now is None or (self._told > 0.0 and abs(now / self._told - 1.0) < CHANGE):
+        if now is None or (self._reported > 0.0 and abs(now / self._reported - 1.0) < CHANGE):
             return
         with self._lock:
             if self._waiting is not None:
@@ -69,13 +69,13 @@ class Zoom:
 
 
 def seen_metres_per_px(camera: Any) -> float | None:
-    """Return how many metres a pixel shows at the place a camera looks at; None for one that has not told yet."""
+    """Return how many metres a pixel shows where a camera looks; None for one that has not reported yet."""
     if camera.update_timestamp == 0.0 or camera.image_height <= 0:
         return None
     away = float(np.linalg.norm(np.subtract(camera.position, camera.look_at)))
     shown = 2.0 * away * float(np.tan(float(camera.fov) / 2.0))
-    # viser tells rows of the canvas: between three quarters of a page's pixels (where drawing is slow) and all those of
-    # the screen, of which fine screens have two for one of the page.
+    # viser reports rows of the canvas: between three quarters of a page's pixels (where drawing is slow) and all those
+    # of the screen, of which fine screens have two for one of the page.
     rows = float(camera.image_height) / (2.0 if camera.image_height > FINE_FROM_PX else 1.0)
     return shown / rows if shown > 0.0 else None
 
@@ -91,10 +91,10 @@ class LabelLayer:
         assumed_m: Callable[[], float] = lambda: 10.0,
         zoomed: Callable[[float], None] = lambda metres_per_px: None,
     ) -> None:
-        """Show nothing yet; ``zoomed`` is told the metres a pixel shows when that has changed."""
+        """Show nothing yet; ``zoomed`` is called with the metres a pixel shows when that has changed."""
         self._page, self._name, self._zoomed = page, name, zoomed
         self.lock = threading.RLock()
-        """Held while anything is drawn, and while ``zoomed`` is told, which comes from a thread of its own: whoever
+        """Held while anything is drawn, and while ``zoomed`` is called, which is on a thread of its own: whoever
         draws more than these texts takes it too."""
         self._labels: tuple[Label, ...] = ()
         self._blocked: tuple[Box, ...] = ()
@@ -122,7 +122,7 @@ class LabelLayer:
             self._lay()
 
     def place(self) -> None:
-        """Find the texts places for the zoom of now."""
+        """Lay the texts out for the current zoom."""
         with self._page.atomic(), self.lock:
             self._zoomed(self._lay())
 
@@ -137,24 +137,24 @@ class LabelLayer:
 
 
 FULL_FROM_PX = 60.0
-"""What is smaller than this on the screen gets thinner lines, or they would hide it."""
-THINNEST = 0.4
+"""Objects smaller than this on the screen get thinner lines, because thick ones would hide them."""
+MIN_LINE_SHARE = 0.4
 """Share of a line's thickness that is left around the smallest."""
 
 
 def line_share(segments: NDArray, metres_per_px: float) -> float:
-    """Return the share of their thickness, THINNEST to 1, that lines around a thing, float [n, 2, 3], should have."""
+    """Return the share of their thickness that lines around an object, float [n, 2, 3], should have."""
     if not len(segments):
         return 1.0
     corners = segments.reshape(-1, 3)[:, :2]
     size_px = float((corners.max(axis=0) - corners.min(axis=0)).min()) / metres_per_px
-    return float(np.clip(size_px / FULL_FROM_PX, THINNEST, 1.0))
+    return float(np.clip(size_px / FULL_FROM_PX, MIN_LINE_SHARE, 1.0))
 
 
 def draw_lines(
     scene: viser.SceneApi, name: str, segments: NDArray, color: Color, thickness_px: float, *, visible: bool = True
 ) -> None:
-    """Draw line segments, float [n, 2, 3], map frame, metres, in the place of those of that name; n = 0: none."""
+    """Draw line segments, float [n, 2, 3], map frame, metres, instead of those of that name; n = 0: none."""
     if len(segments):
         scene.add_line_segments(
             name, segments, color, thickness=thickness_px, thickness_units="screen", visible=visible

@@ -16,10 +16,10 @@ Extent = tuple[float, float, float, float]
 """(xmin, ymin, xmax, ymax), map frame, metres."""
 
 TOP_FOV_RAD = float(np.deg2rad(10.0))
-TOP_MOST_M = 600.0
+MAX_TOP_HEIGHT_M = 600.0
 """The top view's camera is no farther from the floor, however large the map: it opens wider instead."""
 SEES_M = 1000.0
-"""viser's camera sees nothing beyond; one that stands farther away is told to see farther."""
+"""viser's camera sees nothing beyond this distance unless its far plane is moved."""
 SLANT_FOV_RAD = float(np.deg2rad(40.0))
 SLANT_RAD = float(np.deg2rad(48.0))
 """Angle of the slanted view over the horizon."""
@@ -56,7 +56,7 @@ def top_view(extent: Extent, aspect: float) -> View:
     """
     xmin, ymin, xmax, ymax = extent
     half = max((ymax - ymin) / 2.0, (xmax - xmin) / 2.0 / max(aspect, 1e-3))
-    distance = min(half / np.tan(TOP_FOV_RAD / 2.0), TOP_MOST_M)
+    distance = min(half / np.tan(TOP_FOV_RAD / 2.0), MAX_TOP_HEIGHT_M)
     fov_rad = 2.0 * float(np.arctan2(half, distance))
     x, y = (xmin + xmax) / 2.0, (ymin + ymax) / 2.0
     # A hair to the south: straight down would leave "up" undefined.
@@ -76,7 +76,7 @@ def slanted_view(extent: Extent, aspect: float) -> View:
 TOP, SLANT = "Top view", "3-D view"
 """The two views of a map, as the page names them."""
 FIRST_ASPECT = 0.75
-"""Width over height of the canvas assumed until a page has told its own."""
+"""Width over height of the canvas assumed until a page has reported its own."""
 UP = (0.0, 0.0, 1.0)
 INSIST_S = 3.0
 """For how long after a camera was put somewhere it is put there again when its page is still where it was before: a
@@ -92,11 +92,11 @@ class CameraState:
     name: str
     """TOP or SLANT: the view that was chosen last."""
     moved: tuple[Triple, Triple, Triple, float] | None = None
-    """Position, place looked at, up, vertical field of view (radians), where its user has moved it from there."""
+    """Position, point looked at, up, vertical field of view (radians), if its user has moved it from there."""
 
 
 def set_first_view(server: viser.ViserServer, extent: Extent) -> None:
-    """Let pages that are opened from now on begin with the top view of an extent."""
+    """Set the first view of pages that are opened from now on: the top view of an extent."""
     first = top_view(extent, FIRST_ASPECT)
     server.initial_camera.position = first.position
     server.initial_camera.look_at = first.look_at
@@ -105,7 +105,7 @@ def set_first_view(server: viser.ViserServer, extent: Extent) -> None:
 
 
 class Viewpoints:
-    """The camera of one page. A camera that its user has moved is left alone."""
+    """The camera of one page. It shows the complete map, whatever the canvas, until its user moves it."""
 
     def __init__(self, client: viser.ClientHandle, extent: Extent) -> None:
         """Begin with the top view of an extent, and watch the canvas."""
@@ -155,7 +155,7 @@ class Viewpoints:
         self.look(self._name)
 
     def show_extent(self, extent: Extent) -> None:
-        """Another part of the floor is to be seen: go there, unless the camera was moved."""
+        """Show another part of the floor, unless the camera was moved."""
         with self._lock:
             moved = self._moved()
             self._extent = extent
@@ -237,12 +237,12 @@ class Follower:
     """Moves the camera of a page, while it is on."""
 
     def __init__(self, client: viser.ClientHandle, *, behind: Callable[[], bool], let_go: Callable[[], None]) -> None:
-        """Take what it needs.
+        """Follow nothing yet.
 
         Args:
             client: whose camera.
             behind: whether to look from behind the robot rather than from above.
-            let_go: called when it is switched off; puts the camera back.
+            let_go: called when it is switched off; restores the camera.
         """
         self._client, self._behind, self._let_go = client, behind, let_go
         self._on = False
@@ -256,7 +256,7 @@ class Follower:
         return self._on
 
     def switch(self, on: bool, pose: Pose2) -> None:
-        """Begin to follow, or leave the camera to its user again."""
+        """Begin to follow, or return the camera to its user."""
         with self._lock:  # a move that is being made would undo what ``let_go`` does
             was, self._on, self._yaw, self._moved_at = self._on, on, None, 0.0
             if was and not on:
@@ -264,7 +264,7 @@ class Follower:
         self.see(pose, rests=True)
 
     def see(self, pose: Pose2, *, rests: bool = False) -> None:
-        """Report where the robot is, and whether it rests there; else moves that come too fast are left out."""
+        """Move the camera to a pose of the robot; moves that come too fast are left out unless the robot rests."""
         soon = time.monotonic() - self._moved_at < _EVERY_S and not rests
         if not self._on or soon or not self._lock.acquire(blocking=rests):
             return

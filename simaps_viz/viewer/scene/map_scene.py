@@ -1,4 +1,4 @@
-"""What stands in the middle of the page: the map, the robot, its path, the camera of a frame."""
+"""The 3-D scene of a page: the map, the robot, its path, the camera of a frame, scale bar and compass."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -22,9 +22,9 @@ PATH = (22, 110, 235)
 OUTLINE_PX = 3.0
 ROBOT_HEIGHT_M = 0.35
 PICTURE_M = 0.004
-"""How far a picture in the place of the map lies over it."""
+"""Height over the map of a picture that is shown instead of it."""
 PARENTS = ("/candidates", "/why")
-"""What is below these comes and goes; they stay, and are hidden with all below them."""
+"""Nodes whose children come and go; hiding one hides its children."""
 LINES = ("/path", "/selection", "/cut")
 CAMERA = (220, 60, 40)
 CAMERA_FOV_RAD, CAMERA_ASPECT, CAMERA_SIZE_M = 0.9, 4 / 3, 0.45
@@ -44,7 +44,7 @@ class Style:
     paint: tuple[NDArray, NDArray] | None = None
     """Cells (flat) that get colours of their own, uint8 [n, 3]."""
     theme: Theme = LIGHT
-    """Of the page."""
+    """Theme of the page."""
 
 
 class MapScene:
@@ -79,16 +79,16 @@ class MapScene:
 
     @property
     def nodes(self) -> viser.SceneApi:
-        """All that stands there, for what others mark on it."""
+        """Viser's scene, for others that draw on it."""
         return self._scene
 
     @property
     def frame_extent(self) -> Extent:
-        """What a camera should show: the map, its scale bar and its compass."""
+        """Extent that a camera should show: the map, its scale bar and its compass."""
         return frame_extent(self.extent)
 
     def fit(self, simap: SIMap) -> bool:
-        """Put scale bar and compass beside what was seen of a map; tells whether that has changed."""
+        """Put scale bar and compass next to the seen part of a map; returns whether that part has changed."""
         extent = seen_extent(simap)
         if extent == self.extent:
             return False
@@ -120,7 +120,7 @@ class MapScene:
     def show_picture(self, spec: GridSpec | None, picture: bytes = b"") -> None:
         """Lay a picture (PNG) over the map, where a grid lies; None takes it away.
 
-        Meanwhile nothing of the map's own stands on it, and scale bar and compass lie beside it.
+        Meanwhile robot, path and marks of the map are hidden, and scale bar and compass are next to the picture.
         """
         with self._page.atomic(), self._lock:
             before = self._pictured
@@ -149,7 +149,7 @@ class MapScene:
 
     @property
     def _framed(self) -> Extent:
-        """What scale bar, compass and badge lie beside."""
+        """Extent next to which scale bar, compass and badge are."""
         return self._pictured or self.extent
 
     def stand_up(self, upright: bool) -> None:
@@ -175,7 +175,7 @@ class MapScene:
             self._robot.wxyz = vtf.SO3.from_z_radians(pose.yaw_rad).wxyz
 
     def show_path(self, points_m: NDArray) -> None:
-        """Draw a way over the floor, [n, 2]; n < 2 draws none."""
+        """Draw a path on the floor, [n, 2]; n < 2 draws none."""
         points = np.asarray(points_m, np.float64).reshape(-1, 2)
         line = np.column_stack([points, np.full(len(points), 0.03)])
         segments = np.stack([line[:-1], line[1:]], axis=1) if len(line) > 1 else np.zeros((0, 2, 3))
@@ -189,7 +189,7 @@ class MapScene:
         self._candidates.show(labels, blocked=(*blocked, (x - r, y - r, x + r, y + r)))
 
     def show_badge(self, text: str) -> None:
-        """Write beside the map what it is not to be taken for; nothing when the text is empty."""
+        """Write a warning next to the map, such as that it is simulated; none when the text is empty."""
         if self._badge is None:
             if not text:
                 return
@@ -246,7 +246,7 @@ class MapScene:
             self._images[name][1]._data = picture
 
     def _build_blocks(self) -> None:
-        """Build what is shown as blocks, where the map stands up and nothing lies over it."""
+        """Build the blocks of the 3-D view, if it is on and no picture covers the map."""
         shown = self._shown
         if shown is None or not self._upright or self._pictured is not None:
             return
@@ -352,7 +352,7 @@ class CameraMark:
         )
 
     def show(self, T_map_camera: NDArray) -> None:
-        """Stand where a frame was taken from, float [4, 4], camera to map, metres."""
+        """Show where a frame was taken from, float [4, 4], camera to map, metres."""
         x, y, z = (float(value) for value in T_map_camera[:3, 3])
         with self._page.atomic():
             self._frustum.position = (x, y, z)
@@ -362,7 +362,7 @@ class CameraMark:
             self._frustum.visible = self._drop.visible = True
 
     def hide(self) -> None:
-        """Take it away."""
+        """Hide it."""
         with self._page.atomic():
             self._frustum.visible = self._drop.visible = False
 

@@ -1,4 +1,4 @@
-"""What the explanation of an object draws on the map: sureness of cells, joints, links to neighbours."""
+"""Marks on the map that explain an object: how sure its cells are, its joints, its links to neighbours."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -24,16 +24,16 @@ OTHER: Color = (130, 40, 160)
 UNKNOWN: Color = (150, 150, 150)
 """Cells of which nothing was seen for or against."""
 RAMP: tuple[Color, ...] = ((202, 46, 34), (244, 141, 82), (250, 222, 140), (126, 178, 214), (33, 90, 168))
-"""From unsure to sure; told apart by the colour-blind too."""
+"""From unsure to sure; distinguishable with any kind of colour vision."""
 LOW_EVIDENCE = 0.5
 """Evidence at or below this is as unsure as the colours go."""
 SHORTEST_LINK_M = 0.4
 """Links between objects that touch are drawn so long, or one would not see them."""
-MOST_LINKS = 8
-MOST_NUMBERS = 3
-"""Links whose numbers stand on the map; the panel has those of the others."""
+MAX_LINKS = 8
+MAX_NUMBERS = 3
+"""Links whose numbers are on the map; the panel has those of the others."""
 SMALL_M = 1.2
-"""The number of a neighbour no larger than this stands beside it; of a larger one, where the link ends."""
+"""The number of a neighbour up to this size is next to it; that of a larger one is where the link ends."""
 NODES: dict[str, tuple[Color, float]] = {
     "cut": (CUT, 3.5),
     "source": (SOURCE, 2.5),
@@ -87,7 +87,7 @@ def joint_line(simap: SIMap, why: Why, joint: Joint, z_m: float = FLOOR_M) -> ND
     part = np.zeros(simap.spec.shape, np.int8)
     part.reshape(-1)[why.cells_of(joint.source)] = 1
     part.reshape(-1)[why.cells_of(joint.target)] = 2
-    row, col = np.nonzero(part[1:] + part[:-1] == 3)  # 1 beside 2
+    row, col = np.nonzero(part[1:] + part[:-1] == 3)  # 1 next to 2
     level = np.stack([np.stack([col, row + 1], -1), np.stack([col + 1, row + 1], -1)], 1)
     row, col = np.nonzero(part[:, 1:] + part[:, :-1] == 3)
     upright = np.stack([np.stack([col + 1, row], -1), np.stack([col + 1, row + 1], -1)], 1)
@@ -100,7 +100,7 @@ def joint_line(simap: SIMap, why: Why, joint: Joint, z_m: float = FLOOR_M) -> ND
 
 def drawn_links(why: Why) -> tuple[Link, ...]:
     """Choose the links worth drawing: those that something was seen of, and those that touch; strongest first."""
-    return tuple(link for link in why.neighbours if link.touching or link.same + link.different > 0)[:MOST_LINKS]
+    return tuple(link for link in why.neighbours if link.touching or link.same + link.different > 0)[:MAX_LINKS]
 
 
 def link_lines(links: Sequence[Link], z_m: float = FLOOR_M) -> NDArray:
@@ -108,15 +108,15 @@ def link_lines(links: Sequence[Link], z_m: float = FLOOR_M) -> NDArray:
     lines = np.zeros((len(links), 2, 3), np.float32)
     for line, link in zip(lines, links, strict=True):
         a, b = np.array(link.ends_m)
-        way, middle = b - a, (a + b) / 2.0
-        stretch = max(1.0, SHORTEST_LINK_M / max(float(np.hypot(*way)), 1e-6))
-        line[0, :2], line[1, :2] = middle - way * stretch / 2.0, middle + way * stretch / 2.0
+        step, middle = b - a, (a + b) / 2.0
+        stretch = max(1.0, SHORTEST_LINK_M / max(float(np.hypot(*step)), 1e-6))
+        line[0, :2], line[1, :2] = middle - step * stretch / 2.0, middle + step * stretch / 2.0
         line[:, 2] = z_m
     return lines
 
 
 def link_text(method: str, link: Link) -> str:
-    """Say the number that stands at a link."""
+    """Return the number that is written at a link."""
     return score_text(method, link.score) if method_of(method).slider is not None else f"{link.distance_m:.2f} m"
 
 
@@ -155,7 +155,7 @@ class WhyMarks:
                 self._drawn |= _lines_of(marks, links, z_m)
                 self._around = outline_segments(marks.simap, marks.why.instance.id)
             self._draw_lines(self._labels.metres_per_px)
-            labels = [] if marks is None else [link_label(marks, link) for link in links[:MOST_NUMBERS]]
+            labels = [] if marks is None else [link_label(marks, link) for link in links[:MAX_NUMBERS]]
             blocked = () if marks is None else boxes_near(marks.simap, labels)
             self._labels.show(labels, blocked=blocked, z_m=z_m)
 
@@ -187,7 +187,7 @@ def _links_of(marks: Marks) -> tuple[Link, ...]:
 
 
 def _lines_of(marks: Marks, links: Sequence[Link], z_m: float) -> dict[str, NDArray]:
-    """Return what is drawn by its place in NODES."""
+    """Return the lines to draw, by their names in NODES."""
     simap, why, joint = marks.simap, marks.why, marks.joint
     lines: dict[str, NDArray] = {}
     shown = joint or (why.weakest if marks.lines else None)

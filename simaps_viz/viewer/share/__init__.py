@@ -1,1 +1,1 @@
-"""One file that shows a map, its making and a ride to somebody who has none of this."""
+"""Files to send to somebody: a map, its growth, and a robot that drives on it."""

@@ -29,7 +29,7 @@ MAX_TEXTURE_PIXELS, MAX_PER_CELL = 1300, 4
 ASPECT = 1.6
 """Width over height of the window the camera is set for."""
 BESIDE = 0.42
-"""Room left for the text beside the map, as a share of the map's width."""
+"""Room for the text left of the map, as a share of the map's width."""
 POLICY = (
     "default-src 'none'; script-src 'unsafe-inline' 'unsafe-eval' blob: data:; style-src 'unsafe-inline' data:; "
     "img-src data: blob:; font-src data:; connect-src data: blob:; worker-src blob: data:; media-src data: blob:"
@@ -92,7 +92,7 @@ def _record(
     radius_m: float,
     progress: Progress | None,
 ) -> str:
-    """Play the story to nobody, and keep what was sent."""
+    """Play the build and the drive on a server without pages, and return what it recorded as HTML."""
     scene = MapScene(server, simap, robot_radius_m=radius_m)
     light_up(server.scene)
     _set_camera(server, scene.frame_extent)
@@ -138,7 +138,7 @@ def _record(
 
 
 def _set_camera(server: viser.ViserServer, extent: Extent) -> None:
-    """Look straight down; the map stands to the right of the text."""
+    """Look straight down, with the map to the right of the text."""
     xmin, ymin, xmax, ymax = extent
     room, head = BESIDE * (xmax - xmin), 0.06 * (ymax - ymin)
     view = top_view((xmin - room, ymin - head / 3.0, xmax, ymax + head), ASPECT)
@@ -148,7 +148,7 @@ def _set_camera(server: viser.ViserServer, extent: Extent) -> None:
 
 
 def _png(simap: SIMap, step: TimeStep | None) -> bytes:
-    """Paint a moment of the map on the finished map's grid, PNG, row 0 at the south."""
+    """Paint the map at a time step of its build, PNG, row 0 at the south; None: the finished map."""
     spec = simap.spec
     scale = int(np.clip(MAX_TEXTURE_PIXELS // max(spec.shape), 1, MAX_PER_CELL))
     shown, hidden = (simap, ()) if step is None else (step.simap, step.hidden.tolist())
