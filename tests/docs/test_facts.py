@@ -19,6 +19,14 @@ def test_files_named_are_there(page):
         assert (ROOT / name).exists(), f"{page}: {name}"
 
 
+def test_what_the_architecture_names_is_in_the_package():
+    named = set(re.findall(r"`([a-z_]+(?:/[a-z_]+)*(?:/|\.py))`", (ROOT / "ARCHITECTURE.md").read_text())) - {
+        "apps/",
+        "tests/",
+    }
+    assert len(named) >= 30 and [name for name in sorted(named) if not (ROOT / "simaps_viz" / name).exists()] == []
+
+
 def test_what_security_says_is_tested_is_a_test():
     """The last column names attacks of `apps/attack.py`, tests, or files."""
     rows = re.findall(r"^\|[^|]*\|[^|]*\|([^|]*)\|$", (ROOT / "SECURITY.md").read_text(), re.M)

@@ -98,7 +98,7 @@ def test_the_wheel_is_the_package_and_nothing_else(built):
 def test_the_source_archive_has_sources_and_no_recordings(built):
     with tarfile.open(built.sdist) as archive:
         names = {member.name.partition("/")[2] for member in archive.getmembers() if member.isfile()}
-    pages = ("README.md", "CHANGELOG.md", "SECURITY.md")
+    pages = ("README.md", "CHANGELOG.md", "SECURITY.md", "ARCHITECTURE.md", "CONTRIBUTING.md")
     wanted = tracked("simaps_viz", "apps", "tests", "docs", "assets", *pages, "LICENSE", "Makefile")
     assert names - {"PKG-INFO", ".gitignore", "pyproject.toml"} == wanted and "pyproject.toml" in names
     assert built.sdist.stat().st_size < MAX_SDIST_BYTES
