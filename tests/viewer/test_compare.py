@@ -5,8 +5,8 @@ import pytest
 from judged_maps import drawn, map_of_ids
 from toy_maps import toy_map
 
-from simaps_viz.drawing import sheet
-from simaps_viz.drawing.compare_picture import INK, KINDS, LIGHT_MISSED, TwoPictures, mark_color
+from simaps_viz.drawing.compare_picture import KINDS, LIGHT_MISSED, TwoPictures, mark_color
+from simaps_viz.drawing.sheet import INK
 from simaps_viz.drawing.theme import DARK, LIGHT
 from simaps_viz.evaluation.differences import Kind
 from simaps_viz.evaluation.two_maps import compare_two
@@ -181,22 +181,3 @@ def test_two_maps_are_stacked_where_they_are_larger_so(merged):
     assert np.array_equal(both.pixels[: spec.rows * n, edge:], right[:, edge:])
     assert np.array_equal(both.pixels[down * n : (down + spec.rows) * n, :-edge], left[:, :-edge])
     assert pictures.shift_m("swipe") == (0.0, 0.0)
-
-
-@pytest.mark.parametrize("text", ["Café – 2 → 1", "椅子", "a" * 200])
-def test_text_is_written_where_it_should_be(text):
-    image = np.full((60, 900, 3), 255, np.uint8)
-    cut = sheet.fitting(text, 20, 400)
-    assert sheet.width_of(cut, 20) <= 400 and (len(cut) == len(text) or cut.endswith("…"))
-    sheet.write(image, cut, (450, 30), 20, (0, 0, 0), anchor="centre")
-    _, col = np.nonzero(image.min(axis=-1) < 128)
-    assert abs((col.min() + col.max()) / 2 - 450) < 8
-    assert col.max() - col.min() <= 400
-
-
-def test_text_without_a_font_of_its_own_is_plain(monkeypatch):
-    monkeypatch.setattr(sheet, "_font", lambda: None)
-    image = np.full((60, 400, 3), 255, np.uint8)
-    sheet.write(image, "Café → “x”", (10, 30), 20, (0, 0, 0))
-    assert (image.min(axis=-1) < 128).any()
-    assert sheet.width_of("Café", 20) > 20
