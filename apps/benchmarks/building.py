@@ -12,7 +12,7 @@ import numpy as np
 from benchmarks.large_building import SimulatedBuilding
 
 from simaps_viz.build.pipeline import BuildConfig, build_map
-from simaps_viz.evaluation.overlaps import ScoringRules
+from simaps_viz.evaluation.quality import ScoringRules
 from simaps_viz.events import BuildFinished, Event, FrameProjected
 from simaps_viz.mapping.file import load_map, save_map
 from simaps_viz.structures import SIMap

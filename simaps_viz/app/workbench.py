@@ -22,7 +22,8 @@ from simaps_viz.datasets.source import FrameSource
 from simaps_viz.errors import InputError
 from simaps_viz.language.commands import Reading, read_command
 from simaps_viz.language.grounding import Grounding
-from simaps_viz.language.llm import Exchange, LLMError, LLMReader, LLMServerError, parse_llm_spec
+from simaps_viz.language.llm import LLMReader
+from simaps_viz.language.llm_settings import Exchange, LLMError, LLMServerError, parse_llm_spec
 from simaps_viz.mapping.file import load_map
 from simaps_viz.mapping.mending import Mending
 from simaps_viz.mapping.simap import joining_at, repartition

@@ -139,8 +139,7 @@ def _store(method: str, simap: "SIMap") -> "Footprint":
 def _navigation(settings: Evaluate, progress: "StageProgress") -> tuple[str, dict[str, Any]]:
     from simaps_viz.build.methods import build
     from simaps_viz.evaluation.judging import start_session
-    from simaps_viz.evaluation.navigation import TRUE_MAP, evaluate_navigation
-    from simaps_viz.evaluation.navigation_report import navigation_json, navigation_text
+    from simaps_viz.evaluation.navigation import TRUE_MAP, evaluate_navigation, navigation_json, navigation_text
     from simaps_viz.evaluation.run import open_for_evaluation, split_names, write_json
 
     if settings.judge is not None and settings.judge.exists():

@@ -14,10 +14,8 @@ from simaps_viz.colors.palette import Color
 from simaps_viz.errors import InputError
 from simaps_viz.evaluation.coloring import distinct_colors, paint, partners
 from simaps_viz.evaluation.evaluate import NOT_SIMULATED, Report, Run
-from simaps_viz.evaluation.overlaps import Overlaps
-from simaps_viz.evaluation.quality import Score
-from simaps_viz.evaluation.truth import Truth
-from simaps_viz.evaluation.windows import joint_window, moved, moved_grid, whole_cells
+from simaps_viz.evaluation.quality import Overlaps, Score
+from simaps_viz.evaluation.truth import Truth, joint_window, moved, moved_grid, whole_cells
 from simaps_viz.structures import Grid, GridSpec, Instance, SIMap
 
 
@@ -131,7 +129,7 @@ def compare_maps(
 
 
 def verdicts(overlaps: Overlaps) -> dict[int, Verdict]:
-    """Say of every found instance what became of it."""
+    """Classify every found instance by what became of it."""
     found, pairs = overlaps.found, overlaps.pairs
     right = np.isin(np.arange(len(found.ids)), pairs[overlaps.matched, 1])
     inside = overlaps.same_class & (pairs[:, 2] > 0.5 * found.cells[pairs[:, 1]])

@@ -1,7 +1,7 @@
 """People judge runs without knowing whose they are: a session file, one JSON line after the other.
 
 The file holds the runs in the order they are shown, then one line for each answer, written through to the disk at
-once; so a session goes on where it was, whatever happened. It also holds the methods: whoever judges does not read it.
+once; so a session resumes where it was, whatever happened. It also holds the methods: whoever judges must not read it.
 """
 
 import json
@@ -29,7 +29,7 @@ class BlindRun:
     """What the judge is shown."""
 
     run_id: str
-    """Says nothing about the method."""
+    """Does not reveal the method."""
     shown: Mapping[str, Any]
     """Command, start, track, stops and whether it refused or collided; never the method."""
     number: int
@@ -64,7 +64,7 @@ class JudgingSession:
     """{run_id: the last answer}."""
 
     def next_run(self) -> BlindRun | None:
-        """Return the first run nobody has answered for; None when all are done. Asking again gives the same one."""
+        """Return the first run nobody has answered for; None when all are done. Asking again returns the same one."""
         for number, run in enumerate(self.runs, start=1):
             if run["run_id"] not in self.answers:
                 shown = {key: value for key, value in run.items() if key not in (*_HIDDEN, "run_id")}

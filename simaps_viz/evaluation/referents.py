@@ -1,6 +1,6 @@
 """Which true object a phrase means, by the meanings written down in ``language.primitives``, asked of the true world.
 
-Every function gives None where people could disagree: where the answer is close, or where another sensible reading of
+Every function returns None where people could disagree: where the answer is close, or where another sensible reading of
 the same words (nearest edge or middle, left by offset or by bearing, ...) means something else.
 """
 
@@ -46,7 +46,7 @@ class TrueGoal:
 
 
 def ranked(values: Sequence[float] | NDArray, n: int, *others: Sequence[float] | NDArray) -> int | None:
-    """Return the index of the n-th smallest value, if it stands clear of its neighbours and all readings agree.
+    """Return the index of the n-th smallest value, if it is clear of its neighbours and all readings agree.
 
     Args:
         values: the documented reading, metres.

@@ -5,9 +5,8 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from typing import Any
 
-from simaps_viz.evaluation.counts import CountScore
 from simaps_viz.evaluation.evaluate import NOT_SIMULATED, Report, Run
-from simaps_viz.evaluation.quality import Score
+from simaps_viz.evaluation.quality import CountScore, Score
 
 FORMAT = "simaps-evaluation/1"
 MIB = 2.0**20

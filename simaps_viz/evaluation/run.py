@@ -10,10 +10,17 @@ from simaps_viz.datasets.open import open_sequence
 from simaps_viz.datasets.sequence import PosedFrames
 from simaps_viz.errors import InputError
 from simaps_viz.evaluation.compare import Comparison, compare_maps, compare_report
-from simaps_viz.evaluation.counts import MIN_CELLS, CountScore, parse_counts, resolve_classes, score_counts, things_of
 from simaps_viz.evaluation.evaluate import ERRORS, PRECOMPUTED, Build, Report, Store, evaluate
-from simaps_viz.evaluation.overlaps import ScoringRules
 from simaps_viz.evaluation.picture import save_picture
+from simaps_viz.evaluation.quality import (
+    MIN_CELLS,
+    CountScore,
+    ScoringRules,
+    parse_counts,
+    resolve_classes,
+    score_counts,
+    things_of,
+)
 from simaps_viz.evaluation.report import (
     FORMAT,
     TextTable,
@@ -98,7 +105,7 @@ def run_evaluation(
         config: what to evaluate.
         build: builds a map of a sequence by the method of a name; called with methods of ``config`` only.
         store: what a method keeps beside its map.
-        progress: told how far it is.
+        progress: notified of every step.
 
     Raises:
         InputError: anything asked for is not possible; nothing is left half-written.

@@ -1,7 +1,9 @@
 """Commands made from what is true, each with its start, its family and what it really means."""
 
+import json
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from importlib.resources import files
 from itertools import pairwise
 from typing import Final
 
@@ -9,15 +11,30 @@ import numpy as np
 from numpy.typing import NDArray
 
 from simaps_viz.errors import CommandError, InputError
-from simaps_viz.evaluation import phrasings as say
 from simaps_viz.evaluation import referents
-from simaps_viz.evaluation.phrasings import FAMILIES, ORDINALS
 from simaps_viz.evaluation.referents import TrueGoal
 from simaps_viz.evaluation.world import TrueObject, World
+from simaps_viz.language import lexicon
 from simaps_viz.language.commands import read_command
 from simaps_viz.language.words import Vocabulary, plain
 from simaps_viz.structures import Pose2
 
+FAMILIES: Final = (
+    "plain", "n-th closest", "from a side", "near another", "between", "compass", "in view", "multi-goal", "absent",
+)  # fmt: skip
+_FILE: Final = files("simaps_viz.evaluation").joinpath("phrasings.json")
+PHRASINGS: Final[dict[str, tuple[str, ...]]] = {
+    kind: tuple(wordings) for kind, wordings in json.loads(_FILE.read_text(encoding="utf-8")).items()
+}
+"""{kind of command: how it is worded}. ``{x}``, ``{y}`` and ``{z}`` are things, ``{nth}`` an ordinal word, ``{beyond}``
+a rank that the class does not have. ``next_to`` is for two things less than a metre apart; ``absent_things`` are words
+for things that scenes seldom have, of which those a scene has are left out.
+"""
+ORDINALS: Final = tuple(lexicon.ORDINALS)[:10]
+_MOST: Final = {
+    "left": "leftmost", "right": "rightmost", "north": "northernmost", "south": "southernmost", "east": "easternmost",
+    "west": "westernmost",
+}  # fmt: skip
 AWAY_M: Final = 1.5
 """A run starts at least this far from its first goal: whoever does not move gets no point."""
 _TRIES: Final = 2000
@@ -40,7 +57,7 @@ class Task:
 
     @property
     def wants_refusal(self) -> bool:
-        """Return whether the world has not what the command asks for."""
+        """Whether the world lacks what the command asks for."""
         return not self.goals
 
 
@@ -90,7 +107,7 @@ class _Maker:
         self.objects: dict[str, tuple[TrueObject, ...]] = clean
         self.approachable = {o.id for os in clean.values() for o in os if referents.is_approachable(world, o)}
         known = Vocabulary(world.tops.labels)
-        self.absent = [word for word in say.ABSENT_THINGS if not known.resolve(word)]
+        self.absent = [word for word in PHRASINGS["absent_things"] if not known.resolve(word)]
         self._drafts: dict[str, Callable[[], Draft | None]] = {
             "plain": self._plain,
             "n-th closest": self._nth_closest,
@@ -162,7 +179,7 @@ class _Maker:
     def _plain(self) -> Draft | None:
         start, label = self._start(), self._label() or ""
         goal = self._goal(self._closest(start, label))
-        wordings = say.ONLY if len(self.objects[label]) == 1 else say.CLOSEST
+        wordings = PHRASINGS["only"] if len(self.objects[label]) == 1 else PHRASINGS["closest"]
         return (start, self._pick(wordings).format(x=plain(label)), goal) if goal else None
 
     def _nth_closest(self) -> Draft | None:
@@ -171,15 +188,15 @@ class _Maker:
             return None
         n = self._rank(2, len(self.objects[label]))
         goal = self._goal(referents.nth_closest(self.objects[label], _here(start), n))
-        return (start, self._pick(say.NTH).format(nth=ORDINALS[n - 1], x=plain(label)), goal) if goal else None
+        return (start, self._pick(PHRASINGS["nth"]).format(nth=ORDINALS[n - 1], x=plain(label)), goal) if goal else None
 
     def _from_side(self) -> Draft | None:
         label = self._label(2)
         if label is None:
             return None
         side, n = self._pick(_SIDES), self._rank(1, len(self.objects[label]))
-        wording = self._pick(say.OUTERMOST if n == 1 else say.FROM_SIDE)
-        words = wording.format(nth=ORDINALS[n - 1], x=plain(label), side=side, most=say.MOST[side])
+        wording = self._pick(PHRASINGS["outermost"] if n == 1 else PHRASINGS["from_side"])
+        words = wording.format(nth=ORDINALS[n - 1], x=plain(label), side=side, most=_MOST[side])
         for _ in range(_STARTS if side in ("left", "right") else 1):  # few starts have the whole class ahead
             start = self._start()
             goal = self._goal(referents.nth_from(self.objects[label], side, n, start))
@@ -196,7 +213,7 @@ class _Maker:
         if found is None or goal is None:
             return None
         gap_m = min(float(found.tree.query(o.cells_m)[0].min()) for o in self.objects[other])
-        wordings = say.NEAR + (say.NEXT_TO if gap_m < 1.0 else ())
+        wordings = PHRASINGS["near"] + (PHRASINGS["next_to"] if gap_m < 1.0 else ())
         return start, self._pick(wordings).format(x=plain(label), y=plain(other)), goal
 
     def _between(self) -> Draft | None:
@@ -205,18 +222,20 @@ class _Maker:
         if a is None or b is None or label == other:
             return None
         goal = referents.between(self.world, a, b)
-        return (start, self._pick(say.BETWEEN).format(x=plain(label), y=plain(other)), (goal,)) if goal else None
+        return (
+            (start, self._pick(PHRASINGS["between"]).format(x=plain(label), y=plain(other)), (goal,)) if goal else None
+        )
 
     def _compass(self) -> Draft | None:
         start, label, side = self._start(), self._label() or "", self._pick(_SIDES[:4])
         thing = self._closest(start, label)
         goal = thing and referents.beside(self.world, thing, side)
-        return (start, self._pick(say.COMPASS).format(x=plain(label), side=side), (goal,)) if goal else None
+        return (start, self._pick(PHRASINGS["compass"]).format(x=plain(label), side=side), (goal,)) if goal else None
 
     def _in_view(self) -> Draft | None:
         label = self._label(2) or self._label() or ""
         n = self._rank(1, min(len(self.objects[label]), 3))
-        wording = self._pick(say.FIRST_IN_VIEW if n == 1 else say.IN_VIEW)
+        wording = self._pick(PHRASINGS["first_in_view"] if n == 1 else PHRASINGS["in_view"])
         for _ in range(_STARTS):
             start = self._start()
             seen = referents.in_view(self.world, self.objects[label], start)
@@ -226,7 +245,7 @@ class _Maker:
         return None
 
     def _multi(self) -> Draft | None:
-        start, wording = self._start(), self._pick(say.MULTI)
+        start, wording = self._start(), self._pick(PHRASINGS["multi"])
         labels = [self._label() or "" for _ in range(3 if "{z}" in wording else 2)]
         things = [self._closest(start, label) for label in labels]
         goals = [goal for thing in things for goal in self._goal(thing) or ()]
@@ -237,7 +256,7 @@ class _Maker:
         return start, wording.format(**dict(zip("xyz", map(plain, labels), strict=False))), tuple(goals)
 
     def _absent(self) -> Draft | None:
-        start, label, wording = self._start(), self._label() or "", self._pick(say.ABSENT)
+        start, label, wording = self._start(), self._label() or "", self._pick(PHRASINGS["absent"])
         count = len(self.objects[label])
         if ("{absent}" in wording and not self.absent) or ("{beyond}" in wording and not 2 <= count < len(ORDINALS)):
             return None

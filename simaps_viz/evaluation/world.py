@@ -1,4 +1,4 @@
-"""The true world a run is judged in: what stands where, from exact ids and depth, and a disc that drives through it.
+"""The true world in which a run is judged: which object is where, from exact ids and depth, and where a robot fits.
 
 Nothing here knows the map being judged. The world is seen on two grids of one frame: whose top every cell is, on cells
 like a map's; and what a robot would touch, on cells half as wide.
@@ -67,7 +67,7 @@ class World:
     objects: tuple[TrueObject, ...]
     """Things with at least one cell, by id."""
     fine: GridSpec
-    """Of ``occupied`` and ``seen``."""
+    """The grid of ``occupied`` and ``seen``."""
     occupied: NDArray
     """bool [fine rows, fine cols], something between 0.1 m over the floor and the robot's height."""
     seen: NDArray
@@ -76,7 +76,7 @@ class World:
 
     @property
     def spec(self) -> GridSpec:
-        """Of ``tops``."""
+        """The grid of ``tops``."""
         return self.tops.spec
 
     @property
@@ -134,7 +134,7 @@ class World:
         return np.isin(self.tops.label, walls)
 
     def sight_is_free(self, eye_m: NDArray, target_m: NDArray, target_id: int) -> bool:
-        """Return whether no wall and nothing at least 1.5 m high but the target stands between two points.
+        """Return whether no wall and nothing at least 1.5 m high but the target is between two points.
 
         Args:
             eye_m: float [2], where the camera is, map frame.
@@ -170,7 +170,7 @@ class World:
         return not bool(((self._walls[row, col] | stands) & (self.ids[row, col] != target_id)).any())
 
     def _ray(self, eye_m: NDArray, target_m: NDArray) -> tuple[NDArray, NDArray, NDArray]:
-        """Return rows, cols and the share of the way of points on a line, from 0.2 m before the eye to the target."""
+        """Return rows, cols and share of the length of points on a line, from 0.2 m before the eye to the target."""
         length = float(np.linalg.norm(target_m - eye_m))
         steps = max(2, int(length / (self.spec.cell_size_m / 4.0)))
         share = np.linspace(min(1.0, 0.2 / max(length, 1e-9)), 1.0, steps)

@@ -1,7 +1,7 @@
 """A scene graph that MIT's Spark-DSG (Hydra) opens: every instance an object, the map the one room they are in.
 
 Field names, node numbers and layers are those version 1.1.3 of its Python package writes and reads; it opens what is
-written here. Rooms are not told apart on a map, so there is one.
+written here. Rooms are not distinguished on a map, so there is one.
 """
 
 import json

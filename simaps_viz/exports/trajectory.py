@@ -58,7 +58,7 @@ def driven_poses(
 def tum_bytes(poses: NDArray) -> bytes:
     """Write timed poses as ``timestamp tx ty tz qx qy qz qw`` lines; the robot's base on the floor, z = 0.
 
-    ``poses`` is float64 [n, 4] as `driven_poses` gives it: seconds, x and y in metres, yaw in radians; map frame.
+    ``poses`` is float64 [n, 4] as `driven_poses` returns it: seconds, x and y in metres, yaw in radians; map frame.
     """
     lines = ["# timestamp tx ty tz qx qy qz qw", "# map frame: metres, x east, y north, z up; simulated drive"]
     for time, x, y, yaw in poses + 0.0:  # which has no -0

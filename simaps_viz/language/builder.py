@@ -3,7 +3,7 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Final, TypeVar
+from typing import Any, Final, TypeVar
 
 from lark import Token, Transformer
 
@@ -11,7 +11,7 @@ from simaps_viz.errors import CommandError
 from simaps_viz.language import program_text
 from simaps_viz.language.lexicon import COMPASS_POINTS
 from simaps_viz.language.program_text import Thing, quoted, tidy
-from simaps_viz.language.selection import MAX_RANK, Noun, Pair, Part, Selection, identifier, select
+from simaps_viz.language.selection import MAX_RANK, PARTS, Noun, Pair, Part, Selection, identifier, select
 from simaps_viz.language.words import ANY, Vocabulary, plain, plural, singular
 
 T = TypeVar("T")
@@ -403,6 +403,10 @@ class Builder(Transformer):
             raise CommandError(f"the number of a thing is a whole number from 1, found {number}")
         return Part("numbered", int(number))
 
+    def __default__(self, data: object, children: list[object], meta: Any) -> object:
+        """Build a part from every rule in ``PARTS`` that has no method of its own."""
+        return self._part(str(data), children) if data in PARTS else super().__default__(data, children, meta)
+
     def _part(self, kind: str, children: Children) -> Part:
         side, word = maybe(Side, children), token("MOST", children)
         other = maybe(Thing, children) or maybe(Pair, children)
@@ -411,53 +415,8 @@ class Builder(Transformer):
             raise CommandError(f"each of the {plural(other.label)} was said where one thing is needed")
         return Part(kind, _rank(children) if token("ORD", children) else None, name, other)
 
-    def from_here(self, children: Children) -> Part:
-        return self._part("from_here", children)
-
-    def nearest(self, children: Children) -> Part:
-        return self._part("nearest", children)
-
-    def farthest(self, children: Children) -> Part:
-        return self._part("farthest", children)
-
-    def farthest_side(self, children: Children) -> Part:
-        return self._part("farthest_side", children)
-
-    def outermost(self, children: Children) -> Part:
-        return self._part("outermost", children)
-
-    def from_side(self, children: Children) -> Part:
-        return self._part("from_side", children)
-
-    def on_side(self, children: Children) -> Part:
-        return self._part("on_side", children)
-
-    def from_side_of(self, children: Children) -> Part:
-        return self._part("from_side_of", children)
-
-    def side_of(self, children: Children) -> Part:
-        return self._part("side_of", children)
-
-    def view(self, children: Children) -> Part:
-        return self._part("view", children)
-
-    def away_from(self, children: Children) -> Part:
-        return self._part("away_from", children)
-
     def swept(self, children: Children) -> Part:
         return Part("from_side", side=first(Side, children).name)
-
-    def near(self, children: Children) -> Part:
-        return self._part("near", children)
-
-    def between(self, children: Children) -> Part:
-        return self._part("between", children)
-
-    def in_front(self, children: Children) -> Part:
-        return self._part("in_front", children)
-
-    def behind(self, children: Children) -> Part:
-        return self._part("behind", children)
 
     def side(self, children: Children) -> Side:
         word = first_token(children)

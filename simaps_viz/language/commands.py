@@ -1,4 +1,4 @@
-"""Spoken English to a robot program, offline: a grammar, no network."""
+"""Spoken English to a robot program, offline: by a grammar, without a network."""
 
 import re
 from collections.abc import Iterable, Mapping, Sequence
@@ -14,6 +14,7 @@ from lark.visitors import CollapseAmbiguities
 from simaps_viz.errors import CommandError
 from simaps_viz.language.builder import Builder
 from simaps_viz.language.lexicon import load_text
+from simaps_viz.language.selection import PARTS
 from simaps_viz.language.tokenizer import clauses, tokens
 from simaps_viz.language.words import Vocabulary
 
@@ -21,72 +22,13 @@ MAX_READINGS: Final = 24
 _COST: Final = {"compound": 1.0, "group": 0.2, "go_beside": -0.5, "beside_at": -0.5, "go_front": -0.5}
 _COST_OF_PART: Final = 0.3
 _COST_OF_ONE_OF_MANY: Final = 0.6
-_PARTS: Final = frozenset(
-    [
-        "away_from",
-        "behind",
-        "between",
-        "farthest",
-        "farthest_side",
-        "from_here",
-        "from_side",
-        "from_side_of",
-        "in_front",
-        "near",
-        "nearest",
-        "numbered",
-        "on_side",
-        "outermost",
-        "side_of",
-        "swept",
-        "view",
-    ]
-)
 _THINGS: Final = ("described", "another_one", "compound", "group")
-
-
-def readings_of(tree: Tree[Any]) -> list[Tree[Any]]:
-    """Return the single trees of an ambiguous one, the likeliest first; of equally likely ones, the parser's first."""
-    trees = CollapseAmbiguities().transform(tree) if any(tree.find_data("_ambig")) else [tree]
-    unique = sorted(dict.fromkeys(trees), key=lambda t: round(_cost(t, 0), 6))
-    # "second from the left of the table" may also mean: of those to its left, the second
-    of_side = [_renamed(t, "from_side_of", "side_of") for t in unique if any(t.find_data("from_side_of"))]
-    return [*unique, *of_side][:MAX_READINGS]
-
-
-def _renamed(tree: Tree[Any], name: str, other: str) -> Tree[Any]:
-    children = [_renamed(child, name, other) if isinstance(child, Tree) else child for child in tree.children]
-    return Tree(other if tree.data == name else tree.data, children)
-
-
-def _cost(tree: Tree[Any], depth: int) -> float:
-    """Return how unlikely a reading is: a phrase belongs to the nearest thing before it, what is seen to the first."""
-    cost = _COST.get(str(tree.data), 0.0)
-    deeper = depth + (str(tree.data) in _THINGS)
-    for child in tree.children:
-        if isinstance(child, Tree):
-            cost += _cost(child, deeper)
-    if tree.data == "described" and any(_is_plural(child) for child in tree.children):
-        cost += _COST_OF_ONE_OF_MANY
-    if str(tree.data) in _PARTS:
-        cost += _COST_OF_PART
-    if str(tree.data) == "view":
-        cost += 0.1 * depth
-    elif depth and str(tree.data) not in _THINGS and str(tree.data) not in ("noun", "nouns", "amount", "side", "pair"):
-        cost -= 0.1 * depth
-    return cost
-
-
-def _is_plural(noun: object) -> bool:
-    return isinstance(noun, Tree) and noun.data == "noun" and getattr(noun.children[0], "type", "") == "NOUNS"
-
-
 MAX_LENGTH: Final = 500
 """Characters of a command."""
 _MAX_ALTERNATIVES: Final = 4
-_MOST_QUOTED: Final = 60
+_MAX_QUOTED: Final = 60
 """Characters of what was said that a refusal repeats."""
-_MOST_OF_NAME: Final = 40
+_MAX_NAME: Final = 40
 """Characters of a class that a refusal takes for an example."""
 _MAX_WORDS: Final = 40
 _MAX_LINKS: Final = 5
@@ -164,7 +106,7 @@ def too_long(text: str) -> str:
 
 def examples(labels: Iterable[str]) -> str:
     """Return commands that work on a map with these classes, in one sentence."""
-    names = [label for label in labels if len(label) <= _MOST_OF_NAME] or ["chair"]
+    names = [label for label in labels if len(label) <= _MAX_NAME] or ["chair"]
     first, other = names[0], names[min(1, len(names) - 1)]
     return (
         f'Try: "go to the second {first}", "go to the {first} nearest the {other}", '
@@ -242,8 +184,44 @@ def _add(builder: Builder, tree: Tree[Any]) -> None:
         raise
 
 
+def readings_of(tree: Tree[Any]) -> list[Tree[Any]]:
+    """Return the single trees of an ambiguous one, the likeliest first; of equally likely ones, the parser's first."""
+    trees = CollapseAmbiguities().transform(tree) if any(tree.find_data("_ambig")) else [tree]
+    unique = sorted(dict.fromkeys(trees), key=lambda t: round(_cost(t, 0), 6))
+    # "second from the left of the table" may also mean: of those to its left, the second
+    of_side = [_renamed(t, "from_side_of", "side_of") for t in unique if any(t.find_data("from_side_of"))]
+    return [*unique, *of_side][:MAX_READINGS]
+
+
+def _renamed(tree: Tree[Any], name: str, other: str) -> Tree[Any]:
+    children = [_renamed(child, name, other) if isinstance(child, Tree) else child for child in tree.children]
+    return Tree(other if tree.data == name else tree.data, children)
+
+
+def _cost(tree: Tree[Any], depth: int) -> float:
+    """Return how unlikely a reading is: a phrase belongs to the nearest thing before it, what is seen to the first."""
+    cost = _COST.get(str(tree.data), 0.0)
+    deeper = depth + (str(tree.data) in _THINGS)
+    for child in tree.children:
+        if isinstance(child, Tree):
+            cost += _cost(child, deeper)
+    if tree.data == "described" and any(_is_plural(child) for child in tree.children):
+        cost += _COST_OF_ONE_OF_MANY
+    if str(tree.data) in PARTS:
+        cost += _COST_OF_PART
+    if str(tree.data) == "view":
+        cost += 0.1 * depth
+    elif depth and str(tree.data) not in _THINGS and str(tree.data) not in ("noun", "nouns", "amount", "side", "pair"):
+        cost -= 0.1 * depth
+    return cost
+
+
+def _is_plural(noun: object) -> bool:
+    return isinstance(noun, Tree) and noun.data == "noun" and getattr(noun.children[0], "type", "") == "NOUNS"
+
+
 class _Tokens(Lexer):
-    """Gives the parser the tokens made by ``tokenizer.tokens``."""
+    """Hands the parser the tokens made by ``tokenizer.tokens``."""
 
     def __init__(self, lexer_conf: Any) -> None:
         pass
@@ -321,4 +299,4 @@ def _what_was_not_understood(
 
 
 def _in_brief(said: str) -> str:
-    return said if len(said) <= _MOST_QUOTED else f"{said[: _MOST_QUOTED - 1].rstrip()}…"
+    return said if len(said) <= _MAX_QUOTED else f"{said[: _MAX_QUOTED - 1].rstrip()}…"

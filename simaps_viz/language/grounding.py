@@ -23,7 +23,7 @@ from simaps_viz.structures import Instance, Pose2, SIMap
 
 FIELD_OF_VIEW_RAD: Final = np.pi / 2.0
 EYE_HEIGHT_M: Final = 1.3
-"""Of the camera, where the map does not tell how high its own was."""
+"""Height of the camera where the map does not record that of its own."""
 OPAQUE_HEIGHT_M: Final = 1.5
 """Cells at least this high cannot be looked over by a robot that drives there."""
 _EYE_RANGE_M: Final = (0.3, 1.9)
@@ -49,9 +49,9 @@ class Grounding:
 
     Args:
         simap: the map.
-        viewer: where the robot stood, and looked, when the command was given.
+        viewer: the robot's pose when the command was given.
         field_of_view_rad: full horizontal angle of ``in_view``.
-        eye_height_m: of the camera of ``in_view``; left out, that of the map's recording.
+        eye_height_m: height of the camera of ``in_view``; by default that of the map's recording.
     """
 
     def __init__(
@@ -209,7 +209,7 @@ class Grounding:
 
     @cached_property
     def opaque(self) -> NDArray:
-        """Which cells one cannot look over, bool [rows, cols]."""
+        """The cells that cannot be looked over, bool [rows, cols]."""
         with np.errstate(invalid="ignore"):
             return (self.simap.grid.height_m >= OPAQUE_HEIGHT_M) | wall_cells(self.simap)
 
@@ -221,13 +221,13 @@ def ordinal(n: int) -> str:
 
 
 class Sight:
-    """Tells what can be seen on one map from one place.
+    """Decides what can be seen on one map from one pose.
 
     Args:
         simap: the map.
         viewer: where the camera is, and where it looks.
         field_of_view_rad: full horizontal angle; the vertical one is taken to be wide enough.
-        eye_height_m: of the camera over the floor; left out, the median of the heights the map was recorded from.
+        eye_height_m: height of the camera over the floor; by default the median of those the map was recorded from.
     """
 
     def __init__(
@@ -262,8 +262,9 @@ class Sight:
         return np.nan_to_num(self._simap.grid.height_m[row, col].astype(np.float64))
 
     def _free(self, offsets_m: NDArray, tops_m: NDArray, instance_id: int) -> NDArray:
-        """Return which of some rays, given by where they end [n, 2] and how high [n], nothing else stops."""
+        """Return which rays nothing else stops, bool [n], given where they end [n, 2] and how high [n]."""
         spec = self._simap.spec
+        # Sample points along every ray, [n, samples], and the cells they lie in.
         length = np.linalg.norm(offsets_m, axis=1)
         along = np.arange(_BODY_M, float(length.max()), spec.cell_size_m / _STEPS_PER_CELL)[None, :]
         share = along / np.maximum(length, 1e-9)[:, None]
@@ -272,6 +273,7 @@ class Sight:
         row, col = self._cells_of(x, y)
         inside = (share < 1.0) & (row >= 0) & (row < spec.rows) & (col >= 0) & (col < spec.cols)
         row, col = np.where(inside, row, 0), np.where(inside, col, 0)
+        # Compare the height of the ray at each point with the column of its cell.
         height = self.eye_height_m + share * (tops_m[:, None] - self.eye_height_m)
         low, high = self._column
         stopped = inside & (height >= low[row, col]) & (height <= high[row, col])
@@ -285,7 +287,7 @@ class Sight:
 
     @cached_property
     def _column(self) -> tuple[NDArray, NDArray]:
-        """Between which heights each cell's column stops rays, float [rows, cols] twice; NaN where it does not."""
+        """The heights from and to which each cell's column stops rays, float [rows, cols]; NaN where it stops none."""
         grid = self._simap.grid
         walls = wall_cells(self._simap)
         hangs = np.nan_to_num(grid.lowest_m) > _HANGING_M

@@ -16,21 +16,14 @@ from simaps_viz.language.words import plural
 from simaps_viz.structures import Instance
 
 _OPERATORS: Final[Mapping[type, Callable[[Any, Any], Any]]] = {
-    ast.Add: operator.add,
-    ast.Sub: operator.sub,
-    ast.Mult: operator.mul,
-    ast.Div: operator.truediv,
-    ast.Eq: operator.eq,
-    ast.NotEq: operator.ne,
-    ast.Lt: operator.lt,
-    ast.LtE: operator.le,
-    ast.Gt: operator.gt,
+    ast.Add: operator.add, ast.Sub: operator.sub, ast.Mult: operator.mul, ast.Div: operator.truediv,
+    ast.Eq: operator.eq, ast.NotEq: operator.ne, ast.Lt: operator.lt, ast.LtE: operator.le, ast.Gt: operator.gt,
     ast.GtE: operator.ge,
-}
+}  # fmt: skip
 _MAX_VALUE = 1e12
 
 Caller = Callable[[Primitive, Mapping[str, Any]], Any]
-"""Carries out one primitive: gets all its arguments by name, gives what a look-up found."""
+"""Carries out one primitive: takes all its arguments by name, returns what a look-up found."""
 
 
 class BudgetError(ProgramError):
@@ -64,10 +57,9 @@ class Turn:
 
 
 def interpret(program: Program, call: Caller, *, budget: Budget | None = None) -> Generator[Turn, None, None]:
-    """Run a program as a generator that stops before and after every statement, those inside ``for`` and ``if`` too.
+    """Run a program as a generator that stops before and after every statement, also inside ``for`` and ``if``.
 
-    ``next`` runs up to the next of these places; not calling it pauses the program, for as long as one likes; ``close``
-    stops it.
+    ``next`` runs up to the next of these points; until it is called the program is paused; ``close`` stops it.
 
     Raises:
         CommandError: at run time, naming line and primitive; BudgetError when a budget is used up.
@@ -267,7 +259,7 @@ def _is_number(value: object) -> bool:
 
 
 def _too_few(source: ast.expr, found: int, index: int) -> str:
-    """Report that a list is too short for an index; of a look-up written out, in the words of the map."""
+    """Describe that a list is too short for an index, for a look-up written out with the class that was asked for."""
     rank = ordinal(index + 1 if index >= 0 else -index)
     arguments = source.args if isinstance(source, ast.Call) else []
     if not (arguments and isinstance(arguments[0], ast.Constant) and isinstance(source, ast.Call)):

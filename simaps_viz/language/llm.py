@@ -26,32 +26,15 @@ from simaps_viz.language.lexicon import load, load_text
 from simaps_viz.language.llm_chat import Chat
 from simaps_viz.language.llm_settings import (
     Exchange,
-    LLMCancelledError,
     LLMError,
     LLMRefusedError,
-    LLMServerError,
     LLMSettings,
     Message,
     one_line,
-    parse_llm_spec,
 )
 from simaps_viz.language.primitives import PRIMITIVES, SELF, Primitive
 from simaps_viz.language.program import Program, ProgramError, parse_program
 from simaps_viz.language.words import Vocabulary
-
-__all__ = [
-    "Exchange",
-    "LLMCancelledError",
-    "LLMError",
-    "LLMReader",
-    "LLMReading",
-    "LLMRefusedError",
-    "LLMServerError",
-    "LLMSettings",
-    "Message",
-    "check_names",
-    "parse_llm_spec",
-]
 
 REPAIRS: Final = 1
 """How often a model may correct a program that was refused."""
@@ -155,7 +138,7 @@ class LLMReader:
 
 
 def check_names(program: Program, counts: Mapping[str, int]) -> None:
-    """Refuse every class written in a program that a map has not.
+    """Refuse every class written in a program that a map lacks.
 
     Raises:
         CommandError: naming line, primitive, the class, and all the map has.
@@ -178,7 +161,7 @@ SCHEMA: Final[dict[str, Any]] = {
     "required": ["program", "refusal"],
     "additionalProperties": False,
 }
-"""Of the answer to a command."""
+"""JSON schema of the answer to a command."""
 
 _STRUCTURED = """Answer with one JSON object and nothing else: {"program": the program, "refusal": null}, or, \
 to refuse, {"program": "", "refusal": the reason}."""
@@ -204,12 +187,12 @@ def command_messages(command: str, counts: Mapping[str, int], *, structured: boo
 
 def repair_messages(answer: str, error: str) -> list[Message]:
     """Return what to add to a conversation when its answer cannot be carried out."""
-    told = f"That cannot be carried out: {error}\nAnswer again in the same form, corrected, or refuse."
-    return [Message("assistant", answer or "(nothing)"), Message("user", told)]
+    request = f"That cannot be carried out: {error}\nAnswer again in the same form, corrected, or refuse."
+    return [Message("assistant", answer or "(nothing)"), Message("user", request)]
 
 
 def read_answer(text: str) -> tuple[str, str]:
-    """Read a model's answer, in whichever of the two forms; gives (program, refusal), one of them empty.
+    """Read a model's answer, in either form, as (program, refusal), one of them empty.
 
     Raises:
         CommandError: when there is neither in it.
@@ -251,8 +234,8 @@ def _system(structured: bool) -> str:
 def _signature(primitive: Primitive) -> str:
     """Return e.g. ``robot.face(name: label, instance: instance = 1)``."""
     words = [f"{p.name}: {p.type}" + ("" if p.required else f" = {p.default!r}") for p in primitive.parameters]
-    gives = "" if primitive.result == "nothing" else f" -> {primitive.result}"
-    return f"robot.{primitive.name}({', '.join(words)}){gives}"
+    result = "" if primitive.result == "nothing" else f" -> {primitive.result}"
+    return f"robot.{primitive.name}({', '.join(words)}){result}"
 
 
 def _after_first_line(module: ModuleType) -> str:

@@ -11,7 +11,7 @@ from simaps_viz.errors import CommandError, InputError
 
 OPENAI_URL: Final = "https://api.openai.com/v1"
 PLACEHOLDER_KEY: Final = "no-key-needed"
-"""Sent where no key is: servers of one's own ask for none, but the client wants to send one."""
+"""Sent where there is no key: local servers ask for none, but the client insists on sending one."""
 _FORM: Final = "expected MODEL or MODEL@ADDRESS, for example qwen2.5:7b@http://127.0.0.1:11434/v1"
 _SPEC: Final = re.compile(r"(?P<model>.*?)@(?P<url>[A-Za-z][A-Za-z0-9+.-]*://.*)", re.DOTALL)
 _SECRET: Final = 8
@@ -20,7 +20,7 @@ _KEY: Final = re.compile(r"[!-~]+")
 
 @dataclass(frozen=True)
 class LLMSettings:
-    """A chat-completions server and a model on it. The key itself is never kept here, only where to find it.
+    """A chat-completions server and a model on it. The key itself is never kept here, only the name of its variable.
 
     Raises:
         InputError: when a value cannot be.
@@ -37,7 +37,7 @@ class LLMSettings:
     """How often a request is sent again after a lost connection, 429 or 5xx."""
     temperature: float = 0.0
     max_tokens: int = 2_000
-    """Of one answer; models that think aloud need some."""
+    """Limit of one answer; models that write down their reasoning need some."""
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "base_url", _tidy_url(self.base_url))
@@ -62,7 +62,7 @@ class LLMSettings:
 
     @property
     def may_carry_key(self) -> bool:
-        """Return whether a key may go there: over an unencrypted network it may not."""
+        """Return whether a key may be sent there: over an unencrypted network it may not."""
         return self.is_local or self.base_url.startswith("https://")
 
     def key(self) -> str:
@@ -168,12 +168,12 @@ def one_line(text: str, most: int = 200) -> str:
 
 
 def without_key(text: str, key: str) -> str:
-    """Return a text with the key blotted out, should a server have sent it back; short keys are no secrets."""
+    """Return a text with the key replaced, should a server have sent it back; short keys are no secrets."""
     return text if key == PLACEHOLDER_KEY or len(key) < _SECRET else text.replace(key, "•••")
 
 
 def said_in(body: object) -> str:
-    """Return the message in the body of an error; servers nest it differently."""
+    """Return the message in the body of an error; servers nest it in different ways."""
     if isinstance(body, dict):
         return next((said_in(body[name]) for name in ("message", "error", "detail") if body.get(name)), "")
     text = body if isinstance(body, str) else ""

@@ -1,4 +1,4 @@
-"""The small Python of robot programs: parsed to a syntax tree and validated whole, before the robot moves.
+"""The small Python of robot programs: parsed to a syntax tree and validated completely, before the robot moves.
 
 A program is lines of calls on ``robot``, assignments to a name, ``for`` over a look-up or list, and ``if``; values are
 numbers, strings, lists, indexing with ``[]``, ``+ - * /`` on numbers, comparisons, ``and``, ``or``, ``not``.
@@ -21,7 +21,57 @@ MAX_SOURCE: Final = 10_000
 """Characters of a program."""
 MAX_DEPTH: Final = 24
 """Levels of the syntax tree."""
+MAX_NUMBER: Final = 1e6
+MAX_TEXT: Final = 100
+"""Characters of one string."""
+MAX_ITEMS: Final = 200
+"""Items of one list written out."""
 
+_RESULT_TYPES = {"instances": "instance", "positions": "position", "position": "number", "list": "any", "any": "any"}
+_ACCEPTS = {
+    "label": ("text",),
+    "side": ("text",),
+    "number": ("number",),
+    "count": ("number",),
+    "instance": ("number", "instance"),
+    "object": ("text", "instance"),
+    "position": ("position", "list"),
+}
+ARGUMENT_KINDS = {
+    "label": "a name in quotes",
+    "side": f"one of {', '.join(SIDES)}, in quotes",
+    "number": "a number",
+    "count": "a whole number from 1",
+    "instance": "a rank (whole number from 1) or an instance from a look-up",
+    "object": "a name in quotes or an instance from a look-up",
+    "position": "a position [x, y]",
+}
+_IN_WORDS = {
+    "text": "a string",
+    "truth": "a truth value",
+    "instance": "an instance",
+    "instances": "a list of instances",
+    "positions": "a list of positions",
+    "list": "a list",
+    "position": "a position",
+    "number": "a number",
+}
+_SYNTAX = {
+    "Attribute": "an attribute other than a call on robot",
+    "Expr": "a value that goes nowhere",
+    "FloorDiv": "//",
+    "FunctionDef": "a definition",
+    "ImportFrom": "import",
+    "JoinedStr": "an f-string",
+    "ListComp": "a comprehension",
+    "Mod": "%",
+    "Pow": "**",
+}
+_ARITHMETIC = (ast.Add, ast.Sub, ast.Mult, ast.Div)
+_COMPARISONS = (ast.Eq, ast.NotEq, ast.Lt, ast.LtE, ast.Gt, ast.GtE)
+_SMALL_PYTHON = "a program is calls on robot, assignments, for, if, numbers, strings, lists and indexing"
+_NO_FILE = "<program>"
+_HUGE = f"numbers go up to {MAX_NUMBER:.0f}"
 # Python ends a line at these and at nothing else; str.splitlines knows more, but check_text refuses those
 _NEWLINE = re.compile(r"\r\n|\r|\n")
 _UNSEEN = {"Cc": "a control character", "Cf": "a formatting character", "Cs": "half a character"}
@@ -86,72 +136,16 @@ def longest_line(text: str) -> int:
     return lengths.index(max(lengths)) + 1
 
 
-class Spelling:
-    """Tells whether a name stands in the text letter by letter: Python folds a wide "ｒobot" into "robot"."""
+class _Letters:
+    """The letters of a text, as Python folds a wide "ｒobot" into "robot"."""
 
     def __init__(self, text: str) -> None:
         self._lines = [line.encode() for line in lines_of(text)]
 
     def is_plain(self, name: str, line: int, start: int | None = None, end: int | None = None) -> bool:
-        """Return whether a name is plain letters and stands at a byte offset (its start or its end) of a line."""
+        """Return whether a name is plain letters and is at a byte offset (its start or its end) of a line."""
         first = start if start is not None else (end or 0) - len(name)
         return name.isascii() and self._lines[line - 1][max(first, 0) : first + len(name)] == name.encode()
-
-
-__all__ = ["MAX_NUMBER", "MAX_SOURCE", "MAX_TEXT", "Call", "Program", "ProgramError", "bind", "check_argument"]
-__all__ += ["literal", "parse_program"]
-
-MAX_NUMBER: Final = 1e6
-MAX_TEXT: Final = 100
-"""Characters of one string."""
-MAX_ITEMS: Final = 200
-"""Items of one list written out."""
-
-_RESULT_TYPES = {"instances": "instance", "positions": "position", "position": "number", "list": "any", "any": "any"}
-_ACCEPTS = {
-    "label": ("text",),
-    "side": ("text",),
-    "number": ("number",),
-    "count": ("number",),
-    "instance": ("number", "instance"),
-    "object": ("text", "instance"),
-    "position": ("position", "list"),
-}
-ARGUMENT_KINDS = {
-    "label": "a name in quotes",
-    "side": f"one of {', '.join(SIDES)}, in quotes",
-    "number": "a number",
-    "count": "a whole number from 1",
-    "instance": "a rank (whole number from 1) or an instance from a look-up",
-    "object": "a name in quotes or an instance from a look-up",
-    "position": "a position [x, y]",
-}
-_IN_WORDS = {
-    "text": "a string",
-    "truth": "a truth value",
-    "instance": "an instance",
-    "instances": "a list of instances",
-    "positions": "a list of positions",
-    "list": "a list",
-    "position": "a position",
-    "number": "a number",
-}
-_SYNTAX = {
-    "Attribute": "an attribute other than a call on robot",
-    "Expr": "a value that goes nowhere",
-    "FloorDiv": "//",
-    "FunctionDef": "a definition",
-    "ImportFrom": "import",
-    "JoinedStr": "an f-string",
-    "ListComp": "a comprehension",
-    "Mod": "%",
-    "Pow": "**",
-}
-_ARITHMETIC = (ast.Add, ast.Sub, ast.Mult, ast.Div)
-_COMPARISONS = (ast.Eq, ast.NotEq, ast.Lt, ast.LtE, ast.Gt, ast.GtE)
-_SMALL_PYTHON = "a program is calls on robot, assignments, for, if, numbers, strings, lists and indexing"
-_NO_FILE = "<program>"
-_HUGE = f"numbers go up to {MAX_NUMBER:.0f}"
 
 
 @dataclass(frozen=True, eq=False)
@@ -279,10 +273,10 @@ def _check_depth(tree: ast.Module) -> None:
 
 
 class _Validator:
-    """Walks the whole tree once; infers the type of every expression from what each look-up gives."""
+    """Walks the whole tree once, and infers the type of every expression from what each look-up returns."""
 
     def __init__(self, text: str) -> None:
-        self._spelling = Spelling(text)
+        self._letters = _Letters(text)
         self.calls: list[Call] = []
 
     def block(self, body: list[ast.stmt], names: dict[str, str]) -> None:
@@ -431,15 +425,15 @@ class _Validator:
         return primitive.result
 
     def _plain(self, node: ast.expr | ast.keyword) -> None:
-        """Refuse names that only look like others, see Spelling."""
+        """Refuse names that only look like others, see _Letters."""
         match node:
             case ast.Name(id=name, end_lineno=int() as line, end_col_offset=int() as end):
-                plain = self._spelling.is_plain(name, line, end=end)
+                plain = self._letters.is_plain(name, line, end=end)
             case ast.Attribute(value=value, attr=name, end_lineno=int() as line, end_col_offset=int() as end):
                 self._plain(value)
-                plain = self._spelling.is_plain(name, line, end=end)
+                plain = self._letters.is_plain(name, line, end=end)
             case ast.keyword(arg=str() as name, lineno=line, col_offset=start):
-                plain = self._spelling.is_plain(name, line, start=start)
+                plain = self._letters.is_plain(name, line, start=start)
             case _:
                 return
         if not plain:

@@ -48,7 +48,7 @@ class Thing:
     loop: tuple[str, ...] = ()
     """Head of a loop that sets ``which`` to each thing in turn; empty for one thing."""
     indent: str = ""
-    """Of the loop's body."""
+    """The indent of the loop's body."""
 
     @property
     def arguments(self) -> str:
@@ -177,7 +177,7 @@ class Relation:
 
 @dataclass(frozen=True)
 class Wanted:
-    """What is looked for; see ``selection.Selection``."""
+    """What a search looks for; see ``selection.Selection``."""
 
     label: str
     variable: str
@@ -262,7 +262,7 @@ def _passes(wanted: Wanted, turns: int, fresh: Fresh) -> tuple[list[str], list[s
 
 
 def _not_itself(wanted: Wanted) -> Callable[[str], str]:
-    """A chair is not the chair nearest to itself."""
+    """Return what leaves a thing out of the search for the one nearest to itself."""
     same = wanted.other is not None and wanted.other.label == wanted.label
     return lambda far: f" and {far} != 0" if same else ""
 

@@ -12,14 +12,14 @@ from simaps_viz.language.program_text import NEAR_M, Relation, Thing, Wanted, qu
 
 MAX_RANK: Final = 10_000
 _MAX_COUNT: Final = 100
+PARTS: Final = frozenset([
+    "away_from", "behind", "between", "farthest", "farthest_side", "from_here", "from_side", "from_side_of", "in_front",
+    "near", "nearest", "numbered", "on_side", "outermost", "side_of", "swept", "view",
+])  # fmt: skip
+"""The rules of the grammar for what follows a noun, as "in view" does."""
 _OPPOSITE: Final = {
-    "left": "right",
-    "right": "left",
-    "north": "south",
-    "south": "north",
-    "east": "west",
-    "west": "east",
-}
+    "left": "right", "right": "left", "north": "south", "south": "north", "east": "west", "west": "east",
+}  # fmt: skip
 _FAR_OF: Final = {"near": "far", "far": "near", "to": "from", "from": "to"}
 
 
@@ -57,7 +57,7 @@ class Part:
 
 @dataclass
 class Selection:
-    """What the parts of a phrase say together.
+    """What the parts of a phrase mean together.
 
     ``order`` is how the things are counted: "near" or "far" from where the command was given, from a "side", or by
     the distance "to" or "from" another thing, nearest or farthest first.
@@ -96,7 +96,7 @@ class Selection:
         self.order, self.side, self.other = order, side or self.side, other or self.other
 
     def _ranked(self, _: Part) -> None:
-        """A rank alone, or counting from here, which is what is done anyway."""
+        """Change nothing: things are ranked, and counted from here, anyway."""
 
     _from_here = _ranked
 
@@ -154,10 +154,10 @@ class Selection:
     def _view(self, _: Part) -> None:
         self.in_view = True
 
-    # ---- what it gives
+    # ---- from the parts to program text
 
     def _settle(self) -> None:
-        """Return the order and a rank from 1 that say the same."""
+        """Bring order and rank into the form that has a rank from 1."""
         if not self.order and self.relations and self.relations[0].kind != "between":
             self.order, self.other = "to", self.relations[0].things[0]
         self.order = self.order or "near"
@@ -175,7 +175,7 @@ class Selection:
         return max(least, abs(self.rank or 1))
 
     def one(self, fresh: Callable[[str], str]) -> Thing:
-        """Return the thing meant; ``fresh`` makes names that are not in use yet."""
+        """Return the thing meant; ``fresh`` makes names that are not used yet."""
         explicit = self.order == "near"
         self._settle()
         name, rank = quoted(self.label), self.rank or 1

@@ -23,29 +23,10 @@ _MOST_ADJECTIVE: Final = re.compile(r"(left|right|north|south|east|west)(?:ern|e
 _POINTS: Final = {tuple(name.split()): degrees for name, degrees in COMPASS_POINTS.items() if " " in name}
 _POINT_WORD: Final = re.compile(r"(north|south)(east|west)(?:ern|erly|wards?|bound)?$")
 _BOUNDS: Final = ("THEN", "STOP")
-_VERBS: Final = frozenset(
-    [
-        "APPROACH",
-        "BACKUP",
-        "CIRCLE",
-        "FACE",
-        "GO",
-        "HALT",
-        "KEEP",
-        "LOOK",
-        "MAKE",
-        "NOT",
-        "PASS",
-        "RETURN",
-        "SPIN",
-        "STAND",
-        "STRAFE",
-        "TAKE",
-        "TURN",
-        "UTURN",
-        "WITH",
-    ]
-)
+_VERBS: Final = frozenset([
+    "APPROACH", "BACKUP", "CIRCLE", "FACE", "GO", "HALT", "KEEP", "LOOK", "MAKE", "NOT", "PASS", "RETURN", "SPIN",
+    "STAND", "STRAFE", "TAKE", "TURN", "UTURN", "WITH",
+])  # fmt: skip
 """Tokens a new order starts with, also where only a comma or "and" stands before it."""
 _NAMES: Final = ("NOUN", "NOUNS", "PLACE")
 _RANKING: Final = ("ORD", "NEAREST", "FARTHEST", "MOST")
@@ -53,32 +34,20 @@ _UNITS: Final = ("METRES", "CENTIMETRES", "FEET", "YARDS", "STEPS", "INCHES", "K
 _STARTERS: Final = ("APPROACH", "BACKUP", "FACE", "GO", "LOOK", "RETURN", "SPIN", "TURN")
 _ENDERS: Final = (*_NAMES, "IT", "LEFT", "RIGHT", "DEGREES", "START", "FORWARD", "BACKWARD", *_UNITS)
 _WHERE: Final = (
-    "LEFT",
-    "RIGHT",
-    "NORTH",
-    "SOUTH",
-    "EAST",
-    "WEST",
-    "INTER",
-    "NEAR",
-    "FRONT",
-    "BEHIND",
-    "BETWEEN",
-    "TO",
-    "ON",
-)
+    "LEFT", "RIGHT", "NORTH", "SOUTH", "EAST", "WEST", "INTER", "NEAR", "FRONT", "BEHIND", "BETWEEN", "TO", "ON",
+)  # fmt: skip
 _KEYWORDS: Final = tuple(sorted(w[0] for w, kind in PHRASES.items() if len(w) == 1 and kind and len(w[0]) >= 4))
 
 Pieces = Sequence[tuple[str, str]]
 
 
 def tokens(text: str, vocabulary: Vocabulary, *, corrected: list[str] | None = None) -> list[Token]:
-    """Split a command into tokens of the grammar; words nobody knows become WORD, polite ones vanish.
+    """Split a command into tokens of the grammar; unknown words become WORD, polite ones are left out.
 
     Args:
         text: what was said.
         vocabulary: of the map.
-        corrected: where given, misspelled words are put right, and each is told here.
+        corrected: where given, misspelled words are corrected, and a note on each is added to it.
 
     Raises:
         CommandError: a number larger than a program may hold.
@@ -86,7 +55,7 @@ def tokens(text: str, vocabulary: Vocabulary, *, corrected: list[str] | None = N
     plainly = _IS.sub(r"\1 is", text.lower())
     pieces = [(str(m.lastgroup), m[m.lastgroup or 0]) for m in _PIECE.finditer(plainly)]
     if corrected is not None:
-        pieces = _put_right(pieces, vocabulary, corrected)
+        pieces = _corrected(pieces, vocabulary, corrected)
     words = [piece for _, piece in pieces]
     found: list[Token] = []
     at = 0
@@ -129,7 +98,7 @@ def clauses(spoken: Sequence[Token]) -> list[list[Token]]:
 
 
 def _apart(clause: list[Token]) -> list[list[Token]]:
-    """Part "go ahead with the table on your left" and "with the table on your left go ahead"; the turn comes first."""
+    """Split "go ahead with the table on your left" and "with the table on your left go ahead"; the turn comes first."""
     kinds = [word.type for word in clause]
     at = kinds.index("WITH") if "WITH" in kinds else -1
     end = next((i + 1 for i in range(at + 1, len(kinds)) if kinds[i] in ("LEFT", "RIGHT")), 0) if at >= 0 else 0
@@ -143,7 +112,7 @@ def _apart(clause: list[Token]) -> list[list[Token]]:
 
 
 def _shortened(spoken: Sequence[Token]) -> list[Token]:
-    """Leave out words that say nothing: "chair of the chairs in view", "the chair that is the farthest"."""
+    """Leave out words that add nothing: "chair of the chairs in view", "the chair that is the farthest"."""
     kept: list[Token] = []
     at = 0
     while at < len(spoken):
@@ -291,8 +260,8 @@ def _compass_point(words: Sequence[str]) -> tuple[float, int]:
     return 0.0, 0
 
 
-def _put_right(pieces: Pieces, vocabulary: Vocabulary, corrected: list[str]) -> list[tuple[str, str]]:
-    """Replace words that nobody knows by the known ones they are slips of."""
+def _corrected(pieces: Pieces, vocabulary: Vocabulary, corrected: list[str]) -> list[tuple[str, str]]:
+    """Replace unknown words by the known ones they are misspellings of."""
     found: list[tuple[str, str]] = []
     words = [piece for _, piece in pieces]
     at = 0

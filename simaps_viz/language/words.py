@@ -98,7 +98,8 @@ def _whole(words: Sequence[str]) -> tuple[float, int]:
 def slips(a: str, b: str, limit: int) -> int:
     """Return how many letters were left out, added, changed or swapped with the next; ``limit`` + 1 if more than limit.
 
-    The optimal string alignment distance, Levenshtein's with swaps of neighbours.
+    This is the optimal string alignment distance: Levenshtein's with swaps of neighbours. The ratio of difflib is no
+    substitute: it is not symmetric, and does not count single letters.
     """
     if abs(len(a) - len(b)) > limit:
         return limit + 1
@@ -118,7 +119,7 @@ def slips(a: str, b: str, limit: int) -> int:
 
 
 def correct(word: str, known: Iterable[str]) -> str | None:
-    """Return the known word that a word is a slip of, or None when none is close or the word is an everyday one.
+    """Return the known word that a word is a misspelling of, or None when none is close or the word is an everyday one.
 
     One slip from 4 letters on (with the same first or last letter), two from 8 on; of equally close words, the first.
     """

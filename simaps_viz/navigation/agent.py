@@ -45,7 +45,7 @@ class Answer:
     """The outcome of one command on a simulated robot."""
 
     status: Literal["ok", "refused", "failed"]
-    """refused: not understood, not a program, or not on this map; failed: no way there, or a budget used up."""
+    """refused: not understood, not a program, or not on this map; failed: no path there, or a budget used up."""
     reason: str | None
     """In words; None when ok."""
     program: str
@@ -96,7 +96,7 @@ class Rehearsal:
 
     Look-ups depend on the map and on where the command was given, not on where the robot is by then: all but
     ``get_pos("robot")`` are answered for real. So the rehearsal takes the very branches and turns the run will take;
-    it finds names, ranks and positions the map has not, however they were computed, and loops that would not end
+    it finds names, ranks and positions the map lacks, however they were computed, and loops that would not end
     within the budget. Where a program asks for the robot's position after a motion, the rehearsal ends without a
     verdict.
 

@@ -219,7 +219,7 @@ class Planner:
         box = np.array([rows.min(), rows.max(), cols.min(), cols.max()], np.int64)
         cells, cost_cells = search(self.free, self.jumps, start, goal, box)
         if len(cells) == 0:
-            raise PlanningError(f"there is no free way from ({start_m[0]:.2f}, {start_m[1]:.2f}) {what}")
+            raise PlanningError(f"there is no free path from ({start_m[0]:.2f}, {start_m[1]:.2f}) {what}")
         cells_xy = cells[:, ::-1] + 0.5
         if end_m is not None and self.spec.cell_of(*end_m) == tuple(cells[-1]):
             cells_xy[-1] = self._in_cells(end_m)

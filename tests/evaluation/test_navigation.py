@@ -13,19 +13,19 @@ from worlds import world_of, write_room
 from simaps_viz.build.pipeline import BuildConfig, build_map
 from simaps_viz.datasets.open import open_sequence
 from simaps_viz.errors import InputError
-from simaps_viz.evaluation import phrasings as say
-from simaps_viz.evaluation.driving import Drive
-from simaps_viz.evaluation.navigation import TRUE_MAP, carry_out, evaluate_navigation
-from simaps_viz.evaluation.navigation_report import (
+from simaps_viz.evaluation.navigation import (
+    TRUE_MAP,
     automatic_share,
+    carry_out,
+    evaluate_navigation,
     gains_over,
     navigation_json,
     navigation_text,
     strict_share,
 )
 from simaps_viz.evaluation.referents import TrueGoal
-from simaps_viz.evaluation.scoring import judge, true_objects_of
-from simaps_viz.evaluation.tasks import AWAY_M, Task, is_ambiguous, make_tasks
+from simaps_viz.evaluation.scoring import Drive, judge, true_objects_of
+from simaps_viz.evaluation.tasks import AWAY_M, FAMILIES, PHRASINGS, Task, is_ambiguous, make_tasks
 from simaps_viz.language.commands import read_command
 from simaps_viz.navigation.agent import answer
 from simaps_viz.structures import Pose2
@@ -53,7 +53,7 @@ def tasks():
 def test_commands_are_many_and_mixed(tasks):
     assert [task.number for task in tasks] == list(range(60))
     counts = Counter(task.family for task in tasks)
-    assert set(counts) == set(say.FAMILIES)
+    assert set(counts) == set(FAMILIES)
     assert len({(task.command, task.goals) for task in tasks}) == 60
     assert all(task.wants_refusal == (task.family == "absent") for task in tasks)
     assert {len(task.goals) for task in tasks if task.family == "multi-goal"} <= {2, 3}
@@ -89,17 +89,17 @@ WORDS = {
     "absent": "piano", "beyond": "ninth",
 }  # fmt: skip
 MEANS = {
-    say.ONLY: 'robot.move_to_object("chair")',
-    say.CLOSEST: 'robot.move_to_object("chair")',
-    say.NTH: 'robot.move_to_nth_closest("chair", 2)',
-    say.FROM_SIDE: 'robot.move_to_object("chair", robot.nth_from("chair", "south", 2))',
-    say.OUTERMOST: 'robot.move_to_object("chair", robot.nth_from("chair", "south", 1))',
-    say.NEAR: 'robot.move_to_object("chair", robot.closest_to("chair", "couch"))',
-    say.NEXT_TO: 'robot.move_to_object("chair", robot.closest_to("chair", "couch"))',
-    say.BETWEEN: 'robot.move_in_between("chair", "couch")',
-    say.COMPASS: 'robot.move_south("chair")',
-    say.IN_VIEW: 'robot.move_to_object("chair", robot.in_view("chair")[1])',
-    say.FIRST_IN_VIEW: 'robot.move_to_object("chair", robot.in_view("chair")[0])',
+    PHRASINGS["only"]: 'robot.move_to_object("chair")',
+    PHRASINGS["closest"]: 'robot.move_to_object("chair")',
+    PHRASINGS["nth"]: 'robot.move_to_nth_closest("chair", 2)',
+    PHRASINGS["from_side"]: 'robot.move_to_object("chair", robot.nth_from("chair", "south", 2))',
+    PHRASINGS["outermost"]: 'robot.move_to_object("chair", robot.nth_from("chair", "south", 1))',
+    PHRASINGS["near"]: 'robot.move_to_object("chair", robot.closest_to("chair", "couch"))',
+    PHRASINGS["next_to"]: 'robot.move_to_object("chair", robot.closest_to("chair", "couch"))',
+    PHRASINGS["between"]: 'robot.move_in_between("chair", "couch")',
+    PHRASINGS["compass"]: 'robot.move_south("chair")',
+    PHRASINGS["in_view"]: 'robot.move_to_object("chair", robot.in_view("chair")[1])',
+    PHRASINGS["first_in_view"]: 'robot.move_to_object("chair", robot.in_view("chair")[0])',
 }
 
 
@@ -110,13 +110,13 @@ def test_every_wording_is_read_as_its_family_means_it(wording, program):
     assert not reading.alternatives
 
 
-@pytest.mark.parametrize("wording", say.MULTI)
+@pytest.mark.parametrize("wording", PHRASINGS["multi"])
 def test_several_goals_are_read_in_order(wording):
     lines = [f'robot.move_to_object("{WORDS[k]}")' for k in "xyz" if f"{{{k}}}" in wording]
     assert read_command(wording.format(**WORDS), tuple(TOY.counts())).program.splitlines() == lines
 
 
-@pytest.mark.parametrize("wording", say.ABSENT)
+@pytest.mark.parametrize("wording", PHRASINGS["absent"])
 def test_what_is_absent_is_refused_on_the_true_map(wording):
     said = answer(TOY, wording.format(**WORDS), TOY_POSE)
     assert said.status == "refused"

@@ -9,8 +9,7 @@ from hypothesis import strategies as st
 from judged_maps import LABELS, drawn, map_of_ids, truth_of_ids
 
 from simaps_viz.errors import InputError
-from simaps_viz.evaluation.overlaps import ScoringRules, find_overlaps
-from simaps_viz.evaluation.quality import average_precision, score
+from simaps_viz.evaluation.quality import ScoringRules, average_precision, find_overlaps, score
 
 CHAIRS = dict.fromkeys(range(1, 36), "chair")
 

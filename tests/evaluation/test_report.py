@@ -19,14 +19,11 @@ from simaps_viz.drawing.sheet import INK
 from simaps_viz.errors import InputError
 from simaps_viz.evaluation.coloring import NO_PARTNER, PALETTE, distinct_colors
 from simaps_viz.evaluation.compare import Verdict, compare_maps, compare_report, missed_ids, verdicts
-from simaps_viz.evaluation.counts import parse_counts, score_counts
-from simaps_viz.evaluation.evaluate import Footprint, Report, Run, evaluate, evaluate_variants
-from simaps_viz.evaluation.overlaps import ScoringRules, find_overlaps
+from simaps_viz.evaluation.evaluate import Footprint, Report, Run, WithSimulatedErrors, evaluate, evaluate_variants
 from simaps_viz.evaluation.picture import WRONG_RED, panel_image, save_picture
-from simaps_viz.evaluation.quality import score, scores_of
+from simaps_viz.evaluation.quality import ScoringRules, find_overlaps, parse_counts, score, score_counts, scores_of
 from simaps_viz.evaluation.report import Measured, ablation_table, class_table, cost_table, overall_table, report_json
 from simaps_viz.evaluation.run import EvaluationConfig, run_evaluation
-from simaps_viz.evaluation.simulated_masks import WithSimulatedErrors
 from simaps_viz.evaluation.truth import truth_map
 from simaps_viz.mapping.file import save_map
 from simaps_viz.scenes.demo import DemoSettings, ensure_demo

@@ -11,10 +11,17 @@ from sequences import SEATS_M, frame_name, write_manifest, write_tiny_sequence
 from simaps_viz.build.pipeline import BuildConfig, build_map
 from simaps_viz.datasets.open import open_sequence
 from simaps_viz.errors import InputError
+from simaps_viz.evaluation.evaluate import WithSimulatedErrors
 from simaps_viz.evaluation.quality import score
-from simaps_viz.evaluation.simulated_masks import WithSimulatedErrors
-from simaps_viz.evaluation.truth import find_truth, settings_of, truth_as_map, truth_map, truth_of
-from simaps_viz.evaluation.windows import joint_window, whole_cells
+from simaps_viz.evaluation.truth import (
+    find_truth,
+    joint_window,
+    settings_of,
+    truth_as_map,
+    truth_map,
+    truth_of,
+    whole_cells,
+)
 from simaps_viz.mapping.accumulator import ProjectionSettings
 from simaps_viz.scenes.demo import DemoSettings, ensure_demo
 from simaps_viz.structures import GridSpec

@@ -11,8 +11,8 @@ from worlds import PLATES, ROOM_M, world_of, write_room
 from simaps_viz.datasets.open import open_sequence
 from simaps_viz.errors import InputError
 from simaps_viz.evaluation import referents
-from simaps_viz.evaluation.driving import FORWARD_M, TURN_RAD, drive_through, legs_of
 from simaps_viz.evaluation.referents import ranked
+from simaps_viz.evaluation.scoring import FORWARD_M, TURN_RAD, drive_through, legs_of
 from simaps_viz.evaluation.world import ELBOW_ROOM_M, observe_world, without_specks
 from simaps_viz.navigation.planner import RobotShape
 from simaps_viz.navigation.robot import Goal

@@ -11,7 +11,8 @@ from typing import Any
 
 import pytest
 
-from simaps_viz.language.llm import LLMError, LLMReader, LLMServerError, LLMSettings
+from simaps_viz.language.llm import LLMReader
+from simaps_viz.language.llm_settings import LLMError, LLMServerError, LLMSettings
 
 KEY = "sk-test-5ecret-0123456789"
 COUNTS = {"chair": 3, "dining table": 2, "couch": 1, "potted plant": 1}

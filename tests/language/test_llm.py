@@ -25,12 +25,8 @@ from chat_server import (
 from toy_maps import TOY_POSE, toy_map
 
 from simaps_viz.errors import CommandError, InputError
-from simaps_viz.language.llm import (
-    LLMReader,
-    LLMRefusedError,
-    LLMServerError,
-    LLMSettings,
-)
+from simaps_viz.language.llm import LLMReader
+from simaps_viz.language.llm_settings import LLMRefusedError, LLMServerError, LLMSettings
 from simaps_viz.language.primitives import PRIMITIVES
 from simaps_viz.navigation.agent import Agent, answer
 
@@ -329,7 +325,8 @@ def test_empty_and_overlong_commands_are_refused_unsent(text: str, said: str) ->
 
 def test_the_client_is_loaded_only_when_a_model_is_asked() -> None:
     code = (
-        "import sys, simaps_viz, simaps_viz.language.llm as llm; llm.LLMReader(llm.parse_llm_spec('m@http://127.0.0.1:9'));"
+        "import sys, simaps_viz; from simaps_viz.language import llm, llm_settings;"
+        "llm.LLMReader(llm_settings.parse_llm_spec('m@http://127.0.0.1:9'));"
         "print([m for m in ('openai', 'httpx2', 'pydantic') if m in sys.modules])"
     )
     root = Path(__file__).parents[2]

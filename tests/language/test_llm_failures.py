@@ -27,7 +27,8 @@ from chat_server import (
     writes,
 )
 
-from simaps_viz.language.llm import LLMCancelledError, LLMReader, LLMServerError, LLMSettings
+from simaps_viz.language.llm import LLMReader
+from simaps_viz.language.llm_settings import LLMCancelledError, LLMServerError, LLMSettings
 
 pytestmark = pytest.mark.usefixtures("alone")
 

@@ -10,17 +10,9 @@ from toy_maps import TOY_POSE, toy_map
 
 from simaps_viz.errors import CommandError, InputError
 from simaps_viz.language.commands import Reading
-from simaps_viz.language.llm import (
-    LLMReader,
-    LLMReading,
-    LLMSettings,
-    check_names,
-    command_messages,
-    parse_llm_spec,
-    read_answer,
-    repair_messages,
-)
-from simaps_viz.language.llm_chat import Dialect, one_line, said_in, without_key
+from simaps_viz.language.llm import LLMReader, LLMReading, check_names, command_messages, read_answer, repair_messages
+from simaps_viz.language.llm_chat import Dialect
+from simaps_viz.language.llm_settings import LLMSettings, one_line, parse_llm_spec, said_in, without_key
 from simaps_viz.language.primitives import PRIMITIVES
 from simaps_viz.language.program import parse_program
 from simaps_viz.navigation.agent import answer

@@ -278,7 +278,7 @@ def test_smoothing_leaves_a_straight_way_straight() -> None:
 def test_no_way_is_said_in_words() -> None:
     sealed = map_from_drawing("........\n..####..\n..#..#..\n..####..\n........")
     planner = Planner(sealed.grid, POINT)
-    with pytest.raises(PlanningError, match=r"there is no free way from \(0.10, 0.10\) to \(0.75, 0.45\)"):
+    with pytest.raises(PlanningError, match=r"there is no free path from \(0.10, 0.10\) to \(0.75, 0.45\)"):
         planner.plan((0.1, 0.1), (0.75, 0.45))
     with pytest.raises(PlanningError, match=r"\(0.50, 0.50\) is not free floor for this robot"):
         planner.plan((0.1, 0.1), (0.5, 0.5))
@@ -289,7 +289,7 @@ def test_no_way_is_said_in_words() -> None:
 def test_unseen_floor_is_not_driven_over() -> None:
     split = map_from_drawing("..?..\n..?..\n..?..")
     planner = Planner(split.grid, POINT)
-    with pytest.raises(PlanningError, match="there is no free way"):
+    with pytest.raises(PlanningError, match="there is no free path"):
         planner.plan((0.1, 0.1), (0.9, 0.1))
 
 

@@ -12,8 +12,8 @@ from simaps_viz import open_sequence, save_map
 from simaps_viz.build.methods import build
 from simaps_viz.datasets.sequence import PosedFrames
 from simaps_viz.datasets.source import FrameSource
+from simaps_viz.evaluation.evaluate import WithSimulatedErrors
 from simaps_viz.evaluation.quality import Scores, score
-from simaps_viz.evaluation.simulated_masks import WithSimulatedErrors
 from simaps_viz.evaluation.truth import Truth, truth_of
 from simaps_viz.structures import SIMap
 

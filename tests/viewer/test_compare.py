@@ -8,8 +8,7 @@ from toy_maps import toy_map
 from simaps_viz.drawing.compare_picture import KINDS, LIGHT_MISSED, TwoPictures, mark_color
 from simaps_viz.drawing.sheet import INK
 from simaps_viz.drawing.theme import DARK, LIGHT
-from simaps_viz.evaluation.differences import Kind
-from simaps_viz.evaluation.two_maps import compare_two
+from simaps_viz.evaluation.two_maps import Kind, compare_two
 from simaps_viz.mapping.simap import repartition
 from simaps_viz.viewer.panels.compare_words import (
     PQ_MEANS,
