@@ -1,4 +1,4 @@
-"""The robot's ride: poses to a timed trajectory, and a thread that plays it."""
+"""Timed trajectories: from poses, paths or the statements of a program; and a thread that plays one in real time."""
 
 import threading
 import time
@@ -14,13 +14,13 @@ from simaps_viz.navigation.robot import Motion
 from simaps_viz.structures import Pose2
 
 MOTION = Motion()
-"""How fast the robot is, here as in `simaps export --trajectory`."""
-SPEED_HINT = f"Of the simulated robot; 1 is {MOTION.speed_mps:g} m/s."
+"""The robot's speeds, the same as in `simaps export --trajectory`."""
+SPEED_HINT = f"Speed of the simulated robot; 1 is {MOTION.speed_mps:g} m/s."
 TICK_S = 0.05
 LOOK_S = 0.3
 """How long a statement that drives nowhere is shown at normal speed."""
 ALL_LOOKS_S = 3.0
-"""How long all of them together may take."""
+"""How long all of these together may take."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -38,10 +38,10 @@ class Trajectory:
 
     @property
     def duration_s(self) -> float:
-        """How long the ride takes at normal speed, seconds."""
+        """How long it takes at normal speed, seconds."""
         return float(self.times_s[-1])
 
-    def leg_at(self, time_s: float) -> int:
+    def segment_at(self, time_s: float) -> int:
         """Return the index of the last pose that was passed by a time."""
         return int(np.clip(np.searchsorted(self.times_s, time_s, side="right") - 1, 0, len(self.times_s) - 1))
 
@@ -51,8 +51,8 @@ class Trajectory:
         return float(later[0]) if len(later) and later[0] < self.duration_s - 1e-9 else None
 
     def at(self, time_s: float) -> Pose2:
-        """Return the pose at a time; before the start and after the end the robot stands."""
-        i = self.leg_at(time_s)
+        """Return the pose at a time; before the start and after the end the robot is at rest."""
+        i = self.segment_at(time_s)
         if i == len(self.times_s) - 1 or time_s <= 0.0:
             return Pose2(*(float(v) for v in self.poses[i]))
         share = (time_s - self.times_s[i]) / (self.times_s[i + 1] - self.times_s[i])
@@ -82,12 +82,12 @@ def poses_along(start: Pose2, path: ArrayLike, final: Pose2) -> NDArray:
     return np.array(poses)
 
 
-def ride_of_steps(steps: Sequence[StepEvent], start: Pose2) -> Trajectory:
-    """Time what statements drive. A statement that drives nowhere takes a moment, so that its line is seen to run.
+def trajectory_of_steps(steps: Sequence[StepEvent], start: Pose2) -> Trajectory:
+    """Time what statements drive. One that drives nowhere takes a short while, so that its line is seen to run.
 
     Args:
         steps: one or two events a statement: before it runs (``done`` False, no poses) and after.
-        start: where the robot stands.
+        start: where the robot is.
     """
     rows, lines, looks, begins = [[start.x_m, start.y_m, start.yaw_rad]], [0], [], []
     for line, poses in _statements(steps):
@@ -98,15 +98,15 @@ def ride_of_steps(steps: Sequence[StepEvent], start: Pose2) -> Trajectory:
             driven = [rows[-1]]
         rows += [rows[-1], *driven]
         lines += [line] * (1 + len(driven))
-    ride = trajectory(rows)
+    timed = trajectory(rows)
     wait = np.zeros(len(rows))
     wait[np.array(looks, np.int64) + 1] = min(LOOK_S, ALL_LOOKS_S / max(len(looks), 1))
-    times = ride.times_s + np.cumsum(wait)
-    return Trajectory(ride.poses, times, times[np.array(begins, np.int64)], np.array(lines, np.int64))
+    times = timed.times_s + np.cumsum(wait)
+    return Trajectory(timed.poses, times, times[np.array(begins, np.int64)], np.array(lines, np.int64))
 
 
 def _statements(steps: Sequence[StepEvent]) -> list[tuple[int, NDArray]]:
-    """Return the line and the poses [n, 3] of each statement; what ends only after its block is told by its start."""
+    """Return the line and the poses [n, 3] of each statement; one that ends after its block is listed at its start."""
     found: list[tuple[int, NDArray]] = []
     open_line: int | None = None
     for step in steps:
@@ -122,55 +122,55 @@ def _statements(steps: Sequence[StepEvent]) -> list[tuple[int, NDArray]]:
     return found
 
 
-class Drive:
-    """Plays a trajectory in real time, whole or statement by statement."""
+class TrajectoryPlayer:
+    """Plays a trajectory in real time, all at once or statement by statement."""
 
     def __init__(
         self,
         on_pose: Callable[[Pose2, float, int], None],
         on_end: Callable[[], None],
-        on_hold: Callable[[], None] = lambda: None,
-        on_fault: Callable[[Exception], None] | None = None,
+        on_pause: Callable[[], None] = lambda: None,
+        on_error: Callable[[Exception], None] | None = None,
     ) -> None:
-        """Take whom to tell; none of them is called once ``stop`` has returned.
+        """Create a player at rest. No callback is called once ``stop`` has returned.
 
         Args:
-            on_pose: gets the pose, the share of the ride that is over, and the index of the pose passed last.
-            on_end: called when the ride has ended by itself.
-            on_hold: called when a step is over and the ride waits.
-            on_fault: gets what one of the others raised; the ride has ended then. None: the ride's thread raises it.
+            on_pose: takes the pose, the share of the trajectory that is over, and the index of the pose passed last.
+            on_end: called when the trajectory has ended by itself.
+            on_pause: called when a step is over and the trajectory waits.
+            on_error: takes what another callback raised, which ends the trajectory; None: the thread raises it.
         """
-        self._on_pose, self._on_end, self._on_hold = on_pose, on_end, on_hold
-        self._on_fault = on_fault
+        self._on_pose, self._on_end, self._on_pause = on_pose, on_end, on_pause
+        self._on_error = on_error
         self.speed = 1.0
         """Factor on the normal speed; may change while the robot drives."""
         self._running = threading.Event()
         self._lock = threading.RLock()
-        self._ride: Trajectory | None = None
+        self._trajectory: Trajectory | None = None
         self._elapsed = 0.0
         self._until: float | None = None
 
     @property
     def active(self) -> bool:
-        """Whether a ride has begun and not ended, paused or not."""
-        return self._ride is not None
+        """Whether a trajectory has begun and not ended, paused or not."""
+        return self._trajectory is not None
 
     @property
     def paused(self) -> bool:
-        """Whether a ride waits."""
+        """Whether a trajectory is paused."""
         return self.active and not self._running.is_set()
 
-    def start(self, ride: Trajectory, *, held: bool = False) -> None:
-        """Begin a ride, or hold it before its first statement; one that is under way ends where it is."""
+    def start(self, trajectory: Trajectory, *, paused: bool = False) -> None:
+        """Begin a trajectory, or pause it before its first statement; one that is being played ends where it is."""
         with self._lock:
-            self._running.set()  # the thread of an earlier ride sees that it is over
-            self._ride, self._elapsed, self._until = ride, 0.0, None
-            if held:
+            self._running.set()  # wakes the thread of an earlier trajectory, which then ends
+            self._trajectory, self._elapsed, self._until = trajectory, 0.0, None
+            if paused:
                 self._running.clear()
-        threading.Thread(target=self._run, args=(ride,), name="workbench-drive", daemon=True).start()
+        threading.Thread(target=self._run, args=(trajectory,), name="workbench-drive", daemon=True).start()
 
     def pause(self, paused: bool) -> None:
-        """Hold the ride, or let it go on."""
+        """Pause or resume the trajectory."""
         with self._lock:
             self._until = None
             if paused:
@@ -179,63 +179,63 @@ class Drive:
                 self._running.set()
 
     def step(self) -> None:
-        """Go on to the end of the statement that runs, and hold there."""
+        """Play to the end of the current statement, and pause there."""
         with self._lock:
-            if self._ride is not None:
-                self._until = self._ride.next_step(self._elapsed)
+            if self._trajectory is not None:
+                self._until = self._trajectory.next_step(self._elapsed)
                 self._running.set()
 
     def stop(self) -> None:
-        """End the ride where the robot is."""
+        """End the trajectory where the robot is."""
         with self._lock:
-            self._ride = None
+            self._trajectory = None
             self._running.set()
 
-    def _run(self, ride: Trajectory) -> None:
+    def _run(self, trajectory: Trajectory) -> None:
         try:
-            self._play(ride)
+            self._play(trajectory)
         except Exception as fault:
             with self._lock:
-                goes_on = self._ride is ride
-                if goes_on:
-                    self._ride = None
-            if self._on_fault is None:
+                still_current = self._trajectory is trajectory
+                if still_current:
+                    self._trajectory = None
+            if self._on_error is None:
                 raise
-            if goes_on:  # else another ride has begun, or this one was stopped
-                self._on_fault(fault)
+            if still_current:  # else another trajectory has begun, or this one was stopped
+                self._on_error(fault)
 
-    def _play(self, ride: Trajectory) -> None:
+    def _play(self, trajectory: Trajectory) -> None:
         before = time.monotonic()
-        self._tell(ride)
-        while self._ride is ride and self._elapsed < ride.duration_s:
+        self._report(trajectory)
+        while self._trajectory is trajectory and self._elapsed < trajectory.duration_s:
             self._running.wait(0.5)
             time.sleep(TICK_S)
             now = time.monotonic()
-            self._go_on(ride, min(now - before, 5 * TICK_S) * self.speed)
+            self._advance(trajectory, min(now - before, 5 * TICK_S) * self.speed)
             before = now
         with self._lock:
-            if self._ride is ride:
-                self._elapsed = ride.duration_s
-                self._tell(ride)
-                self._ride = None
+            if self._trajectory is trajectory:
+                self._elapsed = trajectory.duration_s
+                self._report(trajectory)
+                self._trajectory = None
                 self._on_end()
 
-    def _go_on(self, ride: Trajectory, seconds: float) -> None:
-        """Drive on for some seconds, but not past the end of a step."""
+    def _advance(self, trajectory: Trajectory, seconds: float) -> None:
+        """Play some seconds more, but not past the end of a step."""
         with self._lock:
-            if self._ride is not ride or not self._running.is_set():
+            if self._trajectory is not trajectory or not self._running.is_set():
                 return
-            self._elapsed = min(self._elapsed + seconds, ride.duration_s)
+            self._elapsed = min(self._elapsed + seconds, trajectory.duration_s)
             if self._until is None or self._elapsed < self._until:
-                self._tell(ride)
+                self._report(trajectory)
                 return
             self._elapsed, self._until = self._until, None
             self._running.clear()
-            self._tell(ride)
-            self._on_hold()
+            self._report(trajectory)
+            self._on_pause()
 
-    def _tell(self, ride: Trajectory) -> None:
+    def _report(self, trajectory: Trajectory) -> None:
         with self._lock:
-            if self._ride is ride:
-                share = min(1.0, self._elapsed / max(ride.duration_s, 1e-9))
-                self._on_pose(ride.at(self._elapsed), share, ride.leg_at(self._elapsed))
+            if self._trajectory is trajectory:
+                share = min(1.0, self._elapsed / max(trajectory.duration_s, 1e-9))
+                self._on_pose(trajectory.at(self._elapsed), share, trajectory.segment_at(self._elapsed))

@@ -7,7 +7,7 @@ from browser import toy_services, toy_workbench
 from fake_page import fake_page
 from waiting import until
 
-from simaps_viz.navigation.trajectory import Drive, trajectory
+from simaps_viz.navigation.trajectory import TrajectoryPlayer, trajectory
 
 
 def test_what_a_listener_raises_ends_the_ride_and_is_told():
@@ -17,7 +17,7 @@ def test_what_a_listener_raises_ends_the_ride_and_is_told():
     def moved(pose, share, leg):
         raise fault
 
-    drive = Drive(moved, lambda: None, on_fault=told.append)
+    drive = TrajectoryPlayer(moved, lambda: None, on_error=told.append)
     drive.start(trajectory([[0, 0, 0], [2.0, 0, 0]]))
     until(lambda: told == [fault])
     assert not drive.active
@@ -32,7 +32,7 @@ def test_a_ride_that_was_stopped_tells_no_fault():
         moving.set()
         raise ZeroDivisionError("too late")
 
-    drive = Drive(moved, lambda: None, on_fault=told.append)
+    drive = TrajectoryPlayer(moved, lambda: None, on_error=told.append)
     before = set(threading.enumerate())
     drive.start(trajectory([[0, 0, 0], [2.0, 0, 0]]))
     assert moving.wait(60.0)
@@ -45,7 +45,7 @@ def test_nobody_told_is_no_silence(capsys):
     raised = []
     hook, threading.excepthook = threading.excepthook, lambda told: raised.append(told.exc_value)
     try:
-        drive = Drive(lambda pose, share, leg: print(1 / 0), lambda: None)
+        drive = TrajectoryPlayer(lambda pose, share, leg: print(1 / 0), lambda: None)
         drive.start(trajectory([[0, 0, 0], [2.0, 0, 0]]))
         until(lambda: raised)
     finally:

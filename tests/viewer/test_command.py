@@ -21,7 +21,15 @@ from simaps_viz.language.grounding import Grounding
 from simaps_viz.language.llm_settings import Exchange, Message
 from simaps_viz.navigation.agent import StepEvent, answer, outcome_text
 from simaps_viz.navigation.robot import Goal
-from simaps_viz.navigation.trajectory import LOOK_S, MOTION, TICK_S, Drive, Trajectory, ride_of_steps, trajectory
+from simaps_viz.navigation.trajectory import (
+    LOOK_S,
+    MOTION,
+    TICK_S,
+    Trajectory,
+    TrajectoryPlayer,
+    trajectory,
+    trajectory_of_steps,
+)
 from simaps_viz.structures import Pose2
 from simaps_viz.viewer.page.services import LanguageModel
 from simaps_viz.viewer.panels.command import entered, exchanges_html, program_html, why_text
@@ -113,11 +121,11 @@ def test_every_statement_gets_its_line_and_look_ups_take_a_moment():
         event(2, False), event(3, False), event(3, True, drive), event(3, False), event(3, True, further),
         event(2, True),
     ]  # fmt: skip
-    ride = ride_of_steps(events, Pose2(0.0, 0.0, 0.0))
+    ride = trajectory_of_steps(events, Pose2(0.0, 0.0, 0.0))
     leg = 0.9 / MOTION.speed_mps
     assert ride.steps_s == pytest.approx([0.0, LOOK_S, 2 * LOOK_S, 2 * LOOK_S + leg])
     assert ride.duration_s == pytest.approx(2 * LOOK_S + 2 * leg)
-    lines = [ride.lines[ride.leg_at(t)] for t in (0.0, LOOK_S + 0.01, 2 * LOOK_S + 0.01, 2 * LOOK_S + leg + 0.01)]
+    lines = [ride.lines[ride.segment_at(t)] for t in (0.0, LOOK_S + 0.01, 2 * LOOK_S + 0.01, 2 * LOOK_S + leg + 0.01)]
     assert lines == [1, 2, 3, 3]
     assert ride.at(ride.duration_s).x_m == 1.8
     assert ride.next_step(0.0) == pytest.approx(LOOK_S) and ride.next_step(ride.duration_s - 0.1) is None
@@ -125,7 +133,7 @@ def test_every_statement_gets_its_line_and_look_ups_take_a_moment():
 
 def test_a_statement_that_fails_is_the_last_line_of_the_ride():
     events = [event(1, False), event(1, True, np.array([[0, 0, 0], [1.0, 0, 0]])), event(2, False)]
-    ride = ride_of_steps(events, Pose2(0.0, 0.0, 0.0))
+    ride = trajectory_of_steps(events, Pose2(0.0, 0.0, 0.0))
     assert ride.lines[-1] == 2 and ride.at(ride.duration_s).x_m == 1.0
 
 
@@ -135,7 +143,7 @@ def test_rides_of_real_programs_never_go_back_in_time(statements):
     for line, metres in statements:
         events += [event(line, False), event(line, True, np.array([[x, 0, 0], [x + metres, 0, 0]]))]
         x += metres
-    ride = ride_of_steps(events, Pose2(0.0, 0.0, 0.0))
+    ride = trajectory_of_steps(events, Pose2(0.0, 0.0, 0.0))
     assert (np.diff(ride.times_s) >= 0).all() and len(ride.steps_s) == len(statements)
     assert len(ride.lines) == len(ride.poses) == len(ride.times_s)
     assert ride.at(ride.duration_s).x_m == pytest.approx(x)
@@ -143,10 +151,10 @@ def test_rides_of_real_programs_never_go_back_in_time(statements):
 
 def test_steps_hold_exactly_where_statements_begin():
     seen, holds, ended = [], threading.Event(), threading.Event()
-    drive = Drive(lambda pose, share, leg: seen.append(pose.x_m), ended.set, holds.set)
+    drive = TrajectoryPlayer(lambda pose, share, leg: seen.append(pose.x_m), ended.set, holds.set)
     drive.speed = 8.0
     base = trajectory([[0, 0, 0], [1.0, 0, 0], [2.0, 0, 0]])
-    drive.start(Trajectory(base.poses, base.times_s, base.times_s[:2]), held=True)
+    drive.start(Trajectory(base.poses, base.times_s, base.times_s[:2]), paused=True)
     until(lambda: seen)
     time.sleep(0.2)
     assert drive.paused and set(seen) == {0.0}
@@ -166,7 +174,7 @@ def test_nothing_is_told_after_stop():
             time.sleep(TICK_S)
         told.append(share)
 
-    drive = Drive(slowly, lambda: told.append(-1.0))
+    drive = TrajectoryPlayer(slowly, lambda: told.append(-1.0))
     drive.start(trajectory([[0, 0, 0], [5.0, 0, 0]]))
     assert second.wait(60.0)
     drive.stop()

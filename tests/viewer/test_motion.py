@@ -14,7 +14,7 @@ from waiting import until
 
 from simaps_viz.language.grounding import Grounding
 from simaps_viz.navigation.robot import Goal
-from simaps_viz.navigation.trajectory import MOTION, Drive, poses_along, trajectory
+from simaps_viz.navigation.trajectory import MOTION, TrajectoryPlayer, poses_along, trajectory
 from simaps_viz.structures import Pose2
 from simaps_viz.viewer.page.worker import Worker
 from simaps_viz.viewer.panels.build import ECHO_S, SETTLE_S, FrameLink
@@ -51,7 +51,7 @@ def test_a_path_is_driven_forwards_and_ends_as_it_should():
 
 def test_drive_plays_pauses_and_arrives():
     seen, arrived = [], threading.Event()
-    drive = Drive(lambda pose, share, leg: seen.append(pose.x_m), arrived.set)
+    drive = TrajectoryPlayer(lambda pose, share, leg: seen.append(pose.x_m), arrived.set)
     drive.speed = 8.0
     drive.start(trajectory([[0, 0, 0], [2.0, 0, 0]]))
     drive.pause(True)
@@ -66,7 +66,7 @@ def test_drive_plays_pauses_and_arrives():
 
 def test_a_stopped_drive_does_not_arrive():
     arrived = threading.Event()
-    drive = Drive(lambda pose, share, leg: None, arrived.set)
+    drive = TrajectoryPlayer(lambda pose, share, leg: None, arrived.set)
     drive.start(trajectory([[0, 0, 0], [0.1 * MOTION.speed_mps, 0, 0]]))
     assert arrived.wait(60.0)  # left alone, it does
     arrived.clear()

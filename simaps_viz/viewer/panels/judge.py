@@ -17,7 +17,7 @@ from simaps_viz.drawing.theme import DIM_STYLE
 from simaps_viz.errors import SIMapsError
 from simaps_viz.evaluation.judging import BlindRun, JudgingSession
 from simaps_viz.language.grounding import Candidate
-from simaps_viz.navigation.trajectory import SPEED_HINT, Drive, Trajectory, poses_along, trajectory
+from simaps_viz.navigation.trajectory import SPEED_HINT, Trajectory, TrajectoryPlayer, poses_along, trajectory
 from simaps_viz.structures import Pose2, SIMap
 from simaps_viz.viewer.panels.command import label_of, message_html
 from simaps_viz.viewer.scene.map_scene import MapScene
@@ -132,7 +132,7 @@ class JudgePanel:
         self._again: BlindRun | None = None
         self._shown_at = 0.0
         self._lock = lock or threading.RLock()
-        self._drive = Drive(lambda pose, _share, _leg: scene.show_robot(pose), lambda: None)
+        self._drive = TrajectoryPlayer(lambda pose, _share, _leg: scene.show_robot(pose), lambda: None)
         self._fill(gui)
 
     @property

@@ -16,7 +16,7 @@ from simaps_viz.geometry import STANDS_FROM_M
 from simaps_viz.language.grounding import Candidate
 from simaps_viz.language.llm_settings import Exchange
 from simaps_viz.navigation.agent import Answer, StepEvent, outcome_text
-from simaps_viz.navigation.trajectory import Drive, Trajectory, poses_along, ride_of_steps, trajectory
+from simaps_viz.navigation.trajectory import Trajectory, TrajectoryPlayer, poses_along, trajectory, trajectory_of_steps
 from simaps_viz.structures import Pose2, SIMap
 from simaps_viz.viewer.page.services import Services
 from simaps_viz.viewer.page.worker import Worker
@@ -102,7 +102,7 @@ class RobotControl:
         self._line = 0
         self._past: list[Past] = []
         self._waiting: threading.Event | None = None
-        self._drive = Drive(self._moved, self._arrived, self._held, self._broke_down)
+        self._drive = TrajectoryPlayer(self._moved, self._arrived, self._held, self._broke_down)
         model = services.model.name if services.model else None
         self._panel = CommandPanel(gui, current_map(), self._actions(), enabled=services.ask is not None, model=model)
         self._stand(self._start)
@@ -316,7 +316,7 @@ class RobotControl:
         self._scene.show_candidates(labels, blocked=(goal, *boxes_near(simap, labels)))
         self._panel.show_progress(0.0)
         self._panel.show_phase("held" if held else "driving")
-        self._drive.start(ride, held=held)
+        self._drive.start(ride, paused=held)
 
     def _ride_of(self, simap: SIMap, answer: Answer) -> Trajectory:
         """Return the ride, with the lines of the program where the statements are known."""
@@ -325,7 +325,7 @@ class RobotControl:
             with contextlib.suppress(SIMapsError):  # the answer has said it already; the ride ends there
                 steps.extend(self._services.steps(simap, answer.program, self._pose))
             if steps:
-                return ride_of_steps(steps, self._pose)
+                return trajectory_of_steps(steps, self._pose)
         if len(answer.path_m) < 2 and answer.status != "ok":
             return trajectory([[self._pose.x_m, self._pose.y_m, self._pose.yaw_rad]])
         return trajectory(poses_along(self._pose, answer.path_m, answer.final_pose))

@@ -12,7 +12,7 @@ from simaps_viz.drawing.frame_pictures import communities_unseen_until, owner_of
 from simaps_viz.errors import CommandError
 from simaps_viz.mapping.methods import method_of
 from simaps_viz.navigation.agent import Answer, StepEvent, outcome_text
-from simaps_viz.navigation.trajectory import Trajectory, poses_along, ride_of_steps, trajectory
+from simaps_viz.navigation.trajectory import Trajectory, poses_along, trajectory, trajectory_of_steps
 from simaps_viz.structures import Pose2, SIMap
 
 Look = Callable[[int], SIMap | None]
@@ -76,7 +76,7 @@ def drive_of(
     if answer.status == "refused":
         raise CommandError(f'"{command}": {answer.reason or "refused"}')
     if answer.status == "ok" and answer.program and steps is not None:
-        driven = ride_of_steps(list(steps(simap, answer.program, pose)), pose)
+        driven = trajectory_of_steps(list(steps(simap, answer.program, pose)), pose)
     elif len(answer.path_m):
         driven = trajectory(poses_along(pose, answer.path_m, answer.final_pose))
     else:
