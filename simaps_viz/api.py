@@ -1,6 +1,6 @@
-"""Asking a map from Python: find objects, plan ways, give commands, hold the instances as a pandas frame.
+"""Functions on maps: find instances, plan paths, carry out commands, convert to pandas.
 
-Each function is also a method of `SIMap`, which only calls it.
+Each is also a method of `SIMap`, which only calls the function here.
 """
 
 from typing import TYPE_CHECKING
@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 Point = tuple[float, float]
 """x and y in metres, map frame."""
 Place = Point | Pose2 | Instance
-"""Where something is: of an instance, its centre or its cells."""
+"""A position: for an instance, its centre or its cells."""
 
 
 def find(simap: SIMap, name: str, *, near: Place | str | None = None) -> tuple[Instance, ...]:
@@ -60,18 +60,18 @@ def plan(
     *,
     robot: RobotShape | None = None,
 ) -> Path:
-    """Plan the cheapest way for a robot's centre over free floor.
+    """Plan the cheapest path of a robot's centre over free floor.
 
     Args:
         simap: the map.
-        start: where the robot stands; moved to free floor within 0.5 m if it is not free.
-        goal: a point on free floor, or an object: the way then ends at the free cell nearest to it. A name means the
+        start: position of the robot; moved to free floor within 0.5 m if it is not free.
+        goal: a point on free floor, or an object: the path then ends at the free cell nearest to it. A name means the
             object of that name closest to the start.
         robot: its shape, by default 0.2 m in radius and 1.5 m high.
 
     Raises:
         CommandError: the map has nothing of that name.
-        PlanningError: there is no way, in words.
+        PlanningError: there is no path; the message says why.
     """
     planner = planner_of(simap, robot or RobotShape())
     x, y = _point(start)[0].tolist()
@@ -90,11 +90,11 @@ def ask(simap: SIMap, command: str, *, pose: Pose2 | None = None, robot: RobotSh
     Args:
         simap: the map.
         command: English, or a program (anything that calls ``robot.``).
-        pose: where the command is given; by default where the first camera stood that has free floor by it.
+        pose: pose of the robot; by default that of the first camera that has free floor near it.
         robot: its shape, by default 0.2 m in radius and 1.5 m high.
 
     Returns:
-        What came of it. A command that is not understood, or cannot be done, is an answer too: its ``status`` is
+        The outcome. A command that is not understood, or cannot be carried out, is an answer too: its ``status`` is
         "refused" or "failed", and its ``reason`` says why.
 
     Raises:
@@ -118,7 +118,7 @@ def to_pandas(simap: SIMap) -> "pd.DataFrame":
         import pandas as pd  # noqa: PLC0415 - optional, and slow to import
     columns = [name for name in COLUMNS if name != "outline_wkt"]
     frame = pd.DataFrame([record(simap, one) for one in simap.instances], columns=columns)
-    if frame.empty:  # else every column of it would hold objects, and sums be no numbers
+    if frame.empty:  # otherwise every column would have dtype object
         text = ("name", "label", "color")
         whole = ("id", "cells", "frames")
         frame = frame.astype({c: "int64" if c in whole else "float64" for c in columns if c not in text})

@@ -1,9 +1,9 @@
-"""The errors a person can meet; every message names the culprit and what was expected."""
+"""The errors a user can meet; every message names the file or value, what was expected, and what was found."""
 
 from collections.abc import Iterator
 from contextlib import contextmanager
 
-LONGEST_MESSAGE = 1000
+MAX_MESSAGE = 1000
 """Characters of a message; names and values found in files can be of any length."""
 
 
@@ -19,7 +19,7 @@ class SIMapsError(Exception):
 
 
 class InputError(SIMapsError):
-    """A file, folder, option or argument is not what it has to be."""
+    """A file, folder, option or argument is not as expected."""
 
 
 class CommandError(SIMapsError):
@@ -27,14 +27,14 @@ class CommandError(SIMapsError):
 
 
 class PlanningError(SIMapsError):
-    """There is no free path from where the robot stands to where it should go."""
+    """There is no free path from the robot to its goal."""
 
 
 def _printable(text: str) -> str:
     if not text.isprintable():
         text = "".join(c if c.isprintable() else ascii(c)[1:-1] for c in text)
-    half = LONGEST_MESSAGE // 2
-    return text if len(text) <= LONGEST_MESSAGE else f"{text[:half]} ... {text[-half:]}"
+    half = MAX_MESSAGE // 2
+    return text if len(text) <= MAX_MESSAGE else f"{text[:half]} ... {text[-half:]}"
 
 
 @contextmanager
@@ -43,10 +43,10 @@ def needs_extra(extra: str, what: str) -> Iterator[None]:
 
     Args:
         extra: its name in pyproject.toml.
-        what: what needs it, as the user knows it.
+        what: the feature that needs it, as users call it.
 
     Raises:
-        InputError: the library is not there, or cannot be loaded.
+        InputError: the library is not installed, or cannot be loaded.
     """
     try:
         yield

@@ -1,4 +1,4 @@
-"""What a build tells those who watch it. Observers only look: nothing they do changes the map."""
+"""The events of a build, in the order they happen. Observers only watch: nothing they do changes the map."""
 
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from simaps_viz.structures import Frame, Grid, MergeLog, Segmentation, SIMap
 
 Progress = Callable[[str, int, int], None]
-"""Called with (what is being done, steps done, steps in all) by the thread that works; what it raises ends that."""
+"""Called with (stage, steps done, steps in all) by the working thread; an exception it raises ends the work."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -20,9 +20,9 @@ class BuildStarted:
     frame_names: tuple[str, ...]
     T_map_world: NDArray
     segmentation_source: str
-    """In words, e.g. "renderer" or "simulated network errors, light, seed 0"."""
+    """Origin of the masks in words, e.g. "renderer" or "simulated network errors, light, seed 0"."""
     simulated: bool
-    """The segmentation (or the frames) are simulated and must be called so wherever shown."""
+    """The segmentation (or the frames) are simulated and must be labelled so wherever they are shown."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -41,8 +41,8 @@ class FrameProjected:
     snapshot: Callable[[], Grid]
     """Copies the map as it is now; call it before returning."""
     map_so_far: Callable[[], SIMap] | None = None
-    """Makes the whole map of the frames so far, as a build of these alone would (0.05 to 0.1 s for a flat); call it
-    before returning. None where the method cannot."""
+    """Computes the complete map of the frames so far, as a build of these alone would (0.05 to 0.1 s for a flat); call
+    it before returning. None where the method cannot."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,12 +52,12 @@ class FrameSkipped:
     index: int
     name: str
     reason: str
-    """In words, naming the file."""
+    """Why, naming the file."""
 
 
 @dataclass(frozen=True, eq=False)
 class FrameGathered:
-    """One frame is on the grid that another process has read; its pictures are not here."""
+    """One frame that another process has read is on the grid; its images are not in this process."""
 
     index: int
     name: str
@@ -65,26 +65,26 @@ class FrameGathered:
 
 @dataclass(frozen=True, eq=False)
 class CommunitiesFound:
-    """The finest communities are there: every so often while building (``final`` False) and once at the end.
+    """The finest communities are found: at intervals while building (``final`` False) and once at the end.
 
-    Methods evidence and paper find them with Louvain, and join them afterwards; of other methods each is an instance.
+    Methods evidence and paper find them with Louvain, and join them afterwards; with other methods each is an instance.
     """
 
     grid: Grid
     community: NDArray
     """int32 [rows, cols], 0 = none."""
     frame_index: int
-    """The last frame it knows of."""
+    """The last frame that is on the map."""
     final: bool
     instance: NDArray | None = None
-    """int32 [rows, cols], 0 = none: the objects they make at the chosen K or affinity; None where nobody asked."""
+    """int32 [rows, cols], 0 = none: the instances at the chosen K or affinity; None unless they are computed."""
 
 
 @dataclass(frozen=True, eq=False)
 class MergesFound:
-    """The whole merge log, and how many steps of it the map takes.
+    """The complete merge log, and which of its steps the map takes.
 
-    It goes down to K = 0 (method paper) or affinity 0 (method evidence); other methods join nothing, theirs is empty.
+    It goes down to K = 0 (method paper) or affinity 0 (method evidence); the log of other methods is empty.
     """
 
     grid: Grid
@@ -92,7 +92,7 @@ class MergesFound:
     """int32 [rows, cols], finest communities, 0 = none."""
     log: MergeLog
     applied: NDArray
-    """bool [steps]: belongs to the prefix, of each class, that the chosen K or affinity takes."""
+    """bool [steps]: whether the step is taken at the chosen K or affinity, which take a prefix of each class."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -112,10 +112,10 @@ class Observer(Protocol):
 
     @property
     def wants_color(self) -> bool:
-        """Whether it looks at the frames' pictures: their colours are decoded only if somebody does.
+        """Whether it uses the frames' colours, which are decoded only for observers that do.
 
-        Who wants them is shown every frame, with the links it makes: a build that goes on with its log reads all frames
-        again for it, and none may be gathered elsewhere. One that does not say is taken to want them.
+        Such an observer gets every frame, with the links it makes: a resumed build reads all frames again for it, and
+        no other process may gather them. An observer without this property is taken to want them.
         """
         ...
 
@@ -125,5 +125,5 @@ class Observer(Protocol):
 
 
 def wants_color(observers: Iterable[Observer]) -> bool:
-    """Return whether one of those who watch wants the frames' colours, see `Observer.wants_color`."""
+    """Whether one of the observers wants the frames' colours, see `Observer.wants_color`."""
     return any(getattr(observer, "wants_color", True) for observer in observers)

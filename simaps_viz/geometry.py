@@ -11,26 +11,26 @@ from numpy.typing import ArrayLike, NDArray
 from simaps_viz.errors import InputError
 
 STANDS_FROM_M = 0.10
-"""What reaches at least so high over the floor stands on it; what is lower is the floor, as far as pictures show it."""
+"""Height from which something counts as standing on the floor; what is lower is part of the floor."""
 
 
 def heading_to_yaw(heading_deg: float) -> float:
-    """Turn a compass heading (degrees clockwise from north) into a yaw (radians from +x, counter-clockwise)."""
+    """Convert a compass heading (degrees clockwise from north) into a yaw (radians from +x, counter-clockwise)."""
     return wrap_angle(np.deg2rad(90.0 - heading_deg))
 
 
 def yaw_to_heading(yaw_rad: float) -> float:
-    """Turn a yaw (radians from +x, counter-clockwise) into a compass heading in [0, 360) degrees."""
+    """Convert a yaw (radians from +x, counter-clockwise) into a compass heading in [0, 360) degrees."""
     return float((90.0 - np.rad2deg(yaw_rad)) % 360.0)
 
 
 def wrap_angle(angle_rad: float) -> float:
-    """Bring an angle in radians into (-pi, pi]."""
+    """Wrap an angle in radians to (-pi, pi]."""
     return float(-((-angle_rad + np.pi) % (2.0 * np.pi) - np.pi))
 
 
 def transform_points(T_a_b: NDArray, points_b: NDArray) -> NDArray:
-    """Move points, float [..., 3], of frame b to frame a by the rigid transform ``T_a_b``, float64 [4, 4]."""
+    """Transform points, float [..., 3], from frame b to frame a by the rigid transform ``T_a_b``, float64 [4, 4]."""
     return points_b @ T_a_b[:3, :3].T + T_a_b[:3, 3]
 
 
@@ -81,7 +81,7 @@ def check_rotation(rotation: NDArray, where: str, tolerance: float = 1e-2) -> No
 
 
 def map_from_world(up: ArrayLike, floor_height_m: float) -> NDArray:
-    """Find ``T_map_world`` [4, 4] from the world's up direction and the floor's height along it.
+    """Compute ``T_map_world`` [4, 4] from the world's up direction and the floor's height along it.
 
     The rotation is the shortest one that takes ``up`` to +z (Rodrigues), so a world that is z-up already
     keeps its x and y.
@@ -96,13 +96,14 @@ def map_from_world(up: ArrayLike, floor_height_m: float) -> NDArray:
         raise InputError(f"up: expected three finite numbers that are not all zero, found {up!r}")
     up_world = up_world / norm
     z = np.array([0.0, 0.0, 1.0])
+    # Rodrigues: R = I + [v]x + [v]x² / (1 + cos), with v = up x z.
     axis = np.cross(up_world, z)
     cosine = float(up_world @ z)
     sine = float(np.linalg.norm(axis))
     skew = np.array([[0, -axis[2], axis[1]], [axis[2], 0, -axis[0]], [-axis[1], axis[0], 0]])
     if cosine >= 0.0:
         rotation = np.eye(3) + skew + skew @ skew / (1.0 + cosine)
-    elif sine > 1e-100:  # the same, but near to upside down 1 + cosine would have lost its digits
+    elif sine > 1e-100:  # nearly upside down: 1 + cos has lost its digits, so normalise the axis
         half = skew / sine
         rotation = np.eye(3) + skew + half @ half * (1.0 - cosine)
     else:  # upside down: half a turn about x

@@ -1,4 +1,4 @@
-"""The things that flow through the program. All are frozen; arrays are documented, never copied on construction."""
+"""The data structures that a user holds: frames, grids, maps, poses. All are frozen; arrays are not copied."""
 
 import math
 from collections.abc import Mapping
@@ -46,7 +46,7 @@ class Intrinsics:
 
 @dataclass(frozen=True, eq=False)
 class Frame:
-    """One posed RGB-D picture."""
+    """One posed RGB-D image."""
 
     index: int
     """Position in the sequence, from 0."""
@@ -57,7 +57,7 @@ class Frame:
     """float64 [4, 4], camera (OpenCV axes) to world, metres."""
     intrinsics: Intrinsics
     color: NDArray | None = None
-    """uint8 [H, W, 3], RGB; None when nobody asked for it to be decoded."""
+    """uint8 [H, W, 3], RGB; None unless it was asked for."""
 
     def __post_init__(self) -> None:
         shape = (self.intrinsics.height, self.intrinsics.width)
@@ -71,7 +71,7 @@ class Segment:
     """One segment of one frame."""
 
     id: int
-    """Pixel value in ``Segmentation.ids``, >= 1. Means nothing in other frames."""
+    """Pixel value in ``Segmentation.ids``, >= 1. Valid in this frame only."""
     label: str
     score: float = 1.0
     """Confidence in [0, 1]."""
@@ -93,7 +93,7 @@ class Segmentation:
 
 @dataclass(frozen=True)
 class GridSpec:
-    """Where the grid's cells lie: cell (row, col) covers x in [x0 + col s, x0 + (col+1) s), y likewise by row."""
+    """Position and size of the grid: cell (row, col) covers x in [x0 + col s, x0 + (col+1) s), y likewise by row."""
 
     rows: int
     cols: int
@@ -130,7 +130,7 @@ class GridSpec:
 
 @dataclass(frozen=True, eq=False)
 class Grid:
-    """The top-down map before anything is told apart: what each cell's top is."""
+    """The top-down map before instances are told apart: the class and height of each cell."""
 
     spec: GridSpec
     labels: tuple[str, ...]
@@ -142,7 +142,7 @@ class Grid:
     height_m: NDArray
     """float32 [rows, cols], height of the highest pixel over the floor, NaN = never seen."""
     lowest_m: NDArray
-    """float32 [rows, cols], lowest pixel at least 0.1 m over the floor, NaN = there was none (free to drive)."""
+    """float32 [rows, cols], lowest pixel at least 0.1 m over the floor, NaN = none, so the cell is free to drive on."""
     observations: NDArray
     """int32 [rows, cols], number of frames that saw the cell."""
 
@@ -173,7 +173,7 @@ class CellGraph:
 
     @property
     def weights(self) -> NDArray:
-        """float64 [m], computed anew each time. Method paper: counts / mean number of frames that saw the two cells.
+        """float64 [m], computed at each access. Method paper: counts / mean number of frames that saw the two cells.
 
         Method evidence: affinity, same / (same + different + 1).
         """
@@ -185,14 +185,14 @@ class CellGraph:
 
 @dataclass(frozen=True, eq=False)
 class MergeLog:
-    """Which communities were joined, in the order it happened, class by class."""
+    """The merges of communities, in their order, class by class."""
 
     label: NDArray
     """int16 [steps], index of the class."""
     source: NDArray
-    """int32 [steps], community that ended."""
+    """int32 [steps], community that was joined to another."""
     target: NDArray
-    """int32 [steps], community it joined."""
+    """int32 [steps], community that it was joined to."""
     score: NDArray
     """float32 [steps]: share of the source's cells that neighbour the target (method paper), or the pooled affinity of
     the two (method evidence)."""
@@ -203,7 +203,7 @@ class MergeLog:
 
 @dataclass(frozen=True, eq=False)
 class Views:
-    """Which segment of which frame named how many cells of which finest community."""
+    """How many cells of each finest community each segment of each frame named."""
 
     community: NDArray
     """int32 [v]."""
@@ -222,7 +222,7 @@ class Instance:
     """One object on the map."""
 
     id: int
-    """Value in ``SIMap.instance``, >= 1; the smallest of its communities, so it is stable while K moves."""
+    """Value in ``SIMap.instance``, >= 1; the smallest of its communities, so it stays the same while K changes."""
     label: str
     cells: int
     centroid_m: tuple[float, float, float]
@@ -241,11 +241,11 @@ class Instance:
 
 @dataclass(frozen=True, eq=False)
 class SIMap:
-    """A Semantic Instance Map, with what is needed to ask it why and to partition it anew."""
+    """A Semantic Instance Map, with all that is needed to explain it and to partition it again."""
 
     grid: Grid
     instance: NDArray
-    """int32 [rows, cols], unique over the whole map, 0 = none (nothing there, or stuff)."""
+    """int32 [rows, cols], unique over the whole map, 0 = none (nothing, or stuff)."""
     instances: tuple[Instance, ...]
     """Sorted by class, then id."""
     T_map_world: NDArray
@@ -254,9 +254,9 @@ class SIMap:
     parameters: Mapping[str, Any]
     """JSON-able. Holds at least ``resolution``, and ``k_percent`` (method paper) or ``affinity`` (method evidence). A
     built map holds all its settings, such as ``seed``, ``min_cells`` and, method evidence, ``pooling`` (what is
-    believed before any evidence)."""
+    assumed before any evidence)."""
     provenance: Mapping[str, Any]
-    """JSON-able: where the map came from (``sequence`` path, ``segmentation`` source, ``simulated``, versions)."""
+    """JSON-able: the origin of the map (``sequence`` path, ``segmentation`` source, ``simulated``, versions)."""
     community: NDArray
     """int32 [rows, cols], finest communities before any merge, unique over the map, 0 = none."""
     merges: MergeLog
@@ -273,11 +273,11 @@ class SIMap:
 
     @property
     def spec(self) -> GridSpec:
-        """Where the cells lie."""
+        """Position and size of the grid."""
         return self.grid.spec
 
     def by_id(self, instance_id: int) -> Instance:
-        """Return the instance with that id, or raise InputError naming the range there is."""
+        """Return the instance with that id, or raise InputError, which names how many there are."""
         for instance in self.instances:
             if instance.id == instance_id:
                 return instance
@@ -301,8 +301,8 @@ class SIMap:
         names = [i.label for i in self.instances]
         return {n: names.count(n) for n in sorted(set(names), key=lambda n: (-names.count(n), n))}
 
-    # Language and planning lie above this layer. These four methods are the one exception to "import from below": each
-    # calls the public function of its name when it is called, so that a map can be asked directly.
+    # Shortcuts to the functions of `simaps_viz.api`, which hold the code. That module lies above this one, so it is
+    # imported when a method is called; these four methods are the only such exception.
 
     def find(self, name: str, *, near: "Place | str | None" = None) -> "tuple[Instance, ...]":
         """Find the instances a name means, the closest to ``near`` first; see `simaps_viz.find`."""
@@ -311,7 +311,7 @@ class SIMap:
         return simaps_viz.find(self, name, near=near)
 
     def plan(self, start: "Place", goal: "Place | str", *, robot: "RobotShape | None" = None) -> "Path":
-        """Plan the cheapest way for a robot over free floor; see `simaps_viz.plan`."""
+        """Plan the cheapest path for a robot over free floor; see `simaps_viz.plan`."""
         import simaps_viz  # noqa: PLC0415 - see above
 
         return simaps_viz.plan(self, start, goal, robot=robot)
@@ -331,7 +331,7 @@ class SIMap:
 
 @dataclass(frozen=True)
 class Pose2:
-    """Where the robot stands on the map."""
+    """Pose of the robot on the map."""
 
     x_m: float
     y_m: float
@@ -351,7 +351,7 @@ class Pose2:
 
 @dataclass(frozen=True, eq=False)
 class Path:
-    """A way over free cells."""
+    """A path over free cells."""
 
     points_m: NDArray
     """float64 [n, 2], map frame, from start to goal."""

@@ -1,1 +1,1 @@
-"""What is written to a terminal: answers, progress, logs."""
+"""Output to the terminal: answers, progress, logs."""

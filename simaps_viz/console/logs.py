@@ -1,6 +1,6 @@
-"""One log of what the program does: for people on stderr, for programs as JSON lines in a file.
+"""The log of the program: for people on stderr, for programs as JSON lines in a file.
 
-Every command takes ``--verbose`` and ``--log FILE``, wherever they stand among its other options.
+Every command takes ``--verbose`` and ``--log FILE``, anywhere among its other options.
 """
 
 import json
@@ -26,16 +26,16 @@ _PLAIN = frozenset(vars(logging.makeLogRecord({}))) | {"message", "asctime", "ta
 
 @dataclass(frozen=True)
 class LogOptions:
-    """What is logged where."""
+    """What is logged, and where."""
 
     verbose: bool = False
-    """Say on stderr what is done and how long it took."""
+    """Log to stderr what is done and how long it took."""
     file: Path | None = None
     """Append everything to this file, one JSON object a line."""
 
 
 def take_log_options(arguments: Sequence[str]) -> tuple[list[str], LogOptions]:
-    """Take ``--verbose`` and ``--log FILE`` out of a command line; what follows ``--`` is left alone.
+    """Take ``--verbose`` and ``--log FILE`` out of a command line; words after ``--`` are left alone.
 
     Raises:
         InputError: --log without a file.
@@ -61,7 +61,7 @@ def take_log_options(arguments: Sequence[str]) -> tuple[list[str], LogOptions]:
 
 @contextmanager
 def logged(options: LogOptions, console: Console) -> Iterator[None]:
-    """Send what is logged in the block where it is wanted; a fault nobody expected is logged whole, and goes on.
+    """Write log records of the block where the options say; an unexpected exception is logged and raised again.
 
     Raises:
         InputError: the file cannot be written.
@@ -91,7 +91,7 @@ def logged(options: LogOptions, console: Console) -> Iterator[None]:
 
 
 def log_stages(seconds: dict[str, float]) -> None:
-    """Log how long each stage took, and all together."""
+    """Log how long each stage took, and the total."""
     if not seconds:
         return
     for stage, value in seconds.items():
@@ -103,7 +103,7 @@ def log_stages(seconds: dict[str, float]) -> None:
 
 @contextmanager
 def logged_command(name: str, options: Any) -> Iterator["CommandLog"]:
-    """Log that a command begins, and how it ended."""
+    """Log the start of a command, and how it ended."""
     log = CommandLog()
     started = time.perf_counter()
     logger.debug("simaps %s", name, extra={"event": "started", "command": name, "options": _plain(options)})
@@ -122,11 +122,11 @@ class CommandLog:
     """How a command ended."""
 
     status: int | None = None
-    """Exit status; None = by a fault of the program."""
+    """Exit status; None = ended by a fault of the program."""
 
 
 class JsonLines(logging.Formatter):
-    """Turns a record into one line of JSON: time (UTC), level, logger, message, and what it was given besides."""
+    """Formats a record as one line of JSON: time (UTC), level, logger, message, and its extra fields."""
 
     def format(self, record: logging.LogRecord) -> str:
         """Return the line."""
@@ -145,7 +145,7 @@ class JsonLines(logging.Formatter):
 
 
 class _ForPeople(logging.Handler):
-    """Writes on the console that also shows the progress bars."""
+    """Writes on the console that shows the progress bars."""
 
     def __init__(self, console: Console, level: int) -> None:
         super().__init__(level)
@@ -162,7 +162,7 @@ class _ForPeople(logging.Handler):
 
 
 class _ToFile(logging.FileHandler):
-    """A log file. Where it cannot be written any more, e.g. on a full disk, that is said once; the work goes on."""
+    """A log file. When it cannot be written any more, e.g. on a full disk, this is reported once and work continues."""
 
     def __init__(self, path: Path, console: Console) -> None:
         super().__init__(path, encoding="utf-8")
@@ -178,7 +178,7 @@ class _ToFile(logging.FileHandler):
             self._console.print(text, markup=False, soft_wrap=True, style="yellow")
 
     def close(self) -> None:
-        with suppress(OSError):  # what is still to be written; said before
+        with suppress(OSError):  # from what was still to be written; it was reported before
             super().close()
 
 

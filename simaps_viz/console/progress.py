@@ -32,17 +32,17 @@ from simaps_viz.events import (
 
 
 class StageClock:
-    """Measures one stage after another; a stage that comes again goes on where it was."""
+    """Measures one stage after another; a stage that begins again adds to its time."""
 
     def __init__(self, now: Callable[[], float] = time.perf_counter) -> None:
-        """Take the clock to read, in seconds."""
+        """Take the clock, in seconds."""
         self._now = now
         self._spent: dict[str, float] = {}
         self._current: str | None = None
         self._since = 0.0
 
     def begin(self, stage: str) -> None:
-        """End the stage that runs, if any, and begin another; beginning the one that runs does nothing."""
+        """End the current stage, if any, and begin another; does nothing if it is the current one."""
         if stage == self._current:
             return
         self.end()
@@ -50,13 +50,13 @@ class StageClock:
         self._spent.setdefault(stage, 0.0)
 
     def end(self) -> None:
-        """End the stage that runs, if any."""
+        """End the current stage, if any."""
         if self._current is not None:
             self._spent[self._current] += self._now() - self._since
             self._current = None
 
     def seconds(self) -> dict[str, float]:
-        """Return {stage: seconds} in the order they began; the one that runs counts up to now."""
+        """Return {stage: seconds} in the order they began; the current one counts up to now."""
         spent = dict(self._spent)
         if self._current is not None:
             spent[self._current] += self._now() - self._since
@@ -70,11 +70,11 @@ class _Rate(ProgressColumn):
 
 
 class StageProgress:
-    """One bar at a time: a stage, how far it is, how fast, and how long it will take."""
+    """Shows one bar at a time: a stage, its progress, its rate, and the time left."""
 
     def __init__(self, progress: Progress) -> None:
         self.clock = StageClock()
-        """Measures the stages; `BuildProgress` tells it finer ones."""
+        """Measures the stages; `BuildProgress` adds finer ones."""
         self._progress = progress
         self._task: TaskID | None = None
         self._stage = ""
@@ -105,7 +105,7 @@ def stage_progress(*, quiet: bool = False) -> Iterator[StageProgress]:
 
 
 class BuildProgress:
-    """Watches a build and shows how far it is."""
+    """Observes a build and shows its progress."""
 
     wants_color = False
 
@@ -116,7 +116,7 @@ class BuildProgress:
         """Take one event of the build."""
         if isinstance(event, BuildStarted):
             self._total = len(event.frame_names)
-            self._tell({"event": "started", "name": event.name, "frames": self._total})
+            self._emit({"event": "started", "name": event.name, "frames": self._total})
         elif isinstance(event, FrameProjected):
             self._mapped(event.frame.index, event.frame.name)
         elif isinstance(event, FrameGathered):
@@ -124,7 +124,7 @@ class BuildProgress:
         elif isinstance(event, FrameSkipped):
             logger.warning("skipped frame %s: %s", event.name, event.reason,
                            extra={"event": "skipped", "frame": event.name, "people": False})  # fmt: skip
-            self._tell({"event": "skipped", "frame": event.name, "reason": event.reason})
+            self._emit({"event": "skipped", "frame": event.name, "reason": event.reason})
             if not self._json:
                 console.print(f"skipped frame {event.name}: {event.reason}", markup=False, soft_wrap=True)
         elif isinstance(event, CommunitiesFound) and event.final:
@@ -139,10 +139,10 @@ class BuildProgress:
     def _mapped(self, index: int, name: str) -> None:
         done = index + 1
         self._progress("mapping frames", done, self._total)
-        self._tell({"event": "frame", "frame": name, "done": done, "total": self._total})
+        self._emit({"event": "frame", "frame": name, "done": done, "total": self._total})
         if done == self._total:
             self._progress.clock.begin("finding communities")
 
-    def _tell(self, record: dict[str, Any]) -> None:
+    def _emit(self, record: dict[str, Any]) -> None:
         if self._json:
             emit(record)

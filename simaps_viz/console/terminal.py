@@ -1,6 +1,6 @@
-"""What people and programs read of a command: messages on stderr, answers on stdout.
+"""Output of a command: messages for people on stderr, answers on stdout.
 
-A message that cannot be written (a full disk, a closed window) never ends the work that it tells of. An answer that
+A message that cannot be written (a full disk, a closed window) never ends the work that it reports. An answer that
 cannot be written is an error, as it is all that was asked for.
 """
 
@@ -17,11 +17,11 @@ from simaps_viz.errors import InputError
 
 
 class _Messages(Console):
-    """A console on stderr that goes on where nothing can be written."""
+    """A console on stderr that ignores messages it cannot write."""
 
     @property
     def file(self) -> IO[str]:
-        """Stderr as it is now, forgiving; behind rich's own stand-in for it, which comes while bars are shown."""
+        """The current stderr, with write errors ignored; not the proxy that rich puts there while bars are shown."""
         return _Forgiving(getattr(sys.stderr, "rich_proxied_file", sys.stderr))  # pyright: ignore[reportReturnType] - as much of a file as rich uses
 
 
@@ -43,7 +43,7 @@ class _Forgiving:
 
 
 class _Answers(Console):
-    """A console on stdout; rich would end the program with status 1, which says that the answer is no."""
+    """A console on stdout; rich itself would exit with status 1 on a broken pipe, which means that the answer is no."""
 
     def on_broken_pipe(self) -> None:
         raise BrokenPipeError
@@ -54,7 +54,7 @@ console = _Messages(stderr=True, highlight=False, emoji=False)
 
 
 def say(text: str) -> None:
-    """Write an answer on stdout, as it is; errors as `emit`."""
+    """Write an answer on stdout, unchanged; raises as `emit` does."""
     with answering():
         sys.stdout.write(text)
         sys.stdout.flush()
@@ -65,13 +65,13 @@ def emit(record: dict[str, Any]) -> None:
 
     Raises:
         InputError: stdout cannot be written, e.g. its disk is full.
-        BrokenPipeError: nobody reads it any more.
+        BrokenPipeError: the reader of the pipe has gone.
     """
     say(json.dumps(record) + "\n")
 
 
 def show(*tables: RenderableType, width: int | None = None) -> None:
-    """Print tables on stdout, as wide as the terminal or as told, characters; errors as `emit`."""
+    """Print tables on stdout, ``width`` characters wide or as wide as the terminal; raises as `emit` does."""
     with answering():
         for table in tables:
             _Answers(highlight=False, markup=False, emoji=False, width=width).print(table)
@@ -79,13 +79,13 @@ def show(*tables: RenderableType, width: int | None = None) -> None:
 
 
 def drop_answers() -> None:
-    """Let what is still to be written on stdout go nowhere: Python writes it once more when it ends."""
+    """Discard what is still to be written on stdout, as Python would try to write it again when it exits."""
     os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 
 
 @contextmanager
 def answering() -> Iterator[None]:
-    """Have a block write on stdout; errors as `emit`."""
+    """Turn errors of writing on stdout inside the block into those of `emit`."""
     try:
         yield
     except BrokenPipeError:

@@ -24,7 +24,7 @@ from simaps_viz.datasets.file_frames import read_array
 from simaps_viz.datasets.images import read_color
 from simaps_viz.datasets.manifest import read_json, read_manifest
 from simaps_viz.datasets.record3d import check_exr, lzfse_size, member
-from simaps_viz.errors import LONGEST_MESSAGE, InputError
+from simaps_viz.errors import MAX_MESSAGE, InputError
 from simaps_viz.io import limits
 from simaps_viz.io.arrays import read_npy
 from simaps_viz.mapping.accumulator import MapAccumulator, ProjectionSettings
@@ -48,7 +48,7 @@ def refused(what, *arguments, match: str, **keywords) -> None:
     finally:
         tracemalloc.stop()
     text = str(caught.value)
-    assert text.isprintable() and len(text) <= LONGEST_MESSAGE + 10
+    assert text.isprintable() and len(text) <= MAX_MESSAGE + 10
 
 
 def png(width: int, height: int) -> bytes:
@@ -291,7 +291,7 @@ def test_settings_out_of_files_have_their_kinds():
 def test_messages_are_one_printable_line():
     assert str(InputError("a\nb\x1b[31m\ud800\u2028")) == r"a\nb\x1b[31m\ud800\u2028"
     long = str(InputError("x" * 5000 + "end"))
-    assert len(long) < LONGEST_MESSAGE + 10 and long.endswith("end")
+    assert len(long) < MAX_MESSAGE + 10 and long.endswith("end")
 
 
 def test_the_documentation_names_every_limit():
