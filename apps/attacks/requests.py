@@ -26,7 +26,7 @@ EVIL = (
 
 
 def answered(reply: Reply, what: str) -> str | None:
-    """Tell of an answer where there should have been none."""
+    """Report an answer where there should have been none."""
     return f"{what} was answered" if 200 <= reply.status < 300 else None
 
 
@@ -248,7 +248,7 @@ def _within(port: int, path: str, host: str) -> Tries:
 
 
 def _answers(port: int, request: str) -> str | None:
-    """Tell of a request that was answered, or after which another one was read."""
+    """Report a request that was answered, or after which another one was read."""
     reply = send_raw(port, request.encode("latin-1"), finish=True)
     if reply.body.count(b"HTTP/1.1 ") or 200 <= reply.status < 300:
         return f"{request[:-50]!r:.90} was answered"

@@ -18,7 +18,7 @@ from simaps_viz.viewer.session import Session
 from simaps_viz.viewer.workbench import Workbench
 
 Tries = Iterator[str | None]
-"""Of each try: None when it was withstood, else what it brought about."""
+"""For each try: None when it was withstood, else what it brought about."""
 PATIENCE_S = 10.0
 PAGES = ("/", "/tab/", "/rerun/")
 CAMERA = {
@@ -53,7 +53,7 @@ class Target:
 
     @property
     def port(self) -> int:
-        """Of the page and its frames."""
+        """Port of the page and its frames."""
         return self.bench.port
 
     def is_well(self) -> str | None:

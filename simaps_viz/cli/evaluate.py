@@ -120,7 +120,7 @@ def _instances(settings: Evaluate, progress: "StageProgress") -> tuple[str, dict
         check_output(settings.record)
     result = run_evaluation(config, build, store=_store, progress=progress)
     if settings.record is not None:
-        from simaps_viz.recorder.comparison import record_comparison
+        from simaps_viz.recorder.whole_map import record_comparison
 
         panels = result.comparison.panels
         pictures = [(f"{p.title} {p.subtitle}", p.colors, p.instance) for p in panels]

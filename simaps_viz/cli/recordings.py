@@ -84,7 +84,7 @@ def _tell(record: dict[str, Any], done: str, *, json: bool) -> None:
 
 
 def _repair(broken: Path, output: Path | None = None, *, json: bool) -> None:
-    from simaps_viz.recorder.repair import repair_recording
+    from simaps_viz.recorder.library import repair_recording
 
     output = output or broken.with_name(f"{_plain_stem(broken)}-repaired.rrd")
     frames = repair_recording(broken, output)

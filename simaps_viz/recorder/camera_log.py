@@ -8,9 +8,8 @@ from numpy.typing import NDArray
 from simaps_viz.colors.classes import class_color, instance_color
 from simaps_viz.events import FrameProjected
 from simaps_viz.geometry import transform_points
-from simaps_viz.recorder.map_pictures import Entry
+from simaps_viz.recorder.map_pictures import Entry, annotations
 from simaps_viz.recorder.settings import RecorderSettings
-from simaps_viz.recorder.streams import annotations
 from simaps_viz.structures import Intrinsics, Segmentation
 
 NEAR_M, FAR_M = 0.1, 6.0

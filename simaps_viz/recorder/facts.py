@@ -35,7 +35,7 @@ class RecordingFacts:
     """In words: "affinity 0.6, resolution 1"."""
     instances: int | None = None
     version: str | None = None
-    """Of this program."""
+    """Version of this program."""
 
 
 def started_facts(event: BuildStarted) -> dict[str, Any]:

@@ -1,30 +1,84 @@
 """The map as it grows: pictures of the grid, new edges, where the camera went, and counts."""
 
+import zlib
+from collections.abc import Iterator
+from dataclasses import dataclass
+
 import numpy as np
 import rerun as rr
 from numpy.typing import NDArray
 
 from simaps_viz.colors.classes import class_color
-from simaps_viz.colors.instances import instance_colors
+from simaps_viz.colors.instances import Colored, colors_like, instance_colors
 from simaps_viz.events import CommunitiesFound, FrameProjected
 from simaps_viz.recorder.map_pictures import (
     GROUND,
     Entry,
+    annotations,
     cell_centres,
     class_entries,
     class_picture,
     ground_picture,
     height_entries,
     height_picture,
+    log_entries,
+    log_map_picture,
     object_entries,
     object_picture,
     on_picture,
+    recolored,
     thing_picture,
 )
-from simaps_viz.recorder.object_colors import ObjectColors
 from simaps_viz.recorder.settings import RecorderSettings
-from simaps_viz.recorder.streams import annotations, log_entries, log_map_picture
-from simaps_viz.structures import Grid, SIMap
+from simaps_viz.structures import Grid, GridSpec, SIMap
+
+
+@dataclass(frozen=True, eq=False)
+class _Shown:
+    """What was shown after a frame; its ids are packed, as a long build shows many."""
+
+    frame: int
+    spec: GridSpec
+    packed: bytes
+    entries: list[Entry]
+
+    def ids(self) -> NDArray:
+        return np.frombuffer(zlib.decompress(self.packed), np.int32).reshape(self.spec.shape)
+
+
+class ObjectColors:
+    """Remembers what the objects were, and their colours, each time they were found anew while building."""
+
+    def __init__(self) -> None:
+        self._last: Colored | None = None
+        self._shown: list[_Shown] = []
+
+    def find(self, frame: int, grid: Grid, ids: NDArray, colors: NDArray | None = None) -> list[Entry]:
+        """Colour the objects found after a frame as those that were found before them.
+
+        Args:
+            frame: its index.
+            grid: the map then.
+            ids: int32 [rows, cols], 0 = none.
+            colors: uint8 [n, 3], where they are known.
+        """
+        if colors is None:
+            colors = colors_like(grid.spec, ids, self._last)
+        entries = object_entries(grid, ids, colors)
+        self._last = Colored(grid.spec, ids, colors)
+        packed = zlib.compress(np.ascontiguousarray(ids, np.int32).tobytes(), level=1)
+        self._shown.append(_Shown(frame, grid.spec, packed, entries))
+        return entries
+
+    def as_finished(self, simap: SIMap) -> Iterator[tuple[int, list[Entry]]]:
+        """Return (frame, colours) where objects on the way looked other than what they are on the finished map."""
+        finished = Colored(simap.spec, simap.instance, instance_colors(simap))
+        for one in self._shown:
+            entries = recolored(one.entries, colors_like(one.spec, one.ids(), finished))
+            if entries != one.entries:
+                yield one.frame, entries
+        self._shown = []
+
 
 CAMERA_COLOR = (22, 110, 235)
 TRAIL_POINTS = 200
@@ -92,7 +146,7 @@ class MapLog:
         self._log_object_picture(grid, thing_picture(grid))
 
     def wear_colors_of(self, simap: SIMap) -> None:
-        """Return every object the colour it has on the finished map's page, from now on and on all frames before."""
+        """Color every object as on the finished map's page, from now on and on all frames before."""
         self._colors = instance_colors(simap)
         for frame, entries in self._on_the_way.as_finished(simap):
             self._stream.reset_time()

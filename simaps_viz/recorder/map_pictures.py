@@ -1,13 +1,14 @@
-"""The grid as pictures of small whole numbers, and the colours and names those numbers stand for. Knows no rerun.
+"""The grid as pictures of small whole numbers, and the colours and names those numbers stand for.
 
 Pictures are north up: row 0 is the northernmost row of cells. On the plane of the pictures x is east and y is south
 (minus north), in metres, so a picture of a grown grid stays where the smaller one was.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 
 import cv2
 import numpy as np
+import rerun as rr
 from numpy.typing import NDArray
 
 from simaps_viz.colors.classes import CLUTTER, FLOOR, UNSEEN, WALL, class_color, ground_kinds, instance_color
@@ -173,3 +174,36 @@ class Merging:
         source, target = (int(self.name_of[c[at]]) for c in (self.log.source, self.log.target))
         self.name_of[np.isin(self.name_of, (source, target))] = min(source, target)
         return source, target
+
+
+def log_entries(stream: rr.RecordingStream, path: str, entries: Iterable[Entry]) -> None:
+    """Log once for all times what the values of the pictures at an entity stand for."""
+    stream.log(path, annotations(entries), static=True)
+
+
+def annotations(entries: Iterable[Entry]) -> rr.AnnotationContext:
+    """Turn entries into rerun's names and colours."""
+    return rr.AnnotationContext([rr.AnnotationInfo(id=i, label=name, color=color) for i, name, color in entries])
+
+
+def log_map_picture(
+    stream: rr.RecordingStream, path: str, picture: NDArray, spec: GridSpec, *, draw_order: float
+) -> None:
+    """Lay a picture of the grid on the plane of the pictures, where its cells are."""
+    s = spec.cell_size_m
+    stream.log(
+        path,
+        rr.SegmentationImage(picture, opacity=1.0, draw_order=draw_order),
+        rr.Transform3D(translation=(*picture_corner(spec), 0.0), scale=(s, s, 1.0)),
+    )
+
+
+def markdown(text: str) -> rr.TextDocument:
+    """Take a text as Markdown."""
+    return rr.TextDocument(text, media_type="text/markdown")
+
+
+def markdown_table(head: Sequence[str], rows: Iterable[Sequence[object]]) -> str:
+    """Write a table whose first column is text and whose others are numbers."""
+    lines = [head, ["---", *["---:"] * (len(head) - 1)], *rows]
+    return "\n".join("| " + " | ".join(str(cell) for cell in line) + " |" for line in lines)

@@ -9,9 +9,8 @@ from simaps_viz.events import CommunitiesFound, MergesFound
 from simaps_viz.mapping.methods import method_of
 from simaps_viz.mapping.timeline import Timeline
 from simaps_viz.recorder.map_log import MapLog
-from simaps_viz.recorder.map_pictures import Merging, cell_centres, merge_order, on_picture, shown_steps
+from simaps_viz.recorder.map_pictures import Merging, cell_centres, markdown, merge_order, on_picture, shown_steps
 from simaps_viz.recorder.settings import RecorderSettings
-from simaps_viz.recorder.streams import markdown
 from simaps_viz.structures import Grid, SIMap
 
 MARK_COLOR = (20, 20, 20)

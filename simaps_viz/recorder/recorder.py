@@ -1,27 +1,172 @@
-"""Records a build for rerun: to a file, to a live viewer, or both."""
+"""Records a build for rerun, to a file, to a live viewer, or both; and what the recording looks like when opened."""
 
 import os
+import shutil
+import tempfile
+import threading
 from contextlib import suppress
 from datetime import timedelta
 from pathlib import Path
 from types import TracebackType
 
 import rerun as rr
+import rerun.blueprint as rrb
 from numpy.typing import NDArray
 
 from simaps_viz.colors.classes import plural
 from simaps_viz.errors import InputError
 from simaps_viz.events import BuildFinished, BuildStarted, CommunitiesFound, Event, FrameProjected, MergesFound
-from simaps_viz.recorder.blueprint import build_blueprint
 from simaps_viz.recorder.camera_log import CameraLog
 from simaps_viz.recorder.facts import LEVELS, finished_facts, read_facts, send_facts, started_facts
-from simaps_viz.recorder.file_pipe import FilePipe
 from simaps_viz.recorder.map_log import MapLog
+from simaps_viz.recorder.map_pictures import GROUND, UNSEEN, markdown, markdown_table
 from simaps_viz.recorder.merge_log import log_louvain, log_merges
 from simaps_viz.recorder.settings import SMALL, RecorderSettings
-from simaps_viz.recorder.streams import markdown, markdown_table
 from simaps_viz.recorder.web_viewer import free_port
 from simaps_viz.structures import Grid, SIMap
+
+MARGIN_M = 0.3
+POINTS_FRAMES = 10
+"""The 3-D view shows the points of so many frames up to this one; without a graphics card more are slow."""
+PLAYBACK_FPS = 10.0
+
+Extent = tuple[float, float, float, float]
+"""xmin, ymin, xmax, ymax, map frame, metres."""
+
+
+def build_blueprint(extent_m: Extent | None = None) -> rrb.Blueprint:
+    """Lay the views out so that they can be read at 640 pixels of width too: what is seen above, the map below.
+
+    Args:
+        extent_m: what the map views show; None while nobody knows.
+    """
+    return rrb.Blueprint(
+        rrb.Vertical(
+            rrb.Horizontal(_camera_views(), _room_and_counts()),
+            _map_views(extent_m),
+            rrb.TextDocumentView(origin="/now", name="Now", titlebar=False),
+            row_shares=[0.40, 0.52, 0.08],
+        ),
+        rrb.BlueprintPanel(state="hidden"),
+        rrb.SelectionPanel(state="hidden"),
+        rrb.TimePanel(state="collapsed", timeline="frame", fps=PLAYBACK_FPS, play_state="paused"),
+        auto_views=False,
+    )
+
+
+def _camera_views() -> rrb.Tabs:
+    names = {"color": "Camera", "segmentation": "Segments", "depth": "Depth"}
+    views = [rrb.Spatial2DView(origin=f"/world/camera/{path}", name=name) for path, name in names.items()]
+    return rrb.Tabs(*views, active_tab=0)
+
+
+def _room_and_counts() -> rrb.Tabs:
+    recent = rrb.VisibleTimeRanges(
+        rrb.VisibleTimeRange(
+            "frame",
+            start=rrb.TimeRangeBoundary.cursor_relative(seq=-POINTS_FRAMES),
+            end=rrb.TimeRangeBoundary.cursor_relative(),
+        )
+    )
+    room = rrb.Spatial3DView(
+        origin="/world",
+        name="3-D",
+        contents=["+ /world/**", "- /world/camera/depth", "- /world/camera/segmentation"],
+        overrides={"/world/points": [recent]},
+    )
+    counts = rrb.Vertical(
+        rrb.TimeSeriesView(origin="/counts", name="Cells and edges", contents=["/counts/cells/**", "/counts/edges"]),
+        rrb.TimeSeriesView(origin="/counts/few", name="Classes and communities"),
+        name="Counts",
+    )
+    about = rrb.TextDocumentView(origin="/about", name="About")
+    log = rrb.TextLogView(origin="/log", name="Log")
+    return rrb.Tabs(room, counts, about, log, active_tab=0)
+
+
+def _map_views(extent_m: Extent | None) -> rrb.Tabs:
+    bounds = None
+    if extent_m is not None:
+        xmin, ymin, xmax, ymax = extent_m
+        bounds = rrb.VisualBounds2D(
+            x_range=(xmin - MARGIN_M, xmax + MARGIN_M), y_range=(-ymax - MARGIN_M, -ymin + MARGIN_M)
+        )
+    shown = {
+        "Objects": ["/map/ground", "/map/objects", "/map/camera", "/map/names", "/map/merge"],
+        "Classes": ["/map/classes", "/map/camera"],
+        "New edges": ["/map/ground", "/map/edges", "/map/camera"],
+        "Heights": ["/map/heights", "/map/camera"],
+    }
+    views = [
+        rrb.Spatial2DView(
+            origin="/map", name=name, contents=contents, visual_bounds=bounds, background=GROUND[UNSEEN][2][:3]
+        )
+        for name, contents in shown.items()
+    ]
+    return rrb.Tabs(*views, active_tab=0)
+
+
+_AT_ONCE = 1 << 20
+
+
+class FilePipe:
+    """A file behind a pipe. Everything put in is taken out, written or, after a failure, dropped.
+
+    rerun itself would wait for ever on a full disk, and report nothing.
+    """
+
+    def __init__(self, path: Path) -> None:
+        """Make both; raises OSError when the file cannot be made. Where pipes cannot, the file is its own entrance."""
+        self.path = path
+        self.entrance = path
+        """Where to write: a pipe that is read from now on, or the file itself."""
+        self._file = path.open("wb", buffering=0)
+        self._folder: Path | None = None
+        self._thread: threading.Thread | None = None
+        self._failure: OSError | None = None
+        if hasattr(os, "mkfifo"):  # not on Windows
+            with suppress(OSError):
+                self._dig()
+
+    def opened(self) -> None:
+        """The writer has opened the entrance; nobody else needs it."""
+        if self._folder is not None:
+            shutil.rmtree(self._folder, ignore_errors=True)
+
+    def finish(self) -> None:
+        """Wait until all is on the disk, once the writer has closed the entrance; raises OSError when it is not."""
+        if self._thread is not None:
+            self._thread.join()
+        with self._file:
+            if self._failure is not None:
+                raise self._failure
+            os.fsync(self._file.fileno())
+
+    def _dig(self) -> None:
+        self._folder = Path(tempfile.mkdtemp(prefix="simaps-recording-"))
+        pipe = self._folder / self.path.name
+        try:
+            os.mkfifo(pipe, 0o600)
+        except OSError:
+            self.opened()
+            raise
+        self.entrance = pipe
+        self._thread = threading.Thread(target=self._pass_on, name="recording", daemon=True)
+        self._thread.start()
+
+    def _pass_on(self) -> None:
+        with self.entrance.open("rb", buffering=0) as pipe:
+            while data := pipe.read(_AT_ONCE):
+                if self._failure is None:
+                    self._write(memoryview(data))
+
+    def _write(self, data: memoryview) -> None:
+        try:
+            while data:
+                data = data[self._file.write(data) :]
+        except OSError as error:
+            self._failure = error
+
 
 APPLICATION = "simaps"
 """Recordings of one application share their layout in the viewer."""
@@ -233,7 +378,7 @@ class RerunRecorder:
 
 
 def about(event: BuildStarted, simap: SIMap | None) -> str:
-    """Say in Markdown what a recording shows, and what was found once it is known."""
+    """Describe in Markdown what a recording shows, and what was found once it is known."""
     simulated = "\n\n**Simulated**: these are not pictures or masks of a real place." if event.simulated else ""
     text = (
         f"# {event.name}\n\nA Semantic Instance Map being built from {len(event.frame_names)} frames."

@@ -1,18 +1,21 @@
-"""A finished map for rerun, without its build: pictures from above, objects with their names, surfaces in the room."""
+"""Finished maps for rerun, without their builds: one with its objects in the room, or several side by side."""
 
+from collections.abc import Sequence
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import rerun as rr
 import rerun.blueprint as rrb
+from numpy.typing import NDArray
 
 from simaps_viz.colors.classes import class_color
-from simaps_viz.recorder.blueprint import MARGIN_M
+from simaps_viz.io.files import check_output, replacing
 from simaps_viz.recorder.facts import finished_facts, send_facts
 from simaps_viz.recorder.map_log import MapLog
-from simaps_viz.recorder.map_pictures import GROUND, UNSEEN, cell_centres
+from simaps_viz.recorder.map_pictures import GROUND, UNSEEN, cell_centres, markdown_table, north_up, object_picture
+from simaps_viz.recorder.recorder import MARGIN_M
 from simaps_viz.recorder.settings import SMALL
-from simaps_viz.recorder.streams import markdown_table
 from simaps_viz.structures import SIMap
 
 
@@ -106,3 +109,37 @@ def _about(simap: SIMap) -> str:
         f" method {simap.method}, {len(simap.frame_names)} frames, cells of {simap.spec.cell_size_m:g} m. North is up."
         f"{simulated}\n\n{counts}\n"
     )
+
+
+Picture = tuple[str, NDArray, NDArray]
+"""Title; colours uint8 [rows, cols, 3] with row 0 at the south; instance ids int32 [rows, cols]."""
+
+
+def record_comparison(name: str, pictures: Sequence[Picture], path: Path) -> None:
+    """Write a recording with one view a picture; pointing at a cell tells its instance.
+
+    Args:
+        name: of the recording.
+        pictures: all of the same shape.
+        path: the .rrd; replaced only once the new one is whole.
+
+    Raises:
+        InputError: it cannot be written there.
+    """
+    path = Path(path)
+    check_output(path)
+    stream = rr.RecordingStream("simaps_comparison")
+    with replacing(path, "the recording") as partial:
+        stream.set_sinks(rr.FileSink(str(partial)))
+        stream.send_recording_name(name)
+        views = []
+        for number, (title, colors, instance) in enumerate(pictures):
+            origin = f"/{number:02d}"
+            stream.log(f"{origin}/map", rr.Image(north_up(colors)), static=True)
+            ids = rr.SegmentationImage(object_picture(instance), opacity=0.0)
+            stream.log(f"{origin}/instance", ids, static=True)
+            views.append(rrb.Spatial2DView(origin=origin, name=title))
+        columns = max(1, round(len(views) ** 0.5))
+        stream.send_blueprint(rrb.Blueprint(rrb.Grid(*views, grid_columns=columns), collapse_panels=True))
+        stream.flush()
+        stream.disconnect()

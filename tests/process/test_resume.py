@@ -16,7 +16,7 @@ from simaps_viz.build.pipeline import BuildConfig, build_map, gather_frames
 from simaps_viz.cli.main import main
 from simaps_viz.errors import InputError
 from simaps_viz.events import FrameSkipped
-from simaps_viz.recorder.repair import repair_recording
+from simaps_viz.recorder.library import repair_recording
 
 ROOT = Path(__file__).parents[2]
 

@@ -6,7 +6,7 @@ import rerun.chunk as rc
 from recorded_story import rows
 
 from simaps_viz.errors import InputError
-from simaps_viz.recorder.comparison import record_comparison
+from simaps_viz.recorder.whole_map import record_comparison
 
 
 def pixels(found, entity, dtype):

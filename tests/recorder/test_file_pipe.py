@@ -9,8 +9,7 @@ import rerun.chunk as rc
 from recorded_story import rows, story
 
 from simaps_viz.errors import InputError
-from simaps_viz.recorder.file_pipe import FilePipe
-from simaps_viz.recorder.recorder import RerunRecorder
+from simaps_viz.recorder.recorder import FilePipe, RerunRecorder
 
 CONTENT = os.urandom(5_000_000)
 

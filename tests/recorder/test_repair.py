@@ -9,8 +9,8 @@ import pytest
 from sequences import write_tiny_sequence
 
 from simaps_viz.errors import InputError
-from simaps_viz.recorder import repair
-from simaps_viz.recorder.repair import repair_recording, unfinished_recordings
+from simaps_viz.recorder import library
+from simaps_viz.recorder.library import repair_recording, unfinished_recordings
 
 pytestmark = pytest.mark.slow
 
@@ -45,7 +45,7 @@ def test_a_full_disk_is_not_blamed_on_the_recording(tmp_path, monkeypatch):
     record.write_bytes(b"a recording")
     said = "Error: couldn't encode messages: Failed to write: No space left on device (os error 28)"  # rerun 0.41
     failed = subprocess.CompletedProcess([], 1, "", said)
-    monkeypatch.setattr(repair.subprocess, "run", lambda *_, **__: failed)
+    monkeypatch.setattr(library.subprocess, "run", lambda *_, **__: failed)
     with pytest.raises(InputError, match=f"^{record}: could not write the recording: No space left on device$"):
         repair_recording(record, record)
     assert record.read_bytes() == b"a recording" and os.listdir(tmp_path) == ["m.rrd"]

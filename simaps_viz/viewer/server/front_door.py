@@ -69,7 +69,7 @@ class Viser:
 
     port: int
     version: str
-    """Of its protocol; a page of another version is to be loaded again."""
+    """Version of its protocol; a page of another version is to be loaded again."""
     key: str = field(default_factory=lambda: secrets.token_urlsafe(32))
     """Its private port accepts nobody without this, see `viser_hooks.admit_only`."""
 
@@ -228,7 +228,7 @@ class _Server(ThreadingHTTPServer):
                     del self._open[peer]
 
     def handle_error(self, request: Any, client_address: Any) -> None:
-        """Say nothing: connections break off."""
+        """Log nothing: connections break off."""
 
 
 class _Handler(BaseHTTPRequestHandler):

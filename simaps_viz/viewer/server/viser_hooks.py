@@ -54,7 +54,7 @@ class Bell(asyncio.Event):
 
 
 def hang_bell(buffer: Any) -> None:
-    """Give a buffer of messages such an event, before anybody waits for the one it has."""
+    """Equip a buffer of messages with such an event, before anybody waits for the one it has."""
     bell = Bell(buffer.event_loop)
     buffer.message_event = bell
     bell.set()  # it may hold messages already
