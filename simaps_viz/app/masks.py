@@ -11,8 +11,7 @@ from simaps_viz.datasets.sequence import PosedFrames
 from simaps_viz.errors import InputError
 from simaps_viz.segmentation.mask_store import About, find_store
 from simaps_viz.segmentation.protocol import Threshold
-from simaps_viz.segmentation.sequences import WithMasks, about, masks_from
-from simaps_viz.segmentation.tuning import FrameTuner, above_score, score_threshold
+from simaps_viz.segmentation.sequences import FrameTuner, WithMasks, about, above_score, masks_from, score_threshold
 from simaps_viz.structures import Segmentation, SIMap
 from simaps_viz.viewer.panels.masks import Knob, SegmentationServices
 

@@ -7,13 +7,21 @@ from numpy.typing import NDArray
 
 from simaps_viz.checking import faults
 from simaps_viz.checking.agreement import Agreement, Views, relative_poses
-from simaps_viz.checking.conventions import MIRRORS
-from simaps_viz.checking.findings import Bar, Correction, Finding
+from simaps_viz.checking.faults import Bar, Correction, Finding
 from simaps_viz.checking.level import Level, find_level
-from simaps_viz.checking.recording import Reading, Recording
-from simaps_viz.checking.refine import Sight, best_fit
+from simaps_viz.checking.recording import MIRRORS, Reading, Recording
 from simaps_viz.checking.registration import find_offset
-from simaps_viz.checking.search import Scored, likely_unit, mirrored, positions_are_wrong, score, search, snapped_unit
+from simaps_viz.checking.search import (
+    Scored,
+    Sight,
+    best_fit,
+    likely_unit,
+    mirrored,
+    positions_are_wrong,
+    score,
+    search,
+    snapped_unit,
+)
 from simaps_viz.checking.timing import best_jump, best_shift, duplicates, locate, measure
 from simaps_viz.checking.views import in_views, load_views, neighbour_pairs, revisit_pairs
 from simaps_viz.events import Progress

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from simaps_viz.checking.agreement import relative_poses, residuals
 from simaps_viz.checking.diagnose import Diagnosis
-from simaps_viz.checking.findings import Bar
+from simaps_viz.checking.faults import Bar
 from simaps_viz.checking.recording import Reading
 from simaps_viz.colors.palette import Color
 from simaps_viz.drawing.sheet import INK, PALE_INK, RULE, Sheet, save_png, wrapped

@@ -60,7 +60,7 @@ class Segment:
         """Segment the sequence and write the masks; return what was written, JSON-able."""
         from simaps_viz.datasets.open import open_sequence
         from simaps_viz.segmentation.coco_panoptic import write_coco_panoptic
-        from simaps_viz.segmentation.mask_files import check_place, write_masks
+        from simaps_viz.segmentation.mask_store import check_place, write_masks
 
         path = open_sequence(self.sequence).path
         stem = "masks" if self.segmentation == PRECOMPUTED else Path(self.segmentation).stem

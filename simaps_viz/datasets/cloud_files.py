@@ -1,7 +1,7 @@
 """Read the points of PLY files (ASCII and binary) and PCD files (ascii, binary and binary_compressed).
 
-They are read by hand because a count in a hostile header must be checked before anything of that size is allocated;
-trimesh, for one, reads a file's other elements and its texture too.
+Counts in a header are checked against the file's size before anything is allocated. trimesh reads PLY as well, but its
+errors name neither the file nor what was expected, and PCD it does not know.
 """
 
 import struct

@@ -5,6 +5,7 @@ degrees. Semantic arrays hold class numbers, so an object is a connected patch o
 ``obj2cls_dict.txt`` beside them they hold object numbers, which are the truth.
 """
 
+from importlib.resources import files as package_files
 from pathlib import Path
 
 import cv2
@@ -43,13 +44,7 @@ FACTS = FormatFacts(
 CAMERA_HEIGHT_M = 1.5
 WRITTEN_UNIT_M = 0.001
 """Unit of the 16-bit images that float depths are converted to."""
-MP3D_CLASSES = (
-    "void", "wall", "floor", "chair", "door", "table", "picture", "cabinet", "cushion", "window", "sofa", "bed",
-    "curtain", "chest_of_drawers", "plant", "sink", "stairs", "ceiling", "toilet", "stool", "towel", "mirror",
-    "tv_monitor", "shower", "column", "bathtub", "counter", "fireplace", "lighting", "beam", "railing",
-    "shelving", "blinds", "gym_equipment", "seating", "board_panel", "furniture", "appliances", "clothes",
-    "objects",
-)  # fmt: skip
+MP3D_CLASSES = tuple(package_files("simaps_viz.datasets").joinpath("mp3d_classes.txt").read_text("utf-8").splitlines())
 """Matterport3D's 40 classes by number."""
 MIN_PATCH_PIXELS = 4
 """A smaller patch of a thing class is a seam of the rendering."""

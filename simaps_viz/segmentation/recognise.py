@@ -15,11 +15,12 @@ from simaps_viz.segmentation.mask_classification import (
     MASK2FORMER_GRID,
     MaskClassifier,
     MaskPorts,
+    PanopticSettings,
     Picture,
+    Rule,
     picture_beside,
     picture_in,
 )
-from simaps_viz.segmentation.panoptic import PanopticSettings, Rule
 from simaps_viz.segmentation.protocol import Adjustable, Network
 from simaps_viz.segmentation.session import Port, Session
 from simaps_viz.segmentation.yolo_seg import YoloPorts, YoloSeg, YoloSettings

@@ -11,11 +11,10 @@ from checked_sequences import SHARED, Spoiling, drawn_room, read_poses, spoiled_
 from numpy.typing import NDArray
 
 from simaps_viz.checking.agreement import Views, relative_poses, residuals
-from simaps_viz.checking.conventions import OPENGL, ROS, Convention, conventions, signed_permutations
 from simaps_viz.checking.diagnose import Diagnosis, diagnose
-from simaps_viz.checking.fix import write_fixed
 from simaps_viz.checking.picture import save_picture
-from simaps_viz.checking.recording import open_recording
+from simaps_viz.checking.recording import OPENGL, ROS, Convention, conventions, open_recording, signed_permutations
+from simaps_viz.checking.run import write_fixed
 from simaps_viz.cli.main import main
 from simaps_viz.datasets.open import open_sequence
 from simaps_viz.errors import InputError

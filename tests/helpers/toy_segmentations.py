@@ -3,7 +3,7 @@
 import numpy as np
 
 from simaps_viz.errors import InputError
-from simaps_viz.segmentation.tuning import above_score
+from simaps_viz.segmentation.sequences import above_score
 from simaps_viz.structures import Segment, Segmentation
 from simaps_viz.viewer.panels.masks import (
     Knob,

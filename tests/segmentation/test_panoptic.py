@@ -11,8 +11,16 @@ import pytest
 from panoptic_twins import CLASSES, SHAPE, STUFF, bilinear, by_transformers, drawn_logits, plain_panoptic
 
 from simaps_viz.segmentation.class_names import ClassNames
-from simaps_viz.segmentation.mask_classification import MASK2FORMER_GRID, MaskClassifier, MaskPorts, Picture, sigmoid
-from simaps_viz.segmentation.panoptic import PanopticSettings, confident_queries, panoptic_map
+from simaps_viz.segmentation.mask_classification import (
+    MASK2FORMER_GRID,
+    MaskClassifier,
+    MaskPorts,
+    PanopticSettings,
+    Picture,
+    confident_queries,
+    panoptic_map,
+    sigmoid,
+)
 from simaps_viz.segmentation.placement import resize_masks
 
 MADE = Path(__file__).with_name("panoptic_by_transformers.json")

@@ -17,8 +17,7 @@ from simaps_viz.cli.main import main
 from simaps_viz.errors import InputError
 from simaps_viz.segmentation.coco_panoptic import read_coco_panoptic, read_panoptic_png, write_coco_panoptic
 from simaps_viz.segmentation.geometry_stuff import add_stuff
-from simaps_viz.segmentation.mask_files import write_masks
-from simaps_viz.segmentation.mask_store import About, MaskStore, find_store
+from simaps_viz.segmentation.mask_store import About, MaskStore, find_store, write_masks
 from simaps_viz.segmentation.sequences import WithMasks, needs_stuff, segment_sequence
 from simaps_viz.structures import Frame, Intrinsics, Segment, Segmentation
 

@@ -23,7 +23,7 @@ from simaps_viz.drawing.texture import cell_colors, shown_class_colors
 from simaps_viz.errors import InputError
 from simaps_viz.segmentation.coco_panoptic import write_coco_panoptic
 from simaps_viz.segmentation.recognise import NetworkSettings, open_network
-from simaps_viz.segmentation.tuning import KEPT, FrameTuner, above_score
+from simaps_viz.segmentation.sequences import KEPT, FrameTuner, above_score
 from simaps_viz.structures import Segment, Segmentation, SIMap
 from simaps_viz.viewer.panels.masks import (
     SegmentationPanel,
