@@ -69,14 +69,14 @@ def compare(page: "Page", session: "Session") -> None:
 def masks(page: "Page", session: "Session") -> None:
     """Look at the masks of a frame."""
     _tab(page, "Masks")
-    session.jump(40)
+    session.show_frame(40)
 
 
 def time(page: "Page", session: "Session") -> None:
     """Go back to the time when half of the scene had been seen, on a dark page."""
     page.get_by_role("button", name="Light / dark").click()
     _tab(page, "Build")
-    session.jump(len(session.simap.frame_names) // 3)
+    session.show_frame(len(session.simap.frame_names) // 3)
 
 
 PICTURES = (

@@ -15,7 +15,7 @@ from urllib.parse import urlsplit
 import viser
 
 from simaps_viz.structures import Pose2, SIMap
-from simaps_viz.viewer.layout import set_the_table
+from simaps_viz.viewer.layout import prepare
 from simaps_viz.viewer.page.panel import PanelSpec
 from simaps_viz.viewer.page.services import Services
 from simaps_viz.viewer.page.shared import Common, Shared
@@ -102,7 +102,7 @@ class Workbench:
         behind = Viser(self.server.get_port(), f"viser-v{viser.__version__}")
         admit_only(self.server, behind.key)
         light_up(self.server.scene)
-        set_the_table(self.server)
+        prepare(self.server)
         set_first_view(self.server, frame_extent(seen_extent(simap)))
         self.server.on_client_disconnect(self._left)
         self.server.on_client_connect(self._came)
@@ -268,7 +268,7 @@ class Workbench:
     def _recording_told(self, event: dict[str, Any], token: str) -> None:
         session = self._session_named(token)
         if session is not None:
-            session.recording.said(event)
+            session.recording.reported(event)
 
     def _recording_listens(self, token: str) -> None:
         session = self._session_named(token)

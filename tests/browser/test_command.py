@@ -9,6 +9,7 @@ from services import real_services
 from simaps_viz.app import workbench
 from simaps_viz.language.commands import Reading, read_command
 from simaps_viz.navigation.agent import answer
+from simaps_viz.viewer.panels.command import CommandPanel
 
 MARKED = "[aria-current=step]"
 
@@ -42,9 +43,9 @@ def say(session, page, command, *, by="Enter"):
     if by == "Enter":
         box.press("Enter")
     else:
-        until(page, lambda: session.robot._panel.said[0] == command)
+        until(page, lambda: session.panels[CommandPanel]._widgets.said[0] == command)
         press(page, by)
-    until(page, lambda: session.robot._past and session.robot._past[0].command == command)
+    until(page, lambda: session.panels[CommandPanel]._past and session.panels[CommandPanel]._past[0].command == command)
 
 
 def hurry(session, page, speed="8"):
@@ -53,7 +54,7 @@ def hurry(session, page, speed="8"):
     box.fill(speed)
     box.press("Enter")
     box.blur()
-    until(page, lambda: session.robot._drive.speed == float(speed))
+    until(page, lambda: session.panels[CommandPanel]._drive.speed == float(speed))
 
 
 CRAWL = 0.02
@@ -61,19 +62,23 @@ CRAWL = 0.02
 
 
 def test_a_command_is_explained_numbered_marked_and_driven(bench, page):
-    mine(bench).robot._drive.speed = CRAWL
+    mine(bench).panels[CommandPanel]._drive.speed = CRAWL
     say(mine(bench), page, "go to the third chair from here")
     expect(page.get_by_text("On the way")).to_be_visible()
     expect(page.locator(MARKED)).to_contain_text('robot.move_to_nth_closest("chair", 3)')
     page.wait_for_function("() => '/candidates/2' in window.__viserMutable.nodeRefFromName")
     numbers = {label.text.split(" · ")[0]: label for label in mine(bench).scene._candidates._labels}
-    chosen = answer(mine(bench).simap, "go to the third chair from here", mine(bench).robot._asked_at).goals[0].instance
-    assert set(numbers) == {"1", "2", "▶ 3"} and mine(bench).robot.driving
+    chosen = (
+        answer(mine(bench).simap, "go to the third chair from here", mine(bench).panels[CommandPanel]._asked_at)
+        .goals[0]
+        .instance
+    )
+    assert set(numbers) == {"1", "2", "▶ 3"} and mine(bench).panels[CommandPanel].driving
     assert chosen is not None and numbers["▶ 3"].x == pytest.approx(mine(bench).simap.by_id(chosen).centroid_m[0])
     expect(page.get_by_text("Chair 3 is the farthest of 3 from where the command was given")).to_be_visible()
     hurry(mine(bench), page)
     expect(page.get_by_text("Done")).to_be_visible()
-    said = answer(mine(bench).simap, "go to the third chair from here", mine(bench).robot._asked_at)
+    said = answer(mine(bench).simap, "go to the third chair from here", mine(bench).panels[CommandPanel]._asked_at)
     assert (mine(bench).pose.x_m, mine(bench).pose.y_m) == pytest.approx((said.final_pose.x_m, said.final_pose.y_m))
     expect(page.locator(MARKED)).to_have_count(0)
 
@@ -87,14 +92,14 @@ def test_step_by_step_then_play_then_pause_then_stop(bench, page):
     assert mine(bench).pose.heading_deg == pytest.approx(90.0)  # held before the first line
     press(page, "Step")
     until(page, lambda: mine(bench).pose.heading_deg == pytest.approx(180.0))
-    until(page, lambda: mine(bench).robot._drive.paused)
+    until(page, lambda: mine(bench).panels[CommandPanel]._drive.paused)
     press(page, "Step")
     until(page, lambda: mine(bench).pose.heading_deg % 360 == pytest.approx(270.0))
     expect(page.locator(MARKED)).to_contain_text('robot.move_to_object("couch")')
     hurry(mine(bench), page, "0.5")
     press(page, "Play")
     until(page, lambda: mine(bench).pose.x_m > 0.6)
-    mine(bench).robot._drive.speed = CRAWL
+    mine(bench).panels[CommandPanel]._drive.speed = CRAWL
     expect(page.get_by_role("button", name="Pause", exact=True)).to_be_visible()
     press(page, "Pause")
     expect(page.get_by_role("button", name="Play", exact=True)).to_be_visible()
@@ -103,7 +108,7 @@ def test_step_by_step_then_play_then_pause_then_stop(bench, page):
     assert mine(bench).pose == held
     press(page, "Stop")
     expect(page.get_by_text("The robot stands where it was stopped.")).to_be_visible()
-    assert mine(bench).pose == held and not mine(bench).robot.driving
+    assert mine(bench).pose == held and not mine(bench).panels[CommandPanel].driving
     hurry(mine(bench), page)
     say(mine(bench), page, "go to the couch")
     expect(page.get_by_text("Done")).to_be_visible()
@@ -133,7 +138,7 @@ def test_the_history_runs_again_and_outlives_a_reload(bench, page):
     page.get_by_role("button", name="turn left").click()
     until(page, lambda: mine(bench).pose.heading_deg % 360.0 == pytest.approx(turned))
     expect(page.get_by_text("Done")).to_be_visible()
-    assert [past.command for past in mine(bench).robot._past] == ["turn left", "go to the piano"]
+    assert [past.command for past in mine(bench).panels[CommandPanel]._past] == ["turn left", "go to the piano"]
 
 
 def two_readings(text, counts):
@@ -157,7 +162,7 @@ def test_the_other_reading_starts_where_the_command_was_given(browser):
         expect(page.get_by_text("there is the couch")).to_be_visible()
         expect(page.get_by_text('robot.move_to_object("potted plant")')).to_be_visible()
         expect(page.get_by_text("Done")).to_be_visible()
-        start, couch = mine(bench).robot._asked_at, mine(bench).pose
+        start, couch = mine(bench).panels[CommandPanel]._asked_at, mine(bench).pose
         press(page, "Run the other reading")
         plant = answer(mine(bench).simap, 'robot.move_to_object("potted plant")', start).final_pose
         until(page, lambda: mine(bench).pose == plant)
@@ -185,7 +190,7 @@ def test_a_language_model_is_asked_shown_and_stopped(browser):
             expect(page.get_by_text("The answer is not waited for")).to_be_visible()
             assert server.left.wait(PATIENCE_S)
             field_of(page, "Language model").uncheck(force=True)
-            until(page, lambda: not mine(bench).robot._panel.uses_model)
+            until(page, lambda: not mine(bench).panels[CommandPanel]._widgets.uses_model)
             say(mine(bench), page, "turn left")
             expect(page.get_by_text("Done")).to_be_visible()
             assert len(server.received) == 2
@@ -224,7 +229,7 @@ def test_two_pages_give_orders_to_robots_of_their_own(browser, bench, page):
             expect(one.get_by_text("Done")).to_be_visible()
         expect(field_of(page, "Command")).to_have_value("go to the couch")
         expect(field_of(other, "Command")).to_have_value("turn left")
-        assert [past.command for past in first.robot._past] == ["go to the couch"]
-        assert [past.command for past in second.robot._past] == ["turn left"]
+        assert [past.command for past in first.panels[CommandPanel]._past] == ["go to the couch"]
+        assert [past.command for past in second.panels[CommandPanel]._past] == ["turn left"]
         assert second.pose.heading_deg % 360 == pytest.approx(0.0) and second.pose.x_m == 0.5
         assert first.pose.x_m > 1.0

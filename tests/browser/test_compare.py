@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from browser import until, watched_page
 from playwright.sync_api import expect
-from stub_desk import color_at, open_desk, settle, stub_desk
+from stub_page import color_at, open_desk, settle, stub_page
 from toy_maps import toy_map
 
 from simaps_viz.app.compare import load_bytes, rejoin
@@ -49,7 +49,7 @@ SOURCES = (
 
 @pytest.fixture(scope="module")
 def opened(browser):
-    with stub_desk(toy_map()) as desk, watched_page(browser, 1280, 1150) as page:
+    with stub_page(toy_map()) as desk, watched_page(browser, 1280, 1150) as page:
         services = CompareServices(
             compare=lambda left, right, truth: compare_two(left, right, truth=truth),
             sources=SOURCES, make=make, rejoin=rejoin, load=load_bytes,

@@ -9,6 +9,8 @@ from toy_maps import toy_map
 from simaps_viz.colors.classes import instance_color
 from simaps_viz.colors.instances import class_colors
 from simaps_viz.drawing.theme import DARK, LIGHT
+from simaps_viz.viewer.panels.command import CommandPanel
+from simaps_viz.viewer.panels.map import MapPanel
 
 OPEN_FLOOR = (3.0, -0.9)
 READABLE = 4.5
@@ -69,7 +71,9 @@ def test_keys_typed_into_a_box_are_letters(bench, page):
     expect(box).to_be_focused()
     page.keyboard.type("to the table, L3T?")
     expect(box).to_have_value("to the table, L3T?")
-    until(page, lambda: mine(bench).robot._panel.said[0] == "to the table, L3T?")  # a key would have come before
+    until(
+        page, lambda: mine(bench).panels[CommandPanel]._widgets.said[0] == "to the table, L3T?"
+    )  # a key would have come before
     assert page.evaluate("document.documentElement.dataset.mantineColorScheme") == "light"
 
 
@@ -107,7 +111,7 @@ def test_every_text_can_be_read_and_every_control_has_a_name(bench, page, dark):
 
 def test_classes_have_the_colours_of_the_legend(bench, page):
     session = mine(bench)
-    session.parts.map.set_look("class", None)
+    session.panels[MapPanel].set_look("class", None)
     session.repaint()
     of_class = class_colors(toy_map())
     for one in bench.simap.instances:

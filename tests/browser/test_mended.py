@@ -46,7 +46,7 @@ def press(page, role, name):
 
 
 def panel_of(opened):
-    panel = dict(mine(opened[1]).parts.others)["Mend"]
+    panel = mine(opened[1]).panels[MendPanel]
     assert isinstance(panel, MendPanel)
     return panel
 

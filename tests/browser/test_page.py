@@ -97,7 +97,7 @@ def tab(page, name):
 
 def kept_of_comparison(session):
     """Return what the comparison would have on a page that is loaded again: its right side and where it is divided."""
-    kept = session.parts.others.states()["Compare"]
+    kept = session.panels.states()["Compare/ComparePanel"]
     return kept["sides"][1].title, kept["divide"]
 
 
@@ -189,7 +189,7 @@ def test_a_reload_keeps_the_open_tabs_and_the_comparison(bench, page):
 def test_escape_closes_the_enlarged_picture_and_nothing_else(bench, page):
     session = mine(bench)
     session.select(CHAIR_1)
-    session.jump(0)
+    session.show_frame(0)
     tab(page, "Masks")
     expect(page.get_by_text("Frame 0010, 1 of 3.")).to_be_visible()
     page.get_by_role("button", name="Enlarge").click()

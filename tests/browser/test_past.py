@@ -12,6 +12,10 @@ from toy_maps import _views, toy_map
 
 from simaps_viz import open_sequence
 from simaps_viz.app import workbench as app
+from simaps_viz.viewer.page.timeline import TimeStep
+from simaps_viz.viewer.panels.build import BuildPanel, StepsPanel
+from simaps_viz.viewer.panels.command import CommandPanel
+from simaps_viz.viewer.panels.why import WhyPanel
 from simaps_viz.viewer.workbench import Workbench
 
 TABLE = 6
@@ -46,8 +50,7 @@ def page(browser, bench):
 
 def at_end(session) -> bool:
     """The page shows the finished map, and nothing of any other time."""
-    build, steps = session.parts.build, session.parts.steps
-    return build.frame == FRAMES - 1 and steps.step is None and not session.time.now().badge
+    return session.time == TimeStep(FRAMES - 1) and not session.moment().badge
 
 
 def test_the_camera_moves_while_the_build_plays_and_goes_at_the_end(bench, page):
@@ -56,13 +59,13 @@ def test_the_camera_moves_while_the_build_plays_and_goes_at_the_end(bench, page)
     assert page.evaluate(POSE) is None
     fill(page, "Frame", "2")
     until(page, lambda: (pose := page.evaluate(POSE)) is not None and np.allclose(pose, poses[2], atol=1e-4))
-    session.parts.build._rate.value = 1  # slow enough to be seen whatever else the machine does
+    session.panels[BuildPanel]._rate.value = 1  # slow enough to be seen whatever else the machine does
     page.get_by_role("button", name="Play", exact=True).click()
     seen = set()
     there = {tuple(pose) for pose in np.round(poses, 3).tolist()}
     until(page, lambda: seen.add(tuple(np.round(page.evaluate(POSE) or poses[2], 3).tolist())) or seen >= there)
     assert len(there) == 3 and session.frame < FRAMES - 1, "it still plays"
-    session.parts.build._rate.value = 30
+    session.panels[BuildPanel]._rate.value = 30
     until(page, lambda: session.frame == FRAMES - 1 and page.evaluate(POSE) is None)
 
 
@@ -81,9 +84,9 @@ def test_the_past_is_marked_and_one_button_ends_it(bench, page):
 def test_steps_and_frames_never_mix(bench, page):
     session = mine(bench)
     fill(page, "Frame", "5")
-    until(page, lambda: not session.parts.steps._slider.disabled)
+    until(page, lambda: not session.panels[StepsPanel]._slider.disabled)
     fill(page, "Position", "0")
-    until(page, lambda: session.parts.steps.step == 0 and session.frame == FRAMES - 1)
+    until(page, lambda: session.time.step == 0 and session.frame == FRAMES - 1)
     until(page, lambda: page.evaluate(POSE) is None)
     page.get_by_role("tab", name="Map", exact=True).click()
     last = bench.shared.timeline(session.simap).last
@@ -93,33 +96,33 @@ def test_steps_and_frames_never_mix(bench, page):
     until(page, lambda: at_end(session))
     expect(field_of(page, "Position")).not_to_have_value("0")  # else there is nothing to choose
     fill(page, "Position", "0")
-    until(page, lambda: session.parts.steps.step == 0)
+    until(page, lambda: session.time.step == 0)
     fill(page, "Frame", "7")
-    until(page, lambda: session.parts.steps.step is None and session.frame == 7)
+    until(page, lambda: session.time.step is None and session.frame == 7)
 
 
 def test_a_command_is_given_on_the_finished_map(bench, page):
     session = mine(bench)
     fill(page, "Frame", "5")
     until(page, lambda: session.frame == 5)
-    session.robot._drive.speed = 8.0
-    session.robot.ask("go to the chair")
+    session.panels[CommandPanel]._drive.speed = 8.0
+    session.panels[CommandPanel].ask("go to the chair")
     until(page, lambda: at_end(session))
-    until(page, lambda: "Done" in session.robot._panel._result.content)
+    until(page, lambda: "Done" in session.panels[CommandPanel]._widgets._result.content)
 
 
 def test_a_merge_step_shows_the_finished_map_and_no_other_comparison(browser):
     with toy_workbench() as bench, watched_page(browser) as page:
         open_workbench(page, bench)
         session = mine(bench)
-        session.jump(1)
+        session.show_frame(1)
         session.select(1)
-        until(page, lambda: session.parts.why.why is not None and session.wait_idle())
-        session.parts.why.compare(TABLE)
-        until(page, lambda: session.parts.why.lit == {TABLE})
-        assert session.time.now().badge == "as of frame 2 of 5"
-        session.parts.why._choose_step(1)
-        until(page, lambda: not session.parts.why.lit and not session.time.now().badge)
+        until(page, lambda: session.panels[WhyPanel].why is not None and session.wait_idle())
+        session.panels[WhyPanel].compare(TABLE)
+        until(page, lambda: session.panels[WhyPanel].lit == {TABLE})
+        assert session.moment().badge == "as of frame 2 of 5"
+        session.panels[WhyPanel]._choose_step(1)
+        until(page, lambda: not session.panels[WhyPanel].lit and not session.moment().badge)
         assert session.frame == 4
         expect(page.get_by_text("are of different classes")).not_to_be_visible()
         until(page, lambda: session.scene._scene.get_handle_by_name("/why/other") is None)

@@ -6,7 +6,7 @@ import pytest
 import rerun as rr
 from browser import field_of, until, watched_page
 from playwright.sync_api import Browser, Locator, Page, expect
-from stub_desk import StubDesk, stub_desk
+from stub_page import StubPage, stub_page
 from toy_maps import toy_map
 
 from simaps_viz.cli.recordings import open_alone
@@ -44,7 +44,7 @@ def services(library: RecordingLibrary) -> RecordingServices:
     )  # fmt: skip
 
 
-def open_page(page: Page, desk: StubDesk) -> None:
+def open_page(page: Page, desk: StubPage) -> None:
     assert desk.wait_idle()  # the list is made
     page.goto(desk.url)
     page.get_by_role("button", name="List again").wait_for()
@@ -61,7 +61,7 @@ def choose(page: Page, text: str) -> None:
 
 def test_list_open_rename_delete(browser: Browser, library: RecordingLibrary):
     folder = library.folders[0]
-    with stub_desk(toy_map()) as desk, watched_page(browser) as page:
+    with stub_page(toy_map()) as desk, watched_page(browser) as page:
         panel = RecordingsPanel(desk, services(library))
         open_page(page, desk)
         choose(page, "café")
@@ -96,7 +96,7 @@ def test_list_open_rename_delete(browser: Browser, library: RecordingLibrary):
 
 def test_what_cannot_be_opened_says_so_and_nothing_at_all_too(browser: Browser, library: RecordingLibrary):
     folder = library.folders[0]
-    with stub_desk(toy_map()) as desk, watched_page(browser) as page:
+    with stub_page(toy_map()) as desk, watched_page(browser) as page:
         RecordingsPanel(desk, services(library))
         open_page(page, desk)
         choose(page, "broken")

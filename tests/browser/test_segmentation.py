@@ -3,7 +3,7 @@
 import pytest
 from browser import field_of, until, watched_page
 from playwright.sync_api import expect
-from stub_desk import stub_desk
+from stub_page import stub_page
 from toy_maps import toy_map
 from toy_segmentations import toy_segmentation
 
@@ -16,14 +16,14 @@ def see(page, text):
 
 @pytest.fixture
 def bench(browser):
-    with stub_desk(toy_map()) as desk, watched_page(browser, 1280, 1500) as page:
+    with stub_page(toy_map()) as desk, watched_page(browser, 1280, 1500) as page:
         desk.server.gui.configure_theme(control_width="large")
         chosen: list[int] = []
-        panel = SegmentationPanel(desk, toy_segmentation(), on_frame=chosen.append)
-        panel.show_frame(0)
+        panel = SegmentationPanel(desk, toy_segmentation())
+        panel.time_changed(0, None)
         page.goto(f"{desk.url}/?fixedDpr=1")
         see(page, "Frame 0010, 1 of 3.")
-        yield desk, panel, page, chosen
+        yield desk, panel, page, desk.frames
         panel.close()
         assert desk.errors == []
 

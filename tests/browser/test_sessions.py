@@ -24,6 +24,8 @@ from toy_maps import toy_map
 
 from simaps_viz.drawing.texture import ColorMode, MapPicture, map_image
 from simaps_viz.viewer.page.panel import Panel, PanelSpec
+from simaps_viz.viewer.panels.command import CommandPanel
+from simaps_viz.viewer.panels.map import MapPanel
 
 CHAIR_1, CHAIR_3, TABLE = 1, 3, 6
 EAST_HALF_OF_CHAIR_1 = (1.375, 1.925)
@@ -87,7 +89,7 @@ def loaded_again(page, bench):
 def hurry(page, session):
     """Set the speed and wait until the robot has it: viser's page sends only the last change of any 50 ms."""
     fill(page, "Speed", "8")
-    until(page, lambda: session.robot._drive.speed == 8.0)
+    until(page, lambda: session.panels[CommandPanel]._drive.speed == 8.0)
 
 
 def camera_at_rest(bench, page, session):
@@ -127,8 +129,8 @@ def test_two_people_select_cut_and_command_at_once(browser, bench):
             expect(one_page.get_by_text("Done", exact=True)).to_be_visible()
         expect(page.get_by_text("To the couch, ")).to_be_visible()
         expect(other.get_by_text("robot.turn(-90)")).to_be_visible()
-        assert [p.command for p in one.robot._past] == ["go to the couch"]
-        assert [p.command for p in two.robot._past] == ["turn left"]
+        assert [p.command for p in one.panels[CommandPanel]._past] == ["go to the couch"]
+        assert [p.command for p in two.panels[CommandPanel]._past] == ["turn left"]
         assert one.pose.x_m > 1.0 and two.pose.x_m == 0.5
         x, y = on_canvas(bench, other, 3.0, -0.9, session=two)
         other.mouse.move(x, y)
@@ -148,7 +150,7 @@ def test_a_reload_loses_nothing(browser, bench):
         expect(page.locator("div:text-is('chair 2 of 4')")).to_be_visible()
         page.get_by_label("Colours").click()
         page.get_by_role("option", name="class").click()
-        until(page, lambda: session.parts.map.mode == "class")
+        until(page, lambda: session.panels[MapPanel].mode == "class")
         tab(page, "Command")
         hurry(page, session)
         field_of(page, "Command").fill("go to the couch")
@@ -176,7 +178,9 @@ def test_a_reload_loses_nothing(browser, bench):
         tab(page, "Build")
         expect(field_of(page, "Frame")).to_have_value("2")
     with opened(browser, bench) as (_, other):  # a new tab of a new window
-        assert other.selected is None and other.parts.map.percent == 5.0 and other.robot._past == []
+        assert (
+            other.selected is None and other.panels[MapPanel].percent == 5.0 and other.panels[CommandPanel]._past == []
+        )
 
 
 def test_the_other_page_lives_on_when_one_is_killed(browser, bench):

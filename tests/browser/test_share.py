@@ -8,7 +8,7 @@ from browser import PATIENCE_S, PIXEL, place_on, until, watched_page
 from PIL import Image
 from playwright.sync_api import expect
 from shared_rides import COMMAND, couch_of, late_map, toy_drive
-from stub_desk import open_desk, stub_desk
+from stub_page import open_desk, stub_page
 from toy_maps import TOY_POSE
 
 from simaps_viz.drawing.texture import FLOOR
@@ -98,7 +98,7 @@ def test_the_page_opens_from_disk_and_asks_for_nothing(browser, shared):
 
 
 def test_the_panel_hands_the_browser_each_file(browser):
-    with stub_desk(late_map()) as desk, watched_page(browser) as page:
+    with stub_page(late_map()) as desk, watched_page(browser) as page:
         panel = SharePanel(desk, ShareServices(ask=answer))
         open_desk(page, desk)
         row = page.locator("label", has_text="Ends with").locator(

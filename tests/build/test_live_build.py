@@ -12,7 +12,10 @@ from simaps_viz.build.to_file import BuildRequest, build_to_file
 from simaps_viz.console.progress import stage_progress
 from simaps_viz.errors import InputError
 from simaps_viz.recorder.web_viewer import CONTENT_SECURITY_POLICY
+from simaps_viz.viewer.panels.build import BuildPanel
 from simaps_viz.viewer.panels.live import WAITING, LiveState, duration, head_html, text_html
+
+ALWAYS = ("Map", "Command", "Build", "Instance")
 
 
 def plain(sequence, output):
@@ -28,7 +31,7 @@ def test_stopped_and_gone_on_with_it_ends_in_the_same_bytes_and_panels_come(tmp_
     with stage_progress(quiet=True) as progress, live_workbench(held, settings(output), progress) as (bench, build):
         with fake_page(bench) as page:
             session = page.session
-            assert [title for title, _ in session.parts.others] == ["Progress"]
+            assert session.panels.titles == ("Progress", *ALWAYS)
             assert not (session.simap.grid.observations > 0).any() and build.state().status == "starting"
             build.start()
             until(lambda: session.simap.frame_names and build.state().done >= 8)
@@ -42,14 +45,14 @@ def test_stopped_and_gone_on_with_it_ends_in_the_same_bytes_and_panels_come(tmp_
             assert build.wait(60.0)
             assert build.state().status == "done" and "m.npz" in build.state().said
             assert bench.wait_idle()
-            titles = [title for title, _ in session.parts.others]
-            assert titles == ["Compare", "Masks", "Mend", "Share", "Recordings"]
+            titles = session.panels.titles
+            assert set(titles) == {*ALWAYS, "Compare", "Masks", "Mend", "Share", "Recordings"}
             assert len(session.simap.frame_names) == 40 and not session.common.building
-            session.jump(2)
+            session.show_frame(2)
             assert session.wait_idle()
-            assert "seen" in session.parts.build._then.content
+            assert "seen" in session.panels[BuildPanel]._then.content
         with fake_page(bench) as late:
-            assert sorted(title for title, _ in late.session.parts.others) == sorted(titles)
+            assert sorted(late.session.panels.titles) == sorted(titles)
     assert output.read_bytes() == plain(held.whole, tmp_path / "plain.npz")
 
 

@@ -28,7 +28,7 @@ def watched(held, how):
         build.start()
         assert build.wait(60.0)
         assert bench.wait_idle(60.0)
-        return build.state(), page.session.simap, [title for title, _ in page.session.parts.others]
+        return build.state(), page.session.simap, page.session.panels.titles
 
 
 def test_edits_of_an_earlier_build_cost_no_map(tmp_path):

@@ -1,4 +1,4 @@
-"""Pages that have nothing but a map and the mending panel: one desk for each browser tab."""
+"""Pages that have nothing but a map and the mending panel: one page for each browser tab."""
 
 import viser
 
@@ -7,37 +7,37 @@ from simaps_viz.drawing.solids import ray_on_floor
 from simaps_viz.drawing.texture import map_image
 from simaps_viz.mapping.mending import Mending
 from simaps_viz.structures import SIMap
+from simaps_viz.viewer.page.page import Page
 from simaps_viz.viewer.page.worker import Worker
-from simaps_viz.viewer.panels.mend import CutMark, MendPanel
+from simaps_viz.viewer.panels.mend import MendPanel
 
 
-class StubDesk:
+class StubPage(Page):
     """One person's page."""
 
     def __init__(self, client: viser.ClientHandle, pages: "MendPages") -> None:
         self.client, self._pages = client, pages
-        self.gui = client.gui
-        self.simap: SIMap = pages.simap
-        self.selected: int | None = None
+        self._simap: SIMap = pages.simap
+        self._selected: int | None = None
         self._place: tuple[float, float] | None = None
         self.told: list[str] = []
         self.worker = Worker(self.report)
         self._image: viser.ImageHandle | None = None
         self.repaint()
         with self.gui.add_folder("Mend"):
-            self.panel = MendPanel(self, page_services(pages.mending), CutMark(client.scene))  # pyright: ignore
+            self.panel = MendPanel(self, page_services(pages.mending))
         client.scene.on_click()(self._clicked)
 
     def select(self, instance_id: int | None) -> None:
-        self.selected = instance_id
+        self._selected = instance_id
         self._place = None
         self.panel.selection_changed(instance_id)
 
     def take(self, simap: SIMap) -> None:
-        self.simap = simap
+        self._simap = simap
         found = None if self._place is None else simap.at(*self._place)
         if self._place is not None:
-            self.selected = found.id if found else None
+            self._selected = found.id if found else None
         self.repaint()
         self.panel.map_changed(simap)
 
@@ -80,7 +80,7 @@ class MendPages:
     def __init__(self, mending: Mending, simap: SIMap | None = None) -> None:
         self.mending = mending
         self.simap = simap or mending.simap()
-        self.sessions: list[StubDesk] = []
+        self.sessions: list[StubPage] = []
         self.server = viser.ViserServer(host="127.0.0.1", port=0, verbose=False)
         self.server.gui.configure_theme(show_logo=False, show_share_button=False)
         scene = self.server.scene
@@ -95,7 +95,7 @@ class MendPages:
             (0.5 * (xmin + xmax), 0.5 * (ymin + ymax), 0.0),
         )
         camera.up = (0.0, 1.0, 0.0)
-        self.server.on_client_connect(lambda client: self.sessions.append(StubDesk(client, self)))
+        self.server.on_client_connect(lambda client: self.sessions.append(StubPage(client, self)))
         self.server.on_client_disconnect(self._left)
 
     @property
@@ -104,16 +104,16 @@ class MendPages:
 
     def publish(self, simap: SIMap) -> None:
         self.simap = simap
-        for desk in self.sessions:
-            desk.take(simap)
+        for page in self.sessions:
+            page.take(simap)
 
     def _left(self, client: viser.ClientHandle) -> None:
-        self.sessions = [desk for desk in self.sessions if desk.client.client_id != client.client_id]
+        self.sessions = [page for page in self.sessions if page.client.client_id != client.client_id]
 
     def __enter__(self) -> "MendPages":
         return self
 
     def __exit__(self, *_: object) -> None:
-        for desk in self.sessions:
-            desk.worker.stop()
+        for page in self.sessions:
+            page.worker.stop()
         self.server.stop()

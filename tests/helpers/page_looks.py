@@ -88,7 +88,7 @@ def go_dark(page, session):
     """Make the page dark, and wait until the workbench colours it so too."""
     page.keyboard.press("l")
     page.wait_for_function("() => document.documentElement.dataset.mantineColorScheme === 'dark'")
-    until(page, lambda: session.parts.page.theme.dark)
+    until(page, lambda: session.theme.dark)
 
 
 def select_chair_1(page, bench):

@@ -28,7 +28,7 @@ from simaps_viz.mapping.partition import applied_steps
 from simaps_viz.mapping.simap import repartition
 from simaps_viz.recorder.map_pictures import merge_order
 from simaps_viz.structures import SIMap
-from simaps_viz.viewer.recording.clicks import clicked_place, place_inside
+from simaps_viz.viewer.recording.link import clicked_place, place_inside
 from simaps_viz.viewer.scene.why_marks import (
     RAMP,
     UNKNOWN,

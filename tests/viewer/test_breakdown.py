@@ -7,7 +7,8 @@ from browser import toy_services, toy_workbench
 from fake_page import fake_page
 from waiting import until
 
-from simaps_viz.navigation.trajectory import TrajectoryPlayer, trajectory
+from simaps_viz.navigation.trajectory import Drive, trajectory
+from simaps_viz.viewer.panels.command import CommandPanel
 
 
 def test_what_a_listener_raises_ends_the_ride_and_is_told():
@@ -55,7 +56,7 @@ def test_nobody_told_is_no_silence(capsys):
 
 def test_the_page_says_it_and_the_robot_drives_again(caplog):
     with toy_workbench(toy_services()) as bench, fake_page(bench) as page:
-        robot = page.session.robot
+        robot = page.session.panels[CommandPanel]
         show, shown = robot._scene.show_robot, []
 
         def fails_once(pose):
@@ -66,11 +67,11 @@ def test_the_page_says_it_and_the_robot_drives_again(caplog):
 
         robot._scene.show_robot = fails_once  # type: ignore[method-assign]
         robot.ask("go to the chair")
-        until(lambda: "unexpected error" in robot._panel._result.content)
-        until(lambda: page.session.wait_idle(60.0) and robot._panel._phase == "idle")
-        assert not robot.driving and not robot._panel._progress.visible
+        until(lambda: "unexpected error" in robot._widgets._result.content)
+        until(lambda: page.session.wait_idle(60.0) and robot._widgets._phase == "idle")
+        assert not robot.driving and not robot._widgets._progress.visible
         assert "the workbench met an error" in caplog.text
         robot._drive.speed = 8.0
         robot.ask("go to the chair")
-        until(lambda: "Done" in robot._panel._result.content)
+        until(lambda: "Done" in robot._widgets._result.content)
         assert page.session.pose.x_m == 1.5

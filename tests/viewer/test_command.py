@@ -32,7 +32,7 @@ from simaps_viz.navigation.trajectory import (
 )
 from simaps_viz.structures import Pose2
 from simaps_viz.viewer.page.services import LanguageModel
-from simaps_viz.viewer.panels.command import entered, exchanges_html, program_html, why_text
+from simaps_viz.viewer.panels.command import CommandPanel, entered, exchanges_html, program_html, why_text
 from simaps_viz.viewer.scene.camera import AHEAD_M, BEHIND_M, Follower, above, behind
 
 # --- words
@@ -211,49 +211,49 @@ def test_the_follower_lets_go_once():
 
 
 def shown(bench):
-    return mine(bench).robot._panel._result.content
+    return mine(bench).panels[CommandPanel]._widgets._result.content
 
 
 def test_a_program_that_gets_stuck_marks_the_line():
     with toy_workbench(real_services()) as bench, fake_page(bench):
-        mine(bench).robot._drive.speed = 8.0
-        mine(bench).robot.ask("robot.turn(90)\nrobot.move_forward(50)\n")
+        mine(bench).panels[CommandPanel]._drive.speed = 8.0
+        mine(bench).panels[CommandPanel].ask("robot.turn(90)\nrobot.move_forward(50)\n")
         until(lambda: "Failed" in shown(bench))
-        assert "✖" in mine(bench).robot._panel._program.content and "is free for" in shown(bench)
+        assert "✖" in mine(bench).panels[CommandPanel]._widgets._program.content and "is free for" in shown(bench)
         assert mine(bench).pose.heading_deg == pytest.approx(180.0)
-        assert [past.status for past in mine(bench).robot._past] == ["failed"]
+        assert [past.status for past in mine(bench).panels[CommandPanel]._past] == ["failed"]
 
 
 def test_a_hanging_model_holds_nothing_up_and_stop_ends_the_wait():
     with serving(hangs) as server:
         model = workbench.language_model(f"m@{server.url}")
         with toy_workbench(real_services(model=model)) as bench, fake_page(bench):
-            mine(bench).robot.ask("go to the couch")
+            mine(bench).panels[CommandPanel].ask("go to the couch")
             assert server.arrived.wait(60.0)
             assert "Working on it" in shown(bench)
             mine(bench).select(3)
             assert mine(bench).worker.wait_idle()  # the map still answers
-            mine(bench).robot.stop()
+            mine(bench).panels[CommandPanel].stop()
             assert "Stopped" in shown(bench) and server.left.wait(60.0)
             assert bench.wait_idle()
             assert "Stopped" in shown(bench) and mine(bench).pose == TOY_POSE
-            assert "cancelled" in mine(bench).robot._panel._exchanges.content
+            assert "cancelled" in mine(bench).panels[CommandPanel]._widgets._exchanges.content
 
 
 def test_what_a_model_was_sent_is_shown_and_off_means_off():
     with serving(writes('robot.move_to_object("couch")')) as server:
         model = workbench.language_model(f"m@{server.url}")
         with toy_workbench(real_services(model=model)) as bench, fake_page(bench):
-            mine(bench).robot._drive.speed = 8.0
-            mine(bench).robot.ask("va au canapé")
+            mine(bench).panels[CommandPanel]._drive.speed = 8.0
+            mine(bench).panels[CommandPanel].ask("va au canapé")
             until(lambda: "Done" in shown(bench))
-            assert "by m" in shown(bench) and mine(bench).robot._panel._conversation.visible
-            text = mine(bench).robot._panel._exchanges.content
+            assert "by m" in shown(bench) and mine(bench).panels[CommandPanel]._widgets._conversation.visible
+            text = mine(bench).panels[CommandPanel]._widgets._exchanges.content
             assert "va au canapé" in text and "couch\\&quot;)&quot;, &quot;refusal&quot;: null" in text
-            mine(bench).robot._panel._model.value = False
-            mine(bench).robot.ask("turn left")
+            mine(bench).panels[CommandPanel]._widgets._model.value = False
+            mine(bench).panels[CommandPanel].ask("turn left")
             until(lambda: "Done" in shown(bench))
-            assert len(server.received) == 1 and not mine(bench).robot._panel._conversation.visible
+            assert len(server.received) == 1 and not mine(bench).panels[CommandPanel]._widgets._conversation.visible
 
 
 def test_the_grammar_reads_when_the_server_is_gone():
@@ -267,17 +267,20 @@ def test_the_grammar_reads_when_the_server_is_gone():
 
 def test_commands_on_top_of_each_other_leave_the_last_one():
     with toy_workbench(real_services()) as bench, fake_page(bench):
-        mine(bench).robot._drive.speed = 8.0
+        mine(bench).panels[CommandPanel]._drive.speed = 8.0
         for n in range(12):
-            mine(bench).robot.ask("turn left" if n % 2 else "go to the couch")
-        mine(bench).robot.ask("robot.turn_absolute(180)")
+            mine(bench).panels[CommandPanel].ask("turn left" if n % 2 else "go to the couch")
+        mine(bench).panels[CommandPanel].ask("robot.turn_absolute(180)")
         until(lambda: "Done" in shown(bench) and mine(bench).pose.heading_deg == pytest.approx(180.0))
-        assert mine(bench).robot._past[0].command == "robot.turn_absolute(180)" and len(mine(bench).robot._past) == 3
+        assert (
+            mine(bench).panels[CommandPanel]._past[0].command == "robot.turn_absolute(180)"
+            and len(mine(bench).panels[CommandPanel]._past) == 3
+        )
 
 
 def test_the_plain_service_still_works_without_steps():
     with toy_workbench(toy_services()) as bench, fake_page(bench):
-        mine(bench).robot._drive.speed = 8.0
-        mine(bench).robot.ask("go to the chair")
+        mine(bench).panels[CommandPanel]._drive.speed = 8.0
+        mine(bench).panels[CommandPanel].ask("go to the chair")
         until(lambda: "Done" in shown(bench))
         assert mine(bench).pose.x_m == pytest.approx(1.5)

@@ -5,7 +5,7 @@ from collections.abc import Iterator
 from typing import Any
 
 import pytest
-from stub_desk import StubDesk
+from stub_page import StubPage
 from toy_maps import toy_map
 
 from simaps_viz.drawing.compare_picture import TwoPictures
@@ -19,7 +19,7 @@ from simaps_viz.viewer.panels.compare_words import CompareServices, Source
 PATIENCE_S = 60.0
 
 
-class Desk(StubDesk):
+class Desk(StubPage):
     """A page whose theme may change."""
 
     now: Theme = LIGHT

@@ -13,6 +13,7 @@ from simaps_viz.drawing.label_layout import Label
 from simaps_viz.drawing.texture import MapPicture
 from simaps_viz.drawing.theme import DARK
 from simaps_viz.mapping.explain import explain
+from simaps_viz.viewer.panels.why import WhyPanel
 from simaps_viz.viewer.scene import map_scene as scene_module
 from simaps_viz.viewer.scene import why_marks
 from simaps_viz.viewer.scene.camera import SLANT, TOP
@@ -92,17 +93,17 @@ def test_blocks_that_a_picture_overtakes_are_not_built(session, monkeypatch):
 def test_all_marks_are_hidden_whatever_draws_them_anew_and_come_back(session):
     scene = session.scene
     session.select(CHAIR_1)
-    session.jump(1)
+    session.show_frame(1)
     scene.show_path(np.array([[0.0, 0.0], [1.0, 0.5]]))
     scene.show_candidates([Label("chair", 1.0, 1.0)])
     assert session.wait_idle() and all(shown(session, name) for name in OWN)
     cover(session, True)
     assert not any(shown(session, name) for name in OWN)
     scene._candidates.place()  # as after a zoom
-    session.parts.why._marks._labels.place()
+    session.panels[WhyPanel]._marks._labels.place()
     scene.show_path(np.array([[0.0, 0.0], [2.0, 0.5]]))
     scene.show_candidates([Label("table", 1.0, 1.0), Label("chair", 2.0, 1.0)])
-    session.jump(2)
+    session.show_frame(2)
     session.set_theme(DARK)
     session.select(CHAIR_1)
     assert session.wait_idle() and not any(shown(session, name) for name in OWN)
@@ -112,7 +113,7 @@ def test_all_marks_are_hidden_whatever_draws_them_anew_and_come_back(session):
 
 def test_the_camera_of_a_frame_comes_back_where_it_is_then(session):
     camera = "/camera"
-    session.jump(1)
+    session.show_frame(1)
     cover(session, True)
     assert not shown(session, camera)
     cover(session, False)
@@ -120,7 +121,7 @@ def test_the_camera_of_a_frame_comes_back_where_it_is_then(session):
     place = session.client.scene.get_handle_by_name(camera).position
     assert tuple(place) == pytest.approx(tuple(session.simap.T_map_camera[1][:3, 3]))
     cover(session, True)
-    session.jump(len(session.simap.frame_names) - 1)
+    session.show_frame(len(session.simap.frame_names) - 1)
     cover(session, False)
     assert not shown(session, camera)
 

@@ -5,8 +5,7 @@ from hypothesis import example, given
 from hypothesis import strategies as st
 from toy_maps import toy_map
 
-from simaps_viz.viewer.panels.find import NotFound, find
-from simaps_viz.viewer.panels.instance import object_names
+from simaps_viz.viewer.panels.instance import NotFound, find, object_names
 
 SIMAP = toy_map()
 

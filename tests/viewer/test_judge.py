@@ -16,7 +16,17 @@ from simaps_viz.evaluation.judging import resume_session, start_session
 from simaps_viz.mapping.file import save_map
 from simaps_viz.structures import Pose2
 from simaps_viz.viewer.panels import judge
-from simaps_viz.viewer.panels.judge import FIRST_S, PAUSE_S, named_in, outcome_text, places, ride, summary_html
+from simaps_viz.viewer.panels.command import CommandPanel
+from simaps_viz.viewer.panels.judge import (
+    FIRST_S,
+    PAUSE_S,
+    JudgePanel,
+    named_in,
+    outcome_text,
+    places,
+    ride,
+    summary_html,
+)
 
 pytestmark = pytest.mark.slow
 
@@ -45,7 +55,7 @@ def hasty(monkeypatch):
 
 
 def judge_of(bench):
-    panel = mine(bench).parts.judge
+    panel = mine(bench).panels[JudgePanel]
     assert panel is not None
     return panel
 
@@ -161,11 +171,11 @@ def test_the_command_tab_takes_the_robot_and_the_judge_takes_it_back(session):
         panel._drive.speed = 0.05  # so that the ride is not over when it is looked at
         panel.replay()
         assert panel._drive.active
-        mine(bench).robot._drive.speed = 8.0
-        mine(bench).robot.ask("turn left")
+        mine(bench).panels[CommandPanel]._drive.speed = 8.0
+        mine(bench).panels[CommandPanel].ask("turn left")
         assert not panel._drive.active and bench.wait_idle()
         panel.replay()
-        assert panel._drive.active and not mine(bench).robot.driving
+        assert panel._drive.active and not mine(bench).panels[CommandPanel].driving
 
 
 def test_the_summary_has_a_table_for_each_kind_of_errors(tmp_path):
@@ -211,7 +221,7 @@ def test_a_person_judges_by_button_and_by_key(browser, tmp_path, hasty):
         page.get_by_role("tab", name="Command", exact=True).click()
         field_of(page, "Command").press_sequentially("yes, no, say")  # letters in a text are no answers
         # The text is sent after the keys: where it has arrived, an answer would have, too.
-        until(page, lambda: mine(bench).robot._panel._text.value == "yes, no, say")
+        until(page, lambda: mine(bench).panels[CommandPanel]._widgets._text.value == "yes, no, say")
         assert list(session.answers.values()) == ["yes", "no"]
         page.get_by_role("tab", name="Judge").click()
         page.keyboard.press("s")

@@ -1,6 +1,8 @@
 """What a recorded build tells its page: scrubbing moves it, what comes of following a stream does not."""
 
-from simaps_viz.viewer.recording.link import PageSide, RecordingLink
+from types import SimpleNamespace
+
+from simaps_viz.viewer.recording.link import RecordingLink
 
 
 class Host:
@@ -14,16 +16,26 @@ class Host:
         self.pushed.append(message["set_time"])
 
 
+class LinkedPage:
+    """A page of 40 frames."""
+
+    def __init__(self, building):
+        self.common = SimpleNamespace(building=building)
+        self.simap = SimpleNamespace(frame_names=("name",) * 40)
+        self.shown = [39]
+
+    @property
+    def frame(self):
+        return self.shown[-1]
+
+    def show_frame(self, frame, *, here):
+        assert not here
+        self.shown.append(frame)
+
+
 def linked(*, building=False):
-    host, shown = Host(), [39]
-    page = PageSide(
-        frame=lambda: shown[-1],
-        frames=lambda: 40,
-        set_frame=shown.append,
-        clicked=lambda items: None,
-        building=lambda: building,
-    )
-    return RecordingLink(host, "mine", page), host, shown  # type: ignore[arg-type]
+    host, page = Host(), LinkedPage(building)
+    return RecordingLink(host, "mine", page), host, page.shown  # type: ignore[arg-type]
 
 
 def update(time, **more):
@@ -33,15 +45,15 @@ def update(time, **more):
 def test_what_a_followed_stream_tells_late_moves_nothing():
     link, host, shown = linked()
     link.opened()
-    link.said(update(29, following=True))
+    link.reported(update(29, following=True))
     assert shown == [39] and host.pushed == [{"timeline": "frame", "time": 39}]
-    link.said(update(12, following=False))
-    link.said(update(13))
+    link.reported(update(12, following=False))
+    link.reported(update(13))
     assert shown == [39, 12, 13]
 
 
 def test_while_it_is_built_the_recording_follows_and_moves_nothing():
     link, host, shown = linked(building=True)
-    link.said({"type": "timeline_change", "timeline": "frame"})
-    link.said(update(12))
+    link.reported({"type": "timeline_change", "timeline": "frame"})
+    link.reported(update(12))
     assert shown == [39] and host.pushed == [{"timeline": "frame", "play": "following"}]

@@ -3,6 +3,7 @@
 import re
 from dataclasses import replace
 from itertools import pairwise
+from types import SimpleNamespace
 from typing import cast
 
 import numpy as np
@@ -31,8 +32,12 @@ from simaps_viz.drawing.theme import (
     css,
 )
 from simaps_viz.structures import Grid, GridSpec
+from simaps_viz.viewer.page.page import Page
+from simaps_viz.viewer.page.panel import Panel, PanelSpec
+from simaps_viz.viewer.page.services import Services
 from simaps_viz.viewer.panels import help
-from simaps_viz.viewer.panels.help import HelpPanel, PageActions
+from simaps_viz.viewer.panels.build import BuildPanel
+from simaps_viz.viewer.panels.help import HelpPanel
 from simaps_viz.viewer.server.viser_page import PAGE_SCRIPT
 
 READABLE = 4.5
@@ -230,17 +235,21 @@ class _Gui:
 
 def test_keys_do_what_the_help_says():
     gui, done = _Gui(), []
-    actions = PageActions(
-        play=lambda: done.append("play"),
-        step=done.append,
-        clear=lambda: done.append("clear"),
+    masks = PanelSpec("Masks", viser.Icon.PHOTO, lambda page: Panel(), about="try a <network>")
+    page = SimpleNamespace(
+        gui=gui,
+        frame=5,
+        services=Services(panels=(masks,)),
+        panels={BuildPanel: SimpleNamespace(toggle=lambda: done.append("play"))},
+        show_frame=done.append,
+        select=done.append,
         look=done.append,
         set_theme=lambda theme: done.append(theme.name),
     )
-    panel = HelpPanel(cast(viser.GuiApi, gui), actions, other_tabs=(("Masks", "try a <network>"),))
+    panel = HelpPanel(cast(Page, page))
     for key in ("space", "[", "]", "T", "3", "escape", "L", "L"):
         gui.commands[key](None)
-    assert done == ["play", -1, 1, "Top view", "3-D view", "clear", "dark", "light"] and gui.themes == [True, False]
+    assert done == ["play", 4, 6, "Top view", "3-D view", None, "dark", "light"] and gui.themes == [True, False]
     gui.commands["H"](None)
     assert gui.open == 1
     html = gui.htmls[-1]

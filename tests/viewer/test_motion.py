@@ -17,10 +17,17 @@ from simaps_viz.navigation.robot import Goal
 from simaps_viz.navigation.trajectory import MOTION, TrajectoryPlayer, poses_along, trajectory
 from simaps_viz.structures import Pose2
 from simaps_viz.viewer.page.worker import Worker
-from simaps_viz.viewer.panels.build import ECHO_S, SETTLE_S, FrameLink
-from simaps_viz.viewer.panels.command import examples, message_html, program_html
-from simaps_viz.viewer.panels.robot import candidate_labels, goal_labels, open_floor
-from simaps_viz.viewer.scene.camera import SEES_M, Viewpoints, slanted_view, top_view
+from simaps_viz.viewer.panels.command import (
+    candidate_labels,
+    examples,
+    goal_labels,
+    message_html,
+    open_floor,
+    program_html,
+)
+from simaps_viz.viewer.recording.link import ECHO_S, SETTLE_S, FrameLink
+from simaps_viz.viewer.scene.camera import SEES_M, slanted_view, top_view
+from simaps_viz.viewer.scene.camera import Viewpoints
 
 coordinate = st.floats(-20.0, 20.0)
 pose_rows = st.lists(st.tuples(coordinate, coordinate, st.floats(-3.1, 3.1)), min_size=1, max_size=12)

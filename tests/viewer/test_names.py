@@ -1,15 +1,18 @@
 """Objects named shortly, "chair 7", whatever their class is called."""
 
 from dataclasses import replace
+from types import SimpleNamespace
+from typing import cast
 
 import viser
-from browser import free_port, toy_view
+from browser import free_port
 from toy_maps import toy_map
 
 from simaps_viz.drawing.legend import object_name, short_name
 from simaps_viz.mapping.explain import explain
 from simaps_viz.structures import SIMap
-from simaps_viz.viewer.panels.why import WhyActions, WhyPanel
+from simaps_viz.viewer.page.page import Page
+from simaps_viz.viewer.panels.why import WhyPanel
 from simaps_viz.viewer.scene.why_marks import Marks, link_label
 
 CHAIR_1 = 1
@@ -43,10 +46,8 @@ def test_every_neighbour_has_a_button():
         simap = of_drawers()
         why = explain(simap, CHAIR_1)
         twice = replace(why.neighbours[0], other=simap.of_class(CLASS)[2])  # the same number for another one
-        actions = WhyActions(
-            lambda: None, lambda frame: None, lambda joint: None, lambda simap: None, lambda name, job: job(), toy_view
-        )
-        panel = WhyPanel(server, actions)
+        page = SimpleNamespace(gui=server.gui, client=server)
+        panel = WhyPanel(cast(Page, page))
         panel._fill(simap, replace(why, neighbours=(why.neighbours[0], twice)))
         assert [*panel._near.options][:2] == [f"{CLASS} 2 · 1.6 %", f"{CLASS} 3 · 1.6 %"]
         assert list(panel._apart_of.values()) == [one.id for one in simap.of_class(CLASS)[1:]]

@@ -9,6 +9,7 @@ from browser import free_port, toy_workbench
 from fake_page import fake_page
 
 from simaps_viz.viewer.page.player import Played, Player
+from simaps_viz.viewer.panels.build import BuildPanel
 
 PATIENCE_S = 60.0
 LOOKS_S = 0.2
@@ -88,9 +89,9 @@ def test_two_that_stop_one_another_both_come_to_an_end(gui):
 
 def test_who_asks_for_the_finished_map_gets_it_though_playing_was_about_to_begin():
     with toy_workbench() as bench, fake_page(bench) as page:
-        build = page.session.parts.build
-        assert build.at_end
+        build = page.session.panels[BuildPanel]
+        assert page.session.at_end
         with build._player._lock:  # it has shown nothing yet
             build.toggle()
-            page.session.time.finish()
-        assert ended() and build.at_end
+            page.session.finish()
+        assert ended() and page.session.at_end

@@ -78,7 +78,7 @@ def person(tmp_path):
         Workbench(mending.simap(), services=services, port=free_port(), start=TOY_POSE) as bench,
         fake_page(bench) as page,
     ):
-        panel = next(panel for _, panel in page.session.parts.others if isinstance(panel, MendPanel))
+        panel = page.session.panels[MendPanel]
         yield Person(bench, page.session, panel, mending)
 
 

@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from sequences import HEIGHT, WIDTH, write_tiny_sequence
-from stub_desk import stub_desk
+from stub_page import stub_page
 from tiny_networks import segment_image, write_classifier, write_yolo
 from toy_maps import toy_map
 from toy_segmentations import GREY, toy_segmentation, two_masks
@@ -236,21 +236,21 @@ def test_masks_made_elsewhere_are_filtered_by_score():
 
 
 def test_the_panel_follows_frames_thresholds_and_switches():
-    with stub_desk(toy_map()) as desk:
+    with stub_page(toy_map()) as desk:
         panel = SegmentationPanel(desk, toy_segmentation())
-        panel.show_frame(0)
+        panel.time_changed(0, None)
         assert desk.wait_idle() and panel.masks is not None and len(panel.masks.segments) == 2
         panel.restore({**panel.state(), "knobs": {"score": 0.7}, "hidden": ["chair"], "frame": 1})
         assert desk.wait_idle() and [s.label for s in panel.masks.segments] == ["chair"]
         assert panel.hidden == {"chair"} and panel.frame == 1
         assert panel.state()["knobs"] == {"score": 0.7} and panel.state()["hidden"] == ["chair"]
-        panel.show_frame(2)
-        panel.show_frame(99)
+        panel.time_changed(2, None)
+        panel.time_changed(99, None)
         assert desk.wait_idle() and panel.frame == 2 and desk.errors == []
         panel.close()
-        panel.show_frame(0)
+        panel.time_changed(0, None)
         assert desk.wait_idle()
         nothing = SegmentationPanel(desk, SegmentationServices(notes=("The frames are not at hand.",)))
-        nothing.show_frame(0)
+        nothing.time_changed(0, None)
         nothing.restore(nothing.state())
         assert nothing.masks is None and desk.wait_idle()

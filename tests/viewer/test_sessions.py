@@ -19,7 +19,11 @@ from waiting import until
 from simaps_viz.drawing.texture import MapPicture
 from simaps_viz.errors import InputError
 from simaps_viz.mapping.simap import repartition
+from simaps_viz.viewer import layout
 from simaps_viz.viewer.page.panel import Panel, PanelSpec
+from simaps_viz.viewer.panels.build import BuildPanel
+from simaps_viz.viewer.panels.command import CommandPanel
+from simaps_viz.viewer.panels.map import MapPanel
 from simaps_viz.viewer.scene.camera import SLANT
 from simaps_viz.viewer.server.host import Host
 
@@ -32,7 +36,7 @@ TOGETHER, APART = 5.0, 30.0
 
 def cut(session, percent, resolution=1.0):
     """What a person does who moves the slider."""
-    session.parts.map.set_sliders(percent, resolution)
+    session.panels[MapPanel].set_sliders(percent, resolution)
     session.partition(percent, resolution)
     assert session.wait_idle()
 
@@ -46,14 +50,14 @@ def test_two_pages_have_their_own_selection_cut_view_frame_and_robot():
         one.select(CHAIR_3)
         cut(two, APART)
         two.look(SLANT)
-        two.jump(1)
-        one.robot._drive.speed = 8.0
-        one.robot.ask("turn left")
+        two.show_frame(1)
+        one.panels[CommandPanel]._drive.speed = 8.0
+        one.panels[CommandPanel].ask("turn left")
         until(lambda: one.pose.heading_deg % 360 == pytest.approx(0.0))
         assert (one.selected, two.selected) == (CHAIR_3, None)
         assert (len(one.simap.instances), len(two.simap.instances)) == (7, 9)
         assert (one.frame, two.frame) == (len(one.simap.frame_names) - 1, 1)
-        assert two.pose == TOY_POSE and two.robot._past == []
+        assert two.pose == TOY_POSE and two.panels[CommandPanel]._past == []
         assert (one.viewpoints.name, two.viewpoints.name) == ("Top view", SLANT)
 
 
@@ -69,7 +73,7 @@ def test_what_all_ask_for_is_computed_once():
         pages = [FakePage(bench, tells=False) for _ in range(20)]
         painted = bench.shared.pictures.computed
         for page in pages:
-            page.session.parts.map.set_sliders(APART, 1.0)
+            page.session.panels[MapPanel].set_sliders(APART, 1.0)
             page.session.partition(APART, 1.0)
         assert bench.wait_idle()
         assert calls == [APART]
@@ -94,16 +98,16 @@ def test_back_at_the_maps_own_resolution_the_map_is_as_it_was_built():
 def test_a_reload_brings_back_what_was_done():
     with toy_workbench(all_services()) as bench:
         page = FakePage(bench)
-        session, parts = page.session, page.session.parts
+        session, panels = page.session, page.session.panels
         cut(session, APART, 2.0)
-        parts.map.set_look("class", "dining table")
+        panels[MapPanel].set_look("class", "dining table")
         chosen = session.simap.instances[1].id
         session.select(chosen)
-        session.robot._drive.speed = 8.0
-        session.robot.ask("turn left")
-        until(lambda: session.robot._past[0].status == "ok" and not session.robot.driving)
-        session.jump(1)
-        parts.build.set_fill(False)
+        session.panels[CommandPanel]._drive.speed = 8.0
+        session.panels[CommandPanel].ask("turn left")
+        until(lambda: session.panels[CommandPanel]._past[0].status == "ok" and not session.panels[CommandPanel].driving)
+        session.show_frame(1)
+        panels[BuildPanel].restore(False)
         session.look(SLANT)
         picked, instances, pose = session.picked, session.simap.instances, session.pose
         assert session.wait_idle()
@@ -114,11 +118,11 @@ def test_a_reload_brings_back_what_was_done():
             until(lambda: new.picked == picked)
             assert again.tab == page.tab and new is not session and new.token != session.token
             assert new.simap.instances == instances and new.selected == chosen and new.frame == 1
-            assert (new.parts.map.percent, new.parts.map.resolution) == (APART, 2.0)
-            assert (new.parts.map.mode, new.parts.map.shown_class) == ("class", "dining table")
-            assert not new.parts.build.fill_in_step and new.viewpoints.name == SLANT
-            assert new.pose == pose and [past.command for past in new.robot._past] == ["turn left"]
-            assert "Done" in new.robot._panel._result.content
+            assert (new.panels[MapPanel].percent, new.panels[MapPanel].resolution) == (APART, 2.0)
+            assert (new.panels[MapPanel].mode, new.panels[MapPanel].shown_class) == ("class", "dining table")
+            assert not new.as_it_was and new.viewpoints.name == SLANT
+            assert new.pose == pose and [past.command for past in new.panels[CommandPanel]._past] == ["turn left"]
+            assert "Done" in new.panels[CommandPanel]._widgets._result.content
         with fake_page(bench) as other:
             assert other.session.selected is None and other.tab != page.tab
 
@@ -138,7 +142,7 @@ def test_a_camera_that_was_moved_comes_back():
 def test_a_ride_that_a_reload_ends_leaves_the_robot_where_it_was():
     with toy_workbench(all_services()) as bench:
         page = FakePage(bench)
-        drive = page.session.robot._drive
+        drive = page.session.panels[CommandPanel]._drive
         told = drive._on_pose
 
         def dawdle(pose, share, leg):
@@ -147,13 +151,14 @@ def test_a_ride_that_a_reload_ends_leaves_the_robot_where_it_was():
             told(pose, share, leg)
 
         drive._on_pose = dawdle
-        page.session.robot.ask("go to the couch")
+        page.session.panels[CommandPanel].ask("go to the couch")
         until(lambda: page.session.pose.x_m > 0.6)
         page.close()
         gone(bench, page.session)
         with fake_page(bench, tab=page.tab) as again:
             assert again.session.pose == page.session.pose and again.session.pose.x_m > 0.6
-            assert "Stopped" in again.session.robot._panel._result.content and not again.session.robot.driving
+            robot = again.session.panels[CommandPanel]
+            assert "Stopped" in robot._widgets._result.content and not robot.driving
 
 
 def test_a_duplicated_tab_and_an_unknown_one_start_afresh():
@@ -193,22 +198,22 @@ def test_a_published_map_is_on_all_pages_and_on_later_ones():
             frame_names=(*simap.frame_names, "new"),
             T_map_camera=np.concatenate([simap.T_map_camera, simap.T_map_camera[-1:]]),
         )
-        b.session.jump(1)
+        b.session.show_frame(1)
         bench.publish(grown, growing=True)
         assert bench.wait_idle()
         assert a.session.simap is grown and a.session.selected == CHAIR_3
         assert (a.session.frame, b.session.frame) == (len(simap.frame_names), 1)
-        assert b.session.parts.map.percent == APART and len(b.session.simap.instances) == 9
-        b.session.jump(len(simap.frame_names))
+        assert b.session.panels[MapPanel].percent == APART and len(b.session.simap.instances) == 9
+        b.session.show_frame(len(simap.frame_names))
         assert b.session.frame == len(simap.frame_names)
         a.session.publish(simap)  # as a panel does: this map, for all, cut as each has set the sliders
         assert bench.wait_idle() and bench.simap is simap
         assert a.session.simap is simap and b.session.base is simap
-        assert b.session.parts.map.percent == APART and len(b.session.simap.instances) == 9
+        assert b.session.panels[MapPanel].percent == APART and len(b.session.simap.instances) == 9
         b.session.publish(b.session.simap)  # what one cuts does not become everybody's
         assert bench.wait_idle()
-        assert a.session.parts.map.percent == TOGETHER and len(a.session.simap.instances) == 7
-        assert b.session.parts.map.percent == APART and len(b.session.simap.instances) == 9
+        assert a.session.panels[MapPanel].percent == TOGETHER and len(a.session.simap.instances) == 7
+        assert b.session.panels[MapPanel].percent == APART and len(b.session.simap.instances) == 9
         simap = bench.simap
         with fake_page(bench) as late:
             assert late.session.simap is simap
@@ -300,6 +305,61 @@ def test_panels_are_made_for_each_page_told_asked_restored_and_closed(caplog):
             until(lambda: made[2].word == "kept")
 
 
+class DiaryPanel(Panel):
+    """Writes down what it hears: all that a new panel needs is a class and a line in the registry."""
+
+    def __init__(self, page):
+        self.page, self.heard, self.note = page, [], page.gui.add_text("Note", "")
+
+    def built(self):
+        self.heard.append("built")
+
+    def map_changed(self, simap):
+        self.heard.append(("map", len(simap.instances)))
+
+    def selection_changed(self, instance_id):
+        self.heard.append(("selected", instance_id))
+
+    def time_changed(self, frame, step):
+        self.heard.append(("time", frame, step))
+
+    def take_click(self, x_m, y_m):
+        self.heard.append(("click", self.page.simap.at(x_m, y_m).id))
+        return False
+
+    def state(self):
+        return self.note.value
+
+    def restore(self, state):
+        self.note.value = state
+
+    def close(self):
+        self.heard.append("closed")
+
+
+def test_a_new_panel_is_one_class_and_one_line_in_the_registry(monkeypatch):
+    line = PanelSpec("Diary", viser.Icon.BOOK, DiaryPanel)
+    monkeypatch.setattr(layout, "PANELS", (*layout.PANELS, line))
+    with toy_workbench() as bench:
+        page = FakePage(bench)
+        session, diary = page.session, page.session.panels[DiaryPanel]
+        assert "Diary" in session.panels.titles and diary.heard[-1] == "built"
+        cut(session, APART)
+        session.show_frame(1)
+        x, y, _ = session.simap.by_id(CHAIR_3).centroid_m
+        session._clicked(viser.SceneClickEvent(session.client, 0, (x, y, 5.0), (0, 0, -1), (0.5, 0.5), None))
+        found = session.simap.at(x, y)
+        assert found is not None and session.wait_idle()
+        expected = [("map", 9), ("selected", None), ("time", 1, None), ("click", found.id), ("selected", found.id)]
+        assert diary.heard[-5:] == expected
+        diary.note.value = "a chair"
+        page.close()
+        gone(bench, session)
+        until(lambda: diary.heard[-1] == "closed")
+        with fake_page(bench, tab=page.tab) as again:
+            until(lambda: again.session.panels[DiaryPanel].note.value == "a chair")
+
+
 def test_a_picture_lies_in_the_place_of_the_map_until_it_is_taken_away():
     with toy_workbench() as bench, fake_page(bench) as page:
         scene = page.session.client.scene
@@ -345,7 +405,7 @@ def test_nothing_is_left_of_thirty_pages():
             page = FakePage(bench, tells=n % 3 > 0)
             page.session.select(CHAIR_3)
             if n % 5 == 0:
-                page.session.robot.ask("go to the couch")
+                page.session.panels[CommandPanel].ask("go to the couch")
             left.append(weakref.ref(page.session))
             page.close()
             gone(bench, page.session)
@@ -375,7 +435,7 @@ def test_messages_reach_the_recording_of_one_page_only(tmp_path):
         host = bench.recording_host
         assert isinstance(host, Host)
         heard = {page.session: host.listen(page.session.token) for page in (a, b)}
-        a.session.jump(2)
+        a.session.show_frame(2)
         assert heard[a.session].get(timeout=60.0) == {"set_time": {"timeline": "frame", "time": 2}}
         bench._recording_told({"type": "time_update", "timeline": "frame", "time": 1}, b.session.token)
         assert (a.session.frame, b.session.frame) == (2, 1)

@@ -1,122 +1,68 @@
-"""What a panel may ask of the page it stands on: one person's page, in one browser tab."""
+"""What a panel is, how a page is told to have one, and the panels of one page."""
 
-from collections.abc import Callable
+import contextlib
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from pathlib import Path
-from typing import Any, Literal, Protocol
+from typing import TYPE_CHECKING, Any, Literal, TypeVar
 
 import viser
 
-from simaps_viz.drawing.texture import MapPicture
-from simaps_viz.drawing.theme import Theme
-from simaps_viz.structures import Pose2, SIMap
-from simaps_viz.viewer.scene.camera import Extent
-from simaps_viz.viewer.scene.map_scene import MapScene
+from simaps_viz.structures import SIMap
+from simaps_viz.viewer.scene.map_scene import Style
 
+if TYPE_CHECKING:
+    from simaps_viz.viewer.page.page import Page
+    from simaps_viz.viewer.page.services import Services
+    from simaps_viz.viewer.page.timeline import Moment
 
-class Desk(Protocol):
-    """One person's page. All of it may be called from any thread; none of it takes long."""
-
-    @property
-    def gui(self) -> viser.GuiApi:
-        """This page's own widgets."""
-        ...
-
-    @property
-    def scene(self) -> MapScene:
-        """This page's own 3-D scene."""
-        ...
-
-    @property
-    def simap(self) -> SIMap:
-        """The map shown now."""
-        ...
-
-    @property
-    def theme(self) -> Theme:
-        """Whether the page is light or dark."""
-        ...
-
-    @property
-    def aspect(self) -> float:
-        """Width over height of the canvas in its middle."""
-        ...
-
-    @property
-    def selected(self) -> int | None:
-        """Id of the selected instance of that map."""
-        ...
-
-    @property
-    def pose(self) -> Pose2:
-        """Where the robot stands."""
-        ...
-
-    def select(self, instance_id: int | None) -> None:
-        """Select an instance, or none."""
-        ...
-
-    def jump(self, frame: int) -> None:
-        """Show a frame, here and in the recording."""
-        ...
-
-    def publish(self, simap: SIMap) -> None:
-        """Show a changed map on every open page, and on those opened later; each page cuts it as its sliders are."""
-        ...
-
-    def show_picture(self, picture: MapPicture | None) -> None:
-        """Lay a picture in the place of the map's own colours; None takes it away."""
-        ...
-
-    def look_at(self, extent: Extent | None) -> None:
-        """Look straight down on a part of the floor; None: as before."""
-        ...
-
-    def show_recording(self, path: Path) -> None:
-        """Show a recorded build beside the map, where the page has a place for one."""
-        ...
-
-    def send(self, name: str, content: bytes) -> None:
-        """Hand the browser a file of that name to save."""
-        ...
-
-    def repaint(self) -> None:
-        """Colour the map anew, soon."""
-        ...
-
-    def submit(self, name: str, job: Callable[[], None]) -> None:
-        """Do work off the page's threads; a waiting job of the same name is replaced; what it raises is said here."""
-        ...
-
-    def say(self, title: str, text: str) -> None:
-        """Notify this person something in passing."""
-        ...
-
-    def report(self, error: Exception) -> None:
-        """Notify this person that something went wrong."""
-        ...
+P = TypeVar("P", bound="Panel")
+Place = Literal["head", "front", "tab", "instance"]
+"""Above all tabs, in front of the other tabs, among them, or in the panel below, about the selected instance."""
 
 
 class Panel:
-    """A part of the page. ``Panel(desk, ...)`` fills the container of ``desk.gui`` that is open at that time.
+    """A part of the page. ``Panel(page, ...)`` fills the container of ``page.gui`` that is open at that time.
 
-    Each method tells of something that happens on the page; a panel has those that concern it.
+    Every method reports something that happens on the page; a panel overrides those that concern it. They may be
+    called from any thread.
     """
+
+    def built(self) -> None:
+        """All panels of the page are there, and what was done before a reload is restored."""
+
+    def base_changed(self, base: SIMap) -> None:
+        """Another map is the one that the sliders cut; what comes of that is shown later."""
 
     def map_changed(self, simap: SIMap) -> None:
         """Another map is shown."""
 
     def selection_changed(self, instance_id: int | None) -> None:
-        """Another object is selected, or none."""
+        """Another instance is selected, or none."""
 
-    def show_frame(self, frame: int) -> None:
-        """The page shows another frame."""
+    def time_changed(self, frame: int, step: int | None) -> None:
+        """The page shows another frame of the build, or another step of joining (None: the finished map)."""
+
+    def view_changed(self, name: str) -> None:
+        """The view from the top was chosen, or the slanted one; see `viewpoints`."""
 
     def theme_changed(self) -> None:
         """The page went from light to dark, or back."""
 
+    def leave_robot(self) -> None:
+        """Another panel moves the robot now: stop it, and clear what was drawn of its path."""
+
+    def style(self, simap: SIMap, style: Style) -> Style:
+        """Return how a map is painted, given how the panels before this one want it painted."""
+        return style
+
+    def painted(self, simap: SIMap, moment: "Moment") -> None:
+        """A map was painted, as it was at some time."""
+
+    def failed(self) -> None:
+        """Something that was asked for on this page failed; the person is told without the panel."""
+
     def take_click(self, x_m: float, y_m: float) -> bool:
-        """Use a click on the map, if one was waited for (a line to split by); False lets it pass."""
+        """Use a click on the map, if this panel waits for one; False passes it on."""
         return False
 
     def state(self) -> Any:
@@ -124,34 +70,140 @@ class Panel:
         return None
 
     def restore(self, state: Any) -> None:
-        """Take back what ``state`` gave."""
+        """Restore what ``state`` returned before the page was loaded again."""
 
     def close(self) -> None:
         """The person has gone: stop threads and timers."""
 
 
-MAP, COMMAND, BUILD, INSTANCE, JUDGE = "Map", "Command", "Build", "Instance", "Judge"
-PROGRESS = "Progress"
-"""Only there until the map is done."""
-
-
 @dataclass(frozen=True)
 class PanelSpec:
-    """A panel that is on every page."""
+    """The line that registers a panel, see `simaps_viz.viewer.panels`. Panels of one title share a tab."""
 
     title: str
-    """Of its tab."""
+    """The title of its tab."""
     icon: viser.IconName
-    make: Callable[[Desk], Panel]
-    """Fills the container of the desk's ``gui`` that is open at that time; once for each page."""
-    place: Literal["tab", "instance", "front"] = "tab"
-    """Among the tabs of the main panel, beside the one about the selected instance, or in front of all tabs."""
+    make: Callable[["Page"], Panel]
+    """Fills the container of the page's ``gui`` that is open at that time; called once for each page."""
+    place: Place = "tab"
+    about: str = ""
+    """What the tab is for, as the page's help says it; empty for one that the help knows already."""
+    wanted: "Callable[[Services], bool]" = lambda services: True
+    """Whether a page with these services has the panel."""
 
 
-BUILT_IN: tuple[tuple[str, viser.IconName], ...] = (
-    (JUDGE, viser.Icon.GAVEL),
-    (MAP, viser.Icon.MAP),
-    (COMMAND, viser.Icon.ROBOT),
-    (BUILD, viser.Icon.TIMELINE),
-)
-"""The tabs in front of those that `Services.panels` names."""
+@dataclass(frozen=True, eq=False)
+class _Made:
+    spec: PanelSpec
+    panel: Panel
+
+
+class Panels:
+    """The panels of one page. They are all made alike, and each event of the page is passed on to all of them."""
+
+    def __init__(self, page: "Page") -> None:
+        """Take the page; `have` makes the panels once `place` has said where they go."""
+        self._page = page
+        self._groups: dict[str, Any] = {}
+        self._tabs: dict[tuple[str, str], Any] = {}
+        self._made: list[_Made] = []
+        self._built = False
+        self.specs: tuple[PanelSpec, ...] = ()
+        """What the panels are made of, also those that could not be made."""
+
+    def __getitem__(self, kind: type[P]) -> P:
+        """Return the panel of a class.
+
+        Raises:
+            KeyError: the page has none.
+        """
+        for one in self._made:
+            if isinstance(one.panel, kind):
+                return one.panel
+        raise KeyError(kind.__name__)
+
+    def __contains__(self, kind: type[Panel]) -> bool:
+        return any(isinstance(one.panel, kind) for one in self._made)
+
+    @property
+    def titles(self) -> tuple[str, ...]:
+        """The titles of the tabs, each once."""
+        return tuple(dict.fromkeys(one.spec.title for one in self._made if one.spec.place != "head"))
+
+    def place(self, place: Place, group: Any, specs: Sequence[PanelSpec]) -> None:
+        """Make the panels of one place, in the tabs of a group."""
+        self._groups[place], self.specs = group, tuple(specs)
+        self._add([spec for spec in specs if spec.place == place])
+
+    def have(self, specs: Sequence[PanelSpec]) -> None:
+        """Have these panels from now on; those that are there already stay as they are."""
+        self.specs = tuple(specs)
+        gone = [one for one in self._made if one.spec not in specs]
+        self._made = [one for one in self._made if one not in gone]
+        for one in gone:
+            self._guarded(one.panel.close)
+        shared = {(one.spec.place, one.spec.title) for one in self._made}
+        for key in {(one.spec.place, one.spec.title) for one in gone} - shared:
+            self._tabs.pop(key).remove()
+        there = [one.spec for one in self._made]
+        self._add([spec for spec in specs if spec not in there])
+
+    def built(self) -> None:
+        """Report to all panels that the page is built; one that is added later hears it at once."""
+        self._built = True
+        self.each(lambda panel: panel.built())
+
+    def each(self, do: Callable[[Panel], object]) -> None:
+        """Pass an event on to every panel; an error of one is reported, and the others hear the event."""
+        for one in tuple(self._made):
+            self._guarded(lambda panel=one.panel: do(panel))
+
+    def style(self, simap: SIMap, style: Style) -> Style:
+        """Return how all panels together want a map painted."""
+        for one in tuple(self._made):
+            style = one.panel.style(simap, style)
+        return style
+
+    def take_click(self, x_m: float, y_m: float) -> bool:
+        """Offer a click on the map to the panels that may wait for one."""
+        return any(one.panel.take_click(x_m, y_m) for one in tuple(self._made))
+
+    def states(self) -> dict[str, Any]:
+        """Return what was done on each panel, by its class and title."""
+        states: dict[str, Any] = {}
+        for one in tuple(self._made):
+            self._guarded(lambda one=one: states.update({_key(one): one.panel.state()}))
+        return states
+
+    def restore(self, states: Mapping[str, Any]) -> None:
+        """Restore what ``states`` returned."""
+        for one in tuple(self._made):
+            if states.get(_key(one)) is not None:
+                self._guarded(lambda one=one: one.panel.restore(states[_key(one)]))
+
+    def _add(self, specs: Sequence[PanelSpec]) -> None:
+        """Make panels in their tabs; one that fails is missing, and its error is reported."""
+        for spec in specs:
+            key = (spec.place, spec.title)
+            if key not in self._tabs:
+                group = self._groups[spec.place]
+                self._tabs[key] = group if spec.place == "head" else group.add_tab(spec.title, spec.icon)
+            try:
+                with contextlib.nullcontext() if spec.place == "head" else self._tabs[key]:
+                    made = _Made(spec, spec.make(self._page))
+            except Exception as error:
+                self._page.report(error)
+                continue
+            self._made.append(made)
+            if self._built:
+                self._guarded(made.panel.built)
+
+    def _guarded(self, do: Callable[[], object]) -> None:
+        try:
+            do()
+        except Exception as error:
+            self._page.report(error)
+
+
+def _key(one: _Made) -> str:
+    return f"{one.spec.title}/{type(one.panel).__name__}"

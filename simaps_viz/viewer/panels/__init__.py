@@ -1,1 +1,25 @@
-"""The panels of the page, one a file, with their words and what they ask for."""
+"""The panels of a page, one file a tab. A new panel is one class, and one line in this registry."""
+
+import viser
+
+from simaps_viz.viewer.page.panel import PanelSpec
+from simaps_viz.viewer.panels.build import BuildPanel, StepsPanel
+from simaps_viz.viewer.panels.command import CommandPanel
+from simaps_viz.viewer.panels.help import HelpPanel
+from simaps_viz.viewer.panels.instance import FindBox, InstancePanel
+from simaps_viz.viewer.panels.judge import JudgePanel
+from simaps_viz.viewer.panels.map import MapPanel
+from simaps_viz.viewer.panels.why import WhyPanel
+
+PANELS: tuple[PanelSpec, ...] = (
+    PanelSpec("Page", viser.Icon.HELP, HelpPanel, "head"),
+    PanelSpec("Judge", viser.Icon.GAVEL, JudgePanel, wanted=lambda services: services.judging is not None),
+    PanelSpec("Map", viser.Icon.MAP, MapPanel),
+    PanelSpec("Command", viser.Icon.ROBOT, CommandPanel),
+    PanelSpec("Build", viser.Icon.TIMELINE, BuildPanel),
+    PanelSpec("Build", viser.Icon.TIMELINE, StepsPanel),
+    PanelSpec("Instance", viser.Icon.CUBE, FindBox, "instance"),
+    PanelSpec("Instance", viser.Icon.CUBE, InstancePanel, "instance"),
+    PanelSpec("Instance", viser.Icon.CUBE, WhyPanel, "instance"),
+)
+"""The panels of every page, in their order. Those of `Services.panels`, which need more than a map, follow them."""

@@ -1,20 +1,17 @@
-"""The panel that scrubs through the build, in step with the recording."""
+"""The two timelines of a map: the frames of its build, and the steps in which its objects were joined."""
 
-import time
-from collections import deque
-from collections.abc import Callable
 from html import escape
 
 import viser
 
 from simaps_viz.drawing.theme import BOX_STYLE, DIM_STYLE, note_html
+from simaps_viz.mapping.timeline import Timeline
 from simaps_viz.structures import SIMap
+from simaps_viz.viewer.page.page import Page
+from simaps_viz.viewer.page.panel import Panel
 from simaps_viz.viewer.page.player import Played, Player
+from simaps_viz.viewer.page.timeline import Moment
 
-ECHO_S = 1.5
-"""For how long a frame that was sent to the recording may come back as an echo."""
-SETTLE_S = 10.0
-"""For how long after a recording opened its going to its first frame is overruled."""
 FRAMES_PER_S = 8
 NOTE_RECORDED = "Go back in time here or in the recorded build on the left: both show the same frame."
 NOTE = (
@@ -23,66 +20,16 @@ NOTE = (
 )
 NO_FRAMES = "This map keeps no frames. Build it again with --history (or --record MAP.rrd) to go back in time."
 FRAME_HINT = "Counted from 0. Keys [ and ]: one frame back, one on."
+STEP_HINT = "0 = classes; then the levels of Louvain; then one step for each merge, those that the map takes first."
 
 
-class FrameLink:
-    """Keeps two scrubbers in step without them chasing one another.
+class BuildPanel(Panel):
+    """Scrubs through the frames of the build, in step with the recording."""
 
-    The page's own frame is sent to the recording; what the recording reports is taken over unless it only echoes
-    what it was sent.
-    """
-
-    def __init__(self, send: Callable[[int], None], clock: Callable[[], float] = time.monotonic) -> None:
-        """Take how to send a frame to the recording."""
-        self._send, self._clock = send, clock
-        self._sent: deque[tuple[int, float]] = deque(maxlen=64)
-        self._opened_s = float("-inf")
-
-    def push(self, frame: int) -> None:
-        """Show a frame in the recording."""
-        self._sent.append((frame, self._clock()))
-        self._send(frame)
-
-    def opened(self, frame: int) -> None:
-        """A recording was opened: bring it to the page's frame."""
-        self._opened_s = self._clock()
-        self.push(frame)
-
-    def accept(self, reported: int, current: int) -> bool:
-        """Return whether a frame the recording reports is news."""
-        now = self._clock()
-        if reported == current or any(frame == reported and now - at < ECHO_S for frame, at in self._sent):
-            return False
-        if reported == 0 and now - self._opened_s < SETTLE_S:
-            self.push(current)
-            return False
-        self._opened_s = float("-inf")  # somebody scrubs
-        return True
-
-
-class BuildPanel:
-    """The widgets; ``set_frame`` moves them."""
-
-    def __init__(
-        self,
-        gui: viser.GuiApi,
-        simap: SIMap,
-        *,
-        on_frame: Callable[[int, bool], None],
-        recorded: bool,
-        building: bool = False,
-    ) -> None:
-        """Fill the current container.
-
-        Args:
-            gui: where.
-            simap: the map.
-            on_frame: gets the frame, and whether this page chose it.
-            recorded: whether the recorded build stands beside the map.
-            building: whether the map is being built, and its frames are to come.
-        """
-        self._on_frame, self._recorded, self._building = on_frame, recorded, building
-        self._names = simap.frame_names
+    def __init__(self, page: Page) -> None:
+        """Fill the open container."""
+        self._page, gui = page, page.gui
+        self._names = page.simap.frame_names
         last = max(len(self._names) - 1, 0)
         self._note = gui.add_html("")
         self._slider = gui.add_slider("Frame", 0, max(last, 1), 1, last, disabled=last == 0, hint=FRAME_HINT)
@@ -90,109 +37,157 @@ class BuildPanel:
         self._name = gui.add_html(self._caption(last))
         self._then = gui.add_html("", visible=False)
         played = Played(
-            lambda: self.frame,
-            lambda: len(self._names) - 1,
-            lambda frame: self.set_frame(frame, chosen_here=True),
-            lambda: float(self._rate.value),
+            lambda: page.frame, lambda: len(self._names) - 1, page.show_frame, lambda: float(self._rate.value)
         )
-        self._player = Player(gui, "Play", played)
+        self._player = page.players["frames"] = Player(gui, "Play", played)
         self._rate = gui.add_slider("Pace (per s)", 1, 30, 1, FRAMES_PER_S, hint="Frames a second, while it plays.")
         self._fill = gui.add_checkbox(
-            "Map as it was then",
-            True,
-            hint="After the frame that is shown; otherwise the finished map.",
+            "Map as it was then", page.as_it_was, hint="After the frame that is shown; otherwise the finished map."
         )
-        self._fill.on_update(lambda _: on_frame(self.frame, False))
-        self._show_what_there_is()
-
-    @property
-    def frame(self) -> int:
-        """The frame shown."""
-        return int(self._slider.value)
-
-    @property
-    def fill_in_step(self) -> bool:
-        """Whether the map shall be shown as it was then."""
-        return bool(self._fill.value)
-
-    @property
-    def behind(self) -> int | None:
-        """The frame after which the map shall be shown; None = the finished map."""
-        return self.frame if self.fill_in_step and not self.at_end else None
-
-    @property
-    def at_end(self) -> bool:
-        """Whether the last frame is shown."""
-        return self.frame >= len(self._names) - 1
-
-    def set_fill(self, fill_in_step: bool) -> None:
-        """Choose whether the map shall be shown as it was then."""
-        self._fill.value = fill_in_step
-
-    def tell(self, words: str) -> None:
-        """Describe what was known then; nothing for the finished map."""
-        content = f'<div role="status" style="{BOX_STYLE}">{escape(words)}</div>' if words else ""
-        if self._then.content != content:
-            self._then.content, self._then.visible = content, bool(words)
-
-    def map_changed(self, simap: SIMap) -> None:
-        """The build may have gone on: who looked at its last frame goes on to the new last one."""
-        if simap.frame_names == self._names:
-            return
-        last, follow = max(len(simap.frame_names) - 1, 0), self.at_end
-        self._names = simap.frame_names
-        self._slider.max = max(last, 1)
-        self._show_what_there_is()
-        if follow or self.frame > last:
-            self._slider.value = last
-        self._name.content = self._caption(self.frame)
-
-    def rest(self) -> None:
-        """Go to the last frame without a word to anyone."""
-        self._player.stop()
-        last = max(len(self._names) - 1, 0)
-        if self._slider.value != last:
-            self._slider.value = last
-            self._name.content = self._caption(last)
-
-    def set_frame(self, frame: int, *, chosen_here: bool = False) -> None:
-        """Move the slider, and tell."""
-        frame = min(max(frame, 0), max(len(self._names) - 1, 0))
-        self._slider.value = frame
-        self._tell(frame, chosen_here)
+        self._fill.on_update(lambda _: self._filled())
+        self._show_controls()
 
     def toggle(self) -> None:
         """Play, or stop playing."""
         if len(self._names) > 1:
             self._player.toggle()
 
-    def stop(self) -> None:
-        """Stop playing."""
-        self._player.stop()
+    def map_changed(self, simap: SIMap) -> None:
+        """Offer the frames of a map that has grown, and move to the frame that the page shows of it."""
+        if simap.frame_names == self._names:
+            return
+        last = max(len(simap.frame_names) - 1, 0)
+        self._names = simap.frame_names
+        self._slider.max = max(last, 1)
+        self._show_controls()
+        self.time_changed(self._page.frame, None)
+        self._name.content = self._caption(self._page.frame)
+
+    def time_changed(self, frame: int, step: int | None) -> None:
+        """Move the slider to the frame."""
+        if self._slider.value != frame:
+            self._slider.value = frame
+        self._name.content = self._caption(frame)
+
+    def painted(self, simap: SIMap, moment: Moment) -> None:
+        """Describe what was known then; nothing for the finished map."""
+        content = f'<div role="status" style="{BOX_STYLE}">{escape(moment.words)}</div>' if moment.words else ""
+        if self._then.content != content:
+            self._then.content, self._then.visible = content, bool(content)
+
+    def state(self) -> bool:
+        """Return whether the map is shown as it was then."""
+        return self._page.as_it_was
+
+    def restore(self, state: bool) -> None:
+        """Show the map as it was then, or the finished one."""
+        self._fill.value = self._page.as_it_was = state
 
     def _moved(self, event: viser.GuiEvent) -> None:
         if event.client_id is not None:
             self._player.stop()
-            self._tell(self.frame, True)
+            self._page.show_frame(int(self._slider.value))
 
-    def _tell(self, frame: int, chosen_here: bool) -> None:
-        self._name.content = self._caption(frame)
-        self._on_frame(frame, chosen_here)
+    def _filled(self) -> None:
+        self._page.as_it_was = bool(self._fill.value)
+        self._page.show_frame(self._page.frame, here=False)
 
-    def _show_what_there_is(self) -> None:
-        """Have no controls that do nothing."""
+    def _show_controls(self) -> None:
+        """Hide the controls that would do nothing, and explain why."""
         some = len(self._names) > 1
         self._slider.disabled = self._player.button.disabled = not some
-        known = bool(self._names) or self._building
+        known = bool(self._names) or self._page.common.building
         for widget in (self._slider, self._name, self._player.button, self._rate, self._fill):
             widget.visible = known
-        words = (NOTE_RECORDED if self._recorded else NOTE) if known else NO_FRAMES
-        self._note.content = note_html(words)
+        recorded = self._page.common.recording is not None
+        self._note.content = note_html((NOTE_RECORDED if recorded else NOTE) if known else NO_FRAMES)
 
     def _caption(self, frame: int) -> str:
         if not self._names:
             return f'<div style="{BOX_STYLE}">No frame is on the map yet.</div>'
         return (
-            f'<div style="{BOX_STYLE}">Frame <b>{escape(self._names[frame])}</b> '
+            f'<div style="{BOX_STYLE}">Frame <b>{escape(self._names[min(frame, len(self._names) - 1)])}</b> '
             f'<span style="{DIM_STYLE}">({frame + 1} of {len(self._names)})</span></div>'
         )
+
+
+class StepsPanel(Panel):
+    """A slider over classes, communities and merges; it is at the finished map until somebody moves it."""
+
+    def __init__(self, page: Page) -> None:
+        """Fill the open container."""
+        self._page, gui = page, page.gui
+        self._timeline: Timeline | None = None
+        with gui.add_folder("How objects were joined"):
+            self._slider = gui.add_slider("Position", 0, 1, 1, 1, disabled=True, hint=STEP_HINT)
+            self._slider.on_update(self._moved)
+            self._words = gui.add_html("")
+            played = Played(
+                lambda: int(self._slider.value), lambda: self._finished, self.choose, lambda: float(self._rate.value)
+            )
+            self._player = page.players["steps"] = Player(gui, "Play the steps", played)
+            self._player.button.disabled = True
+            self._rate = gui.add_slider("Pace (per s)", 1, 60, 1, 12, hint="Positions a second, while it plays.")
+            self._back = gui.add_button("Back to the map", icon=viser.Icon.ARROW_BACK_UP, color="gray", visible=False)
+            self._back.on_click(lambda _: self._go_back())
+
+    def map_changed(self, simap: SIMap) -> None:
+        """Withdraw the steps of the map before, and look for those of this one, which takes a while."""
+        self._player.stop()
+        self._timeline = None
+        self._slider.disabled = self._player.button.disabled = True
+        self._back.visible = False
+        self._say("Looking for the steps …")
+        self._page.submit("steps", lambda: self._find(simap))
+
+    def choose(self, position: int) -> None:
+        """Show a step."""
+        timeline = self._timeline
+        if timeline is not None:
+            position = min(max(position, 0), timeline.last)
+            self._page.show_step(position, timeline)
+            self._say(timeline.words(position) + self._page.recording.words(position))
+
+    def time_changed(self, frame: int, step: int | None) -> None:
+        """Move the slider to the step, or to the finished map."""
+        timeline = self._timeline
+        if timeline is None:
+            return
+        position = timeline.finished if step is None else step
+        if step is None and self._slider.value == position and not self._back.visible:
+            return  # as most often, while the frames are scrubbed
+        if self._slider.value != position:
+            self._slider.value = position
+        self._say(timeline.words(position) + ("" if step is None else self._page.recording.words(position)))
+        self._back.visible = step is not None
+
+    def _find(self, simap: SIMap) -> None:
+        """Offer the steps of a map, unless another one has come meanwhile."""
+        timeline = self._page.shared.timeline(simap)
+        if not timeline.last or simap is not self._page.simap:
+            return
+        self._player.stop()
+        self._timeline = timeline
+        some = timeline.last > 1
+        self._slider.max = max(timeline.last, 1)
+        self._slider.disabled = self._player.button.disabled = not some
+        self._slider.value = timeline.finished
+        self._say(timeline.words(timeline.finished) if some else "This map keeps no steps.")
+        self.time_changed(self._page.frame, self._page.time.step)
+
+    @property
+    def _finished(self) -> int:
+        return 0 if self._timeline is None else self._timeline.finished
+
+    def _go_back(self) -> None:
+        self._player.stop()
+        if self._page.time.step is not None:
+            self.choose(self._finished)
+
+    def _moved(self, event: viser.GuiEvent) -> None:
+        if event.client_id is not None:
+            self._player.stop()
+            self.choose(int(self._slider.value))
+
+    def _say(self, words: str) -> None:
+        self._words.content = f'<div role="status" style="{BOX_STYLE};{DIM_STYLE}">{escape(words)}</div>'

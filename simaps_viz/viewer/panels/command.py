@@ -1,15 +1,20 @@
-"""The panel one speaks to the robot through: the command, what became of it, and the ride."""
+"""The panel that commands the robot: the command, what became of it, and the robot's trajectory."""
 
+import contextlib
+import functools
 import re
-from collections.abc import Callable, Collection, Sequence
+import threading
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 from html import escape
 from typing import Literal
 
+import cv2
+import numpy as np
 import viser
 
 from simaps_viz.colors.classes import plural
-from simaps_viz.drawing.label_layout import Label
+from simaps_viz.drawing.label_layout import Label, boxes_near
 from simaps_viz.drawing.theme import (
     BAD_PAPER_STYLE,
     DIM_STYLE,
@@ -19,12 +24,17 @@ from simaps_viz.drawing.theme import (
     PAPER_STYLE,
     SENT_PAPER_STYLE,
 )
+from simaps_viz.errors import SIMapsError
+from simaps_viz.geometry import STANDS_FROM_M
 from simaps_viz.language.grounding import Candidate
 from simaps_viz.language.llm_settings import Exchange
-from simaps_viz.navigation.agent import Answer, is_program
+from simaps_viz.navigation.agent import Answer, StepEvent, is_program, outcome_text
 from simaps_viz.navigation.robot import Goal
-from simaps_viz.navigation.trajectory import SPEED_HINT
+from simaps_viz.navigation.trajectory import SPEED_HINT, Trajectory, TrajectoryPlayer, poses_along, trajectory, trajectory_of_steps
 from simaps_viz.structures import Instance, Pose2, SIMap
+from simaps_viz.viewer.page.page import Page
+from simaps_viz.viewer.page.panel import Panel
+from simaps_viz.viewer.scene.camera import SLANT, Follower
 
 _NTH = ("", "", "second ", "third ", "fourth ", "fifth ", "sixth ", "seventh ", "eighth ", "ninth ", "tenth ")
 _MOST_LISTED = 4
@@ -192,8 +202,6 @@ def _box(title: str, text: str, paper: str) -> str:
     )
 
 
-__all__ = ["CommandActions", "CommandPanel", "Past", "examples", "message_html", "program_html"]
-
 PLACE_HINT = "Say by two clicks on the map where the robot stands and looks; or put it back where it started."
 EXAMPLES = 3
 FEW = 2
@@ -213,27 +221,6 @@ _ICONS = {"ok": viser.Icon.CHECK, "refused": viser.Icon.X, "failed": viser.Icon.
 
 
 @dataclass(frozen=True)
-class CommandActions:
-    """Whom the panel tells; none of these may take long."""
-
-    ask: Callable[[str, bool], None]
-    """A command was given; True: hold before the first line of its program."""
-    pause: Callable[[], None]
-    """Pause the ride, or go on."""
-    step: Callable[[], None]
-    """Run one statement and hold."""
-    stop: Callable[[], None]
-    """End the ride, or the wait for an answer."""
-    speed: Callable[[float], None]
-    follow: Callable[[bool], None]
-    other_reading: Callable[[], None]
-    reset: Callable[[], None]
-    """Put the robot back where it started."""
-    place: Callable[[], None]
-    """The next two clicks on the map say where the robot stands and where it looks."""
-
-
-@dataclass(frozen=True)
 class Past:
     """A command that was given before."""
 
@@ -242,14 +229,14 @@ class Past:
     """Either ok, refused or failed; empty while that is not known."""
 
 
-class CommandPanel:
+class CommandWidgets:
     """The widgets; the ``show`` methods fill them."""
 
     def __init__(
-        self, gui: viser.GuiApi, simap: SIMap, actions: CommandActions, *, enabled: bool, model: str | None = None
+        self, gui: viser.GuiApi, simap: SIMap, robot: "CommandPanel", *, enabled: bool, model: str | None
     ) -> None:
-        """Fill the current container."""
-        self._actions = actions
+        """Fill the open container; what a person does is passed on to the robot."""
+        self._robot = robot
         self._phase: Phase = "idle"
         self._past: list[Past] = []
         self._add_input(gui, enabled, model)
@@ -263,7 +250,7 @@ class CommandPanel:
         with gui.add_folder("Start pose"):
             self._pose = gui.add_html("")
             place = gui.add_button_group("Robot", ("Set on map", "Reset"), hint=PLACE_HINT)
-            place.on_click(lambda event: actions.place() if event.target.value == "Set on map" else actions.reset())
+            place.on_click(lambda event: robot.place() if event.target.value == "Set on map" else robot.reset())
 
     @property
     def uses_model(self) -> bool:
@@ -367,18 +354,18 @@ class CommandPanel:
         with self._other:
             button = gui.add_button("Run the other reading", icon=viser.Icon.ARROWS_EXCHANGE, color="gray")
             self._other_program = gui.add_html("")
-        button.on_click(lambda _: self._actions.other_reading())
+        button.on_click(lambda _: self._robot.run_other_reading())
         self._conversation = gui.add_folder("Sent to the language model", expand_by_default=False, visible=False)
         with self._conversation:
             self._exchanges = gui.add_html("")
 
     def _add_ride(self, gui: viser.GuiApi) -> None:
         self._speed = gui.add_slider("Speed (×)", 0.25, 8.0, 0.25, 1.0, hint=SPEED_HINT)
-        self._speed.on_update(lambda _: self._actions.speed(float(self._speed.value)))
+        self._speed.on_update(lambda _: self._robot.set_speed(float(self._speed.value)))
         self._follow = gui.add_checkbox(
             "Follow robot", False, hint="The camera goes along: from above in the top view, behind it in the 3-D view."
         )
-        self._follow.on_update(lambda _: self._actions.follow(bool(self._follow.value)))
+        self._follow.on_update(lambda _: self._robot.follow(bool(self._follow.value)))
 
     def _add_history(self, gui: viser.GuiApi) -> None:
         self._history = gui.add_folder("History", visible=False)
@@ -389,7 +376,7 @@ class CommandPanel:
 
     def _try(self, command: str) -> None:
         self._text.value = command
-        self._actions.ask(command, False)
+        self._robot.ask(command)
 
     def _typed(self, event: viser.GuiEvent) -> None:
         if event.client_id is None:
@@ -401,18 +388,18 @@ class CommandPanel:
 
     def _pressed(self, name: str) -> None:
         if name == "Stop":
-            self._actions.stop()
+            self._robot.stop()
         elif name == "Step" and self._phase in ("driving", "held"):
-            self._actions.step()
+            self._robot.step()
         elif self._phase in ("driving", "held"):
-            self._actions.pause()
+            self._robot.pause()
         else:
             self._send(held=name == "Step")
 
     def _send(self, *, held: bool) -> None:
         command = str(self._text.value).strip()
         if command:
-            self._actions.ask(command, held)
+            self._robot.ask(command, held)
         else:
             self.show_result("", "Type first what the robot shall do, or try an example.", "plain")
 
@@ -443,3 +430,358 @@ def examples(simap: SIMap, most: int = EXAMPLES) -> list[str]:
         texts.append(f"move in between the {few[0]} and the {(few[1:] or others)[0]}")
     texts.append(f"face the {few[-1]}")
     return list(dict.fromkeys(texts))[:most]
+
+
+def open_floor(simap: SIMap) -> Pose2:
+    """Find where the robot starts when nobody says: the free cell farthest from anything, looking north."""
+    height = simap.grid.height_m
+    free = (np.nan_to_num(height, nan=9.0) < STANDS_FROM_M) & (simap.instance == 0)
+    if not free.any():
+        xmin, ymin, xmax, ymax = simap.spec.extent_m
+        return Pose2.from_heading((xmin + xmax) / 2.0, (ymin + ymax) / 2.0, 0.0)
+    clearance = cv2.distanceTransform(np.pad(free, 1).astype(np.uint8), cv2.DIST_L2, 5)[1:-1, 1:-1]
+    row, col = np.unravel_index(int(clearance.argmax()), clearance.shape)
+    return Pose2.from_heading(*simap.spec.centre_of(float(row), float(col)), 0.0)
+
+
+MAX_REMEMBERED = 50
+GOAL_M = 0.25
+"""What is kept free of texts around the place where the robot will stand."""
+
+
+@dataclass(frozen=True)
+class RobotState:
+    """What a page that is loaded again shows of its robot."""
+
+    pose: Pose2
+    start: Pose2
+    past: tuple[Past, ...]
+    said: tuple[str, str, str]
+    """As `CommandPanel.said`."""
+    speed: float
+
+
+class CommandPanel(Panel):
+    """Carries commands out and shows what came of them. One command at a time; a new one ends the last."""
+
+    def __init__(self, page: Page) -> None:
+        """Fill the open container and put the robot on the map."""
+        self._page, self._scene, self._services = page, page.scene, page.services
+        viewpoints = page.viewpoints
+        self._follower = Follower(page.client, behind=lambda: viewpoints.name == SLANT, let_go=viewpoints.restore)
+        self._start = page.common.start or open_floor(page.simap)
+        page.pose = self._asked_at = self._start
+        self._placing: list[tuple[float, float]] | None = None
+        self._answer: Answer | None = None
+        self._why: tuple[str, ...] = ()
+        self._readings: tuple[str, ...] = ()
+        self._ride: Trajectory | None = None
+        self._line = 0
+        self._past: list[Past] = []
+        self._waiting: threading.Event | None = None
+        self._drive = TrajectoryPlayer(self._moved, self._arrived, self._held, self._broke_down)
+        model = page.services.model.name if page.services.model else None
+        enabled = page.services.ask is not None
+        self._widgets = CommandWidgets(page.gui, page.simap, self, enabled=enabled, model=model)
+        self._stand(self._start)
+
+    @property
+    def pose(self) -> Pose2:
+        """Where the robot is now."""
+        return self._page.pose
+
+    @property
+    def driving(self) -> bool:
+        """Whether a ride is under way, paused or not."""
+        return self._drive.active
+
+    def ask(self, command: str, held: bool = False) -> None:
+        """Have a command carried out from where the robot stands; held: wait before its first line."""
+        model = self._services.model if self._widgets.uses_model else None
+        self._remember(command, "")
+        self._submit(command, held=held, reader=model.name if model else "")
+
+    def pause(self) -> None:
+        """Hold the ride, or let it go on."""
+        self._drive.pause(not self._drive.paused)
+        if self._drive.active:
+            self._widgets.show_phase("held" if self._drive.paused else "driving")
+
+    def step(self) -> None:
+        """Run one statement of the program and hold after it."""
+        if self._drive.active:
+            self._drive.step()
+            self._widgets.show_phase("driving")
+
+    def stop(self) -> None:
+        """End the ride where the robot is, or the wait for an answer."""
+        waiting, self._waiting = self._waiting, None
+        if waiting is not None:
+            waiting.set()
+            self._widgets.show_result("Stopped", "The answer is not waited for; the robot stays where it is.", "plain")
+        elif self._drive.active:
+            self._drive.stop()
+            self._widgets.show_progress(None)
+            self._widgets.show_pose(self._page.pose)
+            self._widgets.show_result("Stopped", "The robot stands where it was stopped.", "plain", self._why)
+        self._widgets.show_phase("idle")
+
+    def run_other_reading(self) -> None:
+        """Go back to where the command was given, and do what else it could mean; again: what it could mean besides."""
+        if self._readings:
+            program, *others = self._readings
+            before = self._answer.program if self._answer is not None else None
+            others += [before] if before else []
+            self._submit(program, at=self._asked_at, readings=tuple(others))
+
+    def state(self) -> RobotState:
+        """Return where the robot is and what was said; a ride or a wait that is under way ends."""
+        if self.driving or self._waiting is not None:
+            self.stop()
+        return RobotState(self._page.pose, self._start, tuple(self._past), self._widgets.said, self._widgets.speed)
+
+    def restore(self, state: RobotState) -> None:
+        """Restore the robot's state."""
+        self._start, self._past = state.start, list(state.past)
+        self._widgets.say_again(state.said, state.speed)
+        self.set_speed(state.speed)
+        self._widgets.show_past(self._past)
+        self._stand(state.pose)
+
+    def leave_robot(self) -> None:
+        """End what is under way and clear what was drawn of it, as another panel moves the robot now."""
+        self._end()
+        self._clear()
+
+    def reset(self) -> None:
+        """Put the robot back where it started."""
+        self._use()
+        self.leave_robot()
+        self._stand(self._start)
+
+    def place(self) -> None:
+        """Take the next two clicks for position and heading."""
+        self._use()
+        self._end()
+        self._placing = []
+        self._widgets.show_result("Set start pose", "Click where the robot stands, then click where it looks.", "plain")
+
+    def take_click(self, x_m: float, y_m: float) -> bool:
+        """Use a click for the start pose; False when nobody waits for one."""
+        placing = self._placing
+        if placing is None:
+            return False
+        placing.append((x_m, y_m))
+        if len(placing) == 1:
+            self._clear()
+            self._stand(Pose2(x_m, y_m, self._page.pose.yaw_rad))
+            self._widgets.show_result("Set start pose", "Now click where the robot looks.", "plain")
+            return True
+        (x0, y0), (x1, y1) = placing[:2]
+        self._placing = None
+        self._start = Pose2(x0, y0, float(np.arctan2(y1 - y0, x1 - x0)))
+        self._stand(self._start)
+        self._widgets.show_result("Start pose set", "The next command starts here.", "good")
+        return True
+
+    def close(self) -> None:
+        """End any ride, and any wait."""
+        self._end()
+
+    def set_speed(self, speed: float) -> None:
+        """Set the factor on the robot's normal speed."""
+        self._drive.speed = speed
+
+    def follow(self, on: bool) -> None:
+        """Let the camera go along with the robot, or stay."""
+        self._follower.switch(on, self._page.pose)
+
+    def _use(self) -> None:
+        """A person is about to move this robot: commands are carried out on the finished map."""
+        self._page.finish()
+        self._page.claim_robot(self)
+
+    def _end(self) -> None:
+        """End the ride and the wait for an answer, without a word."""
+        waiting, self._waiting = self._waiting, None
+        if waiting is not None:
+            waiting.set()
+        self._drive.stop()
+        self._placing = None
+        self._widgets.show_phase("idle")
+
+    def _submit(
+        self,
+        command: str,
+        *,
+        held: bool = False,
+        reader: str = "",
+        at: Pose2 | None = None,
+        readings: tuple[str, ...] = (),
+    ) -> None:
+        """Return a command to the worker; ``at``: put the robot there first; ``readings``: what else it could mean."""
+        self._use()
+        self._end()
+        self._waiting = cancel = threading.Event()
+        self._widgets.show_thinking(command, reader)
+        self._widgets.show_phase("asking")
+        job = functools.partial(self._carry_out, command, cancel, held, bool(reader), at, readings)
+        self._page.command_worker.submit("command", job)
+
+    def _carry_out(
+        self,
+        command: str,
+        cancel: threading.Event,
+        held: bool,
+        by_model: bool,
+        at: Pose2 | None,
+        readings: tuple[str, ...],
+    ) -> None:
+        if cancel.is_set():
+            return
+        self._clear()
+        if at is not None:
+            self._stand(at)
+        simap, self._asked_at = self._page.simap, self._page.pose
+        try:
+            answer = self._answer_to(simap, command, cancel, by_model)
+        except SIMapsError as error:
+            if not cancel.is_set():
+                self._waiting = None
+                self._refuse(command, str(error))
+            return
+        except Exception:
+            self._widgets.show_phase("idle")
+            self._widgets.show_result("Failed", "The command met an unexpected error; the robot stays.", "bad")
+            raise
+        if cancel.is_set():
+            return
+        self._answer, self._readings = answer, (*answer.alternatives, *readings)
+        self._begin(simap, answer, cancel, held)
+        if at is None:
+            self._remember(command, answer.status)
+
+    def _answer_to(self, simap: SIMap, command: str, cancel: threading.Event, by_model: bool) -> Answer:
+        services = self._services
+        if by_model and services.model is not None:
+
+            def told(exchanges: Sequence[Exchange]) -> None:
+                if self._waiting in (cancel, None):  # not when another command has taken over
+                    self._widgets.show_exchanges(exchanges)
+
+            return services.model.ask(simap, command, self._page.pose, cancel, told)
+        if services.ask is None:
+            raise SIMapsError("commands: expected a service that carries them out, found none")
+        return services.ask(simap, command, self._page.pose)
+
+    def _begin(self, simap: SIMap, answer: Answer, cancel: threading.Event, held: bool) -> None:
+        """Show an answer, and start the ride if there is one."""
+        labels, self._why = self._explain(simap, answer)
+        ride = None if answer.status == "refused" else self._ride_of(simap, answer)
+        if cancel.is_set():
+            return
+        self._widgets.show_program(answer.program or "")
+        self._widgets.show_other_reading(self._readings[0] if self._readings else None)
+        self._waiting = None
+        if ride is None or (answer.status != "ok" and ride.duration_s == 0.0):
+            self._conclude(answer)
+            return
+        self._ride = ride
+        self._widgets.show_result("On the way", outcome_text(answer), "plain", (*self._why, *answer.notes))
+        self._scene.show_path(answer.path_m)
+        end = answer.final_pose
+        goal = (end.x_m - GOAL_M, end.y_m - GOAL_M, end.x_m + GOAL_M, end.y_m + GOAL_M)
+        self._scene.show_candidates(labels, blocked=(goal, *boxes_near(simap, labels)))
+        self._widgets.show_progress(0.0)
+        self._widgets.show_phase("held" if held else "driving")
+        self._drive.start(ride, paused=held)
+
+    def _ride_of(self, simap: SIMap, answer: Answer) -> Trajectory:
+        """Return the ride, with the lines of the program where the statements are known."""
+        if self._services.steps is not None and answer.program:
+            steps: list[StepEvent] = []
+            with contextlib.suppress(SIMapsError):  # the answer has said it already; the ride ends there
+                steps.extend(self._services.steps(simap, answer.program, self._page.pose))
+            if steps:
+                return trajectory_of_steps(steps, self._page.pose)
+        if len(answer.path_m) < 2 and answer.status != "ok":
+            return trajectory([[self._page.pose.x_m, self._page.pose.y_m, self._page.pose.yaw_rad]])
+        return trajectory(poses_along(self._page.pose, answer.path_m, answer.final_pose))
+
+    def _explain(self, simap: SIMap, answer: Answer) -> tuple[list[Label], tuple[str, ...]]:
+        """Number what the command could have meant, and say why it means this one.
+
+        Without that service, or for goals of several classes, the goals are numbered in their order.
+        """
+        labels = {goal.label for goal in answer.goals if goal.label}
+        mixed = any(goal.other_label or not goal.label for goal in answer.goals)
+        if self._services.candidates is None or mixed or len(labels) != 1:
+            return goal_labels(simap, answer.goals), ()
+        candidates: Sequence[Candidate] = self._services.candidates(simap, labels.pop(), self._page.pose)
+        chosen = {goal.instance or 0 for goal in answer.goals}
+        return candidate_labels(candidates, chosen), (why_text(answer, candidates),)
+
+    def _moved(self, pose: Pose2, share: float, leg: int) -> None:
+        self._page.pose = pose
+        self._scene.show_robot(pose)
+        self._follower.see(pose)
+        self._widgets.show_progress(share)
+        ride, answer = self._ride, self._answer  # another command may take them away meanwhile
+        lines = ride.lines if ride is not None else ()
+        line = int(lines[leg]) if leg < len(lines) else 0
+        if answer is not None and line != self._line:
+            self._line = line
+            self._widgets.show_program(answer.program or "", line or None)
+
+    def _held(self) -> None:
+        self._widgets.show_phase("held")
+
+    def _arrived(self) -> None:
+        answer = self._answer
+        if answer is not None:
+            self._stand(answer.final_pose)
+            self._conclude(answer)
+
+    def _broke_down(self, fault: Exception) -> None:
+        """The ride met an error: say so, where the robot stands."""
+
+        def tell() -> None:
+            self._widgets.show_phase("idle")
+            self._widgets.show_progress(None)
+            self._widgets.show_result("Failed", "The ride met an unexpected error; the robot stays where it is.", "bad")
+            raise fault  # the page's notification, and the log
+
+        self._page.command_worker.submit("broke down", tell)
+
+    def _conclude(self, answer: Answer) -> None:
+        stuck = answer.status != "ok" and self._line > 0
+        self._widgets.show_program(answer.program or "", self._line if stuck else None, stuck=stuck)
+        self._widgets.show_progress(None)
+        self._widgets.show_phase("idle")
+        title, tone = {"ok": ("Done", "good"), "refused": ("Refused", "bad")}.get(answer.status, ("Failed", "bad"))
+        self._widgets.show_result(title, outcome_text(answer), tone, (*self._why, *answer.notes))
+
+    def _refuse(self, command: str, reason: str) -> None:
+        self._widgets.show_phase("idle")
+        self._widgets.show_result("Refused", reason, "bad")
+        self._remember(command, "refused")
+
+    def _remember(self, command: str, status: str) -> None:
+        """Put a command in front of the history."""
+        self._past = [Past(command, status), *(past for past in self._past if past.command != command)][:MAX_REMEMBERED]
+        self._widgets.show_past(self._past)
+
+    def _stand(self, pose: Pose2) -> None:
+        self._page.pose = pose
+        self._scene.show_robot(pose)
+        self._widgets.show_pose(pose)
+        self._follower.see(pose, rests=True)
+
+    def _clear(self) -> None:
+        self._answer, self._line, self._ride, self._why, self._readings = None, 0, None, (), ()
+        self._scene.show_path(np.zeros((0, 2)))
+        self._scene.show_candidates(())
+        self._widgets.show_program("")
+        self._widgets.show_other_reading(None)
+        self._widgets.show_exchanges(())
+        self._widgets.show_progress(None)

@@ -14,9 +14,10 @@ from simaps_viz.errors import InputError
 from simaps_viz.evaluation.two_maps import Item, TwoMaps
 from simaps_viz.events import Progress
 from simaps_viz.mapping.methods import method_of
-from simaps_viz.mapping.simap import joining_percent, slider_of
+from simaps_viz.mapping.simap import slider_of
 from simaps_viz.structures import SIMap
-from simaps_viz.viewer.page.panel import Desk, Panel, PanelSpec
+from simaps_viz.viewer.page.page import MAX_RESOLUTION, MIN_RESOLUTION, Page, cut_of
+from simaps_viz.viewer.page.panel import Panel, PanelSpec
 from simaps_viz.viewer.page.worker import Worker
 from simaps_viz.viewer.panels.compare_words import (
     ALL,
@@ -32,7 +33,6 @@ from simaps_viz.viewer.panels.compare_words import (
     of_kind,
     summary_html,
 )
-from simaps_viz.viewer.panels.map import DEFAULT_RESOLUTION
 from simaps_viz.viewer.scene.camera import Extent
 from simaps_viz.viewer.scene.map_scene import frame_extent
 
@@ -57,7 +57,7 @@ class SideChooser:
         gui: viser.GuiApi,
         name: str,
         services: CompareServices,
-        desk: Desk,
+        page: Page,
         changed: Callable[[], None],
         *,
         first: str,
@@ -68,26 +68,24 @@ class SideChooser:
             gui: where the widgets go.
             name: "Left" or "Right".
             services: what makes maps.
-            desk: the page.
+            page: the page.
             changed: told when another map was chosen.
             first: key of the choice to begin with.
         """
-        self._services, self._desk, self._changed = services, desk, changed
+        self._services, self._page, self._changed = services, page, changed
         self._keys = {THIS: "map"}
-        if services.rejoin is not None and method_of(desk.simap.method).slider is not None:
+        if services.rejoin is not None and method_of(page.simap.method).slider is not None:
             self._keys[SETTINGS] = "settings"
         self._keys |= {source.title: source.key for source in services.sources}
         at_first = next((title for title, key in self._keys.items() if key == first), THIS)
         self._files: dict[str, SIMap] = {}
-        joining = slider_of(desk.simap)
+        own, joining = cut_of(page.simap), slider_of(page.simap)
         self._word = joining.word
         hint = f"Which map stands on the {name.lower()}."
         self._which = gui.add_dropdown(name, tuple(self._keys), initial_value=at_first, hint=hint)
-        self._percent = gui.add_slider(
-            f"{name} {joining.title}", 0.0, 100.0, 0.5, joining_percent(desk.simap), hint=joining.hint
-        )
+        self._percent = gui.add_slider(f"{name} {joining.title}", 0.0, 100.0, 0.5, own.percent, hint=joining.hint)
         self._resolution = gui.add_slider(
-            f"{name} resolution", 0.05, 5.0, 0.05, self._resolution_of(desk.simap), hint="Louvain resolution."
+            f"{name} resolution", MIN_RESOLUTION, MAX_RESOLUTION, 0.05, own.resolution, hint="Louvain resolution."
         )
         self._which.on_update(lambda event: self._chose() if event.client_id is not None else None)
         for slider in (self._percent, self._resolution):
@@ -147,10 +145,8 @@ class SideChooser:
     def _show_settings(self) -> None:
         self._percent.visible = self._resolution.visible = self.key == "settings"
 
-    def _resolution_of(self, simap: SIMap) -> float:
-        return min(max(float(simap.parameters.get("resolution", DEFAULT_RESOLUTION)), 0.05), 5.0)
 
-
+ABOUT = "this map beside another: of another method, other parameters, or the truth"
 LISTED = 5
 """Differences listed at a time."""
 SWIPE, BESIDE = "Swipe", "Side by side"
@@ -164,15 +160,15 @@ EMPTY: tuple[str, ...] = ("all (0)",)
 
 def compare_panel(services: CompareServices) -> PanelSpec:
     """Return the tab of a page that has this panel."""
-    return PanelSpec("Compare", viser.Icon.ARROWS_DIFF, lambda desk: ComparePanel(desk, services))
+    return PanelSpec("Compare", viser.Icon.ARROWS_DIFF, lambda page: ComparePanel(page, services), about=ABOUT)
 
 
 class ComparePanel(Panel):
     """Two maps chosen by a person, their picture in the place of the map, and the list of what differs."""
 
-    def __init__(self, desk: Desk, services: CompareServices) -> None:
+    def __init__(self, page: Page, services: CompareServices) -> None:
         """Fill the open container."""
-        self._desk, self._services = desk, services
+        self._page, self._services = page, services
         self._maps: TwoMaps | None = None
         self._beside: Mode = "side by side"
         self._pictures: TwoPictures | None = None
@@ -184,9 +180,9 @@ class ComparePanel(Panel):
         """Held while maps and their pictures are changed, so that they belong together."""
         self._cancel = threading.Event()
         self._worker = Worker(self._failed)  # of its own: building a map may take long
-        self._add_choice(desk.gui)
-        self._add_view(desk.gui)
-        self._add_list(desk.gui)
+        self._add_choice(page.gui)
+        self._add_view(page.gui)
+        self._add_list(page.gui)
         self._show_parts()
 
     @property
@@ -207,7 +203,7 @@ class ComparePanel(Panel):
     def theme_changed(self) -> None:
         """The page went from light to dark, or back."""
         if self._maps is not None:
-            self._desk.submit("compare theme", self._paint_anew)
+            self._page.submit("compare theme", self._paint_anew)
 
     def take_click(self, x_m: float, y_m: float) -> bool:
         """Choose the difference that was clicked; while two maps are shown no click passes."""
@@ -255,7 +251,7 @@ class ComparePanel(Panel):
         self._progress.visible, self._progress.value = True, 0.0
         self._stop.visible = True
         self._status.content = note("Comparing …")
-        self._worker.submit("compare", functools.partial(self._compare, self._desk.simap, cancel))
+        self._worker.submit("compare", functools.partial(self._compare, self._page.simap, cancel))
 
     def stop(self) -> None:
         """End the comparison, or the wait for it, and show the page's own map again."""
@@ -264,9 +260,9 @@ class ComparePanel(Panel):
             self._wanted, self._pictures, self._chosen = False, None, None
             self._status.content = ""
             self._progress.visible = False
-            self._desk.submit("compare picture", self._draw)
+            self._page.submit("compare picture", self._draw)
             if self.active:
-                self._desk.look_at(None)
+                self._page.look_at(None)
             self._maps = None
             self._show_parts()
 
@@ -276,10 +272,10 @@ class ComparePanel(Panel):
         if item is not None and item in self._items:
             self._first = self._items.index(item) // LISTED * LISTED
         self._fill_list()
-        self._desk.submit("compare marks", self._remark)
+        self._page.submit("compare marks", self._remark)
         if item is not None:
             self._divide(item)
-            self._desk.look_at(self._around(item))
+            self._page.look_at(self._around(item))
 
     @property
     def _kind_name(self) -> str:
@@ -292,8 +288,8 @@ class ComparePanel(Panel):
     def _add_choice(self, gui: viser.GuiApi) -> None:
         changed = self._changed
         self._sides = (
-            SideChooser(gui, "Left", self._services, self._desk, changed, first="map"),
-            SideChooser(gui, "Right", self._services, self._desk, changed, first=self._default_right()),
+            SideChooser(gui, "Left", self._services, self._page, changed, first="map"),
+            SideChooser(gui, "Right", self._services, self._page, changed, first=self._default_right()),
         )
         self._begin = gui.add_button("Compare", icon=viser.Icon.ARROWS_DIFF)
         self._begin.on_click(lambda _: self.start())
@@ -308,7 +304,7 @@ class ComparePanel(Panel):
         self._line = gui.add_slider(
             "Divide (%)", 0, 100, 1, 50, hint="How much of the map, from the west, shows the left one."
         )
-        self._line.on_update(lambda _: self._desk.submit("compare picture", self._draw))
+        self._line.on_update(lambda _: self._page.submit("compare picture", self._draw))
         self._headline = gui.add_html("")
 
     def _add_list(self, gui: viser.GuiApi) -> None:
@@ -321,11 +317,11 @@ class ComparePanel(Panel):
         self._pages.on_click(lambda event: self._turn(1 if event.target.value == LATER else -1))
         self._detail = gui.add_html("")
         self._mark_all = gui.add_checkbox("Mark all listed", True, hint="Outline all differences that are listed.")
-        self._mark_all.on_update(lambda _: self._desk.submit("compare marks", self._remark))
+        self._mark_all.on_update(lambda _: self._page.submit("compare marks", self._remark))
         self._summary = gui.add_html("")
         if self._services.load is not None:
             upload = gui.add_upload_button("Add a map file (.npz) …", color="gray", mime_type=".npz")
-            upload.on_upload(lambda event: self._desk.submit("map file", functools.partial(self._read, event.target)))
+            upload.on_upload(lambda event: self._page.submit("map file", functools.partial(self._read, event.target)))
 
     def _default_right(self) -> str:
         keys = [source.key for source in self._services.sources]
@@ -340,7 +336,7 @@ class ComparePanel(Panel):
         simap = self._services.load(name, upload.value.content)
         for side, chosen in zip(self._sides, (False, True), strict=True):
             side.add_file(name, simap, choose=chosen)
-        self._desk.say("Map file read", f"{name} has {len(simap.instances)} instances.")
+        self._page.say("Map file read", f"{name} has {len(simap.instances)} instances.")
         self._changed()
 
     def _changed(self) -> None:
@@ -357,7 +353,7 @@ class ComparePanel(Panel):
         try:
             left, right = (side.map(simap, tell, cancel) for side in self._sides)
             maps = self._compared(left, right)
-            theme = self._desk.theme
+            theme = self._page.theme
             pictures = TwoPictures(maps, theme)
         except Cancelled:
             return
@@ -369,7 +365,7 @@ class ComparePanel(Panel):
             if cancel.is_set():
                 return
             self._show(maps, pictures)
-        if theme is not self._desk.theme:  # switched before there was anything to paint anew
+        if theme is not self._page.theme:  # switched before there was anything to paint anew
             self.theme_changed()
 
     def _compared(self, left: Named, right: Named) -> TwoMaps:
@@ -381,7 +377,7 @@ class ComparePanel(Panel):
 
     def _show(self, maps: TwoMaps, pictures: TwoPictures) -> None:
         begins = self._maps is None
-        self._beside = pictures.both(self._desk.aspect)
+        self._beside = pictures.both(self._page.aspect)
         self._maps, self._pictures, self._chosen, self._first = maps, pictures, None, 0
         self._progress.visible = False
         self._status.content = ""
@@ -390,7 +386,7 @@ class ComparePanel(Panel):
         kept = self._kind_name
         self._kind.options = options
         self._kind.value = next((o for o in options if o.partition(" (")[0] == kept), options[0])
-        self._headline.content, self._summary.content = headline_html(maps), summary_html(maps, self._desk.theme)
+        self._headline.content, self._summary.content = headline_html(maps), summary_html(maps, self._page.theme)
         self._narrow()
         self._show_parts()
         if move:
@@ -401,7 +397,7 @@ class ComparePanel(Panel):
         self._wanted = self.active
         self._stop.visible = self.active
         self._status.content = note("Not compared: see the message.", tone="bad")
-        self._desk.report(error)
+        self._page.report(error)
 
     def _show_parts(self) -> None:
         on = self.active
@@ -419,7 +415,7 @@ class ComparePanel(Panel):
         self._items = [] if maps is None else of_kind(maps, str(self._kind.value))
         self._first, self._chosen = 0, None
         self._fill_list()
-        self._desk.submit("compare marks", self._remark)
+        self._page.submit("compare marks", self._remark)
 
     def _fill_list(self) -> None:
         maps = self._maps
@@ -430,13 +426,13 @@ class ComparePanel(Panel):
                 item = shown[at]
                 mark = "▸ " if item is self._chosen else ""
                 row.label = f"{mark}{item_text(item, maps)}"
-                row.color = DARK_BUTTON if self._desk.theme.dark and item.kind == "missed" else KINDS[item.kind][0]
+                row.color = DARK_BUTTON if self._page.theme.dark and item.kind == "missed" else KINDS[item.kind][0]
         self._pages.visible = maps is not None and len(self._items) > LISTED
         if maps is None or self._chosen is None:
             self._detail.content = ""
         else:
             position = self._items.index(self._chosen) + 1 if self._chosen in self._items else 0
-            self._detail.content = chosen_html(self._chosen, maps, position, len(self._items), self._desk.theme)
+            self._detail.content = chosen_html(self._chosen, maps, position, len(self._items), self._page.theme)
 
     def _turn(self, step: int) -> None:
         last = max(0, (len(self._items) - 1) // LISTED * LISTED)
@@ -450,8 +446,8 @@ class ComparePanel(Panel):
     def _moved_mode(self) -> None:
         self._line.visible = self.active and self._mode == "swipe"
         if self._pictures is not None:
-            self._beside = self._pictures.both(self._desk.aspect)
-        self._desk.submit("compare picture", self._draw)
+            self._beside = self._pictures.both(self._page.aspect)
+        self._page.submit("compare picture", self._draw)
         if self._pictures is not None:
             self._look_at_all(self._pictures)
 
@@ -459,12 +455,12 @@ class ComparePanel(Panel):
         maps = self._maps
         if maps is None:
             return
-        pictures = TwoPictures(maps, self._desk.theme)
+        pictures = TwoPictures(maps, self._page.theme)
         with self._lock:
             if maps is not self._maps:
                 return  # ended meanwhile, or others are compared, in colours of their own
             self._pictures = pictures
-            self._summary.content = summary_html(maps, self._desk.theme)
+            self._summary.content = summary_html(maps, self._page.theme)
             self._fill_list()
         self._remark()
 
@@ -476,7 +472,7 @@ class ComparePanel(Panel):
 
     def _draw(self) -> None:
         pictures, share = self._pictures, float(self._line.value) / 100.0
-        self._desk.show_picture(None if pictures is None else pictures.picture(self._mode, share))
+        self._page.show_picture(None if pictures is None else pictures.picture(self._mode, share))
 
     def _sides_under(self, moved: bool, x_m: float) -> tuple[int, ...]:
         """Which of the two maps lies under the pointer."""
@@ -494,7 +490,7 @@ class ComparePanel(Panel):
             self._line.value = round(100.0 * min(max(share, 0.0), 1.0))
 
     def _look_at_all(self, pictures: TwoPictures) -> None:
-        self._desk.look_at(frame_extent(pictures.extent_m(self._mode)))
+        self._page.look_at(frame_extent(pictures.extent_m(self._mode)))
 
     def _around(self, item: Item) -> Extent:
         """What to show of a difference: its surroundings, on both maps."""

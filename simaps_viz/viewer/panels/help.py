@@ -1,62 +1,30 @@
 """Keys of the page, its help, and the switch between light and dark."""
 
+import json
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from html import escape
+from importlib.resources import files
 
-import viser
 from viser._gui_handles import GuiModalHandle
 
 from simaps_viz.drawing.theme import BRAND, DARK, DIM_STYLE, LIGHT, Theme
+from simaps_viz.viewer.page.page import Page
+from simaps_viz.viewer.page.panel import Panel
+from simaps_viz.viewer.panels.build import BuildPanel
 from simaps_viz.viewer.scene.camera import SLANT, TOP
 from simaps_viz.viewer.server.viser_page import PAGE_SCRIPT
 
 MEND = "Mend"
-BOX_KEYS = (
-    ("/", "to the command box"),
-    ("F", "to the box that finds objects"),
-    ("Ctrl K", "all commands, to search"),
+_TEXTS = json.loads(files(__name__.rpartition(".")[0]).joinpath("help.json").read_text("utf-8"))
+BOX_KEYS, MEND_KEYS, MOUSE, TABS, WORDS = (
+    [(str(left), str(right)) for left, right in _TEXTS[name]]
+    for name in ("box_keys", "mend_keys", "mouse", "tabs", "words")
 )
-MEND_KEYS = (
-    ("J", "join the selected object with another"),
-    ("X", "cut it in two"),
-    ("Delete", "delete it"),
-    ("Ctrl Z", "undo the last edit; with Shift, redo it"),
-)
-"""On pages where the map can be mended."""
-MOUSE = (
-    ("Click", "select the object; on open floor, select nothing"),
-    ("Drag", "turn the view"),
-    ("Right drag", "move the view"),
-    ("Wheel", "come closer, go back"),
-)
-TABS = (
-    ("Map", "how the map is cut into objects, what its colours mean, top or 3-D view"),
-    ("Command", "tell the robot where to go, in plain English, and watch it drive"),
-    ("Build", "go back in time, frame by frame, or merge by merge; the map shows what it was then"),
-    ("Judge", "judge recorded runs blind, where there are any: keys Y, N and S"),
-    ("Instance", "find an object; the selected one: where it is, how it looked, why it is one"),
-)
-OTHER_TABS = {
-    "Compare": "this map beside another: of another method, other parameters, or the truth",
-    "Masks": "what the network saw on a frame, and what other thresholds would make of it",
-    "Share": "one file of map and build that opens without a server; pictures and films",
-    "Recordings": "recorded builds at hand: show one beside the map, rename, delete",
-    MEND: "put the map right by hand: join, cut in two, rename, delete, undo",
-    "Progress": "how far the build is; stop it, and go on with it",
-}
-"""Of the panels that a page may have."""
-WORDS = (
-    ("Instance", "one object on the map: this chair, not chairs"),
-    ("Class", "what kind of thing it is: chair, dining table"),
-    ("Cell", "a small square of the floor; the map is a grid of them"),
-    ("Frame", "one picture of the camera, with depth and the place it was taken from"),
-    ("Mask", "the pixels of one object in one frame"),
-    ("Community", "cells that frames kept seeing in the same mask; objects are joined from them"),
-    ("Evidence (%)", "the share of what frames saw of two parts that says they are one; parts above it are joined"),
-    ("K (%)", "a community joins another while more than K % of its cells neighbour it"),
-    ("Resolution", "the higher, the smaller the communities"),
-)
+"""(a key, what to do with the mouse, a tab or a word; what it does or means).
+
+MEND_KEYS are for pages where the map can be mended, TABS what most pages have; other panels bring their own words.
+"""
 GRID_STYLE = "display:grid;grid-template-columns:max-content 1fr;gap:.1em 1em;font-size:.95em;line-height:1.45"
 
 
@@ -89,22 +57,6 @@ HELP, LIGHT_DARK = "Help", "Light / dark"
 
 
 @dataclass(frozen=True)
-class PageActions:
-    """What the keys do; none of these may take long."""
-
-    play: Callable[[], None]
-    """Play the build, or stop."""
-    step: Callable[[int], None]
-    """So many frames on."""
-    clear: Callable[[], None]
-    """Select nothing."""
-    look: Callable[[str], None]
-    """TOP or SLANT."""
-    set_theme: Callable[[Theme], None]
-    """Colour the map for a light or a dark page."""
-
-
-@dataclass(frozen=True)
 class Key:
     """A key, as viser calls it and as people do."""
 
@@ -114,21 +66,14 @@ class Key:
     do: Callable[[], None]
 
 
-class HelpPanel:
-    """Two buttons, always in sight, and the keys."""
+class HelpPanel(Panel):
+    """Two buttons, always in sight, and the keys of the page."""
 
-    def __init__(
-        self, gui: viser.GuiApi, actions: PageActions, *, other_tabs: Sequence[tuple[str, str]] = (), dark: bool = False
-    ) -> None:
-        """Fill the current container, and listen to keys.
-
-        Args:
-            gui: one person's.
-            actions: what keys do.
-            other_tabs: (title, what it is for) of tabs beyond those of every page.
-            dark: how the page begins.
-        """
-        self._gui, self._actions, self._other_tabs = gui, actions, other_tabs
+    def __init__(self, page: Page) -> None:
+        """Fill the open container, and listen to keys."""
+        self._page = page
+        self._gui = gui = page.gui
+        self._other_tabs = [(spec.title, spec.about) for spec in page.services.panels if spec.about]
         self._theme = LIGHT
         self._modal: GuiModalHandle | None = None
         gui.add_html(PAGE_SCRIPT)
@@ -138,8 +83,6 @@ class HelpPanel:
         self._keys = self._make_keys()
         for key in self._keys:
             self._listen(key)
-        if dark:
-            self.switch()
 
     @property
     def theme(self) -> Theme:
@@ -158,7 +101,7 @@ class HelpPanel:
         self._gui.configure_theme(
             show_logo=False, show_share_button=False, brand_color=BRAND, dark_mode=self._theme.dark
         )
-        self._actions.set_theme(self._theme)
+        self._page.set_theme(self._theme)
 
     def show(self) -> None:
         """Open the help, or close it."""
@@ -176,20 +119,32 @@ class HelpPanel:
         if modal is not None:
             modal.close()
 
+    def state(self) -> bool | None:
+        """Return whether the page is dark."""
+        return self._theme.dark or None
+
+    def restore(self, state: bool) -> None:
+        """Make the page dark again."""
+        if state != self._theme.dark:
+            self.switch()
+
+    def _play(self) -> None:
+        self._page.panels[BuildPanel].toggle()
+
     def _escape(self) -> None:
         if self._modal is not None:
             self.hide()
         else:
-            self._actions.clear()
+            self._page.select(None)
 
     def _make_keys(self) -> tuple[Key, ...]:
-        do = self._actions
+        page = self._page
         return (
-            Key("space", "Space", "play the build, or stop", do.play),
-            Key("[", "[", "one frame back", lambda: do.step(-1)),
-            Key("]", "]", "one frame on", lambda: do.step(1)),
-            Key("T", "T", "view from the top", lambda: do.look(TOP)),
-            Key("3", "3", "3-D view", lambda: do.look(SLANT)),
+            Key("space", "Space", "play the build, or stop", self._play),
+            Key("[", "[", "one frame back", lambda: page.show_frame(page.frame - 1)),
+            Key("]", "]", "one frame on", lambda: page.show_frame(page.frame + 1)),
+            Key("T", "T", "view from the top", lambda: page.look(TOP)),
+            Key("3", "3", "3-D view", lambda: page.look(SLANT)),
             Key("escape", "Esc", "close the help; else select nothing", self._escape),
             Key("L", "L", "light or dark page", self.switch),
             Key("H", "H or ?", "this help", self.show),

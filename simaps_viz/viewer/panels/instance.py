@@ -1,5 +1,6 @@
-"""The panel about one instance: what it is, where, how often it was seen, and how it looked."""
+"""The panel about one instance: finding it, what it is, where, how often it was seen, and how it looked."""
 
+import difflib
 import re
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
@@ -10,11 +11,17 @@ import numpy as np
 import viser
 from numpy.typing import NDArray
 
+from simaps_viz.colors.classes import plural
 from simaps_viz.drawing.frame_pictures import best_views, gallery, named, outlined
 from simaps_viz.drawing.legend import facts_html, object_name
-from simaps_viz.drawing.theme import BOX_STYLE
+from simaps_viz.drawing.theme import BOX_STYLE, DIM_STYLE
 from simaps_viz.structures import Instance, SIMap
+from simaps_viz.viewer.page.page import Page
+from simaps_viz.viewer.page.panel import Panel
 
+FIND = "Find"
+FIND_HINT = "A class, a class and a number, or the number of an object, such as: chair, chair 7, 214. Enter goes there."
+_TYPED = re.compile(r"(?P<name>.*?)\s*#?(?P<number>\d{1,9})?(?:\s+of\s+\d+)?")
 NOTHING: str = "(none)"
 MOST_LISTED = 1000
 """Instances that the list offers, the largest; all can be clicked on the map, or found by name."""
@@ -24,25 +31,105 @@ LIST_HINT = f"Select an object; of more than {MOST_LISTED} the largest are liste
 HELP = f'<div style="{BOX_STYLE}">Click an object on the map, choose it from the list, or type its name.</div>'
 
 
-class InstancePanel:
-    """The widgets; ``show`` fills them."""
+class NotFound(Exception):  # noqa: N818 - what was typed is not on the map
+    """What was typed means no object; says why not, in words."""
 
-    def __init__(
-        self,
-        gui: viser.GuiApi,
-        simap: SIMap,
-        on_choose: Callable[[int | None], None],
-        on_frame: Callable[[int], None] = lambda frame: None,
-    ) -> None:
-        """Fill the current container.
 
-        Args:
-            gui: where.
-            simap: the map.
-            on_choose: gets the id of an instance chosen from the list.
-            on_frame: gets the index of a frame whose button was pressed.
-        """
-        self._on_choose, self._on_frame = on_choose, on_frame
+def find(simap: SIMap, typed: str, *, after: int | None = None) -> Instance:
+    """Return the object that what was typed means.
+
+    Args:
+        simap: the map.
+        typed: a class, a class and a number among its objects, or the number of an object on the map.
+        after: id of the selected object; a class alone means the next of its objects after that one.
+
+    Raises:
+        NotFound: it means none.
+    """
+    text = " ".join(typed.lower().split())
+    match = _TYPED.fullmatch(text)
+    name, digits = (match["name"].strip(), match["number"]) if match is not None else ("", None)
+    number = None if digits is None else int(digits)
+    if name:
+        return _of_class(simap, _class_of(simap, name), number, after)
+    if number is None:
+        raise NotFound("Type a class or a number, such as: chair 7.")
+    one = next((one for one in simap.instances if one.id == number), None)
+    if one is None:
+        raise NotFound(f"No object has number {number}. This map has {plural(len(simap.instances), 'object')}.")
+    return one
+
+
+def _of_class(simap: SIMap, label: str, number: int | None, after: int | None) -> Instance:
+    """Return an object of a class by its number among them, or the next one."""
+    ones = simap.of_class(label)
+    if number is None:
+        return next((one for one in ones if after is not None and one.id > after), ones[0])
+    if not 1 <= number <= len(ones):
+        raise NotFound(f"There is no {label} {number}. This map has {plural(len(ones), label)}.")
+    return ones[number - 1]
+
+
+def _class_of(simap: SIMap, name: str) -> str:
+    """Return the class that a name means: as it is called, in the plural, or by a part that no other class has."""
+    known = {label.lower(): label for label in simap.counts()}
+    known |= {plural(2, label).removeprefix("2 ").lower(): label for label in known.values()}
+    if name in known:
+        return known[name]
+    fitting = sorted({label for text, label in known.items() if name in text})
+    if len(fitting) == 1:
+        return fitting[0]
+    if fitting:
+        raise NotFound(f"Several classes fit: {', '.join(fitting[:6])}.")
+    near = difflib.get_close_matches(name, known, n=1)
+    more = f" Did you mean {known[near[0]]}?" if near else ""
+    raise NotFound(f"There is no {name} on this map.{more}")
+
+
+class FindBox(Panel):
+    """A box that finds an instance by what it is called, and a line that says what Enter would do."""
+
+    def __init__(self, page: Page) -> None:
+        """Fill the open container."""
+        self._page, gui = page, page.gui
+        # Of several lines, for Enter is seen in the text: the page sends only the last change of any 50 ms.
+        self._box = gui.add_text(FIND, "", multiline=True, hint=FIND_HINT)
+        self._box.on_update(self._typed)
+        self._said = gui.add_html("", visible=False)
+
+    def _typed(self, event: viser.GuiEvent) -> None:
+        if event.client_id is None:
+            return
+        text = str(self._box.value)
+        entered = "\n" in text
+        if entered:
+            self._box.value = text = " ".join(text.split())
+        if not text.strip():
+            self._say("")
+            return
+        try:
+            simap = self._page.simap
+            one = find(simap, text, after=self._page.selected)
+        except NotFound as error:
+            self._say(str(error))
+            return
+        if entered:
+            self._page.go_to(one)
+            self._say("Key T shows the whole map again.")
+        else:
+            self._say(f"Enter: {object_name(simap, one)}")
+
+    def _say(self, text: str) -> None:
+        self._said.content = f'<div role="status" style="{BOX_STYLE};{DIM_STYLE}">{escape(text)}</div>'
+        self._said.visible = bool(text)
+
+
+class InstancePanel(Panel):
+    """The list of instances, and what is known of the selected one."""
+
+    def __init__(self, page: Page) -> None:
+        """Fill the open container."""
+        self._page, gui = page, page.gui
         self._ids: dict[str, int] = {}
         self._list = gui.add_dropdown("Object", tuple([NOTHING]), initial_value=NOTHING, hint=LIST_HINT)
         self._list.on_update(self._chosen)
@@ -53,10 +140,10 @@ class InstancePanel:
         self._jump = gui.add_button_group("Show frame", ("-",), visible=False, hint="Go to that frame of the build.")
         self._jump.on_click(lambda event: self._jumped(str(event.target.value)))
         self._note = gui.add_html("", visible=False)
-        self.list(simap)
+        self.map_changed(page.simap)
 
-    def list(self, simap: SIMap) -> None:
-        """Offer the instances of a map."""
+    def map_changed(self, simap: SIMap) -> None:
+        """List the instances of the map."""
         names = object_names(simap)
         if names == self._ids:
             return
@@ -66,8 +153,10 @@ class InstancePanel:
         if chosen in names:
             self._list.value = chosen
 
-    def show(self, simap: SIMap, instance: Instance | None) -> None:
-        """Describe an instance, or say how to choose one; the pictures follow with ``show_pictures``."""
+    def selection_changed(self, instance_id: int | None) -> None:
+        """Describe the selected instance, or how to select one; its pictures follow when they have been read."""
+        simap = self._page.simap
+        instance = None if instance_id is None else simap.by_id(instance_id)
         self._picture.visible = self._jump.visible = False
         self._note.visible = instance is not None
         self._note.content = _small("Fetching its best views …")
@@ -79,31 +168,36 @@ class InstancePanel:
             self._list.options = (NOTHING, *self._ids)
         if self._list.value != name:
             self._list.value = name
+        if instance_id is not None:
+            self._page.worker.submit("pictures", lambda: self._show_pictures(simap, instance_id))
 
     def explain(self, summary: str | None, edits: Sequence[Mapping[str, Any]] = ()) -> None:
         """Describe why it is one object, as HTML, and who has edited it by hand; None = nothing is selected."""
         self._why.content = (summary or "") + edits_html(edits)
         self._why.visible = summary is not None
 
-    def show_pictures(self, picture: NDArray | None, note: str, frames: Mapping[str, int] | None = None) -> None:
-        """Show the best views, uint8 [H, W, 3], a line under them, and buttons for their frames (name -> index)."""
+    def _show_pictures(self, simap: SIMap, instance_id: int) -> None:
+        """Show the best views with a line under them, and buttons for their frames, unless another one is selected."""
+        picture, note, frames = best_pictures(simap, instance_id, self._page.view)
+        if instance_id != self._page.selected:
+            return
         if picture is not None:
             self._picture.image = picture
         self._picture.visible = picture is not None
         self._note.content = _small(note)
         self._note.visible = True
-        self._frames = dict(frames or {})
+        self._frames = frames
         if self._frames:
             self._jump.options = tuple(self._frames)
         self._jump.visible = bool(self._frames)
 
     def _jumped(self, name: str) -> None:
         if name in self._frames:
-            self._on_frame(self._frames[name])
+            self._page.show_frame(self._frames[name])
 
     def _chosen(self, event: viser.GuiEvent) -> None:
         if event.client_id is not None:
-            self._on_choose(self._ids.get(str(self._list.value)))
+            self._page.select(self._ids.get(str(self._list.value)))
 
 
 def edits_html(edits: Sequence[Mapping[str, Any]]) -> str:

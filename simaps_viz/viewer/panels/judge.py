@@ -2,10 +2,8 @@
 
 import functools
 import re
-import threading
 import time
-from collections.abc import Callable, Mapping, Sequence
-from contextlib import AbstractContextManager
+from collections.abc import Mapping, Sequence
 from html import escape
 from typing import Any, Literal
 
@@ -16,11 +14,11 @@ from simaps_viz.drawing.label_layout import Label
 from simaps_viz.drawing.theme import DIM_STYLE
 from simaps_viz.errors import SIMapsError
 from simaps_viz.evaluation.judging import BlindRun, JudgingSession
-from simaps_viz.language.grounding import Candidate
 from simaps_viz.navigation.trajectory import SPEED_HINT, Trajectory, TrajectoryPlayer, poses_along, trajectory
-from simaps_viz.structures import Pose2, SIMap
+from simaps_viz.structures import Pose2
+from simaps_viz.viewer.page.page import Page
+from simaps_viz.viewer.page.panel import Panel
 from simaps_viz.viewer.panels.command import label_of, message_html
-from simaps_viz.viewer.scene.map_scene import MapScene
 
 _CELL = "padding:.15em .5em;text-align:right"
 
@@ -100,45 +98,30 @@ _ANSWERS: tuple[tuple[Verdict, str, str, str, viser.IconName], ...] = (
 )
 
 
-class JudgePanel:
-    """Plays the runs of a session on the true map and takes the answers. All pages answer into one."""
+class JudgePanel(Panel):
+    """Plays the runs of a session on the true map and takes the answers. All pages answer into one session."""
 
-    def __init__(
-        self,
-        gui: viser.GuiApi,
-        scene: MapScene,
-        session: JudgingSession,
-        *,
-        simap: SIMap,
-        candidates: Callable[[SIMap, str, Pose2], Sequence[Candidate]] | None,
-        take_robot: Callable[[], None],
-        lock: AbstractContextManager[object] | None = None,
-    ) -> None:
-        """Fill the current container; ``show`` begins.
-
-        Args:
-            gui: where the widgets go.
-            scene: where the robot drives.
-            session: the runs, and where answers go.
-            simap: the true map.
-            candidates: tells how far the things of a class are from a place.
-            take_robot: called before this moves the robot.
-            lock: held while an answer is saved; one for all pages of a session.
-        """
-        self._scene, self._session, self._simap = scene, session, simap
-        self._candidates, self._take_robot = candidates, take_robot
+    def __init__(self, page: Page) -> None:
+        """Fill the open container; the page's services have a session to judge."""
+        session = page.services.judging
+        assert session is not None
+        self._page, self._scene, self._session = page, page.scene, session
         self._run: BlindRun | None = None
         self._seen: list[BlindRun] = []
         self._again: BlindRun | None = None
         self._shown_at = 0.0
-        self._lock = lock or threading.RLock()
-        self._drive = TrajectoryPlayer(lambda pose, _share, _leg: scene.show_robot(pose), lambda: None)
-        self._fill(gui)
+        self._lock = page.common.judging
+        self._drive = TrajectoryPlayer(lambda pose, _share, _leg: page.scene.show_robot(pose), lambda: None)
+        self._fill(page.gui)
 
     @property
     def run(self) -> BlindRun | None:
         """The run that is shown; None when all are judged."""
         return self._run
+
+    def built(self) -> None:
+        """Begin to judge."""
+        self.show()
 
     def show(self) -> None:
         """Show the first run without an answer, or, when there is none, what people say."""
@@ -179,7 +162,7 @@ class JudgePanel:
                 self._again = self._seen[at - 1]
                 self.show()
 
-    def leave(self) -> None:
+    def leave_robot(self) -> None:
         """Stop driving and take all this drew off the map; ``replay`` brings it back."""
         self._drive.stop()
         self._scene.show_path(np.zeros((0, 2)))
@@ -214,7 +197,7 @@ class JudgePanel:
         self._drive.speed = float(self._speed.value)
 
     def _show_run(self, run: BlindRun) -> None:
-        self._take_robot()
+        self._page.claim_robot(self)
         self._shown_at = time.monotonic()
         self._head.content = run_html(run)
         self._said.content = message_html("", outcome_text(run.shown), "plain")
@@ -230,7 +213,7 @@ class JudgePanel:
         self._progress.value = 100.0 * done / max(total, 1)
 
     def _show_summary(self) -> None:
-        self.leave()
+        self.leave_robot()
         self._head.content = summary_html(self._session)
         for widget in (self._said, self._question, self._progress, self._tools, self._speed):
             widget.visible = False
@@ -239,11 +222,12 @@ class JudgePanel:
 
     def _things(self, run: BlindRun, start: Pose2) -> list[Label]:
         """Describe how far the things the command names are from where it was given; without ranks, which judge."""
-        if self._candidates is None:
+        candidates = self._page.services.candidates
+        if candidates is None:
             return []
         texts: list[Label] = []
-        for label in named_in(str(run.shown.get("command", "")), list(self._simap.counts())):
-            for one in self._candidates(self._simap, label, start)[:MOST_LABELS]:
+        for label in named_in(str(run.shown.get("command", "")), list(self._page.simap.counts())):
+            for one in candidates(self._page.simap, label, start)[:MOST_LABELS]:
                 texts.append(label_of(f"{label} · {one.distance_m:.1f} m", one.instance))
         return texts
 

@@ -11,7 +11,8 @@ import viser
 
 from simaps_viz.colors.classes import plural
 from simaps_viz.drawing.theme import BOX_STYLE, DIM_STYLE
-from simaps_viz.viewer.page.panel import PROGRESS, Desk, Panel, PanelSpec
+from simaps_viz.viewer.page.page import Page
+from simaps_viz.viewer.page.panel import Panel, PanelSpec
 
 Status = Literal["starting", "building", "finishing", "stopping", "stopped", "failed", "done"]
 
@@ -51,6 +52,7 @@ class LiveServices:
     """Begin again where it was stopped, or has failed."""
 
 
+ABOUT = "how far the build is; stop it, and go on with it"
 EVERY_S = 1.0
 """How often the numbers are brought up to date."""
 HEADS: dict[Status, str] = {
@@ -68,18 +70,18 @@ WAITING = "The first objects appear after a few seconds; the smaller the cells, 
 
 def live_panel(services: LiveServices) -> PanelSpec:
     """Return the tab."""
-    return PanelSpec(PROGRESS, viser.Icon.HAMMER, lambda desk: LivePanel(desk, services), place="front")
+    return PanelSpec("Progress", viser.Icon.HAMMER, lambda page: LivePanel(page, services), "front", ABOUT)
 
 
 class LivePanel(Panel):
     """The widgets; a thread of its own keeps them up to date until the map is done or the person has gone."""
 
-    def __init__(self, desk: Desk, services: LiveServices) -> None:
+    def __init__(self, page: Page, services: LiveServices) -> None:
         """Fill the open container."""
         self._services = services
         self._closed = threading.Event()
         self._shown: LiveState | None = None
-        gui = desk.gui
+        gui = page.gui
         self._head = gui.add_html("")
         self._bar = gui.add_progress_bar(0.0)  # one that moves by itself has the whole page drawn 60 times a second
         self._text = gui.add_html("")

@@ -1,7 +1,6 @@
 """The panel about the whole map: where it is from, how it is cut into instances, what its colours mean."""
 
-from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import replace
 from html import escape
 from pathlib import PurePath
 from typing import cast
@@ -10,76 +9,48 @@ import viser
 
 from simaps_viz.drawing.legend import counts_text, legend_html
 from simaps_viz.drawing.texture import COLOR_MODES, ColorMode
-from simaps_viz.drawing.theme import BADGE_STYLE, LIGHT, Theme
+from simaps_viz.drawing.theme import BADGE_STYLE
 from simaps_viz.mapping.methods import method_of
-from simaps_viz.mapping.simap import joining_percent, slider_of
+from simaps_viz.mapping.simap import slider_of
 from simaps_viz.structures import SIMap
+from simaps_viz.viewer.page.page import MAX_RESOLUTION, MIN_RESOLUTION, Cut, Page, cut_of
+from simaps_viz.viewer.page.panel import Panel
+from simaps_viz.viewer.page.timeline import Moment
 from simaps_viz.viewer.scene.camera import SLANT, TOP
+from simaps_viz.viewer.scene.map_scene import Style
 
 EVERY_CLASS = "all classes"
-DEFAULT_RESOLUTION = 1.0
 FINISH = "Show the finished map"
 MODE_HINT = "What a colour on the map means; the legend follows."
 LEGEND_STYLE = "border-block:1px solid rgba(128,128,128,.25);margin-bottom:.4em"
-"""How long it is, `viser_page` says, by the page's height."""
+"""The page's script sets its height, by that of the page."""
 
 
-@dataclass(frozen=True)
-class MapActions:
-    """Whom the panel tells; none of these may take long."""
+class MapPanel(Panel):
+    """Where the map is from, how it is cut into instances, and what its colours mean."""
 
-    partition: Callable[[float, float], None]
-    """(K or evidence in percent, Louvain resolution) were chosen."""
-    restyle: Callable[[], None]
-    """The colour mode or the class to emphasise changed."""
-    look: Callable[[str], None]
-    """TOP or SLANT was asked for."""
-    finish: Callable[[], None] = lambda: None
-    """The finished map was asked for."""
-
-
-class MapPanel:
-    """The widgets; the map they speak of comes with ``show``."""
-
-    def __init__(
-        self, gui: viser.GuiApi, simap: SIMap, actions: MapActions, *, with_k: bool, with_resolution: bool
-    ) -> None:
-        """Fill the current container.
-
-        Args:
-            gui: where.
-            simap: the map that the sliders cut.
-            actions: whom to tell.
-            with_k: whether maps can be cut with another K or evidence.
-            with_resolution: whether communities can be found anew.
-        """
-        self._actions, self._with_k, self._with_resolution = actions, with_k, with_resolution
-        joining = slider_of(simap)
-        self._k0 = joining_percent(simap)
-        self._resolution0 = float(simap.parameters.get("resolution", DEFAULT_RESOLUTION))
+    def __init__(self, page: Page) -> None:
+        """Fill the open container."""
+        self._page = page
+        gui, simap, services = page.gui, page.base, page.services
+        self._with_k, self._with_resolution = services.repartition is not None, services.recommunity is not None
+        own, joining = cut_of(simap), slider_of(simap)
         self._origin = gui.add_html(origin_html(simap))
         self._past = gui.add_html("", visible=False)
         self._finish = gui.add_button(FINISH, icon=viser.Icon.PLAYER_TRACK_NEXT, color="gray", visible=False)
-        self._finish.on_click(lambda _: actions.finish())
+        self._finish.on_click(lambda _: page.finish())
         self._counts = gui.add_html("")
         self._busy, self._said = False, ""
         self._legend = gui.add_html("")
         view = gui.add_button_group("View", (TOP, SLANT), hint="From above, or objects as blocks (keys T and 3).")
-        view.on_click(lambda event: actions.look(event.target.value))
-        self._k = gui.add_slider(
-            joining.title,
-            0.0,
-            100.0,
-            0.5,
-            self._k0,
-            hint=joining.hint,
-        )
+        view.on_click(lambda event: page.look(event.target.value))
+        self._k = gui.add_slider(joining.title, 0.0, 100.0, 0.5, own.percent, hint=joining.hint)
         self._resolution = gui.add_slider(
             "Resolution",
+            MIN_RESOLUTION,
+            MAX_RESOLUTION,
             0.05,
-            5.0,
-            0.05,
-            min(max(self._resolution0, 0.05), 5.0),
+            own.resolution,
             hint="Louvain resolution: higher values cut objects into more communities before they are merged.",
         )
         for slider in (self._k, self._resolution):
@@ -95,8 +66,8 @@ class MapPanel:
             "Show", (EVERY_CLASS, *simap.counts()), initial_value=EVERY_CLASS, hint="Emphasise one class."
         )
         for widget in (self._mode, self._class):
-            widget.on_update(lambda _: actions.restyle())
-        self.come_from(simap)
+            widget.on_update(lambda _: page.repaint())
+        self.base_changed(simap)
 
     @property
     def percent(self) -> float:
@@ -109,11 +80,6 @@ class MapPanel:
         return float(self._resolution.value)
 
     @property
-    def touched(self) -> bool:
-        """Whether the sliders are not where the map has them."""
-        return (self.percent, self.resolution) != (self._k0, min(max(self._resolution0, 0.05), 5.0))
-
-    @property
     def mode(self) -> ColorMode:
         """What the colours shall mean."""
         return cast(ColorMode, self._mode.value)
@@ -123,23 +89,21 @@ class MapPanel:
         """The class to emphasise, or None for all."""
         return None if self._class.value == EVERY_CLASS else self._class.value
 
-    def come_from(self, base: SIMap) -> None:
-        """Another map is the one that the sliders cut: set them to how it was cut."""
+    def base_changed(self, base: SIMap) -> None:
+        """Set the sliders to how the page cuts its base."""
         joining = slider_of(base)
-        self._k0 = joining_percent(base)
-        self._resolution0 = float(base.parameters.get("resolution", DEFAULT_RESOLUTION))
         self._origin.content = origin_html(base)
         self._k.label, self._k.hint = joining.title, joining.hint
         self._k.visible = self._with_k and joins(base)
         self._resolution.visible = self._with_resolution and "resolution" in base.parameters
         self._reset.label = f"Reset {joining.word} and resolution"
         self._reset.visible = self._k.visible or self._resolution.visible
-        self.set_sliders(self._k0, self._resolution0)
+        self.set_sliders(self._page.cut.percent, self._page.cut.resolution)
 
     def set_sliders(self, percent: float, resolution: float) -> None:
-        """Put the sliders somewhere, without a word to anyone."""
+        """Move the sliders without cutting the map."""
         self._k.value = percent
-        self._resolution.value = min(max(resolution, 0.05), 5.0)
+        self._resolution.value = min(max(resolution, MIN_RESOLUTION), MAX_RESOLUTION)
 
     def set_look(self, mode: ColorMode, shown_class: str | None) -> None:
         """Choose what the colours mean, and the class to emphasise."""
@@ -147,37 +111,55 @@ class MapPanel:
         if shown_class is None or shown_class in self._class.options:
             self._class.value = shown_class or EVERY_CLASS
 
-    def show(self, simap: SIMap, theme: Theme = LIGHT) -> None:
-        """Describe what is on the map now."""
+    def style(self, simap: SIMap, style: Style) -> Style:
+        """Paint in the chosen colours, the instances of the chosen class emphasised unless one is selected."""
+        shown = self.shown_class
+        if style.lit is None and shown is not None:
+            style = replace(style, lit=frozenset(one.id for one in simap.of_class(shown)))
+        return replace(style, mode=self.mode)
+
+    def painted(self, simap: SIMap, moment: Moment) -> None:
+        """Describe the map that was painted, and mark it where it is not the finished one."""
         self._busy = False
         self._counts.content = counts_html(simap)
         for widget in (self._k, self._resolution, self._reset):
             widget.disabled = not simap.instances and not simap.graphs
-        legend = legend_html(simap, self.mode, theme)
+        legend = legend_html(simap, self.mode, self._page.theme)
         self._legend.content = f'<div class="simaps-legend" style="{LEGEND_STYLE}">{legend}</div>'
         options = (EVERY_CLASS, *simap.counts())
         if options != tuple(self._class.options):
             self._class.options = options  # of the same classes in another order the chosen one stays
-
-    def tell_past(self, badge: str) -> None:
-        """Report that the map is not the finished one, and offer that; nothing when the text is empty."""
-        words = f'<span style="{BADGE_STYLE}">{escape(badge)}</span>'
+        words = f'<span style="{BADGE_STYLE}">{escape(moment.badge)}</span>'
         content = f'<div style="padding:.2em .8em .4em;font-size:.85em">{words}</div>'
-        if badge and self._past.content != content:
+        past = bool(moment.badge)
+        if past and self._past.content != content:
             self._past.content = content
-        if self._past.visible != bool(badge):
-            self._past.visible = self._finish.visible = bool(badge)
+        if self._past.visible != past:
+            self._past.visible = self._finish.visible = past
 
-    def reset(self) -> None:
-        """Go back to the K and resolution the map came with."""
-        self.set_sliders(self._k0, self._resolution0)
-        self._cut()
-
-    def calm(self) -> None:
-        """The map could not be cut: say no longer that it is."""
+    def failed(self) -> None:
+        """Stop announcing that the map is cut: it may be that which failed."""
         if self._busy:
             self._busy = False
             self._counts.content = self._said
+
+    def state(self) -> tuple[ColorMode, str | None, Cut | None]:
+        """Return the colours, the class to emphasise, and the cut where it is not the map's own."""
+        return self.mode, self.shown_class, self._page.cut if self._page.cut_here else None
+
+    def restore(self, state: tuple[ColorMode, str | None, Cut | None]) -> None:
+        """Colour and cut the map so again."""
+        mode, shown_class, cut = state
+        self.set_look(mode, shown_class)
+        if cut is not None:
+            self.set_sliders(cut.percent, cut.resolution)
+            self._page.partition(cut.percent, cut.resolution)
+
+    def reset(self) -> None:
+        """Go back to the K and resolution the map came with."""
+        own = cut_of(self._page.base)
+        self.set_sliders(own.percent, own.resolution)
+        self._cut()
 
     def _chosen(self, event: viser.GuiEvent) -> None:
         if event.client_id is not None:
@@ -187,7 +169,7 @@ class MapPanel:
         if not self._busy:
             self._busy, self._said = True, str(self._counts.content)
             self._counts.content = _line("Cutting the map anew …")
-        self._actions.partition(self.percent, self.resolution)
+        self._page.partition(self.percent, self.resolution)
 
 
 def origin_html(simap: SIMap) -> str:

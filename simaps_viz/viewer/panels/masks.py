@@ -18,8 +18,10 @@ from simaps_viz.drawing.texture import shown_class_colors
 from simaps_viz.drawing.theme import BAD_STYLE, DIM_STYLE, SMALL_STYLE, remark_html, working_html
 from simaps_viz.errors import SIMapsError
 from simaps_viz.structures import Segmentation
-from simaps_viz.viewer.page.panel import Desk, Panel, PanelSpec
+from simaps_viz.viewer.page.page import Page
+from simaps_viz.viewer.page.panel import Panel, PanelSpec
 
+ABOUT = "what the network saw on a frame, and what other thresholds would make of it"
 MOST_ROWS = 40
 
 
@@ -191,26 +193,20 @@ class _Widgets:
 
 def masks_panel(services: SegmentationServices) -> PanelSpec:
     """Return the tab of a page that has this section."""
-
-    def make(desk: Desk) -> SegmentationPanel:
-        return SegmentationPanel(desk, services, on_frame=desk.jump)
-
-    return PanelSpec("Masks", viser.Icon.PHOTO, make)
+    return PanelSpec("Masks", viser.Icon.PHOTO, lambda page: SegmentationPanel(page, services), about=ABOUT)
 
 
 class SegmentationPanel(Panel):
-    """The widgets; fills the container that is open. ``show_frame`` follows the page's frame."""
+    """The masks of one frame, which is the page's frame until another is chosen here."""
 
-    def __init__(
-        self, desk: Desk, services: SegmentationServices, *, on_frame: Callable[[int], None] | None = None
-    ) -> None:
-        """Take the page, what can be asked, and whom to tell when a frame is chosen here."""
-        self._desk, self._services, self._on_frame = desk, services, on_frame
+    def __init__(self, page: Page, services: SegmentationServices) -> None:
+        """Fill the open container."""
+        self._page, self._services = page, services
         self._seen: _Seen | None = None
         self._closed = False
         self._lock = threading.Lock()
         self._w = _Widgets()
-        gui = desk.gui
+        gui = page.gui
         source = f"Masks: {services.source}." if services.source else ""
         self._status = gui.add_html("")
         about = "".join(map(remark_html, (source, *services.notes)))
@@ -243,8 +239,8 @@ class SegmentationPanel(Panel):
         """The classes that are switched off."""
         return frozenset(label for label, box in self._w.class_boxes.items() if not box.value)
 
-    def show_frame(self, frame: int) -> None:
-        """Show another frame; those that do not exist are left alone."""
+    def time_changed(self, frame: int, step: int | None) -> None:
+        """Show the page's frame; one without masks is left alone."""
         if self._w.frame is not None and 0 <= frame < len(self._services.frame_names) and frame != self.frame:
             self._w.frame.value = frame
             self.refresh()
@@ -278,7 +274,7 @@ class SegmentationPanel(Panel):
 
     def refresh(self) -> None:
         """Draw anew, soon."""
-        self._desk.submit("segmentation", self._update)
+        self._page.submit("segmentation", self._update)
 
     def _add_frame(self, gui: viser.GuiApi) -> None:
         last = max(len(self._services.frame_names) - 1, 0)
@@ -289,7 +285,7 @@ class SegmentationPanel(Panel):
         self._w.picture = gui.add_image(np.full((4, 6, 3), 235, np.uint8), format="jpeg", jpeg_quality=85)
         self._w.legend = gui.add_html("")
         enlarge = gui.add_button("Enlarge", icon=viser.Icon.MAXIMIZE, color="gray")
-        enlarge.on_click(lambda _: self._desk.submit("enlarge masks", self._enlarge))
+        enlarge.on_click(lambda _: self._page.submit("enlarge masks", self._enlarge))
 
     def _add_drawing(self, gui: viser.GuiApi) -> None:
         self._w.color_by = gui.add_dropdown("Mask colour", ("class", "confidence"), hint="What a mask's colour means.")
@@ -320,8 +316,7 @@ class SegmentationPanel(Panel):
 
     def _chose(self, frame: int) -> None:
         self.refresh()
-        if self._on_frame is not None:
-            self._on_frame(frame)
+        self._page.show_frame(frame)
 
     def _reset(self) -> None:
         for knob in self._services.knobs:
@@ -382,7 +377,7 @@ class SegmentationPanel(Panel):
             float(w.opacity.value),
             bool(w.names.value),
             self.hidden,
-            colors=shown_class_colors(self._desk.simap),
+            colors=shown_class_colors(self._page.simap),
             most_names=MOST_NAMES,
         )
 
@@ -402,7 +397,7 @@ class SegmentationPanel(Panel):
         """Return the switch of a class; make it when there is none yet."""
         if label not in self._w.class_boxes:
             with self._w.classes:
-                box = self._desk.gui.add_checkbox(label, True)
+                box = self._page.gui.add_checkbox(label, True)
             box.on_update(lambda event: self.refresh() if event.client_id is not None else None)
             self._w.class_boxes[label] = box
         return self._w.class_boxes[label]
@@ -416,8 +411,8 @@ class SegmentationPanel(Panel):
         if self._closed or seen is None:
             return
         name = self._services.frame_names[seen.frame]
-        modal = self._desk.gui.add_modal(f"Frame {name}: {plural(len(seen.now.segments), 'segment')}")
+        modal = self._page.gui.add_modal(f"Frame {name}: {plural(len(seen.now.segments), 'segment')}")
         with modal:
             large = replace(self._style(), width=LARGE_PX, font_px=18, most_names=None)
-            self._desk.gui.add_image(paint_masks(seen.rgb, seen.now, large), format="jpeg", jpeg_quality=85)
-            self._desk.gui.add_button("Close").on_click(lambda _: modal.close())
+            self._page.gui.add_image(paint_masks(seen.rgb, seen.now, large), format="jpeg", jpeg_quality=85)
+            self._page.gui.add_button("Close").on_click(lambda _: modal.close())

@@ -18,12 +18,14 @@ from simaps_viz.errors import InputError, SIMapsError
 from simaps_viz.mapping.edit_log import Entry
 from simaps_viz.mapping.edits import EditRefused
 from simaps_viz.structures import Instance, SIMap
-from simaps_viz.viewer.page.panel import Desk, Panel, PanelSpec
+from simaps_viz.viewer.page.page import Page
+from simaps_viz.viewer.page.panel import Panel, PanelSpec
 from simaps_viz.viewer.panels.command import message_html
 from simaps_viz.viewer.scene.annotations import draw_lines
 
 Point = tuple[float, float]
 """x and y in metres, map frame."""
+ABOUT = "put the map right by hand: join, cut in two, rename, delete, undo"
 CUT = (214, 39, 40)
 FLOOR_M = 0.03
 CROSS_M = 0.05
@@ -181,25 +183,15 @@ Waiting = Literal["join", "cut"] | None
 
 def mend_panel(services: MendServices) -> PanelSpec:
     """Return the panel, beside the one about the selected instance."""
-
-    def make(desk: Desk) -> MendPanel:
-        return MendPanel(desk, services, CutMark(desk.scene.nodes))
-
-    return PanelSpec("Mend", viser.Icon.TOOL, make, place="instance")
+    return PanelSpec("Mend", viser.Icon.TOOL, lambda page: MendPanel(page, services), "instance", ABOUT)
 
 
 class MendPanel(Panel):
     """The widgets of one page; the edits themselves are shared by all pages."""
 
-    def __init__(self, desk: Desk, services: MendServices, mark: CutMark | None = None) -> None:
-        """Fill the open container.
-
-        Args:
-            desk: the page.
-            services: what does and keeps the edits.
-            mark: draws the cutting line; None draws none.
-        """
-        self._desk, self._services, self._mark = desk, services, mark
+    def __init__(self, page: Page, services: MendServices) -> None:
+        """Fill the open container; ``services`` make and keep the edits."""
+        self._page, self._services, self._mark = page, services, CutMark(page.client.scene)
         self._waiting: Waiting = None
         self._points: list[Point] = []
         self._shown: int | None = None
@@ -208,8 +200,8 @@ class MendPanel(Panel):
         """The next selection is that of a new map: what was selected may have another id there, or be gone."""
         self._numbers = itertools.count(1)
         self._others: dict[str, int] = {}
-        self._fill(desk.gui)
-        self.map_changed(desk.simap)
+        self._fill(page.gui)
+        self.map_changed(page.simap)
         self._of_map = False
 
     @property
@@ -222,7 +214,7 @@ class MendPanel(Panel):
         self.stop_waiting()
         self._list()
         self._of_map = True
-        self._take_selected(self._desk.selected)
+        self._take_selected(self._page.selected)
 
     def selection_changed(self, instance_id: int | None) -> None:
         """Another object is selected, or none."""
@@ -230,7 +222,7 @@ class MendPanel(Panel):
         self._of_map = False
 
     def _take_selected(self, instance_id: int | None) -> None:
-        simap = self._desk.simap
+        simap = self._page.simap
         one = next((i for i in simap.instances if i.id == instance_id), None)
         if instance_id != self._shown:
             self.stop_waiting()
@@ -252,7 +244,7 @@ class MendPanel(Panel):
         if self._waiting is None:
             return False
         if self._waiting == "join":
-            other = self._desk.simap.at(x_m, y_m)
+            other = self._page.simap.at(x_m, y_m)
             if other is None:
                 self._say("There is nothing there. Click the other object.", "bad")
             else:
@@ -305,7 +297,7 @@ class MendPanel(Panel):
 
     def _add_actions(self, label: str, actions: dict[str, Callable[[], None]], hint: str) -> viser.GuiButtonGroupHandle:
         """Add buttons in one row."""
-        row = self._desk.gui.add_button_group(label, tuple(actions), hint=hint)
+        row = self._page.gui.add_button_group(label, tuple(actions), hint=hint)
         row.on_click(lambda event: actions[str(event.target.value)]())
         return row
 
@@ -344,7 +336,7 @@ class MendPanel(Panel):
         one = self._target()
         if one is None:
             return
-        x, y, _ = self._desk.simap.by_id(one).centroid_m
+        x, y, _ = self._page.simap.by_id(one).centroid_m
         if self._how.value == NORTH:
             self._cut((x, y + 1.0), (x, y - 1.0))
         elif self._how.value == EAST:
@@ -370,7 +362,7 @@ class MendPanel(Panel):
         one, who = self._target(), str(self._who.value)
         if one is None:
             return
-        done = joined_text(self._desk.simap, one, other)
+        done = joined_text(self._page.simap, one, other)
 
         def merge(simap: SIMap) -> SIMap:
             mended = self._services.merge(simap, one, other, who)
@@ -387,19 +379,19 @@ class MendPanel(Panel):
 
     def _target(self) -> int | None:
         """Return the object that this panel speaks of, unless another one was selected meanwhile."""
-        selected = self._desk.selected
+        selected = self._page.selected
         if selected is None:
             self._say("Select an object first.", "bad")
         elif selected != self._shown:
             self.selection_changed(selected)
-            name = object_name(self._desk.simap, self._desk.simap.by_id(selected))
+            name = object_name(self._page.simap, self._page.simap.by_id(selected))
             self._say(f"{name} is selected now. Do it again to change this one.", "bad")
             return None
         return selected
 
     def _do(self, change: Callable[[SIMap], SIMap], done: str) -> None:
         """Change the map off the page's threads, and show it on all pages."""
-        simap = self._desk.simap
+        simap = self._page.simap
 
         def job() -> None:
             try:
@@ -412,9 +404,9 @@ class MendPanel(Panel):
                 return
             self.stop_waiting()
             self._say(done, "good")
-            self._desk.publish(mended)  # what lies where the selected object lay is selected then
+            self._page.publish(mended)  # what lies where the selected object lay is selected then
 
-        self._desk.submit(f"mend {next(self._numbers)}", job)  # under one name an edit would replace one that waits
+        self._page.submit(f"mend {next(self._numbers)}", job)  # under one name an edit would replace one that waits
 
     def _wait(self, what: Waiting, text: str) -> None:
         self.stop_waiting()
@@ -427,17 +419,16 @@ class MendPanel(Panel):
         self._show_status()
 
     def _show_status(self) -> None:
-        simap = self._desk.simap
+        simap = self._page.simap
         one = next((i for i in simap.instances if i.id == self._shown), None)
         self._status.content = status_html(simap, one, self._words, self._tone, known=self._services.covers(simap))
 
     def _draw(self, points_m: Any) -> None:
-        if self._mark is not None:
-            self._mark.show(tuple(points_m), self._reach_m())
+        self._mark.show(tuple(points_m), self._reach_m())
 
     def _reach_m(self) -> float:
         """Describe how far a cutting line is drawn beyond two points: so far that it crosses the object."""
-        one = next((i for i in self._desk.simap.instances if i.id == self._shown), None)
+        one = next((i for i in self._page.simap.instances if i.id == self._shown), None)
         return 0.0 if one is None else math.dist(one.aabb_m[0][:2], one.aabb_m[1][:2])
 
     def _show_new(self) -> None:

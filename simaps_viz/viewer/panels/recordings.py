@@ -7,11 +7,13 @@ from typing import TYPE_CHECKING
 
 import viser
 
-from simaps_viz.viewer.page.panel import Desk, Panel, PanelSpec
+from simaps_viz.viewer.page.page import Page
+from simaps_viz.viewer.page.panel import Panel, PanelSpec
 
 if TYPE_CHECKING:
     from simaps_viz.recorder.library import LibraryEntry
 
+ABOUT = "recorded builds at hand: show one beside the map, rename, delete"
 NONE = "no recordings yet"
 _NOTHING: tuple[str, ...] = (NONE,)
 _NOTE = "padding:.2em .8em .4em;font-size:.82em;line-height:1.5;overflow-wrap:anywhere"
@@ -39,18 +41,18 @@ class RecordingServices:
 
 def recordings_spec(services: RecordingServices) -> PanelSpec:
     """Return the panel as one that every page has."""
-    return PanelSpec("Recordings", viser.Icon.MOVIE, lambda desk: RecordingsPanel(desk, services))
+    return PanelSpec("Recordings", viser.Icon.MOVIE, lambda page: RecordingsPanel(page, services), about=ABOUT)
 
 
 class RecordingsPanel(Panel):
     """A list to choose from, what is known of the chosen one, and what can be done with it."""
 
-    def __init__(self, desk: Desk, services: RecordingServices) -> None:
+    def __init__(self, page: Page, services: RecordingServices) -> None:
         """Fill the open container."""
-        self._desk, self._services = desk, services
+        self._page, self._services = page, services
         self._entries: dict[str, LibraryEntry] = {}
         self._listed: Sequence[LibraryEntry] = ()
-        gui = desk.gui
+        gui = page.gui
         self._choice = gui.add_dropdown("Recording", _NOTHING, hint="Recorded builds, the newest first")
         self._details = gui.add_html("")
         self._open = gui.add_button("Show it beside the map", icon=viser.Icon.PLAYER_PLAY)
@@ -68,7 +70,7 @@ class RecordingsPanel(Panel):
 
     def refresh(self, select: str | None = None) -> None:
         """List the recordings anew, off the page's thread; ``select`` names one to choose."""
-        self._desk.submit("recordings", lambda: self._list(select))
+        self._page.submit("recordings", lambda: self._list(select))
 
     def _connect(self) -> None:
         self._choice.on_update(lambda _: self._show())
@@ -129,11 +131,11 @@ class RecordingsPanel(Panel):
         """Do something with the chosen recording off the page's thread."""
         entry = self.chosen
         if entry is not None:
-            self._desk.submit(name, lambda: job(entry))
+            self._page.submit(name, lambda: job(entry))
 
     def _open_it(self, entry: "LibraryEntry") -> None:
-        self._desk.show_recording(entry.path)
-        self._desk.say("Recording", f"{entry.name} is shown beside the map.")
+        self._page.show_recording(entry.path)
+        self._page.say("Recording", f"{entry.name} is shown beside the map.")
 
     def _rename_it(self, entry: "LibraryEntry") -> None:
         new_name = self._new_name.value.strip()
@@ -144,7 +146,7 @@ class RecordingsPanel(Panel):
     def _delete_it(self, entry: "LibraryEntry") -> None:
         self._services.delete(entry.name)
         self._list(None)
-        self._desk.say("Recording", f"{entry.name} was deleted.")
+        self._page.say("Recording", f"{entry.name} was deleted.")
 
 
 def _option(entry: "LibraryEntry") -> str:

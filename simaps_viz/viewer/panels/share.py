@@ -10,11 +10,14 @@ import viser
 
 from simaps_viz.navigation.agent import Answer, StepEvent
 from simaps_viz.structures import Pose2, SIMap
-from simaps_viz.viewer.page.panel import Desk, Panel, PanelSpec
+from simaps_viz.viewer.page.page import Page
+from simaps_viz.viewer.page.panel import Panel, PanelSpec
 from simaps_viz.viewer.page.worker import Worker
 from simaps_viz.viewer.panels.compare_words import Cancelled, note
 from simaps_viz.viewer.share.files import share_bytes
 from simaps_viz.viewer.share.story import Drive, Look, drive_of, title_of
+
+ABOUT = "one file of map and build that opens without a server; pictures and films"
 
 
 @dataclass(frozen=True)
@@ -33,18 +36,18 @@ class ShareServices:
 
 def share_panel(services: ShareServices) -> PanelSpec:
     """Return the tab of a page that has this panel."""
-    return PanelSpec("Share", viser.Icon.SHARE, lambda desk: SharePanel(desk, services))
+    return PanelSpec("Share", viser.Icon.SHARE, lambda page: SharePanel(page, services), about=ABOUT)
 
 
 class SharePanel(Panel):
     """A command to end with, and a button for each kind of file."""
 
-    def __init__(self, desk: Desk, services: ShareServices) -> None:
+    def __init__(self, page: Page, services: ShareServices) -> None:
         """Fill the open container."""
-        self._desk, self._services = desk, services
+        self._page, self._services = page, services
         self._worker = Worker(self._failed)  # of its own: a film takes some seconds
         self._stopped = False
-        gui = desk.gui
+        gui = page.gui
         gui.add_html(note("One file to send to somebody. It opens without a network and holds no frames."))
         self._command = gui.add_text(
             "Ends with", "", visible=services.ask is not None,
@@ -77,7 +80,7 @@ class SharePanel(Panel):
             button.disabled = True
         self._progress.visible, self._progress.value = True, 0.0
         self._status.content = note("Making the file …")
-        self._worker.submit("share", functools.partial(self._make, ending, self._desk.simap))
+        self._worker.submit("share", functools.partial(self._make, ending, self._page.simap))
 
     def _make(self, ending: str, simap: SIMap) -> None:
         def tell(what: str, done: int, total: int) -> None:
@@ -93,7 +96,7 @@ class SharePanel(Panel):
         except Cancelled:
             return
         name = file_name(simap, ending)
-        self._desk.send(name, content)
+        self._page.send(name, content)
         self._done()
         self._status.content = note(f"{name} · {len(content) / 1e6:.1f} MB")
 
@@ -101,7 +104,7 @@ class SharePanel(Panel):
         command, services = str(self._command.value).strip(), self._services
         if not command or services.ask is None:
             return None
-        return drive_of(simap, command, self._desk.pose, ask=services.ask, steps=services.steps)
+        return drive_of(simap, command, self._page.pose, ask=services.ask, steps=services.steps)
 
     def _done(self) -> None:
         self._progress.visible = False
@@ -111,7 +114,7 @@ class SharePanel(Panel):
     def _failed(self, error: Exception) -> None:
         self._done()
         self._status.content = note("No file was made: see the message.", tone="bad")
-        self._desk.report(error)
+        self._page.report(error)
 
 
 def file_name(simap: SIMap, ending: str) -> str:

@@ -1,7 +1,6 @@
 """The section that answers "why is this one object?", and what keeps it apart from others."""
 
-from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import replace
 from html import escape
 
 import numpy as np
@@ -27,8 +26,12 @@ from simaps_viz.mapping.explain import (
     score_text,
     summary,
 )
-from simaps_viz.mapping.methods import method_of
-from simaps_viz.structures import Instance, SIMap
+from simaps_viz.structures import SIMap
+from simaps_viz.viewer.page.page import Page
+from simaps_viz.viewer.page.panel import Panel
+from simaps_viz.viewer.panels.instance import InstancePanel
+from simaps_viz.viewer.scene.camera import SLANT
+from simaps_viz.viewer.scene.map_scene import Style
 from simaps_viz.viewer.scene.why_marks import (
     CUT,
     FLOOR_M,
@@ -135,32 +138,13 @@ ASK = "Click another object …"
 STOP_ASKING = "Cancel"
 
 
-@dataclass(frozen=True)
-class WhyActions:
-    """Whom the section tells; none of these may take long."""
+class WhyPanel(Panel):
+    """The section "Why is this one object?". The explanation is computed on the page's worker."""
 
-    repaint: Callable[[], None]
-    """The cells' colours changed."""
-    show_frame: Callable[[int], None]
-    """A frame was chosen."""
-    show_joint: Callable[[Joint], None]
-    """A step of the merge log was chosen: the page should show the finished map, and the recorded build go there."""
-    knows_joint: Callable[[SIMap], bool | None]
-    """Whether the recorded build has the steps of a map's merge log; None = there is no recorded build."""
-    submit: Callable[[str, Callable[[], None]], None]
-    """Run a job off the page's threads."""
-    view: Callable[[int], tuple[NDArray, NDArray] | None]
-    """frame index -> (RGB, segment ids) or None, as in `Services`."""
-
-
-class WhyPanel:
-    """The widgets and what they draw; ``show`` fills them, from the worker's thread."""
-
-    def __init__(self, page: viser.ViserServer | viser.ClientHandle, actions: WhyActions) -> None:
-        """Fill the current container."""
-        self._actions = actions
-        self._marks = WhyMarks(page)
-        self._upright = False
+    def __init__(self, page: Page) -> None:
+        """Fill the open container."""
+        self._page = page
+        self._marks = WhyMarks(page.client)
         self._simap: SIMap | None = None
         self._why: Why | None = None
         self._joint: Joint | None = None
@@ -183,35 +167,30 @@ class WhyPanel:
         """Instances that shall keep their colour besides the selected one."""
         return frozenset() if self._between is None else frozenset({self._between.second.id})
 
-    def paint(self, simap: SIMap) -> tuple[NDArray, NDArray] | None:
-        """Return the cells (flat) of a map to colour and their colours, uint8 [n, 3]; None = none."""
+    def selection_changed(self, instance_id: int | None) -> None:
+        """Explain the selected instance, soon."""
+        simap = self._page.simap
+        self._page.worker.submit("why", lambda: self._explain(simap, instance_id))
+
+    def style(self, simap: SIMap, style: Style) -> Style:
+        """Emphasise the instance that is compared, and colour the cells by evidence where that is asked for."""
+        if self._page.selected is not None and style.lit is not None:
+            style = replace(style, lit=style.lit | self.lit)
         why = self._why
         if why is None or simap is not self._simap or not self._color.value:
-            return None
-        return why.cells, sureness_colors(why)
+            return style
+        return replace(style, paint=(why.cells, sureness_colors(why)))
 
-    def show(self, simap: SIMap, instance: Instance | None) -> str | None:
-        """Explain an instance; returns the summary as HTML."""
-        self._asking, self._between, self._joint = False, None, None
-        self._simap, self._why = simap, None if instance is None else explain(simap, instance.id)
-        self._folder.visible = self._why is not None
-        if self._why is not None:
-            self._fill(simap, self._why)
-        self._draw()
-        if self._why is None:
-            return None
-        return summary_html(self._why, by_hand=bool(edits_of(simap, self._why.instance.id)))
-
-    def stand_up(self, upright: bool) -> None:
+    def view_changed(self, name: str) -> None:
         """Draw the lines above the object's block instead of on the floor, or on the floor again."""
-        self._upright = upright
-        self._actions.submit("why marks", self._draw)
+        self._page.worker.submit("why marks", self._draw)
 
-    def take_click(self, instance: Instance | None) -> bool:
-        """Take a click on the map if one is waited for; tells whether it did."""
+    def take_click(self, x_m: float, y_m: float) -> bool:
+        """Compare with the instance that is clicked, if one was asked for."""
         if not self._asking or self._why is None:
             return False
         self._ask(False)
+        instance = self._page.simap.at(x_m, y_m)
         if instance is None or instance.id == self._why.instance.id:
             self._apart.content = remark_html("That is not another object. Nothing compared.")
         else:
@@ -221,7 +200,23 @@ class WhyPanel:
     def compare(self, other_id: int) -> None:
         """Describe what keeps the explained instance and another apart."""
         self._apart.content = working_html("Comparing")
-        self._actions.submit("compare", lambda: self._compare_now(other_id))
+        self._page.worker.submit("compare", lambda: self._compare_now(other_id))
+
+    def _explain(self, simap: SIMap, instance_id: int | None) -> None:
+        """Show why an instance is one object, here and, in short, on the panel about it."""
+        try:
+            self._asking, self._between, self._joint = False, None, None
+            self._simap, self._why = simap, None if instance_id is None else explain(simap, instance_id)
+            why = self._why
+            self._folder.visible = why is not None
+            if why is not None:
+                self._fill(simap, why)
+            self._draw()
+            edits = () if instance_id is None else edits_of(simap, instance_id)
+            summary = None if why is None else summary_html(why, by_hand=bool(edits))
+            self._page.panels[InstancePanel].explain(summary, edits)
+        finally:
+            self._page.repaint()
 
     def _add_drawing(self, gui: viser.GuiApi) -> None:
         self._lines = gui.add_checkbox(
@@ -233,7 +228,7 @@ class WhyPanel:
         )
         self._color_legend = gui.add_html("", visible=False)
         for box in (self._lines, self._color):
-            box.on_update(lambda _: self._actions.submit("why marks", self._toggled))
+            box.on_update(lambda _: self._page.worker.submit("why marks", self._toggled))
 
     def _add_neighbours(self, gui: viser.GuiApi) -> None:
         self._apart_of: dict[str, int] = {}
@@ -243,7 +238,7 @@ class WhyPanel:
         self._apart_picture = gui.add_image(np.full((2, 2, 3), 255, np.uint8), visible=False)
         self._apart_frames: dict[str, int] = {}
         self._apart_jump = gui.add_button_group("Show frame", ("-",), visible=False, hint=FRAME_HINT)
-        self._apart_jump.on_click(lambda event: self._jump(self._apart_frames.get(str(event.target.value))))
+        self._apart_jump.on_click(lambda event: self._jump(str(event.target.value)))
 
     def _add_steps(self, gui: viser.GuiApi) -> None:
         self._step = gui.add_slider("Merge step", 0, 1, 1, 0, hint="0 = none; the steps that made it, in order.")
@@ -283,7 +278,7 @@ class WhyPanel:
             self._choose_step(int(number))
 
     def _choose_step(self, position: int) -> None:
-        self._actions.submit("why step", lambda: self._show_step(position))
+        self._page.worker.submit("why step", lambda: self._show_step(position))
 
     def _show_step(self, position: int) -> None:
         """Show step ``position`` (from 1), or none for 0."""
@@ -297,9 +292,9 @@ class WhyPanel:
             self._step_text.content = remark_html(_steps_words(why))
         else:
             self._rows.options = _window(why, position)
-            self._step_text.content = joint_html(why, self._joint, position, self._actions.knows_joint(simap))
+            self._step_text.content = joint_html(why, self._joint, position, self._page.recording.has_steps_of(simap))
             self._leave_neighbour()
-            self._actions.show_joint(self._joint)
+            self._page.show_joint(self._joint)
         self._draw()
 
     def _leave_neighbour(self) -> None:
@@ -308,7 +303,7 @@ class WhyPanel:
             self._between = None
             self._apart.content = ""
             self._apart_picture.visible = self._apart_jump.visible = False
-            self._actions.repaint()
+            self._page.repaint()
 
     def _chose_neighbour(self, name: str) -> None:
         if name in self._apart_of:
@@ -332,7 +327,7 @@ class WhyPanel:
         first, second = object_name(simap, found.first), object_name(simap, found.second)
         self._apart.content = text_html(between_words(found, first, second))
         self._draw()
-        self._actions.repaint()
+        self._page.repaint()
         self._show_both(simap, found)
 
     def _show_both(self, simap: SIMap, found: Between) -> None:
@@ -356,20 +351,20 @@ class WhyPanel:
         self._apart_jump.visible = bool(names)
 
     def _picture(self, simap: SIMap, frame: PairFrame, verdict: str) -> NDArray | None:
-        seen = self._actions.view(frame.frame)
+        seen = self._page.view(frame.frame)
         if seen is None:
             return None
         return named(outlined(*seen, frame.first, frame.second), f"{simap.frame_names[frame.frame]} as {verdict}")
 
-    def _jump(self, frame: int | None) -> None:
-        if frame is not None:
-            self._actions.show_frame(frame)
+    def _jump(self, name: str) -> None:
+        if name in self._apart_frames:
+            self._page.show_frame(self._apart_frames[name])
 
     def _toggled(self) -> None:
         self._color_legend.visible = bool(self._color.value)
         self._lines_legend.visible = bool(self._lines.value)
         self._draw()
-        self._actions.repaint()
+        self._page.repaint()
 
     def _draw(self) -> None:
         simap, why, found = self._simap, self._why, self._between
@@ -378,7 +373,7 @@ class WhyPanel:
             return
         beside = None if found is None else found.second.id
         link = None if found is None else found.link
-        z_m = why.instance.aabb_m[1][2] + FLOOR_M if self._upright else FLOOR_M
+        z_m = why.instance.aabb_m[1][2] + FLOOR_M if self._page.viewpoints.name == SLANT else FLOOR_M
         self._marks.draw(Marks(simap, why, bool(self._lines.value), self._joint, beside, link), z_m)
 
 

@@ -1,23 +1,150 @@
-"""One page's tie to its docked recording: the same frame in both, and clicks."""
+"""The recorded build docked beside the map: the same frame and step in both, and clicks."""
 
-from collections.abc import Callable
+import time
+from collections import deque
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from simaps_viz.mapping.explain import Joint, recorded_step
 from simaps_viz.mapping.partition import applied_steps
 from simaps_viz.mapping.simap import joining_threshold
 from simaps_viz.mapping.timeline import CLASSES, Timeline
 from simaps_viz.structures import SIMap
-from simaps_viz.viewer.panels.build import FrameLink
-from simaps_viz.viewer.recording.clicks import clicked_place, in_a_view
 from simaps_viz.viewer.server.host import Host
 
 if TYPE_CHECKING:
-    from simaps_viz.viewer.session import Session
+    from simaps_viz.viewer.page.page import Page
+
+ECHO_S = 1.5
+"""For how long a frame that was sent to the recording may come back as an echo."""
+SETTLE_S = 10.0
+"""For how long after a recording opened its going to its first frame is overruled."""
+NOTHING_THERE = ("Recorded build", "There is no object of the map where you clicked.")
+NO_SUCH_STEP = " The recorded build on the left has no such step: it stays where it is."
+PICTURES = "/world/camera/"
+OBJECTS = ("/world/objects", "/map/names")
+"""Entities whose instances are those of the finished map, in its order."""
+ON_MAP = "/map/"
+IN_ROOM = ("/world/cells", "/world/points")
+
+
+def place_inside(simap: SIMap, instance_id: int) -> tuple[float, float]:
+    """Return the centre of the instance's cell that lies nearest to its middle, map frame, metres.
+
+    Raises:
+        InputError: there is no such instance.
+    """
+    row, col = np.nonzero(simap.instance == simap.by_id(instance_id).id)
+    middle = int(np.argmin(np.hypot(row - row.mean(), col - col.mean())))
+    return simap.spec.centre_of(float(row[middle]), float(col[middle]))
+
+
+def clicked_place(
+    items: Sequence[Mapping[str, Any]],
+    simap: SIMap,
+    frame: int,
+    *,
+    view: Callable[[int], tuple[NDArray, NDArray] | None],
+    divide: Mapping[str, int],
+) -> tuple[float, float] | None:
+    """Return the place on the map that was clicked in the recorded build.
+
+    Args:
+        items: of a ``selection_change`` event of rerun's web viewer.
+        simap: the map that was recorded.
+        frame: the frame that the recorded build shows.
+        view: frame index -> (RGB, segment ids) or None.
+        divide: entity path -> how many times smaller than the frame its recorded picture is; a click in a picture
+            that is not named here gives no place.
+
+    Returns:
+        (x, y), map frame, metres; None when nothing of the map was clicked.
+    """
+    for item in items:
+        path, position = str(item.get("entity_path", "")), item.get("position")
+        index = item.get("instance_id")
+        if path in OBJECTS and isinstance(index, int) and 0 <= index < len(simap.instances):
+            return place_inside(simap, simap.instances[index].id)
+        numbers = position if isinstance(position, list) and len(position) == 3 else [None, None, None]
+        x, y, z = (float(v) if isinstance(v, int | float) else None for v in numbers)
+        if x is None or y is None:
+            continue
+        if path.startswith(ON_MAP):
+            return x, -y  # rerun's pictures of the map have y down
+        if path in IN_ROOM and z is not None:
+            return x, y
+        if path.startswith(PICTURES) and z is None and path in divide:
+            found = _instance_in_picture(simap, frame, view(frame), (x * divide[path], y * divide[path]))
+            if found:
+                return place_inside(simap, found)
+    return None
+
+
+def in_a_view(items: Sequence[Mapping[str, Any]]) -> bool:
+    """Return whether something was clicked in one of the recording's views, and not only chosen by its name."""
+    return any(
+        isinstance(item.get("position"), list) or (item.get("type") == "view" and not item.get("by_name"))
+        for item in items
+    )
+
+
+def _instance_in_picture(
+    simap: SIMap, frame: int, seen: tuple[NDArray, NDArray] | None, pixel: tuple[float, float]
+) -> int:
+    """Return the instance most of whose cells the segment at a pixel (u, v) named, or 0."""
+    if seen is None:
+        return 0
+    (height, width), (rgb_height, rgb_width) = seen[1].shape, seen[0].shape[:2]
+    u, v = int(pixel[0] * width / rgb_width), int(pixel[1] * height / rgb_height)
+    if not (0 <= u < width and 0 <= v < height) or seen[1][v, u] == 0:
+        return 0
+    views = simap.views
+    mine = (views.frame == frame) & (views.segment == seen[1][v, u])
+    owner = np.zeros(int(max(simap.community.max(initial=0), views.community.max(initial=0))) + 1, np.int32)
+    owner[simap.community] = simap.instance
+    named = np.bincount(owner[views.community[mine]], views.cells[mine], minlength=2)
+    named[0] = 0.0
+    return int(named.argmax()) if named.any() else 0
+
+
+class FrameLink:
+    """Keeps two scrubbers in step without them chasing one another.
+
+    The page's own frame is sent to the recording; what the recording reports is taken over unless it only echoes
+    what it was sent.
+    """
+
+    def __init__(self, send: Callable[[int], None], clock: Callable[[], float] = time.monotonic) -> None:
+        """Take how to send a frame to the recording."""
+        self._send, self._clock = send, clock
+        self._sent: deque[tuple[int, float]] = deque(maxlen=64)
+        self._opened_s = float("-inf")
+
+    def push(self, frame: int) -> None:
+        """Show a frame in the recording."""
+        self._sent.append((frame, self._clock()))
+        self._send(frame)
+
+    def opened(self, frame: int) -> None:
+        """A recording was opened: bring it to the page's frame."""
+        self._opened_s = self._clock()
+        self.push(frame)
+
+    def accept(self, reported: int, current: int) -> bool:
+        """Return whether a frame the recording reports is news."""
+        now = self._clock()
+        if reported == current or any(frame == reported and now - at < ECHO_S for frame, at in self._sent):
+            return False
+        if reported == 0 and now - self._opened_s < SETTLE_S:
+            self.push(current)
+            return False
+        self._opened_s = float("-inf")  # somebody scrubs
+        return True
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,34 +187,16 @@ class RecordedSteps:
         return np.array_equal(page.done_at(position), self.timeline.done_at(position))
 
 
-@dataclass(frozen=True)
-class PageSide:
-    """What the link asks of the page, and tells it; none of these may take long."""
-
-    frame: Callable[[], int]
-    """The frame that the page shows."""
-    frames: Callable[[], int]
-    """How many there are."""
-    set_frame: Callable[[int], None]
-    """The recording shows another frame."""
-    clicked: Callable[[list[dict[str, Any]]], None]
-    """Something was clicked in the recording: the items of rerun's ``selection_change``."""
-    set_step: Callable[[str, int], None] = lambda timeline, time: None
-    """The recording shows a time of another timeline, "louvain" or "merge"."""
-    building: Callable[[], bool] = lambda: False
-    """The build goes on: the recording runs ahead, and nothing ties the two."""
-
-
 class RecordingLink:
     """Carries messages between a page and the frame that holds its recording; without a host it does nothing."""
 
-    def __init__(self, host: Host | None, session: str, page: PageSide) -> None:
-        """Take where the recording is served, and the session that its address names."""
+    def __init__(self, host: Host | None, session: str, page: "Page") -> None:
+        """Take where the recording is served, the session that its address names, and the page beside it."""
         self._host, self._session, self._page = host, session, page
         self._link = FrameLink(lambda frame: self._send("frame", frame))
         self._foreign = False
         self.on_switch: Callable[[bool], None] = lambda foreign: None
-        """Told whether the build of another map is shown now."""
+        """Called with whether the build of another map is shown now."""
 
     @property
     def url(self) -> str | None:
@@ -97,7 +206,7 @@ class RecordingLink:
     @property
     def tied(self) -> bool:
         """Page and recording go together: it is the build of this map, and it is done."""
-        return self._host is not None and not self._foreign and not self._page.building()
+        return self._host is not None and not self._foreign and not self._page.common.building
 
     def show(self, path: Path | None) -> None:
         """Show another recording in the place of this map's, or this map's own again (None).
@@ -121,31 +230,42 @@ class RecordingLink:
         if self.tied:
             self._link.push(frame)
 
-    def show_step(self, timeline: str, time: int) -> None:
-        """Show a time of timeline "louvain" or "merge" in the recording."""
-        if self.tied:
-            self._send(timeline, time)
+    def show_position(self, position: int) -> None:
+        """Show a position of the page's timeline of joining in the recording, where it has it."""
+        time = self._time_of(position) if self.tied else None
+        if time is not None:
+            self._send(*time)
 
-    def show_joint(self, joint: Joint, recorded: SIMap) -> None:
+    def words(self, position: int) -> str:
+        """Explain that the recording has no such position; empty where it does, or where there is no recording."""
+        return NO_SUCH_STEP if self.tied and self._time_of(position) is None else ""
+
+    def has_steps_of(self, simap: SIMap) -> bool | None:
+        """Whether the recorded build has the steps of a map's merge log; None = there is no recorded build."""
+        return None if self._host is None else simap.merges is self._page.common.recorded.merges
+
+    def show_joint(self, joint: Joint) -> None:
         """Go to a step of the recorded map's merge log."""
+        recorded = self._page.common.recorded
         applied = applied_steps(recorded.merges, joining_threshold(recorded.method, recorded.parameters))
-        self.show_step("merge", recorded_step(joint, applied))
+        if self.tied:
+            self._send("merge", recorded_step(joint, applied))
 
     def opened(self) -> None:
         """The recording begins to listen: bring it to the page's frame."""
         if self.tied:
-            self._link.opened(self._page.frame())
+            self._link.opened(self._page.frame)
         elif not self._foreign:
             self._push({"set_time": {"timeline": "frame", "play": "following"}})
 
-    def said(self, event: dict[str, Any]) -> None:
-        """Take what the recording tells.
+    def reported(self, event: dict[str, Any]) -> None:
+        """Take an event that the recording reports.
 
-        A recording that has just been opened, or has changed its timeline, starts where it likes: it is told the
-        page's frame instead. What a stream that was followed tells late is nobody's scrubbing.
+        A recording that has just been opened, or has changed its timeline, starts at a frame of its own: it is sent
+        the page's instead. A late report of a stream that was followed is nobody's scrubbing, and moves nothing.
         """
         if not self.tied:
-            # A streamed one has no time yet when it opens, and cannot follow; it has once it tells of its timeline.
+            # A streamed one has no time yet when it opens, and cannot follow; it has once it reports its timeline.
             if event.get("type") == "recording_open" or _comes_to_frames(event):
                 self.opened()
             return
@@ -154,24 +274,46 @@ class RecordingLink:
         if kind == "recording_open" or (kind == "timeline_change" and on_frames):
             self.opened()
         elif kind == "selection_change" and isinstance(event.get("items"), list):
-            self._page.clicked([item for item in event["items"] if isinstance(item, dict)])
+            items = [item for item in event["items"] if isinstance(item, dict)]
+            self._page.worker.submit("recording click", lambda: self._select(items))
         elif kind == "time_update" and isinstance(event.get("time"), int | float) and not event.get("following"):
-            self._time_told(timeline, int(event["time"]))
+            self._time_reported(timeline, int(event["time"]))
 
     def close(self) -> None:
         """End the connection over which the recording listens."""
         if self._host is not None:
             self._host.hang_up(self._session)
 
-    def _time_told(self, timeline: Any, time: int) -> None:
+    def _time_reported(self, timeline: Any, time: int) -> None:
         if timeline in ("louvain", "merge"):
-            self._page.set_step(timeline, time)
+            shown = self._page.shared.timeline(self._page.simap)
+            position = self._steps.position_of(shown, timeline, time)
+            if position is not None:
+                self._page.show_step(position, shown, here=False)
         elif (
             timeline in ("frame", None)
-            and 0 <= time < self._page.frames()
-            and self._link.accept(time, self._page.frame())
+            and 0 <= time < len(self._page.simap.frame_names)
+            and self._link.accept(time, self._page.frame)
         ):
-            self._page.set_frame(time)
+            self._page.show_frame(time, here=False)
+
+    def _select(self, items: Sequence[Mapping[str, Any]]) -> None:
+        """Select what was clicked in the recorded build, or report that it is nothing of the map."""
+        page = self._page
+        divide = page.services.picture_divide
+        place = clicked_place(items, page.common.recorded, page.frame, view=page.view, divide=divide)
+        if place is not None and page.simap.at(*place) is not None:
+            page.pick(place)
+        elif in_a_view(items):
+            page.say(*NOTHING_THERE)
+
+    @property
+    def _steps(self) -> RecordedSteps:
+        timeline = self._page.shared.timeline(self._page.common.recorded)
+        return RecordedSteps(timeline, self._page.services.recorded_levels)
+
+    def _time_of(self, position: int) -> tuple[str, int] | None:
+        return self._steps.time_of(self._page.shared.timeline(self._page.simap), position)
 
     def _send(self, timeline: str, time: int) -> None:
         self._push({"set_time": {"timeline": timeline, "time": time}})
@@ -183,59 +325,3 @@ class RecordingLink:
 
 def _comes_to_frames(event: dict[str, Any]) -> bool:
     return event.get("type") == "timeline_change" and event.get("timeline") == "frame"
-
-
-NOTHING_THERE = ("Recorded build", "There is no object of the map where you clicked.")
-NO_SUCH_STEP = " The recorded build on the left has no such step: it stays where it is."
-
-
-def page_side(session: "Session") -> PageSide:
-    """Tie a recording to a page: frames, steps and clicks."""
-
-    def show_frame(frame: int) -> None:
-        session.parts.build.set_frame(frame)
-
-    def show_step(timeline: str, time: int) -> None:
-        position = _recorded_steps(session).position_of(session.common.shared.timeline(session.simap), timeline, time)
-        if position is not None:
-            session.parts.steps.choose(position, chosen_here=False)
-
-    def select(items: list[dict[str, Any]]) -> None:
-        """Select what was clicked in the recorded build, or say that it is nothing of the map."""
-        common = session.common
-        divide = common.services.picture_divide
-        place = clicked_place(items, common.recorded, session.frame, view=session.view, divide=divide)
-        if place is not None and session.simap.at(*place) is not None:
-            session.pick(place)
-        elif in_a_view(items):
-            session.say(*NOTHING_THERE)
-
-    return PageSide(
-        frame=lambda: session.frame,
-        frames=lambda: len(session.simap.frame_names),
-        set_frame=show_frame,
-        clicked=lambda items: session.worker.submit("recording click", lambda: select(items)),
-        set_step=show_step,
-        building=lambda: session.common.building,
-    )
-
-
-def show_step_beside(session: "Session", position: int) -> None:
-    """Show a position of the page's timeline in the recording too, where it has it."""
-    time = _time_beside(session, position)
-    if time is not None:
-        session.recording.show_step(*time)
-
-
-def words_beside(session: "Session", position: int) -> str:
-    """Why the recording does not show a position of the page's timeline; empty where it does, or there is none."""
-    return NO_SUCH_STEP if session.recording.tied and _time_beside(session, position) is None else ""
-
-
-def _time_beside(session: "Session", position: int) -> tuple[str, int] | None:
-    return _recorded_steps(session).time_of(session.common.shared.timeline(session.simap), position)
-
-
-def _recorded_steps(session: "Session") -> RecordedSteps:
-    common = session.common
-    return RecordedSteps(common.shared.timeline(common.recorded), common.services.recorded_levels)

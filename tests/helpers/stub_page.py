@@ -1,4 +1,4 @@
-"""A page that is nothing but a `Desk`: a small viser server with a map, for testing one panel in a browser."""
+"""A page with nothing but a map on a small viser server, for testing one panel in a browser."""
 
 import contextlib
 import io
@@ -16,15 +16,16 @@ from toy_maps import TOY_POSE
 
 from simaps_viz.drawing.texture import MapPicture, map_image
 from simaps_viz.drawing.theme import LIGHT, Theme
-from simaps_viz.structures import Pose2, SIMap
+from simaps_viz.structures import SIMap
+from simaps_viz.viewer.page import page
 from simaps_viz.viewer.page.worker import Worker
 from simaps_viz.viewer.scene.camera import top_view
 
 
-class StubDesk:
-    """One page for all; what panels say is kept."""
+class StubPage(page.Page):
+    """One page for all clients of a server; what panels ask of it is kept."""
 
-    def __init__(self, simap: SIMap) -> None:
+    def __init__(self, simap: SIMap) -> None:  # and nothing of a real page
         with contextlib.redirect_stdout(io.StringIO()):
             self.server = viser.ViserServer(host="127.0.0.1", port=free_port(), verbose=False)
         self.server.scene.set_up_direction("+z")
@@ -34,6 +35,8 @@ class StubDesk:
         self.pictures: list[MapPicture | None] = []
         self.looked: list[tuple[float, ...]] = []
         self.opened: list[Path] = []
+        self.frames: list[int] = []
+        self.pose = TOY_POSE
         self.downloads: list[tuple[str, bytes]] = []
         self._worker = Worker(self.report)
         self.show_picture(None)
@@ -72,18 +75,14 @@ class StubDesk:
     def selected(self) -> int | None:
         return None
 
-    @property
-    def pose(self) -> Pose2:
-        return TOY_POSE
-
     def show_recording(self, path: Path) -> None:
         self.opened.append(path)
 
     def select(self, instance_id: int | None) -> None:
         raise AssertionError("nobody selects here")
 
-    def jump(self, frame: int) -> None:
-        raise AssertionError("nobody shows another frame here")
+    def show_frame(self, frame: int, *, here: bool = True) -> None:
+        self.frames.append(frame)
 
     def publish(self, simap: SIMap) -> None:
         self._simap = simap
@@ -120,8 +119,8 @@ class StubDesk:
         for client in self.server.get_clients().values():
             client.send_file_download(name, content, save_immediately=True)
 
-    def wait_idle(self) -> bool:
-        return self._worker.wait_idle(PATIENCE_S)
+    def wait_idle(self, timeout_s: float = PATIENCE_S) -> bool:
+        return self._worker.wait_idle(timeout_s)
 
     def close(self) -> None:
         self._worker.stop()
@@ -137,22 +136,22 @@ class StubDesk:
 
 
 @contextmanager
-def stub_desk(simap: SIMap) -> Iterator[StubDesk]:
-    desk = StubDesk(simap)
+def stub_page(simap: SIMap) -> Iterator[StubPage]:
+    desk = StubPage(simap)
     try:
         yield desk
     finally:
         desk.close()
 
 
-def open_desk(page: Page, desk: StubDesk) -> None:
+def open_desk(page: Page, desk: StubPage) -> None:
     """Load the page and wait for the map and a camera that stands still."""
     page.goto(f"{desk.url}/?fixedDpr=1")
     page.wait_for_function("() => window.__viserMutable?.nodeRefFromName?.['/map'] != null")
     settle(desk, page)
 
 
-def settle(desk: StubDesk, page: Page) -> None:
+def settle(desk: StubPage, page: Page) -> None:
     """Wait until the camera has stood still for a while, and the page draws from there."""
     last: list[tuple[float, ...]] = []
 
@@ -168,7 +167,7 @@ def settle(desk: StubDesk, page: Page) -> None:
     until(page, rests)
 
 
-def color_at(desk: StubDesk, page: Page, x_m: float, y_m: float) -> tuple[int, ...]:
+def color_at(desk: StubPage, page: Page, x_m: float, y_m: float) -> tuple[int, ...]:
     """The colour the canvas shows at a point of the floor."""
     client = next(iter(desk.server.get_clients().values()))
     place = on_canvas(desk, page, x_m, y_m, SimpleNamespace(client=client))

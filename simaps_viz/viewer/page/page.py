@@ -1,0 +1,424 @@
+"""The page in one browser tab: what it shows, and how its panels change that."""
+
+import logging
+import secrets
+import threading
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import viser
+from numpy.typing import NDArray
+
+from simaps_viz.colors.instances import take_over
+from simaps_viz.drawing.solids import ray_on_blocks, ray_on_floor
+from simaps_viz.drawing.texture import MapPicture
+from simaps_viz.drawing.theme import Theme
+from simaps_viz.errors import SIMapsError
+from simaps_viz.mapping.explain import Joint
+from simaps_viz.mapping.methods import method_of
+from simaps_viz.mapping.simap import joining_percent
+from simaps_viz.mapping.timeline import Timeline
+from simaps_viz.structures import Instance, Pose2, SIMap
+from simaps_viz.viewer.page.panel import Panel, Panels
+from simaps_viz.viewer.page.player import Player
+from simaps_viz.viewer.page.services import Services
+from simaps_viz.viewer.page.shared import Common, Shared, paint, png
+from simaps_viz.viewer.page.timeline import Moment, TimeStep, moment
+from simaps_viz.viewer.page.worker import Worker
+from simaps_viz.viewer.recording.link import RecordingLink, place_inside
+from simaps_viz.viewer.scene.camera import SLANT, Extent, Viewpoints, with_margin
+from simaps_viz.viewer.scene.map_scene import MapScene, Style
+from simaps_viz.viewer.scene.why_marks import paint_cells
+from simaps_viz.viewer.server.viser_hooks import guard
+
+logger = logging.getLogger(__name__)
+
+DEFAULT_RESOLUTION = 1.0
+MIN_RESOLUTION, MAX_RESOLUTION = 0.05, 5.0
+"""What the slider of Louvain's resolution reaches."""
+ERROR_S = 12.0
+"""How long an error stays on the page."""
+
+
+@dataclass(frozen=True)
+class Cut:
+    """How the sliders cut a map into instances."""
+
+    percent: float
+    """K or evidence, percent."""
+    resolution: float
+    """Louvain's resolution."""
+
+
+def cut_of(simap: SIMap) -> Cut:
+    """Return how a map is cut, as far as the sliders can show it."""
+    resolution = float(simap.parameters.get("resolution", DEFAULT_RESOLUTION))
+    return Cut(joining_percent(simap), min(max(resolution, MIN_RESOLUTION), MAX_RESOLUTION))
+
+
+class Page:
+    """What one browser tab shows. Panels ask it for changes; it computes and paints, and reports events to all panels.
+
+    Its public methods may be called from any thread, and none of them takes long: the work is done by `worker`, where
+    a later job of a name replaces one that waits.
+    """
+
+    def __init__(self, client: viser.ClientHandle, common: Common) -> None:
+        """Show the published map, without any panel."""
+        self.client, self.common = client, common
+        self.token = secrets.token_urlsafe(12)
+        """Names this page in the addresses of the frames on it."""
+        self._lock = threading.RLock()
+        self._begun = self._closed = False
+        self._base = self._simap = self._colored = common.published()
+        self._frame_names = self._simap.frame_names
+        self._selected: int | None = None
+        self._picked: tuple[float, float] | None = None
+        self._picture: MapPicture | None = None
+        self.cut = self._own_cut = cut_of(self._base)
+        """How the sliders cut `base`."""
+        self.time = TimeStep(self.last_frame)
+        self.as_it_was = True
+        """Whether an earlier frame shows the map as it was then, and not the finished one."""
+        self.pose = common.start or Pose2(0.0, 0.0, 0.0)
+        """Where the robot is."""
+        self.players: dict[str, Player] = {}
+        """What plays the timelines of this page, by their names."""
+        self.worker, self.command_worker, self.panel_worker = (Worker(self.report) for _ in range(3))
+        guard(client, self.report)
+        self._scene = MapScene(client, self._simap, robot_radius_m=common.robot_radius_m)
+        self.viewpoints = Viewpoints(client, self._scene.frame_extent)
+        self.recording = RecordingLink(common.recording, self.token, self)
+        self.panels = Panels(self)
+        client.scene.on_click()(self._clicked)
+
+    # --- what there is
+
+    @property
+    def gui(self) -> viser.GuiApi:
+        """This page's own widgets."""
+        return self.client.gui
+
+    @property
+    def scene(self) -> MapScene:
+        """This page's own 3-D scene."""
+        return self._scene
+
+    @property
+    def services(self) -> Services:
+        """What stands behind the page."""
+        return self.common.services
+
+    @property
+    def shared(self) -> Shared:
+        """What all pages compute together."""
+        return self.common.shared
+
+    @property
+    def simap(self) -> SIMap:
+        """The map shown now."""
+        return self._simap
+
+    @property
+    def base(self) -> SIMap:
+        """The map that the sliders cut into what is shown."""
+        return self._base
+
+    @property
+    def theme(self) -> Theme:
+        """Whether the page is light or dark."""
+        return self._scene.theme
+
+    @property
+    def aspect(self) -> float:
+        """Width over height of the canvas in its middle."""
+        return float(self.client.camera.aspect)
+
+    @property
+    def selected(self) -> int | None:
+        """Id of the selected instance."""
+        return self._selected
+
+    @property
+    def picked(self) -> tuple[float, float] | None:
+        """The position that was selected, map frame, metres."""
+        return self._picked
+
+    @property
+    def frame(self) -> int:
+        """The frame of the build that is shown."""
+        return self.time.frame
+
+    @property
+    def last_frame(self) -> int:
+        """The last frame of the build; 0 where there is none."""
+        return max(len(self._frame_names) - 1, 0)
+
+    @property
+    def at_end(self) -> bool:
+        """Whether the last frame is shown."""
+        return self.frame >= self.last_frame
+
+    def view(self, frame: int) -> tuple[NDArray, NDArray] | None:
+        """Return a frame's RGB picture and segment ids; None when the sequence is not at hand."""
+        return None if self.services.view is None else self.services.view(frame)
+
+    # --- selection
+
+    def select(self, instance_id: int | None) -> None:
+        """Select an instance, or none."""
+        self.pick(None if instance_id is None else place_inside(self._simap, instance_id))
+
+    def pick(self, place: tuple[float, float] | None) -> None:
+        """Select what is at a position of the map; the position is kept, so that it outlives a new partition."""
+        with self._lock:
+            found = None if place is None else self._simap.at(*place)
+            self._picked = None if found is None else place
+            self._show_selected(found)
+
+    def remember(self, place: tuple[float, float] | None) -> None:
+        """Select what is at a position as soon as the next map is shown."""
+        self._picked = place
+
+    def go_to(self, instance: Instance) -> None:
+        """Select an instance, and look at it and what is around it."""
+        self.select(instance.id)
+        (xmin, ymin, _), (xmax, ymax, _) = instance.aabb_m
+        self.viewpoints.look_at(with_margin((xmin, ymin, xmax, ymax), share=1.0, least_m=1.5))
+
+    # --- the map
+
+    def publish(self, simap: SIMap) -> None:
+        """Show a changed map on every open page, and on those opened later; each page cuts it as its sliders are."""
+        self.common.publish(self._cut_as_published(simap))
+
+    def take_map(self, simap: SIMap, *, keep_sliders: bool = False) -> None:
+        """Let the sliders cut another map, and show it, soon; ``keep_sliders``: cut as this person has set them."""
+        with self._lock:
+            self._base = simap
+        self.worker.submit("take map", lambda: self.take_map_now(simap, keep_sliders=keep_sliders))
+
+    def take_map_now(self, simap: SIMap, *, keep_sliders: bool = False) -> None:
+        """Do what ``take_map`` says, on the worker's thread."""
+        with self._lock:
+            kept = self.cut if self.cut_here and keep_sliders else None
+            self._base, self._own_cut = simap, cut_of(simap)
+            self.cut = kept or self._own_cut
+            self.panels.each(lambda panel: panel.base_changed(simap))
+            if kept is not None:
+                self.partition(kept.percent, kept.resolution)
+            else:
+                self._show(simap)
+
+    @property
+    def cut_here(self) -> bool:
+        """Whether the sliders are not where the map has them."""
+        return self.cut != self._own_cut
+
+    def partition(self, percent: float, resolution: float) -> None:
+        """Cut the map anew, at K or evidence (percent) and Louvain's resolution."""
+        self.cut = Cut(percent, resolution)
+        self.worker.submit("partition", lambda: self._partition_now(percent, resolution))
+
+    def repaint(self) -> None:
+        """Colour the map anew, soon."""
+        self.worker.submit("map", self._paint_now)
+
+    def show_picture(self, picture: MapPicture | None) -> None:
+        """Show a picture instead of the map's own colours; None removes it."""
+        self._picture = picture
+        self.worker.submit("picture", self._show_picture_now)
+
+    # --- time
+
+    def show_frame(self, frame: int, *, here: bool = True) -> None:
+        """Show a frame of the build; ``here``: in the recording too, as it was chosen on this page."""
+        self.stop_playing(but="frames")
+        self.time = TimeStep(min(max(frame, 0), self.last_frame))
+        if here:
+            self.recording.show_frame(self.frame)
+        self._time_changed()
+
+    def show_step(self, position: int, timeline: Timeline, *, here: bool = True) -> None:
+        """Show a step of joining, which is of the finished map; ``here``: in the recording too, where it has it."""
+        self.stop_playing(but="steps")
+        self.time = TimeStep(self.last_frame, None if position == timeline.finished else position)
+        if here:
+            self.recording.show_position(position)
+        self._time_changed()
+
+    def show_joint(self, joint: Joint) -> None:
+        """Show the finished map, and in the recording the step of joining that made the selected instance."""
+        self.stop_playing()
+        self.time = TimeStep(self.last_frame)
+        self._time_changed()
+        if self.recording.has_steps_of(self._simap):
+            self.recording.show_joint(joint)
+
+    def finish(self) -> None:
+        """Show the finished map, here and in the recording, and stop what plays, also before it has shown anything."""
+        self.stop_playing()
+        if not self.at_end or self.time.step is not None:
+            self.show_frame(self.last_frame)
+
+    def stop_playing(self, but: str = "") -> None:
+        """Stop what plays the timelines of this page, but for one of them."""
+        for name, player in tuple(self.players.items()):
+            if name != but:
+                player.stop()
+
+    def moment(self) -> Moment:
+        """Find what the page is to paint."""
+        time = self.time
+        past = time.step is None and self.as_it_was and not self.at_end
+        return moment(self.shared, self._simap, frame=time.frame if past else None, step=time.step)
+
+    # --- camera, theme, robot, recording
+
+    def look(self, name: str) -> None:
+        """Go to the top view or the slanted one."""
+        self._scene.stand_up(name == SLANT)
+        self.viewpoints.look(name)
+        self.panels.each(lambda panel: panel.view_changed(name))
+
+    def look_at(self, extent: Extent | None) -> None:
+        """Look straight down on a part of the floor; None: as before."""
+        self.viewpoints.look_down(extent)
+
+    def set_theme(self, theme: Theme) -> None:
+        """Colour the map for a light or a dark page."""
+        self._scene.set_theme(theme)
+        self.panels.each(lambda panel: panel.theme_changed())
+        self.repaint()
+
+    def claim_robot(self, by: Panel) -> None:
+        """Have all other panels leave the robot alone."""
+        self.panels.each(lambda panel: None if panel is by else panel.leave_robot())
+
+    def show_recording(self, path: Path) -> None:
+        """Show a recorded build beside the map; of another map, its frames and clicks mean nothing here."""
+        self.recording.show(path)
+
+    # --- work and words
+
+    def submit(self, name: str, job: Callable[[], None]) -> None:
+        """Do a panel's work, which never holds up the page itself; what it raises is reported here."""
+        self.panel_worker.submit(name, job)
+
+    def send(self, name: str, content: bytes) -> None:
+        """Send the browser a file of that name to save."""
+        self.client.send_file_download(name, content, save_immediately=True)
+
+    def say(self, title: str, text: str) -> None:
+        """Notify this person of something in passing."""
+        self._notify(title, text, "blue", 6.0)
+
+    def report(self, error: Exception) -> None:
+        """Notify this person of an error; one that is not meant for people also goes to the log in full."""
+        if self._closed:
+            return
+        if self._begun:
+            self.panels.each(lambda panel: panel.failed())
+        known = isinstance(error, SIMapsError)
+        if not known:
+            logger.error("the workbench met an error", exc_info=error)
+        title = "That did not work" if known else f"Unexpected error ({type(error).__name__})"
+        self._notify(title, str(error), "red", ERROR_S)
+
+    def wait_idle(self, timeout_s: float = 60.0) -> bool:
+        """Wait until all that was asked for is done; False when that took too long."""
+        return all(w.wait_idle(timeout_s) for w in (self.command_worker, self.panel_worker, self.worker))
+
+    # --- on the worker's thread
+
+    def _partition_now(self, percent: float, resolution: float) -> None:
+        base = self._base
+        simap = self.shared.partition(base, percent, resolution)
+        with self._lock:
+            if base is self._base:  # not when another map has come meanwhile
+                self._show(simap)
+
+    def _show(self, simap: SIMap) -> None:
+        with self._lock:
+            self._simap = simap
+        self.worker.submit("map changed", self._map_changed)
+
+    def _cut_as_published(self, simap: SIMap) -> SIMap:
+        """Cut a map as the published one is, so that what one person cuts does not become everybody's."""
+        published = self.common.published()
+        slider = method_of(simap.method).slider
+        if slider is None or simap.method != published.method or simap.spec != published.spec:
+            return simap
+        names = (slider.parameter, "resolution")
+        if all(simap.parameters.get(name) == published.parameters.get(name) for name in names):
+            return simap
+        resolution = float(published.parameters.get("resolution", DEFAULT_RESOLUTION))
+        return self.shared.partition(simap, joining_percent(published), resolution)
+
+    def _map_changed(self) -> None:
+        simap = self._simap
+        # Instances keep the colours they had on the map before.
+        take_over(simap, self._colored)
+        self._colored = simap
+        if self._scene.fit(simap):
+            self.viewpoints.show_extent(self._scene.frame_extent)
+        # A page that showed the last frame follows a map that grows; its steps of joining are others now.
+        follow = self.at_end and simap.frame_names != self._frame_names
+        self._frame_names = simap.frame_names
+        self.time = TimeStep(self.last_frame if follow else min(self.frame, self.last_frame))
+        self.panels.each(lambda panel: panel.map_changed(simap))
+        with self._lock:
+            self._show_selected(None if self._picked is None else simap.at(*self._picked))
+
+    def _show_selected(self, instance: Instance | None) -> None:
+        self._selected = None if instance is None else instance.id
+        self._scene.outline(self._simap, self._selected)
+        self.panels.each(lambda panel: panel.selection_changed(self._selected))
+
+    def _time_changed(self) -> None:
+        """Draw the camera of a frame, and what was known then; at the last one there is only the map."""
+        frame, poses = self.frame, self._simap.T_map_camera
+        past = frame < min(len(self._simap.frame_names) - 1, len(poses))
+        self._scene.show_camera(poses[frame] if past else None)
+        self.panels.each(lambda panel: panel.time_changed(frame, self.time.step))
+        self.repaint()
+
+    def _paint_now(self) -> None:
+        shown = self._simap
+        then = self.moment()
+        lit = None if self._selected is None else frozenset({self._selected})
+        style = self.panels.style(shown, Style("instance", lit, then.until, None, self._scene.theme))
+        if then.classes_only:
+            style = replace(style, mode="class")
+        # Pictures without marks of this page alone are shared by all pages.
+        if style.paint is None:
+            picture = self.shared.picture(then.simap, style.mode, style.lit, style.until, style.theme)
+        else:
+            image = paint(then.simap, style.mode, style.lit, style.until, style.theme)
+            paint_cells(image, *style.paint, then.simap.spec.cols)
+            picture = png(image)
+        self._scene.show_map(then.simap, picture, style)
+        painted = then.simap if then.simap.instances else shown
+        self.panels.each(lambda panel: panel.painted(painted, then))
+        self._scene.show_badge(then.badge)
+
+    def _show_picture_now(self) -> None:
+        picture = self._picture
+        if picture is None:
+            self._scene.show_picture(None)
+        else:
+            self._scene.show_picture(picture.spec, png(picture.pixels))
+
+    def _clicked(self, event: viser.SceneClickEvent) -> None:
+        if self.viewpoints.name == SLANT and self._picture is None:
+            place = ray_on_blocks(self._simap, event.ray_origin, event.ray_direction)
+        else:
+            place = ray_on_floor(event.ray_origin, event.ray_direction)
+        if place is None or not self.panels.take_click(*place):
+            self.pick(place)
+
+    def _notify(self, title: str, text: str, color: Any, seconds: float) -> None:
+        if not self._closed:
+            self.client.add_notification(title, text, color=color, auto_close_seconds=seconds)
