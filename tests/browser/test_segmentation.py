@@ -18,7 +18,6 @@ def see(page, text):
 def bench(browser):
     with stub_page(toy_map()) as desk, watched_page(browser, 1280, 1500) as page:
         desk.server.gui.configure_theme(control_width="large")
-        chosen: list[int] = []
         panel = SegmentationPanel(desk, toy_segmentation())
         panel.time_changed(0, None)
         page.goto(f"{desk.url}/?fixedDpr=1")

@@ -7,7 +7,7 @@ from browser import toy_services, toy_workbench
 from fake_page import fake_page
 from waiting import until
 
-from simaps_viz.navigation.trajectory import Drive, trajectory
+from simaps_viz.navigation.trajectory import TrajectoryPlayer, trajectory
 from simaps_viz.viewer.panels.command import CommandPanel
 
 

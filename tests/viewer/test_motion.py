@@ -26,8 +26,7 @@ from simaps_viz.viewer.panels.command import (
     program_html,
 )
 from simaps_viz.viewer.recording.link import ECHO_S, SETTLE_S, FrameLink
-from simaps_viz.viewer.scene.camera import SEES_M, slanted_view, top_view
-from simaps_viz.viewer.scene.camera import Viewpoints
+from simaps_viz.viewer.scene.camera import SEES_M, Viewpoints, slanted_view, top_view
 
 coordinate = st.floats(-20.0, 20.0)
 pose_rows = st.lists(st.tuples(coordinate, coordinate, st.floats(-3.1, 3.1)), min_size=1, max_size=12)

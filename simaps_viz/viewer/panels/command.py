@@ -30,7 +30,14 @@ from simaps_viz.language.grounding import Candidate
 from simaps_viz.language.llm_settings import Exchange
 from simaps_viz.navigation.agent import Answer, StepEvent, is_program, outcome_text
 from simaps_viz.navigation.robot import Goal
-from simaps_viz.navigation.trajectory import SPEED_HINT, Trajectory, TrajectoryPlayer, poses_along, trajectory, trajectory_of_steps
+from simaps_viz.navigation.trajectory import (
+    SPEED_HINT,
+    Trajectory,
+    TrajectoryPlayer,
+    poses_along,
+    trajectory,
+    trajectory_of_steps,
+)
 from simaps_viz.structures import Instance, Pose2, SIMap
 from simaps_viz.viewer.page.page import Page
 from simaps_viz.viewer.page.panel import Panel

@@ -26,6 +26,7 @@ from simaps_viz.mapping.explain import (
     score_text,
     summary,
 )
+from simaps_viz.mapping.methods import method_of
 from simaps_viz.structures import SIMap
 from simaps_viz.viewer.page.page import Page
 from simaps_viz.viewer.page.panel import Panel
