@@ -17,7 +17,7 @@ from simaps_viz.structures import Pose2
 
 MARGIN_M: Final = 0.3
 """What is meant is at least this much nearer (or further to a side) than what comes before and after it."""
-SMALLEST_CELLS: Final = 12
+MIN_CELLS: Final = 12
 """A class with an object of which less is seen from above is not asked for: 12 cells of 5 cm are a book."""
 REACH_M: Final = 0.8
 """What is asked for can be approached this closely with elbow room, so that 1 m is no accident."""

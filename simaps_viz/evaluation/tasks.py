@@ -99,7 +99,7 @@ class _Maker:
         clean = {
             label: world.of_class(label)
             for label in world.labels
-            if min(len(o.cells_m) for o in world.of_class(label)) >= referents.SMALLEST_CELLS
+            if min(len(o.cells_m) for o in world.of_class(label)) >= referents.MIN_CELLS
             and not is_ambiguous(label, world.labels)
         }
         if not clean:

@@ -81,8 +81,8 @@ def moved_grid(grid: Grid, spec: GridSpec) -> Grid:
     )
 
 
-_MOST_IDS = np.iinfo(np.int16).max
-_SLOTS = tuple(str(i) for i in range(_MOST_IDS + 1))
+_MAX_IDS = np.iinfo(np.int16).max
+_SLOTS = tuple(str(i) for i in range(_MAX_IDS + 1))
 _SAME_FRAME = 1e-3
 """Map frames whose transforms differ by no more than this (metres, or sines) are one."""
 
@@ -252,8 +252,8 @@ def _note(
             raise InputError(
                 f"{sequence.path}: expected one class for id {segment.id}, found {first.label} and {segment.label}"
             )
-        if slot_of.setdefault(segment.id, len(slot_of) + 1) > _MOST_IDS:
-            raise InputError(f"{sequence.path}: expected at most {_MOST_IDS} ids, found more")
+        if slot_of.setdefault(segment.id, len(slot_of) + 1) > _MAX_IDS:
+            raise InputError(f"{sequence.path}: expected at most {_MAX_IDS} ids, found more")
 
 
 def _truth(

@@ -78,6 +78,7 @@ def read_command(text: str, labels: Sequence[str] | Mapping[str, int]) -> Readin
     spoken = tokens(text, vocabulary)
     if not spoken:
         raise CommandError(f"nothing to do was said. {examples(labels)}")
+    # Where words are unknown, spelling is corrected, if the command can be read then.
     if not any(word.type == "WORD" for word in spoken):
         return _read(text, spoken, vocabulary, ())
     try:
@@ -118,6 +119,7 @@ def _read(text: str, spoken: Sequence[Token], vocabulary: Vocabulary, notes: Seq
     _refuse_what_orders_cannot_say(spoken, vocabulary)
     manners = [f'"{word}" is left out: the robot has one way to drive' for word in spoken if word.type == "MANNER"]
     spoken = [word for word in spoken if word.type != "MANNER"]
+    # Parse every clause into its readings, the likeliest first.
     parses: list[list[Tree[Any]]] = []
     for clause in clauses(spoken):
         try:
@@ -131,6 +133,7 @@ def _read(text: str, spoken: Sequence[Token], vocabulary: Vocabulary, notes: Seq
             raise CommandError(f"{what} {examples(vocabulary.labels)}") from None
     if not parses:
         raise CommandError(f'Not understood: "{text.strip()}" holds nothing to do. {examples(vocabulary.labels)}')
+    # Build the likeliest program; the other trees and the other meanings of words give the alternatives.
     builder, likeliest, others = _likeliest(parses, vocabulary)
     program = builder.program
     alternatives = [_build(trees, vocabulary, {}) for trees in others]
@@ -200,6 +203,7 @@ def _renamed(tree: Tree[Any], name: str, other: str) -> Tree[Any]:
 
 def _cost(tree: Tree[Any], depth: int) -> float:
     """Return how unlikely a reading is: a phrase belongs to the nearest thing before it, what is seen to the first."""
+    # Sum the costs of the rules, counting how many things enclose each.
     cost = _COST.get(str(tree.data), 0.0)
     deeper = depth + (str(tree.data) in _THINGS)
     for child in tree.children:
@@ -209,6 +213,7 @@ def _cost(tree: Tree[Any], depth: int) -> float:
         cost += _COST_OF_ONE_OF_MANY
     if str(tree.data) in PARTS:
         cost += _COST_OF_PART
+    # Of two attachments the one to the nearer, deeper thing is cheaper; what is seen belongs to the outermost.
     if str(tree.data) == "view":
         cost += 0.1 * depth
     elif depth and str(tree.data) not in _THINGS and str(tree.data) not in ("noun", "nouns", "amount", "side", "pair"):

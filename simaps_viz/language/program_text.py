@@ -227,6 +227,7 @@ def _by_distance(wanted: Wanted, fresh: Fresh) -> Lines:
 
 
 def _passes(wanted: Wanted, turns: int, fresh: Fresh) -> tuple[list[str], list[str]]:
+    # Every pass finds the candidate with the smallest distance greater than that of the last pass.
     item, last, best, at, far = (fresh(name) for name in ("candidate", "last", "best", "at", "distance"))
     (test_lines, test), places = _test(wanted, item, fresh, at=at)
     assert wanted.other is not None
@@ -251,6 +252,7 @@ def _passes(wanted: Wanted, turns: int, fresh: Fresh) -> tuple[list[str], list[s
         f"    {wanted.variable} = {item}",
     ]
     body = [f"{best} = {_NOTHING}", f"for {item} in {wanted.source}:", *_indented("    ", inner), f"{last} = {best}"]
+    # The passes are turns of a loop; a distance that stays at its start means that there was no candidate left.
     turn = fresh("turn")
     lines = [
         f"{last} = -{_NOTHING}",
@@ -276,6 +278,7 @@ def each(wanted: Wanted, fresh: Fresh) -> tuple[Lines, Lines, str]:
     guard = (
         [f"{fresh('nearest')} = {wanted.source}[{max(wanted.rank - 1, 0)}]"] if wanted.in_view or wanted.rank else []
     )
+    # The closest few need no test: their ranks are enough.
     if wanted.rank and test == "True" and wanted.order == "near":
         if not wanted.in_view:
             ranks = ", ".join(str(n + 1) for n in range(wanted.rank))
@@ -283,6 +286,7 @@ def each(wanted: Wanted, fresh: Fresh) -> tuple[Lines, Lines, str]:
         turn = fresh("turn")
         ranks = ", ".join(str(n) for n in range(wanted.rank))
         return (f"for {turn} in [{ranks}]:", f"    {item} = {wanted.source}[{turn}]"), tuple(places), "    "
+    # Otherwise go over the candidates, test each, and count those that pass.
     head, indent = _candidates(wanted, item, fresh)
     lines, before = list(head), [*places, *guard]
     if test != "True":
@@ -360,6 +364,7 @@ def _relation(kind: str, at: str, others: list[str], fresh: Fresh) -> tuple[list
     if kind == "between":
         a, b = others
         return [], f"({at}[0] - {a}[0]) * ({at}[0] - {b}[0]) + ({at}[1] - {a}[1]) * ({at}[1] - {b}[1]) < 0"
+    # Along the direction of the side, and across it: within 60 degrees means across² <= 3 along².
     along, across = fresh("along"), fresh("across")
     if kind in _COMPASS:
         axis, sign = (0, _COMPASS[kind][0]) if _COMPASS[kind][0] else (1, _COMPASS[kind][1])

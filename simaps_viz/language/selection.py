@@ -181,6 +181,7 @@ class Selection:
         name, rank = quoted(self.label), self.rank or 1
         others = [thing for relation in self.relations for thing in relation.things]
         before = tuple(line for thing in [*others, self.other] if thing for line in thing.before)
+        # One look-up is enough for most phrases; what is left is searched for.
         which = None
         if self.in_view and self.order in ("near", "far") and not self.relations:
             which = f"robot.in_view({name})[{rank - 1 if self.order == 'near' else -rank}]"

@@ -73,6 +73,7 @@ def clauses(spoken: Sequence[Token]) -> list[list[Token]]:
     found: list[list[Token]] = [[]]
     in_pair = False
     for at, word in enumerate(spoken):
+        # The next word that is no separator decides whether a comma or "and" ends the clause.
         after = next((w for w in spoken[at + 1 :] if w.type not in ("COMMA", "AND", *_BOUNDS)), None)
         verb = after is not None and _starts_an_order(after, found[-1])
         ends = after is None or after is not spoken[at + 1]
@@ -84,6 +85,7 @@ def clauses(spoken: Sequence[Token]) -> list[list[Token]]:
         ):
             found.append([])  # "turn left go ahead": said without a pause
             in_pair = False
+        # "then", a full stop, or a comma or "and" before a new order.
         if word.type in _BOUNDS or (word.type in ("COMMA", "AND") and _splits(found[-1], word, after, in_pair, verb)):
             _lend_noun(found[-1], spoken[at + 1 :])
             found.append([])
@@ -266,6 +268,7 @@ def _corrected(pieces: Pieces, vocabulary: Vocabulary, corrected: list[str]) -> 
     words = [piece for _, piece in pieces]
     at = 0
     while at < len(pieces):
+        # Unknown words are compared with the names of things first, then with the words of the grammar.
         kind, _, length = _token(pieces[at][0], words[at:], vocabulary)
         name, taken, end = "", 0, at + length
         if pieces[at][0] == "word":

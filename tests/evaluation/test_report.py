@@ -32,7 +32,7 @@ SHARED = Path(__file__).parents[2].parent / "shared"
 HOUSE = SHARED / "data" / "aws-small-house" / "rgbd"
 needs_shared = pytest.mark.skipif(not SHARED.is_dir(), reason=f"{SHARED} is not on this machine")
 EVERY = 20
-"""Of the house's frames, only so many: the program that spoils masks takes a third of a second for each."""
+"""Only every 20th frame of the house is used: simulating mask errors takes a third of a second for each."""
 RULES = ScoringRules(min_true_cells=4, min_found_cells=4)
 
 
