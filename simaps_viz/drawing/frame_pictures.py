@@ -224,7 +224,7 @@ OUTLINE = (255, 214, 10)
 OTHER_OUTLINE = (205, 92, 255)
 DASH = 14
 """Length of the dashes of an outline that two objects share, pixels."""
-FONT_SCALE = 1.3
+NAME_PX, MIN_NAME_PX = 36, 16
 PAD = 10
 WIDTH = 360
 """Width of a thumbnail, pixels."""
@@ -264,7 +264,7 @@ def outlined(rgb: NDArray, ids: NDArray, segments: Collection[int], others: Coll
     for mask, color in zip(masks, (OUTLINE, OUTLINE, OTHER_OUTLINE), strict=True):
         large = cv2.resize(mask[y0:y1, x0:x1], (WIDTH, HEIGHT), interpolation=cv2.INTER_NEAREST)
         contours, _ = cv2.findContours(large, cv2.RETR_LIST, cv2.CHAIN_APPROX_NONE)
-        cv2.drawContours(picture, contours, -1, (20, 20, 20), 6, cv2.LINE_AA)
+        cv2.drawContours(picture, contours, -1, HALO, 6, cv2.LINE_AA)
         cv2.drawContours(picture, contours, -1, color, 3, cv2.LINE_AA)
         if mask is masks[1]:
             dashes = [line[i : i + DASH] for line in contours for i in range(0, len(line), 2 * DASH)]
@@ -273,14 +273,12 @@ def outlined(rgb: NDArray, ids: NDArray, segments: Collection[int], others: Coll
 
 
 def named(picture: NDArray, name: str) -> NDArray:
-    """Write a name into the lower left corner of a thumbnail, as large as it fits. Returns a copy."""
-    picture = picture.copy()
-    (width, _), _ = cv2.getTextSize(name, cv2.FONT_HERSHEY_SIMPLEX, FONT_SCALE, 2)
-    scale = FONT_SCALE * min(1.0, (WIDTH - 2 * PAD) / max(width, 1))
-    (width, height), _ = cv2.getTextSize(name, cv2.FONT_HERSHEY_SIMPLEX, scale, 2)
-    cv2.rectangle(picture, (0, HEIGHT - height - 2 * PAD), (width + 2 * PAD, HEIGHT), (20, 20, 20), -1)
-    place = (PAD, HEIGHT - PAD)
-    cv2.putText(picture, name, place, cv2.FONT_HERSHEY_SIMPLEX, scale, (255, 255, 255), 2, cv2.LINE_AA)
+    """Return a copy of a thumbnail with a name in its lower left corner, smaller or cut if it is too long."""
+    picture, room = picture.copy(), WIDTH - 2 * PAD
+    size = max(MIN_NAME_PX, round(NAME_PX * min(1.0, room / max(width_of(name, NAME_PX), 1))))
+    text = fitting(name, size, room)
+    picture[HEIGHT - size - PAD :, : width_of(text, size) + 2 * PAD] = HALO
+    write(picture, text, (PAD, HEIGHT - (size + PAD) / 2), size, (255, 255, 255))
     return picture
 
 

@@ -68,9 +68,8 @@ def write(
     strip = image[top : y + size]
     if strip.size:
         canvas = Image.fromarray(strip)
-        stroke = size / 40 if bold else 0
         ImageDraw.Draw(canvas).text(
-            (x, y - top), _plain(text), fill=color, font=_plain_font(size), anchor="ls", stroke_width=stroke
+            (x, y - top), _plain(text), fill=color, font=_plain_font(size), anchor="ls", stroke_width=int(bold)
         )
         strip[:] = np.asarray(canvas)
 

@@ -183,3 +183,15 @@ def test_thumbnail_takes_a_segmentation_of_another_size():
     ids[20:30, 30:40] = 70_001
     picture = frame_pictures.outlined(np.zeros((480, 640, 3), np.uint8), ids, {70_001})
     assert (picture == frame_pictures.OUTLINE).all(axis=2).sum() > 100
+
+
+@pytest.mark.parametrize(
+    "name", ["000123", "frame 椅子 12", "a_frame_with_a_name_that_is_much_too_long_to_be_shown.png"]
+)
+def test_a_thumbnail_is_named_in_its_lower_left_corner(name):
+    plain = np.full((frame_pictures.HEIGHT, frame_pictures.WIDTH, 3), 120, np.uint8)
+    picture = frame_pictures.named(plain, name)
+    assert (plain == 120).all() and (picture[: frame_pictures.HEIGHT // 2] == 120).all()
+    changed = (picture != 120).any(axis=-1)
+    row, col = np.nonzero((picture > 200).all(axis=-1))
+    assert changed[-1, 0] and col.min() < 30 and col.max() < frame_pictures.WIDTH - 1 and row.max() < len(picture) - 1
