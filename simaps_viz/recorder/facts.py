@@ -1,4 +1,4 @@
-"""What a recording says of itself: written as properties of the recording, read without the rest of it."""
+"""The facts of a recording: written as its properties, read without the rest of it."""
 
 import json
 import warnings
@@ -16,14 +16,14 @@ from simaps_viz.structures import SIMap
 PROPERTY = "simaps"
 """Name of the property; rerun keeps it at /__properties/simaps."""
 LEVELS = "louvain_levels"
-"""The fact that says how far timeline "louvain" goes."""
+"""Name of the fact that holds how far timeline "louvain" goes."""
 _PATHS = ["/__properties", "/__properties/**"]
 _SHOWN = {"k_percent": "K {:g} %", "affinity": "affinity {:g}", "resolution": "resolution {:g}"}
 
 
 @dataclass(frozen=True)
 class RecordingFacts:
-    """What is known of a recording; None = it does not say."""
+    """What is known of a recording; None = unknown."""
 
     title: str | None = None
     application: str | None = None
@@ -68,7 +68,7 @@ def send_facts(stream: rr.RecordingStream, facts: dict[str, Any]) -> None:
 
 
 def read_facts(path: Path) -> RecordingFacts:
-    """Read what a recording says of itself; its pictures are not read (some milliseconds, whatever its size).
+    """Read the facts of a recording, but not its pictures (some milliseconds, whatever its size).
 
     Raises:
         InputError: it is no rerun recording, or was not finished.

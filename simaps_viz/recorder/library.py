@@ -23,7 +23,7 @@ from simaps_viz.io.files import beside, replacing
 from simaps_viz.recorder.facts import RecordingFacts, read_facts
 
 SUFFIX = ".rrd"
-_LONGEST_NAME = 120
+_MAX_NAME = 120
 
 
 def recording_folders() -> list[Path]:
@@ -178,13 +178,7 @@ def _entry(path: Path) -> LibraryEntry | None:
 def _checked(name: str) -> str:
     """Raise InputError unless a name is one for a file, and nothing but a name."""
     stem = name.strip().removesuffix(SUFFIX)
-    if (
-        not stem
-        or stem[0] == "."
-        or len(stem) > _LONGEST_NAME
-        or not stem.isprintable()
-        or set(stem) & set('/\\:*?"<>|')
-    ):
+    if not stem or stem[0] == "." or len(stem) > _MAX_NAME or not stem.isprintable() or set(stem) & set('/\\:*?"<>|'):
         raise InputError(f"name of a recording: expected a file name without / and the like, found {name[:60]!r}")
     return stem
 

@@ -1,4 +1,4 @@
-"""Streams a build to viewers on this machine while it goes on: those of its frames that it is told to show."""
+"""Streams a build to viewers while it runs: the frames that it is asked to show."""
 
 from collections.abc import Callable
 from dataclasses import replace
@@ -16,7 +16,7 @@ SETTINGS = RecorderSettings(color_every=1, depth_every=1, merge_pictures=40)
 
 
 class LiveStream:
-    """An observer of builds. A build that is stopped and gone on with stays one recording.
+    """An observer of builds. A build that is stopped and resumed stays one recording.
 
     What is shown together arrives together: a viewer draws anew whenever anything arrives, which on a machine without
     a graphics card takes longer than making it.
@@ -35,7 +35,7 @@ class LiveStream:
         assert self._recorder.live_url is not None
         self.url = self._recorder.live_url
         self.frames: list[int] = []
-        """Those that were streamed."""
+        """Indices of the frames that were streamed."""
         self._shown: SIMap | None = None
         self._total = 0
         self._last: FrameProjected | None = None

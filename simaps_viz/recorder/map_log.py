@@ -85,7 +85,7 @@ TRAIL_POINTS = 200
 """The way the camera came is thinned out to so many points."""
 WEDGE_M = 0.6
 """Length of the two lines that show where the camera looks."""
-MOST_LABELS = 20
+MAX_LABELS = 20
 """More names than that would hide each other; they show when the pointer rests on an object."""
 BOTTOM, MIDDLE = -10.0, -5.0
 """Draw orders: the ground lies under the objects, lines and labels (0 and more) above both."""
@@ -211,7 +211,7 @@ class MapLog:
         self._stream.log(
             "/world/objects",
             rr.Boxes3D(mins=corners[:, 0], sizes=corners[:, 1] - corners[:, 0], colors=colors, labels=names,
-                       radii=0.01, show_labels=len(names) <= MOST_LABELS),
+                       radii=0.01, show_labels=len(names) <= MAX_LABELS),
         )  # fmt: skip
 
     def _log_edges(self, grid: Grid, edges: NDArray, labels: NDArray) -> None:

@@ -48,7 +48,7 @@ def picture_corner(spec: GridSpec) -> tuple[float, float]:
 
 
 def on_picture(points_m: NDArray) -> NDArray:
-    """Take map-frame points [..., 2 or more] (x, y, ...) to the plane of the pictures, float32 [..., 2]."""
+    """Project map-frame points [..., 2 or more] (x, y, ...) on the plane of the pictures, float32 [..., 2]."""
     return (np.asarray(points_m)[..., :2] * (1.0, -1.0)).astype(np.float32)
 
 
@@ -108,7 +108,7 @@ def object_entries(grid: Grid, ids: NDArray, colors: NDArray | None = None) -> l
 
 
 def recolored(entries: Sequence[Entry], colors: NDArray) -> list[Entry]:
-    """Return ``object_entries`` the objects' colours anew, uint8 [n, 3], at the place of the id."""
+    """Return ``object_entries`` with other colours, uint8 [n, 3], indexed by id."""
     return [
         (value, name, (*_color(value, colors), 255)) if 0 < value < CLASS_BASE else (value, name, color)
         for value, name, color in entries
@@ -199,7 +199,7 @@ def log_map_picture(
 
 
 def markdown(text: str) -> rr.TextDocument:
-    """Take a text as Markdown."""
+    """Return a document of a text in Markdown."""
     return rr.TextDocument(text, media_type="text/markdown")
 
 

@@ -170,7 +170,7 @@ class FilePipe:
 
 APPLICATION = "simaps"
 """Recordings of one application share their layout in the viewer."""
-LARGEST_BURST_BYTES = 64_000_000
+MAX_BURST_BYTES = 64_000_000
 
 
 class RerunRecorder:
@@ -399,7 +399,7 @@ def about(event: BuildStarted, simap: SIMap | None) -> str:
 def _in_bursts() -> rr.ChunkBatcherConfig:
     config = rr.ChunkBatcherConfig()
     config.flush_tick = timedelta(days=1)
-    config.flush_num_bytes = LARGEST_BURST_BYTES
+    config.flush_num_bytes = MAX_BURST_BYTES
     return config
 
 

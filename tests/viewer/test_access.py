@@ -124,7 +124,7 @@ def test_the_cookie_is_of_one_browser_and_never_the_token():
 
 
 def test_so_many_browsers_are_let_in_at_once(monkeypatch):
-    monkeypatch.setattr(access_module, "MOST_INSIDE", 3)
+    monkeypatch.setattr(access_module, "MAX_INSIDE", 3)
     access = Access("0.0.0.0", token=TOKEN)
     first, second, third = (entered(access) for _ in range(3))
     assert status(access, Cookie=first) == 200  # seen last

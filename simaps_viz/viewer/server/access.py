@@ -1,4 +1,4 @@
-"""Who may ask the servers of a workbench: the names it answers to, the pages it believes, and the token.
+"""Who may ask a workbench: the names it answers to, the origins it accepts, and the token.
 
 Another web site cannot read what 127.0.0.1 serves, but it can try: by a name of its own that it points at 127.0.0.1
 (DNS rebinding), or by a WebSocket, which browsers open across sites. Both show in what the browser says of itself.
@@ -21,14 +21,14 @@ from urllib.parse import parse_qs, urlsplit
 from simaps_viz.errors import InputError
 
 TOKEN_VARIABLE = "SIMAPS_TOKEN"
-LEAST_TOKEN = 16
+MIN_TOKEN = 16
 """Characters of a token that a person chooses."""
-MOST_PATH = 2048
+MAX_PATH = 2048
 """Characters of an address."""
-MOST_WRONG, FORGET_S, MOST_ADDRESSES = 10, 60.0, 1024
-"""So many wrong tokens of one address in so long; then no more are looked at. That many addresses are remembered."""
-MOST_INSIDE = 256
-"""Browsers that are let in at once; the one that was not seen for longest has to bring the token again."""
+MAX_WRONG, FORGET_S, MAX_ADDRESSES = 10, 60.0, 1024
+"""Wrong tokens of one address within so many seconds before no more are looked at; addresses that are remembered."""
+MAX_INSIDE = 256
+"""Browsers that are let in at once; the one not seen for longest has to bring the token again."""
 
 Refusal = tuple[HTTPStatus, str]
 
@@ -44,7 +44,7 @@ SAFE_HEADERS = {
 ENTERED = (
     '<!doctype html><html lang="en"><meta http-equiv="refresh" content="0;url={path}"><title>SI Maps</title></html>'
 )
-"""Sent to who brings the token in the address: goes on without it, so that it does not stay in the address bar."""
+"""Sent to whoever brings the token in the address: continues without it, so that the address bar does not keep it."""
 ENTERED_CSP = "default-src 'none'; base-uri 'none'; form-action 'none'; frame-ancestors 'none'"
 
 
@@ -70,7 +70,7 @@ def name_of(host_header: str | None) -> str | None:
 
 
 def headers_of(pairs: Iterable[tuple[str, str]]) -> dict[str, str]:
-    """A request's headers by their names in lower case; of one that comes twice, nothing that anyone believes."""
+    """Return headers by their names in lower case; one that comes twice is joined, so that it matches nothing."""
     found: dict[str, str] = {}
     for name, value in pairs:
         key = name.lower()
@@ -79,7 +79,7 @@ def headers_of(pairs: Iterable[tuple[str, str]]) -> dict[str, str]:
 
 
 class Access:
-    """The rules of one workbench, the same for all its servers."""
+    """The rules of one workbench."""
 
     def __init__(
         self, host: str = "127.0.0.1", *, token: str | None = None, clock: Callable[[], float] = time.monotonic
@@ -96,9 +96,9 @@ class Access:
             InputError: a token is too short, or has characters that addresses do not.
         """
         chosen = os.environ.get(TOKEN_VARIABLE, "") if token is None else token
-        if chosen and not re.fullmatch(rf"[A-Za-z0-9_-]{{{LEAST_TOKEN},200}}", chosen):
+        if chosen and not re.fullmatch(rf"[A-Za-z0-9_-]{{{MIN_TOKEN},200}}", chosen):
             raise InputError(
-                f"{TOKEN_VARIABLE}: expected {LEAST_TOKEN} to 200 letters, digits, - and _, found something else"
+                f"{TOKEN_VARIABLE}: expected {MIN_TOKEN} to 200 letters, digits, - and _, found something else"
             )
         self.host = host = "127.0.0.1" if host == "localhost" else host
         self.token = chosen or ("" if is_loopback(host) else secrets.token_urlsafe(32))
@@ -126,16 +126,16 @@ class Access:
     def refuse(
         self, headers: Mapping[str, str], path: str, *, own_address: str, peer: str, joins: bool = False
     ) -> Refusal | None:
-        """Return why a request is not answered; None when it is.
+        """Return the status and the reason with which a request is refused; None when it is answered.
 
         Args:
             headers: of the request, from `headers_of`.
             path: with its query.
             own_address: of this end of the connection, without a port.
             peer: address of the other end.
-            joins: it wants more than to read, such as a WebSocket.
+            joins: it wants more than to read: a WebSocket, or a POST.
         """
-        if len(path) > MOST_PATH or not path.startswith("/"):
+        if len(path) > MAX_PATH or not path.startswith("/"):
             return HTTPStatus.REQUEST_URI_TOO_LONG, "not an address of this server"
         if self._is_foreign(headers, own_address, joins):
             return HTTPStatus.FORBIDDEN, "this server answers its own page only"
@@ -158,7 +158,7 @@ class Access:
             self._wrong.clear()
 
     def entering(self, headers: Mapping[str, str], path: str) -> dict[str, str] | None:
-        """Return the headers that let in who has the token in the address, and has not come in yet.
+        """Return the headers that let in whoever has the token in the address and no cookie yet.
 
         The cookie never holds the token: browsers send cookies to every port of a name, whoever serves there.
         """
@@ -168,7 +168,7 @@ class Access:
         pass_ = secrets.token_urlsafe(32)
         with self._lock:
             self._inside[_digest(pass_)] = None
-            while len(self._inside) > MOST_INSIDE:
+            while len(self._inside) > MAX_INSIDE:
                 self._inside.popitem(last=False)
         return {"Set-Cookie": f"{self.cookie}={pass_}; HttpOnly; SameSite=Strict; Path=/"}
 
@@ -196,14 +196,14 @@ class Access:
     def _may_try(self, tries: tuple[str, bool]) -> bool:
         with self._lock:
             times = [at for at in self._wrong.get(tries, ()) if self._clock() - at < FORGET_S]
-            return len(times) < MOST_WRONG
+            return len(times) < MAX_WRONG
 
     def _was_wrong(self, tries: tuple[str, bool]) -> None:
         """Count a wrong token; those of other sites' pages by themselves, as who reads such a page has not tried."""
         with self._lock:
             times = [*self._wrong.pop(tries, ()), self._clock()]
-            self._wrong[tries] = times[-MOST_WRONG:]
-            while len(self._wrong) > MOST_ADDRESSES:
+            self._wrong[tries] = times[-MAX_WRONG:]
+            while len(self._wrong) > MAX_ADDRESSES:
                 self._wrong.popitem(last=False)
 
 
