@@ -1,4 +1,4 @@
-"""Puts the parts together for the command line and the apps: sequence to map, map to page."""
+"""The workbench with everything behind it: from a sequence to a map in the cache, from a map to its page."""
 
 import getpass
 import threading
@@ -44,7 +44,7 @@ if TYPE_CHECKING:
 def cached_build(
     sequence: FrameSource, method: str, config: BuildConfig, progress: StageProgress
 ) -> tuple[SIMap, Path]:
-    """Build a map with its recording in the cache, or take both from there; they depend on all that goes in."""
+    """Load a map and its recording from the cache, or build them there; their name depends on all that goes in."""
     output = map_in_cache(cache_folder(), sequence, method, config)
     record = output.with_suffix(".rrd")
     if is_whole(output, record, method):

@@ -38,7 +38,7 @@ class Build:
     record: Path | None = None
     """Also record the build for rerun (.rrd)."""
     resume: bool = False
-    """Go on with a build of this map that was killed or stopped (its log, .MAP.building, lies beside the map); the map
+    """Resume a build of this map that was killed or stopped (its log, .MAP.building, lies beside the map); the map
     comes out the same. With --record all frames are read again, as the recording shows them."""
     strict: bool = False
     """Stop at a frame that cannot be read; otherwise it is skipped and counted, unless more than half are."""
@@ -48,7 +48,7 @@ class Build:
     """Have the frames read by others (extra "cluster"): local:N starts N processes here, tcp://HOST:PORT is a Dask
     scheduler whose workers find the sequence under the same path. The map comes out the same."""
     view: bool = False
-    """Open the page at once: the map grows in it while it is computed, and can be stopped and gone on with there. Its
+    """Open the page at once: the map grows in it while it is computed, and can be stopped and resumed there. Its
     history is kept, for the page's time slider."""
     port: int = 8080
     """Where to serve the page; the next free one when it is taken."""

@@ -41,7 +41,7 @@ class Evaluate:
     """Masks, separated by commas: none (exact), light, medium, heavy (simulated network errors), precomputed (the
     sequence's own). By default light where the sequence's masks are exact."""
     seeds: int = 1
-    """Of the simulated errors; more than one gives mean ± spread."""
+    """Seeds of the simulated errors; more than one gives mean ± spread."""
     counts: str = ""
     """Numbers counted by eye on a real scan, such as chair=11,table=2."""
     truth: Path | None = None
@@ -84,7 +84,7 @@ class Evaluate:
 
 
 def ablations() -> "list[tuple[str, BuildConfig]]":
-    """Return method evidence whole, then with one piece taken away at a time."""
+    """Return complete method evidence, then the same with one piece removed at a time."""
     from simaps_viz.build.pipeline import BuildConfig
 
     whole = BuildConfig()

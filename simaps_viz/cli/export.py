@@ -42,11 +42,11 @@ class Export:
     points: bool = False
     """glb, ply: the recording's points in their own colours, instead of columns; the sequence must still be there."""
     robot_radius: float = 0.2
-    """ros, nav2, tum: of the robot, metres."""
+    """ros, nav2, tum: radius of the robot, metres."""
     robot_height: float = 1.5
-    """ros, nav2, tum: of the robot, metres; what is higher does not block it."""
+    """ros, nav2, tum: height of the robot, metres; what is higher does not block it."""
     edits: bool = True
-    """With the edits made by hand (MAP.edits.json)."""
+    """Include the edits made by hand (MAP.edits.json)."""
     json: bool = False
     """Print the format and the files written as one JSON line."""
 

@@ -24,7 +24,7 @@ class Info:
     map: tyro.conf.Positional[Path]
     """Map file (.npz)."""
     edits: bool = True
-    """Of the map with the edits made by hand (MAP.edits.json)."""
+    """Include the edits made by hand (MAP.edits.json)."""
     json: bool = False
     """Print it as one JSON line."""
 

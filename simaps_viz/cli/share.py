@@ -36,7 +36,7 @@ class Share:
     llm: str | None = None
     """Let a language model read the command, as in simaps query."""
     edits: bool = True
-    """Of the map with the edits made by hand (MAP.edits.json)."""
+    """Include the edits made by hand (MAP.edits.json)."""
     json: bool = False
     """Print what was written as one JSON line."""
 

@@ -21,7 +21,7 @@ class View:
     path: tyro.conf.Positional[Path]
     """Map file (.npz), sequence (folder, manifest or another format's file); or a recorded build (.rrd) alone."""
     segmentation: str = "precomputed"
-    """Of a sequence: "precomputed", a network (.onnx) or a COCO panoptic table (.json), as for simaps build."""
+    """Masks of a sequence: "precomputed", a network (.onnx) or a COCO panoptic table (.json), as for simaps build."""
     network: Annotated[Networks, tyro.conf.arg(name="")] = field(default_factory=Networks)
     mapping: Annotated[Mapping, tyro.conf.arg(name="")] = field(default_factory=Mapping)
     recording: Path | None = None
