@@ -1,4 +1,4 @@
-"""Builds a map into a file such that nothing is lost: a log beside it while it grows, its history if wanted."""
+"""Build a map into a file. A log beside it lets a killed build resume; the log can be kept as the map's history."""
 
 import threading
 from collections.abc import Iterator
@@ -49,19 +49,19 @@ class BuildRequest:
     record: Path | None = None
     """Also record the build in this file (.rrd)."""
     recorder_settings: "RecorderSettings | None" = None
-    """How much a recording keeps."""
+    """What a recording keeps."""
     resume: bool = False
-    """Go on with the log of a build that did not finish, if there is one."""
+    """Resume from the log of a build that did not finish, if there is one."""
     strict: bool = False
     """A frame that cannot be read is an error, not skipped."""
     history: bool = False
     """Keep the log as ``.steps`` beside the map."""
     logged: bool = True
-    """Keep a log; without one a killed build cannot go on."""
+    """Keep a log; without one a killed build cannot resume."""
 
 
 class RecordingFault(InputError):  # noqa: N818 - as people read it
-    """The map is there, and saved; its recording is not."""
+    """The map is built and saved, but its recording could not be written."""
 
     def __init__(self, fault: InputError, simap: SIMap) -> None:
         super().__init__(str(fault))
@@ -78,19 +78,19 @@ def build_to_file(
     cancel: threading.Event | None = None,
     elsewhere: RemoteGatherer | None = None,
 ) -> SIMap:
-    """Build a map, write it, and record the build if asked; killed at any moment, it can go on.
+    """Build a map, write it, and record the build if asked; killed at any time, it can resume.
 
-    While it builds, a log grows beside the map (`log_beside`). It is removed when the map is there, or kept as its
-    history (`steps_beside`). A recording is written anew when a build goes on: its pictures are not in the log.
+    While it builds, a log grows beside the map (`log_beside`). It is removed when the map is written, or kept as its
+    history (`steps_beside`). A recording is written anew when a build resumes: its pictures are not in the log.
 
     Args:
         sequence: what to build from.
         request: what to make of it.
-        progress: told how far it is.
-        json_lines: say on stdout what happens.
-        observers: told too.
+        progress: shows how far the build is.
+        json_lines: print events on stdout.
+        observers: notified of every event.
         cancel: set it to stop the build.
-        elsewhere: who gathers the frames in place of this process, see `build_map`.
+        elsewhere: gathers the frames in place of this process, see `build_map`.
 
     Raises:
         InputError: as for `build_map`, or something cannot be written; an earlier map is left as it was.
@@ -123,7 +123,7 @@ def build_to_file(
 
 
 def _log_of(sequence: FrameSource, request: BuildRequest) -> BuildLog:
-    """Open the log of a build; as long as it is open nobody else builds this map."""
+    """Open the log of a build; while it is open, no other process builds this map."""
     facts = fingerprint(sequence, config_of(request.method, request.config))
     return BuildLog(log_beside(request.output), facts, resume=request.resume)
 
@@ -131,7 +131,7 @@ def _log_of(sequence: FrameSource, request: BuildRequest) -> BuildLog:
 def _build_recorded(
     sequence: FrameSource, request: BuildRequest, record: Path, watching: list[Observer], control: BuildControl
 ) -> tuple[SIMap, InputError | None]:
-    """Build a map, and return it with what was wrong with its recording, for which it shall not be lost."""
+    """Build a map and its recording; return the fault of the recording, if any, as the map is not lost with it."""
     from simaps_viz.recorder.library import unfinished_recordings  # noqa: PLC0415 - as above
     from simaps_viz.recorder.recorder import RerunRecorder  # noqa: PLC0415 - rerun is slow to import
     from simaps_viz.recorder.settings import SMALL  # noqa: PLC0415 - as above
@@ -162,7 +162,7 @@ def _check_method(request: BuildRequest, *, elsewhere: bool) -> None:
 
 
 def _check_steps(output: Path, *, history: bool) -> None:
-    """The history takes the place of an earlier one, and of nothing else."""
+    """Raise InputError where the history would replace something other than an earlier history."""
     steps = steps_beside(output)
     if history and steps.exists() and not is_step_file(steps):
         raise InputError(f"{steps}: expected the history of an earlier map or nothing, found another file")
@@ -170,7 +170,7 @@ def _check_steps(output: Path, *, history: bool) -> None:
 
 @contextmanager
 def going_on(output: Path) -> Iterator[None]:
-    """Tell who stops a build (Ctrl-C) how it goes on."""
+    """Print how to resume when a build is interrupted (Ctrl-C)."""
     try:
         yield
     except KeyboardInterrupt:
@@ -183,16 +183,16 @@ def going_on(output: Path) -> Iterator[None]:
 
 
 def is_whole(output: Path, record: Path, method: str) -> bool:
-    """Return whether a map is there with its recording, and with its history where its method keeps one."""
+    """Return whether a map exists with its recording, and with its history where its method keeps one."""
     return output.is_file() and record.is_file() and (not keeps_log(method) or steps_beside(output).is_file())
 
 
 def build_whole(
     sequence: FrameSource, method: str, config: BuildConfig, output: Path, record: Path, progress: StageProgress
 ) -> SIMap:
-    """Build a map with its recording, and its history where its method keeps one; several programs may do so at once.
+    """Build a map with its recording, and its history where its method keeps one; several processes may do so at once.
 
-    What goes in must follow from the file's name: a build that did not finish is gone on with.
+    The file's name must determine the build, as an unfinished one is resumed.
     """
     resume, history = frames_logged(log_beside(output)) > 0, keeps_log(method)
     request = BuildRequest(method, config, output, record, resume=resume, history=history)
@@ -203,7 +203,7 @@ def build_whole(
 
 
 def history_beside(path: Path, simap: SIMap) -> MapHistory | None:
-    """Open the history beside a map (or its recording, of the same name), if there is one and it is this map's."""
+    """Open the history beside a map (or its recording, of the same name), if there is one and it is of this map."""
     steps = steps_beside(path)
     if not steps.is_file():
         return None
@@ -215,12 +215,12 @@ def history_beside(path: Path, simap: SIMap) -> MapHistory | None:
 
 
 def _left_behind(output: Path) -> list[Path]:
-    """Find what builds that were killed while they saved may have left; what comes later is somebody's who saves."""
+    """Find files left by builds that were killed while saving. Later ones may be of a process that is saving now."""
     return [*left_beside(output), *left_beside(steps_beside(output))]
 
 
 def _finish(log: BuildLog, output: Path, left: list[Path], *, history: bool) -> None:
-    """The map is there: turn its log into history or remove it, with what earlier builds have left."""
+    """Keep the log as history or remove it, now that the map is written; remove what earlier builds have left."""
     steps = steps_beside(output)
     if history:
         log.keep(steps)

@@ -1,8 +1,8 @@
 """Workers of a Dask cluster, or processes of this machine, gather the frames of a build; see `pipeline.RemoteGatherer`.
 
 Shards are handed out in the order of their frames, a few for each worker ahead of their use, and taken back in that
-order: what is done early waits on its worker, so that this process holds one shard at a time. What a worker that dies
-had in hand, or had done and not yet handed over, Dask gives to another.
+order: a shard done early waits on its worker, so that this process holds one shard at a time. When a worker dies, Dask
+gives its shards to another, those that were done but not fetched included.
 """
 
 import logging
@@ -100,9 +100,9 @@ class Job:
     reopen: Callable[[], FrameSource]
     """Can be pickled and hashed."""
     content: str
-    """What the sequence says of itself where the build was started."""
+    """Hash of the sequence where the build was started, see `content_of`."""
     version: str
-    """Of this package, there."""
+    """Version of this package where the build was started."""
     config: BuildConfig
     labels: tuple[str, ...]
     is_thing: tuple[bool, ...]
@@ -114,13 +114,13 @@ def job_of(sequence: FrameSource, config: BuildConfig, reopen: Callable[[], Fram
 
 
 def gather_shard(job: Job, indices: Sequence[int], T_map_camera: NDArray) -> bytes:
-    """Gather frames, ascending, and give all that they add to a map; frames that cannot be read are told as such.
+    """Gather frames, ascending, and return all that they add to a map; unreadable frames are marked as such.
 
     Args:
         job: of which build.
         indices: of the frames.
-        T_map_camera: float64 [indices, 4, 4], as the one who asks has computed them: the last bit of a product of
-            matrices depends on the machine.
+        T_map_camera: float64 [indices, 4, 4], computed by the process that started the build: the last bit of a product
+            of matrices depends on the machine.
 
     Raises:
         InputError: the sequence is not here, is another one, or cannot be mapped.
@@ -141,7 +141,7 @@ def gather_shard(job: Job, indices: Sequence[int], T_map_camera: NDArray) -> byt
 
 
 def steps_in(data: bytes, indices: Sequence[int]) -> Iterator[FrameStep]:
-    """Read what `gather_shard` gave for these frames.
+    """Read what `gather_shard` returned for these frames.
 
     Raises:
         ValueError: it is something else.
@@ -188,14 +188,14 @@ SHARDS_AHEAD = 3
 """For each thread of the workers: the one it works on and two more."""
 MAX_LOCAL = 256
 PATIENCE_S = 30.0
-"""How long a build waits for a worker when all have gone."""
+"""Seconds that a build waits for a worker when all are gone."""
 _CONNECT_S, _FETCH_S, _POLL_S, _LOOK_S = 10.0, 20.0, 0.2, 2.0
-_LONGEST_GREETING = 1 << 16  # bytes; what a scheduler says first begins with its length
+_MAX_GREETING = 1 << 16  # bytes; what a scheduler says first begins with its length
 
 
 @dataclass
 class Moved:
-    """What has been moved, and what it cost here."""
+    """Frames and bytes received, and the time this process spent on them."""
 
     frames: int = 0
     received: int = 0
@@ -281,7 +281,7 @@ class Workers:
         return self.client.submit(_on_worker, job, shard, T_map_camera[list(shard)], pure=False, retries=0)
 
     def _done(self, future: "Future") -> Generator[None, None, None]:
-        """Wait until a shard is done, and come up for air."""
+        """Wait until a shard is done; yields None every so often."""
         done, start = threading.Event(), time.perf_counter()
         future.add_done_callback(lambda _: done.set())
         while not done.wait(_POLL_S):
@@ -290,7 +290,7 @@ class Workers:
         self.moved.waited_s += time.perf_counter() - start
 
     def _look(self) -> None:
-        """Count the workers now and then; say when some have gone, and give up when nobody comes back."""
+        """Count the workers every so often; log when some are gone, and raise InputError when none comes back."""
         now = time.monotonic()
         if now - self._looked < _LOOK_S:
             return
@@ -378,7 +378,7 @@ def open_workers(scheduler: str, reopen: Callable[[], FrameSource]) -> Iterator[
 
 
 def _silence() -> None:
-    """Let Dask's loggers be quiet in this process: what matters, we say ourselves.
+    """Silence Dask's loggers in this process; its faults are reported as our errors.
 
     asyncio's too: where Ctrl-C comes while Dask fetches a result, it prints a traceback of Dask's own ``AllExit``.
     """
@@ -391,7 +391,7 @@ def _silence() -> None:
 
 
 def _on_worker(job: Job, indices: Sequence[int], T_map_camera: NDArray) -> bytes:
-    """What a worker runs; its errors say which worker it was."""
+    """Gather a shard on a worker, whose address its errors name."""
     try:
         return gather_shard(job, indices, T_map_camera)
     except InputError as error:
@@ -401,7 +401,7 @@ def _on_worker(job: Job, indices: Sequence[int], T_map_camera: NDArray) -> bytes
 
 
 def _check_address(scheduler: str) -> None:
-    """Ask whether a scheduler listens there; Dask would keep trying for long, for ever with one that says nothing."""
+    """Check that a scheduler listens there; Dask would retry for long, and forever with a silent server."""
     kind, host, port = _parts(scheduler)
     if kind not in ("tcp", "tls") or not host or not port:
         raise InputError(
@@ -414,12 +414,12 @@ def _check_address(scheduler: str) -> None:
     except OSError as error:
         reason = "one that says nothing" if isinstance(error, TimeoutError) else f"none ({error.strerror or error})"
         raise InputError(f"--scheduler {scheduler}: expected a Dask scheduler there, found {reason}") from None
-    if not 0 < length < _LONGEST_GREETING:
+    if not 0 < length < _MAX_GREETING:
         raise InputError(f"--scheduler {scheduler}: expected a Dask scheduler there, found another server")
 
 
 def _parts(address: str) -> tuple[str, str, int]:
-    """Return kind, host and port of an address; empty or 0 what it lacks."""
+    """Return kind, host and port of an address; empty or 0 where missing."""
     try:
         parts = urlsplit(address)
         return parts.scheme, parts.hostname or "", parts.port or 0
@@ -442,7 +442,7 @@ def _local_cluster(processes: int) -> Iterator[str]:
 
 @contextmanager
 def _no_interrupt_for_children() -> Iterator[None]:
-    """Threads started here, and processes started by those, do not hear Ctrl-C: ending them is this process's task."""
+    """Block Ctrl-C for threads started here and the processes they start: this process ends them."""
     if not hasattr(signal, "pthread_sigmask"):  # Windows
         yield
         return

@@ -1,7 +1,9 @@
-"""What a build has gathered so far: sparse tiles of the endless grid, the cell links, and what each frame saw.
+"""Frames added up: sparse tiles of the endless grid, the links between cells, and what each frame saw.
 
-Frames can be added here, replayed from a log, or gathered apart and merged: all of it is maxima, minima, sums and
-lists by frame, so the result is the same bit for bit. Memory follows what was seen, not how often or how far apart.
+A frame is projected (`projection.project_pixels`), reduced to what it saw of every cell (`projection.see_cells`), and
+put on the map (`tiles.raise_tiles`); see `MapAccumulator.add_frame`. Frames can also be replayed from a log, or
+gathered apart and merged: all of it is maxima, minima, sums and lists by frame, so the result is the same bit for bit.
+Memory follows what was seen, not how often or how far apart.
 """
 
 from collections.abc import Sequence
@@ -21,10 +23,10 @@ from simaps_viz.mapping.steps import FrameSeen, FrameStep, step_upon
 from simaps_viz.mapping.tiles import SIDE, TileStore, raise_tiles
 from simaps_viz.structures import Frame, Grid, GridSpec, Intrinsics, Segment, Segmentation
 
-_WIDEST = 4.0  # a pixel's ray is taken to be at most so many times as long as its depth: 150 degrees of view
+_MAX_RAY = 4.0  # a pixel's ray is taken to be at most so many times as long as its depth: 150 degrees of view
 
 Extent = tuple[int, int, int, int]
-"""Of cells counted from the map's origin: first row, first column, last row + 1, last column + 1."""
+"""A rectangle of cells, counted from the map's origin: first row, first column, last row + 1, last column + 1."""
 
 
 @dataclass(frozen=True)
@@ -46,7 +48,7 @@ class ProjectionSettings:
 
 
 class MapAccumulator:
-    """Takes frames one by one, in order; `snapshot` gives the map they make."""
+    """Takes frames one by one, in order; `snapshot` returns the map they make."""
 
     def __init__(
         self,
@@ -58,15 +60,15 @@ class MapAccumulator:
         links: bool = True,
         steps: bool = False,
     ) -> None:
-        """Start empty.
+        """Make an empty map.
 
         Args:
             labels: class names, index 0 is "none".
             is_thing: aligned with ``labels``; only things get links.
             settings: which pixels count.
             reach_cells: link cells at most this far apart; -1 = any distance.
-            links: count links at all; method evidence can do without.
-            steps: keep what is needed to tell the `step` each frame was.
+            links: count links; only method paper needs them.
+            steps: keep in `step` what each frame added.
         """
         self.labels, self.is_thing, self.settings, self.reach_cells = labels, is_thing, settings, reach_cells
         self._links_wanted, self._steps_wanted = links, steps
@@ -74,7 +76,7 @@ class MapAccumulator:
         self.frames = FrameList()
         """Ascending by index."""
         self.step: FrameStep | None = None
-        """What the frame added last has added, where steps are wanted."""
+        """What the last frame has added, where steps are wanted."""
         self.tiles = TileStore()
         self._index_of = {name: i for i, name in enumerate(labels)}
         self._seen: Extent | None = None
@@ -98,6 +100,7 @@ class MapAccumulator:
         Returns:
             int32 [n, 2]: (row, col), counted from the map's origin, of the cells it saw.
         """
+        # 1. Every pixel finds its cell in a window around the camera.
         s, k = self.settings, frame.intrinsics
         window = self._window_around(T_map_camera[:2, 3], k)
         cells = np.full(frame.depth_m.shape, -1, dtype=np.int32)
@@ -107,13 +110,16 @@ class MapAccumulator:
             s.near_m, s.far_m, -s.below_floor_m, s.cut_height_m, s.cell_size_m,
             window.row0, window.col0, window.side, window.side, cells, heights,
         )  # fmt: skip
+        # 2. Of every cell, the highest pixel and the lowest obstacle go on the map.
         label_of_id, graph_label_of_id = self._tables(segmentation.segments)
         readings, lowered = self._raise(window, cells, heights, segmentation.ids, label_of_id)
+        # 3. Neighbouring pixels of one segment link their cells.
         if self._links_wanted:
             self.links.add_frame(
                 cells, segmentation.ids, graph_label_of_id,
                 row0=window.row0, col0=window.col0, cols=window.side, reach=self.reach_cells,
             )  # fmt: skip
+        # 4. What the frame saw is kept for votes, evidence and views, and what it changed for the log.
         seen = FrameSeen(frame.index, frame.name, T_map_camera, readings, segmentation.segments)
         if self._steps_wanted:
             links = self.links.last_frame() if self._links_wanted else None
@@ -122,7 +128,7 @@ class MapAccumulator:
         return np.stack([readings.rows, readings.cols], axis=1)
 
     def skip_frame(self, index: int, name: str, T_map_camera: NDArray, reason: str) -> None:
-        """Note that a frame could not be read; it keeps its place and pose (float64 [4, 4]) but saw nothing."""
+        """Add a frame that could not be read; it keeps its index and pose (float64 [4, 4]) but saw nothing."""
         nothing = np.zeros(0, np.int32)
         readings = FrameReadings(nothing, nothing, nothing, np.zeros(0, np.float32))
         seen = FrameSeen(index, name, T_map_camera, readings, (), reason)
@@ -130,7 +136,7 @@ class MapAccumulator:
         self.frames.append(seen)
 
     def replay(self, step: FrameStep) -> None:
-        """Add what a frame added elsewhere, without looking at its pixels; frames come in the order of their indices.
+        """Add what a frame added to another accumulator or a log, without its pixels; frames come in order.
 
         Raises:
             InputError: the map would become larger than a map may be.
@@ -229,7 +235,7 @@ class MapAccumulator:
         )
 
     def copy(self) -> "MapAccumulator":
-        """Return one that goes its own way from here."""
+        """Return a deep copy; it shares what the frames saw, which never changes."""
         twin = copy(self)
         twin.tiles, twin.frames, twin.links = self.tiles.copy(), self.frames.copy(), deepcopy(self.links)
         twin._window = None
@@ -267,7 +273,7 @@ class MapAccumulator:
     def _raise(
         self, window: "_Window", cells: NDArray, heights: NDArray, ids: NDArray, label_of_id: NDArray
     ) -> tuple[FrameReadings, NDArray]:
-        """Put the pixels in the window on the map; also tell which of the cells seen were lowered, bool [readings]."""
+        """Put the pixels in the window on the map; return their readings, and which cells were lowered, bool [n]."""
         tiles, first, across = self.tiles, (window.row0 // SIDE, window.col0 // SIDE), window.side // SIDE
         window.frames += 1
         window.wanted.fill(False)
@@ -291,14 +297,14 @@ class MapAccumulator:
         return FrameReadings(rows, cols, segments, top_m), lowered
 
     def _extend(self, extent: Extent) -> None:
-        """Let the map reach over these cells; raises InputError, and changes nothing, if it would be too large."""
+        """Extend the map to these cells; raises InputError, and changes nothing, if it would be too large."""
         seen = self._seen or extent
         low, high = np.minimum(seen[:2], extent[:2]).tolist(), np.maximum(seen[2:], extent[2:]).tolist()
         check_cells("map", high[0] - low[0], high[1] - low[1])
         self._seen = (*low, *high)
 
     def _window_around(self, camera_xy_m: NDArray, k: Intrinsics) -> "_Window":
-        """Return a window that holds everything a camera standing there can see."""
+        """Return a window that holds everything a camera at that position can see."""
         size, far = self.settings.cell_size_m, self.settings.far_m * _ray_length(k)
         if not bool((np.abs(camera_xy_m) + far < MAX_CELL_INDEX * size).all()):  # NaN is not less
             most = f"{MAX_CELL_INDEX * size:g} m"
@@ -316,7 +322,7 @@ class MapAccumulator:
 
 
 class _Window:
-    """Room for what one frame saw, around its camera; corners are corners of tiles."""
+    """Buffers for what one frame saw around its camera; the window's corners are corners of tiles."""
 
     def __init__(self, side: int) -> None:
         self.side, self.row0, self.col0, self.frames = side, 0, 0, 0
@@ -327,11 +333,11 @@ class _Window:
 
 
 def _ray_length(k: Intrinsics) -> float:
-    """Return how much longer than its depth the way to a pixel can be."""
+    """Return how many times longer than its depth the ray to a pixel can be."""
     a = max(k.cx, k.width - 1 - k.cx) / k.fx
     b = max(k.cy, k.height - 1 - k.cy) / k.fy
     length = float(np.sqrt(1.0 + a * a + b * b))
-    return length if length < _WIDEST else _WIDEST
+    return length if length < _MAX_RAY else _MAX_RAY
 
 
 def _extent_of(readings: FrameReadings) -> Extent:

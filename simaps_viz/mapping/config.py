@@ -1,4 +1,4 @@
-"""How a map is built: everything a build can be told, checked, and as JSON."""
+"""How a map is built: all settings of a build, checked, and as JSON."""
 
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field, fields
@@ -26,9 +26,9 @@ class BuildConfig:
     resolution: float = 1.0
     """Louvain's: higher gives more and smaller communities."""
     seed: int = 0
-    """Of Louvain's random order."""
+    """Seed of Louvain's random order."""
     min_cells: int = 4
-    """What covers fewer cells is not called an instance; 4 cells of 5 cm are a cup."""
+    """Instances of fewer cells are dropped; 4 cells of 5 cm are a cup."""
     literal: bool = False
     """Method paper, its literal reading: depth jumps inside a segment link cells too."""
     projection: ProjectionSettings = field(default_factory=ProjectionSettings)
@@ -38,7 +38,7 @@ class BuildConfig:
     evidence: EvidenceSettings = field(default_factory=EvidenceSettings)
     """Method evidence: which pairs of cells are looked at."""
     pooling: PoolSettings = field(default_factory=PoolSettings)
-    """Method evidence: what is believed before any evidence."""
+    """Method evidence: the belief before any evidence."""
 
     def __post_init__(self) -> None:
         _check_kinds(self, finite=False)  # each is looked at below
@@ -64,14 +64,14 @@ class BuildConfig:
         return common | method_of(self.method).parameters(self)
 
     def to_json(self) -> dict[str, Any]:
-        """Return all of it, JSON-able; `config_from_json` takes it."""
+        """Return all settings, JSON-able; `config_from_json` reads them."""
         kept = asdict(self)
         kept["evidence"]["ranges"] = list(self.evidence.ranges)
         return kept
 
 
 def _check_kinds(settings: Any, *, finite: bool) -> None:
-    """Raise InputError where a setting is not of its kind: settings also come out of files."""
+    """Raise InputError where a setting has the wrong type: settings also come from files."""
     for field_ in fields(settings):
         value, kind = getattr(settings, field_.name), field_.type
         number = isinstance(value, int | float) and not isinstance(value, bool)
@@ -85,11 +85,11 @@ def _check_kinds(settings: Any, *, finite: bool) -> None:
 
 
 def config_from_json(values: Mapping[str, Any]) -> BuildConfig:
-    """Return back what `BuildConfig.to_json` gave.
+    """Rebuild what `BuildConfig.to_json` returned.
 
     Raises:
-        InputError: something of it makes no sense.
-        KeyError, TypeError: it lacks something, or has something unknown.
+        InputError: a setting makes no sense.
+        KeyError, TypeError: a setting is missing or unknown.
     """
     evidence = dict(values["evidence"])
     evidence["ranges"] = tuple(evidence["ranges"])

@@ -22,7 +22,7 @@ from simaps_viz.structures import CellGraph, Grid, GridSpec, MergeLog
 if TYPE_CHECKING:
     from simaps_viz.mapping.config import BuildConfig
 
-_MOST_16 = np.iinfo(np.uint16).max
+_MAX_16 = np.iinfo(np.uint16).max
 HIDES_FROM_M = 0.05
 """A cell this much higher than the lower end of a pair can hide that the two ends are one object."""
 
@@ -54,14 +54,14 @@ def pair_graphs(grid: Grid, readings: AllReadings, settings: EvidenceSettings) -
     """
     things = np.array(grid.is_thing) & (np.arange(len(grid.labels)) > 0)
     label = grid.label.reshape(-1)
+    # One row of the table for each cell of a thing, one column for each step from it to a later cell.
     thing_cells = np.flatnonzero(things[label])
     number = np.full(label.size, -1, dtype=np.int32)
     number[thing_cells] = np.arange(len(thing_cells), dtype=np.int32)
     steps = pair_steps(settings.ranges)
-    most = int(
-        grid.observations.reshape(-1)[thing_cells].max(initial=0)
-    )  # a pair is not seen more often than its cells
-    same = np.zeros((len(thing_cells), len(steps)), dtype=np.uint16 if most <= _MOST_16 else np.int32)
+    # A pair is not seen more often than its cells: 16 bits are enough for nearly every map, and half of the memory.
+    most = int(grid.observations.reshape(-1)[thing_cells].max(initial=0))
+    same = np.zeros((len(thing_cells), len(steps)), dtype=np.uint16 if most <= _MAX_16 else np.int32)
     different = np.zeros_like(same)
     last = np.full(len(thing_cells), -1, dtype=np.int32), np.zeros(len(thing_cells), dtype=np.int32)
     for part in readings.batches():
@@ -105,11 +105,13 @@ def count_pairs(
     """Count, frame by frame, the pairs of cells of one class seen in one segment and in two."""
     begin = 0
     while begin < len(cell):
+        # Note what one frame saw of every cell.
         end = begin
         while end < len(cell) and frame[end] == frame[begin]:
             seen[number[cell[end]]] = frame[end]
             seen_as[number[cell[end]]] = segment[end]
             end += 1
+        # Then look from every cell along the steps, each of which leads to a later cell: every pair is met once.
         for i in range(begin, end):
             c = cell[i]
             mine = number[c]
@@ -131,13 +133,23 @@ def count_pairs(
 
 
 @njit(cache=True, nogil=True, inline="always")
-def _top(height_m):
-    """What nobody saw may be as high as can be."""
+def _top(height_m):  # float32
+    """Return the height of a cell's top; infinite where nobody saw it, as anything may be there."""
     return np.float32(np.inf) if np.isnan(height_m) else height_m
 
 
 @njit(cache=True, nogil=True)
-def _drop_open_pairs(thing_cells, label, height_m, opaque, cols, steps, gap_cells, same, different):
+def _drop_open_pairs(
+    thing_cells: NDArray,  # int64 [n], flat, ascending
+    label: NDArray,  # int16 [cells]
+    height_m: NDArray,  # float32 [cells], NaN = never seen
+    opaque: NDArray,  # bool [labels], classes that can hide an object
+    cols: int,
+    steps: NDArray,  # int32 [s, 2]
+    gap_cells: int,
+    same: NDArray,  # in/out uint16 or int32 [n, s]
+    different: NDArray,  # in/out uint16 or int32 [n, s]
+) -> None:
     """Forget the pairs between whose ends more than ``gap_cells`` cells are open."""
     for i in range(len(thing_cells)):
         c = thing_cells[i]
@@ -145,6 +157,7 @@ def _drop_open_pairs(thing_cells, label, height_m, opaque, cols, steps, gap_cell
             length = max(steps[s, 0], abs(steps[s, 1]))
             if length - 1 <= gap_cells or (same[i, s] == 0 and different[i, s] == 0):
                 continue
+            # Walk from one end to the other, and count the cells in which the object cannot be.
             one = steps[s, 0] // length * cols + steps[s, 1] // length
             base = min(_top(height_m[c]), _top(height_m[c + length * one]))
             is_open = 0
@@ -182,7 +195,16 @@ def _graphs(
 
 
 @njit(cache=True, nogil=True)
-def _edges(members, thing_cells, number, position, order, ahead, same, different):
+def _edges(
+    members: NDArray,  # int32 [k], rows of `same` of the cells of one class, ascending
+    thing_cells: NDArray,  # int64 [n]
+    number: NDArray,  # int32 [cells], row of `same`
+    position: NDArray,  # int32 [n], of a cell in its class
+    order: NDArray,  # int64 [s], steps in the order of the cells they lead to
+    ahead: NDArray,  # int64 [s], how far in flat cells a step leads
+    same: NDArray,  # uint16 or int32 [n, s]
+    different: NDArray,  # uint16 or int32 [n, s]
+) -> tuple[NDArray, NDArray, NDArray]:
     """Return the edges of one class: positions int32 [m, 2], and same and different int32 [m]."""
     size = 0
     for i in members:

@@ -1,4 +1,4 @@
-"""The map that the frames gathered so far make: the same whether they are all there are or the first of many."""
+"""From gathered frames to a map: the same whether they are all frames of a sequence or the first of many."""
 
 from bisect import bisect_left
 from collections.abc import Mapping
@@ -20,7 +20,7 @@ from simaps_viz.mapping.row_blocks import look_up
 from simaps_viz.mapping.simap import Origin, assemble, count_views, joining_threshold
 from simaps_viz.structures import CellGraph, Grid, MergeLog, SIMap
 
-_NAMED = 20  # skipped frames that a map names; more are counted
+_MAX_NAMED = 20  # skipped frames that a map names; more are counted
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,7 +47,7 @@ class SequenceFacts:
 
 
 def facts_from_json(values: Mapping[str, Any]) -> SequenceFacts:
-    """Return back what `SequenceFacts.to_json` gave; raises KeyError, TypeError or ValueError for anything else."""
+    """Rebuild what `SequenceFacts.to_json` returned; raises KeyError, TypeError or ValueError for anything else."""
     words = [values["name"], values["path"], values["segmentation_source"], *values["labels"]]
     if not all(isinstance(word, str) for word in words) or not all(type(one) is bool for one in values["is_thing"]):
         raise ValueError("names that are none")
@@ -71,14 +71,14 @@ def facts_from_json(values: Mapping[str, Any]) -> SequenceFacts:
 
 
 def gathered(accumulator: MapAccumulator) -> Gathered:
-    """Return what was gathered so far, to be finished."""
+    """Return what was gathered so far, for `partition`."""
     grid = accumulator.snapshot()
     return Gathered(grid, accumulator.readings_on(grid), accumulator.frames, accumulator.links, accumulator.origin_cell)
 
 
 @dataclass(frozen=True, eq=False)
 class Found:
-    """What some frames make: everything of a map but its instances, which follow from a threshold."""
+    """Everything of a map but its instances, which follow from a threshold."""
 
     grid: Grid
     graphs: tuple[CellGraph, ...]
@@ -176,5 +176,5 @@ def _provenance(facts: SequenceFacts, frames: FrameList) -> dict[str, Any]:
     }
     skipped = list(skipped_frames(frames))
     if skipped:
-        known["skipped"] = {"frames": len(skipped), "names": skipped[:_NAMED]}
+        known["skipped"] = {"frames": len(skipped), "names": skipped[:_MAX_NAMED]}
     return known

@@ -17,7 +17,17 @@ def _slot_of(key: np.uint64, label: int, mask: int) -> int:
 
 
 @njit(cache=True, nogil=True)
-def _find_or_add(key, label, slots, mask, keys, labels, counts, size):
+def _find_or_add(
+    key,  # uint64
+    label,  # int16
+    slots: NDArray,  # in/out int32 [power of two]
+    mask: int,
+    keys: NDArray,  # in/out uint64 [room]
+    labels: NDArray,  # in/out int16 [room]
+    counts: NDArray,  # in/out int64 [room]
+    size: int,
+) -> int:
+    """Return the entry of a key and class: ``size`` if it is new."""
     at = _slot_of(key, label, mask)
     while True:
         entry = slots[at]
@@ -33,7 +43,7 @@ def _find_or_add(key, label, slots, mask, keys, labels, counts, size):
 
 
 @njit(cache=True, nogil=True)
-def _key_within(first, second, cols, row0, col0, reach):
+def _key_within(first, second, cols: int, row0: int, col0: int, reach: int) -> np.uint64:
     """Return the key of two cells (their numbers in a window), 0 where they lie farther apart than ``reach``."""
     row_a, row_b = first // cols, second // cols
     col_a, col_b = first - row_a * cols, second - row_b * cols
@@ -79,6 +89,7 @@ def count_links(  # noqa: C901, PLR0912 - one pass over the pixels, split up it 
             label = graph_label_of_id[segment] if c >= 0 else 0
             if label == 0:
                 continue
+            # Its neighbours to the left and above, where they belong to the same segment but lie in another cell.
             for direction in range(2):
                 if direction == 0:
                     if u == 0 or ids[v, u - 1] != segment:
@@ -95,6 +106,7 @@ def count_links(  # noqa: C901, PLR0912 - one pass over the pixels, split up it 
                 if recent[at, 0] == first and recent[at, 1] == second and recent[at, 2] == label:
                     counts[recent[at, 3]] += 1
                     continue
+                # A pair that was not met lately is looked up in the table.
                 key = _key_within(first, second, cols, row0, col0, reach)
                 if key == 0:
                     continue
@@ -107,7 +119,13 @@ def count_links(  # noqa: C901, PLR0912 - one pass over the pixels, split up it 
 
 
 @njit(cache=True, nogil=True)
-def _rehash(slots, keys, labels, size):
+def _rehash(
+    slots: NDArray,  # out int32 [power of two], all -1
+    keys: NDArray,  # uint64 [room]
+    labels: NDArray,  # int16 [room]
+    size: int,
+) -> None:
+    """Find a slot for every entry."""
     mask = slots.shape[0] - 1
     for entry in range(size):
         at = _slot_of(keys[entry], labels[entry], mask)
@@ -117,7 +135,17 @@ def _rehash(slots, keys, labels, size):
 
 
 @njit(cache=True, nogil=True)
-def _add_entries(new_keys, new_labels, new_counts, slots, keys, labels, counts, size):
+def _add_entries(
+    new_keys: NDArray,  # uint64 [n]
+    new_labels: NDArray,  # int16 [n]
+    new_counts: NDArray,  # int64 [n]
+    slots: NDArray,  # in/out, as the four that follow
+    keys: NDArray,
+    labels: NDArray,
+    counts: NDArray,
+    size: int,
+) -> int:
+    """Add counted pairs to a table that has room for them; return the new number of entries."""
     mask = slots.shape[0] - 1
     for i in range(len(new_keys)):
         entry = _find_or_add(new_keys[i], new_labels[i], slots, mask, keys, labels, counts, size)
@@ -143,7 +171,7 @@ class LinkTable:
     """Counts of cell pairs by class; entries keep the order in which they were first seen."""
 
     def __init__(self, *, room: int = 1 << 17, frame_room: int = 1 << 13) -> None:
-        """Start empty, with room for so many entries at first; both grow when needed."""
+        """Make an empty table with room for so many entries at first; it grows when needed."""
         self._all, self._frame = _Table(room), _Table(frame_room)
 
     @property
@@ -170,7 +198,7 @@ class LinkTable:
             cols: its columns.
             reach: cells farther apart than this are a depth jump; < 0 = nothing is.
         """
-        frame = self._frame  # counted apart: it fits the processor's cache, and `last_frame` tells it alone
+        frame = self._frame  # counted apart: it fits the processor's cache, and `last_frame` returns it alone
         frame.clear()
         row = 0
         while True:

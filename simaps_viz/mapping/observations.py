@@ -1,4 +1,4 @@
-"""Readings: what each frame saw on top of each cell. All that method evidence knows of the frames."""
+"""Readings: what each frame saw on top of each cell; votes, evidence and views are made of them."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
@@ -28,7 +28,7 @@ class AllReadings(Protocol):
     """The readings of all frames, as often as asked for; they need not fit into memory."""
 
     def batches(self) -> "Iterator[Readings]":
-        """Return them in the order of the frames; no frame is in two batches."""
+        """Return the readings in the order of the frames; no frame is in two batches."""
         ...
 
 
@@ -108,20 +108,20 @@ def gather_readings(
 
 
 BATCH = 1 << 21
-"""Readings looked at together, 22 bytes each and as much again in passing."""
+"""Readings in one batch, 22 bytes each and as much again while they are joined."""
 
 
 class SeenFrame(Protocol):
-    """What is needed of a frame; `steps.FrameSeen` is this."""
+    """A frame's readings and segments; see `steps.FrameSeen`."""
 
     @property
     def readings(self) -> FrameReadings:
-        """What it saw."""
+        """What the frame saw."""
         ...
 
     @property
     def segments(self) -> tuple[Segment, ...]:
-        """Of its segmentation."""
+        """Segments of its segmentation."""
         ...
 
 

@@ -94,7 +94,12 @@ def instance_of_community(log: MergeLog, applied: NDArray, communities: int) -> 
 
 
 @njit(cache=True, nogil=True)
-def _follow(source: NDArray, target: NDArray, communities: int) -> NDArray:
+def _follow(
+    source: NDArray,  # int32 [steps]
+    target: NDArray,  # int32 [steps]
+    communities: int,
+) -> NDArray:
+    """Return the smallest community that each community was joined with, int32 [communities + 1]."""
     parent = np.arange(communities + 1).astype(np.int32)
     for step in range(len(source)):
         parent[source[step]] = target[step]
@@ -128,6 +133,7 @@ def describe_instances(grid: Grid, instance: NDArray, views: Views, instance_of:
     ids = np.flatnonzero(np.bincount(flat[where]))
     if len(ids) == 0:
         return ()
+    # Number the instances on the grid, so that every measure is one bincount.
     number = np.zeros(int(ids[-1]) + 1, dtype=np.int64)
     number[ids] = np.arange(len(ids))
     group = number[flat[where]]
@@ -145,6 +151,7 @@ def describe_instances(grid: Grid, instance: NDArray, views: Views, instance_of:
     frames, score = _seen(views, instance_of, ids)
 
     centroids, lows, highs = (list(zip(*map(_rounded, axes), strict=True)) for axes in (mean, low, high))
+    # Python objects last, all columns at once.
     columns = zip(
         ids.tolist(), label.tolist(), n.tolist(), centroids, lows, highs, frames.tolist(), _rounded(score), strict=True
     )
@@ -193,9 +200,19 @@ def _seen(views: Views, instance_of: NDArray, ids: NDArray) -> tuple[NDArray, ND
 
 @njit(cache=True, nogil=True)
 def _sum_views(
-    at: NDArray, frame: NDArray, cells_of: NDArray, score: NDArray, instances: int, frames: int
+    at: NDArray,  # int32 [views], position of the view's instance, -1 = none
+    frame: NDArray,  # int32 [views]
+    cells_of: NDArray,  # int32 [views]
+    score: NDArray,  # float32 [views]
+    instances: int,
+    frames: int,
 ) -> tuple[NDArray, NDArray, NDArray]:
-    """Count, for each instance, the different frames of its views, their cells, and their cells times their score."""
+    """Count, for each instance, the different frames of its views, their cells, and their cells times their score.
+
+    np.unique and np.bincount give the same numbers, in 1.5 ms in place of 0.24 for the 41,000 views of a house, and
+    the slider waits for them.
+    """
+    # Sum up, and count the views of each instance.
     start = np.zeros(instances + 1, dtype=np.int64)
     cells = np.zeros(instances, dtype=np.float64)
     total = np.zeros(instances, dtype=np.float64)
@@ -204,6 +221,7 @@ def _sum_views(
             start[at[view] + 1] += 1
             cells[at[view]] += cells_of[view]
             total[at[view]] += cells_of[view] * np.float64(score[view])
+    # Bucket the frames by instance.
     for i in range(instances):
         start[i + 1] += start[i]
     free = start[:-1].copy()
@@ -212,6 +230,7 @@ def _sum_views(
         if at[view] >= 0:
             frame_of[free[at[view]]] = frame[view]
             free[at[view]] += 1
+    # Count each frame once for an instance.
     last = np.full(frames, -1, dtype=np.int32)  # the last instance a frame was counted for
     different = np.zeros(instances, dtype=np.int64)
     for i in range(instances):

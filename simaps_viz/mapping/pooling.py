@@ -94,8 +94,20 @@ def join(parts: Sequence[Between], settings: PoolSettings) -> tuple[NDArray, NDA
 
 
 @njit(cache=True, nogil=True)
-def _sum_up(n, community, edges, same, different, touching):
-    """Sort the pairs by their lower community, then add up what each has with every higher one."""
+def _sum_up(
+    n: int,
+    community: NDArray,  # int32 [cells]
+    edges: NDArray,  # int32 [m, 2]
+    same: NDArray,  # int32 or int64 [m]
+    different: NDArray,  # int32 or int64 [m]
+    touching: NDArray,  # int32 [t, 2]
+) -> tuple[NDArray, NDArray, NDArray, NDArray, NDArray]:
+    """Add up the evidence between every two communities.
+
+    This is C^T A C, but scipy.sparse takes 160 ms for the 170,000 pairs of a house, np.unique 95 ms, this 3 ms: it only
+    buckets the pairs by their lower community, and the resolution slider waits for it.
+    """
+    # Bucket the pairs of different communities by the lower of the two.
     pairs, touches_from = len(edges) + len(touching), len(edges)
     lower = np.full(pairs, -1, dtype=np.int32)
     upper = np.zeros(pairs, dtype=np.int32)
@@ -114,6 +126,7 @@ def _sum_up(n, community, edges, same, different, touching):
         if lower[i] >= 0:
             sorted_pairs[at[lower[i]]] = i
             at[lower[i]] += 1
+    # Within a bucket, the first pair with a higher community opens an entry; later ones add to it.
     low = np.zeros(start[n], dtype=np.int32)
     high = np.zeros(start[n], dtype=np.int32)
     pooled_same = np.zeros(start[n], dtype=np.float64)
@@ -145,7 +158,11 @@ def _affinity(same, different, touches, m, p):
 
 
 @njit(cache=True, nogil=True)
-def _edge_lists(n, low, high):
+def _edge_lists(
+    n: int,
+    low: NDArray,  # int32 [edges]
+    high: NDArray,  # int32 [edges]
+) -> tuple[NDArray, NDArray]:
     """Every community lists its edges: slot 2 e is edge e in the list of its low end, 2 e + 1 in its high end's."""
     edges = len(low)
     head = np.full(n, -1, dtype=np.int32)
@@ -159,8 +176,20 @@ def _edge_lists(n, low, high):
 
 
 @njit(cache=True, nogil=True)
-def _best_first(low, high, same, different, touches, m, p):
-    """The heap holds the edges with an affinity above 0: highest affinity first, then smallest communities."""
+def _best_first(
+    low: NDArray,  # int32 [edges]
+    high: NDArray,  # int32 [edges]
+    same: NDArray,  # float64 [edges]
+    different: NDArray,  # float64 [edges]
+    touches: NDArray,  # bool [edges]
+    m: float,
+    p: float,
+) -> tuple[NDArray, NDArray, NDArray, NDArray, int]:
+    """Heap the edges, best first.
+
+    heapq would push an edge anew each time its affinity changes; here an edge moves within the heap, which holds each
+    at most once. The heap holds the edges with an affinity above 0: highest affinity first, then smallest communities.
+    """
     edges = len(low)
     heap = np.zeros(edges, dtype=np.int32)
     score = np.zeros(edges, dtype=np.float64)
@@ -178,7 +207,17 @@ def _best_first(low, high, same, different, touches, m, p):
 
 
 @njit(cache=True, nogil=True)
-def _mark_neighbours(a, low, high, head, following, alive, edge_to, marked, mark):
+def _mark_neighbours(
+    a,  # int32
+    low: NDArray,  # int32 [edges]
+    high: NDArray,  # int32 [edges]
+    head: NDArray,  # in/out int32 [n]
+    following: NDArray,  # in/out int32 [2 edges]
+    alive: NDArray,  # bool [edges]
+    edge_to: NDArray,  # out int32 [n]
+    marked: NDArray,  # out int32 [n]
+    mark: int,
+) -> None:
     """Note the edge to each neighbour of a community; edges that have ended leave its list."""
     before, slot = -1, head[a]
     while slot >= 0:
@@ -195,7 +234,17 @@ def _mark_neighbours(a, low, high, head, following, alive, edge_to, marked, mark
 
 
 @njit(cache=True, nogil=True)
-def _join(n, low, high, same, different, touches, m, p):  # noqa: PLR0915 - one loop over shared arrays
+def _join(  # noqa: PLR0915 - one loop over shared arrays
+    n: int,
+    low: NDArray,  # in/out int32 [edges]
+    high: NDArray,  # in/out int32 [edges]
+    same: NDArray,  # in/out float64 [edges]
+    different: NDArray,  # in/out float64 [edges]
+    touches: NDArray,  # in/out bool [edges]
+    m: float,
+    p: float,
+) -> tuple[NDArray, NDArray, NDArray]:
+    """Join the two communities of the best edge until none is left; see `pool`."""
     head, following = _edge_lists(n, low, high)
     alive = np.ones(len(low), dtype=np.bool_)
     heap, score, ends, place, size = _best_first(low, high, same, different, touches, m, p)
@@ -207,15 +256,18 @@ def _join(n, low, high, same, different, touches, m, p):  # noqa: PLR0915 - one 
     affinity = np.zeros(n, dtype=np.float32)
     steps = 0
     while size > 0:
+        # The best edge is the next step: b becomes part of a.
         best = heap[0]
         a, b = low[best], high[best]
         alive[best] = False
         source[steps], target[steps], affinity[steps] = b, a, score[0]
         steps += 1
         size = _take_out(heap, score, ends, place, size, best)
+        # Know the edge from a to each of its neighbours; often a is the same as in the step before.
         if known_to != a:
             known_to, mark = a, mark + 1
             _mark_neighbours(a, low, high, head, following, alive, edge_to, marked, mark)
+        # Hand every edge of b over to a.
         marked[b] = -1
         slot = head[b]
         while slot >= 0:

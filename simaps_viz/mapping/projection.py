@@ -35,7 +35,7 @@ def project_pixels(
     cells: NDArray,  # out int32 [H, W]
     heights: NDArray,  # out float32 [H, W]
 ) -> None:
-    """Return every pixel its cell of the window (row * cols + col) and its height over the floor.
+    """Compute the cell of every pixel (row * cols + col of the window) and its height over the floor.
 
     Pixels with depth outside (near, far), height outside (floor, cut) or a cell outside the window get NO_CELL.
     Formula: ``p_map = R ((u - cx) / fx z, (v - cy) / fy z, z) + t``; cell = floor(p / cell size).
@@ -50,14 +50,17 @@ def project_pixels(
         # One pixel's ray is (a, b, 1): the part that does not change along the row is taken out of the loop.
         x_row, y_row, z_row = r01 * b + r02, r11 * b + r12, r21 * b + r22
         for u in range(width):
+            # Depth that is missing, too near or too far.
             cells[v, u] = NO_CELL
             z = np.float64(depth_m[v, u])
             if not (z > near_m and z < far_m):
                 continue
+            # Back-project: the height first, which leaves out the ceiling and what is below the floor.
             a = (u - cx) / fx
             h = (r20 * a + z_row) * z + tz
             if h >= cut_m or h <= floor_m:
                 continue
+            # Then the cell, if the window holds it.
             col = math.floor(((r00 * a + x_row) * z + tx) * per_m) - col0
             row = math.floor(((r10 * a + y_row) * z + ty) * per_m) - row0
             if row < 0 or row >= rows or col < 0 or col >= cols:
@@ -87,11 +90,11 @@ def see_cells(
 ) -> tuple[int, int, int, int, int]:
     """Find what one frame saw of every cell: its highest pixel (ties: the earlier), and its lowest obstacle.
 
-    That begins with the map's lowest, which spares most pixels the writing. ``number`` must be another one for every
-    frame.
+    The lowest obstacle starts from the map's, which spares most pixels the writing. ``number`` must differ from frame
+    to frame.
 
-    Returns the number of cells this frame saw (they stand at the front of ``touched``, in the order met), and their
-    first row, first column, last row + 1 and last column + 1.
+    Returns the number of cells this frame saw (they are the first of ``touched``, in the order met), and their first
+    row, first column, last row + 1 and last column + 1.
     """
     n_touched = 0
     low_row, low_col, high_row, high_col = stamp.shape[0], stamp.shape[0], 0, 0
@@ -102,6 +105,7 @@ def see_cells(
             if c < 0:
                 continue
             h = heights[v, u]
+            # The first pixel of this frame in the cell opens it; a later one counts if it is higher.
             if stamp[c] != number:
                 stamp[c] = number
                 row = c // cols

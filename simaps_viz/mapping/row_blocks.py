@@ -1,4 +1,4 @@
-"""Layers of large maps, some rows at a time: NumPy turns what it looks up or counts into 8 bytes a cell."""
+"""Layers of large maps in blocks of rows: NumPy needs 8 bytes a cell for what it looks up or counts."""
 
 from collections.abc import Iterator
 
@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 BAND_CELLS = 1 << 20
-"""Cells looked at together, about."""
+"""About how many cells are in a block."""
 
 
 def bands(shape: tuple[int, ...]) -> Iterator[slice]:
@@ -25,7 +25,7 @@ def look_up(table: NDArray, ids: NDArray) -> NDArray:
         ids: whole numbers from 0 to k - 1, [rows, cols].
 
     Returns:
-        Of the table's dtype, [rows, cols].
+        [rows, cols], the table's dtype.
     """
     found = np.zeros(ids.shape, dtype=table.dtype)
     for band in bands(ids.shape):
@@ -38,7 +38,7 @@ def count_ids(ids: NDArray, size: int) -> NDArray:
 
     Args:
         ids: whole numbers from 0 to size - 1, [rows, cols].
-        size: of the result.
+        size: length of the result.
     """
     there = [part[part > 0] for part in (ids[band] for band in bands(ids.shape))]
     return np.bincount(np.concatenate([np.zeros(0, ids.dtype), *there]), minlength=size)

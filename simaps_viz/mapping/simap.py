@@ -1,4 +1,4 @@
-"""Making a SIMap from its stages, and partitioning it anew without looking at the frames again."""
+"""Assemble a SIMap, and partition it anew without looking at the frames again."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -116,7 +116,7 @@ def assemble(
 
 
 def origin_of(simap: SIMap) -> Origin:
-    """Return back what `assemble` was told of a map's origin."""
+    """Return the origin that a map was assembled with."""
     return Origin(
         simap.T_map_world, simap.method, simap.parameters, simap.provenance, simap.frame_names, simap.T_map_camera
     )
@@ -170,7 +170,7 @@ def _joined(simap: SIMap, k_percent: float | None, affinity: float | None) -> di
 
 
 def _share_views(simap: SIMap, community: NDArray) -> Views:
-    """Hand the views of the old communities to the new ones by overlap."""
+    """Split the views of the old communities among the new ones by overlap."""
     thing = simap.community > 0
     old_of, new_of = simap.community[thing], community[thing]
     pairs, overlap = np.unique((old_of.astype(np.int64) << 32) | new_of, return_counts=True)
@@ -188,12 +188,16 @@ def _share_views(simap: SIMap, community: NDArray) -> Views:
 
 @njit(cache=True, nogil=True)
 def _share(
-    community: NDArray, cells: NDArray, first: NDArray, overlap: NDArray, sizes: NDArray
+    community: NDArray,  # int32 [views], old
+    cells: NDArray,  # int32 [views]
+    first: NDArray,  # int64 [old communities + 2]
+    overlap: NDArray,  # int64 [overlaps], cells
+    sizes: NDArray,  # int64 [old communities + 1], cells
 ) -> tuple[NDArray, NDArray, NDArray]:
     """Split the cells of every view by overlap; ``overlap[first[c] : first[c + 1]]`` are those of old community c.
 
     Returns:
-        Of every share that rounds to at least one cell: its view, its overlap, its cells int32.
+        view int32, overlap int32 and cells int32 of each share that rounds to at least one cell.
     """
     room = 0
     for view in range(len(community)):

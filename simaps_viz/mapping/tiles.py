@@ -1,8 +1,8 @@
 """Sparse layers of the endless grid: square tiles of cells that exist only where something was seen.
 
-A tile is called by its row and column, (0, 0) touches the map's origin, negative ones lie south and west of it. Tiles
-lie one behind the other in one array a layer, so that a kernel finds a cell by its tile's slot. Memory follows what was
-seen: room that is not used yet costs address space only.
+A tile is named by its row and column: (0, 0) touches the map's origin, negative ones are south and west of it. The
+tiles of a layer are one array, one after the other, so that a kernel finds a cell by its tile's slot. Memory follows
+what was seen: room that is not used yet costs address space only.
 """
 
 from collections.abc import Iterator
@@ -23,7 +23,7 @@ _LAYERS: dict[str, tuple[type, float]] = {
     "observations": (np.int32, 0),
 }
 CELL_BYTES = sum(np.dtype(dtype).itemsize for dtype, _ in _LAYERS.values())
-"""Of memory, for each cell of a tile."""
+"""Bytes of memory for each cell of a tile."""
 
 
 class TileStore:
@@ -39,7 +39,7 @@ class TileStore:
     """int32, frames that saw the cell."""
 
     def __init__(self) -> None:
-        """Start without tiles."""
+        """Make a store without tiles."""
         self.slot_of: dict[tuple[int, int], int] = {}
         """By (tile row, tile column)."""
         for name, (dtype, _) in _LAYERS.items():
@@ -55,7 +55,7 @@ class TileStore:
         return len(self) * AREA * CELL_BYTES
 
     def copy(self) -> "TileStore":
-        """Return one that goes its own way from here."""
+        """Return a deep copy."""
         twin = copy(self)
         twin.slot_of = dict(self.slot_of)
         for name in _LAYERS:
@@ -86,7 +86,7 @@ class TileStore:
         return found
 
     def locate(self, rows: NDArray, cols: NDArray) -> NDArray:
-        """Return the place of some cells in the flat layers, int64 [n]; makes the tiles that are not there yet.
+        """Return the position of some cells in the flat layers, int64 [n]; makes the tiles that are not there yet.
 
         Args:
             rows: int32 [n], counted from the map's origin; they must lie within one map (`limits.check_cells`).
@@ -100,7 +100,7 @@ class TileStore:
         return _places(rows, cols, low[0], low[1], self.slots(low, wanted))
 
     def find(self, rows: NDArray, cols: NDArray) -> NDArray:
-        """Return the place of some cells like `locate`, -1 where there is no tile; makes none."""
+        """Return the position of some cells like `locate`, -1 where there is no tile; makes none."""
         tile = np.stack([rows >> _BITS, cols >> _BITS], axis=1)
         known, which = np.unique(tile, axis=0, return_inverse=True)
         slots = np.array([self.slot_of.get((r, c), -1) for r, c in known.tolist()], dtype=np.int64)
@@ -187,7 +187,7 @@ def raise_tiles(
     seen_top: NDArray,  # out float32 [n]
     lowered: NDArray,  # out bool [n], this frame's lowest pixel is the lowest so far
 ) -> None:
-    """Let what one frame saw of its cells meet what earlier frames saw; ties go to the earlier frame."""
+    """Put what one frame saw of its cells on the map; ties go to the earlier frame."""
     for i in range(len(touched)):
         c = touched[i]
         slot = np.int64(slots[rows[i] >> _BITS, cols[i] >> _BITS])

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from simaps_viz.baselines.contours import PUBLISHED, ContourSettings, contour_objects
+from simaps_viz.baselines.vlmaps import PUBLISHED, ContourSettings, contour_objects
 from simaps_viz.errors import InputError
 
 RAW = ContourSettings(closing=0, sigma=0.0, dilation=0, min_box_cells=0)

@@ -10,11 +10,15 @@ from scipy.ndimage import binary_dilation
 from sequences import write_tiny_sequence
 
 from simaps_viz import build_map, load_map, open_sequence, save_map
-from simaps_viz.baselines.contours import ContourSettings
-from simaps_viz.baselines.embedder import PixelEmbeddings
-from simaps_viz.baselines.simulated_lseg import EXACT, SimulatedLSeg
-from simaps_viz.baselines.store import dense_bytes
-from simaps_viz.baselines.vlmaps import VLMapsAccumulator, VLMapsConfig, build_vlmaps, split_classes
+from simaps_viz.baselines.embedder import EXACT, PixelEmbeddings, SimulatedLSeg
+from simaps_viz.baselines.vlmaps import (
+    ContourSettings,
+    VLMapsAccumulator,
+    VLMapsConfig,
+    build_vlmaps,
+    dense_bytes,
+    split_classes,
+)
 from simaps_viz.errors import InputError
 from simaps_viz.events import BuildFinished, BuildStarted, CommunitiesFound, FrameProjected, MergesFound
 

@@ -60,7 +60,7 @@ def test_a_long_name_fits_into_a_file_name(folder):
 def test_a_cache_that_cannot_be_is_one_line(folder, cache, monkeypatch, capsys):
     (folder / "afile").touch()
     monkeypatch.setenv("SIMAPS_CACHE", str(folder / cache))
-    with pytest.raises(InputError, match="expected a folder for what can be made again"):
+    with pytest.raises(InputError, match="expected a folder for cached files"):
         map_in_cache(folder / cache, open_sequence(folder / "tiny"), "evidence", BuildConfig())
     for command in (["view", str(folder / "tiny"), "--no-browser"], ["demo", "--no-serve"]):
         assert main(command) == 2
