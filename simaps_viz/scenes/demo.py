@@ -22,8 +22,7 @@ from simaps_viz.errors import InputError
 from simaps_viz.events import Progress
 from simaps_viz.io.files import write_whole
 from simaps_viz.scenes.layout import cafe_scene
-from simaps_viz.scenes.render import Renderer
-from simaps_viz.scenes.sensor import DepthSensor, sense
+from simaps_viz.scenes.render import DepthSensor, Renderer, sense
 from simaps_viz.scenes.simulated_errors import check_level, known_instances, simulate_errors
 from simaps_viz.scenes.walk import plan_walk
 from simaps_viz.structures import Intrinsics

@@ -13,7 +13,7 @@ from simaps_viz.datasets.open import open_sequence
 from simaps_viz.errors import InputError
 from simaps_viz.scenes import demo
 from simaps_viz.scenes.demo import DemoSettings, ensure_demo
-from simaps_viz.scenes.sensor import DepthSensor
+from simaps_viz.scenes.render import DepthSensor
 
 pytestmark = pytest.mark.slow
 

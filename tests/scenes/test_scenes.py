@@ -11,9 +11,8 @@ from simaps_viz.colors.classes import COCO_THINGS, is_thing
 from simaps_viz.scenes import materials as m
 from simaps_viz.scenes import props, seating
 from simaps_viz.scenes.layout import DEPTH_M, WIDTH_M, cafe_scene
-from simaps_viz.scenes.render import Renderer, embree_scene
+from simaps_viz.scenes.render import DepthSensor, Renderer, embree_scene, sense
 from simaps_viz.scenes.scene import SceneObject, assemble, place
-from simaps_viz.scenes.sensor import DepthSensor, sense
 from simaps_viz.scenes.shapes import box, corner_normals, disc
 from simaps_viz.scenes.walk import camera_pose, plan_walk
 from simaps_viz.structures import Intrinsics
