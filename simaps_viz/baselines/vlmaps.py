@@ -261,7 +261,7 @@ PUBLISHED = ContourSettings(closing=3, sigma=0.8, dilation=1, min_box_cells=10, 
 
 
 def contour_objects(mask: NDArray, settings: ContourSettings) -> NDArray:
-    """Tell the objects of a class apart.
+    """Separate the objects of a class.
 
     Args:
         mask: bool [rows, cols], the cells of the class.
@@ -345,7 +345,7 @@ def build_vlmaps(
         config: how.
         components: one instance for each contour of the class's cleaned mask; False: one for each class.
         embedder: gives pixels and words their vectors; a simulated LSeg when left out.
-        observers: told everything, in order.
+        observers: notified of every event, in order.
 
     Raises:
         InputError: a frame is missing or damaged (named), or the configuration makes no sense.

@@ -132,8 +132,8 @@ def _build_recorded(
     sequence: FrameSource, request: BuildRequest, record: Path, watching: list[Observer], control: BuildControl
 ) -> tuple[SIMap, InputError | None]:
     """Build a map and its recording; return the fault of the recording, if any, as the map is not lost with it."""
-    from simaps_viz.recorder.library import unfinished_recordings  # noqa: PLC0415 - as above
-    from simaps_viz.recorder.recorder import RerunRecorder  # noqa: PLC0415 - rerun is slow to import
+    from simaps_viz.recorder.library import unfinished_recordings  # noqa: PLC0415 - rerun is slow to import
+    from simaps_viz.recorder.recorder import RerunRecorder  # noqa: PLC0415 - as above
     from simaps_viz.recorder.settings import SMALL  # noqa: PLC0415 - as above
 
     simap = None
