@@ -36,9 +36,9 @@ class Agreement:
     """What the residuals of some pairs of views amount to."""
 
     share: float
-    """Of the points that fall on a measured pixel, how many agree (0-1)."""
+    """Share of the points that fall on a measured pixel and agree with it, among those that fall on one (0-1)."""
     kept: float
-    """Of all points, how many fall on a measured pixel and agree (0-1)."""
+    """Share of all points that fall on a measured pixel and agree with it (0-1)."""
     median: float
     """Absolute residual, share of the depth; NaN when nothing was seen."""
 

@@ -29,12 +29,12 @@ from simaps_viz.events import Progress
 FIT_WORTH = 0.06
 """Relative gain of quality before a camera or a depth scale is called wrong."""
 ROUNDS = 3
-"""Of looking for a shift and for a camera in turn; each may hide the other."""
+"""Rounds of looking for a shift and for a camera in turn; each may hide the other."""
 CREDIBLE = 0.4
 """Agreement below which a reading explains nothing, however much better it is than the files' own word."""
 FEWEST_PAIRS = 10
 """For fitting, each counted in both directions; fewer fit too much."""
-MOST_PAIRS = 120
+MAX_PAIRS = 120
 """For fitting; more only cost time."""
 
 
@@ -190,7 +190,7 @@ def _shift(recording: Recording, views: Views, pairs: NDArray, reading: Reading,
 
 def _camera(recording: Recording, views: Views, pairs: NDArray, reading: Reading) -> Reading:
     everything = _with_revisits(recording, views, pairs, reading)
-    everything = everything[:: max(1, -(-len(everything) // MOST_PAIRS))]
+    everything = everything[:: max(1, -(-len(everything) // MAX_PAIRS))]
     poses = reading.poses(recording)
     posed = np.isfinite(poses[views.frames[everything], 0, 0]).all(axis=1)
     everything = everything[posed]

@@ -36,7 +36,7 @@ class Level:
     up: NDArray
     """float64 [3], unit, world frame."""
     floor_height_m: float
-    """Of the floor along ``up``."""
+    """Height of the floor along ``up``."""
     tilt_deg: float | None
     """Between the found up and the stated one; None when none is stated."""
     level_stated: float | None
@@ -63,7 +63,7 @@ class Level:
         return self.held and not self.tilted and self._floor_far
 
     def to_json(self) -> dict:
-        """Give up and the floor as found."""
+        """Return up and the floor's height as found."""
         return {"up": [round(float(x), 5) for x in self.up], "floor_height_m": round(self.floor_height_m, 4)}
 
     @property

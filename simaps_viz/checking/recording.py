@@ -148,7 +148,7 @@ class Recording:
 
     manifest: Manifest
     names: tuple[str, ...]
-    """Of the frames, in the order of the pose file."""
+    """Names of the frames, in the order of the pose file."""
     matrices: NDArray
     """float64 [n, 4, 4], what the pose file says; rotations are orthonormal but may be mirrored."""
     camera: NDArray

@@ -18,7 +18,7 @@ from simaps_viz.datasets.sequence import DEPTH_RANGE_M
 REACH = (0.25, 0.12, 0.06, 0.04)
 """Residuals beyond this share of the depth weigh nothing, stage by stage."""
 STEPS = 10
-"""Of Gauss-Newton a stage, at most."""
+"""Steps of Gauss-Newton a stage, at most."""
 CONVERGED = 2e-4
 """A stage ends when no change of `ALL` steps further than this: 0.02 % of a focal length or of the depth scale."""
 SPREAD = np.array([0.05, 0.1, 0.1, 0.5, 0.5])
@@ -27,10 +27,10 @@ POINTS_AS_ONE = 100.0
 """Neighbouring points err together; so many count as one against the pulls."""
 DERIVATIVE_STEP = 3e-3
 """Wide enough that depth noise does not pass for slope."""
-LARGEST_STEP = 0.15
-"""Of any change of `ALL`, as slopes hold only nearby; a focal length twice too long takes five steps."""
+MAX_STEP = 0.15
+"""Limit of any change of `ALL`, as slopes hold only nearby; a focal length twice too long takes five steps."""
 LEAST_GAIN = 0.01
-"""Of quality: where frames hardly overlap, any camera gains a little by chance."""
+"""Gain of quality that counts: where frames hardly overlap, any camera gains a little by chance."""
 ROUNDING = 0.002
 """Residual that is always possible (depth in whole steps, poses of few digits)."""
 STEEPEST = 8.0
@@ -56,7 +56,7 @@ class Sight:
     T_target_source: NDArray
     """float64 [p, 4, 4]."""
     size: tuple[int, int]
-    """Of the whole image: width and height, pixels."""
+    """Width and height of the image, pixels."""
 
     def residuals(self, camera: NDArray, unit_m: float, every: int = 1) -> NDArray:
         """Return float32 [p, s], see `agreement.residuals`."""
@@ -95,7 +95,7 @@ def fit(sight: Sight, camera: NDArray, unit_m: float, directions: NDArray) -> Fi
             now = at(change, every)
             ahead = [at(change + DERIVATIVE_STEP * d, every) for d in directions.T]
             step = directions @ _newton_step(now, ahead, reach, *_pull(camera, change, sight.size), directions)
-            change = change + np.clip(step, -LARGEST_STEP, LARGEST_STEP)
+            change = change + np.clip(step, -MAX_STEP, MAX_STEP)
             if np.abs(step).max() < CONVERGED:
                 break
     return Fit(moved(camera, change), float(np.exp(change[4])), quality(at(change, 1)))

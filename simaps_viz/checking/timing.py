@@ -1,4 +1,4 @@
-"""Finds poses that belong to other frames: all shifted, or shifted from some frame on, as after a dropped frame."""
+"""Find poses that belong to other frames: all shifted, or shifted from some frame on, as after a dropped frame."""
 
 from dataclasses import dataclass, replace
 
@@ -93,7 +93,7 @@ def _clear(gain: NDArray, level: float) -> bool:
     return bool(gain.mean() > GAIN * level and gain.mean() > SURE * error)
 
 
-MOST_FRAMES = 160
+MAX_FRAMES = 160
 """Read to find a jump, at most."""
 MOVED_M, TURNED = 0.01, 0.01
 """A camera that moved or turned (radians) by more cannot have taken the same depth image to the bit."""
@@ -102,7 +102,7 @@ MOVED_M, TURNED = 0.01, 0.01
 def locate(recording: Recording, reading: Reading, progress: Progress) -> Reading:
     """Move ``reading.shift_from`` to the frame around it that makes the frames there agree best."""
     count = len(recording)
-    reach = min(2 * GAP + 2 * (count // BASES), MOST_FRAMES // 2)
+    reach = min(2 * GAP + 2 * (count // BASES), MAX_FRAMES // 2)
     frames = np.arange(max(0, reading.shift_from - reach), min(count, reading.shift_from + reach + 1))
     views = load_views(recording, frames, progress)
     pairs = in_views(views, np.concatenate([np.stack([frames[:-g], frames[g:]], axis=1) for g in (1, 2, 3)]))

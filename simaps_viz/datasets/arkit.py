@@ -1,4 +1,4 @@
-"""Reads ARKitScenes scans (Apple): low-resolution depth and colour of an iPad, a camera of its own for each frame."""
+"""Read ARKitScenes scans (Apple): low-resolution depth and colour of an iPad, a camera of its own for each frame."""
 
 from pathlib import Path
 

@@ -249,7 +249,7 @@ class Lens:
 
 
 def pinhole(where: str, width: int, height: int, fx: float, fy: float, cx: float, cy: float) -> Intrinsics:
-    """Check a camera (pixels, pixel centres at whole numbers) and give it.
+    """Check a camera (pixels, pixel centres at whole numbers) and return it.
 
     Raises:
         InputError: It is not finite, its principal point is outside the picture or its field of view not a camera's.

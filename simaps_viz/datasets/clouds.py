@@ -1,4 +1,4 @@
-"""Turns point clouds into depth images of a camera beside them, so that the rest of the way is the same for both.
+"""Turn point clouds into depth images of a camera beside them, so that the rest of the way is the same for both.
 
 A cloud is thinner than a picture: between the points of a near thing those of what lies behind it are seen. They would
 take its class, so a point is left out where nearer ones surround it. What is left needs no neighbours: every point

@@ -1,4 +1,4 @@
-"""Writes any sequence as a posed-frames/1 folder, frame by frame; the folder is there whole or not at all."""
+"""Write any sequence as a posed-frames/1 folder, frame by frame; the folder is there whole or not at all."""
 
 import json
 import os
@@ -19,7 +19,7 @@ from simaps_viz.errors import InputError
 from simaps_viz.structures import Segmentation
 
 JPEG_QUALITY = 95
-"""Of colour images that had to be decoded or seen through another camera; others are copied as they are."""
+"""Quality of colour images that had to be decoded or seen through another camera; others are copied as they are."""
 MAX_STEP = 65535
 
 

@@ -32,9 +32,9 @@ class FileFrames:
     color_lenses: Sequence[Lens]
     depth_lenses: Sequence[Lens]
     intrinsics: Intrinsics
-    """Of the pictures handed over."""
+    """Camera of the images that `depth` and `color` return."""
     read_depth_m: Callable[[Path], NDArray]
-    """Gives float32 [H, W], metres, 0 = invalid."""
+    """Returns float32 [H, W], metres, 0 = invalid."""
 
     def __post_init__(self) -> None:
         for what, paths in (("colour", self.color_paths), ("depth", self.depth_paths)):

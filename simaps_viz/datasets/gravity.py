@@ -1,4 +1,4 @@
-"""Finds up and the floor in posed depth images, for sequences that do not say where they are.
+"""Find up and the floor in posed depth images, for sequences that do not say where they are.
 
 People hold cameras upright, or on their side, and look around, so the mean of the cameras' upper, left or right sides
 is close to the true up; the surface normals near it then vote, and the lowest large plane among the surfaces that face

@@ -1,4 +1,4 @@
-"""Reads folders rendered by Habitat-Sim from Matterport3D as VLMaps keeps them.
+"""Read folders rendered by Habitat-Sim from Matterport3D as VLMaps keeps them.
 
 ``poses.txt`` says where the robot's base stood; the camera looks level from 1.5 m above it, with a field of view of 90
 degrees. Semantic arrays hold class numbers, so an object is a connected patch of a class in a picture; with an

@@ -1,4 +1,4 @@
-"""Reads image files, and refuses damaged ones: a decoder left alone turns half a file into a grey or black rest."""
+"""Read image files, and refuse damaged ones: a decoder left alone turns half a file into a grey or black rest."""
 
 import zlib
 from io import BytesIO

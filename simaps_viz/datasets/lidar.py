@@ -1,4 +1,4 @@
-"""Reads laser scans with a camera beside them: clouds (PLY, PCD), poses, pictures, and where the camera sits.
+"""Read laser scans with a camera beside them: clouds (PLY, PCD), poses, pictures, and where the camera sits.
 
 The folder has a ``lidar.json`` (format ``posed-clouds/1``, docs/FORMATS.md). Clouds are rendered into depth images of
 the camera, and from there on are frames like any other.

@@ -1,4 +1,4 @@
-"""Reads nerfstudio folders: ``transforms.json`` with a depth image for every picture."""
+"""Read nerfstudio folders: ``transforms.json`` with a depth image for every picture."""
 
 from pathlib import Path
 from typing import Any

@@ -1,4 +1,4 @@
-"""Reads raw exports of Polycam ("keyframes"): a picture, a depth image and a camera file for each."""
+"""Read raw exports of Polycam ("keyframes"): a picture, a depth image and a camera file for each."""
 
 from pathlib import Path
 

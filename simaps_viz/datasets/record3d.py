@@ -1,4 +1,4 @@
-"""Reads Record3D recordings: a ``.r3d`` file, the same unpacked, or the "EXR + JPG sequence" export."""
+"""Read Record3D recordings: a ``.r3d`` file, the same unpacked, or the "EXR + JPG sequence" export."""
 
 import struct
 import zipfile
@@ -59,8 +59,8 @@ def _one_line(error: BaseException) -> str:
 
 
 _MAGIC = b"\x76\x2f\x31\x01"
-_LONGEST_HEADER = 1 << 16
-_LONGEST_WORD = 256
+_MAX_HEADER_BYTES = 1 << 16
+_MAX_WORD_BYTES = 256
 _WINDOWS = ("dataWindow", "displayWindow")
 
 
@@ -68,7 +68,7 @@ def check_exr(path: Path) -> None:
     """Raise InputError unless a file starts as an EXR picture of a size that a camera's picture may have."""
     try:
         with path.open("rb") as file:
-            data = file.read(_LONGEST_HEADER)
+            data = file.read(_MAX_HEADER_BYTES)
     except OSError as error:
         raise InputError(f"{path}: expected an EXR image, found {error.strerror or error}") from error
     try:
@@ -88,8 +88,8 @@ def _attributes(data: bytes) -> list[tuple[str, bytes]]:
         raise ValueError("no EXR file")
     at, found = 8, []
     while data[at] != 0 if at < len(data) else _cut():
-        end = data.index(b"\0", at, at + _LONGEST_WORD)
-        end_of_type = data.index(b"\0", end + 1, end + 1 + _LONGEST_WORD)
+        end = data.index(b"\0", at, at + _MAX_WORD_BYTES)
+        end_of_type = data.index(b"\0", end + 1, end + 1 + _MAX_WORD_BYTES)
         (size,) = struct.unpack_from("<i", data, end_of_type + 1)
         start = end_of_type + 5
         if size < 0 or start + size > len(data):

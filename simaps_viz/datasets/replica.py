@@ -1,4 +1,4 @@
-"""Reads Replica rooms as rendered for NICE-SLAM: clean depth, a smooth camera path, no labels."""
+"""Read Replica rooms as rendered for NICE-SLAM: clean depth, a smooth camera path, no labels."""
 
 from pathlib import Path
 

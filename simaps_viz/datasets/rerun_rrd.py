@@ -1,4 +1,4 @@
-"""Reads rerun recordings (``.rrd``): a DepthImage, a picture and a Pinhole below entities that Transform3D moves.
+"""Read rerun recordings (``.rrd``): a DepthImage, a picture and a Pinhole below entities that Transform3D moves.
 
 The file is read through once for times, poses and cameras. Pictures are read again when they are wanted, forwards, with
 a few chunks kept, so memory does not grow with the recording.
@@ -117,7 +117,7 @@ UP = 1
 RDF = [3, 2, 5]
 """Right, down, forward: the only camera axes that are read."""
 _U8, _U16, _F32 = 6, 8, 34
-"""Of ChannelDatatype."""
+"""Numbers of ChannelDatatype."""
 _TIMELINES_LAST = ("log_time", "log_tick")
 
 

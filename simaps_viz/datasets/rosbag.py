@@ -1,4 +1,4 @@
-"""Reads recordings of robots: ROS 1 bags, ROS 2 bags (SQLite or MCAP) and ROS 2 MCAP files.
+"""Read recordings of robots: ROS 1 bags, ROS 2 bags (SQLite or MCAP) and ROS 2 MCAP files.
 
 Topics are chosen by what they hold: the depth images registered to colour if there are such, the colour images of the
 same camera, their CameraInfo, and poses from tf, or else from an Odometry or PoseStamped topic. Where there are no
@@ -297,7 +297,7 @@ class _Topics:
     depth_lens: Lens
     color_lens: Lens
     frame: str
-    """Of the depth images."""
+    """Frame of the depth images."""
 
 
 def _choose_topics(bag: Bag) -> _Topics:

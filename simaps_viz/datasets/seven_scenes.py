@@ -1,4 +1,4 @@
-"""Reads 7-Scenes recordings (Microsoft Research): three files a frame, from a handheld Kinect.
+"""Read 7-Scenes recordings (Microsoft Research): three files a frame, from a handheld Kinect.
 
 Depth and colour are the raw pictures, not registered to each other. The dataset gives the depth camera that its poses
 were made with; colour is brought to it by the focal length that is usual for that sensor, which leaves a few pixels.

@@ -1,4 +1,4 @@
-"""Reads TUM RGB-D recordings (https://cvg.cit.tum.de/data/datasets/rgbd-dataset): Kinect and motion capture.
+"""Read TUM RGB-D recordings (https://cvg.cit.tum.de/data/datasets/rgbd-dataset): Kinect and motion capture.
 
 Colour and depth come at their own times and poses at a hundred a second: each depth image takes the nearest colour
 image and the pose interpolated to its own time. Depth is registered to colour already, lens distortion included, so

@@ -416,7 +416,7 @@ def sense(
 
 
 def _wandering(height: int, width: int, sensor: DepthSensor, rng: np.random.Generator) -> tuple[NDArray, NDArray]:
-    """Give, for every pixel, the (u, v) it really shows; float32 [H, W] each."""
+    """Return, for every pixel, the (u, v) it really shows; float32 [H, W] each."""
     scale = width / 640.0
     spacing = max(2.0, sensor.lateral_spacing_px * scale)
     control = (2, int(height / spacing) + 2, int(width / spacing) + 2)

@@ -75,7 +75,7 @@ class Scene:
 
     @cached_property
     def main_axis(self) -> NDArray:
-        """Tell along which axis (0 x, 1 y, 2 z) each face [F] looks most, int8; textures are laid along the others."""
+        """The axis (0 x, 1 y, 2 z) along which each face [F] looks most, int8; textures are laid along the others."""
         return np.abs(self.face_normals).argmax(axis=1).astype(np.int8)
 
     @property

@@ -148,7 +148,7 @@ class Picture:
     fit: Literal["stretch", "pad"] = "stretch"
     """stretch: over the whole input. pad: keep its shape, upper left, zeros (after normalising) around it."""
     mean: tuple[float, ...] = IMAGENET_MEAN
-    """Of the three channels, in 0 .. 1."""
+    """Mean of the three channels, in 0 .. 1."""
     std: tuple[float, ...] = IMAGENET_STD
     rescale: float = 1.0 / 255.0
 

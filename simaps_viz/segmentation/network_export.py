@@ -1,4 +1,4 @@
-"""Writes universal segmentation checkpoints of Hugging Face transformers as ONNX files that `--segmentation` takes.
+"""Write universal segmentation checkpoints of Hugging Face transformers as ONNX files that `--segmentation` takes.
 
 Three things have to be worked around. The deformable attention of Mask2Former and OneFormer samples on a grid that
 the exported graph computes in doubles, which onnxruntime's GridSample refuses: the grid is cast to the sampled values'

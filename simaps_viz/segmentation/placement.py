@@ -12,7 +12,7 @@ class Placement:
     """Where the resized picture lies in the input; pixel corners count, so ``input = picture * scale + offset``."""
 
     width: int
-    """Of the resized picture, pixels of the input."""
+    """Width of the resized picture, pixels of the input."""
     height: int
     left: int
     top: int

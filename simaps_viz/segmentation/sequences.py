@@ -285,7 +285,7 @@ def segmented(
 
 
 def _stamp(sequence: PosedFrames, index: int, by_geometry: bool) -> list[int]:
-    """Tell the files apart that a frame's masks were made from; of a recording in one file, that file."""
+    """Return what changes when the files that a frame's masks were made from do; a recording may be one file."""
     files = [sequence.color_file(index) or sequence.path]
     if by_geometry:
         files.append(sequence.files(index)[1])

@@ -1,4 +1,4 @@
-"""Opens ONNX files with onnxruntime, and says in one line what is wrong with those that cannot be opened."""
+"""Open ONNX files with onnxruntime, and say in one line what is wrong with those that cannot be opened."""
 
 import hashlib
 from collections.abc import Mapping, Sequence

@@ -28,7 +28,7 @@ class YoloSettings:
     score: float = 0.25
     """Least confidence."""
     iou: float = 0.5
-    """Of two boxes of a class that overlap more than this, the less confident one goes."""
+    """Overlap above which the less confident of two boxes of a class is dropped."""
     mask: float = 0.5
     """Least probability of a pixel of a mask."""
     min_area_px: int = 30
