@@ -24,7 +24,7 @@ from simaps_viz.mapping.simap import joining_at, recommunity, repartition
 from simaps_viz.structures import SIMap
 
 if TYPE_CHECKING:
-    from simaps_viz.viewer.panels.compare_words import CompareServices
+    from simaps_viz.viewer.panels.compare import CompareServices
 
 
 def load_bytes(name: str, content: bytes) -> SIMap:
@@ -56,7 +56,7 @@ def compare_services(simap: SIMap, sequence: FrameSource | None, folder: Path) -
         sequence: it was built from; without it there are neither other methods nor the truth.
         folder: where built maps are kept.
     """
-    from simaps_viz.viewer.panels.compare_words import TRUTH, CompareServices, Source  # noqa: PLC0415 - viser is slow
+    from simaps_viz.viewer.panels.compare import TRUTH, CompareServices, Source  # noqa: PLC0415 - viser is slow
 
     sources = []
     if sequence is not None:

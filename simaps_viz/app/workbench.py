@@ -36,7 +36,6 @@ if TYPE_CHECKING:
     from simaps_viz.evaluation.judging import JudgingSession
     from simaps_viz.viewer.page.panel import PanelSpec
     from simaps_viz.viewer.page.services import LanguageModel, Services
-    from simaps_viz.viewer.panels.mend import MendServices
     from simaps_viz.viewer.panels.recordings import RecordingServices
     from simaps_viz.viewer.workbench import Workbench
 
@@ -221,33 +220,11 @@ def panels_of(
     )
 
 
-def page_services(mending: Mending) -> "MendServices":
-    """Return the actions that a page edits a map with."""
-    from simaps_viz.viewer.panels.mend import MendServices  # noqa: PLC0415 - viser is slow to import
-
-    return MendServices(
-        merge=lambda simap, first, second, who: mending.merge(simap, first, second, who=who),
-        split=lambda simap, one, start, end, who: mending.split(simap, one, start, end, who=who),
-        relabel=lambda simap, one, label, who: mending.relabel(simap, one, label, who=who),
-        delete=lambda simap, one, who: mending.delete(simap, one, who=who),
-        undo=mending.undo,
-        redo=mending.redo,
-        entries=lambda: mending.log.entries,
-        told=mending.descriptions,
-        undone=lambda: len(mending.log.undone),
-        refused=mending.refused,
-        covers=mending.covers,
-        saved=lambda: mending.saved,
-        path=str(mending.path),
-        who=login(),
-    )
-
-
 def mending_panels(mending: Mending | None) -> "tuple[PanelSpec, ...]":
     """Return the panel for editing the map; none where the map cannot be edited."""
     from simaps_viz.viewer.panels.mend import mend_panel  # noqa: PLC0415 - viser is slow to import
 
-    return () if mending is None else (mend_panel(page_services(mending)),)
+    return () if mending is None else (mend_panel(mending, login()),)
 
 
 def login() -> str:

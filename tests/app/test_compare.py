@@ -16,7 +16,7 @@ from simaps_viz.build.pipeline import BuildConfig
 from simaps_viz.console.progress import stage_progress
 from simaps_viz.datasets.open import open_sequence
 from simaps_viz.errors import InputError
-from simaps_viz.viewer.panels.compare_words import TRUTH, Cancelled
+from simaps_viz.viewer.panels.compare import TRUTH, Cancelled
 
 NEVER = threading.Event()
 

@@ -16,8 +16,7 @@ from simaps_viz.errors import InputError
 from simaps_viz.evaluation.two_maps import compare_two
 from simaps_viz.mapping.file import save_map
 from simaps_viz.mapping.simap import repartition
-from simaps_viz.viewer.panels.compare import ComparePanel
-from simaps_viz.viewer.panels.compare_words import TRUTH, CompareServices, Source
+from simaps_viz.viewer.panels.compare import TRUTH, ComparePanel, CompareServices, Source
 
 CHAIR_1, CHAIR_3, COUCH = (1.25, 1.85), (-0.2, -0.8), (3.6, 2.45)
 SLOW = "a source that takes its time"

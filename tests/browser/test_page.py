@@ -13,8 +13,7 @@ from simaps_viz.evaluation.two_maps import compare_two
 from simaps_viz.mapping.file import save_map
 from simaps_viz.mapping.mending import open_mending
 from simaps_viz.mapping.simap import repartition
-from simaps_viz.viewer.panels.compare import compare_panel
-from simaps_viz.viewer.panels.compare_words import CompareServices, Source
+from simaps_viz.viewer.panels.compare import CompareServices, Source, compare_panel
 from simaps_viz.viewer.panels.masks import masks_panel
 from simaps_viz.viewer.panels.recordings import RecordingServices, recordings_spec
 from simaps_viz.viewer.panels.share import ShareServices, share_panel

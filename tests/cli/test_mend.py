@@ -6,7 +6,7 @@ import pytest
 from mended_maps import check_map
 from toy_maps import toy_map
 
-from simaps_viz.app.workbench import login, mending_panels, page_services
+from simaps_viz.app.workbench import login, mending_panels
 from simaps_viz.cli.main import main
 from simaps_viz.cli.mend import do
 from simaps_viz.errors import InputError
@@ -135,11 +135,10 @@ def test_edits_of_another_build_are_adopted(toy_file, capsys):
 
 def test_the_page_gets_what_it_needs(toy_file):
     mending = open_mending(toy_file)
-    services = page_services(mending)
-    simap = services.delete(services.merge(mending.simap(), 3, 4, "Ann"), 9, "Bo")
-    simap = services.relabel(services.split(simap, 8, (3.6, 0.0), (3.6, 1.0), "Ann"), 5, "piano", "Bo")
-    assert [entry.who for entry in services.entries()] == ["Ann", "Bo", "Ann", "Bo"]
-    assert services.undone() == 0 and services.saved() and services.covers(simap) and services.refused() == ()
-    assert services.redo(services.undo(simap)).instances == simap.instances
-    assert services.path == str(edits_path(toy_file)) and services.who == login() != ""
+    simap = mending.delete(mending.merge(mending.simap(), 3, 4, who="Ann"), 9, who="Bo")
+    simap = mending.relabel(mending.split(simap, 8, (3.6, 0.0), (3.6, 1.0), who="Ann"), 5, "piano", who="Bo")
+    assert [entry.who for entry in mending.log.entries] == ["Ann", "Bo", "Ann", "Bo"]
+    assert mending.log.undone == () and mending.saved and mending.covers(simap) and mending.refused() == ()
+    assert mending.redo(mending.undo(simap)).instances == simap.instances
+    assert mending.path == edits_path(toy_file) and login() != ""
     assert mending_panels(None) == () and [spec.title for spec in mending_panels(mending)] == ["Mend"]

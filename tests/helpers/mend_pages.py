@@ -2,7 +2,7 @@
 
 import viser
 
-from simaps_viz.app.workbench import page_services
+from simaps_viz.app.workbench import login
 from simaps_viz.drawing.solids import ray_on_floor
 from simaps_viz.drawing.texture import map_image
 from simaps_viz.mapping.mending import Mending
@@ -25,7 +25,7 @@ class StubPage(Page):
         self._image: viser.ImageHandle | None = None
         self.repaint()
         with self.gui.add_folder("Mend"):
-            self.panel = MendPanel(self, page_services(pages.mending))
+            self.panel = MendPanel(self, pages.mending, login())
         client.scene.on_click()(self._clicked)
 
     def select(self, instance_id: int | None) -> None:

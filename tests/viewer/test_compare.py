@@ -10,7 +10,7 @@ from simaps_viz.drawing.sheet import INK
 from simaps_viz.drawing.theme import DARK, LIGHT
 from simaps_viz.evaluation.two_maps import Kind, compare_two
 from simaps_viz.mapping.simap import repartition
-from simaps_viz.viewer.panels.compare_words import (
+from simaps_viz.viewer.panels.compare import (
     PQ_MEANS,
     headline_html,
     ignored_lines,

@@ -13,8 +13,7 @@ from simaps_viz.drawing.theme import DARK, LIGHT, Theme
 from simaps_viz.evaluation.two_maps import compare_two
 from simaps_viz.mapping.simap import repartition
 from simaps_viz.viewer.panels import compare
-from simaps_viz.viewer.panels.compare import ComparePanel
-from simaps_viz.viewer.panels.compare_words import CompareServices, Source
+from simaps_viz.viewer.panels.compare import ComparePanel, CompareServices, Source
 
 PATIENCE_S = 60.0
 

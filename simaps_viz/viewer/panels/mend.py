@@ -3,7 +3,6 @@
 import itertools
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 from html import escape
 from typing import Any, Literal
 
@@ -17,6 +16,7 @@ from simaps_viz.drawing.theme import BAD_STYLE, BOX_STYLE, DIM_STYLE, STICKY, TE
 from simaps_viz.errors import InputError, SIMapsError
 from simaps_viz.mapping.edit_log import Entry
 from simaps_viz.mapping.edits import EditRefused
+from simaps_viz.mapping.mending import Mending
 from simaps_viz.structures import Instance, SIMap
 from simaps_viz.viewer.page.page import Page
 from simaps_viz.viewer.page.panel import Panel, PanelSpec
@@ -29,38 +29,6 @@ ABOUT = "put the map right by hand: join, cut in two, rename, delete, undo"
 CUT = (214, 39, 40)
 FLOOR_M = 0.03
 CROSS_M = 0.05
-
-
-@dataclass(frozen=True, eq=False)
-class MendServices:
-    """Every change takes the map that is shown, is saved before it returns, and raises InputError in words."""
-
-    merge: Callable[[SIMap, int, int, str], SIMap]
-    """map, first and second id, who -> map: they are one, of the first one's class."""
-    split: Callable[[SIMap, int, Point, Point, str], SIMap]
-    """map, id, two points of the line, who -> map."""
-    relabel: Callable[[SIMap, int, str, str], SIMap]
-    """map, id, class, who -> map."""
-    delete: Callable[[SIMap, int, str], SIMap]
-    """map, id, who -> map."""
-    undo: Callable[[SIMap], SIMap]
-    redo: Callable[[SIMap], SIMap]
-    entries: Callable[[], Sequence[Entry]]
-    """The edits, the first one first."""
-    told: Callable[[], Sequence[str]]
-    """What each of them did, for one who sees the map."""
-    undone: Callable[[], int]
-    """How many can be redone."""
-    refused: Callable[[], Sequence[str]]
-    """Which edits no longer make sense on this map, in words."""
-    covers: Callable[[SIMap], bool]
-    """Whether a map is the one whose edits these are."""
-    saved: Callable[[], bool]
-    """Whether there is a file of edits."""
-    path: str
-    """Of that file."""
-    who: str
-    """Who is likely to sit here."""
 
 
 class CutMark:
@@ -181,17 +149,18 @@ ONLY_ON_MAP: tuple[str, ...] = (ON_MAP,)
 Waiting = Literal["join", "cut"] | None
 
 
-def mend_panel(services: MendServices) -> PanelSpec:
-    """Return the panel, beside the one about the selected instance."""
-    return PanelSpec("Mend", viser.Icon.TOOL, lambda page: MendPanel(page, services), "instance", ABOUT)
+def mend_panel(mending: Mending, who: str) -> PanelSpec:
+    """Return the panel that edits a map; ``who`` is likely to sit at the page."""
+    return PanelSpec("Mend", viser.Icon.TOOL, lambda page: MendPanel(page, mending, who), "instance", ABOUT)
 
 
 class MendPanel(Panel):
     """The widgets of one page; the edits themselves are shared by all pages."""
 
-    def __init__(self, page: Page, services: MendServices) -> None:
-        """Fill the open container; ``services`` make and keep the edits."""
-        self._page, self._services, self._mark = page, services, CutMark(page.client.scene)
+    def __init__(self, page: Page, mending: Mending, who: str) -> None:
+        """Fill the open container; ``mending`` keeps the edits, ``who`` signs them unless another name is typed."""
+        self._page, self._mending, self._default_who = page, mending, who
+        self._mark = CutMark(page.client.scene)
         self._waiting: Waiting = None
         self._points: list[Point] = []
         self._shown: int | None = None
@@ -229,7 +198,7 @@ class MendPanel(Panel):
             if self._tone == "plain" or not self._of_map:  # else it tells what became of an edit
                 self._say("")  # it spoke of the other object
         self._shown = None if one is None else one.id
-        known = self._services.covers(simap)
+        known = self._mending.covers(simap)
         self._show_status()
         for widget in self._tools:
             if isinstance(widget, viser.GuiButtonGroupHandle):
@@ -273,7 +242,7 @@ class MendPanel(Panel):
 
     def restore(self, state: dict[str, str]) -> None:
         """Take back who signs here."""
-        self._who.value = state.get("who", self._services.who)
+        self._who.value = state.get("who", self._default_who)
 
     def _fill(self, gui: viser.GuiApi) -> None:
         self._status = gui.add_html("")
@@ -290,7 +259,7 @@ class MendPanel(Panel):
         self._other = gui.add_dropdown("Join with", ONLY_ON_MAP, initial_value=ON_MAP, hint="The other half, for Join.")
         self._how = gui.add_dropdown("Cut along", (CLICKS, NORTH, EAST), initial_value=CLICKS, hint="For Cut in two.")
         self._tools: tuple[Any, ...] = (self._class, self._new, self._other, self._how, change, remove)
-        self._who = gui.add_text("Your name", self._services.who, hint="Edits are signed with it.")
+        self._who = gui.add_text("Your name", self._default_who, hint="Edits are signed with it.")
         self._saved = gui.add_html("")
         self._edits = gui.add_html("")
         self._add_keys(gui)
@@ -319,7 +288,7 @@ class MendPanel(Panel):
         one, who = self._target(), str(self._who.value)
         label = str(self._new.value if self._class.value == NEW_CLASS else self._class.value)
         if one is not None:
-            self._do(lambda simap: self._services.relabel(simap, one, label, who), "Renamed.")
+            self._do(lambda simap: self._mending.relabel(simap, one, label, who=who), "Renamed.")
 
     def join(self) -> None:
         """Join the selected object with the chosen one, or with the one that is clicked next."""
@@ -348,15 +317,15 @@ class MendPanel(Panel):
         """Take the selected object away."""
         one, who = self._target(), str(self._who.value)
         if one is not None:
-            self._do(lambda simap: self._services.delete(simap, one, who), "Deleted. Undo brings it back.")
+            self._do(lambda simap: self._mending.delete(simap, one, who=who), "Deleted. Undo brings it back.")
 
     def undo(self) -> None:
         """Take the last edit back, whoever made it."""
-        self._do(self._services.undo, "The last edit is taken back.")
+        self._do(self._mending.undo, "The last edit is taken back.")
 
     def redo(self) -> None:
         """Make the edit again that was taken back last."""
-        self._do(self._services.redo, "The edit is made again.")
+        self._do(self._mending.redo, "The edit is made again.")
 
     def _join(self, other: int) -> None:
         one, who = self._target(), str(self._who.value)
@@ -365,7 +334,7 @@ class MendPanel(Panel):
         done = joined_text(self._page.simap, one, other)
 
         def merge(simap: SIMap) -> SIMap:
-            mended = self._services.merge(simap, one, other, who)
+            mended = self._mending.merge(simap, one, other, who=who)
             take_over(mended, simap, one)
             return mended
 
@@ -375,7 +344,7 @@ class MendPanel(Panel):
         one, who = self._target(), str(self._who.value)
         if one is not None:
             self._draw((start_m, end_m))
-            self._do(lambda simap: self._services.split(simap, one, start_m, end_m, who), "Cut in two.")
+            self._do(lambda simap: self._mending.split(simap, one, start_m, end_m, who=who), "Cut in two.")
 
     def _target(self) -> int | None:
         """Return the object that this panel speaks of, unless another one was selected meanwhile."""
@@ -395,7 +364,7 @@ class MendPanel(Panel):
 
         def job() -> None:
             try:
-                if not self._services.covers(simap):
+                if not self._mending.covers(simap):
                     raise InputError("This is another map than the one that the edits belong to.")
                 mended = change(simap)
             except SIMapsError as error:
@@ -421,7 +390,7 @@ class MendPanel(Panel):
     def _show_status(self) -> None:
         simap = self._page.simap
         one = next((i for i in simap.instances if i.id == self._shown), None)
-        self._status.content = status_html(simap, one, self._words, self._tone, known=self._services.covers(simap))
+        self._status.content = status_html(simap, one, self._words, self._tone, known=self._mending.covers(simap))
 
     def _draw(self, points_m: Any) -> None:
         self._mark.show(tuple(points_m), self._reach_m())
@@ -445,6 +414,7 @@ class MendPanel(Panel):
         self._other.value = ON_MAP
 
     def _list(self) -> None:
-        entries = list(zip(self._services.told(), self._services.entries(), strict=False))
-        self._edits.content = edits_html(entries, self._services.undone(), self._services.refused())
-        self._saved.content = saved_html(self._services.path, self._services.saved())
+        mending = self._mending
+        entries = list(zip(mending.descriptions(), mending.log.entries, strict=False))
+        self._edits.content = edits_html(entries, len(mending.log.undone), mending.refused())
+        self._saved.content = saved_html(str(mending.path), mending.saved)

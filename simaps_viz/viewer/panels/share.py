@@ -13,7 +13,7 @@ from simaps_viz.structures import Pose2, SIMap
 from simaps_viz.viewer.page.page import Page
 from simaps_viz.viewer.page.panel import Panel, PanelSpec
 from simaps_viz.viewer.page.worker import Worker
-from simaps_viz.viewer.panels.compare_words import Cancelled, note
+from simaps_viz.viewer.panels.compare import Cancelled, note
 from simaps_viz.viewer.share.files import share_bytes
 from simaps_viz.viewer.share.story import Drive, Look, drive_of, title_of
 
