@@ -1,6 +1,7 @@
-"""The page on which a person sees, questions and drives on a map.
+"""The page on which a person sees a map, asks about it, and drives a robot on it.
 
-`workbench` serves it and keeps a `session` for every browser tab; a session lays out `panels`, draws with `drawing`,
-drives with `driving` and is tied to a docked recording by `recording`. `server` is what stands between the page and
-strangers, `share` makes files for those who have none of this. Computing comes in as callables (`services`).
+`workbench` serves it and keeps a `session` for every browser tab. A session is a `page` with its `panels`, as `layout`
+docks them: panels ask the page for changes, the page computes, paints its `scene`, and reports events to all panels.
+`recording` ties it to a docked recording, `server` is what is between the page and the network, and `share` makes files
+that need none of this.
 """

@@ -52,7 +52,7 @@ class Layout:
         objects.dock_below(self._between[0])
 
     def settle(self, page_px: object) -> None:
-        """Give the main panel its room, and the map its share of a narrow page, once the browser has docked the panels.
+        """Make room for the main panel, and for the map on a narrow page, once the browser has docked the panels.
 
         Args:
             page_px: width of the page, as it reported it.

@@ -116,7 +116,7 @@ def of_kind(maps: TwoMaps, option: str) -> list[Item]:
 
 
 def headline_html(maps: TwoMaps) -> str:
-    """Say in two lines how much differs, and how good the map is where that is known."""
+    """Describe in two lines how much differs, and how good the map is where that is known."""
     empty = [escape(side.title) for side in (maps.left, maps.right) if not side.count]
     if len(empty) == 2:
         return note("<b>Neither map has an object:</b> there is nothing to compare.")
@@ -318,7 +318,7 @@ EARLIER, LATER = "Previous", "Next"
 HOW_HINT = "One map up to a line and the other beyond it, or both whole."
 PAGES_HINT = f"{LISTED} at a time, the gravest first."
 DARK_BUTTON: Color = (74, 80, 92)
-"""Of what is missed, on a dark page: its mark is too light for white letters."""
+"""The button of a missed object on a dark page: its mark is too light for white letters."""
 EMPTY: tuple[str, ...] = ("all (0)",)
 
 
@@ -403,7 +403,7 @@ class ComparePanel(Panel):
             self.start()
 
     def close(self) -> None:
-        """Give up what is being built, and stop."""
+        """Cancel what is being built, and stop."""
         self._cancel.set()
         self._worker.stop()
 

@@ -140,7 +140,7 @@ class Knob:
     """The one the map was built with."""
     hint: str
     option: str = ""
-    """Of the command line; empty where there is none."""
+    """Its option of the command line; empty where there is none."""
 
 
 @dataclass(frozen=True, eq=False)

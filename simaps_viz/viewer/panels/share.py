@@ -31,7 +31,7 @@ class ShareServices:
     look: Callable[[SIMap], Look | None] | None = None
     """(map) -> what gives the map after a frame, where that is known."""
     radius_m: float = 0.2
-    """Of the robot."""
+    """The radius of the robot."""
 
 
 def share_panel(services: ShareServices) -> PanelSpec:
@@ -67,7 +67,7 @@ class SharePanel(Panel):
         self._status = gui.add_html("")
 
     def close(self) -> None:
-        """Give up what is being made."""
+        """Cancel what is being made."""
         self._stopped = True
         self._worker.stop()
 

@@ -152,7 +152,7 @@ class RecordedSteps:
     """The steps that a recording has. A page may show the map cut otherwise, whose steps are others."""
 
     timeline: Timeline
-    """Of the map whose build was recorded."""
+    """The timeline of the map whose build was recorded."""
     levels: int | None = None
     """At which time of "louvain" it has the final communities; None = after as many levels as there are."""
 
