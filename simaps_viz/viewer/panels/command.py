@@ -121,7 +121,7 @@ def label_of(text: str, one: Instance) -> Label:
 
 
 def message_html(title: str, text: str, tone: str, more: Sequence[str] = ()) -> str:
-    """Return a message as HTML: a bold title and a text, tinted by tone (plain, good, bad), and further lines, smaller."""
+    """Return a message: a bold title and a text, tinted by tone (plain, good, bad), and further lines, smaller."""
     paper = {"good": GOOD_PAPER_STYLE, "bad": BAD_PAPER_STYLE}.get(tone, PAPER_STYLE)
     head = f'<div style="font-weight:600">{escape(title)}</div>' if title else ""
     lines = "".join(
