@@ -23,6 +23,20 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
             item.add_marker("slow")
 
 
+@pytest.hookimpl(hookwrapper=True)
+def pytest_runtest_makereport(item: pytest.Item):
+    """Write what attacks sent (bytes that are no text) as escapes: a worker cannot send a report that holds it."""
+    outcome = yield
+    report = outcome.get_result()
+    report.sections = [(name, _sendable(text)) for name, text in report.sections]
+    if report.failed and report.longrepr is not None:
+        report.longrepr = _sendable(str(report.longrepr))
+
+
+def _sendable(text: str) -> str:
+    return text.encode("utf-8", "backslashreplace").decode("utf-8")
+
+
 @pytest.fixture(scope="module")
 def browser():
     """Debian's Chromium, for the tests of one file only: it keeps an event loop running in their thread."""
