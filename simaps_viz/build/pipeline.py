@@ -147,7 +147,7 @@ def run_build(
     del building  # with its tiles, whose memory the graphs can use
 
     # 2. The method names the cells, makes their graphs, and finds communities and how they merge.
-    found = finalize.partition(seen, config)
+    found = finalize.apply_method(seen, config)
     notify(CommunitiesFound(found.grid, found.community, len(sequence) - 1, final=True))
     threshold = joining_threshold(config.method, config.parameters())
     notify(MergesFound(found.grid, found.community, found.log, applied_steps(found.log, threshold)))
@@ -263,7 +263,7 @@ class _Building:
         self.links_reported = self.accumulator.links.size
         every = self.control.communities_every
         if every and (frame.index + 1) % every == 0:
-            found = finalize.partition(finalize.gathered(self.accumulator), self.config)
+            found = finalize.apply_method(finalize.gathered(self.accumulator), self.config)
             objects = finalize.objects_of(found, self.config)
             _notify(
                 self.observers,

@@ -22,8 +22,8 @@ class Mapping:
     k: float = 5.0
     """Method paper: join a community to its neighbour while more than this percentage of its cells touch it (0-100)."""
     affinity: float = 0.6
-    """Method evidence: join two communities while more than this share of what was seen of both says they are one
-    (0-1)."""
+    """Method evidence: merge two communities while their affinity, the share of the evidence that says they are one,
+    exceeds this (0-1)."""
     resolution: float = 1.0
     """Louvain's resolution: higher gives more and smaller communities."""
     seed: int = 0

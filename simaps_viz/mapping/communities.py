@@ -11,8 +11,12 @@ from sknetwork.utils.check import get_probs
 
 from simaps_viz.structures import CellGraph, GridSpec
 
-MIN_AFFINITY = 0.4
-"""Weaker pairs do not hold a chunk together."""
+MIN_PAIR_AFFINITY = 0.4
+"""Method evidence: neighbouring cells whose affinity is not above this do not hold a finest community together, before
+any merge. The threshold of merges is ``BuildConfig.affinity``."""
+COMMUNITY_WEIGHT = 200.0
+"""Total weight of the edges between neighbouring cells of a community that resolution 1 does not split, roughly: fifty
+cells."""
 
 
 def find_communities(graph: CellGraph, *, resolution: float = 1.0, seed: int = 0, levels: int = -1) -> NDArray:
@@ -25,7 +29,7 @@ def find_communities(graph: CellGraph, *, resolution: float = 1.0, seed: int = 0
         resolution: higher gives more and smaller communities.
         seed: of Louvain's random order.
         levels: stop after so many of Louvain's levels, each of which joins the communities of the one before; -1 =
-            go on until nothing gets better.
+            continue until nothing gets better.
 
     Returns:
         int32 [n], aligned with ``graph.cells``; communities are numbered from 0 by their smallest cell.
@@ -80,19 +84,15 @@ def renumber(community: NDArray) -> NDArray:
     return rank[inverse].astype(np.int32)
 
 
-CHUNK = 200.0
-"""Total weight of the neighbourhood edges of a community that resolution 1 leaves about whole: fifty cells."""
-
-
-def find_chunks(
+def find_communities_together(
     graphs: Sequence[CellGraph], spec: GridSpec, *, resolution: float = 1.0, seed: int = 0, levels: int = -1
 ) -> list[NDArray]:
-    """Partition the cells of all classes into small communities by the evidence between neighbouring cells.
+    """Partition the cells of all classes into the finest communities by the evidence between neighbouring cells.
 
     Louvain's modularity splits an object according to how much else is in its graph. Here the resolution grows with
     the total weight, so that one object's fate does not depend on how many others there are: what is left of
-    modularity compares a community's weight with a constant, ``CHUNK / resolution`` (the constant Potts model of
-    Traag, Van Dooren and Nesterov, 2011, with degrees in place of sizes).
+    modularity compares a community's weight with a constant, ``COMMUNITY_WEIGHT / resolution`` (the constant Potts
+    model of Traag, Van Dooren and Nesterov, 2011, with degrees in place of sizes).
 
     Args:
         graphs: of method evidence, all classes.
@@ -104,12 +104,13 @@ def find_chunks(
     Returns:
         int32 [n] for each graph, aligned with its cells, each numbered from 0 by the smallest cell.
     """
+    # Take the edges of all classes that are strong and join neighbouring cells.
     sizes = [len(graph.cells) for graph in graphs]
     first = np.cumsum([0, *sizes])
     rows, cols, weights = [], [], []
     for start, graph in zip(first, graphs, strict=False):
         affinity = graph.weights
-        strong = np.flatnonzero(affinity > MIN_AFFINITY)
+        strong = np.flatnonzero(affinity > MIN_PAIR_AFFINITY)
         near = strong[_are_near(graph.cells, graph.edges[strong], spec.cols)]
         a, b = graph.edges[near, 0], graph.edges[near, 1]
         rows.append(a + np.int32(start))
@@ -119,7 +120,8 @@ def find_chunks(
     n = int(first[-1])
     if len(weight) == 0:
         return [np.arange(size, dtype=np.int32) for size in sizes]
-    absolute = resolution * float(weight.sum()) / CHUNK
+    # Run Louvain on all classes in one graph, and number the communities of each class.
+    absolute = resolution * float(weight.sum()) / COMMUNITY_WEIGHT
     adjacency = _adjacency(weight, np.concatenate(rows), np.concatenate(cols), n)
     del weight, weights, rows, cols
     found = _louvain(adjacency, resolution=absolute, seed=seed, levels=levels)

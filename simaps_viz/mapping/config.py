@@ -20,11 +20,11 @@ class BuildConfig:
     method: str = "evidence"
     """How cells become instances, by name: see `methods.METHODS`."""
     k_percent: float = 5.0
-    """Method paper: communities join while more than this share of one's cells neighbour the other."""
+    """Method paper: two communities merge while more than this percentage of one's cells neighbour the other."""
     affinity: float = 0.6
-    """Method evidence: communities join while more than this share of their witnesses saw them as one."""
+    """Method evidence: two communities merge while their affinity (see `pooling.affinity`) exceeds this."""
     resolution: float = 1.0
-    """Louvain's: higher gives more and smaller communities."""
+    """Louvain's resolution: higher gives more and smaller communities."""
     seed: int = 0
     """Seed of Louvain's random order."""
     min_cells: int = 4

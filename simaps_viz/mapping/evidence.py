@@ -1,7 +1,7 @@
 """Same or different: how often frames saw two cells of one class in one segment, and how often in two.
 
 Every frame is one witness of a pair of cells. Pairs are taken at several ranges, not only between neighbours: objects
-hold together over their whole extent, the patches of a lattice do not.
+hold together over their full extent, the patches of a lattice do not.
 """
 
 from collections.abc import Mapping, Sequence
@@ -12,11 +12,11 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from simaps_viz.mapping.communities import find_chunks
+from simaps_viz.mapping.communities import find_communities_together
 from simaps_viz.mapping.graph import affine
 from simaps_viz.mapping.method import Gathered, Method, Slider
 from simaps_viz.mapping.observations import AllReadings
-from simaps_viz.mapping.pooling import PoolSettings, partition_evidence
+from simaps_viz.mapping.pooling import PoolSettings, affinity, partition_evidence
 from simaps_viz.structures import CellGraph, Grid, GridSpec, MergeLog
 
 if TYPE_CHECKING:
@@ -225,14 +225,14 @@ def _edges(
 AFFINITY = Slider(
     parameter="affinity", full=1.0, name="affinity", unit="a share", setting="affinity {:g}", title="Evidence (%)",
     word="evidence",
-    hint="Two parts are one object while more than this share of what the frames saw of both says so.",
-    reason="{:.0f} % of what was seen of both says they are one",
+    hint="Two communities merge while their affinity, the share of the evidence that says they are one, exceeds this.",
+    reason="{:.0f} % of the evidence says they are one",
     number="evidence that both are one",
 )  # fmt: skip
 
 
 class Evidence(Method):
-    """Our method: votes name the cells, and pooled evidence of pairs of cells joins small communities."""
+    """Our method: votes name the cells, and pooled evidence of pairs of cells joins the finest communities."""
 
     slider = AFFINITY
 
@@ -248,7 +248,7 @@ class Evidence(Method):
     def communities(
         self, grid: Grid, graphs: Sequence[CellGraph], parameters: Mapping[str, Any]
     ) -> tuple[NDArray, MergeLog]:
-        """Find small communities and log how pooled evidence joins them."""
+        """Find the finest communities and log how pooled evidence joins them."""
         return partition_evidence(
             grid, graphs, resolution=parameters["resolution"], seed=int(parameters.get("seed", 0)),
             settings=PoolSettings(**parameters.get("pooling", {})),
@@ -259,15 +259,13 @@ class Evidence(Method):
     ) -> list[NDArray]:
         """Run Louvain on all classes together."""
         resolution, seed = float(parameters.get("resolution", 1.0)), int(parameters.get("seed", 0))
-        return find_chunks(graphs, spec, resolution=resolution, seed=seed, levels=levels)
+        return find_communities_together(graphs, spec, resolution=resolution, seed=seed, levels=levels)
 
     def score(self, parameters: Mapping[str, Any], same: int, different: int, *, touching: bool, share: float) -> float:
-        """Return the affinity; see `pooling.py`."""
+        """Return the affinity; see `pooling.affinity`."""
         del share
         settings = PoolSettings(**parameters.get("pooling", {}))
-        m, believed = settings.imagined_pairs, settings.touching_same if touching else 0.0
-        pairs = same + different + m
-        return (same + m * believed) / pairs if pairs > 0.0 else 0.0
+        return affinity(same, different, touching, settings.imagined_pairs, settings.touching_same)
 
 
 EVIDENCE = Evidence("evidence")

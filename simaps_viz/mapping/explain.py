@@ -466,7 +466,7 @@ def _between_instances(
 
 
 def _score(simap: SIMap, same: int, different: int, *, touching: bool, share: float) -> float:
-    """Return the score that decides whether the method joins two instances; see `pool` for the affinity."""
+    """Return the score that decides whether the method joins two instances; see `pooling.affinity`."""
     return method_of(simap.method).score(simap.parameters, same, different, touching=touching, share=share)
 
 

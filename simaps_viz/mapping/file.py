@@ -25,7 +25,7 @@ from simaps_viz.io.files import write_whole
 from simaps_viz.io.limits import MAX_ARRAY_BYTES, MAX_CELL_INDEX, MAX_CLASSES, MAX_FRAMES, MAX_JSON_BYTES, check_cells
 from simaps_viz.mapping.methods import method_of
 from simaps_viz.mapping.pooling import PoolSettings
-from simaps_viz.mapping.row_blocks import bands
+from simaps_viz.mapping.row_blocks import row_blocks
 from simaps_viz.structures import CellGraph, Grid, GridSpec, Instance, MergeLog, SIMap, Views
 
 FORMAT = "simap/1"
@@ -433,10 +433,12 @@ def check_arrays(meta: Mapping[str, Any], data: Mapping[str, NDArray], rows: Map
 def _check_layers(rows: Mapping[str, Rows], shape: tuple[int, ...]) -> int:
     """Return the highest community; raise ValueError for a layer with numbers that it cannot have."""
     highest = 0
-    for band in bands(shape):
-        _check(_within(rows["observations"][band], 0, None), "observations")
-        _check(not _infinite(rows["height"][band]) and not _infinite(rows["lowest"][band]), "heights that are infinite")
-        community = rows["community"][band]
+    for block in row_blocks(shape):
+        _check(_within(rows["observations"][block], 0, None), "observations")
+        _check(
+            not _infinite(rows["height"][block]) and not _infinite(rows["lowest"][block]), "heights that are infinite"
+        )
+        community = rows["community"][block]
         highest = max(highest, int(community.max(initial=0)))
         _check(_within(community, 0, math.prod(shape) + _SPARE_IDS), "community out of range")
     check_ends(rows[name] for name in ("observations", "height", "lowest", "community"))
@@ -463,8 +465,8 @@ def check_instances(meta: Mapping[str, Any], instance: NDArray, label: NDArray) 
     ids = [entry["id"] for entry in meta["instances"]]
     _check(_are(ids, int) and all(0 < i < 1 << 31 for i in ids) and len(set(ids)) == len(ids), "instance ids")
     seen = np.zeros(int(instance.max(initial=0)) + 1, dtype=np.bool_)
-    for band in bands(instance.shape):
-        seen[instance[band]] = True
+    for block in row_blocks(instance.shape):
+        seen[instance[block]] = True
     here = np.flatnonzero(seen).tolist()
     _check(set(here) - {0} == set(ids), "instances that are not those on the grid")
     class_of = np.full(len(seen), -1, dtype=np.int32)
@@ -473,9 +475,9 @@ def check_instances(meta: Mapping[str, Any], instance: NDArray, label: NDArray) 
         class_of[entry["id"]] = meta["labels"].index(entry["label"])
         numbers = [*entry["centroid_m"], *entry["aabb_m"][0], *entry["aabb_m"][1], entry["score"]]
         _check(len(numbers) == 10 and bool(np.isfinite(np.array(numbers, dtype=np.float64)).all()), "an instance")
-    for band in bands(instance.shape):
-        named = instance[band] > 0
-        same = class_of[instance[band][named]] == label[band][named]
+    for block in row_blocks(instance.shape):
+        named = instance[block] > 0
+        same = class_of[instance[block][named]] == label[block][named]
         _check(bool(same.all()), "an instance with cells of another class")
 
 

@@ -50,9 +50,9 @@ def facts_from_json(values: Mapping[str, Any]) -> SequenceFacts:
     """Rebuild what `SequenceFacts.to_json` returned; raises KeyError, TypeError or ValueError for anything else."""
     words = [values["name"], values["path"], values["segmentation_source"], *values["labels"]]
     if not all(isinstance(word, str) for word in words) or not all(type(one) is bool for one in values["is_thing"]):
-        raise ValueError("names that are none")
+        raise ValueError("a name that is not a string, or an is_thing that is not true or false")
     if len(values["labels"]) != len(values["is_thing"]) or values["labels"][:1] != ["none"]:
-        raise ValueError("class names that are none")
+        raise ValueError("labels that do not begin with none, or that is_thing is not aligned with")
     try:
         T_map_world = np.array(values["T_map_world"], dtype=np.float64).reshape(4, 4)
     except OverflowError as error:  # a whole number of hundreds of digits
@@ -71,7 +71,7 @@ def facts_from_json(values: Mapping[str, Any]) -> SequenceFacts:
 
 
 def gathered(accumulator: MapAccumulator) -> Gathered:
-    """Return what was gathered so far, for `partition`."""
+    """Return what was gathered so far, for `apply_method`."""
     grid = accumulator.snapshot()
     return Gathered(grid, accumulator.readings_on(grid), accumulator.frames, accumulator.links, accumulator.origin_cell)
 
@@ -121,7 +121,7 @@ def empty_accumulator(
     )  # fmt: skip
 
 
-def partition(seen: Gathered, config: BuildConfig) -> Found:
+def apply_method(seen: Gathered, config: BuildConfig) -> Found:
     """Name the cells of what was gathered, and find its communities and how they merge."""
     method = method_of(config.method)
     grid, notes = method.label_cells(seen.grid, seen.readings, config)
@@ -131,13 +131,17 @@ def partition(seen: Gathered, config: BuildConfig) -> Found:
 
 
 def objects_of(found: Found, config: BuildConfig) -> NDArray:
-    """Join communities as the configuration says; int32 [rows, cols], 0 = none, specks are kept."""
+    """Join communities as the configuration says; instances of fewer than ``min_cells`` cells are kept.
+
+    Returns:
+        int32 [rows, cols], 0 = none.
+    """
     applied = applied_steps(found.log, joining_threshold(config.method, config.parameters()))
     return look_up(instance_of_community(found.log, applied, int(found.community.max(initial=0))), found.community)
 
 
 def map_of(found: Found, frames: FrameList, facts: SequenceFacts, config: BuildConfig) -> SIMap:
-    """Make the map of what `partition` found in some frames."""
+    """Make the map of what `apply_method` found in some frames."""
     return assemble(
         found.grid, found.graphs, found.community, found.log,
         count_views(found.grid, found.community, found.readings),
@@ -157,7 +161,7 @@ def map_so_far(accumulator: MapAccumulator, facts: SequenceFacts, config: BuildC
 
     Costs what finding instances costs at the end of a build: 0.05 to 0.1 s for a room or a flat.
     """
-    return map_of(partition(gathered(accumulator), config), accumulator.frames, facts, config)
+    return map_of(apply_method(gathered(accumulator), config), accumulator.frames, facts, config)
 
 
 def skipped_frames(frames: FrameList) -> dict[str, str]:

@@ -1,19 +1,19 @@
 """Merging communities on pooled evidence: all pairs of cells between two communities testify together.
 
-The affinity of two communities is ``(S + m p) / (S + D + m)``: S and D are the sums of *same* and *different* over all
-pairs of cells between them, and m pairs are imagined beforehand, a share p of them *same*. Communities that touch are
-taken for one object until evidence speaks against it; those that do not, for two until it speaks for it. The best pair
-is joined first, down to affinity 0, so that one log answers every threshold.
+The affinity of two communities (`affinity`) is ``(S + m p) / (S + D + m)``: S and D are the sums of *same* and
+*different* over all pairs of cells between them, and m pairs are imagined beforehand, a share p of them *same*.
+Communities that touch are taken for one object until evidence speaks against it; those that do not, for two until it
+speaks for it. The best pair is joined first, down to affinity 0, so that one log answers every threshold.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from simaps_viz.mapping.communities import find_chunks
+from simaps_viz.mapping.communities import find_communities_together
 from simaps_viz.mapping.partition import empty_log
 from simaps_viz.structures import CellGraph, Grid, GridSpec, MergeLog
 
@@ -28,29 +28,29 @@ class PoolSettings:
     """p of communities with neighbouring cells; p is 0 for all others."""
 
 
-def pool(
-    community: NDArray, edges: NDArray, same: NDArray, different: NDArray, touching: NDArray, settings: PoolSettings
-) -> tuple[NDArray, NDArray, NDArray]:
-    """Join communities, best affinity first.
+def affinity(same: float, different: float, touches: bool, m: float, p: float) -> float:
+    """Compute the affinity of two communities.
 
     Args:
-        community: int32 [n], of each cell, numbered from 0.
-        edges: int32 [m, 2], pairs of cells with evidence.
-        same: int32 or int64 [m].
-        different: int32 or int64 [m].
-        touching: int32 [t, 2], pairs of neighbouring cells.
-        settings: the beliefs.
+        same: sum of *same* over all pairs of cells between them.
+        different: sum of *different*.
+        touches: whether some of their cells are neighbours.
+        m: `PoolSettings.imagined_pairs`.
+        p: `PoolSettings.touching_same`.
 
     Returns:
-        source int32 [steps], target int32 [steps], affinity float32 [steps], in the order of joining; the smaller
-        number of the two lives on. Ties go to the smaller numbers.
+        0 to 1; 0 where no pair was seen and none is imagined.
     """
-    return join([between(community, edges, same, different, touching)], settings)
+    pairs = same + different + m
+    return (same + (m * p if touches else 0.0)) / pairs if pairs > 0.0 else 0.0
+
+
+_affinity: Callable[..., float] = njit(cache=True, nogil=True, inline="always")(affinity)
 
 
 @dataclass(frozen=True, eq=False)
-class Between:
-    """The evidence between every two communities that have any, or touch. All arrays aligned."""
+class PairSums:
+    """The evidence on every two communities that have any, or touch. All arrays aligned."""
 
     communities: int
     """How many there are, numbered from 0."""
@@ -66,21 +66,34 @@ class Between:
     """bool."""
 
 
-def between(community: NDArray, edges: NDArray, same: NDArray, different: NDArray, touching: NDArray) -> Between:
-    """Sum up the evidence between communities; takes what `pool` takes."""
-    n = int(community.max(initial=-1)) + 1
-    summed = _sum_up(n, community, edges, same, different, touching)
-    return Between(n, *(part.copy() for part in summed))  # without the room they were given
-
-
-def join(parts: Sequence[Between], settings: PoolSettings) -> tuple[NDArray, NDArray, NDArray]:
-    """Join communities as `pool` does.
+def sum_pairs(community: NDArray, edges: NDArray, same: NDArray, different: NDArray, touching: NDArray) -> PairSums:
+    """Sum up the evidence on every two communities.
 
     Args:
-        parts: of communities that have nothing to do with those of the other parts: those of each class. They are
-            numbered on from part to part.
-        settings: the beliefs.
+        community: int32 [n], of each cell, numbered from 0.
+        edges: int32 [m, 2], pairs of cells with evidence.
+        same: int32 or int64 [m].
+        different: int32 or int64 [m].
+        touching: int32 [t, 2], pairs of neighbouring cells.
     """
+    n = int(community.max(initial=-1)) + 1
+    summed = _sum_up(n, community, edges, same, different, touching)
+    return PairSums(n, *(part.copy() for part in summed))  # copied, as they are views of larger arrays
+
+
+def join(parts: Sequence[PairSums], settings: PoolSettings) -> tuple[NDArray, NDArray, NDArray]:
+    """Join communities, best affinity first.
+
+    Args:
+        parts: the evidence of each class, whose communities never join those of another class. In the result they are
+            numbered on from part to part.
+        settings: what is believed before any evidence.
+
+    Returns:
+        source int32 [steps], target int32 [steps], affinity float32 [steps], in the order of joining; the smaller
+        number of the two lives on. Ties go to the smaller numbers.
+    """
+    # Number the communities of all parts through.
     starts = np.cumsum([0, *(part.communities for part in parts)])
     shifted = zip(parts, starts.astype(np.int32), strict=False)
     ends = [np.stack([part.low, part.high]) + start for part, start in shifted]
@@ -89,6 +102,7 @@ def join(parts: Sequence[Between], settings: PoolSettings) -> tuple[NDArray, NDA
         np.concatenate([np.zeros(0), *(getattr(part, name) for part in parts)]) for name in ("same", "different")
     )
     touching = np.concatenate([np.zeros(0, np.bool_), *(part.touching for part in parts)])
+    # Join them.
     m, p = settings.imagined_pairs, settings.touching_same
     return _join(int(starts[-1]), low, high, same, different, touching, m, p)
 
@@ -151,19 +165,18 @@ def _sum_up(
     return low[:size], high[:size], pooled_same[:size], pooled_different[:size], touches[:size]
 
 
-@njit(cache=True, nogil=True, inline="always")
-def _affinity(same, different, touches, m, p):
-    pairs = same + different + m
-    return (same + (m * p if touches else 0.0)) / pairs if pairs > 0.0 else 0.0  # nothing seen, nothing imagined
-
-
 @njit(cache=True, nogil=True)
 def _edge_lists(
     n: int,
     low: NDArray,  # int32 [edges]
     high: NDArray,  # int32 [edges]
 ) -> tuple[NDArray, NDArray]:
-    """Every community lists its edges: slot 2 e is edge e in the list of its low end, 2 e + 1 in its high end's."""
+    """Return a linked list of the edges of each community.
+
+    Returns:
+        head int32 [n], first slot of each community, and following int32 [2 edges], the slot after each; -1 = none.
+        Slot 2 e is edge e in the list of its low end, slot 2 e + 1 in that of its high end.
+    """
     edges = len(low)
     head = np.full(n, -1, dtype=np.int32)
     following = np.full(2 * edges, -1, dtype=np.int32)
@@ -185,25 +198,31 @@ def _best_first(
     m: float,
     p: float,
 ) -> tuple[NDArray, NDArray, NDArray, NDArray, int]:
-    """Heap the edges, best first.
+    """Make a heap of the edges with an affinity above 0: highest affinity first, then smallest communities.
 
     heapq would push an edge anew each time its affinity changes; here an edge moves within the heap, which holds each
-    at most once. The heap holds the edges with an affinity above 0: highest affinity first, then smallest communities.
+    at most once.
+
+    Returns:
+        edge int32, affinity float64 and ends int64 of each entry; position in the heap of each edge, int32, -1 = not in
+        it; and the number of entries.
     """
     edges = len(low)
     heap = np.zeros(edges, dtype=np.int32)
     score = np.zeros(edges, dtype=np.float64)
     ends = np.zeros(edges, dtype=np.int64)
-    place = np.full(edges, -1, dtype=np.int32)  # of an edge in the heap
+    position = np.full(edges, -1, dtype=np.int32)
+    # Append the edges in any order ...
     size = 0
     for e in range(edges):
         affine = _affinity(same[e], different[e], touches[e], m, p)
         if affine > 0.0:
-            heap[size], score[size], ends[size], place[e] = e, affine, _ends(low[e], high[e]), size
+            heap[size], score[size], ends[size], position[e] = e, affine, _ends(low[e], high[e]), size
             size += 1
+    # ... then let each entry that has others below it sink to where it belongs, from the last to the first.
     for at in range(size // 2 - 1, -1, -1):
-        _sink(heap, score, ends, place, size, at, heap[at], score[at], ends[at])
-    return heap, score, ends, place, size
+        _sink(heap, score, ends, position, size, at, heap[at], score[at], ends[at])
+    return heap, score, ends, position, size
 
 
 @njit(cache=True, nogil=True)
@@ -244,10 +263,10 @@ def _join(  # noqa: PLR0915 - one loop over shared arrays
     m: float,
     p: float,
 ) -> tuple[NDArray, NDArray, NDArray]:
-    """Join the two communities of the best edge until none is left; see `pool`."""
+    """Join the two communities of the best edge until none is left; see `join`."""
     head, following = _edge_lists(n, low, high)
     alive = np.ones(len(low), dtype=np.bool_)
-    heap, score, ends, place, size = _best_first(low, high, same, different, touches, m, p)
+    heap, score, ends, position, size = _best_first(low, high, same, different, touches, m, p)
     edge_to = np.full(n, -1, dtype=np.int32)  # the edge between `known_to` and another community ...
     marked = np.full(n, -1, dtype=np.int32)  # ... where this is `mark`
     known_to, mark = -1, -1
@@ -262,7 +281,7 @@ def _join(  # noqa: PLR0915 - one loop over shared arrays
         alive[best] = False
         source[steps], target[steps], affinity[steps] = b, a, score[0]
         steps += 1
-        size = _take_out(heap, score, ends, place, size, best)
+        size = _take_out(heap, score, ends, position, size, best)
         # Know the edge from a to each of its neighbours; often a is the same as in the step before.
         if known_to != a:
             known_to, mark = a, mark + 1
@@ -275,8 +294,8 @@ def _join(  # noqa: PLR0915 - one loop over shared arrays
             if alive[e]:
                 other = high[e] if low[e] == b else low[e]
                 if marked[other] == mark:  # a has an edge to it already: sum up
-                    if place[e] >= 0:
-                        size = _take_out(heap, score, ends, place, size, e)
+                    if position[e] >= 0:
+                        size = _take_out(heap, score, ends, position, size, e)
                     alive[e] = False
                     known = edge_to[other]
                     same[known] += same[e]
@@ -284,19 +303,19 @@ def _join(  # noqa: PLR0915 - one loop over shared arrays
                     touches[known] = touches[known] or touches[e]
                     affine = _affinity(same[known], different[known], touches[known], m, p)
                     if affine > 0.0:
-                        at = place[known]
+                        at = position[known]
                         if at < 0:
                             at = size
                             size += 1
-                        _put(heap, score, ends, place, size, at, known, affine, _ends(low[known], high[known]))
+                        _put(heap, score, ends, position, size, at, known, affine, _ends(low[known], high[known]))
                 else:  # the edge moves over to a: its affinity stays, its ends come earlier
                     low[e], high[e] = min(a, other), max(a, other)
                     following[slot] = head[a]
                     head[a] = slot
                     edge_to[other], marked[other] = e, mark
-                    at = place[e]
+                    at = position[e]
                     if at >= 0:
-                        _rise(heap, score, ends, place, at, e, score[at], _ends(low[e], high[e]))
+                        _rise(heap, score, ends, position, at, e, score[at], _ends(low[e], high[e]))
             slot = after
         head[b] = -1
     return source[:steps], target[:steps], affinity[:steps]
@@ -308,19 +327,19 @@ def _ends(low, high):
 
 
 @njit(cache=True, nogil=True)
-def _rise(heap, score, ends, place, at, edge, its_score, its_ends):
+def _rise(heap, score, ends, position, at, edge, its_score, its_ends):
     """Put an edge at a free place of the heap, or above it."""
     while at > 0:
         above = (at - 1) >> 1
         if score[above] > its_score or (score[above] == its_score and ends[above] <= its_ends):
             break
-        heap[at], score[at], ends[at], place[heap[above]] = heap[above], score[above], ends[above], at
+        heap[at], score[at], ends[at], position[heap[above]] = heap[above], score[above], ends[above], at
         at = above
-    heap[at], score[at], ends[at], place[edge] = edge, its_score, its_ends, at
+    heap[at], score[at], ends[at], position[edge] = edge, its_score, its_ends, at
 
 
 @njit(cache=True, nogil=True)
-def _sink(heap, score, ends, place, size, at, edge, its_score, its_ends):
+def _sink(heap, score, ends, position, size, at, edge, its_score, its_ends):
     """Put an edge at a free place of the heap, or below it."""
     while True:
         below = 2 * at + 1
@@ -333,67 +352,69 @@ def _sink(heap, score, ends, place, size, at, edge, its_score, its_ends):
             below = right
         if its_score > score[below] or (its_score == score[below] and its_ends <= ends[below]):
             break
-        heap[at], score[at], ends[at], place[heap[below]] = heap[below], score[below], ends[below], at
+        heap[at], score[at], ends[at], position[heap[below]] = heap[below], score[below], ends[below], at
         at = below
-    heap[at], score[at], ends[at], place[edge] = edge, its_score, its_ends, at
+    heap[at], score[at], ends[at], position[edge] = edge, its_score, its_ends, at
 
 
 @njit(cache=True, nogil=True)
-def _put(heap, score, ends, place, size, at, edge, its_score, its_ends):
+def _put(heap, score, ends, position, size, at, edge, its_score, its_ends):
     """Put an edge at a free place of the heap, or where it belongs from there."""
     above = (at - 1) >> 1
     if at > 0 and (score[above] < its_score or (score[above] == its_score and ends[above] > its_ends)):
-        _rise(heap, score, ends, place, at, edge, its_score, its_ends)
+        _rise(heap, score, ends, position, at, edge, its_score, its_ends)
     else:
-        _sink(heap, score, ends, place, size, at, edge, its_score, its_ends)
+        _sink(heap, score, ends, position, size, at, edge, its_score, its_ends)
 
 
 @njit(cache=True, nogil=True)
-def _take_out(heap, score, ends, place, size, edge):
-    """Take an edge out of the heap; give the new size."""
-    at, last = place[edge], size - 1
-    place[edge] = -1
+def _take_out(heap, score, ends, position, size, edge):
+    """Take an edge out of the heap; return the new size."""
+    at, last = position[edge], size - 1
+    position[edge] = -1
     if at != last:
-        _put(heap, score, ends, place, last, at, heap[last], score[last], ends[last])
+        _put(heap, score, ends, position, last, at, heap[last], score[last], ends[last])
     return last
 
 
 def partition_evidence(
     grid: Grid, graphs: Sequence[CellGraph], *, resolution: float, seed: int, settings: PoolSettings | None = None
 ) -> tuple[NDArray, MergeLog]:
-    """Find chunks and log how pooled evidence joins them, down to affinity 0.
+    """Find the finest communities and log how pooled evidence joins them, down to affinity 0.
 
     Args:
         grid: the map.
         graphs: of method evidence.
-        resolution: of the chunks; higher makes them smaller.
+        resolution: higher makes the finest communities smaller.
         seed: of Louvain's random order.
-        settings: what is believed before evidence.
+        settings: what is believed before any evidence.
 
     Returns:
-        community int32 [rows, cols], numbered from 1 over the whole map, 0 = none; and the log, class by class.
+        community int32 [rows, cols], numbered from 1 over all classes, 0 = none; and the log, class by class.
     """
     if not graphs:
         return np.zeros(grid.spec.shape, dtype=np.int32), empty_log()
-    chunks = find_chunks(graphs, grid.spec, resolution=resolution, seed=seed)
-    sizes = [int(chunk.max(initial=-1)) + 1 for chunk in chunks]
-    first = np.cumsum([0, *sizes])
-    parts = [between(chunk, *_across(graph, chunk, grid.spec)) for graph, chunk in zip(graphs, chunks, strict=True)]
-    source, target, affinity = join(parts, settings or PoolSettings())
+    # Find the finest communities of each class, and join them.
+    finest = find_communities_together(graphs, grid.spec, resolution=resolution, seed=seed)
+    sizes = [int(community.max(initial=-1)) + 1 for community in finest]
+    sums = [sum_pairs(own, *_across(graph, own, grid.spec)) for graph, own in zip(graphs, finest, strict=True)]
+    source, target, score = join(sums, settings or PoolSettings())
+    # Number them through on the grid.
     community = np.zeros(grid.spec.rows * grid.spec.cols, dtype=np.int32)
-    for graph, chunk, start in zip(graphs, chunks, first, strict=False):
-        community[graph.cells] = chunk + start + 1
+    for graph, own, start in zip(graphs, finest, np.cumsum([0, *sizes]), strict=False):
+        community[graph.cells] = own + start + 1
+    # Sort the log by class, each in the order of joining.
     label_of = np.repeat(np.array([graph.label for graph in graphs], dtype=np.int16), sizes)
     order = np.argsort(label_of[source], kind="stable")
-    log = MergeLog(label_of[source[order]], source[order] + 1, target[order] + 1, affinity[order])
+    log = MergeLog(label_of[source[order]], source[order] + 1, target[order] + 1, score[order])
     return community.reshape(grid.spec.shape), log
 
 
-def _across(graph: CellGraph, chunk: NDArray, spec: GridSpec) -> tuple[NDArray, NDArray, NDArray, NDArray]:
-    """Return the edges between chunks with their evidence, and the touching pairs; only these have a say in pooling."""
+def _across(graph: CellGraph, community: NDArray, spec: GridSpec) -> tuple[NDArray, NDArray, NDArray, NDArray]:
+    """Return the pairs of cells of different communities: those with evidence, their counts, and those that touch."""
     edges, touching = graph.edges, touching_pairs(graph.cells, spec)
-    kept = chunk[edges[:, 0]] != chunk[edges[:, 1]]
-    touching = touching[chunk[touching[:, 0]] != chunk[touching[:, 1]]]
+    kept = community[edges[:, 0]] != community[edges[:, 1]]
+    touching = touching[community[touching[:, 0]] != community[touching[:, 1]]]
     return edges[kept], graph.counts[kept], graph.different[kept], touching
 
 
@@ -403,7 +424,10 @@ def touching_pairs(cells: NDArray, spec: GridSpec) -> NDArray:
 
 
 @njit(cache=True, nogil=True)
-def _touching(cells: NDArray, cols: int) -> NDArray:
+def _touching(
+    cells: NDArray,  # int64 [n], flat, ascending
+    cols: int,
+) -> NDArray:
     """Walk along the cells with one finger on each of the four neighbours that come later in the grid."""
     steps = np.array([1, cols - 1, cols, cols + 1])
     d_col = np.array([1, -1, 0, 1])

@@ -5,14 +5,14 @@ from collections.abc import Iterator
 import numpy as np
 from numpy.typing import NDArray
 
-BAND_CELLS = 1 << 20
+BLOCK_CELLS = 1 << 20
 """About how many cells are in a block."""
 
 
-def bands(shape: tuple[int, ...]) -> Iterator[slice]:
-    """Return slices of rows that cover a layer of that shape."""
+def row_blocks(shape: tuple[int, ...]) -> Iterator[slice]:
+    """Yield slices of rows that cover a layer of that shape."""
     rows, cols = shape
-    step = max(BAND_CELLS // max(cols, 1), 1)
+    step = max(BLOCK_CELLS // max(cols, 1), 1)
     for first in range(0, rows, step):
         yield slice(first, min(first + step, rows))
 
@@ -28,8 +28,8 @@ def look_up(table: NDArray, ids: NDArray) -> NDArray:
         [rows, cols], the table's dtype.
     """
     found = np.zeros(ids.shape, dtype=table.dtype)
-    for band in bands(ids.shape):
-        found[band] = table[ids[band]]
+    for block in row_blocks(ids.shape):
+        found[block] = table[ids[block]]
     return found
 
 
@@ -40,5 +40,5 @@ def count_ids(ids: NDArray, size: int) -> NDArray:
         ids: whole numbers from 0 to size - 1, [rows, cols].
         size: length of the result.
     """
-    there = [part[part > 0] for part in (ids[band] for band in bands(ids.shape))]
+    there = [part[part > 0] for part in (ids[block] for block in row_blocks(ids.shape))]
     return np.bincount(np.concatenate([np.zeros(0, ids.dtype), *there]), minlength=size)

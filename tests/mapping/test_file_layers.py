@@ -41,7 +41,7 @@ def toy() -> SIMap:
 @pytest.fixture(params=[1 << 20, 7])
 def _together(request, monkeypatch):
     """However many cells and edges are looked at together."""
-    monkeypatch.setattr(row_blocks, "BAND_CELLS", request.param)
+    monkeypatch.setattr(row_blocks, "BLOCK_CELLS", request.param)
     monkeypatch.setattr(file, "_EDGES_AT_ONCE", request.param)
 
 
@@ -124,7 +124,7 @@ def test_opening_a_large_map_takes_less_than_its_layers(tmp_path):
         peak = tracemalloc.get_traced_memory()[1]
     finally:
         tracemalloc.stop()
-    assert peak < (2 + 4) * cells + packed + 24 * row_blocks.BAND_CELLS < 22 * cells + packed
+    assert peak < (2 + 4) * cells + packed + 24 * row_blocks.BLOCK_CELLS < 22 * cells + packed
     assert np.array_equal(simap.grid.height_m, heights)
 
 

@@ -11,7 +11,7 @@ from sequences import write_tiny_sequence
 from simaps_viz.build.pipeline import BuildConfig, build_map
 from simaps_viz.datasets.open import open_sequence
 from simaps_viz.errors import InputError
-from simaps_viz.mapping.communities import find_chunks
+from simaps_viz.mapping.communities import find_communities_together
 from simaps_viz.mapping.evidence import EvidenceSettings, pair_graphs
 from simaps_viz.mapping.graph import affine
 from simaps_viz.mapping.methods import METHODS
@@ -80,7 +80,7 @@ def test_every_affinity_of_the_log_is_following_the_log_by_hand(case):
         assert {i.id for i in found.instances} == set(np.unique(found.instance[found.instance > 0]).tolist())
 
 
-def test_affinity_one_gives_the_chunks_and_finer_affinities_only_split(case):
+def test_affinity_one_gives_the_finest_communities_and_finer_affinities_only_split(case):
     _, _, simap = case
     assert np.array_equal(repartition(simap, affinity=1.0).instance, simap.community)
     coarser = None
@@ -155,7 +155,7 @@ def test_what_else_is_on_the_map_far_away_changes_no_object(copies):
     assert len(blocks(alone.community)) > 20 and len(alone.instances) < len(blocks(alone.community))
 
 
-def test_a_higher_resolution_gives_smaller_chunks(case):
+def test_a_higher_resolution_gives_smaller_communities(case):
     _, _, simap = case
     counts = [int(recommunity(simap, resolution=r).community.max()) for r in (0.04, 4.0, 12.0, 80.0)]
     assert counts[0] <= counts[1] < counts[2] < counts[3]
@@ -182,7 +182,7 @@ def tiny(tmp_path_factory):
 
 
 def test_recommunity_keeps_to_the_beliefs_the_map_was_built_with(tiny):
-    """Resolution 80 leaves every cell a chunk of its own, so that the log shows what was believed of them."""
+    """Resolution 80 leaves every cell a community of its own, so that the log shows what was believed of them."""
     settings = BuildConfig(pooling=PoolSettings(imagined_pairs=20.0, touching_same=0.2), resolution=80.0)
     simap = build_map(tiny, settings)
     again = recommunity(simap, resolution=80.0)
@@ -235,18 +235,24 @@ def test_components_have_communities_and_nothing_to_join(tiny):
     assert not {"affinity", "k_percent", "resolution"} & set(simap.parameters)
 
 
-@pytest.mark.parametrize(("same", "different", "chunks"), [(4, 5, 2), (5, 6, 1), (2, 2, 2), (1, 0, 1), (0, 9, 2)])
-def test_only_sure_neighbours_hold_a_chunk_together(same, different, chunks):
+@pytest.mark.parametrize(("same", "different", "communities"), [(4, 5, 2), (5, 6, 1), (2, 2, 2), (1, 0, 1), (0, 9, 2)])
+def test_only_sure_neighbours_hold_a_finest_community_together(same, different, communities):
     """Affinity same / (same + different + 1) of exactly 0.4 is not sure."""
-    for cells, sure in (([0, 1], chunks), ([0, 8], chunks), ([0, 9], chunks), ([1, 8], chunks), ([0, 2], 2)):
+    for cells, sure in (
+        ([0, 1], communities),
+        ([0, 8], communities),
+        ([0, 9], communities),
+        ([1, 8], communities),
+        ([0, 2], 2),
+    ):
         graph = affine(1, np.array(cells), np.array([[0, 1]], np.int32), np.array([same]), np.array([different]))
-        found = find_chunks([graph], GridSpec(4, 8, 0.05, 0.0, 0.0))
+        found = find_communities_together([graph], GridSpec(4, 8, 0.05, 0.0, 0.0))
         assert found[0].tolist() == ([0, 0] if sure == 1 else [0, 1])
 
 
-def test_chunks_of_no_classes_and_of_classes_without_pairs():
+def test_finest_communities_of_no_classes_and_of_classes_without_pairs():
     spec = GridSpec(4, 8, 0.05, 0.0, 0.0)
     none = np.zeros(0, np.int64)
     bare = [affine(n, np.arange(n), none.reshape(-1, 2).astype(np.int32), none, none) for n in (1, 3)]
-    assert find_chunks([], spec) == []
-    assert [chunk.tolist() for chunk in find_chunks(bare, spec)] == [[0], [0, 1, 2]]
+    assert find_communities_together([], spec) == []
+    assert [own.tolist() for own in find_communities_together(bare, spec)] == [[0], [0, 1, 2]]

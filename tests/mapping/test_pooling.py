@@ -7,7 +7,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from simaps_viz.mapping.pooling import PoolSettings, between, join, pool
+from simaps_viz.mapping.pooling import PoolSettings, join, sum_pairs
 
 pytestmark = pytest.mark.slow
 
@@ -31,6 +31,13 @@ def evidence(draw, most: int = 4) -> Case:
 
 def pairs(rows) -> NDArray:
     return np.array(rows, dtype=np.int32).reshape(-1, 2)
+
+
+def pool(
+    community: NDArray, edges: NDArray, same: NDArray, different: NDArray, touching: NDArray, belief: PoolSettings
+) -> tuple[NDArray, NDArray, NDArray]:
+    """Join the communities of one class."""
+    return join([sum_pairs(community, edges, same, different, touching)], belief)
 
 
 def steps_of(found) -> list[tuple[int, int, float]]:
@@ -63,7 +70,7 @@ def test_steps_are_the_twins_where_nearly_all_is_tied(case: Case, belief):
 @given(st.lists(evidence(), max_size=4), believes)
 @settings(max_examples=200, deadline=None)
 def test_parts_that_have_nothing_to_do_with_each_other_are_joined_as_if_all_were_one(parts: list[Case], belief):
-    found = join([between(*case) for case in parts], belief)
+    found = join([sum_pairs(*case) for case in parts], belief)
     columns, first, cells = [[] for _ in range(5)], 0, 0
     for community, edges, same, different, touching in parts:
         shifted = (community + first, edges + cells, same, different, touching + cells)

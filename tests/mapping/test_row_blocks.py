@@ -8,7 +8,7 @@ from simaps_viz.mapping import row_blocks
 
 @pytest.mark.parametrize("cells", [1 << 20, 7])
 def test_looking_up_and_counting_in_bands_is_looking_up_and_counting(monkeypatch, cells):
-    monkeypatch.setattr(row_blocks, "BAND_CELLS", cells)
+    monkeypatch.setattr(row_blocks, "BLOCK_CELLS", cells)
     ids = np.random.default_rng(2).integers(0, 9, (37, 23), dtype=np.int32)
     table = np.arange(9, dtype=np.int32)[::-1] * 5
     found = row_blocks.look_up(table, ids)

@@ -8,7 +8,7 @@ from toy_maps import toy_map
 from simaps_viz import build_map, open_sequence
 from simaps_viz.build.pipeline import BuildConfig
 from simaps_viz.mapping import timeline as timeline_module
-from simaps_viz.mapping.communities import find_chunks, find_communities
+from simaps_viz.mapping.communities import find_communities, find_communities_together
 from simaps_viz.mapping.partition import applied_steps
 from simaps_viz.mapping.simap import joining_threshold, repartition
 from simaps_viz.mapping.timeline import CLASSES, Timeline
@@ -44,7 +44,7 @@ def test_a_level_joins_whole_communities_of_the_one_before(simap):
 
 def test_levels_end_where_louvain_ends(simap):
     if simap.method == "evidence":
-        parts = find_chunks(simap.graphs, simap.spec, resolution=1.0, seed=0)
+        parts = find_communities_together(simap.graphs, simap.spec, resolution=1.0, seed=0)
     else:
         parts = [find_communities(graph, resolution=1.0, seed=0) for graph in simap.graphs]
     assert sum(int(p.max()) + 1 for p in parts) == len(np.unique(simap.community)) - 1
