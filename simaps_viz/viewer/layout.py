@@ -46,10 +46,10 @@ class Layout:
         # one.
         objects = gui.add_panel()
         page.panels.place("instance", objects, specs)
-        self._between: list[viser.PanelHandle] = [gui.add_panel()]
-        self._between[0].add_tab("Between")
-        self._between[0].dock_below(gui.main_panel)
-        objects.dock_below(self._between[0])
+        self._spacer: list[viser.PanelHandle] = [gui.add_panel()]
+        self._spacer[0].add_tab("Between")
+        self._spacer[0].dock_below(gui.main_panel)
+        objects.dock_below(self._spacer[0])
 
     def settle(self, page_px: object) -> None:
         """Make room for the main panel, and for the map on a narrow page, once the browser has docked the panels.
@@ -57,8 +57,8 @@ class Layout:
         Args:
             page_px: width of the page, as it reported it.
         """
-        while self._between:
-            self._between.pop().remove()
+        while self._spacer:
+            self._spacer.pop().remove()
         if self._recording is not None and isinstance(page_px, int | float) and 0 < page_px < MAX_PX:
             if page_px < NARROW_PX:
                 self._recording.minimize()

@@ -50,7 +50,7 @@ def page(browser, bench):
 
 def at_end(session) -> bool:
     """The page shows the finished map, and nothing of any other time."""
-    return session.time == TimeStep(FRAMES - 1) and not session.moment().badge
+    return session.time == TimeStep(FRAMES - 1) and not session.snapshot().badge
 
 
 def test_the_camera_moves_while_the_build_plays_and_goes_at_the_end(bench, page):
@@ -120,9 +120,9 @@ def test_a_merge_step_shows_the_finished_map_and_no_other_comparison(browser):
         until(page, lambda: session.panels[WhyPanel].why is not None and session.wait_idle())
         session.panels[WhyPanel].compare(TABLE)
         until(page, lambda: session.panels[WhyPanel].lit == {TABLE})
-        assert session.moment().badge == "as of frame 2 of 5"
+        assert session.snapshot().badge == "as of frame 2 of 5"
         session.panels[WhyPanel]._choose_step(1)
-        until(page, lambda: not session.panels[WhyPanel].lit and not session.moment().badge)
+        until(page, lambda: not session.panels[WhyPanel].lit and not session.snapshot().badge)
         assert session.frame == 4
         expect(page.get_by_text("are of different classes")).not_to_be_visible()
         until(page, lambda: session.scene._scene.get_handle_by_name("/why/other") is None)

@@ -81,7 +81,7 @@ class StubPage(page.Page):
     def select(self, instance_id: int | None) -> None:
         raise AssertionError("nobody selects here")
 
-    def show_frame(self, frame: int, *, here: bool = True) -> None:
+    def show_frame(self, frame: int, *, also_recording: bool = True) -> None:
         self.frames.append(frame)
 
     def publish(self, simap: SIMap) -> None:

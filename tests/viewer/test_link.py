@@ -28,8 +28,8 @@ class LinkedPage:
     def frame(self):
         return self.shown[-1]
 
-    def show_frame(self, frame, *, here):
-        assert not here
+    def show_frame(self, frame, *, also_recording):
+        assert not also_recording
         self.shown.append(frame)
 
 

@@ -37,7 +37,7 @@ TOGETHER, APART = 5.0, 30.0
 def cut(session, percent, resolution=1.0):
     """What a person does who moves the slider."""
     session.panels[MapPanel].set_sliders(percent, resolution)
-    session.partition(percent, resolution)
+    session.cut_map(percent, resolution)
     assert session.wait_idle()
 
 
@@ -74,7 +74,7 @@ def test_what_all_ask_for_is_computed_once():
         painted = bench.shared.pictures.computed
         for page in pages:
             page.session.panels[MapPanel].set_sliders(APART, 1.0)
-            page.session.partition(APART, 1.0)
+            page.session.cut_map(APART, 1.0)
         assert bench.wait_idle()
         assert calls == [APART]
         assert len({id(page.session.simap) for page in pages}) == 1 and len(pages[0].session.simap.instances) == 9

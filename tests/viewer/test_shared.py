@@ -6,7 +6,7 @@ import pytest
 from benchmarks.large_maps import large_map
 
 from simaps_viz.colors.instances import instance_colors
-from simaps_viz.viewer.page.shared import MOST_SIDE, Once, paint
+from simaps_viz.viewer.page.shared import MAX_SIDE, Once, paint
 from simaps_viz.viewer.page.tab_identity import Tabs
 from simaps_viz.viewer.page.worker import Worker
 
@@ -82,9 +82,9 @@ def test_a_worker_has_no_thread_when_idle_and_takes_nothing_after_its_stop():
 def test_the_picture_of_a_very_large_map_is_one_that_every_browser_takes():
     simap = large_map(100, 10_000, 40, edges=False)
     picture = paint(simap, "instance", None, None)
-    assert picture.shape == (41, MOST_SIDE, 3)
+    assert picture.shape == (41, MAX_SIDE, 3)
     one = max(simap.instances, key=lambda one: one.cells)
     x, y = one.centroid_m[0] + 0.5, one.centroid_m[1]
-    row, col = y / 0.05 * 41 / 100, x / 0.05 * MOST_SIDE / 10_000
+    row, col = y / 0.05 * 41 / 100, x / 0.05 * MAX_SIDE / 10_000
     assert picture[int(row), int(col)].tolist() == instance_colors(simap)[one.id].tolist()
     assert paint(large_map(100, 1000, 4, edges=False), "instance", None, None).shape == (100, 1000, 3)

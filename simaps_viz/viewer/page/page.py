@@ -1,4 +1,4 @@
-"""The page in one browser tab: what it shows, and how its panels change that."""
+"""The page in one browser tab: what it shows, and how panels change it."""
 
 import logging
 import secrets
@@ -25,9 +25,9 @@ from simaps_viz.viewer.page.panel import Panel, Panels
 from simaps_viz.viewer.page.player import Player
 from simaps_viz.viewer.page.services import Services
 from simaps_viz.viewer.page.shared import Common, Shared, paint, png
-from simaps_viz.viewer.page.timeline import Moment, TimeStep, moment
+from simaps_viz.viewer.page.timeline import Snapshot, TimeStep, snapshot_at
 from simaps_viz.viewer.page.worker import Worker
-from simaps_viz.viewer.recording.link import RecordingLink, place_inside
+from simaps_viz.viewer.recording.link import RecordingLink, position_inside
 from simaps_viz.viewer.scene.camera import SLANT, Extent, Viewpoints, with_margin
 from simaps_viz.viewer.scene.map_scene import MapScene, Style
 from simaps_viz.viewer.scene.why_marks import paint_cells
@@ -37,7 +37,7 @@ logger = logging.getLogger(__name__)
 
 DEFAULT_RESOLUTION = 1.0
 MIN_RESOLUTION, MAX_RESOLUTION = 0.05, 5.0
-"""What the slider of Louvain's resolution reaches."""
+"""Range of the slider for the Louvain resolution."""
 ERROR_S = 12.0
 """How long an error stays on the page."""
 
@@ -53,7 +53,7 @@ class Cut:
 
 
 def cut_of(simap: SIMap) -> Cut:
-    """Return how a map is cut, as far as the sliders can show it."""
+    """Return how a map is cut, within the range of the sliders."""
     resolution = float(simap.parameters.get("resolution", DEFAULT_RESOLUTION))
     return Cut(joining_percent(simap), min(max(resolution, MIN_RESOLUTION), MAX_RESOLUTION))
 
@@ -62,14 +62,14 @@ class Page:
     """What one browser tab shows. Panels ask it for changes; it computes and paints, and reports events to all panels.
 
     Its public methods may be called from any thread, and none of them takes long: the work is done by `worker`, where
-    a later job of a name replaces one that waits.
+    a later job replaces a waiting one of the same name.
     """
 
     def __init__(self, client: viser.ClientHandle, common: Common) -> None:
         """Show the published map, without any panel."""
         self.client, self.common = client, common
         self.token = secrets.token_urlsafe(12)
-        """Names this page in the addresses of the frames on it."""
+        """Identifies this page in the addresses of its embedded frames."""
         self._lock = threading.RLock()
         self._begun = self._closed = False
         self._base = self._simap = self._colored = common.published()
@@ -81,11 +81,11 @@ class Page:
         """How the sliders cut `base`."""
         self.time = TimeStep(self.last_frame)
         self.as_it_was = True
-        """Whether an earlier frame shows the map as it was then, and not the finished one."""
+        """Whether an earlier frame shows the map as it was after that frame, instead of the finished map."""
         self.pose = common.start or Pose2(0.0, 0.0, 0.0)
         """Where the robot is."""
         self.players: dict[str, Player] = {}
-        """What plays the timelines of this page, by their names."""
+        """The players of this page's timelines, by name."""
         self.worker, self.command_worker, self.panel_worker = (Worker(self.report) for _ in range(3))
         guard(client, self.report)
         self._scene = MapScene(client, self._simap, robot_radius_m=common.robot_radius_m)
@@ -94,7 +94,7 @@ class Page:
         self.panels = Panels(self)
         client.scene.on_click()(self._clicked)
 
-    # --- what there is
+    # --- properties
 
     @property
     def gui(self) -> viser.GuiApi:
@@ -108,7 +108,7 @@ class Page:
 
     @property
     def services(self) -> Services:
-        """What stands behind the page."""
+        """The functions behind the page."""
         return self.common.services
 
     @property
@@ -123,7 +123,7 @@ class Page:
 
     @property
     def base(self) -> SIMap:
-        """The map that the sliders cut into what is shown."""
+        """The map that the sliders cut into the one shown."""
         return self._base
 
     @property
@@ -133,7 +133,7 @@ class Page:
 
     @property
     def aspect(self) -> float:
-        """Width over height of the canvas in its middle."""
+        """Width over height of the 3-D canvas."""
         return float(self.client.camera.aspect)
 
     @property
@@ -169,18 +169,18 @@ class Page:
 
     def select(self, instance_id: int | None) -> None:
         """Select an instance, or none."""
-        self.pick(None if instance_id is None else place_inside(self._simap, instance_id))
+        self.pick(None if instance_id is None else position_inside(self._simap, instance_id))
 
-    def pick(self, place: tuple[float, float] | None) -> None:
-        """Select what is at a position of the map; the position is kept, so that it outlives a new partition."""
+    def pick(self, position: tuple[float, float] | None) -> None:
+        """Select what is at a position of the map; the position is kept, so that it outlives a map that is cut anew."""
         with self._lock:
-            found = None if place is None else self._simap.at(*place)
-            self._picked = None if found is None else place
+            found = None if position is None else self._simap.at(*position)
+            self._picked = None if found is None else position
             self._show_selected(found)
 
-    def remember(self, place: tuple[float, float] | None) -> None:
+    def remember(self, position: tuple[float, float] | None) -> None:
         """Select what is at a position as soon as the next map is shown."""
-        self._picked = place
+        self._picked = position
 
     def go_to(self, instance: Instance) -> None:
         """Select an instance, and look at it and what is around it."""
@@ -195,32 +195,32 @@ class Page:
         self.common.publish(self._cut_as_published(simap))
 
     def take_map(self, simap: SIMap, *, keep_sliders: bool = False) -> None:
-        """Let the sliders cut another map, and show it, soon; ``keep_sliders``: cut as this person has set them."""
+        """Queue another map to be cut and shown; ``keep_sliders`` cuts it as this person has set the sliders."""
         with self._lock:
             self._base = simap
         self.worker.submit("take map", lambda: self.take_map_now(simap, keep_sliders=keep_sliders))
 
     def take_map_now(self, simap: SIMap, *, keep_sliders: bool = False) -> None:
-        """Do what ``take_map`` says, on the worker's thread."""
+        """Cut and show another map at once, on the thread that calls; see ``take_map``."""
         with self._lock:
             kept = self.cut if self.cut_here and keep_sliders else None
             self._base, self._own_cut = simap, cut_of(simap)
             self.cut = kept or self._own_cut
             self.panels.each(lambda panel: panel.base_changed(simap))
             if kept is not None:
-                self.partition(kept.percent, kept.resolution)
+                self.cut_map(kept.percent, kept.resolution)
             else:
                 self._show(simap)
 
     @property
     def cut_here(self) -> bool:
-        """Whether the sliders are not where the map has them."""
+        """Whether the sliders were moved away from the values that the map was cut with."""
         return self.cut != self._own_cut
 
-    def partition(self, percent: float, resolution: float) -> None:
+    def cut_map(self, percent: float, resolution: float) -> None:
         """Cut the map anew, at K or evidence (percent) and Louvain's resolution."""
         self.cut = Cut(percent, resolution)
-        self.worker.submit("partition", lambda: self._partition_now(percent, resolution))
+        self.worker.submit("cut map", lambda: self._cut_now(percent, resolution))
 
     def repaint(self) -> None:
         """Colour the map anew, soon."""
@@ -233,24 +233,24 @@ class Page:
 
     # --- time
 
-    def show_frame(self, frame: int, *, here: bool = True) -> None:
-        """Show a frame of the build; ``here``: in the recording too, as it was chosen on this page."""
+    def show_frame(self, frame: int, *, also_recording: bool = True) -> None:
+        """Show a frame of the build; ``also_recording`` moves the recorded build there too."""
         self.stop_playing(but="frames")
         self.time = TimeStep(min(max(frame, 0), self.last_frame))
-        if here:
+        if also_recording:
             self.recording.show_frame(self.frame)
         self._time_changed()
 
-    def show_step(self, position: int, timeline: Timeline, *, here: bool = True) -> None:
-        """Show a step of joining, which is of the finished map; ``here``: in the recording too, where it has it."""
+    def show_step(self, position: int, timeline: Timeline, *, also_recording: bool = True) -> None:
+        """Show a step of joining of the finished map; ``also_recording`` moves the recorded build there too."""
         self.stop_playing(but="steps")
         self.time = TimeStep(self.last_frame, None if position == timeline.finished else position)
-        if here:
+        if also_recording:
             self.recording.show_position(position)
         self._time_changed()
 
     def show_joint(self, joint: Joint) -> None:
-        """Show the finished map, and in the recording the step of joining that made the selected instance."""
+        """Show the finished map, and in the recorded build the step of joining that made the selected instance."""
         self.stop_playing()
         self.time = TimeStep(self.last_frame)
         self._time_changed()
@@ -258,22 +258,22 @@ class Page:
             self.recording.show_joint(joint)
 
     def finish(self) -> None:
-        """Show the finished map, here and in the recording, and stop what plays, also before it has shown anything."""
+        """Stop what plays, and show the finished map here and in the recorded build."""
         self.stop_playing()
         if not self.at_end or self.time.step is not None:
             self.show_frame(self.last_frame)
 
     def stop_playing(self, but: str = "") -> None:
-        """Stop what plays the timelines of this page, but for one of them."""
+        """Stop the players of this page's timelines, all but the named one."""
         for name, player in tuple(self.players.items()):
             if name != but:
                 player.stop()
 
-    def moment(self) -> Moment:
-        """Find what the page is to paint."""
+    def snapshot(self) -> Snapshot:
+        """Return the map at the time step that the page is at."""
         time = self.time
         past = time.step is None and self.as_it_was and not self.at_end
-        return moment(self.shared, self._simap, frame=time.frame if past else None, step=time.step)
+        return snapshot_at(self.shared, self._simap, frame=time.frame if past else None, step=time.step)
 
     # --- camera, theme, robot, recording
 
@@ -284,7 +284,7 @@ class Page:
         self.panels.each(lambda panel: panel.view_changed(name))
 
     def look_at(self, extent: Extent | None) -> None:
-        """Look straight down on a part of the floor; None: as before."""
+        """Look straight down on a part of the floor; None returns to the view before that."""
         self.viewpoints.look_down(extent)
 
     def set_theme(self, theme: Theme) -> None:
@@ -294,29 +294,29 @@ class Page:
         self.repaint()
 
     def claim_robot(self, by: Panel) -> None:
-        """Have all other panels leave the robot alone."""
+        """Make all other panels release the robot."""
         self.panels.each(lambda panel: None if panel is by else panel.leave_robot())
 
     def show_recording(self, path: Path) -> None:
-        """Show a recorded build beside the map; of another map, its frames and clicks mean nothing here."""
+        """Dock a recorded build; frames and clicks of another map's build are not linked to this page."""
         self.recording.show(path)
 
-    # --- work and words
+    # --- jobs and notifications
 
     def submit(self, name: str, job: Callable[[], None]) -> None:
-        """Do a panel's work, which never holds up the page itself; what it raises is reported here."""
+        """Queue a job of a panel on the panels' thread, so that the page stays responsive; errors are reported."""
         self.panel_worker.submit(name, job)
 
     def send(self, name: str, content: bytes) -> None:
-        """Send the browser a file of that name to save."""
+        """Send a file to the browser, which saves it under that name."""
         self.client.send_file_download(name, content, save_immediately=True)
 
     def say(self, title: str, text: str) -> None:
-        """Notify this person of something in passing."""
+        """Show this person a short notification."""
         self._notify(title, text, "blue", 6.0)
 
     def report(self, error: Exception) -> None:
-        """Notify this person of an error; one that is not meant for people also goes to the log in full."""
+        """Show this person an error; an unexpected one is also logged with its traceback."""
         if self._closed:
             return
         if self._begun:
@@ -328,14 +328,14 @@ class Page:
         self._notify(title, str(error), "red", ERROR_S)
 
     def wait_idle(self, timeout_s: float = 60.0) -> bool:
-        """Wait until all that was asked for is done; False when that took too long."""
+        """Wait until all queued jobs are done; False when that took too long."""
         return all(w.wait_idle(timeout_s) for w in (self.command_worker, self.panel_worker, self.worker))
 
     # --- on the worker's thread
 
-    def _partition_now(self, percent: float, resolution: float) -> None:
+    def _cut_now(self, percent: float, resolution: float) -> None:
         base = self._base
-        simap = self.shared.partition(base, percent, resolution)
+        simap = self.shared.cut_map(base, percent, resolution)
         with self._lock:
             if base is self._base:  # not when another map has come meanwhile
                 self._show(simap)
@@ -346,7 +346,7 @@ class Page:
         self.worker.submit("map changed", self._map_changed)
 
     def _cut_as_published(self, simap: SIMap) -> SIMap:
-        """Cut a map as the published one is, so that what one person cuts does not become everybody's."""
+        """Cut a map as the published one is cut, so that the sliders of one page do not change the others."""
         published = self.common.published()
         slider = method_of(simap.method).slider
         if slider is None or simap.method != published.method or simap.spec != published.spec:
@@ -355,7 +355,7 @@ class Page:
         if all(simap.parameters.get(name) == published.parameters.get(name) for name in names):
             return simap
         resolution = float(published.parameters.get("resolution", DEFAULT_RESOLUTION))
-        return self.shared.partition(simap, joining_percent(published), resolution)
+        return self.shared.cut_map(simap, joining_percent(published), resolution)
 
     def _map_changed(self) -> None:
         simap = self._simap
@@ -378,7 +378,7 @@ class Page:
         self.panels.each(lambda panel: panel.selection_changed(self._selected))
 
     def _time_changed(self) -> None:
-        """Draw the camera of a frame, and what was known then; at the last one there is only the map."""
+        """Draw the frame's camera and the map at that time step; at the last frame no camera is drawn."""
         frame, poses = self.frame, self._simap.T_map_camera
         past = frame < min(len(self._simap.frame_names) - 1, len(poses))
         self._scene.show_camera(poses[frame] if past else None)
@@ -386,8 +386,9 @@ class Page:
         self.repaint()
 
     def _paint_now(self) -> None:
+        # Every panel may change how the map is painted.
         shown = self._simap
-        then = self.moment()
+        then = self.snapshot()
         lit = None if self._selected is None else frozenset({self._selected})
         style = self.panels.style(shown, Style("instance", lit, then.until, None, self._scene.theme))
         if then.classes_only:
@@ -413,11 +414,11 @@ class Page:
 
     def _clicked(self, event: viser.SceneClickEvent) -> None:
         if self.viewpoints.name == SLANT and self._picture is None:
-            place = ray_on_blocks(self._simap, event.ray_origin, event.ray_direction)
+            position = ray_on_blocks(self._simap, event.ray_origin, event.ray_direction)
         else:
-            place = ray_on_floor(event.ray_origin, event.ray_direction)
-        if place is None or not self.panels.take_click(*place):
-            self.pick(place)
+            position = ray_on_floor(event.ray_origin, event.ray_direction)
+        if position is None or not self.panels.take_click(*position):
+            self.pick(position)
 
     def _notify(self, title: str, text: str, color: Any, seconds: float) -> None:
         if not self._closed:

@@ -1,4 +1,4 @@
-"""What a panel is, how a page is told to have one, and the panels of one page."""
+"""The interface of a panel, how one is registered, and the panels of one page."""
 
 import contextlib
 from collections.abc import Callable, Mapping, Sequence
@@ -13,67 +13,67 @@ from simaps_viz.viewer.scene.map_scene import Style
 if TYPE_CHECKING:
     from simaps_viz.viewer.page.page import Page
     from simaps_viz.viewer.page.services import Services
-    from simaps_viz.viewer.page.timeline import Moment
+    from simaps_viz.viewer.page.timeline import Snapshot
 
 P = TypeVar("P", bound="Panel")
 Place = Literal["head", "front", "tab", "instance"]
-"""Above all tabs, in front of the other tabs, among them, or in the panel below, about the selected instance."""
+"""Above all tabs, the first tab, among the tabs, or in the panel below, about the selected instance."""
 
 
 class Panel:
     """A part of the page. ``Panel(page, ...)`` fills the container of ``page.gui`` that is open at that time.
 
-    Every method reports something that happens on the page; a panel overrides those that concern it. They may be
-    called from any thread.
+    The page calls these methods when something happens; a panel overrides those that it needs. They may be called from
+    any thread.
     """
 
     def built(self) -> None:
-        """All panels of the page are there, and what was done before a reload is restored."""
+        """Called once all panels of the page exist and their state is restored."""
 
     def base_changed(self, base: SIMap) -> None:
-        """Another map is the one that the sliders cut; what comes of that is shown later."""
+        """Called when the sliders get another map to cut; ``map_changed`` follows when it is cut."""
 
     def map_changed(self, simap: SIMap) -> None:
-        """Another map is shown."""
+        """Called when another map is shown."""
 
     def selection_changed(self, instance_id: int | None) -> None:
-        """Another instance is selected, or none."""
+        """Called when another instance is selected, or none."""
 
     def time_changed(self, frame: int, step: int | None) -> None:
-        """The page shows another frame of the build, or another step of joining (None: the finished map)."""
+        """Called when the page shows another frame of the build, or step of joining (None: the finished map)."""
 
     def view_changed(self, name: str) -> None:
-        """The view from the top was chosen, or the slanted one; see `viewpoints`."""
+        """Called when the top view or the slanted view was chosen; see `Viewpoints`."""
 
     def theme_changed(self) -> None:
-        """The page went from light to dark, or back."""
+        """Called when the page went from light to dark, or back."""
 
     def leave_robot(self) -> None:
-        """Another panel moves the robot now: stop it, and clear what was drawn of its path."""
+        """Called when another panel moves the robot: stop it, and clear its path."""
 
     def style(self, simap: SIMap, style: Style) -> Style:
-        """Return how a map is painted, given how the panels before this one want it painted."""
+        """Return how to paint a map, given the style that the panels before this one chose."""
         return style
 
-    def painted(self, simap: SIMap, moment: "Moment") -> None:
-        """A map was painted, as it was at some time."""
+    def painted(self, simap: SIMap, snapshot: "Snapshot") -> None:
+        """Called after a map was painted, as it was at a time step."""
 
     def failed(self) -> None:
-        """Something that was asked for on this page failed; the person is told without the panel."""
+        """Called when a job of this page failed; the page itself shows the error."""
 
     def take_click(self, x_m: float, y_m: float) -> bool:
         """Use a click on the map, if this panel waits for one; False passes it on."""
         return False
 
     def state(self) -> Any:
-        """Return what this person did, for a page that is loaded again; None = nothing."""
+        """Return what to keep of this panel when the page is loaded again; None = nothing."""
         return None
 
     def restore(self, state: Any) -> None:
-        """Restore what ``state`` returned before the page was loaded again."""
+        """Restore what ``state`` returned before the reload."""
 
     def close(self) -> None:
-        """The person has gone: stop threads and timers."""
+        """Called when the browser tab was closed: stop threads and timers."""
 
 
 @dataclass(frozen=True)
@@ -87,7 +87,7 @@ class PanelSpec:
     """Fills the container of the page's ``gui`` that is open at that time; called once for each page."""
     place: Place = "tab"
     about: str = ""
-    """What the tab is for, as the page's help says it; empty for one that the help knows already."""
+    """What the tab is for, in the page's help; empty for one that the help describes already."""
     wanted: "Callable[[Services], bool]" = lambda services: True
     """Whether a page with these services has the panel."""
 
@@ -99,17 +99,17 @@ class _Made:
 
 
 class Panels:
-    """The panels of one page. They are all made alike, and each event of the page is passed on to all of them."""
+    """The panels of one page. Each event of the page is passed on to all of them."""
 
     def __init__(self, page: "Page") -> None:
-        """Take the page; `have` makes the panels once `place` has said where they go."""
+        """Take the page; `place` makes its panels, and `have` adds and removes some later."""
         self._page = page
         self._groups: dict[str, Any] = {}
         self._tabs: dict[tuple[str, str], Any] = {}
         self._made: list[_Made] = []
         self._built = False
         self.specs: tuple[PanelSpec, ...] = ()
-        """What the panels are made of, also those that could not be made."""
+        """The specs of all panels, including those that could not be made."""
 
     def __getitem__(self, kind: type[P]) -> P:
         """Return the panel of a class.
@@ -136,7 +136,7 @@ class Panels:
         self._add([spec for spec in specs if spec.place == place])
 
     def have(self, specs: Sequence[PanelSpec]) -> None:
-        """Have these panels from now on; those that are there already stay as they are."""
+        """Change the panels to these; those that exist already stay as they are."""
         self.specs = tuple(specs)
         gone = [one for one in self._made if one.spec not in specs]
         self._made = [one for one in self._made if one not in gone]
@@ -149,12 +149,12 @@ class Panels:
         self._add([spec for spec in specs if spec not in there])
 
     def built(self) -> None:
-        """Report to all panels that the page is built; one that is added later hears it at once."""
+        """Call ``built`` of all panels; a panel that is added later gets the call at once."""
         self._built = True
         self.each(lambda panel: panel.built())
 
     def each(self, do: Callable[[Panel], object]) -> None:
-        """Pass an event on to every panel; an error of one is reported, and the others hear the event."""
+        """Pass an event on to every panel; an error of one is reported and does not keep it from the others."""
         for one in tuple(self._made):
             self._guarded(lambda panel=one.panel: do(panel))
 
@@ -169,7 +169,7 @@ class Panels:
         return any(one.panel.take_click(x_m, y_m) for one in tuple(self._made))
 
     def states(self) -> dict[str, Any]:
-        """Return what was done on each panel, by its class and title."""
+        """Return the state of each panel, by its title and class."""
         states: dict[str, Any] = {}
         for one in tuple(self._made):
             self._guarded(lambda one=one: states.update({_key(one): one.panel.state()}))
@@ -182,7 +182,7 @@ class Panels:
                 self._guarded(lambda one=one: one.panel.restore(states[_key(one)]))
 
     def _add(self, specs: Sequence[PanelSpec]) -> None:
-        """Make panels in their tabs; one that fails is missing, and its error is reported."""
+        """Make panels in their tabs; one that fails is left out, and its error is reported."""
         for spec in specs:
             key = (spec.place, spec.title)
             if key not in self._tabs:

@@ -1,4 +1,4 @@
-"""Plays a slider: one position after another, as fast as asked for."""
+"""A button that plays a slider, one position after another."""
 
 import threading
 import weakref
@@ -8,22 +8,22 @@ from dataclasses import dataclass
 import viser
 
 _LOCKS: "weakref.WeakKeyDictionary[viser.GuiApi, threading.RLock]" = weakref.WeakKeyDictionary()
-"""One for all players of a page: what one of them shows stops the others, and may wait for nobody who waits for it."""
+"""One lock for all players of a page: showing a position stops the other players, which must not deadlock."""
 
 
 @dataclass(frozen=True)
 class Played:
-    """What is played; none of these may take long."""
+    """The slider that is played, as functions; none of them may take long."""
 
     position: Callable[[], int]
     last: Callable[[], int]
     show: Callable[[int], None]
     rate: Callable[[], float]
-    """Positions a second."""
+    """Return the positions shown a second."""
 
 
 class Player:
-    """A button that plays, and pauses."""
+    """A button that plays and pauses a slider."""
 
     def __init__(self, gui: viser.GuiApi, label: str, played: Played, *, first: int = 0) -> None:
         """Add the button to the open container; ``first`` is where playing begins after the last position."""
@@ -44,7 +44,7 @@ class Player:
             threading.Thread(target=self._run, args=(ended,), name="workbench-play", daemon=True).start()
 
     def stop(self) -> None:
-        """Stop playing; nothing that was played is shown after this."""
+        """Stop playing; no further position is shown after this call."""
         with self._lock:
             turn, self._turn = self._turn, None
             if turn is not None:

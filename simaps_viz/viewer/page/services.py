@@ -24,45 +24,45 @@ class LanguageModel:
     """A language model that can read the commands."""
 
     name: str
-    """Which, and where it runs."""
+    """Name of the model, and where it runs."""
     ask: Callable[[SIMap, str, Pose2, threading.Event, Callable[[Sequence[Exchange]], None]], Answer]
-    """(map, command, where the robot stands, set to end the wait, told what was sent and received) -> answer."""
+    """(map, command, pose of the robot, event that ends the wait, called with what was sent and received) -> answer."""
 
 
 @dataclass(frozen=True)
 class Services:
-    """Plain functions behind the page; what is None is greyed out or said to be missing."""
+    """Plain functions behind the page; what is None is greyed out or reported as missing."""
 
     repartition: Callable[[SIMap, float], SIMap] | None = None
     """(map, percent) -> the map with another K (method paper) or affinity (method evidence); fast."""
     recommunity: Callable[[SIMap, float, float], SIMap] | None = None
     """(map, resolution, percent) -> the map with communities found anew."""
     ask: Callable[[SIMap, str, Pose2], Answer] | None = None
-    """(map, command, where the robot stands) -> answer. May raise SIMapsError."""
+    """(map, command, pose of the robot) -> answer. May raise SIMapsError."""
     steps: Callable[[SIMap, str, Pose2], Iterable[StepEvent]] | None = None
-    """(map, program, where the robot stands) -> its statements as they are run, to mark the line during the ride."""
+    """(map, program, pose of the robot) -> its statements as they run, to mark the current line of the program."""
     candidates: Callable[[SIMap, str, Pose2], Sequence[Candidate]] | None = None
-    """(map, class, where the command is given) -> all objects of the class, the closest first, to number them."""
+    """(map, class, pose where the command is given) -> all objects of the class, the closest first, to number them."""
     model: LanguageModel | None = None
-    """Reads commands in the place of ``ask`` while it is switched on."""
+    """Reads commands instead of ``ask`` while it is switched on."""
     judging: JudgingSession | None = None
-    """Runs for a person to judge, on a page of their own in front of all others."""
+    """Runs for a person to judge, in a tab in front of all others."""
     view: Callable[[int], tuple[NDArray, NDArray] | None] | None = None
     """frame index -> (RGB uint8 [H, W, 3], segment ids int32 [H, W]); None when the sequence is not at hand."""
     picture_divide: Mapping[str, int] = field(default_factory=dict)
-    """Entity path of a recorded picture -> how many times smaller it is than its frame, so that it can be clicked."""
+    """Entity path of a recorded picture -> how many times smaller it is than its frame; needed for clicks in it."""
     look_back: Callable[[SIMap, int], SIMap | None] | None = None
-    """(map, frame) -> what it looked like after that frame; None when the history of this map is not at hand."""
+    """(map, frame) -> the map as it was after that frame; None when the history of this map is not at hand."""
     rerun_page: Callable[[Sequence[str]], str] | None = None
     """(addresses of the recordings) -> HTML of the page that shows the recorded build; None when there is none."""
     rerun_assets: Mapping[str, Asset] = field(default_factory=dict)
     """File name -> asset, served beside that page."""
     csp: str = ""
-    """Content-Security-Policy of that page; empty takes a strict one."""
+    """Content-Security-Policy of that page; empty = a strict default."""
     recordings: tuple[Path, ...] = ()
     """The .rrd files that page may load, as /recordings/<name>."""
     recorded_levels: int | None = None
-    """At which time of timeline "louvain" the recording has the final communities; None = after all of its levels."""
+    """Time on timeline "louvain" at which the recording has the final communities; None = after the last level."""
     panels: "Sequence[PanelSpec]" = ()
     """Panels besides those that are always there, in their order."""
     stream: str = ""

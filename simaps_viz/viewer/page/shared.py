@@ -1,4 +1,4 @@
-"""What all pages compute together: each partition and each picture of a map once, however many people ask for it."""
+"""Computations shared by all pages: each cut and each picture of a map is computed once, however many pages need it."""
 
 import threading
 from collections import OrderedDict
@@ -20,36 +20,36 @@ from simaps_viz.viewer.server.host import Host
 
 V = TypeVar("V")
 
-MOST_SIDE = 4096
+MAX_SIDE = 4096
 """Pixels of a map's picture a side: what WebGL takes everywhere, and a browser decodes in a second."""
-MOST_PARTITIONS = 16
-"""Maps as the sliders cut them: some steps of dragging one there and back, on a few pages."""
-MOST_PICTURES = 24
-"""Of a few maps in some colour modes, selections and frames; of large maps fewer, see MOST_PICTURE_BYTES."""
-MOST_LOOKS = 6
-"""Maps as they were after a frame: each takes as much memory as a map, and is soon computed anew."""
-MOST_TIMELINES = 4
-"""One for each map that is cut otherwise; pages mostly share one."""
-MOST_PICTURE_BYTES = 64_000_000
-"""So much memory all pictures (PNG) take at most; a single larger one is kept all the same."""
+MAX_PARTITIONS = 16
+"""Maps as the sliders cut them: enough for dragging a slider there and back on a few pages."""
+MAX_PICTURES = 24
+"""Pictures kept: a few maps in some colour modes, selections and frames; fewer of large maps, see below."""
+MAX_LOOKS = 6
+"""Maps as they were after a frame: each takes as much memory as a map, and is quickly computed again."""
+MAX_TIMELINES = 4
+"""One for each map that is cut differently; most pages share one."""
+MAX_PICTURE_BYTES = 64_000_000
+"""Memory that all kept pictures (PNG) may take; a single larger one is kept anyway."""
 AT_ONCE = 2
 """Computations that may run at the same time; more would only slow each other down."""
 
 
 class Once(Generic[V]):
-    """Remembers the latest results by key; who asks for one that is being computed waits for it."""
+    """A cache of the latest results by key. Threads that ask for a result that is being computed wait for it."""
 
     def __init__(self, most: int, *, size: Callable[[V], int] = lambda value: 0, most_size: int = 0) -> None:
-        """Take how many results to keep, and how large all of them may be together (0 = whatever)."""
+        """Keep ``most`` results, of at most ``most_size`` in total (0 = no limit) as ``size`` measures each."""
         self._most, self._size, self._most_size = most, size, most_size
         self._found: OrderedDict[Hashable, V] = OrderedDict()
         self._under_way: dict[Hashable, threading.Event] = {}
         self._lock = threading.Lock()
         self.computed = 0
-        """How often something had to be computed."""
+        """How many results were computed."""
 
     def get(self, key: Hashable, compute: Callable[[], V]) -> V:
-        """Return the result for a key. What ``compute`` raises goes to the one who ran it; the next tries anew."""
+        """Return the result for a key. An error of ``compute`` reaches only its caller; the next one tries again."""
         while True:
             with self._lock:
                 if key in self._found:
@@ -73,7 +73,7 @@ class Once(Generic[V]):
             mine.set()
 
     def forget(self, unless: Callable[[Hashable], bool]) -> None:
-        """Drop the results whose keys do not pass."""
+        """Drop the results of all keys but those for which ``unless`` is true."""
         with self._lock:
             for key in [key for key in self._found if not unless(key)]:
                 del self._found[key]
@@ -86,25 +86,25 @@ class Once(Generic[V]):
 
 
 class Shared:
-    """The computing that pages have in common. Maps are told apart by identity: they never change."""
+    """Computations that all pages share. Maps are distinguished by identity, as they never change."""
 
     def __init__(self, services: Services) -> None:
-        """Take what computes."""
+        """Take the functions that compute."""
         self._services = services
         self._turn = threading.BoundedSemaphore(AT_ONCE)
-        self.partitions: Once[SIMap] = Once(MOST_PARTITIONS)
-        self.looks: Once[SIMap | None] = Once(MOST_LOOKS)
-        self.timelines: Once[Timeline] = Once(MOST_TIMELINES)
+        self.partitions: Once[SIMap] = Once(MAX_PARTITIONS)
+        self.looks: Once[SIMap | None] = Once(MAX_LOOKS)
+        self.timelines: Once[Timeline] = Once(MAX_TIMELINES)
         self._timeline: Timeline | None = None
-        self.pictures: Once[bytes] = Once(MOST_PICTURES, size=len, most_size=MOST_PICTURE_BYTES)
+        self.pictures: Once[bytes] = Once(MAX_PICTURES, size=len, most_size=MAX_PICTURE_BYTES)
 
-    def partition(self, base: SIMap, percent: float, resolution: float) -> SIMap:
-        """Return a map cut into instances anew.
+    def cut_map(self, base: SIMap, percent: float, resolution: float) -> SIMap:
+        """Cut a map into instances.
 
         Args:
-            base: as it was built.
+            base: the map as it was built.
             percent: K, or 100 x the affinity.
-            resolution: of Louvain; the base's own needs no new communities.
+            resolution: Louvain resolution; new communities are found only if it differs from that of the base.
         """
         services = self._services
         cut = base
@@ -119,14 +119,14 @@ class Shared:
         return self.partitions.get((cut, percent), lambda: self._in_turn(lambda: join(cut, percent)))
 
     def look_back(self, simap: SIMap, frame: int) -> SIMap | None:
-        """Return what a map looked like after a frame; None when nobody knows."""
+        """Return the map as it was after a frame; None when no history is at hand."""
         look = self._services.look_back
         if look is None:
             return None
         return self.looks.get((simap, frame), lambda: self._in_turn(lambda: look(simap, frame)))
 
     def timeline(self, simap: SIMap) -> Timeline:
-        """Return the steps in which the objects of a map came about."""
+        """Return the steps in which the objects of a map were joined."""
         self._timeline = made = self.timelines.get((simap,), lambda: Timeline(simap, like=self._timeline))
         return made
 
@@ -138,16 +138,16 @@ class Shared:
         until: int | None,
         theme: Theme = LIGHT,
     ) -> bytes:
-        """Return a map's picture as PNG; ``until``: without what no frame up to this one had named (None = all)."""
+        """Return a map's picture as PNG; ``until`` hides what no frame up to that one had named (None = all)."""
         key = (simap, mode, lit, until, theme)
         return self.pictures.get(key, lambda: self._in_turn(lambda: png(paint(simap, mode, lit, until, theme))))
 
     def prepare(self, simap: SIMap) -> None:
-        """Compute what a page that is opened wants first, while its browser is still loading it."""
+        """Compute the first picture of a new page while its browser is still loading."""
         self.picture(simap, "instance", None, None)
 
     def forget_maps(self, kept: Callable[[SIMap], bool]) -> None:
-        """Drop what was computed from maps that no page shows any more."""
+        """Drop what was computed from maps other than the kept ones."""
         self._timeline = None
         for store in (self.partitions, self.looks, self.timelines, self.pictures):
             store.forget(lambda key: isinstance(key, tuple) and kept(key[0]))
@@ -162,11 +162,11 @@ def paint(
 ) -> NDArray:
     """Paint a map, uint8 [rows * scale, cols * scale, 3], RGB, row 0 at the south; arguments as in `Shared.picture`.
 
-    Above `MOST_SIDE` cells a side it is smaller than that.
+    A map with more than `MAX_SIDE` cells a side is scaled down to that.
     """
     hidden = () if until is None else tuple(communities_unseen_until(simap, until).tolist())
     image = map_image(simap, mode, lit=lit, hidden=hidden, scale=pixels_per_cell(simap), theme=theme)
-    shrink = MOST_SIDE / max(image.shape[:2])
+    shrink = MAX_SIDE / max(image.shape[:2])
     if shrink >= 1.0:
         return image
     rows, cols = (max(1, round(side * shrink)) for side in image.shape[:2])
@@ -181,23 +181,23 @@ def png(image: NDArray) -> bytes:
 
 @dataclass(frozen=True, eq=False)
 class Common:
-    """Handed to every session by its workbench."""
+    """What all sessions of a workbench share."""
 
     services: Services
     shared: Shared
     recording: Host | None
     """Serves the recorded build."""
     tabs: Host
-    """Serves the hidden frame that tells which tab a page is in."""
+    """Serves the hidden frame that identifies the browser tab."""
     recorded: SIMap
     """The map whose build was recorded."""
     building: bool
-    """The map is still being built: the recording runs ahead of the page, and nothing ties them."""
+    """Whether the map is still being built; the recorded build then runs ahead of the page and is not linked to it."""
     published: Callable[[], SIMap]
     """The map that a new page shows."""
     publish: Callable[[SIMap], None]
-    """Show a map on all pages, cut as each page's sliders are."""
+    """Show a map on all pages, each of which cuts it as its sliders are set."""
     start: Pose2 | None
     robot_radius_m: float
     judging: AbstractContextManager[object] = field(default_factory=threading.RLock)
-    """Held while an answer of a judge is saved."""
+    """Lock that is taken while the answer of a judge is saved."""

@@ -1,8 +1,8 @@
-"""Tells browser tabs apart, so that a page that is loaded again finds what its person did; two tabs never mix.
+"""Identify browser tabs, so that a page that is loaded again gets its state back, and two tabs never share one.
 
 Every page holds a hidden frame, served by `host.Host` on 127.0.0.1, that keeps a name in its tab's own storage and
-tells it. A tab that was duplicated has the name of its twin, which is still open: it gets a name of its own. The frame
-is as wide as the page, and tells that too.
+reports it. A duplicated tab has the name of the original, which is still open: it gets a new name. The frame is as wide
+as the page, and reports that width too.
 """
 
 import base64
@@ -16,10 +16,10 @@ from typing import Generic, TypeVar
 
 S = TypeVar("S")
 
-MOST_CLOSED = 32
+MAX_CLOSED = 32
 KEPT_S = 3600.0
 LEAVE_S = 2.0
-"""How long a page that is loaded again may wait for its former self to be gone."""
+"""How long a reloaded page may wait until the session before the reload has ended."""
 
 _SCRIPT = """
 "use strict";
@@ -40,39 +40,39 @@ TAB_CSP = (
 
 
 class Tabs(Generic[S]):
-    """The names of tabs, which session each shows, and what those that are closed have left."""
+    """The names of tabs, the session that each shows, and the state that closed tabs left."""
 
     def __init__(
         self,
         *,
-        most: int = MOST_CLOSED,
+        most: int = MAX_CLOSED,
         kept_s: float = KEPT_S,
         leave_s: float = LEAVE_S,
         clock: Callable[[], float] = time.monotonic,
     ) -> None:
-        """Take how many closed tabs are remembered, and for how long."""
+        """Remember ``most`` closed tabs, each for ``kept_s`` seconds."""
         self._most, self._kept_s, self._leave_s, self._clock = most, kept_s, leave_s, clock
         self._session_of: dict[str, str] = {}
         self._closed: OrderedDict[str, tuple[float, S]] = OrderedDict()
         self._changed = threading.Condition()
 
     def claim(self, tab: object, session: str) -> tuple[str, S | None]:
-        """A session says which tab it is in: give the tab's name, new if need be, and what the tab has left.
+        """Return the name of the tab that a session is in, a new one if need be, and the state that the tab left.
 
-        Waits while another session is in that tab, for a page that is loaded again may be faster than its leaving.
+        Waits while another session is in that tab, as a reloaded page may connect before the old session has ended.
         """
         with self._changed:
             self._drop_old()
             name = tab if isinstance(tab, str) and (tab in self._closed or tab in self._session_of) else None
             if name is not None and self._session_of.get(name) != session and not self._wait_until_left(name):
-                name = None  # it stays open: this tab is its duplicate
+                name = None  # the other session stays: this tab is a duplicate
             name = name or secrets.token_urlsafe(12)
             _, state = self._closed.pop(name, (0.0, None))
             self._session_of[name] = session
             return name, state
 
     def leave(self, session: str, state: S) -> None:
-        """A session has ended; a page that is loaded again in its tab gets the state."""
+        """End a session; a page that is reloaded in its tab gets the state."""
         with self._changed:
             for name in [name for name, one in self._session_of.items() if one == session]:
                 del self._session_of[name]
@@ -81,7 +81,7 @@ class Tabs(Generic[S]):
             self._changed.notify_all()
 
     def __len__(self) -> int:
-        """Count the closed tabs that are remembered."""
+        """Return the number of closed tabs that are remembered."""
         return len(self._closed)
 
     def _wait_until_left(self, name: str) -> bool:

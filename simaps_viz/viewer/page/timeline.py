@@ -1,4 +1,4 @@
-"""What a page shows of the build: a frame, a step of joining, or the finished map, and never two at once."""
+"""The time step that a page shows: a frame of the build, a step of joining, or the finished map."""
 
 from dataclasses import dataclass
 
@@ -27,24 +27,24 @@ class TimeStep:
 
 
 @dataclass(frozen=True, eq=False)
-class Moment:
-    """What to paint."""
+class Snapshot:
+    """A map at a time step, to be painted."""
 
     simap: SIMap
     until: int | None = None
-    """Leave out what no frame up to this one had named, where the history is not at hand."""
+    """Hide what no frame up to this one had named; used where no history is at hand."""
     classes_only: bool = False
     words: str = ""
-    """What was known then; empty for the finished map."""
+    """Describes what the map showed then; empty for the finished map."""
     badge: str = ""
-    """What the map is not to be taken for: "as of frame 178 of 200"; empty for the finished one."""
+    """Marks a map that is not the finished one: "as of frame 178 of 200"; empty for the finished map."""
 
 
-def moment(shared: Shared, simap: SIMap, *, frame: int | None, step: int | None) -> Moment:
-    """Find what a map was after a frame, or is after a step; the frame counts where both are given.
+def snapshot_at(shared: Shared, simap: SIMap, *, frame: int | None, step: int | None) -> Snapshot:
+    """Return a map as it was after a frame, or after a step of joining; the frame counts where both are given.
 
     Args:
-        shared: computes.
+        shared: computes earlier maps and timelines.
         simap: the finished map.
         frame: None = the last one.
         step: position on its `Timeline`; None = the finished map.
@@ -53,21 +53,21 @@ def moment(shared: Shared, simap: SIMap, *, frame: int | None, step: int | None)
         badge = f"as of frame {frame + 1} of {len(simap.frame_names)}"
         look = shared.look_back(simap, frame)
         if look is None:
-            return Moment(simap, until=frame, words=NO_HISTORY, badge=badge)
+            return Snapshot(simap, until=frame, words=NO_HISTORY, badge=badge)
         keep_classes(look, simap)
-        return Moment(look, words=then_text(look), badge=badge)
+        return Snapshot(look, words=then_text(look), badge=badge)
     if step is None:
-        return Moment(simap)
+        return Snapshot(simap)
     timeline = shared.timeline(simap)
     then = timeline.map_at(step)
     if then is not simap and then.community is not simap.community:
         take_over(then, simap)
     badge = "" if then is simap else f"at step {step} of {timeline.last}"
-    return Moment(then, classes_only=step == CLASSES, badge=badge)
+    return Snapshot(then, classes_only=step == CLASSES, badge=badge)
 
 
 def then_text(look: SIMap) -> str:
-    """Describe what was on a map at some time."""
+    """Describe an earlier map: its objects, and the area that was seen."""
     seen = float((~np.isnan(look.grid.height_m)).sum()) * look.spec.cell_size_m**2
     found = counts_text(look) if look.instances else "no instances yet"
     return f"{found} · {seen:.1f} m² seen"

@@ -1,4 +1,4 @@
-"""One person's work, off the threads that serve the page, one job after another; a later job of a name replaces it."""
+"""A queue of jobs with one thread; a later job replaces a waiting one of the same name."""
 
 import threading
 from collections import OrderedDict
@@ -8,13 +8,13 @@ Job = Callable[[], None]
 
 
 class Worker:
-    """Runs jobs in the order they came. A slider sends many values a second: only the latest that waits is computed.
+    """Runs jobs one after another. A slider sends many values a second: only the latest waiting one is computed.
 
-    It has a thread only while there is work, so that a page that nobody touches costs none.
+    The thread exists only while there are jobs, so that an idle page has none.
     """
 
     def __init__(self, on_error: Callable[[Exception], None]) -> None:
-        """Take whom to tell what a job raised."""
+        """Take the function that is called with an error of a job."""
         self._on_error = on_error
         self._jobs: OrderedDict[str, Job] = OrderedDict()
         self._changed = threading.Condition()
@@ -22,7 +22,7 @@ class Worker:
         self._stopped = False
 
     def submit(self, name: str, job: Job) -> None:
-        """Queue a job; one of the same name that has not begun is dropped. After ``stop`` nothing is queued."""
+        """Queue a job in place of a waiting one of the same name. After ``stop`` nothing is queued."""
         with self._changed:
             if self._stopped:
                 return
@@ -32,12 +32,12 @@ class Worker:
                 self._thread.start()
 
     def wait_idle(self, timeout_s: float = 60.0) -> bool:
-        """Wait until nothing runs or waits; False when that took too long."""
+        """Wait until all jobs are done; False when that took too long."""
         with self._changed:
             return self._changed.wait_for(lambda: self._thread is None, timeout_s)
 
     def stop(self, timeout_s: float = 10.0) -> None:
-        """Drop what waits and wait for the running job; errors are told no more."""
+        """Drop the waiting jobs and wait for the running one; its errors are no longer reported."""
         with self._changed:
             self._stopped = True
             self._jobs.clear()
@@ -55,6 +55,6 @@ class Worker:
                 _, job = self._jobs.popitem(last=False)
             try:
                 job()
-            except Exception as error:  # whatever a job does, the page must live on
+            except Exception as error:  # no job may end the page
                 if not self._stopped:
                     self._on_error(error)

@@ -10,7 +10,7 @@ from simaps_viz.structures import SIMap
 from simaps_viz.viewer.page.page import Page
 from simaps_viz.viewer.page.panel import Panel
 from simaps_viz.viewer.page.player import Played, Player
-from simaps_viz.viewer.page.timeline import Moment
+from simaps_viz.viewer.page.timeline import Snapshot
 
 FRAMES_PER_S = 8
 NOTE_RECORDED = "Go back in time here or in the recorded build on the left: both show the same frame."
@@ -69,9 +69,9 @@ class BuildPanel(Panel):
             self._slider.value = frame
         self._name.content = self._caption(frame)
 
-    def painted(self, simap: SIMap, moment: Moment) -> None:
+    def painted(self, simap: SIMap, snapshot: Snapshot) -> None:
         """Describe what was known then; nothing for the finished map."""
-        content = f'<div role="status" style="{BOX_STYLE}">{escape(moment.words)}</div>' if moment.words else ""
+        content = f'<div role="status" style="{BOX_STYLE}">{escape(snapshot.words)}</div>' if snapshot.words else ""
         if self._then.content != content:
             self._then.content, self._then.visible = content, bool(content)
 
@@ -90,7 +90,7 @@ class BuildPanel(Panel):
 
     def _filled(self) -> None:
         self._page.as_it_was = bool(self._fill.value)
-        self._page.show_frame(self._page.frame, here=False)
+        self._page.show_frame(self._page.frame, also_recording=False)
 
     def _show_controls(self) -> None:
         """Hide the controls that would do nothing, and explain why."""

@@ -44,7 +44,7 @@ from simaps_viz.viewer.page.panel import Panel
 from simaps_viz.viewer.scene.camera import SLANT, Follower
 
 _NTH = ("", "", "second ", "third ", "fourth ", "fifth ", "sixth ", "seventh ", "eighth ", "ninth ", "tenth ")
-_MOST_LISTED = 4
+_MAX_LISTED = 4
 _CHOICES = (
     (re.compile(r'robot\.closest_to\("([^"]*)", "([^"]*)"'), "It was chosen for lying nearest to the {}."),
     (re.compile(r'robot\.nth_from\("([^"]*)", "([^"]*)"'), "It was chosen by counting from the {}."),
@@ -177,7 +177,7 @@ def _others(one: Candidate, candidates: Sequence[Candidate]) -> str:
     distances = [f"{c.distance_m:.2f}" for c in closer]
     if len(closer) == 1:
         return f"{label} 1 is at {distances[0]} m."
-    if len(closer) > _MOST_LISTED:
+    if len(closer) > _MAX_LISTED:
         return f"{_listed(closer, label)} are at {distances[0]} to {distances[-1]} m."
     return f"{_listed(closer, label)} are at {', '.join(distances[:-1])} and {distances[-1]} m."
 
@@ -186,7 +186,7 @@ def _listed(candidates: Sequence[Candidate], label: str) -> str:
     """Name several by their numbers: "chairs 1, 2 and 5"; a long row that has no holes as "chairs 1 to 9"."""
     ranks = sorted(c.rank for c in candidates)
     name = plural(2, label).removeprefix("2 ")
-    if len(ranks) > _MOST_LISTED and ranks == list(range(ranks[0], ranks[-1] + 1)):
+    if len(ranks) > _MAX_LISTED and ranks == list(range(ranks[0], ranks[-1] + 1)):
         return f"{name} {ranks[0]} to {ranks[-1]}"
     return f"{name} {', '.join(map(str, ranks[:-1]))} and {ranks[-1]}"
 
@@ -213,9 +213,9 @@ PLACE_HINT = "Say by two clicks on the map where the robot stands and looks; or 
 EXAMPLES = 3
 FEW = 2
 """Members of a class that need not be told apart by more than its name."""
-MOST_PAST = 8
+MAX_PAST = 8
 """Commands that the history shows."""
-_LONGEST = 34
+_MAX_BUTTON_LENGTH = 34
 """Characters of a command on a button."""
 Phase = Literal["idle", "asking", "driving", "held"]
 _BUTTONS: dict[Phase, tuple[str, str, str]] = {
@@ -319,12 +319,16 @@ class CommandWidgets:
 
     def show_past(self, past: Sequence[Past]) -> None:
         """Show the history, the newest first."""
-        self._past = list(past[:MOST_PAST])
+        self._past = list(past[:MAX_PAST])
         self._history.visible = bool(past)
         for i, button in enumerate(self._buttons):
             one = self._past[i] if i < len(self._past) else None
             if one is not None:
-                text = one.command if len(one.command) <= _LONGEST else f"{one.command[: _LONGEST - 1]}…"
+                text = (
+                    one.command
+                    if len(one.command) <= _MAX_BUTTON_LENGTH
+                    else f"{one.command[: _MAX_BUTTON_LENGTH - 1]}…"
+                )
                 button.label, button.icon = text, _ICONS.get(one.status, viser.Icon.CLOCK)
             button.visible = one is not None
 
@@ -377,7 +381,7 @@ class CommandWidgets:
     def _add_history(self, gui: viser.GuiApi) -> None:
         self._history = gui.add_folder("History", visible=False)
         with self._history:
-            self._buttons = [gui.add_button("", color="gray", visible=False) for _ in range(MOST_PAST)]
+            self._buttons = [gui.add_button("", color="gray", visible=False) for _ in range(MAX_PAST)]
         for i, button in enumerate(self._buttons):
             button.on_click(lambda _, i=i: self._try(self._past[i].command) if i < len(self._past) else None)
 

@@ -64,7 +64,7 @@ class Cancelled(Exception):  # noqa: N818 - nothing went wrong
 
 
 ALL = "all"
-MOST_NAMED = 5
+MAX_NAMED = 5
 """Objects of a difference that are named; more are counted."""
 PQ_MEANS = "PQ: the share of objects that are found, times how well their outlines agree; 1 is perfect."
 _TONES = {"plain": "", "bad": BAD_STYLE}
@@ -93,10 +93,10 @@ def _together(names: Sequence[str], *, known: str = "") -> str:
     """Name several objects: "chairs 4 + 5"; of the class that is known already only the numbers."""
     parts = [name.rpartition(" ") for name in names]
     labels = {label for label, _, _ in parts}
-    more = f" + {len(names) - MOST_NAMED} more" if len(names) > MOST_NAMED else ""
+    more = f" + {len(names) - MAX_NAMED} more" if len(names) > MAX_NAMED else ""
     if len(labels) > 1:
-        return " + ".join(short(name) for name in names[:MOST_NAMED]) + more
-    numbers = " + ".join(number for _, _, number in parts[:MOST_NAMED]) + more
+        return " + ".join(short(name) for name in names[:MAX_NAMED]) + more
+    numbers = " + ".join(number for _, _, number in parts[:MAX_NAMED]) + more
     (label,) = labels or {""}
     if label == known:
         return numbers

@@ -23,11 +23,11 @@ FIND = "Find"
 FIND_HINT = "A class, a class and a number, or the number of an object, such as: chair, chair 7, 214. Enter goes there."
 _TYPED = re.compile(r"(?P<name>.*?)\s*#?(?P<number>\d{1,9})?(?:\s+of\s+\d+)?")
 NOTHING: str = "(none)"
-MOST_LISTED = 1000
+MAX_LISTED = 1000
 """Instances that the list offers, the largest; all can be clicked on the map, or found by name."""
 _ID = re.compile(r"#(\d+)")
 """Files name objects by their ids on the map before the edit, which nobody sees on the page."""
-LIST_HINT = f"Select an object; of more than {MOST_LISTED} the largest are listed, and Find knows all."
+LIST_HINT = f"Select an object; of more than {MAX_LISTED} the largest are listed, and Find knows all."
 HELP = f'<div style="{BOX_STYLE}">Click an object on the map, choose it from the list, or type its name.</div>'
 
 
@@ -212,7 +212,7 @@ def edits_html(edits: Sequence[Mapping[str, Any]]) -> str:
     return f'<div style="{BOX_STYLE}"><b>Edited by hand</b>{lines}</div>'
 
 
-def object_names(simap: SIMap, most: int = MOST_LISTED) -> dict[str, int]:
+def object_names(simap: SIMap, most: int = MAX_LISTED) -> dict[str, int]:
     """Return {name: id} of a map's instances, named as `legend.object_name` does, of many only the largest."""
     total = Counter(instance.label for instance in simap.instances)
     number: Counter[str] = Counter()

@@ -90,7 +90,7 @@ PAUSE_S = 0.6
 FIRST_S = 1.6
 """How long it stands at the start, so that one sees where it looks."""
 _COMPASS = ("north", "northeast", "east", "southeast", "south", "southwest", "west", "northwest")
-MOST_LABELS = 12
+MAX_LABELS = 12
 _ANSWERS: tuple[tuple[Verdict, str, str, str, viser.IconName], ...] = (
     ("yes", "Yes  (key Y)", "Y", "green", viser.Icon.CHECK),
     ("no", "No  (key N)", "N", "red", viser.Icon.X),
@@ -227,7 +227,7 @@ class JudgePanel(Panel):
             return []
         texts: list[Label] = []
         for label in named_in(str(run.shown.get("command", "")), list(self._page.simap.counts())):
-            for one in candidates(self._page.simap, label, start)[:MOST_LABELS]:
+            for one in candidates(self._page.simap, label, start)[:MAX_LABELS]:
                 texts.append(label_of(f"{label} · {one.distance_m:.1f} m", one.instance))
         return texts
 

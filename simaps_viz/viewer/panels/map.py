@@ -15,7 +15,7 @@ from simaps_viz.mapping.simap import slider_of
 from simaps_viz.structures import SIMap
 from simaps_viz.viewer.page.page import MAX_RESOLUTION, MIN_RESOLUTION, Cut, Page, cut_of
 from simaps_viz.viewer.page.panel import Panel
-from simaps_viz.viewer.page.timeline import Moment
+from simaps_viz.viewer.page.timeline import Snapshot
 from simaps_viz.viewer.scene.camera import SLANT, TOP
 from simaps_viz.viewer.scene.map_scene import Style
 
@@ -118,7 +118,7 @@ class MapPanel(Panel):
             style = replace(style, lit=frozenset(one.id for one in simap.of_class(shown)))
         return replace(style, mode=self.mode)
 
-    def painted(self, simap: SIMap, moment: Moment) -> None:
+    def painted(self, simap: SIMap, snapshot: Snapshot) -> None:
         """Describe the map that was painted, and mark it where it is not the finished one."""
         self._busy = False
         self._counts.content = counts_html(simap)
@@ -129,9 +129,9 @@ class MapPanel(Panel):
         options = (EVERY_CLASS, *simap.counts())
         if options != tuple(self._class.options):
             self._class.options = options  # of the same classes in another order the chosen one stays
-        words = f'<span style="{BADGE_STYLE}">{escape(moment.badge)}</span>'
+        words = f'<span style="{BADGE_STYLE}">{escape(snapshot.badge)}</span>'
         content = f'<div style="padding:.2em .8em .4em;font-size:.85em">{words}</div>'
-        past = bool(moment.badge)
+        past = bool(snapshot.badge)
         if past and self._past.content != content:
             self._past.content = content
         if self._past.visible != past:
@@ -153,7 +153,7 @@ class MapPanel(Panel):
         self.set_look(mode, shown_class)
         if cut is not None:
             self.set_sliders(cut.percent, cut.resolution)
-            self._page.partition(cut.percent, cut.resolution)
+            self._page.cut_map(cut.percent, cut.resolution)
 
     def reset(self) -> None:
         """Go back to the K and resolution the map came with."""
@@ -169,7 +169,7 @@ class MapPanel(Panel):
         if not self._busy:
             self._busy, self._said = True, str(self._counts.content)
             self._counts.content = _line("Cutting the map anew …")
-        self._page.partition(self.percent, self.resolution)
+        self._page.cut_map(self.percent, self.resolution)
 
 
 def origin_html(simap: SIMap) -> str:

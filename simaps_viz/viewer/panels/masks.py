@@ -22,7 +22,7 @@ from simaps_viz.viewer.page.page import Page
 from simaps_viz.viewer.page.panel import Panel, PanelSpec
 
 ABOUT = "what the network saw on a frame, and what other thresholds would make of it"
-MOST_ROWS = 40
+MAX_ROWS = 40
 
 
 def error_html(text: str) -> str:
@@ -69,9 +69,9 @@ def segments_html(masks: Segmentation, hidden: Collection[str]) -> str:
     rows = "".join(
         f'<tr><td style="padding-right:1em">{escape(s.label)}</td>{cell}{s.score:.2f}</td>{cell}{_share(areas[s.id])}'
         "</td></tr>"
-        for s in shown[:MOST_ROWS]
+        for s in shown[:MAX_ROWS]
     )
-    rest = f"<div>and {len(shown) - MOST_ROWS} more</div>" if len(shown) > MOST_ROWS else ""
+    rest = f"<div>and {len(shown) - MAX_ROWS} more</div>" if len(shown) > MAX_ROWS else ""
     head = f'<td style="padding-right:1em">segment</td>{cell}confidence</td>{cell}of the picture</td>'
     rows = f'<tr style="{DIM_STYLE}">{head}</tr>{rows}'
     return f'<div style="{SMALL_STYLE}"><table style="border-spacing:0">{rows}</table>{rest}</div>'
@@ -121,7 +121,7 @@ def _chip(color: Color, *, thing: bool) -> str:
 
 LARGE_PX = 1400
 """Width of the enlarged picture."""
-MOST_NAMES = 6
+MAX_NAMES = 6
 """Segments that have their names in the small picture, the largest."""
 PREVIOUS, NEXT = "Previous", "Next"
 ALL, NONE = "All", "None"
@@ -378,7 +378,7 @@ class SegmentationPanel(Panel):
             bool(w.names.value),
             self.hidden,
             colors=shown_class_colors(self._page.simap),
-            most_names=MOST_NAMES,
+            most_names=MAX_NAMES,
         )
 
     def _show_classes(self, masks: Segmentation) -> None:

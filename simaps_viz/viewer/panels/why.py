@@ -131,7 +131,7 @@ def _stroke(color: Color) -> str:
 
 ROWS = 6
 """Steps that the table of merge steps shows at once."""
-MOST_NEIGHBOURS = 8
+MAX_NEIGHBOURS = 8
 APART_HINT = "What keeps this object and another apart: a neighbour, with the number on its line, or one you click."
 FRAME_HINT = "Go to that frame of the build."
 ROWS_HINT = "number · how much spoke for it · cells of its two parts."
@@ -256,7 +256,7 @@ class WhyPanel(Panel):
         self._color_legend.visible = bool(self._color.value)
         names = {
             f"{short_name(simap, link.other)} · {link_text(why.method, link)}": link.other.id
-            for link in why.neighbours[:MOST_NEIGHBOURS]
+            for link in why.neighbours[:MAX_NEIGHBOURS]
         }
         self._apart_of = names
         self._near.options = (*names, ASK)

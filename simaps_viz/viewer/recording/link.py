@@ -1,4 +1,4 @@
-"""The recorded build docked beside the map: the same frame and step in both, and clicks."""
+"""The link between a page and its docked recorded build: both show the same frame and step, and share clicks."""
 
 import time
 from collections import deque
@@ -21,9 +21,9 @@ if TYPE_CHECKING:
     from simaps_viz.viewer.page.page import Page
 
 ECHO_S = 1.5
-"""For how long a frame that was sent to the recording may come back as an echo."""
+"""For how long a frame that was sent to the recorded build may come back as an echo."""
 SETTLE_S = 10.0
-"""For how long after a recording opened its going to its first frame is overruled."""
+"""For how long after a recorded build opened its own jump to the first frame is undone."""
 NOTHING_THERE = ("Recorded build", "There is no object of the map where you clicked.")
 NO_SUCH_STEP = " The recorded build on the left has no such step: it stays where it is."
 PICTURES = "/world/camera/"
@@ -33,7 +33,7 @@ ON_MAP = "/map/"
 IN_ROOM = ("/world/cells", "/world/points")
 
 
-def place_inside(simap: SIMap, instance_id: int) -> tuple[float, float]:
+def position_inside(simap: SIMap, instance_id: int) -> tuple[float, float]:
     """Return the centre of the instance's cell that lies nearest to its middle, map frame, metres.
 
     Raises:
@@ -44,7 +44,7 @@ def place_inside(simap: SIMap, instance_id: int) -> tuple[float, float]:
     return simap.spec.centre_of(float(row[middle]), float(col[middle]))
 
 
-def clicked_place(
+def clicked_position(
     items: Sequence[Mapping[str, Any]],
     simap: SIMap,
     frame: int,
@@ -52,7 +52,7 @@ def clicked_place(
     view: Callable[[int], tuple[NDArray, NDArray] | None],
     divide: Mapping[str, int],
 ) -> tuple[float, float] | None:
-    """Return the place on the map that was clicked in the recorded build.
+    """Return the position on the map that was clicked in the recorded build.
 
     Args:
         items: of a ``selection_change`` event of rerun's web viewer.
@@ -60,7 +60,7 @@ def clicked_place(
         frame: the frame that the recorded build shows.
         view: frame index -> (RGB, segment ids) or None.
         divide: entity path -> how many times smaller than the frame its recorded picture is; a click in a picture
-            that is not named here gives no place.
+            that is not listed here has no position.
 
     Returns:
         (x, y), map frame, metres; None when nothing of the map was clicked.
@@ -69,7 +69,7 @@ def clicked_place(
         path, position = str(item.get("entity_path", "")), item.get("position")
         index = item.get("instance_id")
         if path in OBJECTS and isinstance(index, int) and 0 <= index < len(simap.instances):
-            return place_inside(simap, simap.instances[index].id)
+            return position_inside(simap, simap.instances[index].id)
         numbers = position if isinstance(position, list) and len(position) == 3 else [None, None, None]
         x, y, z = (float(v) if isinstance(v, int | float) else None for v in numbers)
         if x is None or y is None:
@@ -81,12 +81,12 @@ def clicked_place(
         if path.startswith(PICTURES) and z is None and path in divide:
             found = _instance_in_picture(simap, frame, view(frame), (x * divide[path], y * divide[path]))
             if found:
-                return place_inside(simap, found)
+                return position_inside(simap, found)
     return None
 
 
 def in_a_view(items: Sequence[Mapping[str, Any]]) -> bool:
-    """Return whether something was clicked in one of the recording's views, and not only chosen by its name."""
+    """Whether something was clicked in a view of the recorded build, and not only chosen by its name."""
     return any(
         isinstance(item.get("position"), list) or (item.get("type") == "view" and not item.get("by_name"))
         for item in items
@@ -113,30 +113,30 @@ def _instance_in_picture(
 
 
 class FrameLink:
-    """Keeps two scrubbers in step without them chasing one another.
+    """Keeps the frame sliders of page and recorded build in step without a feedback loop.
 
-    The page's own frame is sent to the recording; what the recording reports is taken over unless it only echoes
-    what it was sent.
+    The page sends its frame to the recorded build; a frame reported back is taken over unless it only echoes what was
+    sent.
     """
 
     def __init__(self, send: Callable[[int], None], clock: Callable[[], float] = time.monotonic) -> None:
-        """Take how to send a frame to the recording."""
+        """Take the function that sends a frame to the recorded build."""
         self._send, self._clock = send, clock
         self._sent: deque[tuple[int, float]] = deque(maxlen=64)
         self._opened_s = float("-inf")
 
     def push(self, frame: int) -> None:
-        """Show a frame in the recording."""
+        """Show a frame in the recorded build."""
         self._sent.append((frame, self._clock()))
         self._send(frame)
 
     def opened(self, frame: int) -> None:
-        """A recording was opened: bring it to the page's frame."""
+        """Move a recorded build that was just opened to the page's frame."""
         self._opened_s = self._clock()
         self.push(frame)
 
     def accept(self, reported: int, current: int) -> bool:
-        """Return whether a frame the recording reports is news."""
+        """Whether a frame that the recorded build reports was chosen there, and is no echo."""
         now = self._clock()
         if reported == current or any(frame == reported and now - at < ECHO_S for frame, at in self._sent):
             return False
@@ -149,15 +149,15 @@ class FrameLink:
 
 @dataclass(frozen=True, eq=False)
 class RecordedSteps:
-    """The steps that a recording has. A page may show the map cut otherwise, whose steps are others."""
+    """The steps that a recorded build has; a page may show the map cut otherwise, with other steps."""
 
     timeline: Timeline
     """The timeline of the map whose build was recorded."""
     levels: int | None = None
-    """At which time of "louvain" it has the final communities; None = after as many levels as there are."""
+    """Time on "louvain" at which it has the final communities; None = after the last level."""
 
     def time_of(self, page: Timeline, position: int) -> tuple[str, int] | None:
-        """Return the timeline of the recording that shows a position of the page's, and its time; None = there is none.
+        """Return the (timeline, time) of the recorded build that shows a position of the page's timeline; None = none.
 
         Every map begins with the same classes.
         """
@@ -172,7 +172,7 @@ class RecordedSteps:
         return page.recorded(position) if page.levels == self._levels else None
 
     def position_of(self, page: Timeline, timeline: str, time: int) -> int | None:
-        """Return the position of a time of the recording; None = the page has none."""
+        """Return the position on the page's timeline of a time of the recorded build; None = none."""
         if timeline == "louvain" and time <= 0:
             return CLASSES
         at_last = timeline == "louvain" and time >= self._levels
@@ -188,28 +188,28 @@ class RecordedSteps:
 
 
 class RecordingLink:
-    """Carries messages between a page and the frame that holds its recording; without a host it does nothing."""
+    """Carries messages between a page and the frame with its recorded build; without a host it does nothing."""
 
     def __init__(self, host: Host | None, session: str, page: "Page") -> None:
-        """Take where the recording is served, the session that its address names, and the page beside it."""
+        """Take the host of the recorded build, the session named in its address, and the page it is docked to."""
         self._host, self._session, self._page = host, session, page
         self._link = FrameLink(lambda frame: self._send("frame", frame))
         self._foreign = False
         self.on_switch: Callable[[bool], None] = lambda foreign: None
-        """Called with whether the build of another map is shown now."""
+        """Called with whether the build shown is that of another map."""
 
     @property
     def url(self) -> str | None:
-        """Address of the recording for this page; None when there is none."""
+        """Address of the recorded build for this page; None when there is none."""
         return None if self._host is None else self._host.url_for(self._session)
 
     @property
     def tied(self) -> bool:
-        """Page and recording go together: it is the build of this map, and it is done."""
+        """Whether page and recorded build are linked: it is the build of this map, and it is done."""
         return self._host is not None and not self._foreign and not self._page.common.building
 
     def show(self, path: Path | None) -> None:
-        """Show another recording in the place of this map's, or this map's own again (None).
+        """Show another recorded build instead of this map's own, or this map's own again (None).
 
         Raises:
             InputError: there is no such file.
@@ -226,18 +226,18 @@ class RecordingLink:
         self.opened()
 
     def show_frame(self, frame: int) -> None:
-        """Show a frame in the recording."""
+        """Show a frame in the recorded build."""
         if self.tied:
             self._link.push(frame)
 
     def show_position(self, position: int) -> None:
-        """Show a position of the page's timeline of joining in the recording, where it has it."""
+        """Show a position of the page's timeline of joining in the recorded build, if it has it."""
         time = self._time_of(position) if self.tied else None
         if time is not None:
             self._send(*time)
 
     def words(self, position: int) -> str:
-        """Explain that the recording has no such position; empty where it does, or where there is no recording."""
+        """Explain that the recorded build lacks a position; empty where it has it, or there is none."""
         return NO_SUCH_STEP if self.tied and self._time_of(position) is None else ""
 
     def has_steps_of(self, simap: SIMap) -> bool | None:
@@ -252,20 +252,20 @@ class RecordingLink:
             self._send("merge", recorded_step(joint, applied))
 
     def opened(self) -> None:
-        """The recording begins to listen: bring it to the page's frame."""
+        """Move the recorded build, which listens from now on, to the page's frame."""
         if self.tied:
             self._link.opened(self._page.frame)
         elif not self._foreign:
             self._push({"set_time": {"timeline": "frame", "play": "following"}})
 
     def reported(self, event: dict[str, Any]) -> None:
-        """Take an event that the recording reports.
+        """Handle an event of the recorded build.
 
-        A recording that has just been opened, or has changed its timeline, starts at a frame of its own: it is sent
-        the page's instead. A late report of a stream that was followed is nobody's scrubbing, and moves nothing.
+        A build that was just opened, or changed its timeline, starts at a frame of its own: it is sent the page's frame
+        instead. Reports of a stream that is still followed were not chosen by anybody, and move nothing.
         """
         if not self.tied:
-            # A streamed one has no time yet when it opens, and cannot follow; it has once it reports its timeline.
+            # A streamed build has no time when it opens, and cannot follow; it has one once it reports its timeline.
             if event.get("type") == "recording_open" or _comes_to_frames(event):
                 self.opened()
             return
@@ -280,7 +280,7 @@ class RecordingLink:
             self._time_reported(timeline, int(event["time"]))
 
     def close(self) -> None:
-        """End the connection over which the recording listens."""
+        """Close the connection to the recorded build."""
         if self._host is not None:
             self._host.hang_up(self._session)
 
@@ -289,21 +289,21 @@ class RecordingLink:
             shown = self._page.shared.timeline(self._page.simap)
             position = self._steps.position_of(shown, timeline, time)
             if position is not None:
-                self._page.show_step(position, shown, here=False)
+                self._page.show_step(position, shown, also_recording=False)
         elif (
             timeline in ("frame", None)
             and 0 <= time < len(self._page.simap.frame_names)
             and self._link.accept(time, self._page.frame)
         ):
-            self._page.show_frame(time, here=False)
+            self._page.show_frame(time, also_recording=False)
 
     def _select(self, items: Sequence[Mapping[str, Any]]) -> None:
-        """Select what was clicked in the recorded build, or report that it is nothing of the map."""
+        """Select the object that was clicked in the recorded build, or report that none was."""
         page = self._page
         divide = page.services.picture_divide
-        place = clicked_place(items, page.common.recorded, page.frame, view=page.view, divide=divide)
-        if place is not None and page.simap.at(*place) is not None:
-            page.pick(place)
+        position = clicked_position(items, page.common.recorded, page.frame, view=page.view, divide=divide)
+        if position is not None and page.simap.at(*position) is not None:
+            page.pick(position)
         elif in_a_view(items):
             page.say(*NOTHING_THERE)
 
