@@ -1,4 +1,4 @@
-"""Give every reader damaged and hostile input, and print what came of it. See docs/RELIABILITY.md."""
+"""Run every reader on damaged and hostile input, and print what came of it. See docs/RELIABILITY.md."""
 
 import sys
 from dataclasses import dataclass

@@ -15,7 +15,7 @@ Case = Callable[[Random], object]
 """Makes one input of random choices and gives it to the program."""
 PATIENCE_S = 10.0
 """Processor time of one case; more is a hang."""
-LONGEST_MESSAGE = 1500
+MAX_MESSAGE = 1500
 
 
 @dataclass(frozen=True)
@@ -87,7 +87,7 @@ def _judge_message(target: Target, number: int, error: SIMapsError) -> str | Fin
     fault = ""
     if len(text.splitlines()) != 1:
         fault = "not one line"
-    elif len(text) > LONGEST_MESSAGE:
+    elif len(text) > MAX_MESSAGE:
         fault = f"{len(text)} characters"
     elif any(c != "\t" and not c.isprintable() for c in text):
         fault = "characters that cannot be printed"
@@ -104,6 +104,6 @@ def _last_line(trace: TracebackType | None) -> str:
 
 
 def write(line: str) -> None:
-    """Say something to whoever looks on."""
+    """Write a line of progress to standard error."""
     sys.stderr.write(line + "\n")
     sys.stderr.flush()

@@ -14,7 +14,7 @@ from websockets.sync.connection import Connection
 from simaps_viz.viewer.server.page_socket import MAX_UPLOAD
 from simaps_viz.viewer.session import Session
 
-MOST_GROWTH = 200 << 20
+MAX_GROWTH = 200 << 20
 """Bytes of memory that an attack may make the server take."""
 
 
@@ -152,7 +152,7 @@ def messages_that_are_none(target: Target) -> Tries:
                 pass
             wait(lambda: False, 0.02)
         for _ in broken[start : start + 16]:
-            yield None if memory() - before < MOST_GROWTH else "memory was taken"
+            yield None if memory() - before < MAX_GROWTH else "memory was taken"
     with open_socket(target.port) as mine:
         for _ in range(60):
             say(mine, type="No such message")
@@ -175,7 +175,7 @@ def enormous_messages(target: Target) -> Tries:
             yield "a message without an end was taken"
         except (ConnectionClosed, OSError):
             yield None
-    yield None if memory() - before < MOST_GROWTH else "memory was taken"
+    yield None if memory() - before < MAX_GROWTH else "memory was taken"
 
 
 def compressed_bombs(target: Target) -> Tries:
@@ -222,7 +222,7 @@ def uploads_without_bounds(target: Target) -> Tries:
             held = sum(len(p) for s in session.gui._current_file_upload_states.values() for p in s["parts"].values())
             yield None if held <= 1000 else f"{held} bytes are held that were never announced"
     yield None if wait(lambda: target.bench.door.uploads.taken == 0) else "room for uploads is lost when pages go"
-    yield None if memory() - before < MOST_GROWTH else "memory was taken"
+    yield None if memory() - before < MAX_GROWTH else "memory was taken"
 
 
 def _announce(mine: Connection, component: str, transfer: str, size: int, parts: int) -> None:

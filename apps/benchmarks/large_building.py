@@ -160,7 +160,7 @@ def _nothing(room: Room, row: int, col: int, rng: np.random.Generator) -> None:
 
 FRAMES_A_ROOM: Final = 80
 """12 along its corridor, 4 through its door, 16 all around from each of four places."""
-LARGEST_M: Final = 1000.0
+MAX_M: Final = 1000.0
 _CORRIDOR, _DOOR, _AROUND = 12, 4, 16
 _PLACES_M = ((2.7, 4.4), (7.3, 4.4), (7.3, 7.9), (2.7, 7.9))
 _CAMERA_M = 1.5
@@ -204,8 +204,8 @@ class SimulatedBuilding:
         Raises:
             InputError: the side is not from one room to 1000 m, or there are no frames.
         """
-        if not ROOM_M <= side_m <= LARGEST_M:
-            raise InputError(f"building: expected a side from {ROOM_M:g} to {LARGEST_M:g} m, found {side_m:g} m")
+        if not ROOM_M <= side_m <= MAX_M:
+            raise InputError(f"building: expected a side from {ROOM_M:g} to {MAX_M:g} m, found {side_m:g} m")
         if frames is not None and frames < 1:
             raise InputError(f"building: expected at least 1 frame, found {frames}")
         self.rooms = round(side_m / ROOM_M)

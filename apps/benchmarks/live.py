@@ -32,7 +32,7 @@ SETTLED_S = 6.0
 
 @dataclass(frozen=True)
 class Cost:
-    """Of one build, from its start to the saved map."""
+    """What one build cost, from its start to the saved map."""
 
     seconds: float
     busy_s: float
@@ -51,7 +51,7 @@ class Cost:
     """In the end the page shows the finished map."""
 
     def __str__(self) -> str:
-        """Say it in a line."""
+        """Return the two times as one line."""
         return f"{self.seconds:6.2f} s, {self.busy_s:5.2f} s busy"
 
 

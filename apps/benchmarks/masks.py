@@ -28,7 +28,7 @@ class Agreement:
         return float(np.mean(self.ious)) if self.ious else float(not self.lost and not self.extra)
 
     def __str__(self) -> str:
-        """Say it in words."""
+        """Return the comparison as one line."""
         return f"{len(self.ious)} match, mean IoU {self.mean_iou:.3f}; {self.lost} only there, {self.extra} only here"
 
 

@@ -64,7 +64,7 @@ class Timing:
         return statistics.median(self.seconds) <= self.target_s
 
     def __str__(self) -> str:
-        """Say it in a line."""
+        """Return the timing as one line."""
         low, middle = min(self.seconds), statistics.median(self.seconds)
         return (
             f"{self.name:<58} min {low:5.2f} s  median {middle:5.2f} s  of {len(self.seconds)}  "

@@ -18,7 +18,7 @@ SCALE = 0.5
 SEEN = 40
 """A pixel has changed when a channel differs by more: JPEG's own noise stays below."""
 FIRST_MS = 200
-MOST_FIRST = 150
+MAX_FIRST = 150
 """How often the first picture is asked for; on a machine that is busy, it takes its time."""
 REPAINT = "(opacity) => { document.documentElement.style.opacity = opacity; }"
 """A page where nothing moves is not painted, and its first picture would not come."""
@@ -80,12 +80,12 @@ def filmed(page: "Page", part: "FloatRect") -> Iterator[Film]:
     width, height = int(size["width"] * SCALE), int(size["height"] * SCALE)
     session.send("Page.startScreencast", {"format": "jpeg", "quality": 60, "maxWidth": width, "maxHeight": height})
     try:
-        for _ in range(MOST_FIRST):
+        for _ in range(MAX_FIRST):
             repaint(page)
             if film.begun:
                 break
         else:
-            raise RuntimeError(f"film: expected a picture of {page.url}, found none after {MOST_FIRST} paintings")
+            raise RuntimeError(f"film: expected a picture of {page.url}, found none after {MAX_FIRST} paintings")
         yield film
     finally:
         session.send("Page.stopScreencast")

@@ -27,7 +27,7 @@ from simaps_viz.language.llm_settings import Exchange, LLMError, LLMServerError,
 from simaps_viz.mapping.file import load_map
 from simaps_viz.mapping.mending import Mending
 from simaps_viz.mapping.simap import joining_at, repartition
-from simaps_viz.navigation.agent import Agent, Answer, Reader, answer, start_pose
+from simaps_viz.navigation.agent import Agent, Answer, CommandReader, answer, start_pose
 from simaps_viz.navigation.planner import RobotShape
 from simaps_viz.segmentation.sequences import WithMasks
 from simaps_viz.structures import Pose2, SIMap
@@ -249,7 +249,7 @@ def _recording_services(*, beside: bool) -> "RecordingServices":
     )
 
 
-def reader(llm: str | None, simap: SIMap, pose: Pose2) -> Reader:
+def reader(llm: str | None, simap: SIMap, pose: Pose2) -> CommandReader:
     """Return what reads commands: the offline grammar, or a language model named as MODEL[@ADDRESS].
 
     When the model's server cannot be asked, the grammar reads, and a note says so.
@@ -266,7 +266,7 @@ def _reading(
     *,
     cancel: threading.Event | None = None,
     tell: Callable[[Sequence[Exchange]], None] = lambda exchanges: None,
-) -> Reader:
+) -> CommandReader:
     """Return what reads commands with a model; ``tell`` gets what was sent and received, also when it went wrong."""
     check = Agent(simap, pose).steps
 

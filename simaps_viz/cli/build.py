@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 import tyro
 
 from simaps_viz.cli import OK
-from simaps_viz.cli.options import Mapping, Networks
+from simaps_viz.cli.options import MappingOptions, Networks
 from simaps_viz.errors import InputError
 
 if TYPE_CHECKING:
@@ -30,7 +30,7 @@ class Build:
     Several are put on one map: their poses have to be in one world frame."""
     output: Annotated[Path, tyro.conf.arg(aliases=["-o"])]
     """Map file to write (.npz)."""
-    mapping: Annotated[Mapping, tyro.conf.arg(name="")] = field(default_factory=Mapping)
+    mapping: Annotated[MappingOptions, tyro.conf.arg(name="")] = field(default_factory=MappingOptions)
     segmentation: str = "precomputed"
     """Where segments come from: "precomputed" (the ones the sequence has), a network (.onnx: YOLO-seg, Mask2Former,
     MaskFormer, OneFormer, EoMT) or a COCO panoptic table (.json)."""

@@ -6,7 +6,7 @@ from typing import Annotated, Literal
 import tyro
 
 from simaps_viz.cli import OK
-from simaps_viz.cli.options import Mapping, Serving
+from simaps_viz.cli.options import MappingOptions, Serving
 
 Level = Literal["none", "light", "medium", "heavy"]
 """How strong the simulated errors of the segmentation network are."""
@@ -19,7 +19,7 @@ class Demo:
     Example: simaps demo --errors medium --port 9000
     """
 
-    mapping: Annotated[Mapping, tyro.conf.arg(name="")] = field(default_factory=Mapping)
+    mapping: Annotated[MappingOptions, tyro.conf.arg(name="")] = field(default_factory=MappingOptions)
     errors: Level = "light"
     """Simulated errors of the segmentation network."""
     serving: Annotated[Serving, tyro.conf.arg(name="")] = field(default_factory=Serving)

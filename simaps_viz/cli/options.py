@@ -12,8 +12,8 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True)
-class Mapping:
-    """How cells become instances."""
+class MappingOptions:
+    """How a map is built."""
 
     method: MethodName = "evidence"
     """evidence (ours): votes, and how often cells were seen as one or as two. paper: graph of cells seen in one

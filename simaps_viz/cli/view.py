@@ -7,7 +7,7 @@ from typing import Annotated
 import tyro
 
 from simaps_viz.cli import OK
-from simaps_viz.cli.options import Mapping, Networks, Serving
+from simaps_viz.cli.options import MappingOptions, Networks, Serving
 from simaps_viz.errors import InputError
 
 
@@ -23,7 +23,7 @@ class View:
     segmentation: str = "precomputed"
     """Masks of a sequence: "precomputed", a network (.onnx) or a COCO panoptic table (.json), as for simaps build."""
     network: Annotated[Networks, tyro.conf.arg(name="")] = field(default_factory=Networks)
-    mapping: Annotated[Mapping, tyro.conf.arg(name="")] = field(default_factory=Mapping)
+    mapping: Annotated[MappingOptions, tyro.conf.arg(name="")] = field(default_factory=MappingOptions)
     recording: Path | None = None
     """Recorded build to dock beside the map; by default the .rrd of the map's name."""
     serving: Annotated[Serving, tyro.conf.arg(name="")] = field(default_factory=Serving)

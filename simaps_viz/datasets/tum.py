@@ -101,8 +101,9 @@ def _lens(path: Path, color_file: Path) -> Lens:
     name = path.resolve().name.lower()
     key = next((key for key in CAMERAS if key in name or key.replace("freiburg", "fr") + "_" in name), "default")
     if (width, height) != CALIBRATED_SIZE:
+        expected = "x".join(map(str, CALIBRATED_SIZE))
         raise InputError(
-            f"{color_file}: expected 640x480 pixels, as the dataset's cameras have, found {width}x{height}; for "
+            f"{color_file}: expected {expected} pixels, as the dataset's cameras have, found {width}x{height}; for "
             "another camera put its 3x3 matrix in intrinsics.txt beside rgb.txt"
         )
     fx, fy, cx, cy, *distortion = CAMERAS[key]

@@ -7,7 +7,7 @@ from typing import Protocol
 from simaps_viz.datasets.source import FrameSource
 from simaps_viz.events import Progress
 from simaps_viz.language.commands import read_command
-from simaps_viz.navigation.agent import Reader
+from simaps_viz.navigation.agent import CommandReader
 from simaps_viz.navigation.planner import RobotShape
 from simaps_viz.structures import Pose2, SIMap
 
@@ -24,7 +24,7 @@ class ExportOptions:
     """tum: what to drive."""
     pose: Pose2 | None = None
     """tum: where the drive starts."""
-    reader: Reader = read_command
+    reader: CommandReader = read_command
     """tum: reads the command."""
     points_of: FrameSource | None = None
     """glb, ply: the points of this sequence, instead of columns."""

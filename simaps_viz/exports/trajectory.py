@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from simaps_viz.errors import CommandError, InputError
 from simaps_viz.exports.exporter import Exporter, ExportOptions
 from simaps_viz.language.commands import read_command
-from simaps_viz.navigation.agent import Agent, Reader, is_program
+from simaps_viz.navigation.agent import Agent, CommandReader, is_program
 from simaps_viz.navigation.planner import RobotShape
 from simaps_viz.navigation.robot import Motion
 from simaps_viz.structures import Pose2, SIMap
@@ -30,7 +30,7 @@ class TUMTrajectory(Exporter):
 
 
 def driven_poses(
-    simap: SIMap, command: str, pose: Pose2, *, robot: RobotShape | None = None, reader: Reader = read_command
+    simap: SIMap, command: str, pose: Pose2, *, robot: RobotShape | None = None, reader: CommandReader = read_command
 ) -> NDArray:
     """Drive a command in simulation and return its poses.
 

@@ -96,7 +96,7 @@ class Selection:
         self.order, self.side, self.other = order, side or self.side, other or self.other
 
     def _ranked(self, _: Part) -> None:
-        """Change nothing: things are ranked, and counted from here, anyway."""
+        """Do nothing: by default things are ranked by their distance from where the command was given."""
 
     _from_here = _ranked
 

@@ -199,7 +199,7 @@ def split(simap: SIMap, instance_id: int, start_m: Point, end_m: Point) -> Split
 
 
 def relabel(simap: SIMap, instance_id: int, label: str) -> Relabel:
-    """Give an object another class: one of the map, in whatever case, or a new one.
+    """Change the class of an object to one of the map, in whatever case, or to a new one.
 
     Raises:
         InputError: it is not on the map, or has that class already, or the name cannot be a class.

@@ -92,7 +92,7 @@ class Mending:
         return self._do(simap, lambda: split(simap, instance_id, start_m, end_m), who)
 
     def relabel(self, simap: SIMap, instance_id: int, label: str, *, who: str) -> SIMap:
-        """Give an object of the map that is shown another class; see `edits.relabel`."""
+        """Change the class of an object of the map that is shown; see `edits.relabel`."""
         return self._do(simap, lambda: relabel(simap, instance_id, label), who)
 
     def delete(self, simap: SIMap, instance_id: int, *, who: str) -> SIMap:

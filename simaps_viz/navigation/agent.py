@@ -220,8 +220,8 @@ class Agent:
                 return
 
 
-Reader = Callable[[str, Mapping[str, int]], Reading]
-"""Turns words into a program for a map with {class: number of instances}; raises CommandError when it cannot."""
+CommandReader = Callable[[str, Mapping[str, int]], Reading]
+"""Reads a command on a map with {class: number of instances}; raises CommandError when it does not understand it."""
 
 
 def answer(
@@ -231,7 +231,7 @@ def answer(
     *,
     robot: RobotShape | None = None,
     program: str | None = None,
-    reader: Reader = read_command,
+    reader: CommandReader = read_command,
 ) -> Answer:
     """Carry out one spoken command, or one program, in simulation.
 

@@ -17,11 +17,12 @@ from simaps_viz.structures import Grid, Path
 SNAP_M: Final = 0.5
 """A start that is not free moves to the nearest free cell within this distance: maps are noisy."""
 APPROACH_M: Final = 1.5
-"""Further than this from what was asked for does not count as having got there."""
+"""A goal counts as reached when it is no further than this from what was asked for."""
 DETOUR_TO_SEE_M: Final = 0.5
-"""How much farther off a goal may be for the sake of seeing it: a low wall under a window does not hide it."""
+"""How much farther off a goal may be so that the target is seen from it; a low wall under a window hides nothing."""
 _POCKET_M2 = 0.5
-"""A start that is not free moves into less free floor than this, as between chair legs, only if it must."""
+"""A start that is not free is moved to a connected free area smaller than this, such as the floor between chair legs,
+only when no larger one is in reach."""
 _BLOCK_CELLS = 1 << 22  # processed together where distances to obstacles are measured
 
 
@@ -44,7 +45,8 @@ class Planner:
 
     A cell is *blocked* when something at least 0.1 m over its floor is no higher than the robot. A cell is *free* when
     it was seen and no blocked cell's nearest edge is closer to its centre than the robot's radius (measured along the
-    distance of centres, less half a cell). Never-seen cells are not free, but they are not grown.
+    distance of centres, less half a cell). Cells that were never seen are not free either, but the
+    robot may come closer to them than its radius.
     """
 
     def __init__(self, grid: Grid, robot: RobotShape | None = None) -> None:

@@ -1,4 +1,4 @@
-"""Tells what kind of network a file is, from its inputs and outputs, and opens it as such."""
+"""Recognise what kind of network a file holds by its inputs and outputs, and open it."""
 
 import json
 from collections.abc import Mapping, Sequence

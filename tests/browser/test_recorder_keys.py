@@ -10,7 +10,7 @@ SCRIPT = resources.files("simaps_viz.recorder").joinpath("rerun_page.js").read_t
 
 @pytest.fixture(scope="module")
 def of_rerun(browser):
-    """Gives of some keys those that are rerun's."""
+    """Return a function that filters the keys that rerun handles itself."""
     found = re.search(r"^const OF_RERUN = .*?^}\n", SCRIPT, re.DOTALL | re.MULTILINE)
     assert found is not None
     page = browser.new_page()

@@ -13,10 +13,13 @@ from simaps_viz.build.names import METHODS
 from simaps_viz.cli import COMMANDS, NO
 from simaps_viz.cli.demo import Level
 from simaps_viz.cli.main import load, main
+from simaps_viz.cli.options import MappingOptions, Networks
 from simaps_viz.exports import FormatName
 from simaps_viz.exports.formats import EXPORTERS
 from simaps_viz.mapping import methods
+from simaps_viz.mapping.config import BuildConfig
 from simaps_viz.scenes.simulated_errors import LEVELS
+from simaps_viz.segmentation.recognise import NetworkSettings
 
 HEAVY = ("numba", "scipy", "viser", "rerun", "networkx", "onnxruntime", "cv2", "trimesh")
 
@@ -99,6 +102,10 @@ def test_an_underscore_is_as_good_as_a_hyphen(capsys):
     with pytest.raises(SystemExit) as helped:
         main(["export_network", "--help"])
     assert helped.value.code == 0 and "usage: simaps export-network" in capsys.readouterr().out
+
+
+def test_options_have_the_defaults_of_the_settings_that_they_make():
+    assert MappingOptions().config() == BuildConfig() and Networks().settings() == NetworkSettings()
 
 
 def test_the_names_that_options_offer_are_those_there_are():

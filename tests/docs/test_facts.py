@@ -71,7 +71,7 @@ def licence(found: Distribution) -> str:
 
 
 def test_packages_under_other_than_permissive_licences_are_named():
-    """Of all requirements, extras too; what wheels bundle no metadata says."""
+    """All requirements are checked, extras too; metadata does not cover what wheels bundle."""
     text = (ROOT / "README.md").read_text()
     told = text[text.index("MIT licence.") :]
     names = {one.name for one in needed(*(requires("simaps-viz") or ())) if COPYLEFT.search(licence(one))}

@@ -43,7 +43,7 @@ class Received:
 
 
 class ChatServer:
-    """Gives its replies one after the other, the last one for ever."""
+    """Sends its replies one after the other, the last one for ever."""
 
     def __init__(self, *replies: "Reply") -> None:
         self.replies = list(replies)

@@ -34,7 +34,7 @@ class Spoiling:
     camera: Callable[[NDArray], NDArray] | None = None
     """Takes and gives the 3x3 matrix."""
     keys: dict[str, Any] | None = None
-    """Of the manifest."""
+    """Keys of the manifest to change."""
     depth: Callable[[NDArray], NDArray] | None = None
     """Takes and gives the stored steps."""
 

@@ -17,7 +17,7 @@ class DenseTwin:
         self.lowest = np.full((side, side), np.inf, np.float32)
         self.observations = np.zeros((side, side), np.int32)
         self.seen: list[list[tuple[int, int, int, float]]] = []
-        """Of each frame (row, col, segment, height), in the order in which the cells were met."""
+        """(row, col, segment, height) of the cells of each frame, in the order in which they were met."""
 
     def add_frame(self, frame, segmentation, T_map_camera) -> None:
         s, k = self.settings, frame.intrinsics

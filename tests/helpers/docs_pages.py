@@ -22,7 +22,7 @@ _INLINE = re.compile(r"(?<!`)`((?:simaps |python apps/)[^`]+)`")
 class Line:
     page: str
     number: int
-    """Of the line, from 1."""
+    """Line number, from 1."""
     text: str
     """Without the comment behind it."""
 

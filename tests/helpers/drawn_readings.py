@@ -16,7 +16,7 @@ from simaps_viz.structures import Frame, Grid, GridSpec, Segmentation, SIMap
 LABELS = ("none", "chair", "floor", "table", "rug")
 IS_THING = (False, True, False, True, True)
 MARKS = {".": 0, "c": 1, "_": 2, "t": 3, "r": 4, "?": 0}
-"""Of a grid's drawing: class; "." seen but unnamed, "?" never seen."""
+"""Class of each character of a drawn grid; "." is seen but unnamed, "?" never seen."""
 TOPS_M = {".": 0.30, "c": 0.45, "_": 0.0, "t": 0.75, "r": 0.01, "?": np.nan}
 
 

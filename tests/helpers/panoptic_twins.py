@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 CLASSES = 6
 STUFF = {4, 5}
 SHAPE = (24, 32)
-"""Of the pictures the maps are made for."""
+"""Height and width of the pictures, pixels."""
 
 
 def drawn_logits(seed: int) -> tuple[NDArray, NDArray]:
@@ -47,7 +47,7 @@ def bilinear(image: NDArray, height: int, width: int) -> NDArray:
 def plain_panoptic(
     class_logits: NDArray, probability: NDArray, *, rule: str, score: float, mask: float, overlap: float
 ) -> tuple[NDArray, list[tuple[int, int]]]:
-    """Say for every pixel which query it goes to, then which segment; returns ids and (id, class) of each segment.
+    """Assign every pixel to a query, then to a segment; return ids and (id, class) of each segment.
 
     ``probability`` [queries, H, W] is of all queries, those that do not count included.
     """

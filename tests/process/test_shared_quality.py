@@ -25,7 +25,7 @@ pytestmark = pytest.mark.skipif(not SHARED.is_dir(), reason=f"{SHARED} is not on
 METHODS = ("evidence", "components", "paper")
 """From the best to the worst."""
 SEEDS = (101, 102)
-"""Of simulated errors; not those the defaults were chosen on."""
+"""Seeds of the simulated errors; not those the defaults were chosen on."""
 
 
 @pytest.fixture(scope="module")

@@ -22,9 +22,9 @@ CAMERA = {
 }  # fmt: skip
 
 
-def status(access, path="/", *, own="127.0.0.1", peer="10.0.0.9", joins=False, **headers: str):
+def status(access, path="/", *, own="127.0.0.1", peer="10.0.0.9", writes=False, **headers: str):
     pairs = [(name.replace("_", "-"), value) for name, value in {"Host": "127.0.0.1:8080", **headers}.items()]
-    refused = access.refuse(headers_of(pairs), path, own_address=own, peer=peer, joins=joins)
+    refused = access.refuse(headers_of(pairs), path, own_address=own, peer=peer, writes=writes)
     return 200 if refused is None else refused[0].value
 
 
@@ -56,12 +56,12 @@ def test_names_it_answers_to():
 
 def test_pages_it_believes():
     access = Access(token="")
-    assert status(access, Origin="http://127.0.0.1:8080", joins=True) == 200
+    assert status(access, Origin="http://127.0.0.1:8080", writes=True) == 200
     for origin in ("http://127.0.0.1:8081", "http://localhost:8080", "null", "http://evil.example", ""):
         assert status(access, Origin=origin) == 403
     assert status(access, Sec_Fetch_Site="cross-site", Sec_Fetch_Mode="navigate") == 200
     assert status(access, Sec_Fetch_Site="cross-site", Sec_Fetch_Mode="no-cors") == 403
-    assert status(access, Sec_Fetch_Site="cross-site", Sec_Fetch_Mode="navigate", joins=True) == 403
+    assert status(access, Sec_Fetch_Site="cross-site", Sec_Fetch_Mode="navigate", writes=True) == 403
     twice = headers_of([("Host", "127.0.0.1"), ("host", "evil.example")])
     assert access.refuse(twice, "/", own_address="127.0.0.1", peer="::1") is not None
 

@@ -124,7 +124,7 @@ class Access:
         return not is_loopback(self.host)
 
     def refuse(
-        self, headers: Mapping[str, str], path: str, *, own_address: str, peer: str, joins: bool = False
+        self, headers: Mapping[str, str], path: str, *, own_address: str, peer: str, writes: bool = False
     ) -> Refusal | None:
         """Return the status and the reason with which a request is refused; None when it is answered.
 
@@ -133,18 +133,18 @@ class Access:
             path: with its query.
             own_address: of this end of the connection, without a port.
             peer: address of the other end.
-            joins: it wants more than to read: a WebSocket, or a POST.
+            writes: whether the request can change something: it opens a WebSocket, or is a POST.
         """
         if len(path) > MAX_PATH or not path.startswith("/"):
             return HTTPStatus.REQUEST_URI_TOO_LONG, "not an address of this server"
-        if self._is_foreign(headers, own_address, joins):
+        if self._is_foreign(headers, own_address, writes):
             return HTTPStatus.FORBIDDEN, "this server answers its own page only"
         if not self.token or self._has_cookie(headers):  # whoever is in stays in, whatever others try
             return None
         given, tries = _token_in(path), (peer, _is_cross_site(headers))
         right = given is not None and self._is_token(given)
         may_try = self._may_try(tries)
-        if right and (may_try or not self._can_be_guessed):  # wrong ones of others lock nobody out, where they need not
+        if right and (may_try or not self._can_be_guessed):  # others' wrong tokens do not lock a person out
             return None
         if not may_try:
             return HTTPStatus.TOO_MANY_REQUESTS, "too many wrong tokens; wait a minute"
@@ -172,14 +172,14 @@ class Access:
                 self._inside.popitem(last=False)
         return {"Set-Cookie": f"{self.cookie}={pass_}; HttpOnly; SameSite=Strict; Path=/"}
 
-    def _is_foreign(self, headers: Mapping[str, str], own_address: str, joins: bool) -> bool:
+    def _is_foreign(self, headers: Mapping[str, str], own_address: str, writes: bool) -> bool:
         host, origin = headers.get("host"), headers.get("origin")
         name = name_of(host)
         if name is None or name not in self._names | {bracketed(own_address.removeprefix("::ffff:"))}:
             return True
         if origin is not None and origin.lower() not in (f"http://{host}".lower(), f"https://{host}".lower()):
             return True
-        return _is_cross_site(headers) and (headers.get("sec-fetch-mode") != "navigate" or joins)
+        return _is_cross_site(headers) and (headers.get("sec-fetch-mode") != "navigate" or writes)
 
     def _has_cookie(self, headers: Mapping[str, str]) -> bool:
         pairs = (pair.strip().partition("=") for pair in headers.get("cookie", "").split(";"))
@@ -199,7 +199,7 @@ class Access:
             return len(times) < MAX_WRONG
 
     def _was_wrong(self, tries: tuple[str, bool]) -> None:
-        """Count a wrong token; those of other sites' pages by themselves, as who reads such a page has not tried."""
+        """Count a wrong token. Those sent by pages of other sites are counted apart: their reader did not send them."""
         with self._lock:
             times = [*self._wrong.pop(tries, ()), self._clock()]
             self._wrong[tries] = times[-MAX_WRONG:]

@@ -232,7 +232,7 @@ class _Server(ThreadingHTTPServer):
 
 
 class _Handler(BaseHTTPRequestHandler):
-    """One connection. Hangs up on who sends a request too slowly, however it drips."""
+    """One connection; it is closed when a request takes longer than `REQUEST_S` to arrive."""
 
     protocol_version = default_request_version = "HTTP/1.1"
     server_version, sys_version = "simaps", ""
@@ -299,13 +299,13 @@ class _Handler(BaseHTTPRequestHandler):
     # Answering
 
     def do_GET(self) -> None:
-        joins = "Upgrade" in self.headers
-        if not self._welcome(joins=joins):
+        upgrades = "Upgrade" in self.headers
+        if not self._welcome(writes=upgrades):
             return
         path = unquote(urlsplit(self.path).path)
         root, slash, name = path[1:].partition("/")
         host = self.door.hosts.get(root) if slash else None
-        if joins:
+        if upgrades:
             self._join()
         elif host is not None and name == "events":
             self._send_events(host)
@@ -332,7 +332,7 @@ class _Handler(BaseHTTPRequestHandler):
         if host is None and not streams:
             self._refuse_method()
             return
-        if not self._welcome(joins=True):
+        if not self._welcome(writes=True):
             return
         if length > MAX_EVENT_BYTES:
             self.close_connection = True
@@ -353,17 +353,17 @@ class _Handler(BaseHTTPRequestHandler):
     def _session(self) -> str:
         return parse_qs(urlsplit(self.path).query).get("session", [""])[0]
 
-    def _welcome(self, *, joins: bool) -> bool:
-        """Refuse other names for this machine (DNS rebinding), other sites' pages, and who has no token."""
+    def _welcome(self, *, writes: bool) -> bool:
+        """Refuse requests under a foreign host name (DNS rebinding), from other sites' pages, or without the token."""
         access, headers = self.door.access, headers_of(self.headers.items())
         own, peer = str(self.connection.getsockname()[0]), str(self.client_address[0])
-        refusal = access.refuse(headers, self.path, own_address=own, peer=peer, joins=joins)
+        refusal = access.refuse(headers, self.path, own_address=own, peer=peer, writes=writes)
         if refusal is not None:
             self.close_connection = True
             self.door.note(refusal[1])
             self._refuse(*refusal)
             return False
-        cookie = None if joins else access.entering(headers, self.path)
+        cookie = None if writes else access.entering(headers, self.path)
         if cookie is None:
             return True
         root = urlsplit(self.path).path[1:].partition("/")[0]
