@@ -1,4 +1,4 @@
-"""What stands behind the page's comparison: other methods' maps, the truth, other settings, maps of files."""
+"""Maps for the page's comparison: by other methods or settings, the ground truth, and maps read from files."""
 
 import tempfile
 import threading
@@ -49,7 +49,7 @@ _BASELINES: Mapping[str, str] = {
 
 
 def compare_services(simap: SIMap, sequence: FrameSource | None, folder: Path) -> "CompareServices":
-    """Return what the page's comparison needs.
+    """Return the services of the page's comparison.
 
     Args:
         simap: the map the page was opened on.
@@ -103,9 +103,9 @@ class MapMaker:
 
         Args:
             key: name of a method, or "truth".
-            simap: whose grid, frames and settings it shall have.
-            tell: told how far it is; also called often enough to end the work by raising.
-            cancel: set when nobody waits any more; ``tell`` raises then.
+            simap: the map whose grid, frames and settings the new one takes over.
+            tell: called with the progress, often enough that raising in it ends the work soon.
+            cancel: set when the result is no longer wanted; ``tell`` raises then.
 
         Raises:
             InputError: there is no sequence, or no truth, or it cannot be read.
@@ -131,7 +131,7 @@ class MapMaker:
         return made
 
     def _kept(self, key: str, simap: SIMap, sequence: FrameSource) -> Path:
-        """Return where the map lies: a method's where a build of its own would have left it."""
+        """Return the path of the map; that of another method is where its own build would have written it."""
         if key != "truth":
             return map_in_cache(self._folder, sequence, key, config_like(simap))
         what = asdict(settings_of(simap)), simap.T_map_world.tolist(), list(simap.frame_names)

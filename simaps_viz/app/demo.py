@@ -66,7 +66,7 @@ class FramesState:
 
 
 def serve_shipped(simap: SIMap, *, port: int, host: str, browser: bool, llm: str | None) -> None:
-    """Serve the page of the shipped map until Ctrl-C, and complete it when the frames are there."""
+    """Serve the page of the shipped map until Ctrl-C; panels that need the frames are added once these are rendered."""
     frames, recording = DemoFrames(), SHIPPED_MAP.with_suffix(".rrd")
     panels = workbench.panels_of(simap, recording, None, beside=True, frames=False)
     services = replace(
@@ -112,7 +112,7 @@ class DemoFrames:
         self.mending: Mending | None = None
         """The edits of the map, once its file is there."""
         self.map_path: Path | None = None
-        """That file, whose history lies beside it."""
+        """The map file; its history is stored next to it."""
 
     def state(self) -> FramesState:
         """Return how far it is."""
@@ -128,7 +128,7 @@ class DemoFrames:
         self._thread.start()
 
     def stop(self) -> None:
-        """Stop soon; what was rendered in part is removed, and a build leaves a log to resume from."""
+        """Request a stop: a partly rendered sequence is removed, and a build leaves a log from which it can resume."""
         self._cancel.set()
         if self._thread is not None:
             self._thread.join(30.0)

@@ -1,4 +1,4 @@
-"""A build that people watch: the map grows on the page, and in the docked recording, as it is computed.
+"""A live build: the map grows on the page, and in the docked recording, while it is computed.
 
 `LiveBuild` builds in a thread of its own and shows the map now and then, as `Pace` allows; it can be stopped and
 resumed. `live_workbench` serves the page of such a build.
@@ -47,12 +47,13 @@ SHARE = 0.1
 FIRST_S = 1.0
 """Nothing is shown before: a build that is over by then is fastest seen when it is done."""
 MAX_WAIT_S = 10.0
-"""However much slower the build goes afterwards: so often something is shown. What making it takes counts in full."""
+"""Longest wait that slow drawing can cause between two updates, seconds; the time to make an update always counts in
+full."""
 WATCHED_S = 0.8
 """For how long after something was shown the build is watched: by then a page has painted it. Nothing more is shown
 before."""
 MAX_LOST_S = 2.0
-"""No page works longer on what it is shown; a build that stays slow is slow for another reason."""
+"""Upper bound of the time a page works on one update; a build that is slow for longer has another reason."""
 SOON_S = 0.7
 """Nothing more is shown when the build needs no longer than that."""
 REMEMBERED = 3
@@ -62,10 +63,10 @@ MAX_CALM_FRAMES = 200
 
 
 class Pace:
-    """Decides when something may be shown, from when frames arrived and something was shown; seconds of one clock.
+    """Decides when the next update may be shown, from the times of frames and earlier updates; seconds of one clock.
 
-    What is shown costs twice: making it holds up the build itself, and drawing it keeps processors busy, here and in
-    the browser, wherever that runs. Both are the frames that the build should have done meanwhile at its own rate.
+    An update costs twice: making it stops the build, and drawing it occupies processors, here and in the browser.
+    Both costs are measured as the frames that the build would have mapped in that time at its own rate.
     """
 
     def __init__(self) -> None:
@@ -104,13 +105,13 @@ class Pace:
         self._shown_s = self._last_s = now_s
 
     def _judge(self, now_s: float) -> None:
-        """Set the time of the next showing from what the last ones cost."""
+        """Schedule the next update by the cost of the last ones."""
         assert self._shown_s is not None
-        # Lost is what passed beyond the time that as many frames take when nothing is shown.
+        # The loss is the time beyond what the same number of frames takes without updates.
         watched_s = now_s - self._shown_s
         own_s = self._calm_s / self._calm_frames if self._calm_frames else watched_s / self._since
         self._lost.append(min(max(watched_s - self._since * own_s, 0.0), MAX_LOST_S))
-        # Making it is paid in full; what pages lose by drawing is bounded, whatever else slows the build.
+        # The time to make an update counts in full; that to draw it is bounded: other things slow builds, too.
         lost_s = sum(self._lost) / len(self._lost)
         wait_s = self._making_s / SHARE + min(lost_s / SHARE, MAX_WAIT_S)
         self._next_s = self._shown_s + wait_s
@@ -155,18 +156,18 @@ class Audience:
     """Called when the map is finished and saved; returns the words that say where."""
     stream: Stream | None = None
     sketch: Callable[[FrameProjected], bytes] = lambda event: b""
-    """Draw what was seen so far in little time, for ``LiveState.sketch``."""
+    """Draw a quick sketch of the cells observed so far, for ``LiveState.sketch``."""
     stopped: str = STOPPED
     """Words for a build that was stopped."""
 
 
 class LiveBuild:
-    """A build in a thread of its own, which is shown now and then; its methods may be called from any thread."""
+    """A build in its own thread that reports updates; its methods may be called from any thread."""
 
     wants_color = False
 
     def __init__(self, run: Run, frames: int, audience: Audience) -> None:
-        """Take the function that builds, the number of frames, and who watches; ``start`` begins."""
+        """Create a build that has not begun yet; ``start`` begins it."""
         self._run, self._audience = run, audience
         self._state = LiveState(total=frames)
         self._lock = threading.RLock()
@@ -219,7 +220,7 @@ class LiveBuild:
         return thread is None or not thread.is_alive()
 
     def _runs(self) -> bool:
-        """Whether the build has not yet reported its end; its thread may live on for a moment."""
+        """Whether the build has not reported its end yet; its thread may end slightly later."""
         alive = self._thread is not None and self._thread.is_alive()
         return alive and self._state.status not in ("done", "stopped", "failed")
 
@@ -316,7 +317,7 @@ class LiveBuild:
 
 @dataclass(frozen=True, eq=False)
 class LiveSettings:
-    """What is built, and where it is shown."""
+    """The build and the page that shows it."""
 
     request: BuildRequest
     """The build; its history is kept, asked for or not, where its method keeps a log."""
@@ -339,7 +340,7 @@ def watch_build(sequence: FrameSource, settings: LiveSettings, *, browser: bool)
 
 
 class _LivePage:
-    """The page of a build, with all that comes of it: the map, its edits, and faults that cost no map."""
+    """The page of a live build, with the resulting map, its edits, and the errors that do not end the build."""
 
     def __init__(self, sequence: FrameSource, settings: LiveSettings, progress: StageProgress) -> None:
         self._sequence, self._settings, self._progress = sequence, settings, progress
@@ -475,7 +476,7 @@ def waiting_map(sequence: FrameSource, config: BuildConfig) -> SIMap:
 
 
 def first_look(sequence: FrameSource, waiting: SIMap) -> FrameProjected | None:
-    """Return the first frame before anything of it is on the map; None when it cannot be read."""
+    """Return the first frame, before it is mapped; None when it cannot be read."""
     try:
         frame, segmentation = sequence.read(0), sequence.segmentation(0)
     except InputError:

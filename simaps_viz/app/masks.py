@@ -40,10 +40,10 @@ def open_frames(simap: SIMap, cache: Path) -> tuple[PosedFrames, PosedFrames | W
 
 
 def segmentation_services(simap: SIMap, cache: Path) -> SegmentationServices:
-    """Find the frames, the masks and, where it is still there, the network that a map was built from.
+    """Find the frames, the masks and, if its file still exists, the network that a map was built from.
 
     Args:
-        simap: the map; its provenance says all this.
+        simap: the map; its provenance names them.
         cache: folder where networks' masks are kept.
     """
     source = str(simap.provenance.get("segmentation", ""))

@@ -1,4 +1,4 @@
-"""What the page needs for the files it makes to be sent: the map after each frame, and a robot that drives."""
+"""Services for the files that the page shares: the map after each frame, and a simulated robot."""
 
 import threading
 from collections.abc import Callable
@@ -19,8 +19,8 @@ if TYPE_CHECKING:
 def look_back(path: Callable[[], Path | None]) -> Callable[[SIMap, int], SIMap | None]:
     """Return a function that shows a map as it was after a frame, from the history beside the map's file.
 
-    The history is opened once, when it is first asked for. What the function returns has the objects of the map it is
-    given, whatever its K and its edits, as far as they were seen by then; None where nobody knows.
+    The history is opened on the first call. The returned map has the objects of the map it is called with, including
+    its K and its edits, as far as they had been observed by then; None where there is no history.
 
     Args:
         path: of the map or its recording; None as long as there is none.
@@ -42,7 +42,7 @@ def look_back(path: Callable[[], Path | None]) -> Callable[[SIMap, int], SIMap |
 
 
 def share_services(beside: Path | None) -> "ShareServices":
-    """Return what the page needs to make files to be sent.
+    """Return the services of the panel that shares files.
 
     Args:
         beside: the map's recording; the history of its build lies beside it, if there is one.

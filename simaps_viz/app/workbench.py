@@ -52,7 +52,7 @@ def cached_build(
 
 
 def sequence_of(simap: SIMap) -> PosedFrames | WithMasks | None:
-    """Open the sequence a map was built from, with the masks of that build; None where either is gone."""
+    """Open the sequence a map was built from, with the masks of that build; None if either no longer exists."""
     from simaps_viz.app.masks import open_frames  # noqa: PLC0415 - viser is slow to import
 
     try:
@@ -72,7 +72,7 @@ def open_workbench(
     host: str = "127.0.0.1",
     map_path: Path | None = None,
 ) -> "Workbench":
-    """Start the page on a map, with everything behind it; use it in a ``with`` block.
+    """Serve the page of a map with all its services; use it in a ``with`` block.
 
     Args:
         simap: the map.
@@ -129,7 +129,7 @@ def tell_where(page: "Workbench", *, browser: bool = False) -> None:
 
 
 def services_of(simap: SIMap, recording: Path | None, mending: Callable[[], Mending | None]) -> "Services":
-    """Return what stands behind the page of a map with its recording, if there is one; the panels are still to come.
+    """Return the services of the page of a map and its recording, if it has one; panels are added later.
 
     ``mending`` returns the edits, once there are any.
     """
@@ -154,11 +154,11 @@ def services_of(simap: SIMap, recording: Path | None, mending: Callable[[], Mend
 
 
 def bare_services(simap: SIMap, mending: Callable[[], Mending | None] = lambda: None) -> "Services":
-    """Return what stands behind every page: no panels of its own, no recording.
+    """Return the services that every page has, without additional panels and without a recording.
 
     Args:
-        simap: of the sequence that is shown; only its origin counts.
-        mending: gives the edits, once there are any.
+        simap: the map shown; only its origin is used.
+        mending: returns the edits, once there are any.
     """
     from simaps_viz.recorder.settings import SMALL  # noqa: PLC0415 - rerun is slow to import
     from simaps_viz.viewer.page.services import Services  # noqa: PLC0415 - viser is slow to import
@@ -187,7 +187,7 @@ def bare_services(simap: SIMap, mending: Callable[[], Mending | None] = lambda: 
 def panels_of(
     simap: SIMap, recording: Path | None, mending: Mending | None, *, beside: bool, frames: bool = True
 ) -> "tuple[PanelSpec, ...]":
-    """Return the panels of a page, besides those that every page has.
+    """Return the panels of a page in addition to those that every page has.
 
     Args:
         simap: the map.
@@ -250,9 +250,9 @@ def _recording_services(*, beside: bool) -> "RecordingServices":
 
 
 def reader(llm: str | None, simap: SIMap, pose: Pose2) -> CommandReader:
-    """Return what reads commands: the offline grammar, or a language model named as MODEL[@ADDRESS].
+    """Return a reader of commands: the offline grammar, or a language model named as MODEL[@ADDRESS].
 
-    When the model's server cannot be asked, the grammar reads, and a note says so.
+    When the model's server cannot be reached, the grammar reads the command, and a note reports it.
     """
     if llm is None:
         return read_command
@@ -267,7 +267,7 @@ def _reading(
     cancel: threading.Event | None = None,
     tell: Callable[[Sequence[Exchange]], None] = lambda exchanges: None,
 ) -> CommandReader:
-    """Return what reads commands with a model; ``tell`` gets what was sent and received, also when it went wrong."""
+    """Return a reader of commands by a model; ``tell`` is called with each exchange, including failed ones."""
     check = Agent(simap, pose).steps
 
     def read(text: str, counts: Mapping[str, int]) -> Reading:
@@ -306,5 +306,5 @@ def language_model(llm: str | None) -> "LanguageModel | None":
 
 
 def counts_in_words(counts: dict[str, int] | Sequence[tuple[str, int]]) -> str:
-    """Describe what a map has: "chair (17), dining table (4)"."""
+    """Return the classes of a map with their counts, as "chair (17), dining table (4)"."""
     return ", ".join(f"{name} ({n})" for name, n in dict(counts).items()) or "no instances"

@@ -43,7 +43,7 @@ class Build:
     strict: bool = False
     """Stop at a frame that cannot be read; otherwise it is skipped and counted, unless more than half are."""
     history: bool = False
-    """Keep what the map was after each frame, MAP.steps, for the page's time slider."""
+    """Also write the map's history, MAP.steps, with its state after each frame; the page's time slider reads it."""
     scheduler: str | None = None
     """Have the frames read by others (extra "cluster"): local:N starts N processes here, tcp://HOST:PORT is a Dask
     scheduler whose workers find the sequence under the same path. The map comes out the same."""

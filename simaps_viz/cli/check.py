@@ -1,4 +1,4 @@
-"""`simaps check`: faults of a sequence, and what puts them right."""
+"""`simaps check`: find faults of a sequence and the corrections that remove them."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -26,7 +26,7 @@ class Check:
     picture: Path | None = None
     """Draw the evidence (.png): how well each explanation fits, and two frames laid over one another."""
     json: bool = False
-    """Print what was found as one JSON line."""
+    """Print the findings as one JSON line."""
 
     def run(self) -> int:
         """Print the findings; the answer is no when faults were found."""

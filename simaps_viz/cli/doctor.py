@@ -1,4 +1,4 @@
-"""`simaps doctor`: is this installation in order, and if not, what to do?"""
+"""`simaps doctor`: check the installation, and report how to repair it."""
 
 import html
 import os
@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
 PACKAGE = "simaps-viz"
 DEVELOPERS_EXTRAS = ("dev",)
-"""Extras that users are not told to install."""
+"""Extras for development, which users need not install."""
 LOW_DISK_GB, MIN_DISK_GB = 2.0, 0.2
 LOW_MEMORY_GB = 2.0
 MAX_FILES = 200_000
@@ -98,12 +98,12 @@ class Finding:
     """One line of the doctor's report."""
 
     name: str
-    """What was checked."""
+    """Name of the check."""
     status: Literal["ok", "warn", "fail"]
     """warn: works, but slower or without something; fail: something does not work."""
     found: str
     advice: str = ""
-    """What to do; empty when there is nothing to do."""
+    """How to repair it; empty when nothing needs repair."""
 
 
 def check_python() -> Finding:
@@ -189,7 +189,7 @@ def check_kernels() -> Finding:
             cells, heights,
         )  # fmt: skip
         seconds = time.perf_counter() - started
-    except Exception as error:  # a broken numba or numpy raises whatever comes; the doctor reports it
+    except Exception as error:  # a broken numba or numpy may raise anything; it is reported
         return Finding("compiled kernels", "fail", _one_line(error), "reinstall numba and numpy: pip install --upgrade")
     if (cells < 0).any():
         return Finding("compiled kernels", "fail", "one gave a wrong answer", "reinstall numba: pip install --upgrade")
@@ -201,7 +201,7 @@ def check_kernels() -> Finding:
 
 
 def kernel_folder(source: Path) -> Path | None:
-    """Return where numba keeps what it compiled from files of a folder; None when nowhere can be written."""
+    """Return the folder of numba's cache for the modules of a folder; None when no cache folder is writable."""
     chosen = os.environ.get("NUMBA_CACHE_DIR")
     home = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "numba"
     for folder in [Path(chosen)] if chosen else [source / "__pycache__", home]:
@@ -212,7 +212,7 @@ def kernel_folder(source: Path) -> Path | None:
 
 
 def check_networks() -> Finding:
-    """Check what segmentation networks would run on."""
+    """Check which execution providers segmentation networks would run on."""
     if _version("onnxruntime") is None and _version("onnxruntime-gpu") is None:
         return Finding("networks", "ok", "onnxruntime is not installed; masks that come with a sequence need none",
                        "for --segmentation NET.onnx: pip install onnxruntime")  # fmt: skip
@@ -237,7 +237,7 @@ def check_rerun() -> Finding:
         size = sum(len(content) for content, _ in viewer_assets().values())
     except SIMapsError as error:
         return Finding("recorded builds", "fail", str(error), "pip install 'rerun-sdk==0.41.0'")
-    except Exception as error:  # a broken rerun raises whatever comes; the doctor reports it
+    except Exception as error:  # a broken rerun may raise anything; it is reported
         found = f"{type(error).__name__}: {error}"
         return Finding("recorded builds", "fail", found, "pip install --force-reinstall 'rerun-sdk==0.41.0'")
     return Finding("recorded builds", "ok", f"rerun's web viewer is there ({size / 1e6:.0f} MB)")
@@ -259,7 +259,7 @@ def check_gpu() -> Finding:
 
 
 def check_browser() -> Finding:
-    """Start a browser without a window, if one is found, and ask what draws its 3-D."""
+    """Start a headless browser, if one is found, and ask which renderer draws its WebGL."""
     program = next((found for name in BROWSERS if (found := shutil.which(name))), None)
     if program is None:
         return Finding("browser", "ok", "no Chromium found to ask; any browser with WebGL 2 and WebAssembly will do")
@@ -384,7 +384,7 @@ def check_disk(folder: Path) -> Finding:
 
 
 def _existing(folder: Path) -> Path:
-    """Return the folder, or the nearest above it that is there."""
+    """Return the folder, or its nearest parent that exists."""
     absolute = folder.absolute()
     return next(path for path in (absolute, *absolute.parents) if path.exists())
 

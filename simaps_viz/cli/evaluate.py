@@ -129,7 +129,7 @@ def _instances(settings: Evaluate, progress: "StageProgress") -> tuple[str, dict
 
 
 def _store(method: str, simap: "SIMap") -> "Footprint":
-    """Return what a method holds beside the map: VLMaps' embeddings, in memory and on disk."""
+    """Return the size of what a method stores in addition to the map (VLMaps' embeddings), in memory and on disk."""
     from simaps_viz.evaluation.evaluate import Footprint
 
     held = int(simap.provenance.get("embedding_bytes_held", 0))

@@ -1,4 +1,4 @@
-"""`simaps info`: what is on a map."""
+"""`simaps info`: print the contents of a map."""
 
 from dataclasses import asdict, dataclass
 from pathlib import Path

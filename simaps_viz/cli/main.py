@@ -29,7 +29,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except InputError as error:  # in the log's own options, or while a page of help is written
         _show_error(str(error))
         return BAD_INPUT
-    except BrokenPipeError:  # nobody reads the page of help any more
+    except BrokenPipeError:  # the program that reads our output has ended, as head does
         return _leave_quietly()
 
 
@@ -96,7 +96,7 @@ def _print_version() -> int:
 
 
 def _leave_quietly() -> int:
-    """Return the exit status for a reader of our output that has gone."""
+    """Return the exit status for a broken pipe: the program that read our output has ended."""
     from simaps_viz.console.terminal import drop_answers
 
     drop_answers()

@@ -1,4 +1,4 @@
-"""`simaps mend`: putting a map right by hand on the command line, listing the edits, saving the mended map."""
+"""`simaps mend`: edit a map on the command line, list its edits, and save the edited map."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -63,7 +63,8 @@ class Mend:
             for text in self.edit:
                 simap = do(mending, simap, text, self.who or login())
             if self.output is not None:
-                save_map(simap, self.output)  # before the edits are: what cannot be saved was not done
+                # Saved inside the batch: if the map cannot be written, the edits are not recorded either.
+                save_map(simap, self.output)
         if self.adopt and mending.saved and not self.edit:
             mending.save()
         lines, record = _report(self, mending, simap)

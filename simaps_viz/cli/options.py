@@ -85,7 +85,7 @@ class Networks:
     things."""
 
     def settings(self) -> "NetworkSettings":
-        """Return what the network is opened with."""
+        """Return the settings with which the network is opened, checked."""
         from simaps_viz.segmentation.recognise import NetworkSettings
 
         return NetworkSettings(

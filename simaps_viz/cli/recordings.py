@@ -157,9 +157,9 @@ def find_recording(path: Path) -> Path:
 
 
 def open_alone(path: Path, *, port: int = 0, access: Any = None) -> Any:
-    """Serve a page with a recorded build and nothing else; ``close()`` what this gives, its ``url`` is the page.
+    """Serve a page with only a recorded build, at the ``url`` of the returned server; ``close()`` ends it.
 
-    ``access``: a `viewer.access.Access`, where others than this machine may look.
+    ``access`` is a `viewer.server.access.Access` when other machines may open the page.
 
     Raises:
         InputError: no such recording, it is not finished, or the port is taken.

@@ -57,7 +57,7 @@ class Segment:
         return OK
 
     def _write(self, cache: Path, progress: "StageProgress") -> dict[str, Any]:
-        """Segment the sequence and write the masks; return what was written, JSON-able."""
+        """Segment the sequence and write the masks; return a JSON-able summary of the files written."""
         from simaps_viz.datasets.open import open_sequence
         from simaps_viz.segmentation.coco_panoptic import write_coco_panoptic
         from simaps_viz.segmentation.mask_store import check_place, write_masks
@@ -88,19 +88,19 @@ def open_segmented(
     quiet: bool = False,
     whole: bool = True,
 ) -> "FrameSource":
-    """Open a sequence with the masks that are asked for; a network is run over it first, where it has not been.
+    """Open a sequence with the requested masks; a network is first run over it unless its masks are cached.
 
     Args:
         path: the sequence.
         segmentation: "precomputed", a network (.onnx) or a COCO panoptic table (.json).
         options: how a network is run.
         cache: where its masks are kept.
-        progress: told how far it is.
-        quiet: do not say what the network runs on.
-        whole: every frame has to be there, see `open_sequence`; a network wants them all.
+        progress: called with the progress of the network.
+        quiet: do not print which device the network runs on.
+        whole: require the files of every frame, see `open_sequence`; a network always does.
 
     Raises:
-        InputError: anything is not as it should be.
+        InputError: the sequence, its masks or the network cannot be read.
     """
     from simaps_viz.datasets.open import open_sequence
 

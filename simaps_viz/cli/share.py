@@ -56,7 +56,7 @@ class Share:
         return NO if written["done"] is False else OK
 
     def _write(self, progress: "StageProgress") -> dict[str, Any]:
-        """Write the file and return what it holds, JSON-able."""
+        """Write the file and return a JSON-able summary of its contents."""
         from simaps_viz.app import workbench
         from simaps_viz.app.share import look_back
         from simaps_viz.io.files import check_output, write_whole

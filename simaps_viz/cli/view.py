@@ -33,7 +33,7 @@ class View:
     """A language model for the page's commands: MODEL[@ADDRESS], see simaps query."""
 
     def run(self) -> int:
-        """Open what the path names, and serve the page until Ctrl-C."""
+        """Open the map, recording or sequence at the path and serve its page until Ctrl-C."""
         from simaps_viz.app import workbench
         from simaps_viz.build.cache import cache_folder
         from simaps_viz.cli.recordings import is_recorded_build, view_alone
@@ -76,7 +76,7 @@ def find_recording(path: Path, given: Path | None) -> Path | None:
             raise InputError(f"{given}: expected a recording (.rrd), found nothing")
         from simaps_viz.recorder.facts import read_facts
 
-        read_facts(given)  # refuses what is no recording
+        read_facts(given)  # raises InputError unless it is a recording
         return given
     beside = path.with_suffix(".rrd")
     return beside if beside.is_file() else None

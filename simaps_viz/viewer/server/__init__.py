@@ -1,1 +1,1 @@
-"""What stands between the page and strangers: addresses, tokens, bounds on what is sent."""
+"""The HTTP server in front of viser: it checks addresses, tokens and messages, and bounds their size."""

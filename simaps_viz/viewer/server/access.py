@@ -1,7 +1,7 @@
-"""Who may ask a workbench: the names it answers to, the origins it accepts, and the token.
+"""Access control of a workbench: the host names it answers to, the origins it accepts, and the token.
 
 Another web site cannot read what 127.0.0.1 serves, but it can try: by a name of its own that it points at 127.0.0.1
-(DNS rebinding), or by a WebSocket, which browsers open across sites. Both show in what the browser says of itself.
+(DNS rebinding), or by a WebSocket, which browsers open across sites. The headers of a request show both.
 """
 
 import hashlib
@@ -64,7 +64,7 @@ def bracketed(host: str) -> str:
 
 
 def name_of(host_header: str | None) -> str | None:
-    """Return the name in a Host header, in lower case, without its port; None where it is none."""
+    """Return the name in a Host header, in lower case, without its port; None if it is not a name."""
     match = re.fullmatch(r"(\[[0-9a-f:.]+\]|[a-z0-9._-]{1,253})(:\d{1,5})?", (host_header or "").lower())
     return None if match is None else match[1]
 
@@ -84,11 +84,11 @@ class Access:
     def __init__(
         self, host: str = "127.0.0.1", *, token: str | None = None, clock: Callable[[], float] = time.monotonic
     ) -> None:
-        """Take where it is served.
+        """Create the access control of a server.
 
         Args:
             host: address to listen on.
-            token: that everybody must bring; by default SIMAPS_TOKEN, and where that is empty a new one, or none
+            token: required of every client; by default SIMAPS_TOKEN, and where that is empty a new one, or none
                 when only this machine can reach the address.
             clock: seconds.
 
@@ -114,7 +114,7 @@ class Access:
 
     @property
     def name(self) -> str:
-        """What a browser on this machine calls it by."""
+        """The host name for a browser on this machine."""
         anywhere = {"": "127.0.0.1", "0.0.0.0": "127.0.0.1", "::": "[::1]"}
         return anywhere.get(self.host) or bracketed(self.host)
 
@@ -139,7 +139,7 @@ class Access:
             return HTTPStatus.REQUEST_URI_TOO_LONG, "not an address of this server"
         if self._is_foreign(headers, own_address, writes):
             return HTTPStatus.FORBIDDEN, "this server answers its own page only"
-        if not self.token or self._has_cookie(headers):  # whoever is in stays in, whatever others try
+        if not self.token or self._has_cookie(headers):  # a client that was let in stays in, whatever others try
             return None
         given, tries = _token_in(path), (peer, _is_cross_site(headers))
         right = given is not None and self._is_token(given)
@@ -212,7 +212,7 @@ def _is_cross_site(headers: Mapping[str, str]) -> bool:
 
 
 def _digest(given: str) -> bytes:
-    """Return what is kept of a cookie: looking it up takes as long for nearly right ones as for others."""
+    """Return the digest that is kept of a cookie; the time to look it up reveals nothing about the cookie."""
     return hashlib.sha256(given.encode(errors="replace")).digest()
 
 
@@ -226,7 +226,7 @@ def _token_in(path: str) -> str | None:
 def without_query(text: str) -> str:
     """Return a line for the log without the query, which may hold a token; its status stays, control characters do not.
 
-    What looks like the end of the address may be part of a token, so all goes but the very end of the line.
+    The token may contain what looks like the end of the address, so everything up to the end of the line is removed.
     """
     text = re.sub(r"[^ -~]", ".", text)
     return re.sub(r"\?.*?((?: HTTP/\d\.\d)?\" \d{3} \S+)?\Z", r"?…\1", text)

@@ -52,7 +52,7 @@ MAX_EVENT_BYTES = 65_536
 REQUEST_S = 10.0
 """How long a request may take to arrive, and a connection may be kept without one."""
 WRITE_S = 30.0
-"""How long the other side may take none of what is sent."""
+"""How long a client may read nothing of what is sent to it, seconds."""
 HEARTBEAT_S = 2.0
 CHUNK_BYTES = 1 << 20
 STREAM_ROUTE = "/rerun.sdk_comms.v1alpha1.MessageProxyService/Read"
@@ -65,13 +65,13 @@ _HEADER_LINE = re.compile(rb"[!#$%&'*+.^_`|~0-9A-Za-z-]+:[\t -~\x80-\xff]*\r\n")
 
 @dataclass(frozen=True)
 class Viser:
-    """Where viser listens on 127.0.0.1, and what it asks of a page."""
+    """Where viser listens on 127.0.0.1, and the key it asks for."""
 
     port: int
     version: str
     """Version of its protocol; a page of another version is to be loaded again."""
     key: str = field(default_factory=lambda: secrets.token_urlsafe(32))
-    """Its private port accepts nobody without this, see `viser_hooks.admit_only`."""
+    """Connections to its private port are refused without this key, see `viser_hooks.admit_only`."""
 
 
 class FrontDoor:
@@ -103,7 +103,7 @@ class FrontDoor:
     def start(
         self, hosts: Sequence[Host], *, viser: Viser | None = None, stream_port: int | None = None
     ) -> "FrontDoor":
-        """Begin to answer; returns this door.
+        """Start to serve; returns this object.
 
         Args:
             hosts: of the frames; the first one's page is what the bare address leads to, where there is no viser.
@@ -166,7 +166,7 @@ class FrontDoor:
                 self.pages -= welcome
 
     def recording(self, name: str) -> Path | None:
-        """Return the file that is served under that name; None where there is none."""
+        """Return the file that is served under a name; None if there is none."""
         return next((host.recordings[name] for host in self.hosts.values() if name in host.recordings), None)
 
     def _listen(self, port: int, tried: int) -> "_Server":
@@ -182,7 +182,7 @@ class FrontDoor:
 
 
 class _Server(ThreadingHTTPServer):
-    """One thread a connection, so many connections at most; the rest is hung up on at once."""
+    """One thread for each connection, up to a maximum number; further connections are closed at once."""
 
     daemon_threads = True
     request_queue_size = 64
@@ -198,7 +198,7 @@ class _Server(ThreadingHTTPServer):
         return self._open.total()
 
     def server_bind(self) -> None:
-        """Bind without asking the name service who we are."""
+        """Bind without looking up this machine's host name, which can take seconds."""
         self.socket.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
         self.socket.bind(self.server_address)
         self.server_address = self.socket.getsockname()
@@ -259,7 +259,7 @@ class _Handler(BaseHTTPRequestHandler):
             self.close_connection = True
 
     def parse_request(self) -> bool:
-        """Read the head of a request; refuse one that is not written as the standard has it, or whose body is odd."""
+        """Read the head of a request; refuse one that violates the standard or whose body has an invalid length."""
         stream, head = self.rfile, _Head(self.rfile)
         self.rfile = head
         try:
@@ -289,7 +289,7 @@ class _Handler(BaseHTTPRequestHandler):
         logger.debug("%s", without_query(format % args))
 
     def send_error(self, code: int, message: str | None = None, explain: str | None = None) -> None:
-        """Refuse what is no request, and methods that nothing here has."""
+        """Refuse malformed requests and methods that are not implemented."""
         if code == HTTPStatus.NOT_IMPLEMENTED:
             self._refuse_method()
         else:
@@ -398,7 +398,7 @@ class _Handler(BaseHTTPRequestHandler):
         self.end_headers()
 
     def _send_asset(self, asset: Asset, *, cache: str, csp: str = ENTERED_CSP) -> None:
-        """Send bytes or a file, or the part of it that was asked for."""
+        """Send bytes or a file, or the requested range of the file."""
         content, media_type = asset
         size = len(content) if isinstance(content, bytes) else content.stat().st_size
         try:
@@ -427,7 +427,7 @@ class _Handler(BaseHTTPRequestHandler):
             self.close_connection = True
 
     def _send_events(self, host: Host) -> None:
-        """Send what is pushed to a session, until one of the two sides hangs up."""
+        """Send pushed events to a session until either side closes the connection."""
         self.close_connection = True
         session = self._session()
         listener = host.listen(session)  # before the answer goes out: whoever has it must miss no message
@@ -501,7 +501,7 @@ class _Handler(BaseHTTPRequestHandler):
                 self.wfile.write(part)
 
     def _join(self) -> None:
-        """Connect a page's WebSocket to viser, and judge what comes over it, until one of the two sides hangs up."""
+        """Connect a page's WebSocket to viser and check its messages, until either side closes the connection."""
         viser, why = self.door.viser, ""
         self.close_connection = True
         with self.door.one_more_page() as welcome:
@@ -537,7 +537,7 @@ class _Head(io.BufferedIOBase):
 
 
 class _Incoming(io.RawIOBase):
-    """What the other side sends, until a deadline."""
+    """The bytes that the client sends, readable until a deadline."""
 
     def __init__(self, connection: socket.socket) -> None:
         self._connection = connection

@@ -26,7 +26,7 @@ Asset = tuple[bytes | Path, str]
 
 
 class Host:
-    """What the front door serves for one frame. Nothing but the files named here can be fetched."""
+    """The files and events that the front door serves for one frame; no other file can be fetched."""
 
     def __init__(
         self,
@@ -40,7 +40,7 @@ class Host:
         on_listen: Callable[[str], None] = lambda session: None,
         root: str = "rerun",
     ) -> None:
-        """Take what is served.
+        """Create a host of one frame.
 
         Args:
             page: makes the page's HTML from the addresses of the recordings.
@@ -87,7 +87,7 @@ class Host:
         return f"/recordings/{quote(name)}"
 
     def turn_to(self, recording: Path) -> None:
-        """Show a recording in the place of what was streamed, on open pages and on those to come.
+        """Replace the live stream by a recording, on pages that are open and on later ones.
 
         Raises:
             InputError: it does not exist.
@@ -97,7 +97,7 @@ class Host:
         self.push({"show": self.front})
 
     def handle(self, event: object, session: str) -> dict[str, Any]:
-        """Return the answer to what a page reports; an event that cannot be handled is logged."""
+        """Handle an event of a page and return the answer; an event that cannot be handled is logged."""
         answer: dict[str, Any] | None = None
         if isinstance(event, dict):
             try:

@@ -1,4 +1,4 @@
-"""A page's WebSocket: what it may say, exactly and how much of it, and how that reaches viser.
+"""A page's WebSocket: which messages it may send, how large and how many, and how they reach viser.
 
 viser itself would take any of its 122 messages from a page, and with `GuiUpdateMessage` any attribute of a widget.
 Anything but the eight kinds below is dropped before viser sees it.
@@ -173,16 +173,16 @@ class _Transfer(Struct):
 
 
 class Listener:
-    """Judges all that one page says."""
+    """Checks every message of one page."""
 
     def __init__(self, uploads: Uploads) -> None:
-        """Take what all pages share."""
+        """Create the checks of a page, with the upload budget that all pages share."""
         self._uploads = uploads
         self._transfers: dict[str, _Transfer] = {}
         self._closed = False
 
     def fault(self, raw: str | bytes) -> str | None:
-        """Return what is wrong with a message; None when it is one that a page sends."""
+        """Return the fault of a message; None when a page may send it."""
         if not isinstance(raw, bytes):
             return "text, where pages send msgpack"
         try:
@@ -194,14 +194,14 @@ class Listener:
         return self._part(message) if isinstance(message, UploadPart) else None
 
     def close(self) -> None:
-        """Release the room for its uploads: the page has gone, and viser has forgotten them."""
+        """Release the budget of its uploads: the page was closed, and viser has dropped them."""
         self._closed = True
         for transfer in self._transfers.values():
             self._uploads.release(transfer.size)
         self._transfers.clear()
 
     def _start(self, message: UploadStart) -> str | None:
-        if self._closed:  # what was still on its way
+        if self._closed:  # data that was still being sent
             return "an upload of a page that has gone"
         if message.transfer_uuid in self._transfers or (message.part_count == 0) != (message.size_bytes == 0):
             return "an upload that contradicts itself"
@@ -277,7 +277,7 @@ class PageSocket:
                 self._flush()
                 if response.status_code == 101:
                     self._relay(viser, begun)
-        except OSError:  # one of the two has gone
+        except OSError:  # either side has closed the connection
             return
         finally:
             self._listener.close()
@@ -351,7 +351,7 @@ _SILENT.setLevel(logging.CRITICAL + 1)
 
 
 def read_head(connection: socket.socket) -> tuple[bytes, bytes]:
-    """Read the head of an HTTP answer: what stands before its blank line, and what has come after that.
+    """Read the head of an HTTP response: the part before its blank line, and any bytes received after it.
 
     Raises:
         OSError: there is none.

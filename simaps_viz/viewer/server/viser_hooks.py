@@ -1,4 +1,4 @@
-"""All that we need of viser beyond its public interface. Nothing of its modules is replaced.
+"""All uses of viser beyond its public interface; none of its modules is patched.
 
 1. `admit_only`, on a server: a WebSocket on its private port needs a key; and messages that other threads put in are
    heard at once (a fault of viser 1.1.1, see `Bell`). It needs ``_websock_server`` with ``on_client_connect``,
@@ -30,9 +30,9 @@ logger = logging.getLogger(__name__)
 class Bell(asyncio.Event):
     """An event of a loop that any thread may set.
 
-    viser 1.1.1 sets an ``asyncio.Event`` from whatever thread has a message for a page. Such an event may be used in
-    its loop's own thread only: set after the loop has looked at it and before the loop waits for it, it stays set and
-    wakes nobody, and neither does any later setting. That page would get nothing any more.
+    viser 1.1.1 sets an ``asyncio.Event`` from any thread that has a message for a page, but such an event may be used
+    only in the thread of its loop. Set after the loop has tested it and before the loop waits for it, it stays set
+    without waking the loop, and so does every later call. That page would receive no further messages.
     """
 
     def __init__(self, loop: asyncio.AbstractEventLoop) -> None:
@@ -41,7 +41,7 @@ class Bell(asyncio.Event):
         self._own = loop
 
     def set(self) -> None:
-        """Wake who waits, from the loop's own thread; nobody waits in a loop that is closed."""
+        """Wake the waiting task from the loop's own thread; a closed loop has no waiting task."""
         try:
             running = asyncio.get_running_loop()
         except RuntimeError:
@@ -105,15 +105,15 @@ class _GuardedPool:
     def _run(self, callback: Callable[..., Any], *arguments: Any) -> None:
         try:
             callback(*arguments)
-        except Exception as error:  # whatever happens, the page must live on
+        except Exception as error:  # an error of any kind must not end the page
             self._report(error)
 
 
 def guard(client: viser.ClientHandle, report: Callable[[Exception], None]) -> None:
     """Make the errors of every callback of a page, whoever wrote it, appear on that page.
 
-    viser 1.1.1 would print them and go on. It also warns of what a thread still sends when its page has just been
-    closed, which nobody can help.
+    viser 1.1.1 would only print them. It also warns when a thread still sends to a page that has just been closed,
+    which cannot be avoided.
     """
     for api in (client.gui, client.scene):
         api._thread_executor = _GuardedPool(api._thread_executor, report)  # pyright: ignore[reportAttributeAccessIssue]

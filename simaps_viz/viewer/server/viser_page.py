@@ -54,7 +54,7 @@ PAGE_SCRIPT = (
 """HTML to put into a page once, anywhere that is always shown."""
 
 COVERED_S = 30
-"""A page that never comes is uncovered after so long: viser's own says what it waits for."""
+"""If our part of the page never appears, the cover is removed after this time; viser then shows what it waits for."""
 _COVER = (
     "<style>@keyframes simaps-uncover{to{visibility:hidden}}"
     'body::after{content:"Opening the map \\2026";position:fixed;inset:0;z-index:100000;display:grid;'
@@ -64,7 +64,7 @@ _COVER = (
 
 
 def covered(page: bytes) -> bytes:
-    """Return viser's page with a cover over it, which goes when our part of the page is there."""
+    """Return viser's page with a cover over it that is removed when our part of the page has loaded."""
     head, end, rest = page.rpartition(b"</head>")
     return head + _COVER + rest if end else page
 
