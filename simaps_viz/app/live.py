@@ -196,7 +196,7 @@ class LiveBuild:
             self._arrived.clear()
             self._sketch_s = time.perf_counter()
             self._pace.begin(self._sketch_s)
-            self._say(status="starting", error="", said="", rate=None, left_s=None)
+            self._say(status="starting", error="", notice="", rate=None, left_s=None)
             self._thread = threading.Thread(target=self._build, args=(resume,), name="live-build", daemon=True)
             self._thread.start()
 
@@ -244,10 +244,10 @@ class LiveBuild:
             simap = self._run((self,), self._cancel, resume)
             self._say(status="finishing", done=self._state.total)
             said = self._audience.done(simap)
-            self._say(status="done", said=said)
+            self._say(status="done", notice=said)
         except BuildCancelled:
             self._show_stopped()
-            self._say(status="stopped", said=self._audience.stopped)
+            self._say(status="stopped", notice=self._audience.stopped)
         except SIMapsError as error:
             self._say(status="failed", error=str(error))
         except Exception as error:  # the page has to say so; the log has it in full
@@ -503,6 +503,6 @@ def _wait(build: LiveBuild) -> None:
     pause, before = threading.Event(), build.state()
     while (state := build.state()).status != "done":
         if state.status != before.status and state.status in ("stopped", "failed"):
-            console.print(f"{state.status}: {state.error or state.said}", markup=False, soft_wrap=True)
+            console.print(f"{state.status}: {state.error or state.notice}", markup=False, soft_wrap=True)
         before = state
         pause.wait(0.2)

@@ -1,5 +1,7 @@
 """Legends of the colours, and descriptions of a map and its objects, as text and as small pieces of HTML."""
 
+from collections import Counter
+from collections.abc import Sequence
 from html import escape
 
 import cv2
@@ -43,6 +45,21 @@ def object_name(simap: SIMap, instance: Instance) -> str:
     return f"{short_name(simap, instance)} of {len(simap.of_class(instance.label))}"
 
 
+def object_names(simap: SIMap, most: int | None = None) -> dict[str, int]:
+    """Return {name: id} of the instances, named as `object_name` does; ``most`` keeps only the largest."""
+    total = simap.counts()
+    number: Counter[str] = Counter()
+    floor = 0
+    if most is not None and len(simap.instances) > most:
+        floor = sorted((instance.cells for instance in simap.instances), reverse=True)[most - 1]
+    names: dict[str, int] = {}
+    for instance in simap.instances:
+        number[instance.label] += 1
+        if instance.cells >= floor and (most is None or len(names) < most):
+            names[f"{instance.label} {number[instance.label]} of {total[instance.label]}"] = instance.id
+    return names
+
+
 def short_name(simap: SIMap, instance: Instance) -> str:
     """Name an instance without saying how many its class has: "chair 7"."""
     siblings = [other.id for other in simap.of_class(instance.label)]
@@ -72,7 +89,7 @@ def facts_html(simap: SIMap, instance: Instance) -> str:
     return (
         f'<div style="{BOX_STYLE}">'
         '<div style="font-size:1.15em;font-weight:600;overflow-wrap:anywhere">'
-        f"{_CHIP_STYLE}{_chip(instance_rgb(simap, instance))}{short_html(object_name(simap, instance))}</div>"
+        f"{CHIP_STYLE}{chip(instance_rgb(simap, instance))}{short_html(object_name(simap, instance))}</div>"
         f"<div>{escape(facts_text(simap, instance))}</div>"
         f'<table style="border-spacing:0;margin-top:.3em">{table}</table></div>'
     )
@@ -86,22 +103,22 @@ def legend_html(simap: SIMap, mode: ColorMode, theme: Theme = LIGHT) -> str:
     if mode == "observations":
         most = int(simap.grid.observations.max(initial=0))
         return _box(f"{_bar('0', plural(most, 'frame'), 'frames that saw the cell, logarithmic')}{_unseen(theme)}")
-    rows = [_CHIP_STYLE, *(_class_rows(simap) if mode == "class" else _instance_rows(simap))]
+    rows = [CHIP_STYLE, *(_class_rows(simap) if mode == "class" else _instance_rows(simap))]
     ground = (("wall", theme.wall), ("not named", theme.clutter), ("floor", theme.floor), ("never seen", theme.unseen))
-    names = "".join(f'<span class="simaps-entry">{_chip(color)}{name}</span>' for name, color in ground)
+    names = "".join(f'<span class="simaps-entry">{chip(color)}{name}</span>' for name, color in ground)
     rows.append(f'<div style="margin-top:.5em">{names}</div>')
     return _box("".join(rows))
 
 
 def _unseen(theme: Theme) -> str:
-    return f'<div>{_CHIP_STYLE}<span class="simaps-entry">{_chip(theme.unseen)}never seen</span></div>'
+    return f'<div>{CHIP_STYLE}<span class="simaps-entry">{chip(theme.unseen)}never seen</span></div>'
 
 
 def _class_rows(simap: SIMap) -> list[str]:
     colors = class_colors(simap)
     counts = simap.counts()
     rows = [
-        f'<div class="simaps-entry">{_chip(colors[label])}{short_html(label)} <b>{count}</b></div>'
+        f'<div class="simaps-entry">{chip(colors[label])}{short_html(label)} <b>{count}</b></div>'
         for label, count in counts.items()
     ]
     if len(counts) > len(PALETTE):
@@ -116,7 +133,7 @@ def _instance_rows(simap: SIMap) -> list[str]:
         ids.setdefault(one.label, []).append(one.id)
     rows = []
     for label, count in simap.counts().items():
-        chips = "".join(_chip(as_color(colors[i])) for i in ids[label][:MAX_CHIPS])
+        chips = "".join(chip(as_color(colors[i])) for i in ids[label][:MAX_CHIPS])
         rest = f" +{count - MAX_CHIPS}" if count > MAX_CHIPS else ""
         rows.append(f'<div><span class="simaps-entry">{short_html(label)} <b>{count}</b></span>{chips}{rest}</div>')
     if len(simap.instances) > len(PALETTE):
@@ -137,23 +154,29 @@ def _note(text: str) -> str:
     return f'<div style="{DIM_STYLE};font-size:{NESTED_EM}em;margin-top:.3em">{escape(text)}</div>'
 
 
-_CHIP_STYLE = (
+CHIP_STYLE = (
     "<style>.simaps-chip{display:inline-block;width:.8em;height:.8em;border-radius:2px;margin-right:.25em;"
     "box-shadow:inset 0 0 0 1px rgba(128,128,128,.45)}.simaps-entry{white-space:nowrap;margin-right:.8em}</style>"
 )
 
 
-def _chip(color: Color) -> str:
+def chip(color: Color) -> str:
+    """Return a small square of a colour, whose look is `CHIP_STYLE`."""
     return f'<i class="simaps-chip" style="background:rgb{color}"></i>'
 
 
 def _bar(low: str, high: str, meaning: str) -> str:
     steps = np.linspace(0, 255, 9).astype(np.uint8).reshape(1, -1)
     colors = cv2.cvtColor(cv2.applyColorMap(steps, cv2.COLORMAP_VIRIDIS), cv2.COLOR_BGR2RGB)[0]
-    stops = ",".join(f"rgb({r},{g},{b})" for r, g, b in colors.tolist())
+    return gradient_html(meaning, [as_color(color) for color in colors], (low, high))
+
+
+def gradient_html(meaning: str, colors: Sequence[Color], ticks: Sequence[str]) -> str:
+    """Draw a bar of colours, with what it means above and evenly spaced numbers below."""
+    stops = ",".join(f"rgb{color}" for color in colors)
+    numbers = "".join(f"<span>{escape(tick)}</span>" for tick in ticks)
     return (
         f"<div>{escape(meaning)}</div>"
         f'<div style="height:10px;border-radius:3px;background:linear-gradient(90deg,{stops})"></div>'
-        f'<div style="display:flex;justify-content:space-between"><span>{escape(low)}</span>'
-        f"<span>{escape(high)}</span></div>"
+        f'<div style="display:flex;justify-content:space-between">{numbers}</div>'
     )

@@ -122,6 +122,11 @@ def note_html(text: str) -> str:
     return f'<div style="{BOX_STYLE};{DIM_STYLE}">{text}</div>'
 
 
+def small_html(text: str) -> str:
+    """Set a sentence in small."""
+    return f'<div style="{SMALL_STYLE}">{escape(text)}</div>'
+
+
 def remark_html(text: str) -> str:
     """Set a remark in small; none when the text is empty."""
     return f'<div style="{SMALL_STYLE};opacity:.75">{escape(text)}</div>' if text else ""

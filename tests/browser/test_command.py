@@ -43,7 +43,7 @@ def say(session, page, command, *, by="Enter"):
     if by == "Enter":
         box.press("Enter")
     else:
-        until(page, lambda: session.panels[CommandPanel]._widgets.said[0] == command)
+        until(page, lambda: session.panels[CommandPanel]._widgets.texts[0] == command)
         press(page, by)
     until(page, lambda: session.panels[CommandPanel]._past and session.panels[CommandPanel]._past[0].command == command)
 

@@ -46,7 +46,7 @@ def test_a_map_grows_stops_goes_on_and_becomes_the_workbench(browser, tmp_path, 
         held.let_go()
         expect(page.get_by_text("Nothing is lost")).to_be_visible()
         assert not output.exists()
-        page.get_by_role("button", name="Go on").click()
+        page.get_by_role("button", name="Resume").click()
         expect(page.get_by_role("tab", name="Recordings", exact=True)).to_be_visible()
         expect(page.get_by_role("tab", name="Progress", exact=True)).to_have_count(0)
         assert session.wait_idle(PATIENCE_S)

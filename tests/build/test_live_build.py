@@ -43,7 +43,7 @@ def test_stopped_and_gone_on_with_it_ends_in_the_same_bytes_and_panels_come(tmp_
             assert not output.exists() and build.state().done < 40
             build.go_on()
             assert build.wait(60.0)
-            assert build.state().status == "done" and "m.npz" in build.state().said
+            assert build.state().status == "done" and "m.npz" in build.state().notice
             assert bench.wait_idle()
             titles = session.panels.titles
             assert set(titles) == {*ALWAYS, "Compare", "Masks", "Mend", "Share", "Recordings"}
@@ -85,7 +85,7 @@ def test_nobody_looks_so_no_map_is_made(tmp_path):
 
     build = LiveBuild(run, 12, Audience(show=shown.append, watches=lambda: False, done=lambda m: "there"))
     build.start()
-    assert build.wait(60.0) and shown == [] and build.state().said == "there" and build.state().done == 12
+    assert build.wait(60.0) and shown == [] and build.state().notice == "there" and build.state().done == 12
 
 
 class Stream:
@@ -163,7 +163,7 @@ def test_the_waiting_map_shows_the_floor_around_the_cameras(tmp_path):
         (LiveState("building", 3, 7, 12.4, 65.0), ("Building the map", "12 frames/s", "1 min 05 s left", WAITING)),
         (LiveState("building", 3, 7, shown=2), ("The map shows the first 2 frames.",)),
         (LiveState("building", 3, 7, 0.25, 4.0, skipped=1), ("0.2 frames/s", "4 s left", "1 could not be read")),
-        (LiveState("stopped", 3, 7, said="go on"), ("Stopped", "go on")),
+        (LiveState("stopped", 3, 7, notice="go on"), ("Stopped", "go on")),
         (LiveState("failed", 3, 7, error="a <b>"), ("The build failed", "a &lt;b&gt;")),
     ],
 )

@@ -38,7 +38,7 @@ def test_edits_of_an_earlier_build_cost_no_map(tmp_path):
     mending.delete(mending.simap(), 9, who="Ann")
     state, shown, panels = watched(held_sequence(tmp_path / "tiny", FRAMES, held_from=FRAMES), settings(output))
     assert state.status == "done" and state.error == ""
-    assert "Saved as" in state.said and "found edits of another build" in state.said and "--adopt" in state.said
+    assert "Saved as" in state.notice and "found edits of another build" in state.notice and "--adopt" in state.notice
     assert len(shown.frame_names) == len(load_map(output).frame_names) == FRAMES
     assert "Compare" in panels and "Mend" not in panels
 
@@ -54,7 +54,7 @@ def test_a_recording_that_is_lost_costs_no_map(tmp_path, monkeypatch):
     monkeypatch.setattr(live, "build_to_file", loses_recording)
     held = held_sequence(tmp_path / "tiny", FRAMES, held_from=FRAMES)
     state, shown, _ = watched(held, settings(tmp_path / "m.npz"))
-    assert state.status == "done" and "could not write the recording: full" in state.said
+    assert state.status == "done" and "could not write the recording: full" in state.notice
     assert len(shown.frame_names) == FRAMES
 
 
@@ -66,7 +66,7 @@ def test_a_method_without_a_log_begins_anew_and_says_so(tmp_path, monkeypatch):
         build.start()
         build.stop()
         held.let_go()
-        assert build.wait(60.0) and (build.state().status, build.state().said) == ("stopped", STARTS_AGAIN)
+        assert build.wait(60.0) and (build.state().status, build.state().notice) == ("stopped", STARTS_AGAIN)
         build.go_on()
         assert build.wait(60.0) and build.state().status == "done", build.state().error
     assert len(load_map(tmp_path / "m.npz").frame_names) == 12
@@ -91,7 +91,7 @@ def test_a_build_that_has_just_ended_is_not_stopping():
 
     build = LiveBuild(run, 9, Audience(show=lambda m: None, watches=lambda: False, done=lambda m: "Saved."))
     build.start()
-    assert ended.wait(60.0) and build.state().said == STOPPED
+    assert ended.wait(60.0) and build.state().notice == STOPPED
     build.stop()
     assert build.state().status == "stopped"
     threading.Timer(0.2, clearing.set).start()

@@ -5,7 +5,8 @@ from hypothesis import example, given
 from hypothesis import strategies as st
 from toy_maps import toy_map
 
-from simaps_viz.viewer.panels.instance import NotFound, find, object_names
+from simaps_viz.drawing.legend import object_names
+from simaps_viz.viewer.panels.instance import NotFound, find
 
 SIMAP = toy_map()
 

@@ -23,9 +23,9 @@ from simaps_viz.viewer.panels.judge import (
     JudgePanel,
     named_in,
     outcome_text,
-    places,
-    ride,
+    position_labels,
     summary_html,
+    timed_trajectory,
 )
 
 pytestmark = pytest.mark.slow
@@ -61,10 +61,10 @@ def judge_of(bench):
 
 
 def text_of(panel):
-    return panel._head.content + panel._said.content
+    return panel._head.content + panel._outcome.content
 
 
-# --- words and rides
+# --- words and trajectories
 
 
 def test_what_the_robot_did_is_said_without_a_verdict():
@@ -90,11 +90,11 @@ def test_the_things_a_command_names_are_found(command, named):
     assert named_in(command, ["chair", "dining table", "couch", "potted plant"]) == named
 
 
-def test_a_ride_waits_at_the_start_and_at_each_stop_in_order():
+def test_a_trajectory_waits_at_the_start_and_at_each_stop_in_order():
     track = np.array([[0.0, 0.0], [1.0, 0.0], [2.0, 0.0], [1.0, 0.0]])
-    timed = ride(Pose2(0.0, 0.0, 0.0), track, [[2.0, 0.0], [1.0, 0.0]])
+    timed = timed_trajectory(Pose2(0.0, 0.0, 0.0), track, [[2.0, 0.0], [1.0, 0.0]])
     assert timed.at(FIRST_S - 0.01).x_m == 0.0
-    plain = ride(Pose2(0.0, 0.0, 0.0), track, [])
+    plain = timed_trajectory(Pose2(0.0, 0.0, 0.0), track, [])
     assert timed.duration_s == pytest.approx(plain.duration_s + 2 * PAUSE_S)
     end = timed.at(timed.duration_s)
     assert (end.x_m, abs(end.yaw_rad)) == pytest.approx((1.0, np.pi))  # as it came
@@ -103,14 +103,14 @@ def test_a_ride_waits_at_the_start_and_at_each_stop_in_order():
 
 
 def test_a_robot_that_did_not_move_is_shown_too():
-    timed = ride(Pose2(1.0, 2.0, 0.5), np.array([[1.0, 2.0]]), [])
+    timed = timed_trajectory(Pose2(1.0, 2.0, 0.5), np.array([[1.0, 2.0]]), [])
     pose = timed.at(timed.duration_s)
     assert (pose.x_m, pose.y_m, pose.yaw_rad) == (1.0, 2.0, 0.5)
 
 
 def test_places_name_start_stops_and_collision(session):
     shown = session.next_run()
-    named = places(shown, Pose2.from_heading(0.5, 0.5, 90.0))
+    named = position_labels(shown, Pose2.from_heading(0.5, 0.5, 90.0))
     assert [label[:3] for label in named] == [("start, looking east", 0.5, 0.5), ("stop", 2.5, 0.5)]
 
 
@@ -168,7 +168,7 @@ def test_a_full_disk_is_told_and_the_run_stays(session, hasty):
 def test_the_command_tab_takes_the_robot_and_the_judge_takes_it_back(session):
     with toy_workbench(real_services(judging=session)) as bench, fake_page(bench):
         panel = judge_of(bench)
-        panel._drive.speed = 0.05  # so that the ride is not over when it is looked at
+        panel._drive.speed = 0.05  # so that the drive is not over when it is looked at
         panel.replay()
         assert panel._drive.active
         mine(bench).panels[CommandPanel]._drive.speed = 8.0

@@ -1,4 +1,4 @@
-"""The panel that commands the robot: the command, what became of it, and the robot's trajectory."""
+"""The panel that commands the robot: the command, its outcome, and the robot's trajectory."""
 
 import contextlib
 import functools
@@ -54,11 +54,11 @@ _CHOICES = (
     ),
     (re.compile(r'robot\.in_view\("([^"]*)"'), "Only what the robot could see from there was counted."),
 )
-"""How a program may choose among the instances of a class other than by closeness, and how to say so."""
+"""Calls with which a program chooses an instance other than by distance, and how to describe that."""
 
 
 def why_text(answer: Answer, candidates: Sequence[Candidate]) -> str:
-    """Why the robot goes to this instance and to no other of its class; empty when there was nothing to choose.
+    """Explain why the robot goes to this instance and to no other of its class; empty if there was no choice.
 
     Args:
         answer: with the goals.
@@ -86,12 +86,12 @@ def why_text(answer: Answer, candidates: Sequence[Candidate]) -> str:
 
 
 def candidate_labels(candidates: Sequence[Candidate], chosen: Collection[int], most: int = 5) -> list[Label]:
-    """Number what a command could have meant: "▶ 3 · 2.6 m" is the chosen one, "1 · 1.2 m" one that lies closer.
+    """Number the objects that a command could mean: "▶ 3 · 2.6 m" is the chosen one, "1 · 1.2 m" a closer one.
 
     Args:
         candidates: the closest first.
-        chosen: ids of those that are meant.
-        most: how many besides them; none of them is farther than the last that is meant.
+        chosen: ids of the chosen ones.
+        most: how many others to number; none of them is farther than the farthest chosen one.
 
     Returns:
         the chosen ones first.
@@ -104,18 +104,18 @@ def candidate_labels(candidates: Sequence[Candidate], chosen: Collection[int], m
 
 
 def goal_labels(simap: SIMap, goals: Sequence[Goal]) -> list[Label]:
-    """Number the objects the robot was sent to, in order, those that are on the map."""
-    places: dict[int, list[str]] = {}
+    """Number the objects that the robot was sent to, in order, as far as they are on the map."""
+    numbers: dict[int, list[str]] = {}
     for number, goal in enumerate(goals, start=1):
         for one in (goal.instance, goal.other_instance):
             if one:
-                places.setdefault(one, []).append(str(number))
+                numbers.setdefault(one, []).append(str(number))
     known = {instance.id: instance for instance in simap.instances}
-    return [label_of(", ".join(texts), known[i]) for i, texts in places.items() if i in known]
+    return [label_of(", ".join(texts), known[i]) for i, texts in numbers.items() if i in known]
 
 
 def label_of(text: str, one: Instance) -> Label:
-    """Return a text that stands beside an instance."""
+    """Return a label next to an instance."""
     (x0, y0, _), (x1, y1, _) = one.aabb_m
     return Label(text, (x0 + x1) / 2, (y0 + y1) / 2, (x1 - x0) / 2, (y1 - y0) / 2)
 
@@ -134,7 +134,7 @@ def message_html(title: str, text: str, tone: str, more: Sequence[str] = ()) -> 
 
 
 def program_html(program: str, line: int | None = None, *, stuck: bool = False) -> str:
-    """Show a program as code, with line numbers; the given line (from 1) is marked, in red when it got stuck there."""
+    """Show a program as code, with line numbers; the given line (from 1) is marked, in red where it got stuck."""
     rows = []
     for number, text in enumerate(program.rstrip("\n").splitlines(), start=1):
         mark = (
@@ -155,7 +155,7 @@ def program_html(program: str, line: int | None = None, *, stuck: bool = False) 
 
 
 def exchanges_html(exchanges: Sequence[Exchange]) -> str:
-    """Show what a language model was sent, and what it wrote back."""
+    """Show what was sent to a language model, and its answers."""
     parts = []
     for number, exchange in enumerate(exchanges, start=1):
         head = f"Question {number} of {len(exchanges)}, {exchange.seconds:.1f} s"
@@ -169,7 +169,7 @@ def exchanges_html(exchanges: Sequence[Exchange]) -> str:
 
 
 def _others(one: Candidate, candidates: Sequence[Candidate]) -> str:
-    """Describe where the closer ones are, or the next when there is none closer."""
+    """Describe how far the closer ones are, or the next one if none is closer."""
     label = one.instance.label
     if one.rank == 1:
         return f"the next {label} is at {candidates[1].distance_m:.2f} m."
@@ -183,7 +183,7 @@ def _others(one: Candidate, candidates: Sequence[Candidate]) -> str:
 
 
 def _listed(candidates: Sequence[Candidate], label: str) -> str:
-    """Name several by their numbers: "chairs 1, 2 and 5"; a long row that has no holes as "chairs 1 to 9"."""
+    """Name several by their numbers: "chairs 1, 2 and 5"; a long row without gaps as "chairs 1 to 9"."""
     ranks = sorted(c.rank for c in candidates)
     name = plural(2, label).removeprefix("2 ")
     if len(ranks) > _MAX_LISTED and ranks == list(range(ranks[0], ranks[-1] + 1)):
@@ -192,11 +192,11 @@ def _listed(candidates: Sequence[Candidate], label: str) -> str:
 
 
 def _choice(program: str, label: str) -> list[str]:
-    """Describe how the program chose, where it did not go by closeness alone."""
+    """Describe how the program chose, if not by distance alone."""
     for pattern, words in _CHOICES:
         found = pattern.search(program)
         if found:
-            # a look-up of another class only helped to find the one
+            # a call for another class was only a step towards this one
             return [words.format(*found.groups()[1:])] if found[1] == label else ["The program says how it was chosen."]
     return ["The program says how it was chosen."] if "for candidate in " in program else []
 
@@ -209,20 +209,20 @@ def _box(title: str, text: str, paper: str) -> str:
     )
 
 
-PLACE_HINT = "Say by two clicks on the map where the robot stands and looks; or put it back where it started."
+PLACE_HINT = "Set position and heading by two clicks on the map, or put the robot back where it started."
 EXAMPLES = 3
 FEW = 2
-"""Members of a class that need not be told apart by more than its name."""
+"""Classes with at most this many objects are named in the examples without a number."""
 MAX_PAST = 8
-"""Commands that the history shows."""
+"""Commands shown in the history."""
 _MAX_BUTTON_LENGTH = 34
-"""Characters of a command on a button."""
-Phase = Literal["idle", "asking", "driving", "held"]
+"""Characters of a command on a button of the history."""
+Phase = Literal["idle", "asking", "driving", "paused"]
 _BUTTONS: dict[Phase, tuple[str, str, str]] = {
     "idle": ("Go", "Step", "Stop"),
     "asking": ("Go", "Step", "Stop"),
     "driving": ("Pause", "Step", "Stop"),
-    "held": ("Play", "Step", "Stop"),
+    "paused": ("Play", "Step", "Stop"),
 }
 _ICONS = {"ok": viser.Icon.CHECK, "refused": viser.Icon.X, "failed": viser.Icon.ALERT_TRIANGLE}
 
@@ -233,22 +233,22 @@ class Past:
 
     command: str
     status: str
-    """Either ok, refused or failed; empty while that is not known."""
+    """One of ok, refused and failed; empty while unknown."""
 
 
 class CommandWidgets:
-    """The widgets; the ``show`` methods fill them."""
+    """The widgets of the panel; the ``show`` methods fill them."""
 
     def __init__(
         self, gui: viser.GuiApi, simap: SIMap, robot: "CommandPanel", *, enabled: bool, model: str | None
     ) -> None:
-        """Fill the open container; what a person does is passed on to the robot."""
+        """Fill the open container; clicks and commands are passed on to ``robot``."""
         self._robot = robot
         self._phase: Phase = "idle"
         self._past: list[Past] = []
         self._add_input(gui, enabled, model)
         self._add_outcome(gui)
-        self._add_ride(gui)
+        self._add_drive(gui)
         with gui.add_folder("Examples"):
             for text in examples(simap, EXAMPLES + 1):
                 button = gui.add_button(text, color="gray", disabled=not enabled)
@@ -261,12 +261,12 @@ class CommandWidgets:
 
     @property
     def uses_model(self) -> bool:
-        """Whether the language model shall read commands."""
+        """Whether the language model reads the commands."""
         return bool(self._model.visible and self._model.value)
 
     @property
-    def said(self) -> tuple[str, str, str]:
-        """What is typed, what became of the last command, and its program, the latter two as HTML."""
+    def texts(self) -> tuple[str, str, str]:
+        """The typed command, and the outcome and program of the last one (both HTML)."""
         return str(self._text.value), str(self._result.content), str(self._program.content)
 
     @property
@@ -274,46 +274,46 @@ class CommandWidgets:
         """Factor on the robot's normal speed."""
         return float(self._speed.value)
 
-    def say_again(self, said: tuple[str, str, str], speed: float) -> None:
-        """Show again what ``said`` gave."""
-        self._text.value, self._result.content, self._program.content = said
-        self._program.visible = bool(said[2])
+    def restore_texts(self, texts: tuple[str, str, str], speed: float) -> None:
+        """Restore what ``texts`` and ``speed`` returned."""
+        self._text.value, self._result.content, self._program.content = texts
+        self._program.visible = bool(texts[2])
         self._speed.value = speed
 
     def show_phase(self, phase: Phase) -> None:
-        """Offer the buttons that fit what the robot is doing."""
+        """Show the buttons that fit what the robot is doing."""
         self._phase = phase
         if tuple(self._run.options) != _BUTTONS[phase]:
             self._run.options = _BUTTONS[phase]
 
     def show_thinking(self, command: str, reader: str = "") -> None:
-        """Report that a command is being worked on, and who reads it."""
+        """Show that a command is being worked on, and by which reader."""
         more = (f"Asking {reader}. Stop ends the wait.",) if reader else ()
         self._result.content = message_html("Working on it …", command, "plain", more)
 
     def show_result(self, title: str, text: str, tone: str, more: Sequence[str] = ()) -> None:
-        """Describe what became of a command, with further lines; tone is one of plain, good, bad."""
+        """Show the outcome of a command, with further lines; tone is one of plain, good, bad."""
         self._result.content = message_html(title, text, tone, more)
 
     def show_program(self, program: str, line: int | None = None, *, stuck: bool = False) -> None:
-        """Show the program, the given line (from 1) marked as the one that runs, or where it got stuck."""
+        """Show the program; the given line (from 1) is marked as the current one, or as where it got stuck."""
         self._program.content = program_html(program, line, stuck=stuck)
         self._program.visible = bool(program)
 
     def show_other_reading(self, program: str | None) -> None:
-        """Offer to run what else the command could mean."""
+        """Offer to run another meaning of the command; None hides the offer."""
         self._other_program.content = "" if program is None else program_html(program)
         self._other.visible = program is not None
 
     def show_progress(self, share: float | None) -> None:
-        """Show how much of the ride is over, 0 to 1; None hides it."""
+        """Show how much of the drive is done, 0 to 1; None hides it."""
         if self._progress.visible != (share is not None):
             self._progress.visible = share is not None
         if share is not None:
             self._progress.value = round(100.0 * share, 1)
 
     def show_exchanges(self, exchanges: Sequence[Exchange]) -> None:
-        """Show what a language model was sent and answered; none hides it."""
+        """Show the exchanges with a language model; an empty sequence hides them."""
         self._exchanges.content = exchanges_html(exchanges)
         self._conversation.visible = bool(exchanges)
 
@@ -333,15 +333,15 @@ class CommandWidgets:
             button.visible = one is not None
 
     def show_pose(self, pose: Pose2) -> None:
-        """Describe where the robot stands."""
+        """Show the robot's pose."""
         self._pose.content = (
             '<div style="padding:.2em .8em;font-size:.82em">Robot at '
             f"<b>x {pose.x_m:.2f} m, y {pose.y_m:.2f} m</b>, heading <b>{pose.heading_deg % 360:.0f}°</b></div>"
         )
 
     def _add_input(self, gui: viser.GuiApi, enabled: bool, model: str | None) -> None:
-        # Of several lines, and Enter is seen in the text: the page sends only the last change of any 50 ms, so that a
-        # form's own message about Enter would take the place of the last letters.
+        # Multiline, so that Enter becomes part of the text: the browser sends only the last change of any 50 ms, and a
+        # separate message about Enter would replace the last letters.
         self._text = gui.add_text(
             "Command", "", multiline=True, hint="In plain English, or a program; Enter sends it.", disabled=not enabled
         )
@@ -370,7 +370,7 @@ class CommandWidgets:
         with self._conversation:
             self._exchanges = gui.add_html("")
 
-    def _add_ride(self, gui: viser.GuiApi) -> None:
+    def _add_drive(self, gui: viser.GuiApi) -> None:
         self._speed = gui.add_slider("Speed (×)", 0.25, 8.0, 0.25, 1.0, hint=SPEED_HINT)
         self._speed.on_update(lambda _: self._robot.set_speed(float(self._speed.value)))
         self._follow = gui.add_checkbox(
@@ -395,30 +395,30 @@ class CommandWidgets:
         command = entered(str(self._text.value))
         if command is not None:
             self._text.value = command
-            self._send(held=False)
+            self._send(paused=False)
 
     def _pressed(self, name: str) -> None:
         if name == "Stop":
             self._robot.stop()
-        elif name == "Step" and self._phase in ("driving", "held"):
+        elif name == "Step" and self._phase in ("driving", "paused"):
             self._robot.step()
-        elif self._phase in ("driving", "held"):
+        elif self._phase in ("driving", "paused"):
             self._robot.pause()
         else:
-            self._send(held=name == "Step")
+            self._send(paused=name == "Step")
 
-    def _send(self, *, held: bool) -> None:
+    def _send(self, *, paused: bool) -> None:
         command = str(self._text.value).strip()
         if command:
-            self._robot.ask(command, held)
+            self._robot.ask(command, paused)
         else:
-            self.show_result("", "Type first what the robot shall do, or try an example.", "plain")
+            self.show_result("", "Type a command first, or try an example.", "plain")
 
 
 def entered(text: str) -> str | None:
-    """Return the command that Enter ended; None while it is still being written.
+    """Return the command that Enter completed; None while it is still being typed.
 
-    A program has lines, so that only a last empty line ends it; any other command is one line.
+    A program has several lines and ends with an empty one; any other command is one line.
     """
     if "\n" not in text or (is_program(text) and not text.endswith("\n")):
         return None
@@ -426,12 +426,12 @@ def entered(text: str) -> str | None:
 
 
 def examples(simap: SIMap, most: int = EXAMPLES) -> list[str]:
-    """Make commands that this map can answer, from the classes on it."""
+    """Return example commands that use the classes of this map."""
     counts = {name: count for name, count in simap.counts().items() if len(name) <= MAX_NAME_LENGTH}
     names = list(counts)
     if not names:
         return ["move forward 1 meter"]
-    few = [name for name in names if counts[name] <= FEW] or names  # "the chair" says little where there are 31
+    few = [name for name in names if counts[name] <= FEW] or names  # "the chair" is of little use where there are 31
     several = next((name for name in names if counts[name] >= 3), None)
     texts = [f"go to the third {several} from here"] if several else []
     texts.append(f"go to the {few[0]}")
@@ -444,7 +444,7 @@ def examples(simap: SIMap, most: int = EXAMPLES) -> list[str]:
 
 
 def open_floor(simap: SIMap) -> Pose2:
-    """Find where the robot starts when nobody says: the free cell farthest from anything, looking north."""
+    """Return the default start pose: the free cell farthest from any obstacle, looking north."""
     height = simap.grid.height_m
     free = (np.nan_to_num(height, nan=9.0) < STANDS_FROM_M) & (simap.instance == 0)
     if not free.any():
@@ -457,23 +457,23 @@ def open_floor(simap: SIMap) -> Pose2:
 
 MAX_REMEMBERED = 50
 GOAL_M = 0.25
-"""What is kept free of texts around the place where the robot will stand."""
+"""Half the side of the square around the robot's final position that is kept free of labels."""
 
 
 @dataclass(frozen=True)
 class RobotState:
-    """What a page that is loaded again shows of its robot."""
+    """The state of the robot that a page keeps when it is loaded again."""
 
     pose: Pose2
     start: Pose2
     past: tuple[Past, ...]
-    said: tuple[str, str, str]
-    """As `CommandPanel.said`."""
+    texts: tuple[str, str, str]
+    """As `CommandWidgets.texts`."""
     speed: float
 
 
 class CommandPanel(Panel):
-    """Carries commands out and shows what came of them. One command at a time; a new one ends the last."""
+    """Carries out commands and shows their outcomes, one at a time; a new command ends the one before."""
 
     def __init__(self, page: Page) -> None:
         """Fill the open container and put the robot on the map."""
@@ -486,15 +486,15 @@ class CommandPanel(Panel):
         self._answer: Answer | None = None
         self._why: tuple[str, ...] = ()
         self._readings: tuple[str, ...] = ()
-        self._ride: Trajectory | None = None
+        self._trajectory: Trajectory | None = None
         self._line = 0
         self._past: list[Past] = []
         self._waiting: threading.Event | None = None
-        self._drive = TrajectoryPlayer(self._moved, self._arrived, self._held, self._broke_down)
+        self._drive = TrajectoryPlayer(self._moved, self._arrived, self._paused, self._broke_down)
         model = page.services.model.name if page.services.model else None
         enabled = page.services.ask is not None
         self._widgets = CommandWidgets(page.gui, page.simap, self, enabled=enabled, model=model)
-        self._stand(self._start)
+        self._put_robot(self._start)
 
     @property
     def pose(self) -> Pose2:
@@ -503,33 +503,35 @@ class CommandPanel(Panel):
 
     @property
     def driving(self) -> bool:
-        """Whether a ride is under way, paused or not."""
+        """Whether the robot is driving, paused or not."""
         return self._drive.active
 
-    def ask(self, command: str, held: bool = False) -> None:
-        """Have a command carried out from where the robot stands; held: wait before its first line."""
+    def ask(self, command: str, paused: bool = False) -> None:
+        """Carry out a command from the robot's pose; ``paused`` waits before its first line."""
         model = self._services.model if self._widgets.uses_model else None
         self._remember(command, "")
-        self._submit(command, held=held, reader=model.name if model else "")
+        self._submit(command, paused=paused, reader=model.name if model else "")
 
     def pause(self) -> None:
-        """Hold the ride, or let it go on."""
+        """Pause the drive, or resume it."""
         self._drive.pause(not self._drive.paused)
         if self._drive.active:
-            self._widgets.show_phase("held" if self._drive.paused else "driving")
+            self._widgets.show_phase("paused" if self._drive.paused else "driving")
 
     def step(self) -> None:
-        """Run one statement of the program and hold after it."""
+        """Run one statement of the program, then pause."""
         if self._drive.active:
             self._drive.step()
             self._widgets.show_phase("driving")
 
     def stop(self) -> None:
-        """End the ride where the robot is, or the wait for an answer."""
+        """Stop the robot where it is, or the wait for an answer."""
         waiting, self._waiting = self._waiting, None
         if waiting is not None:
             waiting.set()
-            self._widgets.show_result("Stopped", "The answer is not waited for; the robot stays where it is.", "plain")
+            self._widgets.show_result(
+                "Stopped", "The wait for an answer has ended; the robot stays where it is.", "plain"
+            )
         elif self._drive.active:
             self._drive.stop()
             self._widgets.show_progress(None)
@@ -538,7 +540,7 @@ class CommandPanel(Panel):
         self._widgets.show_phase("idle")
 
     def run_other_reading(self) -> None:
-        """Go back to where the command was given, and do what else it could mean; again: what it could mean besides."""
+        """Return to where the command was given and run another meaning of it; each call runs the next one."""
         if self._readings:
             program, *others = self._readings
             before = self._answer.program if self._answer is not None else None
@@ -546,21 +548,21 @@ class CommandPanel(Panel):
             self._submit(program, at=self._asked_at, readings=tuple(others))
 
     def state(self) -> RobotState:
-        """Return where the robot is and what was said; a ride or a wait that is under way ends."""
+        """Stop the robot, or the wait for an answer, and return the state of the panel."""
         if self.driving or self._waiting is not None:
             self.stop()
-        return RobotState(self._page.pose, self._start, tuple(self._past), self._widgets.said, self._widgets.speed)
+        return RobotState(self._page.pose, self._start, tuple(self._past), self._widgets.texts, self._widgets.speed)
 
     def restore(self, state: RobotState) -> None:
         """Restore the robot's state."""
         self._start, self._past = state.start, list(state.past)
-        self._widgets.say_again(state.said, state.speed)
+        self._widgets.restore_texts(state.texts, state.speed)
         self.set_speed(state.speed)
         self._widgets.show_past(self._past)
-        self._stand(state.pose)
+        self._put_robot(state.pose)
 
     def leave_robot(self) -> None:
-        """End what is under way and clear what was drawn of it, as another panel moves the robot now."""
+        """Stop the robot and clear its drawings, as another panel moves it now."""
         self._end()
         self._clear()
 
@@ -568,7 +570,7 @@ class CommandPanel(Panel):
         """Put the robot back where it started."""
         self._use()
         self.leave_robot()
-        self._stand(self._start)
+        self._put_robot(self._start)
 
     def place(self) -> None:
         """Take the next two clicks for position and heading."""
@@ -578,25 +580,25 @@ class CommandPanel(Panel):
         self._widgets.show_result("Set start pose", "Click where the robot stands, then click where it looks.", "plain")
 
     def take_click(self, x_m: float, y_m: float) -> bool:
-        """Use a click for the start pose; False when nobody waits for one."""
+        """Use a click for the start pose; False if no click is expected."""
         placing = self._placing
         if placing is None:
             return False
         placing.append((x_m, y_m))
         if len(placing) == 1:
             self._clear()
-            self._stand(Pose2(x_m, y_m, self._page.pose.yaw_rad))
+            self._put_robot(Pose2(x_m, y_m, self._page.pose.yaw_rad))
             self._widgets.show_result("Set start pose", "Now click where the robot looks.", "plain")
             return True
         (x0, y0), (x1, y1) = placing[:2]
         self._placing = None
         self._start = Pose2(x0, y0, float(np.arctan2(y1 - y0, x1 - x0)))
-        self._stand(self._start)
+        self._put_robot(self._start)
         self._widgets.show_result("Start pose set", "The next command starts here.", "good")
         return True
 
     def close(self) -> None:
-        """End any ride, and any wait."""
+        """End any drive, and any wait for an answer."""
         self._end()
 
     def set_speed(self, speed: float) -> None:
@@ -604,16 +606,16 @@ class CommandPanel(Panel):
         self._drive.speed = speed
 
     def follow(self, on: bool) -> None:
-        """Let the camera go along with the robot, or stay."""
+        """Let the camera follow the robot, or stay."""
         self._follower.switch(on, self._page.pose)
 
     def _use(self) -> None:
-        """A person is about to move this robot: commands are carried out on the finished map."""
+        """Claim the robot, and show the finished map, on which commands are carried out."""
         self._page.finish()
         self._page.claim_robot(self)
 
     def _end(self) -> None:
-        """End the ride and the wait for an answer, without a word."""
+        """End the drive or the wait for an answer without a message."""
         waiting, self._waiting = self._waiting, None
         if waiting is not None:
             waiting.set()
@@ -625,25 +627,25 @@ class CommandPanel(Panel):
         self,
         command: str,
         *,
-        held: bool = False,
+        paused: bool = False,
         reader: str = "",
         at: Pose2 | None = None,
         readings: tuple[str, ...] = (),
     ) -> None:
-        """Return a command to the worker; ``at``: put the robot there first; ``readings``: what else it could mean."""
+        """Queue a command; ``at`` puts the robot there first, ``readings`` are the other meanings of the command."""
         self._use()
         self._end()
         self._waiting = cancel = threading.Event()
         self._widgets.show_thinking(command, reader)
         self._widgets.show_phase("asking")
-        job = functools.partial(self._carry_out, command, cancel, held, bool(reader), at, readings)
+        job = functools.partial(self._carry_out, command, cancel, paused, bool(reader), at, readings)
         self._page.command_worker.submit("command", job)
 
     def _carry_out(
         self,
         command: str,
         cancel: threading.Event,
-        held: bool,
+        paused: bool,
         by_model: bool,
         at: Pose2 | None,
         readings: tuple[str, ...],
@@ -652,7 +654,7 @@ class CommandPanel(Panel):
             return
         self._clear()
         if at is not None:
-            self._stand(at)
+            self._put_robot(at)
         simap, self._asked_at = self._page.simap, self._page.pose
         try:
             answer = self._answer_to(simap, command, cancel, by_model)
@@ -668,7 +670,7 @@ class CommandPanel(Panel):
         if cancel.is_set():
             return
         self._answer, self._readings = answer, (*answer.alternatives, *readings)
-        self._begin(simap, answer, cancel, held)
+        self._begin(simap, answer, cancel, paused)
         if at is None:
             self._remember(command, answer.status)
 
@@ -676,42 +678,43 @@ class CommandPanel(Panel):
         services = self._services
         if by_model and services.model is not None:
 
-            def told(exchanges: Sequence[Exchange]) -> None:
-                if self._waiting in (cancel, None):  # not when another command has taken over
+            def show(exchanges: Sequence[Exchange]) -> None:
+                if self._waiting in (cancel, None):  # not once another command has taken over
                     self._widgets.show_exchanges(exchanges)
 
-            return services.model.ask(simap, command, self._page.pose, cancel, told)
+            return services.model.ask(simap, command, self._page.pose, cancel, show)
         if services.ask is None:
             raise SIMapsError("commands: expected a service that carries them out, found none")
         return services.ask(simap, command, self._page.pose)
 
-    def _begin(self, simap: SIMap, answer: Answer, cancel: threading.Event, held: bool) -> None:
-        """Show an answer, and start the ride if there is one."""
+    def _begin(self, simap: SIMap, answer: Answer, cancel: threading.Event, paused: bool) -> None:
+        """Show an answer, and start the drive if there is one."""
+        # Everything that takes long comes before anything is shown, so that a cancelled command shows nothing.
         labels, self._why = self._explain(simap, answer)
-        ride = None if answer.status == "refused" else self._ride_of(simap, answer)
+        planned = None if answer.status == "refused" else self._trajectory_for(simap, answer)
         if cancel.is_set():
             return
         self._widgets.show_program(answer.program or "")
         self._widgets.show_other_reading(self._readings[0] if self._readings else None)
         self._waiting = None
-        if ride is None or (answer.status != "ok" and ride.duration_s == 0.0):
+        if planned is None or (answer.status != "ok" and planned.duration_s == 0.0):
             self._conclude(answer)
             return
-        self._ride = ride
+        self._trajectory = planned
         self._widgets.show_result("On the way", outcome_text(answer), "plain", (*self._why, *answer.notes))
         self._scene.show_path(answer.path_m)
         end = answer.final_pose
         goal = (end.x_m - GOAL_M, end.y_m - GOAL_M, end.x_m + GOAL_M, end.y_m + GOAL_M)
         self._scene.show_candidates(labels, blocked=(goal, *boxes_near(simap, labels)))
         self._widgets.show_progress(0.0)
-        self._widgets.show_phase("held" if held else "driving")
-        self._drive.start(ride, paused=held)
+        self._widgets.show_phase("paused" if paused else "driving")
+        self._drive.start(planned, paused=paused)
 
-    def _ride_of(self, simap: SIMap, answer: Answer) -> Trajectory:
-        """Return the ride, with the lines of the program where the statements are known."""
+    def _trajectory_for(self, simap: SIMap, answer: Answer) -> Trajectory:
+        """Return the trajectory of an answer, with the lines of the program where its statements are known."""
         if self._services.steps is not None and answer.program:
             steps: list[StepEvent] = []
-            with contextlib.suppress(SIMapsError):  # the answer has said it already; the ride ends there
+            with contextlib.suppress(SIMapsError):  # the answer reports it already; the trajectory ends there
                 steps.extend(self._services.steps(simap, answer.program, self._page.pose))
             if steps:
                 return trajectory_of_steps(steps, self._page.pose)
@@ -720,7 +723,7 @@ class CommandPanel(Panel):
         return trajectory(poses_along(self._page.pose, answer.path_m, answer.final_pose))
 
     def _explain(self, simap: SIMap, answer: Answer) -> tuple[list[Label], tuple[str, ...]]:
-        """Number what the command could have meant, and say why it means this one.
+        """Number the objects that the command could mean, and explain why it means this one.
 
         Without that service, or for goals of several classes, the goals are numbered in their order.
         """
@@ -737,32 +740,34 @@ class CommandPanel(Panel):
         self._scene.show_robot(pose)
         self._follower.see(pose)
         self._widgets.show_progress(share)
-        ride, answer = self._ride, self._answer  # another command may take them away meanwhile
-        lines = ride.lines if ride is not None else ()
+        planned, answer = self._trajectory, self._answer  # another command may clear them meanwhile
+        lines = planned.lines if planned is not None else ()
         line = int(lines[leg]) if leg < len(lines) else 0
         if answer is not None and line != self._line:
             self._line = line
             self._widgets.show_program(answer.program or "", line or None)
 
-    def _held(self) -> None:
-        self._widgets.show_phase("held")
+    def _paused(self) -> None:
+        self._widgets.show_phase("paused")
 
     def _arrived(self) -> None:
         answer = self._answer
         if answer is not None:
-            self._stand(answer.final_pose)
+            self._put_robot(answer.final_pose)
             self._conclude(answer)
 
     def _broke_down(self, fault: Exception) -> None:
-        """The ride met an error: say so, where the robot stands."""
+        """Report an error that ended the drive; the robot stays where it is."""
 
-        def tell() -> None:
+        def report() -> None:
             self._widgets.show_phase("idle")
             self._widgets.show_progress(None)
-            self._widgets.show_result("Failed", "The ride met an unexpected error; the robot stays where it is.", "bad")
+            self._widgets.show_result(
+                "Failed", "The drive met an unexpected error; the robot stays where it is.", "bad"
+            )
             raise fault  # the page's notification, and the log
 
-        self._page.command_worker.submit("broke down", tell)
+        self._page.command_worker.submit("broke down", report)
 
     def _conclude(self, answer: Answer) -> None:
         stuck = answer.status != "ok" and self._line > 0
@@ -778,18 +783,18 @@ class CommandPanel(Panel):
         self._remember(command, "refused")
 
     def _remember(self, command: str, status: str) -> None:
-        """Put a command in front of the history."""
+        """Put a command first in the history."""
         self._past = [Past(command, status), *(past for past in self._past if past.command != command)][:MAX_REMEMBERED]
         self._widgets.show_past(self._past)
 
-    def _stand(self, pose: Pose2) -> None:
+    def _put_robot(self, pose: Pose2) -> None:
         self._page.pose = pose
         self._scene.show_robot(pose)
         self._widgets.show_pose(pose)
         self._follower.see(pose, rests=True)
 
     def _clear(self) -> None:
-        self._answer, self._line, self._ride, self._why, self._readings = None, 0, None, (), ()
+        self._answer, self._line, self._trajectory, self._why, self._readings = None, 0, None, (), ()
         self._scene.show_path(np.zeros((0, 2)))
         self._scene.show_candidates(())
         self._widgets.show_program("")

@@ -1,4 +1,4 @@
-"""The panel that compares two maps: methods, settings, a file, or the truth; swiped or side by side."""
+"""The panel that compares two maps: of other methods or settings, from a file, or the ground truth."""
 
 import functools
 import threading
@@ -26,54 +26,54 @@ from simaps_viz.viewer.scene.camera import Extent
 from simaps_viz.viewer.scene.map_scene import frame_extent
 
 Named = tuple[str, SIMap]
-"""A map and what it is called on the page."""
+"""The title of a map on the page, and the map."""
 TRUTH = "truth"
 """Key of the source that is the ground truth."""
 
 
 @dataclass(frozen=True)
 class Source:
-    """A map that can be had besides the one on the page."""
+    """A map that can be compared with the one on the page."""
 
     key: str
     title: str
     """Such as "Method paper" or "Ground truth"."""
     hint: str = ""
-    """Such as what it is simulated with."""
+    """A remark, such as how it is simulated."""
 
 
 @dataclass(frozen=True)
 class CompareServices:
-    """Plain functions behind the comparison; what is None is left out."""
+    """Plain functions behind the comparison; a choice whose function is None is left out."""
 
     compare: Callable[[Named, Named, Literal["left", "right"] | None], TwoMaps]
     """(left, right, which is the truth) -> the comparison; may raise SIMapsError."""
     sources: tuple[Source, ...] = ()
-    """What ``make`` can make."""
+    """The maps that ``make`` can make."""
     make: Callable[[str, SIMap, Progress, threading.Event], SIMap] | None = None
-    """(key, map on the page, told how far it is, set to give up) -> that map, from a cache if it was made before. Slow;
-    called on a thread of its own. Raises `Cancelled` when it was told to give up."""
+    """(key, map on the page, called with the progress, event that cancels) -> that map, from a cache if it was made
+    before. Slow; called on a thread of its own. Raises `Cancelled` after the event was set."""
     rejoin: Callable[[SIMap, float, float], SIMap] | None = None
-    """(map, K or evidence in percent, Louvain resolution) -> the map partitioned so; fast."""
+    """(map, K or evidence in percent, Louvain resolution) -> the map cut with these settings; fast."""
     load: Callable[[str, bytes], SIMap] | None = None
     """(file name, content) -> the map of that file; may raise SIMapsError."""
 
 
-class Cancelled(Exception):  # noqa: N818 - nothing went wrong
-    """The work was given up because a person asked for it."""
+class Cancelled(Exception):  # noqa: N818 - not an error
+    """A job was cancelled by a person."""
 
 
 ALL = "all"
 MAX_NAMED = 5
-"""Objects of a difference that are named; more are counted."""
+"""Objects of a difference that are named; the rest is counted."""
 PQ_MEANS = "PQ: the share of objects that are found, times how well their outlines agree; 1 is perfect."
 _TONES = {"plain": "", "bad": BAD_STYLE}
 
 
 def item_text(item: Item, maps: TwoMaps) -> str:
-    """Describe what a difference is: "merged · chairs 4 + 5 → 1", "missed · chair 2", "label · chair 1 → couch 2".
+    """Describe a difference: "merged · chairs 4 + 5 → 1", "missed · chair 2", "label · chair 1 → couch 2".
 
-    Numbers are those of the objects among their class, each on its own map.
+    Objects are numbered within their class, each on its own map.
     """
     here, there = _names(item.left, maps.left), _names(item.right, maps.right)
     if maps.reference == "right":
@@ -90,7 +90,7 @@ def _names(ids: Sequence[int], side: MapSide) -> list[str]:
 
 
 def _together(names: Sequence[str], *, known: str = "") -> str:
-    """Name several objects: "chairs 4 + 5"; of the class that is known already only the numbers."""
+    """Name several objects: "chairs 4 + 5"; only the numbers if their class is ``known``."""
     parts = [name.rpartition(" ") for name in names]
     labels = {label for label, _, _ in parts}
     more = f" + {len(names) - MAX_NAMED} more" if len(names) > MAX_NAMED else ""
@@ -104,26 +104,26 @@ def _together(names: Sequence[str], *, known: str = "") -> str:
 
 
 def kind_options(maps: TwoMaps) -> tuple[str, ...]:
-    """Return what the list can be narrowed to: "all (9)", "merged (2)", ... only kinds that occur."""
+    """Return the filters of the list: "all (9)", "merged (2)", ...; only kinds that occur."""
     found = [f"{kind} ({count})" for kind, count in maps.counts.items() if count]
     return (f"{ALL} ({len(maps.items)})", *found)
 
 
 def of_kind(maps: TwoMaps, option: str) -> list[Item]:
-    """Return the differences of an option of ``kind_options``."""
+    """Return the differences that pass a filter of ``kind_options``."""
     kind = option.partition(" (")[0]
     return [item for item in maps.items if kind in (ALL, item.kind)]
 
 
 def headline_html(maps: TwoMaps) -> str:
-    """Describe in two lines how much differs, and how good the map is where that is known."""
+    """Describe how many differences there are, and the map's score against the truth where that is known."""
     empty = [escape(side.title) for side in (maps.left, maps.right) if not side.count]
     if len(empty) == 2:
         return note("<b>Neither map has an object:</b> there is nothing to compare.")
     total = len(maps.items)
-    said = f"<b>{plural(total, 'difference')}</b>" if total else "<b>No differences</b>"
+    found = f"<b>{plural(total, 'difference')}</b>" if total else "<b>No differences</b>"
     compared = " of those that are large enough" if maps.left.ignored + maps.right.ignored else ""
-    lines = [f"{said} · {plural(maps.same, 'object')}{compared} {'agrees' if maps.same == 1 else 'agree'}"]
+    lines = [f"{found} · {plural(maps.same, 'object')}{compared} {'agrees' if maps.same == 1 else 'agree'}"]
     lines += [f"<b>{title} has no object.</b>" for title in empty]
     if maps.score is not None:
         pq = "none" if maps.score.pq is None else f"{maps.score.pq:.2f}"
@@ -133,7 +133,7 @@ def headline_html(maps: TwoMaps) -> str:
 
 
 def summary_html(maps: TwoMaps, theme: Theme = LIGHT) -> str:
-    """Describe what every colour of a mark means and how often it occurs, and the rest of the numbers."""
+    """Explain the colour of each kind of mark and how often it occurs, and list the other numbers."""
     left, right = maps.left, maps.right
     reference, other = (left, right) if maps.reference == "left" else (right, left)
     lines = []
@@ -162,7 +162,7 @@ def summary_html(maps: TwoMaps, theme: Theme = LIGHT) -> str:
 
 
 def ignored_lines(maps: TwoMaps) -> list[str]:
-    """Describe which objects were too small to be compared, where there are any."""
+    """Describe how many objects were too small to compare; empty if there are none."""
     left, right = maps.left, maps.right
     if not left.ignored and not right.ignored:
         return []
@@ -205,7 +205,7 @@ THIS, SETTINGS = "This map", "This map, other settings"
 
 @dataclass(frozen=True, eq=False)
 class SideState:
-    """What was chosen on one side."""
+    """The choice of one side, kept when the page is loaded again."""
 
     title: str
     percent: float
@@ -214,7 +214,7 @@ class SideState:
 
 
 class SideChooser:
-    """A drop-down list, and sliders for other settings."""
+    """The choice of one of the two maps: a drop-down list, and sliders for other settings."""
 
     def __init__(
         self,
@@ -233,8 +233,8 @@ class SideChooser:
             name: "Left" or "Right".
             services: what makes maps.
             page: the page.
-            changed: told when another map was chosen.
-            first: key of the choice to begin with.
+            changed: called after another map was chosen.
+            first: key of the initial choice.
         """
         self._services, self._page, self._changed = services, page, changed
         self._keys = {THIS: "map"}
@@ -245,7 +245,7 @@ class SideChooser:
         self._files: dict[str, SIMap] = {}
         own, joining = cut_of(page.simap), slider_of(page.simap)
         self._word = joining.word
-        hint = f"Which map stands on the {name.lower()}."
+        hint = f"The map on the {name.lower()}."
         self._which = gui.add_dropdown(name, tuple(self._keys), initial_value=at_first, hint=hint)
         self._percent = gui.add_slider(f"{name} {joining.title}", 0.0, 100.0, 0.5, own.percent, hint=joining.hint)
         self._resolution = gui.add_slider(
@@ -258,11 +258,11 @@ class SideChooser:
 
     @property
     def key(self) -> str:
-        """What is chosen: map, settings, the key of a source, or the name of a file."""
+        """The choice: map, settings, the key of a source, or the name of a file."""
         return self._keys[str(self._which.value)]
 
-    def map(self, simap: SIMap, tell: Progress, cancel: threading.Event) -> Named:
-        """Return the chosen map and what it is called; may take long.
+    def map(self, simap: SIMap, report: Progress, cancel: threading.Event) -> Named:
+        """Return the chosen map with its title; may take long.
 
         Raises:
             InputError: the map cannot be made.
@@ -278,10 +278,10 @@ class SideChooser:
             return title[0].upper() + title[1:], self._services.rejoin(simap, percent, resolution)
         if self._services.make is None:
             raise InputError(f"comparison: expected a service that makes {self._which.value}, found none")
-        return str(self._which.value), self._services.make(key, simap, tell, cancel)
+        return str(self._which.value), self._services.make(key, simap, report, cancel)
 
     def add_file(self, name: str, simap: SIMap, *, choose: bool) -> None:
-        """Let the map of a file be chosen, and perhaps choose it."""
+        """Add the map of a file to the list; ``choose`` selects it."""
         self._files[name] = simap
         self._keys[name] = name
         chosen = name if choose else str(self._which.value)
@@ -290,11 +290,11 @@ class SideChooser:
         self._show_settings()
 
     def state(self) -> SideState:
-        """Return what is chosen, with the files that were read."""
+        """Return the choice, with the files that were read."""
         return SideState(str(self._which.value), float(self._percent.value), float(self._resolution.value), self._files)
 
     def restore(self, state: SideState) -> None:
-        """Choose it again, without a word to anyone."""
+        """Restore a choice without calling ``changed``."""
         for name, simap in state.files.items():
             self.add_file(name, simap, choose=False)
         if state.title in self._keys:
@@ -310,12 +310,12 @@ class SideChooser:
         self._percent.visible = self._resolution.visible = self.key == "settings"
 
 
-ABOUT = "this map beside another: of another method, other parameters, or the truth"
+ABOUT = "compare this map with another: of another method, other parameters, or the truth"
 LISTED = 5
-"""Differences listed at a time."""
-SWIPE, BESIDE = "Swipe", "Side by side"
+"""Differences on a page of the list."""
+SWIPE, SIDE_BY_SIDE = "Swipe", "Side by side"
 EARLIER, LATER = "Previous", "Next"
-HOW_HINT = "One map up to a line and the other beyond it, or both whole."
+HOW_HINT = "One map left of a line and the other right of it, or both complete."
 PAGES_HINT = f"{LISTED} at a time, the gravest first."
 DARK_BUTTON: Color = (74, 80, 92)
 """The button of a missed object on a dark page: its mark is too light for white letters."""
@@ -328,20 +328,20 @@ def compare_panel(services: CompareServices) -> PanelSpec:
 
 
 class ComparePanel(Panel):
-    """Two maps chosen by a person, their picture in the place of the map, and the list of what differs."""
+    """Two chosen maps, their picture in place of the page's map, and the list of their differences."""
 
     def __init__(self, page: Page, services: CompareServices) -> None:
         """Fill the open container."""
         self._page, self._services = page, services
         self._maps: TwoMaps | None = None
-        self._beside: Mode = "side by side"
+        self._side_by_side: Mode = "side by side"
         self._pictures: TwoPictures | None = None
         self._items: list[Item] = []
         self._chosen: Item | None = None
         self._first = 0
         self._wanted = self._restored = False
         self._lock = threading.RLock()
-        """Held while maps and their pictures are changed, so that they belong together."""
+        """Lock for changing maps and pictures together."""
         self._cancel = threading.Event()
         self._worker = Worker(self._failed)  # of its own: building a map may take long
         self._add_choice(page.gui)
@@ -351,26 +351,26 @@ class ComparePanel(Panel):
 
     @property
     def active(self) -> bool:
-        """Whether two maps are shown in the place of the page's own."""
+        """Whether two maps are shown in place of the page's own."""
         return self._maps is not None
 
     @property
     def maps(self) -> TwoMaps | None:
-        """What is compared now."""
+        """The comparison that is shown."""
         return self._maps
 
     def map_changed(self, simap: SIMap) -> None:
-        """Compare anew when the page's map is one of the two."""
+        """Compare again, as the page's map may be one of the two."""
         if self._wanted:
             self.start()
 
     def theme_changed(self) -> None:
-        """The page went from light to dark, or back."""
+        """Paint the pictures again in the colours of the theme."""
         if self._maps is not None:
             self._page.submit("compare theme", self._paint_anew)
 
     def take_click(self, x_m: float, y_m: float) -> bool:
-        """Choose the difference that was clicked; while two maps are shown no click passes."""
+        """Choose the clicked difference; while two maps are shown no click is passed on."""
         maps, pictures = self._maps, self._pictures
         if maps is None or pictures is None:
             return False
@@ -385,14 +385,14 @@ class ComparePanel(Panel):
         return True
 
     def state(self) -> dict[str, Any]:
-        """Return what this person compares, for a page that is loaded again."""
+        """Return the choices, for a page that is loaded again."""
         return {
             "sides": [side.state() for side in self._sides], "how": self._how.value, "divide": self._line.value,
             "kind": self._kind_name, "mark_all": self._mark_all.value, "wanted": self._wanted,
         }  # fmt: skip
 
     def restore(self, state: dict[str, Any]) -> None:
-        """Compare the same again; the camera stays where it was."""
+        """Restore the choices and compare again; the camera stays where it is."""
         for side, kept in zip(self._sides, state["sides"], strict=True):
             side.restore(kept)
         self._how.value, self._line.value, self._mark_all.value = state["how"], state["divide"], state["mark_all"]
@@ -403,12 +403,12 @@ class ComparePanel(Panel):
             self.start()
 
     def close(self) -> None:
-        """Cancel what is being built, and stop."""
+        """Cancel the running comparison."""
         self._cancel.set()
         self._worker.stop()
 
     def start(self) -> None:
-        """Get both maps and compare them; what was under way is given up."""
+        """Get both maps and compare them; a running comparison is cancelled."""
         self._cancel.set()
         self._cancel = cancel = threading.Event()
         self._wanted = True
@@ -447,7 +447,7 @@ class ComparePanel(Panel):
 
     @property
     def _mode(self) -> Mode:
-        return self._beside if self._how.value == BESIDE else "swipe"
+        return self._side_by_side if self._how.value == SIDE_BY_SIDE else "swipe"
 
     def _add_choice(self, gui: viser.GuiApi) -> None:
         changed = self._changed
@@ -463,7 +463,7 @@ class ComparePanel(Panel):
         self._stop.on_click(lambda _: self.stop())
 
     def _add_view(self, gui: viser.GuiApi) -> None:
-        self._how = gui.add_dropdown("Show as", (SWIPE, BESIDE), initial_value=SWIPE, hint=HOW_HINT)
+        self._how = gui.add_dropdown("Show as", (SWIPE, SIDE_BY_SIDE), initial_value=SWIPE, hint=HOW_HINT)
         self._how.on_update(lambda event: self._moved_mode() if event.client_id is not None else None)
         self._line = gui.add_slider(
             "Divide (%)", 0, 100, 1, 50, hint="How much of the map, from the west, shows the left one."
@@ -508,14 +508,14 @@ class ComparePanel(Panel):
             self.start()
 
     def _compare(self, simap: SIMap, cancel: threading.Event) -> None:
-        def tell(what: str, done: int, total: int) -> None:
+        def report(what: str, done: int, total: int) -> None:
             if cancel.is_set():
                 raise Cancelled
             self._progress.value = 100.0 * done / max(total, 1)
             self._status.content = note(f"{what.capitalize()}: {done} of {total}")
 
         try:
-            left, right = (side.map(simap, tell, cancel) for side in self._sides)
+            left, right = (side.map(simap, report, cancel) for side in self._sides)
             maps = self._compared(left, right)
             theme = self._page.theme
             pictures = TwoPictures(maps, theme)
@@ -529,7 +529,7 @@ class ComparePanel(Panel):
             if cancel.is_set():
                 return
             self._show(maps, pictures)
-        if theme is not self._page.theme:  # switched before there was anything to paint anew
+        if theme is not self._page.theme:  # switched while these were painted
             self.theme_changed()
 
     def _compared(self, left: Named, right: Named) -> TwoMaps:
@@ -541,7 +541,7 @@ class ComparePanel(Panel):
 
     def _show(self, maps: TwoMaps, pictures: TwoPictures) -> None:
         begins = self._maps is None
-        self._beside = pictures.both(self._page.aspect)
+        self._side_by_side = pictures.both(self._page.aspect)
         self._maps, self._pictures, self._chosen, self._first = maps, pictures, None, 0
         self._progress.visible = False
         self._status.content = ""
@@ -610,7 +610,7 @@ class ComparePanel(Panel):
     def _moved_mode(self) -> None:
         self._line.visible = self.active and self._mode == "swipe"
         if self._pictures is not None:
-            self._beside = self._pictures.both(self._page.aspect)
+            self._side_by_side = self._pictures.both(self._page.aspect)
         self._page.submit("compare picture", self._draw)
         if self._pictures is not None:
             self._look_at_all(self._pictures)
@@ -622,7 +622,7 @@ class ComparePanel(Panel):
         pictures = TwoPictures(maps, self._page.theme)
         with self._lock:
             if maps is not self._maps:
-                return  # ended meanwhile, or others are compared, in colours of their own
+                return  # ended meanwhile, or a newer comparison has painted its own
             self._pictures = pictures
             self._summary.content = summary_html(maps, self._page.theme)
             self._fill_list()
@@ -639,7 +639,7 @@ class ComparePanel(Panel):
         self._page.show_picture(None if pictures is None else pictures.picture(self._mode, share))
 
     def _sides_under(self, moved: bool, x_m: float) -> tuple[int, ...]:
-        """Which of the two maps lies under the pointer."""
+        """Return the indices of the maps under the pointer: 0 = left, 1 = right."""
         maps = cast(TwoMaps, self._maps)
         if self._mode != "swipe":
             return (1,) if moved else (0,)
@@ -647,7 +647,7 @@ class ComparePanel(Panel):
         return (0,) if x_m < xmin + float(self._line.value) / 100.0 * (xmax - xmin) else (1,)
 
     def _divide(self, item: Item) -> None:
-        """Put the line through the middle of a difference, so that both maps are seen there."""
+        """Move the dividing line to the middle of a difference, so that both maps are seen there."""
         if self._mode == "swipe" and self._maps is not None:
             xmin, _, xmax, _ = self._maps.spec.extent_m
             share = ((item.extent_m[0] + item.extent_m[2]) / 2.0 - xmin) / (xmax - xmin)
@@ -657,7 +657,7 @@ class ComparePanel(Panel):
         self._page.look_at(frame_extent(pictures.extent_m(self._mode)))
 
     def _around(self, item: Item) -> Extent:
-        """What to show of a difference: its surroundings, on both maps."""
+        """Return the part of the floor around a difference, on both maps."""
         xmin, ymin, xmax, ymax = item.extent_m
         margin = max(2.0, 0.8 * max(xmax - xmin, ymax - ymin))
         if self._mode != "swipe" and self._pictures is not None:

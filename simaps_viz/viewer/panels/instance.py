@@ -2,7 +2,6 @@
 
 import difflib
 import re
-from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from html import escape
 from typing import Any
@@ -13,8 +12,8 @@ from numpy.typing import NDArray
 
 from simaps_viz.colors.classes import plural
 from simaps_viz.drawing.frame_pictures import best_views, gallery, named, outlined
-from simaps_viz.drawing.legend import facts_html, object_name
-from simaps_viz.drawing.theme import BOX_STYLE, DIM_STYLE
+from simaps_viz.drawing.legend import facts_html, object_name, object_names
+from simaps_viz.drawing.theme import BOX_STYLE, DIM_STYLE, small_html
 from simaps_viz.structures import Instance, SIMap
 from simaps_viz.viewer.page.page import Page
 from simaps_viz.viewer.page.panel import Panel
@@ -24,27 +23,27 @@ FIND_HINT = "A class, a class and a number, or the number of an object, such as:
 _TYPED = re.compile(r"(?P<name>.*?)\s*#?(?P<number>\d{1,9})?(?:\s+of\s+\d+)?")
 NOTHING: str = "(none)"
 MAX_LISTED = 1000
-"""Instances that the list offers, the largest; all can be clicked on the map, or found by name."""
+"""The list offers this many instances, the largest; all can be clicked on the map or found by name."""
 _ID = re.compile(r"#(\d+)")
-"""Files name objects by their ids on the map before the edit, which nobody sees on the page."""
-LIST_HINT = f"Select an object; of more than {MAX_LISTED} the largest are listed, and Find knows all."
+"""Edit logs name objects by their ids on the map before the edit, which the page does not show."""
+LIST_HINT = f"Select an object. Of more than {MAX_LISTED} only the largest are listed; Find finds them all."
 HELP = f'<div style="{BOX_STYLE}">Click an object on the map, choose it from the list, or type its name.</div>'
 
 
 class NotFound(Exception):  # noqa: N818 - what was typed is not on the map
-    """What was typed means no object; says why not, in words."""
+    """No object fits what was typed; the message explains why."""
 
 
 def find(simap: SIMap, typed: str, *, after: int | None = None) -> Instance:
-    """Return the object that what was typed means.
+    """Return the object whose name a person typed.
 
     Args:
         simap: the map.
         typed: a class, a class and a number among its objects, or the number of an object on the map.
-        after: id of the selected object; a class alone means the next of its objects after that one.
+        after: id of the selected object; a class alone finds the next object of that class after it.
 
     Raises:
-        NotFound: it means none.
+        NotFound: no object fits.
     """
     text = " ".join(typed.lower().split())
     match = _TYPED.fullmatch(text)
@@ -61,7 +60,7 @@ def find(simap: SIMap, typed: str, *, after: int | None = None) -> Instance:
 
 
 def _of_class(simap: SIMap, label: str, number: int | None, after: int | None) -> Instance:
-    """Return an object of a class by its number among them, or the next one."""
+    """Return an object of a class by its number in the class; without a number the next one after ``after``."""
     ones = simap.of_class(label)
     if number is None:
         return next((one for one in ones if after is not None and one.id > after), ones[0])
@@ -71,7 +70,7 @@ def _of_class(simap: SIMap, label: str, number: int | None, after: int | None) -
 
 
 def _class_of(simap: SIMap, name: str) -> str:
-    """Return the class that a name means: as it is called, in the plural, or by a part that no other class has."""
+    """Return the class of a name: the class itself, its plural, or a part that only one class has."""
     known = {label.lower(): label for label in simap.counts()}
     known |= {plural(2, label).removeprefix("2 ").lower(): label for label in known.values()}
     if name in known:
@@ -87,15 +86,15 @@ def _class_of(simap: SIMap, name: str) -> str:
 
 
 class FindBox(Panel):
-    """A box that finds an instance by what it is called, and a line that says what Enter would do."""
+    """A box that finds an instance by name, and a line that describes what Enter would do."""
 
     def __init__(self, page: Page) -> None:
         """Fill the open container."""
         self._page, gui = page, page.gui
-        # Of several lines, for Enter is seen in the text: the page sends only the last change of any 50 ms.
+        # Multiline, so that Enter becomes part of the text: the browser sends only the last change of any 50 ms.
         self._box = gui.add_text(FIND, "", multiline=True, hint=FIND_HINT)
         self._box.on_update(self._typed)
-        self._said = gui.add_html("", visible=False)
+        self._status = gui.add_html("", visible=False)
 
     def _typed(self, event: viser.GuiEvent) -> None:
         if event.client_id is None:
@@ -105,27 +104,27 @@ class FindBox(Panel):
         if entered:
             self._box.value = text = " ".join(text.split())
         if not text.strip():
-            self._say("")
+            self._report("")
             return
         try:
             simap = self._page.simap
             one = find(simap, text, after=self._page.selected)
         except NotFound as error:
-            self._say(str(error))
+            self._report(str(error))
             return
         if entered:
             self._page.go_to(one)
-            self._say("Key T shows the whole map again.")
+            self._report("Key T shows the whole map again.")
         else:
-            self._say(f"Enter: {object_name(simap, one)}")
+            self._report(f"Enter: {object_name(simap, one)}")
 
-    def _say(self, text: str) -> None:
-        self._said.content = f'<div role="status" style="{BOX_STYLE};{DIM_STYLE}">{escape(text)}</div>'
-        self._said.visible = bool(text)
+    def _report(self, text: str) -> None:
+        self._status.content = f'<div role="status" style="{BOX_STYLE};{DIM_STYLE}">{escape(text)}</div>'
+        self._status.visible = bool(text)
 
 
 class InstancePanel(Panel):
-    """The list of instances, and what is known of the selected one."""
+    """The list of instances, and the facts about the selected one."""
 
     def __init__(self, page: Page) -> None:
         """Fill the open container."""
@@ -144,7 +143,7 @@ class InstancePanel(Panel):
 
     def map_changed(self, simap: SIMap) -> None:
         """List the instances of the map."""
-        names = object_names(simap)
+        names = object_names(simap, MAX_LISTED)
         if names == self._ids:
             return
         chosen = str(self._list.value)
@@ -154,12 +153,12 @@ class InstancePanel(Panel):
             self._list.value = chosen
 
     def selection_changed(self, instance_id: int | None) -> None:
-        """Describe the selected instance, or how to select one; its pictures follow when they have been read."""
+        """Describe the selected instance, or how to select one; its pictures follow once they are read."""
         simap = self._page.simap
         instance = None if instance_id is None else simap.by_id(instance_id)
         self._picture.visible = self._jump.visible = False
         self._note.visible = instance is not None
-        self._note.content = _small("Fetching its best views …")
+        self._note.content = small_html("Loading its best views …")
         self._why.visible = False
         self._text.content = HELP if instance is None else facts_html(simap, instance)
         name = NOTHING if instance is None else object_name(simap, instance)
@@ -172,19 +171,19 @@ class InstancePanel(Panel):
             self._page.worker.submit("pictures", lambda: self._show_pictures(simap, instance_id))
 
     def explain(self, summary: str | None, edits: Sequence[Mapping[str, Any]] = ()) -> None:
-        """Describe why it is one object, as HTML, and who has edited it by hand; None = nothing is selected."""
+        """Show why the selected instance is one object (HTML), and who edited it; None = nothing is selected."""
         self._why.content = (summary or "") + edits_html(edits)
         self._why.visible = summary is not None
 
     def _show_pictures(self, simap: SIMap, instance_id: int) -> None:
-        """Show the best views with a line under them, and buttons for their frames, unless another one is selected."""
+        """Show the best views, a note and buttons for their frames, unless another instance is selected meanwhile."""
         picture, note, frames = best_pictures(simap, instance_id, self._page.view)
         if instance_id != self._page.selected:
             return
         if picture is not None:
             self._picture.image = picture
         self._picture.visible = picture is not None
-        self._note.content = _small(note)
+        self._note.content = small_html(note)
         self._note.visible = True
         self._frames = frames
         if self._frames:
@@ -201,7 +200,7 @@ class InstancePanel(Panel):
 
 
 def edits_html(edits: Sequence[Mapping[str, Any]]) -> str:
-    """Describe who made an object what it is by hand, the last edit first; nothing where nobody did."""
+    """List the edits of an object, the last one first; empty if there are none."""
     if not edits:
         return ""
     lines = ""
@@ -210,25 +209,6 @@ def edits_html(edits: Sequence[Mapping[str, Any]]) -> str:
         when = str(edit.get("when"))[:16].replace("T", " ")
         lines += f"<div>{escape(what)}, by {escape(str(edit.get('who')))}, {escape(when)} UTC</div>"
     return f'<div style="{BOX_STYLE}"><b>Edited by hand</b>{lines}</div>'
-
-
-def object_names(simap: SIMap, most: int = MAX_LISTED) -> dict[str, int]:
-    """Return {name: id} of a map's instances, named as `legend.object_name` does, of many only the largest."""
-    total = Counter(instance.label for instance in simap.instances)
-    number: Counter[str] = Counter()
-    floor = 0
-    if len(simap.instances) > most:
-        floor = sorted((instance.cells for instance in simap.instances), reverse=True)[most - 1]
-    names: dict[str, int] = {}
-    for instance in simap.instances:
-        number[instance.label] += 1
-        if instance.cells >= floor and len(names) < most:
-            names[f"{instance.label} {number[instance.label]} of {total[instance.label]}"] = instance.id
-    return names
-
-
-def _small(note: str) -> str:
-    return f'<div style="padding:0 .8em .4em;font-size:.85em">{escape(note)}</div>'
 
 
 def best_pictures(

@@ -1,4 +1,4 @@
-"""The panel on which people judge runs: blind, one after the other, every answer saved at once."""
+"""The panel on which people judge runs: blind, one after another; every answer is saved at once."""
 
 import functools
 import re
@@ -35,7 +35,7 @@ def run_html(run: BlindRun) -> str:
 
 
 def outcome_text(shown: Mapping[str, Any]) -> str:
-    """Describe what the robot did, without saying whether it was right."""
+    """Describe what the robot did, without whether it was right."""
     stops = len(shown.get("stops") or ())
     moved = len(shown.get("track") or ()) > 1
     if shown.get("collision"):
@@ -50,7 +50,7 @@ def outcome_text(shown: Mapping[str, Any]) -> str:
 
 
 def summary_html(session: JudgingSession) -> str:
-    """Show what people say of each method, a table for each kind of errors."""
+    """Show how people judged each method, in a table for each kind of mask errors."""
     tables: dict[str, list[str]] = {}
     for (errors, method), score in session.summary().items():
         share = "–" if score.share is None else f"{100.0 * score.share:.0f} %"
@@ -70,7 +70,7 @@ def summary_html(session: JudgingSession) -> str:
     return (
         '<div style="padding:.6em .8em;font-size:.88em;line-height:1.4">'
         '<div style="font-size:1.4em;font-weight:650">All runs are judged</div>'
-        "<div>What people say: share of runs that did what was asked, runs that were skipped left out.</div>"
+        "<div>The share of runs that people judged to do what was asked; skipped runs are left out.</div>"
         f"{''.join(parts)}</div>"
     )
 
@@ -84,11 +84,11 @@ def _masks(errors: str) -> str:
 Verdict = Literal["yes", "no", "skip"]
 ASKED = "Did it do what was asked?"
 LOOK_FIRST_S = 0.4
-"""An answer that comes sooner after a run has appeared was meant for the run before."""
+"""An answer that comes sooner after a run appeared is ignored: it was meant for the run before."""
 PAUSE_S = 0.6
-"""How long the robot stands at each stop, at normal speed."""
+"""How long the robot waits at each stop, at normal speed."""
 FIRST_S = 1.6
-"""How long it stands at the start, so that one sees where it looks."""
+"""How long it waits at the start, so that its heading can be seen."""
 _COMPASS = ("north", "northeast", "east", "southeast", "south", "southwest", "west", "northwest")
 MAX_LABELS = 12
 _ANSWERS: tuple[tuple[Verdict, str, str, str, viser.IconName], ...] = (
@@ -99,7 +99,7 @@ _ANSWERS: tuple[tuple[Verdict, str, str, str, viser.IconName], ...] = (
 
 
 class JudgePanel(Panel):
-    """Plays the runs of a session on the true map and takes the answers. All pages answer into one session."""
+    """Plays the runs of a session on the true map and takes the answers. All pages share the session."""
 
     def __init__(self, page: Page) -> None:
         """Fill the open container; the page's services have a session to judge."""
@@ -120,11 +120,11 @@ class JudgePanel(Panel):
         return self._run
 
     def built(self) -> None:
-        """Begin to judge."""
+        """Show the first run."""
         self.show()
 
     def show(self) -> None:
-        """Show the first run without an answer, or, when there is none, what people say."""
+        """Show the first run without an answer, or the summary if all have one."""
         with self._lock:
             again, self._again = self._again, None
             self._run = again or self._session.next_run()
@@ -134,7 +134,7 @@ class JudgePanel(Panel):
             self._show_run(self._run)
 
     def answer(self, verdict: Verdict) -> None:
-        """Save an answer for the run that is shown, and go on."""
+        """Save an answer for the run that is shown, and show the next run."""
         with self._lock:
             run = self._run
             if run is None or time.monotonic() - self._shown_at < LOOK_FIRST_S:
@@ -142,14 +142,14 @@ class JudgePanel(Panel):
             try:
                 self._session.judge(run.run_id, verdict)
             except SIMapsError as error:
-                self._said.content = message_html("Not saved", f"{error}. Answer again.", "bad")
+                self._outcome.content = message_html("Not saved", f"{error}. Answer again.", "bad")
                 return
             if run not in self._seen:
                 self._seen.append(run)
             self.show()
 
     def replay(self) -> None:
-        """Let the robot drive once more."""
+        """Play the run again."""
         with self._lock:
             if self._run is not None:
                 self._show_run(self._run)
@@ -163,18 +163,18 @@ class JudgePanel(Panel):
                 self.show()
 
     def leave_robot(self) -> None:
-        """Stop driving and take all this drew off the map; ``replay`` brings it back."""
+        """Stop the robot and clear what this panel drew on the map; ``replay`` draws it again."""
         self._drive.stop()
         self._scene.show_path(np.zeros((0, 2)))
         self._scene.show_candidates(())
 
     def close(self) -> None:
-        """Stop driving."""
+        """Stop the robot."""
         self._drive.stop()
 
     def _fill(self, gui: viser.GuiApi) -> None:
         self._head = gui.add_html("")
-        self._said = gui.add_html("")
+        self._outcome = gui.add_html("")
         self._question = gui.add_html(f'<div style="padding:.4em .8em 0;font-weight:600">{ASKED}</div>')
         self._buttons = []
         for verdict, label, key, color, icon in _ANSWERS:
@@ -184,7 +184,7 @@ class JudgePanel(Panel):
             command.on_trigger(functools.partial(self._clicked, verdict))
             self._buttons.append(button)
         self._progress = gui.add_progress_bar(0.0)
-        self._tools = gui.add_button_group("Run", ("Play again", "Back"), hint="Back: answer the last one anew.")
+        self._tools = gui.add_button_group("Run", ("Play again", "Back"), hint="Back: answer the run before again.")
         self._tools.on_click(lambda event: self.replay() if event.target.value == "Play again" else self.back())
         self._speed = gui.add_slider("Speed (×)", 0.25, 8.0, 0.25, 2.0, hint=SPEED_HINT)
         self._speed.on_update(lambda _: self._set_speed())
@@ -200,14 +200,14 @@ class JudgePanel(Panel):
         self._page.claim_robot(self)
         self._shown_at = time.monotonic()
         self._head.content = run_html(run)
-        self._said.content = message_html("", outcome_text(run.shown), "plain")
+        self._outcome.content = message_html("", outcome_text(run.shown), "plain")
         self._show_progress(run.number - 1, run.total)
         start = Pose2.from_heading(*(float(v) for v in run.shown["start"]))
         track = np.asarray(run.shown.get("track") or [[start.x_m, start.y_m]], np.float64).reshape(-1, 2)
         self._scene.show_path(track)
         self._scene.show_robot(start)
-        self._scene.show_candidates([*places(run, start), *self._things(run, start)])
-        self._drive.start(ride(start, track, run.shown.get("stops") or []))
+        self._scene.show_candidates([*position_labels(run, start), *self._things(run, start)])
+        self._drive.start(timed_trajectory(start, track, run.shown.get("stops") or []))
 
     def _show_progress(self, done: int, total: int) -> None:
         self._progress.value = 100.0 * done / max(total, 1)
@@ -215,13 +215,13 @@ class JudgePanel(Panel):
     def _show_summary(self) -> None:
         self.leave_robot()
         self._head.content = summary_html(self._session)
-        for widget in (self._said, self._question, self._progress, self._tools, self._speed):
+        for widget in (self._outcome, self._question, self._progress, self._tools, self._speed):
             widget.visible = False
         for button in self._buttons:
             button.visible = False
 
     def _things(self, run: BlindRun, start: Pose2) -> list[Label]:
-        """Describe how far the things the command names are from where it was given; without ranks, which judge."""
+        """Label the named things with their distance from the start; without ranks, which would hint at the answer."""
         candidates = self._page.services.candidates
         if candidates is None:
             return []
@@ -233,14 +233,14 @@ class JudgePanel(Panel):
 
 
 def named_in(command: str, labels: Sequence[str]) -> list[str]:
-    """Return the classes that a command names, or of whose names it has the last word ("table", "plants")."""
+    """Return the classes that a command names, also by the last word of a name only ("table", "plants")."""
     words = set(re.findall(r"[a-z]+", command.lower()))
     words |= {word.removesuffix("es") for word in words} | {word.removesuffix("s") for word in words}
     return [label for label in labels if label.lower().split()[-1] in words]
 
 
-def places(run: BlindRun, start: Pose2) -> list[Label]:
-    """Name the start, the stops and the collision of a run: texts, each at its (x, y)."""
+def position_labels(run: BlindRun, start: Pose2) -> list[Label]:
+    """Return labels at the start, the stops and the collision of a run."""
     stops, hit = run.shown.get("stops") or [], run.shown.get("collision")
     looks = _COMPASS[round(start.heading_deg / 45.0) % 8]
     texts = [Label(f"start, looking {looks}", start.x_m, start.y_m, away_y=1.0)]
@@ -251,10 +251,11 @@ def places(run: BlindRun, start: Pose2) -> list[Label]:
     return texts
 
 
-def ride(start: Pose2, track_m: np.ndarray, stops_m: Sequence[Sequence[float]]) -> Trajectory:
-    """Time a drive along a track [n, 2]: it begins as it was told to, looks where it drives, and rests at each stop."""
+def timed_trajectory(start: Pose2, track_m: np.ndarray, stops_m: Sequence[Sequence[float]]) -> Trajectory:
+    """Return the trajectory along a track [n, 2]: it looks where it drives, and waits at the start and each stop."""
     poses = poses_along(start, track_m, Pose2(float(track_m[-1, 0]), float(track_m[-1, 1]), start.yaw_rad))
-    poses = poses[:-1]  # nobody knows where it looked in the end: the way it came
+    poses = poses[:-1]  # the final heading is not recorded: it keeps the one it arrived with
+    # The first pose is doubled, so that the robot can wait there.
     poses = np.concatenate([poses[:1], poses])
     wait = np.zeros(len(poses))
     wait[1] = FIRST_S

@@ -1,4 +1,4 @@
-"""The tab in front while a map is being built: how far it is, how fast, how long still; stop and go on."""
+"""The first tab while a map is being built: progress, speed and remaining time; stop and resume."""
 
 import base64
 import threading
@@ -19,7 +19,7 @@ Status = Literal["starting", "building", "finishing", "stopping", "stopped", "fa
 
 @dataclass(frozen=True)
 class LiveState:
-    """How far a build is."""
+    """The progress of a build."""
 
     status: Status = "starting"
     done: int = 0
@@ -27,34 +27,34 @@ class LiveState:
     total: int = 0
     """Frames of the sequence."""
     rate: float | None = None
-    """Frames a second, lately."""
+    """Frames a second over the last frames."""
     left_s: float | None = None
     """Seconds until the last frame is on the map."""
     skipped: int = 0
     """Frames that could not be read."""
     error: str = ""
-    """Why it failed, in words."""
-    said: str = ""
-    """Where the map is, once it is done; or how a stopped build goes on."""
+    """Why it failed."""
+    notice: str = ""
+    """Where the finished map was saved, or how a stopped build can be resumed."""
     shown: int = 0
-    """Frames that the map on the page knows of; 0 = none has been shown yet."""
+    """Frames in the map that the page shows; 0 = no map yet."""
     sketch: bytes = b""
-    """Picture (PNG) of what was seen so far, north up; empty = none."""
+    """Picture (PNG) of the cells seen so far, north up; empty = none."""
 
 
 @dataclass(frozen=True)
 class LiveServices:
-    """All of these return at once."""
+    """Functions of the build; all return at once."""
 
     state: Callable[[], LiveState]
     stop: Callable[[], None]
-    go_on: Callable[[], None]
-    """Begin again where it was stopped, or has failed."""
+    resume: Callable[[], None]
+    """Resume a build that was stopped or has failed."""
 
 
-ABOUT = "how far the build is; stop it, and go on with it"
+ABOUT = "progress of the build; stop it, and resume it"
 EVERY_S = 1.0
-"""How often the numbers are brought up to date."""
+"""Seconds between updates."""
 HEADS: dict[Status, str] = {
     "starting": "Waiting for the first frame …",
     "building": "Building the map",
@@ -69,12 +69,12 @@ WAITING = "The first objects appear after a few seconds; the smaller the cells, 
 
 
 def live_panel(services: LiveServices) -> PanelSpec:
-    """Return the tab."""
+    """Return the spec of the tab."""
     return PanelSpec("Progress", viser.Icon.HAMMER, lambda page: LivePanel(page, services), "front", ABOUT)
 
 
 class LivePanel(Panel):
-    """The widgets; a thread of its own keeps them up to date until the map is done or the person has gone."""
+    """The widgets; a thread updates them until the panel is closed."""
 
     def __init__(self, page: Page, services: LiveServices) -> None:
         """Fill the open container."""
@@ -83,25 +83,25 @@ class LivePanel(Panel):
         self._shown: LiveState | None = None
         gui = page.gui
         self._head = gui.add_html("")
-        self._bar = gui.add_progress_bar(0.0)  # one that moves by itself has the whole page drawn 60 times a second
+        self._bar = gui.add_progress_bar(0.0)  # an animated one makes the browser redraw the page 60 times a second
         self._text = gui.add_html("")
         self._sketch = gui.add_html("")
         self._stop = gui.add_button("Stop", icon=viser.Icon.PLAYER_STOP, color="gray")
         self._stop.on_click(lambda _: services.stop())
-        self._go_on = gui.add_button("Go on", icon=viser.Icon.PLAYER_PLAY, visible=False)
-        self._go_on.on_click(lambda _: services.go_on())
+        self._resume = gui.add_button("Resume", icon=viser.Icon.PLAYER_PLAY, visible=False)
+        self._resume.on_click(lambda _: services.resume())
         self._update()
         threading.Thread(target=self._run, name="workbench-live", daemon=True).start()
 
     def close(self) -> None:
-        """Stop looking."""
+        """Stop updating."""
         self._closed.set()
 
     def _run(self) -> None:
         while not self._closed.wait(EVERY_S):
             try:
                 self._update()
-            except RuntimeError:  # the widgets went meanwhile; a lock could wait for the one who removes them
+            except RuntimeError:  # the widgets were removed meanwhile; a lock could deadlock with their removal
                 if not self._closed.is_set():
                     raise
 
@@ -116,18 +116,18 @@ class LivePanel(Panel):
         self._sketch.content = sketch_html(state)
         self._stop.visible = state.status in ("starting", "building", "finishing", "stopping")
         self._stop.disabled = state.status in ("finishing", "stopping")
-        self._go_on.visible = state.status in ("stopped", "failed")
+        self._resume.visible = state.status in ("stopped", "failed")
 
 
 def head_html(state: LiveState) -> str:
-    """Describe what is going on."""
+    """Describe what the build is doing."""
     style = ";color:light-dark(#b02a2a,#ff8f8f)" if state.status == "failed" else ""
     style = f"{BOX_STYLE};font-size:1em;font-weight:600{style}"
     return f'<div role="status" style="{style}">{escape(HEADS[state.status])}</div>'
 
 
 def text_html(state: LiveState) -> str:
-    """Describe how far, how fast, how long."""
+    """Describe progress, speed and remaining time."""
     parts = [f"{state.done} of {plural(state.total, 'frame')}"]
     if state.status == "building" and state.rate:
         parts.append(f"{state.rate:.{0 if state.rate >= 10 else 1}f} frames/s")
@@ -140,12 +140,12 @@ def text_html(state: LiveState) -> str:
     if state.status in ("building", "stopping"):
         known = f"The map shows the first {plural(state.shown, 'frame')}." if state.shown else WAITING
         lines.append(f'<div style="{DIM_STYLE}">{known}</div>')
-    lines += [f'<div style="{DIM_STYLE};overflow-wrap:anywhere">{escape(state.said)}</div>'] if state.said else []
+    lines += [f'<div style="{DIM_STYLE};overflow-wrap:anywhere">{escape(state.notice)}</div>'] if state.notice else []
     return f'<div style="{BOX_STYLE}">{"".join(lines)}</div>'
 
 
 def sketch_html(state: LiveState) -> str:
-    """Show what was seen so far, in little, while it grows; a place of one height, so that nothing moves."""
+    """Show a small picture of the cells seen so far; its height is fixed, so that nothing below it moves."""
     if not state.sketch or state.status not in ("building", "stopping", "stopped"):
         return ""
     picture = base64.b64encode(state.sketch).decode()
@@ -158,7 +158,7 @@ def sketch_html(state: LiveState) -> str:
 
 
 def duration(seconds: float) -> str:
-    """Describe how long: "8 s", "2 min 05 s", "1 h 10 min"."""
+    """Write a duration: "8 s", "2 min 05 s", "1 h 10 min"."""
     whole = max(round(seconds), 1)
     if whole < 60:
         return f"{whole} s"

@@ -1,4 +1,4 @@
-"""The section that shows what the network saw on one frame, and what other thresholds would make of it."""
+"""The section that shows the masks of one frame, and how other thresholds would change them."""
 
 import threading
 from collections import Counter
@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from simaps_viz.colors.classes import plural
 from simaps_viz.colors.palette import Color
 from simaps_viz.drawing.frame_pictures import ColorBy, MaskStyle, confidence_color, named_color, paint_masks
+from simaps_viz.drawing.legend import gradient_html
 from simaps_viz.drawing.texture import shown_class_colors
 from simaps_viz.drawing.theme import BAD_STYLE, DIM_STYLE, SMALL_STYLE, remark_html, working_html
 from simaps_viz.errors import SIMapsError
@@ -21,12 +22,12 @@ from simaps_viz.structures import Segmentation
 from simaps_viz.viewer.page.page import Page
 from simaps_viz.viewer.page.panel import Panel, PanelSpec
 
-ABOUT = "what the network saw on a frame, and what other thresholds would make of it"
+ABOUT = "what the network saw on a frame, and how other thresholds would change it"
 MAX_ROWS = 40
 
 
 def error_html(text: str) -> str:
-    """Set what went wrong."""
+    """Set an error message."""
     return f'<div role="alert" style="{SMALL_STYLE};{BAD_STYLE}">{escape(text)}</div>'
 
 
@@ -38,18 +39,14 @@ def class_counts(masks: Segmentation) -> dict[str, tuple[int, bool]]:
 
 
 def masks_legend(masks: Segmentation, color_by: ColorBy, colors: Mapping[str, Color] | None = None) -> str:
-    """Explain the colours and the two kinds of fill; ``colors`` are those of the map's classes."""
+    """Explain the colours, and the fills of things and stuff; ``colors`` are those of the map's classes."""
     kinds = (
         f'<div style="opacity:.85">{_chip((150, 150, 150), thing=True)}thing (can be counted)'
         f'<span style="margin-left:1em">{_chip((150, 150, 150), thing=False)}stuff (floor, wall …)</span></div>'
     )
     if color_by == "confidence":
-        stops = ",".join(f"rgb{confidence_color(level)}" for level in np.linspace(0.0, 1.0, 9))
-        bar = (
-            "<div>how sure the network is</div>"
-            f'<div style="height:10px;border-radius:3px;background:linear-gradient(90deg,{stops})"></div>'
-            '<div style="display:flex;justify-content:space-between"><span>0</span><span>0.5</span><span>1</span></div>'
-        )
+        colors_of_levels = [confidence_color(level) for level in np.linspace(0.0, 1.0, 9)]
+        bar = gradient_html("how sure the network is", colors_of_levels, ("0", "0.5", "1"))
         return f'<div style="{SMALL_STYLE}">{bar}{kinds}</div>'
     chips = "".join(
         f'<span style="white-space:nowrap;margin-right:.9em">{_chip(named_color(label, colors or {}), thing=thing)}'
@@ -78,7 +75,7 @@ def segments_html(masks: Segmentation, hidden: Collection[str]) -> str:
 
 
 def effect_words(before: Segmentation, now: Segmentation) -> str:
-    """Describe what other thresholds change on a frame."""
+    """Describe how the masks of a frame differ from those the map was built from."""
     named = [float(np.count_nonzero(masks.ids) / max(masks.ids.size, 1)) for masks in (before, now)]
     old, new = (Counter(s.label for s in masks.segments) for masks in (before, now))
     text = f"{plural(len(now.segments), 'segment')}, {_share(named[1])} of the picture"
@@ -95,13 +92,13 @@ def effect_words(before: Segmentation, now: Segmentation) -> str:
 
 
 def command_words(source: str, options: Mapping[str, float], names: Mapping[str, str]) -> str:
-    """Return the options that build a map with such thresholds."""
-    told = " ".join(f"{names[key]} {value:g}" for key, value in options.items() if key in names)
-    return f"To build a map so: simaps build … --segmentation {source} {told}" if told else ""
+    """Return the command line that builds a map with these thresholds."""
+    chosen = " ".join(f"{names[key]} {value:g}" for key, value in options.items() if key in names)
+    return f"To build a map so: simaps build … --segmentation {source} {chosen}" if chosen else ""
 
 
 def has_confidence(masks: Segmentation) -> bool:
-    """Return whether the things on a frame carry a confidence; masks without one say 1 of each."""
+    """Whether the things on a frame have a confidence; in masks without one every score is 1."""
     scores: Sequence[float] = [s.score for s in masks.segments if s.is_thing]
     return not scores or any(score < 1.0 for score in scores)
 
@@ -122,17 +119,17 @@ def _chip(color: Color, *, thing: bool) -> str:
 LARGE_PX = 1400
 """Width of the enlarged picture."""
 MAX_NAMES = 6
-"""Segments that have their names in the small picture, the largest."""
+"""How many segments, the largest, are named in the small picture."""
 PREVIOUS, NEXT = "Previous", "Next"
 ALL, NONE = "All", "None"
 FRAME_HINT = "Counted from 0; the map and the recorded build go to the same frame."
-OPACITY_HINT = "0: only outlines; 1: nothing of the picture shows through."
-NO_SCORES = "These masks carry no confidence: each says 1."
+OPACITY_HINT = "0: only outlines; 1: masks hide the picture."
+NO_SCORES = "These masks have no confidence: each score is 1."
 
 
 @dataclass(frozen=True)
 class Knob:
-    """A threshold that a person may move."""
+    """A threshold with a slider of its own."""
 
     key: str
     label: str
@@ -140,43 +137,44 @@ class Knob:
     """The one the map was built with."""
     hint: str
     option: str = ""
-    """Its option of the command line; empty where there is none."""
+    """Its command-line option; empty if it has none."""
 
 
 @dataclass(frozen=True, eq=False)
 class SegmentationServices:
-    """What the section can ask for. Frames are counted as the map's are."""
+    """Plain functions behind the section. Frames are numbered as those of the map."""
 
     frame_names: tuple[str, ...] = ()
     look: Callable[[int], tuple[NDArray, Segmentation]] | None = None
-    """frame -> (uint8 [H, W, 3] RGB, the masks the map was built from); None: neither is at hand."""
+    """frame -> (uint8 [H, W, 3] RGB, the masks the map was built from); None if they are not at hand."""
     retry: Callable[[int, Mapping[str, float]], Segmentation] | None = None
-    """(frame, thresholds by key) -> masks; None: thresholds cannot be tried."""
+    """(frame, thresholds by key) -> masks; None if thresholds cannot be tried."""
     runs_network: bool = False
     """Whether the first ``retry`` of a frame runs the network, which takes a while."""
     knobs: tuple[Knob, ...] = ()
     source: str = ""
-    """Where the masks come from, in words."""
+    """Describes where the masks come from."""
     network: str = ""
-    """The network's file, for the command line."""
+    """File of the network, for the command line."""
     notes: tuple[str, ...] = ()
-    """What is missing, or worth knowing, in words."""
+    """Remarks, such as on what is missing."""
 
 
 @dataclass(frozen=True, eq=False)
 class _Seen:
-    """A frame as it was read last."""
+    """The frame that was read last."""
 
     frame: int
     rgb: NDArray
     before: Segmentation
-    """As the map was built."""
+    """The masks the map was built from."""
     now: Segmentation
+    """The masks with the thresholds of the sliders."""
 
 
 @dataclass
 class _Widgets:
-    """The handles; only there when there is something to show."""
+    """The widgets; None where there are no frames to show."""
 
     frame: Any = None
     picture: Any = None
@@ -197,7 +195,7 @@ def masks_panel(services: SegmentationServices) -> PanelSpec:
 
 
 class SegmentationPanel(Panel):
-    """The masks of one frame, which is the page's frame until another is chosen here."""
+    """The masks of one frame: that of the page until another one is chosen here."""
 
     def __init__(self, page: Page, services: SegmentationServices) -> None:
         """Fill the open container."""
@@ -240,13 +238,13 @@ class SegmentationPanel(Panel):
         return frozenset(label for label, box in self._w.class_boxes.items() if not box.value)
 
     def time_changed(self, frame: int, step: int | None) -> None:
-        """Show the page's frame; one without masks is left alone."""
+        """Follow the page to a frame, if that has masks."""
         if self._w.frame is not None and 0 <= frame < len(self._services.frame_names) and frame != self.frame:
             self._w.frame.value = frame
             self.refresh()
 
     def state(self) -> dict[str, Any]:
-        """Return what this person chose, for a page that is loaded again."""
+        """Return the settings, for a page that is loaded again."""
         w = self._w
         if w.frame is None:
             return {}
@@ -255,7 +253,7 @@ class SegmentationPanel(Panel):
                 "knobs": knobs, "hidden": sorted(self.hidden)}  # fmt: skip
 
     def restore(self, state: Mapping[str, Any]) -> None:
-        """Take it back."""
+        """Restore the settings."""
         w = self._w
         if w.frame is None or not state:
             return
@@ -269,18 +267,18 @@ class SegmentationPanel(Panel):
         self.refresh()
 
     def close(self) -> None:
-        """The person has gone."""
+        """Stop drawing."""
         self._closed = True
 
     def refresh(self) -> None:
-        """Draw anew, soon."""
+        """Queue drawing the frame again."""
         self._page.submit("segmentation", self._update)
 
     def _add_frame(self, gui: viser.GuiApi) -> None:
         last = max(len(self._services.frame_names) - 1, 0)
         self._w.frame = gui.add_slider("Masks of frame", 0, max(last, 1), 1, last, disabled=last == 0, hint=FRAME_HINT)
         self._w.frame.on_update(lambda event: self._chose(self.frame) if event.client_id is not None else None)
-        step = gui.add_button_group("Step", (PREVIOUS, NEXT), disabled=last == 0, hint="One frame back, one on.")
+        step = gui.add_button_group("Step", (PREVIOUS, NEXT), disabled=last == 0, hint="One frame back or forward.")
         step.on_click(lambda event: self._step(1 if str(event.target.value) == NEXT else -1))
         self._w.picture = gui.add_image(np.full((4, 6, 3), 235, np.uint8), format="jpeg", jpeg_quality=85)
         self._w.legend = gui.add_html("")
@@ -335,7 +333,7 @@ class SegmentationPanel(Panel):
         return {key: value for key, value in now.items() if abs(value - built[key]) > 1e-6}
 
     def _update(self) -> None:
-        """Read what is to be shown, and show it; on the worker's thread."""
+        """Read the frame and show it; called on a worker thread."""
         if self._closed or self._services.look is None:
             return
         frame = self.frame
@@ -382,7 +380,7 @@ class SegmentationPanel(Panel):
         )
 
     def _show_classes(self, masks: Segmentation) -> None:
-        """Have a switch for each class of the frame, and keep those of classes that are switched off."""
+        """Show a switch for each class of the frame, and for each class that is switched off."""
         counts = class_counts(masks)
         for label, (count, thing) in counts.items():
             self._box(label).label = f"{label} ({count})" if thing else f"{label} ({count}, stuff)"
@@ -394,7 +392,7 @@ class SegmentationPanel(Panel):
         self._w.classes.label = f"Classes: {shown} of {plural(len(masks.segments), 'segment')} shown"
 
     def _box(self, label: str) -> Any:
-        """Return the switch of a class; make it when there is none yet."""
+        """Return the switch of a class; it is made on first use."""
         if label not in self._w.class_boxes:
             with self._w.classes:
                 box = self._page.gui.add_checkbox(label, True)

@@ -1,4 +1,4 @@
-"""The panel that saves what is on the page as one file, which the browser downloads."""
+"""The panel that saves the page's content as one file, which the browser downloads."""
 
 import functools
 import re
@@ -29,7 +29,7 @@ class ShareServices:
     steps: Callable[[SIMap, str, Pose2], Iterable[StepEvent]] | None = None
     """As in `Services`."""
     look: Callable[[SIMap], Look | None] | None = None
-    """(map) -> what gives the map after a frame, where that is known."""
+    """(map) -> function that returns the map after a frame; None if no history is at hand."""
     radius_m: float = 0.2
     """The radius of the robot."""
 
@@ -45,7 +45,7 @@ class SharePanel(Panel):
     def __init__(self, page: Page, services: ShareServices) -> None:
         """Fill the open container."""
         self._page, self._services = page, services
-        self._worker = Worker(self._failed)  # of its own: a film takes some seconds
+        self._worker = Worker(self._failed)  # a thread of its own: a film takes some seconds
         self._stopped = False
         gui = page.gui
         gui.add_html(note("One file to send to somebody. It opens without a network and holds no frames."))
@@ -57,7 +57,12 @@ class SharePanel(Panel):
             ending: gui.add_button(label, icon=icon, hint=hint)
             for ending, label, icon, hint in (
                 (".html", "Save as page (.html)", viser.Icon.WORLD, "To turn, zoom and scrub in any browser."),
-                (".gif", "Save as film (.gif)", viser.Icon.MOVIE, "The build and the ride, for slides and chats."),
+                (
+                    ".gif",
+                    "Save as film (.gif)",
+                    viser.Icon.MOVIE,
+                    "The build and the robot's drive, for slides and chats.",
+                ),
                 (".png", "Save as picture (.png)", viser.Icon.PHOTO, "Large, with title, legend and scale bar."),
             )
         }
@@ -67,12 +72,12 @@ class SharePanel(Panel):
         self._status = gui.add_html("")
 
     def close(self) -> None:
-        """Cancel what is being made."""
+        """Cancel the file that is being made."""
         self._stopped = True
         self._worker.stop()
 
     def wait_idle(self, timeout_s: float = 60.0) -> bool:
-        """Wait until nothing is being made; False when that took too long."""
+        """Wait until the file is made; False when that took too long."""
         return self._worker.wait_idle(timeout_s)
 
     def _clicked(self, ending: str, _: viser.GuiEvent) -> None:
@@ -83,7 +88,7 @@ class SharePanel(Panel):
         self._worker.submit("share", functools.partial(self._make, ending, self._page.simap))
 
     def _make(self, ending: str, simap: SIMap) -> None:
-        def tell(what: str, done: int, total: int) -> None:
+        def report(what: str, done: int, total: int) -> None:
             if self._stopped:
                 raise Cancelled
             self._progress.value = 100.0 * done / max(total, 1)
@@ -92,7 +97,7 @@ class SharePanel(Panel):
         look = services.look(simap) if services.look is not None else None
         try:
             drive = self._drive(simap)
-            content = share_bytes(ending, simap, drive=drive, look=look, radius_m=services.radius_m, progress=tell)
+            content = share_bytes(ending, simap, drive=drive, look=look, radius_m=services.radius_m, progress=report)
         except Cancelled:
             return
         name = file_name(simap, ending)

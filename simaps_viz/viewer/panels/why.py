@@ -1,4 +1,4 @@
-"""The section that answers "why is this one object?", and what keeps it apart from others."""
+"""The section "Why is this one object?", which also explains what keeps an object apart from others."""
 
 from dataclasses import replace
 from html import escape
@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 from simaps_viz.colors.classes import plural
 from simaps_viz.colors.palette import Color
 from simaps_viz.drawing.frame_pictures import gallery, named, outlined
-from simaps_viz.drawing.legend import object_name, short_name
-from simaps_viz.drawing.theme import SMALL_STYLE, remark_html, working_html
+from simaps_viz.drawing.legend import CHIP_STYLE, chip, gradient_html, object_name, short_name
+from simaps_viz.drawing.theme import SMALL_STYLE, remark_html, small_html, working_html
 from simaps_viz.mapping.edit_log import edits_of
 from simaps_viz.mapping.explain import (
     Between,
@@ -50,13 +50,8 @@ from simaps_viz.viewer.scene.why_marks import (
 )
 
 
-def text_html(text: str) -> str:
-    """Set a sentence."""
-    return f'<div style="{SMALL_STYLE}">{escape(text)}</div>'
-
-
 def summary_html(why: Why, *, by_hand: bool = False) -> str:
-    """Describe why an instance is one object; ``by_hand``: people made it what it is."""
+    """Describe why an instance is one object; ``by_hand``: it was edited."""
     words = escape(summary(why, by_hand=by_hand))
     return (
         '<div style="margin:.1em .8em .6em;padding:.4em .6em;font-size:.82em;line-height:1.45;'
@@ -71,20 +66,14 @@ def sureness_legend(why: Why) -> str:
         meaning, ends = "mean weight of a cell's edges inside (pixel pairs per frame)", (f"{low:g}", f"{high:.1f}")
     else:
         meaning, ends = "share of sightings with the rest that say one object", (f"{low:g} and less", f"{high:g}")
-    stops = ",".join(f"rgb{color}" for color in RAMP)
     rest = ""
     if np.isnan(why.sureness).any():
-        rest = f"<div>{_chip(UNKNOWN)}nothing seen for or against</div>"
-    return (
-        f'<div style="{SMALL_STYLE}"><div>{escape(meaning)}</div>'
-        f'<div style="height:10px;border-radius:3px;background:linear-gradient(90deg,{stops})"></div>'
-        f'<div style="display:flex;justify-content:space-between"><span>{ends[0]}</span><span>{ends[1]}</span></div>'
-        f"{rest}</div>"
-    )
+        rest = f"<div>{CHIP_STYLE}{chip(UNKNOWN)}nothing seen for or against</div>"
+    return f'<div style="{SMALL_STYLE}">{gradient_html(meaning, RAMP, ends)}{rest}</div>'
 
 
 def lines_legend(why: Why) -> str:
-    """Explain the lines on the map, with their numbers' unit."""
+    """Explain the lines on the map and the unit of their numbers."""
     parts = []
     if why.weakest is not None:
         score = score_text(why.method, why.weakest.score)
@@ -115,13 +104,6 @@ def joint_name(why: Why, position: int) -> str:
     return f"{position} · {score_text(why.method, joint.score)} · {joint.target_cells} + {joint.source_cells}{weakest}"
 
 
-def _chip(color: Color) -> str:
-    return (
-        '<span style="display:inline-block;width:10px;height:10px;border-radius:2px;margin-right:6px;'
-        f'background:rgb{color}"></span>'
-    )
-
-
 def _stroke(color: Color) -> str:
     return (
         '<span style="display:inline-block;width:14px;height:4px;border-radius:2px;margin-right:5px;'
@@ -130,11 +112,11 @@ def _stroke(color: Color) -> str:
 
 
 ROWS = 6
-"""Steps that the table of merge steps shows at once."""
+"""Rows of the table of merge steps."""
 MAX_NEIGHBOURS = 8
-APART_HINT = "What keeps this object and another apart: a neighbour, with the number on its line, or one you click."
+APART_HINT = "What keeps this object apart from another: a neighbour, with the number on its line, or one you click."
 FRAME_HINT = "Go to that frame of the build."
-ROWS_HINT = "number · how much spoke for it · cells of its two parts."
+ROWS_HINT = "Each row: step · score · cells of the two parts."
 ASK = "Click another object …"
 STOP_ASKING = "Cancel"
 
@@ -165,16 +147,16 @@ class WhyPanel(Panel):
 
     @property
     def lit(self) -> frozenset[int]:
-        """Instances that shall keep their colour besides the selected one."""
+        """Instances that keep their colour, besides the selected one."""
         return frozenset() if self._between is None else frozenset({self._between.second.id})
 
     def selection_changed(self, instance_id: int | None) -> None:
-        """Explain the selected instance, soon."""
+        """Queue the explanation of the selected instance."""
         simap = self._page.simap
         self._page.worker.submit("why", lambda: self._explain(simap, instance_id))
 
     def style(self, simap: SIMap, style: Style) -> Style:
-        """Emphasise the instance that is compared, and colour the cells by evidence where that is asked for."""
+        """Emphasise the compared instance, and colour cells by evidence if that is switched on."""
         if self._page.selected is not None and style.lit is not None:
             style = replace(style, lit=style.lit | self.lit)
         why = self._why
@@ -183,11 +165,11 @@ class WhyPanel(Panel):
         return replace(style, paint=(why.cells, sureness_colors(why)))
 
     def view_changed(self, name: str) -> None:
-        """Draw the lines above the object's block instead of on the floor, or on the floor again."""
+        """Draw the lines above the object's block in the slanted view, and on the floor in the top view."""
         self._page.worker.submit("why marks", self._draw)
 
     def take_click(self, x_m: float, y_m: float) -> bool:
-        """Compare with the instance that is clicked, if one was asked for."""
+        """Compare with the clicked instance, if the panel waits for one."""
         if not self._asking or self._why is None:
             return False
         self._ask(False)
@@ -204,7 +186,7 @@ class WhyPanel(Panel):
         self._page.worker.submit("compare", lambda: self._compare_now(other_id))
 
     def _explain(self, simap: SIMap, instance_id: int | None) -> None:
-        """Show why an instance is one object, here and, in short, on the panel about it."""
+        """Show why an instance is one object, here and in short on the panel about the instance."""
         try:
             self._asking, self._between, self._joint = False, None, None
             self._simap, self._why = simap, None if instance_id is None else explain(simap, instance_id)
@@ -242,7 +224,9 @@ class WhyPanel(Panel):
         self._apart_jump.on_click(lambda event: self._jump(str(event.target.value)))
 
     def _add_steps(self, gui: viser.GuiApi) -> None:
-        self._step = gui.add_slider("Merge step", 0, 1, 1, 0, hint="0 = none; the steps that made it, in order.")
+        self._step = gui.add_slider(
+            "Merge step", 0, 1, 1, 0, hint="The merge steps that made the object, in order; 0 shows none."
+        )
         self._step.on_update(
             lambda event: self._choose_step(int(self._step.value)) if event.client_id is not None else None
         )
@@ -273,7 +257,7 @@ class WhyPanel(Panel):
             self._step_text.content = remark_html(_steps_words(why))
 
     def _choose_row(self, row: str) -> None:
-        """Choose the step a row begins with; a page may tell of rows that were never there."""
+        """Choose the step named at the beginning of a row; a browser may send rows that do not exist."""
         number = row.partition(" ")[0]
         if number.isdecimal() and len(number) < 9:
             self._choose_step(int(number))
@@ -282,7 +266,7 @@ class WhyPanel(Panel):
         self._page.worker.submit("why step", lambda: self._show_step(position))
 
     def _show_step(self, position: int) -> None:
-        """Show step ``position`` (from 1), or none for 0."""
+        """Show step ``position`` (from 1); 0 shows none."""
         why, simap = self._why, self._simap
         if why is None or simap is None or not 0 <= position <= len(why.joints):
             return
@@ -299,7 +283,7 @@ class WhyPanel(Panel):
         self._draw()
 
     def _leave_neighbour(self) -> None:
-        """Compare with no other object any more."""
+        """End the comparison with another object."""
         if self._between is not None:
             self._between = None
             self._apart.content = ""
@@ -314,10 +298,10 @@ class WhyPanel(Panel):
             self._ask(name == ASK)
 
     def _ask(self, asking: bool) -> None:
-        """Wait for a click on another object, or wait no longer."""
+        """Start or stop waiting for a click on another object."""
         self._asking = asking
         self._near.options = (*self._apart_of, STOP_ASKING if asking else ASK)
-        self._apart.content = text_html("Now click the other object on the map.") if asking else ""
+        self._apart.content = small_html("Now click the other object on the map.") if asking else ""
 
     def _compare_now(self, other_id: int) -> None:
         simap, why = self._simap, self._why
@@ -326,13 +310,13 @@ class WhyPanel(Panel):
         self._show_step(0)
         self._between = found = between(simap, why.instance.id, other_id)
         first, second = object_name(simap, found.first), object_name(simap, found.second)
-        self._apart.content = text_html(between_words(found, first, second))
+        self._apart.content = small_html(between_words(found, first, second))
         self._draw()
         self._page.repaint()
         self._show_both(simap, found)
 
     def _show_both(self, simap: SIMap, found: Between) -> None:
-        """Show the frames that speak loudest for two, and for one."""
+        """Show the frames with the strongest evidence for two objects, and for one."""
         chosen = [(frame, "two") for frame in found.together.as_two[:2]]
         chosen += [(frame, "one") for frame in found.together.as_one[: 3 - len(chosen)]]
         pictures, names = [], {}
@@ -372,14 +356,14 @@ class WhyPanel(Panel):
         if simap is None or why is None:
             self._marks.draw(None)
             return
-        beside = None if found is None else found.second.id
+        other = None if found is None else found.second.id
         link = None if found is None else found.link
         z_m = why.instance.aabb_m[1][2] + FLOOR_M if self._page.viewpoints.name == SLANT else FLOOR_M
-        self._marks.draw(Marks(simap, why, bool(self._lines.value), self._joint, beside, link), z_m)
+        self._marks.draw(Marks(simap, why, bool(self._lines.value), self._joint, other, link), z_m)
 
 
 def _steps_words(why: Why) -> str:
-    return f"{plural(len(why.joints), 'step')} made it: {ROWS_HINT} Choose one to see its two parts."
+    return f"Made in {plural(len(why.joints), 'merge step')}. {ROWS_HINT} Choose one to see them."
 
 
 def _window(why: Why, position: int) -> tuple[str, ...]:
