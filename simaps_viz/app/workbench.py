@@ -244,7 +244,7 @@ def _recording_services(*, beside: bool) -> "RecordingServices":
         entries=library.entries,
         rename=library.rename,
         delete=library.delete,
-        beside=beside,
+        dockable=beside,
         folder=str(library.folders[0]),
     )
 

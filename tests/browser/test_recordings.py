@@ -40,7 +40,7 @@ def library(tmp_path) -> RecordingLibrary:
 def services(library: RecordingLibrary) -> RecordingServices:
     return RecordingServices(
         entries=library.entries, rename=library.rename, delete=library.delete,
-        beside=True, folder=str(library.folders[0]),
+        dockable=True, folder=str(library.folders[0]),
     )  # fmt: skip
 
 

@@ -72,6 +72,7 @@ class Page:
         """Identifies this page in the addresses of its embedded frames."""
         self._lock = threading.RLock()
         self._begun = self._closed = False
+        # The map: as published, as cut here, and the one whose colours instances keep.
         self._base = self._simap = self._colored = common.published()
         self._frame_names = self._simap.frame_names
         self._selected: int | None = None
@@ -79,6 +80,7 @@ class Page:
         self._picture: MapPicture | None = None
         self.cut = self._own_cut = cut_of(self._base)
         """How the sliders cut `base`."""
+        # The time step, and the robot.
         self.time = TimeStep(self.last_frame)
         self.as_it_was = True
         """Whether an earlier frame shows the map as it was after that frame, instead of the finished map."""
@@ -86,6 +88,7 @@ class Page:
         """Where the robot is."""
         self.players: dict[str, Player] = {}
         """The players of this page's timelines, by name."""
+        # Threads, the scene, the recorded build; panels come last, as they use all of these.
         self.worker, self.command_worker, self.panel_worker = (Worker(self.report) for _ in range(3))
         guard(client, self.report)
         self._scene = MapScene(client, self._simap, robot_radius_m=common.robot_radius_m)

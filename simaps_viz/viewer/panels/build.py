@@ -19,12 +19,12 @@ NOTE = (
     "To watch what the camera saw as well, build the map with --record MAP.rrd."
 )
 NO_FRAMES = "This map keeps no frames. Build it again with --history (or --record MAP.rrd) to go back in time."
-FRAME_HINT = "Counted from 0. Keys [ and ]: one frame back, one on."
+FRAME_HINT = "Counted from 0. Keys [ and ]: one frame back or forward."
 STEP_HINT = "0 = classes; then the levels of Louvain; then one step for each merge, those that the map takes first."
 
 
 class BuildPanel(Panel):
-    """Scrubs through the frames of the build, in step with the recording."""
+    """A slider over the frames of the build, in step with the recorded build."""
 
     def __init__(self, page: Page) -> None:
         """Fill the open container."""
@@ -53,7 +53,7 @@ class BuildPanel(Panel):
             self._player.toggle()
 
     def map_changed(self, simap: SIMap) -> None:
-        """Offer the frames of a map that has grown, and move to the frame that the page shows of it."""
+        """Extend the slider to the frames of a map that has grown, and move it to the frame shown."""
         if simap.frame_names == self._names:
             return
         last = max(len(simap.frame_names) - 1, 0)
@@ -70,17 +70,17 @@ class BuildPanel(Panel):
         self._name.content = self._caption(frame)
 
     def painted(self, simap: SIMap, snapshot: Snapshot) -> None:
-        """Describe what was known then; nothing for the finished map."""
+        """Describe the map at an earlier time step; empty for the finished map."""
         content = f'<div role="status" style="{BOX_STYLE}">{escape(snapshot.words)}</div>' if snapshot.words else ""
         if self._then.content != content:
             self._then.content, self._then.visible = content, bool(content)
 
     def state(self) -> bool:
-        """Return whether the map is shown as it was then."""
+        """Whether earlier frames show the map as it was then."""
         return self._page.as_it_was
 
     def restore(self, state: bool) -> None:
-        """Show the map as it was then, or the finished one."""
+        """Show the map as it was then, or the finished map, at earlier frames."""
         self._fill.value = self._page.as_it_was = state
 
     def _moved(self, event: viser.GuiEvent) -> None:
@@ -93,7 +93,7 @@ class BuildPanel(Panel):
         self._page.show_frame(self._page.frame, also_recording=False)
 
     def _show_controls(self) -> None:
-        """Hide the controls that would do nothing, and explain why."""
+        """Hide the controls that have no effect, and explain why."""
         some = len(self._names) > 1
         self._slider.disabled = self._player.button.disabled = not some
         known = bool(self._names) or self._page.common.building
@@ -112,7 +112,7 @@ class BuildPanel(Panel):
 
 
 class StepsPanel(Panel):
-    """A slider over classes, communities and merges; it is at the finished map until somebody moves it."""
+    """A slider over classes, communities and merges; it starts at the finished map."""
 
     def __init__(self, page: Page) -> None:
         """Fill the open container."""
@@ -132,7 +132,7 @@ class StepsPanel(Panel):
             self._back.on_click(lambda _: self._go_back())
 
     def map_changed(self, simap: SIMap) -> None:
-        """Withdraw the steps of the map before, and look for those of this one, which takes a while."""
+        """Clear the steps of the map before, and queue computing those of this one."""
         self._player.stop()
         self._timeline = None
         self._slider.disabled = self._player.button.disabled = True
@@ -162,7 +162,7 @@ class StepsPanel(Panel):
         self._back.visible = step is not None
 
     def _find(self, simap: SIMap) -> None:
-        """Offer the steps of a map, unless another one has come meanwhile."""
+        """Set the slider to the steps of a map, unless another map is shown meanwhile."""
         timeline = self._page.shared.timeline(simap)
         if not timeline.last or simap is not self._page.simap:
             return

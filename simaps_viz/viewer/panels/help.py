@@ -21,7 +21,7 @@ BOX_KEYS, MEND_KEYS, MOUSE, TABS, WORDS = (
     [(str(left), str(right)) for left, right in _TEXTS[name]]
     for name in ("box_keys", "mend_keys", "mouse", "tabs", "words")
 )
-"""(a key, what to do with the mouse, a tab or a word; what it does or means).
+"""(key, mouse action, tab or word; what it does or means).
 
 MEND_KEYS are for pages where the map can be mended, TABS what most pages have; other panels bring their own words.
 """
@@ -58,7 +58,7 @@ HELP, LIGHT_DARK = "Help", "Light / dark"
 
 @dataclass(frozen=True)
 class Key:
-    """A key, as viser calls it and as people do."""
+    """A key: its name in viser, and its label."""
 
     code: str
     shown: str
@@ -67,7 +67,7 @@ class Key:
 
 
 class HelpPanel(Panel):
-    """Two buttons, always in sight, and the keys of the page."""
+    """Two buttons above all tabs, and the keys of the page."""
 
     def __init__(self, page: Page) -> None:
         """Fill the open container, and listen to keys."""
@@ -86,12 +86,12 @@ class HelpPanel(Panel):
 
     @property
     def theme(self) -> Theme:
-        """Light or dark."""
+        """The theme of the page, light or dark."""
         return self._theme
 
     @property
     def keys(self) -> Sequence[tuple[str, str]]:
-        """(key, what it does), as the help lists them."""
+        """The (key, what it does) pairs that the help lists."""
         own = [(key.shown, key.text) for key in self._keys]
         return (*own, *BOX_KEYS, *(MEND_KEYS if MEND in dict(self._other_tabs) else ()))
 
@@ -120,11 +120,11 @@ class HelpPanel(Panel):
             modal.close()
 
     def state(self) -> bool | None:
-        """Return whether the page is dark."""
+        """Return whether the page is dark, for a page that is loaded again."""
         return self._theme.dark or None
 
     def restore(self, state: bool) -> None:
-        """Make the page dark again."""
+        """Restore the theme."""
         if state != self._theme.dark:
             self.switch()
 

@@ -1,4 +1,4 @@
-"""The panel about the whole map: where it is from, how it is cut into instances, what its colours mean."""
+"""The panel about the map: its origin, how it is cut into instances, and what its colours mean."""
 
 from dataclasses import replace
 from html import escape
@@ -23,11 +23,11 @@ EVERY_CLASS = "all classes"
 FINISH = "Show the finished map"
 MODE_HINT = "What a colour on the map means; the legend follows."
 LEGEND_STYLE = "border-block:1px solid rgba(128,128,128,.25);margin-bottom:.4em"
-"""The page's script sets its height, by that of the page."""
+"""Inline style of the legend; the page's script sets its height to fit the page."""
 
 
 class MapPanel(Panel):
-    """Where the map is from, how it is cut into instances, and what its colours mean."""
+    """The map's origin, the sliders that cut it into instances, and the legend of its colours."""
 
     def __init__(self, page: Page) -> None:
         """Fill the open container."""
@@ -35,15 +35,17 @@ class MapPanel(Panel):
         gui, simap, services = page.gui, page.base, page.services
         self._with_k, self._with_resolution = services.repartition is not None, services.recommunity is not None
         own, joining = cut_of(simap), slider_of(simap)
+        # What the map is, and a way back from an earlier time step.
         self._origin = gui.add_html(origin_html(simap))
         self._past = gui.add_html("", visible=False)
         self._finish = gui.add_button(FINISH, icon=viser.Icon.PLAYER_TRACK_NEXT, color="gray", visible=False)
         self._finish.on_click(lambda _: page.finish())
         self._counts = gui.add_html("")
-        self._busy, self._said = False, ""
+        self._busy, self._counts_before = False, ""
         self._legend = gui.add_html("")
         view = gui.add_button_group("View", (TOP, SLANT), hint="From above, or objects as blocks (keys T and 3).")
         view.on_click(lambda event: page.look(event.target.value))
+        # The sliders that cut it into instances.
         self._k = gui.add_slider(joining.title, 0.0, 100.0, 0.5, own.percent, hint=joining.hint)
         self._resolution = gui.add_slider(
             "Resolution",
@@ -61,6 +63,7 @@ class MapPanel(Panel):
             color="gray",
         )
         self._reset.on_click(lambda _: self.reset())
+        # What is painted.
         self._mode = gui.add_dropdown("Colours", COLOR_MODES, initial_value=COLOR_MODES[0], hint=MODE_HINT)
         self._class = gui.add_dropdown(
             "Show", (EVERY_CLASS, *simap.counts()), initial_value=EVERY_CLASS, hint="Emphasise one class."
@@ -71,17 +74,17 @@ class MapPanel(Panel):
 
     @property
     def percent(self) -> float:
-        """K or evidence, percent, as the slider stands."""
+        """K or evidence of the slider, percent."""
         return float(self._k.value)
 
     @property
     def resolution(self) -> float:
-        """Louvain resolution, as the slider stands."""
+        """Louvain resolution of the slider."""
         return float(self._resolution.value)
 
     @property
     def mode(self) -> ColorMode:
-        """What the colours shall mean."""
+        """What the colours mean."""
         return cast(ColorMode, self._mode.value)
 
     @property
@@ -90,7 +93,7 @@ class MapPanel(Panel):
         return None if self._class.value == EVERY_CLASS else self._class.value
 
     def base_changed(self, base: SIMap) -> None:
-        """Set the sliders to how the page cuts its base."""
+        """Set the sliders to the cut of the page."""
         joining = slider_of(base)
         self._origin.content = origin_html(base)
         self._k.label, self._k.hint = joining.title, joining.hint
@@ -106,20 +109,20 @@ class MapPanel(Panel):
         self._resolution.value = min(max(resolution, MIN_RESOLUTION), MAX_RESOLUTION)
 
     def set_look(self, mode: ColorMode, shown_class: str | None) -> None:
-        """Choose what the colours mean, and the class to emphasise."""
+        """Set what the colours mean, and the class to emphasise."""
         self._mode.value = mode
         if shown_class is None or shown_class in self._class.options:
             self._class.value = shown_class or EVERY_CLASS
 
     def style(self, simap: SIMap, style: Style) -> Style:
-        """Paint in the chosen colours, the instances of the chosen class emphasised unless one is selected."""
+        """Paint in the chosen colours, and emphasise the chosen class unless an instance is selected."""
         shown = self.shown_class
         if style.lit is None and shown is not None:
             style = replace(style, lit=frozenset(one.id for one in simap.of_class(shown)))
         return replace(style, mode=self.mode)
 
     def painted(self, simap: SIMap, snapshot: Snapshot) -> None:
-        """Describe the map that was painted, and mark it where it is not the finished one."""
+        """Describe the painted map, with a badge unless it is the finished one."""
         self._busy = False
         self._counts.content = counts_html(simap)
         for widget in (self._k, self._resolution, self._reset):
@@ -128,7 +131,7 @@ class MapPanel(Panel):
         self._legend.content = f'<div class="simaps-legend" style="{LEGEND_STYLE}">{legend}</div>'
         options = (EVERY_CLASS, *simap.counts())
         if options != tuple(self._class.options):
-            self._class.options = options  # of the same classes in another order the chosen one stays
+            self._class.options = options  # viser keeps the chosen class if it is still there
         words = f'<span style="{BADGE_STYLE}">{escape(snapshot.badge)}</span>'
         content = f'<div style="padding:.2em .8em .4em;font-size:.85em">{words}</div>'
         past = bool(snapshot.badge)
@@ -138,17 +141,17 @@ class MapPanel(Panel):
             self._past.visible = self._finish.visible = past
 
     def failed(self) -> None:
-        """Stop announcing that the map is cut: it may be that which failed."""
+        """Show the counts again: cutting the map may be what failed."""
         if self._busy:
             self._busy = False
-            self._counts.content = self._said
+            self._counts.content = self._counts_before
 
     def state(self) -> tuple[ColorMode, str | None, Cut | None]:
         """Return the colours, the class to emphasise, and the cut where it is not the map's own."""
         return self.mode, self.shown_class, self._page.cut if self._page.cut_here else None
 
     def restore(self, state: tuple[ColorMode, str | None, Cut | None]) -> None:
-        """Colour and cut the map so again."""
+        """Restore the colours and the cut."""
         mode, shown_class, cut = state
         self.set_look(mode, shown_class)
         if cut is not None:
@@ -167,13 +170,13 @@ class MapPanel(Panel):
 
     def _cut(self) -> None:
         if not self._busy:
-            self._busy, self._said = True, str(self._counts.content)
+            self._busy, self._counts_before = True, str(self._counts.content)
             self._counts.content = _line("Cutting the map anew …")
         self._page.cut_map(self.percent, self.resolution)
 
 
 def origin_html(simap: SIMap) -> str:
-    """Describe where a map comes from, and that it is simulated where it is."""
+    """Describe the origin of a map, with a badge if it is simulated."""
     sequence = PurePath(str(simap.provenance.get("sequence", "unknown sequence")))
     folder = sequence.parent.name if sequence.suffix == ".json" and sequence.parent.name else sequence.name
     name = str(simap.provenance.get("name") or folder)
@@ -190,7 +193,7 @@ def origin_html(simap: SIMap) -> str:
 
 
 def counts_html(simap: SIMap) -> str:
-    """Put the counts in a line of their own."""
+    """Set the number of objects of each class in a line."""
     return _line(counts_text(simap))
 
 
@@ -203,6 +206,6 @@ def _line(text: str) -> str:
 
 
 def joins(simap: SIMap) -> bool:
-    """Return whether the map has a merge log that a slider can follow."""
+    """Whether the map has a merge log that a slider can follow."""
     slider = method_of(simap.method).slider
     return slider is not None and slider.parameter in simap.parameters

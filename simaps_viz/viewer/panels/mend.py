@@ -1,4 +1,4 @@
-"""The panel on which people put the map right: join, cut, rename, delete; undo and redo; who did what, when."""
+"""The panel that edits the map: join, cut, rename, delete, undo and redo, with a list of all edits."""
 
 import itertools
 import math
@@ -25,7 +25,7 @@ from simaps_viz.viewer.scene.annotations import draw_lines
 
 Point = tuple[float, float]
 """x and y in metres, map frame."""
-ABOUT = "put the map right by hand: join, cut in two, rename, delete, undo"
+ABOUT = "correct the map by hand: join, cut in two, rename, delete, undo"
 CUT = (214, 39, 40)
 FLOOR_M = 0.03
 CROSS_M = 0.05
@@ -39,7 +39,7 @@ class CutMark:
         self._scene = scene
 
     def show(self, points_m: Sequence[Point], reach_m: float = 0.0) -> None:
-        """Draw nothing, a cross at one point, or the line through two, drawn on by ``reach_m`` at both ends."""
+        """Draw nothing, a cross at one point, or the line through two points, extended by ``reach_m`` at both ends."""
         segments = [_cross(*point) for point in points_m]
         if len(points_m) == 2:
             a, b = np.asarray(points_m, np.float64)
@@ -56,13 +56,13 @@ def _cross(x: float, y: float) -> np.ndarray:
 
 
 NEAREST = 15
-"""How many objects are offered to join with."""
+"""Objects in the list to join with."""
 LISTED = 40
-"""Edits listed; the file has all."""
+"""Edits in the list; the file has all."""
 
 
 def nearest(simap: SIMap, one: Instance) -> dict[str, int]:
-    """Name the objects nearest to one, those of its class first, with their distance: {text: id}."""
+    """Return {name and distance: id} of the objects nearest to one, those of its class first."""
     here = np.asarray(one.centroid_m[:2])
     others = [other for other in simap.instances if other.id != one.id]
     far = {other.id: float(np.hypot(*(np.asarray(other.centroid_m[:2]) - here))) for other in others}
@@ -71,13 +71,13 @@ def nearest(simap: SIMap, one: Instance) -> dict[str, int]:
 
 
 def classes(simap: SIMap) -> list[str]:
-    """Return the map's classes by name; countable ones first."""
+    """Return the map's classes, things first, then by name."""
     named = zip(simap.grid.labels[1:], simap.grid.is_thing[1:], strict=True)
     return [label for label, _ in sorted(named, key=lambda pair: (not pair[1], pair[0]))]
 
 
 def status_html(simap: SIMap, one: Instance | None, words: str, tone: str, *, known: bool) -> str:
-    """Describe what is selected, and what became of the last thing done; it stays in sight while the panel scrolls."""
+    """Describe the selected object and the outcome of the last edit; it stays in sight while the panel scrolls."""
     if not known:
         head = note_html("This is another map than the one that the edits belong to.")
     elif one is None:
@@ -88,8 +88,8 @@ def status_html(simap: SIMap, one: Instance | None, words: str, tone: str, *, kn
             f'<div style="{BOX_STYLE};{TEXT_STYLE};overflow-wrap:anywhere"><b>{short_html(object_name(simap, one))}</b>'
             f'<br><span style="{DIM_STYLE}">{facts}</span></div>'
         )
-    said = f'<div role="status">{message_html("", words, tone)}</div>' if words else ""
-    return f'<div class="{STICKY}">{head}{said}</div>'
+    outcome = f'<div role="status">{message_html("", words, tone)}</div>' if words else ""
+    return f'<div class="{STICKY}">{head}{outcome}</div>'
 
 
 def joined_text(simap: SIMap, first: int, second: int) -> str:
@@ -111,7 +111,7 @@ def apart_m(simap: SIMap, first: int, second: int) -> float:
 
 
 def edits_html(entries: Sequence[tuple[str, Entry]], undone: int, refused: Sequence[str]) -> str:
-    """List the edits (what they did, and the edits themselves), the last one first."""
+    """List the edits, each with its description, the last one first; then those that could not be applied."""
     lost = "".join(f'<li style="{BAD_STYLE}">{escape(why)}</li>' for why in refused)
     if not entries and not lost:
         more = f" {undone} taken back." if undone else ""
@@ -131,9 +131,9 @@ def edits_html(entries: Sequence[tuple[str, Entry]], undone: int, refused: Seque
 
 
 def saved_html(path: str, saved: bool) -> str:
-    """Describe where the edits are."""
-    said = "Saved to" if saved else "Edits will be saved to"
-    return note_html(f'{said} <span style="overflow-wrap:anywhere">{escape(path)}</span>')
+    """Describe where the edits are saved, or will be."""
+    verb = "Saved to" if saved else "Edits will be saved to"
+    return note_html(f'{verb} <span style="overflow-wrap:anywhere">{escape(path)}</span>')
 
 
 def when_text(when: str) -> str:
@@ -150,7 +150,7 @@ Waiting = Literal["join", "cut"] | None
 
 
 def mend_panel(mending: Mending, who: str) -> PanelSpec:
-    """Return the panel that edits a map; ``who`` is likely to sit at the page."""
+    """Return the spec of the panel; ``who`` is the default signature of edits."""
     return PanelSpec("Mend", viser.Icon.TOOL, lambda page: MendPanel(page, mending, who), "instance", ABOUT)
 
 
@@ -166,7 +166,7 @@ class MendPanel(Panel):
         self._shown: int | None = None
         self._words, self._tone = "", "plain"
         self._of_map = False
-        """The next selection is that of a new map: what was selected may have another id there, or be gone."""
+        """Whether the next selection follows a new map, where the selected object may have another id, or be gone."""
         self._numbers = itertools.count(1)
         self._others: dict[str, int] = {}
         self._fill(page.gui)
@@ -179,14 +179,14 @@ class MendPanel(Panel):
         return self._waiting
 
     def map_changed(self, simap: SIMap) -> None:
-        """Another map is shown: with other edits, or cut otherwise."""
+        """List the edits of the new map, and end what waits for a click."""
         self.stop_waiting()
         self._list()
         self._of_map = True
         self._take_selected(self._page.selected)
 
     def selection_changed(self, instance_id: int | None) -> None:
-        """Another object is selected, or none."""
+        """Describe the selected object and offer what can be done with it."""
         self._take_selected(instance_id)
         self._of_map = False
 
@@ -195,8 +195,8 @@ class MendPanel(Panel):
         one = next((i for i in simap.instances if i.id == instance_id), None)
         if instance_id != self._shown:
             self.stop_waiting()
-            if self._tone == "plain" or not self._of_map:  # else it tells what became of an edit
-                self._say("")  # it spoke of the other object
+            if self._tone == "plain" or not self._of_map:  # otherwise the message is the outcome of an edit
+                self._say("")  # the message was about the other object
         self._shown = None if one is None else one.id
         known = self._mending.covers(simap)
         self._show_status()
@@ -222,13 +222,13 @@ class MendPanel(Panel):
         self._points.append((x_m, y_m))
         self._draw(self._points)
         if len(self._points) == 1:
-            self._say("Now click where the line goes to. It goes on beyond both points.")
+            self._say("Now click the second point. The line continues beyond both points.")
         else:
             self._cut(*self._points)
         return True
 
     def stop_waiting(self) -> None:
-        """Wait for no click any more."""
+        """Stop waiting for a click."""
         if self._waiting is not None:
             self._waiting = None
             self._say("")
@@ -237,11 +237,11 @@ class MendPanel(Panel):
         self._cancel.visible = False
 
     def state(self) -> dict[str, str]:
-        """Return who signs here."""
+        """Return the name that signs edits."""
         return {"who": str(self._who.value)}
 
     def restore(self, state: dict[str, str]) -> None:
-        """Take back who signs here."""
+        """Restore the name that signs edits."""
         self._who.value = state.get("who", self._default_who)
 
     def _fill(self, gui: viser.GuiApi) -> None:
@@ -253,7 +253,9 @@ class MendPanel(Panel):
             "Divide, remove", {"Cut in two": self.cut, "Delete": self.delete}, "Cut in two: key X. Delete: key Delete."
         )
         self._add_actions("Last edit", {"Undo": self.undo, "Redo": self.redo}, "Keys Ctrl Z and Ctrl Shift Z.")
-        self._class = gui.add_dropdown("Class", ONLY_NEW, initial_value=NEW_CLASS, hint="What Rename calls the object.")
+        self._class = gui.add_dropdown(
+            "Class", ONLY_NEW, initial_value=NEW_CLASS, hint="The class that Rename gives the object."
+        )
         self._class.on_update(lambda _: self._show_new())
         self._new = gui.add_text("New class", "", visible=False, hint="A class that is not on the map yet.")
         self._other = gui.add_dropdown("Join with", ONLY_ON_MAP, initial_value=ON_MAP, hint="The other half, for Join.")
@@ -284,7 +286,7 @@ class MendPanel(Panel):
             command.on_trigger(lambda _, action=action: action())
 
     def rename(self) -> None:
-        """Call the selected object what is chosen."""
+        """Give the selected object the chosen class."""
         one, who = self._target(), str(self._who.value)
         label = str(self._new.value if self._class.value == NEW_CLASS else self._class.value)
         if one is not None:
@@ -314,17 +316,17 @@ class MendPanel(Panel):
             self._wait("cut", "Click two points on the map: the line through them cuts the object.")
 
     def delete(self) -> None:
-        """Take the selected object away."""
+        """Delete the selected object."""
         one, who = self._target(), str(self._who.value)
         if one is not None:
             self._do(lambda simap: self._mending.delete(simap, one, who=who), "Deleted. Undo brings it back.")
 
     def undo(self) -> None:
-        """Take the last edit back, whoever made it."""
+        """Undo the last edit, whoever made it."""
         self._do(self._mending.undo, "The last edit is taken back.")
 
     def redo(self) -> None:
-        """Make the edit again that was taken back last."""
+        """Redo the edit that was undone last."""
         self._do(self._mending.redo, "The edit is made again.")
 
     def _join(self, other: int) -> None:
@@ -347,7 +349,7 @@ class MendPanel(Panel):
             self._do(lambda simap: self._mending.split(simap, one, start_m, end_m, who=who), "Cut in two.")
 
     def _target(self) -> int | None:
-        """Return the object that this panel speaks of, unless another one was selected meanwhile."""
+        """Return the object that this panel describes; None if another one, or none, is selected."""
         selected = self._page.selected
         if selected is None:
             self._say("Select an object first.", "bad")
@@ -359,7 +361,7 @@ class MendPanel(Panel):
         return selected
 
     def _do(self, change: Callable[[SIMap], SIMap], done: str) -> None:
-        """Change the map off the page's threads, and show it on all pages."""
+        """Queue a change of the map, which is then shown on all pages."""
         simap = self._page.simap
 
         def job() -> None:
@@ -373,9 +375,9 @@ class MendPanel(Panel):
                 return
             self.stop_waiting()
             self._say(done, "good")
-            self._page.publish(mended)  # what lies where the selected object lay is selected then
+            self._page.publish(mended)  # the object at the same position is then selected
 
-        self._page.submit(f"mend {next(self._numbers)}", job)  # under one name an edit would replace one that waits
+        self._page.submit(f"mend {next(self._numbers)}", job)  # under one name an edit would replace a waiting one
 
     def _wait(self, what: Waiting, text: str) -> None:
         self.stop_waiting()
@@ -396,7 +398,7 @@ class MendPanel(Panel):
         self._mark.show(tuple(points_m), self._reach_m())
 
     def _reach_m(self) -> float:
-        """Describe how far a cutting line is drawn beyond two points: so far that it crosses the object."""
+        """Return how far a cutting line extends beyond its two points, so that it crosses the object."""
         one = next((i for i in self._page.simap.instances if i.id == self._shown), None)
         return 0.0 if one is None else math.dist(one.aabb_m[0][:2], one.aabb_m[1][:2])
 
@@ -404,7 +406,7 @@ class MendPanel(Panel):
         self._new.visible = self._class.value == NEW_CLASS
 
     def _offer(self, simap: SIMap, one: Instance) -> None:
-        """Fill the lists for an object."""
+        """Fill the lists of classes and of objects to join with."""
         names = classes(simap)
         self._class.options = (*names, NEW_CLASS)
         self._class.value = one.label

@@ -1,4 +1,4 @@
-"""The panel with the recorded builds at hand: open one beside the map, rename it, delete it."""
+"""The panel with the list of recorded builds: dock one beside the map, rename it, delete it."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -13,7 +13,7 @@ from simaps_viz.viewer.page.panel import Panel, PanelSpec
 if TYPE_CHECKING:
     from simaps_viz.recorder.library import LibraryEntry
 
-ABOUT = "recorded builds at hand: show one beside the map, rename, delete"
+ABOUT = "all recorded builds: show one beside the map, rename, delete"
 NONE = "no recordings yet"
 _NOTHING: tuple[str, ...] = (NONE,)
 _NOTE = "padding:.2em .8em .4em;font-size:.82em;line-height:1.5;overflow-wrap:anywhere"
@@ -28,24 +28,24 @@ class RecordingServices:
     """Plain functions behind the panel; all may raise SIMapsError."""
 
     entries: "Callable[[], Sequence[LibraryEntry]]"
-    """List the recordings, in the order shown."""
+    """Return the recorded builds, in the order shown."""
     rename: Callable[[str, str], object]
-    """(name, new name)."""
+    """(name, new name): rename a recorded build."""
     delete: Callable[[str], object]
-    """(name): remove its file."""
-    beside: bool = False
-    """Whether pages have a place for a recording beside the map."""
+    """(name): delete the file of a recorded build."""
+    dockable: bool = False
+    """Whether a page can dock a recorded build beside the map."""
     folder: str = ""
-    """Where the person's own recordings lie."""
+    """Folder of the person's own recorded builds."""
 
 
 def recordings_spec(services: RecordingServices) -> PanelSpec:
-    """Return the panel as one that every page has."""
+    """Return the spec of the tab."""
     return PanelSpec("Recordings", viser.Icon.MOVIE, lambda page: RecordingsPanel(page, services), about=ABOUT)
 
 
 class RecordingsPanel(Panel):
-    """A list to choose from, what is known of the chosen one, and what can be done with it."""
+    """The list of recorded builds, the facts about the chosen one, and buttons to show, rename or delete it."""
 
     def __init__(self, page: Page, services: RecordingServices) -> None:
         """Fill the open container."""
@@ -69,7 +69,7 @@ class RecordingsPanel(Panel):
         self.refresh()
 
     def refresh(self, select: str | None = None) -> None:
-        """List the recordings anew, off the page's thread; ``select`` names one to choose."""
+        """Queue reading the list again; ``select`` names the recorded build to choose."""
         self._page.submit("recordings", lambda: self._list(select))
 
     def _connect(self) -> None:
@@ -84,7 +84,7 @@ class RecordingsPanel(Panel):
 
     @property
     def chosen(self) -> "LibraryEntry | None":
-        """The recording that is chosen in the list."""
+        """The recorded build that is chosen in the list."""
         return self._entries.get(self._choice.value)
 
     def _list(self, select: str | None) -> None:
@@ -106,11 +106,11 @@ class RecordingsPanel(Panel):
         self._ask(None)
 
     def _ask(self, what: str | None) -> None:
-        """Show what goes with a question: "rename", "delete" or none."""
+        """Show the widgets that rename or delete; None shows the usual buttons."""
         entry = self.chosen
         renaming, deleting = what == "rename" and entry is not None, what == "delete" and entry is not None
         idle = not (renaming or deleting)
-        self._open.visible = idle and entry is not None and self._services.beside
+        self._open.visible = idle and entry is not None and self._services.dockable
         self._open.disabled = entry is None or entry.fault is not None
         self._rename.visible = self._delete.visible = idle and entry is not None
         self._again.visible = idle
@@ -128,7 +128,7 @@ class RecordingsPanel(Panel):
             )
 
     def _with_chosen(self, name: str, job: "Callable[[LibraryEntry], None]") -> None:
-        """Do something with the chosen recording off the page's thread."""
+        """Queue a job on the chosen recorded build."""
         entry = self.chosen
         if entry is not None:
             self._page.submit(name, lambda: job(entry))
@@ -155,7 +155,7 @@ def _option(entry: "LibraryEntry") -> str:
 
 
 def details_html(entry: "LibraryEntry") -> str:
-    """Describe what is known of a recording."""
+    """Describe a recorded build."""
     if entry.fault:
         return f"It cannot be opened: {escape(entry.fault)}"
     facts = entry.facts
