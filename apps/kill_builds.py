@@ -21,7 +21,7 @@ import tyro
 
 from simaps_viz import open_sequence
 from simaps_viz.app.workbench import cache_folder
-from simaps_viz.build.build_log import frames_logged, log_beside, steps_beside
+from simaps_viz.build.build_log import frames_logged, history_path, log_path
 from simaps_viz.cli.main import main as simaps
 from simaps_viz.console.progress import stage_progress
 from simaps_viz.datasets.convert import write_posed_frames
@@ -118,7 +118,7 @@ def _one(
     after_s = build_s * (dice.uniform(END, 1.1) if dice.random() < NEAR_THE_END else dice.random())
     faults: list[str] = []
     killed = _run(build, arguments, kill_after_s=after_s) is None
-    logged = frames_logged(log_beside(output))
+    logged = frames_logged(log_path(output))
     phase = PHASES[3] if not killed else PHASES[0 if logged == 0 else 1 if logged < frames else 2]
     if output.read_bytes() not in (EARLIER, wanted["map.npz"]):
         faults.append("the map file was half-written")
@@ -138,7 +138,7 @@ def _arguments(sequence: Path, where: Path, method: str, *, history: bool) -> li
 
 
 def _files(folder: Path) -> dict[str, bytes]:
-    names = {steps_beside(folder / "map.npz").name, "map.npz"}
+    names = {history_path(folder / "map.npz").name, "map.npz"}
     return {path.name: path.read_bytes() if path.name in names else b"" for path in sorted(folder.iterdir())}
 
 

@@ -15,7 +15,7 @@ from sequences import write_tiny_sequence
 from toy_maps import TOY_POSE, toy_map
 
 from simaps_viz import open_sequence
-from simaps_viz.build.build_log import BuildLog, steps_beside
+from simaps_viz.build.build_log import BuildLog, history_path
 from simaps_viz.build.pipeline import BuildConfig, build_map
 from simaps_viz.mapping.edit_log import (
     EditLog,
@@ -175,7 +175,7 @@ def _damaged(r: Random, whole: bytes, known: dict, records: list[tuple[int, byte
 
 def _history(folder: Path) -> Case:
     whole, known, records = _logs(folder)
-    path = steps_beside(folder / "a.npz")
+    path = history_path(folder / "a.npz")
 
     def case(r: Random) -> object:
         path.write_bytes(_damaged(r, whole, known, records))

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 from simaps_viz.build.cache import cache_key, made_folder, map_in_cache
 from simaps_viz.build.methods import build
-from simaps_viz.build.names import METHODS
+from simaps_viz.build.names import METHOD_NAMES
 from simaps_viz.build.pipeline import BuildConfig
 from simaps_viz.datasets.sequence import PosedFrames
 from simaps_viz.datasets.source import FrameSource
@@ -62,7 +62,8 @@ def compare_services(simap: SIMap, sequence: FrameSource | None, folder: Path) -
     if sequence is not None:
         if _exact(sequence) is not None:
             sources.append(Source(TRUTH, "Ground truth"))
-        sources += [Source(name, _BASELINES.get(name, f"Method {name}")) for name in METHODS if name != simap.method]
+        others = (name for name in METHOD_NAMES if name != simap.method)
+        sources += [Source(name, _BASELINES.get(name, f"Method {name}")) for name in others]
     makers = MapMaker(sequence, folder)
     return CompareServices(
         compare=lambda left, right, truth: compare_two(left, right, truth=truth),

@@ -18,7 +18,7 @@ from simaps_viz.app import workbench
 from simaps_viz.app.share import look_back
 from simaps_viz.build.methods import config_of, keeps_log
 from simaps_viz.build.pipeline import BuildCancelled, BuildConfig, facts_of, started
-from simaps_viz.build.to_file import BuildRequest, RecordingFault, build_to_file, going_on
+from simaps_viz.build.to_file import BuildRequest, RecordingFault, build_to_file, resume_hint
 from simaps_viz.console.logs import logger
 from simaps_viz.console.progress import StageProgress, stage_progress
 from simaps_viz.console.terminal import console
@@ -331,7 +331,7 @@ def watch_build(sequence: FrameSource, settings: LiveSettings, *, browser: bool)
         workbench.tell_where(page, browser=browser)
         build.start(resume=settings.request.resume)
         try:
-            with going_on(settings.request.output):
+            with resume_hint(settings.request.output):
                 _wait(build)
             page.wait()
         finally:

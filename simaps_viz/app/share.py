@@ -6,7 +6,7 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from simaps_viz.build.to_file import history_beside
+from simaps_viz.build.to_file import open_history
 from simaps_viz.mapping.history import MapHistory, cut_as
 from simaps_viz.navigation.agent import Agent, answer
 from simaps_viz.navigation.planner import RobotShape
@@ -34,7 +34,7 @@ def look_back(path: Callable[[], Path | None]) -> Callable[[SIMap, int], SIMap |
             return None
         with lock:
             if not opened:
-                opened.append(history_beside(beside, simap))
+                opened.append(open_history(beside, simap))
         then = None if opened[0] is None else opened[0].look_at(frame)
         return cut_as(then, simap) if then is not None and then.spec == simap.spec else None
 

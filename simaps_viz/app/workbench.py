@@ -14,7 +14,7 @@ from simaps_viz.app.compare import find_again
 from simaps_viz.app.share import look_back
 from simaps_viz.build.cache import cache_folder, map_in_cache
 from simaps_viz.build.pipeline import BuildConfig
-from simaps_viz.build.to_file import build_whole, is_whole
+from simaps_viz.build.to_file import build_complete, is_complete
 from simaps_viz.console.progress import StageProgress
 from simaps_viz.console.terminal import console
 from simaps_viz.datasets.sequence import PosedFrames
@@ -46,9 +46,9 @@ def cached_build(
     """Load a map and its recording from the cache, or build them there; their name depends on all that goes in."""
     output = map_in_cache(cache_folder(), sequence, method, config)
     record = output.with_suffix(".rrd")
-    if is_whole(output, record, method):
+    if is_complete(output, record, method):
         return load_map(output), record
-    return build_whole(sequence, method, config, output, record, progress), record
+    return build_complete(sequence, method, config, output, record, progress), record
 
 
 def sequence_of(simap: SIMap) -> PosedFrames | WithMasks | None:

@@ -3,7 +3,7 @@
 `SimulatedLSeg` is for machines without the network's 2 GB of weights and a GPU. It stands in for LSeg (Li et al.,
 "Language-driven Semantic Segmentation", ICLR 2022): vectors of 512 numbers, words that mean similar things close
 together, an output coarser than the picture, mistakes that differ from frame to frame. Like LSeg it is *semantic*: it
-is told the class at a pixel (with all the errors of the sequence's segmentation) and never which object the pixel
+gets the class at a pixel (with all the errors of the sequence's segmentation) and never which object the pixel
 belongs to. What it lacks: mistakes that stay the same from every viewpoint, and words outside a pixel's own class that
 fit better than the right one. Both make it kinder to VLMaps than a real network.
 """

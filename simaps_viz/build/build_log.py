@@ -1,4 +1,4 @@
-"""The build log: an append-only file beside the map being built, from which a killed build resumes.
+"""The build log: an append-only file in the folder of the map being built, from which a killed build resumes.
 
 It holds what is being built (the facts) and the step of every frame so far; `mapping.steps` describes the file and why
 it is not an SQLite database. One build at a time writes it, which a lock of the operating system ensures.
@@ -97,7 +97,7 @@ class BuildLog:
         self.records.append(self._write(PLAIN, pack_step(step)))
 
     def replay(self) -> Iterator[FrameStep]:
-        """Yield the steps in the log, in order; the log is cut before the first that makes no sense."""
+        """Yield the steps in the log, in order; the log is cut before the first that is damaged or out of order."""
         for number, (offset, length, kind) in enumerate(self.records):
             self._file.seek(offset)
             try:
@@ -171,6 +171,7 @@ class BuildLog:
             return False
 
     def _begin(self, facts: dict[str, Any], *, resume: bool) -> None:
+        # Resume from the log with more frames, without an incomplete record at its end.
         if resume:
             self._restore_set_aside(facts)
         found, records, end = scan(self._file)
@@ -180,7 +181,7 @@ class BuildLog:
             self._file.truncate(end)
             self._file.seek(end)
             return
-        # Start anew; of the log in place and the one set aside before, the one with more frames is kept.
+        # Start anew. One unfinished log is kept aside: this one, or the one set aside before if that has more frames.
         if len(records) > frames_logged(set_aside_name(self.path)):
             os.replace(self.path, set_aside_name(self.path))
             self._reopen()
@@ -224,7 +225,7 @@ class BuildLog:
             ) from error
 
 
-def log_beside(output: Path) -> Path:
+def log_path(output: Path) -> Path:
     """Return the path of the log while a map is built: a hidden file in the map's folder."""
     return output.with_name(f".{output.name}.building")
 
@@ -234,7 +235,7 @@ def set_aside_name(log: Path) -> Path:
     return log.with_name(f"{log.name}.old")
 
 
-def steps_beside(output: Path) -> Path:
+def history_path(output: Path) -> Path:
     """Return the path of a map's history: the map's name with the ending ``.steps``."""
     return output.with_suffix(".steps")
 

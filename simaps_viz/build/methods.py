@@ -4,7 +4,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 
 from simaps_viz.baselines.vlmaps import BASELINES, VLMapsConfig, build_vlmaps
-from simaps_viz.build.names import METHODS
+from simaps_viz.build.names import METHOD_NAMES
 from simaps_viz.build.pipeline import BuildCancelled, BuildConfig, BuildControl, run_build
 from simaps_viz.datasets.source import FrameSource
 from simaps_viz.errors import InputError
@@ -23,7 +23,7 @@ VARIANTS: Mapping[str, Callable[[BuildConfig], BuildConfig]] = {
 
 def check_method(method: str) -> None:
     """Raise InputError unless there is a method or variant of that name."""
-    known = dict.fromkeys((*METHODS, *methods.METHODS, *VARIANTS))
+    known = dict.fromkeys((*METHOD_NAMES, *methods.METHODS, *VARIANTS))
     if method not in known:
         raise InputError(f"method: expected one of {', '.join(known)}, found {method!r}")
 
@@ -51,7 +51,7 @@ def build(
 
     Args:
         sequence: posed RGB-D frames with their segmentation.
-        method: one of ``METHODS`` or ``VARIANTS``, see `check_method`.
+        method: one of ``METHOD_NAMES`` or ``VARIANTS``, see `check_method`.
         config: everything but the method.
         observers: notified of every event, in order.
         control: how the build is run; a baseline is always strict, keeps no log, reads its frames itself, and only

@@ -4,10 +4,10 @@ from typing import TYPE_CHECKING, Literal
 
 from simaps_viz.mapping import methods
 
-METHODS: tuple[str, ...] = (*methods.METHODS, "vlmaps", "vlmaps+components")
-"""What ``--method`` takes, the default first: the methods of `build_map`, and the baselines."""
+METHOD_NAMES: tuple[str, ...] = (*methods.METHODS, "vlmaps", "vlmaps+components")
+"""What ``--method`` takes, the default first: the methods of `build_map` (`methods.METHODS`), and the baselines."""
 if TYPE_CHECKING:
     MethodName = str
 else:
-    MethodName = Literal[METHODS]
-"""One of `METHODS`; the command line shows them as choices."""
+    MethodName = Literal[METHOD_NAMES]
+"""One of `METHOD_NAMES`; the command line shows them as choices."""

@@ -71,22 +71,14 @@ class BuildCancelled(SIMapsError):  # noqa: N818 - not a fault
 
 @dataclass(frozen=True, eq=False)
 class BuildControl:
-    """How a build is run: everything that does not change its map. Handed down unchanged from whoever starts it."""
+    """How a build is run: everything that does not change its map. `build_map` describes each field."""
 
     strict: bool = False
-    """A frame that cannot be read is an error; otherwise it is skipped and counted in the provenance."""
     log: Path | BuildLog | None = None
-    """Keep a build log in this file; the finished log stays there. Or an open log, made with this build's
-    `fingerprint`: it stays open, and the build resumes from what is in it."""
     resume: bool = False
-    """Resume from the log that is there. Observers are notified of the remaining frames only; if one wants colour, of
-    all frames, which are read again for it."""
     cancel: threading.Event | None = None
-    """Checked between frames; set it, from any thread, to stop the build."""
     gatherer: RemoteGatherer | None = None
-    """Gathers the frames in place of this process; no observer may want colour."""
     communities_every: int = 0
-    """Notify observers of the communities after every so many frames; 0 = only at the end."""
 
 
 def build_map(
@@ -99,7 +91,7 @@ def build_map(
     log: Path | BuildLog | None = None,
     resume: bool = False,
     cancel: threading.Event | None = None,
-    elsewhere: RemoteGatherer | None = None,
+    gatherer: RemoteGatherer | None = None,
 ) -> SIMap:
     """Build a Semantic Instance Map.
 
@@ -116,14 +108,14 @@ def build_map(
         resume: resume from the log that is there. Observers are notified of the remaining frames only; if one wants
             colour, of all frames, which are read again for it.
         cancel: checked between frames; set it, from any thread, to stop the build.
-        elsewhere: gathers the frames in place of this process; no observer may want colour.
+        gatherer: gathers the frames in place of this process; no observer may want colour.
 
     Raises:
         InputError: a frame is missing or damaged (named) and ``strict``, or more than half of them are, or the
             configuration makes no sense, or the log is of another build or cannot be written.
         BuildCancelled: ``cancel`` was set.
     """
-    control = BuildControl(strict, log, resume, cancel, elsewhere, communities_every)
+    control = BuildControl(strict, log, resume, cancel, gatherer, communities_every)
     return run_build(sequence, config or BuildConfig(), observers, control)
 
 
@@ -188,7 +180,7 @@ class _Building:
         self.facts = facts_of(self.sequence)
         self.watched = wants_color(self.observers)
         if self.watched and self.control.gatherer is not None:
-            raise InputError("frames gathered elsewhere: expected no observer that wants their pictures, found one")
+            raise InputError("gatherer: expected no observer that wants colour, found one")
         self.accumulator = finalize.empty_accumulator(
             self.sequence, self.config, links=self.watched, steps=self.control.log is not None
         )

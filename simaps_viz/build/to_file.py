@@ -1,4 +1,4 @@
-"""Build a map into a file. A log beside it lets a killed build resume; the log can be kept as the map's history."""
+"""Build a map into a file. A log in its folder lets a killed build resume, and can be kept as the map's history."""
 
 import threading
 from collections.abc import Iterator
@@ -11,12 +11,12 @@ from simaps_viz.build.build_log import (  # fmt: skip
     BuildLog,
     LogBusyError,
     frames_logged,
-    log_beside,
+    history_path,
+    log_path,
     set_aside_name,
-    steps_beside,
 )
 from simaps_viz.build.methods import build, config_of, keeps_log
-from simaps_viz.build.names import METHODS
+from simaps_viz.build.names import METHOD_NAMES
 from simaps_viz.build.pipeline import BuildConfig, BuildControl, RemoteGatherer, fingerprint
 from simaps_viz.console.progress import BuildProgress, StageProgress
 from simaps_viz.console.terminal import console
@@ -55,7 +55,7 @@ class BuildRequest:
     strict: bool = False
     """A frame that cannot be read is an error, not skipped."""
     history: bool = False
-    """Keep the log as ``.steps`` beside the map."""
+    """Keep the log as the history of the map, ``.steps``."""
     logged: bool = True
     """Keep a log; without one a killed build cannot resume."""
 
@@ -76,12 +76,12 @@ def build_to_file(
     json_lines: bool = False,
     observers: tuple[Observer, ...] = (),
     cancel: threading.Event | None = None,
-    elsewhere: RemoteGatherer | None = None,
+    gatherer: RemoteGatherer | None = None,
 ) -> SIMap:
     """Build a map, write it, and record the build if asked; killed at any time, it can resume.
 
-    While it builds, a log grows beside the map (`log_beside`). It is removed when the map is written, or kept as its
-    history (`steps_beside`). A recording is written anew when a build resumes: its pictures are not in the log.
+    While it builds, a log grows in the map's folder (`log_path`). It is removed when the map is written, or kept as its
+    history (`history_path`). A recording is written anew when a build resumes: its pictures are not in the log.
 
     Args:
         sequence: what to build from.
@@ -90,7 +90,7 @@ def build_to_file(
         json_lines: print events on stdout.
         observers: notified of every event.
         cancel: set it to stop the build.
-        elsewhere: gathers the frames in place of this process, see `build_map`.
+        gatherer: gathers the frames in place of this process, see `build_map`.
 
     Raises:
         InputError: as for `build_map`, or something cannot be written; an earlier map is left as it was.
@@ -100,15 +100,15 @@ def build_to_file(
     output, record = request.output, request.record
     check_writable(output)
     _check_steps(output, history=request.history)
-    _check_method(request, elsewhere=elsewhere is not None)
+    _check_method(request, remote=gatherer is not None)
     logged = request.logged and keeps_log(request.method)
     if logged and not json_lines:
-        _say_unfinished(log_beside(output), output, len(sequence), resume=request.resume, recorded=record is not None)
+        _report_unfinished(log_path(output), output, len(sequence), resume=request.resume, recorded=record is not None)
     watching = [BuildProgress(progress, json_lines=json_lines), *observers]
     with _log_of(sequence, request) if logged else nullcontext() as log:
         left = _left_behind(output) if log is not None else []
         every = COMMUNITIES_EVERY if record is not None else 0
-        control = BuildControl(request.strict, log, cancel=cancel, gatherer=elsewhere, communities_every=every)
+        control = BuildControl(request.strict, log, cancel=cancel, gatherer=gatherer, communities_every=every)
         fault = None
         if record is None:
             simap = build(sequence, request.method, request.config, watching, control)
@@ -125,7 +125,7 @@ def build_to_file(
 def _log_of(sequence: FrameSource, request: BuildRequest) -> BuildLog:
     """Open the log of a build; while it is open, no other process builds this map."""
     facts = fingerprint(sequence, config_of(request.method, request.config))
-    return BuildLog(log_beside(request.output), facts, resume=request.resume)
+    return BuildLog(log_path(request.output), facts, resume=request.resume)
 
 
 def _build_recorded(
@@ -149,13 +149,14 @@ def _build_recorded(
     return simap, None
 
 
-def _check_method(request: BuildRequest, *, elsewhere: bool) -> None:
-    able, method = [name for name in METHODS if keeps_log(name)], request.method
+def _check_method(request: BuildRequest, *, remote: bool) -> None:
+    """Raise InputError for a method or a recording that the options of the build do not go with."""
+    able, method = [name for name in METHOD_NAMES if keeps_log(name)], request.method
     if not keeps_log(method) and (request.resume or request.history):
         option = "--resume" if request.resume else "--history"
         raise InputError(f"{option}: expected a method that keeps a log ({', '.join(able)}), found {method}")
     recorded = request.record is not None
-    if elsewhere and (not keeps_log(method) or recorded):
+    if remote and (not keeps_log(method) or recorded):
         found = "--record, which shows every picture" if recorded else f"method {method}"
         names = f"{', '.join(able[:-1])} or {able[-1]}"
         raise InputError(f"--scheduler: expected method {names} without --record, found {found}")
@@ -163,38 +164,38 @@ def _check_method(request: BuildRequest, *, elsewhere: bool) -> None:
 
 def _check_steps(output: Path, *, history: bool) -> None:
     """Raise InputError where the history would replace something other than an earlier history."""
-    steps = steps_beside(output)
+    steps = history_path(output)
     if history and steps.exists() and not is_step_file(steps):
         raise InputError(f"{steps}: expected the history of an earlier map or nothing, found another file")
 
 
 @contextmanager
-def going_on(output: Path) -> Iterator[None]:
+def resume_hint(output: Path) -> Iterator[None]:
     """Print how to resume when a build is interrupted (Ctrl-C)."""
     try:
         yield
     except KeyboardInterrupt:
-        done = frames_logged(log_beside(output))
+        done = frames_logged(log_path(output))
         if not done:
             raise
         raise KeyboardInterrupt(
-            f"interrupted after {done} frames; go on with the same command and --resume; no file is half-written"
+            f"interrupted after {done} frames; the same command with --resume continues; no file is half-written"
         ) from None
 
 
-def is_whole(output: Path, record: Path, method: str) -> bool:
+def is_complete(output: Path, record: Path, method: str) -> bool:
     """Return whether a map exists with its recording, and with its history where its method keeps one."""
-    return output.is_file() and record.is_file() and (not keeps_log(method) or steps_beside(output).is_file())
+    return output.is_file() and record.is_file() and (not keeps_log(method) or history_path(output).is_file())
 
 
-def build_whole(
+def build_complete(
     sequence: FrameSource, method: str, config: BuildConfig, output: Path, record: Path, progress: StageProgress
 ) -> SIMap:
     """Build a map with its recording, and its history where its method keeps one; several processes may do so at once.
 
     The file's name must determine the build, as an unfinished one is resumed.
     """
-    resume, history = frames_logged(log_beside(output)) > 0, keeps_log(method)
+    resume, history = frames_logged(log_path(output)) > 0, keeps_log(method)
     request = BuildRequest(method, config, output, record, resume=resume, history=history)
     try:
         return build_to_file(sequence, request, progress)
@@ -202,9 +203,9 @@ def build_whole(
         return build_to_file(sequence, replace(request, resume=False, history=False, logged=False), progress)
 
 
-def history_beside(path: Path, simap: SIMap) -> MapHistory | None:
-    """Open the history beside a map (or its recording, of the same name), if there is one and it is of this map."""
-    steps = steps_beside(path)
+def open_history(path: Path, simap: SIMap) -> MapHistory | None:
+    """Open the history of a map, given the path of the map or of its recording; None if there is none of this map."""
+    steps = history_path(path)
     if not steps.is_file():
         return None
     try:
@@ -215,13 +216,16 @@ def history_beside(path: Path, simap: SIMap) -> MapHistory | None:
 
 
 def _left_behind(output: Path) -> list[Path]:
-    """Find files left by builds that were killed while saving. Later ones may be of a process that is saving now."""
-    return [*left_beside(output), *left_beside(steps_beside(output))]
+    """Find files left by builds that were killed while saving.
+
+    Called before this build, as files found later may be of another process that is saving now.
+    """
+    return [*left_beside(output), *left_beside(history_path(output))]
 
 
 def _finish(log: BuildLog, output: Path, left: list[Path], *, history: bool) -> None:
     """Keep the log as history or remove it, now that the map is written; remove what earlier builds have left."""
-    steps = steps_beside(output)
+    steps = history_path(output)
     if history:
         log.keep(steps)
     else:
@@ -233,18 +237,18 @@ def _finish(log: BuildLog, output: Path, left: list[Path], *, history: bool) -> 
             one.unlink(missing_ok=True)
 
 
-def _say_unfinished(log: Path, output: Path, frames: int, *, resume: bool, recorded: bool) -> None:
+def _report_unfinished(log: Path, output: Path, frames: int, *, resume: bool, recorded: bool) -> None:
     done = max(frames_logged(log), frames_logged(set_aside_name(log)))
     if done and resume and recorded:
-        text = f"going on: {done} of {frames} frames are done; all are read again, as the recording shows them"
+        text = f"resuming: {done} of {frames} frames are done; all are read again, as the recording shows them"
     elif done and resume:
-        text = f"going on after {done} of {frames} frames"
+        text = f"resuming after {done} of {frames} frames"
     elif done:
         aside = set_aside_name(log).name
         text = f"{output}: an unfinished build of {done} frames was there; starting anew, it is kept as {aside} until "
-        text += "this build is done (--resume goes on with whichever is farther)"
+        text += "this build is done (--resume continues the one with more frames)"
     elif resume:
-        text = f"{output}: no unfinished build to go on with; starting at the first frame"
+        text = f"{output}: no unfinished build to resume; starting at the first frame"
     else:
         return
     console.print(text, markup=False, soft_wrap=True)

@@ -190,7 +190,7 @@ MAX_LOCAL = 256
 PATIENCE_S = 30.0
 """Seconds that a build waits for a worker when all are gone."""
 _CONNECT_S, _FETCH_S, _POLL_S, _LOOK_S = 10.0, 20.0, 0.2, 2.0
-_MAX_GREETING = 1 << 16  # bytes; what a scheduler says first begins with its length
+_MAX_GREETING = 1 << 16  # bytes; the greeting of a scheduler begins with its length
 
 
 @dataclass
@@ -271,7 +271,7 @@ class Workers:
         except (CancelledError, OSError):
             raise InputError(
                 f"--scheduler {self.scheduler}: expected it to stay until the build is done, found it gone; "
-                "--resume goes on with what is done"
+                "--resume continues from what is done"
             ) from None
 
     def _ahead(self) -> int:
@@ -306,7 +306,7 @@ class Workers:
         elif now - self._alone_since > PATIENCE_S:
             raise InputError(
                 f"--scheduler {self.scheduler}: expected a worker, found none for {PATIENCE_S:.0f} s; "
-                "--resume goes on with what is done"
+                "--resume continues from what is done"
             )
 
     def _fetched(self, shard: Sequence[int], future: "Future") -> bytes | None:
@@ -412,7 +412,7 @@ def _check_address(scheduler: str) -> None:
         with socket.create_connection((host, port), timeout=_CONNECT_S) as connection:
             length = int.from_bytes(connection.recv(8, socket.MSG_WAITALL), "little") if kind == "tcp" else 1
     except OSError as error:
-        reason = "one that says nothing" if isinstance(error, TimeoutError) else f"none ({error.strerror or error})"
+        reason = "one that does not answer" if isinstance(error, TimeoutError) else f"none ({error.strerror or error})"
         raise InputError(f"--scheduler {scheduler}: expected a Dask scheduler there, found {reason}") from None
     if not 0 < length < _MAX_GREETING:
         raise InputError(f"--scheduler {scheduler}: expected a Dask scheduler there, found another server")

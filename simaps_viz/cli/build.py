@@ -60,7 +60,7 @@ class Build:
     def run(self) -> int:
         """Build the map and print what is on it."""
         from simaps_viz.app.workbench import counts_in_words
-        from simaps_viz.build.to_file import BuildRequest, build_to_file, going_on
+        from simaps_viz.build.to_file import BuildRequest, build_to_file, resume_hint
         from simaps_viz.console.progress import stage_progress
         from simaps_viz.console.terminal import console, emit
         from simaps_viz.io.files import check_ending
@@ -75,8 +75,8 @@ class Build:
             return OK
         with stage_progress(quiet=self.json) as progress:
             sequence = self._opened(progress)
-            with self._elsewhere(sequence) as elsewhere, going_on(self.output):
-                simap = build_to_file(sequence, request, progress, json_lines=self.json, elsewhere=elsewhere)
+            with self._gatherer(sequence) as gatherer, resume_hint(self.output):
+                simap = build_to_file(sequence, request, progress, json_lines=self.json, gatherer=gatherer)
         skipped: int = simap.provenance.get("skipped", {}).get("frames", 0)
         notes: list[str] = list(getattr(sequence, "notes", ()))
         if self.json:
@@ -120,7 +120,7 @@ class Build:
         ]  # fmt: skip
         return opened[0] if len(opened) == 1 else join(opened)
 
-    def _elsewhere(self, sequence: "FrameSource") -> "AbstractContextManager[RemoteGatherer | None]":
+    def _gatherer(self, sequence: "FrameSource") -> "AbstractContextManager[RemoteGatherer | None]":
         """Return the workers that read the frames; None where this process does."""
         if self.scheduler is None:
             return nullcontext()

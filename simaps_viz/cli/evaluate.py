@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any, Literal
 
 import tyro
 
-from simaps_viz.build.names import METHODS
+from simaps_viz.build.names import METHOD_NAMES
 from simaps_viz.cli import OK
 from simaps_viz.errors import InputError
 
@@ -35,7 +35,7 @@ class Evaluate:
     task: Literal["instances", "navigation", "ablation"] = "instances"
     """instances: is every object one instance? navigation: a simulated robot carries out generated commands.
     ablation: what each piece of method evidence is worth."""
-    methods: str = ",".join(METHODS)
+    methods: str = ",".join(METHOD_NAMES)
     """Separated by commas; also components-highest, paper-k9 and paper-literal."""
     errors: str = ""
     """Masks, separated by commas: none (exact), light, medium, heavy (simulated network errors), precomputed (the

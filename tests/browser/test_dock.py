@@ -19,7 +19,7 @@ from sequences import write_tiny_sequence
 from simaps_viz import open_sequence
 from simaps_viz.app import workbench
 from simaps_viz.build.pipeline import BuildConfig
-from simaps_viz.build.to_file import build_whole
+from simaps_viz.build.to_file import build_complete
 from simaps_viz.console.progress import stage_progress
 from simaps_viz.mapping.timeline import Timeline
 from simaps_viz.structures import SIMap
@@ -140,7 +140,7 @@ def built(tmp_path_factory: pytest.TempPathFactory) -> tuple[SIMap, Path]:
     folder = tmp_path_factory.mktemp("built")
     sequence = open_sequence(write_tiny_sequence(folder / "tiny", frames=FRAMES))
     with stage_progress(quiet=True) as progress:
-        simap = build_whole(sequence, "paper", BuildConfig(), folder / "m.npz", folder / "m.rrd", progress)
+        simap = build_complete(sequence, "paper", BuildConfig(), folder / "m.npz", folder / "m.rrd", progress)
     return simap, folder / "m.rrd"
 
 

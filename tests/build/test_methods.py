@@ -9,7 +9,7 @@ from sequences import write_tiny_sequence
 from simaps_viz import load_map, save_map
 from simaps_viz.baselines.vlmaps import BASELINES
 from simaps_viz.build.methods import VARIANTS, build, config_of, keeps_log
-from simaps_viz.build.names import METHODS
+from simaps_viz.build.names import METHOD_NAMES
 from simaps_viz.build.pipeline import BuildConfig, build_map
 from simaps_viz.datasets.open import open_sequence
 from simaps_viz.errors import InputError
@@ -54,7 +54,7 @@ def test_a_name_changes_what_it_says_and_nothing_else(tiny, name, changes):
 def test_every_variant_was_tried_above():
     marks = test_a_name_changes_what_it_says_and_nothing_else.pytestmark
     assert {case[0] for case in marks[0].args[1]} == {*methods.METHODS, *VARIANTS}
-    assert set(METHODS) - set(methods.METHODS) == {"vlmaps", "vlmaps+components"}
+    assert set(METHOD_NAMES) - set(methods.METHODS) == {"vlmaps", "vlmaps+components"}
 
 
 @pytest.mark.parametrize(
@@ -71,7 +71,7 @@ def test_a_map_keeps_the_parameters_of_its_method_only(tiny, method, has, has_no
     assert ("votes" in parameters) == (method != "paper") and ("evidence" in parameters) == (method == "evidence")
 
 
-@pytest.mark.parametrize("method", METHODS)
+@pytest.mark.parametrize("method", METHOD_NAMES)
 def test_every_method_gives_a_map_that_bears_its_name(tiny, method):
     simap = build(tiny, method)
     assert simap.method == method
@@ -81,15 +81,15 @@ def test_every_method_gives_a_map_that_bears_its_name(tiny, method):
 
 
 def test_a_method_keeps_a_log_unless_it_is_a_baseline():
-    assert [name for name in METHODS if keeps_log(name)] == list(methods.METHODS)
+    assert [name for name in METHOD_NAMES if keeps_log(name)] == list(methods.METHODS)
     assert all(map(keeps_log, VARIANTS)) and not any(map(keeps_log, BASELINES)) and not keeps_log("louvain")
-    assert set(METHODS) == {*methods.METHODS, *BASELINES} and METHODS[0] == "evidence"
+    assert set(METHOD_NAMES) == {*methods.METHODS, *BASELINES} and METHOD_NAMES[0] == "evidence"
     assert config_of("paper-k9", CONFIG) == replace(CONFIG, method="paper", k_percent=9.0)
     assert all(config_of(name, CONFIG) is CONFIG for name in BASELINES)
 
 
 def test_the_default_is_evidence(tiny):
-    assert BuildConfig().method == "evidence" and METHODS[0] == "evidence"
+    assert BuildConfig().method == "evidence" and METHOD_NAMES[0] == "evidence"
     assert build_map(tiny).parameters == build(tiny, "evidence").parameters
 
 
@@ -100,7 +100,7 @@ def test_an_unknown_method_is_refused_and_the_known_are_listed(tiny, name):
     text = str(caught.value)
     assert text.endswith(f"found {name!r}") and "\n" not in text
     listed = text.removeprefix("method: expected one of ").partition(", found ")[0].split(", ")
-    assert len(listed) == len(set(listed)) and set(listed) == {*METHODS, *VARIANTS}
+    assert len(listed) == len(set(listed)) and set(listed) == {*METHOD_NAMES, *VARIANTS}
 
 
 @pytest.mark.parametrize("affinity", [-0.1, 1.1, float("nan")])

@@ -156,7 +156,7 @@ def test_ctrl_c_leaves_the_earlier_map_and_nothing_else(tmp_path):
         _, err = process.communicate(timeout=60)
     assert process.returncode == 130 and "interrupted" in err and "Traceback" not in err and "--resume" in err
     assert output.read_bytes() == b"an earlier map"
-    assert sorted(os.listdir(tmp_path)) == [".m.npz.building", "long", "m.npz"]  # the log, to go on with
+    assert sorted(os.listdir(tmp_path)) == [".m.npz.building", "long", "m.npz"]  # the log, to resume from
 
 
 def test_rebuilding_gives_the_same_arrays(sequence, built, tmp_path):

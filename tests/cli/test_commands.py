@@ -9,7 +9,7 @@ from typing import get_args
 import pytest
 
 from simaps_viz.baselines.vlmaps import BASELINES
-from simaps_viz.build.names import METHODS
+from simaps_viz.build.names import METHOD_NAMES
 from simaps_viz.cli import COMMANDS, NO
 from simaps_viz.cli.demo import Level
 from simaps_viz.cli.main import load, main
@@ -109,5 +109,5 @@ def test_options_have_the_defaults_of_the_settings_that_they_make():
 
 
 def test_the_names_that_options_offer_are_those_there_are():
-    assert set(METHODS) == {*methods.METHODS, *BASELINES}
+    assert set(METHOD_NAMES) == {*methods.METHODS, *BASELINES}
     assert get_args(FormatName) == tuple(EXPORTERS) and get_args(Level) == tuple(LEVELS)

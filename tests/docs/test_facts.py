@@ -4,11 +4,13 @@ import re
 from collections.abc import Iterator
 from importlib.metadata import Distribution, PackageNotFoundError, distribution, requires
 
+import numpy as np
 import pytest
 from docs_pages import PAGES, ROOT
 from packaging.requirements import Requirement
 
 from simaps_viz.datasets import manifest
+from simaps_viz.mapping import file
 
 COPYLEFT = re.compile(r"\bMPL\b|Mozilla|GPL|GNU|EUPL|CeCILL")
 
@@ -42,6 +44,14 @@ def test_every_key_of_a_manifest_is_on_its_page():
     keys = {*manifest._REQUIRED, *manifest._OPTIONAL, "isthing"} | inner
     rows = re.findall(r"^\| (`.*?`) \|", page, re.M)
     assert {key for row in rows for key in re.findall(r"`([\w.]+)`", row)} >= keys - {"segmentation"}
+
+
+def test_every_array_of_a_map_file_is_on_its_page():
+    page = (ROOT / "docs" / "CONVENTIONS.md").read_text().partition("## A map file")[2]
+    rows = re.findall(r"^\| `(\w+)` \| (\w+) \[(.*?)\] \|", page, re.M)
+    stated = {name: (dtype, len(shape.split(",")) if shape else 0) for name, dtype, shape in rows}
+    arrays = {name: (np.dtype(dtype).name, axes) for name, (dtype, axes) in file._ARRAYS.items()}
+    assert stated == {"metadata": ("str", 0), **arrays}
 
 
 def needed(*wanted: str) -> Iterator[Distribution]:

@@ -4,7 +4,7 @@ from build_logs import read_log
 from sequences import frame_name
 
 from simaps_viz import open_sequence
-from simaps_viz.build.build_log import BuildLog, log_beside
+from simaps_viz.build.build_log import BuildLog, log_path
 from simaps_viz.build.pipeline import BuildConfig, build_map
 
 FRAMES = 60
@@ -25,7 +25,7 @@ def damage(sequence, *indices):
 
 def unfinished(sequence, output, frames):
     """Leave what a build leaves that is killed after so many frames."""
-    log, opened = log_beside(output), open_sequence(sequence)
+    log, opened = log_path(output), open_sequence(sequence)
     build_map(opened, BuildConfig(), log=log)
     with BuildLog(log, read_log(log)[0], resume=True) as steps:
         steps.cut(frames)

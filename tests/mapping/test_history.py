@@ -10,7 +10,7 @@ from sequences import write_tiny_sequence
 
 from simaps_viz import build_map, open_sequence, save_map
 from simaps_viz.build.pipeline import BuildConfig, facts_of, gather_frames
-from simaps_viz.build.to_file import BuildRequest, build_to_file, history_beside
+from simaps_viz.build.to_file import BuildRequest, build_to_file, open_history
 from simaps_viz.console.progress import stage_progress
 from simaps_viz.errors import InputError
 from simaps_viz.mapping import history as histories
@@ -120,15 +120,15 @@ def test_only_a_maps_own_history_is_taken(tiny, tmp_path):
     output, config = tmp_path / "m.npz", BuildConfig()
     with stage_progress(quiet=True) as progress:
         simap = build_to_file(tiny, BuildRequest("evidence", config, output, history=True), progress)
-    found = history_beside(output, simap)
+    found = open_history(output, simap)
     assert found is not None and found.is_of(repartition(simap, affinity=0.1))
-    assert history_beside(output, build_map(First(tiny, 3))) is None  # pyright: ignore
-    assert history_beside(output, build_map(tiny, BuildConfig(method="paper"))) is None
-    assert history_beside(tmp_path / "other.npz", simap) is None
+    assert open_history(output, build_map(First(tiny, 3))) is None  # pyright: ignore
+    assert open_history(output, build_map(tiny, BuildConfig(method="paper"))) is None
+    assert open_history(tmp_path / "other.npz", simap) is None
     assert sorted(p.name for p in tmp_path.iterdir()) == ["m.npz", "m.steps"]
     history = (tmp_path / "m.steps").read_bytes()
     (tmp_path / "m.steps").write_bytes(b"foreign")
-    assert history_beside(output, simap) is None
+    assert open_history(output, simap) is None
     (tmp_path / "m.steps").write_bytes(history)
     with stage_progress(quiet=True) as progress:
         build_to_file(tiny, BuildRequest("evidence", config, output), progress)

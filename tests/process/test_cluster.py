@@ -26,7 +26,7 @@ from hypothesis import strategies as st
 from sequences import frame_name, write_tiny_sequence
 
 from simaps_viz import open_sequence, save_map
-from simaps_viz.build.build_log import BuildLog, frames_logged, log_beside
+from simaps_viz.build.build_log import BuildLog, frames_logged, log_path
 from simaps_viz.build.pipeline import BuildCancelled, BuildConfig, build_map, facts_of
 from simaps_viz.build.workers import Reopen, check_versions, gather_shard, job_of, open_workers, reopening, steps_in
 from simaps_viz.cli.main import main
@@ -136,11 +136,11 @@ def test_any_sharding_in_any_order_makes_the_map_of_one_process(tmp_path_factory
         merged.merge(alone)
     assert npz(map_so_far(merged, facts_of(sequence), config), folder / "b.npz") == wanted
 
-    def elsewhere(sequence, config, T_map_camera, indices):
+    def gatherer(sequence, config, T_map_camera, indices):
         yield None
         yield from sorted((step for part in parts for step in part), key=lambda step: step.seen.index)
 
-    build_map(sequence, config, log=folder / "log2", elsewhere=elsewhere)
+    build_map(sequence, config, log=folder / "log2", gatherer=gatherer)
     assert (folder / "log2").read_bytes() == (folder / "log").read_bytes()
 
 
@@ -174,7 +174,7 @@ def test_two_workers_build_the_map_and_the_log_of_one_process(sequence, address,
     wanted = npz(build_map(opened, config, log=tmp_path / "log"), tmp_path / "m.npz")
     with open_workers(address, reopening(opened, tmp_path)) as workers:
         workers.shard_frames = 4
-        simap = build_map(opened, config, [listener], log=tmp_path / "log2", elsewhere=workers)
+        simap = build_map(opened, config, [listener], log=tmp_path / "log2", gatherer=workers)
         assert workers.moved.frames == FRAMES and 0 < workers.moved.received < FRAMES * 20_000
     assert npz(simap, tmp_path / "m2.npz") == wanted
     assert (tmp_path / "log2").read_bytes() == (tmp_path / "log").read_bytes()
@@ -187,7 +187,7 @@ def test_a_worker_that_is_killed_loses_nothing(sequence, address, tmp_path):
     wanted = npz(build_map(opened), tmp_path / "m.npz")
     with open_workers(address, KillsItsWorker(str(sequence), 37, str(flag))) as workers:
         workers.shard_frames = 4
-        simap = build_map(opened, elsewhere=workers)
+        simap = build_map(opened, gatherer=workers)
     assert flag.exists() and npz(simap, tmp_path / "m2.npz") == wanted
 
 
@@ -197,7 +197,7 @@ def test_frames_that_kill_every_worker_are_named(sequence, tmp_path):
     with dask_config.set({"distributed.scheduler.allowed-failures": 0}), open_workers("local:1", deadly) as workers:
         workers.shard_frames = 4
         with pytest.raises(InputError, match=r"frames \d+ to \d+: expected workers that can gather them, found"):
-            build_map(opened, log=log, elsewhere=workers)
+            build_map(opened, log=log, gatherer=workers)
     assert frames_logged(log) <= 36 and frames_logged(log) % 4 == 0
 
 
@@ -209,11 +209,11 @@ def test_unreadable_frames_are_skipped_and_counted_as_by_one_process(sequence, a
     wanted = build_map(opened)
     assert wanted.provenance["skipped"]["frames"] == 2
     with open_workers(address, reopening(opened, tmp_path)) as workers:
-        simap = build_map(opened, observers=[listener], elsewhere=workers)
+        simap = build_map(opened, observers=[listener], gatherer=workers)
         assert npz(simap, tmp_path / "b.npz") == npz(wanted, tmp_path / "a.npz")
         assert [e.index for e in listener.events if isinstance(e, FrameSkipped)] == [20, 33]
         with pytest.raises(InputError, match=f"{frame_name(20)}.png: expected"):
-            build_map(opened, strict=True, elsewhere=workers)
+            build_map(opened, strict=True, gatherer=workers)
 
 
 def test_a_stopped_build_keeps_what_has_arrived_and_goes_on_anywhere(sequence, address, tmp_path):
@@ -223,9 +223,9 @@ def test_a_stopped_build_keeps_what_has_arrived_and_goes_on_anywhere(sequence, a
     listener = Listener(lambda e: cancel.set() if isinstance(e, FrameGathered) and e.index == 21 else None)
     with open_workers(address, reopening(opened, tmp_path)) as workers:
         with pytest.raises(BuildCancelled):
-            build_map(opened, observers=[listener], log=log, cancel=cancel, elsewhere=workers)
+            build_map(opened, observers=[listener], log=log, cancel=cancel, gatherer=workers)
         assert frames_logged(log) == 22
-        there = build_map(opened, log=log, resume=True, elsewhere=workers)
+        there = build_map(opened, log=log, resume=True, gatherer=workers)
     with BuildLog(log, read_log(log)[0], resume=True) as steps:
         steps.cut(22)
     here = build_map(opened, log=log, resume=True)
@@ -239,7 +239,7 @@ def test_stopping_does_not_wait_for_a_slow_frame(sequence, address, tmp_path):
         at_last = threading.Timer(60.0, flag.touch)
         at_last.start()
         with pytest.raises(BuildCancelled, match=f"cancelled after 0 of {FRAMES} frames"):
-            build_map(open_sequence(sequence), cancel=cancel, elsewhere=workers)
+            build_map(open_sequence(sequence), cancel=cancel, gatherer=workers)
         assert not flag.exists()
         at_last.cancel()
         flag.touch()
@@ -248,8 +248,8 @@ def test_stopping_does_not_wait_for_a_slow_frame(sequence, address, tmp_path):
 def test_an_observer_that_wants_pictures_is_refused(sequence):
     listener = Listener()
     listener.wants_color = True
-    with pytest.raises(InputError, match="expected no observer that wants their pictures"):
-        build_map(open_sequence(sequence), observers=[listener], elsewhere=lambda *a: iter(()))  # pyright: ignore
+    with pytest.raises(InputError, match="expected no observer that wants colour"):
+        build_map(open_sequence(sequence), observers=[listener], gatherer=lambda *a: iter(()))  # pyright: ignore
 
 
 # What goes wrong with clusters
@@ -260,10 +260,10 @@ def test_a_worker_without_the_sequence_is_named(sequence, address, tmp_path):
     nowhere = Reopen(((gone, opened.segmentation_source),), str(tmp_path))
     said = rf"worker tcp://127\.0\.0\.1:\d+: {gone}.*: expected .*found"
     with open_workers(address, nowhere) as workers, pytest.raises(InputError, match=said):
-        build_map(opened, elsewhere=workers)
+        build_map(opened, gatherer=workers)
     other = Reopen(((str(sequence), "a network"),), str(tmp_path))
     with open_workers(address, other) as workers, pytest.raises(InputError, match="expected the masks of a network"):
-        build_map(opened, elsewhere=workers)
+        build_map(opened, gatherer=workers)
 
 
 def test_another_version_is_named(address, monkeypatch):
@@ -296,7 +296,10 @@ def test_a_scheduler_that_is_none_is_one_line(sequence, tmp_path, capsys, schedu
 
 
 def test_a_server_that_is_no_scheduler_is_told_apart(monkeypatch):
-    for greeting, message in ((b"", "found one that says nothing"), (b"SSH-2.0-of-some-kind", "found another server")):
+    for greeting, message in (
+        (b"", "found one that does not answer"),
+        (b"SSH-2.0-of-some-kind", "found another server"),
+    ):
         monkeypatch.setattr("simaps_viz.build.workers._CONNECT_S", 30.0 if greeting else 0.5)
         with socket.create_server(("127.0.0.1", 0)) as server:
             address = f"tcp://127.0.0.1:{server.getsockname()[1]}"
@@ -318,8 +321,8 @@ def test_a_build_that_all_workers_leave_ends_in_one_line(sequence, tmp_path, mon
         workers.shard_frames = 4
         leave = [lambda: cluster.scale(0)]  # pyright: ignore[reportAttributeAccessIssue]
         listener = Listener(lambda event: isinstance(event, FrameGathered) and leave and leave.pop()())
-        with pytest.raises(InputError, match=r"expected a worker, found none .*--resume goes on with what is done"):
-            build_map(open_sequence(sequence), observers=[listener], log=log, elsewhere=workers)
+        with pytest.raises(InputError, match=r"expected a worker, found none .*--resume continues from what is done"):
+            build_map(open_sequence(sequence), observers=[listener], log=log, gatherer=workers)
     assert 0 < frames_logged(log) < FRAMES
 
 
@@ -372,9 +375,9 @@ def test_ctrl_c_ends_all_processes_and_the_build_goes_on(sequence, tmp_path):
             break
     _, said = started.communicate(timeout=60)
     assert started.returncode == 130, said
-    done = frames_logged(log_beside(output))
-    going_on = "go on with the same command and --resume; no file is half-written"
-    assert said == f"simaps: interrupted after {done} frames; {going_on}\n"
+    done = frames_logged(log_path(output))
+    hint = "the same command with --resume continues; no file is half-written"
+    assert said == f"simaps: interrupted after {done} frames; {hint}\n"
     assert 0 < done < FRAMES
     until = time.monotonic() + 60
     while alive_with(started.pid):

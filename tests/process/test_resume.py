@@ -11,7 +11,7 @@ from killed_builds import FRAMES, SMALL_DISK, damage, unfinished
 from sequences import frame_name, write_tiny_sequence
 
 from simaps_viz import load_map, open_sequence
-from simaps_viz.build.build_log import frames_logged, log_beside
+from simaps_viz.build.build_log import frames_logged, log_path
 from simaps_viz.build.pipeline import BuildConfig, build_map, gather_frames
 from simaps_viz.cli.main import main
 from simaps_viz.errors import InputError
@@ -42,11 +42,11 @@ def test_resume_says_where_it_goes_on_and_ends_in_the_same_file(sequence, tmp_pa
     unfinished(sequence, output, 41)
     capsys.readouterr()
     assert main(["build", str(sequence), "-o", str(output), "--resume"]) == 0
-    assert f"going on after 41 of {FRAMES} frames" in capsys.readouterr().err
+    assert f"resuming after 41 of {FRAMES} frames" in capsys.readouterr().err
     assert output.read_bytes() == whole.read_bytes()
     assert sorted(os.listdir(tmp_path)) == ["m.npz", "tiny", "whole.npz"]
     assert main(["build", str(sequence), "-o", str(output), "--resume"]) == 0
-    assert "no unfinished build to go on with" in capsys.readouterr().err
+    assert "no unfinished build to resume" in capsys.readouterr().err
 
 
 def test_a_resumed_recording_is_whole(sequence, tmp_path, capsys):
@@ -65,7 +65,7 @@ def test_starting_anew_says_that_an_unfinished_build_is_kept_until_it_is_done(se
     unfinished(sequence, output, 30)
     assert main(["build", str(sequence), "-o", str(output)]) == 0
     err = capsys.readouterr().err
-    assert "an unfinished build of 30 frames was there; starting anew" in err and "--resume goes on" in err
+    assert "an unfinished build of 30 frames was there; starting anew" in err and "--resume continues" in err
     assert sorted(os.listdir(tmp_path)) == ["m.npz", "tiny"]
 
 
@@ -76,7 +76,7 @@ def test_another_build_to_go_on_with_is_one_line(sequence, tmp_path, capsys):
     assert main(["build", str(sequence), "-o", str(output), "--resume", "--affinity", "0.5"]) == 2
     message = [line for line in capsys.readouterr().err.splitlines() if line.startswith("simaps: ")]
     assert len(message) == 1 and "affinity (0.6, now 0.5)" in message[0]
-    assert frames_logged(log_beside(output)) == 30 and not output.exists()
+    assert frames_logged(log_path(output)) == 30 and not output.exists()
 
 
 def test_a_full_disk_leaves_the_earlier_map(sequence, tmp_path):
@@ -86,7 +86,7 @@ def test_a_full_disk_leaves_the_earlier_map(sequence, tmp_path):
     done = subprocess.run(command, check=False, capture_output=True, text=True, timeout=120)
     assert done.returncode == 2 and "could not write the build log: File too large" in done.stderr
     assert "Traceback" not in done.stderr and output.read_bytes() == b"an earlier map"
-    assert 0 < frames_logged(log_beside(output)) < FRAMES
+    assert 0 < frames_logged(log_path(output)) < FRAMES
     assert main(["build", str(sequence), "-o", str(output), "--resume"]) == 0
     assert len(load_map(output).frame_names) == FRAMES
 

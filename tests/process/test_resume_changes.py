@@ -15,7 +15,7 @@ from sequences import frame_name, write_tiny_sequence
 
 from simaps_viz import load_map, open_sequence
 from simaps_viz.build import to_file
-from simaps_viz.build.build_log import BuildLog, LogBusyError, frames_logged, log_beside
+from simaps_viz.build.build_log import BuildLog, LogBusyError, frames_logged, log_path
 from simaps_viz.build.pipeline import BuildConfig, fingerprint
 from simaps_viz.build.to_file import BuildRequest, build_to_file
 from simaps_viz.cli.main import main
@@ -62,7 +62,7 @@ def test_a_build_does_not_go_on_with_another_camera_or_other_segments(sequence, 
     capsys.readouterr()
     assert main(["build", str(sequence), "-o", str(output), "--resume"]) == 2
     assert "found another names, poses, cameras and tables" in capsys.readouterr().err
-    assert not output.exists() and frames_logged(log_beside(output)) == 20
+    assert not output.exists() and frames_logged(log_path(output)) == 20
 
 
 def test_a_build_goes_on_from_another_folder(sequence, tmp_path, monkeypatch, whole, capsys):
@@ -71,7 +71,7 @@ def test_a_build_goes_on_from_another_folder(sequence, tmp_path, monkeypatch, wh
     unfinished(sequence.relative_to(tmp_path), output, 20)
     monkeypatch.chdir("/")
     assert main(["build", str(sequence), "-o", str(output), "--resume"]) == 0
-    assert f"going on after 20 of {FRAMES}" in capsys.readouterr().err
+    assert f"resuming after 20 of {FRAMES}" in capsys.readouterr().err
     assert output.read_bytes() == whole
 
 
@@ -152,7 +152,7 @@ def test_a_file_of_somebody_else_beside_the_map_stays(sequence, history, tmp_pat
 def test_an_earlier_history_goes_with_the_map_it_was_of(sequence, tmp_path):
     output = tmp_path / "m.npz"
     unfinished(sequence, output, FRAMES)
-    keep_log(log_beside(output), tmp_path / "m.steps")
+    keep_log(log_path(output), tmp_path / "m.steps")
     assert main(["build", str(sequence), "-o", str(output)]) == 0
     assert sorted(os.listdir(tmp_path)) == ["m.npz", "tiny"]
 

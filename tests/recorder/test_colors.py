@@ -10,7 +10,7 @@ from sequences import write_tiny_sequence
 
 from simaps_viz import open_sequence
 from simaps_viz.build.pipeline import BuildConfig
-from simaps_viz.build.to_file import build_whole
+from simaps_viz.build.to_file import build_complete
 from simaps_viz.colors.instances import Colored, colors_like, instance_colors, take_over
 from simaps_viz.colors.palette import PALETTE
 from simaps_viz.console.progress import stage_progress
@@ -91,7 +91,7 @@ def built(tmp_path_factory):
     folder = tmp_path_factory.mktemp("built")
     sequence = open_sequence(write_tiny_sequence(folder / "tiny", frames=6))
     with stage_progress(quiet=True) as progress:
-        simap = build_whole(sequence, "evidence", BuildConfig(), folder / "m.npz", folder / "m.rrd", progress)
+        simap = build_complete(sequence, "evidence", BuildConfig(), folder / "m.npz", folder / "m.rrd", progress)
     return simap, folder / "m.rrd"
 
 
