@@ -1,1 +1,1 @@
-"""Is a sequence usable, and if not, what is wrong with it: neighbouring frames have to see the same surfaces."""
+"""Check whether a sequence is usable and find its faults: neighbouring frames have to see the same surfaces."""

@@ -33,7 +33,7 @@ class Views:
 
 @dataclass(frozen=True)
 class Agreement:
-    """What the residuals of some pairs of views amount to."""
+    """Summary of the residuals of some pairs of views."""
 
     share: float
     """Share of the points that fall on a measured pixel and agree with it, among those that fall on one (0-1)."""

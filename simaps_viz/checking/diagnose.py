@@ -1,4 +1,4 @@
-"""The whole check: from a sequence as its files are to what is wrong with it and what would put it right."""
+"""The complete check: read a sequence as its files are, and return its faults and their corrections."""
 
 from dataclasses import dataclass, field, replace
 
@@ -40,7 +40,7 @@ MAX_PAIRS = 120
 
 @dataclass(frozen=True, eq=False)
 class Diagnosis:
-    """What is wrong with a sequence, and everything needed to show or repair it."""
+    """The faults of a sequence, and everything needed to show or repair it."""
 
     recording: Recording
     findings: tuple[Finding, ...]
@@ -61,7 +61,7 @@ class Diagnosis:
         return not any(finding.severity == "error" for finding in self.findings)
 
     def to_json(self) -> dict:
-        """Return what a program wants to know."""
+        """Return the diagnosis as a JSON-able record."""
         return {
             "sequence": str(self.recording.manifest.path),
             "frames": len(self.recording),
@@ -78,7 +78,7 @@ def diagnose(recording: Recording, progress: Progress = lambda *_: None) -> Diag
 
     Args:
         recording: As `recording.open_recording` gives it.
-        progress: Told what is being done.
+        progress: Called with the name of each step.
 
     Raises:
         InputError: An image cannot be read, or no frame has any depth.

@@ -25,7 +25,7 @@ class Finding:
     kind: str
     severity: Severity
     message: str
-    """One sentence for somebody who has never seen the inside of this program."""
+    """One sentence for a reader who does not know how this program works."""
     measure: dict[str, Any] = field(default_factory=dict)
     """The numbers behind it; angles in degrees, lengths in metres, shares 0-1."""
 
@@ -120,7 +120,7 @@ def unjudged(recording: Recording, frames: NDArray, stated: Agreement) -> Findin
 
 
 def of_reading(recording: Recording, views: Views, pairs: NDArray, reading: Reading) -> list[Finding]:
-    """Describe everything a reading changes, each with what frames agree without and with it."""
+    """Describe every change of a reading, each with the agreement of frames without and with it."""
     after = score(recording, views, pairs, reading)
 
     def gain(without: Reading) -> tuple[str, dict[str, Any]]:

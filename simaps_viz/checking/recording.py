@@ -64,7 +64,7 @@ class Convention:
 
     @property
     def changes(self) -> int:
-        """How many things it says are unusual; the simplest one that fits is believed."""
+        """Number of unusual assumptions it makes; the simplest convention that fits is chosen."""
         plain = Convention()
         named = self.axes in _NAMED_AXES
         return (

@@ -330,7 +330,7 @@ def _promising(recording: Recording, views: Views, pairs: NDArray, ways: list[Co
 
 
 def complexity(reading: Reading) -> int:
-    """Count what a reading says is unusual."""
+    """Count the unusual assumptions of a reading."""
     return (
         reading.convention.changes + (reading.depth_factor != 1) + (reading.shift != 0) + (reading.camera is not None)
     )

@@ -20,7 +20,7 @@ FIELD_OF_VIEW_DEG = (20.0, 150.0)
 """A pinhole camera outside this range is a mistake in the file, not a camera."""
 
 REACH_M = 1000.0
-"""How far a camera may stand from the median one: further, the grid would not fit in memory."""
+"""Largest distance of a camera from the median one, metres; beyond it the grid would not fit in memory."""
 
 
 def read_intrinsics(path: Path, *, width: int, height: int) -> Intrinsics:

@@ -1,4 +1,4 @@
-"""Turn point clouds into depth images of a camera beside them, so that the rest of the way is the same for both.
+"""Render point clouds as depth images of a camera, so that all later steps are the same for both.
 
 A cloud is thinner than a picture: between the points of a near thing those of what lies behind it are seen. They would
 take its class, so a point is left out where nearer ones surround it. What is left needs no neighbours: every point
@@ -44,7 +44,7 @@ def depth_of_cloud(points_camera: NDArray, k: Intrinsics, settings: CloudSetting
     Args:
         points_camera: float64 [n, 3], camera axes, metres.
         k: the camera.
-        settings: what hides what, and what is filled.
+        settings: which points are hidden, and which gaps are filled.
 
     Returns:
         float32 [H, W], metres along the optical axis, 0 = no point.

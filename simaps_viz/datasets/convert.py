@@ -1,4 +1,4 @@
-"""Write any sequence as a posed-frames/1 folder, frame by frame; the folder is there whole or not at all."""
+"""Write any sequence as a posed-frames/1 folder, frame by frame; a failed conversion leaves no folder."""
 
 import json
 import os
@@ -30,7 +30,7 @@ def write_posed_frames(
     every: int = 1,
     progress: Callable[[int, int], None] = lambda done, total: None,
 ) -> Path:
-    """Write a sequence as a posed-frames/1 folder and give the path of its manifest.
+    """Write a sequence as a posed-frames/1 folder and return the path of its manifest.
 
     One frame is in memory at a time. Up and the floor's height are written as they were found.
 
@@ -38,7 +38,7 @@ def write_posed_frames(
         sequence: any that was opened.
         folder: made; must not be there yet, or be empty.
         every: take the first of every so many frames.
-        progress: told (frames written, frames in all).
+        progress: called with (frames written, number of frames).
 
     Raises:
         InputError: The folder cannot be written, ``every`` is under 1, or a frame is not what it has to be; then

@@ -28,7 +28,7 @@ def check_header(where: object, data: bytes) -> None:
     try:
         with kind(BytesIO(data)) as image:  # not Image.open, which judges the size by its own limits
             found = image.size
-    except Exception as error:  # of damaged headers Pillow raises whatever comes
+    except Exception as error:  # Pillow may raise anything on damaged headers
         raise InputError(f"{where}: expected an image, found one that cannot be decoded (it has no size)") from error
     check_picture(where, *found)
 

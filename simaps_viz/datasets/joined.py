@@ -13,7 +13,7 @@ from simaps_viz.io.limits import MAX_CLASSES, MAX_FRAMES
 from simaps_viz.structures import Frame, Segmentation
 
 MAX_TILT_DEG = 3.0
-"""How far two sequences of one world frame may differ in what they take for up."""
+"""Largest angle between the up directions of two sequences of one world frame."""
 MAX_STEP_M = 0.3
 """And in what they take for the floor's height; a map has one floor."""
 BETWEEN = " + "

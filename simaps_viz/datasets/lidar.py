@@ -94,7 +94,7 @@ def _file(path: Path) -> Path:
 
 @dataclass(frozen=True, eq=False)
 class _Scan:
-    """A checked manifest and what it names."""
+    """A checked manifest and the files that it names."""
 
     file: Path
     name: str

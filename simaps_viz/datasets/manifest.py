@@ -22,12 +22,12 @@ _SEGMENTATION_KEYS = ("ids", "segments", "instances", "source", "ground_truth")
 
 @dataclass(frozen=True)
 class SegmentationFiles:
-    """Where the precomputed segmentation lies."""
+    """Files of the precomputed segmentation."""
 
     ids: str
     """Pattern with ``{frame}``: one id image per frame."""
     table: str
-    """The file that says what the ids are: segments per frame, or instances of the whole world."""
+    """The file that describes the ids: segments of each frame, or instances of the world."""
     world_wide: bool
     """The ids mean the same in every frame (key ``instances``), so they are the truth about instances."""
     source: str
@@ -131,7 +131,7 @@ def shown(value: Any) -> str:
 
 
 def _once(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
-    """Make a JSON object; a key that comes twice is a mistake, and which of the two is meant nobody knows."""
+    """Make a JSON object; a duplicate key is an error, as either value could be meant."""
     values = dict(pairs)
     if len(values) != len(pairs):
         keys = [key for key, _ in pairs]

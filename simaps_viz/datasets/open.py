@@ -46,7 +46,7 @@ def open_sequence(path: Path, *, whole: bool = True) -> PosedFrames:
     path = Path(path)
     reader = recognise(path)
     if reader is None or isinstance(reader, PosedFramesReader):
-        reader = PosedFramesReader(complete=whole)  # its errors say best what an unknown folder or file lacks
+        reader = PosedFramesReader(complete=whole)  # its errors describe best what an unknown folder or file lacks
     return PosedFrames(reader.open(path))
 
 

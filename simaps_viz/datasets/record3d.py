@@ -155,7 +155,7 @@ SENSORS = {256 * 192: (192, 256), 640 * 480: (480, 640)}
 
 @dataclass(frozen=True, eq=False)
 class _Parts:
-    """The three ways of storing, made alike."""
+    """One interface for the three ways of storing a recording."""
 
     metadata: Any
     metadata_path: str
@@ -345,6 +345,6 @@ def _read_exr(path: Path) -> NDArray:
 
 
 def _library(name: str, path: Path) -> Any:
-    """Import what only Record3D's files need; raises InputError naming the extra to install."""
+    """Import a package that only Record3D's files need; raises InputError naming the extra to install."""
     with needs_extra("record3d", f"{path}: Record3D's depth"):
         return import_module(name)

@@ -80,7 +80,7 @@ class Recording:
     depth_unit_m: float | None = None
     """Unit for 16-bit depth images written from it; None = the format's."""
     notes: tuple[str, ...] = ()
-    """What was left out, in words."""
+    """Notes on the parts left out, in words."""
     simulated: bool = False
     floor_height_m: float | None = None
     """Height of the floor along the format's up; None = estimated from the depth images."""
@@ -111,7 +111,7 @@ def left_out(count: int, total: int, which: str) -> tuple[str, ...]:
 
 @contextmanager
 def complete(path: Path, title: str) -> Iterator[None]:
-    """Turn what Python raises where a recording's contents lack something into InputError."""
+    """Turn errors that Python raises for incomplete contents of a recording into InputError."""
     try:
         yield
     except (KeyError, TypeError, IndexError, AttributeError, ArithmeticError, ValueError, struct.error) as error:

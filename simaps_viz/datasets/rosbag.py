@@ -47,7 +47,7 @@ MAX_GAP_S = 0.5
 
 @dataclass(eq=False)
 class Link:
-    """How one frame lies in its parent over time."""
+    """The pose of one frame in its parent frame over time."""
 
     parent: str
     fixed: bool
@@ -70,7 +70,7 @@ class Transforms:
         self.links: dict[str, Link] = {}
 
     def add(self, parent: str, child: str, time_s: float, T_parent_child: NDArray, *, fixed: bool) -> None:
-        """Add what a transform message says; a frame keeps the parent that it had first."""
+        """Add the transforms of a message; a frame keeps its first parent."""
         child, parent = child.lstrip("/"), parent.lstrip("/")
         link = self.links.setdefault(child, Link(parent, fixed))
         if link.parent == parent:
@@ -205,7 +205,7 @@ def time_name(stamp_ns: int) -> str:
 
 @dataclass(frozen=True)
 class Entry:
-    """Where a message lies."""
+    """Position of a message in its file."""
 
     logged_ns: int
     stamp_ns: int
@@ -218,7 +218,7 @@ class Bag:
         from rosbags.highlevel import AnyReader  # noqa: PLC0415 - only robots' recordings need it
 
         self.path, self._lock = path, threading.Lock()
-        self._errors = (Exception,)  # of damaged bags rosbags, sqlite and the unpackers raise whatever comes
+        self._errors = (Exception,)  # rosbags, sqlite and the unpackers may raise anything on damaged bags
         self._reader = None
         try:
             self._reader = AnyReader([path])
@@ -267,7 +267,7 @@ class Bag:
             raise InputError(f"{self.path}: expected a whole {msgtype}, found {_one_line(error)}") from error
 
     def index(self, topics: tuple[str, ...]) -> dict[str, list[Entry]]:
-        """Return where the messages of topics lie, by the time in their headers."""
+        """Return the positions of the messages of topics, ordered by the time in their headers."""
         assert self._reader is not None
         found: dict[str, list[Entry]] = {topic: [] for topic in topics}
         for topic, logged_ns, data, _ in self.messages(list(topics)):

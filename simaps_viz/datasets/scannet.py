@@ -179,7 +179,7 @@ class _Header:
 
 @dataclass(frozen=True, eq=False)
 class _Entry:
-    """Where a frame lies in the file."""
+    """Position of a frame in the file."""
 
     T_world_camera: NDArray
     color_at: int

@@ -1,4 +1,4 @@
-"""The tables that say what the ids of a sequence's id images are: per frame, or once for the whole world."""
+"""The tables that describe the ids in a sequence's id images: for each frame, or once for the whole world."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass

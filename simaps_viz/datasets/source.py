@@ -18,7 +18,7 @@ class FrameSource(Protocol):
 
     @property
     def name(self) -> str:
-        """What to call the sequence."""
+        """Name of the sequence."""
         ...
 
     @property
@@ -105,7 +105,7 @@ def read_ahead(sequence: FrameSource, *, color: bool) -> Iterator[tuple[Frame, S
 def read_each(
     sequence: FrameSource, indices: Sequence[int], *, color: bool
 ) -> Generator[tuple[Frame, Segmentation] | Unreadable, None, None]:
-    """Read some frames of a sequence like `read_ahead`; one that cannot be read is told, not raised."""
+    """Read some frames of a sequence like `read_ahead`; a frame that cannot be read is reported, not raised."""
 
     def read(first: int) -> list[tuple[Frame, Segmentation] | Unreadable]:
         return [_read(sequence, index, color=color) for index in indices[first : first + READ_TOGETHER]]

@@ -1,4 +1,4 @@
-"""Colours for many objects with few colours: near ones never share one, as far as the palette goes."""
+"""Colour many objects with few colours, so that near ones differ as far as the palette permits."""
 
 from collections.abc import Mapping
 

@@ -20,7 +20,7 @@ from simaps_viz.structures import Grid, GridSpec, Instance, SIMap
 
 
 class Verdict(Enum):
-    """What became of a found instance."""
+    """Verdict on a found instance."""
 
     RIGHT = "right"
     """Matches a true one."""
@@ -45,7 +45,7 @@ class Panel:
     instance: NDArray
     """int32 [rows, cols], ids of this map, 0 = none."""
     verdicts: Mapping[int, Verdict]
-    """{id: what became of it}."""
+    """{id: verdict}."""
     partner: Mapping[int, int]
     """{id: id, on the reference panel, of what it overlaps most}; whom it overlaps not at all is missing."""
     missed: NDArray
@@ -129,7 +129,7 @@ def compare_maps(
 
 
 def verdicts(overlaps: Overlaps) -> dict[int, Verdict]:
-    """Classify every found instance by what became of it."""
+    """Assign a verdict to every found instance."""
     found, pairs = overlaps.found, overlaps.pairs
     right = np.isin(np.arange(len(found.ids)), pairs[overlaps.matched, 1])
     inside = overlaps.same_class & (pairs[:, 2] > 0.5 * found.cells[pairs[:, 1]])
@@ -175,7 +175,7 @@ def _panel(
     colors: Mapping[int, Color],
     partner: Mapping[int, int] | None = None,
 ) -> Panel:
-    """Make a panel nobody has judged; without partners it is the reference itself."""
+    """Make a panel without verdicts; without partners it is the reference itself."""
     ids = np.unique(cells[cells > 0]).tolist()
     partner = {i: i for i in ids} if partner is None else dict(partner)
     own = {i: colors[partner[i]] for i in ids if i in partner}

@@ -150,7 +150,7 @@ _WARM_UP_FRAMES = 2
 
 @dataclass(frozen=True)
 class Footprint:
-    """What a method has to keep."""
+    """Sizes of the data that a method stores."""
 
     ram_bytes: int = 0
     disk_bytes: int = 0

@@ -21,12 +21,12 @@ FORMAT: Final = "simaps-judging/1"
 Answered = Literal["yes", "no", "skip"]
 """Did it do what it was told? skip: the judge cannot tell."""
 _HIDDEN: Final = ("method", "errors", "seed", "automatic", "strict", "wrong", "reason", "program", "planned", "meant")
-"""What would give the method away, or the machine's verdict."""
+"""Keys that would reveal the method, or the automatic verdict."""
 
 
 @dataclass(frozen=True)
 class BlindRun:
-    """What the judge is shown."""
+    """The part of a run that the judge is shown."""
 
     run_id: str
     """Does not reveal the method."""
@@ -39,7 +39,7 @@ class BlindRun:
 
 @dataclass(frozen=True)
 class HumanScore:
-    """What people say of one method."""
+    """Answers of the judges on one method."""
 
     yes: int = 0
     no: int = 0
@@ -126,7 +126,7 @@ def start_session(path: Path, runs: Sequence[Mapping[str, Any]], *, seed: int = 
 
 
 def resume_session(path: Path) -> JudgingSession:
-    """Go on with a session; a last line that a crash cut short is cut off.
+    """Resume a session; a last line that a crash cut short is removed.
 
     Raises:
         InputError: it is not a session file, or a line of it is damaged (named).

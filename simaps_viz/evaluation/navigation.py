@@ -115,7 +115,7 @@ def evaluate_navigation(
     surface_m: NDArray | None = None,
     progress: Progress | None = None,
 ) -> NavigationReport:
-    """Return the same commands to a robot on the map of every method, and judge what it does in the true world.
+    """Run the same commands on the map of every method, and judge the robot's motion in the true world.
 
     The words are read by the same parser for all methods. ``TRUE_MAP`` may be among the methods; it is not built.
 

@@ -41,7 +41,7 @@ DEMO = "demo"
 
 @dataclass(frozen=True)
 class EvaluationConfig:
-    """What to evaluate."""
+    """Settings of an evaluation."""
 
     sequence: str
     """Folder or manifest of a sequence, or "demo"."""
@@ -68,7 +68,7 @@ class EvaluationConfig:
 
 @dataclass(frozen=True, eq=False)
 class Evaluation:
-    """What came out."""
+    """Result of an evaluation."""
 
     name: str
     report: Report | None
@@ -154,13 +154,13 @@ def split_names(what: str, text: str, known: tuple[str, ...] = ()) -> tuple[str,
 
 
 def write_json(record: Mapping[str, Any], path: Path) -> None:
-    """Write a JSON file whole or not at all; raises InputError when it cannot be written."""
+    """Write a JSON file atomically; raises InputError when it cannot be written."""
     check_output(path)
     write_whole(path, (json.dumps(record, indent=1, ensure_ascii=False) + "\n").encode(), "the report")
 
 
 def _check_outputs(config: EvaluationConfig) -> None:
-    """Refuse what cannot be written before anything is computed."""
+    """Raise InputError for files that cannot be written, before anything is computed."""
     if config.picture is not None:
         check_output(config.picture, ".png")
     if config.output is not None:

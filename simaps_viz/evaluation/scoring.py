@@ -31,7 +31,7 @@ AIM_M: Final = 0.5
 
 @dataclass(frozen=True, eq=False)
 class Drive:
-    """What came of following a path."""
+    """Outcome of following a path."""
 
     track_m: NDArray
     """float64 [n, 2], where the centre went, map frame."""
@@ -134,7 +134,7 @@ _ROUNDING_M: Final = 0.1
 
 @dataclass(frozen=True)
 class Verdict:
-    """What a run was worth."""
+    """Score of a run."""
 
     automatic: bool
     """Stopped within 1 m of every goal, in order, or refused what is not there."""

@@ -1,4 +1,4 @@
-"""Commands made from what is true, each with its start, its family and what it really means."""
+"""Commands generated from the true world, each with its start, its family and its true meaning."""
 
 import json
 from collections.abc import Callable, Sequence

@@ -89,7 +89,7 @@ _SAME_FRAME = 1e-3
 
 @dataclass(frozen=True, eq=False)
 class Truth:
-    """What every cell really shows on top."""
+    """The true topmost object of every cell."""
 
     grid: Grid
     """Its ``label`` is the true class of each cell's highest pixel."""

@@ -60,7 +60,7 @@ class Difference:
 
 @dataclass(frozen=True, eq=False)
 class Differences:
-    """All of them, and what agrees."""
+    """All differences, and the number of objects that agree."""
 
     items: tuple[Difference, ...]
     """By kind, the largest first."""

@@ -59,7 +59,7 @@ class TrueObject:
 
 @dataclass(frozen=True, eq=False)
 class World:
-    """What is true."""
+    """The true world."""
 
     name: str
     tops: Truth

@@ -1,4 +1,4 @@
-"""What every export format offers, and what some of them take beside the map."""
+"""The interface of every export format, and the options that some of them take."""
 
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -14,14 +14,14 @@ from simaps_viz.structures import Pose2, SIMap
 
 @dataclass(frozen=True, eq=False)
 class ExportOptions:
-    """What some formats take beside the map."""
+    """Options of some formats."""
 
     robot: RobotShape = field(default_factory=RobotShape)
     """ros, nav2, tum: for whom cells are blocked and free."""
     label: str | None = None
     """graphml: one class only."""
     command: str | None = None
-    """tum: what to drive."""
+    """tum: the command to drive."""
     pose: Pose2 | None = None
     """tum: where the drive starts."""
     reader: CommandReader = read_command
@@ -36,7 +36,7 @@ class Exporter(Protocol):
     """One format. A new one is a file with a class of this kind, and one line in ``exports.REGISTRY``."""
 
     endings: tuple[str, ...]
-    """What its main file may end in; the first is added to a name without an ending."""
+    """Endings of its main file; the first is added to a name without an ending."""
     own_endings: tuple[str, ...] = ()
     """Those of ``endings`` that mean this format where none is asked for."""
     options: tuple[str, ...] = ()

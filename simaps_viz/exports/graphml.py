@@ -22,7 +22,7 @@ _KEYS: Final = {
 }  # fmt: skip
 
 _ILLEGAL: Final = re.compile("[^\t\n\r\x20-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")
-"""What XML 1.0 cannot hold, escaped or not."""
+"""Characters that XML 1.0 cannot hold, escaped or not."""
 
 
 class GraphML(Exporter):

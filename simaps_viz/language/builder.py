@@ -83,7 +83,7 @@ def first_token(children: Children) -> Token:
 
 
 class Builder(Transformer):
-    """Builds program text, step by step, noting how words were read.
+    """Builds program text step by step and notes how ambiguous words were interpreted.
 
     Args:
         vocabulary: of the map.
@@ -120,7 +120,7 @@ class Builder(Transformer):
         head = [start] if any("start" in line for line in self.lines) else []
         return "\n".join([*head, *(line for line in self.lines if line.strip() != start)])
 
-    # ---- the whole of a step
+    # ---- complete steps
 
     def start(self, children: Children) -> None:
         lines = list(first(Step, children).lines)
@@ -547,11 +547,11 @@ class Builder(Transformer):
     def _named_last(self, word: str) -> Thing:
         if self._last is None:
             raise CommandError(f'"{word}" was not understood: nothing was named before it')
-        # What was set up for it is there already.
+        # Its variables are set already.
         return Thing(self._last.label, self._last.which, indent=self._last.indent)
 
     def _named_before(self, word: str) -> Thing:
-        """Return what was named last in the steps before this one."""
+        """Return the thing that the steps before this one named last."""
         self._last = self._before
         return self._named_last(word)
 

@@ -27,7 +27,7 @@ MAX_LENGTH: Final = 500
 """Characters of a command."""
 _MAX_ALTERNATIVES: Final = 4
 _MAX_QUOTED: Final = 60
-"""Characters of what was said that a refusal repeats."""
+"""Length to which an error message shortens the command that it quotes, characters."""
 _MAX_NAME: Final = 40
 """Characters of a class that a refusal takes for an example."""
 _MAX_WORDS: Final = 40
@@ -48,11 +48,11 @@ _STARTS: Final = {
 
 @dataclass(frozen=True)
 class Reading:
-    """What a command was understood to mean."""
+    """The interpretation of a command."""
 
     program: str
     notes: tuple[str, ...] = ()
-    """How words were read, e.g. synonyms and what was left unsaid."""
+    """Notes on the interpretation, such as synonyms used and words added."""
     alternatives: tuple[str, ...] = ()
     """Programs of the other readings, the likeliest first."""
 
@@ -60,7 +60,7 @@ class Reading:
 def read_command(text: str, labels: Sequence[str] | Mapping[str, int]) -> Reading:
     """Read an English command.
 
-    A thing the map does not have is kept as it was said, so that whoever runs the program refuses it by name.
+    A thing that the map lacks keeps the name used in the command, so that running the program reports that name.
 
     Args:
         text: one or more sentences.
@@ -98,7 +98,7 @@ def read_command(text: str, labels: Sequence[str] | Mapping[str, int]) -> Readin
 
 
 def too_long(text: str) -> str:
-    """Report that a command is too long, and what to do about it."""
+    """Return the error for a command that is too long, with a way to shorten it."""
     return (
         f"This command has {len(text)} characters, and at most {MAX_LENGTH} can be read. "
         "Say it in fewer words, or give one command after the other."

@@ -1,4 +1,4 @@
-"""Which instance is meant: ranks, sides, neighbours and what is in view, from where the command was given.
+"""Resolve references to instances by rank, side, neighbour and view, from the pose where the command was given.
 
 All distances are in metres on the map plane between cell centres; ties go to the smaller instance id. The exact
 meaning of rank, side and between is that of ``primitives``.
@@ -29,7 +29,7 @@ OPAQUE_HEIGHT_M: Final = 1.5
 _EYE_RANGE_M: Final = (0.3, 1.9)
 _HANGING_M: Final = 1.0
 _SIGHT_CELLS: Final = 48
-_BODY_M: Final = 0.2  # what the map shows this near to the viewer is the viewer, or noise
+_BODY_M: Final = 0.2  # cells this near to the viewer show the viewer itself, or noise
 _STEPS_PER_CELL: Final = 3.0
 _COMPASS: Final = {"north": (0.0, 1.0), "south": (0.0, -1.0), "east": (1.0, 0.0), "west": (-1.0, 0.0)}
 
@@ -185,7 +185,7 @@ class Grounding:
         return left if side == "left" else -left
 
     def _called(self, name: str) -> str:
-        """Return what to call a name's things in a sentence: the map's class, or the generic name."""
+        """Return the word for the things of a name in a sentence: the map's class, or the generic name."""
         labels = self.labels_of(name)
         return labels[0] if len(labels) == 1 else singular(plain(name.removeprefix(ANY)))
 

@@ -23,7 +23,7 @@ _OPERATORS: Final[Mapping[type, Callable[[Any, Any], Any]]] = {
 _MAX_VALUE = 1e12
 
 Caller = Callable[[Primitive, Mapping[str, Any]], Any]
-"""Carries out one primitive: takes all its arguments by name, returns what a look-up found."""
+"""Executes one primitive with all its arguments by name; returns the result of a look-up."""
 
 
 class BudgetError(ProgramError):
@@ -32,7 +32,7 @@ class BudgetError(ProgramError):
 
 @dataclass(frozen=True)
 class Budget:
-    """What one program may use. All but ``seconds`` stop the same program at the same place on every machine."""
+    """The limits of one program. All but ``seconds`` stop a program at the same statement on every machine."""
 
     steps: int = 10_000
     """Statements and expressions evaluated."""

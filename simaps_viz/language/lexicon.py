@@ -73,9 +73,9 @@ ACTIVITIES: Final[dict[Words, str]] = {
 }
 """{("sit", "down"): generic word}, as in "somewhere to sit down"."""
 PLACES: Final = _split(_THINGS["places"])
-"""What an activity is tied to, such as "somewhere"."""
+"""Words that refer to the place of an activity, such as "somewhere"."""
 LINKS: Final = _split(_THINGS["links"])
-"""What joins a place and an activity, such as "where i can"."""
+"""Words that join a place and an activity, such as "where i can"."""
 
 NUMBERS: Final[dict[str, int]] = _WORDS["numbers"]
 ORDINALS: Final[dict[str, int]] = _WORDS["ordinals"]
@@ -85,7 +85,7 @@ FRACTIONS: Final[dict[Words, float]] = {tuple(words.split()): n for words, n in 
 LAST: Final[dict[Words, int]] = {tuple(words.split()): rank for words, rank in _WORDS["last"].items()}
 """Ranks from the end; -1 is the last."""
 FROM_THE_END: Final = frozenset(_split(_WORDS["from_the_end"]))
-"""What follows an ordinal that counts from the end, as in "second to last"."""
+"""Words after an ordinal that counts from the end, as in "second to last"."""
 COMPASS_POINTS: Final[dict[str, float]] = _WORDS["compass"]
 """Degrees clockwise from north."""
 SINGULAR: Final[dict[str, str]] = _WORDS["singular"]

@@ -1,7 +1,7 @@
 """Spoken English, or any other language, to a robot program by a language model on any chat-completions server.
 
-What the model writes is only ever data: it goes through ``parse_program`` and a check of its names, like a program
-somebody typed; what does not pass is sent back once and then refused.
+The model's answer is treated as data: like a program that a person typed, it is parsed by ``parse_program`` and its
+names are checked. An answer that fails is returned to the model once with the error, and then refused.
 
 The prompt is ``prompt.md``. The calls, their meaning and the rules of a program in it are those of ``primitives`` and
 ``program``, and its examples are what the offline reader makes of the same words, so that nothing is stated twice. What
@@ -45,10 +45,10 @@ Check = Callable[[str], object]
 
 @dataclass(frozen=True)
 class LLMReading(Reading):
-    """What a model understood a command to mean."""
+    """A model's interpretation of a command."""
 
     exchanges: tuple[Exchange, ...] = ()
-    """What was sent and received."""
+    """The requests and responses."""
 
 
 class LLMReader:
@@ -74,16 +74,17 @@ class LLMReader:
         check: Check | None = None,
         cancel: threading.Event | None = None,
     ) -> LLMReading:
-        """Have a command read.
+        """Ask the model to turn a command into a program.
 
         Args:
             text: the command, in any language.
             counts: {class: number of instances} of the map.
-            check: refuses what the map cannot take, on top of unknown names; its words go back to the model.
-            cancel: set it to have the wait end at once.
+            check: raises CommandError for a program that the map does not permit, in addition to the check of names;
+                its message is returned to the model.
+            cancel: setting it ends the wait at once.
 
         Raises:
-            LLMServerError: no answer could be had.
+            LLMServerError: the server did not answer.
             LLMRefusedError: the model refuses, or its program was refused twice; with the last reason.
             LLMCancelledError: cancelled.
             CommandError: an empty or overlong command.
@@ -168,7 +169,7 @@ to refuse, {"program": "", "refusal": the reason}."""
 _PLAIN = """Answer with the program in one fenced code block and nothing else, or, to refuse, with one line: \
 REFUSED: the reason."""
 _EXAMPLES: Final = load("prompt_examples.json")
-"""What is said, and the same in the words of the offline reader, on a map with these counts; and refusals."""
+"""Examples: a command, the same in words that the offline grammar reads, and the counts of the map; and refusals."""
 _NOTHING: Final = frozenset(("", "null", "none", "n/a", "no"))
 _MAX_CLASSES = 200
 _THOUGHT: Final = re.compile(r"<think(?:ing)?>.*?</think(?:ing)?>", re.DOTALL | re.IGNORECASE)
@@ -186,7 +187,7 @@ def command_messages(command: str, counts: Mapping[str, int], *, structured: boo
 
 
 def repair_messages(answer: str, error: str) -> list[Message]:
-    """Return what to add to a conversation when its answer cannot be carried out."""
+    """Return the messages to add to a conversation after an answer that cannot be executed."""
     request = f"That cannot be carried out: {error}\nAnswer again in the same form, corrected, or refuse."
     return [Message("assistant", answer or "(nothing)"), Message("user", request)]
 
@@ -239,7 +240,7 @@ def _signature(primitive: Primitive) -> str:
 
 
 def _after_first_line(module: ModuleType) -> str:
-    """Return what a module's docstring explains below its title."""
+    """Return a module's docstring without its title."""
     return (inspect.getdoc(module) or "").partition("\n\n")[2].replace("``", "`")
 
 

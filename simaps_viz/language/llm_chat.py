@@ -1,4 +1,4 @@
-"""A conversation with one model, which can be cancelled and learns what its server understands."""
+"""A conversation with one model; it can be cancelled, and adapts to the features that the server supports."""
 
 import asyncio
 import json
@@ -30,7 +30,7 @@ Compose = Callable[[bool], Sequence[Message]]
 
 @dataclass(frozen=True)
 class Dialect:
-    """What a server or model understands of the protocol."""
+    """The features of the protocol that a server or model supports."""
 
     structured: bool = True
     """Holds the answer to a JSON schema."""
@@ -38,7 +38,7 @@ class Dialect:
     limit: Literal["max_tokens", "max_completion_tokens"] = "max_tokens"
 
     def plainer(self, complaint: str) -> "Dialect | None":
-        """Return what to try after a complaint about a request; None when nothing is left to try."""
+        """Return the features to use after an error about a request; None when no alternative is left."""
         if self.limit == "max_tokens" and "max_completion_tokens" in complaint:
             return replace(self, limit="max_completion_tokens")
         if self.temperature and "temperature" in complaint:
@@ -125,7 +125,7 @@ class Chat:
 
 
 class _Call:
-    """One request on a thread and event loop of its own, so that nobody has to wait for it to end."""
+    """One request on its own thread and event loop, so that a cancelled caller need not wait for its end."""
 
     def __init__(self, settings: LLMSettings, key: str, request: dict[str, Any]) -> None:
         self._settings, self._key, self._request = settings, key, request

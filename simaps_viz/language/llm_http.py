@@ -44,7 +44,7 @@ async def post(settings: LLMSettings, key: str, request: dict[str, Any]) -> byte
 
 def _client(settings: LLMSettings, key: str, statuses: list[int]) -> openai.AsyncOpenAI:
     async def trim(request: httpx2.Request) -> None:
-        # who runs which system is no server's business; accounts are OpenAI's only
+        # no details of this system are sent; only OpenAI has accounts
         foreign = "x-stainless-" if settings.base_url == OPENAI_URL else ("x-stainless-", "openai-")
         for name in list(request.headers):
             if name.lower().startswith(foreign) and name.lower() != _ASKS_FOR_BYTES:
@@ -89,11 +89,11 @@ class _Limited(httpx2.AsyncByteStream):
 
 
 def _refusal(settings: LLMSettings, error: openai.APIStatusError, key: str) -> str:
-    """Describe what an error status means for whoever typed the command."""
+    """Explain an HTTP error status to the person who typed the command."""
     status = error.status_code
     said = one_line(without_key(said_in(error.body), key))
     said = f": {said}" if said else ""
-    if status == 401:  # what servers say here repeats parts of the key
+    if status == 401:  # the messages of servers repeat parts of the key here
         if not settings.may_carry_key:
             return "unauthorised (401); a key is only sent over https or to this machine"
         return f"unauthorised (401): set the variable {settings.api_key_env} to a key this server takes"

@@ -1,4 +1,4 @@
-"""Which language model to ask and where, and the ways in which asking one fails."""
+"""Settings of the language model and its server, and the errors of asking it."""
 
 import ipaddress
 import os
@@ -127,7 +127,7 @@ class Message:
 
 @dataclass(frozen=True)
 class Exchange:
-    """One question to the server, and what came back, for showing. The key is in neither."""
+    """One request to the server and its response, to be shown; neither contains the key."""
 
     messages: tuple[Message, ...]
     response: str
@@ -138,7 +138,7 @@ class Exchange:
 
 
 class LLMError(CommandError):
-    """No program came of asking a language model; knows what was sent and received."""
+    """A language model returned no program; holds the requests and responses."""
 
     def __init__(self, message: str) -> None:
         super().__init__(message)
@@ -146,7 +146,7 @@ class LLMError(CommandError):
 
 
 class LLMServerError(LLMError):
-    """The server could not be asked, or what it sent is no answer; says nothing about the command."""
+    """The server could not be reached, or its response is invalid; the command may still be valid."""
 
     def __init__(self, message: str, status: int | None = None) -> None:
         super().__init__(message)

@@ -72,7 +72,7 @@ _COMPARISONS = (ast.Eq, ast.NotEq, ast.Lt, ast.LtE, ast.Gt, ast.GtE)
 _SMALL_PYTHON = "a program is calls on robot, assignments, for, if, numbers, strings, lists and indexing"
 _NO_FILE = "<program>"
 _HUGE = f"numbers go up to {MAX_NUMBER:.0f}"
-# Python ends a line at these and at nothing else; str.splitlines knows more, but check_text refuses those
+# Python ends a line at these characters only; check_text refuses the others of str.splitlines
 _NEWLINE = re.compile(r"\r\n|\r|\n")
 _UNSEEN = {"Cc": "a control character", "Cf": "a formatting character", "Cs": "half a character"}
 _SEPARATORS = {"Zl": "a line separator", "Zp": "a paragraph separator"}
@@ -105,10 +105,10 @@ def lines_of(text: str) -> list[str]:
 
 
 def check_text(text: str) -> None:
-    """Refuse a text that is too long, or that reads otherwise than it looks.
+    """Refuse a text that is too long, or whose content differs from its appearance.
 
     Control characters, marks that turn the direction of writing, invisible characters and lone surrogates are refused
-    wherever they stand, in strings and comments too.
+    everywhere, including strings and comments.
 
     Raises:
         CommandError: naming the line.
@@ -155,7 +155,7 @@ class Call:
     line: int
     primitive: Primitive
     arguments: Mapping[str, ast.expr]
-    """By parameter name; what was left out is not in it."""
+    """Arguments by parameter name, without those left out."""
 
     def constant(self, name: str) -> object:
         """Return the argument if it is written out as a number or string, else None."""
@@ -248,7 +248,7 @@ def bind(node: ast.Call) -> Call:
 
 
 def check_argument(parameter: Parameter, value: object) -> str | None:
-    """Return what is wrong with a number or string for a parameter, in words, or None when it will do."""
+    """Return why a number or string is invalid for a parameter, in words; None when it is valid."""
     wanted = f"{parameter.name}: expected {ARGUMENT_KINDS[parameter.type]}, found {value!r}"
     if isinstance(value, bool):
         return wanted
@@ -447,6 +447,6 @@ class _Validator:
 
 
 def _name_of(node: ast.AST) -> str:
-    """Return what Python calls a piece of syntax, in lower case words."""
+    """Return Python's name of a syntax node, in lower case words."""
     name = type(node).__name__
     return _SYNTAX.get(name, name.lower())

@@ -1,4 +1,4 @@
-"""Program text for what no single primitive does: places beside a thing, and things that take a search.
+"""Program text for phrases that need several primitives: positions beside a thing, and things found by a search.
 
 The text of a search counts and compares over ``instances``, ``in_view``, ``nth_from`` and ``get_pos``. Distances and
 sides are those of centroids: left, right, in front (towards the viewer) and behind (away), seen from where the command
@@ -66,7 +66,7 @@ class Thing:
 
     @property
     def in_words(self) -> str:
-        """Return what to call it in a sentence."""
+        """Return its name in a sentence."""
         return f"the {self.label}"
 
 
@@ -177,7 +177,7 @@ class Relation:
 
 @dataclass(frozen=True)
 class Wanted:
-    """What a search looks for; see ``selection.Selection``."""
+    """The target of a search; see ``selection.Selection``."""
 
     label: str
     variable: str
@@ -264,7 +264,7 @@ def _passes(wanted: Wanted, turns: int, fresh: Fresh) -> tuple[list[str], list[s
 
 
 def _not_itself(wanted: Wanted) -> Callable[[str], str]:
-    """Return what leaves a thing out of the search for the one nearest to itself."""
+    """Return the condition that excludes a thing from the search for the thing nearest to it."""
     same = wanted.other is not None and wanted.other.label == wanted.label
     return lambda far: f" and {far} != 0" if same else ""
 

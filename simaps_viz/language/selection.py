@@ -57,7 +57,7 @@ class Part:
 
 @dataclass
 class Selection:
-    """What the parts of a phrase mean together.
+    """The combined meaning of the parts of a phrase.
 
     ``order`` is how the things are counted: "near" or "far" from where the command was given, from a "side", or by
     the distance "to" or "from" another thing, nearest or farthest first.
@@ -76,7 +76,7 @@ class Selection:
         """Take in one part.
 
         Raises:
-            CommandError: when it says another thing than a part before it.
+            CommandError: when it contradicts an earlier part.
         """
         if part.rank is not None:
             self._set_rank(part.rank)
@@ -181,7 +181,7 @@ class Selection:
         name, rank = quoted(self.label), self.rank or 1
         others = [thing for relation in self.relations for thing in relation.things]
         before = tuple(line for thing in [*others, self.other] if thing for line in thing.before)
-        # One look-up is enough for most phrases; what is left is searched for.
+        # One look-up is enough for most phrases; the others need a search.
         which = None
         if self.in_view and self.order in ("near", "far") and not self.relations:
             which = f"robot.in_view({name})[{rank - 1 if self.order == 'near' else -rank}]"

@@ -83,7 +83,7 @@ def clauses(spoken: Sequence[Token]) -> list[list[Token]]:
             and found[-1][-1].type in _ENDERS
             and not (ends or found[-1][0].type == "MAKE")
         ):
-            found.append([])  # "turn left go ahead": said without a pause
+            found.append([])  # "turn left go ahead": two orders without a separator
             in_pair = False
         # "then", a full stop, or a comma or "and" before a new order.
         if word.type in _BOUNDS or (word.type in ("COMMA", "AND") and _splits(found[-1], word, after, in_pair, verb)):

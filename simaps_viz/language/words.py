@@ -27,7 +27,7 @@ from simaps_viz.language.lexicon import (
 ANY: Final = "any "
 """Before a name: all classes of that kind, where a class of exactly that name would be meant otherwise."""
 _NO_KIND: Final = ("hot dog", "teddy bear")
-"""Names whose last word misleads: a hot dog is no dog."""
+"""Names whose last word is not their kind: a hot dog is not a dog."""
 _MAX_NAME: Final = max(len(name.split()) for name in KNOWN_THINGS)
 _MIN_LETTERS: Final = 4
 """Shorter words are too close to one another to be corrected."""
@@ -177,7 +177,7 @@ def plain(label: str) -> str:
 
 @dataclass(frozen=True)
 class Meaning:
-    """What a word may mean on one map."""
+    """A possible meaning of a word on one map."""
 
     labels: tuple[str, ...]
     """The classes it takes together, at least one."""
@@ -186,7 +186,7 @@ class Meaning:
 
 
 class Vocabulary:
-    """What a person may call the classes of one map.
+    """The words that refer to the classes of one map.
 
     Args:
         labels: class names of the map, or {class name: number of instances}; their order breaks ties between
@@ -202,7 +202,7 @@ class Vocabulary:
         return None if self._counts is None else self._counts.get(label, 0)
 
     def resolve(self, phrase: str) -> Meaning | None:
-        """Return what a word or phrase means; None when the map has nothing it may mean.
+        """Return the meaning of a word or phrase; None when no class of the map fits it.
 
         A class of exactly that name comes first, then all classes of a kind together, then the first synonym.
         """

@@ -34,9 +34,10 @@ class StepEvent:
     text: str
     """The line, without its indent."""
     poses: NDArray
-    """float64 [n, 3], (x, y, yaw) every ``Motion.dt_s``, map frame: what the statement drove; empty before it ran."""
+    """float64 [n, 3], (x, y, yaw) every ``Motion.dt_s``, map frame: the poses driven by the statement; empty before it
+    ran."""
     goal: Goal | None
-    """What the statement drove or turned to; None before it ran and for look-ups."""
+    """The goal that the statement drove or turned to; None before it ran and for look-ups."""
     done: bool
 
 
@@ -92,7 +93,7 @@ def outcome_text(answer: Answer) -> str:
 
 
 class Rehearsal:
-    """Runs a program on a robot that does not drive, so that what is bound to be refused never starts.
+    """Runs a program on a robot that does not drive, so that a program that must fail is refused before it starts.
 
     Look-ups depend on the map and on where the command was given, not on where the robot is by then: all but
     ``get_pos("robot")`` are answered for real. So the rehearsal takes the very branches and turns the run will take;

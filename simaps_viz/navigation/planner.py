@@ -140,14 +140,14 @@ class Planner:
         Args:
             start_m: where the robot is.
             target_m: float64 [n, 2], map frame.
-            what: names the target in an error, e.g. "to the chair", "left of the chair".
-            allowed: bool [rows, cols], only these cells will do.
+            what: describes the target in errors, e.g. "to the chair", "left of the chair".
+            allowed: bool [rows, cols], the cells that may be the goal.
             see_through: bool [rows, cols], cells that hide nothing; a cell from which the target is hidden (it lies
                 behind a wall) is used only when there is no other at most ``DETOUR_TO_SEE_M`` further off.
-            watch_m: float64 [2], what has to be seen instead of the nearest target point.
+            watch_m: float64 [2], the point that has to be seen, instead of the nearest target point.
 
         Raises:
-            PlanningError: when no cell will do.
+            PlanningError: when no cell qualifies.
         """
         usable = self.reachable(*start_m)
         if allowed is not None:
@@ -198,7 +198,7 @@ class Planner:
         return float(np.linalg.norm(reached - start)) if share > 0.0 else 0.0
 
     def obstacle_near(self, point_m: tuple[float, float]) -> str:
-        """Describe what keeps the robot's centre from a point: a class, the edge of the map, or floor never seen."""
+        """Name the obstacle that keeps the robot's centre from a point: a class, the map's edge, or unseen floor."""
         row, col = self.spec.cell_of(*point_m)
         if not self.spec.contains(row, col):
             return "the edge of the map"

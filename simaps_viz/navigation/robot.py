@@ -85,14 +85,14 @@ def straight(pose: Pose2, distance_m: float, motion: Motion | None = None) -> ND
 
 
 CLEARANCE_M: Final = 0.3
-"""Between the robot's hull and the object when it stops beside it."""
+"""Gap between the robot's hull and the object that it stops beside, metres."""
 _MAX_TURN_DEG = 3600.0
 _MAX_CONTOUR = 400
 
 
 @dataclass(frozen=True)
 class Goal:
-    """What one motion was about."""
+    """The goal of one motion."""
 
     primitive: str
     label: str | None
@@ -170,7 +170,7 @@ class Robot:
             raise CommandError(
                 f"({x:g}, {y:g}) lies outside the map, which has x {xmin:g} to {xmax:g} and y {ymin:g} to {ymax:g} m"
             )
-        # Where the robot can stand, the position is meant; a rug there is no object to stop beside.
+        # On free floor the position itself is the goal, even where an object such as a rug lies.
         there = None if self.planner.free[cell] else self.simap.at(x, y)
         targets = np.array([[x, y]]) if there is None else self.grounding.cells_of(there)
         path = self._plan_near(
@@ -309,9 +309,9 @@ class Robot:
         self._go(primitive, path, target)
 
     def _plan_near(self, targets_m: NDArray, what: str, **wishes: Any) -> Path:
-        """Plan from where the robot is, see `Planner.plan_near`.
+        """Plan from the robot's position, see `Planner.plan_near`.
 
-        Planning goes over the whole map, so its work is counted in cells: the same on every machine.
+        The work of planning is counted in cells of the map, so that its limit is the same on every machine.
         """
         self._planned_cells += self.simap.instance.size
         if self._planned_cells > self._max_planned_cells:

@@ -83,7 +83,9 @@ def poses_along(start: Pose2, path: ArrayLike, final: Pose2) -> NDArray:
 
 
 def trajectory_of_steps(steps: Sequence[StepEvent], start: Pose2) -> Trajectory:
-    """Time what statements drive. One that drives nowhere takes a short while, so that its line is seen to run.
+    """Assign times to the poses of a program.
+
+    A statement without motion takes a short time, so that its line is seen to run.
 
     Args:
         steps: one or two events a statement: before it runs (``done`` False, no poses) and after.
@@ -138,7 +140,8 @@ class TrajectoryPlayer:
             on_pose: takes the pose, the share of the trajectory that is over, and the index of the pose passed last.
             on_end: called when the trajectory has ended by itself.
             on_pause: called when a step is over and the trajectory waits.
-            on_error: takes what another callback raised, which ends the trajectory; None: the thread raises it.
+            on_error: called with an error raised by another callback, which ends the trajectory; None: the thread
+                raises it.
         """
         self._on_pose, self._on_end, self._on_pause = on_pose, on_end, on_pause
         self._on_error = on_error

@@ -1,4 +1,4 @@
-"""What the camera saw in one frame: pose, colour, depth, segments, points."""
+"""Log one frame of the camera: pose, colour, depth, segments and points."""
 
 import cv2
 import numpy as np
@@ -28,7 +28,7 @@ class CameraLog:
         self._pinholes: dict[str, tuple[Intrinsics, int]] = {}
 
     def log(self, event: FrameProjected) -> None:
-        """Log what the settings keep of a frame; the timeline is set already."""
+        """Log the parts of a frame that the settings select; the timeline is set already."""
         frame, keep = event.frame, self._settings
         T = event.T_map_camera
         self._stream.log("/world/camera", rr.Transform3D(translation=T[:3, 3], mat3x3=T[:3, :3]))

@@ -23,7 +23,7 @@ _SHOWN = {"k_percent": "K {:g} %", "affinity": "affinity {:g}", "resolution": "r
 
 @dataclass(frozen=True)
 class RecordingFacts:
-    """What is known of a recording; None = unknown."""
+    """The properties of a recording; None = unknown."""
 
     title: str | None = None
     application: str | None = None
@@ -39,7 +39,7 @@ class RecordingFacts:
 
 
 def started_facts(event: BuildStarted) -> dict[str, Any]:
-    """Return what is known when a build begins."""
+    """Return the properties that are known when a build begins."""
     return {
         "frames": len(event.frame_names),
         "simulated": event.simulated,
@@ -49,7 +49,7 @@ def started_facts(event: BuildStarted) -> dict[str, Any]:
 
 
 def finished_facts(simap: SIMap) -> dict[str, Any]:
-    """Return what is known of a map."""
+    """Return the properties of the recording of a map."""
     provenance = simap.provenance
     return {
         "frames": len(simap.frame_names),

@@ -18,7 +18,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 NOT_MINE = 66
-"""What rerun expects of a program that does not know a file."""
+"""Exit status that rerun expects of a program that cannot open a file."""
 FAILED = 1
 IMPORTER, LOADER = "rerun-importer-simaps", "rerun-loader-simaps"
 FIRST_WITH_IMPORTERS = (0, 32)
@@ -119,7 +119,7 @@ def _write(options: argparse.Namespace) -> None:
     stream.set_log_tick_enabled(False)
     stream.stdout()
     if options.opened_application_id is None and not options.entity_path_prefix:
-        stream.send_blueprint(whole_map_blueprint(simap))  # else it is somebody else's window
+        stream.send_blueprint(whole_map_blueprint(simap))  # otherwise it is the window of another program
         stream.send_recording_name(str(simap.provenance.get("name", options.path.stem)))
     log_whole_map(stream, simap, prefix=options.entity_path_prefix)
     stream.flush()

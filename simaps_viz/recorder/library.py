@@ -51,7 +51,7 @@ class LibraryEntry:
 
     @property
     def name(self) -> str:
-        """What it is called: the file's name without its ending."""
+        """Name of the recording: that of the file without its ending."""
         return self.path.stem
 
     def to_json(self) -> dict[str, Any]:
@@ -95,7 +95,7 @@ class RecordingLibrary:
         raise InputError(f"recording {name!r}: expected one of the library, found none{hint}")
 
     def rename(self, name: str, new_name: str) -> LibraryEntry:
-        """Return a recording another name, in its folder.
+        """Rename a recording within its folder.
 
         Raises:
             InputError: there is no such recording, the new name is none for a file, or it is taken.
@@ -119,7 +119,7 @@ class RecordingLibrary:
         return path
 
     def add(self, file: Path, name: str | None = None) -> LibraryEntry:
-        """Copy a recording into the user's folder, whole or not at all.
+        """Copy a recording into the user's folder; a copy that fails leaves no file.
 
         Raises:
             InputError: it is no finished recording, its name is taken, or it cannot be copied.
@@ -141,7 +141,7 @@ class RecordingLibrary:
 
 
 def _move_to_free(source: Path, target: Path, what: str) -> None:
-    """Move a file to a name that nobody has; the name is taken first, as moving alone would overwrite."""
+    """Move a file to an unused name; the name is reserved first, since moving alone would overwrite another file."""
     try:
         target.open("xb").close()
     except FileExistsError as error:
@@ -184,13 +184,13 @@ def _checked(name: str) -> str:
 
 
 def unfinished_recordings(path: Path) -> list[Path]:
-    """Find what killed builds have left of a recording: hidden files beside it, the newest last."""
+    """Find the partial recordings that killed builds have left: hidden files in the same folder, the newest last."""
     left = path.parent.glob(f".{path.stem}.*.partial.rrd")
     return sorted((p for p in left if not _is_running(p)), key=lambda p: p.stat().st_mtime)
 
 
 def repair_recording(broken: Path, output: Path) -> int:
-    """Write all whole messages of a recording as a finished one, with its end and its layout.
+    """Write all complete messages of a broken recording as a finished one, with its end and its layout.
 
     Args:
         broken: a recording that ends anywhere; it stays as it is.

@@ -42,7 +42,7 @@ class LiveStream:
         self._end: list[Event] = []
 
     def open(self, started: BuildStarted, first: FrameProjected | None) -> None:
-        """Show what the build begins with, before it does: viewers take seconds to get ready for their first frame.
+        """Show the start of the build before it begins: viewers take seconds to get ready for their first frame.
 
         Args:
             started: the event the build will begin with.
@@ -53,7 +53,7 @@ class LiveStream:
             self.show(first, None)
 
     def on_event(self, event: Event) -> None:
-        """Take one event; the end of the build is kept for ``finish``, so that it holds up nobody."""
+        """Record one event; the end of the build is left to ``finish``, so that the build need not wait for it."""
         if isinstance(event, BuildStarted) and not self._total:
             self._total = len(event.frame_names)
             self._recorder.on_event(event)

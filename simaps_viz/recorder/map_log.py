@@ -35,7 +35,7 @@ from simaps_viz.structures import Grid, GridSpec, SIMap
 
 @dataclass(frozen=True, eq=False)
 class _Shown:
-    """What was shown after a frame; its ids are packed, as a long build shows many."""
+    """The picture shown after a frame; its ids are packed, as a long build shows many."""
 
     frame: int
     spec: GridSpec
@@ -47,7 +47,7 @@ class _Shown:
 
 
 class ObjectColors:
-    """Remembers what the objects were, and their colours, each time they were found anew while building."""
+    """Stores the objects and their colours each time they are found during a build."""
 
     def __init__(self) -> None:
         self._last: Colored | None = None
@@ -71,7 +71,7 @@ class ObjectColors:
         return entries
 
     def as_finished(self, simap: SIMap) -> Iterator[tuple[int, list[Entry]]]:
-        """Return (frame, colours) where objects on the way looked other than what they are on the finished map."""
+        """Return (frame, colours) for the frames whose objects had other colours than on the finished map."""
         finished = Colored(simap.spec, simap.instance, instance_colors(simap))
         for one in self._shown:
             entries = recolored(one.entries, colors_like(one.spec, one.ids(), finished))
@@ -82,7 +82,7 @@ class ObjectColors:
 
 CAMERA_COLOR = (22, 110, 235)
 TRAIL_POINTS = 200
-"""The way the camera came is thinned out to so many points."""
+"""The camera's trajectory is thinned out to this many points."""
 WEDGE_M = 0.6
 """Length of the two lines that show where the camera looks."""
 MAX_LABELS = 20
@@ -110,14 +110,14 @@ class MapLog:
         self._colors: NDArray | None = None
 
     def log_start(self) -> None:
-        """Log what never changes: what the pixel values mean, and what the curves are called."""
+        """Log the static data: the meaning of pixel values and the names of the curves."""
         log_entries(self._stream, "/map/ground", GROUND)
         log_entries(self._stream, "/map/heights", height_entries())
         for path, name in COUNTS.items():
             self._stream.log(path, rr.SeriesLines(names=name), static=True)
 
     def log_frame(self, event: FrameProjected, *, last: bool) -> Grid | None:
-        """Log what one frame did to the map; the timeline is set already. Gives the map if it was kept."""
+        """Log the changes of one frame to the map; the timeline is set already. Return the map if it was kept."""
         self._edges += len(event.new_edges)
         self._stream.log("/counts/edges", rr.Scalars(float(self._edges)))
         self._log_camera(event.T_map_camera)
@@ -141,7 +141,7 @@ class MapLog:
         log_map_picture(self._stream, "/map/heights", height_picture(grid), grid.spec, draw_order=BOTTOM)
 
     def log_things(self, grid: Grid) -> None:
-        """Log the countable classes where the objects will be, before anything is told apart."""
+        """Log the countable classes, before objects are separated."""
         self._name_objects(object_entries(grid, np.zeros_like(grid.label)))
         self._log_object_picture(grid, thing_picture(grid))
 
@@ -183,9 +183,9 @@ class MapLog:
         )
 
     def log_communities(self, event: CommunitiesFound, colors: NDArray | None = None) -> int:
-        """Log the objects so far, at the present time, or the communities themselves; gives how many those are.
+        """Log the present objects, or the communities themselves, and return their number.
 
-        Each has the colour of what it was before, unless ``colors``, uint8 [n, 3], are given.
+        Each keeps the colour of the object that it was before, unless ``colors``, uint8 [n, 3], are given.
         """
         ids = event.community if event.instance is None else event.instance
         self._name_objects(self._on_the_way.find(event.frame_index, event.grid, ids, colors))
@@ -227,7 +227,7 @@ class MapLog:
         )
 
     def _log_camera(self, T_map_camera: NDArray) -> None:
-        """Draw the way the camera came and where it looks."""
+        """Draw the camera's trajectory and its viewing direction."""
         at = T_map_camera[:3, 3]
         self._trail.append(on_picture(at))
         thinned = [*self._trail[:: max(1, len(self._trail) // TRAIL_POINTS)], self._trail[-1]]

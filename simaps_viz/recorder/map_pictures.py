@@ -84,7 +84,7 @@ def object_picture(ids: NDArray) -> NDArray:
 
 
 def thing_picture(grid: Grid) -> NDArray:
-    """Show countable classes before anything is told apart, uint16 [rows, cols]: ``CLASS_BASE`` + index, 0 = none."""
+    """Return countable classes before objects are separated, uint16 [rows, cols]: ``CLASS_BASE`` + index, 0 = none."""
     thing = np.array(grid.is_thing, dtype=bool)[grid.label]
     return north_up(np.where(thing, CLASS_BASE + grid.label.astype(np.int32), 0).astype(np.uint16))
 
@@ -166,10 +166,10 @@ class Merging:
     def __init__(self, log: MergeLog, order: NDArray, communities: int) -> None:
         self.log, self.order = log, order
         self.name_of = np.arange(communities + 1, dtype=np.int32)
-        """int32 [communities + 1]: what each community is called now."""
+        """int32 [communities + 1]: the present id of each community."""
 
     def step(self, position: int) -> tuple[int, int]:
-        """Do the step at a position of the order; returns what the two groups were called, source first."""
+        """Apply the step at a position of the order; return the ids of its two groups, source first."""
         at = self.order[position]
         source, target = (int(self.name_of[c[at]]) for c in (self.log.source, self.log.target))
         self.name_of[np.isin(self.name_of, (source, target))] = min(source, target)
@@ -177,7 +177,7 @@ class Merging:
 
 
 def log_entries(stream: rr.RecordingStream, path: str, entries: Iterable[Entry]) -> None:
-    """Log once for all times what the values of the pictures at an entity stand for."""
+    """Log, for all times, the meaning of the pixel values of an entity's pictures."""
     stream.log(path, annotations(entries), static=True)
 
 

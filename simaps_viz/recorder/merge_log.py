@@ -51,7 +51,7 @@ def log_louvain(stream: rr.RecordingStream, map_log: MapLog, event: CommunitiesF
 
 
 def _levels_between(simap: SIMap) -> list[SIMap]:
-    """Return what Louvain found on the way to the map's communities, in colours like the map's."""
+    """Return the maps of Louvain's intermediate levels, in colours like those of the map."""
     steps = Timeline(simap)
     found = [steps.map_at(position) for position in range(1, steps.levels)]
     for level in found:

@@ -129,7 +129,7 @@ class FilePipe:
                 self._dig()
 
     def opened(self) -> None:
-        """The writer has opened the entrance; nobody else needs it."""
+        """Remove the pipe from the file system, once the writer has opened it."""
         if self._folder is not None:
             shutil.rmtree(self._folder, ignore_errors=True)
 
@@ -174,7 +174,7 @@ MAX_BURST_BYTES = 64_000_000
 
 
 class RerunRecorder:
-    """An observer of builds that writes what it is told to a recording (``.rrd``).
+    """An observer of builds that writes their events to a recording (``.rrd``).
 
     The file is written under a temporary name beside ``path`` and takes its name when the build is finished (or, when
     it also streams live, on closing). After an error or Ctrl-C inside the ``with`` block there is no file. A file that
@@ -250,7 +250,7 @@ class RerunRecorder:
             self._on_finished(event.simap)
 
     def flush(self) -> None:
-        """Send what was written; a live stream without a file sends nothing by itself, but in bursts, between these."""
+        """Send the data logged so far; without this, a live stream without a file sends it late and in bursts."""
         if self._open:
             self._stream.flush()
 
@@ -265,10 +265,10 @@ class RerunRecorder:
             raise self._fault
 
     def discard(self) -> None:
-        """End the recording and remove what was written of it, unless it has its name already."""
+        """End the recording and remove its partial file; a finished recording stays."""
         if not self._open:
             return
-        with suppress(OSError):  # what could not be written is not wanted any more
+        with suppress(OSError):  # an error of writing does not matter: the file is removed
             self._disconnect()
         if self._partial is not None:
             self._partial.unlink(missing_ok=True)

@@ -7,7 +7,7 @@ from simaps_viz.errors import InputError
 
 @dataclass(frozen=True)
 class RecorderSettings:
-    """What is kept of each frame. The defaults are meant for shipping: about 70 kB a frame of 640 x 480."""
+    """The parts of each frame that are kept. The defaults are meant for shipping: about 70 kB a frame of 640 x 480."""
 
     color_every: int = 2
     """Keep the colour picture of every so many frames."""

@@ -20,7 +20,7 @@ from simaps_viz.structures import SIMap
 
 
 class _Under:
-    """A stream whose entities all lie under a prefix."""
+    """A stream that puts all its entities below a prefix."""
 
     def __init__(self, stream: rr.RecordingStream, prefix: str) -> None:
         self._stream, self._prefix = stream, "/" + prefix.strip("/") if prefix.strip("/") else ""
@@ -116,12 +116,12 @@ Picture = tuple[str, NDArray, NDArray]
 
 
 def record_comparison(name: str, pictures: Sequence[Picture], path: Path) -> None:
-    """Write a recording with one view a picture; pointing at a cell tells its instance.
+    """Write a recording with one view for each picture; pointing at a cell shows its instance.
 
     Args:
         name: of the recording.
         pictures: all of the same shape.
-        path: the .rrd; replaced only once the new one is whole.
+        path: the .rrd; replaced only once the new one is complete.
 
     Raises:
         InputError: it cannot be written there.
