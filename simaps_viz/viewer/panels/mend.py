@@ -286,7 +286,7 @@ class MendPanel(Panel):
             command.on_trigger(lambda _, action=action: action())
 
     def rename(self) -> None:
-        """Give the selected object the chosen class."""
+        """Assign the chosen class to the selected object."""
         one, who = self._target(), str(self._who.value)
         label = str(self._new.value if self._class.value == NEW_CLASS else self._class.value)
         if one is not None:
