@@ -187,7 +187,7 @@ def test_a_language_model_is_asked_shown_and_stopped(browser):
             expect(page.get_by_text("Asking polyglot")).to_be_visible()
             until(page, lambda: len(server.received) == 2)
             press(page, "Stop")
-            expect(page.get_by_text("The answer is not waited for")).to_be_visible()
+            expect(page.get_by_text("The wait for an answer has ended")).to_be_visible()
             assert server.left.wait(PATIENCE_S)
             field_of(page, "Language model").uncheck(force=True)
             until(page, lambda: not mine(bench).panels[CommandPanel]._widgets.uses_model)

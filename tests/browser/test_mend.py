@@ -83,7 +83,7 @@ def cuts(bench, page, mending):
     expect(page.get_by_text("dining table 2 of 2")).to_be_visible()
     cut_by_clicks(bench.sessions[-1].panel, page)
     click(bench, page, (3.6, -0.3))
-    expect(page.get_by_text("Now click where the line goes to")).to_be_visible()
+    expect(page.get_by_text("Now click the second point")).to_be_visible()
     click(bench, page, (3.6, 0.9))
     expect(page.locator("ol").get_by_text("cut dining table 2 in two")).to_be_visible()
     sizes = sorted(one.cells for one in mending.simap().of_class("dining table"))
