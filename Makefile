@@ -15,7 +15,7 @@ demo: $(READY)
 test: $(DEV_READY) chromium
 	@$(BIN)/python -m pytest -n $(WORKERS) --dist loadfile
 
-# For every minute: no browser, no processes, under a minute on two cores.
+# For every few minutes: no browser, no processes.
 test-fast: $(DEV_READY)
 	@$(BIN)/python -m pytest -n $(WORKERS) --dist loadfile -m "not browser and not slow"
 
