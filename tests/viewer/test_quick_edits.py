@@ -6,6 +6,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 
 import pytest
+import viser
 from browser import free_port, toy_services
 from fake_page import fake_page
 from toy_maps import TOY_POSE, toy_map
@@ -13,7 +14,8 @@ from toy_maps import TOY_POSE, toy_map
 from simaps_viz.app.workbench import mending_panels
 from simaps_viz.mapping.file import save_map
 from simaps_viz.mapping.mending import Mending, open_mending
-from simaps_viz.viewer.panels.mend import NEW_CLASS, MendPanel
+from simaps_viz.viewer.panels.mend import CLICKS, NEW_CLASS, MendPanel
+from simaps_viz.viewer.panels.why import WhyPanel
 from simaps_viz.viewer.session import Session
 from simaps_viz.viewer.workbench import Workbench
 
@@ -44,6 +46,11 @@ class Person:
 
     def selects(self, instance_id: int) -> None:
         self.session.select(instance_id)
+        self.waits()
+
+    def clicks(self, x_m: float, y_m: float, *, at_the_sky: bool = False) -> None:
+        ray = (x_m, y_m, 5.0), (0.0, 0.0, 1.0 if at_the_sky else -1.0)
+        self.session._clicked(viser.SceneClickEvent(self.session.client, 0, *ray, (0.5, 0.5), None))
         self.waits()
 
     def renames(self, label: str) -> None:
@@ -138,3 +145,22 @@ def test_good_news_outlives_the_selection_that_comes_of_the_edit(person):
     assert person.session.selected is None and "Deleted. Undo brings it back." in person.told
     person.selects(TABLE_8)
     assert "Deleted." not in person.told
+
+
+def test_a_click_is_the_edits_before_it_is_the_comparisons_and_one_at_the_sky_is_nobodys(person, monkeypatch):
+    heard = []
+    monkeypatch.setattr(person.session.client, "add_notification", lambda *text, **_: heard.append(text))
+    why = person.session.panels[WhyPanel]
+    person.selects(CHAIR_3)
+    person.panel.cut()
+    why._ask(True)
+    x, y, _ = person.session.simap.by_id(CHAIR_3).centroid_m
+    person.clicks(x, y + 1.0, at_the_sky=True)
+    assert person.session.selected == CHAIR_3 and person.panel.waiting == "cut" and why.waits_for_click()
+    assert heard == [("Nothing was clicked", "That was beside the floor. Click a point on the map.")]
+    person.clicks(x, y + 1.0)
+    assert person.panel._how.value == CLICKS and "second point" in person.panel._words and why.waits_for_click()
+    person.clicks(x, y - 1.0)
+    assert person.edits == ["Split"]
+    person.clicks(x, y, at_the_sky=True)  # nobody waits: as a click beside the map, it selects nothing
+    assert person.session.selected is None and len(heard) == 1

@@ -3,16 +3,19 @@
 import asyncio
 import threading
 import time
+from collections.abc import Iterator
+from contextlib import contextmanager
 from typing import Any
 
 import pytest
 from attacks.target import CAMERA, open_socket, say
-from viser import ViserServer
+from viser import ClientHandle, ViserServer
 from viser._messages import RunJavascriptMessage
 from viser.infra._async_message_buffer import AsyncMessageBuffer
+from websockets.sync.connection import Connection
 
 from simaps_viz.viewer.server.page_socket import KEY_HEADER
-from simaps_viz.viewer.server.viser_hooks import Bell, admit_only, hang_bell
+from simaps_viz.viewer.server.viser_hooks import Bell, admit_only, check_values, guard, hang_bell
 
 
 @pytest.fixture
@@ -119,11 +122,64 @@ def test_nobody_joins_without_the_key_and_nothing_of_them_is_kept(server) -> Non
 
 def test_the_server_and_each_page_have_the_bell(server) -> None:
     assert isinstance(server._websock_server.get_message_buffer().message_event, Bell)
+    with joined(server) as (_, client):
+        assert isinstance(client._websock_connection.get_message_buffer().message_event, Bell)
+
+
+CLICK = {
+    "type": "ScenePointerMessage", "event_type": "click", "ray_origin": (0.0, 0.0, 5.0),
+    "ray_direction": (0.0, 0.0, -1.0), "screen_pos": [(0.5, 0.5)], "modifier": None,
+}  # fmt: skip
+
+
+@contextmanager
+def joined(server: ViserServer) -> Iterator[tuple[Connection, ClientHandle]]:
+    """A page, and viser's handle of it."""
     with open_socket(server.get_port(), additional_headers={KEY_HEADER: "the key"}) as page:
         say(page, **CAMERA)
         assert until(server.get_clients)
         (client,) = server.get_clients().values()
-        assert isinstance(client._websock_connection.get_message_buffer().message_event, Bell)
+        yield page, client
+
+
+def test_what_a_callback_of_a_widget_or_the_scene_raises_is_reported_to_its_page(server) -> None:
+    def fail(_: object) -> None:
+        raise ZeroDivisionError(f"fault {len(reported)}")
+
+    reported: list[Exception] = []
+    with joined(server) as (page, client):
+        guard(client, reported.append)
+        box = client.gui.add_checkbox("Box", False)
+        box.on_update(fail)
+        client.scene.on_click()(fail)
+        say(page, type="GuiUpdateMessage", uuid=box._impl.uuid, updates={"value": True})
+        assert until(lambda: len(reported) == 1) and box.value
+        say(page, **CLICK)
+        assert until(lambda: len(reported) == 2)
+        assert [str(error) for error in reported] == ["fault 0", "fault 1"]
+
+
+def test_a_widget_gets_only_values_that_fit_it_and_the_rest_is_noted(server) -> None:
+    noted: list[str] = []
+    with joined(server) as (page, client):
+        check_values(client, noted.append)
+        gui = client.gui
+        widgets: list[tuple[Any, list[Any], Any]] = [
+            (gui.add_slider("Number", 0.0, 1.0, 0.1, 0.5), [2.0, -0.1, "1", True, None, [0.5]], 1.0),
+            (gui.add_checkbox("Box", False), [1, "yes", None], True),
+            (gui.add_text("Text", "a"), [1, None, ["b"], True], "b"),
+            (gui.add_dropdown("Choice", ("x", "y")), ["z", 0, None], "y"),
+            (gui.add_vector3("Place", (0.0, 0.0, 0.0)), [[1.0, 2.0], ["a", "b", "c"], 1.0], (1.0, 2.0, 3.0)),
+        ]
+        for widget, unfit, fit in widgets:
+            before, known = widget.value, len(noted)
+            for value in unfit:
+                say(page, type="GuiUpdateMessage", uuid=widget._impl.uuid, updates={"value": value})
+            assert until(lambda known=known, unfit=unfit: len(noted) == known + len(unfit))
+            assert widget.value == before
+            say(page, type="GuiUpdateMessage", uuid=widget._impl.uuid, updates={"value": fit})
+            assert until(lambda widget=widget, fit=fit: widget.value == fit)
+        assert set(noted) == {"a value that a widget cannot have"}
 
 
 def test_a_closed_loop_is_no_error() -> None:

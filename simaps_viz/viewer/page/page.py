@@ -38,6 +38,7 @@ logger = logging.getLogger(__name__)
 DEFAULT_RESOLUTION = 1.0
 MIN_RESOLUTION, MAX_RESOLUTION = 0.05, 5.0
 """Range of the slider for the Louvain resolution."""
+BESIDE_FLOOR = ("Nothing was clicked", "That was beside the floor. Click a point on the map.")
 ERROR_S = 12.0
 """How long an error stays on the page."""
 
@@ -420,7 +421,9 @@ class Page:
             position = ray_on_blocks(self._simap, event.ray_origin, event.ray_direction)
         else:
             position = ray_on_floor(event.ray_origin, event.ray_direction)
-        if position is None or not self.panels.take_click(*position):
+        if position is None and self.panels.wait_for_click():
+            self.say(*BESIDE_FLOOR)
+        elif position is None or not self.panels.take_click(*position):
             self.pick(position)
 
     def _notify(self, title: str, text: str, color: Any, seconds: float) -> None:

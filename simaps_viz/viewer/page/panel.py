@@ -61,6 +61,13 @@ class Panel:
     def failed(self) -> None:
         """Called when a job of this page failed; the page itself shows the error."""
 
+    clicks_first = False
+    """Whether this panel's waiting for a click goes before that of panels without this."""
+
+    def waits_for_click(self) -> bool:
+        """Whether the next click on the map is for this panel."""
+        return False
+
     def take_click(self, x_m: float, y_m: float) -> bool:
         """Use a click on the map, if this panel waits for one; False passes it on."""
         return False
@@ -166,7 +173,12 @@ class Panels:
 
     def take_click(self, x_m: float, y_m: float) -> bool:
         """Offer a click on the map to the panels that may wait for one."""
-        return any(one.panel.take_click(x_m, y_m) for one in tuple(self._made))
+        panels = sorted((one.panel for one in self._made), key=lambda panel: not panel.clicks_first)
+        return any(panel.take_click(x_m, y_m) for panel in panels)
+
+    def wait_for_click(self) -> bool:
+        """Whether a panel waits for a click on the map."""
+        return any(one.panel.waits_for_click() for one in tuple(self._made))
 
     def states(self) -> dict[str, Any]:
         """Return the state of each panel, by its title and class."""

@@ -579,6 +579,10 @@ class CommandPanel(Panel):
         self._placing = []
         self._widgets.show_result("Set start pose", "Click where the robot stands, then click where it looks.", "plain")
 
+    def waits_for_click(self) -> bool:
+        """Whether a click for the start pose is expected."""
+        return self._placing is not None
+
     def take_click(self, x_m: float, y_m: float) -> bool:
         """Use a click for the start pose; False if no click is expected."""
         placing = self._placing

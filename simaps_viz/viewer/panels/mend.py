@@ -157,6 +157,8 @@ def mend_panel(mending: Mending, who: str) -> PanelSpec:
 class MendPanel(Panel):
     """The widgets of one page; the edits themselves are shared by all pages."""
 
+    clicks_first = True  # a join or a cut that another panel's click ended would have to be begun again
+
     def __init__(self, page: Page, mending: Mending, who: str) -> None:
         """Fill the open container; ``mending`` keeps the edits, ``who`` signs them unless another name is typed."""
         self._page, self._mending, self._default_who = page, mending, who
@@ -207,6 +209,10 @@ class MendPanel(Panel):
                 widget.disabled = not known
         if one is not None:
             self._offer(simap, one)
+
+    def waits_for_click(self) -> bool:
+        """Whether a join or a cut waits for one."""
+        return self._waiting is not None
 
     def take_click(self, x_m: float, y_m: float) -> bool:
         """Use a click that a join or a cut waits for."""

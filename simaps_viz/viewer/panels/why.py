@@ -168,6 +168,10 @@ class WhyPanel(Panel):
         """Draw the lines above the object's block in the slanted view, and on the floor in the top view."""
         self._page.worker.submit("why marks", self._draw)
 
+    def waits_for_click(self) -> bool:
+        """Whether another object is to be clicked, to compare with."""
+        return self._asking and self._why is not None
+
     def take_click(self, x_m: float, y_m: float) -> bool:
         """Compare with the clicked instance, if the panel waits for one."""
         if not self._asking or self._why is None:
