@@ -5,10 +5,13 @@ import subprocess
 import sys
 from pathlib import Path
 
+import pytest
+
 ROOT = Path(__file__).parents[1]
 HEAVY = ("viser", "rerun", "onnxruntime", "trimesh", "embreex", "openai")
 
 
+@pytest.mark.slow
 def test_nothing_evaluates_text():
     files = list((ROOT / "simaps_viz").rglob("*.py"))
     assert len(files) > 100
@@ -18,6 +21,7 @@ def test_nothing_evaluates_text():
             assert called not in ("eval", "exec", "compile", "__import__"), path
 
 
+@pytest.mark.slow
 def test_importing_the_package_loads_neither_page_nor_recorder():
     code = f"import sys, simaps_viz; simaps_viz.load_map; print([m for m in {HEAVY!r} if m in sys.modules])"
     out = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True, cwd=ROOT)

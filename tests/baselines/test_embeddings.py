@@ -20,6 +20,7 @@ def points_of(cells: list[tuple[int, int]], embedding: list[int]) -> CellPoints:
     return CellPoints(at[:, 0], at[:, 1], np.array(embedding, np.int32), np.ones(len(at)))
 
 
+@pytest.mark.slow
 @settings(max_examples=12, deadline=None)
 @given(st.integers(0, 2**31), st.integers(1, 4), st.sampled_from(["uniform", "distance"]))
 def test_the_store_agrees_with_the_loop(seed, stride, weighting):

@@ -203,6 +203,7 @@ def test_bad_settings_are_named(change, message):
         VLMapsConfig(**change)
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(not SHARED.is_dir(), reason=f"{SHARED} is not on this machine")
 def test_the_house_has_one_chair_by_class_and_many_by_contours():
     """Every third frame, so that it stays a smoke check; with all of them it has 8 chairs or 9."""

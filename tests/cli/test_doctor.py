@@ -163,6 +163,7 @@ BROWSERS = [
 ]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("body", "status", "words"), BROWSERS)
 def test_browsers(monkeypatch, tmp_path, body, status, words):
     program(tmp_path / "bin", "chromium", body)
@@ -190,6 +191,7 @@ def test_the_browser_of_this_machine_answers():
     assert "WebGL 2" in found.found and "did not answer" not in found.found
 
 
+@pytest.mark.slow
 def test_the_command(monkeypatch, tmp_path, capsys):
     monkeypatch.setenv("SIMAPS_CACHE", str(tmp_path / "cache"))
     assert main(["doctor", "--no-browser", "--json"]) == 0

@@ -102,6 +102,7 @@ def test_a_small_map_has_the_colours_of_its_ids():
     ]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["cafe", "house"])
 def test_objects_that_touch_are_told_apart_at_any_threshold(name, request):
     simap = request.getfixturevalue(name)

@@ -62,6 +62,7 @@ def test_a_reader_is_one_object_and_one_registry_line(tmp_path: Path, monkeypatc
     assert "| NumPy archive | `frames.npz` |" in opening.format_table()
 
 
+@pytest.mark.slow
 def test_readers_that_are_not_asked_are_not_imported(tmp_path: Path) -> None:
     path = write_tiny_sequence(tmp_path)
     for name in ("rgb.txt", "depth.txt", "groundtruth.txt"):

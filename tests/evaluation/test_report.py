@@ -282,6 +282,7 @@ def agree(simap, truth, folder, tmp_path) -> None:
             assert ours.by_class[name].pq == pytest.approx(score_of["pq"], abs=0.01), name
 
 
+@pytest.mark.slow
 @needs_shared
 def test_the_house_scores_as_an_independent_program_says(tmp_path):
     copy = tmp_path / "house" / "rgbd"

@@ -43,12 +43,14 @@ def failures(where: dict[str, World]) -> tuple[int, list[str]]:
     return len(said), wrong
 
 
+@pytest.mark.slow
 def test_what_is_said_on_the_toy_map() -> None:
     total, wrong = failures({"toy": World(toy_map(), TOY_POSE)})
     assert total >= 160
     assert len(wrong) <= (1.0 - SHARE) * total, "\n".join(wrong)
 
 
+@pytest.mark.slow
 def test_what_is_said_in_the_house(house) -> None:
     total, wrong = failures({name: World(house, pose) for name, pose in POSES.items()})
     assert total >= 60

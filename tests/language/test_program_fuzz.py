@@ -165,6 +165,7 @@ def _blocks(inner: st.SearchStrategy[ast.stmt]) -> st.SearchStrategy[ast.stmt]:
 TREES = st.lists(st.recursive(SIMPLE, _blocks, max_leaves=4), min_size=1, max_size=4)
 
 
+@pytest.mark.slow
 @fuzzed
 @given(TREES)
 def test_any_syntax_tree(attempt, body: list[ast.stmt]) -> None:

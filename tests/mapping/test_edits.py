@@ -235,6 +235,7 @@ def test_a_map_whose_instances_follow_from_nothing_can_be_mended():
 # --- any sequence
 
 
+@pytest.mark.slow
 @QUICK
 @given(st.data())
 def test_any_sequence_of_edits_keeps_the_map_whole_and_moves_nothing_else(data):

@@ -51,6 +51,7 @@ def test_the_spoiled_sequence_is_worth_a_test(simap):
     assert any(graph.different.any() for graph in simap.graphs) and len(simap.merges) >= 3
 
 
+@pytest.mark.slow
 def test_a_build_is_the_same_to_the_last_bit_also_with_one_thread(spoiled, simap, tmp_path):
     save_map(simap, tmp_path / "one.npz")
     save_map(build_map(spoiled, BuildConfig(min_cells=1, resolution=3.0)), tmp_path / "two.npz")

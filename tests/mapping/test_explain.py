@@ -288,6 +288,7 @@ def check_whole(simap: SIMap) -> list[Why]:
     return found
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(not SHARED.is_dir(), reason=f"{SHARED} is not on this machine")
 def test_every_instance_of_the_house_is_explained():
     simap = build_map(open_sequence(HOUSE), BuildConfig(method="evidence"))

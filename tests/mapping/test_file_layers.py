@@ -103,6 +103,7 @@ def test_opening_unpacks_no_layer_and_no_edge(toy, tmp_path):
     assert not any(hasattr(one, "nothing") for one in (simap, simap.grid, simap.graphs[0]))
 
 
+@pytest.mark.slow
 def test_opening_a_large_map_takes_less_than_its_layers(tmp_path):
     rng, shape = np.random.default_rng(3), (1500, 2000)
     heights = rng.random(shape, np.float32)

@@ -21,6 +21,7 @@ def partitions(draw):
     return community, np.array(sorted({tuple(sorted(e)) for e in edges}), dtype=int).reshape(-1, 2)
 
 
+@pytest.mark.slow
 @given(partitions())
 @settings(max_examples=300, deadline=None)
 def test_steps_are_the_twins(partition):
@@ -53,6 +54,7 @@ def test_a_threshold_takes_the_prefix_of_each_class_even_where_shares_rise_again
     assert applied_steps(log_of([]), 0.5).tolist() == []
 
 
+@pytest.mark.slow
 @given(partitions(), st.sampled_from([0.0, 0.05, 0.2, 0.34, 0.5, 0.99, 1.0]))
 @settings(max_examples=200, deadline=None)
 def test_the_prefix_is_what_stopping_at_k_gives(partition, k):

@@ -1,6 +1,7 @@
 """The embedded scene: what stands in it, how it is walked through, and what its camera sees."""
 
 import itertools
+from functools import cache
 
 import numpy as np
 import pytest
@@ -12,20 +13,30 @@ from simaps_viz.scenes import materials as m
 from simaps_viz.scenes import props, seating
 from simaps_viz.scenes.layout import DEPTH_M, WIDTH_M, cafe_scene
 from simaps_viz.scenes.render import DepthSensor, Renderer, embree_scene, sense
-from simaps_viz.scenes.scene import SceneObject, assemble, place
+from simaps_viz.scenes.scene import Scene, SceneObject, assemble, place
 from simaps_viz.scenes.shapes import box, corner_normals, disc
 from simaps_viz.scenes.walk import camera_pose, plan_walk
 from simaps_viz.structures import Intrinsics
 
-SCENE = cafe_scene()
 SMALL = Intrinsics(width=160, height=120, fx=110.0, fy=110.0, cx=79.5, cy=59.5)
-RENDERER = Renderer(SCENE, SMALL)
 ROBOT_RADIUS_M = 0.25
+pytestmark = pytest.mark.slow
+
+
+@cache
+def scene() -> Scene:
+    """The café, made when a test asks for it: a worker that runs none of these only collects them."""
+    return cafe_scene()
+
+
+@cache
+def renderer() -> Renderer:
+    return Renderer(scene(), SMALL)
 
 
 def found(name: str) -> tuple[int, SceneObject]:
     """Instance id and object of that name."""
-    return next((i, o) for i, o in enumerate(SCENE.objects, start=1) if o.name == name)
+    return next((i, o) for i, o in enumerate(scene().objects, start=1) if o.name == name)
 
 
 def joined(one: SceneObject) -> trimesh.Trimesh:
@@ -49,7 +60,7 @@ def gap_m(a: str, b: str) -> float:
 
 def low_obstacles() -> np.ndarray:
     """Points on all that stands between 5 cm and 1.6 m over the floor, [n, 2]."""
-    inside = [o for o in SCENE.objects if o.label not in ("floor", "ceiling", "lamp", "rug-merged")]
+    inside = [o for o in scene().objects if o.label not in ("floor", "ceiling", "lamp", "rug-merged")]
     points = []
     for o in [*inside, found("floor lamp")[1]]:
         mesh = joined(o)
@@ -59,18 +70,18 @@ def low_obstacles() -> np.ndarray:
 
 
 def test_it_is_furnished():
-    things = [o for o in SCENE.objects if o.is_thing]
+    things = [o for o in scene().objects if o.is_thing]
     labels = {o.label for o in things}
     assert len(things) >= 40
     assert len(labels & set(COCO_THINGS)) >= 10
     assert {"chair", "dining table", "couch", "potted plant", "tv", "laptop", "cup", "refrigerator"} <= labels
-    assert {o.label for o in SCENE.objects if not o.is_thing} == {
+    assert {o.label for o in scene().objects if not o.is_thing} == {
         "wall", "floor", "ceiling", "window-other", "rug-merged"
     }  # fmt: skip
 
 
 def test_everything_lies_inside_the_outer_walls():
-    for o in SCENE.objects:
+    for o in scene().objects:
         low, high = o.bounds_m
         assert (low >= [-0.2, -0.2, -0.06]).all(), o.name
         assert (high <= [WIDTH_M + 0.2, DEPTH_M + 0.2, 2.8]).all(), o.name
@@ -92,7 +103,7 @@ def test_chairs_in_a_row_are_5_to_20_cm_apart(row, count):
 
 def test_no_two_pieces_of_furniture_stand_in_each_other():
     """Boxes of upright pieces that overlap by more than a finger belong to round things: check those by points."""
-    solid = [o for o in SCENE.objects if o.is_thing and o.bounds_m[0, 2] < 0.02]
+    solid = [o for o in scene().objects if o.is_thing and o.bounds_m[0, 2] < 0.02]
     for a, b in itertools.combinations(solid, 2):
         overlap = np.minimum(a.bounds_m[1], b.bounds_m[1]) - np.maximum(a.bounds_m[0], b.bounds_m[0])
         if (overlap > 0.01).all():
@@ -103,21 +114,21 @@ def test_no_two_pieces_of_furniture_stand_in_each_other():
 
 @pytest.mark.parametrize("label", ["cup", "bottle", "laptop", "keyboard", "bowl", "vase", "microwave", "teddy bear"])
 def test_small_things_stand_on_something(label):
-    mine = [i for i, o in enumerate(SCENE.objects, start=1) if o.label == label]
-    tree = embree_scene(SCENE.triangles_m[~np.isin(SCENE.instance, mine)])
+    mine = [i for i, o in enumerate(scene().objects, start=1) if o.label == label]
+    tree = embree_scene(scene().triangles_m[~np.isin(scene().instance, mine)])
     down = np.array([[0, 0, -1]], dtype=np.float32)
     for i in mine:
-        low, high = SCENE.objects[i - 1].bounds_m
+        low, high = scene().objects[i - 1].bounds_m
         start = np.array([[*(low + high)[:2] / 2, low[2] + 0.02]], dtype=np.float32)
         below = float(tree.run(start, down, query="DISTANCE")[0]) - 0.02
-        assert abs(below) < 0.015, (SCENE.objects[i - 1].name, below)
+        assert abs(below) < 0.015, (scene().objects[i - 1].name, below)
 
 
 def test_names_ids_and_table_agree():
-    table = SCENE.table()["instances"]
-    assert [row["id"] for row in table] == list(range(1, len(SCENE.objects) + 1))
+    table = scene().table()["instances"]
+    assert [row["id"] for row in table] == list(range(1, len(scene().objects) + 1))
     for row in table:
-        mine = SCENE.triangles_m[SCENE.instance == row["id"]].reshape(-1, 3)
+        mine = scene().triangles_m[scene().instance == row["id"]].reshape(-1, 3)
         np.testing.assert_allclose(mine.min(axis=0), row["aabb_min"], atol=2e-4)
         np.testing.assert_allclose(mine.max(axis=0), row["aabb_max"], atol=2e-4)
         assert row["isthing"] == is_thing(row["label"])
@@ -191,10 +202,10 @@ def test_depth_of_floor_and_ceiling_is_that_of_the_planes():
     pixels = {"floor": 0, "ceiling": 0}
     upwards = camera_pose(np.array([4.0, 3.0, 1.4]), 0.7, -0.5)
     for T in [*plan_walk(12).T_world_camera, upwards]:
-        surfaces = RENDERER.cast(T)
+        surfaces = renderer().cast(T)
         rays = surfaces.rays.astype(np.float64)
         for label, height in (("floor", 0.0), ("ceiling", 2.7)):
-            ids = [i + 1 for i, o in enumerate(SCENE.objects) if o.label == label]
+            ids = [i + 1 for i, o in enumerate(scene().objects) if o.label == label]
             shown = np.isin(surfaces.instance, ids)
             expected = (height - T[2, 3]) / rays[..., 2][shown]
             np.testing.assert_allclose(surfaces.depth_m[shown], expected, rtol=2e-4)
@@ -203,9 +214,9 @@ def test_depth_of_floor_and_ceiling_is_that_of_the_planes():
 
 
 def test_back_projected_pixels_lie_in_their_instance_s_box():
-    boxes = np.stack([np.zeros((2, 3)), *[o.bounds_m for o in SCENE.objects]])
+    boxes = np.stack([np.zeros((2, 3)), *[o.bounds_m for o in scene().objects]])
     for T in plan_walk(8).T_world_camera:
-        frame = RENDERER.render(T)
+        frame = renderer().render(T)
         v, u = np.nonzero(frame.depth_m)
         z = frame.depth_m[v, u].astype(np.float64)
         camera = np.stack([(u - SMALL.cx) / SMALL.fx * z, (v - SMALL.cy) / SMALL.fy * z, z], -1)
@@ -216,7 +227,7 @@ def test_back_projected_pixels_lie_in_their_instance_s_box():
 
 def test_windows_have_an_instance_but_no_depth():
     pose = camera_pose(np.array([1.5, 3.7, 1.45]), np.pi, 0.0)  # in the café, towards the west window
-    frame = RENDERER.render(pose)
+    frame = renderer().render(pose)
     window = found("window cafe west 1")[0]
     assert frame.instance[60, 80] == window
     share = (frame.depth_m[frame.instance == window] == 0).mean()
@@ -226,7 +237,7 @@ def test_windows_have_an_instance_but_no_depth():
 
 def test_pictures_are_neither_dark_nor_burnt_out():
     for T in plan_walk(6).T_world_camera:
-        color = RENDERER.render(T).color
+        color = renderer().render(T).color
         assert color.dtype == np.uint8 and color.shape == (120, 160, 3)
         assert 70 < color.mean() < 230
         assert (color.max(axis=-1) == 255).mean() < 0.05

@@ -19,6 +19,7 @@ NETWORK = DATA / "yolo11n-seg-int8" / "yolo11n-seg_int8.onnx"
 needs_shared = pytest.mark.skipif(not NETWORK.is_file(), reason=f"{NETWORK} is not on this machine")
 
 
+@pytest.mark.slow
 @needs_shared
 @pytest.mark.parametrize(
     ("name", "frames", "stuff", "least"),

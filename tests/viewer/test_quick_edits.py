@@ -89,6 +89,7 @@ def person(tmp_path):
         yield Person(bench, page.session, panel, mending)
 
 
+@pytest.mark.slow
 def test_as_many_edits_are_taken_back_as_were_asked_for(person):
     for label in ("bed", "sofa", "stool"):
         person.selects(CHAIR_3)

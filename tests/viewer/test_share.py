@@ -153,6 +153,7 @@ def test_words_are_escaped_and_tell_what_is_simulated():
     assert origin_text(toy_map()) == "method paper, K = 5 % · 5 frames · cells of 5 cm · masks: simulated by hand"
 
 
+@pytest.mark.slow
 def test_the_command_writes_one_file_or_none(tmp_path, capsys):
     source = tmp_path / "toy.npz"
     save_map(toy_map(), source)
