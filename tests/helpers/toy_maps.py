@@ -16,6 +16,7 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,7 +24,7 @@ from numpy.typing import NDArray
 from simaps_viz.structures import CellGraph, Grid, GridSpec, Instance, MergeLog, Pose2, SIMap, Views
 
 LABELS = ("none", "chair", "couch", "dining table", "potted plant", "tv", "floor", "wall")
-IS_THING = (False, True, True, True, True, True, False, False)
+_NO_THINGS = ("none", "floor", "wall")
 TOY_SPEC = GridSpec(rows=100, cols=120, cell_size_m=0.05, x0_m=-1.0, y0_m=-2.0)
 TOY_POSE = Pose2.from_heading(0.5, 0.5, 90.0)
 """In the west room, looking east at the doorway."""
@@ -111,6 +112,22 @@ def map_from_drawing(
     return map_of_boxes(spec, found, single["#"], unseen=single["?"])
 
 
+def furnished_map(plan: Mapping[str, Any]) -> SIMap:
+    """Make a map of size_m, walls [x0, y0, x1, y1] and things [class, x0, y0, x1, y1, height], metres from (0, 0)."""
+
+    def box(label: str, corners: Sequence[float], height_m: float) -> Box:
+        left, low, right, top = (round(value / TOY_SPEC.cell_size_m) for value in corners)
+        return Box(label, low, left, top - low, right - left, height_m)
+
+    cols, rows = (round(size / TOY_SPEC.cell_size_m) for size in plan["size_m"])
+    return map_of_boxes(
+        GridSpec(rows, cols, TOY_SPEC.cell_size_m, 0.0, 0.0),
+        [box(thing[0], thing[1:5], thing[5]) for thing in plan["things"]],
+        [box("wall", wall, 2.5) for wall in plan["walls"]],
+        labels=("none", *sorted({thing[0] for thing in plan["things"]}), "floor", "wall"),
+    )
+
+
 def map_of_boxes(
     spec: GridSpec,
     things: Sequence[Box],
@@ -119,6 +136,7 @@ def map_of_boxes(
     unseen: Sequence[Box] = (),
     bridges: Sequence[tuple[tuple[int, int], tuple[int, int]]] = (),
     k_percent: float = 5.0,
+    labels: tuple[str, ...] = LABELS,
 ) -> SIMap:
     """Make a whole map of blocks of cells on a seen floor; communities are numbered in the order of ``things``."""
     community = np.zeros(spec.shape, np.int32)
@@ -128,7 +146,7 @@ def map_of_boxes(
         numbers = first + np.arange(thing.cols) * thing.parts // thing.cols
         community[thing.block] = numbers
         parts_of.append(tuple(range(first, first + thing.parts)))
-    grid = _grid(spec, things, walls, unseen)
+    grid = _grid(spec, things, walls, unseen, labels)
     graphs = _graphs(grid, community, bridges)
     merges = _merge_log(grid, things, parts_of, community, bridges)
     views = _views(community, len(FRAMES))
@@ -151,19 +169,21 @@ def map_of_boxes(
     )
 
 
-def _grid(spec: GridSpec, things: Sequence[Box], walls: Sequence[Box], unseen: Sequence[Box]) -> Grid:
-    label = np.full(spec.shape, LABELS.index("floor"), np.int16)
+def _grid(
+    spec: GridSpec, things: Sequence[Box], walls: Sequence[Box], unseen: Sequence[Box], labels: tuple[str, ...]
+) -> Grid:
+    label = np.full(spec.shape, labels.index("floor"), np.int16)
     height = np.zeros(spec.shape, np.float32)
     lowest = np.full(spec.shape, np.nan, np.float32)
     observations = np.full(spec.shape, 5, np.int32)
     for box in (*walls, *things):
-        label[box.block] = LABELS.index(box.label)
+        label[box.block] = labels.index(box.label)
         height[box.block] = box.height_m
         lowest[box.block] = box.lowest_m
     for box in unseen:
         label[box.block], height[box.block] = 0, np.nan
         lowest[box.block], observations[box.block] = np.nan, 0
-    return Grid(spec, LABELS, IS_THING, label, height, lowest, observations)
+    return Grid(spec, labels, tuple(name not in _NO_THINGS for name in labels), label, height, lowest, observations)
 
 
 def _edges(community: NDArray, label: NDArray) -> NDArray:

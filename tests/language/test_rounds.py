@@ -1,0 +1,49 @@
+"""What people say, in rounds written from pictures of maps by someone who did not know what is understood."""
+
+import json
+
+import pytest
+from spoken import ROUNDS, Scene, judge, judge_round, load_round_map
+
+CORRIDOR = [5.0, 4.5, 90.0]
+
+
+@pytest.mark.parametrize("path", sorted(ROUNDS.glob("round*.json")), ids=lambda path: path.stem)
+def test_nobody_who_speaks_to_the_robot_sees_a_traceback(path):
+    verdicts = judge_round(path)
+    assert len(verdicts) >= len(json.loads(path.read_text())) / 2
+    assert [(one.command["say"], one.why) for one in verdicts if one.verdict == "traceback"] == []
+
+
+@pytest.mark.parametrize(
+    ("said", "expect", "verdict"),
+    [
+        ("robot.move_to_object('bed')", {"visits": [[1]]}, "right"),
+        ("robot.move_to_object('bed')", {"visits": [[21]]}, "wrong"),
+        ("robot.move_to_object('bed')", {"refuse": True}, "wrong"),
+        (
+            "robot.move_to_object('bed')",
+            [{"refuse": True}, {"ends_in_polygon": [[0, 5], [4, 5], [4, 9], [0, 9]]}],
+            "right",
+        ),
+        ("robot.move_to_object('bed')\nrobot.move_to_object('couch')", {"visits": [[1], [21]]}, "right"),
+        ("robot.move_to_object('bed')\nrobot.move_to_object('couch')", {"visits": [[21], [1]]}, "wrong"),
+        (
+            "for c in robot.instances('chair'):\n    robot.move_to_object('chair', c)",
+            {"visits_count": [[15, 16, 17], 3]},
+            "wrong",
+        ),
+        ("for c in robot.instances('sink'):\n    robot.move_to_object('sink', c)", {"visits_all": [7, 11]}, "right"),
+        ("for c in robot.instances('sink'):\n    robot.move_to_object('sink', c)", {"visits_all": [7]}, "wrong"),
+        ("robot.move_to([5.5, 1.2])\nrobot.move_to([6.8, 1.2])", {"laps": [31, 1]}, "wrong"),
+        ("robot.face('bench')", {"faces": [44], "stays": True}, "right"),
+        ("robot.turn(90)", {"turned": -90}, "wrong"),
+        ("robot.turn(90)", {"answer_value": 90}, "wrong"),
+        ("robot.move_to_object('piano')", {"or_refuse": True}, "right"),
+        ("robot.move_to_object('piano')", {"visits": [[1]]}, "refused"),
+    ],
+)
+def test_the_judge_tells_what_was_done_from_what_was_asked(said, expect, verdict):
+    toy = load_round_map("toy")
+    assert toy is not None
+    assert judge(Scene(toy), {"pose": CORRIDOR, "say": said, "expect": expect}).verdict == verdict
