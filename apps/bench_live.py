@@ -13,7 +13,7 @@ from simaps_viz import open_sequence
 from simaps_viz.app import workbench
 from simaps_viz.console.progress import stage_progress
 from simaps_viz.console.terminal import console
-from simaps_viz.datasets.joined import join
+from simaps_viz.datasets.joined import JoinedFrames
 from simaps_viz.scenes.demo import ensure_demo
 
 TARGET = 1.30
@@ -36,7 +36,7 @@ def main(config: BenchLive) -> None:
     console.quiet = True
     with stage_progress(quiet=True) as progress, tempfile.TemporaryDirectory() as name:
         path = config.sequence or ensure_demo(cache_dir=workbench.cache_folder(), progress=progress)
-        sequence, folder = join([open_sequence(path) for _ in range(config.times)]), Path(name)
+        sequence, folder = JoinedFrames([open_sequence(path) for _ in range(config.times)]), Path(name)
         plain_build(sequence, folder, progress)  # warms up
         wall, busy = [], []
         for _ in range(max(config.runs, 3)):

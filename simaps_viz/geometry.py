@@ -112,3 +112,8 @@ def map_from_world(up: ArrayLike, floor_height_m: float) -> NDArray:
     T_map_world[:3, :3] = rotation
     T_map_world[2, 3] = -floor_height_m
     return T_map_world
+
+
+def spread(count: int, most: int) -> list[int]:
+    """Return at most so many of the indices 0 .. count - 1, ascending and evenly spread, the ends among them."""
+    return sorted({int(i) for i in np.linspace(0, count - 1, min(count, most))})

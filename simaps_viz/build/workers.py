@@ -30,7 +30,7 @@ from numpy.typing import NDArray
 
 from simaps_viz.build.pipeline import content_of
 from simaps_viz.console.logs import logger
-from simaps_viz.datasets.joined import JoinedFrames, join
+from simaps_viz.datasets.joined import JoinedFrames
 from simaps_viz.datasets.open import open_sequence
 from simaps_viz.datasets.source import FrameSource
 from simaps_viz.errors import InputError, needs_extra
@@ -69,7 +69,7 @@ class Reopen:
             InputError: it is not there, or is something else.
         """
         opened = [self._open(Path(path), source) for path, source in self.parts]
-        return join(opened) if self.joined else opened[0]
+        return JoinedFrames(opened) if self.joined else opened[0]
 
     def _open(self, path: Path, source: str) -> FrameSource:
         sequence = open_sequence(path, whole=False)

@@ -13,11 +13,10 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from simaps_viz.datasets.calibration import lines
+from simaps_viz.datasets.calibration import camera_matrix, pose_rows
 from simaps_viz.datasets.images import read_color, read_depth
 from simaps_viz.datasets.manifest import Manifest, read_manifest
 from simaps_viz.errors import InputError
-from simaps_viz.io.limits import MAX_FRAMES, check_frame_name
 
 FORMS = ("camera-to-world", "world-to-camera", "rotation world-to-camera", "position world-to-camera")
 """What of a pose file is written the other way round: nothing, all, only the rotation, only the position."""
@@ -205,48 +204,22 @@ def open_recording(path: Path) -> Recording:
 
 
 def _read_matrices(path: Path) -> tuple[tuple[str, ...], NDArray]:
-    names, matrices = dict[str, None](), []  # a set that keeps its order
-    for number, line in lines(path):
-        name, *words = line.split()
-        where = f"{path}, line {number}"
-        if len(words) != 16:
-            raise InputError(f"{where}: expected a frame name and 16 numbers, found {len(words)} after the name")
-        matrix = np.array(_numbers(where, words)).reshape(4, 4)
+    rows = pose_rows(path)
+    for name, (where, matrix) in rows.items():
         if np.allclose(matrix[:, 3], (0, 0, 0, 1), atol=1e-6) and not np.allclose(matrix[3], (0, 0, 0, 1), atol=1e-6):
             raise InputError(f"{where}: expected 0 0 0 1 as the last row, found the matrix written column by column")
         rotation = matrix[:3, :3]
         if np.abs(rotation @ rotation.T - np.eye(3)).max() > ORTHONORMAL:
             raise InputError(f"{where}, frame {name}: expected an orthonormal rotation, found none")
-        if len(names) == MAX_FRAMES:
-            raise InputError(f"{where}: expected at most {MAX_FRAMES} frames, found more")
-        if name in names:
-            raise InputError(f"{where}: expected each frame once, found {name} again")
-        check_frame_name(where, name)
-        names[name] = None
-        matrices.append(matrix)
-    if not names:
-        raise InputError(f"{path}: expected a pose per frame, found none")
-    return tuple(names), np.stack(matrices)
+    return tuple(rows), np.stack([matrix for _, matrix in rows.values()])
 
 
 def _read_camera(path: Path) -> NDArray:
-    rows = [_numbers(f"{path}, line {number}", line.split()) for number, line in lines(path)]
-    if len(rows) != 3 or any(len(row) != 3 for row in rows):
-        raise InputError(f"{path}: expected a 3x3 camera matrix, found {len(rows)} lines of numbers")
-    fx, fy = rows[0][0], rows[1][1]
+    K = camera_matrix(path)
+    fx, fy = K[0, 0], K[1, 1]
     if fx <= 0 or fy <= 0:
         raise InputError(f"{path}: expected focal lengths fx, fy over 0, found {fx:g} and {fy:g}")
-    return np.array([fx, fy, rows[0][2], rows[1][2]])
-
-
-def _numbers(where: str, words: list[str]) -> list[float]:
-    try:
-        numbers = [float(word) for word in words]
-    except ValueError:
-        numbers = [np.nan]
-    if not np.isfinite(numbers).all():
-        raise InputError(f"{where}: expected finite numbers, found {' '.join(words)[:40]!r}")
-    return numbers
+    return np.array([fx, fy, K[0, 2], K[1, 2]])
 
 
 @dataclass(frozen=True, eq=False)

@@ -107,7 +107,7 @@ class Build:
         """Open the sequences, joined where there are several."""
         from simaps_viz.build.cache import cache_folder
         from simaps_viz.cli.segment import open_segmented
-        from simaps_viz.datasets.joined import join
+        from simaps_viz.datasets.joined import JoinedFrames
 
         if not self.sequence:
             raise InputError("build: expected at least one sequence, found none")
@@ -118,7 +118,7 @@ class Build:
             )
             for path in self.sequence
         ]  # fmt: skip
-        return opened[0] if len(opened) == 1 else join(opened)
+        return opened[0] if len(opened) == 1 else JoinedFrames(opened)
 
     def _gatherer(self, sequence: "FrameSource") -> "AbstractContextManager[RemoteGatherer | None]":
         """Return the workers that read the frames; None where this process does."""

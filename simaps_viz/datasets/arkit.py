@@ -16,11 +16,7 @@ from simaps_viz.geometry import invert_pose
 FACTS = FormatFacts(
     title="ARKitScenes",
     recognised_by="`lowres_depth/*.png`, `lowres_wide/*.png`, `lowres_wide_intrinsics/*.pincam`, `lowres_wide.traj`",
-    depth="16-bit PNG",
-    depth_unit_m=0.001,
-    invalid="0",
     pose="world to camera: time, axis times angle (rad), position",
-    camera_axes="OpenCV",
     up=(0.0, 0.0, 1.0),
 )
 

@@ -3,6 +3,9 @@
 Formats keep both in text; every error message names the file and the line.
 """
 
+import math
+import re
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
@@ -13,7 +16,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from simaps_viz.errors import InputError
 from simaps_viz.geometry import check_rotation
-from simaps_viz.io.limits import MAX_FRAMES, MAX_TEXT_BYTES, check_file, check_frame_name, check_picture
+from simaps_viz.io.limits import MAX_FRAMES, MAX_TEXT_BYTES, check_frame_name, check_picture, read_bytes
 from simaps_viz.structures import Intrinsics
 
 FIELD_OF_VIEW_DEG = (20.0, 150.0)
@@ -23,103 +26,82 @@ REACH_M = 1000.0
 """Largest distance of a camera from the median one, metres; beyond it the grid would not fit in memory."""
 
 
+def camera_matrix(path: Path) -> NDArray:
+    """Read a file of three lines of three finite numbers, float64 [3, 3]; raises InputError for anything else."""
+    rows = [numbers(f"{path}, line {line}", found, finite=True) for line, found in words(path)]
+    if len(rows) != 3 or any(len(row) != 3 for row in rows):
+        found = f"{len(rows)} lines of {', '.join(sorted({str(len(row)) for row in rows})) or 'no'} numbers"
+        raise InputError(f"{path}: expected a 3x3 camera matrix, found {found}")
+    return np.array(rows)
+
+
 def read_intrinsics(path: Path, *, width: int, height: int) -> Intrinsics:
     """Read and check a 3x3 camera matrix for images of that size, pixels.
 
     Raises:
         InputError: Not nine numbers in three lines, not a pinhole matrix, or one that does not fit the images.
     """
-    rows = [_numbers(path, number, line.split()) for number, line in lines(path)]
-    if len(rows) != 3 or any(len(row) != 3 for row in rows):
-        found = f"{len(rows)} lines of {', '.join(sorted({str(len(row)) for row in rows})) or 'no'} numbers"
-        raise InputError(f"{path}: expected a 3x3 camera matrix, found {found}")
-    K = np.array(rows)
+    K = camera_matrix(path)
     if K[0, 1] or K[1, 0]:
         raise InputError(f"{path}: expected a matrix without skew, found {K[0, 1]:g} and {K[1, 0]:g}")
     if tuple(K[2]) != (0, 0, 1):
         raise InputError(f"{path}: expected 0 0 1 as the last row, found {' '.join(f'{x:g}' for x in K[2])}")
-    fx, fy, cx, cy = (float(x) for x in (K[0, 0], K[1, 1], K[0, 2], K[1, 2]))
-    if not (fx > 0 and fy > 0):
-        raise InputError(f"{path}: expected focal lengths fx, fy over 0, found {fx:g} and {fy:g}")
-    if not (0 <= cx <= width - 1 and 0 <= cy <= height - 1):
-        raise InputError(
-            f"{path}: expected the principal point inside the {width}x{height} image, found ({cx:g}, {cy:g})"
-        )
-    for focal, size, axis in ((fx, width, "horizontal"), (fy, height, "vertical")):
-        _check_field_of_view(path, focal, size, axis)
-    return Intrinsics(width, height, fx, fy, cx, cy)
+    return pinhole(str(path), width, height, K[0, 0], K[1, 1], K[0, 2], K[1, 2])
 
 
-def read_poses(path: Path) -> tuple[tuple[str, ...], NDArray]:
-    """Read the frames' names and poses; blank lines and lines that start with # are skipped.
+def pose_rows(path: Path) -> dict[str, tuple[str, NDArray]]:
+    """Read the frames' names and poses as written; blank lines and lines that start with # are skipped.
 
     Returns:
-        The names, in the order of the file, and float64 [n, 4, 4] ``T_world_camera``, metres.
+        {frame: (where it stands, float64 [4, 4])}, in the order of the file.
 
     Raises:
-        InputError: A line has another number of columns, something that is not a finite number, a matrix that is no
-            rigid transform, a frame that was there before or a camera far away; or there is no line at all.
+        InputError: A line has another number of columns, something that is not a finite number or a frame that was
+            there before; or there is no line at all.
     """
-    seen: dict[str, int] = {}
-    poses = []
-    for number, line in lines(path):
-        name, *columns = line.split()
+    rows: dict[str, tuple[str, NDArray]] = {}
+    for number, (name, *columns) in words(path):
         where = f"{path}, line {number}"
         if len(columns) != 16:
             raise InputError(f"{where}: expected a frame name and 16 numbers, found {len(columns)} after the name")
         check_frame_name(where, name)
-        if len(seen) == MAX_FRAMES:
+        if len(rows) == MAX_FRAMES:
             raise InputError(f"{where}: expected at most {MAX_FRAMES} frames, found more")
-        if name in seen:
-            raise InputError(f"{where}: expected each frame once, found {name} again (first in line {seen[name]})")
-        seen[name] = number
-        poses.append(_pose(f"{where}, frame {name}", np.array(_numbers(path, number, columns)).reshape(4, 4)))
-    if not poses:
+        if name in rows:
+            first = rows[name][0].rpartition("line ")[2]
+            raise InputError(f"{where}: expected each frame once, found {name} again (first in line {first})")
+        rows[name] = (where, numbers(where, columns, finite=True).reshape(4, 4))
+    if not rows:
         raise InputError(f"{path}: expected a pose per frame, found none")
-    T_world_camera = np.stack(poses)
-    _check_reach(path, seen, T_world_camera[:, :3, 3])
-    return tuple(seen), T_world_camera
+    return rows
 
 
-def _pose(where: str, T_world_camera: NDArray) -> NDArray:
-    if not np.allclose(T_world_camera[3], (0, 0, 0, 1), atol=1e-6):
-        hint = "; is the matrix written column by column?" if np.allclose(T_world_camera[:, 3], (0, 0, 0, 1)) else ""
-        found = " ".join(f"{x:g}" for x in T_world_camera[3])
-        raise InputError(f"{where}: expected 0 0 0 1 as the last row, found {found}{hint}")
-    check_rotation(T_world_camera[:3, :3], where)
-    return T_world_camera
+def read_poses(path: Path) -> tuple[tuple[str, ...], NDArray]:
+    """Read the frames' names, in the order of the file, and float64 [n, 4, 4] ``T_world_camera``, metres.
+
+    Raises:
+        InputError: As for `pose_rows`, or a matrix is no rigid transform, or a camera is far away.
+    """
+    rows = pose_rows(path)
+    for name, (where, T) in rows.items():
+        if not np.allclose(T[3], (0, 0, 0, 1), atol=1e-6):
+            hint = "; is the matrix written column by column?" if np.allclose(T[:, 3], (0, 0, 0, 1)) else ""
+            found = " ".join(f"{x:g}" for x in T[3])
+            raise InputError(f"{where}, frame {name}: expected 0 0 0 1 as the last row, found {found}{hint}")
+        check_rotation(T[:3, :3], f"{where}, frame {name}")
+    T_world_camera = np.stack([T for _, T in rows.values()])
+    check_reach([f"{where}, frame {name}" for name, (where, _) in rows.items()], T_world_camera)
+    return tuple(rows), T_world_camera
 
 
-def _check_reach(path: Path, line_of: dict[str, int], positions: NDArray) -> None:
+def check_reach(wheres: Sequence[str], poses: NDArray) -> None:
+    """Raise InputError, naming the farthest camera by ``wheres``, unless all are within reach of the median one."""
+    positions = poses[:, :3, 3]
     distances = np.linalg.norm(positions - np.median(positions, axis=0), axis=1)
     if not distances.max() <= REACH_M:  # NaN is not less
-        frame = list(line_of)[int(distances.argmax())]
         raise InputError(
-            f"{path}, line {line_of[frame]}, frame {frame}: expected a camera within {REACH_M:g} m of the others, "
-            f"found one {distances.max():.4g} m away; are the positions in metres?"
-        )
-
-
-def _numbers(path: Path, line: int, words: list[str]) -> list[float]:
-    numbers = []
-    for word in words:
-        try:
-            number = float(word)
-        except ValueError:
-            number = np.nan
-        if not np.isfinite(number):
-            raise InputError(f"{path}, line {line}: expected finite numbers, found {word[:30]!r}")
-        numbers.append(number)
-    return numbers
-
-
-def _check_field_of_view(path: Path, focal: float, size: int, axis: str) -> None:
-    degrees = float(np.rad2deg(2 * np.arctan(size / 2 / focal)))
-    low, high = FIELD_OF_VIEW_DEG
-    if not low <= degrees <= high:
-        raise InputError(
-            f"{path}: expected a {axis} field of view of {low:g} to {high:g} degrees, found {degrees:.3g} "
-            f"(focal length {focal:g} for {size} pixels); is the matrix for images of another size?"
+            f"{wheres[int(distances.argmax())]}: expected a camera within {REACH_M:g} m of the others, found one "
+            f"{distances.max():.4g} m away; are the positions in metres?"
         )
 
 
@@ -127,36 +109,30 @@ OPENCV_FROM_OPENGL = np.diag([1.0, -1.0, -1.0, 1.0])
 """Half a turn about x: points with OpenGL camera axes (y up, z backward) to OpenCV's, and back."""
 
 
-def lines(path: Path) -> list[tuple[int, str]]:
-    """Return (line number, text) of the lines that say something; # starts a comment line.
+def words(path: Path) -> list[tuple[int, list[str]]]:
+    """Return (line number, words) of the lines that say something; # starts a comment line.
 
     Raises:
         InputError: The file is missing, too large or not text.
     """
-    check_file(path, MAX_TEXT_BYTES, "a text file")
     try:
-        text = path.read_text(encoding="utf-8-sig")
-    except OSError as error:
-        raise InputError(f"{path}: expected a text file, found {error.strerror or error}") from error
+        text = read_bytes(path, MAX_TEXT_BYTES, "a text file").decode("utf-8-sig")
     except UnicodeDecodeError as error:
         raise InputError(f"{path}: expected a text file, found bytes that are not UTF-8") from error
-    numbered = enumerate(text.split("\n"), start=1)
-    return [(i, line) for i, line in numbered if line.strip() and not line.lstrip().startswith("#")]
+    numbered = enumerate(re.split("\r\n|\r|\n", text), start=1)
+    return [(i, line.split()) for i, line in numbered if line.strip() and not line.lstrip().startswith("#")]
 
 
-def words(path: Path) -> list[tuple[int, list[str]]]:
-    """Return (line number, words) of the lines that say something; errors as `lines`."""
-    return [(number, line.split()) for number, line in lines(path)]
-
-
-def numbers(where: str, found: list[str]) -> NDArray:
-    """Turn words to float64 numbers, infinite ones included; raises InputError for the first that is none."""
+def numbers(where: str, found: list[str], *, finite: bool = False) -> NDArray:
+    """Turn words to float64 numbers; raises InputError for the first that is none, or not finite where it has to be."""
     values = []
     for word in found:
         try:
             values.append(float(word))
-        except ValueError as error:
-            raise InputError(f"{where}: expected numbers, found {word[:30]!r}") from error
+        except ValueError:
+            values.append(None)
+        if values[-1] is None or (finite and not math.isfinite(values[-1])):
+            raise InputError(f"{where}: expected {'finite ' if finite else ''}numbers, found {word[:30]!r}")
     return np.array(values)
 
 
@@ -255,20 +231,27 @@ def pinhole(where: str, width: int, height: int, fx: float, fy: float, cx: float
         InputError: It is not finite, its principal point is outside the picture or its field of view not a camera's.
     """
     if not np.isfinite([fx, fy, cx, cy]).all() or min(fx, fy, width, height) <= 0:
-        raise InputError(f"{where}: expected a size and focal lengths over 0, found {width}x{height}, {fx:g}, {fy:g}")
+        raise InputError(
+            f"{where}: expected a size and focal lengths over 0, found {width}x{height}, {fx:g} and {fy:g}"
+        )
     check_picture(where, width, height)
     if not (-0.5 <= cx <= width - 0.5 and -0.5 <= cy <= height - 0.5):
         found = f"({cx:g}, {cy:g})"
         raise InputError(f"{where}: expected the principal point inside the {width}x{height} image, found {found}")
     low, high = FIELD_OF_VIEW_DEG
-    for focal, size in ((fx, width), (fy, height)):
+    for focal, size, axis in ((fx, width, "horizontal"), (fy, height, "vertical")):
         degrees = float(np.rad2deg(2 * np.arctan(size / 2 / focal)))
         if not low <= degrees <= high:
             raise InputError(
-                f"{where}: expected a field of view of {low:g} to {high:g} degrees, found {degrees:.3g} "
-                f"(focal length {focal:g} for {size} pixels)"
+                f"{where}: expected a {axis} field of view of {low:g} to {high:g} degrees, found {degrees:.3g} (focal "
+                f"length {focal:g} for {size} pixels); is the camera one for images of another size?"
             )
     return Intrinsics(int(width), int(height), float(fx), float(fy), float(cx), float(cy))
+
+
+def matrix_lens(where: str, width: int, height: int, K: NDArray) -> Lens:
+    """Return the camera without distortion of a matrix [3, 3] or [4, 4]; raises InputError as `pinhole`."""
+    return Lens(pinhole(where, width, height, float(K[0, 0]), float(K[1, 1]), float(K[0, 2]), float(K[1, 2])))
 
 
 def see_through(image: NDArray, source: Lens, target: Intrinsics, *, exact: bool) -> NDArray:

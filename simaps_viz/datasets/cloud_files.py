@@ -13,19 +13,9 @@ from numba import njit
 from numpy.typing import NDArray
 
 from simaps_viz.errors import InputError
-from simaps_viz.io.limits import MAX_CLOUD_BYTES, MAX_CLOUD_POINTS, check_file
+from simaps_viz.io.limits import MAX_CLOUD_BYTES, MAX_CLOUD_POINTS, read_bytes
 
 _MAX_HEADER_BYTES = 65_536
-
-
-def read_cloud(path: Path) -> bytes:
-    """Read the bytes of a cloud's file; raises InputError when it is missing or too large."""
-    check_file(path, MAX_CLOUD_BYTES, "a point cloud")
-    try:
-        return path.read_bytes()
-    except (OSError, ValueError) as error:  # ValueError: a name with a zero byte
-        found = error.strerror if isinstance(error, OSError) else None
-        raise InputError(f"{path}: expected a point cloud, found {found or error}") from error
 
 
 def whole_number(path: Path, what: str, word: str) -> int:
@@ -83,14 +73,13 @@ def read_ply(path: Path) -> NDArray:
     Raises:
         InputError: It is missing, damaged or cut short, or its vertices have no x, y and z.
     """
-    data = read_cloud(path)
+    data = read_bytes(path, MAX_CLOUD_BYTES, "a point cloud")
     form, elements, start = _ply_header(path, data)
-    before = []
-    for element in elements:
-        if element.name == "vertex":
-            return _vertices(path, data, start, form, before, element)
-        before.append(element)
-    raise InputError(f"{path}: expected an element vertex, found {', '.join(e.name for e in elements) or 'none'}")
+    names = [element.name for element in elements]
+    if "vertex" not in names:
+        raise InputError(f"{path}: expected an element vertex, found {', '.join(names) or 'none'}")
+    number = names.index("vertex")
+    return _vertices(path, data, start, form, elements[:number], elements[number])
 
 
 def _ply_header(path: Path, data: bytes) -> tuple[str, list[_Element], int]:
@@ -207,7 +196,7 @@ def read_pcd(path: Path) -> NDArray:
     Raises:
         InputError: It is missing, damaged or cut short, or its points have no x, y and z.
     """
-    data = read_cloud(path)
+    data = read_bytes(path, MAX_CLOUD_BYTES, "a point cloud")
     header, body = _pcd_header(path, data)
     stored = header["DATA"][0] if header["DATA"] else ""
     if stored not in _STORED:

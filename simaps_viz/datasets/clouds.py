@@ -58,12 +58,15 @@ def depth_of_cloud(points_camera: NDArray, k: Intrinsics, settings: CloudSetting
 
 def gap_pixels(depth_m: NDArray) -> int:
     """Return half the usual distance of a sparse depth image's readings, whole pixels; 0 for a full one."""
+    share = _share(depth_m)
+    return 0 if share is None else min(int(0.5 / np.sqrt(share) + 0.25), WIDEST_GAP)
+
+
+def _share(depth_m: NDArray) -> float | None:
+    """Return the share of pixels with a reading in the rectangle around all readings; None where there are none."""
     filled = depth_m > 0
     rows, cols = np.flatnonzero(filled.any(axis=1)), np.flatnonzero(filled.any(axis=0))
-    if not len(rows):
-        return 0
-    share = filled[rows[0] : rows[-1] + 1, cols[0] : cols[-1] + 1].mean()
-    return min(int(0.5 / np.sqrt(share) + 0.25), WIDEST_GAP)
+    return float(filled[rows[0] : rows[-1] + 1, cols[0] : cols[-1] + 1].mean()) if len(rows) else None
 
 
 def gravity_of_clouds(
@@ -172,10 +175,5 @@ def _coarse(k: Intrinsics, divide: int) -> Intrinsics:
 
 
 def _fullness(clouds: list[tuple[NDArray, NDArray]], k: Intrinsics) -> float:
-    shares = []
-    for points, _ in clouds:
-        filled = _z_buffer(points, k) > 0
-        rows, cols = np.flatnonzero(filled.any(axis=1)), np.flatnonzero(filled.any(axis=0))
-        if len(rows):
-            shares.append(float(filled[rows[0] : rows[-1] + 1, cols[0] : cols[-1] + 1].mean()))
+    shares = [share for points, _ in clouds if (share := _share(_z_buffer(points, k))) is not None]
     return float(np.median(shares)) if shares else 0.0

@@ -12,6 +12,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from simaps_viz.datasets.file_frames import MAX_STEP
 from simaps_viz.datasets.manifest import CAMERA_AXES, FORMAT, POSE
 from simaps_viz.datasets.segment_tables import MAX_ID
 from simaps_viz.datasets.sequence import PosedFrames
@@ -20,7 +21,6 @@ from simaps_viz.structures import Segmentation
 
 JPEG_QUALITY = 95
 """Quality of colour images that had to be decoded or seen through another camera; others are copied as they are."""
-MAX_STEP = 65535
 
 
 def write_posed_frames(

@@ -5,6 +5,7 @@ import re
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,7 +13,7 @@ from numpy.typing import NDArray
 from simaps_viz.datasets.calibration import Lens, see_through
 from simaps_viz.datasets.images import read_color, read_depth
 from simaps_viz.datasets.manifest import is_finite_number, shown
-from simaps_viz.datasets.recording import FormatFacts, Recording, Segments
+from simaps_viz.datasets.recording import FormatFacts, Recording
 from simaps_viz.datasets.segment_tables import few
 from simaps_viz.errors import InputError
 from simaps_viz.io.arrays import read_npy
@@ -36,14 +37,13 @@ class FileFrames:
     read_depth_m: Callable[[Path], NDArray]
     """Returns float32 [H, W], metres, 0 = invalid."""
 
+    looked_up: bool = False
+    """The caller has looked up that the files are there, or they may be missing."""
+
     def __post_init__(self) -> None:
-        for what, paths in (("colour", self.color_paths), ("depth", self.depth_paths)):
-            missing = [path for path in paths if not os.path.isfile(path)]  # False also for names that are too long
-            if missing:
-                raise InputError(
-                    f"{missing[0]}: expected a {what} file for each of {len(paths)} frames, found none for "
-                    f"{len(missing)}: {few([path.name for path in missing])}"
-                )
+        if not self.looked_up:
+            expect_files(self.color_paths, "colour file")
+            expect_files(self.depth_paths, "depth file")
 
     def depth(self, index: int) -> NDArray:
         """Read a frame's depth, metres; raises InputError when it is damaged or of another size."""
@@ -65,27 +65,25 @@ class FileFrames:
         return self.color_paths[index] if lens == Lens(self.intrinsics) else None
 
     def recording(
-        self,
-        facts: FormatFacts,
-        path: Path,
-        *,
-        name: str,
-        frame_names: tuple[str, ...],
-        poses: NDArray,
-        segments: Segments | None = None,
-        depth_unit_m: float | None = None,
-        notes: tuple[str, ...] = (),
-        simulated: bool = False,
+        self, facts: FormatFacts, path: Path, *, name: str, frame_names: tuple[str, ...], poses: NDArray, **more: Any
     ) -> Recording:
-        """Return the recording of these frames; arguments as in `Recording`."""
-        return Recording(
-            facts, path, name, frame_names, poses, self.intrinsics, self.depth, self.color, self.color_file,
-            self.stored, segments, depth_unit_m, notes, simulated,
-        )  # fmt: skip
+        """Return the recording of these frames; ``more`` are other members of `Recording`."""
+        images = (self.depth, self.color, self.color_file, self.stored)
+        return Recording(facts, path, name, frame_names, poses, self.intrinsics, *images, **more)
 
     def stored(self, index: int) -> tuple[Path, Path]:
         """Return the files of a frame's colour and depth."""
         return self.color_paths[index], self.depth_paths[index]
+
+
+def expect_files(paths: Sequence[Path], kind: str = "file") -> None:
+    """Raise InputError, naming the first, unless all these files are there."""
+    missing = [path for path in paths if not os.path.isfile(path)]  # False also for names that are too long
+    if missing:
+        raise InputError(
+            f"{missing[0]}: expected a {kind} for each of {len(paths)} frames, found none for "
+            f"{len(missing)}: {few([path.stem for path in missing])}"
+        )
 
 
 def depth_png(unit_m: float, *, invalid: int | None = None) -> Callable[[Path], NDArray]:
@@ -158,12 +156,6 @@ def number_of(path: Path) -> float:
     """Return the last number in a file's name without its last suffix; -1 when there is none."""
     found = re.findall(r"\d+(?:\.\d+)?", path.stem)
     return float(found[-1]) if found else -1.0
-
-
-def image_size(path: Path) -> tuple[int, int]:
-    """Return width and height of a colour image by decoding it."""
-    height, width = read_color(path).shape[:2]
-    return width, height
 
 
 def expect_as_many(where: Path, what: str, expected: int, found: int) -> None:

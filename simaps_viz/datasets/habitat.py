@@ -19,14 +19,14 @@ from simaps_viz.datasets.file_frames import (
     check_size,
     depth_npy,
     expect_as_many,
-    image_size,
     numbered,
     read_array,
 )
+from simaps_viz.datasets.images import image_size
 from simaps_viz.datasets.recording import FormatFacts, Reader, Recording, Segments
 from simaps_viz.datasets.segment_tables import WorldSegments
 from simaps_viz.errors import InputError
-from simaps_viz.io.limits import MAX_TEXT_BYTES, check_file
+from simaps_viz.io.limits import MAX_TEXT_BYTES, read_bytes
 from simaps_viz.structures import Intrinsics, Segment, Segmentation
 
 FACTS = FormatFacts(
@@ -150,8 +150,8 @@ def patches(path: Path, classes: NDArray) -> Segmentation:
 def _objects(path: Path) -> dict[int, Segment]:
     """Read lines of ``object:class,name``; object 0 is kept out, as 0 means nothing."""
     objects = {}
-    check_file(path, MAX_TEXT_BYTES, "a text file")
-    for line, text in enumerate(path.read_text(encoding="utf-8-sig", errors="replace").splitlines(), start=1):
+    content = read_bytes(path, MAX_TEXT_BYTES, "a text file").decode("utf-8-sig", errors="replace")
+    for line, text in enumerate(content.splitlines(), start=1):
         number, _, rest = text.partition(":")
         name = rest.partition(",")[2].strip()
         if not text.strip():

@@ -11,14 +11,14 @@ from PIL.JpegImagePlugin import JpegImageFile
 from PIL.PngImagePlugin import PngImageFile
 
 from simaps_viz.errors import InputError
-from simaps_viz.io.limits import MAX_IMAGE_BYTES, check_file, check_picture
+from simaps_viz.io.limits import MAX_IMAGE_BYTES, check_picture, read_bytes
 
 PNG_START = b"\x89PNG\r\n\x1a\n"
 JPEG_START = b"\xff\xd8"
 
 
-def check_header(where: object, data: bytes) -> None:
-    """Raise InputError unless the bytes start as a PNG or JPEG of a size that a camera's picture may have.
+def check_header(where: object, data: bytes) -> tuple[int, int]:
+    """Return width and height; raise InputError unless the bytes start as a PNG or JPEG of a size cameras may have.
 
     Pillow reads the header alone; of images this large OpenCV would allocate all before it finds them damaged.
     """
@@ -31,6 +31,7 @@ def check_header(where: object, data: bytes) -> None:
     except Exception as error:  # Pillow may raise anything on damaged headers
         raise InputError(f"{where}: expected an image, found one that cannot be decoded (it has no size)") from error
     check_picture(where, *found)
+    return found
 
 
 def read_depth(path: Path, depth_unit_m: float) -> NDArray:
@@ -50,7 +51,7 @@ def read_depth(path: Path, depth_unit_m: float) -> NDArray:
 
 def read_color(path: Path) -> NDArray:
     """Read a colour image as uint8 [H, W, 3], RGB; raises InputError when it is missing or damaged."""
-    return cv2.cvtColor(_decode(path, cv2.IMREAD_COLOR | cv2.IMREAD_IGNORE_ORIENTATION), cv2.COLOR_BGR2RGB)
+    return decode_color(path, read_bytes(path, MAX_IMAGE_BYTES, "an image"))
 
 
 def read_ids(path: Path) -> NDArray:
@@ -69,14 +70,15 @@ def read_ids(path: Path) -> NDArray:
     return raw
 
 
+def image_size(path: Path) -> tuple[int, int]:
+    """Return width and height of an image without decoding it; raises InputError as reading it would."""
+    data = read_bytes(path, MAX_IMAGE_BYTES, "an image")
+    _check_complete(path, data)
+    return check_header(path, data)
+
+
 def _decode(path: Path, flags: int, *, lossless: bool = False) -> NDArray:
-    check_file(path, MAX_IMAGE_BYTES, "an image")
-    try:
-        data = path.read_bytes()
-    except (OSError, ValueError) as error:  # ValueError: a name with a zero byte
-        found = error.strerror if isinstance(error, OSError) else None
-        raise InputError(f"{path}: expected an image, found {found or error}") from error
-    return decode_image(path, data, flags, lossless=lossless)
+    return decode_image(path, read_bytes(path, MAX_IMAGE_BYTES, "an image"), flags, lossless=lossless)
 
 
 def decode_image(where: Path | str, data: bytes, flags: int, *, lossless: bool = False) -> NDArray:
@@ -85,11 +87,9 @@ def decode_image(where: Path | str, data: bytes, flags: int, *, lossless: bool =
     Raises:
         InputError: It is damaged, too large or no image, or a JPEG where pixel values matter (``lossless``).
     """
-    fault = _fault(data)
     if lossless and data.startswith(JPEG_START):
-        fault = "a JPEG, which does not keep pixel values (use PNG)"
-    if fault:
-        raise InputError(f"{where}: expected a whole image, found {fault}")
+        raise InputError(f"{where}: expected a whole image, found a JPEG, which does not keep pixel values (use PNG)")
+    _check_complete(where, data)
     check_header(where, data)
     try:
         image = cv2.imdecode(np.frombuffer(data, np.uint8), flags)
@@ -100,15 +100,21 @@ def decode_image(where: Path | str, data: bytes, flags: int, *, lossless: bool =
     return image
 
 
-def _fault(data: bytes) -> str | None:
-    """What is wrong with the bytes of an image file, or None. Costs about 1 % of decoding a PNG, 5 % of a JPEG."""
-    if not data:
-        return "an empty file"
+def decode_color(where: Path | str, data: bytes) -> NDArray:
+    """Decode the bytes of a colour image as uint8 [H, W, 3], RGB; raises InputError like ``decode_image``."""
+    flags = cv2.IMREAD_COLOR | cv2.IMREAD_IGNORE_ORIENTATION
+    return cv2.cvtColor(decode_image(where, data, flags), cv2.COLOR_BGR2RGB)
+
+
+def _check_complete(where: Path | str, data: bytes) -> None:
+    """Raise InputError for an image that is cut short; costs about 1 % of decoding a PNG, 5 % of a JPEG."""
+    fault = None if data else "an empty file"
     if data.startswith(PNG_START):
-        return _png_fault(data)
-    if data.startswith(JPEG_START):
-        return _jpeg_fault(data)
-    return None
+        fault = _png_fault(data)
+    elif data.startswith(JPEG_START):
+        fault = _jpeg_fault(data)
+    if fault:
+        raise InputError(f"{where}: expected a whole image, found {fault}")
 
 
 def _png_fault(data: bytes) -> str | None:

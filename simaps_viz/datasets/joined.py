@@ -90,11 +90,6 @@ class JoinedFrames:
         return self.sequences[number], index - int(self._first_of[number])
 
 
-def join(sequences: Sequence[FrameSource]) -> JoinedFrames:
-    """Join sequences that share a world frame; see `JoinedFrames`."""
-    return JoinedFrames(sequences)
-
-
 def _distinct(names: Sequence[str]) -> list[str]:
     """Return names that differ, fit to stand before a frame's: the second "hall" becomes "hall-2"."""
     given: list[str] = []

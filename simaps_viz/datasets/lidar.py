@@ -4,9 +4,8 @@ The folder has a ``lidar.json`` (format ``posed-clouds/1``, docs/FORMATS.md). Cl
 the camera, and from there on are frames like any other.
 """
 
-import os
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import lru_cache
 from pathlib import Path
 from typing import Any
@@ -17,14 +16,13 @@ from numpy.typing import NDArray
 from simaps_viz.datasets.calibration import read_intrinsics, read_poses, rigid
 from simaps_viz.datasets.cloud_files import read_pcd, read_ply
 from simaps_viz.datasets.clouds import CloudSettings, camera_points, depth_of_cloud, gravity_of_clouds
-from simaps_viz.datasets.images import read_color
+from simaps_viz.datasets.file_frames import expect_files
+from simaps_viz.datasets.images import image_size, read_color
 from simaps_viz.datasets.manifest import KeyTable, read_json, segmentation_files, shown
 from simaps_viz.datasets.posed_frames import read_segments
-from simaps_viz.datasets.recording import FormatFacts, Reader, Recording, Segments
-from simaps_viz.datasets.segment_tables import few
+from simaps_viz.datasets.recording import FormatFacts, Reader, Recording
 from simaps_viz.errors import InputError
-from simaps_viz.geometry import invert_pose
-from simaps_viz.structures import Intrinsics
+from simaps_viz.geometry import invert_pose, spread
 
 FACTS = FormatFacts(
     title="LiDAR and camera",
@@ -33,8 +31,6 @@ FACTS = FormatFacts(
     depth_unit_m=1.0,
     invalid="NaN, infinity",
     pose="LiDAR or camera to world: 4x4",
-    camera_axes="OpenCV",
-    up=None,
     segmentation="as in posed-frames/1",
 )
 FORMAT = "posed-clouds/1"
@@ -63,57 +59,7 @@ class LidarReader(Reader):
         Raises:
             InputError: Anything is not as the format wants it; the message names the file, what was expected and found.
         """
-        scan = _Scan.read(_file(path))
-        facts, floor_height_m = replace(FACTS, up=scan.up), scan.floor_height_m
-        if scan.up is None or floor_height_m is None:
-            picked = {int(i) for i in np.linspace(0, len(scan.names) - 1, min(len(scan.names), _SAMPLED_FOR_GRAVITY))}
-            clouds = [(scan.cloud(i), scan.T_world_camera[i]) for i in sorted(picked)]
-            up, found_m = gravity_of_clouds(scan.file, clouds, scan.camera, scan.up)
-            facts, floor_height_m = replace(FACTS, up=up), found_m if floor_height_m is None else floor_height_m
-        return Recording(
-            facts=facts,
-            path=path,
-            name=scan.name,
-            frame_names=scan.names,
-            poses=scan.T_world_camera,
-            intrinsics=scan.camera,
-            depth=lambda i: depth_of_cloud(scan.cloud(i), scan.camera, scan.settings),
-            color=lambda i: read_color(scan.color_file(i)),
-            color_file=scan.color_file,
-            stored=lambda i: (scan.color_file(i), scan.cloud_file(i)),
-            segments=scan.segments,
-            depth_unit_m=0.001,
-            floor_height_m=floor_height_m,
-            simulated=scan.simulated,
-        )
-
-
-def _file(path: Path) -> Path:
-    return path if path.name.startswith("lidar") and path.suffix == ".json" else path / "lidar.json"
-
-
-@dataclass(frozen=True, eq=False)
-class _Scan:
-    """A checked manifest and the files that it names."""
-
-    file: Path
-    name: str
-    names: tuple[str, ...]
-    T_world_camera: NDArray
-    """float64 [n, 4, 4]."""
-    T_camera_points: Callable[[int], NDArray]
-    """Takes a frame's points, as stored, to its camera."""
-    camera: Intrinsics
-    clouds: str
-    color: str
-    settings: CloudSettings
-    up: tuple[float, float, float] | None
-    floor_height_m: float | None
-    segments: Segments | None
-    simulated: bool
-
-    @classmethod
-    def read(cls, file: Path) -> "_Scan":
+        file = _file(path)
         keys = KeyTable(str(file), read_json(file), _REQUIRED + _OPTIONAL, first="format")
         if keys.text("format") != FORMAT:
             raise InputError(f'{file}: format: expected "{FORMAT}", found {shown(keys.values["format"])}')
@@ -122,41 +68,44 @@ class _Scan:
         names, poses = read_poses(file.parent / keys.file("poses"))
         T_lidar_camera = _mounting(file, keys, needed=pose == _POSES[0] or points == _FRAMES[0])
         T_world_camera = poses @ T_lidar_camera if pose == _POSES[0] else poses
-        color = keys.pattern("color")
-        _check_files(file, keys, names)
-        height, width = read_color(file.parent / color.replace("{frame}", names[0])).shape[:2]
         T_camera_lidar = invert_pose(T_lidar_camera)
+        color_files, cloud_files = _files(file, keys, names)
+        width, height = image_size(color_files[0])
         camera = read_intrinsics(file.parent / keys.file("intrinsics"), width=width, height=height)
         files = segmentation_files(file, keys.values["segmentation"]) if "segmentation" in keys.values else None
-        return cls(
-            file=file,
+        settings = CloudSettings(_pixels(keys, "hidden_pixels"), _pixels(keys, "fill_pixels") or 0)
+        read_cloud = _kept if "{frame}" not in keys.file("clouds") else _read_cloud  # one that all frames share, once
+
+        def cloud(index: int) -> NDArray:
+            T_camera_points = T_camera_lidar if points == _FRAMES[0] else invert_pose(T_world_camera[index])
+            return camera_points(read_cloud(cloud_files[index]), T_camera_points)
+
+        facts = replace(FACTS, up=keys.direction("up"))
+        floor_height_m = keys.number("floor_height_m") if "floor_height_m" in keys.values else None
+        if facts.up is None or floor_height_m is None:
+            clouds = [(cloud(i), T_world_camera[i]) for i in spread(len(names), _SAMPLED_FOR_GRAVITY)]
+            up, found_m = gravity_of_clouds(file, clouds, camera, facts.up)
+            facts, floor_height_m = replace(FACTS, up=up), found_m if floor_height_m is None else floor_height_m
+        return Recording(
+            facts=facts,
+            path=path,
             name=keys.text("name", file.resolve().parent.name),
-            names=names,
-            T_world_camera=T_world_camera,
-            T_camera_points=(lambda i: T_camera_lidar)
-            if points == _FRAMES[0]
-            else (lambda i: invert_pose(T_world_camera[i])),
-            camera=camera,
-            clouds=keys.file("clouds"),
-            color=color,
-            settings=CloudSettings(_pixels(keys, "hidden_pixels"), _pixels(keys, "fill_pixels") or 0),
-            up=keys.direction("up"),
-            floor_height_m=keys.number("floor_height_m") if "floor_height_m" in keys.values else None,
+            frame_names=names,
+            poses=T_world_camera,
+            intrinsics=camera,
+            depth=lambda i: depth_of_cloud(cloud(i), camera, settings),
+            color=lambda i: read_color(color_files[i]),
+            color_file=lambda i: color_files[i],
+            stored=lambda i: (color_files[i], cloud_files[i]),
             segments=read_segments(file.parent, files, names, camera) if files else None,
+            depth_unit_m=0.001,
+            floor_height_m=floor_height_m,
             simulated=keys.flag("simulated", False) or bool(files and files.source.lower().startswith("simulated")),
         )
 
-    def cloud(self, index: int) -> NDArray:
-        """Read a frame's points in camera axes; a cloud that all frames share is read once."""
-        file = self.cloud_file(index)
-        points = _kept(file) if "{frame}" not in self.clouds else _read_cloud(file)
-        return camera_points(points, self.T_camera_points(index))
 
-    def cloud_file(self, index: int) -> Path:
-        return self.file.parent / self.clouds.replace("{frame}", self.names[index])
-
-    def color_file(self, index: int) -> Path:
-        return self.file.parent / self.color.replace("{frame}", self.names[index])
+def _file(path: Path) -> Path:
+    return path if path.name.startswith("lidar") and path.suffix == ".json" else path / "lidar.json"
 
 
 def _read_cloud(file: Path) -> NDArray:
@@ -196,17 +145,17 @@ def _mounting(file: Path, keys: KeyTable, *, needed: bool) -> NDArray:
     return rigid(f"{file}: T_lidar_camera", matrix)
 
 
-def _check_files(file: Path, keys: KeyTable, names: tuple[str, ...]) -> None:
+def _files(file: Path, keys: KeyTable, names: tuple[str, ...]) -> tuple[list[Path], list[Path]]:
+    """Return the files of colour and of the clouds, frame by frame."""
     clouds = keys.file("clouds")
     if Path(clouds).suffix.lower() not in CLOUD_READERS:
         raise InputError(f"{file}: clouds: expected files ending in {', '.join(CLOUD_READERS)}, found {shown(clouds)}")
     if "{frame}" not in clouds and keys.values.get("points") != _FRAMES[1]:
         raise InputError(f'{file}: clouds: expected {{frame}} in it, or "points": "world", found {shown(clouds)}')
-    for pattern in (keys.pattern("color"), clouds):
-        files = [file.parent / pattern.replace("{frame}", name) for name in names]
-        missing = [one for one in files if not os.path.isfile(one)]  # False also for names that are too long
-        if missing:
-            raise InputError(
-                f"{missing[0]}: expected a file for each of {len(names)} frames, found none for {len(missing)}: "
-                f"{few([one.name for one in missing])}"
-            )
+    color_files, cloud_files = (
+        [file.parent / pattern.replace("{frame}", name) for name in names]
+        for pattern in (keys.pattern("color"), clouds)
+    )
+    expect_files(color_files)
+    expect_files(cloud_files)
+    return color_files, cloud_files

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from simaps_viz.errors import InputError
-from simaps_viz.io.limits import MAX_JSON_BYTES, check_file
+from simaps_viz.io.limits import MAX_JSON_BYTES, read_bytes
 
 FORMAT = "posed-frames/1"
 POSE = "T_world_camera"
@@ -97,13 +97,7 @@ def read_manifest(path: Path) -> Manifest:
 
 def read_json(path: Path) -> Any:
     """Read a JSON file; raises InputError when it is missing, too large, not text, not JSON or has a key twice."""
-    check_file(path, MAX_JSON_BYTES, "a JSON file")
-    try:
-        data = path.read_bytes()
-    except (OSError, ValueError) as error:  # ValueError: a name with a zero byte
-        found = error.strerror if isinstance(error, OSError) else None
-        raise InputError(f"{path}: expected a JSON file, found {found or error}") from error
-    return parse_json(path, data)
+    return parse_json(path, read_bytes(path, MAX_JSON_BYTES, "a JSON file"))
 
 
 def parse_json(path: object, data: bytes) -> Any:

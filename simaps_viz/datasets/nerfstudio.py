@@ -7,8 +7,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from simaps_viz.datasets.calibration import OPENCV_FROM_OPENGL, Lens, pinhole, rigid
-from simaps_viz.datasets.file_frames import FileFrames, depth_npy, depth_png, image_size, json_number, read_array
-from simaps_viz.datasets.images import read_depth
+from simaps_viz.datasets.file_frames import FileFrames, depth_npy, depth_png, json_number, read_array
+from simaps_viz.datasets.images import image_size, read_depth
 from simaps_viz.datasets.manifest import read_json, shown
 from simaps_viz.datasets.recording import FormatFacts, Reader, Recording, left_out
 from simaps_viz.errors import InputError
@@ -18,11 +18,8 @@ FACTS = FormatFacts(
     title="nerfstudio",
     recognised_by="`transforms.json` with `depth_file_path`",
     depth="16-bit PNG or `.npy`",
-    depth_unit_m=0.001,
-    invalid="0",
     pose="camera to world: 4x4",
     camera_axes="OpenGL",
-    up=None,
 )
 
 PIXEL_CENTRE = 0.5

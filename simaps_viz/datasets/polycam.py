@@ -14,9 +14,6 @@ from simaps_viz.errors import InputError
 FACTS = FormatFacts(
     title="Polycam",
     recognised_by="`keyframes/images/*.jpg`, `keyframes/depth/*.png`, `keyframes/cameras/*.json`, or `corrected_...`",
-    depth="16-bit PNG",
-    depth_unit_m=0.001,
-    invalid="0",
     pose="camera to world: t_00 ... t_23, three rows",
     camera_axes="OpenGL",
     up=(0.0, 1.0, 0.0),

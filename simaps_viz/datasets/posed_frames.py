@@ -1,28 +1,20 @@
 """Read recordings in the folder format ``posed-frames/1``. Everything that can be checked cheaply is, on opening."""
 
-import os
 from dataclasses import replace
 from pathlib import Path
 
-from numpy.typing import NDArray
-
-from simaps_viz.datasets.calibration import read_intrinsics, read_poses
-from simaps_viz.datasets.images import read_color, read_depth, read_ids
-from simaps_viz.datasets.manifest import Manifest, SegmentationFiles, read_manifest
+from simaps_viz.datasets.calibration import Lens, read_intrinsics, read_poses
+from simaps_viz.datasets.file_frames import FileFrames, check_size, expect_files
+from simaps_viz.datasets.images import image_size, read_depth, read_ids
+from simaps_viz.datasets.manifest import SegmentationFiles, read_manifest
 from simaps_viz.datasets.recording import FormatFacts, Reader, Recording, Segments
-from simaps_viz.datasets.segment_tables import WorldSegments, few, read_frame_segments, read_world_segments
-from simaps_viz.errors import InputError
+from simaps_viz.datasets.segment_tables import WorldSegments, read_frame_segments, read_world_segments
 from simaps_viz.structures import Intrinsics, Segmentation
 
 FACTS = FormatFacts(
     title="posed-frames/1",
     recognised_by="`sequence.json`, or a manifest of any name (README)",
-    depth="16-bit PNG",
-    depth_unit_m=0.001,
-    invalid="0",
     pose="camera to world: frame name, 4x4",
-    camera_axes="OpenCV",
-    up=None,
     segmentation="8- or 16-bit PNG of ids, named per frame (`segments`) or for the whole world (`instances`)",
 )
 
@@ -44,38 +36,25 @@ class PosedFramesReader(Reader):
         """Open a folder or its manifest; raises InputError for anything that is not as the format wants it."""
         manifest = read_manifest(path)
         names, poses = read_poses(manifest.file(manifest.poses))
-        _check_files_exist(manifest, names if self.complete else names[:1])
-        height, width = read_color(manifest.file(manifest.color, names[0])).shape[:2]
-        camera = read_intrinsics(manifest.file(manifest.intrinsics), width=width, height=height)
-
-        def depth(index: int) -> NDArray:
-            file = manifest.file(manifest.depth, names[index])
-            depth_m = read_depth(file, manifest.depth_unit_m)
-            _check_size(file, depth_m, camera)
-            return depth_m
-
-        def color_file(index: int) -> Path:
-            return manifest.file(manifest.color, names[index])
-
-        def color(index: int) -> NDArray:
-            rgb = read_color(color_file(index))
-            _check_size(color_file(index), rgb, camera)
-            return rgb
-
         files = manifest.segmentation
-        return Recording(
-            facts=replace(FACTS, up=manifest.up),
-            path=manifest.path,
+        color, depth = (
+            [manifest.file(pattern, name) for name in names] for pattern in (manifest.color, manifest.depth)
+        )
+        ids = [manifest.file(files.ids, name) for name in names] if files else []
+        for paths in (color, depth, ids):
+            expect_files(paths if self.complete else paths[:1])
+        width, height = image_size(color[0])
+        camera = read_intrinsics(manifest.file(manifest.intrinsics), width=width, height=height)
+        lenses, unit_m = [Lens(camera)], manifest.depth_unit_m
+        frames = FileFrames(color, depth, lenses, lenses, camera, lambda file: read_depth(file, unit_m), looked_up=True)
+        return frames.recording(
+            replace(FACTS, up=manifest.up),
+            manifest.path,
             name=manifest.name,
             frame_names=names,
             poses=poses,
-            intrinsics=camera,
-            depth=depth,
-            color=color,
-            color_file=color_file,
-            stored=lambda i: (color_file(i), manifest.file(manifest.depth, names[i])),
             segments=read_segments(manifest.path.parent, files, names, camera) if files else None,
-            depth_unit_m=manifest.depth_unit_m,
+            depth_unit_m=unit_m,
             simulated=manifest.simulated,
             floor_height_m=manifest.floor_height_m,
             description=manifest.description,
@@ -97,27 +76,8 @@ def read_segments(folder: Path, files: SegmentationFiles, frames: tuple[str, ...
 
     def read(index: int) -> Segmentation:
         ids = read_ids(stored(index))
-        _check_size(stored(index), ids, camera)
+        check_size(stored(index), ids, camera)
         return table.segmentation(frames[index], stored(index), ids)
 
     world = table.by_id if isinstance(table, WorldSegments) else None
     return Segments(table.classes(), read, files.source, world, files.ground_truth, path, stored)
-
-
-def _check_files_exist(manifest: Manifest, frames: tuple[str, ...]) -> None:
-    patterns = [manifest.color, manifest.depth] + ([manifest.segmentation.ids] if manifest.segmentation else [])
-    for pattern in patterns:
-        missing = [frame for frame in frames if not os.path.isfile(manifest.file(pattern, frame))]
-        if missing:
-            first = manifest.file(pattern, missing[0])
-            raise InputError(
-                f"{first}: expected a file for each of {len(frames)} frames, found none for {len(missing)}: "
-                f"{few(missing)}"
-            )
-
-
-def _check_size(path: Path, image: NDArray, camera: Intrinsics) -> None:
-    height, width = image.shape[:2]
-    if (width, height) != (camera.width, camera.height):
-        wanted = f"{camera.width}x{camera.height}"
-        raise InputError(f"{path}: expected {wanted} pixels like the first colour image, found {width}x{height}")

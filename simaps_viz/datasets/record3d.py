@@ -8,7 +8,6 @@ from importlib import import_module
 from pathlib import Path
 from typing import Any
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -21,12 +20,19 @@ from simaps_viz.datasets.file_frames import (
     number_of,
     numbered,
 )
-from simaps_viz.datasets.images import decode_image, read_color
+from simaps_viz.datasets.images import decode_color, read_color
 from simaps_viz.datasets.manifest import is_finite_number, parse_json, read_json, shown
 from simaps_viz.datasets.recording import FormatFacts, Reader, Recording
 from simaps_viz.errors import InputError, needs_extra
+from simaps_viz.io import limits
 from simaps_viz.io.arrays import ARCHIVE_FAULTS
-from simaps_viz.io.limits import MAX_IMAGE_BYTES, MAX_IMAGE_PIXELS, MAX_MEMBER_BYTES, check_file, check_picture
+from simaps_viz.io.limits import (
+    MAX_IMAGE_BYTES,
+    MAX_IMAGE_PIXELS,
+    MAX_MEMBER_BYTES,
+    check_file,
+    check_picture,
+)
 
 
 def members(path: Path, what: str) -> list[str]:
@@ -281,15 +287,9 @@ def _zip_parts(path: Path) -> _Parts:
 
 def _folder_parts(path: Path) -> _Parts:
     stems = [file.stem for file in numbered(path / "rgbd", "*.jpg")]
-
-    def read(name: str) -> bytes:
-        check_file(path / name, MAX_MEMBER_BYTES, "a file a frame")
-        try:
-            return (path / name).read_bytes()
-        except OSError as error:
-            raise InputError(f"{path / name}: expected a file a frame, found {error.strerror}") from error
-
-    return _lzfse_parts(path, read_json(path / "metadata"), str(path / "metadata"), stems, read)
+    metadata = path / "metadata"
+    return _lzfse_parts(path, read_json(metadata), str(metadata), stems,
+                        lambda name: limits.read_bytes(path / name, MAX_MEMBER_BYTES, "a file a frame"))  # fmt: skip
 
 
 def _lzfse_parts(path: Path, metadata: Any, where: str, stems: list[str], read: Callable[[str], bytes]) -> _Parts:
@@ -298,7 +298,7 @@ def _lzfse_parts(path: Path, metadata: Any, where: str, stems: list[str], read: 
 
     def color(index: int) -> NDArray:
         name = f"rgbd/{stems[index]}.jpg"
-        return cv2.cvtColor(decode_image(f"{path}: {name}", read(name), cv2.IMREAD_COLOR), cv2.COLOR_BGR2RGB)
+        return decode_color(f"{path}: {name}", read(name))
 
     def raw_depth(index: int) -> NDArray:
         liblzfse = _library("liblzfse", path)

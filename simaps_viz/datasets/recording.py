@@ -20,17 +20,17 @@ class FormatFacts:
     title: str
     recognised_by: str
     """Files that have to be there."""
-    depth: str
-    """Kind of the depth images."""
-    depth_unit_m: float
-    """Metres that a stored 1 means."""
-    invalid: str
-    """Stored values that mean "no reading"."""
     pose: str
     """As stored."""
-    camera_axes: str
+    depth: str = "16-bit PNG"
+    """Kind of the depth images."""
+    depth_unit_m: float = 0.001
+    """Metres that a stored 1 means."""
+    invalid: str = "0"
+    """Stored values that mean "no reading"."""
+    camera_axes: str = "OpenCV"
     """"OpenCV" (x right, y down, z forward) or "OpenGL" (x right, y up, z backward), as stored."""
-    up: tuple[float, float, float] | None
+    up: tuple[float, float, float] | None = None
     """World's up direction; None = estimated from the depth images."""
     segmentation: str = "none"
 

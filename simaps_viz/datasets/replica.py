@@ -13,11 +13,8 @@ from simaps_viz.errors import InputError
 FACTS = FormatFacts(
     title="Replica (NICE-SLAM)",
     recognised_by="`results/depth*.png`, `results/frame*.jpg`, `traj.txt`",
-    depth="16-bit PNG",
     depth_unit_m=1 / 6553.5,
-    invalid="0",
     pose="camera to world: 16 numbers a line",
-    camera_axes="OpenCV",
     up=(0.0, 0.0, 1.0),
 )
 

@@ -21,9 +21,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from simaps_viz.datasets.association import nearest
-from simaps_viz.datasets.calibration import Lens, from_quaternion, pinhole, rigid, see_through
+from simaps_viz.datasets.calibration import Lens, from_quaternion, matrix_lens, rigid, see_through
 from simaps_viz.datasets.file_frames import clean_depth
-from simaps_viz.datasets.images import decode_image
+from simaps_viz.datasets.images import decode_color
 from simaps_viz.datasets.recording import FormatFacts, Reader, Recording, complete, left_out
 from simaps_viz.errors import InputError
 
@@ -104,11 +104,8 @@ FACTS = FormatFacts(
     title="rerun",
     recognised_by="`*.rrd`",
     depth="DepthImage: 16-bit or 32-bit float",
-    depth_unit_m=0.001,
     invalid="0, NaN",
     pose="Transform3D of the picture's entity and those above it",
-    camera_axes="OpenCV",
-    up=None,
 )
 
 CHUNKS_KEPT = 6
@@ -342,7 +339,7 @@ class _Contents:
                     raise InputError(f"{where}: expected a resolution, found none")
                 K = np.array(values["image_from_camera"][0], dtype=np.float64).reshape(3, 3).T
                 width, height = (int(x) for x in values["resolution"][0])
-                return Lens(pinhole(where, width, height, K[0, 0], K[1, 1], K[0, 2], K[1, 2]))
+                return matrix_lens(where, width, height, K)
         raise InputError(f"{self.path}: {entity}: expected a Pinhole there or above, found none")
 
     def poses(self, entity: str, timeline: str, times: NDArray) -> tuple[NDArray, NDArray]:
@@ -441,8 +438,7 @@ def _depth_m(path: Path, values: dict[str, Any]) -> NDArray:
 
 def _rgb(path: Path, values: dict[str, Any]) -> NDArray:
     if "blob" in values:
-        bgr = decode_image(f"{path}: EncodedImage", _bytes(values["blob"]).tobytes(), cv2.IMREAD_COLOR)
-        return cv2.cvtColor(bgr, cv2.COLOR_BGR2RGB)
+        return decode_color(f"{path}: EncodedImage", _bytes(values["blob"]).tobytes())
     kind, data = _format(values), _bytes(values["buffer"])
     channels = data.size // (kind["width"] * kind["height"])
     if kind["pixel_format"] or channels not in (3, 4) or int(kind["channel_datatype"] or _U8) != _U8:

@@ -16,15 +16,15 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from simaps_viz.datasets import images
 from simaps_viz.datasets.association import associate, interpolate_poses
 from simaps_viz.datasets.calibration import Lens, from_quaternion, pinhole, see_through
 from simaps_viz.datasets.cloud_files import finite_points
 from simaps_viz.datasets.clouds import CloudSettings, camera_points, depth_of_cloud, gravity_of_clouds
 from simaps_viz.datasets.file_frames import check_size, clean_depth
-from simaps_viz.datasets.images import decode_image
 from simaps_viz.datasets.recording import FormatFacts, Reader, Recording, complete, left_out
 from simaps_viz.errors import InputError
-from simaps_viz.geometry import invert_pose
+from simaps_viz.geometry import invert_pose, spread
 
 IMAGE, COMPRESSED = "sensor_msgs/msg/Image", "sensor_msgs/msg/CompressedImage"
 CLOUD = "sensor_msgs/msg/PointCloud2"
@@ -115,7 +115,6 @@ FACTS = FormatFacts(
     depth_unit_m=DEPTH_UNIT_M,
     invalid="0, NaN, infinity",
     pose="tf to the camera's optical frame; or Odometry, PoseStamped",
-    camera_axes="OpenCV",
     up=(0.0, 0.0, 1.0),
 )
 
@@ -441,8 +440,8 @@ def open_clouds(bag: Bag) -> Recording:
             image = decode_color(f"{bag.path}: {color}", bag.read(color, index[color][pairs[i, 1]]))
         return see_through(image, lens.scaled(image.shape[1], image.shape[0]), target, exact=False)
 
-    picked = sorted({int(i) for i in np.linspace(0, len(pairs) - 1, min(len(pairs), _SAMPLED_FOR_FLOOR))})
-    _, floor_height_m = gravity_of_clouds(bag.path, [(points(i), T_world_camera[i]) for i in picked], target, FACTS.up)
+    sampled = [(points(i), T_world_camera[i]) for i in spread(len(pairs), _SAMPLED_FOR_FLOOR)]
+    _, floor_height_m = gravity_of_clouds(bag.path, sampled, target, FACTS.up)
     return Recording(
         facts=FACTS,
         path=bag.path,
@@ -505,7 +504,7 @@ def _encoding(message: Any) -> str:
 
 def _sixteen_bits(where: str, png: bytes) -> NDArray:
     """Decode a picture of one channel of 16 bits, as float32 [H, W]."""
-    image = decode_image(where, png, cv2.IMREAD_UNCHANGED)
+    image = images.decode_image(where, png, cv2.IMREAD_UNCHANGED)
     if image.dtype != np.uint16 or image.ndim != 2:
         raise InputError(f"{where}: expected a PNG of one channel of 16 bits, found {image.dtype} {list(image.shape)}")
     return image.astype(np.float32)
@@ -514,8 +513,7 @@ def _sixteen_bits(where: str, png: bytes) -> NDArray:
 def decode_color(where: str, message: Any) -> NDArray:
     """Decode a colour image: uint8 [H, W, 3], RGB; raises InputError like ``decode_depth``."""
     if message.__msgtype__ == COMPRESSED:
-        bgr = decode_image(where, bytes(message.data), cv2.IMREAD_COLOR)
-        return cv2.cvtColor(bgr, cv2.COLOR_BGR2RGB)
+        return images.decode_color(where, bytes(message.data))
     if message.encoding not in _COLORS:
         raise InputError(f"{where}: expected colour as {', '.join(_COLORS)}, found {message.encoding!r}")
     pixels = _pixels(where, message, np.dtype("u1"), _COLORS[message.encoding])

@@ -7,18 +7,17 @@ lengths and the compressed colour and depth.
 
 import struct
 import zlib
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, BinaryIO
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from simaps_viz.colors.classes import is_thing
-from simaps_viz.datasets.calibration import Lens, matrix4, pinhole, rigid, see_through
-from simaps_viz.datasets.file_frames import FileFrames, check_size, depth_png, image_size, numbered
-from simaps_viz.datasets.images import decode_image, read_ids
+from simaps_viz.datasets.calibration import Lens, matrix4, matrix_lens, rigid, see_through
+from simaps_viz.datasets.file_frames import FileFrames, check_size, depth_png, numbered
+from simaps_viz.datasets.images import decode_color, image_size, read_ids
 from simaps_viz.datasets.manifest import read_json, shown
 from simaps_viz.datasets.recording import FormatFacts, Reader, Recording, Segments, left_out
 from simaps_viz.datasets.segment_tables import WorldSegments
@@ -30,11 +29,7 @@ EXTRACTED = FormatFacts(
     title="ScanNet (extracted)",
     recognised_by="`color/*.jpg`, `depth/*.png`, `pose/*.txt`, `intrinsic/intrinsic_depth.txt` (also in `frames/`) "
     "or `intrinsics_depth.txt`",
-    depth="16-bit PNG",
-    depth_unit_m=0.001,
-    invalid="0",
     pose="camera to world: 4x4; -inf where tracking was lost, left out",
-    camera_axes="OpenCV",
     up=(0.0, 0.0, 1.0),
     segmentation="`instance-filt/*.png` or `instance/*.png` (objectId + 1) named by `*.aggregation.json`: the truth",
 )
@@ -109,8 +104,7 @@ def _color_file(folder: Path, stem: str) -> Path:
 
 
 def _lens(path: Path, width: int, height: int) -> Lens:
-    K = matrix4(path)
-    return Lens(pinhole(str(path), width, height, K[0, 0], K[1, 1], K[0, 2], K[1, 2]))
+    return matrix_lens(str(path), width, height, matrix4(path))
 
 
 def _segments(
@@ -150,15 +144,12 @@ def _objects(path: Path) -> dict[int, Segment]:
     return objects
 
 
-SENS = FormatFacts(
+SENS = replace(
+    EXTRACTED,
     title="ScanNet (.sens)",
     recognised_by="`*.sens`, or a folder with one",
     depth="16 bit, zlib or raw",
-    depth_unit_m=0.001,
-    invalid="0",
-    pose="camera to world: 4x4; -inf where tracking was lost, left out",
-    camera_axes="OpenCV",
-    up=(0.0, 0.0, 1.0),
+    segmentation="none",
 )
 
 VERSION = 4
@@ -228,7 +219,7 @@ class SensReader(Reader):
             data = _read_at(path, entry.color_at, entry.color_bytes)
             k = header.color.intrinsics
             if header.color_compression in COLOR_CODED:
-                rgb = cv2.cvtColor(decode_image(where, data, cv2.IMREAD_COLOR), cv2.COLOR_BGR2RGB)
+                rgb = decode_color(where, data)
             else:
                 rgb = np.frombuffer(data, np.uint8)
             if rgb.size != k.width * k.height * 3:
@@ -277,8 +268,8 @@ def _read_header(path: Path, file: BinaryIO) -> _Header:
     if not steps_a_metre > 0:
         raise InputError(f"{path}: expected depth steps a metre over 0, found {steps_a_metre:g}")
     return _Header(
-        color=_sens_lens(f"{path}: colour camera", color_width, color_height, K_color),
-        depth=_sens_lens(f"{path}: depth camera", depth_width, depth_height, K_depth),
+        color=matrix_lens(f"{path}: colour camera", color_width, color_height, K_color),
+        depth=matrix_lens(f"{path}: depth camera", depth_width, depth_height, K_depth),
         color_compression=color_compression,
         depth_compression=depth_compression,
         depth_unit_m=1.0 / steps_a_metre,
@@ -313,10 +304,6 @@ def _depth_steps(where: str, data: bytes, header: _Header) -> NDArray:
     if len(data) != 2 * k.width * k.height:
         raise InputError(f"{where}: expected {k.width}x{k.height} depths of 16 bits, found {len(data)} bytes")
     return np.frombuffer(data, "<u2").reshape(k.height, k.width)
-
-
-def _sens_lens(where: str, width: int, height: int, K: NDArray) -> Lens:
-    return Lens(pinhole(where, width, height, float(K[0, 0]), float(K[1, 1]), float(K[0, 2]), float(K[1, 2])))
 
 
 def _matrix(path: Path, file: BinaryIO) -> NDArray:

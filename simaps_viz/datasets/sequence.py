@@ -5,12 +5,12 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from simaps_viz.datasets.calibration import REACH_M
+from simaps_viz.datasets.calibration import check_reach
 from simaps_viz.datasets.file_frames import check_size
 from simaps_viz.datasets.gravity import estimate_gravity
 from simaps_viz.datasets.recording import Recording
 from simaps_viz.errors import InputError
-from simaps_viz.geometry import map_from_world
+from simaps_viz.geometry import map_from_world, spread
 from simaps_viz.io.limits import MAX_FRAMES, check_frame_name
 from simaps_viz.structures import Frame, Intrinsics, Segment, Segmentation
 
@@ -57,7 +57,7 @@ class PosedFrames:
             raise InputError(f"{self.path}: expected at most {MAX_FRAMES} frames, found {len(self.frame_names)}")
         for name in self.frame_names:
             check_frame_name(self.path, name)
-        self._check_reach()
+        check_reach([f"{self.path}: frame {name}" for name in self.frame_names], self.poses)
         self.color(0)
         self._check_depth_unit()
         if recording.segments:
@@ -159,22 +159,13 @@ class PosedFrames:
     def _read_sample(self, count: int) -> list[Frame]:
         """Read frames spread evenly over the sequence; leaves out those that cannot be read, where that is allowed."""
         frames = []
-        for index in sorted({int(i) for i in np.linspace(0, len(self) - 1, min(count, len(self)))}):
+        for index in spread(len(self), count):
             try:
                 frames.append(self.read(index))
             except InputError:
                 if self.recording.complete or index == 0:
                     raise
         return frames
-
-    def _check_reach(self) -> None:
-        positions = self.poses[:, :3, 3]
-        distances = np.linalg.norm(positions - np.median(positions, axis=0), axis=1)
-        if not distances.max() <= REACH_M:  # NaN is not less
-            raise InputError(
-                f"{self.path}: frame {self.frame_names[int(distances.argmax())]}: expected a camera within "
-                f"{REACH_M:g} m of the others, found one {distances.max():.4g} m away"
-            )
 
     def _check_depth_unit(self) -> None:
         depths = [frame.depth_m[frame.depth_m > 0] for frame in self._read_sample(_SAMPLED_FOR_UNIT)]

@@ -9,18 +9,15 @@ from pathlib import Path
 import numpy as np
 
 from simaps_viz.datasets.calibration import Lens, matrix4, pinhole, rigid
-from simaps_viz.datasets.file_frames import FileFrames, depth_png, image_size, numbered
+from simaps_viz.datasets.file_frames import FileFrames, depth_png, numbered
+from simaps_viz.datasets.images import image_size
 from simaps_viz.datasets.recording import FormatFacts, Reader, Recording
 
 FACTS = FormatFacts(
     title="7-Scenes",
     recognised_by="`frame-*.depth.png`, `.color.png`, `.pose.txt`",
-    depth="16-bit PNG",
-    depth_unit_m=0.001,
     invalid="0, 65535",
     pose="camera to world: 4x4",
-    camera_axes="OpenCV",
-    up=None,
 )
 
 INVALID = 65535

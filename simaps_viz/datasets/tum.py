@@ -12,18 +12,16 @@ from numpy.typing import NDArray
 
 from simaps_viz.datasets.association import posed_pairs
 from simaps_viz.datasets.calibration import Lens, from_quaternion, number_rows, numbers, pinhole, read_intrinsics, words
-from simaps_viz.datasets.file_frames import FileFrames, depth_png, image_size
+from simaps_viz.datasets.file_frames import FileFrames, depth_png
+from simaps_viz.datasets.images import image_size
 from simaps_viz.datasets.recording import FormatFacts, Reader, Recording, left_out
 from simaps_viz.errors import InputError
 
 FACTS = FormatFacts(
     title="TUM RGB-D",
     recognised_by="`rgb.txt`, `depth.txt`, `groundtruth.txt`",
-    depth="16-bit PNG",
     depth_unit_m=1 / 5000,
-    invalid="0",
     pose="camera to world: time, position, quaternion x y z w",
-    camera_axes="OpenCV",
     up=(0.0, 0.0, 1.0),
 )
 

@@ -15,7 +15,7 @@ import numpy as np
 
 from simaps_viz.errors import InputError
 from simaps_viz.io.files import write_whole
-from simaps_viz.io.limits import MAX_JSON_BYTES, check_file
+from simaps_viz.io.limits import MAX_JSON_BYTES, read_bytes
 
 FORMAT: Final = "simaps-judging/1"
 Answered = Literal["yes", "no", "skip"]
@@ -131,11 +131,7 @@ def resume_session(path: Path) -> JudgingSession:
     Raises:
         InputError: it is not a session file, or a line of it is damaged (named).
     """
-    check_file(path, MAX_JSON_BYTES, "a session file")
-    try:
-        text = path.read_bytes().decode("utf-8", errors="replace")
-    except OSError as error:
-        raise InputError(f"{path}: expected a session file, found {error.strerror or error}") from error
+    text = read_bytes(path, MAX_JSON_BYTES, "a session file").decode("utf-8", errors="replace")
     whole, _, torn = text.rpartition("\n")
     lines = whole.split("\n") if whole else []
     records = [_record(path, number, line) for number, line in enumerate(lines, start=1)]

@@ -16,7 +16,7 @@ from simaps_viz.datasets.source import FrameSource
 from simaps_viz.events import Progress
 from simaps_viz.exports.exporter import ExportOptions
 from simaps_viz.exports.records import color_of, label_colors, node_name
-from simaps_viz.geometry import back_project, transform_points
+from simaps_viz.geometry import back_project, spread, transform_points
 from simaps_viz.structures import Frame, GridSpec, SIMap
 
 UNLABELLED: Final = "unlabelled"
@@ -139,7 +139,7 @@ def gather_points(
     Raises:
         InputError: a frame cannot be read.
     """
-    chosen = sorted({int(i) for i in np.linspace(0, len(sequence) - 1, min(FRAMES, len(sequence)))})
+    chosen = spread(len(sequence), FRAMES)
     xyz, rgb = [np.zeros((0, 3))], [np.zeros((0, 3), np.uint8)]
     for done, index in enumerate(chosen, start=1):
         points, colors = _of_frame(sequence.read(index, color=True), simap.T_map_world, cut_height_m)

@@ -63,6 +63,16 @@ def check_file(path: Path, most: int, what: str) -> None:
         raise InputError(f"{path}: expected {what} of at most {most} bytes, found {size}")
 
 
+def read_bytes(path: Path, most: int, what: str) -> bytes:
+    """Read a file of at most ``most`` bytes; raise InputError, which names ``what`` was expected, when it cannot be."""
+    check_file(path, most, what)
+    try:
+        return path.read_bytes()
+    except (OSError, ValueError) as error:  # ValueError: a name with a zero byte
+        found = error.strerror if isinstance(error, OSError) else None
+        raise InputError(f"{path}: expected {what}, found {found or error}") from error
+
+
 def check_picture(where: object, width: int, height: int) -> None:
     """Raise InputError for an image larger than any camera takes."""
     if not (1 <= width <= MAX_IMAGE_SIDE and 1 <= height <= MAX_IMAGE_SIDE and width * height <= MAX_IMAGE_PIXELS):

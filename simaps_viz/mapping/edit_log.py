@@ -16,7 +16,7 @@ import numpy as np
 
 from simaps_viz.errors import InputError
 from simaps_viz.io.files import write_whole
-from simaps_viz.io.limits import MAX_EDITS_BYTES, check_cells, check_file
+from simaps_viz.io.limits import MAX_EDITS_BYTES, check_cells, read_bytes
 from simaps_viz.mapping.edits import (
     MAX_LABEL_LENGTH,
     Delete,
@@ -196,11 +196,7 @@ def read_edits(path: Path) -> tuple[EditsFile, bytes]:
         InputError: it is missing, damaged, or no ``simap-edits/1`` file.
     """
     path = Path(path)
-    check_file(path, MAX_EDITS_BYTES, "a file of edits")
-    try:
-        data = path.read_bytes()
-    except OSError as error:
-        raise InputError(f"{path}: expected a file of edits, found: {error.strerror or error}") from error
+    data = read_bytes(path, MAX_EDITS_BYTES, "a file of edits")
     try:
         record = json.loads(data.decode())
     except (ValueError, RecursionError) as error:

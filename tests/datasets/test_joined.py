@@ -12,7 +12,7 @@ from simaps_viz import load_map, open_sequence
 from simaps_viz.build.pipeline import BuildConfig, build_map
 from simaps_viz.build.workers import reopening
 from simaps_viz.cli.main import main
-from simaps_viz.datasets.joined import JoinedFrames, join
+from simaps_viz.datasets.joined import JoinedFrames
 from simaps_viz.errors import InputError
 
 FRAMES = 9
@@ -60,7 +60,7 @@ def assert_same(one, other):
 @pytest.mark.parametrize("method", ["evidence", "paper"])
 def test_the_halves_make_the_map_of_the_whole(tmp_path, halves, method):
     whole = open_sequence(write_tiny_sequence(tmp_path / "whole", frames=FRAMES))
-    joined = join([open_sequence(path) for path in halves])
+    joined = JoinedFrames([open_sequence(path) for path in halves])
     config = BuildConfig(method=method)
     one, other = build_map(whole, config), build_map(joined, config)
     assert one.counts() == {"chair": 2}
@@ -85,7 +85,7 @@ def test_frames_are_those_of_their_sequences(halves):
 
 @pytest.mark.parametrize("parts", [1, 2])
 def test_a_worker_opens_them_again(halves, tmp_path, parts):
-    joined = join([open_sequence(path) for path in halves[:parts]])
+    joined = JoinedFrames([open_sequence(path) for path in halves[:parts]])
     again = reopening(joined, tmp_path)()
     assert again.frame_names == joined.frame_names and again.labels == joined.labels
     assert np.array_equal(again.poses, joined.poses)
@@ -115,7 +115,7 @@ def test_names_that_cannot_stand_before_a_frame_are_made_plain(tmp_path):
     paths = [
         part(tmp_path / f"{i}", i, i + 1, name=name) for i, name in enumerate(("west wing/2", "hall", "hall", "x"))
     ]
-    joined = join([open_sequence(path) for path in paths])
+    joined = JoinedFrames([open_sequence(path) for path in paths])
     assert [name.split("/")[0] for name in joined.frame_names] == ["west-wing-2", "hall", "hall-2", "x"]
     assert joined.name == "west-wing-2 and 3 more"
 
@@ -124,7 +124,7 @@ def test_classes_are_those_of_all(halves, tmp_path):
     table = tmp_path / "b" / "segments.json"
     table.write_text(table.read_text().replace('"chair"', '"armchair"'))
     one, other = (open_sequence(path) for path in halves)
-    joined = join([one, other])
+    joined = JoinedFrames([one, other])
     assert joined.labels == ("none", "armchair", "chair", "floor")
     assert joined.is_thing == (False, True, True, False)
 
@@ -148,6 +148,6 @@ def test_what_cannot_be_of_one_world_frame_is_refused(halves):
         ({"is_thing": kinds}, "class floor: expected stuff as in the sequences before it, found a thing"),
     ]:
         with pytest.raises(InputError, match=message):
-            join([one, like(other, **changes)])  # pyright: ignore[reportArgumentType]
+            JoinedFrames([one, like(other, **changes)])  # pyright: ignore[reportArgumentType]
     with pytest.raises(InputError, match="expected at least one, found none"):
-        join([])
+        JoinedFrames([])
