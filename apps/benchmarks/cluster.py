@@ -12,7 +12,7 @@ from benchmarks.timing import best_of, measure, timed, times
 
 from simaps_viz.build.pipeline import BuildConfig, facts_of, gather_frames
 from simaps_viz.build.workers import SHARD_FRAMES, gather_shard, job_of, open_workers, reopening, steps_in
-from simaps_viz.datasets.joined import JoinedFrames, join
+from simaps_viz.datasets.joined import JoinedFrames
 from simaps_viz.datasets.sequence import PosedFrames
 from simaps_viz.mapping.file import save_map
 from simaps_viz.mapping.finalize import empty_accumulator, map_so_far
@@ -52,7 +52,7 @@ def bench_cluster(
         workers: how many; the first is what the others are compared with.
         copies: the sequence is read so many times over, so that starting up does not count.
     """
-    frames, config = join([sequence] * copies), BuildConfig()
+    frames, config = JoinedFrames([sequence] * copies), BuildConfig()
     gather_frames(sequence, config, range(len(sequence)))  # compiles, and reads the files into memory
     alone_s, accumulator = timed(lambda: gather_frames(frames, config, range(len(frames))))
     save_map(map_so_far(accumulator, facts_of(frames), config), scratch / "alone.npz")

@@ -26,11 +26,11 @@ from simaps_viz.datasets.source import FrameSource
 from simaps_viz.errors import InputError, SIMapsError
 from simaps_viz.events import BuildStarted, CommunitiesFound, Event, FrameProjected, FrameSkipped, Observer
 from simaps_viz.mapping.mending import Mending, open_mending
-from simaps_viz.mapping.partition import empty_log
+from simaps_viz.mapping.partition import empty_log, empty_views
 from simaps_viz.mapping.simap import Origin, assemble
 from simaps_viz.navigation.agent import start_pose
 from simaps_viz.navigation.planner import RobotShape
-from simaps_viz.structures import Grid, GridSpec, SIMap, Views
+from simaps_viz.structures import Grid, GridSpec, SIMap
 from simaps_viz.viewer.panels.live import LiveState
 
 if TYPE_CHECKING:
@@ -462,7 +462,6 @@ def waiting_map(sequence: FrameSource, config: BuildConfig) -> SIMap:
     spec = GridSpec(rows, cols, cell_size_m=size, x0_m=float(low[0] * size), y0_m=float(low[1] * size))
     nothing, zero = np.full(spec.shape, np.nan, np.float32), np.zeros(spec.shape, np.int32)
     grid = Grid(spec, facts.labels, facts.is_thing, zero.astype(np.int16), nothing, nothing.copy(), zero)
-    none = np.zeros(0, np.int32)
     origin = Origin(
         T_map_world=facts.T_map_world,
         method=config.method,
@@ -472,7 +471,7 @@ def waiting_map(sequence: FrameSource, config: BuildConfig) -> SIMap:
         frame_names=(),
         T_map_camera=np.zeros((0, 4, 4)),
     )  # fmt: skip
-    return assemble(grid, (), zero.copy(), empty_log(), Views(none, none, none, none, np.zeros(0, np.float32)), origin)
+    return assemble(grid, (), zero.copy(), empty_log(), empty_views(), origin)
 
 
 def first_look(sequence: FrameSource, waiting: SIMap) -> FrameProjected | None:

@@ -13,8 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from simaps_viz.datasets.file_frames import MAX_STEP
+from simaps_viz.datasets.images import MAX_ID, encode_ids
 from simaps_viz.datasets.manifest import CAMERA_AXES, FORMAT, POSE
-from simaps_viz.datasets.segment_tables import MAX_ID
 from simaps_viz.datasets.sequence import PosedFrames
 from simaps_viz.errors import InputError
 from simaps_viz.structures import Segmentation
@@ -140,7 +140,7 @@ class _Writer:
         highest = int(segmentation.ids.max())
         if highest > MAX_ID:
             raise InputError(f"{self.sequence.path}: frame {name}: expected ids up to {MAX_ID}, found {highest}")
-        self._write_image(f"ids/{name}.png", segmentation.ids.astype(np.uint8 if highest < 256 else np.uint16))
+        (self.folder / f"ids/{name}.png").write_bytes(encode_ids(segmentation.ids).tobytes())
         if self.world is None:
             self.table[name] = _entries(segmentation)
 

@@ -1,6 +1,7 @@
 """Read image files, and refuse damaged ones: a decoder left alone turns half a file into a grey or black rest."""
 
 import zlib
+from collections.abc import Sequence
 from io import BytesIO
 from pathlib import Path
 
@@ -15,6 +16,8 @@ from simaps_viz.io.limits import MAX_IMAGE_BYTES, check_picture, read_bytes
 
 PNG_START = b"\x89PNG\r\n\x1a\n"
 JPEG_START = b"\xff\xd8"
+MAX_ID = 65535
+"""Id images have 16 bits at most."""
 
 
 def check_header(where: object, data: bytes) -> tuple[int, int]:
@@ -104,6 +107,15 @@ def decode_color(where: Path | str, data: bytes) -> NDArray:
     """Decode the bytes of a colour image as uint8 [H, W, 3], RGB; raises InputError like ``decode_image``."""
     flags = cv2.IMREAD_COLOR | cv2.IMREAD_IGNORE_ORIENTATION
     return cv2.cvtColor(decode_image(where, data, flags), cv2.COLOR_BGR2RGB)
+
+
+def encode_ids(ids: NDArray, options: Sequence[int] = ()) -> NDArray:
+    """Encode segment ids [H, W] as a PNG of 8 bits, or of 16; uint8 [bytes]. Raises InputError for larger ones."""
+    highest = int(ids.max(initial=0))
+    if highest > MAX_ID:
+        raise InputError(f"segment ids: expected at most {MAX_ID}, found {highest}")
+    narrow = ids.astype(np.uint8 if highest < 256 else np.uint16)
+    return cv2.imencode(".png", narrow, list(options))[1]
 
 
 def _check_complete(where: Path | str, data: bytes) -> None:

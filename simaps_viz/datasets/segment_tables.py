@@ -10,12 +10,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from simaps_viz.colors import classes
+from simaps_viz.datasets.images import MAX_ID
 from simaps_viz.datasets.manifest import read_json, shown
 from simaps_viz.errors import InputError
 from simaps_viz.structures import Segment, Segmentation
-
-MAX_ID = 65535
-"""Id images have 16 bits at most."""
 
 
 @dataclass(frozen=True)

@@ -76,6 +76,32 @@ class FrameSource(Protocol):
         ...
 
 
+class OtherMasks:
+    """The frames of a sequence as they are, for a `FrameSource` with masks of its own. Several threads may read."""
+
+    def __init__(self, sequence: FrameSource) -> None:
+        self._sequence = sequence
+        self.name: str = sequence.name
+        self.path: Path = sequence.path
+        self.frame_names: tuple[str, ...] = sequence.frame_names
+        self.poses: NDArray = sequence.poses
+        self.T_map_world: NDArray = sequence.T_map_world
+        self.labels: tuple[str, ...] = sequence.labels
+        self.is_thing: tuple[bool, ...] = sequence.is_thing
+        self.simulated: bool = sequence.simulated
+
+    def __len__(self) -> int:
+        return len(self.frame_names)
+
+    def described(self) -> bytes:
+        """Return what the sequence says its images mean; ``segmentation_source`` names the masks."""
+        return self._sequence.described()
+
+    def read(self, index: int, *, color: bool = False) -> Frame:
+        """Read a frame, as the sequence itself does."""
+        return self._sequence.read(index, color=color)
+
+
 READ_TOGETHER = 4
 """Frames that a thread reads in one go: handing over each by itself costs more than a tenth of the reading."""
 READ_AHEAD = 3

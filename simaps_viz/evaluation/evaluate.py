@@ -12,9 +12,10 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from simaps_viz.datasets.images import encode_ids
 from simaps_viz.datasets.manifest import read_json
 from simaps_viz.datasets.sequence import PosedFrames
-from simaps_viz.datasets.source import FrameSource
+from simaps_viz.datasets.source import FrameSource, OtherMasks
 from simaps_viz.errors import InputError
 from simaps_viz.evaluation.quality import Scores, ScoringRules, find_overlaps, scores_of
 from simaps_viz.evaluation.truth import Truth, find_truth, settings_of, truth_of
@@ -22,19 +23,17 @@ from simaps_viz.events import Progress
 from simaps_viz.geometry import transform_points
 from simaps_viz.mapping.file import save_map
 from simaps_viz.scenes.simulated_errors import LEVELS, KnownInstance, check_level, simulate_errors
-from simaps_viz.structures import Frame, Segment, Segmentation, SIMap
+from simaps_viz.structures import Segment, Segmentation, SIMap
 
 _FAST_PNG = [cv2.IMWRITE_PNG_COMPRESSION, 1]
 
 
-class WithSimulatedErrors:
+class WithSimulatedErrors(OtherMasks):
     """The frames of a sequence with exact ids, with the mask errors of a simulated network: a `FrameSource`.
 
     A frame is spoiled when first asked for and kept packed, about as fast to unpack as a file is to read; so builds
     of several methods cost what they would cost with masks on disk. Several threads may read at once.
     """
-
-    simulated = True
 
     def __init__(self, sequence: PosedFrames, level: str, seed: int = 0) -> None:
         """Wrap a sequence.
@@ -49,36 +48,16 @@ class WithSimulatedErrors:
         """
         if seed < 0:
             raise InputError(f"seed: expected 0 or more, found {seed}")
-        self.level, self.seed, self._exact = check_level(level), seed, sequence
+        super().__init__(sequence)
+        self.level, self.seed, self.color = check_level(level), seed, sequence.color
         self._known = _known_instances(sequence)
         self._packed: dict[int, tuple[NDArray, tuple[Segment, ...]]] = {}
-        self.name: str = f"{sequence.name}, {self.segmentation_source}"
-        self.path: Path = sequence.path
-        self.frame_names: tuple[str, ...] = sequence.frame_names
-        self.poses: NDArray = sequence.poses
-        self.T_map_world: NDArray = sequence.T_map_world
-        self.labels: tuple[str, ...] = sequence.labels
-        self.is_thing: tuple[bool, ...] = sequence.is_thing
+        self.name, self.simulated = f"{sequence.name}, {self.segmentation_source}", True
 
     @property
     def segmentation_source(self) -> str:
         """In words, always "simulated …"."""
         return f"simulated network errors, {self.level}, seed {self.seed}"
-
-    def __len__(self) -> int:
-        return len(self._exact)
-
-    def described(self) -> bytes:
-        """Return what the sequence says its images mean; ``segmentation_source`` names the errors."""
-        return self._exact.described()
-
-    def read(self, index: int, *, color: bool = False) -> Frame:
-        """Read a frame, as the sequence itself does."""
-        return self._exact.read(index, color=color)
-
-    def color(self, index: int) -> NDArray:
-        """Read a frame's colour image, uint8 [H, W, 3], RGB."""
-        return self._exact.color(index)
 
     def segmentation(self, index: int) -> Segmentation:
         """Return a frame's spoiled masks; the same every time."""
@@ -95,16 +74,12 @@ class WithSimulatedErrors:
                     progress(f"simulating network errors, {self.level}, seed {self.seed}", done, len(self))
 
     def _spoil(self, index: int) -> tuple[NDArray, tuple[Segment, ...]]:
-        exact = self._exact.segmentation(index)
+        exact = self._sequence.segmentation(index)
         name = self.frame_names[index]
         ids, rows = simulate_errors(exact.ids, self._known, level=self.level, seed=self.seed, frame=name)
         things = dict(zip(self.labels, self.is_thing, strict=True))
         segments = tuple(Segment(r["id"], r["label"], float(r["score"]), things[r["label"]]) for r in rows)
-        narrow = ids.astype(np.uint8) if ids.max(initial=0) < 256 else ids.astype(np.uint16)
-        done, packed = cv2.imencode(".png", narrow, _FAST_PNG)
-        if not done:
-            raise InputError(f"{self.path}: frame {name}: expected ids of at most 65535, found {int(ids.max())}")
-        return packed, segments
+        return encode_ids(ids, _FAST_PNG), segments
 
 
 def _known_instances(sequence: PosedFrames) -> Mapping[int, KnownInstance]:
@@ -205,31 +180,13 @@ class Report:
         return tuple(dict.fromkeys(run.method for run in self.runs))
 
 
-class FirstFrames:
+class FirstFrames(OtherMasks):
     """The first few frames of a sequence: a `FrameSource`."""
 
     def __init__(self, sequence: FrameSource, count: int) -> None:
-        self._sequence, self._count = sequence, min(count, len(sequence))
-        self.name, self.path, self.T_map_world = sequence.name, sequence.path, sequence.T_map_world
-        self.labels, self.is_thing, self.simulated = sequence.labels, sequence.is_thing, sequence.simulated
-        self.segmentation_source = sequence.segmentation_source
-        self.frame_names = sequence.frame_names[: self._count]
-        self.poses = sequence.poses[: self._count]
-
-    def __len__(self) -> int:
-        return self._count
-
-    def described(self) -> bytes:
-        """Return what the sequence says its images mean."""
-        return self._sequence.described()
-
-    def read(self, index: int, *, color: bool = False) -> Frame:
-        """Read a frame."""
-        return self._sequence.read(index, color=color)
-
-    def segmentation(self, index: int) -> Segmentation:
-        """Read a frame's segmentation."""
-        return self._sequence.segmentation(index)
+        super().__init__(sequence)
+        self.segmentation, self.segmentation_source = sequence.segmentation, sequence.segmentation_source
+        self.frame_names, self.poses = sequence.frame_names[:count], sequence.poses[:count]
 
 
 def evaluate(

@@ -16,8 +16,8 @@ from simaps_viz.datasets.sequence import PosedFrames
 from simaps_viz.datasets.source import FrameSource, read_ahead
 from simaps_viz.errors import InputError
 from simaps_viz.mapping.accumulator import MapAccumulator, ProjectionSettings
-from simaps_viz.mapping.partition import describe_instances
-from simaps_viz.structures import Grid, GridSpec, MergeLog, Segment, Segmentation, SIMap, Views
+from simaps_viz.mapping.partition import describe_instances, empty_log, empty_views
+from simaps_viz.structures import Grid, GridSpec, Segment, Segmentation, SIMap
 
 
 def whole_cells(old: GridSpec, new: GridSpec) -> tuple[int, int]:
@@ -212,8 +212,7 @@ def check_same_frame(simap: SIMap, truth: Truth) -> None:
 
 def truth_as_map(truth: Truth) -> SIMap:
     """Return the truth as a Semantic Instance Map, to be looked at or scored; it has neither graph nor merges."""
-    nothing = np.zeros(0, dtype=np.int32)
-    views = Views(nothing, nothing, nothing, nothing, nothing.astype(np.float32))
+    views = empty_views()
     ids = np.arange(int(truth.instance.max(initial=0)) + 1, dtype=np.int32)
     found = describe_instances(truth.grid, truth.instance, views, ids)
     return SIMap(
@@ -225,7 +224,7 @@ def truth_as_map(truth: Truth) -> SIMap:
         parameters={"k_percent": 0.0, "cell_size_m": truth.spec.cell_size_m},
         provenance={"segmentation": truth.source},
         community=truth.instance,
-        merges=MergeLog(nothing.astype(np.int16), nothing, nothing, nothing.astype(np.float32)),
+        merges=empty_log(),
         graphs=(),
         views=views,
         frame_names=(),

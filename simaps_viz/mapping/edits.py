@@ -560,10 +560,10 @@ def graphs_after(simap: SIMap, grid: Grid) -> tuple[CellGraph, ...]:
         mine = links[:, (after[links[0]] == index) & (after[links[1]] == index)]
         mine = mine[:, np.lexsort((mine[1], mine[0]))]
         edges = np.searchsorted(cells, mine[:2].T).astype(np.int32)
-        if method_of(simap.method).weights_per_frame:
-            graphs[index] = weighted(grid, index, cells, edges, mine[2])
-        else:
+        if method_of(simap.method).weighs_evidence:
             graphs[index] = affine(index, cells, edges, mine[2], mine[3])
+        else:
+            graphs[index] = weighted(grid, index, cells, edges, mine[2])
     return tuple(graphs[index] for index in sorted(graphs))
 
 

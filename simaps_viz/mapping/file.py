@@ -234,11 +234,7 @@ def _rebuild(meta: Mapping[str, Any], data: Mapping[str, NDArray], packed: Mappi
         provenance=meta["provenance"],
         merges=MergeLog(data["merge_label"], data["merge_source"], data["merge_target"], data["merge_score"]),
         graphs=_graphs(
-            grid,
-            data["graph_label"],
-            data["graph_edges"],
-            packed,
-            evidence=not method_of(meta["method"]).weights_per_frame,
+            grid, data["graph_label"], data["graph_edges"], packed, evidence=method_of(meta["method"]).weighs_evidence
         ),
         views=Views(
             data["view_community"], data["view_frame"], data["view_segment"], data["view_cells"], data["view_score"]

@@ -13,7 +13,7 @@ import weakref
 from array import array
 from collections.abc import Iterator, Sequence
 from pathlib import Path
-from typing import IO, Any, overload
+from typing import IO, Any, TypeVar, overload
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,7 +28,26 @@ _SEGMENT_BYTES = 300
 _ALWAYS_BYTES = 3 * 8 + 2 + 16 * 8 + 8 + 49  # index, position on disk, pose and the name's object
 
 
-class FrameList(Sequence[FrameSeen]):
+_Kept = TypeVar("_Kept")
+
+
+class LazySequence(Sequence[_Kept]):
+    """A sequence whose entries are made or read when they are asked for, by `at`."""
+
+    def at(self, at: int) -> _Kept:
+        """Return an entry; ``at`` is not negative."""
+        raise NotImplementedError
+
+    @overload
+    def __getitem__(self, at: int) -> _Kept: ...
+    @overload
+    def __getitem__(self, at: slice) -> list[_Kept]: ...
+    def __getitem__(self, at: int | slice) -> _Kept | list[_Kept]:
+        where = range(len(self))[at]
+        return self.at(where) if isinstance(where, int) else [self.at(i) for i in where]
+
+
+class FrameList(LazySequence[FrameSeen]):
     """What the frames of a build saw, ascending by index. Frames on disk are read when they are asked for."""
 
     def __init__(self) -> None:
@@ -50,14 +69,8 @@ class FrameList(Sequence[FrameSeen]):
     def __len__(self) -> int:
         return len(self.indices)
 
-    @overload
-    def __getitem__(self, at: int) -> FrameSeen: ...
-    @overload
-    def __getitem__(self, at: slice) -> list[FrameSeen]: ...
-    def __getitem__(self, at: int | slice) -> FrameSeen | list[FrameSeen]:
-        if isinstance(at, slice):
-            return [self[i] for i in range(len(self))[at]]
-        at = range(len(self))[at]
+    def at(self, at: int) -> FrameSeen:
+        """Return a frame, by its position in the list; raises InputError when it cannot be read back."""
         if self._file[at] < 0:
             return self._held[self.indices[at]]
         data = self._files[self._file[at]].read(self._offset[at], self._length[at])

@@ -5,10 +5,9 @@ import threading
 from array import array
 from bisect import bisect_right
 from collections import OrderedDict
-from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Any, overload
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,14 +17,14 @@ from simaps_viz.io.limits import MAX_HISTORY_BYTES, check_cells
 from simaps_viz.mapping.accumulator import MapAccumulator
 from simaps_viz.mapping.config import BuildConfig, config_from_json
 from simaps_viz.mapping.finalize import SequenceFacts, empty_accumulator, facts_from_json, map_so_far
-from simaps_viz.mapping.frame_list import FrameList
+from simaps_viz.mapping.frame_list import FrameList, LazySequence
 from simaps_viz.mapping.methods import method_of
 from simaps_viz.mapping.observations import AllReadings, Readings, StreamedReadings, gather_readings
-from simaps_viz.mapping.partition import empty_log
+from simaps_viz.mapping.partition import empty_log, empty_views
 from simaps_viz.mapping.simap import assemble, origin_of
 from simaps_viz.mapping.steps import FrameSeen, FrameStep, StepReader, decode_step
 from simaps_viz.mapping.votes import vote_labels
-from simaps_viz.structures import Grid, SIMap, Views
+from simaps_viz.structures import Grid, SIMap
 
 HELD_BYTES = 128 << 20
 """Memory for steps; those of ordinary builds all fit into it, others are read from the file when they are needed."""
@@ -39,7 +38,7 @@ _CELLS_A_READING = 1000
 """A larger grid is accepted up to so many cells for each reading; a damaged file may claim any size."""
 
 
-class KeptSteps(Sequence[FrameStep]):
+class KeptSteps(LazySequence[FrameStep]):
     """The steps of one build, one for each frame, in order. Several threads may share them."""
 
     def __init__(self, path: Path) -> None:
@@ -63,14 +62,8 @@ class KeptSteps(Sequence[FrameStep]):
     def __len__(self) -> int:
         return len(self.names)
 
-    @overload
-    def __getitem__(self, at: int) -> FrameStep: ...
-    @overload
-    def __getitem__(self, at: slice) -> Sequence[FrameStep]: ...
-    def __getitem__(self, at: int | slice) -> FrameStep | Sequence[FrameStep]:
-        if isinstance(at, slice):
-            return [self[i] for i in range(len(self))[at]]
-        at = range(len(self))[at]
+    def at(self, at: int) -> FrameStep:
+        """Return the step of a frame."""
         return self._held[at] if at < len(self._held) else decode_step(self._reader.read(at))
 
     @property
@@ -124,14 +117,9 @@ class KeptFrames(FrameList):
         super().__init__()
         self._steps = steps
 
-    @overload
-    def __getitem__(self, at: int) -> FrameSeen: ...
-    @overload
-    def __getitem__(self, at: slice) -> list[FrameSeen]: ...
-    def __getitem__(self, at: int | slice) -> FrameSeen | list[FrameSeen]:
-        if isinstance(at, slice):
-            return [self[i] for i in range(len(self))[at]]
-        return self._steps[range(len(self))[at]].seen
+    def at(self, at: int) -> FrameSeen:
+        """Return a frame, by its position in the list."""
+        return self._steps.at(at).seen
 
     @property
     def all_held(self) -> bool:
@@ -236,15 +224,13 @@ class MapHistory:
         # instances of the finished map where the cell already has its final class
         thing = np.array(grid.is_thing)[grid.label] & (grid.label == finished.grid.label)
         instance = np.where(thing, finished.instance, 0).astype(np.int32)
-        nothing = np.zeros(0, np.int32)
         origin = replace(
             origin_of(finished),
             frame_names=finished.frame_names[: frame + 1],
             T_map_camera=finished.T_map_camera[: frame + 1],
             provenance={**finished.provenance, "frames": frame + 1},
         )
-        views = Views(nothing, nothing, nothing, nothing, np.zeros(0, np.float32))
-        return assemble(grid, (), instance, empty_log(), views, origin)
+        return assemble(grid, (), instance, empty_log(), empty_views(), origin)
 
     def _check(self, frame: int) -> None:
         if not 0 <= frame < len(self._steps):

@@ -90,6 +90,11 @@ class Method:
     weights_per_frame: bool = False
     """Edge weights are pixel pairs per frame that saw the cells; False: the share of frames that saw one object."""
 
+    @property
+    def weighs_evidence(self) -> bool:
+        """Edge weights are the share of frames that saw one object; those of a method not known here are counts."""
+        return self.slider is not None and not self.weights_per_frame
+
     def __init__(self, name: str) -> None:
         """Name the method as ``--method`` and ``SIMap.method`` do."""
         self.name = name

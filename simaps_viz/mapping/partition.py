@@ -78,6 +78,12 @@ def empty_log() -> MergeLog:
     return MergeLog(np.zeros(0, np.int16), np.zeros(0, np.int32), np.zeros(0, np.int32), np.zeros(0, np.float32))
 
 
+def empty_views() -> Views:
+    """Return the views of a map without frames."""
+    nothing = np.zeros(0, np.int32)
+    return Views(nothing, nothing, nothing, nothing, np.zeros(0, np.float32))
+
+
 def instance_of_community(log: MergeLog, applied: NDArray, communities: int) -> NDArray:
     """Follow the applied merges.
 

@@ -18,7 +18,7 @@ from typing import Any
 import cv2
 import numpy as np
 
-from simaps_viz.datasets.images import read_ids
+from simaps_viz.datasets.images import encode_ids, read_ids
 from simaps_viz.datasets.manifest import read_json
 from simaps_viz.datasets.source import FrameSource
 from simaps_viz.errors import InputError
@@ -65,10 +65,9 @@ def write_masks(masks: FrameSource, manifest: Path) -> None:
     try:
         for index, name in enumerate(masks.frame_names):
             found = masks.segmentation(index)
-            narrow = found.ids.astype(np.uint8 if found.ids.max(initial=0) < 256 else np.uint16)
             image = folder / f"{name}.png"
             image.parent.mkdir(parents=True, exist_ok=True)
-            write_whole(image, cv2.imencode(".png", narrow)[1].tobytes(), "the masks", durable=False)
+            write_whole(image, encode_ids(found.ids).tobytes(), "the masks", durable=False)
             area = np.bincount(found.ids.reshape(-1), minlength=1)
             table[name] = [
                 {"id": s.id, "label": s.label, "score": s.score, "isthing": s.is_thing, "area": int(area[s.id])}
@@ -155,9 +154,8 @@ class MaskStore:
         It does not wait for the disk, which would take longer than a network does: masks that a power cut takes are
         made again.
         """
-        narrow = found.ids.astype(np.uint8 if found.ids.max(initial=0) < 256 else np.uint16)
         row = {"frame": index, "stamp": list(stamp), "segments": [_row(s) for s in found.segments]}
-        data = cv2.imencode(".png", narrow, _FAST_PNG)[1].tobytes()
+        data = encode_ids(found.ids, _FAST_PNG).tobytes()
         try:
             write_whole(self._image(index), data, "the masks", durable=False)
             with self._lock, (self.folder / _LINES).open("a", encoding="utf-8") as file:

@@ -9,9 +9,8 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any, NamedTuple, Protocol
 
-from numpy.typing import NDArray
-
 from simaps_viz.datasets.sequence import PosedFrames
+from simaps_viz.datasets.source import OtherMasks
 from simaps_viz.errors import InputError
 from simaps_viz.events import Progress
 from simaps_viz.segmentation.coco_panoptic import SOURCE as COCO
@@ -123,37 +122,16 @@ class Masks(Protocol):
         ...
 
 
-class WithMasks:
+class WithMasks(OtherMasks):
     """The frames of a sequence with other masks than its own: a `FrameSource`. Several threads may read at once."""
 
     def __init__(self, sequence: PosedFrames, masks: Masks, source: str) -> None:
-        self._sequence, self._masks = sequence, masks
-        self.name: str = sequence.name
-        self.path: Path = sequence.path
-        self.frame_names: tuple[str, ...] = sequence.frame_names
-        self.poses: NDArray = sequence.poses
-        self.T_map_world: NDArray = sequence.T_map_world
+        super().__init__(sequence)
+        self._masks, self._intrinsics, self.color = masks, sequence.intrinsics, sequence.color
         self.segmentation_source: str = source
-        self.simulated: bool = sequence.simulated
         classes = masks.classes()
-        self.labels: tuple[str, ...] = ("none", *classes)
-        """Those that the network found; index 0 is "none"."""
-        self.is_thing: tuple[bool, ...] = (False, *classes.values())
-
-    def __len__(self) -> int:
-        return len(self._sequence)
-
-    def described(self) -> bytes:
-        """Return what the sequence says its images mean; ``segmentation_source`` names the masks."""
-        return self._sequence.described()
-
-    def read(self, index: int, *, color: bool = False) -> Frame:
-        """Read a frame, as the sequence itself does."""
-        return self._sequence.read(index, color=color)
-
-    def color(self, index: int) -> NDArray:
-        """Read a frame's colour image, uint8 [H, W, 3], RGB."""
-        return self._sequence.color(index)
+        self.labels = ("none", *classes)  # those that the network found
+        self.is_thing = (False, *classes.values())
 
     def segmentation(self, index: int) -> Segmentation:
         """Read the masks of a frame.
@@ -162,7 +140,7 @@ class WithMasks:
             InputError: they are damaged or of another size than the pictures.
         """
         found = self._masks.get(index)
-        k = self._sequence.intrinsics
+        k = self._intrinsics
         if found.ids.shape != (k.height, k.width):
             raise InputError(
                 f"{self.segmentation_source}: frame {self.frame_names[index]}: expected masks of {k.width}x{k.height} "

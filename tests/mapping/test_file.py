@@ -3,6 +3,7 @@
 import json
 import os
 import zipfile
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -47,6 +48,17 @@ def test_the_contract_that_other_programs_read(simap, tmp_path):
     assert meta["format"] == "simap/1" and meta["cell_size_m"] == 0.05 and len(meta["origin_m"]) == 2
     assert np.array(meta["T_map_world"]).shape == (4, 4) and meta["labels"][0] == "none"
     assert set(meta["instances"][0]) == {"id", "label", "cells", "centroid_m", "aabb_m", "frames", "score"}
+
+
+def test_graphs_of_a_method_that_is_not_known_here_are_weighted_by_frame(simap, tmp_path):
+    foreign = replace(simap, method="another program's", graphs=simap.graphs)
+    save_map(foreign, tmp_path / "map.npz")
+    back = load_map(tmp_path / "map.npz")
+    assert back.method == foreign.method and any(len(graph.edges) for graph in back.graphs)
+    for graph, its in zip(simap.graphs, back.graphs, strict=True):
+        seen = simap.grid.observations.reshape(-1)[graph.cells]
+        per_frame = graph.counts / seen[graph.edges].mean(axis=1)
+        assert its.seen is not None and np.allclose(its.weights, per_frame)
 
 
 def test_every_k_from_the_file_is_what_building_with_that_k_gives(simap, tmp_path):
