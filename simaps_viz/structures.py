@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     import pandas as pd
 
     from simaps_viz.api import Answer, Place, RobotShape
+    from simaps_viz.appearance import Appearance
 
 
 def _expect(name: str, array: NDArray, shape: tuple[int, ...], dtype: type) -> None:
@@ -266,6 +267,8 @@ class SIMap:
     frame_names: tuple[str, ...]
     T_map_camera: NDArray
     """float64 [frames, 4, 4], camera to map frame."""
+    appearance: "Appearance | None" = None
+    """Colours of the objects, and vectors where they were described; None where no colour was at hand."""
 
     def __post_init__(self) -> None:
         _expect("map: instance", self.instance, self.grid.spec.shape, np.int32)
@@ -300,6 +303,21 @@ class SIMap:
         """Return {class name: number of instances}, most first, then by name."""
         names = [i.label for i in self.instances]
         return {n: names.count(n) for n in sorted(set(names), key=lambda n: (-names.count(n), n))}
+
+    def color_of(self, instance: Instance | int) -> tuple[int, int, int] | None:
+        """Return the median colour of an object as cameras saw it, red, green, blue, 0 to 255; None if unknown."""
+        wanted = instance if isinstance(instance, int) else instance.id
+        table = self.appearance.colors(self) if self.appearance is not None else np.zeros((0, 4), np.int32)
+        at = int(np.searchsorted(table[:, 0], wanted))
+        if at == len(table) or table[at, 0] != wanted:
+            return None
+        red, green, blue = table[at, 1:].tolist()
+        return red, green, blue
+
+    @property
+    def described(self) -> bool:
+        """Whether the map has vectors that describe its objects in free words."""
+        return self.appearance is not None and self.appearance.described
 
     # Shortcuts to the functions of `simaps_viz.api`, which hold the code. That module lies above this one, so it is
     # imported when a method is called; these four methods are the only such exception.

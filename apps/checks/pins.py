@@ -4,7 +4,8 @@
     python apps/checks/pins.py --write                                     pin what this version makes
 
 Only the command line is used, so the same program judges any version of the package. Maps never move: their SHA-256
-covers every array of the map file. Everything else may be pinned anew, in a commit of its own that says why.
+covers every array of the map file but those that came later (`LATER`). Everything else may be pinned anew, in a commit
+of its own that says why.
 """
 
 import hashlib
@@ -45,6 +46,8 @@ COMMANDS = (
     "go to the piano",
     "robot.move_to_object('chair', 2)",
 )
+LATER = ("metadata", "seen_", "embedding")
+"""Begin the names of arrays that no pin covers: they came later, and take nothing from the others."""
 SPOKEN_FIELDS = ("status", "reason", "program", "goals", "path", "final_pose", "path_length_m")
 EXPORTS = {
     "map.geojson": "geojson", "map.csv": "csv", "map.ply": "ply", "map.glb": "glb", "map.graphml": "graphml",
@@ -74,10 +77,10 @@ def simaps(arguments: list[str], folder: Path) -> list[dict[str, Any]]:
 
 
 def map_digest(path: Path) -> str:
-    """Compute the SHA-256 of all arrays of a map file, by name, with their shapes and dtypes."""
+    """Compute the SHA-256 of the arrays of a map file, by name, with their shapes and dtypes; not of its looks."""
     digest = hashlib.sha256()
     with np.load(path) as arrays:
-        for name in sorted(set(arrays.files) - {"metadata"}):
+        for name in sorted(name for name in arrays.files if not name.startswith(LATER)):
             array = np.ascontiguousarray(arrays[name])
             digest.update(f"{name} {array.dtype} {array.shape}".encode() + array.tobytes())
         metadata = json.loads(str(arrays["metadata"]))

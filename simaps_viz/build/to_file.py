@@ -18,6 +18,7 @@ from simaps_viz.build.build_log import (  # fmt: skip
 from simaps_viz.build.methods import build, config_of, keeps_log
 from simaps_viz.build.names import METHOD_NAMES
 from simaps_viz.build.pipeline import BuildConfig, BuildControl, RemoteGatherer, fingerprint
+from simaps_viz.build.seen_colors import with_colors
 from simaps_viz.console.progress import BuildProgress, StageProgress
 from simaps_viz.console.terminal import console
 from simaps_viz.datasets.source import FrameSource
@@ -114,6 +115,9 @@ def build_to_file(
             simap = build(sequence, request.method, request.config, watching, control)
         else:
             simap, fault = _build_recorded(sequence, request, record, watching, control)
+        progress("looking at colours", 0, 1)
+        simap = with_colors(simap, sequence)
+        progress("looking at colours", 1, 1)
         save_map(simap, output)
         if log is not None:
             _finish(log, output, left, history=request.history)

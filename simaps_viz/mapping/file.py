@@ -19,6 +19,7 @@ from typing import IO, Any, Self
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from simaps_viz.appearance import Appearance
 from simaps_viz.errors import InputError
 from simaps_viz.io.arrays import Check, PackedArray, Rows, check_ends, read_npz, write_rows
 from simaps_viz.io.files import write_whole
@@ -41,6 +42,12 @@ _ARRAYS: dict[str, tuple[type, int]] = {
     "view_cells": (np.int32, 1), "view_score": (np.float32, 1),
 }  # fmt: skip
 """Every array of the file: dtype and number of axes."""
+_SEEN: dict[str, tuple[type, int]] = {
+    "seen_cell": (np.int32, 1), "seen_patch": (np.int32, 1), "seen_rgb": (np.uint8, 2), "seen_pixels": (np.int32, 1),
+    "embedding_of": (np.int32, 1), "embedding": (np.float16, 2), "embedding_weight": (np.float32, 1),
+    "embedding_words": (np.float16, 2), "embedding_model": (np.str_, 0),
+}  # fmt: skip
+"""The arrays of `Appearance`, all of them or none; ``seen_cell`` counts from cell to cell."""
 LAYERS = ("height", "lowest", "observations", "community")
 """The arrays with a number for each cell that few uses of a map need."""
 EDGES = ("edge_first", "edge_step", "edge_count", "edge_different")
@@ -98,6 +105,9 @@ def _write(simap: SIMap, file: IO[bytes]) -> None:
                 else:
                     array = np.asarray(arrays[name], dtype=_ARRAYS[name][0])
                     np.lib.format.write_array(member, array, allow_pickle=False)
+        for name, array in _seen_arrays(simap).items():
+            with archive.open(f"{name}.npy", "w", force_zip64=True) as member:
+                np.lib.format.write_array(member, array, allow_pickle=False)
 
 
 def _metadata(simap: SIMap) -> dict[str, Any]:
@@ -130,6 +140,20 @@ def _arrays(simap: SIMap) -> dict[str, ArrayLike]:
     }  # fmt: skip
 
 
+def _seen_arrays(simap: SIMap) -> dict[str, NDArray]:
+    """Return the arrays of a map's appearance; none where it has none, or that of another grid."""
+    look = simap.appearance
+    if look is None or look.spec != simap.spec:
+        return {}
+    found = (
+        np.diff(look.cell, prepend=0), look.patch, look.rgb, look.pixels, look.vector, look.vectors, look.weight,
+        look.word_vectors, np.array(json.dumps(dict(look.model))),
+    )  # fmt: skip
+    return {
+        name: array.astype(dtype, copy=False) for (name, (dtype, _)), array in zip(_SEEN.items(), found, strict=True)
+    }
+
+
 def load_map(path: Path) -> SIMap:
     """Read a map file.
 
@@ -139,7 +163,7 @@ def load_map(path: Path) -> SIMap:
     path = Path(path)
     if not path.is_file():
         raise InputError(f"{path}: expected a map file ({FORMAT}), found {'a folder' if path.is_dir() else 'nothing'}")
-    checks = {name: _check_of(path, name) for name in ("metadata", *_ARRAYS)}
+    checks = {name: _check_of(path, name) for name in ("metadata", *_ARRAYS, *_SEEN)}
     return map_in(path, *read_npz(path, checks, what=f"{FORMAT} file", packed=PACKED))
 
 
@@ -173,11 +197,11 @@ def _check_of(path: Path, name: str) -> Check:
     """Return the check of an array's shape and dtype before the array is read."""
 
     def check(shape: tuple[int, ...], dtype: np.dtype) -> None:
-        wanted, axes = _ARRAYS.get(name, (np.str_, 0))
-        if len(shape) != axes or (dtype.kind != "U" if name == "metadata" else dtype != wanted):
+        wanted, axes = {**_ARRAYS, **_SEEN}.get(name, (np.str_, 0))
+        if len(shape) != axes or (dtype.kind != "U" if wanted is np.str_ else dtype != wanted):
             kind = f"{np.dtype(wanted).name} with {axes} axes"
             raise InputError(f"{path}: {name}: expected {kind}, found {dtype} {list(shape)}")
-        if axes == 2:
+        if axes == 2 and name in _ARRAYS:
             check_cells(path, *shape)
         if (axes == 3 and shape[0] > MAX_FRAMES) or (axes == 0 and dtype.itemsize > 4 * MAX_JSON_BYTES):
             raise InputError(f"{path}: {name}: expected less than {MAX_ARRAY_BYTES} bytes, found {dtype} {list(shape)}")
@@ -241,7 +265,32 @@ def _rebuild(meta: Mapping[str, Any], data: Mapping[str, NDArray], packed: Mappi
         ),
         frame_names=tuple(meta["frame_names"]),
         T_map_camera=data["T_map_camera"].reshape(-1, 4, 4),
+        appearance=_appearance(grid.spec, data),
     )
+
+
+def _appearance(spec: GridSpec, data: Mapping[str, NDArray]) -> Appearance | None:
+    """Return what a map's objects look like; None for a map without.
+
+    Raises:
+        KeyError, ValueError, InputError: some of its arrays are missing, or they do not fit together.
+    """
+    if not any(name in data for name in _SEEN):
+        return None
+    step, patch, rgb, pixels, vector, vectors, weight, word_vectors, model = (data[name] for name in _SEEN)
+    if not (_within(step[:1], 0, None) and _within(step[1:], 1, None)):
+        raise ValueError("seen_cell that does not ascend")
+    cell = np.cumsum(step, dtype=np.int64)
+    _check(_within(cell[-1:], 0, spec.rows * spec.cols - 1), "seen_cell out of range")
+    _check(_within(patch, 0, len(rgb) - 1) and _within(pixels, 0, None), "seen_patch or seen_pixels out of range")
+    _check(_within(vector, -1, len(vectors) - 1), "embedding_of out of range")
+    finite = all(np.isfinite(part).all() for part in (vectors, word_vectors, weight))
+    _check(bool(finite and (weight >= 0.0).all()), "embedding with numbers that are none")
+    about = json.loads(str(model))
+    words = about.get("words", [])
+    _check(_are(words, str) and all(len(word) <= _MAX_NAME for word in words), "embedding_model")
+    _check(not words or (_is_number(about["scale"]) and 0.0 < about["scale"] < 1e6), "embedding_model")
+    return Appearance(spec, cell.astype(np.int32), patch, rgb, pixels, vector, vectors, weight, word_vectors, about)
 
 
 class _Lazy:

@@ -8,6 +8,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from simaps_viz.appearance import Appearance
 from simaps_viz.errors import InputError
 from simaps_viz.mapping.method import Slider
 from simaps_viz.mapping.methods import method_of
@@ -28,6 +29,7 @@ class Origin:
     provenance: Mapping[str, Any]
     frame_names: tuple[str, ...]
     T_map_camera: NDArray
+    appearance: Appearance | None = None
 
 
 def joining_threshold(method: str, parameters: Mapping[str, Any]) -> float:
@@ -112,14 +114,16 @@ def assemble(
         views=views,
         frame_names=origin.frame_names,
         T_map_camera=origin.T_map_camera,
+        appearance=origin.appearance,
     )
 
 
 def origin_of(simap: SIMap) -> Origin:
     """Return the origin that a map was assembled with."""
     return Origin(
-        simap.T_map_world, simap.method, simap.parameters, simap.provenance, simap.frame_names, simap.T_map_camera
-    )
+        simap.T_map_world, simap.method, simap.parameters, simap.provenance, simap.frame_names, simap.T_map_camera,
+        simap.appearance,
+    )  # fmt: skip
 
 
 def repartition(simap: SIMap, *, k_percent: float | None = None, affinity: float | None = None) -> SIMap:

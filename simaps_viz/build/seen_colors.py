@@ -1,0 +1,138 @@
+"""Look at the colours of a map's objects: the median of their pixels in the few frames that show them best."""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from simaps_viz.appearance import Appearance
+from simaps_viz.datasets.source import FrameSource, Unreadable, read_each
+from simaps_viz.mapping.accumulator import ProjectionSettings
+from simaps_viz.mapping.projection import project_pixels
+from simaps_viz.structures import Frame, Segmentation, SIMap
+
+FRAMES_SHARE = 0.07
+"""Share of the frames that is looked at: decoding them with their colour takes less than a tenth of the build."""
+_SOON = 0.2
+"""What frames show of an object counts with this power: small, so that a first view is worth much more than others."""
+_FEWEST, _MOST = 6, 400
+_ENOUGH = 1e-3
+"""A frame that adds less than this share of what all frames added so far is not looked at."""
+_EVERY = 2
+"""Of a picture, every so many rows and columns: a median needs no more."""
+
+
+def with_colors(simap: SIMap, sequence: FrameSource) -> SIMap:
+    """Return the map with the colours of its objects, looked up in its own sequence.
+
+    Vectors that describe its objects are lost, as they belong to earlier patches. The map itself is returned where no
+    frame has colour.
+    """
+    at = {name: index for index, name in enumerate(sequence.frame_names)}
+    chosen = [frame for frame in choose_frames(simap) if simap.frame_names[frame] in at]
+    looking = _Looking(simap)
+    indices = [at[simap.frame_names[frame]] for frame in chosen]
+    for frame, read in zip(chosen, read_each(sequence, indices, color=True), strict=True):
+        if not isinstance(read, Unreadable):
+            looking.look(*read, simap.T_map_camera[frame])
+    return simap if not looking.pixels else replace(simap, appearance=looking.appearance())
+
+
+def choose_frames(simap: SIMap) -> list[int]:
+    """Choose few frames that together show all objects well.
+
+    The best frame comes first, then the one that adds most, and so on. What frames show of an object is the sum of
+    the shares of its cells that they name, to a power, so a second view adds less than the first.
+
+    Returns:
+        indices into ``frame_names``, ascending.
+    """
+    # The objects of the views: a community lies in one instance.
+    views, frames = simap.views, len(simap.frame_names)
+    of_community = np.zeros(int(max(simap.community.max(initial=0), views.community.max(initial=0))) + 1, np.int64)
+    of_community[simap.community] = simap.instance
+    named = of_community[views.community] > 0
+    one, frame_of = of_community[views.community[named]], views.frame[named]
+    pair, at = np.unique(one * frames + frame_of, return_inverse=True)
+    cells = np.bincount(at, (views.cells * views.score)[named]) if len(pair) else np.zeros(0)
+    one, frame_of = pair // frames, pair % frames
+    # Greedily, as long as a frame adds something.
+    best = np.zeros(len(of_community))
+    np.maximum.at(best, one, cells)
+    share = cells / np.maximum(best[one], 1e-9)
+    shown = np.zeros(len(best))
+    chosen: list[int] = []
+    total = 0.0
+    for _ in range(min(max(_FEWEST, round(FRAMES_SHARE * frames)), _MOST, frames)):
+        before = shown[one]
+        gain = np.bincount(frame_of, (before + share) ** _SOON - before**_SOON, minlength=frames)
+        gain[chosen] = 0.0
+        frame = int(gain.argmax())
+        if gain[frame] <= _ENOUGH * total:
+            break
+        chosen.append(frame)
+        total += float(gain[frame])
+        here = frame_of == frame
+        shown[one[here]] += share[here]
+    return sorted(chosen)
+
+
+@dataclass
+class _Looking:
+    """Gathers the pixels of each community, frame by frame."""
+
+    simap: SIMap
+
+    def __post_init__(self) -> None:
+        simap = self.simap
+        self.settings = ProjectionSettings(**{
+            name: simap.parameters[name] for name in ProjectionSettings.__dataclass_fields__ if name in simap.parameters
+        })  # fmt: skip
+        flat = simap.community.reshape(-1)
+        self.cell = np.flatnonzero(flat)
+        numbers, self.patch = np.unique(flat[self.cell], return_inverse=True)
+        self.patches = len(numbers)
+        self.patch_of_cell = np.full(flat.shape, -1, np.int32)
+        self.patch_of_cell[self.cell] = self.patch
+        self.pixels: list[NDArray] = []
+
+    def look(self, frame: Frame, segmentation: Segmentation, T_map_camera: NDArray) -> None:
+        """Take the pixels of a frame that fall on an object's cell, and whose segment has the cell's class."""
+        if frame.color is None:
+            return
+        spec, s, k = self.simap.spec, self.settings, frame.intrinsics
+        depth = np.ascontiguousarray(frame.depth_m[::_EVERY, ::_EVERY])
+        cells = np.full(depth.shape, -1, np.int32)
+        project_pixels(
+            depth, k.fx / _EVERY, k.fy / _EVERY, k.cx / _EVERY, k.cy / _EVERY,
+            np.ascontiguousarray(T_map_camera, np.float64), s.near_m, s.far_m, -s.below_floor_m, s.cut_height_m,
+            spec.cell_size_m, round(spec.y0_m / spec.cell_size_m), round(spec.x0_m / spec.cell_size_m),
+            spec.rows, spec.cols, cells, np.zeros(depth.shape, np.float32),
+        )  # fmt: skip
+        index_of = {name: i for i, name in enumerate(self.simap.grid.labels)}
+        label_of = np.full(max((one.id for one in segmentation.segments), default=0) + 1, -1, np.int32)
+        for one in segmentation.segments:
+            label_of[one.id] = index_of.get(one.label, -1)
+        # Only cells of objects have a patch; -1 is the last cell, which is masked out.
+        label = label_of[segmentation.ids[::_EVERY, ::_EVERY]]
+        seen = (cells >= 0) & (self.patch_of_cell[cells] >= 0) & (self.simap.grid.label.reshape(-1)[cells] == label)
+        rgb = frame.color[::_EVERY, ::_EVERY][seen].astype(np.uint64)
+        # One number holds the patch and its colour, so that a pixel takes 8 bytes.
+        patch = self.patch_of_cell[cells[seen]].astype(np.uint64)
+        if len(patch):
+            self.pixels.append(patch << 24 | rgb[:, 0] << 16 | rgb[:, 1] << 8 | rgb[:, 2])
+
+    def appearance(self) -> Appearance:
+        """Return the median colour of each patch."""
+        packed = np.concatenate(self.pixels)
+        patch = (packed >> 24).astype(np.int64)
+        count = np.bincount(patch, minlength=self.patches)
+        starts = np.cumsum(count) - count
+        rgb = np.zeros((self.patches, 3), np.uint8)
+        known = count > 0
+        for channel, shift in enumerate((16, 8, 0)):
+            value = np.sort(patch << 8 | (packed >> shift & 255).astype(np.int64)) & 255
+            rgb[known, channel] = value[(starts + count // 2)[known]]
+        return Appearance(
+            self.simap.spec, self.cell.astype(np.int32), self.patch.astype(np.int32), rgb, count.astype(np.int32)
+        )
