@@ -1,13 +1,22 @@
-"""Attack a workbench on this machine, and print what came of it: `python apps/attack.py`."""
+"""Attack a workbench on this machine, and print what came of it: `python apps/attack.py MAP.npz`.
 
+Everything that is attacked is a copy, in folders of its own: the map, a recording, the data, cache and configuration
+of a user. Each file in them, and each file of this checkout, is looked at before and after every attack; one that
+changed, came or is gone counts as a success.
+"""
+
+import contextlib
 import os
+import shutil
 import sys
 import tempfile
+from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from unittest import mock
 
 import tyro
+from attacks.files import Watched
 from attacks.run import ATTACKS, run_attack
 from attacks.target import Target
 
@@ -29,18 +38,16 @@ class Attack:
 def main(config: Attack) -> int:
     """Try everything; the exit status is 1 when an attack succeeded."""
     chosen = [attack for attack in ATTACKS if config.only in attack.__name__]
-    with tempfile.TemporaryDirectory(prefix="simaps-attack-") as folder:
-        recording, secret = Path(folder) / "toy.rrd", Path(folder) / "secret.txt"
-        recording.write_bytes(bytes(range(256)) * 40)  # the servers read nothing of it
-        secret.write_text(Target.secret_text)
-        (Path(folder) / "link.rrd").symlink_to(secret)
-        simap, given = load_map(config.map), {TOKEN_VARIABLE: "A-token_of_0123456789_abcdefghij"}
+    with tempfile.TemporaryDirectory(prefix="simaps-attack-") as folder, _copies(Path(folder), config.map) as copy:
+        simap, given = load_map(copy), {TOKEN_VARIABLE: "A-token_of_0123456789_abcdefghij"}
+        recording, secret = copy.with_name("toy.rrd"), copy.with_name("secret.txt")
         with (
-            workbench.open_workbench(simap, recording=recording, port=8280) as bench,
+            workbench.open_workbench(simap, recording=recording, map_path=copy, port=8280) as bench,
             mock.patch.dict(os.environ, given),
-            workbench.open_workbench(simap, recording=recording, port=8290) as closed,
+            workbench.open_workbench(simap, recording=recording, map_path=copy, port=8290) as closed,
         ):
-            outcomes = [run_attack(attack, Target(bench, closed, secret)) for attack in chosen]
+            watched = Watched([Path(folder), Path(__file__).parents[1], config.map.absolute().parent])
+            outcomes = [run_attack(attack, Target(bench, closed, secret), watched) for attack in chosen]
     for one in outcomes:
         sys.stdout.write(f"| {one.name} | {one.what} | {one.tried} | {len(one.succeeded)} |\n")
         for what in one.succeeded[:5]:
@@ -48,6 +55,27 @@ def main(config: Attack) -> int:
     tried, succeeded = sum(one.tried for one in outcomes), sum(len(one.succeeded) for one in outcomes)
     sys.stdout.write(f"{len(outcomes)} attacks, {tried} tries, {succeeded} succeeded\n")
     return 1 if succeeded else 0
+
+
+@contextlib.contextmanager
+def _copies(folder: Path, map_path: Path) -> Iterator[Path]:
+    """Make a user's folders with a recording and all files of a map in them, and be that user; yields the map."""
+    places = {
+        name: folder / name.lower() for name in ("XDG_DATA_HOME", "XDG_CACHE_HOME", "XDG_CONFIG_HOME", "SIMAPS_CACHE")
+    }
+    places["SIMAPS_RECORDINGS"] = folder / "recordings"
+    for place in (*places.values(), folder / "work"):
+        place.mkdir()
+    for file in map_path.parent.glob(f"{map_path.stem}*"):
+        if file.is_file():
+            shutil.copy2(file, folder / "work")
+    recording = folder / "work" / "toy.rrd"
+    recording.write_bytes(bytes(range(256)) * 40)  # the servers read nothing of it
+    shutil.copy2(recording, places["SIMAPS_RECORDINGS"] / "own.rrd")
+    (folder / "work" / "secret.txt").write_text(Target.secret_text)
+    (folder / "work" / "link.rrd").symlink_to(folder / "work" / "secret.txt")
+    with mock.patch.dict(os.environ, {name: str(place) for name, place in places.items()}):
+        yield folder / "work" / map_path.name
 
 
 if __name__ == "__main__":

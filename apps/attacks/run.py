@@ -6,6 +6,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 from attacks import floods, messages, requests
+from attacks.files import Watched
 from attacks.target import Target, Tries
 
 Attack = Callable[[Target], Tries]
@@ -30,10 +31,13 @@ class Outcome:
     seconds: float
 
 
-def run_attack(attack: Attack, target: Target) -> Outcome:
-    """Try everything of one attack, and then whether an honest page still works."""
+def run_attack(attack: Attack, target: Target, watched: Watched | None = None) -> Outcome:
+    """Try everything of one attack, and then whether an honest page still works and all files are as they were."""
     begun = time.monotonic()
+    before = watched.files() if watched else {}
     found = [*attack(target), target.is_well()]
+    if watched:
+        found += watched.changes(before) or [None]
     what = (inspect.getdoc(attack) or "").partition("\n")[0]
     succeeded = tuple(one for one in found if one is not None)
     return Outcome(attack.__name__, what, len(found), succeeded, time.monotonic() - begun)

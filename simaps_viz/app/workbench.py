@@ -36,7 +36,6 @@ if TYPE_CHECKING:
     from simaps_viz.evaluation.judging import JudgingSession
     from simaps_viz.viewer.page.panel import PanelSpec
     from simaps_viz.viewer.page.services import LanguageModel, Services
-    from simaps_viz.viewer.panels.recordings import RecordingServices
     from simaps_viz.viewer.workbench import Workbench
 
 
@@ -199,9 +198,10 @@ def panels_of(
     from simaps_viz.app.compare import compare_services  # noqa: PLC0415 - only needed by the page
     from simaps_viz.app.masks import segmentation_services  # noqa: PLC0415 - viser is slow to import
     from simaps_viz.app.share import share_services  # noqa: PLC0415 - only needed by the page
+    from simaps_viz.recorder.library import RecordingLibrary  # noqa: PLC0415 - rerun is slow to import
     from simaps_viz.viewer.panels.compare import compare_panel  # noqa: PLC0415 - as above
     from simaps_viz.viewer.panels.masks import masks_panel  # noqa: PLC0415 - as above
-    from simaps_viz.viewer.panels.recordings import recordings_spec  # noqa: PLC0415 - as above
+    from simaps_viz.viewer.panels.recordings import recordings_panel  # noqa: PLC0415 - as above
     from simaps_viz.viewer.panels.share import share_panel  # noqa: PLC0415 - as above
 
     of_frames = (
@@ -216,7 +216,7 @@ def panels_of(
         *of_frames,
         *mending_panels(mending),
         share_panel(share_services(recording)),
-        recordings_spec(_recording_services(beside=beside)),
+        recordings_panel(RecordingLibrary(), dockable=beside),
     )
 
 
@@ -233,20 +233,6 @@ def login() -> str:
         return getpass.getuser()
     except (OSError, KeyError, ImportError):  # no such user on this machine
         return "somebody"
-
-
-def _recording_services(*, beside: bool) -> "RecordingServices":
-    from simaps_viz.recorder.library import RecordingLibrary  # noqa: PLC0415 - rerun is slow to import
-    from simaps_viz.viewer.panels.recordings import RecordingServices  # noqa: PLC0415 - viser is slow to import
-
-    library = RecordingLibrary()
-    return RecordingServices(
-        entries=library.entries,
-        rename=library.rename,
-        delete=library.delete,
-        dockable=beside,
-        folder=str(library.folders[0]),
-    )
 
 
 def reader(llm: str | None, simap: SIMap, pose: Pose2) -> CommandReader:

@@ -1,18 +1,28 @@
 """`simaps recordings`, and `simaps view` on a recorded build alone."""
 
+import shlex
 import sys
 import threading
 import webbrowser
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 import tyro
 
 from simaps_viz.cli import OK
 from simaps_viz.errors import InputError
 
-Action = Literal["list", "add", "rename", "delete", "repair"]
+if TYPE_CHECKING:
+    from simaps_viz.recorder.library import LibraryEntry
+
+_USAGE = {
+    "list": ("list", 0, 0), "add": ("add FILE [NAME]", 1, 2), "rename": ("rename NAME NEW_NAME", 2, 2),
+    "delete": ("delete NAME", 1, 1), "trash": ("trash", 0, 0), "restore": ("restore NAME", 1, 1),
+    "empty-trash": ("empty-trash", 0, 0), "repair": ("repair FILE [OUTPUT]", 1, 2),
+}  # fmt: skip
+Action = Literal["list", "add", "rename", "delete", "trash", "restore", "empty-trash", "repair"]
 _PIPED_WIDTH = 160
 """Characters in a line where it is not for a terminal."""
 NO_MAP = (
@@ -23,7 +33,9 @@ NO_MAP = (
 
 @dataclass(frozen=True)
 class Recordings:
-    """List the recorded builds at hand, add one, give one another name, delete one, or repair one.
+    """List the recorded builds at hand, add one, give one another name, delete or restore one, or repair one.
+
+    delete moves a recording to the trash, which trash lists and empty-trash empties for good.
 
     A build that was killed while it recorded leaves a hidden .NAME.PID.partial.rrd; repair makes a recording of it.
 
@@ -34,16 +46,17 @@ class Recordings:
     """
 
     action: tyro.conf.Positional[Action] = "list"
-    """list; add FILE [NAME]; rename NAME NEW_NAME; delete NAME; repair FILE [OUTPUT]."""
+    """list; add FILE [NAME]; rename NAME NEW_NAME; delete NAME; trash; restore NAME; empty-trash;
+    repair FILE [OUTPUT]."""
     names: tyro.conf.Positional[tuple[str, ...]] = ()
     """The names it is done to."""
     yes: bool = False
-    """Really delete it."""
+    """Really delete it, or empty the trash."""
     json: bool = False
     """Print one JSON line a recording."""
 
     def run(self) -> int:
-        """List, add, rename, delete or repair.
+        """Do it.
 
         Raises:
             InputError: the wrong number of names, no such recording, a name that is taken.
@@ -51,27 +64,41 @@ class Recordings:
         from simaps_viz.recorder.library import RecordingLibrary
 
         library = RecordingLibrary()
-        wanted = {"list": (0, 0), "add": (1, 2), "rename": (2, 2), "delete": (1, 1), "repair": (1, 2)}[self.action]
-        if not wanted[0] <= len(self.names) <= wanted[1]:
-            usage = {"list": "list", "add": "add FILE [NAME]", "rename": "rename NAME NEW_NAME",
-                     "delete": "delete NAME", "repair": "repair FILE [OUTPUT]"}  # fmt: skip
-            raise InputError(f"recordings: expected {usage[self.action]}, found {len(self.names)} names")
-        if self.action == "list":
-            _show([entry.to_json() for entry in library.entries()], library.folders, json=self.json)
-        elif self.action == "repair":
-            _repair(*map(Path, self.names), json=self.json)
-        elif self.action == "delete":
-            entry = library.find(self.names[0])
-            if not self.yes:
-                raise InputError(f"{entry.path}: expected --yes to delete it for good, found none; nothing was deleted")
-            _tell({"event": "deleted", "path": str(library.delete(entry.name))}, "deleted", json=self.json)
-        elif self.action == "add":
-            entry = library.add(Path(self.names[0]), *self.names[1:])
-            _tell({"event": "added", **entry.to_json()}, "added", json=self.json)
-        else:
-            entry = library.rename(*self.names)
-            _tell({"event": "renamed", **entry.to_json()}, "renamed", json=self.json)
+        usage, fewest, most = _USAGE[self.action]
+        if not fewest <= len(self.names) <= most:
+            raise InputError(f"recordings: expected {usage}, found {len(self.names)} names")
+        match self.action:
+            case "list":
+                _show(library.entries(), library.folders, json=self.json)
+            case "trash":
+                _show(library.deleted(), [library.trash], json=self.json)
+            case "repair":
+                _repair(*map(Path, self.names), json=self.json)
+            case "delete":
+                entry = library.find(self.names[0])
+                self._expect_yes(f"{entry.path}: expected --yes to delete it")
+                moved = library.delete(entry.name)
+                _tell({"event": "deleted", "path": str(entry.path), "moved_to": str(moved)},
+                      f"moved to the trash; back: simaps recordings restore {shlex.quote(moved.stem)}",
+                      json=self.json)  # fmt: skip
+            case "empty-trash":
+                self._expect_yes(f"{library.trash}: expected --yes to delete {len(library.deleted())} for good")
+                for path in library.empty_trash():
+                    _tell({"event": "deleted for good", "path": str(path)}, "deleted for good", json=self.json)
+            case "add":
+                entry = library.add(Path(self.names[0]), *self.names[1:])
+                _tell({"event": "added", **entry.to_json()}, "added", json=self.json)
+            case "restore":
+                entry = library.restore(self.names[0])
+                _tell({"event": "restored", **entry.to_json()}, "restored", json=self.json)
+            case "rename":
+                entry = library.rename(*self.names)
+                _tell({"event": "renamed", **entry.to_json()}, "renamed", json=self.json)
         return OK
+
+    def _expect_yes(self, expected: str) -> None:
+        if not self.yes:
+            raise InputError(f"{expected}, found none; nothing was deleted")
 
 
 def _tell(record: dict[str, Any], done: str, *, json: bool) -> None:
@@ -96,11 +123,12 @@ def _plain_stem(path: Path) -> str:
     return path.stem.lstrip(".").removesuffix(".partial").rsplit(".", 1)[0] if path.name[0] == "." else path.stem
 
 
-def _show(entries: list[dict[str, Any]], folders: list[Path], *, json: bool) -> None:
+def _show(found: "Sequence[LibraryEntry]", folders: list[Path], *, json: bool) -> None:
     from rich.table import Table
 
     from simaps_viz.console.terminal import console, emit, show
 
+    entries = [entry.to_json() for entry in found]
     if json:
         for entry in entries:
             emit(entry)

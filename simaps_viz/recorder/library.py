@@ -1,9 +1,11 @@
 """The recorded builds at hand: those shipped with the program and the user's own, and repairing broken ones.
 
-Renaming and deleting touch nothing outside the folders of the library.
+Renaming and deleting touch nothing outside the folders of the library. Deleting moves a file to the trash, a hidden
+folder inside the user's; what ships with the program or lies under version control is neither renamed nor deleted.
 """
 
 import difflib
+import itertools
 import os
 import re
 import shutil
@@ -23,6 +25,9 @@ from simaps_viz.io.files import beside, replacing
 from simaps_viz.recorder.facts import RecordingFacts, read_facts
 
 SUFFIX = ".rrd"
+TRASH = ".trash"
+"""Name of the folder of deleted recordings."""
+_SHIPPED = Path(__file__).parents[2] / "recordings"
 _MAX_NAME = 120
 
 
@@ -33,9 +38,8 @@ def recording_folders() -> list[Path]:
     """
     chosen = os.environ.get("SIMAPS_RECORDINGS")
     own = Path(chosen) if chosen else user_data_path("simaps") / "recordings"
-    root = Path(__file__).parents[2]
-    shipped = root / "recordings"
-    return [own, shipped] if (root / "pyproject.toml").is_file() and shipped.is_dir() else [own]
+    checkout = (_SHIPPED.parent / "pyproject.toml").is_file() and _SHIPPED.is_dir()
+    return [own, _SHIPPED] if checkout else [own]
 
 
 @dataclass(frozen=True)
@@ -48,6 +52,8 @@ class LibraryEntry:
     facts: RecordingFacts = field(default_factory=RecordingFacts)
     fault: str | None = None
     """Why it cannot be opened, in words."""
+    kept: str | None = None
+    """Why it can be neither renamed nor deleted here, in words; None when it can."""
 
     @property
     def name(self) -> str:
@@ -63,6 +69,7 @@ class LibraryEntry:
             "modified": self.modified.isoformat(timespec="seconds"),
             **asdict(self.facts),
             "fault": self.fault,
+            "kept": self.kept,
         }
 
 
@@ -75,8 +82,37 @@ class RecordingLibrary:
 
     def entries(self) -> list[LibraryEntry]:
         """List the recordings, the newest first; links are left out, as they lead outside."""
-        found = [entry for folder in self.folders for path in _files(folder) if (entry := _entry(path)) is not None]
+        return self._listed(self.folders)
+
+    @staticmethod
+    def _listed(folders: Sequence[Path]) -> list[LibraryEntry]:
+        found = [entry for folder in folders for path in _files(folder) if (entry := _entry(path)) is not None]
         return sorted(found, key=lambda entry: (-entry.modified.timestamp(), entry.name))
+
+    @property
+    def trash(self) -> Path:
+        """The folder of deleted recordings."""
+        return self.folders[0] / TRASH
+
+    def _movable(self, name: str) -> LibraryEntry:
+        entry = self.find(name)
+        if entry.kept:
+            raise InputError(f"{entry.path}: expected a recording of your own, found one that {entry.kept}")
+        return entry
+
+    @staticmethod
+    def _move(path: Path, folder: Path, what: str) -> Path:
+        """Move a file to a folder, numbered where its name is taken there."""
+        try:
+            folder.mkdir(parents=True, exist_ok=True)
+        except OSError as error:
+            raise InputError(f"{path}: could not {what} the recording: {error.strerror or error}") from error
+        for number in itertools.count(1):
+            target = folder / (f"{path.stem}{f' ({number})' if number > 1 else ''}{SUFFIX}")
+            if not target.exists():
+                break
+        _move_to_free(path, target, what)
+        return target
 
     def find(self, name: str) -> LibraryEntry:
         """Return the recording of that name; of the same name in two folders, the user's.
@@ -100,23 +136,50 @@ class RecordingLibrary:
         Raises:
             InputError: there is no such recording, the new name is none for a file, or it is taken.
         """
-        entry = self.find(name)
+        entry = self._movable(name)
         target = entry.path.with_name(_checked(new_name) + SUFFIX)
         _move_to_free(entry.path, target, "rename")
         return self.find(target.stem)
 
     def delete(self, name: str) -> Path:
-        """Remove a recording's file; gives where it was.
+        """Move a recording to the trash; returns where it lies there.
 
         Raises:
-            InputError: there is no such recording, or it cannot be removed.
+            InputError: there is no such recording, it ships with the program, or it cannot be moved.
         """
-        path = self.find(name).path
-        try:
-            path.unlink()
-        except OSError as error:
-            raise InputError(f"{path}: could not delete the recording: {error.strerror or error}") from error
-        return path
+        entry = self._movable(name)
+        return self._move(entry.path, self.trash, "delete")
+
+    def deleted(self) -> list[LibraryEntry]:
+        """List the recordings in the trash, the newest first."""
+        return self._listed([self.trash])
+
+    def restore(self, name: str) -> LibraryEntry:
+        """Move a recording from the trash back to the user's folder.
+
+        Raises:
+            InputError: there is none of that name in the trash, its name is taken meanwhile, or it cannot be moved.
+        """
+        stem = name.removesuffix(SUFFIX)
+        if all(path.stem != stem for path in _files(self.trash)):
+            raise InputError(f"recording {name!r}: expected one of the trash, found none in {self.trash}")
+        target = self.folders[0] / (stem + SUFFIX)
+        _move_to_free(self.trash / (stem + SUFFIX), target, "restore")
+        return self.find(target.stem)
+
+    def empty_trash(self) -> list[Path]:
+        """Delete the recordings in the trash for good; returns where they were.
+
+        Raises:
+            InputError: one cannot be deleted.
+        """
+        gone = _files(self.trash)
+        for path in gone:
+            try:
+                path.unlink()
+            except OSError as error:
+                raise InputError(f"{path}: could not delete the recording: {error.strerror or error}") from error
+        return gone
 
     def add(self, file: Path, name: str | None = None) -> LibraryEntry:
         """Copy a recording into the user's folder; a copy that fails leaves no file.
@@ -168,11 +231,25 @@ def _entry(path: Path) -> LibraryEntry | None:
         status = path.stat()
     except OSError:  # removed meanwhile
         return None
-    modified = datetime.fromtimestamp(status.st_mtime, tz=UTC)
+    modified, kept = datetime.fromtimestamp(status.st_mtime, tz=UTC), _why_kept(path)
     try:
-        return LibraryEntry(path, status.st_size, modified, read_facts(path))
+        return LibraryEntry(path, status.st_size, modified, read_facts(path), kept=kept)
     except InputError as error:
-        return LibraryEntry(path, status.st_size, modified, fault=str(error).partition("found ")[2] or str(error))
+        fault = str(error).partition("found ")[2] or str(error)
+        return LibraryEntry(path, status.st_size, modified, fault=fault, kept=kept)
+
+
+def _why_kept(path: Path) -> str | None:
+    """Return why a file is neither renamed nor deleted by this program: it ships with it, or git looks after it."""
+    if path.parent.resolve() == _SHIPPED.resolve():
+        return "ships with SI Maps"
+    home = Path.home().resolve()
+    for folder in path.resolve().parents:
+        if folder == home:  # a home that is a repository keeps settings there, and data is ignored
+            return None
+        if (folder / ".git").exists():
+            return f"lies under version control ({folder})"
+    return None
 
 
 def _checked(name: str) -> str:

@@ -13,9 +13,10 @@ from simaps_viz.evaluation.two_maps import compare_two
 from simaps_viz.mapping.file import save_map
 from simaps_viz.mapping.mending import open_mending
 from simaps_viz.mapping.simap import repartition
+from simaps_viz.recorder.library import RecordingLibrary
 from simaps_viz.viewer.panels.compare import CompareServices, Source, compare_panel
 from simaps_viz.viewer.panels.masks import masks_panel
-from simaps_viz.viewer.panels.recordings import RecordingServices, recordings_spec
+from simaps_viz.viewer.panels.recordings import recordings_panel
 from simaps_viz.viewer.panels.share import ShareServices, share_panel
 
 CHAIR_1 = 1
@@ -70,13 +71,12 @@ def bench(tmp_path_factory):
         sources=(Source("components", "Method components"),),
         make=lambda key, simap, tell, cancel: repartition(simap, k_percent=0.0),
     )
-    recordings = RecordingServices(entries=lambda: (), rename=lambda a, b: None, delete=lambda a: None, folder="/r")
     panels = (
         compare_panel(compare),
         masks_panel(toy_segmentation()),
         *mending_panels(open_mending(path)),
         share_panel(ShareServices()),
-        recordings_spec(recordings),
+        recordings_panel(RecordingLibrary([path.parent])),
     )
     with toy_workbench(toy_services(panels=panels)) as workbench:
         yield workbench

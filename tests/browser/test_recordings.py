@@ -13,7 +13,7 @@ from simaps_viz.cli.recordings import open_alone
 from simaps_viz.errors import InputError
 from simaps_viz.recorder.facts import finished_facts, send_facts
 from simaps_viz.recorder.library import RecordingLibrary
-from simaps_viz.viewer.panels.recordings import RecordingServices, RecordingsPanel
+from simaps_viz.viewer.panels.recordings import RecordingsPanel
 
 
 def record(path: Path, name: str) -> Path:
@@ -37,13 +37,6 @@ def library(tmp_path) -> RecordingLibrary:
     return RecordingLibrary([tmp_path])
 
 
-def services(library: RecordingLibrary) -> RecordingServices:
-    return RecordingServices(
-        entries=library.entries, rename=library.rename, delete=library.delete,
-        dockable=True, folder=str(library.folders[0]),
-    )  # fmt: skip
-
-
 def open_page(page: Page, desk: StubPage) -> None:
     assert desk.wait_idle()  # the list is made
     page.goto(desk.url)
@@ -62,7 +55,7 @@ def choose(page: Page, text: str) -> None:
 def test_list_open_rename_delete(browser: Browser, library: RecordingLibrary):
     folder = library.folders[0]
     with stub_page(toy_map()) as desk, watched_page(browser) as page:
-        panel = RecordingsPanel(desk, services(library))
+        panel = RecordingsPanel(desk, library, dockable=True)
         open_page(page, desk)
         choose(page, "café")
         table = page.locator("table")
@@ -76,39 +69,53 @@ def test_list_open_rename_delete(browser: Browser, library: RecordingLibrary):
         button(page, "Rename …").click()
         expect(field_of(page, "New name")).to_have_value("café")
         field_of(page, "New name").fill("bar")
-        until(page, lambda: panel._new_name.value == "bar")
+        page.wait_for_timeout(300)  # viser sends what is typed a moment later
         button(page, "Save the name").click()
         until(page, lambda: str(folder / "bar.rrd") in table.inner_text())
         assert (folder / "bar.rrd").is_file() and not (folder / "café.rrd").exists()
         assert panel.chosen is not None and panel.chosen.name == "bar"
 
         button(page, "Delete …").click()
-        expect(page.get_by_text("Delete bar")).to_contain_text("It cannot be brought back")
-        expect(button(page, "Show it beside the map")).to_have_count(0)
-        button(page, "Keep it").click()
-        expect(button(page, "Delete …")).to_have_count(1)
+        expect(page.get_by_role("dialog")).to_contain_text("It can be restored from the trash")
+        button(page, "Cancel").click()
+        expect(page.get_by_role("dialog")).to_have_count(0)
         assert (folder / "bar.rrd").is_file()
+        expect(button(page, "Restore …")).to_have_count(0)
         button(page, "Delete …").click()
-        button(page, "Delete for good").click()
-        until(page, lambda: desk.said[-1] == ("Recording", "bar was deleted."))
-        assert sorted(p.name for p in folder.iterdir()) == ["broken.rrd"] and desk.errors == []
+        button(page, "Move to the trash").click()
+        until(page, lambda: desk.said[-1] == ("Recording", "bar was moved to the trash."))
+        assert sorted(p.name for p in folder.glob("*.rrd")) == ["broken.rrd"]
+        button(page, "Restore …").click()
+        page.get_by_role("dialog").get_by_role("button", name="bar").click()
+        until(page, lambda: desk.said[-1] == ("Recording", "bar was restored."))
+        assert sorted(p.name for p in folder.glob("*.rrd")) == ["bar.rrd", "broken.rrd"] and desk.errors == []
+
+
+def test_what_ships_is_shown_without_the_buttons(browser: Browser, library: RecordingLibrary):
+    (library.folders[0] / ".git").mkdir()
+    with stub_page(toy_map()) as desk, watched_page(browser) as page:
+        RecordingsPanel(desk, library)
+        open_page(page, desk)
+        choose(page, "café")
+        expect(page.locator("table")).to_contain_text("lies under version control")
+        for name in ("Rename …", "Delete …", "Restore …"):
+            expect(button(page, name)).to_have_count(0)
 
 
 def test_what_cannot_be_opened_says_so_and_nothing_at_all_too(browser: Browser, library: RecordingLibrary):
     folder = library.folders[0]
     with stub_page(toy_map()) as desk, watched_page(browser) as page:
-        RecordingsPanel(desk, services(library))
+        RecordingsPanel(desk, library, dockable=True)
         open_page(page, desk)
         choose(page, "broken")
         expect(page.get_by_text("It cannot be opened")).to_be_visible()
         expect(button(page, "Show it beside the map")).to_be_disabled()
         (folder / "broken.rrd").unlink()
         button(page, "Delete …").click()
-        button(page, "Delete for good").click()
+        button(page, "Move to the trash").click()
         until(page, lambda: desk.errors)
         assert isinstance(desk.errors[-1], InputError) and "found none" in str(desk.errors[-1])
         (folder / "café.rrd").unlink()
-        button(page, "Keep it").click()
         button(page, "List again").click()
         expect(page.get_by_text("simaps build SEQUENCE -o MAP.npz --record MAP.rrd")).to_be_visible()
         expect(button(page, "Delete …")).to_have_count(0)

@@ -111,8 +111,49 @@ def test_the_users_own_goes_first(library):
 def test_rename_and_delete(library):
     assert library.rename("tiny", " My café 2 ").path == library.folders[0] / "My café 2.rrd"
     assert library.find("tiny").path.parent == library.folders[1]
-    assert library.delete("other") == library.folders[1] / "other.rrd"
+    assert library.delete("other") == library.folders[0] / ".trash" / "other.rrd"
     assert sorted(e.name for e in library.entries()) == ["My café 2", "tiny"]
+
+
+def test_what_was_deleted_comes_back(library, recorded):
+    own, trash = library.folders[0], library.trash
+    assert library.delete("tiny") == trash / "tiny.rrd" and not (own / "tiny.rrd").exists()
+    library.add(recorded)
+    assert library.delete("tiny") == trash / "tiny (2).rrd"
+    assert sorted(e.name for e in library.deleted()) == ["tiny", "tiny (2)"]
+    assert library.restore("tiny").path == own / "tiny.rrd"
+    assert (own / "tiny.rrd").read_bytes() == recorded.read_bytes()
+    library.restore("tiny (2)")
+    library.delete("tiny")
+    library.add(recorded)
+    with pytest.raises(InputError, match="a name that is free"):
+        library.restore("tiny")
+    for name in ("other", "../tiny", ""):
+        with pytest.raises(InputError, match="expected one of the trash, found none"):
+            library.restore(name)
+    assert library.empty_trash() == [trash / "tiny.rrd"] and library.deleted() == []
+    assert sorted(e.name for e in library.entries()) == ["other", "tiny", "tiny", "tiny (2)"]
+
+
+def test_what_ships_or_lies_under_version_control_stays(tmp_path, recorded, monkeypatch):
+    shipped = RecordingLibrary([tmp_path / "none", Path(__file__).parents[2] / "recordings"])
+    tracked = tmp_path / "checkout" / "data"
+    tracked.mkdir(parents=True)
+    (tmp_path / "checkout" / ".git").mkdir()
+    (tracked / "mine.rrd").write_bytes(recorded.read_bytes())
+    for library, name, why in (
+        (shipped, "cafe-evidence", "ships with SI Maps"),
+        (RecordingLibrary([tracked]), "mine", "lies under version control"),
+    ):
+        path = library.find(name).path
+        before = path.read_bytes()
+        for do in (lambda: library.delete(name), lambda: library.rename(name, "other")):  # noqa: B023 - run at once
+            with pytest.raises(InputError, match=why):
+                do()
+        assert path.read_bytes() == before and library.deleted() == []
+    # A home folder under version control does not make everything below it so.
+    monkeypatch.setenv("HOME", str(tmp_path / "checkout"))
+    assert RecordingLibrary([tracked]).delete("mine") == tracked / ".trash" / "mine.rrd"
 
 
 def test_a_name_that_is_taken_is_kept(library, recorded):
@@ -178,6 +219,17 @@ def test_the_command(monkeypatch, tmp_path, recorded, capsys):
     assert (tmp_path / "own" / "second.rrd").is_file()
     Recordings("delete", ("second",), yes=True).run()
     assert not (tmp_path / "own" / "second.rrd").exists()
+    capsys.readouterr()
+    Recordings("trash", json=True).run()
+    assert json.loads(capsys.readouterr().out)["name"] == "second"
+    Recordings("restore", ("second",)).run()
+    assert (tmp_path / "own" / "second.rrd").read_bytes() == recorded.read_bytes()
+    Recordings("delete", ("second",), yes=True).run()
+    with pytest.raises(InputError, match="expected --yes to delete 1 for good, found none; nothing was deleted"):
+        Recordings("empty-trash").run()
+    assert (tmp_path / "own" / ".trash" / "second.rrd").is_file()
+    Recordings("empty-trash", yes=True).run()
+    assert not any((tmp_path / "own" / ".trash").iterdir())
     for wrong in (Recordings("delete"), Recordings("list", ("x",)), Recordings("rename", ("x",))):
         with pytest.raises(InputError, match=r"recordings: expected .*, found \d names"):
             wrong.run()

@@ -5,6 +5,7 @@ import logging
 import pytest
 from attack_target import toy_target
 from attacks import floods
+from attacks.files import Watched
 from attacks.run import ATTACKS, run_attack
 
 from simaps_viz.viewer.server import front_door
@@ -35,6 +36,30 @@ def test_is_withstood(target, attack, caplog):
     token = target.closed.access.token
     assert not any(token in record.getMessage() for record in caplog.records)
     assert not any(record.exc_info for record in caplog.records if record.name.startswith("asyncio"))
+
+
+def test_an_attack_that_touches_a_file_has_succeeded(target, tmp_path):
+    kept, gone = tmp_path / "kept.rrd", tmp_path / "below" / "gone.rrd"
+    gone.parent.mkdir()
+    for path in (kept, gone):
+        path.write_bytes(b"recording")
+    watched = Watched([tmp_path])
+
+    def deletes(target):
+        """Delete one file, change another and leave a third."""
+        gone.unlink()
+        kept.write_bytes(b"Recording")
+        (tmp_path / "new").touch()
+        yield None
+
+    def looks(target):
+        """Read."""
+        yield None if kept.read_bytes() else "empty"
+
+    assert run_attack(looks, target, watched).succeeded == ()
+    assert run_attack(deletes, target, watched).succeeded == (
+        f"{gone} is gone", f"{kept} was changed", f"{tmp_path / 'new'} is new",
+    )  # fmt: skip
 
 
 def test_there_are_many():

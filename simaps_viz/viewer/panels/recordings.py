@@ -1,9 +1,8 @@
-"""The panel with the list of recorded builds: dock one beside the map, rename it, delete it."""
+"""The panel with the list of recorded builds: dock one beside the map, rename it, move it to the trash and back."""
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 from html import escape
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import viser
 
@@ -11,10 +10,12 @@ from simaps_viz.viewer.page.page import Page
 from simaps_viz.viewer.page.panel import Panel, PanelSpec
 
 if TYPE_CHECKING:
-    from simaps_viz.recorder.library import LibraryEntry
+    from simaps_viz.recorder.library import LibraryEntry, RecordingLibrary
 
-ABOUT = "all recorded builds: show one beside the map, rename, delete"
+ABOUT = "all recorded builds: show one beside the map, rename, delete, restore"
 NONE = "no recordings yet"
+MAX_OFFERED = 12
+"""Recordings of the trash that the page offers, the newest first."""
 _NOTHING: tuple[str, ...] = (NONE,)
 _NOTE = "padding:.2em .8em .4em;font-size:.82em;line-height:1.5;overflow-wrap:anywhere"
 _EMPTY = (
@@ -23,33 +24,22 @@ _EMPTY = (
 )
 
 
-@dataclass(frozen=True)
-class RecordingServices:
-    """Plain functions behind the panel; all may raise SIMapsError."""
-
-    entries: "Callable[[], Sequence[LibraryEntry]]"
-    """Return the recorded builds, in the order shown."""
-    rename: Callable[[str, str], object]
-    """(name, new name): rename a recorded build."""
-    delete: Callable[[str], object]
-    """(name): delete the file of a recorded build."""
-    dockable: bool = False
-    """Whether a page can dock a recorded build beside the map."""
-    folder: str = ""
-    """Folder of the person's own recorded builds."""
-
-
-def recordings_spec(services: RecordingServices) -> PanelSpec:
-    """Return the spec of the tab."""
-    return PanelSpec("Recordings", viser.Icon.MOVIE, lambda page: RecordingsPanel(page, services), about=ABOUT)
+def recordings_panel(library: "RecordingLibrary", *, dockable: bool = False) -> PanelSpec:
+    """Return the spec of the tab; ``dockable``: whether a page can dock a recorded build beside the map."""
+    build = lambda page: RecordingsPanel(page, library, dockable=dockable)  # noqa: E731 - two lines otherwise
+    return PanelSpec("Recordings", viser.Icon.MOVIE, build, about=ABOUT)
 
 
 class RecordingsPanel(Panel):
-    """The list of recorded builds, the facts about the chosen one, and buttons to show, rename or delete it."""
+    """The list of recorded builds, the facts about the chosen one, and buttons to show, rename or delete it.
 
-    def __init__(self, page: Page, services: RecordingServices) -> None:
+    What renames or deletes a file is a button that is made when a person asks for it and goes with the question: a
+    message that was made up in advance finds no such button.
+    """
+
+    def __init__(self, page: Page, library: "RecordingLibrary", *, dockable: bool = False) -> None:
         """Fill the open container."""
-        self._page, self._services = page, services
+        self._page, self._library, self._dockable = page, library, dockable
         self._entries: dict[str, LibraryEntry] = {}
         self._listed: Sequence[LibraryEntry] = ()
         gui = page.gui
@@ -57,30 +47,21 @@ class RecordingsPanel(Panel):
         self._details = gui.add_html("")
         self._open = gui.add_button("Show it beside the map", icon=viser.Icon.PLAYER_PLAY)
         self._rename = gui.add_button("Rename …", icon=viser.Icon.PENCIL, color="gray")
-        self._new_name = gui.add_text("New name", "")
-        self._save = gui.add_button("Save the name", icon=viser.Icon.CHECK)
         self._delete = gui.add_button("Delete …", icon=viser.Icon.TRASH, color="gray")
-        self._question = gui.add_html("")
-        self._really = gui.add_button("Delete for good", icon=viser.Icon.TRASH, color="red")
-        self._keep = gui.add_button("Keep it", icon=viser.Icon.X, color="gray")
+        self._restore = gui.add_button("Restore …", icon=viser.Icon.ARROW_BACK_UP, color="gray")
         self._again = gui.add_button("List again", icon=viser.Icon.REFRESH, color="gray")
-        self._connect()
-        self._ask(None)
+        self._choice.on_update(lambda _: self._show())
+        self._open.on_click(lambda _: self._with_chosen("open a recording", self._open_it))
+        self._rename.on_click(lambda _: self._with_chosen("ask", self._ask_name))
+        self._delete.on_click(lambda _: self._with_chosen("ask", self._ask_whether))
+        self._restore.on_click(lambda _: page.submit("ask", self._ask_which))
+        self._again.on_click(lambda _: self.refresh())
+        self._show()
         self.refresh()
 
     def refresh(self, select: str | None = None) -> None:
         """Queue reading the list again; ``select`` names the recorded build to choose."""
         self._page.submit("recordings", lambda: self._list(select))
-
-    def _connect(self) -> None:
-        self._choice.on_update(lambda _: self._show())
-        self._open.on_click(lambda _: self._with_chosen("open a recording", self._open_it))
-        self._rename.on_click(lambda _: self._ask("rename"))
-        self._save.on_click(lambda _: self._with_chosen("rename a recording", self._rename_it))
-        self._delete.on_click(lambda _: self._ask("delete"))
-        self._really.on_click(lambda _: self._with_chosen("delete a recording", self._delete_it))
-        self._keep.on_click(lambda _: self._ask(None))
-        self._again.on_click(lambda _: self.refresh())
 
     @property
     def chosen(self) -> "LibraryEntry | None":
@@ -89,7 +70,7 @@ class RecordingsPanel(Panel):
 
     def _list(self, select: str | None) -> None:
         kept = self.chosen
-        self._listed = self._services.entries()
+        self._listed = self._library.entries()
         self._entries = {_option(entry): entry for entry in self._listed}
         options = tuple(self._entries) or _NOTHING
         wanted = select or (kept.name if kept else None)
@@ -99,33 +80,46 @@ class RecordingsPanel(Panel):
 
     def _show(self) -> None:
         entry = self.chosen
-        if entry is None:
-            self._details.content = f'<div style="{_NOTE}">{_EMPTY.format(folder=escape(self._services.folder))}</div>'
-        else:
-            self._details.content = f'<div style="{_NOTE}">{details_html(entry)}</div>'
-        self._ask(None)
-
-    def _ask(self, what: str | None) -> None:
-        """Show the widgets that rename or delete; None shows the usual buttons."""
-        entry = self.chosen
-        renaming, deleting = what == "rename" and entry is not None, what == "delete" and entry is not None
-        idle = not (renaming or deleting)
-        self._open.visible = idle and entry is not None and self._services.dockable
+        text = details_html(entry) if entry else _EMPTY.format(folder=escape(str(self._library.folders[0])))
+        self._details.content = f'<div style="{_NOTE}">{text}</div>'
+        self._open.visible = entry is not None and self._dockable
         self._open.disabled = entry is None or entry.fault is not None
-        self._rename.visible = self._delete.visible = idle and entry is not None
-        self._again.visible = idle
-        self._new_name.visible = self._save.visible = renaming
-        self._question.visible = self._really.visible = deleting
-        self._keep.visible = renaming or deleting
-        self._keep.label = "Keep the old name" if renaming else "Keep it"
-        if renaming and entry is not None:
-            self._new_name.value = entry.name
-        if deleting and entry is not None:
-            size = f"{entry.size_bytes / 1e6:.1f} MB"
-            self._question.content = (
-                f'<div style="{_NOTE}">Delete <b>{escape(entry.name)}</b> ({size})? It cannot be brought back:<br>'
-                f"{escape(str(entry.path))}</div>"
-            )
+        self._rename.visible = self._delete.visible = entry is not None and entry.kept is None
+        self._restore.visible = bool(self._library.deleted())
+
+    def _ask(self, title: str, text: str, answers: "dict[str, Callable[[], None]]", *, name: str | None = None) -> Any:
+        """Ask in a dialog with a button for each answer; ``name``: a text to edit, whose widget is returned."""
+        gui, field = self._page.gui, None
+        modal = gui.add_modal(title)
+
+        def answer(job: "Callable[[], None]") -> None:
+            modal.close()
+            self._page.submit("recordings", job)
+
+        with modal:
+            gui.add_html(f'<div style="{_NOTE}">{text}</div>')
+            if name is not None:
+                field = gui.add_text("New name", name)
+            for label, job in answers.items():
+                gui.add_button(label).on_click(lambda _, job=job: answer(job))
+            gui.add_button("Cancel", color="gray").on_click(lambda _: modal.close())
+        return field
+
+    def _ask_name(self, entry: "LibraryEntry") -> None:
+        answers = {"Save the name": lambda: self._rename_it(entry, field.value.strip())}
+        field = self._ask(f"Rename {entry.name}", escape(str(entry.path)), answers, name=entry.name)
+
+    def _ask_whether(self, entry: "LibraryEntry") -> None:
+        text = f"{entry.size_bytes / 1e6:.1f} MB, {escape(str(entry.path))}.<br>It can be restored from the trash."
+        self._ask(f"Delete {entry.name}?", text, {"Move to the trash": lambda: self._delete_it(entry)})
+
+    def _ask_which(self) -> None:
+        answers = {
+            f"{entry.name} · {entry.size_bytes / 1e6:.1f} MB": lambda entry=entry: self._restore_it(entry)
+            for entry in self._library.deleted()[:MAX_OFFERED]
+        }
+        text = f"In {escape(str(self._library.trash))}; <b>simaps recordings empty-trash --yes</b> empties it."
+        self._ask("Restore a recording", text, answers)
 
     def _with_chosen(self, name: str, job: "Callable[[LibraryEntry], None]") -> None:
         """Queue a job on the chosen recorded build."""
@@ -137,16 +131,20 @@ class RecordingsPanel(Panel):
         self._page.show_recording(entry.path)
         self._page.say("Recording", f"{entry.name} is shown beside the map.")
 
-    def _rename_it(self, entry: "LibraryEntry") -> None:
-        new_name = self._new_name.value.strip()
+    def _rename_it(self, entry: "LibraryEntry", new_name: str) -> None:
         if new_name and new_name != entry.name:
-            self._services.rename(entry.name, new_name)
+            self._library.rename(entry.name, new_name)
         self._list(new_name or entry.name)
 
     def _delete_it(self, entry: "LibraryEntry") -> None:
-        self._services.delete(entry.name)
+        self._library.delete(entry.name)
         self._list(None)
-        self._page.say("Recording", f"{entry.name} was deleted.")
+        self._page.say("Recording", f"{entry.name} was moved to the trash.")
+
+    def _restore_it(self, entry: "LibraryEntry") -> None:
+        self._library.restore(entry.name)
+        self._list(entry.name)
+        self._page.say("Recording", f"{entry.name} was restored.")
 
 
 def _option(entry: "LibraryEntry") -> str:
@@ -168,7 +166,7 @@ def details_html(entry: "LibraryEntry") -> str:
         "simulated": None if facts.simulated is None else "yes" if facts.simulated else "no",
         "size": f"{entry.size_bytes / 1e6:.1f} MB",
         "file": str(entry.path),
-    }
+    } | ({"kept": f"it {entry.kept}, and is neither renamed nor deleted here"} if entry.kept else {})
     cells = "".join(
         f'<tr><td style="padding-right:.8em;opacity:.7;white-space:nowrap;vertical-align:top">{name}</td>'
         f"<td>{escape('unknown' if value is None else str(value))}</td></tr>"
