@@ -1,5 +1,6 @@
 """The workbench with everything behind it: from a sequence to a map in the cache, from a map to its page."""
 
+import contextlib
 import getpass
 import threading
 import webbrowser
@@ -19,7 +20,7 @@ from simaps_viz.console.progress import StageProgress
 from simaps_viz.console.terminal import console
 from simaps_viz.datasets.sequence import PosedFrames
 from simaps_viz.datasets.source import FrameSource
-from simaps_viz.errors import InputError
+from simaps_viz.errors import InputError, PlanningError
 from simaps_viz.language.commands import Reading, read_command
 from simaps_viz.language.grounding import Grounding
 from simaps_viz.language.llm import LLMReader
@@ -254,7 +255,9 @@ def _reading(
     tell: Callable[[Sequence[Exchange]], None] = lambda exchanges: None,
 ) -> CommandReader:
     """Return a reader of commands by a model; ``tell`` is called with each exchange, including failed ones."""
-    check = Agent(simap, pose).steps
+    def check(program: str) -> None:
+        with contextlib.suppress(PlanningError):  # no fault of what the model wrote
+            Agent(simap, pose).rehearse(program)
 
     def read(text: str, counts: Mapping[str, int]) -> Reading:
         try:

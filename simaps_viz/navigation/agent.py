@@ -12,16 +12,13 @@ from numpy.typing import NDArray
 
 from simaps_viz.errors import CommandError, InputError, PlanningError
 from simaps_viz.language.commands import Reading, read_command
-from simaps_viz.language.interpreter import Budget, BudgetError, Caller, interpret
-from simaps_viz.language.primitives import SELF, Primitive
-from simaps_viz.language.program import Call, Program, ProgramError, ProgramStuckError, parse_program
+from simaps_viz.language.interpreter import Budget, BudgetError, interpret
+from simaps_viz.language.program import ProgramError, ProgramStuckError, parse_program
 from simaps_viz.navigation.planner import Planner, RobotShape
 from simaps_viz.navigation.robot import Goal, Motion, Robot
 from simaps_viz.structures import Pose2, SIMap
 
 _CALL_ON_ROBOT = re.compile(r"\brobot\s*\.\s*[^\W\d]\w*\s*\(")
-_RANK_OF = {"instance": "name", "n": "name", "instance_a": "name_a", "instance_b": "name_b"}
-_TURNS = ("turn", "turn_absolute", "face", "with_object_on_left", "with_object_on_right")
 _PLANNERS: WeakKeyDictionary[SIMap, dict[RobotShape, Planner]] = WeakKeyDictionary()
 
 
@@ -36,6 +33,8 @@ class StepEvent:
     poses: NDArray
     """float64 [n, 3], (x, y, yaw) every ``Motion.dt_s``, map frame: the poses driven by the statement; empty before it
     ran."""
+    pose: Pose2
+    """Where the robot is then."""
     goal: Goal | None
     """The goal that the statement drove or turned to; None before it ran and for look-ups."""
     done: bool
@@ -46,25 +45,33 @@ class Answer:
     """The outcome of one command on a simulated robot."""
 
     status: Literal["ok", "refused", "failed"]
-    """refused: not understood, not a program, or not on this map; failed: no path there, or a budget used up."""
+    """refused: not understood, not a program, or not on this map; failed: no path there, or a budget used up. Either is
+    known before the robot moves, so it stays where it is."""
     reason: str | None
     """In words; None when ok."""
     program: str
     """The program that was run; empty when the command was not understood."""
     goals: tuple[Goal, ...]
     path_m: NDArray
-    """float64 [n, 2], map frame: from where the robot was, as far as it came."""
+    """float64 [n, 2], map frame; the first point is where the robot was."""
     final_pose: Pose2
     path_length_m: float
     notes: tuple[str, ...] = ()
     """How words were read."""
     alternatives: tuple[str, ...] = ()
     """Other programs the command could mean."""
+    answer: Mapping[str, Any] | None = None
+    """The answer to a question: ``text``, a sentence; ``value``, a number, truth value, name or None; ``instances``,
+    the ids of what it speaks of. None for a command that asks nothing."""
+    steps: tuple[StepEvent, ...] = ()
+    """The statements that were run, in order; empty unless ok."""
+    line: int | None = None
+    """The line of the program, counted from 1, that cannot be carried out; None when ok or when no line is to blame."""
 
     def to_json(self) -> dict[str, Any]:
         """Return the line ``simaps query`` prints, as a dict; angles in degrees clockwise from north."""
         pose = self.final_pose
-        return {
+        line = {
             "status": self.status,
             "reason": self.reason,
             "program": self.program,
@@ -75,12 +82,16 @@ class Answer:
             "notes": list(self.notes),
             "alternatives": list(self.alternatives),
         }
+        return line if self.answer is None else {**line, "answer": dict(self.answer)}
 
 
 def outcome_text(answer: Answer) -> str:
-    """Describe in one sentence where the robot goes and how far, or why it does not."""
+    """Answer a question, or describe in one sentence where the robot goes and how far, or why it does not."""
     if answer.status != "ok":
         return answer.reason or ""
+    said = str(answer.answer["text"]) if answer.answer else ""
+    if said and not answer.goals and answer.path_length_m == 0.0:
+        return said
     names = [f"{g.label} and the {g.other_label}" if g.other_label else g.label for g in answer.goals if g.label]
     parts = [", then ".join(f"to the {name}" for name in dict.fromkeys(names))] if names else []
     pose = answer.final_pose
@@ -89,62 +100,16 @@ def outcome_text(answer: Answer) -> str:
         f"ends at x {pose.x_m:.2f} m, y {pose.y_m:.2f} m, heading {pose.heading_deg % 360:.0f}°",
     ]
     text = ", ".join(parts)
-    return f"{text[0].upper()}{text[1:]}."
+    return f"{said} {text[0].upper()}{text[1:]}.".lstrip()
 
 
-class Rehearsal:
-    """Runs a program on a robot that does not drive, so that a program that must fail is refused before it starts.
+@dataclass(frozen=True, eq=False)
+class Run:
+    """A program that was run to its end."""
 
-    Look-ups depend on the map and on where the command was given, not on where the robot is by then: all but
-    ``get_pos("robot")`` are answered for real. So the rehearsal takes the very branches and turns the run will take;
-    it finds names, ranks and positions the map lacks, however they were computed, and loops that would not end
-    within the budget. Where a program asks for the robot's position after a motion, the rehearsal ends without a
-    verdict.
-
-    Args:
-        robot: at the place where the program will start; it turns, but does not drive.
-        look_up: answers look-ups.
-    """
-
-    def __init__(self, robot: Robot, look_up: Caller) -> None:
-        self._robot = robot
-        self._look_up = look_up
-        self._has_moved = False
-
-    def run(self, program: Program, budget: Budget) -> None:
-        """Rehearse a program.
-
-        Raises:
-            CommandError: naming the line, as the run would.
-        """
-        with suppress(_WhereaboutsError):
-            for _ in interpret(program, self._call, budget=budget):
-                self._robot.take_poses()
-
-    def _call(self, primitive: Primitive, arguments: Mapping[str, Any]) -> Any:
-        if primitive.kind == "lookup":
-            if self._has_moved and arguments.get("name") == SELF:
-                raise _WhereaboutsError
-            return self._look_up(primitive, arguments)
-        if primitive.name in _TURNS:
-            return self._robot.call(primitive, arguments)
-        self._has_moved = True
-        spec = self._robot.simap.spec
-        if primitive.name == "move_to" and not spec.contains(*spec.cell_of(*arguments["pos"])):
-            return self._robot.call(primitive, arguments)  # which says what the map's edges are
-        picked = [
-            self._robot.grounding.pick(arguments[name], arguments[which])
-            for which, name in _RANK_OF.items()
-            if arguments.get(which) is not None
-        ]
-        if primitive.name == "move_in_between":
-            second = picked[1] if len(picked) > 1 else arguments["name_b"]
-            self._robot.grounding.pair(picked[0], second)
-        return None
-
-
-class _WhereaboutsError(Exception):
-    """A rehearsal does not know where the robot will be."""
+    steps: tuple[StepEvent, ...]
+    robot: Robot
+    """As it is in the end: its pose, goals and path, and the answer to a question."""
 
 
 class Agent:
@@ -169,56 +134,59 @@ class Agent:
     ) -> None:
         self.simap = simap
         self.planner = planner_of(simap, robot or RobotShape())
+        self.pose = pose
         self._budget = budget or Budget()
         self._motion = motion
-        self.robot = self._new_robot(pose)
+        self._playing: Run | None = None
 
-    @property
-    def pose(self) -> Pose2:
-        """Where the robot is now."""
-        return self.robot.pose
+    def rehearse(self, program: str) -> Run:
+        """Run a program to its end on a robot that starts where this one is; this one does not move.
 
-    def steps(self, program: str) -> Generator[StepEvent, None, None]:
-        """Validate all of a program, then return a generator that runs it statement by statement.
-
-        Nothing moves before the first ``next``. Every ``next`` runs up to just before, or just after, the next
-        statement, also those inside ``for`` and ``if``; between two calls the program pauses, and waiting costs
-        nothing of its budget. ``close`` (or dropping the generator, or starting another program) stops the robot where
-        the last statement left it.
+        The robot is simulated and does exactly what it plans, so this is what the program does, to the last pose.
 
         Raises:
-            CommandError: at once when the program is invalid, when it names what the map lacks, or when a look-up
-                finds nothing or a budget is used up in the rehearsal (see ``Rehearsal``); from the generator when that
-                shows only later.
-            PlanningError: from the generator.
+            CommandError: the program is invalid or asks for what the map lacks; names the line.
+            PlanningError: the robot cannot get where a line sends it.
+            BudgetError: a budget is used up.
         """
-        parsed = parse_program(program)
-        robot = self._new_robot(self.robot.pose)
-        _check_names(parsed, robot)
-        call = _caching(robot.call)
-        Rehearsal(self._new_robot(robot.pose), call).run(parsed, self._budget)
-        self.robot = robot
-        return self._run(parsed, robot, call)
-
-    def run_program(self, program: str) -> list[StepEvent]:
-        """Run a program to its end and return all its events."""
-        return list(self.steps(program))
-
-    def _new_robot(self, pose: Pose2) -> Robot:
-        budget = self._budget
-        return Robot(
-            self.simap, self.planner, pose, motion=self._motion,
+        parsed, budget = parse_program(program), self._budget
+        robot = Robot(
+            self.simap, self.planner, self.pose, motion=self._motion,
             max_path_m=budget.path_m, max_planned_cells=budget.planned_cells,
         )  # fmt: skip
-
-    def _run(self, program: Program, robot: Robot, call: Caller) -> Generator[StepEvent, None, None]:
-        reported = 0
-        for turn in interpret(program, call, budget=self._budget):
+        steps, reported = [], 0
+        for turn in interpret(parsed, robot.call, budget=budget):
             goal = robot.goals[-1] if len(robot.goals) > reported else None
             reported = len(robot.goals)
-            yield StepEvent(turn.line, program.lines[turn.line - 1], robot.take_poses(), goal, turn.phase == "after")
-            if self.robot is not robot:
+            text, done = parsed.lines[turn.line - 1], turn.phase == "after"
+            steps.append(StepEvent(turn.line, text, robot.take_poses(), robot.pose, goal, done))
+        return Run(tuple(steps), robot)
+
+    def steps(self, program: str) -> Generator[StepEvent, None, None]:
+        """Rehearse a program, then return a generator that moves the robot statement by statement.
+
+        Nothing moves before the first ``next``. Every ``next`` runs up to just before, or just after, the next
+        statement, also those inside ``for`` and ``if``. ``close`` (or dropping the generator, or starting another
+        program) stops the robot where the last statement left it.
+
+        Raises:
+            CommandError, PlanningError: at once, see ``rehearse``: what cannot be done to its end is not begun.
+        """
+        run = self._playing = self.rehearse(program)
+        return self._play(run)
+
+    def run_program(self, program: str) -> Run:
+        """Run a program to its end; the robot is there then."""
+        run = self._playing = self.rehearse(program)
+        self.pose = run.robot.pose
+        return run
+
+    def _play(self, run: Run) -> Generator[StepEvent, None, None]:
+        for step in run.steps:
+            if self._playing is not run:
                 return
+            self.pose = step.pose
+            yield step
 
 
 CommandReader = Callable[[str, Mapping[str, int]], Reading]
@@ -245,27 +213,32 @@ def answer(
         reader: reads the words; by default the offline grammar.
 
     Returns:
-        An answer; refusals and failures are answers too. A refused command leaves the robot where it was.
+        An answer; refusals and failures are answers too, and leave the robot where it was.
+
+    Raises:
+        InputError: the pose is not finite.
     """
-    agent = Agent(simap, pose, robot)
+    if not np.isfinite([pose.x_m, pose.y_m, pose.yaw_rad]).all():
+        raise InputError(f"pose: expected three finite numbers, found {pose.x_m}, {pose.y_m}, {pose.yaw_rad}")
     written = command if program is None and is_program(command) else program
+    reading = Reading(written or "")
     try:
-        reading = Reading(written) if written is not None else reader(command, simap.counts())
-    except CommandError as error:
-        return _answer(agent, Reading(""), "refused", str(error))
-    try:
-        for _ in agent.steps(reading.program):
-            pass
-    except (ProgramError, ProgramStuckError) as error:
-        failed = isinstance(error, ProgramStuckError | BudgetError)
-        return _answer(
-            agent, reading, "failed" if failed else "refused", str(error) if written else error.message, pose
-        )
-    except CommandError as error:
-        return _answer(agent, reading, "refused", str(error), pose)
-    except PlanningError as error:
-        return _answer(agent, reading, "failed", str(error), pose)
-    return _answer(agent, reading, "ok", None)
+        if written is None:
+            reading = reader(command, simap.counts())
+        run = Agent(simap, pose, robot).rehearse(reading.program)
+    except (CommandError, PlanningError) as error:
+        failed = isinstance(error, PlanningError | BudgetError)
+        located = error if isinstance(error, ProgramError | ProgramStuckError) else None
+        reason = located.message if located and written is None else str(error)
+        return Answer(
+            "failed" if failed else "refused", reason, reading.program, (), np.array([[pose.x_m, pose.y_m]]), pose, 0.0,
+            reading.notes, reading.alternatives, line=located.line if located else None,
+        )  # fmt: skip
+    end = run.robot
+    return Answer(
+        "ok", None, reading.program, tuple(end.goals), np.array(end.path_m, np.float64), end.pose, end.path_length_m,
+        reading.notes, reading.alternatives, end.answer, run.steps,
+    )  # fmt: skip
 
 
 def is_program(command: str) -> bool:
@@ -279,65 +252,6 @@ def planner_of(simap: SIMap, robot: RobotShape) -> Planner:
     if robot not in planners:
         planners[robot] = Planner(simap.grid, robot)
     return planners[robot]
-
-
-def _answer(
-    agent: Agent,
-    reading: Reading,
-    status: Literal["ok", "refused", "failed"],
-    reason: str | None,
-    stays_at: Pose2 | None = None,
-) -> Answer:
-    robot = agent.robot
-    stays = status == "refused" and stays_at is not None
-    return Answer(
-        status=status,
-        reason=reason,
-        program=reading.program,
-        goals=() if stays else tuple(robot.goals),
-        path_m=np.array(robot.path_m[:1] if stays else robot.path_m, np.float64),
-        final_pose=stays_at if stays and stays_at else robot.pose,
-        path_length_m=0.0 if stays else robot.path_length_m,
-        notes=reading.notes,
-        alternatives=reading.alternatives,
-    )
-
-
-def _caching(call: Caller) -> Caller:
-    """Return a caller that looks everything up only once: all but the robot's own position stay the same in a run."""
-    known: dict[tuple[Any, ...], Any] = {}
-
-    def cached(primitive: Primitive, arguments: Mapping[str, Any]) -> Any:
-        if primitive.kind != "lookup" or arguments.get("name") == SELF:
-            return call(primitive, arguments)
-        key = (primitive.name, *arguments.values())
-        if key not in known:
-            known[key] = call(primitive, arguments)
-        return known[key]
-
-    return cached
-
-
-def _check_names(program: Program, robot: Robot) -> None:
-    """Refuse, before anything moves, every name and rank written in the program that the map lacks."""
-    for call in program.calls:
-        try:
-            _check_call(call, robot)
-        except CommandError as error:
-            raise ProgramError(call.line, call.primitive.name, str(error)) from None
-
-
-def _check_call(call: Call, robot: Robot) -> None:
-    for parameter in call.primitive.parameters:
-        value = call.constant(parameter.name)
-        asks_itself = call.primitive.name == "get_pos" and value == SELF
-        if parameter.type in ("label", "object") and isinstance(value, str) and not asks_itself:
-            robot.grounding.label_of(value)
-        if parameter.type in ("instance", "count") and isinstance(value, int | float):
-            of = "other" if call.primitive.name == "closest_to" else _RANK_OF[parameter.name]
-            name = call.constant(of)
-            if isinstance(name, str) and name != SELF:
-                robot.grounding.pick(name, int(value))
 
 
 def start_pose(simap: SIMap, robot: RobotShape | None = None) -> Pose2:

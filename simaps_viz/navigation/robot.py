@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from simaps_viz.errors import CommandError, InputError, PlanningError
 from simaps_viz.geometry import heading_to_yaw, wrap_angle
-from simaps_viz.language.grounding import Grounding
+from simaps_viz.language.grounding import Grounding, Sight
 from simaps_viz.language.primitives import SELF, Primitive
 from simaps_viz.navigation.planner import Planner
 from simaps_viz.structures import Instance, Path, Pose2, SIMap
@@ -119,7 +119,7 @@ class Robot:
     Args:
         simap: the map.
         planner: plans over the map's grid.
-        pose: where the command is given; ranks and sides refer to it, also after the robot has moved.
+        pose: where the command is given. Ranks, sides and what is in view are those of the robot's pose at the moment.
         motion: speeds and sampling of the drive.
         max_path_m: driving further than this fails.
         max_planned_cells: planning fails once the map's cells, times the paths planned, are more than this.
@@ -137,7 +137,7 @@ class Robot:
     ) -> None:
         if not np.isfinite([pose.x_m, pose.y_m, pose.yaw_rad]).all():
             raise InputError(f"pose: expected three finite numbers, found {pose.x_m}, {pose.y_m}, {pose.yaw_rad}")
-        self.simap, self.planner, self.viewer, self.pose = simap, planner, pose, pose
+        self.simap, self.planner = simap, planner
         self.grounding = Grounding(simap, pose)
         self.goals: list[Goal] = []
         self.path_m: list[tuple[float, float]] = [(pose.x_m, pose.y_m)]
@@ -146,6 +146,20 @@ class Robot:
         self._max_path_m, self._max_planned_cells = max_path_m, max_planned_cells
         self._planned_cells = 0
         self._poses: list[NDArray] = []
+
+    @property
+    def pose(self) -> Pose2:
+        """Where the robot is."""
+        return self.grounding.viewer
+
+    def _stand_at(self, pose: Pose2) -> None:
+        self.grounding.viewer = pose
+        self.grounding.sight = Sight(self.simap, pose)
+
+    @property
+    def answer(self) -> Mapping[str, Any] | None:
+        """The answer to a question, see `simaps_viz.navigation.agent.Answer`; None when nothing was asked."""
+        return None
 
     def call(self, primitive: Primitive, arguments: Mapping[str, Any]) -> Any:
         """Carry out a primitive with checked arguments; returns what a look-up found, else None.
@@ -221,12 +235,12 @@ class Robot:
 
     def _move_to_left(self, name: str, instance: int | Instance) -> None:
         target = self.grounding.pick(name, instance)
-        dx, dy = self._from_viewer(target)
+        dx, dy = self._towards(target)
         self._go_beside("move_to_left", target, np.array([-dy, dx]), "to the left of")
 
     def _move_to_right(self, name: str, instance: int | Instance) -> None:
         target = self.grounding.pick(name, instance)
-        dx, dy = self._from_viewer(target)
+        dx, dy = self._towards(target)
         self._go_beside("move_to_right", target, np.array([dy, -dx]), "to the right of")
 
     def _move_north(self, name: str, instance: int | Instance) -> None:
@@ -291,12 +305,12 @@ class Robot:
     def _here(self) -> tuple[float, float]:
         return self.pose.x_m, self.pose.y_m
 
-    def _from_viewer(self, target: Instance) -> tuple[float, float]:
-        """Return the unit vector from where the command was given to the object's centroid."""
-        offset = np.array(target.centroid_m[:2]) - (self.viewer.x_m, self.viewer.y_m)
+    def _towards(self, target: Instance) -> tuple[float, float]:
+        """Return the unit vector from the robot to the object's centroid."""
+        offset = np.array(target.centroid_m[:2]) - self._here
         length = float(np.linalg.norm(offset))
         if length < 1e-6:
-            return float(np.cos(self.viewer.yaw_rad)), float(np.sin(self.viewer.yaw_rad))
+            return float(np.cos(self.pose.yaw_rad)), float(np.sin(self.pose.yaw_rad))
         return float(offset[0]) / length, float(offset[1]) / length
 
     def _see_through(self, *targets: Instance) -> NDArray:
@@ -358,7 +372,7 @@ class Robot:
     def _spin(self, angle_rad: float) -> None:
         poses = spin(self.pose, float(angle_rad), self._motion)
         self._poses.append(poses)
-        self.pose = Pose2(self.pose.x_m, self.pose.y_m, float(poses[-1, 2]))
+        self._stand_at(Pose2(*self._here, float(poses[-1, 2])))
 
     def _go(self, primitive: str, path: Path, target: Instance | None, other: Instance | None = None) -> None:
         about = (target.label, target.id) if target else (None, None)
@@ -378,7 +392,7 @@ class Robot:
         self.path_length_m += length_m
         end = (float(points_m[-1, 0]), float(points_m[-1, 1]))
         self.path_m += [(float(x), float(y)) for x, y in points_m[1:]]
-        self.pose = Pose2(*end, float(poses[-1, 2]))
+        self._stand_at(Pose2(*end, float(poses[-1, 2])))
         self._poses.append(poses)
         self.goals.append(Goal(primitive, *about, end, *((other.label, other.id) if other else (None, None))))
 

@@ -96,7 +96,7 @@ PHRASES: list[tuple[str, str, list[int | None]]] = [
 SEQUENCES: list[tuple[str, list[str], list[int | None]]] = [
     ("go 1 m west", ["turn_absolute(270)", "move_forward(1)"], [None]),
     ("move 50 cm to the right", ["turn(90)", "move_forward(0.5)"], [None]),
-    ("go to the couch, then to the second table", ["move_to_object({s})", "move_to_nth_closest({t}, 2)"], [5, 8]),
+    ("go to the couch, then to the second table", ["move_to_object({s})", "move_to_nth_closest({t}, 2)"], [5, 6]),
     ("go to the chair and turn left", ["move_to_object({c})", "turn(-90)"], [3]),
     ("go to the couch and face it", ["move_to_object({s})", "face({s})"], [5, 5]),
     ("First go to the table, and then look at the plant!", ["move_to_object({t})", "face({p})"], [6, 9]),

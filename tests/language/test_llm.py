@@ -254,7 +254,7 @@ def test_a_stricter_check_can_be_handed_in() -> None:
         reading = reader(server).read("look at the last chair", COUNTS, check=agent.steps)
     assert reading.program == 'robot.face("chair", 3)'
     assert "There are only 3 chairs on this map; the 9th was asked for." in server.received[1].contents[-1]
-    assert agent.pose == TOY_POSE and agent.robot.path_length_m == 0.0
+    assert agent.pose == TOY_POSE
 
 
 # ---- programs that mean harm

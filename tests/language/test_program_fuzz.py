@@ -44,11 +44,11 @@ def attempt(simap) -> Callable[[str], None]:
         began = time.thread_time()
         agent = Agent(simap, TOY_POSE, budget=BUDGET)
         try:
-            for event in agent.steps(text):
-                assert 1 <= event.line <= text.count("\n") + text.count("\r") + 1
+            run = agent.rehearse(text)
+            assert all(1 <= step.line <= text.count("\n") + text.count("\r") + 1 for step in run.steps)
+            assert run.robot.path_length_m <= BUDGET.path_m
         except SIMapsError as error:
             assert str(error).isprintable() and str(error).startswith(("line ", "program: ")), str(error)
-        assert agent.robot.path_length_m <= BUDGET.path_m
         return time.thread_time() - began
 
     def try_it(text: str) -> None:

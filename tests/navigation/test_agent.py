@@ -10,9 +10,9 @@ from toy_maps import TOY_POSE, Box, map_from_drawing, map_of_boxes, toy_map
 
 from simaps_viz.errors import CommandError, InputError, PlanningError
 from simaps_viz.language.interpreter import Budget
-from simaps_viz.navigation.agent import Agent, answer, is_program
-from simaps_viz.navigation.planner import RobotShape
-from simaps_viz.navigation.robot import MAX_STRAIGHT_M, Motion, Robot, drive, spin, straight
+from simaps_viz.navigation.agent import Agent, Answer, answer, is_program
+from simaps_viz.navigation.planner import Planner, RobotShape
+from simaps_viz.navigation.robot import MAX_STRAIGHT_M, Motion, drive, spin, straight
 from simaps_viz.structures import GridSpec, Path, Pose2
 
 POINT = RobotShape(radius_m=0.02)
@@ -62,18 +62,23 @@ def test_refused_leaves_the_robot(simap) -> None:
     assert late.reason == "There are only 3 chairs on this map; the 4th was asked for."
 
 
-def test_refused_while_running_also_leaves_the_robot(simap) -> None:
-    said = answer(simap, "go to the couch, then to the second table in view", TOY_POSE)
-    assert said.status == "refused"
-    assert said.reason == "There is only 1 dining table in view; the 2nd was asked for."
-    assert (said.goals, said.path_length_m, said.final_pose) == ((), 0.0, TOY_POSE)
+def stays(said: Answer) -> bool:
+    there = (said.goals, said.steps, said.path_length_m, said.final_pose) == ((), (), 0.0, TOY_POSE)
+    return there and said.path_m.tolist() == [[0.5, 0.5]]
 
 
-def test_failed_shows_how_far_it_came(simap) -> None:
+def test_refused_after_metres_also_leaves_the_robot(simap) -> None:
+    said = answer(simap, "robot.move_to_object('couch')\nx = robot.in_view('dining table')[0]", TOY_POSE)
+    assert said.status == "refused"  # it is in view from the start, but not from the couch
+    assert said.reason == "line 2: There is no dining table in view."
+    assert stays(said)
+
+
+def test_failed_after_metres_also_leaves_the_robot(simap) -> None:
     said = answer(simap, "turn left and go forward 3 m", TOY_POSE)
     assert said.status == "failed"
     assert said.reason == "the way ahead is free for 0.80 m, then a dining table; 3 m were asked for"
-    assert said.final_pose.heading_deg == pytest.approx(0.0)
+    assert stays(said)
     fat = answer(simap, "go to the plant", TOY_POSE, robot=RobotShape(radius_m=0.5))
     assert fat.status == "failed" and fat.reason
     assert fat.reason.startswith("the robot cannot get to the potted plant: the nearest it can stand is ")
@@ -174,18 +179,20 @@ def test_in_between_is_the_middle_of_the_gap() -> None:
     assert (goal["label"], goal["instance"], goal["other_label"], goal["other_instance"]) == ("chair", 2, "couch", 1)
 
 
-def test_ranks_stay_those_of_where_the_command_was_given(simap) -> None:
-    said = answer(simap, "go to the third chair, then to the first chair", TOY_POSE)
-    assert [goal.instance for goal in said.goals] == [4, 3]
-
-
-def test_an_agent_goes_on_from_where_it_is(simap) -> None:
+def test_ranks_are_those_of_where_the_robot_is_by_then(simap) -> None:
+    said = answer(simap, "robot.move_to_object('chair', 3)\nrobot.move_to_object('chair', 2)", TOY_POSE)
+    assert [goal.instance for goal in said.goals] == [4, 1]
     agent = Agent(simap, TOY_POSE)
-    agent.run_program("robot.move_to_object('chair', 3)")
-    assert agent.robot.goals[-1].instance == 4
-    agent.run_program("robot.move_to_object('chair')")
-    assert agent.robot.goals[-1].instance == 4, "now the closest"
-    assert agent.robot.path_length_m == 0.0
+    assert agent.run_program("robot.move_to_object('chair', 3)").robot.goals[-1].instance == 4
+    second = agent.run_program("robot.move_to_object('chair')").robot
+    assert second.goals[-1].instance == 4, "now the closest"
+    assert second.path_length_m == 0.0
+
+
+def test_the_view_is_that_of_where_the_robot_looks_by_then(simap) -> None:
+    program = "robot.turn_absolute({})\nfor thing in robot.in_view('couch'):\n    robot.face('couch', thing)"
+    assert answer(simap, program.format(270), Pose2.from_heading(3.0, 0.5, 0.0)).goals == ()
+    assert len(answer(simap, program.format(0), Pose2.from_heading(3.0, 0.5, 180.0)).goals) == 1
 
 
 def test_get_pos_contour_and_move_to(simap) -> None:
@@ -193,8 +200,8 @@ def test_get_pos_contour_and_move_to(simap) -> None:
     near = answer(simap, "robot.move_to_object('couch')", TOY_POSE)
     assert there.goals[0].instance == 5
     assert there.final_pose == near.final_pose
-    agent = Agent(simap, TOY_POSE)
-    outline = agent.robot._get_contour("chair", 1)
+    robot = Agent(simap, TOY_POSE).run_program("robot.turn(0)").robot
+    outline = robot._get_contour("chair", 1)
     assert len(outline) == 28  # the border cells of 8 x 8
     assert {tuple(np.round(p, 6)) for p in outline} == {
         tuple(np.round(simap.spec.centre_of(r, c), 6))
@@ -202,7 +209,7 @@ def test_get_pos_contour_and_move_to(simap) -> None:
         for c in range(12, 20)
         if r in (20, 27) or c in (12, 19)
     }
-    assert agent.robot._get_pos("robot", 1) == [0.5, 0.5]
+    assert robot._get_pos("robot", 1) == [0.5, 0.5]
 
 
 def test_steps_tell_line_goal_and_poses(simap) -> None:
@@ -256,8 +263,7 @@ def test_a_loop_is_stepped_paused_and_stopped(simap) -> None:
         steps.close()
         assert next(steps, None) is None
         arrived = taken > whole.index((4, True, 'robot.move_to_object("chair", c)'))
-        assert (agent.robot.path_length_m > 0) == arrived
-        assert agent.pose == agent.robot.pose
+        assert (agent.pose.x_m != 0.5) == arrived
         agent.run_program("robot.turn(0)")  # and the robot takes the next program from there
 
 
@@ -302,25 +308,14 @@ def test_what_is_bound_to_be_refused_never_starts(simap, program: str, reason: s
     assert agent.pose == TOY_POSE
 
 
-def test_the_rehearsal_does_not_guess_where_the_robot_will_be(simap) -> None:
-    """Whether the branch is taken depends on the drive, so only the run can tell."""
-    program = "robot.move_forward(1)\np = robot.get_pos('robot')\nif p[0] > {}:\n    x = [][0]\nrobot.turn(90)"
+def test_a_branch_is_that_of_where_the_drive_ends(simap) -> None:
+    program = (
+        "robot.move_forward(1)\np = robot.get_pos('robot')\nif p[0] > {}:\n    robot.face('piano')\nrobot.turn(90)"
+    )
     assert answer(simap, program.format(2.0), TOY_POSE).status == "ok"
-    agent = Agent(simap, TOY_POSE)
-    steps = agent.steps(program.format(1.0))
-    with pytest.raises(CommandError, match=r"^line 4: the 1st item"):
-        list(steps)
-    assert agent.pose.x_m == pytest.approx(1.5)
-
-
-def test_look_ups_are_answered_once_but_the_position_anew(simap, monkeypatch: pytest.MonkeyPatch) -> None:
-    asked = []
-    in_view = Robot._in_view
-    monkeypatch.setattr(Robot, "_in_view", lambda self, name: asked.append(name) or in_view(self, name))
-    program = "a = robot.get_pos('robot')\nfor x in [1, 2, 3]:\n    y = robot.in_view('chair')\n"
-    program += "robot.move_forward(1)\nb = robot.get_pos('robot')\nrobot.turn((b[0] - a[0]) * 90)"
-    assert answer(simap, program, TOY_POSE).final_pose.heading_deg == pytest.approx(180.0)
-    assert asked == ["chair"]
+    said = answer(simap, program.format(1.0), TOY_POSE)
+    assert said.status == "refused" and said.reason and said.reason.startswith("line 4: face: There is no piano")
+    assert stays(said)
 
 
 def test_a_drive_too_long_to_sample_is_refused() -> None:
@@ -382,20 +377,54 @@ def test_an_object_nobody_can_get_to_fails() -> None:
 
 def test_path_budget(simap) -> None:
     program = "for a in [1, 2, 3, 4, 5]:\n    for b in [1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14]:\n"
-    program += "        robot.move_to_object('chair', 1)\n        robot.move_to_object('chair', 3)\n" * 4
+    program += "        robot.move_to([0.5, 0.5])\n        robot.move_to([3.2, 1.0])\n" * 4
     said = answer(simap, program, TOY_POSE)
     assert said.status == "failed" and said.reason and "would drive more than 1000 m" in said.reason
-    assert 990.0 < said.path_length_m <= 1000.0
+    assert stays(said)
 
 
 def test_planning_budget(simap) -> None:
     """Planning is counted in cells, so that a program stops at the same line on every machine."""
     program = "robot.move_to_object('couch')\nrobot.move_to_object('chair', 3)\nrobot.move_to_object('couch')"
-    for paths in (2, 3):
-        agent = Agent(simap, TOY_POSE, budget=Budget(planned_cells=paths * simap.instance.size))
-        steps = agent.steps(program)
-        if paths == 3:
-            assert [step.line for step in steps if step.done] == [1, 2, 3]
-            continue
-        with pytest.raises(PlanningError, match=r"^line 3: move_to_object: stopped: the program would plan over more"):
-            list(steps)
+    assert (
+        len(Agent(simap, TOY_POSE, budget=Budget(planned_cells=3 * simap.instance.size)).rehearse(program).steps) == 6
+    )
+    with pytest.raises(PlanningError, match=r"^line 3: move_to_object: stopped: the program would plan over more"):
+        Agent(simap, TOY_POSE, budget=Budget(planned_cells=2 * simap.instance.size)).steps(program)
+
+
+STATEMENTS = st.sampled_from(
+    [
+        "robot.move_to_object('chair')",
+        "robot.move_to_object('chair', 3)",
+        "robot.move_to_left('dining table')",
+        "robot.move_north('couch')",
+        "robot.move_in_between('chair', 'potted plant')",
+        "robot.move_forward(0.7)",
+        "robot.move_forward(-1.5)",
+        "robot.turn(110)",
+        "robot.face('couch')",
+        "robot.move_to([3.5, -0.5])",
+        "robot.move_to_object('chair', robot.in_view('chair')[0])",
+        "for c in robot.instances('chair'):\n    robot.move_to_nth_closest('chair', 2)",
+    ]
+)
+
+
+@settings(max_examples=30, deadline=None)
+@given(st.lists(STATEMENTS, min_size=1, max_size=5), st.floats(0.0, 360.0))
+def test_any_program_is_done_to_its_end_over_free_floor_or_not_begun(simap, lines: list[str], heading: float) -> None:
+    start, planner = Pose2.from_heading(0.5, 0.5, heading), Planner(simap.grid)
+    said = answer(simap, "\n".join(lines), start)
+    assert said.path_m[0].tolist() == [0.5, 0.5]
+    if said.status != "ok":
+        assert (said.goals, said.path_length_m, said.final_pose, len(said.path_m)) == ((), 0.0, start, 1)
+        return
+    driven = np.concatenate([step.poses for step in said.steps])
+    assert all(planner.free[planner.spec.cell_of(x, y)] for x, y in driven[:, :2].tolist())
+    assert np.abs(np.diff(driven[:, :2], axis=0)).max(initial=0.0) <= 0.05
+    assert driven[-1] == pytest.approx([said.final_pose.x_m, said.final_pose.y_m, said.final_pose.yaw_rad])
+    assert said.path_m[-1] == pytest.approx(driven[-1, :2])
+    legs = np.linalg.norm(np.diff(said.path_m, axis=0), axis=1)
+    assert said.path_length_m == pytest.approx(legs.sum())
+    assert len(said.steps) == 2 * sum(step.done for step in said.steps)

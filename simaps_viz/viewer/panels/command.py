@@ -774,8 +774,7 @@ class CommandPanel(Panel):
         self._page.command_worker.submit("broke down", report)
 
     def _conclude(self, answer: Answer) -> None:
-        stuck = answer.status != "ok" and self._line > 0
-        self._widgets.show_program(answer.program or "", self._line if stuck else None, stuck=stuck)
+        self._widgets.show_program(answer.program or "", answer.line, stuck=answer.line is not None)
         self._widgets.show_progress(None)
         self._widgets.show_phase("idle")
         title, tone = {"ok": ("Done", "good"), "refused": ("Refused", "bad")}.get(answer.status, ("Failed", "bad"))
