@@ -21,7 +21,7 @@ from simaps_viz.build.pipeline import BuildCancelled, BuildConfig, facts_of, sta
 from simaps_viz.build.to_file import BuildRequest, RecordingFault, build_to_file, resume_hint
 from simaps_viz.console.logs import logger
 from simaps_viz.console.progress import StageProgress, stage_progress
-from simaps_viz.console.terminal import note
+from simaps_viz.console.terminal import console
 from simaps_viz.datasets.source import FrameSource
 from simaps_viz.errors import InputError, SIMapsError
 from simaps_viz.events import BuildStarted, CommunitiesFound, Event, FrameProjected, FrameSkipped, Observer
@@ -424,7 +424,8 @@ class _LivePage:
         self._opened.finish(simap if self.mending is None else self.mending.simap(), panels, recorded)
         if not self._ended:
             stream.finish()
-        note(f"{request.output}: {workbench.counts_in_words(simap.counts())}", *faults)
+        for text in (f"{request.output}: {workbench.counts_in_words(simap.counts())}", *faults):
+            console.print(text, markup=False, soft_wrap=True)
         return " ".join((f"Saved as {request.output}.", *faults))
 
 
@@ -501,6 +502,6 @@ def _wait(build: LiveBuild) -> None:
     pause, before = threading.Event(), build.state()
     while (state := build.state()).status != "done":
         if state.status != before.status and state.status in ("stopped", "failed"):
-            note(f"{state.status}: {state.error or state.notice}")
+            console.print(f"{state.status}: {state.error or state.notice}", markup=False, soft_wrap=True)
         before = state
         pause.wait(0.2)

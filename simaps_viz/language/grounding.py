@@ -1,37 +1,33 @@
-"""Resolve references to instances by rank, side, neighbour and view, from the pose where the command was given.
+"""What names and ranks mean on one map, seen from one pose: which instances, where their cells are, how far apart.
 
-All distances are in metres on the map plane between cell centres; ties go to the smaller instance id. The exact
-meaning of rank, side and between is that of ``primitives``.
-
-In view is what a ray reaches that goes from the camera to the top of one of an object's cells. It is stopped by a cell
-of another object when it enters that cell's column between the floor and the column's top; a column whose lowest pixel
-hangs over 1 m (a lamp, a lintel over a doorway) stops it only above that pixel. Walls and columns reach from floor to
-ceiling.
+Distances are in metres on the map plane between the centres of the nearest cells, so they are from edge to edge to
+within a cell; 1 is the closest, ties go to the smaller instance id.
 """
 
-from dataclasses import dataclass
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Final
+from typing import Any, Final
+from weakref import WeakKeyDictionary
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import KDTree
 
-from simaps_viz.errors import CommandError
+from simaps_viz.errors import CommandError, PlanningError
+from simaps_viz.language.lexicon import KNOWN_THINGS
+from simaps_viz.language.sight import EYE_HEIGHT_M, FIELD_OF_VIEW_RAD, Sight, wall_cells
 from simaps_viz.language.words import ANY, Vocabulary, plain, plural, singular
 from simaps_viz.structures import Instance, Pose2, SIMap
 
-FIELD_OF_VIEW_RAD: Final = np.pi / 2.0
-EYE_HEIGHT_M: Final = 1.3
-"""Height of the camera where the map does not record that of its own."""
+__all__ = ["EYE_HEIGHT_M", "FIELD_OF_VIEW_RAD", "Candidate", "Grounding", "Things", "ordinal"]
+
 OPAQUE_HEIGHT_M: Final = 1.5
 """Cells at least this high cannot be looked over by a robot that drives there."""
-_EYE_RANGE_M: Final = (0.3, 1.9)
-_HANGING_M: Final = 1.0
-_SIGHT_CELLS: Final = 48
-_BODY_M: Final = 0.2  # cells this near to the viewer show the viewer itself, or noise
-_STEPS_PER_CELL: Final = 3.0
-_COMPASS: Final = {"north": (0.0, 1.0), "south": (0.0, -1.0), "east": (1.0, 0.0), "west": (-1.0, 0.0)}
+MAX_LOOKED: Final = 100_000_000
+"""What the functions of one program may look at together: cells, and pairs of things."""
+_MOST_NAMED: Final = 6
+_ALL: Final = ("anything", "everything", "something", "all")
 
 
 @dataclass(frozen=True)
@@ -44,14 +40,177 @@ class Candidate:
     distance_m: float
 
 
+@dataclass(frozen=True)
+class Things:
+    """A set: things, or rooms, in an order, and what they are in words."""
+
+    items: tuple[Any, ...]
+    """Instances, or rooms."""
+    noun: str
+    """In the singular, as in "chair"."""
+    nouns: str
+    before: tuple[str, ...] = ()
+    """Words before the noun, as in ("red",)."""
+    after: str = ""
+    """Words after it, as in "on your left"."""
+    missing: str | None = None
+    """Where the map lacks what was named: the sentence that says so."""
+    most: str = ""
+    """What the first is among them, as in "leftmost"; said of it once it is chosen."""
+
+    def __len__(self) -> int:
+        return len(self.items)
+
+    def __iter__(self) -> Iterator[Any]:
+        return iter(self.items)
+
+    @property
+    def one(self) -> str:
+        """One of it in words: "red chair on your left"."""
+        return " ".join([*self.before, self.noun, *self.after.split()])
+
+    @property
+    def many(self) -> str:
+        """Several of it in words: "red chairs on your left"."""
+        return " ".join([*self.before, self.nouns, *self.after.split()])
+
+    @property
+    def the(self) -> str:
+        """Return the set as it is spoken of: "the red chair", "the red chairs", or "a red chair" of an empty one."""
+        return f"the {self.one if len(self) == 1 else self.many}" if self.items else with_article(self.one)
+
+    def number(self, n: int | None = None) -> str:
+        """Return how many there are in words: "no red chair", "1 red chair", "3 red chairs"."""
+        n = len(self) if n is None else n
+        return f"no {self.one}" if n == 0 else f"{n} {self.one if n == 1 else self.many}"
+
+    def none(self) -> str:
+        """Say that there are none."""
+        if self.missing:
+            return self.missing
+        where = "" if self.after else " on this map"
+        if self.noun == "thing" and not self.before:
+            return f"There is nothing {self.after or 'on this map'}."
+        return f"There is no {self.one}{where}."
+
+    def expect(self, n: int, asked: str = "") -> None:
+        """Raise CommandError, which says how many there are, unless there are at least n.
+
+        Args:
+            n: how many are needed.
+            asked: what was asked for, as in "the 4th was"; by default "4 were".
+        """
+        if not self.items:
+            raise CommandError(self.none())
+        if len(self) < n:
+            there = f"is only 1 {self.one}" if len(self) == 1 else f"are only {len(self)} {self.many}"
+            where = "" if self.after else " on this map"
+            raise CommandError(f"There {there}{where}; {asked or f'{n} were'} asked for.")
+
+    def nth(self, rank: int) -> Any:
+        """Return one by its rank, from 1 or, from the end, from -1; CommandError when there are too few."""
+        from_end = " from the end" if rank < 0 else ""
+        self.expect(abs(rank), f"the {ordinal(abs(rank))}{from_end} was")
+        return self.items[rank - 1 if rank > 0 else rank]
+
+    def first(self, n: int) -> "Things":
+        """Return the first n; CommandError when there are too few."""
+        self.expect(n)
+        before = (self.most, *self.before) if self.most and n < len(self) else self.before
+        return replace(self, items=self.items[:n], before=before, most="")
+
+    def of(self, items: Sequence[Any], before: str = "", after: str = "") -> "Things":
+        """Return other things of this kind, with more words before or after the noun."""
+        words = (*([before] if before else []), *self.before)
+        return replace(self, items=tuple(items), before=words, after=f"{self.after} {after}".strip())
+
+
+Named = str | Instance | Things
+"""What an argument may call things by: a name, one of them, or a set."""
+
+
+class Cells:
+    """The cells of all instances of one map, and the search trees over them; made once a map, see `cells_of_map`."""
+
+    def __init__(self, simap: SIMap) -> None:
+        self.spec = spec = simap.spec
+        numbers = simap.instance
+        flat = numbers.ravel()
+        self.row_of = {one.id: k for k, one in enumerate(simap.instances)}
+        self.centroids = np.array([i.centroid_m[:2] for i in simap.instances], np.float64).reshape(-1, 2)
+        self._all = self._by_instance(flat, np.flatnonzero(flat))
+        # Only cells with a neighbour of another instance can be the nearest to something outside.
+        padded = np.pad(numbers, 1)
+        same = [padded[r : r + spec.rows, c : c + spec.cols] == numbers for r, c in ((0, 1), (2, 1), (1, 0), (1, 2))]
+        edge = (numbers > 0) & ~(same[0] & same[1] & same[2] & same[3])
+        self._edge = self._by_instance(flat, np.flatnonzero(edge))
+        self._trees: dict[int, KDTree] = {}
+        half = spec.cell_size_m / 2.0
+        empty = np.full((1, 2), np.nan)
+        borders = [self._edge.get(i.id, empty) for i in simap.instances]
+        self.low = np.array([b.min(axis=0) - half for b in borders]).reshape(-1, 2)
+        self.high = np.array([b.max(axis=0) + half for b in borders]).reshape(-1, 2)
+        self._points = np.concatenate(borders) if borders else np.zeros((0, 2))
+        self._starts = np.cumsum([0, *map(len, borders)])[:-1]
+
+    def _by_instance(self, flat: NDArray, cells: NDArray) -> dict[int, NDArray]:
+        order = cells[np.argsort(flat[cells], kind="stable")]
+        ids, starts = np.unique(flat[order], return_index=True)
+        row, col = np.divmod(order, self.spec.cols)
+        centres = (np.column_stack([col, row]) + 0.5) * self.spec.cell_size_m + (self.spec.x0_m, self.spec.y0_m)
+        return dict(zip(ids.tolist(), np.split(centres, starts[1:]), strict=False))
+
+    def of(self, number: int) -> NDArray:
+        """Return the centres of an instance's cells, float64 [n, 2], map frame."""
+        return self._all[number]
+
+    def edge(self, number: int) -> NDArray:
+        """Return the centres of the cells at an instance's edge, float64 [n, 2], map frame."""
+        return self._edge[number]
+
+    def tree(self, number: int) -> KDTree:
+        """Return the search tree over the cells at an instance's edge."""
+        if number not in self._trees:
+            self._trees[number] = KDTree(self._edge[number])
+        return self._trees[number]
+
+    def from_point(self, simap: SIMap, x_m: float, y_m: float) -> NDArray:
+        """Return the distance from a point to each instance of the map, float64 [instances], metres."""
+        if not len(self._starts):
+            return np.zeros(0)
+        squares = ((self._points - (x_m, y_m)) ** 2).sum(axis=1)
+        far = np.sqrt(np.minimum.reduceat(squares, self._starts))
+        row, col = self.spec.cell_of(x_m, y_m)
+        number = int(simap.instance[row, col]) if self.spec.contains(row, col) else 0
+        if number:  # within an instance, the nearest cell may be an inner one: that of the point
+            far[self.row_of[number]] = np.hypot(*np.subtract(self.spec.centre_of(row, col), (x_m, y_m)))
+        return far.round(9)
+
+    @property
+    def size(self) -> int:
+        """The number of cells at the edges of all instances."""
+        return len(self._points)
+
+
+_CELLS: WeakKeyDictionary[SIMap, Cells] = WeakKeyDictionary()
+
+
+def cells_of_map(simap: SIMap) -> Cells:
+    """Return the cells of a map's instances, found once and kept as long as the map is."""
+    if simap not in _CELLS:
+        _CELLS[simap] = Cells(simap)
+    return _CELLS[simap]
+
+
 class Grounding:
     """Answers which instance is meant, for one map and one viewer.
 
     Args:
         simap: the map.
-        viewer: the robot's pose when the command was given.
-        field_of_view_rad: full horizontal angle of ``in_view``.
-        eye_height_m: height of the camera of ``in_view``; by default that of the map's recording.
+        viewer: the robot's pose: ranks, left and right are those of this moment. May be set anew.
+        field_of_view_rad: full horizontal angle of what is in view.
+        eye_height_m: height of the camera; by default that of the map's recording.
+        max_looked: how many cells and pairs of things may be looked at before PlanningError.
     """
 
     def __init__(
@@ -61,151 +220,32 @@ class Grounding:
         *,
         field_of_view_rad: float = FIELD_OF_VIEW_RAD,
         eye_height_m: float | None = None,
+        max_looked: float = MAX_LOOKED,
     ) -> None:
         self.simap = simap
-        self.viewer = viewer
-        self.sight = Sight(simap, viewer, field_of_view_rad=field_of_view_rad, eye_height_m=eye_height_m)
+        self.cells = cells_of_map(simap)
+        self._eye = {"field_of_view_rad": field_of_view_rad, "eye_height_m": eye_height_m}
+        self._looked, self._max_looked = 0.0, max_looked
         self._vocabulary = Vocabulary(simap.counts())
+        self.viewer = viewer
 
-    def labels_of(self, name: str) -> tuple[str, ...]:
-        """Return the map's classes a name takes together, or raise CommandError naming all.
+    @property
+    def viewer(self) -> Pose2:
+        """The pose that ranks, sides and views refer to."""
+        return self._viewer
 
-        A class of that very name, or its singular, stands alone; a generic name ("seat", "any table") takes all
-        classes of its kind, a synonym the most fitting one.
-        """
-        found = self._vocabulary.resolve(name)
-        if found:
-            return found.labels
-        counts = ", ".join(f"{label} ({n})" for label, n in self.simap.counts().items())
-        has = f"It has: {counts}" if counts else "It has no objects at all"
-        near = self._vocabulary.suggest(name)
-        said = name.removeprefix(ANY)
-        raise CommandError(f"There is no {said} on this map. {has}.{f' Did you mean {near}?' if near else ''}")
+    @viewer.setter
+    def viewer(self, pose: Pose2) -> None:
+        self._viewer = pose
+        self._far: NDArray | None = None
+        self._sight: Sight | None = None
 
-    def label_of(self, name: str) -> str:
-        """Return the first of the classes a name takes together, or raise CommandError naming all."""
-        return self.labels_of(name)[0]
-
-    def members(self, name: str) -> tuple[Instance, ...]:
-        """Return all instances of the classes a name takes together, class by class."""
-        return tuple(i for label in self.labels_of(name) for i in self.simap.of_class(label))
-
-    def candidates(self, name: str) -> tuple[Candidate, ...]:
-        """Return all instances a name may mean, the closest first, with their distances."""
-        ranked = sorted((self.distance_m(i), i.id, i) for i in self.members(name))
-        return tuple(Candidate(k, instance, d) for k, (d, _, instance) in enumerate(ranked, start=1))
-
-    def instances(self, name: str) -> tuple[Instance, ...]:
-        """Return all instances of a class, the closest first."""
-        return tuple(candidate.instance for candidate in self.candidates(name))
-
-    def pick(self, name: str, which: int | Instance = 1) -> Instance:
-        """Return the instance of that rank, or the given one once its class is checked."""
-        if isinstance(which, Instance):
-            labels = self.labels_of(name)
-            if which.label not in labels:
-                wanted = labels[0] if len(labels) == 1 else name
-                raise CommandError(f"instance {which.id} is a {which.label}, but a {wanted} was asked for")
-            return which
-        ranked = self.instances(name)
-        self._expect_rank(name, len(ranked), which)
-        return ranked[which - 1]
-
-    def object_of(self, other: str | Instance) -> Instance:
-        """Return an instance as it is, or the closest of a class."""
-        return other if isinstance(other, Instance) else self.pick(other, 1)
-
-    def nth_from(self, name: str, side: str, n: int) -> Instance:
-        """Return the n-th instance of a class counted from a side; left and right are the viewer's."""
-        direction = self._direction_of(side)
-        ranked = sorted(self.members(name), key=lambda i: (-float(np.dot(i.centroid_m[:2], direction)), i.id))
-        self._expect_rank(name, len(ranked), n)
-        return ranked[n - 1]
-
-    def closest_to(self, name: str, other: str | Instance, which: int | Instance = 1) -> Instance:
-        """Return the instance of a class whose cells come nearest to another object's; that object itself left out."""
-        all_members = self.members(name)
-        target = other if isinstance(other, Instance) else self.pick(other, which)
-        members = [i for i in all_members if i.id != target.id]
-        if not members:
-            raise CommandError(f"There is only 1 {self._called(name)} on this map; none is left to be near it.")
-        tree = KDTree(self.cells_of(target))
-        return min(members, key=lambda i: (float(tree.query(self.cells_of(i))[0].min()), i.id))
-
-    def between(self, name: str, other_a: str | Instance, other_b: str | Instance) -> Instance:
-        """Return the instance of a class that lies between two objects, nearest to the line of their centroids."""
-        members = self.members(name)
-        a, b = self.pair(other_a, other_b)
-        start, end = np.array(a.centroid_m[:2]), np.array(b.centroid_m[:2])
-        along = (end - start) / max(float(np.linalg.norm(end - start)), 1e-9)
-        found = []
-        for instance in members:
-            centroid = np.array(instance.centroid_m[:2])
-            # Thales: in the circle over the line a-b, both ends are seen more than a quarter turn apart
-            if instance.id not in (a.id, b.id) and (centroid - start) @ (centroid - end) < 0.0:
-                offset = centroid - start
-                found.append((abs(float(along[0] * offset[1] - along[1] * offset[0])), instance.id, instance))
-        if not found:
-            raise CommandError(f"There is no {self._called(name)} between the {a.label} and the {b.label} on this map.")
-        return min(found)[2]
-
-    def pair(self, other_a: str | Instance, other_b: str | Instance) -> tuple[Instance, Instance]:
-        """Return two different instances for two names or instances; equal names mean the two closest."""
-        a = self.object_of(other_a)
-        if isinstance(other_b, Instance):
-            b = other_b
-        else:
-            ranked = self.instances(other_b)
-            b = next((i for i in ranked if i.id != a.id), None)
-            if b is None:
-                self._expect_rank(other_b, len(ranked), 2)
-        if b is None or a.id == b.id:
-            raise CommandError(f"between needs two different objects, but the same {a.label} was named twice")
-        return a, b
-
-    def in_view(self, name: str) -> tuple[Instance, ...]:
-        """Return the instances of a class within the field of view that no wall hides, the closest first."""
-        return tuple(
-            instance for instance in self.instances(name) if self.sight.sees(instance, self.cells_of(instance))
-        )
-
-    def distance_m(self, instance: Instance) -> float:
-        """Return the distance from the viewer to the centre of the instance's nearest cell."""
-        offsets = self.cells_of(instance) - (self.viewer.x_m, self.viewer.y_m)
-        return float(np.sqrt((offsets**2).sum(axis=1).min()).round(9))
-
-    def cells_of(self, instance: Instance) -> NDArray:
-        """Return the centres of the instance's cells, float64 [n, 2], map frame."""
-        return self._cells[instance.id]
-
-    def _direction_of(self, side: str) -> NDArray:
-        if side in _COMPASS:
-            return np.array(_COMPASS[side])
-        left = np.array([-np.sin(self.viewer.yaw_rad), np.cos(self.viewer.yaw_rad)])
-        return left if side == "left" else -left
-
-    def _called(self, name: str) -> str:
-        """Return the word for the things of a name in a sentence: the map's class, or the generic name."""
-        labels = self.labels_of(name)
-        return labels[0] if len(labels) == 1 else singular(plain(name.removeprefix(ANY)))
-
-    def _expect_rank(self, name: str, n: int, rank: int) -> None:
-        if rank < 1:
-            raise CommandError(f"ranks count from 1, the closest; {rank} was asked for")
-        if rank > n:
-            called = self._called(name)
-            there = f"is only 1 {called}" if n == 1 else f"are only {n} {plural(called)}"
-            raise CommandError(f"There {there} on this map; the {ordinal(rank)} was asked for.")
-
-    @cached_property
-    def _cells(self) -> dict[int, NDArray]:
-        spec, flat = self.simap.spec, self.simap.instance.ravel()
-        order = np.flatnonzero(flat)
-        order = order[np.argsort(flat[order], kind="stable")]
-        ids, starts = np.unique(flat[order], return_index=True)
-        row, col = np.divmod(order, spec.cols)
-        centres = (np.column_stack([col, row]) + 0.5) * spec.cell_size_m + (spec.x0_m, spec.y0_m)
-        return dict(zip(ids.tolist(), np.split(centres, starts[1:]), strict=False))
+    @property
+    def sight(self) -> Sight:
+        """What can be seen from where the viewer is."""
+        if self._sight is None:
+            self._sight = Sight(self.simap, self.viewer, **self._eye)
+        return self._sight
 
     @cached_property
     def opaque(self) -> NDArray:
@@ -213,96 +253,188 @@ class Grounding:
         with np.errstate(invalid="ignore"):
             return (self.simap.grid.height_m >= OPAQUE_HEIGHT_M) | wall_cells(self.simap)
 
+    def look(self, cells: float) -> None:
+        """Count work, so that its limit is the same on every machine; raise PlanningError beyond the limit."""
+        self._looked += cells
+        if self._looked > self._max_looked:
+            raise PlanningError(f"stopped: the program would look at more than {self._max_looked:g} cells")
+
+    # ---- names
+
+    def labels_of(self, name: str) -> tuple[str, ...]:
+        """Return the map's classes a name takes together, or raise CommandError.
+
+        A class of that very name, or its singular, stands alone; a generic name ("seat", "any table") takes all
+        classes of its kind, a synonym the most fitting one.
+        """
+        found = self._vocabulary.resolve("thing" if name.strip().lower() in _ALL else name)
+        if found:
+            return found.labels
+        raise CommandError(self.missing(name))
+
+    def missing(self, name: str) -> str:
+        """Say that the map lacks what a name means, what it has, and what may have been meant."""
+        counts = [f"{label} ({n})" for label, n in self.simap.counts().items()]
+        more = f" and {len(counts) - _MOST_NAMED} more classes" if len(counts) > _MOST_NAMED + 1 else ""
+        listed = ", ".join(counts[:_MOST_NAMED] if more else counts) + more
+        has = f"It has: {listed}" if counts else "It has no objects at all"
+        near = self._vocabulary.suggest(name)
+        return f"There is no {name.removeprefix(ANY)} on this map. {has}.{f' Did you mean {near}?' if near else ''}"
+
+    def label_of(self, name: str) -> str:
+        """Return the first of the classes a name takes together, or raise CommandError."""
+        return self.labels_of(name)[0]
+
+    def members(self, name: Named) -> tuple[Instance, ...]:
+        """Return all that a name means: class by class for a name, in their order for a set."""
+        if isinstance(name, Things):
+            return tuple(i for i in name.items if isinstance(i, Instance))
+        if isinstance(name, Instance):
+            return (name,)
+        return tuple(i for label in self.labels_of(name) for i in self.simap.of_class(label))
+
+    def named(self, name: str) -> Things:
+        """Return the things of a name, the closest first; the empty set, which knows why, where the map has none."""
+        word = singular(plain(name.strip().removeprefix(ANY)))
+        try:
+            labels = self.labels_of(name)
+        except CommandError as error:
+            known = word in KNOWN_THINGS or plain(name) in KNOWN_THINGS
+            return Things((), word if known else name.strip(), plural(word), missing=str(error))
+        noun = "thing" if name.strip().lower() in _ALL else plain(labels[0]) if len(labels) == 1 else word
+        return Things(tuple(self.ranked(self.members(name))), noun, plural(noun))
+
+    # ---- ranks
+
+    def ranked(self, things: Sequence[Instance]) -> list[Instance]:
+        """Return things in the order of their distance."""
+        return sorted(things, key=lambda i: (self.distance_m(i), i.id))
+
+    def candidates(self, name: Named) -> tuple[Candidate, ...]:
+        """Return all instances a name may mean, the closest first, with their distances."""
+        ranked = self.ranked(self.members(name))
+        return tuple(Candidate(k, i, self.distance_m(i)) for k, i in enumerate(ranked, start=1))
+
+    def instances(self, name: Named) -> tuple[Instance, ...]:
+        """Return all instances a name may mean, the closest first."""
+        return tuple(self.ranked(self.members(name)))
+
+    def pick(self, name: Named, which: int | Named = 1) -> Instance:
+        """Return the instance of that rank, or the given one once its class is checked; of a set, by its order."""
+        if isinstance(which, Things):
+            which = which.nth(1)
+        if isinstance(which, Instance):
+            if isinstance(name, str) and which.label != name and which.label not in self.labels_of(name):
+                wanted = self.label_of(name) if len(self.labels_of(name)) == 1 else name
+                raise CommandError(f"instance {which.id} is a {which.label}, but a {wanted} was asked for")
+            return which
+        if isinstance(name, str):
+            self.labels_of(name)
+            name = self.named(name)
+        elif isinstance(name, Instance):
+            name = one_thing(name)
+        if not isinstance(which, int) or which < 1:
+            raise CommandError(f"ranks count from 1, the closest; {which} was asked for")
+        found = name.nth(which)
+        if not isinstance(found, Instance):
+            raise CommandError(f"expected a thing, found the room {found.name}")
+        return found
+
+    def object_of(self, other: Named) -> Instance:
+        """Return the one thing that a name or set means: the closest of a name, the first of a set."""
+        return other if isinstance(other, Instance) else self.pick(other, 1)
+
+    def pair(self, other_a: Named, other_b: Named) -> tuple[Instance, Instance]:
+        """Return two different instances for two names, sets or instances; equal names mean the two closest."""
+        a = self.object_of(other_a)
+        if isinstance(other_b, Instance):
+            b = other_b
+        else:
+            second = self.named(other_b) if isinstance(other_b, str) else other_b
+            b = next((i for i in second.items if i != a), None)
+            if b is None:
+                second.nth(2)
+        if b is None or a.id == b.id:
+            raise CommandError(f"between needs two different objects, but the same {a.label} was named twice")
+        return a, b
+
+    # ---- distances
+
+    def distance_m(self, instance: Instance) -> float:
+        """Return the distance from the viewer to the centre of the instance's nearest cell."""
+        if self._far is None:
+            self.look(self.cells.size)
+            self._far = self.cells.from_point(self.simap, self.viewer.x_m, self.viewer.y_m)
+        return float(self._far[self.cells.row_of[instance.id]])
+
+    def cells_of(self, instance: Instance) -> NDArray:
+        """Return the centres of the instance's cells, float64 [n, 2], map frame."""
+        return self.cells.of(instance.id)
+
+    def rows(self, things: Sequence[Instance]) -> NDArray:
+        """Return the things' numbers in the arrays of ``cells``, int64 [n]."""
+        return np.array([self.cells.row_of[i.id] for i in things], np.int64)
+
+    def centroids(self, things: Sequence[Instance]) -> NDArray:
+        """Return the things' centroids, float64 [n, 2], map frame."""
+        return self.cells.centroids[self.rows(things)]
+
+    def gaps(self, things: Sequence[Instance], points_m: NDArray) -> NDArray:
+        """Return how far each of some things is from the nearest of some points, float64 [things], metres."""
+        if not things or not len(points_m):
+            return np.full(len(things), np.inf)
+        edges = [self.cells.edge(i.id) for i in things]
+        starts = np.cumsum([0, *map(len, edges)])[:-1]
+        both = np.concatenate(edges)
+        self.look(len(both) + len(points_m))
+        return np.minimum.reduceat(KDTree(points_m).query(both)[0], starts).round(9)
+
+    def edges(self, things: Sequence[Instance]) -> NDArray:
+        """Return the centres of the cells at the things' edges, float64 [n, 2], map frame."""
+        return np.concatenate([self.cells.edge(i.id) for i in things]) if things else np.zeros((0, 2))
+
+    def neighbours(
+        self, things: Sequence[Instance], others: Sequence[Instance], most_m: float
+    ) -> tuple[NDArray, NDArray, NDArray]:
+        """Return all pairs of a thing and a different other that are at most that far apart.
+
+        Returns:
+            Positions in ``things`` int64 [pairs], in ``others`` int64 [pairs], and distances float64 [pairs], metres.
+        """
+        self.look(len(things) * len(others) / 8.0)
+        a, b = self.rows(things), self.rows(others)
+        low, high = self.cells.low, self.cells.high
+        found: list[tuple[NDArray, int, NDArray]] = []
+        for j, other in enumerate(others):
+            # Boxes that are too far apart need no search; they are a cell larger than the cells' centres.
+            apart = np.maximum(np.maximum(low[a] - high[b[j]], low[b[j]] - high[a]), 0.0)
+            close = np.flatnonzero(((apart**2).sum(axis=1) <= most_m**2) & (a != b[j]))
+            if len(close):
+                edges = [self.cells.edge(things[i].id) for i in close.tolist()]
+                both = np.concatenate(edges)
+                self.look(len(both))
+                far = self.cells.tree(other.id).query(both, distance_upper_bound=most_m + 1e-6)[0]
+                least = np.minimum.reduceat(far, np.cumsum([0, *map(len, edges)])[:-1]).round(9)
+                keep = least <= most_m
+                found.append((close[keep], j, least[keep]))
+        if not found:
+            return np.zeros(0, np.int64), np.zeros(0, np.int64), np.zeros(0)
+        second = np.concatenate([np.full(len(i), j, np.int64) for i, j, _ in found])
+        return np.concatenate([i for i, _, _ in found]), second, np.concatenate([far for _, _, far in found])
+
+
+def one_thing(thing: Any) -> Things:
+    """Return the set of one thing, or of one room."""
+    noun = plain(thing.label) if isinstance(thing, Instance) else thing.name
+    return Things((thing,), noun, plural(noun))
+
+
+def with_article(words: str) -> str:
+    """Return "a chair", "an oven"."""
+    return f"{'an' if words[:1] in 'aeiou' else 'a'} {words}"
+
 
 def ordinal(n: int) -> str:
     """Return "1st", "2nd", "3rd", "4th", "11th"."""
     ending = "th" if n % 100 in (11, 12, 13) else {1: "st", 2: "nd", 3: "rd"}.get(n % 10, "th")
     return f"{n}{ending}"
-
-
-class Sight:
-    """Decides what can be seen on one map from one pose.
-
-    Args:
-        simap: the map.
-        viewer: where the camera is, and where it looks.
-        field_of_view_rad: full horizontal angle; the vertical one is taken to be wide enough.
-        eye_height_m: height of the camera over the floor; by default the median of those the map was recorded from.
-    """
-
-    def __init__(
-        self,
-        simap: SIMap,
-        viewer: Pose2,
-        *,
-        field_of_view_rad: float = FIELD_OF_VIEW_RAD,
-        eye_height_m: float | None = None,
-    ) -> None:
-        self._simap, self._viewer = simap, viewer
-        self.field_of_view_rad = field_of_view_rad
-        self.eye_height_m = recorded_height_m(simap) if eye_height_m is None else eye_height_m
-
-    def sees(self, instance: Instance, cells_m: NDArray) -> bool:
-        """Return whether a free line of sight within the field of view reaches one of (at most 48 of) its cells.
-
-        Args:
-            instance: what is looked for.
-            cells_m: float64 [n, 2], the centres of its cells, map frame.
-        """
-        cells = cells_m[:: max(1, len(cells_m) // _SIGHT_CELLS)]
-        offsets = cells - (self._viewer.x_m, self._viewer.y_m)
-        bearing = np.arctan2(offsets[:, 1], offsets[:, 0]) - self._viewer.yaw_rad
-        ahead = np.abs((bearing + np.pi) % (2.0 * np.pi) - np.pi) <= self.field_of_view_rad / 2.0 + 1e-9
-        if not ahead.any():
-            return False
-        return bool(self._free(offsets[ahead], self._tops_m(cells[ahead]), instance.id).any())
-
-    def _tops_m(self, cells_m: NDArray) -> NDArray:
-        row, col = self._cells_of(cells_m[:, 0], cells_m[:, 1])
-        return np.nan_to_num(self._simap.grid.height_m[row, col].astype(np.float64))
-
-    def _free(self, offsets_m: NDArray, tops_m: NDArray, instance_id: int) -> NDArray:
-        """Return which rays nothing else stops, bool [n], given where they end [n, 2] and how high [n]."""
-        spec = self._simap.spec
-        # Sample points along every ray, [n, samples], and the cells they lie in.
-        length = np.linalg.norm(offsets_m, axis=1)
-        along = np.arange(_BODY_M, float(length.max()), spec.cell_size_m / _STEPS_PER_CELL)[None, :]
-        share = along / np.maximum(length, 1e-9)[:, None]
-        x = self._viewer.x_m + share * offsets_m[:, :1]
-        y = self._viewer.y_m + share * offsets_m[:, 1:]
-        row, col = self._cells_of(x, y)
-        inside = (share < 1.0) & (row >= 0) & (row < spec.rows) & (col >= 0) & (col < spec.cols)
-        row, col = np.where(inside, row, 0), np.where(inside, col, 0)
-        # Compare the height of the ray at each point with the column of its cell.
-        height = self.eye_height_m + share * (tops_m[:, None] - self.eye_height_m)
-        low, high = self._column
-        stopped = inside & (height >= low[row, col]) & (height <= high[row, col])
-        return ~(stopped & (self._simap.instance[row, col] != instance_id)).any(axis=1)
-
-    def _cells_of(self, x: NDArray, y: NDArray) -> tuple[NDArray, NDArray]:
-        spec = self._simap.spec
-        col = np.floor((x - spec.x0_m) / spec.cell_size_m).astype(np.int64)
-        row = np.floor((y - spec.y0_m) / spec.cell_size_m).astype(np.int64)
-        return row, col
-
-    @cached_property
-    def _column(self) -> tuple[NDArray, NDArray]:
-        """The heights from and to which each cell's column stops rays, float [rows, cols]; NaN where it stops none."""
-        grid = self._simap.grid
-        walls = wall_cells(self._simap)
-        hangs = np.nan_to_num(grid.lowest_m) > _HANGING_M
-        low = np.where(walls | ~hangs, -1.0, grid.lowest_m)
-        return low, np.where(walls, np.inf, grid.height_m)
-
-
-def wall_cells(simap: SIMap) -> NDArray:
-    """Return the cells whose class reaches from floor to ceiling, bool [rows, cols]."""
-    names = simap.grid.labels
-    walls = [i for i, name in enumerate(names) if name == "wall" or name.startswith("wall-") or name == "column"]
-    return np.isin(simap.grid.label, walls)
-
-
-def recorded_height_m(simap: SIMap) -> float:
-    """Return the median height the map's camera had over the floor, kept to what a robot may carry."""
-    heights = simap.T_map_camera[:, 2, 3] if len(simap.T_map_camera) else np.array([EYE_HEIGHT_M])
-    return float(np.clip(np.median(heights), *_EYE_RANGE_M))

@@ -4,16 +4,14 @@ import ast
 import math
 import operator
 import time
-from collections.abc import Callable, Generator, Iterator, Mapping
+from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Final, Literal, NoReturn
 
 from simaps_viz.errors import CommandError, PlanningError
-from simaps_viz.language.grounding import ordinal
-from simaps_viz.language.primitives import PRIMITIVES, Parameter, Primitive
-from simaps_viz.language.program import Program, ProgramError, ProgramStuckError, bind, check_argument
-from simaps_viz.language.words import plural
-from simaps_viz.structures import Instance
+from simaps_viz.language.grounding import Things, ordinal
+from simaps_viz.language.primitives import Parameter, Primitive
+from simaps_viz.language.program import IN_WORDS, Program, ProgramError, ProgramStuckError, bind, check_argument
 
 _OPERATORS: Final[Mapping[type, Callable[[Any, Any], Any]]] = {
     ast.Add: operator.add, ast.Sub: operator.sub, ast.Mult: operator.mul, ast.Div: operator.truediv,
@@ -23,7 +21,7 @@ _OPERATORS: Final[Mapping[type, Callable[[Any, Any], Any]]] = {
 _MAX_VALUE = 1e12
 
 Caller = Callable[[Primitive, Mapping[str, Any]], Any]
-"""Executes one primitive with all its arguments by name; returns the result of a look-up."""
+"""Executes one primitive or function with all its arguments by name; returns the result of a look-up or function."""
 
 
 class BudgetError(ProgramError):
@@ -108,7 +106,7 @@ class _Runner:
             case ast.Assign(targets=[ast.Name(id=name)], value=value):
                 self._names[name] = self._value(value)
             case ast.For(target=ast.Name(id=name), iter=source, body=body):
-                for item in self._list(source):
+                for item in self._several(source):
                     self._turns += 1
                     self._within(node, self._turns, self._budget.loop_turns, "loop turns")
                     self._names[name] = item
@@ -153,7 +151,7 @@ class _Runner:
 
     def _call(self, node: ast.Call) -> Any:
         call = bind(node)
-        primitive = PRIMITIVES[call.primitive.name]
+        primitive = call.primitive
         arguments = {}
         for parameter in primitive.parameters:
             written = call.arguments.get(parameter.name)
@@ -169,38 +167,51 @@ class _Runner:
             raise ProgramStuckError(node.lineno, primitive.name, str(error)) from None
 
     def _checked(self, node: ast.Call, primitive: Primitive, parameter: Parameter, value: Any) -> Any:
-        """Check an argument's value; whole numbers become int, a position becomes a pair of floats."""
-        if isinstance(value, Instance):
-            wrong = None if parameter.type in ("instance", "object") else f"{parameter.name}: found an instance"
-        elif isinstance(value, list):
-            pair = len(value) == 2 and all(_is_number(v) for v in value)
-            wrong = None if parameter.type == "position" and pair else f"{parameter.name}: found a list"
-        else:
-            wrong = check_argument(parameter, value)
+        """Check an argument's value; whole numbers become int."""
+        wrong = check_argument(parameter, _kind(value), value)
         if wrong:
             raise ProgramError(node.lineno, primitive.name, wrong)
-        if parameter.type in ("instance", "count") and isinstance(value, int | float):
+        if parameter.type in ("instance", "count", "rank") and isinstance(value, int | float):
             return int(value)
         return value
 
-    def _list(self, node: ast.expr) -> list:
+    def _several(self, node: ast.expr) -> Sequence[Any]:
+        """Return what a loop goes over; nothing to do for an empty set is an error, not a success."""
         value = self._value(node)
+        if isinstance(value, Things):
+            self._within_words(node, lambda: value.expect(1))
+            return value.items
+        return self._list(node, value)
+
+    def _list(self, node: ast.expr, value: Any) -> list:
         if not isinstance(value, list):
-            self._refuse(node, f"expected a list, found {_kind(value)}")
+            self._refuse(node, f"expected a list, found {IN_WORDS[_kind(value)]}")
         return value
 
     def _item(self, node: ast.Subscript) -> Any:
-        items, index = self._list(node.value), self._value(node.slice)
+        items, index = self._value(node.value), self._value(node.slice)
         if not _is_number(index) or index != int(index):
-            self._refuse(node, f"an index is a whole number, found {_kind(index)}")
+            self._refuse(node, f"an index is a whole number, found {IN_WORDS[_kind(index)]}")
+        if isinstance(items, Things):
+            rank = int(index) + 1 if index >= 0 else int(index)
+            return self._within_words(node, lambda: items.nth(rank))
+        items = self._list(node, items)
         if not -len(items) <= index < len(items):
-            self._refuse(node, _too_few(node.value, len(items), int(index)))
+            rank = ordinal(int(index) + 1 if index >= 0 else -int(index))
+            self._refuse(node, f"the {rank} item was asked for, but the list has {len(items)}")
         return items[int(index)]
+
+    @staticmethod
+    def _within_words(node: ast.expr, choose: Callable[[], Any]) -> Any:
+        try:
+            return choose()
+        except CommandError as error:
+            raise ProgramError(node.lineno, None, str(error)) from None
 
     def _number(self, node: ast.expr) -> float:
         value = self._value(node)
         if not _is_number(value):
-            self._refuse(node, f"arithmetic is for numbers, found {_kind(value)}")
+            self._refuse(node, f"arithmetic is for numbers, found {IN_WORDS[_kind(value)]}")
         return value
 
     def _arithmetic(self, node: ast.BinOp) -> float:
@@ -218,7 +229,9 @@ class _Runner:
             right = self._plain(other)
             ordered = not isinstance(operation, ast.Eq | ast.NotEq)
             if ordered and not (_is_number(left) and _is_number(right)):
-                self._refuse(node, f"only numbers have an order, found {_kind(left)} and {_kind(right)}")
+                self._refuse(
+                    node, f"only numbers have an order, found {IN_WORDS[_kind(left)]} and {IN_WORDS[_kind(right)]}"
+                )
             if not _OPERATORS[type(operation)](left, right):
                 return False
             left = right
@@ -226,8 +239,8 @@ class _Runner:
 
     def _plain(self, node: ast.expr) -> Any:
         value = self._value(node)
-        if isinstance(value, list):
-            self._refuse(node, "lists and positions cannot be compared")
+        if isinstance(value, list | Things):
+            self._refuse(node, "sets, lists and positions cannot be compared")
         return value
 
     def _choose(self, node: ast.BoolOp) -> Any:
@@ -258,20 +271,17 @@ def _is_number(value: object) -> bool:
     return isinstance(value, int | float) and not isinstance(value, bool)
 
 
-def _too_few(source: ast.expr, found: int, index: int) -> str:
-    """Describe that a list is too short for an index, for a look-up written out with the class that was asked for."""
-    rank = ordinal(index + 1 if index >= 0 else -index)
-    arguments = source.args if isinstance(source, ast.Call) else []
-    if not (arguments and isinstance(arguments[0], ast.Constant) and isinstance(source, ast.Call)):
-        return f"the {rank} item was asked for, but the list has {found}"
-    where = "in view" if isinstance(source.func, ast.Attribute) and source.func.attr == "in_view" else "on this map"
-    if found == 0:
-        return f"There is no {arguments[0].value} {where}."
-    name = f"only 1 {arguments[0].value}" if found == 1 else f"only {found} {plural(str(arguments[0].value))}"
-    return f"There {'is' if found == 1 else 'are'} {name} {where}; the {rank} was asked for."
-
-
 def _kind(value: object) -> str:
-    if isinstance(value, Instance):
-        return "an instance"
-    return {str: "a string", bool: "a truth value", list: "a list"}.get(type(value), "a number")
+    """Return the kind of a value, as the validator names it."""
+    match value:
+        case bool():
+            return "truth"
+        case str():
+            return "text"
+        case int() | float():
+            return "number"
+        case Things():
+            return "instances"
+        case list():
+            return "position" if len(value) == 2 and all(map(_is_number, value)) else "list"
+    return "instance"

@@ -3,12 +3,10 @@
 The model's answer is treated as data: like a program that a person typed, it is parsed by ``parse_program`` and its
 names are checked. An answer that fails is returned to the model once with the error, and then refused.
 
-The prompt is ``prompt.md``. The calls, their meaning and the rules of a program in it are those of ``primitives`` and
-``program``, and its examples are what the offline reader makes of the same words, so that nothing is stated twice. What
-never changes comes first, so that servers can cache it.
+The prompt is ``prompt.md``, with the tables of ``primitives``; its examples are in ``prompt_examples.json``. What never
+changes comes first, so that servers can cache it.
 """
 
-import inspect
 import json
 import re
 import textwrap
@@ -16,12 +14,10 @@ import threading
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import cache
-from types import ModuleType
 from typing import Any, Final
 
 from simaps_viz.errors import CommandError
-from simaps_viz.language import primitives, program
-from simaps_viz.language.commands import MAX_LENGTH, Reading, examples, read_command, too_long
+from simaps_viz.language.commands import MAX_LENGTH, Reading, examples, too_long
 from simaps_viz.language.lexicon import load, load_text
 from simaps_viz.language.llm_chat import Chat
 from simaps_viz.language.llm_settings import (
@@ -32,8 +28,8 @@ from simaps_viz.language.llm_settings import (
     Message,
     one_line,
 )
-from simaps_viz.language.primitives import PRIMITIVES, SELF, Primitive
-from simaps_viz.language.program import Program, ProgramError, parse_program
+from simaps_viz.language.primitives import ARGUMENT_KINDS, FUNCTIONS, PRIMITIVES, SELF, Primitive
+from simaps_viz.language.program import MAX_TEXT, Program, ProgramError, parse_program
 from simaps_viz.language.words import Vocabulary
 
 REPAIRS: Final = 1
@@ -146,6 +142,8 @@ def check_names(program: Program, counts: Mapping[str, int]) -> None:
     """
     vocabulary = Vocabulary(counts)
     for call in program.calls:
+        if call.primitive.kind == "function":
+            continue  # of a name that a map lacks, a function makes the empty set, which says so where it is used
         for parameter in call.primitive.parameters:
             value = call.constant(parameter.name)
             asks_itself = call.primitive.name == "get_pos" and value == SELF
@@ -169,7 +167,7 @@ to refuse, {"program": "", "refusal": the reason}."""
 _PLAIN = """Answer with the program in one fenced code block and nothing else, or, to refuse, with one line: \
 REFUSED: the reason."""
 _EXAMPLES: Final = load("prompt_examples.json")
-"""Examples: a command, the same in words that the offline grammar reads, and the counts of the map; and refusals."""
+"""Examples: the counts of the map, commands with their programs, line by line, and refusals."""
 _NOTHING: Final = frozenset(("", "null", "none", "n/a", "no"))
 _MAX_CLASSES = 200
 _THOUGHT: Final = re.compile(r"<think(?:ing)?>.*?</think(?:ing)?>", re.DOTALL | re.IGNORECASE)
@@ -217,13 +215,10 @@ def read_answer(text: str) -> tuple[str, str]:
 
 @cache
 def _system(structured: bool) -> str:
-    kinds = "\n".join(f"- {kind}: {meaning}" for kind, meaning in program.ARGUMENT_KINDS.items())
-    calls = "\n".join(f"- {_signature(p)}: {p.meaning}" for p in PRIMITIVES.values())
     fields = {
-        "program": _after_first_line(program),
-        "primitives": _after_first_line(primitives),
-        "calls": calls,
-        "kinds": kinds,
+        "calls": "\n".join(f"- {_signature(p)}: {p.meaning}" for p in PRIMITIVES.values()),
+        "functions": "\n".join(f"- {_signature(p)}: {p.meaning}" for p in FUNCTIONS.values()),
+        "kinds": "\n".join(f"- {kind}: {meaning}" for kind, meaning in ARGUMENT_KINDS.items()),
         "form": _STRUCTURED if structured else _PLAIN,
     }
     text = load_text("prompt.md").strip()
@@ -233,22 +228,16 @@ def _system(structured: bool) -> str:
 
 
 def _signature(primitive: Primitive) -> str:
-    """Return e.g. ``robot.face(name: label, instance: instance = 1)``."""
+    """Return e.g. ``robot.face(name: label, instance: instance = 1)`` or ``count(S: things) -> number``."""
     words = [f"{p.name}: {p.type}" + ("" if p.required else f" = {p.default!r}") for p in primitive.parameters]
     result = "" if primitive.result == "nothing" else f" -> {primitive.result}"
-    return f"robot.{primitive.name}({', '.join(words)}){result}"
-
-
-def _after_first_line(module: ModuleType) -> str:
-    """Return a module's docstring without its title."""
-    return (inspect.getdoc(module) or "").partition("\n\n")[2].replace("``", "`")
+    return f"{'' if primitive.kind == 'function' else 'robot.'}{primitive.name}({', '.join(words)}){result}"
 
 
 @cache
 def _worked_examples() -> tuple[tuple[str, str, str], ...]:
     """Return (command, program, refusal)."""
-    labels = tuple(_EXAMPLES["counts"])
-    done = [(one["said"], read_command(one["plainly"], labels).program, "") for one in _EXAMPLES["commands"]]
+    done = [(one["said"], "\n".join(one["program"]), "") for one in _EXAMPLES["commands"]]
     return (*done, *((said, "", reason) for said, reason in _EXAMPLES["refusals"].items()))
 
 
@@ -260,7 +249,7 @@ def _written(text: str, refusal: str, structured: bool) -> str:
 
 def _question(command: str, counts: Mapping[str, int]) -> str:
     shown = dict(list(counts.items())[:_MAX_CLASSES])
-    has = {label[: program.MAX_TEXT]: n for label, n in shown.items()}
+    has = {label[:MAX_TEXT]: n for label, n in shown.items()}
     return f"On the map, class and how many: {_data(has)}\nCommand: {_data(command)}"
 
 

@@ -1,20 +1,8 @@
-"""The 23 primitives of a robot program: their names, parameters, kinds and exact meaning.
+"""The calls of a robot program: the 23 primitives on ``robot``, and the functions that make sets of things.
 
-Words used below:
-
-- The *viewer* is the robot as it stood when the command was given; ranks, left and right are the viewer's.
-- A *name* is a class of the map, a synonym of one ("sofa" for couch), or a generic word that takes the instances of
-  several classes together ("seat"; "any table" where a class is called exactly "table").
-- *In view* is what lies within 45 degrees of where the viewer looks and is reached by a free line of sight from its
-  camera (as high over the floor as the one the map was recorded with) to the top of one of the object's cells; walls,
-  and whatever is high enough to stand in that line, hide it: see ``sight``.
-- The distance to an instance is that from the viewer's position to the centre of the instance's nearest cell,
-  in a straight line; 1 is the closest, ties go to the smaller id.
-- A *side* of an object is a direction: north is +y, east is +x; *left* is a quarter turn counter-clockwise from the
-  direction viewer -> centroid of the object, *right* a quarter turn clockwise.
-- The point beside an object lies on the ray from its centroid along the side, at (extent of its cells along the side)
-  + robot radius + 0.3 m. The robot stops in the free, reachable cell nearest to that point that is still within
-  45 degrees of the side and 1.5 m of the point.
+Their names, parameters and meanings lie in ``primitives.json`` and ``functions.json``; validation, the interpreter and
+the prompt of a language model all read them there. Every look-up and function is evaluated when its line runs, from
+where the robot is then.
 """
 
 from dataclasses import dataclass
@@ -22,28 +10,44 @@ from typing import Any, Final, Literal
 
 from simaps_viz.language.lexicon import load
 
-Kind = Literal["motion", "goal", "lookup"]
-Type = Literal["label", "instance", "object", "number", "count", "side", "position"]
-"""What an argument may be.
-
-``label``: a class name. ``instance``: a rank (whole number from 1) or an instance a look-up gave. ``object``: a class
-name (its closest instance is meant) or an instance a look-up gave. ``count``: a whole number from 1. ``position``: a
-list of two numbers [x, y], metres, map frame.
-"""
-Result = Literal["nothing", "instance", "instances", "position", "positions"]
+Kind = Literal["motion", "goal", "lookup", "function"]
+Result = Literal["nothing", "instance", "instances", "position", "positions", "number"]
 
 REQUIRED: Final = object()
-SIDES: Final = ("left", "right", "north", "south", "east", "west")
+_FUNCTIONS: Final = load("functions.json")
+CHOICES: Final[dict[str, tuple[str, ...]]] = {kind: tuple(words) for kind, words in _FUNCTIONS["words"].items()}
+"""{type of a parameter: the words it may be}."""
+SIDES: Final = CHOICES["side"]
+SAID: Final[dict[str, Any]] = _FUNCTIONS["said"]
+"""How sides, places, orders and sizes are called in sentences."""
+ARGUMENT_KINDS: Final[dict[str, str]] = {
+    "label": "a name in quotes, a thing, a set or a room",
+    "object": "a name in quotes, a thing or a set",
+    "things": "a set, a thing or a name in quotes",
+    "target": "a set, a thing, a room or a name in quotes",
+    "text": "words in quotes",
+    "number": "a number",
+    "count": "a whole number from 1",
+    "rank": "a whole number, from 1 or, from the end, from -1",
+    "instance": "a rank (whole number from 1), a thing or a set",
+    "position": "a position [x, y]",
+    "value": "any value",
+    **{kind: f"one of {', '.join(repr(word) for word in words)}" for kind, words in CHOICES.items()},
+}
+"""{type of a parameter: what it takes, in words}. A rank counts from the closest; of a name, its closest thing is
+meant; positions are in metres, map frame."""
+RANK_OF: Final = {"instance": "name", "n": "name", "instance_a": "name_a", "instance_b": "name_b"}
+"""{parameter that is a rank: parameter that says of what}; with closest_to, ``instance`` ranks ``other``."""
 SELF: Final = "robot"
 """``get_pos("robot")`` is where the robot stands now; no class of a map is called so."""
 
 
 @dataclass(frozen=True)
 class Parameter:
-    """One parameter of a primitive."""
+    """One parameter of a call; its type is a key of ``ARGUMENT_KINDS``."""
 
     name: str
-    type: Type
+    type: str
     default: Any = REQUIRED
 
     @property
@@ -54,7 +58,7 @@ class Parameter:
 
 @dataclass(frozen=True)
 class Primitive:
-    """One call a program can make on ``robot``."""
+    """One call a program can make: on ``robot``, or of a function."""
 
     name: str
     kind: Kind
@@ -64,20 +68,17 @@ class Primitive:
 
     @property
     def signature(self) -> str:
-        """Return e.g. ``robot.face(name, instance=1)``."""
+        """Return e.g. ``robot.face(name, instance=1)`` or ``nearest(S, n=1, of='')``."""
         words = [p.name if p.required else f"{p.name}={p.default!r}" for p in self.parameters]
-        return f"robot.{self.name}({', '.join(words)})"
+        return f"{'' if self.kind == 'function' else 'robot.'}{self.name}({', '.join(words)})"
 
 
-def _load_primitives() -> dict[str, Primitive]:
-    return {
-        name: Primitive(
-            name, one["kind"], tuple(Parameter(**parameter) for parameter in one["parameters"]), one["meaning"],
-            one["result"],
-        )
-        for name, one in load("primitives.json").items()
-    }  # fmt: skip
+def _primitive(name: str, one: dict[str, Any]) -> Primitive:
+    parameters = tuple(Parameter(**parameter) for parameter in one["parameters"])
+    return Primitive(name, one.get("kind", "function"), parameters, one["meaning"], one["result"])
 
 
-PRIMITIVES: Final = _load_primitives()
+PRIMITIVES: Final = {name: _primitive(name, one) for name, one in load("primitives.json").items()}
 """All 23, by name; those of ``primitives.json``."""
+FUNCTIONS: Final = {name: _primitive(name, one) for name, one in _FUNCTIONS["functions"].items()}
+"""All functions, by name; those of ``functions.json``."""

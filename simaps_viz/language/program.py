@@ -1,7 +1,7 @@
 """The small Python of robot programs: parsed to a syntax tree and validated completely, before the robot moves.
 
-A program is lines of calls on ``robot``, assignments to a name, ``for`` over a look-up or list, and ``if``; values are
-numbers, strings, lists, indexing with ``[]``, ``+ - * /`` on numbers, comparisons, ``and``, ``or``, ``not``.
+A program is lines of calls on ``robot`` or of functions, assignments to a name, ``for`` over a set or list, and ``if``;
+values are numbers, strings, lists, indexing with ``[]``, ``+ - * /`` on numbers, comparisons, ``and``, ``or``, ``not``.
 Nothing is ever handed to Python to run: ``interpreter`` walks the tree.
 """
 
@@ -15,7 +15,7 @@ from functools import cached_property
 from typing import Final, NoReturn
 
 from simaps_viz.errors import CommandError, PlanningError
-from simaps_viz.language.primitives import PRIMITIVES, SIDES, Parameter, Primitive
+from simaps_viz.language.primitives import ARGUMENT_KINDS, CHOICES, FUNCTIONS, PRIMITIVES, Parameter, Primitive
 
 MAX_SOURCE: Final = 10_000
 """Characters of a program."""
@@ -28,29 +28,25 @@ MAX_ITEMS: Final = 200
 """Items of one list written out."""
 
 _RESULT_TYPES = {"instances": "instance", "positions": "position", "position": "number", "list": "any", "any": "any"}
+_ANYTHING = ("text", "truth", "number", "instance", "instances", "position", "positions", "list")
 _ACCEPTS = {
-    "label": ("text",),
-    "side": ("text",),
+    "label": ("text", "instance", "instances"),
+    "object": ("text", "instance", "instances"),
+    "things": ("text", "instance", "instances"),
+    "target": ("text", "instance", "instances", "position", "list"),
     "number": ("number",),
     "count": ("number",),
-    "instance": ("number", "instance"),
-    "object": ("text", "instance"),
+    "rank": ("number",),
+    "instance": ("number", "instance", "instances"),
     "position": ("position", "list"),
+    "value": _ANYTHING,
 }
-ARGUMENT_KINDS = {
-    "label": "a name in quotes",
-    "side": f"one of {', '.join(SIDES)}, in quotes",
-    "number": "a number",
-    "count": "a whole number from 1",
-    "instance": "a rank (whole number from 1) or an instance from a look-up",
-    "object": "a name in quotes or an instance from a look-up",
-    "position": "a position [x, y]",
-}
-_IN_WORDS = {
+"""{type of a parameter: kinds of values}; all other types take text."""
+IN_WORDS = {
     "text": "a string",
     "truth": "a truth value",
-    "instance": "an instance",
-    "instances": "a list of instances",
+    "instance": "a thing",
+    "instances": "a set",
     "positions": "a list of positions",
     "list": "a list",
     "position": "a position",
@@ -69,7 +65,7 @@ _SYNTAX = {
 }
 _ARITHMETIC = (ast.Add, ast.Sub, ast.Mult, ast.Div)
 _COMPARISONS = (ast.Eq, ast.NotEq, ast.Lt, ast.LtE, ast.Gt, ast.GtE)
-_SMALL_PYTHON = "a program is calls on robot, assignments, for, if, numbers, strings, lists and indexing"
+_SMALL_PYTHON = "a program is calls on robot, assignments, for, if, numbers, strings, lists, indexing and functions"
 _NO_FILE = "<program>"
 _HUGE = f"numbers go up to {MAX_NUMBER:.0f}"
 # Python ends a line at these characters only; check_text refuses the others of str.splitlines
@@ -150,7 +146,7 @@ class _Letters:
 
 @dataclass(frozen=True, eq=False)
 class Call:
-    """One call on ``robot``, as written."""
+    """One call, as written."""
 
     line: int
     primitive: Primitive
@@ -217,16 +213,19 @@ def literal(node: ast.expr | None) -> object:
 
 
 def bind(node: ast.Call) -> Call:
-    """Match a call's arguments to the parameters of its primitive, or raise ProgramError."""
-    function = node.func
-    if not (isinstance(function, ast.Attribute) and isinstance(function.value, ast.Name)):
-        raise ProgramError(node.lineno, None, "only calls of the form robot.primitive(…) are allowed")
-    if function.value.id != "robot":
-        raise ProgramError(node.lineno, None, f"only robot can be called upon, not {function.value.id!r}")
-    primitive = PRIMITIVES.get(function.attr)
-    if primitive is None:
-        known = ", ".join(PRIMITIVES)
-        raise ProgramError(node.lineno, function.attr[:40], f"not a primitive; there are: {known}")
+    """Match a call's arguments to the parameters of its primitive or function, or raise ProgramError."""
+    match node.func:
+        case ast.Name(id=name) if name in FUNCTIONS:
+            primitive = FUNCTIONS[name]
+        case ast.Attribute(value=ast.Name(id="robot"), attr=name):
+            primitive = PRIMITIVES.get(name)
+            if primitive is None:
+                raise ProgramError(node.lineno, name[:40], f"not a primitive; there are: {', '.join(PRIMITIVES)}")
+        case ast.Attribute(value=ast.Name(id=name)):
+            raise ProgramError(node.lineno, None, f"only robot can be called upon, not {name[:40]!r}")
+        case _:
+            form = "only calls of the form robot.primitive(…) and of functions are allowed"
+            raise ProgramError(node.lineno, None, f"{form}; functions are: {', '.join(FUNCTIONS)}")
 
     def refuse(message: str) -> NoReturn:
         raise ProgramError(node.lineno, primitive.name, f"{message}; it is {primitive.signature}")
@@ -247,19 +246,29 @@ def bind(node: ast.Call) -> Call:
     return Call(node.lineno, primitive, arguments)
 
 
-def check_argument(parameter: Parameter, value: object) -> str | None:
-    """Return why a number or string is invalid for a parameter, in words; None when it is valid."""
-    wanted = f"{parameter.name}: expected {ARGUMENT_KINDS[parameter.type]}, found {value!r}"
-    if isinstance(value, bool):
+def check_argument(parameter: Parameter, kind: str, value: object = None) -> str | None:
+    """Return why a value is invalid for a parameter, in words; None when it is valid.
+
+    Args:
+        parameter: what is expected.
+        kind: of value, as `kind_of` names it; "any" where it is not known yet.
+        value: the value itself, where it is known.
+    """
+    found = repr(value) if isinstance(value, str | int | float) else IN_WORDS.get(kind, kind)
+    wanted = f"{parameter.name}: expected {ARGUMENT_KINDS[parameter.type]}, found {found}"
+    if kind != "any" and kind not in _ACCEPTS.get(parameter.type, ("text",)):
         return wanted
-    if isinstance(value, int | float):
-        if parameter.type in ("label", "side", "object", "position"):
+    match value:
+        case str() if parameter.type in CHOICES:
+            return None if value in CHOICES[parameter.type] else wanted
+        case str() if parameter.type in ("label", "object", "things", "text") and parameter.default != "":
+            return None if value.strip() else wanted
+        case int() | float() if parameter.type in ("count", "instance", "rank"):
+            whole = value == int(value) and (value >= 1 or (parameter.type == "rank" and value != 0))
+            return None if whole else wanted
+        case list() if kind == "list" and parameter.type != "value":
             return wanted
-        whole = parameter.type == "number" or (value >= 1 and value == int(value))
-        return None if whole else wanted
-    if isinstance(value, str) and parameter.type in ("label", "object"):
-        return None if value.strip() else wanted
-    return None if isinstance(value, str) and parameter.type == "side" and value in SIDES else wanted
+    return None
 
 
 def _check_depth(tree: ast.Module) -> None:
@@ -292,7 +301,7 @@ class _Validator:
             case ast.For(target=ast.Name() as target, iter=source, body=body, orelse=[]):
                 kind = self._value(source, names)
                 if kind not in _RESULT_TYPES:
-                    self._refuse(node, f"for goes over a look-up or a list, not over {_IN_WORDS[kind]}")
+                    self._refuse(node, f"for goes over a set or a list, not over {IN_WORDS[kind]}")
                 self.block(body, {**names, self._new_name(target): _RESULT_TYPES[kind]})
             case ast.If(test=test, body=body, orelse=orelse):
                 self._value(test, names)
@@ -313,7 +322,7 @@ class _Validator:
     def _value(self, node: ast.expr, names: dict[str, str]) -> str:
         kind = self._expression(node, names)
         if kind == "nothing":
-            self._refuse(node, "a motion gives no value; write it on a line of its own")
+            self._refuse(node, "a motion or tell gives no value; write it on a line of its own")
         return kind
 
     def _expression(self, node: ast.expr, names: dict[str, str]) -> str:
@@ -362,7 +371,7 @@ class _Validator:
                 self._not_allowed(operation, node)
         for value in (node.left, *node.comparators):
             if self._value(value, names) in ("list", "position", "instances", "positions"):
-                self._refuse(node, "lists and positions cannot be compared")
+                self._refuse(node, "sets, lists and positions cannot be compared")
         return "truth"
 
     def _constant(self, node: ast.Constant, names: dict[str, str]) -> str:
@@ -391,7 +400,7 @@ class _Validator:
     def _item(self, node: ast.Subscript, names: dict[str, str]) -> str:
         kind, index = self._value(node.value, names), node.slice
         if kind not in _RESULT_TYPES:
-            self._refuse(node, f"{_IN_WORDS[kind]} cannot be indexed")
+            self._refuse(node, f"{IN_WORDS[kind]} cannot be indexed")
         if isinstance(index, ast.Slice) or self._value(index, names) not in ("number", "any"):
             self._refuse(node, "an index is a whole number")
         return _RESULT_TYPES[kind]
@@ -400,7 +409,7 @@ class _Validator:
         for operand in operands:
             kind = self._value(operand, names)
             if kind not in ("number", "any"):
-                self._refuse(node, f"arithmetic is for numbers, not for {_IN_WORDS[kind]}")
+                self._refuse(node, f"arithmetic is for numbers, not for {IN_WORDS[kind]}")
         return "number"
 
     def _call(self, node: ast.Call, names: dict[str, str]) -> str:
@@ -414,12 +423,7 @@ class _Validator:
             value = call.arguments.get(parameter.name)
             if value is None:
                 continue
-            kind = self._value(value, names)
-            wrong = None
-            if literal(value) is not None:
-                wrong = check_argument(parameter, literal(value))
-            elif kind not in (*_ACCEPTS[parameter.type], "any"):
-                wrong = f"{parameter.name}: expected {ARGUMENT_KINDS[parameter.type]}, found {_IN_WORDS[kind]}"
+            wrong = check_argument(parameter, self._value(value, names), literal(value))
             if wrong:
                 raise ProgramError(node.lineno, primitive.name, wrong)
         return primitive.result

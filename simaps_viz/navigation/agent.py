@@ -13,12 +13,13 @@ from numpy.typing import NDArray
 from simaps_viz.errors import CommandError, InputError, PlanningError
 from simaps_viz.language.commands import Reading, read_command
 from simaps_viz.language.interpreter import Budget, BudgetError, interpret
+from simaps_viz.language.primitives import FUNCTIONS
 from simaps_viz.language.program import ProgramError, ProgramStuckError, parse_program
 from simaps_viz.navigation.planner import Planner, RobotShape
 from simaps_viz.navigation.robot import Goal, Motion, Robot
 from simaps_viz.structures import Pose2, SIMap
 
-_CALL_ON_ROBOT = re.compile(r"\brobot\s*\.\s*[^\W\d]\w*\s*\(")
+_CALL = re.compile(rf"\brobot\s*\.\s*[^\W\d]\w*\s*\(|\b(?:{'|'.join(FUNCTIONS)})\(")
 _PLANNERS: WeakKeyDictionary[SIMap, dict[RobotShape, Planner]] = WeakKeyDictionary()
 
 
@@ -206,7 +207,7 @@ def answer(
 
     Args:
         simap: the map.
-        command: English, or a program (anything that calls ``robot.``).
+        command: English, or a program (anything that calls ``robot.`` or a function).
         pose: where the command is given.
         robot: the robot's shape.
         program: run this program for the command instead of reading the words.
@@ -242,8 +243,8 @@ def answer(
 
 
 def is_program(command: str) -> bool:
-    """Return whether a command is a program rather than English: it calls something on ``robot``."""
-    return command.lstrip().startswith("robot.") or _CALL_ON_ROBOT.search(command) is not None
+    """Return whether a command is a program rather than English: it calls something on ``robot``, or a function."""
+    return command.lstrip().startswith("robot.") or _CALL.search(command) is not None
 
 
 def planner_of(simap: SIMap, robot: RobotShape) -> Planner:

@@ -1,6 +1,6 @@
 """The simulated robot: carries out one primitive at a time on a map, and keeps its pose, goals and path."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Final
 
@@ -10,8 +10,10 @@ from numpy.typing import NDArray
 
 from simaps_viz.errors import CommandError, InputError, PlanningError
 from simaps_viz.geometry import heading_to_yaw, wrap_angle
-from simaps_viz.language.grounding import Grounding, Sight
+from simaps_viz.language.grounding import Named, Things
 from simaps_viz.language.primitives import SELF, Primitive
+from simaps_viz.language.sets import Sets
+from simaps_viz.navigation.lap import lap
 from simaps_viz.navigation.planner import Planner
 from simaps_viz.structures import Instance, Path, Pose2, SIMap
 
@@ -138,7 +140,7 @@ class Robot:
         if not np.isfinite([pose.x_m, pose.y_m, pose.yaw_rad]).all():
             raise InputError(f"pose: expected three finite numbers, found {pose.x_m}, {pose.y_m}, {pose.yaw_rad}")
         self.simap, self.planner = simap, planner
-        self.grounding = Grounding(simap, pose)
+        self.grounding = Sets(simap, pose, lap=self._lap, radius_m=planner.robot.radius_m)
         self.goals: list[Goal] = []
         self.path_m: list[tuple[float, float]] = [(pose.x_m, pose.y_m)]
         self.path_length_m = 0.0
@@ -154,20 +156,21 @@ class Robot:
 
     def _stand_at(self, pose: Pose2) -> None:
         self.grounding.viewer = pose
-        self.grounding.sight = Sight(self.simap, pose)
 
     @property
     def answer(self) -> Mapping[str, Any] | None:
         """The answer to a question, see `simaps_viz.navigation.agent.Answer`; None when nothing was asked."""
-        return None
+        return self.grounding.answer
 
     def call(self, primitive: Primitive, arguments: Mapping[str, Any]) -> Any:
-        """Carry out a primitive with checked arguments; returns what a look-up found, else None.
+        """Carry out a primitive or function with checked arguments; returns what it found, else None.
 
         Raises:
             CommandError: when the map lacks what is asked for.
             PlanningError: when the robot cannot get there.
         """
+        if primitive.kind == "function":
+            return self.grounding.call(primitive, arguments)
         return getattr(self, f"_{primitive.name}")(**arguments)
 
     def take_poses(self) -> NDArray:
@@ -218,45 +221,45 @@ class Robot:
     def _turn_absolute(self, angle_deg: float) -> None:
         self._spin(wrap_angle(heading_to_yaw(angle_deg) - self.pose.yaw_rad))
 
-    def _face(self, name: str, instance: int | Instance) -> None:
+    def _face(self, name: Named, instance: int | Named) -> None:
         self._turn_to("face", self.grounding.pick(name, instance), 0.0)
 
-    def _with_object_on_left(self, name: str, instance: int | Instance) -> None:
+    def _with_object_on_left(self, name: Named, instance: int | Named) -> None:
         self._turn_to("with_object_on_left", self.grounding.pick(name, instance), -np.pi / 2.0)
 
-    def _with_object_on_right(self, name: str, instance: int | Instance) -> None:
+    def _with_object_on_right(self, name: Named, instance: int | Named) -> None:
         self._turn_to("with_object_on_right", self.grounding.pick(name, instance), np.pi / 2.0)
 
-    def _move_to_object(self, name: str, instance: int | Instance) -> None:
+    def _move_to_object(self, name: Named, instance: int | Named) -> None:
         self._approach("move_to_object", self.grounding.pick(name, instance))
 
-    def _move_to_nth_closest(self, name: str, n: int) -> None:
+    def _move_to_nth_closest(self, name: Named, n: int) -> None:
         self._approach("move_to_nth_closest", self.grounding.pick(name, n))
 
-    def _move_to_left(self, name: str, instance: int | Instance) -> None:
+    def _move_to_left(self, name: Named, instance: int | Named) -> None:
         target = self.grounding.pick(name, instance)
         dx, dy = self._towards(target)
         self._go_beside("move_to_left", target, np.array([-dy, dx]), "to the left of")
 
-    def _move_to_right(self, name: str, instance: int | Instance) -> None:
+    def _move_to_right(self, name: Named, instance: int | Named) -> None:
         target = self.grounding.pick(name, instance)
         dx, dy = self._towards(target)
         self._go_beside("move_to_right", target, np.array([dy, -dx]), "to the right of")
 
-    def _move_north(self, name: str, instance: int | Instance) -> None:
+    def _move_north(self, name: Named, instance: int | Named) -> None:
         self._go_beside("move_north", self.grounding.pick(name, instance), np.array([0.0, 1.0]), "north of")
 
-    def _move_south(self, name: str, instance: int | Instance) -> None:
+    def _move_south(self, name: Named, instance: int | Named) -> None:
         self._go_beside("move_south", self.grounding.pick(name, instance), np.array([0.0, -1.0]), "south of")
 
-    def _move_east(self, name: str, instance: int | Instance) -> None:
+    def _move_east(self, name: Named, instance: int | Named) -> None:
         self._go_beside("move_east", self.grounding.pick(name, instance), np.array([1.0, 0.0]), "east of")
 
-    def _move_west(self, name: str, instance: int | Instance) -> None:
+    def _move_west(self, name: Named, instance: int | Named) -> None:
         self._go_beside("move_west", self.grounding.pick(name, instance), np.array([-1.0, 0.0]), "west of")
 
     def _move_in_between(
-        self, name_a: str, name_b: str, instance_a: int | Instance, instance_b: int | Instance | None
+        self, name_a: Named, name_b: Named, instance_a: int | Named, instance_b: int | Named | None
     ) -> None:
         first = self.grounding.pick(name_a, instance_a)
         second = name_b if instance_b is None else self.grounding.pick(name_b, instance_b)
@@ -274,32 +277,38 @@ class Robot:
         )
         self._go("move_in_between", path, a, b)
 
-    def _get_pos(self, name: str, instance: int | Instance) -> list[float]:
+    def _get_pos(self, name: Named, instance: int | Named) -> list[float]:
         if name == SELF:
             return [self.pose.x_m, self.pose.y_m]
         return [float(v) for v in self.grounding.pick(name, instance).centroid_m[:2]]
 
-    def _get_contour(self, name: str, instance: int | Instance) -> list[list[float]]:
+    def _get_contour(self, name: Named, instance: int | Named) -> list[list[float]]:
         mask = (self.simap.instance == self.grounding.pick(name, instance).id).astype(np.uint8)
         outlines, _ = cv2.findContours(mask, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)
         longest = max(outlines, key=len)[:, 0, :]
         every = max(1, -(-len(longest) // _MAX_CONTOUR))
         return [list(self.simap.spec.centre_of(int(row), int(col))) for col, row in longest[::every]]
 
-    def _instances(self, name: str) -> list[Instance]:
-        return list(self.grounding.instances(name))
+    def _instances(self, name: Named) -> Things:
+        found = self.grounding.set_of(name)
+        return found.of(self.grounding.instances(name))
 
-    def _nth_from(self, name: str, side: str, n: int) -> Instance:
+    def _nth_from(self, name: Named, side: str, n: int) -> Instance:
         return self.grounding.nth_from(name, side, n)
 
-    def _closest_to(self, name: str, other: str | Instance, instance: int | Instance) -> Instance:
+    def _closest_to(self, name: Named, other: Named, instance: int | Named) -> Instance:
         return self.grounding.closest_to(name, other, instance)
 
-    def _between(self, name: str, other_a: str | Instance, other_b: str | Instance) -> Instance:
+    def _between(self, name: Named, other_a: Named, other_b: Named) -> Instance:
         return self.grounding.between(name, other_a, other_b)
 
-    def _in_view(self, name: str) -> list[Instance]:
-        return list(self.grounding.in_view(name))
+    def _in_view(self, name: Named) -> Things:
+        return self.grounding.in_view(name)
+
+    def _lap(self, things: Sequence[Instance], turns: float) -> list[list[float]]:
+        what = f"the {things[0].label}" if len(things) == 1 else f"these {len(things)} things"
+        cells = [self.grounding.cells_of(thing) for thing in things]
+        return [list(point) for point in lap(self.planner, self._here, cells, what, turns)]
 
     @property
     def _here(self) -> tuple[float, float]:

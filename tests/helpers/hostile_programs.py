@@ -169,11 +169,17 @@ REFUSED: dict[str, tuple[str, str]] = {
     "ellipsis": ("robot.turn(...)", "1: a value of type ellipsis is not allowed"),
     "bytes": ("robot.face(b'chair')", "1: a value of type bytes is not allowed"),
     "complex": ("robot.turn(1j)", "1: a value of type complex is not allowed"),
-    "a motion as an argument": ("robot.turn(robot.turn(1))", "1: a motion gives no value"),
-    "list as a name": ("robot.face(['chair'])", "1: face: name: expected a name in quotes, found a list"),
-    "position of three": ("robot.move_to([1, 2, 3])", "1: move_to: pos: found a list"),
-    "position of strings": ("robot.move_to(['a', 'b'])", "1: move_to: pos: found a list"),
-    "position of truth values": ("robot.move_to([True, False])", "1: move_to: pos: found a list"),
+    "a motion as an argument": ("robot.turn(robot.turn(1))", "1: a motion or tell gives no value"),
+    "list as a name": (
+        "robot.face(['chair'])",
+        "1: face: name: expected a name in quotes, a thing, a set or a room, found a list",
+    ),
+    "position of three": ("robot.move_to([1, 2, 3])", "1: move_to: pos: expected a position [x, y], found a list"),
+    "position of strings": ("robot.move_to(['a', 'b'])", "1: move_to: pos: expected a position [x, y], found a list"),
+    "position of truth values": (
+        "robot.move_to([True, False])",
+        "1: move_to: pos: expected a position [x, y], found a list",
+    ),
     # numbers and ranks
     "huge power": ("robot.turn(9**9**9)", f"1: ** {_IS_NOT}"),
     "power of ten": ("x = 10**10**10", f"1: ** {_IS_NOT}"),
@@ -203,7 +209,7 @@ REFUSED: dict[str, tuple[str, str]] = {
     "list times number": ("x = [1] * 1000000000", "1: arithmetic is for numbers, not for a list"),
     "string plus string": ("robot.face('cha' + 'ir')", "1: arithmetic is for numbers, not for a string"),
     "string by index": ("x = 'chair'[0]", "1: a string cannot be indexed"),
-    "loop over a string": ("for x in 'chair':\n    robot.turn(1)", "1: for goes over a look-up or a list"),
+    "loop over a string": ("for x in 'chair':\n    robot.turn(1)", "1: for goes over a set or a list"),
     "long string": ("robot.face('" + "a" * 101 + "')", "1: strings have at most 100 characters, found 101"),
     "long string in pieces": ("robot.face(" + "'a' " * 101 + ")", "1: strings have at most 100 characters, found 101"),
     "string of many lines": ("robot.face('''a\nb''')", f"1: {_STRINGS}"),
@@ -214,8 +220,11 @@ REFUSED: dict[str, tuple[str, str]] = {
     "terminal escape": (r"robot.face('\x1b[2J')", f"1: {_STRINGS}"),
     "bad escape": (r"robot.face('\N{NOT A NAME}')", f"1: {_SYNTAX}(unicode error)"),
     "long list": ("x = [" + "1," * 201 + "]", "1: lists have at most 200 items, found 201"),
-    "lists compared": ("if [1] == [1]:\n    robot.turn(1)", "1: lists and positions cannot be compared"),
-    "comparison chain of all kinds": ("if 1 < 'a' < robot.instances('chair'):\n    robot.turn(1)", "1: lists and pos"),
+    "lists compared": ("if [1] == [1]:\n    robot.turn(1)", "1: sets, lists and positions cannot be compared"),
+    "comparison chain of all kinds": (
+        "if 1 < 'a' < robot.instances('chair'):\n    robot.turn(1)",
+        "1: sets, lists and pos",
+    ),
     "comparison of kinds": ("if 1 < 'a':\n    robot.turn(1)", "1: only numbers have an order"),
     "index of nothing": ("x = [][0]", "1: the 1st item was asked for, but the list has 0"),
     "index by a name": ("x = [1]['__class__']", "1: an index is a whole number"),
@@ -273,14 +282,6 @@ REFUSED: dict[str, tuple[str, str]] = {
     "unknown object": (
         "robot.turn(1)\nrobot.face('piano')",
         "2: face: There is no piano on this map. It has: chair (3)",
-    ),
-    "unknown object in a branch never taken": (
-        "if 1 > 2:\n    robot.move_to_object('piano')",
-        "2: move_to_object: There is no piano on this map. It has: chair (3)",
-    ),
-    "rank in a branch never taken": (
-        "if 1 > 2:\n    robot.move_to_object('chair', 99)",
-        "2: move_to_object: There are only 3 chairs",
     ),
     "unknown object by variable": (
         "robot.move_forward(1)\nx = 'piano'\nrobot.move_to_object(x)",
@@ -349,6 +350,7 @@ HARMLESS: dict[str, str] = {
     "many names": "".join(f"x{i} = {i}\n" for i in range(900)),
     "a tab as indent": "if 1:\n\trobot.turn(1)",
     "an empty loop": "for x in []:\n    robot.turn(x)",
+    "unknown object in a branch never taken": "if 1 > 2:\n    robot.move_to_object('piano', 99)",
     "words that are no names": "x = '__import__'\ny = 'robot.turn(1)'\nif x == y:\n    robot.turn(1)",
 }  # fmt: skip
 """Look hostile, but are programs of the language and end well."""

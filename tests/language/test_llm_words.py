@@ -13,7 +13,7 @@ from simaps_viz.language.commands import Reading
 from simaps_viz.language.llm import LLMReader, LLMReading, check_names, command_messages, read_answer, repair_messages
 from simaps_viz.language.llm_chat import Dialect
 from simaps_viz.language.llm_settings import LLMSettings, one_line, parse_llm_spec, said_in, without_key
-from simaps_viz.language.primitives import PRIMITIVES
+from simaps_viz.language.primitives import FUNCTIONS, PRIMITIVES
 from simaps_viz.language.program import parse_program
 from simaps_viz.navigation.agent import answer
 
@@ -129,7 +129,10 @@ def test_every_example_is_right_and_in_the_form_that_is_asked_for(structured: bo
             refusals.append(refusal)
     assert 'robot.move_to_nth_closest("chair", 3)' in programs
     assert 'robot.move_to_left("couch")\nrobot.turn_absolute(0)' in programs
-    assert 'robot.move_to_object("chair", robot.closest_to("chair", "potted plant"))' in programs
+    assert 'robot.move_to_object(nth(order(things("chair"), "left"), 2))' in programs
+    simap = toy_map()
+    for program in programs:  # the toy has the same classes: every example runs, or says why not in words
+        assert answer(simap, program, TOY_POSE).status in ("ok", "refused"), program
     assert len(programs) >= 5 and len(refusals) >= 2
 
 
@@ -146,8 +149,10 @@ def test_the_prompt_knows_every_call_rule_and_kind_of_argument() -> None:
         assert f"- robot.{primitive.name}(" in system and primitive.meaning in system
     for kind in {p.type for primitive in PRIMITIVES.values() for p in primitive.parameters}:
         assert f"\n- {kind}: " in system
-    assert "quarter turn counter-clockwise" in system, "what a side is, from primitives"
-    assert "assignments to a name" in system, "what a program is, from program"
+    for function in FUNCTIONS.values():
+        assert f"\n- {function.name}(" in system and function.meaning in system
+        assert all(f"{p.name}: {p.type}" in system for p in function.parameters)
+    assert "{" not in system.replace('{"program"', ""), "every field of the prompt is filled in"
 
 
 @given(st.text(max_size=60), st.text(min_size=1, max_size=60))

@@ -6,6 +6,7 @@ from typing import Any
 import pytest
 
 from simaps_viz.errors import CommandError, PlanningError
+from simaps_viz.language.grounding import Things
 from simaps_viz.language.interpreter import Budget, BudgetError, interpret
 from simaps_viz.language.primitives import Primitive
 from simaps_viz.language.program import ProgramError, ProgramStuckError, parse_program
@@ -27,7 +28,10 @@ class Spy:
             self.did.append((primitive.name, tuple(arguments.values())))
             return None
         if primitive.result == "instances":
-            return [] if arguments["name"] == "couch" else [_instance(n) for n in (1, 2, 3)]
+            found = () if arguments["name"] == "couch" else tuple(_instance(n) for n in (1, 2, 3))
+            return Things(
+                found, arguments["name"], f"{arguments['name']}s", after="in view" * (primitive.name == "in_view")
+            )
         if primitive.result == "position":
             return [1.5, -2.0]
         if primitive.result == "positions":
@@ -146,25 +150,57 @@ def test_a_pause_costs_nothing_of_the_time(monkeypatch: pytest.MonkeyPatch) -> N
         ("robot.face('chair', name='chair')", "line 1: face: parameter 'name' given twice"),
         ("robot.turn('left')", "line 1: turn: angle_deg: expected a number, found 'left'"),
         ("robot.turn(True)", "line 1: turn: angle_deg: expected a number, found True"),
-        ("robot.move_to_object(3)", "line 1: move_to_object: name: expected a name in quotes, found 3"),
+        (
+            "robot.move_to_object(3)",
+            "line 1: move_to_object: name: expected a name in quotes, a thing, a set or a room, found 3",
+        ),
         ("robot.move_to_object('chair', 0)", "line 1: move_to_object: instance: expected a rank"),
         ("robot.move_to_object('chair', -1)", "line 1: move_to_object: instance: expected a rank"),
         ("robot.move_to_object('chair', 1.5)", "line 1: move_to_object: instance: expected a rank"),
         ("robot.move_to_object('')", "line 1: move_to_object: name: expected a name"),
-        ("\n\nrobot.nth_from('chair', 'behind', 1)", "line 3: nth_from: side: expected one of left, right, north"),
+        (
+            "\n\nrobot.nth_from('chair', 'behind', 1)",
+            "line 3: nth_from: side: expected one of 'left', 'right', 'north'",
+        ),
         ("robot.move_to('chair')", "line 1: move_to: pos: expected a position"),
         (
             "robot.move_to(robot.instances('chair'))",
-            "line 1: move_to: pos: expected a position .* found a list of instances",
+            "line 1: move_to: pos: expected a position .* found a set",
         ),
-        ("robot.face(robot.instances('chair')[0])", "line 1: face: name: expected a name in quotes, found an instance"),
+        (
+            "robot.face(3 > 2)",
+            "line 1: face: name: expected a name in quotes, a thing, a set or a room, found a truth value",
+        ),
+        ("x = nearest(things('chair'), 0)", "line 1: nearest: n: expected a whole number from 1, found 0"),
+        (
+            "x = nth(things('chair'), 0)",
+            "line 1: nth: k: expected a whole number, from 1 or, from the end, from -1, found 0",
+        ),
+        ("x = side('chair', 'up')", "line 1: side: side: expected one of 'left', 'right', 'front', .*, found 'up'"),
+        ("x = side('chair')", r"line 1: side: missing side; it is side\(S, side, of=''\)"),
+        (
+            "x = nearest(robot.get_pos('chair'))",
+            "line 1: nearest: S: expected a set, a thing or a name in quotes, found a position",
+        ),
+        (
+            "x = closest('chair')",
+            "line 1: only calls of the form robot.primitive.* functions are: things, search, room,",
+        ),
+        ("things('chair').items", "line 1: a value that goes nowhere"),
+        ("x = things('chair').items", "line 1: an attribute other than a call on robot"),
+        ("x = count(things('chair'))[0]", "line 1: a number cannot be indexed"),
+        (
+            "if things('chair') == things('couch'):\n    robot.turn(1)",
+            "line 1: sets, lists and positions cannot be compared",
+        ),
+        ("x = tell(things('chair'))", "line 1: a motion or tell gives no value"),
         ("robot.turn(x)", "line 1: 'x': no value on every way to this line"),
         ("if 1 > 2:\n    x = 1\nrobot.turn(x)", "line 3: 'x': no value on every way"),
         ("for x in [1]:\n    y = x\nrobot.turn(y)", "line 3: 'y': no value on every way"),
-        ("x = robot.turn(1)", "line 1: a motion gives no value"),
+        ("x = robot.turn(1)", "line 1: a motion or tell gives no value"),
         ("robot.turn(1) + 2", "line 1: a value that goes nowhere is not allowed"),
         ("x = robot", "line 1: 'robot': robot is only there to be called"),
-        ("for c in 3:\n    robot.turn(1)", "line 1: for goes over a look-up or a list, not over a number"),
+        ("for c in 3:\n    robot.turn(1)", "line 1: for goes over a set or a list, not over a number"),
         ("x = 3\nrobot.turn(x[0])", "line 2: a number cannot be indexed"),
         ("x = [1, 2][0:1]", "line 1: an index is a whole number"),
         ("robot.turn(", "line 1: this is not a program"),
@@ -183,12 +219,13 @@ def test_invalid_programs_are_refused_before_anything_runs(text: str, message: s
         ("x = [1]\nrobot.turn(x[1])", "line 2: the 2nd item was asked for, but the list has 1"),
         ("c = robot.instances('couch')[0]", r"line 1: There is no couch on this map\."),
         ("c = robot.in_view('chair')[4]", "line 1: There are only 3 chairs in view; the 5th was asked for"),
+        ("for c in robot.instances('couch'):\n    robot.turn(1)", r"line 1: There is no couch on this map\."),
         ("x = 1\nx = x / (x - 1)", "line 2: division by zero"),
         ("x = [1, 'a']\nrobot.turn(x[1])", "line 2: turn: angle_deg: expected a number"),
         ("x = ['a', 1]\ny = x[0] + 1", "line 2: arithmetic is for numbers, found a string"),
         ("x = [1, 'a']\nif x[0] < x[1]:\n    robot.turn(1)", "line 2: only numbers have an order"),
         ("x = [1]\nif x[0.5]:\n    robot.turn(1)", "line 2: an index is a whole number"),
-        ("x = [[1, 2, 3]]\nrobot.move_to(x[0])", "line 2: move_to: pos: found a list"),
+        ("x = [[1, 2, 3]]\nrobot.move_to(x[0])", "line 2: move_to: pos: expected a position .*, found a list"),
         ("x = 10\nfor y in [1, 2, 3, 4, 5, 6]:\n    x = x * x\n", "line 3: a number grew too large"),
     ],
 )

@@ -1,0 +1,849 @@
+"""The functions of programs: sets of things, their order, sizes and places, evaluated from where the robot is.
+
+Each method `_name` of `Sets` carries out the function of that name in ``functions.json``, which holds its meaning. What
+a phrase of the meaning comes to:
+
+- *Next to* is at most 1 m, edge to edge: a chair pulled back from its table is still that table's.
+- A *side* is a direction: north is +y, east is +x. Of the robot it is measured from its heading. Of a thing, *front*
+  is towards the robot, *behind* away from it, and *left* a quarter turn counter-clockwise from robot -> thing.
+- *On* a thing is what has at least half of its cells within the convex outline of the thing's cells, a higher top, and
+  fewer cells; a map seen from above knows no more.
+- *Length* and *width* are those of the smallest rectangle around the cells, of any direction; *height* is the highest
+  cell's. *Round* fills at least 82 % of the smallest circle around it, *long* is at least 1.6 times as long as wide,
+  *square* is at most 1.25 times as long as wide, and not round.
+"""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
+from functools import cached_property
+from typing import Any, Final
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial import KDTree
+
+from simaps_viz.colors.naming import has_color
+from simaps_viz.errors import CommandError, InputError, PlanningError
+from simaps_viz.language.grounding import MAX_LOOKED, Grounding, Named, Things, one_thing, with_article
+from simaps_viz.language.primitives import SAID, SELF, Primitive
+from simaps_viz.language.sight import wall_cells
+from simaps_viz.language.telling import told
+from simaps_viz.language.words import plural
+from simaps_viz.structures import Instance, Pose2, SIMap
+
+NEXT_TO_M: Final = 1.0
+CLEARANCE_M: Final = 0.3
+"""Gap between the robot's hull and the thing that it stops beside."""
+_AT_WALL_M: Final = 0.35
+_IN_CORNER_M: Final = 0.6
+_SPECK_M2: Final = 0.05
+_NOBODY_M: Final = 0.5
+_WITHIN: Final = 0.5
+_ROUND, _LONG, _SQUARE = 0.82, 1.6, 1.25
+_DIAGONAL: Final = float(np.sqrt(0.5))
+_COMPASS: Final = {
+    "north": (0.0, 1.0), "south": (0.0, -1.0), "east": (1.0, 0.0), "west": (-1.0, 0.0),
+    "north east": (_DIAGONAL, _DIAGONAL), "north west": (-_DIAGONAL, _DIAGONAL),
+    "south east": (_DIAGONAL, -_DIAGONAL), "south west": (-_DIAGONAL, -_DIAGONAL),
+}  # fmt: skip
+_TURNS: Final = {"front": 0.0, "left": 0.5 * np.pi, "behind": np.pi, "right": -0.5 * np.pi}
+_BY_SIZE: Final[dict[str, tuple[str, int]]] = SAID["by_size"]
+"""{key of order: what it measures, and 1 where the most of it comes first, else -1}."""
+
+Room = Any
+"""A room of ``SIMap.rooms``."""
+Lap = Callable[[Sequence[Instance], float], list[list[float]]]
+"""(things that stand together, turns) -> the positions of a loop all around them; raises PlanningError."""
+
+
+class Position(list[float]):
+    """A position [x, y], metres, map frame, that knows what it was made from."""
+
+    def __init__(self, point: Sequence[float] | NDArray, thing: Instance | None = None) -> None:
+        super().__init__([float(point[0]), float(point[1])])
+        self.thing = thing
+
+
+class Sets(Grounding):
+    """Carries out functions and look-ups on one map, from where the robot is.
+
+    Args:
+        simap: the map.
+        viewer: where the robot is; set it anew whenever the robot has moved.
+        start: where the command was given; by default the viewer.
+        lap: makes the positions of a loop around things.
+        radius_m: of the robot.
+        options: as for `Grounding`.
+    """
+
+    def __init__(
+        self,
+        simap: SIMap,
+        viewer: Pose2,
+        start: Pose2 | None = None,
+        *,
+        lap: Lap | None = None,
+        radius_m: float = 0.2,
+        max_looked: float = MAX_LOOKED,
+        **options: Any,
+    ) -> None:
+        super().__init__(simap, viewer, max_looked=max_looked, **options)
+        self.start = start or viewer
+        self.answer: dict[str, Any] | None = None
+        """What ``tell`` answered so far: text, value, instances."""
+        self._make_lap, self._radius_m = lap, radius_m
+        self._boxes: dict[int, tuple[float, float, float]] = {}
+
+    def call(self, function: Primitive, arguments: Mapping[str, Any]) -> Any:
+        """Carry out a function with all its arguments by name, checked.
+
+        Raises:
+            CommandError: in words, when there is nothing or too little of what is asked for.
+            PlanningError: when there is no way around, or the work exceeds its limit.
+        """
+        self.look(sum(len(value) for value in arguments.values() if isinstance(value, Things)) + 1)
+        return getattr(self, f"_{function.name}")(**arguments)
+
+    # ---- what arguments mean
+
+    def set_of(self, named: Named) -> Things:
+        """Return a set as it is, that of one thing or room, or all things of a name."""
+        if isinstance(named, Things):
+            return named
+        return self.named(named) if isinstance(named, str) else one_thing(named)
+
+    def things_of(self, named: Named) -> list[Instance]:
+        """Return the things of a set; CommandError when rooms are among them."""
+        items = self.set_of(named).items
+        rooms = [item for item in items if not isinstance(item, Instance)]
+        if rooms:
+            raise CommandError(f"expected things, found the room {rooms[0].name}")
+        return list(items)
+
+    def thing_of(self, named: Named) -> Instance:
+        """Return the one thing that is meant: the closest of a name, the first of a set."""
+        return self.pick(named, 1)
+
+    def room_of(self, value: Any) -> Room | None:
+        """Return the room that an argument is, or None: a room, the first of a set of rooms, a name of rooms only."""
+        if isinstance(value, Things):
+            value = value.items[0] if value.items else None
+        if value is None or isinstance(value, Instance | list):
+            return None
+        if not isinstance(value, str):
+            return value
+        known = self._vocabulary.resolve(value) is not None
+        found = () if known or not value.strip() else self._rooms_called(value)
+        return found[0] if found else None
+
+    def _all_rooms(self) -> tuple[Room, ...]:
+        rooms = tuple(getattr(self.simap, "rooms", ()))
+        if not rooms:
+            raise CommandError("This map has no rooms.")
+        return rooms
+
+    def _rooms_called(self, name: str) -> tuple[Room, ...]:
+        if not getattr(self.simap, "rooms", ()):
+            return ()
+        return self._by_distance(self.simap.rooms_named(name))  # pyright: ignore[reportAttributeAccessIssue]
+
+    def _by_distance(self, rooms: Sequence[Room]) -> tuple[Room, ...]:
+        here = np.array([[self.viewer.x_m, self.viewer.y_m]])
+        return tuple(sorted(rooms, key=lambda r: (self._from_room(r, here), r.id)))
+
+    def _here(self) -> Room:
+        self._all_rooms()
+        room = self.simap.room_at(self.viewer.x_m, self.viewer.y_m)  # pyright: ignore[reportAttributeAccessIssue]
+        if room is None:
+            raise CommandError("You are in no room of this map.")
+        return room
+
+    def _cells_of_room(self, room: Room) -> NDArray:
+        """Return the centres of a room's cells, float64 [n, 2]."""
+        mask = self.simap.room_cells == room.id  # pyright: ignore[reportAttributeAccessIssue]
+        self.look(mask.size)
+        row, col = np.nonzero(mask)
+        spec = self.simap.spec
+        return (np.column_stack([col, row]) + 0.5) * spec.cell_size_m + (spec.x0_m, spec.y0_m)
+
+    def _from_room(self, room: Room, points_m: NDArray) -> float:
+        """Return how far points are from a room's cells; 0 within it."""
+        far = float(KDTree(self._cells_of_room(room)).query(points_m)[0].min())
+        return 0.0 if far <= self.simap.spec.cell_size_m else far
+
+    def _points_of(self, value: Any) -> NDArray:
+        """Return the points that a distance to a value is measured from, float64 [n, 2]."""
+        if isinstance(value, str) and value in ("", SELF):
+            return np.array([[self.viewer.x_m, self.viewer.y_m]])
+        if isinstance(value, list):
+            return np.array([value], np.float64)
+        room = self.room_of(value)
+        if room is not None:
+            return self._cells_of_room(room)
+        return self.edges(self.things_of(self._some(value)))
+
+    def _some(self, value: Any) -> Things:
+        found = self.set_of(value)
+        found.expect(1)
+        return found
+
+    def _middle_of(self, value: Any) -> tuple[NDArray, Instance | None]:
+        """Return the position that a value stands at [2], and the thing, if it is one."""
+        if isinstance(value, str) and value in ("", SELF):
+            return np.array([self.viewer.x_m, self.viewer.y_m]), None
+        if isinstance(value, list):
+            return np.array(value, np.float64), getattr(value, "thing", None)
+        room = self.room_of(value)
+        if room is not None:
+            return np.array(room.centre_m, np.float64), None
+        thing = self.thing_of(value)
+        return np.array(thing.centroid_m[:2]), thing
+
+    # ---- sources
+
+    def _things(self, name: str) -> Things:
+        return self.named(name)
+
+    def _search(self, words: str) -> Things:
+        known = self.named(words)
+        if known.items:
+            return known
+        try:
+            found = self.simap.search(words, k=len(self.simap.instances))  # pyright: ignore[reportAttributeAccessIssue]
+        except (AttributeError, CommandError):
+            return replace(known, noun=words, nouns=words)
+        return Things(tuple(one.instance for one in found), words, words)
+
+    def _room(self, name: Any) -> Room:
+        if isinstance(name, Instance | Things):
+            room = self.room_of(name)
+            if room is None:
+                self._all_rooms()
+                thing = self.thing_of(name)
+                room = self.simap.room_of(thing.id)  # pyright: ignore[reportAttributeAccessIssue]
+                if room is None:
+                    raise CommandError(f"The {thing.label} is in no room of this map.")
+            return room
+        if isinstance(name, list):
+            raise CommandError("room: expected the name of a room or a thing, found a position")
+        return self._rooms(name).nth(1) if name.strip() else self._here()
+
+    def _rooms(self, name: str) -> Things:
+        word = name.strip().lower()
+        if word in ("", "other"):
+            rooms = self._by_distance(self._all_rooms())
+            here = self._here() if word else None
+            return Things(tuple(r for r in rooms if r is not here), f"{word} room".strip(), f"{word} rooms".strip())
+        found = self._rooms_called(name)
+        if found or not getattr(self.simap, "rooms", ()):
+            missing = None if found else f"There is no {word} on this map, which has no rooms."
+            return Things(found, word, plural(word), missing=missing)
+        has = ", ".join(room.name for room in self.simap.rooms[:8])  # pyright: ignore[reportAttributeAccessIssue]
+        return Things((), word, plural(word), missing=f"There is no {word} on this map. It has: {has}.")
+
+    # ---- filters
+
+    def _keep(self, S: Named, kept: Sequence[bool] | NDArray, before: str = "", after: str = "") -> Things:
+        found = self.set_of(S)
+        return found.of([i for i, keep in zip(found.items, kept, strict=True) if keep], before, after)
+
+    def _relate(self, S: Named, T: Named, kept: set[int], words: str) -> Things:
+        """Keep the things of these ids; where the map has nothing of T's name, say so."""
+        other = self.set_of(T)
+        found = self._keep(S, [i.id in kept for i in self.set_of(S).items], after=words)
+        return replace(found, missing=found.missing or other.missing) if not other.items else found
+
+    def _side(self, S: Named, side: str, of: Any) -> Things:
+        things = self.things_of(S)
+        centroids = self.centroids(things)
+        if of == "map" or self.room_of(of) is not None:
+            name = "the map" if of == "map" else _the(self.room_of(of))
+            place = "middle" if side == "middle" else f"{side} part"
+            return self._keep(S, self._in_part(centroids, side, of), after=f"in the {place} of {name}")
+        if side == "middle":
+            raise CommandError('the middle is that of a room or of "map"')
+        if isinstance(of, str) and of in ("", SELF):
+            offset = centroids - (self.viewer.x_m, self.viewer.y_m)
+            bearing = np.arctan2(offset[:, 1], offset[:, 0])
+            middle, reach = self._bearing_of(side), {"left": 70.0, "right": 70.0, "front": 45.0, "behind": 45.0}
+            off = np.abs(np.rad2deg((bearing - middle + np.pi) % (2.0 * np.pi) - np.pi))
+            kept = (off <= reach.get(side, 60.0) + 1e-9) & (np.hypot(*offset.T) > 1e-6)
+            return self._keep(S, kept, after=SAID["own_side"].get(side, f"to the {side} of you"))
+        others = self._some(of)
+        return self._keep(S, self._beside(things, self.things_of(others), side), after=_side_words(side, others.the))
+
+    def _beside(self, things: Sequence[Instance], others: Sequence[Instance], side: str) -> NDArray:
+        """Return which things lie on a side of their nearest of the others, bool [things]."""
+        kept = np.zeros(len(things), bool)
+        nearest = self._nearest_other(things, others)
+        for j, other in enumerate(others):
+            mine = np.flatnonzero(nearest == j).tolist()
+            way = self.way_of(side, np.array(other.centroid_m[:2]))
+            offset = self.centroids([things[i] for i in mine]) - other.centroid_m[:2]
+            along, across = offset @ way, offset @ (-way[1], way[0])
+            kept[mine] = (along > 0.0) & (np.abs(across) <= np.sqrt(3.0) * along + 1e-9)
+        return kept
+
+    def _nearest_other(self, things: Sequence[Instance], others: Sequence[Instance]) -> NDArray:
+        """Return the position in others of the nearest to each thing, itself left out; -1 = none, int64 [things]."""
+        least, nearest = np.full(len(things), np.inf), np.full(len(things), -1, np.int64)
+        for j, other in enumerate(others):
+            gap = self.gaps(things, self.cells.edge(other.id))
+            closer = (gap < least) & np.array([i.id != other.id for i in things], bool)
+            least[closer], nearest[closer] = gap[closer], j
+        return nearest
+
+    def _bearing_of(self, side: str) -> float:
+        """Return the yaw of a side of the robot, radians."""
+        if side in _TURNS:
+            return self.viewer.yaw_rad + _TURNS[side]
+        return float(np.arctan2(_COMPASS[side][1], _COMPASS[side][0]))
+
+    def way_of(self, side: str, point_m: NDArray) -> NDArray:
+        """Return the unit vector from a place to its side, as the robot sees it, float64 [2], map frame."""
+        if side in _COMPASS:
+            return np.array(_COMPASS[side])
+        ahead = point_m - (self.viewer.x_m, self.viewer.y_m)
+        far = float(np.hypot(*ahead))
+        yaw = self.viewer.yaw_rad if far < 1e-6 else float(np.arctan2(ahead[1], ahead[0]))
+        turn = {"front": np.pi, "beside": np.pi, "behind": 0.0}.get(side, _TURNS.get(side, 0.0))
+        return np.array([np.cos(yaw + turn), np.sin(yaw + turn)])
+
+    def _in_part(self, points_m: NDArray, side: str, of: Any) -> NDArray:
+        """Return which points lie in that third of a room or of the map, bool [n]."""
+        room = self.room_of(of) if of != "map" else None
+        outline = self._map_corners if room is None else np.array(room.polygon_m, np.float64).reshape(-1, 2)
+        kept = np.ones(len(points_m), bool)
+        for way in [(1.0, 0.0), (0.0, 1.0)] if side == "middle" else [self._part_way(side)]:
+            low, high = (outline @ way).min(), (outline @ way).max()
+            at = (points_m @ np.array(way) - low) / max(high - low, 1e-9)
+            kept &= (np.abs(at - 0.5) <= 1.0 / 6.0 + 1e-9) if side == "middle" else (at >= 2.0 / 3.0 - 1e-9)
+        return kept if room is None else kept & self._inside_room(points_m, room)
+
+    def _part_way(self, side: str) -> NDArray:
+        """Return the direction of a part of a room; its front is what is nearest to the robot looking ahead."""
+        yaw = self._bearing_of(side) + (np.pi if side in ("front", "behind") else 0.0)
+        return np.array([np.cos(yaw), np.sin(yaw)])
+
+    @cached_property
+    def _map_corners(self) -> NDArray:
+        row, col = np.nonzero(self.simap.grid.observations > 0)
+        spec = self.simap.spec
+        low = spec.centre_of(row.min(initial=0) - 0.5, col.min(initial=0) - 0.5)
+        high = spec.centre_of(row.max(initial=0) + 0.5, col.max(initial=0) + 0.5)
+        return np.array([low, (low[0], high[1]), high, (high[0], low[1])])
+
+    def _inside_room(self, points_m: NDArray, room: Room) -> NDArray:
+        at = [self.simap.room_at(float(x), float(y)) for x, y in points_m]  # pyright: ignore[reportAttributeAccessIssue]
+        return np.array([one is not None and one.id == room.id for one in at], bool)
+
+    def _near(self, S: Named, T: Any, metres: float | None) -> Things:
+        if metres is not None and metres < 0:
+            raise CommandError(f"metres: expected 0 or more, found {metres:g}")
+        most = NEXT_TO_M if metres is None else float(metres)
+        within = "next to" if metres is None else f"within {most:g} m of"
+        things, room = self.things_of(S), self.room_of(T)
+        if isinstance(T, list) or room is not None or (isinstance(T, str) and T in ("", SELF)):
+            what = "you" if isinstance(T, str) else "that place" if room is None else _the(room)
+            return self._keep(S, self.gaps(things, self._points_of(T)) <= most, after=f"{within} {what}")
+        close, _, _ = self.neighbours(things, self.things_of(T), most)
+        kept = {things[i].id for i in close}
+        return self._relate(
+            S, T, kept, f"{within} {self.set_of(T).the if self.set_of(T).items else with_article(self.set_of(T).one)}"
+        )
+
+    def _on(self, S: Named, T: Named) -> Things:
+        return self._relate(
+            S, T, {a for a, _ in self._standing(self.things_of(S), self.things_of(T))}, f"on {self.set_of(T).the}"
+        )
+
+    def _under(self, S: Named, T: Named) -> Things:
+        things, others = self.things_of(S), self.things_of(T)
+        kept = {b for _, b in self._standing(others, things)} | {
+            a for a, _ in self._standing(things, others, lower=True)
+        }
+        return self._relate(S, T, kept, f"under {self.set_of(T).the}")
+
+    def _standing(
+        self, things: Sequence[Instance], others: Sequence[Instance], lower: bool = False
+    ) -> list[tuple[int, int]]:
+        """Return the ids of all pairs of a thing and an other that it stands on, or that it lies lower within."""
+        pairs = zip(*self.neighbours(things, others, 2.0 * self.simap.spec.cell_size_m)[:2], strict=True)
+        inner = self._inner_pairs(things, others)
+        found = []
+        for i, j in sorted({*((int(i), int(j)) for i, j in pairs), *inner}):
+            a, b = things[i], others[j]
+            tops = self._top_m(a), self._top_m(b)
+            if (
+                a.cells < b.cells
+                and (tops[0] < tops[1] if lower else tops[0] > tops[1])
+                and self._share_within(a, b) >= _WITHIN
+            ):
+                found.append((a.id, b.id))
+        return found
+
+    def _inner_pairs(self, things: Sequence[Instance], others: Sequence[Instance]) -> list[tuple[int, int]]:
+        """Return the pairs of which the thing's centroid lies in the other's box: it may touch a third thing only."""
+        a, b = self.rows(things), self.rows(others)
+        at = self.cells.centroids[a][:, None, :]
+        within = ((at >= self.cells.low[b]) & (at <= self.cells.high[b])).all(axis=2) & (a[:, None] != b)
+        return [(int(i), int(j)) for i, j in np.argwhere(within)]
+
+    def _top_m(self, thing: Instance) -> float:
+        """Return the median height of a thing's cells."""
+        spec, cells = self.simap.spec, self.cells_of(thing)
+        col, row = np.floor((cells - (spec.x0_m, spec.y0_m)) / spec.cell_size_m).astype(np.int64).T
+        return float(np.nanmedian(self.simap.grid.height_m[row, col]))
+
+    def _share_within(self, thing: Instance, other: Instance) -> float:
+        """Return the share of a thing's cells within the convex outline of another's."""
+        points, hull = self.cells_of(thing), self._hull(other)
+        self.look(len(points) * len(hull) / 8.0)
+        after = np.roll(hull, -1, axis=0)
+        edge = after - hull
+        turn = edge[:, 0, None] * (points[:, 1] - hull[:, 1, None]) - edge[:, 1, None] * (
+            points[:, 0] - hull[:, 0, None]
+        )
+        return float(((turn >= -1e-9).all(axis=0) | (turn <= 1e-9).all(axis=0)).mean())
+
+    def _hull(self, thing: Instance) -> NDArray:
+        """Return the corners of the convex outline of a thing's cells, in order, float64 [n, 2]."""
+        half = self.simap.spec.cell_size_m / 2.0
+        edge = self.cells.edge(thing.id)
+        corners = np.concatenate([edge + np.array([x, y]) for x in (-half, half) for y in (-half, half)])
+        return corners[np.asarray(cv2.convexHull(corners.astype(np.float32), returnPoints=False))[:, 0].astype(np.intp)]
+
+    def _between(self, S: Named, A: Named, B: Named) -> Things:
+        a, b = self.pair(A, B)
+        found = self.between_pair(self.things_of(S), a, b)
+        return self.set_of(S).of(found, after=f"between the {a.label} and the {b.label}")
+
+    def between_pair(self, things: Sequence[Instance], a: Instance, b: Instance) -> list[Instance]:
+        """Return the things between two others, the nearest to the line of their centroids first."""
+        start, end = np.array(a.centroid_m[:2]), np.array(b.centroid_m[:2])
+        along = (end - start) / max(float(np.linalg.norm(end - start)), 1e-9)
+        at = self.centroids(things)
+        # Thales: in the circle over the line a-b, both ends are seen more than a quarter turn apart.
+        inside = ((at - start) * (at - end)).sum(axis=1) < 0.0
+        off = np.abs(along[0] * (at - start)[:, 1] - along[1] * (at - start)[:, 0]).round(9)
+        order = sorted(range(len(things)), key=lambda i: (off[i], things[i].id))
+        return [things[i] for i in order if inside[i] and things[i].id not in (a.id, b.id)]
+
+    def _inside(self, S: Named, R: Any) -> Things:
+        rooms = self._rooms(R).items if isinstance(R, str) and R else self.set_of(R).items if R else (self._here(),)
+        if any(isinstance(room, Instance) for room in rooms):
+            raise CommandError("inside: expected a room, found a thing")
+        if not rooms:
+            self.set_of(self._rooms(R) if isinstance(R, str) else R).expect(1)
+        ids = {number for room in rooms for number in room.objects}
+        names = " or ".join(_the(room) for room in rooms[:3]) if len(rooms) <= 3 else "these rooms"
+        return self._keep(S, [i.id in ids for i in self.things_of(S)], after=f"in {names}")
+
+    def _visible(self, S: Named) -> Things:
+        kept = []
+        for thing in self.things_of(S):
+            self.look(48 * 3.0 * self.distance_m(thing) / self.simap.spec.cell_size_m)
+            kept.append(self.sight.sees(thing, self.cells_of(thing)))
+        return self._keep(S, kept, after="in view")
+
+    def _counts(self, S: Named, T: Named) -> dict[int, int]:
+        """Return {id: how many of T are next to it, and to no nearer thing of the same classes}."""
+        things, others = self.things_of(S), self.things_of(T)
+        rivals = [i for label in dict.fromkeys(i.label for i in things) for i in self.simap.of_class(label)]
+        owner: dict[int, tuple[float, int]] = {}
+        for i, j, far in zip(*(part.tolist() for part in self.neighbours(others, rivals, NEXT_TO_M)), strict=True):
+            owner[i] = min(owner.get(i, (np.inf, 0)), (far, rivals[j].id))
+        counts = dict.fromkeys([i.id for i in things], 0)
+        for _, number in owner.values():
+            if number in counts:
+                counts[number] += 1
+        return counts
+
+    def _having(self, S: Named, T: Named, n: int) -> Things:
+        counts, other = self._counts(S, T), self.set_of(T)
+        kept = {number for number, of in counts.items() if of >= n}
+        return self._relate(S, T, kept, f"with {with_article(other.one) if n == 1 else f'{n} {other.many}'}")
+
+    def _without(self, S: Named, T: Named) -> Things:
+        counts = self._counts(S, T)
+        return self._keep(
+            S, [counts[i.id] == 0 for i in self.things_of(S)], after=f"without {with_article(self.set_of(T).one)}"
+        )
+
+    def _empty(self, S: Named) -> Things:
+        things, all_things = self.things_of(S), list(self.simap.instances)
+        taken = {b for _, b in self._standing(all_things, things)}
+        people = self.simap.of_class("person")
+        taken |= {things[i].id for i in self.neighbours(things, people, _NOBODY_M)[0]}
+        return self._keep(S, [i.id not in taken for i in things], before="empty")
+
+    def _colored(self, S: Named, color: str) -> Things:
+        things = self.things_of(S)
+        seen = [self.simap.color_of(i) for i in things]
+        if things and not any(seen):
+            raise CommandError("The colours of things are not known on this map.")
+        try:
+            kept = [rgb is not None and has_color(rgb, color) for rgb in seen]
+        except InputError as error:
+            raise CommandError(str(error)) from None
+        return self._keep(S, kept, before=color.strip().lower())
+
+    def _shaped(self, S: Named, shape: str) -> Things:
+        return self._keep(S, [self._has_shape(i, shape) for i in self.things_of(S)], before=shape)
+
+    def _has_shape(self, thing: Instance, shape: str) -> bool:
+        length, width, round_share = self._box(thing)
+        is_round = round_share >= _ROUND
+        if shape == "long":
+            return length >= _LONG * width - 1e-9
+        return is_round if shape == "round" else not is_round and length <= _SQUARE * width + 1e-9
+
+    def _box(self, thing: Instance) -> tuple[float, float, float]:
+        """Return length and width of a thing, metres, and the share of the smallest circle that its outline fills."""
+        if thing.id not in self._boxes:
+            self.look(len(self.cells.edge(thing.id)))
+            hull = self._hull(thing)
+            hull = (hull - hull[0]).astype(np.float32)  # numbers near 0 keep more digits
+            sides = sorted(cv2.minAreaRect(hull)[1])
+            circle = np.pi * cv2.minEnclosingCircle(hull)[1] ** 2
+            share = float(cv2.contourArea(hull)) / max(float(circle), 1e-9)
+            self._boxes[thing.id] = round(sides[1], 4), round(sides[0], 4), share
+        return self._boxes[thing.id]
+
+    def _sized(self, S: Named, key: str) -> Things:
+        measure, sign = _BY_SIZE[key]
+        sizes = np.array([self.measure(i, measure) for i in self.things_of(S)])
+        middle = (sizes.min(initial=np.inf) + sizes.max(initial=-np.inf)) / 2.0 if len(sizes) else 0.0
+        return self._keep(S, sign * (sizes - middle) >= -1e-9, before=key)
+
+    def _at(self, S: Named, place: str) -> Things:
+        word = place.strip().lower()
+        if word in ("wall", "corner"):
+            return self._keep(S, self._at_walls(self.things_of(S), word), after=SAID["places"][word])
+        if word in ("middle", "center", "centre"):
+            things = self.things_of(S)
+            kept = [self._in_middle(np.array([i.centroid_m[:2]])) for i in things]
+            return self._keep(S, kept, after=SAID["places"]["middle"])
+        near = self._near(S, place, None)
+        return replace(near, after=f"{self.set_of(S).after} by {self.set_of(place).the}".strip())
+
+    def _in_middle(self, at: NDArray) -> bool:
+        room = self.simap.room_at(*at[0]) if getattr(self.simap, "rooms", ()) else None  # pyright: ignore[reportAttributeAccessIssue]
+        return bool(self._in_part(at, "middle", room or "map")[0])
+
+    def _at_walls(self, things: Sequence[Instance], place: str) -> list[bool]:
+        """Return which things stand at a wall, or in a corner: with walls straight off it in two directions."""
+        walls, tree = self._walls
+        self.look(len(walls) + self.cells.size)
+        if place == "wall":
+            return list(self.gaps(things, walls) <= _AT_WALL_M)
+        return [self._has_corner(thing, walls, tree) for thing in things]
+
+    @cached_property
+    def _walls(self) -> tuple[NDArray, KDTree]:
+        """The centres of the cells of walls, float64 [n, 2], and the search tree over them; specks are left out."""
+        spec = self.simap.spec
+        _, part, stats, _ = cv2.connectedComponentsWithStats(wall_cells(self.simap).astype(np.uint8), connectivity=8)
+        large = stats[:, cv2.CC_STAT_AREA] * spec.cell_size_m**2 >= _SPECK_M2
+        large[0] = False  # what is no wall
+        row, col = np.nonzero(large[np.asarray(part, np.intp)])
+        if not len(row):
+            raise CommandError("This map shows no walls.")
+        walls = (np.column_stack([col, row]) + 0.5) * spec.cell_size_m + (spec.x0_m, spec.y0_m)
+        return walls, KDTree(walls)
+
+    def _has_corner(self, thing: Instance, walls: NDArray, tree: KDTree) -> bool:
+        edge = self.cells.edge(thing.id)
+        close = np.unique(np.concatenate([[], *tree.query_ball_point(edge, _IN_CORNER_M)]).astype(np.int64))
+        self.look(len(close) + len(edge))
+        if not len(close):
+            return False
+        # How far the walls are in each of 24 directions; a straight wall is nearest in one of them only.
+        offset = walls[close] - edge[self.cells.tree(thing.id).query(walls[close])[1]]
+        sector = np.round(np.rad2deg(np.arctan2(offset[:, 1], offset[:, 0])) / 15.0).astype(np.int64) % 24
+        far = np.full(24, np.inf)
+        np.minimum.at(far, sector, np.hypot(*offset.T).round(9))
+        around = np.min([np.roll(far, turn) for turn in (-2, -1, 1, 2)], axis=0)
+        nearest = np.flatnonzero(np.isfinite(far) & (far <= around))
+        apart = np.abs(nearest[:, None] - nearest) % 24
+        apart = np.minimum(apart, 24 - apart)
+        return bool(((apart >= 5) & (apart <= 7)).any())
+
+    def _minus(self, A: Named, B: Named) -> Things:
+        first, second = self.set_of(A), self.set_of(B)
+        out = {_key(i) for i in second.items}
+        kept = [_key(i) not in out for i in first.items]
+        if all(kept):
+            return first
+        if second.noun == first.noun or len(second) == 1:
+            return self._keep(first, kept, before="other")
+        return self._keep(first, kept, after=f"other than {second.the}")
+
+    def _union(self, A: Named, B: Named) -> Things:
+        first, second = self.set_of(A), self.set_of(B)
+        if not first.items or not second.items:
+            some, none = (second, first) if second.items else (first, second)
+            return (
+                some
+                if some.items
+                else replace(some, noun=f"{some.one} or {none.one}", before=(), after="", missing=None)
+            )
+        both = {_key(i): i for i in (*first.items, *second.items)}
+        if all(isinstance(i, Instance) for i in both.values()):
+            items = tuple(self.ranked(list(both.values())))
+        else:
+            items = tuple(both.values())
+        if (first.one, first.many) == (second.one, second.many):
+            return replace(first, items=items)
+        return Things(items, f"{first.one} or {second.one}", f"{first.many} or {second.many}")
+
+    def _common(self, A: Named, B: Named) -> Things:
+        first, second = self.set_of(A), self.set_of(B)
+        both = {_key(i) for i in second.items}
+        words = " ".join(word for word in second.before if word not in first.before)
+        after = second.after if second.after != first.after else ""
+        return self._keep(first, [_key(i) in both for i in first.items], words, after)
+
+    # ---- order and choice
+
+    def _order(self, S: Named, key: str, of: Any) -> Things:
+        found = self.set_of(S)
+        if key in ("near", "far"):
+            ranked = self._by_gap(found, of, -1.0 if key == "far" else 1.0)
+            return replace(found, items=tuple(ranked), most=SAID["most"][key])
+        items = self.things_of(found)
+        if key in ("many", "few"):
+            if isinstance(of, str) and not of:
+                raise CommandError(f"order by {key}: expected what to count, found nothing")
+            counts, sign = self._counts(found, of), -1 if key == "many" else 1
+            score = [sign * counts[i.id] for i in items]
+            after = f"with the {'most' if key == 'many' else 'fewest'} {self.set_of(of).many}"
+            return found.of(self._sorted(items, score), after=after)
+        return replace(found, items=tuple(self._sorted(items, self._scores(items, key, of))), most=SAID["most"][key])
+
+    def _scores(self, items: Sequence[Instance], key: str, of: Any) -> NDArray:
+        """Return by what things are sorted, the smallest first, float64 [n]."""
+        if key in _BY_SIZE:
+            measure, sign = _BY_SIZE[key]
+            return np.array([-sign * self.measure(i, measure) for i in items])
+        at = self.centroids(items)
+        if key == "middle":
+            return np.hypot(*(at - at.mean(axis=0)).T) if len(at) else np.zeros(0)
+        if key in _COMPASS:
+            return -(at @ np.array(_COMPASS[key]))
+        yaw = self.viewer.yaw_rad
+        if not (isinstance(of, str) and of in ("", SELF)):
+            towards = self._middle_of(of)[0] - (self.viewer.x_m, self.viewer.y_m)
+            yaw = float(np.arctan2(towards[1], towards[0])) if np.hypot(*towards) > 1e-6 else yaw
+        offset = at - (self.viewer.x_m, self.viewer.y_m)
+        if key in ("front", "behind"):
+            off = np.abs((np.arctan2(offset[:, 1], offset[:, 0]) - yaw + np.pi) % (2.0 * np.pi) - np.pi)
+            return off if key == "front" else -off
+        left = offset @ (-np.sin(yaw), np.cos(yaw))
+        return -left if key == "left" else left
+
+    def _sorted(self, items: Sequence[Instance], score: Sequence[float] | NDArray) -> list[Instance]:
+        far = [self.distance_m(i) for i in items]
+        order = sorted(range(len(items)), key=lambda k: (round(float(score[k]), 9), far[k], items[k].id))
+        return [items[k] for k in order]
+
+    def _by_gap(self, found: Things, of: Any, sign: float) -> list[Any]:
+        """Return a set by distance from the robot or something else, which is left out itself."""
+        if found.items and not isinstance(found.items[0], Instance):
+            points = self._points_of(of)
+            return sorted(found.items, key=lambda r: (sign * self._from_room(r, points), r.id))
+        items = self.things_of(found)
+        if isinstance(of, str) and of in ("", SELF):
+            return self._sorted(items, [sign * self.distance_m(i) for i in items])
+        if isinstance(of, list) or self.room_of(of) is not None:
+            return self._sorted(items, sign * self.gaps(items, self._points_of(of)))
+        others = self.things_of(self._some(of))
+        targets = {i.id for i in others}
+        apart = self.gaps(items, self.edges(others))
+        # A thing of both sets is measured to the others; the only one of them is left out.
+        for k, item in enumerate(items):
+            if item.id in targets:
+                apart[k] = self.gaps([item], self.edges([o for o in others if o.id != item.id]))[0]
+        kept = [k for k in range(len(items)) if np.isfinite(apart[k])]
+        return self._sorted([items[k] for k in kept], sign * apart[kept])
+
+    def _nearest(self, S: Named, n: int, of: Any) -> Things:
+        return self._few(S, "near", n, of)
+
+    def _farthest(self, S: Named, n: int, of: Any) -> Things:
+        return self._few(S, "far", n, of)
+
+    def _few(self, S: Named, key: str, n: int, of: Any) -> Things:
+        found = self.set_of(S)
+        found.expect(n)
+        ranked = self._order(found, key, of)
+        if len(ranked) < n and len(found) >= n:
+            left = len(ranked)
+            raise CommandError(
+                f"There {'is' if left == 1 else 'are'} {found.number(left)} besides that one; {n} were asked for."
+            )
+        return ranked.first(n)
+
+    def _first(self, S: Named, n: int) -> Things:
+        return self.set_of(S).first(n)
+
+    def _last(self, S: Named, n: int) -> Things:
+        found = self.set_of(S)
+        found.expect(n)
+        return replace(found, items=found.items[-n:], most="")
+
+    def _nth(self, S: Named, k: int) -> Any:
+        return self.set_of(S).nth(k)
+
+    # ---- numbers
+
+    def _count(self, S: Named) -> int:
+        return len(self.set_of(S))
+
+    def _distance(self, A: Any, B: Any) -> float:
+        return self.distance_between(A, B)
+
+    def distance_between(self, A: Any, B: Any) -> float:
+        """Return how far apart two things, rooms, positions, or the robot, are, edge to edge, metres."""
+        a, b = self._points_of(A), self._points_of(B)
+        self.look(len(a) + len(b))
+        far = float(KDTree(a).query(b)[0].min())
+        rooms = self.room_of(A) is not None or self.room_of(B) is not None
+        return 0.0 if rooms and far <= self.simap.spec.cell_size_m else round(far, 9)
+
+    def _size(self, T: Any, key: str) -> float:
+        return self.size_of(T, key)
+
+    def size_of(self, T: Any, key: str) -> float:
+        """Return the area, length, width or height of a thing or room, square metres or metres."""
+        room = self.room_of(T)
+        if room is None:
+            return self.measure(self.thing_of(T), key)
+        if key == "height":
+            raise CommandError("The height of a room is not on this map.")
+        sides = sorted(cv2.minAreaRect(np.array(room.polygon_m, np.float32))[1])
+        return {"area": room.area_m2, "length": round(sides[1], 4), "width": round(sides[0], 4)}[key]
+
+    def measure(self, thing: Instance, key: str) -> float:
+        """Return the area, length, width or height of a thing, square metres or metres."""
+        if key == "area":
+            return thing.area_m2(self.simap.spec.cell_size_m)
+        if key == "height":
+            return float(thing.aabb_m[1][2])
+        return self._box(thing)[0 if key == "length" else 1]
+
+    # ---- positions
+
+    def _lap(self, T: Named, turns: float) -> list[list[float]]:
+        found = self._some(T)
+        if self._make_lap is None:
+            raise PlanningError(f"no way around {found.the} is known")
+        return self._make_lap(self.things_of(found), turns)
+
+    def _spot(self, T: Any, side: str, metres: float | None) -> Position:
+        room = self.room_of(T)
+        if room is not None:
+            return self._end_of_room(room, side)
+        thing = self.thing_of(T)
+        centroid = np.array(thing.centroid_m[:2])
+        way = self.way_of(side, centroid)
+        extent = float(((self.cells.edge(thing.id) - centroid) @ way).max()) + self.simap.spec.cell_size_m / 2.0
+        beyond = self._radius_m + CLEARANCE_M if metres is None else metres
+        return Position(centroid + way * (extent + beyond), thing)
+
+    def _end_of_room(self, room: Room, side: str) -> Position:
+        cells = self._cells_of_room(room)
+        way = self._part_way("front" if side == "beside" else side)
+        at = cells @ way
+        third = cells[at >= at.min() + (at.max() - at.min()) * 2.0 / 3.0]
+        return Position(third[np.hypot(*(third - third.mean(axis=0)).T).argmin()])
+
+    def _way(self, A: Any, B: Any, share: float) -> Position:
+        end, thing = self._middle_of(A)
+        start, _ = self._middle_of(B)
+        return Position(start + share * (end - start), thing)
+
+    def _centre(self, T: Any) -> Position:
+        if self.room_of(T) is None and not isinstance(T, list) and T not in ("", SELF):
+            things = self.things_of(self._some(T))
+            return Position(self.centroids(things).mean(axis=0), things[0] if len(things) == 1 else None)
+        return Position(*self._middle_of(T))
+
+    def _corner(self, T: Any, which: str) -> Position:
+        room = self.room_of(T)
+        thing = self.thing_of(T) if room is None else None
+        cells = self.cells.edge(thing.id) if thing else self._cells_of_room(room)
+        low, high = cells.min(axis=0), cells.max(axis=0)
+        corners = {}
+        for name in ("north east", "north west", "south east", "south west"):
+            way = np.sign(_COMPASS[name])
+            if thing is not None:
+                corners[name] = np.where(way > 0, high, low) + way * CLEARANCE_M
+            else:  # of a room, which is no rectangle: its farthest cell that way
+                corners[name] = cells[(cells @ way).argmax()]
+        here = (self.viewer.x_m, self.viewer.y_m)
+        name = which or min(corners, key=lambda name: float(np.hypot(*(corners[name] - here))))
+        return Position(corners[name], thing)
+
+    def _entrance(self, R: Any) -> Position:
+        room = self._room(R)
+        if not room.doors:
+            raise CommandError(f"No doorway of {_the(room)} is known on this map.")
+        here = (self.viewer.x_m, self.viewer.y_m)
+        return Position(
+            min((door.point_m for door in room.doors), key=lambda p: float(np.hypot(*np.subtract(p, here))))
+        )
+
+    def _pose(self, when: str) -> Position:
+        pose = self.start if when == "start" else self.viewer
+        return Position((pose.x_m, pose.y_m))
+
+    # ---- look-ups of the robot
+
+    def nth_from(self, name: Named, side: str, n: int) -> Instance:
+        """Return the n-th thing counted from a side, by centroids; left and right are the viewer's."""
+        return self._order(self._found(name), side, "").nth(n)
+
+    def closest_to(self, name: Named, other: Named, which: int | Named = 1) -> Instance:
+        """Return the thing whose cells come nearest to another's; that itself left out."""
+        found = self._found(name)
+        target = other if isinstance(other, Instance) else self.pick(other, which)
+        near = self._by_gap(found, target, 1.0)
+        if not near:
+            raise CommandError(f"There is only 1 {found.one} on this map; none is left to be near it.")
+        return near[0]
+
+    def between(self, name: Named, other_a: Named, other_b: Named) -> Instance:
+        """Return the thing between two others, nearest to the line of their centroids."""
+        return self._between(self._found(name), other_a, other_b).nth(1)
+
+    def in_view(self, name: Named) -> Things:
+        """Return the things within the field of view that nothing hides, the closest first."""
+        return self._visible(self._found(name))
+
+    def _found(self, name: Named) -> Things:
+        if isinstance(name, str):
+            self.labels_of(name)
+        return self.set_of(name)
+
+    # ---- answers
+
+    def _tell(self, value: Any, kind: str, other: Any, key: str) -> None:
+        text, said, things = told(self, value, kind, other, key)
+        before = self.answer or {"text": "", "instances": []}
+        ids = [*before["instances"], *(i.id for i in things)]
+        self.answer = {"text": f"{before['text']} {text}".strip(), "value": said, "instances": list(dict.fromkeys(ids))}
+
+
+def _the(room: Room) -> str:
+    """Return "the kitchen", but "room 3"."""
+    return room.name if room.name[-1:].isdigit() else f"the {room.name}"
+
+
+def _side_words(side: str, the: str) -> str:
+    return f"{SAID['side_of'].get(side, f'{side} of')} {the}"
+
+
+def _key(item: Any) -> tuple[bool, int]:
+    return isinstance(item, Instance), item.id

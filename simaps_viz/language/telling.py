@@ -1,0 +1,241 @@
+"""What is told in answer to a question: a sentence, a value, and the things it speaks of."""
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any, Final
+
+import numpy as np
+
+from simaps_viz.colors.naming import color_name
+from simaps_viz.language.grounding import Things, one_thing, with_article
+from simaps_viz.language.primitives import SAID, SELF
+from simaps_viz.language.words import plural
+from simaps_viz.structures import Instance
+
+if TYPE_CHECKING:
+    from simaps_viz.language.sets import Sets
+
+Told = tuple[str, Any, Sequence[Instance]]
+"""The sentence, its value (number, truth, name or None), and the things it speaks of."""
+_MOST_LISTED: Final = 12
+
+
+def told(sets: "Sets", value: Any, kind: str, other: Any, key: str) -> Told:
+    """Return the answer to one question; see `tell` in ``functions.json``.
+
+    Raises:
+        CommandError: when a value is of no use for that kind of question.
+    """
+    if isinstance(value, int | float | list):
+        return _plain(value, kind)
+    found = sets.set_of(_room_or(sets, value))
+    if kind in ("compare", "distance"):
+        return _distance(sets, found, other) if kind == "distance" else _compare(sets, found, other, key or "large")
+    if not found.items:
+        return _nothing(found, kind)
+    if not isinstance(found.items[0], Instance):
+        return _rooms(sets, found, kind)
+    if kind == "size":
+        return _size(sets, found, key)
+    return _TELL.get(kind, _what)(sets, found)
+
+
+def _plain(value: float | list, kind: str) -> Told:
+    """Tell a truth value, a number or a position."""
+    if isinstance(value, bool):
+        return ("Yes." if value else "No."), value, []
+    if isinstance(value, list):
+        return (f"At x {value[0]:.2f} m, y {value[1]:.2f} m." if len(value) == 2 else f"{len(value)}."), None, []
+    return (f"{value:.2f} m." if kind in ("distance", "size") else f"{value:g}."), value, []
+
+
+def _room_or(sets: "Sets", value: Any) -> Any:
+    """Return a room of that name, if a text names one and no class of things, else the value."""
+    room = sets.room_of(value) if isinstance(value, str) else None
+    return value if room is None else room
+
+
+def place_of(sets: "Sets", thing: Instance) -> str:
+    """Describe where a thing is: "2.4 m away, on your left, in the kitchen"."""
+    offset = np.array(thing.centroid_m[:2]) - (sets.viewer.x_m, sets.viewer.y_m)
+    far = sets.distance_m(thing)
+    turn = np.rad2deg(np.arctan2(offset[1], offset[0]) - sets.viewer.yaw_rad)
+    words = [f"{far:.1f} m away"]
+    if np.hypot(*offset) > 1e-6:
+        words.append(SAID["bearings"][int(np.floor((turn + 22.5) % 360.0 / 45.0))])
+    room = _room_name(sets, thing)
+    return ", ".join([*words, f"in {room}"] if room else words)
+
+
+def _room_name(sets: "Sets", thing: Instance) -> str:
+    if not getattr(sets.simap, "rooms", ()):
+        return ""
+    room = sets.simap.room_of(thing.id)  # pyright: ignore[reportAttributeAccessIssue]
+    return _the_room(room.name) if room is not None else ""
+
+
+def _the_room(name: str) -> str:
+    return name if name[-1:].isdigit() else f"the {name}"
+
+
+def _nothing(found: Things, kind: str) -> Told:
+    missing = (found.missing or "").partition(" It has")[0]
+    text = missing or found.none()
+    if kind == "whether":
+        return f"No, {text[0].lower()}{text[1:]}", False, []
+    return text, 0 if kind == "count" else None, []
+
+
+def _count(sets: "Sets", found: Things) -> Told:
+    n = len(found)
+    where = "" if found.after else " on this map"
+    return f"There {'is' if n == 1 else 'are'} {found.number()}{where}.", n, list(found.items)
+
+
+def _whether(sets: "Sets", found: Things) -> Told:
+    nearest = sets.ranked(found.items)[0]
+    if len(found) == 1:
+        return f"Yes, there is one {found.one}; it is {place_of(sets, nearest)}.", True, list(found.items)
+    return f"Yes, there are {found.number()}; the nearest is {place_of(sets, nearest)}.", True, list(found.items)
+
+
+def _where(sets: "Sets", found: Things) -> Told:
+    first = found.items[0]
+    if len(found) == 1:
+        # what was looked for may be a kind or a description: say what it is, too
+        is_a = "" if found.noun == _noun(first) else f"{with_article(_noun(first))}, "
+        return f"{_cap(found.the)} is {is_a}{place_of(sets, first)}.", first.label, [first]
+    places = "; ".join(place_of(sets, i) for i in found.items[:_MOST_LISTED])
+    more = "; …" if len(found) > _MOST_LISTED else ""
+    return f"There are {found.number()}: {places}{more}.", first.label, list(found.items)
+
+
+def _what(sets: "Sets", found: Things) -> Told:
+    counts: dict[str, int] = {}
+    for thing in found.items:
+        counts[_noun(thing)] = counts.get(_noun(thing), 0) + 1
+    parts = [with_article(noun) if n == 1 else f"{n} {plural(noun)}" for noun, n in counts.items()]
+    listed = _and(
+        parts[:_MOST_LISTED] + ([f"{len(parts) - _MOST_LISTED} more kinds"] if len(parts) > _MOST_LISTED else [])
+    )
+    there = "is" if len(found) == 1 else "are"
+    after = f" {found.after}" if found.after else ""
+    text = f"There {there} {listed}{after}."
+    if len(found) == 1 and not found.after:
+        text = f"It is {listed}, {place_of(sets, found.items[0])}."
+    return text, ", ".join(counts), list(found.items)
+
+
+def _room(sets: "Sets", found: Things) -> Told:
+    names = [_room_name(sets, i) or "no room of this map" for i in found.items]
+    if len(found) == 1:
+        name = names[0]
+        return f"{_cap(found.the)} is in {name}.", name.removeprefix("the "), list(found.items)
+    parts = [f"{names.count(name)} in {name}" for name in dict.fromkeys(names)]
+    return f"{_cap(found.the)} are: {_and(parts)}.", names[0].removeprefix("the "), list(found.items)
+
+
+def _color(sets: "Sets", found: Things) -> Told:
+    thing = found.items[0]
+    rgb = sets.simap.color_of(thing)
+    if rgb is None:
+        return f"The colour of {one_thing(thing).the} is not known on this map.", None, [thing]
+    name = color_name(rgb)
+    return (
+        f"{_cap(found.the if len(found) == 1 else one_thing(thing).the)} looks about {name}, as the camera saw it.",
+        name,
+        [thing],
+    )
+
+
+def _size(sets: "Sets", found: Things, key: str) -> Told:
+    thing = found.items[0]
+    sizes = {name: sets.measure(thing, name) for name in ("length", "width", "height", "area")}
+    the = _cap(found.the if len(found) == 1 else f"the nearest {found.one}")
+    if key:
+        return f"{the} {SAID['measured'][key].format(sizes[key])}.", round(sizes[key], 3), [thing]
+    text = "{} is {:.2f} m long, {:.2f} m wide and {:.2f} m high; it covers {:.2f} m²."
+    return text.format(the, *sizes.values()), round(sizes["area"], 3), [thing]
+
+
+def _distance(sets: "Sets", found: Things, other: Any) -> Told:
+    if not found.items:
+        return _nothing(found, "distance")
+    first = found.items[0]
+    end = sets.set_of(_room_or(sets, other)) if other not in ("", SELF) and not isinstance(other, list) else None
+    if end is not None and not end.items:
+        return _nothing(end, "distance")
+    far = sets.distance_between(first, SELF if other == "" else other if end is None else end.items[0])
+    subject = _cap(_name_of(found))
+    things = [i for i in (first, *(end.items[:1] if end else ())) if isinstance(i, Instance)]
+    away = "away" if end is None else f"from {_name_of(end)}"
+    return f"{subject} is {far:.1f} m {away}.", round(far, 3), things
+
+
+def _compare(sets: "Sets", found: Things, other: Any, key: str) -> Told:
+    end = sets.set_of(_room_or(sets, other))
+    for one in (found, end):
+        if not one.items:
+            return _nothing(one, "compare")
+    more, unit = SAID["more"].get(key, SAID["more"]["large"])
+    measure, sign = SAID["by_size"].get(key, ("", 1 if key == "far" else -1))
+    pair = (found.items[0], end.items[0])
+    both = [sets.size_of(one, measure) if measure else sets.distance_between(one, SELF) for one in pair]
+    truth = bool(sign * both[0] > sign * both[1])
+    the = [_name_of(found), _name_of(end)]
+    equal = round(both[0], 2) == round(both[1], 2)
+    than = f"as {key} as" if equal else f"{'' if truth else 'not '}{more} than"
+    things = [i for i in pair if isinstance(i, Instance)]
+    return (
+        f"{'Yes' if truth else 'No'}, {the[0]} is {than} {the[1]}: {both[0]:.2f} {unit} against {both[1]:.2f}.",
+        truth,
+        things,
+    )
+
+
+def _rooms(sets: "Sets", found: Things, kind: str) -> Told:
+    first, n = found.items[0], len(found)
+    names = [_the_room(room.name) for room in found.items]
+    here = sets.distance_between(first, SELF) == 0.0
+    match kind:
+        case "count":
+            return f"There {'is' if n == 1 else 'are'} {found.number()} on this map.", n, []
+        case "size":
+            return f"{_cap(names[0])} covers {first.area_m2:.1f} m².", round(first.area_m2, 3), []
+        case "where" | "whether":
+            place = "where you are" if here else f"{sets.distance_between(first, SELF):.1f} m away"
+            yes, value = ("Yes, ", True) if kind == "whether" else ("", first.name)
+            return _cap(f"{yes}{names[0]} is {place}."), value, []
+        case "what":
+            inside = tuple(sets.simap.by_id(number) for number in first.objects)
+            things = Things(inside, "thing", "things", after=f"in {names[0]}")
+            return _what(sets, things) if inside else _nothing(things, kind)
+        case "which" | "room" if n == 1:
+            return (f"You are in {names[0]}." if here else f"It is {names[0]}."), first.name, []
+    return f"There {'is' if n == 1 else 'are'} {_and(names)}.", ", ".join(room.name for room in found.items), []
+
+
+_TELL: Final = {
+    "count": _count, "whether": _whether, "where": _where, "which": _where, "what": _what, "list": _what, "room": _room,
+    "color": _color,
+}  # fmt: skip
+
+
+def _noun(thing: Instance) -> str:
+    return one_thing(thing).noun
+
+
+def _name_of(found: Things) -> str:
+    first = found.items[0]
+    if not isinstance(first, Instance):
+        return _the_room(first.name)
+    return (
+        found.the if len(found) == 1 else f"the nearest {found.one}" if not found.before else f"the first {found.one}"
+    )
+
+
+def _and(parts: list[str]) -> str:
+    return " and ".join([", ".join(parts[:-1]), parts[-1]] if len(parts) > 1 else parts)
+
+
+def _cap(text: str) -> str:
+    return text[:1].upper() + text[1:]
