@@ -117,3 +117,23 @@ def map_from_world(up: ArrayLike, floor_height_m: float) -> NDArray:
 def spread(count: int, most: int) -> list[int]:
     """Return at most so many of the indices 0 .. count - 1, ascending and evenly spread, the ends among them."""
     return sorted({int(i) for i in np.linspace(0, count - 1, min(count, most))})
+
+
+def moved(cells: NDArray, shift: tuple[int, int], shape: tuple[int, int], empty: float) -> NDArray:
+    """Copy cells to where they lie in another window.
+
+    Args:
+        cells: any dtype [rows, cols], which the copy has too; given back itself when there is nothing to move.
+        shift: rows and cols from the first cell of the other window to the first of this one.
+        shape: of the other window; what lies outside is cut off.
+        empty: value of cells that lie only in the other window.
+    """
+    if shift == (0, 0) and cells.shape == shape:
+        return cells
+    result = np.full(shape, empty, dtype=cells.dtype)
+    low = [max(0, s) for s in shift]
+    high = [min(n, s + m) for n, s, m in zip(shape, shift, cells.shape, strict=True)]
+    if high[0] > low[0] and high[1] > low[1]:
+        source = tuple(slice(a - s, b - s) for a, b, s in zip(low, high, shift, strict=True))
+        result[low[0] : high[0], low[1] : high[1]] = cells[source]
+    return result

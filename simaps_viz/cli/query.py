@@ -1,4 +1,4 @@
-"""`simaps query`: commands in English or as programs, carried out by a simulated robot."""
+"""`simaps query`: commands and questions in English or as programs, carried out and answered by a simulated robot."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -12,15 +12,15 @@ from simaps_viz.errors import InputError
 
 @dataclass(frozen=True)
 class Query:
-    """Ask a robot on a map to do something, in English or as a program; nothing is shown, the answer is printed.
+    """Ask a robot on a map something, or to do something, in English or as a program; its answer is printed.
 
-    Example: simaps query cafe.npz "go to the third chair" "turn left" --pose 1.5 2 90 --json
+    Example: simaps query cafe.npz "go to the third chair" "how many tables are there?" --pose 1.5 2 90 --json
     """
 
     map: tyro.conf.Positional[Path]
     """Map file (.npz)."""
     command: tyro.conf.Positional[tuple[str, ...]]
-    """One or more commands, each carried out from the given pose."""
+    """One or more commands or questions, each from the given pose."""
     pose: tuple[float, float, float] | None = None
     """Where the robot starts: x and y in metres, heading in degrees clockwise from north. By default where the first
     camera stood that has free floor by it."""
@@ -61,9 +61,11 @@ def _print_answer(record: dict[str, Any]) -> None:
     from simaps_viz.console.terminal import say
 
     lines = [f"> {record['command']}", *(f"    {line}" for line in (record["program"] or "").strip().splitlines())]
+    if "answer" in record:
+        lines.append(record["answer"]["text"])
     if record["status"] != "ok":
         lines.append(f"{record['status']}: {record['reason']}")
-    else:
+    elif "answer" not in record or record["path_length_m"] > 0.0:
         x, y, heading = record["final_pose"]
         lines.append(f"ok: drove {record['path_length_m']:.2f} m to x {x:.2f} m, y {y:.2f} m, heading {heading:.0f}°")
     say("\n".join(lines) + "\n")

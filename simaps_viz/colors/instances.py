@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from simaps_viz.colors.array_cache import ArrayCache
 from simaps_viz.colors.classes import COMMON, class_color
 from simaps_viz.colors.palette import PALETTE, Color, as_color
+from simaps_viz.geometry import moved
 from simaps_viz.structures import GridSpec, MergeLog, SIMap
 
 NEAR_CELLS = 3
@@ -324,11 +325,5 @@ def _on_cells_of(new: GridSpec, old: GridSpec, ids: NDArray) -> NDArray | None:
     """Return the ids of another grid on the cells of a new one; None when their cells do not match."""
     if abs(new.cell_size_m - old.cell_size_m) > 1e-9:
         return None
-    down = round((old.y0_m - new.y0_m) / new.cell_size_m)
-    right = round((old.x0_m - new.x0_m) / new.cell_size_m)
-    moved = np.zeros(new.shape, np.int32)
-    top, left = max(down, 0), max(right, 0)
-    bottom, far = min(down + old.rows, new.rows), min(right + old.cols, new.cols)
-    if bottom > top and far > left:
-        moved[top:bottom, left:far] = ids[top - down : bottom - down, left - right : far - right]
-    return moved
+    shift = (round((old.y0_m - new.y0_m) / new.cell_size_m), round((old.x0_m - new.x0_m) / new.cell_size_m))
+    return moved(ids, shift, new.shape, 0)

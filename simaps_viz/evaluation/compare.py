@@ -15,7 +15,8 @@ from simaps_viz.errors import InputError
 from simaps_viz.evaluation.coloring import distinct_colors, paint, partners
 from simaps_viz.evaluation.evaluate import NOT_SIMULATED, Report, Run
 from simaps_viz.evaluation.quality import Overlaps, Score
-from simaps_viz.evaluation.truth import Truth, joint_window, moved, moved_grid, whole_cells
+from simaps_viz.evaluation.truth import Truth, joint_window, moved_grid, whole_cells
+from simaps_viz.geometry import moved
 from simaps_viz.structures import Grid, GridSpec, Instance, SIMap
 
 

@@ -13,7 +13,8 @@ from numpy.typing import NDArray
 
 from simaps_viz.datasets.source import FrameSource
 from simaps_viz.errors import InputError
-from simaps_viz.evaluation.truth import Truth, check_same_frame, joint_window, moved, whole_cells
+from simaps_viz.evaluation.truth import Truth, check_same_frame, joint_window, whole_cells
+from simaps_viz.geometry import moved
 from simaps_viz.language.words import Vocabulary
 from simaps_viz.structures import Grid, SIMap
 

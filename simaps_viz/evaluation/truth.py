@@ -15,6 +15,7 @@ from simaps_viz.datasets.segment_tables import few
 from simaps_viz.datasets.sequence import PosedFrames
 from simaps_viz.datasets.source import FrameSource, read_ahead
 from simaps_viz.errors import InputError
+from simaps_viz.geometry import moved
 from simaps_viz.mapping.accumulator import MapAccumulator, ProjectionSettings
 from simaps_viz.mapping.partition import describe_instances, empty_log, empty_views
 from simaps_viz.structures import Grid, GridSpec, Segment, Segmentation, SIMap
@@ -46,26 +47,6 @@ def joint_window(one: GridSpec, other: GridSpec) -> GridSpec:
     s = one.cell_size_m
     x0, y0 = one.x0_m + low[1] * s, one.y0_m + low[0] * s
     return GridSpec(high[0] - low[0], high[1] - low[1], s, round(x0, 9), round(y0, 9))
-
-
-def moved(cells: NDArray, shift: tuple[int, int], shape: tuple[int, int], empty: float) -> NDArray:
-    """Copy cells to where they lie in another window.
-
-    Args:
-        cells: any dtype [rows, cols], which the copy has too; given back itself when there is nothing to move.
-        shift: from `whole_cells`.
-        shape: of the other window; what lies outside is cut off.
-        empty: value of cells that lie only in the other window.
-    """
-    if shift == (0, 0) and cells.shape == shape:
-        return cells
-    result = np.full(shape, empty, dtype=cells.dtype)
-    low = [max(0, s) for s in shift]
-    high = [min(n, s + m) for n, s, m in zip(shape, shift, cells.shape, strict=True)]
-    if high[0] > low[0] and high[1] > low[1]:
-        source = tuple(slice(a - s, b - s) for a, b, s in zip(low, high, shift, strict=True))
-        result[low[0] : high[0], low[1] : high[1]] = cells[source]
-    return result
 
 
 def moved_grid(grid: Grid, spec: GridSpec) -> Grid:

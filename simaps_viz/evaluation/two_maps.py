@@ -17,7 +17,8 @@ from simaps_viz.colors.instances import instance_colors
 from simaps_viz.colors.palette import Color
 from simaps_viz.evaluation.coloring import paint, partners
 from simaps_viz.evaluation.quality import Objects, Overlaps, Score, ScoringRules, find_overlaps, scores_of
-from simaps_viz.evaluation.truth import Truth, joint_window, moved, moved_grid, whole_cells
+from simaps_viz.evaluation.truth import Truth, joint_window, moved_grid, whole_cells
+from simaps_viz.geometry import moved
 from simaps_viz.structures import GridSpec, SIMap
 
 _INSIDE = 0.5

@@ -181,6 +181,22 @@ class Planner:
         goal[rows[ties], cols[ties]] = True
         return self._plan_to(start_m, goal, what)
 
+    def plan_into(self, start_m: tuple[float, float], area: NDArray, what: str) -> Path:
+        """Plan to the cell of an area with the shortest path; a robot that is in the area stays where it is.
+
+        Args:
+            start_m: where the robot is.
+            area: bool [rows, cols].
+            what: describes the area in errors, e.g. "into the kitchen".
+
+        Raises:
+            PlanningError: when no cell of it can be reached.
+        """
+        usable = self.reachable(*start_m) & area
+        if not usable.any():
+            raise PlanningError(f"there is no free floor the robot can reach {what}")
+        return self._plan_to(start_m, usable, what)
+
     def clear_ahead_m(self, start_m: tuple[float, float], end_m: tuple[float, float]) -> float:
         """Return how far a straight drive gets over free cells before it has to stop, metres.
 

@@ -9,7 +9,7 @@ from benchmarks.planner import bench_commands, bench_planner, networkx_cost, oct
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy import ndimage
-from toy_maps import IS_THING, LABELS, TOY_POSE, Box, map_from_drawing, map_of_boxes, toy_map
+from toy_maps import LABELS, TOY_POSE, Box, map_from_drawing, map_of_boxes, toy_map
 
 from simaps_viz.errors import InputError, PlanningError
 from simaps_viz.navigation import planner as planners
@@ -226,7 +226,7 @@ def test_line_of_sight_does_not_squeeze_through_a_corner() -> None:
 
 def grid_of(spec: GridSpec, height: np.ndarray, lowest: np.ndarray) -> Grid:
     ones = np.ones(spec.shape, np.int32)
-    return Grid(spec, LABELS, IS_THING, np.zeros(spec.shape, np.int16), height, lowest, ones)
+    return Grid(spec, LABELS, (False,) * len(LABELS), np.zeros(spec.shape, np.int16), height, lowest, ones)
 
 
 def test_what_is_blocked_depends_on_the_height_of_its_underside() -> None:
