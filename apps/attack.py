@@ -12,6 +12,7 @@ import sys
 import tempfile
 from collections.abc import Iterator
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from unittest import mock
 
@@ -22,6 +23,7 @@ from attacks.target import Target
 
 from simaps_viz.app import workbench
 from simaps_viz.mapping.file import load_map
+from simaps_viz.mapping.mending import open_mending
 from simaps_viz.viewer.server.access import TOKEN_VARIABLE
 
 
@@ -41,10 +43,13 @@ def main(config: Attack) -> int:
     with tempfile.TemporaryDirectory(prefix="simaps-attack-") as folder, _copies(Path(folder), config.map) as copy:
         simap, given = load_map(copy), {TOKEN_VARIABLE: "A-token_of_0123456789_abcdefghij"}
         recording, secret = copy.with_name("toy.rrd"), copy.with_name("secret.txt")
+        opened = partial(
+            workbench.open_workbench, simap, recording=recording, map_path=copy, mending=open_mending(copy)
+        )
         with (
-            workbench.open_workbench(simap, recording=recording, map_path=copy, port=8280) as bench,
+            opened(port=8280) as bench,
             mock.patch.dict(os.environ, given),
-            workbench.open_workbench(simap, recording=recording, map_path=copy, port=8290) as closed,
+            opened(port=8290) as closed,
         ):
             watched = Watched([Path(folder), Path(__file__).parents[1], config.map.absolute().parent])
             outcomes = [run_attack(attack, Target(bench, closed, secret), watched) for attack in chosen]
