@@ -191,12 +191,12 @@ def _shift(recording: Recording, views: Views, pairs: NDArray, reading: Reading,
 def _camera(recording: Recording, views: Views, pairs: NDArray, reading: Reading) -> Reading:
     everything = _with_revisits(recording, views, pairs, reading)
     everything = everything[:: max(1, -(-len(everything) // MAX_PAIRS))]
-    poses = reading.poses(recording)
-    posed = np.isfinite(poses[views.frames[everything], 0, 0]).all(axis=1)
-    everything = everything[posed]
+    everything = everything[reading.posed_pairs(recording, views, everything)]
     if len(everything) < FEWEST_PAIRS:
         return reading
-    sight = Sight(views, everything, relative_poses(poses, views.frames, everything), recording.depth_size)
+    sight = Sight(
+        views, everything, relative_poses(reading.poses(recording), views.frames, everything), recording.depth_size
+    )
     camera, unit_m = reading.camera_of(recording), reading.unit_m(recording)
     found = best_fit(sight, camera, unit_m, worth=FIT_WORTH)
     if found is None:

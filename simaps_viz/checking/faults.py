@@ -6,12 +6,12 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from simaps_viz.checking.agreement import AGREES, Agreement, Views, relative_poses, residuals, summarise
+from simaps_viz.checking.agreement import AGREES, Agreement, Views, summarise
 from simaps_viz.checking.level import Level
 from simaps_viz.checking.recording import Convention, Reading, Recording
 from simaps_viz.checking.registration import Offset
 from simaps_viz.checking.search import median_depth_m, score
-from simaps_viz.checking.views import revisit_pairs
+from simaps_viz.checking.views import revisit_pairs, turned_deg
 from simaps_viz.errors import InputError
 
 Severity = Literal["error", "warning", "note"]
@@ -105,8 +105,7 @@ def unjudged(recording: Recording, frames: NDArray, stated: Agreement) -> Findin
     if not len(frames):
         return Finding("unjudged", "note", "There is only one frame, so poses and camera cannot be compared.")
     a, b = recording.matrices[frames[:, 0]], recording.matrices[frames[:, 1]]
-    cosine = (np.einsum("nij,nij->n", a[:, :3, :3], b[:, :3, :3]) - 1) / 2
-    turned = np.rad2deg(np.arccos(np.clip(cosine, -1, 1)))
+    turned = turned_deg(a, b)
     distance = np.linalg.norm(a[:, :3, 3] - b[:, :3, 3], axis=1)
     if turned.max() > STILL_DEG or distance.max() > STILL_M:
         return None
@@ -264,9 +263,9 @@ def of_what_is_left(
     recording: Recording, views: Views, pairs: NDArray, reading: Reading, after: Agreement
 ) -> list[Finding]:
     """Describe what no correction explains: frames that still disagree, odd ones, drift."""
-    poses = reading.poses(recording)
-    residual = _residuals(recording, views, pairs, reading, poses)
-    if after.kept < 0.02 and _median_turn(recording, views, pairs) > FAR_DEG:
+    residual = reading.residuals(recording, views, pairs)
+    a, b = recording.matrices[views.frames[pairs.T]]
+    if after.kept < 0.02 and np.median(turned_deg(a, b)) > FAR_DEG:
         text = "Neighbouring frames are too far apart to see the same surfaces, so they cannot be compared."
         return [Finding("unjudged", "warning", text)]
     found = []
@@ -278,7 +277,7 @@ def of_what_is_left(
         )
         return [Finding("disagreement", severity, text, {"agreement": round(after.share, 4)})]
     found += _odd_frames(recording, views, pairs, residual)
-    found += _drift(recording, views, reading, poses, residual)
+    found += _drift(recording, views, reading, residual)
     return found
 
 
@@ -297,14 +296,15 @@ def _odd_frames(recording: Recording, views: Views, pairs: NDArray, residual: ND
     return [Finding("odd_frames", "warning", text, {"pairs": [list(pair) for pair in names]})]
 
 
-def _drift(recording: Recording, views: Views, reading: Reading, poses: NDArray, residual: NDArray) -> list[Finding]:
+def _drift(recording: Recording, views: Views, reading: Reading, residual: NDArray) -> list[Finding]:
     """Compare places seen again with neighbours: surfaces that are seen through are not where they were."""
+    poses = reading.poses(recording)
     revisits = revisit_pairs(views, poses, round(DRIFT_GAP * len(recording)))
     if len(revisits) < FEWEST_REVISITS:
         revisits = revisit_pairs(views, poses)
     if len(revisits) < FEWEST_REVISITS:
         return []
-    again = _residuals(recording, views, revisits, reading, poses)
+    again = reading.residuals(recording, views, revisits)
     through, through_neighbours = _seen_through(again), _seen_through(residual)
     if through < DRIFTED or through < 3 * through_neighbours:
         return []
@@ -387,14 +387,3 @@ def _shift_words(shift: int) -> str:
     where = "after" if shift > 0 else "before"
     count = abs(shift)
     return f"the pose written {count} frame{'s' if count > 1 else ''} {where}"
-
-
-def _residuals(recording: Recording, views: Views, pairs: NDArray, reading: Reading, poses: NDArray) -> NDArray:
-    T_target_source = relative_poses(poses, views.frames, pairs)
-    return residuals(views, pairs, T_target_source, reading.camera_of(recording), reading.unit_m(recording))
-
-
-def _median_turn(recording: Recording, views: Views, pairs: NDArray) -> float:
-    R = recording.matrices[views.frames, :3, :3]
-    cosine = (np.einsum("nij,nij->n", R[pairs[:, 0]], R[pairs[:, 1]]) - 1) / 2
-    return float(np.rad2deg(np.median(np.arccos(np.clip(cosine, -1, 1)))))

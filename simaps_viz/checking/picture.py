@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from simaps_viz.checking.agreement import relative_poses, residuals
+from simaps_viz.checking.agreement import relative_poses
 from simaps_viz.checking.diagnose import Diagnosis
 from simaps_viz.checking.faults import Bar
 from simaps_viz.checking.recording import Reading
@@ -29,9 +29,7 @@ def telling_pair(diagnosis: Diagnosis) -> NDArray | None:
         return None
     scores = []
     for reading in (Reading(), diagnosis.reading):
-        poses = reading.poses(recording)
-        T = relative_poses(poses, views.frames, pairs)
-        r = residuals(views, pairs, T, reading.camera_of(recording), reading.unit_m(recording))
+        r = reading.residuals(recording, views, pairs)
         sampled = np.maximum((~np.isnan(r)).sum(axis=1), 1)
         scores.append((np.abs(r) < 0.02).sum(axis=1) / sampled)
     gain = 2 * scores[1] - scores[0]

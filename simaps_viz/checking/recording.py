@@ -13,6 +13,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from simaps_viz.checking.agreement import Views, relative_poses, residuals
 from simaps_viz.datasets.calibration import camera_matrix, pose_rows
 from simaps_viz.datasets.images import read_color, read_depth
 from simaps_viz.datasets.manifest import Manifest, read_manifest
@@ -263,6 +264,15 @@ class Reading:
         poses[:, :3, 3] *= self.position_factor
         poses[~self.posed(count)] = np.nan
         return poses
+
+    def posed_pairs(self, recording: Recording, views: Views, pairs: NDArray) -> NDArray:
+        """Return the pairs of views, int64 [p, 2], whose frames both have a pose, bool [p]."""
+        return np.asarray(self.posed(len(recording))[views.frames[pairs]].all(axis=1))
+
+    def residuals(self, recording: Recording, views: Views, pairs: NDArray, every: int = 1) -> NDArray:
+        """Compare pairs of views, int64 [p, 2], under this hypothesis: see `agreement.residuals`."""
+        T_target_source = relative_poses(self.poses(recording), views.frames, pairs)
+        return residuals(views, pairs, T_target_source, self.camera_of(recording), self.unit_m(recording), every)
 
     def camera_of(self, recording: Recording) -> NDArray:
         """Return fx, fy, cx, cy, float64 [4]."""

@@ -263,9 +263,7 @@ def mirrored(recording: Recording) -> bool:
 
 def score(recording: Recording, views: Views, pairs: NDArray, reading: Reading, every: int = 1) -> Agreement:
     """Measure how well pairs of views agree under a reading; pairs without poses do not count as seen."""
-    T_target_source = relative_poses(reading.poses(recording), views.frames, pairs)
-    camera, unit_m = reading.camera_of(recording), reading.unit_m(recording)
-    return summarise(residuals(views, pairs, T_target_source, camera, unit_m, every))
+    return summarise(reading.residuals(recording, views, pairs, every))
 
 
 def search(recording: Recording, views: Views, pairs: NDArray) -> list[Scored]:
@@ -294,12 +292,8 @@ def search(recording: Recording, views: Views, pairs: NDArray) -> list[Scored]:
 
 def _supported(recording: Recording, views: Views, pairs: NDArray, reading: Reading) -> bool:
     """Return whether enough pairs agree better than as the files are, so that chance cannot choose among thousands."""
-    by_pair = []
-    for one in (Reading(), reading):
-        T_target_source = relative_poses(one.poses(recording), views.frames, pairs)
-        camera, unit_m = one.camera_of(recording), one.unit_m(recording)
-        by_pair.append(kept_by_pair(residuals(views, pairs, T_target_source, camera, unit_m)))
-    better = int((by_pair[1] > by_pair[0] + BETTER).sum())
+    stated, found = (kept_by_pair(one.residuals(recording, views, pairs)) for one in (Reading(), reading))
+    better = int((found > stated + BETTER).sum())
     return better >= max(FEWEST, BETTER_PAIRS * len(pairs))
 
 

@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from simaps_viz.checking.agreement import AGREES, Views, relative_poses, residuals
+from simaps_viz.checking.agreement import AGREES, Views
 from simaps_viz.checking.recording import Reading, Recording
 from simaps_viz.checking.views import BASES, GAP, in_views, load_views
 from simaps_viz.events import Progress
@@ -33,12 +33,10 @@ class Shifts:
 def measure(recording: Recording, views: Views, pairs: NDArray, reading: Reading) -> Shifts:
     """Score every pair with poses written for frames a little before or after."""
     table = np.full((len(pairs), len(SHIFTS)), np.nan)
-    camera, unit_m = reading.camera_of(recording), reading.unit_m(recording)
     for column, shift in enumerate(SHIFTS):
-        poses = replace(reading, shift=shift, shift_later=None).poses(recording)
-        posed = np.isfinite(poses[views.frames[pairs], 0, 0]).all(axis=1)
-        residual = residuals(views, pairs[posed], relative_poses(poses, views.frames, pairs[posed]), camera, unit_m)
-        table[posed, column] = quality_by_pair(residual)
+        shifted = replace(reading, shift=shift, shift_later=None)
+        posed = shifted.posed_pairs(recording, views, pairs)
+        table[posed, column] = quality_by_pair(shifted.residuals(recording, views, pairs[posed]))
     frames = views.frames[pairs]
     return Shifts(table, frames.min(axis=1), frames.max(axis=1))
 
@@ -106,14 +104,11 @@ def locate(recording: Recording, reading: Reading, progress: Progress) -> Readin
     frames = np.arange(max(0, reading.shift_from - reach), min(count, reading.shift_from + reach + 1))
     views = load_views(recording, frames, progress)
     pairs = in_views(views, np.concatenate([np.stack([frames[:-g], frames[g:]], axis=1) for g in (1, 2, 3)]))
-    camera, unit_m = reading.camera_of(recording), reading.unit_m(recording)
     best, best_score = reading, -1.0
     for start in frames[1:]:
         moved = replace(reading, shift_from=int(start))
-        poses = moved.poses(recording)
-        posed = np.isfinite(poses[views.frames[pairs], 0, 0]).all(axis=1)
-        residual = residuals(views, pairs[posed], relative_poses(poses, views.frames, pairs[posed]), camera, unit_m, 4)
-        score = float(quality_by_pair(residual).sum())
+        posed = pairs[moved.posed_pairs(recording, views, pairs)]
+        score = float(quality_by_pair(moved.residuals(recording, views, posed, 4)).sum())
         if score > best_score:
             best, best_score = moved, score
     return best

@@ -35,7 +35,7 @@ def neighbour_pairs(matrices: NDArray) -> NDArray:
     found = []
     for base in sorted({int(i) for i in np.linspace(0, max(count - 2, 0), BASES)} if count > 1 else ()):
         last = min(base + GAP, count - 1)
-        turns = [_turn_deg(matrices[base], matrices[other]) for other in range(base + 1, last + 1)]
+        turns = turned_deg(matrices[base], matrices[base + 1 : last + 1]).tolist()
         gap = next((g for g, turn in enumerate(turns, 1) if turn > TURN_DEG[0]), len(turns))
         while gap > 1 and turns[gap - 1] > TURN_DEG[1]:
             gap -= 1
@@ -77,9 +77,10 @@ def revisit_pairs(views: Views, poses: NDArray, gap: int = REVISIT_GAP) -> NDArr
     return np.concatenate([pairs, pairs[:, ::-1]])
 
 
-def _turn_deg(a: NDArray, b: NDArray) -> float:
-    cosine = (np.trace(a[:3, :3].T @ b[:3, :3]) - 1) / 2
-    return float(np.rad2deg(np.arccos(np.clip(cosine, -1, 1))))
+def turned_deg(a: NDArray, b: NDArray) -> NDArray:
+    """Return the angle between the rotations of poses [..., 4, 4], degrees [...]."""
+    cosine = (np.einsum("...ij,...ij->...", a[..., :3, :3], b[..., :3, :3]) - 1) / 2
+    return np.rad2deg(np.arccos(np.clip(cosine, -1, 1)))
 
 
 def _sample(steps: NDArray) -> NDArray:
