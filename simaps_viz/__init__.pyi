@@ -8,6 +8,8 @@ from .build.pipeline import build_map as build_map
 from .datasets.open import open_sequence as open_sequence
 from .datasets.sequence import PosedFrames as PosedFrames
 from .datasets.source import FrameSource as FrameSource
+from .embedding.search import Found as Found
+from .embedding.search import search as search
 from .errors import CommandError as CommandError
 from .errors import InputError as InputError
 from .errors import PlanningError as PlanningError

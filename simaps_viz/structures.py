@@ -17,6 +17,7 @@ if TYPE_CHECKING:
 
     from simaps_viz.api import Answer, Place, RobotShape
     from simaps_viz.appearance import Appearance
+    from simaps_viz.embedding.search import Found
 
 
 def _expect(name: str, array: NDArray, shape: tuple[int, ...], dtype: type) -> None:
@@ -316,17 +317,23 @@ class SIMap:
 
     @property
     def described(self) -> bool:
-        """Whether the map has vectors that describe its objects in free words."""
+        """Whether the map has vectors of its objects, so that `search` understands free words."""
         return self.appearance is not None and self.appearance.described
 
-    # Shortcuts to the functions of `simaps_viz.api`, which hold the code. That module lies above this one, so it is
-    # imported when a method is called; these four methods are the only such exception.
+    # Shortcuts to the functions of that name, which hold the code. Their modules lie above this one, so it is
+    # imported when a method is called; these five methods are the only such exception.
 
     def find(self, name: str, *, near: "Place | str | None" = None) -> "tuple[Instance, ...]":
         """Find the instances a name means, the closest to ``near`` first; see `simaps_viz.find`."""
         import simaps_viz  # noqa: PLC0415 - see above
 
         return simaps_viz.find(self, name, near=near)
+
+    def search(self, words: str, k: int = 5) -> "tuple[Found, ...]":
+        """Find the objects that free words describe, the best first; see `simaps_viz.search`."""
+        import simaps_viz  # noqa: PLC0415 - see above
+
+        return simaps_viz.search(self, words, k)
 
     def plan(self, start: "Place", goal: "Place | str", *, robot: "RobotShape | None" = None) -> "Path":
         """Plan the cheapest path for a robot over free floor; see `simaps_viz.plan`."""

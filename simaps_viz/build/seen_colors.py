@@ -25,8 +25,8 @@ _EVERY = 2
 def with_colors(simap: SIMap, sequence: FrameSource) -> SIMap:
     """Return the map with the colours of its objects, looked up in its own sequence.
 
-    Vectors that describe its objects are lost, as they belong to earlier patches. The map itself is returned where no
-    frame has colour.
+    Vectors that describe its objects stay, unless its communities have changed since. The map itself is returned where
+    no frame has colour.
     """
     at = {name: index for index, name in enumerate(sequence.frame_names)}
     chosen = [frame for frame in choose_frames(simap) if simap.frame_names[frame] in at]
@@ -35,7 +35,12 @@ def with_colors(simap: SIMap, sequence: FrameSource) -> SIMap:
     for frame, read in zip(chosen, read_each(sequence, indices, color=True), strict=True):
         if not isinstance(read, Unreadable):
             looking.look(*read, simap.T_map_camera[frame])
-    return simap if not looking.pixels else replace(simap, appearance=looking.appearance())
+    if not looking.pixels:
+        return simap
+    found, earlier = looking.appearance(), simap.appearance
+    if earlier is not None and np.array_equal(earlier.cell, found.cell) and np.array_equal(earlier.patch, found.patch):
+        found = replace(earlier, spec=found.spec, rgb=found.rgb, pixels=found.pixels)
+    return replace(simap, appearance=found)
 
 
 def choose_frames(simap: SIMap) -> list[int]:

@@ -24,6 +24,7 @@ COMMANDS = {
     "view": "simaps_viz.cli.view:View",
     "query": "simaps_viz.cli.query:Query",
     "info": "simaps_viz.cli.info:Info",
+    "describe": "simaps_viz.cli.describe:Describe",
     "mend": "simaps_viz.cli.mend:Mend",
     "check": "simaps_viz.cli.check:Check",
     "export": "simaps_viz.cli.export:Export",

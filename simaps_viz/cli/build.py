@@ -44,6 +44,8 @@ class Build:
     """Stop at a frame that cannot be read; otherwise it is skipped and counted, unless more than half are."""
     history: bool = False
     """Also write the map's history, MAP.steps, with its state after each frame; the page's time slider reads it."""
+    embedding: tuple[Path, ...] = ()
+    """Also describe the objects for free words, see simaps describe: folder of a CLIP or SigLIP network in ONNX."""
     scheduler: str | None = None
     """Have the frames read by others (extra "cluster"): local:N starts N processes here, tcp://HOST:PORT is a Dask
     scheduler whose workers find the sequence under the same path. The map comes out the same."""
@@ -63,6 +65,8 @@ class Build:
         from simaps_viz.build.to_file import BuildRequest, build_to_file, resume_hint
         from simaps_viz.console.progress import stage_progress
         from simaps_viz.console.terminal import console, emit
+        from simaps_viz.embedding.describe import describe_to_file
+        from simaps_viz.embedding.towers import open_embedding
         from simaps_viz.io.files import check_ending
 
         request = BuildRequest(
@@ -73,12 +77,15 @@ class Build:
         if self.view:
             self._watch(request)
             return OK
+        embedding = open_embedding(*self.embedding) if self.embedding else None  # before anything is built
         with stage_progress(quiet=self.json) as progress:
             sequence = self._opened(progress)
             with self._gatherer(sequence) as gatherer, resume_hint(self.output):
                 simap = build_to_file(sequence, request, progress, json_lines=self.json, gatherer=gatherer)
+            if embedding is not None:
+                simap = describe_to_file(simap, sequence, embedding, self.output, progress)
         skipped: int = simap.provenance.get("skipped", {}).get("frames", 0)
-        notes: list[str] = list(getattr(sequence, "notes", ()))
+        notes: list[str] = [*getattr(sequence, "notes", ()), *(embedding.notes if embedding else ())]
         if self.json:
             emit({"event": "done", "map": str(self.output), "record": str(self.record) if self.record else None,
                   "counts": simap.counts(), "instances": len(simap.instances), "skipped": skipped,
@@ -96,8 +103,8 @@ class Build:
         from simaps_viz.app.live import LiveSettings, watch_build
         from simaps_viz.console.progress import stage_progress
 
-        if self.scheduler is not None or self.json:
-            option = "--scheduler" if self.scheduler is not None else "--json"
+        if self.scheduler is not None or self.json or self.embedding:
+            option = "--scheduler" if self.scheduler is not None else "--json" if self.json else "--embedding"
             raise InputError(f"--view: expected a build in this process, for people, found {option}")
         with stage_progress() as progress:
             sequence = self._opened(progress)

@@ -58,6 +58,8 @@ def summary(simap: "SIMap") -> dict[str, Any]:
         "seen_m2": round(float(np.count_nonzero(simap.grid.observations)) * spec.cell_size_m**2, 2),
         "frames": len(simap.frame_names),
         "counts": simap.counts(),
+        "colored": sum(simap.color_of(one) is not None for one in simap.instances),
+        "described": simap.described,
         "instances": [asdict(instance) for instance in simap.instances],
     }
 
@@ -76,6 +78,8 @@ def map_tables(facts: dict[str, Any]) -> "list[Table]":
         "segmentation": str(facts["provenance"].get("segmentation")),
         "from": str(facts["provenance"].get("sequence")),
     }
+    if facts["described"]:
+        rows["described"] = "free words are understood, see simaps describe"
     if edits := people_in_words(facts["provenance"].get("edits", [])):
         rows["mended"] = edits
     for key, value in rows.items():

@@ -15,7 +15,10 @@ from simaps_viz.errors import InputError
 
 _PREFERRED = ("CUDA", "ROCM", "MIGraphX", "CoreML", "DML", "OpenVINO")
 """Tried in this order when nobody chose; TensorRT is left out, as it compiles for minutes."""
-_ELEMENTS = {"tensor(float)": np.float32, "tensor(float16)": np.float16, "tensor(uint8)": np.uint8}
+_ELEMENTS = {
+    "tensor(float)": np.float32, "tensor(float16)": np.float16, "tensor(uint8)": np.uint8, "tensor(int32)": np.int32,
+    "tensor(int64)": np.int64,
+}  # fmt: skip
 _QUIET = 3
 """Only errors: onnxruntime writes its warnings to the terminal by itself."""
 
@@ -28,7 +31,7 @@ class Port:
     shape: tuple[int | None, ...]
     """None where the file leaves the size open."""
     dtype: type | None
-    """None for kinds of elements that images do not have."""
+    """None for kinds of elements that neither images nor words have."""
 
     def __str__(self) -> str:
         return f"{self.name} [{', '.join('?' if n is None else str(n) for n in self.shape)}]"
@@ -37,13 +40,14 @@ class Port:
 class Session:
     """A network file, opened."""
 
-    def __init__(self, path: Path, *, providers: Sequence[str] = (), threads: int = 0) -> None:
+    def __init__(self, path: Path, *, providers: Sequence[str] = (), threads: int = 0, optimize: bool = True) -> None:
         """Open a network.
 
         Args:
             path: the file (.onnx).
             providers: what to run it on, such as ("cuda", "cpu"), in order of preference; empty: the fastest there is.
             threads: for one run on the CPU; 0 = one for each core.
+            optimize: let onnxruntime fuse operations, which it cannot do with every file.
 
         Raises:
             InputError: the file is missing, damaged or needs what this onnxruntime lacks, or a provider is not there.
@@ -56,6 +60,8 @@ class Session:
         if threads < 0:
             raise InputError(f"threads: expected 0 (one for each core) or more, found {threads}")
         options.intra_op_num_threads = threads
+        if not optimize:
+            options.graph_optimization_level = onnxruntime.GraphOptimizationLevel.ORT_DISABLE_ALL
         options.log_severity_level = _QUIET
         options.add_session_config_entry("session.intra_op.allow_spinning", "0")  # its threads would keep ours waiting
         try:

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 from scans import quaternion, row, rows, write_depth, write_image
+from tiny_embeddings import write_transformers
 from tiny_networks import write_yolo
 
 from simaps_viz import PosedFrames, build_map, open_sequence, save_map
@@ -28,6 +29,7 @@ def write_world(folder: Path, cache: Path) -> Path:
     write_tum(sequence, folder / "scans" / "rgbd_dataset_freiburg3_office")
     save_map(build_map(sequence), here / "cafe.npz")
     write_yolo(here / "yolo11n-seg.onnx", [(4, 4, 28, 28, 0, 0.9)])
+    write_transformers(here / "siglip-base-patch16-224", "siglip")
     return here
 
 

@@ -1,4 +1,4 @@
-"""Writes ONNX files that answer every picture with the same numbers, byte by byte: no package is needed for it.
+"""Writes tiny ONNX files byte by byte, no package is needed for it: most answer every picture with the same numbers.
 
 Field numbers are those of onnx.proto3; a message is a row of (number, wire type) keys and values.
 """
@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-FLOAT, INT64 = 1, 7
+FLOAT, INT32, INT64 = 1, 6, 7
 Shape = Sequence[int | str]
 
 
@@ -73,4 +73,33 @@ def write_onnx(
     for key, text in (metadata or {}).items():
         model += _bytes(14, _bytes(1, key) + _bytes(2, text))
     path.write_bytes(model)
+    return path
+
+
+def node(kind: str, inputs: Sequence[str], output: str, **whole: int | Sequence[int]) -> bytes:
+    """Return an operation with attributes that are whole numbers."""
+    found = b"".join(_bytes(1, name) for name in inputs) + _bytes(2, output) + _bytes(4, kind)
+    for name, value in whole.items():
+        if isinstance(value, int):
+            kept = _number(3, value) + _number(20, 2)
+        else:
+            kept = b"".join(_number(8, one) for one in value) + _number(20, 7)
+        found += _bytes(5, _bytes(1, name) + kept)
+    return found
+
+
+def write_graph(
+    path: Path,
+    nodes: Sequence[bytes],
+    inputs: Mapping[str, tuple[Shape, int]],
+    outputs: Mapping[str, Shape],
+    constants: Mapping[str, NDArray],
+) -> Path:
+    """Write a network of operations on inputs (shape, kind of elements) and constants, which are floats."""
+    graph = b"".join(_bytes(1, one) for one in nodes) + _bytes(2, "tiny")
+    graph += b"".join(_bytes(5, _tensor(name, array)) for name, array in constants.items())
+    graph += b"".join(_bytes(11, _value(name, shape, kind)) for name, (shape, kind) in inputs.items())
+    graph += b"".join(_bytes(12, _value(name, shape)) for name, shape in outputs.items())
+    path.parent.mkdir(parents=True, exist_ok=True)
+    path.write_bytes(_number(1, 8) + _bytes(7, graph) + _bytes(8, _bytes(1, "") + _number(2, 13)))
     return path
