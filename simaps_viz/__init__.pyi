@@ -23,6 +23,7 @@ from .mapping.file import load_map as load_map
 from .mapping.file import save_map as save_map
 from .mapping.graph import to_networkx as to_networkx
 from .mapping.pooling import PoolSettings as PoolSettings
+from .mapping.rooms import segment_rooms as segment_rooms
 from .mapping.simap import recommunity as recommunity
 from .mapping.simap import repartition as repartition
 from .mapping.votes import VoteSettings as VoteSettings
