@@ -89,12 +89,12 @@ def ask(simap: SIMap, command: str, *, pose: Pose2 | None = None, robot: RobotSh
 
     Args:
         simap: the map.
-        command: English, or a program (anything that calls ``robot.``).
+        command: a command or question in English, or a program (anything that calls ``robot.`` or a function).
         pose: pose of the robot; by default that of the first camera that has free floor near it.
         robot: its shape, by default 0.2 m in radius and 1.5 m high.
 
     Returns:
-        The outcome. A command that is not understood, or cannot be carried out, is an answer too: its ``status`` is
+        The outcome; that of a question has an ``answer``. A command that is not understood, or cannot be carried out, is an answer too: its ``status`` is
         "refused" or "failed", and its ``reason`` says why.
 
     Raises:

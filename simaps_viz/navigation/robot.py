@@ -7,12 +7,13 @@ from typing import Any, Final
 import cv2
 import numpy as np
 from numpy.typing import NDArray
+from scipy import ndimage
 
 from simaps_viz.errors import CommandError, InputError, PlanningError
 from simaps_viz.geometry import heading_to_yaw, wrap_angle
 from simaps_viz.language.grounding import Named, Things
 from simaps_viz.language.primitives import SELF, Primitive
-from simaps_viz.language.sets import Sets
+from simaps_viz.language.sets import Position, Room, Sets
 from simaps_viz.navigation.lap import lap
 from simaps_viz.navigation.planner import Planner
 from simaps_viz.structures import Instance, Path, Pose2, SIMap
@@ -88,6 +89,8 @@ def straight(pose: Pose2, distance_m: float, motion: Motion | None = None) -> ND
 
 CLEARANCE_M: Final = 0.3
 """Gap between the robot's hull and the object that it stops beside, metres."""
+INSIDE_M: Final = 0.5
+"""How far from its edge the robot stops in a room."""
 _MAX_TURN_DEG = 3600.0
 _MAX_CONTOUR = 400
 
@@ -154,9 +157,6 @@ class Robot:
         """Where the robot is."""
         return self.grounding.viewer
 
-    def _stand_at(self, pose: Pose2) -> None:
-        self.grounding.viewer = pose
-
     @property
     def answer(self) -> Mapping[str, Any] | None:
         """The answer to a question, see `simaps_viz.navigation.agent.Answer`; None when nothing was asked."""
@@ -193,7 +193,7 @@ class Robot:
         path = self._plan_near(
             targets, f"to ({x:g}, {y:g})", see_through=self._see_through(*([there] if there else []))
         )
-        self._go("move_to", path, there)
+        self._go("move_to", path, pos.thing if isinstance(pos, Position) and pos.thing else there)
 
     def _move_forward(self, meters: float) -> None:
         if meters == 0.0:
@@ -231,7 +231,11 @@ class Robot:
         self._turn_to("with_object_on_right", self.grounding.pick(name, instance), np.pi / 2.0)
 
     def _move_to_object(self, name: Named, instance: int | Named) -> None:
-        self._approach("move_to_object", self.grounding.pick(name, instance))
+        room = self.grounding.room_of(name)
+        if room is not None:
+            self._enter("move_to_object", room)
+        else:
+            self._approach("move_to_object", self.grounding.pick(name, instance))
 
     def _move_to_nth_closest(self, name: Named, n: int) -> None:
         self._approach("move_to_nth_closest", self.grounding.pick(name, n))
@@ -306,9 +310,12 @@ class Robot:
         return self.grounding.in_view(name)
 
     def _lap(self, things: Sequence[Instance], turns: float) -> list[list[float]]:
+        """Return the positions of a loop around things, see `simaps_viz.navigation.lap.lap`."""
+        self._count_planning()
         what = f"the {things[0].label}" if len(things) == 1 else f"these {len(things)} things"
+        one = things[0] if len(things) == 1 else None
         cells = [self.grounding.cells_of(thing) for thing in things]
-        return [list(point) for point in lap(self.planner, self._here, cells, what, turns)]
+        return [Position(point, one) for point in lap(self.planner, self._here, cells, what, turns)]
 
     @property
     def _here(self) -> tuple[float, float]:
@@ -326,6 +333,20 @@ class Robot:
         """Return the cells that hide nothing, bool [rows, cols]: the objects' own, and all that are not opaque."""
         return ~self.grounding.opaque | np.isin(self.simap.instance, [target.id for target in targets])
 
+    def _enter(self, primitive: str, room: Room) -> None:
+        """Drive into a room, ``INSIDE_M`` past its edge where it is wide enough; a robot that is there stays."""
+        cells = self.simap.room_cells == room.id  # pyright: ignore[reportAttributeAccessIssue]
+        self._count_planning()
+        window = ndimage.find_objects(cells.astype(np.int8))[0]
+        depth_m = np.zeros(cells.shape)
+        depth_m[window] = np.asarray(ndimage.distance_transform_edt(np.pad(cells[window], 1)))[1:-1, 1:-1]
+        depth_m *= self.simap.spec.cell_size_m
+        usable = np.where(self.planner.reachable(*self._here), depth_m, 0.0)
+        words = f"into {room.name}" if room.name[-1:].isdigit() else f"into the {room.name}"
+        inside = (depth_m > 0.0) & (depth_m >= min(INSIDE_M, 0.8 * float(usable.max())))
+        path = self.planner.plan_into(self._here, inside, words)
+        self._add_path(path.points_m, drive(path, self.pose.yaw_rad, self._motion), primitive, (room.name, None))
+
     def _approach(self, primitive: str, target: Instance) -> None:
         cells = self.grounding.cells_of(target)
         path = self._plan_near(cells, f"to the {target.label}", see_through=self._see_through(target))
@@ -336,10 +357,13 @@ class Robot:
 
         The work of planning is counted in cells of the map, so that its limit is the same on every machine.
         """
+        self._count_planning()
+        return self.planner.plan_near(self._here, targets_m, what, **wishes)
+
+    def _count_planning(self) -> None:
         self._planned_cells += self.simap.instance.size
         if self._planned_cells > self._max_planned_cells:
             raise PlanningError(f"stopped: the program would plan over more than {self._max_planned_cells:g} cells")
-        return self.planner.plan_near(self._here, targets_m, what, **wishes)
 
     def _go_beside(self, primitive: str, target: Instance, side: NDArray, words: str) -> None:
         """Drive to the point beside an object, in the direction ``side`` (unit vector [2], map frame)."""
@@ -381,7 +405,7 @@ class Robot:
     def _spin(self, angle_rad: float) -> None:
         poses = spin(self.pose, float(angle_rad), self._motion)
         self._poses.append(poses)
-        self._stand_at(Pose2(*self._here, float(poses[-1, 2])))
+        self.grounding.viewer = Pose2(*self._here, float(poses[-1, 2]))
 
     def _go(self, primitive: str, path: Path, target: Instance | None, other: Instance | None = None) -> None:
         about = (target.label, target.id) if target else (None, None)
@@ -401,7 +425,7 @@ class Robot:
         self.path_length_m += length_m
         end = (float(points_m[-1, 0]), float(points_m[-1, 1]))
         self.path_m += [(float(x), float(y)) for x, y in points_m[1:]]
-        self._stand_at(Pose2(*end, float(poses[-1, 2])))
+        self.grounding.viewer = Pose2(*end, float(poses[-1, 2]))
         self._poses.append(poses)
         self.goals.append(Goal(primitive, *about, end, *((other.label, other.id) if other else (None, None))))
 

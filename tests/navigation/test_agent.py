@@ -10,7 +10,7 @@ from toy_maps import TOY_POSE, Box, map_from_drawing, map_of_boxes, toy_map
 
 from simaps_viz.errors import CommandError, InputError, PlanningError
 from simaps_viz.language.interpreter import Budget
-from simaps_viz.navigation.agent import Agent, Answer, answer, is_program
+from simaps_viz.navigation.agent import Agent, Answer, answer, is_program, outcome_text
 from simaps_viz.navigation.planner import Planner, RobotShape
 from simaps_viz.navigation.robot import MAX_STRAIGHT_M, Motion, drive, spin, straight
 from simaps_viz.structures import GridSpec, Path, Pose2
@@ -93,7 +93,10 @@ def test_programs_are_recognised_and_name_their_line(simap) -> None:
     assert bad.status == "refused" and bad.reason and bad.reason.startswith("line 2: face: There is no piano")
     given = answer(simap, "whatever was said", TOY_POSE, program="robot.turn(90)")
     assert given.status == "ok" and given.program == "robot.turn(90)"
-    assert is_program("robot.fly(1)") and not is_program("go to the robot. Then turn (left)")
+    assert is_program("robot.fly(1)") and is_program("tell(things('chair'), 'count')")
+    assert not is_program("tell me (please) how many chairs there are") and not is_program(
+        "go to the robot. Then turn (left)"
+    )
 
 
 @pytest.mark.parametrize("bad", [float("nan"), float("inf")])
@@ -393,6 +396,55 @@ def test_planning_budget(simap) -> None:
         Agent(simap, TOY_POSE, budget=Budget(planned_cells=2 * simap.instance.size)).steps(program)
 
 
+def turns_around(path_m: np.ndarray, centre: tuple[float, ...]) -> float:
+    a, b = path_m[:-1] - centre[:2], path_m[1:] - centre[:2]
+    return float(np.arctan2(a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0], (a * b).sum(axis=1)).sum() / (2.0 * np.pi))
+
+
+@pytest.mark.parametrize(("turns", "winding"), [("", -1.0), (", 2", -2.0), (", -3", 3.0)])
+def test_a_lap_is_driven_as_it_is_planned(simap, turns: str, winding: float) -> None:
+    """The table in the middle of the east room: the ring, once the robot is on it, is a closed path around it."""
+    program = f"positions = lap(nth(things('table'), 2){turns})\nfor point in positions:\n    robot.move_to(point)"
+    said = answer(simap, program, TOY_POSE)
+    assert said.status == "ok" and {goal.instance for goal in said.goals} == {8}
+    there = next(k for k, point in enumerate(said.path_m) if tuple(point) == said.goals[0].point_m)
+    ring = said.path_m[there:]
+    assert ring[-1] == pytest.approx(ring[0])
+    assert turns_around(ring, simap.by_id(8).centroid_m) == pytest.approx(winding, abs=1e-6)
+
+
+def test_no_way_all_around_is_said_before_the_first_metre(simap) -> None:
+    said = answer(simap, "robot.move_forward(1)\nfor point in lap('couch'):\n    robot.move_to(point)", TOY_POSE)
+    assert said.status == "failed" and stays(said)
+    assert said.reason == "line 2: lap: there is no way all around the couch: something stands against it"
+
+
+def test_sets_are_those_of_where_the_robot_is_by_then(simap) -> None:
+    """Chair 1 is to the left of a robot that looks east, and to the right of one that looks north."""
+    for heading, side, other in ((90, "left", "right"), (0, "right", "left")):
+        program = f"robot.turn_absolute({heading})\nrobot.move_to_object(nearest(side(things('chair'), '{{}}')))"
+        assert answer(simap, program.format(side), TOY_POSE).goals[-1].instance == 1
+        assert [g.instance for g in answer(simap, program.format(other), TOY_POSE).goals] != [1]
+
+
+def test_the_branch_not_taken_may_name_what_is_not_there(simap) -> None:
+    program = "if count(things('piano')) > 0:\n    robot.move_to_object('piano')\nelse:\n    robot.face('couch')"
+    assert [goal.instance for goal in answer(simap, program, TOY_POSE).goals] == [5]
+
+
+def test_a_question_is_answered_and_the_robot_stays(simap) -> None:
+    said = answer(simap, "tell(things('chair'), 'count')", TOY_POSE)
+    line = json.loads(json.dumps(said.to_json()))
+    assert (line["status"], line["final_pose"], line["path"]) == ("ok", [0.5, 0.5, 90.0], [[0.5, 0.5]])
+    assert line["answer"]["value"] == 3 and sorted(line["answer"]["instances"]) == [1, 3, 4]
+    assert outcome_text(said) == line["answer"]["text"] == "There are 3 chairs on this map."
+    gone = answer(simap, "", TOY_POSE, program="robot.move_to_object('couch')\ntell(nearest(things('chair')), 'which')")
+    assert gone.answer and gone.answer["instances"] == [1] and gone.path_length_m > 0.0
+    text = outcome_text(gone)
+    assert text.startswith(gone.answer["text"]) and "To the couch" in text
+    assert "answer" not in answer(simap, "robot.turn(90)", TOY_POSE).to_json()
+
+
 STATEMENTS = st.sampled_from(
     [
         "robot.move_to_object('chair')",
@@ -405,6 +457,10 @@ STATEMENTS = st.sampled_from(
         "robot.turn(110)",
         "robot.face('couch')",
         "robot.move_to([3.5, -0.5])",
+        "robot.move_to_object(farthest(side(things('anything'), 'front')))",
+        "for p in lap(nearest(things('anything'))):\n    robot.move_to(p)",
+        "for p in lap('chair', 0.6):\n    robot.move_to(p)",
+        "robot.move_to(spot('potted plant', 'west', 0.4))",
         "robot.move_to_object('chair', robot.in_view('chair')[0])",
         "for c in robot.instances('chair'):\n    robot.move_to_nth_closest('chair', 2)",
     ]

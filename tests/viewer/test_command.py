@@ -220,7 +220,7 @@ def test_a_program_that_gets_stuck_marks_the_line():
         until(lambda: "Failed" in shown(bench))
         assert "✖" in mine(bench).panels[CommandPanel]._widgets._program.content and "is free for" in shown(bench)
         assert mine(bench).pose == TOY_POSE, "what cannot be done is said before the first turn"
-        assert [past.status for past in mine(bench).panels[CommandPanel]._past] == ["failed"]
+        until(lambda: [past.status for past in mine(bench).panels[CommandPanel]._past] == ["failed"])
 
 
 def test_a_hanging_model_holds_nothing_up_and_stop_ends_the_wait():
