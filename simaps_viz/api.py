@@ -94,8 +94,8 @@ def ask(simap: SIMap, command: str, *, pose: Pose2 | None = None, robot: RobotSh
         robot: its shape, by default 0.2 m in radius and 1.5 m high.
 
     Returns:
-        The outcome; that of a question has an ``answer``. A command that is not understood, or cannot be carried out, is an answer too: its ``status`` is
-        "refused" or "failed", and its ``reason`` says why.
+        The outcome; that of a question has an ``answer``. A command that is not understood, or cannot be carried out,
+        is an answer too: its ``status`` is "refused" or "failed", and its ``reason`` says why.
 
     Raises:
         InputError: the command is no text, ``pose`` is no `Pose2` of finite numbers, or is left out on a map that
