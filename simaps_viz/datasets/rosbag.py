@@ -150,50 +150,62 @@ class RosbagReader(Reader):
 
 
 def _open(path: Path, bag: "Bag") -> Recording:
-    if bag.of_type(CLOUD) and not any(is_depth(bag.first(t)) for t in bag.of_type(IMAGE, COMPRESSED)):
-        return open_clouds(bag)
-    topics = _choose_topics(bag)
-    index = bag.index((topics.depth, topics.color))
-    depth_times, color_times = (np.array([e.stamp_ns for e in index[t]]) for t in (topics.depth, topics.color))
-    if not len(depth_times) or not len(color_times):
-        raise InputError(f"{path}: expected pictures on {topics.depth} and {topics.color}, found none on one of them")
-    start = int(depth_times[0])
-    seconds = [(times - start) / 1e9 for times in (depth_times, color_times)]
-    pairs = associate(*seconds, tolerance_s=COLOR_TOLERANCE_S)
-    ((poses, known),) = poses_of(bag, [(topics.frame, depth_times[pairs[:, 0]])])
+    """Pair depth images, or clouds where there are none, with colour images, and find the pose of each pair."""
+    of_clouds = bool(bag.of_type(CLOUD)) and not any(is_depth(bag.first(t)) for t in bag.of_type(IMAGE, COMPRESSED))
+    what, tolerance_s = ("clouds", CLOUD_TOLERANCE_S) if of_clouds else ("depth images", COLOR_TOLERANCE_S)
+    source, color = _cloud_topics(bag) if of_clouds else _image_topics(bag)
+    lens = lens_of(bag, color if of_clouds else source)
+    color_lens, target = lens if of_clouds else lens_of(bag, color, otherwise=lens), lens.intrinsics
+    index = bag.index((source, color))
+    times, color_times = (np.array([e.stamp_ns for e in index[t]]) for t in (source, color))
+    if not len(times) or not len(color_times):
+        raise InputError(f"{path}: expected pictures on {source} and {color}, found none on one of them")
+    pairs = associate(*((t - times[0]) / 1e9 for t in (times, color_times)), tolerance_s=tolerance_s)
+    # A cloud and its picture are of different times, so each has its own pose; depth is registered to colour.
+    frame = bag.first(source).header.frame_id
+    wanted = [(frame, times[pairs[:, 0]])]
+    if of_clouds:
+        wanted.insert(0, (bag.first(color).header.frame_id, color_times[pairs[:, 1]]))
+    found = poses_of(bag, wanted)
+    known = np.logical_and.reduce([here for _, here in found])
     if not known.any():
         raise InputError(
-            f"{path}: expected depth, colour and pose of about the same time, found none among {len(depth_times)} "
-            f"depth images ({topics.depth}) and {len(color_times)} colour images ({topics.color})"
+            f"{path}: expected {what}, colour and poses of about the same time, found none among {len(times)} {what} "
+            f"({source}) and {len(color_times)} colour images ({color})"
         )
-    pairs, poses = pairs[known], poses[known]
-    target = topics.depth_lens.intrinsics
+    pairs, T_world_camera, T_world_source = pairs[known], found[0][0][known], found[-1][0][known]
 
-    def depth(i: int) -> NDArray:
-        entry = index[topics.depth][pairs[i, 0]]
+    def read_depth(i: int) -> NDArray:
         with complete(path, FACTS.title):
-            image = decode_depth(f"{path}: {topics.depth}", bag.read(topics.depth, entry))
-        check_size(f"{path}: {topics.depth}", image, target)
-        return see_through(image, topics.depth_lens, target, exact=True)
+            image = decode_depth(f"{path}: {source}", bag.read(source, index[source][pairs[i, 0]]))
+        check_size(f"{path}: {source}", image, target)
+        return see_through(image, lens, target, exact=True)
 
-    def color(i: int) -> NDArray:
-        entry = index[topics.color][pairs[i, 1]]
+    def read_cloud(i: int) -> NDArray:
         with complete(path, FACTS.title):
-            image = decode_color(f"{path}: {topics.color}", bag.read(topics.color, entry))
-        return see_through(image, topics.color_lens.scaled(image.shape[1], image.shape[0]), target, exact=False)
+            stored = decode_points(f"{path}: {source}", bag.read(source, index[source][pairs[i, 0]]))
+        return camera_points(stored, invert_pose(T_world_camera[i]) @ T_world_source[i])
 
+    def read_color(i: int) -> NDArray:
+        with complete(path, FACTS.title):
+            image = decode_color(f"{path}: {color}", bag.read(color, index[color][pairs[i, 1]]))
+        return see_through(image, color_lens.scaled(image.shape[1], image.shape[0]), target, exact=False)
+
+    floor_height_m = None
+    if of_clouds:
+        sampled = [(read_cloud(i), T_world_camera[i]) for i in spread(len(pairs), _SAMPLED_FOR_FLOOR)]
+        _, floor_height_m = gravity_of_clouds(path, sampled, target, FACTS.up)
     return Recording(
         facts=FACTS,
         path=path,
         name=path.resolve().stem,
-        frame_names=tuple(time_name(int(depth_times[i])) for i in pairs[:, 0]),
-        poses=poses,
+        frame_names=tuple(time_name(int(times[i])) for i in pairs[:, 0]),
+        poses=T_world_camera,
         intrinsics=target,
-        depth=depth,
-        color=color,
-        notes=left_out(
-            len(depth_times) - len(pairs), len(depth_times), "depth images have no colour or pose of their time"
-        ),
+        depth=(lambda i: depth_of_cloud(read_cloud(i), target, CloudSettings())) if of_clouds else read_depth,
+        color=read_color,
+        floor_height_m=floor_height_m,
+        notes=left_out(len(times) - len(pairs), len(times), f"{what} have no colour or pose of their time"),
     )
 
 
@@ -289,28 +301,26 @@ class Bag:
         raise InputError(f"{self.path}: {topic}: expected the message of {entry.stamp_ns} ns, found it no more")
 
 
-@dataclass(frozen=True, eq=False)
-class _Topics:
-    depth: str
-    color: str
-    depth_lens: Lens
-    color_lens: Lens
-    frame: str
-    """Frame of the depth images."""
-
-
-def _choose_topics(bag: Bag) -> _Topics:
-    images = {topic: bag.first(topic) for topic in bag.of_type(IMAGE, COMPRESSED)}
-    depths = [topic for topic, message in images.items() if is_depth(message)]
-    colors = [topic for topic in images if topic not in depths and not _has(topic, "infra", "confidence", "depth")]
+def _image_topics(bag: Bag) -> tuple[str, str]:
+    """Choose depth images, registered to colour if there are such, and the colour images of the same camera."""
+    found = {topic: bag.first(topic) for topic in bag.of_type(IMAGE, COMPRESSED)}
+    depths = [topic for topic, message in found.items() if is_depth(message)]
+    colors = [topic for topic in found if topic not in depths and not _has(topic, "infra", "confidence", "depth")]
     if not depths or not colors:
         what = "depth images (16UC1, 32FC1) or clouds (PointCloud2)" if not depths else "colour images"
-        raise InputError(f"{bag.path}: expected a topic with {what}, found {', '.join(images) or 'no images'}")
+        raise InputError(f"{bag.path}: expected a topic with {what}, found {', '.join(found) or 'no images'}")
     depth = min(depths, key=lambda t: (not _has(t, "aligned", "registered"), bag.topics[t].msgtype == COMPRESSED, t))
-    color = min(colors, key=lambda t: (not _has(t, "color", "rgb"), -len(_shared(t, depth)), "raw" in t, t))
-    depth_lens = lens_of(bag, depth)
-    color_lens = lens_of(bag, color, otherwise=depth_lens)
-    return _Topics(depth, color, depth_lens, color_lens, images[depth].header.frame_id)
+    return depth, min(colors, key=lambda t: (not _has(t, "color", "rgb"), -len(_shared(t, depth)), "raw" in t, t))
+
+
+def _cloud_topics(bag: Bag) -> tuple[str, str]:
+    """Choose the clouds with the most messages, and colour images."""
+    clouds = max(bag.of_type(CLOUD), key=lambda topic: (bag.topics[topic].msgcount, topic))
+    pictures = bag.of_type(IMAGE, COMPRESSED)
+    if not pictures:
+        raise InputError(f"{bag.path}: expected colour images beside the clouds ({clouds}), found none")
+    named = [t for t in pictures if _has(t, "color", "rgb")] or pictures
+    return clouds, min(named, key=lambda topic: ("raw" in topic, topic))
 
 
 def lens_of(bag: Bag, topic: str, otherwise: Lens | None = None) -> Lens:
@@ -403,67 +413,6 @@ def _shared(a: str, b: str) -> list[str]:
 def _one_line(error: BaseException) -> str:
     text = " ".join(str(error).split()) or type(error).__name__
     return text if len(text) < 200 else text[:197] + "..."
-
-
-def open_clouds(bag: Bag) -> Recording:
-    """Open a bag that has clouds and colour, and poses for both.
-
-    Raises:
-        InputError: It lacks colour, a camera or poses that belong together, or has no floor.
-    """
-    clouds, color = _topics(bag)
-    lens = lens_of(bag, color)
-    target = lens.intrinsics
-    index = bag.index((clouds, color))
-    cloud_times, color_times = (np.array([e.stamp_ns for e in index[t]]) for t in (clouds, color))
-    start = int(cloud_times[0])
-    pairs = associate((cloud_times - start) / 1e9, (color_times - start) / 1e9, tolerance_s=CLOUD_TOLERANCE_S)
-    frames = [bag.first(topic).header.frame_id for topic in (color, clouds)]
-    (T_world_camera, seen), (T_world_cloud, met) = poses_of(
-        bag, [(frames[0], color_times[pairs[:, 1]]), (frames[1], cloud_times[pairs[:, 0]])]
-    )
-    known = seen & met
-    if not known.any():
-        raise InputError(
-            f"{bag.path}: expected clouds, colour and poses of about the same time, found none among "
-            f"{len(cloud_times)} clouds ({clouds}) and {len(color_times)} colour images ({color})"
-        )
-    pairs, T_world_camera, T_world_cloud = pairs[known], T_world_camera[known], T_world_cloud[known]
-
-    def points(i: int) -> NDArray:
-        with complete(bag.path, FACTS.title):
-            stored = decode_points(f"{bag.path}: {clouds}", bag.read(clouds, index[clouds][pairs[i, 0]]))
-        return camera_points(stored, invert_pose(T_world_camera[i]) @ T_world_cloud[i])
-
-    def picture(i: int) -> NDArray:
-        with complete(bag.path, FACTS.title):
-            image = decode_color(f"{bag.path}: {color}", bag.read(color, index[color][pairs[i, 1]]))
-        return see_through(image, lens.scaled(image.shape[1], image.shape[0]), target, exact=False)
-
-    sampled = [(points(i), T_world_camera[i]) for i in spread(len(pairs), _SAMPLED_FOR_FLOOR)]
-    _, floor_height_m = gravity_of_clouds(bag.path, sampled, target, FACTS.up)
-    return Recording(
-        facts=FACTS,
-        path=bag.path,
-        name=bag.path.resolve().stem,
-        frame_names=tuple(time_name(int(cloud_times[i])) for i in pairs[:, 0]),
-        poses=T_world_camera,
-        intrinsics=target,
-        depth=lambda i: depth_of_cloud(points(i), target, CloudSettings()),
-        color=picture,
-        floor_height_m=floor_height_m,
-        notes=left_out(len(cloud_times) - len(pairs), len(cloud_times), "clouds have no colour or pose of their time"),
-    )
-
-
-def _topics(bag: Bag) -> tuple[str, str]:
-    """Choose the clouds with the most messages, and colour images."""
-    clouds = max(bag.of_type(CLOUD), key=lambda topic: (bag.topics[topic].msgcount, topic))
-    images = bag.of_type(IMAGE, COMPRESSED)
-    if not images:
-        raise InputError(f"{bag.path}: expected colour images beside the clouds ({clouds}), found none")
-    named = [t for t in images if "color" in t.lower() or "rgb" in t.lower()] or images
-    return clouds, min(named, key=lambda topic: ("raw" in topic, topic))
 
 
 def is_depth(message: Any) -> bool:

@@ -66,16 +66,6 @@ class Comparison:
     has_truth: bool
 
     @property
-    def images(self) -> tuple[NDArray, ...]:
-        """Colours of all panels, uint8 [rows, cols, 3]."""
-        return tuple(panel.colors for panel in self.panels)
-
-    @property
-    def instances(self) -> tuple[NDArray, ...]:
-        """Ids of all panels, int32 [rows, cols]."""
-        return tuple(panel.instance for panel in self.panels)
-
-    @property
     def panels(self) -> tuple[Panel, ...]:
         """All panels, the reference first, row by row."""
         return (self.reference, *(panel for _, row in self.rows for panel in row))
