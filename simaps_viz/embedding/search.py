@@ -113,13 +113,15 @@ class Ranking:
     own: NDArray
     """float32 [n], exponential of the query."""
     others: NDArray
-    """float32 [n, words], exponentials of these words; 0 for those that mean the same as the query."""
+    """float32 [n, words], exponentials of these words."""
+    compete: NDArray
+    """float32 [words], 0 for words that mean the same as the query, else 1."""
 
     def rival(self, row: int) -> tuple[str, float]:
         """Return the competing word that fits an object best, and its share of the softmax."""
-        best = int(self.others[row].argmax())
-        total = float(self.own[row]) + float(self.others[row].sum())
-        return self.names[best], float(self.others[row, best]) / total
+        others = self.others[row] * self.compete
+        best = int(others.argmax())
+        return self.names[best], float(others[best]) / float(self.own[row] + others.sum())
 
 
 class Index:
@@ -157,10 +159,10 @@ class Index:
         exponents = self._exponents[uses]
         # Words that mean the same do not compete: those closer to the query than halfway from the usual word to it.
         near = vectors @ query
-        same = near >= (1.0 + float(np.median(near))) / 2.0 if len(near) else np.zeros(0, bool)
-        others = np.where(same, np.float32(0.0), exponents) if same.any() else exponents
+        usual = float(np.median(near)) if len(near) else 0.0
+        compete = (near < (1.0 + usual) / 2.0).astype(np.float32)
         own = np.exp(np.minimum(self._scale * (self.vectors @ query) - self._top, 80.0))
-        return Ranking(own / (own + others.sum(axis=1) + 1e-30), names, own, others)
+        return Ranking(own / (own + exponents @ compete + 1e-30), names, own, exponents, compete)
 
 
 def _query_vector(look: Appearance, asked: str) -> NDArray:
