@@ -120,9 +120,8 @@ class Appearance:
         weight = self.weight[row] * size / np.maximum(of_row[row], 1.0)
         spread = sparse.csr_array((weight, (patches, row)), shape=(len(self.rgb), len(self.vectors)))
         total = np.asarray(shares @ spread @ self.vectors.astype(np.float32), np.float32)
-        length = np.linalg.norm(total, axis=1)
-        known = length > 0.0
-        return ids[known], total[known] / length[known, None]
+        known = total.any(axis=1)
+        return ids[known], unit(total[known])
 
     def _shares(self, simap: SIMap) -> tuple[NDArray, sparse.csr_array]:
         """Return the ids of the instances, and the share of each patch's cells that lies in them, [ids, patches]."""
@@ -135,3 +134,9 @@ class Appearance:
         cells = sparse.csr_array((np.ones(len(at)), (at, patch)), shape=(len(ids), len(self.rgb)))
         size = np.bincount(self.patch, minlength=len(self.rgb))
         return ids, sparse.csr_array(cells / np.maximum(size, 1)[None, :])
+
+
+def unit(vectors: NDArray) -> NDArray:
+    """Return vectors [n, D] of unit length; those of length 0 as they are."""
+    length = np.linalg.norm(vectors, axis=1, keepdims=True)
+    return (vectors / np.where(length > 0, length, 1.0)).astype(np.float32)

@@ -9,6 +9,7 @@ import numpy as np
 
 from simaps_viz.colors.classes import plural
 from simaps_viz.colors.instances import class_colors, instance_colors
+from simaps_viz.colors.naming import color_name
 from simaps_viz.colors.palette import PALETTE, Color, as_color
 from simaps_viz.drawing.texture import HEIGHT_TOP_M, ColorMode
 from simaps_viz.drawing.theme import BOX_STYLE, DIM_STYLE, LIGHT, NESTED_EM, Theme, short, short_html
@@ -77,11 +78,13 @@ def facts_html(simap: SIMap, instance: Instance) -> str:
     """Describe an instance in full: name, facts, place, size, score."""
     (x0, y0, _), (x1, y1, top) = instance.aabb_m
     x, y, _ = instance.centroid_m
+    seen = simap.color_of(instance)
     rows = (
         ("Number", f"{instance.id} on this map"),
         ("Position", f"x {x:.2f} m, y {y:.2f} m (map frame)"),
         ("Size", f"{x1 - x0:.2f} × {y1 - y0:.2f} m, top at {top:.2f} m"),
         ("Score", f"{instance.score:.2f} mean confidence"),
+        *([("Colour", f"about {color_name(seen)}, as the cameras saw it")] if seen is not None else []),
     )
     table = "".join(
         f'<tr><td style="{DIM_STYLE};padding-right:.8em">{k}</td><td>{escape(v)}</td></tr>' for k, v in rows

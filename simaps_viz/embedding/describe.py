@@ -5,20 +5,18 @@ by visible pixels more than other means (OVI-MAP, CVPR 2026, tables 4 to 6); a c
 masked is worth more than either (HOV-SG, whose share is used here).
 """
 
-import json
 from collections import defaultdict
-from collections.abc import Mapping
 from dataclasses import replace
-from importlib import resources
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from simaps_viz.appearance import Appearance
+from simaps_viz.appearance import Appearance, unit
 from simaps_viz.build.seen_colors import with_colors
 from simaps_viz.datasets.source import FrameSource, Unreadable, read_each
+from simaps_viz.embedding.search import STOCK
 from simaps_viz.embedding.towers import Embedding, remember
 from simaps_viz.errors import InputError
 from simaps_viz.events import Progress
@@ -37,9 +35,6 @@ _LEAST_SHARE = 0.2
 _MARGIN = 0.15
 """A crop is larger than the object's box by this share of its longer side, all round."""
 _LEAST_PIXELS = 64
-STOCK: Mapping[str, list[str]] = json.loads(
-    resources.files("simaps_viz.embedding").joinpath("stock_words.json").read_text(encoding="utf-8")
-)
 _SCALES = np.geomspace(5.0, 500.0, 60)
 _USUAL_SCALE = 100.0
 """What CLIP was trained to; SigLIP's is about the same."""
@@ -171,7 +166,7 @@ def _with_vectors(simap: SIMap, total: NDArray, weight: NDArray, embedding: Embe
     # The patches of an object take its vector.
     vector = np.full(len(look.rgb), -1, np.int32)
     vector[look.patch] = row_of[simap.instance.reshape(-1)[look.cell]]
-    vectors = total[rows] / np.linalg.norm(total[rows], axis=1, keepdims=True)
+    vectors = unit(total[rows])
     labels = [label for label in simap.grid.labels[1:] if label in simap.counts()]
     words = list(dict.fromkeys([*labels, *STOCK["things"], *STOCK["uses"]]))
     word_vectors = embedding.text.words(words)

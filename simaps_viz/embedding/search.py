@@ -5,20 +5,24 @@ an object's vector, with its class as a prior, is compared with the words and wi
 (`stock_words.json`): the score is their share of a softmax whose scale the map was calibrated to.
 """
 
+import json
+from collections.abc import Mapping
 from dataclasses import dataclass
+from importlib import resources
 from weakref import WeakKeyDictionary
 
 import numpy as np
 from numpy.typing import NDArray
 
-from simaps_viz.appearance import Appearance
-from simaps_viz.embedding.describe import STOCK
-from simaps_viz.embedding.towers import known_text, unit
+from simaps_viz.appearance import Appearance, unit
 from simaps_viz.errors import CommandError, InputError
 from simaps_viz.language.lexicon import ACTIVITIES
 from simaps_viz.language.words import Vocabulary, plain
 from simaps_viz.structures import Instance, SIMap
 
+STOCK: Mapping[str, list[str]] = json.loads(
+    resources.files("simaps_viz.embedding").joinpath("stock_words.json").read_text(encoding="utf-8")
+)
 LEAST_SCORE = 0.35
 """An object whose score is lower is not what was asked for."""
 LEAST_MARGIN = 0.05
@@ -169,6 +173,8 @@ def _query_vector(look: Appearance, asked: str) -> NDArray:
     """Embed the words: those that the map holds from its file, others by the network that it was described with."""
     if asked in look.words:
         return unit(look.word_vectors[look.words.index(asked)].astype(np.float32)[None])[0]
+    from simaps_viz.embedding.towers import known_text  # noqa: PLC0415 - onnxruntime is slow to import
+
     tower = known_text(str(look.model.get("text_sha256")))
     if tower is None:
         raise CommandError(

@@ -22,6 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
 
+from simaps_viz.appearance import unit
 from simaps_viz.build.cache import cache_folder, made_folder
 from simaps_viz.datasets.manifest import read_json
 from simaps_viz.errors import InputError, needs_extra
@@ -227,12 +228,6 @@ def open_text(*paths: Path, providers: Sequence[str] = ()) -> TextTower:
 def open_vision(*paths: Path, providers: Sequence[str] = ()) -> VisionTower:
     """Open the tower of pictures in a folder, or among some files; see `open_embedding`."""
     return VisionTower(_find(paths, "vision", providers), _root(paths))
-
-
-def unit(vectors: NDArray) -> NDArray:
-    """Return vectors [n, D] of unit length; those of length 0 as they are."""
-    length = np.linalg.norm(vectors, axis=1, keepdims=True)
-    return (vectors / np.where(length > 0, length, 1.0)).astype(np.float32)
 
 
 def _find(paths: Sequence[Path], wanted: str, providers: Sequence[str]) -> Session:

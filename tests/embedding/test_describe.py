@@ -12,8 +12,8 @@ from tiny_embeddings import write_colors, write_transformers
 from simaps_viz import CommandError, InputError, load_map, open_sequence, repartition, save_map
 from simaps_viz.appearance import Appearance
 from simaps_viz.cli.main import main
-from simaps_viz.embedding.describe import MAX_VIEWS, STOCK, calibrated_scale, choose_views, describe
-from simaps_viz.embedding.search import Index
+from simaps_viz.embedding.describe import MAX_VIEWS, calibrated_scale, choose_views, describe
+from simaps_viz.embedding.search import STOCK, Index
 from simaps_viz.embedding.towers import open_embedding
 from simaps_viz.mapping import edits
 from simaps_viz.structures import Views

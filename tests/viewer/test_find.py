@@ -1,12 +1,14 @@
 """Finding an object by what is typed: which one is meant, and what is said when none is."""
 
+from types import SimpleNamespace
+
 import pytest
 from hypothesis import example, given
 from hypothesis import strategies as st
 from toy_maps import toy_map
 
 from simaps_viz.drawing.legend import object_names
-from simaps_viz.viewer.panels.instance import NotFound, find
+from simaps_viz.viewer.panels.instance import FindBox, NotFound, find
 
 SIMAP = toy_map()
 
@@ -71,3 +73,34 @@ def test_whatever_is_typed_gives_an_object_or_words(typed):
         assert find(SIMAP, typed) in SIMAP.instances
     except NotFound as error:
         assert str(error)
+
+
+class FakePage:
+    """A page of which only the box is there; jobs run at once."""
+
+    def __init__(self):
+        self.simap, self.selected, self.went = SIMAP, None, []
+        self.typed = lambda event: None
+        self.worker = SimpleNamespace(submit=lambda name, job: job())
+        self.box = SimpleNamespace(value="", on_update=lambda then: setattr(self, "typed", then))
+        self.status = SimpleNamespace(content="", visible=False)
+        self.gui = SimpleNamespace(add_text=lambda *_, **__: self.box, add_html=lambda *_, **__: self.status)
+        self.go_to = lambda one: self.went.append(one.id)
+
+    def type(self, text):
+        self.box.value = text
+        self.typed(SimpleNamespace(client_id=1))
+        return self.status.content
+
+
+def test_free_words_go_from_rank_to_rank_on_enter_alone():
+    page = FakePage()
+    FindBox(page)  # pyright: ignore[reportArgumentType]
+    seats = [found.instance.id for found in SIMAP.search("somewhere to sit")]
+    assert "Enter searches for what fits" in page.type("somewhere to sit") and page.went == []
+    assert "1. chair 1 of 3 (100%), shown; 2. chair 2 of 3 (100%)" in page.type("somewhere to sit\n")
+    for _ in seats:
+        shown = page.type("somewhere to sit\n")
+    assert len(seats) > 2 and page.went == [*seats, seats[0]] and "1. chair 1 of 3 (100%), shown" in shown
+    assert "There is no flying carpet on this map." in page.type("flying carpet\n") and len(page.went) == len(seats) + 1
+    assert page.type("chair 2\n") and page.went[-1] == SIMAP.of_class("chair")[1].id

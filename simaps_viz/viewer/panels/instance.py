@@ -4,7 +4,7 @@ import difflib
 import re
 from collections.abc import Callable, Mapping, Sequence
 from html import escape
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import viser
@@ -14,12 +14,21 @@ from simaps_viz.colors.classes import plural
 from simaps_viz.drawing.frame_pictures import best_views, gallery, named, outlined
 from simaps_viz.drawing.legend import facts_html, object_name, object_names
 from simaps_viz.drawing.theme import BOX_STYLE, DIM_STYLE, small_html
+from simaps_viz.errors import CommandError, InputError
 from simaps_viz.structures import Instance, SIMap
 from simaps_viz.viewer.page.page import Page
 from simaps_viz.viewer.page.panel import Panel
 
+if TYPE_CHECKING:
+    from simaps_viz.embedding.search import Found
+
 FIND = "Find"
-FIND_HINT = "A class, a class and a number, or the number of an object, such as: chair, chair 7, 214. Enter goes there."
+FIND_HINT = (
+    "A class, a class and a number, or the number of an object, such as: chair, chair 7, 214; or what it is for or "
+    "looks like, such as: somewhere to sit. Enter goes there, Enter again to the next."
+)
+MAX_RANKS = 5
+"""Objects that free words find."""
 _TYPED = re.compile(r"(?P<name>.*?)\s*#?(?P<number>\d{1,9})?(?:\s+of\s+\d+)?")
 NOTHING: str = "(none)"
 MAX_LISTED = 1000
@@ -95,6 +104,8 @@ class FindBox(Panel):
         self._box = gui.add_text(FIND, "", multiline=True, hint=FIND_HINT)
         self._box.on_update(self._typed)
         self._status = gui.add_html("", visible=False)
+        self._ranked: tuple[SIMap, str, tuple[Found, ...]] | None = None
+        self._rank = 0
 
     def _typed(self, event: viser.GuiEvent) -> None:
         if event.client_id is None:
@@ -106,17 +117,40 @@ class FindBox(Panel):
         if not text.strip():
             self._report("")
             return
+        simap = self._page.simap
         try:
-            simap = self._page.simap
             one = find(simap, text, after=self._page.selected)
         except NotFound as error:
-            self._report(str(error))
+            why = str(error)  # free words: they are looked for on Enter, as a network may have to read them
+            if entered:
+                self._page.worker.submit("find", lambda: self._search(simap, text, why))
+            else:
+                self._report(f"{why} Enter searches for what fits.")
             return
         if entered:
             self._page.go_to(one)
             self._report("Key T shows the whole map again.")
         else:
             self._report(f"Enter: {object_name(simap, one)}")
+
+    def _search(self, simap: SIMap, text: str, why: str) -> None:
+        """Go to the object that fits the words best, or on to the next one when they are entered again; list them."""
+        if self._ranked is None or self._ranked[:2] != (simap, text):
+            try:
+                self._ranked = simap, text, simap.search(text, MAX_RANKS)
+            except (CommandError, InputError) as error:
+                self._ranked = None
+                self._report(str(error) if simap.described else why)
+                return
+            self._rank = 0
+        else:
+            self._rank = (self._rank + 1) % len(self._ranked[2])
+        found = self._ranked[2]
+        self._page.go_to(found[self._rank].instance)
+        names = [f"{n}. {object_name(simap, one.instance)} ({one.score:.0%})" for n, one in enumerate(found, start=1)]
+        names[self._rank] += ", shown"
+        more = " Enter goes to the next." if len(found) > 1 else ""
+        self._report(f"{'; '.join(names)}.{more}")
 
     def _report(self, text: str) -> None:
         self._status.content = f'<div role="status" style="{BOX_STYLE};{DIM_STYLE}">{escape(text)}</div>'
