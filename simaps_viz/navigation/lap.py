@@ -16,7 +16,7 @@ from simaps_viz.navigation.astar import clear_length
 from simaps_viz.navigation.planner import Planner
 
 MAX_LAPS: Final = 20
-MAX_OFF_M: Final = 2.0
+MAX_OFF_M: Final = 3.0
 """A loop stays this close to what it goes around: one through the next room is not what people mean."""
 _MAX_PATCHES = 60
 

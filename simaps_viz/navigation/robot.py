@@ -222,13 +222,13 @@ class Robot:
         self._spin(wrap_angle(heading_to_yaw(angle_deg) - self.pose.yaw_rad))
 
     def _face(self, name: Named, instance: int | Named) -> None:
-        self._turn_to("face", self.grounding.pick(name, instance), 0.0)
+        self._turn_to("face", name, instance, 0.0)
 
     def _with_object_on_left(self, name: Named, instance: int | Named) -> None:
-        self._turn_to("with_object_on_left", self.grounding.pick(name, instance), -np.pi / 2.0)
+        self._turn_to("with_object_on_left", name, instance, -np.pi / 2.0)
 
     def _with_object_on_right(self, name: Named, instance: int | Named) -> None:
-        self._turn_to("with_object_on_right", self.grounding.pick(name, instance), np.pi / 2.0)
+        self._turn_to("with_object_on_right", name, instance, np.pi / 2.0)
 
     def _move_to_object(self, name: Named, instance: int | Named) -> None:
         room = self.grounding.room_of(name)
@@ -241,26 +241,22 @@ class Robot:
         self._approach("move_to_nth_closest", self.grounding.pick(name, n))
 
     def _move_to_left(self, name: Named, instance: int | Named) -> None:
-        target = self.grounding.pick(name, instance)
-        dx, dy = self._towards(target)
-        self._go_beside("move_to_left", target, np.array([-dy, dx]), "to the left of")
+        self._go_beside("move_to_left", name, instance, "left", "to the left of")
 
     def _move_to_right(self, name: Named, instance: int | Named) -> None:
-        target = self.grounding.pick(name, instance)
-        dx, dy = self._towards(target)
-        self._go_beside("move_to_right", target, np.array([dy, -dx]), "to the right of")
+        self._go_beside("move_to_right", name, instance, "right", "to the right of")
 
     def _move_north(self, name: Named, instance: int | Named) -> None:
-        self._go_beside("move_north", self.grounding.pick(name, instance), np.array([0.0, 1.0]), "north of")
+        self._go_beside("move_north", name, instance, "north", "north of")
 
     def _move_south(self, name: Named, instance: int | Named) -> None:
-        self._go_beside("move_south", self.grounding.pick(name, instance), np.array([0.0, -1.0]), "south of")
+        self._go_beside("move_south", name, instance, "south", "south of")
 
     def _move_east(self, name: Named, instance: int | Named) -> None:
-        self._go_beside("move_east", self.grounding.pick(name, instance), np.array([1.0, 0.0]), "east of")
+        self._go_beside("move_east", name, instance, "east", "east of")
 
     def _move_west(self, name: Named, instance: int | Named) -> None:
-        self._go_beside("move_west", self.grounding.pick(name, instance), np.array([-1.0, 0.0]), "west of")
+        self._go_beside("move_west", name, instance, "west", "west of")
 
     def _move_in_between(
         self, name_a: Named, name_b: Named, instance_a: int | Named, instance_b: int | Named | None
@@ -321,14 +317,6 @@ class Robot:
     def _here(self) -> tuple[float, float]:
         return self.pose.x_m, self.pose.y_m
 
-    def _towards(self, target: Instance) -> tuple[float, float]:
-        """Return the unit vector from the robot to the object's centroid."""
-        offset = np.array(target.centroid_m[:2]) - self._here
-        length = float(np.linalg.norm(offset))
-        if length < 1e-6:
-            return float(np.cos(self.pose.yaw_rad)), float(np.sin(self.pose.yaw_rad))
-        return float(offset[0]) / length, float(offset[1]) / length
-
     def _see_through(self, *targets: Instance) -> NDArray:
         """Return the cells that hide nothing, bool [rows, cols]: the objects' own, and all that are not opaque."""
         return ~self.grounding.opaque | np.isin(self.simap.instance, [target.id for target in targets])
@@ -365,9 +353,11 @@ class Robot:
         if self._planned_cells > self._max_planned_cells:
             raise PlanningError(f"stopped: the program would plan over more than {self._max_planned_cells:g} cells")
 
-    def _go_beside(self, primitive: str, target: Instance, side: NDArray, words: str) -> None:
-        """Drive to the point beside an object, in the direction ``side`` (unit vector [2], map frame)."""
+    def _go_beside(self, primitive: str, name: Named, instance: int | Named, where: str, words: str) -> None:
+        """Drive to the point beside an object, on a side of it; left and right are as the robot sees them now."""
+        target = self.grounding.pick(name, instance)
         centroid = np.array(target.centroid_m[:2])
+        side = self.grounding.way_of(where, centroid)
         half_cell = self.simap.spec.cell_size_m / 2.0
         extent_m = float(((self.grounding.cells_of(target) - centroid) @ side).max()) + half_cell
         x, y = _cell_centres(self.simap)
@@ -395,11 +385,17 @@ class Robot:
         enter = share[(ids == b.id) & (share > leave)].min(initial=1.0)
         return start + (leave + enter) / 2.0 * (end - start)
 
-    def _turn_to(self, primitive: str, target: Instance, offset_rad: float) -> None:
-        """Turn so that the object's centroid lies at ``-offset_rad`` from straight ahead."""
-        x, y = target.centroid_m[:2]
+    def _turn_to(self, primitive: str, name: Named, instance: int | Named, offset_rad: float) -> None:
+        """Turn so that the object's centroid, or the room's middle, lies at ``-offset_rad`` from straight ahead."""
+        room = self.grounding.room_of(name)
+        if room is None:
+            thing = self.grounding.pick(name, instance)
+            goal = Goal(primitive, thing.label, thing.id, thing.centroid_m[:2])
+        else:
+            goal = Goal(primitive, room.name, None, room.centre_m)
+        x, y = goal.point_m
         bearing = float(np.arctan2(y - self.pose.y_m, x - self.pose.x_m))
-        self.goals.append(Goal(primitive, target.label, target.id, (x, y)))
+        self.goals.append(goal)
         self._spin(wrap_angle(bearing + offset_rad - self.pose.yaw_rad))
 
     def _spin(self, angle_rad: float) -> None:

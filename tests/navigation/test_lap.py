@@ -114,7 +114,7 @@ def test_a_thing_against_a_wall_and_a_way_too_long_are_refused_in_words() -> Non
         loop(against, (1.0, 6.0), [1])
     # A wall that ends far from the thing: there is a way around both, through the next room.
     long = map_of_boxes(OPEN, [Box("tv", 72, 68, 4, 4, 0.7)], [Box("wall", 70, 10, 2, 120, 2.0)])
-    assert MAX_OFF_M < 2.5
+    assert MAX_OFF_M < 3.05, "the wall ends further off"
     with pytest.raises(PlanningError, match="something stands against it"):
         loop(long, (1.0, 3.0), [1])
 
