@@ -32,9 +32,9 @@ from simaps_viz.events import (
 )  # fmt: skip
 from simaps_viz.mapping.accumulator import MapAccumulator, ProjectionSettings
 from simaps_viz.mapping.observations import Readings, gather_readings
-from simaps_viz.mapping.partition import describe_instances, empty_log
+from simaps_viz.mapping.partition import empty_log
 from simaps_viz.mapping.projection import project_pixels
-from simaps_viz.mapping.simap import count_views
+from simaps_viz.mapping.simap import Origin, assemble, count_views
 from simaps_viz.structures import Frame, Grid, Segment, Segmentation, SIMap
 
 BASELINES: Mapping[str, bool] = {"vlmaps": False, "vlmaps+components": True}
@@ -458,23 +458,15 @@ def _assemble(
     *,
     components: bool,
 ) -> SIMap:
-    views = count_views(grid, instance, gathered.seen(grid))
-    itself = np.arange(int(instance.max(initial=0)) + 1)
-    return SIMap(
-        grid=grid,
-        instance=instance,
-        instances=describe_instances(grid, instance, views, itself),
+    origin = Origin(
         T_map_world=sequence.T_map_world,
         method=next(name for name, apart in BASELINES.items() if apart == components),
         parameters=config.parameters(components=components),
         provenance=_provenance(sequence, gathered.embedder, gathered.store, grid),
-        community=instance,
-        merges=empty_log(),
-        graphs=(),
-        views=views,
         frame_names=sequence.frame_names,
         T_map_camera=sequence.T_map_world @ sequence.poses,
     )
+    return assemble(grid, (), instance, empty_log(), count_views(grid, instance, gathered.seen(grid)), origin)
 
 
 def _without_small(objects: NDArray, min_cells: int) -> NDArray:

@@ -94,7 +94,7 @@ def read_world_segments(path: Path) -> WorldSegments:
     by_id: dict[int, Segment] = {}
     is_thing: dict[str, bool] = {}
     for entry in entries:
-        segment = _segment(f"{path}: instances", entry, key_thing="isthing")
+        segment = _segment(f"{path}: instances", entry)
         if segment.id in by_id:
             raise InputError(f"{path}: instances: expected each id once, found {segment.id} again")
         if is_thing.setdefault(segment.label, segment.is_thing) != segment.is_thing:
@@ -113,7 +113,7 @@ def few(names: Sequence[object], count: int = 3) -> str:
 def _frame_segments(where: str, entries: Any) -> tuple[Segment, ...]:
     if not isinstance(entries, list):
         raise InputError(f"{where}: expected a list of segments, found {shown(entries)}")
-    segments = tuple(_segment(where, entry, key_thing="isthing") for entry in entries)
+    segments = tuple(_segment(where, entry) for entry in entries)
     ids = [s.id for s in segments]
     if len(set(ids)) != len(ids):
         twice = next(i for i in ids if ids.count(i) > 1)
@@ -121,7 +121,7 @@ def _frame_segments(where: str, entries: Any) -> tuple[Segment, ...]:
     return segments
 
 
-def _segment(where: str, entry: Any, *, key_thing: str) -> Segment:
+def _segment(where: str, entry: Any) -> Segment:
     if not isinstance(entry, dict):
         raise InputError(f"{where}: expected objects with id and label, found {shown(entry)}")
     number, label, score = entry.get("id"), entry.get("label"), entry.get("score", 1.0)
@@ -131,7 +131,7 @@ def _segment(where: str, entry: Any, *, key_thing: str) -> Segment:
         raise InputError(f'{where}: id {number}: expected label as a class name (not "none"), found {shown(label)}')
     if not isinstance(score, int | float) or isinstance(score, bool) or not 0 <= score <= 1:
         raise InputError(f"{where}: id {number}: expected score from 0 to 1, found {shown(score)}")
-    is_thing = entry.get(key_thing, classes.is_thing(label))
+    is_thing = entry.get("isthing", classes.is_thing(label))
     if not isinstance(is_thing, bool):
         raise InputError(f"{where}: id {number}: expected isthing as true or false, found {shown(is_thing)}")
     return Segment(number, label, float(score), is_thing)

@@ -17,7 +17,8 @@ from simaps_viz.datasets.source import FrameSource, read_ahead
 from simaps_viz.errors import InputError
 from simaps_viz.geometry import moved
 from simaps_viz.mapping.accumulator import MapAccumulator, ProjectionSettings
-from simaps_viz.mapping.partition import describe_instances, empty_log, empty_views
+from simaps_viz.mapping.partition import empty_log, empty_views
+from simaps_viz.mapping.simap import Origin, assemble
 from simaps_viz.structures import Grid, GridSpec, Segment, Segmentation, SIMap
 
 
@@ -193,24 +194,16 @@ def check_same_frame(simap: SIMap, truth: Truth) -> None:
 
 def truth_as_map(truth: Truth) -> SIMap:
     """Return the truth as a Semantic Instance Map, to be looked at or scored; it has neither graph nor merges."""
-    views = empty_views()
-    ids = np.arange(int(truth.instance.max(initial=0)) + 1, dtype=np.int32)
-    found = describe_instances(truth.grid, truth.instance, views, ids)
-    return SIMap(
-        grid=truth.grid,
-        instance=truth.instance,
-        instances=tuple(replace(one, score=1.0) for one in found),
+    origin = Origin(
         T_map_world=truth.T_map_world,
         method="truth",
         parameters={"k_percent": 0.0, "cell_size_m": truth.spec.cell_size_m},
         provenance={"segmentation": truth.source},
-        community=truth.instance,
-        merges=empty_log(),
-        graphs=(),
-        views=views,
         frame_names=(),
         T_map_camera=np.zeros((0, 4, 4)),
     )
+    made = assemble(truth.grid, (), truth.instance, empty_log(), empty_views(), origin)
+    return replace(made, instances=tuple(replace(one, score=1.0) for one in made.instances))
 
 
 def _check_exact(sequence: FrameSource) -> None:
