@@ -1,17 +1,18 @@
 """Where each primitive takes the robot, by the geometry that ``primitives`` documents; open floor, no detours."""
 
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 import pytest
-from toy_maps import Box, map_of_boxes
+from toy_maps import TOY_POSE, Box, map_of_boxes, toy_map
 
-from simaps_viz.errors import CommandError
+from simaps_viz.errors import CommandError, PlanningError
 from simaps_viz.language.primitives import PRIMITIVES
 from simaps_viz.navigation.agent import planner_of
 from simaps_viz.navigation.planner import RobotShape
 from simaps_viz.navigation.robot import CLEARANCE_M, Robot
-from simaps_viz.structures import GridSpec, Pose2
+from simaps_viz.structures import GridSpec, Pose2, SIMap
 
 SPEC = GridSpec(rows=160, cols=160, cell_size_m=0.05, x0_m=-4.0, y0_m=-4.0)
 THINGS = (
@@ -161,3 +162,39 @@ def test_look_ups(simap) -> None:
 def test_what_cannot_be_is_refused_in_words(simap, name: str, values: tuple, words: str) -> None:
     with pytest.raises(CommandError, match=words):
         run(simap, Pose2(0.0, -2.5, 0.0), name, *values)
+
+
+@pytest.fixture
+def two_rooms(monkeypatch: pytest.MonkeyPatch):
+    """The toy map as a kitchen in the west and room 2 in the east; a wall with a door of 1 m lies between them."""
+    simap = toy_map()
+    cells = np.where(np.arange(120) < 61, 1, 2)[None] * np.ones((100, 1), np.int64)
+    cells[simap.grid.label == simap.grid.labels.index("wall")] = 0
+    rooms = (
+        SimpleNamespace(id=1, name="kitchen", centre_m=(0.5, 0.5)),
+        SimpleNamespace(id=2, name="room 2", centre_m=(3.5, 0.0)),
+    )
+    monkeypatch.setattr(SIMap, "rooms", rooms, raising=False)
+    monkeypatch.setattr(SIMap, "room_cells", cells.astype(np.int32), raising=False)
+    monkeypatch.setattr(
+        SIMap, "rooms_named", lambda self, name: tuple(r for r in rooms if r.name == name), raising=False
+    )
+    return simap
+
+
+def test_a_robot_drives_into_a_room_and_stays_where_it_is_inside(two_rooms) -> None:
+    robot = run(two_rooms, TOY_POSE, "move_to_object", "room 2", 1)
+    wall_m = 2.05  # the first cell of room 2 begins here
+    assert robot.pose.x_m - wall_m == pytest.approx(0.5, abs=0.03) and -0.05 < robot.pose.y_m < 1.05
+    assert (robot.goals[-1].label, robot.goals[-1].instance) == ("room 2", None)
+    assert robot.goals[-1].point_m == (robot.pose.x_m, robot.pose.y_m)
+    there = run(two_rooms, TOY_POSE, "move_to_object", "kitchen", 1)
+    assert (there.pose, there.path_length_m) == (TOY_POSE, 0.0)
+    turned = run(two_rooms, TOY_POSE, "face", "room 2", 1)
+    assert turned.pose.yaw_rad == pytest.approx(np.arctan2(-0.5, 3.0))
+
+
+def test_a_room_nobody_can_get_into_fails(two_rooms) -> None:
+    with pytest.raises(PlanningError, match="there is no free floor the robot can reach into room 2"):
+        robot = Robot(two_rooms, planner_of(two_rooms, RobotShape(radius_m=0.55)), TOY_POSE)
+        robot.call(PRIMITIVES["move_to_object"], {"name": "room 2", "instance": 1})
