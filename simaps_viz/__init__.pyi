@@ -5,6 +5,7 @@ from .api import to_pandas as to_pandas
 from .build.pipeline import BuildCancelled as BuildCancelled
 from .build.pipeline import BuildConfig as BuildConfig
 from .build.pipeline import build_map as build_map
+from .build.seen_colors import with_colors as with_colors
 from .datasets.open import open_sequence as open_sequence
 from .datasets.sequence import PosedFrames as PosedFrames
 from .datasets.source import FrameSource as FrameSource

@@ -94,7 +94,7 @@ def _by_vectors(simap: SIMap, look: Appearance, asked: str, k: int) -> tuple[Fou
     if ranking.scores[best] < LEAST_SCORE:
         name = plain(simap.by_id(int(index.ids[best])).label)
         raise CommandError(
-            f'Nothing on this map looks like "{asked}". The nearest is a {name}, which looks more like "{rival}".'
+            f'Nothing on this map looks like "{asked}". The nearest is the {name}, which looks more like "{rival}".'
         )
     if ranking.scores[best] - rival_score < LEAST_MARGIN:
         raise CommandError(f'What looks most like "{asked}" on this map looks as much like "{rival}".')
@@ -123,6 +123,8 @@ class Ranking:
 
     def rival(self, row: int) -> tuple[str, float]:
         """Return the competing word that fits an object best, and its share of the softmax."""
+        if not self.names:
+            return "", 0.0
         others = self.others[row] * self.compete
         best = int(others.argmax())
         return self.names[best], float(others[best]) / float(self.own[row] + others.sum())
@@ -181,4 +183,7 @@ def _query_vector(look: Appearance, asked: str) -> NDArray:
             f'"{asked}" is in no table, and the embedding that described this map is not known here: set '
             f"SIMAPS_EMBEDDING to its folder."
         )
-    return tower.words([asked])[0]
+    query = tower.words([asked])[0]
+    if query.shape != look.vectors.shape[1:]:
+        raise InputError(f"{tower.session.path}: expected {look.vectors.shape[1]} numbers a word, found {len(query)}")
+    return query

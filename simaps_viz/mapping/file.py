@@ -289,7 +289,8 @@ def _appearance(spec: GridSpec, data: Mapping[str, NDArray]) -> Appearance | Non
     about = json.loads(str(model))
     words = about.get("words", [])
     _check(_are(words, str) and all(len(word) <= _MAX_NAME for word in words), "embedding_model")
-    _check(not words or (_is_number(about["scale"]) and 0.0 < about["scale"] < 1e6), "embedding_model")
+    scaled = _is_number(about.get("scale")) and 0.0 < about["scale"] < 1e6
+    _check(not len(vectors) or bool(words and scaled), "embedding_model")
     return Appearance(spec, cell.astype(np.int32), patch, rgb, pixels, vector, vectors, weight, word_vectors, about)
 
 

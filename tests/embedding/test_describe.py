@@ -89,7 +89,7 @@ def test_words_find_what_looks_so_or_are_refused(simap, place, monkeypatch):
     assert [one.instance for one in simap.search("Green")] == [east(simap)]
     assert [one.instance for one in simap.search("the red.")] == [west(simap)]
     with pytest.raises(
-        CommandError, match=r'Nothing on this map looks like "blue". The nearest is a chair, which looks'
+        CommandError, match=r'Nothing on this map looks like "blue". The nearest is the chair, which looks'
     ):
         simap.search("blue")
     # A class is answered from the map itself.
@@ -233,6 +233,10 @@ def test_scores_are_shares_of_a_softmax_without_the_words_that_mean_the_same(sim
         (lambda d: d.update(embedding_words=d["embedding_words"][1:]), "appearance"),
         (lambda d: d.update(embedding_model=np.array("[]")), "found otherwise"),
         (lambda d: d.update(embedding_model=np.array('{"words": ["a"], "scale": "big"}')), "embedding_model"),
+        (
+            lambda d: d.update(embedding_model=np.array("{}"), embedding_words=d["embedding_words"][:0]),
+            "embedding_model",
+        ),
     ],
 )
 def test_damaged_looks_are_refused(simap, tmp_path, change, message):
