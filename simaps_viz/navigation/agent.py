@@ -93,7 +93,9 @@ def outcome_text(answer: Answer) -> str:
     said = str(answer.answer["text"]) if answer.answer else ""
     if said and not answer.goals and answer.path_length_m == 0.0:
         return said
-    names = [f"{g.label} and the {g.other_label}" if g.other_label else g.label for g in answer.goals if g.label]
+    names = [
+        f"{g.label} and the {g.other_label}" if g.other_label else g.words or g.label for g in answer.goals if g.label
+    ]
     parts = [", then ".join(f"to the {name}" for name in dict.fromkeys(names))] if names else []
     pose = answer.final_pose
     parts += [

@@ -108,6 +108,8 @@ class Goal:
     other_label: str | None = None
     """The second object of move_in_between."""
     other_instance: int | None = None
+    words: str = ""
+    """What the set was that the object is the first of, such as "leftmost chair"; empty for a name and a rank."""
 
     def to_json(self) -> dict[str, Any]:
         """Return primitive, label, instance and point; for move_in_between other_label and other_instance as well."""
@@ -150,6 +152,7 @@ class Robot:
         self._motion = motion or Motion()
         self._max_path_m, self._max_planned_cells = max_path_m, max_planned_cells
         self._planned_cells = 0
+        self._words = ""
         self._poses: list[NDArray] = []
 
     @property
@@ -171,6 +174,10 @@ class Robot:
         """
         if primitive.kind == "function":
             return self.grounding.call(primitive, arguments)
+        chosen = (
+            value.one for value in arguments.values() if isinstance(value, Things) and (value.before or value.after)
+        )
+        self._words = next(chosen, "")
         return getattr(self, f"_{primitive.name}")(**arguments)
 
     def take_poses(self) -> NDArray:
@@ -390,7 +397,7 @@ class Robot:
         room = self.grounding.room_of(name)
         if room is None:
             thing = self.grounding.pick(name, instance)
-            goal = Goal(primitive, thing.label, thing.id, thing.centroid_m[:2])
+            goal = Goal(primitive, thing.label, thing.id, thing.centroid_m[:2], words=self._words)
         else:
             goal = Goal(primitive, room.name, None, room.centre_m)
         x, y = goal.point_m
@@ -423,7 +430,8 @@ class Robot:
         self.path_m += [(float(x), float(y)) for x, y in points_m[1:]]
         self.grounding.viewer = Pose2(*end, float(poses[-1, 2]))
         self._poses.append(poses)
-        self.goals.append(Goal(primitive, *about, end, *((other.label, other.id) if other else (None, None))))
+        beyond = (other.label, other.id) if other else (None, None)
+        self.goals.append(Goal(primitive, *about, end, *beyond, self._words))
 
 
 def _cell_centres(simap: SIMap) -> tuple[NDArray, NDArray]:

@@ -427,6 +427,12 @@ def test_sets_are_those_of_where_the_robot_is_by_then(simap) -> None:
         assert [g.instance for g in answer(simap, program.format(other), TOY_POSE).goals] != [1]
 
 
+def test_goals_know_in_words_what_was_chosen(simap) -> None:
+    said = answer(simap, "robot.face(first(order(things('chair'), 'left')))\nrobot.move_to_object('couch')", TOY_POSE)
+    assert [goal.words for goal in said.goals] == ["leftmost chair", ""]
+    assert outcome_text(said).startswith("To the leftmost chair, then to the couch, ")
+
+
 def test_the_branch_not_taken_may_name_what_is_not_there(simap) -> None:
     program = "if count(things('piano')) > 0:\n    robot.move_to_object('piano')\nelse:\n    robot.face('couch')"
     assert [goal.instance for goal in answer(simap, program, TOY_POSE).goals] == [5]
