@@ -15,13 +15,14 @@ from unittest.mock import patch
 from benchmarks.page import ARGUMENTS, CHROMIUM, HEIGHT, WIDTH
 
 from simaps_viz.app import live
-from simaps_viz.app.live import Audience, LiveBuild, LiveSettings, Run, Stream, live_workbench
+from simaps_viz.app.live import Audience, LiveBuild, LiveSettings, Run, live_workbench
 from simaps_viz.build.pipeline import BuildConfig
 from simaps_viz.build.to_file import BuildRequest, build_to_file
 from simaps_viz.console.progress import StageProgress
 from simaps_viz.datasets.source import FrameSource
 from simaps_viz.errors import InputError
 from simaps_viz.events import Event, FrameProjected, Observer
+from simaps_viz.recorder.live import LiveStream
 from simaps_viz.structures import SIMap
 from simaps_viz.viewer.workbench import Workbench
 
@@ -97,7 +98,7 @@ class MeasuredBuild(LiveBuild):
 
 
 class _CountedStream:
-    def __init__(self, stream: Stream, build: MeasuredBuild) -> None:
+    def __init__(self, stream: LiveStream, build: MeasuredBuild) -> None:
         self._stream, self._build = stream, build
 
     def on_event(self, event: Event) -> None:
@@ -203,4 +204,4 @@ def _complete(page: Workbench, build: LiveBuild, frames: int) -> bool:
     build.wait(PATIENCE_S)
     page.wait_idle(PATIENCE_S)
     session = page.sessions[0]
-    return build.state().status == "done" and len(session.simap.frame_names) == frames and not session.common.building
+    return build.state().status == "done" and len(session.simap.frame_names) == frames and not session.services.building

@@ -9,22 +9,21 @@ import viser
 from rich.progress import Progress as Bars
 
 from simaps_viz.app import workbench
-from simaps_viz.app.share import look_back
 from simaps_viz.build.cache import cache_folder
 from simaps_viz.build.pipeline import BuildConfig
 from simaps_viz.console.logs import logger
 from simaps_viz.console.progress import StageProgress
 from simaps_viz.datasets.open import open_sequence
-from simaps_viz.drawing.theme import BOX_STYLE, DIM_STYLE
+from simaps_viz.drawing.theme import note_html
 from simaps_viz.errors import SIMapsError
 from simaps_viz.events import Progress
 from simaps_viz.mapping.file import load_map
 from simaps_viz.mapping.mending import Mending, open_mending
 from simaps_viz.navigation.agent import start_pose
-from simaps_viz.navigation.planner import RobotShape
 from simaps_viz.scenes.demo import demo_manifest, ensure_demo
 from simaps_viz.structures import SIMap
-from simaps_viz.viewer.page.panel import Panel, PanelSpec
+from simaps_viz.viewer.page.panel import PanelSpec
+from simaps_viz.viewer.panels.live import ProgressPanel, head_html
 from simaps_viz.viewer.workbench import Workbench
 
 SHIPPED_MAP = Path(__file__).parents[2] / "recordings" / "cafe-evidence.npz"
@@ -32,8 +31,6 @@ SHIPPED_MAP = Path(__file__).parents[2] / "recordings" / "cafe-evidence.npz"
 by `make recordings`."""
 SHIPPED_METHOD = "evidence"
 SHIPPED_LEVEL = "light"
-EVERY_S = 0.5
-"""How often the panel is brought up to date."""
 STAGES = {
     "building the scene": "Preparing the café",
     "rendering frames": "Rendering the café's frames",
@@ -68,17 +65,14 @@ class FramesState:
 def serve_shipped(simap: SIMap, *, port: int, host: str, browser: bool, llm: str | None) -> None:
     """Serve the page of the shipped map until Ctrl-C; panels that need the frames are added once these are rendered."""
     frames, recording = DemoFrames(), SHIPPED_MAP.with_suffix(".rrd")
-    panels = workbench.panels_of(simap, recording, None, beside=True, frames=False)
+    panels = workbench.panels_of(simap, None, frames=False)
     services = replace(
         workbench.services_of(simap, recording, lambda: frames.mending),
         panels=(frames.panel(), *panels),
         model=workbench.language_model(llm),
-        look_back=look_back(lambda: frames.map_path),
+        look_back=workbench.look_back(lambda: frames.map_path),
     )
-    start = start_pose(simap)
-    with Workbench(
-        simap, services=services, port=port, host=host, start=start, robot_radius_m=RobotShape().radius_m
-    ) as page:
+    with Workbench(simap, services=services, port=port, host=host, start=start_pose(simap)) as page:
         workbench.tell_where(page, browser=browser)
         frames.start(page)
         try:
@@ -140,7 +134,7 @@ class DemoFrames:
             simap, recording = workbench.cached_build(open_sequence(manifest), SHIPPED_METHOD, BuildConfig(), progress)
             self.map_path = recording.with_suffix(".npz")
             self.mending = open_mending(self.map_path, simap)
-            panels = workbench.panels_of(simap, recording, self.mending, beside=True)
+            panels = workbench.panels_of(simap, self.mending)
             # The recording that is docked shows the same build, so it stays.
             page.finish(self.mending.simap(), panels)
             self._state = replace(self._state, status="done")
@@ -171,39 +165,20 @@ class _PageProgress(StageProgress):
         self._report(stage, done, total)
 
 
-class FramesPanel(Panel):
-    """A line, a bar and a note; a thread keeps them up to date until the frames are there or the person has gone."""
+class FramesPanel(ProgressPanel[FramesState]):
+    """A line, a bar and a note."""
 
     def __init__(self, gui: viser.GuiApi, frames: DemoFrames) -> None:
         """Fill the open container."""
-        self._frames = frames
-        self._closed = threading.Event()
-        self._shown: FramesState | None = None
         self._head = gui.add_html("")
         self._bar = gui.add_progress_bar(0.0)
-        gui.add_html(f'<div style="{BOX_STYLE};{DIM_STYLE}">{escape(NOTE)}</div>')
-        self._update()
-        threading.Thread(target=self._run, name="workbench-frames", daemon=True).start()
+        gui.add_html(note_html(escape(NOTE)))
+        super().__init__(frames.state)
 
-    def close(self) -> None:
-        """Stop updating."""
-        self._closed.set()
-
-    def _run(self) -> None:
-        while not self._closed.wait(EVERY_S):
-            try:
-                self._update()
-            except RuntimeError:  # the widgets were removed meanwhile
-                if not self._closed.is_set():
-                    raise
-
-    def _update(self) -> None:
-        state = self._frames.state()
-        if state != self._shown:
-            self._shown = state
-            style = f"{BOX_STYLE};font-size:1em;font-weight:600"
-            self._head.content = f'<div role="status" style="{style}">{escape(state_in_words(state))}</div>'
-            self._bar.value = 100.0 * state.done / max(state.total, 1)
+    def show(self, state: FramesState) -> None:
+        """Fill the widgets."""
+        self._head.content = head_html(state_in_words(state))
+        self._bar.value = 100.0 * state.done / max(state.total, 1)
 
 
 def state_in_words(state: FramesState) -> str:

@@ -10,12 +10,11 @@ from collections import deque
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import Any
 
 import numpy as np
 
 from simaps_viz.app import workbench
-from simaps_viz.app.share import look_back
 from simaps_viz.build.methods import config_of, keeps_log
 from simaps_viz.build.pipeline import BuildCancelled, BuildConfig, facts_of, started
 from simaps_viz.build.to_file import BuildRequest, RecordingFault, build_to_file, resume_hint
@@ -23,19 +22,17 @@ from simaps_viz.console.logs import logger
 from simaps_viz.console.progress import StageProgress, stage_progress
 from simaps_viz.console.terminal import console
 from simaps_viz.datasets.source import FrameSource
+from simaps_viz.drawing.texture import sketch_png
 from simaps_viz.errors import InputError, SIMapsError
 from simaps_viz.events import BuildStarted, CommunitiesFound, Event, FrameProjected, FrameSkipped, Observer
 from simaps_viz.mapping.mending import Mending, open_mending
 from simaps_viz.mapping.partition import empty_log, empty_views
 from simaps_viz.mapping.simap import Origin, assemble
 from simaps_viz.navigation.agent import start_pose
-from simaps_viz.navigation.planner import RobotShape
+from simaps_viz.recorder.live import LiveStream
 from simaps_viz.structures import Grid, GridSpec, SIMap
-from simaps_viz.viewer.panels.live import LiveState
-
-if TYPE_CHECKING:
-    from simaps_viz.recorder.live import LiveStream
-    from simaps_viz.viewer.workbench import Workbench
+from simaps_viz.viewer.panels.live import LiveState, live_panel
+from simaps_viz.viewer.workbench import Workbench
 
 AROUND_M = 2.0
 """Margin of floor that is shown around the cameras' path before anything was seen, metres."""
@@ -128,18 +125,6 @@ STOPPED = "Stopped. Nothing is lost: resume here, or later with the same command
 STARTS_AGAIN = "Stopped. This method keeps no log of its frames: resuming starts at the first one."
 
 
-class Stream(Protocol):
-    """A recording that shows some of the build's frames, with what their camera saw."""
-
-    def on_event(self, event: Event) -> None:
-        """Take one event; shows nothing yet."""
-        ...
-
-    def show(self, event: FrameProjected, simap: SIMap | None) -> None:
-        """Show a frame, and the objects found so far where they are new."""
-        ...
-
-
 Run = Callable[[Sequence[Observer], threading.Event, bool], SIMap]
 """(observers, set to stop it, whether to resume from the log) -> the finished map, which is saved."""
 
@@ -154,7 +139,7 @@ class Audience:
     """Whether anybody is watching."""
     done: Callable[[SIMap], str]
     """Called when the map is finished and saved; returns the words that say where."""
-    stream: Stream | None = None
+    stream: LiveStream | None = None
     sketch: Callable[[FrameProjected], bytes] = lambda event: b""
     """Draw a quick sketch of the cells observed so far, for ``LiveState.sketch``."""
     stopped: str = STOPPED
@@ -362,10 +347,8 @@ class _LivePage:
             self._faults.append(str(fault))
             return fault.simap
 
-    def audience(self, stream: "LiveStream") -> Audience:
+    def audience(self, stream: LiveStream) -> Audience:
         """Return the page as the audience of its build."""
-        from simaps_viz.drawing.texture import sketch_png  # noqa: PLC0415 - so that nothing slow comes with it
-
         return Audience(
             show=lambda simap: self._opened.publish(simap, growing=True),
             watches=lambda: bool(self._opened.sessions),
@@ -376,31 +359,17 @@ class _LivePage:
         )
 
     @contextmanager
-    def serve(self, build: LiveBuild, stream: "LiveStream") -> "Iterator[Workbench]":
+    def serve(self, build: LiveBuild, stream: LiveStream) -> Iterator[Workbench]:
         """Serve the page until the block ends, which stops the build."""
-        from simaps_viz.recorder.web_viewer import (  # noqa: PLC0415 - rerun is slow to import
-            CONTENT_SECURITY_POLICY,
-            rerun_page,
-            viewer_assets,
-        )  # fmt: skip
-        from simaps_viz.viewer.panels.live import LiveServices, live_panel  # noqa: PLC0415 - viser is slow to import
-        from simaps_viz.viewer.workbench import Workbench  # noqa: PLC0415 - as above
-
         services = replace(
-            workbench.bare_services(self.waiting, lambda: self.mending),
-            panels=(live_panel(LiveServices(build.state, build.stop, build.go_on)),),
-            rerun_page=rerun_page,
-            rerun_assets=viewer_assets(),
-            csp=CONTENT_SECURITY_POLICY,
+            workbench.services_of(self.waiting, mending=lambda: self.mending),
+            panels=(live_panel(build.state, build.stop, build.go_on),),
             stream=stream.url,
             building=True,
-            look_back=look_back(lambda: None if self.mending is None else self._request.output),
+            look_back=workbench.look_back(lambda: None if self.mending is None else self._request.output),
         )
         start = start_pose(replace(self.waiting, T_map_camera=_cameras(self._sequence)))
-        radius_m = RobotShape().radius_m
-        with Workbench(
-            self.waiting, services=services, port=self._settings.port, start=start, robot_radius_m=radius_m
-        ) as page:
+        with Workbench(self.waiting, services=services, port=self._settings.port, start=start) as page:
             self._page = page
             yield page
             self._ended = True
@@ -408,11 +377,11 @@ class _LivePage:
             build.wait(10.0)
 
     @property
-    def _opened(self) -> "Workbench":
+    def _opened(self) -> Workbench:
         assert self._page is not None, "a build starts when its page is open"
         return self._page
 
-    def _done(self, simap: SIMap, stream: "LiveStream") -> str:
+    def _done(self, simap: SIMap, stream: LiveStream) -> str:
         """Complete the page with the finished map, and report where it is."""
         request, faults = self._request, self._faults
         try:
@@ -420,7 +389,7 @@ class _LivePage:
         except InputError as fault:  # edits of an earlier build: this one is there nevertheless
             faults.append(str(fault))
         recorded = request.record if request.record is not None and request.record.is_file() else None
-        panels = workbench.panels_of(simap, recorded, self.mending, beside=True)
+        panels = workbench.panels_of(simap, self.mending)
         self._opened.finish(simap if self.mending is None else self.mending.simap(), panels, recorded)
         if not self._ended:
             stream.finish()
@@ -432,14 +401,12 @@ class _LivePage:
 @contextmanager
 def live_workbench(
     sequence: FrameSource, settings: LiveSettings, progress: StageProgress
-) -> "Iterator[tuple[Workbench, LiveBuild]]":
+) -> Iterator[tuple[Workbench, LiveBuild]]:
     """Serve the page of a build that has not begun; begin with ``start`` of the build that this yields.
 
     Raises:
         InputError: the port is taken, or rerun's viewer is missing.
     """
-    from simaps_viz.recorder.live import LiveStream  # noqa: PLC0415 - rerun is slow to import
-
     color: Any = getattr(sequence, "color", None)
     live = _LivePage(sequence, settings, progress)
     stream = LiveStream(color or (lambda index: None))

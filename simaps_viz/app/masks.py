@@ -13,14 +13,8 @@ from simaps_viz.segmentation.mask_store import About, find_store
 from simaps_viz.segmentation.protocol import Threshold
 from simaps_viz.segmentation.sequences import FrameTuner, WithMasks, about, above_score, masks_from, score_threshold
 from simaps_viz.structures import Segmentation, SIMap
-from simaps_viz.viewer.panels.masks import Knob, SegmentationServices
+from simaps_viz.viewer.panels.masks import SegmentationServices
 
-OPTIONS = {
-    "score": "--score-threshold",
-    "mask": "--mask-threshold",
-    "overlap": "--overlap-threshold",
-    "iou": "--box-overlap",
-}
 NO_NETWORK = (
     "The network that made them is not at hand: only the score can be tried. With simaps view SEQUENCE --segmentation "
     "NET.onnx all thresholds can."
@@ -67,7 +61,7 @@ def segmentation_services(simap: SIMap, cache: Path) -> SegmentationServices:
         look=lambda index: _look(sequence, masks, index),
         retry=opener.segmentation,
         runs_network=True,
-        knobs=tuple(_knob(threshold) for threshold in opener.thresholds()),
+        knobs=tuple(Threshold(**row) for row in store.about.origin.get("thresholds", ())),
         source=source,
         network=opener.file.name,
         notes=simulated,
@@ -87,10 +81,6 @@ class _Opener:
         self.file = Path(made.origin["network"])
         if not self.file.is_file():
             raise InputError(f"{self.file}: expected the network this map was built with, found nothing")
-
-    def thresholds(self) -> tuple[Threshold, ...]:
-        """Return the network's thresholds, as they were when the map was built."""
-        return tuple(Threshold(**row) for row in self._about.origin.get("thresholds", ()))
 
     def segmentation(self, index: int, values: Mapping[str, float]) -> Segmentation:
         """Segment a frame with other thresholds; raises InputError when the file has been replaced by another."""
@@ -122,7 +112,7 @@ def _elsewhere(
         frame_names=sequence.frame_names,
         look=lambda index: _look(sequence, masks, index),
         retry=retry,
-        knobs=(_knob(score_threshold(), option=False),),
+        knobs=(score_threshold(),),
         source=source,
         notes=notes,
     )
@@ -130,8 +120,3 @@ def _elsewhere(
 
 def _look(sequence: PosedFrames, masks: PosedFrames | WithMasks, index: int) -> tuple[NDArray, Segmentation]:
     return sequence.color(index), masks.segmentation(index)
-
-
-def _knob(threshold: Threshold, *, option: bool = True) -> Knob:
-    name = OPTIONS.get(threshold.key, "") if option else ""
-    return Knob(threshold.key, threshold.label, threshold.value, threshold.hint, name)

@@ -7,15 +7,13 @@ import webbrowser
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from simaps_viz.app.compare import find_again
-from simaps_viz.app.share import look_back
 from simaps_viz.build.cache import cache_folder, map_in_cache
 from simaps_viz.build.pipeline import BuildConfig
-from simaps_viz.build.to_file import build_complete, is_complete
+from simaps_viz.build.to_file import build_complete, is_complete, open_history
 from simaps_viz.console.progress import StageProgress
 from simaps_viz.console.terminal import console
 from simaps_viz.datasets.sequence import PosedFrames
@@ -26,10 +24,10 @@ from simaps_viz.language.grounding import Grounding
 from simaps_viz.language.llm import LLMReader
 from simaps_viz.language.llm_settings import Exchange, LLMError, LLMServerError, parse_llm_spec
 from simaps_viz.mapping.file import load_map
+from simaps_viz.mapping.history import MapHistory, cut_as
 from simaps_viz.mapping.mending import Mending
-from simaps_viz.mapping.simap import joining_at, repartition
+from simaps_viz.mapping.simap import joining_at, recommunity, repartition
 from simaps_viz.navigation.agent import Agent, Answer, CommandReader, answer, start_pose
-from simaps_viz.navigation.planner import RobotShape
 from simaps_viz.segmentation.sequences import WithMasks
 from simaps_viz.structures import Pose2, SIMap
 
@@ -89,31 +87,19 @@ def open_workbench(
     path = recording if map_path is None else map_path
     services = replace(
         services_of(simap, recording, lambda: mending),
-        panels=panels_of(simap, recording, mending, beside=recording is not None),
+        panels=panels_of(simap, mending),
         model=language_model(llm),
         judging=judging,
         look_back=look_back(lambda: path),
     )
     simap = simap if mending is None else mending.simap()
     start = start_pose(simap) if len(simap.T_map_camera) else None
-    return Workbench(simap, services=services, port=port, host=host, start=start, robot_radius_m=RobotShape().radius_m)
+    return Workbench(simap, services=services, port=port, host=host, start=start)
 
 
-def serve(
-    simap: SIMap,
-    *,
-    recording: Path | None,
-    port: int,
-    browser: bool,
-    llm: str | None = None,
-    judging: "JudgingSession | None" = None,
-    mending: Mending | None = None,
-    host: str = "127.0.0.1",
-    map_path: Path | None = None,
-) -> None:
-    """Show the workbench until Ctrl-C."""
-    with open_workbench(simap, recording=recording, port=port, llm=llm, judging=judging, mending=mending, host=host,
-                   map_path=map_path) as page:  # fmt: skip
+def serve(simap: SIMap, *, browser: bool, **options: Any) -> None:
+    """Show the workbench until Ctrl-C; ``options`` are those of `open_workbench`."""
+    with open_workbench(simap, **options) as page:
         tell_where(page, browser=browser)
         page.wait()
 
@@ -128,39 +114,42 @@ def tell_where(page: "Workbench", *, browser: bool = False) -> None:
         webbrowser.open(page.entrance)
 
 
-def services_of(simap: SIMap, recording: Path | None, mending: Callable[[], Mending | None]) -> "Services":
-    """Return the services of the page of a map and its recording, if it has one; panels are added later.
+def look_back(path: Callable[[], Path | None]) -> Callable[[SIMap, int], SIMap | None]:
+    """Return a function that shows a map as it was after a frame, from the history beside the map's file.
 
-    ``mending`` returns the edits, once there are any.
+    The history is opened on the first call. The returned map has the objects of the map it is called with, including
+    its K and its edits, as far as they had been observed by then; None where there is no history.
+
+    Args:
+        path: of the map or its recording; None as long as there is none.
     """
-    from simaps_viz.recorder.facts import read_levels  # noqa: PLC0415 - rerun is slow to import
-    from simaps_viz.recorder.web_viewer import (  # noqa: PLC0415 - as above
-        CONTENT_SECURITY_POLICY,
-        rerun_page,
-        viewer_assets,
-    )  # fmt: skip
+    lock = threading.Lock()
+    opened: list[MapHistory | None] = []
 
-    services = bare_services(simap, mending)
-    if recording is None:
-        return services
-    return replace(
-        services,
-        rerun_page=rerun_page,
-        rerun_assets=viewer_assets(),
-        csp=CONTENT_SECURITY_POLICY,
-        recordings=(recording,),
-        recorded_levels=read_levels(recording),
-    )
+    def look(simap: SIMap, frame: int) -> SIMap | None:
+        beside = path()
+        if beside is None:
+            return None
+        with lock:
+            if not opened:
+                opened.append(open_history(beside, simap))
+        then = None if opened[0] is None else opened[0].look_at(frame)
+        return cut_as(then, simap) if then is not None and then.spec == simap.spec else None
+
+    return look
 
 
-def bare_services(simap: SIMap, mending: Callable[[], Mending | None] = lambda: None) -> "Services":
-    """Return the services that every page has, without additional panels and without a recording.
+def services_of(
+    simap: SIMap, recording: Path | None = None, mending: Callable[[], Mending | None] = lambda: None
+) -> "Services":
+    """Return the services of the page of a map; panels are added later.
 
     Args:
         simap: the map shown; only its origin is used.
+        recording: of its build.
         mending: returns the edits, once there are any.
     """
-    from simaps_viz.recorder.settings import SMALL  # noqa: PLC0415 - rerun is slow to import
+    from simaps_viz.recorder.facts import read_levels  # noqa: PLC0415 - rerun is slow to import
     from simaps_viz.viewer.page.services import Services  # noqa: PLC0415 - viser is slow to import
 
     opened: list[PosedFrames | WithMasks] = []
@@ -170,55 +159,44 @@ def bare_services(simap: SIMap, mending: Callable[[], Mending | None] = lambda: 
             opened.extend(filter(None, [sequence_of(simap)]))
         return (opened[0].color(index), opened[0].segmentation(index).ids) if opened else None
 
+    def find_again(m: SIMap, resolution: float, percent: float) -> SIMap:
+        edits = mending()
+        find = recommunity if edits is None or not edits.covers(m) else edits.recommunity
+        return find(m, resolution=resolution, **joining_at(m, percent))
+
     return Services(
         repartition=lambda m, percent: repartition(m, **joining_at(m, percent)),
-        recommunity=lambda m, resolution, percent: find_again(m, resolution, percent, mending()),
+        recommunity=find_again,
         ask=answer,
         steps=lambda m, program, pose: Agent(m, pose).steps(program),
         candidates=lambda m, label, pose: Grounding(m, pose).candidates(label),
         view=view,
-        picture_divide={
-            "/world/camera/color": SMALL.color_divide,
-            "/world/camera/segmentation": SMALL.segmentation_divide,
-        },
+        recordings=() if recording is None else (recording,),
+        recorded_levels=None if recording is None else read_levels(recording),
     )
 
 
-def panels_of(
-    simap: SIMap, recording: Path | None, mending: Mending | None, *, beside: bool, frames: bool = True
-) -> "tuple[PanelSpec, ...]":
+def panels_of(simap: SIMap, mending: Mending | None, *, frames: bool = True) -> "tuple[PanelSpec, ...]":
     """Return the panels of a page in addition to those that every page has.
 
     Args:
         simap: the map.
-        recording: of its build.
         mending: its edits.
-        beside: whether the page has a place for recordings.
         frames: whether to have the panels that need the frames: comparison and masks.
     """
-    from simaps_viz.app.compare import compare_services  # noqa: PLC0415 - only needed by the page
     from simaps_viz.app.masks import segmentation_services  # noqa: PLC0415 - viser is slow to import
-    from simaps_viz.app.share import share_services  # noqa: PLC0415 - only needed by the page
+    from simaps_viz.evaluation.other_maps import MapMaker  # noqa: PLC0415 - only needed by the page
     from simaps_viz.recorder.library import RecordingLibrary  # noqa: PLC0415 - rerun is slow to import
     from simaps_viz.viewer.panels.compare import compare_panel  # noqa: PLC0415 - as above
     from simaps_viz.viewer.panels.masks import masks_panel  # noqa: PLC0415 - as above
     from simaps_viz.viewer.panels.recordings import recordings_panel  # noqa: PLC0415 - as above
-    from simaps_viz.viewer.panels.share import share_panel  # noqa: PLC0415 - as above
+    from simaps_viz.viewer.panels.share import SHARE  # noqa: PLC0415 - as above
 
-    of_frames = (
-        ()
-        if not frames
-        else (
-            compare_panel(compare_services(simap, sequence_of(simap), cache_folder())),
-            masks_panel(segmentation_services(simap, cache_folder())),
-        )
-    )
-    return (
-        *of_frames,
-        *mending_panels(mending),
-        share_panel(share_services(recording)),
-        recordings_panel(RecordingLibrary(), dockable=beside),
-    )
+    of_frames = ()
+    if frames:
+        maker = MapMaker(sequence_of(simap), cache_folder())
+        of_frames = compare_panel(maker), masks_panel(segmentation_services(simap, cache_folder()))
+    return *of_frames, *mending_panels(mending), SHARE, recordings_panel(RecordingLibrary())
 
 
 def mending_panels(mending: Mending | None) -> "tuple[PanelSpec, ...]":

@@ -58,11 +58,9 @@ class Share:
     def _write(self, progress: "StageProgress") -> dict[str, Any]:
         """Write the file and return a JSON-able summary of its contents."""
         from simaps_viz.app import workbench
-        from simaps_viz.app.share import look_back
         from simaps_viz.io.files import check_output, write_whole
         from simaps_viz.mapping.mending import load_mended
         from simaps_viz.navigation.agent import Agent, answer, start_pose
-        from simaps_viz.navigation.planner import RobotShape
         from simaps_viz.structures import Pose2
         from simaps_viz.viewer.share.files import share_bytes
         from simaps_viz.viewer.share.story import drive_of
@@ -85,8 +83,8 @@ class Share:
                 ask=lambda m, text, at: answer(m, text, at, reader=read),
                 steps=lambda m, program, at: Agent(m, at).steps(program),
             )
-        look = None if ending == ".png" else partial(look_back(lambda: self.map), simap)
-        made = share_bytes(ending, simap, drive=drive, look=look, radius_m=RobotShape().radius_m, progress=progress)
+        look = None if ending == ".png" else partial(workbench.look_back(lambda: self.map), simap)
+        made = share_bytes(ending, simap, drive=drive, look=look, progress=progress)
         write_whole(self.output, made, "the shared file")
         return {
             "output": str(self.output),

@@ -94,7 +94,7 @@ class TwoPictures:
         left, right = self._halves
         if mode == "stacked":
             gap = np.full((self._gap * self._scale, left.shape[1], 3), self._theme.unseen, np.uint8)
-            heads = [self._title(side.title, left.shape[1]) for side in (self._maps.left, self._maps.right)]
+            heads = [self._titles(mode, left.shape[1], side) for side in (self._maps.left, self._maps.right)]
             parts = [heads[0], left, gap, heads[1], right]
         elif mode == "side by side":
             gap = np.full((left.shape[0], self._gap * self._scale, 3), self._theme.unseen, np.uint8)
@@ -158,11 +158,15 @@ class TwoPictures:
         cv2.drawContours(image, contours, -1, paper, thick + (4 if halo else 2))
         cv2.drawContours(image, contours, -1, color, thick)
 
-    def _titles(self, mode: Mode, width: int) -> NDArray:
+    def _titles(self, mode: Mode, width: int, only: "MapSide | None" = None) -> NDArray:
+        """Draw a strip with both titles, or with that of ``only`` one map."""
         n = self._scale
         head = np.full((self._head * n, width, 3), self._theme.unseen, np.uint8)
         size = round(0.5 * head.shape[0])
         y, pad = head.shape[0] / 2.0, size // 2
+        if only is not None:
+            write(head, fitting(only.title, size, width - size, bold=True), (pad, y), size, self._ink, bold=True)
+            return head
         room = (width - 4 * pad) // 2
         left, right = (fitting(side.title, size, room, bold=True) for side in (self._maps.left, self._maps.right))
         write(head, left, (pad, y), size, self._ink, bold=True)
@@ -170,13 +174,6 @@ class TwoPictures:
             write(head, right, ((self._cols + self._gap) * n + pad, y), size, self._ink, bold=True)
         else:
             write(head, right, (width - pad, y), size, self._ink, bold=True, anchor="right")
-        return head
-
-    def _title(self, title: str, width: int) -> NDArray:
-        head = np.full((self._head * self._scale, width, 3), self._theme.unseen, np.uint8)
-        size = round(0.5 * head.shape[0])
-        fits = fitting(title, size, width - size, bold=True)
-        write(head, fits, (size // 2, head.shape[0] / 2.0), size, self._ink, bold=True)
         return head
 
 

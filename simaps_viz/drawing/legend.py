@@ -3,6 +3,7 @@
 from collections import Counter
 from collections.abc import Sequence
 from html import escape
+from pathlib import PurePath
 
 import cv2
 import numpy as np
@@ -17,6 +18,13 @@ from simaps_viz.structures import Instance, SIMap
 
 MAX_CHIPS = 40
 """Instances of a class that get their own colour chip; more are summed up."""
+
+
+def title_of(simap: SIMap) -> str:
+    """Return the name of a map: its own, or that of its sequence."""
+    sequence = PurePath(str(simap.provenance.get("sequence", "unknown sequence")))
+    folder = sequence.parent.name if sequence.suffix == ".json" and sequence.parent.name else sequence.name
+    return str(simap.provenance.get("name") or folder)
 
 
 def counts_text(simap: SIMap, most: int = 4) -> str:

@@ -74,16 +74,12 @@ def read_facts(path: Path) -> RecordingFacts:
         InputError: it is no rerun recording, or was not finished.
     """
     application, values = _read(path)
+    kinds = {"frames": int, "simulated": bool, "segmentation": str, "method": str, "instances": int, "version": str}
     return RecordingFacts(
         title=_of(values, "RecordingInfo:name", str),
         application=application,
-        frames=_of(values, "frames", int),
-        simulated=_of(values, "simulated", bool),
-        segmentation=_of(values, "segmentation", str),
-        method=_of(values, "method", str),
         parameters=_in_words(_of(values, "parameters", str)),
-        instances=_of(values, "instances", int),
-        version=_of(values, "version", str),
+        **{name: _of(values, name, kind) for name, kind in kinds.items()},
     )
 
 

@@ -4,6 +4,7 @@ import os
 import shutil
 import tempfile
 import threading
+from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from datetime import timedelta
 from pathlib import Path
@@ -23,12 +24,20 @@ from simaps_viz.recorder.map_pictures import GROUND, UNSEEN, markdown, markdown_
 from simaps_viz.recorder.merge_log import log_louvain, log_merges
 from simaps_viz.recorder.settings import SMALL, RecorderSettings
 from simaps_viz.recorder.web_viewer import free_port
-from simaps_viz.structures import Grid, SIMap
+from simaps_viz.structures import GridSpec, SIMap
 
 MARGIN_M = 0.3
 POINTS_FRAMES = 10
 """The 3-D view shows the points of so many frames up to this one; without a graphics card more are slow."""
 PLAYBACK_FPS = 10.0
+
+MAP_VIEWS = {
+    "Objects": ("/map/ground", "/map/objects", "/map/camera", "/map/names", "/map/merge"),
+    "Classes": ("/map/classes", "/map/camera"),
+    "New edges": ("/map/ground", "/map/edges", "/map/camera"),
+    "Heights": ("/map/heights", "/map/camera"),
+}
+"""The views of the map by their names, with the entities they show."""
 
 Extent = tuple[float, float, float, float]
 """xmin, ymin, xmax, ymax, map frame, metres."""
@@ -40,10 +49,12 @@ def build_blueprint(extent_m: Extent | None = None) -> rrb.Blueprint:
     Args:
         extent_m: what the map views show; None while nobody knows.
     """
+    names = {"color": "Camera", "segmentation": "Segments", "depth": "Depth"}
+    cameras = [rrb.Spatial2DView(origin=f"/world/camera/{path}", name=name) for path, name in names.items()]
     return rrb.Blueprint(
         rrb.Vertical(
-            rrb.Horizontal(_camera_views(), _room_and_counts()),
-            _map_views(extent_m),
+            rrb.Horizontal(rrb.Tabs(*cameras, active_tab=0), _room_and_counts()),
+            map_views(extent_m, MAP_VIEWS),
             rrb.TextDocumentView(origin="/now", name="Now", titlebar=False),
             row_shares=[0.40, 0.52, 0.08],
         ),
@@ -52,12 +63,6 @@ def build_blueprint(extent_m: Extent | None = None) -> rrb.Blueprint:
         rrb.TimePanel(state="collapsed", timeline="frame", fps=PLAYBACK_FPS, play_state="paused"),
         auto_views=False,
     )
-
-
-def _camera_views() -> rrb.Tabs:
-    names = {"color": "Camera", "segmentation": "Segments", "depth": "Depth"}
-    views = [rrb.Spatial2DView(origin=f"/world/camera/{path}", name=name) for path, name in names.items()]
-    return rrb.Tabs(*views, active_tab=0)
 
 
 def _room_and_counts() -> rrb.Tabs:
@@ -84,22 +89,17 @@ def _room_and_counts() -> rrb.Tabs:
     return rrb.Tabs(room, counts, about, log, active_tab=0)
 
 
-def _map_views(extent_m: Extent | None) -> rrb.Tabs:
+def map_views(extent_m: Extent | None, shown: Mapping[str, Sequence[str]]) -> rrb.Tabs:
+    """Return tabs with views of the map, {name: entities}; without an extent rerun chooses what they show."""
     bounds = None
     if extent_m is not None:
         xmin, ymin, xmax, ymax = extent_m
         bounds = rrb.VisualBounds2D(
             x_range=(xmin - MARGIN_M, xmax + MARGIN_M), y_range=(-ymax - MARGIN_M, -ymin + MARGIN_M)
         )
-    shown = {
-        "Objects": ["/map/ground", "/map/objects", "/map/camera", "/map/names", "/map/merge"],
-        "Classes": ["/map/classes", "/map/camera"],
-        "New edges": ["/map/ground", "/map/edges", "/map/camera"],
-        "Heights": ["/map/heights", "/map/camera"],
-    }
     views = [
         rrb.Spatial2DView(
-            origin="/map", name=name, contents=contents, visual_bounds=bounds, background=GROUND[UNSEEN][2][:3]
+            origin="/map", name=name, contents=[*contents], visual_bounds=bounds, background=GROUND[UNSEEN][2][:3]
         )
         for name, contents in shown.items()
     ]
@@ -242,8 +242,10 @@ class RerunRecorder:
             self._on_started(event)
         elif isinstance(event, FrameProjected):
             self._on_frame(event)
+        elif isinstance(event, CommunitiesFound) and event.final:
+            self._communities = event  # in colours that only the finished map knows
         elif isinstance(event, CommunitiesFound):
-            self._on_communities(event)
+            self._show_objects(event, None)
         elif isinstance(event, MergesFound):
             self._merges = event  # told in words that only the finished map knows
         elif isinstance(event, BuildFinished):
@@ -337,12 +339,6 @@ class RerunRecorder:
             found = CommunitiesFound(simap.grid, simap.community, known, final=False, instance=simap.instance)
             self._show_objects(found, colors)
 
-    def _on_communities(self, event: CommunitiesFound) -> None:
-        if event.final:
-            self._communities = event  # in colours that only the finished map knows
-        else:
-            self._show_objects(event, None)
-
     def _show_objects(self, event: CommunitiesFound, colors: NDArray | None) -> None:
         self._stream.reset_time()
         self._stream.set_time("frame", sequence=event.frame_index)
@@ -369,7 +365,7 @@ class RerunRecorder:
         send_facts(self._stream, finished_facts(simap))
         if self._started is not None:
             self._stream.log("/about", markdown(about(self._started, simap)), static=True)
-        self._stream.send_blueprint(build_blueprint(_extent(simap.grid)))
+        self._stream.send_blueprint(build_blueprint(extent_of(simap.spec)))
         self._finished = True
         if self.live_url is None:
             self._end()
@@ -403,8 +399,9 @@ def _in_bursts() -> rr.ChunkBatcherConfig:
     return config
 
 
-def _extent(grid: Grid) -> tuple[float, float, float, float] | None:
-    return grid.spec.extent_m if grid.spec.rows and grid.spec.cols else None
+def extent_of(spec: GridSpec) -> Extent | None:
+    """Return the extent of a grid; None where it has no cells."""
+    return spec.extent_m if spec.rows and spec.cols else None
 
 
 def _open_beside(path: Path) -> FilePipe:

@@ -13,8 +13,8 @@ from simaps_viz.colors.classes import class_color
 from simaps_viz.io.files import check_output, replacing
 from simaps_viz.recorder.facts import finished_facts, send_facts
 from simaps_viz.recorder.map_log import MapLog
-from simaps_viz.recorder.map_pictures import GROUND, UNSEEN, cell_centres, markdown_table, north_up, object_picture
-from simaps_viz.recorder.recorder import MARGIN_M
+from simaps_viz.recorder.map_pictures import cell_centres, markdown_table, north_up, object_picture
+from simaps_viz.recorder.recorder import extent_of, map_views
 from simaps_viz.recorder.settings import SMALL
 from simaps_viz.structures import SIMap
 
@@ -52,23 +52,11 @@ def log_whole_map(stream: rr.RecordingStream, simap: SIMap, *, prefix: str = "")
 
 def whole_map_blueprint(simap: SIMap) -> rrb.Blueprint:
     """Lay the map out: from above on the left, the room and words on the right."""
-    bounds = None
-    if simap.spec.rows and simap.spec.cols:
-        xmin, ymin, xmax, ymax = simap.spec.extent_m
-        bounds = rrb.VisualBounds2D(
-            x_range=(xmin - MARGIN_M, xmax + MARGIN_M), y_range=(-ymax - MARGIN_M, -ymin + MARGIN_M)
-        )
-    shown = {"Objects": ["/map/ground", "/map/objects", "/map/names"], "Classes": ["/map/classes"],
-             "Heights": ["/map/heights"]}  # fmt: skip
-    views = [
-        rrb.Spatial2DView(
-            origin="/map", name=name, contents=contents, visual_bounds=bounds, background=GROUND[UNSEEN][2][:3]
-        )
-        for name, contents in shown.items()
-    ]
+    shown = {"Objects": ("/map/ground", "/map/objects", "/map/names"), "Classes": ("/map/classes",),
+             "Heights": ("/map/heights",)}  # fmt: skip
     return rrb.Blueprint(
         rrb.Horizontal(
-            rrb.Tabs(*views, active_tab=0),
+            map_views(extent_of(simap.spec), shown),
             rrb.Vertical(
                 rrb.Spatial3DView(origin="/world", name="3-D"),
                 rrb.TextDocumentView(origin="/about", name="About"),

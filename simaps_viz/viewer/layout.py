@@ -34,7 +34,9 @@ class Layout:
         """Make the panels and dock them."""
         gui, specs = page.gui, specs_of(page)
         wide = "position:fixed;width:100vw;height:0;border:0;visibility:hidden"  # it reports the page's width
-        gui.add_html(f'<iframe title="Tab" style="{wide}" src="{page.common.tabs.url_for(page.token)}"></iframe>')
+        gui.add_html(
+            f'<iframe title="Tab" style="{wide}" src="{page.workbench.tab_host.url_for(page.token)}"></iframe>'
+        )
         self._recording = _dock_recording(page)
         # The main panel: help and keys above the tabs.
         page.panels.place("head", gui, specs)

@@ -2,16 +2,18 @@
 
 import weakref
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
-from typing import Any
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
 
 import viser
 
 from simaps_viz.structures import SIMap
 from simaps_viz.viewer.layout import Layout, specs_of
 from simaps_viz.viewer.page.page import Page
-from simaps_viz.viewer.page.shared import Common
 from simaps_viz.viewer.scene.camera import TOP, CameraState
+
+if TYPE_CHECKING:
+    from simaps_viz.viewer.workbench import Workbench
 
 
 @dataclass(frozen=True, eq=False)
@@ -34,11 +36,11 @@ class TabState:
 class Session(Page):
     """The page of one browser tab, with its panels; it ends with its connection."""
 
-    def __init__(self, client: viser.ClientHandle, common: Common) -> None:
+    def __init__(self, client: viser.ClientHandle, workbench: "Workbench") -> None:
         """Build the page; nothing is painted before ``begin``."""
         self._waiting_state: TabState | None = None
         with client.atomic():
-            super().__init__(client, common)
+            super().__init__(client, workbench)
             self._layout = Layout(self)
 
     def begin(self, state: TabState | None) -> None:
@@ -54,10 +56,8 @@ class Session(Page):
         """Lay the panels out anew, now that the browser shows them on a page of that width."""
         self.worker.submit("settle", lambda: self._layout.settle(width_px))
 
-    def catch_up(self, common: Common) -> None:
+    def catch_up(self) -> None:
         """Have the panels that only a finished map has, soon, if the map that was being built is done."""
-        known = {"services": common.services, "recorded": common.recorded, "building": common.building}
-        self.common = replace(self.common, **known)
         self.worker.submit("panels", self._catch_up_now)
 
     def close(self, timeout_s: float = 2.0) -> TabState:
@@ -73,7 +73,7 @@ class Session(Page):
         return state
 
     def _state(self) -> TabState:
-        published = self.common.published()
+        published = self.workbench.simap
         return TabState(
             published=weakref.ref(published),
             own=None if self.base is published else self.base,
@@ -85,7 +85,7 @@ class Session(Page):
 
     def _restore(self, state: TabState) -> None:
         """Restore what was done on the page before; a map published since then is kept."""
-        if state.own is not None and state.published() is self.common.published():
+        if state.own is not None and state.published() is self.workbench.simap:
             self.take_map_now(state.own)
         self.remember(state.picked)
         if state.frame is not None:

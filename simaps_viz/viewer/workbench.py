@@ -14,11 +14,12 @@ from urllib.parse import urlsplit
 
 import viser
 
+from simaps_viz.recorder.web_viewer import CONTENT_SECURITY_POLICY, viewer_assets
 from simaps_viz.structures import Pose2, SIMap
 from simaps_viz.viewer.layout import prepare
 from simaps_viz.viewer.page.panel import PanelSpec
 from simaps_viz.viewer.page.services import Services
-from simaps_viz.viewer.page.shared import Common, Shared
+from simaps_viz.viewer.page.shared import Shared
 from simaps_viz.viewer.page.tab_identity import TAB_CSP, TAB_PAGE, Tabs
 from simaps_viz.viewer.page.worker import Worker
 from simaps_viz.viewer.scene.camera import set_first_view
@@ -58,7 +59,6 @@ class Workbench:
         port: int = 8080,
         host: str = "127.0.0.1",
         start: Pose2 | None = None,
-        robot_radius_m: float = 0.2,
     ) -> None:
         """Start serving.
 
@@ -68,33 +68,28 @@ class Workbench:
             port: where to serve; the next free one when it is taken.
             host: address to listen on; one that other machines reach demands a token, see `access.Access`.
             start: where robots stand; None finds open floor.
-            robot_radius_m: how large they are drawn.
 
         Raises:
             InputError: a recording that the services name does not exist.
         """
-        self._published = simap
+        self.simap = simap
+        """The map that a new page shows."""
+        self.recorded = simap
+        """The map whose build was recorded."""
+        self.services, self.start = services, start
+        self.shared = Shared(services)
+        self.judging = threading.RLock()
+        """Held while the answer of a judge is saved."""
         self._sessions: dict[int, Session] = {}
         self._changed = threading.Condition()
         self._closed = threading.Event()
         self._teller = Worker(lambda error: logger.error("a map could not be published", exc_info=error))
         self.tabs: Tabs[TabState] = Tabs()
+        self.tab_host = Host(page=lambda _: TAB_PAGE, assets={}, csp=TAB_CSP, on_event=self._tab_told, root="tab")
+        """Serves the hidden frame that identifies the browser tab."""
+        self.recording_host = self._recording_host()
+        """Serves the recorded build; None where there is none."""
         self.access = Access(host)
-        self.shared = Shared(services)
-        self.recording_host = self._recording_host(services)
-        tab_host = Host(page=lambda _: TAB_PAGE, assets={}, csp=TAB_CSP, on_event=self._tab_told, root="tab")
-        self._common = Common(
-            services=services,
-            shared=self.shared,
-            recording=self.recording_host,
-            tabs=tab_host,
-            recorded=simap,
-            building=services.building,
-            published=lambda: self._published,
-            publish=lambda changed: self.publish(changed, growing=True),
-            start=start,
-            robot_radius_m=robot_radius_m,
-        )
         self.door = FrontDoor(self.access, port)
         # viser listens on a private port, which only the front door knows the key of.
         with contextlib.redirect_stdout(io.StringIO()):  # its banner; the app says where the page is
@@ -106,8 +101,9 @@ class Workbench:
         set_first_view(self.server, frame_extent(seen_extent(simap)))
         self.server.on_client_disconnect(self._left)
         self.server.on_client_connect(self._came)
-        self._teller.submit("prepare", lambda: self.shared.prepare(simap))
-        hosts = [tab_host] if self.recording_host is None else [tab_host, self.recording_host]
+        # The first picture of a new page is painted while its browser is still loading.
+        self._teller.submit("prepare", lambda: self.shared.picture(simap, "instance", None, None))
+        hosts = [self.tab_host, *filter(None, [self.recording_host])]
         self.door.start(hosts, viser=behind, stream_port=urlsplit(services.stream.removeprefix("rerun+")).port)
 
     @property
@@ -126,11 +122,6 @@ class Workbench:
         return self.door.entrance
 
     @property
-    def simap(self) -> SIMap:
-        """The map that a new page shows."""
-        return self._published
-
-    @property
     def sessions(self) -> Sequence[Session]:
         """The open pages, the oldest first."""
         with self._changed:
@@ -145,7 +136,7 @@ class Workbench:
             simap: the map.
             growing: it is the same map, further built: pages cut it as their persons have set the sliders.
         """
-        self._published = simap
+        self.simap = simap
         self._teller.submit("publish", lambda: self._tell(simap, growing))
 
     def finish(self, simap: SIMap, panels: Sequence[PanelSpec], recording: Path | None = None) -> None:
@@ -156,8 +147,7 @@ class Workbench:
             panels: in the place of those there were.
             recording: of its build, when there is a file; otherwise the stream stays.
         """
-        services = replace(self._common.services, panels=panels, building=False)
-        self._common = replace(self._common, services=services, recorded=simap, building=False)
+        self.recorded, self.services = simap, replace(self.services, panels=panels, building=False)
         if recording is not None and self.recording_host is not None:
             self.recording_host.turn_to(recording)
         self.publish(simap, growing=True)
@@ -204,15 +194,16 @@ class Workbench:
 
     def _tell_finished(self) -> None:
         for session in self.sessions:
-            session.catch_up(self._common)
+            session.catch_up()
 
-    def _recording_host(self, services: Services) -> Host | None:
-        if services.rerun_page is None:
+    def _recording_host(self) -> Host | None:
+        services = self.services
+        if not services.recordings and not services.stream:
             return None
         return Host(
             page=services.rerun_page,
-            assets=services.rerun_assets,
-            csp=services.csp,
+            assets=viewer_assets(),
+            csp=CONTENT_SECURITY_POLICY,
             recordings=services.recordings,
             streams=(LIVE_STREAM,) if services.stream else (),
             on_event=self._recording_told,
@@ -223,7 +214,7 @@ class Workbench:
         """Return a new page its session; it is painted once it is known which tab it is in."""
         try:
             check_values(client, self.door.note)
-            session = Session(client, self._common)
+            session = Session(client, self)
         except Exception as error:  # whatever one page, or a panel of it, fails of, the others are served on
             logger.error("a page could not be built", exc_info=error)
             client.add_notification("The page could not be built", str(error), color="red")
@@ -236,18 +227,21 @@ class Workbench:
         if not here:
             session.close()
             return
-        if session.base is not self._published:  # published while the page was built
-            session.take_map(self._published)
-        session.catch_up(self._common)
+        if session.base is not self.simap:  # published while the page was built
+            session.take_map(self.simap)
+        session.catch_up()
         timer = threading.Timer(TELL_S, session.begin, args=(None,))
         timer.daemon = True
         timer.start()
 
     def _left(self, client: viser.ClientHandle) -> None:
         with self._changed:
-            session = self._sessions.pop(client.client_id, None)
+            session = self._sessions.get(client.client_id)
         if session is not None:
-            self.tabs.leave(session.token, session.close())
+            state = session.close()  # while it still gets published maps: it has to know which it was left on
+            with self._changed:
+                self._sessions.pop(client.client_id, None)
+            self.tabs.leave(session.token, state)
         if not self.sessions:
             gc.collect()  # viser's pages refer to themselves in circles; nobody is kept waiting now
 

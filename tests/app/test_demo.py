@@ -64,12 +64,12 @@ def test_the_page_is_there_at_once_and_complete_when_the_frames_are(monkeypatch)
     seen = []
 
     def wait(page):
-        titles = lambda: [spec.title for spec in page._common.services.panels]  # noqa: E731
+        titles = lambda: [spec.title for spec in page.services.panels]  # noqa: E731
         seen.append(titles())
         (thread,) = (one for one in threading.enumerate() if one.name == "demo-frames")
         thread.join(300.0)
         seen.append(titles())
-        seen.append(page._common.services.look_back(page.simap, 3))
+        seen.append(page.services.look_back(page.simap, 3))
         seen.append(page.simap.frame_names)
 
     monkeypatch.setattr("simaps_viz.viewer.workbench.Workbench.wait", wait)

@@ -43,7 +43,7 @@ def say(session, page, command, *, by="Enter"):
     if by == "Enter":
         box.press("Enter")
     else:
-        until(page, lambda: session.panels[CommandPanel]._widgets.texts[0] == command)
+        until(page, lambda: session.panels[CommandPanel].texts[0] == command)
         press(page, by)
     until(page, lambda: session.panels[CommandPanel]._past and session.panels[CommandPanel]._past[0].command == command)
 
@@ -190,7 +190,7 @@ def test_a_language_model_is_asked_shown_and_stopped(browser):
             expect(page.get_by_text("The wait for an answer has ended")).to_be_visible()
             assert server.left.wait(PATIENCE_S)
             field_of(page, "Language model").uncheck(force=True)
-            until(page, lambda: not mine(bench).panels[CommandPanel]._widgets.uses_model)
+            until(page, lambda: not mine(bench).panels[CommandPanel].uses_model)
             say(mine(bench), page, "turn left")
             expect(page.get_by_text("Done")).to_be_visible()
             assert len(server.received) == 2

@@ -2,28 +2,29 @@
 
 import threading
 from dataclasses import replace
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
-from browser import until, watched_page
+from browser import toy_services, until, watched_page
 from playwright.sync_api import expect
 from stub_page import color_at, open_desk, settle, stub_page
 from toy_maps import toy_map
 
-from simaps_viz.app.compare import load_bytes, rejoin
 from simaps_viz.drawing.compare_picture import KINDS, TwoPictures
 from simaps_viz.errors import InputError
-from simaps_viz.evaluation.two_maps import compare_two
+from simaps_viz.evaluation.other_maps import TRUTH, Source
 from simaps_viz.mapping.file import save_map
 from simaps_viz.mapping.simap import repartition
-from simaps_viz.viewer.panels.compare import TRUTH, ComparePanel, CompareServices, Source
+from simaps_viz.viewer.panels.compare import ComparePanel, load_bytes
 
 CHAIR_1, CHAIR_3, COUCH = (1.25, 1.85), (-0.2, -0.8), (3.6, 2.45)
 SLOW = "a source that takes its time"
 GATE = threading.Event()
 
 
-def make(key, simap, tell, cancel):
+def make(key, simap, tell):
     if key == "broken":
         raise InputError("toy: expected frames, found none")
     if key == "slow":
@@ -48,12 +49,9 @@ SOURCES = (
 
 @pytest.fixture(scope="module")
 def opened(browser):
-    with stub_page(toy_map()) as desk, watched_page(browser, 1280, 1150) as page:
-        services = CompareServices(
-            compare=lambda left, right, truth: compare_two(left, right, truth=truth),
-            sources=SOURCES, make=make, rejoin=rejoin, load=load_bytes,
-        )  # fmt: skip
-        panel = ComparePanel(desk, services)
+    with stub_page(toy_map(), toy_services()) as desk, watched_page(browser, 1280, 1150) as page:
+        maker: Any = SimpleNamespace(sources=lambda simap: SOURCES, make=make)
+        panel = ComparePanel(desk, maker)
         open_desk(page, desk)
         yield desk, panel, page
         panel.close()

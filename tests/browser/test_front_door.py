@@ -20,7 +20,6 @@ from toy_maps import TOY_POSE, toy_map
 
 from simaps_viz.app.live import live_workbench
 from simaps_viz.console.progress import stage_progress
-from simaps_viz.recorder.web_viewer import CONTENT_SECURITY_POLICY, rerun_page, viewer_assets
 from simaps_viz.viewer.workbench import Workbench
 
 
@@ -78,12 +77,7 @@ def watched_through(browser, bench: Workbench):
 
 
 def test_map_and_recording_come_through_one_port(browser, tmp_path):
-    services = toy_services(
-        rerun_page=rerun_page,
-        rerun_assets=viewer_assets(),
-        csp=CONTENT_SECURITY_POLICY,
-        recordings=(record(tmp_path / "toy.rrd"),),
-    )
+    services = toy_services(recordings=(record(tmp_path / "toy.rrd"),))
     with (
         Workbench(toy_map(), services=services, port=free_port(), start=TOY_POSE) as bench,
         watched_through(browser, bench) as page,

@@ -72,7 +72,7 @@ def test_keys_typed_into_a_box_are_letters(bench, page):
     page.keyboard.type("to the table, L3T?")
     expect(box).to_have_value("to the table, L3T?")
     until(
-        page, lambda: mine(bench).panels[CommandPanel]._widgets.texts[0] == "to the table, L3T?"
+        page, lambda: mine(bench).panels[CommandPanel].texts[0] == "to the table, L3T?"
     )  # a key would have come before
     assert page.evaluate("document.documentElement.dataset.mantineColorScheme") == "light"
 

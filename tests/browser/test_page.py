@@ -1,6 +1,9 @@
 """What a person sees on a page with all its tabs: letters large enough, nothing cut off, things found by name; a reload
 loses neither the open tabs nor a comparison. In Debian's Chromium on the toy map."""
 
+from types import SimpleNamespace
+from typing import Any
+
 import pytest
 from browser import field_of, mine, open_workbench, toy_services, toy_workbench, until, watched_page
 from page_looks import SAYS, STILL, faults, go_dark, open_tab, select_chair_1, tabs
@@ -9,15 +12,15 @@ from toy_maps import toy_map
 from toy_segmentations import toy_segmentation
 
 from simaps_viz.app.workbench import mending_panels
-from simaps_viz.evaluation.two_maps import compare_two
+from simaps_viz.evaluation.other_maps import Source
 from simaps_viz.mapping.file import save_map
 from simaps_viz.mapping.mending import open_mending
 from simaps_viz.mapping.simap import repartition
 from simaps_viz.recorder.library import RecordingLibrary
-from simaps_viz.viewer.panels.compare import CompareServices, Source, compare_panel
+from simaps_viz.viewer.panels.compare import compare_panel
 from simaps_viz.viewer.panels.masks import masks_panel
 from simaps_viz.viewer.panels.recordings import recordings_panel
-from simaps_viz.viewer.panels.share import ShareServices, share_panel
+from simaps_viz.viewer.panels.share import SHARE
 
 CHAIR_1 = 1
 LEAST_PX = 12.0
@@ -66,16 +69,15 @@ SPILT = """() => {
 def bench(tmp_path_factory):
     path = tmp_path_factory.mktemp("page") / "toy.npz"
     save_map(toy_map(), path)
-    compare = CompareServices(
-        compare=lambda left, right, truth: compare_two(left, right, truth=truth),
-        sources=(Source("components", "Method components"),),
-        make=lambda key, simap, tell, cancel: repartition(simap, k_percent=0.0),
+    maker: Any = SimpleNamespace(
+        sources=lambda simap: (Source("components", "Method components"),),
+        make=lambda key, simap, tell: repartition(simap, k_percent=0.0),
     )
     panels = (
-        compare_panel(compare),
+        compare_panel(maker),
         masks_panel(toy_segmentation()),
         *mending_panels(open_mending(path)),
-        share_panel(ShareServices()),
+        SHARE,
         recordings_panel(RecordingLibrary([path.parent])),
     )
     with toy_workbench(toy_services(panels=panels)) as workbench:

@@ -108,7 +108,7 @@ def test_a_command_is_given_on_the_finished_map(bench, page):
     session.panels[CommandPanel]._drive.speed = 8.0
     session.panels[CommandPanel].ask("go to the chair")
     until(page, lambda: at_end(session))
-    until(page, lambda: "Done" in session.panels[CommandPanel]._widgets._result.content)
+    until(page, lambda: "Done" in session.panels[CommandPanel]._result.content)
 
 
 def test_a_merge_step_shows_the_finished_map_and_no_other_comparison(browser):

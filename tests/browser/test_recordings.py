@@ -55,7 +55,8 @@ def choose(page: Page, text: str) -> None:
 def test_list_open_rename_delete(browser: Browser, library: RecordingLibrary):
     folder = library.folders[0]
     with stub_page(toy_map()) as desk, watched_page(browser) as page:
-        panel = RecordingsPanel(desk, library, dockable=True)
+        desk.recording.url = ""
+        panel = RecordingsPanel(desk, library)
         open_page(page, desk)
         choose(page, "café")
         table = page.locator("table")
@@ -105,7 +106,8 @@ def test_what_ships_is_shown_without_the_buttons(browser: Browser, library: Reco
 def test_what_cannot_be_opened_says_so_and_nothing_at_all_too(browser: Browser, library: RecordingLibrary):
     folder = library.folders[0]
     with stub_page(toy_map()) as desk, watched_page(browser) as page:
-        RecordingsPanel(desk, library, dockable=True)
+        desk.recording.url = ""
+        RecordingsPanel(desk, library)
         open_page(page, desk)
         choose(page, "broken")
         expect(page.get_by_text("It cannot be opened")).to_be_visible()

@@ -13,7 +13,8 @@ from toy_maps import TOY_POSE
 
 from simaps_viz.drawing.texture import FLOOR
 from simaps_viz.navigation.agent import answer
-from simaps_viz.viewer.panels.share import SharePanel, ShareServices
+from simaps_viz.viewer.page.services import Services
+from simaps_viz.viewer.panels.share import SharePanel
 from simaps_viz.viewer.scene.map_scene import ROBOT, frame_extent, seen_extent
 from simaps_viz.viewer.share.page import HOLD_S, page_html
 
@@ -98,8 +99,8 @@ def test_the_page_opens_from_disk_and_asks_for_nothing(browser, shared):
 
 
 def test_the_panel_hands_the_browser_each_file(browser):
-    with stub_page(late_map()) as desk, watched_page(browser) as page:
-        panel = SharePanel(desk, ShareServices(ask=answer))
+    with stub_page(late_map(), Services(ask=answer)) as desk, watched_page(browser) as page:
+        panel = SharePanel(desk)
         open_desk(page, desk)
         row = page.locator("label", has_text="Ends with").locator(
             "xpath=ancestor::div[contains(@class,'Flex-root')][1]"

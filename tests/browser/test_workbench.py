@@ -24,7 +24,6 @@ from toy_maps import FRAMES, TOY_POSE
 
 from simaps_viz.colors.classes import instance_color
 from simaps_viz.drawing.texture import FLOOR, map_image
-from simaps_viz.recorder.web_viewer import CONTENT_SECURITY_POLICY, rerun_page, viewer_assets
 
 CHAIR_1, CHAIR_3, TABLE = 1, 3, 6
 EAST_HALF_OF_CHAIR_1 = (1.375, 1.925)
@@ -199,12 +198,7 @@ def brightness(page) -> int:
 
 def test_the_recording_and_the_page_show_the_same_frame(browser, tmp_path):
     record(tmp_path / "toy.rrd")
-    services = toy_services(
-        rerun_page=rerun_page,
-        rerun_assets=viewer_assets(),
-        csp=CONTENT_SECURITY_POLICY,
-        recordings=(tmp_path / "toy.rrd",),
-    )
+    services = toy_services(recordings=(tmp_path / "toy.rrd",))
     with toy_workbench(services) as bench, watched_page(browser) as page:
         open_workbench(page, bench)
         rerun_frame(page).wait_for_function("() => window.simapsReady")

@@ -13,7 +13,7 @@ from simaps_viz.console.progress import stage_progress
 from simaps_viz.errors import InputError
 from simaps_viz.recorder.web_viewer import CONTENT_SECURITY_POLICY
 from simaps_viz.viewer.panels.build import BuildPanel
-from simaps_viz.viewer.panels.live import WAITING, LiveState, duration, head_html, text_html
+from simaps_viz.viewer.panels.live import HEADS, WAITING, LiveState, duration, head_html, text_html
 
 ALWAYS = ("Map", "Command", "Build", "Instance")
 
@@ -47,7 +47,7 @@ def test_stopped_and_gone_on_with_it_ends_in_the_same_bytes_and_panels_come(tmp_
             assert bench.wait_idle()
             titles = session.panels.titles
             assert set(titles) == {*ALWAYS, "Compare", "Masks", "Mend", "Share", "Recordings"}
-            assert len(session.simap.frame_names) == 40 and not session.common.building
+            assert len(session.simap.frame_names) == 40 and not session.services.building
             session.show_frame(2)
             assert session.wait_idle()
             assert "seen" in session.panels[BuildPanel]._then.content
@@ -168,7 +168,7 @@ def test_the_waiting_map_shows_the_floor_around_the_cameras(tmp_path):
     ],
 )
 def test_the_numbers_are_said_in_words(state, words):
-    html = head_html(state) + text_html(state)
+    html = head_html(HEADS[state.status]) + text_html(state)
     assert all(one in html for one in words)
 
 

@@ -16,7 +16,7 @@ from simaps_viz.app.live import Pace
 from simaps_viz.drawing.texture import CAMERA, sketch_png
 from simaps_viz.drawing.theme import LIGHT
 from simaps_viz.viewer.panels import live
-from simaps_viz.viewer.panels.live import LivePanel, LiveServices, LiveState
+from simaps_viz.viewer.panels.live import LivePanel, LiveState
 
 
 def shown_at(*, frame_s: float, making_s: float, slowed_s: float, whole_s: float, left: bool = False) -> list[float]:
@@ -105,7 +105,7 @@ def test_the_tab_of_a_build_may_go_while_its_numbers_are_brought_up_to_date(monk
 
     desk: Any = SimpleNamespace(gui=server.gui)
     with tab:
-        panel = LivePanel(desk, LiveServices(state, lambda: None, lambda: None))
+        panel = LivePanel(desk, state, lambda: None, lambda: None)
     (mine,) = (one for one in set(threading.enumerate()) - others if one.name == "workbench-live")
     ready.set()
     mine.join(60.0)

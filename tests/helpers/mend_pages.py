@@ -16,9 +16,9 @@ class StubPage(Page):
     """One person's page."""
 
     def __init__(self, client: viser.ClientHandle, pages: "MendPages") -> None:
-        self.client, self._pages = client, pages
-        self._simap: SIMap = pages.simap
-        self._selected: int | None = None
+        self.client, self.gui, self._pages = client, client.gui, pages
+        self.simap = pages.simap
+        self.selected = None
         self._place: tuple[float, float] | None = None
         self.told: list[str] = []
         self.worker = Worker(self.report)
@@ -29,15 +29,15 @@ class StubPage(Page):
         client.scene.on_click()(self._clicked)
 
     def select(self, instance_id: int | None) -> None:
-        self._selected = instance_id
+        self.selected = instance_id
         self._place = None
         self.panel.selection_changed(instance_id)
 
     def take(self, simap: SIMap) -> None:
-        self._simap = simap
+        self.simap = simap
         found = None if self._place is None else simap.at(*self._place)
         if self._place is not None:
-            self._selected = found.id if found else None
+            self.selected = found.id if found else None
         self.repaint()
         self.panel.map_changed(simap)
 

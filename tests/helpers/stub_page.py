@@ -18,6 +18,8 @@ from simaps_viz.drawing.texture import MapPicture, map_image
 from simaps_viz.drawing.theme import LIGHT, Theme
 from simaps_viz.structures import SIMap
 from simaps_viz.viewer.page import page
+from simaps_viz.viewer.page.services import Services
+from simaps_viz.viewer.page.shared import Shared
 from simaps_viz.viewer.page.worker import Worker
 from simaps_viz.viewer.scene.camera import top_view
 
@@ -25,16 +27,21 @@ from simaps_viz.viewer.scene.camera import top_view
 class StubPage(page.Page):
     """One page for all clients of a server; what panels ask of it is kept."""
 
-    def __init__(self, simap: SIMap) -> None:  # and nothing of a real page
+    def __init__(self, simap: SIMap, services: Services | None = None) -> None:  # and nothing of a real page
         with contextlib.redirect_stdout(io.StringIO()):
             self.server = viser.ViserServer(host="127.0.0.1", port=free_port(), verbose=False)
-        self.server.scene.set_up_direction("+z")
-        self._simap = simap
+        self.gui, self.scene = self.server.gui, self.server.scene
+        self.scene.set_up_direction("+z")
+        self.simap, self.selected = simap, None
+        services = services or Services()
+        self.workbench: Any = SimpleNamespace(services=services)
+        self.shared = Shared(services)
+        self.opened: list[Path] = []
+        self.recording: Any = SimpleNamespace(url=None, show=self.opened.append)
         self.said: list[tuple[str, str]] = []
         self.errors: list[Exception] = []
         self.pictures: list[MapPicture | None] = []
         self.looked: list[tuple[float, ...]] = []
-        self.opened: list[Path] = []
         self.frames: list[int] = []
         self.pose = TOY_POSE
         self.downloads: list[tuple[str, bytes]] = []
@@ -47,21 +54,9 @@ class StubPage(page.Page):
         return f"http://127.0.0.1:{self.server.get_port()}"
 
     @property
-    def gui(self) -> viser.GuiApi:
-        return self.server.gui
-
-    @property
-    def scene(self) -> Any:
-        return self.server.scene
-
-    @property
-    def simap(self) -> SIMap:
-        return self._simap
-
-    @property
     def shown(self) -> MapPicture | SIMap:
         """What lies on the floor; its ``spec`` says where."""
-        return self.pictures[-1] or self._simap
+        return self.pictures[-1] or self.simap
 
     @property
     def theme(self) -> Theme:
@@ -71,13 +66,6 @@ class StubPage(page.Page):
     def aspect(self) -> float:
         return 2.0
 
-    @property
-    def selected(self) -> int | None:
-        return None
-
-    def show_recording(self, path: Path) -> None:
-        self.opened.append(path)
-
     def select(self, instance_id: int | None) -> None:
         raise AssertionError("nobody selects here")
 
@@ -85,11 +73,11 @@ class StubPage(page.Page):
         self.frames.append(frame)
 
     def publish(self, simap: SIMap) -> None:
-        self._simap = simap
+        self.simap = simap
 
     def show_picture(self, picture: MapPicture | None) -> None:
         self.pictures.append(picture)
-        shown = picture or MapPicture(self._simap.spec, map_image(self._simap, scale=6))
+        shown = picture or MapPicture(self.simap.spec, map_image(self.simap, scale=6))
         xmin, ymin, xmax, ymax = shown.spec.extent_m
         self.server.scene.add_image(
             "/map", shown.pixels, xmax - xmin, ymax - ymin, format="png", cast_shadow=False, receive_shadow=False,
@@ -109,7 +97,7 @@ class StubPage(page.Page):
         self.errors.append(error)
 
     def look_at(self, extent: tuple[float, float, float, float] | None) -> None:
-        extent = extent or self._simap.spec.extent_m
+        extent = extent or self.simap.spec.extent_m
         self.looked.append(extent)
         for client in self.server.get_clients().values():
             self._look(client, extent)
@@ -136,8 +124,8 @@ class StubPage(page.Page):
 
 
 @contextmanager
-def stub_page(simap: SIMap) -> Iterator[StubPage]:
-    desk = StubPage(simap)
+def stub_page(simap: SIMap, services: Services | None = None) -> Iterator[StubPage]:
+    desk = StubPage(simap, services)
     try:
         yield desk
     finally:

@@ -3,12 +3,10 @@
 import numpy as np
 
 from simaps_viz.errors import InputError
+from simaps_viz.segmentation.protocol import Threshold
 from simaps_viz.segmentation.sequences import above_score
 from simaps_viz.structures import Segment, Segmentation
-from simaps_viz.viewer.panels.masks import (
-    Knob,
-    SegmentationServices,
-)
+from simaps_viz.viewer.panels.masks import SegmentationServices
 
 GREY = np.full((60, 80, 3), 100, np.uint8)
 
@@ -28,7 +26,7 @@ def toy_segmentation(**others) -> SegmentationServices:
             raise InputError("0012.png: expected a picture, found 3 bytes")
         return GREY + frame, two_masks()
 
-    knobs = (Knob("score", "Score", 0.25, "Least confidence.", "--score-threshold"),)
+    knobs = (Threshold("score", "Score", 0.25, "Least confidence."),)
     return SegmentationServices(
         frame_names=("0010", "0011", "0012"), look=look, knobs=knobs, source="toy.onnx", network="toy.onnx",
         retry=others.pop("retry", lambda frame, values: above_score(two_masks(), values["score"])), **others,

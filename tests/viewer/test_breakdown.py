@@ -67,11 +67,11 @@ def test_the_page_says_it_and_the_robot_drives_again(caplog):
 
         robot._scene.show_robot = fails_once  # type: ignore[method-assign]
         robot.ask("go to the chair")
-        until(lambda: "unexpected error" in robot._widgets._result.content)
-        until(lambda: page.session.wait_idle(60.0) and robot._widgets._phase == "idle")
-        assert not robot.driving and not robot._widgets._progress.visible
+        until(lambda: "unexpected error" in robot._result.content)
+        until(lambda: page.session.wait_idle(60.0) and robot._phase == "idle")
+        assert not robot.driving and not robot._progress.visible
         assert "the workbench met an error" in caplog.text
         robot._drive.speed = 8.0
         robot.ask("go to the chair")
-        until(lambda: "Done" in robot._widgets._result.content)
+        until(lambda: "Done" in robot._result.content)
         assert page.session.pose.x_m == 1.5

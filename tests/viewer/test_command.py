@@ -210,7 +210,7 @@ def test_the_follower_lets_go_once():
 
 
 def shown(bench):
-    return mine(bench).panels[CommandPanel]._widgets._result.content
+    return mine(bench).panels[CommandPanel]._result.content
 
 
 def test_a_program_that_gets_stuck_marks_the_line():
@@ -218,7 +218,7 @@ def test_a_program_that_gets_stuck_marks_the_line():
         mine(bench).panels[CommandPanel]._drive.speed = 8.0
         mine(bench).panels[CommandPanel].ask("robot.turn(90)\nrobot.move_forward(50)\n")
         until(lambda: "Failed" in shown(bench))
-        assert "✖" in mine(bench).panels[CommandPanel]._widgets._program.content and "is free for" in shown(bench)
+        assert "✖" in mine(bench).panels[CommandPanel]._program.content and "is free for" in shown(bench)
         assert mine(bench).pose == TOY_POSE, "what cannot be done is said before the first turn"
         until(lambda: [past.status for past in mine(bench).panels[CommandPanel]._past] == ["failed"])
 
@@ -236,7 +236,7 @@ def test_a_hanging_model_holds_nothing_up_and_stop_ends_the_wait():
             assert "Stopped" in shown(bench) and server.left.wait(60.0)
             assert bench.wait_idle()
             assert "Stopped" in shown(bench) and mine(bench).pose == TOY_POSE
-            assert "cancelled" in mine(bench).panels[CommandPanel]._widgets._exchanges.content
+            assert "cancelled" in mine(bench).panels[CommandPanel]._exchanges.content
 
 
 def test_what_a_model_was_sent_is_shown_and_off_means_off():
@@ -246,13 +246,13 @@ def test_what_a_model_was_sent_is_shown_and_off_means_off():
             mine(bench).panels[CommandPanel]._drive.speed = 8.0
             mine(bench).panels[CommandPanel].ask("va au canapé")
             until(lambda: "Done" in shown(bench))
-            assert "by m" in shown(bench) and mine(bench).panels[CommandPanel]._widgets._conversation.visible
-            text = mine(bench).panels[CommandPanel]._widgets._exchanges.content
+            assert "by m" in shown(bench) and mine(bench).panels[CommandPanel]._conversation.visible
+            text = mine(bench).panels[CommandPanel]._exchanges.content
             assert "va au canapé" in text and "couch\\&quot;)&quot;, &quot;refusal&quot;: null" in text
-            mine(bench).panels[CommandPanel]._widgets._model.value = False
+            mine(bench).panels[CommandPanel]._model.value = False
             mine(bench).panels[CommandPanel].ask("turn left")
             until(lambda: "Done" in shown(bench))
-            assert len(server.received) == 1 and not mine(bench).panels[CommandPanel]._widgets._conversation.visible
+            assert len(server.received) == 1 and not mine(bench).panels[CommandPanel]._conversation.visible
 
 
 def test_the_grammar_reads_when_the_server_is_gone():

@@ -2,6 +2,7 @@
 
 import threading
 from collections.abc import Iterator
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
@@ -10,10 +11,10 @@ from toy_maps import toy_map
 
 from simaps_viz.drawing.compare_picture import TwoPictures
 from simaps_viz.drawing.theme import DARK, LIGHT, Theme
-from simaps_viz.evaluation.two_maps import compare_two
+from simaps_viz.evaluation.other_maps import Source
 from simaps_viz.mapping.simap import repartition
 from simaps_viz.viewer.panels import compare
-from simaps_viz.viewer.panels.compare import ComparePanel, CompareServices, Source
+from simaps_viz.viewer.panels.compare import ComparePanel
 
 PATIENCE_S = 60.0
 
@@ -59,12 +60,11 @@ def desk() -> Iterator[Desk]:
 
 @pytest.fixture
 def panel(desk, painter) -> Iterator[ComparePanel]:
-    services = CompareServices(
-        compare=lambda left, right, truth: compare_two(left, right, truth=truth),
-        sources=(Source("joined", "All joined"),),
-        make=lambda key, simap, tell, cancel: repartition(simap, k_percent=0.0),
+    maker: Any = SimpleNamespace(
+        sources=lambda simap: (Source("joined", "All joined"),),
+        make=lambda key, simap, tell: repartition(simap, k_percent=0.0),
     )
-    panel = ComparePanel(desk, services)  # pyright: ignore[reportArgumentType]
+    panel = ComparePanel(desk, maker)
     yield panel
     panel.close()
 

@@ -119,7 +119,7 @@ def test_pushes_to_those_who_listen(served):
     host.push({"all": True})
     assert response.fp.readline() == b'data: {"all": true}\n'
     assert heard == ["a b"]
-    host.hang_up("a b")
+    host.push(None, "a b")
     assert response.read() == b"\n"
     connection.close()
 

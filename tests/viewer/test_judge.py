@@ -221,7 +221,7 @@ def test_a_person_judges_by_button_and_by_key(browser, tmp_path, hasty):
         page.get_by_role("tab", name="Command", exact=True).click()
         field_of(page, "Command").press_sequentially("yes, no, say")  # letters in a text are no answers
         # The text is sent after the keys: where it has arrived, an answer would have, too.
-        until(page, lambda: mine(bench).panels[CommandPanel]._widgets._text.value == "yes, no, say")
+        until(page, lambda: mine(bench).panels[CommandPanel]._text.value == "yes, no, say")
         assert list(session.answers.values()) == ["yes", "no"]
         page.get_by_role("tab", name="Judge").click()
         page.keyboard.press("s")

@@ -20,7 +20,7 @@ class LinkedPage:
     """A page of 40 frames."""
 
     def __init__(self, building):
-        self.common = SimpleNamespace(building=building)
+        self.services = SimpleNamespace(building=building)
         self.simap = SimpleNamespace(frame_names=("name",) * 40)
         self.shown = [39]
 

@@ -26,6 +26,7 @@ from simaps_viz.segmentation.recognise import NetworkSettings, open_network
 from simaps_viz.segmentation.sequences import KEPT, FrameTuner, above_score
 from simaps_viz.structures import Segment, Segmentation, SIMap
 from simaps_viz.viewer.panels.masks import (
+    OPTIONS,
     SegmentationPanel,
     SegmentationServices,
     class_counts,
@@ -160,7 +161,7 @@ def test_a_maps_network_is_found_and_run_again(tmp_path, monkeypatch):
     simap = built(tmp_path, monkeypatch, write_yolo(tmp_path / "n.onnx", BOXES), "--score-threshold", "0.4")
     services = segmentation_services(simap, tmp_path / "cache")
     assert services.look is not None and services.retry is not None and services.runs_network
-    assert [(k.key, k.value, k.option) for k in services.knobs] == [
+    assert [(k.key, k.value, OPTIONS[k.key]) for k in services.knobs] == [
         ("score", 0.4, "--score-threshold"), ("mask", 0.5, "--mask-threshold"), ("iou", 0.5, "--box-overlap")
     ]  # fmt: skip
     rgb, before = services.look(1)

@@ -122,7 +122,7 @@ def test_a_reload_brings_back_what_was_done():
             assert (new.panels[MapPanel].mode, new.panels[MapPanel].shown_class) == ("class", "dining table")
             assert not new.as_it_was and new.viewpoints.name == SLANT
             assert new.pose == pose and [past.command for past in new.panels[CommandPanel]._past] == ["turn left"]
-            assert "Done" in new.panels[CommandPanel]._widgets._result.content
+            assert "Done" in new.panels[CommandPanel]._result.content
         with fake_page(bench) as other:
             assert other.session.selected is None and other.tab != page.tab
 
@@ -158,7 +158,7 @@ def test_a_ride_that_a_reload_ends_leaves_the_robot_where_it_was():
         with fake_page(bench, tab=page.tab) as again:
             assert again.session.pose == page.session.pose and again.session.pose.x_m > 0.6
             robot = again.session.panels[CommandPanel]
-            assert "Stopped" in robot._widgets._result.content and not robot.driving
+            assert "Stopped" in robot._result.content and not robot.driving
 
 
 def test_a_duplicated_tab_and_an_unknown_one_start_afresh():

@@ -12,6 +12,7 @@ from toy_maps import TOY_POSE, toy_map
 
 from simaps_viz.cli.main import main
 from simaps_viz.colors.instances import instance_colors
+from simaps_viz.drawing.legend import title_of
 from simaps_viz.drawing.texture import FLOOR
 from simaps_viz.errors import CommandError
 from simaps_viz.mapping.file import save_map
@@ -28,7 +29,7 @@ from simaps_viz.viewer.share.files import (
     shots,
 )
 from simaps_viz.viewer.share.page import overlay_html
-from simaps_viz.viewer.share.story import origin_text, time_steps, title_of
+from simaps_viz.viewer.share.story import origin_text, time_steps
 
 
 def test_the_story_grows_and_counts():

@@ -5,8 +5,7 @@ import secrets
 import threading
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import viser
 from numpy.typing import NDArray
@@ -24,7 +23,7 @@ from simaps_viz.structures import Instance, Pose2, SIMap
 from simaps_viz.viewer.page.panel import Panel, Panels
 from simaps_viz.viewer.page.player import Player
 from simaps_viz.viewer.page.services import Services
-from simaps_viz.viewer.page.shared import Common, Shared, paint, png
+from simaps_viz.viewer.page.shared import paint, png
 from simaps_viz.viewer.page.timeline import Snapshot, TimeStep, snapshot_at
 from simaps_viz.viewer.page.worker import Worker
 from simaps_viz.viewer.recording.link import RecordingLink, position_inside
@@ -32,6 +31,9 @@ from simaps_viz.viewer.scene.camera import SLANT, Extent, Viewpoints, with_margi
 from simaps_viz.viewer.scene.map_scene import MapScene, Style
 from simaps_viz.viewer.scene.why_marks import paint_cells
 from simaps_viz.viewer.server.viser_hooks import guard
+
+if TYPE_CHECKING:
+    from simaps_viz.viewer.workbench import Workbench
 
 logger = logging.getLogger(__name__)
 
@@ -66,89 +68,59 @@ class Page:
     a later job replaces a waiting one of the same name.
     """
 
-    def __init__(self, client: viser.ClientHandle, common: Common) -> None:
+    def __init__(self, client: viser.ClientHandle, workbench: "Workbench") -> None:
         """Show the published map, without any panel."""
-        self.client, self.common = client, common
+        self.client, self.gui = client, client.gui
+        self.workbench, self.shared = workbench, workbench.shared
         self.token = secrets.token_urlsafe(12)
         """Identifies this page in the addresses of its embedded frames."""
         self._lock = threading.RLock()
         self._begun = self._closed = False
-        # The map: as published, as cut here, and the one whose colours instances keep.
-        self._base = self._simap = self._colored = common.published()
-        self._frame_names = self._simap.frame_names
-        self._selected: int | None = None
-        self._picked: tuple[float, float] | None = None
+        self.base = workbench.simap
+        """The map that the sliders cut into the one shown."""
+        self.simap = self._colored = self.base  # instances keep the colours of the second
+        """The map shown now."""
+        self._frame_names = self.simap.frame_names
+        self.selected: int | None = None
+        """Id of the selected instance."""
+        self.picked: tuple[float, float] | None = None
+        """The position that was selected, map frame, metres."""
         self._picture: MapPicture | None = None
-        self.cut = self._own_cut = cut_of(self._base)
+        self.cut = self._own_cut = cut_of(self.base)
         """How the sliders cut `base`."""
         # The time step, and the robot.
         self.time = TimeStep(self.last_frame)
         self.as_it_was = True
         """Whether an earlier frame shows the map as it was after that frame, instead of the finished map."""
-        self.pose = common.start or Pose2(0.0, 0.0, 0.0)
+        self.pose = workbench.start or Pose2(0.0, 0.0, 0.0)
         """Where the robot is."""
         self.players: dict[str, Player] = {}
         """The players of this page's timelines, by name."""
         # Threads, the scene, the recorded build; panels come last, as they use all of these.
         self.worker, self.command_worker, self.panel_worker = (Worker(self.report) for _ in range(3))
         guard(client, self.report)
-        self._scene = MapScene(client, self._simap, robot_radius_m=common.robot_radius_m)
-        self.viewpoints = Viewpoints(client, self._scene.frame_extent)
-        self.recording = RecordingLink(common.recording, self.token, self)
+        self.scene = MapScene(client, self.simap)
+        self.viewpoints = Viewpoints(client, self.scene.frame_extent)
+        self.recording = RecordingLink(workbench.recording_host, self.token, self)
         self.panels = Panels(self)
         client.scene.on_click()(self._clicked)
 
     # --- properties
 
     @property
-    def gui(self) -> viser.GuiApi:
-        """This page's own widgets."""
-        return self.client.gui
-
-    @property
-    def scene(self) -> MapScene:
-        """This page's own 3-D scene."""
-        return self._scene
-
-    @property
     def services(self) -> Services:
         """The functions behind the page."""
-        return self.common.services
-
-    @property
-    def shared(self) -> Shared:
-        """What all pages compute together."""
-        return self.common.shared
-
-    @property
-    def simap(self) -> SIMap:
-        """The map shown now."""
-        return self._simap
-
-    @property
-    def base(self) -> SIMap:
-        """The map that the sliders cut into the one shown."""
-        return self._base
+        return self.workbench.services
 
     @property
     def theme(self) -> Theme:
         """Whether the page is light or dark."""
-        return self._scene.theme
+        return self.scene.theme
 
     @property
     def aspect(self) -> float:
         """Width over height of the 3-D canvas."""
         return float(self.client.camera.aspect)
-
-    @property
-    def selected(self) -> int | None:
-        """Id of the selected instance."""
-        return self._selected
-
-    @property
-    def picked(self) -> tuple[float, float] | None:
-        """The position that was selected, map frame, metres."""
-        return self._picked
 
     @property
     def frame(self) -> int:
@@ -173,18 +145,18 @@ class Page:
 
     def select(self, instance_id: int | None) -> None:
         """Select an instance, or none."""
-        self.pick(None if instance_id is None else position_inside(self._simap, instance_id))
+        self.pick(None if instance_id is None else position_inside(self.simap, instance_id))
 
     def pick(self, position: tuple[float, float] | None) -> None:
         """Select what is at a position of the map; the position is kept, so that it outlives a map that is cut anew."""
         with self._lock:
-            found = None if position is None else self._simap.at(*position)
-            self._picked = None if found is None else position
+            found = None if position is None else self.simap.at(*position)
+            self.picked = None if found is None else position
             self._show_selected(found)
 
     def remember(self, position: tuple[float, float] | None) -> None:
         """Select what is at a position as soon as the next map is shown."""
-        self._picked = position
+        self.picked = position
 
     def go_to(self, instance: Instance) -> None:
         """Select an instance, and look at it and what is around it."""
@@ -196,19 +168,19 @@ class Page:
 
     def publish(self, simap: SIMap) -> None:
         """Show a changed map on every open page, and on those opened later; each page cuts it as its sliders are."""
-        self.common.publish(self._cut_as_published(simap))
+        self.workbench.publish(self._cut_as_published(simap), growing=True)
 
     def take_map(self, simap: SIMap, *, keep_sliders: bool = False) -> None:
         """Queue another map to be cut and shown; ``keep_sliders`` cuts it as this person has set the sliders."""
         with self._lock:
-            self._base = simap
+            self.base = simap
         self.worker.submit("take map", lambda: self.take_map_now(simap, keep_sliders=keep_sliders))
 
     def take_map_now(self, simap: SIMap, *, keep_sliders: bool = False) -> None:
         """Cut and show another map at once, on the thread that calls; see ``take_map``."""
         with self._lock:
             kept = self.cut if self.cut_here and keep_sliders else None
-            self._base, self._own_cut = simap, cut_of(simap)
+            self.base, self._own_cut = simap, cut_of(simap)
             self.cut = kept or self._own_cut
             self.panels.each(lambda panel: panel.base_changed(simap))
             if kept is not None:
@@ -258,7 +230,7 @@ class Page:
         self.stop_playing()
         self.time = TimeStep(self.last_frame)
         self._time_changed()
-        if self.recording.has_steps_of(self._simap):
+        if self.recording.has_steps_of(self.simap):
             self.recording.show_joint(joint)
 
     def finish(self) -> None:
@@ -277,13 +249,13 @@ class Page:
         """Return the map at the time step that the page is at."""
         time = self.time
         past = time.step is None and self.as_it_was and not self.at_end
-        return snapshot_at(self.shared, self._simap, frame=time.frame if past else None, step=time.step)
+        return snapshot_at(self.shared, self.simap, frame=time.frame if past else None, step=time.step)
 
     # --- camera, theme, robot, recording
 
     def look(self, name: str) -> None:
         """Go to the top view or the slanted one."""
-        self._scene.stand_up(name == SLANT)
+        self.scene.stand_up(name == SLANT)
         self.viewpoints.look(name)
         self.panels.each(lambda panel: panel.view_changed(name))
 
@@ -293,17 +265,13 @@ class Page:
 
     def set_theme(self, theme: Theme) -> None:
         """Colour the map for a light or a dark page."""
-        self._scene.set_theme(theme)
+        self.scene.set_theme(theme)
         self.panels.each(lambda panel: panel.theme_changed())
         self.repaint()
 
     def claim_robot(self, by: Panel) -> None:
         """Make all other panels release the robot."""
         self.panels.each(lambda panel: None if panel is by else panel.leave_robot())
-
-    def show_recording(self, path: Path) -> None:
-        """Dock a recorded build; frames and clicks of another map's build are not linked to this page."""
-        self.recording.show(path)
 
     # --- jobs and notifications
 
@@ -338,20 +306,20 @@ class Page:
     # --- on the worker's thread
 
     def _cut_now(self, percent: float, resolution: float) -> None:
-        base = self._base
+        base = self.base
         simap = self.shared.cut_map(base, percent, resolution)
         with self._lock:
-            if base is self._base:  # not when another map has come meanwhile
+            if base is self.base:  # not when another map has come meanwhile
                 self._show(simap)
 
     def _show(self, simap: SIMap) -> None:
         with self._lock:
-            self._simap = simap
+            self.simap = simap
         self.worker.submit("map changed", self._map_changed)
 
     def _cut_as_published(self, simap: SIMap) -> SIMap:
         """Cut a map as the published one is cut, so that the sliders of one page do not change the others."""
-        published = self.common.published()
+        published = self.workbench.simap
         slider = method_of(simap.method).slider
         if slider is None or simap.method != published.method or simap.spec != published.spec:
             return simap
@@ -362,39 +330,39 @@ class Page:
         return self.shared.cut_map(simap, joining_percent(published), resolution)
 
     def _map_changed(self) -> None:
-        simap = self._simap
+        simap = self.simap
         # Instances keep the colours they had on the map before.
         take_over(simap, self._colored)
         self._colored = simap
-        if self._scene.fit(simap):
-            self.viewpoints.show_extent(self._scene.frame_extent)
+        if self.scene.fit(simap):
+            self.viewpoints.show_extent(self.scene.frame_extent)
         # A page that showed the last frame follows a map that grows; its steps of joining are others now.
         follow = self.at_end and simap.frame_names != self._frame_names
         self._frame_names = simap.frame_names
         self.time = TimeStep(self.last_frame if follow else min(self.frame, self.last_frame))
         self.panels.each(lambda panel: panel.map_changed(simap))
         with self._lock:
-            self._show_selected(None if self._picked is None else simap.at(*self._picked))
+            self._show_selected(None if self.picked is None else simap.at(*self.picked))
 
     def _show_selected(self, instance: Instance | None) -> None:
-        self._selected = None if instance is None else instance.id
-        self._scene.outline(self._simap, self._selected)
-        self.panels.each(lambda panel: panel.selection_changed(self._selected))
+        self.selected = None if instance is None else instance.id
+        self.scene.outline(self.simap, self.selected)
+        self.panels.each(lambda panel: panel.selection_changed(self.selected))
 
     def _time_changed(self) -> None:
         """Draw the frame's camera and the map at that time step; at the last frame no camera is drawn."""
-        frame, poses = self.frame, self._simap.T_map_camera
-        past = frame < min(len(self._simap.frame_names) - 1, len(poses))
-        self._scene.show_camera(poses[frame] if past else None)
+        frame, poses = self.frame, self.simap.T_map_camera
+        past = frame < min(len(self.simap.frame_names) - 1, len(poses))
+        self.scene.show_camera(poses[frame] if past else None)
         self.panels.each(lambda panel: panel.time_changed(frame, self.time.step))
         self.repaint()
 
     def _paint_now(self) -> None:
         # Every panel may change how the map is painted.
-        shown = self._simap
+        shown = self.simap
         then = self.snapshot()
-        lit = None if self._selected is None else frozenset({self._selected})
-        style = self.panels.style(shown, Style("instance", lit, then.until, None, self._scene.theme))
+        lit = None if self.selected is None else frozenset({self.selected})
+        style = self.panels.style(shown, Style("instance", lit, then.until, None, self.scene.theme))
         if then.classes_only:
             style = replace(style, mode="class")
         # Pictures without marks of this page alone are shared by all pages.
@@ -404,21 +372,21 @@ class Page:
             image = paint(then.simap, style.mode, style.lit, style.until, style.theme)
             paint_cells(image, *style.paint, then.simap.spec.cols)
             picture = png(image)
-        self._scene.show_map(then.simap, picture, style)
+        self.scene.show_map(then.simap, picture, style)
         painted = then.simap if then.simap.instances else shown
         self.panels.each(lambda panel: panel.painted(painted, then))
-        self._scene.show_badge(then.badge)
+        self.scene.show_badge(then.badge)
 
     def _show_picture_now(self) -> None:
         picture = self._picture
         if picture is None:
-            self._scene.show_picture(None)
+            self.scene.show_picture(None)
         else:
-            self._scene.show_picture(picture.spec, png(picture.pixels))
+            self.scene.show_picture(picture.spec, png(picture.pixels))
 
     def _clicked(self, event: viser.SceneClickEvent) -> None:
         if self.viewpoints.name == SLANT and self._picture is None:
-            position = ray_on_blocks(self._simap, event.ray_origin, event.ray_direction)
+            position = ray_on_blocks(self.simap, event.ray_origin, event.ray_direction)
         else:
             position = ray_on_floor(event.ray_origin, event.ray_direction)
         if position is None and self.panels.wait_for_click():

@@ -27,6 +27,9 @@ class Panel:
     any thread.
     """
 
+    spec: "PanelSpec"
+    """The line that registered it; set when it is made."""
+
     def built(self) -> None:
         """Called once all panels of the page exist and their state is restored."""
 
@@ -98,11 +101,10 @@ class PanelSpec:
     wanted: "Callable[[Services], bool]" = lambda services: True
     """Whether a page with these services has the panel."""
 
-
-@dataclass(frozen=True, eq=False)
-class _Made:
-    spec: PanelSpec
-    panel: Panel
+    @property
+    def tab(self) -> tuple[str, str]:
+        """Identifies its tab: place and title."""
+        return self.place, self.title
 
 
 class Panels:
@@ -113,7 +115,7 @@ class Panels:
         self._page = page
         self._groups: dict[str, Any] = {}
         self._tabs: dict[tuple[str, str], Any] = {}
-        self._made: list[_Made] = []
+        self._panels: tuple[Panel, ...] = ()
         self._built = False
         self.specs: tuple[PanelSpec, ...] = ()
         """The specs of all panels, including those that could not be made."""
@@ -124,18 +126,18 @@ class Panels:
         Raises:
             KeyError: the page has none.
         """
-        for one in self._made:
-            if isinstance(one.panel, kind):
-                return one.panel
+        for panel in self._panels:
+            if isinstance(panel, kind):
+                return panel
         raise KeyError(kind.__name__)
 
     def __contains__(self, kind: type[Panel]) -> bool:
-        return any(isinstance(one.panel, kind) for one in self._made)
+        return any(isinstance(panel, kind) for panel in self._panels)
 
     @property
     def titles(self) -> tuple[str, ...]:
         """The titles of the tabs, each once."""
-        return tuple(dict.fromkeys(one.spec.title for one in self._made if one.spec.place != "head"))
+        return tuple(dict.fromkeys(panel.spec.title for panel in self._panels if panel.spec.place != "head"))
 
     def place(self, place: Place, group: Any, specs: Sequence[PanelSpec]) -> None:
         """Make the panels of one place, in the tabs of a group."""
@@ -145,14 +147,13 @@ class Panels:
     def have(self, specs: Sequence[PanelSpec]) -> None:
         """Change the panels to these; those that exist already stay as they are."""
         self.specs = tuple(specs)
-        gone = [one for one in self._made if one.spec not in specs]
-        self._made = [one for one in self._made if one not in gone]
-        for one in gone:
-            self._guarded(one.panel.close)
-        shared = {(one.spec.place, one.spec.title) for one in self._made}
-        for key in {(one.spec.place, one.spec.title) for one in gone} - shared:
+        gone = [panel for panel in self._panels if panel.spec not in specs]
+        self._panels = tuple(panel for panel in self._panels if panel.spec in specs)
+        for panel in gone:
+            self._guarded(panel.close)
+        for key in {panel.spec.tab for panel in gone} - {panel.spec.tab for panel in self._panels}:
             self._tabs.pop(key).remove()
-        there = [one.spec for one in self._made]
+        there = [panel.spec for panel in self._panels]
         self._add([spec for spec in specs if spec not in there])
 
     def built(self) -> None:
@@ -162,53 +163,51 @@ class Panels:
 
     def each(self, do: Callable[[Panel], object]) -> None:
         """Pass an event on to every panel; an error of one is reported and does not keep it from the others."""
-        for one in tuple(self._made):
-            self._guarded(lambda panel=one.panel: do(panel))
+        for panel in self._panels:
+            self._guarded(lambda panel=panel: do(panel))
 
     def style(self, simap: SIMap, style: Style) -> Style:
         """Return how all panels together want a map painted."""
-        for one in tuple(self._made):
-            style = one.panel.style(simap, style)
+        for panel in self._panels:
+            style = panel.style(simap, style)
         return style
 
     def take_click(self, x_m: float, y_m: float) -> bool:
         """Offer a click on the map to the panels that may wait for one."""
-        panels = sorted((one.panel for one in self._made), key=lambda panel: not panel.clicks_first)
+        panels = sorted(self._panels, key=lambda panel: not panel.clicks_first)
         return any(panel.take_click(x_m, y_m) for panel in panels)
 
     def wait_for_click(self) -> bool:
         """Whether a panel waits for a click on the map."""
-        return any(one.panel.waits_for_click() for one in tuple(self._made))
+        return any(panel.waits_for_click() for panel in self._panels)
 
     def states(self) -> dict[str, Any]:
         """Return the state of each panel, by its title and class."""
         states: dict[str, Any] = {}
-        for one in tuple(self._made):
-            self._guarded(lambda one=one: states.update({_key(one): one.panel.state()}))
+        self.each(lambda panel: states.update({_key(panel): panel.state()}))
         return states
 
     def restore(self, states: Mapping[str, Any]) -> None:
         """Restore what ``states`` returned."""
-        for one in tuple(self._made):
-            if states.get(_key(one)) is not None:
-                self._guarded(lambda one=one: one.panel.restore(states[_key(one)]))
+        known = {key: state for key, state in states.items() if state is not None}
+        self.each(lambda panel: panel.restore(known[_key(panel)]) if _key(panel) in known else None)
 
     def _add(self, specs: Sequence[PanelSpec]) -> None:
         """Make panels in their tabs; one that fails is left out, and its error is reported."""
         for spec in specs:
-            key = (spec.place, spec.title)
-            if key not in self._tabs:
+            if spec.tab not in self._tabs:
                 group = self._groups[spec.place]
-                self._tabs[key] = group if spec.place == "head" else group.add_tab(spec.title, spec.icon)
+                self._tabs[spec.tab] = group if spec.place == "head" else group.add_tab(spec.title, spec.icon)
             try:
-                with contextlib.nullcontext() if spec.place == "head" else self._tabs[key]:
-                    made = _Made(spec, spec.make(self._page))
+                with contextlib.nullcontext() if spec.place == "head" else self._tabs[spec.tab]:
+                    panel = spec.make(self._page)
             except Exception as error:
                 self._page.report(error)
                 continue
-            self._made.append(made)
+            panel.spec = spec
+            self._panels = (*self._panels, panel)
             if self._built:
-                self._guarded(made.panel.built)
+                self._guarded(panel.built)
 
     def _guarded(self, do: Callable[[], object]) -> None:
         try:
@@ -217,5 +216,5 @@ class Panels:
             self._page.report(error)
 
 
-def _key(one: _Made) -> str:
-    return f"{one.spec.title}/{type(one.panel).__name__}"
+def _key(panel: Panel) -> str:
+    return f"{panel.spec.title}/{type(panel).__name__}"

@@ -1,8 +1,8 @@
 """What the page can ask for. The app hands these in; no computing lives in the page's callbacks."""
 
 import threading
-from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -12,8 +12,8 @@ from simaps_viz.evaluation.judging import JudgingSession
 from simaps_viz.language.grounding import Candidate
 from simaps_viz.language.llm_settings import Exchange
 from simaps_viz.navigation.agent import Answer, StepEvent
+from simaps_viz.recorder.web_viewer import rerun_page
 from simaps_viz.structures import Pose2, SIMap
-from simaps_viz.viewer.server.host import Asset
 
 if TYPE_CHECKING:
     from simaps_viz.viewer.page.panel import PanelSpec
@@ -49,18 +49,12 @@ class Services:
     """Runs for a person to judge, in a tab in front of all others."""
     view: Callable[[int], tuple[NDArray, NDArray] | None] | None = None
     """frame index -> (RGB uint8 [H, W, 3], segment ids int32 [H, W]); None when the sequence is not at hand."""
-    picture_divide: Mapping[str, int] = field(default_factory=dict)
-    """Entity path of a recorded picture -> how many times smaller it is than its frame; needed for clicks in it."""
     look_back: Callable[[SIMap, int], SIMap | None] | None = None
     """(map, frame) -> the map as it was after that frame; None when the history of this map is not at hand."""
-    rerun_page: Callable[[Sequence[str]], str] | None = None
-    """(addresses of the recordings) -> HTML of the page that shows the recorded build; None when there is none."""
-    rerun_assets: Mapping[str, Asset] = field(default_factory=dict)
-    """File name -> asset, served beside that page."""
-    csp: str = ""
-    """Content-Security-Policy of that page; empty = a strict default."""
     recordings: tuple[Path, ...] = ()
-    """The .rrd files that page may load, as /recordings/<name>."""
+    """The .rrd files of the build, which the page docks."""
+    rerun_page: Callable[[Sequence[str]], str] = rerun_page
+    """(addresses of the recordings) -> HTML of the page that shows them."""
     recorded_levels: int | None = None
     """Time on timeline "louvain" at which the recording has the final communities; None = after the last level."""
     panels: "Sequence[PanelSpec]" = ()

@@ -3,8 +3,6 @@
 import threading
 from collections import OrderedDict
 from collections.abc import Callable, Hashable
-from contextlib import AbstractContextManager
-from dataclasses import dataclass, field
 from typing import Generic, TypeVar
 
 import cv2
@@ -14,9 +12,8 @@ from simaps_viz.drawing.frame_pictures import communities_unseen_until
 from simaps_viz.drawing.texture import ColorMode, map_image, pixels_per_cell
 from simaps_viz.drawing.theme import LIGHT, Theme
 from simaps_viz.mapping.timeline import Timeline
-from simaps_viz.structures import Pose2, SIMap
+from simaps_viz.structures import SIMap
 from simaps_viz.viewer.page.services import Services
-from simaps_viz.viewer.server.host import Host
 
 V = TypeVar("V")
 
@@ -142,10 +139,6 @@ class Shared:
         key = (simap, mode, lit, until, theme)
         return self.pictures.get(key, lambda: self._in_turn(lambda: png(paint(simap, mode, lit, until, theme))))
 
-    def prepare(self, simap: SIMap) -> None:
-        """Compute the first picture of a new page while its browser is still loading."""
-        self.picture(simap, "instance", None, None)
-
     def forget_maps(self, kept: Callable[[SIMap], bool]) -> None:
         """Drop what was computed from maps other than the kept ones."""
         self._timeline = None
@@ -177,27 +170,3 @@ def png(image: NDArray) -> bytes:
     """Encode a picture, uint8 [H, W, 3 or 4], RGB or RGBA."""
     order = cv2.COLOR_RGBA2BGRA if image.shape[2] == 4 else cv2.COLOR_RGB2BGR
     return cv2.imencode(".png", cv2.cvtColor(image, order))[1].tobytes()
-
-
-@dataclass(frozen=True, eq=False)
-class Common:
-    """What all sessions of a workbench share."""
-
-    services: Services
-    shared: Shared
-    recording: Host | None
-    """Serves the recorded build."""
-    tabs: Host
-    """Serves the hidden frame that identifies the browser tab."""
-    recorded: SIMap
-    """The map whose build was recorded."""
-    building: bool
-    """Whether the map is still being built; the recorded build then runs ahead of the page and is not linked to it."""
-    published: Callable[[], SIMap]
-    """The map that a new page shows."""
-    publish: Callable[[SIMap], None]
-    """Show a map on all pages, each of which cuts it as its sliders are set."""
-    start: Pose2 | None
-    robot_radius_m: float
-    judging: AbstractContextManager[object] = field(default_factory=threading.RLock)
-    """Lock that is taken while the answer of a judge is saved."""

@@ -11,6 +11,7 @@ from simaps_viz.viewer.page.page import Page
 from simaps_viz.viewer.page.panel import Panel
 from simaps_viz.viewer.page.player import Played, Player
 from simaps_viz.viewer.page.timeline import Snapshot
+from simaps_viz.viewer.page.widgets import button, by_person
 
 FRAMES_PER_S = 8
 NOTE_RECORDED = "Go back in time here or in the recorded build on the left: both show the same frame."
@@ -32,8 +33,8 @@ class BuildPanel(Panel):
         self._names = page.simap.frame_names
         last = max(len(self._names) - 1, 0)
         self._note = gui.add_html("")
-        self._slider = gui.add_slider("Frame", 0, max(last, 1), 1, last, disabled=last == 0, hint=FRAME_HINT)
-        self._slider.on_update(self._moved)
+        slider = gui.add_slider("Frame", 0, max(last, 1), 1, last, disabled=last == 0, hint=FRAME_HINT)
+        self._slider = by_person(slider, self._moved)
         self._name = gui.add_html(self._caption(last))
         self._then = gui.add_html("", visible=False)
         played = Played(
@@ -83,10 +84,9 @@ class BuildPanel(Panel):
         """Show the map as it was then, or the finished map, at earlier frames."""
         self._fill.value = self._page.as_it_was = state
 
-    def _moved(self, event: viser.GuiEvent) -> None:
-        if event.client_id is not None:
-            self._player.stop()
-            self._page.show_frame(int(self._slider.value))
+    def _moved(self) -> None:
+        self._player.stop()
+        self._page.show_frame(int(self._slider.value))
 
     def _filled(self) -> None:
         self._page.as_it_was = bool(self._fill.value)
@@ -96,10 +96,10 @@ class BuildPanel(Panel):
         """Hide the controls that have no effect, and explain why."""
         some = len(self._names) > 1
         self._slider.disabled = self._player.button.disabled = not some
-        known = bool(self._names) or self._page.common.building
+        known = bool(self._names) or self._page.services.building
         for widget in (self._slider, self._name, self._player.button, self._rate, self._fill):
             widget.visible = known
-        recorded = self._page.common.recording is not None
+        recorded = self._page.recording.url is not None
         self._note.content = note_html((NOTE_RECORDED if recorded else NOTE) if known else NO_FRAMES)
 
     def _caption(self, frame: int) -> str:
@@ -119,8 +119,7 @@ class StepsPanel(Panel):
         self._page, gui = page, page.gui
         self._timeline: Timeline | None = None
         with gui.add_folder("How objects were joined"):
-            self._slider = gui.add_slider("Position", 0, 1, 1, 1, disabled=True, hint=STEP_HINT)
-            self._slider.on_update(self._moved)
+            self._slider = by_person(gui.add_slider("Position", 0, 1, 1, 1, disabled=True, hint=STEP_HINT), self._moved)
             self._words = gui.add_html("")
             played = Played(
                 lambda: int(self._slider.value), lambda: self._finished, self.choose, lambda: float(self._rate.value)
@@ -128,8 +127,8 @@ class StepsPanel(Panel):
             self._player = page.players["steps"] = Player(gui, "Play the steps", played)
             self._player.button.disabled = True
             self._rate = gui.add_slider("Pace (per s)", 1, 60, 1, 12, hint="Positions a second, while it plays.")
-            self._back = gui.add_button("Back to the map", icon=viser.Icon.ARROW_BACK_UP, color="gray", visible=False)
-            self._back.on_click(lambda _: self._go_back())
+            icon = viser.Icon.ARROW_BACK_UP
+            self._back = button(gui, "Back to the map", self._go_back, icon=icon, color="gray", visible=False)
 
     def map_changed(self, simap: SIMap) -> None:
         """Clear the steps of the map before, and queue computing those of this one."""
@@ -184,10 +183,9 @@ class StepsPanel(Panel):
         if self._page.time.step is not None:
             self.choose(self._finished)
 
-    def _moved(self, event: viser.GuiEvent) -> None:
-        if event.client_id is not None:
-            self._player.stop()
-            self.choose(int(self._slider.value))
+    def _moved(self) -> None:
+        self._player.stop()
+        self.choose(int(self._slider.value))
 
     def _say(self, words: str) -> None:
         self._words.content = f'<div role="status" style="{BOX_STYLE};{DIM_STYLE}">{escape(words)}</div>'

@@ -41,6 +41,7 @@ from simaps_viz.navigation.trajectory import (
 from simaps_viz.structures import Instance, Pose2, SIMap
 from simaps_viz.viewer.page.page import Page
 from simaps_viz.viewer.page.panel import Panel
+from simaps_viz.viewer.page.widgets import button, button_row, by_person
 from simaps_viz.viewer.scene.camera import SLANT, Follower
 
 _NTH = ("", "", "second ", "third ", "fourth ", "fifth ", "sixth ", "seventh ", "eighth ", "ninth ", "tenth ")
@@ -236,185 +237,6 @@ class Past:
     """One of ok, refused and failed; empty while unknown."""
 
 
-class CommandWidgets:
-    """The widgets of the panel; the ``show`` methods fill them."""
-
-    def __init__(
-        self, gui: viser.GuiApi, simap: SIMap, robot: "CommandPanel", *, enabled: bool, model: str | None
-    ) -> None:
-        """Fill the open container; clicks and commands are passed on to ``robot``."""
-        self._robot = robot
-        self._phase: Phase = "idle"
-        self._past: list[Past] = []
-        self._add_input(gui, enabled, model)
-        self._add_outcome(gui)
-        self._add_drive(gui)
-        with gui.add_folder("Examples"):
-            for text in examples(simap, EXAMPLES + 1):
-                button = gui.add_button(text, color="gray", disabled=not enabled)
-                button.on_click(lambda event: self._try(str(event.target.label)))
-        self._add_history(gui)
-        with gui.add_folder("Start pose"):
-            self._pose = gui.add_html("")
-            place = gui.add_button_group("Robot", ("Set on map", "Reset"), hint=PLACE_HINT)
-            place.on_click(lambda event: robot.place() if event.target.value == "Set on map" else robot.reset())
-
-    @property
-    def uses_model(self) -> bool:
-        """Whether the language model reads the commands."""
-        return bool(self._model.visible and self._model.value)
-
-    @property
-    def texts(self) -> tuple[str, str, str]:
-        """The typed command, and the outcome and program of the last one (both HTML)."""
-        return str(self._text.value), str(self._result.content), str(self._program.content)
-
-    @property
-    def speed(self) -> float:
-        """Factor on the robot's normal speed."""
-        return float(self._speed.value)
-
-    def restore_texts(self, texts: tuple[str, str, str], speed: float) -> None:
-        """Restore what ``texts`` and ``speed`` returned."""
-        self._text.value, self._result.content, self._program.content = texts
-        self._program.visible = bool(texts[2])
-        self._speed.value = speed
-
-    def show_phase(self, phase: Phase) -> None:
-        """Show the buttons that fit what the robot is doing."""
-        self._phase = phase
-        if tuple(self._run.options) != _BUTTONS[phase]:
-            self._run.options = _BUTTONS[phase]
-
-    def show_thinking(self, command: str, reader: str = "") -> None:
-        """Show that a command is being worked on, and by which reader."""
-        more = (f"Asking {reader}. Stop ends the wait.",) if reader else ()
-        self._result.content = message_html("Working on it …", command, "plain", more)
-
-    def show_result(self, title: str, text: str, tone: str, more: Sequence[str] = ()) -> None:
-        """Show the outcome of a command, with further lines; tone is one of plain, good, bad."""
-        self._result.content = message_html(title, text, tone, more)
-
-    def show_program(self, program: str, line: int | None = None, *, stuck: bool = False) -> None:
-        """Show the program; the given line (from 1) is marked as the current one, or as where it got stuck."""
-        self._program.content = program_html(program, line, stuck=stuck)
-        self._program.visible = bool(program)
-
-    def show_other_reading(self, program: str | None) -> None:
-        """Offer to run another meaning of the command; None hides the offer."""
-        self._other_program.content = "" if program is None else program_html(program)
-        self._other.visible = program is not None
-
-    def show_progress(self, share: float | None) -> None:
-        """Show how much of the drive is done, 0 to 1; None hides it."""
-        if self._progress.visible != (share is not None):
-            self._progress.visible = share is not None
-        if share is not None:
-            self._progress.value = round(100.0 * share, 1)
-
-    def show_exchanges(self, exchanges: Sequence[Exchange]) -> None:
-        """Show the exchanges with a language model; an empty sequence hides them."""
-        self._exchanges.content = exchanges_html(exchanges)
-        self._conversation.visible = bool(exchanges)
-
-    def show_past(self, past: Sequence[Past]) -> None:
-        """Show the history, the newest first."""
-        self._past = list(past[:MAX_PAST])
-        self._history.visible = bool(past)
-        for i, button in enumerate(self._buttons):
-            one = self._past[i] if i < len(self._past) else None
-            if one is not None:
-                text = (
-                    one.command
-                    if len(one.command) <= _MAX_BUTTON_LENGTH
-                    else f"{one.command[: _MAX_BUTTON_LENGTH - 1]}…"
-                )
-                button.label, button.icon = text, _ICONS.get(one.status, viser.Icon.CLOCK)
-            button.visible = one is not None
-
-    def show_pose(self, pose: Pose2) -> None:
-        """Show the robot's pose."""
-        self._pose.content = (
-            '<div style="padding:.2em .8em;font-size:.82em">Robot at '
-            f"<b>x {pose.x_m:.2f} m, y {pose.y_m:.2f} m</b>, heading <b>{pose.heading_deg % 360:.0f}°</b></div>"
-        )
-
-    def _add_input(self, gui: viser.GuiApi, enabled: bool, model: str | None) -> None:
-        # Multiline, so that Enter becomes part of the text: the browser sends only the last change of any 50 ms, and a
-        # separate message about Enter would replace the last letters.
-        self._text = gui.add_text(
-            "Command", "", multiline=True, hint="In plain English, or a program; Enter sends it.", disabled=not enabled
-        )
-        self._text.on_update(self._typed)
-        self._run = gui.add_button_group(
-            "Run",
-            _BUTTONS["idle"],
-            disabled=not enabled,
-            hint="Go, pause or play on; run one line of the program; stop, also the wait for an answer.",
-        )
-        self._run.on_click(lambda event: self._pressed(str(event.target.value)))
-        self._model = gui.add_checkbox(
-            "Language model", True, visible=model is not None, hint=f"Commands are read by {model}; off: by grammar."
-        )
-
-    def _add_outcome(self, gui: viser.GuiApi) -> None:
-        self._progress = gui.add_progress_bar(0.0, visible=False)
-        self._result = gui.add_html(message_html("", "Try an example, or type what the robot shall do.", "plain"))
-        self._program = gui.add_html("", visible=False)
-        self._other = gui.add_folder("The command could also mean", visible=False)
-        with self._other:
-            button = gui.add_button("Run the other reading", icon=viser.Icon.ARROWS_EXCHANGE, color="gray")
-            self._other_program = gui.add_html("")
-        button.on_click(lambda _: self._robot.run_other_reading())
-        self._conversation = gui.add_folder("Sent to the language model", expand_by_default=False, visible=False)
-        with self._conversation:
-            self._exchanges = gui.add_html("")
-
-    def _add_drive(self, gui: viser.GuiApi) -> None:
-        self._speed = gui.add_slider("Speed (×)", 0.25, 8.0, 0.25, 1.0, hint=SPEED_HINT)
-        self._speed.on_update(lambda _: self._robot.set_speed(float(self._speed.value)))
-        self._follow = gui.add_checkbox(
-            "Follow robot", False, hint="The camera goes along: from above in the top view, behind it in the 3-D view."
-        )
-        self._follow.on_update(lambda _: self._robot.follow(bool(self._follow.value)))
-
-    def _add_history(self, gui: viser.GuiApi) -> None:
-        self._history = gui.add_folder("History", visible=False)
-        with self._history:
-            self._buttons = [gui.add_button("", color="gray", visible=False) for _ in range(MAX_PAST)]
-        for i, button in enumerate(self._buttons):
-            button.on_click(lambda _, i=i: self._try(self._past[i].command) if i < len(self._past) else None)
-
-    def _try(self, command: str) -> None:
-        self._text.value = command
-        self._robot.ask(command)
-
-    def _typed(self, event: viser.GuiEvent) -> None:
-        if event.client_id is None:
-            return
-        command = entered(str(self._text.value))
-        if command is not None:
-            self._text.value = command
-            self._send(paused=False)
-
-    def _pressed(self, name: str) -> None:
-        if name == "Stop":
-            self._robot.stop()
-        elif name == "Step" and self._phase in ("driving", "paused"):
-            self._robot.step()
-        elif self._phase in ("driving", "paused"):
-            self._robot.pause()
-        else:
-            self._send(paused=name == "Step")
-
-    def _send(self, *, paused: bool) -> None:
-        command = str(self._text.value).strip()
-        if command:
-            self._robot.ask(command, paused)
-        else:
-            self.show_result("", "Type a command first, or try an example.", "plain")
-
-
 def entered(text: str) -> str | None:
     """Return the command that Enter completed; None while it is still being typed.
 
@@ -468,7 +290,7 @@ class RobotState:
     start: Pose2
     past: tuple[Past, ...]
     texts: tuple[str, str, str]
-    """As `CommandWidgets.texts`."""
+    """As `CommandPanel.texts`."""
     speed: float
 
 
@@ -479,8 +301,10 @@ class CommandPanel(Panel):
         """Fill the open container and put the robot on the map."""
         self._page, self._scene, self._services = page, page.scene, page.services
         viewpoints = page.viewpoints
-        self._follower = Follower(page.client, behind=lambda: viewpoints.name == SLANT, let_go=viewpoints.restore)
-        self._start = page.common.start or open_floor(page.simap)
+        self._follower = Follower(
+            page.client, behind=lambda: viewpoints.name == SLANT, let_go=lambda: viewpoints.look(viewpoints.name)
+        )
+        self._start = page.workbench.start or open_floor(page.simap)
         page.pose = self._asked_at = self._start
         self._placing: list[tuple[float, float]] | None = None
         self._answer: Answer | None = None
@@ -490,25 +314,31 @@ class CommandPanel(Panel):
         self._line = 0
         self._past: list[Past] = []
         self._waiting: threading.Event | None = None
-        self._drive = TrajectoryPlayer(self._moved, self._arrived, self._paused, self._broke_down)
-        model = page.services.model.name if page.services.model else None
-        enabled = page.services.ask is not None
-        self._widgets = CommandWidgets(page.gui, page.simap, self, enabled=enabled, model=model)
+        self._drive = TrajectoryPlayer(self._moved, self._arrived, lambda: self._show_phase("paused"), self._broke_down)
+        self._phase: Phase = "idle"
+        self._add_input(page.gui)
+        self._add_outcome(page.gui)
+        self._add_robot(page.gui)
         self._put_robot(self._start)
-
-    @property
-    def pose(self) -> Pose2:
-        """Where the robot is now."""
-        return self._page.pose
 
     @property
     def driving(self) -> bool:
         """Whether the robot is driving, paused or not."""
         return self._drive.active
 
+    @property
+    def uses_model(self) -> bool:
+        """Whether the language model reads the commands."""
+        return bool(self._model.visible and self._model.value)
+
+    @property
+    def texts(self) -> tuple[str, str, str]:
+        """The typed command, and the outcome and program of the last one (both HTML)."""
+        return str(self._text.value), str(self._result.content), str(self._program.content)
+
     def ask(self, command: str, paused: bool = False) -> None:
         """Carry out a command from the robot's pose; ``paused`` waits before its first line."""
-        model = self._services.model if self._widgets.uses_model else None
+        model = self._services.model if self.uses_model else None
         self._remember(command, "")
         self._submit(command, paused=paused, reader=model.name if model else "")
 
@@ -516,28 +346,26 @@ class CommandPanel(Panel):
         """Pause the drive, or resume it."""
         self._drive.pause(not self._drive.paused)
         if self._drive.active:
-            self._widgets.show_phase("paused" if self._drive.paused else "driving")
+            self._show_phase("paused" if self._drive.paused else "driving")
 
     def step(self) -> None:
         """Run one statement of the program, then pause."""
         if self._drive.active:
             self._drive.step()
-            self._widgets.show_phase("driving")
+            self._show_phase("driving")
 
     def stop(self) -> None:
         """Stop the robot where it is, or the wait for an answer."""
         waiting, self._waiting = self._waiting, None
         if waiting is not None:
             waiting.set()
-            self._widgets.show_result(
-                "Stopped", "The wait for an answer has ended; the robot stays where it is.", "plain"
-            )
+            self._show_result("Stopped", "The wait for an answer has ended; the robot stays where it is.")
         elif self._drive.active:
             self._drive.stop()
-            self._widgets.show_progress(None)
-            self._widgets.show_pose(self._page.pose)
-            self._widgets.show_result("Stopped", "The robot stands where it was stopped.", "plain", self._why)
-        self._widgets.show_phase("idle")
+            self._show_progress(None)
+            self._show_pose()
+            self._show_result("Stopped", "The robot stands where it was stopped.", more=self._why)
+        self._show_phase("idle")
 
     def run_other_reading(self) -> None:
         """Return to where the command was given and run another meaning of it; each call runs the next one."""
@@ -551,14 +379,15 @@ class CommandPanel(Panel):
         """Stop the robot, or the wait for an answer, and return the state of the panel."""
         if self.driving or self._waiting is not None:
             self.stop()
-        return RobotState(self._page.pose, self._start, tuple(self._past), self._widgets.texts, self._widgets.speed)
+        return RobotState(self._page.pose, self._start, tuple(self._past), self.texts, float(self._speed.value))
 
     def restore(self, state: RobotState) -> None:
         """Restore the robot's state."""
         self._start, self._past = state.start, list(state.past)
-        self._widgets.restore_texts(state.texts, state.speed)
-        self.set_speed(state.speed)
-        self._widgets.show_past(self._past)
+        self._text.value, self._result.content, self._program.content = state.texts
+        self._program.visible = bool(state.texts[2])
+        self._speed.value = self._drive.speed = state.speed
+        self._show_past()
         self._put_robot(state.pose)
 
     def leave_robot(self) -> None:
@@ -577,7 +406,7 @@ class CommandPanel(Panel):
         self._use()
         self._end()
         self._placing = []
-        self._widgets.show_result("Set start pose", "Click where the robot stands, then click where it looks.", "plain")
+        self._show_result("Set start pose", "Click where the robot stands, then click where it looks.")
 
     def waits_for_click(self) -> bool:
         """Whether a click for the start pose is expected."""
@@ -592,26 +421,18 @@ class CommandPanel(Panel):
         if len(placing) == 1:
             self._clear()
             self._put_robot(Pose2(x_m, y_m, self._page.pose.yaw_rad))
-            self._widgets.show_result("Set start pose", "Now click where the robot looks.", "plain")
+            self._show_result("Set start pose", "Now click where the robot looks.")
             return True
         (x0, y0), (x1, y1) = placing[:2]
         self._placing = None
         self._start = Pose2(x0, y0, float(np.arctan2(y1 - y0, x1 - x0)))
         self._put_robot(self._start)
-        self._widgets.show_result("Start pose set", "The next command starts here.", "good")
+        self._show_result("Start pose set", "The next command starts here.", "good")
         return True
 
     def close(self) -> None:
         """End any drive, and any wait for an answer."""
         self._end()
-
-    def set_speed(self, speed: float) -> None:
-        """Set the factor on the robot's normal speed."""
-        self._drive.speed = speed
-
-    def follow(self, on: bool) -> None:
-        """Let the camera follow the robot, or stay."""
-        self._follower.switch(on, self._page.pose)
 
     def _use(self) -> None:
         """Claim the robot, and show the finished map, on which commands are carried out."""
@@ -625,7 +446,7 @@ class CommandPanel(Panel):
             waiting.set()
         self._drive.stop()
         self._placing = None
-        self._widgets.show_phase("idle")
+        self._show_phase("idle")
 
     def _submit(
         self,
@@ -640,8 +461,9 @@ class CommandPanel(Panel):
         self._use()
         self._end()
         self._waiting = cancel = threading.Event()
-        self._widgets.show_thinking(command, reader)
-        self._widgets.show_phase("asking")
+        more = (f"Asking {reader}. Stop ends the wait.",) if reader else ()
+        self._show_result("Working on it …", command, more=more)
+        self._show_phase("asking")
         job = functools.partial(self._carry_out, command, cancel, paused, bool(reader), at, readings)
         self._page.command_worker.submit("command", job)
 
@@ -668,8 +490,8 @@ class CommandPanel(Panel):
                 self._refuse(command, str(error))
             return
         except Exception:
-            self._widgets.show_phase("idle")
-            self._widgets.show_result("Failed", "The command met an unexpected error; the robot stays.", "bad")
+            self._show_phase("idle")
+            self._show_result("Failed", "The command met an unexpected error; the robot stays.", "bad")
             raise
         if cancel.is_set():
             return
@@ -684,7 +506,7 @@ class CommandPanel(Panel):
 
             def show(exchanges: Sequence[Exchange]) -> None:
                 if self._waiting in (cancel, None):  # not once another command has taken over
-                    self._widgets.show_exchanges(exchanges)
+                    self._show_exchanges(exchanges)
 
             return services.model.ask(simap, command, self._page.pose, cancel, show)
         if services.ask is None:
@@ -698,20 +520,20 @@ class CommandPanel(Panel):
         planned = None if answer.status == "refused" else self._trajectory_for(simap, answer)
         if cancel.is_set():
             return
-        self._widgets.show_program(answer.program or "")
-        self._widgets.show_other_reading(self._readings[0] if self._readings else None)
+        self._show_program(answer.program or "")
+        self._show_other_reading(self._readings[0] if self._readings else None)
         self._waiting = None
         if planned is None or (answer.status != "ok" and planned.duration_s == 0.0):
             self._conclude(answer)
             return
         self._trajectory = planned
-        self._widgets.show_result("On the way", outcome_text(answer), "plain", (*self._why, *answer.notes))
+        self._show_result("On the way", outcome_text(answer), more=(*self._why, *answer.notes))
         self._scene.show_path(answer.path_m)
         end = answer.final_pose
         goal = (end.x_m - GOAL_M, end.y_m - GOAL_M, end.x_m + GOAL_M, end.y_m + GOAL_M)
         self._scene.show_candidates(labels, blocked=(goal, *boxes_near(simap, labels)))
-        self._widgets.show_progress(0.0)
-        self._widgets.show_phase("paused" if paused else "driving")
+        self._show_progress(0.0)
+        self._show_phase("paused" if paused else "driving")
         self._drive.start(planned, paused=paused)
 
     def _trajectory_for(self, simap: SIMap, answer: Answer) -> Trajectory:
@@ -743,16 +565,13 @@ class CommandPanel(Panel):
         self._page.pose = pose
         self._scene.show_robot(pose)
         self._follower.see(pose)
-        self._widgets.show_progress(share)
+        self._show_progress(share)
         planned, answer = self._trajectory, self._answer  # another command may clear them meanwhile
         lines = planned.lines if planned is not None else ()
         line = int(lines[leg]) if leg < len(lines) else 0
         if answer is not None and line != self._line:
             self._line = line
-            self._widgets.show_program(answer.program or "", line or None)
-
-    def _paused(self) -> None:
-        self._widgets.show_phase("paused")
+            self._show_program(answer.program or "", line or None)
 
     def _arrived(self) -> None:
         answer = self._answer
@@ -764,43 +583,173 @@ class CommandPanel(Panel):
         """Report an error that ended the drive; the robot stays where it is."""
 
         def report() -> None:
-            self._widgets.show_phase("idle")
-            self._widgets.show_progress(None)
-            self._widgets.show_result(
-                "Failed", "The drive met an unexpected error; the robot stays where it is.", "bad"
-            )
+            self._show_phase("idle")
+            self._show_progress(None)
+            self._show_result("Failed", "The drive met an unexpected error; the robot stays where it is.", "bad")
             raise fault  # the page's notification, and the log
 
         self._page.command_worker.submit("broke down", report)
 
     def _conclude(self, answer: Answer) -> None:
-        self._widgets.show_program(answer.program or "", answer.line, stuck=answer.line is not None)
-        self._widgets.show_progress(None)
-        self._widgets.show_phase("idle")
+        self._show_program(answer.program or "", answer.line, stuck=answer.line is not None)
+        self._show_progress(None)
+        self._show_phase("idle")
         title, tone = {"ok": ("Done", "good"), "refused": ("Refused", "bad")}.get(answer.status, ("Failed", "bad"))
-        self._widgets.show_result(title, outcome_text(answer), tone, (*self._why, *answer.notes))
+        self._show_result(title, outcome_text(answer), tone, (*self._why, *answer.notes))
 
     def _refuse(self, command: str, reason: str) -> None:
-        self._widgets.show_phase("idle")
-        self._widgets.show_result("Refused", reason, "bad")
+        self._show_phase("idle")
+        self._show_result("Refused", reason, "bad")
         self._remember(command, "refused")
 
     def _remember(self, command: str, status: str) -> None:
         """Put a command first in the history."""
         self._past = [Past(command, status), *(past for past in self._past if past.command != command)][:MAX_REMEMBERED]
-        self._widgets.show_past(self._past)
+        self._show_past()
 
     def _put_robot(self, pose: Pose2) -> None:
         self._page.pose = pose
         self._scene.show_robot(pose)
-        self._widgets.show_pose(pose)
+        self._show_pose()
         self._follower.see(pose, rests=True)
 
     def _clear(self) -> None:
         self._answer, self._line, self._trajectory, self._why, self._readings = None, 0, None, (), ()
         self._scene.show_path(np.zeros((0, 2)))
         self._scene.show_candidates(())
-        self._widgets.show_program("")
-        self._widgets.show_other_reading(None)
-        self._widgets.show_exchanges(())
-        self._widgets.show_progress(None)
+        self._show_program("")
+        self._show_other_reading(None)
+        self._show_exchanges(())
+        self._show_progress(None)
+
+    def _show_phase(self, phase: Phase) -> None:
+        """Show the buttons that fit what the robot is doing."""
+        self._phase = phase
+        if tuple(self._run.options) != _BUTTONS[phase]:
+            self._run.options = _BUTTONS[phase]
+
+    def _show_result(self, title: str, text: str, tone: str = "plain", more: Sequence[str] = ()) -> None:
+        """Show the outcome of a command, with further lines; tone is one of plain, good, bad."""
+        self._result.content = message_html(title, text, tone, more)
+
+    def _show_program(self, program: str, line: int | None = None, *, stuck: bool = False) -> None:
+        """Show the program; the given line (from 1) is marked as the current one, or as where it got stuck."""
+        self._program.content = program_html(program, line, stuck=stuck)
+        self._program.visible = bool(program)
+
+    def _show_other_reading(self, program: str | None) -> None:
+        """Offer to run another meaning of the command; None hides the offer."""
+        self._other_program.content = "" if program is None else program_html(program)
+        self._other.visible = program is not None
+
+    def _show_progress(self, share: float | None) -> None:
+        """Show how much of the drive is done, 0 to 1; None hides it."""
+        if self._progress.visible != (share is not None):
+            self._progress.visible = share is not None
+        if share is not None:
+            self._progress.value = round(100.0 * share, 1)
+
+    def _show_exchanges(self, exchanges: Sequence[Exchange]) -> None:
+        """Show the exchanges with a language model; an empty sequence hides them."""
+        self._exchanges.content = exchanges_html(exchanges)
+        self._conversation.visible = bool(exchanges)
+
+    def _show_past(self) -> None:
+        """Show the history, the newest first."""
+        self._history.visible = bool(self._past)
+        for i, one in enumerate(self._buttons):
+            one.visible = i < len(self._past)
+            if one.visible:
+                text = self._past[i].command
+                one.label = text if len(text) <= _MAX_BUTTON_LENGTH else f"{text[: _MAX_BUTTON_LENGTH - 1]}…"
+                one.icon = _ICONS.get(self._past[i].status, viser.Icon.CLOCK)
+
+    def _show_pose(self) -> None:
+        pose = self._page.pose
+        self._pose.content = (
+            '<div style="padding:.2em .8em;font-size:.82em">Robot at '
+            f"<b>x {pose.x_m:.2f} m, y {pose.y_m:.2f} m</b>, heading <b>{pose.heading_deg % 360:.0f}°</b></div>"
+        )
+
+    def _add_input(self, gui: viser.GuiApi) -> None:
+        enabled, model = self._services.ask is not None, self._services.model
+        # Multiline, so that Enter becomes part of the text: the browser sends only the last change of any 50 ms, and a
+        # separate message about Enter would replace the last letters.
+        self._text = gui.add_text(
+            "Command", "", multiline=True, hint="In plain English, or a program; Enter sends it.", disabled=not enabled
+        )
+        by_person(self._text, self._typed)
+        self._run = gui.add_button_group(
+            "Run",
+            _BUTTONS["idle"],
+            disabled=not enabled,
+            hint="Go, pause or play on; run one line of the program; stop, also the wait for an answer.",
+        )
+        self._run.on_click(lambda event: self._pressed(str(event.target.value)))
+        hint = f"Commands are read by {model.name if model else None}; off: by grammar."
+        self._model = gui.add_checkbox("Language model", True, visible=model is not None, hint=hint)
+
+    def _add_outcome(self, gui: viser.GuiApi) -> None:
+        self._progress = gui.add_progress_bar(0.0, visible=False)
+        self._result = gui.add_html(message_html("", "Try an example, or type what the robot shall do.", "plain"))
+        self._program = gui.add_html("", visible=False)
+        self._other = gui.add_folder("The command could also mean", visible=False)
+        with self._other:
+            icon = viser.Icon.ARROWS_EXCHANGE
+            button(gui, "Run the other reading", self.run_other_reading, icon=icon, color="gray")
+            self._other_program = gui.add_html("")
+        self._conversation = gui.add_folder("Sent to the language model", expand_by_default=False, visible=False)
+        with self._conversation:
+            self._exchanges = gui.add_html("")
+
+    def _add_robot(self, gui: viser.GuiApi) -> None:
+        # How it drives.
+        self._speed = gui.add_slider("Speed (×)", 0.25, 8.0, 0.25, 1.0, hint=SPEED_HINT)
+        self._speed.on_update(lambda _: setattr(self._drive, "speed", float(self._speed.value)))
+        self._follow = gui.add_checkbox(
+            "Follow robot", False, hint="The camera goes along: from above in the top view, behind it in the 3-D view."
+        )
+        self._follow.on_update(lambda _: self._follower.switch(bool(self._follow.value), self._page.pose))
+        # What it may be asked, and was asked before.
+        with gui.add_folder("Examples"):
+            for text in examples(self._page.simap, EXAMPLES + 1):
+                enabled = self._services.ask is not None
+                button(gui, text, functools.partial(self._try, text), color="gray", disabled=not enabled)
+        self._history = gui.add_folder("History", visible=False)
+        with self._history:
+            again = [functools.partial(self._try_again, i) for i in range(MAX_PAST)]
+            self._buttons = [button(gui, "", do, color="gray", visible=False) for do in again]
+        with gui.add_folder("Start pose"):
+            self._pose = gui.add_html("")
+            button_row(gui, "Robot", {"Set on map": self.place, "Reset": self.reset}, hint=PLACE_HINT)
+
+    def _try(self, command: str) -> None:
+        self._text.value = command
+        self.ask(command)
+
+    def _try_again(self, number: int) -> None:
+        if number < len(self._past):
+            self._try(self._past[number].command)
+
+    def _typed(self) -> None:
+        command = entered(str(self._text.value))
+        if command is not None:
+            self._text.value = command
+            self._send(paused=False)
+
+    def _pressed(self, name: str) -> None:
+        if name == "Stop":
+            self.stop()
+        elif name == "Step" and self._phase in ("driving", "paused"):
+            self.step()
+        elif self._phase in ("driving", "paused"):
+            self.pause()
+        else:
+            self._send(paused=name == "Step")
+
+    def _send(self, *, paused: bool) -> None:
+        command = str(self._text.value).strip()
+        if command:
+            self.ask(command, paused)
+        else:
+            self._show_result("", "Type a command first, or try an example.")

@@ -1,11 +1,13 @@
 """The panel that compares two maps: of other methods or settings, from a file, or the ground truth."""
 
 import functools
+import tempfile
 import threading
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from html import escape
-from typing import Any, Literal, cast
+from pathlib import Path
+from typing import Any, cast
 
 import viser
 
@@ -13,50 +15,24 @@ from simaps_viz.colors.classes import plural
 from simaps_viz.colors.palette import Color
 from simaps_viz.drawing.compare_picture import KINDS, Mode, TwoPictures, mark_color
 from simaps_viz.drawing.theme import BAD_STYLE, DIM_STYLE, LIGHT, Theme, short
-from simaps_viz.errors import InputError
-from simaps_viz.evaluation.two_maps import Item, MapSide, TwoMaps
+from simaps_viz.errors import InputError, SIMapsError
+from simaps_viz.evaluation.other_maps import TRUTH, MapMaker
+from simaps_viz.evaluation.two_maps import Item, MapSide, TwoMaps, compare_two
 from simaps_viz.events import Progress
+from simaps_viz.io.files import write_whole
+from simaps_viz.mapping.file import load_map
 from simaps_viz.mapping.methods import method_of
 from simaps_viz.mapping.simap import slider_of
 from simaps_viz.structures import SIMap
 from simaps_viz.viewer.page.page import MAX_RESOLUTION, MIN_RESOLUTION, Page, cut_of
 from simaps_viz.viewer.page.panel import Panel, PanelSpec
+from simaps_viz.viewer.page.widgets import button, button_row, by_person
 from simaps_viz.viewer.page.worker import Worker
 from simaps_viz.viewer.scene.camera import Extent
 from simaps_viz.viewer.scene.map_scene import frame_extent
 
 Named = tuple[str, SIMap]
 """The title of a map on the page, and the map."""
-TRUTH = "truth"
-"""Key of the source that is the ground truth."""
-
-
-@dataclass(frozen=True)
-class Source:
-    """A map that can be compared with the one on the page."""
-
-    key: str
-    title: str
-    """Such as "Method paper" or "Ground truth"."""
-    hint: str = ""
-    """A remark, such as how it is simulated."""
-
-
-@dataclass(frozen=True)
-class CompareServices:
-    """Plain functions behind the comparison; a choice whose function is None is left out."""
-
-    compare: Callable[[Named, Named, Literal["left", "right"] | None], TwoMaps]
-    """(left, right, which is the truth) -> the comparison; may raise SIMapsError."""
-    sources: tuple[Source, ...] = ()
-    """The maps that ``make`` can make."""
-    make: Callable[[str, SIMap, Progress, threading.Event], SIMap] | None = None
-    """(key, map on the page, called with the progress, event that cancels) -> that map, from a cache if it was made
-    before. Slow; called on a thread of its own. Raises `Cancelled` after the event was set."""
-    rejoin: Callable[[SIMap, float, float], SIMap] | None = None
-    """(map, K or evidence in percent, Louvain resolution) -> the map cut with these settings; fast."""
-    load: Callable[[str, bytes], SIMap] | None = None
-    """(file name, content) -> the map of that file; may raise SIMapsError."""
 
 
 class Cancelled(Exception):  # noqa: N818 - not an error
@@ -200,6 +176,7 @@ def _ring(color: Color) -> str:
     )
 
 
+LEFT, RIGHT = "Left", "Right"
 THIS, SETTINGS = "This map", "This map, other settings"
 
 
@@ -213,35 +190,42 @@ class SideState:
     files: Mapping[str, SIMap]
 
 
+def load_bytes(name: str, content: bytes) -> SIMap:
+    """Read a map file whose content a browser sent.
+
+    Raises:
+        InputError: it is no map file.
+    """
+    with tempfile.TemporaryDirectory(prefix="simaps-") as folder:
+        path = Path(folder) / (Path(name).name or "map.npz")
+        write_whole(path, content, "the map that was sent")
+        try:
+            return load_map(path)
+        except SIMapsError as error:
+            raise InputError(str(error).replace(str(path), path.name)) from error
+
+
 class SideChooser:
     """The choice of one of the two maps: a drop-down list, and sliders for other settings."""
 
-    def __init__(
-        self,
-        gui: viser.GuiApi,
-        name: str,
-        services: CompareServices,
-        page: Page,
-        changed: Callable[[], None],
-        *,
-        first: str,
-    ) -> None:
+    def __init__(self, name: str, maker: MapMaker, page: Page, changed: Callable[[], None]) -> None:
         """Fill the open container.
 
         Args:
-            gui: where the widgets go.
-            name: "Left" or "Right".
-            services: what makes maps.
+            name: LEFT or RIGHT; the right one begins with the truth, other settings, or another map, if there is one.
+            maker: makes the maps of other methods, and the truth.
             page: the page.
             changed: called after another map was chosen.
-            first: key of the initial choice.
         """
-        self._services, self._page, self._changed = services, page, changed
+        self._maker, self._page, self._changed, gui = maker, page, changed, page.gui
         self._keys = {THIS: "map"}
-        if services.rejoin is not None and method_of(page.simap.method).slider is not None:
+        sources = maker.sources(page.simap)
+        if page.services.repartition is not None and method_of(page.simap.method).slider is not None:
             self._keys[SETTINGS] = "settings"
-        self._keys |= {source.title: source.key for source in services.sources}
-        at_first = next((title for title, key in self._keys.items() if key == first), THIS)
+        self._keys |= {source.title: source.key for source in sources}
+        titles = {key: title for title, key in self._keys.items()}
+        others = [titles[key] for key in (TRUTH, "settings", *titles) if key in titles and key != "map"]
+        at_first = THIS if name == LEFT else (others or [THIS])[0]
         self._files: dict[str, SIMap] = {}
         own, joining = cut_of(page.simap), slider_of(page.simap)
         self._word = joining.word
@@ -251,9 +235,9 @@ class SideChooser:
         self._resolution = gui.add_slider(
             f"{name} resolution", MIN_RESOLUTION, MAX_RESOLUTION, 0.05, own.resolution, hint="Louvain resolution."
         )
-        self._which.on_update(lambda event: self._chose() if event.client_id is not None else None)
+        by_person(self._which, self._chose)
         for slider in (self._percent, self._resolution):
-            slider.on_update(lambda event: changed() if event.client_id is not None else None)
+            by_person(slider, changed)
         self._show_settings()
 
     @property
@@ -261,7 +245,7 @@ class SideChooser:
         """The choice: map, settings, the key of a source, or the name of a file."""
         return self._keys[str(self._which.value)]
 
-    def map(self, simap: SIMap, report: Progress, cancel: threading.Event) -> Named:
+    def map(self, simap: SIMap, report: Progress) -> Named:
         """Return the chosen map with its title; may take long.
 
         Raises:
@@ -272,13 +256,11 @@ class SideChooser:
             return f"This map ({simap.method})", simap
         if key in self._files:
             return key, self._files[key]
-        if key == "settings" and self._services.rejoin is not None:
+        if key == "settings":
             percent, resolution = float(self._percent.value), float(self._resolution.value)
             title = f"{self._word} {percent:g} %, resolution {resolution:g}"
-            return title[0].upper() + title[1:], self._services.rejoin(simap, percent, resolution)
-        if self._services.make is None:
-            raise InputError(f"comparison: expected a service that makes {self._which.value}, found none")
-        return str(self._which.value), self._services.make(key, simap, report, cancel)
+            return title[0].upper() + title[1:], self._page.shared.cut_map(simap, percent, resolution)
+        return str(self._which.value), self._maker.make(key, simap, report)
 
     def add_file(self, name: str, simap: SIMap, *, choose: bool) -> None:
         """Add the map of a file to the list; ``choose`` selects it."""
@@ -314,7 +296,6 @@ ABOUT = "compare this map with another: of another method, other parameters, or 
 LISTED = 5
 """Differences on a page of the list."""
 SWIPE, SIDE_BY_SIDE = "Swipe", "Side by side"
-EARLIER, LATER = "Previous", "Next"
 HOW_HINT = "One map left of a line and the other right of it, or both complete."
 PAGES_HINT = f"{LISTED} at a time, the gravest first."
 DARK_BUTTON: Color = (74, 80, 92)
@@ -322,18 +303,19 @@ DARK_BUTTON: Color = (74, 80, 92)
 EMPTY: tuple[str, ...] = ("all (0)",)
 
 
-def compare_panel(services: CompareServices) -> PanelSpec:
+def compare_panel(maker: MapMaker) -> PanelSpec:
     """Return the tab of a page that has this panel."""
-    return PanelSpec("Compare", viser.Icon.ARROWS_DIFF, lambda page: ComparePanel(page, services), about=ABOUT)
+    return PanelSpec("Compare", viser.Icon.ARROWS_DIFF, lambda page: ComparePanel(page, maker), about=ABOUT)
 
 
 class ComparePanel(Panel):
     """Two chosen maps, their picture in place of the page's map, and the list of their differences."""
 
-    def __init__(self, page: Page, services: CompareServices) -> None:
+    def __init__(self, page: Page, maker: MapMaker) -> None:
         """Fill the open container."""
-        self._page, self._services = page, services
-        self._maps: TwoMaps | None = None
+        self._page = page
+        self.maps: TwoMaps | None = None
+        """The comparison that is shown."""
         self._side_by_side: Mode = "side by side"
         self._pictures: TwoPictures | None = None
         self._items: list[Item] = []
@@ -344,7 +326,7 @@ class ComparePanel(Panel):
         """Lock for changing maps and pictures together."""
         self._cancel = threading.Event()
         self._worker = Worker(self._failed)  # of its own: building a map may take long
-        self._add_choice(page.gui)
+        self._add_choice(page.gui, maker)
         self._add_view(page.gui)
         self._add_list(page.gui)
         self._show_parts()
@@ -352,12 +334,7 @@ class ComparePanel(Panel):
     @property
     def active(self) -> bool:
         """Whether two maps are shown in place of the page's own."""
-        return self._maps is not None
-
-    @property
-    def maps(self) -> TwoMaps | None:
-        """The comparison that is shown."""
-        return self._maps
+        return self.maps is not None
 
     def map_changed(self, simap: SIMap) -> None:
         """Compare again, as the page's map may be one of the two."""
@@ -366,12 +343,12 @@ class ComparePanel(Panel):
 
     def theme_changed(self) -> None:
         """Paint the pictures again in the colours of the theme."""
-        if self._maps is not None:
+        if self.maps is not None:
             self._page.submit("compare theme", self._paint_anew)
 
     def take_click(self, x_m: float, y_m: float) -> bool:
         """Choose the clicked difference; while two maps are shown no click is passed on."""
-        maps, pictures = self._maps, self._pictures
+        maps, pictures = self.maps, self._pictures
         if maps is None or pictures is None:
             return False
         east, north = pictures.shift_m(self._mode)
@@ -427,7 +404,7 @@ class ComparePanel(Panel):
             self._page.submit("compare picture", self._draw)
             if self.active:
                 self._page.look_at(None)
-            self._maps = None
+            self.maps = None
             self._show_parts()
 
     def choose(self, item: Item | None) -> None:
@@ -449,22 +426,16 @@ class ComparePanel(Panel):
     def _mode(self) -> Mode:
         return self._side_by_side if self._how.value == SIDE_BY_SIDE else "swipe"
 
-    def _add_choice(self, gui: viser.GuiApi) -> None:
-        changed = self._changed
-        self._sides = (
-            SideChooser(gui, "Left", self._services, self._page, changed, first="map"),
-            SideChooser(gui, "Right", self._services, self._page, changed, first=self._default_right()),
-        )
-        self._begin = gui.add_button("Compare", icon=viser.Icon.ARROWS_DIFF)
-        self._begin.on_click(lambda _: self.start())
+    def _add_choice(self, gui: viser.GuiApi, maker: MapMaker) -> None:
+        self._sides = tuple(SideChooser(name, maker, self._page, self._changed) for name in (LEFT, RIGHT))
+        self._begin = button(gui, "Compare", self.start, icon=viser.Icon.ARROWS_DIFF)
         self._progress = gui.add_progress_bar(0.0, visible=False)
         self._status = gui.add_html("")
-        self._stop = gui.add_button("End comparison", color="gray", visible=False)
-        self._stop.on_click(lambda _: self.stop())
+        self._stop = button(gui, "End comparison", self.stop, color="gray", visible=False)
 
     def _add_view(self, gui: viser.GuiApi) -> None:
         self._how = gui.add_dropdown("Show as", (SWIPE, SIDE_BY_SIDE), initial_value=SWIPE, hint=HOW_HINT)
-        self._how.on_update(lambda event: self._moved_mode() if event.client_id is not None else None)
+        by_person(self._how, self._moved_mode)
         self._line = gui.add_slider(
             "Divide (%)", 0, 100, 1, 50, hint="How much of the map, from the west, shows the left one."
         )
@@ -473,31 +444,21 @@ class ComparePanel(Panel):
 
     def _add_list(self, gui: viser.GuiApi) -> None:
         self._kind = gui.add_dropdown("List", EMPTY, hint="Which differences are listed and marked on the map.")
-        self._kind.on_update(lambda event: self._narrow() if event.client_id is not None else None)
-        self._rows = [gui.add_button("-", visible=False) for _ in range(LISTED)]
-        for at, row in enumerate(self._rows):
-            row.on_click(functools.partial(self._row_clicked, at))
-        self._pages = gui.add_button_group("Listed", (EARLIER, LATER), visible=False, hint=PAGES_HINT)
-        self._pages.on_click(lambda event: self._turn(1 if event.target.value == LATER else -1))
+        by_person(self._kind, self._narrow)
+        clicked = [functools.partial(self._row_clicked, at) for at in range(LISTED)]
+        self._rows = [button(gui, "-", do, visible=False) for do in clicked]
+        turns = {"Previous": lambda: self._turn(-1), "Next": lambda: self._turn(1)}
+        self._pages = button_row(gui, "Listed", turns, visible=False, hint=PAGES_HINT)
         self._detail = gui.add_html("")
         self._mark_all = gui.add_checkbox("Mark all listed", True, hint="Outline all differences that are listed.")
         self._mark_all.on_update(lambda _: self._page.submit("compare marks", self._remark))
         self._summary = gui.add_html("")
-        if self._services.load is not None:
-            upload = gui.add_upload_button("Add a map file (.npz) …", color="gray", mime_type=".npz")
-            upload.on_upload(lambda event: self._page.submit("map file", functools.partial(self._read, event.target)))
-
-    def _default_right(self) -> str:
-        keys = [source.key for source in self._services.sources]
-        if TRUTH in keys:
-            return TRUTH
-        return "settings" if self._services.rejoin is not None else (keys or ["map"])[0]
+        upload = gui.add_upload_button("Add a map file (.npz) …", color="gray", mime_type=".npz")
+        upload.on_upload(lambda event: self._page.submit("map file", functools.partial(self._read, event.target)))
 
     def _read(self, upload: viser.GuiUploadButtonHandle) -> None:
-        if self._services.load is None:
-            return
         name = upload.value.name
-        simap = self._services.load(name, upload.value.content)
+        simap = load_bytes(name, upload.value.content)
         for side, chosen in zip(self._sides, (False, True), strict=True):
             side.add_file(name, simap, choose=chosen)
         self._page.say("Map file read", f"{name} has {len(simap.instances)} instances.")
@@ -515,7 +476,7 @@ class ComparePanel(Panel):
             self._status.content = note(f"{what.capitalize()}: {done} of {total}")
 
         try:
-            left, right = (side.map(simap, report, cancel) for side in self._sides)
+            left, right = (side.map(simap, report) for side in self._sides)
             maps = self._compared(left, right)
             theme = self._page.theme
             pictures = TwoPictures(maps, theme)
@@ -537,12 +498,12 @@ class ComparePanel(Panel):
         if keys[0] == keys[1] == TRUTH or left[1] is right[1]:
             raise InputError(f"comparison: expected two different maps, found {left[0]} twice")
         truth = {(True, False): "left", (False, True): "right"}.get((keys[0] == TRUTH, keys[1] == TRUTH))
-        return self._services.compare(left, right, truth)  # pyright: ignore[reportArgumentType]
+        return compare_two(left, right, truth=truth)  # pyright: ignore[reportArgumentType]
 
     def _show(self, maps: TwoMaps, pictures: TwoPictures) -> None:
-        begins = self._maps is None
+        begins = self.maps is None
         self._side_by_side = pictures.both(self._page.aspect)
-        self._maps, self._pictures, self._chosen, self._first = maps, pictures, None, 0
+        self.maps, self._pictures, self._chosen, self._first = maps, pictures, None, 0
         self._progress.visible = False
         self._status.content = ""
         move, self._restored = begins and not self._restored, False
@@ -567,22 +528,22 @@ class ComparePanel(Panel):
         on = self.active
         for widget in (self._how, self._headline, self._summary, self._detail):
             widget.visible = on
-        self._mark_all.visible = on and bool(self._maps and self._maps.items)
+        self._mark_all.visible = on and bool(self.maps and self.maps.items)
         self._line.visible = on and self._mode == "swipe"
         self._begin.visible = not on
         self._stop.visible = on
-        self._kind.visible = on and bool(self._maps and self._maps.items)
+        self._kind.visible = on and bool(self.maps and self.maps.items)
         self._fill_list()
 
     def _narrow(self) -> None:
-        maps = self._maps
+        maps = self.maps
         self._items = [] if maps is None else of_kind(maps, str(self._kind.value))
         self._first, self._chosen = 0, None
         self._fill_list()
         self._page.submit("compare marks", self._remark)
 
     def _fill_list(self) -> None:
-        maps = self._maps
+        maps = self.maps
         shown = self._items[self._first : self._first + LISTED] if maps is not None else []
         for at, row in enumerate(self._rows):
             row.visible = at < len(shown)
@@ -603,7 +564,7 @@ class ComparePanel(Panel):
         self._first = min(max(0, self._first + step * LISTED), last)
         self._fill_list()
 
-    def _row_clicked(self, at: int, _: viser.GuiEvent) -> None:
+    def _row_clicked(self, at: int) -> None:
         if self._first + at < len(self._items):
             self.choose(self._items[self._first + at])
 
@@ -616,12 +577,12 @@ class ComparePanel(Panel):
             self._look_at_all(self._pictures)
 
     def _paint_anew(self) -> None:
-        maps = self._maps
+        maps = self.maps
         if maps is None:
             return
         pictures = TwoPictures(maps, self._page.theme)
         with self._lock:
-            if maps is not self._maps:
+            if maps is not self.maps:
                 return  # ended meanwhile, or a newer comparison has painted its own
             self._pictures = pictures
             self._summary.content = summary_html(maps, self._page.theme)
@@ -640,7 +601,7 @@ class ComparePanel(Panel):
 
     def _sides_under(self, moved: bool, x_m: float) -> tuple[int, ...]:
         """Return the indices of the maps under the pointer: 0 = left, 1 = right."""
-        maps = cast(TwoMaps, self._maps)
+        maps = cast(TwoMaps, self.maps)
         if self._mode != "swipe":
             return (1,) if moved else (0,)
         xmin, _, xmax, _ = maps.spec.extent_m
@@ -648,8 +609,8 @@ class ComparePanel(Panel):
 
     def _divide(self, item: Item) -> None:
         """Move the dividing line to the middle of a difference, so that both maps are seen there."""
-        if self._mode == "swipe" and self._maps is not None:
-            xmin, _, xmax, _ = self._maps.spec.extent_m
+        if self._mode == "swipe" and self.maps is not None:
+            xmin, _, xmax, _ = self.maps.spec.extent_m
             share = ((item.extent_m[0] + item.extent_m[2]) / 2.0 - xmin) / (xmax - xmin)
             self._line.value = round(100.0 * min(max(share, 0.0), 1.0))
 

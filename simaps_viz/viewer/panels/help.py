@@ -11,6 +11,7 @@ from viser._gui_handles import GuiModalHandle
 from simaps_viz.drawing.theme import BRAND, DARK, DIM_STYLE, LIGHT, Theme
 from simaps_viz.viewer.page.page import Page
 from simaps_viz.viewer.page.panel import Panel
+from simaps_viz.viewer.page.widgets import button, button_row
 from simaps_viz.viewer.panels.build import BuildPanel
 from simaps_viz.viewer.scene.camera import SLANT, TOP
 from simaps_viz.viewer.server.viser_page import PAGE_SCRIPT
@@ -74,20 +75,15 @@ class HelpPanel(Panel):
         self._page = page
         self._gui = gui = page.gui
         self._other_tabs = [(spec.title, spec.about) for spec in page.services.panels if spec.about]
-        self._theme = LIGHT
+        self.theme: Theme = LIGHT
+        """The theme of the page, light or dark."""
         self._modal: GuiModalHandle | None = None
         gui.add_html(PAGE_SCRIPT)
         hint = "Help: keys, mouse, tabs and words (key H). Light or dark page (key L)."
-        buttons = gui.add_button_group("Page", (HELP, LIGHT_DARK), hint=hint)
-        buttons.on_click(lambda event: self.show() if event.target.value == HELP else self.switch())
+        button_row(gui, "Page", {HELP: self.show, LIGHT_DARK: self.switch}, hint=hint)
         self._keys = self._make_keys()
         for key in self._keys:
             self._listen(key)
-
-    @property
-    def theme(self) -> Theme:
-        """The theme of the page, light or dark."""
-        return self._theme
 
     @property
     def keys(self) -> Sequence[tuple[str, str]]:
@@ -97,11 +93,11 @@ class HelpPanel(Panel):
 
     def switch(self) -> None:
         """Go from light to dark, or back."""
-        self._theme = LIGHT if self._theme.dark else DARK
+        self.theme = LIGHT if self.theme.dark else DARK
         self._gui.configure_theme(
-            show_logo=False, show_share_button=False, brand_color=BRAND, dark_mode=self._theme.dark
+            show_logo=False, show_share_button=False, brand_color=BRAND, dark_mode=self.theme.dark
         )
-        self._page.set_theme(self._theme)
+        self._page.set_theme(self.theme)
 
     def show(self) -> None:
         """Open the help, or close it."""
@@ -111,7 +107,7 @@ class HelpPanel(Panel):
         modal = self._modal = self._gui.add_modal("How to use this page")
         with modal:
             self._gui.add_html(help_html(self.keys, others=self._other_tabs))
-            self._gui.add_button("Close", color="gray").on_click(lambda _: self.hide())
+            button(self._gui, "Close", self.hide, color="gray")
 
     def hide(self) -> None:
         """Close the help."""
@@ -121,11 +117,11 @@ class HelpPanel(Panel):
 
     def state(self) -> bool | None:
         """Return whether the page is dark, for a page that is loaded again."""
-        return self._theme.dark or None
+        return self.theme.dark or None
 
     def restore(self, state: bool) -> None:
         """Restore the theme."""
-        if state != self._theme.dark:
+        if state != self.theme.dark:
             self.switch()
 
     def _play(self) -> None:

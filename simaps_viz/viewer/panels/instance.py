@@ -7,7 +7,6 @@ from html import escape
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import viser
 from numpy.typing import NDArray
 
 from simaps_viz.colors.classes import plural
@@ -18,6 +17,7 @@ from simaps_viz.errors import CommandError, InputError
 from simaps_viz.structures import Instance, SIMap
 from simaps_viz.viewer.page.page import Page
 from simaps_viz.viewer.page.panel import Panel
+from simaps_viz.viewer.page.widgets import by_person
 
 if TYPE_CHECKING:
     from simaps_viz.embedding.search import Found
@@ -102,14 +102,12 @@ class FindBox(Panel):
         self._page, gui = page, page.gui
         # Multiline, so that Enter becomes part of the text: the browser sends only the last change of any 50 ms.
         self._box = gui.add_text(FIND, "", multiline=True, hint=FIND_HINT)
-        self._box.on_update(self._typed)
+        by_person(self._box, self._typed)
         self._status = gui.add_html("", visible=False)
         self._ranked: tuple[SIMap, str, tuple[Found, ...]] | None = None
         self._rank = 0
 
-    def _typed(self, event: viser.GuiEvent) -> None:
-        if event.client_id is None:
-            return
+    def _typed(self) -> None:
         text = str(self._box.value)
         entered = "\n" in text
         if entered:
@@ -157,6 +155,37 @@ class FindBox(Panel):
         self._status.visible = bool(text)
 
 
+class FrameGallery:
+    """Pictures of frames side by side, and a row of buttons that go to these frames."""
+
+    def __init__(self, page: Page) -> None:
+        """Add both to the open container, hidden."""
+        self._page = page
+        self._picture = page.gui.add_image(np.full((2, 2, 3), 255, np.uint8), visible=False)
+        self._frames: dict[str, int] = {}
+        hint = "Go to that frame of the build."
+        self._jump = page.gui.add_button_group("Show frame", ("-",), visible=False, hint=hint)
+        self._jump.on_click(lambda event: self._go(str(event.target.value)))
+
+    def show(self, pictures: Sequence[NDArray], frames: dict[str, int]) -> None:
+        """Show thumbnails, uint8 [h, w, 3], and buttons for frames, {name: index}; without any of them, nothing."""
+        self._frames = frames
+        if pictures:
+            self._picture.image = gallery(pictures)
+        self._picture.visible = bool(pictures)
+        if frames:
+            self._jump.options = tuple(frames)
+        self._jump.visible = bool(frames)
+
+    def hide(self) -> None:
+        """Hide pictures and buttons."""
+        self._picture.visible = self._jump.visible = False
+
+    def _go(self, name: str) -> None:
+        if name in self._frames:
+            self._page.show_frame(self._frames[name])
+
+
 class InstancePanel(Panel):
     """The list of instances, and the facts about the selected one."""
 
@@ -165,13 +194,10 @@ class InstancePanel(Panel):
         self._page, gui = page, page.gui
         self._ids: dict[str, int] = {}
         self._list = gui.add_dropdown("Object", tuple([NOTHING]), initial_value=NOTHING, hint=LIST_HINT)
-        self._list.on_update(self._chosen)
+        by_person(self._list, lambda: page.select(self._ids.get(str(self._list.value))))
         self._text = gui.add_html(HELP)
         self._why = gui.add_html("", visible=False)
-        self._picture = gui.add_image(np.full((2, 2, 3), 255, np.uint8), visible=False)
-        self._frames: dict[str, int] = {}
-        self._jump = gui.add_button_group("Show frame", ("-",), visible=False, hint="Go to that frame of the build.")
-        self._jump.on_click(lambda event: self._jumped(str(event.target.value)))
+        self._views = FrameGallery(page)
         self._note = gui.add_html("", visible=False)
         self.map_changed(page.simap)
 
@@ -190,7 +216,7 @@ class InstancePanel(Panel):
         """Describe the selected instance, or how to select one; its pictures follow once they are read."""
         simap = self._page.simap
         instance = None if instance_id is None else simap.by_id(instance_id)
-        self._picture.visible = self._jump.visible = False
+        self._views.hide()
         self._note.visible = instance is not None
         self._note.content = small_html("Loading its best views …")
         self._why.visible = False
@@ -211,26 +237,10 @@ class InstancePanel(Panel):
 
     def _show_pictures(self, simap: SIMap, instance_id: int) -> None:
         """Show the best views, a note and buttons for their frames, unless another instance is selected meanwhile."""
-        picture, note, frames = best_pictures(simap, instance_id, self._page.view)
-        if instance_id != self._page.selected:
-            return
-        if picture is not None:
-            self._picture.image = picture
-        self._picture.visible = picture is not None
-        self._note.content = small_html(note)
-        self._note.visible = True
-        self._frames = frames
-        if self._frames:
-            self._jump.options = tuple(self._frames)
-        self._jump.visible = bool(self._frames)
-
-    def _jumped(self, name: str) -> None:
-        if name in self._frames:
-            self._page.show_frame(self._frames[name])
-
-    def _chosen(self, event: viser.GuiEvent) -> None:
-        if event.client_id is not None:
-            self._page.select(self._ids.get(str(self._list.value)))
+        pictures, note, frames = best_pictures(simap, instance_id, self._page.view)
+        if instance_id == self._page.selected:
+            self._views.show(pictures, frames)
+            self._note.content, self._note.visible = small_html(note), True
 
 
 def edits_html(edits: Sequence[Mapping[str, Any]]) -> str:
@@ -247,8 +257,8 @@ def edits_html(edits: Sequence[Mapping[str, Any]]) -> str:
 
 def best_pictures(
     simap: SIMap, instance_id: int, view: Callable[[int], tuple[NDArray, NDArray] | None]
-) -> tuple[NDArray | None, str, dict[str, int]]:
-    """Return an instance's best views side by side (None when the sequence is not at hand), a note, and the frames."""
+) -> tuple[list[NDArray], str, dict[str, int]]:
+    """Return an instance's best views (none when the sequence is not at hand), a note, and the frames."""
     views = best_views(simap, instance_id)
     names = {simap.frame_names[one.frame]: one.frame for one in views}
     pictures = []
@@ -257,6 +267,6 @@ def best_pictures(
         if seen is not None:
             pictures.append(named(outlined(*seen, one.segments), simap.frame_names[one.frame]))
     if pictures:
-        return gallery(pictures), "Its best views, the object's mask outlined.", names
+        return pictures, "Its best views, the object's mask outlined.", names
     note = "The sequence is not at hand, so its best views cannot be shown here."
-    return None, note if views else "No frame named this object.", names
+    return [], note if views else "No frame named this object.", names

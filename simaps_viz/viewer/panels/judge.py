@@ -18,6 +18,7 @@ from simaps_viz.navigation.trajectory import SPEED_HINT, Trajectory, TrajectoryP
 from simaps_viz.structures import Pose2
 from simaps_viz.viewer.page.page import Page
 from simaps_viz.viewer.page.panel import Panel
+from simaps_viz.viewer.page.widgets import button, button_row
 from simaps_viz.viewer.panels.command import label_of, message_html
 
 _CELL = "padding:.15em .5em;text-align:right"
@@ -106,18 +107,14 @@ class JudgePanel(Panel):
         session = page.services.judging
         assert session is not None
         self._page, self._scene, self._session = page, page.scene, session
-        self._run: BlindRun | None = None
+        self.run: BlindRun | None = None
+        """The run that is shown; None when all are judged."""
         self._seen: list[BlindRun] = []
         self._again: BlindRun | None = None
         self._shown_at = 0.0
-        self._lock = page.common.judging
+        self._lock = page.workbench.judging
         self._drive = TrajectoryPlayer(lambda pose, _share, _leg: page.scene.show_robot(pose), lambda: None)
         self._fill(page.gui)
-
-    @property
-    def run(self) -> BlindRun | None:
-        """The run that is shown; None when all are judged."""
-        return self._run
 
     def built(self) -> None:
         """Show the first run."""
@@ -127,16 +124,16 @@ class JudgePanel(Panel):
         """Show the first run without an answer, or the summary if all have one."""
         with self._lock:
             again, self._again = self._again, None
-            self._run = again or self._session.next_run()
-            if self._run is None:
+            self.run = again or self._session.next_run()
+            if self.run is None:
                 self._show_summary()
                 return
-            self._show_run(self._run)
+            self._show_run(self.run)
 
     def answer(self, verdict: Verdict) -> None:
         """Save an answer for the run that is shown, and show the next run."""
         with self._lock:
-            run = self._run
+            run = self.run
             if run is None or time.monotonic() - self._shown_at < LOOK_FIRST_S:
                 return
             try:
@@ -151,13 +148,13 @@ class JudgePanel(Panel):
     def replay(self) -> None:
         """Play the run again."""
         with self._lock:
-            if self._run is not None:
-                self._show_run(self._run)
+            if self.run is not None:
+                self._show_run(self.run)
 
     def back(self) -> None:
         """Show the run before this one again; a new answer replaces the old one."""
         with self._lock:
-            at = self._seen.index(self._run) if self._run in self._seen else len(self._seen)
+            at = self._seen.index(self.run) if self.run in self._seen else len(self._seen)
             if at > 0:
                 self._again = self._seen[at - 1]
                 self.show()
@@ -178,22 +175,15 @@ class JudgePanel(Panel):
         self._question = gui.add_html(f'<div style="padding:.4em .8em 0;font-weight:600">{ASKED}</div>')
         self._buttons = []
         for verdict, label, key, color, icon in _ANSWERS:
-            button = gui.add_button(label, color=color, icon=icon)  # pyright: ignore[reportArgumentType]
-            button.on_click(functools.partial(self._clicked, verdict))
+            answer = functools.partial(self.answer, verdict)
+            self._buttons.append(button(gui, label, answer, color=color, icon=icon))
             command = gui.add_command(f"Judge: {verdict}", hotkey=key, icon=icon)  # pyright: ignore[reportArgumentType]
-            command.on_trigger(functools.partial(self._clicked, verdict))
-            self._buttons.append(button)
+            command.on_trigger(lambda _, answer=answer: answer())
         self._progress = gui.add_progress_bar(0.0)
-        self._tools = gui.add_button_group("Run", ("Play again", "Back"), hint="Back: answer the run before again.")
-        self._tools.on_click(lambda event: self.replay() if event.target.value == "Play again" else self.back())
+        tools = {"Play again": self.replay, "Back": self.back}
+        self._tools = button_row(gui, "Run", tools, hint="Back: answer the run before again.")
         self._speed = gui.add_slider("Speed (×)", 0.25, 8.0, 0.25, 2.0, hint=SPEED_HINT)
-        self._speed.on_update(lambda _: self._set_speed())
-        self._set_speed()
-
-    def _clicked(self, verdict: Verdict, _event: Any) -> None:
-        self.answer(verdict)
-
-    def _set_speed(self) -> None:
+        self._speed.on_update(lambda _: setattr(self._drive, "speed", float(self._speed.value)))
         self._drive.speed = float(self._speed.value)
 
     def _show_run(self, run: BlindRun) -> None:
@@ -201,7 +191,7 @@ class JudgePanel(Panel):
         self._shown_at = time.monotonic()
         self._head.content = run_html(run)
         self._outcome.content = message_html("", outcome_text(run.shown), "plain")
-        self._show_progress(run.number - 1, run.total)
+        self._progress.value = 100.0 * (run.number - 1) / max(run.total, 1)
         start = Pose2.from_heading(*(float(v) for v in run.shown["start"]))
         track = np.asarray(run.shown.get("track") or [[start.x_m, start.y_m]], np.float64).reshape(-1, 2)
         self._scene.show_path(track)
@@ -209,16 +199,11 @@ class JudgePanel(Panel):
         self._scene.show_candidates([*position_labels(run, start), *self._things(run, start)])
         self._drive.start(timed_trajectory(start, track, run.shown.get("stops") or []))
 
-    def _show_progress(self, done: int, total: int) -> None:
-        self._progress.value = 100.0 * done / max(total, 1)
-
     def _show_summary(self) -> None:
         self.leave_robot()
         self._head.content = summary_html(self._session)
-        for widget in (self._outcome, self._question, self._progress, self._tools, self._speed):
+        for widget in (self._outcome, self._question, self._progress, self._tools, self._speed, *self._buttons):
             widget.visible = False
-        for button in self._buttons:
-            button.visible = False
 
     def _things(self, run: BlindRun, start: Pose2) -> list[Label]:
         """Label the named things with their distance from the start; without ranks, which would hint at the answer."""

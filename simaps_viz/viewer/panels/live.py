@@ -5,15 +5,17 @@ import threading
 from collections.abc import Callable
 from dataclasses import dataclass
 from html import escape
-from typing import Literal
+from typing import Generic, Literal, TypeVar
 
 import viser
 
 from simaps_viz.colors.classes import plural
-from simaps_viz.drawing.theme import BOX_STYLE, DIM_STYLE
+from simaps_viz.drawing.theme import BAD_STYLE, BOX_STYLE, DIM_STYLE
 from simaps_viz.viewer.page.page import Page
 from simaps_viz.viewer.page.panel import Panel, PanelSpec
+from simaps_viz.viewer.page.widgets import button
 
+S = TypeVar("S")
 Status = Literal["starting", "building", "finishing", "stopping", "stopped", "failed", "done"]
 
 
@@ -42,16 +44,6 @@ class LiveState:
     """Picture (PNG) of the cells seen so far, north up; empty = none."""
 
 
-@dataclass(frozen=True)
-class LiveServices:
-    """Functions of the build; all return at once."""
-
-    state: Callable[[], LiveState]
-    stop: Callable[[], None]
-    resume: Callable[[], None]
-    """Resume a build that was stopped or has failed."""
-
-
 ABOUT = "progress of the build; stop it, and resume it"
 EVERY_S = 1.0
 """Seconds between updates."""
@@ -68,34 +60,30 @@ HEADS: dict[Status, str] = {
 WAITING = "The first objects appear after a few seconds; the smaller the cells, the longer it takes to find them."
 
 
-def live_panel(services: LiveServices) -> PanelSpec:
-    """Return the spec of the tab."""
-    return PanelSpec("Progress", viser.Icon.HAMMER, lambda page: LivePanel(page, services), "front", ABOUT)
+def live_panel(state: Callable[[], LiveState], stop: Callable[[], None], resume: Callable[[], None]) -> PanelSpec:
+    """Return the spec of the tab; the functions report, stop and resume the build, and return at once."""
+    make = lambda page: LivePanel(page, state, stop, resume)  # noqa: E731
+    return PanelSpec("Progress", viser.Icon.HAMMER, make, "front", ABOUT)
 
 
-class LivePanel(Panel):
-    """The widgets; a thread updates them until the panel is closed."""
+class ProgressPanel(Panel, Generic[S]):
+    """A panel that shows a state, again each time it has changed; a thread looks until the panel is closed."""
 
-    def __init__(self, page: Page, services: LiveServices) -> None:
-        """Fill the open container."""
-        self._services = services
+    def __init__(self, state: Callable[[], S]) -> None:
+        """Show the state; to be called once the widgets are made."""
+        self._state = state
         self._closed = threading.Event()
-        self._shown: LiveState | None = None
-        gui = page.gui
-        self._head = gui.add_html("")
-        self._bar = gui.add_progress_bar(0.0)  # an animated one makes the browser redraw the page 60 times a second
-        self._text = gui.add_html("")
-        self._sketch = gui.add_html("")
-        self._stop = gui.add_button("Stop", icon=viser.Icon.PLAYER_STOP, color="gray")
-        self._stop.on_click(lambda _: services.stop())
-        self._resume = gui.add_button("Resume", icon=viser.Icon.PLAYER_PLAY, visible=False)
-        self._resume.on_click(lambda _: services.resume())
+        self._shown: S | None = None
         self._update()
         threading.Thread(target=self._run, name="workbench-live", daemon=True).start()
 
     def close(self) -> None:
         """Stop updating."""
         self._closed.set()
+
+    def show(self, state: S) -> None:
+        """Fill the widgets."""
+        raise NotImplementedError
 
     def _run(self) -> None:
         while not self._closed.wait(EVERY_S):
@@ -106,11 +94,31 @@ class LivePanel(Panel):
                     raise
 
     def _update(self) -> None:
-        state = self._services.state()
-        if state == self._shown:
-            return
-        self._shown = state
-        self._head.content = head_html(state)
+        state = self._state()
+        if state != self._shown:
+            self._shown = state
+            self.show(state)
+
+
+class LivePanel(ProgressPanel[LiveState]):
+    """Progress of a build, a sketch of its map, and buttons to stop and resume it."""
+
+    def __init__(
+        self, page: Page, state: Callable[[], LiveState], stop: Callable[[], None], resume: Callable[[], None]
+    ) -> None:
+        """Fill the open container."""
+        gui = page.gui
+        self._head = gui.add_html("")
+        self._bar = gui.add_progress_bar(0.0)  # an animated one makes the browser redraw the page 60 times a second
+        self._text = gui.add_html("")
+        self._sketch = gui.add_html("")
+        self._stop = button(gui, "Stop", stop, icon=viser.Icon.PLAYER_STOP, color="gray")
+        self._resume = button(gui, "Resume", resume, icon=viser.Icon.PLAYER_PLAY, visible=False)
+        super().__init__(state)
+
+    def show(self, state: LiveState) -> None:
+        """Fill the widgets."""
+        self._head.content = head_html(HEADS[state.status], bad=state.status == "failed")
         self._bar.value = 100.0 * state.done / max(state.total, 1)
         self._text.content = text_html(state)
         self._sketch.content = sketch_html(state)
@@ -119,11 +127,10 @@ class LivePanel(Panel):
         self._resume.visible = state.status in ("stopped", "failed")
 
 
-def head_html(state: LiveState) -> str:
-    """Describe what the build is doing."""
-    style = ";color:light-dark(#b02a2a,#ff8f8f)" if state.status == "failed" else ""
-    style = f"{BOX_STYLE};font-size:1em;font-weight:600{style}"
-    return f'<div role="status" style="{style}">{escape(HEADS[state.status])}</div>'
+def head_html(text: str, *, bad: bool = False) -> str:
+    """Set what is being done as a heading."""
+    style = f"{BOX_STYLE};font-size:1em;font-weight:600" + (f";{BAD_STYLE}" if bad else "")
+    return f'<div role="status" style="{style}">{escape(text)}</div>'
 
 
 def text_html(state: LiveState) -> str:

@@ -1,13 +1,13 @@
 """The panel about the map: its origin, how it is cut into instances, and what its colours mean."""
 
+import functools
 from dataclasses import replace
 from html import escape
-from pathlib import PurePath
 from typing import cast
 
 import viser
 
-from simaps_viz.drawing.legend import counts_text, legend_html
+from simaps_viz.drawing.legend import counts_text, legend_html, title_of
 from simaps_viz.drawing.texture import COLOR_MODES, ColorMode
 from simaps_viz.drawing.theme import BADGE_STYLE
 from simaps_viz.mapping.methods import method_of
@@ -16,6 +16,7 @@ from simaps_viz.structures import SIMap
 from simaps_viz.viewer.page.page import MAX_RESOLUTION, MIN_RESOLUTION, Cut, Page, cut_of
 from simaps_viz.viewer.page.panel import Panel
 from simaps_viz.viewer.page.timeline import Snapshot
+from simaps_viz.viewer.page.widgets import button, button_row, by_person
 from simaps_viz.viewer.scene.camera import SLANT, TOP
 from simaps_viz.viewer.scene.map_scene import Style
 
@@ -38,13 +39,12 @@ class MapPanel(Panel):
         # What the map is, and a way back from an earlier time step.
         self._origin = gui.add_html(origin_html(simap))
         self._past = gui.add_html("", visible=False)
-        self._finish = gui.add_button(FINISH, icon=viser.Icon.PLAYER_TRACK_NEXT, color="gray", visible=False)
-        self._finish.on_click(lambda _: page.finish())
+        self._finish = button(gui, FINISH, page.finish, icon=viser.Icon.PLAYER_TRACK_NEXT, color="gray", visible=False)
         self._counts = gui.add_html("")
         self._busy, self._counts_before = False, ""
         self._legend = gui.add_html("")
-        view = gui.add_button_group("View", (TOP, SLANT), hint="From above, or objects as blocks (keys T and 3).")
-        view.on_click(lambda event: page.look(event.target.value))
+        views = {name: functools.partial(page.look, name) for name in (TOP, SLANT)}
+        button_row(gui, "View", views, hint="From above, or objects as blocks (keys T and 3).")
         # The sliders that cut it into instances.
         self._k = gui.add_slider(joining.title, 0.0, 100.0, 0.5, own.percent, hint=joining.hint)
         self._resolution = gui.add_slider(
@@ -56,13 +56,8 @@ class MapPanel(Panel):
             hint="Louvain resolution: higher values cut objects into more communities before they are merged.",
         )
         for slider in (self._k, self._resolution):
-            slider.on_update(self._chosen)
-        self._reset = gui.add_button(
-            f"Reset {joining.word} and resolution",
-            icon=viser.Icon.ARROW_BACK_UP,
-            color="gray",
-        )
-        self._reset.on_click(lambda _: self.reset())
+            by_person(slider, self._cut)
+        self._reset = button(gui, "Reset", self.reset, icon=viser.Icon.ARROW_BACK_UP, color="gray")
         # What is painted.
         self._mode = gui.add_dropdown("Colours", COLOR_MODES, initial_value=COLOR_MODES[0], hint=MODE_HINT)
         self._class = gui.add_dropdown(
@@ -164,10 +159,6 @@ class MapPanel(Panel):
         self.set_sliders(own.percent, own.resolution)
         self._cut()
 
-    def _chosen(self, event: viser.GuiEvent) -> None:
-        if event.client_id is not None:
-            self._cut()
-
     def _cut(self) -> None:
         if not self._busy:
             self._busy, self._counts_before = True, str(self._counts.content)
@@ -177,9 +168,7 @@ class MapPanel(Panel):
 
 def origin_html(simap: SIMap) -> str:
     """Describe the origin of a map, with a badge if it is simulated."""
-    sequence = PurePath(str(simap.provenance.get("sequence", "unknown sequence")))
-    folder = sequence.parent.name if sequence.suffix == ".json" and sequence.parent.name else sequence.name
-    name = str(simap.provenance.get("name") or folder)
+    name = title_of(simap)
     source = str(simap.provenance.get("segmentation", "unknown"))
     badge = ""
     if simap.provenance.get("simulated"):

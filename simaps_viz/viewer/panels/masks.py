@@ -1,9 +1,10 @@
 """The section that shows the masks of one frame, and how other thresholds would change them."""
 
+import functools
 import threading
 from collections import Counter
 from collections.abc import Callable, Collection, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from html import escape
 from typing import Any
 
@@ -18,12 +19,21 @@ from simaps_viz.drawing.legend import gradient_html
 from simaps_viz.drawing.texture import shown_class_colors
 from simaps_viz.drawing.theme import BAD_STYLE, DIM_STYLE, SMALL_STYLE, remark_html, working_html
 from simaps_viz.errors import SIMapsError
+from simaps_viz.segmentation.protocol import Threshold
 from simaps_viz.structures import Segmentation
 from simaps_viz.viewer.page.page import Page
 from simaps_viz.viewer.page.panel import Panel, PanelSpec
+from simaps_viz.viewer.page.widgets import button, button_row, by_person
 
 ABOUT = "what the network saw on a frame, and how other thresholds would change it"
 MAX_ROWS = 40
+OPTIONS = {
+    "score": "--score-threshold",
+    "mask": "--mask-threshold",
+    "overlap": "--overlap-threshold",
+    "iou": "--box-overlap",
+}
+"""Command-line options of the thresholds, by key."""
 
 
 def error_html(text: str) -> str:
@@ -91,9 +101,9 @@ def effect_words(before: Segmentation, now: Segmentation) -> str:
     )
 
 
-def command_words(source: str, options: Mapping[str, float], names: Mapping[str, str]) -> str:
-    """Return the command line that builds a map with these thresholds."""
-    chosen = " ".join(f"{names[key]} {value:g}" for key, value in options.items() if key in names)
+def command_words(source: str, thresholds: Mapping[str, float]) -> str:
+    """Return the command line that builds a map with these thresholds; empty where none has an option."""
+    chosen = " ".join(f"{OPTIONS[key]} {value:g}" for key, value in thresholds.items() if key in OPTIONS)
     return f"To build a map so: simaps build … --segmentation {source} {chosen}" if chosen else ""
 
 
@@ -120,24 +130,9 @@ LARGE_PX = 1400
 """Width of the enlarged picture."""
 MAX_NAMES = 6
 """How many segments, the largest, are named in the small picture."""
-PREVIOUS, NEXT = "Previous", "Next"
-ALL, NONE = "All", "None"
 FRAME_HINT = "Counted from 0; the map and the recorded build go to the same frame."
 OPACITY_HINT = "0: only outlines; 1: masks hide the picture."
 NO_SCORES = "These masks have no confidence: each score is 1."
-
-
-@dataclass(frozen=True)
-class Knob:
-    """A threshold with a slider of its own."""
-
-    key: str
-    label: str
-    value: float
-    """The one the map was built with."""
-    hint: str
-    option: str = ""
-    """Its command-line option; empty if it has none."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -151,7 +146,8 @@ class SegmentationServices:
     """(frame, thresholds by key) -> masks; None if thresholds cannot be tried."""
     runs_network: bool = False
     """Whether the first ``retry`` of a frame runs the network, which takes a while."""
-    knobs: tuple[Knob, ...] = ()
+    knobs: tuple[Threshold, ...] = ()
+    """Thresholds with the values the map was built with; each gets a slider."""
     source: str = ""
     """Describes where the masks come from."""
     network: str = ""
@@ -172,23 +168,6 @@ class _Seen:
     """The masks with the thresholds of the sliders."""
 
 
-@dataclass
-class _Widgets:
-    """The widgets; None where there are no frames to show."""
-
-    frame: Any = None
-    picture: Any = None
-    legend: Any = None
-    color_by: Any = None
-    opacity: Any = None
-    names: Any = None
-    classes: Any = None
-    class_boxes: dict[str, Any] = field(default_factory=dict)
-    knobs: dict[str, Any] = field(default_factory=dict)
-    effect: Any = None
-    segments: Any = None
-
-
 def masks_panel(services: SegmentationServices) -> PanelSpec:
     """Return the tab of a page that has this section."""
     return PanelSpec("Masks", viser.Icon.PHOTO, lambda page: SegmentationPanel(page, services), about=ABOUT)
@@ -203,7 +182,9 @@ class SegmentationPanel(Panel):
         self._seen: _Seen | None = None
         self._closed = False
         self._lock = threading.Lock()
-        self._w = _Widgets()
+        self._class_boxes: dict[str, Any] = {}
+        self._knobs: dict[str, Any] = {}
+        self._effect: viser.GuiHtmlHandle | None = None
         gui = page.gui
         source = f"Masks: {services.source}." if services.source else ""
         self._status = gui.add_html("")
@@ -214,12 +195,12 @@ class SegmentationPanel(Panel):
             self._add_frame(gui)
             gui.add_html(about)
             self._add_knobs(gui)
-            self._w.classes = gui.add_folder("Classes", expand_by_default=False)
-            with self._w.classes:
-                every = gui.add_button_group("Show", (ALL, NONE), hint="Switch all classes on or off.")
-                every.on_click(lambda event: self._switch_all(str(event.target.value) == ALL))
+            self._classes = gui.add_folder("Classes", expand_by_default=False)
+            with self._classes:
+                switches = {"All": lambda: self._switch_all(True), "None": lambda: self._switch_all(False)}
+                button_row(gui, "Show", switches, hint="Switch all classes on or off.")
             self._add_drawing(gui)
-            self._w.segments = gui.add_html("")
+            self._segments = gui.add_html("")
             self.refresh()
 
     @property
@@ -230,38 +211,40 @@ class SegmentationPanel(Panel):
     @property
     def frame(self) -> int:
         """The frame that is shown."""
-        return 0 if self._w.frame is None else int(self._w.frame.value)
+        return 0 if self._services.look is None else int(self._frame.value)
 
     @property
     def hidden(self) -> frozenset[str]:
         """The classes that are switched off."""
-        return frozenset(label for label, box in self._w.class_boxes.items() if not box.value)
+        return frozenset(label for label, box in self._class_boxes.items() if not box.value)
 
     def time_changed(self, frame: int, step: int | None) -> None:
         """Follow the page to a frame, if that has masks."""
-        if self._w.frame is not None and 0 <= frame < len(self._services.frame_names) and frame != self.frame:
-            self._w.frame.value = frame
+        if self._services.look is not None and 0 <= frame < len(self._services.frame_names) and frame != self.frame:
+            self._frame.value = frame
             self.refresh()
 
     def state(self) -> dict[str, Any]:
         """Return the settings, for a page that is loaded again."""
-        w = self._w
-        if w.frame is None:
+        if self._services.look is None:
             return {}
-        knobs = {key: float(slider.value) for key, slider in w.knobs.items()}
-        return {"frame": self.frame, "color_by": w.color_by.value, "opacity": w.opacity.value, "names": w.names.value,
-                "knobs": knobs, "hidden": sorted(self.hidden)}  # fmt: skip
+        knobs = {key: float(slider.value) for key, slider in self._knobs.items()}
+        look = {"color_by": self._color_by.value, "opacity": self._opacity.value, "names": self._names.value}
+        return {"frame": self.frame, **look, "knobs": knobs, "hidden": sorted(self.hidden)}
 
     def restore(self, state: Mapping[str, Any]) -> None:
         """Restore the settings."""
-        w = self._w
-        if w.frame is None or not state:
+        if self._services.look is None or not state:
             return
-        w.frame.value = min(int(state["frame"]), len(self._services.frame_names) - 1)
-        w.color_by.value, w.opacity.value, w.names.value = state["color_by"], state["opacity"], state["names"]
+        self._frame.value = min(int(state["frame"]), len(self._services.frame_names) - 1)
+        self._color_by.value, self._opacity.value, self._names.value = (
+            state["color_by"],
+            state["opacity"],
+            state["names"],
+        )
         for key, value in state["knobs"].items():
-            if key in w.knobs:
-                w.knobs[key].value = value
+            if key in self._knobs:
+                self._knobs[key].value = value
         for label in state["hidden"]:
             self._box(label).value = False
         self.refresh()
@@ -276,21 +259,21 @@ class SegmentationPanel(Panel):
 
     def _add_frame(self, gui: viser.GuiApi) -> None:
         last = max(len(self._services.frame_names) - 1, 0)
-        self._w.frame = gui.add_slider("Masks of frame", 0, max(last, 1), 1, last, disabled=last == 0, hint=FRAME_HINT)
-        self._w.frame.on_update(lambda event: self._chose(self.frame) if event.client_id is not None else None)
-        step = gui.add_button_group("Step", (PREVIOUS, NEXT), disabled=last == 0, hint="One frame back or forward.")
-        step.on_click(lambda event: self._step(1 if str(event.target.value) == NEXT else -1))
-        self._w.picture = gui.add_image(np.full((4, 6, 3), 235, np.uint8), format="jpeg", jpeg_quality=85)
-        self._w.legend = gui.add_html("")
-        enlarge = gui.add_button("Enlarge", icon=viser.Icon.MAXIMIZE, color="gray")
-        enlarge.on_click(lambda _: self._page.submit("enlarge masks", self._enlarge))
+        self._frame = gui.add_slider("Masks of frame", 0, max(last, 1), 1, last, disabled=last == 0, hint=FRAME_HINT)
+        by_person(self._frame, lambda: self._chose(self.frame))
+        steps = {"Previous": lambda: self._step(-1), "Next": lambda: self._step(1)}
+        button_row(gui, "Step", steps, disabled=last == 0, hint="One frame back or forward.")
+        self._picture = gui.add_image(np.full((4, 6, 3), 235, np.uint8), format="jpeg", jpeg_quality=85)
+        self._legend = gui.add_html("")
+        enlarge = functools.partial(self._page.submit, "enlarge masks", self._enlarge)
+        button(gui, "Enlarge", enlarge, icon=viser.Icon.MAXIMIZE, color="gray")
 
     def _add_drawing(self, gui: viser.GuiApi) -> None:
-        self._w.color_by = gui.add_dropdown("Mask colour", ("class", "confidence"), hint="What a mask's colour means.")
-        self._w.opacity = gui.add_slider("Mask opacity", 0.0, 1.0, 0.05, MaskStyle.opacity, hint=OPACITY_HINT)
-        self._w.names = gui.add_checkbox("Names", True, hint="Write class and confidence on each segment.")
-        for widget in (self._w.color_by, self._w.opacity, self._w.names):
-            widget.on_update(lambda event: self.refresh() if event.client_id is not None else None)
+        self._color_by = gui.add_dropdown("Mask colour", ("class", "confidence"), hint="What a mask's colour means.")
+        self._opacity = gui.add_slider("Mask opacity", 0.0, 1.0, 0.05, MaskStyle.opacity, hint=OPACITY_HINT)
+        self._names = gui.add_checkbox("Names", True, hint="Write class and confidence on each segment.")
+        for widget in (self._color_by, self._opacity, self._names):
+            by_person(widget, self.refresh)
 
     def _add_knobs(self, gui: viser.GuiApi) -> None:
         services = self._services
@@ -300,16 +283,14 @@ class SegmentationPanel(Panel):
             for knob in services.knobs:
                 low, high = min(0.02, knob.value), max(0.98, knob.value)
                 slider = gui.add_slider(knob.label, low, high, 0.01, knob.value, hint=knob.hint)
-                slider.on_update(lambda event: self.refresh() if event.client_id is not None else None)
-                self._w.knobs[knob.key] = slider
-            reset = gui.add_button("As the map was built", icon=viser.Icon.ARROW_BACK_UP, color="gray")
-            reset.on_click(lambda _: self._reset())
-            self._w.effect = gui.add_html("")
+                self._knobs[knob.key] = by_person(slider, self.refresh)
+            button(gui, "As the map was built", self._reset, icon=viser.Icon.ARROW_BACK_UP, color="gray")
+            self._effect = gui.add_html("")
 
     def _step(self, by: int) -> None:
         frame = min(max(self.frame + by, 0), len(self._services.frame_names) - 1)
         if frame != self.frame:
-            self._w.frame.value = frame
+            self._frame.value = frame
             self._chose(frame)
 
     def _chose(self, frame: int) -> None:
@@ -318,17 +299,17 @@ class SegmentationPanel(Panel):
 
     def _reset(self) -> None:
         for knob in self._services.knobs:
-            self._w.knobs[knob.key].value = knob.value
+            self._knobs[knob.key].value = knob.value
         self.refresh()
 
     def _switch_all(self, on: bool) -> None:
-        for box in self._w.class_boxes.values():
+        for box in self._class_boxes.values():
             box.value = on
         self.refresh()
 
     def _values(self) -> dict[str, float]:
         """Return the thresholds that differ from those the map was built with."""
-        now = {knob.key: float(self._w.knobs[knob.key].value) for knob in self._services.knobs if self._w.knobs}
+        now = {knob.key: float(self._knobs[knob.key].value) for knob in self._services.knobs if self._knobs}
         built = {knob.key: knob.value for knob in self._services.knobs}
         return {key: value for key, value in now.items() if abs(value - built[key]) > 1e-6}
 
@@ -346,13 +327,13 @@ class SegmentationPanel(Panel):
         self._seen = seen
         self._show_classes(seen.now)
         style = self._style()
-        self._w.picture.image = paint_masks(seen.rgb, seen.now, style)
-        self._w.legend.content = masks_legend(seen.now, self._w.color_by.value, style.colors)
-        self._w.segments.content = segments_html(seen.now, self.hidden)
+        self._picture.image = paint_masks(seen.rgb, seen.now, style)
+        self._legend.content = masks_legend(seen.now, self._color_by.value, style.colors)
+        self._segments.content = segments_html(seen.now, self.hidden)
         name = f"Frame {self._services.frame_names[frame]}, {frame + 1} of {len(self._services.frame_names)}."
         self._status.content = remark_html(name) + remark_html("" if has_confidence(seen.now) else NO_SCORES)
-        if self._w.effect is not None:
-            self._w.effect.content = remark_html(effect_words(seen.before, seen.now)) + remark_html(self._command())
+        if self._effect is not None:
+            self._effect.content = remark_html(effect_words(seen.before, seen.now)) + remark_html(self._command())
 
     def _read(self, frame: int) -> _Seen:
         look, retry, values = self._services.look, self._services.retry, self._values()
@@ -369,11 +350,10 @@ class SegmentationPanel(Panel):
         return replace(seen, now=retry(frame, {**{k.key: k.value for k in self._services.knobs}, **values}))
 
     def _style(self) -> MaskStyle:
-        w = self._w
         return MaskStyle(
-            w.color_by.value,
-            float(w.opacity.value),
-            bool(w.names.value),
+            self._color_by.value,
+            float(self._opacity.value),
+            bool(self._names.value),
             self.hidden,
             colors=shown_class_colors(self._page.simap),
             most_names=MAX_NAMES,
@@ -384,25 +364,23 @@ class SegmentationPanel(Panel):
         counts = class_counts(masks)
         for label, (count, thing) in counts.items():
             self._box(label).label = f"{label} ({count})" if thing else f"{label} ({count}, stuff)"
-        for label, box in self._w.class_boxes.items():
+        for label, box in self._class_boxes.items():
             if label not in counts:
                 box.label = f"{label} (0)"
             box.visible = label in counts or not box.value
-        shown = sum(count for label, (count, _) in counts.items() if self._w.class_boxes[label].value)
-        self._w.classes.label = f"Classes: {shown} of {plural(len(masks.segments), 'segment')} shown"
+        shown = sum(count for label, (count, _) in counts.items() if self._class_boxes[label].value)
+        self._classes.label = f"Classes: {shown} of {plural(len(masks.segments), 'segment')} shown"
 
     def _box(self, label: str) -> Any:
         """Return the switch of a class; it is made on first use."""
-        if label not in self._w.class_boxes:
-            with self._w.classes:
+        if label not in self._class_boxes:
+            with self._classes:
                 box = self._page.gui.add_checkbox(label, True)
-            box.on_update(lambda event: self.refresh() if event.client_id is not None else None)
-            self._w.class_boxes[label] = box
-        return self._w.class_boxes[label]
+            self._class_boxes[label] = by_person(box, self.refresh)
+        return self._class_boxes[label]
 
     def _command(self) -> str:
-        options = {knob.key: knob.option for knob in self._services.knobs if knob.option}
-        return command_words(self._services.network, self._values(), options) if self._services.network else ""
+        return command_words(self._services.network, self._values()) if self._services.network else ""
 
     def _enlarge(self) -> None:
         seen = self._seen

@@ -20,6 +20,7 @@ from simaps_viz.mapping.mending import Mending
 from simaps_viz.structures import Instance, SIMap
 from simaps_viz.viewer.page.page import Page
 from simaps_viz.viewer.page.panel import Panel, PanelSpec
+from simaps_viz.viewer.page.widgets import button, button_row
 from simaps_viz.viewer.panels.command import message_html
 from simaps_viz.viewer.scene.annotations import draw_lines
 
@@ -31,28 +32,19 @@ FLOOR_M = 0.03
 CROSS_M = 0.05
 
 
-class CutMark:
-    """The line along which an object will be cut, on the floor of one page."""
-
-    def __init__(self, scene: viser.SceneApi) -> None:
-        """Take the page's scene."""
-        self._scene = scene
-
-    def show(self, points_m: Sequence[Point], reach_m: float = 0.0) -> None:
-        """Draw nothing, a cross at one point, or the line through two points, extended by ``reach_m`` at both ends."""
-        segments = [_cross(*point) for point in points_m]
-        if len(points_m) == 2:
-            a, b = np.asarray(points_m, np.float64)
-            along = (b - a) / max(float(np.hypot(*(b - a))), 1e-9) * reach_m
-            segments.append(np.array([[[*(a - along), FLOOR_M], [*(b + along), FLOOR_M]]]))
-        draw_lines(self._scene, "/cut", np.concatenate(segments) if segments else np.zeros((0, 2, 3)), CUT, 4.0)
+def draw_cut(scene: viser.SceneApi, points_m: Sequence[Point], reach_m: float = 0.0) -> None:
+    """Draw nothing, a cross at one point, or the line through two points, extended by ``reach_m`` at both ends."""
+    z, r = FLOOR_M, CROSS_M
+    segments = [[[x - r, y - s, z], [x + r, y + s, z]] for x, y in points_m for s in (r, -r)]
+    if len(points_m) == 2:
+        a, b = np.asarray(points_m, np.float64)
+        along = (b - a) / max(float(np.hypot(*(b - a))), 1e-9) * reach_m
+        segments.append([[*(a - along), z], [*(b + along), z]])
+    draw_lines(scene, "/cut", np.array(segments).reshape(-1, 2, 3), CUT, 4.0)
 
 
-def _cross(x: float, y: float) -> np.ndarray:
-    r = CROSS_M
-    return np.array(
-        [[[x - r, y - r, FLOOR_M], [x + r, y + r, FLOOR_M]], [[x - r, y + r, FLOOR_M], [x + r, y - r, FLOOR_M]]]
-    )
+def _by_id(simap: SIMap, instance_id: int | None) -> Instance | None:
+    return next((one for one in simap.instances if one.id == instance_id), None)
 
 
 NEAREST = 15
@@ -118,7 +110,7 @@ def edits_html(entries: Sequence[tuple[str, Entry]], undone: int, refused: Seque
         return note_html(f"No edits yet.{more}")
     rows = [
         f"<li>{escape(what)}<br>"
-        f'<span style="{DIM_STYLE}">{escape(entry.who)}, {escape(when_text(entry.when))}</span></li>'
+        f'<span style="{DIM_STYLE}">{escape(entry.who)}, {escape(entry.when[:16].replace("T", " "))} UTC</span></li>'
         for what, entry in list(reversed(entries))[:LISTED]
     ]
     rest = f"<li>and {len(entries) - LISTED} before</li>" if len(entries) > LISTED else ""
@@ -134,11 +126,6 @@ def saved_html(path: str, saved: bool) -> str:
     """Describe where the edits are saved, or will be."""
     verb = "Saved to" if saved else "Edits will be saved to"
     return note_html(f'{verb} <span style="overflow-wrap:anywhere">{escape(path)}</span>')
-
-
-def when_text(when: str) -> str:
-    """Write a time for people: 2026-11-21T19:30:00Z -> 2026-11-21 19:30 UTC."""
-    return f"{when[:10]} {when[11:16]} UTC" if len(when) == 20 else when
 
 
 NEW_CLASS = "new class …"
@@ -162,8 +149,8 @@ class MendPanel(Panel):
     def __init__(self, page: Page, mending: Mending, who: str) -> None:
         """Fill the open container; ``mending`` keeps the edits, ``who`` signs them unless another name is typed."""
         self._page, self._mending, self._default_who = page, mending, who
-        self._mark = CutMark(page.client.scene)
-        self._waiting: Waiting = None
+        self.waiting: Waiting = None
+        """What the next click on the map is for."""
         self._points: list[Point] = []
         self._shown: int | None = None
         self._words, self._tone = "", "plain"
@@ -174,11 +161,6 @@ class MendPanel(Panel):
         self._fill(page.gui)
         self.map_changed(page.simap)
         self._of_map = False
-
-    @property
-    def waiting(self) -> Waiting:
-        """What the next click on the map is for."""
-        return self._waiting
 
     def map_changed(self, simap: SIMap) -> None:
         """List the edits of the new map, and end what waits for a click."""
@@ -194,7 +176,7 @@ class MendPanel(Panel):
 
     def _take_selected(self, instance_id: int | None) -> None:
         simap = self._page.simap
-        one = next((i for i in simap.instances if i.id == instance_id), None)
+        one = _by_id(simap, instance_id)
         if instance_id != self._shown:
             self.stop_waiting()
             if self._tone == "plain" or not self._of_map:  # otherwise the message is the outcome of an edit
@@ -212,13 +194,13 @@ class MendPanel(Panel):
 
     def waits_for_click(self) -> bool:
         """Whether a join or a cut waits for one."""
-        return self._waiting is not None
+        return self.waiting is not None
 
     def take_click(self, x_m: float, y_m: float) -> bool:
         """Use a click that a join or a cut waits for."""
-        if self._waiting is None:
+        if self.waiting is None:
             return False
-        if self._waiting == "join":
+        if self.waiting == "join":
             other = self._page.simap.at(x_m, y_m)
             if other is None:
                 self._say("There is nothing there. Click the other object.", "bad")
@@ -235,8 +217,8 @@ class MendPanel(Panel):
 
     def stop_waiting(self) -> None:
         """Stop waiting for a click."""
-        if self._waiting is not None:
-            self._waiting = None
+        if self.waiting is not None:
+            self.waiting = None
             self._say("")
         self._points = []
         self._draw(())
@@ -252,13 +234,12 @@ class MendPanel(Panel):
 
     def _fill(self, gui: viser.GuiApi) -> None:
         self._status = gui.add_html("")
-        self._cancel = gui.add_button("Cancel", icon=viser.Icon.X, color="gray", visible=False)
-        self._cancel.on_click(lambda _: self.stop_waiting())
-        change = self._add_actions("Change", {"Rename": self.rename, "Join": self.join}, "Join: key J.")
-        remove = self._add_actions(
-            "Divide, remove", {"Cut in two": self.cut, "Delete": self.delete}, "Cut in two: key X. Delete: key Delete."
-        )
-        self._add_actions("Last edit", {"Undo": self.undo, "Redo": self.redo}, "Keys Ctrl Z and Ctrl Shift Z.")
+        self._cancel = button(gui, "Cancel", self.stop_waiting, icon=viser.Icon.X, color="gray", visible=False)
+        change = button_row(gui, "Change", {"Rename": self.rename, "Join": self.join}, hint="Join: key J.")
+        hint = "Cut in two: key X. Delete: key Delete."
+        remove = button_row(gui, "Divide, remove", {"Cut in two": self.cut, "Delete": self.delete}, hint=hint)
+        undo = {"Undo": self.undo, "Redo": self.redo}
+        button_row(gui, "Last edit", undo, hint="Keys Ctrl Z and Ctrl Shift Z.")
         self._class = gui.add_dropdown(
             "Class", ONLY_NEW, initial_value=NEW_CLASS, hint="The class that Rename gives the object."
         )
@@ -271,12 +252,6 @@ class MendPanel(Panel):
         self._saved = gui.add_html("")
         self._edits = gui.add_html("")
         self._add_keys(gui)
-
-    def _add_actions(self, label: str, actions: dict[str, Callable[[], None]], hint: str) -> viser.GuiButtonGroupHandle:
-        """Add buttons in one row."""
-        row = self._page.gui.add_button_group(label, tuple(actions), hint=hint)
-        row.on_click(lambda event: actions[str(event.target.value)]())
-        return row
 
     def _add_keys(self, gui: viser.GuiApi) -> None:
         keys: tuple[tuple[str, Any, Any, Callable[[], None]], ...] = (
@@ -387,7 +362,7 @@ class MendPanel(Panel):
 
     def _wait(self, what: Waiting, text: str) -> None:
         self.stop_waiting()
-        self._waiting = what
+        self.waiting = what
         self._cancel.visible = True
         self._say(text)
 
@@ -397,16 +372,14 @@ class MendPanel(Panel):
 
     def _show_status(self) -> None:
         simap = self._page.simap
-        one = next((i for i in simap.instances if i.id == self._shown), None)
+        one = _by_id(simap, self._shown)
         self._status.content = status_html(simap, one, self._words, self._tone, known=self._mending.covers(simap))
 
     def _draw(self, points_m: Any) -> None:
-        self._mark.show(tuple(points_m), self._reach_m())
-
-    def _reach_m(self) -> float:
-        """Return how far a cutting line extends beyond its two points, so that it crosses the object."""
-        one = next((i for i in self._page.simap.instances if i.id == self._shown), None)
-        return 0.0 if one is None else math.dist(one.aabb_m[0][:2], one.aabb_m[1][:2])
+        one = _by_id(self._page.simap, self._shown)
+        # The line extends so far beyond its two points that it crosses the object.
+        reach_m = 0.0 if one is None else math.dist(one.aabb_m[0][:2], one.aabb_m[1][:2])
+        draw_cut(self._page.client.scene, tuple(points_m), reach_m)
 
     def _show_new(self) -> None:
         self._new.visible = self._class.value == NEW_CLASS

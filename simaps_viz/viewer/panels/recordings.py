@@ -1,5 +1,6 @@
 """The panel with the list of recorded builds: dock one beside the map, rename it, move it to the trash and back."""
 
+import functools
 from collections.abc import Callable, Sequence
 from html import escape
 from typing import TYPE_CHECKING, Any
@@ -8,6 +9,7 @@ import viser
 
 from simaps_viz.viewer.page.page import Page
 from simaps_viz.viewer.page.panel import Panel, PanelSpec
+from simaps_viz.viewer.page.widgets import button
 
 if TYPE_CHECKING:
     from simaps_viz.recorder.library import LibraryEntry, RecordingLibrary
@@ -24,10 +26,9 @@ _EMPTY = (
 )
 
 
-def recordings_panel(library: "RecordingLibrary", *, dockable: bool = False) -> PanelSpec:
-    """Return the spec of the tab; ``dockable``: whether a page can dock a recorded build beside the map."""
-    build = lambda page: RecordingsPanel(page, library, dockable=dockable)  # noqa: E731 - two lines otherwise
-    return PanelSpec("Recordings", viser.Icon.MOVIE, build, about=ABOUT)
+def recordings_panel(library: "RecordingLibrary") -> PanelSpec:
+    """Return the spec of the tab."""
+    return PanelSpec("Recordings", viser.Icon.MOVIE, lambda page: RecordingsPanel(page, library), about=ABOUT)
 
 
 class RecordingsPanel(Panel):
@@ -37,25 +38,25 @@ class RecordingsPanel(Panel):
     message that was made up in advance finds no such button.
     """
 
-    def __init__(self, page: Page, library: "RecordingLibrary", *, dockable: bool = False) -> None:
+    def __init__(self, page: Page, library: "RecordingLibrary") -> None:
         """Fill the open container."""
-        self._page, self._library, self._dockable = page, library, dockable
+        self._page, self._library = page, library
         self._entries: dict[str, LibraryEntry] = {}
         self._listed: Sequence[LibraryEntry] = ()
         gui = page.gui
         self._choice = gui.add_dropdown("Recording", _NOTHING, hint="Recorded builds, the newest first")
-        self._details = gui.add_html("")
-        self._open = gui.add_button("Show it beside the map", icon=viser.Icon.PLAYER_PLAY)
-        self._rename = gui.add_button("Rename …", icon=viser.Icon.PENCIL, color="gray")
-        self._delete = gui.add_button("Delete …", icon=viser.Icon.TRASH, color="gray")
-        self._restore = gui.add_button("Restore …", icon=viser.Icon.ARROW_BACK_UP, color="gray")
-        self._again = gui.add_button("List again", icon=viser.Icon.REFRESH, color="gray")
         self._choice.on_update(lambda _: self._show())
-        self._open.on_click(lambda _: self._with_chosen("open a recording", self._open_it))
-        self._rename.on_click(lambda _: self._with_chosen("ask", self._ask_name))
-        self._delete.on_click(lambda _: self._with_chosen("ask", self._ask_whether))
-        self._restore.on_click(lambda _: page.submit("ask", self._ask_which))
-        self._again.on_click(lambda _: self.refresh())
+        self._details = gui.add_html("")
+        show, rename, delete = (
+            functools.partial(self._with_chosen, job) for job in (self._open_it, self._ask_name, self._ask_whether)
+        )
+        restore = functools.partial(page.submit, "ask", self._ask_which)
+        icon = viser.Icon
+        self._open = button(gui, "Show it beside the map", show, icon=icon.PLAYER_PLAY)
+        self._rename = button(gui, "Rename …", rename, icon=icon.PENCIL, color="gray")
+        self._delete = button(gui, "Delete …", delete, icon=icon.TRASH, color="gray")
+        self._restore = button(gui, "Restore …", restore, icon=icon.ARROW_BACK_UP, color="gray")
+        button(gui, "List again", self.refresh, icon=icon.REFRESH, color="gray")
         self._show()
         self.refresh()
 
@@ -82,7 +83,7 @@ class RecordingsPanel(Panel):
         entry = self.chosen
         text = details_html(entry) if entry else _EMPTY.format(folder=escape(str(self._library.folders[0])))
         self._details.content = f'<div style="{_NOTE}">{text}</div>'
-        self._open.visible = entry is not None and self._dockable
+        self._open.visible = entry is not None and self._page.recording.url is not None
         self._open.disabled = entry is None or entry.fault is not None
         self._rename.visible = self._delete.visible = entry is not None and entry.kept is None
         self._restore.visible = bool(self._library.deleted())
@@ -101,8 +102,8 @@ class RecordingsPanel(Panel):
             if name is not None:
                 field = gui.add_text("New name", name)
             for label, job in answers.items():
-                gui.add_button(label).on_click(lambda _, job=job: answer(job))
-            gui.add_button("Cancel", color="gray").on_click(lambda _: modal.close())
+                button(gui, label, functools.partial(answer, job))
+            button(gui, "Cancel", modal.close, color="gray")
         return field
 
     def _ask_name(self, entry: "LibraryEntry") -> None:
@@ -121,14 +122,14 @@ class RecordingsPanel(Panel):
         text = f"In {escape(str(self._library.trash))}; <b>simaps recordings empty-trash --yes</b> empties it."
         self._ask("Restore a recording", text, answers)
 
-    def _with_chosen(self, name: str, job: "Callable[[LibraryEntry], None]") -> None:
+    def _with_chosen(self, job: "Callable[[LibraryEntry], None]") -> None:
         """Queue a job on the chosen recorded build."""
         entry = self.chosen
         if entry is not None:
-            self._page.submit(name, lambda: job(entry))
+            self._page.submit("ask", lambda: job(entry))
 
     def _open_it(self, entry: "LibraryEntry") -> None:
-        self._page.show_recording(entry.path)
+        self._page.recording.show(entry.path)
         self._page.say("Recording", f"{entry.name} is shown beside the map.")
 
     def _rename_it(self, entry: "LibraryEntry", new_name: str) -> None:

@@ -5,18 +5,16 @@ from html import escape
 
 import numpy as np
 import viser
-from numpy.typing import NDArray
 
 from simaps_viz.colors.classes import plural
 from simaps_viz.colors.palette import Color
-from simaps_viz.drawing.frame_pictures import gallery, named, outlined
+from simaps_viz.drawing.frame_pictures import named, outlined
 from simaps_viz.drawing.legend import CHIP_STYLE, chip, gradient_html, object_name, short_name
 from simaps_viz.drawing.theme import SMALL_STYLE, remark_html, small_html, working_html
 from simaps_viz.mapping.edit_log import edits_of
 from simaps_viz.mapping.explain import (
     Between,
     Joint,
-    PairFrame,
     Why,
     between,
     between_words,
@@ -30,7 +28,8 @@ from simaps_viz.mapping.methods import method_of
 from simaps_viz.structures import SIMap
 from simaps_viz.viewer.page.page import Page
 from simaps_viz.viewer.page.panel import Panel
-from simaps_viz.viewer.panels.instance import InstancePanel
+from simaps_viz.viewer.page.widgets import by_person
+from simaps_viz.viewer.panels.instance import FrameGallery, InstancePanel
 from simaps_viz.viewer.scene.camera import SLANT
 from simaps_viz.viewer.scene.map_scene import Style
 from simaps_viz.viewer.scene.why_marks import (
@@ -115,7 +114,6 @@ ROWS = 6
 """Rows of the table of merge steps."""
 MAX_NEIGHBOURS = 8
 APART_HINT = "What keeps this object apart from another: a neighbour, with the number on its line, or one you click."
-FRAME_HINT = "Go to that frame of the build."
 ROWS_HINT = "Each row: step · score · cells of the two parts."
 ASK = "Click another object …"
 STOP_ASKING = "Cancel"
@@ -129,7 +127,8 @@ class WhyPanel(Panel):
         self._page = page
         self._marks = WhyMarks(page.client)
         self._simap: SIMap | None = None
-        self._why: Why | None = None
+        self.why: Why | None = None
+        """The explanation that is shown."""
         self._joint: Joint | None = None
         self._between: Between | None = None
         self._asking = False
@@ -139,11 +138,6 @@ class WhyPanel(Panel):
             self._add_drawing(gui)
             self._add_neighbours(gui)
             self._add_steps(gui)
-
-    @property
-    def why(self) -> Why | None:
-        """The explanation that is shown."""
-        return self._why
 
     @property
     def lit(self) -> frozenset[int]:
@@ -159,7 +153,7 @@ class WhyPanel(Panel):
         """Emphasise the compared instance, and colour cells by evidence if that is switched on."""
         if self._page.selected is not None and style.lit is not None:
             style = replace(style, lit=style.lit | self.lit)
-        why = self._why
+        why = self.why
         if why is None or simap is not self._simap or not self._color.value:
             return style
         return replace(style, paint=(why.cells, sureness_colors(why)))
@@ -170,15 +164,15 @@ class WhyPanel(Panel):
 
     def waits_for_click(self) -> bool:
         """Whether another object is to be clicked, to compare with."""
-        return self._asking and self._why is not None
+        return self._asking and self.why is not None
 
     def take_click(self, x_m: float, y_m: float) -> bool:
         """Compare with the clicked instance, if the panel waits for one."""
-        if not self._asking or self._why is None:
+        if not self._asking or self.why is None:
             return False
         self._ask(False)
         instance = self._page.simap.at(x_m, y_m)
-        if instance is None or instance.id == self._why.instance.id:
+        if instance is None or instance.id == self.why.instance.id:
             self._apart.content = remark_html("That is not another object. Nothing compared.")
         else:
             self.compare(instance.id)
@@ -193,8 +187,8 @@ class WhyPanel(Panel):
         """Show why an instance is one object, here and in short on the panel about the instance."""
         try:
             self._asking, self._between, self._joint = False, None, None
-            self._simap, self._why = simap, None if instance_id is None else explain(simap, instance_id)
-            why = self._why
+            self._simap, self.why = simap, None if instance_id is None else explain(simap, instance_id)
+            why = self.why
             self._folder.visible = why is not None
             if why is not None:
                 self._fill(simap, why)
@@ -222,18 +216,13 @@ class WhyPanel(Panel):
         self._near = gui.add_button_group("Apart from", (ASK,), hint=APART_HINT)
         self._near.on_click(lambda event: self._chose_neighbour(str(event.target.value)))
         self._apart = gui.add_html("")
-        self._apart_picture = gui.add_image(np.full((2, 2, 3), 255, np.uint8), visible=False)
-        self._apart_frames: dict[str, int] = {}
-        self._apart_jump = gui.add_button_group("Show frame", ("-",), visible=False, hint=FRAME_HINT)
-        self._apart_jump.on_click(lambda event: self._jump(str(event.target.value)))
+        self._views = FrameGallery(self._page)
 
     def _add_steps(self, gui: viser.GuiApi) -> None:
         self._step = gui.add_slider(
             "Merge step", 0, 1, 1, 0, hint="The merge steps that made the object, in order; 0 shows none."
         )
-        self._step.on_update(
-            lambda event: self._choose_step(int(self._step.value)) if event.client_id is not None else None
-        )
+        by_person(self._step, lambda: self._choose_step(int(self._step.value)))
         self._rows = gui.add_button_group("Steps", ("-",), hint=ROWS_HINT)
         self._rows.on_click(lambda event: self._choose_row(str(event.target.value)))
         self._step_text = gui.add_html("")
@@ -250,7 +239,7 @@ class WhyPanel(Panel):
         self._near.options = (*names, ASK)
         near = "" if names else "No other object of its class is near."
         self._apart.content = remark_html(near)
-        self._apart_picture.visible = self._apart_jump.visible = False
+        self._views.hide()
         steps = len(why.joints)
         self._step.visible = self._rows.visible = self._step_text.visible = steps > 0
         if steps:
@@ -271,7 +260,7 @@ class WhyPanel(Panel):
 
     def _show_step(self, position: int) -> None:
         """Show step ``position`` (from 1); 0 shows none."""
-        why, simap = self._why, self._simap
+        why, simap = self.why, self._simap
         if why is None or simap is None or not 0 <= position <= len(why.joints):
             return
         if self._step.value != position:
@@ -291,7 +280,7 @@ class WhyPanel(Panel):
         if self._between is not None:
             self._between = None
             self._apart.content = ""
-            self._apart_picture.visible = self._apart_jump.visible = False
+            self._views.hide()
             self._page.repaint()
 
     def _chose_neighbour(self, name: str) -> None:
@@ -308,7 +297,7 @@ class WhyPanel(Panel):
         self._apart.content = small_html("Now click the other object on the map.") if asking else ""
 
     def _compare_now(self, other_id: int) -> None:
-        simap, why = self._simap, self._why
+        simap, why = self._simap, self.why
         if simap is None or why is None:
             return
         self._show_step(0)
@@ -325,29 +314,12 @@ class WhyPanel(Panel):
         chosen += [(frame, "one") for frame in found.together.as_one[: 3 - len(chosen)]]
         pictures, names = [], {}
         for frame, verdict in chosen:
-            picture = self._picture(simap, frame, verdict)
-            if picture is not None:
-                pictures.append(picture)
-            names[simap.frame_names[frame.frame]] = frame.frame
-        if self._between is not found:
-            return
-        self._apart_frames = names
-        if pictures:
-            self._apart_picture.image = gallery(pictures)
-        self._apart_picture.visible = bool(pictures)
-        if names:
-            self._apart_jump.options = tuple(names)
-        self._apart_jump.visible = bool(names)
-
-    def _picture(self, simap: SIMap, frame: PairFrame, verdict: str) -> NDArray | None:
-        seen = self._page.view(frame.frame)
-        if seen is None:
-            return None
-        return named(outlined(*seen, frame.first, frame.second), f"{simap.frame_names[frame.frame]} as {verdict}")
-
-    def _jump(self, name: str) -> None:
-        if name in self._apart_frames:
-            self._page.show_frame(self._apart_frames[name])
+            name, seen = simap.frame_names[frame.frame], self._page.view(frame.frame)
+            if seen is not None:
+                pictures.append(named(outlined(*seen, frame.first, frame.second), f"{name} as {verdict}"))
+            names[name] = frame.frame
+        if self._between is found:
+            self._views.show(pictures, names)
 
     def _toggled(self) -> None:
         self._color_legend.visible = bool(self._color.value)
@@ -356,7 +328,7 @@ class WhyPanel(Panel):
         self._page.repaint()
 
     def _draw(self) -> None:
-        simap, why, found = self._simap, self._why, self._between
+        simap, why, found = self._simap, self.why, self._between
         if simap is None or why is None:
             self._marks.draw(None)
             return

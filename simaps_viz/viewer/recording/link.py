@@ -14,6 +14,7 @@ from simaps_viz.mapping.explain import Joint, recorded_step
 from simaps_viz.mapping.partition import applied_steps
 from simaps_viz.mapping.simap import joining_threshold
 from simaps_viz.mapping.timeline import CLASSES, Timeline
+from simaps_viz.recorder.settings import SMALL
 from simaps_viz.structures import SIMap
 from simaps_viz.viewer.server.host import Host
 
@@ -26,7 +27,11 @@ SETTLE_S = 10.0
 """For how long after a recorded build opened its own jump to the first frame is undone."""
 NOTHING_THERE = ("Recorded build", "There is no object of the map where you clicked.")
 NO_SUCH_STEP = " The recorded build on the left has no such step: it stays where it is."
-PICTURES = "/world/camera/"
+PICTURES = {
+    "/world/camera/color": SMALL.color_divide,
+    "/world/camera/segmentation": SMALL.segmentation_divide,
+}
+"""Pictures in which a click has a position, and how many times smaller than the frame they are."""
 OBJECTS = ("/world/objects", "/map/names")
 """Entities whose instances are those of the finished map, in its order."""
 ON_MAP = "/map/"
@@ -50,7 +55,6 @@ def clicked_position(
     frame: int,
     *,
     view: Callable[[int], tuple[NDArray, NDArray] | None],
-    divide: Mapping[str, int],
 ) -> tuple[float, float] | None:
     """Return the position on the map that was clicked in the recorded build.
 
@@ -59,8 +63,6 @@ def clicked_position(
         simap: the map that was recorded.
         frame: the frame that the recorded build shows.
         view: frame index -> (RGB, segment ids) or None.
-        divide: entity path -> how many times smaller than the frame its recorded picture is; a click in a picture
-            that is not listed here has no position.
 
     Returns:
         (x, y), map frame, metres; None when nothing of the map was clicked.
@@ -78,8 +80,8 @@ def clicked_position(
             return x, -y  # rerun's pictures of the map have y down
         if path in IN_ROOM and z is not None:
             return x, y
-        if path.startswith(PICTURES) and z is None and path in divide:
-            found = _instance_in_picture(simap, frame, view(frame), (x * divide[path], y * divide[path]))
+        if z is None and path in PICTURES:
+            found = _instance_in_picture(simap, frame, view(frame), (x * PICTURES[path], y * PICTURES[path]))
             if found:
                 return position_inside(simap, found)
     return None
@@ -206,7 +208,7 @@ class RecordingLink:
     @property
     def tied(self) -> bool:
         """Whether page and recorded build are linked: it is the build of this map, and it is done."""
-        return self._host is not None and not self._foreign and not self._page.common.building
+        return self._host is not None and not self._foreign and not self._page.services.building
 
     def show(self, path: Path | None) -> None:
         """Show another recorded build instead of this map's own, or this map's own again (None).
@@ -242,11 +244,11 @@ class RecordingLink:
 
     def has_steps_of(self, simap: SIMap) -> bool | None:
         """Whether the recorded build has the steps of a map's merge log; None = there is no recorded build."""
-        return None if self._host is None else simap.merges is self._page.common.recorded.merges
+        return None if self._host is None else simap.merges is self._page.workbench.recorded.merges
 
     def show_joint(self, joint: Joint) -> None:
         """Go to a step of the recorded map's merge log."""
-        recorded = self._page.common.recorded
+        recorded = self._page.workbench.recorded
         applied = applied_steps(recorded.merges, joining_threshold(recorded.method, recorded.parameters))
         if self.tied:
             self._send("merge", recorded_step(joint, applied))
@@ -282,7 +284,7 @@ class RecordingLink:
     def close(self) -> None:
         """Close the connection to the recorded build."""
         if self._host is not None:
-            self._host.hang_up(self._session)
+            self._host.push(None, self._session)
 
     def _time_reported(self, timeline: Any, time: int) -> None:
         if timeline in ("louvain", "merge"):
@@ -300,8 +302,7 @@ class RecordingLink:
     def _select(self, items: Sequence[Mapping[str, Any]]) -> None:
         """Select the object that was clicked in the recorded build, or report that none was."""
         page = self._page
-        divide = page.services.picture_divide
-        position = clicked_position(items, page.common.recorded, page.frame, view=page.view, divide=divide)
+        position = clicked_position(items, page.workbench.recorded, page.frame, view=page.view)
         if position is not None and page.simap.at(*position) is not None:
             page.pick(position)
         elif in_a_view(items):
@@ -309,7 +310,7 @@ class RecordingLink:
 
     @property
     def _steps(self) -> RecordedSteps:
-        timeline = self._page.shared.timeline(self._page.common.recorded)
+        timeline = self._page.shared.timeline(self._page.workbench.recorded)
         return RecordedSteps(timeline, self._page.services.recorded_levels)
 
     def _time_of(self, position: int) -> tuple[str, int] | None:

@@ -95,9 +95,9 @@ class CameraState:
     """Position, point looked at, up, vertical field of view (radians), if its user has moved it from there."""
 
 
-def set_first_view(server: viser.ViserServer, extent: Extent) -> None:
+def set_first_view(server: viser.ViserServer, extent: Extent, aspect: float = FIRST_ASPECT) -> None:
     """Set the first view of pages that are opened from now on: the top view of an extent."""
-    first = top_view(extent, FIRST_ASPECT)
+    first = top_view(extent, aspect)
     server.initial_camera.position = first.position
     server.initial_camera.look_at = first.look_at
     server.initial_camera.fov = first.fov_rad
@@ -110,7 +110,8 @@ class Viewpoints:
     def __init__(self, client: viser.ClientHandle, extent: Extent) -> None:
         """Begin with the top view of an extent, and watch the canvas."""
         self._client, self._extent = client, extent
-        self._name = TOP
+        self.name = TOP
+        """TOP or SLANT: the view that was chosen last."""
         self._aspect = 0.0
         # Several, for a page may still report where it was before it got what it was sent last.
         self._put_at_s = 0.0
@@ -123,36 +124,26 @@ class Viewpoints:
         client.camera.on_update(lambda _: self._updated())
         self._fit()
 
-    @property
-    def name(self) -> str:
-        """TOP or SLANT: the view that was chosen last."""
-        return self._name
-
     def look(self, name: str) -> None:
         """Go to the top view or the slanted one."""
         with self._lock:
-            self._name = name
+            self.name = name
             self._fit()
 
     def look_at(self, extent: Extent) -> None:
         """Come close to a part of the floor, from the side that was chosen last."""
         with self._lock:
             self._left_by_user = True
-            view = slanted_view if self._name == SLANT else top_view
-            self._put(view(extent, self._client.camera.aspect), UP)
+            self._put(self._view(extent, self._client.camera.aspect), UP)
 
     def look_down(self, extent: Extent | None) -> None:
         """Look straight down on a part of the floor; None: go back to the view that was chosen last."""
         if extent is None:
-            self.restore()
+            self.look(self.name)
             return
         with self._lock:
             self._left_by_user = True
             self._put(top_view(extent, self._client.camera.aspect), UP)
-
-    def restore(self) -> None:
-        """Go back to the view that was chosen last."""
-        self.look(self._name)
 
     def show_extent(self, extent: Extent) -> None:
         """Show another part of the floor, unless the camera was moved."""
@@ -166,10 +157,10 @@ class Viewpoints:
         """Return where the page looks."""
         with self._lock:
             if not self._moved():
-                return CameraState(self._name)
+                return CameraState(self.name)
             camera = self._client.camera
             places = (_triple(camera.position), _triple(camera.look_at), _triple(camera.up_direction))
-            return CameraState(self._name, (*places, float(camera.fov)))
+            return CameraState(self.name, (*places, float(camera.fov)))
 
     def go_to(self, state: CameraState) -> None:
         """Look where a page looked."""
@@ -199,25 +190,29 @@ class Viewpoints:
             if abs(self._client.camera.aspect - self._aspect) >= 0.005 and not (lately and self._left_by_user):
                 self._fit()
             elif (lately or self._is_at(self._first)) and self._target is not None and not self._is_at(self._target[0]):
-                self._send(*self._target)
+                _send(self._client, *self._target)
 
     def _fit(self) -> None:
         self._aspect, self._left_by_user = self._client.camera.aspect, False
-        view = (slanted_view if self._name == SLANT else top_view)(self._extent, self._aspect)
+        view = self._view(self._extent, self._aspect)
         self._put_there.append(view)
         self._put(view, UP)
 
+    def _view(self, extent: Extent, aspect: float) -> View:
+        return (slanted_view if self.name == SLANT else top_view)(extent, aspect)
+
     def _put(self, view: View, up: Triple) -> None:
         self._target, self._put_at_s = (view, up), time.monotonic()
-        self._send(view, up)
+        _send(self._client, view, up)
 
-    def _send(self, view: View, up: Triple) -> None:
-        camera = self._client.camera
-        with self._client.atomic():
-            camera.fov, camera.far = view.fov_rad, view.far_m
-            camera.up_direction = up
-            camera.position = view.position
-            camera.look_at = view.look_at
+
+def _send(client: viser.ClientHandle, view: View, up: Triple = UP) -> None:
+    camera = client.camera
+    with client.atomic():
+        camera.fov, camera.far = view.fov_rad, view.far_m
+        camera.up_direction = up
+        camera.position = view.position
+        camera.look_at = view.look_at
 
 
 def _triple(vector: np.ndarray) -> Triple:
@@ -245,20 +240,16 @@ class Follower:
             let_go: called when it is switched off; restores the camera.
         """
         self._client, self._behind, self._let_go = client, behind, let_go
-        self._on = False
+        self.on = False
+        """Whether the camera follows."""
         self._yaw: float | None = None
         self._moved_at = 0.0
         self._lock = threading.Lock()
 
-    @property
-    def on(self) -> bool:
-        """Whether the camera follows."""
-        return self._on
-
     def switch(self, on: bool, pose: Pose2) -> None:
         """Begin to follow, or return the camera to its user."""
         with self._lock:  # a move that is being made would undo what ``let_go`` does
-            was, self._on, self._yaw, self._moved_at = self._on, on, None, 0.0
+            was, self.on, self._yaw, self._moved_at = self.on, on, None, 0.0
             if was and not on:
                 self._let_go()
         self.see(pose, rests=True)
@@ -266,21 +257,15 @@ class Follower:
     def see(self, pose: Pose2, *, rests: bool = False) -> None:
         """Move the camera to a pose of the robot; moves that come too fast are left out unless the robot rests."""
         soon = time.monotonic() - self._moved_at < _EVERY_S and not rests
-        if not self._on or soon or not self._lock.acquire(blocking=rests):
+        if not self.on or soon or not self._lock.acquire(blocking=rests):
             return
         try:
-            if not self._on:
+            if not self.on:
                 return
             self._moved_at = time.monotonic()
             yaw = pose.yaw_rad if self._yaw is None else self._yaw
             self._yaw = wrap_angle(yaw + _TURNS_BY * wrap_angle(pose.yaw_rad - yaw))
-            view = behind(pose, self._yaw) if self._behind() else above(pose)
-            camera = self._client.camera
-            with self._client.atomic():
-                camera.fov = view.fov_rad
-                camera.up_direction = (0.0, 0.0, 1.0)
-                camera.position = view.position
-                camera.look_at = view.look_at
+            _send(self._client, behind(pose, self._yaw) if self._behind() else above(pose))
         finally:
             self._lock.release()
 

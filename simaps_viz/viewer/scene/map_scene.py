@@ -12,6 +12,7 @@ from simaps_viz.drawing.label_layout import Box, Label
 from simaps_viz.drawing.solids import solids
 from simaps_viz.drawing.texture import ColorMode, cell_colors, outline_segments
 from simaps_viz.drawing.theme import LIGHT, Theme
+from simaps_viz.navigation.planner import RobotShape
 from simaps_viz.structures import GridSpec, Pose2, SIMap
 from simaps_viz.viewer.scene.annotations import LabelLayer, draw_lines, line_share
 from simaps_viz.viewer.scene.camera import Extent, with_margin
@@ -20,7 +21,7 @@ from simaps_viz.viewer.scene.why_marks import paint_cells
 ROBOT = (10, 84, 200)
 PATH = (22, 110, 235)
 OUTLINE_PX = 3.0
-ROBOT_HEIGHT_M = 0.35
+ROBOT_RADIUS_M, ROBOT_HEIGHT_M = RobotShape().radius_m, 0.35
 PICTURE_M = 0.004
 """Height over the map of a picture that is shown instead of it."""
 PARENTS = ("/candidates", "/why")
@@ -50,11 +51,10 @@ class Style:
 class MapScene:
     """The nodes of one page's 3-D scene; every method replaces what it showed before."""
 
-    def __init__(
-        self, page: viser.ViserServer | viser.ClientHandle, simap: SIMap, *, robot_radius_m: float = 0.18
-    ) -> None:
+    def __init__(self, page: viser.ViserServer | viser.ClientHandle, simap: SIMap) -> None:
         """Add the map's furniture (scale bar, compass); the map itself comes with ``show_map``."""
-        self._scene = page.scene
+        self._scene = self.nodes = page.scene
+        """Viser's scene, for others that draw on it."""
         self._page = page
         self._scene.set_up_direction("+z")
         if isinstance(page, viser.ViserServer):  # else it has light already
@@ -68,19 +68,13 @@ class MapScene:
         self.extent: Extent = (0.0, 0.0, 0.0, 0.0)
         self._pictured: Extent | None = None
         self.fit(simap)
-        self._robot = self._add_robot(robot_radius_m)
-        self._robot_radius_m = robot_radius_m
+        self._robot = self._add_robot()
         self._parents = [self._scene.add_frame(name, show_axes=False) for name in PARENTS]
         self._candidates = LabelLayer(page, "/candidates", assumed_m=self._height_m, zoomed=self._zoomed)
         self._lock = self._candidates.lock
         self._camera: CameraMark | None = None
         self._camera_at: NDArray | None = None
         self._badge: viser.LabelHandle | None = None
-
-    @property
-    def nodes(self) -> viser.SceneApi:
-        """Viser's scene, for others that draw on it."""
-        return self._scene
 
     @property
     def frame_extent(self) -> Extent:
@@ -185,7 +179,7 @@ class MapScene:
     def show_candidates(self, labels: Sequence[Label], *, blocked: Sequence[Box] = ()) -> None:
         """Write texts on the map, the most important first; they leave the robot, what they name and others free."""
         x, y, _ = (float(value) for value in self._robot.position)
-        r = self._robot_radius_m
+        r = ROBOT_RADIUS_M
         self._candidates.show(labels, blocked=(*blocked, (x - r, y - r, x + r, y + r)))
 
     def show_badge(self, text: str) -> None:
@@ -300,18 +294,18 @@ class MapScene:
             "/compass/text", "N", position=(x - 0.4 * size, y + 0.5 * size, 0.0), anchor="center-right"
         )
 
-    def _add_robot(self, radius_m: float) -> viser.FrameHandle:
+    def _add_robot(self) -> viser.FrameHandle:
         robot = self._scene.add_frame("/robot", show_axes=False)
         self._scene.add_cylinder(
             "/robot/body",
-            radius_m,
+            ROBOT_RADIUS_M,
             ROBOT_HEIGHT_M,
             color=ROBOT,
             position=(0.0, 0.0, ROBOT_HEIGHT_M / 2.0),
             cast_shadow=False,
             receive_shadow=False,
         )
-        tip, wing, z = 0.85 * radius_m, 0.55 * radius_m, ROBOT_HEIGHT_M + 0.01
+        tip, wing, z = 0.85 * ROBOT_RADIUS_M, 0.55 * ROBOT_RADIUS_M, ROBOT_HEIGHT_M + 0.01
         arrow = np.array([[tip, 0, z], [-wing, wing * 1.1, z], [-0.3 * wing, 0, z], [-wing, -wing * 1.1, z]])
         self._scene.add_mesh_simple(
             "/robot/nose",

@@ -134,7 +134,7 @@ class FrontDoor:
     def close(self) -> None:
         """Stop serving and free the port."""
         for host in self.hosts.values():
-            host.close()
+            host.push(None)  # ends the connections over which pages listen
         if self._thread.is_alive():
             self._server.shutdown()
             self._thread.join(timeout=5.0)

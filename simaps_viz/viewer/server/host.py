@@ -106,25 +106,12 @@ class Host:
                 logger.exception("an event of a page could not be handled")
         return answer or {}
 
-    def push(self, message: dict[str, Any], session: str | None = None) -> None:
-        """Send a message to the pages of a session, or to every open page."""
+    def push(self, message: dict[str, Any] | None, session: str | None = None) -> None:
+        """Send a message to the pages of a session, or to every open page; None ends their connections."""
         with self._lock:
             for name, listener in self._listeners:
                 if session is None or name == session:
                     listener.put(message)
-
-    def hang_up(self, session: str) -> None:
-        """End the connections over which a session listens."""
-        with self._lock:
-            for name, listener in self._listeners:
-                if name == session:
-                    listener.put(None)
-
-    def close(self) -> None:
-        """End all connections over which somebody listens."""
-        with self._lock:
-            for _, listener in self._listeners:
-                listener.put(None)
 
     def listen(self, session: str = "") -> queue.SimpleQueue[dict[str, Any] | None]:
         """Open a queue that gets every message pushed to a session or to all, and None at the end."""

@@ -55,9 +55,7 @@ class _Message(Struct, tag_field="type", forbid_unknown_fields=True):
     pass
 
 
-class ViewerCamera(_Message, tag="ViewerCameraMessage"):
-    """Where the page's camera is."""
-
+class _ViewerCamera(_Message, tag="ViewerCameraMessage"):  # where the page's camera is
     wxyz: tuple[Number, Number, Number, Number]
     position: Vector
     fov: Number
@@ -73,29 +71,21 @@ class _Change(Struct, forbid_unknown_fields=True):
     value: bool | Annotated[int, Meta(ge=-(1 << 40), le=1 << 40)] | Number | Text | Items | None
 
 
-class GuiUpdate(_Message, tag="GuiUpdateMessage"):
-    """A widget has another value."""
-
+class _GuiUpdate(_Message, tag="GuiUpdateMessage"):  # a widget has another value
     uuid: Name
     updates: _Change
 
 
-class GuiButtonHold(_Message, tag="GuiButtonHoldMessage"):
-    """A button is held down."""
-
+class _GuiButtonHold(_Message, tag="GuiButtonHoldMessage"):  # a button is held down
     uuid: Name
     frequency: Number
 
 
-class CommandTrigger(_Message, tag="CommandTriggerMessage"):
-    """A key was pressed, or a command chosen."""
-
+class _CommandTrigger(_Message, tag="CommandTriggerMessage"):  # a key was pressed, or a command chosen
     uuid: Name
 
 
-class ScenePointer(_Message, tag="ScenePointerMessage"):
-    """The scene was clicked."""
-
+class _ScenePointer(_Message, tag="ScenePointerMessage"):  # the scene was clicked
     event_type: Literal["click", "rect-select"]
     ray_origin: Vector | None
     ray_direction: Vector | None
@@ -103,9 +93,7 @@ class ScenePointer(_Message, tag="ScenePointerMessage"):
     modifier: Modifier
 
 
-class SceneNodeClick(_Message, tag="SceneNodeClickMessage"):
-    """Something in the scene was clicked."""
-
+class _SceneNodeClick(_Message, tag="SceneNodeClickMessage"):  # something in the scene was clicked
     name: Name
     instance_index: int | None
     ray_origin: Vector
@@ -115,9 +103,7 @@ class SceneNodeClick(_Message, tag="SceneNodeClickMessage"):
     owner: Name = ""
 
 
-class UploadStart(_Message, tag="FileTransferStartUpload"):
-    """A file is about to be uploaded."""
-
+class _UploadStart(_Message, tag="FileTransferStartUpload"):  # a file is about to be uploaded
     source_component_uuid: Name
     transfer_uuid: Name
     filename: Name
@@ -126,19 +112,17 @@ class UploadStart(_Message, tag="FileTransferStartUpload"):
     size_bytes: Count
 
 
-class UploadPart(_Message, tag="FileTransferPart"):
-    """A part of an uploaded file."""
-
+class _UploadPart(_Message, tag="FileTransferPart"):  # a part of an uploaded file
     source_component_uuid: Name | None
     transfer_uuid: Name
     part_index: Annotated[int, Meta(ge=0, le=65_536)]
     content: bytes
 
 
-Message = (
-    ViewerCamera | GuiUpdate | GuiButtonHold | CommandTrigger | ScenePointer | SceneNodeClick | UploadStart | UploadPart
-)
-_DECODER = msgspec.msgpack.Decoder(Message)
+_DECODER = msgspec.msgpack.Decoder(
+    _ViewerCamera | _GuiUpdate | _GuiButtonHold | _CommandTrigger | _ScenePointer | _SceneNodeClick
+    | _UploadStart | _UploadPart
+)  # fmt: skip
 
 
 class Uploads:
@@ -189,9 +173,9 @@ class Listener:
             message = _DECODER.decode(raw)
         except (msgspec.MsgspecError, UnicodeDecodeError, RecursionError) as error:
             return str(error)[:200]
-        if isinstance(message, UploadStart):
+        if isinstance(message, _UploadStart):
             return self._start(message)
-        return self._part(message) if isinstance(message, UploadPart) else None
+        return self._part(message) if isinstance(message, _UploadPart) else None
 
     def close(self) -> None:
         """Release the budget of its uploads: the page was closed, and viser has dropped them."""
@@ -200,7 +184,7 @@ class Listener:
             self._uploads.release(transfer.size)
         self._transfers.clear()
 
-    def _start(self, message: UploadStart) -> str | None:
+    def _start(self, message: _UploadStart) -> str | None:
         if self._closed:  # data that was still being sent
             return "an upload of a page that has gone"
         if message.transfer_uuid in self._transfers or (message.part_count == 0) != (message.size_bytes == 0):
@@ -217,7 +201,7 @@ class Listener:
         self._transfers[message.transfer_uuid] = transfer
         return None
 
-    def _part(self, message: UploadPart) -> str | None:
+    def _part(self, message: _UploadPart) -> str | None:
         transfer = self._transfers.get(message.transfer_uuid)
         if transfer is None or transfer.parts == 0 or len(message.content) > transfer.left:
             return "a part of no upload that was announced"
@@ -274,7 +258,7 @@ class PageSocket:
             with socket.create_connection(("127.0.0.1", port), timeout=QUIET_S) as viser:
                 begun = _join_viser(viser, port, protocols, key) if response.status_code == 101 else b""
                 self._protocol.send_response(response)
-                self._flush()
+                self._page.sendall(b"".join(self._protocol.data_to_send()))
                 if response.status_code == 101:
                     self._relay(viser, begun)
         except OSError:  # either side has closed the connection
@@ -341,9 +325,6 @@ class PageSocket:
         self._filled = now
         if self._credit < 0.0:
             time.sleep(-self._credit / MESSAGES_PER_S)
-
-    def _flush(self) -> None:
-        self._page.sendall(b"".join(self._protocol.data_to_send()))
 
 
 _SILENT = logging.getLogger(f"{__name__}.websockets")  # it would write complete requests, with their tokens

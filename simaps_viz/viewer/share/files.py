@@ -10,7 +10,7 @@ from PIL import Image
 
 from simaps_viz.colors.instances import instance_colors
 from simaps_viz.colors.palette import Color
-from simaps_viz.drawing.legend import counts_text
+from simaps_viz.drawing.legend import counts_text, title_of
 from simaps_viz.drawing.sheet import PALE_INK, PAPER, Sheet, png_bytes
 from simaps_viz.drawing.texture import map_image
 from simaps_viz.drawing.theme import LIGHT
@@ -18,9 +18,9 @@ from simaps_viz.errors import InputError
 from simaps_viz.events import Progress
 from simaps_viz.structures import GridSpec, Pose2, SIMap
 from simaps_viz.viewer.scene.camera import Extent
-from simaps_viz.viewer.scene.map_scene import PATH, ROBOT, seen_extent
+from simaps_viz.viewer.scene.map_scene import PATH, ROBOT, ROBOT_RADIUS_M, seen_extent
 from simaps_viz.viewer.share.page import page_html
-from simaps_viz.viewer.share.story import Drive, Look, TimeStep, is_simulated, origin_text, time_steps, title_of
+from simaps_viz.viewer.share.story import Drive, Look, TimeStep, is_simulated, origin_text, time_steps
 
 ENDINGS = (".html", ".gif", ".png")
 
@@ -52,7 +52,6 @@ def share_bytes(
     *,
     drive: Drive | None = None,
     look: Look | None = None,
-    radius_m: float = 0.2,
     progress: Progress | None = None,
 ) -> bytes:
     """Make a file.
@@ -62,27 +61,26 @@ def share_bytes(
         simap: the map.
         drive: a command that the robot carries out at the end.
         look: the map after a frame, where that is known; else objects appear once a frame has named them.
-        radius_m: of the robot.
         progress: called with what is done; may raise to end the work.
 
     Raises:
         InputError: there is nothing to show.
     """
     if ending == ".html":
-        return page_html(simap, drive=drive, look=look, radius_m=radius_m, progress=progress)
+        return page_html(simap, drive=drive, look=look, progress=progress)
     if ending == ".png":
-        return png_bytes(key_picture(simap, drive=drive, radius_m=radius_m, width=PICTURE_WIDTH))
-    film = shots(simap, drive=drive, look=look, radius_m=radius_m, progress=progress)
-    return gif_bytes(film, key_picture(simap, drive=drive, radius_m=radius_m))
+        return png_bytes(key_picture(simap, drive=drive, width=PICTURE_WIDTH))
+    film = shots(simap, drive=drive, look=look, progress=progress)
+    return gif_bytes(film, key_picture(simap, drive=drive))
 
 
-def key_picture(simap: SIMap, *, drive: Drive | None = None, radius_m: float = 0.2, width: int = FILM_WIDTH) -> NDArray:
+def key_picture(simap: SIMap, *, drive: Drive | None = None, width: int = FILM_WIDTH) -> NDArray:
     """Draw the finished map with the end of the drive, uint8 [H, W, 3]; ``width``: about that of the map, pixels."""
     sheet = MapSheet(simap, map_width=width)
     if drive is None:
         return sheet.draw()
     end = drive.trajectory.at(drive.trajectory.duration_s)
-    return sheet.draw(caption=drive.caption, robot=end, path_m=drive.path_m, radius_m=radius_m)
+    return sheet.draw(caption=drive.caption, robot=end, path_m=drive.path_m)
 
 
 def shots(
@@ -90,7 +88,6 @@ def shots(
     *,
     drive: Drive | None = None,
     look: Look | None = None,
-    radius_m: float = 0.2,
     progress: Progress | None = None,
 ) -> Iterator[Shot]:
     """Draw the pictures of a film, one after another."""
@@ -113,7 +110,7 @@ def shots(
         assert drive is not None
         end = at == len(times) - 1
         caption = drive.caption if end else f"“{drive.command}”"
-        picture = sheet.draw(caption=caption, robot=drive.trajectory.at(time_s), path_m=drive.path_m, radius_m=radius_m)
+        picture = sheet.draw(caption=caption, robot=drive.trajectory.at(time_s), path_m=drive.path_m)
         yield picture, 2 * HOLD_S if end else HOLD_S if at == 0 else TICK_S
         done += 1
         if progress:
@@ -190,7 +187,6 @@ class MapSheet:
         caption: str = "",
         robot: Pose2 | None = None,
         path_m: NDArray | None = None,
-        radius_m: float = 0.2,
     ) -> NDArray:
         """Draw one sheet.
 
@@ -199,7 +195,6 @@ class MapSheet:
             caption: a line below the map.
             robot: its pose, if it is there.
             path_m: its path, [n, 2], map frame.
-            radius_m: of the robot.
 
         Returns:
             uint8 [H, W, 3], RGB, even sides, the same for all sheets of this object.
@@ -211,7 +206,7 @@ class MapSheet:
             for thickness, color in ((7, PAPER), (4, PATH)):
                 cv2.polylines(sheet.pixels, [points], False, color, sheet.px(thickness), cv2.LINE_AA, _SUB)
         if robot is not None:
-            self._draw_robot(sheet, robot, radius_m)
+            self._draw_robot(sheet, robot)
         room = sheet.width - self._caption_x - sheet.px(20)
         sheet.text(caption, (self._caption_x, self._foot_y), 18, bold=True, room=room)
         return sheet.pixels
@@ -237,8 +232,8 @@ class MapSheet:
         y = self._y + self._height - (points_m[:, 1] - spec.y0_m - self._row0 * spec.cell_size_m) * self._per_m
         return np.rint(np.stack([x, y], axis=1) * (1 << _SUB)).astype(np.int32)[:, None]
 
-    def _draw_robot(self, sheet: Sheet, pose: Pose2, radius_m: float) -> None:
-        radius = max(radius_m * self._per_m, sheet.px(9))
+    def _draw_robot(self, sheet: Sheet, pose: Pose2) -> None:
+        radius = max(ROBOT_RADIUS_M * self._per_m, sheet.px(9))
         x, y = self._pixels(np.array([[pose.x_m, pose.y_m]]))[0, 0].tolist()
         for wide, color in ((radius + sheet.px(2), PAPER), (radius, ROBOT)):
             cv2.circle(sheet.pixels, (x, y), round(wide * (1 << _SUB)), color, -1, cv2.LINE_AA, _SUB)

@@ -6,18 +6,17 @@ import re
 from html import escape
 from importlib import resources
 
-import cv2
 import numpy as np
 import viser
-from numpy.typing import NDArray
 
-from simaps_viz.drawing.legend import counts_text, legend_html
+from simaps_viz.drawing.legend import counts_text, legend_html, title_of
 from simaps_viz.drawing.texture import map_image
 from simaps_viz.events import Progress
 from simaps_viz.structures import SIMap
-from simaps_viz.viewer.scene.camera import Extent, top_view
+from simaps_viz.viewer.page.shared import png
+from simaps_viz.viewer.scene.camera import set_first_view
 from simaps_viz.viewer.scene.map_scene import MapScene, Style, light_up
-from simaps_viz.viewer.share.story import Drive, Look, TimeStep, is_simulated, origin_text, time_steps, title_of
+from simaps_viz.viewer.share.story import Drive, Look, TimeStep, is_simulated, origin_text, time_steps
 
 MAX_TIME_STEPS = 48
 GROWTH_S = 7.0
@@ -42,7 +41,6 @@ def page_html(
     *,
     drive: Drive | None = None,
     look: Look | None = None,
-    radius_m: float = 0.18,
     progress: Progress | None = None,
 ) -> bytes:
     """Make the page.
@@ -51,7 +49,6 @@ def page_html(
         simap: the map.
         drive: a command as the robot carries it out; None shows no robot.
         look: the map after a frame, where that is known.
-        radius_m: of the robot.
         progress: called with what is done.
 
     Returns:
@@ -60,7 +57,7 @@ def page_html(
     with contextlib.redirect_stdout(io.StringIO()):  # viser's banner
         server = viser.ViserServer(host="127.0.0.1", port=0, label="SI Maps", verbose=False)
     try:
-        html = _record(server, simap, drive, look, radius_m, progress)
+        html = _record(server, simap, drive, look, progress)
     finally:
         with contextlib.redirect_stdout(io.StringIO()):
             server.stop()
@@ -89,13 +86,15 @@ def _record(
     simap: SIMap,
     drive: Drive | None,
     look: Look | None,
-    radius_m: float,
     progress: Progress | None,
 ) -> str:
     """Play the build and the drive on a server without pages, and return what it recorded as HTML."""
-    scene = MapScene(server, simap, robot_radius_m=radius_m)
+    scene = MapScene(server, simap)
     light_up(server.scene)
-    _set_camera(server, scene.frame_extent)
+    # Look straight down, with the map to the right of the text.
+    xmin, ymin, xmax, ymax = scene.frame_extent
+    room, head = BESIDE * (xmax - xmin), 0.06 * (ymax - ymin)
+    set_first_view(server, (xmin - room, ymin - head / 3.0, xmax, ymax + head), ASPECT)
     _, _, _, ymax = scene.extent
     label = server.scene.add_label(
         "/caption", "", position=(sum(scene.extent[0::2]) / 2.0, ymax + 0.03 * (ymax - scene.extent[1]), 0.0),
@@ -137,24 +136,12 @@ def _record(
     return html
 
 
-def _set_camera(server: viser.ViserServer, extent: Extent) -> None:
-    """Look straight down, with the map to the right of the text."""
-    xmin, ymin, xmax, ymax = extent
-    room, head = BESIDE * (xmax - xmin), 0.06 * (ymax - ymin)
-    view = top_view((xmin - room, ymin - head / 3.0, xmax, ymax + head), ASPECT)
-    server.initial_camera.position = view.position
-    server.initial_camera.look_at = view.look_at
-    server.initial_camera.fov = view.fov_rad
-
-
 def _png(simap: SIMap, step: TimeStep | None) -> bytes:
     """Paint the map at a time step of its build, PNG, row 0 at the south; None: the finished map."""
     spec = simap.spec
     scale = int(np.clip(MAX_TEXTURE_PIXELS // max(spec.shape), 1, MAX_PER_CELL))
     shown, hidden = (simap, ()) if step is None else (step.simap, step.hidden.tolist())
-    image: NDArray = map_image(shown, "instance", hidden=hidden, scale=scale)
-    _, encoded = cv2.imencode(".png", cv2.cvtColor(image, cv2.COLOR_RGB2BGR), [cv2.IMWRITE_PNG_COMPRESSION, 3])
-    return encoded.tobytes()
+    return png(map_image(shown, "instance", hidden=hidden, scale=scale))
 
 
 def _with_overlay(html: str, simap: SIMap, drive: Drive | None) -> str:

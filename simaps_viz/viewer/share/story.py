@@ -2,7 +2,6 @@
 
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
-from pathlib import PurePath
 
 import numpy as np
 from numpy.typing import NDArray
@@ -102,13 +101,6 @@ def time_steps(simap: SIMap, most: int, look: Look | None = None) -> Iterator[Ti
         count = _count_left(simap, hidden) if then is None else len(then.instances)
         words = f"Frame {frame + 1} of {frames} · {plural(count, 'object')}"
         yield TimeStep(frame, simap if then is None else then, hidden, words)
-
-
-def title_of(simap: SIMap) -> str:
-    """Return the name of a map: its own, or that of its sequence."""
-    sequence = PurePath(str(simap.provenance.get("sequence", "unknown sequence")))
-    folder = sequence.parent.name if sequence.suffix == ".json" and sequence.parent.name else sequence.name
-    return str(simap.provenance.get("name") or folder)
 
 
 def is_simulated(simap: SIMap) -> bool:

@@ -1,11 +1,9 @@
-"""Maps for the page's comparison: by other methods or settings, the ground truth, and maps read from files."""
+"""Maps to compare a map with: by other methods, or the ground truth; each is made once."""
 
-import tempfile
-import threading
 from collections.abc import Mapping
-from dataclasses import asdict, fields, replace
+from dataclasses import asdict, dataclass, fields, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from simaps_viz.build.cache import cache_key, made_folder, map_in_cache
 from simaps_viz.build.methods import build
@@ -15,32 +13,9 @@ from simaps_viz.datasets.sequence import PosedFrames
 from simaps_viz.datasets.source import FrameSource
 from simaps_viz.errors import InputError, SIMapsError
 from simaps_viz.evaluation.truth import find_truth, settings_of, truth_as_map, truth_of
-from simaps_viz.evaluation.two_maps import compare_two
 from simaps_viz.events import BuildStarted, Event, FrameProjected, Progress
-from simaps_viz.io.files import write_whole
 from simaps_viz.mapping.file import load_map, save_map
-from simaps_viz.mapping.mending import Mending
-from simaps_viz.mapping.simap import joining_at, recommunity, repartition
 from simaps_viz.structures import SIMap
-
-if TYPE_CHECKING:
-    from simaps_viz.viewer.panels.compare import CompareServices
-
-
-def load_bytes(name: str, content: bytes) -> SIMap:
-    """Read a map file whose content a browser sent.
-
-    Raises:
-        InputError: it is no map file.
-    """
-    with tempfile.TemporaryDirectory(prefix="simaps-") as folder:
-        path = Path(folder) / (Path(name).name or "map.npz")
-        write_whole(path, content, "the map that was sent")
-        try:
-            return load_map(path)
-        except SIMapsError as error:
-            raise InputError(str(error).replace(str(path), path.name)) from error
-
 
 _BASELINES: Mapping[str, str] = {
     "vlmaps": "VLMaps (simulated encoder)",
@@ -48,47 +23,17 @@ _BASELINES: Mapping[str, str] = {
 }
 
 
-def compare_services(simap: SIMap, sequence: FrameSource | None, folder: Path) -> "CompareServices":
-    """Return the services of the page's comparison.
-
-    Args:
-        simap: the map the page was opened on.
-        sequence: it was built from; without it there are neither other methods nor the truth.
-        folder: where built maps are kept.
-    """
-    from simaps_viz.viewer.panels.compare import TRUTH, CompareServices, Source  # noqa: PLC0415 - viser is slow
-
-    sources = []
-    if sequence is not None:
-        if _exact(sequence) is not None:
-            sources.append(Source(TRUTH, "Ground truth"))
-        others = (name for name in METHOD_NAMES if name != simap.method)
-        sources += [Source(name, _BASELINES.get(name, f"Method {name}")) for name in others]
-    makers = MapMaker(sequence, folder)
-    return CompareServices(
-        compare=lambda left, right, truth: compare_two(left, right, truth=truth),
-        sources=tuple(sources),
-        make=makers.make if sequence is not None else None,
-        rejoin=rejoin,
-        load=load_bytes,
-    )
+TRUTH = "truth"
+"""Key of the source that is the ground truth."""
 
 
-def rejoin(simap: SIMap, percent: float, resolution: float) -> SIMap:
-    """Return the map for another K or evidence (percent), and Louvain resolution.
+@dataclass(frozen=True)
+class Source:
+    """A map that can be compared with another."""
 
-    Raises:
-        InputError: the map's method has neither.
-    """
-    if abs(resolution - float(simap.parameters.get("resolution", 1.0))) < 1e-9:
-        return repartition(simap, **joining_at(simap, percent))
-    return find_again(simap, resolution, percent)
-
-
-def find_again(simap: SIMap, resolution: float, percent: float, edits: Mending | None = None) -> SIMap:
-    """Return the map with its communities found again for a Louvain resolution, and its edits where they cover it."""
-    find = recommunity if edits is None or not edits.covers(simap) else edits.recommunity
-    return find(simap, resolution=resolution, **joining_at(simap, percent))
+    key: str
+    title: str
+    """Such as "Method paper" or "Ground truth"."""
 
 
 class MapMaker:
@@ -99,14 +44,21 @@ class MapMaker:
         self._sequence, self._folder = sequence, folder
         self._made: dict[Path, SIMap] = {}
 
-    def make(self, key: str, simap: SIMap, tell: Progress, cancel: threading.Event) -> SIMap:
+    def sources(self, simap: SIMap) -> tuple[Source, ...]:
+        """Return the maps that ``make`` can make for a map; none without a sequence."""
+        if self._sequence is None:
+            return ()
+        truth = () if _exact(self._sequence) is None else (Source(TRUTH, "Ground truth"),)
+        others = (name for name in METHOD_NAMES if name != simap.method)
+        return *truth, *(Source(name, _BASELINES.get(name, f"Method {name}")) for name in others)
+
+    def make(self, key: str, simap: SIMap, tell: Progress) -> SIMap:
         """Return a map by another method, or the true one.
 
         Args:
-            key: name of a method, or "truth".
+            key: of one of the ``sources``.
             simap: the map whose grid, frames and settings the new one takes over.
             tell: called with the progress, often enough that raising in it ends the work soon.
-            cancel: set when the result is no longer wanted; ``tell`` raises then.
 
         Raises:
             InputError: there is no sequence, or no truth, or it cannot be read.
@@ -120,7 +72,7 @@ class MapMaker:
         return self._made[kept]
 
     def _build(self, key: str, simap: SIMap, sequence: FrameSource, tell: Progress, kept: Path) -> SIMap:
-        if key == "truth":
+        if key == TRUTH:
             exact = _exact(sequence)
             if exact is None:
                 raise InputError(f"{sequence.path}: expected exact ids, here or beside it, found none")
@@ -133,7 +85,7 @@ class MapMaker:
 
     def _kept(self, key: str, simap: SIMap, sequence: FrameSource) -> Path:
         """Return the path of the map; that of another method is where its own build would have written it."""
-        if key != "truth":
+        if key != TRUTH:
             return map_in_cache(self._folder, sequence, key, config_like(simap))
         what = asdict(settings_of(simap)), simap.T_map_world.tolist(), list(simap.frame_names)
         return made_folder(self._folder / "compare") / f"{cache_key(sequence, key, *what)}.npz"

@@ -1,6 +1,5 @@
 """Maps for the page's comparison: made once, in the grid of the map on the page; the truth; giving up."""
 
-import threading
 from dataclasses import replace
 
 import numpy as np
@@ -9,16 +8,15 @@ from sequences import write_tiny_sequence
 from toy_maps import toy_map
 
 from simaps_viz.app import workbench
-from simaps_viz.app.compare import MapMaker, compare_services, config_like, rejoin
-from simaps_viz.app.share import look_back
 from simaps_viz.build.methods import build
 from simaps_viz.build.pipeline import BuildConfig
 from simaps_viz.console.progress import stage_progress
 from simaps_viz.datasets.open import open_sequence
 from simaps_viz.errors import InputError
-from simaps_viz.viewer.panels.compare import TRUTH, Cancelled
-
-NEVER = threading.Event()
+from simaps_viz.evaluation.other_maps import TRUTH, MapMaker, config_like
+from simaps_viz.evaluation.two_maps import compare_two
+from simaps_viz.viewer.page.shared import Shared
+from simaps_viz.viewer.panels.compare import Cancelled
 
 
 @pytest.fixture
@@ -31,13 +29,13 @@ def test_a_map_is_made_once_and_found_again_later(tiny):
     sequence, simap, folder = tiny
     told = []
     maker = MapMaker(sequence, folder)
-    first = maker.make("components", simap, lambda *what: told.append(what), NEVER)
+    first = maker.make("components", simap, lambda *what: told.append(what))
     assert first.method == "components" and first.spec.cell_size_m == simap.spec.cell_size_m
     assert first.parameters["min_cells"] == 1
     assert told[-1][1:] == (3, 3) and "components" in told[-1][0]
     told.clear()
-    assert maker.make("components", simap, lambda *what: told.append(what), NEVER) is first
-    later = MapMaker(sequence, folder).make("components", simap, lambda *what: told.append(what), NEVER)
+    assert maker.make("components", simap, lambda *what: told.append(what)) is first
+    later = MapMaker(sequence, folder).make("components", simap, lambda *what: told.append(what))
     assert told == [] and np.array_equal(later.instance, first.instance)
 
 
@@ -49,31 +47,30 @@ def test_a_map_that_was_built_before_is_taken(tiny, monkeypatch):
         built, record = workbench.cached_build(sequence, "paper", config_like(simap), progress)
     told = []
     maker = MapMaker(sequence, folder)
-    found = maker.make("paper", simap, lambda *what: told.append(what), NEVER)
+    found = maker.make("paper", simap, lambda *what: told.append(what))
     assert told == [] and np.array_equal(found.instance, built.instance) and found.method == "paper"
     assert record.parent == folder / "maps" and len(list(record.parent.glob("*.npz"))) == 1
     other = replace(simap, parameters={**simap.parameters, "min_cells": 2})
-    maker.make("paper", other, lambda *what: told.append(what), NEVER)
+    maker.make("paper", other, lambda *what: told.append(what))
     assert told and len(list(record.parent.glob("*.npz"))) == 2
     told.clear()
     sequence.path.write_text(sequence.path.read_text() + "\n")
-    maker.make("paper", simap, lambda *what: told.append(what), NEVER)
+    maker.make("paper", simap, lambda *what: told.append(what))
     assert told and len(list(record.parent.glob("*.npz"))) == 3
 
 
 def test_the_truth_is_offered_where_ids_are_exact_and_agrees_with_a_perfect_map(tiny):
     sequence, simap, folder = tiny
-    services = compare_services(simap, sequence, folder)
-    assert [s.key for s in services.sources] == [TRUTH, "components", "paper", "vlmaps", "vlmaps+components"]
-    assert services.make is not None
-    truth = services.make(TRUTH, simap, lambda *what: None, NEVER)
-    compared = services.compare(("Truth", truth), ("Map", simap), "left")
+    maker = MapMaker(sequence, folder)
+    assert [s.key for s in maker.sources(simap)] == [TRUTH, "components", "paper", "vlmaps", "vlmaps+components"]
+    truth = maker.make(TRUTH, simap, lambda *what: None)
+    compared = compare_two(("Truth", truth), ("Map", simap), truth="left")
     assert compared.score is not None and compared.score.true == 0
     assert compared.left.ignored + compared.right.ignored == 4  # 16 cells each: by the rules of a score too few
-    peers = services.compare(("Truth", truth), ("Map", simap), None)
+    peers = compare_two(("Truth", truth), ("Map", simap))
     assert peers.same == len(simap.instances) == 2 and not peers.items
-    assert compare_services(simap, None, folder).sources == ()
-    assert all("simulated" in s.title for s in services.sources if s.key.startswith("vlmaps"))
+    assert MapMaker(None, folder).sources(simap) == ()
+    assert all("simulated" in s.title for s in maker.sources(simap) if s.key.startswith("vlmaps"))
 
 
 def test_giving_up_leaves_nothing_behind(tiny):
@@ -85,18 +82,19 @@ def test_giving_up_leaves_nothing_behind(tiny):
     maker = MapMaker(sequence, folder)
     for key in ("components", TRUTH):
         with pytest.raises(Cancelled):
-            maker.make(key, simap, stop, NEVER)
+            maker.make(key, simap, stop)
     assert not list(folder.rglob("*.npz"))
-    assert maker.make("components", simap, lambda *what: None, NEVER).method == "components"
+    assert maker.make("components", simap, lambda *what: None).method == "components"
 
 
 def test_without_a_sequence_one_line_says_so(tmp_path):
     with pytest.raises(InputError, match="expected the sequence the map was built from, found none"):
-        MapMaker(None, tmp_path).make("paper", toy_map(), lambda *what: None, NEVER)
-    assert look_back(lambda: tmp_path / "no.npz")(toy_map(), 0) is None
+        MapMaker(None, tmp_path).make("paper", toy_map(), lambda *what: None)
+    assert workbench.look_back(lambda: tmp_path / "no.npz")(toy_map(), 0) is None
 
 
 def test_other_settings():
-    assert len(rejoin(toy_map(), 0.0, 1.0).of_class("chair")) == 2
-    assert len(rejoin(toy_map(), 30.0, 1.0).of_class("chair")) == 4
-    assert rejoin(toy_map(), 5.0, 3.0).parameters["resolution"] == 3.0
+    shared = Shared(workbench.services_of(toy_map()))
+    assert len(shared.cut_map(toy_map(), 0.0, 1.0).of_class("chair")) == 2
+    assert len(shared.cut_map(toy_map(), 30.0, 1.0).of_class("chair")) == 4
+    assert shared.cut_map(toy_map(), 5.0, 3.0).parameters["resolution"] == 3.0
