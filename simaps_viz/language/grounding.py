@@ -8,19 +8,16 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any, Final
-from weakref import WeakKeyDictionary
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial import KDTree
 
 from simaps_viz.errors import CommandError, PlanningError
+from simaps_viz.language.cells import Packed, cells_of_map, nearest_others, pairs_within
 from simaps_viz.language.lexicon import KNOWN_THINGS
-from simaps_viz.language.sight import EYE_HEIGHT_M, FIELD_OF_VIEW_RAD, Sight, wall_cells
+from simaps_viz.language.sight import FIELD_OF_VIEW_RAD, Sight, wall_cells
 from simaps_viz.language.words import ANY, Vocabulary, plain, plural, singular
 from simaps_viz.structures import Instance, Pose2, SIMap
-
-__all__ = ["EYE_HEIGHT_M", "FIELD_OF_VIEW_RAD", "Candidate", "Grounding", "Things", "ordinal"]
 
 OPAQUE_HEIGHT_M: Final = 1.5
 """Cells at least this high cannot be looked over by a robot that drives there."""
@@ -129,79 +126,6 @@ Named = str | Instance | Things
 """What an argument may call things by: a name, one of them, or a set."""
 
 
-class Cells:
-    """The cells of all instances of one map, and the search trees over them; made once a map, see `cells_of_map`."""
-
-    def __init__(self, simap: SIMap) -> None:
-        self.spec = spec = simap.spec
-        numbers = simap.instance
-        flat = numbers.ravel()
-        self.row_of = {one.id: k for k, one in enumerate(simap.instances)}
-        self.centroids = np.array([i.centroid_m[:2] for i in simap.instances], np.float64).reshape(-1, 2)
-        self._all = self._by_instance(flat, np.flatnonzero(flat))
-        # Only cells with a neighbour of another instance can be the nearest to something outside.
-        padded = np.pad(numbers, 1)
-        same = [padded[r : r + spec.rows, c : c + spec.cols] == numbers for r, c in ((0, 1), (2, 1), (1, 0), (1, 2))]
-        edge = (numbers > 0) & ~(same[0] & same[1] & same[2] & same[3])
-        self._edge = self._by_instance(flat, np.flatnonzero(edge))
-        self._trees: dict[int, KDTree] = {}
-        half = spec.cell_size_m / 2.0
-        empty = np.full((1, 2), np.nan)
-        borders = [self._edge.get(i.id, empty) for i in simap.instances]
-        self.low = np.array([b.min(axis=0) - half for b in borders]).reshape(-1, 2)
-        self.high = np.array([b.max(axis=0) + half for b in borders]).reshape(-1, 2)
-        self._points = np.concatenate(borders) if borders else np.zeros((0, 2))
-        self._starts = np.cumsum([0, *map(len, borders)])[:-1]
-
-    def _by_instance(self, flat: NDArray, cells: NDArray) -> dict[int, NDArray]:
-        order = cells[np.argsort(flat[cells], kind="stable")]
-        ids, starts = np.unique(flat[order], return_index=True)
-        row, col = np.divmod(order, self.spec.cols)
-        centres = (np.column_stack([col, row]) + 0.5) * self.spec.cell_size_m + (self.spec.x0_m, self.spec.y0_m)
-        return dict(zip(ids.tolist(), np.split(centres, starts[1:]), strict=False))
-
-    def of(self, number: int) -> NDArray:
-        """Return the centres of an instance's cells, float64 [n, 2], map frame."""
-        return self._all[number]
-
-    def edge(self, number: int) -> NDArray:
-        """Return the centres of the cells at an instance's edge, float64 [n, 2], map frame."""
-        return self._edge[number]
-
-    def tree(self, number: int) -> KDTree:
-        """Return the search tree over the cells at an instance's edge."""
-        if number not in self._trees:
-            self._trees[number] = KDTree(self._edge[number])
-        return self._trees[number]
-
-    def from_point(self, simap: SIMap, x_m: float, y_m: float) -> NDArray:
-        """Return the distance from a point to each instance of the map, float64 [instances], metres."""
-        if not len(self._starts):
-            return np.zeros(0)
-        squares = ((self._points - (x_m, y_m)) ** 2).sum(axis=1)
-        far = np.sqrt(np.minimum.reduceat(squares, self._starts))
-        row, col = self.spec.cell_of(x_m, y_m)
-        number = int(simap.instance[row, col]) if self.spec.contains(row, col) else 0
-        if number:  # within an instance, the nearest cell may be an inner one: that of the point
-            far[self.row_of[number]] = np.hypot(*np.subtract(self.spec.centre_of(row, col), (x_m, y_m)))
-        return far.round(9)
-
-    @property
-    def size(self) -> int:
-        """The number of cells at the edges of all instances."""
-        return len(self._points)
-
-
-_CELLS: WeakKeyDictionary[SIMap, Cells] = WeakKeyDictionary()
-
-
-def cells_of_map(simap: SIMap) -> Cells:
-    """Return the cells of a map's instances, found once and kept as long as the map is."""
-    if simap not in _CELLS:
-        _CELLS[simap] = Cells(simap)
-    return _CELLS[simap]
-
-
 class Grounding:
     """Answers which instance is meant, for one map and one viewer.
 
@@ -237,15 +161,17 @@ class Grounding:
     @viewer.setter
     def viewer(self, pose: Pose2) -> None:
         self._viewer = pose
-        self._far: NDArray | None = None
-        self._sight: Sight | None = None
+        self._from_here: NDArray | None = None
 
     @property
     def sight(self) -> Sight:
         """What can be seen from where the viewer is."""
-        if self._sight is None:
-            self._sight = Sight(self.simap, self.viewer, **self._eye)
-        return self._sight
+        self._eyes.viewer = self.viewer
+        return self._eyes
+
+    @cached_property
+    def _eyes(self) -> Sight:
+        return Sight(self.simap, self.viewer, **self._eye)
 
     @cached_property
     def opaque(self) -> NDArray:
@@ -362,10 +288,10 @@ class Grounding:
 
     def distance_m(self, instance: Instance) -> float:
         """Return the distance from the viewer to the centre of the instance's nearest cell."""
-        if self._far is None:
+        if self._from_here is None:
             self.look(self.cells.size)
-            self._far = self.cells.from_point(self.simap, self.viewer.x_m, self.viewer.y_m)
-        return float(self._far[self.cells.row_of[instance.id]])
+            self._from_here = self.cells.from_point(self.viewer.x_m, self.viewer.y_m)
+        return float(self._from_here[self.cells.row_of[instance.id]])
 
     def cells_of(self, instance: Instance) -> NDArray:
         """Return the centres of the instance's cells, float64 [n, 2], map frame."""
@@ -379,48 +305,32 @@ class Grounding:
         """Return the things' centroids, float64 [n, 2], map frame."""
         return self.cells.centroids[self.rows(things)]
 
-    def gaps(self, things: Sequence[Instance], points_m: NDArray) -> NDArray:
-        """Return how far each of some things is from the nearest of some points, float64 [things], metres."""
-        if not things or not len(points_m):
-            return np.full(len(things), np.inf)
-        edges = [self.cells.edge(i.id) for i in things]
-        starts = np.cumsum([0, *map(len, edges)])[:-1]
-        both = np.concatenate(edges)
-        self.look(len(both) + len(points_m))
-        return np.minimum.reduceat(KDTree(points_m).query(both)[0], starts).round(9)
+    def nearest_of(self, a: Packed, b: Packed) -> tuple[NDArray, NDArray]:
+        """Return how far each of some things is from the nearest other thing, and which of them that is.
 
-    def edges(self, things: Sequence[Instance]) -> NDArray:
-        """Return the centres of the cells at the things' edges, float64 [n, 2], map frame."""
-        return np.concatenate([self.cells.edge(i.id) for i in things]) if things else np.zeros((0, 2))
+        Returns:
+            float64 [things], metres, infinite where there is none; int64 [things], -1 = none.
+        """
+        self.look(len(a.ids) * len(b.ids) / 8.0 + len(a.cells) + len(b.cells))
+        most = int(10.0 * (self._max_looked - self._looked)) + 1
+        squares, which, work = nearest_others(a.cells, a.starts, a.ids, b.cells, b.starts, b.ids, most)
+        self.look(work / 10.0)
+        return self.cells.metres(squares), which
 
     def neighbours(
         self, things: Sequence[Instance], others: Sequence[Instance], most_m: float
-    ) -> tuple[NDArray, NDArray, NDArray]:
-        """Return all pairs of a thing and a different other that are at most that far apart.
+    ) -> list[tuple[int, int, float]]:
+        """Return all pairs of a thing and a different other that are at most that far apart, with their distance.
 
-        Returns:
-            Positions in ``things`` int64 [pairs], in ``others`` int64 [pairs], and distances float64 [pairs], metres.
+        Things are given by their position in their sequence.
         """
-        self.look(len(things) * len(others) / 8.0)
-        a, b = self.rows(things), self.rows(others)
-        low, high = self.cells.low, self.cells.high
-        found: list[tuple[NDArray, int, NDArray]] = []
-        for j, other in enumerate(others):
-            # Boxes that are too far apart need no search; they are a cell larger than the cells' centres.
-            apart = np.maximum(np.maximum(low[a] - high[b[j]], low[b[j]] - high[a]), 0.0)
-            close = np.flatnonzero(((apart**2).sum(axis=1) <= most_m**2) & (a != b[j]))
-            if len(close):
-                edges = [self.cells.edge(things[i].id) for i in close.tolist()]
-                both = np.concatenate(edges)
-                self.look(len(both))
-                far = self.cells.tree(other.id).query(both, distance_upper_bound=most_m + 1e-6)[0]
-                least = np.minimum.reduceat(far, np.cumsum([0, *map(len, edges)])[:-1]).round(9)
-                keep = least <= most_m
-                found.append((close[keep], j, least[keep]))
-        if not found:
-            return np.zeros(0, np.int64), np.zeros(0, np.int64), np.zeros(0)
-        second = np.concatenate([np.full(len(i), j, np.int64) for i, j, _ in found])
-        return np.concatenate([i for i, _, _ in found]), second, np.concatenate([far for _, _, far in found])
+        a, b = self.cells.pack(things), self.cells.pack(others)
+        self.look(len(a.ids) * len(b.ids) / 8.0 + len(a.cells) + len(b.cells))
+        most, limit = int(10.0 * (self._max_looked - self._looked)) + 1, self.cells.squares(most_m)
+        pairs, work = pairs_within(a.cells, a.starts, a.ids, b.cells, b.starts, b.ids, limit, most)
+        self.look(work / 10.0)
+        apart = self.cells.metres(pairs[:, 2]).tolist()
+        return list(zip(pairs[:, 0].tolist(), pairs[:, 1].tolist(), apart, strict=True))
 
 
 def one_thing(thing: Any) -> Things:

@@ -25,6 +25,7 @@ from scipy.spatial import KDTree
 
 from simaps_viz.colors.naming import has_color
 from simaps_viz.errors import CommandError, InputError, PlanningError
+from simaps_viz.language.cells import Packed
 from simaps_viz.language.grounding import MAX_LOOKED, Grounding, Named, Things, one_thing, with_article
 from simaps_viz.language.primitives import SAID, SELF, Primitive
 from simaps_viz.language.sight import wall_cells
@@ -93,7 +94,6 @@ class Sets(Grounding):
         self.answer: dict[str, Any] | None = None
         """What ``tell`` answered so far: text, value, instances."""
         self._make_lap, self._radius_m = lap, radius_m
-        self._boxes: dict[int, tuple[float, float, float]] = {}
 
     def call(self, function: Primitive, arguments: Mapping[str, Any]) -> Any:
         """Carry out a function with all its arguments by name, checked.
@@ -149,8 +149,8 @@ class Sets(Grounding):
         return self._by_distance(self.simap.rooms_named(name))  # pyright: ignore[reportAttributeAccessIssue]
 
     def _by_distance(self, rooms: Sequence[Room]) -> tuple[Room, ...]:
-        here = np.array([[self.viewer.x_m, self.viewer.y_m]])
-        return tuple(sorted(rooms, key=lambda r: (self._from_room(r, here), r.id)))
+        far = self._far(rooms, SELF)
+        return tuple(rooms[k] for k in sorted(range(len(rooms)), key=lambda k: (far[k], rooms[k].id)))
 
     def _here(self) -> Room:
         self._all_rooms()
@@ -161,27 +161,38 @@ class Sets(Grounding):
 
     def _cells_of_room(self, room: Room) -> NDArray:
         """Return the centres of a room's cells, float64 [n, 2]."""
-        mask = self.simap.room_cells == room.id  # pyright: ignore[reportAttributeAccessIssue]
-        self.look(mask.size)
-        row, col = np.nonzero(mask)
-        spec = self.simap.spec
-        return (np.column_stack([col, row]) + 0.5) * spec.cell_size_m + (spec.x0_m, spec.y0_m)
+        self.look(self.simap.instance.size)
+        return self.cells.centres(np.argwhere(self.simap.room_cells == room.id))  # pyright: ignore[reportAttributeAccessIssue]
 
-    def _from_room(self, room: Room, points_m: NDArray) -> float:
-        """Return how far points are from a room's cells; 0 within it."""
-        far = float(KDTree(self._cells_of_room(room)).query(points_m)[0].min())
-        return 0.0 if far <= self.simap.spec.cell_size_m else far
+    def _pack(self, items: Sequence[Any]) -> Packed:
+        """Return the cells of things or of rooms."""
+        if not items or isinstance(items[0], Instance):
+            return self.cells.pack(items)
+        self.look(len(items) * self.simap.instance.size)
+        parts = [np.argwhere(self.simap.room_cells == room.id) for room in items]  # pyright: ignore[reportAttributeAccessIssue]
+        starts = np.cumsum([0, *map(len, parts)], dtype=np.int64)
+        return Packed(np.concatenate(parts), starts, np.zeros(len(items), np.int64))
 
-    def _points_of(self, value: Any) -> NDArray:
-        """Return the points that a distance to a value is measured from, float64 [n, 2]."""
+    def _point_of(self, value: Any) -> NDArray | None:
+        """Return a position, or that of the robot, [2]; None for a value that is not a point."""
         if isinstance(value, str) and value in ("", SELF):
-            return np.array([[self.viewer.x_m, self.viewer.y_m]])
-        if isinstance(value, list):
-            return np.array([value], np.float64)
-        room = self.room_of(value)
-        if room is not None:
-            return self._cells_of_room(room)
-        return self.edges(self.things_of(self._some(value)))
+            return np.array([self.viewer.x_m, self.viewer.y_m])
+        return np.array(value, np.float64) if isinstance(value, list) else None
+
+    def _far(self, items: Sequence[Any], value: Any) -> NDArray:
+        """Return how far things, or rooms, are from a point, a room or the nearest of some things, float64 [n]."""
+        point = self._point_of(value)
+        in_rooms = bool(items) and not isinstance(items[0], Instance)
+        if point is None:
+            room = self.room_of(value)
+            in_rooms |= room is not None
+            far = self.nearest_of(self._pack(items), self._pack(self._some(value).items if room is None else [room]))[0]
+        elif in_rooms:
+            far = np.array([np.hypot(*(self._cells_of_room(room) - point).T).min() for room in items])
+        else:
+            self.look(self.cells.size)
+            far = self.cells.from_point(*point)[self.rows(items)]
+        return np.where(far <= self.simap.spec.cell_size_m + 1e-9, 0.0, far) if in_rooms else far
 
     def _some(self, value: Any) -> Things:
         found = self.set_of(value)
@@ -190,10 +201,9 @@ class Sets(Grounding):
 
     def _middle_of(self, value: Any) -> tuple[NDArray, Instance | None]:
         """Return the position that a value stands at [2], and the thing, if it is one."""
-        if isinstance(value, str) and value in ("", SELF):
-            return np.array([self.viewer.x_m, self.viewer.y_m]), None
-        if isinstance(value, list):
-            return np.array(value, np.float64), getattr(value, "thing", None)
+        point = self._point_of(value)
+        if point is not None:
+            return point, getattr(value, "thing", None)
         room = self.room_of(value)
         if room is not None:
             return np.array(room.centre_m, np.float64), None
@@ -276,7 +286,7 @@ class Sets(Grounding):
     def _beside(self, things: Sequence[Instance], others: Sequence[Instance], side: str) -> NDArray:
         """Return which things lie on a side of their nearest of the others, bool [things]."""
         kept = np.zeros(len(things), bool)
-        nearest = self._nearest_other(things, others)
+        _, nearest = self.nearest_of(self.cells.pack(things), self.cells.pack(others))
         for j, other in enumerate(others):
             mine = np.flatnonzero(nearest == j).tolist()
             way = self.way_of(side, np.array(other.centroid_m[:2]))
@@ -284,15 +294,6 @@ class Sets(Grounding):
             along, across = offset @ way, offset @ (-way[1], way[0])
             kept[mine] = (along > 0.0) & (np.abs(across) <= np.sqrt(3.0) * along + 1e-9)
         return kept
-
-    def _nearest_other(self, things: Sequence[Instance], others: Sequence[Instance]) -> NDArray:
-        """Return the position in others of the nearest to each thing, itself left out; -1 = none, int64 [things]."""
-        least, nearest = np.full(len(things), np.inf), np.full(len(things), -1, np.int64)
-        for j, other in enumerate(others):
-            gap = self.gaps(things, self.cells.edge(other.id))
-            closer = (gap < least) & np.array([i.id != other.id for i in things], bool)
-            least[closer], nearest[closer] = gap[closer], j
-        return nearest
 
     def _bearing_of(self, side: str) -> float:
         """Return the yaw of a side of the robot, radians."""
@@ -315,7 +316,8 @@ class Sets(Grounding):
         room = self.room_of(of) if of != "map" else None
         outline = self._map_corners if room is None else np.array(room.polygon_m, np.float64).reshape(-1, 2)
         kept = np.ones(len(points_m), bool)
-        for way in [(1.0, 0.0), (0.0, 1.0)] if side == "middle" else [self._part_way(side)]:
+        ways = [self._part_way(one) for one in side.split()] if side != "middle" else [(1.0, 0.0), (0.0, 1.0)]
+        for way in ways:
             low, high = (outline @ way).min(), (outline @ way).max()
             at = (points_m @ np.array(way) - low) / max(high - low, 1e-9)
             kept &= (np.abs(at - 0.5) <= 1.0 / 6.0 + 1e-9) if side == "middle" else (at >= 2.0 / 3.0 - 1e-9)
@@ -344,14 +346,11 @@ class Sets(Grounding):
         most = NEXT_TO_M if metres is None else float(metres)
         within = "next to" if metres is None else f"within {most:g} m of"
         things, room = self.things_of(S), self.room_of(T)
-        if isinstance(T, list) or room is not None or (isinstance(T, str) and T in ("", SELF)):
+        if room is not None or self._point_of(T) is not None:
             what = "you" if isinstance(T, str) else "that place" if room is None else _the(room)
-            return self._keep(S, self.gaps(things, self._points_of(T)) <= most, after=f"{within} {what}")
-        close, _, _ = self.neighbours(things, self.things_of(T), most)
-        kept = {things[i].id for i in close}
-        return self._relate(
-            S, T, kept, f"{within} {self.set_of(T).the if self.set_of(T).items else with_article(self.set_of(T).one)}"
-        )
+            return self._keep(S, self._far(things, T) <= most + 1e-9, after=f"{within} {what}")
+        kept = {things[i].id for i, _, _ in self.neighbours(things, self.things_of(T), most)}
+        return self._relate(S, T, kept, f"{within} {self.set_of(T).the}")
 
     def _on(self, S: Named, T: Named) -> Things:
         return self._relate(
@@ -369,10 +368,9 @@ class Sets(Grounding):
         self, things: Sequence[Instance], others: Sequence[Instance], lower: bool = False
     ) -> list[tuple[int, int]]:
         """Return the ids of all pairs of a thing and an other that it stands on, or that it lies lower within."""
-        pairs = zip(*self.neighbours(things, others, 2.0 * self.simap.spec.cell_size_m)[:2], strict=True)
-        inner = self._inner_pairs(things, others)
+        touching = self.neighbours(things, others, 2.0 * self.simap.spec.cell_size_m)
         found = []
-        for i, j in sorted({*((int(i), int(j)) for i, j in pairs), *inner}):
+        for i, j in sorted({*((i, j) for i, j, _ in touching), *self._inner_pairs(things, others)}):
             a, b = things[i], others[j]
             tops = self._top_m(a), self._top_m(b)
             if (
@@ -392,9 +390,7 @@ class Sets(Grounding):
 
     def _top_m(self, thing: Instance) -> float:
         """Return the median height of a thing's cells."""
-        spec, cells = self.simap.spec, self.cells_of(thing)
-        col, row = np.floor((cells - (spec.x0_m, spec.y0_m)) / spec.cell_size_m).astype(np.int64).T
-        return float(np.nanmedian(self.simap.grid.height_m[row, col]))
+        return float(np.nanmedian(self.simap.grid.height_m[self.cells.rows_and_cols(thing.id)]))
 
     def _share_within(self, thing: Instance, other: Instance) -> float:
         """Return the share of a thing's cells within the convex outline of another's."""
@@ -443,7 +439,7 @@ class Sets(Grounding):
     def _visible(self, S: Named) -> Things:
         kept = []
         for thing in self.things_of(S):
-            self.look(48 * 3.0 * self.distance_m(thing) / self.simap.spec.cell_size_m)
+            self.look(12.0 * self.distance_m(thing) / self.simap.spec.cell_size_m)
             kept.append(self.sight.sees(thing, self.cells_of(thing)))
         return self._keep(S, kept, after="in view")
 
@@ -452,7 +448,7 @@ class Sets(Grounding):
         things, others = self.things_of(S), self.things_of(T)
         rivals = [i for label in dict.fromkeys(i.label for i in things) for i in self.simap.of_class(label)]
         owner: dict[int, tuple[float, int]] = {}
-        for i, j, far in zip(*(part.tolist() for part in self.neighbours(others, rivals, NEXT_TO_M)), strict=True):
+        for i, j, far in self.neighbours(others, rivals, NEXT_TO_M):
             owner[i] = min(owner.get(i, (np.inf, 0)), (far, rivals[j].id))
         counts = dict.fromkeys([i.id for i in things], 0)
         for _, number in owner.values():
@@ -475,7 +471,7 @@ class Sets(Grounding):
         things, all_things = self.things_of(S), list(self.simap.instances)
         taken = {b for _, b in self._standing(all_things, things)}
         people = self.simap.of_class("person")
-        taken |= {things[i].id for i in self.neighbours(things, people, _NOBODY_M)[0]}
+        taken |= {things[i].id for i, _, _ in self.neighbours(things, people, _NOBODY_M)}
         return self._keep(S, [i.id not in taken for i in things], before="empty")
 
     def _colored(self, S: Named, color: str) -> Things:
@@ -501,15 +497,15 @@ class Sets(Grounding):
 
     def _box(self, thing: Instance) -> tuple[float, float, float]:
         """Return length and width of a thing, metres, and the share of the smallest circle that its outline fills."""
-        if thing.id not in self._boxes:
+        if thing.id not in self.cells.boxes:
             self.look(len(self.cells.edge(thing.id)))
             hull = self._hull(thing)
             hull = (hull - hull[0]).astype(np.float32)  # numbers near 0 keep more digits
             sides = sorted(cv2.minAreaRect(hull)[1])
             circle = np.pi * cv2.minEnclosingCircle(hull)[1] ** 2
             share = float(cv2.contourArea(hull)) / max(float(circle), 1e-9)
-            self._boxes[thing.id] = round(sides[1], 4), round(sides[0], 4), share
-        return self._boxes[thing.id]
+            self.cells.boxes[thing.id] = round(sides[1], 4), round(sides[0], 4), share
+        return self.cells.boxes[thing.id]
 
     def _sized(self, S: Named, key: str) -> Things:
         measure, sign = _BY_SIZE[key]
@@ -534,33 +530,35 @@ class Sets(Grounding):
 
     def _at_walls(self, things: Sequence[Instance], place: str) -> list[bool]:
         """Return which things stand at a wall, or in a corner: with walls straight off it in two directions."""
-        walls, tree = self._walls
-        self.look(len(walls) + self.cells.size)
-        if place == "wall":
-            return list(self.gaps(things, walls) <= _AT_WALL_M)
-        return [self._has_corner(thing, walls, tree) for thing in things]
+        self.look(self.cells.size)
+        far, walls = self._walls
+        reach = _AT_WALL_M if place == "wall" else _IN_CORNER_M
+        packed = self.cells.pack(things)
+        apart = np.minimum.reduceat(far[*packed.cells.T], packed.starts[:-1]) if things else np.zeros(0)
+        kept = (apart <= reach + 1e-6).tolist()
+        return [near and (place == "wall" or self._has_corner(i, walls)) for i, near in zip(things, kept, strict=True)]
 
     @cached_property
     def _walls(self) -> tuple[NDArray, KDTree]:
-        """The centres of the cells of walls, float64 [n, 2], and the search tree over them; specks are left out."""
+        """How far each cell is from a wall, float32 [rows, cols], metres, and a tree over walls; specks are none."""
         spec = self.simap.spec
+        self.look(self.simap.instance.size)
         _, part, stats, _ = cv2.connectedComponentsWithStats(wall_cells(self.simap).astype(np.uint8), connectivity=8)
         large = stats[:, cv2.CC_STAT_AREA] * spec.cell_size_m**2 >= _SPECK_M2
         large[0] = False  # what is no wall
-        row, col = np.nonzero(large[np.asarray(part, np.intp)])
-        if not len(row):
+        walls = large[np.asarray(part, np.intp)]
+        if not walls.any():
             raise CommandError("This map shows no walls.")
-        walls = (np.column_stack([col, row]) + 0.5) * spec.cell_size_m + (spec.x0_m, spec.y0_m)
-        return walls, KDTree(walls)
+        far = cv2.distanceTransform((~walls).astype(np.uint8), cv2.DIST_L2, cv2.DIST_MASK_PRECISE) * spec.cell_size_m
+        return far, KDTree(self.cells.centres(np.argwhere(walls)))
 
-    def _has_corner(self, thing: Instance, walls: NDArray, tree: KDTree) -> bool:
+    def _has_corner(self, thing: Instance, tree: KDTree) -> bool:
         edge = self.cells.edge(thing.id)
-        close = np.unique(np.concatenate([[], *tree.query_ball_point(edge, _IN_CORNER_M)]).astype(np.int64))
+        close = np.unique(np.concatenate(tree.query_ball_point(edge, _IN_CORNER_M)).astype(np.int64))
+        walls = np.asarray(tree.data)[close]
         self.look(len(close) + len(edge))
-        if not len(close):
-            return False
         # How far the walls are in each of 24 directions; a straight wall is nearest in one of them only.
-        offset = walls[close] - edge[self.cells.tree(thing.id).query(walls[close])[1]]
+        offset = walls - edge[KDTree(edge).query(walls)[1]]
         sector = np.round(np.rad2deg(np.arctan2(offset[:, 1], offset[:, 0])) / 15.0).astype(np.int64) % 24
         far = np.full(24, np.inf)
         np.minimum.at(far, sector, np.hypot(*offset.T).round(9))
@@ -650,22 +648,11 @@ class Sets(Grounding):
 
     def _by_gap(self, found: Things, of: Any, sign: float) -> list[Any]:
         """Return a set by distance from the robot or something else, which is left out itself."""
-        if found.items and not isinstance(found.items[0], Instance):
-            points = self._points_of(of)
-            return sorted(found.items, key=lambda r: (sign * self._from_room(r, points), r.id))
-        items = self.things_of(found)
-        if isinstance(of, str) and of in ("", SELF):
-            return self._sorted(items, [sign * self.distance_m(i) for i in items])
-        if isinstance(of, list) or self.room_of(of) is not None:
-            return self._sorted(items, sign * self.gaps(items, self._points_of(of)))
-        others = self.things_of(self._some(of))
-        targets = {i.id for i in others}
-        apart = self.gaps(items, self.edges(others))
-        # A thing of both sets is measured to the others; the only one of them is left out.
-        for k, item in enumerate(items):
-            if item.id in targets:
-                apart[k] = self.gaps([item], self.edges([o for o in others if o.id != item.id]))[0]
+        items = found.items
+        apart = self._far(items, of)
         kept = [k for k in range(len(items)) if np.isfinite(apart[k])]
+        if items and not isinstance(items[0], Instance):
+            return [items[k] for k in sorted(kept, key=lambda k: (sign * apart[k], items[k].id))]
         return self._sorted([items[k] for k in kept], sign * apart[kept])
 
     def _nearest(self, S: Named, n: int, of: Any) -> Things:
@@ -706,11 +693,13 @@ class Sets(Grounding):
 
     def distance_between(self, A: Any, B: Any) -> float:
         """Return how far apart two things, rooms, positions, or the robot, are, edge to edge, metres."""
-        a, b = self._points_of(A), self._points_of(B)
-        self.look(len(a) + len(b))
-        far = float(KDTree(a).query(b)[0].min())
-        rooms = self.room_of(A) is not None or self.room_of(B) is not None
-        return 0.0 if rooms and far <= self.simap.spec.cell_size_m else round(far, 9)
+        if self._point_of(A) is not None:
+            A, B = B, A
+        point, end = self._point_of(A), self._point_of(B)
+        if point is not None and end is not None:
+            return round(float(np.hypot(*(point - end))), 9)
+        room = self.room_of(A)
+        return float(self._far(self._some(A).items if room is None else [room], B).min())
 
     def _size(self, T: Any, key: str) -> float:
         return self.size_of(T, key)
@@ -754,8 +743,8 @@ class Sets(Grounding):
 
     def _end_of_room(self, room: Room, side: str) -> Position:
         cells = self._cells_of_room(room)
-        way = self._part_way("front" if side == "beside" else side)
-        at = cells @ way
+        ways = [self._part_way("front" if one == "beside" else one) for one in side.split()]
+        at = cells @ np.sum(ways, axis=0)
         third = cells[at >= at.min() + (at.max() - at.min()) * 2.0 / 3.0]
         return Position(third[np.hypot(*(third - third.mean(axis=0)).T).argmin()])
 

@@ -10,6 +10,7 @@ from functools import cached_property
 from typing import Final
 
 import numpy as np
+from numba import njit
 from numpy.typing import NDArray
 
 from simaps_viz.structures import Instance, Pose2, SIMap
@@ -42,7 +43,7 @@ class Sight:
         field_of_view_rad: float = FIELD_OF_VIEW_RAD,
         eye_height_m: float | None = None,
     ) -> None:
-        self._simap, self._viewer = simap, viewer
+        self._simap, self.viewer = simap, viewer
         self.field_of_view_rad = field_of_view_rad
         self.eye_height_m = recorded_height_m(simap) if eye_height_m is None else eye_height_m
 
@@ -54,34 +55,26 @@ class Sight:
             cells_m: float64 [n, 2], the centres of its cells, map frame.
         """
         cells = cells_m[:: max(1, len(cells_m) // _SIGHT_CELLS)]
-        offsets = cells - (self._viewer.x_m, self._viewer.y_m)
-        bearing = np.arctan2(offsets[:, 1], offsets[:, 0]) - self._viewer.yaw_rad
+        offsets = cells - (self.viewer.x_m, self.viewer.y_m)
+        bearing = np.arctan2(offsets[:, 1], offsets[:, 0]) - self.viewer.yaw_rad
         ahead = np.abs((bearing + np.pi) % (2.0 * np.pi) - np.pi) <= self.field_of_view_rad / 2.0 + 1e-9
         if not ahead.any():
             return False
-        return bool(self._free(offsets[ahead], self._tops_m(cells[ahead]), instance.id).any())
+        return self._any_free(offsets[ahead], self._tops_m(cells[ahead]), instance.id)
 
     def _tops_m(self, cells_m: NDArray) -> NDArray:
         row, col = self._cells_of(cells_m[:, 0], cells_m[:, 1])
         return np.nan_to_num(self._simap.grid.height_m[row, col].astype(np.float64))
 
-    def _free(self, offsets_m: NDArray, tops_m: NDArray, instance_id: int) -> NDArray:
-        """Return which rays nothing else stops, bool [n], given where they end [n, 2] and how high [n]."""
-        spec = self._simap.spec
-        # Sample points along every ray, [n, samples], and the cells they lie in.
-        length = np.linalg.norm(offsets_m, axis=1)
-        along = np.arange(_BODY_M, float(length.max()), spec.cell_size_m / _STEPS_PER_CELL)[None, :]
-        share = along / np.maximum(length, 1e-9)[:, None]
-        x = self._viewer.x_m + share * offsets_m[:, :1]
-        y = self._viewer.y_m + share * offsets_m[:, 1:]
-        row, col = self._cells_of(x, y)
-        inside = (share < 1.0) & (row >= 0) & (row < spec.rows) & (col >= 0) & (col < spec.cols)
-        row, col = np.where(inside, row, 0), np.where(inside, col, 0)
-        # Compare the height of the ray at each point with the column of its cell.
-        height = self.eye_height_m + share * (tops_m[:, None] - self.eye_height_m)
-        low, high = self._column
-        stopped = inside & (height >= low[row, col]) & (height <= high[row, col])
-        return ~(stopped & (self._simap.instance[row, col] != instance_id)).any(axis=1)
+    def _any_free(self, offsets_m: NDArray, tops_m: NDArray, instance_id: int) -> bool:
+        """Return whether nothing else stops one of the rays, given where they end [n, 2] and how high [n]."""
+        spec, (low, high) = self._simap.spec, self._column
+        step, eye = (
+            spec.cell_size_m / _STEPS_PER_CELL,
+            np.array([self.viewer.x_m, self.viewer.y_m, self.eye_height_m]),
+        )
+        origin = np.array([spec.x0_m, spec.y0_m, spec.cell_size_m])
+        return bool(_any_free(offsets_m, tops_m, eye, origin, step, low, high, self._simap.instance, instance_id))
 
     def _cells_of(self, x: NDArray, y: NDArray) -> tuple[NDArray, NDArray]:
         spec = self._simap.spec
@@ -97,6 +90,36 @@ class Sight:
         hangs = np.nan_to_num(grid.lowest_m) > _HANGING_M
         low = np.where(walls | ~hangs, -1.0, grid.lowest_m)
         return low, np.where(walls, np.inf, grid.height_m)
+
+
+@njit(cache=True, nogil=True)
+def _any_free(
+    offsets: NDArray,  # float64 [n, 2], from the eye to where the rays end
+    tops: NDArray,  # float64 [n], heights at which they end
+    eye: NDArray,  # float64 [3], x, y and height
+    origin: NDArray,  # float64 [3], x0, y0 and size of the cells
+    step: float,
+    low: NDArray,  # float32 [rows, cols], from which height each cell stops rays
+    high: NDArray,  # float32 [rows, cols], to which height
+    instance: NDArray,  # int32 [rows, cols]
+    number: int,
+) -> bool:
+    """Return whether one of the rays is stopped by no column but those of the instance looked at."""
+    rows, cols = instance.shape
+    for i in range(len(offsets)):
+        length, free = max(np.hypot(offsets[i, 0], offsets[i, 1]), 1e-9), True
+        for k in range(int(np.ceil((length - _BODY_M) / step))):
+            share = (_BODY_M + k * step) / length
+            col = int(np.floor((eye[0] + share * offsets[i, 0] - origin[0]) / origin[2]))
+            row = int(np.floor((eye[1] + share * offsets[i, 1] - origin[1]) / origin[2]))
+            if share < 1.0 and 0 <= row < rows and 0 <= col < cols and instance[row, col] != number:
+                height = eye[2] + share * (tops[i] - eye[2])
+                if low[row, col] <= height <= high[row, col]:
+                    free = False
+                    break
+        if free:
+            return True
+    return False
 
 
 def wall_cells(simap: SIMap) -> NDArray:

@@ -1,0 +1,385 @@
+"""Every function against a plain twin: slow, obviously right, on random maps of overlapping blocks."""
+
+import dataclasses
+from collections.abc import Callable
+from functools import cache
+from typing import Any
+
+import numpy as np
+import pytest
+from toy_maps import TOY_POSE, Box, map_of_boxes, toy_map
+
+from simaps_viz.errors import CommandError, PlanningError, SIMapsError
+from simaps_viz.language.interpreter import interpret
+from simaps_viz.language.primitives import FUNCTIONS
+from simaps_viz.language.program import parse_program
+from simaps_viz.language.sets import Sets
+from simaps_viz.structures import GridSpec, Instance, Pose2, SIMap
+
+CLASSES = ("chair", "couch", "dining table", "potted plant")
+SEEDS = range(12)
+LAYERS = ("label", "height_m", "lowest_m", "observations")
+WALLS = (Box("wall", 0, 0, 2, 90, 2.0), Box("wall", 0, 0, 70, 2, 2.0))
+
+
+@cache
+def random_map(seed: int) -> SIMap:
+    """Return a map with about 14 things, some of them cut by others, so not all are rectangles."""
+    r = np.random.default_rng(seed)
+    boxes = []
+    for _ in range(16):
+        rows, cols = r.integers(2, 16, 2)
+        row, col = r.integers(2, 70 - rows), r.integers(2, 90 - cols)
+        boxes.append(Box(str(r.choice(CLASSES)), row, col, rows, cols, round(float(r.uniform(0.3, 1.4)), 2)))
+    return map_of_boxes(GridSpec(70, 90, 0.05, -1.0, -2.0), boxes, WALLS)
+
+
+def random_pose(seed: int) -> Pose2:
+    r = np.random.default_rng(100 + seed)
+    return Pose2(float(r.uniform(-0.9, 3.4)), float(r.uniform(-1.9, 1.4)), float(r.uniform(-np.pi, np.pi)))
+
+
+@dataclasses.dataclass
+class Plain:
+    """What functions mean, cell by cell."""
+
+    simap: SIMap
+    pose: Pose2
+
+    def cells(self, thing: Instance) -> list[tuple[float, float]]:
+        found = np.argwhere(self.simap.instance == thing.id).tolist()
+        return [self.simap.spec.centre_of(row, col) for row, col in found]
+
+    def gap(self, a: Instance, b: Instance) -> float:
+        one, two = np.array(self.cells(a)), np.array(self.cells(b))
+        return round(float(np.hypot(*(one[:, None] - two[None]).transpose(2, 0, 1)).min()), 6)
+
+    def far(self, a: Instance) -> float:
+        return round(min(float(np.hypot(x - self.pose.x_m, y - self.pose.y_m)) for x, y in self.cells(a)), 9)
+
+    def middle(self, a: Instance) -> np.ndarray:
+        return np.mean(self.cells(a), axis=0)
+
+    def of(self, label: str) -> list[Instance]:
+        found = [i for i in self.simap.instances if label in ("anything", i.label)]
+        return sorted(found, key=lambda i: (self.far(i), i.id))
+
+    def turn(self, at: np.ndarray, yaw: float) -> float:
+        """Degrees counter-clockwise from a heading to a place, (-180, 180]."""
+        x, y = at - (self.pose.x_m, self.pose.y_m)
+        return float((np.rad2deg(np.arctan2(y, x) - yaw) + 180.0) % 360.0 - 180.0)
+
+    def owner(self, one: Instance, rivals: list[Instance]) -> Instance | None:
+        near = [(self.gap(one, rival), rival.id, rival) for rival in rivals if rival.id != one.id]
+        near = [entry for entry in near if entry[0] <= 1.0]
+        return min(near)[2] if near else None
+
+    def counts(self, things: list[Instance], label: str) -> dict[int, int]:
+        """How many of a class each of some things has next to it, and no nearer to another of the things' classes."""
+        rivals = [i for i in self.simap.instances if i.label in {thing.label for thing in things}]
+        owners = [self.owner(one, rivals) for one in self.of(label)]
+        return {thing.id: sum(owner == thing for owner in owners) for thing in things}
+
+
+def evaluate(simap: SIMap, pose: Pose2, expression: str) -> Any:
+    """Return the value of an expression of the language."""
+    sets, found = Sets(simap, pose), []
+
+    def call(function: Any, arguments: Any) -> Any:
+        if function.kind != "function":
+            found.append(arguments["name"])
+            return None
+        return sets.call(function, arguments)
+
+    for _ in interpret(parse_program(f"robot.face({expression})"), call):
+        pass
+    return found[0]
+
+
+def ids(things: Any) -> list[int]:
+    return [i.id for i in things]
+
+
+@pytest.mark.parametrize("seed", SEEDS)
+def test_near_and_what_counts_for_its_nearest(seed: int) -> None:
+    simap, pose = random_map(seed), random_pose(seed)
+    plain = Plain(simap, pose)
+    for s in ("chair", "anything"):
+        for t in ("couch", "potted plant", "anything"):
+            things, others = plain.of(s), plain.of(t)
+            for metres in (0.2, 0.5, 1.0):
+                near = [i.id for i in things if any(plain.gap(i, o) <= metres for o in others if o.id != i.id)]
+                assert ids(evaluate(simap, pose, f"near('{s}', '{t}', {metres})")) == near
+                if metres == 1.0:
+                    assert ids(evaluate(simap, pose, f"near('{s}', '{t}')")) == near
+            counts = plain.counts(things, t)
+            for n in (1, 2):
+                assert ids(evaluate(simap, pose, f"having('{s}', '{t}', {n})")) == [i for i in counts if counts[i] >= n]
+            assert ids(evaluate(simap, pose, f"without('{s}', '{t}')")) == [i for i in counts if counts[i] == 0]
+            for key, sign in (("many", -1), ("few", 1)):
+                order = sorted(things, key=lambda i: (sign * counts[i.id], plain.far(i), i.id))
+                assert ids(evaluate(simap, pose, f"order('{s}', '{key}', '{t}')")) == ids(order)
+
+
+@pytest.mark.parametrize("seed", SEEDS)
+def test_distances_and_their_orders(seed: int) -> None:
+    simap, pose = random_map(seed), random_pose(seed)
+    plain = Plain(simap, pose)
+    assert ids(evaluate(simap, pose, "things('anything')")) == ids(plain.of("anything"))
+    for s in ("chair", "anything"):
+        things = plain.of(s)
+        most = min(2, len(things)) or 1
+        if things:
+            farthest = sorted(things, key=lambda i: (-plain.far(i), i.id))[:most]
+            assert ids(evaluate(simap, pose, f"farthest('{s}', {most})")) == ids(farthest)
+        for t in ("couch", "potted plant"):
+            others = plain.of(t)
+            if not others:
+                continue
+            apart = {i.id: min([plain.gap(i, o) for o in others if o.id != i.id], default=np.inf) for i in things}
+            kept = [i for i in things if np.isfinite(apart[i.id])]
+            for key, sign in (("near", 1), ("far", -1)):
+                order = sorted(kept, key=lambda i: (sign * apart[i.id], plain.far(i), i.id))
+                assert ids(evaluate(simap, pose, f"order('{s}', '{key}', '{t}')")) == ids(order)
+    a, b = plain.of("anything")[0], plain.of("anything")[-1]
+    sets = Sets(simap, pose)
+    assert sets.distance_between(a, b) == pytest.approx(plain.gap(a, b), abs=1e-6)
+    assert sets.distance_between("robot", b) == sets.distance_between(b, "robot") == pytest.approx(plain.far(b))
+    assert sets.distance_between([0.0, 0.0], [3.0, 4.0]) == 5.0
+
+
+SIDES: dict[str, Callable[[float], bool]] = {
+    "left": lambda turn: 20.0 <= turn <= 160.0,
+    "right": lambda turn: -160.0 <= turn <= -20.0,
+    "front": lambda turn: abs(turn) <= 45.0,
+    "behind": lambda turn: abs(turn) >= 135.0,
+}
+COMPASS = {"north": 90.0, "south": -90.0, "east": 0.0, "west": 180.0, "north east": 45.0, "south west": -135.0}
+
+
+@pytest.mark.parametrize("seed", SEEDS)
+def test_sides(seed: int) -> None:
+    simap, pose = random_map(seed), random_pose(seed)
+    plain = Plain(simap, pose)
+    things = plain.of("anything")
+    for side, lies in SIDES.items():
+        expected = [i.id for i in things if lies(plain.turn(plain.middle(i), pose.yaw_rad))]
+        assert ids(evaluate(simap, pose, f"side('anything', '{side}')")) == expected
+    for side, degrees in COMPASS.items():
+        expected = [i.id for i in things if abs(plain.turn(plain.middle(i), np.deg2rad(degrees))) <= 60.0]
+        assert ids(evaluate(simap, pose, f"side('anything', '{side}')")) == expected
+    one = things[len(things) // 2]
+    sets = Sets(simap, pose)
+    ahead = plain.middle(one) - (pose.x_m, pose.y_m)
+    for side, turn in {"front": 180.0, "behind": 0.0, "left": 90.0, "right": -90.0, **COMPASS}.items():
+        yaw = np.deg2rad(turn) + (0.0 if side in COMPASS else np.arctan2(ahead[1], ahead[0]))
+        expected = []
+        for i in things:
+            x, y = plain.middle(i) - plain.middle(one)
+            off = (np.rad2deg(np.arctan2(y, x) - yaw) + 180.0) % 360.0 - 180.0
+            if i.id != one.id and abs(off) <= 60.0:
+                expected.append(i.id)
+        assert ids(sets._side("anything", side, one)) == expected, side
+        way = np.array([np.cos(yaw), np.sin(yaw)])
+        far = max(float((np.array(cell) - plain.middle(one)) @ way) for cell in plain.cells(one)) + 0.025
+        spot = sets._spot(one, side, 0.7)
+        assert spot == pytest.approx((plain.middle(one) + way * (far + 0.7)).tolist()) and spot.thing is one
+
+
+@pytest.mark.parametrize("seed", SEEDS)
+def test_orders_by_place_and_size(seed: int) -> None:
+    simap, pose = random_map(seed), random_pose(seed)
+    plain = Plain(simap, pose)
+    things = plain.of("anything")
+    left = np.array([-np.sin(pose.yaw_rad), np.cos(pose.yaw_rad)])
+    by: dict[str, Callable[[Instance], Any]] = {
+        "left": lambda i: -plain.middle(i) @ left,
+        "right": lambda i: plain.middle(i) @ left,
+        "north": lambda i: -plain.middle(i)[1],
+        "west": lambda i: plain.middle(i)[0],
+        "front": lambda i: abs(plain.turn(plain.middle(i), pose.yaw_rad)),
+        "large": lambda i: -len(plain.cells(i)),
+        "small": lambda i: len(plain.cells(i)),
+        "tall": lambda i: -np.nanmax(simap.grid.height_m[simap.instance == i.id]),
+        "middle": lambda i: np.hypot(*(plain.middle(i) - np.mean([plain.middle(j) for j in things], axis=0))),
+    }
+    for key, score in by.items():
+        order = sorted(things, key=lambda i: (round(float(score(i)), 6), plain.far(i), i.id))
+        assert ids(evaluate(simap, pose, f"order('anything', '{key}')")) == ids(order), key
+    areas = {i.id: len(plain.cells(i)) for i in things}
+    middle = (min(areas.values()) + max(areas.values())) / 2
+    assert ids(evaluate(simap, pose, "sized('anything', 'large')")) == [i for i in areas if areas[i] >= middle]
+    assert ids(evaluate(simap, pose, "sized('anything', 'small')")) == [i for i in areas if areas[i] <= middle]
+
+
+@pytest.mark.parametrize("seed", SEEDS)
+def test_sets_together(seed: int) -> None:
+    simap, pose = random_map(seed), random_pose(seed)
+    everything = ids(evaluate(simap, pose, "things('anything')"))
+    left = ids(evaluate(simap, pose, "side('anything', 'left')"))
+    chairs = ids(evaluate(simap, pose, "things('chair')"))
+    union = ids(evaluate(simap, pose, "union(side('anything', 'left'), 'chair')"))
+    assert union == [i for i in everything if i in left or i in chairs]
+    assert ids(evaluate(simap, pose, "minus(side('anything', 'left'), 'chair')")) == [
+        i for i in left if i not in chairs
+    ]
+    assert ids(evaluate(simap, pose, "common(side('anything', 'left'), 'chair')")) == [i for i in left if i in chairs]
+
+
+def test_on_and_under_and_empty() -> None:
+    """A cup in the middle of a table, a lamp over its edge, a chair pushed against it, a rug below all of them."""
+    spec = GridSpec(60, 60, 0.05, 0.0, 0.0)
+    rug, table = Box("potted plant", 5, 5, 50, 50, 0.01), Box("dining table", 20, 20, 20, 20, 0.75)
+    cup, chair, free = (
+        Box("tv", 28, 28, 3, 3, 0.85),
+        Box("chair", 24, 15, 8, 7, 0.9),
+        Box("dining table", 45, 45, 6, 6, 0.7),
+    )
+    simap = map_of_boxes(spec, [rug, table, cup, chair, free])
+    pose = Pose2(1.0, 0.1, 0.0)
+    assert [i.label for i in simap.instances] == ["chair", "dining table", "dining table", "potted plant", "tv"]
+    assert [i.label for i in evaluate(simap, pose, "on('anything', nearest('dining table'))")] == ["tv"]
+    assert sorted(i.label for i in evaluate(simap, pose, "on('anything', 'potted plant')")) == [
+        "chair", "dining table", "dining table", "tv",
+    ]  # fmt: skip
+    assert [i.label for i in evaluate(simap, pose, "under('anything', 'dining table')")] == ["potted plant"]
+    assert [i.cells for i in evaluate(simap, pose, "empty('dining table')")] == [36]
+    with pytest.raises(CommandError, match=r"There is no chair on the dining tables\."):
+        evaluate(simap, pose, "first(on('chair', 'dining table'))")
+
+
+def test_shapes_and_sizes() -> None:
+    spec = GridSpec(80, 160, 0.05, 0.0, 0.0)
+    boxes = [Box("chair", 10, 10, 20, 20, 0.5), Box("chair", 10, 50, 10, 40, 0.5), Box("chair", 40, 100, 24, 24, 0.5)]
+    simap = map_of_boxes(spec, boxes)
+    instance, (row, col) = simap.instance.copy(), np.mgrid[:80, :160]
+    instance[(instance == 3) & ((row - 51.5) ** 2 + (col - 111.5) ** 2 > 12.0**2)] = 0
+    simap = dataclasses.replace(simap, instance=instance)
+    pose = Pose2(0.1, 0.1, 0.0)
+    shapes = {shape: ids(evaluate(simap, pose, f"shaped('chair', '{shape}')")) for shape in ("square", "long", "round")}
+    assert shapes == {"square": [1], "long": [2], "round": [3]}
+    sets = Sets(simap, pose)
+    two = simap.by_id(2)
+    assert [round(sets.size_of(two, key), 3) for key in ("length", "width", "area", "height")] == [2.0, 0.5, 1.0, 0.5]
+    assert [ids(evaluate(simap, pose, f"order('chair', '{key}')")) for key in ("long", "short")] == [
+        [2, 3, 1],
+        [1, 3, 2],
+    ]
+
+
+def test_at_walls_and_in_corners() -> None:
+    boxes = [Box("chair", 3, 3, 6, 6, 0.5), Box("chair", 3, 40, 6, 6, 0.5), Box("chair", 40, 40, 6, 6, 0.5)]
+    speck = Box("wall", 40, 47, 2, 2, 2.0)
+    simap = map_of_boxes(GridSpec(70, 90, 0.05, 0.0, 0.0), boxes, (*WALLS, speck))
+    for turned in range(4):
+        rows, cols = np.rot90(simap.instance, turned).shape
+        grid = dataclasses.replace(
+            simap.grid,
+            spec=GridSpec(rows, cols, 0.05, 0.0, 0.0),
+            **{name: np.rot90(getattr(simap.grid, name), turned) for name in LAYERS},
+        )  # fmt: skip
+        turned_map = dataclasses.replace(
+            simap, grid=grid, instance=np.ascontiguousarray(np.rot90(simap.instance, turned)),
+            community=np.rot90(simap.community, turned),
+        )  # fmt: skip
+        pose = Pose2(1.5, 1.5, 0.0)
+        assert set(ids(evaluate(turned_map, pose, "at('chair', 'wall')"))) == {1, 2}
+        assert ids(evaluate(turned_map, pose, "at('chair', 'corner')")) == [1]
+
+
+def test_the_parts_of_a_map() -> None:
+    simap = toy_map()
+    assert set(ids(evaluate(simap, TOY_POSE, "side('anything', 'north', 'map')"))) == {5, 1, 6}
+    assert set(ids(evaluate(simap, TOY_POSE, "side('anything', 'south east', 'map')"))) == {9, 4}
+
+
+@pytest.mark.parametrize(
+    ("expression", "says"),
+    [
+        ("nth('chair', 4)", "There are only 3 chairs on this map; the 4th was asked for."),
+        ("nth('chair', -4)", "There are only 3 chairs on this map; the 4th from the end was asked for."),
+        ("nearest(side('chair', 'right'), 3)", "There is only 1 chair on your right; 3 were asked for."),
+        ("nth(order('chair', 'left'), 4)", "There are only 3 chairs on this map; the 4th was asked for."),
+        ("first(near('chair', 'tv'))", "There is no tv on this map."),
+        ("first(near(side('chair', 'behind'), 'couch'))", "There is no chair behind you next to the couch."),
+        ("first('piano')", "There is no piano on this map."),
+        ("first('chiar')", "Did you mean chair?"),
+        ("first(minus('couch', 'couch'))", "There is no other couch on this map."),
+        ("first(visible('potted plant'))", "There is no potted plant in view."),
+        ("room('kitchen')", "no rooms"),
+        ("side('chair', 'middle')", 'the middle is that of a room or of "map"'),
+        ("order('chair', 'many')", "expected what to count"),
+        ("colored('chair', 'red')", "The colours of things are not known on this map."),
+        ("near('chair', 'couch', -1)", "expected 0 or more"),
+    ],
+)
+def test_what_is_not_there_is_said_in_words(expression: str, says: str) -> None:
+    with pytest.raises(CommandError) as refused:
+        evaluate(toy_map(), TOY_POSE, expression)
+    assert says in str(refused.value)
+
+
+def test_a_loop_over_nothing_is_refused_and_a_choice_of_words_is_not() -> None:
+    sets = Sets(toy_map(), TOY_POSE)
+
+    def call(function: Any, arguments: Any) -> Any:
+        return sets.call(function, arguments) if function.kind == "function" else None
+
+    with pytest.raises(CommandError, match=r"line 1: There is no couch on your right\."):
+        list(interpret(parse_program("for c in side('couch', 'right'):\n    robot.face(c)"), call))
+    list(interpret(parse_program("if count(side('couch', 'right')) > 0:\n    robot.face('piano')"), call))
+
+
+@pytest.mark.parametrize(
+    ("question", "text", "value", "things"),
+    [
+        ("tell('chair', 'count')", "There are 3 chairs on this map.", 3, [3, 1, 4]),
+        ("tell(side('chair', 'left'), 'count')", "There is 1 chair on your left.", 1, [1]),
+        ("tell(near('chair', 'piano'), 'count')", "There is no piano on this map.", 0, []),
+        ("tell('piano', 'whether')", "No, there is no piano on this map.", False, []),
+        ("tell('couch', 'whether')", "Yes, there is one couch; it is 3.1 m away, ahead on your left.", True, [5]),
+        ("tell('couch', 'where')", "The couch is 3.1 m away, ahead on your left.", "couch", [5]),
+        ("tell(first(order('chair', 'north')), 'which')", "The northernmost chair is 1.4 m away, ahead on your left.",
+         "chair", [1]),
+        ("tell(near('anything', 'couch', 2), 'what')", "There are 2 chairs within 2 m of the couch.", None, None),
+        ("tell('couch', 'size', '', 'length')", "The couch is 1.20 m long.", 1.2, [5]),
+        ("tell('couch', 'distance', 'potted plant')", "The couch is 3.6 m from the potted plant.", 3.559, [5, 9]),
+        ("tell('couch', 'compare', 'potted plant', 'large')",
+         "Yes, the couch is larger than the potted plant: 0.60 m² against 0.09.", True, [5, 9]),
+        ("tell('couch', 'compare', 'potted plant', 'tall')",
+         "No, the couch is not taller than the potted plant: 0.70 m high against 1.10.", False, [5, 9]),
+        ("tell('couch', 'color')", "The colour of the couch is not known on this map.", None, [5]),
+        ("tell(2 > 1)", "Yes.", True, []),
+        ("tell(count('chair'))", "3.", 3, []),
+        ("tell('chair', 'count')\ntell('couch', 'count')",
+         "There are 3 chairs on this map. There is 1 couch on this map.", 1, [3, 1, 4, 5]),
+    ],
+)  # fmt: skip
+def test_what_is_told(question: str, text: str, value: Any, things: list[int] | None) -> None:
+    sets = Sets(toy_map(), TOY_POSE)
+    for _ in interpret(parse_program(question), sets.call):
+        pass
+    assert sets.answer is not None
+    if things is None:
+        assert sets.answer["text"].startswith("There ")
+    else:
+        assert sets.answer == {"text": text, "value": value, "instances": things}
+
+
+def test_work_is_limited_by_count() -> None:
+    sets = Sets(toy_map(), TOY_POSE, max_looked=2_000)
+    program = parse_program(
+        "for a in things('anything'):\n    for b in things('anything'):\n        x = near(b, 'chair')"
+    )
+    with pytest.raises(PlanningError, match="stopped: the program would look at more than 2000 cells"):
+        list(interpret(program, sets.call))
+
+
+def test_every_function_exists_and_says_what_it_means() -> None:
+    for name, function in FUNCTIONS.items():
+        assert callable(getattr(Sets, f"_{name}"))
+        assert function.meaning.endswith((".", "?"))
+        taken = getattr(Sets, f"_{name}").__code__.co_varnames[1 : 1 + len(function.parameters)]
+        assert list(taken) == [parameter.name for parameter in function.parameters]
+    with pytest.raises(SIMapsError):
+        parse_program("robot.face(nowhere('chair'))")
