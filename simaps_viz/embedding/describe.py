@@ -172,8 +172,8 @@ def _with_vectors(simap: SIMap, total: NDArray, weight: NDArray, embedding: Embe
     word_vectors = embedding.text.words(words)
     kind = np.array([words.index(simap.instances[row].label) for row in rows])
     model: dict[str, Any] = {
-        "text": embedding.text.session.path.name, "text_sha256": embedding.text.digest,
-        "vision": embedding.vision.session.path.name, "vision_sha256": embedding.vision.digest,
+        "text": embedding.text.session.path.name, "text_sha256": embedding.text.session.digest,
+        "vision": embedding.vision.session.path.name, "vision_sha256": embedding.vision.session.digest,
         "dimension": embedding.dimension, "views": MAX_VIEWS, "masked_share": MASKED_SHARE, "words": words,
         "scale": calibrated_scale(vectors, word_vectors[: len(labels) + len(STOCK["things"])], kind),
     }  # fmt: skip

@@ -33,8 +33,9 @@ from simaps_viz.segmentation.session import Port, Session
 if TYPE_CHECKING:
     from tokenizers import Tokenizer
 
-TEMPLATES = ("{}", "a photo of a {}.")
+TEMPLATES = ("{word}", "a photo of {article}{word}.")
 """A word is embedded in each of these; its vector is their mean."""
+_NO_ARTICLE = ("some", "any", "a ", "an ", "the ")
 _CLIP_MEAN = (0.48145466, 0.4578275, 0.40821073)
 _CLIP_STD = (0.26862954, 0.26130258, 0.27577711)
 _HALF = (0.5, 0.5, 0.5)
@@ -135,11 +136,6 @@ class TextTower:
         self.tokenizer.no_truncation()
         self.rule = text_rule(self.tokenizer, folders, self.ids, session.path)
 
-    @property
-    def digest(self) -> str:
-        """SHA-256 of the network's file."""
-        return self.session.digest
-
     def embed(self, texts: Sequence[str]) -> NDArray:
         """Embed texts as they are; float32 [n, D], unit length."""
         rows = [self.rule.ids(self.tokenizer, text) for text in texts]
@@ -150,7 +146,9 @@ class TextTower:
 
     def words(self, words: Sequence[str]) -> NDArray:
         """Embed words, each in all `TEMPLATES`; float32 [n, D], unit length."""
-        parts = [self.embed([template.format(word) for word in words]) for template in TEMPLATES]
+        articles = ["" if word.startswith(_NO_ARTICLE) else "a " for word in words]
+        pairs = list(zip(words, articles, strict=True))
+        parts = [self.embed([one.format(word=word, article=article) for word, article in pairs]) for one in TEMPLATES]
         return unit(np.mean(parts, axis=0))
 
 
@@ -163,11 +161,6 @@ class VisionTower:
         self.image = _image_input(session)
         self.output = _embedding_output(session)
         self.rule = picture_rule(_folders(session.path, root), self.image, session.path)
-
-    @property
-    def digest(self) -> str:
-        """SHA-256 of the network's file."""
-        return self.session.digest
 
     @property
     def grey(self) -> NDArray:
@@ -485,7 +478,7 @@ def known_text(digest: str) -> TextTower | None:
     if path is None or not path.exists():
         return None
     tower = _opened(path)
-    if tower.digest != digest:
+    if tower.session.digest != digest:
         raise InputError(f"{tower.session.path}: expected the network that the map was described with, found another")
     return tower
 
@@ -497,7 +490,7 @@ def remember(tower: TextTower) -> None:
         InputError: the cache cannot be written.
     """
     known = {digest: str(path) for digest, path in _remembered().items()}
-    known[tower.digest] = str(tower.session.path.resolve())
+    known[tower.session.digest] = str(tower.session.path.resolve())
     file = made_folder(cache_folder()) / _REGISTRY
     write_whole(file, json.dumps(known, indent=1).encode(), "where embeddings lie", durable=False)
 

@@ -131,6 +131,8 @@ def test_vectors_are_of_unit_length_and_words_are_means_of_templates(tmp_path):
     np.testing.assert_allclose(text.words(["chair"])[0], mean / np.linalg.norm(mean), atol=1e-6)
     np.testing.assert_allclose(np.linalg.norm(text.words(["red", "green"]), axis=1), 1.0, atol=1e-6)
     assert known["chair."] != known["chair"]
+    both = text.embed(["something red", "a photo of something red."]).mean(axis=0)
+    np.testing.assert_allclose(text.words(["something red"])[0], both / np.linalg.norm(both), atol=1e-6)
 
 
 def test_the_most_faithful_file_is_taken_and_8_bit_pictures_are_warned_of(tmp_path):
