@@ -1,6 +1,7 @@
 """The words of commands, loaded once from the JSON files beside this module.
 
-- ``phrases.json``: {token of the grammar: what a person may say for it}; the phrases of token "" may be left out.
+- ``phrases.json``: {token of the grammar, or token and value: what a person may say for it}; the phrases of token ""
+  may be left out, and nothing else is.
 - ``things.json``: other names of classes (``names``, ``narrower``), generic words that take several classes together
   (``kinds``, ``like``), classes to try in turn (``first_fit``), what one does somewhere (``activities``, ``places``,
   ``links``), and further things people speak of (``others``).
@@ -50,10 +51,18 @@ def _synonyms(things: dict[str, Any]) -> dict[str, tuple[str, ...]]:
 _THINGS: Final = load("things.json")
 _WORDS: Final = load("words.json")
 
-PHRASES: Final[dict[Words, str]] = {
-    words: token for token, phrases in load("phrases.json").items() for words in _split(phrases)
-}
-"""{words: token of the grammar, "" for what may be left out}."""
+
+def _tokens(phrases: dict[str, list[str]]) -> dict[Words, list[tuple[str, str]]]:
+    found: dict[Words, list[tuple[str, str]]] = {}
+    for token, spoken in phrases.items():
+        kind, _, value = token.partition(" ")
+        for words in _split(spoken):
+            found.setdefault(words, []).append((kind, value))
+    return found
+
+
+PHRASES: Final = _tokens(load("phrases.json"))
+"""{words: the tokens they may be, each a kind and a value}; of kind "" where they may be left out."""
 MAX_PHRASE: Final = max(map(len, PHRASES))
 """The number of words in the longest phrase."""
 
@@ -76,6 +85,12 @@ PLACES: Final = _split(_THINGS["places"])
 """Words that refer to the place of an activity, such as "somewhere"."""
 LINKS: Final = _split(_THINGS["links"])
 """Words that join a place and an activity, such as "where i can"."""
+NEEDS: Final[dict[Words, str]] = {
+    words: kind for kind, phrases in _THINGS["needs"].items() for words in _split(phrases)
+}
+"""{("i", "m", "thirsty"): generic word}: what a person lacks, and what helps."""
+WISHES: Final = _split(_THINGS["wishes"])
+"""Words before an activity that say that somebody wants it, such as "i want to"."""
 
 NUMBERS: Final[dict[str, int]] = _WORDS["numbers"]
 ORDINALS: Final[dict[str, int]] = _WORDS["ordinals"]

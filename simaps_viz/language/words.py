@@ -185,6 +185,32 @@ class Meaning:
     """Other classes it may mean, the likeliest first."""
 
 
+@dataclass(frozen=True)
+class Noun:
+    """A name of things as it was said, on one map."""
+
+    spoken: str
+    """In the singular."""
+    label: str
+    """The name a program gives them: a class of the map, a generic word, or what was said."""
+    known: bool = True
+    """Whether the map has such things."""
+    is_plural: bool = False
+    note: str = ""
+    """How the word was read, where that is not plain."""
+    others: tuple[str, ...] = ()
+    """Names of other things that it may mean."""
+    wide: str = ""
+    """A name that takes more classes together, for when more than ``count`` are needed."""
+    count: int | None = None
+    """How many of the class the map has, if that is known."""
+
+    @property
+    def penalty(self) -> float:
+        """How unlikely it is that a name is meant which the map lacks, where the words can be read otherwise."""
+        return 0.0 if self.known else 0.3
+
+
 class Vocabulary:
     """The words that refer to the classes of one map.
 
@@ -220,6 +246,27 @@ class Vocabulary:
         if family:
             return Meaning(family, tuple(label for label in fitting if label not in family))
         return Meaning(fitting[:1], fitting[1:]) if fitting else None
+
+    def noun(self, phrase: str) -> Noun:
+        """Return what a name means on this map."""
+        spoken = plain(phrase)
+        one = singular(spoken)
+        is_plural = one != spoken
+        meaning = self.resolve(phrase)
+        if meaning is None:
+            return Noun(one, one, False, is_plural)
+        if len(meaning.labels) != 1:
+            taken = f"{', '.join(meaning.labels[:-1])} and {meaning.labels[-1]} together"
+            taken = "everything on the map" if len(meaning.labels) == len(self.labels) else taken
+            note = f'"{one}" takes {taken}'
+            return Noun(one, one, True, is_plural, note, (*meaning.labels, *meaning.others))
+        (label,) = meaning.labels
+        exact = plain(label) in (one, spoken)
+        if exact:
+            wide = f"{ANY}{one}" if meaning.others else ""
+            return Noun(one, label, True, is_plural, "", (wide,) if wide else (), wide, self.count(label))
+        also = f"; this map also has {', '.join(meaning.others)}" if meaning.others else ""
+        return Noun(one, label, True, is_plural, f'"{one}" is read as {label}{also}', meaning.others)
 
     def match(self, words: Sequence[str]) -> int:
         """Return how many of the first words form the longest known name of anything (0: none)."""

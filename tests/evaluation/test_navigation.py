@@ -92,14 +92,16 @@ MEANS = {
     PHRASINGS["only"]: 'robot.move_to_object("chair")',
     PHRASINGS["closest"]: 'robot.move_to_object("chair")',
     PHRASINGS["nth"]: 'robot.move_to_nth_closest("chair", 2)',
-    PHRASINGS["from_side"]: 'robot.move_to_object("chair", robot.nth_from("chair", "south", 2))',
-    PHRASINGS["outermost"]: 'robot.move_to_object("chair", robot.nth_from("chair", "south", 1))',
-    PHRASINGS["near"]: 'robot.move_to_object("chair", robot.closest_to("chair", "couch"))',
-    PHRASINGS["next_to"]: 'robot.move_to_object("chair", robot.closest_to("chair", "couch"))',
+    PHRASINGS["from_side"]: 'robot.move_to_object(nth(order(things("chair"), "south"), 2))',
+    PHRASINGS["outermost"][:2]: 'robot.move_to_object(first(order(things("chair"), "south")))',
+    PHRASINGS["outermost"][2:]: 'robot.move_to_object(nth(order(things("chair"), "south"), 1))',
+    PHRASINGS["near"]: 'robot.move_to_object(nearest(things("chair"), 1, nearest(things("couch"))))',
+    PHRASINGS["next_to"]: 'robot.move_to_object(nearest(near(things("chair"), "couch", 3), 1, "couch"))',
     PHRASINGS["between"]: 'robot.move_in_between("chair", "couch")',
     PHRASINGS["compass"]: 'robot.move_south("chair")',
-    PHRASINGS["in_view"]: 'robot.move_to_object("chair", robot.in_view("chair")[1])',
-    PHRASINGS["first_in_view"]: 'robot.move_to_object("chair", robot.in_view("chair")[0])',
+    PHRASINGS["in_view"]: 'robot.move_to_object(nth(visible(things("chair")), 2))',
+    PHRASINGS["first_in_view"][:2]: 'robot.move_to_object(nearest(visible(things("chair"))))',
+    PHRASINGS["first_in_view"][2:]: 'robot.move_to_object(visible(things("chair")))',
 }
 
 

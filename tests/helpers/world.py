@@ -5,6 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial import KDTree
 
 from simaps_viz.structures import Pose2, SIMap
 
@@ -58,6 +59,12 @@ class World:
 
         return sorted((i for i in self.ids(label) if i != other), key=lambda i: (round(gap(i), 6), i))[n - 1]
 
+    def next_to(self, label: str, other: str) -> int:
+        """The one of a class with the smallest gap to any of another class."""
+        pairs = [(n, o) for o in self.ids(other) for n in [self.near(label, o)]]
+        gaps = {n: KDTree(self.cells(o)).query(self.cells(n))[0].min() for n, o in pairs}
+        return min(gaps, key=lambda n: gaps[n])
+
     def far_from(self, label: str, other: int) -> int:
         there = self.middle(other)
         return max(self.ids(label), key=lambda i: float(np.hypot(*(self.middle(i) - there))))
@@ -66,6 +73,16 @@ class World:
         """All of a class whose middle is that near another thing's, the closest to the viewer first."""
         there = self.middle(other)
         return [i for i in self.ranked(label) if float(np.hypot(*(self.middle(i) - there))) <= within_m]
+
+    def on_side(self, label: str, side: str) -> list[int]:
+        """All of a class whose middle lies to the left or right of the pose (20 to 160 degrees off), closest first."""
+
+        def bearing(number: int) -> float:
+            x, y = self.middle(number) - (self.pose.x_m, self.pose.y_m)
+            turn = float(np.rad2deg(np.arctan2(y, x) - self.pose.yaw_rad)) % 360.0
+            return turn if side == "left" else 360.0 - turn
+
+        return [number for number in self.ranked(label) if 20.0 <= bearing(number) <= 160.0]
 
     def beside(self, label: str, other: int, side: str) -> int:
         """The one of a class that lies on a side of another thing and is nearest to it; sides are the viewer's."""
@@ -97,6 +114,8 @@ class End:
     path_m: float | None = None
     refused: tuple[str, ...] = ()
     """Refused, with all these words in the reason."""
+    told: object = None
+    """The value of the answer to a question; the robot stays."""
 
 
 Expected = Callable[[World], End]
@@ -109,6 +128,8 @@ def problem(world: World, expected: End, done) -> str | None:
         return None if done.status == "refused" and not missing else f"{done.status}: {done.reason}"
     if done.status != "ok":
         return f"{done.status}: {done.reason}"
+    if expected.told is not None and (done.answer is None or done.answer["value"] != expected.told):
+        return f"answered {done.answer}, expected {expected.told}"
     goals = [goal.instance for goal in done.goals if goal.instance is not None]
     if expected.goals is not None and goals != expected.goals:
         return f"goals {goals}, expected {expected.goals}"

@@ -1,0 +1,879 @@
+"""Noun phrases: "the second red chair from the left that is not near a table" to a set expression of a program.
+
+The expression is evaluated when its line runs, from where the robot is then. A phrase is put together from its noun and
+its parts: filters first, then the order, then rank or number.
+"""
+
+import re
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
+from typing import Any, Final
+
+from simaps_viz.errors import CommandError
+from simaps_viz.language.grammar import Grammar
+from simaps_viz.language.words import Noun, plural, singular
+
+GRAMMAR: Final = Grammar()
+IT: Final = "‹it›"
+ONE: Final = "‹one›"
+LAST: Final = "‹last›"
+"""Stand in an expression for what was named before: that thing, all things of its name, or (of the same name) it."""
+NEAR_M: Final = 3.0
+"""How far from it "the chair near the table" may stand, edge to edge; of those in reach the nearest to it is meant."""
+MAX_RANK: Final = 10_000
+MAX_COUNT: Final = 100
+_MAX_DEPTH: Final = 18
+_MAX_REPEATED: Final = 120
+"""Characters of what things are near, up to which the nearest to it is taken rather than the first near it."""
+_ALL: Final = re.compile(r'things\(("[^"]*")\)')
+_RANKED: Final = re.compile(r'nth\(things\(("[^"]*")\), (\d+)\)')
+
+
+@dataclass(frozen=True)
+class Phrase:
+    """A noun phrase as program text."""
+
+    text: str
+    """A set, a thing or a room."""
+    base: str
+    """All things of that name."""
+    word: str
+    """Its noun, in the singular."""
+    many: bool = False
+    """Whether each of them is meant; otherwise the first."""
+    notes: tuple[str, ...] = ()
+    others: tuple[tuple[str, str], ...] = ()
+    """Pairs of a name and another one that may be meant."""
+    free: bool = False
+    """Whether its noun is no known word."""
+    whole: str = ""
+    """All things that fit, where ``text`` is a choice among them that was not asked for; otherwise ``text``."""
+    greedy: bool = False
+    """Whether it has a part that more likely belongs to a phrase around it, as "in view" and "except"."""
+    penalty: float = 0.0
+    again: bool = False
+    """Whether it was named before."""
+    any: bool = False
+    """Whether any thing of the name will do, as after "a"."""
+
+    @property
+    def argument(self) -> str:
+        """Return it as an argument that takes a name too."""
+        found = _ALL.fullmatch(self.text)
+        return found[1] if found else self.text
+
+    @property
+    def arguments(self) -> str:
+        """Return it as the arguments ``name`` and ``instance`` of a primitive."""
+        found = _RANKED.fullmatch(self.text)
+        if found:
+            return f"{found[1]}, {found[2]}"
+        # The first of a set, and the nearest of things, is what a primitive takes without being told.
+        inner = self.text.removeprefix("nearest(").removesuffix(")")
+        return replace(self, text=inner).argument if _ALL.fullmatch(inner) else self.argument
+
+    @property
+    def goal(self) -> str:
+        """Return it as the end of a call that drives to it."""
+        arguments = self.arguments
+        ranked = arguments.startswith('"') and arguments.rpartition(", ")[2].isdigit()
+        return f"{'nth_closest' if ranked else 'object'}({arguments})"
+
+    @property
+    def single(self) -> str:
+        """Return the thing itself rather than the set whose first it is."""
+        if self.many or self.text.startswith(("nth(", "first(", "nearest(", "farthest(", "last(", "room(")):
+            return self.text
+        if self.text == IT or self.text.startswith("union("):
+            return self.text
+        return f"{'nearest' if _ALL.fullmatch(self.text) else 'first'}({self.text})"
+
+    @property
+    def measure(self) -> str:
+        """Return what a distance is measured from: of several things of a name the nearest, unless any will do."""
+        return self.argument if self.any or self.many else replace(self, text=self.single).argument
+
+
+@dataclass(frozen=True)
+class Part:
+    """A word or phrase that says which things are meant.
+
+    ``kind`` is "filter" (``text`` is an expression with ``{}`` for the set, ``of`` what they are beside), "near"
+    (``text`` is what they are near), "order" (``text`` is the key, ``of`` what it is measured from), "from" (what an
+    order is measured from), "then" (the order in which several are gone through), "rank", "count" or "other".
+    """
+
+    kind: str
+    text: str = ""
+    of: str = ""
+    number: int = 0
+    phrase: Phrase | None = None
+    """Whose notes belong to it."""
+    note: str = ""
+    outer: bool = False
+    """Whether it more likely belongs to the outermost phrase."""
+
+
+Parts = tuple[Part, ...]
+
+
+def quoted(label: str) -> str:
+    """Return a label as a string of a program; quotes and backslashes cannot leave it."""
+    plain = "".join(c for c in label if c.isprintable() and c not in '"\\‹›')
+    return f'"{plain[:100]}"'
+
+
+def select(noun: Noun | None, parts: Iterable[Part], *, every: bool = False, some: bool = False) -> Phrase:
+    """Put a phrase together.
+
+    Args:
+        noun: its noun; None where it is that of the phrase before ("the red one", "the second").
+        parts: what else was said.
+        every: each of the things is meant, as after "every".
+        some: one of several is meant, as in "one of the chairs".
+
+    Raises:
+        CommandError: the parts contradict each other.
+    """
+    parts = tuple(parts)
+    rank, count = _number(parts, "rank"), _number(parts, "count")
+    is_plural = every or (noun is not None and noun.is_plural)
+    if rank is not None and (rank == 0 or abs(rank) > MAX_RANK):
+        raise CommandError(f"ranks count from 1 to {MAX_RANK}, found {rank}")
+    if count is not None and not 1 <= count <= MAX_COUNT:
+        raise CommandError(f"from 1 to {MAX_COUNT} things can be visited, found {count}")
+    base, word, notes, others = _based(noun, max(abs(rank or 1), count or 1, 2 if is_plural or parts else 1))
+    text = base
+    for part in parts:
+        if part.kind == "filter":
+            text = part.text.replace("{}", text)
+    if any(part.kind == "other" for part in parts):
+        text = f"minus({text}, {LAST})"
+    if some:
+        is_plural, count = False, None if count == 1 else count
+    many = is_plural or (count or 1) > 1
+    chosen = any(part.kind in ("order", "rank", "count", "other", "from") for part in parts)
+    whole = text
+    for part in parts:
+        whole = f"near({whole}, {part.text})" if part.kind == "near" else whole
+    text, many = _chosen(text, word, parts, rank, count, many)
+    for part in parts:
+        text = f'order({text}, "{part.text}")' if part.kind == "then" and many else text
+    text = text.replace(ONE, base)
+    whole = text if chosen else whole
+    if _depth(text) > _MAX_DEPTH:
+        raise CommandError("too many things are tied to one another in one phrase; say it in several steps")
+    inner = [part.phrase for part in parts if part.phrase]
+    notes += tuple(part.note for part in parts if part.note) + tuple(note for p in inner for note in p.notes)
+    others += tuple(pair for p in inner for pair in p.others)
+    free = noun is not None and noun.count == 0 and not noun.known
+    greedy = any(part.outer for part in parts)
+    penalty = 0.2 * sum(part.phrase.greedy for part in parts if part.phrase)
+    return Phrase(text, base, word, many, notes, others, free, whole.replace(ONE, base), greedy, penalty)
+
+
+def _based(noun: Noun | None, needed: int) -> tuple[str, str, tuple[str, ...], tuple[tuple[str, str], ...]]:
+    if noun is None:
+        return ONE, "thing", (), ()
+    if not noun.known:
+        return f"search({quoted(noun.label)})", noun.spoken, (), ()
+    if noun.wide and (noun.count if noun.count is not None else 1) < needed:
+        return (
+            f"things({quoted(noun.wide)})",
+            noun.spoken,
+            (f'"{noun.spoken}" takes its kinds together',),
+            ((noun.wide, noun.label),),
+        )
+    pairs = tuple((noun.label, other) for other in noun.others)
+    return f"things({quoted(noun.label)})", noun.spoken, (noun.note,) if noun.note else (), pairs
+
+
+def _chosen(
+    text: str, word: str, parts: Sequence[Part], rank: int | None, count: int | None, many: bool
+) -> tuple[str, bool]:
+    """Apply order, rank and number; returns the text, and whether it is several things."""
+    near = [part.text for part in parts if part.kind == "near"]
+    for of in near:
+        text = f"near({text}, {of})" if many and count is None else f"near({text}, {of}, {NEAR_M:g})"
+    key, of = _order(parts, many)
+    if key in ("", "near") and not of and not many and rank == -1 and count is None:
+        rank, key = None, "far"
+    ordered = text if (key or "near", of) == ("near", "") else f'order({text}, "{key or "near"}"{_of(of)})'
+    if count is not None and (count > 1 or many):
+        return _some(text, ordered, key, of, rank, count), True
+    if many and rank is not None:
+        raise CommandError(f"the {'last' if rank < 0 else 'first'} of how many {plural(word)} was not said")
+    if many:
+        return _all(text, word, key, of), True
+    if rank is not None:
+        return f"nth({ordered}, {rank})", False
+    if key in ("near", "far"):
+        name = "nearest" if key == "near" else "farthest"
+        return (f"{name}({text}, 1{_of(of)})" if of else f"{name}({text})"), False
+    return (f"first({ordered})" if key else text), False
+
+
+def _order(parts: Sequence[Part], many: bool) -> tuple[str, str]:
+    """Return the key things are ordered by and what it is measured from; "" for none."""
+    orders = list(dict.fromkeys((part.text, part.of) for part in parts if part.kind == "order"))
+    measured = [part.text for part in parts if part.kind == "from"]
+    if measured:  # "the nearest chair to the desk"
+        if len(orders) != 1 or orders[0] not in (("near", ""), ("far", "")):
+            raise CommandError("")
+        return orders[0][0], measured[0]
+    if len(orders) == 2 and ("near", "") in orders:
+        orders.remove(("near", ""))  # "the nearest chair on the far left"
+    if len(orders) > 1:
+        raise CommandError("two ways of counting were said for one thing")
+    if orders:
+        return orders[0]
+    # Of several things beside another one, that nearest to it is meant first.
+    beside = [part.text if part.kind == "near" else part.of for part in parts if part.kind in ("near", "filter")]
+    beside = [of for of in beside if 0 < len(of) <= _MAX_REPEATED]
+    return ("near", beside[0]) if beside and not many else ("", "")
+
+
+def _some(text: str, ordered: str, key: str, of: str, rank: int | None, count: int) -> str:
+    if rank not in (None, 1, -1):
+        raise CommandError("a rank and several things were said together")
+    if key in ("", "near", "far") and (rank != -1 or ordered == text):
+        return f"{'farthest' if key == 'far' or rank == -1 else 'nearest'}({text}, {count}{_of(of)})"
+    return f"{'last' if rank == -1 else 'first'}({ordered}, {count})"
+
+
+def _all(text: str, word: str, key: str, of: str) -> str:
+    if key == "near" and of:
+        return f"near({text}, {of})"
+    if key in ("large", "small", "long", "short", "tall", "low"):
+        return f'sized({text}, "{key}")'
+    if key:
+        raise CommandError(f"how many of the {plural(word)} are meant was not said")
+    return text
+
+
+def _of(of: str) -> str:
+    return f", {of}" if of else ""
+
+
+def _number(parts: Sequence[Part], kind: str) -> int | None:
+    found = {part.number for part in parts if part.kind == kind}
+    if len(found) > 1:
+        raise CommandError(f"two {'ranks' if kind == 'rank' else 'numbers'} were said for one thing")
+    return next(iter(found), None)
+
+
+def _depth(text: str) -> int:
+    depth = most = 0
+    for letter in text:
+        depth += (letter == "(") - (letter == ")")
+        most = max(most, depth)
+    return most
+
+
+def refine(phrase: Phrase, parts: Iterable[Part]) -> Phrase:
+    """Return a phrase with further filters, as "is the sofa red" adds one."""
+    text, found = phrase.whole or phrase.text, [phrase]
+    for part in parts:
+        text = part.text.replace("{}", text) if part.kind == "filter" else text
+        text = f"near({text}, {part.text})" if part.kind == "near" else text
+        if part.kind not in ("filter", "near"):
+            raise CommandError("what is asked about a thing is whether it is so, not which one it is")
+        found += [part.phrase] if part.phrase else []
+    pairs = tuple(pair for p in found for pair in p.others)
+    return replace(phrase, text=text, whole="", notes=tuple(n for p in found for n in p.notes), others=pairs)
+
+
+def united(phrases: Sequence[Phrase]) -> Phrase:
+    """Return one phrase for "the chair or the couch"."""
+    text = phrases[0].argument
+    for other in phrases[1:]:
+        text = f"union({text}, {other.argument})"
+    first = phrases[0]
+    pairs = tuple(pair for p in phrases for pair in p.others)
+    return Phrase(text, text, first.word, first.many, tuple(n for p in phrases for n in p.notes), pairs)
+
+
+def _filter(text: str, *phrases: Phrase, outer: bool = False, of: str = "") -> Parts:
+    notes = tuple(n for p in phrases for n in p.notes)
+    pairs = tuple(pair for p in phrases for pair in p.others)
+    greedy = any(p.greedy for p in phrases)
+    inner = Phrase("", "", "", False, notes, pairs, greedy=greedy) if phrases else None
+    return (Part("filter", text, of, phrase=inner, outer=outer),)
+
+
+def _flat(parts: Iterable[Parts]) -> Parts:
+    return tuple(part for group in parts for part in group)
+
+
+_rule = GRAMMAR.rule
+
+# ---- sides, numbers
+
+for _side in ("left", "right", "north", "south", "east", "west"):
+    _rule("side", _side.upper())(lambda side=_side: side)
+
+
+@_rule("amount", "n:NUM", "n:ONE")
+def _amount(n: float) -> float:
+    return n
+
+
+@_rule("whole", "n:amount")
+def _whole(n: float) -> int:
+    if n != int(n):
+        raise CommandError(f"things are counted in whole numbers, found {n:g}")
+    return int(n)
+
+
+# ---- adjectives: parts that may stand before the noun, and after "is"
+
+
+@_rule("adjective", "color:COLOR")
+def _colored(color: str) -> Parts:
+    return _filter(f'colored({{}}, "{color}")')
+
+
+@_rule("adjective", "shape:SHAPE")
+def _shaped(shape: str) -> Parts:
+    return _filter(f'shaped({{}}, "{shape}")')
+
+
+@_rule("adjective", "EMPTY")
+def _empty() -> Parts:
+    return _filter("empty({})")
+
+
+@_rule("adjective", "TAKEN")
+def _taken() -> Parts:
+    return _filter("minus({}, empty({}))")
+
+
+@_rule("adjective", "SEEN", "VIEW", "SEE")
+def _seen() -> Parts:
+    return _filter("visible({})")
+
+
+@_rule("adjective", "NOT adjective")
+def _not(adjective: Parts) -> Parts:
+    return tuple(_negated(part) for part in adjective)
+
+
+def _negated(part: Part) -> Part:
+    """Return the filter that keeps what a part would not choose."""
+    match part.kind:
+        case "filter":
+            left_out = part.text
+        case "near":
+            left_out = f"near({{}}, {part.text})"
+        case "order":
+            left_out = f'first(order({{}}, "{part.text}"{_of(part.of)}))'
+        case "rank":
+            left_out = f"nth({{}}, {part.number})"
+        case _:
+            raise CommandError("")
+    return replace(part, kind="filter", text=f"minus({{}}, {left_out})")
+
+
+@_rule("size", "key:SIZE", "key:SUPER", "key:MORE")
+def _size(key: str) -> Parts:
+    return (Part("order", key),)
+
+
+@_rule("pre", "n:ORD")
+def _ranked(n: int) -> Parts:
+    return (Part("rank", number=n),)
+
+
+@_rule("pre", "NEAREST | NEARBY")
+def _nearest() -> Parts:
+    return (Part("order", "near"),)
+
+
+@_rule("pre", "FARTHEST")
+def _farthest() -> Parts:
+    return (Part("order", "far"),)
+
+
+@_rule("pre", "side:MOST SIDE?", "side SIDE?")
+def _outermost(side: str) -> Parts:
+    return (Part("order", side),)
+
+
+@_rule("pre", "MIDDLE")
+def _middle() -> Parts:
+    return (Part("order", "middle"),)
+
+
+@_rule("pre", "OTHER")
+def _other() -> Parts:
+    return (Part("other"),)
+
+
+@_rule("pre", "n:whole")
+def _counted(n: int) -> Parts:
+    return (Part("count", number=n),)
+
+
+@_rule("pre", "adjective", "adjective:size")
+def _before(adjective: Parts) -> Parts:
+    return adjective
+
+
+# ---- relations: parts that stand after the noun
+
+GRAMMAR.words("_at", "ON", "TO", "AT", "IN", "BY")
+GRAMMAR.words("_near", "NEAR", "BY", "AT", "AROUND", "OVER", "TO", "OF", "FOR")
+GRAMMAR.words("_here", "(FROM | TO | AT | OF | AWAY)* HERE")
+GRAMMAR.words("_dets", "DET*")
+
+
+@_rule("relation", "VIEW", "SEE", "SEEN")
+def _in_view() -> Parts:
+    return _filter("visible({})", outer=True)
+
+
+@_rule("relation", "n:ORD? FROM DET? side (SIDE | END)?")
+def _from_side(side: str, n: int = 0) -> Parts:
+    return (*(_ranked(n) if n else ()), Part("order", side))
+
+
+@_rule("relation", "n:ORD? FROM DET? side SIDE? OF np", cost=-0.1)
+def _from_side_of(side: str, np: Phrase, n: int = 0) -> Parts:
+    """Read "second from the left of the table": of those next to it."""
+    return (*(_ranked(n) if n else ()), Part("order", side), *_filter(f"near({{}}, {np.argument})", np))
+
+
+GRAMMAR.words("_side", "side")
+
+
+@_rule("relation", "FROM DET? side SIDE? TO DET? _side SIDE?", cost=-0.1)
+def _swept(side: str) -> Parts:
+    return (Part("then", side),)
+
+
+@_rule(
+    "post",
+    "COMMA? STARTWITH DET? (key:key | FROM DET? side) SIDE? (ONE | ONES)? | COMMA? DET? key:key (ONE | ONES | OF "
+    "IT | OF ONES)? n:ORD",
+    cost=-0.2,
+)
+def _sorted(key: str = "", side: str = "", n: int = 1) -> Parts:
+    """Read "starting with the farthest", "the nearest one first"."""
+    if n != 1:
+        raise CommandError("")
+    return (Part("then", key or side),)
+
+
+for _token, _key in (("NEAREST", "near"), ("FARTHEST", "far")):
+    _rule("key", _token)(lambda name=_key: name)
+_rule("key", "name:SUPER", "name:MORE", "name:MOST")(lambda name: name)
+
+
+@_rule("relation", "_at? _dets side SIDE?", "_at? _dets side SIDE? OF HERE", "_at? _dets SIDE side")
+def _on_side(side: str) -> Parts:
+    return _filter(f'side({{}}, "{side}")')
+
+
+@_rule(
+    "relation",
+    "(ON | AT | TO) _dets side END | _at? _dets side:MOST (SIDE | END)? | n:ORD side:MOST | (n:ORD? FARTHEST) "
+    "(_at? DET?) side SIDE?",
+)
+def _at_end(side: str, n: int = 0) -> Parts:
+    return (*(_ranked(n) if n else ()), Part("order", side))
+
+
+@_rule("relation", "_at? _dets side (SIDE | END)? (OF | FROM) (np | room)", "_at? _dets SIDE (OF | FROM) np _to_side")
+def _side_of(side: str, np: Phrase | None = None, room: Phrase | None = None) -> Parts:
+    other = np or room
+    assert other is not None
+    return _filter(f'side({{}}, "{side}", {other.argument})', other, of="" if room else other.argument)
+
+
+GRAMMAR.words("_to_side", "side")
+
+
+@_rule("relation", "_at? _dets side (SIDE | END)? (OF | IN) DET* MAP", "_at? _dets side OF DET* MAP")
+def _side_of_map(side: str) -> Parts:
+    return _filter(f'side({{}}, "{side}", "map")')
+
+
+@_rule("relation", "FRONT HERE", "(IN | AT | TO) DET? FORWARD (OF HERE)?")
+def _ahead() -> Parts:
+    return _filter('side({}, "front")')
+
+
+@_rule("relation", "BEHIND HERE")
+def _at_back() -> Parts:
+    return _filter('side({}, "behind")')
+
+
+@_rule("relation", "FRONT np")
+def _in_front(np: Phrase) -> Parts:
+    return _filter(f'side({{}}, "front", {np.argument})', np, of=np.argument)
+
+
+@_rule("relation", "BEHIND np")
+def _behind(np: Phrase) -> Parts:
+    return _filter(f'side({{}}, "behind", {np.argument})', np, of=np.argument)
+
+
+@_rule("relation", "_near np")
+def _close(np: Phrase) -> Parts:
+    return (Part("near", np.argument, phrase=np),)
+
+
+@_rule("relation", "(TO | AWAY? FROM | OF) np", cost=-0.05)
+def _measured(np: Phrase) -> Parts:
+    return (Part("from", np.measure, phrase=np),)
+
+
+@_rule("relation", "IN distance (OF | TO | FROM | NEAR | AROUND) np")
+def _within(distance: Any, np: Phrase) -> Parts:
+    return _filter(f"near({{}}, {np.argument}, {distance.text})", np)
+
+
+@_rule("relation", "ON np", "IN np")
+def _on(np: Phrase) -> Parts:
+    return _filter(f"on({{}}, {np.argument})", np)
+
+
+@_rule("relation", "UNDER np")
+def _under(np: Phrase) -> Parts:
+    return _filter(f"under({{}}, {np.argument})", np)
+
+
+@_rule("relation", "BETWEEN pair")
+def _between(pair: tuple[Phrase, Phrase]) -> Parts:
+    return _filter(f"between({{}}, {pair[0].argument}, {pair[1].argument})", *pair)
+
+
+@_rule("relation", "n:ORD? NEAREST (TO | AT | FROM | OF | BY)? np")
+def _nearest_to(np: Phrase, n: int = 0) -> Parts:
+    return (*(_ranked(n) if n else ()), Part("order", "near", np.measure, phrase=np))
+
+
+@_rule("relation", "n:ORD? FARTHEST AWAY? (FROM | OF | TO) np", "n:ORD? FARTHEST np")
+def _farthest_from(np: Phrase, n: int = 0) -> Parts:
+    return (*(_ranked(n) if n else ()), Part("order", "far", np.measure, phrase=np))
+
+
+@_rule("relation", "n:ORD? DET? NEAREST (_here | ONE)?", "NEAR HERE")
+def _nearest_here(n: int = 0) -> Parts:
+    return (*(_ranked(n) if n else ()), Part("order", "near"))
+
+
+@_rule("relation", "n:ORD? DET? FARTHEST AWAY? (_here | ONE)?")
+def _farthest_here(n: int = 0) -> Parts:
+    return (*(_ranked(n) if n else ()), Part("order", "far"))
+
+
+@_rule("relation", "FROM HERE", "AT HERE", "IN DET* MAP", "ON DET* MAP", "HERE", "OF DET* MAP", "TO HERE", "IN HERE")
+def _anywhere() -> Parts:
+    return ()
+
+
+@_rule("relation", "(IN | OF | AT | FROM) room")
+def _inside(room: Phrase) -> Parts:
+    return _filter(f"inside({{}}, {room.text})", room)
+
+
+@_rule("relation", "IN DET* SAME ROOM AS np")
+def _same_room(np: Phrase) -> Parts:
+    return _filter(f"inside({{}}, room({np.argument}))", np)
+
+
+@_rule("relation", "(IN | AT | BY | NEAR | ON | OF) DET* spot:SPOT ((OF | IN) (room | DET* MAP))?", cost=0.1)
+def _spot(spot: str, room: Phrase | None = None) -> Parts:
+    inside = _inside(room) if room else ()
+    return (*inside, *_filter(f'at({{}}, "{spot}")'))
+
+
+@_rule("relation", "WITH ATLEAST? n:whole np _on_it?", "WITH ATLEAST? n:whole np", cost=-0.6)
+def _having_some(n: int, np: Phrase) -> Parts:
+    return _filter(f"having({{}}, {np.argument}, {n})", np)
+
+
+@_rule("relation", "WITH np _on_it?")
+def _having(np: Phrase) -> Parts:
+    if np.text == IT:
+        raise CommandError("what the thing has was not said")
+    return _filter(f"having({{}}, {np.argument})", np)
+
+
+@_rule("relation", "WITH MOSTLY np _on_it?", cost=-0.3)
+def _most(np: Phrase) -> Parts:
+    return (Part("order", "many", np.argument, phrase=np),)
+
+
+@_rule("relation", "WITH FEWEST np _on_it?", cost=-0.3)
+def _fewest(np: Phrase) -> Parts:
+    return (Part("order", "few", np.argument, phrase=np),)
+
+
+@_rule("relation", "WITHOUT np _on_it?", "WITH NOT np _on_it?")
+def _without(np: Phrase) -> Parts:
+    return _filter(f"without({{}}, {np.argument})", np)
+
+
+@_rule(
+    "relation",
+    "WITHOUT ANYTHING _on_it? | WITH NOTHING _on_it? | WHERE? NOTHING IS | NOTHING IS? (ON | AT | IN) | THAT "
+    "NOTHING IS? (ON | AT | IN)?",
+    cost=-0.3,
+)
+def _bare() -> Parts:
+    return _filter("empty({})")
+
+
+@_rule("relation", "WITH ANYTHING _on_it", cost=-0.3)
+def _laden() -> Parts:
+    return _filter("minus({}, empty({}))")
+
+
+GRAMMAR.words("_on_it", "(ON | NEAR | AT | AROUND | BY | IN | UNDER) (IT | DET? FRONT)?", "HERE")
+GRAMMAR.words("_is", "(THAT | IS | EXIST)+")
+
+
+@_rule("post", "(_is DET?)? relation")
+def _related(relation: Parts) -> Parts:
+    return relation
+
+
+@_rule("post", "_is? NOT DET? relation", "_is NOT DET? relation:size ONE?")
+def _not_related(relation: Parts) -> Parts:
+    return tuple(_negated(part) for part in relation)
+
+
+@_rule(
+    "post", "_is adjective", "_is DET? adjective:size ONE?", "_is DET? adjective:size OF EVERY?", "COMMA? _is adjective"
+)
+def _that_is(adjective: Parts) -> Parts:
+    return adjective
+
+
+@_rule("post", "_is? (AND | COMMA) _is (relation | adjective)", cost=0.1)
+@_rule("post", "_is (first:adjective | first:relation) AND (relation | adjective)", cost=0.1)
+def _and_is(relation: Parts = (), adjective: Parts = (), first: Parts = ()) -> Parts:
+    return (*first, *relation, *adjective)
+
+
+@_rule("post", "_is? AND (THAT | IS)* NOT (relation | adjective)", "_is? COMMA (THAT | IS)* NOT (relation | adjective)")
+def _and_is_not(relation: Parts = (), adjective: Parts = ()) -> Parts:
+    return tuple(_negated(part) for part in (*relation, *adjective))
+
+
+@_rule("post", "COMMA? EXCEPT TO? AT? targets")
+def _except(targets: tuple[Phrase, ...]) -> Parts:
+    text = "{}"
+    for phrase in targets:
+        text = f"minus({text}, {phrase.argument})"
+    return _filter(text, *targets, outer=True)
+
+
+@_rule("numbered", "NUMBER? n:amount")
+def _numbered(n: float) -> Parts:
+    if n != int(n) or not 1 <= n <= MAX_RANK:
+        raise CommandError(f"the number of a thing is a whole number from 1, found {n:g}")
+    return (Part("rank", number=int(n), note=f"number {int(n)} is counted from the closest"),)
+
+
+# ---- nouns and whole phrases
+
+
+@_rule("noun", "name:NOUN", "name:NOUNS")
+def _noun(name: Noun) -> Noun:
+    return name
+
+
+@_rule("noun", "word:WORD+", "word:WORD+ name:NOUN", cost=1.0)
+def _unknown(word: Sequence[str], name: Noun | None = None) -> Noun:
+    if name is not None:
+        raise CommandError(f'"{" ".join(word)}"')
+    said = " ".join(word)
+    return Noun(singular(said), singular(said), False, count=0)
+
+
+@_rule("noun", "ANYTHING", cost=0.1)
+def _whatever() -> Noun:
+    return Noun("thing", "anything")
+
+
+@_rule("thing", "_dets pre* noun numbered? post*")
+def _one(noun: Noun, pre: Sequence[Parts] = (), numbered: Parts = (), post: Sequence[Parts] = ()) -> Phrase:
+    return select(noun, (*_flat(pre), *numbered, *_flat(post)))
+
+
+@_rule("thing", "pre+ _dets pre+ noun post*", cost=0.2)
+def _mixed(noun: Noun, pre: Sequence[Parts], post: Sequence[Parts] = ()) -> Phrase:
+    return select(noun, (*_flat(pre), *_flat(post)))
+
+
+@_rule("thing", "EVERY (OF | DET)* pre* noun post*")
+def _every(noun: Noun, pre: Sequence[Parts] = (), post: Sequence[Parts] = ()) -> Phrase:
+    return select(noun, (*_flat(pre), *_flat(post)), every=True)
+
+
+@_rule("thing", "BOTH (OF | DET)* pre* noun post*")
+def _both(noun: Noun, pre: Sequence[Parts] = (), post: Sequence[Parts] = ()) -> Phrase:
+    return select(noun, (Part("count", number=2), *_flat(pre), *_flat(post)), every=True)
+
+
+@_rule("thing", "_dets outer:pre+ ONE? (OF | (OF (DET | EVERY)+)) pre* noun post*", cost=0.1)
+def _part_of(noun: Noun, outer: Sequence[Parts], pre: Sequence[Parts] = (), post: Sequence[Parts] = ()) -> Phrase:
+    """Read "the second of the chairs in view", "two of the red chairs", "the left one of the two"."""
+    if not noun.is_plural:
+        raise CommandError("")
+    inner = tuple(part for part in _flat(pre) if part.kind != "count")
+    parts = (*_flat(outer), *inner, *_flat(post))
+    several = any(part.kind == "count" and part.number > 1 for part in parts)
+    phrase = select(replace(noun, is_plural=several), parts, some=not several)
+    return phrase
+
+
+@_rule("thing", "ONEOF DET? pre* noun post*")
+def _one_of(noun: Noun, pre: Sequence[Parts] = (), post: Sequence[Parts] = ()) -> Phrase:
+    """Read "one of the two chairs": the nearest of them."""
+    parts = tuple(part for part in (*_flat(pre), *_flat(post)) if part.kind != "count")
+    return select(replace(noun, is_plural=False), parts, some=True)
+
+
+@_rule("thing", "_dets HALFOF noun post*", "_dets HALF OF DET? noun post*")
+def _half(noun: Noun, post: Sequence[Parts] = ()) -> Phrase:
+    raise CommandError(f"how many half of the {plural(noun.spoken)} are is not said; name a number")
+
+
+@_rule("thing", "_dets pre* ONE post*", "_dets pre* ones:ONES post*", cost=0.3)
+def _same_name(pre: Sequence[Parts] = (), post: Sequence[Parts] = (), ones: str = "") -> Phrase:
+    return select(None, (*_flat(pre), *_flat(post)), every=bool(ones))
+
+
+@_rule("thing", "_dets pre+ post*", cost=0.9)
+def _elided(pre: Sequence[Parts], post: Sequence[Parts] = ()) -> Phrase:
+    return select(None, (*_flat(pre), *_flat(post)))
+
+
+@_rule("thing", "EVERY pre* ONES? post*", cost=0.9)
+def _every_one(pre: Sequence[Parts] = (), post: Sequence[Parts] = ()) -> Phrase:
+    return replace(select(None, (*_flat(pre), *_flat(post))), many=True)
+
+
+@_rule("thing", "_dets pre* of:NOUN (noun:NOUN | noun:NOUNS) post*", cost=0.6)
+def _compound(of: Noun, noun: Noun, pre: Sequence[Parts] = (), post: Sequence[Parts] = ()) -> Phrase:
+    """Read "the desk chair": the chair nearest the desk."""
+    note = f'"{of.spoken} {noun.spoken}" is read as the {noun.spoken} nearest the {of.spoken}'
+    place = select(of, ())
+    parts = (*_flat(pre), Part("order", "near", place.measure, phrase=place, note=note), *_flat(post))
+    return select(noun, parts)
+
+
+@_rule("thing", "ITS pre* noun post*")
+def _its(noun: Noun, pre: Sequence[Parts] = (), post: Sequence[Parts] = ()) -> Phrase:
+    """Read "the sofa and its table"."""
+    return select(noun, (*_flat(pre), Part("near", IT), *_flat(post)))
+
+
+@_rule("thing", "THAT noun", cost=0.1)
+def _that(noun: Noun) -> Phrase:
+    """Read "that desk", which was named before."""
+    return replace(select(replace(noun, is_plural=False), ()), again=True)
+
+
+@_rule("thing", "IT", "DET IT", "EVERY IT")
+def _it() -> Phrase:
+    return Phrase(IT, ONE, "thing")
+
+
+@_rule("np", "thing")
+def _np(thing: Phrase) -> Phrase:
+    return replace(thing, penalty=0.0)
+
+
+@_rule("np", "room", cost=0.05)
+def _np_room(room: Phrase) -> Phrase:
+    return room
+
+
+@_rule("np", "INDEF thing", cost=-0.05)
+def _any(thing: Phrase) -> Phrase:
+    return replace(thing, any=True, penalty=0.0)
+
+
+@_rule("np", "EITHER? thing (COMMA more:thing)* COMMA? OR TO? AT? last:thing", cost=0.1)
+def _either(thing: Phrase, last: Phrase, more: Sequence[Phrase] = ()) -> Phrase:
+    return united((thing, *more, last))
+
+
+@_rule("pair", "a:thing AND b:thing")
+def _pair(a: Phrase, b: Phrase) -> tuple[Phrase, Phrase]:
+    a = replace(a, text=a.text.replace(ONE, b.base), base=b.base) if a.base == ONE != b.base else a
+    return a, b
+
+
+@_rule("pair", "n:thing", "_dets n:thing")
+def _two(n: Phrase) -> tuple[Phrase, Phrase]:
+    if not n.many:
+        raise CommandError(f"between takes two things, and only the {n.word} was named")
+    number = re.search(r", (\d+)\)$", n.text)
+    if number and int(number[1]) != 2:
+        raise CommandError(f"between takes two things, not {number[1]}")
+    plainly = re.fullmatch(r"nearest\((things\(\"[^\"]*\"\)), 2\)", n.text)
+    if plainly or _ALL.fullmatch(n.text):
+        whole = replace(n, text=plainly[1] if plainly else n.text, many=False)
+        return whole, whole
+    return replace(n, text=f"nth({n.text}, 1)", many=False), replace(n, text=f"nth({n.text}, 2)", many=False)
+
+
+@_rule("targets", "np")
+def _target(np: Phrase) -> tuple[Phrase, ...]:
+    return (np,)
+
+
+@_rule("targets", "BOTH? one:np ((COMMA | AND)+ TO? FOR? AT? np)+")
+def _several(one: Phrase, np: tuple[Phrase, ...]) -> tuple[Phrase, ...]:
+    found = (one, *np)
+    for at in range(len(found) - 2, -1, -1):
+        a, b = found[at], found[at + 1]
+        if a.base == ONE != b.base and a.text != IT:  # "the first and the third chair"
+            a = replace(a, text=a.text.replace(ONE, b.base), base=b.base, word=b.word)
+            found = (*found[:at], a, *found[at + 1 :])
+    return found
+
+
+# ---- rooms
+
+
+@_rule("room", "_dets name:ROOMKIND")
+def _named_room(name: str) -> Phrase:
+    rooms = f"rooms({quoted(name)})"
+    return Phrase(f"room({quoted(name)})", rooms, name, whole=rooms)
+
+
+@_rule("room", "ROOM NUMBER? n:whole")
+def _numbered_room(n: int) -> Phrase:
+    return Phrase(f'room("room {n}")', "rooms()", "room")
+
+
+@_rule("room", "_dets ROOM", "_dets SAME ROOM")
+def _this_room() -> Phrase:
+    return Phrase("room()", "rooms()", "room")
+
+
+@_rule("room", "_dets OTHER (ROOM | ROOMKIND)")
+def _other_room() -> Phrase:
+    return Phrase('room("other")', "rooms()", "room")
+
+
+@_rule("room", "_dets ROOM WITH np", "_dets ROOM (THAT | IS | WHERE)* IN? np IS? IN?", cost=0.2)
+def _room_of(np: Phrase) -> Phrase:
+    return Phrase(f"room({np.argument})", "rooms()", "room", False, np.notes, np.others)
+
+
+@_rule("room", "_dets (NEAREST | key:SIZE | key:SUPER | key:MORE | FARTHEST) ROOM", cost=0.1)
+def _sized_room(key: str = "") -> Phrase:
+    return Phrase(f'first(order(rooms(), "{key}"))' if key else 'room("other")', "rooms()", "room")
+
+
+@_rule("room", "EVERY (OF | DET)* OTHER? ROOMS?", "EVERY (OF | DET)* OTHER? ROOM", "DET? ROOMS")
+def _all_rooms() -> Phrase:
+    return Phrase("rooms()", "rooms()", "room", True)

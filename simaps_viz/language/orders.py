@@ -1,0 +1,981 @@
+"""Orders and questions: verb phrases over noun phrases, and what joins them, to the steps of a program."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Any, Final
+
+from simaps_viz.errors import CommandError
+from simaps_viz.language.nouns import GRAMMAR, IT, Part, Parts, Phrase, refine, select, united
+from simaps_viz.language.words import Noun
+
+_METRES: Final = {
+    "METRES": 1.0, "CENTIMETRES": 0.01, "MILLIMETRES": 0.001, "KILOMETRES": 1000.0, "FEET": 0.3048, "INCHES": 0.0254,
+    "YARDS": 0.9144, "STEPS": 0.7,
+}  # fmt: skip
+_A_LITTLE_M: Final = 0.5
+_A_LITTLE_DEG: Final = 30.0
+_MAX_TIMES: Final = 100
+_MAX_LAPS: Final = 20
+_COMPASS: Final = {"north": 0.0, "east": 90.0, "south": 180.0, "west": 270.0}
+_CORNERS: Final = {45.0: "north east", 135.0: "south east", 225.0: "south west", 315.0: "north west"}
+EVERYTHING: Final = Phrase('things("anything")', 'things("anything")', "thing", True)
+
+
+@dataclass(frozen=True)
+class Do:
+    """Lines of a program; ``{0}`` is the first phrase as arguments of a primitive, ``{0.text}`` as a value."""
+
+    lines: tuple[str, ...]
+    phrases: tuple[Phrase, ...] = ()
+    notes: tuple[str, ...] = ()
+    verb: str = "go"
+    """"go" or "face": what is done with a thing that is named next without a verb; "" where one is named so here."""
+
+
+@dataclass(frozen=True)
+class Repeat:
+    """Steps that are done several times."""
+
+    times: int
+    steps: "Steps"
+
+
+@dataclass(frozen=True)
+class Choose:
+    """Steps that are done where a condition holds, and others where it does not."""
+
+    test: str
+    phrases: tuple[Phrase, ...]
+    then: "Steps"
+    otherwise: "Steps" = ()
+    after: bool = False
+    """Whether the condition was said after the steps, so that "it" in it is what they name."""
+
+
+Step = Do | Repeat | Choose
+Steps = tuple[Step, ...]
+
+
+@dataclass(frozen=True)
+class Measure:
+    """Metres or degrees as program text, with a note on how they were read."""
+
+    text: str
+    note: tuple[str, ...] = ()
+
+    @property
+    def negated(self) -> str:
+        """Return it with the other sign."""
+        return self.text[1:] if self.text.startswith("-") else f"-{self.text}"
+
+
+def tidy(number: float) -> str:
+    """Return a number as program text without needless digits: 2.0 -> "2"."""
+    return f"{round(number, 6):.6f}".rstrip("0").rstrip(".")
+
+
+_rule, _words = GRAMMAR.rule, GRAMMAR.words
+_ONE_METRE: Final = Measure("1", ("no distance was said: 1 m",))
+
+
+def _each(call: str, targets: Sequence[Phrase], verb: str = "go", notes: tuple[str, ...] = ()) -> Steps:
+    return tuple(Do((call,), (phrase,), notes, verb) for phrase in targets)
+
+
+_words("_np", "np")
+
+# ---- distances and angles
+
+for _name, _size in _METRES.items():
+    _rule("unit", _name)(lambda name=_name: name)
+
+
+@_rule(
+    "distance",
+    "n:amount? unit | n:amount | half:HALF OF? DET? unit | DET half:HALF unit | DET unit | (n:amount | DET)? "
+    "quarter:QUARTER (OF DET)? unit | few:SLIGHTLY | n:amount unit AND DET? half:HALF | DET unit AND DET? "
+    "half:HALF",
+)
+def _distance(n: float | None = None, unit: str = "", half: str = "", quarter: str = "", few: str = "") -> Measure:
+    if few:
+        return Measure(tidy(_A_LITTLE_M), (f"a little is read as {_A_LITTLE_M:g} m",))
+    amount = 1.0 if n is None else n
+    if n is not None and half:
+        amount += 0.5
+    elif half:
+        amount *= 0.5
+    elif quarter:
+        amount *= 0.25
+    note = f"{tidy(amount)} is read as metres" if not unit else ""
+    note = f"a step is read as {_METRES['STEPS']:g} m" if unit == "STEPS" else note
+    return Measure(tidy(amount * _METRES[unit or "METRES"]), (note,) if note else ())
+
+
+@_rule("distance", "DET unit AND DET? HALF", cost=-0.1)
+def _one_and_a_half(unit: str) -> Measure:
+    return Measure(tidy(1.5 * _METRES[unit]))
+
+
+@_rule("angle", "n:NUM DEGREES?", "n:ONE DEGREES")
+def _angle(n: float) -> Measure:
+    return Measure(tidy(n))
+
+
+@_rule("angle", "(DET | n:amount)? QUARTER (OF DET)? _revolution?")
+def _quarter(n: float = 1.0) -> Measure:
+    return Measure(tidy(90.0 * n))
+
+
+@_rule("angle", "DET? n:ORD OF _revolution")
+def _share_of_turn(n: int) -> Measure:
+    return Measure(tidy(360.0 / max(n, 1)))
+
+
+@_rule("angle", "DET? HALF DET? _revolution")
+def _half_turn() -> Measure:
+    return Measure("180")
+
+
+@_rule("angle", "SLIGHTLY")
+def _slightly() -> Measure:
+    return Measure(tidy(_A_LITTLE_DEG), (f"a little is read as {_A_LITTLE_DEG:g} degrees",))
+
+
+_words("_revolution", "DET? (TURN | CIRCLE)")
+
+# ---- going to things and rooms
+
+_words("_prep", "TO | TOWARD | NEAR | AT | BY | ON | FOR | FORWARD | BACK | IN | UNTIL")
+_words("_goer", "GO | STAND | TAKE | RETURN")
+_words("_place", "DET* POINT")
+_words("_go", "_goer _prep* | APPROACH _prep* | _prep+")
+
+
+@_rule(
+    "order",
+    "_goer EITHER? _prep+ (_place _prep*)? WHERE? targets IS? | APPROACH _prep* targets | BACK _prep+ targets | "
+    "NEED TO? targets | _prep+ targets | GO targets:there",
+)
+def _go_to(targets: tuple[Phrase, ...]) -> Steps:
+    return _each("robot.move_to_{0.goal}", targets)
+
+
+@_rule("order", "_goer place:PLACE")
+def _go_somewhere(place: Noun) -> Steps:
+    return _go_to((select(place, ()),))
+
+
+@_rule("there", "IT")
+def _there() -> tuple[Phrase, ...]:
+    return (Phrase(IT, "", "thing"),)
+
+
+@_rule("order", "targets", cost=0.7)
+def _bare(targets: tuple[Phrase, ...]) -> Steps:
+    if any(phrase.free for phrase in targets):
+        raise CommandError("")
+    return _each("", targets, "")
+
+
+@_rule("order", "_go room", "APPROACH room", "_goer _prep* room", "room")
+def _go_room(room: Phrase) -> Steps:
+    return _each("robot.move_to_{0.goal}", [room])
+
+
+@_rule("order", "LEAVE (DET* ROOM | room | DET* MAP | HERE | IT)?")
+def _leave(room: Phrase | None = None) -> Steps:
+    return (Do(('robot.move_to_object(room("other"))',)),)
+
+
+@_rule(
+    "order",
+    "_go? DET? (MIDDLE | BETWEEN) OF? (room | DET* MAP) | _go? BETWEEN room | _go? DET? MIDDLE OF room",
+)
+def _go_middle_of_room(room: Phrase | None = None) -> Steps:
+    return (Do(("robot.move_to(centre({0.text}))",), (room,)) if room else Do(("robot.move_to(centre(room()))",)),)
+
+
+@_rule("order", "_go _dets spot:SPOT ((OF | IN) (room | DET* MAP))?", cost=0.2)
+def _go_spot(spot: str, room: Phrase | None = None) -> Steps:
+    where = "{0.text}" if room else "room()"
+    calls = {"corner": f'corner({where}, "")', "middle": f"centre({where})", "door": f"entrance({where})"}
+    if spot not in calls:
+        raise CommandError(f"there is no {spot} on this map to go to")
+    return (Do((f"robot.move_to({calls[spot]})",), (room,) if room else ()),)
+
+
+@_rule("order", "_go (_dets nearest:NEAREST)? _dets spot:SPOT (OF | IN)? (room)?", cost=0.3)
+def _go_nearest_spot(spot: str, nearest: str = "", room: Phrase | None = None) -> Steps:
+    return _go_spot(spot, room)
+
+
+@_rule("order", "_go? _dets side (SIDE | END | SPOT) (OF | IN) (room | DET* MAP)", cost=-0.1)
+def _go_end_of_room(side: str, room: Phrase | None = None) -> Steps:
+    return (Do((f'robot.move_to(spot({{0.text}}, "{side}"))',), (room or Phrase("room()", "", "room"),)),)
+
+
+@_rule("order", "_go? BETWEEN pair", "PASS BETWEEN pair", "_go? DET BETWEEN pair", "PASS pair", cost=-0.5)
+def _go_between(pair: tuple[Phrase, Phrase]) -> Steps:
+    return (Do(("robot.move_in_between({0.argument}, {1.argument})",), pair),)
+
+
+@_rule("order", "_go? DET? BETWEEN np", cost=0.2)
+def _go_middle(np: Phrase) -> Steps:
+    if np.many:
+        raise CommandError(f"between takes two things; which {np.word}s are meant was not said")
+    return (Do(("robot.move_to(robot.get_pos({0}))",), (np,)),)
+
+
+@_rule("beside", "DET? side (SIDE | END)? (OF | FROM)", "DET* SIDE (OF | FROM)")
+def _beside(side: str = "") -> str:
+    return side or "beside"
+
+
+@_rule("order", "_go? _place? beside targets", cost=-0.2)
+def _go_beside(beside: str, targets: tuple[Phrase, ...]) -> Steps:
+    if beside in ("left", "right", *_COMPASS):
+        return _each(f"robot.move_{'to_' if beside in ('left', 'right') else ''}{beside}({{0}})", targets)
+    return _each(f'robot.move_to(spot({{0.argument}}, "{beside}"))', targets)
+
+
+@_rule("order", "_go? np POSS (side | FRONT | back:BEHIND) (SIDE | END)?", cost=-0.2)
+def _go_possessed(np: Phrase, side: str = "front", back: str = "") -> Steps:
+    return _go_beside("behind" if back else side, (np,))
+
+
+@_rule("order", "_go? FRONT targets", cost=-0.2)
+def _go_front(targets: tuple[Phrase, ...]) -> Steps:
+    return _each('robot.move_to(spot({0.argument}, "front"))', targets)
+
+
+@_rule("order", "_go? BEHIND targets", "PASS targets", cost=-0.1)
+def _go_behind(targets: tuple[Phrase, ...]) -> Steps:
+    notes = tuple(f"behind the {p.word} is read as its side away from the robot" for p in targets)
+    return _each('robot.move_to(spot({0.argument}, "behind"))', targets, notes=notes[:1])
+
+
+@_rule("order", "_go? distance (TO | AT | ON | BY)* (beside | FRONT | BEFORE | back:BEHIND | off:away) np", cost=-0.3)
+def _go_off(distance: Measure, np: Phrase, beside: str = "front", back: str = "", off: str = "") -> Steps:
+    side = "behind" if back else "beside" if off else beside
+    note = (*distance.note, f"{distance.text} m is measured from the edge of the {np.word}")
+    return (Do((f'robot.move_to(spot({{0.argument}}, "{side}", {distance.text}))',), (np,), note),)
+
+
+_rule("away", "AWAY? FROM", "AWAY FROM?", "OF")(lambda: "from")
+
+
+@_rule("order", "_go? _dets corner:INTER (SIDE | END | SPOT)? (OF | IN) (np | room | DET* MAP)", cost=-0.2)
+def _go_corner(corner: float, np: Phrase | None = None, room: Phrase | None = None) -> Steps:
+    which = _CORNERS.get(corner)
+    if which is None:
+        raise CommandError("a corner lies north-east, south-east, south-west or north-west")
+    thing = np or room or Phrase("room()", "", "room")
+    return (Do((f'robot.move_to(corner({{0.argument}}, "{which}"))',), (thing,)),)
+
+
+_rule("times", "n:whole TIMES")(lambda n: n)
+_rule("times", "TWICE")(lambda: 2)
+_rule("times", "THRICE")(lambda: 3)
+_rule("times", "ONCE")(lambda: 1)
+
+
+_rule("round", "way")(lambda way: -1.0 if way == "left" else 1.0)
+
+
+@_rule(
+    "order",
+    "(CIRCLE | GO AROUND | PASS AROUND) (AROUND | NEAR | OF)? targets round? times? round? | (CIRCLE | GO AROUND) "
+    "times AROUND? targets | times (CIRCLE | AROUND) targets | GO times AROUND targets | (MAKE | GO)? (n:amount | "
+    "DET | FULL | half:HALF)* LAP round? (AROUND | OF | NEAR) targets times? | GO HALFWAY? half:HALF AROUND "
+    "targets | CIRCLE (n:amount | DET)? LAP? (AROUND | OF) targets",
+    cost=-0.4,
+)
+def _circle(targets: tuple[Phrase, ...], times: int = 1, n: Any = 1, half: Any = (), round: float = 1.0) -> Steps:
+    number = max(times, *n) if isinstance(n, tuple) else max(times, n)
+    turns = round * (0.5 if half else number)
+    if not 0 < number <= _MAX_LAPS:
+        raise CommandError(f"up to {_MAX_LAPS} laps can be driven, found {number:g}")
+    lines = (f"for point in lap({{0.argument}}{'' if turns == 1 else f', {tidy(turns)}'}):", "    robot.move_to(point)")
+    return tuple(Do(lines, (phrase,)) for phrase in targets)
+
+
+@_rule(
+    "order",
+    "_goer ((BY | FOR)? distance)? TOWARD np | _goer TOWARD np ((BY | FOR)? distance)? | _goer FORWARD ((BY | "
+    "FOR)? distance)? TOWARD np | _goer FORWARD? distance (TOWARD | NEAR) np | _goer distance FORWARD TOWARD np | "
+    "_goer (TOWARD | MORE TO) np distance",
+    cost=0.05,
+)
+def _go_toward(np: Phrase, distance: Measure | None = None) -> Steps:
+    if distance is None:
+        return _go_to((np,))
+    return (Do(("robot.face({0})", f"robot.move_forward({distance.text})"), (np,), distance.note),)
+
+
+@_rule("order", "(BACKUP | GO AWAY) FROM np ((BY | FOR)? distance)?", "(BACKUP | GO AWAY) (BY | FOR)? distance FROM np")
+def _go_away(np: Phrase, distance: Measure = _ONE_METRE) -> Steps:
+    return (Do(("robot.face({0})", f"robot.move_forward({distance.negated})"), (np,), distance.note),)
+
+
+@_rule("order", "_goer? HALFWAY np", "_goer? HALF OF? DET? (TO | TOWARD) np")
+def _go_halfway(np: Phrase) -> Steps:
+    return (Do(("robot.move_to(way({0.argument}))",), (np,)),)
+
+
+@_rule("order", "_goer? FROM (START | HERE | a:np) TO (np | room) (back:BACKTOO (TO _np)?)?", cost=-0.5)
+def _from_to(np: Phrase | None = None, room: Phrase | None = None, a: Phrase | None = None, back: str = "") -> Steps:
+    goal = np or room
+    assert goal is not None
+    return (*(_go_to((a,)) if a else ()), *_go_to((goal,)), *((_go_to((a,)) if a else _home()) if back else ()))
+
+
+@_rule("order", "_go targets COMMA? VIA via:targets", "_go room COMMA? VIA via:targets", cost=-0.6)
+def _go_via(via: tuple[Phrase, ...], targets: tuple[Phrase, ...] = (), room: Phrase | None = None) -> Steps:
+    return (*_go_to(via), *(_go_room(room) if room else _go_to(targets)))
+
+
+@_rule("order", "_go VIA via:targets TO (targets | room)", cost=-0.6)
+def _via_go(via: tuple[Phrase, ...], targets: tuple[Phrase, ...] = (), room: Phrase | None = None) -> Steps:
+    return _go_via(via, targets, room)
+
+
+@_rule("order", "_goer? SHUTTLE BETWEEN pair times?", "_goer times? SHUTTLE BETWEEN pair", cost=-0.6)
+def _shuttle(pair: tuple[Phrase, Phrase], times: int = 1) -> Steps:
+    return (Repeat(times, (*_go_to(pair[:1]), *_go_to(pair[1:]))),)
+
+
+@_rule("order", "_go targets BACKTOO", "_go targets times? BACKTOO", "_go room BACKTOO", cost=-0.6)
+def _there_and_back(targets: tuple[Phrase, ...] = (), room: Phrase | None = None, times: int = 1) -> Steps:
+    return (*(_go_room(room) if room else _go_to(targets)), *_home())
+
+
+_words("_beginning", "DET? START | _prep+ DET? START | HERE | TO HERE")
+
+
+@_rule(
+    "order",
+    "RETURN (_beginning | TO DET* MAP)? | (GO | TAKE | BACK) DET? START | (GO | TAKE | BACK) _prep+ DET? START | "
+    "GO BACK HERE | GO BACK TO HERE | _prep+ DET? START | GO BACK | BACK _beginning",
+    cost=-0.3,
+)
+def _home() -> Steps:
+    return (Do(('robot.move_to(pose("start"))',)),)
+
+
+@_rule("order", "_goer _prep+ (DET? POINT)? x:NUM COMMA? y:NUM", "_goer (DET? POINT) x:NUM COMMA? y:NUM", cost=-1.0)
+def _go_position(x: float, y: float) -> Steps:
+    return (Do((f"robot.move_to([{tidy(x)}, {tidy(y)}])",)),)
+
+
+@_rule("order", "HALT", "STAND", "STAND AT? HERE", "GO TO? HERE")
+def _halt() -> Steps:
+    return (Do(("robot.turn(0)",), notes=("the robot stays where it is",)),)
+
+
+# ---- turning
+
+_words("_turning", "TURN | SPIN | MAKE DET? TURN")
+_words("_looking", "FACE | LOOK | LOOK _prep+ | FACE _prep+ | TURN _prep* (LOOK | FACE) _prep*")
+
+
+@_rule(
+    "order",
+    "_looking targets | _turning AROUND? (TO | TOWARD | AT)+ _looking? targets | UNTIL SEE targets | _turning "
+    "way? AROUND? UNTIL (SEE | LOOK | FACE) targets | _turning AROUND _looking targets",
+)
+def _face(targets: tuple[Phrase, ...], way: str = "") -> Steps:
+    return _each("robot.face({0})", targets, "face")
+
+
+@_rule("order", "_turning AWAY FROM np", "UTURN _prep+ np", "(LOOK | FACE) AWAY FROM np")
+def _face_away(np: Phrase) -> Steps:
+    return (Do(("robot.face({0})", "robot.turn(180)"), (np,)),)
+
+
+_words("_course", "DET? DIRECTION (OF | TO)? DET?")
+
+
+for _name, _degrees in _COMPASS.items():
+    _rule("compass", _name.upper())(lambda degrees=_degrees: degrees)
+_rule("compass", "point:INTER")(lambda point: point)
+
+
+@_rule("heading", "DET? compass (SIDE | DIRECTION)?", "_course DET? compass")
+def _heading(compass: float) -> float:
+    return compass
+
+
+@_rule("order", "(_looking | _turning _prep*) heading", "_turning _prep* _looking heading", cost=-0.1)
+def _face_compass(heading: float) -> Steps:
+    return (Do((f"robot.turn_absolute({tidy(heading)})",)),)
+
+
+@_rule(
+    "order",
+    "_looking _course? angle | _turning TO _course? angle | GO _prep* _course angle | _turning _course angle | "
+    "_turning TO DET? angle _course?",
+)
+def _face_heading(angle: Measure) -> Steps:
+    return (Do((f"robot.turn_absolute({angle.text})",)),)
+
+
+for _name in ("left", "right"):
+    _rule("lateral", _name.upper())(lambda name=_name: name)
+
+
+@_rule(
+    "order", "(KEEP | WITH | _turning (UNTIL | WITH | THAT | SO)*) np IS? (ON | TO | AT) DET? lateral SIDE?", cost=-0.5
+)
+def _with_object(np: Phrase, lateral: str) -> Steps:
+    return (Do((f"robot.with_object_on_{lateral}({{0}})",), (np,)),)
+
+
+@_rule("order", "_go _prep* FORWARD? _with np (ON | TO | AT) DET? lateral SIDE?", cost=-0.7)
+def _go_with_object(np: Phrase, lateral: str) -> Steps:
+    return (*_with_object(np, lateral), Do(("robot.move_forward(1)",), (), _ONE_METRE.note))
+
+
+_words("_with", "WITH | KEEP")
+_rule("way", "(_prep | DET)* lateral SIDE?")(lambda lateral: lateral)
+_rule("way", "_prep* CLOCKWISE")(lambda: "right")
+_rule("way", "_prep* COUNTERCLOCKWISE")(lambda: "left")
+
+
+@_rule(
+    "order",
+    "_turning way ((BY | FOR)? angle)? | _turning (BY | FOR | DET | FULL)* angle TURN? way? TURN? | _looking way "
+    "| MAKE (BY | DET)* angle? TURN? way (angle | TURN | angle TURN | TURN angle)? | MAKE DET? angle TURN? way? "
+    "TURN? | way (TURN? (BY | FOR)? angle)? | (BY | FOR)? angle TURN? way | _turning AROUND angle way? | way TURN "
+    "angle? | MAKE DET? TURN way angle?",
+)
+def _turn(angle: Measure | None = None, way: str = "") -> Steps:
+    by = angle or Measure("90")
+    notes = by.note if way else (*by.note, f"{by.text} degrees without a side is read as a turn to the right")
+    return (Do((f"robot.turn({by.negated if way == 'left' else by.text})",), (), notes),)
+
+
+@_rule("order", "TURN BY", "TURN AROUND", "TURN BACK", "UTURN", "MAKE DET? UTURN", cost=-0.1)
+def _turn_around() -> Steps:
+    return (Do(("robot.turn(180)",)),)
+
+
+@_rule(
+    "order",
+    "SPIN AROUND? way? | LOOK AROUND HERE? | (TURN | SPIN | MAKE | GO | LOOK) AROUND? (AT | BY | IN)? DET? _whole "
+    "way? | _whole | TURN FULL AROUND | TURN AROUND FULL",
+    cost=0.1,
+)
+def _turn_fully(way: str = "") -> Steps:
+    return (Do((f"robot.turn({'-' if way == 'left' else ''}360)",), (), ("a full turn is 360 degrees",)),)
+
+
+_words("_whole", "CIRCLE | FULL (CIRCLE | TURN | SPIN) | SPIN | FULL _lateral TURN")
+_words("_lateral", "LEFT | RIGHT")
+
+# ---- driving without a goal
+
+_words("_step", "GO | STEPS")
+
+
+@_rule(
+    "order",
+    "_step FORWARD+ ((BY | FOR)? distance)? | _step (BY | FOR)? distance FORWARD* | FORWARD ((BY | FOR)? "
+    "distance)? | distance FORWARD | MAKE distance FORWARD*",
+)
+def _forward(distance: Measure = _ONE_METRE) -> Steps:
+    return (Do((f"robot.move_forward({distance.text})",), (), distance.note),)
+
+
+@_rule("order", "STEPS FORWARD*")
+def _step_forward() -> Steps:
+    return _forward(Measure(tidy(_METRES["STEPS"]), (f"a step is read as {_METRES['STEPS']:g} m",)))
+
+
+@_rule(
+    "order",
+    "BACKUP ((BY | FOR)? distance)? | _step _backward ((BY | FOR)? distance)? | RETURN (BY | FOR)? distance | "
+    "(_step | MAKE) distance _backward | BACKWARD ((BY | FOR)? distance)? | distance _backward",
+)
+def _backward(distance: Measure = _ONE_METRE) -> Steps:
+    return (Do((f"robot.move_forward({distance.negated})",), (), distance.note),)
+
+
+_words("_backward", "BACK | BACKWARD")
+
+
+@_rule(
+    "order",
+    "_step (_prep | DET)* compass SIDE? ((BY | FOR)? distance)? | _step (BY | FOR)? distance (_prep | DET)* "
+    "compass | MAKE distance (_prep | DET)* compass | distance (_prep | DET)* compass",
+    cost=-0.2,
+)
+def _compass_move(compass: float, distance: Measure = _ONE_METRE) -> Steps:
+    return (Do((f"robot.turn_absolute({tidy(compass)})", f"robot.move_forward({distance.text})"), (), distance.note),)
+
+
+_rule("sideway", "(_prep | DET)* lateral SIDE?")(lambda lateral: lateral)
+
+
+@_rule(
+    "order",
+    "GO sideway ((BY | FOR)? distance)? | _step (BY | FOR)? distance sideway | MAKE distance sideway | distance "
+    "sideway",
+    cost=-0.2,
+)
+def _sideways(sideway: str, distance: Measure = _ONE_METRE) -> Steps:
+    angle = 90 if sideway == "right" else -90
+    return (Do((f"robot.turn({angle})", f"robot.move_forward({distance.text})"), (), distance.note),)
+
+
+@_rule("order", "STEPS sideway")
+def _step_aside(sideway: str) -> Steps:
+    return _sideways(sideway, Measure(tidy(_METRES["STEPS"]), (f"a step is read as {_METRES['STEPS']:g} m",)))
+
+
+@_rule("order", "STRAFE sideway ((BY | FOR)? distance)?", "STRAFE distance sideway")
+def _strafe(sideway: str, distance: Measure = _ONE_METRE) -> Steps:
+    angle = 90 if sideway == "right" else -90
+    note = ("the robot cannot drive sideways: it turns, drives, and turns back", *distance.note)
+    return (Do((f"robot.turn({angle})", f"robot.move_forward({distance.text})", f"robot.turn({-angle})"), (), note),)
+
+
+# ---- questions
+
+_words("_mark", "STOP?")
+_words("_away", "AWAY | FROM HERE | HERE")
+
+
+def _changed(phrase: Phrase, text: str, notes: tuple[str, ...] | None = None, many: bool | None = None) -> Phrase:
+    notes = phrase.notes if notes is None else notes
+    return replace(phrase, text=text, whole="", notes=notes, many=phrase.many if many is None else many)
+
+
+def _told(phrase: Phrase, kind: str, *more: str) -> Steps:
+    rest = "".join(f", {one}" for one in more)
+    text = phrase.whole if kind in ("count", "whether", "list", "what") and phrase.whole else phrase.text
+    return (Do((f'tell({{0.text}}, "{kind}"{rest})',), (replace(phrase, text=text, many=False),)),)
+
+
+@_rule(
+    "question",
+    "(HOWMANY | COUNT) DET* np (IS | EXIST | DOES)* post* (HERE | SEE)? | (HOWMANY | COUNT) np (DOES | IS)* DET* "
+    "MAP WITH? | (HOWMANY | COUNT) np DOES HERE (WITH | SEE)",
+)
+def _how_many(np: Phrase, post: Sequence[Parts] = ()) -> Steps:
+    return _told(refine(np, [part for parts in post for part in parts]), "count")
+
+
+@_rule("question", "EXIST (ATLEAST | more:MORETHAN | few:LESSTHAN) n:whole np", cost=-0.3)
+def _are_there(n: int, np: Phrase, more: str = "", few: str = "") -> Steps:
+    test, phrases = _at_least(n, np, more, few)
+    return (Do((f'tell({test}, "whether")',), phrases),)
+
+
+@_rule(
+    "question", "EXIST counted:COUNTED a:np THAN b:np", "HOWMANY how:COUNTED a:np THAN b:np (IS | EXIST)*", cost=-0.3
+)
+def _are_there_more(a: Phrase, b: Phrase, counted: str = "", how: str = "") -> Steps:
+    test, phrases = _counts(counted or how, a, b)
+    if how:
+        swap = phrases if how == "more" else phrases[::-1]
+        return (Do(('tell(count({0.text}) - count({1.text}), "count")',), swap),)
+    return (Do((f'tell({test}, "whether")',), phrases),)
+
+
+@_rule(
+    "question",
+    "(HOWMANY | COUNT) ROOMS (IS | EXIST)* HERE? _in_map?",
+    "(HOWMANY | COUNT) ROOMS (_is | DOES)* DET* MAP WITH?",
+)
+def _how_many_rooms() -> Steps:
+    return (Do(('tell(rooms(), "count")',)),)
+
+
+_words("_in_map", "(IN | ON) DET* MAP")
+
+
+@_rule("question", "(HOWMANY | COUNT) n:np DOES of:np WITH", "(HOWMANY | COUNT) n:np (DOES | WITH) of:np WITH?")
+def _how_many_at(n: Phrase, of: Phrase) -> Steps:
+    return _told(_changed(n, text=f"near({n.text}, {of.argument})", notes=n.notes + of.notes), "count")
+
+
+@_rule("question", "HOWMANY np (IS | EXIST)+ BETWEEN pair")
+def _how_many_between(np: Phrase, pair: tuple[Phrase, Phrase]) -> Steps:
+    return _told(_changed(np, text=f"between({np.text}, {pair[0].argument}, {pair[1].argument})"), "count")
+
+
+@_rule("question", "WHERE (IS | EXIST | DOES | GO)* np (IS | GO)*", "LIST WHERE np IS", "LOOK? WHERE np")
+def _where(np: Phrase) -> Steps:
+    return _told(np, "where")
+
+
+@_rule(
+    "question",
+    "(IN | TO)? WHICH (ROOM | ROOMS) (IS | HERE | WITH | DOES)* np IS? IN? | WHICH (ROOM | ROOMS) HERE* WITH np | "
+    "WHERE ROOM IS np (IN)?",
+    cost=-0.2,
+)
+def _which_room(np: Phrase) -> Steps:
+    return _told(np, "room")
+
+
+@_rule(
+    "question",
+    "WHEREAMI HERE? IN?",
+    "WHERE (IS | EXIST)* HERE",
+    "WHERE HERE IS?",
+    "IN? WHICH ROOM IS? HERE IS? IN?",
+    cost=-0.3,
+)
+def _where_am_i() -> Steps:
+    return (Do(('tell(room(), "which")',)),)
+
+
+@_rule(
+    "question", "EXIST np", "EXIST DET* np HERE?", "IS np HERE", "IF EXIST np", "IS HERE np", "DOES DET* MAP WITH np"
+)
+def _is_there(np: Phrase) -> Steps:
+    return _told(np, "whether")
+
+
+@_rule("question", "EXIST DET* room", "EXIST DET? OTHER? ROOMS")
+def _is_there_room(room: Phrase | None = None) -> Steps:
+    return (Do((f'tell({room.whole if room else "rooms()"}, "whether")',)),)
+
+
+@_rule("question", "SEEQ np HERE?", "DOES HERE SEE np")
+def _do_you_see(np: Phrase) -> Steps:
+    return _told(_changed(np, text=f"visible({np.text})"), "whether")
+
+
+@_rule(
+    "question",
+    "IS np (ON | TO | AT)* DET* side OR (ON | TO | AT)* DET* _side (SIDE | OF | HERE)* | IS np FRONT HERE? OR "
+    "BEHIND HERE | IS np (BEHIND | FRONT) HERE? OR (FRONT | BEHIND) HERE",
+    cost=-0.5,
+)
+def _on_which_side(np: Phrase, side: str = "") -> Steps:
+    return _told(np, "where")
+
+
+@_rule(
+    "question",
+    "IS a:np compared (TO | HERE)* b:np OR TO? c:np | IS a:np near:NEAR b:np OR NEAR? TO? c:np | (WHICH | WHAT) "
+    "IS NEAREST TO? a:np COMMA? b:np COMMA? OR c:np",
+    cost=-0.6,
+)
+def _nearer_of_two(a: Phrase, b: Phrase, c: Phrase, compared: str = "near", near: str = "") -> Steps:
+    """Read "is the fridge closer to the stove or to the sofa?"."""
+    name = {"near": "nearest", "far": "farthest"}.get(compared)
+    if name is None:
+        raise CommandError("")
+    return _told(_changed(a, f"{name}({united((b, c)).text}, 1, {a.measure})"), "which")
+
+
+@_rule("question", "IS np (relation | NOT? adjective)", "IF np IS (relation | NOT? adjective)", cost=0.1)
+def _is_it(np: Phrase, relation: Parts = (), adjective: Parts = ()) -> Steps:
+    return _told(refine(np, (*relation, *adjective)), "whether")
+
+
+@_rule("question", "IS np", "IF np", cost=0.3)
+def _is_it_so(np: Phrase) -> Steps:
+    if not np.text.startswith(
+        ("inside", "near", "on(", "under", "side", "visible", "colored", "empty", "between", "minus", "at(")
+    ):
+        raise CommandError("what is asked about it was not said")
+    return _told(np, "whether")
+
+
+@_rule("question", "DOES np (WITH | WITHOUT) of:np", "DOES np WITH ANYTHING _on_it", "DOES np WITH of:np _on_it")
+def _does_it(np: Phrase, of: Phrase | None = None) -> Steps:
+    text = f"having({np.text}, {of.argument})" if of else f"minus({np.text}, empty({np.text}))"
+    return _told(_changed(np, text=text, notes=np.notes + (of.notes if of else ())), "whether")
+
+
+_rule("compared", "key:MORE")(lambda key: key)
+_rule("compared", "key:SUPER")(lambda key: key)
+_rule("compared", "NEAREST HERE?")(lambda: "near")
+_rule("compared", "FARTHEST AWAY?")(lambda: "far")
+
+
+@_rule("question", "IS a:np compared HERE? THAN b:np", cost=-0.3)
+def _compare(a: Phrase, compared: str, b: Phrase) -> Steps:
+    line = f'tell({{0.text}}, "compare", {{1.argument}}, "{compared}")'
+    return (Do((line,), (replace(a, many=False), replace(b, many=False))),)
+
+
+@_rule("question", "(WHICH | WHAT) (IS | OF)* DET? compared HERE? (TO HERE)? COMMA? (a:np) COMMA? OR b:np", cost=-0.4)
+def _which_of_two(compared: str, a: Phrase, b: Phrase) -> Steps:
+    both = united((a, b))
+    return _told(_changed(both, text=f'first(order({both.text}, "{compared}"))'), "which")
+
+
+@_rule(
+    "question",
+    "WHICH np | WHICH np (IS DET? compared | SEE) | WHAT IS np | (WHICH | WHAT) IS np | WHICH IS np | WHICH OF "
+    "DET* np | WHICH ONE IS np | WHICH ONE OF np",
+)
+def _which(np: Phrase, compared: str = "") -> Steps:
+    if compared:
+        ordered = np.text if compared == "near" else f'order({np.text}, "{compared}")'
+        return _told(_changed(np, text=f"first({ordered})"), "which")
+    chosen = np.text.startswith(("first(", "nth(", "nearest(", "farthest(", "last("))
+    return _told(np, "which" if chosen else "list")
+
+
+@_rule("question", "WHICH np (IS | WITH)* (relation | adjective | DET? adjective:size)", cost=0.2)
+def _which_are(np: Phrase, relation: Parts = (), adjective: Parts = ()) -> Steps:
+    parts = (*relation, *adjective)
+    order = next((part for part in parts if part.kind == "order"), None)
+    if order:
+        of = f", {order.of}" if order.of else ""
+        return _told(_changed(np, text=f'first(order({np.text}, "{order.text}"{of}))'), "which")
+    return _told(refine(np, parts), "list")
+
+
+@_rule("question", "WHICH np WITH MOSTLY of:np", "WHICH np WITH FEWEST few:np", cost=-0.3)
+def _which_most(np: Phrase, of: Phrase | None = None, few: Phrase | None = None) -> Steps:
+    key, other = ("many", of) if of else ("few", few)
+    assert other is not None
+    return _told(_changed(np, text=f'first(order({np.text}, "{key}", {other.argument}))'), "which")
+
+
+@_rule("question", "(WHICH | WHAT) np DOES HERE SEE", "(WHICH | WHAT) np SEE")
+def _which_seen(np: Phrase) -> Steps:
+    return _told(_changed(np, text=f"visible({np.text})"), "list")
+
+
+@_rule("question", "WHAT (IS | EXIST)* post+", "WHAT (IS | EXIST)+ HERE? post+", "LIST WHAT IS post+")
+def _what_is(post: Sequence[Parts]) -> Steps:
+    parts = [part for parts in post for part in parts]
+    if any(part.kind == "order" for part in parts):
+        return _told(select(Noun("thing", "anything"), parts), "which")
+    return _told(refine(EVERYTHING, parts), "what")
+
+
+@_rule("question", "WHAT IS DET? (compared | size)", cost=0.2)
+def _what_is_most(compared: str = "", size: Parts = ()) -> Steps:
+    return _told(select(Noun("thing", "anything"), size or (Part("order", compared),)), "which")
+
+
+@_rule("question", "SEEWHAT HERE?", "LOOK AROUND AND LIST SEEWHAT")
+def _what_do_you_see() -> Steps:
+    return _told(_changed(EVERYTHING, text='visible(things("anything"))'), "list")
+
+
+@_rule("question", "WHATALL", "WHAT np (IS | EXIST)+ (HERE | IN DET* MAP)?", "LIST DET* np", "LIST EVERY ONE? ANYTHING")
+def _list(np: Phrase = EVERYTHING) -> Steps:
+    return _told(np, "list")
+
+
+@_rule("question", "(LIST | WHICH | WHAT) EVERY? DET* ROOMS (IS | EXIST)* _in_map?", "LIST room")
+def _list_rooms(room: Phrase | None = None) -> Steps:
+    return (Do(('tell(rooms(), "list")',)),)
+
+
+@_rule(
+    "question",
+    "HOWFAR AWAY? IS np AWAY? (FROM HERE)? | HOWFAR AWAY? IS IT? (TO | FROM) np | HOWFAR (TO | FROM)? np IS? "
+    "AWAY? | (WHAT IS)? DET? DISTANCE (TO | FROM | OF) np | HOWFAR HERE IS? FROM np | HOWFAR IS HERE FROM np",
+)
+def _how_far(np: Phrase) -> Steps:
+    return (Do(('tell({0.text}, "distance")',), (replace(np, many=False),)),)
+
+
+@_rule(
+    "question",
+    "HOWFAR AWAY? IS IT? FROM? a:np AWAY? (TO | FROM | AND) b:np | (WHAT IS)? DET? DISTANCE (BETWEEN | FROM | OF) "
+    "a:np (AND | TO) b:np | HOWFAR AWAY? APART? IS a:np AND b:np APART? | HOWFAR IS IT? (FROM | BETWEEN) a:np (TO "
+    "| AND) b:np | HOWFAR IS a:np (FROM | TO) b:np",
+    cost=-0.1,
+)
+def _how_far_apart(a: Phrase, b: Phrase) -> Steps:
+    return (Do(('tell({0.text}, "distance", {1.argument})',), (replace(a, many=False), replace(b, many=False))),)
+
+
+@_rule("question", "WHATCOLOR (IS | DOES)* np IS? WITH?", "WHATCOLOR OF? np IS?")
+def _what_color(np: Phrase) -> Steps:
+    return _told(np, "color")
+
+
+@_rule("question", "key:HOWBIG (IS | OF)? np IS?")
+def _how_big(key: str, np: Phrase) -> Steps:
+    of = key if key in ("length", "height", "width") else ""
+    return (Do((f'tell({{0.text}}, "size", "", "{of}")',), (replace(np, many=False),)),)
+
+
+@_rule("question", "key:HOWBIG IS room")
+def _how_big_room(key: str, room: Phrase) -> Steps:
+    return (Do(('tell({0.text}, "size", "", "area")',), (room,)),)
+
+
+# ---- conditions
+
+Condition = tuple[str, tuple[Phrase, ...]]
+
+
+@_rule("condition", "(HERE | DOES)* (SEE | SEEQ) np", "np IS? (SEEN | VIEW)", cost=-0.1)
+def _is_seen(np: Phrase) -> Condition:
+    return _exists(_changed(np, f"visible({np.whole or np.text})"))
+
+
+@_rule("condition", "EXIST np", "EXIST DET* np HERE?", "np EXIST", "IS np")
+def _exists(np: Phrase) -> Condition:
+    np = _changed(np, np.whole or np.text)
+    return "count({0.text}) > 0", (replace(np, many=False),)
+
+
+@_rule(
+    "condition",
+    "EXIST NOT np",
+    "EXIST WITHOUT np",
+    "EXIST NUMBER np",
+    "EXIST NOT DET* np",
+    "HERE NEVER SEE np",
+    cost=-0.2,
+)
+def _exists_not(np: Phrase) -> Condition:
+    return "count({0.text}) == 0", (replace(np, many=False),)
+
+
+@_rule(
+    "condition", "np IS? negation:NOT? (relation | adjective)", "IS np negation:NOT? (relation | adjective)", cost=0.1
+)
+def _holds(np: Phrase, relation: Parts = (), adjective: Parts = (), negation: str = "") -> Condition:
+    phrase = refine(np, (*relation, *adjective))
+    return f"count({{0.text}}) {'==' if negation else '>'} 0", (replace(phrase, many=False),)
+
+
+@_rule("condition", "np WITH of:np _on_it?", "np (WITH) ANYTHING _on_it")
+def _holds_having(np: Phrase, of: Phrase | None = None) -> Condition:
+    return _exists(
+        _changed(np, text=f"having({np.text}, {of.argument})" if of else f"minus({np.text}, empty({np.text}))")
+    )
+
+
+@_rule("condition", "np WITHOUT of:np _on_it?")
+def _holds_without(np: Phrase, of: Phrase) -> Condition:
+    return _exists(_changed(np, text=f"without({np.text}, {of.argument})"))
+
+
+@_rule("condition", "EXIST (ATLEAST | more:MORETHAN | few:LESSTHAN) n:whole np", cost=-0.3)
+def _at_least(n: int, np: Phrase, more: str = "", few: str = "") -> Condition:
+    return f"count({{0.text}}) {'>' if more else '<' if few else '>='} {n}", (
+        _changed(np, np.whole or np.text, many=False),
+    )
+
+
+@_rule("condition", "EXIST counted:COUNTED a:np THAN b:np", "counted:COUNTED a:np THAN b:np", cost=-0.3)
+def _counts(counted: str, a: Phrase, b: Phrase) -> Condition:
+    phrases = tuple(_changed(one, one.whole or one.text, many=False) for one in (a, b))
+    return f"count({{0.text}}) {'>' if counted == 'more' else '<'} count({{1.text}})", phrases
+
+
+@_rule("condition", "a:np IS compared HERE? THAN b:np", cost=-0.3)
+def _is_more(a: Phrase, compared: str, b: Phrase) -> Condition:
+    phrases = (replace(a, many=False), replace(b, many=False))
+    if compared in ("near", "far"):
+        return f"distance({{0.argument}}) {'<' if compared == 'near' else '>'} distance({{1.argument}})", phrases
+    key = {"large": "area", "small": "area", "long": "length", "short": "length"}.get(compared, "height")
+    sign = "<" if compared in ("small", "short", "low") else ">"
+    return f'size({{0.argument}}, "{key}") {sign} size({{1.argument}}, "{key}")', phrases
+
+
+# ---- what joins orders
+
+_words("_sep", "(COMMA | AND | THEN | STOP)+")
+_words("_mayhap", "(COMMA | AND | THEN | STOP)*")
+_words(
+    "_verb",
+    "APPROACH | BACKUP | CIRCLE | FACE | GO | HALT | KEEP | LOOK | MAKE | PASS | RETURN | SPIN | STRAFE | TURN | UTURN",
+)
+
+
+@_rule("done", "order times?", "times COMMA? order")
+def _times(order: Steps, times: int = 1) -> Steps:
+    if not 1 <= times <= _MAX_TIMES:
+        raise CommandError(f"an order can be repeated from 1 to {_MAX_TIMES} times, found {times}")
+    return (Repeat(times, order),) if times > 1 else order
+
+
+@_rule("done", "(ORD | AFTER) COMMA? done", "NEED HERE? TO? done", cost=0.2)
+def _numbered_order(done: Steps) -> Steps:
+    return done
+
+
+@_rule("item", "done", "question", "logical")
+def _item(done: Steps = (), question: Steps = (), logical: Steps = ()) -> Steps:
+    return done or question or logical
+
+
+@_rule("if", "IF condition")
+def _whether(condition: Condition) -> Condition:
+    return condition
+
+
+_rule("if", "IFSEE np")(_is_seen)
+
+
+@_rule("logical", "condition:if ((COMMA | THEN)+ | &_verb) a:items (_mayhap OTHERWISE COMMA? b:items)?")
+def _if(condition: Condition, a: Steps, b: Steps = ()) -> Steps:
+    return (Choose(*condition, a, b),)
+
+
+@_rule(
+    "logical",
+    "UNLESS condition ((COMMA | THEN)+ | &_verb) a:items",
+    "a:done COMMA? UNLESS condition (_mayhap OTHERWISE COMMA? b:items)?",
+)
+def _unless(condition: Condition, a: Steps, b: Steps = ()) -> Steps:
+    test, phrases = condition
+    inverse = test.replace(" > 0", " == 0") if test.endswith(" > 0") else f"not {test}"
+    return (Choose(inverse, phrases, a, b),)
+
+
+@_rule("logical", "a:done COMMA? condition:if (_mayhap OTHERWISE COMMA? b:items)?")
+def _only_if(a: Steps, condition: Condition, b: Steps = ()) -> Steps:
+    return (Choose(*condition, a, b, after=True),)
+
+
+@_rule(
+    "logical",
+    "b:done _mayhap BUTFIRST COMMA? a:done | BEFORE b:done COMMA? a:done | b:done COMMA? AFTER a:done | a:done "
+    "COMMA? BEFORE b:done | AFTER a:done COMMA? b:done",
+    cost=0.1,
+)
+def _in_order(a: Steps, b: Steps) -> Steps:
+    return (*a, *b)
+
+
+@_rule("logical", "NEVER not_:done (COMMA | AND | STOP | EXCEPT | THEN)+ b:done", cost=0.3)
+def _but(b: Steps, not_: Steps) -> Steps:
+    """Read "don't go to the sofa, go to the table"."""
+    return b
+
+
+@_rule("logical", "EITHER? a:done COMMA? OR b:done", cost=0.5)
+def _either_order(a: Steps, b: Steps) -> Steps:
+    chosen = [step for step in (*a, *b) if isinstance(step, Do)]
+    if len(chosen) != 2 or any(len(step.phrases) != 1 for step in chosen):
+        raise CommandError("which of the two orders is meant was not said")
+    both = united([step.phrases[0] for step in chosen])
+    return (replace(chosen[0], phrases=(both,)),)
+
+
+@_rule("items", "item (_sep more:item | &_verb more:item)*")
+def _items(item: Steps, more: Sequence[Steps] = ()) -> Steps:
+    return (*item, *(step for steps in more for step in steps))
+
+
+@_rule("start", "_mayhap items _mayhap")
+def _start(items: Steps) -> Steps:
+    return items
+
+
+@_rule("start", "_mayhap (items _mayhap)? NOWAIT COMMA? b:items _mayhap")
+def _instead(b: Steps, items: Steps = ()) -> Steps:
+    """Read "go to the sofa, no wait, the table": what follows replaces the order before it."""
+    last, first = items[-1] if items else None, b[0]
+    if isinstance(last, Do) and last.phrases and isinstance(first, Do) and not first.verb:
+        first = replace(last, phrases=(*first.phrases, *last.phrases[1:]))
+    return (*items[:-1], first, *b[1:])

@@ -1,0 +1,193 @@
+"""Steps to program text: loops over several things, variables for what is named again, indents."""
+
+import keyword
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from typing import Final
+
+from simaps_viz.errors import CommandError
+from simaps_viz.language.nouns import IT, LAST, ONE, Phrase
+from simaps_viz.language.orders import Choose, Do, Repeat, Steps
+from simaps_viz.language.primitives import FUNCTIONS, SELF
+
+_INDENT: Final = "    "
+_IT: Final = Phrase(IT, ONE, "thing")
+
+
+@dataclass
+class _Mention:
+    """A thing, or several, named in a program."""
+
+    phrase: Phrase
+    name: str = ""
+    """Its variable: set where it is named again, and for each thing of a loop."""
+    body: "list[_Line] | None" = None
+    """The lines of its loop."""
+    assigned: bool = False
+    line: "_Line | None" = None
+    """The line that names it first."""
+
+    def __getattr__(self, attribute: str) -> str:
+        """Return ``text``, ``argument``, ``arguments`` or ``goal`` of its phrase, or the same of its variable."""
+        named = f"object({self.name})" if attribute == "goal" else self.name
+        return named if self.name else getattr(self.phrase, attribute)
+
+    def __str__(self) -> str:
+        return self.arguments
+
+
+@dataclass
+class _Line:
+    text: str
+    mentions: tuple[_Mention, ...] = ()
+    body: "list[_Line]" = field(default_factory=list)
+    before: tuple[_Mention, ...] = ()
+    """Things that need their variables before this line."""
+
+
+class Writer:
+    """Writes one program, step by step."""
+
+    def __init__(self) -> None:
+        self._lines: list[_Line] = []
+        self._names: dict[str, int] = {"robot": 1}
+        self._last: _Mention | None = None
+        self._line: _Line | None = None
+        self._verb = "go"
+        self.notes: list[str] = []
+        self.others: dict[tuple[str, str], None] = {}
+
+    def write(self, steps: Steps) -> str:
+        """Return the program of some steps.
+
+        Raises:
+            CommandError: "it" or "one" was said, and nothing before.
+        """
+        self._add(steps, self._lines)
+        return "\n".join(_text(self._lines, ""))
+
+    def _add(self, steps: Steps, lines: list[_Line]) -> None:
+        for step in steps:
+            match step:
+                case Do():
+                    self._do(step, lines)
+                case Repeat(times=times, steps=inner):
+                    numbers = ", ".join(str(n + 1) for n in range(times))
+                    loop = _Line(f"for {self._fresh('turn')} in [{numbers}]:")
+                    lines.append(loop)
+                    self._add(inner, loop.body)
+                case Choose(test=test, phrases=phrases, then=then, otherwise=otherwise):
+                    first: tuple[_Mention, ...] = ()
+                    head = then[0]
+                    if step.after and isinstance(head, Do) and any(IT in phrase.text for phrase in phrases):
+                        # "go to the sofa if it is free": the sofa is named in what is done.
+                        self._mention(head.phrases[0])
+                        first = (self._named("it"),)
+                        then = (replace(head, phrases=(_IT, *head.phrases[1:])), *then[1:])
+                    mentions = tuple(self._mention(phrase) for phrase in phrases)
+                    self._last = (*first, *mentions, self._last)[0]
+                    for line, inner in ((f"if {test}:", then), ("else:", otherwise)):
+                        if inner:
+                            lines.append(_Line(line, mentions, before=first))
+                            self._add(inner, lines[-1].body)
+
+    def _do(self, step: Do, lines: list[_Line]) -> None:
+        if not step.verb:
+            call = "robot.face({0})" if self._verb == "face" else "robot.move_to_{0.goal}"
+            step = Do((call,), step.phrases, step.notes, self._verb)
+        self._verb = step.verb
+        self._note(step.notes)
+        again = self._last if any(IT in phrase.text or phrase.again for phrase in step.phrases) else None
+        if again is not None and again.body is not None:
+            lines = again.body
+        before = self._last
+        mentions = tuple(self._mention(phrase) for phrase in step.phrases)
+        if before is not None and before.line and before.line is self._line and _contrasts(before.phrase, mentions):
+            # "the left chair and then the right one": both are meant from where the robot is before the first.
+            mentions[0].name = self._fresh(_identifier(mentions[0].phrase.word))
+            before.line.before += mentions
+        for mention in mentions[:1]:
+            if mention.phrase.many and not mention.name:
+                mention.name = self._fresh(_identifier(mention.phrase.word))
+                mention.assigned = True
+                loop = _Line(f"for {mention.name} in {mention.phrase.text}:", tuple(mentions[1:]), [])
+                lines.append(loop)
+                lines = mention.body = loop.body
+        # A line that ends in a colon takes the indented lines after it.
+        for line in step.lines:
+            inner = lines[-1].body if line.startswith(_INDENT) else lines
+            self._line = _Line(line.strip(), mentions)
+            inner.append(self._line)
+        for mention in mentions:
+            mention.line = mention.line or self._line
+
+    def _mention(self, phrase: Phrase) -> _Mention:
+        """Return what a phrase means after those before it."""
+        self._note(phrase.notes)
+        self.others.update(dict.fromkeys(phrase.others))
+        last = self._last
+        if phrase.text == IT:
+            return self._named("it")
+        if phrase.again:
+            if last is None or last.phrase.base != phrase.base:
+                raise CommandError(f"which {phrase.word} is meant was not said")
+            return self._named("it")
+        text, base, word = phrase.text, phrase.base, phrase.word
+        if IT in text:
+            text = text.replace(IT, self._named("it").name)
+        if base == ONE:
+            before = self._named("one", name=False).phrase
+            base, word = before.base, before.word
+        text = text.replace(ONE, base)
+        if LAST in text:
+            same = last is not None and last.phrase.base == base
+            if not same:
+                self._note((f"the other {word} is read as all but the closest",))
+            text = text.replace(LAST, self._named("it").name if same else f"nearest({base})")
+        self._last = _Mention(Phrase(text, base, word, phrase.many))
+        return self._last
+
+    def _named(self, word: str, *, name: bool = True) -> _Mention:
+        if self._last is None:
+            raise CommandError(f'"{word}" was not understood: nothing was named before it')
+        if name and not self._last.name:
+            self._last.name = self._fresh(_identifier(self._last.phrase.word))
+        return self._last
+
+    def _fresh(self, name: str) -> str:
+        self._names[name] = self._names.get(name, 0) + 1
+        return name if self._names[name] == 1 else f"{name}_{self._names[name]}"
+
+    def _note(self, notes: Sequence[str]) -> None:
+        self.notes += [note for note in notes if note not in self.notes]
+
+
+def _contrasts(before: Phrase, mentions: Sequence[_Mention]) -> bool:
+    """Whether a thing is told from the one named before it by its place among the things of that name."""
+    if len(mentions) != 1 or mentions[0].phrase.base != before.base or before.many:
+        return False
+    return mentions[0].phrase.text.startswith(("nth(", "first(", "last(", "farthest("))
+
+
+def _text(lines: Sequence[_Line], indent: str) -> list[str]:
+    found = []
+    for line in lines:
+        # What is named again gets its variable before the line that names it first.
+        for mention in (*line.before, *line.mentions):
+            if mention.name and not mention.assigned:
+                mention.assigned = True
+                tested = line.text.startswith("if ") and mention not in line.before
+                value = mention.phrase.text if tested else mention.phrase.single
+                found.append(f"{indent}{mention.name} = {value}")
+        found.append(indent + (line.text.format(*line.mentions) if line.mentions else line.text))
+        found += _text(line.body, indent + _INDENT)
+    return found
+
+
+def _identifier(word: str) -> str:
+    """Return a name a program can use for a thing."""
+    name = re.sub(r"\W+", "_", word.lower()).strip("_")
+    if not (name.isidentifier() and name.isascii()) or keyword.iskeyword(name) or name in FUNCTIONS or name == SELF:
+        return "thing"
+    return name
