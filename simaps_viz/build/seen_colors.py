@@ -54,8 +54,7 @@ def choose_frames(simap: SIMap) -> list[int]:
     """
     # The objects of the views: a community lies in one instance.
     views, frames = simap.views, len(simap.frame_names)
-    of_community = np.zeros(int(max(simap.community.max(initial=0), views.community.max(initial=0))) + 1, np.int64)
-    of_community[simap.community] = simap.instance
+    of_community = instance_by_community(simap)
     named = of_community[views.community] > 0
     one, frame_of = of_community[views.community[named]], views.frame[named]
     pair, at = np.unique(one * frames + frame_of, return_inverse=True)
@@ -82,6 +81,15 @@ def choose_frames(simap: SIMap) -> list[int]:
     return sorted(chosen)
 
 
+def instance_by_community(simap: SIMap) -> NDArray:
+    """Return the instance of each finest community, int64 [n], by its number; 0 = none."""
+    community, instance = simap.community.reshape(-1), simap.instance.reshape(-1)
+    cell = np.flatnonzero(community)  # few of the cells of a building
+    found = np.zeros(int(max(community.max(initial=0), simap.views.community.max(initial=0))) + 1, np.int64)
+    found[community[cell]] = instance[cell]
+    return found
+
+
 @dataclass
 class _Looking:
     """Gathers the pixels of each community, frame by frame."""
@@ -97,8 +105,6 @@ class _Looking:
         self.cell = np.flatnonzero(flat)
         numbers, self.patch = np.unique(flat[self.cell], return_inverse=True)
         self.patches = len(numbers)
-        self.patch_of_cell = np.full(flat.shape, -1, np.int32)
-        self.patch_of_cell[self.cell] = self.patch
         self.pixels: list[NDArray] = []
 
     def look(self, frame: Frame, segmentation: Segmentation, T_map_camera: NDArray) -> None:
@@ -118,25 +124,27 @@ class _Looking:
         label_of = np.full(max((one.id for one in segmentation.segments), default=0) + 1, -1, np.int32)
         for one in segmentation.segments:
             label_of[one.id] = index_of.get(one.label, -1)
-        # Only cells of objects have a patch; -1 is the last cell, which is masked out.
+        # The segment at a pixel has to be of the class of the pixel's cell, which has to be in a patch.
         label = label_of[segmentation.ids[::_EVERY, ::_EVERY]]
-        seen = (cells >= 0) & (self.patch_of_cell[cells] >= 0) & (self.simap.grid.label.reshape(-1)[cells] == label)
-        rgb = frame.color[::_EVERY, ::_EVERY][seen].astype(np.uint64)
+        seen = (cells >= 0) & (self.simap.grid.label.reshape(-1)[cells] == label)
+        cell, rgb = cells[seen], frame.color[::_EVERY, ::_EVERY][seen].astype(np.int64)
+        at = np.minimum(np.searchsorted(self.cell, cell), max(len(self.cell) - 1, 0))
+        inside = self.cell[at] == cell if len(self.cell) else np.zeros(len(cell), bool)
         # One number holds the patch and its colour, so that a pixel takes 8 bytes.
-        patch = self.patch_of_cell[cells[seen]].astype(np.uint64)
+        patch, rgb = self.patch[at[inside]].astype(np.int64), rgb[inside]
         if len(patch):
             self.pixels.append(patch << 24 | rgb[:, 0] << 16 | rgb[:, 1] << 8 | rgb[:, 2])
 
     def appearance(self) -> Appearance:
         """Return the median colour of each patch."""
         packed = np.concatenate(self.pixels)
-        patch = (packed >> 24).astype(np.int64)
+        patch = packed >> 24
         count = np.bincount(patch, minlength=self.patches)
         starts = np.cumsum(count) - count
         rgb = np.zeros((self.patches, 3), np.uint8)
         known = count > 0
         for channel, shift in enumerate((16, 8, 0)):
-            value = np.sort(patch << 8 | (packed >> shift & 255).astype(np.int64)) & 255
+            value = np.sort(patch << 8 | (packed >> shift & 255)) & 255
             rgb[known, channel] = value[(starts + count // 2)[known]]
         return Appearance(
             self.simap.spec, self.cell.astype(np.int32), self.patch.astype(np.int32), rgb, count.astype(np.int32)

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from simaps_viz.appearance import Appearance, unit
-from simaps_viz.build.seen_colors import with_colors
+from simaps_viz.build.seen_colors import instance_by_community, with_colors
 from simaps_viz.datasets.source import FrameSource, Unreadable, read_each
 from simaps_viz.embedding.search import STOCK
 from simaps_viz.embedding.towers import Embedding, remember
@@ -96,8 +96,7 @@ def choose_views(simap: SIMap) -> dict[int, list[tuple[int, int, float]]]:
         {index of frame: [(position in ``simap.instances``, segment, that share)]}.
     """
     views = simap.views
-    of_community = np.zeros(int(max(simap.community.max(initial=0), views.community.max(initial=0))) + 1, np.int64)
-    of_community[simap.community] = simap.instance
+    of_community = instance_by_community(simap)
     seen_by_segment: dict[tuple[int, int], int] = defaultdict(int)
     by_object: dict[int, dict[tuple[int, int], list[float]]] = defaultdict(lambda: defaultdict(lambda: [0.0, 0.0]))
     columns = (of_community[views.community], views.frame, views.segment, views.cells, views.score)
