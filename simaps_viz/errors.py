@@ -30,6 +30,11 @@ class PlanningError(SIMapsError):
     """There is no free path from the robot to its goal."""
 
 
+def one_line(error: BaseException) -> str:
+    """Return what a library's error says on one line, at most 200 characters; its kind where it says nothing."""
+    return " ".join(str(error).split())[:200] or type(error).__name__
+
+
 def _printable(text: str) -> str:
     if not text.isprintable():
         text = "".join(c if c.isprintable() else ascii(c)[1:-1] for c in text)

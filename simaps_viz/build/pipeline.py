@@ -192,9 +192,11 @@ class _Building:
         self.accumulator.frames.read_from(log.path, log.records)
         if not self.watched:
             for step in log.replay():
-                if step.seen.skipped and self._can_be_read(step.seen.index):  # it has been repaired since
-                    log.cut(step.seen.index)
-                    break
+                if step.seen.skipped:
+                    again = next(read_each(self.sequence, [step.seen.index], color=False))
+                    if not isinstance(again, Unreadable):  # it has been repaired since
+                        log.cut(step.seen.index)
+                        break
                 self._check_skipped(step.seen.skipped)
                 try:
                     self.accumulator.replay(step)
@@ -203,9 +205,6 @@ class _Building:
                     break
         first = len(self.accumulator.frames)
         self.gather(range(first, len(self.sequence)), log)
-
-    def _can_be_read(self, index: int) -> bool:
-        return not isinstance(next(read_each(self.sequence, [index], color=False)), Unreadable)
 
     def gather(self, indices: Sequence[int], log: BuildLog | None = None) -> None:
         """Read frames, or have them read, and put them on the grid."""

@@ -106,8 +106,11 @@ def build_to_file(
     if logged and not json_lines:
         _report_unfinished(log_path(output), output, len(sequence), resume=request.resume, recorded=record is not None)
     watching = [BuildProgress(progress, json_lines=json_lines), *observers]
-    with _log_of(sequence, request) if logged else nullcontext() as log:
-        left = _left_behind(output) if log is not None else []
+    facts = fingerprint(sequence, config_of(request.method, request.config)) if logged else {}
+    # While the log is open, no other process builds this map.
+    with BuildLog(log_path(output), facts, resume=request.resume) if logged else nullcontext() as log:
+        # Left by builds that were killed while saving; found later, they may be of one that is saving now.
+        left = [*left_beside(output), *left_beside(history_path(output))] if log is not None else []
         every = COMMUNITIES_EVERY if record is not None else 0
         control = BuildControl(request.strict, log, cancel=cancel, gatherer=gatherer, communities_every=every)
         fault = None
@@ -124,12 +127,6 @@ def build_to_file(
     if fault is not None:
         raise RecordingFault(fault, simap)
     return simap
-
-
-def _log_of(sequence: FrameSource, request: BuildRequest) -> BuildLog:
-    """Open the log of a build; while it is open, no other process builds this map."""
-    facts = fingerprint(sequence, config_of(request.method, request.config))
-    return BuildLog(log_path(request.output), facts, resume=request.resume)
 
 
 def _build_recorded(
@@ -217,14 +214,6 @@ def open_history(path: Path, simap: SIMap) -> MapHistory | None:
     except InputError:
         return None
     return history if history.is_of(simap) else None
-
-
-def _left_behind(output: Path) -> list[Path]:
-    """Find files left by builds that were killed while saving.
-
-    Called before this build, as files found later may be of another process that is saving now.
-    """
-    return [*left_beside(output), *left_beside(history_path(output))]
 
 
 def _finish(log: BuildLog, output: Path, left: list[Path], *, history: bool) -> None:

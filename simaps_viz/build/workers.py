@@ -250,8 +250,10 @@ class Workers:
         self, job: Job, shards: Iterator[Sequence[int]], T_map_camera: NDArray, waiting: "deque[_Waiting]"
     ) -> Generator[FrameStep | None, None, None]:
         while True:
-            for shard in islice(shards, max(0, self._ahead() - len(waiting))):
-                waiting.append((shard, self._hand_out(job, shard, T_map_camera)))
+            ahead = SHARDS_AHEAD * max(1, sum(_threads(self.client).values()))
+            for shard in islice(shards, max(0, ahead - len(waiting))):
+                poses = T_map_camera[list(shard)]
+                waiting.append((shard, self.client.submit(_on_worker, job, shard, poses, pure=False, retries=0)))
             if not waiting:
                 return
             shard, future = waiting[0]
@@ -273,12 +275,6 @@ class Workers:
                 f"--scheduler {self.scheduler}: expected it to stay until the build is done, found it gone; "
                 "--resume continues from what is done"
             ) from None
-
-    def _ahead(self) -> int:
-        return SHARDS_AHEAD * max(1, sum(_threads(self.client).values()))
-
-    def _hand_out(self, job: Job, shard: Sequence[int], T_map_camera: NDArray) -> "Future":
-        return self.client.submit(_on_worker, job, shard, T_map_camera[list(shard)], pure=False, retries=0)
 
     def _done(self, future: "Future") -> Generator[None, None, None]:
         """Wait until a shard is done; yields None every so often."""

@@ -141,9 +141,10 @@ def _registration(
     progress("comparing depth with colour", 0, 1)
     unregistered = faults.unregistered(recording, find_offset(recording, views))
     progress("comparing depth with colour", 1, 1)
-    other_size = recording.depth_size != recording.color_size
-    if unregistered and reading.camera is not None and (other_size or _only_moved(recording.camera, reading.camera)):
-        reading = replace(reading, camera=None)
+    if unregistered and reading.camera is not None:
+        only_moved = np.allclose(recording.camera[:2], reading.camera[:2], rtol=0.03)  # the principal point alone
+        if only_moved or recording.depth_size != recording.color_size:
+            reading = replace(reading, camera=None)
     return unregistered, reading
 
 
@@ -252,11 +253,6 @@ def _correction(
             values["floor_height_m"] = round(recording.manifest.floor_height_m + level.floor_error_m, 4)
             changes.append("the floor as the surfaces show it")
     return Correction(tuple(changes), values, before.share, after.share) if changes else None
-
-
-def _only_moved(stated: NDArray, found: NDArray) -> bool:
-    """Return whether only the principal point changed."""
-    return bool(np.allclose(stated[:2], found[:2], rtol=0.03))
 
 
 def _bars(

@@ -17,11 +17,6 @@ from simaps_viz.events import Progress
 from simaps_viz.io.files import check_output, write_all
 
 
-def fixed_path(manifest: Path) -> Path:
-    """Name the corrected manifest: ``sequence.json`` becomes ``sequence-fixed.json``."""
-    return manifest.with_name(f"{manifest.stem}-fixed.json")
-
-
 def write_fixed(diagnosis: Diagnosis) -> Path:
     """Write the correction: a manifest, and poses and intrinsics where they change.
 
@@ -36,8 +31,9 @@ def write_fixed(diagnosis: Diagnosis) -> Path:
     if diagnosis.correction is None:
         raise InputError(f"{diagnosis.recording.manifest.path}: expected something to correct, found nothing")
     recording, values = diagnosis.recording, diagnosis.correction.values
-    target = fixed_path(recording.manifest.path)
-    keys: dict[str, Any] = dict(read_json(recording.manifest.path))
+    manifest = recording.manifest.path
+    target = manifest.with_name(f"{manifest.stem}-fixed.json")
+    keys: dict[str, Any] = dict(read_json(manifest))
     files: dict[Path, bytes] = {}
     if "poses" in values:
         poses = target.with_name(f"{target.stem}-poses.txt")

@@ -7,8 +7,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from simaps_viz.datasets.calibration import OPENCV_FROM_OPENGL, Lens, pinhole, rigid
-from simaps_viz.datasets.file_frames import FileFrames, depth_npy, depth_png, json_number, read_array
-from simaps_viz.datasets.images import image_size, read_depth
+from simaps_viz.datasets.file_frames import FileFrames, depth_npy, depth_png, json_number
+from simaps_viz.datasets.images import image_size
 from simaps_viz.datasets.manifest import read_json, shown
 from simaps_viz.datasets.recording import FormatFacts, Reader, Recording, left_out
 from simaps_viz.errors import InputError
@@ -63,7 +63,7 @@ class NerfstudioReader(Reader):
             str(file), {"depth_unit_scale_factor": FACTS.depth_unit_m} | content, "depth_unit_scale_factor"
         )
         lenses = [_lens(f"{file}: frame {frame['file_path']}", frame, color_files[i]) for i, frame in enumerate(frames)]
-        height, width = _depth_shape(depth_files[0], unit_m)
+        height, width = _read_depth(depth_files[0], unit_m).shape
         depth_lenses = [lens.scaled(width, height) for lens in lenses]
         target = Intrinsics(**vars(depth_lenses[0].intrinsics))
         images = FileFrames(color_files, depth_files, lenses, depth_lenses, target, lambda p: _read_depth(p, unit_m))
@@ -124,8 +124,3 @@ def _pose(where: str, frame: dict[str, Any]) -> NDArray:
 
 def _read_depth(path: Path, unit_m: float) -> NDArray:
     return depth_npy(unit_m)(path) if path.suffix == ".npy" else depth_png(unit_m)(path)
-
-
-def _depth_shape(path: Path, unit_m: float) -> tuple[int, int]:
-    image = read_array(path) if path.suffix == ".npy" else read_depth(path, unit_m)
-    return image.shape[0], image.shape[1]

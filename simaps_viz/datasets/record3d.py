@@ -23,7 +23,7 @@ from simaps_viz.datasets.file_frames import (
 from simaps_viz.datasets.images import decode_color, read_color
 from simaps_viz.datasets.manifest import is_finite_number, parse_json, read_json, shown
 from simaps_viz.datasets.recording import FormatFacts, Reader, Recording
-from simaps_viz.errors import InputError, needs_extra
+from simaps_viz.errors import InputError, needs_extra, one_line
 from simaps_viz.io import limits
 from simaps_viz.io.arrays import ARCHIVE_FAULTS
 from simaps_viz.io.limits import (
@@ -41,7 +41,7 @@ def members(path: Path, what: str) -> list[str]:
         with zipfile.ZipFile(path) as archive:
             return archive.namelist()
     except ARCHIVE_FAULTS as error:
-        raise InputError(f"{path}: expected {what}, found {_one_line(error)}") from error
+        raise InputError(f"{path}: expected {what}, found {one_line(error)}") from error
 
 
 def member(path: Path, name: str) -> bytes:
@@ -54,14 +54,10 @@ def member(path: Path, name: str) -> bytes:
         with zipfile.ZipFile(path) as archive, archive.open(name) as file:
             data = file.read(MAX_MEMBER_BYTES + 1)
     except (*ARCHIVE_FAULTS, KeyError) as error:
-        raise InputError(f"{path}: expected {name} in the archive, found {_one_line(error)}") from error
+        raise InputError(f"{path}: expected {name} in the archive, found {one_line(error)}") from error
     if len(data) > MAX_MEMBER_BYTES:
         raise InputError(f"{path}: {name}: expected at most {MAX_MEMBER_BYTES} bytes, found more")
     return data
-
-
-def _one_line(error: BaseException) -> str:
-    return " ".join(str(error).split())[:200] or type(error).__name__
 
 
 _MAGIC = b"\x76\x2f\x31\x01"

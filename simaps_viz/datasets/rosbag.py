@@ -23,7 +23,7 @@ from simaps_viz.datasets.cloud_files import finite_points
 from simaps_viz.datasets.clouds import CloudSettings, camera_points, depth_of_cloud, gravity_of_clouds
 from simaps_viz.datasets.file_frames import check_size, clean_depth
 from simaps_viz.datasets.recording import FormatFacts, Reader, Recording, complete, left_out
-from simaps_viz.errors import InputError
+from simaps_viz.errors import InputError, one_line
 from simaps_viz.geometry import invert_pose, spread
 
 IMAGE, COMPRESSED = "sensor_msgs/msg/Image", "sensor_msgs/msg/CompressedImage"
@@ -237,7 +237,7 @@ class Bag:
             self.topics = self._reader.topics
         except self._errors as error:
             self._reader = None
-            raise InputError(f"{path}: expected a ROS bag, found {_one_line(error)}") from error
+            raise InputError(f"{path}: expected a ROS bag, found {one_line(error)}") from error
 
     def __del__(self) -> None:
         reader = getattr(self, "_reader", None)
@@ -256,7 +256,7 @@ class Bag:
             for connection, logged_ns, data in self._reader.messages(connections) if connections else ():
                 yield connection.topic, logged_ns, data, connection.msgtype
         except self._errors as error:
-            raise InputError(f"{self.path}: expected a whole bag, found {_one_line(error)}") from error
+            raise InputError(f"{self.path}: expected a whole bag, found {one_line(error)}") from error
 
     def decoded(self, topics: list[str]) -> Any:
         """Return (topic, message) of every message on these topics."""
@@ -275,7 +275,7 @@ class Bag:
         try:
             return self._reader.deserialize(data, msgtype)
         except self._errors as error:
-            raise InputError(f"{self.path}: expected a whole {msgtype}, found {_one_line(error)}") from error
+            raise InputError(f"{self.path}: expected a whole {msgtype}, found {one_line(error)}") from error
 
     def index(self, topics: tuple[str, ...]) -> dict[str, list[Entry]]:
         """Return the positions of the messages of topics, ordered by the time in their headers."""
@@ -294,7 +294,7 @@ class Bag:
                 near = self._reader.messages(connections, start=entry.logged_ns, stop=entry.logged_ns + 1)
                 found = [(data, c.msgtype) for c, _, data in near]
             except self._errors as error:
-                raise InputError(f"{self.path}: expected a whole bag, found {_one_line(error)}") from error
+                raise InputError(f"{self.path}: expected a whole bag, found {one_line(error)}") from error
         for data, msgtype in found:
             if raw_stamp_ns(data, ros2=self._reader.is2) == entry.stamp_ns:
                 return self.decode(data, msgtype)
@@ -408,11 +408,6 @@ def _shared(a: str, b: str) -> list[str]:
             break
         parts.append(one)
     return parts
-
-
-def _one_line(error: BaseException) -> str:
-    text = " ".join(str(error).split()) or type(error).__name__
-    return text if len(text) < 200 else text[:197] + "..."
 
 
 def is_depth(message: Any) -> bool:

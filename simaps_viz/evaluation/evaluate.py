@@ -234,7 +234,9 @@ def evaluate(
                 progress("building and scoring maps", len(runs), len(plan) * len(methods))
             if (kind, seed) == plan[0]:
                 build(FirstFrames(source, _WARM_UP_FRAMES), method)
-            simap, seconds = _timed_build(build, source, method)
+            start = time.perf_counter()
+            simap = build(source, method)
+            seconds = time.perf_counter() - start
             true = truths.of(simap)
             scores = scores_of(find_overlaps(simap, true, rules), simap)
             footprint = weigh(simap, store(method, simap))
@@ -292,12 +294,6 @@ def masks_source(
 
 def _is_simulated(errors: str) -> bool:
     return errors not in NOT_SIMULATED
-
-
-def _timed_build(build: Build, source: FrameSource, method: str) -> tuple[SIMap, float]:
-    start = time.perf_counter()
-    simap = build(source, method)
-    return simap, time.perf_counter() - start
 
 
 class _Truths:

@@ -5,7 +5,7 @@ table of which found instance lies on which true one, cell by cell.
 """
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -126,8 +126,8 @@ def find_overlaps(simap: SIMap, truth: Truth, rules: ScoringRules | None = None)
     things = is_thing[true_label] | is_thing[found_label]
     return Overlaps(
         labels=labels,
-        true=_counting(true, true.cells >= rules.min_true_cells),
-        found=_counting(found, _found_counts(true, found, pairs, rules)),
+        true=replace(true, counts=true.cells >= rules.min_true_cells),
+        found=replace(found, counts=_found_counts(true, found, pairs, rules)),
         pairs=pairs,
         iou=pairs[:, 2] / np.maximum(either, 1),
         right_cells=np.bincount(true_label[things & (true_label == found_label)], minlength=len(labels)),
@@ -170,10 +170,6 @@ def _found_counts(true: Objects, found: Objects, pairs: NDArray, rules: ScoringR
     small &= true.label[pairs[:, 0]] == found.label[pairs[:, 1]]
     on_small = np.bincount(pairs[small, 1], weights=pairs[small, 2], minlength=len(found.ids))
     return (found.cells >= rules.min_found_cells) & (on_small <= 0.5 * found.cells)
-
-
-def _counting(objects: Objects, counts: NDArray) -> Objects:
-    return Objects(objects.ids, objects.cells, objects.label, counts)
 
 
 @dataclass(frozen=True)
@@ -264,7 +260,8 @@ def scores_of(overlaps: Overlaps, simap: SIMap) -> Scores:
     """Sum up overlaps; the map is asked for the scores of its instances."""
     true, found = overlaps.true, overlaps.found
     judged = np.unique(true.label[true.counts])
-    confidence = _confidence(simap, found.ids)
+    score_of = {instance.id: instance.score for instance in simap.instances}
+    confidence = np.array([score_of.get(i, 0.0) for i in found.ids.tolist()], dtype=np.float64)
     by_class = {overlaps.labels[i]: _class_score(overlaps, i, confidence) for i in judged.tolist()}
     others, counts = np.unique(found.label[found.counts & ~np.isin(found.label, judged)], return_counts=True)
     invented = {overlaps.labels[i]: n for i, n in zip(others.tolist(), counts.tolist(), strict=True)}
@@ -284,11 +281,6 @@ def average_precision(hit: NDArray, true: int) -> float:
     precision = np.cumsum(hit) / np.arange(1, len(hit) + 1)
     best_from_here = np.maximum.accumulate(precision[::-1])[::-1]
     return float(best_from_here[hit].sum() / true)
-
-
-def _confidence(simap: SIMap, ids: NDArray) -> NDArray:
-    score_of = {instance.id: instance.score for instance in simap.instances}
-    return np.array([score_of.get(i, 0.0) for i in ids.tolist()], dtype=np.float64)
 
 
 def _class_score(overlaps: Overlaps, label: int, confidence: NDArray) -> Score:

@@ -115,7 +115,9 @@ def run_evaluation(
         found = f"{len(methods)} methods and {config.seeds} seeds"
         raise InputError(f"evaluate: expected at least one method and one seed, found {found}")
     expected = parse_counts(config.counts) if config.counts else {}
-    _check_outputs(config)
+    for path, ending in ((config.picture, ".png"), (config.output, "")):  # before anything is computed
+        if path is not None:
+            check_output(path, ending)
     sequence = open_for_evaluation(config.sequence, progress)
     meant = resolve_classes(things_of(sequence), expected)
     report, maps, counts = None, [], {}
@@ -157,14 +159,6 @@ def write_json(record: Mapping[str, Any], path: Path) -> None:
     """Write a JSON file atomically; raises InputError when it cannot be written."""
     check_output(path)
     write_whole(path, (json.dumps(record, indent=1, ensure_ascii=False) + "\n").encode(), "the report")
-
-
-def _check_outputs(config: EvaluationConfig) -> None:
-    """Raise InputError for files that cannot be written, before anything is computed."""
-    if config.picture is not None:
-        check_output(config.picture, ".png")
-    if config.output is not None:
-        check_output(config.output)
 
 
 def open_for_evaluation(sequence: str, progress: Progress | None) -> PosedFrames:

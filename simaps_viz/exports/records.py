@@ -39,12 +39,9 @@ class CSV(Exporter):
         writer.writeheader()
         for instance in simap.instances:
             row = {**record(simap, instance), "outline_wkt": wkt(polygons_m(simap, instance))}
-            writer.writerow({key: _as_text(value) if isinstance(value, str) else value for key, value in row.items()})
+            formulas = {k: f"'{v}" for k, v in row.items() if isinstance(v, str) and v.startswith(FORMULA_STARTS)}
+            writer.writerow(row | formulas)
         return {path: text.getvalue().encode()}
-
-
-def _as_text(value: str) -> str:
-    return f"'{value}" if value.startswith(FORMULA_STARTS) else value
 
 
 def node_name(instance: Instance) -> str:

@@ -87,20 +87,13 @@ class Nav2Maps(Exporter):
     def files(self, simap: SIMap, path: Path, options: ExportOptions) -> dict[Path, bytes]:
         """Return STEM, STEM-keepout and STEM-costmap, a .yaml and a .pgm each."""
         planner, stem = planner_of(simap, options.robot), path.with_suffix("")
-        keepout = np.where(keepout_cells(simap, planner), OCCUPIED, FREE).astype(np.uint8)
+        # Objects the robot would touch: a laser scanner sees only the legs of a table; the mask holds the table.
+        keepout = np.where(planner.blocked & (simap.instance > 0), OCCUPIED, FREE).astype(np.uint8)
         return {
             **map_pair(planner.spec, occupancy_grey(planner), stem, mode="trinary"),
             **map_pair(planner.spec, keepout, stem.with_name(f"{stem.name}-keepout"), mode="trinary"),
             **map_pair(planner.spec, inflated(planner), stem.with_name(f"{stem.name}-costmap"), mode="raw"),
         }
-
-
-def keepout_cells(simap: SIMap, planner: Planner) -> NDArray:
-    """Return which cells belong to an object the robot would touch, bool [rows, cols].
-
-    A laser scanner sees only the legs of a table; the mask holds the table.
-    """
-    return planner.blocked & (simap.instance > 0)
 
 
 def inflated(planner: Planner) -> NDArray:

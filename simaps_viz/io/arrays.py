@@ -15,7 +15,7 @@ from typing import IO, cast
 import numpy as np
 from numpy.typing import NDArray
 
-from simaps_viz.errors import InputError
+from simaps_viz.errors import InputError, one_line
 from simaps_viz.io.limits import MAX_ARRAY_BYTES
 
 Shape = tuple[int, ...]
@@ -171,7 +171,7 @@ def read_npz(
                     data[name] = read_npy(f"{path}: {name}", file, info.file_size, check)
             return data, kept
     except ARCHIVE_FAULTS as error:
-        why = " ".join(str(error).split())[:200] or type(error).__name__
+        why = one_line(error)
         raise InputError(f"{path}: expected a complete {what}, found a damaged or foreign one ({why})") from error
 
 

@@ -147,7 +147,8 @@ class MapAccumulator:
         if len(readings.rows):
             if not 0 <= int(readings.segments.min()) <= int(readings.segments.max()) < len(label_of_id):
                 raise ValueError("a reading of an unknown segment")
-            self._extend(_extent_of(readings))
+            rows, cols = readings.rows, readings.cols
+            self._extend((int(rows.min()), int(cols.min()), int(rows.max()) + 1, int(cols.max()) + 1))
         tiles, at = self.tiles, self.tiles.locate(readings.rows, readings.cols)
         tiles.observations[at] += 1
         higher = readings.height_m > tiles.top[at]
@@ -170,7 +171,8 @@ class MapAccumulator:
         self._check_alike(other)
         if other._seen is not None:
             self._extend(other._seen)
-            slots = self._slots_like(other.tiles)
+            one = np.ones((1, 1), bool)
+            slots = [int(self.tiles.slots(place, one)[0, 0]) for place in other.tiles.slot_of]  # ours of their tiles
             firsts = self._first_at_ties(other, slots)
             for theirs, mine in enumerate(slots):
                 self._merge_tile(other.tiles, theirs, mine, firsts)
@@ -184,10 +186,6 @@ class MapAccumulator:
         both = set(self.frames.indices) & set(other.frames.indices)
         if both:
             raise InputError(f"merge: expected different frames in each part, found frame {min(both)} in both")
-
-    def _slots_like(self, theirs: TileStore) -> list[int]:
-        """Return our slot of each of their tiles; makes those that are not there yet."""
-        return [int(self.tiles.slots(place, np.ones((1, 1), bool))[0, 0]) for place in theirs.slot_of]
 
     def _first_at_ties(self, other: "MapAccumulator", slots: list[int]) -> tuple[NDArray, NDArray] | None:
         """Find, for each cell whose top is as high in both parts, the first frame of each part that saw it so high.
@@ -338,11 +336,6 @@ def _ray_length(k: Intrinsics) -> float:
     b = max(k.cy, k.height - 1 - k.cy) / k.fy
     length = float(np.sqrt(1.0 + a * a + b * b))
     return length if length < _MAX_RAY else _MAX_RAY
-
-
-def _extent_of(readings: FrameReadings) -> Extent:
-    rows, cols = readings.rows, readings.cols
-    return int(rows.min()), int(cols.min()), int(rows.max()) + 1, int(cols.max()) + 1
 
 
 def _first_at(frames: FrameList, tiles: TileStore, top: NDArray) -> NDArray:

@@ -2,12 +2,15 @@
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from typing import Protocol
+from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 from simaps_viz.structures import Grid, Segment
+
+if TYPE_CHECKING:
+    from simaps_viz.mapping.steps import FrameSeen
 
 
 @dataclass(frozen=True, eq=False)
@@ -111,25 +114,11 @@ BATCH = 1 << 21
 """Readings in one batch, 22 bytes each and as much again while they are joined."""
 
 
-class SeenFrame(Protocol):
-    """A frame's readings and segments; see `steps.FrameSeen`."""
-
-    @property
-    def readings(self) -> FrameReadings:
-        """What the frame saw."""
-        ...
-
-    @property
-    def segments(self) -> tuple[Segment, ...]:
-        """Segments of its segmentation."""
-        ...
-
-
 @dataclass(frozen=True, eq=False)
 class StreamedReadings:
     """The readings of frames that lie on disk, read anew each time they are asked for."""
 
-    frames: Sequence[SeenFrame]
+    frames: Sequence["FrameSeen"]
     """In order."""
     origin_cell: tuple[int, int]
     """(row, col), counted from the map's origin, of the grid's cell (0, 0)."""
@@ -138,7 +127,7 @@ class StreamedReadings:
 
     def batches(self) -> Iterator[Readings]:
         """Return them some frames at a time."""
-        waiting: list[SeenFrame] = []
+        waiting: list[FrameSeen] = []
         first = size = 0
         for frame in self.frames:
             waiting.append(frame)
@@ -149,6 +138,6 @@ class StreamedReadings:
         if waiting or not first:
             yield self._joined(waiting, first)
 
-    def _joined(self, frames: list[SeenFrame], first: int) -> Readings:
+    def _joined(self, frames: list["FrameSeen"], first: int) -> Readings:
         readings, segments = [frame.readings for frame in frames], [frame.segments for frame in frames]
         return gather_readings(readings, segments, self.origin_cell, self.grid, first=first)

@@ -5,7 +5,6 @@ tiles of a layer are one array, one after the other, so that a kernel finds a ce
 what was seen: room that is not used yet costs address space only.
 """
 
-from collections.abc import Iterator
 from copy import copy
 
 import numpy as np
@@ -111,7 +110,8 @@ class TileStore:
     def cut(self, name: str, row0: int, col0: int, shape: tuple[int, int], empty: float) -> NDArray:
         """Copy a layer of a rectangle of the grid: ``shape``, the layer's dtype; ``empty`` where there is no tile."""
         result = np.full(shape, empty, dtype=_LAYERS[name][0])
-        for (row, col), tile in self._tiles(name):
+        for (row, col), slot in self.slot_of.items():
+            tile = self.tile(name, slot)
             top, left = row * SIDE - row0, col * SIDE - col0
             low, high = (max(top, 0), max(left, 0)), (min(top + SIDE, shape[0]), min(left + SIDE, shape[1]))
             if low[0] < high[0] and low[1] < high[1]:
@@ -122,10 +122,6 @@ class TileStore:
     def tile(self, name: str, slot: int) -> NDArray:
         """Return a layer of one tile, [SIDE, SIDE], the layer's dtype; writing into it changes the map."""
         return getattr(self, name)[slot * AREA : (slot + 1) * AREA].reshape(SIDE, SIDE)
-
-    def _tiles(self, name: str) -> Iterator[tuple[tuple[int, int], NDArray]]:
-        for place, slot in self.slot_of.items():
-            yield place, self.tile(name, slot)
 
     def _add(self, place: tuple[int, int]) -> int:
         slot = self.slot_of[place] = len(self.slot_of)

@@ -9,7 +9,7 @@ from typing import Any
 
 import rerun as rr
 
-from simaps_viz.errors import InputError
+from simaps_viz.errors import InputError, one_line
 from simaps_viz.events import BuildStarted
 from simaps_viz.structures import SIMap
 
@@ -112,7 +112,7 @@ def _read(path: Path) -> tuple[str | None, dict[str, Any]]:
                     if not name.startswith("rerun.") and rows and rows[-1]:
                         values[name] = rows[-1][0]
     except (ValueError, RuntimeError, OSError, Warning) as error:
-        raise InputError(f"{path}: expected a finished rerun recording, found {_one_line(error)}") from error
+        raise InputError(f"{path}: expected a finished rerun recording, found {one_line(error)}") from error
     return entries[0].application_id if entries else None, values
 
 
@@ -131,8 +131,3 @@ def _in_words(parameters: str | None) -> str | None:
     told = [(words, values.get(key)) for key, words in _SHOWN.items()]
     shown = [words.format(value) for words, value in told if isinstance(value, int | float) and abs(value) < 1e300]
     return ", ".join(shown) or None
-
-
-def _one_line(error: BaseException) -> str:
-    text = " ".join(str(error).split())
-    return text[:160] if text else type(error).__name__

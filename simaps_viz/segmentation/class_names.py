@@ -10,6 +10,7 @@ from typing import Any
 from simaps_viz.colors.classes import ADE20K_STUFF, COCO_THINGS, is_thing
 from simaps_viz.datasets.manifest import read_json, shown
 from simaps_viz.errors import InputError
+from simaps_viz.io.limits import MAX_TEXT_BYTES, read_bytes
 
 _ADE20K_CLASSES = 150
 _COCO_PANOPTIC_CLASSES = 133
@@ -43,10 +44,11 @@ def read_class_names(path: Path) -> ClassNames:
         InputError: it is missing or holds something else.
     """
     if path.suffix.lower() != ".json":
+        expected = "class names, one a line"
         try:
-            lines = path.read_text(encoding="utf-8").splitlines()
-        except (OSError, UnicodeDecodeError) as error:
-            raise InputError(f"{path}: expected class names, one a line, found {_strerror(error)}") from None
+            lines = read_bytes(path, MAX_TEXT_BYTES, expected).decode().splitlines()
+        except UnicodeDecodeError:
+            raise InputError(f"{path}: expected {expected}, found bytes that are not UTF-8 text") from None
         while lines and not lines[-1].strip():
             lines.pop()
         return _named(str(path), [line.strip() for line in lines])
@@ -119,9 +121,3 @@ def _literal(text: str) -> Any:
             return ast.literal_eval(text)
         except (ValueError, SyntaxError, MemoryError, RecursionError):
             return text
-
-
-def _strerror(error: Exception) -> str:
-    if isinstance(error, OSError):
-        return error.strerror or str(error)
-    return "bytes that are not UTF-8 text"

@@ -21,7 +21,7 @@ from typing import Any
 
 import numpy as np
 
-from simaps_viz.errors import InputError, needs_extra
+from simaps_viz.errors import InputError, needs_extra, one_line
 from simaps_viz.io.files import replacing
 
 FAMILIES = ("mask2former", "maskformer", "oneformer", "eomt")
@@ -131,8 +131,8 @@ def _load(transformers: Any, checkpoint: str) -> tuple[Any, dict[str, Any]]:
         model = transformers.AutoModelForUniversalSegmentation.from_pretrained(checkpoint).eval()
         processor, _ = transformers.ImageProcessingMixin.get_image_processor_dict(checkpoint)
     except (OSError, ValueError, KeyError) as error:
-        why = " ".join(str(error).split())[:160]
-        raise InputError(f"{checkpoint}: expected a checkpoint of {', '.join(FAMILIES)}, found: {why}") from None
+        known = ", ".join(FAMILIES)
+        raise InputError(f"{checkpoint}: expected a checkpoint of {known}, found: {one_line(error)}") from None
     return model, processor
 
 
@@ -149,8 +149,9 @@ def _constants(torch: Any, transformers: Any, checkpoint: str, config: Any) -> d
         tokenizer = transformers.AutoTokenizer.from_pretrained(checkpoint)
         made = tokenizer([TASK], padding="max_length", max_length=length, truncation=True)
     except (OSError, ValueError, KeyError, TypeError) as error:
-        why = " ".join(str(error).split())[:160]
-        raise InputError(f"{checkpoint}: expected OneFormer's tokenizer beside the model, found: {why}") from None
+        raise InputError(
+            f"{checkpoint}: expected OneFormer's tokenizer beside the model, found: {one_line(error)}"
+        ) from None
     tokens = np.array(made["input_ids"], dtype=np.int64) * np.array(made["attention_mask"], dtype=np.int64)
     read_back = "".join(tokenizer.decode(made["input_ids"][0], skip_special_tokens=True).split())
     if tokens.shape != (1, length) or read_back != TASK.replace(" ", ""):
