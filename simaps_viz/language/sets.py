@@ -59,11 +59,17 @@ Lap = Callable[[Sequence[Instance], float], list[list[float]]]
 
 
 class Position(list[float]):
-    """A position [x, y], metres, map frame, that knows what it was made from."""
+    """A position [x, y], metres, map frame, that knows what it was made from.
 
-    def __init__(self, point: Sequence[float] | NDArray, thing: Instance | None = None) -> None:
+    Args:
+        point: x and y.
+        thing: that it was made from.
+        side: where it is of the thing, in words, if the robot has to be on that very side: "behind".
+    """
+
+    def __init__(self, point: Sequence[float] | NDArray, thing: Instance | None = None, side: str = "") -> None:
         super().__init__([float(point[0]), float(point[1])])
-        self.thing = thing
+        self.thing, self.side = thing, side
 
 
 class Sets(Grounding):
@@ -728,7 +734,7 @@ class Sets(Grounding):
         found = self._some(T)
         if self._make_lap is None:
             raise PlanningError(f"no way around {found.the} is known")
-        return self._make_lap(self.things_of(found), turns)
+        return self._make_lap([self.thing_of(T)] if isinstance(T, str) else self.things_of(found), turns)
 
     def _spot(self, T: Any, side: str, metres: float | None) -> Position:
         room = self.room_of(T)
@@ -739,7 +745,8 @@ class Sets(Grounding):
         way = self.way_of(side, centroid)
         extent = float(((self.cells.edge(thing.id) - centroid) @ way).max()) + self.simap.spec.cell_size_m / 2.0
         beyond = self._radius_m + CLEARANCE_M if metres is None else metres
-        return Position(centroid + way * (extent + beyond), thing)
+        words = side if side == "beside" else SAID["side_of"].get(side, f"{side} of")
+        return Position(centroid + way * (extent + beyond), thing, words)
 
     def _end_of_room(self, room: Room, side: str) -> Position:
         cells = self._cells_of_room(room)
@@ -773,7 +780,7 @@ class Sets(Grounding):
                 corners[name] = cells[(cells @ way).argmax()]
         here = (self.viewer.x_m, self.viewer.y_m)
         name = which or min(corners, key=lambda name: float(np.hypot(*(corners[name] - here))))
-        return Position(corners[name], thing)
+        return Position(corners[name], thing, "at a corner of" if thing else "")
 
     def _entrance(self, R: Any) -> Position:
         room = self._room(R)

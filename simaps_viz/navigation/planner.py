@@ -131,6 +131,7 @@ class Planner:
         allowed: NDArray | None = None,
         see_through: NDArray | None = None,
         watch_m: NDArray | None = None,
+        must_see: bool = False,
     ) -> Path:
         """Plan to the reachable free cell nearest to any of the target points.
 
@@ -145,6 +146,7 @@ class Planner:
             see_through: bool [rows, cols], cells that hide nothing; a cell from which the target is hidden (it lies
                 behind a wall) is used only when there is no other at most ``DETOUR_TO_SEE_M`` further off.
             watch_m: float64 [2], the point that has to be seen, instead of the nearest target point.
+            must_see: a cell from which the target is hidden is not used at all: behind a couch is not the next room.
 
         Raises:
             PlanningError: when no cell qualifies.
@@ -173,7 +175,10 @@ class Planner:
         # Prefer the nearest cell from which the target can be seen, unless that is much farther off.
         further = np.sqrt(squared[order]) - np.sqrt(squared[order[0]])
         worthwhile = order[further <= DETOUR_TO_SEE_M / self.spec.cell_size_m + 1e-9]
-        best = next((i for i in worthwhile if sees(i)), order[0])
+        best = next((i for i in (order if must_see else worthwhile) if sees(i)), None)
+        if best is None and must_see:
+            raise PlanningError(f"the robot cannot get {what}: something high, such as a wall, lies between")
+        best = order[0] if best is None else best
         # Of equally near cells A* takes the one with the shortest path.
         ties = order[np.abs(squared[order] - squared[best]) < 1e-6]
         ties = [i for i in ties if sees(i)] or ties

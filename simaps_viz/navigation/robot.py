@@ -188,19 +188,25 @@ class Robot:
 
     def _move_to(self, pos: list[float]) -> None:
         x, y = float(pos[0]), float(pos[1])
+        near, side = (pos.thing, pos.side) if isinstance(pos, Position) else (None, "")
         cell = self.simap.spec.cell_of(x, y)
         if not self.simap.spec.contains(*cell):
+            if near is not None:
+                raise PlanningError(f"what lies {side or 'by'} the {near.label} is not on the map")
             xmin, ymin, xmax, ymax = self.simap.spec.extent_m
             raise CommandError(
                 f"({x:g}, {y:g}) lies outside the map, which has x {xmin:g} to {xmax:g} and y {ymin:g} to {ymax:g} m"
             )
         # On free floor the position itself is the goal, even where an object such as a rug lies.
         there = None if self.planner.free[cell] else self.simap.at(x, y)
+        if near is not None and side:
+            self._go_beside("move_to", near, np.array([x, y]), f"{side} the {near.label}")
+            return
         targets = np.array([[x, y]]) if there is None else self.grounding.cells_of(there)
         path = self._plan_near(
             targets, f"to ({x:g}, {y:g})", see_through=self._see_through(*([there] if there else []))
         )
-        self._go("move_to", path, pos.thing if isinstance(pos, Position) and pos.thing else there)
+        self._go("move_to", path, near or there)
 
     def _move_forward(self, meters: float) -> None:
         if meters == 0.0:
@@ -248,22 +254,22 @@ class Robot:
         self._approach("move_to_nth_closest", self.grounding.pick(name, n))
 
     def _move_to_left(self, name: Named, instance: int | Named) -> None:
-        self._go_beside("move_to_left", name, instance, "left", "to the left of")
+        self._go_to_side("move_to_left", name, instance, "left", "to the left of")
 
     def _move_to_right(self, name: Named, instance: int | Named) -> None:
-        self._go_beside("move_to_right", name, instance, "right", "to the right of")
+        self._go_to_side("move_to_right", name, instance, "right", "to the right of")
 
     def _move_north(self, name: Named, instance: int | Named) -> None:
-        self._go_beside("move_north", name, instance, "north", "north of")
+        self._go_to_side("move_north", name, instance, "north", "north of")
 
     def _move_south(self, name: Named, instance: int | Named) -> None:
-        self._go_beside("move_south", name, instance, "south", "south of")
+        self._go_to_side("move_south", name, instance, "south", "south of")
 
     def _move_east(self, name: Named, instance: int | Named) -> None:
-        self._go_beside("move_east", name, instance, "east", "east of")
+        self._go_to_side("move_east", name, instance, "east", "east of")
 
     def _move_west(self, name: Named, instance: int | Named) -> None:
-        self._go_beside("move_west", name, instance, "west", "west of")
+        self._go_to_side("move_west", name, instance, "west", "west of")
 
     def _move_in_between(
         self, name_a: Named, name_b: Named, instance_a: int | Named, instance_b: int | Named | None
@@ -360,25 +366,36 @@ class Robot:
         if self._planned_cells > self._max_planned_cells:
             raise PlanningError(f"stopped: the program would plan over more than {self._max_planned_cells:g} cells")
 
-    def _go_beside(self, primitive: str, name: Named, instance: int | Named, where: str, words: str) -> None:
+    def _go_to_side(self, primitive: str, name: Named, instance: int | Named, where: str, words: str) -> None:
         """Drive to the point beside an object, on a side of it; left and right are as the robot sees them now."""
         target = self.grounding.pick(name, instance)
         centroid = np.array(target.centroid_m[:2])
         side = self.grounding.way_of(where, centroid)
-        half_cell = self.simap.spec.cell_size_m / 2.0
-        extent_m = float(((self.grounding.cells_of(target) - centroid) @ side).max()) + half_cell
+        beyond_m = self._extent_m(target, side) + self.planner.robot.radius_m + CLEARANCE_M
+        self._go_beside(primitive, target, centroid + side * beyond_m, f"{words} the {target.label}")
+
+    def _go_beside(self, primitive: str, target: Instance, point_m: NDArray, what: str) -> None:
+        """Drive to a point, or near it: on that side of an object still, and where the object is seen from."""
+        centroid = np.array(target.centroid_m[:2])
+        away_m = float(np.hypot(*(point_m - centroid)))
+        side = (point_m - centroid) / away_m
         x, y = _cell_centres(self.simap)
         along = (x - centroid[0]) * side[0] + (y - centroid[1]) * side[1]
         across = np.abs((y - centroid[1]) * side[0] - (x - centroid[0]) * side[1])
-        point = centroid + side * (extent_m + self.planner.robot.radius_m + CLEARANCE_M)
         path = self._plan_near(
-            point[None],
-            f"{words} the {target.label}",
-            allowed=(along >= extent_m) & (across <= along),
+            point_m[None],
+            what,
+            allowed=(along >= min(self._extent_m(target, side), away_m)) & (across <= along),
             see_through=self._see_through(target),
             watch_m=centroid,
+            must_see=True,
         )
         self._go(primitive, path, target)
+
+    def _extent_m(self, target: Instance, side: NDArray) -> float:
+        """Return how far an object reaches from its centroid to a side (unit vector [2], map frame), metres."""
+        offsets = self.grounding.cells_of(target) - target.centroid_m[:2]
+        return float((offsets @ side).max()) + self.simap.spec.cell_size_m / 2.0
 
     def _gap_middle(self, a: Instance, b: Instance) -> NDArray:
         """Return the middle of the part of the line between two centroids that lies in neither object."""

@@ -8,7 +8,7 @@ import pytest
 from toy_maps import TOY_POSE, Box, map_of_boxes, toy_map
 
 from simaps_viz.errors import CommandError, PlanningError
-from simaps_viz.language.primitives import PRIMITIVES
+from simaps_viz.language.primitives import FUNCTIONS, PRIMITIVES
 from simaps_viz.navigation.agent import planner_of
 from simaps_viz.navigation.planner import RobotShape
 from simaps_viz.navigation.robot import CLEARANCE_M, Robot
@@ -198,3 +198,34 @@ def test_a_room_nobody_can_get_into_fails(two_rooms) -> None:
     with pytest.raises(PlanningError, match="there is no free floor the robot can reach into room 2"):
         robot = Robot(two_rooms, planner_of(two_rooms, RobotShape(radius_m=0.55)), TOY_POSE)
         robot.call(PRIMITIVES["move_to_object"], {"name": "room 2", "instance": 1})
+
+
+def spot(robot: Robot, side: str, metres: float | None = None) -> Any:
+    return robot.call(FUNCTIONS["spot"], {"T": "couch", "side": side, "metres": metres})
+
+
+@pytest.mark.parametrize(("side", "expected"), [("front", (0.0, -0.7)), ("behind", (0.0, 0.7)), ("left", (-1.0, 0.0))])
+def test_a_place_by_a_thing_is_on_that_side_of_it(simap, side: str, expected: tuple[float, float]) -> None:
+    robot = Robot(simap, planner_of(simap, SHAPE), Pose2(0.0, -2.5, 0.0))
+    robot.call(PRIMITIVES["move_to"], {"pos": spot(robot, side)})
+    assert (robot.pose.x_m, robot.pose.y_m) == pytest.approx(expected, abs=0.03)
+    assert (robot.goals[-1].label, robot.goals[-1].instance) == ("couch", 1)
+
+
+def test_the_next_room_is_not_behind_the_couch_and_its_front_is_not_either() -> None:
+    """The couch stands against a wall; half a metre behind it there is free floor, on the other side of that wall."""
+    thin = map_of_boxes(SPEC, THINGS[:1], [Box("wall", 84, 40, 1, 80, 2.0)])
+    thick = map_of_boxes(SPEC, THINGS[:1], [Box("wall", 84, 0, 40, 160, 2.0)])
+    for walled in (thin, thick):
+        robot = Robot(walled, planner_of(walled, SHAPE), Pose2(0.0, -2.5, 0.0))
+        for pos in (spot(robot, "behind"), spot(robot, "north")):
+            with pytest.raises(
+                PlanningError, match=r"^(the robot cannot get|there is no).*(behind|north of) the couch"
+            ):
+                robot.call(PRIMITIVES["move_to"], {"pos": pos})
+        with pytest.raises(PlanningError, match="north of the couch"):
+            robot.call(PRIMITIVES["move_north"], {"name": "couch", "instance": 1})
+        assert robot.path_length_m == 0.0
+    far = Robot(thin, planner_of(thin, SHAPE), Pose2(0.0, -2.5, 0.0))
+    with pytest.raises(PlanningError, match="what lies north of the couch is not on the map"):
+        far.call(PRIMITIVES["move_to"], {"pos": spot(far, "north", 9.0)})
