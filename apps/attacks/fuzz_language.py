@@ -9,7 +9,7 @@ from attacks.fuzz_mutators import WORDS as ODD_WORDS
 from attacks.fuzz_mutators import mutate_bytes, mutate_json, mutate_text
 from attacks.fuzz_readers import one_file
 from hostile_programs import HARMLESS, REFUSED, STOPPED
-from program_words import VALID, WORDS
+from program_words import VALID, WORDS, random_program
 from toy_maps import TOY_POSE, toy_map
 
 from simaps_viz.evaluation.judging import resume_session, start_session
@@ -61,6 +61,17 @@ def _program(folder: Path) -> Case:
             for _ in Agent(simap, TOY_POSE, budget=BUDGET).steps(text):
                 pass
         return program
+
+    return case
+
+
+def _sets(folder: Path) -> Case:
+    """Carry out programs of functions, nested at random."""
+    simap = toy_map()
+
+    def case(r: Random) -> object:
+        text = random_program(r)
+        return Agent(simap, TOY_POSE, budget=BUDGET).rehearse(text).robot.answer
 
     return case
 
@@ -157,6 +168,7 @@ COCO = {
 
 LANGUAGE_TARGETS = (
     Target("program", _program, weight=60, guided=True),
+    Target("program of sets", _sets, weight=20),
     Target("spoken command", _command, weight=8, guided=True),
     Target("model's answer", _llm, weight=50, guided=True),
     Target("class names", _names, weight=40, guided=True),

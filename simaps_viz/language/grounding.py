@@ -215,8 +215,8 @@ class Grounding:
         """Return all that a name means: class by class for a name, in their order for a set."""
         if isinstance(name, Things):
             return tuple(i for i in name.items if isinstance(i, Instance))
-        if isinstance(name, Instance):
-            return (name,)
+        if not isinstance(name, str):
+            return (self.pick(name),)
         return tuple(i for label in self.labels_of(name) for i in self.simap.of_class(label))
 
     def named(self, name: str) -> Things:
@@ -257,7 +257,7 @@ class Grounding:
         if isinstance(name, str):
             self.labels_of(name)
             name = self.named(name)
-        elif isinstance(name, Instance):
+        elif not isinstance(name, Things):
             name = one_thing(name)
         if not isinstance(which, int) or which < 1:
             raise CommandError(f"ranks count from 1, the closest; {which} was asked for")
@@ -277,10 +277,10 @@ class Grounding:
             b = other_b
         else:
             second = self.named(other_b) if isinstance(other_b, str) else other_b
+            second = second if isinstance(second, Things) else one_thing(second)
             b = next((i for i in second.items if i != a), None)
-            if b is None:
-                second.nth(2)
-        if b is None or a.id == b.id:
+            b = self.pick(one_thing(b) if b is not None else second, 1 if b is not None else 2)
+        if a.id == b.id:
             raise CommandError(f"between needs two different objects, but the same {a.label} was named twice")
         return a, b
 
@@ -334,7 +334,9 @@ class Grounding:
 
 
 def one_thing(thing: Any) -> Things:
-    """Return the set of one thing, or of one room."""
+    """Return the set of one thing, or of one room; CommandError for a position."""
+    if isinstance(thing, list):
+        raise CommandError("expected a thing, found a position")
     noun = plain(thing.label) if isinstance(thing, Instance) else thing.name
     return Things((thing,), noun, plural(noun))
 

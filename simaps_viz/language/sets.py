@@ -232,7 +232,7 @@ class Sets(Grounding):
         return Things(tuple(one.instance for one in found), words, words)
 
     def _room(self, name: Any) -> Room:
-        if isinstance(name, Instance | Things):
+        if not isinstance(name, str):
             room = self.room_of(name)
             if room is None:
                 self._all_rooms()
@@ -241,9 +241,10 @@ class Sets(Grounding):
                 if room is None:
                     raise CommandError(f"The {thing.label} is in no room of this map.")
             return room
-        if isinstance(name, list):
-            raise CommandError("room: expected the name of a room or a thing, found a position")
-        return self._rooms(name).nth(1) if name.strip() else self._here()
+        found = self._rooms(name) if name.strip() else one_thing(self._here())
+        if not found.items and self._all_rooms() and self._vocabulary.resolve(name):
+            return self._room(self.thing_of(name))  # the name of a thing
+        return found.nth(1)
 
     def _rooms(self, name: str) -> Things:
         word = name.strip().lower()
@@ -594,10 +595,9 @@ class Sets(Grounding):
                 else replace(some, noun=f"{some.one} or {none.one}", before=(), after="", missing=None)
             )
         both = {_key(i): i for i in (*first.items, *second.items)}
-        if all(isinstance(i, Instance) for i in both.values()):
-            items = tuple(self.ranked(list(both.values())))
-        else:
-            items = tuple(both.values())
+        if len({is_thing for is_thing, _ in both}) > 1:
+            raise CommandError("a set holds things or rooms, not both")
+        items = tuple(self._sorted(list(both.values()), np.zeros(len(both))))
         if (first.one, first.many) == (second.one, second.many):
             return replace(first, items=items)
         return Things(items, f"{first.one} or {second.one}", f"{first.many} or {second.many}")
@@ -616,7 +616,7 @@ class Sets(Grounding):
         if key in ("near", "far"):
             ranked = self._by_gap(found, of, -1.0 if key == "far" else 1.0)
             return replace(found, items=tuple(ranked), most=SAID["most"][key])
-        items = self.things_of(found)
+        items = list(found.items)
         if key in ("many", "few"):
             if isinstance(of, str) and not of:
                 raise CommandError(f"order by {key}: expected what to count, found nothing")
@@ -626,12 +626,12 @@ class Sets(Grounding):
             return found.of(self._sorted(items, score), after=after)
         return replace(found, items=tuple(self._sorted(items, self._scores(items, key, of))), most=SAID["most"][key])
 
-    def _scores(self, items: Sequence[Instance], key: str, of: Any) -> NDArray:
-        """Return by what things are sorted, the smallest first, float64 [n]."""
+    def _scores(self, items: Sequence[Any], key: str, of: Any) -> NDArray:
+        """Return by what things, or rooms, are sorted, the smallest first, float64 [n]."""
         if key in _BY_SIZE:
             measure, sign = _BY_SIZE[key]
-            return np.array([-sign * self.measure(i, measure) for i in items])
-        at = self.centroids(items)
+            return np.array([-sign * self.size_of(i, measure) for i in items])
+        at = np.array([self._middle_of(i)[0] for i in items]).reshape(-1, 2)
         if key == "middle":
             return np.hypot(*(at - at.mean(axis=0)).T) if len(at) else np.zeros(0)
         if key in _COMPASS:
@@ -647,8 +647,8 @@ class Sets(Grounding):
         left = offset @ (-np.sin(yaw), np.cos(yaw))
         return -left if key == "left" else left
 
-    def _sorted(self, items: Sequence[Instance], score: Sequence[float] | NDArray) -> list[Instance]:
-        far = [self.distance_m(i) for i in items]
+    def _sorted(self, items: Sequence[Any], score: Sequence[float] | NDArray) -> list[Any]:
+        far = self._far(items, SELF)
         order = sorted(range(len(items)), key=lambda k: (round(float(score[k]), 9), far[k], items[k].id))
         return [items[k] for k in order]
 
@@ -657,8 +657,6 @@ class Sets(Grounding):
         items = found.items
         apart = self._far(items, of)
         kept = [k for k in range(len(items)) if np.isfinite(apart[k])]
-        if items and not isinstance(items[0], Instance):
-            return [items[k] for k in sorted(kept, key=lambda k: (sign * apart[k], items[k].id))]
         return self._sorted([items[k] for k in kept], sign * apart[kept])
 
     def _nearest(self, S: Named, n: int, of: Any) -> Things:
@@ -705,7 +703,10 @@ class Sets(Grounding):
         if point is not None and end is not None:
             return round(float(np.hypot(*(point - end))), 9)
         room = self.room_of(A)
-        return float(self._far(self._some(A).items if room is None else [room], B).min())
+        items = self._some(A).items if room is None else (room,)
+        if end is None and {_key(i) for i in items} & {_key(i) for i in self._some(self.room_of(B) or B).items}:
+            return 0.0
+        return float(self._far(items, B).min())
 
     def _size(self, T: Any, key: str) -> float:
         return self.size_of(T, key)

@@ -151,7 +151,8 @@ def _size(sets: "Sets", found: Things, key: str) -> Told:
     thing = found.items[0]
     sizes = {name: sets.measure(thing, name) for name in ("length", "width", "height", "area")}
     the = _cap(found.the if len(found) == 1 else f"the nearest {found.one}")
-    if key:
+    key = SAID["by_size"].get(key, [key])[0]
+    if key in sizes:
         return f"{the} {SAID['measured'][key].format(sizes[key])}.", round(sizes[key], 3), [thing]
     text = "{} is {:.2f} m long, {:.2f} m wide and {:.2f} m high; it covers {:.2f} m²."
     return text.format(the, *sizes.values()), round(sizes["area"], 3), [thing]

@@ -8,11 +8,12 @@ import ast
 import os
 import time
 from collections.abc import Callable
+from random import Random
 
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
-from program_words import VALID, WORDS
+from program_words import VALID, WORDS, random_program
 from toy_maps import TOY_POSE, toy_map
 
 from simaps_viz.errors import SIMapsError
@@ -68,6 +69,12 @@ def test_any_text(attempt, text: str) -> None:
 @given(st.lists(st.sampled_from(WORDS), max_size=30).map("".join))
 def test_any_words(attempt, text: str) -> None:
     attempt(text)
+
+
+@fuzzed
+@given(st.randoms(use_true_random=False))
+def test_programs_of_functions(attempt, r: Random) -> None:
+    attempt(random_program(r))
 
 
 @st.composite
