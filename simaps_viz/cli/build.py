@@ -65,8 +65,6 @@ class Build:
         from simaps_viz.build.to_file import BuildRequest, build_to_file, resume_hint
         from simaps_viz.console.progress import stage_progress
         from simaps_viz.console.terminal import console, emit
-        from simaps_viz.embedding.describe import describe_to_file
-        from simaps_viz.embedding.towers import open_embedding
         from simaps_viz.io.files import check_ending
 
         request = BuildRequest(
@@ -77,7 +75,12 @@ class Build:
         if self.view:
             self._watch(request)
             return OK
-        embedding = open_embedding(*self.embedding) if self.embedding else None  # before anything is built
+        embedding = None
+        if self.embedding:  # opened before anything is built
+            from simaps_viz.embedding.describe import describe_to_file
+            from simaps_viz.embedding.towers import open_embedding
+
+            embedding = open_embedding(*self.embedding)
         with stage_progress(quiet=self.json) as progress:
             sequence = self._opened(progress)
             with self._gatherer(sequence) as gatherer, resume_hint(self.output):
