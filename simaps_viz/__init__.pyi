@@ -22,6 +22,8 @@ from .mapping.accumulator import ProjectionSettings as ProjectionSettings
 from .mapping.evidence import EvidenceSettings as EvidenceSettings
 from .mapping.file import load_map as load_map
 from .mapping.file import save_map as save_map
+from .mapping.floor_plan import FloorPlan as FloorPlan
+from .mapping.floor_plan import floor_plan as floor_plan
 from .mapping.graph import to_networkx as to_networkx
 from .mapping.pooling import PoolSettings as PoolSettings
 from .mapping.rooms import segment_rooms as segment_rooms
@@ -31,11 +33,13 @@ from .mapping.votes import VoteSettings as VoteSettings
 from .navigation.agent import Answer as Answer
 from .navigation.planner import RobotShape as RobotShape
 from .navigation.robot import Goal as Goal
+from .structures import Door as Door
 from .structures import Frame as Frame
 from .structures import Instance as Instance
 from .structures import Intrinsics as Intrinsics
 from .structures import Path as Path
 from .structures import Pose2 as Pose2
+from .structures import Room as Room
 from .structures import Segment as Segment
 from .structures import Segmentation as Segmentation
 from .structures import SIMap as SIMap

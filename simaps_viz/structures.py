@@ -3,6 +3,7 @@
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from functools import cached_property
 from numbers import Real
 from typing import TYPE_CHECKING, Any
 
@@ -18,6 +19,11 @@ if TYPE_CHECKING:
     from simaps_viz.api import Answer, Place, RobotShape
     from simaps_viz.appearance import Appearance
     from simaps_viz.embedding.search import Found
+    from simaps_viz.mapping.floor_plan import FloorPlan
+
+
+Point = tuple[float, float]
+"""x and y in metres, map frame."""
 
 
 def _expect(name: str, array: NDArray, shape: tuple[int, ...], dtype: type) -> None:
@@ -241,6 +247,40 @@ class Instance:
         return self.cells * cell_size_m**2
 
 
+@dataclass(frozen=True)
+class Door:
+    """An opening from one room to another."""
+
+    room: int
+    """Id of the room beyond."""
+    point_m: tuple[float, float]
+    """Middle of the opening, map frame."""
+    width_m: float
+
+
+@dataclass(frozen=True)
+class Room:
+    """One room of a map."""
+
+    id: int
+    """Value in ``SIMap.room_cells``, >= 1; 1 is the largest, unless rooms were joined or cut by hand."""
+    name: str
+    """What a person called it, else its kind, else "room 3"; "kitchen 1" and "kitchen 2" where there are two."""
+    kind: str
+    """What its objects make it, such as "kitchen"; "" when that is not sure."""
+    words: tuple[str, ...]
+    """Other names of that kind, lower case."""
+    area_m2: float
+    """Of its cells: floor, and what stands on it."""
+    polygon_m: tuple[tuple[float, float], ...]
+    """Its outline, to about a cell, counter-clockwise, map frame; the last point is joined to the first."""
+    centre_m: tuple[float, float]
+    """The point in it that is farthest from its walls, map frame."""
+    objects: tuple[int, ...]
+    """Ids of the instances in it."""
+    doors: tuple[Door, ...]
+
+
 @dataclass(frozen=True, eq=False)
 class SIMap:
     """A Semantic Instance Map, with all that is needed to explain it and to partition it again."""
@@ -270,6 +310,10 @@ class SIMap:
     """float64 [frames, 4, 4], camera to map frame."""
     appearance: "Appearance | None" = None
     """Colours of the objects, and vectors where they were described; None where no colour was at hand."""
+    room: NDArray | None = None
+    """int32 [rows, cols], the room of each cell as it was saved or edited, 0 = none; None = see `room_cells`."""
+    room_names: Mapping[int, str] = field(default_factory=dict)
+    """{id of a room: what a person called it}."""
 
     def __post_init__(self) -> None:
         _expect("map: instance", self.instance, self.grid.spec.shape, np.int32)
@@ -314,6 +358,50 @@ class SIMap:
             return None
         red, green, blue = table[at, 1:].tolist()
         return red, green, blue
+
+    @cached_property
+    def _plan(self) -> "FloorPlan":
+        import simaps_viz  # noqa: PLC0415 - see below
+
+        return simaps_viz.floor_plan(self)
+
+    @property
+    def rooms(self) -> tuple[Room, ...]:
+        """The rooms by id, found when first asked for; none on a map without floor."""
+        return self._plan.rooms
+
+    @property
+    def room_cells(self) -> NDArray:
+        """The room of each cell, int32 [rows, cols], 0 = none: rooms hold floor and what stands on it, but no wall."""
+        return self._plan.cells
+
+    def room_at(self, x_m: float, y_m: float) -> Room | None:
+        """Return the room that holds a map-frame point, or the nearest one within 0.5 m; None when there is none."""
+        reach = int(0.5 / self.spec.cell_size_m)
+        row, col = self.spec.cell_of(x_m, y_m)
+        top, left = max(row - reach, 0), max(col - reach, 0)
+        near = self.room_cells[top : max(row + reach + 1, 0), left : max(col + reach + 1, 0)]
+        rows, cols = np.nonzero(near)
+        if len(rows) == 0:
+            return None
+        nearest = int(((rows + top - row) ** 2 + (cols + left - col) ** 2).argmin())
+        wanted = int(near[rows[nearest], cols[nearest]])
+        return next(room for room in self.rooms if room.id == wanted)
+
+    def room_of(self, instance_id: int) -> Room | None:
+        """Return the room that an instance is in, or None."""
+        return next((room for room in self.rooms if instance_id in room.objects), None)
+
+    def rooms_named(self, name: str) -> tuple[Room, ...]:
+        """Return the rooms a name means, by id: "kitchen", "the loo", "bedrooms", "room 3"; none where none fits."""
+        said = " ".join(name.casefold().split()).removeprefix("the ")
+        exactly = tuple(room for room in self.rooms if room.name.casefold() == said)
+        if exactly:
+            return exactly
+        forms = {said, said.removesuffix("s"), said.removesuffix("es"), said.removesuffix("ies") + "y"}
+        if "room" in forms:
+            return self.rooms
+        return tuple(room for room in self.rooms if forms & {room.kind, *room.words, f"room {room.id}"} - {""})
 
     @property
     def described(self) -> bool:

@@ -26,6 +26,7 @@ from simaps_viz.errors import InputError
 from simaps_viz.events import Observer
 from simaps_viz.io.files import left_beside
 from simaps_viz.mapping.file import check_writable, save_map
+from simaps_viz.mapping.floor_plan import with_rooms
 from simaps_viz.mapping.history import MapHistory
 from simaps_viz.mapping.steps import is_step_file
 from simaps_viz.structures import SIMap
@@ -121,6 +122,7 @@ def build_to_file(
         progress("looking at colours", 0, 1)
         simap = with_colors(simap, sequence)
         progress("looking at colours", 1, 1)
+        simap = with_rooms(simap)
         save_map(simap, output)
         if log is not None:
             _finish(log, output, left, history=request.history)

@@ -61,6 +61,10 @@ def summary(simap: "SIMap") -> dict[str, Any]:
         "colored": sum(simap.color_of(one) is not None for one in simap.instances),
         "described": simap.described,
         "instances": [asdict(instance) for instance in simap.instances],
+        "rooms": [
+            {name: getattr(room, name) for name in ("id", "name", "polygon_m", "area_m2", "objects")}
+            for room in simap.rooms
+        ],
     }
 
 
@@ -80,6 +84,8 @@ def map_tables(facts: dict[str, Any]) -> "list[Table]":
     }
     if facts["described"]:
         rows["described"] = "free words are understood, see simaps describe"
+    if facts["rooms"]:
+        rows["rooms"] = ", ".join(f"{room['name']} ({room['area_m2']:.1f} m²)" for room in facts["rooms"])
     if edits := people_in_words(facts["provenance"].get("edits", [])):
         rows["mended"] = edits
     for key, value in rows.items():

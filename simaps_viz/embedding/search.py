@@ -52,8 +52,9 @@ def search(simap: SIMap, words: str, k: int = 5) -> tuple[Found, ...]:
         k: how many at most.
 
     Raises:
-        CommandError: nothing on the map fits clearly, or the words are in no table and the map is not described.
-        InputError: the words are no text, empty or long, or k is below 1, or the embedding cannot be used.
+        CommandError: nothing on the map fits clearly, or the words are in no table and the map is not described, or its
+            embedding cannot be used here.
+        InputError: the words are no text, empty or long, or k is below 1.
     """
     if not isinstance(words, str) or not words.strip() or len(words) > _MAX_WORDS:
         raise InputError(f"words: expected up to {_MAX_WORDS} characters, found {str(words)[:60]!r}")
@@ -177,13 +178,14 @@ def _query_vector(look: Appearance, asked: str) -> NDArray:
         return unit(look.word_vectors[look.words.index(asked)].astype(np.float32)[None])[0]
     from simaps_viz.embedding.towers import known_text  # noqa: PLC0415 - onnxruntime is slow to import
 
-    tower = known_text(str(look.model.get("text_sha256")))
-    if tower is None:
+    try:
+        tower = known_text(str(look.model.get("text_sha256")))
+        query = None if tower is None else tower.words([asked])[0]
+    except InputError as error:  # a command that needs it is refused, as where there is none
+        raise CommandError(f'"{asked}" is in no table, and the embedding cannot be used: {error}') from error
+    if query is None or query.shape != look.vectors.shape[1:]:
         raise CommandError(
             f'"{asked}" is in no table, and the embedding that described this map is not known here: set '
             f"SIMAPS_EMBEDDING to its folder."
         )
-    query = tower.words([asked])[0]
-    if query.shape != look.vectors.shape[1:]:
-        raise InputError(f"{tower.session.path}: expected {look.vectors.shape[1]} numbers a word, found {len(query)}")
     return query

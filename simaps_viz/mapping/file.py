@@ -48,6 +48,8 @@ _SEEN: dict[str, tuple[type, int]] = {
     "embedding_words": (np.float16, 2), "embedding_model": (np.str_, 0),
 }  # fmt: skip
 """The arrays of `Appearance`, all of them or none; ``seen_cell`` counts from cell to cell."""
+_ROOMS: dict[str, tuple[type, int]] = {"rooms": (np.int32, 2), "room_names": (np.str_, 0)}
+"""`SIMap.room`, and `SIMap.room_names` as JSON; maps of earlier versions have neither."""
 LAYERS = ("height", "lowest", "observations", "community")
 """The arrays with a number for each cell that few uses of a map need."""
 EDGES = ("edge_first", "edge_step", "edge_count", "edge_different")
@@ -105,7 +107,7 @@ def _write(simap: SIMap, file: IO[bytes]) -> None:
                 else:
                     array = np.asarray(arrays[name], dtype=_ARRAYS[name][0])
                     np.lib.format.write_array(member, array, allow_pickle=False)
-        for name, array in _seen_arrays(simap).items():
+        for name, array in {**_seen_arrays(simap), **_room_arrays(simap)}.items():
             with archive.open(f"{name}.npy", "w", force_zip64=True) as member:
                 np.lib.format.write_array(member, array, allow_pickle=False)
 
@@ -154,6 +156,14 @@ def _seen_arrays(simap: SIMap) -> dict[str, NDArray]:
     }
 
 
+def _room_arrays(simap: SIMap) -> dict[str, NDArray]:
+    """Return the rooms that a map has; none where they are found when asked for."""
+    if simap.room is None:
+        return {}
+    names = {str(room): name for room, name in sorted(simap.room_names.items())}
+    return {"rooms": simap.room, "room_names": np.array(json.dumps(names))}
+
+
 def load_map(path: Path) -> SIMap:
     """Read a map file.
 
@@ -163,7 +173,7 @@ def load_map(path: Path) -> SIMap:
     path = Path(path)
     if not path.is_file():
         raise InputError(f"{path}: expected a map file ({FORMAT}), found {'a folder' if path.is_dir() else 'nothing'}")
-    checks = {name: _check_of(path, name) for name in ("metadata", *_ARRAYS, *_SEEN)}
+    checks = {name: _check_of(path, name) for name in ("metadata", *_ARRAYS, *_SEEN, *_ROOMS)}
     return map_in(path, *read_npz(path, checks, what=f"{FORMAT} file", packed=PACKED))
 
 
@@ -197,11 +207,11 @@ def _check_of(path: Path, name: str) -> Check:
     """Return the check of an array's shape and dtype before the array is read."""
 
     def check(shape: tuple[int, ...], dtype: np.dtype) -> None:
-        wanted, axes = {**_ARRAYS, **_SEEN}.get(name, (np.str_, 0))
+        wanted, axes = {**_ARRAYS, **_SEEN, **_ROOMS}.get(name, (np.str_, 0))
         if len(shape) != axes or (dtype.kind != "U" if wanted is np.str_ else dtype != wanted):
             kind = f"{np.dtype(wanted).name} with {axes} axes"
             raise InputError(f"{path}: {name}: expected {kind}, found {dtype} {list(shape)}")
-        if axes == 2 and name in _ARRAYS:
+        if axes == 2 and name not in _SEEN:
             check_cells(path, *shape)
         if (axes == 3 and shape[0] > MAX_FRAMES) or (axes == 0 and dtype.itemsize > 4 * MAX_JSON_BYTES):
             raise InputError(f"{path}: {name}: expected less than {MAX_ARRAY_BYTES} bytes, found {dtype} {list(shape)}")
@@ -266,7 +276,20 @@ def _rebuild(meta: Mapping[str, Any], data: Mapping[str, NDArray], packed: Mappi
         frame_names=tuple(meta["frame_names"]),
         T_map_camera=data["T_map_camera"].reshape(-1, 4, 4),
         appearance=_appearance(grid.spec, data),
+        **_rooms(data),
     )
+
+
+def _rooms(data: Mapping[str, NDArray]) -> dict[str, Any]:
+    """Return the rooms of a map file; raises ValueError or TypeError for what no rooms can be."""
+    if "rooms" not in data:
+        return {"room": None, "room_names": {}}
+    room, names = data["rooms"], json.loads(str(data.get("room_names", "{}")))
+    _check(room.shape == data["label"].shape and _within(room, 0, room.size), "rooms")
+    _check(isinstance(names, dict) and len(names) <= room.size and all(key.isdigit() for key in names), "room names")
+    fine = (isinstance(name, str) and 0 < len(name) <= _MAX_NAME and name.isprintable() for name in names.values())
+    _check(all(fine), "room names")
+    return {"room": room, "room_names": {int(key): name for key, name in names.items()}}
 
 
 def _appearance(spec: GridSpec, data: Mapping[str, NDArray]) -> Appearance | None:

@@ -97,7 +97,9 @@ def without_clutter(free: NDArray, cell_size_m: float) -> NDArray:
     return free | small[island[1:-1, 1:-1].astype(np.int64)] if count > 1 else free
 
 
-def find_basins(free: NDArray, cell_size_m: float, closed: NDArray | None = None) -> Basins:
+def find_basins(
+    free: NDArray, cell_size_m: float, closed: NDArray | None = None, *, depth_m: float = MIN_DEPTH_M
+) -> Basins:
     """Find the basins of free space.
 
     Args:
@@ -105,6 +107,7 @@ def find_basins(free: NDArray, cell_size_m: float, closed: NDArray | None = None
         cell_size_m: side of a cell, metres.
         closed: bool [rows, cols], cells in which rooms end although one may pass: a lintel, the leaf of a door. They
             count as obstacles, and in the end become part of the basin next to them.
+        depth_m: what rises less above a saddle is no basin.
     """
     rows, cols = free.shape
     open_now = np.pad(free if closed is None else free & ~closed, 1).astype(np.uint8)
@@ -112,9 +115,7 @@ def find_basins(free: NDArray, cell_size_m: float, closed: NDArray | None = None
     if closed is not None:
         distance[1:-1, 1:-1][closed] = 0.5 / _BUCKETS
     key = (distance * _BUCKETS).astype(np.int32)
-    label, peak, first, second, cell = _sweep(
-        distance.reshape(-1), key.reshape(-1), cols + 2, MIN_DEPTH_M / cell_size_m
-    )
+    label, peak, first, second, cell = _sweep(distance.reshape(-1), key.reshape(-1), cols + 2, depth_m / cell_size_m)
     label = np.ascontiguousarray(label.reshape(rows + 2, cols + 2)[1:-1, 1:-1])
     area = np.bincount(label.reshape(-1), minlength=len(peak)) * cell_size_m**2
     # one meeting for each pair of basins; the cells of a border come by falling distance, so the first is its saddle
@@ -166,9 +167,8 @@ def join_basins(basins: Basins, separate: Callable[[list[int], list[int]], bool]
         low, high = sorted((room[a], room[b]), key=lambda i: (peak[i], -i))
         if low == high or is_passage(saddle, peak[low]):
             continue
-        if peak[low] - saddle >= MIN_DEPTH_M and separate is not None and separate(group[low], group[high]):
-            continue
-        join(high, low)
+        if separate is None or not separate(group[low], group[high]):
+            join(high, low)
     _absorb_small(basins, room, area, join)
     # a closed space too small for a room is none, unless there is no other
     large = [i for i in range(1, n) if group[i] and area[i] >= MIN_ROOM_M2]

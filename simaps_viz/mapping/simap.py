@@ -1,7 +1,7 @@
 """Assemble a SIMap, and partition it anew without looking at the frames again."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -30,6 +30,8 @@ class Origin:
     frame_names: tuple[str, ...]
     T_map_camera: NDArray
     appearance: Appearance | None = None
+    room: NDArray | None = None
+    room_names: Mapping[int, str] = field(default_factory=dict)
 
 
 def joining_threshold(method: str, parameters: Mapping[str, Any]) -> float:
@@ -115,6 +117,8 @@ def assemble(
         frame_names=origin.frame_names,
         T_map_camera=origin.T_map_camera,
         appearance=origin.appearance,
+        room=origin.room,
+        room_names=origin.room_names,
     )
 
 
@@ -122,7 +126,7 @@ def origin_of(simap: SIMap) -> Origin:
     """Return the origin that a map was assembled with."""
     return Origin(
         simap.T_map_world, simap.method, simap.parameters, simap.provenance, simap.frame_names, simap.T_map_camera,
-        simap.appearance,
+        simap.appearance, simap.room, simap.room_names,
     )  # fmt: skip
 
 

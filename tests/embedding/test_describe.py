@@ -105,7 +105,7 @@ def test_without_a_network_only_words_of_the_map_are_known(simap, place, monkeyp
         simap.search("red")
     write_transformers(tmp_path / "other")
     monkeypatch.setenv("SIMAPS_EMBEDDING", str(tmp_path / "other"))
-    with pytest.raises(InputError, match="expected the network that the map was described with, found another"):
+    with pytest.raises(CommandError, match="expected the network that the map was described with, found another"):
         simap.search("red")
     plain = load_map(place / "tiny.npz")
     assert [one.score for one in plain.search("something to sit on")] == [1.0, 1.0], "a need of the table"
