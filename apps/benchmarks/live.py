@@ -15,7 +15,7 @@ from unittest.mock import patch
 from benchmarks.page import ARGUMENTS, CHROMIUM, HEIGHT, WIDTH
 
 from simaps_viz.app import live
-from simaps_viz.app.live import Audience, LiveBuild, LiveSettings, Run, live_workbench
+from simaps_viz.app.live import Audience, LiveBuild, Run, live_workbench
 from simaps_viz.build.pipeline import BuildConfig
 from simaps_viz.build.to_file import BuildRequest, build_to_file
 from simaps_viz.console.progress import StageProgress
@@ -124,10 +124,10 @@ def watched_build(sequence: FrameSource, folder: Path, progress: StageProgress) 
     Raises:
         InputError: Chromium is missing, or its page does not open.
     """
-    settings = LiveSettings(BuildRequest("evidence", BuildConfig(), folder / "watched.npz", history=True), port=0)
+    request = BuildRequest("evidence", BuildConfig(), folder / "watched.npz", history=True)
     with (
         patch.object(live, "LiveBuild", MeasuredBuild),
-        live_workbench(sequence, settings, progress) as (page, build),
+        live_workbench(sequence, request, progress) as (page, build),
         _browser(page.url) as process,
     ):
         assert isinstance(build, MeasuredBuild)

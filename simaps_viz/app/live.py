@@ -300,23 +300,13 @@ class LiveBuild:
         self._pace.shown(began_s, time.perf_counter())
 
 
-@dataclass(frozen=True, eq=False)
-class LiveSettings:
-    """The build and the page that shows it."""
-
-    request: BuildRequest
-    """The build; its history is kept, asked for or not, where its method keeps a log."""
-    port: int = 8080
-    """Where to serve the page; the next free one when it is taken."""
-
-
-def watch_build(sequence: FrameSource, settings: LiveSettings, *, browser: bool) -> None:
+def watch_build(sequence: FrameSource, request: BuildRequest, *, port: int, browser: bool) -> None:
     """Build a map and show it while it grows, until Ctrl-C, which leaves a log to resume from."""
-    with stage_progress() as progress, live_workbench(sequence, settings, progress) as (page, build):
+    with stage_progress() as progress, live_workbench(sequence, request, progress, port=port) as (page, build):
         workbench.tell_where(page, browser=browser)
-        build.start(resume=settings.request.resume)
+        build.start(resume=request.resume)
         try:
-            with resume_hint(settings.request.output):
+            with resume_hint(request.output):
                 _wait(build)
             page.wait()
         finally:
@@ -327,9 +317,8 @@ def watch_build(sequence: FrameSource, settings: LiveSettings, *, browser: bool)
 class _LivePage:
     """The page of a live build, with the resulting map, its edits, and the errors that do not end the build."""
 
-    def __init__(self, sequence: FrameSource, settings: LiveSettings, progress: StageProgress) -> None:
-        self._sequence, self._settings, self._progress = sequence, settings, progress
-        self._request = settings.request
+    def __init__(self, sequence: FrameSource, request: BuildRequest, progress: StageProgress) -> None:
+        self._sequence, self._request, self._progress = sequence, request, progress
         self._logged = keeps_log(self._request.method)
         self._faults: list[str] = []
         self._ended = False
@@ -359,7 +348,7 @@ class _LivePage:
         )
 
     @contextmanager
-    def serve(self, build: LiveBuild, stream: LiveStream) -> Iterator[Workbench]:
+    def serve(self, build: LiveBuild, stream: LiveStream, port: int) -> Iterator[Workbench]:
         """Serve the page until the block ends, which stops the build."""
         services = replace(
             workbench.services_of(self.waiting, mending=lambda: self.mending),
@@ -369,7 +358,7 @@ class _LivePage:
             look_back=workbench.look_back(lambda: None if self.mending is None else self._request.output),
         )
         start = start_pose(replace(self.waiting, T_map_camera=_cameras(self._sequence)))
-        with Workbench(self.waiting, services=services, port=self._settings.port, start=start) as page:
+        with Workbench(self.waiting, services=services, port=port, start=start) as page:
             self._page = page
             yield page
             self._ended = True
@@ -400,20 +389,26 @@ class _LivePage:
 
 @contextmanager
 def live_workbench(
-    sequence: FrameSource, settings: LiveSettings, progress: StageProgress
+    sequence: FrameSource, request: BuildRequest, progress: StageProgress, *, port: int = 0
 ) -> Iterator[tuple[Workbench, LiveBuild]]:
     """Serve the page of a build that has not begun; begin with ``start`` of the build that this yields.
+
+    Args:
+        sequence: to build from.
+        request: the build; its history is kept, asked for or not, where its method keeps a log.
+        progress: in the terminal.
+        port: where to serve the page; the next free one when it is taken, 0 for any.
 
     Raises:
         InputError: the port is taken, or rerun's viewer is missing.
     """
     color: Any = getattr(sequence, "color", None)
-    live = _LivePage(sequence, settings, progress)
+    live = _LivePage(sequence, request, progress)
     stream = LiveStream(color or (lambda index: None))
     stream.open(started(sequence), first_look(sequence, live.waiting))
     build = LiveBuild(live.run, len(sequence), live.audience(stream))
     try:
-        with live.serve(build, stream) as page:
+        with live.serve(build, stream, port) as page:
             yield page, build
     finally:
         stream.close()

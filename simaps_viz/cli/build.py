@@ -103,7 +103,7 @@ class Build:
         return OK
 
     def _watch(self, request: "BuildRequest") -> None:
-        from simaps_viz.app.live import LiveSettings, watch_build
+        from simaps_viz.app.live import watch_build
         from simaps_viz.console.progress import stage_progress
 
         if self.scheduler is not None or self.json or self.embedding:
@@ -111,7 +111,7 @@ class Build:
             raise InputError(f"--view: expected a build in this process, for people, found {option}")
         with stage_progress() as progress:
             sequence = self._opened(progress)
-        watch_build(sequence, LiveSettings(request, port=self.port), browser=self.browser)
+        watch_build(sequence, request, port=self.port, browser=self.browser)
 
     def _opened(self, progress: "StageProgress") -> "FrameSource":
         """Open the sequences, joined where there are several."""

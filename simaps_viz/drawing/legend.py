@@ -86,6 +86,7 @@ def facts_html(simap: SIMap, instance: Instance) -> str:
     """Describe an instance in full: name, facts, place, size, score."""
     (x0, y0, _), (x1, y1, top) = instance.aabb_m
     x, y, _ = instance.centroid_m
+    color = as_color(instance_colors(simap)[instance.id])
     seen = simap.color_of(instance)
     rows = (
         ("Number", f"{instance.id} on this map"),
@@ -100,7 +101,7 @@ def facts_html(simap: SIMap, instance: Instance) -> str:
     return (
         f'<div style="{BOX_STYLE}">'
         '<div style="font-size:1.15em;font-weight:600;overflow-wrap:anywhere">'
-        f"{CHIP_STYLE}{chip(instance_rgb(simap, instance))}{short_html(object_name(simap, instance))}</div>"
+        f"{CHIP_STYLE}{chip(color)}{short_html(object_name(simap, instance))}</div>"
         f"<div>{escape(facts_text(simap, instance))}</div>"
         f'<table style="border-spacing:0;margin-top:.3em">{table}</table></div>'
     )
@@ -150,11 +151,6 @@ def _instance_rows(simap: SIMap) -> list[str]:
     if len(simap.instances) > len(PALETTE):
         rows.append(_note("Objects near one another have different colours; farther off, colours repeat."))
     return rows
-
-
-def instance_rgb(simap: SIMap, instance: Instance) -> Color:
-    """Return the colour that an instance has on the map."""
-    return as_color(instance_colors(simap)[instance.id])
 
 
 def _box(inner: str) -> str:

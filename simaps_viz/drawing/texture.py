@@ -79,7 +79,11 @@ def cell_colors(
         uint8 [rows, cols, 3], RGB.
     """
     if mode in ("height", "observations"):
-        return _faded_around(simap, _ramp_colors(simap, mode, theme), lit, theme)
+        colors = _ramp_colors(simap, mode, theme)
+        if lit is None:
+            return colors
+        keep = np.isin(simap.instance, np.fromiter(lit, np.int32, len(lit)))
+        return np.where(keep[..., None], colors, _fade(colors, theme))
     base, grounds = _ground(simap, mode)
     index = base.astype(np.int32)
     np.add(simap.instance, grounds - 1, out=index, where=simap.instance > 0)
@@ -135,13 +139,6 @@ def _fade(colors: NDArray, theme: Theme) -> NDArray:
     return (colors.astype(np.float32) * FADED + np.array(theme.unseen, np.float32) * (1.0 - FADED)).astype(np.uint8)
 
 
-def _faded_around(simap: SIMap, colors: NDArray, lit: Collection[int] | None, theme: Theme) -> NDArray:
-    if lit is None:
-        return colors
-    keep = np.isin(simap.instance, np.fromiter(lit, np.int32, len(lit)))
-    return np.where(keep[..., None], colors, _fade(colors, theme))
-
-
 def map_image(
     simap: SIMap,
     mode: ColorMode = "instance",
@@ -151,15 +148,7 @@ def map_image(
     scale: int = 1,
     theme: Theme = LIGHT,
 ) -> NDArray:
-    """Paint the map.
-
-    Args:
-        simap: the map.
-        mode: what the colours mean.
-        lit: ids of the instances that keep their full colour while all else is dimmed; None dims nothing.
-        hidden: communities not to show yet.
-        scale: pixels along a cell's edge; from 3 on, objects get a darker rim.
-        theme: of the page.
+    """Paint the map, coloured as by `cell_colors`; ``scale``: pixels along a cell's edge, a darker rim from 3 on.
 
     Returns:
         uint8 [rows * scale, cols * scale, 3], RGB, row 0 at the south.

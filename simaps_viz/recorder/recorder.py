@@ -207,7 +207,9 @@ class RerunRecorder:
         self.live_url: str | None = None
         self._pipe = _open_beside(path) if path is not None else None
         self._partial = self._pipe.path if self._pipe is not None else None
-        self._stream = rr.RecordingStream(APPLICATION, batcher_config=_in_bursts() if path is None else None)
+        bursts = rr.ChunkBatcherConfig()
+        bursts.flush_tick, bursts.flush_num_bytes = timedelta(days=1), MAX_BURST_BYTES
+        self._stream = rr.RecordingStream(APPLICATION, batcher_config=bursts if path is None else None)
         self._stream.set_log_time_enabled(False)
         self._stream.set_log_tick_enabled(False)
         self._stream.set_sinks(*self._sinks(live))
@@ -390,13 +392,6 @@ def about(event: BuildStarted, simap: SIMap | None) -> str:
     )
     found = f"\nMethod **{simap.method}**{f' ({settings})' if settings else ''}: {len(simap.instances)} instances.\n\n"
     return text + found + markdown_table(("class", "instances"), rows)
-
-
-def _in_bursts() -> rr.ChunkBatcherConfig:
-    config = rr.ChunkBatcherConfig()
-    config.flush_tick = timedelta(days=1)
-    config.flush_num_bytes = MAX_BURST_BYTES
-    return config
 
 
 def extent_of(spec: GridSpec) -> Extent | None:

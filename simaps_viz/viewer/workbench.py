@@ -105,21 +105,8 @@ class Workbench:
         self._teller.submit("prepare", lambda: self.shared.picture(simap, "instance", None, None))
         hosts = [self.tab_host, *filter(None, [self.recording_host])]
         self.door.start(hosts, viser=behind, stream_port=urlsplit(services.stream.removeprefix("rerun+")).port)
-
-    @property
-    def url(self) -> str:
-        """Address of the page."""
-        return self.door.url
-
-    @property
-    def port(self) -> int:
-        """The one port that everything is served on."""
-        return self.door.port
-
-    @property
-    def entrance(self) -> str:
-        """Address of the page with the token, where one is asked for."""
-        return self.door.entrance
+        self.url, self.entrance, self.port = self.door.url, self.door.entrance, self.door.port
+        """Address of the page, the same with the token where one is asked for, and the one port of everything."""
 
     @property
     def sessions(self) -> Sequence[Session]:

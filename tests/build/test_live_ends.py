@@ -7,7 +7,7 @@ from live_sequences import at_once, held_sequence, settings
 from toy_maps import toy_map
 
 from simaps_viz.app import live
-from simaps_viz.app.live import STARTS_AGAIN, STOPPED, Audience, LiveBuild, LiveSettings, live_workbench
+from simaps_viz.app.live import STARTS_AGAIN, STOPPED, Audience, LiveBuild, live_workbench
 from simaps_viz.build.pipeline import BuildCancelled, BuildConfig
 from simaps_viz.build.to_file import BuildRequest, RecordingFault
 from simaps_viz.console.progress import stage_progress
@@ -61,7 +61,7 @@ def test_a_recording_that_is_lost_costs_no_map(tmp_path, monkeypatch):
 def test_a_method_without_a_log_begins_anew_and_says_so(tmp_path, monkeypatch):
     at_once(monkeypatch)
     held = held_sequence(tmp_path / "tiny", 12, held_from=6)
-    how = LiveSettings(BuildRequest("vlmaps", BuildConfig(), tmp_path / "m.npz"), port=0)
+    how = BuildRequest("vlmaps", BuildConfig(), tmp_path / "m.npz")
     with stage_progress(quiet=True) as progress, live_workbench(held, how, progress) as (_, build):
         build.start()
         build.stop()

@@ -2,6 +2,7 @@
 
 import itertools
 import os
+import re
 import socket
 import time
 from collections.abc import Callable, Iterator, Sequence
@@ -256,7 +257,7 @@ def rerun_frame(page: Page) -> Frame:
     return found[0]
 
 
-def field_of(page: Page, label: str) -> Locator:
+def field_of(page: Page, label: str | re.Pattern[str]) -> Locator:
     """The text or number box beside a label (viser gives its inputs no accessible name)."""
     row = page.locator("label", has_text=label).locator("xpath=ancestor::div[contains(@class,'Flex-root')][1]")
     return row.locator("input:not([type=hidden]), textarea:not([aria-hidden])").last

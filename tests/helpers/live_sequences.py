@@ -7,7 +7,6 @@ from typing import Any
 from sequences import write_tiny_sequence
 
 from simaps_viz import open_sequence
-from simaps_viz.app.live import LiveSettings
 from simaps_viz.build.pipeline import BuildConfig
 from simaps_viz.build.to_file import BuildRequest
 
@@ -47,5 +46,5 @@ def at_once(monkeypatch: Any) -> None:
         monkeypatch.setattr(f"simaps_viz.app.live.{name}", value)
 
 
-def settings(output: Path, **others: Any) -> LiveSettings:
-    return LiveSettings(BuildRequest("evidence", BuildConfig(), output, **others), port=0)
+def settings(output: Path, **others: Any) -> BuildRequest:
+    return BuildRequest("evidence", BuildConfig(), output, **others)

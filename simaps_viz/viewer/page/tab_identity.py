@@ -12,6 +12,7 @@ import threading
 import time
 from collections import OrderedDict
 from collections.abc import Callable
+from importlib import resources
 from typing import Generic, TypeVar
 
 S = TypeVar("S")
@@ -21,16 +22,7 @@ KEPT_S = 3600.0
 LEAVE_S = 2.0
 """How long a reloaded page may wait until the session before the reload has ended."""
 
-_SCRIPT = """
-"use strict";
-const KEY = "simaps-tab";
-function stored() { try { return sessionStorage.getItem(KEY); } catch { return null; } }
-function store(name) { try { sessionStorage.setItem(KEY, name); } catch { /* then a reload starts afresh */ } }
-fetch("/tab/event" + location.search, {
-  method: "POST", headers: { "Content-Type": "application/json" },
-  body: JSON.stringify({ type: "tab", tab: stored(), width: innerWidth }),
-}).then((answer) => answer.json()).then((answer) => { if (answer.tab) store(answer.tab); });
-"""
+_SCRIPT = resources.files("simaps_viz.viewer.page").joinpath("tab.js").read_text(encoding="utf-8")
 _HASH = base64.b64encode(hashlib.sha256(_SCRIPT.encode()).digest()).decode()
 TAB_PAGE = f'<!doctype html><html lang="en"><title>Tab</title><script>{_SCRIPT}</script></html>'
 TAB_CSP = (

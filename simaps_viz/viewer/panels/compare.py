@@ -3,8 +3,7 @@
 import functools
 import tempfile
 import threading
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
 from html import escape
 from pathlib import Path
 from typing import Any, cast
@@ -180,16 +179,6 @@ LEFT, RIGHT = "Left", "Right"
 THIS, SETTINGS = "This map", "This map, other settings"
 
 
-@dataclass(frozen=True, eq=False)
-class SideState:
-    """The choice of one side, kept when the page is loaded again."""
-
-    title: str
-    percent: float
-    resolution: float
-    files: Mapping[str, SIMap]
-
-
 def load_bytes(name: str, content: bytes) -> SIMap:
     """Read a map file whose content a browser sent.
 
@@ -271,17 +260,18 @@ class SideChooser:
         self._which.value = chosen
         self._show_settings()
 
-    def state(self) -> SideState:
-        """Return the choice, with the files that were read."""
-        return SideState(str(self._which.value), float(self._percent.value), float(self._resolution.value), self._files)
+    def state(self) -> tuple[str, float, float, dict[str, SIMap]]:
+        """Return the choice, for a page that is loaded again: title, percent, resolution, and the files read."""
+        return str(self._which.value), float(self._percent.value), float(self._resolution.value), self._files
 
-    def restore(self, state: SideState) -> None:
+    def restore(self, state: tuple[str, float, float, dict[str, SIMap]]) -> None:
         """Restore a choice without calling ``changed``."""
-        for name, simap in state.files.items():
+        title, percent, resolution, files = state
+        for name, simap in files.items():
             self.add_file(name, simap, choose=False)
-        if state.title in self._keys:
-            self._which.value = state.title
-        self._percent.value, self._resolution.value = state.percent, state.resolution
+        if title in self._keys:
+            self._which.value = title
+        self._percent.value, self._resolution.value = percent, resolution
         self._show_settings()
 
     def _chose(self) -> None:

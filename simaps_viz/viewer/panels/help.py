@@ -2,7 +2,6 @@
 
 import json
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 from html import escape
 from importlib.resources import files
 
@@ -57,16 +56,6 @@ def _row(left: str, right: str, *, key: bool) -> str:
 HELP, LIGHT_DARK = "Help", "Light / dark"
 
 
-@dataclass(frozen=True)
-class Key:
-    """A key: its name in viser, and its label."""
-
-    code: str
-    shown: str
-    text: str
-    do: Callable[[], None]
-
-
 class HelpPanel(Panel):
     """Two buttons above all tabs, and the keys of the page."""
 
@@ -82,13 +71,15 @@ class HelpPanel(Panel):
         hint = "Help: keys, mouse, tabs and words (key H). Light or dark page (key L)."
         button_row(gui, "Page", {HELP: self.show, LIGHT_DARK: self.switch}, hint=hint)
         self._keys = self._make_keys()
-        for key in self._keys:
-            self._listen(key)
+        for code, _, text, do in self._keys:
+            # viser's type knows fewer keys than the page does: the brackets pass all the same.
+            command = gui.add_command(text[0].upper() + text[1:], hotkey=code)  # pyright: ignore[reportArgumentType]
+            command.on_trigger(lambda _, do=do: do())
 
     @property
     def keys(self) -> Sequence[tuple[str, str]]:
         """The (key, what it does) pairs that the help lists."""
-        own = [(key.shown, key.text) for key in self._keys]
+        own = [(shown, text) for _, shown, text, _ in self._keys]
         return (*own, *BOX_KEYS, *(MEND_KEYS if MEND in dict(self._other_tabs) else ()))
 
     def switch(self) -> None:
@@ -133,21 +124,16 @@ class HelpPanel(Panel):
         else:
             self._page.select(None)
 
-    def _make_keys(self) -> tuple[Key, ...]:
+    def _make_keys(self) -> tuple[tuple[str, str, str, Callable[[], None]], ...]:
+        """Return the keys: the name in viser, its label, what it does in words, and the function."""
         page = self._page
         return (
-            Key("space", "Space", "play the build, or stop", self._play),
-            Key("[", "[", "one frame back", lambda: page.show_frame(page.frame - 1)),
-            Key("]", "]", "one frame on", lambda: page.show_frame(page.frame + 1)),
-            Key("T", "T", "view from the top", lambda: page.look(TOP)),
-            Key("3", "3", "3-D view", lambda: page.look(SLANT)),
-            Key("escape", "Esc", "close the help; else select nothing", self._escape),
-            Key("L", "L", "light or dark page", self.switch),
-            Key("H", "H or ?", "this help", self.show),
+            ("space", "Space", "play the build, or stop", self._play),
+            ("[", "[", "one frame back", lambda: page.show_frame(page.frame - 1)),
+            ("]", "]", "one frame on", lambda: page.show_frame(page.frame + 1)),
+            ("T", "T", "view from the top", lambda: page.look(TOP)),
+            ("3", "3", "3-D view", lambda: page.look(SLANT)),
+            ("escape", "Esc", "close the help; else select nothing", self._escape),
+            ("L", "L", "light or dark page", self.switch),
+            ("H", "H or ?", "this help", self.show),
         )
-
-    def _listen(self, key: Key) -> None:
-        # viser's type knows fewer keys than the page does: the brackets pass all the same.
-        title = key.text[0].upper() + key.text[1:]
-        command = self._gui.add_command(title, hotkey=key.code)  # pyright: ignore[reportArgumentType]
-        command.on_trigger(lambda _: key.do())

@@ -36,11 +36,6 @@ OPTIONS = {
 """Command-line options of the thresholds, by key."""
 
 
-def error_html(text: str) -> str:
-    """Set an error message."""
-    return f'<div role="alert" style="{SMALL_STYLE};{BAD_STYLE}">{escape(text)}</div>'
-
-
 def class_counts(masks: Segmentation) -> dict[str, tuple[int, bool]]:
     """Return {class: (how many segments, is it a thing)}: things first, then by name."""
     counts = Counter(s.label for s in masks.segments)
@@ -322,7 +317,8 @@ class SegmentationPanel(Panel):
             with self._lock:
                 seen = self._read(frame)
         except SIMapsError as error:
-            self._status.content = error_html(str(error))
+            alert = f'<div role="alert" style="{SMALL_STYLE};{BAD_STYLE}">{escape(str(error))}</div>'
+            self._status.content = alert
             return
         self._seen = seen
         self._show_classes(seen.now)

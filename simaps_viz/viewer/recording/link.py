@@ -168,7 +168,8 @@ class RecordedSteps:
         if page.simap.merges is not self.timeline.simap.merges:
             return None
         if position > page.levels:
-            return page.recorded(position) if self._same_done(page, position) else None
+            same = np.array_equal(page.done_at(position), self.timeline.done_at(position))
+            return page.recorded(position) if same else None
         if position == page.levels:
             return "louvain", self._levels
         return page.recorded(position) if page.levels == self._levels else None
@@ -184,9 +185,6 @@ class RecordedSteps:
     @property
     def _levels(self) -> int:
         return self.timeline.levels if self.levels is None else self.levels
-
-    def _same_done(self, page: Timeline, position: int) -> bool:
-        return np.array_equal(page.done_at(position), self.timeline.done_at(position))
 
 
 class RecordingLink:
@@ -266,12 +264,12 @@ class RecordingLink:
         A build that was just opened, or changed its timeline, starts at a frame of its own: it is sent the page's frame
         instead. Reports of a stream that is still followed were not chosen by anybody, and move nothing.
         """
+        kind, timeline = event.get("type"), event.get("timeline")
         if not self.tied:
             # A streamed build has no time when it opens, and cannot follow; it has one once it reports its timeline.
-            if event.get("type") == "recording_open" or _comes_to_frames(event):
+            if kind == "recording_open" or (kind == "timeline_change" and timeline == "frame"):
                 self.opened()
             return
-        kind, timeline = event.get("type"), event.get("timeline")
         on_frames = timeline in ("frame", None)
         if kind == "recording_open" or (kind == "timeline_change" and on_frames):
             self.opened()
@@ -322,7 +320,3 @@ class RecordingLink:
     def _push(self, message: dict[str, Any]) -> None:
         if self._host is not None:
             self._host.push(message, self._session)
-
-
-def _comes_to_frames(event: dict[str, Any]) -> bool:
-    return event.get("type") == "timeline_change" and event.get("timeline") == "frame"

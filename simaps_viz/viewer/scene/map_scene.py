@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import viser
@@ -30,6 +31,7 @@ LINES = ("/path", "/selection", "/cut")
 CAMERA = (220, 60, 40)
 CAMERA_FOV_RAD, CAMERA_ASPECT, CAMERA_SIZE_M = 0.9, 4 / 3, 0.45
 """The mark of a camera shows where a frame was taken from, not how much was on it."""
+FLAT: dict[str, Any] = {"cast_shadow": False, "receive_shadow": False}
 _BLANK = np.zeros((1, 1, 3), np.uint8)
 
 
@@ -231,8 +233,7 @@ class MapScene:
                     xmax - xmin,
                     ymax - ymin,
                     format="png",
-                    cast_shadow=False,
-                    receive_shadow=False,
+                    **FLAT,
                     position=((xmin + xmax) / 2.0, (ymin + ymax) / 2.0, z_m),
                 )
                 self._images[name] = (spec.extent_m, handle)
@@ -260,8 +261,7 @@ class MapScene:
                     solid.faces,
                     color=solid.color,
                     flat_shading=True,
-                    cast_shadow=False,
-                    receive_shadow=False,
+                    **FLAT,
                 )
                 for i, solid in enumerate(made)
             ]
@@ -302,8 +302,7 @@ class MapScene:
             ROBOT_HEIGHT_M,
             color=ROBOT,
             position=(0.0, 0.0, ROBOT_HEIGHT_M / 2.0),
-            cast_shadow=False,
-            receive_shadow=False,
+            **FLAT,
         )
         tip, wing, z = 0.85 * ROBOT_RADIUS_M, 0.55 * ROBOT_RADIUS_M, ROBOT_HEIGHT_M + 0.01
         arrow = np.array([[tip, 0, z], [-wing, wing * 1.1, z], [-0.3 * wing, 0, z], [-wing, -wing * 1.1, z]])
@@ -313,8 +312,7 @@ class MapScene:
             np.array([[0, 1, 2], [0, 2, 3]]),
             color=(255, 255, 255),
             side="double",
-            cast_shadow=False,
-            receive_shadow=False,
+            **FLAT,
         )
         return robot
 
@@ -336,8 +334,7 @@ class CameraMark:
             thickness=2.5,
             thickness_units="screen",
             color=CAMERA,
-            cast_shadow=False,
-            receive_shadow=False,
+            **FLAT,
             visible=False,
         )
         upright = np.array([[[0.0, 0.0, 0.0], [0.0, 0.0, 1.0]]])

@@ -8,12 +8,12 @@ import viser
 from numpy.typing import NDArray
 
 from simaps_viz.colors.palette import Color
-from simaps_viz.drawing.label_layout import Box, Label, boxes_near
+from simaps_viz.drawing.label_layout import Label, boxes_near
 from simaps_viz.drawing.legend import short_name
 from simaps_viz.drawing.texture import outline_segments
 from simaps_viz.mapping.explain import Joint, Link, Why, score_text
 from simaps_viz.mapping.methods import method_of
-from simaps_viz.structures import Instance, SIMap
+from simaps_viz.structures import SIMap
 from simaps_viz.viewer.scene.annotations import LabelLayer, draw_lines, line_share
 
 CUT: Color = (214, 39, 40)
@@ -171,7 +171,7 @@ def link_label(marks: Marks, link: Link) -> Label:
     text = f"{short_name(marks.simap, link.other)} · {link_text(marks.why.method, link)}"
     (x0, y0), (x1, y1) = link.ends_m
     away = (x1 - x0, y1 - y0)
-    xmin, ymin, xmax, ymax = _box_of(link.other)
+    (xmin, ymin, _), (xmax, ymax, _) = link.other.aabb_m
     if max(xmax - xmin, ymax - ymin) > SMALL_M:
         return Label(text, x1, y1, away_x=away[0], away_y=away[1])
     return Label(text, (xmin + xmax) / 2, (ymin + ymax) / 2, (xmax - xmin) / 2, (ymax - ymin) / 2, *away)
@@ -201,11 +201,6 @@ def _lines_of(marks: Marks, links: Sequence[Link], z_m: float) -> dict[str, NDAr
     if links:
         lines["links"] = link_lines(links, z_m)
     return lines
-
-
-def _box_of(instance: Instance) -> Box:
-    (xmin, ymin, _), (xmax, ymax, _) = instance.aabb_m
-    return xmin, ymin, xmax, ymax
 
 
 def _middle(simap: SIMap, cells: NDArray) -> tuple[float, float]:

@@ -1,6 +1,6 @@
 """A page's WebSocket: which messages it may send, how large and how many, and how they reach viser.
 
-viser itself would take any of its 122 messages from a page, and with `GuiUpdateMessage` any attribute of a widget.
+viser itself would take any of its 120 messages from a page, and with `GuiUpdateMessage` any attribute of a widget.
 Anything but the eight kinds below is dropped before viser sees it.
 """
 

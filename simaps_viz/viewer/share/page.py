@@ -43,17 +43,7 @@ def page_html(
     look: Look | None = None,
     progress: Progress | None = None,
 ) -> bytes:
-    """Make the page.
-
-    Args:
-        simap: the map.
-        drive: a command as the robot carries it out; None shows no robot.
-        look: the map after a frame, where that is known.
-        progress: called with what is done.
-
-    Returns:
-        The file, UTF-8.
-    """
+    """Make the page, UTF-8; arguments as in `files.share_bytes`."""
     with contextlib.redirect_stdout(io.StringIO()):  # viser's banner
         server = viser.ViserServer(host="127.0.0.1", port=0, label="SI Maps", verbose=False)
     try:
