@@ -53,6 +53,10 @@ class Phrase:
     penalty: float = 0.0
     again: bool = False
     """Whether it was named before."""
+    lone: bool = False
+    """Whether the map has only one thing of that name."""
+    inner: tuple["Phrase", ...] = ()
+    """Phrases within it."""
     any: bool = False
     """Whether any thing of the name will do, as after "a"."""
 
@@ -82,9 +86,11 @@ class Phrase:
     @property
     def single(self) -> str:
         """Return the thing itself rather than the set whose first it is."""
-        if self.many or self.text.startswith(("nth(", "first(", "nearest(", "farthest(", "last(", "room(")):
+        if self.many or self.text.startswith(
+            ("nth(", "first(", "nearest(", "farthest(", "last(", "room(", "union(", IT)
+        ):
             return self.text
-        if self.text == IT or self.text.startswith("union("):
+        if self.lone and _ALL.fullmatch(self.text):
             return self.text
         return f"{'nearest' if _ALL.fullmatch(self.text) else 'first'}({self.text})"
 
@@ -109,6 +115,8 @@ class Part:
     number: int = 0
     phrase: Phrase | None = None
     """Whose notes belong to it."""
+    definite: str = ""
+    """``text`` where, of several things of the name that was said, only the nearest is meant."""
     note: str = ""
     outer: bool = False
     """Whether it more likely belongs to the outermost phrase."""
@@ -143,19 +151,20 @@ def select(noun: Noun | None, parts: Iterable[Part], *, every: bool = False, som
     if count is not None and not 1 <= count <= MAX_COUNT:
         raise CommandError(f"from 1 to {MAX_COUNT} things can be visited, found {count}")
     base, word, notes, others = _based(noun, max(abs(rank or 1), count or 1, 2 if is_plural or parts else 1))
-    text = base
+    # "The cup on the table" may stand on any table; "the cups on the table", and a question, mean the nearest table.
+    many = not some and (is_plural or (count or 1) > 1)
+    text = whole = base
     for part in parts:
         if part.kind == "filter":
-            text = part.text.replace("{}", text)
+            text = (part.definite if many and part.definite else part.text).replace("{}", text)
+            whole = (part.definite or part.text).replace("{}", whole)
     if any(part.kind == "other" for part in parts):
         text = f"minus({text}, {LAST})"
     if some:
         is_plural, count = False, None if count == 1 else count
-    many = is_plural or (count or 1) > 1
     chosen = any(part.kind in ("order", "rank", "count", "other", "from") for part in parts)
-    whole = text
     for part in parts:
-        whole = f"near({whole}, {part.text})" if part.kind == "near" else whole
+        whole = f"near({whole}, {part.definite or part.text})" if part.kind == "near" else whole
     text, many = _chosen(text, word, parts, rank, count, many)
     for part in parts:
         text = f'order({text}, "{part.text}")' if part.kind == "then" and many else text
@@ -169,7 +178,21 @@ def select(noun: Noun | None, parts: Iterable[Part], *, every: bool = False, som
     free = noun is not None and noun.count == 0 and not noun.known
     greedy = any(part.outer for part in parts)
     penalty = 0.2 * sum(part.phrase.greedy for part in parts if part.phrase)
-    return Phrase(text, base, word, many, notes, others, free, whole.replace(ONE, base), greedy, penalty)
+    lone = noun is not None and noun.count == 1 and not noun.wide
+    return Phrase(
+        text,
+        base,
+        word,
+        many,
+        notes,
+        others,
+        free,
+        whole.replace(ONE, base),
+        greedy,
+        penalty,
+        lone=lone,
+        inner=tuple(inner),
+    )
 
 
 def _based(noun: Noun | None, needed: int) -> tuple[str, str, tuple[str, ...], tuple[tuple[str, str], ...]]:
@@ -192,7 +215,7 @@ def _chosen(
     text: str, word: str, parts: Sequence[Part], rank: int | None, count: int | None, many: bool
 ) -> tuple[str, bool]:
     """Apply order, rank and number; returns the text, and whether it is several things."""
-    near = [part.text for part in parts if part.kind == "near"]
+    near = [part.definite if many and part.definite else part.text for part in parts if part.kind == "near"]
     for of in near:
         text = f"near({text}, {of})" if many and count is None else f"near({text}, {of}, {NEAR_M:g})"
     key, of = _order(parts, many)
@@ -274,8 +297,8 @@ def refine(phrase: Phrase, parts: Iterable[Part]) -> Phrase:
     """Return a phrase with further filters, as "is the sofa red" adds one."""
     text, found = phrase.whole or phrase.text, [phrase]
     for part in parts:
-        text = part.text.replace("{}", text) if part.kind == "filter" else text
-        text = f"near({text}, {part.text})" if part.kind == "near" else text
+        text = (part.definite or part.text).replace("{}", text) if part.kind == "filter" else text
+        text = f"near({text}, {part.definite or part.text})" if part.kind == "near" else text
         if part.kind not in ("filter", "near"):
             raise CommandError("what is asked about a thing is whether it is so, not which one it is")
         found += [part.phrase] if part.phrase else []
@@ -293,12 +316,14 @@ def united(phrases: Sequence[Phrase]) -> Phrase:
     return Phrase(text, text, first.word, first.many, tuple(n for p in phrases for n in p.notes), pairs)
 
 
-def _filter(text: str, *phrases: Phrase, outer: bool = False, of: str = "") -> Parts:
+def _filter(text: str, *phrases: Phrase, outer: bool = False, of: str = "", definite: str = "") -> Parts:
     notes = tuple(n for p in phrases for n in p.notes)
     pairs = tuple(pair for p in phrases for pair in p.others)
     greedy = any(p.greedy for p in phrases)
-    inner = Phrase("", "", "", False, notes, pairs, greedy=greedy) if phrases else None
-    return (Part("filter", text, of, phrase=inner, outer=outer),)
+    inner = None
+    if phrases:
+        inner = replace(phrases[0], notes=notes, others=pairs, greedy=greedy)
+    return (Part("filter", text, of, phrase=inner, outer=outer, definite=definite),)
 
 
 def _flat(parts: Iterable[Parts]) -> Parts:
@@ -371,7 +396,7 @@ def _negated(part: Part) -> Part:
             left_out = f"nth({{}}, {part.number})"
         case _:
             raise CommandError("")
-    return replace(part, kind="filter", text=f"minus({{}}, {left_out})")
+    return replace(part, kind="filter", text=f"minus({{}}, {left_out})", definite="")
 
 
 @_rule("size", "key:SIZE", "key:SUPER", "key:MORE")
@@ -520,7 +545,7 @@ def _behind(np: Phrase) -> Parts:
 
 @_rule("relation", "_near np")
 def _close(np: Phrase) -> Parts:
-    return (Part("near", np.argument, phrase=np),)
+    return (Part("near", np.argument, phrase=np, definite=np.measure),)
 
 
 @_rule("relation", "(TO | AWAY? FROM | OF) np", cost=-0.05)
@@ -530,17 +555,17 @@ def _measured(np: Phrase) -> Parts:
 
 @_rule("relation", "IN distance (OF | TO | FROM | NEAR | AROUND) np")
 def _within(distance: Any, np: Phrase) -> Parts:
-    return _filter(f"near({{}}, {np.argument}, {distance.text})", np)
+    return _filter(f"near({{}}, {np.measure}, {distance.text})", np)
 
 
 @_rule("relation", "ON np", "IN np")
 def _on(np: Phrase) -> Parts:
-    return _filter(f"on({{}}, {np.argument})", np)
+    return _filter(f"on({{}}, {np.argument})", np, definite=f"on({{}}, {np.measure})")
 
 
 @_rule("relation", "UNDER np")
 def _under(np: Phrase) -> Parts:
-    return _filter(f"under({{}}, {np.argument})", np)
+    return _filter(f"under({{}}, {np.argument})", np, definite=f"under({{}}, {np.measure})")
 
 
 @_rule("relation", "BETWEEN pair")
@@ -592,6 +617,12 @@ def _spot(spot: str, room: Phrase | None = None) -> Parts:
 @_rule("relation", "WITH ATLEAST? n:whole np _on_it?", "WITH ATLEAST? n:whole np", cost=-0.6)
 def _having_some(n: int, np: Phrase) -> Parts:
     return _filter(f"having({{}}, {np.argument}, {n})", np)
+
+
+@_rule("relation", "WITH ITS pre* noun")
+def _having_its(noun: Noun, pre: Sequence[Parts] = ()) -> Parts:
+    np = select(noun, _flat(pre))
+    return _filter(f"having({{}}, {np.argument})", np)
 
 
 @_rule("relation", "WITH np _on_it?")
@@ -661,6 +692,11 @@ def _and_is(relation: Parts = (), adjective: Parts = (), first: Parts = ()) -> P
 @_rule("post", "_is? AND (THAT | IS)* NOT (relation | adjective)", "_is? COMMA (THAT | IS)* NOT (relation | adjective)")
 def _and_is_not(relation: Parts = (), adjective: Parts = ()) -> Parts:
     return tuple(_negated(part) for part in (*relation, *adjective))
+
+
+@_rule("post", "_is? NEITHER (a:adjective | a:relation) NOR (b:adjective | b:relation)")
+def _neither(a: Parts, b: Parts) -> Parts:
+    return tuple(_negated(part) for part in (*a, *b))
 
 
 @_rule("post", "COMMA? EXCEPT TO? AT? targets")
@@ -748,7 +784,7 @@ def _same_name(pre: Sequence[Parts] = (), post: Sequence[Parts] = (), ones: str 
     return select(None, (*_flat(pre), *_flat(post)), every=bool(ones))
 
 
-@_rule("thing", "_dets pre+ post*", cost=0.9)
+@_rule("thing", "(DET+ | &ORD) pre+ post*", cost=0.9)
 def _elided(pre: Sequence[Parts], post: Sequence[Parts] = ()) -> Phrase:
     return select(None, (*_flat(pre), *_flat(post)))
 
@@ -810,6 +846,12 @@ def _pair(a: Phrase, b: Phrase) -> tuple[Phrase, Phrase]:
     return a, b
 
 
+@_rule("pair", "IT", cost=-0.1)
+def _them() -> tuple[Phrase, Phrase]:
+    both = Phrase(IT, ONE, "thing")
+    return both, both
+
+
 @_rule("pair", "n:thing", "_dets n:thing")
 def _two(n: Phrase) -> tuple[Phrase, Phrase]:
     if not n.many:
@@ -827,6 +869,12 @@ def _two(n: Phrase) -> tuple[Phrase, Phrase]:
 @_rule("targets", "np")
 def _target(np: Phrase) -> tuple[Phrase, ...]:
     return (np,)
+
+
+@_rule("targets", "name:NOUNS NUMBER? first:whole ((COMMA | AND)+ n:whole)+", cost=-0.2)
+def _numbers(name: Noun, first: int, n: tuple[int, ...]) -> tuple[Phrase, ...]:
+    """Read "chairs 1 and 3"."""
+    return tuple(select(replace(name, is_plural=False), _numbered(one)) for one in (first, *n))
 
 
 @_rule("targets", "BOTH? one:np ((COMMA | AND)+ TO? FOR? AT? np)+")
@@ -856,7 +904,7 @@ def _numbered_room(n: int) -> Phrase:
 
 @_rule("room", "_dets ROOM", "_dets SAME ROOM")
 def _this_room() -> Phrase:
-    return Phrase("room()", "rooms()", "room")
+    return Phrase("room()", "rooms()", "room", whole="rooms()")
 
 
 @_rule("room", "_dets OTHER (ROOM | ROOMKIND)")

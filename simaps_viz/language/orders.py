@@ -160,6 +160,14 @@ def _go_to(targets: tuple[Phrase, ...]) -> Steps:
     return _each("robot.move_to_{0.goal}", targets)
 
 
+@_rule("order", "verb:GO noun", cost=0.3)
+def _go_tersely(verb: str, noun: Noun) -> Steps:
+    """Read "go sink", but not "move chair"."""
+    if verb.split(maxsplit=1)[0] in ("move", "shift", "run", "get", "steer", "roll", "swing") or not noun.known:
+        raise CommandError("")
+    return _go_to((select(noun, ()),))
+
+
 @_rule("order", "_goer place:PLACE")
 def _go_somewhere(place: Noun) -> Steps:
     return _go_to((select(place, ()),))
@@ -221,8 +229,8 @@ def _go_between(pair: tuple[Phrase, Phrase]) -> Steps:
 
 @_rule("order", "_go? DET? BETWEEN np", cost=0.2)
 def _go_middle(np: Phrase) -> Steps:
-    if np.many:
-        raise CommandError(f"between takes two things; which {np.word}s are meant was not said")
+    if np.many or np.text == IT:
+        raise CommandError("")
     return (Do(("robot.move_to(robot.get_pos({0}))",), (np,)),)
 
 
@@ -295,7 +303,7 @@ def _circle(targets: tuple[Phrase, ...], times: int = 1, n: Any = 1, half: Any =
     turns = round * (0.5 if half else number)
     if not 0 < number <= _MAX_LAPS:
         raise CommandError(f"up to {_MAX_LAPS} laps can be driven, found {number:g}")
-    lines = (f"for point in lap({{0.argument}}{'' if turns == 1 else f', {tidy(turns)}'}):", "    robot.move_to(point)")
+    lines = (f"for point in lap({{0.measure}}{'' if turns == 1 else f', {tidy(turns)}'}):", "    robot.move_to(point)")
     return tuple(Do(lines, (phrase,)) for phrase in targets)
 
 
@@ -467,6 +475,11 @@ def _turn_around() -> Steps:
 )
 def _turn_fully(way: str = "") -> Steps:
     return (Do((f"robot.turn({'-' if way == 'left' else ''}360)",), (), ("a full turn is 360 degrees",)),)
+
+
+@_rule("order", "_turning times")
+def _turn_times(times: int) -> Steps:
+    return (Repeat(times, _turn_fully()),)
 
 
 _words("_whole", "CIRCLE | FULL (CIRCLE | TURN | SPIN) | SPIN | FULL _lateral TURN")
@@ -716,8 +729,10 @@ def _which_of_two(compared: str, a: Phrase, b: Phrase) -> Steps:
     "DET* np | WHICH ONE IS np | WHICH ONE OF np",
 )
 def _which(np: Phrase, compared: str = "") -> Steps:
+    if np.free:
+        raise CommandError("")
     if compared:
-        ordered = np.text if compared == "near" else f'order({np.text}, "{compared}")'
+        ordered = (np.whole or np.text) if compared == "near" else f'order({np.whole or np.text}, "{compared}")'
         return _told(_changed(np, text=f"first({ordered})"), "which")
     chosen = np.text.startswith(("first(", "nth(", "nearest(", "farthest(", "last("))
     return _told(np, "which" if chosen else "list")
@@ -729,7 +744,7 @@ def _which_are(np: Phrase, relation: Parts = (), adjective: Parts = ()) -> Steps
     order = next((part for part in parts if part.kind == "order"), None)
     if order:
         of = f", {order.of}" if order.of else ""
-        return _told(_changed(np, text=f'first(order({np.text}, "{order.text}"{of}))'), "which")
+        return _told(_changed(np, text=f'first(order({np.whole or np.text}, "{order.text}"{of}))'), "which")
     return _told(refine(np, parts), "list")
 
 
@@ -737,7 +752,7 @@ def _which_are(np: Phrase, relation: Parts = (), adjective: Parts = ()) -> Steps
 def _which_most(np: Phrase, of: Phrase | None = None, few: Phrase | None = None) -> Steps:
     key, other = ("many", of) if of else ("few", few)
     assert other is not None
-    return _told(_changed(np, text=f'first(order({np.text}, "{key}", {other.argument}))'), "which")
+    return _told(_changed(np, text=f'first(order({np.whole or np.text}, "{key}", {other.argument}))'), "which")
 
 
 @_rule("question", "(WHICH | WHAT) np DOES HERE SEE", "(WHICH | WHAT) np SEE")
@@ -748,6 +763,8 @@ def _which_seen(np: Phrase) -> Steps:
 @_rule("question", "WHAT (IS | EXIST)* post+", "WHAT (IS | EXIST)+ HERE? post+", "LIST WHAT IS post+")
 def _what_is(post: Sequence[Parts]) -> Steps:
     parts = [part for parts in post for part in parts]
+    if not parts:
+        raise CommandError("")
     if any(part.kind == "order" for part in parts):
         return _told(select(Noun("thing", "anything"), parts), "which")
     return _told(refine(EVERYTHING, parts), "what")
@@ -791,6 +808,14 @@ def _how_far(np: Phrase) -> Steps:
 )
 def _how_far_apart(a: Phrase, b: Phrase) -> Steps:
     return (Do(('tell({0.text}, "distance", {1.argument})',), (replace(a, many=False), replace(b, many=False))),)
+
+
+@_rule("question", "HOWFAR APART? IS pair APART?", cost=-0.1)
+def _how_far_between(pair: tuple[Phrase, Phrase]) -> Steps:
+    a, b = pair
+    if a.text == b.text:
+        a, b = (replace(one, text=f"nth({one.text}, {n})") for n, one in ((1, a), (2, b)))
+    return _how_far_apart(a, b)
 
 
 @_rule("question", "WHATCOLOR (IS | DOES)* np IS? WITH?", "WHATCOLOR OF? np IS?")
@@ -881,6 +906,15 @@ def _is_more(a: Phrase, compared: str, b: Phrase) -> Condition:
     return f'size({{0.argument}}, "{key}") {sign} size({{1.argument}}, "{key}")', phrases
 
 
+@_rule("condition", "EXIST np compared HERE?", cost=-0.3)
+def _is_nearer(np: Phrase, compared: str) -> Condition:
+    """Read "unless there is a bed closer to you": than what is gone to."""
+    if compared not in ("near", "far"):
+        raise CommandError("")
+    sign = "<" if compared == "near" else ">"
+    return f"distance({{1.argument}}) {sign} distance({{0.argument}})", (Phrase(IT, "", "thing"), np)
+
+
 # ---- what joins orders
 
 _words("_sep", "(COMMA | AND | THEN | STOP)+")
@@ -891,7 +925,7 @@ _words(
 )
 
 
-@_rule("done", "order times?", "times COMMA? order")
+@_rule("done", "order (COMMA? times)?", "times COMMA? order")
 def _times(order: Steps, times: int = 1) -> Steps:
     if not 1 <= times <= _MAX_TIMES:
         raise CommandError(f"an order can be repeated from 1 to {_MAX_TIMES} times, found {times}")
@@ -929,7 +963,16 @@ def _if(condition: Condition, a: Steps, b: Steps = ()) -> Steps:
 def _unless(condition: Condition, a: Steps, b: Steps = ()) -> Steps:
     test, phrases = condition
     inverse = test.replace(" > 0", " == 0") if test.endswith(" > 0") else f"not {test}"
-    return (Choose(inverse, phrases, a, b),)
+    return (Choose(inverse, phrases, a, b, after=any(IT in phrase.text for phrase in phrases)),)
+
+
+@_rule("logical", "a:done COMMA? OR? COMMA? OTHERWISE COMMA? b:done", cost=0.2)
+def _or_else(a: Steps, b: Steps) -> Steps:
+    """Read "go to the sofa or, if there is none, to the chair"."""
+    if len(a) != 1 or not isinstance(a[0], Do) or not a[0].phrases:
+        raise CommandError("")
+    test, phrases = _exists(a[0].phrases[0])
+    return (Choose(test, phrases, a, b),)
 
 
 @_rule("logical", "a:done COMMA? condition:if (_mayhap OTHERWISE COMMA? b:items)?")
@@ -972,7 +1015,7 @@ def _start(items: Steps) -> Steps:
     return items
 
 
-@_rule("start", "_mayhap (items _mayhap)? NOWAIT COMMA? b:items _mayhap")
+@_rule("start", "_mayhap (items _mayhap)? NOWAIT COMMA? (NOT _np COMMA?)? b:items _mayhap")
 def _instead(b: Steps, items: Steps = ()) -> Steps:
     """Read "go to the sofa, no wait, the table": what follows replaces the order before it."""
     last, first = items[-1] if items else None, b[0]

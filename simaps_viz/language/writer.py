@@ -27,6 +27,8 @@ class _Mention:
     assigned: bool = False
     line: "_Line | None" = None
     """The line that names it first."""
+    first: "_Line | None" = None
+    """The line before which it gets its variable, where that is an earlier one."""
 
     def __getattr__(self, attribute: str) -> str:
         """Return ``text``, ``argument``, ``arguments`` or ``goal`` of its phrase, or the same of its variable."""
@@ -106,7 +108,8 @@ class Writer:
         if before is not None and before.line and before.line is self._line and _contrasts(before.phrase, mentions):
             # "the left chair and then the right one": both are meant from where the robot is before the first.
             mentions[0].name = self._fresh(_identifier(mentions[0].phrase.word))
-            before.line.before += mentions
+            mentions[0].first = before.first or before.line
+            mentions[0].first.before += mentions
         for mention in mentions[:1]:
             if mention.phrase.many and not mention.name:
                 mention.name = self._fresh(_identifier(mention.phrase.word))
@@ -130,6 +133,10 @@ class Writer:
         if phrase.text == IT:
             return self._named("it")
         if phrase.again:
+            if last is not None and any(inner.base == phrase.base for inner in last.phrase.inner):
+                # "if there is a laptop on the desk, go to that desk"
+                self._last = _Mention(replace(phrase, text=f"having({phrase.base}, {self._named('it').name})"))
+                return self._last
             if last is None or last.phrase.base != phrase.base:
                 raise CommandError(f"which {phrase.word} is meant was not said")
             return self._named("it")
@@ -145,7 +152,7 @@ class Writer:
             if not same:
                 self._note((f"the other {word} is read as all but the closest",))
             text = text.replace(LAST, self._named("it").name if same else f"nearest({base})")
-        self._last = _Mention(Phrase(text, base, word, phrase.many))
+        self._last = _Mention(replace(phrase, text=text, base=base, word=word))
         return self._last
 
     def _named(self, word: str, *, name: bool = True) -> _Mention:

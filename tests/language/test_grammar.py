@@ -1,0 +1,93 @@
+"""The grammar holds together: every name in a pattern is a rule or a token, and what it gives has a taker."""
+
+import inspect
+
+import pytest
+
+from simaps_viz.errors import CommandError
+from simaps_viz.language import grammar
+from simaps_viz.language.commands import read_command
+from simaps_viz.language.grammar import Chart, Edge, Grammar
+from simaps_viz.language.lexicon import PHRASES
+from simaps_viz.language.orders import GRAMMAR
+
+MADE = {"INTER", "MOST", "NOUN", "NOUNS", "NUM", "ONE", "ORD", "PLACE", "WORD"}
+"""Tokens that are made of the map's names and of numbers."""
+
+
+def symbols(part) -> list:
+    match part:
+        case grammar._Symbol():
+            return [part]
+        case grammar._Sequence(parts=parts) | grammar._Choice(parts=parts):
+            return [symbol for one in parts for symbol in symbols(one)]
+    return symbols(part.part)
+
+
+@pytest.mark.parametrize("name", list(GRAMMAR._rules))
+def test_every_name_is_known_and_every_value_is_taken(name: str) -> None:
+    tokens = {kind for found in PHRASES.values() for kind, _ in found} | MADE
+    for rule in GRAMMAR.rules_of(name):
+        taken = inspect.signature(rule.make).parameters
+        for symbol in symbols(rule.pattern):
+            assert symbol.name in (tokens if symbol.name.isupper() else GRAMMAR._rules), (rule.make, symbol)
+            assert not symbol.key or symbol.key in taken or "_" in taken, (rule.make, symbol)
+
+
+def test_a_chart_keeps_the_likeliest_readings_of_a_pattern() -> None:
+    toy = Grammar()
+    toy.rule("pair", "a:N (AND b:N)+")(lambda a, b: (a, b))
+    toy.rule("pair", "&N a:N AND? rest:pair", cost=1.0)(lambda a, rest: (a, *rest))
+    lattice = [
+        [Edge("N", word, at + 1)] if word != "and" else [Edge("AND", word, at + 1)]
+        for at, word in enumerate(("x", "and", "y", "and", "z"))
+    ]
+    found = Chart(toy, [*lattice, []]).parse("pair")
+    assert [(one.end, one.value, one.cost) for one in found] == [
+        (5, ("x", ("y", "z")), 0.0),
+        (5, ("x", "y", ("z",)), 1.0),
+        (3, ("x", ("y",)), 0.0),
+    ]
+
+
+@pytest.mark.parametrize(
+    ("said", "program"),
+    [
+        ("how many red chairs are there in the kitchen?",
+         'tell(inside(colored(things("chair"), "red"), room("kitchen")), "count")'),
+        ("is there a piano", 'tell(search("piano"), "whether")'),
+        ("what is on the couch?", 'tell(on(things("anything"), "couch"), "what")'),
+        ("which table is the largest?", 'tell(first(order(things("dining table"), "large")), "which")'),
+        ("is the couch bigger than the plant?", 'tell(things("couch"), "compare", "potted plant", "large")'),
+        ("how far is the couch from the plant?", 'tell(things("couch"), "distance", "potted plant")'),
+        ("are there more chairs than tables?",
+         'tell(count(things("chair")) > count(things("dining table")), "whether")'),
+        ("what can you see?", 'tell(visible(things("anything")), "list")'),
+        ("which room am I in?", 'tell(room(), "which")'),
+        ("go to a chair that is neither red nor near a table",
+         'robot.move_to_object(minus(minus(things("chair"), colored(things("chair"), "red")), '
+         'near(minus(things("chair"), colored(things("chair"), "red")), "dining table")))'),
+        ("visit the chairs around the table",
+         'for chair in near(things("chair"), nearest(things("dining table"))):\n    robot.move_to_object(chair)'),
+        ("go to every chair near a table",
+         'for chair in near(things("chair"), "dining table"):\n    robot.move_to_object(chair)'),
+        ("two and a half laps around the couch",
+         'for point in lap("couch", 2.5):\n    robot.move_to(point)'),
+        ("go to the couch, actually turn left", "robot.turn(-90)"),
+        ("don't go to the couch, go to the plant", 'robot.move_to_object("potted plant")'),
+        ("go to the couch unless there is a plant closer to you",
+         'couch = things("couch")\nif not distance("potted plant") < distance(couch):\n'
+         "    robot.move_to_object(couch)"),
+        ("I want to sit down", 'robot.move_to_object("place to sit")'),
+    ],
+)  # fmt: skip
+def test_questions_logic_and_relations(said: str, program: str) -> None:
+    labels = {"chair": 3, "dining table": 2, "couch": 1, "potted plant": 1}
+    assert read_command(said, labels).program == program
+
+
+def test_a_verb_takes_a_bare_name_unless_it_would_move_the_thing() -> None:
+    for said in ("move chair", "move the chair to the couch", "go sofa the"):
+        with pytest.raises(CommandError, match="Not understood"):
+            read_command(said, ("chair", "couch"))
+    assert read_command("go sofa", ("chair", "couch")).program == 'robot.move_to_object("couch")'
