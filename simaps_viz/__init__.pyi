@@ -31,6 +31,7 @@ from .mapping.simap import recommunity as recommunity
 from .mapping.simap import repartition as repartition
 from .mapping.votes import VoteSettings as VoteSettings
 from .navigation.agent import Answer as Answer
+from .navigation.agent import StepEvent as StepEvent
 from .navigation.planner import RobotShape as RobotShape
 from .navigation.robot import Goal as Goal
 from .structures import Door as Door

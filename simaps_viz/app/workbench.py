@@ -168,7 +168,6 @@ def services_of(
         repartition=lambda m, percent: repartition(m, **joining_at(m, percent)),
         recommunity=find_again,
         ask=answer,
-        steps=lambda m, program, pose: Agent(m, pose).steps(program),
         candidates=lambda m, label, pose: Grounding(m, pose).candidates(label),
         view=view,
         recordings=() if recording is None else (recording,),

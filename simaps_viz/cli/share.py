@@ -60,7 +60,7 @@ class Share:
         from simaps_viz.app import workbench
         from simaps_viz.io.files import check_output, write_whole
         from simaps_viz.mapping.mending import load_mended
-        from simaps_viz.navigation.agent import Agent, answer, start_pose
+        from simaps_viz.navigation.agent import answer, start_pose
         from simaps_viz.structures import Pose2
         from simaps_viz.viewer.share.files import share_bytes
         from simaps_viz.viewer.share.story import drive_of
@@ -81,7 +81,6 @@ class Share:
                 self.command,
                 pose,
                 ask=lambda m, text, at: answer(m, text, at, reader=read),
-                steps=lambda m, program, at: Agent(m, at).steps(program),
             )
         look = None if ending == ".png" else partial(workbench.look_back(lambda: self.map), simap)
         made = share_bytes(ending, simap, drive=drive, look=look, progress=progress)

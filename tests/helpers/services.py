@@ -3,14 +3,13 @@
 from browser import toy_view
 
 from simaps_viz.language.grounding import Grounding
-from simaps_viz.navigation.agent import Agent, answer
+from simaps_viz.navigation.agent import answer
 from simaps_viz.viewer.page.services import Services
 
 
 def real_services(**others) -> Services:
     return Services(
         ask=answer,
-        steps=lambda simap, program, pose: Agent(simap, pose).steps(program),
         candidates=lambda simap, label, pose: Grounding(simap, pose).candidates(label),
         view=toy_view,
         **others,

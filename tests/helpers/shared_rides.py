@@ -5,7 +5,7 @@ from dataclasses import replace
 from toy_maps import TOY_POSE, toy_map
 
 from simaps_viz.colors.instances import instance_colors
-from simaps_viz.navigation.agent import Agent, answer
+from simaps_viz.navigation.agent import answer
 from simaps_viz.viewer.share.story import drive_of
 
 COMMAND = "go to the couch"
@@ -22,7 +22,7 @@ def late_map():
 
 
 def toy_drive(simap, command=COMMAND):
-    return drive_of(simap, command, TOY_POSE, ask=answer, steps=lambda m, program, pose: Agent(m, pose).steps(program))
+    return drive_of(simap, command, TOY_POSE, ask=answer)
 
 
 def couch_of(simap):

@@ -33,6 +33,7 @@ from simaps_viz.navigation.trajectory import (
 from simaps_viz.structures import Pose2
 from simaps_viz.viewer.panels.command import CommandPanel, entered, exchanges_html, program_html, why_text
 from simaps_viz.viewer.scene.camera import AHEAD_M, BEHIND_M, Follower, above, behind
+from simaps_viz.viewer.scene.map_scene import Style
 
 # --- words
 
@@ -61,8 +62,12 @@ def test_why_this_one_is_said_with_the_distances_of_the_others():
         f"the next chair is at {max(one, two):.2f} m."
     )
     assert why("go to the couch").startswith("It is the only couch on this map, ")
-    assert why("go to the chair nearest the plant").endswith("It was chosen for lying nearest to the potted plant.")
-    assert why("go to the first chair from the left").endswith("It was chosen by counting from the left.")
+    assert why("robot.move_to_object(first(order(things('chair'), 'left')))").endswith(
+        "It was chosen as the leftmost chair."
+    )
+    assert why("robot.face(nearest(side(things('chair'), 'left')))").endswith(
+        "It was chosen as the chair on your left."
+    )
     assert why("visit all chairs") == "All 3 chairs on this map are meant."
 
 
@@ -276,6 +281,20 @@ def test_commands_on_top_of_each_other_leave_the_last_one():
             mine(bench).panels[CommandPanel]._past[0].command == "robot.turn_absolute(180)"
             and len(mine(bench).panels[CommandPanel]._past) == 3
         )
+
+
+def test_an_answer_is_shown_in_words_and_on_the_map_and_the_robot_stays():
+    with toy_workbench(real_services()) as bench, fake_page(bench):
+        page, panel = mine(bench), mine(bench).panels[CommandPanel]
+        panel.ask("tell(things('chair'), 'count')")
+        until(lambda: "There are 3 chairs on this map." in shown(bench))
+        assert "Answer" in shown(bench) and page.pose == TOY_POSE and not panel.driving
+        chairs = frozenset({1, 3, 4})
+        assert panel.style(page.simap, Style()).lit == chairs
+        assert panel.style(page.simap, Style(lit=frozenset({5}))).lit == chairs | {5}
+        panel.ask("robot.turn(90)")
+        until(lambda: "Done" in shown(bench))
+        assert panel.style(page.simap, Style()).lit is None
 
 
 def test_the_plain_service_still_works_without_steps():

@@ -1,7 +1,7 @@
 """What the page can ask for. The app hands these in; no computing lives in the page's callbacks."""
 
 import threading
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from simaps_viz.evaluation.judging import JudgingSession
 from simaps_viz.language.grounding import Candidate
 from simaps_viz.language.llm_settings import Exchange
-from simaps_viz.navigation.agent import Answer, StepEvent
+from simaps_viz.navigation.agent import Answer
 from simaps_viz.recorder.web_viewer import rerun_page
 from simaps_viz.structures import Pose2, SIMap
 
@@ -39,8 +39,6 @@ class Services:
     """(map, resolution, percent) -> the map with communities found anew."""
     ask: Callable[[SIMap, str, Pose2], Answer] | None = None
     """(map, command, pose of the robot) -> answer. May raise SIMapsError."""
-    steps: Callable[[SIMap, str, Pose2], Iterable[StepEvent]] | None = None
-    """(map, program, pose of the robot) -> its statements as they run, to mark the current line of the program."""
     candidates: Callable[[SIMap, str, Pose2], Sequence[Candidate]] | None = None
     """(map, class, pose where the command is given) -> all objects of the class, the closest first, to number them."""
     model: LanguageModel | None = None

@@ -1,11 +1,10 @@
 """The panel that commands the robot: the command, its outcome, and the robot's trajectory."""
 
-import contextlib
 import functools
 import re
 import threading
 from collections.abc import Collection, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from html import escape
 from typing import Literal
 
@@ -28,7 +27,8 @@ from simaps_viz.errors import SIMapsError
 from simaps_viz.geometry import STANDS_FROM_M
 from simaps_viz.language.grounding import Candidate
 from simaps_viz.language.llm_settings import Exchange
-from simaps_viz.navigation.agent import Answer, StepEvent, is_program, outcome_text
+from simaps_viz.language.primitives import FUNCTIONS, PRIMITIVES
+from simaps_viz.navigation.agent import Answer, is_program, outcome_text
 from simaps_viz.navigation.robot import Goal
 from simaps_viz.navigation.trajectory import (
     SPEED_HINT,
@@ -43,19 +43,13 @@ from simaps_viz.viewer.page.page import Page
 from simaps_viz.viewer.page.panel import Panel
 from simaps_viz.viewer.page.widgets import button, button_row, by_person
 from simaps_viz.viewer.scene.camera import SLANT, Follower
+from simaps_viz.viewer.scene.map_scene import Style
 
 _NTH = ("", "", "second ", "third ", "fourth ", "fifth ", "sixth ", "seventh ", "eighth ", "ninth ", "tenth ")
 _MAX_LISTED = 4
-_CHOICES = (
-    (re.compile(r'robot\.closest_to\("([^"]*)", "([^"]*)"'), "It was chosen for lying nearest to the {}."),
-    (re.compile(r'robot\.nth_from\("([^"]*)", "([^"]*)"'), "It was chosen by counting from the {}."),
-    (
-        re.compile(r'robot\.between\("([^"]*)", "([^"]*)", "([^"]*)"'),
-        "It was chosen for lying between the {} and the {}.",
-    ),
-    (re.compile(r'robot\.in_view\("([^"]*)"'), "Only what the robot could see from there was counted."),
-)
-"""Calls with which a program chooses an instance other than by distance, and how to describe that."""
+_CHOOSERS = [*FUNCTIONS, *(name for name, primitive in PRIMITIVES.items() if primitive.kind == "lookup")]
+_CHOOSES = re.compile(rf"\b(?:{'|'.join(_CHOOSERS)})\(")
+"""Calls with which a program chooses otherwise than by name and rank."""
 
 
 def why_text(answer: Answer, candidates: Sequence[Candidate]) -> str:
@@ -83,7 +77,7 @@ def why_text(answer: Answer, candidates: Sequence[Candidate]) -> str:
     if one.rank == len(candidates) > 2:
         closest = f"the farthest of {len(candidates)} from"
     text = f"{label} {one.rank} is {closest} where the command was given: {one.distance_m:.2f} m;"
-    return " ".join([text[0].upper() + text[1:], _others(one, candidates), *_choice(answer.program or "", label)])
+    return " ".join([text[0].upper() + text[1:], _others(one, candidates), *_choice(answer)])
 
 
 def candidate_labels(candidates: Sequence[Candidate], chosen: Collection[int], most: int = 5) -> list[Label]:
@@ -113,6 +107,12 @@ def goal_labels(simap: SIMap, goals: Sequence[Goal]) -> list[Label]:
                 numbers.setdefault(one, []).append(str(number))
     known = {instance.id: instance for instance in simap.instances}
     return [label_of(", ".join(texts), known[i]) for i, texts in numbers.items() if i in known]
+
+
+def answer_labels(simap: SIMap, ids: Sequence[int], most: int = 12) -> list[Label]:
+    """Name the objects that an answer speaks of, as far as they are on the map; at most so many."""
+    known = {instance.id: instance for instance in simap.instances}
+    return [label_of(known[i].label, known[i]) for i in ids if i in known][:most]
 
 
 def label_of(text: str, one: Instance) -> Label:
@@ -192,14 +192,12 @@ def _listed(candidates: Sequence[Candidate], label: str) -> str:
     return f"{name} {', '.join(map(str, ranks[:-1]))} and {ranks[-1]}"
 
 
-def _choice(program: str, label: str) -> list[str]:
+def _choice(answer: Answer) -> list[str]:
     """Describe how the program chose, if not by distance alone."""
-    for pattern, words in _CHOICES:
-        found = pattern.search(program)
-        if found:
-            # a call for another class was only a step towards this one
-            return [words.format(*found.groups()[1:])] if found[1] == label else ["The program says how it was chosen."]
-    return ["The program says how it was chosen."] if "for candidate in " in program else []
+    words = next((goal.words for goal in answer.goals if goal.words), "")
+    if words:
+        return [f"It was chosen as the {words}."]
+    return ["The program says how it was chosen."] if _CHOOSES.search(answer.program) else []
 
 
 def _box(title: str, text: str, paper: str) -> str:
@@ -312,6 +310,7 @@ class CommandPanel(Panel):
         self._readings: tuple[str, ...] = ()
         self._trajectory: Trajectory | None = None
         self._line = 0
+        self._lit: frozenset[int] = frozenset()
         self._past: list[Past] = []
         self._waiting: threading.Event | None = None
         self._drive = TrajectoryPlayer(self._moved, self._arrived, lambda: self._show_phase("paused"), self._broke_down)
@@ -335,6 +334,10 @@ class CommandPanel(Panel):
     def texts(self) -> tuple[str, str, str]:
         """The typed command, and the outcome and program of the last one (both HTML)."""
         return str(self._text.value), str(self._result.content), str(self._program.content)
+
+    def style(self, simap: SIMap, style: Style) -> Style:
+        """Emphasise what the last answer speaks of."""
+        return replace(style, lit=(style.lit or frozenset()) | self._lit) if self._lit else style
 
     def ask(self, command: str, paused: bool = False) -> None:
         """Carry out a command from the robot's pose; ``paused`` waits before its first line."""
@@ -517,35 +520,35 @@ class CommandPanel(Panel):
         """Show an answer, and start the drive if there is one."""
         # Everything that takes long comes before anything is shown, so that a cancelled command shows nothing.
         labels, self._why = self._explain(simap, answer)
-        planned = None if answer.status == "refused" else self._trajectory_for(simap, answer)
+        planned = self._trajectory_for(answer) if answer.status == "ok" else None
         if cancel.is_set():
             return
         self._show_program(answer.program or "")
         self._show_other_reading(self._readings[0] if self._readings else None)
         self._waiting = None
-        if planned is None or (answer.status != "ok" and planned.duration_s == 0.0):
+        if planned is None:
             self._conclude(answer)
             return
-        self._trajectory = planned
-        self._show_result("On the way", outcome_text(answer), more=(*self._why, *answer.notes))
-        self._scene.show_path(answer.path_m)
         end = answer.final_pose
         goal = (end.x_m - GOAL_M, end.y_m - GOAL_M, end.x_m + GOAL_M, end.y_m + GOAL_M)
         self._scene.show_candidates(labels, blocked=(goal, *boxes_near(simap, labels)))
+        if answer.answer is not None:
+            self._lit = frozenset(answer.answer["instances"])
+            self._page.repaint()
+            if not answer.goals and answer.path_length_m == 0.0:  # nothing but a question
+                self._conclude(answer)
+                return
+        self._trajectory = planned
+        self._show_result("On the way", outcome_text(answer), more=(*self._why, *answer.notes))
+        self._scene.show_path(answer.path_m)
         self._show_progress(0.0)
         self._show_phase("paused" if paused else "driving")
         self._drive.start(planned, paused=paused)
 
-    def _trajectory_for(self, simap: SIMap, answer: Answer) -> Trajectory:
+    def _trajectory_for(self, answer: Answer) -> Trajectory:
         """Return the trajectory of an answer, with the lines of the program where its statements are known."""
-        if self._services.steps is not None and answer.program:
-            steps: list[StepEvent] = []
-            with contextlib.suppress(SIMapsError):  # the answer reports it already; the trajectory ends there
-                steps.extend(self._services.steps(simap, answer.program, self._page.pose))
-            if steps:
-                return trajectory_of_steps(steps, self._page.pose)
-        if len(answer.path_m) < 2 and answer.status != "ok":
-            return trajectory([[self._page.pose.x_m, self._page.pose.y_m, self._page.pose.yaw_rad]])
+        if answer.steps:
+            return trajectory_of_steps(answer.steps, self._page.pose)
         return trajectory(poses_along(self._page.pose, answer.path_m, answer.final_pose))
 
     def _explain(self, simap: SIMap, answer: Answer) -> tuple[list[Label], tuple[str, ...]]:
@@ -553,6 +556,8 @@ class CommandPanel(Panel):
 
         Without that service, or for goals of several classes, the goals are numbered in their order.
         """
+        if answer.answer is not None:
+            return goal_labels(simap, answer.goals) or answer_labels(simap, answer.answer["instances"]), ()
         labels = {goal.label for goal in answer.goals if goal.label}
         mixed = any(goal.other_label or not goal.label for goal in answer.goals)
         if self._services.candidates is None or mixed or len(labels) != 1:
@@ -594,7 +599,8 @@ class CommandPanel(Panel):
         self._show_program(answer.program or "", answer.line, stuck=answer.line is not None)
         self._show_progress(None)
         self._show_phase("idle")
-        title, tone = {"ok": ("Done", "good"), "refused": ("Refused", "bad")}.get(answer.status, ("Failed", "bad"))
+        done = "Done" if answer.answer is None else "Answer"
+        title, tone = {"ok": (done, "good"), "refused": ("Refused", "bad")}.get(answer.status, ("Failed", "bad"))
         self._show_result(title, outcome_text(answer), tone, (*self._why, *answer.notes))
 
     def _refuse(self, command: str, reason: str) -> None:
@@ -615,6 +621,9 @@ class CommandPanel(Panel):
 
     def _clear(self) -> None:
         self._answer, self._line, self._trajectory, self._why, self._readings = None, 0, None, (), ()
+        if self._lit:
+            self._lit = frozenset()
+            self._page.repaint()
         self._scene.show_path(np.zeros((0, 2)))
         self._scene.show_candidates(())
         self._show_program("")

@@ -1,6 +1,6 @@
 """What a shared file shows: the growth of the map in time steps, then a robot that carries out a command."""
 
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -10,7 +10,7 @@ from simaps_viz.colors.classes import plural
 from simaps_viz.drawing.frame_pictures import communities_unseen_until, owner_of_community
 from simaps_viz.errors import CommandError
 from simaps_viz.mapping.methods import method_of
-from simaps_viz.navigation.agent import Answer, StepEvent, outcome_text
+from simaps_viz.navigation.agent import Answer, outcome_text
 from simaps_viz.navigation.trajectory import Trajectory, poses_along, trajectory, trajectory_of_steps
 from simaps_viz.structures import Pose2, SIMap
 
@@ -57,7 +57,6 @@ def drive_of(
     pose: Pose2,
     *,
     ask: Callable[[SIMap, str, Pose2], Answer],
-    steps: Callable[[SIMap, str, Pose2], Iterable[StepEvent]] | None = None,
 ) -> Drive:
     """Carry out a command in simulation.
 
@@ -66,7 +65,6 @@ def drive_of(
         command: English, or a program.
         pose: where the robot is.
         ask: carries it out.
-        steps: runs its program again, statement by statement, so that the robot turns as it really does.
 
     Raises:
         CommandError: it was refused, or the robot did not move.
@@ -74,8 +72,8 @@ def drive_of(
     answer = ask(simap, command, pose)
     if answer.status == "refused":
         raise CommandError(f'"{command}": {answer.reason or "refused"}')
-    if answer.status == "ok" and answer.program and steps is not None:
-        driven = trajectory_of_steps(list(steps(simap, answer.program, pose)), pose)
+    if answer.steps:
+        driven = trajectory_of_steps(answer.steps, pose)
     elif len(answer.path_m):
         driven = trajectory(poses_along(pose, answer.path_m, answer.final_pose))
     else:
