@@ -14,7 +14,10 @@ if TYPE_CHECKING:
     from simaps_viz.mapping.mending import Mending
     from simaps_viz.structures import SIMap
 
-FORMS = "merge ID ID, split ID X Y X Y (metres), relabel ID CLASS, delete ID, undo, redo"
+FORMS = (
+    "merge ID ID, split ID X Y X Y (metres), relabel ID CLASS, delete ID, rename-room ID NAME, join-rooms ID ID, "
+    "cut-room ID X Y X Y, undo, redo"
+)
 
 
 @dataclass(frozen=True)
@@ -22,7 +25,8 @@ class Mend:
     """Put a map right by hand, list the edits, or save the mended map; edits are kept beside it, in MAP.edits.json.
 
     Edits: "merge 3 4" (of the class of 3), "split 8 3.6 0 3.6 1" (along the line through two points, metres),
-    "relabel 5 sofa bed", "delete 9", "undo", "redo". Ids are those of simaps info.
+    "relabel 5 sofa bed", "delete 9", "undo", "redo"; of rooms "rename-room 3 study", "join-rooms 1 2",
+    "cut-room 1 2 0 2 9". Ids are those of simaps info.
 
     Example: simaps mend cafe.npz "merge 3 4" "delete 9" -o mended.npz
     """
@@ -81,26 +85,43 @@ def do(mending: "Mending", simap: "SIMap", text: str, who: str) -> "SIMap":
     Raises:
         InputError: it is not understood, or refused.
     """
-    words = text.split()
-    verb, rest = (words[0].lower(), words[1:]) if words else ("", [])
+    verb, *rest = text.split() or [""]
+    take: dict[str, tuple[str, Callable[..., SIMap]]] = {
+        "merge": ("ii", mending.merge),
+        "split": ("ipp", mending.split),
+        "relabel": ("iw", mending.relabel),
+        "delete": ("i", mending.delete),
+        "rename-room": ("iw", mending.rename_room),
+        "join-rooms": ("ii", mending.join_rooms),
+        "cut-room": ("ipp", mending.cut_room),
+        "undo": ("", mending.undo),
+        "redo": ("", mending.redo),
+    }
     try:
-        if verb == "merge":
-            first, second = map(int, rest)
-            return mending.merge(simap, first, second, who=who)
-        if verb == "split":
-            ax, ay, bx, by = map(float, rest[1:])
-            return mending.split(simap, int(rest[0]), (ax, ay), (bx, by), who=who)
-        if verb == "relabel" and len(rest) > 1:
-            return mending.relabel(simap, int(rest[0]), " ".join(rest[1:]), who=who)
-        if verb == "delete":
-            (one,) = map(int, rest)
-            return mending.delete(simap, one, who=who)
-    except (ValueError, IndexError) as error:
+        kinds, edit = take[verb.lower()]
+        arguments = _arguments(kinds, rest)
+    except (KeyError, ValueError) as error:
         raise InputError(f"edit: expected {FORMS}; found {text!r}") from error
-    take: dict[str, Callable[[SIMap], SIMap]] = {"undo": mending.undo, "redo": mending.redo}
-    if verb not in take or rest:
-        raise InputError(f"edit: expected {FORMS}; found {text!r}")
-    return take[verb](simap)
+    return edit(simap, *arguments, who=who) if arguments else edit(simap)
+
+
+def _arguments(kinds: str, words: list[str]) -> list[Any]:
+    """Read the words of an edit: i an id, p the x and y of a point, w all the rest; ValueError for anything else."""
+    found: list[Any] = []
+    for kind in kinds:
+        if kind == "i":
+            found.append(int("".join(words[:1])))
+            words = words[1:]
+        elif kind == "p":
+            x, y = map(float, words[:2])
+            found.append((x, y))
+            words = words[2:]
+        else:
+            found.append(" ".join(words))
+            words = []
+    if words or "" in found:
+        raise ValueError("words left over, or missing")
+    return found
 
 
 def _report(command: Mend, mending: "Mending", simap: "SIMap") -> tuple[list[str], dict[str, Any]]:

@@ -19,14 +19,18 @@ from simaps_viz.io.files import write_whole
 from simaps_viz.io.limits import MAX_EDITS_BYTES, check_cells, read_bytes
 from simaps_viz.mapping.edits import (
     MAX_LABEL_LENGTH,
+    CutRoom,
     Delete,
     Edit,
     Edited,
     EditRefused,
+    JoinRooms,
     Merge,
     Point,
     Region,
     Relabel,
+    RenameRoom,
+    RoomEdit,
     Split,
     apply_edits,
     describe_by_id,
@@ -102,7 +106,8 @@ def apply_log(simap: SIMap, log: EditLog) -> Edited:
     applied = []
     for i, entry in enumerate(log.entries):
         if i not in refused:
-            ids = np.unique(instance[entry.edit.region.cells()])
+            of_rooms = isinstance(entry.edit, RoomEdit)
+            ids = np.unique(instance[entry.edit.region.cells()]) if not of_rooms else np.zeros(0, np.int32)
             applied.append({**entry.to_json(), "instances": ids[ids > 0].tolist()})
     edits = [*simap.provenance.get("edits", []), *applied]
     return replace(edited, simap=replace(edited.simap, provenance={**simap.provenance, "edits": edits}))
@@ -139,7 +144,10 @@ def now() -> str:
     return datetime.now(UTC).strftime("%Y-%m-%dT%H:%M:%SZ")
 
 
-_KINDS: Mapping[type, str] = {Merge: "merge", Split: "split", Relabel: "relabel", Delete: "delete"}
+_KINDS: Mapping[type, str] = {
+    Merge: "merge", Split: "split", Relabel: "relabel", Delete: "delete",
+    RenameRoom: "rename-room", JoinRooms: "join-rooms", CutRoom: "cut-room",
+}  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -293,18 +301,22 @@ def _region(records: Any, spec: GridSpec) -> Region:
 
 
 def _edit(kind: str, record: Mapping[str, Any], region: Region) -> Edit:
-    if kind == "merge":
-        (first, second), (a, b) = record["objects"], record["was"]
-        return Merge((_integer(first), _integer(second)), (_class(a), _class(b)), _class(record["label"]), region)
-    if kind == "split":
+    was = tuple(map(_class, record["was"] if "was" in record else [record["label"]]))
+    if kind in ("merge", "join-rooms"):
+        both = tuple(map(_integer, record["objects" if kind == "merge" else "rooms"]))
+        if len(both) != 2 or len(was) != 2:
+            raise InputError(f"expected two of both, found {len(both)} and {len(was)}")
+        return Merge(both, was, _class(record["label"]), region) if kind == "merge" else JoinRooms(both, was, region)
+    (name,), one = was, _integer(record["room" if kind.endswith("room") else "object"])
+    if kind in ("split", "cut-room"):
         start, end = (_point(point) for point in record["line_m"])
         if start == end:
             raise InputError("line_m: expected two different points, found the same twice")
-        return Split(_integer(record["object"]), _class(record["label"]), region, (start, end))
-    (was,) = record["was"]
-    if kind == "relabel":
-        return Relabel(_integer(record["object"]), (_class(was),), _class(record["label"]), region)
-    return Delete(_integer(record["object"]), (_class(was),), region)
+        return (Split(one, name, region, (start, end)) if kind == "split"
+                else CutRoom(one, (name,), region, (start, end)))  # fmt: skip
+    if kind == "delete":
+        return Delete(one, (name,), region)
+    return (Relabel if kind == "relabel" else RenameRoom)(one, (name,), _class(record["label"]), region)
 
 
 def _point(values: Sequence[Any]) -> Point:

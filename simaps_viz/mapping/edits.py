@@ -10,6 +10,7 @@ before it, to the map as it was built (`apply_edits`). The edits of a map and th
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,12 +18,13 @@ from numpy.typing import NDArray
 from simaps_viz.colors.classes import is_thing
 from simaps_viz.errors import InputError
 from simaps_viz.io.limits import MAX_CLASSES
+from simaps_viz.mapping.floor_plan import room_layer
 from simaps_viz.mapping.graph import affine, weighted
 from simaps_viz.mapping.methods import method_of
 from simaps_viz.mapping.partition import applied_steps, empty_log, group_views, instance_of_community
 from simaps_viz.mapping.row_blocks import look_up
 from simaps_viz.mapping.simap import assemble, joining_threshold, origin_of
-from simaps_viz.structures import CellGraph, Grid, GridSpec, Instance, MergeLog, SIMap, Views
+from simaps_viz.structures import CellGraph, Grid, GridSpec, Instance, MergeLog, Room, SIMap, Views
 
 Point = tuple[float, float]
 """x and y in metres, map frame."""
@@ -116,16 +118,58 @@ class Delete:
     region: Region
 
 
-Edit = Merge | Split | Relabel | Delete
+@dataclass(frozen=True)
+class RenameRoom:
+    """The room that has most of these cells is called so."""
+
+    room: int
+    """The id it had when the edit was made; only for descriptions."""
+    was: tuple[str]
+    """Its name until then."""
+    label: str
+    """Its new name."""
+    region: Region
+
+
+@dataclass(frozen=True)
+class JoinRooms:
+    """The rooms that have most of their cells here are one room."""
+
+    rooms: tuple[int, int]
+    """The ids they had when the edit was made; only for descriptions."""
+    was: tuple[str, str]
+    """Their names."""
+    region: Region
+
+
+@dataclass(frozen=True)
+class CutRoom:
+    """The room that has most of these cells is two rooms, one on each side of a line."""
+
+    room: int
+    """The id it had when the edit was made; only for descriptions."""
+    was: tuple[str]
+    """Its name."""
+    region: Region
+    line_m: tuple[Point, Point]
+    """Two points of the straight line, which extends beyond both."""
+
+
+RoomEdit = RenameRoom | JoinRooms | CutRoom
+Edit = Merge | Split | Relabel | Delete | RoomEdit
 
 
 def describe_by_id(edit: Edit) -> str:
     """Describe an edit by the ids that its objects had: "joined chair #3 and chair #4"."""
+    if isinstance(edit, RoomEdit):  # whose names are unlike
+        return _describe(edit, [f"the {name.removeprefix('the ')}" for name in edit.was])
     return _describe(edit, [f"{label} #{i}" for label, i in zip(edit.was, _ids(edit), strict=True)])
 
 
 def describe_by_number(edit: Edit, simap: SIMap) -> str:
     """Describe an edit of the map it was made on as the page numbers objects: "joined chair 2 and chair 3"."""
+    if isinstance(edit, RoomEdit):
+        return describe_by_id(edit)
     return _describe(edit, [numbered(simap, simap.by_id(i)) for i in _ids(edit)])
 
 
@@ -141,21 +185,23 @@ def describe_by_class(edit: Edit) -> str:
             return f"{label} is called {edit.label}"
         case Delete():
             return f"took one away: {label}"
+        case _:
+            return describe_by_id(edit)
 
 
 def _describe(edit: Edit, names: Sequence[str]) -> str:
     match edit:
-        case Merge():
+        case Merge() | JoinRooms():
             return f"joined {names[0]} and {names[1]}"
-        case Split():
+        case Split() | CutRoom():
             return f"cut {names[0]} in two"
-        case Relabel():
+        case Relabel() | RenameRoom():
             return f"{names[0]} is called {edit.label}"
         case Delete():
             return f"took away {names[0]}"
 
 
-def _ids(edit: Edit) -> tuple[int, ...]:
+def _ids(edit: Merge | Split | Relabel | Delete) -> tuple[int, ...]:
     return edit.objects if isinstance(edit, Merge) else (edit.object,)
 
 
@@ -222,6 +268,67 @@ def delete(simap: SIMap, instance_id: int) -> Delete:
     """
     one = simap.by_id(instance_id)
     return Delete(one.id, (one.label,), Region.of(_cells(simap, one.id)))
+
+
+def rename_room(simap: SIMap, room_id: int, name: str) -> RenameRoom:
+    """Give a room a name of its own.
+
+    Raises:
+        InputError: it is not on the map, or the name is empty, too long, or that of another room.
+    """
+    room, wanted = _room(simap, room_id), " ".join(name.split())
+    if not wanted or not wanted.isprintable() or len(wanted) > MAX_LABEL_LENGTH:
+        raise EditRefused(
+            f"room: expected a name of 1 to {MAX_LABEL_LENGTH} characters, found {name[:60]!r}",
+            f"A room has a name of 1 to {MAX_LABEL_LENGTH} characters.",
+        )
+    if any(other.name.casefold() == wanted.casefold() for other in simap.rooms):
+        raise EditRefused(
+            f"room: expected a name that no room has, found {wanted!r}", f"There is a room called {wanted} already."
+        )
+    return RenameRoom(room.id, (room.name,), wanted, _region_of(simap, room.id))
+
+
+def join_rooms(simap: SIMap, first_id: int, second_id: int) -> JoinRooms:
+    """Join two rooms; the larger one keeps its id and its name.
+
+    Raises:
+        InputError: one of them is not on the map, or they are the same.
+    """
+    first, second = _room(simap, first_id), _room(simap, second_id)
+    if first.id == second.id:
+        raise EditRefused(
+            f"rooms: expected two rooms, found room {first.id} twice", "That is the same room. Choose another one."
+        )
+    return JoinRooms((first.id, second.id), (first.name, second.name), _region_of(simap, first.id, second.id))
+
+
+def cut_room(simap: SIMap, room_id: int, start_m: Point, end_m: Point) -> CutRoom:
+    """Cut a room along the straight line through two points, map frame, metres; the larger part keeps id and name.
+
+    Raises:
+        InputError: it is not on the map, the line has no direction or does not cut it.
+    """
+    room, line = _room(simap, room_id), (_point(start_m), _point(end_m))
+    if line[0] == line[1]:
+        raise EditRefused(
+            "cut: expected a line between two different points, found the same point twice",
+            f"Both clicks are at the same place. Click on both sides of the {room.name}.",
+        )
+    region = _region_of(simap, room.id)
+    check_sides(sides(simap.spec, region.cells(), line), f"room {room.id}", 1, f"the {room.name}")
+    return CutRoom(room.id, (room.name,), region, line)
+
+
+def _room(simap: SIMap, room_id: int) -> Room:
+    for room in simap.rooms:
+        if room.id == room_id:
+            return room
+    raise InputError(f"room {room_id}: not on this map, which has {len(simap.rooms)} rooms")
+
+
+def _region_of(simap: SIMap, *room_ids: int) -> Region:
+    return Region.of(np.flatnonzero(np.isin(simap.room_cells, room_ids)))
 
 
 def class_name(simap: SIMap, text: str) -> str:
@@ -323,9 +430,12 @@ def apply_edits(simap: SIMap, edits: Sequence[Edit]) -> Edited:
             draft.apply(edit)
         except InputError as error:
             refused.append((i, str(error)))
-    if len(refused) == len(edits):
-        return Edited(simap, tuple(refused))
-    return Edited(_finish(simap, base, draft), tuple(refused))
+    failed = {i for i, _ in refused}
+    of_rooms = {isinstance(edit, RoomEdit) for i, edit in enumerate(edits) if i not in failed}
+    finished = _finish(simap, base, draft) if False in of_rooms else simap
+    if True in of_rooms:
+        finished = replace(finished, room=draft.room.reshape(simap.spec.shape), room_names=draft.room_names)
+    return Edited(finished, tuple(refused))
 
 
 def apply(simap: SIMap, edit: Edit) -> SIMap:
@@ -354,6 +464,13 @@ class _Draft:
         self.next = 1 + max(int(part.max(initial=0)) for part in numbers)
         self.size = np.bincount(self.community, minlength=self.next).tolist()
         self.touched: set[int] = set()
+        self._simap = simap
+        self.room_names = dict(simap.room_names)
+
+    @cached_property
+    def room(self) -> NDArray:
+        """The room of each cell, flat, int32; its names are in ``room_names``."""
+        return room_layer(self._simap).reshape(-1).copy()
 
     def class_index(self, label: str) -> int:
         """Return the index of a class, which is added when it is new."""
@@ -440,6 +557,9 @@ class _Draft:
 
     def apply(self, edit: Edit) -> None:
         """Apply one edit, or raise InputError and change nothing."""
+        if isinstance(edit, RoomEdit):
+            self._apply_to_rooms(edit)
+            return
         cells = self._cells_of(edit)
         if isinstance(edit, Split):
             both = sides(self.spec, cells, edit.line_m)
@@ -449,6 +569,27 @@ class _Draft:
             self.claim([cells], edit.label)
         elif isinstance(edit, Delete):
             self.claim([cells], self.labels[0])
+
+    def _apply_to_rooms(self, edit: RoomEdit) -> None:
+        region = edit.region.cells()
+        count = np.bincount(self.room[region], minlength=int(self.room.max(initial=0)) + 1)
+        if not 2 * int(count[1:].sum()) >= max(len(region), 1):
+            raise InputError(f"{describe_by_id(edit)}: no longer makes sense: most of its cells are in no room now")
+        largest = 1 + int(count[1:].argmax())
+        if isinstance(edit, RenameRoom):
+            self.room_names[largest] = edit.label
+        elif isinstance(edit, JoinRooms):
+            mostly = 2 * count >= np.maximum(np.bincount(self.room, minlength=len(count)), 1)
+            joined = [i for i in np.flatnonzero(mostly).tolist() if i > 0]
+            if len(joined) < 2:
+                raise InputError(f"{describe_by_id(edit)}: no longer makes sense: they are one room now")
+            self.room[np.isin(self.room, joined)] = largest
+            for one in set(joined) - {largest}:
+                self.room_names.pop(one, None)
+        else:
+            both = sides(self.spec, np.flatnonzero(self.room == largest), edit.line_m)
+            check_sides(both, f"room {largest}", 1)
+            self.room[min(both, key=len)] = len(count)
 
 
 def _with_communities(simap: SIMap) -> SIMap:

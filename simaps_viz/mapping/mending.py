@@ -17,7 +17,19 @@ from simaps_viz.mapping.edit_log import (
     read_edits,
     save_edits,
 )
-from simaps_viz.mapping.edits import Edit, Point, delete, describe_by_class, describe_by_number, merge, relabel, split
+from simaps_viz.mapping.edits import (
+    Edit,
+    Point,
+    cut_room,
+    delete,
+    describe_by_class,
+    describe_by_number,
+    join_rooms,
+    merge,
+    relabel,
+    rename_room,
+    split,
+)  # fmt: skip
 from simaps_viz.mapping.file import load_map
 from simaps_viz.mapping.methods import method_of
 from simaps_viz.mapping.simap import recommunity, repartition
@@ -98,6 +110,18 @@ class Mending:
     def delete(self, simap: SIMap, instance_id: int, *, who: str) -> SIMap:
         """Take away an object of the map that is shown; see `edits.delete`."""
         return self._do(simap, lambda: delete(simap, instance_id), who)
+
+    def rename_room(self, simap: SIMap, room_id: int, name: str, *, who: str) -> SIMap:
+        """Give a room of the map that is shown a name; see `edits.rename_room`."""
+        return self._do(simap, lambda: rename_room(simap, room_id, name), who)
+
+    def join_rooms(self, simap: SIMap, first_id: int, second_id: int, *, who: str) -> SIMap:
+        """Join two rooms of the map that is shown; see `edits.join_rooms`."""
+        return self._do(simap, lambda: join_rooms(simap, first_id, second_id), who)
+
+    def cut_room(self, simap: SIMap, room_id: int, start_m: Point, end_m: Point, *, who: str) -> SIMap:
+        """Cut a room of the map that is shown; see `edits.cut_room`."""
+        return self._do(simap, lambda: cut_room(simap, room_id, start_m, end_m), who)
 
     def undo(self, simap: SIMap) -> SIMap:
         """Undo the last edit, whoever made it.
