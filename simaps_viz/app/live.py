@@ -20,7 +20,7 @@ from simaps_viz.build.pipeline import BuildCancelled, BuildConfig, facts_of, sta
 from simaps_viz.build.to_file import BuildRequest, RecordingFault, build_to_file, resume_hint
 from simaps_viz.console.logs import logger
 from simaps_viz.console.progress import StageProgress, stage_progress
-from simaps_viz.console.terminal import console
+from simaps_viz.console.terminal import note
 from simaps_viz.datasets.source import FrameSource
 from simaps_viz.drawing.texture import sketch_png
 from simaps_viz.errors import InputError, SIMapsError
@@ -382,8 +382,7 @@ class _LivePage:
         self._opened.finish(simap if self.mending is None else self.mending.simap(), panels, recorded)
         if not self._ended:
             stream.finish()
-        for text in (f"{request.output}: {workbench.counts_in_words(simap.counts())}", *faults):
-            console.print(text, markup=False, soft_wrap=True)
+        note(f"{request.output}: {workbench.counts_in_words(simap.counts())}", *faults)
         return " ".join((f"Saved as {request.output}.", *faults))
 
 
@@ -464,6 +463,6 @@ def _wait(build: LiveBuild) -> None:
     pause, before = threading.Event(), build.state()
     while (state := build.state()).status != "done":
         if state.status != before.status and state.status in ("stopped", "failed"):
-            console.print(f"{state.status}: {state.error or state.notice}", markup=False, soft_wrap=True)
+            note(f"{state.status}: {state.error or state.notice}")
         before = state
         pause.wait(0.2)

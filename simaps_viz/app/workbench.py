@@ -15,7 +15,7 @@ from simaps_viz.build.cache import cache_folder, map_in_cache
 from simaps_viz.build.pipeline import BuildConfig
 from simaps_viz.build.to_file import build_complete, is_complete, open_history
 from simaps_viz.console.progress import StageProgress
-from simaps_viz.console.terminal import console
+from simaps_viz.console.terminal import note
 from simaps_viz.datasets.sequence import PosedFrames
 from simaps_viz.datasets.source import FrameSource
 from simaps_viz.errors import InputError, PlanningError
@@ -35,6 +35,7 @@ if TYPE_CHECKING:
     from simaps_viz.evaluation.judging import JudgingSession
     from simaps_viz.viewer.page.panel import PanelSpec
     from simaps_viz.viewer.page.services import LanguageModel, Services
+    from simaps_viz.viewer.server.front_door import FrontDoor
     from simaps_viz.viewer.workbench import Workbench
 
 
@@ -104,12 +105,11 @@ def serve(simap: SIMap, *, browser: bool, **options: Any) -> None:
         page.wait()
 
 
-def tell_where(page: "Workbench", *, browser: bool = False) -> None:
+def tell_where(page: "Workbench | FrontDoor", what: str = "Workbench", *, browser: bool = False) -> None:
     """Print where a page is served; ``browser``: also open it in the browser."""
-    console.print(f"Workbench: {page.entrance}  (Ctrl-C to stop)", soft_wrap=True, markup=False)
+    note(f"{what}: {page.entrance}  (Ctrl-C to stop)")
     if page.access.is_open:
-        words = "Open to the network, not encrypted; whoever has this address has the map."
-        console.print(words, soft_wrap=True, highlight=False)
+        note("Open to the network, not encrypted; whoever has this address has the map.")
     if browser:
         webbrowser.open(page.entrance)
 

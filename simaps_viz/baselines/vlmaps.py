@@ -7,7 +7,7 @@ apart they lie. ``vlmaps+components`` tells objects apart the way VLMaps' progra
 cleaned mask of the class, contour by contour.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass, field
 from importlib.metadata import version
 from typing import Any, Literal
@@ -17,6 +17,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from simaps_viz.baselines import BASELINES
 from simaps_viz.baselines.embedder import OTHER, Embedder, PixelEmbeddings, SimulatedLSeg
 from simaps_viz.datasets.source import FrameSource, read_ahead
 from simaps_viz.errors import InputError
@@ -36,10 +37,6 @@ from simaps_viz.mapping.partition import empty_log
 from simaps_viz.mapping.projection import project_pixels
 from simaps_viz.mapping.simap import Origin, assemble, count_views
 from simaps_viz.structures import Frame, Grid, Segment, Segmentation, SIMap
-
-BASELINES: Mapping[str, bool] = {"vlmaps": False, "vlmaps+components": True}
-"""The methods of this module by name: whether each tells the objects of a class apart."""
-
 
 Weighting = Literal["uniform", "distance"]
 """What a point counts: 1, as VLMaps' paper has it, or less the farther away it was seen, as its later program does."""

@@ -3,8 +3,9 @@
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 
-from simaps_viz.baselines.vlmaps import BASELINES, VLMapsConfig, build_vlmaps
-from simaps_viz.build.names import METHOD_NAMES
+from simaps_viz.baselines import BASELINES
+from simaps_viz.baselines.vlmaps import VLMapsConfig, build_vlmaps
+from simaps_viz.build import METHOD_NAMES
 from simaps_viz.build.pipeline import BuildCancelled, BuildConfig, BuildControl, run_build
 from simaps_viz.datasets.source import FrameSource
 from simaps_viz.errors import InputError

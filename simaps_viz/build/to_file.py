@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from simaps_viz.build import METHOD_NAMES
 from simaps_viz.build.build_log import (  # fmt: skip
     BuildLog,
     LogBusyError,
@@ -16,11 +17,10 @@ from simaps_viz.build.build_log import (  # fmt: skip
     set_aside_name,
 )
 from simaps_viz.build.methods import build, config_of, keeps_log
-from simaps_viz.build.names import METHOD_NAMES
 from simaps_viz.build.pipeline import BuildConfig, BuildControl, RemoteGatherer, fingerprint
 from simaps_viz.build.seen_colors import with_colors
 from simaps_viz.console.progress import BuildProgress, StageProgress
-from simaps_viz.console.terminal import console
+from simaps_viz.console.terminal import note
 from simaps_viz.datasets.source import FrameSource
 from simaps_viz.errors import InputError
 from simaps_viz.events import Observer
@@ -246,4 +246,4 @@ def _report_unfinished(log: Path, output: Path, frames: int, *, resume: bool, re
         text = f"{output}: no unfinished build to resume; starting at the first frame"
     else:
         return
-    console.print(text, markup=False, soft_wrap=True)
+    note(text)

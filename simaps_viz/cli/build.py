@@ -64,7 +64,7 @@ class Build:
         from simaps_viz.app.workbench import counts_in_words
         from simaps_viz.build.to_file import BuildRequest, build_to_file, resume_hint
         from simaps_viz.console.progress import stage_progress
-        from simaps_viz.console.terminal import console, emit
+        from simaps_viz.console.terminal import report
         from simaps_viz.io.files import check_ending
 
         request = BuildRequest(
@@ -89,17 +89,17 @@ class Build:
                 simap = describe_to_file(simap, sequence, embedding, self.output, progress)
         skipped: int = simap.provenance.get("skipped", {}).get("frames", 0)
         notes: list[str] = [*getattr(sequence, "notes", ()), *(embedding.notes if embedding else ())]
-        if self.json:
-            emit({"event": "done", "map": str(self.output), "record": str(self.record) if self.record else None,
+        record = {"event": "done", "map": str(self.output), "record": str(self.record) if self.record else None,
                   "counts": simap.counts(), "instances": len(simap.instances), "skipped": skipped,
-                  "notes": notes, "seconds": progress.clock.seconds()})  # fmt: skip
-        else:
-            if skipped:
-                notes.append(f"{skipped} of {len(sequence)} frames could not be read and were skipped")
-            for note in notes:
-                console.print(f"{sequence.path}: {note}", markup=False, soft_wrap=True)
-            console.print(f"{self.output}: {counts_in_words(simap.counts())}", markup=False)
-            console.print(f"Look at it: simaps view {self.output}", markup=False)
+                  "notes": notes, "seconds": progress.clock.seconds()}  # fmt: skip
+        lost = [f"{skipped} of {len(sequence)} frames could not be read and were skipped"] if skipped else []
+        report(
+            record,
+            *(f"{sequence.path}: {text}" for text in (*notes, *lost)),
+            f"{self.output}: {counts_in_words(simap.counts())}",
+            f"Look at it: simaps view {self.output}",
+            json=self.json,
+        )
         return OK
 
     def _watch(self, request: "BuildRequest") -> None:

@@ -28,7 +28,7 @@ class Convert:
     def run(self) -> int:
         """Write the sequence and print how many frames it has."""
         from simaps_viz.console.progress import stage_progress
-        from simaps_viz.console.terminal import console, emit
+        from simaps_viz.console.terminal import report
         from simaps_viz.datasets.convert import write_posed_frames
         from simaps_viz.datasets.open import open_sequence
 
@@ -38,12 +38,8 @@ class Convert:
                 sequence, self.output, every=self.every, progress=lambda done, total: progress("frames", done, total)
             )
         frames = len(range(0, len(sequence), self.every))
-        if self.json:
-            emit({"event": "done", "manifest": str(manifest), "name": sequence.name, "frames": frames,
-                  "segmentation": sequence.segmentation_source, "notes": list(sequence.notes)})  # fmt: skip
-            return OK
-        lines = [f"{self.source}: {note}" for note in sequence.notes]
-        lines.append(f"{manifest}: {frames} frames, segmentation {sequence.segmentation_source}")
-        for line in lines:
-            console.print(line, markup=False, soft_wrap=True)
+        record = {"event": "done", "manifest": str(manifest), "name": sequence.name, "frames": frames,
+                  "segmentation": sequence.segmentation_source, "notes": list(sequence.notes)}  # fmt: skip
+        written = f"{manifest}: {frames} frames, segmentation {sequence.segmentation_source}"
+        report(record, *(f"{self.source}: {text}" for text in sequence.notes), written, json=self.json)
         return OK

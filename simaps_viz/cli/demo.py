@@ -33,21 +33,21 @@ class Demo:
         from simaps_viz.app import demo, workbench
         from simaps_viz.build.cache import cache_folder
         from simaps_viz.console.progress import stage_progress
-        from simaps_viz.console.terminal import console
+        from simaps_viz.console.terminal import note
         from simaps_viz.datasets.open import open_sequence
         from simaps_viz.mapping.mending import open_mending
         from simaps_viz.scenes.demo import ensure_demo
 
         shipped = demo.shipped_demo(self.mapping.method, self.mapping.config(), self.errors) if self.serve else None
         if shipped is not None:
-            console.print(f"On the map: {workbench.counts_in_words(shipped.counts())}", markup=False)
+            note(f"On the map: {workbench.counts_in_words(shipped.counts())}")
             demo.serve_shipped(shipped, llm=self.llm, **asdict(self.serving))
             return OK
         with stage_progress() as progress:
             manifest = ensure_demo(level=self.errors, cache_dir=cache_folder(), progress=progress)
             sequence = open_sequence(manifest)
             simap, recording = workbench.cached_build(sequence, self.mapping.method, self.mapping.config(), progress)
-        console.print(f"On the map: {workbench.counts_in_words(simap.counts())}", markup=False)
+        note(f"On the map: {workbench.counts_in_words(simap.counts())}")
         if self.serve:
             mending = open_mending(recording.with_suffix(".npz"), simap)
             workbench.serve(simap, recording=recording, llm=self.llm, mending=mending, **asdict(self.serving))

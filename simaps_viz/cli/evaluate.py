@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any, Literal
 
 import tyro
 
-from simaps_viz.build.names import METHOD_NAMES
+from simaps_viz.build import METHOD_NAMES
 from simaps_viz.cli import OK
 from simaps_viz.errors import InputError
 

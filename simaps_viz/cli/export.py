@@ -54,7 +54,7 @@ class Export:
         """Write the files and print their names."""
         from simaps_viz.app import workbench
         from simaps_viz.console.progress import stage_progress
-        from simaps_viz.console.terminal import console, emit
+        from simaps_viz.console.terminal import report
         from simaps_viz.exports.exporter import ExportOptions
         from simaps_viz.exports.formats import choose_format, export_map
         from simaps_viz.language.commands import read_command
@@ -79,10 +79,8 @@ class Export:
                 progress=progress,
             )
             files = export_map(simap, self.output, name, options)
-        if self.json:
-            emit({"format": name, "files": [str(path) for path in files]})
-        else:
-            console.print(f"{name}: wrote {', '.join(str(path) for path in files)}", markup=False, soft_wrap=True)
+        written = [str(path) for path in files]
+        report({"format": name, "files": written}, f"{name}: wrote {', '.join(written)}", json=self.json)
         return OK
 
     def _sequence(self, simap: "SIMap") -> "FrameSource":

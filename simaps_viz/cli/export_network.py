@@ -29,16 +29,12 @@ class ExportNetwork:
 
     def run(self) -> int:
         """Write the network and print how far its outputs are from the checkpoint's."""
-        from simaps_viz.console.terminal import console, emit
+        from simaps_viz.console.terminal import report
         from simaps_viz.segmentation.network_export import export_network
 
         done = export_network(self.checkpoint, self.output, size=self.size)
-        if self.json:
-            emit({"event": "done", "output": str(done.path), "family": done.family, "input_size": list(done.size),
-                  "difference": done.difference})  # fmt: skip
-        else:
-            console.print(
-                f"{done.path}: {done.family}, input {done.size[0]} x {done.size[1]}, torch and onnxruntime differ by "
-                f"{done.difference:.1g} at most", markup=False, soft_wrap=True,
-            )  # fmt: skip
+        words = f"input {done.size[0]} x {done.size[1]}, torch and onnxruntime differ by {done.difference:.1g} at most"
+        record = {"event": "done", "output": str(done.path), "family": done.family, "input_size": list(done.size),
+                  "difference": done.difference}  # fmt: skip
+        report(record, f"{done.path}: {done.family}, {words}", json=self.json)
         return OK

@@ -4,7 +4,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
-from simaps_viz.build.names import MethodName
+from simaps_viz.build import MethodName
 
 if TYPE_CHECKING:
     from simaps_viz.build.pipeline import BuildConfig

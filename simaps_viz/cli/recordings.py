@@ -3,7 +3,6 @@
 import shlex
 import sys
 import threading
-import webbrowser
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -78,22 +77,22 @@ class Recordings:
                 entry = library.find(self.names[0])
                 self._expect_yes(f"{entry.path}: expected --yes to delete it")
                 moved = library.delete(entry.name)
-                _tell({"event": "deleted", "path": str(entry.path), "moved_to": str(moved)},
-                      f"moved to the trash; back: simaps recordings restore {shlex.quote(moved.stem)}",
-                      json=self.json)  # fmt: skip
+                _report({"event": "deleted", "path": str(entry.path), "moved_to": str(moved)},
+                        f"moved to the trash; back: simaps recordings restore {shlex.quote(moved.stem)}",
+                        json=self.json)  # fmt: skip
             case "empty-trash":
                 self._expect_yes(f"{library.trash}: expected --yes to delete {len(library.deleted())} for good")
                 for path in library.empty_trash():
-                    _tell({"event": "deleted for good", "path": str(path)}, "deleted for good", json=self.json)
+                    _report({"event": "deleted for good", "path": str(path)}, "deleted for good", json=self.json)
             case "add":
                 entry = library.add(Path(self.names[0]), *self.names[1:])
-                _tell({"event": "added", **entry.to_json()}, "added", json=self.json)
+                _report({"event": "added", **entry.to_json()}, "added", json=self.json)
             case "restore":
                 entry = library.restore(self.names[0])
-                _tell({"event": "restored", **entry.to_json()}, "restored", json=self.json)
+                _report({"event": "restored", **entry.to_json()}, "restored", json=self.json)
             case "rename":
                 entry = library.rename(*self.names)
-                _tell({"event": "renamed", **entry.to_json()}, "renamed", json=self.json)
+                _report({"event": "renamed", **entry.to_json()}, "renamed", json=self.json)
         return OK
 
     def _expect_yes(self, expected: str) -> None:
@@ -101,13 +100,10 @@ class Recordings:
             raise InputError(f"{expected}, found none; nothing was deleted")
 
 
-def _tell(record: dict[str, Any], done: str, *, json: bool) -> None:
-    from simaps_viz.console.terminal import console, emit
+def _report(record: dict[str, Any], done: str, *, json: bool) -> None:
+    from simaps_viz.console.terminal import report
 
-    if json:
-        emit(record)
-    else:
-        console.print(f"{record['path']}: {done}", markup=False, soft_wrap=True)
+    report(record, f"{record['path']}: {done}", json=json)
 
 
 def _repair(broken: Path, output: Path | None = None, *, json: bool) -> None:
@@ -115,7 +111,7 @@ def _repair(broken: Path, output: Path | None = None, *, json: bool) -> None:
 
     output = output or broken.with_name(f"{_plain_stem(broken)}-repaired.rrd")
     frames = repair_recording(broken, output)
-    _tell({"event": "repaired", "path": str(output), "frames": frames}, f"repaired, {frames} frames", json=json)
+    _report({"event": "repaired", "path": str(output), "frames": frames}, f"repaired, {frames} frames", json=json)
 
 
 def _plain_stem(path: Path) -> str:
@@ -126,7 +122,7 @@ def _plain_stem(path: Path) -> str:
 def _show(found: "Sequence[LibraryEntry]", folders: list[Path], *, json: bool) -> None:
     from rich.table import Table
 
-    from simaps_viz.console.terminal import console, emit, show
+    from simaps_viz.console.terminal import emit, note, show
 
     entries = [entry.to_json() for entry in found]
     if json:
@@ -134,8 +130,8 @@ def _show(found: "Sequence[LibraryEntry]", folders: list[Path], *, json: bool) -
             emit(entry)
         return
     if not entries:
-        console.print(f"no recordings in {', '.join(map(str, folders))}", markup=False, soft_wrap=True)
-        console.print("Make one: simaps build SEQUENCE -o MAP.npz --record MAP.rrd", markup=False)
+        note(f"no recordings in {', '.join(map(str, folders))}",
+             "Make one: simaps build SEQUENCE -o MAP.npz --record MAP.rrd")  # fmt: skip
         return
     table = Table(box=None)
     for head in ("name", "MB", "recorded", "of", "frames", "method", "instances"):
@@ -193,11 +189,7 @@ def open_alone(path: Path, *, port: int = 0, access: Any = None) -> Any:
         InputError: no such recording, it is not finished, or the port is taken.
     """
     from simaps_viz.recorder.facts import read_facts
-    from simaps_viz.recorder.web_viewer import (
-        CONTENT_SECURITY_POLICY,
-        rerun_page,
-        viewer_assets,
-    )  # fmt: skip
+    from simaps_viz.recorder.web_viewer import CONTENT_SECURITY_POLICY, rerun_page, viewer_assets
     from simaps_viz.viewer.server.front_door import FrontDoor
     from simaps_viz.viewer.server.host import Host
 
@@ -216,15 +208,13 @@ def open_alone(path: Path, *, port: int = 0, access: Any = None) -> Any:
 
 def view_alone(path: Path, *, port: int, browser: bool, host: str = "127.0.0.1") -> None:
     """Show a recorded build until Ctrl-C; on the next free port when that one is taken."""
-    from simaps_viz.console.terminal import console
+    from simaps_viz.app.workbench import tell_where
     from simaps_viz.viewer.server.access import Access
 
     find_recording(path)
     served = open_alone(path, port=port, access=Access(host))
     try:
-        console.print(f"Recorded build: {served.entrance}  (Ctrl-C to stop)", soft_wrap=True, markup=False)
-        if browser:
-            webbrowser.open(served.entrance)
+        tell_where(served, "Recorded build", browser=browser)
         threading.Event().wait()
     finally:
         served.close()

@@ -43,17 +43,13 @@ class Segment:
         """Write the masks and print where they are."""
         from simaps_viz.build.cache import cache_folder
         from simaps_viz.console.progress import stage_progress
-        from simaps_viz.console.terminal import console, emit
+        from simaps_viz.console.terminal import report
 
         with stage_progress(quiet=self.json) as progress:
             written = self._write(cache_folder(), progress)
-        if self.json:
-            emit(written)
-            return OK
         words = f"{written['output']}: {written['segments']} segments in {written['frames']} frames"
-        console.print(words, markup=False)
-        if self.format == "posed-frames":
-            console.print(f"Map it: simaps build {written['output']} -o map.npz", markup=False, soft_wrap=True)
+        hint = [f"Map it: simaps build {written['output']} -o map.npz"] if self.format == "posed-frames" else []
+        report(written, words, *hint, json=self.json)
         return OK
 
     def _write(self, cache: Path, progress: "StageProgress") -> dict[str, Any]:
@@ -130,14 +126,14 @@ def _by_network(
     *,
     quiet: bool,
 ) -> "FrameSource":
-    from simaps_viz.console.terminal import console
+    from simaps_viz.console.terminal import note
     from simaps_viz.segmentation.recognise import open_network, origin
     from simaps_viz.segmentation.sequences import segment_sequence
 
     network, device = open_network(network_file, options.settings())
     if not quiet:
         things, stuff = sum(network.is_thing), len(network.labels) - sum(network.is_thing)
-        console.print(f"{network.name}: {things} things, {stuff} stuff, on {device}", markup=False, soft_wrap=True)
+        note(f"{network.name}: {things} things, {stuff} stuff, on {device}")
     by_geometry = {"auto": None, "geometry": True, "none": False}[options.stuff]
     opened = origin(network, network_file, options.settings())
     return segment_sequence(sequence, network, cache, stuff=by_geometry, progress=progress, origin=opened)

@@ -43,17 +43,14 @@ class Share:
     def run(self) -> int:
         """Write the file; the answer is no when the command failed."""
         from simaps_viz.console.progress import stage_progress
-        from simaps_viz.console.terminal import console, emit
+        from simaps_viz.console.terminal import report
 
         with stage_progress(quiet=self.json) as progress:
             written = self._write(progress)
-        if self.json:
-            emit(written)
-        else:
-            console.print(f"{written['output']}: {written['bytes'] / 1e6:.1f} MB", markup=False, soft_wrap=True)
-            if written["done"] is False:
-                console.print(f'"{self.command}" failed: {written["outcome"]}', markup=False, soft_wrap=True)
-        return NO if written["done"] is False else OK
+        failed = written["done"] is False
+        words = [f'"{self.command}" failed: {written["outcome"]}'] if failed else []
+        report(written, f"{written['output']}: {written['bytes'] / 1e6:.1f} MB", *words, json=self.json)
+        return NO if failed else OK
 
     def _write(self, progress: "StageProgress") -> dict[str, Any]:
         """Write the file and return a JSON-able summary of its contents."""

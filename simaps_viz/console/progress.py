@@ -18,7 +18,7 @@ from rich.progress import (
 from rich.text import Text
 
 from simaps_viz.console.logs import log_stages, logger
-from simaps_viz.console.terminal import console, emit
+from simaps_viz.console.terminal import console, emit, note
 from simaps_viz.events import (
     BuildFinished,
     BuildStarted,
@@ -126,7 +126,7 @@ class BuildProgress:
                            extra={"event": "skipped", "frame": event.name, "people": False})  # fmt: skip
             self._emit({"event": "skipped", "frame": event.name, "reason": event.reason})
             if not self._json:
-                console.print(f"skipped frame {event.name}: {event.reason}", markup=False, soft_wrap=True)
+                note(f"skipped frame {event.name}: {event.reason}")
         elif isinstance(event, CommunitiesFound) and event.final:
             self._progress("finding instances", 0, 1)
             self._progress.clock.begin("joining communities")

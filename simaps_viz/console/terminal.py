@@ -4,11 +4,11 @@ A message that cannot be written (a full disk, a closed window) never ends the w
 cannot be written is an error, as it is all that was asked for.
 """
 
-import json
 import os
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
+from json import dumps
 from typing import IO, Any
 
 from rich.console import Console, RenderableType
@@ -53,6 +53,20 @@ console = _Messages(stderr=True, highlight=False, emoji=False)
 """For messages to people."""
 
 
+def note(*lines: str) -> None:
+    """Write messages for people on stderr, unchanged, a line each."""
+    for line in lines:
+        console.print(line, markup=False, soft_wrap=True)
+
+
+def report(record: dict[str, Any], *lines: str, json: bool) -> None:
+    """Report what was done: as `emit` does, or in lines for people, as `note` does."""
+    if json:
+        emit(record)
+    else:
+        note(*lines)
+
+
 def say(text: str) -> None:
     """Write an answer on stdout, unchanged; raises as `emit` does."""
     with answering():
@@ -67,7 +81,7 @@ def emit(record: dict[str, Any]) -> None:
         InputError: stdout cannot be written, e.g. its disk is full.
         BrokenPipeError: the reader of the pipe has gone.
     """
-    say(json.dumps(record) + "\n")
+    say(dumps(record) + "\n")
 
 
 def show(*tables: RenderableType, width: int | None = None) -> None:

@@ -5,9 +5,9 @@ from dataclasses import asdict, dataclass, fields, replace
 from pathlib import Path
 from typing import Any
 
+from simaps_viz.build import METHOD_NAMES
 from simaps_viz.build.cache import cache_key, made_folder, map_in_cache
 from simaps_viz.build.methods import build
-from simaps_viz.build.names import METHOD_NAMES
 from simaps_viz.build.pipeline import BuildConfig
 from simaps_viz.datasets.sequence import PosedFrames
 from simaps_viz.datasets.source import FrameSource

@@ -7,9 +7,9 @@ import pytest
 from sequences import write_tiny_sequence
 
 from simaps_viz import load_map, save_map
-from simaps_viz.baselines.vlmaps import BASELINES
+from simaps_viz.baselines import BASELINES
+from simaps_viz.build import METHOD_NAMES
 from simaps_viz.build.methods import VARIANTS, build, config_of, keeps_log
-from simaps_viz.build.names import METHOD_NAMES
 from simaps_viz.build.pipeline import BuildConfig, build_map
 from simaps_viz.datasets.open import open_sequence
 from simaps_viz.errors import InputError

@@ -8,8 +8,8 @@ from typing import get_args
 
 import pytest
 
-from simaps_viz.baselines.vlmaps import BASELINES
-from simaps_viz.build.names import METHOD_NAMES
+from simaps_viz.baselines import BASELINES
+from simaps_viz.build import METHOD_NAMES
 from simaps_viz.cli import COMMANDS, NO
 from simaps_viz.cli.demo import Level
 from simaps_viz.cli.main import load, main
