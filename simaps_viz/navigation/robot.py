@@ -89,8 +89,8 @@ def straight(pose: Pose2, distance_m: float, motion: Motion | None = None) -> ND
 
 CLEARANCE_M: Final = 0.3
 """Gap between the robot's hull and the object that it stops beside, metres."""
-INSIDE_M: Final = 0.5
-"""How far from its edge the robot stops in a room."""
+INSIDE_M: Final = 1.0
+"""How far from its edge the robot stops in a room: where rooms meet in an open doorway, their border is not sharp."""
 _MAX_TURN_DEG = 3600.0
 _MAX_CONTOUR = 400
 
@@ -335,8 +335,8 @@ class Robot:
         return ~self.grounding.opaque | np.isin(self.simap.instance, [target.id for target in targets])
 
     def _enter(self, primitive: str, room: Room) -> None:
-        """Drive into a room, ``INSIDE_M`` past its edge where it is wide enough; a robot that is there stays."""
-        cells = self.simap.room_cells == room.id  # pyright: ignore[reportAttributeAccessIssue]
+        """Drive into a room, ``INSIDE_M`` past its edge where it is wide enough; a robot half as far inside stays."""
+        cells = self.simap.room_cells == room.id
         self._count_planning()
         window = ndimage.find_objects(cells.astype(np.int8))[0]
         depth_m = np.zeros(cells.shape)
@@ -345,6 +345,8 @@ class Robot:
         usable = np.where(self.planner.reachable(*self._here), depth_m, 0.0)
         words = f"into {room.name}" if room.name[-1:].isdigit() else f"into the {room.name}"
         inside = (depth_m > 0.0) & (depth_m >= min(INSIDE_M, 0.8 * float(usable.max())))
+        here = self.planner.start_cell(*self._here)
+        inside[here] |= depth_m[here] >= INSIDE_M / 2.0
         path = self.planner.plan_into(self._here, inside, words)
         self._add_path(path.points_m, drive(path, self.pose.yaw_rad, self._motion), primitive, (room.name, None))
 

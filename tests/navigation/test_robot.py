@@ -185,11 +185,13 @@ def two_rooms(monkeypatch: pytest.MonkeyPatch):
 def test_a_robot_drives_into_a_room_and_stays_where_it_is_inside(two_rooms) -> None:
     robot = run(two_rooms, TOY_POSE, "move_to_object", "room 2", 1)
     wall_m = 2.05  # the first cell of room 2 begins here
-    assert robot.pose.x_m - wall_m == pytest.approx(0.5, abs=0.03) and -0.05 < robot.pose.y_m < 1.05
+    assert robot.pose.x_m - wall_m == pytest.approx(1.0, abs=0.03) and -0.05 < robot.pose.y_m < 1.05
     assert (robot.goals[-1].label, robot.goals[-1].instance) == ("room 2", None)
     assert robot.goals[-1].point_m == (robot.pose.x_m, robot.pose.y_m)
     there = run(two_rooms, TOY_POSE, "move_to_object", "kitchen", 1)
     assert (there.pose, there.path_length_m) == (TOY_POSE, 0.0)
+    near = run(two_rooms, Pose2(1.4, 0.5, 0.0), "move_to_object", "kitchen", 1)
+    assert near.path_length_m == 0.0, "half as far from its edge will do for one that is in it"
     turned = run(two_rooms, TOY_POSE, "face", "room 2", 1)
     assert turned.pose.yaw_rad == pytest.approx(np.arctan2(-0.5, 3.0))
 
