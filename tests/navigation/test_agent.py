@@ -54,7 +54,7 @@ def test_refused_leaves_the_robot(simap) -> None:
     assert line["reason"] == (
         "There is no piano on this map. It has: chair (3), dining table (2), couch (1), potted plant (1)."
     )
-    assert line["program"] == 'robot.move_to_object("piano")'
+    assert line["program"] == 'robot.move_to_object(search("piano"))'
     assert (line["goals"], line["path"], line["final_pose"]) == ([], [[0.5, 0.5]], [0.5, 0.5, 90.0])
     assert line["path_length_m"] == 0.0
     late = answer(simap, "go to the couch, then to the 4th chair", TOY_POSE)
