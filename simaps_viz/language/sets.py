@@ -31,7 +31,7 @@ from simaps_viz.language.primitives import SAID, SELF, Primitive
 from simaps_viz.language.sight import wall_cells
 from simaps_viz.language.telling import told
 from simaps_viz.language.words import plural
-from simaps_viz.structures import Instance, Pose2, SIMap
+from simaps_viz.structures import Instance, Pose2, Room, SIMap
 
 NEXT_TO_M: Final = 1.0
 CLEARANCE_M: Final = 0.3
@@ -52,8 +52,6 @@ _TURNS: Final = {"front": 0.0, "left": 0.5 * np.pi, "behind": np.pi, "right": -0
 _BY_SIZE: Final[dict[str, tuple[str, int]]] = SAID["by_size"]
 """{key of order: what it measures, and 1 where the most of it comes first, else -1}."""
 
-Room = Any
-"""A room of ``SIMap.rooms``."""
 Lap = Callable[[Sequence[Instance], float], list[list[float]]]
 """(things that stand together, turns) -> the positions of a loop all around them; raises PlanningError."""
 
@@ -144,15 +142,15 @@ class Sets(Grounding):
         return found[0] if found else None
 
     def _all_rooms(self) -> tuple[Room, ...]:
-        rooms = tuple(getattr(self.simap, "rooms", ()))
+        rooms = self.simap.rooms
         if not rooms:
             raise CommandError("This map has no rooms.")
         return rooms
 
     def _rooms_called(self, name: str) -> tuple[Room, ...]:
-        if not getattr(self.simap, "rooms", ()):
+        if not self.simap.rooms:
             return ()
-        return self._by_distance(self.simap.rooms_named(name))  # pyright: ignore[reportAttributeAccessIssue]
+        return self._by_distance(self.simap.rooms_named(name))
 
     def _by_distance(self, rooms: Sequence[Room]) -> tuple[Room, ...]:
         far = self._far(rooms, SELF)
@@ -160,7 +158,7 @@ class Sets(Grounding):
 
     def _here(self) -> Room:
         self._all_rooms()
-        room = self.simap.room_at(self.viewer.x_m, self.viewer.y_m)  # pyright: ignore[reportAttributeAccessIssue]
+        room = self.simap.room_at(self.viewer.x_m, self.viewer.y_m)
         if room is None:
             raise CommandError("You are in no room of this map.")
         return room
@@ -168,14 +166,14 @@ class Sets(Grounding):
     def _cells_of_room(self, room: Room) -> NDArray:
         """Return the centres of a room's cells, float64 [n, 2]."""
         self.look(self.simap.instance.size)
-        return self.cells.centres(np.argwhere(self.simap.room_cells == room.id))  # pyright: ignore[reportAttributeAccessIssue]
+        return self.cells.centres(np.argwhere(self.simap.room_cells == room.id))
 
     def _pack(self, items: Sequence[Any]) -> Packed:
         """Return the cells of things or of rooms."""
         if not items or isinstance(items[0], Instance):
             return self.cells.pack(items)
         self.look(len(items) * self.simap.instance.size)
-        parts = [np.argwhere(self.simap.room_cells == room.id) for room in items]  # pyright: ignore[reportAttributeAccessIssue]
+        parts = [np.argwhere(self.simap.room_cells == room.id) for room in items]
         starts = np.cumsum([0, *map(len, parts)], dtype=np.int64)
         return Packed(np.concatenate(parts), starts, np.zeros(len(items), np.int64))
 
@@ -226,8 +224,8 @@ class Sets(Grounding):
         if known.items:
             return known
         try:
-            found = self.simap.search(words, k=len(self.simap.instances))  # pyright: ignore[reportAttributeAccessIssue]
-        except (AttributeError, CommandError):
+            found = self.simap.search(words, k=len(self.simap.instances))
+        except CommandError:
             return replace(known, noun=words, nouns=words)
         return Things(tuple(one.instance for one in found), words, words)
 
@@ -237,7 +235,7 @@ class Sets(Grounding):
             if room is None:
                 self._all_rooms()
                 thing = self.thing_of(name)
-                room = self.simap.room_of(thing.id)  # pyright: ignore[reportAttributeAccessIssue]
+                room = self.simap.room_of(thing.id)
                 if room is None:
                     raise CommandError(f"The {thing.label} is in no room of this map.")
             return room
@@ -253,10 +251,10 @@ class Sets(Grounding):
             here = self._here() if word else None
             return Things(tuple(r for r in rooms if r is not here), f"{word} room".strip(), f"{word} rooms".strip())
         found = self._rooms_called(name)
-        if found or not getattr(self.simap, "rooms", ()):
+        if found or not self.simap.rooms:
             missing = None if found else f"There is no {word} on this map, which has no rooms."
             return Things(found, word, plural(word), missing=missing)
-        has = ", ".join(room.name for room in self.simap.rooms[:8])  # pyright: ignore[reportAttributeAccessIssue]
+        has = ", ".join(room.name for room in self.simap.rooms[:8])
         return Things((), word, plural(word), missing=f"There is no {word} on this map. It has: {has}.")
 
     # ---- filters
@@ -274,8 +272,9 @@ class Sets(Grounding):
     def _side(self, S: Named, side: str, of: Any) -> Things:
         things = self.things_of(S)
         centroids = self.centroids(things)
-        if of == "map" or self.room_of(of) is not None:
-            name = "the map" if of == "map" else _the(self.room_of(of))
+        room = self.room_of(of) if of != "map" else None
+        if of == "map" or room is not None:
+            name = "the map" if room is None else _the(room)
             place = "middle" if side == "middle" else f"{side} part"
             return self._keep(S, self._in_part(centroids, side, of), after=f"in the {place} of {name}")
         if side == "middle":
@@ -344,7 +343,7 @@ class Sets(Grounding):
         return np.array([low, (low[0], high[1]), high, (high[0], low[1])])
 
     def _inside_room(self, points_m: NDArray, room: Room) -> NDArray:
-        at = [self.simap.room_at(float(x), float(y)) for x, y in points_m]  # pyright: ignore[reportAttributeAccessIssue]
+        at = [self.simap.room_at(float(x), float(y)) for x, y in points_m]
         return np.array([one is not None and one.id == room.id for one in at], bool)
 
     def _near(self, S: Named, T: Any, metres: float | None) -> Things:
@@ -532,7 +531,7 @@ class Sets(Grounding):
         return replace(near, after=f"{self.set_of(S).after} by {self.set_of(place).the}".strip())
 
     def _in_middle(self, at: NDArray) -> bool:
-        room = self.simap.room_at(*at[0]) if getattr(self.simap, "rooms", ()) else None  # pyright: ignore[reportAttributeAccessIssue]
+        room = self.simap.room_at(*at[0]) if self.simap.rooms else None
         return bool(self._in_part(at, "middle", room or "map")[0])
 
     def _at_walls(self, things: Sequence[Instance], place: str) -> list[bool]:
@@ -770,7 +769,7 @@ class Sets(Grounding):
     def _corner(self, T: Any, which: str) -> Position:
         room = self.room_of(T)
         thing = self.thing_of(T) if room is None else None
-        cells = self.cells.edge(thing.id) if thing else self._cells_of_room(room)
+        cells = self._cells_of_room(room) if room is not None else self.cells.edge(self.thing_of(T).id)
         low, high = cells.min(axis=0), cells.max(axis=0)
         corners = {}
         for name in ("north east", "north west", "south east", "south west"):

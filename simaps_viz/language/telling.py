@@ -67,9 +67,9 @@ def place_of(sets: "Sets", thing: Instance) -> str:
 
 
 def _room_name(sets: "Sets", thing: Instance) -> str:
-    if not getattr(sets.simap, "rooms", ()):
+    if not sets.simap.rooms:
         return ""
-    room = sets.simap.room_of(thing.id)  # pyright: ignore[reportAttributeAccessIssue]
+    room = sets.simap.room_of(thing.id)
     return _the_room(room.name) if room is not None else ""
 
 

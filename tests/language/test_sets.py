@@ -293,6 +293,22 @@ def test_the_parts_of_a_map() -> None:
     assert set(ids(evaluate(simap, TOY_POSE, "side('anything', 'south east', 'map')"))) == {9, 4}
 
 
+def test_rooms() -> None:
+    simap = toy_map()
+    here, there = evaluate(simap, TOY_POSE, "room()"), evaluate(simap, TOY_POSE, "room('other')")
+    assert [here.id, there.id] == [simap.room_at(0.5, 0.5).id, simap.room_at(4.0, 0.5).id]  # pyright: ignore[reportOptionalMemberAccess]
+    assert ids(evaluate(simap, TOY_POSE, "inside('anything', room())")) == [6, 3, 1]
+    assert set(ids(evaluate(simap, TOY_POSE, "inside('anything', room('other'))"))) == {4, 5, 8, 9}
+    assert evaluate(simap, TOY_POSE, "room('couch')") is there
+    assert evaluate(simap, TOY_POSE, "minus(rooms(), room())").items == (there,)
+    assert ids(evaluate(simap, TOY_POSE, "side('anything', 'north', room('other'))")) == [5]
+    sets = Sets(simap, TOY_POSE)
+    assert sets.distance_between("robot", here) == 0.0 < sets.distance_between("robot", there) < 2.0
+    for refused in ("on('chair', room())", "union('chair', rooms())", "first(inside('chair', 'couch'))"):
+        with pytest.raises(CommandError, match="room"):
+            evaluate(simap, TOY_POSE, refused)
+
+
 @pytest.mark.parametrize(
     ("expression", "says"),
     [
@@ -306,7 +322,7 @@ def test_the_parts_of_a_map() -> None:
         ("first('chiar')", "Did you mean chair?"),
         ("first(minus('couch', 'couch'))", "There is no other couch on this map."),
         ("first(visible('potted plant'))", "There is no potted plant in view."),
-        ("room('kitchen')", "no rooms"),
+        ("room('casino')", "There is no casino on this map. It has: "),
         ("side('chair', 'middle')", 'the middle is that of a room or of "map"'),
         ("order('chair', 'many')", "expected what to count"),
         ("colored('chair', 'red')", "The colours of things are not known on this map."),
@@ -337,9 +353,11 @@ def test_a_loop_over_nothing_is_refused_and_a_choice_of_words_is_not() -> None:
         ("tell(side('chair', 'left'), 'count')", "There is 1 chair on your left.", 1, [1]),
         ("tell(near('chair', 'piano'), 'count')", "There is no piano on this map.", 0, []),
         ("tell('piano', 'whether')", "No, there is no piano on this map.", False, []),
-        ("tell('couch', 'whether')", "Yes, there is one couch; it is 3.1 m away, ahead on your left.", True, [5]),
-        ("tell('couch', 'where')", "The couch is 3.1 m away, ahead on your left.", "couch", [5]),
-        ("tell(first(order('chair', 'north')), 'which')", "The northernmost chair is 1.4 m away, ahead on your left.",
+        ("tell('couch', 'whether')",
+         "Yes, there is one couch; it is 3.1 m away, ahead on your left, in the living room.", True, [5]),
+        ("tell('couch', 'where')", "The couch is 3.1 m away, ahead on your left, in the living room.", "couch", [5]),
+        ("tell(first(order('chair', 'north')), 'which')",
+         "The northernmost chair is 1.4 m away, ahead on your left, in the dining room.",
          "chair", [1]),
         ("tell(near('anything', 'couch', 2), 'what')", "There are 2 chairs within 2 m of the couch.", None, None),
         ("tell('couch', 'size', '', 'length')", "The couch is 1.20 m long.", 1.2, [5]),
