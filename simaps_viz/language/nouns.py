@@ -152,20 +152,20 @@ def select(noun: Noun | None, parts: Iterable[Part], *, every: bool = False, som
         raise CommandError(f"from 1 to {MAX_COUNT} things can be visited, found {count}")
     base, word, notes, others = _based(noun, max(abs(rank or 1), count or 1, 2 if is_plural or parts else 1))
     # "The cup on the table" may stand on any table; "the cups on the table", and a question, mean the nearest table.
-    many = not some and (is_plural or (count or 1) > 1)
+    if some:
+        is_plural, count = False, None if count == 1 else count
+    many = is_plural or (count or 1) > 1
     text = whole = base
     for part in parts:
         if part.kind == "filter":
-            text = (part.definite if many and part.definite else part.text).replace("{}", text)
+            text = (part.definite if (many or some) and part.definite else part.text).replace("{}", text)
             whole = (part.definite or part.text).replace("{}", whole)
     if any(part.kind == "other" for part in parts):
         text = f"minus({text}, {LAST})"
-    if some:
-        is_plural, count = False, None if count == 1 else count
     chosen = any(part.kind in ("order", "rank", "count", "other", "from") for part in parts)
     for part in parts:
         whole = f"near({whole}, {part.definite or part.text})" if part.kind == "near" else whole
-    text, many = _chosen(text, word, parts, rank, count, many)
+    text, many = _chosen(text, word, parts, rank, count, many, several=many or some)
     for part in parts:
         text = f'order({text}, "{part.text}")' if part.kind == "then" and many else text
     text = text.replace(ONE, base)
@@ -212,12 +212,15 @@ def _based(noun: Noun | None, needed: int) -> tuple[str, str, tuple[str, ...], t
 
 
 def _chosen(
-    text: str, word: str, parts: Sequence[Part], rank: int | None, count: int | None, many: bool
+    text: str, word: str, parts: Sequence[Part], rank: int | None, count: int | None, many: bool, *, several: bool
 ) -> tuple[str, bool]:
-    """Apply order, rank and number; returns the text, and whether it is several things."""
-    near = [part.definite if many and part.definite else part.text for part in parts if part.kind == "near"]
+    """Apply order, rank and number; returns the text, and whether it is several things.
+
+    ``several`` says that it is at least chosen among several.
+    """
+    near = [part.definite if several and part.definite else part.text for part in parts if part.kind == "near"]
     for of in near:
-        text = f"near({text}, {of})" if many and count is None else f"near({text}, {of}, {NEAR_M:g})"
+        text = f"near({text}, {of})" if several and count is None else f"near({text}, {of}, {NEAR_M:g})"
     key, of = _order(parts, many)
     if key in ("", "near") and not of and not many and rank == -1 and count is None:
         rank, key = None, "far"
@@ -308,6 +311,7 @@ def refine(phrase: Phrase, parts: Iterable[Part]) -> Phrase:
 
 def united(phrases: Sequence[Phrase]) -> Phrase:
     """Return one phrase for "the chair or the couch"."""
+    phrases = _lent(phrases)
     text = phrases[0].argument
     for other in phrases[1:]:
         text = f"union({text}, {other.argument})"
@@ -791,7 +795,7 @@ def _elided(pre: Sequence[Parts], post: Sequence[Parts] = ()) -> Phrase:
 
 @_rule("thing", "EVERY pre* ONES? post*", cost=0.9)
 def _every_one(pre: Sequence[Parts] = (), post: Sequence[Parts] = ()) -> Phrase:
-    return replace(select(None, (*_flat(pre), *_flat(post))), many=True)
+    return select(None, (*_flat(pre), *_flat(post)), every=True)
 
 
 @_rule("thing", "_dets pre* of:NOUN (noun:NOUN | noun:NOUNS) post*", cost=0.6)
@@ -842,7 +846,7 @@ def _either(thing: Phrase, last: Phrase, more: Sequence[Phrase] = ()) -> Phrase:
 
 @_rule("pair", "a:thing AND b:thing")
 def _pair(a: Phrase, b: Phrase) -> tuple[Phrase, Phrase]:
-    a = replace(a, text=a.text.replace(ONE, b.base), base=b.base) if a.base == ONE != b.base else a
+    a, b = _lent((a, b))
     return a, b
 
 
@@ -879,13 +883,17 @@ def _numbers(name: Noun, first: int, n: tuple[int, ...]) -> tuple[Phrase, ...]:
 
 @_rule("targets", "BOTH? one:np ((COMMA | AND)+ TO? FOR? AT? np)+")
 def _several(one: Phrase, np: tuple[Phrase, ...]) -> tuple[Phrase, ...]:
-    found = (one, *np)
+    return _lent((one, *np))
+
+
+def _lent(phrases: Sequence[Phrase]) -> tuple[Phrase, ...]:
+    """Lend the noun of a phrase to those before it that have none: "the first and the third chair"."""
+    found = list(phrases)
     for at in range(len(found) - 2, -1, -1):
         a, b = found[at], found[at + 1]
-        if a.base == ONE != b.base and a.text != IT:  # "the first and the third chair"
-            a = replace(a, text=a.text.replace(ONE, b.base), base=b.base, word=b.word)
-            found = (*found[:at], a, *found[at + 1 :])
-    return found
+        if a.base == ONE != b.base and a.text != IT:
+            found[at] = replace(a, text=a.text.replace(ONE, b.base), base=b.base, word=b.word)
+    return tuple(found)
 
 
 # ---- rooms

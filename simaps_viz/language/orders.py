@@ -62,6 +62,7 @@ class Measure:
 
     text: str
     note: tuple[str, ...] = ()
+    has_unit: bool = True
 
     @property
     def negated(self) -> str:
@@ -108,7 +109,7 @@ def _distance(n: float | None = None, unit: str = "", half: str = "", quarter: s
         amount *= 0.25
     note = f"{tidy(amount)} is read as metres" if not unit else ""
     note = f"a step is read as {_METRES['STEPS']:g} m" if unit == "STEPS" else note
-    return Measure(tidy(amount * _METRES[unit or "METRES"]), (note,) if note else ())
+    return Measure(tidy(amount * _METRES[unit or "METRES"]), (note,) if note else (), bool(unit))
 
 
 @_rule("distance", "DET unit AND DET? HALF", cost=-0.1)
@@ -264,6 +265,8 @@ def _go_behind(targets: tuple[Phrase, ...]) -> Steps:
 
 @_rule("order", "_go? distance (TO | AT | ON | BY)* (beside | FRONT | BEFORE | back:BEHIND | off:away) np", cost=-0.3)
 def _go_off(distance: Measure, np: Phrase, beside: str = "front", back: str = "", off: str = "") -> Steps:
+    if not distance.has_unit:  # "visit two of the chairs"
+        raise CommandError("")
     side = "behind" if back else "beside" if off else beside
     note = (*distance.note, f"{distance.text} m is measured from the edge of the {np.word}")
     return (Do((f'robot.move_to(spot({{0.argument}}, "{side}", {distance.text}))',), (np,), note),)

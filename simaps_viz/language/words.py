@@ -47,7 +47,7 @@ def read_rank(words: Sequence[str], digits: int | None = None) -> tuple[int, int
     for taken in (3, 2, 1):
         rank = LAST.get(tuple(words[:taken]))
         if rank is not None:
-            return rank, taken
+            return rank, min(taken, len(words))
     rank, taken = (digits, 1) if digits is not None else (ORDINALS.get(words[0], 0), 1)
     if digits is None and words[0] in NUMBERS and NUMBERS[words[0]] >= 20 and len(words) > 1:
         rank, taken = ORDINALS.get(words[1], 0), 2
@@ -56,7 +56,7 @@ def read_rank(words: Sequence[str], digits: int | None = None) -> tuple[int, int
         return 0, 0
     for length in (3, 2, 1):
         if tuple(words[taken : taken + length]) in FROM_THE_END:
-            return -rank, taken + length
+            return -rank, min(taken + length, len(words))
     return rank, taken
 
 
@@ -72,14 +72,14 @@ def read_number(words: Sequence[str], digits: float | None = None) -> tuple[floa
     """
     for length in (3, 2):
         if tuple(words[:length]) in AMOUNTS:
-            return AMOUNTS[tuple(words[:length])], length
+            return AMOUNTS[tuple(words[:length])], min(length, len(words))
     total, taken = (digits, 1) if digits is not None else _whole(words)
     if taken == 0:
         return 0.0, 0
     if words[taken : taken + 1] == ["point"] and len(words) > taken + 1 and words[taken + 1] in NUMBERS:
         total, taken = total + NUMBERS[words[taken + 1]] / 10.0, taken + 2
     fraction = FRACTIONS.get(tuple(words[taken : taken + 3]))
-    return (total + fraction, taken + 3) if fraction else (float(total), taken)
+    return (total + fraction, min(taken + 3, len(words))) if fraction else (float(total), taken)
 
 
 def _whole(words: Sequence[str]) -> tuple[float, int]:
@@ -266,7 +266,8 @@ class Vocabulary:
             wide = f"{ANY}{one}" if meaning.others else ""
             return Noun(one, label, True, is_plural, "", (wide,) if wide else (), wide, self.count(label))
         also = f"; this map also has {', '.join(meaning.others)}" if meaning.others else ""
-        return Noun(one, label, True, is_plural, f'"{one}" is read as {label}{also}', meaning.others)
+        note = f'"{one}" is read as {label}{also}'
+        return Noun(one, label, True, is_plural, note, meaning.others, count=self.count(label))
 
     def match(self, words: Sequence[str]) -> int:
         """Return how many of the first words form the longest known name of anything (0: none)."""

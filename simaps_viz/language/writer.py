@@ -56,6 +56,8 @@ class Writer:
         self._names: dict[str, int] = {"robot": 1}
         self._last: _Mention | None = None
         self._line: _Line | None = None
+        self._block: list[_Line] | None = None
+        """The last line of the program, and the lines it stands among."""
         self._verb = "go"
         self.notes: list[str] = []
         self.others: dict[tuple[str, str], None] = {}
@@ -82,7 +84,12 @@ class Writer:
                 case Choose(test=test, phrases=phrases, then=then, otherwise=otherwise):
                     first: tuple[_Mention, ...] = ()
                     head = then[0]
-                    if step.after and isinstance(head, Do) and any(IT in phrase.text for phrase in phrases):
+                    if (
+                        step.after
+                        and isinstance(head, Do)
+                        and head.phrases
+                        and any(IT in phrase.text for phrase in phrases)
+                    ):
                         # "go to the sofa if it is free": the sofa is named in what is done.
                         self._mention(head.phrases[0])
                         first = (self._named("it"),)
@@ -105,7 +112,8 @@ class Writer:
             lines = again.body
         before = self._last
         mentions = tuple(self._mention(phrase) for phrase in step.phrases)
-        if before is not None and before.line and before.line is self._line and _contrasts(before.phrase, mentions):
+        at_once = before is not None and before.line is not None and before.line is self._line and lines is self._block
+        if before is not None and before.line and at_once and _contrasts(before.phrase, mentions):
             # "the left chair and then the right one": both are meant from where the robot is before the first.
             mentions[0].name = self._fresh(_identifier(mentions[0].phrase.word))
             mentions[0].first = before.first or before.line
@@ -122,6 +130,7 @@ class Writer:
             inner = lines[-1].body if line.startswith(_INDENT) else lines
             self._line = _Line(line.strip(), mentions)
             inner.append(self._line)
+        self._block = lines
         for mention in mentions:
             mention.line = mention.line or self._line
 

@@ -247,6 +247,8 @@ def test_words_not_understood_are_named_with_examples_that_work(simap, said: str
         ("visit the leftmost chairs", "how many of the chairs are meant was not said"),
         ("visit the last chairs", "the last of how many chairs was not said"),
         ("go to the last one", '"one" was not understood: nothing was named before it'),
+        ("go to the penultimate", '"one" was not understood: nothing was named before it'),
+        ("go 0.7 m if it is empty", '"it" was not understood: nothing was named before it'),
         ("go to the second third chair", "two ranks were said for one thing"),
         ("go to the leftmost northernmost chair", "two ways of counting were said for one thing"),
         ("visit 0 chairs", "from 1 to 100 things can be visited"),
