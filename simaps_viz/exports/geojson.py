@@ -9,18 +9,18 @@ from pathlib import Path
 from typing import Any
 
 from simaps_viz.exports.exporter import Exporter, ExportOptions
-from simaps_viz.exports.records import origin, polygons_m, record
-from simaps_viz.structures import Instance, SIMap
+from simaps_viz.exports.records import mask_polygons_m, origin, polygons_m, record
+from simaps_viz.structures import Instance, Room, SIMap
 
 
 class GeoJSON(Exporter):
-    """The instances as polygons."""
+    """The instances and the rooms as polygons."""
 
     endings = (".geojson", ".json")
     own_endings = (".geojson",)
 
     def files(self, simap: SIMap, path: Path, options: ExportOptions) -> dict[Path, bytes]:
-        """Return a FeatureCollection with one feature for each instance: its outline with holes, and its record."""
+        """Return a FeatureCollection of the instances, then the rooms: their outlines with holes, and facts."""
         collection = {
             "type": "FeatureCollection",
             "coordinates_are": {
@@ -30,13 +30,25 @@ class GeoJSON(Exporter):
             },
             "map": origin(simap),
             "bbox": [round(v, 9) for v in simap.spec.extent_m],
-            "features": [_feature(simap, instance) for instance in simap.instances],
+            "features": [
+                *(_feature(simap, instance) for instance in simap.instances),
+                *(_room_feature(simap, room) for room in simap.rooms),
+            ],
         }
         return {path: json.dumps(collection, ensure_ascii=False, indent=1).encode()}
 
 
 def _feature(simap: SIMap, instance: Instance) -> dict[str, Any]:
-    polygons = polygons_m(simap, instance)
-    one = len(polygons) == 1
-    geometry = {"type": "Polygon" if one else "MultiPolygon", "coordinates": polygons[0] if one else polygons}
+    geometry = _geometry(polygons_m(simap, instance))
     return {"type": "Feature", "id": instance.id, "geometry": geometry, "properties": record(simap, instance)}
+
+
+def _room_feature(simap: SIMap, room: Room) -> dict[str, Any]:
+    facts = {"name": room.name, "label": "room", "kind": room.kind, "area_m2": room.area_m2, "objects": room.objects}
+    geometry = _geometry(mask_polygons_m(simap.spec, simap.room_cells == room.id))
+    return {"type": "Feature", "id": f"room-{room.id}", "geometry": geometry, "properties": facts}
+
+
+def _geometry(polygons: list[list[list[tuple[float, float]]]]) -> dict[str, Any]:
+    one = len(polygons) == 1
+    return {"type": "Polygon" if one else "MultiPolygon", "coordinates": polygons[0] if one else polygons}

@@ -126,6 +126,11 @@ def polygons_m(simap: SIMap, instance: Instance) -> list[list[list[tuple[float, 
     return [[_in_metres(spec, ring, int(col), int(row)) for ring in rings] for rings in outlines(mask)]
 
 
+def mask_polygons_m(spec: GridSpec, mask: NDArray) -> list[list[list[tuple[float, float]]]]:
+    """Return the polygons of a mask, bool [rows, cols], in metres, map frame; rings are closed."""
+    return [[_in_metres(spec, ring, 0, 0) for ring in rings] for rings in outlines(mask)]
+
+
 def wkt(polygons: list[list[list[tuple[float, float]]]]) -> str:
     """Write polygons as well-known text, always a MULTIPOLYGON."""
     rings = [[", ".join(f"{x:.10g} {y:.10g}" for x, y in ring) for ring in polygon] for polygon in polygons]

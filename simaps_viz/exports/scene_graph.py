@@ -1,7 +1,7 @@
-"""A scene graph that MIT's Spark-DSG (Hydra) opens: every instance an object, the map the one room they are in.
+"""A scene graph that MIT's Spark-DSG (Hydra) opens: every instance an object, every room with the objects in it.
 
 Field names, node numbers and layers are those version 1.1.3 of its Python package writes and reads; it opens what is
-written here. Rooms are not distinguished on a map, so there is one.
+written here. Rooms with an opening between them are joined by an edge.
 """
 
 import json
@@ -10,10 +10,10 @@ from typing import Any, Final
 
 import numpy as np
 
-from simaps_viz.colors.palette import Color
+from simaps_viz.colors.palette import Color, color_of_number
 from simaps_viz.exports.exporter import Exporter, ExportOptions
 from simaps_viz.exports.records import color_of, node_name, record
-from simaps_viz.structures import Instance, SIMap
+from simaps_viz.structures import Instance, Room, SIMap
 
 VERSION: Final = {"major": 1, "minor": 1, "patch": 3}
 OBJECTS: Final = 2
@@ -35,8 +35,12 @@ class SparkDSG(Exporter):
 
     def files(self, simap: SIMap, path: Path, options: ExportOptions) -> dict[Path, bytes]:
         """Return the scene graph as JSON; positions and boxes in metres of the map frame, boxes stand on the floor."""
-        room = node_number("R", 0)
         objects = [_object(simap, instance) for instance in simap.instances]
+        rooms = [_room(simap, room) for room in simap.rooms]
+        inside = [
+            (node_number("R", room.id), node_number("O", i)) for room in simap.rooms for i in room.objects
+        ]  # fmt: skip
+        beside = sorted({(room.id, door.room) for room in simap.rooms for door in room.doors if room.id < door.room})
         graph = {
             "SPARK_DSG_header": {"project_name": "main", "version": VERSION},
             "directed": False,
@@ -46,8 +50,11 @@ class SparkDSG(Exporter):
             },
             "layer_keys": [{"layer": layer, "partition": 0} for layer in _LAYERS.values()],
             "layer_names": {name: {"layer": layer, "partition": 0} for name, layer in _LAYERS.items()},
-            "nodes": [*objects, _room(simap, room)],
-            "edges": [_edge(room, node["id"]) for node in objects],
+            "nodes": [*objects, *rooms],
+            "edges": [
+                *(_edge(*pair) for pair in inside),
+                *(_edge(node_number("R", a), node_number("R", b)) for a, b in beside),
+            ],
         }
         return {path: json.dumps(graph, ensure_ascii=False, indent=1).encode()}
 
@@ -66,20 +73,19 @@ def _object(simap: SIMap, instance: Instance) -> dict[str, Any]:
     return {"id": node_number("O", instance.id), "layer": OBJECTS, "partition": 0, "attributes": attributes}
 
 
-def _room(simap: SIMap, number: int) -> dict[str, Any]:
-    seen = np.argwhere(~np.isnan(simap.grid.height_m))
+def _room(simap: SIMap, room: Room) -> dict[str, Any]:
+    rows, cols = np.nonzero(simap.room_cells == room.id)
     spec, s = simap.spec, simap.spec.cell_size_m
-    (row, col), (row_end, col_end) = (seen.min(axis=0), seen.max(axis=0) + 1) if len(seen) else ((0, 0), spec.shape)
-    low = (float(spec.x0_m + col * s), float(spec.y0_m + row * s), 0.0)
-    top = float(np.nanmax(simap.grid.height_m)) if len(seen) else 0.0
-    high = (float(spec.x0_m + col_end * s), float(spec.y0_m + row_end * s), max(top, 0.0))
-    centre = tuple((a + b) / 2 for a, b in zip(low, high, strict=True))
+    low = (spec.x0_m + int(cols.min()) * s, spec.y0_m + int(rows.min()) * s, 0.0)
+    top = float(np.fmax.reduce(simap.grid.height_m[rows, cols], initial=np.float32(0.0)))
+    high = (spec.x0_m + int(cols.max() + 1) * s, spec.y0_m + int(rows.max() + 1) * s, top)
     attributes = {
-        **_attributes("RoomNodeAttributes", str(simap.provenance.get("name") or "map"), centre, (128, 128, 128)),
+        **_attributes("RoomNodeAttributes", room.name, (*room.centre_m, top / 2), color_of_number(room.id)),
         "bounding_box": _box(low, high),
         "semantic_class_probabilities": {},
+        "metadata": {"kind": room.kind, "area_m2": room.area_m2},
     }
-    return {"id": number, "layer": ROOMS, "partition": 0, "attributes": attributes}
+    return {"id": node_number("R", room.id), "layer": ROOMS, "partition": 0, "attributes": attributes}
 
 
 def _attributes(kind: str, name: str, position: tuple[float, ...], color: Color) -> dict[str, Any]:

@@ -3,6 +3,7 @@
 import json
 
 import networkx as nx
+import numpy as np
 import pytest
 import spark_dsg
 from toy_maps import map_from_drawing, toy_map
@@ -55,10 +56,19 @@ def test_scene_graph_has_spark_dsgs_fields(tmp_path):
     assert graph["SPARK_DSG_header"]["project_name"] == "main"
     assert node_number("O", 7) == 5692549928996306951  # as spark_dsg.NodeSymbol("O", 7).value gives it
     objects = {n["id"]: n for n in graph["nodes"] if n["layer"] == OBJECTS}
-    (room,) = (n for n in graph["nodes"] if n["layer"] == ROOMS)
-    assert {e["source"] for e in graph["edges"]} == {room["id"]}
-    assert sorted(e["target"] for e in graph["edges"]) == sorted(objects)
-    assert room["attributes"]["semantic_label"] == NO_LABEL
+    rooms = {n["id"]: n["attributes"] for n in graph["nodes"] if n["layer"] == ROOMS}
+    assert sorted(rooms) == [node_number("R", room.id) for room in simap.rooms] and len(rooms) == 2
+    edges = [(e["source"], e["target"]) for e in graph["edges"]]
+    assert edges[-1] == tuple(sorted(rooms))  # the door
+    assert sorted(edges[:-1]) == sorted(
+        (node_number("R", r.id), node_number("O", i)) for r in simap.rooms for i in r.objects
+    )
+    assert sorted(target for _, target in edges[:-1]) == sorted(objects)
+    assert [one["name"] for one in rooms.values()] == [room.name for room in simap.rooms]
+    for room, found in zip(simap.rooms, rooms.values(), strict=True):
+        box, (x, y) = found["bounding_box"], np.array(room.polygon_m).T
+        assert found["semantic_label"] == NO_LABEL
+        assert box["dimensions"][:2] == pytest.approx([np.ptp(x), np.ptp(y)], abs=0.06)
     for one in simap.instances:
         found = objects[node_number("O", one.id)]["attributes"]
         assert found["type"] == "ObjectNodeAttributes" and found["name"] == f"{one.label}-{one.id}"
@@ -90,4 +100,4 @@ def test_spark_dsg_opens_the_scene_graph(tmp_path):
 
 def test_an_empty_map_has_a_scene_graph(tmp_path):
     graph = json.loads(export_map(map_from_drawing("??"), tmp_path / "e.json", "spark-dsg")[0].read_text())
-    assert len(graph["nodes"]) == 1 and graph["edges"] == []
+    assert graph["nodes"] == graph["edges"] == []

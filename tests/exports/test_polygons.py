@@ -54,10 +54,11 @@ def collection(tmp_path):
 def test_geojson_features_are_the_instances_in_metres(collection):
     simap = toy_map()
     cell = simap.spec.cell_size_m**2
-    assert collection["type"] == "FeatureCollection" and len(collection["features"]) == len(simap.instances)
+    features = [feature for feature in collection["features"] if feature["properties"]["label"] != "room"]
+    assert collection["type"] == "FeatureCollection" and len(features) == len(simap.instances)
     row, col = np.mgrid[: simap.spec.rows, : simap.spec.cols]
     x, y = simap.spec.centre_of(row, col)  # pyright: ignore[reportArgumentType]
-    for feature in collection["features"]:
+    for feature in features:
         one = simap.by_id(feature["id"])
         shape = shapely.geometry.shape(feature["geometry"])
         assert shape.is_valid and shape.area == pytest.approx(one.cells * cell, abs=cell / 1000)
@@ -66,6 +67,17 @@ def test_geojson_features_are_the_instances_in_metres(collection):
         assert shape.bounds == pytest.approx((x_low, y_low, x_high, y_high))
         assert feature["properties"]["name"] == f"{one.label}-{one.id}"
         assert feature["properties"]["area_m2"] == pytest.approx(one.cells * cell)
+
+
+def test_geojson_has_the_rooms_after_the_instances(collection):
+    simap = toy_map()
+    row, col = np.mgrid[: simap.spec.rows, : simap.spec.cols]
+    x, y = simap.spec.centre_of(row, col)  # pyright: ignore[reportArgumentType]
+    for room, feature in zip(simap.rooms, collection["features"][len(simap.instances) :], strict=True):
+        shape, facts = shapely.geometry.shape(feature["geometry"]), feature["properties"]
+        np.testing.assert_array_equal(shapely.contains_xy(shape, x, y), simap.room_cells == room.id)
+        assert (feature["id"], facts["label"], facts["name"]) == (f"room-{room.id}", "room", room.name)
+        assert facts["objects"] == list(room.objects)
 
 
 def test_geojson_says_that_its_coordinates_are_local_metres(collection):
@@ -128,5 +140,6 @@ def test_a_frame_without_rows_still_holds_numbers():
 
 def test_a_map_without_instances(tmp_path):
     bare = map_from_drawing("..\n..")
-    assert json.loads(export_map(bare, tmp_path / "b.geojson")[0].read_text())["features"] == []
+    (room,) = json.loads(export_map(bare, tmp_path / "b.geojson")[0].read_text())["features"]
+    assert room["properties"]["objects"] == []
     assert len(pd.read_csv(export_map(bare, tmp_path / "b.csv")[0])) == 0 == len(to_pandas(bare))
