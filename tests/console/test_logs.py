@@ -74,7 +74,7 @@ def sequence(tmp_path):
 
 
 STAGES = ["mapping frames", "finding communities", "finding instances", "joining communities",
-          "describing instances", "writing"]  # fmt: skip
+          "describing instances", "looking at colours", "writing"]  # fmt: skip
 
 
 def test_a_build_says_how_long_its_stages_took(sequence, tmp_path, capsys):

@@ -27,6 +27,7 @@ from simaps_viz.mapping.explain import (
 from simaps_viz.mapping.partition import applied_steps
 from simaps_viz.mapping.simap import repartition
 from simaps_viz.recorder.map_pictures import merge_order
+from simaps_viz.recorder.settings import SMALL
 from simaps_viz.structures import SIMap
 from simaps_viz.viewer.recording.link import clicked_position, position_inside
 from simaps_viz.viewer.scene.why_marks import (
@@ -342,7 +343,9 @@ def test_a_click_in_the_recording_finds_its_place():
     simap = toy_map()
     ids = np.zeros((40, 60), np.int32)
     ids[10:20, 20:30] = 10 + CHAIR_4
-    where = {"view": lambda frame: (np.zeros((80, 120, 3), np.uint8), ids), "divide": {"/world/camera/color": 4}}
+    where = {"view": lambda frame: (np.zeros((80, 120, 3), np.uint8), ids)}
+    # Pixel (44, 28) of the frame, (22, 14) of its ids, in the smaller picture that the page records.
+    pixel = [44.0 / SMALL.color_divide, 28.0 / SMALL.color_divide, None]
     chair = position_inside(simap, CHAIR_4)
     assert simap.at(*chair) == simap.by_id(CHAIR_4)
     couch = next(i for i, one in enumerate(simap.instances) if one.id == COUCH)
@@ -350,17 +353,17 @@ def test_a_click_in_the_recording_finds_its_place():
         ([item("/map/objects", [1.5, -0.25, None])], (1.5, 0.25)),
         ([item("/world/cells", [1.5, -0.25, 0.4])], (1.5, -0.25)),
         ([item("/world/objects", [9.0, 9.0, 9.0], instance_id=couch)], position_inside(simap, COUCH)),
-        ([item("/world/camera/color", [11.0, 7.0, None])], chair),  # pixel (44, 28) of the frame, (22, 14) of its ids
+        ([item("/world/camera/color", pixel)], chair),
         ([item("/world/camera/color", [2.0, 2.0, None])], None),  # no segment there
-        ([item("/world/camera/color", [900.0, 7.0, None])], None),
-        ([item("/world/camera/depth", [11.0, 7.0, None])], None),  # of unknown scale
+        ([item("/world/camera/color", [900.0, *pixel[1:]])], None),
+        ([item("/world/camera/depth", pixel)], None),  # of unknown scale
         ([{"type": "view", "view_name": "Objects"}, item("/map/objects", [0.0, -1.0, None])], (0.0, 1.0)),
         ([item("/map/objects", "nonsense"), item("/world/objects", instance_id=10**6)], None),
         ([], None),
     ):
         assert clicked_position(items, simap, 0, **where) == place
     # At frame 4 the object was not seen.
-    assert clicked_position([item("/world/camera/color", [11.0, 7.0, None])], simap, 4, **where) is None
+    assert clicked_position([item("/world/camera/color", pixel)], simap, 4, **where) is None
 
 
 def test_two_parts_are_outlined_in_two_colours():
