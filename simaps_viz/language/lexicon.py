@@ -58,9 +58,15 @@ def _tokens(phrases: dict[str, list[str]]) -> dict[Words, list[tuple[str, str]]]
         kind, _, value = token.partition(" ")
         for words in _split(spoken):
             found.setdefault(words, []).append((kind, value))
+    # The names of rooms are those that a map may give them; "bedrooms" are asked for too.
+    for kind, words in _ROOMS.items():
+        for name in (kind, *words["words"]):
+            for spoken in (tuple(name.split()), tuple(f"{name}s".split())):
+                found.setdefault(spoken, []).append(("ROOMKIND", kind))
     return found
 
 
+_ROOMS: Final = json.loads(files("simaps_viz.mapping").joinpath("room_kinds.json").read_text(encoding="utf-8"))
 PHRASES: Final = _tokens(load("phrases.json"))
 """{words: the tokens they may be, each a kind and a value}; of kind "" where they may be left out."""
 MAX_PHRASE: Final = max(map(len, PHRASES))

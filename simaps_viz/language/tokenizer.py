@@ -28,6 +28,7 @@ _KEYWORDS: Final = tuple(
 _COST_OF_WORD: Final = 0.3
 """Of a token, for each word by which another one that begins there is longer."""
 _COST_OF_HOMONYM: Final = 0.05
+_COST_OF_ROOM: Final = 0.2
 
 
 @dataclass(frozen=True)
@@ -105,7 +106,9 @@ def _edges(kind: str, words: Sequence[str], at: int, vocabulary: Vocabulary) -> 
     longest = max((length for length, _, _ in found), default=0)
     for length, name, value in found:
         homonym = _COST_OF_HOMONYM * (length == longest and name in ("NOUN", "NOUNS") and len(found) > 1)
-        yield Edge(name, value, at + length, _COST_OF_WORD * (longest - length) + homonym)
+        # A toilet is a thing where the map has one, and otherwise the room of that name.
+        room = _COST_OF_ROOM * (name == "ROOMKIND" and any(other in ("NOUN", "NOUNS") for _, other, _ in found))
+        yield Edge(name, value, at + length, _COST_OF_WORD * (longest - length) + homonym + room)
     if not found:
         yield Edge("WORD", words[at], at + 1)
 
