@@ -92,6 +92,18 @@ def test_back_at_the_maps_own_resolution_the_map_is_as_it_was_built():
         assert (page.session.simap.instance == bench.simap.instance).all()
 
 
+def test_rooms_are_outlined_and_named_when_that_is_ticked():
+    with toy_workbench() as bench, fake_page(bench) as page:
+        panel, scene = page.session.panels[MapPanel], page.session.scene
+        panel._rooms.value = True
+        panel._show_rooms(page.session.simap)
+        assert [label.text for label in scene._room_names] == [room.name for room in page.session.simap.rooms]
+        assert len(scene._room_names) == 2 and scene.nodes.get_handle_by_name("/rooms") is not None
+        panel._rooms.value = False
+        panel._show_rooms(page.session.simap)
+        assert scene._room_names == [] and scene.nodes.get_handle_by_name("/rooms") is None
+
+
 # --- loading again
 
 

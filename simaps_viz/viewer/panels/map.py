@@ -12,7 +12,7 @@ from simaps_viz.drawing.texture import COLOR_MODES, ColorMode
 from simaps_viz.drawing.theme import BADGE_STYLE
 from simaps_viz.mapping.methods import method_of
 from simaps_viz.mapping.simap import slider_of
-from simaps_viz.structures import SIMap
+from simaps_viz.structures import Room, SIMap
 from simaps_viz.viewer.page.page import MAX_RESOLUTION, MIN_RESOLUTION, Cut, Page, cut_of
 from simaps_viz.viewer.page.panel import Panel
 from simaps_viz.viewer.page.timeline import Snapshot
@@ -33,6 +33,7 @@ class MapPanel(Panel):
     def __init__(self, page: Page) -> None:
         """Fill the open container."""
         self._page = page
+        self._rooms_shown: tuple[Room, ...] = ()
         gui, simap, services = page.gui, page.base, page.services
         self._with_k, self._with_resolution = services.repartition is not None, services.recommunity is not None
         own, joining = cut_of(simap), slider_of(simap)
@@ -63,6 +64,8 @@ class MapPanel(Panel):
         self._class = gui.add_dropdown(
             "Show", (EVERY_CLASS, *simap.counts()), initial_value=EVERY_CLASS, hint="Emphasise one class."
         )
+        self._rooms = gui.add_checkbox("Rooms", False, hint="Outline the rooms, with their names.")
+        self._rooms.on_update(lambda _: self._show_rooms(page.simap))
         for widget in (self._mode, self._class):
             widget.on_update(lambda _: page.repaint())
         self.base_changed(simap)
@@ -120,6 +123,7 @@ class MapPanel(Panel):
         """Describe the painted map, with a badge unless it is the finished one."""
         self._busy = False
         self._counts.content = counts_html(simap)
+        self._show_rooms(simap)
         for widget in (self._k, self._resolution, self._reset):
             widget.disabled = not simap.instances and not simap.graphs
         legend = legend_html(simap, self.mode, self._page.theme)
@@ -134,6 +138,12 @@ class MapPanel(Panel):
             self._past.content = content
         if self._past.visible != past:
             self._past.visible = self._finish.visible = past
+
+    def _show_rooms(self, simap: SIMap) -> None:
+        rooms = simap.rooms if self._rooms.value else ()
+        if rooms != self._rooms_shown:
+            self._rooms_shown = rooms
+            self._page.scene.show_rooms(rooms)
 
     def failed(self) -> None:
         """Show the counts again: cutting the map may be what failed."""

@@ -14,20 +14,21 @@ from simaps_viz.drawing.solids import solids
 from simaps_viz.drawing.texture import ColorMode, cell_colors, outline_segments
 from simaps_viz.drawing.theme import LIGHT, Theme
 from simaps_viz.navigation.planner import RobotShape
-from simaps_viz.structures import GridSpec, Pose2, SIMap
+from simaps_viz.structures import GridSpec, Pose2, Room, SIMap
 from simaps_viz.viewer.scene.annotations import LabelLayer, draw_lines, line_share
 from simaps_viz.viewer.scene.camera import Extent, with_margin
 from simaps_viz.viewer.scene.why_marks import paint_cells
 
 ROBOT = (10, 84, 200)
 PATH = (22, 110, 235)
+ROOM = (120, 70, 190)
 OUTLINE_PX = 3.0
 ROBOT_RADIUS_M, ROBOT_HEIGHT_M = RobotShape().radius_m, 0.35
 PICTURE_M = 0.004
 """Height over the map of a picture that is shown instead of it."""
 PARENTS = ("/candidates", "/why")
 """Nodes whose children come and go; hiding one hides its children."""
-LINES = ("/path", "/selection", "/cut")
+LINES = ("/path", "/selection", "/cut", "/rooms")
 CAMERA = (220, 60, 40)
 CAMERA_FOV_RAD, CAMERA_ASPECT, CAMERA_SIZE_M = 0.9, 4 / 3, 0.45
 """The mark of a camera shows where a frame was taken from, not how much was on it."""
@@ -77,6 +78,7 @@ class MapScene:
         self._camera: CameraMark | None = None
         self._camera_at: NDArray | None = None
         self._badge: viser.LabelHandle | None = None
+        self._room_names: list[viser.LabelHandle] = []
 
     @property
     def frame_extent(self) -> Extent:
@@ -163,6 +165,21 @@ class MapScene:
         with self._lock:
             self._outlined = segments
             self._draw_outline(self._candidates.metres_per_px)
+
+    def show_rooms(self, rooms: Sequence[Room]) -> None:
+        """Outline rooms and write their names, instead of those shown before."""
+        rings = [np.column_stack([room.polygon_m, np.full(len(room.polygon_m), 0.02)]) for room in rooms]
+        sides = [np.stack([ring, np.roll(ring, -1, axis=0)], axis=1) for ring in rings]
+        with self._lock, self._page.atomic():
+            draw_lines(self._scene, "/rooms", np.concatenate([np.zeros((0, 2, 3)), *sides]), ROOM, 2.0)
+            for label in self._room_names:
+                label.remove()
+            self._room_names = [
+                self._scene.add_label(
+                    f"/room_names/{room.id}", room.name, position=(*room.centre_m, 0.05), anchor="center-center"
+                )
+                for room in rooms
+            ]
 
     def show_robot(self, pose: Pose2) -> None:
         """Put the robot somewhere."""
