@@ -122,6 +122,7 @@ def build_to_file(
         progress("looking at colours", 0, 1)
         simap = with_colors(simap, sequence)
         progress("looking at colours", 1, 1)
+        progress.clock.begin("writing")
         simap = with_rooms(simap)
         save_map(simap, output)
         if log is not None:

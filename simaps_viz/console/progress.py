@@ -134,7 +134,6 @@ class BuildProgress:
             self._progress.clock.begin("describing instances")
         elif isinstance(event, BuildFinished):
             self._progress("finding instances", 1, 1)
-            self._progress.clock.begin("writing")
 
     def _mapped(self, index: int, name: str) -> None:
         done = index + 1
