@@ -11,7 +11,7 @@ from toy_maps import furnished_map, toy_map
 
 from simaps_viz.errors import InputError
 from simaps_viz.mapping.file import load_map, save_map
-from simaps_viz.mapping.floor_plan import floor_plan, likely_kind, with_rooms
+from simaps_viz.mapping.floor_plan import find_rooms, floor_plan, likely_kind, with_rooms
 from simaps_viz.mapping.simap import repartition
 
 OUTER = [[0, 0, 9.2, 0.1], [0, 5.1, 9.2, 5.2], [0, 0, 0.1, 5.2], [9.1, 0, 9.2, 5.2]]
@@ -133,3 +133,12 @@ def test_partitions_of_one_grid_share_its_rooms_and_a_map_without_floor_has_none
     nothing = np.full(simap.spec.shape, np.nan, np.float32)
     empty = replace(simap, grid=replace(simap.grid, height_m=nothing, lowest_m=nothing))
     assert empty.rooms == () and not empty.room_cells.any() and empty.room_at(1.0, 1.0) is None
+
+
+def test_a_very_large_grid_is_split_in_coarser_cells(monkeypatch):
+    fine = flat()
+    monkeypatch.setattr("simaps_viz.mapping.floor_plan._MAX_CELLS", 104 * 184 // 3)
+    coarse = find_rooms(fine.grid)
+    assert coarse.shape == fine.spec.shape and coarse.max() == 2
+    assert (coarse[fine.room_cells > 0] == fine.room_cells[fine.room_cells > 0]).mean() > 0.95
+    assert with_rooms(fine).room is None
