@@ -157,7 +157,7 @@ class Writer:
             base, word = before.base, before.word
         text = text.replace(ONE, base)
         if LAST in text:
-            same = last is not None and last.phrase.base == base
+            same = last is not None and last.phrase.base == base and last.body is None
             if not same:
                 self._note((f"the other {word} is read as all but the closest",))
             text = text.replace(LAST, self._named("it").name if same else f"nearest({base})")
