@@ -8,6 +8,7 @@ from simaps_viz.errors import CommandError
 from simaps_viz.language.grammar import Chart
 from simaps_viz.language.nouns import quoted
 from simaps_viz.language.orders import GRAMMAR
+from simaps_viz.language.program import ProgramError, parse_program
 from simaps_viz.language.tokenizer import Sentence, read_words
 from simaps_viz.language.words import Vocabulary
 from simaps_viz.language.writer import Writer
@@ -96,7 +97,13 @@ def _read(sentence: Sentence, vocabulary: Vocabulary) -> Reading:
             break
         writer = Writer()
         try:
-            programs.setdefault(writer.write(reading.value), writer)
+            program = writer.write(reading.value)
+            parse_program(program)
+            programs.setdefault(program, writer)
+        except ProgramError:
+            refusal = refusal or CommandError(
+                f'Not understood: "{_in_brief(" ".join(sentence.words))}". Say it in other words, or in several steps.'
+            )
         except CommandError as error:
             refusal = refusal or error
     if not programs:

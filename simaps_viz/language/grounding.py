@@ -23,7 +23,6 @@ OPAQUE_HEIGHT_M: Final = 1.5
 """Cells at least this high cannot be looked over by a robot that drives there."""
 MAX_LOOKED: Final = 100_000_000
 """What the functions of one program may look at together: cells, and pairs of things."""
-_MOST_NAMED: Final = 6
 _ALL: Final = ("anything", "everything", "something", "all")
 
 
@@ -199,13 +198,10 @@ class Grounding:
         raise CommandError(self.missing(name))
 
     def missing(self, name: str) -> str:
-        """Say that the map lacks what a name means, what it has, and what may have been meant."""
-        counts = [f"{label} ({n})" for label, n in self.simap.counts().items()]
-        more = f" and {len(counts) - _MOST_NAMED} more classes" if len(counts) > _MOST_NAMED + 1 else ""
-        listed = ", ".join(counts[:_MOST_NAMED] if more else counts) + more
-        has = f"It has: {listed}" if counts else "It has no objects at all"
+        """Return a sentence that the map lacks what a name means, with what may have been meant."""
         near = self._vocabulary.suggest(name)
-        return f"There is no {name.removeprefix(ANY)} on this map. {has}.{f' Did you mean {near}?' if near else ''}"
+        hint = f" Did you mean {near}?" if near else "" if self.simap.instances else " It has no objects at all."
+        return f"There is no {name.removeprefix(ANY)} on this map.{hint}"
 
     def label_of(self, name: str) -> str:
         """Return the first of the classes a name takes together, or raise CommandError."""

@@ -221,7 +221,7 @@ def _chosen(
     near = [part.definite if several and part.definite else part.text for part in parts if part.kind == "near"]
     for of in near:
         text = f"near({text}, {of})" if several and count is None else f"near({text}, {of}, {NEAR_M:g})"
-    key, of = _order(parts, many)
+    key, of = _order(parts, many and count is None)
     if key in ("", "near") and not of and not many and rank == -1 and count is None:
         rank, key = None, "far"
     ordered = text if (key or "near", of) == ("near", "") else f'order({text}, "{key or "near"}"{_of(of)})'
@@ -311,7 +311,7 @@ def refine(phrase: Phrase, parts: Iterable[Part]) -> Phrase:
 
 def united(phrases: Sequence[Phrase]) -> Phrase:
     """Return one phrase for "the chair or the couch"."""
-    phrases = _lent(phrases)
+    phrases = lent(phrases)
     text = phrases[0].argument
     for other in phrases[1:]:
         text = f"union({text}, {other.argument})"
@@ -618,9 +618,25 @@ def _spot(spot: str, room: Phrase | None = None) -> Parts:
     return (*inside, *_filter(f'at({{}}, "{spot}")'))
 
 
-@_rule("relation", "WITH ATLEAST? n:whole np _on_it?", "WITH ATLEAST? n:whole np", cost=-0.6)
-def _having_some(n: int, np: Phrase) -> Parts:
-    return _filter(f"having({{}}, {np.argument}, {n})", np)
+@_rule("relation", "WITH (ATLEAST | more:MORETHAN)? n:whole np _on_it?", cost=-0.6)
+def _having_some(n: int, np: Phrase, more: str = "") -> Parts:
+    return _filter(f"having({{}}, {np.argument}, {n + bool(more)})", np)
+
+
+@_rule(
+    "relation",
+    "(WITHONLY | WITH only:EXACTLY) n:whole np _on_it? | WITH (most:ATMOST | few:LESSTHAN) n:whole np _on_it?",
+    cost=-0.6,
+)
+def _having_no_more(n: int, np: Phrase, only: str = "", most: str = "", few: str = "") -> Parts:
+    """Read "with only two chairs", "with at most two chairs"."""
+    some = "{}" if most or few else f"having({{}}, {np.argument}, {n})"
+    return _filter(f"minus({some}, having({{}}, {np.argument}, {n + (not few)}))", np)
+
+
+@_rule("relation", "WITH BOTH a:np AND b:np _on_it?", cost=-0.3)
+def _having_both(a: Phrase, b: Phrase) -> Parts:
+    return _filter(f"having(having({{}}, {a.argument}), {b.argument})", a, b)
 
 
 @_rule("relation", "WITH ITS pre* noun")
@@ -659,6 +675,17 @@ def _without(np: Phrase) -> Parts:
 )
 def _bare() -> Parts:
     return _filter("empty({})")
+
+
+@_rule("relation", "BUTNO np _on_it?", cost=-0.1)
+def _but_without(np: Phrase) -> Parts:
+    """Read "a desk with a keyboard but no book on it": of the desk, not of the keyboard."""
+    return _filter(f"without({{}}, {np.argument})", np, outer=True)
+
+
+@_rule("relation", "EXCEPT DET OTHER ONE", cost=-0.6)
+def _but_the_other() -> Parts:
+    return (Part("other"),)
 
 
 @_rule("relation", "WITH ANYTHING _on_it", cost=-0.3)
@@ -846,7 +873,7 @@ def _either(thing: Phrase, last: Phrase, more: Sequence[Phrase] = ()) -> Phrase:
 
 @_rule("pair", "a:thing AND b:thing")
 def _pair(a: Phrase, b: Phrase) -> tuple[Phrase, Phrase]:
-    a, b = _lent((a, b))
+    a, b = lent((a, b))
     return a, b
 
 
@@ -883,10 +910,10 @@ def _numbers(name: Noun, first: int, n: tuple[int, ...]) -> tuple[Phrase, ...]:
 
 @_rule("targets", "BOTH? one:np ((COMMA | AND)+ TO? FOR? AT? np)+")
 def _several(one: Phrase, np: tuple[Phrase, ...]) -> tuple[Phrase, ...]:
-    return _lent((one, *np))
+    return lent((one, *np))
 
 
-def _lent(phrases: Sequence[Phrase]) -> tuple[Phrase, ...]:
+def lent(phrases: Sequence[Phrase]) -> tuple[Phrase, ...]:
     """Lend the noun of a phrase to those before it that have none: "the first and the third chair"."""
     found = list(phrases)
     for at in range(len(found) - 2, -1, -1):
@@ -922,7 +949,14 @@ def _other_room() -> Phrase:
 
 @_rule("room", "_dets ROOM WITH np", "_dets ROOM (THAT | IS | WHERE)* IN? np IS? IN?", cost=0.2)
 def _room_of(np: Phrase) -> Phrase:
-    return Phrase(f"room({np.argument})", "rooms()", "room", False, np.notes, np.others)
+    whole = f"having(rooms(), {np.argument})"
+    return Phrase(f"room({np.argument})", "rooms()", "room", False, np.notes, np.others, whole=whole)
+
+
+@_rule("room", "_dets ROOM WITH BOTH? a:np AND b:np", cost=0.2)
+def _room_of_both(a: Phrase, b: Phrase) -> Phrase:
+    text = f"having(having(rooms(), {a.argument}), {b.argument})"
+    return Phrase(text, "rooms()", "room", False, a.notes + b.notes, a.others + b.others)
 
 
 @_rule("room", "_dets (NEAREST | key:SIZE | key:SUPER | key:MORE | FARTHEST) ROOM", cost=0.1)

@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 from typing import Any, Final
 
 from simaps_viz.errors import CommandError
-from simaps_viz.language.nouns import GRAMMAR, IT, Part, Parts, Phrase, refine, select, united
+from simaps_viz.language.nouns import GRAMMAR, IT, LAST, ONE, Part, Parts, Phrase, lent, refine, select, united
 from simaps_viz.language.words import Noun
 
 _METRES: Final = {
@@ -155,10 +155,16 @@ _words("_go", "_goer _prep* | APPROACH _prep* | _prep+")
 @_rule(
     "order",
     "_goer EITHER? _prep+ (_place _prep*)? WHERE? targets IS? | APPROACH _prep* targets | BACK _prep+ targets | "
-    "NEED TO? targets | _prep+ targets | GO targets:there",
+    "NEED TO? targets | _prep+ targets | GO targets:there | targets IS WHERE GO",
 )
 def _go_to(targets: tuple[Phrase, ...]) -> Steps:
     return _each("robot.move_to_{0.goal}", targets)
+
+
+@_rule("order", "AT targets", "TOWARD targets", cost=-0.02)
+def _likewise(targets: tuple[Phrase, ...]) -> Steps:
+    """Read "look at the sofa and then at the table": the second has the verb of the first."""
+    return _each("", targets, "")
 
 
 @_rule("order", "verb:GO noun", cost=0.3)
@@ -221,6 +227,18 @@ def _go_nearest_spot(spot: str, nearest: str = "", room: Phrase | None = None) -
 @_rule("order", "_go? _dets side (SIDE | END | SPOT) (OF | IN) (room | DET* MAP)", cost=-0.1)
 def _go_end_of_room(side: str, room: Phrase | None = None) -> Steps:
     return (Do((f'robot.move_to(spot({{0.text}}, "{side}"))',), (room or Phrase("room()", "", "room"),)),)
+
+
+@_rule("order", "_go? _dets FAREND (OF | IN) room", cost=-0.2)
+@_rule("order", "_goer THROUGHOUT room", cost=0.2)
+def _go_far_end(room: Phrase) -> Steps:
+    return (Do(('robot.move_to(spot({0.text}, "end"))',), (room,)),)
+
+
+@_rule("order", "_goer THROUGHOUT room _prep+ targets", cost=-0.2)
+def _go_through(room: Phrase, targets: tuple[Phrase, ...]) -> Steps:
+    """Read "go down the corridor to the coat rack"."""
+    return (*_go_room(room), *_go_to(targets))
 
 
 @_rule("order", "_go? BETWEEN pair", "PASS BETWEEN pair", "_go? DET BETWEEN pair", "PASS pair", cost=-0.5)
@@ -333,7 +351,7 @@ def _go_halfway(np: Phrase) -> Steps:
     return (Do(("robot.move_to(way({0.argument}))",), (np,)),)
 
 
-@_rule("order", "_goer? FROM (START | HERE | a:np) TO (np | room) (back:BACKTOO (TO _np)?)?", cost=-0.5)
+@_rule("order", "_goer? FROM (START | HERE | a:np) TO (np | room) (COMMA? back:BACKTOO (TO _np)?)?", cost=-0.5)
 def _from_to(np: Phrase | None = None, room: Phrase | None = None, a: Phrase | None = None, back: str = "") -> Steps:
     goal = np or room
     assert goal is not None
@@ -355,7 +373,7 @@ def _shuttle(pair: tuple[Phrase, Phrase], times: int = 1) -> Steps:
     return (Repeat(times, (*_go_to(pair[:1]), *_go_to(pair[1:]))),)
 
 
-@_rule("order", "_go targets BACKTOO", "_go targets times? BACKTOO", "_go room BACKTOO", cost=-0.6)
+@_rule("order", "_go targets times? COMMA? BACKTOO", "_go room COMMA? BACKTOO", cost=-0.6)
 def _there_and_back(targets: tuple[Phrase, ...] = (), room: Phrase | None = None, times: int = 1) -> Steps:
     return (*(_go_room(room) if room else _go_to(targets)), *_home())
 
@@ -366,7 +384,7 @@ _words("_beginning", "DET? START | _prep+ DET? START | HERE | TO HERE")
 @_rule(
     "order",
     "RETURN (_beginning | TO DET* MAP)? | (GO | TAKE | BACK) DET? START | (GO | TAKE | BACK) _prep+ DET? START | "
-    "GO BACK HERE | GO BACK TO HERE | _prep+ DET? START | GO BACK | BACK _beginning",
+    "GO BACK HERE | GO BACK TO HERE | _prep+ DET? START | GO BACK | BACK _beginning | BACK",
     cost=-0.3,
 )
 def _home() -> Steps:
@@ -581,9 +599,15 @@ def _how_many(np: Phrase, post: Sequence[Parts] = ()) -> Steps:
     return _told(refine(np, [part for parts in post for part in parts]), "count")
 
 
-@_rule("question", "EXIST (ATLEAST | more:MORETHAN | few:LESSTHAN) n:whole np", cost=-0.3)
-def _are_there(n: int, np: Phrase, more: str = "", few: str = "") -> Steps:
-    test, phrases = _at_least(n, np, more, few)
+_NUMBERED: Final = (
+    "EXIST (ATLEAST | more:MORETHAN | few:LESSTHAN | only:EXACTLY | most:ATMOST) n:whole np HERE?",
+    "only:EXISTONLY n:whole np HERE?",
+)
+
+
+@_rule("question", *_NUMBERED, cost=-0.3)
+def _are_there(n: int, np: Phrase, **_: str) -> Steps:
+    test, phrases = _at_least(n, np, **_)
     return (Do((f'tell({test}, "whether")',), phrases),)
 
 
@@ -656,7 +680,14 @@ def _is_there(np: Phrase) -> Steps:
 
 @_rule("question", "EXIST DET* room", "EXIST DET? OTHER? ROOMS")
 def _is_there_room(room: Phrase | None = None) -> Steps:
-    return (Do((f'tell({room.whole if room else "rooms()"}, "whether")',)),)
+    said = (room.whole or room.text) if room else "rooms()"
+    return (Do((f'tell({said}, "whether")',), notes=room.notes if room else ()),)
+
+
+@_rule("question", "INDEF np HERE? &ASKED", cost=0.2)
+def _any_here(np: Phrase) -> Steps:
+    """Read "any wine glasses here?"."""
+    return _told(np, "whether")
 
 
 @_rule("question", "SEEQ np HERE?", "DOES HERE SEE np")
@@ -718,6 +749,14 @@ _rule("compared", "FARTHEST AWAY?")(lambda: "far")
 def _compare(a: Phrase, compared: str, b: Phrase) -> Steps:
     line = f'tell({{0.text}}, "compare", {{1.argument}}, "{compared}")'
     return (Do((line,), (replace(a, many=False), replace(b, many=False))),)
+
+
+@_rule("question", "WHICH noun IS DET? compared COMMA? a:thing COMMA? OR b:thing", cost=-0.5)
+def _which_of_two_named(noun: Noun, compared: str, a: Phrase, b: Phrase) -> Steps:
+    """Read "which table is larger, the one here or the one over there?"."""
+    named = select(noun, ())
+    a, b = (lent((one, named))[0] for one in (a, b))
+    return _which_of_two(compared, a, b)
 
 
 @_rule("question", "(WHICH | WHAT) (IS | OF)* DET? compared HERE? (TO HERE)? COMMA? (a:np) COMMA? OR b:np", cost=-0.4)
@@ -804,7 +843,7 @@ def _how_far(np: Phrase) -> Steps:
 
 @_rule(
     "question",
-    "HOWFAR AWAY? IS IT? FROM? a:np AWAY? (TO | FROM | AND) b:np | (WHAT IS)? DET? DISTANCE (BETWEEN | FROM | OF) "
+    "HOWFAR AWAY? (IS IT?)? FROM? a:np AWAY? (TO | FROM | AND) b:np | (WHAT IS)? DET? DISTANCE (BETWEEN | FROM | OF) "
     "a:np (AND | TO) b:np | HOWFAR AWAY? APART? IS a:np AND b:np APART? | HOWFAR IS IT? (FROM | BETWEEN) a:np (TO "
     "| AND) b:np | HOWFAR IS a:np (FROM | TO) b:np",
     cost=-0.1,
@@ -813,7 +852,13 @@ def _how_far_apart(a: Phrase, b: Phrase) -> Steps:
     return (Do(('tell({0.text}, "distance", {1.argument})',), (replace(a, many=False), replace(b, many=False))),)
 
 
-@_rule("question", "HOWFAR APART? IS pair APART?", cost=-0.1)
+@_rule("question", "HOWFARTODRIVE FROM a:np TO b:np", "HOWFARTODRIVE (TO | FROM) b:np", cost=-0.2)
+def _how_far_to_drive(b: Phrase, a: Phrase | None = None) -> Steps:
+    said = _how_far_apart(a, b) if a else _how_far(b)
+    return tuple(replace(one, notes=("how far is measured in a straight line",)) for one in said if isinstance(one, Do))
+
+
+@_rule("question", "HOWFAR APART? IS pair APART?", "(WHAT IS)? DET? DISTANCE (BETWEEN | OF) pair", cost=-0.1)
 def _how_far_between(pair: tuple[Phrase, Phrase]) -> Steps:
     a, b = pair
     if a.text == b.text:
@@ -886,11 +931,10 @@ def _holds_without(np: Phrase, of: Phrase) -> Condition:
     return _exists(_changed(np, text=f"without({np.text}, {of.argument})"))
 
 
-@_rule("condition", "EXIST (ATLEAST | more:MORETHAN | few:LESSTHAN) n:whole np", cost=-0.3)
-def _at_least(n: int, np: Phrase, more: str = "", few: str = "") -> Condition:
-    return f"count({{0.text}}) {'>' if more else '<' if few else '>='} {n}", (
-        _changed(np, np.whole or np.text, many=False),
-    )
+@_rule("condition", *_NUMBERED, cost=-0.3)
+def _at_least(n: int, np: Phrase, more: str = "", few: str = "", only: str = "", most: str = "") -> Condition:
+    sign = ">" if more else "<" if few else "==" if only else "<=" if most else ">="
+    return f"count({{0.text}}) {sign} {n}", (_changed(np, np.whole or np.text, many=False),)
 
 
 @_rule("condition", "EXIST counted:COUNTED a:np THAN b:np", "counted:COUNTED a:np THAN b:np", cost=-0.3)
@@ -935,7 +979,7 @@ def _times(order: Steps, times: int = 1) -> Steps:
     return (Repeat(times, order),) if times > 1 else order
 
 
-@_rule("done", "(ORD | AFTER) COMMA? done", "NEED HERE? TO? done", cost=0.2)
+@_rule("done", "(ORD | AFTER) COMMA? done", "NEED HERE? TO? done", "HERE &_verb done", cost=0.2)
 def _numbered_order(done: Steps) -> Steps:
     return done
 
@@ -999,6 +1043,37 @@ def _but(b: Steps, not_: Steps) -> Steps:
     return b
 
 
+@_rule("logical", "NOT not_:np (COMMA | AND | STOP | EXCEPT | THEN)+ b:done", cost=0.3)
+def _not_but(b: Steps, not_: Phrase) -> Steps:
+    """Read "not the near chair, the other one"."""
+    return _put(b, not_)
+
+
+@_rule("logical", "NEITHER _np NOR _np (COMMA | AND | STOP | EXCEPT | THEN)+ b:done", cost=0.3)
+def _neither_but(b: Steps) -> Steps:
+    return b
+
+
+@_rule("logical", "a:np MEANT meant:np (COMMA | AND | STOP | THEN)+ b:done", cost=0.1)
+def _the_meant(a: Phrase, meant: Phrase, b: Steps) -> Steps:
+    """Read "the chair I mean is the one by the desk: go there"."""
+    meant = lent((meant, a))[0]
+    first, *more = b
+    if not isinstance(first, Do) or all(phrase.text != IT for phrase in first.phrases):
+        raise CommandError("")
+    return (replace(first, phrases=tuple(meant if p.text == IT else p for p in first.phrases)), *more)
+
+
+def _put(steps: Steps, named: Phrase) -> Steps:
+    """Return the steps with "one" and "the other" of their first phrase taken from a phrase before it."""
+    first, *more = steps
+    if not isinstance(first, Do) or not first.phrases or named.base == ONE:
+        raise CommandError("")
+    phrase = lent((first.phrases[0], named))[0]
+    phrase = replace(phrase, text=phrase.text.replace(LAST, named.single))
+    return (replace(first, phrases=(phrase, *first.phrases[1:])), *more)
+
+
 @_rule("logical", "EITHER? a:done COMMA? OR b:done", cost=0.5)
 def _either_order(a: Steps, b: Steps) -> Steps:
     chosen = [step for step in (*a, *b) if isinstance(step, Do)]
@@ -1016,6 +1091,12 @@ def _items(item: Steps, more: Sequence[Steps] = ()) -> Steps:
 @_rule("start", "_mayhap items _mayhap")
 def _start(items: Steps) -> Steps:
     return items
+
+
+@_rule("start", "_mayhap items _sep GO COMMA? NOWAIT COMMA? b:items _mayhap")
+def _begun(items: Steps, b: Steps) -> Steps:
+    """Read "go to the kitchen and sit, I mean, stop at the sofa": only the order that was begun is replaced."""
+    return (*items, *b)
 
 
 @_rule("start", "_mayhap (items _mayhap)? NOWAIT COMMA? (NOT _np COMMA?)? b:items _mayhap")

@@ -359,6 +359,8 @@ class Sets(Grounding):
         return self._relate(S, T, kept, f"{within} {self.set_of(T).the}")
 
     def _on(self, S: Named, T: Named) -> Things:
+        if self.room_of(T) is not None:
+            return self._inside(S, T)
         return self._relate(
             S, T, {a for a, _ in self._standing(self.things_of(S), self.things_of(T))}, f"on {self.set_of(T).the}"
         )
@@ -451,6 +453,10 @@ class Sets(Grounding):
 
     def _counts(self, S: Named, T: Named) -> dict[int, int]:
         """Return {id: how many of T are next to it, and to no nearer thing of the same classes}."""
+        rooms = [room for room in self.set_of(S).items if not isinstance(room, Instance)]
+        if rooms:  # what stands in them counts
+            wanted = {i.id for i in self.things_of(T)}
+            return {room.id: len(wanted.intersection(room.objects)) for room in rooms}
         things, others = self.things_of(S), self.things_of(T)
         rivals = [i for label in dict.fromkeys(i.label for i in things) for i in self.simap.of_class(label)]
         owner: dict[int, tuple[float, int]] = {}
@@ -470,7 +476,7 @@ class Sets(Grounding):
     def _without(self, S: Named, T: Named) -> Things:
         counts = self._counts(S, T)
         return self._keep(
-            S, [counts[i.id] == 0 for i in self.things_of(S)], after=f"without {with_article(self.set_of(T).one)}"
+            S, [counts[i.id] == 0 for i in self.set_of(S).items], after=f"without {with_article(self.set_of(T).one)}"
         )
 
     def _empty(self, S: Named) -> Things:
@@ -750,6 +756,14 @@ class Sets(Grounding):
 
     def _end_of_room(self, room: Room, side: str) -> Position:
         cells = self._cells_of_room(room)
+        if side == "end":  # of its longer way, that farther from the robot
+            offset = cells - cells.mean(axis=0)
+            along = offset @ np.linalg.eigh(offset.T @ offset)[1][:, -1]
+            here = (self.viewer.x_m, self.viewer.y_m)
+            ends = [cells[along.argmin()], cells[along.argmax()]]
+            farther = max(ends, key=lambda end: float(np.hypot(*(end - here))))
+            third = cells[np.abs(along - along[(cells == farther).all(axis=1)][0]) <= np.ptp(along) / 6.0]
+            return Position(third[np.hypot(*(third - third.mean(axis=0)).T).argmin()])
         ways = [self._part_way("front" if one == "beside" else one) for one in side.split()]
         at = cells @ np.sum(ways, axis=0)
         third = cells[at >= at.min() + (at.max() - at.min()) * 2.0 / 3.0]

@@ -17,6 +17,12 @@ _PIECE: Final = re.compile(
     r"|(?P<number>(?<![\w.])-?\d+(?:\.\d+)?|\d+(?:\.\d+)?|(?<![\w.])\.\d+)|(?P<poss>['’]s\b)"
     r"|(?P<word>[^\W\d_]+)|(?P<mark>[,.;:!?#°&])|(?P<other>[^\s\-_()\"'’\[\]]+)"
 )
+_SPOKEN: Final = {"wanna": "want to", "gonna": "will", "gotta": "must", "lemme": "let me", "gimme": "give me"}
+_WISH: Final = re.compile(
+    r"\b(?:i|we|it)(?:\s+would|['’]d)\s+(?:(?:really|truly|greatly)\s+)?(?:be|appreciate|love|like)\b(?:\s+\w+){0,5}?"
+    r"\s+if\s+you\s+(?:would|could|can|might|were to|went ahead and)\b"
+)
+"""Openings such as "I would be most grateful if you could"."""
 _IS: Final = re.compile(r"\b(that|it|there|what|where|here|which|who|let|how)['’]s\b")
 _MOST: Final = re.compile(r"(left|right|north|south|east|west)(?:ern|er)?most")
 _SIDE: Final = re.compile(r"(left|right|north|south|east|west)(?:ern|erly|ward)?$")
@@ -60,7 +66,8 @@ def read_words(text: str, vocabulary: Vocabulary, *, correcting: bool = False) -
     Raises:
         CommandError: a number larger than a program may hold.
     """
-    plainly = _IS.sub(r"\1 is", text.lower())
+    plainly = _WISH.sub(" ", _IS.sub(r"\1 is", text.lower()))
+    plainly = re.sub(r"[a-z]+", lambda found: _SPOKEN.get(found[0], found[0]), plainly)
     pieces = [(str(m.lastgroup), m[m.lastgroup or 0]) for m in _PIECE.finditer(plainly)]
     notes: list[str] = []
     if correcting:

@@ -161,6 +161,9 @@ class Writer:
             if not same:
                 self._note((f"the other {word} is read as all but the closest",))
             text = text.replace(LAST, self._named("it").name if same else f"nearest({base})")
+        text = text.replace(ONE, before.base) if ONE in text and (before := last and last.phrase) else text
+        if ONE in text or LAST in text:
+            raise CommandError('"one" was not understood: which things are meant was not said before it')
         self._last = _Mention(replace(phrase, text=text, base=base, word=word))
         return self._last
 

@@ -180,9 +180,7 @@ def test_field_of_view_edges() -> None:
 def test_what_is_missing_is_refused_by_name(ground: Sets) -> None:
     with pytest.raises(CommandError) as error:
         ground.pick("piano")
-    assert str(error.value) == (
-        "There is no piano on this map. It has: chair (3), dining table (2), couch (1), potted plant (1)."
-    )
+    assert str(error.value) == ("There is no piano on this map.")
     with pytest.raises(CommandError) as error:
         ground.pick("chair", 4)
     assert str(error.value) == "There are only 3 chairs on this map; the 4th was asked for."

@@ -149,7 +149,7 @@ def test_look_ups(simap) -> None:
 @pytest.mark.parametrize(
     ("name", "values", "words"),
     [
-        ("move_to_object", ("piano",), r"There is no piano on this map\. It has: chair \(2\), couch \(1\)\."),
+        ("move_to_object", ("piano",), r"There is no piano on this map\."),
         ("move_north", ("chair", 3), r"There are only 2 chairs on this map; the 3rd was asked for\."),
         ("nth_from", ("couch", "left", 2), r"There is only 1 couch on this map; the 2nd was asked for\."),
         ("between", ("couch", "chair", "chair"), r"There is no couch between the chair and the chair\."),
