@@ -672,7 +672,13 @@ def _where_am_i() -> Steps:
 
 
 @_rule(
-    "question", "EXIST np", "EXIST DET* np HERE?", "IS np HERE", "IF EXIST np", "IS HERE np", "DOES DET* MAP WITH np"
+    "question",
+    "EXIST np ANYWHERE?",
+    "EXIST DET* np HERE?",
+    "IS np HERE",
+    "IF EXIST np",
+    "IS HERE np",
+    "DOES DET* MAP WITH np",
 )
 def _is_there(np: Phrase) -> Steps:
     return _told(np, "whether")
@@ -684,7 +690,7 @@ def _is_there_room(room: Phrase | None = None) -> Steps:
     return (Do((f'tell({said}, "whether")',), notes=room.notes if room else ()),)
 
 
-@_rule("question", "INDEF np HERE? &ASKED", cost=0.2)
+@_rule("question", "INDEF np (HERE | ANYWHERE)? &ASKED", cost=0.2)
 def _any_here(np: Phrase) -> Steps:
     """Read "any wine glasses here?"."""
     return _told(np, "whether")
@@ -850,6 +856,11 @@ def _how_far(np: Phrase) -> Steps:
 )
 def _how_far_apart(a: Phrase, b: Phrase) -> Steps:
     return (Do(('tell({0.text}, "distance", {1.argument})',), (replace(a, many=False), replace(b, many=False))),)
+
+
+@_rule("question", "(HOWFAR | (WHAT IS)? DET? DISTANCE) (IS IT?)? FROM HERE TO np", cost=-0.2)
+def _how_far_from_here(np: Phrase) -> Steps:
+    return _how_far(np)
 
 
 @_rule("question", "HOWFARTODRIVE FROM a:np TO b:np", "HOWFARTODRIVE (TO | FROM) b:np", cost=-0.2)

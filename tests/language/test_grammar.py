@@ -79,6 +79,7 @@ def test_a_chart_keeps_the_likeliest_readings_of_a_pattern() -> None:
         ("I'd be ever so grateful if you could go to the couch", 'robot.move_to_object("couch")'),
         ("you go couch please", 'robot.move_to_object("couch")'),
         ("any plants here?", 'tell(things("potted plant"), "whether")'),
+        ("how far is it from here to the couch?", 'tell(things("couch"), "distance")'),
         ("where did I leave my plant?", 'tell(things("potted plant"), "where")'),
         ("look at the couch and then at the plant", 'robot.face("couch")\nrobot.face("potted plant")'),
         ("go to the table with only two chairs",
