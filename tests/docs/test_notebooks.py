@@ -50,7 +50,7 @@ def test_they_are_there_and_hold_no_outputs():
 def test_build_and_ask(cache):
     text, pictures = run(FOLDER / "build-and-ask.ipynb", cache)
     assert f"{SMALL.frames} frames" in text and "'chair': 3" in text and "m to the chair next to" in text
-    assert "ok" in text and 'robot.nth_from("chair", "left", 3)' in text
+    assert "ok" in text and 'nth(order(things("chair"), "left"), 3)' in text
     assert "piano" in text and len(pictures) == 2
 
 

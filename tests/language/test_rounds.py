@@ -5,14 +5,24 @@ import json
 import pytest
 from spoken import ROUNDS, Scene, judge, judge_round, load_round_map
 
+VERDICTS = ("right", "refused", "wrong", "traceback")
 CORRIDOR = [5.0, 4.5, 90.0]
 
 
+REACHED = {"round1": (115, 3), "round2": (75, 3), "round3": (59, 3)}
+"""Of the commands on the maps that are shipped: at least so many right, and at most so many wrong but confident."""
+
+
+@pytest.mark.slow
 @pytest.mark.parametrize("path", sorted(ROUNDS.glob("round*.json")), ids=lambda path: path.stem)
-def test_nobody_who_speaks_to_the_robot_sees_a_traceback(path):
+def test_what_was_understood_stays_so_and_nobody_sees_a_traceback(path):
     verdicts = judge_round(path)
     assert len(verdicts) >= len(json.loads(path.read_text())) / 2
-    assert [(one.command["say"], one.why) for one in verdicts if one.verdict == "traceback"] == []
+    found = {kind: [one.command["say"] for one in verdicts if one.verdict == kind] for kind in VERDICTS}
+    right, wrong = REACHED[path.stem]
+    assert found["traceback"] == []
+    assert len(found["right"]) >= right, found["refused"]
+    assert len(found["wrong"]) <= wrong, found["wrong"]
 
 
 @pytest.mark.parametrize(
