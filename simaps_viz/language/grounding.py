@@ -81,7 +81,7 @@ class Things:
         return f"no {self.one}" if n == 0 else f"{n} {self.one if n == 1 else self.many}"
 
     def none(self) -> str:
-        """Say that there are none."""
+        """Return the sentence that there are none."""
         if self.missing:
             return self.missing
         where = "" if self.after else " on this map"

@@ -40,7 +40,7 @@ def told(sets: "Sets", value: Any, kind: str, other: Any, key: str) -> Told:
 
 
 def _plain(value: float | list, kind: str) -> Told:
-    """Tell a truth value, a number or a position."""
+    """Return the answer that is a truth value, a number or a position."""
     if isinstance(value, bool):
         return ("Yes." if value else "No."), value, []
     if isinstance(value, list):

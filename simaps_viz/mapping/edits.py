@@ -271,7 +271,7 @@ def delete(simap: SIMap, instance_id: int) -> Delete:
 
 
 def rename_room(simap: SIMap, room_id: int, name: str) -> RenameRoom:
-    """Give a room a name of its own.
+    """Name a room as a person does.
 
     Raises:
         InputError: it is not on the map, or the name is empty, too long, or that of another room.

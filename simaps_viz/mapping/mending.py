@@ -112,7 +112,7 @@ class Mending:
         return self._do(simap, lambda: delete(simap, instance_id), who)
 
     def rename_room(self, simap: SIMap, room_id: int, name: str, *, who: str) -> SIMap:
-        """Give a room of the map that is shown a name; see `edits.rename_room`."""
+        """Name a room of the map that is shown; see `edits.rename_room`."""
         return self._do(simap, lambda: rename_room(simap, room_id, name), who)
 
     def join_rooms(self, simap: SIMap, first_id: int, second_id: int, *, who: str) -> SIMap:
