@@ -281,15 +281,15 @@ REFUSED: dict[str, tuple[str, str]] = {
     # the map has it not, wherever in the program it stands
     "unknown object": (
         "robot.turn(1)\nrobot.face('piano')",
-        "2: face: There is no piano on this map. It has: chair (3)",
+        "2: face: There is no piano on this map.",
     ),
     "unknown object by variable": (
         "robot.move_forward(1)\nx = 'piano'\nrobot.move_to_object(x)",
-        "3: move_to_object: There is no piano on this map. It has: chair (3)",
+        "3: move_to_object: There is no piano on this map.",
     ),
     "unknown object at the end of a list": (
         "for x in ['chair', 'couch', 'piano']:\n    robot.move_to_object(x)",
-        "2: move_to_object: There is no piano on this map. It has: chair (3)",
+        "2: move_to_object: There is no piano on this map.",
     ),
     "rank that counts up": (
         "n = 1\nfor x in [1, 2, 3, 4]:\n    robot.move_to_nth_closest('chair', n)\n    n = n + 1",
