@@ -52,7 +52,7 @@ class LibraryEntry:
     facts: RecordingFacts = field(default_factory=RecordingFacts)
     fault: str | None = None
     """Why it cannot be opened, in words."""
-    kept: str | None = None
+    read_only: str | None = None
     """Why it can be neither renamed nor deleted here, in words; None when it can."""
 
     @property
@@ -69,7 +69,7 @@ class LibraryEntry:
             "modified": self.modified.isoformat(timespec="seconds"),
             **asdict(self.facts),
             "fault": self.fault,
-            "kept": self.kept,
+            "read_only": self.read_only,
         }
 
 
@@ -96,23 +96,9 @@ class RecordingLibrary:
 
     def _movable(self, name: str) -> LibraryEntry:
         entry = self.find(name)
-        if entry.kept:
-            raise InputError(f"{entry.path}: expected a recording of your own, found one that {entry.kept}")
+        if entry.read_only:
+            raise InputError(f"{entry.path}: expected a recording of your own, found one that {entry.read_only}")
         return entry
-
-    @staticmethod
-    def _move(path: Path, folder: Path, what: str) -> Path:
-        """Move a file to a folder, numbered where its name is taken there."""
-        try:
-            folder.mkdir(parents=True, exist_ok=True)
-        except OSError as error:
-            raise InputError(f"{path}: could not {what} the recording: {error.strerror or error}") from error
-        for number in itertools.count(1):
-            target = folder / (f"{path.stem}{f' ({number})' if number > 1 else ''}{SUFFIX}")
-            if not target.exists():
-                break
-        _move_to_free(path, target, what)
-        return target
 
     def find(self, name: str) -> LibraryEntry:
         """Return the recording of that name; of the same name in two folders, the user's.
@@ -147,8 +133,16 @@ class RecordingLibrary:
         Raises:
             InputError: there is no such recording, it ships with the program, or it cannot be moved.
         """
-        entry = self._movable(name)
-        return self._move(entry.path, self.trash, "delete")
+        path = self._movable(name).path
+        try:
+            self.trash.mkdir(parents=True, exist_ok=True)
+        except OSError as error:
+            raise InputError(f"{path}: could not delete the recording: {error.strerror or error}") from error
+        # Another one of that name may lie in the trash: this one gets a number then.
+        names = itertools.chain([path.stem], (f"{path.stem} ({number})" for number in itertools.count(2)))
+        target = next(file for name in names if not (file := self.trash / (name + SUFFIX)).exists())
+        _move_to_free(path, target, "delete")
+        return target
 
     def deleted(self) -> list[LibraryEntry]:
         """List the recordings in the trash, the newest first."""
@@ -231,15 +225,15 @@ def _entry(path: Path) -> LibraryEntry | None:
         status = path.stat()
     except OSError:  # removed meanwhile
         return None
-    modified, kept = datetime.fromtimestamp(status.st_mtime, tz=UTC), _why_kept(path)
+    modified, read_only = datetime.fromtimestamp(status.st_mtime, tz=UTC), _why_read_only(path)
     try:
-        return LibraryEntry(path, status.st_size, modified, read_facts(path), kept=kept)
+        return LibraryEntry(path, status.st_size, modified, read_facts(path), read_only=read_only)
     except InputError as error:
         fault = str(error).partition("found ")[2] or str(error)
-        return LibraryEntry(path, status.st_size, modified, fault=fault, kept=kept)
+        return LibraryEntry(path, status.st_size, modified, fault=fault, read_only=read_only)
 
 
-def _why_kept(path: Path) -> str | None:
+def _why_read_only(path: Path) -> str | None:
     """Return why a file is neither renamed nor deleted by this program: it ships with it, or git looks after it."""
     if path.parent.resolve() == _SHIPPED.resolve():
         return "ships with SI Maps"

@@ -70,7 +70,8 @@ def test_list_open_rename_delete(browser: Browser, library: RecordingLibrary):
         button(page, "Rename …").click()
         expect(field_of(page, "New name")).to_have_value("café")
         field_of(page, "New name").fill("bar")
-        page.wait_for_timeout(300)  # viser sends what is typed a moment later
+        typed = desk.gui._gui_input_handle_from_uuid
+        until(page, lambda: "bar" in [one._impl.value for one in typed.values()])  # viser sends it a moment later
         button(page, "Save the name").click()
         until(page, lambda: str(folder / "bar.rrd") in table.inner_text())
         assert (folder / "bar.rrd").is_file() and not (folder / "café.rrd").exists()

@@ -113,6 +113,7 @@ def test_a_reload_brings_back_what_was_done():
         session, panels = page.session, page.session.panels
         cut(session, APART, 2.0)
         panels[MapPanel].set_look("class", "dining table")
+        panels[MapPanel]._rooms.value = True
         chosen = session.simap.instances[1].id
         session.select(chosen)
         session.panels[CommandPanel]._drive.speed = 8.0
@@ -132,6 +133,8 @@ def test_a_reload_brings_back_what_was_done():
             assert new.simap.instances == instances and new.selected == chosen and new.frame == 1
             assert (new.panels[MapPanel].percent, new.panels[MapPanel].resolution) == (APART, 2.0)
             assert (new.panels[MapPanel].mode, new.panels[MapPanel].shown_class) == ("class", "dining table")
+            assert new.panels[MapPanel]._rooms.value
+            until(lambda: new.panels[MapPanel]._rooms_shown == new.simap.rooms != ())
             assert not new.as_it_was and new.viewpoints.name == SLANT
             assert new.pose == pose and [past.command for past in new.panels[CommandPanel]._past] == ["turn left"]
             assert "Done" in new.panels[CommandPanel]._result.content

@@ -65,8 +65,7 @@ class MapPanel(Panel):
             "Show", (EVERY_CLASS, *simap.counts()), initial_value=EVERY_CLASS, hint="Emphasise one class."
         )
         self._rooms = gui.add_checkbox("Rooms", False, hint="Outline the rooms, with their names.")
-        self._rooms.on_update(lambda _: self._show_rooms(page.simap))
-        for widget in (self._mode, self._class):
+        for widget in (self._mode, self._class, self._rooms):
             widget.on_update(lambda _: page.repaint())
         self.base_changed(simap)
 
@@ -151,13 +150,13 @@ class MapPanel(Panel):
             self._busy = False
             self._counts.content = self._counts_before
 
-    def state(self) -> tuple[ColorMode, str | None, Cut | None]:
-        """Return the colours, the class to emphasise, and the cut where it is not the map's own."""
-        return self.mode, self.shown_class, self._page.cut if self._page.cut_here else None
+    def state(self) -> tuple[ColorMode, str | None, bool, Cut | None]:
+        """Return the colours, the class to emphasise, whether rooms are shown, and the cut if not the map's own."""
+        return self.mode, self.shown_class, bool(self._rooms.value), self._page.cut if self._page.cut_here else None
 
-    def restore(self, state: tuple[ColorMode, str | None, Cut | None]) -> None:
-        """Restore the colours and the cut."""
-        mode, shown_class, cut = state
+    def restore(self, state: tuple[ColorMode, str | None, bool, Cut | None]) -> None:
+        """Restore the colours, the rooms and the cut."""
+        mode, shown_class, self._rooms.value, cut = state
         self.set_look(mode, shown_class)
         if cut is not None:
             self.set_sliders(cut.percent, cut.resolution)

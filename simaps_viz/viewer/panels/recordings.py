@@ -55,7 +55,7 @@ class RecordingsPanel(Panel):
         self._open = button(gui, "Show it beside the map", show, icon=icon.PLAYER_PLAY)
         self._rename = button(gui, "Rename …", rename, icon=icon.PENCIL, color="gray")
         self._delete = button(gui, "Delete …", delete, icon=icon.TRASH, color="gray")
-        self._restore = button(gui, "Restore …", restore, icon=icon.ARROW_BACK_UP, color="gray")
+        self._restore = button(gui, "Restore …", restore, icon=icon.ARROW_BACK_UP, color="gray", visible=False)
         button(gui, "List again", self.refresh, icon=icon.REFRESH, color="gray")
         self._show()
         self.refresh()
@@ -77,6 +77,7 @@ class RecordingsPanel(Panel):
         wanted = select or (kept.name if kept else None)
         self._choice.options = options
         self._choice.value = next((o for o, e in self._entries.items() if e.name == wanted), options[0])
+        self._restore.visible = bool(self._library.deleted())
         self._show()
 
     def _show(self) -> None:
@@ -85,8 +86,7 @@ class RecordingsPanel(Panel):
         self._details.content = f'<div style="{_NOTE}">{text}</div>'
         self._open.visible = entry is not None and self._page.recording.url is not None
         self._open.disabled = entry is None or entry.fault is not None
-        self._rename.visible = self._delete.visible = entry is not None and entry.kept is None
-        self._restore.visible = bool(self._library.deleted())
+        self._rename.visible = self._delete.visible = entry is not None and entry.read_only is None
 
     def _ask(self, title: str, text: str, answers: "dict[str, Callable[[], None]]", *, name: str | None = None) -> Any:
         """Ask in a dialog with a button for each answer; ``name``: a text to edit, whose widget is returned."""
@@ -167,7 +167,7 @@ def details_html(entry: "LibraryEntry") -> str:
         "simulated": None if facts.simulated is None else "yes" if facts.simulated else "no",
         "size": f"{entry.size_bytes / 1e6:.1f} MB",
         "file": str(entry.path),
-    } | ({"kept": f"it {entry.kept}, and is neither renamed nor deleted here"} if entry.kept else {})
+    } | ({"read-only": f"it {entry.read_only}, and is neither renamed nor deleted here"} if entry.read_only else {})
     cells = "".join(
         f'<tr><td style="padding-right:.8em;opacity:.7;white-space:nowrap;vertical-align:top">{name}</td>'
         f"<td>{escape('unknown' if value is None else str(value))}</td></tr>"
