@@ -206,11 +206,13 @@ def _kind(T: NDArray) -> str:
 
 @dataclass(frozen=True)
 class Lens:
-    """A camera with radial and tangential distortion (Brown-Conrady, as OpenCV writes it)."""
+    """A camera with the distortion of its lens, as OpenCV writes it."""
 
     intrinsics: Intrinsics
     distortion: tuple[float, ...] = ()
-    """k1, k2, p1, p2, k3; empty = none."""
+    """Brown-Conrady: k1, k2, p1, p2, k3, and k4, k5, k6 of the rational model; fisheye: k1, k2, k3, k4."""
+    fisheye: bool = False
+    """Rays fall on the sensor in proportion to their angle (equidistant, Kannala-Brandt) rather than its tangent."""
 
     def scaled(self, width: int, height: int) -> "Lens":
         """Return the camera whose pictures are those of this one, resized to width x height pixels."""
@@ -221,6 +223,7 @@ class Lens:
         return Lens(
             Intrinsics(width, height, k.fx * sx, k.fy * sy, (k.cx + 0.5) * sx - 0.5, (k.cy + 0.5) * sy - 0.5),
             self.distortion,
+            self.fisheye,
         )
 
 
@@ -280,7 +283,7 @@ def _remap(image: NDArray, u: NDArray, v: NDArray, how: int) -> NDArray:
 
 def _same(source: Lens, target: Intrinsics) -> bool:
     k = source.intrinsics
-    if any(source.distortion) or (k.width, k.height) != (target.width, target.height):
+    if source.fisheye or any(source.distortion) or (k.width, k.height) != (target.width, target.height):
         return False
     return bool(np.allclose(k.matrix(), target.matrix(), rtol=0, atol=1e-3))
 
@@ -290,9 +293,37 @@ def _pixels(source: Lens, target: Intrinsics) -> tuple[NDArray, NDArray]:
     """Return float32 [H, W] twice: where each pixel of the target lies in the source's picture."""
     row, column = np.mgrid[: target.height, : target.width].astype(np.float64)
     x, y = (column - target.cx) / target.fx, (row - target.cy) / target.fy
-    k1, k2, p1, p2, k3 = (*source.distortion, 0.0, 0.0, 0.0, 0.0, 0.0)[:5]
-    r2 = x * x + y * y
-    radial = 1 + r2 * (k1 + r2 * (k2 + r2 * k3))
-    x, y = x * radial + 2 * p1 * x * y + p2 * (r2 + 2 * x * x), y * radial + p1 * (r2 + 2 * y * y) + 2 * p2 * x * y
+    radius = np.sqrt(x * x + y * y)
+    scale = _radial(source, radius)
+    # Far outside, polynomials turn back, and would show what lies inside a second time.
+    steps = np.linspace(0.0, float(radius.max()), 1024)
+    turns = np.flatnonzero(np.diff(steps * _radial(source, steps)) <= 0)
+    p1, p2 = (0.0, 0.0) if source.fisheye else (*source.distortion, 0.0, 0.0, 0.0, 0.0)[2:4]
+    r2 = radius * radius
+    x, y = x * scale + 2 * p1 * x * y + p2 * (r2 + 2 * x * x), y * scale + p1 * (r2 + 2 * y * y) + 2 * p2 * x * y
     k = source.intrinsics
-    return (x * k.fx + k.cx).astype(np.float32), (y * k.fy + k.cy).astype(np.float32)
+    u, v = x * k.fx + k.cx, y * k.fy + k.cy
+    if len(turns):
+        u[radius > steps[turns[0]]] = _OUTSIDE
+    return u.astype(np.float32), v.astype(np.float32)
+
+
+_OUTSIDE = -10.0
+"""A pixel that no picture has."""
+
+
+def _radial(lens: Lens, radius: NDArray) -> NDArray:
+    """Return how many times farther from the axis a ray meets the sensor than without distortion.
+
+    Args:
+        lens: the camera.
+        radius: tangents of the rays' angles to its axis.
+    """
+    k = (*lens.distortion, *(0.0,) * 8)
+    if lens.fisheye:
+        angle = np.arctan(radius)
+        a2 = angle * angle
+        bent = angle * (1 + a2 * (k[0] + a2 * (k[1] + a2 * (k[2] + a2 * k[3]))))
+        return np.divide(bent, radius, out=np.ones_like(radius), where=radius > 0)
+    r2 = radius * radius
+    return (1 + r2 * (k[0] + r2 * (k[1] + r2 * k[4]))) / (1 + r2 * (k[5] + r2 * (k[6] + r2 * k[7])))

@@ -15,7 +15,7 @@ from sequences import write_tiny_sequence
 
 from simaps_viz import open_sequence
 from simaps_viz.checking.recording import open_recording
-from simaps_viz.datasets.rosbag import decode_depth
+from simaps_viz.datasets.ros_messages import decode_depth
 from simaps_viz.datasets.sequence import PosedFrames
 from simaps_viz.errors import InputError
 
@@ -134,7 +134,7 @@ def test_compressed_depth_of_metres() -> None:
 
 
 def test_compressed_depth_that_is_not_read() -> None:
-    with pytest.raises(InputError, match="as PNG, found '16UC1; compressedDepth rvl'"):
-        packed("16UC1; compressedDepth rvl", STEPS, bytes(12))
+    with pytest.raises(InputError, match="16UC1 or 32FC1, found '8UC1; compressedDepth png'"):
+        packed("8UC1; compressedDepth png", STEPS, bytes(12))
     with pytest.raises(InputError, match="one channel of 16 bits, found uint8"):
         packed("16UC1; compressedDepth", STEPS.astype(np.uint8), bytes(12))
