@@ -1,7 +1,8 @@
 """A live build: the map grows on the page, and in the docked recording, while it is computed.
 
 `LiveBuild` builds in a thread of its own and shows the map now and then, as `Pace` allows; it can be stopped and
-resumed. `live_workbench` serves the page of such a build.
+resumed. `live_workbench` serves the page of such a build; `source_workbench` that of a map whose frames come from a
+live source, which ends with a saved map when it is stopped.
 """
 
 import threading
@@ -10,6 +11,7 @@ from collections import deque
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -25,19 +27,24 @@ from simaps_viz.datasets.source import FrameSource
 from simaps_viz.drawing.texture import sketch_png
 from simaps_viz.errors import InputError, SIMapsError
 from simaps_viz.events import BuildStarted, CommunitiesFound, Event, FrameProjected, FrameSkipped, Observer
+from simaps_viz.live.run import LiveRequest, LiveRun
+from simaps_viz.mapping.finalize import SequenceFacts
 from simaps_viz.mapping.mending import Mending, open_mending
 from simaps_viz.mapping.partition import empty_log, empty_views
 from simaps_viz.mapping.simap import Origin, assemble
 from simaps_viz.navigation.agent import start_pose
 from simaps_viz.recorder.live import LiveStream
-from simaps_viz.structures import Grid, GridSpec, SIMap
+from simaps_viz.structures import Grid, GridSpec, Pose2, SIMap
 from simaps_viz.viewer.panels.live import LiveState, live_panel
 from simaps_viz.viewer.workbench import Workbench
 
 AROUND_M = 2.0
 """Margin of floor that is shown around the cameras' path before anything was seen, metres."""
 MAX_CELLS = 4_000_000
-
+CELL_M = 0.05
+"""Of the map of a live source before anything came."""
+REPORT_S = 2.0
+"""How often a live source is reported on, seconds."""
 
 SHARE = 0.1
 """Share of a build's time that may be lost to showing it."""
@@ -127,6 +134,8 @@ STARTS_AGAIN = "Stopped. This method keeps no log of its frames: resuming starts
 
 Run = Callable[[Sequence[Observer], threading.Event, bool], SIMap]
 """(observers, set to stop it, whether to resume from the log) -> the finished map, which is saved."""
+Words = Callable[[], str]
+"""Describes the state of a live source."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -227,7 +236,7 @@ class LiveBuild:
     def _build(self, resume: bool) -> None:
         try:
             simap = self._run((self,), self._cancel, resume)
-            self._say(status="finishing", done=self._state.total)
+            self._say(status="finishing", done=max(self._state.done, self._state.total))
             said = self._audience.done(simap)
             self._say(status="done", notice=said)
         except BuildCancelled:
@@ -274,7 +283,7 @@ class LiveBuild:
         rate = (done - before) / (now - then) if now > then else None
         with self._lock:
             status = "stopping" if self._cancel.is_set() else "building"
-            self._say(status=status, done=done, rate=rate, left_s=(total - done) / rate if rate else None)
+            self._say(status=status, done=done, rate=rate, left_s=(total - done) / rate if rate and total else None)
 
     def _show(self, event: FrameProjected) -> None:
         """Show the unfinished map, or this frame, by turns, when there is time and somebody is watching."""
@@ -317,47 +326,41 @@ def watch_build(sequence: FrameSource, request: BuildRequest, *, port: int, brow
 class _LivePage:
     """The page of a live build, with the resulting map, its edits, and the errors that do not end the build."""
 
-    def __init__(self, sequence: FrameSource, request: BuildRequest, progress: StageProgress) -> None:
-        self._sequence, self._request, self._progress = sequence, request, progress
-        self._logged = keeps_log(self._request.method)
-        self._faults: list[str] = []
+    def __init__(self, waiting: SIMap, output: Path, record: Path | None = None) -> None:
+        """Take the map to begin with, and the files that the map and its recording are written to."""
+        self.waiting, self._output, self._record = waiting, output, record
+        self.faults: list[str] = []
         self._ended = False
         self._page: Workbench | None = None
         self.mending: Mending | None = None
-        self.waiting = waiting_map(sequence, config_of(self._request.method, self._request.config))
 
-    def run(self, observers: Sequence[Observer], cancel: threading.Event, resume: bool) -> SIMap:
-        """Build the map and save it; a recording that was lost is reported with it."""
-        history = self._request.history or self._logged
-        request = replace(self._request, resume=resume and self._logged, history=history)
-        try:
-            return build_to_file(self._sequence, request, self._progress, observers=tuple(observers), cancel=cancel)
-        except RecordingFault as fault:
-            self._faults.append(str(fault))
-            return fault.simap
-
-    def audience(self, stream: LiveStream) -> Audience:
-        """Return the page as the audience of its build."""
+    def audience(self, stream: LiveStream, stopped: str) -> Audience:
+        """Return the page as the audience of its build; ``stopped``: words for a build that was stopped."""
         return Audience(
             show=lambda simap: self._opened.publish(simap, growing=True),
             watches=lambda: bool(self._opened.sessions),
             done=lambda simap: self._done(simap, stream),
             stream=stream,
             sketch=lambda event: sketch_png(event.snapshot(), event.T_map_camera[:2, 3]),
-            stopped=STOPPED if self._logged else STARTS_AGAIN,
+            stopped=stopped,
         )
 
     @contextmanager
-    def serve(self, build: LiveBuild, stream: LiveStream, port: int) -> Iterator[Workbench]:
+    def serve(
+        self, build: LiveBuild, stream: LiveStream, port: int, *, start: Pose2 | None, words: Words | None = None
+    ) -> Iterator[Workbench]:
         """Serve the page until the block ends, which stops the build."""
+
+        def state() -> LiveState:
+            return build.state() if words is None else replace(build.state(), words=words())
+
         services = replace(
             workbench.services_of(self.waiting, mending=lambda: self.mending),
-            panels=(live_panel(build.state, build.stop, build.go_on),),
+            panels=(live_panel(state, build.stop, build.go_on),),
             stream=stream.url,
             building=True,
-            look_back=workbench.look_back(lambda: None if self.mending is None else self._request.output),
+            look_back=workbench.look_back(lambda: None if self.mending is None else self._output),
         )
-        start = start_pose(replace(self.waiting, T_map_camera=_cameras(self._sequence)))
         with Workbench(self.waiting, services=services, port=port, start=start) as page:
             self._page = page
             yield page
@@ -372,18 +375,17 @@ class _LivePage:
 
     def _done(self, simap: SIMap, stream: LiveStream) -> str:
         """Complete the page with the finished map, and report where it is."""
-        request, faults = self._request, self._faults
         try:
-            self.mending = open_mending(request.output, simap)
+            self.mending = open_mending(self._output, simap)
         except InputError as fault:  # edits of an earlier build: this one is there nevertheless
-            faults.append(str(fault))
-        recorded = request.record if request.record is not None and request.record.is_file() else None
+            self.faults.append(str(fault))
+        recorded = self._record if self._record is not None and self._record.is_file() else None
         panels = workbench.panels_of(simap, self.mending)
         self._opened.finish(simap if self.mending is None else self.mending.simap(), panels, recorded)
         if not self._ended:
             stream.finish()
-        note(f"{request.output}: {workbench.counts_in_words(simap.counts())}", *faults)
-        return " ".join((f"Saved as {request.output}.", *faults))
+        note(f"{self._output}: {workbench.counts_in_words(simap.counts())}", *self.faults)
+        return " ".join((f"Saved as {self._output}.", *self.faults))
 
 
 @contextmanager
@@ -401,16 +403,97 @@ def live_workbench(
     Raises:
         InputError: the port is taken, or rerun's viewer is missing.
     """
+    logged = keeps_log(request.method)
+    live = _LivePage(waiting_map(sequence, config_of(request.method, request.config)), request.output, request.record)
+
+    def run(observers: Sequence[Observer], cancel: threading.Event, resume: bool) -> SIMap:
+        """Build the map and save it; a recording that was lost is reported with it."""
+        how = replace(request, resume=resume and logged, history=request.history or logged)
+        try:
+            return build_to_file(sequence, how, progress, observers=tuple(observers), cancel=cancel)
+        except RecordingFault as fault:
+            live.faults.append(str(fault))
+            return fault.simap
+
     color: Any = getattr(sequence, "color", None)
-    live = _LivePage(sequence, request, progress)
     stream = LiveStream(color or (lambda index: None))
     stream.open(started(sequence), first_look(sequence, live.waiting))
-    build = LiveBuild(live.run, len(sequence), live.audience(stream))
+    build = LiveBuild(run, len(sequence), live.audience(stream, STOPPED if logged else STARTS_AGAIN))
+    start = start_pose(replace(live.waiting, T_map_camera=_cameras(sequence)))
     try:
-        with live.serve(build, stream, port) as page:
+        with live.serve(build, stream, port, start=start) as page:
             yield page, build
     finally:
         stream.close()
+
+
+@contextmanager
+def source_workbench(request: LiveRequest, *, port: int = 0) -> Iterator[tuple[Workbench, LiveBuild, LiveRun]]:
+    """Serve the page of a map that grows from a live source; like `live_workbench`, but stopping saves the map.
+
+    Raises:
+        InputError: the port is taken, rerun's viewer is missing, or the method cannot be live.
+    """
+    source, run = request.source, LiveRun(request)
+    live = _LivePage(_empty_map(run.growing.facts(), request.config, GridSpec(1, 1, CELL_M, 0.0, 0.0)), request.output)
+    stream = LiveStream(lambda index: None)
+    stream.open(run.started(), None)
+    build = LiveBuild(lambda observers, cancel, resume: run.run(observers, cancel), 0, live.audience(stream, ""))
+    try:
+        with live.serve(build, stream, port, start=None, words=run.words) as page:
+            yield page, build, run
+    finally:
+        source.close()
+        stream.close()
+
+
+def watch_source(request: LiveRequest, *, port: int, browser: bool) -> None:
+    """Let a map grow on its page until its source ends or Ctrl-C, which saves it; then show it until Ctrl-C."""
+    with source_workbench(request, port=port) as (page, build, run):
+        workbench.tell_where(page, browser=browser)
+        build.start()
+        _until_saved(build, run)
+        page.wait()
+
+
+def run_source(request: LiveRequest, observers: Sequence[Observer] = ()) -> tuple[SIMap, LiveRun]:
+    """Let a map grow until its source ends or Ctrl-C, and save it.
+
+    Raises:
+        InputError: nothing came, or the map cannot be written.
+    """
+    run, found = LiveRun(request), []
+    audience = Audience(show=lambda simap: None, watches=lambda: False, done=lambda simap: found.append(simap) or "")
+    build = LiveBuild(lambda own, cancel, resume: run.run((*own, *observers), cancel), 0, audience)
+    build.start()
+    try:
+        _until_saved(build, run)
+    finally:
+        request.source.close()
+    return found[0], run
+
+
+def _until_saved(build: LiveBuild, run: LiveRun) -> None:
+    """Report on a live run until its map is saved; Ctrl-C ends it early, a second one gives the map up.
+
+    Raises:
+        InputError: it has failed.
+    """
+    pause, said, next_s = threading.Event(), "", 0.0
+    while (state := build.state()).status not in ("done", "failed", "stopped"):
+        try:
+            if (now_s := time.monotonic()) >= next_s and (words := run.words()) != said:
+                next_s, said = now_s + REPORT_S, words
+                note(words)
+            pause.wait(0.1)
+        except KeyboardInterrupt:
+            if state.status == "stopping":
+                raise
+            note("Saving the map …")
+            build.stop()
+    build.wait()
+    if state.status == "failed":
+        raise InputError(state.error)
 
 
 def waiting_map(sequence: FrameSource, config: BuildConfig) -> SIMap:
@@ -421,6 +504,10 @@ def waiting_map(sequence: FrameSource, config: BuildConfig) -> SIMap:
     cells = np.ceil((at.max(axis=0) + AROUND_M) / size) - low
     rows, cols = (int(cells[1]), int(cells[0])) if cells.prod() <= MAX_CELLS else (1, 1)
     spec = GridSpec(rows, cols, cell_size_m=size, x0_m=float(low[0] * size), y0_m=float(low[1] * size))
+    return _empty_map(facts, config, spec)
+
+
+def _empty_map(facts: SequenceFacts, config: BuildConfig, spec: GridSpec) -> SIMap:
     nothing, zero = np.full(spec.shape, np.nan, np.float32), np.zeros(spec.shape, np.int32)
     grid = Grid(spec, facts.labels, facts.is_thing, zero.astype(np.int16), nothing, nothing.copy(), zero)
     origin = Origin(

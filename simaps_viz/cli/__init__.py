@@ -23,6 +23,7 @@ COMMANDS = {
     "build": "simaps_viz.cli.build:Build",
     "view": "simaps_viz.cli.view:View",
     "query": "simaps_viz.cli.query:Query",
+    "live": "simaps_viz.cli.live:Live",
     "info": "simaps_viz.cli.info:Info",
     "describe": "simaps_viz.cli.describe:Describe",
     "mend": "simaps_viz.cli.mend:Mend",

@@ -135,8 +135,23 @@ class MapAccumulator:
         self.step = FrameStep(seen, np.zeros(0, bool), np.zeros(0, np.float32))
         self.frames.append(seen)
 
-    def replay(self, step: FrameStep) -> None:
+    def learn(self, label: str, *, is_thing: bool) -> None:
+        """Add a class that was not known when the map was begun; does nothing where it is."""
+        if label not in self._index_of:
+            self._index_of[label] = len(self.labels)
+            self.labels, self.is_thing = (*self.labels, label), (*self.is_thing, is_thing)
+
+    def clear(self) -> None:
+        """Forget all frames; classes and buffers stay."""
+        self.frames, self.tiles, self._seen = FrameList(), TileStore(), None
+
+    def replay(self, step: FrameStep, *, geometry_only: bool = False) -> None:
         """Add what a frame added to another accumulator or a log, without its pixels; frames come in order.
+
+        Args:
+            step: what it added.
+            geometry_only: the frame has no masks: it raises and lowers cells, but names none and is no frame of the
+                map.
 
         Raises:
             InputError: the map would become larger than a map may be.
@@ -153,11 +168,13 @@ class MapAccumulator:
         tiles.observations[at] += 1
         higher = readings.height_m > tiles.top[at]
         tiles.top[at[higher]] = readings.height_m[higher]
-        tiles.label[at[higher]] = label_of_id[readings.segments[higher]]
         lowered = at[step.lowered]
         if self._steps_wanted:
             self.step = step_upon(step, tiles.lowest[lowered])
         tiles.lowest[lowered] = np.minimum(tiles.lowest[lowered], step.lowest_m)
+        if geometry_only:
+            return
+        tiles.label[at[higher]] = label_of_id[readings.segments[higher]]
         if step.links is not None and self._links_wanted:
             self.links.add(step.links)
         self.frames.append(seen)

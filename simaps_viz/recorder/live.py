@@ -37,7 +37,7 @@ class LiveStream:
         self.frames: list[int] = []
         """Indices of the frames that were streamed."""
         self._shown: SIMap | None = None
-        self._total = 0
+        self._started, self._total = False, 0  # frames; 0 = they come live
         self._last: FrameProjected | None = None
         self._end: list[Event] = []
 
@@ -54,8 +54,8 @@ class LiveStream:
 
     def on_event(self, event: Event) -> None:
         """Record one event; the end of the build is left to ``finish``, so that the build need not wait for it."""
-        if isinstance(event, BuildStarted) and not self._total:
-            self._total = len(event.frame_names)
+        if isinstance(event, BuildStarted) and not self._started:
+            self._started, self._total = True, len(event.frame_names)
             self._recorder.on_event(event)
             self._recorder.flush()
         elif isinstance(event, FrameProjected) and event.frame.index == self._total - 1:

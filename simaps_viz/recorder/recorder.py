@@ -329,7 +329,7 @@ class RerunRecorder:
         self._stream.log(
             "/now",
             markdown(
-                f"**Frame {index + 1} of {len(names)}** ({event.frame.name}{simulated}):"
+                f"**Frame {index + 1}{f' of {len(names)}' if names else ''}** ({event.frame.name}{simulated}):"
                 f" {plural(len(event.segmentation.segments), 'segment')}, {plural(len(event.new_edges), 'new edge')}."
             ),
         )
@@ -379,7 +379,7 @@ def about(event: BuildStarted, simap: SIMap | None) -> str:
     """Describe in Markdown what a recording shows, and what was found once it is known."""
     simulated = "\n\n**Simulated**: these are not pictures or masks of a real place." if event.simulated else ""
     text = (
-        f"# {event.name}\n\nA Semantic Instance Map being built from {len(event.frame_names)} frames."
+        f"# {event.name}\n\nA Semantic Instance Map being built from {len(event.frame_names) or 'live'} frames."
         f" Segmentation: {event.segmentation_source}.{simulated}\n\n"
         "North is up. Sand: named, not told apart yet. Timelines: *frame* (the build), *louvain* (0 classes,"
         " then level by level), *merge* (one step per merge).\n"

@@ -27,7 +27,7 @@ class LiveState:
     done: int = 0
     """Frames on the map."""
     total: int = 0
-    """Frames of the sequence."""
+    """Frames of the sequence; 0 = they come live, and nobody knows how many."""
     rate: float | None = None
     """Frames a second over the last frames."""
     left_s: float | None = None
@@ -42,6 +42,8 @@ class LiveState:
     """Frames in the map that the page shows; 0 = no map yet."""
     sketch: bytes = b""
     """Picture (PNG) of the cells seen so far, north up; empty = none."""
+    words: str = ""
+    """State of a live source: rate, delay, drops, connection."""
 
 
 ABOUT = "progress of the build; stop it, and resume it"
@@ -56,6 +58,12 @@ HEADS: dict[Status, str] = {
     "failed": "The build failed",
     "done": "The map is done",
 }
+LIVE_HEADS: dict[Status, str] = {
+    "building": "The map grows",
+    "stopping": "Saving the map …",
+    "failed": "No map was made",
+}
+"""Where frames come live."""
 
 WAITING = "The first objects appear after a few seconds; the smaller the cells, the longer it takes to find them."
 
@@ -118,13 +126,16 @@ class LivePanel(ProgressPanel[LiveState]):
 
     def show(self, state: LiveState) -> None:
         """Fill the widgets."""
-        self._head.content = head_html(HEADS[state.status], bad=state.status == "failed")
+        heads = HEADS if state.total else HEADS | LIVE_HEADS
+        self._head.content = head_html(heads[state.status], bad=state.status == "failed")
+        self._bar.visible = state.total > 0
         self._bar.value = 100.0 * state.done / max(state.total, 1)
         self._text.content = text_html(state)
         self._sketch.content = sketch_html(state)
         self._stop.visible = state.status in ("starting", "building", "finishing", "stopping")
         self._stop.disabled = state.status in ("finishing", "stopping")
-        self._resume.visible = state.status in ("stopped", "failed")
+        self._stop.label = "Stop" if state.total else "End and save"
+        self._resume.visible = state.status in ("stopped", "failed") and state.total > 0
 
 
 def head_html(text: str, *, bad: bool = False) -> str:
@@ -135,14 +146,16 @@ def head_html(text: str, *, bad: bool = False) -> str:
 
 def text_html(state: LiveState) -> str:
     """Describe progress, speed and remaining time."""
-    parts = [f"{state.done} of {plural(state.total, 'frame')}"]
-    if state.status == "building" and state.rate:
+    live = not state.total
+    parts = [f"{plural(state.done, 'frame')} on the map" if live else f"{state.done} of {plural(state.total, 'frame')}"]
+    if not live and state.status == "building" and state.rate:
         parts.append(f"{state.rate:.{0 if state.rate >= 10 else 1}f} frames/s")
     if state.status == "building" and state.left_s is not None:
         parts.append(f"{duration(state.left_s)} left")
     if state.skipped:
         parts.append(f"{state.skipped} could not be read")
     lines = [f"<div>{escape(' · '.join(parts))}</div>"]
+    lines += [f"<div>{escape(state.words)}</div>"] if state.words else []
     lines += [f"<div>{escape(state.error)}</div>"] if state.error else []
     if state.status in ("building", "stopping"):
         known = f"The map shows the first {plural(state.shown, 'frame')}." if state.shown else WAITING

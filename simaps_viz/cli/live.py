@@ -1,0 +1,123 @@
+"""`simaps live`: frames come in from a robot, or a sequence at its own pace, and the map grows."""
+
+from contextlib import AbstractContextManager, nullcontext
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Literal
+
+import tyro
+
+from simaps_viz.cli import OK
+from simaps_viz.cli.options import MappingOptions, Networks
+from simaps_viz.errors import InputError
+
+if TYPE_CHECKING:
+    from simaps_viz.live.source import Source
+    from simaps_viz.recorder.recorder import RerunRecorder
+    from simaps_viz.segmentation.protocol import Network
+
+LIVE_METHODS = ("evidence", "components")
+"""Those whose frames can be placed again."""
+
+
+@dataclass(frozen=True)
+class Live:
+    """Build a map while its frames come; Ctrl-C ends it with the map saved.
+
+    Example: simaps live ../scans/breakroom -o breakroom.npz --view
+    """
+
+    source: tyro.conf.Positional[str]
+    """Where frames come from: a sequence that simaps build reads, which is played at its own pace."""
+    output: Annotated[Path | None, tyro.conf.arg(aliases=["-o"])] = None
+    """Map file to write (.npz)."""
+    mapping: Annotated[MappingOptions, tyro.conf.arg(name="")] = field(default_factory=MappingOptions)
+    segmentation: str = "precomputed"
+    """Where segments come from: "precomputed" (the source has them) or a network (.onnx), which looks at the newest
+    picture whenever it is free; the others show what is free and what is not."""
+    network: Annotated[Networks, tyro.conf.arg(name="")] = field(default_factory=Networks)
+    pace: Literal["real", "fast"] = "real"
+    """A sequence: its frames come at their own times, or as fast as they can be read, and then none goes without
+    masks."""
+    idle_stop: float | None = None
+    """End when nothing has come for so many seconds; by default it is waited for."""
+    record: Path | None = None
+    """Also record the map's growth for rerun (.rrd)."""
+    view: bool = False
+    """Open the page: the map grows in it."""
+    port: int = 8080
+    """Where to serve the page; the next free one when it is taken."""
+    browser: bool = True
+    """Open the page in the browser."""
+    json: bool = False
+    """Print JSON lines on stdout."""
+
+    def run(self) -> int:
+        """Let the map grow, and print what is on it."""
+        from simaps_viz.app.live import run_source, watch_source
+        from simaps_viz.app.workbench import counts_in_words
+        from simaps_viz.console.terminal import console, report
+        from simaps_viz.io.files import check_ending
+        from simaps_viz.live.run import LiveRequest
+
+        if self.output is None:
+            raise InputError("live: expected a map to write (-o MAP.npz), found none")
+        check_ending(self.output, ".npz", "a map's name")
+        if self.idle_stop is not None and not 0.0 < self.idle_stop < 1e6:
+            raise InputError(f"--idle-stop: expected seconds, more than 0, found {self.idle_stop:g}")
+        if self.view and (self.json or self.record):
+            raise InputError(f"--view: expected it alone, found {'--json' if self.json else '--record'}")
+        if self.mapping.method not in LIVE_METHODS:
+            raise InputError(f"--method: expected {' or '.join(LIVE_METHODS)}, found {self.mapping.method}")
+        config = replace(self.mapping.config(), method=self.mapping.method)
+        network = self._network()
+        request = LiveRequest(
+            self._source(network), config, self.output, idle_stop_s=self.idle_stop, network=network,
+            every_frame=self.pace == "fast",
+        )  # fmt: skip
+        if self.view:
+            watch_source(request, port=self.port, browser=self.browser)
+            return OK
+        console.quiet = console.quiet or self.json
+        with self._recorder() as recorder:
+            simap, live = run_source(request, () if recorder is None else (recorder,))
+        record = {"event": "done", "map": str(self.output), "record": str(self.record) if self.record else None,
+                  "counts": simap.counts(), "instances": len(simap.instances), "shots": live.traffic.placed,
+                  "with_masks": live.traffic.named, "dropped": live.traffic.dropped, "moved": live.moved,
+                  "notes": live.growing.notes}  # fmt: skip
+        lines = [*live.growing.notes, f"{self.output}: {counts_in_words(simap.counts())}"]
+        report(record, *lines, f"Look at it: simaps view {self.output}", json=self.json)
+        return OK
+
+    def _network(self) -> "Network | None":
+        from simaps_viz.console.terminal import note
+        from simaps_viz.segmentation.recognise import open_network
+
+        if self.segmentation == "precomputed":
+            return None
+        if not self.segmentation.lower().endswith(".onnx"):
+            raise InputError(f'--segmentation {self.segmentation}: expected "precomputed" or a network (.onnx)')
+        network, device = open_network(Path(self.segmentation), self.network.settings())
+        if not self.json:
+            note(f"{network.name}, on {device}")
+        return network
+
+    def _source(self, network: "Network | None") -> "Source":
+        """Open the source; nothing has come yet."""
+        from simaps_viz.datasets.open import open_sequence
+        from simaps_viz.live.played import PlayedSequence
+
+        if "://" in self.source:
+            raise InputError(f"{self.source}: expected a sequence, found an address of no known kind")
+        sequence = open_sequence(Path(self.source), whole=False)
+        if network is None:
+            sequence.segmentation(0)  # raises InputError where there are no masks
+        return PlayedSequence(sequence, at_pace=self.pace == "real", network=network)
+
+    def _recorder(self) -> "AbstractContextManager[RerunRecorder | None]":
+        if self.record is None:
+            return nullcontext()
+        from simaps_viz.recorder.recorder import RerunRecorder
+        from simaps_viz.recorder.settings import SMALL
+
+        return RerunRecorder(self.record, settings=SMALL)

@@ -1,0 +1,158 @@
+"""Maps that grow from a source: the same as a build's, cut to what came in time, and placed again when poses change."""
+
+import json
+import threading
+
+import numpy as np
+import pytest
+from fake_page import fake_page
+from sequences import CELL_M, write_tiny_sequence
+from waiting import until
+
+from simaps_viz import open_sequence
+from simaps_viz.app.live import run_source, source_workbench
+from simaps_viz.build.pipeline import BuildConfig, build_map
+from simaps_viz.cli.main import main
+from simaps_viz.errors import InputError
+from simaps_viz.live import growing, played
+from simaps_viz.live.growing import GrowingMap
+from simaps_viz.live.played import PlayedSequence, times_of
+from simaps_viz.live.run import LiveRequest, LiveRun
+from simaps_viz.live.source import Correction, Shot
+from simaps_viz.mapping.file import load_map
+
+FRAMES = 9
+
+
+def layers(simap):
+    grid = simap.grid
+    return grid.spec, grid.label, grid.height_m, grid.lowest_m, grid.observations, simap.instance, simap.views.cells
+
+
+def same(one, other, *, but=()):
+    for i, (a, b) in enumerate(zip(layers(one), layers(other), strict=True)):
+        assert i in but or (a == b if i == 0 else np.array_equal(a, b, equal_nan=a.dtype.kind == "f")), i
+
+
+@pytest.fixture
+def tiny(tmp_path):
+    write_tiny_sequence(tmp_path / "tiny", frames=FRAMES)
+    return open_sequence(tmp_path / "tiny")
+
+
+def live(source, tmp_path, config=None, **how):
+    run = LiveRun(LiveRequest(source, config or BuildConfig(), tmp_path / "live.npz", **how))
+    return run.run((), threading.Event()), run
+
+
+@pytest.mark.parametrize("method", ["evidence", "components"])
+def test_a_sequence_played_to_its_end_makes_the_map_of_its_build(tiny, tmp_path, method):
+    config = BuildConfig(method=method)
+    simap, run = live(PlayedSequence(tiny, at_pace=False), tmp_path, config)
+    same(simap, build_map(tiny, config))
+    same(load_map(tmp_path / "live.npz"), simap)
+    assert run.traffic.placed == run.traffic.named == FRAMES and simap.instances
+
+
+def test_frames_that_are_late_show_what_is_free_and_name_nothing(tiny, tmp_path, monkeypatch):
+    monkeypatch.setattr(played, "LATE_S", -1.0)
+    simap, run = live(PlayedSequence(tiny), tmp_path)
+    same(simap, build_map(tiny), but=(1, 5, 6))
+    assert not simap.instances and not simap.grid.label.any() and run.traffic.named == 0
+    assert "9 without masks" in run.words()
+
+
+def test_a_place_that_was_seen_often_takes_no_more_frames_but_their_geometry(tiny, tmp_path, monkeypatch):
+    monkeypatch.setattr(growing, "FRAMES_A_PLACE", 4)
+    simap, run = live(PlayedSequence(tiny, at_pace=False), tmp_path)
+    assert len(simap.frame_names) == run.growing.frames == 4 < run.traffic.placed
+    same(simap, build_map(tiny), but=(6,))
+
+
+def test_sequences_without_times_are_played_at_30_hz_and_others_at_their_own():
+    assert times_of(("0010", "0011", "0012")).tolist() == [0.0, 1 / 30, 2 / 30]
+    assert times_of(("1305031102.175", "1305031102.225", "1305031102.5")) == pytest.approx([0.0, 0.05, 0.325])
+
+
+TURNED = np.array([[0.0, -1, 0, 7 * CELL_M], [1, 0, 0, -3 * CELL_M], [0, 0, 1, 0], [0, 0, 0, 1]])
+"""A quarter turn, and whole cells: cells fall on cells."""
+
+
+def shots(tiny, correction=None):
+    for i in range(len(tiny)):
+        frame = tiny.read(i)
+        yield Shot(frame, tiny.segmentation(i), i, T_odom_camera=frame.T_world_camera)
+
+
+def test_frames_placed_again_make_the_map_of_their_new_poses(tiny):
+    moved, there = GrowingMap(PlayedSequence(tiny), BuildConfig()), GrowingMap(PlayedSequence(tiny), BuildConfig())
+    there.T_map_world = there.T_map_world @ TURNED
+    for shot in shots(tiny):
+        moved.add(shot)
+        there.add(shot)
+    assert moved.place_again(Correction(0, lambda stamps: np.repeat(TURNED[None], len(stamps), axis=0))) == FRAMES
+    found, expected = moved.map_so_far(), there.map_so_far()
+    # lowest obstacles are kept as half floats until they are moved
+    same(found, expected, but=(3,))
+    assert np.allclose(found.grid.lowest_m, expected.grid.lowest_m, atol=1e-3, equal_nan=True)
+    assert np.allclose(found.T_map_camera, expected.T_map_camera)
+
+
+def test_only_frames_since_the_correction_move(tiny):
+    one = GrowingMap(PlayedSequence(tiny), BuildConfig())
+    for shot in shots(tiny):
+        one.add(shot)
+    before = one.map_so_far().T_map_camera
+    assert one.place_again(Correction(6, lambda stamps: np.repeat(TURNED[None], len(stamps), axis=0))) == 3
+    after = one.map_so_far().T_map_camera
+    assert np.array_equal(after[:6], before[:6]) and np.allclose(after[6:], TURNED @ before[6:])
+
+
+class Silent(PlayedSequence):
+    """A source that never sends anything more after its first frames."""
+
+    def __init__(self, sequence, frames):
+        super().__init__(sequence, at_pace=False)
+        self.left = frames
+
+    def take(self, timeout_s):
+        self.left -= 1
+        return super().take(timeout_s) if self.left >= 0 else None
+
+    @property
+    def ended(self):
+        return False
+
+
+def test_a_silent_source_ends_after_the_time_asked_for_and_one_without_frames_makes_no_map(tiny, tmp_path):
+    simap, _ = live(Silent(tiny, 4), tmp_path, idle_stop_s=0.1)
+    assert len(simap.frame_names) == 4
+    (tmp_path / "live.npz").unlink()
+    with pytest.raises(InputError, match="expected frames, found none"):
+        run_source(LiveRequest(Silent(tiny, 0), BuildConfig(), tmp_path / "live.npz", idle_stop_s=0.1))
+    assert not (tmp_path / "live.npz").exists()
+
+
+def test_the_page_grows_and_ending_it_there_saves_the_map(tiny, tmp_path):
+    request = LiveRequest(Silent(tiny, 5), BuildConfig(), tmp_path / "live.npz")
+    with source_workbench(request) as (bench, build, _), fake_page(bench) as page:
+        assert page.session.panels.titles[0] == "Progress"
+        build.start()
+        until(lambda: build.state().done == 5)
+        build.stop()
+        assert build.wait(60.0) and build.state().status == "done" and "5 frames" not in build.state().error
+        assert bench.wait_idle() and len(page.session.simap.frame_names) == 5
+        assert "Mend" in page.session.panels.titles
+    assert len(load_map(tmp_path / "live.npz").frame_names) == 5
+
+
+def test_the_command(tiny, tmp_path, capsys):
+    output = tmp_path / "m.npz"
+    assert main(["live", str(tiny.path), "-o", str(output), "--pace", "fast", "--json"]) == 0
+    record = json.loads(capsys.readouterr().out)
+    assert record["shots"] == record["with_masks"] == FRAMES and record["counts"] == {"chair": 2}
+    assert load_map(output).appearance is not None
+    assert main(["live", str(tiny.path)]) == 2
+    assert main(["live", "nobody://robot", "-o", str(output)]) == 2
+    for method in ("paper", "vlmaps"):
+        assert main(["live", str(tiny.path), "-o", str(output), "--method", method]) == 2
