@@ -296,9 +296,13 @@ class Link:
         times = np.unique(self.times_s)
         return float(np.median(np.diff(times))) if len(times) > 1 else np.inf
 
+    def still(self) -> bool:
+        """Return whether it never changed: static, or said again and again on /tf, as ROS 1 does."""
+        return self.fixed or (len(self.poses) > 1 and float(np.ptp(np.stack(self.poses), axis=0).max()) < 1e-6)
+
     def at(self, times_s: NDArray, *, max_gap_s: float = MAX_GAP_S) -> tuple[NDArray, NDArray]:
         """Return T_parent_child [n, 4, 4] and where it is known, bool [n]."""
-        if self.fixed:
+        if self.still():
             return np.repeat(self.poses[-1][None], len(times_s), axis=0), np.ones(len(times_s), dtype=bool)
         times, first = np.unique(self.times_s, return_index=True)
         poses = np.stack([self.poses[i] for i in first])
@@ -346,7 +350,7 @@ class Transforms:
             return None
         T = np.eye(4)
         for names, invert in ((up[: up.index(shared)], False), (down[: down.index(shared)], True)):
-            if not all(self.links[name].fixed for name in names):
+            if not all(self.links[name].still() for name in names):
                 return None
             T_shared, _ = self.compose(names, np.zeros(1))
             T = np.linalg.inv(T_shared[0]) @ T if invert else T_shared[0]
@@ -363,10 +367,10 @@ class Transforms:
         longer.
         """
         links = [self.links[name] for name in frames]
-        fastest_s = min((link.interval_s() for link in links if not link.fixed), default=np.inf)
+        fastest_s = min((link.interval_s() for link in links if not link.still()), default=np.inf)
         T, known = np.repeat(np.eye(4)[None], len(times_s), axis=0), np.ones(len(times_s), dtype=bool)
         for link in links:
-            rare = not link.fixed and link.interval_s() > max(RARE * fastest_s, MAX_GAP_S / 2)
+            rare = link.interval_s() > max(RARE * fastest_s, MAX_GAP_S / 2)
             T_parent_child, here = link.at(times_s, max_gap_s=MAX_CORRECTION_GAP_S if rare else MAX_GAP_S)
             T, known = T_parent_child @ T, known & here
         return T, known

@@ -1,23 +1,26 @@
 """Read recordings of robots: ROS 1 bags, ROS 2 bags (SQLite or MCAP) and ROS 2 MCAP files.
 
 Topics are chosen by what they hold: the depth images registered to colour if there are such, the colour images of the
-same camera, their CameraInfo, and poses from tf, or else from an Odometry or PoseStamped topic. Where there are no
-depth images, a LiDAR's clouds (PointCloud2) take their place.
+same camera, their CameraInfo, and poses from tf, or else from an Odometry or PoseStamped topic. Depth of another camera
+than colour's is registered to it where transforms say how they are mounted. Where there are no depth images, a LiDAR's
+clouds (PointCloud2) take their place.
 """
 
 import threading
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from itertools import product
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from simaps_viz.datasets.association import associate
+from simaps_viz.datasets.association import associate, nearest
 from simaps_viz.datasets.calibration import Lens, see_through
 from simaps_viz.datasets.clouds import CloudSettings, camera_points, depth_of_cloud, gravity_of_clouds
 from simaps_viz.datasets.file_frames import check_size
+from simaps_viz.datasets.gravity import estimate_gravity
 from simaps_viz.datasets.recording import FormatFacts, Reader, Recording, complete, left_out
 from simaps_viz.datasets.ros_messages import (
     CAMERA_INFO,
@@ -25,6 +28,7 @@ from simaps_viz.datasets.ros_messages import (
     COMPRESSED,
     DEPTH_UNIT_M,
     IMAGE,
+    MAX_GAP_S,
     POSE_TYPES,
     TF_TYPES,
     Link,
@@ -39,11 +43,19 @@ from simaps_viz.datasets.ros_messages import (
     stamp_ns,
 )
 from simaps_viz.errors import InputError, one_line
-from simaps_viz.geometry import invert_pose, spread
+from simaps_viz.geometry import back_project, invert_pose, spread
+from simaps_viz.structures import Frame, Intrinsics
 
 CLOUD_TOLERANCE_S = 0.05
 """A cloud takes the picture nearest to it, within this: half a turn of a LiDAR that turns ten times a second."""
-_SAMPLED_FOR_FLOOR = 40
+_SAMPLED_FOR_FLOOR, _SAMPLED_FOR_AXES = 40, 20
+_REGISTERED = ("aligned", "registered", "depth_to_rgb", "depth_to_color")
+"""In the names of topics whose depth is brought to the colour camera, whatever frame their headers name."""
+_SAME_PLACE = 0.002
+"""Metres or radians that two cameras may be apart and still be one."""
+_UPWARDS = 0.7
+T_BODY_OPTICAL = np.array([[0, 0, 1, 0], [-1, 0, 0, 0], [0, -1, 0, 0], [0, 0, 0, 1.0]])
+"""A camera's axes (x right, y down, z forward) in its body's (x forward, y left, z up)."""
 
 FACTS = FormatFacts(
     title="ROS bag",
@@ -80,37 +92,71 @@ class RosbagReader(Reader):
             return _open(path, bag)
 
 
+@dataclass(frozen=True, eq=False)
+class _Source:
+    """Depth images or clouds of one topic, the colour images beside them, and how both become frames."""
+
+    topic: str
+    color: str
+    of_clouds: bool
+    frame: str
+    """The frame that depth or points are in."""
+    camera: str
+    """The frame of the camera that frames are shown by."""
+    lens: Lens
+    """Camera of the depth images; of clouds, colour's."""
+    color_lens: Lens
+    target: Intrinsics
+    T_camera_source: NDArray | None
+    """Where depth has to be registered: from the depth camera to colour's; None = it is there already."""
+    notes: tuple[str, ...]
+
+    @property
+    def what(self) -> str:
+        """What it holds, in words."""
+        return "clouds" if self.of_clouds else "depth images"
+
+
 def _open(path: Path, bag: "Bag") -> Recording:
     """Pair depth images, or clouds where there are none, with colour images, and find the pose of each pair."""
     of_clouds = bool(bag.of_type(CLOUD)) and not any(is_depth(bag.first(t)) for t in bag.of_type(IMAGE, COMPRESSED))
-    what, tolerance_s = ("clouds", CLOUD_TOLERANCE_S) if of_clouds else ("depth images", COLOR_TOLERANCE_S)
-    source, color = _cloud_topics(bag) if of_clouds else _image_topics(bag)
-    lens = lens_of(bag, color if of_clouds else source)
-    color_lens, target = lens if of_clouds else lens_of(bag, color, otherwise=lens), lens.intrinsics
-    index = bag.index((source, color))
-    times, color_times = (np.array([e.stamp_ns for e in index[t]]) for t in (source, color))
+    topics = _cloud_topics(bag) if of_clouds else _image_topics(bag)
+    index = bag.index(topics)
+    times, color_times = (np.array([e.stamp_ns for e in index[t]]) for t in topics)
     if not len(times) or not len(color_times):
-        raise InputError(f"{path}: expected pictures on {source} and {color}, found none on one of them")
-    pairs = associate(*((t - times[0]) / 1e9 for t in (times, color_times)), tolerance_s=tolerance_s)
-    # A cloud and its picture are of different times, so each has its own pose; depth is registered to colour.
-    frame = bag.first(source).header.frame_id
-    wanted = [(frame, times[pairs[:, 0]])]
-    if of_clouds:
-        wanted.insert(0, (bag.first(color).header.frame_id, color_times[pairs[:, 1]]))
-    found = poses_of(bag, wanted)
+        raise InputError(f"{path}: expected pictures on {topics[0]} and {topics[1]}, found none on one of them")
+    transforms = _transforms(bag, start := int(times[0]))
+    use = _cloud_source(bag, *topics) if of_clouds else _image_source(bag, *topics, transforms)
+    source, color, target = use.topic, use.color, use.target
+
+    # Each depth image takes the colour nearest to it, and the pose of its own time. A cloud and its picture may be of
+    # different times, so each has its own pose.
+    tolerance_s = CLOUD_TOLERANCE_S if of_clouds else COLOR_TOLERANCE_S
+    pairs = associate(*((t - start) / 1e9 for t in (times, color_times)), tolerance_s=tolerance_s)
+    late = _lateness(np.delete(times, pairs[:, 0]), color_times, tolerance_s)
+    wanted = [(use.camera, color_times[pairs[:, 1]] if of_clouds else times[pairs[:, 0]])]
+    found = poses_of(bag, transforms, start, [*wanted, (use.frame, times[pairs[:, 0]])] if of_clouds else wanted)
     known = np.logical_and.reduce([here for _, here in found])
     if not known.any():
+        poses = late if not len(pairs) else f"transforms are silent for longer than {MAX_GAP_S:g} s at their times"
         raise InputError(
-            f"{path}: expected {what}, colour and poses of about the same time, found none among {len(times)} {what} "
-            f"({source}) and {len(color_times)} colour images ({color})"
+            f"{path}: expected {use.what}, colour and poses of about the same time, found none among {len(times)} "
+            f"{use.what} ({source}) and {len(color_times)} colour images ({color}): {poses}"
         )
+    notes = (
+        *use.notes,
+        *left_out(len(times) - len(pairs), len(times), f"{use.what} have no colour of their time ({late})"),
+        *left_out(int((~known).sum()), len(times), f"{use.what} have no pose of their time"),
+    )
     pairs, T_world_camera, T_world_source = pairs[known], found[0][0][known], found[-1][0][known]
 
     def read_depth(i: int) -> NDArray:
         with complete(path, FACTS.title):
             image = decode_depth(f"{path}: {source}", bag.read(source, index[source][pairs[i, 0]]))
-        check_size(f"{path}: {source}", image, target)
-        return see_through(image, lens, target, exact=True)
+        check_size(f"{path}: {source}", image, use.lens.intrinsics)
+        if use.T_camera_source is None:
+            return see_through(image, use.lens, target, exact=True)
+        return register_depth(image, use.lens, use.T_camera_source, target)
 
     def read_cloud(i: int) -> NDArray:
         with complete(path, FACTS.title):
@@ -120,12 +166,15 @@ def _open(path: Path, bag: "Bag") -> Recording:
     def read_color(i: int) -> NDArray:
         with complete(path, FACTS.title):
             image = decode_color(f"{path}: {color}", bag.read(color, index[color][pairs[i, 1]]))
-        return see_through(image, color_lens.scaled(image.shape[1], image.shape[0]), target, exact=False)
+        return see_through(image, use.color_lens.scaled(image.shape[1], image.shape[0]), target, exact=False)
 
     floor_height_m = None
     if of_clouds:
         sampled = [(read_cloud(i), T_world_camera[i]) for i in spread(len(pairs), _SAMPLED_FOR_FLOOR)]
         _, floor_height_m = gravity_of_clouds(path, sampled, target, FACTS.up)
+    elif has_body_axes(use.camera, T_world_camera, target, read_depth):
+        T_world_camera = T_world_camera @ T_BODY_OPTICAL
+        notes = (*notes, f"frame {use.camera!r} has a body's axes (x forward, z up), not a camera's: turned")
     return Recording(
         facts=FACTS,
         path=path,
@@ -136,8 +185,81 @@ def _open(path: Path, bag: "Bag") -> Recording:
         depth=(lambda i: depth_of_cloud(read_cloud(i), target, CloudSettings())) if of_clouds else read_depth,
         color=read_color,
         floor_height_m=floor_height_m,
-        notes=left_out(len(times) - len(pairs), len(times), f"{what} have no colour or pose of their time"),
+        notes=notes,
     )
+
+
+def _cloud_source(bag: "Bag", clouds: str, color: str) -> _Source:
+    lens = lens_of(bag, color)
+    frame, camera = (bag.first(topic).header.frame_id.lstrip("/") for topic in (clouds, color))
+    return _Source(clouds, color, True, frame, camera, lens, lens, lens.intrinsics, None, ())
+
+
+def _image_source(bag: "Bag", depth: str, color: str, transforms: Transforms) -> _Source:
+    """Find the cameras of depth and colour, and whether one has to be brought to the other."""
+    lens = lens_of(bag, depth)
+    color_lens = lens_of(bag, color, otherwise=lens)
+    frame, camera = (bag.first(topic).header.frame_id.lstrip("/") for topic in (depth, color))
+    registered = frame == camera or not camera or _has(depth, *_REGISTERED)
+    T = None if registered else transforms.between(camera, frame)
+    if T is not None and np.abs(T - np.eye(4)).max() > _SAME_PLACE:
+        share = min(1.0, lens.intrinsics.fx / color_lens.intrinsics.fx)  # no finer than depth is, or it has gaps
+        k = color_lens.intrinsics
+        target = color_lens.scaled(max(round(k.width * share), 1), max(round(k.height * share), 1)).intrinsics
+        note = f"depth ({depth}) is registered to colour ({color}) by the transforms between {frame!r} and {camera!r}"
+        return _Source(depth, color, False, frame, camera, lens, color_lens, target, T, (note,))
+    apart = f"no transforms between {frame!r} ({depth}) and {camera!r} ({color}): taken as one camera's"
+    notes = () if registered or T is not None else (apart,)
+    return _Source(depth, color, False, frame, frame, lens, color_lens, lens.intrinsics, None, notes)
+
+
+def register_depth(depth_m: NDArray, lens: Lens, T_camera_depth: NDArray, target: Intrinsics) -> NDArray:
+    """Show a depth image of one camera as another one beside it would have taken it.
+
+    Args:
+        depth_m: float32 [H, W], metres, 0 = invalid.
+        lens: the camera that took it.
+        T_camera_depth: takes its points to the other camera's frame.
+        target: the other camera. A finer one than the first would have gaps wider than a pixel.
+
+    Returns:
+        float32 [H, W] of ``target``, metres, 0 = invalid.
+    """
+    k = lens.intrinsics
+    straight = see_through(depth_m, lens, k, exact=True)
+    points = back_project(straight, k.fx, k.fy, k.cx, k.cy)[straight > 0]
+    share = max(k.fx / target.fx, 1.0)  # several points a pixel: the one at its centre is its depth, not the nearest
+    fine = Lens(target).scaled(round(target.width * share), round(target.height * share)).intrinsics
+    seen = depth_of_cloud(camera_points(points, T_camera_depth), fine, CloudSettings(fill_pixels=1))
+    return see_through(seen, Lens(fine), target, exact=True)
+
+
+def has_body_axes(frame: str, T_world_camera: NDArray, k: Intrinsics, read_depth: Callable[[int], NDArray]) -> bool:
+    """Return whether the pictures' frame is a body's (x forward, z up: REP 103), as simulators and old drivers have it.
+
+    Its name lacks "optical", as some cameras' frames do; taken for a camera's it would look at the sky all the time,
+    and the floor seen in depth lies level only after the turn.
+    """
+    if "optical" in frame or np.median(T_world_camera[:, 2, 2]) < _UPWARDS:
+        return False
+    chosen = spread(len(T_world_camera), _SAMPLED_FOR_AXES)
+    depths = [read_depth(i) for i in chosen]
+    tilts = []
+    for turn in (np.eye(4), T_BODY_OPTICAL):
+        try:
+            frames = [Frame(i, str(i), d, T_world_camera[i] @ turn, k) for i, d in zip(chosen, depths, strict=True)]
+            tilts.append(float(estimate_gravity(frames)[0][2]))
+        except InputError:
+            tilts.append(-1.0)
+    return tilts[1] > _UPWARDS and tilts[1] > tilts[0]
+
+
+def _lateness(times: NDArray, color_times: NDArray, tolerance_s: float) -> str:
+    """Return in words how far away the nearest colour of each of these times is, and what is allowed."""
+    if not len(times):
+        return ""
+    off_ms = np.abs(color_times[nearest(color_times, times)] - times) / 1e6
+    return f"the nearest is {off_ms.min():.0f} to {off_ms.max():.0f} ms away, {tolerance_s * 1000:.0f} ms are allowed"
 
 
 def time_name(stamp_ns: int) -> str:
@@ -160,6 +282,7 @@ class Bag:
         from rosbags.highlevel import AnyReader  # noqa: PLC0415 - only robots' recordings need it
 
         self.path, self._lock = path, threading.Lock()
+        self._first: dict[str, Any] = {}
         self._errors = (Exception,)  # rosbags, sqlite and the unpackers may raise anything on damaged bags
         self._reader = None
         try:
@@ -196,8 +319,10 @@ class Bag:
 
     def first(self, topic: str) -> Any:
         """Decode the first message of a topic."""
+        if topic in self._first:
+            return self._first[topic]
         for _, message in self.decoded([topic]):
-            return message
+            return self._first.setdefault(topic, message)
         raise InputError(f"{self.path}: {topic}: expected a message, found none")
 
     def decode(self, data: bytes, msgtype: str) -> Any:
@@ -235,13 +360,21 @@ class Bag:
 def _image_topics(bag: Bag) -> tuple[str, str]:
     """Choose depth images, registered to colour if there are such, and the colour images of the same camera."""
     found = {topic: bag.first(topic) for topic in bag.of_type(IMAGE, COMPRESSED)}
-    depths = [topic for topic, message in found.items() if is_depth(message)]
-    colors = [topic for topic in found if topic not in depths and not _has(topic, "infra", "confidence", "depth")]
+    usable = [topic for topic in found if not _has(topic, "infra", "confidence") and "ir" not in topic.split("/")]
+    depths = [topic for topic in usable if is_depth(found[topic])]
+    colors = [topic for topic in usable if topic not in depths and not _has(topic.replace("rgb_to_depth", ""), "depth")]
     if not depths or not colors:
         what = "depth images (16UC1, 32FC1) or clouds (PointCloud2)" if not depths else "colour images"
         raise InputError(f"{bag.path}: expected a topic with {what}, found {', '.join(found) or 'no images'}")
-    depth = min(depths, key=lambda t: (not _has(t, "aligned", "registered"), bag.topics[t].msgtype == COMPRESSED, t))
-    return depth, min(colors, key=lambda t: (not _has(t, "color", "rgb"), -len(_shared(t, depth)), "raw" in t, t))
+
+    def order(pair: tuple[str, str]) -> tuple:
+        depth, color = pair
+        apart = found[depth].header.frame_id != found[color].header.frame_id
+        packed = bag.topics[depth].msgtype == COMPRESSED
+        chosen = (not _has(color, "color", "rgb"), -len(_shared(color, depth)), "raw" in color, color)
+        return (not _has(depth, *_REGISTERED), apart, packed, depth, *chosen)
+
+    return min(product(depths, colors), key=order)
 
 
 def _cloud_topics(bag: Bag) -> tuple[str, str]:
@@ -255,17 +388,34 @@ def _cloud_topics(bag: Bag) -> tuple[str, str]:
 
 
 def lens_of(bag: Bag, topic: str, otherwise: Lens | None = None) -> Lens:
-    """Read the CameraInfo that shares the most of the topic's name, and at least its first part."""
-    infos = [info for info in bag.of_type(CAMERA_INFO) if _shared(info, topic)]
+    """Read the CameraInfo of a topic: its own, of the same name but for the last part, or the nearest one.
+
+    The nearest shares the most of the name; among several the one goes first that is of the pictures' frame and size.
+    Only pictures whose topic is named as rectified (``image_rect``) are, where the CameraInfo has their camera.
+    """
+    message = bag.first(topic)
+    frame, size = message.header.frame_id, (getattr(message, "width", None), getattr(message, "height", None))
+    named = bag.of_type(CAMERA_INFO)
+    infos = [info for info in named if _shared(info, topic) or bag.first(info).header.frame_id == frame]
     if not infos and otherwise is not None:
         return otherwise
     if not infos:
         raise InputError(f"{bag.path}: expected a CameraInfo topic beside {topic}, found none")
-    info = max(infos, key=lambda name: (len(_shared(name, topic)), -len(name)))
-    return decode_lens(f"{bag.path}: {info}", bag.first(info), rectified=_has(topic, "rect", "aligned", "registered"))
+
+    def order(name: str) -> tuple:
+        info = bag.first(name)
+        own = topic.startswith(name.rpartition("/")[0] + "/")
+        fits = info.header.frame_id == frame, size == (info.width, info.height)
+        return own, *fits, len(_shared(name, topic)), -len(name)
+
+    info = max(infos, key=order)
+    rectified = any(part == "rect" or "image_rect" in part for part in topic.split("/"))
+    return decode_lens(f"{bag.path}: {info}", bag.first(info), rectified=rectified)
 
 
-def poses_of(bag: Bag, wanted: Sequence[tuple[str, NDArray]]) -> list[tuple[NDArray, NDArray]]:
+def poses_of(
+    bag: Bag, transforms: Transforms, start: int, wanted: Sequence[tuple[str, NDArray]]
+) -> list[tuple[NDArray, NDArray]]:
     """Return for each (frame, times in ns) T_world_frame [n, 4, 4] at those times, and where it is known.
 
     The first frame is the camera's; what moves it decides where all poses come from.
@@ -273,9 +423,7 @@ def poses_of(bag: Bag, wanted: Sequence[tuple[str, NDArray]]) -> list[tuple[NDAr
     Raises:
         InputError: Nothing in the bag moves the camera, or a frame is in another world.
     """
-    camera, first = wanted[0]
-    start = int(first[0]) if len(first) else 0
-    transforms = _transforms(bag, start)
+    camera = wanted[0][0]
     if transforms.moves(camera):
         roots = {transforms.chain(frame)[-1]: frame for frame, _ in wanted}
         if len(roots) > 1:
