@@ -69,6 +69,33 @@ def project(points_camera: NDArray, fx: float, fy: float, cx: float, cy: float) 
     return np.stack([points_camera[..., 0] / z * fx + cx, points_camera[..., 1] / z * fy + cy], axis=-1)
 
 
+UNCLEAR = 0.15
+"""Cosine between up and the picture below which it cannot be told how the picture stands: a look straight down."""
+
+
+def upright_turns(T_map_camera: NDArray) -> int:
+    """Return how many quarter turns counter-clockwise make a camera's picture stand upright, 0 to 3.
+
+    A phone held upright stores pictures that lie on their side; the pose shows which. A picture taken straight down or
+    up stays as it is.
+    """
+    right, down = T_map_camera[2, :2]  # of the map's up, in the camera's axes
+    if np.hypot(right, down) < UNCLEAR:
+        return 0
+    return round(float(np.arctan2(right, -down)) / (np.pi / 2)) % 4
+
+
+def turned(image: NDArray, turns: int) -> NDArray:
+    """Return a picture [H, W, ...] after quarter turns counter-clockwise; itself when there is nothing to turn."""
+    return np.ascontiguousarray(np.rot90(image, turns)) if turns % 4 else image
+
+
+def turned_pose(T_a_camera: NDArray, turns: int) -> NDArray:
+    """Return the pose [4, 4] of the camera that would have taken the turned picture."""
+    c, s = ((1, 0), (0, 1), (-1, 0), (0, -1))[turns % 4]
+    return T_a_camera @ np.array([[c, -s, 0, 0], [s, c, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1.0]])
+
+
 def check_rotation(rotation: NDArray, where: str, tolerance: float = 1e-2) -> None:
     """Raise InputError, naming ``where``, unless the 3x3 matrix is finite, orthonormal and right-handed."""
     if not np.isfinite(rotation).all():

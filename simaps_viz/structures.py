@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from simaps_viz.errors import InputError
-from simaps_viz.geometry import heading_to_yaw, yaw_to_heading
+from simaps_viz.geometry import heading_to_yaw, turned, turned_pose, yaw_to_heading
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -47,6 +47,13 @@ class Intrinsics:
     cy: float
     """Principal point, pixels from the centre of the top row."""
 
+    def turned(self, turns: int) -> "Intrinsics":
+        """Return the camera of pictures after quarter turns counter-clockwise."""
+        if turns % 4 == 0:
+            return self
+        once = Intrinsics(self.height, self.width, self.fy, self.fx, self.cy, self.width - 1 - self.cx)
+        return once.turned(turns % 4 - 1)
+
     def matrix(self) -> NDArray:
         """Return K, float64 [3, 3]."""
         return np.array([[self.fx, 0, self.cx], [0, self.fy, self.cy], [0, 0, 1]], dtype=np.float64)
@@ -73,6 +80,14 @@ class Frame:
         if self.color is not None:
             _expect(f"frame {self.name}: color", self.color, (*shape, 3), np.uint8)
 
+    def turned(self, turns: int) -> "Frame":
+        """Return the frame as its camera would have taken it after quarter turns counter-clockwise."""
+        if turns % 4 == 0:
+            return self
+        color = None if self.color is None else turned(self.color, turns)
+        pose = turned_pose(self.T_world_camera, turns)
+        return Frame(self.index, self.name, turned(self.depth_m, turns), pose, self.intrinsics.turned(turns), color)
+
 
 @dataclass(frozen=True)
 class Segment:
@@ -97,6 +112,10 @@ class Segmentation:
 
     def __post_init__(self) -> None:
         _expect("segmentation: ids", self.ids, self.ids.shape[:2], np.int32)
+
+    def turned(self, turns: int) -> "Segmentation":
+        """Return the segmentation of the frame after quarter turns counter-clockwise."""
+        return Segmentation(turned(self.ids, turns), self.segments) if turns % 4 else self
 
 
 @dataclass(frozen=True)

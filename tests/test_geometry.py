@@ -16,9 +16,14 @@ from simaps_viz.geometry import (
     map_from_world,
     project,
     transform_points,
+    turned,
+    turned_pose,
+    upright_turns,
     wrap_angle,
     yaw_to_heading,
 )
+from simaps_viz.scenes.walk import camera_pose
+from simaps_viz.structures import Frame, Intrinsics
 
 coordinates = st.floats(-20, 20)
 points = arrays(np.float64, (7, 3), elements=coordinates)
@@ -168,3 +173,35 @@ def test_what_is_no_rotation_fails(axis: NDArray, angle_rad: float, scale: float
     rotation[1, 2] = np.nan
     with pytest.raises(InputError, match=r"^here: expected a finite rotation, found NaN"):
         check_rotation(rotation, "here")
+
+
+@given(axis=directions, angle_rad=st.floats(-np.pi, np.pi), turns=st.integers(-3, 6))
+def test_a_turned_camera_sees_the_same_points(axis: NDArray, angle_rad: float, turns: int) -> None:
+    pose = np.eye(4)
+    pose[:3, :3], pose[:3, 3] = rotation_about(axis, angle_rad), (1, -2, 3)
+    depth_m = np.random.default_rng(3).uniform(1, 4, (5, 7)).astype(np.float32)
+    frame = Frame(0, "0", depth_m, pose, Intrinsics(7, 5, 6.0, 5.0, 2.5, 2.25), np.zeros((5, 7, 3), np.uint8))
+
+    def points(frame: Frame) -> NDArray:
+        k = frame.intrinsics
+        return transform_points(frame.T_world_camera, back_project(frame.depth_m, k.fx, k.fy, k.cx, k.cy))
+
+    found = frame.turned(turns)
+    np.testing.assert_allclose(points(found), turned(points(frame), turns), atol=1e-6)
+    np.testing.assert_allclose(found.turned(-turns).T_world_camera, pose)
+    assert found.turned(-turns).intrinsics == frame.intrinsics
+
+
+@given(
+    yaw_rad=st.floats(-np.pi, np.pi),
+    pitch_rad=st.floats(-1.3, 1.3),
+    roll_rad=st.floats(-0.75, 0.75),
+    turns=st.integers(0, 3),
+)
+def test_pictures_are_turned_until_they_stand_upright(
+    yaw_rad: float, pitch_rad: float, roll_rad: float, turns: int
+) -> None:
+    pose = camera_pose(np.zeros(3), yaw_rad, pitch_rad)
+    pose[:3, :3] = pose[:3, :3] @ rotation_about(np.array([0.0, 0.0, 1.0]), roll_rad)
+    assert upright_turns(turned_pose(pose, turns)) == -turns % 4
+    assert upright_turns(turned_pose(camera_pose(np.zeros(3), yaw_rad, np.pi / 2), turns)) == 0  # straight down

@@ -1,4 +1,7 @@
-"""The frames a map was built from, its masks, and the network that made them, for the page's panel of masks."""
+"""The frames a map was built from, its masks, and the network that made them, for the page's panel of masks.
+
+Pictures and masks are shown upright, however the camera was held.
+"""
 
 import threading
 from collections.abc import Mapping
@@ -9,9 +12,18 @@ from numpy.typing import NDArray
 from simaps_viz.datasets.open import open_sequence
 from simaps_viz.datasets.sequence import PosedFrames
 from simaps_viz.errors import InputError
+from simaps_viz.geometry import turned
 from simaps_viz.segmentation.mask_store import About, find_store
 from simaps_viz.segmentation.protocol import Threshold
-from simaps_viz.segmentation.sequences import FrameTuner, WithMasks, about, above_score, masks_from, score_threshold
+from simaps_viz.segmentation.sequences import (
+    FrameTuner,
+    WithMasks,
+    about,
+    above_score,
+    masks_from,
+    quarter_turns,
+    score_threshold,
+)
 from simaps_viz.structures import Segmentation, SIMap
 from simaps_viz.viewer.panels.masks import SegmentationServices
 
@@ -87,7 +99,7 @@ class _Opener:
         with self._lock:
             if self._tuner is None:
                 self._tuner = self._open()
-        return self._tuner.segmentation(index, values)
+        return self._tuner.segmentation(index, values).turned(quarter_turns(self._sequence, index))
 
     def _open(self) -> FrameTuner:
         from simaps_viz.segmentation.recognise import NetworkSettings, open_network  # noqa: PLC0415 - onnxruntime is slow
@@ -106,7 +118,7 @@ def _elsewhere(
     """Masks without their network: the score is all that can be tried."""
 
     def retry(index: int, values: Mapping[str, float]) -> Segmentation:
-        return above_score(masks.segmentation(index), values["score"])
+        return above_score(masks.segmentation(index), values["score"]).turned(quarter_turns(sequence, index))
 
     return SegmentationServices(
         frame_names=sequence.frame_names,
@@ -119,4 +131,5 @@ def _elsewhere(
 
 
 def _look(sequence: PosedFrames, masks: PosedFrames | WithMasks, index: int) -> tuple[NDArray, Segmentation]:
-    return sequence.color(index), masks.segmentation(index)
+    turns = quarter_turns(sequence, index)
+    return turned(sequence.color(index), turns), masks.segmentation(index).turned(turns)

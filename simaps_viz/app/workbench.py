@@ -19,6 +19,7 @@ from simaps_viz.console.terminal import note
 from simaps_viz.datasets.sequence import PosedFrames
 from simaps_viz.datasets.source import FrameSource
 from simaps_viz.errors import InputError, PlanningError
+from simaps_viz.geometry import turned, upright_turns
 from simaps_viz.language.commands import Reading, read_command
 from simaps_viz.language.grounding import Grounding
 from simaps_viz.language.llm import LLMReader
@@ -157,7 +158,10 @@ def services_of(
     def view(index: int) -> tuple[np.ndarray, np.ndarray] | None:
         if not opened:  # the frames may come while the page is open
             opened.extend(filter(None, [sequence_of(simap)]))
-        return (opened[0].color(index), opened[0].segmentation(index).ids) if opened else None
+        if not opened:
+            return None
+        turns = upright_turns(simap.T_map_camera[index])
+        return turned(opened[0].color(index), turns), turned(opened[0].segmentation(index).ids, turns)
 
     def find_again(m: SIMap, resolution: float, percent: float) -> SIMap:
         edits = mending()

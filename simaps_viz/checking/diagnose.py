@@ -63,7 +63,7 @@ class Diagnosis:
     def to_json(self) -> dict:
         """Return the diagnosis as a JSON-able record."""
         return {
-            "sequence": str(self.recording.manifest.path),
+            "sequence": str(self.recording.path),
             "frames": len(self.recording),
             "ok": self.ok,
             "agreement": round(self.before.share, 4),
@@ -219,13 +219,12 @@ def _with_revisits(recording: Recording, views: Views, pairs: NDArray, reading: 
 
 def _level(recording: Recording, views: Views, reading: Reading) -> tuple[Level | None, Reading]:
     """Find up and the floor; of a mirrored world also which mirroring makes the stated up right."""
-    manifest = recording.manifest
-    up = None if manifest.up is None else np.array(manifest.up)
+    up = None if recording.up is None else np.array(recording.up)
 
     def level(reading: Reading) -> Level | None:
         return find_level(
             views, reading.poses(recording), reading.camera_of(recording), reading.unit_m(recording),
-            up=up, floor_height_m=manifest.floor_height_m,
+            up=up, floor_height_m=recording.floor_height_m,
         )  # fmt: skip
 
     found = level(reading)
@@ -249,8 +248,8 @@ def _correction(
             values["up"] = [round(float(x), 6) for x in level.up]
             values["floor_height_m"] = round(level.floor_height_m, 4)
             changes.append("up and floor as the surfaces show them")
-        elif recording.manifest.floor_height_m is not None and level.floor_error_m is not None:
-            values["floor_height_m"] = round(recording.manifest.floor_height_m + level.floor_error_m, 4)
+        elif recording.floor_height_m is not None and level.floor_error_m is not None:
+            values["floor_height_m"] = round(recording.floor_height_m + level.floor_error_m, 4)
             changes.append("the floor as the surfaces show it")
     return Correction(tuple(changes), values, before.share, after.share) if changes else None
 

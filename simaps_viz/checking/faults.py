@@ -96,8 +96,8 @@ _PLAIN = Convention()
 def need_depth(recording: Recording, views: Views) -> None:
     """Raise InputError when no frame has any depth."""
     if not views.steps.any():
-        pattern = recording.manifest.path.parent / recording.manifest.depth
-        raise InputError(f"{pattern}: expected depth readings, found only 0 in {len(views.frames)} sampled frames")
+        where = recording.depth_file(0) or recording.path
+        raise InputError(f"{where}: expected depth readings, found only 0 in {len(views.frames)} sampled frames")
 
 
 def unjudged(recording: Recording, frames: NDArray, stated: Agreement) -> Finding | None:
@@ -245,16 +245,16 @@ def of_level(recording: Recording, level: Level | None) -> list[Finding]:
         name = f"{'-' if level.up[axis] < 0 else '+'}{'xyz'[axis]}"
         world = f" The world's axes look swapped: up is close to {name}." if level.tilt_deg > 45 else ""
         text = (
-            f"Gravity is off axis: surfaces say up is {level.tilt_deg:.1f}° away from the manifest's; "
+            f"Gravity is off axis: surfaces say up is {level.tilt_deg:.1f}° away from the stated one; "
             f"{100 * level.level_found:.0f} % of all surface is level with it, "
-            f"{100 * level.level_stated:.0f} % with the manifest's.{world}"
+            f"{100 * level.level_stated:.0f} % with the stated one.{world}"
         )
-        measure = {"tilt_deg": round(level.tilt_deg, 2), "stated": recording.manifest.up, "found": up,
+        measure = {"tilt_deg": round(level.tilt_deg, 2), "stated": recording.up, "found": up,
                    "floor_height_m": round(level.floor_height_m, 4)}  # fmt: skip
         return [Finding("gravity", "error", text, measure)]
     if level.floor_wrong and level.floor_error_m is not None:
         side = "higher" if level.floor_error_m > 0 else "lower"
-        text = f"The floor lies {abs(level.floor_error_m):.2f} m {side} than the manifest says."
+        text = f"The floor lies {abs(level.floor_error_m):.2f} m {side} than stated."
         return [Finding("floor_height", "error", text, {"off_m": round(level.floor_error_m, 4)})]
     return []
 

@@ -105,7 +105,7 @@ def draw(diagnosis: Diagnosis) -> NDArray:
     sheet = Sheet(WIDTH, frames_top + frames_high + MARGIN)
 
     verdict = "usable" if diagnosis.ok else "not usable as it is"
-    title = f"{diagnosis.recording.manifest.name}: {verdict}"
+    title = f"{diagnosis.recording.name}: {verdict}"
     sheet.text(title, (MARGIN, MARGIN + 16), 30, room=WIDTH - 2 * MARGIN)
     for number, (text, color) in enumerate(lines):
         sheet.text(text, (MARGIN, MARGIN + 62 + LINE * number), FINDING, color)

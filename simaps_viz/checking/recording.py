@@ -1,10 +1,12 @@
 """Open a sequence without judging it, so that what is wrong with it can be found out.
 
-`simaps_viz.datasets` refuses a mirrored pose, an impossible camera matrix or a depth unit that makes rooms of
-millimetres. Here only what cannot be worked with at all is refused: files that are missing, damaged or no numbers.
-The conventions in which people write poses are here too, with what each takes to become ``T_world_camera``.
+Of posed-frames/1, `simaps_viz.datasets` refuses a mirrored pose, an impossible camera matrix or a depth unit that makes
+rooms of millimetres. Here only what cannot be worked with at all is refused: files that are missing, damaged or no
+numbers. Recordings of other formats are taken as their readers return them. The conventions in which people write poses
+are here too, with what each takes to become ``T_world_camera``.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import cache
 from itertools import permutations, product
@@ -15,8 +17,12 @@ from numpy.typing import NDArray
 
 from simaps_viz.checking.agreement import Views, relative_poses, residuals
 from simaps_viz.datasets.calibration import camera_matrix, pose_rows
+from simaps_viz.datasets.file_frames import MAX_STEP, check_size
 from simaps_viz.datasets.images import read_color, read_depth
 from simaps_viz.datasets.manifest import Manifest, read_manifest
+from simaps_viz.datasets.open import recognise
+from simaps_viz.datasets.posed_frames import PosedFramesReader
+from simaps_viz.datasets.recording import Recording as SourceRecording
 from simaps_viz.errors import InputError
 
 FORMS = ("camera-to-world", "world-to-camera", "rotation world-to-camera", "position world-to-camera")
@@ -146,62 +152,110 @@ ORTHONORMAL = 1e-2
 class Recording:
     """A sequence as its files have it, right or wrong."""
 
-    manifest: Manifest
+    path: Path
+    """The manifest, or the recording's folder or file."""
+    name: str
     names: tuple[str, ...]
-    """Names of the frames, in the order of the pose file."""
+    """Names of the frames, in order."""
     matrices: NDArray
-    """float64 [n, 4, 4], what the pose file says; rotations are orthonormal but may be mirrored."""
+    """float64 [n, 4, 4], what the files say; rotations are orthonormal but may be mirrored."""
     camera: NDArray
-    """float64 [4], what the intrinsics file says: fx, fy, cx, cy, pixels of the colour image."""
+    """float64 [4], what the files say: fx, fy, cx, cy, pixels of the colour image."""
     color_size: tuple[int, int]
     """Width and height, pixels."""
     depth_size: tuple[int, int]
     """Width and height, pixels."""
+    unit_m: float
+    """Metres a step of depth, as the files say."""
+    depth_steps: Callable[[int], NDArray]
+    """Reads a frame's depth image, uint16 [H, W], 0 = invalid; raises InputError when it is missing, damaged, or of
+    another size than the first."""
+    color: Callable[[int], NDArray]
+    """Reads a frame's colour image, uint8 [H, W, 3], RGB; raises InputError when it cannot be read."""
+    up: tuple[float, float, float] | None = None
+    """World frame, any length; None = not stated."""
+    floor_height_m: float | None = None
+    """Height of the floor along ``up``; None = not stated."""
+    depth_file: Callable[[int], Path | None] = lambda _: None
+    """The file with a frame's depth image and nothing else, if there is one."""
+    source: SourceRecording | None = None
+    """What its reader returned; None for posed-frames/1, whose files are read as they are."""
 
     def __len__(self) -> int:
         return len(self.names)
 
-    @property
-    def unit_m(self) -> float:
-        """Metres a step of depth, as the manifest says."""
-        return self.manifest.depth_unit_m
-
-    def depth_steps(self, index: int) -> NDArray:
-        """Read a frame's depth image, uint16 [H, W], as stored, 0 = invalid.
-
-        Raises:
-            InputError: It is missing, damaged, or of another size than the first.
-        """
-        path = self.manifest.file(self.manifest.depth, self.names[index])
-        steps = read_depth(path, 1.0).astype(np.uint16)
-        width, height = self.depth_size
-        if steps.shape != (height, width):
-            found = f"{steps.shape[1]}x{steps.shape[0]}"
-            raise InputError(f"{path}: expected {width}x{height} pixels like the first depth image, found {found}")
-        return steps
-
-    def color(self, index: int) -> NDArray:
-        """Read a frame's colour image, uint8 [H, W, 3], RGB; raises InputError when it cannot be read."""
-        return read_color(self.manifest.file(self.manifest.color, self.names[index]))
-
 
 def open_recording(path: Path) -> Recording:
-    """Read the manifest, the pose and intrinsics files and the size of the first images.
+    """Open a sequence of any format; of posed-frames/1 the numbers are taken as they are, without judging them.
 
     Raises:
         InputError: Something cannot be read, or has not the numbers it needs to have.
     """
-    manifest = read_manifest(Path(path))
+    path = Path(path)
+    reader = recognise(path)
+    if reader is None or isinstance(reader, PosedFramesReader):
+        return _posed_frames(read_manifest(path))
+    return as_recording(reader.open(path))
+
+
+def as_recording(source: SourceRecording) -> Recording:
+    """Return what a reader has opened, as the check wants it; depth in metres becomes steps of a millimetre or less."""
+    k = source.intrinsics
+    stated_m = source.depth_unit_m or source.facts.depth_unit_m
+    unit_m = min(stated_m, 0.001)
+    size = (k.width, k.height)
+
+    def depth_steps(index: int) -> NDArray:
+        depth_m = source.depth(index)
+        check_size(f"{source.path}: frame {source.frame_names[index]}: depth", depth_m, k)
+        steps = np.rint(depth_m.astype(np.float64) / unit_m)
+        steps[~(steps <= MAX_STEP)] = 0
+        return steps.astype(np.uint16)
+
+    def depth_file(index: int) -> Path | None:
+        files = source.stored(index) if source.stored else None
+        return files[1] if files else None
+
+    return Recording(
+        path=source.path, name=source.name, names=source.frame_names, matrices=source.poses,
+        camera=np.array([k.fx, k.fy, k.cx, k.cy]), color_size=size, depth_size=size, unit_m=unit_m,
+        depth_steps=depth_steps, color=source.color, up=source.facts.up, floor_height_m=source.floor_height_m,
+        depth_file=depth_file, source=source,
+    )  # fmt: skip
+
+
+def _posed_frames(manifest: Manifest) -> Recording:
+    """Read the pose and intrinsics files and the size of the first images."""
     names, matrices = _read_matrices(manifest.file(manifest.poses))
     camera = _read_camera(manifest.file(manifest.intrinsics))
     missing = [n for n in names for p in (manifest.color, manifest.depth) if not manifest.file(p, n).is_file()]
     if missing:
         folder = manifest.file(manifest.depth, missing[0])
         raise InputError(f"{folder}: expected colour and depth of {len(names)} frames, missing are {len(set(missing))}")
-    color = read_color(manifest.file(manifest.color, names[0]))
-    depth = read_depth(manifest.file(manifest.depth, names[0]), 1.0)
-    sizes = [(image.shape[1], image.shape[0]) for image in (color, depth)]
-    return Recording(manifest, names, matrices, camera, sizes[0], sizes[1])
+
+    def color(index: int) -> NDArray:
+        return read_color(manifest.file(manifest.color, names[index]))
+
+    def depth_file(index: int) -> Path:
+        return manifest.file(manifest.depth, names[index])
+
+    color_size, depth_size = ((image.shape[1], image.shape[0]) for image in (color(0), read_depth(depth_file(0), 1.0)))
+
+    def depth_steps(index: int) -> NDArray:
+        steps = read_depth(depth_file(index), 1.0).astype(np.uint16)
+        found = (steps.shape[1], steps.shape[0])
+        if found != depth_size:
+            sizes = [f"{width}x{height}" for width, height in (depth_size, found)]
+            raise InputError(
+                f"{depth_file(index)}: expected {sizes[0]} pixels like the first depth image, found {sizes[1]}"
+            )
+        return steps
+
+    return Recording(
+        path=manifest.path, name=manifest.name, names=names, matrices=matrices, camera=camera,
+        color_size=color_size, depth_size=depth_size, unit_m=manifest.depth_unit_m, depth_steps=depth_steps,
+        color=color, up=manifest.up, floor_height_m=manifest.floor_height_m, depth_file=depth_file,
+    )  # fmt: skip
 
 
 def _read_matrices(path: Path) -> tuple[tuple[str, ...], NDArray]:

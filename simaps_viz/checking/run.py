@@ -1,26 +1,31 @@
-"""Run `simaps check`: diagnose a sequence, draw the evidence, and write a corrected manifest beside the old one."""
+"""Run `simaps check`: diagnose a sequence, draw the evidence, and write the correction beside it."""
 
 import json
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from simaps_viz.checking.diagnose import Diagnosis, diagnose
 from simaps_viz.checking.picture import save_picture
 from simaps_viz.checking.recording import open_recording
+from simaps_viz.datasets.convert import write_posed_frames
 from simaps_viz.datasets.manifest import CAMERA_AXES, POSE, read_json
-from simaps_viz.datasets.open import open_sequence, recognise
-from simaps_viz.datasets.posed_frames import PosedFramesReader
+from simaps_viz.datasets.open import open_sequence
+from simaps_viz.datasets.recording import Recording as SourceRecording
+from simaps_viz.datasets.sequence import PosedFrames
 from simaps_viz.errors import InputError
 from simaps_viz.events import Progress
 from simaps_viz.io.files import check_output, write_all
 
 
 def write_fixed(diagnosis: Diagnosis) -> Path:
-    """Write the correction: a manifest, and poses and intrinsics where they change.
+    """Write the correction, all of it or none.
 
-    All of it or none; the manifest takes its name last.
+    Of posed-frames/1: a manifest, and poses and intrinsics where they change; the manifest takes its name last. Of
+    other formats: the whole recording as a posed-frames/1 folder.
 
     Returns:
         The new manifest.
@@ -28,10 +33,13 @@ def write_fixed(diagnosis: Diagnosis) -> Path:
     Raises:
         InputError: There is nothing to correct, or the folder cannot be written.
     """
+    recording = diagnosis.recording
     if diagnosis.correction is None:
-        raise InputError(f"{diagnosis.recording.manifest.path}: expected something to correct, found nothing")
-    recording, values = diagnosis.recording, diagnosis.correction.values
-    manifest = recording.manifest.path
+        raise InputError(f"{recording.path}: expected something to correct, found nothing")
+    values, manifest = diagnosis.correction.values, recording.path
+    if recording.source is not None:
+        corrected = PosedFrames(_corrected(diagnosis, recording.source))
+        return write_posed_frames(corrected, manifest.with_name(f"{manifest.stem}-fixed"))
     target = manifest.with_name(f"{manifest.stem}-fixed.json")
     keys: dict[str, Any] = dict(read_json(manifest))
     files: dict[Path, bytes] = {}
@@ -49,6 +57,35 @@ def write_fixed(diagnosis: Diagnosis) -> Path:
     files[target] = (json.dumps(keys, indent=1, ensure_ascii=False) + "\n").encode()
     write_all(files, "the correction")
     return target
+
+
+def _corrected(diagnosis: Diagnosis, source: SourceRecording) -> SourceRecording:
+    """Return a recording of another format than posed-frames/1 as it has to be read."""
+    recording, reading, level = diagnosis.recording, diagnosis.reading, diagnosis.level
+    poses, unit_m = reading.poses(recording), reading.unit_m(recording)
+    kept = np.flatnonzero(np.isfinite(poses).all(axis=(1, 2)))
+    fx, fy, cx, cy = (float(x) for x in reading.camera_of(recording))
+    up, floor_height_m = source.facts.up, source.floor_height_m
+    if level is not None and level.held and (level.tilted or level.floor_wrong or up is None or floor_height_m is None):
+        up, floor_height_m = tuple(float(x) for x in level.up), level.floor_height_m
+
+    def depth(index: int) -> NDArray:
+        return recording.depth_steps(int(kept[index])) * np.float32(unit_m)
+
+    return replace(
+        source,
+        facts=replace(source.facts, up=up),
+        frame_names=tuple(source.frame_names[i] for i in kept),
+        poses=poses[kept],
+        intrinsics=replace(source.intrinsics, fx=fx, fy=fy, cx=cx, cy=cy),
+        depth=depth,
+        color=lambda index: source.color(int(kept[index])),
+        color_file=lambda index: source.color_file(int(kept[index])),
+        stored=None,
+        segments=None,
+        depth_unit_m=unit_m,
+        floor_height_m=floor_height_m,
+    )
 
 
 def _pose_text(diagnosis: Diagnosis) -> str:
@@ -71,9 +108,6 @@ def check(path: Path, *, fix: bool, picture: Path | None, progress: Progress) ->
     """
     if picture is not None:
         check_output(picture, ".png")
-    reader = recognise(path)
-    if reader is not None and not isinstance(reader, PosedFramesReader):
-        raise InputError(f"{path}: expected a posed-frames/1 sequence, found another format; run simaps convert first")
     diagnosis = diagnose(open_recording(path), progress)
     if picture is not None:
         save_picture(diagnosis, picture)
@@ -89,7 +123,7 @@ def check(path: Path, *, fix: bool, picture: Path | None, progress: Progress) ->
 
 def _text(diagnosis: Diagnosis, written: Path | None, fix: bool) -> str:
     recording = diagnosis.recording
-    lines = [f"{recording.manifest.path}: {len(recording)} frames, neighbours agree on {diagnosis.before.percent()} %"]
+    lines = [f"{recording.path}: {len(recording)} frames, neighbours agree on {diagnosis.before.percent()} %"]
     lines += [f"{finding.severity}: {finding.message}" for finding in diagnosis.findings]
     if diagnosis.ok:
         lines.append("usable" + (", with the remarks above" if diagnosis.findings else ""))

@@ -116,8 +116,9 @@ def locate(recording: Recording, reading: Reading, progress: Progress) -> Readin
 
 def duplicates(recording: Recording) -> NDArray:
     """Find frames whose depth file is that of the frame before, though the camera moved; int64 [k], frame indices."""
-    manifest = recording.manifest
-    paths = [manifest.file(manifest.depth, name) for name in recording.names]
+    paths = [path for index in range(len(recording)) if (path := recording.depth_file(index)) is not None]
+    if len(paths) < len(recording) or len(set(paths)) < len(paths):
+        return np.zeros(0, np.int64)  # one file holds several frames
     sizes = [path.stat().st_size for path in paths]
     found = []
     for index in range(1, len(paths)):

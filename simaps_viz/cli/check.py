@@ -19,10 +19,10 @@ class Check:
     """
 
     sequence: tyro.conf.Positional[Path]
-    """Folder in the posed-frames/1 format, or its manifest (.json)."""
+    """Folder or file of any format that is read (docs/FORMATS.md)."""
     fix: bool = False
-    """Write the corrected manifest beside the old one, which stays: sequence-fixed.json, with its own poses and
-    intrinsics where these change."""
+    """Write the correction beside the sequence, which stays: sequence-fixed.json with its own poses and intrinsics
+    where these change; of other formats than posed-frames/1 a complete folder, NAME-fixed."""
     picture: Path | None = None
     """Draw the evidence (.png): how well each explanation fits, and two frames laid over one another."""
     json: bool = False

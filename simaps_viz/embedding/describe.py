@@ -20,6 +20,7 @@ from simaps_viz.embedding.search import STOCK
 from simaps_viz.embedding.towers import Embedding, remember
 from simaps_viz.errors import InputError
 from simaps_viz.events import Progress
+from simaps_viz.geometry import upright_turns
 from simaps_viz.mapping.file import save_map
 from simaps_viz.structures import Frame, Segmentation, SIMap
 
@@ -63,8 +64,10 @@ def describe(simap: SIMap, sequence: FrameSource, embedding: Embedding, progress
         progress("describing objects", done, len(frames))
         if isinstance(read, Unreadable) or read[0].color is None:
             continue
+        turns = upright_turns(simap.T_map_camera[frame])
+        upright = read[0].turned(turns), read[1].turned(turns)
         for row, segment, purity in wanted[frame]:
-            view = _crops(*read, segment, embedding.vision.grey)
+            view = _crops(*upright, segment, embedding.vision.grey)
             if view is not None:
                 crops, pixels = view
                 plain, masked = embedding.vision.embed(crops)

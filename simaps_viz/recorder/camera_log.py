@@ -57,7 +57,7 @@ class CameraLog:
         self._stream.log("/world/points", rr.Points3D(points, colors=colors, radii=0.02))
 
     def _pinhole(self, name: str, intrinsics: Intrinsics, divide: int) -> None:
-        """Describe how a picture was taken, for all times; each has a size, so a camera model, of its own."""
+        """Describe how a picture was taken, from now on; each has a size, so a camera model, of its own."""
         if self._pinholes.get(name) == (intrinsics, divide):
             return
         self._pinholes[name] = (intrinsics, divide)
@@ -71,7 +71,7 @@ class CameraLog:
             image_plane_distance=IMAGE_PLANE_M,
             color=FRUSTUM_COLOR,
         )
-        self._stream.log(f"/world/camera/{name}", pinhole, static=True)
+        self._stream.log(f"/world/camera/{name}", pinhole)
 
 
 def encode_jpeg(color: NDArray, divide: int, quality: int) -> bytes:

@@ -6,6 +6,7 @@ import tempfile
 import threading
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
+from dataclasses import replace
 from datetime import timedelta
 from pathlib import Path
 from types import TracebackType
@@ -17,6 +18,7 @@ from numpy.typing import NDArray
 from simaps_viz.colors.classes import plural
 from simaps_viz.errors import InputError
 from simaps_viz.events import BuildFinished, BuildStarted, CommunitiesFound, Event, FrameProjected, MergesFound
+from simaps_viz.geometry import turned_pose, upright_turns
 from simaps_viz.recorder.camera_log import CameraLog
 from simaps_viz.recorder.facts import LEVELS, finished_facts, read_facts, send_facts, started_facts
 from simaps_viz.recorder.map_log import MapLog
@@ -323,7 +325,7 @@ class RerunRecorder:
         index = event.frame.index
         self._stream.reset_time()
         self._stream.set_time("frame", sequence=index)
-        self._camera_log.log(event)
+        self._camera_log.log(_upright(event))
         self._map_log.log_frame(event, last=index == len(names) - 1)
         simulated = ", simulated" if self._started is not None and self._started.simulated else ""
         self._stream.log(
@@ -409,3 +411,12 @@ def _open_beside(path: Path) -> FilePipe:
         return FilePipe(path.with_name(f".{path.stem}.{os.getpid()}.partial.rrd"))
     except OSError as error:
         raise InputError(f"{path}: expected a place where a recording can be written ({error.strerror})") from error
+
+
+def _upright(event: FrameProjected) -> FrameProjected:
+    """Return the frame as a camera held upright would have taken it, for a person to look at."""
+    turns = upright_turns(event.T_map_camera)
+    if not turns:
+        return event
+    frame, masks = event.frame.turned(turns), event.segmentation.turned(turns)
+    return replace(event, frame=frame, segmentation=masks, T_map_camera=turned_pose(event.T_map_camera, turns))

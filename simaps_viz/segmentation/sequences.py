@@ -1,4 +1,7 @@
-"""Run a network over a sequence, which then has the network's masks, or on one frame with thresholds to be tried."""
+"""Run a network over a sequence, which then has the network's masks, or on one frame with thresholds to be tried.
+
+Networks are shown pictures that stand upright, however the camera was held; their masks are turned back.
+"""
 
 import hashlib
 import threading
@@ -9,10 +12,13 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any, NamedTuple, Protocol
 
+from numpy.typing import NDArray
+
 from simaps_viz.datasets.sequence import PosedFrames
 from simaps_viz.datasets.source import OtherMasks
 from simaps_viz.errors import InputError
 from simaps_viz.events import Progress
+from simaps_viz.geometry import turned, upright_turns
 from simaps_viz.segmentation.coco_panoptic import SOURCE as COCO
 from simaps_viz.segmentation.coco_panoptic import read_coco_panoptic
 from simaps_viz.segmentation.geometry_stuff import FLOOR, WALL, add_stuff
@@ -27,6 +33,7 @@ KEPT = 4
 class _Raw(NamedTuple):
     outputs: Any
     shape: tuple[int, int]
+    turns: int
     frame: Frame | None
 
 
@@ -70,7 +77,7 @@ class FrameTuner:
             if key not in known:
                 raise InputError(f"{self._network.name}: expected thresholds {', '.join(known)}, found {key}")
         raw = self._output(index)
-        found = network.adjusted(thresholds).decode(raw.outputs, *raw.shape)
+        found = network.adjusted(thresholds).decode(raw.outputs, *raw.shape).turned(-raw.turns)
         if raw.frame is not None:
             found = add_stuff(raw.frame, found, self._sequence.T_map_world @ raw.frame.T_world_camera)
         return found
@@ -78,11 +85,11 @@ class FrameTuner:
     def _output(self, index: int) -> _Raw:
         with self._lock:
             if index not in self._raw:
-                color = self._sequence.color(index)
+                color, turns = _upright(self._sequence, index)
                 frame = self._sequence.read(index) if self._by_geometry else None
                 outputs = self._network.infer(self._network.prepare(color))
                 self.runs += 1
-                self._raw[index] = _Raw(outputs, color.shape[:2], frame)
+                self._raw[index] = _Raw(outputs, color.shape[:2], turns, frame)
             self._raw.move_to_end(index)
             while len(self._raw) > KEPT:
                 self._raw.popitem(last=False)
@@ -217,13 +224,28 @@ def about(sequence: PosedFrames, network: Network, by_geometry: bool) -> About:
     """Describe what the masks depend on."""
     source = f"{network.name}, {FLOOR} and {WALL} by geometry" if by_geometry else network.name
     key = f"{network.key} {sequence.T_map_world.round(9).tolist() if by_geometry else ''}"
+    turns = [quarter_turns(sequence, index) for index in range(len(sequence))]
+    if any(turns):
+        key += f" turned {turns}"
     return About(str(sequence.path.resolve()), f"{source} [{_short(key)}]", key)
+
+
+def quarter_turns(sequence: PosedFrames, index: int) -> int:
+    """Return the quarter turns counter-clockwise after which a frame's picture stands upright."""
+    return upright_turns(sequence.T_map_world @ sequence.poses[index])
+
+
+def _upright(sequence: PosedFrames, index: int) -> tuple[NDArray, int]:
+    """Return a frame's picture as people and networks want to see it, and the quarter turns that took."""
+    turns = quarter_turns(sequence, index)
+    return turned(sequence.color(index), turns), turns
 
 
 class _Ready(NamedTuple):
     index: int
     frame: Frame | None
     shape: tuple[int, int]
+    turns: int
     prepared: Any
 
 
@@ -234,11 +256,11 @@ def segmented(
 
     def prepare(index: int) -> _Ready:
         frame = sequence.read(index) if by_geometry else None
-        color = sequence.color(index)
-        return _Ready(index, frame, color.shape[:2], network.prepare(color))
+        color, turns = _upright(sequence, index)
+        return _Ready(index, frame, color.shape[:2], turns, network.prepare(color))
 
     def finish(ready: _Ready, outputs: Any) -> tuple[int, Segmentation]:
-        found = network.decode(outputs, *ready.shape)
+        found = network.decode(outputs, *ready.shape).turned(-ready.turns)
         if ready.frame is not None:
             found = add_stuff(ready.frame, found, sequence.T_map_world @ ready.frame.T_world_camera)
         return ready.index, found

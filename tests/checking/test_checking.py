@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from checked_sequences import SHARED, Spoiling, drawn_room, read_poses, spoiled_copy, standing, tilted, turn
 from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
 
 from simaps_viz.checking.agreement import Views, relative_poses, residuals
 from simaps_viz.checking.diagnose import Diagnosis, diagnose
@@ -383,3 +384,41 @@ def test_nothing_half_written(room: Path, tmp_path: Path, monkeypatch: pytest.Mo
     with pytest.raises(InputError, match="could not write the picture"):
         save_picture(diagnosis, folder / "evidence.png")
     assert sorted(path.name for path in folder.iterdir()) == before
+
+
+def as_tum(source: Path, folder: Path, poses: NDArray) -> Path:
+    """Write a drawn room as a TUM recording, thirty frames a second, with these poses."""
+    lists: dict[str, list[str]] = {"rgb": [], "depth": [], "groundtruth": []}
+    for index, pose in enumerate(poses):
+        time, name = f"{100 + index / 30:.6f}", f"{index:03d}"
+        for kind, images, factor in (("rgb", "color", 1), ("depth", "depth", 5)):
+            (folder / kind).mkdir(parents=True, exist_ok=True)
+            image = cv2.imread(str(source / images / f"{name}.png"), cv2.IMREAD_UNCHANGED)
+            assert image is not None
+            cv2.imwrite(str(folder / kind / f"{time}.png"), image * factor)
+            lists[kind].append(f"{time} {kind}/{time}.png")
+        numbers = (*pose[:3, 3], *Rotation.from_matrix(pose[:3, :3]).as_quat())
+        lists["groundtruth"].append(f"{time} " + " ".join(f"{x:.9f}" for x in numbers))
+    for kind, lines in lists.items():
+        (folder / f"{kind}.txt").write_text("\n".join(lines))
+    (folder / "intrinsics.txt").write_bytes((source / "intrinsics.txt").read_bytes())
+    return folder
+
+
+def test_other_formats_are_read_and_repaired_as_they_are(
+    room: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    poses = read_poses(room / "poses.txt")[1]
+    status, record = run_json(["check", str(as_tum(room, tmp_path / "tum", poses)), "--json"], capsys)
+    assert status == 0 and record["findings"] == [] and record["frames"] == len(poses)
+    folder = as_tum(room, tmp_path / "inverted", np.linalg.inv(poses))
+    before = sorted(tmp_path.rglob("*"))
+    status, record = run_json(["check", str(folder), "--json", "--fix"], capsys)
+    assert status == 1 and [finding["kind"] for finding in record["findings"]] == ["inverted_poses"]
+    written = Path(record["correction"]["written"])
+    assert written == tmp_path / "inverted-fixed" / "sequence.json"
+    assert sorted(path for path in tmp_path.rglob("*") if written.parent not in (path, *path.parents)) == before
+    fixed = open_sequence(written)
+    np.testing.assert_allclose(fixed.poses, poses, atol=1e-6)
+    np.testing.assert_allclose(fixed.read(7).depth_m, open_sequence(room).read(7).depth_m, rtol=1e-6)
+    np.testing.assert_allclose(fixed.T_map_world, open_sequence(room).T_map_world, atol=0.03)

@@ -6,12 +6,16 @@ holds exactly 2 x 2 seat pixels, so a test can say beforehand what every cell ha
 """
 
 import json
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, Literal
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
+
+from simaps_viz.datasets.sequence import PosedFrames
+from simaps_viz.geometry import turned, turned_pose
 
 WIDTH, HEIGHT, FOCAL = 32, 24, 40.0
 CX, CY = 15.5, 11.5
@@ -133,3 +137,18 @@ def write_manifest(folder: Path, *, truth: Literal["segments", "instances"], cha
 def _write_image(path: Path, image: NDArray) -> None:
     if not cv2.imwrite(str(path), image):
         raise OSError(path)
+
+
+def lying(sequence: PosedFrames, turns: int) -> PosedFrames:
+    """Return a sequence as a camera held with quarter turns would have stored it, without its masks."""
+    recording = sequence.recording
+    changed = replace(
+        recording,
+        poses=np.stack([turned_pose(pose, turns) for pose in recording.poses]),
+        intrinsics=recording.intrinsics.turned(turns),
+        depth=lambda index: turned(recording.depth(index), turns),
+        color=lambda index: turned(recording.color(index), turns),
+        color_file=lambda _: None,
+        segments=None,
+    )
+    return PosedFrames(changed)

@@ -25,7 +25,8 @@ from recorded_story import (
 )
 
 from simaps_viz.colors.classes import class_color, instance_color
-from simaps_viz.events import BuildFinished, CommunitiesFound, MergesFound
+from simaps_viz.events import BuildFinished, CommunitiesFound, FrameProjected, MergesFound
+from simaps_viz.geometry import turned_pose
 from simaps_viz.recorder.map_pictures import CLASS_BASE, FLOOR, UNPARTED, UNSEEN
 from simaps_viz.recorder.recorder import RerunRecorder
 from simaps_viz.recorder.settings import RecorderSettings
@@ -61,10 +62,25 @@ def test_poses(recording: Any) -> None:
 
 def test_every_picture_has_the_camera_of_its_size(recording: Any) -> None:
     for name, divide in (("color", 1), ("depth", 2), ("segmentation", 1)):
-        found = rows(recording, f"/world/camera/{name}", timeline=None)
+        found = rows(recording, f"/world/camera/{name}", at=[0])
         K = np.array(found["image_from_camera"][0][0]).reshape(3, 3).T
         assert K.tolist() == [[10 / divide, 0, 7.5 / divide], [0, 10 / divide, 5.5 / divide], [0, 0, 1]]
         assert found["resolution"][0][0] == [16 / divide, 12 / divide]
+
+
+def test_pictures_of_a_camera_held_on_its_side_are_recorded_upright(recording: Any, tmp_path: Path) -> None:
+    path = tmp_path / "lying.rrd"
+    with RerunRecorder(path, settings=WHOLE) as recorder:
+        for event in story():
+            if isinstance(event, FrameProjected):
+                turns = event.frame.index  # another way in each frame
+                frame, masks = event.frame.turned(turns), event.segmentation.turned(turns)
+                lying = turned_pose(event.T_map_camera, turns)
+                event = replace(event, frame=frame, segmentation=masks, T_map_camera=lying)  # noqa: PLW2901
+            recorder.on_event(event)
+    found = rc.RrdReader(path).stream().collect()
+    for name in ("/world/camera", "/world/camera/depth", "/world/camera/segmentation", "/world/camera/color"):
+        assert rows(found, name) == rows(recording, name)
 
 
 def test_color_depth_and_segments(recording: Any) -> None:

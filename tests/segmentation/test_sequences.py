@@ -7,7 +7,8 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
-from sequences import HEIGHT, WIDTH, write_tiny_sequence
+from checked_sequences import SHARED, drawn_room
+from sequences import HEIGHT, WIDTH, lying, write_tiny_sequence
 from tiny_networks import write_classifier, write_yolo
 from tiny_onnx import write_onnx
 
@@ -15,10 +16,13 @@ from simaps_viz import BuildConfig, build_map, open_sequence
 from simaps_viz.app.workbench import sequence_of
 from simaps_viz.cli.main import main
 from simaps_viz.errors import InputError
+from simaps_viz.geometry import spread, turned
+from simaps_viz.scenes.demo import DemoSettings, ensure_demo
 from simaps_viz.segmentation.coco_panoptic import read_coco_panoptic, read_panoptic_png, write_coco_panoptic
 from simaps_viz.segmentation.geometry_stuff import add_stuff
 from simaps_viz.segmentation.mask_store import About, MaskStore, find_store, write_masks
-from simaps_viz.segmentation.sequences import WithMasks, needs_stuff, segment_sequence
+from simaps_viz.segmentation.recognise import open_network
+from simaps_viz.segmentation.sequences import WithMasks, needs_stuff, segment_sequence, segmented
 from simaps_viz.structures import Frame, Intrinsics, Segment, Segmentation
 
 CHAIR = np.zeros((HEIGHT, WIDTH), bool)
@@ -309,3 +313,45 @@ def test_a_store_is_found_by_what_a_map_says(tmp_path):
     assert find_store(tmp_path, sequence="/scans/b.json", source="net [1]") is None
     with pytest.raises(InputError, match="expected masks of frame 2, found none"):
         found.get(2)
+
+
+class TopNetwork(OwnNetwork):
+    """Calls the upper third of a picture a lamp."""
+
+    def decode(self, outputs, height, width):
+        assert outputs == (height, width, 3)
+        ids = np.zeros((height, width), np.int32)
+        ids[: height // 3] = 1
+        return Segmentation(ids, (Segment(1, "lamp"),))
+
+
+@pytest.mark.parametrize("turns", [1, 2, 3])
+def test_networks_see_pictures_upright_and_masks_lie_as_pictures_do(turns, tmp_path):
+    upright = open_sequence(drawn_room(tmp_path / "room", frames=2))
+    found = segment_sequence(lying(upright, turns), TopNetwork(), tmp_path, stuff=False).segmentation(1).ids
+    expected = segment_sequence(upright, TopNetwork(), tmp_path, stuff=False).segmentation(1).ids
+    np.testing.assert_array_equal(found, turned(expected, turns))
+    assert len(list((tmp_path / "masks").iterdir())) == 2  # the lying ones are kept under a key of their own
+
+
+YOLO = SHARED / "yolo11n-seg-int8" / "yolo11n-seg_int8.onnx"
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(not YOLO.is_file(), reason="the network in ../shared/data is not here")
+@pytest.mark.parametrize("place", ["break room", "café"])
+def test_as_many_things_are_found_in_lying_pictures_as_in_upright_ones(place, tmp_path):
+    if place == "café":
+        path = ensure_demo(cache_dir=tmp_path, settings=DemoSettings(frames=16))
+    else:
+        path = SHARED / "hololens-breakroom"
+    whole = open_sequence(path)
+    some = spread(len(whole), 16)
+    network, _ = open_network(YOLO)
+
+    def things(sequence):
+        return sum(len(found.segments) for _, found in segmented(sequence, network, some, by_geometry=False))
+
+    upright = things(whole)
+    assert upright >= 16
+    assert [things(lying(whole, turns)) for turns in (1, 2, 3)] == [upright] * 3

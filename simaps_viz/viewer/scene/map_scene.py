@@ -13,6 +13,7 @@ from simaps_viz.drawing.label_layout import Box, Label
 from simaps_viz.drawing.solids import solids
 from simaps_viz.drawing.texture import ColorMode, cell_colors, outline_segments
 from simaps_viz.drawing.theme import LIGHT, Theme
+from simaps_viz.geometry import turned_pose, upright_turns
 from simaps_viz.navigation.planner import RobotShape
 from simaps_viz.structures import GridSpec, Pose2, Room, SIMap
 from simaps_viz.viewer.scene.annotations import LabelLayer, draw_lines, line_share
@@ -361,6 +362,7 @@ class CameraMark:
 
     def show(self, T_map_camera: NDArray) -> None:
         """Show where a frame was taken from, float [4, 4], camera to map, metres."""
+        T_map_camera = turned_pose(T_map_camera, upright_turns(T_map_camera))
         x, y, z = (float(value) for value in T_map_camera[:3, 3])
         with self._page.atomic():
             self._frustum.position = (x, y, z)
