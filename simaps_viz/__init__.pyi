@@ -25,6 +25,7 @@ from .mapping.file import save_map as save_map
 from .mapping.floor_plan import FloorPlan as FloorPlan
 from .mapping.floor_plan import floor_plan as floor_plan
 from .mapping.graph import to_networkx as to_networkx
+from .mapping.in_space import objects_in_space as objects_in_space
 from .mapping.pooling import PoolSettings as PoolSettings
 from .mapping.rooms import segment_rooms as segment_rooms
 from .mapping.simap import recommunity as recommunity
@@ -34,11 +35,14 @@ from .navigation.agent import Answer as Answer
 from .navigation.agent import StepEvent as StepEvent
 from .navigation.planner import RobotShape as RobotShape
 from .navigation.robot import Goal as Goal
+from .structures import Box as Box
 from .structures import Door as Door
 from .structures import Frame as Frame
+from .structures import InSpace as InSpace
 from .structures import Instance as Instance
 from .structures import Intrinsics as Intrinsics
 from .structures import Path as Path
+from .structures import Points as Points
 from .structures import Pose2 as Pose2
 from .structures import Room as Room
 from .structures import Segment as Segment

@@ -1,11 +1,12 @@
 """The data structures that a user holds: frames, grids, maps, poses. All are frozen; arrays are not copied."""
 
 import math
+import weakref
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from numbers import Real
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -244,6 +245,58 @@ class Views:
     """float32 [v], confidence of the segment."""
 
 
+@dataclass(frozen=True, eq=False)
+class Points:
+    """The observed surface as small voxels, each with what it belongs to."""
+
+    positions: NDArray
+    """float32 [n, 3], metres, map frame (z up), centres of the voxels, of at most 5 cm."""
+    colors: NDArray
+    """uint8 [n, 3], red, green, blue."""
+    classes: NDArray
+    """int16 [n], index into the map's classes, -1 = none."""
+    instances: NDArray
+    """int32 [n], 0 = none."""
+
+
+@dataclass(frozen=True)
+class Box:
+    """An upright box in the map frame, turned about the vertical only."""
+
+    center_m: tuple[float, float, float]
+    """Its middle."""
+    size_m: tuple[float, float, float]
+    """Length, width and height; the length is the longer side."""
+    yaw_rad: float
+    """Direction of the length, counter-clockwise from +x, in [-pi/2, pi/2)."""
+
+    @property
+    def corners_m(self) -> NDArray:
+        """float64 [8, 3], the four lower corners counter-clockwise, then those above them."""
+        signs = np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]]) / 2
+        c, s = math.cos(self.yaw_rad), math.sin(self.yaw_rad)
+        ring = (signs * self.size_m[:2]) @ np.array([[c, s], [-s, c]]) + self.center_m[:2]
+        ends = [self.center_m[2] + sign * self.size_m[2] / 2 for sign in (-1, 1)]
+        return np.concatenate([np.column_stack([ring, np.full(4, z)]) for z in ends])
+
+
+@dataclass(frozen=True)
+class InSpace:
+    """Where an object is in space, from the voxels of its surface."""
+
+    box: Box
+    on: Mapping[int, float]
+    """{object it stands on: share of its own cells over that one's surface}, the largest share first."""
+    under: Mapping[int, float]
+    """{object above it: share of its own cells}, the largest share first."""
+    inside: Mapping[int, float]
+    """{object both above and below it: share of its own cells}, the largest share first."""
+    voxels: int
+    """Number of its surface voxels of 5 cm."""
+    color: tuple[int, int, int]
+    """Median colour of its surface, red, green, blue, 0 to 255."""
+
+
 @dataclass(frozen=True)
 class Instance:
     """One object on the map."""
@@ -260,6 +313,45 @@ class Instance:
     """Number of frames in which a segment of its class named one of its cells."""
     score: float
     """Mean confidence of the segments that named its cells, weighted by cells."""
+    _map: ClassVar["weakref.ref[SIMap] | None"] = None
+    """The map it is on, set by that map; no field, so neither compared nor written, and no circle of references."""
+
+    def __getstate__(self) -> dict[str, Any]:
+        return {name: value for name, value in vars(self).items() if name != "_map"}
+
+    @property
+    def in_space(self) -> InSpace | None:
+        """Where it is in space; None for an object of no map, or without a voxel.
+
+        Raises:
+            InputError: its map is no longer in memory.
+        """
+        if self._map is None:
+            return None
+        simap = self._map()
+        if simap is None:
+            raise InputError(f"{self.label} {self.id}: expected its map to be in use, found it gone; keep the map too")
+        return simap.in_space.get(self.id)
+
+    @property
+    def box(self) -> Box | None:
+        """The upright box round its surface; None where `in_space` is."""
+        return None if self.in_space is None else self.in_space.box
+
+    @property
+    def on(self) -> Mapping[int, float]:
+        """{id of what it stands on: share of its cells over that surface}, the largest share first."""
+        return {} if self.in_space is None else self.in_space.on
+
+    @property
+    def under(self) -> Mapping[int, float]:
+        """{id of what is above it: share of its cells}, the largest share first."""
+        return {} if self.in_space is None else self.in_space.under
+
+    @property
+    def inside(self) -> Mapping[int, float]:
+        """{id of what is both above and below it: share of its cells}, the largest share first."""
+        return {} if self.in_space is None else self.in_space.inside
 
     def area_m2(self, cell_size_m: float) -> float:
         """Return the area its cells cover, square metres."""
@@ -337,6 +429,14 @@ class SIMap:
     def __post_init__(self) -> None:
         _expect("map: instance", self.instance, self.grid.spec.shape, np.int32)
         _expect("map: community", self.community, self.grid.spec.shape, np.int32)
+        self._bind_instances()
+
+    def _bind_instances(self) -> None:
+        """Make the instances know their map; those that know another are copied first."""
+        own = tuple(replace(one) if one._map is not None else one for one in self.instances)
+        for one in own:
+            object.__setattr__(one, "_map", weakref.ref(self))
+        object.__setattr__(self, "instances", own)
 
     @property
     def spec(self) -> GridSpec:
@@ -377,6 +477,13 @@ class SIMap:
             return None
         red, green, blue = table[at, 1:].tolist()
         return red, green, blue
+
+    @cached_property
+    def in_space(self) -> Mapping[int, InSpace]:
+        """{id: where the object is in space}, found when first asked for; from columns on a map without voxels."""
+        import simaps_viz  # noqa: PLC0415 - see below
+
+        return simaps_viz.objects_in_space(self)
 
     @cached_property
     def _plan(self) -> "FloorPlan":

@@ -32,9 +32,10 @@ class Evaluate:
 
     sequence: tyro.conf.Positional[str]
     """Sequence folder or manifest with exact ids, or "demo" for the embedded café."""
-    task: Literal["instances", "navigation", "ablation"] = "instances"
-    """instances: is every object one instance? navigation: a simulated robot carries out generated commands.
-    ablation: what each piece of method evidence is worth."""
+    task: Literal["instances", "3d", "navigation", "ablation"] = "instances"
+    """instances: is every object one instance? 3d: the same in space, with boxes and what is on and under what.
+    navigation: a simulated robot carries out generated commands. ablation: what each piece of method evidence is
+    worth."""
     methods: str = ",".join(METHOD_NAMES)
     """Separated by commas; also components-highest, paper-k9 and paper-literal."""
     errors: str = ""
@@ -73,7 +74,8 @@ class Evaluate:
                 raise InputError(f"--{option}: expected --task {task}, found --task {self.task}")
         for method in split_names("methods", self.methods):
             check_method(method)
-        task = {"instances": _instances, "navigation": _navigation, "ablation": _ablation}[self.task]
+        tasks = {"instances": _instances, "3d": _space, "navigation": _navigation, "ablation": _ablation}
+        task = tasks[self.task]
         with stage_progress(quiet=self.json) as progress:
             text, record = task(self, progress)
         if self.json:
@@ -134,6 +136,26 @@ def _store(method: str, simap: "SIMap") -> "Footprint":
 
     held = int(simap.provenance.get("embedding_bytes_held", 0))
     return Footprint(held, held)
+
+
+def _space(settings: Evaluate, progress: "StageProgress") -> tuple[str, dict[str, Any]]:
+    from simaps_viz.build.methods import build
+    from simaps_viz.evaluation.run import open_for_evaluation, split_names, write_json
+    from simaps_viz.evaluation.space import evaluate_space
+
+    sequence = open_for_evaluation(settings.sequence, progress)
+    report = evaluate_space(
+        sequence,
+        split_names("methods", settings.methods),
+        build=build,
+        errors=split_names("errors", settings.errors) or ("light" if sequence.ground_truth else "precomputed",),
+        seeds=range(settings.seeds),
+        truth=settings.truth,
+        progress=progress,
+    )
+    if settings.output is not None:
+        write_json(report.to_json(), settings.output)
+    return report.table().text(), report.to_json()
 
 
 def _navigation(settings: Evaluate, progress: "StageProgress") -> tuple[str, dict[str, Any]]:

@@ -29,7 +29,8 @@ class Export:
     format: FormatName | None = None
     """ros: occupancy map (.yaml, .pgm). nav2: the same, a keepout mask and an inflated costmap. geojson, csv: instances
     with their outlines. glb, ply: coloured scene with named instances. coco: panoptic top view (.json, .png).
-    graphml: cell graph. spark-dsg: scene graph (.json). tum: trajectory of a command."""
+    graphml: cell graph. spark-dsg: scene graph (.json). instances: surface voxels with class and instance (.ply).
+    objects: boxes, and what stands on, under and in what (.json). tum: trajectory of a command."""
     trajectory: str | None = None
     """tum: the command, or program, to drive in simulation."""
     pose: tuple[float, float, float] | None = None

@@ -45,6 +45,9 @@ def summary(simap: "SIMap") -> dict[str, Any]:
     """Return a map's facts, JSON-able."""
     import numpy as np
 
+    from simaps_viz.exports.records import space_record
+    from simaps_viz.mapping.in_space import all_instances, has_voxels
+
     spec = simap.spec
     return {
         "name": simap.provenance.get("name"),
@@ -60,7 +63,8 @@ def summary(simap: "SIMap") -> dict[str, Any]:
         "counts": simap.counts(),
         "colored": sum(simap.color_of(one) is not None for one in simap.instances),
         "described": simap.described,
-        "instances": [asdict(instance) for instance in simap.instances],
+        "boxes_from": "surface voxels" if has_voxels(simap) else "columns",
+        "instances": [{**asdict(one), **space_record(one)} for one in all_instances(simap)],
         "rooms": [
             {name: getattr(room, name) for name in ("id", "name", "polygon_m", "area_m2", "objects")}
             for room in simap.rooms

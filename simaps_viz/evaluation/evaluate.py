@@ -220,7 +220,7 @@ def evaluate(
     Raises:
         InputError: there is no truth, or no such errors, or something is asked for twice or not at all.
     """
-    _check_lists(methods, errors, seeds)
+    check_lists(methods, errors, seeds)
     rules, store = rules or ScoringRules(), store or (lambda method, simap: Footprint())
     exact = find_truth(sequence, truth)
     plan = [(e, s) for e in errors for s in (seeds if _is_simulated(e) else seeds[:1])]
@@ -310,7 +310,8 @@ class _Truths:
         return self._made[key]
 
 
-def _check_lists(methods: Sequence[str], errors: Sequence[str], seeds: Sequence[int]) -> None:
+def check_lists(methods: Sequence[str], errors: Sequence[str], seeds: Sequence[int]) -> None:
+    """Raise InputError unless each list names something, nothing twice, and only errors that there are."""
     for what, values in (("methods", methods), ("errors", errors), ("seeds", seeds)):
         if not values or len(set(values)) != len(values):
             found = ", ".join(map(str, values)) or "none"

@@ -130,7 +130,7 @@ def truth_map(
     Raises:
         InputError: the masks are not the truth, an id has two classes, or a frame is missing or damaged.
     """
-    _check_exact(sequence)
+    check_exact(sequence)
     frame_of_map = np.asarray(sequence.T_map_world if T_map_world is None else T_map_world, dtype=np.float64)
     accumulator = MapAccumulator(_SLOTS, (False,) * len(_SLOTS), settings or ProjectionSettings())
     known: dict[int, Segment] = {}
@@ -160,7 +160,7 @@ def find_truth(sequence: PosedFrames, given: Path | None = None) -> PosedFrames:
     else:
         found = open_sequence(folder)
     try:
-        _check_exact(found)
+        check_exact(found)
     except InputError as error:
         if given is not None:
             raise
@@ -206,7 +206,8 @@ def truth_as_map(truth: Truth) -> SIMap:
     return replace(made, instances=tuple(replace(one, score=1.0) for one in made.instances))
 
 
-def _check_exact(sequence: FrameSource) -> None:
+def check_exact(sequence: FrameSource) -> None:
+    """Raise InputError unless a sequence's masks are the truth and its ids the same in every frame."""
     if not getattr(sequence, "ground_truth", False):
         raise InputError(
             f'{sequence.path}: expected exact ids (ground_truth), found masks by "{sequence.segmentation_source}"'

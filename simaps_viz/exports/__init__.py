@@ -15,6 +15,8 @@ REGISTRY: Final = {
     "coco": "panoptic.COCOPanoptic",
     "graphml": "graphml.GraphML",
     "spark-dsg": "scene_graph.SparkDSG",
+    "instances": "space.Instances",
+    "objects": "space.Objects",
     "tum": "trajectory.TUMTrajectory",
 }
 """{name of a format: module of this folder and class of its `exporter.Exporter`}."""

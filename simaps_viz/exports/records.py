@@ -12,7 +12,7 @@ from scipy import ndimage
 
 from simaps_viz.colors.classes import class_color
 from simaps_viz.colors.instances import class_colors, instance_colors
-from simaps_viz.colors.palette import Color
+from simaps_viz.colors.palette import Color, color_of_number
 from simaps_viz.exports.exporter import Exporter, ExportOptions
 from simaps_viz.structures import GridSpec, Instance, SIMap
 
@@ -51,7 +51,10 @@ def node_name(instance: Instance) -> str:
 
 def color_of(simap: SIMap, instance: Instance) -> Color:
     """Return the instance's colour on the page, RGB, 0-255."""
-    r, g, b = instance_colors(simap)[instance.id].tolist()
+    colors = instance_colors(simap)
+    if instance.id >= len(colors):  # hidden: it has no community
+        return color_of_number(instance.id)
+    r, g, b = colors[instance.id].tolist()
     return (r, g, b)
 
 
@@ -84,6 +87,30 @@ def record(simap: SIMap, instance: Instance) -> dict[str, Any]:
         "frames": instance.frames,
         "score": round(instance.score, 6),
         "color": hex_color(simap, instance),
+    }
+
+
+def space_record(instance: Instance) -> dict[str, Any]:
+    """Return where an instance is in space, JSON-able; lengths in metres of the map frame.
+
+    Keys: ``center_m``, ``size_m`` (length, width, height) and ``yaw_rad`` (of the length, counter-clockwise from x) of
+    its box; ``on``, the object it stands on, or null; ``under`` and ``in``, lists of objects; ``shares`` {"on",
+    "under", "in": {object: share of the instance's cells}}; ``voxels`` of 5 cm; ``color``, the median of its surface.
+    All null or empty for an instance without a voxel.
+    """
+    space = instance.in_space
+    box = None if space is None else space.box
+    relations = {"on": instance.on, "under": instance.under, "in": instance.inside}
+    return {
+        "center_m": None if box is None else [round(v, 4) for v in box.center_m],
+        "size_m": None if box is None else [round(v, 4) for v in box.size_m],
+        "yaw_rad": None if box is None else round(box.yaw_rad, 5),
+        "on": next(iter(instance.on), None),
+        "under": list(instance.under),
+        "in": list(instance.inside),
+        "shares": {name: {str(i): round(v, 3) for i, v in found.items()} for name, found in relations.items()},
+        "voxels": 0 if space is None else space.voxels,
+        "color": None if space is None else "#{:02x}{:02x}{:02x}".format(*space.color),
     }
 
 

@@ -17,6 +17,8 @@ from simaps_viz.events import Progress
 from simaps_viz.exports.exporter import ExportOptions
 from simaps_viz.exports.records import color_of, label_colors, node_name
 from simaps_viz.geometry import back_project, spread, transform_points
+from simaps_viz.mapping.in_space import VOXEL_M as VOXEL_EDGE_M
+from simaps_viz.mapping.in_space import all_instances, space_points
 from simaps_viz.structures import Frame, GridSpec, SIMap
 
 UNLABELLED: Final = "unlabelled"
@@ -70,6 +72,73 @@ def parts(simap: SIMap) -> Iterator[Part]:
         name = f"{label}-unassigned" if index and simap.grid.is_thing[index] else label
         color = colors[index] if index else UNLABELLED_COLOR
         yield Part(name, label, 0, color, *_columns(simap, rest & (simap.grid.label == index), closed=False))
+
+
+@dataclass(frozen=True, eq=False)
+class Surface:
+    """One named mesh of voxels, coloured as seen."""
+
+    name: str
+    label: str
+    instance: int
+    vertices: NDArray
+    """float64 [n, 3], map frame, metres."""
+    rgb: NDArray
+    """uint8 [n, 3]."""
+    faces: NDArray
+    """int64 [m, 3], counter-clockwise from outside."""
+
+
+def surfaces(simap: SIMap) -> Iterator[Surface]:
+    """Yield a mesh for each instance of a map with voxels, then one for the rest of each class: the voxels' faces."""
+    points = space_points(simap)
+    size = min(VOXEL_EDGE_M, simap.spec.cell_size_m)
+    scale = np.array([size, size, VOXEL_EDGE_M])
+    start = np.array([simap.spec.x0_m, simap.spec.y0_m, 0.0])
+    voxel = np.floor((points.positions - start) / scale).astype(np.int64)
+    group = np.where(points.instances > 0, points.instances, -1 - np.maximum(points.classes, 0))
+    order = np.argsort(group, kind="stable")
+    values, starts = np.unique(group[order], return_index=True)
+    parts = dict(zip(values.tolist(), np.split(order, starts[1:]), strict=True)) if len(order) else {}
+    names = {one.id: one for one in all_instances(simap)}
+    for number in sorted(parts, key=lambda n: (n < 0, abs(n))):
+        mine, one = parts[number], names.get(number)
+        label = one.label if one else simap.grid.labels[-1 - number] if number < -1 else UNLABELLED
+        name = node_name(one) if one else f"{label}-unassigned" if _is_thing(simap, label) else label
+        corners, rgb, faces = _faces(voxel[mine], points.colors[mine])
+        yield Surface(name, label, max(number, 0), corners * scale + start, rgb, faces)
+
+
+def _is_thing(simap: SIMap, label: str) -> bool:
+    return label in simap.grid.labels and simap.grid.is_thing[simap.grid.labels.index(label)]
+
+
+def _faces(voxel: NDArray, rgb: NDArray) -> tuple[NDArray, NDArray, NDArray]:
+    """Return corners [n, 3], colours [n, 3] and triangles of the faces between voxels (int64 [v, 3]) and none."""
+    low = voxel.min(axis=0) - 1
+    size = voxel.max(axis=0) - low + 2
+    key = np.ravel_multi_index(tuple((voxel - low).T), tuple(size))
+    taken = np.sort(key)
+    quads, owners = [], []
+    for axis in range(3):
+        step = int(np.prod(size[axis + 1 :]))
+        for sign in (-1, 1):
+            beyond = key + sign * step
+            at = np.minimum(np.searchsorted(taken, beyond), len(taken) - 1)
+            bare = np.flatnonzero(taken[at] != beyond)
+            ring = np.zeros((4, 3), np.int64)
+            ring[:, (axis + 1) % 3], ring[:, (axis + 2) % 3] = (0, 1, 1, 0), (0, 0, 1, 1)
+            ring[:, axis] = sign > 0
+            quads.append(voxel[bare][:, None] + (ring if sign > 0 else ring[::-1]))
+            owners.append(bare)
+    corners, owner = np.concatenate(quads), np.repeat(np.concatenate(owners), 4)
+    unique, inverse = np.unique(corners.reshape(-1, 3), axis=0, return_inverse=True)
+    inverse = inverse.reshape(-1)
+    # A corner has the mean colour of the voxels round it.
+    count = np.bincount(inverse, minlength=len(unique))
+    mean = np.stack([np.bincount(inverse, rgb[owner, c], len(unique)) / count for c in range(3)], axis=1)
+    quad = inverse.reshape(-1, 4)
+    return unique, np.rint(mean).astype(np.uint8), np.concatenate([quad[:, [0, 1, 2]], quad[:, [0, 2, 3]]])
 
 
 def _columns(simap: SIMap, mask: NDArray, *, closed: bool) -> tuple[NDArray, NDArray]:

@@ -5,6 +5,7 @@ written here. Rooms with an opening between them are joined by an edge.
 """
 
 import json
+import math
 from pathlib import Path
 from typing import Any, Final
 
@@ -12,8 +13,9 @@ import numpy as np
 
 from simaps_viz.colors.palette import Color, color_of_number
 from simaps_viz.exports.exporter import Exporter, ExportOptions
-from simaps_viz.exports.records import color_of, node_name, record
-from simaps_viz.structures import Instance, Room, SIMap
+from simaps_viz.exports.records import color_of, node_name, record, space_record
+from simaps_viz.mapping.in_space import all_instances, has_voxels
+from simaps_viz.structures import Box, Instance, Room, SIMap
 
 VERSION: Final = {"major": 1, "minor": 1, "patch": 3}
 OBJECTS: Final = 2
@@ -34,8 +36,8 @@ class SparkDSG(Exporter):
     endings = (".json",)
 
     def files(self, simap: SIMap, path: Path, options: ExportOptions) -> dict[Path, bytes]:
-        """Return the scene graph as JSON; positions and boxes in metres of the map frame, boxes stand on the floor."""
-        objects = [_object(simap, instance) for instance in simap.instances]
+        """Return the scene graph as JSON; metres, map frame; boxes round voxels, or columns from the floor."""
+        objects = [_object(simap, instance) for instance in all_instances(simap)]
         rooms = [_room(simap, room) for room in simap.rooms]
         inside = [
             (node_number("R", room.id), node_number("O", i)) for room in simap.rooms for i in room.objects
@@ -61,11 +63,13 @@ class SparkDSG(Exporter):
 
 def _object(simap: SIMap, instance: Instance) -> dict[str, Any]:
     low, high = instance.aabb_m
+    color = color_of(simap, instance)
+    box = instance.box if has_voxels(simap) else None
     attributes = {
-        **_attributes("ObjectNodeAttributes", node_name(instance), instance.centroid_m, color_of(simap, instance)),
-        "bounding_box": _box((*low[:2], min(0.0, low[2])), high),
+        **_attributes("ObjectNodeAttributes", node_name(instance), instance.centroid_m, color),
+        "bounding_box": _turned(box) if box is not None else _box((*low[:2], min(0.0, low[2])), high),
         "semantic_label": simap.grid.labels.index(instance.label),
-        "metadata": record(simap, instance),
+        "metadata": {**record(simap, instance), **(space_record(instance) if box is not None else {})},
         "mesh_connections": [],
         "registered": False,
         "world_R_object": _UPRIGHT,
@@ -110,6 +114,16 @@ def _box(low: tuple[float, ...], high: tuple[float, ...]) -> dict[str, Any]:
         "dimensions": [b - a for a, b in zip(low, high, strict=True)],
         "world_P_center": [(a + b) / 2 for a, b in zip(low, high, strict=True)],
         "world_R_center": _UPRIGHT,
+    }
+
+
+def _turned(box: Box) -> dict[str, Any]:
+    half = box.yaw_rad / 2
+    return {
+        "type": "RAABB",
+        "dimensions": list(box.size_m),
+        "world_P_center": list(box.center_m),
+        "world_R_center": {"w": math.cos(half), "x": 0.0, "y": 0.0, "z": math.sin(half)},
     }
 
 

@@ -353,6 +353,13 @@ class _LazyGrid(_Lazy, Grid):
 class _LazyMap(_Lazy, SIMap):
     """A map whose communities are unpacked when first asked for."""
 
+    @classmethod
+    def of(cls, compute: Mapping[str, Callable[[Any], Any]], **known: Any) -> Self:
+        """Return a map with some fields, its instances bound to it."""
+        made = super().of(compute, **known)
+        made._bind_instances()
+        return made
+
 
 class _LazyGraph(_Lazy, CellGraph):
     """A graph whose cells and edges are found when first asked for."""

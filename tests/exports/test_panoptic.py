@@ -1,6 +1,7 @@
 """The panoptic top view, checked by the rules of panopticapi's evaluation and with pycocotools."""
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -73,9 +74,7 @@ def test_large_ids_use_all_three_channels(tmp_path):
     for number in (255, 256, 70_000):
         big = np.where(simap.instance > 0, number, 0).astype(np.int32)
         one = simap.instances[0]
-        renumbered = type(simap)(
-            **{**simap.__dict__, "instance": big, "instances": (type(one)(**{**one.__dict__, "id": number}),)}
-        )
+        renumbered = type(simap)(**{**simap.__dict__, "instance": big, "instances": (replace(one, id=number),)})
         files = export_map(renumbered, tmp_path / "b", "coco")
         ids = read_ids(files[1])
         np.testing.assert_array_equal(ids[::-1] == number, big > 0)

@@ -1,0 +1,281 @@
+"""Objects in space: their boxes, and what stands on, under and in what, from the voxels of their surfaces."""
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from typing import Final
+
+import cv2
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from simaps_viz.structures import Box, InSpace, Instance, Points, SIMap
+
+VOXEL_M: Final = 0.05
+_ON_EDGE: Final = 1e-4
+"""Share of a voxel by which a point may miss it, so that points put exactly on its lower faces are in it."""
+_BELOW: Final = 64
+"""Layers below the floor that a key can name."""
+Z_BITS, X_BITS = 8, 26
+"""Bits of a key below y, and below x: layers and rows."""
+_MIDDLE: Final = 1 << 17
+_LEGS: Final = 3
+"""A voxel is of a surface if so many layers above it are free of its object: else it is a leg or a side."""
+_REACH: Final = 2
+"""Cells by which what was seen of a surface is grown: what stands on it hides the rest."""
+_MIN_SURFACE: Final = 3
+"""Voxels."""
+MIN_ON, MIN_UNDER, MIN_INSIDE = 0.5, 0.3, 0.5
+"""Shares of an object's cells from which it stands on, under or in another."""
+
+
+def voxel_keys(positions: ArrayLike, origin_m: tuple[float, float]) -> NDArray:
+    """Number the voxels of points: int64 [n], ascending by x, then y, then z; ``key >> Z_BITS`` numbers the column.
+
+    Args:
+        positions: float [n, 3], metres, map frame; within 6 km of the origin, from 3.2 m below the floor to 9.5 m.
+        origin_m: a corner of the voxels' grid, whose layers begin at z = 0.
+    """
+    scaled = (np.asarray(positions, np.float64) - (*origin_m, 0.0)) / VOXEL_M
+    x, y, z = np.floor(scaled + _ON_EDGE).astype(np.int64).reshape(-1, 3).T
+    return (x + _MIDDLE) << X_BITS | (y + _MIDDLE) << Z_BITS | np.clip(z + _BELOW, 0, 255)
+
+
+def voxel_indices(keys: NDArray) -> NDArray:
+    """Return the x, y and z of numbered voxels in voxels from the origin, int64 [n, 3]."""
+    row = keys >> Z_BITS & 2 * _MIDDLE - 1
+    return np.stack([(keys >> X_BITS) - _MIDDLE, row - _MIDDLE, (keys & 255) - _BELOW], axis=1)
+
+
+def voxel_centres(keys: NDArray, origin_m: tuple[float, float]) -> NDArray:
+    """Return the centres of numbered voxels, float64 [n, 3], metres, map frame."""
+    return (voxel_indices(keys) + 0.5) * VOXEL_M + (*origin_m, 0.0)
+
+
+def majority(keys: NDArray, values: NDArray, weights: NDArray | None = None) -> tuple[NDArray, NDArray, NDArray]:
+    """Return the distinct keys, ascending, with the heaviest value of each (the lower of equals) and its total weight.
+
+    Args:
+        keys: int64 [n].
+        values: int64 [n].
+        weights: int64 [n]; 1 each if left out.
+    """
+    order = np.lexsort((values, keys))
+    keys, values = keys[order], values[order]
+    weights = np.ones(len(keys), np.int64) if weights is None else weights[order]
+    if len(keys) == 0:
+        return keys, values, weights
+    # One row for each (key, value), then the heaviest of each key comes last.
+    starts = np.flatnonzero(np.r_[True, (np.diff(keys) != 0) | (np.diff(values) != 0)])
+    keys, values, weights = keys[starts], values[starts], np.add.reduceat(weights, starts)
+    order = np.lexsort((-values, weights, keys))
+    keys, values, weights = keys[order], values[order], weights[order]
+    last = np.flatnonzero(np.r_[np.diff(keys) != 0, True])
+    totals = np.add.reduceat(weights, np.r_[0, last[:-1] + 1])
+    return keys[last], values[last], totals
+
+
+def voxels_by_instance(points: Points, origin_m: tuple[float, float]) -> dict[int, NDArray]:
+    """Return {instance: its voxels, sorted keys}; a voxel in which several have points is of the one with most."""
+    keys, owner, _ = majority(voxel_keys(points.positions, origin_m), points.instances.astype(np.int64))
+    order = np.argsort(owner, kind="stable")
+    ids, starts = np.unique(owner[order], return_index=True)
+    parts = np.split(keys[order], starts[1:])
+    return {int(number): part for number, part in zip(ids, parts, strict=True) if number > 0}
+
+
+def box_of(keys: NDArray, origin_m: tuple[float, float]) -> Box:
+    """Return the box round an object's voxels: the rectangle of least area round their centres, from low to high.
+
+    The ends are those of the 2nd and 98th percentile in height. Centres, as a thing ends anywhere in its last voxel;
+    no side is shorter than a voxel.
+    """
+    centres = voxel_centres(keys, origin_m)
+    middle = centres[:, :2].mean(axis=0)
+    (x, y), (length, width), degrees = cv2.minAreaRect((centres[:, :2] - middle).astype(np.float32))
+    low, high = np.percentile(centres[:, 2], [2, 98])
+    yaw = np.deg2rad(degrees)
+    if width > length:
+        length, width, yaw = width, length, yaw + np.pi / 2
+    yaw = float((yaw + np.pi / 2) % np.pi - np.pi / 2)  # a box turned by half is the same
+    length, width, height = (max(float(side), VOXEL_M) for side in (length, width, high - low))
+    return Box((float(x + middle[0]), float(y + middle[1]), float(low + high) / 2), (length, width, height), yaw)
+
+
+@dataclass(frozen=True, eq=False)
+class _Shape:
+    """One object's voxels, as relations need them."""
+
+    keys: NDArray
+    indices: NDArray
+    """int64 [n, 3]."""
+    columns: NDArray
+    """int64 [m], ascending."""
+    lowest: NDArray
+    """int64 [m], layer of the lowest voxel in each column."""
+    highest: NDArray
+    surface: NDArray
+    """int64 [k, 3], voxels that something can stand on."""
+    bottom: int
+    low: NDArray
+    """int64 [3]."""
+    high: NDArray
+
+    @classmethod
+    def of(cls, keys: NDArray) -> "_Shape":
+        indices = voxel_indices(keys)
+        columns, first = np.unique(keys >> Z_BITS, return_index=True)
+        last = np.r_[first[1:], len(keys)] - 1
+        bare = ~np.logical_or.reduce([np.isin(keys + up, keys) for up in range(1, _LEGS + 1)])
+        bottom = int(np.percentile(indices[:, 2], 2, method="lower"))
+        return cls(
+            keys, indices, columns, indices[first, 2], indices[last, 2], indices[bare], bottom,
+            indices.min(axis=0), indices.max(axis=0),
+        )  # fmt: skip
+
+    @property
+    def cells(self) -> NDArray:
+        """int64 [m, 2], x and y of the columns."""
+        return voxel_indices(self.columns << Z_BITS)[:, :2]
+
+
+@dataclass(frozen=True, eq=False)
+class Relations:
+    """What an object has to do with others: {other: share of the object's cells}, the largest share first."""
+
+    on: dict[int, float]
+    under: dict[int, float]
+    inside: dict[int, float]
+
+
+def relations(voxels: Mapping[int, NDArray]) -> dict[int, Relations]:
+    """Find what stands on, under and in what.
+
+    *On*: the object's bottom is at most 5 cm below and 10 cm above a surface of the other, and half of its cells lie
+    over that surface; what it hides of the surface counts as surface, up to the other's convex outline. *Under*: in at
+    least 30 % of its cells the other has something higher than its highest voxel. *In*: in at least half of its
+    cells the other has something below and something above it.
+
+    Args:
+        voxels: {object: sorted keys}; no object is empty.
+    """
+    shapes = {number: _Shape.of(keys) for number, keys in voxels.items()}
+    found = {number: Relations({}, {}, {}) for number in shapes}
+    for a, b in _near_pairs(shapes):
+        one, other = shapes[a], shapes[b]
+        _, at, there = np.intersect1d(one.columns, other.columns, assume_unique=True, return_indices=True)
+        above = one.highest[at] < other.highest[there]
+        within = above & (other.lowest[there] < one.lowest[at])
+        shares = (_share_on(one, other), above.sum() / len(one.columns), within.sum() / len(one.columns))
+        kinds = (found[a].on, found[a].under, found[a].inside)
+        for kind, share, least in zip(kinds, shares, (MIN_ON, MIN_UNDER, MIN_INSIDE), strict=True):
+            if share >= least:
+                kind[b] = float(share)
+    return {number: Relations(*map(_largest_first, (r.on, r.under, r.inside))) for number, r in found.items()}
+
+
+def _near_pairs(shapes: Mapping[int, _Shape]) -> Iterator[tuple[int, int]]:
+    """Yield the pairs of objects whose bounding boxes touch or nearly do."""
+    if not shapes:
+        return
+    ids = list(shapes)
+    low, high = (np.array([getattr(shape, end) for shape in shapes.values()]) for end in ("low", "high"))
+    for at, number in enumerate(ids):
+        near = ((low - _LEGS <= high[at]) & (high + _LEGS >= low[at]))[:, :2].all(axis=1)
+        yield from ((number, ids[other]) for other in np.flatnonzero(near) if other != at)
+
+
+def _share_on(one: _Shape, other: _Shape) -> float:
+    """Return the share of an object's cells that lie over a surface of the other at its bottom."""
+    gap = one.bottom - other.surface[:, 2]
+    cells = other.surface[:, :2]
+    around = ((cells >= one.low[:2] - _LEGS) & (cells <= one.high[:2] + _LEGS)).all(axis=1)
+    top = cells[(gap >= -1) & (gap <= 2) & around]
+    if len(top) < _MIN_SURFACE:
+        return 0.0
+    corner = one.low[:2] - 2 * _LEGS
+    size = one.high[:2] - one.low[:2] + 4 * _LEGS + 1
+    seen = cv2.dilate(_hull(top - corner, size), np.ones((2 * _REACH + 1, 2 * _REACH + 1), np.uint8))
+    holds = seen & _hull(other.cells - corner, size)
+    col, row = (one.cells - corner).T
+    return float(holds[row, col].mean())
+
+
+def _hull(cells: NDArray, size: NDArray) -> NDArray:
+    """Fill the convex outline of cells, x and y each, in a picture of a size (x, y): uint8, 1 inside."""
+    picture = np.zeros((int(size[1]), int(size[0])), np.uint8)
+    cv2.fillConvexPoly(picture, cv2.convexHull(cells.astype(np.int32)), (1,))
+    return picture
+
+
+def _largest_first(shares: dict[int, float]) -> dict[int, float]:
+    return dict(sorted(shares.items(), key=lambda pair: (-pair[1], pair[0])))
+
+
+def column_points(simap: SIMap, *, things: bool = False) -> Points:
+    """Return what a map without voxels knows of space: columns from the floor to the height of their cell, filled.
+
+    Cells never seen have none, cells of floor one voxel; colours are the median colours of objects, else grey.
+
+    Args:
+        simap: the map.
+        things: only the columns of instances.
+    """
+    spec, height = simap.spec, np.nan_to_num(simap.grid.height_m, nan=-1.0)
+    parts = max(1, int(np.ceil(spec.cell_size_m / VOXEL_M - 1e-6)))
+    row, col = np.nonzero(simap.instance > 0 if things else ~np.isnan(simap.grid.height_m))
+    top = np.floor(height[row, col] / VOXEL_M).astype(np.int64)
+    instance, label = simap.instance[row, col], simap.grid.label[row, col]
+    stands = (top > 0) & ((instance > 0) | (label > 0))
+    layers = np.where(stands, top + 1, 1)
+    first = np.where(stands, 0, top)
+    which = np.repeat(np.arange(len(row)), layers)
+    layer = first[which] + np.arange(len(which)) - np.repeat(np.cumsum(layers) - layers, layers)
+    colors = np.full((int(simap.instance.max(initial=0)) + 1, 3), 150, np.uint8)
+    for one in simap.instances:
+        colors[one.id] = simap.color_of(one) or (150, 150, 150)
+    shift = (np.arange(parts) + 0.5) / parts
+    across = np.stack(np.meshgrid(shift, shift), axis=-1).reshape(-1, 2)
+    which, layer, across = (
+        np.repeat(which, len(across)), np.repeat(layer, len(across)), np.tile(across, (len(which), 1))
+    )  # fmt: skip
+    positions = np.empty((len(which), 3), np.float32)
+    positions[:, 0] = spec.x0_m + (col[which] + across[:, 0]) * spec.cell_size_m
+    positions[:, 1] = spec.y0_m + (row[which] + across[:, 1]) * spec.cell_size_m
+    positions[:, 2] = (layer + 0.5) * VOXEL_M
+    classes = np.where(label > 0, label, -1).astype(np.int16)
+    return Points(positions, colors[instance[which]], classes[which], instance[which].astype(np.int32))
+
+
+def has_voxels(simap: SIMap) -> bool:
+    """Return whether a map knows the surface of things; else it knows their tops only."""
+    return getattr(simap, "surface", None) is not None
+
+
+def space_points(simap: SIMap, *, things: bool = False) -> Points:
+    """Return the observed voxels of a map; where it has none, filled columns, with ``things`` those of instances."""
+    return getattr(simap, "points")() if has_voxels(simap) else column_points(simap, things=things)  # noqa: B009
+
+
+def all_instances(simap: SIMap) -> tuple[Instance, ...]:
+    """Return the instances of a map and those that no cell shows."""
+    return (*simap.instances, *getattr(simap, "hidden", ()))
+
+
+def objects_in_space(simap: SIMap) -> dict[int, InSpace]:
+    """Describe where the objects of a map are in space, by id; from their columns on a map without voxels."""
+    return in_space(space_points(simap, things=True), (simap.spec.x0_m, simap.spec.y0_m))
+
+
+def in_space(points: Points, origin_m: tuple[float, float]) -> dict[int, InSpace]:
+    """Describe where the objects of a cloud are in space, by id; voxels are those of the grid at an origin."""
+    voxels = voxels_by_instance(points, origin_m)
+    related = relations(voxels)
+    order = np.argsort(points.instances, kind="stable")
+    ids, starts = np.unique(points.instances[order], return_index=True)
+    colors = dict(zip(ids.tolist(), np.split(points.colors[order], starts[1:]), strict=True)) if len(order) else {}
+    made = {}
+    for number, keys in voxels.items():
+        box, relation = box_of(keys, origin_m), related[number]
+        red, green, blue = np.median(colors[number], axis=0).astype(int).tolist()
+        made[number] = InSpace(box, relation.on, relation.under, relation.inside, len(keys), (red, green, blue))
+    return made
