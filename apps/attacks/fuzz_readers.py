@@ -156,6 +156,7 @@ FOLDERS = ("tum", "seven_scenes", "scannet", "replica", "nerfstudio", "habitat",
 LARGE = ("tum", "seven_scenes")
 """Their pictures have 640 x 480 pixels."""
 APPS = ("record3d_folder", "record3d_zip", "record3d_exr")
+SLAM = ("instant_ngp", "redwood", "rtabmap", "slam_folder", "stray_scanner")
 BAGS = ("ros1_bag", "ros2_sqlite", "ros2_mcap")
 
 READER_TARGETS = (
@@ -179,6 +180,7 @@ READER_TARGETS = (
     *(Target(name, recording(_named("scans_folders", name)), weight=1 if name in LARGE else 3) for name in FOLDERS),
     *(Target(name, recording(_named("scans_apps", name)), weight=3) for name in APPS),
     *(Target(name, recording(_named("scans_bags", name)), weight=2) for name in BAGS),
+    *(Target(name, recording(_named("scans_slam", name)), weight=3) for name in SLAM),
     Target("ros clouds", recording(_named("scans_clouds", "cloud_bag")), weight=2),
     Target("lidar", recording(lidar), weight=3),
     Target("rerun_rrd", recording(_named("scans_rerun", "rerun_rrd")), weight=2),

@@ -251,6 +251,8 @@ def _fields(path: Path, header: dict[str, list[str]]) -> list[tuple[str, str, in
     for name, size, kind, repeats in zip(names, sizes, types, counts, strict=True):
         dtype = _KINDS.get((kind, int(size) if size.isdecimal() and len(size) < 3 else 0))
         times = int(repeats) if repeats.isdecimal() and len(repeats) < 6 else 0
+        if repeats == "0" and name not in ("x", "y", "z"):  # PCL pads its points with fields "_", some of no bytes
+            continue
         if dtype is None or not 1 <= times <= _REPEATED:
             raise InputError(f"{path}: field {name}: expected a number type, found {kind} of {size} bytes, {repeats}")
         fields.append((name, dtype, times))

@@ -1,29 +1,41 @@
-"""Read nerfstudio folders: ``transforms.json`` with a depth image for every picture."""
+"""Read nerfstudio folders: ``transforms.json`` with a depth image for every picture; also as instant-ngp has it.
 
+instant-ngp calls depth ``depth_path`` and its unit ``integer_depth_scale``, leaves out suffixes of pictures, and may
+give a camera by ``camera_angle_x`` alone. NeRFCapture writes that.
+"""
+
+from io import BytesIO
 from pathlib import Path
 from typing import Any
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
+from PIL.TiffImagePlugin import TiffImageFile
 
 from simaps_viz.datasets.calibration import OPENCV_FROM_OPENGL, Lens, pinhole, rigid
-from simaps_viz.datasets.file_frames import FileFrames, depth_npy, depth_png, json_number
+from simaps_viz.datasets.file_frames import FileFrames, clean_depth, depth_npy, depth_png, json_number
 from simaps_viz.datasets.images import image_size
 from simaps_viz.datasets.manifest import read_json, shown
+from simaps_viz.datasets.record3d import read_exr
 from simaps_viz.datasets.recording import FormatFacts, Reader, Recording, left_out
 from simaps_viz.errors import InputError
+from simaps_viz.io.limits import MAX_IMAGE_BYTES, check_picture, read_bytes
 from simaps_viz.structures import Intrinsics
 
 FACTS = FormatFacts(
-    title="nerfstudio",
-    recognised_by="`transforms.json` with `depth_file_path`",
-    depth="16-bit PNG or `.npy`",
+    title="nerfstudio, instant-ngp",
+    recognised_by="`transforms.json` with `depth_file_path` (instant-ngp: `depth_path`)",
+    depth="16-bit PNG, `.npy`, TIFF or EXR",
     pose="camera to world: 4x4",
     camera_axes="OpenGL",
 )
 
 PIXEL_CENTRE = 0.5
 """Where nerfstudio has the centre of the first pixel."""
+UNITS = ("depth_unit_scale_factor", "integer_depth_scale", "depth_integer_scale")
+"""Keys of the depth images' unit, metres: nerfstudio's, instant-ngp's, and the one NeRFCapture writes for it."""
+PICTURES = (".png", ".jpg", ".jpeg", ".PNG", ".JPG")
 PINHOLES = ("OPENCV", "PINHOLE", "SIMPLE_PINHOLE", "SIMPLE_RADIAL", "RADIAL", "PERSPECTIVE")
 
 
@@ -47,7 +59,7 @@ class NerfstudioReader(Reader):
         if not isinstance(frames, list) or not frames:
             raise InputError(f'{file}: expected an object with a list "frames", found {shown(content)}')
         model = str(content.get("camera_model", "OPENCV")).upper()
-        if model not in PINHOLES or json_number(str(file), {"k4": 0.0} | content, "k4"):
+        if model not in PINHOLES or content.get("is_fisheye") or json_number(str(file), {"k4": 0.0} | content, "k4"):
             raise InputError(
                 f"{file}: camera_model: expected one of {', '.join(PINHOLES)} without k4, found {shown(model)}"
             )
@@ -59,9 +71,8 @@ class NerfstudioReader(Reader):
                 f"{file}: expected depth_file_path in its frames, found none in {stated}; a map needs depth"
             )
         color_files, depth_files = _files(file, frames, "file_path"), _files(file, frames, "depth_file_path")
-        unit_m = json_number(
-            str(file), {"depth_unit_scale_factor": FACTS.depth_unit_m} | content, "depth_unit_scale_factor"
-        )
+        unit = next((key for key in UNITS if content.get(key) is not None), UNITS[0])
+        unit_m = json_number(str(file), {unit: FACTS.depth_unit_m} | content, unit)
         lenses = [_lens(f"{file}: frame {frame['file_path']}", frame, color_files[i]) for i, frame in enumerate(frames)]
         height, width = _read_depth(depth_files[0], unit_m).shape
         depth_lenses = [lens.scaled(width, height) for lens in lenses]
@@ -83,14 +94,18 @@ def _file(path: Path) -> Path:
 
 
 def _merged(file: Path, index: int, content: dict[str, Any], frame: Any) -> dict[str, Any]:
-    """Return a frame with the keys that all frames share."""
+    """Return a frame with the keys that all frames share, under nerfstudio's names."""
     if not isinstance(frame, dict):
         raise InputError(f"{file}: frames: expected objects, found {shown(frame)}")
-    depth = frame.get("depth_file_path")
-    for key, value in (("file_path", frame.get("file_path")), ("depth_file_path", "" if depth is None else depth)):
+    picture: Any = frame.get("file_path")
+    depth = frame.get("depth_file_path", frame.get("depth_path"))
+    for key, value in (("file_path", picture), ("depth_file_path", "" if depth is None else depth)):
         if not isinstance(value, str):
             raise InputError(f"{file}: frame {index}: expected {key}, found {shown(value)}")
-    return {key: value for key, value in content.items() if key != "frames"} | {"depth_file_path": None} | frame
+    if not Path(picture).suffix:
+        picture = next((picture + end for end in PICTURES if (file.parent / (picture + end)).is_file()), picture)
+    shared = {key: value for key, value in content.items() if key != "frames"}
+    return shared | frame | {"file_path": picture, "depth_file_path": depth}
 
 
 def _files(file: Path, frames: list[dict[str, Any]], key: str) -> list[Path]:
@@ -105,7 +120,11 @@ def _names(frames: list[dict[str, Any]]) -> tuple[str, ...]:
 def _lens(where: str, frame: dict[str, Any], color_file: Path) -> Lens:
     stated = "w" in frame and "h" in frame
     width, height = (int(json_number(where, frame, key)) for key in "wh") if stated else image_size(color_file)
-    numbers = [json_number(where, {"fl_y": frame.get("fl_x")} | frame, key) for key in ("fl_x", "fl_y", "cx", "cy")]
+    known = {"cx": width / 2, "cy": height / 2} | frame
+    if "fl_x" not in known and "camera_angle_x" in known:
+        half = json_number(where, known, "camera_angle_x") / 2
+        known["fl_x"] = width / 2 / np.tan(half) if 0 < half < np.pi / 2 else 0.0
+    numbers = [json_number(where, {"fl_y": known.get("fl_x")} | known, key) for key in ("fl_x", "fl_y", "cx", "cy")]
     fx, fy, cx, cy = numbers
     camera = pinhole(where, width, height, fx, fy, cx - PIXEL_CENTRE, cy - PIXEL_CENTRE)
     keys = ("k1", "k2", "p1", "p2", "k3")
@@ -123,4 +142,30 @@ def _pose(where: str, frame: dict[str, Any]) -> NDArray:
 
 
 def _read_depth(path: Path, unit_m: float) -> NDArray:
-    return depth_npy(unit_m)(path) if path.suffix == ".npy" else depth_png(unit_m)(path)
+    if path.suffix == ".npy":
+        return depth_npy(unit_m)(path)
+    if path.suffix.lower() in (".tif", ".tiff"):
+        return clean_depth(_read_tiff(path) * np.float32(unit_m))
+    if path.suffix.lower() == ".exr":
+        return clean_depth(read_exr(path) * np.float32(unit_m))
+    return depth_png(unit_m)(path)
+
+
+def _read_tiff(path: Path) -> NDArray:
+    """Read the only channel of a TIFF image of 16 bits or floats; raises InputError when it is damaged or another."""
+    data = read_bytes(path, MAX_IMAGE_BYTES, "an image")
+    try:
+        with TiffImageFile(BytesIO(data)) as header:
+            size = header.size
+        check_picture(path, *size)
+        image = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_UNCHANGED)
+    except InputError:
+        raise
+    except Exception as error:  # Pillow may raise anything on damaged headers
+        raise InputError(f"{path}: expected a TIFF image, found one that cannot be decoded") from error
+    if image is None:
+        raise InputError(f"{path}: expected a TIFF image, found one that cannot be decoded")
+    if image.ndim != 2 or image.dtype not in (np.uint16, np.float32, np.float64):
+        found = f"{image.dtype} {list(image.shape)}"
+        raise InputError(f"{path}: expected depth of 16 bits or floats in one channel, found {found}")
+    return image.astype(np.float32)

@@ -12,7 +12,9 @@ from simaps_viz.datasets.sequence import PosedFrames
 READERS: list[str | Reader] = [
     PosedFramesReader(),
     "simaps_viz.datasets.tum:TumReader",
+    "simaps_viz.datasets.slam_folder:SlamFolderReader",
     "simaps_viz.datasets.seven_scenes:SevenScenesReader",
+    "simaps_viz.datasets.redwood:RedwoodReader",
     "simaps_viz.datasets.scannet:ScanNetReader",
     "simaps_viz.datasets.scannet:SensReader",
     "simaps_viz.datasets.replica:ReplicaReader",
@@ -22,6 +24,8 @@ READERS: list[str | Reader] = [
     "simaps_viz.datasets.record3d:Record3DReader",
     "simaps_viz.datasets.polycam:PolycamReader",
     "simaps_viz.datasets.rosbag:RosbagReader",
+    "simaps_viz.datasets.stray_scanner:StrayScannerReader",
+    "simaps_viz.datasets.rtabmap:RtabmapReader",
     "simaps_viz.datasets.rerun_rrd:RerunReader",
     "simaps_viz.datasets.lidar:LidarReader",
 ]

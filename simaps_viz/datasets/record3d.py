@@ -321,13 +321,17 @@ def _exr_parts(folder: Path) -> _Parts:
         metadata_path=str(metadata),
         names=[file.stem for file in depth_files],
         color=lambda i: read_color(color_files[i]),
-        raw_depth=lambda i: _read_exr(depth_files[i]),
+        raw_depth=lambda i: read_exr(depth_files[i]),
         depth_where=lambda i: str(depth_files[i]),
     )
 
 
-def _read_exr(path: Path) -> NDArray:
-    """Read the only channel, or the first of several equal ones."""
+def read_exr(path: Path) -> NDArray:
+    """Read the only channel of an EXR image, or the first of several equal ones, as float32 [H, W].
+
+    Raises:
+        InputError: It is damaged, or the package that reads it is not installed.
+    """
     OpenEXR = _library("OpenEXR", path)
     check_file(path, MAX_IMAGE_BYTES, "an EXR image")
     check_exr(path)

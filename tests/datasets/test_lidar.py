@@ -1,6 +1,7 @@
 """Laser scans: file formats read exactly, clouds seen by the camera as it would see them, faults in one line."""
 
 import json
+import struct
 from pathlib import Path
 
 import numpy as np
@@ -50,6 +51,36 @@ def test_pcd(tmp_path, stored, size):
     points = POINTS.astype(f"f{size}").astype(np.float64)
     (tmp_path / "a.pcd").write_bytes(pcd(points, stored, size))
     np.testing.assert_array_equal(read_pcd(tmp_path / "a.pcd"), points, "and without the one that is NaN")
+
+
+@pytest.mark.parametrize("stored", ["binary", "binary_compressed"])
+def test_pcd_as_pcl_pads_it(tmp_path, stored):
+    """The header of an Ouster's cloud (PDAL issue 3254): fields "_" of 1 byte, several times, or not at all."""
+    kinds = ("f4", "f4", "f4", "u1", "f4", "u4", "u2", "u1", "u1", "u2", "u1", "u4", "u1")
+    counts = (1, 1, 1, 4, 1, 1, 1, 1, 0, 1, 0, 1, 15)
+    rng = np.random.default_rng(0)
+    columns = [rng.integers(0, 200, (9, n)).astype(f"<{kind}") for kind, n in zip(kinds, counts, strict=True)]
+    for i in range(3):
+        columns[i][:, 0] = POINTS[:9, i]
+    header = f"""# .PCD v0.7 - Point Cloud Data file format
+VERSION 0.7
+FIELDS x y z _ intensity t reflectivity ring _ noise _ range _
+SIZE {" ".join(kind[1] for kind in kinds)}
+TYPE F F F U F U U U U U U U U
+COUNT {" ".join(map(str, counts))}
+WIDTH 9
+HEIGHT 1
+VIEWPOINT 0 0 0 1 0 0 0
+POINTS 9
+DATA {stored}
+"""
+    by_point = b"".join(column[i].tobytes() for i in range(9) for column in columns)
+    body = by_point
+    if stored == "binary_compressed":
+        packed = lzf_pack(b"".join(column.tobytes() for column in columns))
+        body = struct.pack("<II", len(packed), len(by_point)) + packed
+    (tmp_path / "a.pcd").write_bytes(header.encode() + body)
+    np.testing.assert_array_equal(read_pcd(tmp_path / "a.pcd"), POINTS[:9].astype(np.float32))
 
 
 @given(st.binary(max_size=700), st.integers(1, 12))

@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from rosbags.typesys import Stores
-from scans_bags import Messages
+from scans_bags import Messages, rvl
 
 from simaps_viz.datasets.calibration import Lens, _pixels, see_through
 from simaps_viz.datasets.ros_messages import Transforms, decode_color, decode_depth, decode_lens, unpack_rvl
@@ -20,31 +20,6 @@ MAKE = Messages(Stores.ROS2_HUMBLE)
 K = Intrinsics(160, 120, 130.0, 131.0, 80.0, 61.0)
 AZURE = (0.5285, -2.5918, 0.00085, -0.00039, 1.4947, 0.4072, -2.4131, 1.4217)
 """Of an Azure Kinect's colour camera: k1, k2, p1, p2, k3, k4, k5, k6."""
-
-
-def rvl(depth: np.ndarray) -> bytes:
-    """Pack as A. Wilson's paper says: runs of zeros and of others, differences, three bits a nibble."""
-    numbers, flat, i = [], depth.ravel().astype(int), 0
-    previous = 0
-    while i < flat.size:
-        start = i
-        while i < flat.size and flat[i] == 0:
-            i += 1
-        numbers.append(i - start)
-        start = i
-        while i < flat.size and flat[i] != 0:
-            i += 1
-        numbers.append(i - start)
-        for value in flat[start:i]:
-            step, previous = value - previous, value
-            numbers.append(2 * step if step >= 0 else -2 * step - 1)
-    nibbles = []
-    for number in numbers:
-        digits = [int(digit) for digit in reversed(f"{number:o}")]
-        nibbles += [digit | 8 for digit in digits[:-1]] + digits[-1:]
-    nibbles += [0] * (-len(nibbles) % 8)
-    words = [sum(n << (28 - 4 * j) for j, n in enumerate(nibbles[i : i + 8])) for i in range(0, len(nibbles), 8)]
-    return struct.pack(f"<{len(words)}I", *words)
 
 
 @given(st.lists(st.sampled_from([0, 0, 1, 2, 700, 705, 65535]), min_size=1, max_size=60))

@@ -1,5 +1,6 @@
 """Writers of robots' recordings: a base that drives, a camera fixed on it, depth and colour at their own times."""
 
+import struct
 from pathlib import Path
 from typing import Any
 
@@ -27,6 +28,31 @@ from simaps_viz.geometry import invert_pose
 T_BASE_CAMERA = np.array([[0, 0, 1, 0.1], [-1, 0, 0, 0.0], [0, -1, 0, 0.9], [0, 0, 0, 1.0]])
 """An optical frame (x right, y down, z forward) on a robot whose x is forward and z up."""
 DEPTH, COLOR = "/camera/aligned_depth_to_color", "/camera/color"
+
+
+def rvl(depth: np.ndarray) -> bytes:
+    """Pack as A. Wilson's paper says: runs of zeros and of others, differences, three bits a nibble."""
+    numbers, flat, i = [], depth.ravel().astype(int), 0
+    previous = 0
+    while i < flat.size:
+        start = i
+        while i < flat.size and flat[i] == 0:
+            i += 1
+        numbers.append(i - start)
+        start = i
+        while i < flat.size and flat[i] != 0:
+            i += 1
+        numbers.append(i - start)
+        for value in flat[start:i]:
+            step, previous = value - previous, value
+            numbers.append(2 * step if step >= 0 else -2 * step - 1)
+    nibbles = []
+    for number in numbers:
+        digits = [int(digit) for digit in reversed(f"{number:o}")]
+        nibbles += [digit | 8 for digit in digits[:-1]] + digits[-1:]
+    nibbles += [0] * (-len(nibbles) % 8)
+    words = [sum(n << (28 - 4 * j) for j, n in enumerate(nibbles[i : i + 8])) for i in range(0, len(nibbles), 8)]
+    return struct.pack(f"<{len(words)}I", *words)
 
 
 class Messages:

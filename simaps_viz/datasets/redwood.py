@@ -1,0 +1,128 @@
+"""Read Redwood's recordings and those of Open3D's reconstruction system: pictures and poses in a ``.log`` file."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from simaps_viz.datasets.calibration import Lens, matrix_lens, numbers, rigid, words
+from simaps_viz.datasets.file_frames import FileFrames, depth_png, json_number, numbered
+from simaps_viz.datasets.images import image_size
+from simaps_viz.datasets.manifest import is_finite_number, read_json, shown
+from simaps_viz.datasets.recording import FormatFacts, Reader, Recording, left_out
+from simaps_viz.errors import InputError
+
+FACTS = FormatFacts(
+    title="Redwood, Open3D",
+    recognised_by="`trajectory.log`, `scene/trajectory.log` or another `*.log`, `depth/*.png`, `color/` or `image/`",
+    pose="camera to world: three numbers, then 4x4",
+)
+COLORS = ("color", "image", "rgb")
+LOGS = ("trajectory.log", "scene/trajectory.log")
+CAMERAS = ("intrinsic.json", "camera_intrinsic.json")
+"""As Open3D's recorders write them, or people give them to it."""
+PRIMESENSE = (640, 480), np.array([[525.0, 0, 319.5], [0, 525.0, 239.5], [0, 0, 1]])
+"""Open3D's camera where none is given: that of Redwood's recordings."""
+
+
+class RedwoodReader(Reader):
+    """The reader of Redwood's and Open3D's recordings."""
+
+    facts = FACTS
+
+    def recognise(self, path: Path) -> bool:
+        """Return whether a folder is in this format, from names alone."""
+        return (path / "depth").is_dir() and _colors(path) is not None and _log(path) is not None
+
+    def open(self, path: Path) -> Recording:
+        """Open a recording; raises InputError for anything that is not as the format wants it."""
+        log, colors = _log(path), _colors(path)
+        assert log is not None and colors is not None
+        color_files = [f for f in numbered(colors, "*.*") if f.suffix.lower() in (".jpg", ".jpeg", ".png")]
+        pairs = _paired(path, color_files, numbered(path / "depth", "*.png"))
+        poses = _poses(log)
+        if max(poses) >= len(pairs):
+            raise InputError(f"{log}: expected a pose per picture, found one of number {max(poses)} for {len(pairs)}")
+        posed = {number: T for number, T in poses.items() if np.isfinite(T).all()}
+        if not posed:
+            raise InputError(f"{log}: expected poses of finite numbers, found none in {len(poses)}")
+        color_files, depth_files = ([pairs[number][i] for number in posed] for i in (0, 1))
+        width, height = image_size(depth_files[0])
+        lens, unit_m, notes = _camera(path, (width, height))
+        color_lens = lens.scaled(*image_size(color_files[0]))
+        files = FileFrames(color_files, depth_files, [color_lens], [lens], lens.intrinsics, depth_png(unit_m))
+        return files.recording(
+            FACTS,
+            path,
+            name=path.resolve().name,
+            frame_names=tuple(file.stem.replace(" ", "_") for file in depth_files),
+            poses=np.stack([rigid(f"{log}: pose {number}", T) for number, T in posed.items()]),
+            depth_unit_m=unit_m,
+            notes=(*notes, *left_out(len(pairs) - len(posed), len(pairs), f"pictures have no pose in {log.name}")),
+        )
+
+
+def _colors(path: Path) -> Path | None:
+    return next((path / name for name in COLORS if (path / name).is_dir()), None)
+
+
+def _log(path: Path) -> Path | None:
+    others = sorted(file for file in path.glob("*.log") if "odometry" not in file.name)
+    return next((file for file in (*(path / name for name in LOGS), *others) if file.is_file()), None)
+
+
+def _paired(path: Path, color_files: list[Path], depth_files: list[Path]) -> list[tuple[Path, Path]]:
+    """Pair colour and depth by their names, or by their order where they have other names but are as many."""
+    by_name = {file.stem: file for file in color_files}
+    pairs = [(by_name[file.stem], file) for file in depth_files if file.stem in by_name]
+    if not pairs and len(color_files) == len(depth_files):
+        pairs = list(zip(color_files, depth_files, strict=True))
+    if not pairs:
+        found = f"{len(color_files)} and {len(depth_files)}"
+        raise InputError(f"{path}: expected colour and depth images of the same names or number, found {found}")
+    return pairs
+
+
+def _poses(log: Path) -> dict[int, NDArray]:
+    """Return {number of the picture: pose [4, 4]}; the first of the three numbers before a matrix is the picture's.
+
+    Where those are no picture's numbers (all the same, as some programs write), poses are in the pictures' order.
+    """
+    lines = words(log)
+    if not lines or len(lines) % 5:
+        raise InputError(f"{log}: expected five lines a pose, found {len(lines)} lines")
+    named, matrices = [], []
+    for start in range(0, len(lines), 5):
+        line, head = lines[start]
+        rows = [numbers(f"{log}, line {n}", row) for n, row in lines[start + 1 : start + 5]]
+        if len(head) not in (1, 2, 3) or any(len(row) != 4 for row in rows):
+            raise InputError(f"{log}, line {line}: expected three numbers and a 4x4 matrix, found something else")
+        named.append(float(numbers(f"{log}, line {line}", head, finite=True)[0]))
+        matrices.append(np.array(rows))
+    own = len(set(named)) == len(named) and all(n.is_integer() and n >= 0 for n in named)
+    order = [int(n) for n in named] if own else list(range(len(named)))
+    return dict(sorted(zip(order, matrices, strict=True), key=lambda item: item[0]))
+
+
+def _camera(path: Path, size: tuple[int, int]) -> tuple[Lens, float, tuple[str, ...]]:
+    """Return the camera, the length of a depth step in metres, and a note where Open3D's default had to be taken."""
+    for file in (folder / name for folder in (path, path.parent) for name in CAMERAS):
+        if file.is_file():
+            content = read_json(file)
+            values = content.get("intrinsic_matrix") if isinstance(content, dict) else None
+            if not isinstance(values, list) or len(values) != 9 or not all(map(is_finite_number, values)):
+                raise InputError(f"{file}: intrinsic_matrix: expected nine numbers, found {shown(values)}")
+            width, height = (int(json_number(str(file), content, key)) for key in ("width", "height"))
+            scale = json_number(str(file), {"depth_scale": 1 / FACTS.depth_unit_m} | content, "depth_scale")
+            if scale <= 0:
+                raise InputError(f"{file}: depth_scale: expected a number over 0, found {json.dumps(scale)}")
+            lens = matrix_lens(str(file), width, height, np.array(values, dtype=np.float64).reshape(3, 3).T)
+            return lens.scaled(*size), 1 / scale, ()
+    default, K = PRIMESENSE
+    if size != default:
+        raise InputError(
+            f"{path}: expected {' or '.join(CAMERAS)} with the camera of {size[0]}x{size[1]} pixels, found none"
+        )
+    note = f"nothing names the camera ({CAMERAS[0]}): taken as Open3D's default, a PrimeSense of 525 pixels"
+    return matrix_lens(str(path), *default, K), FACTS.depth_unit_m, (note,)

@@ -1,0 +1,249 @@
+"""Quirks of what SLAM programs and phone apps write, as their sources and real files show them."""
+
+import json
+import sqlite3
+import struct
+from collections.abc import Callable
+from pathlib import Path
+
+import cv2
+import numpy as np
+import OpenEXR
+import pytest
+from scans import FRAMES, LEANING, Sample, camera, look, map_pose, row, steps
+from scans_bags import rvl
+from scans_folders import tum
+from scans_slam import instant_ngp, redwood, rtabmap, rtabmap_calibration, slam_folder, stray_scanner
+
+from simaps_viz import open_sequence
+from simaps_viz.datasets.open import recognise
+from simaps_viz.errors import InputError
+
+K = camera()
+
+
+def change(path: Path, query: str, *values: object) -> None:
+    with sqlite3.connect(path) as database:
+        database.execute(query, values)
+    database.close()
+
+
+def test_a_database_without_optimised_poses_says_so(tmp_path):
+    sample = rtabmap(tmp_path, optimised=False)
+    sequence = open_sequence(sample.path)
+    assert sequence.notes == ("poses are odometry's: the database has no optimised ones (Admin.opt_poses)",)
+    np.testing.assert_allclose(sequence.poses, open_sequence(sample.reference).poses, atol=3e-7)
+
+
+def test_nodes_outside_the_optimised_graph_are_left_out(tmp_path):
+    assert open_sequence(rtabmap(tmp_path).path).notes == (
+        "1 of 5 nodes have no pose in the optimised graph: left out",
+    )
+
+
+def test_a_database_with_depth_as_rvl(tmp_path):
+    path = rtabmap(tmp_path).path
+    depth = steps(look(K, map_pose(0))[0])
+    change(path, "UPDATE Data SET depth = ? WHERE id = 1", b"DEPTHRVL" + struct.pack("<II", 64, 48) + rvl(depth))
+    np.testing.assert_allclose(open_sequence(path).read(0).depth_m, depth * 0.001, rtol=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("query", "values", "expected"),
+    [
+        ("DELETE FROM Data", (), "nodes with a picture and depth, found none in 6 nodes; .*Mem/BinDataKept"),
+        ("UPDATE Data SET calibration = ?", (rtabmap_calibration(K, kind=1),), "one camera with depth, found stereo"),
+        (
+            "UPDATE Data SET calibration = ?",
+            (rtabmap_calibration(K, cameras=2),),
+            "one camera, found 744 bytes for sev",
+        ),
+        ("UPDATE Data SET calibration = ?", (bytes(16),), "RTAB-Map 0.11 or later, found 16 bytes"),
+        ("UPDATE Admin SET opt_poses = ?", (bytes(40),), "Admin.opt_poses: expected packed numbers"),
+        ("DROP TABLE Data", (), "an RTAB-Map database, found .*no such table: Data"),
+    ],
+)
+def test_databases_that_are_not_read(tmp_path, query, values, expected):
+    path = rtabmap(tmp_path).path
+    change(path, query, *values)
+    with pytest.raises(InputError, match=f"rtabmap.db.*expected {expected}|rtabmap.db.*{expected}"):
+        open_sequence(path)
+
+
+def test_the_camera_of_all_pictures_where_the_app_wrote_none_for_each(tmp_path):
+    """The app writes the last picture's camera alone; since 2026 each row of odometry.csv has its own."""
+    path = stray_scanner(tmp_path).path
+    lines = [line.split(",")[:9] for line in (path / "odometry.csv").read_text().splitlines()]
+    (path / "odometry.csv").write_text("\n".join(map(",".join, lines)))
+    assert open_sequence(path).intrinsics.fx == pytest.approx(K.fx * 1.1, rel=1e-6)
+
+
+def test_what_a_phone_lost_is_left_out(tmp_path):
+    path = stray_scanner(tmp_path).path
+    (path / "depth/000001.png").unlink()
+    lines = (path / "odometry.csv").read_text().splitlines()
+    lines[3] = lines[3].replace(lines[3].split(",")[2], " nan")
+    (path / "odometry.csv").write_text("\n".join(lines))
+    sequence = open_sequence(path)
+    assert sequence.frame_names == ("000000", "000003")
+    assert sequence.notes == ("3 of 5 poses have no picture in rgb.mp4, or no depth image: left out",)
+    later = np.abs(sequence.color(1).astype(int) - open_sequence(stray_scanner(tmp_path / "b").path).color(3))
+    assert later.max() == 0, "the picture of that number, not the second"
+
+
+def test_a_video_that_ends_early_names_the_picture(tmp_path):
+    path = stray_scanner(tmp_path).path
+    sequence = open_sequence(path)
+    forwards = [sequence.color(i) for i in range(FRAMES)]
+    for i in (3, 0, 2):
+        np.testing.assert_array_equal(sequence.color(i), forwards[i])
+    data = (path / "rgb.mp4").read_bytes()
+    (path / "rgb.mp4").write_bytes(data[: len(data) // 2])
+    with pytest.raises(InputError, match=r"rgb\.mp4: expected a video, found one that cannot be decoded"):
+        open_sequence(path)
+
+
+TUM_HEAD = "# color images\n# file: 'rgbd_dataset_freiburg1_desk.bag'\n"
+ORB3 = (
+    'Camera.type: "PinHole"\nCamera1.fx: 500.0\nCamera1.fy: 501.0\nCamera1.cx: 320\nCamera1.cy: 240\nCamera1.k1: 0.1\n'
+)
+
+
+@pytest.mark.parametrize(
+    ("name", "content", "focal", "unit_m"),
+    [
+        ("rgb.txt", TUM_HEAD, 517.3, 0.0002),
+        ("calibration.txt", "726.3 726.3 354.6 186.5\n", 726.3, 0.0002),
+        ("orb.yaml", ORB3 + "RGBD.DepthMapFactor: 4000.0\n", 500.0, 0.00025),
+        ("intrinsics.txt", "600 0 320\n0 600 240\n0 0 1\n", 600.0, 0.0002),
+    ],
+)
+def test_who_says_which_camera_it_was(tmp_path, name, content, focal, unit_m):
+    path = tum(tmp_path).path.rename(tmp_path / "mine")
+    (path / "groundtruth.txt").rename(path / "CameraTrajectory.txt")
+    before = (path / name).read_text() if (path / name).is_file() else ""
+    (path / name).write_text(content + before)
+    sequence = open_sequence(path)
+    assert sequence.recording.facts.title == "RGB-D SLAM folder" and len(sequence) == FRAMES
+    assert (sequence.intrinsics.fx, sequence.depth_unit_m) == (focal, pytest.approx(unit_m))
+    assert sequence.notes[0].startswith(f"camera: {name}")
+
+
+def test_no_camera_is_made_up(tmp_path):
+    path = tum(tmp_path).path.rename(tmp_path / "mine")
+    (path / "groundtruth.txt").rename(path / "KeyFrameTrajectory.txt")
+    with pytest.raises(
+        InputError, match=r"mine: expected something that says which camera it was, found none of intri"
+    ):
+        open_sequence(path)
+    (path / "KeyFrameTrajectory.txt").unlink()
+    with pytest.raises(InputError, match=r"mine: expected a trajectory \(groundtruth.txt, CameraTrajectory.txt"):
+        open_sequence(path)
+
+
+def test_lists_with_depth_first_and_missing_files(tmp_path):
+    """TUM's associate.py prints whichever list it is called with first."""
+    path = slam_folder(tmp_path).path
+    lines = [line.split() for line in (path / "associations.txt").read_text().splitlines()]
+    (path / "associations.txt").write_text("\n".join(" ".join([*line[2:], *line[:2]]) for line in lines))
+    (path / lines[4][1]).unlink()
+    sequence, usual = open_sequence(path), open_sequence(slam_folder(tmp_path / "b").path)
+    np.testing.assert_array_equal(sequence.poses, usual.poses[:3])
+    np.testing.assert_array_equal(sequence.color(1), usual.color(1))
+
+
+def test_redwood_s_camera_is_open3d_s_where_it_fits(tmp_path):
+    path = redwood(tmp_path).path
+    (path / "intrinsic.json").unlink()
+    with pytest.raises(InputError, match=r"expected intrinsic\.json or .* 64x48 pixels, found none"):
+        open_sequence(path)
+    for file in (*(path / "depth").iterdir(), *(path / "color").iterdir()):
+        image = cv2.imread(str(file), cv2.IMREAD_UNCHANGED)
+        assert image is not None
+        cv2.imwrite(str(file), cv2.resize(image, (640, 480), interpolation=cv2.INTER_NEAREST))
+    sequence = open_sequence(path)
+    assert sequence.intrinsics.fx == 525.0 and "taken as Open3D's default" in sequence.notes[0]
+
+
+@pytest.mark.parametrize("head", ["0 0 0", "0\t 0\t 1 "])
+def test_logs_whose_heads_name_no_picture(tmp_path, head):
+    path = redwood(tmp_path).path
+    poses = [f"{head}\n" + "\n".join(map(row, LEANING.pose(i))) for i in range(FRAMES)]
+    (path / "scene/trajectory.log").rename(path / "bedroom.log").write_text("\n".join(poses) + "\n")
+    (path / "color/000004.png").rename(path / "color/later.txt")
+    sequence = open_sequence(path)
+    np.testing.assert_allclose(sequence.poses, [LEANING.pose(i) for i in range(FRAMES)], atol=1e-9)
+
+
+def test_logs_that_are_cut(tmp_path):
+    path = redwood(tmp_path).path
+    log = path / "scene/trajectory.log"
+    log.write_text("\n".join(log.read_text().splitlines()[:-1]))
+    with pytest.raises(InputError, match=r"trajectory\.log: expected five lines a pose, found 19 lines"):
+        open_sequence(path)
+
+
+def edit(path: Path, **keys: object) -> None:
+    content = json.loads((path / "transforms.json").read_text()) | keys
+    for frame in content["frames"]:
+        for key, value in keys.items():
+            if value is None:
+                frame.pop(key, None)
+    (path / "transforms.json").write_text(json.dumps({k: v for k, v in content.items() if v is not None}))
+
+
+def test_a_camera_by_its_angle_of_view_alone(tmp_path):
+    path = instant_ngp(tmp_path).path
+    angle = 2 * np.arctan(K.width / 2 / K.fx)
+    edit(path, camera_angle_x=angle, fl_x=None, fl_y=None, cx=None, cy=None, w=None, h=None)
+    k = open_sequence(path).intrinsics
+    assert (k.fx, k.fy, k.cx, k.cy) == (pytest.approx(K.fx), pytest.approx(K.fx), K.width / 2 - 0.5, K.height / 2 - 0.5)
+
+
+def tiff(path: Path, depth_m: np.ndarray) -> None:
+    assert cv2.imwrite(str(path), depth_m)
+
+
+def exr(path: Path, depth_m: np.ndarray) -> None:
+    OpenEXR.File({"compression": OpenEXR.ZIP_COMPRESSION}, {"Z": depth_m}).write(str(path))
+
+
+@pytest.mark.parametrize(("suffix", "write"), [("tiff", tiff), ("tif", tiff), ("exr", exr)])
+def test_depth_as_tiff_or_exr(tmp_path: Path, suffix: str, write: Callable[[Path, np.ndarray], None]) -> None:
+    sample: Sample = instant_ngp(tmp_path)
+    path, usual = sample.path, open_sequence(sample.path)
+    content = json.loads((path / "transforms.json").read_text())
+    for i, frame in enumerate(content["frames"][:FRAMES]):
+        frame.pop("depth_path")
+        frame["depth_file_path"] = f"depth/{i}.{suffix}"
+        (path / "depth").mkdir(exist_ok=True)
+        write(path / frame["depth_file_path"], usual.read(i).depth_m)
+    (path / "transforms.json").write_text(json.dumps(content | {"integer_depth_scale": 1.0}))
+    sequence = open_sequence(path)
+    for i in range(FRAMES):
+        np.testing.assert_array_equal(sequence.read(i).depth_m, usual.read(i).depth_m)
+    damaged = path / f"depth/0.{suffix}"
+    damaged.write_bytes(damaged.read_bytes()[:60])
+    with pytest.raises(InputError, match=f"0.{suffix}: expected an? {suffix.upper()[:4].replace('TIF', 'TIF')}"):
+        sequence.read(0)
+
+
+def test_depth_that_nerfcapture_has_clipped(tmp_path):
+    """Its offline mode writes depth as an 8-bit picture, white beyond a metre (DatasetWriter.swift)."""
+    path = instant_ngp(tmp_path).path
+    for i in range(FRAMES):
+        cv2.imwrite(str(path / f"images/{i}.depth.png"), np.zeros((48, 64, 4), np.uint8))
+    edit(path, integer_depth_scale=None, depth_integer_scale=1.0)
+    with pytest.raises(
+        InputError, match=r"depth\.png: expected a 16-bit depth image with one channel, found 8 bits and 4"
+    ):
+        open_sequence(path)
+
+
+def test_readers_know_their_own_alone(tmp_path):
+    titles = {}
+    for writer in (instant_ngp, redwood, rtabmap, slam_folder, stray_scanner):
+        reader = recognise(writer(tmp_path / writer.__name__).path)
+        titles[writer.__name__] = reader.facts.title if reader else None
+    assert list(titles.values()) == ["nerfstudio, instant-ngp", "Redwood, Open3D", "RTAB-Map", "RGB-D SLAM folder",
+                                     "Stray Scanner"]  # fmt: skip
