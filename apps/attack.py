@@ -11,12 +11,13 @@ import shutil
 import sys
 import tempfile
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 from unittest import mock
 
 import tyro
+from attacks.changes import OWN, build_to_stop
 from attacks.files import Watched
 from attacks.run import ATTACKS, run_attack
 from attacks.target import Target
@@ -24,7 +25,7 @@ from attacks.target import Target
 from simaps_viz.app import workbench
 from simaps_viz.mapping.file import load_map
 from simaps_viz.mapping.mending import open_mending
-from simaps_viz.viewer.server.access import TOKEN_VARIABLE
+from simaps_viz.viewer.server.access import OWNER_VARIABLE, TOKEN_VARIABLE
 
 
 @dataclass(frozen=True)
@@ -42,6 +43,7 @@ def main(config: Attack) -> int:
     chosen = [attack for attack in ATTACKS if config.only in attack.__name__]
     with tempfile.TemporaryDirectory(prefix="simaps-attack-") as folder, _copies(Path(folder), config.map) as copy:
         simap, given = load_map(copy), {TOKEN_VARIABLE: "A-token_of_0123456789_abcdefghij"}
+        given[OWNER_VARIABLE] = f"{given[TOKEN_VARIABLE]}-owner"
         recording, secret = copy.with_name("toy.rrd"), copy.with_name("secret.txt")
         opened = partial(
             workbench.open_workbench, simap, recording=recording, map_path=copy, mending=open_mending(copy)
@@ -51,6 +53,8 @@ def main(config: Attack) -> int:
             mock.patch.dict(os.environ, given),
             opened(port=8290) as closed,
         ):
+            for one in (bench, closed):
+                one.services = replace(one.services, panels=(*one.services.panels, build_to_stop(Path(folder))))
             watched = Watched([Path(folder), Path(__file__).parents[1], config.map.absolute().parent])
             outcomes = [run_attack(attack, Target(bench, closed, secret), watched) for attack in chosen]
     for one in outcomes:
@@ -76,7 +80,7 @@ def _copies(folder: Path, map_path: Path) -> Iterator[Path]:
             shutil.copy2(file, folder / "work")
     recording = folder / "work" / "toy.rrd"
     recording.write_bytes(bytes(range(256)) * 40)  # the servers read nothing of it
-    shutil.copy2(recording, places["SIMAPS_RECORDINGS"] / "own.rrd")
+    shutil.copy2(recording, places["SIMAPS_RECORDINGS"] / f"{OWN}.rrd")
     (folder / "work" / "secret.txt").write_text(Target.secret_text)
     (folder / "work" / "link.rrd").symlink_to(folder / "work" / "secret.txt")
     with mock.patch.dict(os.environ, {name: str(place) for name, place in places.items()}):

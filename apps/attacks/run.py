@@ -5,14 +5,14 @@ import time
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from attacks import floods, messages, requests
+from attacks import changes, floods, messages, requests
 from attacks.files import Watched
 from attacks.target import Target, Tries
 
 Attack = Callable[[Target], Tries]
 ATTACKS: tuple[Attack, ...] = tuple(
     found
-    for module in (requests, messages, floods)
+    for module in (requests, messages, changes, floods)
     for name, found in vars(module).items()
     if inspect.isgeneratorfunction(found) and not name.startswith("_") and found.__module__ == module.__name__
 )

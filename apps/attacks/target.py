@@ -43,7 +43,7 @@ class Reply:
 
 @dataclass(frozen=True, eq=False)
 class Target:
-    """A workbench that anybody on this machine may open, one that demands a token, and a file that is nobody's."""
+    """A workbench whose pages may do all, one with tokens for visitors and an owner, and a file that is nobody's."""
 
     bench: Workbench
     closed: Workbench
@@ -98,11 +98,12 @@ def send_raw(port: int, request: bytes, *, most: int = 1 << 20, finish: bool = F
     return Reply(status, head.decode("latin-1"), body)
 
 
-def enter(bench: Workbench) -> str:
+def enter(bench: Workbench, *, owner: bool = False) -> str:
     """Bring a workbench its token, and return the cookie that lets in; empty where none is asked for."""
-    if not bench.access.token:
+    token = bench.access.owner_token if owner else bench.access.token
+    if not token:
         return ""
-    reply = ask(bench.port, f"/?token={bench.access.token}")
+    reply = ask(bench.port, f"/?token={token}")
     cookie = next((line for line in reply.head.splitlines() if line.startswith("Set-Cookie: ")), "")
     return cookie.removeprefix("Set-Cookie: ").partition(";")[0]
 
@@ -128,10 +129,10 @@ def socket_refused(port: int, **options: Any) -> bool:
 
 
 @contextlib.contextmanager
-def page(bench: Workbench, *, name: str = "127.0.0.1") -> Iterator[tuple[Connection, Session]]:
-    """Open a page that nobody draws, by another name if need be; returns its WebSocket and its session."""
+def page(bench: Workbench, *, name: str = "127.0.0.1", owner: bool = False) -> Iterator[tuple[Connection, Session]]:
+    """Open a page that nobody draws, by another name or an owner's if need be; returns its WebSocket and session."""
     before = {session.token for session in bench.sessions}
-    head = {"Cookie": cookie} if (cookie := enter(bench)) else {}
+    head = {"Cookie": cookie} if (cookie := enter(bench, owner=owner)) else {}
     with open_socket(bench.port, name=name, additional_headers=head) as connection:
         connection.send(msgspec.msgpack.encode(CAMERA))
         new: list[Session] = []

@@ -24,6 +24,7 @@ from simaps_viz.scenes.demo import demo_manifest, ensure_demo
 from simaps_viz.structures import SIMap
 from simaps_viz.viewer.page.panel import PanelSpec
 from simaps_viz.viewer.panels.live import ProgressPanel, head_html
+from simaps_viz.viewer.server.access import Access
 from simaps_viz.viewer.workbench import Workbench
 
 SHIPPED_MAP = Path(__file__).parents[2] / "recordings" / "cafe-evidence.npz"
@@ -62,7 +63,7 @@ class FramesState:
     """Why it failed, in words."""
 
 
-def serve_shipped(simap: SIMap, *, port: int, host: str, browser: bool, llm: str | None) -> None:
+def serve_shipped(simap: SIMap, *, port: int, access: Access, browser: bool, llm: str | None) -> None:
     """Serve the page of the shipped map until Ctrl-C; panels that need the frames are added once these are rendered."""
     frames, recording = DemoFrames(), SHIPPED_MAP.with_suffix(".rrd")
     panels = workbench.panels_of(simap, None, frames=False)
@@ -72,7 +73,7 @@ def serve_shipped(simap: SIMap, *, port: int, host: str, browser: bool, llm: str
         model=workbench.language_model(llm),
         look_back=workbench.look_back(lambda: frames.map_path),
     )
-    with Workbench(simap, services=services, port=port, host=host, start=start_pose(simap)) as page:
+    with Workbench(simap, services=services, port=port, access=access, start=start_pose(simap)) as page:
         workbench.tell_where(page, browser=browser)
         frames.start(page)
         try:

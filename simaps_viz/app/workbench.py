@@ -36,6 +36,7 @@ if TYPE_CHECKING:
     from simaps_viz.evaluation.judging import JudgingSession
     from simaps_viz.viewer.page.panel import PanelSpec
     from simaps_viz.viewer.page.services import LanguageModel, Services
+    from simaps_viz.viewer.server.access import Access
     from simaps_viz.viewer.server.front_door import FrontDoor
     from simaps_viz.viewer.workbench import Workbench
 
@@ -69,7 +70,7 @@ def open_workbench(
     llm: str | None = None,
     judging: "JudgingSession | None" = None,
     mending: Mending | None = None,
-    host: str = "127.0.0.1",
+    access: "Access | None" = None,
     map_path: Path | None = None,
 ) -> "Workbench":
     """Serve the page of a map with all its services; use it in a ``with`` block.
@@ -81,7 +82,7 @@ def open_workbench(
         llm: MODEL[@ADDRESS] of a language model that reads commands while it is switched on.
         judging: runs for a person to judge; the map must be the true one.
         mending: the edits of this map, which is shown with them.
-        host: address to listen on; one that other machines reach demands a token.
+        access: where to listen, and who may do what; by default this machine, whose people may do all.
         map_path: the map's file, whose history lies beside it; by default that of the recording's name.
     """
     from simaps_viz.viewer.workbench import Workbench  # noqa: PLC0415 - viser is slow to import
@@ -96,11 +97,11 @@ def open_workbench(
     )
     simap = simap if mending is None else mending.simap()
     start = start_pose(simap) if len(simap.T_map_camera) else None
-    return Workbench(simap, services=services, port=port, host=host, start=start)
+    return Workbench(simap, services=services, port=port, access=access, start=start)
 
 
 def serve(simap: SIMap, *, browser: bool, **options: Any) -> None:
-    """Show the workbench until Ctrl-C; ``options`` are those of `open_workbench`."""
+    """Show the workbench until Ctrl-C; ``options`` are those of `open_workbench`, see `Serving.options`."""
     with open_workbench(simap, **options) as page:
         tell_where(page, browser=browser)
         page.wait()
@@ -109,10 +110,12 @@ def serve(simap: SIMap, *, browser: bool, **options: Any) -> None:
 def tell_where(page: "Workbench | FrontDoor", what: str = "Workbench", *, browser: bool = False) -> None:
     """Print where a page is served; ``browser``: also open it in the browser."""
     note(f"{what}: {page.entrance}  (Ctrl-C to stop)")
+    if page.access.owner_token:
+        note(f"Only with this address can the map and files be changed: {page.owner_entrance}")
     if page.access.is_open:
         note("Open to the network, not encrypted; whoever has this address has the map.")
     if browser:
-        webbrowser.open(page.entrance)
+        webbrowser.open(page.owner_entrance)
 
 
 def look_back(path: Callable[[], Path | None]) -> Callable[[SIMap, int], SIMap | None]:

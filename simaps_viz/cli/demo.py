@@ -1,6 +1,6 @@
 """`simaps demo`: the embedded café, rendered, mapped and shown."""
 
-from dataclasses import asdict, dataclass, field
+from dataclasses import dataclass, field
 from typing import Annotated, Literal
 
 import tyro
@@ -38,10 +38,11 @@ class Demo:
         from simaps_viz.mapping.mending import open_mending
         from simaps_viz.scenes.demo import ensure_demo
 
+        serving = self.serving.options()
         shipped = demo.shipped_demo(self.mapping.method, self.mapping.config(), self.errors) if self.serve else None
         if shipped is not None:
             note(f"On the map: {workbench.counts_in_words(shipped.counts())}")
-            demo.serve_shipped(shipped, llm=self.llm, **asdict(self.serving))
+            demo.serve_shipped(shipped, llm=self.llm, **serving)
             return OK
         with stage_progress() as progress:
             manifest = ensure_demo(level=self.errors, cache_dir=cache_folder(), progress=progress)
@@ -50,5 +51,5 @@ class Demo:
         note(f"On the map: {workbench.counts_in_words(simap.counts())}")
         if self.serve:
             mending = open_mending(recording.with_suffix(".npz"), simap)
-            workbench.serve(simap, recording=recording, llm=self.llm, mending=mending, **asdict(self.serving))
+            workbench.serve(simap, recording=recording, llm=self.llm, mending=mending, **serving)
         return OK

@@ -1,6 +1,6 @@
 """`simaps judge`: runs of a robot, judged by a person."""
 
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -35,9 +35,10 @@ class Judge:
         from simaps_viz.app import workbench
         from simaps_viz.console.progress import stage_progress
 
+        serving = self.serving.options()
         with stage_progress() as progress:
             session, simap = open_judging(self.session, self.map, progress)
-        workbench.serve(simap, recording=None, judging=session, **asdict(self.serving))
+        workbench.serve(simap, recording=None, judging=session, **serving)
         return OK
 
 

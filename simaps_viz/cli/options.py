@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 from simaps_viz.build import MethodName
 
@@ -103,7 +103,19 @@ class Serving:
     port: int = 8080
     """Where to serve the page; the next free one when it is taken."""
     host: str = "127.0.0.1"
-    """Address to listen on. One that other machines reach, such as 0.0.0.0, demands a token, which is printed or comes
-    from SIMAPS_TOKEN; see SECURITY.md."""
+    """Address to listen on. One that other machines reach, such as 0.0.0.0, demands a token. Two addresses are printed:
+    one for visitors, who look, ask and simulate, one for you. Tokens of your own: SIMAPS_TOKEN, SIMAPS_OWNER_TOKEN; see
+    SECURITY.md."""
+    allow_edit: bool = False
+    """Let all who are let in do what otherwise only the owner's address may: mend the map, rename and delete files."""
+    read_only: bool = False
+    """Let nobody change anything, for a talk or a kiosk."""
     browser: bool = True
     """Open the page in the browser."""
+
+    def options(self) -> "dict[str, Any]":
+        """Return the options of a function that serves: port, access and browser."""
+        from simaps_viz.viewer.server.access import Access
+
+        access = Access(self.host, allow_edit=self.allow_edit, read_only=self.read_only)
+        return {"port": self.port, "access": access, "browser": self.browser}

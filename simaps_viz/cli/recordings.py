@@ -206,13 +206,12 @@ def open_alone(path: Path, *, port: int = 0, access: Any = None) -> Any:
     return FrontDoor(access, port).start([host])
 
 
-def view_alone(path: Path, *, port: int, browser: bool, host: str = "127.0.0.1") -> None:
+def view_alone(path: Path, *, port: int, browser: bool, access: Any = None) -> None:
     """Show a recorded build until Ctrl-C; on the next free port when that one is taken."""
     from simaps_viz.app.workbench import tell_where
-    from simaps_viz.viewer.server.access import Access
 
     find_recording(path)
-    served = open_alone(path, port=port, access=Access(host))
+    served = open_alone(path, port=port, access=access)
     try:
         tell_where(served, "Recorded build", browser=browser)
         threading.Event().wait()

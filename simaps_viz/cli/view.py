@@ -1,6 +1,6 @@
 """`simaps view`: the workbench on a map, a sequence or a recorded build."""
 
-from dataclasses import asdict, dataclass, field
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Annotated
 
@@ -42,8 +42,9 @@ class View:
         from simaps_viz.datasets.open import is_sequence
         from simaps_viz.mapping.mending import load_mended, open_mending
 
+        serving = self.serving.options()
         if is_recorded_build(self.path):
-            view_alone(self.path, **asdict(self.serving))
+            view_alone(self.path, **serving)
             return OK
         if is_sequence(self.path):
             with stage_progress() as progress:
@@ -63,9 +64,7 @@ class View:
             recording = find_recording(self.path, self.recording)
             map_path = self.path
         mending = open_mending(map_path, simap) if self.edits else None
-        workbench.serve(
-            simap, recording=recording, llm=self.llm, mending=mending, map_path=map_path, **asdict(self.serving)
-        )
+        workbench.serve(simap, recording=recording, llm=self.llm, mending=mending, map_path=map_path, **serving)
         return OK
 
 

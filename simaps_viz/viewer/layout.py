@@ -23,8 +23,9 @@ def prepare(server: viser.ViserServer) -> None:
 
 
 def specs_of(page: Page) -> Sequence[PanelSpec]:
-    """Return the panels that a page has: those of every page that its services allow, and its services' own."""
-    return [*(spec for spec in PANELS if spec.wanted(page.services)), *page.services.panels]
+    """Return the panels of a page: those that its services allow, and its services' own; as far as its person may."""
+    specs = [*(spec for spec in PANELS if spec.wanted(page.services)), *page.services.panels]
+    return [spec for spec in specs if spec.right is None or page.may(spec.right)]
 
 
 class Layout:

@@ -57,7 +57,7 @@ class Workbench:
         *,
         services: Services,
         port: int = 8080,
-        host: str = "127.0.0.1",
+        access: Access | None = None,
         start: Pose2 | None = None,
     ) -> None:
         """Start serving.
@@ -66,7 +66,7 @@ class Workbench:
             simap: the map to show.
             services: what the page can ask for.
             port: where to serve; the next free one when it is taken.
-            host: address to listen on; one that other machines reach demands a token, see `access.Access`.
+            access: where to listen, and who may do what; by default this machine, whose people may do all.
             start: where robots stand; None finds open floor.
 
         Raises:
@@ -89,7 +89,7 @@ class Workbench:
         """Serves the hidden frame that identifies the browser tab."""
         self.recording_host = self._recording_host()
         """Serves the recorded build; None where there is none."""
-        self.access = Access(host)
+        self.access = access or Access()
         self.door = FrontDoor(self.access, port)
         # viser listens on a private port, which only the front door knows the key of.
         with contextlib.redirect_stdout(io.StringIO()):  # its banner; the app says where the page is
@@ -107,6 +107,8 @@ class Workbench:
         self.door.start(hosts, viser=behind, stream_port=urlsplit(services.stream.removeprefix("rerun+")).port)
         self.url, self.entrance, self.port = self.door.url, self.door.entrance, self.door.port
         """Address of the page, the same with the token where one is asked for, and the one port of everything."""
+        self.owner_entrance = self.door.owner_entrance
+        """Address that makes an owner of who opens it."""
 
     @property
     def sessions(self) -> Sequence[Session]:

@@ -259,7 +259,9 @@ def test_what_view_takes_for_a_recorded_build(monkeypatch, tmp_path, recorded, c
     shown = []
     monkeypatch.setattr("simaps_viz.cli.recordings.view_alone", lambda path, **options: shown.append((path, options)))
     assert main(["view", str(recorded), "--no-browser", "--port", "8123"]) == 0
-    assert shown == [(recorded, {"port": 8123, "browser": False, "host": "127.0.0.1"})]
+    (path, options), *others = shown
+    assert (path, options["port"], options["browser"], others) == (recorded, 8123, False, [])
+    assert options["access"].host == "127.0.0.1"
     assert main(["view", str(tmp_path / "theirs.rrd"), "--no-browser"]) == BAD_INPUT
     assert "theirs.rrd" in capsys.readouterr().err.replace("\n", "") and len(shown) == 1
 

@@ -43,7 +43,7 @@ class StubPage(page.Page):
         self.pictures: list[MapPicture | None] = []
         self.looked: list[tuple[float, ...]] = []
         self.frames: list[int] = []
-        self.pose = TOY_POSE
+        self.pose, self.role = TOY_POSE, "owner"
         self.downloads: list[tuple[str, bytes]] = []
         self._worker = Worker(self.report)
         self.show_picture(None)

@@ -30,7 +30,7 @@ def target(tmp_path_factory):
 def test_is_withstood(target, attack, caplog):
     for name in ("simaps_viz", "websockets.server", "asyncio"):
         caplog.set_level(logging.DEBUG, name)
-    outcome = run_attack(attack, target)
+    outcome = run_attack(attack, target, Watched([target.secret.parent]))
     assert outcome.tried > 1
     assert outcome.succeeded == ()
     token = target.closed.access.token

@@ -34,7 +34,6 @@ from simaps_viz.drawing.theme import (
 from simaps_viz.structures import Grid, GridSpec
 from simaps_viz.viewer.page.page import Page
 from simaps_viz.viewer.page.panel import Panel, PanelSpec
-from simaps_viz.viewer.page.services import Services
 from simaps_viz.viewer.panels import help
 from simaps_viz.viewer.panels.build import BuildPanel
 from simaps_viz.viewer.panels.help import HelpPanel
@@ -233,14 +232,17 @@ class _Gui:
         return None
 
 
+class _Panels(dict):
+    specs = (PanelSpec("Masks", viser.Icon.PHOTO, lambda page: Panel(), about="try a <network>"),)
+
+
 def test_keys_do_what_the_help_says():
     gui, done = _Gui(), []
-    masks = PanelSpec("Masks", viser.Icon.PHOTO, lambda page: Panel(), about="try a <network>")
     page = SimpleNamespace(
         gui=gui,
         frame=5,
-        services=Services(panels=(masks,)),
-        panels={BuildPanel: SimpleNamespace(toggle=lambda: done.append("play"))},
+        panels=_Panels({BuildPanel: SimpleNamespace(toggle=lambda: done.append("play"))}),
+        may=lambda right: False,
         show_frame=done.append,
         select=done.append,
         look=done.append,
@@ -253,6 +255,7 @@ def test_keys_do_what_the_help_says():
     gui.commands["H"](None)
     assert gui.open == 1
     html = gui.htmls[-1]
+    assert "You are visiting" in gui.htmls[-2]
     assert all(f">{key}<" in html and text in html for key, text in panel.keys)
     assert "try a &lt;network&gt;" in html and all(word in html for word, _ in (*help.WORDS, *help.TABS))
     gui.commands["escape"](None)

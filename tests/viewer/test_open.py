@@ -11,6 +11,7 @@ from toy_maps import TOY_POSE, toy_map
 from simaps_viz.app import workbench
 from simaps_viz.console.terminal import console
 from simaps_viz.errors import InputError
+from simaps_viz.viewer.server.access import Access
 from simaps_viz.viewer.workbench import Workbench
 
 pytestmark = pytest.mark.slow
@@ -20,7 +21,7 @@ def opened(tmp_path, host):
     recording = tmp_path / "toy.rrd"
     recording.write_bytes(b"recorded")
     services = toy_services(rerun_page=lambda urls: "<p>no viewer</p>", recordings=(recording,))
-    return Workbench(toy_map(), services=services, port=free_port(), host=host, start=TOY_POSE)
+    return Workbench(toy_map(), services=services, port=free_port(), access=Access(host), start=TOY_POSE)
 
 
 def test_open_to_the_network_means_a_token_and_neighbouring_ports(tmp_path, monkeypatch):

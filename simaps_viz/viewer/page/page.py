@@ -30,7 +30,8 @@ from simaps_viz.viewer.recording.link import RecordingLink, position_inside
 from simaps_viz.viewer.scene.camera import SLANT, Extent, Viewpoints, with_margin
 from simaps_viz.viewer.scene.map_scene import MapScene, Style
 from simaps_viz.viewer.scene.why_marks import paint_cells
-from simaps_viz.viewer.server.viser_hooks import guard
+from simaps_viz.viewer.server.access import RIGHTS, Right, Role
+from simaps_viz.viewer.server.viser_hooks import guard, role_of
 
 if TYPE_CHECKING:
     from simaps_viz.viewer.workbench import Workbench
@@ -74,6 +75,8 @@ class Page:
         self.workbench, self.shared = workbench, workbench.shared
         self.token = secrets.token_urlsafe(12)
         """Identifies this page in the addresses of its embedded frames."""
+        self.role: Role = role_of(workbench.server, client)
+        """Whose page it is; what that means is asked with ``may``."""
         self._lock = threading.RLock()
         self._begun = self._closed = False
         self.base = workbench.simap
@@ -104,6 +107,10 @@ class Page:
         self.recording = RecordingLink(workbench.recording_host, self.token, self)
         self.panels = Panels(self)
         client.scene.on_click()(self._clicked)
+
+    def may(self, right: Right) -> bool:
+        """Whether the person at this page has a right; asked here, and nowhere else."""
+        return right in RIGHTS[self.role]
 
     # --- properties
 

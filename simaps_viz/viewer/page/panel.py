@@ -9,6 +9,7 @@ import viser
 
 from simaps_viz.structures import SIMap
 from simaps_viz.viewer.scene.map_scene import Style
+from simaps_viz.viewer.server.access import Right
 
 if TYPE_CHECKING:
     from simaps_viz.viewer.page.page import Page
@@ -100,6 +101,8 @@ class PanelSpec:
     """What the tab is for, in the page's help; empty for one that the help describes already."""
     wanted: "Callable[[Services], bool]" = lambda services: True
     """Whether a page with these services has the panel."""
+    right: Right | None = None
+    """What the person at a page must be allowed for the page to have the panel; None for everybody."""
 
     @property
     def tab(self) -> tuple[str, str]:

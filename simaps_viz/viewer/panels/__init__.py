@@ -13,7 +13,7 @@ from simaps_viz.viewer.panels.why import WhyPanel
 
 PANELS: tuple[PanelSpec, ...] = (
     PanelSpec("Page", viser.Icon.HELP, HelpPanel, "head"),
-    PanelSpec("Judge", viser.Icon.GAVEL, JudgePanel, wanted=lambda services: services.judging is not None),
+    PanelSpec("Judge", viser.Icon.GAVEL, JudgePanel, wanted=lambda has: has.judging is not None, right="edit"),
     PanelSpec("Map", viser.Icon.MAP, MapPanel),
     PanelSpec("Command", viser.Icon.ROBOT, CommandPanel),
     PanelSpec("Build", viser.Icon.TIMELINE, BuildPanel),

@@ -7,7 +7,7 @@ from importlib.resources import files
 
 from viser._gui_handles import GuiModalHandle
 
-from simaps_viz.drawing.theme import BRAND, DARK, DIM_STYLE, LIGHT, Theme
+from simaps_viz.drawing.theme import BRAND, DARK, DIM_STYLE, LIGHT, Theme, note_html
 from simaps_viz.viewer.page.page import Page
 from simaps_viz.viewer.page.panel import Panel
 from simaps_viz.viewer.page.widgets import button, button_row
@@ -53,6 +53,7 @@ def _row(left: str, right: str, *, key: bool) -> str:
     return f'<div><{tag} style="{frame}">{escape(left)}</{tag}></div><div style="{DIM_STYLE}">{escape(right)}</div>'
 
 
+VISITING = "You are visiting: look, ask and simulate as you like. Nothing can be changed from this page."
 HELP, LIGHT_DARK = "Help", "Light / dark"
 
 
@@ -63,7 +64,7 @@ class HelpPanel(Panel):
         """Fill the open container, and listen to keys."""
         self._page = page
         self._gui = gui = page.gui
-        self._other_tabs = [(spec.title, spec.about) for spec in page.services.panels if spec.about]
+        self._other_tabs = [(spec.title, spec.about) for spec in page.panels.specs if spec.about]
         self.theme: Theme = LIGHT
         """The theme of the page, light or dark."""
         self._modal: GuiModalHandle | None = None
@@ -97,6 +98,8 @@ class HelpPanel(Panel):
             return
         modal = self._modal = self._gui.add_modal("How to use this page")
         with modal:
+            if not self._page.may("edit"):
+                self._gui.add_html(note_html(VISITING))
             self._gui.add_html(help_html(self.keys, others=self._other_tabs))
             button(self._gui, "Close", self.hide, color="gray")
 

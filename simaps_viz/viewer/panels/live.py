@@ -13,6 +13,7 @@ from simaps_viz.colors.classes import plural
 from simaps_viz.drawing.theme import BAD_STYLE, BOX_STYLE, DIM_STYLE
 from simaps_viz.viewer.page.page import Page
 from simaps_viz.viewer.page.panel import Panel, PanelSpec
+from simaps_viz.viewer.page.question import Question
 from simaps_viz.viewer.page.widgets import button
 
 S = TypeVar("S")
@@ -65,6 +66,14 @@ LIVE_HEADS: dict[Status, str] = {
 }
 """Where frames come live."""
 
+STOPS = {
+    True: (
+        "Stop",
+        "Resumed, it goes on where it was stopped if its method keeps a log; else it begins anew.",
+    ),
+    False: ("End and save", "The map of what was seen so far is finished and saved. No more frames are added to it."),
+}
+"""{whether the build has an end of its own: what stopping it is called, and what becomes of the map}."""
 WAITING = "The first objects appear after a few seconds; the smaller the cells, the longer it takes to find them."
 
 
@@ -109,7 +118,7 @@ class ProgressPanel(Panel, Generic[S]):
 
 
 class LivePanel(ProgressPanel[LiveState]):
-    """Progress of a build, a sketch of its map, and buttons to stop and resume it."""
+    """Progress of a build, a sketch of its map, and buttons to stop and resume it for those who may."""
 
     def __init__(
         self, page: Page, state: Callable[[], LiveState], stop: Callable[[], None], resume: Callable[[], None]
@@ -120,8 +129,10 @@ class LivePanel(ProgressPanel[LiveState]):
         self._bar = gui.add_progress_bar(0.0)  # an animated one makes the browser redraw the page 60 times a second
         self._text = gui.add_html("")
         self._sketch = gui.add_html("")
-        self._stop = button(gui, "Stop", stop, icon=viser.Icon.PLAYER_STOP, color="gray")
-        self._resume = button(gui, "Resume", resume, icon=viser.Icon.PLAYER_PLAY, visible=False)
+        self._page, self._stop_build, self._may_stop = page, stop, page.may("edit")
+        if self._may_stop:
+            self._stop = button(gui, "Stop …", self._ask_whether, icon=viser.Icon.PLAYER_STOP, color="gray")
+            self._resume = button(gui, "Resume", resume, icon=viser.Icon.PLAYER_PLAY, visible=False)
         super().__init__(state)
 
     def show(self, state: LiveState) -> None:
@@ -132,10 +143,16 @@ class LivePanel(ProgressPanel[LiveState]):
         self._bar.value = 100.0 * state.done / max(state.total, 1)
         self._text.content = text_html(state)
         self._sketch.content = sketch_html(state)
+        if not self._may_stop:
+            return
         self._stop.visible = state.status in ("starting", "building", "finishing", "stopping")
         self._stop.disabled = state.status in ("finishing", "stopping")
-        self._stop.label = "Stop" if state.total else "End and save"
+        self._stop.label = f"{STOPS[state.total > 0][0]} …"
         self._resume.visible = state.status in ("stopped", "failed") and state.total > 0
+
+    def _ask_whether(self) -> None:
+        what, then = STOPS[self._state().total > 0]
+        Question(self._page, f"{what}?", then, {f"{what} now": self._stop_build})
 
 
 def head_html(text: str, *, bad: bool = False) -> str:

@@ -138,7 +138,8 @@ Waiting = Literal["join", "cut"] | None
 
 def mend_panel(mending: Mending, who: str) -> PanelSpec:
     """Return the spec of the panel; ``who`` is the default signature of edits."""
-    return PanelSpec("Mend", viser.Icon.TOOL, lambda page: MendPanel(page, mending, who), "instance", ABOUT)
+    make = lambda page: MendPanel(page, mending, who)  # noqa: E731
+    return PanelSpec("Mend", viser.Icon.TOOL, make, "instance", ABOUT, right="edit")
 
 
 class MendPanel(Panel):

@@ -3,12 +3,13 @@
 import functools
 from collections.abc import Callable, Sequence
 from html import escape
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import viser
 
 from simaps_viz.viewer.page.page import Page
 from simaps_viz.viewer.page.panel import Panel, PanelSpec
+from simaps_viz.viewer.page.question import Question
 from simaps_viz.viewer.page.widgets import button
 
 if TYPE_CHECKING:
@@ -34,8 +35,7 @@ def recordings_panel(library: "RecordingLibrary") -> PanelSpec:
 class RecordingsPanel(Panel):
     """The list of recorded builds, the facts about the chosen one, and buttons to show, rename or delete it.
 
-    What renames or deletes a file is a button that is made when a person asks for it and goes with the question: a
-    message that was made up in advance finds no such button.
+    Those that rename, delete or restore are only on the pages of people who may.
     """
 
     def __init__(self, page: Page, library: "RecordingLibrary") -> None:
@@ -53,9 +53,11 @@ class RecordingsPanel(Panel):
         restore = functools.partial(page.submit, "ask", self._ask_which)
         icon = viser.Icon
         self._open = button(gui, "Show it beside the map", show, icon=icon.PLAYER_PLAY)
-        self._rename = button(gui, "Rename …", rename, icon=icon.PENCIL, color="gray")
-        self._delete = button(gui, "Delete …", delete, icon=icon.TRASH, color="gray")
-        self._restore = button(gui, "Restore …", restore, icon=icon.ARROW_BACK_UP, color="gray", visible=False)
+        self._may_edit = page.may("edit")
+        if self._may_edit:
+            self._rename = button(gui, "Rename …", rename, icon=icon.PENCIL, color="gray")
+            self._delete = button(gui, "Delete …", delete, icon=icon.TRASH, color="gray")
+            self._restore = button(gui, "Restore …", restore, icon=icon.ARROW_BACK_UP, color="gray", visible=False)
         button(gui, "List again", self.refresh, icon=icon.REFRESH, color="gray")
         self._show()
         self.refresh()
@@ -77,7 +79,8 @@ class RecordingsPanel(Panel):
         wanted = select or (kept.name if kept else None)
         self._choice.options = options
         self._choice.value = next((o for o, e in self._entries.items() if e.name == wanted), options[0])
-        self._restore.visible = bool(self._library.deleted())
+        if self._may_edit:
+            self._restore.visible = bool(self._library.deleted())
         self._show()
 
     def _show(self) -> None:
@@ -86,33 +89,18 @@ class RecordingsPanel(Panel):
         self._details.content = f'<div style="{_NOTE}">{text}</div>'
         self._open.visible = entry is not None and self._page.recording.url is not None
         self._open.disabled = entry is None or entry.fault is not None
-        self._rename.visible = self._delete.visible = entry is not None and entry.read_only is None
-
-    def _ask(self, title: str, text: str, answers: "dict[str, Callable[[], None]]", *, name: str | None = None) -> Any:
-        """Ask in a dialog with a button for each answer; ``name``: a text to edit, whose widget is returned."""
-        gui, field = self._page.gui, None
-        modal = gui.add_modal(title)
-
-        def answer(job: "Callable[[], None]") -> None:
-            modal.close()
-            self._page.submit("recordings", job)
-
-        with modal:
-            gui.add_html(f'<div style="{_NOTE}">{text}</div>')
-            if name is not None:
-                field = gui.add_text("New name", name)
-            for label, job in answers.items():
-                button(gui, label, functools.partial(answer, job))
-            button(gui, "Cancel", modal.close, color="gray")
-        return field
+        if self._may_edit:
+            self._rename.visible = self._delete.visible = entry is not None and entry.read_only is None
 
     def _ask_name(self, entry: "LibraryEntry") -> None:
-        answers = {"Save the name": lambda: self._rename_it(entry, field.value.strip())}
-        field = self._ask(f"Rename {entry.name}", escape(str(entry.path)), answers, name=entry.name)
+        answers = {"Save the name": lambda: self._rename_it(entry, asked.name)}
+        title, where = f"Rename {entry.name}", escape(str(entry.path))
+        asked = Question(self._page, title, where, answers, file=entry.path, name=entry.name)
 
     def _ask_whether(self, entry: "LibraryEntry") -> None:
         text = f"{entry.size_bytes / 1e6:.1f} MB, {escape(str(entry.path))}.<br>It can be restored from the trash."
-        self._ask(f"Delete {entry.name}?", text, {"Move to the trash": lambda: self._delete_it(entry)})
+        answers = {"Move to the trash": lambda: self._delete_it(entry)}
+        Question(self._page, f"Delete {entry.name}?", text, answers, file=entry.path)
 
     def _ask_which(self) -> None:
         answers = {
@@ -120,7 +108,7 @@ class RecordingsPanel(Panel):
             for entry in self._library.deleted()[:MAX_OFFERED]
         }
         text = f"In {escape(str(self._library.trash))}; <b>simaps recordings empty-trash --yes</b> empties it."
-        self._ask("Restore a recording", text, answers)
+        Question(self._page, "Restore a recording", text, answers)
 
     def _with_chosen(self, job: "Callable[[LibraryEntry], None]") -> None:
         """Queue a job on the chosen recorded build."""

@@ -1,4 +1,4 @@
-"""Access control of a workbench: the host names it answers to, the origins it accepts, and the token.
+"""Access control of a workbench: the host names it answers to, the origins it accepts, the tokens, and the roles.
 
 Another web site cannot read what 127.0.0.1 serves, but it can try: by a name of its own that it points at 127.0.0.1
 (DNS rebinding), or by a WebSocket, which browsers open across sites. The headers of a request show both.
@@ -16,11 +16,12 @@ from collections import OrderedDict
 from collections.abc import Callable, Iterable, Mapping
 from http import HTTPStatus
 from ipaddress import ip_address
+from typing import Literal
 from urllib.parse import parse_qs, urlsplit
 
 from simaps_viz.errors import InputError
 
-TOKEN_VARIABLE = "SIMAPS_TOKEN"
+TOKEN_VARIABLE, OWNER_VARIABLE = "SIMAPS_TOKEN", "SIMAPS_OWNER_TOKEN"
 MIN_TOKEN = 16
 """Characters of a token that a person chooses."""
 MAX_PATH = 2048
@@ -31,6 +32,12 @@ MAX_INSIDE = 256
 """Browsers that are let in at once; the one not seen for longest has to bring the token again."""
 
 Refusal = tuple[HTTPStatus, str]
+
+Role = Literal["owner", "visitor"]
+Right = Literal["edit", "drive"]
+"""edit: change or stop what is kept on the server (mend the map, rename, delete and restore files, save answers, stop a
+build). drive: move a real robot. To look, to ask and to simulate needs no right."""
+RIGHTS: Mapping[Role, frozenset[Right]] = {"owner": frozenset({"edit", "drive"}), "visitor": frozenset()}
 
 SAFE_HEADERS = {
     "X-Content-Type-Options": "nosniff",
@@ -82,35 +89,53 @@ class Access:
     """The rules of one workbench."""
 
     def __init__(
-        self, host: str = "127.0.0.1", *, token: str | None = None, clock: Callable[[], float] = time.monotonic
+        self,
+        host: str = "127.0.0.1",
+        *,
+        token: str | None = None,
+        allow_edit: bool = False,
+        read_only: bool = False,
+        clock: Callable[[], float] = time.monotonic,
     ) -> None:
         """Create the access control of a server.
+
+        Who brings `owner_token` is an owner, everybody else a visitor. Where there is none, all are owners, or
+        visitors if ``read_only``.
 
         Args:
             host: address to listen on.
             token: required of every client; by default SIMAPS_TOKEN, and where that is empty a new one, or none
-                when only this machine can reach the address.
+                when only this machine can reach the address and nobody is set apart by an owner's token.
+            allow_edit: make everybody an owner.
+            read_only: make everybody a visitor.
             clock: seconds.
 
         Raises:
-            InputError: a token is too short, or has characters that addresses do not.
+            InputError: a token is too short, or has characters that addresses do not; or everybody is to be both.
         """
-        chosen = os.environ.get(TOKEN_VARIABLE, "") if token is None else token
-        if chosen and not re.fullmatch(rf"[A-Za-z0-9_-]{{{MIN_TOKEN},200}}", chosen):
-            raise InputError(
-                f"{TOKEN_VARIABLE}: expected {MIN_TOKEN} to 200 letters, digits, - and _, found something else"
-            )
+        if allow_edit and read_only:
+            raise InputError("expected one of --allow-edit and --read-only, found both")
+        chosen = _checked(TOKEN_VARIABLE, os.environ.get(TOKEN_VARIABLE, "") if token is None else token)
+        owners = _checked(OWNER_VARIABLE, os.environ.get(OWNER_VARIABLE, ""))
         self.host = host = "127.0.0.1" if host == "localhost" else host
-        self.token = chosen or ("" if is_loopback(host) else secrets.token_urlsafe(32))
-        self._can_be_guessed = bool(chosen)
+        self.read_only = read_only
+        self.owner_token = ""
+        """Makes an owner of who brings it; empty where all have the same role."""
+        if not allow_edit and not read_only:
+            self.owner_token = owners or (secrets.token_urlsafe(32) if self.is_open else "")
+        self.token = chosen or (secrets.token_urlsafe(32) if self.is_open or self.owner_token else "")
+        """Lets in who brings it; empty where everybody may come in."""
+        if self.token and self.token == self.owner_token:
+            raise InputError(f"{OWNER_VARIABLE}: expected another token than {TOKEN_VARIABLE}, found the same")
+        self._guessable = {chosen, owners}
         self.cookie = f"simaps-{secrets.token_hex(8)}"
         self._names = {"localhost", "127.0.0.1", "[::1]", bracketed(host)}
-        if not is_loopback(host):
+        if self.is_open:
             here = socket.gethostname().lower()
             self._names |= {here, f"{here}.local"}
         self._clock, self._lock = clock, threading.Lock()
         self._wrong: OrderedDict[tuple[str, bool], list[float]] = OrderedDict()
-        self._inside: OrderedDict[bytes, None] = OrderedDict()
+        self._inside: OrderedDict[bytes, Role] = OrderedDict()
 
     @property
     def name(self) -> str:
@@ -139,12 +164,12 @@ class Access:
             return HTTPStatus.REQUEST_URI_TOO_LONG, "not an address of this server"
         if self._is_foreign(headers, own_address, writes):
             return HTTPStatus.FORBIDDEN, "this server answers its own page only"
-        if not self.token or self._has_cookie(headers):  # a client that was let in stays in, whatever others try
+        given, tries, inside = _token_in(path), (peer, _is_cross_site(headers)), self._inside_as(headers)
+        guesses = inside == "visitor" and self.owner_token and given not in (None, self.token)
+        if not self.token or (inside and not guesses):  # a client that was let in stays in, whatever others try
             return None
-        given, tries = _token_in(path), (peer, _is_cross_site(headers))
-        right = given is not None and self._is_token(given)
         may_try = self._may_try(tries)
-        if right and (may_try or not self._can_be_guessed):  # others' wrong tokens do not lock a person out
+        if self._bearer(given) and (may_try or given not in self._guessable):  # wrong tokens of others lock nobody out
             return None
         if not may_try:
             return HTTPStatus.TOO_MANY_REQUESTS, "too many wrong tokens; wait a minute"
@@ -162,15 +187,21 @@ class Access:
 
         The cookie never holds the token: browsers send cookies to every port of a name, whoever serves there.
         """
-        given = _token_in(path)
-        if not self.token or given is None or not self._is_token(given) or self._has_cookie(headers):
+        role, known = self._bearer(_token_in(path)), self._inside_as(headers)
+        if role is None or known in (role, "owner"):
             return None
         pass_ = secrets.token_urlsafe(32)
         with self._lock:
-            self._inside[_digest(pass_)] = None
-            while len(self._inside) > MAX_INSIDE:
-                self._inside.popitem(last=False)
+            self._inside[_digest(pass_)] = role
+            while len(self._inside) > MAX_INSIDE:  # visitors do not push an owner out
+                del self._inside[next((d for d, r in self._inside.items() if r == "visitor"), next(iter(self._inside)))]
         return {"Set-Cookie": f"{self.cookie}={pass_}; HttpOnly; SameSite=Strict; Path=/"}
+
+    def role(self, headers: Mapping[str, str], path: str) -> Role:
+        """Return the role of a client whose request, of these headers and this path, `refuse` lets in."""
+        if not self.owner_token:
+            return "visitor" if self.read_only else "owner"
+        return "owner" if "owner" in (self._inside_as(headers), self._bearer(_token_in(path))) else "visitor"
 
     def _is_foreign(self, headers: Mapping[str, str], own_address: str, writes: bool) -> bool:
         host, origin = headers.get("host"), headers.get("origin")
@@ -181,17 +212,23 @@ class Access:
             return True
         return _is_cross_site(headers) and (headers.get("sec-fetch-mode") != "navigate" or writes)
 
-    def _has_cookie(self, headers: Mapping[str, str]) -> bool:
+    def _inside_as(self, headers: Mapping[str, str]) -> Role | None:
+        """Return the role of a browser by its cookie; None when it has not been let in."""
         pairs = (pair.strip().partition("=") for pair in headers.get("cookie", "").split(";"))
         given = [_digest(value) for name, _, value in pairs if name == self.cookie]  # others may have set more of them
         with self._lock:
             known = next((one for one in given if one in self._inside), None)
-            if known is not None:
-                self._inside.move_to_end(known)
-        return known is not None
+            if known is None:
+                return None
+            self._inside.move_to_end(known)
+            return self._inside[known]
 
-    def _is_token(self, given: str) -> bool:
-        return hmac.compare_digest(given.encode(errors="replace"), self.token.encode())
+    def _bearer(self, given: str | None) -> Role | None:
+        """Return the role of who brings a token; None when it is wrong."""
+        digits = (given or "").encode(errors="replace")
+        owner = bool(self.owner_token) and hmac.compare_digest(digits, self.owner_token.encode())
+        visitor = bool(self.token) and hmac.compare_digest(digits, self.token.encode())
+        return "owner" if owner else "visitor" if visitor else None
 
     def _may_try(self, tries: tuple[str, bool]) -> bool:
         with self._lock:
@@ -209,6 +246,13 @@ class Access:
 
 def _is_cross_site(headers: Mapping[str, str]) -> bool:
     return headers.get("sec-fetch-site") == "cross-site"
+
+
+def _checked(variable: str, token: str) -> str:
+    """Return a token that a person chose, empty for none; raises InputError when it is too short or no token."""
+    if token and not re.fullmatch(rf"[A-Za-z0-9_-]{{{MIN_TOKEN},200}}", token):
+        raise InputError(f"{variable}: expected {MIN_TOKEN} to 200 letters, digits, - and _, found something else")
+    return token
 
 
 def _digest(given: str) -> bytes:

@@ -39,7 +39,7 @@ from urllib.parse import parse_qs, unquote, urlsplit
 from simaps_viz.errors import InputError
 from simaps_viz.viewer.server.access import ENTERED, ENTERED_CSP, SAFE_HEADERS, Access, headers_of, without_query
 from simaps_viz.viewer.server.host import Asset, Host, parse_range, read_event
-from simaps_viz.viewer.server.page_socket import PageSocket, Uploads, read_head
+from simaps_viz.viewer.server.page_socket import KEY_HEADER, ROLE_HEADER, PageSocket, Uploads, read_head
 from simaps_viz.viewer.server.viser_page import covered, page_policy
 
 logger = logging.getLogger(__name__)
@@ -128,8 +128,15 @@ class FrontDoor:
     @property
     def entrance(self) -> str:
         """Address of the page with the token, where one is asked for."""
-        here = f"http://{self.access.name}:{self.port}{self.home}"
-        return f"{here}?token={self.access.token}" if self.access.token else self.url
+        return self._with(self.access.token) if self.access.token else self.url
+
+    @property
+    def owner_entrance(self) -> str:
+        """Address that makes an owner of who opens it; `entrance` where all have the same role."""
+        return self._with(self.access.owner_token) if self.access.owner_token else self.entrance
+
+    def _with(self, token: str) -> str:
+        return f"http://{self.access.name}:{self.port}{self.home}?token={token}"
 
     def close(self) -> None:
         """Stop serving and free the port."""
@@ -511,8 +518,9 @@ class _Handler(BaseHTTPRequestHandler):
                 why = "load the page again: it is of another version"
             elif welcome:
                 self.log_request(101)
+                role = self.door.access.role(headers_of(self.headers.items()), self.path)
                 PageSocket(self.connection, self._read_page, self.door.uploads, self.door.note).run(
-                    self._head, viser.port, viser.version, viser.key
+                    self._head, viser.port, viser.version, {KEY_HEADER: viser.key, ROLE_HEADER: role}
                 )
                 return
         status = HTTPStatus.BAD_REQUEST if why else HTTPStatus.SERVICE_UNAVAILABLE

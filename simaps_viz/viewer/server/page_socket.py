@@ -9,7 +9,7 @@ import logging
 import socket
 import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from typing import Annotated, Literal
 
 import msgspec
@@ -39,7 +39,8 @@ MAX_FAULTS = 20
 """A page that sends so many messages that no page sends is shown out."""
 MAX_HEAD = 16_384
 CHUNK_BYTES = 1 << 18
-KEY_HEADER = "Simaps-Key"
+KEY_HEADER, ROLE_HEADER = "Simaps-Key", "Simaps-Role"
+"""What the front door tells viser of a page. Nothing that a page puts into its headers is passed on."""
 
 Name = Annotated[str, Meta(max_length=256)]
 Text = Annotated[str, Meta(max_length=100_000)]
@@ -238,14 +239,14 @@ class PageSocket:
         self._text, self._faults = False, 0
         self._credit, self._filled = float(BURST), time.monotonic()
 
-    def run(self, head: bytes, port: int, version: str, key: str) -> None:
+    def run(self, head: bytes, port: int, version: str, credentials: Mapping[str, str]) -> None:
         """Relay until one of the two sides hangs up.
 
         Args:
             head: of the page's request, as it came.
             port: of viser, on 127.0.0.1.
             version: of viser's protocol.
-            key: that viser's port asks for.
+            credentials: headers for viser's port: the key it asks for, and the role of the page.
         """
         protocols = [Subprotocol(version)]
         self._protocol = ServerProtocol(subprotocols=protocols, max_size=MAX_MESSAGE, logger=_SILENT)
@@ -256,7 +257,7 @@ class PageSocket:
         response = self._protocol.accept(requests[0])  # pyright: ignore[reportArgumentType] - the first is the request
         try:
             with socket.create_connection(("127.0.0.1", port), timeout=QUIET_S) as viser:
-                begun = _join_viser(viser, port, protocols, key) if response.status_code == 101 else b""
+                begun = _join_viser(viser, port, protocols, credentials) if response.status_code == 101 else b""
                 self._protocol.send_response(response)
                 self._page.sendall(b"".join(self._protocol.data_to_send()))
                 if response.status_code == 101:
@@ -347,7 +348,7 @@ def read_head(connection: socket.socket) -> tuple[bytes, bytes]:
     return head, rest
 
 
-def _join_viser(viser: socket.socket, port: int, protocols: list[Subprotocol], key: str) -> bytes:
+def _join_viser(viser: socket.socket, port: int, protocols: list[Subprotocol], credentials: Mapping[str, str]) -> bytes:
     """Open viser's WebSocket; returns what it has already sent over it.
 
     Raises:
@@ -356,7 +357,7 @@ def _join_viser(viser: socket.socket, port: int, protocols: list[Subprotocol], k
     viser.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
     client = ClientProtocol(parse_uri(f"ws://127.0.0.1:{port}/"), subprotocols=protocols, logger=_SILENT)
     request = client.connect()
-    request.headers[KEY_HEADER] = key
+    request.headers.update(credentials)
     client.send_request(request)
     viser.sendall(b"".join(client.data_to_send()))
     head, rest = read_head(viser)

@@ -4,9 +4,10 @@
    heard at once (a fault of viser 1.1.1, see `Bell`). It needs ``_websock_server`` with ``on_client_connect``,
    ``_client_connect_cb``, ``_live_connections``, ``_client_state_from_id``, ``_background_event_loop`` and
    ``get_message_buffer()``, whose ``message_event`` is an ``asyncio.Event``.
-2. `guard`, on a page: what callbacks raise appears on that page. It needs ``_thread_executor`` of ``gui`` and
+2. `role_of`, of a page: the role that the front door gave it. It needs ``_live_connections``.
+3. `guard`, on a page: what callbacks raise appears on that page. It needs ``_thread_executor`` of ``gui`` and
    ``scene``.
-3. `check_values`, on a page: a widget takes only values that fit it. It needs ``_websock_connection`` with
+4. `check_values`, on a page: a widget takes only values that fit it. It needs ``_websock_connection`` with
    ``_incoming_handlers``, and ``gui._gui_input_handle_from_uuid``.
 
 ``tests/viewer/test_viser_hooks.py`` checks each of them by what it does.
@@ -22,7 +23,8 @@ from typing import Any
 import viser
 from viser import _messages
 
-from simaps_viz.viewer.server.page_socket import KEY_HEADER
+from simaps_viz.viewer.server.access import Role
+from simaps_viz.viewer.server.page_socket import KEY_HEADER, ROLE_HEADER
 
 logger = logging.getLogger(__name__)
 
@@ -86,6 +88,13 @@ def admit_only(server: viser.ViserServer, key: str) -> None:
     connections._client_connect_cb.insert(0, admit)
     hang_bell(connections.get_message_buffer())
     loop.call_soon_threadsafe(loop.set_exception_handler, _log_failure)
+
+
+def role_of(server: viser.ViserServer, client: viser.ClientHandle) -> Role:
+    """Return the role of a page's person; a page that has gone meanwhile is a visitor's."""
+    connection = server._websock_server._live_connections.get(client.client_id)
+    request = None if connection is None else connection.request
+    return "owner" if request is not None and request.headers.get(ROLE_HEADER) == "owner" else "visitor"
 
 
 def _log_failure(loop: asyncio.AbstractEventLoop, context: dict[str, Any]) -> None:
