@@ -20,7 +20,7 @@ FACTS = FormatFacts(
 )
 COLORS = ("color", "image", "rgb")
 LOGS = ("trajectory.log", "scene/trajectory.log")
-CAMERAS = ("intrinsic.json", "camera_intrinsic.json")
+CAMERAS = ("intrinsic.json", "camera_intrinsic.json", "camera_primesense.json")
 """As Open3D's recorders write them, or people give them to it."""
 PRIMESENSE = (640, 480), np.array([[525.0, 0, 319.5], [0, 525.0, 239.5], [0, 0, 1]])
 """Open3D's camera where none is given: that of Redwood's recordings."""

@@ -25,6 +25,7 @@ from simaps_viz.datasets.calibration import Lens, from_quaternion, matrix_lens, 
 from simaps_viz.datasets.file_frames import clean_depth
 from simaps_viz.datasets.images import decode_color
 from simaps_viz.datasets.recording import FormatFacts, Reader, Recording, complete, left_out
+from simaps_viz.datasets.ros_messages import sixteen_bits, unpack_depth
 from simaps_viz.errors import InputError
 
 _ROOM = 8 << 30
@@ -103,7 +104,7 @@ def check_readable(path: Path) -> None:
 FACTS = FormatFacts(
     title="rerun",
     recognised_by="`*.rrd`",
-    depth="DepthImage: 16-bit or 32-bit float",
+    depth="DepthImage: 16-bit or 32-bit float; EncodedDepthImage: PNG, RVL",
     invalid="0, NaN",
     pose="Transform3D of the picture's entity and those above it",
 )
@@ -115,6 +116,8 @@ RDF = [3, 2, 5]
 """Right, down, forward: the only camera axes that are read."""
 _U8, _U16, _F32 = 6, 8, 34
 """Numbers of ChannelDatatype."""
+_DEPTHS, _COLORS = ("DepthImage", "EncodedDepthImage"), ("Image", "EncodedImage")
+_RVL = "application/rvl"
 _TIMELINES_LAST = ("log_time", "log_tick")
 
 
@@ -142,9 +145,9 @@ class RerunReader(Reader):
 def _open(path: Path) -> Recording:
     found = _Contents(path)
     depth = _the_one(path, "DepthImage with times below a Pinhole", found.pictures,
-                     lambda p: p.kind == "DepthImage" and found.has_pinhole(p.entity))  # fmt: skip
+                     lambda p: p.kind in _DEPTHS and found.has_pinhole(p.entity))  # fmt: skip
     color = _the_one(path, "colour Image or EncodedImage below a Pinhole", found.pictures,
-                     lambda p: p.kind != "DepthImage" and found.has_pinhole(p.entity), near=depth.entity)  # fmt: skip
+                     lambda p: p.kind in _COLORS and found.has_pinhole(p.entity), near=depth.entity)  # fmt: skip
     timeline = _timeline(path, depth, color)
     times, color_times = depth.times[timeline], color.times[timeline]
     depth_order, color_order = (np.argsort(t, kind="stable") for t in (times, color_times))
@@ -253,9 +256,14 @@ class _Pictures:
         return False
 
 
+def _column(kind: str) -> str:
+    """Return the column that holds a kind's pictures."""
+    return f"{kind}:{'blob' if kind.startswith('Encoded') else 'buffer'}"
+
+
 def _batches(path: Path, entity: str, kind: str) -> Iterator[tuple[str, Any]]:
     """Return chunk ids and the tables that hold pictures of that kind."""
-    column = f"{kind}:blob" if kind == "EncodedImage" else f"{kind}:buffer"
+    column = _column(kind)
     for chunk in _chunks(path, entity):
         if not chunk.is_static and chunk.entity_path == entity:
             batch = chunk.to_record_batch()
@@ -276,7 +284,7 @@ class _Contents:
         for chunk in _chunks(path):
             batch = chunk.to_record_batch()
             kinds = {name.partition(":")[0] for name in batch.schema.names if ":" in name}
-            for kind in kinds & {"DepthImage", "Image", "EncodedImage"}:
+            for kind in kinds & {*_DEPTHS, *_COLORS}:
                 self._add_pictures(chunk, batch, kind)
             if "Pinhole" in kinds:
                 self._pinholes.setdefault(chunk.entity_path, _row(batch, "Pinhole", 0))
@@ -286,7 +294,7 @@ class _Contents:
                 self._add_transforms(chunk, batch)
 
     def _add_pictures(self, chunk: Any, batch: Any, kind: str) -> None:
-        column = f"{kind}:blob" if kind == "EncodedImage" else f"{kind}:buffer"
+        column = _column(kind)
         if kind == "DepthImage" and f"{kind}:meter" in batch.schema.names:
             values = [v for v in batch.column(f"{kind}:meter").to_pylist() if v]
             if values:
@@ -424,16 +432,36 @@ def _bytes(value: Any) -> NDArray:
 
 
 def _depth_m(path: Path, values: dict[str, Any]) -> NDArray:
+    meter = values.get("meter")
+    first = meter[0] if meter is not None and len(meter) else None
+    per_metre = float(first.as_py() if hasattr(first, "as_py") else first) if first is not None else None
+    if "blob" in values:
+        return _encoded_depth_m(f"{path}: EncodedDepthImage", values, per_metre)
     kind = _format(values)
     dtype = {_U8: "<u1", _U16: "<u2", _F32: "<f4"}.get(int(kind["channel_datatype"] or 0))
     if dtype is None:
         raise InputError(f"{path}: expected depth of 16 bits or 32-bit floats, found type {kind['channel_datatype']}")
     pixels = _bytes(values["buffer"]).view(dtype).reshape(kind["height"], kind["width"])
-    meter = values.get("meter")
-    first = meter[0] if meter is not None and len(meter) else None
-    unit = float(first.as_py() if hasattr(first, "as_py") else first) if first is not None else (
-        1.0 if dtype == "<f4" else 1000.0)  # fmt: skip
+    unit = per_metre if per_metre is not None else (1.0 if dtype == "<f4" else 1000.0)
     return clean_depth(pixels * np.float32(1.0 / unit))
+
+
+def _encoded_depth_m(where: str, values: dict[str, Any], per_metre: float | None) -> NDArray:
+    """Return depth, float32 [H, W], metres, of a PNG of 16 bits or of RVL as ROS packs it.
+
+    rerun's own example has ``meter=0.001`` for millimetres, where 1000 is meant; no depth has steps of over a metre.
+    """
+    data = _bytes(values["blob"]).tobytes()
+    media = values.get("media_type")
+    stated = str(media[0]) if media is not None and len(media) else ""
+    if stated == _RVL:
+        steps, metres = unpack_depth(where, data, rvl=True)
+        if metres is not None:
+            return metres
+    else:
+        steps = sixteen_bits(where, data)
+    unit = 1000.0 if per_metre is None else per_metre
+    return clean_depth(steps * np.float32(unit if 0 < unit < 1 else 1.0 / unit))
 
 
 def _rgb(path: Path, values: dict[str, Any]) -> NDArray:

@@ -83,22 +83,44 @@ def decode_depth(where: str, message: Any) -> NDArray:
     if encoding not in MILLIMETRES + METRES:
         raise InputError(f"{where}: expected compressed depth, 16UC1 or 32FC1, found {message.format!r}")
     if "compressedDepth" not in message.format:  # image_transport's own, a PNG and nothing else
-        return _sixteen_bits(where, data) * np.float32(DEPTH_UNIT_M)
+        return sixteen_bits(where, data) * np.float32(DEPTH_UNIT_M)
+    rvl = message.format.rstrip().endswith("rvl")
+    steps, metres = unpack_depth(where, data, rvl=rvl, quantised=encoding in METRES)
+    return metres if metres is not None else steps * np.float32(DEPTH_UNIT_M)
+
+
+def unpack_depth(
+    where: str, data: bytes, *, rvl: bool, quantised: bool | None = None
+) -> tuple[NDArray, NDArray | None]:
+    """Unpack what compressed_depth_image_transport packs: a header, then a PNG or RVL.
+
+    Args:
+        where: names it in an error.
+        data: the bytes.
+        rvl: it is RVL, else PNG.
+        quantised: it was metres, packed by the two numbers of the header; None = if they are not 0.
+
+    Returns:
+        The stored steps, float32 [H, W], and metres, float32 [H, W], 0 = invalid, where it was metres, else None.
+
+    Raises:
+        InputError: It is cut short, or no picture of 16 bits.
+    """
     if len(data) < _COMPRESSED_DEPTH_HEADER.size:
         raise InputError(f"{where}: expected compressed depth, found {len(data)} bytes")
     _, a, b = _COMPRESSED_DEPTH_HEADER.unpack_from(data)
     packed = data[_COMPRESSED_DEPTH_HEADER.size :]
-    if message.format.rstrip().endswith("rvl"):
+    if rvl:
         if len(packed) < _RVL_SIZE.size:
             raise InputError(f"{where}: expected compressed depth (RVL), found {len(data)} bytes")
         width, height = _RVL_SIZE.unpack_from(packed)
         steps = unpack_rvl(where, packed[_RVL_SIZE.size :], width, height).astype(np.float32)
     else:
-        steps = _sixteen_bits(where, packed)
-    if encoding in MILLIMETRES:
-        return steps * np.float32(DEPTH_UNIT_M)
+        steps = sixteen_bits(where, packed)
+    if not (a != 0 if quantised is None else quantised):
+        return steps, None
     with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
-        return clean_depth(np.where(steps > 0, np.float32(a) / (steps - np.float32(b)), 0))
+        return steps, clean_depth(np.where(steps > 0, np.float32(a) / (steps - np.float32(b)), 0))
 
 
 def unpack_rvl(where: object, packed: bytes, width: int, height: int) -> NDArray:
@@ -156,8 +178,8 @@ def encoding_of(message: Any) -> str:
     return message.format.partition(";")[0].strip()
 
 
-def _sixteen_bits(where: str, png: bytes) -> NDArray:
-    """Decode a picture of one channel of 16 bits, as float32 [H, W]."""
+def sixteen_bits(where: str, png: bytes) -> NDArray:
+    """Decode a picture of one channel of 16 bits, as float32 [H, W]; raises InputError for any other."""
     image = images.decode_image(where, png, cv2.IMREAD_UNCHANGED)
     if image.dtype != np.uint16 or image.ndim != 2:
         raise InputError(f"{where}: expected a PNG of one channel of 16 bits, found {image.dtype} {list(image.shape)}")

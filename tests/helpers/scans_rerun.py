@@ -1,6 +1,8 @@
 """A writer of rerun recordings: the camera moves below a fixed entity; depth and colour are entities of their own."""
 
+from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import rerun as rr
@@ -12,7 +14,7 @@ from simaps_viz.structures import Intrinsics
 T_WORLD_RIG = np.array([[0, 0, 1, 2.0], [1, 0, 0, 0.0], [0, 1, 0, -1.0], [0, 0, 0, 1.0]])
 
 
-def rerun_rrd(folder: Path) -> Sample:
+def rerun_rrd(folder: Path, depth_image: Callable[[np.ndarray], Any] | None = None) -> Sample:
     k = camera()
     large = Intrinsics(128, 96, k.fx * 2, k.fy * 2, k.cx * 2 + 0.5, k.cy * 2 + 0.5)
     path = folder / "seats.rrd"
@@ -32,7 +34,8 @@ def rerun_rrd(folder: Path) -> Sample:
         stream.log("/rig/camera", rr.Transform3D(translation=T[:3, 3], mat3x3=T[:3, :3]))
         stream.log("/rig/camera/color", rr.Image(COLORS[look(large, map_pose(i))[1]]))
         stream.set_time("frame", sequence=10 * i + 1)  # depth comes a little later
-        stream.log("/rig/camera/depth", rr.DepthImage(steps(look(k, map_pose(i))[0]), meter=1000.0))
+        depth = steps(look(k, map_pose(i))[0])
+        stream.log("/rig/camera/depth", depth_image(depth) if depth_image else rr.DepthImage(depth, meter=1000.0))
         stream.flush()  # a chunk of its own
     stream.disconnect()
 
