@@ -7,10 +7,15 @@ DEV_READY := $(VENV)/.ready-dev
 # Two workers: the machines this runs on have two cores; tests of one file share their fixtures.
 WORKERS ?= 2
 
-.PHONY: demo test test-fast check format bench recordings screenshots docs dist test-pythons clean chromium
+.PHONY: demo demo-live test test-fast check format bench recordings screenshots docs dist test-pythons clean chromium
 
 demo: $(READY)
 	@$(BIN)/simaps demo
+
+# A robot that is not there plays the café; the map grows in the browser. Ctrl-C ends both.
+demo-live: $(READY)
+	@$(BIN)/python apps/fake_robot.py & robot=$$!; trap "kill $$robot" EXIT; \
+		$(BIN)/simaps live foxglove://127.0.0.1:8765 -o demo-live.npz --view
 
 test: $(DEV_READY) chromium
 	@$(BIN)/python -m pytest -n $(WORKERS) --dist loadfile

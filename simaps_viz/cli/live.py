@@ -7,17 +7,35 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 import tyro
 
-from simaps_viz.cli import OK
+from simaps_viz.cli import NO, OK
 from simaps_viz.cli.options import MappingOptions, Networks
 from simaps_viz.errors import InputError
 
 if TYPE_CHECKING:
-    from simaps_viz.live.source import Source
+    from simaps_viz.live.robot import RobotLink
+    from simaps_viz.live.source import Source, Traffic
+    from simaps_viz.live.topics import TopicNames
     from simaps_viz.recorder.recorder import RerunRecorder
     from simaps_viz.segmentation.protocol import Network
 
 LIVE_METHODS = ("evidence", "components")
 """Those whose frames can be placed again."""
+
+
+@dataclass(frozen=True)
+class RobotTopics:
+    """The topics of a robot; those that are not named are found by type and name."""
+
+    color_topic: str = ""
+    """Colour images; only a network looks at them."""
+    depth_topic: str = ""
+    """Depth images, 16UC1 millimetres or 32FC1 metres, also compressed."""
+    info_topic: str = ""
+    """CameraInfo of the depth images."""
+    masks_topic: str = ""
+    """Images of instance ids, mono16 or 32SC1, with the stamps of the depth images; "-" = none."""
+    labels_topic: str = ""
+    """std_msgs/String with JSON: {"<id>": {"label": "chair", "score": 0.9}}; "-" = none."""
 
 
 @dataclass(frozen=True)
@@ -28,7 +46,8 @@ class Live:
     """
 
     source: tyro.conf.Positional[str]
-    """Where frames come from: a sequence that simaps build reads, which is played at its own pace."""
+    """Where frames come from: foxglove://HOST:PORT, a robot that runs foxglove_bridge; or a sequence that simaps build
+    reads, which is played at its own pace. See docs/ROBOT.md."""
     output: Annotated[Path | None, tyro.conf.arg(aliases=["-o"])] = None
     """Map file to write (.npz)."""
     mapping: Annotated[MappingOptions, tyro.conf.arg(name="")] = field(default_factory=MappingOptions)
@@ -36,6 +55,9 @@ class Live:
     """Where segments come from: "precomputed" (the source has them) or a network (.onnx), which looks at the newest
     picture whenever it is free; the others show what is free and what is not."""
     network: Annotated[Networks, tyro.conf.arg(name="")] = field(default_factory=Networks)
+    topics: Annotated[RobotTopics, tyro.conf.arg(name="")] = field(default_factory=RobotTopics)
+    list: bool = False
+    """Only list what the robot offers, and what would be used of it."""
     pace: Literal["real", "fast"] = "real"
     """A sequence: its frames come at their own times, or as fast as they can be read, and then none goes without
     masks."""
@@ -59,7 +81,10 @@ class Live:
         from simaps_viz.console.terminal import console, report
         from simaps_viz.io.files import check_ending
         from simaps_viz.live.run import LiveRequest
+        from simaps_viz.live.source import Traffic
 
+        if self.list:
+            return self._list()
         if self.output is None:
             raise InputError("live: expected a map to write (-o MAP.npz), found none")
         check_ending(self.output, ".npz", "a map's name")
@@ -71,9 +96,11 @@ class Live:
             raise InputError(f"--method: expected {' or '.join(LIVE_METHODS)}, found {self.mapping.method}")
         config = replace(self.mapping.config(), method=self.mapping.method)
         network = self._network()
+        traffic = Traffic()
+        source = self._source(network, traffic)
         request = LiveRequest(
-            self._source(network), config, self.output, idle_stop_s=self.idle_stop, network=network,
-            every_frame=self.pace == "fast",
+            source, config, self.output, idle_stop_s=self.idle_stop, network=network,
+            every_frame=self.pace == "fast" and "://" not in self.source, traffic=traffic,
         )  # fmt: skip
         if self.view:
             watch_source(request, port=self.port, browser=self.browser)
@@ -102,17 +129,59 @@ class Live:
             note(f"{network.name}, on {device}")
         return network
 
-    def _source(self, network: "Network | None") -> "Source":
+    def _source(self, network: "Network | None", traffic: "Traffic") -> "Source":
         """Open the source; nothing has come yet."""
         from simaps_viz.datasets.open import open_sequence
         from simaps_viz.live.played import PlayedSequence
+        from simaps_viz.live.robot import RobotSource
 
         if "://" in self.source:
-            raise InputError(f"{self.source}: expected a sequence, found an address of no known kind")
+            return RobotSource(self._link(), self._named(), color=network is not None, traffic=traffic)
         sequence = open_sequence(Path(self.source), whole=False)
         if network is None:
             sequence.segmentation(0)  # raises InputError where there are no masks
         return PlayedSequence(sequence, at_pace=self.pace == "real", network=network)
+
+    def _link(self) -> "RobotLink":
+        from simaps_viz.live.foxglove import FoxgloveLink
+
+        if self.source.startswith("foxglove://"):
+            return FoxgloveLink(self.source)
+        raise InputError(
+            f"{self.source}: expected a sequence or foxglove://HOST:PORT, found an address of no known kind"
+        )
+
+    def _named(self) -> "TopicNames":
+        from simaps_viz.live.topics import TopicNames
+
+        one = self.topics
+        return TopicNames(one.color_topic, one.depth_topic, one.info_topic, one.masks_topic, one.labels_topic)
+
+    def _list(self) -> int:
+        """List a robot's topics and which would be used."""
+        from simaps_viz.console.terminal import emit, say
+        from simaps_viz.live.robot import topics_of
+        from simaps_viz.live.topics import choose_topics
+
+        if "://" not in self.source:
+            raise InputError(f"{self.source}: expected the address of a robot with --list, found a sequence")
+        offered = topics_of(self._link())
+        try:
+            chosen = choose_topics(offered, self._named(), color=self.segmentation != "precomputed")
+        except InputError as error:
+            chosen, unclear = None, str(error)
+        else:
+            unclear = ""
+        used = {} if chosen is None else chosen.uses()
+        if self.json:
+            emit({"topics": offered, "used": used, "unclear": unclear})
+        else:
+            width = max(map(len, offered), default=0)
+            for topic in sorted(offered):
+                say(f"{topic:<{width}}  {offered[topic]}{'  <- ' + used[topic] if topic in used else ''}\n")
+            if unclear:
+                say(f"{unclear}\n")
+        return NO if unclear else OK
 
     def _recorder(self) -> "AbstractContextManager[RerunRecorder | None]":
         if self.record is None:

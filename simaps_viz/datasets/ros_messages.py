@@ -43,6 +43,8 @@ _COLORS = {
     "nv12": (1, cv2.COLOR_YUV2RGB_NV12), "nv21": (1, cv2.COLOR_YUV2RGB_NV21),
 }  # fmt: skip
 """{encoding: (channels, OpenCV's code to RGB)}; 8UC3 and 8UC4 are taken as BGR, as OpenCV has them."""
+_IDS = {"mono16": "u2", "16UC1": "u2", "32SC1": "i4", "mono8": "u1", "8UC1": "u1"}
+"""{encoding of an image of ids: NumPy's type}."""
 _HALF_COLOR = ("nv12", "nv21")
 """Two colours for four pixels, in half as many rows again below the picture."""
 _FLOATS = {7: "f4", 8: "f8"}
@@ -203,6 +205,21 @@ def decode_color(where: str, message: Any) -> NDArray:
     except cv2.error as error:  # a size that has no pairs of pixels
         size = f"{message.width}x{message.height}"
         raise InputError(f"{where}: expected a picture in {message.encoding}, found one of {size} pixels") from error
+
+
+def decode_ids(where: str, message: Any) -> NDArray:
+    """Decode an image of ids: int32 [H, W], 0 = nothing.
+
+    Raises:
+        InputError: It is not of one channel of whole numbers, holds an id below 0, or is cut short.
+    """
+    if message.__msgtype__ != IMAGE or message.encoding not in _IDS:
+        found = repr(message.encoding) if message.__msgtype__ == IMAGE else message.__msgtype__
+        raise InputError(f"{where}: expected an image of ids as {', '.join(_IDS)}, found {found}")
+    ids = _pixels(where, message, np.dtype(_IDS[message.encoding]), 1)[..., 0].astype(np.int32)
+    if ids.size and ids.min() < 0:
+        raise InputError(f"{where}: expected ids from 0, found {ids.min()}")
+    return ids
 
 
 def decode_points(where: str, message: Any) -> NDArray:

@@ -29,6 +29,8 @@ PLACES = (0.5, np.deg2rad(30.0))
 FRAMES_A_PLACE = 60
 """Frames with masks that are kept of one place: what comes later adds geometry only. So the map of a robot that drives
 in circles, or stands, grows with the area and not with time."""
+FLOOR_M = 0.05
+"""A floor found so close to the world's height 0 is at 0, where robots' maps have it."""
 FLOOR_FRAMES = (15, 30, 60)
 """The floor is looked for once so many frames are there; without success the world's own height 0 is taken."""
 
@@ -37,7 +39,8 @@ FLOOR_FRAMES = (15, 30, 60)
 class _Kept:
     """What placing a frame again needs, besides what the map keeps of it."""
 
-    stamp_ns: int
+    shot: tuple[int, int]
+    """Epoch, and time in ns."""
     T_odom_camera: NDArray | None
     lowest_m: NDArray
     """float16 [readings], lowest obstacle pixel of each cell it saw, +inf = none."""
@@ -77,7 +80,8 @@ class GrowingMap:
     def _find_floor(self, *, last: bool = False) -> list[FrameProjected]:
         up, height_m = np.array([0.0, 0.0, 1.0]), 0.0
         try:
-            _, height_m = estimate_gravity([shot.frame for shot in self._waiting], up=up)
+            _, found_m = estimate_gravity([shot.frame for shot in self._waiting], up=up)
+            height_m = found_m if abs(found_m) > FLOOR_M else 0.0
         except InputError as error:
             if not last and len(self._waiting) < FLOOR_FRAMES[-1]:
                 return []
@@ -106,7 +110,7 @@ class GrowingMap:
             return []
         lowest_m = np.full(len(seen), np.inf, np.float16)
         lowest_m[step.lowered] = step.lowest_m
-        self._kept.append(_Kept(shot.stamp_ns, shot.T_odom_camera, lowest_m))
+        self._kept.append(_Kept((shot.epoch, shot.stamp_ns), shot.T_odom_camera, lowest_m))
         nothing = np.zeros((0, 4), np.int32)
         return [
             FrameProjected(
@@ -136,11 +140,11 @@ class GrowingMap:
         """
         frames, at = self._map.frames, [
             i for i, kept in enumerate(self._kept)
-            if kept.stamp_ns >= correction.since_ns and kept.T_odom_camera is not None
+            if kept.shot >= (correction.epoch, correction.since_ns) and kept.T_odom_camera is not None
         ]  # fmt: skip
         if not at or self.T_map_world is None:
             return 0
-        T_world_odom = correction.T_world_odom(np.array([self._kept[i].stamp_ns for i in at], np.int64))
+        T_world_odom = correction.T_world_odom(np.array([self._kept[i].shot[1] for i in at], np.int64))
         moved = {
             i: self.T_map_world @ T @ self._kept[i].T_odom_camera for i, T in zip(at, T_world_odom, strict=True)
         }  # fmt: skip

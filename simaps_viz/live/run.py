@@ -4,7 +4,7 @@ import threading
 import time
 from collections.abc import Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
@@ -41,13 +41,15 @@ class LiveRequest:
     """Makes the masks of the newest picture whenever it is free."""
     every_frame: bool = False
     """Wait for the network at each frame, for sources that can wait."""
+    traffic: Traffic = field(default_factory=Traffic)
+    """Counts what comes and what is left out."""
 
 
 class LiveRun:
     """One run; `words` may be asked from any thread."""
 
     def __init__(self, request: LiveRequest) -> None:
-        self.request, self.traffic = request, Traffic()
+        self.request, self.traffic = request, request.traffic
         self.moved = 0
         """Frames that were placed again."""
         self.growing = GrowingMap(request.source, request.config)
@@ -117,9 +119,8 @@ class LiveRun:
             found = request.source.words()
             raise InputError(f"{request.source.name}: expected frames, found none{f' ({found})' if found else ''}")
         simap = growing.finished(observers)
-        lost = {why: count for why, count in self.traffic.dropped.items()}
-        provenance = {**simap.provenance, "live": {"shots": self.traffic.placed, "dropped": lost, "moved": self.moved}}
-        simap = replace(simap, provenance=provenance)
+        live = {"shots": self.traffic.placed, "dropped": dict(self.traffic.dropped), "moved": self.moved}
+        simap = replace(simap, provenance={**simap.provenance, "live": live})
         sequence = getattr(request.source, "sequence", None)
         simap = with_rooms(simap if sequence is None else with_colors(simap, sequence))
         save_map(simap, request.output)

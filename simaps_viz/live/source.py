@@ -29,6 +29,8 @@ class Shot:
     """When it was sent, by the sender's clock; 0 = not known."""
     T_odom_camera: NDArray | None = None
     """float64 [4, 4], the pose in a frame that never jumps; None where there is no such frame."""
+    epoch: int = 0
+    """Of that frame: it begins anew when the robot does."""
 
 
 PosesAgain = Callable[[NDArray], NDArray]
@@ -40,7 +42,9 @@ class Correction:
     """The robot has learnt that it is, and was, somewhere else: its frames have to be placed again."""
 
     since_ns: int
-    """Frames of this time or later are concerned."""
+    """Frames of this time or later are concerned,"""
+    epoch: int
+    """and of this epoch."""
     T_world_odom: PosesAgain
 
 

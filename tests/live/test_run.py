@@ -90,7 +90,7 @@ def test_frames_placed_again_make_the_map_of_their_new_poses(tiny):
     for shot in shots(tiny):
         moved.add(shot)
         there.add(shot)
-    assert moved.place_again(Correction(0, lambda stamps: np.repeat(TURNED[None], len(stamps), axis=0))) == FRAMES
+    assert moved.place_again(Correction(0, 0, lambda stamps: np.repeat(TURNED[None], len(stamps), axis=0))) == FRAMES
     found, expected = moved.map_so_far(), there.map_so_far()
     # lowest obstacles are kept as half floats until they are moved
     same(found, expected, but=(3,))
@@ -103,7 +103,7 @@ def test_only_frames_since_the_correction_move(tiny):
     for shot in shots(tiny):
         one.add(shot)
     before = one.map_so_far().T_map_camera
-    assert one.place_again(Correction(6, lambda stamps: np.repeat(TURNED[None], len(stamps), axis=0))) == 3
+    assert one.place_again(Correction(6, 0, lambda stamps: np.repeat(TURNED[None], len(stamps), axis=0))) == 3
     after = one.map_so_far().T_map_camera
     assert np.array_equal(after[:6], before[:6]) and np.allclose(after[6:], TURNED @ before[6:])
 

@@ -1,0 +1,375 @@
+"""A robot that is not there: it plays a sequence as a robot with a foxglove_bridge would send it. `make demo-live`.
+
+    python apps/fake_robot.py ../scans/breakroom --drop 0.1 --restart-s 10
+    simaps live foxglove://127.0.0.1:8765 -o map.npz --view
+
+It listens on this machine only. Its pictures are simulated to be live; nothing else about them is.
+"""
+
+import contextlib
+import json
+import threading
+import time
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
+from pathlib import Path
+from typing import Any, Protocol
+
+import cv2
+import numpy as np
+import tyro
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+from websockets.exceptions import WebSocketException
+from websockets.sync.server import ServerConnection, serve
+
+from simaps_viz import open_sequence
+from simaps_viz.datasets.association import interpolate_poses
+from simaps_viz.datasets.source import FrameSource
+from simaps_viz.geometry import invert_pose
+from simaps_viz.live.foxglove import PROTOCOLS
+from simaps_viz.live.robot import message_types
+from simaps_viz.structures import Intrinsics
+
+COLOR, DEPTH = "/camera/color/image_raw", "/camera/aligned_depth_to_color/image_raw"
+INFO, MASKS, LABELS = "/camera/aligned_depth_to_color/camera_info", "/camera/masks", "/camera/labels"
+TOPICS = {
+    COLOR: "sensor_msgs/msg/Image", DEPTH: "sensor_msgs/msg/Image", INFO: "sensor_msgs/msg/CameraInfo",
+    MASKS: "sensor_msgs/msg/Image", LABELS: "std_msgs/msg/String",
+    "/tf": "tf2_msgs/msg/TFMessage", "/tf_static": "tf2_msgs/msg/TFMessage",
+}  # fmt: skip
+LATCHED = ("/tf_static", LABELS, INFO)
+"""Sent again to whoever comes."""
+OPTICAL, BASE = "camera_optical", "base_link"
+T_BASE_OPTICAL = np.array([[0, 0, 1, 0.1], [-1, 0, 0, 0.0], [0, -1, 0, 0.9], [0, 0, 0, 1.0]])
+TF_HZ = 90.0
+"""At times between those of pictures, which come at 30 Hz."""
+A_CLASS = 100
+"""Ids of masks: so many times the class, and a number of the segment in its frame, so that an id keeps its label."""
+
+
+@dataclass(frozen=True)
+class Faults:
+    """What goes wrong."""
+
+    drop: float = 0.0
+    """Share of messages that are lost."""
+    restart_s: float = 0.0
+    """The server goes away for a second every so often; 0 = never."""
+    drift_m: float = 0.0
+    """The odometry drifts by so much, and turns by a twentieth of a radian a metre, until map to odom corrects it."""
+    correct_s: float = 5.0
+    """How often it does."""
+    tf_late_s: float = 0.0
+    """Transforms come so much later than pictures of their time."""
+    tf_stops_s: float = 0.0
+    """After so long there are no transforms for three seconds; 0 = never."""
+    masks_late_s: float = 0.05
+    """Masks come so much later than pictures of their time."""
+
+
+class Server(Protocol):
+    """Where the robot publishes."""
+
+    received: list[tuple[str, bytes]]
+    """(topic, CDR) of all that clients have published."""
+
+    def publish(self, topic: str, data: bytes) -> None:
+        """Send to all that have subscribed."""
+        ...
+
+    def restart(self, away_s: float) -> None:
+        """Go away, and come back."""
+        ...
+
+    def close(self) -> None:
+        """Stop serving."""
+        ...
+
+
+class FoxgloveServer:
+    """The server's side of the Foxglove WebSocket protocol, as far as a bridge with publishing clients has it."""
+
+    def __init__(self, port: int = 0) -> None:
+        """Serve on this machine; port 0 = any free one."""
+        self.received: list[tuple[str, bytes]] = []
+        self.on_receive: Callable[[str, bytes], None] = lambda topic, data: None
+        self._latched: dict[str, bytes] = {}
+        self._numbers = {topic: i + 1 for i, topic in enumerate(TOPICS)}
+        self._clients: dict[ServerConnection, dict[int, int]] = {}
+        self._lock = threading.Lock()
+        self.port = port
+        self._start()
+
+    @property
+    def address(self) -> str:
+        """Where `simaps live` finds it."""
+        return f"foxglove://127.0.0.1:{self.port}"
+
+    def publish(self, topic: str, data: bytes) -> None:
+        """Send to all that have subscribed."""
+        if topic in LATCHED:
+            self._latched[topic] = data
+        with self._lock:
+            clients = list(self._clients.items())
+        for client, subscribed in clients:
+            if (number := subscribed.get(self._numbers[topic])) is not None:
+                self._send(client, number, data)
+
+    def restart(self, away_s: float) -> None:
+        """Go away, and come back."""
+        self.close()
+        time.sleep(away_s)
+        self._start()
+
+    def close(self) -> None:
+        """Stop serving."""
+        self._server.shutdown()
+        with self._lock:
+            clients = list(self._clients)
+        for client in clients:
+            client.close()
+        self._thread.join()
+
+    def _start(self) -> None:
+        for attempt in range(50):
+            try:
+                self._server = serve(
+                    self._serve, "127.0.0.1", self.port, subprotocols=PROTOCOLS, compression=None, max_size=None
+                )
+                break
+            except OSError:  # the port is not free again yet
+                if attempt == 49:
+                    raise
+                time.sleep(0.1)
+        self.port = self._server.socket.getsockname()[1]
+        self._thread = threading.Thread(target=self._server.serve_forever, daemon=True)
+        self._thread.start()
+
+    def _serve(self, client: ServerConnection) -> None:
+        subscribed: dict[int, int] = {}
+        published: dict[int, str] = {}
+        with contextlib.suppress(WebSocketException, OSError):
+            client.send(json.dumps({"op": "serverInfo", "name": "fake robot", "capabilities": ["clientPublish"],
+                                    "supportedEncodings": ["cdr"], "sessionId": str(id(client))}))  # fmt: skip
+            channels = [{"id": self._numbers[topic], "topic": topic, "encoding": "cdr", "schemaName": kind,
+                         "schemaEncoding": "ros2msg", "schema": ""} for topic, kind in TOPICS.items()]  # fmt: skip
+            client.send(json.dumps({"op": "advertise", "channels": channels}))
+            with self._lock:
+                self._clients[client] = subscribed
+            for message in client:
+                if isinstance(message, bytes):
+                    self._receive(published[int.from_bytes(message[1:5], "little")], message[5:])
+                    continue
+                said = json.loads(message)
+                if said["op"] == "subscribe":
+                    for one in said["subscriptions"]:
+                        subscribed[one["channelId"]] = one["id"]
+                        topic = next(t for t, number in self._numbers.items() if number == one["channelId"])
+                        if topic in self._latched:
+                            self._send(client, one["id"], self._latched[topic])
+                elif said["op"] == "advertise":
+                    published |= {one["id"]: one["topic"] for one in said["channels"]}
+        with self._lock:
+            self._clients.pop(client, None)
+
+    def _receive(self, topic: str, data: bytes) -> None:
+        self.received.append((topic, data))
+        self.on_receive(topic, data)
+
+    def _send(self, client: ServerConnection, number: int, data: bytes) -> None:
+        with contextlib.suppress(WebSocketException, OSError):
+            head = b"\x01" + number.to_bytes(4, "little") + time.time_ns().to_bytes(8, "little")
+            client.send(head + data)
+
+
+class Played:
+    """The messages of a sequence, in the order and at the times a robot would send them."""
+
+    def __init__(
+        self, sequence: FrameSource, faults: Faults, *, rate_hz: float = 30.0,
+        size: tuple[int, int] | None = None, color: bool = False, seed: int = 0,
+    ) -> None:  # fmt: skip
+        """Take the sequence; its pictures are resized to ``size`` (width, height) where one is given."""
+        self.sequence, self.faults, self.rate_hz, self.size, self.color = sequence, faults, rate_hz, size, color
+        self.types = message_types()
+        self._random = np.random.default_rng(seed)
+        self._poses = np.asarray(sequence.T_map_world @ sequence.poses)
+        self._times = np.arange(len(sequence)) / rate_hz
+        self._label_of = {label: i for i, label in enumerate(sequence.labels)}
+        self._made: dict[int, tuple[Any, ...]] = {}
+
+    @property
+    def seconds(self) -> float:
+        """How long it takes."""
+        return len(self.sequence) / self.rate_hz
+
+    def messages(self, start_ns: int, laps: int = 1) -> Iterator[tuple[float, str, bytes]]:
+        """Return (seconds after the start, topic, CDR) of all messages, ordered by when they are sent."""
+        yield 0.0, "/tf_static", self._tf(start_ns, [(BASE, OPTICAL, T_BASE_OPTICAL)])
+        yield 0.0, LABELS, self._string(self._labels())
+        events: list[tuple[float, int, str, float]] = []
+        f, total = self.faults, laps * self.seconds
+        for i in range(laps * len(self.sequence)):
+            at = i / self.rate_hz
+            events += [(at, i, DEPTH, at), (at + f.masks_late_s, i, MASKS, at)]
+            events += [(at, i, COLOR, at)] if self.color else []
+        for i in range(int(total * TF_HZ) + 1):
+            at = i / TF_HZ
+            if not (f.tf_stops_s and f.tf_stops_s <= at < f.tf_stops_s + 3.0):
+                events.append((at + f.tf_late_s, i, "/tf", at))
+        for due, i, topic, at in sorted(events):
+            if self._random.random() < f.drop:
+                continue
+            stamp_ns = start_ns + int(at * 1e9)
+            if topic == "/tf":
+                yield due, topic, self._transforms(stamp_ns, at, last=at + 1.0 / TF_HZ > total)
+                continue
+            made = self._pictures(i % len(self.sequence))
+            if i % 30 == 0 and topic == DEPTH:
+                yield due, INFO, self._info(stamp_ns, made[0])
+            yield due, topic, self._image(stamp_ns, *made[{DEPTH: 1, MASKS: 2, COLOR: 3}[topic]])
+
+    def drift(self, at_s: float) -> NDArray:
+        """Return T_map_odom as it is at a time; what is published is that of the last correction."""
+        f = self.faults
+        amount = f.drift_m * at_s / max(f.correct_s, 1e-9)
+        T = np.eye(4)
+        T[:2, 3] = amount, -amount / 2
+        T[:3, :3] = Rotation.from_euler("z", amount / 20).as_matrix()
+        return T
+
+    def _transforms(self, stamp_ns: int, at_s: float, *, last: bool) -> bytes:
+        """Return the transforms of a time; the last ones of all are corrected."""
+        lap_s = self._times[-1] if last else min(at_s % self.seconds, self._times[-1])
+        pose = interpolate_poses(self._times, self._poses, np.array([lap_s]), max_gap_s=np.inf)[0][0]
+        every_s = self.faults.correct_s
+        corrected_s = at_s if last else at_s // every_s * every_s
+        T_odom_base = invert_pose(self.drift(at_s)) @ pose @ invert_pose(T_BASE_OPTICAL)
+        return self._tf(stamp_ns, [("map", "odom", self.drift(corrected_s)), ("odom", BASE, T_odom_base)])
+
+    def _pictures(self, index: int) -> tuple[Any, ...]:
+        """Return the camera, and (pixels, encoding) of depth, masks and colour of a frame; made once."""
+        if index not in self._made:
+            frame, masks = self.sequence.read(index, color=self.color), self.sequence.segmentation(index)
+            table = np.zeros(max((s.id for s in masks.segments), default=0) + 1, np.uint16)
+            counts: dict[str, int] = {}
+            for s in masks.segments:
+                counts[s.label] = counts.get(s.label, -1) + 1
+                table[s.id] = A_CLASS * self._label_of[s.label] + min(counts[s.label], A_CLASS - 1)
+            depth, ids, k = np.rint(frame.depth_m * 1000).astype(np.uint16), table[masks.ids], frame.intrinsics
+            rgb = frame.color
+            if self.size is not None:
+                resize = lambda image: cv2.resize(image, self.size, interpolation=cv2.INTER_NEAREST)  # noqa: E731
+                depth, ids, rgb = resize(depth), resize(ids), None if rgb is None else resize(rgb)
+                sx, sy = self.size[0] / k.width, self.size[1] / k.height
+                k = Intrinsics(*self.size, k.fx * sx, k.fy * sy, (k.cx + 0.5) * sx - 0.5, (k.cy + 0.5) * sy - 0.5)
+            self._made[index] = k, (depth, "16UC1"), (ids, "mono16"), (rgb, "rgb8")
+        return self._made[index]
+
+    def prepare(self) -> None:
+        """Read all frames now, so that playing them costs nothing but sending."""
+        for index in range(len(self.sequence)):
+            self._pictures(index)
+
+    def _labels(self) -> str:
+        things = zip(self.sequence.labels, self.sequence.is_thing, strict=True)
+        return json.dumps({
+            str(A_CLASS * i + n): {"label": label, "score": 1.0, "is_thing": thing}
+            for i, (label, thing) in enumerate(things) if i
+            for n in range(A_CLASS)
+        })  # fmt: skip
+
+    def _string(self, text: str) -> bytes:
+        return self._cdr("std_msgs/msg/String", data=text)
+
+    def _header(self, stamp_ns: int, frame: str) -> Any:
+        make = self.types.types
+        stamp = make["builtin_interfaces/msg/Time"](*divmod(stamp_ns, 10**9))
+        return make["std_msgs/msg/Header"](stamp, frame)
+
+    def _image(self, stamp_ns: int, pixels: NDArray, encoding: str) -> bytes:
+        height, width = pixels.shape[:2]
+        data = np.ascontiguousarray(pixels).reshape(-1).view(np.uint8)
+        return self._cdr(
+            "sensor_msgs/msg/Image", header=self._header(stamp_ns, OPTICAL), height=height, width=width,
+            encoding=encoding, is_bigendian=0, step=data.size // height, data=data,
+        )  # fmt: skip
+
+    def _info(self, stamp_ns: int, k: Intrinsics) -> bytes:
+        K = k.matrix()
+        P = np.concatenate([K, np.zeros((3, 1))], axis=1)
+        roi = self.types.types["sensor_msgs/msg/RegionOfInterest"](0, 0, 0, 0, False)
+        return self._cdr(
+            "sensor_msgs/msg/CameraInfo", header=self._header(stamp_ns, OPTICAL), height=k.height, width=k.width,
+            distortion_model="plumb_bob", d=np.zeros(5), k=K.reshape(-1), r=np.eye(3).reshape(-1), p=P.reshape(-1),
+            binning_x=0, binning_y=0, roi=roi,
+        )  # fmt: skip
+
+    def _tf(self, stamp_ns: int, links: Sequence[tuple[str, str, NDArray]]) -> bytes:
+        make = self.types.types
+        found = []
+        for parent, child, T in links:
+            at = make["geometry_msgs/msg/Vector3"](*T[:3, 3].tolist())
+            turned = make["geometry_msgs/msg/Quaternion"](*Rotation.from_matrix(T[:3, :3]).as_quat().tolist())
+            pose = make["geometry_msgs/msg/Transform"](at, turned)
+            found.append(make["geometry_msgs/msg/TransformStamped"](self._header(stamp_ns, parent), child, pose))
+        return self._cdr("tf2_msgs/msg/TFMessage", transforms=found)
+
+    def _cdr(self, kind: str, **fields: Any) -> bytes:
+        return bytes(self.types.serialize_cdr(self.types.types[kind](**fields), kind))
+
+
+def play(played: Played, server: Server, *, laps: int = 1, stop: threading.Event | None = None) -> None:
+    """Send the messages of a sequence at their times, and restart the server when it is due."""
+    began_s, restarts = time.monotonic(), 0
+    for due_s, topic, data in played.messages(time.time_ns(), laps):
+        time.sleep(max(began_s + due_s - time.monotonic(), 0.0))
+        if stop is not None and stop.is_set():
+            return
+        if played.faults.restart_s and due_s > (restarts + 1) * played.faults.restart_s:
+            restarts += 1
+            threading.Thread(target=server.restart, args=(1.0,), daemon=True).start()
+        with contextlib.suppress(OSError):
+            server.publish(topic, data)
+
+
+@dataclass(frozen=True)
+class FakeRobot:
+    """What to play."""
+
+    sequence: tyro.conf.Positional[Path | None] = None
+    """A sequence with masks; by default the embedded café."""
+    port: int = 8765
+    """Where to serve."""
+    rate_hz: float = 30.0
+    """Frames a second."""
+    laps: int = 1000
+    """How many times over."""
+    faults: Faults = field(default_factory=Faults)
+
+    @cached_property
+    def path(self) -> Path:
+        """Return the sequence's path; the café is rendered on the first call."""
+        if self.sequence is not None:
+            return self.sequence
+        from simaps_viz.app.workbench import cache_folder  # noqa: PLC0415 - only for the café
+        from simaps_viz.console.progress import stage_progress  # noqa: PLC0415 - as above
+        from simaps_viz.scenes.demo import ensure_demo  # noqa: PLC0415 - as above
+
+        with stage_progress() as progress:
+            return ensure_demo(cache_dir=cache_folder(), progress=progress)
+
+
+def main(config: FakeRobot) -> None:
+    """Play until Ctrl-C."""
+    played = Played(open_sequence(config.path), config.faults, rate_hz=config.rate_hz, color=True)
+    server = FoxgloveServer(config.port)
+    print(f"simaps live {server.address} -o map.npz --view")
+    with contextlib.suppress(KeyboardInterrupt):
+        play(played, server, laps=config.laps)
+
+
+if __name__ == "__main__":
+    main(tyro.cli(FakeRobot))

@@ -1,0 +1,179 @@
+"""A robot that runs foxglove_bridge: its topics over a WebSocket, with any version of ROS 2 and any middleware.
+
+The protocol (Foxglove WebSocket, version 1): the server announces channels as JSON; messages are binary: a byte 1, the
+subscription's number (u32), the time it was sent (u64, ns), then the message as CDR. All numbers are little-endian.
+"""
+
+import json
+import struct
+import threading
+from collections.abc import Callable
+from typing import Any
+from urllib.parse import urlsplit
+
+from websockets.exceptions import InvalidHandshake, WebSocketException
+from websockets.sync.client import connect
+from websockets.sync.connection import Connection
+from websockets.typing import Subprotocol
+
+from simaps_viz.errors import InputError, one_line
+from simaps_viz.live.robot import OnMessage
+
+PROTOCOLS = (Subprotocol("foxglove.sdk.v1"), Subprotocol("foxglove.websocket.v1"))
+"""Of newer and older bridges; each refuses the other's alone."""
+PORT = 8765
+MAX_MESSAGE = 64 << 20
+"""Bytes; a depth picture of 4K has 16 MB."""
+MAX_CHANNELS = 5000
+OPEN_S = 5.0
+RETRY_S = (0.3, 4.0)
+"""First and longest wait before connecting again."""
+_DATA, _PUBLISH = struct.Struct("<BIQ"), struct.Struct("<BI")
+
+
+class FoxgloveLink:
+    """A connection to a Foxglove WebSocket server."""
+
+    def __init__(self, address: str) -> None:
+        """Take an address: foxglove://HOST:PORT.
+
+        Raises:
+            InputError: it is none.
+        """
+        self.address = address
+        try:
+            parts = urlsplit(address)
+            host, port = parts.hostname, parts.port or PORT
+        except ValueError:
+            host, port = None, 0
+        if not host or parts.path not in ("", "/"):
+            raise InputError(f"{address}: expected foxglove://HOST:PORT")
+        self._url = f"ws://{f'[{host}]' if ':' in host else host}:{port}"
+        self._state = "connecting"
+        self._socket: Connection | None = None
+        self._wanted: tuple[str, ...] = ()
+        self._published: dict[str, tuple[int, str]] = {}
+        self._lock = threading.RLock()
+        self._closed = threading.Event()
+        self._thread: threading.Thread | None = None
+
+    @property
+    def state(self) -> str:
+        """Say why there is no connection; "" where there is one."""
+        return self._state
+
+    def open(self, on_topics: Callable[[dict[str, str]], None], on_message: OnMessage) -> None:
+        """Connect in a thread of its own, again and again until ``close``."""
+        self._on_topics, self._on_message = on_topics, on_message
+        self._thread = threading.Thread(target=self._run, name="foxglove", daemon=True)
+        self._thread.start()
+
+    def subscribe(self, topics: tuple[str, ...]) -> None:
+        """Receive these topics from now on, also after connecting again."""
+        with self._lock:
+            self._wanted = topics
+            self._subscribe()
+
+    def advertise(self, topic: str, kind: str) -> None:
+        """Announce that a topic will be published, now and after connecting again."""
+        with self._lock:
+            self._published.setdefault(topic, (len(self._published) + 1, kind))
+            self._advertise(topic)
+
+    def publish(self, topic: str, data: bytes) -> bool:
+        """Publish CDR bytes; False when there is no connection."""
+        with self._lock:
+            return self._send(_PUBLISH.pack(1, self._published[topic][0]) + data)
+
+    def close(self) -> None:
+        """Disconnect."""
+        self._closed.set()
+        with self._lock:
+            socket = self._socket
+        if socket is not None:
+            socket.close()
+        if self._thread is not None and self._thread is not threading.current_thread():
+            self._thread.join(5.0)
+
+    def _run(self) -> None:
+        wait_s, seen = RETRY_S[0], False
+        while not self._closed.is_set():
+            try:
+                with connect(
+                    self._url, subprotocols=PROTOCOLS, compression=None, max_size=MAX_MESSAGE, open_timeout=OPEN_S,
+                    close_timeout=1.0, proxy=None,
+                ) as socket:  # fmt: skip
+                    with self._lock:
+                        self._socket, self._state, self._channels, self._topic_of = socket, "", {}, {}
+                        for topic in self._published:
+                            self._advertise(topic)
+                    wait_s, seen = RETRY_S[0], True
+                    for message in socket:
+                        self._take(message)
+                    reason = "the robot has closed the connection"
+            except InvalidHandshake as error:
+                reason = f"no Foxglove server there ({one_line(error)})"
+            except (OSError, WebSocketException, TimeoutError) as error:
+                reason = one_line(error)
+            with self._lock:
+                self._socket = None
+            self._state = f"{'connection lost' if seen else 'no connection'}, trying again: {reason}"
+            self._closed.wait(wait_s)
+            wait_s = min(2 * wait_s, RETRY_S[1])
+
+    def _take(self, message: str | bytes) -> None:
+        if isinstance(message, str):
+            self._take_text(message)
+        elif len(message) >= _DATA.size and message[0] == 1:
+            _, number, sent_ns = _DATA.unpack_from(message)
+            topic = self._topic_of.get(number)
+            if topic is not None:
+                self._on_message(topic, message[_DATA.size :], sent_ns)
+
+    def _take_text(self, text: str) -> None:
+        try:
+            said = json.loads(text)
+            op = said.get("op")
+            changed = op in ("advertise", "unadvertise")
+            if op == "advertise":
+                found = {int(one["id"]): (str(one["topic"]), str(one["schemaName"])) for one in said["channels"]
+                         if one.get("encoding") == "cdr"}  # fmt: skip
+                if len(found) + len(self._channels) <= MAX_CHANNELS:
+                    self._channels |= found
+            elif op == "unadvertise":
+                for number in said["channelIds"]:
+                    self._channels.pop(int(number), None)
+                    self._topic_of.pop(int(number), None)
+        except (ValueError, KeyError, TypeError, AttributeError, RecursionError):
+            return  # what cannot be read is not meant for us
+        if changed:
+            self._on_topics({topic: _full(kind) for topic, kind in self._channels.values()})
+            with self._lock:
+                self._subscribe()
+
+    def _subscribe(self) -> None:
+        """Subscribe to the wanted channels that are not subscribed to; their numbers are those of the channels."""
+        new = {number: topic for number, (topic, _) in getattr(self, "_channels", {}).items()
+               if topic in self._wanted and number not in self._topic_of}  # fmt: skip
+        if new:
+            self._topic_of |= new
+            self._send(json.dumps({"op": "subscribe", "subscriptions": [{"id": n, "channelId": n} for n in new]}))
+
+    def _advertise(self, topic: str) -> None:
+        number, kind = self._published[topic]
+        channel: dict[str, Any] = {"id": number, "topic": topic, "encoding": "cdr", "schemaName": kind}
+        self._send(json.dumps({"op": "advertise", "channels": [channel]}))
+
+    def _send(self, data: str | bytes) -> bool:
+        if self._socket is None:
+            return False
+        try:
+            self._socket.send(data)
+        except (OSError, WebSocketException):
+            return False
+        return True
+
+
+def _full(kind: str) -> str:
+    """Return a type as ROS 2 names it: "pkg/msg/Type"."""
+    return kind if "/msg/" in kind else kind.replace("/", "/msg/", 1)

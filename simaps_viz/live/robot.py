@@ -1,0 +1,318 @@
+"""A robot as a live source: its topics chosen, its messages decoded, and what belongs together made a shot."""
+
+import json
+import struct
+import threading
+import time
+from collections.abc import Callable
+from typing import Any, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from simaps_viz.colors.classes import STUFF
+from simaps_viz.datasets.calibration import Lens, see_through
+from simaps_viz.datasets.ros_messages import (
+    TF_TYPES,
+    decode_color,
+    decode_depth,
+    decode_ids,
+    decode_lens,
+    decode_pose,
+    raw_stamp_ns,
+    stamp_ns,
+)
+from simaps_viz.datasets.rosbag import time_name
+from simaps_viz.errors import InputError, one_line
+from simaps_viz.io.limits import MAX_SEGMENT_ID
+from simaps_viz.live.assembly import Assembler, Bundle, Message
+from simaps_viz.live.source import Correction, Shot, Traffic
+from simaps_viz.live.topics import ODOMETRY, STRING, Chosen, TopicNames, choose_topics
+from simaps_viz.live.transforms import LiveTransforms
+from simaps_viz.structures import Frame, Segment, Segmentation
+
+OFFER_S = 10.0
+"""What is missing or unclear among the topics becomes an error when it is still so after this time."""
+LABELS_S = 3.0
+"""Pictures wait so long for the first table of labels."""
+LISTEN_S = 1.0
+"""When no more topics were announced for so long, these are all."""
+MAX_LABELS, MAX_LABEL = 10_000, 100
+"""Ids with a label, and characters of one."""
+
+MAX_FRAME = 200
+"""Characters of the name of a frame."""
+
+OnMessage = Callable[[str, bytes, int], None]
+"""(topic, CDR bytes, when it was sent in ns or 0)"""
+
+
+class RobotLink(Protocol):
+    """A connection to a robot, whatever the protocol; it connects again by itself."""
+
+    address: str
+
+    def open(self, on_topics: Callable[[dict[str, str]], None], on_message: OnMessage) -> None:
+        """Connect, and keep calling back from one thread: with {topic: type} when it changes, and messages."""
+        ...
+
+    def subscribe(self, topics: tuple[str, ...]) -> None:
+        """Receive these topics from now on, also after connecting again."""
+        ...
+
+    def advertise(self, topic: str, kind: str) -> None:
+        """Announce that a topic will be published."""
+        ...
+
+    def publish(self, topic: str, data: bytes) -> bool:
+        """Publish CDR bytes on an announced topic; False when there is no connection."""
+        ...
+
+    @property
+    def state(self) -> str:
+        """Say what is wrong with the connection, in words; "" = nothing."""
+        ...
+
+    def close(self) -> None:
+        """Disconnect."""
+        ...
+
+
+def raw_frame(data: bytes) -> str:
+    """Read the frame of a message that starts with a header, without decoding its picture."""
+    (length,) = struct.unpack_from("<I" if data[1] & 1 else ">I", data, 12)
+    return data[16 : 16 + min(length - 1, MAX_FRAME)].decode()
+
+
+def message_types() -> Any:
+    """Return rosbags' types of messages, which have not changed since Foxy, so a robot's own are not needed."""
+    from rosbags.typesys import Stores, get_typestore  # noqa: PLC0415 - only robots need it
+
+    return get_typestore(Stores.ROS2_JAZZY)
+
+
+def topics_of(link: RobotLink) -> dict[str, str]:
+    """Connect, and return {topic: type} of what a robot offers once nothing more is announced.
+
+    Raises:
+        InputError: there is no connection, or it offers nothing.
+    """
+    offered: dict[str, str] = {}
+    link.open(offered.update, lambda topic, data, sent_ns: None)
+    end_s, quiet_s, before = time.monotonic() + OFFER_S, time.monotonic(), -1
+    while time.monotonic() < end_s and (not offered or time.monotonic() - quiet_s < LISTEN_S):
+        if len(offered) != before:
+            before, quiet_s = len(offered), time.monotonic()
+        time.sleep(0.05)
+    state = link.state
+    link.close()
+    if not offered:
+        raise InputError(f"{link.address}: expected a robot with topics, found none ({state or 'nothing announced'})")
+    return offered
+
+
+class RobotSource:
+    """Makes shots of what a robot sends. Malformed messages are left out and counted."""
+
+    simulated = False
+    T_map_world: NDArray | None = None
+
+    def __init__(self, link: RobotLink, named: TopicNames, *, color: bool, traffic: Traffic) -> None:
+        """Connect.
+
+        Args:
+            link: to the robot.
+            named: topics that a person names.
+            color: colour is needed, as a network looks at it, and masks are not, as it makes them.
+            traffic: counts what is left out.
+        """
+        self.name, self._link, self._named, self._color, self._traffic = link.address, link, named, color, traffic
+        if color:
+            self._named = TopicNames(named.color, named.depth, named.info, "-", "-")
+        self.labels, self.is_thing = ("none",), (False,)
+        self.chosen: Chosen | None = None
+        self.offered: dict[str, str] = {}
+        self._types = message_types()
+        self._transforms = LiveTransforms()
+        self._assembler: Assembler | None = None
+        self._lens: Lens | None = None
+        self._labels: dict[int, Segment] = {}
+        self._unclear: str = ""
+        self._kinds: dict[str, str] = {}
+        self._arrived = threading.Condition()
+        self._closed = False
+        self._began_s = self._chosen_s = self._offered_s = time.monotonic()
+        self.last_pose: tuple[float, NDArray] | None = None
+        """(when by `time.monotonic`, T_world_camera) of the last shot."""
+        link.open(self._on_topics, self._on_message)
+
+    @property
+    def segmentation_source(self) -> str:
+        """Name the topic of the masks."""
+        return f"masks of {self.chosen.masks}" if self.chosen is not None and self.chosen.masks else "none"
+
+    @property
+    def ended(self) -> bool:
+        """Whether it was closed: a robot may always come back."""
+        return self._closed
+
+    def take(self, timeout_s: float) -> Shot | None:
+        """Return the next shot.
+
+        Raises:
+            InputError: the robot lacks a topic, or it is unclear which one is meant.
+        """
+        end_s = time.monotonic() + timeout_s
+        with self._arrived:
+            while not self._closed:
+                self._find_topics()
+                bundle = self._assembler.take() if self._assembler is not None and self._is_ready() else None
+                if bundle is not None or time.monotonic() >= end_s:
+                    break
+                self._arrived.wait(max(min(end_s - time.monotonic(), 0.02), 0.001))
+            else:
+                bundle = None
+            unclear = self._unclear if self.chosen is None and time.monotonic() - self._began_s > OFFER_S else ""
+        if unclear:
+            raise InputError(f"{self.name}: {unclear}")
+        return None if bundle is None else self._checked("a picture", lambda: self._shot(bundle))
+
+    def correction(self) -> Correction | None:
+        """Return what the robot has corrected of its poses."""
+        with self._arrived:
+            return self._transforms.correction()
+
+    def words(self) -> str:
+        """Describe what is missing."""
+        if state := self._link.state:
+            return state
+        if self.chosen is None:
+            return self._unclear or "connected, waiting for topics"
+        if self._lens is None:
+            return f"waiting for {self.chosen.info}"
+        return "connected"
+
+    def close(self) -> None:
+        """Disconnect."""
+        with self._arrived:
+            self._closed = True
+            self._arrived.notify_all()
+        self._link.close()
+
+    def _is_ready(self) -> bool:
+        """Whether the camera is known, and what ids mean, or nobody seems to tell."""
+        unknown = self.chosen is not None and self.chosen.labels and not self._labels
+        return self._lens is not None and (not unknown or time.monotonic() - self._chosen_s > LABELS_S)
+
+    def _on_topics(self, offered: dict[str, str]) -> None:
+        """Take note of what is announced, from the link's thread; topics come one by one."""
+        with self._arrived:
+            self.offered, self._offered_s = offered, time.monotonic()
+
+    def _find_topics(self) -> None:
+        """Choose topics once no more are announced, and subscribe to them."""
+        if self.chosen is not None or not self.offered or time.monotonic() - self._offered_s < LISTEN_S:
+            return
+        try:
+            chosen = choose_topics(self.offered, self._named, color=self._color)
+        except InputError as error:
+            self._unclear = str(error)
+            return
+        self._choose(chosen)
+        self._link.subscribe(chosen.all)
+
+    def _choose(self, chosen: Chosen) -> None:
+        self.chosen, self._unclear, self._chosen_s = chosen, "", time.monotonic()
+        self._kinds = {t: k for k in ("color", "depth", "masks") if (t := getattr(chosen, k))}
+        wanted = tuple(kind for kind in ("color", "masks") if kind in self._kinds.values())
+        self._assembler = Assembler(wanted, self._transforms, self._traffic)
+
+    def _on_message(self, topic: str, data: bytes, sent_ns: int) -> None:
+        """Take a message, from the link's thread: pictures are decoded later, all else at once."""
+        with self._arrived:
+            chosen = self.chosen
+            if chosen is None or self._closed or self._assembler is None:
+                return
+            self._checked(topic, lambda: self._take_in(chosen, topic, data, sent_ns))
+            self._arrived.notify_all()
+
+    def _take_in(self, chosen: Chosen, topic: str, data: bytes, sent_ns: int) -> None:
+        kind = self.offered.get(topic, "")
+        assert self._assembler is not None
+        if topic in self._kinds:
+            message = Message(raw_stamp_ns(data, ros2=True), (kind, data), sent_ns, raw_frame(data))
+            self._assembler.add(self._kinds[topic], message)
+        elif topic == chosen.info:
+            if self._lens is None:
+                rectified = any(part in chosen.depth for part in ("rect", "aligned", "registered"))
+                self._lens = decode_lens(topic, self._types.deserialize_cdr(data, kind), rectified=rectified)
+        elif topic == chosen.labels:
+            self._take_labels(self._types.deserialize_cdr(data, STRING).data)
+        elif kind in TF_TYPES:
+            for one in self._types.deserialize_cdr(data, TF_TYPES[0]).transforms:
+                self._transforms.add(
+                    one.header.frame_id, one.child_frame_id, stamp_ns(one.header),
+                    decode_pose(topic, one.transform), fixed=topic.endswith("tf_static"),
+                )  # fmt: skip
+        elif kind == ODOMETRY:
+            one = self._types.deserialize_cdr(data, kind)
+            pose = decode_pose(topic, one.pose.pose)
+            self._transforms.add(one.header.frame_id, one.child_frame_id, stamp_ns(one.header), pose, fixed=False)
+
+    def _take_labels(self, text: str) -> None:
+        """Take what ids mean: JSON, {"<id>": {"label", "score", "is_thing"}}; what is not said again stays."""
+        table = json.loads(text)
+        if not isinstance(table, dict) or len(table) + len(self._labels) > MAX_LABELS:
+            raise InputError(f"labels: expected an object of at most {MAX_LABELS} ids, found {text[:40]!r}")
+        found = {}
+        for key, about in table.items():
+            number, label, score = int(key), about["label"], float(about.get("score", 1.0))
+            if not (isinstance(label, str) and 0 < len(label) <= MAX_LABEL and label != "none" and label.isprintable()):
+                raise InputError(f"labels: expected a name of at most {MAX_LABEL} characters, found {label!r}")
+            if not (1 <= number <= MAX_SEGMENT_ID and 0.0 <= score <= 1.0):
+                raise InputError(f"labels: expected ids from 1 and scores from 0 to 1, found {key!r} and {score:g}")
+            found[number] = Segment(number, label, score, bool(about.get("is_thing", label not in STUFF)))
+        self._labels.update(found)
+
+    def _shot(self, bundle: Bundle) -> Shot:
+        lens, chosen, depth = self._lens, self.chosen, bundle.depth
+        assert lens is not None and chosen is not None
+        target = lens.intrinsics
+        depth_m = decode_depth(chosen.depth, self._types.deserialize_cdr(depth.data[1], depth.data[0]))
+        lens_here = lens.scaled(depth_m.shape[1], depth_m.shape[0])
+        color = None
+        if bundle.color is not None:
+            kind, data = bundle.color.data
+            color = decode_color(chosen.color, self._types.deserialize_cdr(data, kind))
+            color = see_through(color, lens.scaled(color.shape[1], color.shape[0]), target, exact=False)
+        frame = Frame(
+            0, time_name(depth.stamp_ns), see_through(depth_m, lens_here, target, exact=True),
+            bundle.pose.T_world_camera, target, color,
+        )  # fmt: skip
+        masks = None
+        if bundle.masks is not None:
+            kind, data = bundle.masks.data
+            ids = decode_ids(chosen.masks, self._types.deserialize_cdr(data, kind))
+            masks = self._segmentation(see_through(ids, lens.scaled(ids.shape[1], ids.shape[0]), target, exact=True))
+        elif not chosen.masks and not self._color:
+            masks = Segmentation(np.zeros(frame.depth_m.shape, np.int32), ())  # nobody will ever name anything
+        self.last_pose = time.monotonic(), frame.T_world_camera
+        pose = bundle.pose
+        return Shot(frame, masks, depth.stamp_ns, depth.sent_ns, pose.T_odom_camera, self._transforms.epoch)
+
+    def _segmentation(self, ids: NDArray) -> Segmentation:
+        """Return the masks whose ids have a label; the others count as nothing."""
+        labels, numbers = self._labels, np.unique(ids)
+        segments = tuple(labels[n] for n in numbers.tolist() if n in labels)
+        unknown = [n for n in numbers.tolist() if n and n not in labels]
+        if unknown:
+            ids = np.where(np.isin(ids, unknown), 0, ids).astype(np.int32)
+        return Segmentation(np.ascontiguousarray(ids), segments)
+
+    def _checked(self, what: str, decode: Callable[[], Any]) -> Any:
+        """Call something that decodes a message; return None, and count it, when it is malformed."""
+        try:
+            return decode()
+        except Exception as error:  # unpackers may raise anything on malformed messages
+            self._traffic.drop(f"malformed, {what}: {one_line(error)}"[:120])
+            return None

@@ -1,0 +1,191 @@
+"""Poses from /tf as they come: interpolated, waited for, and corrected afterwards where the robot corrects itself.
+
+By ROS's convention (REP 105) map to odom says what the odometry has drifted, in steps, and everything below moves
+without jumps. So map to odom holds from step to step and is never waited for; all other transforms are interpolated
+between the two messages around a picture.
+"""
+
+from bisect import bisect_left, insort
+from dataclasses import dataclass, field
+from operator import itemgetter
+
+import numpy as np
+from numpy.typing import NDArray
+
+from simaps_viz.datasets.association import interpolate_poses
+from simaps_viz.datasets.ros_messages import MAX_GAP_S
+from simaps_viz.geometry import invert_pose
+from simaps_viz.live.source import Correction
+
+KEPT_S = 30.0
+"""Transforms are kept for so long."""
+JUMP_M, JUMP_RAD = 0.1, np.deg2rad(3.0)
+"""A step of map to odom as large as either is a correction of what was, and not only of what will be."""
+RESET_M, RESET_MPS = 0.5, 5.0
+"""Odometry that moves by more than the first at once, and faster than the second, has begun anew."""
+MAX_LINKS, MAX_DEPTH = 2000, 50
+"""Frames in the tree, and links from a camera to its root; no robot has as many."""
+ODOM = "odom"
+
+
+@dataclass(frozen=True, eq=False)
+class CameraPose:
+    """Where a camera was."""
+
+    world: str
+    """Name of the frame that nothing moves."""
+    T_world_odom: NDArray
+    """float64 [4, 4]; the identity where the tree has no odom."""
+    T_odom_camera: NDArray | None
+    """None where the tree has no odom."""
+    T_world_camera: NDArray
+
+
+@dataclass(eq=False)
+class _Link:
+    parent: str
+    fixed: bool
+    poses: list[tuple[int, NDArray]] = field(default_factory=list)
+    """(ns, T_parent_child), ascending; one where it is fixed."""
+
+    def add(self, stamp_ns: int, T: NDArray) -> None:
+        if self.fixed:
+            self.poses = [(stamp_ns, T)]
+            return
+        insort(self.poses, (stamp_ns, T), key=itemgetter(0))
+        while self.poses[0][0] < self.poses[-1][0] - KEPT_S * 1e9:
+            self.poses.pop(0)
+
+    def at(self, stamp_ns: int) -> NDArray | None:
+        """Return T_parent_child then; None = a later message may tell.
+
+        Raises:
+            LookupError: no later message can.
+        """
+        if self.fixed:
+            return self.poses[-1][1]
+        after = bisect_left(self.poses, stamp_ns, key=itemgetter(0))
+        if after == len(self.poses):
+            return None
+        if self.poses[after][0] == stamp_ns:
+            return self.poses[after][1]
+        if not after:
+            raise LookupError("before the first transform")
+        times = np.array([self.poses[i][0] - stamp_ns for i in (after - 1, after)]) / 1e9
+        poses = np.stack([self.poses[i][1] for i in (after - 1, after)])
+        found, known = interpolate_poses(times, poses, np.zeros(1), max_gap_s=MAX_GAP_S)
+        if not known[0]:
+            raise LookupError(f"transforms silent for {times[1] - times[0]:.1f} s")
+        return found[0]
+
+    def held(self, stamp_ns: int) -> NDArray:
+        """Return the last T_parent_child until then, or the first one there is."""
+        after = bisect_left(self.poses, stamp_ns + 1, key=itemgetter(0))
+        return self.poses[max(after - 1, 0)][1]
+
+
+class LiveTransforms:
+    """The tree of frames of the last seconds, and the steps of map to odom since the beginning."""
+
+    def __init__(self) -> None:
+        self._links: dict[str, _Link] = {}
+        self._steps: list[tuple[int, NDArray]] = []
+        self._since_ns: int | None = None
+        self._assumed = False
+        self.epoch = 0
+        """Counts how often time or the odometry has begun anew; corrections are of one epoch."""
+
+    def add(self, parent: str, child: str, stamp_ns: int, T_parent_child: NDArray, *, fixed: bool) -> None:
+        """Add one transform; a frame keeps its first parent."""
+        parent, child = parent.lstrip("/"), child.lstrip("/")
+        if child not in self._links and len(self._links) >= MAX_LINKS:
+            return
+        link = self._links.setdefault(child, _Link(parent, fixed))
+        if link.parent == parent:
+            if _is_odom(parent) and link.poses and not fixed:
+                before_ns, before = link.poses[-1]
+                if (
+                    np.linalg.norm(T_parent_child[:3, 3] - before[:3, 3])
+                    > RESET_M + RESET_MPS * abs(stamp_ns - before_ns) / 1e9
+                ):
+                    self._begin_anew()
+            link.add(stamp_ns, T_parent_child)
+            if _is_odom(child):
+                self._step(stamp_ns, T_parent_child)
+
+    def forget(self) -> None:
+        """Forget all that moves: time has begun anew."""
+        self._links = {child: link for child, link in self._links.items() if link.fixed}
+        self._begin_anew()
+
+    def pose(self, frame: str, stamp_ns: int) -> CameraPose | None:
+        """Return where a frame was at a time; None = a later message may tell.
+
+        Raises:
+            LookupError: none can, in words.
+        """
+        T, below, T_world_odom = np.eye(4), None, np.eye(4)
+        name, moves = frame.lstrip("/"), False
+        for _ in range(MAX_DEPTH):
+            link = self._links.get(name)
+            if _is_odom(name):
+                below = T
+                T_world_odom = link.held(stamp_ns) if link is not None else T_world_odom
+                self._assumed |= link is None
+            if link is None:
+                break
+            step = T_world_odom if _is_odom(name) else link.at(stamp_ns)
+            if step is None:
+                return None
+            T, name, moves = step @ T, link.parent, moves or not link.fixed
+        else:
+            raise LookupError("transforms in a circle")
+        return CameraPose(name, T_world_odom, below, T) if moves else None
+
+    def correction(self) -> Correction | None:
+        """Return what the steps of map to odom since the last call have changed; None = nothing."""
+        since_ns, self._since_ns = self._since_ns, None
+        if since_ns is None:
+            return None
+        times, poses = (np.array([step[i] for step in self._steps]) for i in (0, 1))
+
+        def then(stamps: NDArray) -> NDArray:
+            """Drift grows from step to step; before the first step and after the last one it is theirs."""
+            return interpolate_poses((times - times[0]) / 1e9, poses, (stamps - times[0]) / 1e9, max_gap_s=np.inf)[0]
+
+        return Correction(since_ns, self.epoch, then)
+
+    def _step(self, stamp_ns: int, T: NDArray) -> None:
+        """Take note of map to odom, where it has changed by a step."""
+        if not self._steps:
+            self._steps = [(stamp_ns, T)]
+            if self._assumed:  # until now odom was taken for the world
+                self._since_ns, self._assumed = 0, False
+            return
+        if self.epoch and len(self._steps) == 1 and _far(self._steps[0][1], T):
+            # The robot knows where it is for the first time since its odometry has begun anew.
+            self._steps, self._since_ns = [(self._steps[0][0], T), (stamp_ns, T)], 0
+            return
+        if stamp_ns <= self._steps[-1][0] or not _far(self._steps[-1][1], T):
+            return
+        since_ns = self._steps[-1][0]
+        if len(self._steps) > 1 and not _far(self._steps[-2][1], T):
+            # Back where it was: what lay between was no drift but a mistake, which the robot has seen.
+            self._steps.pop()
+            since_ns = self._steps[-1][0]
+        self._steps.append((stamp_ns, T))
+        self._since_ns = since_ns if self._since_ns is None else min(self._since_ns, since_ns)
+
+    def _begin_anew(self) -> None:
+        self.epoch += 1
+        self._steps, self._since_ns = [], None
+
+
+def _is_odom(frame: str) -> bool:
+    return frame.rpartition("/")[2].startswith(ODOM)
+
+
+def _far(one: NDArray, other: NDArray) -> bool:
+    D = invert_pose(one) @ other
+    turned = np.arccos(np.clip((np.trace(D[:3, :3]) - 1) / 2, -1.0, 1.0))
+    return bool(np.linalg.norm(D[:3, 3]) > JUMP_M or turned > JUMP_RAD)

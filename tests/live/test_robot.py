@@ -1,0 +1,287 @@
+"""A robot over the Foxglove protocol: the map it makes, faults of networks and poses, and malformed messages."""
+
+import importlib
+import json
+import threading
+import time
+from typing import Any
+
+import numpy as np
+import pytest
+from fake_robot import DEPTH, LABELS, MASKS, TOPICS, Faults, FoxgloveServer, Played, play
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from sequences import write_tiny_sequence
+
+from simaps_viz import open_sequence
+from simaps_viz.build.pipeline import BuildConfig, build_map
+from simaps_viz.cli.main import main
+from simaps_viz.errors import InputError
+from simaps_viz.live import assembly, robot, run
+from simaps_viz.live.foxglove import FoxgloveLink
+from simaps_viz.live.robot import RobotSource
+from simaps_viz.live.run import LiveRequest, LiveRun
+from simaps_viz.live.source import Traffic
+from simaps_viz.live.topics import TopicNames, choose_topics
+
+FRAMES = 45
+
+
+@pytest.fixture
+def tiny(tmp_path):
+    write_tiny_sequence(tmp_path / "tiny", frames=FRAMES)
+    return open_sequence(tmp_path / "tiny")
+
+
+@pytest.fixture(autouse=True)
+def quick(monkeypatch):
+    monkeypatch.setattr(robot, "LISTEN_S", 0.2)
+    monkeypatch.setattr(run, "CORRECT_S", 0.1)
+
+
+class SDKServer:
+    """The server that foxglove_bridge is made of, with the fake robot's topics."""
+
+    def __init__(self):
+        foxglove = pytest.importorskip("foxglove")
+        capability = importlib.import_module("foxglove.websocket").Capability
+        types = robot.message_types()
+        self.server = foxglove.start_server(
+            name="robot", host="127.0.0.1", port=0, capabilities=[capability.ClientPublish], supported_encodings=["cdr"]
+        )
+        make = lambda kind: foxglove.Schema(  # noqa: E731
+            name=kind, encoding="ros2msg", data=types.generate_msgdef(kind, ros_version=2)[0].encode()
+        )
+        self.channels = {
+            topic: foxglove.Channel(topic, schema=make(kind), message_encoding="cdr") for topic, kind in TOPICS.items()
+        }
+        self.address = f"foxglove://127.0.0.1:{self.server.port}"
+        self.received = []
+
+    def publish(self, topic, data):
+        self.channels[topic].log(data, log_time=time.time_ns())
+
+    def close(self):
+        for channel in self.channels.values():
+            channel.close()
+        self.server.stop()
+
+
+def grow(sequence, server, tmp_path, faults=None, *, rate_hz=30.0, settle_s=1.0):
+    """Let a map grow from a fake robot until it is silent; return it and its run."""
+    source = RobotSource(FoxgloveLink(server.address), TopicNames(), color=False, traffic=(traffic := Traffic()))
+    live = LiveRun(LiveRequest(source, BuildConfig(), tmp_path / "r.npz", idle_stop_s=4.0, traffic=traffic))
+    found = []
+    thread = threading.Thread(target=lambda: found.append(live.run((), threading.Event())))
+    thread.start()
+    until = time.monotonic() + 20.0
+    while source.chosen is None and time.monotonic() < until:
+        time.sleep(0.05)
+    time.sleep(settle_s)
+    play(Played(sequence, faults or Faults(), rate_hz=rate_hz), server)
+    thread.join(60.0)
+    source.close()
+    server.close()
+    return found[0], live
+
+
+def names(simap):
+    return np.array(simap.grid.labels)[simap.grid.label]
+
+
+def same_objects(one, other):
+    """Whether two maps have the same objects, whatever their numbers."""
+    pairs = set(zip(one.instance.ravel().tolist(), other.instance.ravel().tolist(), strict=True))
+    return len(pairs) == len(np.unique(one.instance)) == len(np.unique(other.instance))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("server", [FoxgloveServer, SDKServer])
+def test_a_robot_makes_the_map_of_its_build(tiny, tmp_path, server):
+    simap, live = grow(tiny, server(), tmp_path)
+    built = build_map(tiny)
+    assert live.traffic.placed >= FRAMES - 1  # the first one may come before its transforms
+    assert simap.spec == built.spec and np.array_equal(names(simap), names(built))
+    assert np.allclose(simap.grid.height_m, built.grid.height_m, atol=1e-6, equal_nan=True)
+    assert same_objects(simap, built) and simap.counts() == {"chair": 2}
+    assert simap.provenance["segmentation"] == f"masks of {MASKS}"
+
+
+@pytest.mark.slow
+def test_drops_restarts_and_late_transforms_cost_frames_and_no_objects(tiny, tmp_path):
+    faults = Faults(drop=0.1, restart_s=2.0, tf_late_s=0.2)
+    simap, live = grow(tiny, FoxgloveServer(), tmp_path, faults, rate_hz=12.0)
+    assert simap.counts() == {"chair": 2} and 10 < live.traffic.placed < FRAMES
+
+
+@pytest.mark.slow
+def test_drift_that_is_corrected_moves_the_frames_back(tiny, tmp_path):
+    simap, live = grow(tiny, FoxgloveServer(), tmp_path, Faults(drift_m=0.4, correct_s=1.0), rate_hz=15.0)
+    built = build_map(tiny)
+    assert live.moved > 10
+    true = {name: pose for name, pose in zip(range(FRAMES), built.T_map_camera, strict=True)}
+    times = np.array([float(name) for name in simap.frame_names])
+    at = np.rint((times - times[-1]) * 15.0).astype(int) + FRAMES - 1
+    off_m = [np.linalg.norm(T[:3, 3] - true[i][:3, 3]) for i, T in zip(at, simap.T_map_camera, strict=True)]
+    assert max(off_m) < 0.02
+
+
+def source_of_nothing():
+    """A source with its topics chosen, and no robot."""
+
+    class NoLink:
+        address, state = "foxglove://nowhere", ""
+
+        def open(self, *calls):
+            pass
+
+        def subscribe(self, topics):
+            pass
+
+        def close(self):
+            pass
+
+    link: Any = NoLink()
+    source = RobotSource(link, TopicNames(), color=False, traffic=Traffic())
+    source._on_topics(dict(TOPICS))
+    source._offered_s = 0.0
+    source.take(0.0)
+    assert source.chosen is not None
+    return source
+
+
+@pytest.fixture(scope="module")
+def recorded(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("tiny")
+    write_tiny_sequence(folder / "tiny", frames=4)
+    return list(Played(open_sequence(folder / "tiny"), Faults()).messages(10**18))
+
+
+def feed(source, messages):
+    for _, topic, data in messages:
+        source._on_message(topic, data, 1)
+    shots = []
+    while (shot := source.take(0.0)) is not None or source._assembler._held["depth"]:
+        if shot is None:
+            break
+        shots.append(shot)
+    return shots
+
+
+def test_what_is_not_malformed_is_all_taken(recorded):
+    source = source_of_nothing()
+    assert len(feed(source, recorded)) >= 3 and not source._traffic.dropped
+
+
+@settings(max_examples=150, deadline=None)
+@given(st.data())
+def test_malformed_messages_are_counted_and_nothing_else_happens(recorded, data):
+    source, messages = source_of_nothing(), list(recorded)
+    for _ in range(data.draw(st.integers(1, 4))):
+        i = data.draw(st.integers(0, len(messages) - 1))
+        due, topic, body = messages[i]
+        kind = data.draw(st.sampled_from(["cut", "flip", "noise", "other"]))
+        if kind == "cut":
+            body = body[: data.draw(st.integers(0, len(body)))]
+        elif kind == "flip":
+            at = data.draw(st.integers(0, min(len(body) - 1, 200)))
+            body = body[:at] + bytes([data.draw(st.integers(0, 255))]) + body[at + 1 :]
+        elif kind == "noise":
+            body = data.draw(st.binary(max_size=200))
+        else:
+            topic = data.draw(st.sampled_from(sorted(TOPICS)))
+        messages[i] = due, topic, body
+    for shot in feed(source, messages):
+        assert np.isfinite(shot.frame.T_world_camera).all() and shot.frame.depth_m.dtype == np.float32
+
+
+LABELS_AMISS = (
+    "[1]", '{"0": {"label": "a"}}', '{"1": {"label": ""}}', '{"1": {"label": "a", "score": 7}}',
+    '{"x": {"label": "a"}}', '{"1": {}}', "{" * 5000, '{"1": {"label": "none"}}',
+)  # fmt: skip
+
+
+@pytest.mark.parametrize("text", LABELS_AMISS)
+def test_tables_of_labels_that_make_no_sense_are_refused(text):
+    source, types = source_of_nothing(), robot.message_types()
+    kind = "std_msgs/msg/String"
+    source._on_message(LABELS, bytes(types.serialize_cdr(types.types[kind](text), kind)), 1)
+    assert source._labels == {} and sum(source._traffic.dropped.values()) == 1
+
+
+SAID_AMISS = (
+    "{", "[]", '{"op": 3}', '{"op": "advertise"}', '{"op": "advertise", "channels": [{"id": "a"}]}',
+    '{"op": "unadvertise", "channelIds": 5}', "[" * 9000,
+)  # fmt: skip
+
+
+@pytest.mark.parametrize("text", SAID_AMISS)
+def test_what_a_server_says_amiss_is_ignored(text):
+    link = FoxgloveLink("foxglove://127.0.0.1:1")
+    link._channels, link._topic_of, link._on_topics = {}, {}, lambda offered: None
+    link._take(text)
+    link._take(b"")
+    link._take(b"\x01\x02")
+    assert link._channels == {}
+
+
+def test_pictures_pair_by_their_stamps_and_not_by_their_order():
+    class Poses:
+        def pose(self, frame, stamp_ns):
+            return "pose"
+
+        def forget(self):
+            pass
+
+    poses: Any = Poses()
+    one: Any = assembly.Assembler(("masks",), poses, Traffic())
+    ms = 10**6
+    for stamp in (0, 33, 66, 100):
+        one.add("depth", assembly.Message(stamp * ms, None, 0))
+    one.add("masks", assembly.Message(33 * ms, None, 0))
+    first, second = one.take(), one.take()
+    assert first.masks is None and second.depth.stamp_ns == second.masks.stamp_ns == 33 * ms
+    assert one.take() is None  # may still come
+    one.add("masks", assembly.Message(105 * ms, None, 0))
+    assert one.take().masks is None and one.take().masks.stamp_ns == 105 * ms
+    one.add("depth", assembly.Message(200 * ms, None, 0))
+    one.add("masks", assembly.Message(185 * ms, None, 0))
+    assert one.take() is None  # near, but a nearer one may come
+    one.add("masks", assembly.Message(200 * ms, None, 0))
+    assert one.take().masks.stamp_ns == 200 * ms
+
+
+OFFER = {
+    "/cam/color/image_raw": "sensor_msgs/msg/Image",
+    "/cam/color/image_raw/compressed": "sensor_msgs/msg/CompressedImage",
+    "/cam/depth/image_raw": "sensor_msgs/msg/Image", "/cam/aligned_depth_to_color/image_raw": "sensor_msgs/msg/Image",
+    "/cam/color/camera_info": "sensor_msgs/msg/CameraInfo",
+    "/cam/depth/camera_info": "sensor_msgs/msg/CameraInfo",
+    "/cam/aligned_depth_to_color/camera_info": "sensor_msgs/msg/CameraInfo",
+    "/tf": "tf2_msgs/msg/TFMessage", "/tf_static": "tf2_msgs/msg/TFMessage", "/odom": "nav_msgs/msg/Odometry",
+}  # fmt: skip
+
+
+def test_topics_are_found_by_type_and_name_and_what_is_unclear_is_asked():
+    chosen = choose_topics(OFFER, TopicNames(), color=True)
+    assert chosen.depth == "/cam/aligned_depth_to_color/image_raw" and chosen.masks == ""
+    assert chosen.info == "/cam/aligned_depth_to_color/camera_info" and chosen.poses == ("/tf", "/tf_static")
+    assert chosen.color == "/cam/color/image_raw/compressed"
+    second = OFFER | {"/rear/aligned_depth_to_color/image_raw": "sensor_msgs/msg/Image"}
+    with pytest.raises(InputError, match=r"--depth-topic: expected one topic, found /cam.*, /rear"):
+        choose_topics(second, TopicNames(), color=False)
+    assert choose_topics(second, TopicNames(depth="/cam/depth/image_raw"), color=False).depth == "/cam/depth/image_raw"
+    with pytest.raises(InputError, match="--masks-topic /m: expected a topic of the robot"):
+        choose_topics(OFFER, TopicNames(masks="/m"), color=False)
+    no_tf = {t: kind for t, kind in OFFER.items() if not t.startswith("/tf")}
+    assert choose_topics(no_tf, TopicNames(), color=False).poses == ("/odom",)
+
+
+@pytest.mark.slow
+def test_the_list_of_what_a_robot_offers(capsys):
+    server = FoxgloveServer()
+    assert main(["live", server.address, "--list", "--json"]) == 0
+    found = json.loads(capsys.readouterr().out)
+    assert found["topics"] == TOPICS and found["used"][DEPTH] == "depth" and found["used"][MASKS] == "masks"
+    server.close()
+    assert main(["live", "foxglove://", "--list"]) == 2
