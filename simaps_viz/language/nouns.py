@@ -160,14 +160,16 @@ def select(noun: Noun | None, parts: Iterable[Part], *, every: bool = False, som
         if part.kind == "filter":
             text = (part.definite if (many or some) and part.definite else part.text).replace("{}", text)
             whole = (part.definite or part.text).replace("{}", whole)
-    if any(part.kind == "other" for part in parts):
+    # "The other chair, not the one by the desk" says which one the other is not.
+    if any(part.kind == "filter" and part.text.startswith("minus({}") for part in parts):
+        parts = tuple(part for part in parts if part.kind != "other")
+    elif any(part.kind == "other" for part in parts):
         text = f"minus({text}, {LAST})"
     chosen = any(part.kind in ("order", "rank", "count", "other", "from") for part in parts)
     for part in parts:
         whole = f"near({whole}, {part.definite or part.text})" if part.kind == "near" else whole
     text, many = _chosen(text, word, parts, rank, count, many, several=many or some)
-    for part in parts:
-        text = f'order({text}, "{part.text}")' if part.kind == "then" and many else text
+    text = _sorted_by(text, [part.text for part in parts if part.kind == "then"], many)
     text = text.replace(ONE, base)
     whole = text if chosen else whole
     if _depth(text) > _MAX_DEPTH:
@@ -193,6 +195,15 @@ def select(noun: Noun | None, parts: Iterable[Part], *, every: bool = False, som
         lone=lone,
         inner=tuple(inner),
     )
+
+
+def _sorted_by(text: str, keys: Sequence[str], many: bool) -> str:
+    """Apply the order in which several things are gone through."""
+    if keys and not many:  # "the desks with a keyboard, the left one first" is said of the desks
+        raise CommandError("")
+    for key in keys:
+        text = f'order({text}, "{key}")'
+    return text
 
 
 def _based(noun: Noun | None, needed: int) -> tuple[str, str, tuple[str, ...], tuple[tuple[str, str], ...]]:
@@ -482,8 +493,8 @@ def _swept(side: str) -> Parts:
 
 @_rule(
     "post",
-    "COMMA? STARTWITH DET? (key:key | FROM DET? side) SIDE? (ONE | ONES)? | COMMA? DET? key:key (ONE | ONES | OF "
-    "IT | OF ONES)? n:ORD",
+    "COMMA? STARTWITH DET? (key:key | FROM DET? side) SIDE? (ONE | ONES)? | COMMA? DET? (key:key | side) (ONE | ONES | "
+    "OF IT | OF ONES)? n:ORD",
     cost=-0.2,
 )
 def _sorted(key: str = "", side: str = "", n: int = 1) -> Parts:
@@ -616,6 +627,29 @@ def _same_room(np: Phrase) -> Parts:
 def _spot(spot: str, room: Phrase | None = None) -> Parts:
     inside = _inside(room) if room else ()
     return (*inside, *_filter(f'at({{}}, "{spot}")'))
+
+
+@_rule("relation", "(AT | BY | NEAR | ON | TO | OF | IN) DET* side spot:SPOT ((OF | IN) (room | DET* MAP))?", cost=-0.1)
+def _spot_of_side(side: str, spot: str, room: Phrase | None = None) -> Parts:
+    """Read "the sofa by the east wall": of those at a wall the easternmost."""
+    return (*_spot(spot, room), Part("order", side))
+
+
+@_rule("relation", "IS? DET? key:MORE THAN distance", cost=-0.2)
+def _more_than(key: str, distance: Any) -> Parts:
+    """Read "taller than one metre", "farther away than two metres"."""
+    if key in ("near", "far"):
+        near = f'near({{}}, "robot", {distance.text})'
+        return _filter(near if key == "near" else f"minus({{}}, {near})")
+    key = {"large": "long", "small": "short"}.get(key, key)
+    return _filter(f'sized({{}}, "{key}", {distance.text})')
+
+
+@_rule("relation", "(MORETHAN | less:LESSTHAN) distance AWAY? (FROM (np | HERE))?", cost=-0.2)
+def _farther_than(distance: Any, np: Phrase | None = None, less: str = "") -> Parts:
+    """Read "the chairs more than two metres from the table"."""
+    near = f"near({{}}, {np.measure if np else quoted('robot')}, {distance.text})"
+    return _filter(near if less else f"minus({{}}, {near})", *([np] if np else []))
 
 
 @_rule("relation", "WITH (ATLEAST | more:MORETHAN)? n:whole np _on_it?", cost=-0.6)
@@ -871,6 +905,18 @@ def _either(thing: Phrase, last: Phrase, more: Sequence[Phrase] = ()) -> Phrase:
     return united((thing, *more, last))
 
 
+@_rule("np", "EITHER? a:thing (AND | OR) TO? b:thing COMMA? key:WHICHEVER", cost=-0.2)
+def _whichever(a: Phrase, b: Phrase, key: str) -> Phrase:
+    """Read "the laptop or the keyboard, whichever is closer"."""
+    both = united((a, b))
+    return replace(both, text=f'first(order({both.text}, "{key}"))', many=False)
+
+
+@_rule("np", "EITHER thing")
+def _either_one(thing: Phrase) -> Phrase:
+    return replace(thing, any=True)
+
+
 @_rule("pair", "a:thing AND b:thing")
 def _pair(a: Phrase, b: Phrase) -> tuple[Phrase, Phrase]:
     a, b = lent((a, b))
@@ -951,6 +997,12 @@ def _other_room() -> Phrase:
 def _room_of(np: Phrase) -> Phrase:
     whole = f"having(rooms(), {np.argument})"
     return Phrase(f"room({np.argument})", "rooms()", "room", False, np.notes, np.others, whole=whole)
+
+
+@_rule("room", "(EVERY (OF | DET)* | DET*) (ROOM | ROOMS) (THAT | IS | WHERE)* WITH np", cost=0.3)
+def _rooms_of(np: Phrase) -> Phrase:
+    """Read "the rooms that have a sink"."""
+    return Phrase(f"having(rooms(), {np.argument})", "rooms()", "room", True, np.notes, np.others)
 
 
 @_rule("room", "_dets ROOM WITH BOTH? a:np AND b:np", cost=0.2)

@@ -155,15 +155,16 @@ _words("_go", "_goer _prep* | APPROACH _prep* | _prep+")
 @_rule(
     "order",
     "_goer EITHER? _prep+ (_place _prep*)? WHERE? targets IS? | APPROACH _prep* targets | BACK _prep+ targets | "
-    "NEED TO? targets | _prep+ targets | GO targets:there | targets IS WHERE GO",
+    "APPROACH STOP targets | targets (COMMA | STOP)+ GO | NEED TO? targets | _prep+ targets | GO targets:there | "
+    "targets IS WHERE GO",
 )
 def _go_to(targets: tuple[Phrase, ...]) -> Steps:
     return _each("robot.move_to_{0.goal}", targets)
 
 
-@_rule("order", "AT targets", "TOWARD targets", cost=-0.02)
+@_rule("order", "AT targets", "TO targets", "TOWARD targets", cost=-0.02)
 def _likewise(targets: tuple[Phrase, ...]) -> Steps:
-    """Read "look at the sofa and then at the table": the second has the verb of the first."""
+    """Read "look at the sofa and then at the table", "turn to the sofa, then to the table": the verb of the first."""
     return _each("", targets, "")
 
 
@@ -178,6 +179,15 @@ def _go_tersely(verb: str, noun: Noun) -> Steps:
 @_rule("order", "_goer place:PLACE")
 def _go_somewhere(place: Noun) -> Steps:
     return _go_to((select(place, ()),))
+
+
+@_rule("order", "(_go | APPROACH) targets COMMA? (STARTWITH FROM?)? DET? key (ONE | ONES)? (n:ORD)?", cost=-0.3)
+def _go_in_turn(targets: tuple[Phrase, ...], key: str, n: int = 1) -> Steps:
+    """Read "visit the bed, the fridge and the sofa, the nearest first"."""
+    if len(targets) < 2 or n != 1:
+        raise CommandError("")
+    each = united([replace(phrase, text=phrase.single) for phrase in targets])
+    return _go_to((replace(each, text=f'order({each.text}, "{key}")', word="thing", many=True),))
 
 
 @_rule("there", "IT")
@@ -260,6 +270,8 @@ def _beside(side: str = "") -> str:
 
 @_rule("order", "_go? _place? beside targets", cost=-0.2)
 def _go_beside(beside: str, targets: tuple[Phrase, ...]) -> Steps:
+    if beside == "beside" and targets[0].many:  # "half of the chairs"
+        raise CommandError("")
     if beside in ("left", "right", *_COMPASS):
         return _each(f"robot.move_{'to_' if beside in ('left', 'right') else ''}{beside}({{0}})", targets)
     return _each(f'robot.move_to(spot({{0.argument}}, "{beside}"))', targets)
@@ -281,7 +293,11 @@ def _go_behind(targets: tuple[Phrase, ...]) -> Steps:
     return _each('robot.move_to(spot({0.argument}, "behind"))', targets, notes=notes[:1])
 
 
-@_rule("order", "_go? distance (TO | AT | ON | BY)* (beside | FRONT | BEFORE | back:BEHIND | off:away) np", cost=-0.3)
+@_rule(
+    "order",
+    "(_go | KEEP)? distance (TO | AT | ON | BY)* (beside | FRONT | BEFORE | back:BEHIND | off:away) np",
+    cost=-0.3,
+)
 def _go_off(distance: Measure, np: Phrase, beside: str = "front", back: str = "", off: str = "") -> Steps:
     if not distance.has_unit:  # "visit two of the chairs"
         raise CommandError("")
@@ -383,7 +399,7 @@ _words("_beginning", "DET? START | _prep+ DET? START | HERE | TO HERE")
 
 @_rule(
     "order",
-    "RETURN (_beginning | TO DET* MAP)? | (GO | TAKE | BACK) DET? START | (GO | TAKE | BACK) _prep+ DET? START | "
+    "RETURN (_beginning | TO DET* MAP)? | (_goer | BACK) DET? START | (GO | TAKE | BACK) _prep+ DET? START | "
     "GO BACK HERE | GO BACK TO HERE | _prep+ DET? START | GO BACK | BACK _beginning | BACK",
     cost=-0.3,
 )
@@ -527,8 +543,8 @@ def _step_forward() -> Steps:
 
 @_rule(
     "order",
-    "BACKUP ((BY | FOR)? distance)? | _step _backward ((BY | FOR)? distance)? | RETURN (BY | FOR)? distance | "
-    "(_step | MAKE) distance _backward | BACKWARD ((BY | FOR)? distance)? | distance _backward",
+    "BACKUP ((BY | FOR)? distance)? | BACK distance | _step _backward ((BY | FOR)? distance)? | RETURN (BY | FOR)? "
+    "distance | (_step | MAKE) distance _backward | BACKWARD ((BY | FOR)? distance)? | distance _backward",
 )
 def _backward(distance: Measure = _ONE_METRE) -> Steps:
     return (Do((f"robot.move_forward({distance.negated})",), (), distance.note),)
@@ -644,7 +660,7 @@ def _how_many_between(np: Phrase, pair: tuple[Phrase, Phrase]) -> Steps:
     return _told(_changed(np, text=f"between({np.text}, {pair[0].argument}, {pair[1].argument})"), "count")
 
 
-@_rule("question", "WHERE (IS | EXIST | DOES | GO)* np (IS | GO)*", "LIST WHERE np IS", "LOOK? WHERE np")
+@_rule("question", "WHERE (IS | EXIST | DOES | GO)* np (IS | GO | AT)*", "LIST WHERE np IS", "LOOK? WHERE np")
 def _where(np: Phrase) -> Steps:
     return _told(np, "where")
 
@@ -690,6 +706,14 @@ def _is_there_room(room: Phrase | None = None) -> Steps:
     return (Do((f'tell({said}, "whether")',), notes=room.notes if room else ()),)
 
 
+@_rule("question", "np &ASKED", cost=0.4)
+def _np_asked(np: Phrase) -> Steps:
+    """Read "the chairs by the door?": a question moves nothing."""
+    if np.free:
+        raise CommandError("")
+    return _told(np, "where")
+
+
 @_rule("question", "INDEF np (HERE | ANYWHERE)? &ASKED", cost=0.2)
 def _any_here(np: Phrase) -> Steps:
     """Read "any wine glasses here?"."""
@@ -723,6 +747,26 @@ def _nearer_of_two(a: Phrase, b: Phrase, c: Phrase, compared: str = "near", near
     if name is None:
         raise CommandError("")
     return _told(_changed(a, f"{name}({united((b, c)).text}, 1, {a.measure})"), "which")
+
+
+@_rule(
+    "question",
+    "IS HERE compared (TO | AT)? b:np OR (TO | AT)? c:np | IS HERE NEAR b:np OR NEAR? c:np",
+    cost=-0.6,
+)
+def _nearer_to_you(b: Phrase, c: Phrase, compared: str = "near") -> Steps:
+    """Read "are you closer to the sink or to the table?"."""
+    return _which_of_two(compared, b, c)
+
+
+@_rule(
+    "question",
+    "IS np (ON | TO | AT)* DET* _side (SIDE | OF)* OR (ON | TO | AT)* DET* _side (SIDE | OF)* OF? b:np",
+    cost=-0.6,
+)
+def _on_which_side_of(np: Phrase, b: Phrase) -> Steps:
+    """Read "is the stove left or right of the fridge?"."""
+    return (Do(('tell({0.text}, "side", {1.argument})',), (replace(np, many=False), replace(b, many=False))),)
 
 
 @_rule("question", "IS np (relation | NOT? adjective)", "IF np IS (relation | NOT? adjective)", cost=0.1)
@@ -903,7 +947,13 @@ def _is_seen(np: Phrase) -> Condition:
     return _exists(_changed(np, f"visible({np.whole or np.text})"))
 
 
-@_rule("condition", "EXIST np", "EXIST DET* np HERE?", "np EXIST", "IS np")
+@_rule("condition", "HERE IS? negation:NOT? (NEAR | AT | BY) np", cost=-0.1)
+def _is_near(np: Phrase, negation: str = "") -> Condition:
+    """Read "unless you are already near it"."""
+    return f"distance({{0.argument}}) {'>' if negation else '<='} 1", (replace(np, many=False),)
+
+
+@_rule("condition", "EXIST np EITHER?", "EXIST DET* np HERE?", "np EXIST", "IS np")
 def _exists(np: Phrase) -> Condition:
     np = _changed(np, np.whole or np.text)
     return "count({0.text}) > 0", (replace(np, many=False),)
@@ -911,9 +961,9 @@ def _exists(np: Phrase) -> Condition:
 
 @_rule(
     "condition",
-    "EXIST NOT np",
-    "EXIST WITHOUT np",
-    "EXIST NUMBER np",
+    "EXIST NOT np EITHER?",
+    "EXIST WITHOUT np EITHER?",
+    "EXIST NUMBER np EITHER?",
     "EXIST NOT DET* np",
     "HERE NEVER SEE np",
     cost=-0.2,
@@ -1046,6 +1096,18 @@ def _only_if(a: Steps, condition: Condition, b: Steps = ()) -> Steps:
 )
 def _in_order(a: Steps, b: Steps) -> Steps:
     return (*a, *b)
+
+
+@_rule("logical", "b:done COMMA? NOTBEFORE targets", cost=-0.2)
+def _not_before(b: Steps, targets: tuple[Phrase, ...]) -> Steps:
+    """Read "go to the sink, but not before you have been to the table"."""
+    return (*_go_to(targets), *b)
+
+
+@_rule("logical", "AMONG np COMMA b:done", cost=0.2)
+def _among(b: Steps, np: Phrase) -> Steps:
+    """Read "among the tables, find the one with the fewest chairs"."""
+    return _put(b, np)
 
 
 @_rule("logical", "NEVER not_:done (COMMA | AND | STOP | EXCEPT | THEN)+ b:done", cost=0.3)

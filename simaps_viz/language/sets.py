@@ -34,6 +34,8 @@ from simaps_viz.language.words import plural
 from simaps_viz.structures import Instance, Pose2, Room, SIMap
 
 NEXT_TO_M: Final = 1.0
+BESIDE_M: Final = 3.0
+"""How far from a thing what is on its left, right, front or back may be, edge to edge, where something is that near."""
 CLEARANCE_M: Final = 0.3
 """Gap between the robot's hull and the thing that it stops beside."""
 _AT_WALL_M: Final = 0.35
@@ -292,14 +294,15 @@ class Sets(Grounding):
     def _beside(self, things: Sequence[Instance], others: Sequence[Instance], side: str) -> NDArray:
         """Return which things lie on a side of their nearest of the others, bool [things]."""
         kept = np.zeros(len(things), bool)
-        _, nearest = self.nearest_of(self.cells.pack(things), self.cells.pack(others))
+        far, nearest = self.nearest_of(self.cells.pack(things), self.cells.pack(others))
         for j, other in enumerate(others):
             mine = np.flatnonzero(nearest == j).tolist()
             way = self.way_of(side, np.array(other.centroid_m[:2]))
             offset = self.centroids([things[i] for i in mine]) - other.centroid_m[:2]
             along, across = offset @ way, offset @ (-way[1], way[0])
             kept[mine] = (along > 0.0) & (np.abs(across) <= np.sqrt(3.0) * along + 1e-9)
-        return kept
+        close = kept & (far <= BESIDE_M + 1e-9)
+        return close if close.any() else kept
 
     def _bearing_of(self, side: str) -> float:
         """Return the yaw of a side of the robot, radians."""
@@ -498,7 +501,11 @@ class Sets(Grounding):
         return self._keep(S, kept, before=color.strip().lower())
 
     def _shaped(self, S: Named, shape: str) -> Things:
-        return self._keep(S, [self._has_shape(i, shape) for i in self.things_of(S)], before=shape)
+        kept = self._keep(S, [self._has_shape(i, shape) for i in self.things_of(S)], before=shape)
+        found = self.set_of(S)
+        if found.items and not kept.items:  # the map knows outlines only: it cannot say that there is none
+            return replace(kept, missing=f"No {found.one} looks {shape} from above.")
+        return kept
 
     def _has_shape(self, thing: Instance, shape: str) -> bool:
         length, width, round_share = self._box(thing)
@@ -519,9 +526,12 @@ class Sets(Grounding):
             self.cells.boxes[thing.id] = round(sides[1], 4), round(sides[0], 4), share
         return self.cells.boxes[thing.id]
 
-    def _sized(self, S: Named, key: str) -> Things:
+    def _sized(self, S: Named, key: str, than: float | None) -> Things:
         measure, sign = _BY_SIZE[key]
         sizes = np.array([self.measure(i, measure) for i in self.things_of(S)])
+        if than is not None:
+            more, unit = SAID["more"][key]
+            return self._keep(S, sign * (sizes - than) > 1e-9, after=f"{more} than {than:g} {unit.split()[0]}")
         middle = (sizes.min(initial=np.inf) + sizes.max(initial=-np.inf)) / 2.0 if len(sizes) else 0.0
         return self._keep(S, sign * (sizes - middle) >= -1e-9, before=key)
 

@@ -28,8 +28,8 @@ def told(sets: "Sets", value: Any, kind: str, other: Any, key: str) -> Told:
     if isinstance(value, int | float | list):
         return _plain(value, kind)
     found = sets.set_of(_room_or(sets, value))
-    if kind in ("compare", "distance"):
-        return _distance(sets, found, other) if kind == "distance" else _compare(sets, found, other, key or "large")
+    if kind in ("compare", "distance", "side"):
+        return _of_two(sets, found, other, kind, key)
     if not found.items:
         return _nothing(found, kind)
     if not isinstance(found.items[0], Instance):
@@ -158,9 +158,15 @@ def _size(sets: "Sets", found: Things, key: str) -> Told:
     return text.format(the, *sizes.values()), round(sizes["area"], 3), [thing]
 
 
-def _distance(sets: "Sets", found: Things, other: Any) -> Told:
+def _of_two(sets: "Sets", found: Things, other: Any, kind: str, key: str) -> Told:
     if not found.items:
-        return _nothing(found, "distance")
+        return _nothing(found, kind)
+    if kind == "compare":
+        return _compare(sets, found, other, key or "large")
+    return (_side if kind == "side" else _distance)(sets, found, other)
+
+
+def _distance(sets: "Sets", found: Things, other: Any) -> Told:
     first = found.items[0]
     end = sets.set_of(_room_or(sets, other)) if other not in ("", SELF) and not isinstance(other, list) else None
     if end is not None and not end.items:
@@ -172,11 +178,21 @@ def _distance(sets: "Sets", found: Things, other: Any) -> Told:
     return f"{subject} is {far:.1f} m {away}.", round(far, 3), things
 
 
+def _side(sets: "Sets", found: Things, other: Any) -> Told:
+    end = sets.set_of(other)
+    if not end.items:
+        return _nothing(end, "side")
+    pair = (found.items[0], end.items[0])
+    middles = [np.array(one.centroid_m[:2]) for one in pair]
+    side = max(SAID["side_of"], key=lambda side: float(sets.way_of(side, middles[1]) @ (middles[0] - middles[1])))
+    text = f"{_cap(_name_of(found))} is {SAID['side_of'][side]} {_name_of(end)}, seen from where you are."
+    return text, side, list(pair)
+
+
 def _compare(sets: "Sets", found: Things, other: Any, key: str) -> Told:
     end = sets.set_of(_room_or(sets, other))
-    for one in (found, end):
-        if not one.items:
-            return _nothing(one, "compare")
+    if not end.items:
+        return _nothing(end, "compare")
     more, unit = SAID["more"].get(key, SAID["more"]["large"])
     measure, sign = SAID["by_size"].get(key, ("", 1 if key == "far" else -1))
     pair = (found.items[0], end.items[0])

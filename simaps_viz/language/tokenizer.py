@@ -23,7 +23,7 @@ _WISH: Final = re.compile(
     r"\s+if\s+you\s+(?:would|could|can|might|were to|went ahead and)\b"
 )
 """Openings such as "I would be most grateful if you could"."""
-_IS: Final = re.compile(r"\b(that|it|there|what|where|here|which|who|let|how)['’]s\b")
+_IS: Final = re.compile(r"\b(that|it|there|what|where|here|which|who|how)['’]s\b")
 _MOST: Final = re.compile(r"(left|right|north|south|east|west)(?:ern|er)?most")
 _SIDE: Final = re.compile(r"(left|right|north|south|east|west)(?:ern|erly|ward)?$")
 _POINT: Final = re.compile(r"(north|south)(east|west)(?:ern|erly|wards?|bound)?$")
@@ -66,7 +66,7 @@ def read_words(text: str, vocabulary: Vocabulary, *, correcting: bool = False) -
     Raises:
         CommandError: a number larger than a program may hold.
     """
-    plainly = _WISH.sub(" ", _IS.sub(r"\1 is", text.lower()))
+    plainly = _WISH.sub(" ", _IS.sub(r"\1 is", re.sub(r"\blet['’]s\b", "let us", text.lower())))
     plainly = re.sub(r"[a-z]+", lambda found: _SPOKEN.get(found[0], found[0]), plainly)
     pieces = [(str(m.lastgroup), m[m.lastgroup or 0]) for m in _PIECE.finditer(plainly)]
     notes: list[str] = []
