@@ -37,7 +37,7 @@ class Cells:
         numbers = simap.instance
         self.row_of = {one.id: k for k, one in enumerate(simap.instances)}
         self.centroids = np.array([i.centroid_m[:2] for i in simap.instances], np.float64).reshape(-1, 2)
-        self.boxes: dict[int, tuple[float, float, float]] = {}
+        self.boxes: dict[int, tuple[float, float, float, float]] = {}
         self._all = self._by_instance(numbers > 0)
         # Only cells with a neighbour of another instance can be the nearest to something outside.
         padded = np.pad(numbers, 1)

@@ -1,7 +1,9 @@
 """Spoken English to a robot program, offline: by a grammar, without a network."""
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from contextlib import suppress
+from dataclasses import dataclass, replace
+from itertools import pairwise
 from typing import Final
 
 from simaps_viz.errors import CommandError
@@ -23,6 +25,13 @@ _MAX_NAME: Final = 40
 _MARGIN: Final = 0.28
 """How much less likely than the program another reading may be."""
 _ENDS: Final = ("COMMA", "AND", "THEN", "STOP")
+_MEANT: Final = frozenset(
+    "NOUN NOUNS ROOMKIND ROOM ROOMS PLACE SPOT NUM IF IFSEE UNLESS NEVER NOT WITHOUT EXCEPT OTHERWISE UNTIL NOWAIT BEFORE "
+    "AFTER HANDS NOTHING BUTFIRST BUTNO NOTBEFORE VIA WHENEVER AVOID GO APPROACH TURN FACE LOOK CIRCLE PASS SPIN STAND "
+    "HALT RETURN BACKUP LEAVE STRAFE MAKE KEEP TAKE STEPS UTURN HOWMANY WHERE WHICH WHAT HOWFAR HOWBIG".split()
+)
+"""Tokens of what is done, with what, and on what condition: a clause that has one of them is never only talk."""
+_OPENS: Final = frozenset(["AT", "IN", "ON", "BY", "FOR", "FROM", "AND", "THEN"])
 
 
 @dataclass(frozen=True)
@@ -63,7 +72,46 @@ def read_command(text: str, labels: Sequence[str] | Mapping[str, int]) -> Readin
                 return _read(better, vocabulary)
         except CommandError:
             pass
-    return _read(sentence, vocabulary)
+    try:
+        return _read(sentence, vocabulary)
+    except CommandError:
+        shorter = _without_talk(sentence)
+        if shorter is None:
+            raise
+        with suppress(CommandError):
+            return _read(shorter, vocabulary)
+        raise
+
+
+def _without_talk(sentence: Sentence) -> Sentence | None:
+    """Return a sentence without the clauses around it that are only talk, with a note on each; None if it has none.
+
+    "Netflix and chill: go to the sofa": a clause is talk if it holds a word that is not known, and nothing that is
+    done, where, with what, or on what condition.
+    """
+    words, edges = sentence.words, sentence.edges
+    ends = [at for at in range(len(words)) if any(edge.kind in ("COMMA", "STOP") for edge in edges[at])]
+    clauses = [range(a + 1, b) for a, b in pairwise([-1, *ends, len(words)])]
+    unknown = set(sentence.unknown)
+    talk = [
+        any(words[at] in unknown for at in clause)
+        and not any(edge.kind in _MEANT for at in clause for edge in edges[at])
+        and not any(edge.kind in _OPENS for edge in edges[clause.start])
+        for clause in clauses
+    ]
+    kept = [at for at, (clause, is_talk) in enumerate(zip(clauses, talk, strict=True)) if clause and not is_talk]
+    if not kept or not any(talk[: kept[0]] + talk[kept[-1] + 1 :]):
+        return None
+    start, end = clauses[kept[0]].start, clauses[kept[-1]].stop
+    end += end < len(words)  # a question mark says what is wanted
+    left_out = [
+        " ".join(words[clause.start : clause.stop])
+        for at, clause in enumerate(clauses)
+        if talk[at] and not kept[0] < at < kept[-1]
+    ]
+    notes = tuple(f'"{_in_brief(said)}" is left out: it names nothing to do' for said in left_out)
+    within = [tuple(replace(e, end=e.end - start) for e in here if e.end <= end) for here in edges[start:end]]
+    return Sentence(words[start:end], (*within, ()), (*sentence.notes, *notes))
 
 
 def too_long(text: str) -> str:

@@ -113,9 +113,13 @@ class Grammar:
                     self._first[name] = self._either([rule.pattern for rule in self._rules[name]])
                 return self._first[name]
             case _Sequence(parts=parts):
-                found = list(map(self.first, parts))
-                end = next((at for at, (_, empty) in enumerate(found) if not empty), len(found))
-                return frozenset().union(*(kinds for kinds, _ in found[: end + 1])), end == len(found)
+                found: frozenset[str] = frozenset()
+                for one in parts:  # a rule further on may be one whose own first tokens are being looked for
+                    kinds, empty = self.first(one)
+                    found |= kinds
+                    if not empty:
+                        return found, False
+                return found, True
             case _Choice(parts=parts):
                 return self._either(parts)
             case _:

@@ -14,6 +14,7 @@ from importlib.resources import files
 from typing import Any, Final
 
 from simaps_viz.colors.classes import COCO_THINGS
+from simaps_viz.colors.naming import COLOR_WORDS
 
 Words = tuple[str, ...]
 """A phrase, split at its spaces."""
@@ -58,6 +59,9 @@ def _tokens(phrases: dict[str, list[str]]) -> dict[Words, list[tuple[str, str]]]
         kind, _, value = token.partition(" ")
         for words in _split(spoken):
             found.setdefault(words, []).append((kind, value))
+    for color in COLOR_WORDS - {"light", "bright"}:  # a light is a lamp
+        for shade in ("{}", "{} colored", "{} coloured", "bright {}", "deep {}", "pale {}"):
+            found.setdefault(tuple(shade.format(color).split()), []).append(("COLOR", color))
     # The names of rooms are those that a map may give them; "bedrooms" are asked for too.
     for kind, words in _ROOMS.items():
         for name in (kind, *words["words"]):
@@ -77,7 +81,7 @@ SYNONYMS: Final = _synonyms(_THINGS)
 KINDS: Final[dict[str, tuple[str, ...]]] = {kind: tuple(classes) for kind, classes in _THINGS["kinds"].items()}
 """{generic word: classes it takes together}."""
 KINDS.update({word: KINDS[kind] for word, kind in _THINGS["like"].items()})
-EVERYTHING: Final = ("object", "thing", "item")
+EVERYTHING: Final = ("object", "thing", "item", "piece")
 """Words for any class."""
 KNOWN_THINGS: Final = frozenset(
     {*SYNONYMS, *KINDS, *COCO_THINGS, *EVERYTHING, *_THINGS["others"]}.union(*SYNONYMS.values(), *KINDS.values())

@@ -169,7 +169,7 @@ def select(noun: Noun | None, parts: Iterable[Part], *, every: bool = False, som
     for part in parts:
         whole = f"near({whole}, {part.definite or part.text})" if part.kind == "near" else whole
     text, many = _chosen(text, word, parts, rank, count, many, several=many or some)
-    text = _sorted_by(text, [part.text for part in parts if part.kind == "then"], many)
+    text = _sorted_by(text, tuple(part for part in parts if part.kind == "then"), many)
     text = text.replace(ONE, base)
     whole = text if chosen else whole
     if _depth(text) > _MAX_DEPTH:
@@ -197,12 +197,12 @@ def select(noun: Noun | None, parts: Iterable[Part], *, every: bool = False, som
     )
 
 
-def _sorted_by(text: str, keys: Sequence[str], many: bool) -> str:
+def _sorted_by(text: str, orders: Parts, many: bool) -> str:
     """Apply the order in which several things are gone through."""
-    if keys and not many:  # "the desks with a keyboard, the left one first" is said of the desks
+    if orders and not many:  # "the desks with a keyboard, the left one first" is said of the desks
         raise CommandError("")
-    for key in keys:
-        text = f'order({text}, "{key}")'
+    for part in orders:
+        text = f'order({text}, "{part.text}"{_of(part.of)})'
     return text
 
 
@@ -484,11 +484,24 @@ def _from_side_of(side: str, np: Phrase, n: int = 0) -> Parts:
 
 
 GRAMMAR.words("_side", "side")
+GRAMMAR.words("_key", "key")
+GRAMMAR.words("_number", "whole")
 
 
 @_rule("relation", "FROM DET? side SIDE? TO DET? _side SIDE?", cost=-0.1)
 def _swept(side: str) -> Parts:
     return (Part("then", side),)
+
+
+@_rule("relation", "FROM DET? key TO DET? _key", cost=-0.4)
+def _swept_by(key: str) -> Parts:
+    """Read "from the nearest to the farthest"."""
+    return (Part("then", key),)
+
+
+@_rule("relation", "COMMA? SORTEDBY np COMMA? (ASCENDING | last:DESCENDING)?", cost=-0.4)
+def _sorted_from(np: Phrase, last: str = "") -> Parts:
+    return (Part("then", "far" if last else "near", np.measure, phrase=np),)
 
 
 @_rule(
@@ -616,6 +629,18 @@ def _anywhere() -> Parts:
 @_rule("relation", "(IN | OF | AT | FROM) room")
 def _inside(room: Phrase) -> Parts:
     return _filter(f"inside({{}}, {room.text})", room)
+
+
+@_rule("post", "COMMA? DET adjective:size ONE? (OF (DET | BOTH | EVERY)* (_number | IT)?)?", cost=0.1)
+def _the_larger(adjective: Parts) -> Parts:
+    """Read "the suitcase on the sofa, the larger of the two"."""
+    return adjective
+
+
+@_rule("post", "COMMA? DET ONE post", cost=0.3)
+def _the_one(post: Parts) -> Parts:
+    """Read "the table, the one in this room"."""
+    return post
 
 
 @_rule("relation", "IN DET* SAME ROOM AS np")
@@ -789,9 +814,11 @@ def _noun(name: Noun) -> Noun:
 
 @_rule("noun", "word:WORD+", "word:WORD+ name:NOUN", cost=1.0)
 def _unknown(word: Sequence[str], name: Noun | None = None) -> Noun:
-    if name is not None:
-        raise CommandError(f'"{" ".join(word)}"')
     said = " ".join(word)
+    if name is not None:
+        if name.count != 1 or name.is_plural or name.wide:
+            raise CommandError(f'"{said}"')
+        return replace(name, note=f'"{said}" is left out: the map has one {name.spoken}')
     return Noun(singular(said), singular(said), False, count=0)
 
 
@@ -803,6 +830,12 @@ def _whatever() -> Noun:
 @_rule("thing", "_dets pre* noun numbered? post*")
 def _one(noun: Noun, pre: Sequence[Parts] = (), numbered: Parts = (), post: Sequence[Parts] = ()) -> Phrase:
     return select(noun, (*_flat(pre), *numbered, *_flat(post)))
+
+
+@_rule("thing", "_dets pre* noun (adjective | adjective:size) post*", cost=0.5)
+def _behind_its_noun(noun: Noun, adjective: Parts, pre: Sequence[Parts] = (), post: Sequence[Parts] = ()) -> Phrase:
+    """Read "the table big", as people with other first languages say."""
+    return select(noun, (*_flat(pre), *adjective, *_flat(post)))
 
 
 @_rule("thing", "pre+ _dets pre+ noun post*", cost=0.2)
@@ -1016,6 +1049,6 @@ def _sized_room(key: str = "") -> Phrase:
     return Phrase(f'first(order(rooms(), "{key}"))' if key else 'room("other")', "rooms()", "room")
 
 
-@_rule("room", "EVERY (OF | DET)* OTHER? ROOMS?", "EVERY (OF | DET)* OTHER? ROOM", "DET? ROOMS")
+@_rule("room", "(EVERY (OF | DET)* OTHER? (ROOMS? | ROOM) | DET? ROOMS) ((IN | OF) DET* MAP)?")
 def _all_rooms() -> Phrase:
     return Phrase("rooms()", "rooms()", "room", True)

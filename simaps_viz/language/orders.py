@@ -155,7 +155,7 @@ _words("_go", "_goer _prep* | APPROACH _prep* | _prep+")
 @_rule(
     "order",
     "_goer EITHER? _prep+ (_place _prep*)? WHERE? targets IS? | APPROACH _prep* targets | BACK _prep+ targets | "
-    "APPROACH STOP targets | targets (COMMA | STOP)+ GO | NEED TO? targets | _prep+ targets | GO targets:there | "
+    "APPROACH STOP targets | targets (COMMA | STOP)+ GO | NEED TO? targets | _prep+ targets | (GO | TAKE) targets:there | "
     "targets IS WHERE GO",
 )
 def _go_to(targets: tuple[Phrase, ...]) -> Steps:
@@ -179,6 +179,20 @@ def _go_tersely(verb: str, noun: Noun) -> Steps:
 @_rule("order", "_goer place:PLACE")
 def _go_somewhere(place: Noun) -> Steps:
     return _go_to((select(place, ()),))
+
+
+@_rule("order", "_goer VIA targets", cost=0.3)
+def _go_past(targets: tuple[Phrase, ...]) -> Steps:
+    """Read "guide us past the sofas": by each of them."""
+    return _go_to(targets)
+
+
+@_rule("order", "TAKE targets n:ORD", cost=0.3)
+def _take_first(targets: tuple[Phrase, ...], n: int) -> Steps:
+    """Read "take the long table first": of several, the one to go to."""
+    if n != 1:
+        raise CommandError("")
+    return _go_to(targets)
 
 
 @_rule("order", "(_go | APPROACH) targets COMMA? (STARTWITH FROM?)? DET? key (ONE | ONES)? (n:ORD)?", cost=-0.3)
@@ -220,7 +234,7 @@ def _go_middle_of_room(room: Phrase | None = None) -> Steps:
     return (Do(("robot.move_to(centre({0.text}))",), (room,)) if room else Do(("robot.move_to(centre(room()))",)),)
 
 
-@_rule("order", "_go _dets spot:SPOT ((OF | IN) (room | DET* MAP))?", cost=0.2)
+@_rule("order", "_go _dets spot:SPOT ((OF | IN) (room | DET* MAP) | BETWEEN _dets _number? ROOMS)?", cost=0.2)
 def _go_spot(spot: str, room: Phrase | None = None) -> Steps:
     where = "{0.text}" if room else "room()"
     calls = {"corner": f'corner({where}, "")', "middle": f"centre({where})", "door": f"entrance({where})"}
@@ -306,6 +320,12 @@ def _go_off(distance: Measure, np: Phrase, beside: str = "front", back: str = ""
     return (Do((f'robot.move_to(spot({{0.argument}}, "{side}", {distance.text}))',), (np,), note),)
 
 
+@_rule("order", "(_goer | KEEP) distance SHORT", cost=-0.3)
+def _stop_short(distance: Measure) -> Steps:
+    """Read "go to the fridge. Stop 1 m short."."""
+    return _go_off(distance, Phrase(IT, ONE, "thing"), back="", off="away")
+
+
 _rule("away", "AWAY? FROM", "AWAY FROM?", "OF")(lambda: "from")
 
 
@@ -330,7 +350,7 @@ _rule("round", "way")(lambda way: -1.0 if way == "left" else 1.0)
 @_rule(
     "order",
     "(CIRCLE | GO AROUND | PASS AROUND) (AROUND | NEAR | OF)? targets round? times? round? | (CIRCLE | GO AROUND) "
-    "times AROUND? targets | times (CIRCLE | AROUND) targets | GO times AROUND targets | (MAKE | GO)? (n:amount | "
+    "times AROUND? targets | times (CIRCLE | AROUND) targets | (GO | TAKE) times AROUND targets | (MAKE | GO)? (n:amount | "
     "DET | FULL | half:HALF)* LAP round? (AROUND | OF | NEAR) targets times? | GO HALFWAY? half:HALF AROUND "
     "targets | CIRCLE (n:amount | DET)? LAP? (AROUND | OF) targets",
     cost=-0.4,
@@ -367,7 +387,11 @@ def _go_halfway(np: Phrase) -> Steps:
     return (Do(("robot.move_to(way({0.argument}))",), (np,)),)
 
 
-@_rule("order", "_goer? FROM (START | HERE | a:np) TO (np | room) (COMMA? back:BACKTOO (TO _np)?)?", cost=-0.5)
+@_rule(
+    "order",
+    "(_goer? FROM (START | HERE | a:np) TO | FROM (START | HERE | a:np) COMMA? _goer _prep+) (np | room) (COMMA? back:BACKTOO (TO _np)?)?",
+    cost=-0.5,
+)
 def _from_to(np: Phrase | None = None, room: Phrase | None = None, a: Phrase | None = None, back: str = "") -> Steps:
     goal = np or room
     assert goal is not None
@@ -407,7 +431,7 @@ def _home() -> Steps:
     return (Do(('robot.move_to(pose("start"))',)),)
 
 
-@_rule("order", "_goer _prep+ (DET? POINT)? x:NUM COMMA? y:NUM", "_goer (DET? POINT) x:NUM COMMA? y:NUM", cost=-1.0)
+@_rule("order", "_goer _prep* (DET? POINT)? x:NUM COMMA? y:NUM", "_goer (DET? POINT) x:NUM COMMA? y:NUM", cost=-1.0)
 def _go_position(x: float, y: float) -> Steps:
     return (Do((f"robot.move_to([{tidy(x)}, {tidy(y)}])",)),)
 
@@ -425,14 +449,14 @@ _words("_looking", "FACE | LOOK | LOOK _prep+ | FACE _prep+ | TURN _prep* (LOOK 
 
 @_rule(
     "order",
-    "_looking targets | _turning AROUND? (TO | TOWARD | AT)+ _looking? targets | UNTIL SEE targets | _turning "
+    "_looking targets STILL? | _turning AROUND? (TO | TOWARD | AT)+ _looking? targets | UNTIL SEE targets | _turning "
     "way? AROUND? UNTIL (SEE | LOOK | FACE) targets | _turning AROUND _looking targets",
 )
 def _face(targets: tuple[Phrase, ...], way: str = "") -> Steps:
     return _each("robot.face({0})", targets, "face")
 
 
-@_rule("order", "_turning AWAY FROM np", "UTURN _prep+ np", "(LOOK | FACE) AWAY FROM np")
+@_rule("order", "_turning AWAY FROM np", "UTURN _prep+ np", "(LOOK | FACE) AWAY FROM np", "_goer? YOURBACK np")
 def _face_away(np: Phrase) -> Steps:
     return (Do(("robot.face({0})", "robot.turn(180)"), (np,)),)
 
@@ -443,6 +467,13 @@ _words("_course", "DET? DIRECTION (OF | TO)? DET?")
 for _name, _degrees in _COMPASS.items():
     _rule("compass", _name.upper())(lambda degrees=_degrees: degrees)
 _rule("compass", "point:INTER")(lambda point: point)
+
+
+@_rule("heading", "DET? compass spot:SPOT", cost=0.1)
+def _heading_of_wall(compass: float, spot: str) -> float:
+    if spot != "wall":
+        raise CommandError("")
+    return compass
 
 
 @_rule("heading", "DET? compass (SIDE | DIRECTION)?", "_course DET? compass")
@@ -457,7 +488,7 @@ def _face_compass(heading: float) -> Steps:
 
 @_rule(
     "order",
-    "_looking _course? angle | _turning TO _course? angle | GO _prep* _course angle | _turning _course angle | "
+    "_looking _course? angle | FINAL? _course angle | _turning TO _course? angle | GO _prep* _course angle | _turning _course angle | "
     "_turning TO DET? angle _course?",
 )
 def _face_heading(angle: Measure) -> Steps:
@@ -512,6 +543,11 @@ def _turn_around() -> Steps:
 )
 def _turn_fully(way: str = "") -> Steps:
     return (Do((f"robot.turn({'-' if way == 'left' else ''}360)",), (), ("a full turn is 360 degrees",)),)
+
+
+@_rule("order", "_goer (FOR | NEAR)? whole SECONDS", "HALT (FOR)? whole SECONDS")
+def _wait(whole: int) -> Steps:
+    return (Do(("robot.turn(0)",), notes=("the robot stops there; how long it waits is not simulated",)),)
 
 
 @_rule("order", "_turning times")
@@ -608,21 +644,23 @@ def _told(phrase: Phrase, kind: str, *more: str) -> Steps:
 
 @_rule(
     "question",
-    "(HOWMANY | COUNT) DET* np (IS | EXIST | DOES)* post* (HERE | SEE)? | (HOWMANY | COUNT) np (DOES | IS)* DET* "
+    "(HOWMANY | COUNT) STOP? DET* np (IS | EXIST | DOES)* post* (HERE | SEE)? | (HOWMANY | COUNT) np WITH DET* MAP | (HOWMANY | COUNT) np (DOES | IS)* DET* "
     "MAP WITH? | (HOWMANY | COUNT) np DOES HERE (WITH | SEE)",
 )
 def _how_many(np: Phrase, post: Sequence[Parts] = ()) -> Steps:
     return _told(refine(np, [part for parts in post for part in parts]), "count")
 
 
+_OF_THAT_NAME: Final = Phrase(ONE, ONE, "thing")
 _NUMBERED: Final = (
+    "EXIST n:whole np HERE? | EXIST n:whole OF (IT | ONES)",
     "EXIST (ATLEAST | more:MORETHAN | few:LESSTHAN | only:EXACTLY | most:ATMOST) n:whole np HERE?",
-    "only:EXISTONLY n:whole np HERE?",
+    "only:EXISTONLY n:whole np? HERE?",
 )
 
 
 @_rule("question", *_NUMBERED, cost=-0.3)
-def _are_there(n: int, np: Phrase, **_: str) -> Steps:
+def _are_there(n: int, np: Phrase = _OF_THAT_NAME, **_: str) -> Steps:
     test, phrases = _at_least(n, np, **_)
     return (Do((f'tell({test}, "whether")',), phrases),)
 
@@ -642,6 +680,7 @@ def _are_there_more(a: Phrase, b: Phrase, counted: str = "", how: str = "") -> S
     "question",
     "(HOWMANY | COUNT) ROOMS (IS | EXIST)* HERE? _in_map?",
     "(HOWMANY | COUNT) ROOMS (_is | DOES)* DET* MAP WITH?",
+    "(HOWMANY | COUNT) ROOMS WITH DET* MAP",
 )
 def _how_many_rooms() -> Steps:
     return (Do(('tell(rooms(), "count")',)),)
@@ -689,7 +728,7 @@ def _where_am_i() -> Steps:
 
 @_rule(
     "question",
-    "EXIST np ANYWHERE?",
+    "EXIST np ANYWHERE? _in_map?",
     "EXIST DET* np HERE?",
     "IS np HERE",
     "IF EXIST np",
@@ -761,12 +800,15 @@ def _nearer_to_you(b: Phrase, c: Phrase, compared: str = "near") -> Steps:
 
 @_rule(
     "question",
-    "IS np (ON | TO | AT)* DET* _side (SIDE | OF)* OR (ON | TO | AT)* DET* _side (SIDE | OF)* OF? b:np",
+    "IS np (ON | TO | AT)* DET* side (SIDE | OF)* OR (ON | TO | AT)* DET* _side (SIDE | OF)* OF? b:np",
     cost=-0.6,
 )
-def _on_which_side_of(np: Phrase, b: Phrase) -> Steps:
+def _on_which_side_of(np: Phrase, b: Phrase, side: str) -> Steps:
     """Read "is the stove left or right of the fridge?"."""
-    return (Do(('tell({0.text}, "side", {1.argument})',), (replace(np, many=False), replace(b, many=False))),)
+    compass = ', "compass"' if side in _COMPASS else ""
+    return (
+        Do((f'tell({{0.text}}, "side", {{1.argument}}{compass})',), (replace(np, many=False), replace(b, many=False))),
+    )
 
 
 @_rule("question", "IS np (relation | NOT? adjective)", "IF np IS (relation | NOT? adjective)", cost=0.1)
@@ -867,6 +909,17 @@ def _what_is_most(compared: str = "", size: Parts = ()) -> Steps:
     return _told(select(Noun("thing", "anything"), size or (Part("order", compared),)), "which")
 
 
+@_rule("question", "(WHICH | WHAT) np? (IS | EXIST)* (AT | NEAR | ON | TO)+ DET* POINT? x:NUM COMMA? y:NUM", cost=-0.8)
+def _what_is_there(x: float, y: float, np: Phrase = EVERYTHING) -> Steps:
+    """Read "which object is at (10, 3.1)?"."""
+    return _told(_changed(np, f"nearest({np.whole or np.text}, 1, [{tidy(x)}, {tidy(y)}])", many=False), "which")
+
+
+@_rule("question", "WHAT IS np IS? ON", cost=-0.2)
+def _what_is_it_on(np: Phrase) -> Steps:
+    return _told(_changed(EVERYTHING, f"under({EVERYTHING.text}, {np.measure})", np.notes), "what")
+
+
 @_rule("question", "SEEWHAT HERE?", "LOOK AROUND AND LIST SEEWHAT")
 def _what_do_you_see() -> Steps:
     return _told(_changed(EVERYTHING, text='visible(things("anything"))'), "list")
@@ -884,7 +937,7 @@ def _list_rooms(room: Phrase | None = None) -> Steps:
 
 @_rule(
     "question",
-    "HOWFAR AWAY? IS np AWAY? (FROM HERE)? | HOWFAR AWAY? IS IT? (TO | FROM) np | HOWFAR (TO | FROM)? np IS? "
+    "HOWFAR AWAY? (FROM HERE)? IS np AWAY? (FROM HERE)? | HOWFAR AWAY? IS IT? (TO | FROM) np | HOWFAR (TO | FROM)? np IS? "
     "AWAY? | (WHAT IS)? DET? DISTANCE (TO | FROM | OF) np | HOWFAR HERE IS? FROM np | HOWFAR IS HERE FROM np",
 )
 def _how_far(np: Phrase) -> Steps:
@@ -893,7 +946,7 @@ def _how_far(np: Phrase) -> Steps:
 
 @_rule(
     "question",
-    "HOWFAR AWAY? (IS IT?)? FROM? a:np AWAY? (TO | FROM | AND) b:np | (WHAT IS)? DET? DISTANCE (BETWEEN | FROM | OF) "
+    "HOWFAR AWAY? (IS IT?)? FROM? a:np AWAY? (TO | FROM | AND) b:np | (WHAT IS)? DET? DISTANCE (BETWEEN | FROM | OF)? "
     "a:np (AND | TO) b:np | HOWFAR AWAY? APART? IS a:np AND b:np APART? | HOWFAR IS IT? (FROM | BETWEEN) a:np (TO "
     "| AND) b:np | HOWFAR IS a:np (FROM | TO) b:np",
     cost=-0.1,
@@ -993,7 +1046,9 @@ def _holds_without(np: Phrase, of: Phrase) -> Condition:
 
 
 @_rule("condition", *_NUMBERED, cost=-0.3)
-def _at_least(n: int, np: Phrase, more: str = "", few: str = "", only: str = "", most: str = "") -> Condition:
+def _at_least(
+    n: int, np: Phrase = _OF_THAT_NAME, more: str = "", few: str = "", only: str = "", most: str = ""
+) -> Condition:
     sign = ">" if more else "<" if few else "==" if only else "<=" if most else ">="
     return f"count({{0.text}}) {sign} {n}", (_changed(np, np.whole or np.text, many=False),)
 
@@ -1025,7 +1080,7 @@ def _is_nearer(np: Phrase, compared: str) -> Condition:
 
 # ---- what joins orders
 
-_words("_sep", "(COMMA | AND | THEN | STOP)+")
+_words("_sep", "(COMMA | AND | THEN | STOP | BUT)+")
 _words("_mayhap", "(COMMA | AND | THEN | STOP)*")
 _words(
     "_verb",
@@ -1033,11 +1088,18 @@ _words(
 )
 
 
-@_rule("done", "order (COMMA? times)?", "times COMMA? order")
-def _times(order: Steps, times: int = 1) -> Steps:
+@_rule("done", "order (COMMA? times)?", "times COMMA? order", "order n:ORD")
+def _times(order: Steps, times: int = 1, n: int = 1) -> Steps:
+    if n != 1:  # "look at the sofa first"
+        raise CommandError("")
     if not 1 <= times <= _MAX_TIMES:
         raise CommandError(f"an order can be repeated from 1 to {_MAX_TIMES} times, found {times}")
     return (Repeat(times, order),) if times > 1 else order
+
+
+@_rule("item", "ORD COMMA? question", cost=0.2)
+def _numbered_question(question: Steps) -> Steps:
+    return question
 
 
 @_rule("done", "(ORD | AFTER) COMMA? done", "NEED HERE? TO? done", "HERE &_verb done", cost=0.2)
@@ -1058,6 +1120,13 @@ def _whether(condition: Condition) -> Condition:
 _rule("if", "IFSEE np")(_is_seen)
 
 
+@_rule("body", "done ((COMMA | AND | THEN | BUT)+ more:done)*", "question")
+def _body(done: Steps = (), question: Steps = (), more: Sequence[Steps] = ()) -> Steps:
+    """Read what is done on a condition, up to the end of a sentence."""
+    return (*done, *question, *(step for steps in more for step in steps))
+
+
+@_rule("logical", "condition:if ((COMMA | THEN)+ | &_verb) a:body (_mayhap OTHERWISE COMMA? b:body)?", cost=-0.2)
 @_rule("logical", "condition:if ((COMMA | THEN)+ | &_verb) a:items (_mayhap OTHERWISE COMMA? b:items)?")
 def _if(condition: Condition, a: Steps, b: Steps = ()) -> Steps:
     return (Choose(*condition, a, b),)
@@ -1172,7 +1241,7 @@ def _begun(items: Steps, b: Steps) -> Steps:
     return (*items, *b)
 
 
-@_rule("start", "_mayhap (items _mayhap)? NOWAIT COMMA? (NOT _np COMMA?)? b:items _mayhap")
+@_rule("start", "_mayhap (items _mayhap)? (NOWAIT COMMA?)+ (NOT _np COMMA?)? b:items _mayhap")
 def _instead(b: Steps, items: Steps = ()) -> Steps:
     """Read "go to the sofa, no wait, the table": what follows replaces the order before it."""
     last, first = items[-1] if items else None, b[0]

@@ -163,7 +163,9 @@ def _of_two(sets: "Sets", found: Things, other: Any, kind: str, key: str) -> Tol
         return _nothing(found, kind)
     if kind == "compare":
         return _compare(sets, found, other, key or "large")
-    return (_side if kind == "side" else _distance)(sets, found, other)
+    if kind == "side":
+        return _side(sets, found, other, key)
+    return _distance(sets, found, other)
 
 
 def _distance(sets: "Sets", found: Things, other: Any) -> Told:
@@ -178,14 +180,17 @@ def _distance(sets: "Sets", found: Things, other: Any) -> Told:
     return f"{subject} is {far:.1f} m {away}.", round(far, 3), things
 
 
-def _side(sets: "Sets", found: Things, other: Any) -> Told:
+def _side(sets: "Sets", found: Things, other: Any, key: str) -> Told:
     end = sets.set_of(other)
     if not end.items:
         return _nothing(end, "side")
     pair = (found.items[0], end.items[0])
     middles = [np.array(one.centroid_m[:2]) for one in pair]
-    side = max(SAID["side_of"], key=lambda side: float(sets.way_of(side, middles[1]) @ (middles[0] - middles[1])))
-    text = f"{_cap(_name_of(found))} is {SAID['side_of'][side]} {_name_of(end)}, seen from where you are."
+    sides = ("north", "south", "east", "west") if key == "compass" else tuple(SAID["side_of"])
+    side = max(sides, key=lambda side: float(sets.way_of(side, middles[1]) @ (middles[0] - middles[1])))
+    where = f"{side} of" if key == "compass" else SAID["side_of"][side]
+    seen = "" if key == "compass" else ", seen from where you are"
+    text = f"{_cap(_name_of(found))} is {where} {_name_of(end)}{seen}."
     return text, side, list(pair)
 
 

@@ -23,9 +23,13 @@ _WISH: Final = re.compile(
     r"\s+if\s+you\s+(?:would|could|can|might|were to|went ahead and)\b"
 )
 """Openings such as "I would be most grateful if you could"."""
+_OPENING: Final = re.compile(r"^\W*(?:(?:so|and|um+|uh+|okay|ok|yeah|well|hmm+|er+|uhm)\b[\s,]*)+")
 _IS: Final = re.compile(r"\b(that|it|there|what|where|here|which|who|how)['’]s\b")
 _MOST: Final = re.compile(r"(left|right|north|south|east|west)(?:ern|er)?most")
 _SIDE: Final = re.compile(r"(left|right|north|south|east|west)(?:ern|erly|ward)?$")
+_ON_PAPER: Final = re.compile(r"\b(top|upper|bottom|lower)[\s-]+(left|right)\b")
+"""A corner of the map as it is drawn, north up."""
+_PAPER: Final = {"top": "north", "upper": "north", "bottom": "south", "lower": "south", "left": "west", "right": "east"}
 _POINT: Final = re.compile(r"(north|south)(east|west)(?:ern|erly|wards?|bound)?$")
 _POINTS: Final = {tuple(name.split()): degrees for name, degrees in COMPASS_POINTS.items() if " " in name}
 _KEYWORDS: Final = tuple(
@@ -67,7 +71,10 @@ def read_words(text: str, vocabulary: Vocabulary, *, correcting: bool = False) -
         CommandError: a number larger than a program may hold.
     """
     plainly = _WISH.sub(" ", _IS.sub(r"\1 is", re.sub(r"\blet['’]s\b", "let us", text.lower())))
+    plainly = re.sub(r",\s*so\s+(?!that\b)", ", ", plainly)
+    plainly = re.sub(r"\b[xy]\s*=\s*(?=[-.\d])", "", _OPENING.sub("", plainly))
     plainly = re.sub(r"[a-z]+", lambda found: _SPOKEN.get(found[0], found[0]), plainly)
+    plainly = _ON_PAPER.sub(lambda found: f"{_PAPER[found[1]]} {_PAPER[found[2]]}", plainly)
     pieces = [(str(m.lastgroup), m[m.lastgroup or 0]) for m in _PIECE.finditer(plainly)]
     notes: list[str] = []
     if correcting:
