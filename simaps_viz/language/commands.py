@@ -25,11 +25,13 @@ _MAX_NAME: Final = 40
 _MARGIN: Final = 0.28
 """How much less likely than the program another reading may be."""
 _ENDS: Final = ("COMMA", "AND", "THEN", "STOP")
-_MEANT: Final = frozenset(
-    "NOUN NOUNS ROOMKIND ROOM ROOMS PLACE SPOT NUM IF IFSEE UNLESS NEVER NOT WITHOUT EXCEPT OTHERWISE UNTIL NOWAIT BEFORE "
-    "AFTER HANDS NOTHING BUTFIRST BUTNO NOTBEFORE VIA WHENEVER AVOID GO APPROACH TURN FACE LOOK CIRCLE PASS SPIN STAND "
-    "HALT RETURN BACKUP LEAVE STRAFE MAKE KEEP TAKE STEPS UTURN HOWMANY WHERE WHICH WHAT HOWFAR HOWBIG".split()
-)
+_MEANT: Final = frozenset({
+    "NOUN", "NOUNS", "ROOMKIND", "ROOM", "ROOMS", "PLACE", "SPOT", "NUM", "IF", "IFSEE", "UNLESS", "NEVER", "NOT",
+    "WITHOUT", "EXCEPT", "OTHERWISE", "UNTIL", "NOWAIT", "BEFORE", "AFTER", "HANDS", "NOTHING", "BUTFIRST", "BUTNO",
+    "NOTBEFORE", "VIA", "WHENEVER", "GO", "APPROACH", "TURN", "FACE", "LOOK", "CIRCLE", "PASS", "SPIN", "STAND",
+    "HALT", "RETURN", "BACKUP", "LEAVE", "STRAFE", "MAKE", "KEEP", "TAKE", "STEPS", "UTURN", "HOWMANY", "WHERE",
+    "WHICH", "WHAT", "HOWFAR", "HOWBIG",
+})  # fmt: skip
 """Tokens of what is done, with what, and on what condition: a clause that has one of them is never only talk."""
 _OPENS: Final = frozenset(["AT", "IN", "ON", "BY", "FOR", "FROM", "AND", "THEN"])
 

@@ -155,7 +155,8 @@ _words("_go", "_goer _prep* | APPROACH _prep* | _prep+")
 @_rule(
     "order",
     "_goer EITHER? _prep+ (_place _prep*)? WHERE? targets IS? | APPROACH _prep* targets | BACK _prep+ targets | "
-    "APPROACH STOP targets | targets (COMMA | STOP)+ GO | NEED TO? targets | _prep+ targets | (GO | TAKE) targets:there | "
+    "APPROACH STOP targets | targets (COMMA | STOP)+ GO | NEED TO? targets | _prep+ targets | (GO | TAKE) "
+    "targets:there | "
     "targets IS WHERE GO",
 )
 def _go_to(targets: tuple[Phrase, ...]) -> Steps:
@@ -350,7 +351,8 @@ _rule("round", "way")(lambda way: -1.0 if way == "left" else 1.0)
 @_rule(
     "order",
     "(CIRCLE | GO AROUND | PASS AROUND) (AROUND | NEAR | OF)? targets round? times? round? | (CIRCLE | GO AROUND) "
-    "times AROUND? targets | times (CIRCLE | AROUND) targets | (GO | TAKE) times AROUND targets | (MAKE | GO)? (n:amount | "
+    "times AROUND? targets | times (CIRCLE | AROUND) targets | (GO | TAKE) times AROUND targets | (MAKE | GO)? "
+    "(n:amount | "
     "DET | FULL | half:HALF)* LAP round? (AROUND | OF | NEAR) targets times? | GO HALFWAY? half:HALF AROUND "
     "targets | CIRCLE (n:amount | DET)? LAP? (AROUND | OF) targets",
     cost=-0.4,
@@ -389,7 +391,8 @@ def _go_halfway(np: Phrase) -> Steps:
 
 @_rule(
     "order",
-    "(_goer? FROM (START | HERE | a:np) TO | FROM (START | HERE | a:np) COMMA? _goer _prep+) (np | room) (COMMA? back:BACKTOO (TO _np)?)?",
+    "(_goer? FROM (START | HERE | a:np) TO | FROM (START | HERE | a:np) COMMA? _goer _prep+) (np | room) (COMMA? "
+    "back:BACKTOO (TO _np)?)?",
     cost=-0.5,
 )
 def _from_to(np: Phrase | None = None, room: Phrase | None = None, a: Phrase | None = None, back: str = "") -> Steps:
@@ -488,7 +491,8 @@ def _face_compass(heading: float) -> Steps:
 
 @_rule(
     "order",
-    "_looking _course? angle | FINAL? _course angle | _turning TO _course? angle | GO _prep* _course angle | _turning _course angle | "
+    "_looking _course? angle | FINAL? _course angle | _turning TO _course? angle | GO _prep* _course angle | "
+    "_turning _course angle | "
     "_turning TO DET? angle _course?",
 )
 def _face_heading(angle: Measure) -> Steps:
@@ -644,7 +648,8 @@ def _told(phrase: Phrase, kind: str, *more: str) -> Steps:
 
 @_rule(
     "question",
-    "(HOWMANY | COUNT) STOP? DET* np (IS | EXIST | DOES)* post* (HERE | SEE)? | (HOWMANY | COUNT) np WITH DET* MAP | (HOWMANY | COUNT) np (DOES | IS)* DET* "
+    "(HOWMANY | COUNT) STOP? DET* np (IS | EXIST | DOES)* post* (HERE | SEE)? | (HOWMANY | COUNT) np WITH DET* MAP | "
+    "(HOWMANY | COUNT) np (DOES | IS)* DET* "
     "MAP WITH? | (HOWMANY | COUNT) np DOES HERE (WITH | SEE)",
 )
 def _how_many(np: Phrase, post: Sequence[Parts] = ()) -> Steps:
@@ -937,7 +942,8 @@ def _list_rooms(room: Phrase | None = None) -> Steps:
 
 @_rule(
     "question",
-    "HOWFAR AWAY? (FROM HERE)? IS np AWAY? (FROM HERE)? | HOWFAR AWAY? IS IT? (TO | FROM) np | HOWFAR (TO | FROM)? np IS? "
+    "HOWFAR AWAY? (FROM HERE)? IS np AWAY? (FROM HERE)? | HOWFAR AWAY? IS IT? (TO | FROM) np | HOWFAR (TO | FROM)? "
+    "np IS? "
     "AWAY? | (WHAT IS)? DET? DISTANCE (TO | FROM | OF) np | HOWFAR HERE IS? FROM np | HOWFAR IS HERE FROM np",
 )
 def _how_far(np: Phrase) -> Steps:

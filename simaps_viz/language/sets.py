@@ -519,7 +519,7 @@ class Sets(Grounding):
         return is_round if shape == "round" else not is_round and length <= _SQUARE * width + 1e-9
 
     def _box(self, thing: Instance) -> tuple[float, float, float, float]:
-        """Return length and width of a thing, metres, and the shares that its outline fills of the smallest circle and box."""
+        """Return length and width, metres, and the shares that its outline fills of the smallest circle and box."""
         if thing.id not in self.cells.boxes:
             self.look(len(self.cells.edge(thing.id)))
             hull = self._hull(thing)

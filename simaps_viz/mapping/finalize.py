@@ -2,7 +2,7 @@
 
 from bisect import bisect_left
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from importlib.metadata import version
 from typing import Any, Protocol
 
@@ -70,6 +70,10 @@ def facts_from_json(values: Mapping[str, Any]) -> SequenceFacts:
     )
 
 
+_OBSTACLE_SHARE, _THING_SHARE = 0.2, 0.05
+"""Shares of the frames that saw a cell in which an obstacle, or a thing, that stands there is seen at least."""
+
+
 def gathered(accumulator: MapAccumulator) -> Gathered:
     """Return what was gathered so far, for `apply_method`."""
     grid = accumulator.snapshot()
@@ -125,9 +129,24 @@ def apply_method(seen: Gathered, config: BuildConfig) -> Found:
     """Name the cells of what was gathered, and find its communities and how they merge."""
     method = method_of(config.method)
     grid, notes = method.label_cells(seen.grid, seen.readings, config)
+    grid = without_passers_by(grid, seen.readings, config.projection.obstacle_height_m)
     graphs = method.graphs(grid, seen, config)
     community, log = method.communities(grid, graphs, config.parameters())
     return Found(grid, graphs, community, log, seen.readings, notes)
+
+
+def without_passers_by(grid: Grid, readings: AllReadings, obstacle_m: float) -> Grid:
+    """Return the grid without obstacles that most frames saw through: people who walked by, and stray pixels of depth.
+
+    An obstacle goes where fewer than one in five of the frames that saw a cell had anything at ``obstacle_m`` or higher
+    there; where the cell's class is a thing, fewer than one in twenty, as dark chairs return little depth.
+    """
+    hits = np.zeros(grid.label.size, np.int64)
+    for part in readings.batches():
+        hits += np.bincount(part.cell[part.height_m >= obstacle_m], minlength=len(hits))
+    share = np.where(np.asarray(grid.is_thing)[grid.label], _THING_SHARE, _OBSTACLE_SHARE)
+    passing = hits.reshape(grid.label.shape) < share * grid.observations
+    return replace(grid, lowest_m=np.where(passing, np.float32(np.nan), grid.lowest_m))
 
 
 def objects_of(found: Found, config: BuildConfig) -> NDArray:

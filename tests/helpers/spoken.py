@@ -32,7 +32,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import KDTree
-from toy_maps import furnished_map
+from toy_maps import furnished_map, toy_map
 
 import simaps_viz
 from simaps_viz.structures import Pose2, SIMap
@@ -57,6 +57,8 @@ def load_round_map(name: str, folder: Path | None = None) -> SIMap | None:
     """Load the map that a round calls by this name; None where it is not at hand."""
     if name == "toy":
         return furnished_map(json.loads((ROUNDS / "flat.json").read_text()))
+    if name == "toymap":
+        return toy_map()
     path = ROOT / "recordings/cafe-evidence.npz" if name == "cafe" else (folder or ROUNDS) / f"{name}.npz"
     return simaps_viz.load_map(path) if path.is_file() else None
 

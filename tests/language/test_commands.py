@@ -279,6 +279,49 @@ def test_synonyms_are_noted() -> None:
     assert "no distance was said: 1 m" in read_command("go forward", LABELS).notes
 
 
+@pytest.mark.parametrize(
+    ("said", "left_out"),
+    [
+        ("Netflix and chill: go to the couch", "netflix and chill"),
+        ("Whoop whoop! Go to the sofa.", "whoop whoop"),
+    ],
+)
+def test_talk_around_an_order_is_left_out_with_a_note(said: str, left_out: str) -> None:
+    reading = read_command(said, LABELS)
+    assert reading.program == 'robot.move_to_object("couch")'
+    assert f'"{left_out}" is left out: it names nothing to do' in reading.notes
+
+
+@pytest.mark.parametrize(
+    "said",
+    [
+        "at midnight, go to the couch",  # when
+        "whenever it rains cats, go to the couch",
+        "pirouetting madly past the chair, go to the couch",  # with what
+        "go gallivanting, then go to the couch",  # what else is done
+        "go to the couch, unless hungover",  # on what condition
+    ],
+)
+def test_words_that_may_matter_are_never_left_out(said: str) -> None:
+    with pytest.raises(CommandError, match="Not understood"):
+        read_command(said, LABELS)
+
+
+@pytest.mark.parametrize(("count", "understood"), [(1, True), (2, False)])
+def test_an_unknown_adjective_is_left_out_only_where_one_thing_can_be_meant(count: int, understood: bool) -> None:
+    if understood:
+        reading = read_command("go to the suspicious suitcase", {"suitcase": count})
+        assert reading.program == 'robot.move_to_object("suitcase")'
+        assert reading.notes == ('"suspicious" is left out: the map has one suitcase',)
+    else:
+        with pytest.raises(CommandError, match="suspicious"):
+            read_command("go to the suspicious suitcase", {"suitcase": count})
+
+
+def test_a_question_mark_moves_nothing() -> None:
+    assert read_command("the chairs near the table?", LABELS).program.startswith("tell(")
+
+
 def test_a_generic_word_takes_its_kinds_together_and_gives_each_alone() -> None:
     reading = read_command("go to the second table", ("chair", "coffee table", "dining table"))
     assert reading.program == 'robot.move_to_nth_closest("table", 2)'

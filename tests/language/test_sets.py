@@ -211,6 +211,10 @@ def test_orders_by_place_and_size(seed: int) -> None:
     middle = (min(areas.values()) + max(areas.values())) / 2
     assert ids(evaluate(simap, pose, "sized('anything', 'large')")) == [i for i in areas if areas[i] >= middle]
     assert ids(evaluate(simap, pose, "sized('anything', 'small')")) == [i for i in areas if areas[i] <= middle]
+    than = sorted(areas.values())[len(areas) // 2]
+    m2 = than * simap.spec.cell_size_m**2
+    assert ids(evaluate(simap, pose, f"sized('anything', 'large', {m2})")) == [i for i in areas if areas[i] > than]
+    assert ids(evaluate(simap, pose, f"sized('anything', 'small', {m2})")) == [i for i in areas if areas[i] < than]
 
 
 @pytest.mark.parametrize("seed", SEEDS)
