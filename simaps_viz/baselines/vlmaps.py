@@ -32,6 +32,7 @@ from simaps_viz.events import (
     wants_color,
 )  # fmt: skip
 from simaps_viz.mapping.accumulator import MapAccumulator, ProjectionSettings
+from simaps_viz.mapping.finalize import without_passers_by
 from simaps_viz.mapping.observations import Readings, gather_readings
 from simaps_viz.mapping.partition import empty_log
 from simaps_viz.mapping.projection import project_pixels
@@ -363,6 +364,7 @@ def build_vlmaps(
             tell(_projected(frame, segmentation, T_map_camera[frame.index], gathered, seen))
 
     grid, instance = split_classes(gathered.grid(), config, components=components)
+    grid = without_passers_by(grid, gathered.seen(grid), config.projection.obstacle_height_m)
     tell(CommunitiesFound(grid, instance, len(sequence) - 1, final=True))
     tell(MergesFound(grid, instance, empty_log(), np.zeros(0, dtype=bool)))
     simap = _assemble(sequence, config, gathered, grid, instance, components=components)
