@@ -181,6 +181,7 @@ READER_TARGETS = (
     *(Target(name, recording(_named("scans_apps", name)), weight=3) for name in APPS),
     *(Target(name, recording(_named("scans_bags", name)), weight=2) for name in BAGS),
     *(Target(name, recording(_named("scans_slam", name)), weight=3) for name in SLAM),
+    *(Target(name, recording(_named("scans_mcap", name)), weight=2) for name in ("ros1_mcap", "foxglove_mcap")),
     Target("ros clouds", recording(_named("scans_clouds", "cloud_bag")), weight=2),
     Target("lidar", recording(lidar), weight=3),
     Target("rerun_rrd", recording(_named("scans_rerun", "rerun_rrd")), weight=2),

@@ -1,4 +1,4 @@
-"""Read recordings of robots: ROS 1 bags, ROS 2 bags (SQLite or MCAP) and ROS 2 MCAP files.
+"""Read recordings of robots: ROS 1 bags, ROS 2 bags (SQLite or MCAP), MCAP files of ROS and of Foxglove.
 
 Topics are chosen by what they hold: the depth images registered to colour if there are such, the colour images of the
 same camera, their CameraInfo, and poses from tf, or else from an Odometry or PoseStamped topic. Depth of another camera
@@ -59,7 +59,7 @@ T_BODY_OPTICAL = np.array([[0, 0, 1, 0], [-1, 0, 0, 0], [0, -1, 0, 0], [0, 0, 0,
 
 FACTS = FormatFacts(
     title="ROS bag",
-    recognised_by="`*.bag` (ROS 1), a folder with `metadata.yaml` (ROS 2), `*.db3`, `*.mcap` (ROS 2 profile)",
+    recognised_by="`*.bag` (ROS 1), a folder with `metadata.yaml` (ROS 2), `*.db3`, `*.mcap` (ROS 1 and 2, Foxglove)",
     depth="Image or CompressedImage, 16UC1 or 32FC1; PointCloud2",
     depth_unit_m=DEPTH_UNIT_M,
     invalid="0, NaN, infinity",
@@ -144,6 +144,7 @@ def _open(path: Path, bag: "Bag") -> Recording:
             f"{use.what} ({source}) and {len(color_times)} colour images ({color}): {poses}"
         )
     notes = (
+        *bag.notes,
         *use.notes,
         *left_out(len(times) - len(pairs), len(times), f"{use.what} have no colour of their time ({late})"),
         *left_out(int((~known).sum()), len(times), f"{use.what} have no pose of their time"),
@@ -284,14 +285,34 @@ class Bag:
         self.path, self._lock = path, threading.Lock()
         self._first: dict[str, Any] = {}
         self._errors = (Exception,)  # rosbags, sqlite and the unpackers may raise anything on damaged bags
-        self._reader = None
+        self.notes: tuple[str, ...] = ()
+        self._reader: Any = None
         try:
             self._reader = AnyReader([path])
             self._reader.open()
-            self.topics = self._reader.topics
+            self.topics: dict[str, Any] = self._reader.topics
         except self._errors as error:
             self._reader = None
-            raise InputError(f"{path}: expected a ROS bag, found {one_line(error)}") from error
+            found = one_line(error)
+            if path.suffix == ".mcap":  # of ROS 1, of Foxglove's messages, or unfinished
+                found = self._open_mcap() or found
+            if self._reader is None:
+                raise InputError(f"{path}: expected a ROS bag, found {found}") from error
+
+    def _open_mcap(self) -> str:
+        """Open an MCAP file that rosbags does not read; return what is wrong with it, "" when rosbags said so."""
+        from simaps_viz.datasets.mcap import McapReader  # noqa: PLC0415 - as above
+
+        try:
+            reader = McapReader(self.path)
+        except self._errors as error:
+            return one_line(error) if isinstance(error, MemoryError) else ""
+        if not any(topic.msgcount for topic in reader.topics.values()):
+            reader.close()
+            return ""
+        self._reader, self.topics = reader, reader.topics
+        self.notes = () if reader.finished else ("the file has no end: it was cut short, and is read up to there",)
+        return ""
 
     def __del__(self) -> None:
         reader = getattr(self, "_reader", None)
@@ -333,12 +354,17 @@ class Bag:
         except self._errors as error:
             raise InputError(f"{self.path}: expected a whole {msgtype}, found {one_line(error)}") from error
 
+    def _stamp_ns(self, data: bytes) -> int:
+        if hasattr(self._reader, "stamp_ns"):
+            return self._reader.stamp_ns(data)
+        return raw_stamp_ns(data, ros2=self._reader.is2)
+
     def index(self, topics: tuple[str, ...]) -> dict[str, list[Entry]]:
         """Return the positions of the messages of topics, ordered by the time in their headers."""
         assert self._reader is not None
         found: dict[str, list[Entry]] = {topic: [] for topic in topics}
         for topic, logged_ns, data, _ in self.messages(list(topics)):
-            found[topic].append(Entry(logged_ns, raw_stamp_ns(data, ros2=self._reader.is2)))
+            found[topic].append(Entry(logged_ns, self._stamp_ns(data)))
         return {topic: sorted(entries, key=lambda e: e.stamp_ns) for topic, entries in found.items()}
 
     def read(self, topic: str, entry: Entry) -> Any:
@@ -352,7 +378,7 @@ class Bag:
             except self._errors as error:
                 raise InputError(f"{self.path}: expected a whole bag, found {one_line(error)}") from error
         for data, msgtype in found:
-            if raw_stamp_ns(data, ros2=self._reader.is2) == entry.stamp_ns:
+            if self._stamp_ns(data) == entry.stamp_ns:
                 return self.decode(data, msgtype)
         raise InputError(f"{self.path}: {topic}: expected the message of {entry.stamp_ns} ns, found it no more")
 
@@ -442,7 +468,8 @@ def poses_of(
 
 def _transforms(bag: Bag, start_ns: int) -> Transforms:
     transforms = Transforms()
-    topics = [t for t in bag.of_type(*TF_TYPES) if t.rpartition("/")[2] in ("tf", "tf_static")]  # of any namespace
+    named = bag.of_type(*TF_TYPES)
+    topics = [t for t in named if t.rpartition("/")[2] in ("tf", "tf_static")] or named  # of any namespace
     for topic, message in bag.decoded(topics):
         for entry in message.transforms:
             where = f"{bag.path}: {topic}: {entry.child_frame_id}"
@@ -450,6 +477,9 @@ def _transforms(bag: Bag, start_ns: int) -> Transforms:
                 entry.header.frame_id, entry.child_frame_id, (stamp_ns(entry.header) - start_ns) / 1e9,
                 decode_pose(where, entry.transform), fixed=topic.endswith("tf_static"),
             )  # fmt: skip
+    if not any(topic.endswith("tf_static") for topic in topics):  # Foxglove has no other way to say what is fixed
+        for link in transforms.links.values():
+            link.fixed = link.fixed or len(link.poses) == 1
     return transforms
 
 

@@ -155,6 +155,9 @@ def test_robots_recordings_cut_short(tmp_path: Path, writer, share: float) -> No
     path = writer(tmp_path).path
     file = path if path.is_file() else next(path.glob("*.db3"))
     cut(share=share)(file)
+    if writer is ros2_mcap and share == 0.9:  # only its end is missing
+        assert "the file has no end: it was cut short, and is read up to there" in open_sequence(path).notes
+        return
     with pytest.raises(InputError, match="expected") as caught:
         open_sequence(path)
         assert len(open_sequence(path)) == 4

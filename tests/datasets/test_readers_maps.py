@@ -23,6 +23,7 @@ from scans_folders import (
     seven_scenes,
     tum,
 )
+from scans_mcap import foxglove_mcap, ros1_mcap
 from scans_rerun import rerun_rrd
 from scans_slam import instant_ngp, redwood, rtabmap, slam_folder, stray_scanner
 
@@ -37,7 +38,8 @@ pytestmark = pytest.mark.slow
 
 WRITERS = [tum, seven_scenes, scannet, replica, nerfstudio, habitat, habitat_classes, arkit, polycam, record3d_zip,
            record3d_folder, record3d_exr, ros1_bag, ros2_sqlite, ros2_mcap, rerun_rrd, sens, lidar,
-           cloud_bag, instant_ngp, redwood, rtabmap, slam_folder, stray_scanner]  # fmt: skip
+           cloud_bag, instant_ngp, redwood, rtabmap, slam_folder, stray_scanner, foxglove_mcap,
+           ros1_mcap]  # fmt: skip
 
 
 class Segmented:
