@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from rosbags.typesys import Stores
-from scans import Sample
+from scans import FRAMES, Sample
 from scans_apps import record3d_folder, record3d_zip
 from scans_bags import COLOR, DEPTH, Messages, entries, ros1_bag, ros2_mcap, ros2_sqlite, write_bag1
 from scans_folders import arkit, habitat, nerfstudio, polycam, replica, scannet, sens, seven_scenes, tum
@@ -155,8 +155,8 @@ def test_robots_recordings_cut_short(tmp_path: Path, writer, share: float) -> No
     path = writer(tmp_path).path
     file = path if path.is_file() else next(path.glob("*.db3"))
     cut(share=share)(file)
-    if writer is ros2_mcap and share == 0.9:  # only its end is missing
-        assert "the file has no end: it was cut short, and is read up to there" in open_sequence(path).notes
+    if writer is ros2_mcap and share == 0.9:  # only the index behind the messages is missing
+        assert len(open_sequence(path)) == FRAMES
         return
     with pytest.raises(InputError, match="expected") as caught:
         open_sequence(path)
