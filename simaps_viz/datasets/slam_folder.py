@@ -5,20 +5,18 @@ lists; poses are those that ORB-SLAM saved beside them. The world is the first c
 """
 
 import os
-import re
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
 from simaps_viz.datasets.association import interpolate_poses, posed_pairs
-from simaps_viz.datasets.calibration import Lens, from_quaternion, number_rows, numbers, pinhole, read_intrinsics, words
+from simaps_viz.datasets.calibration import from_quaternion, number_rows, numbers, words
 from simaps_viz.datasets.file_frames import FileFrames, depth_png
-from simaps_viz.datasets.images import image_size
 from simaps_viz.datasets.recording import FormatFacts, Reader, Recording, left_out
-from simaps_viz.datasets.tum import CALIBRATED_SIZE, CAMERAS, COLOR_TOLERANCE_S, MAX_POSE_GAP_S, TumReader
+from simaps_viz.datasets.slam_cameras import camera_of
+from simaps_viz.datasets.tum import COLOR_TOLERANCE_S, MAX_POSE_GAP_S, TumReader
 from simaps_viz.errors import InputError
-from simaps_viz.io.limits import MAX_TEXT_BYTES, read_bytes
 
 FACTS = FormatFacts(
     title="RGB-D SLAM folder",
@@ -138,69 +136,3 @@ def _pairs(path: Path) -> tuple[tuple[NDArray, NDArray], list[Path], list[Path]]
     stamps = np.array(times)
     chosen = [pair[1 - depth] for pair in files], [pair[depth] for pair in files]
     return (stamps[:, depth], stamps[:, 1 - depth]), *chosen
-
-
-def camera_of(path: Path, color_file: Path) -> tuple[Lens, float, str]:
-    """Return the camera of a folder's pictures, the unit of its depth in metres, and who says so.
-
-    Looked at in this order: ``intrinsics.txt`` (3x3), ``calibration.txt`` (fx fy cx cy, as ETH3D writes it), settings
-    of ORB-SLAM (``*.yaml``), the recording that the head of ``rgb.txt`` names, and the folder's name. No camera is made
-    up: a wrong one gives a map that looks right.
-
-    Raises:
-        InputError: None of them says it, or one is not as it should be.
-    """
-    width, height = image_size(color_file)
-    unit_m = FACTS.depth_unit_m
-    if (file := path / "intrinsics.txt").is_file():
-        return Lens(read_intrinsics(file, width=width, height=height)), unit_m, file.name
-    if (file := path / "calibration.txt").is_file():
-        found = [word for _, line in words(file) for word in line]
-        if len(found) not in (4, 8, 9):
-            raise InputError(f"{file}: expected fx fy cx cy, and k1 k2 p1 p2 (k3) or not, found {len(found)} numbers")
-        return _lens(str(file), (width, height), numbers(str(file), found, finite=True)), unit_m, file.name
-    for file in sorted([*path.glob("*.yaml"), *path.glob("*.yml")]):
-        if (settings := _orb_slam(file, (width, height))) is not None:
-            return *settings, file.name
-    named = path.resolve().name.lower()
-    for text, source in ((_head(path / "rgb.txt"), "rgb.txt"), (named, "the folder's name")):
-        key = next((k for k in CAMERAS if k in text or k.replace("freiburg", "fr") + "_" in text), None)
-        if key is not None and (width, height) == CALIBRATED_SIZE:
-            return _lens(str(path), CALIBRATED_SIZE, np.array(CAMERAS[key])), unit_m, source
-    raise InputError(
-        f"{path}: expected something that says which camera it was, found none of intrinsics.txt (3x3 matrix), "
-        "calibration.txt (fx fy cx cy), ORB-SLAM's settings (*.yaml) or a TUM recording's name in rgb.txt"
-    )
-
-
-def _lens(where: str, size: tuple[int, int], values: NDArray) -> Lens:
-    """Return the camera of fx, fy, cx, cy and what distortion follows them."""
-    fx, fy, cx, cy, *distortion = map(float, values)
-    return Lens(pinhole(where, *size, fx, fy, cx, cy), tuple(distortion) if any(distortion) else ())
-
-
-def _head(path: Path) -> str:
-    """Return the comments of a list, which name the recording it was made of."""
-    if not path.is_file():
-        return ""
-    lines = read_bytes(path, MAX_TEXT_BYTES, "a text file")[:1000].decode("utf-8", errors="replace").splitlines()
-    return " ".join(line for line in lines if line.startswith("#")).lower()
-
-
-def _orb_slam(path: Path, size: tuple[int, int]) -> tuple[Lens, float] | None:
-    """Read camera and depth unit of ORB-SLAM's settings (2: ``Camera.fx``; 3: ``Camera1.fx``); None for other YAML."""
-    text = read_bytes(path, MAX_TEXT_BYTES, "settings").decode("utf-8", errors="replace")
-    found = dict(re.findall(r"^\s*(?:Camera1?|RGBD)\.(\w+)\s*:\s*\"?([^\s\"#]+)", text, re.MULTILINE))
-    found |= dict(re.findall(r"^\s*(DepthMapFactor)\s*:\s*([^\s#]+)", text, re.MULTILINE))
-    if not {"fx", "fy", "cx", "cy"} <= set(found):
-        return None
-    if found.get("type", "PinHole").lower() not in ("pinhole", "rectified"):
-        raise InputError(f"{path}: Camera.type: expected PinHole or Rectified, found {found['type'][:30]!r}")
-    keys = ("fx", "fy", "cx", "cy", "k1", "k2", "p1", "p2", "k3")
-    values = numbers(str(path), [found.get(key, "0") for key in keys], finite=True)
-    stated = [found.get(key, str(own)) for key, own in zip(("width", "height"), size, strict=True)]
-    width, height = (int(x) for x in numbers(str(path), stated, finite=True))
-    factor = float(numbers(str(path), [found.get("DepthMapFactor", "5000")], finite=True)[0])
-    if factor <= 0:
-        raise InputError(f"{path}: DepthMapFactor: expected a number over 0, found {factor:g}")
-    return _lens(str(path), (width, height), values).scaled(*size), 1 / factor

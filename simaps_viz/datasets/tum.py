@@ -11,10 +11,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from simaps_viz.datasets.association import posed_pairs
-from simaps_viz.datasets.calibration import Lens, from_quaternion, number_rows, numbers, pinhole, read_intrinsics, words
+from simaps_viz.datasets.calibration import Lens, from_quaternion, number_rows, numbers, words
 from simaps_viz.datasets.file_frames import FileFrames, depth_png
-from simaps_viz.datasets.images import image_size
 from simaps_viz.datasets.recording import FormatFacts, Reader, Recording, left_out
+from simaps_viz.datasets.slam_cameras import camera_of
 from simaps_viz.errors import InputError
 
 FACTS = FormatFacts(
@@ -25,14 +25,6 @@ FACTS = FormatFacts(
     up=(0.0, 0.0, 1.0),
 )
 
-CAMERAS: dict[str, tuple[float, ...]] = {
-    "freiburg1": (517.3, 516.5, 318.6, 255.3, 0.2624, -0.9531, -0.0054, 0.0026, 1.1633),
-    "freiburg2": (520.9, 521.0, 325.1, 249.7, 0.2312, -0.7849, -0.0033, -0.0001, 0.9172),
-    "freiburg3": (535.4, 539.2, 320.1, 247.6),
-    "default": (525.0, 525.0, 319.5, 239.5),
-}
-"""fx, fy, cx, cy, then k1, k2, p1, p2, k3, as the dataset's page gives them; chosen by the folder's name."""
-CALIBRATED_SIZE = (640, 480)
 COLOR_TOLERANCE_S = 0.02
 """Colour farther than this from a depth image is not its colour."""
 MAX_POSE_GAP_S = 0.2
@@ -93,16 +85,4 @@ def _trajectory(path: Path) -> tuple[NDArray, NDArray]:
 
 
 def _lens(path: Path, color_file: Path) -> Lens:
-    width, height = image_size(color_file)
-    if (path / "intrinsics.txt").is_file():
-        return Lens(read_intrinsics(path / "intrinsics.txt", width=width, height=height))
-    name = path.resolve().name.lower()
-    key = next((key for key in CAMERAS if key in name or key.replace("freiburg", "fr") + "_" in name), "default")
-    if (width, height) != CALIBRATED_SIZE:
-        expected = "x".join(map(str, CALIBRATED_SIZE))
-        raise InputError(
-            f"{color_file}: expected {expected} pixels, as the dataset's cameras have, found {width}x{height}; for "
-            "another camera put its 3x3 matrix in intrinsics.txt beside rgb.txt"
-        )
-    fx, fy, cx, cy, *distortion = CAMERAS[key]
-    return Lens(pinhole(str(path), width, height, fx, fy, cx, cy), tuple(distortion))
+    return camera_of(path, color_file, by_folder=True)[0]

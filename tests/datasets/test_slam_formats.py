@@ -141,6 +141,35 @@ def test_no_camera_is_made_up(tmp_path):
         open_sequence(path)
 
 
+@pytest.mark.parametrize(
+    ("name", "head", "focal"),
+    [
+        ("rgbd_dataset_freiburg3_seats", "", 535.4),
+        ("desk", TUM_HEAD, 517.3),
+        ("rgbd_dataset_freiburg3_seats", TUM_HEAD, 517.3),
+        ("rgbd_bonn_balloon", "", 542.822841),
+        ("desk", "", None),
+    ],
+)
+def test_tum_s_own_folders_under_other_names(tmp_path, name, head, focal):
+    """TUM's lists name the recording they were made of; people rename the folder ("data")."""
+    path = tum(tmp_path / "made").path.rename(tmp_path / name)
+    (path / "rgb.txt").write_text(head + (path / "rgb.txt").read_text())
+    if focal is None:
+        with pytest.raises(InputError, match="expected something that says which camera it was, found none of"):
+            open_sequence(path)
+    else:
+        assert open_sequence(path).intrinsics.fx == focal
+
+
+def test_a_slam_folder_s_name_does_not_count(tmp_path):
+    """People call their own recordings rgbd_dataset_freiburg1_xyz, so that ORB-SLAM's examples take them."""
+    path = tum(tmp_path / "made").path
+    (path / "groundtruth.txt").rename(path / "CameraTrajectory.txt")
+    with pytest.raises(InputError, match="expected something that says which camera it was, found none of"):
+        open_sequence(path)
+
+
 def test_lists_with_depth_first_and_missing_files(tmp_path):
     """TUM's associate.py prints whichever list it is called with first."""
     path = slam_folder(tmp_path).path
