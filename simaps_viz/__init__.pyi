@@ -30,6 +30,7 @@ from .mapping.pooling import PoolSettings as PoolSettings
 from .mapping.rooms import segment_rooms as segment_rooms
 from .mapping.simap import recommunity as recommunity
 from .mapping.simap import repartition as repartition
+from .mapping.surface import surface_points as surface_points
 from .mapping.votes import VoteSettings as VoteSettings
 from .navigation.agent import Answer as Answer
 from .navigation.agent import StepEvent as StepEvent

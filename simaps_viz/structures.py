@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from simaps_viz.appearance import Appearance
     from simaps_viz.embedding.search import Found
     from simaps_viz.mapping.floor_plan import FloorPlan
+    from simaps_viz.mapping.surface import Surface
 
 
 Point = tuple[float, float]
@@ -247,16 +248,19 @@ class Views:
 
 @dataclass(frozen=True, eq=False)
 class Points:
-    """The observed surface as small voxels, each with what it belongs to."""
+    """The surface of a map, as points: one for each voxel in which frames saw something. Arrays aligned."""
 
     positions: NDArray
-    """float32 [n, 3], metres, map frame (z up), centres of the voxels, of at most 5 cm."""
+    """float32 [n, 3], metres, map frame: centres of voxels of 5 cm, or as wide as a cell where cells are smaller."""
     colors: NDArray
-    """uint8 [n, 3], red, green, blue."""
+    """uint8 [n, 3], red, green, blue as seen; grey where no colour was at hand."""
     classes: NDArray
-    """int16 [n], index into the map's classes, -1 = none."""
+    """int16 [n], index into ``SIMap.grid.labels``, -1 = none."""
     instances: NDArray
-    """int32 [n], 0 = none."""
+    """int32 [n], id of an instance, shown or hidden, 0 = none."""
+
+    def __len__(self) -> int:
+        return len(self.positions)
 
 
 @dataclass(frozen=True)
@@ -425,6 +429,11 @@ class SIMap:
     """int32 [rows, cols], the room of each cell as it was saved or edited, 0 = none; None = see `room_cells`."""
     room_names: Mapping[int, str] = field(default_factory=dict)
     """{id of a room: what a person called it}."""
+    surface: "Surface | None" = None
+    """Where frames saw something, at any height; None for a map that knows only its tops."""
+    hidden: tuple[Instance, ...] = ()
+    """The objects that no cell shows, as they lie under, in or on other things: sorted by class, then id. They are in
+    none of the layers; ``cells`` is their footprint, and their points carry their ids (`points`)."""
 
     def __post_init__(self) -> None:
         _expect("map: instance", self.instance, self.grid.spec.shape, np.int32)
@@ -433,10 +442,11 @@ class SIMap:
 
     def _bind_instances(self) -> None:
         """Make the instances know their map; those that know another are copied first."""
-        own = tuple(replace(one) if one._map is not None else one for one in self.instances)
-        for one in own:
-            object.__setattr__(one, "_map", weakref.ref(self))
-        object.__setattr__(self, "instances", own)
+        for name in ("instances", "hidden"):
+            own = tuple(replace(one) if one._map is not None else one for one in getattr(self, name))
+            for one in own:
+                object.__setattr__(one, "_map", weakref.ref(self))
+            object.__setattr__(self, name, own)
 
     @property
     def spec(self) -> GridSpec:
@@ -444,8 +454,8 @@ class SIMap:
         return self.grid.spec
 
     def by_id(self, instance_id: int) -> Instance:
-        """Return the instance with that id, or raise InputError, which names how many there are."""
-        for instance in self.instances:
+        """Return the instance with that id, hidden ones too, or raise InputError, which names how many there are."""
+        for instance in (*self.instances, *self.hidden):
             if instance.id == instance_id:
                 return instance
         raise InputError(f"instance {instance_id}: not on this map, which has {len(self.instances)} instances")
@@ -460,7 +470,7 @@ class SIMap:
         return self.by_id(int(self.instance[row, col]))
 
     def of_class(self, label: str) -> tuple[Instance, ...]:
-        """Return the instances of a class, by id; empty when there is none."""
+        """Return the instances of a class that the map shows, by id; empty when there is none."""
         return tuple(i for i in self.instances if i.label == label)
 
     def counts(self) -> dict[str, int]:
@@ -477,6 +487,20 @@ class SIMap:
             return None
         red, green, blue = table[at, 1:].tolist()
         return red, green, blue
+
+    def points(self) -> Points:
+        """Return the surface of the map as points, computed once.
+
+        A map without a stored surface (methods paper and components, the VLMaps pair, files of earlier versions) gets
+        its columns in place of it: each cell filled from the floor to its top.
+        """
+        return self._points
+
+    @cached_property
+    def _points(self) -> Points:
+        import simaps_viz  # noqa: PLC0415 - see below
+
+        return simaps_viz.surface_points(self)
 
     @cached_property
     def in_space(self) -> Mapping[int, InSpace]:

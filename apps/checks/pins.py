@@ -46,7 +46,7 @@ COMMANDS = (
     "go to the piano",
     "robot.move_to_object('chair', 2)",
 )
-LATER = ("metadata", "seen_", "embedding", "room")
+LATER = ("metadata", "seen_", "embedding", "room", "surface", "hidden")
 """Begin the names of arrays that no pin covers: they came later, and take nothing from the others."""
 SPOKEN_FIELDS = ("status", "reason", "program", "goals", "path", "final_pose", "path_length_m")
 EXPORTS = {

@@ -1,14 +1,18 @@
 """Look at the colours of a map's objects: the median of their pixels in the few frames that show them best."""
 
+import math
 from dataclasses import dataclass, replace
 
 import numpy as np
+from numba import njit
 from numpy.typing import NDArray
+from scipy.spatial import KDTree
 
 from simaps_viz.appearance import Appearance
 from simaps_viz.datasets.source import FrameSource, Unreadable, read_each
 from simaps_viz.mapping.accumulator import ProjectionSettings
-from simaps_viz.mapping.projection import project_pixels
+from simaps_viz.mapping.projection import ON_A_STEP, STEPS_PER_M, project_pixels
+from simaps_viz.mapping.surface import Surface, coded_colors, surface_points
 from simaps_viz.structures import Frame, Segmentation, SIMap
 
 FRAMES_SHARE = 0.07
@@ -31,10 +35,15 @@ def with_colors(simap: SIMap, sequence: FrameSource) -> SIMap:
     at = {name: index for index, name in enumerate(sequence.frame_names)}
     chosen = [frame for frame in choose_frames(simap) if simap.frame_names[frame] in at]
     looking = _Looking(simap)
+    coloring = SurfaceColors(simap) if simap.surface is not None else None
     indices = [at[simap.frame_names[frame]] for frame in chosen]
     for frame, read in zip(chosen, read_each(sequence, indices, color=True), strict=True):
         if not isinstance(read, Unreadable):
             looking.look(*read, simap.T_map_camera[frame])
+            if coloring is not None:
+                coloring.look(read[0], simap.T_map_camera[frame])
+    if coloring is not None and coloring.total.any():
+        simap = replace(simap, surface=coloring.surface())
     if not looking.pixels:
         return simap
     found, earlier = looking.appearance(), simap.appearance
@@ -90,6 +99,88 @@ def instance_by_community(simap: SIMap) -> NDArray:
     return found
 
 
+def project_every_second(frame: Frame, simap: SIMap, T_map_camera: NDArray) -> tuple[NDArray, NDArray]:
+    """Return the cell int32 (-1 = none) and the height float32 of every second row and column of a frame's pixels."""
+    spec, k = simap.spec, frame.intrinsics
+    s = ProjectionSettings(**{
+        name: simap.parameters[name] for name in ProjectionSettings.__dataclass_fields__ if name in simap.parameters
+    })  # fmt: skip
+    depth = np.ascontiguousarray(frame.depth_m[::_EVERY, ::_EVERY])
+    cells, heights = np.full(depth.shape, -1, np.int32), np.zeros(depth.shape, np.float32)
+    project_pixels(
+        depth, k.fx / _EVERY, k.fy / _EVERY, k.cx / _EVERY, k.cy / _EVERY,
+        np.ascontiguousarray(T_map_camera, np.float64), s.near_m, s.far_m, -s.below_floor_m, s.cut_height_m,
+        spec.cell_size_m, round(spec.y0_m / spec.cell_size_m), round(spec.x0_m / spec.cell_size_m),
+        spec.rows, spec.cols, cells, heights,
+    )  # fmt: skip
+    return cells, heights
+
+
+@dataclass
+class SurfaceColors:
+    """The mean colour of each voxel of a map's surface."""
+
+    simap: SIMap
+
+    def __post_init__(self) -> None:
+        found = self.simap.surface
+        assert found is not None
+        self.of = found
+        size = found.high.astype(np.int64) - found.low + 1
+        self.first = np.r_[0, np.cumsum(size)]
+        """int64 [runs + 1], the first voxel of each run."""
+        self.total = np.zeros((int(self.first[-1]), 4), np.int32)
+        """int32 [voxels, 4], sums of red, green and blue, and pixels."""
+
+    def look(self, frame: Frame, T_map_camera: NDArray) -> None:
+        """Take the pixels of a frame that fall in a voxel."""
+        if frame.color is None:
+            return
+        cells, heights = project_every_second(frame, self.simap, T_map_camera)
+        color = np.ascontiguousarray(frame.color[::_EVERY, ::_EVERY])
+        _add_colors(cells, heights, color, self.of.cell, self.of.low, self.of.high, self.first, self.total)
+
+    def surface(self) -> Surface:
+        """Return the surface with its colours; a voxel that was missed has that of the nearest one of its class."""
+        known = self.total[:, 3] > 0
+        rgb = (self.total[:, :3] // np.maximum(self.total[:, 3:], 1)).astype(np.uint8)
+        if not known.all():
+            points = surface_points(self.simap)
+            # A class is as far from another as ten metres: only where all of it was missed is another one nearer.
+            place = np.concatenate([points.positions, 10.0 * points.classes[:, None].astype(np.float32)], axis=1)
+            _, nearest = KDTree(place[known]).query(place[~known])
+            rgb[~known] = rgb[known][nearest]
+        return replace(self.of, color=coded_colors(rgb))
+
+
+@njit(cache=True, nogil=True)
+def _add_colors(
+    cells: NDArray,  # int32 [H, W], -1 = none
+    heights: NDArray,  # float32 [H, W]
+    color: NDArray,  # uint8 [H, W, 3]
+    cell: NDArray,  # int32 [runs], ascending
+    low: NDArray,  # int8 [runs]
+    high: NDArray,  # int8 [runs]
+    first: NDArray,  # int64 [runs + 1]
+    total: NDArray,  # in/out int32 [voxels, 4]
+) -> None:
+    for v in range(cells.shape[0]):
+        for u in range(cells.shape[1]):
+            c = cells[v, u]
+            if c < 0:
+                continue
+            step = math.floor(heights[v, u] * STEPS_PER_M + ON_A_STEP)
+            run = np.searchsorted(cell, c)
+            while run < len(cell) and cell[run] == c:
+                if low[run] <= step <= high[run]:
+                    voxel = first[run] + step - low[run]
+                    for channel in range(3):
+                        total[voxel, channel] += color[v, u, channel]
+                    total[voxel, 3] += 1
+                    break
+                run += 1
+
+
 @dataclass
 class _Looking:
     """Gathers the pixels of each community, frame by frame."""
@@ -98,9 +189,6 @@ class _Looking:
 
     def __post_init__(self) -> None:
         simap = self.simap
-        self.settings = ProjectionSettings(**{
-            name: simap.parameters[name] for name in ProjectionSettings.__dataclass_fields__ if name in simap.parameters
-        })  # fmt: skip
         flat = simap.community.reshape(-1)
         self.cell = np.flatnonzero(flat)
         numbers, self.patch = np.unique(flat[self.cell], return_inverse=True)
@@ -111,15 +199,7 @@ class _Looking:
         """Take the pixels of a frame that fall on an object's cell, and whose segment has the cell's class."""
         if frame.color is None:
             return
-        spec, s, k = self.simap.spec, self.settings, frame.intrinsics
-        depth = np.ascontiguousarray(frame.depth_m[::_EVERY, ::_EVERY])
-        cells = np.full(depth.shape, -1, np.int32)
-        project_pixels(
-            depth, k.fx / _EVERY, k.fy / _EVERY, k.cx / _EVERY, k.cy / _EVERY,
-            np.ascontiguousarray(T_map_camera, np.float64), s.near_m, s.far_m, -s.below_floor_m, s.cut_height_m,
-            spec.cell_size_m, round(spec.y0_m / spec.cell_size_m), round(spec.x0_m / spec.cell_size_m),
-            spec.rows, spec.cols, cells, np.zeros(depth.shape, np.float32),
-        )  # fmt: skip
+        cells, _ = project_every_second(frame, self.simap, T_map_camera)
         index_of = {name: i for i, name in enumerate(self.simap.grid.labels)}
         label_of = np.full(max((one.id for one in segmentation.segments), default=0) + 1, -1, np.int32)
         for one in segmentation.segments:

@@ -17,8 +17,8 @@ from simaps_viz.errors import InputError
 from simaps_viz.io.limits import MAX_CELL_INDEX, MAX_LINKED_CELL, MAX_SEGMENT_ID, check_cells
 from simaps_viz.mapping.frame_list import FrameList
 from simaps_viz.mapping.links import LinkTable
-from simaps_viz.mapping.observations import AllReadings, FrameReadings, StreamedReadings, gather_readings
-from simaps_viz.mapping.projection import project_pixels, see_cells
+from simaps_viz.mapping.observations import AllReadings, FrameReadings, FrameRuns, StreamedReadings, gather_readings
+from simaps_viz.mapping.projection import first_step, project_pixels, runs_of_columns, see_cells, see_columns
 from simaps_viz.mapping.steps import FrameSeen, FrameStep, step_upon
 from simaps_viz.mapping.tiles import SIDE, TileStore, raise_tiles
 from simaps_viz.structures import Frame, Grid, GridSpec, Intrinsics, Segment, Segmentation
@@ -113,14 +113,16 @@ class MapAccumulator:
         # 2. Of every cell, the highest pixel and the lowest obstacle go on the map.
         label_of_id, graph_label_of_id = self._tables(segmentation.segments)
         readings, lowered = self._raise(window, cells, heights, segmentation.ids, label_of_id)
-        # 3. Neighbouring pixels of one segment link their cells.
+        # 3. Of every cell, the heights at which each segment has surface.
+        runs = self._runs(window, cells, heights, segmentation.ids, len(readings.rows))
+        # 4. Neighbouring pixels of one segment link their cells.
         if self._links_wanted:
             self.links.add_frame(
                 cells, segmentation.ids, graph_label_of_id,
                 row0=window.row0, col0=window.col0, cols=window.side, reach=self.reach_cells,
             )  # fmt: skip
-        # 4. What the frame saw is kept for votes, evidence and views, and what it changed for the log.
-        seen = FrameSeen(frame.index, frame.name, T_map_camera, readings, segmentation.segments)
+        # 5. What the frame saw is kept for votes, evidence and views, and what it changed for the log.
+        seen = FrameSeen(frame.index, frame.name, T_map_camera, readings, segmentation.segments, runs=runs)
         if self._steps_wanted:
             links = self.links.last_frame() if self._links_wanted else None
             self.step = FrameStep(seen, lowered, window.lowest[window.touched[: len(lowered)][lowered]], links)
@@ -162,6 +164,8 @@ class MapAccumulator:
         if len(readings.rows):
             if not 0 <= int(readings.segments.min()) <= int(readings.segments.max()) < len(label_of_id):
                 raise ValueError("a reading of an unknown segment")
+            if int(seen.runs.segments.max(initial=0)) >= len(label_of_id):
+                raise ValueError("a run of an unknown segment")
             rows, cols = readings.rows, readings.cols
             self._extend((int(rows.min()), int(cols.min()), int(rows.max()) + 1, int(cols.max()) + 1))
         tiles, at = self.tiles, self.tiles.locate(readings.rows, readings.cols)
@@ -311,6 +315,13 @@ class MapAccumulator:
         rows, cols = rows + np.int32(window.row0), cols + np.int32(window.col0)
         return FrameReadings(rows, cols, segments, top_m), lowered
 
+    def _runs(self, window: "_Window", cells: NDArray, heights: NDArray, ids: NDArray, readings: int) -> FrameRuns:
+        """Return the runs of heights of a frame whose cells are the first ``readings`` that the window touched."""
+        touched, lowest = window.touched[:readings], first_step(self.settings.below_floor_m)
+        head, *columns = window.columns(cells.size)
+        see_columns(cells, heights, ids, touched, lowest, head, *columns)
+        return FrameRuns(*runs_of_columns(touched, lowest, head, *columns))
+
     def _extend(self, extent: Extent) -> None:
         """Extend the map to these cells; raises InputError, and changes nothing, if it would be too large."""
         seen = self._seen or extent
@@ -345,6 +356,14 @@ class _Window:
         self.segment, self.stamp = np.zeros(side * side, np.int32), np.zeros(side * side, np.int32)
         self.touched, self.rows, self.cols = (np.zeros(side * side, np.int32) for _ in range(3))
         self.wanted = np.zeros((side // SIDE, side // SIDE), np.bool_)
+        self._head = np.zeros(side * side, np.int32)
+        self._columns = np.zeros(0, np.int32), np.zeros(0, np.uint64), np.zeros(0, np.int32)
+
+    def columns(self, pixels: int) -> tuple[NDArray, NDArray, NDArray, NDArray]:
+        """Return the buffers of `see_columns`: head, segment, steps and following, with room for so many columns."""
+        if len(self._columns[0]) < pixels:
+            self._columns = np.zeros(pixels, np.int32), np.zeros(pixels, np.uint64), np.zeros(pixels, np.int32)
+        return self._head, *self._columns
 
 
 def _ray_length(k: Intrinsics) -> float:

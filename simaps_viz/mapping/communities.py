@@ -128,6 +128,28 @@ def find_communities_together(
     return [renumber(found[a:b]) for a, b in pairwise(first)]
 
 
+def communities_of_pairs(
+    weights: NDArray, first: NDArray, second: NDArray, n: int, *, resolution: float = 1.0, seed: int = 0
+) -> NDArray:
+    """Partition n nodes, whatever they are, like the cells of `find_communities_together`.
+
+    Args:
+        weights: float64 [m], of pairs of neighbouring nodes, each pair once.
+        first: int [m], a node of each pair.
+        second: int [m], the other one.
+        n: number of nodes.
+        resolution: higher gives smaller communities.
+        seed: of Louvain's random order.
+
+    Returns:
+        int32 [n], numbered from 0 by the smallest node; a node without a pair is alone.
+    """
+    if len(weights) == 0:
+        return np.arange(n, dtype=np.int32)
+    absolute = resolution * float(weights.sum()) / COMMUNITY_WEIGHT
+    return renumber(_louvain(_adjacency(weights, first, second, n), resolution=absolute, seed=seed, levels=-1))
+
+
 def _are_near(cells: NDArray, edges: NDArray, cols: int) -> NDArray:
     """Return which edges join 8-neighbours, bool [m]."""
     apart = cells[edges[:, 1]] - cells[edges[:, 0]]  # at least 1

@@ -210,13 +210,24 @@ def numbered(simap: SIMap, one: Instance) -> str:
     return f"{one.label} {1 + [other.id for other in simap.of_class(one.label)].index(one.id)}"
 
 
+def _shown(simap: SIMap, instance_id: int) -> Instance:
+    """Return an object that has cells on the map; raises InputError for any other."""
+    one = simap.by_id(instance_id)
+    if one in simap.hidden:
+        raise EditRefused(
+            f"{one.label} #{one.id}: expected an object that the map shows from above, found one under or in others",
+            "That lies under or in something else. Only what the map shows from above can be changed by hand.",
+        )
+    return one
+
+
 def merge(simap: SIMap, first_id: int, second_id: int) -> Merge:
     """Join two objects; the class is that of the first.
 
     Raises:
         InputError: one of them is not on the map, or they are the same.
     """
-    first, second = simap.by_id(first_id), simap.by_id(second_id)
+    first, second = _shown(simap, first_id), _shown(simap, second_id)
     if first.id == second.id:
         raise EditRefused(
             f"join: expected two objects, found {first.label} #{first.id} twice",
@@ -232,7 +243,7 @@ def split(simap: SIMap, instance_id: int, start_m: Point, end_m: Point) -> Split
     Raises:
         InputError: it is not on the map, the line has no direction or does not cut it, or a side is too small.
     """
-    one = simap.by_id(instance_id)
+    one = _shown(simap, instance_id)
     line = (_point(start_m), _point(end_m))
     if np.hypot(line[1][0] - line[0][0], line[1][1] - line[0][1]) < 1e-6:
         raise EditRefused(
@@ -250,7 +261,7 @@ def relabel(simap: SIMap, instance_id: int, label: str) -> Relabel:
     Raises:
         InputError: it is not on the map, or has that class already, or the name cannot be a class.
     """
-    one = simap.by_id(instance_id)
+    one = _shown(simap, instance_id)
     name = class_name(simap, label)
     if name == one.label:
         raise EditRefused(
@@ -266,7 +277,7 @@ def delete(simap: SIMap, instance_id: int) -> Delete:
     Raises:
         InputError: it is not on the map.
     """
-    one = simap.by_id(instance_id)
+    one = _shown(simap, instance_id)
     return Delete(one.id, (one.label,), Region.of(_cells(simap, one.id)))
 
 
@@ -461,7 +472,7 @@ class _Draft:
         self.is_thing = list(simap.grid.is_thing)
         self.community = simap.community.reshape(-1).copy()
         numbers = (simap.community, simap.views.community, simap.merges.source, simap.merges.target)
-        self.next = 1 + max(int(part.max(initial=0)) for part in numbers)
+        self.next = 1 + max(*(int(part.max(initial=0)) for part in numbers), *(one.id for one in simap.hidden), 0)
         self.size = np.bincount(self.community, minlength=self.next).tolist()
         self.touched: set[int] = set()
         self._simap = simap

@@ -235,6 +235,7 @@ class Evidence(Method):
     """Our method: votes name the cells, and pooled evidence of pairs of cells joins the finest communities."""
 
     slider = AFFINITY
+    layered = True
 
     def parameters(self, config: "BuildConfig") -> dict[str, Any]:
         """Return the affinity and the settings of Louvain, votes, pairs and pooling."""

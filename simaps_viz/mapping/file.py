@@ -11,7 +11,7 @@ import os
 import tempfile
 import threading
 import zipfile
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import asdict, fields
 from pathlib import Path
 from typing import IO, Any, Self
@@ -27,6 +27,7 @@ from simaps_viz.io.limits import MAX_ARRAY_BYTES, MAX_CELL_INDEX, MAX_CLASSES, M
 from simaps_viz.mapping.methods import method_of
 from simaps_viz.mapping.pooling import PoolSettings
 from simaps_viz.mapping.row_blocks import row_blocks
+from simaps_viz.mapping.surface import Surface
 from simaps_viz.structures import CellGraph, Grid, GridSpec, Instance, MergeLog, SIMap, Views
 
 FORMAT = "simap/1"
@@ -50,6 +51,12 @@ _SEEN: dict[str, tuple[type, int]] = {
 """The arrays of `Appearance`, all of them or none; ``seen_cell`` counts from cell to cell."""
 _ROOMS: dict[str, tuple[type, int]] = {"rooms": (np.int32, 2), "room_names": (np.str_, 0)}
 """`SIMap.room`, and `SIMap.room_names` as JSON; maps of earlier versions have neither."""
+_SURFACE: dict[str, tuple[type, int]] = {
+    "surface_cell": (np.int32, 1), "surface_low": (np.int8, 1), "surface_high": (np.int8, 1),
+    "surface_owner": (np.int32, 1), "surface_color": (np.int8, 2), "hidden": (np.str_, 0),
+}  # fmt: skip
+"""The arrays of `Surface`, ``surface_cell`` from cell to cell, and `SIMap.hidden` as JSON: all of them or none, but
+``surface_color`` only where the pictures have colour."""
 LAYERS = ("height", "lowest", "observations", "community")
 """The arrays with a number for each cell that few uses of a map need."""
 EDGES = ("edge_first", "edge_step", "edge_count", "edge_different")
@@ -107,7 +114,7 @@ def _write(simap: SIMap, file: IO[bytes]) -> None:
                 else:
                     array = np.asarray(arrays[name], dtype=_ARRAYS[name][0])
                     np.lib.format.write_array(member, array, allow_pickle=False)
-        for name, array in {**_seen_arrays(simap), **_room_arrays(simap)}.items():
+        for name, array in {**_seen_arrays(simap), **_room_arrays(simap), **_surface_arrays(simap)}.items():
             with archive.open(f"{name}.npy", "w", force_zip64=True) as member:
                 np.lib.format.write_array(member, array, allow_pickle=False)
 
@@ -164,6 +171,19 @@ def _room_arrays(simap: SIMap) -> dict[str, NDArray]:
     return {"rooms": simap.room, "room_names": np.array(json.dumps(names))}
 
 
+def _surface_arrays(simap: SIMap) -> dict[str, NDArray]:
+    """Return the arrays of a map's surface; none where it has none, or that of another grid."""
+    surface = simap.surface
+    if surface is None or surface.spec != simap.spec:
+        return {}
+    found = {
+        "surface_cell": np.diff(surface.cell, prepend=np.int32(0)), "surface_low": surface.low,
+        "surface_high": surface.high, "surface_owner": surface.owner,
+        "hidden": np.array(json.dumps([asdict(one) for one in simap.hidden])),
+    }  # fmt: skip
+    return found | {"surface_color": surface.color} if surface.color.size else found
+
+
 def load_map(path: Path) -> SIMap:
     """Read a map file.
 
@@ -173,7 +193,7 @@ def load_map(path: Path) -> SIMap:
     path = Path(path)
     if not path.is_file():
         raise InputError(f"{path}: expected a map file ({FORMAT}), found {'a folder' if path.is_dir() else 'nothing'}")
-    checks = {name: _check_of(path, name) for name in ("metadata", *_ARRAYS, *_SEEN, *_ROOMS)}
+    checks = {name: _check_of(path, name) for name in ("metadata", *_ARRAYS, *_SEEN, *_ROOMS, *_SURFACE)}
     return map_in(path, *read_npz(path, checks, what=f"{FORMAT} file", packed=PACKED))
 
 
@@ -207,11 +227,11 @@ def _check_of(path: Path, name: str) -> Check:
     """Return the check of an array's shape and dtype before the array is read."""
 
     def check(shape: tuple[int, ...], dtype: np.dtype) -> None:
-        wanted, axes = {**_ARRAYS, **_SEEN, **_ROOMS}.get(name, (np.str_, 0))
+        wanted, axes = {**_ARRAYS, **_SEEN, **_ROOMS, **_SURFACE}.get(name, (np.str_, 0))
         if len(shape) != axes or (dtype.kind != "U" if wanted is np.str_ else dtype != wanted):
             kind = f"{np.dtype(wanted).name} with {axes} axes"
             raise InputError(f"{path}: {name}: expected {kind}, found {dtype} {list(shape)}")
-        if axes == 2 and name not in _SEEN:
+        if axes == 2 and name not in {**_SEEN, **_SURFACE}:
             check_cells(path, *shape)
         if (axes == 3 and shape[0] > MAX_FRAMES) or (axes == 0 and dtype.itemsize > 4 * MAX_JSON_BYTES):
             raise InputError(f"{path}: {name}: expected less than {MAX_ARRAY_BYTES} bytes, found {dtype} {list(shape)}")
@@ -277,6 +297,7 @@ def _rebuild(meta: Mapping[str, Any], data: Mapping[str, NDArray], packed: Mappi
         T_map_camera=data["T_map_camera"].reshape(-1, 4, 4),
         appearance=_appearance(grid.spec, data),
         **_rooms(data),
+        **_surface(grid, data, {int(entry["id"]) for entry in meta["instances"]}),
     )
 
 
@@ -290,6 +311,33 @@ def _rooms(data: Mapping[str, NDArray]) -> dict[str, Any]:
     fine = (isinstance(name, str) and 0 < len(name) <= _MAX_NAME and name.isprintable() for name in names.values())
     _check(all(fine), "room names")
     return {"room": room, "room_names": {int(key): name for key, name in names.items()}}
+
+
+def _surface(grid: Grid, data: Mapping[str, NDArray], ids: Collection[int]) -> dict[str, Any]:
+    """Return the surface and the hidden objects of a map file; a map without has neither.
+
+    Raises:
+        KeyError, TypeError, ValueError: some of the arrays are missing, or they do not fit together.
+    """
+    if not any(name in data for name in _SURFACE):
+        return {"surface": None, "hidden": ()}
+    step, low, high, owner, about = (data[name] for name in _SURFACE if name != "surface_color")
+    color = data.get("surface_color", np.zeros((3, 0), np.int8))
+    entries = json.loads(str(about))
+    _check(isinstance(entries, list) and all(isinstance(one, dict) for one in entries), "hidden")
+    known = [one["id"] for one in entries]
+    _check(_are(known, int) and len({*known, *ids}) == len(known) + len(ids), "ids of hidden instances")
+    for one in entries:
+        _check(0 < one["id"] < 1 << 31 and one["label"] in grid.labels, "hidden")
+        _check_numbers(one)
+    _check(len(step) == len(low) == len(high) == len(owner) and bool((low <= high).all()), "surface")
+    _check(_within(step, 0, None), "surface_cell that does not ascend")
+    cell = np.cumsum(step, dtype=np.int64)
+    _check(_within(cell[-1:], 0, grid.spec.rows * grid.spec.cols - 1), "surface_cell out of range")
+    _check(_within(owner, -len(grid.labels), grid.label.size + _SPARE_IDS), "surface_owner out of range")
+    surface = Surface(grid.spec, cell.astype(np.int32), low, high, owner, color)
+    _check(color.shape in ((3, 0), (3, surface.voxels)), "surface_color")
+    return {"surface": surface, "hidden": tuple(_instance(one) for one in entries)}
 
 
 def _appearance(spec: GridSpec, data: Mapping[str, NDArray]) -> Appearance | None:
@@ -549,12 +597,16 @@ def check_instances(meta: Mapping[str, Any], instance: NDArray, label: NDArray) 
     for entry in meta["instances"]:
         _check(entry["label"] in meta["labels"], "an instance of an unknown class")
         class_of[entry["id"]] = meta["labels"].index(entry["label"])
-        numbers = [*entry["centroid_m"], *entry["aabb_m"][0], *entry["aabb_m"][1], entry["score"]]
-        _check(len(numbers) == 10 and bool(np.isfinite(np.array(numbers, dtype=np.float64)).all()), "an instance")
+        _check_numbers(entry)
     for block in row_blocks(instance.shape):
         named = instance[block] > 0
         same = class_of[instance[block][named]] == label[block][named]
         _check(bool(same.all()), "an instance with cells of another class")
+
+
+def _check_numbers(entry: Mapping[str, Any]) -> None:
+    numbers = [*entry["centroid_m"], *entry["aabb_m"][0], *entry["aabb_m"][1], entry["score"]]
+    _check(len(numbers) == 10 and bool(np.isfinite(np.array(numbers, dtype=np.float64)).all()), "an instance")
 
 
 def _is_number(value: Any) -> bool:

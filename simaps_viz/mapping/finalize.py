@@ -18,6 +18,7 @@ from simaps_viz.mapping.observations import AllReadings
 from simaps_viz.mapping.partition import applied_steps, instance_of_community
 from simaps_viz.mapping.row_blocks import look_up
 from simaps_viz.mapping.simap import Origin, assemble, count_views, joining_threshold
+from simaps_viz.mapping.space import SpaceSettings, find_surface
 from simaps_viz.structures import CellGraph, Grid, MergeLog, SIMap
 
 _MAX_NAMED = 20  # skipped frames that a map names; more are counted
@@ -90,6 +91,8 @@ class Found:
     """int32 [rows, cols], 0 = none."""
     log: MergeLog
     readings: AllReadings
+    origin_cell: tuple[int, int]
+    """(row, col), counted from the map's origin, of the grid's cell (0, 0)."""
     notes: dict[str, Any]
     """For the map's provenance."""
 
@@ -132,7 +135,7 @@ def apply_method(seen: Gathered, config: BuildConfig) -> Found:
     grid = without_passers_by(grid, seen.readings, config.projection.obstacle_height_m)
     graphs = method.graphs(grid, seen, config)
     community, log = method.communities(grid, graphs, config.parameters())
-    return Found(grid, graphs, community, log, seen.readings, notes)
+    return Found(grid, graphs, community, log, seen.readings, seen.origin_cell, notes)
 
 
 def without_passers_by(grid: Grid, readings: AllReadings, obstacle_m: float) -> Grid:
@@ -161,7 +164,7 @@ def objects_of(found: Found, config: BuildConfig) -> NDArray:
 
 def map_of(found: Found, frames: FrameList, facts: SequenceFacts, config: BuildConfig) -> SIMap:
     """Make the map of what `apply_method` found in some frames."""
-    return assemble(
+    simap = assemble(
         found.grid, found.graphs, found.community, found.log,
         count_views(found.grid, found.community, found.readings),
         Origin(
@@ -172,6 +175,23 @@ def map_of(found: Found, frames: FrameList, facts: SequenceFacts, config: BuildC
             frame_names=tuple(frames.names),
             T_map_camera=frames.poses,
         ),
+    )  # fmt: skip
+    if not method_of(config.method).layered:
+        return simap
+    surface, hidden = find_surface(simap, frames, found.origin_cell, space_settings(simap, found.notes, config))
+    return replace(simap, surface=surface, hidden=hidden)
+
+
+def space_settings(simap: SIMap, notes: Mapping[str, Any], config: BuildConfig) -> SpaceSettings:
+    """Return how the surface of a map is partitioned. Masks that count as exact are not weighed against each other."""
+    votes, labels = config.votes, simap.grid.labels
+    weight = np.where(simap.grid.is_thing, 1.0, votes.stuff)
+    weight[0] = votes.nothing
+    if notes.get("disagreement", 1.0) < votes.exact_below:
+        weight = np.ones(len(labels))
+    return SpaceSettings(
+        config.projection.below_floor_m, weight, config.resolution, config.seed, config.pooling, config.affinity,
+        config.min_cells,
     )  # fmt: skip
 
 

@@ -251,4 +251,5 @@ def _alone(frame: FrameSeen) -> FrameStep:
 
 
 def _bytes_of(frame: FrameSeen) -> int:
-    return 16 * len(frame.readings.rows) + _FRAME_BYTES + _SEGMENT_BYTES * len(frame.segments)
+    arrays = 16 * len(frame.readings.rows) + 10 * len(frame.runs.reading)
+    return arrays + _FRAME_BYTES + _SEGMENT_BYTES * len(frame.segments)

@@ -134,8 +134,9 @@ class KeptFrames(FrameList):
 
 
 def _bytes_of(step: FrameStep) -> int:
-    readings = step.seen.readings
-    return sum(part.nbytes for part in (readings.rows, readings.cols, readings.segments, readings.height_m))
+    readings, runs = step.seen.readings, step.seen.runs
+    parts = (readings.rows, readings.cols, readings.segments, readings.height_m)
+    return sum(part.nbytes for part in (*parts, runs.reading, runs.segments, runs.low, runs.high))
 
 
 class MapHistory:
@@ -229,6 +230,8 @@ class MapHistory:
             frame_names=finished.frame_names[: frame + 1],
             T_map_camera=finished.T_map_camera[: frame + 1],
             provenance={**finished.provenance, "frames": frame + 1},
+            surface=None,  # it is that of all frames
+            hidden=(),
         )
         return assemble(grid, (), instance, empty_log(), empty_views(), origin)
 
@@ -322,4 +325,6 @@ def cut_as(look: SIMap, simap: SIMap) -> SIMap:
         instances=tuple(one for one in simap.instances if one.id in there),
         frame_names=look.frame_names,
         T_map_camera=look.T_map_camera,
+        surface=None,
+        hidden=(),
     )

@@ -87,6 +87,8 @@ class Method:
     """Frames vote for the class of a cell; False: its highest pixel names it."""
     counts_links: bool = False
     """Links between cells are counted while frames are gathered; see `links.py`."""
+    layered: bool = False
+    """The surface at all heights is partitioned, not only the top of each cell; see `space.py`."""
     weights_per_frame: bool = False
     """Edge weights are pixel pairs per frame that saw the cells; False: the share of frames that saw one object."""
 

@@ -27,6 +27,25 @@ class FrameReadings:
     """float32 [n], of that pixel over the floor."""
 
 
+@dataclass(frozen=True, eq=False)
+class FrameRuns:
+    """At which heights one frame saw surface in its cells: runs of steps (`projection.STEPS_PER_M`). Arrays aligned."""
+
+    reading: NDArray
+    """int32 [m], ascending, the cell: its place in the frame's `FrameReadings`."""
+    segments: NDArray
+    """int32 [m], id in the frame's segmentation, 0 = nothing."""
+    low: NDArray
+    """int8 [m], first step; step k is from 0.05 k to 0.05 (k + 1) metres over the floor."""
+    high: NDArray
+    """int8 [m], last step."""
+
+
+def no_runs() -> FrameRuns:
+    """Return the runs of a frame that saw nothing, or of a log of an earlier version."""
+    return FrameRuns(np.zeros(0, np.int32), np.zeros(0, np.int32), np.zeros(0, np.int8), np.zeros(0, np.int8))
+
+
 class AllReadings(Protocol):
     """The readings of all frames, as often as asked for; they need not fit into memory."""
 

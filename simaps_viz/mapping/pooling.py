@@ -103,8 +103,26 @@ def join(parts: Sequence[PairSums], settings: PoolSettings) -> tuple[NDArray, ND
     )
     touching = np.concatenate([np.zeros(0, np.bool_), *(part.touching for part in parts)])
     # Join them.
-    m, p = settings.imagined_pairs, settings.touching_same
-    return _join(int(starts[-1]), low, high, same, different, touching, m, p)
+    return join_parts(int(starts[-1]), low, high, same, different, touching, settings)
+
+
+def join_parts(
+    n: int, low: NDArray, high: NDArray, same: NDArray, different: NDArray, touching: NDArray, settings: PoolSettings,
+    *, kept: int = 0,
+) -> tuple[NDArray, NDArray, NDArray]:  # fmt: skip
+    """Join communities, whatever they consist of, like `join`.
+
+    Args:
+        n: how many there are, numbered from 0.
+        low: int32 [m], the first of each two that have evidence, or touch; may be changed, as all that follow.
+        high: int32 [m], the second, above ``low``.
+        same: float64 [m].
+        different: float64 [m].
+        touching: bool [m].
+        settings: what is believed before any evidence.
+        kept: the first so many are never joined to each other.
+    """
+    return _join(n, low, high, same, different, touching, settings.imagined_pairs, settings.touching_same, kept)
 
 
 @njit(cache=True, nogil=True)
@@ -262,8 +280,9 @@ def _join(  # noqa: PLR0915 - one loop over shared arrays
     touches: NDArray,  # in/out bool [edges]
     m: float,
     p: float,
+    kept: int,
 ) -> tuple[NDArray, NDArray, NDArray]:
-    """Join the two communities of the best edge until none is left; see `join`."""
+    """Join the two communities of the best edge until none is left; see `join_parts`."""
     head, following = _edge_lists(n, low, high)
     alive = np.ones(len(low), dtype=np.bool_)
     heap, score, ends, position, size = _best_first(low, high, same, different, touches, m, p)
@@ -278,6 +297,9 @@ def _join(  # noqa: PLR0915 - one loop over shared arrays
         # The best edge is the next step: b becomes part of a.
         best = heap[0]
         a, b = low[best], high[best]
+        if b < kept:  # its evidence still counts, should it be handed on
+            size = _take_out(heap, score, ends, position, size, best)
+            continue
         alive[best] = False
         source[steps], target[steps], affinity[steps] = b, a, score[0]
         steps += 1

@@ -13,6 +13,17 @@ from numpy.typing import NDArray
 from simaps_viz.mapping.tiles import lowest_so_far
 
 NO_CELL = -1
+STEPS_PER_M = 20.0
+"""Heights are kept in steps of 5 cm over the floor: step k is from 0.05 k to 0.05 (k + 1) metres."""
+STEPS = 64
+"""Steps of one column: 3.2 m from the lowest that a build looks at. What is higher is in no run."""
+ON_A_STEP = 0.01
+"""Of a step: heights are this much higher than they are, so that a floor at 0 but for rounding is in one step."""
+
+
+def first_step(below_floor_m: float) -> int:
+    """Return the lowest step of a column; pixels more than ``below_floor_m`` below the floor are left out."""
+    return max(-math.ceil(below_floor_m * STEPS_PER_M - ON_A_STEP), -STEPS)
 
 
 @njit(cache=True, nogil=True)
@@ -123,3 +134,87 @@ def see_cells(
             if h >= obstacle_m and h < frame_lowest[c]:
                 frame_lowest[c] = h
     return n_touched, low_row, low_col, high_row, high_col
+
+
+@njit(cache=True, nogil=True)
+def see_columns(
+    cells: NDArray,  # int32 [H, W]
+    heights: NDArray,  # float32 [H, W]
+    ids: NDArray,  # int32 [H, W]
+    touched: NDArray,  # int32 [n], the cells that occur in ``cells``
+    lowest_step: int,
+    head: NDArray,  # out int32 [window], first column of the touched cells
+    segment: NDArray,  # out int32 [>= columns], of each column
+    steps: NDArray,  # out uint64 [>= columns], bit k: a pixel at step ``lowest_step`` + k
+    following: NDArray,  # out int32 [>= columns], next column of the same cell, -1 = none
+) -> None:
+    """Find at which heights one frame saw surface: a column for each cell and segment, at most H W of them."""
+    for i in range(len(touched)):
+        head[touched[i]] = -1
+    size = 0
+    height, width = cells.shape
+    last_cell, last_id, column = -1, -1, -1
+    for v in range(height):
+        for u in range(width):
+            c = cells[v, u]
+            if c < 0:
+                continue
+            k = math.floor(heights[v, u] * STEPS_PER_M + ON_A_STEP) - lowest_step
+            if k < 0 or k >= STEPS:
+                continue
+            # Pixels side by side mostly share a column; others follow their cell's list.
+            one = ids[v, u]
+            if c != last_cell or one != last_id:
+                last_cell, last_id, column = c, one, head[c]
+                while column >= 0 and segment[column] != one:
+                    column = following[column]
+                if column < 0:
+                    column, size = size, size + 1
+                    segment[column], steps[column], following[column] = one, np.uint64(0), head[c]
+                    head[c] = column
+            steps[column] |= np.uint64(1) << np.uint64(k)
+
+
+@njit(cache=True, nogil=True)
+def runs_of_columns(
+    touched: NDArray,  # int32 [n]
+    lowest_step: int,
+    head: NDArray,  # int32 [window], as `see_columns` leaves it, with the three that follow
+    segment: NDArray,
+    steps: NDArray,
+    following: NDArray,
+) -> tuple[NDArray, NDArray, NDArray, NDArray]:
+    """Cut columns into runs of steps without a gap.
+
+    Returns:
+        place in ``touched`` int32, ascending; segment int32; first and last step int8.
+    """
+    one = np.uint64(1)
+    size = 0
+    for i in range(len(touched)):
+        column = head[touched[i]]
+        while column >= 0:
+            starts = steps[column] & ~(steps[column] << one)
+            while starts:
+                starts &= starts - one
+                size += 1
+            column = following[column]
+    place, of_segment = np.zeros(size, np.int32), np.zeros(size, np.int32)
+    low, high = np.zeros(size, np.int8), np.zeros(size, np.int8)
+    n = 0
+    for i in range(len(touched)):
+        column = head[touched[i]]
+        while column >= 0:
+            left, k = steps[column], lowest_step
+            while left:
+                while not left & one:
+                    left >>= one
+                    k += 1
+                place[n], of_segment[n], low[n] = i, segment[column], k
+                while left & one:
+                    left >>= one
+                    k += 1
+                high[n] = k - 1
+                n += 1
+            column = following[column]
+    return place, of_segment, low, high

@@ -16,7 +16,8 @@ from simaps_viz.mapping.observations import AllReadings, Readings
 from simaps_viz.mapping.paper import K_PERCENT
 from simaps_viz.mapping.partition import applied_steps, describe_instances, group_views, instance_of_community
 from simaps_viz.mapping.row_blocks import count_ids, look_up
-from simaps_viz.structures import CellGraph, Grid, MergeLog, SIMap, Views
+from simaps_viz.mapping.surface import Surface, surface_among
+from simaps_viz.structures import CellGraph, Grid, Instance, MergeLog, SIMap, Views
 
 
 @dataclass(frozen=True, eq=False)
@@ -32,6 +33,8 @@ class Origin:
     appearance: Appearance | None = None
     room: NDArray | None = None
     room_names: Mapping[int, str] = field(default_factory=dict)
+    surface: Surface | None = None
+    hidden: tuple[Instance, ...] = ()
 
 
 def joining_threshold(method: str, parameters: Mapping[str, Any]) -> float:
@@ -119,6 +122,8 @@ def assemble(
         appearance=origin.appearance,
         room=origin.room,
         room_names=origin.room_names,
+        surface=origin.surface,
+        hidden=origin.hidden,
     )
 
 
@@ -126,7 +131,7 @@ def origin_of(simap: SIMap) -> Origin:
     """Return the origin that a map was assembled with."""
     return Origin(
         simap.T_map_world, simap.method, simap.parameters, simap.provenance, simap.frame_names, simap.T_map_camera,
-        simap.appearance, simap.room, simap.room_names,
+        simap.appearance, simap.room, simap.room_names, simap.surface, simap.hidden,
     )  # fmt: skip
 
 
@@ -148,7 +153,8 @@ def recommunity(
     """Return the map for another Louvain resolution, from the stored graphs.
 
     Views are handed on through the cells' shares, as the frames are not at hand: the new communities of an old one
-    take its views in proportion to the cells they share with it.
+    take its views in proportion to the cells they share with it. What lies below other things stays with the community
+    that got most of its object's cells, and hidden objects get new ids.
 
     Raises:
         InputError: the resolution is not above 0, the map's method has none, or as for `repartition`.
@@ -157,7 +163,8 @@ def recommunity(
         raise InputError(f"resolution: expected a number above 0, found {resolution:g}")
     parameters = {**_joined(simap, k_percent, affinity), "resolution": float(resolution)}
     community, log = method_of(simap.method).communities(simap.grid, simap.graphs, parameters)
-    origin = replace(origin_of(simap), parameters=parameters)
+    surface, hidden = surface_among(simap, community)
+    origin = replace(origin_of(simap), parameters=parameters, surface=surface, hidden=hidden)
     return assemble(simap.grid, simap.graphs, community, log, _share_views(simap, community), origin)
 
 

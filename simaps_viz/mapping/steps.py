@@ -23,7 +23,7 @@ import threading
 import weakref
 import zlib
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from io import FileIO
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -34,7 +34,7 @@ from numpy.typing import NDArray
 from simaps_viz.errors import InputError
 from simaps_viz.io.limits import MAX_CELL_INDEX, MAX_LINKED_CELL, MAX_SEGMENT_ID, MAX_STEP_BYTES
 from simaps_viz.mapping.links import Links
-from simaps_viz.mapping.observations import FrameReadings
+from simaps_viz.mapping.observations import FrameReadings, FrameRuns, no_runs
 from simaps_viz.structures import Segment
 
 _TYPES = tuple(np.dtype(t) for t in ("i1", "<i2", "<i4", "<i8", "u1", "<f4", "<f8"))
@@ -55,6 +55,8 @@ class FrameSeen:
     segments: tuple[Segment, ...]
     skipped: str = ""
     """Why the frame could not be read, as a sentence; it saw nothing then. Empty for a frame that was read."""
+    runs: FrameRuns = field(default_factory=no_runs)
+    """At which heights it saw surface; none in logs of earlier versions."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -97,6 +99,7 @@ def pack_step(step: FrameStep) -> bytes:
         "skipped": seen.skipped,
         "segments": [[s.id, s.label, s.score, s.is_thing] for s in seen.segments],
         "links": step.links is not None,
+        "runs": True,
     }
     arrays = [
         seen.T_map_camera.reshape(-1),
@@ -106,6 +109,10 @@ def pack_step(step: FrameStep) -> bytes:
         readings.height_m,
         np.packbits(step.lowered),
         step.lowest_m,
+        _differences(seen.runs.reading),
+        _narrowed(seen.runs.segments),
+        seen.runs.low,
+        seen.runs.high,
     ]
     if step.links is not None:
         cells = step.links.cells
@@ -145,6 +152,7 @@ def _step_in(data: bytes) -> FrameStep:
     if not np.isfinite(pose).all() or not np.isfinite(heights).all() or not np.isfinite(lowest).all():
         raise ValueError("numbers that are not finite")
     readings = FrameReadings(_summed(rows), _summed(cols), segments.astype(np.int32), heights)
+    runs, rest = (_runs(arrays[7:11], len(rows)), 11) if about.get("runs") else (no_runs(), 7)
     seen = FrameSeen(
         index=index,
         name=about["name"],
@@ -152,13 +160,14 @@ def _step_in(data: bytes) -> FrameStep:
         readings=readings,
         segments=tuple(_segment(*one) for one in about["segments"]),
         skipped=about["skipped"],
+        runs=runs,
     )
     if not isinstance(seen.name, str) or not isinstance(seen.skipped, str):
         raise ValueError("names that are no text")
     mask = np.unpackbits(lowered, count=len(rows)).astype(bool)
     if not len(rows) == len(cols) == len(segments) == len(heights) or mask.sum() != len(lowest):
         raise ValueError("readings of different lengths")
-    return FrameStep(seen, mask, lowest, _links(arrays[7:]) if about["links"] else None)
+    return FrameStep(seen, mask, lowest, _links(arrays[rest:]) if about["links"] else None)
 
 
 def _segment(number: int, label: str, score: float, is_thing: bool) -> Segment:
@@ -166,6 +175,17 @@ def _segment(number: int, label: str, score: float, is_thing: bool) -> Segment:
     if not fine or not isinstance(score, int | float) or not 0 <= score <= 1:
         raise ValueError("a malformed segment")
     return Segment(number, label, score, is_thing)
+
+
+def _runs(arrays: list[NDArray], readings: int) -> FrameRuns:
+    steps, segments, low, high = arrays
+    reading = _summed(steps)
+    fine = len(reading) == len(segments) == len(low) == len(high) and low.dtype == high.dtype == np.int8
+    if not fine or (low > high).any() or (len(reading) and not 0 <= int(reading[0]) <= int(reading[-1]) < readings):
+        raise ValueError("malformed runs of heights")
+    if (np.diff(reading) < 0).any() or (segments < 0).any():
+        raise ValueError("malformed runs of heights")
+    return FrameRuns(reading, segments.astype(np.int32), low, high)
 
 
 def _links(arrays: list[NDArray]) -> Links:

@@ -89,6 +89,16 @@ def test_colours_follow_the_cells_through_edits_and_other_communities(colored):
     assert Counter(both.color_of(one) for one in both.instances) == {COLORS[1]: 1, COLORS[2]: 1}
 
 
+def test_every_voxel_of_the_surface_has_the_colour_of_its_pixels(colored, sequence):
+    points = colored.points()
+    of_id = {one.id: COLORS[1 if one.centroid_m[0] < 0 else 2] for one in colored.instances} | {0: COLORS[3]}
+    wanted = np.array([of_id[one] for one in points.instances.tolist()])
+    assert len(points) > 500 and np.abs(points.colors.astype(int) - wanted).max() <= 12
+    # Where one frame shows it all, voxels that it does not show have the colour of their class near by.
+    once = with_colors(colored, Faulty(sequence, missing=range(1, 6))).points()
+    assert np.abs(once.colors.astype(int) - wanted).max() <= 12
+
+
 def test_a_map_on_another_grid_has_no_colours(colored):
     spec = replace(colored.spec, x0_m=colored.spec.x0_m + 1.0)
     moved = replace(colored, grid=replace(colored.grid, spec=spec))

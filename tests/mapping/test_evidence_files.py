@@ -4,7 +4,7 @@ import json
 import os
 import subprocess
 import sys
-from dataclasses import fields
+from dataclasses import asdict, fields
 
 import cv2
 import numpy as np
@@ -15,6 +15,7 @@ from simaps_viz.build.pipeline import BuildConfig, build_map
 from simaps_viz.datasets.open import open_sequence
 from simaps_viz.mapping.file import load_map, save_map
 from simaps_viz.mapping.simap import recommunity, repartition
+from simaps_viz.mapping.surface import Surface
 from simaps_viz.structures import CellGraph, Grid, MergeLog, Views
 
 FRAMES = 8
@@ -79,7 +80,7 @@ def same(ours, theirs) -> None:
         if isinstance(value, np.ndarray):
             assert value.dtype == other.dtype and value.shape == other.shape, name
             assert np.array_equal(value, other, equal_nan=value.dtype.kind == "f"), name
-        elif isinstance(value, (Grid, MergeLog, Views)):
+        elif isinstance(value, (Grid, MergeLog, Views, Surface)):
             same(value, other)
         elif name == "graphs":
             assert len(value) == len(other)
@@ -87,7 +88,9 @@ def same(ours, theirs) -> None:
                 assert isinstance(one, CellGraph)
                 same(one, two)
         elif isinstance(value, (dict, tuple)):
-            assert json.dumps(value, default=vars) == json.dumps(other, default=vars), name  # a file knows no tuples
+            assert json.dumps(value, default=asdict) == json.dumps(other, default=asdict), (
+                name
+            )  # a file knows no tuples
         else:
             assert value == other, name
 

@@ -1,0 +1,805 @@
+"""The third dimension: which surface lies at which height, and whose it is; things under, in and on other things.
+
+The map from above stays what it is. Below its tops, the surface that frames saw is cut into *nodes*: in one cell, the
+steps of height of one class, without a gap of 10 cm. The node at a cell's top is the map's; all others are *lower*
+nodes, and are partitioned by the same evidence: frames saw two nodes in one segment or in two. What the evidence ties
+to an object of the map becomes part of it; the rest becomes objects of their own, which no cell of the map shows.
+
+Frames are read again for each of four passes, so memory follows the map, not their number.
+"""
+
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from simaps_viz.mapping.communities import MIN_PAIR_AFFINITY, communities_of_pairs
+from simaps_viz.mapping.pooling import PoolSettings, join_parts
+from simaps_viz.mapping.projection import ON_A_STEP, STEPS_PER_M, first_step
+from simaps_viz.mapping.steps import FrameSeen
+from simaps_viz.mapping.surface import STEP_M, Surface
+from simaps_viz.structures import Grid, GridSpec, Instance, SIMap
+
+_PLANES = 10
+"""Bits of a vote: no voxel counts more than 1023 frames of a class."""
+_GAP = 2
+"""So many free steps (10 cm) end a node, and nodes of neighbouring cells touch across fewer."""
+_TOP_STEPS = 3
+"""The node that the map shows reaches at least so close to the cell's top."""
+_FLUSH = 1 << 20
+
+Point3 = tuple[float, float, float]
+Box3 = tuple[Point3, Point3]
+
+
+@dataclass(frozen=True, eq=False)
+class SpaceSettings:
+    """How the surface is partitioned; from the settings of the map's method."""
+
+    below_floor_m: float
+    weight_of_label: NDArray
+    """float64 [labels], what one frame's vote for a class counts."""
+    resolution: float
+    seed: int
+    pooling: PoolSettings
+    affinity: float
+    """Two parts are one object while their affinity exceeds this."""
+    min_cells: int
+    """Objects with a smaller footprint are none."""
+
+
+@dataclass(frozen=True, eq=False)
+class _Nodes:
+    """Steps of one class in one cell. Arrays aligned, cells ascending."""
+
+    cell: NDArray
+    """int32 [n], flat cell of the grid."""
+    label: NDArray
+    """int16 [n]."""
+    steps: NDArray
+    """uint64 [n], bit k is step ``first_step`` + k."""
+    first: NDArray
+    """int32 [cells + 1], the first node of each cell."""
+
+
+def find_surface(
+    simap: SIMap, frames: Sequence[FrameSeen], origin_cell: tuple[int, int], settings: SpaceSettings
+) -> tuple[Surface, tuple[Instance, ...]]:
+    """Find the surface that frames saw, and the objects that the map from above does not show.
+
+    Args:
+        simap: the finished map from above.
+        frames: all its frames, in order.
+        origin_cell: (row, col), counted from the map's origin, of the grid's cell (0, 0).
+        settings: how.
+
+    Returns:
+        The surface; and the hidden objects, whose ids follow those of the map's communities.
+    """
+    grid, instance = simap.grid, simap.instance
+    first_id = int(max(simap.community.max(initial=0), instance.max(initial=0))) + 1
+    lowest, seen = first_step(settings.below_floor_m), _Seen(grid, frames, origin_cell)
+    nodes = _elected_nodes(grid, seen, lowest, settings.weight_of_label)
+    # The node at a cell's top is what the map shows there; the other ones of things are to be partitioned.
+    is_thing = np.array(grid.is_thing) & (np.arange(len(grid.labels)) > 0)
+    shown = _shown(
+        nodes.cell, nodes.label, nodes.steps, grid.label.reshape(-1), is_thing, grid.height_m.reshape(-1), lowest
+    )
+    known = instance.reshape(-1)[nodes.cell]
+    thing = is_thing[nodes.label]
+    top = shown & thing & (known > 0)
+    # Owners: 0 is what the map shows in the cell, below 0 a class without an object.
+    owner = np.where(top | (shown & ~thing), 0, -1 - nodes.label.astype(np.int32)).astype(np.int32)
+    lower = np.flatnonzero(thing & ~top)
+    found = _Partition(grid, nodes, lower, np.where(top, known, 0).astype(np.int32), settings)
+    groups = found.groups(seen, lowest)
+    hidden = _hidden(grid, nodes, groups, first_id, settings, lowest)
+    owner[lower] = np.where(groups.instance > 0, groups.instance, owner[lower])
+    for one, group in hidden:
+        owner[lower[groups.group == group]] = one.id
+    cell, low, high, owned = _as_runs(nodes.cell, nodes.steps, owner, lowest)
+    return Surface(grid.spec, cell, low, high, owned), tuple(one for one, _ in hidden)
+
+
+@dataclass(frozen=True, eq=False)
+class _Seen:
+    """The runs of all frames on the finished grid, as often as asked for."""
+
+    grid: Grid
+    frames: Sequence[FrameSeen]
+    origin_cell: tuple[int, int]
+
+    def __iter__(self) -> Iterator[tuple[NDArray, NDArray, NDArray, NDArray, NDArray, NDArray]]:
+        """Yield the runs of each frame, in order.
+
+        That is the cell int32, class int16, segment int32, low int8 and high int8 of each run, and the score of each
+        segment, float64 [highest id + 1].
+        """
+        index_of = {name: i for i, name in enumerate(self.grid.labels)}
+        row0, col0 = self.origin_cell
+        for frame in self.frames:
+            readings, runs = frame.readings, frame.runs
+            cell = _cells(runs.reading, readings.rows, readings.cols, row0, col0, self.grid.spec.cols)
+            ids = np.array([s.id for s in frame.segments], np.int64)
+            size = int(ids.max(initial=0)) + 1
+            label_of, score_of = np.zeros(size, np.int16), np.zeros(size)
+            label_of[ids] = [index_of[s.label] for s in frame.segments]
+            score_of[ids] = [s.score for s in frame.segments]
+            yield cell, label_of[runs.segments], runs.segments, runs.low, runs.high, score_of
+
+
+@njit(cache=True, nogil=True)
+def _cells(
+    reading: NDArray,  # int32 [m]
+    rows: NDArray,  # int32 [n], counted from the map's origin
+    cols: NDArray,  # int32 [n]
+    row0: int,
+    col0: int,
+    width: int,
+) -> NDArray:
+    found = np.zeros(len(reading), np.int32)
+    for i in range(len(reading)):
+        found[i] = (rows[reading[i]] - row0) * width + cols[reading[i]] - col0
+    return found
+
+
+def _elected_nodes(grid: Grid, seen: _Seen, lowest: int, weight_of_label: NDArray) -> _Nodes:
+    """Let frames vote for the class of each voxel, and cut what each class has in a cell into nodes."""
+    size = grid.label.size
+    following, label, steps = (np.zeros(size + size // 16 + 1024, t) for t in (np.int32, np.int16, np.uint64))
+    for cell, of_label, _, low, high, _ in seen:
+        done = 0
+        while True:
+            size, done = _gather(cell, of_label, low, high, lowest, following, label, steps, size, done)
+            if done == len(cell):
+                break
+            following, label, steps = (np.resize(one, len(one) * 5 // 4) for one in (following, label, steps))
+            following[size:], steps[size:] = 0, 0
+    # Where two classes were seen at one place, count how often each was.
+    slot, contested = _contested(following, steps, grid.label.size, size)
+    if contested:
+        planes = np.zeros((contested, _PLANES), np.uint64)
+        for cell, of_label, _, low, high, _ in seen:
+            _count(cell, of_label, low, high, lowest, following, label, slot, planes)
+        _elect(following, label, steps, slot, planes, grid.label.size, weight_of_label)
+    thing = np.array(grid.is_thing) & (np.arange(len(grid.labels)) > 0)
+    return _Nodes(*_cut(following, label, steps, grid.label.size, thing))
+
+
+@njit(cache=True, nogil=True, inline="always")
+def _mask(low, high, lowest):  # int8, int8, int -> uint64
+    """Return the bits of the steps from low to high; steps that no column has are left out."""
+    first, last = max(low - lowest, 0), min(high - lowest, 63)
+    if last < first:
+        return np.uint64(0)
+    return (~np.uint64(0) >> np.uint64(63 - (last - first))) << np.uint64(first)
+
+
+@njit(cache=True, nogil=True)
+def _gather(
+    cell: NDArray,  # int32 [m]
+    label_of: NDArray,  # int16 [m]
+    low: NDArray,  # int8 [m]
+    high: NDArray,  # int8 [m]
+    lowest: int,
+    following: NDArray,  # in/out int32 [entries], next entry of the same cell, 0 = none
+    label: NDArray,  # in/out int16 [entries]
+    steps: NDArray,  # in/out uint64 [entries]
+    size: int,
+    done: int,
+) -> tuple[int, int]:
+    """Add runs to the entry of their cell and class; return the entries in use and the runs done, as `votes._tally`."""
+    for i in range(done, len(cell)):
+        at = cell[i]
+        if steps[at] == 0:
+            label[at] = label_of[i]
+        while label[at] != label_of[i] and following[at] > 0:
+            at = following[at]
+        if label[at] != label_of[i]:
+            if size == len(label):
+                return size, i
+            following[at] = size
+            at = size
+            label[at] = label_of[i]
+            size += 1
+        steps[at] |= _mask(low[i], high[i], lowest)
+    return size, len(cell)
+
+
+@njit(cache=True, nogil=True)
+def _contested(
+    following: NDArray,  # int32 [entries]
+    steps: NDArray,  # uint64 [entries]
+    cells: int,
+    size: int,
+) -> tuple[NDArray, int]:
+    """Number the entries of the cells in which two classes share a step.
+
+    Returns:
+        int32 [entries], -1 = not such an entry; and how many there are.
+    """
+    slot = np.full(size, -1, np.int32)
+    n = 0
+    for c in range(cells):
+        if following[c] == 0:
+            continue
+        known, shared, at = np.uint64(0), np.uint64(0), c
+        while True:
+            shared |= known & steps[at]
+            known |= steps[at]
+            at = following[at]
+            if at == 0:
+                break
+        if shared == 0:
+            continue
+        at = c
+        while True:
+            slot[at] = n
+            n += 1
+            at = following[at]
+            if at == 0:
+                break
+    return slot, n
+
+
+@njit(cache=True, nogil=True)
+def _count(
+    cell: NDArray,  # int32 [m]
+    label_of: NDArray,  # int16 [m]
+    low: NDArray,  # int8 [m]
+    high: NDArray,  # int8 [m]
+    lowest: int,
+    following: NDArray,  # int32 [entries]
+    label: NDArray,  # int16 [entries]
+    slot: NDArray,  # int32 [entries]
+    planes: NDArray,  # in/out uint64 [contested, planes], bit k of plane p: bit p of the votes of step k
+) -> None:
+    """Count the votes of one frame: all 64 steps of a column are one addition of binary numbers, digit by digit."""
+    for i in range(len(cell)):
+        at = cell[i]
+        if slot[at] < 0:
+            continue
+        while label[at] != label_of[i]:
+            at = following[at]
+        row, carry = slot[at], _mask(low[i], high[i], lowest)
+        for p in range(planes.shape[1]):
+            after = planes[row, p] & carry
+            planes[row, p] ^= carry
+            carry = after
+            if carry == 0:
+                break
+        for p in range(planes.shape[1]):  # more than can be counted stays at the most
+            planes[row, p] |= carry
+
+
+@njit(cache=True, nogil=True)
+def _elect(  # noqa: C901 - one loop over shared arrays
+    following: NDArray,  # int32 [entries]
+    label: NDArray,  # int16 [entries]
+    steps: NDArray,  # in/out uint64 [entries]
+    slot: NDArray,  # int32 [entries]
+    planes: NDArray,  # uint64 [contested, planes]
+    cells: int,
+    weight: NDArray,  # float64 [labels]
+) -> None:
+    """Leave every contested step to the class with the heaviest votes; ties go to the class met first."""
+    one = np.uint64(1)
+    for c in range(cells):
+        if slot[c] < 0:
+            continue
+        for k in range(64):
+            bit = one << np.uint64(k)
+            best, heaviest, at = -1, 0.0, c
+            while True:
+                if steps[at] & bit:
+                    votes = 0
+                    for p in range(planes.shape[1]):
+                        if planes[slot[at], p] & bit:
+                            votes += 1 << p
+                    if best < 0 or votes * weight[label[at]] > heaviest:
+                        best, heaviest = at, votes * weight[label[at]]
+                at = following[at]
+                if at == 0:
+                    break
+            at = c
+            while best >= 0:
+                if at != best:
+                    steps[at] &= ~bit
+                at = following[at]
+                if at == 0:
+                    break
+
+
+@njit(cache=True, nogil=True)
+def _cut(
+    following: NDArray,  # int32 [entries]
+    label: NDArray,  # int16 [entries]
+    steps: NDArray,  # uint64 [entries]
+    cells: int,
+    thing: NDArray,  # bool [labels], what is cut at gaps
+) -> tuple[NDArray, NDArray, NDArray, NDArray]:
+    """Return the nodes: cell int32, class int16, steps uint64; and the first node of each cell, int32 [cells + 1]."""
+    one = np.uint64(1)
+    first = np.zeros(cells + 1, np.int32)
+    for fill in range(2):
+        n = 0
+        if fill:
+            of_cell, of_label = np.zeros(first[cells], np.int32), np.zeros(first[cells], np.int16)
+            of_steps = np.zeros(first[cells], np.uint64)
+        for c in range(cells):
+            first[c] = n
+            at = c
+            while True:
+                left = steps[at]
+                while left:
+                    part = left
+                    if thing[label[at]]:
+                        # Grow from the lowest step for as long as the next one is near.
+                        part = left & (~left + one)
+                        while True:
+                            grown = part | ((part << one | part << np.uint64(2)) & left)
+                            if grown == part:
+                                break
+                            part = grown
+                    left &= ~part
+                    if fill:
+                        of_cell[n], of_label[n], of_steps[n] = c, label[at], part
+                    n += 1
+                at = following[at]
+                if at == 0:
+                    break
+        first[cells] = n
+    return of_cell, of_label, of_steps, first
+
+
+@njit(cache=True, nogil=True, inline="always")
+def _highest(steps):  # uint64 -> int
+    """Return the highest bit of a number above 0."""
+    k = 0
+    while steps > np.uint64(1):
+        steps >>= np.uint64(1)
+        k += 1
+    return k
+
+
+@njit(cache=True, nogil=True)
+def _shown(
+    cell: NDArray,  # int32 [n]
+    label: NDArray,  # int16 [n]
+    steps: NDArray,  # uint64 [n]
+    map_label: NDArray,  # int16 [cells]
+    thing: NDArray,  # bool [labels]
+    height_m: NDArray,  # float32 [cells], near which the node of a thing has to end
+    lowest: int,
+) -> NDArray:
+    """Return which nodes the map shows: of a thing the highest in its cell, of anything else all of the class; bool."""
+    shown = np.zeros(len(cell), np.bool_)
+    best = -1
+    for i in range(len(cell)):
+        if best >= 0 and cell[best] != cell[i]:
+            best = -1
+        if label[i] != map_label[cell[i]]:
+            continue
+        if not thing[label[i]]:
+            shown[i] = True
+        elif best < 0 or steps[i] > steps[best]:
+            top = math.floor(height_m[cell[i]] * STEPS_PER_M + ON_A_STEP)
+            shown[i] = _highest(steps[i]) + lowest >= top - _TOP_STEPS
+            if shown[i]:
+                if best >= 0:
+                    shown[best] = False
+                best = i
+    return shown
+
+
+@njit(cache=True, nogil=True)
+def _as_runs(
+    cell: NDArray,  # int32 [n]
+    steps: NDArray,  # uint64 [n]
+    owner: NDArray,  # int32 [n]
+    lowest: int,
+) -> tuple[NDArray, NDArray, NDArray, NDArray]:
+    """Cut nodes into runs without a gap: cell int32, low int8, high int8 and owner int32 of each."""
+    one = np.uint64(1)
+    size = 0
+    for i in range(len(cell)):
+        starts = steps[i] & ~(steps[i] << one)
+        while starts:
+            starts &= starts - one
+            size += 1
+    of_cell, of_owner = np.zeros(size, np.int32), np.zeros(size, np.int32)
+    low, high = np.zeros(size, np.int8), np.zeros(size, np.int8)
+    n = 0
+    for i in range(len(cell)):
+        left, k = steps[i], lowest
+        while left:
+            while not left & one:
+                left >>= one
+                k += 1
+            of_cell[n], of_owner[n], low[n] = cell[i], owner[i], k
+            while left & one:
+                left >>= one
+                k += 1
+            high[n] = k - 1
+            n += 1
+    return of_cell, low, high, of_owner
+
+
+@dataclass(frozen=True, eq=False)
+class _Groups:
+    """What the lower nodes are parts of. Arrays aligned with them."""
+
+    group: NDArray
+    """int32 [lower], number of the group."""
+    instance: NDArray
+    """int32 [lower], the object of the map that the group is tied to, 0 = none."""
+    lower: NDArray
+    """int64 [lower], the nodes."""
+    seen_in: NDArray
+    """int64 [s, 2], group and frame: which frames saw the groups that are tied to nothing."""
+    score: NDArray
+    """float64 [groups], mean confidence of the segments that named it."""
+
+
+@dataclass(eq=False)
+class _Partition:
+    """The partition of the lower nodes."""
+
+    grid: Grid
+    nodes: _Nodes
+    lower: NDArray
+    """int64 [lower], their nodes."""
+    top: NDArray
+    """int32 [nodes], the instance that the map shows there, 0 = a lower node, or of no thing."""
+    settings: SpaceSettings
+
+    def groups(self, seen: _Seen, lowest: int) -> _Groups:
+        """Partition them."""
+        nodes, settings, spec = self.nodes, self.settings, self.grid.spec
+        number = np.full(len(nodes.cell), -1, np.int32)
+        number[self.lower] = np.arange(len(self.lower))
+        matters = np.zeros(len(self.grid.labels), np.bool_)  # classes of which nothing lies below need no evidence
+        matters[nodes.label[self.lower]] = True
+        start, other, touches = _neighbours(
+            nodes.cell, nodes.label, nodes.steps, nodes.first, number, self.top, self.lower, spec.rows, spec.cols
+        )
+        # 1. Same or different, of neighbouring nodes; Louvain joins the lower ones to finest communities.
+        same, different = np.zeros(len(other), np.int32), np.zeros(len(other), np.int32)
+        sight = _Sight(nodes, lowest, matters)
+        for frame, (cell, label, segment, low, high, _) in enumerate(seen):
+            at = sight.look(frame, cell, label, segment, low, high)
+            _count_neighbours(at, number, start, other, sight.frame, sight.segment, frame, same, different)
+        first = np.repeat(np.arange(len(self.lower), dtype=np.int32), np.diff(start))
+        weight = same / (same + different + 1.0)
+        strong = np.flatnonzero((weight > MIN_PAIR_AFFINITY) & (number[other] >= 0))
+        community = communities_of_pairs(
+            weight[strong], first[strong], number[other[strong]], len(self.lower),
+            resolution=settings.resolution, seed=settings.seed,
+        )  # fmt: skip
+        # 2. Parts are the objects of the map, then the finest communities. Evidence on each two, over all frames.
+        objects, unit = np.unique(self.top, return_inverse=True)
+        if not len(objects) or objects[0] != 0:
+            objects, unit = np.r_[np.int32(0), objects], unit + 1
+        tops = len(objects) - 1
+        unit = (unit - 1).astype(np.int32)
+        unit[self.lower] = community + tops
+        units = tops + int(community.max(initial=-1)) + 1
+        pooled, seen_in, named = self._pooled(seen, _Sight(nodes, lowest, matters), unit, tops, units)
+        touching = np.unique(np.stack([unit[self.lower[first[touches]]], unit[other[touches]]], axis=1), axis=0)
+        # 3. Join them, best first.
+        root = _join(units, tops, pooled, touching, settings)
+        group = root[unit[self.lower]]
+        instance = np.where(group < tops, objects[1:][np.minimum(group, max(tops - 1, 0))] if tops else 0, 0)
+        score = np.bincount(root, named[0], units) / np.maximum(np.bincount(root, named[1], units), 1e-9)
+        seen_in[:, 0] = root[seen_in[:, 0]]
+        return _Groups(group, instance.astype(np.int32), self.lower, np.unique(seen_in, axis=0), score)
+
+    def _pooled(
+        self, seen: _Seen, sight: "_Sight", unit: NDArray, tops: int, units: int
+    ) -> tuple[NDArray, NDArray, tuple[NDArray, NDArray]]:
+        """Sum up the evidence on every two parts.
+
+        Returns:
+            float64 [p, 4]: part, part, same, different; int64 [s, 2]: lower part and frame that saw it; and of each
+            part the confidence of segments and the nodes they named, float64 [units].
+        """
+        sums, waiting, seen_in = np.zeros((0, 4)), [], []
+        named = np.zeros(units), np.zeros(units)
+        size = 0
+        for frame, (cell, label, segment, low, high, score) in enumerate(seen):
+            at = sight.look(frame, cell, label, segment, low, high)
+            of_unit, of_segment = unit[at], sight.segment[at]
+            _add_scores(of_unit, of_segment, score, *named)
+            parts, pairs = _pairs(of_unit, of_segment, self.nodes.label[at], tops)
+            seen_in.append(parts[parts >= tops].astype(np.int64))
+            waiting.append(pairs)
+            size += len(pairs)
+            if size > _FLUSH:
+                sums, waiting, size = _summed(sums, waiting), [], 0
+        frames = np.repeat(np.arange(len(seen_in)), [len(one) for one in seen_in])
+        both = np.stack([np.concatenate([np.zeros(0, np.int64), *seen_in]), frames], axis=1)
+        return _summed(sums, waiting), both, named
+
+
+class _Sight:
+    """Which nodes one frame saw, and in which segment."""
+
+    def __init__(self, nodes: _Nodes, lowest: int, matters: NDArray) -> None:
+        self.nodes, self.lowest, self.matters = nodes, lowest, matters
+        count = len(nodes.cell)
+        self.frame, self.segment = np.full(count, -1, np.int32), np.zeros(count, np.int32)
+        """int32 [nodes], the frame that saw the node last, and the segment with most of its steps."""
+        self._steps = np.zeros(count, np.int8)
+
+    def look(self, frame: int, cell: NDArray, label: NDArray, segment: NDArray, low: NDArray, high: NDArray) -> NDArray:
+        """Take the runs of the next frame; return the nodes that it saw, int32, in the order met."""
+        return _look(
+            frame, cell, label, segment, low, high, self.lowest, self.matters, self.nodes.first, self.nodes.label,
+            self.nodes.steps, self.frame, self.segment, self._steps,
+        )  # fmt: skip
+
+
+@njit(cache=True, nogil=True)
+def _look(
+    number: int,
+    cell: NDArray,  # int32 [m]
+    label_of: NDArray,  # int16 [m]
+    segment_of: NDArray,  # int32 [m]
+    low: NDArray,  # int8 [m]
+    high: NDArray,  # int8 [m]
+    lowest: int,
+    matters: NDArray,  # bool [labels]
+    first: NDArray,  # int32 [cells + 1]
+    label: NDArray,  # int16 [nodes]
+    steps: NDArray,  # uint64 [nodes]
+    frame: NDArray,  # in/out int32 [nodes]
+    segment: NDArray,  # in/out int32 [nodes]
+    shared: NDArray,  # in/out int8 [nodes], steps of that segment
+) -> NDArray:
+    found = np.zeros(len(cell), np.int32)
+    n = 0
+    for i in range(len(cell)):
+        if not matters[label_of[i]]:
+            continue
+        mask = _mask(low[i], high[i], lowest)
+        for node in range(first[cell[i]], first[cell[i] + 1]):
+            both = steps[node] & mask
+            if label[node] != label_of[i] or both == 0:
+                continue
+            count = 0
+            while both:
+                both &= both - np.uint64(1)
+                count += 1
+            if frame[node] != number:
+                frame[node] = number
+                if n == len(found):
+                    found = np.concatenate((found, np.zeros(n + 1, np.int32)))
+                found[n] = node
+                n += 1
+            elif count <= shared[node]:
+                continue
+            segment[node], shared[node] = segment_of[i], count
+    return found[:n]
+
+
+@njit(cache=True, nogil=True)
+def _neighbours(  # noqa: C901, PLR0912 - one loop over shared arrays
+    cell: NDArray,  # int32 [nodes]
+    label: NDArray,  # int16 [nodes]
+    steps: NDArray,  # uint64 [nodes]
+    first: NDArray,  # int32 [cells + 1]
+    number: NDArray,  # int32 [nodes], place among the lower nodes, -1 = none
+    top: NDArray,  # int32 [nodes]
+    lower: NDArray,  # int64 [lower]
+    rows: int,
+    cols: int,
+) -> tuple[NDArray, NDArray, NDArray]:
+    """Return the neighbours of each lower node: nodes of its class in its own and the eight cells around.
+
+    A pair of lower nodes is listed with the earlier one. Those of other cells must be near in height as well.
+
+    Returns:
+        int32 [lower + 1], where the neighbours of each start; int32 [edges], nodes; bool [edges], near in height.
+    """
+    start = np.zeros(len(lower) + 1, np.int32)
+    for fill in range(2):
+        n = 0
+        if fill:
+            other, touches = np.zeros(start[len(lower)], np.int32), np.zeros(start[len(lower)], np.bool_)
+        for i in range(len(lower)):
+            start[i] = n
+            node = lower[i]
+            row, col = cell[node] // cols, cell[node] % cols
+            grown = steps[node]
+            for k in range(1, _GAP + 1):
+                grown |= steps[node] << np.uint64(k) | steps[node] >> np.uint64(k)
+            for dr in range(-1, 2):
+                for dc in range(-1, 2):
+                    if row + dr < 0 or row + dr >= rows or col + dc < 0 or col + dc >= cols:
+                        continue
+                    there = (row + dr) * cols + col + dc
+                    for its in range(first[there], first[there + 1]):
+                        if its == node or label[its] != label[node]:
+                            continue
+                        if number[its] < 0 and top[its] == 0:
+                            continue
+                        if number[its] >= 0 and its < node:
+                            continue
+                        near = (grown & steps[its]) != 0
+                        if not near and (dr != 0 or dc != 0):
+                            continue
+                        if fill:
+                            other[n], touches[n] = its, near
+                        n += 1
+        start[len(lower)] = n
+    return start, other, touches
+
+
+@njit(cache=True, nogil=True)
+def _count_neighbours(
+    at: NDArray,  # int32 [k], nodes that the frame saw
+    number: NDArray,  # int32 [nodes]
+    start: NDArray,  # int32 [lower + 1]
+    other: NDArray,  # int32 [edges]
+    frame: NDArray,  # int32 [nodes]
+    segment: NDArray,  # int32 [nodes]
+    now: int,
+    same: NDArray,  # in/out int32 [edges]
+    different: NDArray,  # in/out int32 [edges]
+) -> None:
+    for node in at:
+        i = number[node]
+        if i < 0:
+            continue
+        for e in range(start[i], start[i + 1]):
+            if frame[other[e]] == now:
+                if segment[other[e]] == segment[node]:
+                    same[e] += 1
+                else:
+                    different[e] += 1
+
+
+@njit(cache=True, nogil=True)
+def _add_scores(
+    unit: NDArray,  # int32 [k]
+    segment: NDArray,  # int32 [k]
+    score_of: NDArray,  # float64 [segments]
+    score: NDArray,  # in/out float64 [units]
+    nodes: NDArray,  # in/out float64 [units]
+) -> None:
+    for i in range(len(unit)):
+        score[unit[i]] += score_of[segment[i]]
+        nodes[unit[i]] += 1.0
+
+
+@njit(cache=True, nogil=True)
+def _pairs(
+    unit: NDArray,  # int32 [k], parts of the nodes that a frame saw
+    segment: NDArray,  # int32 [k]
+    label: NDArray,  # int16 [k]
+    tops: int,
+) -> tuple[NDArray, NDArray]:
+    """Return the parts that one frame saw, int32, and what it says about every two of a class.
+
+    Two parts are one as far as their nodes lie in the same segments; the smaller of the two limits what it counts.
+
+    Returns:
+        int32 [parts], ascending; float64 [p, 4]: part, part, same, different.
+    """
+    order = np.argsort((unit.astype(np.int64) << 32) | segment)
+    # Rows: part, segment, share of the part's nodes; and of each part, where its rows start, its nodes and its class.
+    row_segment, row_share = np.zeros(len(order), np.int32), np.zeros(len(order))
+    start, part = np.zeros(len(order) + 1, np.int32), np.zeros(len(order), np.int32)
+    nodes, of_label = np.zeros(len(order)), np.zeros(len(order), np.int16)
+    rows, parts = 0, 0
+    for k in range(len(order)):
+        i = order[k]
+        new = k == 0 or unit[i] != unit[order[k - 1]]
+        if new:
+            part[parts], start[parts], of_label[parts] = unit[i], rows, label[i]
+            parts += 1
+        if new or segment[i] != segment[order[k - 1]]:
+            row_segment[rows] = segment[i]
+            rows += 1
+        row_share[rows - 1] += 1.0
+        nodes[parts - 1] += 1.0
+    start[parts] = rows
+    found = np.zeros((parts * (parts - 1) // 2, 4))
+    n = 0
+    for a in range(parts):
+        for b in range(max(a + 1, 0), parts):
+            if of_label[a] != of_label[b] or part[b] < tops:
+                continue
+            agree = 0.0
+            i, j = start[a], start[b]
+            while i < start[a + 1] and j < start[b + 1]:
+                if row_segment[i] == row_segment[j]:
+                    agree += row_share[i] / nodes[a] * (row_share[j] / nodes[b])
+                    i += 1
+                    j += 1
+                elif row_segment[i] < row_segment[j]:
+                    i += 1
+                else:
+                    j += 1
+            weight = min(nodes[a], nodes[b])
+            found[n, 0], found[n, 1], found[n, 2], found[n, 3] = part[a], part[b], agree * weight, (1 - agree) * weight
+            n += 1
+    return part[:parts], found[:n]
+
+
+def _summed(sums: NDArray, waiting: list[NDArray]) -> NDArray:
+    """Add up rows (part, part, same, different) of the same two parts."""
+    rows = np.concatenate([sums, *waiting])
+    keys, at = np.unique(_pair_keys(rows), return_inverse=True)
+    columns = [np.bincount(at, rows[:, k], len(keys)) for k in (2, 3)]
+    return np.stack([(keys >> 32).astype(np.float64), (keys & 0xFFFFFFFF).astype(np.float64), *columns], axis=1)
+
+
+def _join(units: int, tops: int, pooled: NDArray, touching: NDArray, settings: SpaceSettings) -> NDArray:
+    """Join parts of objects, best affinity first; two objects of the map stay two.
+
+    Returns:
+        int64 [units]: the smallest part that each was joined with, so that objects of the map keep their number.
+    """
+    touching = np.sort(touching, axis=1).astype(np.float64)
+    touching = touching[touching[:, 0] != touching[:, 1]]
+    rows = _summed(pooled, [np.concatenate([touching, np.zeros_like(touching)], axis=1)])
+    low, high = rows[:, 0].astype(np.int32), rows[:, 1].astype(np.int32)
+    near = np.isin(_pair_keys(rows), _pair_keys(touching))
+    source, target, score = join_parts(
+        units, low, high, rows[:, 2].copy(), rows[:, 3].copy(), near, settings.pooling, kept=tops
+    )
+    stop = np.flatnonzero(score <= np.float32(settings.affinity))
+    steps = int(stop[0]) if len(stop) else len(score)
+    parent = np.arange(units)
+    parent[source[:steps]] = target[:steps]
+    for unit in range(units):  # a part is joined to smaller ones only
+        parent[unit] = parent[parent[unit]]
+    return parent
+
+
+def _pair_keys(rows: NDArray) -> NDArray:
+    return (rows[:, 0].astype(np.int64) << 32) | rows[:, 1].astype(np.int64)
+
+
+def _hidden(
+    grid: Grid, nodes: _Nodes, groups: _Groups, first_id: int, settings: SpaceSettings, lowest: int
+) -> list[tuple[Instance, int]]:
+    """Describe the groups that are tied to no object of the map and are large enough, with their group numbers.
+
+    Their ids follow the order of class names, then of their first cells.
+    """
+    lower = groups.lower
+    free = np.flatnonzero(groups.instance == 0)
+    cell, label, steps = nodes.cell[lower[free]], nodes.label[lower[free]], nodes.steps[lower[free]]
+    numbers, at = np.unique(groups.group[free], return_inverse=True)
+    frames = np.bincount(groups.seen_in[:, 0], minlength=len(groups.score))
+    order = np.argsort(at, kind="stable")
+    found = []
+    for members in np.split(order, np.cumsum(np.bincount(at))[:-1]) if len(numbers) else ():
+        cells = np.unique(cell[members])
+        if len(cells) < settings.min_cells:
+            continue
+        group = int(numbers[at[members[0]]])
+        run = _as_runs(cell[members], steps[members], np.zeros(len(members), np.int32), lowest)
+        name = grid.labels[label[members[0]]]
+        found.append((name, int(cells[0]), group, _described(grid.spec, cells, run[:3])))
+    found.sort(key=lambda one: one[:3])
+    return [
+        (Instance(first_id + k, name, cells, middle, box, int(frames[group]), float(groups.score[group])), group)
+        for k, (name, _, group, (cells, middle, box)) in enumerate(found)
+    ]
+
+
+def _described(spec: GridSpec, cells: NDArray, runs: tuple[NDArray, NDArray, NDArray]) -> tuple[int, Point3, Box3]:
+    """Return the number of cells, the middle and the box of an object, metres, map frame."""
+    s, (row, col) = spec.cell_size_m, np.divmod(cells, spec.cols)
+    low = (spec.x0_m + col.min() * s, spec.y0_m + row.min() * s, float(runs[1].min()) * STEP_M)
+    high = (spec.x0_m + (col.max() + 1) * s, spec.y0_m + (row.max() + 1) * s, (float(runs[2].max()) + 1) * STEP_M)
+    size = runs[2].astype(np.int64) - runs[1] + 1
+    z = float(((runs[1] + runs[2] + 1.0) / 2.0 * size).sum() / size.sum()) * STEP_M
+    centre = (float(spec.x0_m + (col.mean() + 0.5) * s), float(spec.y0_m + (row.mean() + 0.5) * s), z)
+    return len(cells), centre, (tuple(map(float, low)), tuple(map(float, high)))  # pyright: ignore[reportReturnType]

@@ -1,0 +1,260 @@
+"""Things under things are found, kept apart and tied to what the map shows; the map from above stays as it is."""
+
+import json
+import math
+import zipfile
+from collections import Counter, defaultdict
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from random_frames import IS_THING, LABELS, random_frames
+from seen_columns import block, frame, map_of_columns, table_over_chairs, turned
+
+from simaps_viz.build.pipeline import BuildConfig
+from simaps_viz.errors import InputError
+from simaps_viz.mapping.accumulator import MapAccumulator, ProjectionSettings
+from simaps_viz.mapping.edits import apply, delete, relabel
+from simaps_viz.mapping.file import load_map, save_map
+from simaps_viz.mapping.finalize import SequenceFacts, map_so_far
+from simaps_viz.mapping.simap import recommunity, repartition
+from simaps_viz.mapping.steps import pack_step, unpack_step
+from simaps_viz.mapping.surface import coded_colors, decoded_colors
+
+
+def steps_of(seed: int, frames: int = 3):
+    accumulator = MapAccumulator(LABELS, IS_THING, ProjectionSettings(), steps=True)
+    for part in random_frames(seed, frames):
+        accumulator.add_frame(*part)
+        yield accumulator.step
+
+
+def plain_voxels(frame, segmentation, T_map_camera) -> set[tuple[int, int, int, int]]:
+    """Row, column, step and segment of every pixel, one after the other."""
+    k, found = frame.intrinsics, set()
+    for v, u in np.ndindex(*frame.depth_m.shape):
+        z = float(frame.depth_m[v, u])
+        if 0.1 < z < 6.0:
+            x, y, h = (T_map_camera @ [(u - k.cx) / k.fx * z, (v - k.cy) / k.fy * z, z, 1.0])[:3]
+            if -0.3 < h < 2.0:
+                step = math.floor(np.float32(h) * 20.0 + 0.01)
+                found.add((math.floor(y / 0.05), math.floor(x / 0.05), step, int(segmentation.ids[v, u])))
+    return found
+
+
+def voxels_of_runs(seen) -> list[tuple[int, int, int, int]]:
+    rows, cols = seen.readings.rows, seen.readings.cols
+    runs = zip(seen.runs.reading, seen.runs.segments, seen.runs.low, seen.runs.high, strict=True)
+    return [
+        (int(rows[i]), int(cols[i]), step, int(segment))
+        for i, segment, low, high in runs for step in range(low, high + 1)
+    ]  # fmt: skip
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_the_runs_of_a_frame_are_its_pixels(seed):
+    for part, step in zip(random_frames(seed), steps_of(seed), strict=True):
+        found = voxels_of_runs(step.seen)
+        assert len(found) == len(set(found)) and set(found) == plain_voxels(*part)
+        runs = step.seen.runs
+        same = (np.diff(runs.reading) == 0) & (np.diff(runs.segments) == 0)
+        assert (runs.low[1:][same] > runs.high[:-1][same] + 1).all(), "a run ends at a gap"
+        back = unpack_step(pack_step(step)).seen.runs
+        for name in ("reading", "segments", "low", "high"):
+            assert np.array_equal(getattr(back, name), getattr(runs, name))
+            assert getattr(back, name).dtype == getattr(runs, name).dtype
+
+
+def test_damaged_runs_are_refused():
+    step = next(steps_of(0))
+    runs = step.seen.runs
+    for name, value in (("reading", 9999), ("segments", -1), ("low", 100)):
+        wrong = getattr(runs, name).copy()
+        wrong[-1] = value
+        packed = pack_step(replace(step, seen=replace(step.seen, runs=replace(runs, **{name: wrong}))))
+        with pytest.raises(ValueError):
+            unpack_step(packed)
+    accumulator = MapAccumulator(LABELS, IS_THING, ProjectionSettings())
+    segments = runs.segments.copy()
+    segments[0] = 77
+    with pytest.raises(ValueError, match="unknown segment"):
+        accumulator.replay(replace(step, seen=replace(step.seen, runs=replace(runs, segments=segments))))
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_a_voxel_has_the_class_that_most_frames_saw(seed):
+    accumulator = MapAccumulator(LABELS, IS_THING, ProjectionSettings())
+    for step in steps_of(seed, 12):
+        accumulator.replay(step)
+    facts = SequenceFacts("random", "", LABELS, IS_THING, "drawn", True, np.eye(4))
+    config = replace(BuildConfig(), votes=replace(BuildConfig().votes, exact_below=1.0))  # all votes count the same
+    simap = map_so_far(accumulator, facts, config)
+    votes: dict[tuple[int, int, int], Counter] = defaultdict(Counter)
+    for seen in accumulator.frames:
+        name_of = {0: 0} | {s.id: LABELS.index(s.label) for s in seen.segments}
+        for voxel in {(*one[:3], name_of[one[3]], one[3]) for one in voxels_of_runs(seen)}:
+            votes[voxel[:3]][voxel[3]] += 1
+    row0, col0 = accumulator.origin_cell
+    found = {}
+    surface = simap.surface
+    assert surface is not None
+    points = simap.points()
+    at = np.floor(points.positions / 0.05 + 1e-3).astype(int)
+    for (col, row, step), kind in zip(at.tolist(), points.classes.tolist(), strict=True):
+        found[row, col, step] = max(kind, 0)
+    assert len(found) == len(points) == surface.voxels and set(found) == set(votes)
+    assert (row0, col0) == (round(simap.spec.y0_m / 0.05), round(simap.spec.x0_m / 0.05))
+    shown = Counter()
+    for voxel, count in votes.items():
+        best = max(count.values())
+        row, col = voxel[0] - row0, voxel[1] - col0
+        if count[found[voxel]] != best:  # the map may name the top of a cell otherwise
+            assert found[voxel] == simap.grid.label[row, col]
+            shown["map"] += 1
+        shown["all"] += 1
+    assert shown["map"] < 0.02 * shown["all"]
+
+
+def boxes(simap, label: str) -> list[tuple[int, int, int, int, int, int]]:
+    """First and last row, column and step of each object of a class, as frames were drawn."""
+    points, found = simap.points(), []
+    for one in (*simap.instances, *simap.hidden):
+        if one.label == label:
+            at = np.floor(points.positions[points.instances == one.id] / 0.05 + 1e-3).astype(int)[:, [1, 0, 2]]
+            found.append(
+                tuple(n for low, high in zip(at.min(0), at.max(0), strict=True) for n in (int(low), int(high)))
+            )
+    return sorted(found)
+
+
+@pytest.mark.parametrize("joined", [0, 8])
+def test_a_chair_under_a_table_is_an_object_and_half_a_chair_is_none(joined):
+    simap = map_of_columns(table_over_chairs(joined=joined))
+    assert simap.counts() == {"chair": 1, "table": 1}
+    assert [one.label for one in simap.hidden] == ["chair"] and simap.hidden[0].cells == 16
+    assert boxes(simap, "chair") == [(2, 5, 2, 5, 8, 9), (2, 5, 9, 20, 8, 17)]
+    assert boxes(simap, "table") == [(0, 15, 0, 15, 14, 14)]
+    hidden, points = simap.hidden[0], simap.points()
+    assert hidden.id > simap.community.max() and simap.by_id(hidden.id) == hidden
+    assert np.allclose(hidden.aabb_m, ((0.1, 0.1, 0.4), (0.3, 0.3, 0.5)))
+    assert hidden.centroid_m == pytest.approx((0.2, 0.2, 0.45))
+    assert hidden.frames == 16 and hidden.score == pytest.approx(0.9)
+    # The map from above knows nothing of it.
+    assert hidden.id not in simap.instance and hidden not in simap.instances
+    there = simap.at(0.2, 0.2)
+    assert there is not None and there.label == "table"
+    assert (points.classes[points.instances == 0] == 4).all() and (points.classes[points.instances > 0] < 3).all()
+
+
+def test_numbering_segments_otherwise_changes_nothing():
+    one, other = (map_of_columns(steps) for steps in (table_over_chairs(), turned(table_over_chairs())))
+    assert np.array_equal(one.surface.owner, other.surface.owner) and one.hidden == other.hidden
+
+
+def test_what_lies_below_keeps_two_objects_of_the_map_apart():
+    # Under a table, a rod of class chair ties two chairs together that stick out: three frames of four see it as part
+    # of the one, three of four as part of the other, and half of them see all of it as one.
+    table = block(range(6), range(8, 18), 1, 14, 14)
+    steps = [frame(0, table, {1: "table"})]
+    for index in range(1, 21):
+        rod, right = ((2, 3), (3, 3), (2, 2), (2, 2))[index % 4]
+        columns = block(range(6), range(8), 2, 8, 17) + block(range(6), range(18, 26), right, 8, 17)
+        columns += block(range(6), range(8, 18), rod, 8, 8)
+        steps.append(frame(index, columns, dict.fromkeys({2, rod, right}, "chair")))
+    simap = map_of_columns(steps)
+    assert simap.counts() == {"chair": 2, "table": 1} and not simap.hidden
+    points = simap.points()
+    below = points.instances[points.positions[:, 2] < 0.45]
+    assert set(below.tolist()) == {one.id for one in simap.of_class("chair")}
+
+
+def test_two_books_of_a_shelf_are_two():
+    # Boards at steps 4 and 12, a book on each, one above the other, seen from the front; a table's top over all.
+    steps = []
+    for index in range(8):
+        columns = block(range(6), range(6), 1, 20, 20)
+        columns += block(range(2, 5), range(1, 5), 2, 4, 8) + block(range(2, 5), range(1, 5), 3, 12, 16)
+        steps.append(frame(index, columns, {1: "table", 2: "book", 3: "book"}))
+    simap = map_of_columns(steps)
+    assert [one.label for one in simap.hidden] == ["book", "book"]
+    assert boxes(simap, "book") == [(2, 4, 1, 4, 4, 8), (2, 4, 1, 4, 12, 16)]
+
+
+def test_a_map_keeps_its_surface_in_its_file(tmp_path):
+    simap = map_of_columns(table_over_chairs())
+    color = np.random.default_rng(0).integers(0, 256, (simap.surface.voxels, 3)).astype(np.uint8)
+    simap = replace(simap, surface=replace(simap.surface, color=coded_colors(color)))
+    save_map(simap, tmp_path / "a.npz")
+    back = load_map(tmp_path / "a.npz")
+    assert back.hidden == simap.hidden
+    for name in ("positions", "colors", "classes", "instances"):
+        ours, theirs = getattr(back.points(), name), getattr(simap.points(), name)
+        assert ours.dtype == theirs.dtype and np.array_equal(ours, theirs), name
+    assert back.points() is back.points()
+    # Without the added members, as an earlier version writes it, it is the same map with its columns.
+    with zipfile.ZipFile(tmp_path / "a.npz") as archive, zipfile.ZipFile(tmp_path / "old.npz", "w") as old:
+        for name in archive.namelist():
+            if not name.startswith(("surface", "hidden")):
+                old.writestr(name, archive.read(name))
+    older = load_map(tmp_path / "old.npz")
+    assert older.surface is None and older.hidden == () and older.instances == simap.instances
+    points = older.points()
+    assert (points.instances > 0).sum() > (older.instance > 0).sum() and not set(points.instances) & {back.hidden[0].id}
+    cells = {(round(y / 0.05 - 0.5), round(x / 0.05 - 0.5)) for x, y, _ in points.positions.tolist()}
+    assert len(cells) == np.count_nonzero(older.grid.observations)
+
+
+@pytest.mark.parametrize(
+    ("member", "value"),
+    [
+        ("surface_cell", np.array([-1], np.int32)), ("surface_owner", np.array([-99], np.int32)),
+        ("surface_color", np.zeros((3, 7), np.int8)), ("surface_low", np.array([99], np.int8)),
+        ("hidden", np.array(json.dumps([{"id": 1}]))), ("hidden", np.array("{}")), ("hidden", None),
+    ],
+)  # fmt: skip
+def test_a_damaged_surface_is_refused(tmp_path, member, value):
+    simap = map_of_columns(table_over_chairs())
+    save_map(simap, tmp_path / "a.npz")
+    with np.load(tmp_path / "a.npz") as archive:
+        arrays = dict(archive)
+    if value is None:
+        del arrays[member]
+    elif value.dtype.kind == "i" and value.ndim == 1:
+        arrays[member] = np.concatenate([value, arrays[member][1:]])
+    else:
+        arrays[member] = value
+    np.savez_compressed(tmp_path / "b.npz", **arrays)
+    with pytest.raises(InputError, match=r"b\.npz"):
+        load_map(tmp_path / "b.npz")
+
+
+def test_the_surface_follows_edits():
+    simap = map_of_columns(table_over_chairs())
+    chair, table = (simap.of_class(label)[0] for label in ("chair", "table"))
+    after = apply(simap, relabel(simap, chair.id, "stool"))
+    assert boxes(after, "stool") == [(2, 5, 9, 20, 8, 17)] and after.hidden == simap.hidden
+    gone = apply(simap, delete(simap, table.id))
+    points = gone.points()
+    assert table.id not in points.instances and len(points) == len(simap.points())
+    assert boxes(gone, "chair") == boxes(simap, "chair")
+    assert not {one.id for one in after.instances} & {one.id for one in after.hidden}
+    with pytest.raises(InputError, match="under or in"):
+        delete(simap, simap.hidden[0].id)
+
+
+def test_the_surface_follows_other_thresholds_and_communities():
+    simap = map_of_columns(table_over_chairs())
+    for other in (repartition(simap, affinity=0.9), recommunity(simap, resolution=20.0)):
+        assert len(other.points()) == len(simap.points()) and len(other.hidden) == 1
+        assert not {one.id for one in other.instances} & {one.id for one in other.hidden}
+        assert boxes(other, "chair")[0] == (2, 5, 2, 5, 8, 9)
+        below = other.points().instances[other.points().classes == 1]
+        assert (below > 0).all()
+
+
+def test_grey_stays_grey_and_colours_are_right_to_a_few_steps():
+    rgb = np.random.default_rng(1).integers(0, 256, (4000, 3)).astype(np.uint8)
+    assert np.abs(decoded_colors(coded_colors(rgb)).astype(int) - rgb).max() <= 12
+    grey = np.repeat(np.arange(256, dtype=np.uint8)[:, None], 3, axis=1)
+    found = decoded_colors(coded_colors(grey)).astype(int)
+    assert (found == found[:, :1]).all() and np.abs(found - grey).max() <= 4
