@@ -26,11 +26,11 @@ _MARGIN: Final = 0.28
 """How much less likely than the program another reading may be."""
 _ENDS: Final = ("COMMA", "AND", "THEN", "STOP")
 _MEANT: Final = frozenset({
-    "NOUN", "NOUNS", "ROOMKIND", "ROOM", "ROOMS", "PLACE", "SPOT", "NUM", "IF", "IFSEE", "UNLESS", "NEVER", "NOT",
-    "WITHOUT", "EXCEPT", "OTHERWISE", "UNTIL", "NOWAIT", "BEFORE", "AFTER", "HANDS", "NOTHING", "BUTFIRST", "BUTNO",
-    "NOTBEFORE", "VIA", "WHENEVER", "GO", "APPROACH", "TURN", "FACE", "LOOK", "CIRCLE", "PASS", "SPIN", "STAND",
-    "HALT", "RETURN", "BACKUP", "LEAVE", "STRAFE", "MAKE", "KEEP", "TAKE", "STEPS", "UTURN", "HOWMANY", "WHERE",
-    "WHICH", "WHAT", "HOWFAR", "HOWBIG",
+    "NOUN", "NOUNS", "ROOMKIND", "ROOM", "ROOMS", "PLACE", "SPOT", "NUM", "IF", "IFSEE", "UNLESS", "NEVER",
+    "NOT", "WITHOUT", "EXCEPT", "OTHERWISE", "UNTIL", "NOWAIT", "BEFORE", "AFTER", "HANDS", "NOTHING",
+    "BUTFIRST", "BUTNO", "NOTBEFORE", "VIA", "WHENEVER", "AVOID", "GO", "APPROACH", "TURN", "FACE", "LOOK",
+    "CIRCLE", "PASS", "SPIN", "STAND", "HALT", "RETURN", "BACKUP", "LEAVE", "STRAFE", "MAKE", "KEEP", "TAKE",
+    "STEPS", "UTURN", "HOWMANY", "WHERE", "WHICH", "WHAT", "HOWFAR", "HOWBIG",
 })  # fmt: skip
 """Tokens of what is done, with what, and on what condition: a clause that has one of them is never only talk."""
 _OPENS: Final = frozenset(["AT", "IN", "ON", "BY", "FOR", "FROM", "AND", "THEN"])
@@ -175,7 +175,7 @@ def _refusal(sentence: Sentence, chart: Chart, vocabulary: Vocabulary) -> str:
     begins = max((i for i in starts if i <= at), default=0)
     kinds = {edge.kind for edge in edges[begins]}
     clause = _in_brief(" ".join(words[begins:]))
-    if any(edge.kind == "NEVER" for here in edges[begins : at + 1] for edge in here):
+    if any(edge.kind in ("AVOID", "NEVER") for here in edges[begins : at + 1] for edge in here):
         return f'Not understood: "{clause}". A command says what to do, not what to leave out. {try_this}'
     if kinds & {"HANDS", "TAKE"}:
         can = "The robot has no hands and carries nothing: it can drive, turn, look, and answer questions."

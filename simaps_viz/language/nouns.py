@@ -26,6 +26,7 @@ _MAX_DEPTH: Final = 18
 _MAX_REPEATED: Final = 120
 """Characters of what things are near, up to which the nearest to it is taken rather than the first near it."""
 _ALL: Final = re.compile(r'things\(("[^"]*")\)')
+_IN_ROOM: Final = re.compile(r'inside\(things\("[^"]*"\), (room\("[^"]*"\))\)')
 _RANKED: Final = re.compile(r'nth\(things\(("[^"]*")\), (\d+)\)')
 
 
@@ -381,6 +382,12 @@ def _shaped(shape: str) -> Parts:
 @_rule("adjective", "EMPTY")
 def _empty() -> Parts:
     return _filter("empty({})")
+
+
+@_rule("adjective", "ALONE")
+def _alone() -> Parts:
+    """Read "the chair that stands by itself": nothing of its kind is next to it."""
+    return _filter("minus({}, near({}, {}))")
 
 
 @_rule("adjective", "TAKEN")
@@ -989,7 +996,12 @@ def _numbers(name: Noun, first: int, n: tuple[int, ...]) -> tuple[Phrase, ...]:
 
 @_rule("targets", "BOTH? one:np ((COMMA | AND)+ TO? FOR? AT? np)+")
 def _several(one: Phrase, np: tuple[Phrase, ...]) -> tuple[Phrase, ...]:
-    return lent((one, *np))
+    phrases = lent((one, *np))
+    room = _IN_ROOM.fullmatch(phrases[-1].text)
+    if room and all(phrase.many and _ALL.fullmatch(phrase.text) for phrase in phrases[:-1]):
+        # "each chair and each table in the living room": all of them are in it
+        phrases = tuple(replace(p, text=f"inside({p.text}, {room[1]})", whole="") for p in phrases[:-1]) + phrases[-1:]
+    return phrases
 
 
 def lent(phrases: Sequence[Phrase]) -> tuple[Phrase, ...]:
@@ -1042,6 +1054,13 @@ def _rooms_of(np: Phrase) -> Phrase:
 def _room_of_both(a: Phrase, b: Phrase) -> Phrase:
     text = f"having(having(rooms(), {a.argument}), {b.argument})"
     return Phrase(text, "rooms()", "room", False, a.notes + b.notes, a.others + b.others)
+
+
+@_rule("room", "_dets ROOM WITH (MOSTLY np | FEWEST few:np)", cost=-0.2)
+def _room_of_most(np: Phrase | None = None, few: Phrase | None = None) -> Phrase:
+    key, other = ("many", np) if np else ("few", few)
+    assert other is not None
+    return Phrase(f'first(order(rooms(), "{key}", {other.argument}))', "rooms()", "room", False, other.notes)
 
 
 @_rule("room", "_dets (NEAREST | key:SIZE | key:SUPER | key:MORE | FARTHEST) ROOM", cost=0.1)

@@ -453,7 +453,8 @@ _words("_looking", "FACE | LOOK | LOOK _prep+ | FACE _prep+ | TURN _prep* (LOOK 
 @_rule(
     "order",
     "_looking targets STILL? | _turning AROUND? (TO | TOWARD | AT)+ _looking? targets | UNTIL SEE targets | _turning "
-    "way? AROUND? UNTIL (SEE | LOOK | FACE) targets | _turning AROUND _looking targets",
+    "way? AROUND? UNTIL (SEE | LOOK | FACE) targets | _turning UNTIL targets IS (FRONT HERE | VIEW | SEEN) | "
+    "_turning AROUND _looking targets",
 )
 def _face(targets: tuple[Phrase, ...], way: str = "") -> Steps:
     return _each("robot.face({0})", targets, "face")
@@ -662,6 +663,11 @@ _NUMBERED: Final = (
     "EXIST (ATLEAST | more:MORETHAN | few:LESSTHAN | only:EXACTLY | most:ATMOST) n:whole np HERE?",
     "only:EXISTONLY n:whole np? HERE?",
 )
+
+
+@_rule("question", "HOWMANY DET* np (IS | EXIST)* IN EVERY (OF | DET)* (ROOM | ROOMS)", cost=-0.4)
+def _how_many_in_each(np: Phrase) -> Steps:
+    return _told(np, "room")
 
 
 @_rule("question", *_NUMBERED, cost=-0.3)
@@ -972,7 +978,13 @@ def _how_far_to_drive(b: Phrase, a: Phrase | None = None) -> Steps:
     return tuple(replace(one, notes=("how far is measured in a straight line",)) for one in said if isinstance(one, Do))
 
 
-@_rule("question", "HOWFAR APART? IS pair APART?", "(WHAT IS)? DET? DISTANCE (BETWEEN | OF) pair", cost=-0.1)
+@_rule(
+    "question",
+    "HOWFAR APART? IS pair APART?",
+    "HOWFAR BETWEEN pair",
+    "(WHAT IS)? DET? DISTANCE (BETWEEN | OF) pair",
+    cost=-0.1,
+)
 def _how_far_between(pair: tuple[Phrase, Phrase]) -> Steps:
     a, b = pair
     if a.text == b.text:

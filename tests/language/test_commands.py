@@ -300,6 +300,7 @@ def test_talk_around_an_order_is_left_out_with_a_note(said: str, left_out: str) 
         "pirouetting madly past the chair, go to the couch",  # with what
         "go gallivanting, then go to the couch",  # what else is done
         "go to the couch, unless hungover",  # on what condition
+        "stay away from the plants and go to the couch",  # by what way
     ],
 )
 def test_words_that_may_matter_are_never_left_out(said: str) -> None:
