@@ -38,14 +38,14 @@ bench: $(DEV_READY)
 	@$(BIN)/python apps/bench.py
 
 recordings: $(READY)
-	@$(BIN)/python apps/record_build.py
+	@$(BIN)/python apps/record_build.py --output recordings/cafe-evidence.rrd
 
 screenshots: $(DEV_READY) chromium
-	@$(BIN)/python apps/screenshots.py
+	@$(BIN)/python apps/screenshots.py --output assets
 
 docs: $(DEV_READY)
 	@$(BIN)/python apps/reference.py
-	@$(BIN)/python apps/method_figures.py
+	@$(BIN)/python apps/method_figures.py assets
 
 # The wheel is built from the source archive, so that the archive is known to be complete.
 dist: $(DEV_READY)

@@ -5,12 +5,9 @@ of a user. Each file in them, and each file of this checkout, is looked at befor
 changed, came or is gone counts as a success.
 """
 
-import contextlib
 import os
 import shutil
 import sys
-import tempfile
-from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
@@ -18,13 +15,14 @@ from unittest import mock
 
 import tyro
 from attacks.changes import OWN, build_to_stop
-from attacks.files import Watched
+from attacks.files import CHECKOUT, Watched, user_folders
 from attacks.run import ATTACKS, run_attack
 from attacks.target import Target
 
 from simaps_viz.app import workbench
 from simaps_viz.mapping.file import load_map
 from simaps_viz.mapping.mending import open_mending
+from simaps_viz.recorder.library import RecordingLibrary
 from simaps_viz.viewer.server.access import OWNER_VARIABLE, TOKEN_VARIABLE
 
 
@@ -41,7 +39,8 @@ class Attack:
 def main(config: Attack) -> int:
     """Try everything; the exit status is 1 when an attack succeeded."""
     chosen = [attack for attack in ATTACKS if config.only in attack.__name__]
-    with tempfile.TemporaryDirectory(prefix="simaps-attack-") as folder, _copies(Path(folder), config.map) as copy:
+    with user_folders() as folder:
+        copy = _copies(folder, config.map)
         simap, given = load_map(copy), {TOKEN_VARIABLE: "A-token_of_0123456789_abcdefghij"}
         given[OWNER_VARIABLE] = f"{given[TOKEN_VARIABLE]}-owner"
         recording, secret = copy.with_name("toy.rrd"), copy.with_name("secret.txt")
@@ -54,8 +53,8 @@ def main(config: Attack) -> int:
             opened(port=8290) as closed,
         ):
             for one in (bench, closed):
-                one.services = replace(one.services, panels=(*one.services.panels, build_to_stop(Path(folder))))
-            watched = Watched([Path(folder), Path(__file__).parents[1], config.map.absolute().parent])
+                one.services = replace(one.services, panels=(*one.services.panels, build_to_stop(folder)))
+            watched = Watched([folder, CHECKOUT, config.map.absolute().parent])
             outcomes = [run_attack(attack, Target(bench, closed, secret), watched) for attack in chosen]
     for one in outcomes:
         sys.stdout.write(f"| {one.name} | {one.what} | {one.tried} | {len(one.succeeded)} |\n")
@@ -66,25 +65,21 @@ def main(config: Attack) -> int:
     return 1 if succeeded else 0
 
 
-@contextlib.contextmanager
-def _copies(folder: Path, map_path: Path) -> Iterator[Path]:
-    """Make a user's folders with a recording and all files of a map in them, and be that user; yields the map."""
-    places = {
-        name: folder / name.lower() for name in ("XDG_DATA_HOME", "XDG_CACHE_HOME", "XDG_CONFIG_HOME", "SIMAPS_CACHE")
-    }
-    places["SIMAPS_RECORDINGS"] = folder / "recordings"
-    for place in (*places.values(), folder / "work"):
-        place.mkdir()
+def _copies(folder: Path, map_path: Path) -> Path:
+    """Fill a user's folders with a recording and all files of a map; returns the map."""
+    work = folder / "work"
     for file in map_path.parent.glob(f"{map_path.stem}*"):
         if file.is_file():
-            shutil.copy2(file, folder / "work")
-    recording = folder / "work" / "toy.rrd"
+            shutil.copy2(file, work)
+    recording = work / "toy.rrd"
     recording.write_bytes(bytes(range(256)) * 40)  # the servers read nothing of it
-    shutil.copy2(recording, places["SIMAPS_RECORDINGS"] / f"{OWN}.rrd")
-    (folder / "work" / "secret.txt").write_text(Target.secret_text)
-    (folder / "work" / "link.rrd").symlink_to(folder / "work" / "secret.txt")
-    with mock.patch.dict(os.environ, {name: str(place) for name, place in places.items()}):
-        yield folder / "work" / map_path.name
+    library = RecordingLibrary()
+    library.trash.mkdir()
+    for place in (library.folders[0] / f"{OWN}.rrd", library.trash / "old.rrd"):
+        shutil.copy2(recording, place)
+    (work / "secret.txt").write_text(Target.secret_text)
+    (work / "link.rrd").symlink_to(work / "secret.txt")
+    return work / map_path.name
 
 
 if __name__ == "__main__":

@@ -1,4 +1,7 @@
-"""Run every reader on damaged and hostile input, and print what came of it. See docs/RELIABILITY.md."""
+"""Run every reader on damaged and hostile input, and print what came of it. See docs/RELIABILITY.md.
+
+Readers run as a new user. A file of theirs or of this checkout that was changed, came or is gone is a finding.
+"""
 
 import sys
 from dataclasses import dataclass
@@ -8,6 +11,7 @@ import tyro
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "helpers"))  # the targets use the tests' samples
 
+from attacks.files import CHECKOUT, Watched, user_folders
 from attacks.fuzz_guided import guide
 from attacks.fuzz_runner import faults, fuzz, quotas, table
 from attacks.fuzz_targets import TARGETS
@@ -39,7 +43,10 @@ def main(config: Fuzz) -> int:
         return 2
     names = [n for n in config.targets or TARGETS if TARGETS[n].guided or not config.guided]
     run = guide if config.guided else fuzz
-    tallies = run(quotas(config.cases, names), seed=config.seed, results=config.results, seconds=config.seconds)
+    wanted = quotas(config.cases, names)
+    with user_folders() as folder:
+        watched = Watched([folder, CHECKOUT])
+        tallies = run(wanted, watched, seed=config.seed, results=config.results, seconds=config.seconds)
     sys.stdout.write(table(tallies) + "\n")
     for one in faults(tallies.values()):
         sys.stdout.write(f"{one['target']} case {one['case']}: {one['kind']} at {one['where']}: {one['detail']}\n")

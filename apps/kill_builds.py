@@ -3,6 +3,9 @@
 A resumed build must end in the same files, byte for byte. It runs in a child process, which does all that
 ``simaps build`` does and is ended by SIGKILL: nothing of it runs after that. The child is forked from this process,
 which has everything loaded, so that a hundred kills take minutes.
+
+Builds run as a new user. Beyond the folder that a build writes to no file may change: those of this user, of the
+sequence and of this checkout are looked at after each.
 """
 
 import os
@@ -14,10 +17,11 @@ import tempfile
 import time
 from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import tyro
+from attacks.files import CHECKOUT, Watched, user_folders
 
 from simaps_viz import open_sequence
 from simaps_viz.app.workbench import cache_folder
@@ -179,12 +183,14 @@ def main(config: KillBuilds) -> int:
     """Kill, resume, compare, print; the exit status is 0 when nothing was lost."""
     with stage_progress() as progress:
         path = config.sequence or ensure_demo(cache_dir=cache_folder(), progress=progress)
-    with tempfile.TemporaryDirectory() as scratch:
-        work = Path(scratch) / "work"
-        work.mkdir()
-        manifest = write_posed_frames(open_sequence(path), Path(scratch) / "frames", every=config.every)
-        frames = len(open_sequence(manifest))
-        done = list(kill_builds(simaps, manifest, work, frames=frames, kills=config.kills, seed=config.seed))
+    done: list[KilledBuild] = []
+    with user_folders() as folder, tempfile.TemporaryDirectory() as work:
+        manifest = write_posed_frames(open_sequence(path), folder / "work", every=config.every)
+        frames, watched = len(open_sequence(manifest)), Watched([folder, CHECKOUT, path.absolute().parent])
+        before = watched.files()
+        for one in kill_builds(simaps, manifest, Path(work), frames=frames, kills=config.kills, seed=config.seed):
+            done.append(replace(one, faults=(*one.faults, *watched.changes(before))))
+            before = watched.files()
     sys.stdout.write(table(done) + "\n")
     return int(any(one.faults for one in done))
 

@@ -1,4 +1,7 @@
-"""Draw the figures of docs/METHOD.md: a corner of the embedded scene, with light simulated errors. `make docs`."""
+"""Draw the figures of docs/METHOD.md: a corner of the embedded scene, with light simulated errors.
+
+`make docs` renews those of `assets/`: `python apps/method_figures.py assets`.
+"""
 
 import sys
 from dataclasses import replace
@@ -14,7 +17,7 @@ from simaps_viz.colors.classes import class_color
 from simaps_viz.colors.instances import class_colors, instance_colors
 from simaps_viz.scenes.demo import ensure_demo
 
-ASSETS = Path(__file__).parents[1] / "assets"
+BUILD = Path(__file__).parents[1] / "build"
 SOUTH_WEST_M, ROWS, COLS = (0.2, 5.85), 28, 48  # chairs in a row at the counter
 PIXELS = 12  # a cell's edge
 SAME, DIFFERENT, GROUND = (30, 120, 60), (206, 17, 38), (235, 235, 235)
@@ -48,6 +51,8 @@ def with_evidence(simap: SIMap, label: str, reach: int = 4) -> NDArray:
 
 
 if __name__ == "__main__":
+    folder = Path(sys.argv[1]) if sys.argv[1:] else BUILD
+    folder.mkdir(exist_ok=True)
     sequence, config = open_sequence(ensure_demo(cache_dir=cache_folder())), BuildConfig()
     highest = build_map(sequence, replace(config, votes=replace(config.votes, enabled=False)))
     voted = build_map(sequence, config)
@@ -57,4 +62,4 @@ if __name__ == "__main__":
              "merge": tuple(paint(voted, ids, colors) for ids in merge)}  # fmt: skip
     for name, (left, right) in pairs.items():
         both = np.hstack([left, np.full_like(left[:, :PIXELS], 255), right])
-        sys.stdout.write(f"method-{name}.png {cv2.imwrite(str(ASSETS / f'method-{name}.png'), both[..., ::-1])}\n")
+        sys.stdout.write(f"method-{name}.png {cv2.imwrite(str(folder / f'method-{name}.png'), both[..., ::-1])}\n")

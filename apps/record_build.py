@@ -1,4 +1,4 @@
-"""Record a build of the embedded scene for `recordings/`, with its map beside it. `make recordings`."""
+"""Record a build of the embedded scene, with its map beside it. `make recordings` renews those of `recordings/`."""
 
 import sys
 import tempfile
@@ -16,14 +16,14 @@ from simaps_viz.scenes.demo import ensure_demo
 
 # A little less than the default, so that the repository stays small.
 SHIPPED = RecorderSettings(color_every=2, depth_every=4, map_every=2, points=800, edges=400)
-RECORDINGS = Path(__file__).parents[1] / "recordings"
+BUILD = Path(__file__).parents[1] / "build"
 
 
 @dataclass(frozen=True)
 class Record:
     """Which build to record, and where to."""
 
-    output: Path = RECORDINGS / "cafe-evidence.rrd"
+    output: Path = BUILD / "cafe-evidence.rrd"
     """The recording to write."""
     method: str = "evidence"
     """Of the build."""
@@ -31,6 +31,7 @@ class Record:
 
 def main(config: Record) -> None:
     """Render the scene if need be, build it, and keep the recording and the map, which the demo shows at once."""
+    config.output.parent.mkdir(exist_ok=True)
     with stage_progress() as progress, tempfile.TemporaryDirectory() as scratch:
         sequence = open_sequence(ensure_demo(cache_dir=cache_folder(), progress=progress))
         output = Path(scratch) / "cafe.npz"

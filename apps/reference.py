@@ -6,6 +6,7 @@ import re
 from pathlib import Path
 
 import simaps_viz
+from simaps_viz.io.files import write_whole
 
 PAGE = Path(__file__).parents[1] / "docs" / "REFERENCE.md"
 HEAD = """# Every public name
@@ -57,4 +58,4 @@ def page() -> str:
 
 
 if __name__ == "__main__":
-    PAGE.write_text(page(), encoding="utf-8")
+    write_whole(PAGE, page().encode(), "the reference")

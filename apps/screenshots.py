@@ -1,4 +1,4 @@
-"""Take the pictures of the documentation from the embedded scene, in headless Chromium. `make screenshots`."""
+"""Take pictures of the embedded scene's page, in headless Chromium. `make screenshots` renews those of `assets/`."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -19,7 +19,7 @@ class Screenshots:
 
     width: int = 1440
     height: int = 860
-    output: Path = Path(__file__).parents[1] / "assets"
+    output: Path = Path(__file__).parents[1] / "build"
     only: str = ""
     """Name of one of them."""
 
@@ -29,6 +29,7 @@ def main(config: Screenshots) -> None:
     with stage_progress() as progress:
         sequence = open_sequence(ensure_demo(cache_dir=workbench.cache_folder(), progress=progress))
         simap, recording = workbench.cached_build(sequence, "evidence", BuildConfig(), progress)
+    config.output.mkdir(exist_ok=True)
     with browser() as chromium:
         take(chromium, simap, recording, config.output, width=config.width, height=config.height, only=config.only)
 

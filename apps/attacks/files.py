@@ -1,11 +1,29 @@
 """The files that an attack could reach, and whether they are as they were."""
 
+import contextlib
 import os
+import tempfile
 from collections.abc import Iterator, Sequence
 from pathlib import Path
+from unittest import mock
+
+CHECKOUT = Path(__file__).parents[2]
+"""Of this program; nothing that is tried may change a file in it."""
 
 _OURS = frozenset([".git", ".venv", "__pycache__", ".pytest_cache", ".ruff_cache", ".hypothesis", "node_modules"])
 """Folders that programs of this machine write to meanwhile."""
+
+
+@contextlib.contextmanager
+def user_folders() -> Iterator[Path]:
+    """Make the folders of a new user, and be that user; yields the folder that they are in, with "work" to work in."""
+    names = ("XDG_DATA_HOME", "XDG_CACHE_HOME", "XDG_CONFIG_HOME", "SIMAPS_CACHE", "SIMAPS_RECORDINGS")
+    with tempfile.TemporaryDirectory(prefix="simaps-tried-") as name:
+        places = {variable: str(Path(name, variable.lower())) for variable in names}
+        for place in (*places.values(), Path(name, "work")):
+            Path(place).mkdir()
+        with mock.patch.dict(os.environ, places):
+            yield Path(name)
 
 
 class Watched:

@@ -42,7 +42,7 @@ class Finding:
     target: str
     case: int
     kind: str
-    """"traceback", "hang", "message" or "died"."""
+    """"traceback", "hang", "message", "died" or "file"."""
     where: str
     """The last line of this program on the way, and the kind of error: findings of one fault share it."""
     detail: str

@@ -13,6 +13,8 @@ from pathlib import Path
 from random import Random
 from typing import Any
 
+from attacks.files import Watched
+
 ROOT = Path(__file__).parents[2]
 PATHS = (ROOT / "apps", ROOT / "tests" / "helpers", ROOT)
 SEEDS, SEED_BYTES, LONGEST = 40, 200, 4096
@@ -38,16 +40,24 @@ class Fed(Random):
 
 
 def guide(
-    wanted: dict[str, int], *, seed: int = 0, results: Path | None = None, seconds: float = 1e9
+    wanted: dict[str, int],
+    watched: Watched | None = None,
+    *,
+    seed: int = 0,
+    results: Path | None = None,
+    seconds: float = 1e9,
 ) -> dict[str, Any]:
     """Run cases, target after target; like `fuzz_runner.fuzz`, but each takes its time in one go."""
-    from attacks.fuzz_runner import Tally, load  # noqa: PLC0415 - as below
+    from attacks.fuzz_runner import Tally, load, touched  # noqa: PLC0415 - as below
 
     tallies = load(results)
     for name, count in wanted.items():
         tally = tallies.setdefault(name, Tally())
         if tally.cases < count:
-            tally.add(_run(name, seed + tally.cases, count - tally.cases, seconds / len(wanted)))
+            before = watched.files() if watched else {}
+            record = _run(name, seed + tally.cases, count - tally.cases, seconds / len(wanted))
+            record["findings"] += touched(name, watched, before)
+            tally.add(record)
         if results is not None:
             results.write_text(json.dumps({n: asdict(t) for n, t in tallies.items()}, indent=1))
     return tallies

@@ -12,6 +12,7 @@ from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
 
+from attacks.files import Watched
 from attacks.fuzz_cases import Finding, write
 from attacks.fuzz_targets import TARGETS
 
@@ -51,12 +52,19 @@ def quotas(total: int, names: Sequence[str]) -> dict[str, int]:
 
 
 def fuzz(
-    wanted: dict[str, int], *, seed: int = 0, results: Path | None = None, seconds: float = 1e9, batch_s: float = 60.0
+    wanted: dict[str, int],
+    watched: Watched | None = None,
+    *,
+    seed: int = 0,
+    results: Path | None = None,
+    seconds: float = 1e9,
+    batch_s: float = 60.0,
 ) -> dict[str, Tally]:
     """Run cases, target after target, round and round, until every target has its number or time is up.
 
     Args:
         wanted: number of cases by target.
+        watched: files that no case may change.
         seed: of all choices; case n of a target is always the same.
         results: numbers are kept there, and added to when it is run again.
         seconds: stop after so long.
@@ -71,13 +79,20 @@ def fuzz(
         for name in left:
             if time.monotonic() > end:
                 return tallies
-            tally = tallies[name]
+            tally, before = tallies[name], watched.files() if watched else {}
             record = _batch(name, seed, tally.cases, wanted[name] - tally.cases, min(batch_s, end - time.monotonic()))
+            record["findings"] += touched(name, watched, before)
             tally.add(record)
             for one in record["findings"]:
                 write(str(Finding(**one)))
             if results is not None:
                 results.write_text(json.dumps({n: asdict(t) for n, t in tallies.items()}, indent=1))
+
+
+def touched(name: str, watched: Watched | None, before: Any) -> list[dict[str, Any]]:
+    """Return a finding for each file that is not as it was before the cases of a target; -1 stands for their number."""
+    changes = watched.changes(before) if watched else []
+    return [vars(Finding(name, -1, "file", what, "")) for what in changes]
 
 
 def table(tallies: dict[str, Tally]) -> str:

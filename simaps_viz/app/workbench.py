@@ -111,7 +111,7 @@ def tell_where(page: "Workbench | FrontDoor", what: str = "Workbench", *, browse
     """Print where a page is served; ``browser``: also open it in the browser."""
     note(f"{what}: {page.entrance}  (Ctrl-C to stop)")
     if page.access.owner_token:
-        note(f"Only with this address can the map and files be changed: {page.owner_entrance}")
+        note(f"Only from this address can anything be changed: {page.owner_entrance}")
     if page.access.is_open:
         note("Open to the network, not encrypted; whoever has this address has the map.")
     if browser:

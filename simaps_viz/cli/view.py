@@ -1,6 +1,6 @@
 """`simaps view`: the workbench on a map, a sequence or a recorded build."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Annotated
 
@@ -44,7 +44,7 @@ class View:
 
         serving = self.serving.options()
         if is_recorded_build(self.path):
-            view_alone(self.path, **serving)
+            view_alone(self.path, **replace(self.serving, allow_edit=False, read_only=True).options())
             return OK
         if is_sequence(self.path):
             with stage_progress() as progress:

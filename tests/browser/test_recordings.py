@@ -14,6 +14,7 @@ from simaps_viz.errors import InputError
 from simaps_viz.recorder.facts import finished_facts, send_facts
 from simaps_viz.recorder.library import RecordingLibrary
 from simaps_viz.viewer.panels.recordings import RecordingsPanel
+from simaps_viz.viewer.server.access import Access
 
 
 def record(path: Path, name: str) -> Path:
@@ -122,6 +123,16 @@ def test_what_cannot_be_opened_says_so_and_nothing_at_all_too(browser: Browser, 
         button(page, "List again").click()
         expect(page.get_by_text("simaps build SEQUENCE -o MAP.npz --record MAP.rrd")).to_be_visible()
         expect(button(page, "Delete …")).to_have_count(0)
+
+
+def test_who_has_the_token_sees_the_recording(browser: Browser, tmp_path: Path):
+    door = open_alone(record(tmp_path / "one.rrd", "first"), access=Access(token="A-token_of_0123456789_abcdefghij"))
+    try:
+        with watched_page(browser) as page:
+            page.goto(door.entrance)
+            page.wait_for_function("() => window.simapsEvents?.some((event) => event.recording_id === 'first')")
+    finally:
+        door.close()
 
 
 def test_a_recording_alone_and_another_in_its_place(browser: Browser, tmp_path: Path):

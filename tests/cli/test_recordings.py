@@ -261,7 +261,7 @@ def test_what_view_takes_for_a_recorded_build(monkeypatch, tmp_path, recorded, c
     assert main(["view", str(recorded), "--no-browser", "--port", "8123"]) == 0
     (path, options), *others = shown
     assert (path, options["port"], options["browser"], others) == (recorded, 8123, False, [])
-    assert options["access"].host == "127.0.0.1"
+    assert options["access"].host == "127.0.0.1" and options["access"].read_only
     assert main(["view", str(tmp_path / "theirs.rrd"), "--no-browser"]) == BAD_INPUT
     assert "theirs.rrd" in capsys.readouterr().err.replace("\n", "") and len(shown) == 1
 

@@ -8,7 +8,8 @@ import signal
 import warnings
 
 import pytest
-from attacks import fuzz_cases
+from attacks import fuzz_cases, fuzz_runner
+from attacks.files import Watched
 from attacks.fuzz_cases import Finding, Target, choices, limit_time, try_case
 from attacks.fuzz_guided import Fed
 from attacks.fuzz_mutators import mutator_of
@@ -92,6 +93,16 @@ def test_a_process_that_dies_is_a_finding():
     record = _batch("no such target", 0, 5, 10, 1.0)
     assert (record["cases"], record["refused"]) == (1, 0)
     assert record["findings"][0]["kind"] == "died" and record["findings"][0]["case"] == 5
+
+
+def test_a_case_that_touches_a_file_is_a_finding(tmp_path, monkeypatch):
+    def writes(*_):
+        (tmp_path / "new").touch()
+        return {"cases": 1, "accepted": 1, "refused": 0, "seconds": 0.0, "peak_bytes": 0, "findings": []}
+
+    monkeypatch.setattr(fuzz_runner, "_batch", writes)
+    found = fuzz_runner.fuzz({"manifest": 1}, Watched([tmp_path]))["manifest"].findings
+    assert [(one["kind"], one["where"]) for one in found] == [("file", f"{tmp_path / 'new'} is new")]
 
 
 def test_counts_add_up():

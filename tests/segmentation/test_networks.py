@@ -1,6 +1,9 @@
 """Network files: told apart, opened, read; and one clear line for each that cannot be used."""
 
 import json
+import os
+import subprocess
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -15,6 +18,7 @@ from simaps_viz.segmentation.recognise import NetworkSettings, open_network
 from simaps_viz.segmentation.session import choose_providers
 from simaps_viz.segmentation.yolo_seg import Detections, detection_masks, raw_detections, suppress
 
+ROOT = Path(__file__).parents[2]
 GREY = np.full((24, 32, 3), 90, np.uint8)
 
 
@@ -230,6 +234,17 @@ def test_class_names_come_in_many_files(tmp_path, name, text):
 def test_bad_class_names_are_refused(table):
     with pytest.raises(InputError, match="expected"):
         names_in("side file", json.loads(table))
+
+
+@pytest.mark.slow
+def test_networks_report_to_nobody(tmp_path):
+    """onnxruntime's telemetry, where its build has one, begins with a device id in the user's cache folder."""
+    write_yolo(tmp_path / "n.onnx", [])
+    program = "import sys, simaps_viz.segmentation.session as s; s.Session(sys.argv[1])"
+    environment = {name: value for name, value in os.environ.items() if name not in ("CI", "ORT_DISABLE_TELEMETRY")}
+    environment |= {"HOME": str(tmp_path / "home"), "XDG_CACHE_HOME": str(tmp_path / "home"), "PYTHONPATH": str(ROOT)}
+    subprocess.run([sys.executable, "-c", program, str(tmp_path / "n.onnx")], env=environment, check=True)
+    assert not list((tmp_path / "home").rglob("*"))
 
 
 def test_a_side_file_can_say_what_is_a_thing():

@@ -1,0 +1,114 @@
+"""What is tried, measured and shown leaves the checkout as it was, also when it is killed."""
+
+import os
+import shutil
+import signal
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from attacks.files import CHECKOUT, user_folders
+from browser import free_port
+from sequences import write_tiny_sequence
+from toy_maps import toy_map
+
+from simaps_viz.mapping.file import save_map
+
+MAP, SEQUENCE, PORT = "MAP", "SEQUENCE", "PORT"
+PROGRAMS = {
+    "attack": [MAP, "--only", "requests_that_are_none"],
+    "bench": [SEQUENCE, "--runs", "1"],
+    "bench_building": ["--side", "10", "--frames", "40"],
+    "bench_cluster": [SEQUENCE, "--workers", "1", "--copies", "1"],
+    "fuzz": ["--cases", "30", "--targets", "posed frames"],
+    "kill_builds": ["--sequence", SEQUENCE, "--every", "1", "--kills", "1"],
+    "load": ["--map", MAP, "--clients", "1", "--minutes", "0.1", "--port", PORT],
+    "reference": [],
+}
+"""Programs of apps/ that are run to their end."""
+KILLED = {
+    **{name: PROGRAMS[name] for name in ("attack", "kill_builds", "load")},
+    "bench_live": ["--sequence", SEQUENCE],
+    "bench_networks": [],
+    "bench_page": [],
+    "fake_robot": [SEQUENCE, "--port", PORT],
+    "method_figures": [],
+    "record_build": [],
+    "screenshots": [],
+    "workbench": [MAP, "--no-browser", "--port", PORT],
+    "demo": ["--no-browser", "--port", PORT],
+}
+"""Programs of apps/, and the demo, that are killed."""
+
+
+@pytest.fixture(scope="module")
+def given(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("given")
+    write_tiny_sequence(folder / "tiny", frames=6)
+    save_map(toy_map(), folder / "toy.npz")
+    return {MAP: str(folder / "toy.npz"), SEQUENCE: str(folder / "tiny"), PORT: str(free_port())}
+
+
+def checkout():
+    """Return git's account of the checkout: what is not committed, and how it differs."""
+    if shutil.which("git") is None or not (CHECKOUT / ".git").exists():
+        pytest.skip("this is no checkout")
+    said = [("status", "--porcelain", "--untracked-files=all"), ("diff",)]
+    return [subprocess.run(["git", *words], cwd=CHECKOUT, capture_output=True, check=True).stdout for words in said]
+
+
+def start(name, options, given):
+    """Start a program in the checkout, as somebody would, in a process group of its own."""
+    words = ["-m", "simaps_viz", "demo"] if name == "demo" else [str(CHECKOUT / "apps" / f"{name}.py")]
+    return subprocess.Popen(
+        [sys.executable, *words, *(given.get(word, word) for word in options)],
+        cwd=CHECKOUT, stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True,
+        start_new_session=True, env={**os.environ, "PYTHONPATH": str(CHECKOUT), "SIMAPS_NO_BROWSER": "1"},
+    )  # fmt: skip
+
+
+def test_there_is_no_other_program():
+    named = {*PROGRAMS, *KILLED} - {"demo"}
+    assert named == {path.stem for path in (CHECKOUT / "apps").glob("*.py")}
+
+
+@pytest.mark.parametrize("name", PROGRAMS)
+def test_programs_leave_a_checkout_as_it_was(given, name):
+    before = checkout()
+    with user_folders():
+        process = start(name, PROGRAMS[name], given)
+        said, _ = process.communicate(timeout=600)
+    assert process.returncode == 0, said
+    assert checkout() == before
+
+
+@pytest.mark.parametrize("name", KILLED)
+def test_killed_programs_leave_a_checkout_as_it_was(given, name):
+    before = checkout()
+    with user_folders():
+        process = start(name, KILLED[name], given)
+        try:  # at work by then, on a machine that has nothing else to do; nothing depends on it
+            process.communicate(timeout=8.0)
+        except subprocess.TimeoutExpired:
+            os.killpg(process.pid, signal.SIGKILL)
+            process.communicate()
+    assert checkout() == before
+
+
+def test_a_file_that_comes_or_changes_is_noticed():
+    before, new = checkout(), CHECKOUT / "tests" / "left-behind.txt"
+    try:
+        new.touch()
+        assert checkout() != before
+    finally:
+        new.unlink()
+
+
+def test_figures_and_pictures_go_to_the_checkout_only_when_asked_to():
+    """`make docs`, `make recordings` and `make screenshots` name the folder; the programs alone write to build/."""
+    ignored = subprocess.run(["git", "check-ignore", "build/x"], cwd=CHECKOUT, capture_output=True, check=False)
+    assert ignored.returncode == 0
+    for name in ("record_build", "screenshots", "method_figures"):
+        text = Path(CHECKOUT / "apps" / f"{name}.py").read_text(encoding="utf-8")
+        assert '"build"' in text and '"assets"' not in text and '"recordings"' not in text
