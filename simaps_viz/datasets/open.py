@@ -21,6 +21,7 @@ READERS: list[str | Reader] = [
     "simaps_viz.datasets.habitat:HabitatReader",
     "simaps_viz.datasets.nerfstudio:NerfstudioReader",
     "simaps_viz.datasets.arkit:ArkitReader",
+    "simaps_viz.datasets.colmap:ColmapReader",
     "simaps_viz.datasets.record3d:Record3DReader",
     "simaps_viz.datasets.polycam:PolycamReader",
     "simaps_viz.datasets.rosbag:RosbagReader",

@@ -25,7 +25,7 @@ from scans_folders import (
 )
 from scans_mcap import foxglove_mcap, ros1_mcap
 from scans_rerun import rerun_rrd
-from scans_slam import instant_ngp, redwood, rtabmap, slam_folder, stray_scanner
+from scans_slam import colmap, instant_ngp, redwood, rtabmap, slam_folder, stray_scanner
 
 from simaps_viz import build_map, open_sequence
 from simaps_viz.datasets.convert import write_posed_frames
@@ -39,7 +39,7 @@ pytestmark = pytest.mark.slow
 WRITERS = [tum, seven_scenes, scannet, replica, nerfstudio, habitat, habitat_classes, arkit, polycam, record3d_zip,
            record3d_folder, record3d_exr, ros1_bag, ros2_sqlite, ros2_mcap, rerun_rrd, sens, lidar,
            cloud_bag, instant_ngp, redwood, rtabmap, slam_folder, stray_scanner, foxglove_mcap,
-           ros1_mcap]  # fmt: skip
+           ros1_mcap, colmap]  # fmt: skip
 
 
 class Segmented:

@@ -13,7 +13,7 @@ import pytest
 from scans import FRAMES, LEANING, Sample, camera, look, map_pose, row, steps
 from scans_bags import rvl
 from scans_folders import tum
-from scans_slam import instant_ngp, redwood, rtabmap, rtabmap_calibration, slam_folder, stray_scanner
+from scans_slam import colmap, instant_ngp, redwood, rtabmap, rtabmap_calibration, slam_folder, stray_scanner
 
 from simaps_viz import open_sequence
 from simaps_viz.datasets.open import recognise
@@ -265,6 +265,29 @@ def test_depth_that_nerfcapture_has_clipped(tmp_path):
     edit(path, integer_depth_scale=None, depth_integer_scale=1.0)
     with pytest.raises(
         InputError, match=r"depth\.png: expected a 16-bit depth image with one channel, found 8 bits and 4"
+    ):
+        open_sequence(path)
+
+
+@pytest.mark.parametrize("text", [False, True])
+@pytest.mark.parametrize(
+    ("unit_m", "note"), [(0.37, "COLMAP's unit is 0.37 m, by the depth of"), (1.0, "poses are metres")]
+)
+def test_colmap_s_scale_is_found_in_depth(tmp_path, text, unit_m, note):
+    sample = colmap(tmp_path, text=text, unit_m=unit_m)
+    sequence = open_sequence(sample.path)
+    assert sequence.notes[0].startswith(note)
+    assert sequence.notes[1] == "1 of 5 pictures have no depth or are missing: left out"
+    np.testing.assert_allclose(sequence.poses, open_sequence(sample.reference).poses, atol=2e-3)
+
+
+def test_colmap_s_depth_of_other_pictures_is_refused(tmp_path):
+    path = colmap(tmp_path).path
+    rng = np.random.default_rng(1)
+    for file in (path / "depth").iterdir():
+        cv2.imwrite(str(file), rng.integers(300, 9000, (48, 64)).astype(np.uint16))
+    with pytest.raises(
+        InputError, match=r"room: expected one scale between points and depth, found .* in millimetres\?"
     ):
         open_sequence(path)
 

@@ -176,3 +176,61 @@ def instant_ngp(folder: Path) -> Sample:
     shared = {"fl_x": 1.0, "fl_y": 1.0, "cx": 320, "cy": 240, "w": 0, "h": 0, "integer_depth_scale": unit_m}
     (path / "transforms.json").write_text(json.dumps(shared | {"frames": frames}))
     return Sample(path, write_reference(folder / "reference", k, LEANING, unit_m=unit_m))
+
+
+def colmap(folder: Path, *, text: bool = False, unit_m: float = 0.5) -> Sample:
+    """COLMAP's unit is half a metre; depth sees its points; colour is twice as large, one picture without depth."""
+    k, path = camera(), folder / "room"
+    large = Intrinsics(128, 96, k.fx * 2, k.fy * 2, k.cx * 2 + 0.5, k.cy * 2 + 0.5)
+    (path / "sparse/0").mkdir(parents=True)
+    rng = np.random.default_rng(0)
+    points, pictures = [], []
+    for i in range(FRAMES + 1):
+        depth_m, _ = look(k, map_pose(i))
+        write_image(path / f"images/IMG_{i}.png", COLORS[look(large, map_pose(i))[1]])
+        if i < FRAMES:
+            write_depth(path / f"depth/IMG_{i}.png", steps(depth_m))
+        stored_m = steps(depth_m) * np.float32(0.001)  # as the sensor has it, so that the scale is exact
+        v, u = np.nonzero(depth_m)
+        chosen = rng.choice(len(v), 60, replace=False)
+        rays = np.stack([(u - k.cx) / k.fx, (v - k.cy) / k.fy, np.ones(len(u))], axis=1)[chosen]
+        T = LEANING.pose(i)
+        at = (rays * stored_m[v, u][chosen, None]) @ T[:3, :3].T + T[:3, 3]
+        first = len(points)
+        points += list(at / unit_m)
+        pixels = np.stack([u, v], axis=1)[chosen] * 2.0 + 1.0
+        pictures.append((f"IMG_{i}.png", invert_pose(T), pixels, np.arange(first, first + 60) + 1))
+    values = (large.fx, large.fy, large.cx + 0.5, large.cy + 0.5)
+    write = _colmap_text if text else _colmap_binary
+    write(path / "sparse/0", large, values, pictures[::-1], points, unit_m)
+    reference = write_reference(folder / "reference", k, LEANING)
+    return Sample(path, reference, exact_color=False)
+
+
+def _colmap_binary(folder: Path, k: Intrinsics, values, pictures, points, unit_m: float) -> None:
+    (folder / "cameras.bin").write_bytes(struct.pack("<QiiQQ4d", 1, 7, 1, k.width, k.height, *values))
+    data = struct.pack("<Q", len(pictures))
+    for number, (name, T, pixels, ids) in enumerate(pictures):
+        x, y, z, w = quaternion(T)
+        data += struct.pack("<i7di", number, w, x, y, z, *(T[:3, 3] / unit_m), 7) + name.encode() + b"\0"
+        data += struct.pack("<Q", len(ids) + 1) + struct.pack("<ddq", 1.0, 1.0, -1)
+        data += b"".join(struct.pack("<ddq", *pixel, i) for pixel, i in zip(pixels, ids, strict=True))
+    (folder / "images.bin").write_bytes(data)
+    data = struct.pack("<Q", len(points))
+    for number, point in enumerate(points, 1):
+        data += struct.pack("<Q3d3BdQ", number, *point, 9, 9, 9, 0.5, 2) + struct.pack("<4i", 1, 2, 3, 4)
+    (folder / "points3D.bin").write_bytes(data)
+
+
+def _colmap_text(folder: Path, k: Intrinsics, values, pictures, points, unit_m: float) -> None:
+    head = "# Camera list with one line of data per camera:\n"
+    (folder / "cameras.txt").write_text(f"{head}7 PINHOLE {k.width} {k.height} {row(np.array(values))}\n")
+    lines = ["# Image list with two lines of data per image:"]
+    for number, (name, T, pixels, ids) in enumerate(pictures):
+        x, y, z, w = quaternion(T)
+        lines.append(f"{number} {row(np.array([w, x, y, z]))} {row(T[:3, 3] / unit_m)} 7 {name}")
+        seen = " ".join(f"{row(pixel)} {i}" for pixel, i in zip(pixels, ids, strict=True))
+        lines.append("" if name == "IMG_1.png" else seen)  # a picture whose points were lost has an empty line
+    (folder / "images.txt").write_text("\n".join(lines) + "\n")
+    lines = [f"{i} {row(point)} 9 9 9 0.5 1 2" for i, point in enumerate(points, 1)]
+    (folder / "points3D.txt").write_text("\n".join(lines) + "\n")

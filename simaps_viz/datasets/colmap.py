@@ -1,0 +1,282 @@
+"""Read COLMAP reconstructions with depth images of a sensor beside the pictures.
+
+COLMAP's world has any scale. The points it found are in the depth images, too: how much farther away these have them is
+the scale, by which poses become metres.
+"""
+
+import re
+import struct
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from simaps_viz.datasets.calibration import Lens, from_quaternion, numbers, pinhole
+from simaps_viz.datasets.file_frames import FileFrames, depth_npy, depth_png
+from simaps_viz.datasets.images import image_size
+from simaps_viz.datasets.recording import FormatFacts, Reader, Recording, complete, left_out
+from simaps_viz.errors import InputError
+from simaps_viz.geometry import invert_pose, spread, transform_points
+from simaps_viz.io.limits import MAX_CLOUD_BYTES, MAX_FRAMES, read_bytes
+
+FACTS = FormatFacts(
+    title="COLMAP with depth",
+    recognised_by="`sparse/0/` or `sparse/` with `images`, `cameras` (`.bin`, `.txt`); `images/`, `depth/`",
+    depth="16-bit PNG or `.npy` (metres)",
+    pose="world to camera: quaternion w x y z, position; scaled to metres by the points",
+)
+_MODELS = {
+    0: ("SIMPLE_PINHOLE", "fxy"), 1: ("PINHOLE", "fgxy"), 2: ("SIMPLE_RADIAL", "fxyk"), 3: ("RADIAL", "fxykk"),
+    4: ("OPENCV", "fgxykkkk"), 5: ("OPENCV_FISHEYE", "fgxykkkk"), 6: ("FULL_OPENCV", "fgxykkkkkkkk"),
+    8: ("SIMPLE_RADIAL_FISHEYE", "fxyk"), 9: ("RADIAL_FISHEYE", "fxykk"),
+}  # fmt: skip
+"""{number: (name, parameters)}: focal lengths f (both) or f and g, principal point x and y, distortion k."""
+PIXEL_CENTRE = 0.5
+"""Where COLMAP has the centre of the first pixel."""
+DEPTHS = ("depth", "depths", "depth_maps")
+_SAMPLED, _FEWEST, _AGREED = 40, 50, 0.15
+"""Pictures the scale is estimated in, points it needs, and how far its quartiles may be from the median."""
+METRIC = 0.02
+"""A scale this near to 1 is the depth's own error, not another unit."""
+
+
+@dataclass(frozen=True, eq=False)
+class _Picture:
+    """One registered picture."""
+
+    name: str
+    camera: int
+    T_camera_world: NDArray
+    pixels: NDArray
+    """float64 [n, 2], where points were found."""
+    points: NDArray
+    """int64 [n], their ids; -1 = none."""
+
+
+class ColmapReader(Reader):
+    """The reader of COLMAP reconstructions with depth."""
+
+    facts = FACTS
+
+    def recognise(self, path: Path) -> bool:
+        """Return whether a folder is in this format, from names alone."""
+        return _model(path) is not None and _depths(path) is not None
+
+    def open(self, path: Path) -> Recording:
+        """Open a reconstruction; raises InputError for anything that is not as the format wants it."""
+        model, depths = _model(path), _depths(path)
+        assert model is not None and depths is not None
+        with complete(model, FACTS.title):
+            cameras, pictures, points = _read(model)
+        folder = path / "images" if (path / "images").is_dir() else path
+        found = [(picture, folder / picture.name, _depth_file(depths, picture.name)) for picture in pictures]
+        kept = [(p, color, depth) for p, color, depth in found if depth is not None and color.is_file()]
+        if not kept:
+            raise InputError(f"{depths}: expected depth named as the pictures, found none for {len(pictures)} pictures")
+        kept.sort(key=lambda item: item[0].name)
+        color_files, depth_files = [color for _, color, _ in kept], [depth for _, _, depth in kept if depth is not None]
+        missing = next((p for p, _, _ in kept if p.camera not in cameras), None)
+        if missing is not None:
+            raise InputError(f"{model}: expected camera {missing.camera} of {missing.name}, found none of that number")
+        lenses = [cameras[p.camera].scaled(*image_size(color)) for p, color, _ in kept]
+        height, width = _read_depth(depth_files[0]).shape
+        depth_lenses = [lens.scaled(width, height) for lens in lenses]
+        scale, note = _scale(path, [p for p, _, _ in kept], depth_files, lenses, points)
+        poses = np.stack([invert_pose(p.T_camera_world) for p, _, _ in kept])
+        poses[:, :3, 3] *= scale
+        files = FileFrames(color_files, depth_files, lenses, depth_lenses, depth_lenses[0].intrinsics, _read_depth)
+        stems = [Path(p.name).stem.replace(" ", "_") for p, _, _ in kept]
+        return files.recording(
+            FACTS,
+            path,
+            name=path.resolve().name,
+            frame_names=tuple(stems) if len(set(stems)) == len(stems) else tuple(f"{i:06d}" for i in range(len(stems))),
+            poses=poses,
+            notes=(note, *left_out(len(pictures) - len(kept), len(pictures), "pictures have no depth or are missing")),
+        )
+
+
+def _model(path: Path) -> Path | None:
+    folders = (path / "sparse" / "0", path / "sparse", path / "colmap" / "sparse" / "0")
+    return next((f for f in folders for end in ("bin", "txt") if (f / f"images.{end}").is_file()), None)
+
+
+def _depths(path: Path) -> Path | None:
+    return next((path / name for name in DEPTHS if (path / name).is_dir()), None)
+
+
+def _depth_file(folder: Path, name: str) -> Path | None:
+    """Return the depth image of a picture: of its name but for the suffix, or with another one behind it."""
+    plain = Path(name)
+    stems = (folder / plain.with_suffix(""), folder / plain.stem, folder / plain)
+    files = (stem.parent / f"{stem.name}{end}" for stem in stems for end in (".png", ".npy"))
+    return next((file for file in files if file.is_file()), None)
+
+
+def _read_depth(path: Path) -> NDArray:
+    return depth_npy()(path) if path.suffix == ".npy" else depth_png(FACTS.depth_unit_m)(path)
+
+
+def _scale(
+    path: Path, pictures: list[_Picture], depth_files: list[Path], lenses: list[Lens], points: dict[int, NDArray]
+) -> tuple[float, str]:
+    """Return how many metres COLMAP's unit is, and a note on how that is known.
+
+    Raises:
+        InputError: Depth and points do not agree on one.
+    """
+    ratios = []
+    for i in spread(len(pictures), _SAMPLED):
+        picture = pictures[i]
+        seen = [j for j, number in enumerate(picture.points.tolist()) if number in points]
+        if not seen:
+            continue
+        depth_m = _read_depth(depth_files[i])
+        height, width = depth_m.shape
+        k = lenses[i].intrinsics
+        z = transform_points(picture.T_camera_world, np.stack([points[int(picture.points[j])] for j in seen]))[:, 2]
+        u, v = (picture.pixels[seen] * (width / k.width, height / k.height)).T.astype(np.int64)
+        inside = (u >= 0) & (v >= 0) & (u < width) & (v < height) & (z > 0)
+        measured = depth_m[v[inside], u[inside]]
+        ratios.append((measured / z[inside])[measured > 0])
+    found = np.concatenate(ratios) if ratios else np.zeros(0)
+    if not points:
+        return 1.0, "the reconstruction has no points to compare with depth: its poses are taken as metres"
+    if len(found) < _FEWEST:
+        raise InputError(f"{path}: expected {_FEWEST} points or more with depth, for the scale, found {len(found)}")
+    low, scale, high = (float(x) for x in np.percentile(found, (25, 50, 75)))
+    if not scale * (1 - _AGREED) <= low <= high <= scale * (1 + _AGREED):
+        raise InputError(
+            f"{path}: expected one scale between points and depth, found {low:.3g} to {high:.3g} m for half of the "
+            f"{len(found)} points; does depth belong to these pictures, in millimetres?"
+        )
+    if abs(scale - 1) < METRIC:
+        return 1.0, f"poses are metres: depth and {len(found)} points agree"
+    return scale, f"COLMAP's unit is {scale:.4g} m, by the depth of {len(found)} points"
+
+
+def _read(model: Path) -> tuple[dict[int, Lens], list[_Picture], dict[int, NDArray]]:
+    """Read cameras, pictures and points of a folder, in binary or text."""
+    if (model / "images.bin").is_file():
+        read = _Binary(model / "cameras.bin"), _Binary(model / "images.bin"), model / "points3D.bin"
+        points = _points_binary(_Binary(read[2])) if read[2].is_file() else {}
+        return _cameras_binary(read[0]), _pictures_binary(read[1]), points
+    points = _points_text(model / "points3D.txt") if (model / "points3D.txt").is_file() else {}
+    return _cameras_text(model / "cameras.txt"), _pictures_text(model / "images.txt"), points
+
+
+def _lens(where: str, model: int, width: int, height: int, values: NDArray) -> Lens:
+    name, kinds = _MODELS.get(model, ("", ""))
+    if not name or len(values) != len(kinds):
+        known = ", ".join(name for name, _ in _MODELS.values())
+        raise InputError(f"{where}: expected one of {known}, found model {model} of {len(values)} numbers")
+    by_kind = {kind: [float(v) for v, k in zip(values, kinds, strict=True) if k == kind] for kind in "fgxyk"}
+    (fx,), (cx,), (cy,) = by_kind["f"], by_kind["x"], by_kind["y"]
+    fy = by_kind["g"][0] if by_kind["g"] else fx
+    camera = pinhole(where, width, height, fx, fy, cx - PIXEL_CENTRE, cy - PIXEL_CENTRE)
+    distortion = tuple(by_kind["k"])
+    return Lens(camera, distortion if any(distortion) else (), fisheye=name.endswith("FISHEYE"))
+
+
+class _Binary:
+    """A binary file, read forwards."""
+
+    def __init__(self, path: Path) -> None:
+        self.path, self._at = path, 0
+        self._data = read_bytes(path, MAX_CLOUD_BYTES, "a COLMAP model")
+
+    def take(self, form: str) -> tuple:
+        """Return the numbers of the next bytes; struct.error, which `complete` turns, where there are fewer."""
+        form = f"<{form}"
+        found = struct.unpack_from(form, self._data, self._at)
+        self._at += struct.calcsize(form)
+        return found
+
+    def array(self, dtype: np.dtype, count: int) -> NDArray:
+        """Return the next rows; raises ValueError where there are fewer."""
+        found = np.frombuffer(self._data, dtype, count, self._at)
+        self._at += dtype.itemsize * count
+        return found
+
+    def text(self) -> str:
+        """Return the characters up to the next zero byte."""
+        end = self._data.index(b"\0", self._at)
+        found, self._at = self._data[self._at : end], end + 1
+        return found.decode("utf-8", errors="replace")
+
+    def many(self, most: int) -> int:
+        """Return how many things follow; raises InputError for more than a file of its size can hold."""
+        (count,) = self.take("Q")
+        if count > min(most, len(self._data)):
+            raise InputError(f"{self.path}: expected a COLMAP model, found {count} entries in {len(self._data)} bytes")
+        return count
+
+
+def _cameras_binary(file: _Binary) -> dict[int, Lens]:
+    cameras = {}
+    for _ in range(file.many(MAX_FRAMES)):
+        number, model, width, height = file.take("iiQQ")
+        values = np.array(file.take(f"{len(_MODELS.get(model, ('', ''))[1])}d"))
+        cameras[number] = _lens(f"{file.path}: camera {number}", model, width, height, values)
+    return cameras
+
+
+_SEEN = np.dtype([("pixel", "<f8", 2), ("point", "<i8")])
+
+
+def _pictures_binary(file: _Binary) -> list[_Picture]:
+    pictures = []
+    for _ in range(file.many(MAX_FRAMES)):
+        _, w, x, y, z, *position, camera = file.take("i7di")
+        name = file.text()
+        seen = file.array(_SEEN, file.many(1 << 40))
+        T = from_quaternion(f"{file.path}: {name}", position, (x, y, z, w))
+        pictures.append(_Picture(name, camera, T, seen["pixel"], seen["point"]))
+    return pictures
+
+
+def _points_binary(file: _Binary) -> dict[int, NDArray]:
+    points = {}
+    for _ in range(file.many(1 << 40)):
+        number, *xyz, _, _, _, _, track = file.take("Q3d3BdQ")
+        points[number] = np.array(xyz)
+        file.array(np.dtype("<i8"), track)
+    return points
+
+
+def _lines(path: Path) -> list[tuple[str, list[str]]]:
+    """Return (where, words) of the lines that are no comments, empty ones too."""
+    text = read_bytes(path, MAX_CLOUD_BYTES, "a COLMAP model").decode("utf-8", errors="replace")
+    numbered = enumerate(re.split("\r\n|\r|\n", text), start=1)
+    return [(f"{path}, line {i}", line.split()) for i, line in numbered if not line.startswith("#")]
+
+
+def _cameras_text(path: Path) -> dict[int, Lens]:
+    named = {name: number for number, (name, _) in _MODELS.items()}
+    cameras = {}
+    for where, (number, model, *rest) in (line for line in _lines(path) if line[1]):
+        width, height, *values = numbers(where, rest, finite=True)
+        cameras[int(number)] = _lens(where, named.get(model, -1), int(width), int(height), np.array(values))
+    return cameras
+
+
+def _pictures_text(path: Path) -> list[_Picture]:
+    pictures, lines = [], _lines(path)
+    at = 0
+    while at < len(lines):
+        where, found = lines[at]
+        at += 1
+        if not found:
+            continue
+        w, x, y, z, *position = numbers(where, found[1:8], finite=True)
+        seen = numbers(where, lines[at][1] if at < len(lines) else []).reshape(-1, 3)  # the next line, empty or not
+        at += 1
+        T = from_quaternion(where, position, (x, y, z, w))
+        pictures.append(_Picture(" ".join(found[9:]), int(found[8]), T, seen[:, :2], seen[:, 2].astype(np.int64)))
+    return pictures
+
+
+def _points_text(path: Path) -> dict[int, NDArray]:
+    lines = [(where, found) for where, found in _lines(path) if found]
+    return {int(found[0]): numbers(where, found[1:4], finite=True) for where, found in lines}
