@@ -50,7 +50,7 @@ class StrayScannerReader(Reader):
         kept = [
             i
             for i, (_, row) in enumerate(rows)
-            if all(map(math.isfinite, row.values())) and row["frame"] < video.frames and files[i].is_file()
+            if all(math.isfinite(row[name]) for name in _COLUMNS) and row["frame"] < video.frames and files[i].is_file()
         ]
         if not kept:
             raise InputError(
@@ -86,7 +86,7 @@ class StrayScannerReader(Reader):
 
 
 def _rows(path: Path) -> list[tuple[str, dict[str, float]]]:
-    """Return (where, numbers by column) of each line; newer versions of the app write more columns."""
+    """Return (where, numbers by column) of each line; newer versions of the app write more columns, some empty."""
     lines = _lines(path)
     names = lines[0][1] if lines else []
     if not set(_COLUMNS) <= set(names):
@@ -95,7 +95,8 @@ def _rows(path: Path) -> list[tuple[str, dict[str, float]]]:
     for where, found in lines[1:]:
         if len(found) != len(names):
             raise InputError(f"{where}: expected {len(names)} numbers, found {len(found)}")
-        row = {name: _number(where, word) for name, word in zip(names, found, strict=True)}
+        known = {name: word for name, word in zip(names, found, strict=True) if name in _COLUMNS + _CAMERA}
+        row = {name: _number(where, word or ("nan" if name in _CAMERA else "")) for name, word in known.items()}
         if not 0 <= row["frame"] < MAX_FRAMES:
             raise InputError(f"{where}: frame: expected a whole number below {MAX_FRAMES}, found {row['frame']:g}")
         rows.append((where, row))

@@ -89,17 +89,35 @@ def rtabmap(folder: Path, *, optimised: bool = True) -> Sample:
 
 
 def stray_scanner(folder: Path) -> Sample:
-    """Colour is a video three times as large; one pose more than pictures, and later versions' columns of cameras."""
+    """Colour is a video three times as large; one pose more than pictures; columns of later versions, two empty."""
     k = camera()
     large = Intrinsics(192, 144, k.fx * 3, k.fy * 3, k.cx * 3 + 1, k.cy * 3 + 1)
     path = folder / "71de12f9"
     (path / "depth").mkdir(parents=True)
     video = cv2.VideoWriter(str(path / "rgb.mp4"), cv2.VideoWriter.fourcc(*"mp4v"), 60, (large.width, large.height))
-    lines = [["timestamp", " frame", " x", " y", " z", " qx", " qy", " qz", " qw", " fx", " fy", " cx", " cy"]]
+    lines = [
+        [
+            "timestamp",
+            " frame",
+            " x",
+            " y",
+            " z",
+            " qx",
+            " qy",
+            " qz",
+            " qw",
+            " fx",
+            " fy",
+            " cx",
+            " cy",
+            " distortion_center_x",
+            " distortion_center_y",
+        ]
+    ]
     for i in range(FRAMES + 1):
         T = Y_UP.pose(i)
         numbers = [*T[:3, 3], *quaternion(T), large.fx, large.fy, large.cx, large.cy]
-        lines.append([f"{START_S + i * INTERVAL_S}", f" {i:06d}", *(f" {float(x)!r}" for x in numbers)])
+        lines.append([f"{START_S + i * INTERVAL_S}", f" {i:06d}", *(f" {float(x)!r}" for x in numbers), " ", " "])
         if i < FRAMES:
             write_depth(path / f"depth/{i:06d}.png", steps(look(k, map_pose(i))[0]))
             video.write(np.ascontiguousarray(COLORS[look(large, map_pose(i))[1]][..., ::-1]))
