@@ -283,6 +283,16 @@ class Box:
         ends = [self.center_m[2] + sign * self.size_m[2] / 2 for sign in (-1, 1)]
         return np.concatenate([np.column_stack([ring, np.full(4, z)]) for z in ends])
 
+    @property
+    def edges_m(self) -> NDArray:
+        """float64 [12, 2, 3], its edges."""
+        c = self.corners_m
+        ring = np.array([0, 1, 2, 3])
+        pairs = np.concatenate(
+            [np.stack([r, np.roll(r, -1)], 1) for r in (ring, ring + 4)] + [np.stack([ring, ring + 4], 1)]
+        )
+        return c[pairs]
+
 
 @dataclass(frozen=True)
 class InSpace:

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from simaps_viz.colors.array_cache import ArrayCache
 from simaps_viz.colors.classes import COMMON, class_color
-from simaps_viz.colors.palette import PALETTE, Color, as_color
+from simaps_viz.colors.palette import PALETTE, Color, as_color, color_of_number
 from simaps_viz.geometry import moved
 from simaps_viz.structures import GridSpec, MergeLog, SIMap
 
@@ -32,6 +32,12 @@ def instance_colors(simap: SIMap) -> NDArray:
         uint8 [n, 3], RGB, indexed by id; row 0 is black. The same for every K or evidence of a map.
     """
     return _instance_colors.get(_arrays(simap), None, lambda: _chosen_colors(simap, None))
+
+
+def color_of_instance(simap: SIMap, instance_id: int) -> Color:
+    """Return the colour of one instance; one that no cell shows has the colour of its number."""
+    colors = instance_colors(simap)
+    return as_color(colors[instance_id]) if instance_id < len(colors) else color_of_number(instance_id)
 
 
 def take_over(simap: SIMap, before: SIMap, first: int | None = None) -> None:

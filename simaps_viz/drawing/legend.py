@@ -1,7 +1,7 @@
 """Legends of the colours, and descriptions of a map and its objects, as text and as small pieces of HTML."""
 
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from html import escape
 from pathlib import PurePath
 
@@ -9,11 +9,12 @@ import cv2
 import numpy as np
 
 from simaps_viz.colors.classes import plural
-from simaps_viz.colors.instances import class_colors, instance_colors
+from simaps_viz.colors.instances import class_colors, color_of_instance, instance_colors
 from simaps_viz.colors.naming import color_name
 from simaps_viz.colors.palette import PALETTE, Color, as_color
 from simaps_viz.drawing.texture import HEIGHT_TOP_M, ColorMode
 from simaps_viz.drawing.theme import BOX_STYLE, DIM_STYLE, LIGHT, NESTED_EM, Theme, short, short_html
+from simaps_viz.mapping.in_space import all_instances, has_voxels
 from simaps_viz.structures import Instance, SIMap
 
 MAX_CHIPS = 40
@@ -51,18 +52,19 @@ def why_empty(simap: SIMap) -> str:
 
 def object_name(simap: SIMap, instance: Instance) -> str:
     """Name an instance among its class: "chair 7 of 17"."""
-    return f"{short_name(simap, instance)} of {len(simap.of_class(instance.label))}"
+    return f"{short_name(simap, instance)} of {sum(other.label == instance.label for other in all_instances(simap))}"
 
 
 def object_names(simap: SIMap, most: int | None = None) -> dict[str, int]:
     """Return {name: id} of the instances, named as `object_name` does; ``most`` keeps only the largest."""
-    total = simap.counts()
+    instances = all_instances(simap)
+    total = Counter(instance.label for instance in instances)
     number: Counter[str] = Counter()
     floor = 0
-    if most is not None and len(simap.instances) > most:
-        floor = sorted((instance.cells for instance in simap.instances), reverse=True)[most - 1]
+    if most is not None and len(instances) > most:
+        floor = sorted((instance.cells for instance in instances), reverse=True)[most - 1]
     names: dict[str, int] = {}
-    for instance in simap.instances:
+    for instance in instances:
         number[instance.label] += 1
         if instance.cells >= floor and (most is None or len(names) < most):
             names[f"{instance.label} {number[instance.label]} of {total[instance.label]}"] = instance.id
@@ -71,7 +73,7 @@ def object_names(simap: SIMap, most: int | None = None) -> dict[str, int]:
 
 def short_name(simap: SIMap, instance: Instance) -> str:
     """Name an instance without saying how many its class has: "chair 7"."""
-    siblings = [other.id for other in simap.of_class(instance.label)]
+    siblings = [other.id for other in all_instances(simap) if other.label == instance.label]
     return f"{instance.label} {siblings.index(instance.id) + 1}"
 
 
@@ -86,12 +88,13 @@ def facts_html(simap: SIMap, instance: Instance) -> str:
     """Describe an instance in full: name, facts, place, size, score."""
     (x0, y0, _), (x1, y1, top) = instance.aabb_m
     x, y, _ = instance.centroid_m
-    color = as_color(instance_colors(simap)[instance.id])
+    color = color_of_instance(simap, instance.id)
     seen = simap.color_of(instance)
     rows = (
         ("Number", f"{instance.id} on this map"),
         ("Position", f"x {x:.2f} m, y {y:.2f} m (map frame)"),
-        ("Size", f"{x1 - x0:.2f} × {y1 - y0:.2f} m, top at {top:.2f} m"),
+        ("Size", _size(instance) if has_voxels(simap) else f"{x1 - x0:.2f} × {y1 - y0:.2f} m, top at {top:.2f} m"),
+        *[(kind, ", ".join(short_name(simap, simap.by_id(i)) for i in found)) for kind, found in _related(instance)],
         ("Score", f"{instance.score:.2f} mean confidence"),
         *([("Colour", f"about {color_name(seen)}, as the cameras saw it")] if seen is not None else []),
     )
@@ -107,11 +110,28 @@ def facts_html(simap: SIMap, instance: Instance) -> str:
     )
 
 
+def _size(instance: Instance) -> str:
+    box = instance.box
+    if box is None:
+        return "no surface of it was seen"
+    sides = " × ".join(f"{side:.2f}" for side in box.size_m)
+    return f"{sides} m, from {box.center_m[2] - box.size_m[2] / 2:.2f} m up"
+
+
+def _related(instance: Instance) -> list[tuple[str, Iterable[int]]]:
+    """Return what an instance stands on, in and under, each said once."""
+    under = [other for other in instance.under if other not in instance.inside and other not in instance.on]
+    related = (("On", list(instance.on)[:1]), ("In", instance.inside), ("Under", under))
+    return [(kind, found) for kind, found in related if found]
+
+
 def legend_html(simap: SIMap, mode: ColorMode, theme: Theme = LIGHT) -> str:
     """Explain every colour of a mode."""
     if mode == "height":
         bar = _bar("0 m", f"{HEIGHT_TOP_M:g} m and more", "height of the highest point over the floor")
         return _box(f"{bar}{_unseen(theme)}")
+    if mode == "photo":
+        return _box(f"<div>as the cameras saw it; from above, objects are outlined</div>{_unseen(theme)}")
     if mode == "observations":
         most = int(simap.grid.observations.max(initial=0))
         return _box(f"{_bar('0', plural(most, 'frame'), 'frames that saw the cell, logarithmic')}{_unseen(theme)}")

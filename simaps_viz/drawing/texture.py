@@ -18,9 +18,10 @@ from simaps_viz.colors.instances import class_colors, instance_colors
 from simaps_viz.colors.palette import PALETTE, Color
 from simaps_viz.drawing.theme import LIGHT, Theme
 from simaps_viz.geometry import STANDS_FROM_M
+from simaps_viz.mapping.in_space import has_voxels, space_points
 from simaps_viz.structures import Grid, GridSpec, SIMap
 
-ColorMode = Literal["instance", "class", "height", "observations"]
+ColorMode = Literal["instance", "class", "height", "observations", "photo"]
 COLOR_MODES: tuple[ColorMode, ...] = get_args(ColorMode)
 
 UNSEEN, FLOOR, CLUTTER, WALL = LIGHT.unseen, LIGHT.floor, LIGHT.clutter, LIGHT.wall
@@ -40,7 +41,7 @@ MAX_SKETCH_PIXELS = 200
 """Along the longer side; larger maps show every so many-th cell."""
 CAMERA = (220, 60, 40)
 
-_grounds = ArrayCache()
+_grounds, _photos = ArrayCache(), ArrayCache()
 
 
 @dataclass(frozen=True, eq=False)
@@ -78,8 +79,8 @@ def cell_colors(
     Returns:
         uint8 [rows, cols, 3], RGB.
     """
-    if mode in ("height", "observations"):
-        colors = _ramp_colors(simap, mode, theme)
+    if mode in ("height", "observations", "photo"):
+        colors = photo(simap, theme) if mode == "photo" else _ramp_colors(simap, mode, theme)
         if lit is None:
             return colors
         keep = np.isin(simap.instance, np.fromiter(lit, np.int32, len(lit)))
@@ -158,8 +159,37 @@ def map_image(
         return colors
     image = cv2.resize(colors, None, fx=scale, fy=scale, interpolation=cv2.INTER_NEAREST)
     if scale >= 3 and mode in ("instance", "class"):
-        _darken_rims(image, colors, simap.instance, scale)
+        _draw_rims(image, (colors * BORDER).astype(np.uint8), simap.instance, scale)
+    elif mode == "photo" and scale > 1:
+        rims = cell_colors(simap, "instance", lit=lit, hidden=hidden, theme=theme)
+        _draw_rims(image, rims, simap.instance, scale)
     return image
+
+
+def color_modes(simap: SIMap) -> tuple[ColorMode, ...]:
+    """Return the colour modes of a map: "photo" only where it knows the colours of its surface."""
+    return COLOR_MODES if has_voxels(simap) else tuple(mode for mode in COLOR_MODES if mode != "photo")
+
+
+def photo(simap: SIMap, theme: Theme = LIGHT) -> NDArray:
+    """Return the room from above as it looked: uint8 [rows, cols, 3], the colour of the highest voxel of each cell.
+
+    Cells without a point are as if unseen.
+    """
+    points, spec = space_points(simap), simap.spec
+
+    def compute() -> NDArray:
+        col = np.floor((points.positions[:, 0] - spec.x0_m) / spec.cell_size_m).astype(np.int64)
+        row = np.floor((points.positions[:, 1] - spec.y0_m) / spec.cell_size_m).astype(np.int64)
+        inside = np.flatnonzero((row >= 0) & (row < spec.rows) & (col >= 0) & (col < spec.cols))
+        order = inside[np.argsort(points.positions[inside, 2], kind="stable")]  # the highest is written last
+        image = np.zeros((*spec.shape, 4), np.uint8)
+        image[row[order], col[order], :3] = points.colors[order]
+        image[row[order], col[order], 3] = 255
+        return image
+
+    image = _photos.get((points.positions, points.colors), None, compute)
+    return np.where(image[..., 3:] > 0, image[..., :3], np.array(theme.unseen, np.uint8))
 
 
 def outline_segments(simap: SIMap, instance_id: int, z_m: float = 0.0) -> NDArray:
@@ -208,14 +238,14 @@ def _ramp(values: NDArray, unseen: NDArray, theme: Theme) -> NDArray:
     return colors
 
 
-def _darken_rims(image: NDArray, colors: NDArray, instance: NDArray, scale: int) -> None:
-    """Darken, in place, the pixels of an instance that touch another or none.
+def _draw_rims(image: NDArray, colors: NDArray, instance: NDArray, scale: int) -> None:
+    """Give, in place, the pixels of an instance that touch another or none the colour of their cell in ``colors``.
 
     Works on cells and writes only their outermost pixel rows and columns: a fraction of the picture.
     """
     rows, cols = instance.shape
     pixels = image.reshape(rows, scale, cols, scale, 3)
-    dark = (colors * BORDER).astype(np.uint8)[:, :, None, :]
+    rims = colors[:, :, None, :]
     padded = np.pad(instance, 1)
     sides = (
         (pixels[:, 0], padded[:-2, 1:-1]),
@@ -225,7 +255,7 @@ def _darken_rims(image: NDArray, colors: NDArray, instance: NDArray, scale: int)
     )
     for side, neighbour in sides:
         edge = (instance > 0) & (instance != neighbour)
-        np.copyto(side, dark, where=edge[:, :, None, None])
+        np.copyto(side, rims, where=edge[:, :, None, None])
 
 
 def sketch_png(grid: Grid, camera_m: NDArray, theme: Theme = LIGHT) -> bytes:

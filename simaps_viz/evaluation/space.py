@@ -28,10 +28,12 @@ from simaps_viz.events import Progress
 from simaps_viz.geometry import back_project, transform_points
 from simaps_viz.mapping.accumulator import ProjectionSettings
 from simaps_viz.mapping.in_space import (
+    FRINGE_PERCENT,
     VOXEL_M,
     X_BITS,
     Z_BITS,
     Relations,
+    among,
     box_of,
     column_points,
     has_voxels,
@@ -242,9 +244,9 @@ def found_in(points: Points, names: Sequence[str], truth: SpaceTruth) -> Found:
     kept = np.isfinite(points.positions).all(axis=1) & (height < truth.cut_m) & (height > -truth.below_m)
     points = Points(points.positions[kept], points.colors[kept], points.classes[kept], points.instances[kept])
     objects = voxels_by_instance(points, truth.origin_m)
-    voxels = {number: keys[~_among(keys, truth.void)] for number, keys in objects.items()}
+    voxels = {number: keys[~among(keys, truth.void)] for number, keys in objects.items()}
     ids, classes, _ = majority(points.instances.astype(np.int64), points.classes.astype(np.int64))
-    labels = {n: names[c] if c >= 0 else "" for n, c in zip(ids.tolist(), classes.tolist(), strict=True)}
+    labels = {int(n): str(names[int(c)]) if c >= 0 else "" for n, c in zip(ids, classes, strict=True)}
     return Found(
         {number: keys for number, keys in voxels.items() if len(keys) >= MIN_FOUND},
         objects,
@@ -274,7 +276,7 @@ def score_space(points: Points, names: Sequence[str], truth: SpaceTruth) -> Spac
         matched = {b for _, b in best_pairs(loose, 0.5, above=True) + best_pairs(loose, 0.25)}
         excuses = _joined(keys for _, keys in small), _grown(_joined(keys for name, keys in small if name == label))
         asked = [
-            b in matched or max(float(_among(found.voxels[number], part).mean()) for part in excuses) <= 0.5
+            b in matched or max(float(among(found.voxels[number], part).mean()) for part in excuses) <= 0.5
             for b, number in enumerate(mine)
         ]
         mine = [number for number, is_asked in zip(mine, asked, strict=True) if is_asked]
@@ -285,7 +287,7 @@ def score_space(points: Points, names: Sequence[str], truth: SpaceTruth) -> Spac
     hidden_only = [_hidden_part(one, found.voxels, near_true, truth.hidden) for one in classes]
     matches = [(one.true[a], one.mine[b]) for one in classes for a, b in best_pairs(one.loose, 0.5, above=True)]
     partner = {one.true[a]: one.mine[b] for one in classes for a, b in best_pairs(one.loose, 0.25)} | dict(matches)
-    held = sum(int(_among(truth.below[number], near_found[other]).sum()) for number, other in partner.items())
+    held = sum(int(among(truth.below[number], near_found[other]).sum()) for number, other in partner.items())
     below = sum(len(truth.below[number]) for number in counted)
     everything = _joined(counted.values())
     return SpaceScores(
@@ -295,7 +297,7 @@ def score_space(points: Points, names: Sequence[str], truth: SpaceTruth) -> Spac
         by_class={one.label: one.tally(one.loose).score() for one in classes},
         below_recall=held / max(below, 1),
         volume_ratio=sum(len(found.voxels[b]) for _, b in matches) / max(sum(len(counted[a]) for a, _ in matches), 1),
-        covered=float(_among(everything, _grown(found.everything)).mean()) if len(everything) else 0.0,
+        covered=float(among(everything, _grown(found.everything)).mean()) if len(everything) else 0.0,
         boxes=_score_boxes(found.objects, found.labels, truth),
     )
 
@@ -377,28 +379,21 @@ def _overlaps(
     loose, strict = np.zeros((2, len(true), len(mine)))
     for a, number in enumerate(true):
         for b, other in enumerate(mine):
-            precision = _among(found[other], near_true[number]).mean()
+            precision = among(found[other], near_true[number]).mean()
             if precision == 0.0:
                 continue
-            recall = _among(counted[number], near_found[other]).mean()
+            recall = among(counted[number], near_found[other]).mean()
             f = 2 * precision * recall / (precision + recall)
             loose[a, b] = f / (2 - f)
-            both = _among(found[other], counted[number]).sum()
+            both = among(found[other], counted[number]).sum()
             strict[a, b] = both / (len(found[other]) + len(counted[number]) - both)
     return loose, strict
 
 
 def _lies_on_hidden(keys: NDArray, near_true: Mapping[int, NDArray], hidden: set[int]) -> bool:
-    touched = {number: int(_among(keys, near).sum()) for number, near in near_true.items()}
+    touched = {number: int(among(keys, near).sum()) for number, near in near_true.items()}
     on_hidden = sum(count for number, count in touched.items() if number in hidden)
     return on_hidden > sum(touched.values()) - on_hidden
-
-
-def _among(keys: NDArray, sorted_keys: NDArray) -> NDArray:
-    """Return which keys are among others, bool [n]."""
-    if len(sorted_keys) == 0:
-        return np.zeros(len(keys), bool)
-    return sorted_keys[np.minimum(np.searchsorted(sorted_keys, keys), len(sorted_keys) - 1)] == keys
 
 
 def _grown(keys: NDArray) -> NDArray:
@@ -414,8 +409,8 @@ def _score_boxes(objects: Mapping[int, NDArray], labels: Mapping[int, str], trut
     """Score boxes and relations, found in the same way as the true ones."""
     counted = truth.counted
     true_boxes, boxes = (
-        {number: _fair(box_of(keys, truth.origin_m), truth.cut_m) for number, keys in side.items()}
-        for side in (counted, objects)
+        {n: _fair(box_of(keys, truth.origin_m, trim_percent=trim), truth.cut_m) for n, keys in side.items()}
+        for side, trim in ((counted, 0.0), (objects, FRINGE_PERCENT))
     )
     small = [voxel_indices(keys) for number, keys in truth.voxels.items() if number not in counted]
 

@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 from scipy import ndimage
 
 from simaps_viz.colors.classes import class_color
-from simaps_viz.colors.instances import class_colors, instance_colors
-from simaps_viz.colors.palette import Color, color_of_number
+from simaps_viz.colors.instances import class_colors, color_of_instance
+from simaps_viz.colors.palette import Color
 from simaps_viz.exports.exporter import Exporter, ExportOptions
 from simaps_viz.structures import GridSpec, Instance, SIMap
 
@@ -51,11 +51,7 @@ def node_name(instance: Instance) -> str:
 
 def color_of(simap: SIMap, instance: Instance) -> Color:
     """Return the instance's colour on the page, RGB, 0-255."""
-    colors = instance_colors(simap)
-    if instance.id >= len(colors):  # hidden: it has no community
-        return color_of_number(instance.id)
-    r, g, b = colors[instance.id].tolist()
-    return (r, g, b)
+    return color_of_instance(simap, instance.id)
 
 
 def label_colors(simap: SIMap) -> list[Color]:

@@ -24,6 +24,7 @@ _REACH: Final = 2
 """Cells by which what was seen of a surface is grown: what stands on it hides the rest."""
 _MIN_SURFACE: Final = 3
 """Voxels."""
+FRINGE_PERCENT: Final = 1.0
 MIN_ON, MIN_UNDER, MIN_INSIDE = 0.5, 0.3, 0.5
 """Shares of an object's cells from which it stands on, under or in another."""
 
@@ -74,31 +75,51 @@ def majority(keys: NDArray, values: NDArray, weights: NDArray | None = None) -> 
     return keys[last], values[last], totals
 
 
+def among(keys: NDArray, sorted_keys: NDArray) -> NDArray:
+    """Return which keys are among others, bool [n]."""
+    if len(sorted_keys) == 0:
+        return np.zeros(len(keys), bool)
+    return sorted_keys[np.minimum(np.searchsorted(sorted_keys, keys), len(sorted_keys) - 1)] == keys
+
+
 def voxels_by_instance(points: Points, origin_m: tuple[float, float]) -> dict[int, NDArray]:
     """Return {instance: its voxels, sorted keys}; a voxel in which several have points is of the one with most."""
-    keys, owner, _ = majority(voxel_keys(points.positions, origin_m), points.instances.astype(np.int64))
+    keys = voxel_keys(points.positions, origin_m)
+    order = np.argsort(keys)
+    keys, owner = keys[order], points.instances[order].astype(np.int64)
+    if (np.diff(keys) == 0).any():
+        keys, owner, _ = majority(keys, owner)
+    keys, owner = keys[owner > 0], owner[owner > 0]
     order = np.argsort(owner, kind="stable")
     ids, starts = np.unique(owner[order], return_index=True)
     parts = np.split(keys[order], starts[1:])
-    return {int(number): part for number, part in zip(ids, parts, strict=True) if number > 0}
+    return dict(zip(ids.tolist(), parts, strict=True)) if len(ids) else {}
 
 
-def box_of(keys: NDArray, origin_m: tuple[float, float]) -> Box:
-    """Return the box round an object's voxels: the rectangle of least area round their centres, from low to high.
+def box_of(keys: NDArray, origin_m: tuple[float, float], *, trim_percent: float = FRINGE_PERCENT) -> Box:
+    """Return the box round an object's voxels: turned as the rectangle of least area round their centres.
 
-    The ends are those of the 2nd and 98th percentile in height. Centres, as a thing ends anywhere in its last voxel;
-    no side is shorter than a voxel.
+    From low to high it reaches from the 2nd to the 98th percentile. Centres, as a thing ends anywhere in its last
+    voxel; no side is shorter than a voxel.
+
+    Args:
+        keys: its voxels.
+        origin_m: of their grid.
+        trim_percent: share of the voxels left out at each end of length and width: pixels of other things at its rim.
     """
     centres = voxel_centres(keys, origin_m)
     middle = centres[:, :2].mean(axis=0)
-    (x, y), (length, width), degrees = cv2.minAreaRect((centres[:, :2] - middle).astype(np.float32))
-    low, high = np.percentile(centres[:, 2], [2, 98])
+    _, _, degrees = cv2.minAreaRect((centres[:, :2] - middle).astype(np.float32))
     yaw = np.deg2rad(degrees)
+    turn = np.array([[np.cos(yaw), -np.sin(yaw)], [np.sin(yaw), np.cos(yaw)]])
+    ends = np.percentile((centres[:, :2] - middle) @ turn, [trim_percent, 100 - trim_percent], axis=0)
+    (length, width), (x, y) = ends[1] - ends[0], turn @ ends.mean(axis=0) + middle
+    low, high = np.percentile(centres[:, 2], [2, 98])
     if width > length:
         length, width, yaw = width, length, yaw + np.pi / 2
     yaw = float((yaw + np.pi / 2) % np.pi - np.pi / 2)  # a box turned by half is the same
     length, width, height = (max(float(side), VOXEL_M) for side in (length, width, high - low))
-    return Box((float(x + middle[0]), float(y + middle[1]), float(low + high) / 2), (length, width, height), yaw)
+    return Box((float(x), float(y), float(low + high) / 2), (length, width, height), yaw)
 
 
 @dataclass(frozen=True, eq=False)
@@ -125,7 +146,7 @@ class _Shape:
         indices = voxel_indices(keys)
         columns, first = np.unique(keys >> Z_BITS, return_index=True)
         last = np.r_[first[1:], len(keys)] - 1
-        bare = ~np.logical_or.reduce([np.isin(keys + up, keys) for up in range(1, _LEGS + 1)])
+        bare = ~np.logical_or.reduce([among(keys + up, keys) for up in range(1, _LEGS + 1)])
         bottom = int(np.percentile(indices[:, 2], 2, method="lower"))
         return cls(
             keys, indices, columns, indices[first, 2], indices[last, 2], indices[bare], bottom,
@@ -221,7 +242,7 @@ def column_points(simap: SIMap, *, things: bool = False) -> Points:
         things: only the columns of instances.
     """
     spec, height = simap.spec, np.nan_to_num(simap.grid.height_m, nan=-1.0)
-    parts = max(1, int(np.ceil(spec.cell_size_m / VOXEL_M - 1e-6)))
+    parts = _parts(simap)
     row, col = np.nonzero(simap.instance > 0 if things else ~np.isnan(simap.grid.height_m))
     top = np.floor(height[row, col] / VOXEL_M).astype(np.int64)
     instance, label = simap.instance[row, col], simap.grid.label[row, col]
@@ -248,22 +269,47 @@ def column_points(simap: SIMap, *, things: bool = False) -> Points:
 
 def has_voxels(simap: SIMap) -> bool:
     """Return whether a map knows the surface of things; else it knows their tops only."""
-    return getattr(simap, "surface", None) is not None
+    return simap.surface is not None
 
 
 def space_points(simap: SIMap, *, things: bool = False) -> Points:
-    """Return the observed voxels of a map; where it has none, filled columns, with ``things`` those of instances."""
-    return getattr(simap, "points")() if has_voxels(simap) else column_points(simap, things=things)  # noqa: B009
+    """Return the observed voxels of a map; where it has none, filled columns, with ``things`` those of instances.
+
+    Voxels as wide as cells of more than 5 cm are split, so that all are at most 5 cm wide.
+    """
+    if not has_voxels(simap):
+        return column_points(simap, things=things)
+    points, parts = simap.points(), _parts(simap)
+    if parts == 1:
+        return points
+    shift = (np.arange(parts) - (parts - 1) / 2) * simap.spec.cell_size_m / parts
+    across = np.stack([*(a.ravel() for a in np.meshgrid(shift, shift)), np.zeros(parts**2)], axis=1).astype(np.float32)
+    positions = (points.positions[:, None] + across).reshape(-1, 3)
+    return Points(positions, *(a.repeat(parts**2, axis=0) for a in (points.colors, points.classes, points.instances)))
+
+
+def _parts(simap: SIMap) -> int:
+    """Return into how many parts of at most 5 cm the side of a cell is split."""
+    return max(1, int(np.ceil(simap.spec.cell_size_m / VOXEL_M - 1e-6)))
 
 
 def all_instances(simap: SIMap) -> tuple[Instance, ...]:
     """Return the instances of a map and those that no cell shows."""
-    return (*simap.instances, *getattr(simap, "hidden", ()))
+    return (*simap.instances, *simap.hidden)
 
 
 def objects_in_space(simap: SIMap) -> dict[int, InSpace]:
     """Describe where the objects of a map are in space, by id; from their columns on a map without voxels."""
     return in_space(space_points(simap, things=True), (simap.spec.x0_m, simap.spec.y0_m))
+
+
+def box_in(simap: SIMap, instance_id: int) -> Box | None:
+    """Return the box of one instance of a map with voxels, without looking at the others; None where it has none."""
+    if not has_voxels(simap):
+        return None
+    points, origin_m = space_points(simap), (simap.spec.x0_m, simap.spec.y0_m)
+    mine = points.positions[points.instances == instance_id]
+    return box_of(np.unique(voxel_keys(mine, origin_m)), origin_m) if len(mine) else None
 
 
 def in_space(points: Points, origin_m: tuple[float, float]) -> dict[int, InSpace]:

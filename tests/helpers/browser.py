@@ -177,14 +177,16 @@ def open_workbench(page: Page, workbench: Any) -> None:
     until(page, settled)
 
 
-def on_canvas(workbench: Any, page: Page, x_m: float, y_m: float, session: Any = None) -> tuple[float, float]:
-    """Where a point of the floor appears, in pixels of the page; of several pages, say whose session it is."""
+def on_canvas(
+    workbench: Any, page: Page, x_m: float, y_m: float, session: Any = None, z_m: float = 0.0
+) -> tuple[float, float]:
+    """Where a point of the floor, or above it, appears, in pixels of the page; of several pages, say whose session."""
     camera = (session or mine(workbench)).client.camera
     forward = np.asarray(camera.look_at) - camera.position
     forward = forward / np.linalg.norm(forward)
     right = np.cross(forward, camera.up_direction)
     right = right / np.linalg.norm(right)
-    ray = np.array([x_m, y_m, 0.0]) - camera.position
+    ray = np.array([x_m, y_m, z_m]) - camera.position
     depth, half = ray @ forward, np.tan(camera.fov / 2.0)
     u = (ray @ right / depth / half / camera.aspect + 1.0) / 2.0
     v = (1.0 - ray @ np.cross(right, forward) / depth / half) / 2.0

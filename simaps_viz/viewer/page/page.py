@@ -12,10 +12,12 @@ from numpy.typing import NDArray
 
 from simaps_viz.colors.instances import take_over
 from simaps_viz.drawing.solids import ray_on_blocks, ray_on_floor
+from simaps_viz.drawing.surface import instance_near, place_of
 from simaps_viz.drawing.texture import MapPicture
 from simaps_viz.drawing.theme import Theme
 from simaps_viz.errors import SIMapsError
 from simaps_viz.mapping.explain import Joint
+from simaps_viz.mapping.in_space import has_voxels
 from simaps_viz.mapping.methods import method_of
 from simaps_viz.mapping.simap import joining_percent
 from simaps_viz.mapping.timeline import Timeline
@@ -88,6 +90,8 @@ class Page:
         """Id of the selected instance."""
         self.picked: tuple[float, float] | None = None
         """The position that was selected, map frame, metres."""
+        self.picked_z_m: float | None = None
+        """Its height where it was selected in space; None selects what is on top there."""
         self._picture: MapPicture | None = None
         self.cut = self._own_cut = cut_of(self.base)
         """How the sliders cut `base`."""
@@ -152,18 +156,34 @@ class Page:
 
     def select(self, instance_id: int | None) -> None:
         """Select an instance, or none."""
-        self.pick(None if instance_id is None else position_inside(self.simap, instance_id))
+        if instance_id is None or any(one.id == instance_id for one in self.simap.instances):
+            self.pick(None if instance_id is None else position_inside(self.simap, instance_id))
+        else:  # no cell shows it
+            self.pick_in_space(place_of(self.simap, instance_id))
 
     def pick(self, position: tuple[float, float] | None) -> None:
         """Select what is at a position of the map; the position is kept, so that it outlives a map that is cut anew."""
         with self._lock:
             found = None if position is None else self.simap.at(*position)
             self.picked = None if found is None else position
+            self.picked_z_m = None
             self._show_selected(found)
+
+    def pick_in_space(self, place: tuple[float, float, float] | None) -> None:
+        """Select what is at a place in space, map frame, metres, also below other things."""
+        with self._lock:
+            found = None if place is None else self._instance_near(place)
+            self.picked = None if found is None or place is None else place[:2]
+            self.picked_z_m = None if found is None or place is None else place[2]
+            self._show_selected(found)
+
+    def _instance_near(self, place: tuple[float, float, float]) -> Instance | None:
+        number = instance_near(self.simap, place) if has_voxels(self.simap) else None
+        return None if number is None else self.simap.by_id(number)
 
     def remember(self, position: tuple[float, float] | None) -> None:
         """Select what is at a position as soon as the next map is shown."""
-        self.picked = position
+        self.picked, self.picked_z_m = position, None
 
     def go_to(self, instance: Instance) -> None:
         """Select an instance, and look at it and what is around it."""
@@ -349,7 +369,10 @@ class Page:
         self.time = TimeStep(self.last_frame if follow else min(self.frame, self.last_frame))
         self.panels.each(lambda panel: panel.map_changed(simap))
         with self._lock:
-            self._show_selected(None if self.picked is None else simap.at(*self.picked))
+            if self.picked is not None and self.picked_z_m is not None:
+                self._show_selected(self._instance_near((*self.picked, self.picked_z_m)))
+            else:
+                self._show_selected(None if self.picked is None else simap.at(*self.picked))
 
     def _show_selected(self, instance: Instance | None) -> None:
         self.selected = None if instance is None else instance.id
@@ -392,6 +415,12 @@ class Page:
             self.scene.show_picture(picture.spec, png(picture.pixels))
 
     def _clicked(self, event: viser.SceneClickEvent) -> None:
+        hit = self.scene.point_hit(event.ray_origin, event.ray_direction)
+        if hit is not None:
+            x, y, z = (float(value) for value in hit)
+            if not self.panels.take_click(x, y):
+                self.pick_in_space((x, y, z))
+            return
         if self.viewpoints.name == SLANT and self._picture is None:
             position = ray_on_blocks(self.simap, event.ray_origin, event.ray_direction)
         else:

@@ -11,7 +11,8 @@ from numpy.typing import NDArray
 
 from simaps_viz.colors.classes import plural
 from simaps_viz.drawing.frame_pictures import best_views, gallery, named, outlined
-from simaps_viz.drawing.legend import facts_html, object_name, object_names
+from simaps_viz.drawing.legend import facts_html, object_name, object_names, short_name
+from simaps_viz.drawing.surface import stack_at
 from simaps_viz.drawing.theme import BOX_STYLE, DIM_STYLE, small_html
 from simaps_viz.errors import CommandError, InputError
 from simaps_viz.structures import Instance, SIMap
@@ -30,6 +31,7 @@ FIND_HINT = (
 MAX_RANKS = 5
 """Objects that free words find."""
 _TYPED = re.compile(r"(?P<name>.*?)\s*#?(?P<number>\d{1,9})?(?:\s+of\s+\d+)?")
+HERE, HERE_HINT = "Here, from the top", "Everything at this place, from the top to the floor: select what lies below."
 NOTHING: str = "(none)"
 MAX_LISTED = 1000
 """The list offers this many instances, the largest; all can be clicked on the map or found by name."""
@@ -195,6 +197,9 @@ class InstancePanel(Panel):
         self._ids: dict[str, int] = {}
         self._list = gui.add_dropdown("Object", tuple([NOTHING]), initial_value=NOTHING, hint=LIST_HINT)
         by_person(self._list, lambda: page.select(self._ids.get(str(self._list.value))))
+        self._here = gui.add_button_group(HERE, ("-",), hint=HERE_HINT, visible=False)
+        self._here.on_click(lambda event: self._go_down(str(event.target.value)))
+        self._stack: dict[str, tuple[float, float, float]] = {}
         self._text = gui.add_html(HELP)
         self._why = gui.add_html("", visible=False)
         self._views = FrameGallery(page)
@@ -217,6 +222,7 @@ class InstancePanel(Panel):
         simap = self._page.simap
         instance = None if instance_id is None else simap.by_id(instance_id)
         self._views.hide()
+        self._list_stack()
         self._note.visible = instance is not None
         self._note.content = small_html("Loading its best views …")
         self._why.visible = False
@@ -229,6 +235,20 @@ class InstancePanel(Panel):
             self._list.value = name
         if instance_id is not None:
             self._page.worker.submit("pictures", lambda: self._show_pictures(simap, instance_id))
+
+    def _list_stack(self) -> None:
+        """List what lies at the selected position, where it is more than one thing."""
+        simap, at = self._page.simap, self._page.picked
+        stack = stack_at(simap, *at) if at is not None else {}
+        names = {short_name(simap, simap.by_id(number)): z for number, z in stack.items()}
+        self._stack = {name: (*at, z) for name, z in names.items()} if at is not None else {}
+        self._here.visible = len(names) > 1
+        if len(names) > 1 and tuple(names) != tuple(self._here.options):
+            self._here.options = tuple(names)
+
+    def _go_down(self, name: str) -> None:
+        if name in self._stack:
+            self._page.pick_in_space(self._stack[name])
 
     def explain(self, summary: str | None, edits: Sequence[Mapping[str, Any]] = ()) -> None:
         """Show why the selected instance is one object (HTML), and who edited it; None = nothing is selected."""

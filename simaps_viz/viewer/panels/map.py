@@ -8,8 +8,9 @@ from typing import cast
 import viser
 
 from simaps_viz.drawing.legend import counts_text, legend_html, title_of
-from simaps_viz.drawing.texture import COLOR_MODES, ColorMode
+from simaps_viz.drawing.texture import ColorMode, color_modes
 from simaps_viz.drawing.theme import BADGE_STYLE
+from simaps_viz.mapping.in_space import has_voxels
 from simaps_viz.mapping.methods import method_of
 from simaps_viz.mapping.simap import slider_of
 from simaps_viz.structures import Room, SIMap
@@ -18,11 +19,13 @@ from simaps_viz.viewer.page.panel import Panel
 from simaps_viz.viewer.page.timeline import Snapshot
 from simaps_viz.viewer.page.widgets import button, button_row, by_person
 from simaps_viz.viewer.scene.camera import SLANT, TOP
-from simaps_viz.viewer.scene.map_scene import Style
+from simaps_viz.viewer.scene.map_scene import FULL_HEIGHT_M, Style
 
 EVERY_CLASS = "all classes"
 FINISH = "Show the finished map"
 MODE_HINT = "What a colour on the map means; the legend follows."
+CUT_HINT = "Leave out everything above, as if the roof and then the tables were lifted off."
+WALLS_HINT = "Show walls in full height; otherwise they end low, so that one can look in."
 LEGEND_STYLE = "border-block:1px solid rgba(128,128,128,.25);margin-bottom:.4em"
 """Inline style of the legend; the page's script sets its height to fit the page."""
 
@@ -34,6 +37,8 @@ class MapPanel(Panel):
         """Fill the open container."""
         self._page = page
         self._rooms_shown: tuple[Room, ...] = ()
+        self._in_space = False
+        self._other_mode: ColorMode = "photo"
         gui, simap, services = page.gui, page.base, page.services
         self._with_k, self._with_resolution = services.repartition is not None, services.recommunity is not None
         own, joining = cut_of(simap), slider_of(simap)
@@ -45,7 +50,14 @@ class MapPanel(Panel):
         self._busy, self._counts_before = False, ""
         self._legend = gui.add_html("")
         views = {name: functools.partial(page.look, name) for name in (TOP, SLANT)}
-        button_row(gui, "View", views, hint="From above, or objects as blocks (keys T and 3).")
+        button_row(gui, "View", views, hint="From above, or the room in 3-D (keys T and 3).")
+        # What of the surface is shown in the 3-D view.
+        self._cut_m = gui.add_slider(
+            "Cut at height", 0.1, FULL_HEIGHT_M, 0.1, FULL_HEIGHT_M, hint=CUT_HINT, visible=False
+        )
+        self._walls = gui.add_checkbox("Whole walls", False, hint=WALLS_HINT, visible=False)
+        for widget in (self._cut_m, self._walls):
+            by_person(widget, self._cut_surface)
         # The sliders that cut it into instances.
         self._k = gui.add_slider(joining.title, 0.0, 100.0, 0.5, own.percent, hint=joining.hint)
         self._resolution = gui.add_slider(
@@ -60,7 +72,7 @@ class MapPanel(Panel):
             by_person(slider, self._cut)
         self._reset = button(gui, "Reset", self.reset, icon=viser.Icon.ARROW_BACK_UP, color="gray")
         # What is painted.
-        self._mode = gui.add_dropdown("Colours", COLOR_MODES, initial_value=COLOR_MODES[0], hint=MODE_HINT)
+        self._mode = gui.add_dropdown("Colours", color_modes(simap), initial_value="instance", hint=MODE_HINT)
         self._class = gui.add_dropdown(
             "Show", (EVERY_CLASS, *simap.counts()), initial_value=EVERY_CLASS, hint="Emphasise one class."
         )
@@ -99,6 +111,22 @@ class MapPanel(Panel):
         self._reset.label = f"Reset {joining.word} and resolution"
         self._reset.visible = self._k.visible or self._resolution.visible
         self.set_sliders(self._page.cut.percent, self._page.cut.resolution)
+
+    def view_changed(self, name: str) -> None:
+        """Offer to cut the surface while it is shown; each view keeps its colours, at first 3-D those of a photo."""
+        surface = name == SLANT and has_voxels(self._page.simap)
+        self._cut_m.visible = self._walls.visible = surface
+        if surface != self._in_space:
+            before, now = self.mode, self._other_mode
+            self._in_space, self._other_mode, self._mode.value = surface, before, now
+
+    def map_changed(self, simap: SIMap) -> None:
+        """Offer the colours that the map has."""
+        if color_modes(simap) != tuple(self._mode.options):
+            self._mode.options = color_modes(simap)
+
+    def _cut_surface(self) -> None:
+        self._page.scene.cut_at(float(self._cut_m.value), whole_walls=bool(self._walls.value))
 
     def set_sliders(self, percent: float, resolution: float) -> None:
         """Move the sliders without cutting the map."""

@@ -187,7 +187,9 @@ class WhyPanel(Panel):
         """Show why an instance is one object, here and in short on the panel about the instance."""
         try:
             self._asking, self._between, self._joint = False, None, None
-            self._simap, self.why = simap, None if instance_id is None else explain(simap, instance_id)
+            # What no cell shows has no communities that were joined.
+            on_top = any(one.id == instance_id for one in simap.instances)
+            self._simap, self.why = simap, explain(simap, instance_id) if instance_id is not None and on_top else None
             why = self.why
             self._folder.visible = why is not None
             if why is not None:

@@ -7,15 +7,19 @@ from typing import Any
 import numpy as np
 import viser
 import viser.transforms as vtf
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
-from simaps_viz.drawing.label_layout import Box, Label
+from simaps_viz.drawing.label_layout import Box as LabelBox
+from simaps_viz.drawing.label_layout import Label
+from simaps_viz.drawing.legend import short_name
 from simaps_viz.drawing.solids import solids
+from simaps_viz.drawing.surface import is_shown, layers, point_colors, ray_on_points
 from simaps_viz.drawing.texture import ColorMode, cell_colors, outline_segments
 from simaps_viz.drawing.theme import LIGHT, Theme
 from simaps_viz.geometry import turned_pose, upright_turns
+from simaps_viz.mapping.in_space import VOXEL_M, box_in, has_voxels, space_points
 from simaps_viz.navigation.planner import RobotShape
-from simaps_viz.structures import GridSpec, Pose2, Room, SIMap
+from simaps_viz.structures import Box, GridSpec, Points, Pose2, Room, SIMap
 from simaps_viz.viewer.scene.annotations import LabelLayer, draw_lines, line_share
 from simaps_viz.viewer.scene.camera import Extent, with_margin
 from simaps_viz.viewer.scene.why_marks import paint_cells
@@ -34,6 +38,13 @@ CAMERA = (220, 60, 40)
 CAMERA_FOV_RAD, CAMERA_ASPECT, CAMERA_SIZE_M = 0.9, 4 / 3, 0.45
 """The mark of a camera shows where a frame was taken from, not how much was on it."""
 FLAT: dict[str, Any] = {"cast_shadow": False, "receive_shadow": False}
+FULL_HEIGHT_M = 2.5
+"""A cut at this height cuts nothing."""
+POINT_M = 1.2 * VOXEL_M
+"""Points are drawn a little larger than voxels, or one would see through between them."""
+HALF_PRECISION_M = 16.0
+MAX_DIMMED = 1_000_000
+"""Of more points the colours are not sent anew for each selection; its box is drawn alone."""
 _BLANK = np.zeros((1, 1, 3), np.uint8)
 
 
@@ -65,10 +76,14 @@ class MapScene:
             light_up(page.scene)
         self._images: dict[str, tuple[tuple[float, ...], viser.ImageHandle]] = {}
         self._blocks: list[viser.MeshHandle] = []
+        self._cloud: _Cloud | None = None
+        self._cut_m, self._whole_walls = FULL_HEIGHT_M, False
         self._upright = False
         self._shown: tuple[SIMap, Style] | None = None
         self._theme = LIGHT
         self._outlined: NDArray = np.zeros((0, 2, 3))
+        self._boxed: tuple[Box, str] | None = None
+        self._box_name: viser.LabelHandle | None = None
         self.extent: Extent = (0.0, 0.0, 0.0, 0.0)
         self._pictured: Extent | None = None
         self.fit(simap)
@@ -159,12 +174,37 @@ class MapScene:
         else:
             with self._lock:
                 self._clear_blocks()
+        if self._boxed is not None:
+            self._draw_outline(self._candidates.metres_per_px)
+
+    def cut_at(self, height_m: float, *, whole_walls: bool) -> None:
+        """Leave out, in the 3-D view, the surface above a height; walls are low unless they are wanted whole."""
+        with self._page.atomic(), self._lock:
+            self._cut_m, self._whole_walls = height_m, whole_walls
+            if self._cloud is not None:
+                self._cloud.cut_at(height_m, whole_walls)
+
+    def point_hit(self, origin: ArrayLike, direction: ArrayLike) -> NDArray | None:
+        """Return the shown point of the surface that a ray meets, float [3], metres, map frame.
+
+        None where the surface is not shown, or the ray meets nothing of it.
+        """
+        with self._lock:
+            cloud = self._cloud
+            shown = None if cloud is None else cloud.shown(self._cut_m, self._whole_walls)
+        if cloud is None or shown is None:
+            return None
+        hit = ray_on_points(cloud.points.positions[shown], origin, direction)
+        return None if hit is None else cloud.points.positions[shown[hit]]
 
     def outline(self, simap: SIMap, instance_id: int | None) -> None:
-        """Draw a line around an instance, or none."""
-        segments = np.zeros((0, 2, 3)) if instance_id is None else outline_segments(simap, instance_id, 0.012)
+        """Draw a line around an instance, in the 3-D view its box, or none."""
+        segments, box, name = np.zeros((0, 2, 3)), None, ""
+        if instance_id is not None:
+            segments = outline_segments(simap, instance_id, 0.012)
+            box, name = box_in(simap, instance_id), short_name(simap, simap.by_id(instance_id))
         with self._lock:
-            self._outlined = segments
+            self._outlined, self._boxed = segments, None if box is None else (box, name)
             self._draw_outline(self._candidates.metres_per_px)
 
     def show_rooms(self, rooms: Sequence[Room]) -> None:
@@ -196,7 +236,7 @@ class MapScene:
         with self._lock:
             draw_lines(self._scene, "/path", segments, PATH, 4.0, visible=self._pictured is None)
 
-    def show_candidates(self, labels: Sequence[Label], *, blocked: Sequence[Box] = ()) -> None:
+    def show_candidates(self, labels: Sequence[Label], *, blocked: Sequence[LabelBox] = ()) -> None:
         """Write texts on the map, the most important first; they leave the robot, what they name and others free."""
         x, y, _ = (float(value) for value in self._robot.position)
         r = ROBOT_RADIUS_M
@@ -232,13 +272,23 @@ class MapScene:
         return ymax - ymin
 
     def _zoomed(self, metres_per_px: float) -> None:
-        if len(self._outlined):
+        if len(self._outlined) or self._boxed is not None:
             self._draw_outline(metres_per_px)
 
     def _draw_outline(self, metres_per_px: float) -> None:
-        width = OUTLINE_PX * line_share(self._outlined, metres_per_px)
+        # In the 3-D view its box; of what no cell shows, from above too.
+        boxed = self._boxed if self._upright or not len(self._outlined) else None
+        lines = self._outlined if boxed is None else boxed[0].edges_m
+        if self._box_name is not None:
+            self._box_name.remove()
+            self._box_name = None
+        if boxed is not None and self._pictured is None:
+            x, y, z = boxed[0].center_m
+            top = (x, y, z + boxed[0].size_m[2] / 2.0 + 0.05)
+            self._box_name = self._scene.add_label("/selection_name", boxed[1], position=top, anchor="bottom-center")
+        width = OUTLINE_PX * line_share(lines, metres_per_px)
         color, visible = self._theme.selected, self._pictured is None
-        draw_lines(self._scene, "/selection", self._outlined, color, width, visible=visible)
+        draw_lines(self._scene, "/selection", lines, color, width, visible=visible)
 
     def _lay(self, name: str, spec: GridSpec, picture: bytes, z_m: float) -> None:
         xmin, ymin, xmax, ymax = spec.extent_m
@@ -264,6 +314,9 @@ class MapScene:
         if shown is None or not self._upright or self._pictured is not None:
             return
         simap, style = shown
+        if has_voxels(simap):
+            self._show_cloud(shown, simap, style)
+            return
         colors = cell_colors(simap, style.mode, lit=style.lit, theme=style.theme)
         if style.paint is not None:
             paint_cells(colors, *style.paint, simap.spec.cols)
@@ -284,7 +337,25 @@ class MapScene:
                 for i, solid in enumerate(made)
             ]
 
+    def _show_cloud(self, shown: tuple[SIMap, Style], simap: SIMap, style: Style) -> None:
+        """Show the surface as points; only their colours are sent where the points are those shown already."""
+        points = space_points(simap)
+        lit = style.lit if len(points.positions) <= MAX_DIMMED else None
+        colors = point_colors(simap, points, style.mode, lit=lit, theme=style.theme)
+        with self._page.atomic(), self._lock:
+            if shown is not self._shown or not self._upright or self._pictured is not None:
+                return  # which came meanwhile, on another thread
+            if self._cloud is not None and self._cloud.is_of(simap):
+                self._cloud.recolor(points, colors)
+                return
+            self._clear_blocks()
+            self._cloud = _Cloud(self._scene, simap, colors)
+            self._cloud.cut_at(self._cut_m, self._whole_walls)
+
     def _clear_blocks(self) -> None:
+        if self._cloud is not None:
+            self._cloud.remove()
+            self._cloud = None
         for block in self._blocks:
             block.remove()
         self._blocks = []
@@ -333,6 +404,60 @@ class MapScene:
             **FLAT,
         )
         return robot
+
+
+class _Cloud:
+    """The surface of a map as point clouds, a node for each layer, so that layers are hidden without sending them."""
+
+    def __init__(self, scene: viser.SceneApi, simap: SIMap, colors: NDArray) -> None:
+        self.points = space_points(simap)
+        self._cells = None if simap.surface is None else simap.surface.cell
+        self._layers = layers(simap, self.points)
+        self._colors = colors
+        # Half precision holds 16 m around the middle to 4 mm.
+        xmin, ymin, xmax, ymax = simap.spec.extent_m
+        middle = np.array([(xmin + xmax) / 2.0, (ymin + ymax) / 2.0, 0.0])
+        precision = "float16" if max(xmax - xmin, ymax - ymin) / 2.0 <= HALF_PRECISION_M else "float32"
+        self._nodes = [
+            scene.add_point_cloud(
+                f"/surface/{number}",
+                self.points.positions[part] - middle,
+                colors[part],
+                point_size=POINT_M,
+                point_shape="square",
+                point_shading="flat",
+                precision=precision,
+                position=middle,
+            )
+            for number, (_, _, part) in enumerate(self._layers)
+        ]
+
+    def is_of(self, simap: SIMap) -> bool:
+        """Whether the points are those of a map, however it is cut."""
+        return simap.surface is not None and simap.surface.cell is self._cells
+
+    def recolor(self, points: Points, colors: NDArray) -> None:
+        """Give the points other colours, and what they belong to; both of the same surface."""
+        self.points = points
+        for node, (_, _, part) in zip(self._nodes, self._layers, strict=True):
+            if not np.array_equal(colors[part], self._colors[part]):
+                node.colors = colors[part]
+        self._colors = colors
+
+    def cut_at(self, height_m: float, whole_walls: bool) -> None:
+        """Show only the layers below a height."""
+        for node, (low_m, building, _) in zip(self._nodes, self._layers, strict=True):
+            node.visible = is_shown(low_m, building, height_m, whole_walls)
+
+    def shown(self, height_m: float, whole_walls: bool) -> NDArray:
+        """Return the indices of the points below a height."""
+        parts = [part for low, building, part in self._layers if is_shown(low, building, height_m, whole_walls)]
+        return np.concatenate([np.zeros(0, np.int64), *parts])
+
+    def remove(self) -> None:
+        """Take the points away."""
+        for node in self._nodes:
+            node.remove()
 
 
 class CameraMark:
