@@ -246,7 +246,8 @@ def _reading(
 
     def read(text: str, counts: Mapping[str, int]) -> Reading:
         try:
-            reading = model.read(text, counts, check=check, cancel=cancel)
+            rooms = tuple(room.name for room in simap.rooms)
+            reading = model.read(text, counts, rooms=rooms, check=check, cancel=cancel)
         except LLMError as error:
             tell(error.exchanges)
             if not isinstance(error, LLMServerError):

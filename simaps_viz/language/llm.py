@@ -11,7 +11,7 @@ import json
 import re
 import textwrap
 import threading
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache
 from typing import Any, Final
@@ -67,6 +67,7 @@ class LLMReader:
         text: str,
         counts: Mapping[str, int],
         *,
+        rooms: Sequence[str] = (),
         check: Check | None = None,
         cancel: threading.Event | None = None,
     ) -> LLMReading:
@@ -75,6 +76,7 @@ class LLMReader:
         Args:
             text: the command, in any language.
             counts: {class: number of instances} of the map.
+            rooms: names of the map's rooms.
             check: raises CommandError for a program that the map does not permit, in addition to the check of names;
                 its message is returned to the model.
             cancel: setting it ends the wait at once.
@@ -91,7 +93,7 @@ class LLMReader:
             raise CommandError(f"nothing to do was said. {examples(tuple(counts))}")
         record: list[Exchange] = []
         try:
-            program, repairs = self._program(text.strip(), counts, check, record, cancel)
+            program, repairs = self._program(text.strip(), counts, rooms, check, record, cancel)
         except LLMError as error:
             error.exchanges = tuple(record)
             raise
@@ -102,6 +104,7 @@ class LLMReader:
         self,
         text: str,
         counts: Mapping[str, int],
+        rooms: Sequence[str],
         check: Check | None,
         record: list[Exchange],
         cancel: threading.Event | None,
@@ -111,7 +114,7 @@ class LLMReader:
         reason = ""
 
         def compose(structured: bool) -> list[Message]:
-            return [*command_messages(text, counts, structured=structured), *more]
+            return [*command_messages(text, counts, rooms, structured=structured), *more]
 
         for repairs in range(REPAIRS + 1):
             answer = self._chat.ask(compose, SCHEMA, record.append, cancel)
@@ -175,13 +178,15 @@ _FENCE: Final = re.compile(r"^[ \t]*```[^\n`]*\n(.*?)^[ \t]*```", re.DOTALL | re
 _REFUSED: Final = re.compile(r"^\W*REFUSED?\b\W*(.*)", re.DOTALL | re.IGNORECASE)
 
 
-def command_messages(command: str, counts: Mapping[str, int], *, structured: bool) -> list[Message]:
+def command_messages(
+    command: str, counts: Mapping[str, int], rooms: Sequence[str] = (), *, structured: bool
+) -> list[Message]:
     """Return the conversation up to and with a command."""
     messages = [Message("system", _system(structured))]
     for said, text, refusal in _worked_examples():
         messages.append(Message("user", _question(said, _EXAMPLES["counts"])))
         messages.append(Message("assistant", _written(text, refusal, structured)))
-    return [*messages, Message("user", _question(command, counts))]
+    return [*messages, Message("user", _question(command, counts, rooms))]
 
 
 def repair_messages(answer: str, error: str) -> list[Message]:
@@ -247,10 +252,11 @@ def _written(text: str, refusal: str, structured: bool) -> str:
     return f"REFUSED: {refusal}" if refusal else f"```python\n{text}\n```"
 
 
-def _question(command: str, counts: Mapping[str, int]) -> str:
+def _question(command: str, counts: Mapping[str, int], rooms: Sequence[str] = ()) -> str:
     shown = dict(list(counts.items())[:_MAX_CLASSES])
     has = {label[:MAX_TEXT]: n for label, n in shown.items()}
-    return f"On the map, class and how many: {_data(has)}\nCommand: {_data(command)}"
+    named = f"\nIts rooms: {_data([name[:MAX_TEXT] for name in rooms[:_MAX_CLASSES]])}" if rooms else ""
+    return f"On the map, class and how many: {_data(has)}{named}\nCommand: {_data(command)}"
 
 
 def _data(value: object) -> str:
