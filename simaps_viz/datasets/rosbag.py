@@ -44,6 +44,7 @@ from simaps_viz.datasets.ros_messages import (
 )
 from simaps_viz.errors import InputError, one_line
 from simaps_viz.geometry import back_project, invert_pose, spread
+from simaps_viz.io.limits import LFS_POINTER, is_lfs_pointer
 from simaps_viz.structures import Frame, Intrinsics
 
 CLOUD_TOLERANCE_S = 0.05
@@ -293,7 +294,7 @@ class Bag:
             self.topics: dict[str, Any] = self._reader.topics
         except self._errors as error:
             self._reader = None
-            found = one_line(error)
+            found = LFS_POINTER if is_lfs_pointer(path) else one_line(error)
             if path.suffix == ".mcap":  # of ROS 1, of Foxglove's messages, or unfinished
                 found = self._open_mcap() or found
             if self._reader is None:

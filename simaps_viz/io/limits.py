@@ -67,10 +67,26 @@ def read_bytes(path: Path, most: int, what: str) -> bytes:
     """Read a file of at most ``most`` bytes; raise InputError, which names ``what`` was expected, when it cannot be."""
     check_file(path, most, what)
     try:
-        return path.read_bytes()
+        data = path.read_bytes()
     except (OSError, ValueError) as error:  # ValueError: a name with a zero byte
         found = error.strerror if isinstance(error, OSError) else None
         raise InputError(f"{path}: expected {what}, found {found or error}") from error
+    if data.startswith(_LFS_START):
+        raise InputError(f"{path}: expected {what}, found {LFS_POINTER}")
+    return data
+
+
+_LFS_START = b"version https://git-lfs.github.com/spec/"
+LFS_POINTER = "a pointer of Git LFS to it; fetch the file itself with: git lfs pull"
+
+
+def is_lfs_pointer(path: Path) -> bool:
+    """Return whether a file is what Git leaves in place of a large one that was not fetched."""
+    try:
+        with path.open("rb") as file:
+            return file.read(len(_LFS_START)) == _LFS_START
+    except (OSError, ValueError):
+        return False
 
 
 def check_picture(where: object, width: int, height: int) -> None:
