@@ -1,4 +1,4 @@
-"""`simaps demo`: the embedded café, rendered, mapped and shown."""
+"""`simaps demo`: an embedded place, rendered, mapped and shown."""
 
 from dataclasses import dataclass, field
 from typing import Annotated, Literal
@@ -8,17 +8,21 @@ import tyro
 from simaps_viz.cli import OK
 from simaps_viz.cli.options import MappingOptions, Serving
 
+PlaceName = Literal["cafe", "home", "office", "canteen", "shop"]
+"""The embedded places."""
 Level = Literal["none", "light", "medium", "heavy"]
 """How strong the simulated errors of the segmentation network are."""
 
 
 @dataclass(frozen=True)
 class Demo:
-    """Make the embedded café (rendered, with simulated network errors), map it, and open the workbench.
+    """Make an embedded place (rendered, with simulated network errors), map it, and open the workbench.
 
-    Example: simaps demo --errors medium --port 9000
+    Example: simaps demo home --errors medium --port 9000
     """
 
+    place: tyro.conf.Positional[PlaceName] = "cafe"
+    """What is rendered; the other places have 1,200 smaller frames each."""
     mapping: Annotated[MappingOptions, tyro.conf.arg(name="")] = field(default_factory=MappingOptions)
     errors: Level = "light"
     """Simulated errors of the segmentation network."""
@@ -29,7 +33,7 @@ class Demo:
     """A language model for the page's commands: MODEL[@ADDRESS], see simaps query."""
 
     def run(self) -> int:
-        """Serve the shipped map at once where there is one; else render the café and build its map first."""
+        """Serve the shipped map at once where there is one; else render the place and build its map first."""
         from simaps_viz.app import demo, workbench
         from simaps_viz.build.cache import cache_folder
         from simaps_viz.console.progress import stage_progress
@@ -39,13 +43,15 @@ class Demo:
         from simaps_viz.scenes.demo import ensure_demo
 
         serving = self.serving.options()
-        shipped = demo.shipped_demo(self.mapping.method, self.mapping.config(), self.errors) if self.serve else None
+        shipped = None
+        if self.serve and self.place == "cafe":
+            shipped = demo.shipped_demo(self.mapping.method, self.mapping.config(), self.errors)
         if shipped is not None:
             note(f"On the map: {workbench.counts_in_words(shipped.counts())}")
             demo.serve_shipped(shipped, llm=self.llm, **serving)
             return OK
         with stage_progress() as progress:
-            manifest = ensure_demo(level=self.errors, cache_dir=cache_folder(), progress=progress)
+            manifest = ensure_demo(place=self.place, level=self.errors, cache_dir=cache_folder(), progress=progress)
             sequence = open_sequence(manifest)
             simap, recording = workbench.cached_build(sequence, self.mapping.method, self.mapping.config(), progress)
         note(f"On the map: {workbench.counts_in_words(simap.counts())}")

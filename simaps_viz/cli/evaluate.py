@@ -31,7 +31,8 @@ class Evaluate:
     """
 
     sequence: tyro.conf.Positional[str]
-    """Sequence folder or manifest with exact ids, or "demo" for the embedded café."""
+    """Sequence folder or manifest with exact ids, or "demo" for the embedded café, or
+    "demo:home", "demo:office", "demo:canteen" or "demo:shop"."""
     task: Literal["instances", "3d", "navigation", "ablation"] = "instances"
     """instances: is every object one instance? 3d: the same in space, with boxes and what is on and under what.
     navigation: a simulated robot carries out generated commands. ablation: what each piece of method evidence is

@@ -54,14 +54,14 @@ def open_judging(session: Path, world: str, progress: "StageProgress") -> "tuple
         InputError: one of them is missing or damaged, or a run begins off the map.
     """
     from simaps_viz.evaluation.judging import resume_session
-    from simaps_viz.evaluation.run import DEMO, open_for_evaluation
+    from simaps_viz.evaluation.run import is_demo, open_for_evaluation
     from simaps_viz.evaluation.truth import find_truth, truth_as_map
     from simaps_viz.evaluation.world import observe_world
     from simaps_viz.mapping.file import load_map
 
     opened = resume_session(session)
     path = Path(world)
-    if world != DEMO and not path.is_dir() and path.suffix != ".json":
+    if not is_demo(world) and not path.is_dir() and path.suffix != ".json":
         simap = load_map(path)
     else:
         exact = find_truth(open_for_evaluation(world, progress))

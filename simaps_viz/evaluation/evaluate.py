@@ -226,7 +226,7 @@ def evaluate(
     plan = [(e, s) for e in errors for s in (seeds if _is_simulated(e) else seeds[:1])]
     runs: dict[tuple[str, int, str], Run] = {}
     maps: dict[tuple[str, str], tuple[SIMap, Truth]] = {}
-    truths = _Truths(exact)
+    truths = Truths(exact)
     for kind, seed in plan:
         source = masks_source(sequence, exact, kind, seed, progress)
         for method in methods:
@@ -296,14 +296,16 @@ def _is_simulated(errors: str) -> bool:
     return errors not in NOT_SIMULATED
 
 
-class _Truths:
+class Truths:
     """Makes the truth once for all maps of one grid, map frame and choice of frames."""
 
     def __init__(self, exact: PosedFrames) -> None:
+        """Take the sequence with exact ids."""
         self._exact = exact
         self._made: dict[tuple, Truth] = {}
 
     def of(self, simap: SIMap) -> Truth:
+        """Return the truth on a map's grid."""
         key = (settings_of(simap), np.asarray(simap.T_map_world).tobytes(), simap.frame_names)
         if key not in self._made:
             self._made[key] = truth_of(simap, self._exact)

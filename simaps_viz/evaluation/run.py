@@ -36,7 +36,7 @@ from simaps_viz.io.files import check_output, write_whole
 from simaps_viz.structures import SIMap
 
 DEMO = "demo"
-"""In place of a sequence: the embedded café."""
+"""In place of a sequence: the embedded café; ``demo:home`` is another embedded place."""
 
 
 @dataclass(frozen=True)
@@ -44,7 +44,7 @@ class EvaluationConfig:
     """Settings of an evaluation."""
 
     sequence: str
-    """Folder or manifest of a sequence, or "demo"."""
+    """Folder or manifest of a sequence, or "demo" or "demo:PLACE"."""
     methods: str = "paper"
     """Methods, separated by commas."""
     errors: str = ""
@@ -162,12 +162,18 @@ def write_json(record: Mapping[str, Any], path: Path) -> None:
 
 
 def open_for_evaluation(sequence: str, progress: Progress | None) -> PosedFrames:
-    """Open a sequence by its path, or the embedded scene with its exact masks by the name "demo"."""
-    if sequence != DEMO:
+    """Open a sequence by its path, or an embedded place with its exact masks as "demo" or "demo:PLACE"."""
+    if not is_demo(sequence):
         return open_sequence(Path(sequence))
     from simaps_viz.scenes.demo import ensure_demo  # noqa: PLC0415 - the ray caster is only needed here
 
-    return open_sequence(ensure_demo(level="none", progress=progress))
+    place = sequence.removeprefix(DEMO).removeprefix(":") or "cafe"
+    return open_sequence(ensure_demo(place=place, level="none", progress=progress))
+
+
+def is_demo(sequence: str) -> bool:
+    """Return whether this names an embedded place instead of a path."""
+    return sequence == DEMO or sequence.startswith(f"{DEMO}:")
 
 
 def _has_truth(sequence: PosedFrames) -> bool:

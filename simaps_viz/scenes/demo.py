@@ -1,4 +1,4 @@
-"""The embedded scene as a sequence on disk: rendered on first use, cached, written whole or not at all."""
+"""An embedded place as a sequence on disk: rendered on first use, cached, written whole or not at all."""
 
 import hashlib
 import json
@@ -21,10 +21,10 @@ from numpy.typing import NDArray
 from simaps_viz.errors import InputError
 from simaps_viz.events import Progress
 from simaps_viz.io.files import write_whole
-from simaps_viz.scenes.layout import cafe_scene
+from simaps_viz.scenes.place import Place
+from simaps_viz.scenes.places import place_of
 from simaps_viz.scenes.render import DepthSensor, Renderer, sense
 from simaps_viz.scenes.simulated_errors import check_level, known_instances, simulate_errors
-from simaps_viz.scenes.walk import plan_walk
 from simaps_viz.structures import Intrinsics
 
 VERSION = 1
@@ -53,15 +53,21 @@ class DemoSettings:
         focal = self.focal_share * self.width
         return Intrinsics(self.width, self.height, focal, focal, (self.width - 1) / 2, (self.height - 1) / 2)
 
-    def key(self) -> str:
-        """Hash these values, the version and the program that makes the scene: 16 hex digits."""
+    def key(self, place: Place) -> str:
+        """Hash these values, the version and the program that makes the place: 16 hex digits."""
         digest = hashlib.sha256(json.dumps([VERSION, asdict(self)], sort_keys=True).encode())
-        for source in sorted(Path(__file__).parent.glob("*.py")):
+        for source in (*place.sources(), Path(__file__)):
             digest.update(source.name.encode() + source.read_bytes())
         return digest.hexdigest()[:16]
 
 
+def settings_of(place: Place) -> DemoSettings:
+    """Return what is rendered of a place unless something else is asked for."""
+    return DemoSettings(frames=place.frames, width=place.width, height=place.width * 3 // 4)
+
+
 def ensure_demo(
+    place: str = "cafe",
     *,
     level: str = "light",
     seed: int = 0,
@@ -69,33 +75,33 @@ def ensure_demo(
     progress: Progress | None = None,
     settings: DemoSettings | None = None,
 ) -> Path:
-    """Render the embedded scene if this has not been done yet, and return the manifest of the wanted masks.
+    """Render an embedded place if this has not been done yet, and return the manifest of the wanted masks.
 
     Args:
+        place: One of ``places.PLACES``.
         level: Simulated network errors: none (the exact masks), light, medium or heavy.
         seed: Of the errors; not negative.
         cache_dir: Where to keep it; else the variable SIMAPS_CACHE, else the user's cache folder.
         progress: Told how far it is.
-        settings: What to render; the default takes about half a minute on two cores.
+        settings: What to render; the café's default takes about half a minute on two cores.
 
     Returns:
         Path of a ``posed-frames/1`` manifest.
 
     Raises:
-        InputError: There is no such level, the seed is negative, or the cache cannot be written.
+        InputError: There is no such place or level, the seed is negative, or the cache cannot be written.
     """
     check_level(level)
     if seed < 0:
         raise InputError(f"seed: expected 0 or more, found {seed}")
     tell = progress or (lambda stage, done, total: None)
-    settings = settings or DemoSettings()
-    manifest = demo_manifest(level=level, seed=seed, cache_dir=cache_dir, settings=settings)
+    manifest = demo_manifest(place, level=level, seed=seed, cache_dir=cache_dir, settings=settings)
     folder = manifest.parent
     try:
         if not (folder / "sequence.json").is_file():
-            _render(folder, settings, tell)
+            _render(folder, place_of(place), settings or settings_of(place_of(place)), tell)
         if not manifest.is_file():
-            _spoil(folder, manifest, level, seed, tell)
+            _spoil(folder, manifest, place_of(place), level, seed, tell)
         return manifest
     except OSError as error:
         raise InputError(
@@ -104,10 +110,16 @@ def ensure_demo(
 
 
 def demo_manifest(
-    *, level: str = "light", seed: int = 0, cache_dir: Path | None = None, settings: DemoSettings | None = None
+    place: str = "cafe",
+    *,
+    level: str = "light",
+    seed: int = 0,
+    cache_dir: Path | None = None,
+    settings: DemoSettings | None = None,
 ) -> Path:
     """Return the path that `ensure_demo` returns for the same arguments, whether or not it is there yet."""
-    folder = _cache_root(cache_dir) / "scenes" / f"cafe-{(settings or DemoSettings()).key()}"
+    known = place_of(place)
+    folder = _cache_root(cache_dir) / "scenes" / f"{place}-{(settings or settings_of(known)).key(known)}"
     if level == "none":
         return folder / "sequence.json"
     return folder / f"sequence-{level if seed == 0 else f'{level}-seed{seed}'}.json"
@@ -169,11 +181,11 @@ def _in_parallel(work: Callable[[int], Any], count: int, stage: str, tell: Progr
         pool.shutdown(cancel_futures=True)
 
 
-def _render(folder: Path, settings: DemoSettings, tell: Progress) -> None:
+def _render(folder: Path, place: Place, settings: DemoSettings, tell: Progress) -> None:
     """Render all frames into ``folder``, with the manifest of the exact masks."""
     tell("building the scene", 0, 1)
-    scene, intrinsics = cafe_scene(), settings.intrinsics()
-    renderer, walk = Renderer(scene, intrinsics), plan_walk(settings.frames)
+    scene, intrinsics = place.scene(), settings.intrinsics()
+    renderer, walk = Renderer(scene, intrinsics), place.walk(settings.frames)
     tell("building the scene", 1, 1)
     if folder.is_dir() and not (folder / "sequence.json").is_file():  # of no use; a whole one came from another process
         shutil.rmtree(folder)
@@ -196,14 +208,14 @@ def _render(folder: Path, settings: DemoSettings, tell: Progress) -> None:
         (partial / "poses.txt").write_text("\n".join(poses) + "\n", encoding="utf-8")
         (partial / "scene.json").write_text(json.dumps(scene.table(), indent=1) + "\n", encoding="utf-8")
         exact = {"ids": "instance/{frame}.png", "instances": "scene.json", "source": "renderer", "ground_truth": True}
-        _write_manifest(partial / "sequence.json", "cafe", exact)
+        _write_manifest(partial / "sequence.json", place, "", exact)
 
 
-def _write_manifest(path: Path, name: str, segmentation: dict[str, Any]) -> None:
+def _write_manifest(path: Path, place: Place, errors: str, segmentation: dict[str, Any]) -> None:
     """Write a manifest; it appears whole, and last, so that what it names is there."""
     manifest = {
-        "name": name,
-        "description": "A café with lounge and office of our own making, ray cast, with simulated depth noise.",
+        "name": place.name + errors,
+        "description": f"{place.title}, ray cast, with simulated depth noise.",
         "format": "posed-frames/1",
         "simulated": True,
         "color": "color/{frame}.jpg",
@@ -221,7 +233,7 @@ def _write_manifest(path: Path, name: str, segmentation: dict[str, Any]) -> None
     write_whole(path, text.encode(), "the rendered scene", durable=False)
 
 
-def _spoil(folder: Path, manifest: Path, level: str, seed: int, tell: Progress) -> None:
+def _spoil(folder: Path, manifest: Path, place: Place, level: str, seed: int, tell: Progress) -> None:
     """Write the masks with simulated errors of one level and seed, then their manifest."""
     instances = known_instances(json.loads((folder / "scene.json").read_text(encoding="utf-8")))
     names = [line.split()[0] for line in (folder / "poses.txt").read_text(encoding="utf-8").splitlines()]
@@ -251,4 +263,4 @@ def _spoil(folder: Path, manifest: Path, level: str, seed: int, tell: Progress) 
         "source": f"simulated network errors, {level}, seed {seed}",
         "ground_truth": False,
     }
-    _write_manifest(manifest, f"cafe, {level} errors", spoiled)
+    _write_manifest(manifest, place, f", {level} errors", spoiled)

@@ -38,14 +38,11 @@ class Light:
         self.tree = shadow_tree
         self.face_color = scene.color[~scene.lets_light_through]
         lamps = [o.bounds_m.mean(axis=0) * [1, 1, 0] + [0, 0, 2.15] for o in scene.objects if o.label == "lamp"]
-        self.lamps_m = np.array([*lamps, *CEILING_LIGHTS_M], dtype=np.float32).reshape(-1, 3)
+        self.lamps_m = np.array([*lamps, *scene.lights_m], dtype=np.float32).reshape(-1, 3)
+        self.rooms_m = scene.rooms_m or ((-np.inf, -np.inf, np.inf, np.inf),)
         self.directions = _pattern()
         warm = np.array([[0.0, 0.0, 1.0]], dtype=np.float32)
         self.tree.run(warm, -warm)
-
-
-CEILING_LIGHTS_M = ((2.1, 7.7, 2.5), (5.5, 7.6, 2.5), (8.7, 7.6, 2.5), (10.6, 6.6, 2.5), (10.0, 2.6, 2.5))
-"""Plain lights without a visible lamp."""
 
 
 def _pattern() -> NDArray:
@@ -180,20 +177,21 @@ def _upsample(half: NDArray, geometry: _Geometry) -> NDArray:
     return full
 
 
-def _room(points_m: NDArray) -> NDArray:
-    """Number the room of each point: 0 café, 1 lounge, 2 office (lamps do not shine through walls)."""
-    return np.where(points_m[..., 0] < 7.2, 0, np.where(points_m[..., 1] < 4.7, 1, 2))
+def _inside(points_m: NDArray, room_m: tuple[float, float, float, float]) -> NDArray:
+    """Return which points [n, 3] lie in a room (west, south, east, north): bool [n]."""
+    x, y = points_m[..., 0], points_m[..., 1]
+    west, south, east, north = room_m
+    return (x >= west) & (y >= south) & (x < east) & (y < north)
 
 
 def _lamp_light(points_m: NDArray, normals: NDArray, light: Light) -> NDArray:
-    """Sum the light of the room's lamps, without shadows: float32 [n]."""
+    """Sum the light of the room's lamps, without shadows (lamps do not shine through walls): float32 [n]."""
     total = np.zeros(len(points_m), dtype=np.float32)
-    rooms, lamp_rooms = _room(points_m), _room(light.lamps_m)
-    for room in range(3):
-        index = np.flatnonzero(rooms == room)
+    for room_m in light.rooms_m:
+        index = np.flatnonzero(_inside(points_m, room_m))
         p, n = points_m[index], normals[index]
         lit = np.zeros(len(index), dtype=np.float32)
-        for lamp in light.lamps_m[lamp_rooms == room]:
+        for lamp in light.lamps_m[_inside(light.lamps_m, room_m)]:
             to_lamp = lamp - p
             squared = np.einsum("ij,ij->i", to_lamp, to_lamp)
             cosine = np.einsum("ij,ij->i", to_lamp, n) / np.sqrt(squared + 1e-6)

@@ -72,6 +72,10 @@ class Scene:
     """uint8 [F], ``materials.Texture``."""
     instance: NDArray
     """uint8 [F], instance id, >= 1."""
+    rooms_m: tuple[tuple[float, float, float, float], ...] = ()
+    """West, south, east and north end of each room: lamps do not shine from one into another. None: all is one."""
+    lights_m: tuple[tuple[float, float, float], ...] = ()
+    """Plain lights without a visible lamp, world frame."""
 
     @cached_property
     def main_axis(self) -> NDArray:
@@ -102,7 +106,12 @@ class Scene:
         return {"units": "metre", "up": "+z", "instances": rows}
 
 
-def assemble(objects: list[SceneObject]) -> Scene:
+def assemble(
+    objects: list[SceneObject],
+    *,
+    rooms_m: tuple[tuple[float, float, float, float], ...] = (),
+    lights_m: tuple[tuple[float, float, float], ...] = (),
+) -> Scene:
     """Join the objects' triangles; raises ValueError when ids would not fit into 8 bits or names repeat."""
     if len(objects) > 255 or len({o.name for o in objects}) != len(objects):
         raise ValueError("a scene holds at most 255 objects, each with a name of its own")
@@ -116,4 +125,6 @@ def assemble(objects: list[SceneObject]) -> Scene:
         color=np.repeat(np.array([part.material.color for _, part in pieces], dtype=np.float32), counts, axis=0),
         texture=np.repeat(np.array([part.material.texture for _, part in pieces], dtype=np.uint8), counts),
         instance=np.repeat(np.array([i for i, _ in pieces], dtype=np.uint8), counts),
+        rooms_m=rooms_m,
+        lights_m=lights_m,
     )

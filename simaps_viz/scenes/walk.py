@@ -1,79 +1,29 @@
-"""The camera's walk through all rooms: smooth positions at one height, looking at one thing after another."""
+"""The camera's walk through all rooms: smooth positions at one height, looking at one thing after another.
 
+Its stations are listed by hand, or planned: everywhere on the free floor, a full turn every so often.
+"""
+
+from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
+from scipy import ndimage
 from scipy.interpolate import PchipInterpolator
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components, dijkstra
+
+from simaps_viz.scenes.scene import Scene
 
 CAMERA_HEIGHT_M = 1.45
 PITCH_DOWN_RAD = np.deg2rad(19.0)
 TURN_COST_M_PER_RAD = 0.7
 """A turn of one radian takes as many frames as a straight way of this length."""
 
-STATIONS: tuple[tuple[float, float, float, float], ...] = (
-    # x, y of the camera; x, y of what it looks at there
-    (6.30, 3.50, 4.50, 4.90),
-    (5.60, 3.05, 4.90, 1.60),
-    (4.30, 2.95, 4.60, 1.30),
-    (3.50, 2.85, 1.90, 1.50),
-    (2.90, 2.95, 1.30, 1.90),
-    (2.95, 2.10, 1.50, 1.60),
-    (2.95, 1.30, 1.40, 1.60),
-    (2.95, 2.00, 1.10, 2.60),
-    (2.80, 2.80, 1.20, 3.90),
-    (2.75, 3.30, 1.60, 4.40),
-    (3.00, 4.30, 1.60, 4.40),
-    (2.95, 5.45, 1.60, 6.60),
-    (2.20, 5.68, 1.50, 6.80),
-    (1.40, 5.66, 2.20, 6.70),
-    (2.60, 5.72, 3.60, 6.60),
-    (3.70, 6.30, 2.20, 7.00),
-    (4.35, 7.10, 2.60, 7.80),
-    (4.15, 7.85, 2.20, 8.30),
-    (3.60, 7.93, 1.60, 8.60),
-    (4.30, 7.70, 2.60, 8.80),
-    (4.90, 7.10, 3.80, 8.60),
-    (5.60, 6.70, 4.20, 8.60),
-    (6.00, 6.65, 5.90, 8.40),
-    (6.60, 6.80, 8.00, 6.80),
-    (7.20, 6.80, 8.40, 7.60),
-    (8.20, 6.75, 8.60, 8.50),
-    (9.30, 6.70, 9.90, 8.50),
-    (9.90, 6.75, 11.40, 7.60),
-    (9.95, 6.30, 11.50, 6.40),
-    (9.80, 5.95, 11.20, 5.00),
-    (9.30, 6.20, 8.00, 5.30),
-    (9.25, 5.90, 7.60, 6.60),
-    (9.60, 5.50, 9.64, 4.20),
-    (9.64, 4.70, 9.90, 2.80),
-    (9.62, 4.00, 10.90, 3.90),
-    (9.40, 3.50, 11.30, 2.60),
-    (9.36, 2.60, 10.60, 2.00),
-    (9.36, 1.75, 9.90, 0.50),
-    (9.60, 1.24, 11.40, 1.40),
-    (10.40, 1.24, 11.40, 2.20),
-    (10.75, 1.70, 10.90, 3.80),
-    (10.75, 2.60, 9.90, 3.60),
-    (10.60, 3.75, 8.80, 2.40),
-    (9.50, 3.65, 8.40, 2.10),
-    (8.70, 3.55, 7.60, 4.00),
-    (7.95, 3.05, 8.30, 1.90),
-    (7.75, 2.60, 7.80, 0.80),
-    (7.20, 2.50, 5.20, 2.20),
-    (6.50, 2.50, 4.90, 1.20),
-    (6.42, 1.90, 4.80, 0.60),
-    (6.35, 2.60, 5.00, 2.60),
-    (6.20, 3.40, 5.60, 5.00),
-    (5.95, 4.60, 4.50, 5.00),
-    (5.80, 5.80, 4.50, 4.90),
-    (4.70, 6.20, 4.40, 5.00),
-    (3.30, 5.75, 4.30, 4.90),
-    (3.05, 4.60, 4.30, 4.95),
-    (3.30, 3.50, 4.40, 4.80),
-    (3.60, 3.00, 2.40, 4.00),
-)
-"""Where the walk passes and what it turns to."""
+Station = tuple[float, float, float, float]
+"""x, y of the camera; x, y of what it looks at there: metres, world frame."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -107,14 +57,14 @@ def _smooth(values: NDArray, sigma: float) -> NDArray:
     return np.stack([np.convolve(column, kernel, mode="valid") for column in padded.T], axis=1)
 
 
-def plan_walk(frames: int) -> Walk:
-    """Sample the walk at that many frames, evenly in way and turning taken together, ends included."""
-    stations = np.array(STATIONS)
-    position, target = stations[:, :2], stations[:, 2:]
+def sample_walk(stations: Sequence[Station], frames: int) -> Walk:
+    """Sample a walk at that many frames, evenly in way and turning taken together, ends included."""
+    listed = np.array(stations)
+    position, target = listed[:, :2], listed[:, 2:]
     yaw = np.unwrap(np.arctan2(*(target - position).T[::-1]))
-    pitch = PITCH_DOWN_RAD + 0.05 * np.sin(np.arange(len(stations)) * 1.3)
+    pitch = PITCH_DOWN_RAD + 0.05 * np.sin(np.arange(len(listed)) * 1.3)
     along = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(position, axis=0), axis=1) + 0.05)])
-    fine = np.linspace(0.0, along[-1], 4000)
+    fine = np.linspace(0.0, along[-1], max(4000, int(along[-1] / 0.02)))
     track = PchipInterpolator(along, np.column_stack([position, yaw, pitch]), axis=0)(fine)
     track = _smooth(track, sigma=0.16 / (fine[1] - fine[0]))
     step = np.linalg.norm(np.diff(track[:, :2], axis=0), axis=1) + TURN_COST_M_PER_RAD * np.abs(np.diff(track[:, 2]))
@@ -124,3 +74,83 @@ def plan_walk(frames: int) -> Walk:
     height = CAMERA_HEIGHT_M + 0.03 * np.sin(wanted * 0.8)
     poses = [camera_pose(np.array([x[i], y[i], height[i]]), yaw_at[i], pitch_at[i]) for i in range(frames)]
     return Walk(T_world_camera=np.stack(poses))
+
+
+FLOOR_GRID_M = 0.025
+LATTICE_M = 0.1
+CLEARANCE_M = 0.3
+"""The camera keeps this far from everything lower than ``OVERHEAD_M``."""
+OVERHEAD_M = 1.9
+STEP_M = 0.04
+"""What is no higher, such as a carpet, counts as floor."""
+TURNS_APART_M = 1.6
+"""On every free spot, a place of a full turn is no farther than this to walk."""
+
+
+def plan_stations(scene: Scene) -> list[Station]:
+    """Plan a walk over all free floor that hangs together: full turns at spots spread evenly, the nearest one next.
+
+    The spots are the roomiest ones: in front of a wall there is little to see.
+    """
+    points, clear, ways = _lattice(scene)
+    spots, steps = [], []
+    far = np.ones(len(points), dtype=bool)
+    while far.any():
+        spots.append(int(np.where(far, clear, 0.0).argmax()))
+        steps.append(dijkstra(ways, indices=spots[-1], return_predecessors=True))
+        far &= steps[-1][0] > TURNS_APART_M
+    stations: list[Station] = []
+    at, left, yaw = 0, set(range(len(spots))), 0.0
+    while left:
+        left.remove(at)
+        x, y = points[spots[at]]
+        stations += [_station(x, y, yaw + turn) for turn in np.linspace(0.0, 2 * np.pi, 9)]
+        if left:
+            length, before = steps[at]
+            at = min(left, key=lambda spot: (length[spots[spot]], spot))
+            way = [spots[at]]
+            while before[way[-1]] >= 0:
+                way.append(int(before[way[-1]]))
+            track = points[way[::-1]][::4]
+            for (x, y), (to_x, to_y) in pairwise(track):
+                yaw = float(np.arctan2(to_y - y, to_x - x))
+                stations.append(_station(to_x, to_y, yaw))
+    return stations
+
+
+def _station(x: float, y: float, yaw_rad: float) -> Station:
+    return float(x), float(y), float(x + 2.0 * np.cos(yaw_rad)), float(y + 2.0 * np.sin(yaw_rad))
+
+
+def _lattice(scene: Scene) -> tuple[NDArray, NDArray, coo_array]:
+    """Return the largest connected part of the free floor.
+
+    Returns:
+        Points float64 [n, 2], their distances float64 [n] to what stands there, and the ways between neighbours [n, n].
+    """
+    heights = scene.triangles_m[:, :, 2]
+    solid = scene.triangles_m[(heights.min(axis=1) < OVERHEAD_M) & (heights.max(axis=1) > STEP_M)]
+    low, high = scene.triangles_m.reshape(-1, 3).min(axis=0)[:2], scene.triangles_m.reshape(-1, 3).max(axis=0)[:2]
+    x, y = (np.arange(low[axis], high[axis], FLOOR_GRID_M) for axis in (0, 1))
+    floor = np.ones((len(y), len(x)), dtype=np.uint8)
+    for triangle in np.round((solid[:, :, :2] - low) / FLOOR_GRID_M).astype(np.int32):
+        cv2.fillConvexPoly(floor, triangle, 0)
+    clear = np.asarray(ndimage.distance_transform_edt(floor)) * FLOOR_GRID_M
+    every = round(LATTICE_M / FLOOR_GRID_M)
+    free: NDArray = clear[::every, ::every] > CLEARANCE_M
+    number: NDArray = np.full(free.shape, -1)
+    number[free] = np.arange(free.sum())
+    pairs, lengths = [], []
+    for dr, dc in ((0, 1), (1, 0), (1, 1), (1, -1)):
+        here = number[: number.shape[0] - dr, max(0, -dc) : number.shape[1] - max(0, dc)]
+        there = number[dr:, max(0, dc) : number.shape[1] - max(0, -dc)]
+        both = (here >= 0) & (there >= 0)
+        pairs.append(np.stack([here[both], there[both]]))
+        lengths.append(np.full(both.sum(), LATTICE_M * np.hypot(dr, dc)))
+    (a, b), length = np.concatenate(pairs, axis=1), np.concatenate(lengths)
+    ways = coo_array((np.tile(length, 2), (np.r_[a, b], np.r_[b, a])), shape=(free.sum(),) * 2).tocsr()
+    _, part = connected_components(ways)
+    kept = np.flatnonzero(part == np.bincount(part).argmax())
+    rows, cols = np.nonzero(free)
+    points = np.stack([x[::every][cols], y[::every][rows]], axis=1)
+    return points[kept], clear[::every, ::every][free][kept], ways[kept][:, kept]

@@ -54,7 +54,7 @@ def typed(world, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path / "world" / "here")
     monkeypatch.setenv("SIMAPS_CACHE", str(world / "cache"))
     monkeypatch.setenv("SIMAPS_RECORDINGS", str(tmp_path / "recordings"))
-    monkeypatch.setattr(demo, "DemoSettings", lambda: SMALL)
+    monkeypatch.setattr(demo, "settings_of", lambda place: SMALL)
     monkeypatch.setattr(webbrowser, "open", lambda address: True)
 
     def run(line):

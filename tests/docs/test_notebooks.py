@@ -16,7 +16,7 @@ import os
 from simaps_viz.scenes import demo
 os.environ["SIMAPS_CACHE"] = CACHE
 small = demo.DemoSettings(frames={SMALL.frames}, width={SMALL.width}, height={SMALL.height})
-demo.DemoSettings = lambda: small
+demo.settings_of = lambda place: small
 """
 """Typed before the first cell: the scene as the notebooks have it takes half a minute to render."""
 

@@ -13,10 +13,12 @@ from simaps_viz.datasets.open import open_sequence
 from simaps_viz.errors import InputError
 from simaps_viz.scenes import demo
 from simaps_viz.scenes.demo import DemoSettings, ensure_demo
+from simaps_viz.scenes.places import PLACES
 from simaps_viz.scenes.render import DepthSensor
 
 pytestmark = pytest.mark.slow
 
+CAFE = PLACES["cafe"]
 TINY = DemoSettings(frames=8, width=160, height=120)
 
 
@@ -132,7 +134,7 @@ def test_an_interrupted_run_leaves_nothing_that_looks_complete(tmp_path, stage, 
 
 def test_what_a_killed_process_left_is_no_hindrance(tmp_path):
     """No manifest, no sequence: the remains are rendered anew."""
-    folder = tmp_path / "scenes" / f"cafe-{TINY.key()}"
+    folder = tmp_path / "scenes" / f"cafe-{TINY.key(CAFE)}"
     (folder / "errors-light-seed0").mkdir(parents=True)
     (folder / "color").mkdir()
     (folder / ".partial-x").mkdir()
@@ -160,9 +162,9 @@ def test_the_cache_is_where_the_variable_says(tmp_path, monkeypatch):
 
 
 def test_other_settings_have_another_key():
-    keys = {s.key() for s in (TINY, DemoSettings(), DemoSettings(9, 160, 120), DemoSettings(8, 160, 120, 0.7))}
+    keys = {s.key(CAFE) for s in (TINY, DemoSettings(), DemoSettings(9, 160, 120), DemoSettings(8, 160, 120, 0.7))}
     assert len(keys) == 4
-    assert DemoSettings(8, 160, 120, sensor=DepthSensor(far_m=5.0)).key() not in keys
+    assert DemoSettings(8, 160, 120, sensor=DepthSensor(far_m=5.0)).key(CAFE) not in keys
 
 
 @pytest.mark.parametrize(

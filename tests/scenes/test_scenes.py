@@ -11,11 +11,11 @@ from scipy.spatial import KDTree
 from simaps_viz.colors.classes import COCO_THINGS, is_thing
 from simaps_viz.scenes import materials as m
 from simaps_viz.scenes import props, seating
-from simaps_viz.scenes.layout import DEPTH_M, WIDTH_M, cafe_scene
+from simaps_viz.scenes.places.cafe import DEPTH_M, PLACE, WIDTH_M, cafe_scene
 from simaps_viz.scenes.render import DepthSensor, Renderer, embree_scene, sense
 from simaps_viz.scenes.scene import Scene, SceneObject, assemble, place
 from simaps_viz.scenes.shapes import box, corner_normals, disc
-from simaps_viz.scenes.walk import camera_pose, plan_walk
+from simaps_viz.scenes.walk import camera_pose
 from simaps_viz.structures import Intrinsics
 
 SMALL = Intrinsics(width=160, height=120, fx=110.0, fy=110.0, cx=79.5, cy=59.5)
@@ -169,7 +169,7 @@ def test_shading_normals_are_smooth_on_round_sides_and_sharp_at_edges():
 
 
 def test_walk_keeps_clear_of_everything_and_visits_all_rooms():
-    walk = plan_walk(400)
+    walk = PLACE.walk(400)
     positions = walk.T_world_camera[:, :3, 3]
     clear = KDTree(low_obstacles()).query(positions[:, :2])[0]
     assert clear.min() > 0.28, positions[clear.argmin()]
@@ -179,7 +179,7 @@ def test_walk_keeps_clear_of_everything_and_visits_all_rooms():
 
 
 def test_walk_is_smooth_and_looks_slightly_down():
-    T = plan_walk(200).T_world_camera
+    T = PLACE.walk(200).T_world_camera
     rotations = T[:, :3, :3]
     np.testing.assert_allclose(rotations @ rotations.swapaxes(1, 2), np.tile(np.eye(3), (200, 1, 1)), atol=1e-12)
     steps = np.linalg.norm(np.diff(T[:, :3, 3], axis=0), axis=1)
@@ -201,7 +201,7 @@ def test_doorways_let_the_robot_through():
 def test_depth_of_floor_and_ceiling_is_that_of_the_planes():
     pixels = {"floor": 0, "ceiling": 0}
     upwards = camera_pose(np.array([4.0, 3.0, 1.4]), 0.7, -0.5)
-    for T in [*plan_walk(12).T_world_camera, upwards]:
+    for T in [*PLACE.walk(12).T_world_camera, upwards]:
         surfaces = renderer().cast(T)
         rays = surfaces.rays.astype(np.float64)
         for label, height in (("floor", 0.0), ("ceiling", 2.7)):
@@ -215,7 +215,7 @@ def test_depth_of_floor_and_ceiling_is_that_of_the_planes():
 
 def test_back_projected_pixels_lie_in_their_instance_s_box():
     boxes = np.stack([np.zeros((2, 3)), *[o.bounds_m for o in scene().objects]])
-    for T in plan_walk(8).T_world_camera:
+    for T in PLACE.walk(8).T_world_camera:
         frame = renderer().render(T)
         v, u = np.nonzero(frame.depth_m)
         z = frame.depth_m[v, u].astype(np.float64)
@@ -236,7 +236,7 @@ def test_windows_have_an_instance_but_no_depth():
 
 
 def test_pictures_are_neither_dark_nor_burnt_out():
-    for T in plan_walk(6).T_world_camera:
+    for T in PLACE.walk(6).T_world_camera:
         color = renderer().render(T).color
         assert color.dtype == np.uint8 and color.shape == (120, 160, 3)
         assert 70 < color.mean() < 230

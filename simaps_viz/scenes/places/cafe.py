@@ -1,133 +1,28 @@
-"""The building and what is in it: a café (west), a lounge (south-east) and an office (north-east), 12 x 9 m together.
+"""The café (west), with a lounge (south-east) and an office (north-east), 12 x 9 m together."""
 
-World: metres, z up, floor at z = 0, x east 0 to 12, y north 0 to 9. Yaw is counter-clockwise from +x and turns
-the front of a model (+x) to where it looks.
-"""
-
-from dataclasses import dataclass
 from functools import cache
 
 import numpy as np
 
 from simaps_viz.scenes import appliances, props, seating, tables
 from simaps_viz.scenes import materials as m
-from simaps_viz.scenes.materials import CHARCOAL, WHITE, Material, Texture, paint
+from simaps_viz.scenes.building import (
+    CEILING_HEIGHT_M,
+    OUTSIDE,
+    WALL_THICKNESS_M,
+    Opening,
+    Spot,
+    WallRun,
+    place_all,
+    slab,
+    structure,
+)
+from simaps_viz.scenes.materials import Texture, paint
+from simaps_viz.scenes.place import Place
 from simaps_viz.scenes.scene import Scene, SceneObject, assemble, build, place
-from simaps_viz.scenes.shapes import Model, box, moved
-
-WALL_THICKNESS_M = 0.12
-CEILING_HEIGHT_M = 2.7
-DOOR_HEIGHT_M = 2.1
-SKY = paint("cfe0ee", Texture.SKY)
 
 
-@dataclass(frozen=True)
-class Opening:
-    """A hole in a wall, from ``start`` to ``end`` along it; a doorway reaches the floor, a window does not."""
-
-    start: float
-    end: float
-    low: float = 0.0
-    high: float = DOOR_HEIGHT_M
-
-    @property
-    def is_window(self) -> bool:
-        """Return whether the hole has a sill."""
-        return self.low > 0
-
-
-@dataclass(frozen=True)
-class WallRun:
-    """A straight wall from one point of its middle line to another."""
-
-    name: str
-    start: tuple[float, float]
-    end: tuple[float, float]
-    right: Material
-    """Finish of the side that lies right of the direction from start to end."""
-    left: Material
-    openings: tuple[Opening, ...] = ()
-
-    @property
-    def length(self) -> float:
-        """Length, metres."""
-        return float(np.hypot(self.end[0] - self.start[0], self.end[1] - self.start[1]))
-
-    def place(self, model: Model) -> Model:
-        """Move parts from the wall's frame (x to the right, y along, origin at its start) to the world."""
-        yaw = np.arctan2(self.end[1] - self.start[1], self.end[0] - self.start[0]) - np.pi / 2
-        return moved(model, *self.start, yaw_rad=yaw)
-
-
-def wall(run: WallRun) -> Model:
-    """Build a wall: two skins, trim round its openings, skirting boards."""
-    t = WALL_THICKNESS_M
-    parts: Model = []
-
-    def block(y0: float, y1: float, z0: float, z1: float) -> None:
-        if y1 - y0 < 1e-6 or z1 - z0 < 1e-6:
-            return
-        for side, finish in ((1, run.right), (-1, run.left)):
-            parts.append(box((t / 2, y1 - y0, z1 - z0), (side * t / 4, (y0 + y1) / 2, (z0 + z1) / 2), finish))
-            if z0 == 0.0:
-                parts.append(box((0.012, y1 - y0, 0.08), (side * (t / 2 + 0.006), (y0 + y1) / 2, 0.04), WHITE))
-
-    at = 0.0
-    for hole in sorted(run.openings, key=lambda o: o.start):
-        block(at, hole.start, 0.0, CEILING_HEIGHT_M)
-        block(hole.start, hole.end, 0.0, hole.low)
-        block(hole.start, hole.end, hole.high, CEILING_HEIGHT_M)
-        parts.extend(_door_trim(hole) if not hole.is_window else [])
-        at = hole.end
-    block(at, run.length, 0.0, CEILING_HEIGHT_M)
-    return run.place(parts)
-
-
-def _door_trim(hole: Opening) -> Model:
-    """Frame a doorway; the trim lies on the wall and in its reveal, 1 cm thick."""
-    t = WALL_THICKNESS_M + 0.03
-    middle, width = (hole.start + hole.end) / 2, hole.end - hole.start
-    parts = [box((t, 0.01, hole.high), (0, y, hole.high / 2), WHITE) for y in (hole.start + 0.005, hole.end - 0.005)]
-    parts.append(box((t, width, 0.01), (0, middle, hole.high - 0.005), WHITE))
-    for side in (-1, 1):
-        x = side * (WALL_THICKNESS_M / 2 + 0.007)
-        for y in (hole.start - 0.03, hole.end + 0.03):
-            parts.append(box((0.014, 0.07, hole.high + 0.06), (x, y, (hole.high + 0.06) / 2), WHITE))
-        parts.append(box((0.014, width + 0.13, 0.07), (x, middle, hole.high + 0.03), WHITE))
-    return parts
-
-
-def window(run: WallRun, hole: Opening) -> Model:
-    """Build one window: frame, bars, sill, and a pane through which the sky shows."""
-    width, height = hole.end - hole.start, hole.high - hole.low
-    middle, z = (hole.start + hole.end) / 2, (hole.low + hole.high) / 2
-    parts = [box((0.004, width, height), (-0.03, middle, z), SKY)]
-    for y in (hole.start + 0.025, hole.end - 0.025):
-        parts.append(box((0.07, 0.05, height), (-0.02, y, z), CHARCOAL))
-    for level in (hole.low + 0.025, hole.high - 0.025):
-        parts.append(box((0.07, width, 0.05), (-0.02, middle, level), CHARCOAL))
-    bars = max(1, round(width / 0.8))
-    for i in range(1, bars):
-        parts.append(box((0.04, 0.03, height), (-0.02, hole.start + i * width / bars, z), CHARCOAL))
-    parts.append(box((0.04, width, 0.03), (-0.02, middle, hole.low + 0.7 * height), CHARCOAL))
-    parts.append(box((0.12, width + 0.08, 0.03), (0.075, middle, hole.low - 0.015), WHITE))
-    return run.place(parts)
-
-
-def slab(x0: float, y0: float, x1: float, y1: float, material: Material, *, top: float) -> Model:
-    """Make a floor or ceiling plate, 5 cm thick, its upper side at ``top``."""
-    return [box((x1 - x0, y1 - y0, 0.05), ((x0 + x1) / 2, (y0 + y1) / 2, top - 0.025), material)]
-
-
-Spot = tuple[str, str, Model, float, float, float, float]
-"""Name, label, model, x, y, z (metres), yaw (degrees)."""
-
-
-def _place_all(spots: list[Spot]) -> list[SceneObject]:
-    return [place(name, label, model, x, y, z, yaw_deg=yaw) for name, label, model, x, y, z, yaw in spots]
-
-
-def cafe_kitchen() -> list[SceneObject]:
+def _kitchen() -> list[SceneObject]:
     """Furnish the bar along the café's north side: counter with stools in a row, worktop, machines, fridge."""
     worktop, bar = 0.92, 1.06
     board = 1.62
@@ -161,10 +56,10 @@ def cafe_kitchen() -> list[SceneObject]:
     spots += [
         (f"cup board {i + 1}", "cup", props.cup(m.CERAMIC), 1.55 + 0.2 * i, 8.88, board, 40 * i) for i in range(3)
     ]
-    return _place_all(spots)
+    return place_all(spots)
 
 
-def lounge() -> list[SceneObject]:
+def _lounge() -> list[SceneObject]:
     """Furnish the lounge: two couches and two armchairs round a low table, television, books."""
     low = 0.40
     spots: list[Spot] = [
@@ -205,10 +100,10 @@ def lounge() -> list[SceneObject]:
             0,
         )
     )
-    return _place_all(spots)
+    return place_all(spots)
 
 
-def office() -> list[SceneObject]:
+def _office() -> list[SceneObject]:
     """Furnish the office: two desks side by side, one under the window, shelves."""
     h = 0.74
     spots: list[Spot] = [
@@ -246,7 +141,7 @@ def office() -> list[SceneObject]:
         spots.append(
             (f"books office {i + 1}", "book", props.book_row((0.9, 1.15, 0.7, 1.0)[i], 20 + i), 11.2, 4.91, z, 90)
         )
-    return _place_all(spots)
+    return place_all(spots)
 
 
 WIDTH_M = 12.0
@@ -256,11 +151,19 @@ ROOM_WALL_X = 7.2
 ROOM_WALL_Y = 4.7
 """Middle line of the wall between lounge and office."""
 
+ROOMS_M = (
+    (-np.inf, -np.inf, ROOM_WALL_X, np.inf),
+    (ROOM_WALL_X, -np.inf, np.inf, ROOM_WALL_Y),
+    (ROOM_WALL_X, ROOM_WALL_Y, np.inf, np.inf),
+)
+"""Café, lounge and office, as far as lamps shine."""
+LIGHTS_M = ((2.1, 7.7, 2.5), (5.5, 7.6, 2.5), (8.7, 7.6, 2.5), (10.6, 6.6, 2.5), (10.0, 2.6, 2.5))
+"""Plain lights without a visible lamp."""
+
 _CREAM = paint("eee4d3", Texture.PLASTER)
 _BRICK = paint("b98468", Texture.BRICK)
 _GREEN = paint("b9c4ae", Texture.PLASTER)
 _BLUE_GREY = paint("cfd6da", Texture.PLASTER)
-_OUTSIDE = paint("a9a399", Texture.PLASTER)
 
 
 def wall_runs() -> tuple[WallRun, ...]:
@@ -269,14 +172,14 @@ def wall_runs() -> tuple[WallRun, ...]:
     west, east, south, north = -t / 2, WIDTH_M + t / 2, -t / 2, DEPTH_M + t / 2
     x, y = ROOM_WALL_X, ROOM_WALL_Y
     return (
-        WallRun("wall cafe west", (west, -t), (west, DEPTH_M + t), _CREAM, _OUTSIDE, (Opening(2.3, 5.1, 0.75, 2.3),)),
-        WallRun("wall cafe north", (0, north), (x, north), _BRICK, _OUTSIDE),
-        WallRun("wall office north", (x, north), (WIDTH_M, north), _BLUE_GREY, _OUTSIDE),
-        WallRun("wall office east", (east, DEPTH_M + t), (east, y), _BLUE_GREY, _OUTSIDE, (Opening(1.5, 3.4, 1, 2.3),)),
-        WallRun("wall lounge east", (east, y), (east, -t), _GREEN, _OUTSIDE),
-        WallRun("wall lounge south", (WIDTH_M, south), (x, south), _GREEN, _OUTSIDE, (Opening(0.9, 3.7, 0.95, 2.35),)),
+        WallRun("wall cafe west", (west, -t), (west, DEPTH_M + t), _CREAM, OUTSIDE, (Opening(2.3, 5.1, 0.75, 2.3),)),
+        WallRun("wall cafe north", (0, north), (x, north), _BRICK, OUTSIDE),
+        WallRun("wall office north", (x, north), (WIDTH_M, north), _BLUE_GREY, OUTSIDE),
+        WallRun("wall office east", (east, DEPTH_M + t), (east, y), _BLUE_GREY, OUTSIDE, (Opening(1.5, 3.4, 1, 2.3),)),
+        WallRun("wall lounge east", (east, y), (east, -t), _GREEN, OUTSIDE),
+        WallRun("wall lounge south", (WIDTH_M, south), (x, south), _GREEN, OUTSIDE, (Opening(0.9, 3.7, 0.95, 2.35),)),
         WallRun(
-            "wall cafe south", (x, south), (0, south), _CREAM, _OUTSIDE,
+            "wall cafe south", (x, south), (0, south), _CREAM, OUTSIDE,
             (Opening(1.0, 3.5, 0.75, 2.3), Opening(4.2, 6.5, 0.75, 2.3)),
         ),
         WallRun("wall cafe lounge", (x, 0), (x, y), _GREEN, _CREAM, (Opening(1.9, 3.1),)),
@@ -296,12 +199,7 @@ def building() -> list[SceneObject]:
         build("floor office", "floor", slab(x, y, WIDTH_M, DEPTH_M, paint("7d848a", Texture.CARPET), top=0)),
         build("ceiling", "ceiling", slab(0, 0, WIDTH_M, DEPTH_M, paint("f4f1ea"), top=CEILING_HEIGHT_M + 0.05)),
     ]
-    for run in wall_runs():
-        objects.append(build(run.name, "wall", wall(run)))
-        for i, hole in enumerate(o for o in run.openings if o.is_window):
-            name = run.name.replace("wall", "window") + f" {i + 1}"
-            objects.append(build(name, "window-other", window(run, hole)))
-    return objects
+    return [*objects, *structure(wall_runs())]
 
 
 def _round_group(
@@ -393,4 +291,72 @@ def _cafe_things() -> list[SceneObject]:
 @cache
 def cafe_scene() -> Scene:
     """Build the whole place (once a process)."""
-    return assemble([*building(), *_cafe_tables(), *_cafe_things(), *cafe_kitchen(), *lounge(), *office()])
+    objects = [*building(), *_cafe_tables(), *_cafe_things(), *_kitchen(), *_lounge(), *_office()]
+    return assemble(objects, rooms_m=ROOMS_M, lights_m=LIGHTS_M)
+
+
+STATIONS: tuple[tuple[float, float, float, float], ...] = (
+    # x, y of the camera; x, y of what it looks at there
+    (6.30, 3.50, 4.50, 4.90),
+    (5.60, 3.05, 4.90, 1.60),
+    (4.30, 2.95, 4.60, 1.30),
+    (3.50, 2.85, 1.90, 1.50),
+    (2.90, 2.95, 1.30, 1.90),
+    (2.95, 2.10, 1.50, 1.60),
+    (2.95, 1.30, 1.40, 1.60),
+    (2.95, 2.00, 1.10, 2.60),
+    (2.80, 2.80, 1.20, 3.90),
+    (2.75, 3.30, 1.60, 4.40),
+    (3.00, 4.30, 1.60, 4.40),
+    (2.95, 5.45, 1.60, 6.60),
+    (2.20, 5.68, 1.50, 6.80),
+    (1.40, 5.66, 2.20, 6.70),
+    (2.60, 5.72, 3.60, 6.60),
+    (3.70, 6.30, 2.20, 7.00),
+    (4.35, 7.10, 2.60, 7.80),
+    (4.15, 7.85, 2.20, 8.30),
+    (3.60, 7.93, 1.60, 8.60),
+    (4.30, 7.70, 2.60, 8.80),
+    (4.90, 7.10, 3.80, 8.60),
+    (5.60, 6.70, 4.20, 8.60),
+    (6.00, 6.65, 5.90, 8.40),
+    (6.60, 6.80, 8.00, 6.80),
+    (7.20, 6.80, 8.40, 7.60),
+    (8.20, 6.75, 8.60, 8.50),
+    (9.30, 6.70, 9.90, 8.50),
+    (9.90, 6.75, 11.40, 7.60),
+    (9.95, 6.30, 11.50, 6.40),
+    (9.80, 5.95, 11.20, 5.00),
+    (9.30, 6.20, 8.00, 5.30),
+    (9.25, 5.90, 7.60, 6.60),
+    (9.60, 5.50, 9.64, 4.20),
+    (9.64, 4.70, 9.90, 2.80),
+    (9.62, 4.00, 10.90, 3.90),
+    (9.40, 3.50, 11.30, 2.60),
+    (9.36, 2.60, 10.60, 2.00),
+    (9.36, 1.75, 9.90, 0.50),
+    (9.60, 1.24, 11.40, 1.40),
+    (10.40, 1.24, 11.40, 2.20),
+    (10.75, 1.70, 10.90, 3.80),
+    (10.75, 2.60, 9.90, 3.60),
+    (10.60, 3.75, 8.80, 2.40),
+    (9.50, 3.65, 8.40, 2.10),
+    (8.70, 3.55, 7.60, 4.00),
+    (7.95, 3.05, 8.30, 1.90),
+    (7.75, 2.60, 7.80, 0.80),
+    (7.20, 2.50, 5.20, 2.20),
+    (6.50, 2.50, 4.90, 1.20),
+    (6.42, 1.90, 4.80, 0.60),
+    (6.35, 2.60, 5.00, 2.60),
+    (6.20, 3.40, 5.60, 5.00),
+    (5.95, 4.60, 4.50, 5.00),
+    (5.80, 5.80, 4.50, 4.90),
+    (4.70, 6.20, 4.40, 5.00),
+    (3.30, 5.75, 4.30, 4.90),
+    (3.05, 4.60, 4.30, 4.95),
+    (3.30, 3.50, 4.40, 4.80),
+    (3.60, 3.00, 2.40, 4.00),
+)
+"""Where the walk passes and what it turns to."""
+
+PLACE = Place("cafe", "A café with lounge and office of our own making", cafe_scene, lambda: STATIONS)

@@ -1,0 +1,191 @@
+"""The other embedded places: furnished, sound to walk through, and different from one another."""
+
+import itertools
+from collections import Counter
+from functools import cache
+from typing import get_args
+
+import numpy as np
+import pytest
+import trimesh
+from scipy.spatial import KDTree
+
+from simaps_viz.cli.demo import PlaceName
+from simaps_viz.errors import InputError
+from simaps_viz.scenes import materials as m
+from simaps_viz.scenes import place as place_file
+from simaps_viz.scenes.building import Hole, Opening, Room, furnished, walls_between
+from simaps_viz.scenes.demo import DemoSettings, ensure_demo, settings_of
+from simaps_viz.scenes.place import Place
+from simaps_viz.scenes.places import PLACES, place_of
+from simaps_viz.scenes.render import Renderer, embree_scene
+from simaps_viz.scenes.scene import SceneObject
+from simaps_viz.structures import Intrinsics
+
+NEW = [name for name in PLACES if name != "cafe"]
+TINY = DemoSettings(frames=4, width=96, height=72)
+HANGING = {"picture", "clock", "lamp", "board"}
+
+
+def joined(one: SceneObject) -> trimesh.Trimesh:
+    mesh = trimesh.util.concatenate([part.mesh for part in one.parts])
+    assert isinstance(mesh, trimesh.Trimesh)
+    return mesh
+
+
+@cache
+def sampled(name: str, thing: str, count: int) -> np.ndarray:
+    """Points on an object, drawn a little together so that what only touches is apart."""
+    one = next(o for o in PLACES[name].scene().objects if o.name == thing)
+    points = trimesh.sample.sample_surface(joined(one), count, seed=0)[0]
+    middle = points.mean(axis=0)
+    return middle + 0.98 * (points - middle)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", NEW)
+def test_a_place_has_many_objects_in_several_rooms(name):
+    scene = PLACES[name].scene()
+    things = [o for o in scene.objects if o.is_thing]
+    middles = np.array([o.bounds_m.mean(axis=0)[:2] for o in things])
+    in_room = [((middles > room[:2]) & (middles < room[2:])).all(axis=1).sum() for room in scene.rooms_m]
+    assert len(things) >= 40 and len(in_room) >= 3 and min(in_room) >= 5 and sum(in_room) == len(things)
+    assert Counter(o.label for o in things)["chair"] >= 6
+    assert len({o.label for o in things}) >= 20
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", NEW)
+def test_no_object_stands_in_another(name):
+    objects = [o for o in PLACES[name].scene().objects if o.label not in ("ceiling", "rug-merged", "window-other")]
+    for one, other in itertools.permutations(objects, 2):
+        sizes = [np.ptp(o.bounds_m, axis=0).prod() for o in (one, other)]
+        overlap = np.minimum(one.bounds_m[1], other.bounds_m[1]) - np.maximum(one.bounds_m[0], other.bounds_m[0])
+        if not one.is_thing or sizes[0] > sizes[1] or (overlap < 0.012).any():
+            continue
+        points = sampled(name, one.name, 200)
+        inside = np.zeros(len(points), dtype=bool)
+        for mesh in (part.mesh for part in other.parts if part.mesh.is_watertight):
+            near = ((points > mesh.bounds[0]) & (points < mesh.bounds[1])).all(axis=1)
+            inside[near] |= mesh.contains(points[near])
+        assert inside.mean() < 0.06, (one.name, other.name, inside.mean())
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", NEW)
+def test_what_does_not_hang_stands_on_something(name):
+    scene = PLACES[name].scene()
+    down = np.array([[0, 0, -1]], dtype=np.float32)
+    for number, one in enumerate(scene.objects, start=1):
+        low = one.bounds_m[0, 2]
+        if one.is_thing and one.label not in HANGING and low > 0.01:
+            tree = embree_scene(scene.triangles_m[scene.instance != number])
+            lowest = joined(one).vertices
+            lowest = lowest[lowest[:, 2] < low + 0.01] + [0, 0, 0.02]
+            starts = np.concatenate([lowest[:: max(1, len(lowest) // 8)], lowest.mean(axis=0)[None]]).astype(np.float32)
+            below = tree.run(starts, np.tile(down, (len(starts), 1)), query="DISTANCE")
+            assert abs(float(below.min()) - 0.02) < 0.03, (one.name, below)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", NEW)
+def test_the_walk_touches_nothing_enters_all_rooms_and_sees_nearly_everything(name):
+    place, walk = PLACES[name], PLACES[name].walk(1200)
+    scene, positions = place.scene(), walk.T_world_camera[:, :3, 3]
+    points = []
+    for one in (o for o in scene.objects if o.label not in ("floor", "ceiling", "rug-merged")):
+        points.append(trimesh.sample.sample_surface(joined(one), int(joined(one).area * 800) + 100, seed=0)[0])
+    solid = np.concatenate(points)
+    solid = solid[(solid[:, 2] > 0.05) & (solid[:, 2] < 1.6), :2]
+    assert KDTree(solid).query(positions[:, :2])[0].min() > 0.2
+    for room in scene.rooms_m:
+        assert ((positions[:, :2] > room[:2]) & (positions[:, :2] < room[2:])).all(axis=1).sum() > 15, room
+    steps = np.linalg.norm(np.diff(positions, axis=0), axis=1)
+    forward = walk.T_world_camera[:, :3, 2]
+    turns = np.arccos(np.clip(np.einsum("ni,ni->n", forward[1:], forward[:-1]), -1, 1))
+    assert steps.max() < 0.3 and np.rad2deg(turns).max() < 22
+    renderer = Renderer(scene, Intrinsics(80, 60, 55.0, 55.0, 39.5, 29.5))
+    seen = Counter()
+    for T in walk.T_world_camera[::4]:
+        ids, counts = np.unique(renderer.cast(T).instance, return_counts=True)
+        seen.update(ids[counts >= 4].tolist())
+    things = [number for number, o in enumerate(scene.objects, start=1) if o.is_thing]
+    often = sum(seen[number] >= 3 for number in things)
+    unseen = [scene.objects[number - 1].name for number in things if seen[number] < 3]
+    assert often >= 0.93 * len(things), unseen
+
+
+@pytest.mark.slow
+def test_no_piece_of_seating_or_table_is_the_same_in_two_places():
+    kinds = ("chair", "couch", "dining table", "desk", "bench", "bed", "stool")
+    sizes = {
+        name: {
+            (o.label, *np.round(np.ptp(np.concatenate([_own_frame(o, p.mesh.vertices) for p in o.parts]), axis=0), 2))
+            for o in place.scene().objects
+            if o.label in kinds
+        }
+        for name, place in PLACES.items()
+    }
+    for one, other in itertools.combinations(sizes, 2):
+        assert not sizes[one] & sizes[other], (one, other)
+
+
+def _own_frame(one: SceneObject, points: np.ndarray) -> np.ndarray:
+    T = one.T_world_object
+    return (points - T[:3, 3]) @ T[:3, :3]
+
+
+def test_rooms_are_walled_with_holes_where_they_are_asked_for():
+    plain = m.paint("ffffff")
+    rooms = (
+        Room("a", 0, 0, 4, 3, plain, plain), Room("b", 4, 0, 7, 5, plain, plain), Room("c", 0, 3, 4, 5, plain, plain),
+    )  # fmt: skip
+    runs = {run.name: run for run in walls_between(rooms, (Hole(4, 1, 0.8), Hole(6, 5, 1, 0.9, 2.0)))}
+    assert set(runs) == {
+        "wall a west", "wall c west", "wall b a", "wall b c", "wall b east", "wall a south", "wall b south",
+        "wall a c", "wall c north", "wall b north",
+    }  # fmt: skip
+    assert runs["wall b a"].openings == (Opening(0.6, 1.4),)
+    (pane,) = runs["wall b north"].openings
+    assert (pane.is_window, pane.start, pane.end) == (True, 1.5, 2.5)
+    assert sum(run.length for run in runs.values()) == 2 * (7 + 5) + 5 + 4
+    # an outer wall has its room on the right of its direction
+    assert runs["wall b east"].start == (7, 5) and runs["wall b east"].end == (7, 0)
+    with pytest.raises(ValueError, match=r"every hole in a wall, found \[Hole\(x=2"):
+        furnished(rooms, (Hole(2, 2, 0.8),), ())
+
+
+def test_names_of_places_are_those_of_the_command():
+    assert get_args(PlaceName) == tuple(PLACES)
+    assert all(place.name == name for name, place in PLACES.items())
+    assert sum(place.frames for place in PLACES.values()) == 5000
+    with pytest.raises(InputError, match="place: expected one of cafe, home, office, canteen, shop, found 'moon'"):
+        place_of("moon")
+
+
+def test_frames_depend_on_the_files_of_their_place_alone(tmp_path, monkeypatch):
+    names = {name: {path.name for path in place.sources()} for name, place in PLACES.items()}
+    assert {"cafe.py", "render.py", "simulated_errors.py", "building.py", "walk.py"} <= names["cafe"]
+    assert not {"home.py", "household.py"} & names["cafe"]
+    assert {"home.py", "household.py"} <= names["home"] and "cafe.py" not in names["home"]
+    assert settings_of(PLACES["cafe"]) == DemoSettings()
+    folder = tmp_path / "scenes"
+    (folder / "places").mkdir(parents=True)
+    for path in place_file._FOLDER.rglob("*.py"):
+        (folder / path.relative_to(place_file._FOLDER)).write_bytes(path.read_bytes())
+    monkeypatch.setattr(place_file, "_FOLDER", folder)
+    before = {name: DemoSettings().key(place) for name, place in PLACES.items()}
+    (folder / "places" / "home.py").write_text("# another flat\n")
+    (folder / "places" / "moon.py").write_text("# another place\n")
+    after = {name: DemoSettings().key(place) for name, place in PLACES.items()}
+    assert {name for name in PLACES if before[name] != after[name]} == {"home"}
+
+
+@pytest.mark.slow
+def test_a_place_is_rendered_under_its_own_name(tmp_path, monkeypatch):
+    small = Place("shop", "A shop", PLACES["shop"].scene, PLACES["shop"].stations, frames=3)
+    monkeypatch.setitem(PLACES, "shop", small)
+    manifest = ensure_demo("shop", cache_dir=tmp_path, settings=TINY)
+    assert manifest.parent.name == f"shop-{TINY.key(small)}"
+    text = manifest.read_text(encoding="utf-8")
+    assert '"name": "shop, light errors"' in text and '"description": "A shop, ray cast' in text
