@@ -107,7 +107,7 @@ class Serving:
     one for visitors, who look, ask and simulate, one for you. Tokens of your own: SIMAPS_TOKEN, SIMAPS_OWNER_TOKEN; see
     SECURITY.md."""
     allow_edit: bool = False
-    """Let all who are let in do what otherwise only the owner's address may: mend the map, rename and delete files."""
+    """Let all who are let in do what otherwise only the owner's address may: mend, judge, rename and delete files."""
     read_only: bool = False
     """Let nobody change anything, for a talk or a kiosk."""
     browser: bool = True

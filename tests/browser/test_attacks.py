@@ -3,8 +3,10 @@
 import http.server
 import threading
 
+from attack_target import toy_target
 from browser import PATIENCE_S, field_of, free_port, mine, open_workbench, toy_services, until, watched_page
 from hostile_maps import IMAGE, PWNED, SCRIPT, hostile_map
+from playwright.sync_api import expect
 
 from simaps_viz.errors import CommandError
 from simaps_viz.recorder.web_viewer import CONTENT_SECURITY_POLICY, rerun_page, viewer_assets
@@ -170,6 +172,27 @@ def test_a_browser_with_the_token_comes_in_and_one_without_does_not(browser, mon
             assert "token" not in page.url
             assert "A-token" not in page.evaluate("() => document.cookie + document.documentElement.outerHTML")
             until(page, lambda: len(bench.tabs._session_of) == 1)  # its hidden frame came through, with the cookie
+
+
+def test_a_visitors_page_changes_nothing_until_the_owners_address_is_opened(browser, tmp_path):
+    with toy_target(tmp_path) as target, watched_page(browser) as page:
+        for address, owner in ((target.closed.entrance, False), (target.closed.owner_entrance, True)):
+            page.goto(address)
+            page.wait_for_function(MAP_SHOWN)
+            page.get_by_role("tab", name="Recordings", exact=True).click()
+            page.get_by_role("button", name="List again").wait_for()
+            assert "token" not in page.url
+            for role, name in (
+                ("tab", "Mend"),
+                ("button", "Rename …"),
+                ("button", "Delete …"),
+                ("button", "Restore …"),
+            ):
+                expect(page.get_by_role(role, name=name, exact=True)).to_have_count(int(owner))
+            page.get_by_role("button", name="Help", exact=True).click()
+            page.get_by_text("How to use this page").wait_for()
+            expect(page.get_by_text("You are visiting")).to_have_count(int(not owner))
+            page.keyboard.press("Escape")
 
 
 def test_a_tab_that_nobody_looks_at_holds_no_connection(browser):
