@@ -36,6 +36,7 @@ PIXEL_CENTRE = 0.5
 UNITS = ("depth_unit_scale_factor", "integer_depth_scale", "depth_integer_scale")
 """Keys of the depth images' unit, metres: nerfstudio's, instant-ngp's, and the one NeRFCapture writes for it."""
 PICTURES = (".png", ".jpg", ".jpeg", ".PNG", ".JPG")
+FISHEYE = "OPENCV_FISHEYE"
 PINHOLES = ("OPENCV", "PINHOLE", "SIMPLE_PINHOLE", "SIMPLE_RADIAL", "RADIAL", "PERSPECTIVE")
 
 
@@ -59,9 +60,12 @@ class NerfstudioReader(Reader):
         if not isinstance(frames, list) or not frames:
             raise InputError(f'{file}: expected an object with a list "frames", found {shown(content)}')
         model = str(content.get("camera_model", "OPENCV")).upper()
-        if model not in PINHOLES or content.get("is_fisheye") or json_number(str(file), {"k4": 0.0} | content, "k4"):
+        fisheye = model == FISHEYE or content.get("is_fisheye") is True
+        k4 = json_number(str(file), {"k4": 0.0} | content, "k4")
+        if (model not in (*PINHOLES, FISHEYE)) or (k4 and not fisheye):
+            known = ", ".join((*PINHOLES, FISHEYE))
             raise InputError(
-                f"{file}: camera_model: expected one of {', '.join(PINHOLES)} without k4, found {shown(model)}"
+                f"{file}: camera_model: expected one of {known}, pinholes without k4, found {shown(model)}"
             )
         frames = [_merged(file, i, content, frame) for i, frame in enumerate(frames)]
         stated = len(frames)
@@ -73,7 +77,10 @@ class NerfstudioReader(Reader):
         color_files, depth_files = _files(file, frames, "file_path"), _files(file, frames, "depth_file_path")
         unit = next((key for key in UNITS if content.get(key) is not None), UNITS[0])
         unit_m = json_number(str(file), {unit: FACTS.depth_unit_m} | content, unit)
-        lenses = [_lens(f"{file}: frame {frame['file_path']}", frame, color_files[i]) for i, frame in enumerate(frames)]
+        lenses = [
+            _lens(f"{file}: frame {frame['file_path']}", frame, color_files[i], fisheye=fisheye)
+            for i, frame in enumerate(frames)
+        ]
         height, width = _read_depth(depth_files[0], unit_m).shape
         depth_lenses = [lens.scaled(width, height) for lens in lenses]
         target = Intrinsics(**vars(depth_lenses[0].intrinsics))
@@ -117,7 +124,7 @@ def _names(frames: list[dict[str, Any]]) -> tuple[str, ...]:
     return tuple(stems) if len(set(stems)) == len(stems) else tuple(f"{i:06d}" for i in range(len(stems)))
 
 
-def _lens(where: str, frame: dict[str, Any], color_file: Path) -> Lens:
+def _lens(where: str, frame: dict[str, Any], color_file: Path, *, fisheye: bool) -> Lens:
     stated = "w" in frame and "h" in frame
     width, height = (int(json_number(where, frame, key)) for key in "wh") if stated else image_size(color_file)
     known = {"cx": width / 2, "cy": height / 2} | frame
@@ -127,9 +134,9 @@ def _lens(where: str, frame: dict[str, Any], color_file: Path) -> Lens:
     numbers = [json_number(where, {"fl_y": known.get("fl_x")} | known, key) for key in ("fl_x", "fl_y", "cx", "cy")]
     fx, fy, cx, cy = numbers
     camera = pinhole(where, width, height, fx, fy, cx - PIXEL_CENTRE, cy - PIXEL_CENTRE)
-    keys = ("k1", "k2", "p1", "p2", "k3")
+    keys = ("k1", "k2", "k3", "k4") if fisheye else ("k1", "k2", "p1", "p2", "k3")
     distortion = tuple(json_number(where, dict.fromkeys(keys, 0.0) | frame, key) for key in keys)
-    return Lens(camera, distortion if any(distortion) else ())
+    return Lens(camera, distortion if any(distortion) else (), fisheye=fisheye)
 
 
 def _pose(where: str, frame: dict[str, Any]) -> NDArray:

@@ -49,8 +49,8 @@ def values(name: str, edit: Callable[[dict], object]) -> Change:
     return change
 
 
-def fisheye(content: dict) -> None:
-    content["camera_model"] = "OPENCV_FISHEYE"
+def panorama(content: dict) -> None:
+    content["camera_model"] = "EQUIRECTANGULAR"
 
 
 ARKIT = "41069021_frames"
@@ -82,7 +82,7 @@ FAULTS: list[tuple[Callable[[Path], Sample], Change, str, str, str]] = [
      "transforms.json", "depth_file_path", "none in 4; a map needs depth"),
     (nerfstudio, values("transforms.json", lambda c: c["frames"][2].update(depth_file_path=3)),
      "transforms.json: frame 2", "depth_file_path", "3"),
-    (nerfstudio, values("transforms.json", fisheye), "camera_model", "OPENCV", "FISHEYE"),
+    (nerfstudio, values("transforms.json", panorama), "camera_model", "OPENCV_FISHEYE", "EQUIRECT"),
     (nerfstudio, values("transforms.json", lambda c: c["frames"][0].update(transform_matrix=[1])),
      "frame_00003", "4x4", "1 numbers"),
     (nerfstudio, values("transforms.json", lambda c: c.pop("fl_x")), "fl_x", "a number", "none"),

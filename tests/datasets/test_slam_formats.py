@@ -16,6 +16,7 @@ from scans_folders import tum
 from scans_slam import colmap, instant_ngp, redwood, rtabmap, rtabmap_calibration, slam_folder, stray_scanner
 
 from simaps_viz import open_sequence
+from simaps_viz.datasets.calibration import Lens, see_through
 from simaps_viz.datasets.open import recognise
 from simaps_viz.errors import InputError
 
@@ -227,6 +228,20 @@ def test_a_camera_by_its_angle_of_view_alone(tmp_path):
     edit(path, camera_angle_x=angle, fl_x=None, fl_y=None, cx=None, cy=None, w=None, h=None)
     k = open_sequence(path).intrinsics
     assert (k.fx, k.fy, k.cx, k.cy) == (pytest.approx(K.fx), pytest.approx(K.fx), K.width / 2 - 0.5, K.height / 2 - 0.5)
+
+
+@pytest.mark.parametrize("keys", [{"camera_model": "OPENCV_FISHEYE"}, {"is_fisheye": True}])
+def test_nerfstudio_s_fisheye_cameras(tmp_path, keys):
+    """nerfstudio names the model, instant-ngp has a flag; both have OpenCV's four numbers."""
+    path = instant_ngp(tmp_path).path
+    edit(path, **keys, k1=0.03, k2=-0.01, k3=0.004, k4=-0.001)
+    lens = Lens(K, (0.03, -0.01, 0.004, -0.001), fisheye=True)
+    raw = cv2.imread(str(path / "images/2.depth.png"), cv2.IMREAD_UNCHANGED)
+    assert raw is not None
+    expected = see_through(raw.astype(np.float32) * np.float32(10 / 65535), lens, K, exact=True)
+    sequence = open_sequence(path)
+    assert sequence.intrinsics == K
+    np.testing.assert_allclose(sequence.read(2).depth_m, expected, rtol=1e-6)
 
 
 def tiff(path: Path, depth_m: np.ndarray) -> None:
