@@ -9,8 +9,9 @@ import rerun as rr
 from numpy.typing import NDArray
 
 from simaps_viz.colors.classes import class_color
-from simaps_viz.colors.instances import Colored, colors_like, instance_colors
+from simaps_viz.colors.instances import Colored, color_of_instance, colors_like, instance_colors
 from simaps_viz.events import CommunitiesFound, FrameProjected
+from simaps_viz.mapping.in_space import all_instances, has_voxels
 from simaps_viz.recorder.map_pictures import (
     GROUND,
     Entry,
@@ -30,7 +31,7 @@ from simaps_viz.recorder.map_pictures import (
     thing_picture,
 )
 from simaps_viz.recorder.settings import RecorderSettings
-from simaps_viz.structures import Grid, GridSpec, SIMap
+from simaps_viz.structures import Box, Grid, GridSpec, Instance, SIMap
 
 
 @dataclass(frozen=True, eq=False)
@@ -199,7 +200,7 @@ class MapLog:
         self.log_objects(simap.grid, simap.instance)
         if not simap.instances:
             return
-        names = short_names(simap)
+        names = short_names(simap)[: len(simap.instances)]
         colors = instance_colors(simap)[[instance.id for instance in simap.instances]]
         corners = np.array([instance.aabb_m for instance in simap.instances])
         low, high = on_picture(corners[:, 0]), on_picture(corners[:, 1])
@@ -208,11 +209,33 @@ class MapLog:
             rr.Boxes2D(centers=(low + high) / 2, half_sizes=np.abs(high - low) / 2, colors=colors, labels=names,
                        radii=0.01, draw_order=20.0, show_labels=False),
         )  # fmt: skip
+        if has_voxels(simap):
+            self._log_boxes(simap)
+            return
         self._stream.log(
             "/world/objects",
             rr.Boxes3D(mins=corners[:, 0], sizes=corners[:, 1] - corners[:, 0], colors=colors, labels=names,
                        radii=0.01, show_labels=len(names) <= MAX_LABELS),
         )  # fmt: skip
+
+    def _log_boxes(self, simap: SIMap) -> None:
+        """Log the turned boxes of the objects, in the order of the map's instances, then of those no cell shows."""
+        ones = all_instances(simap)
+        boxes = [one.box or _upright(one) for one in ones]
+        half_turns = np.array([box.yaw_rad for box in boxes]) / 2.0
+        nothing = np.zeros(len(boxes))
+        self._stream.log(
+            "/world/objects",
+            rr.Boxes3D(
+                centers=[box.center_m for box in boxes],
+                sizes=[box.size_m for box in boxes],
+                quaternions=np.stack([nothing, nothing, np.sin(half_turns), np.cos(half_turns)], axis=1),
+                colors=[color_of_instance(simap, one.id) for one in ones],
+                labels=short_names(simap),
+                radii=0.01,
+                show_labels=len(ones) <= MAX_LABELS,
+            ),
+        )
 
     def _log_edges(self, grid: Grid, edges: NDArray, labels: NDArray) -> None:
         """Draw an even sample of the edges a frame added, in the colours of their classes."""
@@ -245,11 +268,22 @@ class MapLog:
         )
 
 
+def _upright(instance: Instance) -> Box:
+    """Return the box along the axes of an instance that has no voxel."""
+    low, high = (np.array(corner) for corner in instance.aabb_m)
+    x, y, z = ((low + high) / 2.0).tolist()
+    length, width, height = (high - low).tolist()
+    return Box((x, y, z), (length, width, height), 0.0)
+
+
 def short_names(simap: SIMap) -> list[str]:
-    """Name the instances, in their order: "chair 7" is the seventh of its class by id, as in the workbench."""
+    """Name the instances, in their order: "chair 7" is the seventh of its class by id, as in the workbench.
+
+    Those that no cell shows come last.
+    """
     seen: dict[str, int] = {}
     names = []
-    for instance in simap.instances:
+    for instance in all_instances(simap):
         seen[instance.label] = seen.get(instance.label, 0) + 1
         names.append(f"{instance.label} {seen[instance.label]}")
     return names

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from simaps_viz.colors.classes import class_color
 from simaps_viz.io.files import check_output, replacing
+from simaps_viz.mapping.in_space import VOXEL_M, has_voxels
 from simaps_viz.recorder.facts import finished_facts, send_facts
 from simaps_viz.recorder.map_log import MapLog
 from simaps_viz.recorder.map_pictures import cell_centres, markdown_table, north_up, object_picture
@@ -71,8 +72,12 @@ def whole_map_blueprint(simap: SIMap) -> rrb.Blueprint:
 
 
 def _log_surface(under: Any, simap: SIMap) -> None:
-    """Log the top of every seen cell that no object covers, as points in the colours of their classes."""
+    """Log the surface as it looked; of a map without voxels the tops of cells that no object covers, by class."""
     grid = simap.grid
+    if has_voxels(simap):
+        points = simap.points()
+        under.log("/world/surface", rr.Points3D(points.positions, colors=points.colors, radii=VOXEL_M / 2))
+        return
     rows, cols = np.nonzero(~np.isnan(grid.height_m) & (simap.instance == 0))
     points = np.concatenate([cell_centres(grid.spec, rows, cols), grid.height_m[rows, cols][:, None]], axis=1)
     palette = np.array([class_color(name) if i else (170, 175, 185) for i, name in enumerate(grid.labels)], np.uint8)

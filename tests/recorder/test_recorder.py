@@ -7,6 +7,7 @@ from typing import Any
 import cv2
 import numpy as np
 import pytest
+import rerun as rr
 import rerun.chunk as rc
 from recorded_story import (
     CELL_M,
@@ -23,13 +24,16 @@ from recorded_story import (
     rows,
     story,
 )
+from toy_surfaces import toy_with_surface
 
 from simaps_viz.colors.classes import class_color, instance_color
 from simaps_viz.events import BuildFinished, CommunitiesFound, FrameProjected, MergesFound
 from simaps_viz.geometry import turned_pose
+from simaps_viz.recorder.map_log import short_names
 from simaps_viz.recorder.map_pictures import CLASS_BASE, FLOOR, UNPARTED, UNSEEN
 from simaps_viz.recorder.recorder import RerunRecorder
 from simaps_viz.recorder.settings import RecorderSettings
+from simaps_viz.recorder.whole_map import log_whole_map
 from simaps_viz.structures import (
     MergeLog,
     SIMap,
@@ -253,3 +257,25 @@ def test_map_without_objects(tmp_path: Path) -> None:
         recorder.on_event(BuildFinished(bare))
     found = rc.RrdReader(tmp_path / "a.rrd").stream().collect()
     assert rows(found, "/map/objects", timeline="merge")["merge"] == [0]
+
+
+def test_objects_of_a_map_with_voxels_have_turned_boxes_in_the_room_as_it_looked(tmp_path: Path) -> None:
+    simap = toy_with_surface()
+    stream = rr.RecordingStream("test")
+    stream.set_sinks(rr.FileSink(str(tmp_path / "map.rrd")))
+    log_whole_map(stream, simap)
+    stream.flush()
+    stream.disconnect()
+    found = rc.RrdReader(tmp_path / "map.rrd").stream().collect()
+    boxes = rows(found, "/world/objects")
+    ones = (*simap.instances, *simap.hidden)
+    assert boxes["labels"][0] == [*short_names(simap)] and boxes["labels"][0][-1] == "potted plant 2"
+    for number, one in enumerate(ones):
+        assert one.box is not None
+        assert np.allclose(boxes["centers"][0][number], one.box.center_m, atol=1e-5)
+        assert np.allclose(np.multiply(boxes["half_sizes"][0][number], 2), one.box.size_m, atol=1e-5)
+        x, y, z, w = boxes["quaternions"][0][number]
+        assert (x, y) == (0, 0) and 2 * np.arctan2(z, w) == pytest.approx(one.box.yaw_rad, abs=1e-5)
+    surface = rows(found, "/world/surface")
+    assert np.allclose(surface["positions"][0], simap.points().positions)
+    assert surface["colors"][0][-1] == rgba(tuple(simap.points().colors[-1].tolist()))
