@@ -13,6 +13,7 @@ import threading
 import zipfile
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import asdict, fields
+from functools import cached_property
 from pathlib import Path
 from typing import IO, Any, Self
 
@@ -62,7 +63,9 @@ LAYERS = ("height", "lowest", "observations", "community")
 EDGES = ("edge_first", "edge_step", "edge_count", "edge_different")
 """The arrays with an entry for each edge, class by class: flat cell, how many cells further the other end is, and
 `CellGraph.counts` and `CellGraph.different`."""
-PACKED = (*LAYERS, *EDGES)
+RUNS = ("surface_cell", "surface_low", "surface_high", "surface_owner", "surface_color")
+"""The arrays of `Surface`."""
+PACKED = (*LAYERS, *EDGES, *RUNS)
 """The arrays that stay packed until somebody asks for them."""
 _EDGES_AT_ONCE = 1 << 20
 _CELL_SIZE_M = (1e-4, 100.0)
@@ -278,7 +281,7 @@ def _rebuild(meta: Mapping[str, Any], data: Mapping[str, NDArray], packed: Mappi
         label=data["label"],
     )
     return _LazyMap.of(
-        {"community": lambda _: packed["community"][:]},
+        {"community": lambda _: packed["community"][:], "surface": lambda _: _surface(grid.spec, packed)},
         grid=grid,
         instance=data["instance"],
         instances=tuple(_instance(entry) for entry in meta["instances"]),
@@ -297,7 +300,7 @@ def _rebuild(meta: Mapping[str, Any], data: Mapping[str, NDArray], packed: Mappi
         T_map_camera=data["T_map_camera"].reshape(-1, 4, 4),
         appearance=_appearance(grid.spec, data),
         **_rooms(data),
-        **_surface(grid, data, {int(entry["id"]) for entry in meta["instances"]}),
+        hidden=_hidden(grid, data, packed, {int(entry["id"]) for entry in meta["instances"]}),
     )
 
 
@@ -313,31 +316,53 @@ def _rooms(data: Mapping[str, NDArray]) -> dict[str, Any]:
     return {"room": room, "room_names": {int(key): name for key, name in names.items()}}
 
 
-def _surface(grid: Grid, data: Mapping[str, NDArray], ids: Collection[int]) -> dict[str, Any]:
-    """Return the surface and the hidden objects of a map file; a map without has neither.
+def _surface(spec: GridSpec, rows: Mapping[str, Rows]) -> Surface | None:
+    """Return the surface of a map file; None for a map without."""
+    if RUNS[0] not in rows:
+        return None
+    cell = np.cumsum(rows["surface_cell"][:], dtype=np.int32)
+    color = rows.get("surface_color", np.zeros((3, 0), np.int8))
+    return Surface(spec, cell, *(rows[name][:] for name in RUNS[1:4]), color=color[:])
+
+
+def _hidden(
+    grid: Grid, data: Mapping[str, NDArray], rows: Mapping[str, Rows], ids: Collection[int]
+) -> tuple[Instance, ...]:
+    """Return the hidden objects of a map file, whose surface is checked; a map without a surface has none.
+
+    Args:
+        grid: the map's.
+        data: the arrays that are not packed.
+        rows: the packed ones.
+        ids: of the instances on the grid.
 
     Raises:
         KeyError, TypeError, ValueError: some of the arrays are missing, or they do not fit together.
     """
-    if not any(name in data for name in _SURFACE):
-        return {"surface": None, "hidden": ()}
-    step, low, high, owner, about = (data[name] for name in _SURFACE if name != "surface_color")
-    color = data.get("surface_color", np.zeros((3, 0), np.int8))
-    entries = json.loads(str(about))
+    if not any(name in part for name in _SURFACE for part in (data, rows)):
+        return ()
+    entries = json.loads(str(data["hidden"]))
     _check(isinstance(entries, list) and all(isinstance(one, dict) for one in entries), "hidden")
     known = [one["id"] for one in entries]
     _check(_are(known, int) and len({*known, *ids}) == len(known) + len(ids), "ids of hidden instances")
     for one in entries:
         _check(0 < one["id"] < 1 << 31 and one["label"] in grid.labels, "hidden")
         _check_numbers(one)
-    _check(len(step) == len(low) == len(high) == len(owner) and bool((low <= high).all()), "surface")
-    _check(_within(step, 0, None), "surface_cell that does not ascend")
-    cell = np.cumsum(step, dtype=np.int64)
-    _check(_within(cell[-1:], 0, grid.spec.rows * grid.spec.cols - 1), "surface_cell out of range")
-    _check(_within(owner, -len(grid.labels), grid.label.size + _SPARE_IDS), "surface_owner out of range")
-    surface = Surface(grid.spec, cell.astype(np.int32), low, high, owner, color)
-    _check(color.shape in ((3, 0), (3, surface.voxels)), "surface_color")
-    return {"surface": surface, "hidden": tuple(_instance(one) for one in entries)}
+    step, low, high, owner = (rows[name] for name in RUNS[:4])
+    _check(len(step) == len(low) == len(high) == len(owner), "surface arrays of different lengths")
+    last = voxels = 0
+    for block in _blocks(slice(0, len(step))):
+        steps, size = step[block], high[block].astype(np.int64) - low[block] + 1
+        _check(_within(steps, 0, None) and _within(size, 1, None), "surface")
+        _check(_within(owner[block], -len(grid.labels), grid.label.size + _SPARE_IDS), "surface_owner out of range")
+        last, voxels = last + int(steps.sum(dtype=np.int64)), voxels + int(size.sum())
+    _check(last < grid.label.size and voxels <= 256 * grid.label.size, "surface_cell out of range")
+    color = rows.get("surface_color")
+    _check(color is None or color.shape == (3, voxels), "surface_color")
+    for row in range(0 if color is None else 3):
+        color[row : row + 1]  # pyright: ignore[reportOptionalSubscript] # unpacked, so that damage is found
+    check_ends(rows[name] for name in RUNS if name in rows)
+    return tuple(_instance(one) for one in entries)
 
 
 def _appearance(spec: GridSpec, data: Mapping[str, NDArray]) -> Appearance | None:
@@ -399,7 +424,10 @@ class _LazyGrid(_Lazy, Grid):
 
 
 class _LazyMap(_Lazy, SIMap):
-    """A map whose communities are unpacked when first asked for."""
+    """A map whose communities and surface are unpacked when first asked for."""
+
+    # The field has a default, which would hide it from `__getattr__`.
+    surface = cached_property(lambda self: self.__getattr__("surface"))  # pyright: ignore[reportAssignmentType]
 
     @classmethod
     def of(cls, compute: Mapping[str, Callable[[Any], Any]], **known: Any) -> Self:

@@ -61,8 +61,10 @@ class _Nodes:
     """int16 [n]."""
     steps: NDArray
     """uint64 [n], bit k is step ``first_step`` + k."""
-    first: NDArray
-    """int32 [cells + 1], the first node of each cell."""
+
+    def where(self, kept: NDArray) -> "_Nodes":
+        """Return the nodes at some places, int, ascending."""
+        return _Nodes(self.cell[kept], self.label[kept], self.steps[kept])
 
 
 def find_surface(
@@ -88,18 +90,28 @@ def find_surface(
     shown = _shown(
         nodes.cell, nodes.label, nodes.steps, grid.label.reshape(-1), is_thing, grid.height_m.reshape(-1), lowest
     )
-    known = instance.reshape(-1)[nodes.cell]
-    thing = is_thing[nodes.label]
-    top = shown & thing & (known > 0)
+    top = shown & is_thing[nodes.label]
+    top[top] = instance.reshape(-1)[nodes.cell[top]] > 0
     # Owners: 0 is what the map shows in the cell, below 0 a class without an object.
-    owner = np.where(top | (shown & ~thing), 0, -1 - nodes.label.astype(np.int32)).astype(np.int32)
-    lower = np.flatnonzero(thing & ~top)
-    found = _Partition(grid, nodes, lower, np.where(top, known, 0).astype(np.int32), settings)
-    groups = found.groups(seen, lowest)
-    hidden = _hidden(grid, nodes, groups, first_id, settings, lowest)
-    owner[lower] = np.where(groups.instance > 0, groups.instance, owner[lower])
-    for one, group in hidden:
-        owner[lower[groups.group == group]] = one.id
+    owner = -1 - nodes.label.astype(np.int32)
+    owner[top | (shown & ~is_thing[nodes.label])] = 0
+    # Only classes of which something lies below need evidence: few of the nodes of a building.
+    matters = np.zeros(len(grid.labels), np.bool_)
+    matters[nodes.label[is_thing[nodes.label] & ~top]] = True
+    of_matter = np.flatnonzero(matters[nodes.label])
+    hidden = []
+    if len(of_matter):
+        part, shown_in = (
+            nodes.where(of_matter),
+            np.where(top[of_matter], instance.reshape(-1)[nodes.cell[of_matter]], 0),
+        )
+        partition = _Partition(grid, part, np.flatnonzero(~top[of_matter]), shown_in.astype(np.int32), settings)
+        groups = partition.groups(seen, lowest, matters)
+        hidden = _hidden(grid, part, groups, first_id, settings, lowest)
+        lower = of_matter[groups.lower]
+        owner[lower] = np.where(groups.instance > 0, groups.instance, owner[lower])
+        for one, group in hidden:
+            owner[lower[groups.group == group]] = one.id
     cell, low, high, owned = _as_runs(nodes.cell, nodes.steps, owner, lowest)
     return Surface(grid.spec, cell, low, high, owned), tuple(one for one, _ in hidden)
 
@@ -165,6 +177,7 @@ def _elected_nodes(grid: Grid, seen: _Seen, lowest: int, weight_of_label: NDArra
         for cell, of_label, _, low, high, _ in seen:
             _count(cell, of_label, low, high, lowest, following, label, slot, planes)
         _elect(following, label, steps, slot, planes, grid.label.size, weight_of_label)
+    del slot
     thing = np.array(grid.is_thing) & (np.arange(len(grid.labels)) > 0)
     return _Nodes(*_cut(following, label, steps, grid.label.size, thing))
 
@@ -320,17 +333,15 @@ def _cut(
     steps: NDArray,  # uint64 [entries]
     cells: int,
     thing: NDArray,  # bool [labels], what is cut at gaps
-) -> tuple[NDArray, NDArray, NDArray, NDArray]:
-    """Return the nodes: cell int32, class int16, steps uint64; and the first node of each cell, int32 [cells + 1]."""
+) -> tuple[NDArray, NDArray, NDArray]:
+    """Return the nodes: cell int32, ascending, class int16, steps uint64."""
     one = np.uint64(1)
-    first = np.zeros(cells + 1, np.int32)
+    n = 0
     for fill in range(2):
-        n = 0
         if fill:
-            of_cell, of_label = np.zeros(first[cells], np.int32), np.zeros(first[cells], np.int16)
-            of_steps = np.zeros(first[cells], np.uint64)
+            of_cell, of_label, of_steps = np.zeros(n, np.int32), np.zeros(n, np.int16), np.zeros(n, np.uint64)
+        n = 0
         for c in range(cells):
-            first[c] = n
             at = c
             while True:
                 left = steps[at]
@@ -351,8 +362,22 @@ def _cut(
                 at = following[at]
                 if at == 0:
                     break
-        first[cells] = n
-    return of_cell, of_label, of_steps, first
+    return of_cell, of_label, of_steps
+
+
+@njit(cache=True, nogil=True)
+def _first_of_cells(
+    cell: NDArray,  # int32 [n], ascending
+    cells: int,
+) -> NDArray:
+    """Return the first node of each cell, int32 [cells + 1]."""
+    first = np.zeros(cells + 1, np.int32)
+    n = 0
+    for c in range(cells + 1):
+        while n < len(cell) and cell[n] < c:
+            n += 1
+        first[c] = n
+    return first
 
 
 @njit(cache=True, nogil=True, inline="always")
@@ -456,19 +481,18 @@ class _Partition:
     """int32 [nodes], the instance that the map shows there, 0 = a lower node, or of no thing."""
     settings: SpaceSettings
 
-    def groups(self, seen: _Seen, lowest: int) -> _Groups:
-        """Partition them."""
+    def groups(self, seen: _Seen, lowest: int, matters: NDArray) -> _Groups:
+        """Partition them; ``matters``, bool [labels], names the classes of the nodes."""
         nodes, settings, spec = self.nodes, self.settings, self.grid.spec
         number = np.full(len(nodes.cell), -1, np.int32)
         number[self.lower] = np.arange(len(self.lower))
-        matters = np.zeros(len(self.grid.labels), np.bool_)  # classes of which nothing lies below need no evidence
-        matters[nodes.label[self.lower]] = True
+        starts = _first_of_cells(nodes.cell, spec.rows * spec.cols)
         start, other, touches = _neighbours(
-            nodes.cell, nodes.label, nodes.steps, nodes.first, number, self.top, self.lower, spec.rows, spec.cols
+            nodes.cell, nodes.label, nodes.steps, starts, number, self.top, self.lower, spec.rows, spec.cols
         )
         # 1. Same or different, of neighbouring nodes; Louvain joins the lower ones to finest communities.
         same, different = np.zeros(len(other), np.int32), np.zeros(len(other), np.int32)
-        sight = _Sight(nodes, lowest, matters)
+        sight = _Sight(nodes, starts, lowest, matters)
         for frame, (cell, label, segment, low, high, _) in enumerate(seen):
             at = sight.look(frame, cell, label, segment, low, high)
             _count_neighbours(at, number, start, other, sight.frame, sight.segment, frame, same, different)
@@ -479,6 +503,7 @@ class _Partition:
             weight[strong], first[strong], number[other[strong]], len(self.lower),
             resolution=settings.resolution, seed=settings.seed,
         )  # fmt: skip
+        sight.forget()
         # 2. Parts are the objects of the map, then the finest communities. Evidence on each two, over all frames.
         objects, unit = np.unique(self.top, return_inverse=True)
         if not len(objects) or objects[0] != 0:
@@ -487,7 +512,7 @@ class _Partition:
         unit = (unit - 1).astype(np.int32)
         unit[self.lower] = community + tops
         units = tops + int(community.max(initial=-1)) + 1
-        pooled, seen_in, named = self._pooled(seen, _Sight(nodes, lowest, matters), unit, tops, units)
+        pooled, seen_in, named = self._pooled(seen, sight, unit, tops, units)
         touching = np.unique(np.stack([unit[self.lower[first[touches]]], unit[other[touches]]], axis=1), axis=0)
         # 3. Join them, best first.
         root = _join(units, tops, pooled, touching, settings)
@@ -527,17 +552,21 @@ class _Partition:
 class _Sight:
     """Which nodes one frame saw, and in which segment."""
 
-    def __init__(self, nodes: _Nodes, lowest: int, matters: NDArray) -> None:
-        self.nodes, self.lowest, self.matters = nodes, lowest, matters
+    def __init__(self, nodes: _Nodes, starts: NDArray, lowest: int, matters: NDArray) -> None:
+        self.nodes, self.starts, self.lowest, self.matters = nodes, starts, lowest, matters
         count = len(nodes.cell)
         self.frame, self.segment = np.full(count, -1, np.int32), np.zeros(count, np.int32)
         """int32 [nodes], the frame that saw the node last, and the segment with most of its steps."""
         self._steps = np.zeros(count, np.int8)
 
+    def forget(self) -> None:
+        """Begin anew with the first frame."""
+        self.frame.fill(-1)
+
     def look(self, frame: int, cell: NDArray, label: NDArray, segment: NDArray, low: NDArray, high: NDArray) -> NDArray:
         """Take the runs of the next frame; return the nodes that it saw, int32, in the order met."""
         return _look(
-            frame, cell, label, segment, low, high, self.lowest, self.matters, self.nodes.first, self.nodes.label,
+            frame, cell, label, segment, low, high, self.lowest, self.matters, self.starts, self.nodes.label,
             self.nodes.steps, self.frame, self.segment, self._steps,
         )  # fmt: skip
 

@@ -20,6 +20,7 @@ from simaps_viz.io import arrays
 from simaps_viz.mapping import file, row_blocks
 from simaps_viz.mapping.file import PACKED
 from simaps_viz.mapping.simap import repartition
+from simaps_viz.mapping.surface import Surface
 from simaps_viz.structures import Grid, GridSpec, SIMap
 
 GRAPH_PARTS = {"cells", "edges", "counts", "different", "seen"}
@@ -28,14 +29,26 @@ GRAPH_PARTS = {"cells", "edges", "counts", "different", "seen"}
 @pytest.fixture(scope="module", params=["evidence", "paper", "components", "toy"])
 def simap(request, tmp_path_factory) -> SIMap:
     if request.param == "toy":
-        return toy_map()
+        return toy_in_space()
     sequence = open_sequence(write_tiny_sequence(tmp_path_factory.mktemp("tiny")))
     return build_map(sequence, BuildConfig(method=request.param))
 
 
 @pytest.fixture(scope="module")
 def toy() -> SIMap:
-    return toy_map()
+    return toy_in_space()
+
+
+def toy_in_space() -> SIMap:
+    """The toy map with a surface: a run of two steps in every cell, of all kinds of owners."""
+    toy = toy_map()
+    size, rng = toy.instance.size, np.random.default_rng(0)
+    low = rng.integers(-6, 30, size).astype(np.int8)
+    owner = rng.integers(-2, 3, size).astype(np.int32)
+    color = rng.integers(-16, 16, (3, 2 * size)).astype(np.int8)
+    below = replace(toy.instances[0], id=int(toy.community.max()) + 1)
+    surface = Surface(toy.spec, np.arange(size, dtype=np.int32), low, (low + 1).astype(np.int8), owner, color)
+    return replace(toy, surface=surface, hidden=(below,))
 
 
 @pytest.fixture(params=[1 << 20, 7])
@@ -93,7 +106,9 @@ def test_opening_unpacks_no_layer_and_no_edge(toy, tmp_path):
     save_map(toy, tmp_path / "a.npz")
     simap = load_map(tmp_path / "a.npz")
     assert simap.counts() == toy.counts() and simap.at(*toy.instances[0].centroid_m[:2]) is not None
-    assert "community" not in vars(simap) and not {"height_m", "lowest_m", "observations"} & set(vars(simap.grid))
+    assert not {"community", "surface"} & set(vars(simap)) and not {"height_m", "lowest_m", "observations"} & set(
+        vars(simap.grid)
+    )
     assert not any(GRAPH_PARTS & set(vars(graph)) for graph in simap.graphs)
     cut = repartition(simap, k_percent=30.0)
     assert cut.graphs is simap.graphs and cut.grid is simap.grid and cut.community is simap.community
