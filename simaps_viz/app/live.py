@@ -27,6 +27,8 @@ from simaps_viz.datasets.source import FrameSource
 from simaps_viz.drawing.texture import sketch_png
 from simaps_viz.errors import InputError, SIMapsError
 from simaps_viz.events import BuildStarted, CommunitiesFound, Event, FrameProjected, FrameSkipped, Observer
+from simaps_viz.live.drive import Driver
+from simaps_viz.live.robot import RobotSource
 from simaps_viz.live.run import LiveRequest, LiveRun
 from simaps_viz.mapping.finalize import SequenceFacts
 from simaps_viz.mapping.mending import Mending, open_mending
@@ -347,16 +349,18 @@ class _LivePage:
 
     @contextmanager
     def serve(
-        self, build: LiveBuild, stream: LiveStream, port: int, *, start: Pose2 | None, words: Words | None = None
-    ) -> Iterator[Workbench]:
+        self, build: LiveBuild, stream: LiveStream, port: int, *,
+        start: Pose2 | None, words: Words | None = None, driver: Driver | None = None,
+    ) -> Iterator[Workbench]:  # fmt: skip
         """Serve the page until the block ends, which stops the build."""
 
         def state() -> LiveState:
-            return build.state() if words is None else replace(build.state(), words=words())
+            driving = "" if driver is None else driver.words()
+            return build.state() if words is None else replace(build.state(), words=words(), driving=driving)
 
         services = replace(
             workbench.services_of(self.waiting, mending=lambda: self.mending),
-            panels=(live_panel(state, build.stop, build.go_on),),
+            panels=(live_panel(state, build.stop, build.go_on, driver),),
             stream=stream.url,
             building=True,
             look_back=workbench.look_back(lambda: None if self.mending is None else self._output),
@@ -367,6 +371,12 @@ class _LivePage:
             self._ended = True
             build.stop(show=False)
             build.wait(10.0)
+
+    def driver(self, source: RobotSource, *, allowed: bool) -> Driver:
+        """Return what lets a robot drive on the map that the page shows, as long as somebody looks at it."""
+        simap = lambda: self.waiting if self._page is None else self._page.simap  # noqa: E731
+        watched = lambda: self._page is not None and bool(self._page.sessions)  # noqa: E731
+        return Driver(source, simap, watched, allowed=allowed)
 
     @property
     def _opened(self) -> Workbench:
@@ -428,35 +438,45 @@ def live_workbench(
 
 
 @contextmanager
-def source_workbench(request: LiveRequest, *, port: int = 0) -> Iterator[tuple[Workbench, LiveBuild, LiveRun]]:
+def source_workbench(
+    request: LiveRequest, *, port: int = 0, drive: bool = False
+) -> Iterator[tuple[Workbench, LiveBuild, LiveRun]]:
     """Serve the page of a map that grows from a live source; like `live_workbench`, but stopping saves the map.
 
+    Args:
+        request: the run.
+        port: as for `live_workbench`.
+        drive: the page may let the robot drive.
+
     Raises:
-        InputError: the port is taken, rerun's viewer is missing, or the method cannot be live.
+        InputError: the port is taken, or rerun's viewer is missing.
     """
     source, run = request.source, LiveRun(request)
     live = _LivePage(_empty_map(run.growing.facts(), request.config, GridSpec(1, 1, CELL_M, 0.0, 0.0)), request.output)
     stream = LiveStream(lambda index: None)
     stream.open(run.started(), None)
     build = LiveBuild(lambda observers, cancel, resume: run.run(observers, cancel), 0, live.audience(stream, ""))
+    driver = live.driver(source, allowed=drive) if isinstance(source, RobotSource) else None
     try:
-        with live.serve(build, stream, port, start=None, words=run.words) as page:
+        with live.serve(build, stream, port, start=None, words=run.words, driver=driver) as page:
             yield page, build, run
     finally:
+        if driver is not None:
+            driver.close()
         source.close()
         stream.close()
 
 
-def watch_source(request: LiveRequest, *, port: int, browser: bool) -> None:
+def watch_source(request: LiveRequest, *, port: int, browser: bool, drive: bool = False) -> None:
     """Let a map grow on its page until its source ends or Ctrl-C, which saves it; then show it until Ctrl-C."""
-    with source_workbench(request, port=port) as (page, build, run):
+    with source_workbench(request, port=port, drive=drive) as (page, build, run):
         workbench.tell_where(page, browser=browser)
         build.start()
         _until_saved(build, run)
         page.wait()
 
 
-def run_source(request: LiveRequest, observers: Sequence[Observer] = ()) -> tuple[SIMap, LiveRun]:
+def run_source(request: LiveRequest) -> tuple[SIMap, LiveRun]:
     """Let a map grow until its source ends or Ctrl-C, and save it.
 
     Raises:
@@ -464,7 +484,7 @@ def run_source(request: LiveRequest, observers: Sequence[Observer] = ()) -> tupl
     """
     run, found = LiveRun(request), []
     audience = Audience(show=lambda simap: None, watches=lambda: False, done=lambda simap: found.append(simap) or "")
-    build = LiveBuild(lambda own, cancel, resume: run.run((*own, *observers), cancel), 0, audience)
+    build = LiveBuild(lambda observers, cancel, resume: run.run(observers, cancel), 0, audience)
     build.start()
     try:
         _until_saved(build, run)

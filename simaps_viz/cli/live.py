@@ -58,6 +58,10 @@ class Live:
     topics: Annotated[RobotTopics, tyro.conf.arg(name="")] = field(default_factory=RobotTopics)
     list: bool = False
     """Only list what the robot offers, and what would be used of it."""
+    publish: bool = True
+    """Send the robot the map (/si_map), its objects and planned paths; --no-publish sends nothing."""
+    drive: bool = False
+    """Let the page's switch "Drive the real robot" send goals (/goal_pose) to the robot; needs --view."""
     pace: Literal["real", "fast"] = "real"
     """A sequence: its frames come at their own times, or as fast as they can be read, and then none goes without
     masks."""
@@ -80,6 +84,8 @@ class Live:
         from simaps_viz.app.workbench import counts_in_words
         from simaps_viz.console.terminal import console, report
         from simaps_viz.io.files import check_ending
+        from simaps_viz.live.out import MapPublisher
+        from simaps_viz.live.robot import RobotSource
         from simaps_viz.live.run import LiveRequest
         from simaps_viz.live.source import Traffic
 
@@ -90,8 +96,12 @@ class Live:
         check_ending(self.output, ".npz", "a map's name")
         if self.idle_stop is not None and not 0.0 < self.idle_stop < 1e6:
             raise InputError(f"--idle-stop: expected seconds, more than 0, found {self.idle_stop:g}")
-        if self.view and (self.json or self.record):
-            raise InputError(f"--view: expected it alone, found {'--json' if self.json else '--record'}")
+        if self.view and self.json:
+            raise InputError("--view: expected a page for people, found --json")
+        if self.drive and not (self.view and "://" in self.source):
+            raise InputError(
+                "--drive: expected a robot and --view, where a switch allows it, found one of them missing"
+            )
         if self.mapping.method not in LIVE_METHODS:
             raise InputError(f"--method: expected {' or '.join(LIVE_METHODS)}, found {self.mapping.method}")
         config = replace(self.mapping.config(), method=self.mapping.method)
@@ -102,12 +112,16 @@ class Live:
             source, config, self.output, idle_stop_s=self.idle_stop, network=network,
             every_frame=self.pace == "fast" and "://" not in self.source, traffic=traffic,
         )  # fmt: skip
-        if self.view:
-            watch_source(request, port=self.port, browser=self.browser)
-            return OK
         console.quiet = console.quiet or self.json
         with self._recorder() as recorder:
-            simap, live = run_source(request, () if recorder is None else (recorder,))
+            observers = () if recorder is None else (recorder,)
+            if self.publish and isinstance(source, RobotSource):
+                observers = (*observers, MapPublisher(source))
+            request = replace(request, observers=observers)
+            if self.view:
+                watch_source(request, port=self.port, browser=self.browser, drive=self.drive)
+                return OK
+            simap, live = run_source(request)
         record = {"event": "done", "map": str(self.output), "record": str(self.record) if self.record else None,
                   "counts": simap.counts(), "instances": len(simap.instances), "shots": live.traffic.placed,
                   "with_masks": live.traffic.named, "dropped": live.traffic.dropped, "moved": live.moved,

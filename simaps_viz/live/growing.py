@@ -18,8 +18,9 @@ from simaps_viz.geometry import invert_pose, map_from_world, transform_points
 from simaps_viz.live.source import Correction, Shot, Source
 from simaps_viz.mapping import finalize
 from simaps_viz.mapping.finalize import SequenceFacts
-from simaps_viz.mapping.observations import FrameReadings
+from simaps_viz.mapping.observations import FrameReadings, FrameRuns
 from simaps_viz.mapping.partition import applied_steps
+from simaps_viz.mapping.projection import STEPS, STEPS_PER_M
 from simaps_viz.mapping.simap import joining_threshold
 from simaps_viz.mapping.steps import FrameSeen, FrameStep
 from simaps_viz.structures import Segmentation, SIMap
@@ -222,4 +223,20 @@ def moved_step(seen: FrameSeen, lowest_m: NDArray, T_map_camera: NDArray, size_m
     first = np.flatnonzero(new)
     lowest = np.minimum.reduceat(lowest, first) if len(first) else lowest
     moved = FrameReadings(rows[first], cols[first], readings.segments[order][first], top_m[first])
-    return _step_of(replace(seen, T_map_camera=T_map_camera, readings=moved), lowest), lowest
+    cell_of = np.zeros(len(order), np.int32)
+    cell_of[order] = np.cumsum(new) - 1
+    runs = _moved_runs(seen.runs, cell_of, np.rint(rise_m * STEPS_PER_M).astype(np.int64))
+    return _step_of(replace(seen, T_map_camera=T_map_camera, readings=moved, runs=runs), lowest), lowest
+
+
+def _moved_runs(runs: FrameRuns, cell_of: NDArray, risen: NDArray) -> FrameRuns:
+    """Return runs in other cells, int32 [readings], and higher by so many steps, int64 [readings]; none twice."""
+    low, high = (
+        np.clip(steps.astype(np.int64) + risen[runs.reading], -STEPS, STEPS - 1).astype(np.int8)
+        for steps in (runs.low, runs.high)
+    )
+    table = np.stack([cell_of[runs.reading], runs.segments, low, high], axis=1)
+    _, kept = np.unique(table, axis=0, return_index=True)
+    kept = np.sort(kept)
+    kept = kept[np.argsort(table[kept, 0], kind="stable")]
+    return FrameRuns(table[kept, 0], runs.segments[kept], low[kept], high[kept])

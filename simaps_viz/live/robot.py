@@ -126,7 +126,7 @@ class RobotSource:
             color: colour is needed, as a network looks at it, and masks are not, as it makes them.
             traffic: counts what is left out.
         """
-        self.name, self._link, self._named, self._color, self._traffic = link.address, link, named, color, traffic
+        self.name, self.link, self._named, self._color, self._traffic = link.address, link, named, color, traffic
         if color:
             self._named = TopicNames(named.color, named.depth, named.info, "-", "-")
         self.labels, self.is_thing = ("none",), (False,)
@@ -142,8 +142,6 @@ class RobotSource:
         self._arrived = threading.Condition()
         self._closed = False
         self._began_s = self._chosen_s = self._offered_s = time.monotonic()
-        self.last_pose: tuple[float, NDArray] | None = None
-        """(when by `time.monotonic`, T_world_camera) of the last shot."""
         link.open(self._on_topics, self._on_message)
 
     @property
@@ -182,9 +180,14 @@ class RobotSource:
         with self._arrived:
             return self._transforms.correction()
 
+    def robot(self) -> tuple[str, NDArray, float] | None:
+        """Return the world's name, T_world_base [4, 4] now, and how old that is, seconds; None = not known."""
+        with self._arrived:
+            return self._transforms.robot()
+
     def words(self) -> str:
         """Describe what is missing."""
-        if state := self._link.state:
+        if state := self.link.state:
             return state
         if self.chosen is None:
             return self._unclear or "connected, waiting for topics"
@@ -197,7 +200,7 @@ class RobotSource:
         with self._arrived:
             self._closed = True
             self._arrived.notify_all()
-        self._link.close()
+        self.link.close()
 
     def _is_ready(self) -> bool:
         """Whether the camera is known, and what ids mean, or nobody seems to tell."""
@@ -219,7 +222,7 @@ class RobotSource:
             self._unclear = str(error)
             return
         self._choose(chosen)
-        self._link.subscribe(chosen.all)
+        self.link.subscribe(chosen.all)
 
     def _choose(self, chosen: Chosen) -> None:
         self.chosen, self._unclear, self._chosen_s = chosen, "", time.monotonic()
@@ -296,7 +299,6 @@ class RobotSource:
             masks = self._segmentation(see_through(ids, lens.scaled(ids.shape[1], ids.shape[0]), target, exact=True))
         elif not chosen.masks and not self._color:
             masks = Segmentation(np.zeros(frame.depth_m.shape, np.int32), ())  # nobody will ever name anything
-        self.last_pose = time.monotonic(), frame.T_world_camera
         pose = bundle.pose
         return Shot(frame, masks, depth.stamp_ns, depth.sent_ns, pose.T_odom_camera, self._transforms.epoch)
 

@@ -41,6 +41,8 @@ class LiveRequest:
     """Makes the masks of the newest picture whenever it is free."""
     every_frame: bool = False
     """Wait for the network at each frame, for sources that can wait."""
+    observers: tuple[Observer, ...] = ()
+    """Notified of every event, in addition to those of the run."""
     traffic: Traffic = field(default_factory=Traffic)
     """Counts what comes and what is left out."""
 
@@ -72,6 +74,7 @@ class LiveRun:
             InputError: nothing came, or the map cannot be written.
         """
         request, growing = self.request, self.growing
+        observers = (*observers, *request.observers)
         check_writable(request.output)
         source = request.source
         _notify(observers, self.started())

@@ -5,6 +5,7 @@ without jumps. So map to odom holds from step to step and is never waited for; a
 between the two messages around a picture.
 """
 
+import time
 from bisect import bisect_left, insort
 from dataclasses import dataclass, field
 from operator import itemgetter
@@ -92,6 +93,7 @@ class LiveTransforms:
         self._steps: list[tuple[int, NDArray]] = []
         self._since_ns: int | None = None
         self._assumed = False
+        self._base, self._fresh_s = "", -np.inf
         self.epoch = 0
         """Counts how often time or the odometry has begun anew; corrections are of one epoch."""
 
@@ -109,7 +111,12 @@ class LiveTransforms:
                     > RESET_M + RESET_MPS * abs(stamp_ns - before_ns) / 1e9
                 ):
                     self._begin_anew()
+            newer = not link.poses or stamp_ns > link.poses[-1][0]
             link.add(stamp_ns, T_parent_child)
+            if not fixed and (_is_odom(parent) or (not self._base and not _is_odom(child))):
+                self._base = child  # what odom carries, or else the first thing that moves
+            if child == self._base and newer:
+                self._fresh_s = time.monotonic()
             if _is_odom(child):
                 self._step(stamp_ns, T_parent_child)
 
@@ -141,6 +148,19 @@ class LiveTransforms:
         else:
             raise LookupError("transforms in a circle")
         return CameraPose(name, T_world_odom, below, T) if moves else None
+
+    def robot(self) -> tuple[str, NDArray, float] | None:
+        """Return the world's name, T_world_base [4, 4] now, and how old that is, seconds; None = not known."""
+        link = self._links.get(self._base)
+        if link is None:
+            return None
+        T, name = link.poses[-1][1], link.parent
+        for _ in range(MAX_DEPTH):
+            above = self._links.get(name)
+            if above is None:
+                return name, T, time.monotonic() - self._fresh_s
+            T, name = above.poses[-1][1] @ T, above.parent
+        return None
 
     def correction(self) -> Correction | None:
         """Return what the steps of map to odom since the last call have changed; None = nothing."""

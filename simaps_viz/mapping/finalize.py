@@ -142,13 +142,15 @@ def without_passers_by(grid: Grid, readings: AllReadings, obstacle_m: float) -> 
     """Return the grid without obstacles that most frames saw through: people who walked by, and stray pixels of depth.
 
     An obstacle goes where fewer than one in five of the frames that saw a cell had anything at ``obstacle_m`` or higher
-    there; where the cell's class is a thing, fewer than one in twenty, as dark chairs return little depth.
+    there; where the cell's class is a thing, fewer than one in twenty, as dark chairs return little depth. Frames of a
+    live map that came without masks are not asked: they have no readings.
     """
-    hits = np.zeros(grid.label.size, np.int64)
+    hits, asked = np.zeros(grid.label.size, np.int64), np.zeros(grid.label.size, np.int64)
     for part in readings.batches():
+        asked += np.bincount(part.cell, minlength=len(asked))
         hits += np.bincount(part.cell[part.height_m >= obstacle_m], minlength=len(hits))
     share = np.where(np.asarray(grid.is_thing)[grid.label], _THING_SHARE, _OBSTACLE_SHARE)
-    passing = hits.reshape(grid.label.shape) < share * grid.observations
+    passing = hits.reshape(grid.label.shape) < share * asked.reshape(grid.label.shape)
     return replace(grid, lowest_m=np.where(passing, np.float32(np.nan), grid.lowest_m))
 
 

@@ -103,7 +103,7 @@ def test_the_tab_of_a_build_may_go_while_its_numbers_are_brought_up_to_date(monk
             tab.remove()
         return LiveState(total=9, done=len(asked))
 
-    desk: Any = SimpleNamespace(gui=server.gui)
+    desk: Any = SimpleNamespace(gui=server.gui, may=lambda right: True)
     with tab:
         panel = LivePanel(desk, state, lambda: None, lambda: None)
     (mine,) = (one for one in set(threading.enumerate()) - others if one.name == "workbench-live")

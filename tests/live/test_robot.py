@@ -4,25 +4,30 @@ import importlib
 import json
 import threading
 import time
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 import pytest
+from fake_page import fake_page
 from fake_robot import DEPTH, LABELS, MASKS, TOPICS, Faults, FoxgloveServer, Played, play
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from sequences import write_tiny_sequence
 
 from simaps_viz import open_sequence
+from simaps_viz.app.live import source_workbench
 from simaps_viz.build.pipeline import BuildConfig, build_map
 from simaps_viz.cli.main import main
 from simaps_viz.errors import InputError
 from simaps_viz.live import assembly, robot, run
 from simaps_viz.live.foxglove import FoxgloveLink
+from simaps_viz.live.out import MAP, OBJECTS, OUT, MapPublisher
 from simaps_viz.live.robot import RobotSource
 from simaps_viz.live.run import LiveRequest, LiveRun
 from simaps_viz.live.source import Traffic
 from simaps_viz.live.topics import TopicNames, choose_topics
+from simaps_viz.viewer.panels.live import LivePanel
 
 FRAMES = 45
 
@@ -70,7 +75,8 @@ class SDKServer:
 def grow(sequence, server, tmp_path, faults=None, *, rate_hz=30.0, settle_s=1.0):
     """Let a map grow from a fake robot until it is silent; return it and its run."""
     source = RobotSource(FoxgloveLink(server.address), TopicNames(), color=False, traffic=(traffic := Traffic()))
-    live = LiveRun(LiveRequest(source, BuildConfig(), tmp_path / "r.npz", idle_stop_s=4.0, traffic=traffic))
+    request = LiveRequest(source, BuildConfig(), tmp_path / "r.npz", idle_stop_s=4.0, traffic=traffic)
+    live = LiveRun(replace(request, observers=(MapPublisher(source),)))
     found = []
     thread = threading.Thread(target=lambda: found.append(live.run((), threading.Event())))
     thread.start()
@@ -108,6 +114,23 @@ def test_a_robot_makes_the_map_of_its_build(tiny, tmp_path, server):
 
 
 @pytest.mark.slow
+def test_a_robot_that_is_not_to_drive_is_sent_maps_and_nothing_else(tiny, tmp_path):
+    server = FoxgloveServer()
+    simap, _ = grow(tiny, server, tmp_path)
+    assert {topic for topic, _ in server.received} == {MAP, OBJECTS}
+    grid = robot.message_types().deserialize_cdr(dict(server.received)[MAP], OUT[MAP])
+    assert (grid.info.height, grid.info.width) == simap.spec.shape and grid.header.frame_id == "map"
+
+
+@pytest.mark.parametrize("allowed", [False, True])
+def test_the_page_has_the_switch_that_is_off_and_works_only_with_the_option(tmp_path, allowed):
+    request = LiveRequest(source_of_nothing(), BuildConfig(), tmp_path / "r.npz")
+    with source_workbench(request, drive=allowed) as (bench, _, _), fake_page(bench) as page:
+        switch = page.session.panels[LivePanel].drive_switch
+        assert switch.value is False and switch.disabled is not allowed
+
+
+@pytest.mark.slow
 def test_drops_restarts_and_late_transforms_cost_frames_and_no_objects(tiny, tmp_path):
     faults = Faults(drop=0.1, restart_s=2.0, tf_late_s=0.2)
     simap, live = grow(tiny, FoxgloveServer(), tmp_path, faults, rate_hz=12.0)
@@ -136,6 +159,9 @@ def source_of_nothing():
             pass
 
         def subscribe(self, topics):
+            pass
+
+        def advertise(self, topic, kind):
             pass
 
         def close(self):

@@ -5,7 +5,7 @@ import threading
 from collections.abc import Callable
 from dataclasses import dataclass
 from html import escape
-from typing import Generic, Literal, TypeVar
+from typing import Generic, Literal, Protocol, TypeVar
 
 import viser
 
@@ -14,7 +14,7 @@ from simaps_viz.drawing.theme import BAD_STYLE, BOX_STYLE, DIM_STYLE
 from simaps_viz.viewer.page.page import Page
 from simaps_viz.viewer.page.panel import Panel, PanelSpec
 from simaps_viz.viewer.page.question import Question
-from simaps_viz.viewer.page.widgets import button
+from simaps_viz.viewer.page.widgets import button, by_person
 
 S = TypeVar("S")
 Status = Literal["starting", "building", "finishing", "stopping", "stopped", "failed", "done"]
@@ -45,6 +45,34 @@ class LiveState:
     """Picture (PNG) of the cells seen so far, north up; empty = none."""
     words: str = ""
     """State of a live source: rate, delay, drops, connection."""
+    driving: str = ""
+    """What the real robot does, or why it does not."""
+
+
+class Drives(Protocol):
+    """Lets the real robot drive."""
+
+    @property
+    def allowed(self) -> bool:
+        """It can be switched on."""
+        ...
+
+    @property
+    def switched(self) -> bool:
+        """It is."""
+        ...
+
+    def switch(self, on: bool) -> None:
+        """Allow driving, or stop."""
+        ...
+
+    def go(self, command: str) -> None:
+        """Rehearse a command, and let the robot drive its path."""
+        ...
+
+    def stop(self) -> None:
+        """Stop."""
+        ...
 
 
 ABOUT = "progress of the build; stop it, and resume it"
@@ -77,9 +105,11 @@ STOPS = {
 WAITING = "The first objects appear after a few seconds; the smaller the cells, the longer it takes to find them."
 
 
-def live_panel(state: Callable[[], LiveState], stop: Callable[[], None], resume: Callable[[], None]) -> PanelSpec:
+def live_panel(
+    state: Callable[[], LiveState], stop: Callable[[], None], resume: Callable[[], None], drive: Drives | None = None
+) -> PanelSpec:
     """Return the spec of the tab; the functions report, stop and resume the build, and return at once."""
-    make = lambda page: LivePanel(page, state, stop, resume)  # noqa: E731
+    make = lambda page: LivePanel(page, state, stop, resume, drive)  # noqa: E731
     return PanelSpec("Progress", viser.Icon.HAMMER, make, "front", ABOUT)
 
 
@@ -121,8 +151,9 @@ class LivePanel(ProgressPanel[LiveState]):
     """Progress of a build, a sketch of its map, and buttons to stop and resume it for those who may."""
 
     def __init__(
-        self, page: Page, state: Callable[[], LiveState], stop: Callable[[], None], resume: Callable[[], None]
-    ) -> None:
+        self, page: Page, state: Callable[[], LiveState], stop: Callable[[], None], resume: Callable[[], None],
+        drive: Drives | None = None,
+    ) -> None:  # fmt: skip
         """Fill the open container."""
         gui = page.gui
         self._head = gui.add_html("")
@@ -133,10 +164,25 @@ class LivePanel(ProgressPanel[LiveState]):
         if self._may_stop:
             self._stop = button(gui, "Stop …", self._ask_whether, icon=viser.Icon.PLAYER_STOP, color="gray")
             self._resume = button(gui, "Resume", resume, icon=viser.Icon.PLAYER_PLAY, visible=False)
+        self._driving = None if drive is None or not page.may("drive") else self._add_driving(gui, drive)
         super().__init__(state)
+
+    def _add_driving(self, gui: viser.GuiApi, drive: Drives) -> viser.GuiHtmlHandle:
+        """Add what lets the real robot drive; *Stop* works whatever the switch says."""
+        self.drive_switch = gui.add_checkbox(
+            "Drive the real robot", drive.switched, disabled=not drive.allowed,
+            hint="Off: nothing but maps and paths is sent." if drive.allowed else "Needs simaps live … --drive.",
+        )  # fmt: skip
+        by_person(self.drive_switch, lambda: drive.switch(self.drive_switch.value))
+        command = gui.add_text("Command", "", disabled=not drive.allowed)
+        button(gui, "Rehearse and drive", lambda: drive.go(command.value), disabled=not drive.allowed)
+        button(gui, "Stop the robot", drive.stop, icon=viser.Icon.PLAYER_STOP, color="red", disabled=not drive.allowed)
+        return gui.add_html("")
 
     def show(self, state: LiveState) -> None:
         """Fill the widgets."""
+        if self._driving is not None:
+            self._driving.content = f'<div role="status" style="{BOX_STYLE}">{escape(state.driving)}</div>'
         heads = HEADS if state.total else HEADS | LIVE_HEADS
         self._head.content = head_html(heads[state.status], bad=state.status == "failed")
         self._bar.visible = state.total > 0
