@@ -379,7 +379,7 @@ class Transforms:
 
     def moves(self, frame: str) -> bool:
         """Return whether a frame moves in its world."""
-        return any(not self.links[name].fixed for name in self.chain(frame)[:-1])
+        return any(not self.links[name].still() for name in self.chain(frame)[:-1])
 
     def between(self, target: str, source: str) -> NDArray | None:
         """Return T_target_source [4, 4] of two frames fixed to each other, or None when they are not, or not known."""

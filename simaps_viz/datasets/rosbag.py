@@ -6,9 +6,10 @@ than colour's is registered to it where transforms say how they are mounted. Whe
 clouds (PointCloud2) take their place.
 """
 
+import re
 import threading
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import product
 from pathlib import Path
 from typing import Any
@@ -52,6 +53,8 @@ CLOUD_TOLERANCE_S = 0.05
 _SAMPLED_FOR_FLOOR, _SAMPLED_FOR_AXES = 40, 20
 _REGISTERED = ("aligned", "registered", "depth_to_rgb", "depth_to_color")
 """In the names of topics whose depth is brought to the colour camera, whatever frame their headers name."""
+_RECTIFIED, _INFRARED = re.compile(r"(^|_)rect(_|$)"), re.compile(r"[/_]ir([/_]|$)")
+"""Parts of topics' names: image_rect_color, image_color_rect; ir/image_raw, image_ir."""
 _SAME_PLACE = 0.002
 """Metres or radians that two cameras may be apart and still be one."""
 _UPWARDS = 0.7
@@ -136,7 +139,10 @@ def _open(path: Path, bag: "Bag") -> Recording:
     pairs = associate(*((t - start) / 1e9 for t in (times, color_times)), tolerance_s=tolerance_s)
     late = _lateness(np.delete(times, pairs[:, 0]), color_times, tolerance_s)
     wanted = [(use.camera, color_times[pairs[:, 1]] if of_clouds else times[pairs[:, 0]])]
-    found = poses_of(bag, transforms, start, [*wanted, (use.frame, times[pairs[:, 0]])] if of_clouds else wanted)
+    topic = pose_topic(bag, transforms, use.camera)
+    # What says where the camera itself is may have the first camera's axes for the world's, as visual SLAM does.
+    level = topic is None or bag.topics[topic].msgtype == POSE_TYPES[0]
+    found = poses_of(bag, transforms, topic, start, [*wanted, (use.frame, times[pairs[:, 0]])] if of_clouds else wanted)
     known = np.logical_and.reduce([here for _, here in found])
     if not known.any():
         poses = late if not len(pairs) else f"transforms are silent for longer than {MAX_GAP_S:g} s at their times"
@@ -174,11 +180,11 @@ def _open(path: Path, bag: "Bag") -> Recording:
     if of_clouds:
         sampled = [(read_cloud(i), T_world_camera[i]) for i in spread(len(pairs), _SAMPLED_FOR_FLOOR)]
         _, floor_height_m = gravity_of_clouds(path, sampled, target, FACTS.up)
-    elif has_body_axes(use.camera, T_world_camera, target, read_depth):
+    elif level and has_body_axes(use.camera, T_world_camera, target, read_depth):
         T_world_camera = T_world_camera @ T_BODY_OPTICAL
         notes = (*notes, f"frame {use.camera!r} has a body's axes (x forward, z up), not a camera's: turned")
     return Recording(
-        facts=FACTS,
+        facts=FACTS if level or of_clouds else replace(FACTS, up=None),
         path=path,
         name=path.resolve().stem,
         frame_names=tuple(time_name(int(times[i])) for i in pairs[:, 0]),
@@ -387,7 +393,7 @@ class Bag:
 def _image_topics(bag: Bag) -> tuple[str, str]:
     """Choose depth images, registered to colour if there are such, and the colour images of the same camera."""
     found = {topic: bag.first(topic) for topic in bag.of_type(IMAGE, COMPRESSED)}
-    usable = [topic for topic in found if not _has(topic, "infra", "confidence") and "ir" not in topic.split("/")]
+    usable = [topic for topic in found if not _has(topic, "infra", "confidence") and not _INFRARED.search(topic)]
     depths = [topic for topic in usable if is_depth(found[topic])]
     colors = [topic for topic in usable if topic not in depths and not _has(topic.replace("rgb_to_depth", ""), "depth")]
     if not depths or not colors:
@@ -436,35 +442,53 @@ def lens_of(bag: Bag, topic: str, otherwise: Lens | None = None) -> Lens:
         return own, *fits, len(_shared(name, topic)), -len(name)
 
     info = max(infos, key=order)
-    rectified = any(part == "rect" or "image_rect" in part for part in topic.split("/"))
+    rectified = any(_RECTIFIED.search(part) for part in topic.split("/"))
     return decode_lens(f"{bag.path}: {info}", bag.first(info), rectified=rectified)
 
 
+def pose_topic(bag: Bag, transforms: Transforms, camera: str) -> str | None:
+    """Return the topic that says where a camera is, or None where /tf moves it.
+
+    Raises:
+        InputError: Nothing in the bag moves it.
+    """
+    if transforms.moves(camera):
+        return None
+    candidates = bag.of_type(*POSE_TYPES)
+    if candidates:
+        return min(candidates, key=lambda t: (not _has(t, "camera", "slam", "ground"), t))
+    if any(not transforms.links[name].fixed for name in transforms.chain(camera)[:-1]):
+        return None  # a robot that stood still
+    fixed = any(topic.endswith("tf_static") for topic in bag.of_type(*TF_TYPES))
+    hint = "" if fixed else "; it has no /tf_static either, which would say where the camera sits"
+    raise InputError(
+        f"{bag.path}: expected transforms (/tf) that move {camera!r}, or poses, found neither among {len(bag.topics)} "
+        f"topics{hint}"
+    )
+
+
 def poses_of(
-    bag: Bag, transforms: Transforms, start: int, wanted: Sequence[tuple[str, NDArray]]
+    bag: Bag, transforms: Transforms, topic: str | None, start: int, wanted: Sequence[tuple[str, NDArray]]
 ) -> list[tuple[NDArray, NDArray]]:
     """Return for each (frame, times in ns) T_world_frame [n, 4, 4] at those times, and where it is known.
 
-    The first frame is the camera's; what moves it decides where all poses come from.
+    Args:
+        bag: where poses are.
+        transforms: its /tf.
+        topic: the topic that poses come from; None = /tf.
+        start: the time (ns) that those of the transforms count from.
+        wanted: frames and times.
 
     Raises:
-        InputError: Nothing in the bag moves the camera, or a frame is in another world.
+        InputError: A frame is in another world.
     """
-    camera = wanted[0][0]
-    if transforms.moves(camera):
-        roots = {transforms.chain(frame)[-1]: frame for frame, _ in wanted}
-        if len(roots) > 1:
-            frames = " and ".join(f"{frame!r} (in {root!r})" for root, frame in roots.items())
-            raise InputError(f"{bag.path}: expected transforms (/tf) between all frames, found {frames} apart")
-        return [transforms.poses(frame, (times_ns - start) / 1e9) for frame, times_ns in wanted]
-    candidates = bag.of_type(*POSE_TYPES)
-    if not candidates:
-        raise InputError(
-            f"{bag.path}: expected transforms (/tf) that move {camera!r}, or poses, found neither among "
-            f"{len(bag.topics)} topics"
-        )
-    topic = min(candidates, key=lambda t: (not _has(t, "camera", "slam", "ground"), t))
-    return [_from_poses(bag, topic, frame, transforms, start, (times - start) / 1e9) for frame, times in wanted]
+    if topic is not None:
+        return [_from_poses(bag, topic, frame, transforms, start, (times - start) / 1e9) for frame, times in wanted]
+    roots = {transforms.chain(frame)[-1]: frame for frame, _ in wanted}
+    if len(roots) > 1:
+        frames = " and ".join(f"{frame!r} (in {root!r})" for root, frame in roots.items())
+        raise InputError(f"{bag.path}: expected transforms (/tf) between all frames, found {frames} apart")
+    return [transforms.poses(frame, (times_ns - start) / 1e9) for frame, times_ns in wanted]
 
 
 def _transforms(bag: Bag, start_ns: int) -> Transforms:

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from rosbags import rosbag2
 from rosbags.typesys import Stores
-from scans import COLORS, FRAMES, INTERVAL_S, START_S, Z_UP, camera, look, map_pose, steps
+from scans import COLORS, FRAMES, INTERVAL_S, LEANING, START_S, Z_UP, World, camera, look, map_pose, steps
 from scans_bags import T_BASE_CAMERA, Messages, write_bag2
 
 from simaps_viz import open_sequence
@@ -47,6 +47,10 @@ class Drive:
     mounted: str | None = None
     """The frame that /tf_static puts on the base; None = colour's."""
     late_s: Callable[[int], float] = lambda _: 0.005
+    slam: World | None = None
+    """Poses are said on a topic of the camera's own, in this world, and not by /tf."""
+    repeated: bool = False
+    """Static transforms are repeated on /tf, as ROS 1 does."""
     corrections_s: float | None = None
     """map to odom comes so often; None = never."""
     more: Callable[[], list[tuple[float, str, Any]]] = list
@@ -64,8 +68,22 @@ class Drive:
                                    (self.color, K, self.color_frame, ())):  # fmt: skip
             info = f"{topic.rpartition('/')[0]}/camera_info"
             found.append((START_S - 0.4, info, self.info(k, frame, D)))
+        if self.repeated:
+            once = [message for _, topic, message in found if topic == "/tf_static"]
+            found = [entry for entry in found if entry[1] != "/tf_static"]
+            for tick in range(-20, 1):
+                for message in once:
+                    again = message.transforms[0]
+                    time_s = START_S + tick * 0.1
+                    T = MAKE.transform(time_s, again.header.frame_id, again.child_frame_id, base)
+                    found.append((time_s, "/tf", T))
         for tick in range(-4, 4 * FRAMES + 1):
             time_s = START_S + tick * INTERVAL_S / 4
+            if self.slam is not None:
+                pose = MAKE.odometry(time_s, self.slam.pose(tick / 4)).pose.pose
+                stamped = MAKE.make("geometry_msgs/msg/PoseStamped", header=MAKE.header(time_s, "map"), pose=pose)
+                found.append((time_s, "/orb_slam/camera_pose", stamped))
+                continue
             T = Z_UP.pose(tick / 4) @ invert_pose(T_BASE_CAMERA)
             found.append((time_s, "/tf", MAKE.transform(time_s, "odom", "base_link", T)))
         for n in range(0 if self.corrections_s is None else 4):
@@ -190,6 +208,49 @@ def test_a_localisation_once_a_second_leaves_no_gaps(tmp_path):
     sequence = open_sequence(Drive(corrections_s=1.0, depth_frame="color_optical").write(tmp_path / "drive"))
     assert len(sequence) == FRAMES and sequence.notes == ()
     expect_frames(sequence)
+
+
+def test_static_transforms_that_ros1_repeats_and_drops(tmp_path):
+    """static_transform_publisher of ROS 1 says them ten times a second on /tf; when it stops, they still hold."""
+    drive = Drive(depth_frame="color_optical", repeated=True)
+    expect_frames(open_sequence(drive.write(tmp_path / "drive")))
+    drive.slam = LEANING
+    sequence = open_sequence(drive.write(tmp_path / "slam"))
+    np.testing.assert_allclose(sequence.poses, [LEANING.pose(i) for i in range(FRAMES)], atol=1e-9)
+
+
+def test_poses_of_a_camera_in_the_world_of_visual_slam(tmp_path):
+    """Its world has the first camera's axes, not z up: up is estimated."""
+    sequence = open_sequence(Drive(depth_frame="color_optical", slam=LEANING).write(tmp_path / "drive"))
+    np.testing.assert_allclose(sequence.poses, [LEANING.pose(i) for i in range(FRAMES)], atol=1e-9)
+    for i, T_map_camera in enumerate(sequence.T_map_world @ sequence.poses):
+        assert T_map_camera[2, 3] == pytest.approx(map_pose(i)[2, 3], abs=0.01)
+        assert T_map_camera[2, 2] == pytest.approx(map_pose(i)[2, 2], abs=0.01)
+
+
+@pytest.mark.parametrize(
+    ("name", "taken"),
+    [("/kinect2/hd/image_depth_rect", True), ("/kinect2/sd/image_ir_rect", False), ("/cam/ir/image_raw", False)],
+)
+def test_infrared_is_no_depth(tmp_path, name, taken):
+    """iai_kinect2 and Azure's driver publish infrared as 16-bit grey beside depth."""
+    drive = Drive(depth=name, color=f"{name.rpartition('/')[0]}/image_color_rect", depth_frame="color_optical")
+    path = drive.write(tmp_path / "drive")
+    if taken:
+        assert open_sequence(path).intrinsics.fx == pytest.approx(0.8 * K.fx), "rectified: the camera is P"
+    else:
+        with pytest.raises(InputError, match="expected a topic with depth images"):
+            open_sequence(path)
+
+
+def test_a_bag_without_static_transforms_says_what_it_lacks(tmp_path):
+    """rosbag2 started later than a latched publisher: the most frequent gap of real bags."""
+    drive = Drive(depth_frame="color_optical", mounted="elsewhere")
+    path = drive.write(tmp_path / "drive")
+    with pytest.raises(
+        InputError, match=r"transforms \(/tf\) that move 'color_optical', or poses, found neither among"
+    ):
+        open_sequence(path)
 
 
 def test_late_colour_says_how_late_it_is_and_what_is_allowed(tmp_path):
