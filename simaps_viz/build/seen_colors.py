@@ -148,7 +148,8 @@ class SurfaceColors:
             points = surface_points(self.simap)
             # A class is as far from another as ten metres: only where all of it was missed is another one nearer.
             place = np.concatenate([points.positions, 10.0 * points.classes[:, None].astype(np.float32)], axis=1)
-            _, nearest = KDTree(place[known]).query(place[~known])
+            tree = KDTree(place[known], leafsize=32, balanced_tree=False, compact_nodes=False)  # asked only once
+            _, nearest = tree.query(place[~known])
             rgb[~known] = rgb[known][nearest]
         return replace(self.of, color=coded_colors(rgb))
 

@@ -5,21 +5,22 @@ steps of height of one class, without a gap of 10 cm. The node at a cell's top i
 nodes, and are partitioned by the same evidence: frames saw two nodes in one segment or in two. What the evidence ties
 to an object of the map becomes part of it; the rest becomes objects of their own, which no cell of the map shows.
 
-Frames are read again for each of four passes, so memory follows the map, not their number.
+Frames are looked at in four passes; those on disk are read for each, so memory follows the map, not their number.
 """
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
 from simaps_viz.mapping.communities import MIN_PAIR_AFFINITY, communities_of_pairs
+from simaps_viz.mapping.frame_list import FrameList
 from simaps_viz.mapping.pooling import PoolSettings, join_parts
 from simaps_viz.mapping.projection import ON_A_STEP, STEPS_PER_M, first_step
-from simaps_viz.mapping.steps import FrameSeen
 from simaps_viz.mapping.surface import STEP_M, Surface
 from simaps_viz.structures import Grid, GridSpec, Instance, SIMap
 
@@ -68,7 +69,7 @@ class _Nodes:
 
 
 def find_surface(
-    simap: SIMap, frames: Sequence[FrameSeen], origin_cell: tuple[int, int], settings: SpaceSettings
+    simap: SIMap, frames: FrameList, origin_cell: tuple[int, int], settings: SpaceSettings
 ) -> tuple[Surface, tuple[Instance, ...]]:
     """Find the surface that frames saw, and the objects that the map from above does not show.
 
@@ -116,20 +117,28 @@ def find_surface(
     return Surface(grid.spec, cell, low, high, owned), tuple(one for one, _ in hidden)
 
 
-@dataclass(frozen=True, eq=False)
+_FrameColumns = tuple[NDArray, NDArray, NDArray, NDArray, NDArray, NDArray]
+"""What a frame saw: cell int32, class int16, segment int32, low int8 and high int8 of each run, and the score of each
+segment, float64 [highest id + 1]."""
+
+
+@dataclass(eq=False)
 class _Seen:
     """The runs of all frames on the finished grid, as often as asked for."""
 
     grid: Grid
-    frames: Sequence[FrameSeen]
+    frames: FrameList
     origin_cell: tuple[int, int]
 
-    def __iter__(self) -> Iterator[tuple[NDArray, NDArray, NDArray, NDArray, NDArray, NDArray]]:
-        """Yield the runs of each frame, in order.
+    def __iter__(self) -> Iterator[_FrameColumns]:
+        """Yield the runs of each frame, in order; those of frames in memory are placed once."""
+        return iter(self._placed) if self.frames.all_held else self._place()
 
-        That is the cell int32, class int16, segment int32, low int8 and high int8 of each run, and the score of each
-        segment, float64 [highest id + 1].
-        """
+    @cached_property
+    def _placed(self) -> list[_FrameColumns]:
+        return list(self._place())
+
+    def _place(self) -> Iterator[_FrameColumns]:
         index_of = {name: i for i, name in enumerate(self.grid.labels)}
         row0, col0 = self.origin_cell
         for frame in self.frames:
