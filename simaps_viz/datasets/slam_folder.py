@@ -24,7 +24,8 @@ FACTS = FormatFacts(
     depth_unit_m=1 / 5000,
     pose="camera to world: time, position, quaternion x y z w",
 )
-LISTS = ("associations.txt", "associated.txt", "associate.txt", "association.txt", "assoc.txt")
+LISTS = ("associations.txt", "*assoc*.txt", "rgb-depth*.txt")
+"""Names that people give what associate.py prints; the first that is there counts."""
 TRAJECTORIES = ("groundtruth.txt", "CameraTrajectory.txt", "KeyFrameTrajectory.txt", "trajectory.txt")
 
 
@@ -89,7 +90,8 @@ class SlamFolderReader(Reader):
 
 
 def _first(path: Path, names: tuple[str, ...]) -> Path | None:
-    return next((path / name for name in names if (path / name).is_file()), None)
+    found = (file for name in names for file in sorted(path.glob(name)))
+    return next((file for file in found if file.is_file()), None)
 
 
 def _stamped_poses(path: Path) -> tuple[tuple[NDArray, NDArray], int]:

@@ -175,7 +175,8 @@ def test_lists_with_depth_first_and_missing_files(tmp_path):
     """TUM's associate.py prints whichever list it is called with first."""
     path = slam_folder(tmp_path).path
     lines = [line.split() for line in (path / "associations.txt").read_text().splitlines()]
-    (path / "associations.txt").write_text("\n".join(" ".join([*line[2:], *line[:2]]) for line in lines))
+    (path / "associations.txt").unlink()
+    (path / "rgbd_assoc.txt").write_text("\n".join(" ".join([*line[2:], *line[:2]]) for line in lines))
     (path / lines[4][1]).unlink()
     sequence, usual = open_sequence(path), open_sequence(slam_folder(tmp_path / "b").path)
     np.testing.assert_array_equal(sequence.poses, usual.poses[:3])
