@@ -7,6 +7,8 @@ from typing import Final
 import cv2
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+from scipy.sparse import coo_matrix
+from scipy.sparse.csgraph import connected_components
 
 from simaps_viz.structures import Box, InSpace, Instance, Points, SIMap
 
@@ -25,6 +27,10 @@ _REACH: Final = 2
 _MIN_SURFACE: Final = 3
 """Voxels."""
 FRINGE_PERCENT: Final = 1.0
+MIN_PATCH: Final = 0.1
+_AROUND: Final = [(x << X_BITS) + (y << Z_BITS) + z for x in (-1, 0, 1) for y in (-1, 0, 1) for z in (-1, 0, 1)]
+_AHEAD: Final = [step for step in _AROUND if step > 0]
+"""From a voxel to half of those that touch it."""
 MIN_ON, MIN_UNDER, MIN_INSIDE = 0.5, 0.3, 0.5
 """Shares of an object's cells from which it stands on, under or in another."""
 
@@ -94,6 +100,28 @@ def voxels_by_instance(points: Points, origin_m: tuple[float, float]) -> dict[in
     ids, starts = np.unique(owner[order], return_index=True)
     parts = np.split(keys[order], starts[1:])
     return dict(zip(ids.tolist(), parts, strict=True)) if len(ids) else {}
+
+
+def without_strays(keys: NDArray, least: float = MIN_PATCH) -> NDArray:
+    """Return an object's voxels without small patches apart from the largest: masks err at the rims of objects.
+
+    Args:
+        keys: sorted.
+        least: a patch of voxels that touch is kept if it has at least this share of the largest one's.
+    """
+    if len(keys) == 0:
+        return keys
+    first, second = [], []
+    for step in _AHEAD:
+        at = np.minimum(np.searchsorted(keys, keys + step), len(keys) - 1)
+        touching = np.flatnonzero(keys[at] == keys + step)
+        first.append(touching)
+        second.append(at[touching])
+    ends = np.concatenate(first), np.concatenate(second)
+    graph = coo_matrix((np.ones(len(ends[0]), bool), ends), (len(keys), len(keys)))
+    _, patch = connected_components(graph, directed=False)
+    sizes = np.bincount(patch)
+    return keys[sizes[patch] >= least * sizes.max()]
 
 
 def box_of(keys: NDArray, origin_m: tuple[float, float], *, trim_percent: float = FRINGE_PERCENT) -> Box:
@@ -309,12 +337,12 @@ def box_in(simap: SIMap, instance_id: int) -> Box | None:
         return None
     points, origin_m = space_points(simap), (simap.spec.x0_m, simap.spec.y0_m)
     mine = points.positions[points.instances == instance_id]
-    return box_of(np.unique(voxel_keys(mine, origin_m)), origin_m) if len(mine) else None
+    return box_of(without_strays(np.unique(voxel_keys(mine, origin_m))), origin_m) if len(mine) else None
 
 
 def in_space(points: Points, origin_m: tuple[float, float]) -> dict[int, InSpace]:
     """Describe where the objects of a cloud are in space, by id; voxels are those of the grid at an origin."""
-    voxels = voxels_by_instance(points, origin_m)
+    voxels = {number: without_strays(keys) for number, keys in voxels_by_instance(points, origin_m).items()}
     related = relations(voxels)
     order = np.argsort(points.instances, kind="stable")
     ids, starts = np.unique(points.instances[order], return_index=True)

@@ -20,6 +20,7 @@ from simaps_viz.mapping.in_space import (
     voxel_centres,
     voxel_indices,
     voxel_keys,
+    without_strays,
 )
 
 ORIGIN = (-1.0, 0.35)
@@ -101,6 +102,19 @@ def test_the_heaviest_value_wins_and_of_equals_the_lower(rows):
     expected = [(k, min(v, key=lambda value: (-v[value], value)), sum(v.values())) for k, v in sorted(weights.items())]
     found = majority(*np.array(rows, np.int64).reshape(-1, 3).T)
     assert list(zip(*(part.tolist() for part in found), strict=True)) == expected
+
+
+def test_strays_are_the_small_patches_apart():
+    patch, part, stray = (
+        block((0, 10), (0, 10), (3, 4)),
+        block((20, 25), (0, 2), (3, 4)),
+        block((40, 43), (0, 3), (0, 1)),
+    )
+    corner = block((10, 11), (10, 11), (4, 5))  # touches the patch's corner
+    keys = joined(patch, part, stray, corner)
+    assert (without_strays(keys) == joined(patch, corner)).all()  # 10 of 101 voxels are less than a tenth
+    assert (without_strays(keys, 0.095) == joined(patch, part, corner)).all()
+    assert (without_strays(keys, 0.0) == keys).all() and len(without_strays(keys[:0])) == 0
 
 
 def test_instances_know_their_map():
