@@ -7,7 +7,10 @@ It listens on this machine only. Its pictures are simulated to be live; nothing 
 """
 
 import contextlib
+import importlib
 import json
+import socket
+import struct
 import threading
 import time
 from collections.abc import Callable, Iterator, Sequence
@@ -30,6 +33,7 @@ from simaps_viz.datasets.source import FrameSource
 from simaps_viz.geometry import invert_pose
 from simaps_viz.live.foxglove import PROTOCOLS
 from simaps_viz.live.robot import message_types
+from simaps_viz.live.zenoh import dds_name
 from simaps_viz.structures import Intrinsics
 
 COLOR, DEPTH = "/camera/color/image_raw", "/camera/aligned_depth_to_color/image_raw"
@@ -182,6 +186,80 @@ class FoxgloveServer:
         with contextlib.suppress(WebSocketException, OSError):
             head = b"\x01" + number.to_bytes(4, "little") + time.time_ns().to_bytes(8, "little")
             client.send(head + data)
+
+
+class ZenohServer:
+    """A robot on rmw_zenoh: a router, and a node behind it that publishes as rmw_zenoh does (extra "ros2")."""
+
+    def __init__(self, port: int = 0, *, humble: bool = False) -> None:
+        """Serve on this machine; port 0 = any free one. ``humble``: keys without hashes, as of that version."""
+        self.received: list[tuple[str, bytes]] = []
+        self.port = port or _free_port()
+        self._humble = humble
+        self._start()
+
+    @property
+    def address(self) -> str:
+        """Where `simaps live` finds it."""
+        return f"zenoh://127.0.0.1:{self.port}"
+
+    def publish(self, topic: str, data: bytes) -> None:
+        """Send to all that have subscribed."""
+        self._sent += 1
+        self._publishers[topic].put(data, attachment=struct.pack("<qqB", self._sent, time.time_ns(), 16) + b"r" * 16)
+
+    def restart(self, away_s: float) -> None:
+        """Go away, and come back."""
+        self.close()
+        time.sleep(away_s)
+        self._start()
+
+    def close(self) -> None:
+        """Stop serving."""
+        self._node.close()
+        self._router.close()
+
+    def _start(self) -> None:
+        zenoh: Any = importlib.import_module("zenoh")
+        importlib.import_module("zenoh.ext")
+        endpoint = f"tcp/127.0.0.1:{self.port}"
+        self._router = self._open("router", "listen", endpoint)
+        self._node = self._open("client", "connect", endpoint)
+        types, self._sent, self._publishers, self._kept = message_types(), 0, {}, []
+        for number, (topic, kind) in enumerate(TOPICS.items()):
+            dds = dds_name(kind)
+            hashed = "TypeHashNotSupported" if self._humble else types.hash_rihs01(kind)
+            node = f"@ros2_lv/0/{self._node.info.zid()}/0/{number + 10}/MP/%/%/camera"
+            token = f"{node}/{topic.replace('/', '%')}/{dds}/{hashed}"
+            key = f"0{topic}/{dds}/{hashed}"
+            latched = topic in LATCHED
+            self._kept.append(self._node.liveliness().declare_token(f"{token}/{':1:' if latched else '2::'},5:,:,:,,"))
+            self._publishers[topic] = self._node.declare_publisher(key) if not latched else (
+                zenoh.ext.declare_advanced_publisher(
+                    self._node, key, cache=zenoh.ext.CacheConfig(1), publisher_detection=True,
+                    sample_miss_detection=zenoh.ext.MissDetectionConfig(sporadic_heartbeat=0.5),
+                )
+            )  # fmt: skip
+
+        def take(sample: Any) -> None:
+            topic = "/" + "/".join(str(sample.key_expr).split("/")[1:-2])
+            self.received.append((topic, bytes(sample.payload)))
+
+        self._kept.append(self._node.declare_subscriber("0/**", take, allowed_origin=zenoh.Locality.REMOTE))
+
+    def _open(self, mode: str, how: str, endpoint: str) -> Any:
+        zenoh: Any = importlib.import_module("zenoh")
+        config = zenoh.Config()
+        for key, value in {"mode": mode, "scouting/multicast/enabled": False, f"{how}/endpoints": [endpoint],
+                           **({"listen/endpoints": []} if how == "connect" else {})}.items():  # fmt: skip
+            config.insert_json5(key, json.dumps(value))
+        return zenoh.open(config)
+
+
+def _free_port() -> int:
+    with socket.socket() as one:
+        one.bind(("127.0.0.1", 0))
+        return one.getsockname()[1]
 
 
 class Played:
@@ -343,6 +421,8 @@ class FakeRobot:
     """A sequence with masks; by default the embedded café."""
     port: int = 8765
     """Where to serve."""
+    zenoh: bool = False
+    """Speak as a robot on rmw_zenoh (extra "ros2")."""
     rate_hz: float = 30.0
     """Frames a second."""
     laps: int = 1000
@@ -365,7 +445,7 @@ class FakeRobot:
 def main(config: FakeRobot) -> None:
     """Play until Ctrl-C."""
     played = Played(open_sequence(config.path), config.faults, rate_hz=config.rate_hz, color=True)
-    server = FoxgloveServer(config.port)
+    server = ZenohServer(config.port) if config.zenoh else FoxgloveServer(config.port)
     print(f"simaps live {server.address} -o map.npz --view")
     with contextlib.suppress(KeyboardInterrupt):
         play(played, server, laps=config.laps)

@@ -46,8 +46,8 @@ class Live:
     """
 
     source: tyro.conf.Positional[str]
-    """Where frames come from: foxglove://HOST:PORT, a robot that runs foxglove_bridge; or a sequence that simaps build
-    reads, which is played at its own pace. See docs/ROBOT.md."""
+    """Where frames come from: foxglove://HOST:PORT, a robot that runs foxglove_bridge; zenoh://HOST:PORT[/DOMAIN], one
+    on rmw_zenoh (extra "ros2"); or a sequence that simaps build reads, played at its own pace. See docs/ROBOT.md."""
     output: Annotated[Path | None, tyro.conf.arg(aliases=["-o"])] = None
     """Map file to write (.npz)."""
     mapping: Annotated[MappingOptions, tyro.conf.arg(name="")] = field(default_factory=MappingOptions)

@@ -1,12 +1,21 @@
 """A map that grows without knowing how many frames or classes will come, and whose frames can be placed again.
 
 A frame is projected by itself, and what it saw is then replayed onto the map, as a build log is. So the map of a
-sequence played to its end is that of its build, bit for bit, as long as no place was seen too often (`PLACES`).
+sequence played to its end is that of its build, bit for bit, as long as no place was seen too often (`PLACES`). Frames
+whose poses may be corrected are put aside in a scratch file. (Moving what they saw cell by cell needs no pictures, but
+blurs every border by half a cell: on a rendered house panoptic quality fell from .97 to .70, and here it stays at .97.)
 """
 
+import os
+import tempfile
+import threading
+import weakref
+import zlib
 from collections.abc import Sequence
+from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass, replace
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -14,19 +23,19 @@ from simaps_viz.build.pipeline import BuildConfig
 from simaps_viz.datasets.gravity import estimate_gravity
 from simaps_viz.errors import InputError
 from simaps_viz.events import BuildFinished, CommunitiesFound, FrameProjected, MergesFound, Observer
-from simaps_viz.geometry import invert_pose, map_from_world, transform_points
+from simaps_viz.geometry import map_from_world
 from simaps_viz.live.source import Correction, Shot, Source
 from simaps_viz.mapping import finalize
 from simaps_viz.mapping.finalize import SequenceFacts
-from simaps_viz.mapping.observations import FrameReadings, FrameRuns
 from simaps_viz.mapping.partition import applied_steps
-from simaps_viz.mapping.projection import STEPS, STEPS_PER_M
 from simaps_viz.mapping.simap import joining_threshold
-from simaps_viz.mapping.steps import FrameSeen, FrameStep
-from simaps_viz.structures import Segmentation, SIMap
+from simaps_viz.mapping.steps import FrameStep, pack_step, unpack_step
+from simaps_viz.structures import Frame, Intrinsics, Segmentation, SIMap
 
 PLACES = (0.5, np.deg2rad(30.0))
 """Frames are taken from the same place when their cameras share a cube of so many metres, and a sector of headings."""
+BEHIND = 60
+"""Frames that may wait to be put aside."""
 FRAMES_A_PLACE = 60
 """Frames with masks that are kept of one place: what comes later adds geometry only. So the map of a robot that drives
 in circles, or stands, grows with the area and not with time."""
@@ -42,9 +51,34 @@ class _Kept:
 
     shot: tuple[int, int]
     """Epoch, and time in ns."""
-    T_odom_camera: NDArray | None
-    lowest_m: NDArray
-    """float16 [readings], lowest obstacle pixel of each cell it saw, +inf = none."""
+    T_odom_camera: NDArray
+    intrinsics: Intrinsics
+    stored: "Future[tuple[_Place, _Place, _Place]]"
+    """Where its step, its depth and its ids lie in the scratch file."""
+
+
+_Place = tuple[int, int]
+"""Offset and length in bytes."""
+
+
+class _Scratch:
+    """An unnamed file that disappears with the program; written by one thread, read by another."""
+
+    def __init__(self) -> None:
+        self._file = tempfile.TemporaryFile(prefix="simaps-live-")  # noqa: SIM115 - lives as long as the map
+        self._lock = threading.Lock()
+        weakref.finalize(self, self._file.close)
+
+    def add(self, data: bytes) -> _Place:
+        with self._lock:
+            offset = self._file.seek(0, os.SEEK_END)
+            self._file.write(data)
+            return offset, len(data)
+
+    def read(self, place: _Place) -> bytes:
+        with self._lock:
+            self._file.seek(place[0])
+            return self._file.read(place[1])
 
 
 class GrowingMap:
@@ -60,6 +94,9 @@ class GrowingMap:
         self._map = finalize.empty_accumulator(source, config)
         self._one = finalize.empty_accumulator(source, config, steps=True)
         self._kept: list[_Kept] = []
+        self._scratch, self._storing = _Scratch(), ThreadPoolExecutor(1, "live-frames")
+        self._far_m = config.projection.far_m
+        self._depth_unit_m = self._far_m / 65535
         self._places: dict[tuple[float, ...], int] = {}
 
     @property
@@ -109,9 +146,11 @@ class GrowingMap:
         self._map.replay(step, geometry_only=not kept)
         if not kept:
             return []
-        lowest_m = np.full(len(seen), np.inf, np.float16)
-        lowest_m[step.lowered] = step.lowest_m
-        self._kept.append(_Kept((shot.epoch, shot.stamp_ns), shot.T_odom_camera, lowest_m))
+        if shot.T_odom_camera is not None:
+            if self._kept and len(self._kept) >= BEHIND:
+                self._kept[-BEHIND].stored.result()  # the disk is slower than the camera
+            stored = self._storing.submit(self._store, step, frame, masks)
+            self._kept.append(_Kept((shot.epoch, shot.stamp_ns), shot.T_odom_camera, frame.intrinsics, stored))
         nothing = np.zeros((0, 4), np.int32)
         return [
             FrameProjected(
@@ -133,31 +172,50 @@ class GrowingMap:
         self._places[place] = count = self._places.get(place, 0) + 1
         return count <= FRAMES_A_PLACE
 
-    def place_again(self, correction: Correction) -> int:
-        """Move the frames that a correction concerns; return how many.
+    def _store(self, step: FrameStep, frame: Frame, masks: Segmentation) -> tuple[_Place, _Place, _Place]:
+        """Put aside what placing a frame again needs, in the storing thread."""
+        steps = np.rint(np.where(frame.depth_m <= self._far_m, frame.depth_m, 0.0) / self._depth_unit_m)
+        png = cv2.imencode(".png", steps.astype(np.uint16), [cv2.IMWRITE_PNG_COMPRESSION, 1])[1].tobytes()
+        add = self._scratch.add
+        return add(pack_step(step)), add(png), add(zlib.compress(masks.ids.tobytes(), 1))
 
-        What a frame saw is moved cell by cell, so that pictures need not be kept. What frames without masks saw is
-        not kept, and comes again when they do.
+    def place_again(self, correction: Correction) -> int:
+        """Project the frames that a correction concerns again, from where they were; return how many.
+
+        What frames without masks saw is not kept, and comes again when they do.
         """
-        frames, at = self._map.frames, [
-            i for i, kept in enumerate(self._kept)
-            if kept.shot >= (correction.epoch, correction.since_ns) and kept.T_odom_camera is not None
-        ]  # fmt: skip
-        if not at or self.T_map_world is None:
+        since, kept = (correction.epoch, correction.since_ns), self._kept
+        at = [i for i, one in enumerate(kept) if one.shot >= since and one.shot[0] == correction.epoch]
+        if not at or self.T_map_world is None or len(kept) != self.frames:
             return 0
-        T_world_odom = correction.T_world_odom(np.array([self._kept[i].shot[1] for i in at], np.int64))
-        moved = {
-            i: self.T_map_world @ T @ self._kept[i].T_odom_camera for i, T in zip(at, T_world_odom, strict=True)
-        }  # fmt: skip
-        size_m, fresh = self.config.projection.cell_size_m, finalize.empty_accumulator(self._map, self.config)
-        for i in range(len(frames)):
-            seen, kept = frames[i], self._kept[i]
-            step = _step_of(seen, kept.lowest_m)
-            if i in moved:
-                step, kept.lowest_m = moved_step(seen, kept.lowest_m, moved[i], size_m)
+        T_world_odom = correction.T_world_odom(np.array([kept[i].shot[1] for i in at], np.int64))
+        poses = dict(zip(at, T_world_odom, strict=True))
+        fresh = finalize.empty_accumulator(self._map, self.config)
+        for i, one in enumerate(kept):
+            stored = one.stored.result()
+            step = unpack_step(self._scratch.read(stored[0]))
+            if i in poses:
+                step = self._project_again(step, one, stored, poses[i] @ one.T_odom_camera)
             fresh.replay(step)
         self._map = fresh
         return len(at)
+
+    def _project_again(
+        self, step: FrameStep, one: _Kept, stored: tuple[_Place, _Place, _Place], T_world_camera: NDArray
+    ) -> FrameStep:
+        """Return the step of a frame from another pose, and keep it in place of the old one."""
+        k, read = one.intrinsics, self._scratch.read
+        png = cv2.imdecode(np.frombuffer(read(stored[1]), np.uint8), cv2.IMREAD_UNCHANGED)
+        ids = np.frombuffer(zlib.decompress(read(stored[2])), np.int32).reshape(k.height, k.width)
+        depth_m = np.asarray(png).astype(np.float32) * np.float32(self._depth_unit_m)
+        frame = Frame(step.seen.index, step.seen.name, depth_m, T_world_camera, k)
+        self._one.clear()
+        self._one.add_frame(frame, Segmentation(ids, step.seen.segments), np.asarray(self.T_map_world) @ T_world_camera)
+        moved = self._one.step
+        assert moved is not None
+        one.stored = Future()
+        one.stored.set_result((self._scratch.add(pack_step(moved)), *stored[1:]))
+        return moved
 
     def facts(self) -> SequenceFacts:
         """Return what the map keeps of its source."""
@@ -174,7 +232,8 @@ class GrowingMap:
         return finalize.map_so_far(self._map, self.facts(), self.config)
 
     def finished(self, observers: Sequence[Observer]) -> SIMap:
-        """Return the finished map, and notify observers of how it comes about."""
+        """Return the finished map, and notify observers of how it comes about; nothing is placed afterwards."""
+        self._storing.shutdown(wait=False)
         found = finalize.apply_method(finalize.gathered(self._map), self.config)
         threshold = joining_threshold(self.config.method, self.config.parameters())
         applied = applied_steps(found.log, threshold)
@@ -187,56 +246,3 @@ class GrowingMap:
             for observer in observers:
                 observer.on_event(event)
         return simap
-
-
-def _step_of(seen: FrameSeen, lowest_m: NDArray) -> FrameStep:
-    lowered = np.isfinite(lowest_m)
-    return FrameStep(seen, lowered, lowest_m[lowered].astype(np.float32))
-
-
-def moved_step(seen: FrameSeen, lowest_m: NDArray, T_map_camera: NDArray, size_m: float) -> tuple[FrameStep, NDArray]:
-    """Move what a frame saw to where it would see it from another pose.
-
-    Each cell is moved as the point at its centre; of those that fall into one cell the highest stays, and the lowest
-    obstacle.
-
-    Args:
-        seen: the frame where it was placed.
-        lowest_m: float16 [readings], the lowest obstacle of each of its cells, +inf = none.
-        T_map_camera: float64 [4, 4], where it is to be placed.
-        size_m: side of a cell.
-
-    Returns:
-        Its step at the new pose, and its lowest obstacles, float16 like ``lowest_m``.
-    """
-    readings, T_new_old = seen.readings, T_map_camera @ invert_pose(seen.T_map_camera)
-    x, y = (readings.cols + 0.5) * size_m, (readings.rows + 0.5) * size_m
-    tops = transform_points(T_new_old, np.stack([x, y, readings.height_m.astype(np.float64)], axis=1))
-    rise_m = tops[:, 2] - readings.height_m
-    rows, cols = (np.floor(tops[:, axis] / size_m).astype(np.int32) for axis in (1, 0))
-    lowest = (lowest_m + rise_m).astype(np.float16)
-    # Order by cell, the highest first; cells stay in the order of rows and columns.
-    order = np.lexsort((-tops[:, 2], cols, rows))
-    rows, cols, top_m, lowest = rows[order], cols[order], tops[order, 2].astype(np.float32), lowest[order]
-    new = np.ones(len(rows), bool)
-    new[1:] = (np.diff(rows) != 0) | (np.diff(cols) != 0)
-    first = np.flatnonzero(new)
-    lowest = np.minimum.reduceat(lowest, first) if len(first) else lowest
-    moved = FrameReadings(rows[first], cols[first], readings.segments[order][first], top_m[first])
-    cell_of = np.zeros(len(order), np.int32)
-    cell_of[order] = np.cumsum(new) - 1
-    runs = _moved_runs(seen.runs, cell_of, np.rint(rise_m * STEPS_PER_M).astype(np.int64))
-    return _step_of(replace(seen, T_map_camera=T_map_camera, readings=moved, runs=runs), lowest), lowest
-
-
-def _moved_runs(runs: FrameRuns, cell_of: NDArray, risen: NDArray) -> FrameRuns:
-    """Return runs in other cells, int32 [readings], and higher by so many steps, int64 [readings]; none twice."""
-    low, high = (
-        np.clip(steps.astype(np.int64) + risen[runs.reading], -STEPS, STEPS - 1).astype(np.int8)
-        for steps in (runs.low, runs.high)
-    )
-    table = np.stack([cell_of[runs.reading], runs.segments, low, high], axis=1)
-    _, kept = np.unique(table, axis=0, return_index=True)
-    kept = np.sort(kept)
-    kept = kept[np.argsort(table[kept, 0], kind="stable")]
-    return FrameRuns(table[kept, 0], runs.segments[kept], low[kept], high[kept])

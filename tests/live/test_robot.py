@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 from fake_page import fake_page
-from fake_robot import DEPTH, LABELS, MASKS, TOPICS, Faults, FoxgloveServer, Played, play
+from fake_robot import DEPTH, LABELS, MASKS, TOPICS, Faults, FoxgloveServer, Played, ZenohServer, play
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from sequences import write_tiny_sequence
@@ -27,6 +27,7 @@ from simaps_viz.live.robot import RobotSource
 from simaps_viz.live.run import LiveRequest, LiveRun
 from simaps_viz.live.source import Traffic
 from simaps_viz.live.topics import TopicNames, choose_topics
+from simaps_viz.live.zenoh import ZenohLink, dds_name, publisher_of
 from simaps_viz.viewer.panels.live import LivePanel
 
 FRAMES = 45
@@ -72,9 +73,14 @@ class SDKServer:
         self.server.stop()
 
 
+def humble_server():
+    return ZenohServer(humble=True)
+
+
 def grow(sequence, server, tmp_path, faults=None, *, rate_hz=30.0, settle_s=1.0):
     """Let a map grow from a fake robot until it is silent; return it and its run."""
-    source = RobotSource(FoxgloveLink(server.address), TopicNames(), color=False, traffic=(traffic := Traffic()))
+    link = ZenohLink(server.address) if server.address.startswith("zenoh") else FoxgloveLink(server.address)
+    source = RobotSource(link, TopicNames(), color=False, traffic=(traffic := Traffic()))
     request = LiveRequest(source, BuildConfig(), tmp_path / "r.npz", idle_stop_s=4.0, traffic=traffic)
     live = LiveRun(replace(request, observers=(MapPublisher(source),)))
     found = []
@@ -102,8 +108,10 @@ def same_objects(one, other):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("server", [FoxgloveServer, SDKServer])
+@pytest.mark.parametrize("server", [FoxgloveServer, SDKServer, ZenohServer, humble_server])
 def test_a_robot_makes_the_map_of_its_build(tiny, tmp_path, server):
+    if server in (ZenohServer, humble_server):
+        pytest.importorskip("zenoh")
     simap, live = grow(tiny, server(), tmp_path)
     built = build_map(tiny)
     assert live.traffic.placed >= FRAMES - 1  # the first one may come before its transforms
@@ -114,8 +122,11 @@ def test_a_robot_makes_the_map_of_its_build(tiny, tmp_path, server):
 
 
 @pytest.mark.slow
-def test_a_robot_that_is_not_to_drive_is_sent_maps_and_nothing_else(tiny, tmp_path):
-    server = FoxgloveServer()
+@pytest.mark.parametrize("kind", [FoxgloveServer, ZenohServer])
+def test_a_robot_that_is_not_to_drive_is_sent_maps_and_nothing_else(tiny, tmp_path, kind):
+    if kind is ZenohServer:
+        pytest.importorskip("zenoh")
+    server = kind()
     simap, _ = grow(tiny, server, tmp_path)
     assert {topic for topic, _ in server.received} == {MAP, OBJECTS}
     grid = robot.message_types().deserialize_cdr(dict(server.received)[MAP], OUT[MAP])
@@ -301,6 +312,18 @@ def test_topics_are_found_by_type_and_name_and_what_is_unclear_is_asked():
         choose_topics(OFFER, TopicNames(masks="/m"), color=False)
     no_tf = {t: kind for t, kind in OFFER.items() if not t.startswith("/tf")}
     assert choose_topics(no_tf, TopicNames(), color=False).poses == ("/odom",)
+
+
+def test_publishers_of_zenoh_are_told_by_their_tokens():
+    token = "@ros2_lv/0/a1b2/0/10/MP/%/%/cam/%camera%depth/sensor_msgs::msg::dds_::Image_/RIHS01_d3/::,10:,:,:,,"
+    assert publisher_of(token) == ("/camera/depth", "sensor_msgs/msg/Image")
+    assert dds_name("sensor_msgs/msg/Image") in token
+    for other in ("", "@ros2_lv/0/a1b2/0/0/NN/%/%/cam", token.replace("/MP/", "/MS/"), token.replace("dds_", "x")):
+        with pytest.raises(ValueError, match="no "):
+            publisher_of(other)
+    types = robot.message_types()
+    known = "RIHS01_d31d41a9a4c4bc8eae9be757b0beed306564f7526c88ea6a4588fb9582527d47"
+    assert types.hash_rihs01("sensor_msgs/msg/Image") == known
 
 
 @pytest.mark.slow

@@ -1,0 +1,207 @@
+"""A robot whose ROS 2 runs on rmw_zenoh: its topics without a bridge. Extra "ros2".
+
+A topic's messages have the key DOMAIN/TOPIC/TYPE/HASH, with the type as "pkg::msg::dds_::Type_" and its RIHS01 hash
+("TypeHashNotSupported" in Humble). Publishers are found by their liveliness tokens, "@ros2_lv/…", in which "%" stands
+for "/". Every message carries an attachment: its number, the time it was sent (ns), and the sender's id of 16 bytes.
+"""
+
+import json
+import os
+import struct
+import threading
+import time
+from collections.abc import Callable
+from typing import Any
+from urllib.parse import urlsplit
+
+from simaps_viz.errors import InputError, needs_extra, one_line
+from simaps_viz.live.robot import OnMessage, message_types
+
+PORT = 7447
+"""Of the router."""
+LATCHED_LAST = 100
+"""Last messages of a latched topic that are asked for: several publishers share /tf_static."""
+RETRY_S = 3.0
+_ATTACHMENT = struct.Struct("<qqB")
+MAX_TOPICS = 5000
+
+
+class ZenohLink:
+    """A connection to the Zenoh router of a robot; Zenoh connects again by itself."""
+
+    def __init__(self, address: str) -> None:
+        """Take an address: zenoh://HOST:PORT, or zenoh://HOST:PORT/DOMAIN for a ROS domain other than 0.
+
+        Raises:
+            InputError: it is none, or the extra is missing.
+        """
+        self.address = address
+        with needs_extra("ros2", "zenoh://"):
+            import zenoh  # noqa: PLC0415 - only robots without a bridge need it
+            import zenoh.ext  # noqa: PLC0415 - as above
+        try:
+            parts = urlsplit(address)
+            host, port, domain = parts.hostname, parts.port or PORT, int(parts.path.strip("/") or 0)
+        except ValueError:
+            host, port, domain = None, 0, 0
+        if not host or not 0 <= domain <= 232:
+            raise InputError(f"{address}: expected zenoh://HOST:PORT or zenoh://HOST:PORT/DOMAIN")
+        self._zenoh, self._domain = zenoh, domain
+        self._endpoint = f"tcp/{f'[{host}]' if ':' in host else host}:{port}"
+        self._state = "connecting"
+        self._session: Any = None
+        self._declared: list[Any] = []
+        self._topics: dict[str, str] = {}
+        self._wanted: tuple[str, ...] = ()
+        self._subscribed: set[str] = set()
+        self._kinds: dict[str, str] = {}
+        self._publishers: dict[str, Any] = {}
+        self._sent, self._gid = 0, os.urandom(16)
+        self._lock = threading.RLock()
+        self._closed = threading.Event()
+        self._thread: threading.Thread | None = None
+
+    @property
+    def state(self) -> str:
+        """Say why there is no connection; "" where there is one."""
+        return self._state
+
+    def open(self, on_topics: Callable[[dict[str, str]], None], on_message: OnMessage) -> None:
+        """Connect in a thread of its own, again and again until it succeeds or ``close``."""
+        self._on_topics, self._on_message = on_topics, on_message
+        self._thread = threading.Thread(target=self._run, name="zenoh", daemon=True)
+        self._thread.start()
+
+    def subscribe(self, topics: tuple[str, ...]) -> None:
+        """Receive these topics from now on."""
+        with self._lock:
+            self._wanted = topics
+            self._subscribe()
+
+    def advertise(self, topic: str, kind: str) -> None:
+        """Announce that a topic will be published; late subscribers get its last message."""
+        with self._lock:
+            self._kinds[topic] = kind
+            if self._session is not None:
+                self._publisher(topic)
+
+    def publish(self, topic: str, data: bytes) -> bool:
+        """Publish CDR bytes; False when there is no connection."""
+        with self._lock:
+            if self._session is None or self._state:
+                return False
+            self._sent += 1
+            attachment = _ATTACHMENT.pack(self._sent, time.time_ns(), len(self._gid)) + self._gid
+            try:
+                self._publisher(topic).put(data, attachment=attachment)
+            except self._zenoh.ZError:
+                return False
+            return True
+
+    def close(self) -> None:
+        """Disconnect."""
+        self._closed.set()
+        if self._thread is not None:
+            self._thread.join(2 * RETRY_S)
+        with self._lock:
+            session, self._session = self._session, None
+        if session is not None:
+            session.close()
+
+    def _run(self) -> None:
+        config = self._zenoh.Config()
+        # A client: routers do not forward between peers.
+        for key, value in {"mode": "client", "connect/endpoints": [self._endpoint],
+                           "scouting/multicast/enabled": False, "listen/endpoints": [],
+                           "timestamping/enabled": {"client": True}}.items():  # fmt: skip
+            config.insert_json5(key, json.dumps(value))
+        session: Any = None
+        while not self._closed.is_set() and session is None:
+            try:
+                session = self._zenoh.open(config)
+            except self._zenoh.ZError as error:
+                self._state = f"no connection, trying again: {one_line(error)}"
+                self._closed.wait(RETRY_S)
+                continue
+            with self._lock:
+                self._session = session
+                tokens = f"@ros2_lv/{self._domain}/**"
+                watch = session.liveliness().declare_subscriber(tokens, self._token, history=True)
+                self._declared.append(watch)
+                for topic in self._kinds:
+                    self._publisher(topic)
+        while session is not None and not self._closed.wait(0.2):
+            there = bool(list(session.info.routers_zid()))
+            self._state = "" if there else "connection lost, trying again"
+
+    def _token(self, sample: Any) -> None:
+        """Take the token of a publisher that comes or goes."""
+        try:
+            found = publisher_of(str(sample.key_expr))
+        except ValueError:
+            return  # no publisher, or none of ROS
+        with self._lock:
+            topic, kind = found
+            new = sample.kind == self._zenoh.SampleKind.PUT and topic not in self._topics
+            if new and len(self._topics) < MAX_TOPICS:
+                self._topics = self._topics | {topic: kind}
+                self._subscribe()
+            topics = self._topics
+        if new:
+            self._on_topics(topics)
+
+    def _subscribe(self) -> None:
+        if self._session is None:
+            return
+        ext = self._zenoh.ext
+        for topic in self._wanted:
+            if topic in self._subscribed:
+                continue
+            self._subscribed.add(topic)
+
+            def take(sample: Any, topic: str = topic) -> None:
+                attachment = bytes(sample.attachment) if sample.attachment is not None else b""
+                sent_ns = _ATTACHMENT.unpack_from(attachment)[1] if len(attachment) >= _ATTACHMENT.size else 0
+                self._on_message(topic, bytes(sample.payload), sent_ns)
+
+            # Latched topics are asked for what was published before; the others answer with nothing.
+            key = f"{self._domain}/{topic.strip('/')}/*/*"
+            history = ext.HistoryConfig(detect_late_publishers=True, max_samples=LATCHED_LAST)
+            recovery = ext.RecoveryConfig(heartbeat=True)
+            self._declared.append(
+                ext.declare_advanced_subscriber(self._session, key, take, history=history, recovery=recovery)
+            )
+
+    def _publisher(self, topic: str) -> Any:
+        """Return the publisher of a topic, declared with a token, so that ROS sees it."""
+        if topic not in self._publishers:
+            ext, session, kind = self._zenoh.ext, self._session, self._kinds[topic]
+            dds, type_hash = dds_name(kind), message_types().hash_rihs01(kind)
+            number = 10 + len(self._publishers)
+            node = f"@ros2_lv/{self._domain}/{session.info.zid()}/0"
+            ends = [f"{node}/{number}/MP/%/%/simaps/{topic.replace('/', '%')}/{dds}/{type_hash}/:1:,1:,:,:,,"]
+            if not self._publishers:
+                ends.append(f"{node}/0/NN/%/%/simaps")
+            self._declared += [session.liveliness().declare_token(end) for end in ends]
+            self._publishers[topic] = ext.declare_advanced_publisher(
+                session, f"{self._domain}/{topic.strip('/')}/{dds}/{type_hash}", cache=ext.CacheConfig(1),
+                sample_miss_detection=ext.MissDetectionConfig(sporadic_heartbeat=0.5), publisher_detection=True,
+            )  # fmt: skip
+        return self._publishers[topic]
+
+
+def dds_name(kind: str) -> str:
+    """Return how rmw_zenoh names a type: "std_msgs::msg::dds_::String_" for "std_msgs/msg/String"."""
+    package, folder, name = kind.split("/")
+    return f"{package}::{folder}::dds_::{name}_"
+
+
+def publisher_of(token: str) -> tuple[str, str]:
+    """Return topic and type of a publisher's token; raises ValueError for other tokens."""
+    parts = token.split("/")
+    if len(parts) != 13 or parts[0] != "@ros2_lv" or parts[5] != "MP":
+        raise ValueError("no token of a publisher")
+    names = parts[10].split("::")
+    if len(names) != 4 or names[2] != "dds_" or not names[3].endswith("_"):
+        raise ValueError("no type of ROS")
+    return parts[9].replace("%", "/"), f"{names[0]}/{names[1]}/{names[3][:-1]}"
