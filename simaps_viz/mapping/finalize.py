@@ -189,11 +189,12 @@ def space_settings(simap: SIMap, notes: Mapping[str, Any], config: BuildConfig) 
     votes, labels = config.votes, simap.grid.labels
     weight = np.where(simap.grid.is_thing, 1.0, votes.stuff)
     weight[0] = votes.nothing
-    if notes.get("disagreement", 1.0) < votes.exact_below:
+    exact = notes.get("disagreement", 1.0) < votes.exact_below
+    if exact:
         weight = np.ones(len(labels))
     return SpaceSettings(
         config.projection.below_floor_m, weight, config.resolution, config.seed, config.pooling, config.affinity,
-        config.min_cells,
+        config.min_cells, exact,
     )  # fmt: skip
 
 

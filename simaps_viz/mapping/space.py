@@ -30,6 +30,7 @@ _GAP = 2
 """So many free steps (10 cm) end a node, and nodes of neighbouring cells touch across fewer."""
 _TOP_STEPS = 3
 """The node that the map shows reaches at least so close to the cell's top."""
+_MIN_FRAMES = 2
 _FLUSH = 1 << 20
 
 Point3 = tuple[float, float, float]
@@ -50,6 +51,9 @@ class SpaceSettings:
     """Two parts are one object while their affinity exceeds this."""
     min_cells: int
     """Objects with a smaller footprint are none."""
+    exact: bool
+    """Masks count as exact. If not, what a single frame saw is no object, and what lies on the floor is not part of a
+    class that stands higher: masks of chairs cover the floor seen between their legs."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -93,6 +97,8 @@ def find_surface(
     )
     top = shown & is_thing[nodes.label]
     top[top] = instance.reshape(-1)[nodes.cell[top]] > 0
+    if not settings.exact:
+        _leave_floor(nodes, top, is_thing, lowest)
     # Owners: 0 is what the map shows in the cell, below 0 a class without an object.
     owner = -1 - nodes.label.astype(np.int32)
     owner[top | (shown & ~is_thing[nodes.label])] = 0
@@ -462,6 +468,14 @@ def _as_runs(
     return of_cell, low, high, of_owner
 
 
+def _leave_floor(nodes: _Nodes, top: NDArray, is_thing: NDArray, lowest: int) -> None:
+    """Leave to no class the lower nodes that end on the floor, of classes most of whose nodes end higher."""
+    on_floor = nodes.steps < np.uint64(1) << np.uint64(1 - lowest)  # no step above the lowest 5 cm
+    count = np.bincount(nodes.label, minlength=len(is_thing))
+    stands = is_thing & (2 * np.bincount(nodes.label[on_floor], minlength=len(is_thing)) < count)
+    nodes.label[on_floor & ~top & stands[nodes.label]] = 0
+
+
 @dataclass(frozen=True, eq=False)
 class _Groups:
     """What the lower nodes are parts of. Arrays aligned with them."""
@@ -819,9 +833,9 @@ def _hidden(
     found = []
     for members in np.split(order, np.cumsum(np.bincount(at))[:-1]) if len(numbers) else ():
         cells = np.unique(cell[members])
-        if len(cells) < settings.min_cells:
-            continue
         group = int(numbers[at[members[0]]])
+        if len(cells) < settings.min_cells or (frames[group] < _MIN_FRAMES and not settings.exact):
+            continue
         run = _as_runs(cell[members], steps[members], np.zeros(len(members), np.int32), lowest)
         name = grid.labels[label[members[0]]]
         found.append((name, int(cells[0]), group, _described(grid.spec, cells, run[:3])))

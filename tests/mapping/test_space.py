@@ -146,6 +146,26 @@ def test_a_chair_under_a_table_is_an_object_and_half_a_chair_is_none(joined):
     assert (points.classes[points.instances == 0] == 4).all() and (points.classes[points.instances > 0] < 3).all()
 
 
+def test_masks_that_err_make_no_objects_of_one_glance_or_of_the_floor():
+    """A book under the table in one frame only, and a sliver of class chair on the floor in thirty."""
+    steps = table_over_chairs()
+    book = block(range(10, 13), range(10, 13), 5, 6, 7)
+    sliver = block(range(-3, -1), range(22, 25), 6, 0, 0)
+    columns = [[c for c in block(range(-4, 20), range(-4, 26), 4, 0, 0) if c[:2] not in {d[:2] for d in sliver}]]
+    steps.append(frame(24, book + columns[0], {4: "floor", 5: "book"}))
+    higher = block(range(-3, -1), range(22, 25), 1, 14, 14)
+    steps += [frame(25 + i, sliver + higher, {1: "table", 6: "chair"}) for i in range(30)]
+    exact, errs = (
+        map_of_columns(steps, replace(BuildConfig(), votes=replace(BuildConfig().votes, exact_below=share)))
+        for share in (1.0, 0.0)
+    )
+    assert Counter(one.label for one in exact.hidden) == {"chair": 2, "book": 1}
+    assert [(one.label, one.cells) for one in errs.hidden] == [("chair", 16)]
+    points = errs.points()
+    on_floor = points.positions[:, 2] < 0.05
+    assert not (points.classes[on_floor] == 1).any() and (points.classes[~on_floor] == 3).any()
+
+
 def test_numbering_segments_otherwise_changes_nothing():
     one, other = (map_of_columns(steps) for steps in (table_over_chairs(), turned(table_over_chairs())))
     assert np.array_equal(one.surface.owner, other.surface.owner) and one.hidden == other.hidden
