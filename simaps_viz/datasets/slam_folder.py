@@ -46,7 +46,7 @@ class SlamFolderReader(Reader):
             raise InputError(f"{path}: expected a trajectory ({', '.join(TRAJECTORIES)}), found none")
         stamped, lost = _stamped_poses(poses_file)
         if both is not None:
-            stamps, color_files, depth_files = _pairs(both)
+            stamps, color_files, depth_files, missing = _pairs(both)
             # Whoever tracked them stamps poses with either time; a pose at exactly one of them is it.
             found = [
                 interpolate_poses(*stamped, times, max_gap_s=MAX_POSE_GAP_S, beyond_s=COLOR_TOLERANCE_S)
@@ -64,7 +64,9 @@ class SlamFolderReader(Reader):
             poses = poses[kept]
             color_files, depth_files = ([files[i] for i in kept] for files in (color_files, depth_files))
         else:
-            (color_times, colors), (depth_times, depths) = _list(path / "rgb.txt"), _list(path / "depth.txt")
+            color_times, colors, no_color = _list(path / "rgb.txt")
+            depth_times, depths, no_depth = _list(path / "depth.txt")
+            missing = (*no_color, *no_depth)
             pairs, poses = posed_pairs(
                 path, depth_times, color_times, stamped, tolerance_s=COLOR_TOLERANCE_S, max_gap_s=MAX_POSE_GAP_S
             )
@@ -73,6 +75,7 @@ class SlamFolderReader(Reader):
         lens, unit_m, source = camera_of(path, color_files[0])
         notes = (
             f"camera: {source}; depth: {unit_m:g} m a step",
+            *missing,
             *left_out(total - len(poses), total, f"pictures have no pose of their time in {poses_file.name}"),
             *left_out(lost, lost + len(stamped[0]), f"lines of {poses_file.name} are no pose"),
         )
@@ -105,36 +108,37 @@ def _stamped_poses(path: Path) -> tuple[tuple[NDArray, NDArray], int]:
     return (times, poses[first]), len(rows) - len(whole)
 
 
-def _list(path: Path) -> tuple[NDArray, list[Path]]:
-    """Return the times and files of a list, by time, but those that are not there."""
+def _list(path: Path) -> tuple[NDArray, list[Path], tuple[str, ...]]:
+    """Return the times and files of a list, by time, and a note on those that are not there."""
     rows = []
     for line, found in words(path):
         if len(found) != 2:
             raise InputError(f"{path}, line {line}: expected a time and a file, found {len(found)} words")
         rows.append((float(numbers(f"{path}, line {line}", found[:1], finite=True)[0]), path.parent / found[1]))
-    rows = sorted(row for row in rows if os.path.isfile(row[1]))
-    if not rows:
+    there = sorted(row for row in rows if os.path.isfile(row[1]))
+    if not there:
         raise InputError(f"{path}: expected lines of a time and a file that is there, found none")
-    return np.array([time for time, _ in rows]), [file for _, file in rows]
+    missing = left_out(len(rows) - len(there), len(rows), f"files of {path.name} are not there")
+    return np.array([time for time, _ in there]), [file for _, file in there], missing
 
 
-def _pairs(path: Path) -> tuple[tuple[NDArray, NDArray], list[Path], list[Path]]:
-    """Return times (of depth, of colour) and the files of colour and depth; either may come first in a line."""
-    times, files = [], []
+def _pairs(path: Path) -> tuple[tuple[NDArray, NDArray], list[Path], list[Path], tuple[str, ...]]:
+    """Return times (of depth, of colour), the files of colour and depth, and a note on those that are not there.
+
+    Either may come first in a line.
+    """
+    rows = []
     for line, found in words(path):
         where = f"{path}, line {line}"
         if len(found) != 4:
             raise InputError(f"{where}: expected time, file, time, file, found {len(found)} words")
-        stamps, pair = (
-            numbers(where, [found[0], found[2]], finite=True),
-            (path.parent / found[1], path.parent / found[3]),
-        )
-        if all(map(os.path.isfile, pair)):
-            times.append(stamps)
-            files.append(pair)
-    if not files:
+        both = numbers(where, [found[0], found[2]], finite=True), (found[1], found[3])
+        first, second = ("depth" in name.lower() for name in both[1])
+        rows.append((both[0][::-1], both[1][::-1]) if first and not second else both)  # colour, then depth
+    named = [(stamps, path.parent / color, path.parent / depth) for stamps, (color, depth) in rows]
+    there = [row for row in named if os.path.isfile(row[1]) and os.path.isfile(row[2])]
+    if not there:
         raise InputError(f"{path}: expected lines of time, file, time, file with files that are there, found none")
-    depth = 0 if "depth" in str(files[0][0].relative_to(path.parent)).lower() else 1
-    stamps = np.array(times)
-    chosen = [pair[1 - depth] for pair in files], [pair[depth] for pair in files]
-    return (stamps[:, depth], stamps[:, 1 - depth]), *chosen
+    stamps = np.array([stamps for stamps, _, _ in there])
+    missing = left_out(len(rows) - len(there), len(rows), f"pairs of {path.name} lack a file")
+    return (stamps[:, 1], stamps[:, 0]), [color for _, color, _ in there], [depth for _, _, depth in there], missing

@@ -179,6 +179,7 @@ def test_lists_with_depth_first_and_missing_files(tmp_path):
     (path / "rgbd_assoc.txt").write_text("\n".join(" ".join([*line[2:], *line[:2]]) for line in lines))
     (path / lines[4][1]).unlink()
     sequence, usual = open_sequence(path), open_sequence(slam_folder(tmp_path / "b").path)
+    assert "1 of 5 pairs of rgbd_assoc.txt lack a file: left out" in sequence.notes
     np.testing.assert_array_equal(sequence.poses, usual.poses[:3])
     np.testing.assert_array_equal(sequence.color(1), usual.color(1))
 
