@@ -72,7 +72,7 @@ class Reopen:
         return JoinedFrames(opened) if self.joined else opened[0]
 
     def _open(self, path: Path, source: str) -> FrameSource:
-        sequence = open_sequence(path, whole=False)
+        sequence = open_sequence(path)
         if source == sequence.segmentation_source:
             return sequence
         masked = masks_from(sequence, source, Path(self.masks))

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 import tyro
 
 from simaps_viz.cli import OK
-from simaps_viz.cli.options import MappingOptions, Networks
+from simaps_viz.cli.options import MappingOptions, Networks, WorldFrame
 from simaps_viz.errors import InputError
 
 if TYPE_CHECKING:
@@ -35,13 +35,15 @@ class Build:
     """Where segments come from: "precomputed" (the ones the sequence has), a network (.onnx: YOLO-seg, Mask2Former,
     MaskFormer, OneFormer, EoMT) or a COCO panoptic table (.json)."""
     network: Annotated[Networks, tyro.conf.arg(name="")] = field(default_factory=Networks)
+    world: Annotated[WorldFrame, tyro.conf.arg(name="")] = field(default_factory=WorldFrame)
     record: Path | None = None
     """Also record the build for rerun (.rrd)."""
     resume: bool = False
     """Resume a build of this map that was killed or stopped (its log, .MAP.building, lies beside the map); the map
     comes out the same. With --record all frames are read again, as the recording shows them."""
     strict: bool = False
-    """Stop at a frame that cannot be read; otherwise it is skipped and counted, unless more than half are."""
+    """Stop at a frame that lacks something or cannot be read; otherwise it is left out and counted, unless more than
+    half cannot be read."""
     history: bool = False
     """Also write the map's history, MAP.steps, with its state after each frame; the page's time slider reads it."""
     embedding: tuple[Path, ...] = ()
@@ -124,7 +126,7 @@ class Build:
         opened = [
             open_segmented(
                 path, self.segmentation, self.network, cache_folder(), progress,
-                quiet=self.json, whole=self.strict,
+                quiet=self.json, strict=self.strict, world=self.world,
             )
             for path in self.sequence
         ]  # fmt: skip

@@ -58,7 +58,7 @@ class Describe:
         embedding = open_embedding(*self.embedding) if self.embedding else None
         with stage_progress(quiet=self.json) as progress:
             sequence = open_segmented(
-                source, self.segmentation, self.network, cache_folder(), progress, quiet=self.json, whole=False
+                source, self.segmentation, self.network, cache_folder(), progress, quiet=self.json
             )
             if embedding is None:
                 simap = with_colors(simap, sequence)

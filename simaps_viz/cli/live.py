@@ -151,7 +151,7 @@ class Live:
 
         if "://" in self.source:
             return RobotSource(self._link(), self._named(), color=network is not None, traffic=traffic)
-        sequence = open_sequence(Path(self.source), whole=False)
+        sequence = open_sequence(Path(self.source))
         if network is None:
             sequence.segmentation(0)  # raises InputError where there are no masks
         return PlayedSequence(sequence, at_pace=self.pace == "real", network=network)

@@ -75,6 +75,8 @@ def _run(command: Command) -> int:
         return command.run()
     except SIMapsError as error:
         _log_error(str(error))
+        for note in getattr(error, "__notes__", ()):
+            _show(note)
         return BAD_INPUT
     except KeyboardInterrupt as stopped:
         _log_error(str(stopped) or "interrupted; nothing was left half-written")
@@ -111,9 +113,13 @@ def _log_error(message: str) -> None:
 
 
 def _show_error(message: str) -> None:
+    _show(f"simaps: {message}", style="red")
+
+
+def _show(text: str, style: str | None = None) -> None:
     from simaps_viz.console.terminal import console
 
-    console.print(f"simaps: {message}", markup=False, soft_wrap=True, style="red")
+    console.print(text, markup=False, highlight=False, soft_wrap=True, style=style)
 
 
 if __name__ == "__main__":

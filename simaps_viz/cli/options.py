@@ -2,9 +2,10 @@
 
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Any, Literal, TypedDict
 
 from simaps_viz.build import MethodName
+from simaps_viz.errors import InputError
 
 if TYPE_CHECKING:
     from simaps_viz.build.pipeline import BuildConfig
@@ -54,6 +55,35 @@ class MappingOptions:
             min_cells=self.min_cells, literal=self.literal, projection=projection,
             votes=replace(VoteSettings(), enabled=self.votes),
         )  # fmt: skip
+
+
+@dataclass(frozen=True)
+class WorldFrame:
+    """Which way is up and where the floor is, for recordings that do not say so or say it wrongly."""
+
+    up: str | None = None
+    """The world's up direction as X,Y,Z (--up=-1,0,0 where it begins with a minus). By default what the recording says,
+    else what its pictures show: floor, walls, how the camera was held."""
+    floor_height: float | None = None
+    """Height of the floor along up, metres. By default what the recording says, else the lowest large plane."""
+
+    def stated(self) -> "Stated":
+        """Return what `open_sequence` takes; raises InputError unless up is three numbers."""
+        up = None
+        if self.up is not None:
+            try:
+                x, y, z = map(float, self.up.split(","))
+            except ValueError as error:
+                raise InputError(f"--up: expected three numbers X,Y,Z, found {self.up}") from error
+            up = (x, y, z)
+        return {"up": up, "floor_height_m": self.floor_height}
+
+
+class Stated(TypedDict):
+    """What a person says of a recording's world frame; None = as the recording says."""
+
+    up: tuple[float, float, float] | None
+    floor_height_m: float | None
 
 
 @dataclass(frozen=True)

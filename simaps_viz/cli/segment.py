@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 import tyro
 
 from simaps_viz.cli import OK
-from simaps_viz.cli.options import Networks
+from simaps_viz.cli.options import Networks, WorldFrame
 from simaps_viz.errors import InputError
 
 if TYPE_CHECKING:
@@ -82,7 +82,8 @@ def open_segmented(
     progress: "StageProgress",
     *,
     quiet: bool = False,
-    whole: bool = True,
+    strict: bool = False,
+    world: WorldFrame | None = None,
 ) -> "FrameSource":
     """Open a sequence with the requested masks; a network is first run over it unless its masks are cached.
 
@@ -93,15 +94,17 @@ def open_segmented(
         cache: where its masks are kept.
         progress: called with the progress of the network.
         quiet: do not print which device the network runs on.
-        whole: require the files of every frame, see `open_sequence`; a network always does.
+        strict: a frame that lacks something is an error, see `open_sequence`.
+        world: up and the floor, where they are stated.
 
     Raises:
-        InputError: the sequence, its masks or the network cannot be read.
+        InputError: the sequence, its masks or the network cannot be read, or it brings no masks and none are named.
     """
     from simaps_viz.datasets.open import open_sequence
 
-    sequence = open_sequence(path, whole=whole or segmentation.lower().endswith(".onnx"))
+    sequence = open_sequence(path, strict=strict, **(world or WorldFrame()).stated())
     if segmentation == PRECOMPUTED:
+        sequence.segments()  # at once, not after some frames
         return sequence
     given = Path(segmentation)
     if given.suffix.lower() == ".onnx":

@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from simaps_viz.datasets.association import nearest, posed_pairs
+from simaps_viz.datasets.association import nearest, posed_pairs, read_trajectory
 from simaps_viz.datasets.calibration import Lens, number_rows, pinhole
 from simaps_viz.datasets.file_frames import FileFrames, depth_png, number_of, numbered
 from simaps_viz.datasets.recording import FormatFacts, Reader, Recording, left_out
@@ -45,7 +45,7 @@ class ArkitReader(Reader):
             if not files:
                 raise InputError(f"{folder / name}: expected files named VIDEO_SECONDS, found none")
         depth_times = _times(depth_all)
-        trajectory = _trajectory(folder / "lowres_wide.traj")
+        trajectory, no_pose = read_trajectory(folder / "lowres_wide.traj", 7, _pose)
         pairs, poses = posed_pairs(
             folder, depth_times, _times(color_all), trajectory, tolerance_s=TOLERANCE_S, max_gap_s=MAX_POSE_GAP_S
         )
@@ -63,6 +63,7 @@ class ArkitReader(Reader):
             notes=left_out(
                 len(depth_all) - len(pairs), len(depth_all), "depth images have no colour or pose of their time"
             ),
+            faults=no_pose,
         )
 
 
@@ -83,15 +84,11 @@ def _lens(path: Path) -> Lens:
     return Lens(pinhole(str(path), int(width), int(height), fx, fy, cx, cy))
 
 
-def _trajectory(path: Path) -> tuple[NDArray, NDArray]:
-    rows = number_rows(path, 7)
-    poses = []
-    for where, row in rows:
-        if not (np.abs(row) < 1e15).all():  # NaN is not less
-            raise InputError(f"{where}: expected finite numbers, found NaN, infinity or some far too large")
-        T_camera_world = np.eye(4)
-        T_camera_world[:3, :3] = cv2.Rodrigues(row[1:4])[0]
-        T_camera_world[:3, 3] = row[4:]
-        poses.append(invert_pose(T_camera_world))
-    times, first = np.unique([row[0] for _, row in rows], return_index=True)
-    return times, np.stack(poses)[first]
+def _pose(where: str, row: NDArray) -> NDArray:
+    """Return T_world_camera of a row: time, axis times angle, position, world to camera."""
+    if not (np.abs(row) < 1e15).all():  # NaN is not less
+        raise InputError(f"{where}: expected finite numbers, found NaN, infinity or some far too large")
+    T_camera_world = np.eye(4)
+    T_camera_world[:3, :3] = cv2.Rodrigues(row[1:4])[0]
+    T_camera_world[:3, 3] = row[4:]
+    return invert_pose(T_camera_world)

@@ -1,12 +1,93 @@
-"""Associate what was recorded at different times: images by the nearest time, poses by interpolation."""
+"""Associate what belongs together: by the frame's name or number, or by time; poses are interpolated."""
 
+from collections.abc import Callable, Collection, Hashable, Mapping
+from dataclasses import dataclass
 from pathlib import Path
+from typing import Generic, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation, Slerp
 
+from simaps_viz.datasets.calibration import check_reach, number_rows, pose_rows, rigid, stated_pose
+from simaps_viz.datasets.file_frames import present
+from simaps_viz.datasets.recording import left_out
+from simaps_viz.datasets.segment_tables import few
 from simaps_viz.errors import InputError
+
+K = TypeVar("K", bound=Hashable)
+P = TypeVar("P")
+
+
+@dataclass(frozen=True, eq=False)
+class Matched(Generic[K]):
+    """The frames of a recording that lack nothing."""
+
+    frames: list[K]
+    """Their names or numbers, in order."""
+    poses: NDArray
+    """float64 [n, 4, 4], as stored."""
+    notes: tuple[str, ...]
+    """On the frames where tracking was lost (an infinite pose)."""
+    faults: tuple[str, ...]
+    """On the frames that lack an image or a pose, or whose pose is damaged."""
+
+
+def match_frames(
+    where: object,
+    images: Mapping[str, Collection[K]],
+    poses: Mapping[K, P],
+    read_pose: Callable[[P], NDArray],
+    *,
+    place: Callable[[P], str] = str,
+    checked: Callable[[str, NDArray], NDArray] = rigid,
+) -> Matched[K]:
+    """Match images and poses by the name or number of their frame; one bad item costs one frame.
+
+    Args:
+        where: names the recording in an error.
+        images: {what they are, e.g. "depth image": the frames that have one}; the first of them says the order.
+        poses: what holds the pose of each frame.
+        read_pose: returns the pose [4, 4], which may be infinite or NaN; raises InputError for a damaged one.
+        place: returns where a pose stands, for an error.
+        checked: returns a pose as it is wanted; raises InputError, which names its place, for what is none.
+
+    Raises:
+        InputError: No frame has everything, or more than half of the poses are damaged.
+    """
+    parts: Mapping[str, Collection[K]] = {**images, "pose": poses}
+    of_all = dict.fromkeys(frame for part in parts.values() for frame in part)
+    candidates = [frame for frame in next(iter(parts.values())) if all(frame in part for part in parts.values())]
+    if not candidates:
+        found = ", ".join(f"{len(part)} {kind}s" for kind, part in parts.items())
+        raise InputError(f"{where}: expected frames with {', '.join(parts)}, found none that has all among {found}")
+    faults = [
+        fault
+        for kind, part in parts.items()
+        if (lacking := [str(frame) for frame in of_all if frame not in part])
+        for fault in left_out(len(lacking), len(of_all), f"frames have no {kind} ({few(lacking)})")
+    ]
+    kept, matrices, damaged, lost = [], [], [], 0
+    for frame in candidates:
+        try:
+            matrix = read_pose(poses[frame])
+            if np.isinf(matrix).any() and not np.isnan(matrix).any():
+                lost += 1
+                continue
+            if np.isnan(matrix).any():
+                raise InputError(f"{place(poses[frame])}: expected finite numbers, found NaN")
+            matrices.append(checked(place(poses[frame]), matrix))
+            kept.append(frame)
+        except InputError as error:
+            damaged.append((frame, error))
+    if 2 * len(damaged) > len(candidates) - lost:
+        raise damaged[0][1]
+    if not kept:
+        raise InputError(f"{where}: expected a finite pose in one of {len(candidates)} frames, found none")
+    if damaged:
+        faults += left_out(len(damaged), len(of_all), f"frames have a damaged pose ({damaged[0][1]})")
+    notes = left_out(lost, len(of_all), "frames have no pose, tracking was lost")
+    return Matched(kept, np.stack(matrices), notes, tuple(faults))
 
 
 def nearest(times: NDArray, wanted: NDArray) -> NDArray:
@@ -71,6 +152,65 @@ def interpolate_poses(
     hit = np.abs(times[exact] - inside) <= 1e-6  # no rounding where a pose was recorded
     found[hit] = poses[exact[hit]]
     return found, known
+
+
+def match_posed_files(
+    pose_file: Path, file_of: Mapping[str, Callable[[str], Path]]
+) -> tuple[Matched[str], list[list[Path]]]:
+    """Match files that are called after their frame with a file of frame names and poses (`calibration.pose_rows`).
+
+    Args:
+        pose_file: a line a frame: its name and 16 numbers.
+        file_of: {what it is: the file of a frame}.
+
+    Returns:
+        The frames that have everything, and of each kind their files.
+
+    Raises:
+        InputError: As for `match_frames`, or the pose file is none, or a camera is far away.
+    """
+    rows = pose_rows(pose_file, finite=False)
+    files = {kind: present({name: named(name) for name in rows}) for kind, named in file_of.items()}
+    matched = match_frames(
+        pose_file, files, {name: (f"{place}, frame {name}", T) for name, (place, T) in rows.items()},
+        lambda row: row[1], place=lambda row: row[0], checked=stated_pose,
+    )  # fmt: skip
+    check_reach([f"{rows[name][0]}, frame {name}" for name in matched.frames], matched.poses)
+    return matched, [[of_kind[name] for name in matched.frames] for of_kind in files.values()]
+
+
+def read_trajectory(
+    path: Path, columns: int, pose_of: Callable[[str, NDArray], NDArray]
+) -> tuple[tuple[NDArray, NDArray], tuple[str, ...]]:
+    """Read a file of a time and a pose a line; poses that are damaged are left out.
+
+    Args:
+        path: the file.
+        columns: numbers of a line; the first is the time, seconds.
+        pose_of: returns T_world_camera [4, 4] of a line's numbers; raises InputError, which names the line.
+
+    Returns:
+        Times, strictly ascending, and poses [n, 4, 4]; and a note on what was left out.
+
+    Raises:
+        InputError: A line has another number of columns, or more than half of the poses are damaged.
+    """
+    rows, times, poses, damaged = number_rows(path, columns), [], [], []
+    for where, row in rows:
+        try:
+            pose = pose_of(where, row)
+            if not (np.isfinite(row[0]) and np.isfinite(pose).all()):
+                raise InputError(f"{where}: expected finite numbers, found NaN or infinity")
+        except InputError as error:
+            damaged.append(error)
+        else:
+            times.append(row[0])
+            poses.append(pose)
+    if 2 * len(damaged) > len(rows):
+        raise damaged[0]
+    ascending, first = np.unique(times, return_index=True)
+    notes = left_out(len(damaged), len(rows), f"poses are damaged ({damaged[0]})") if damaged else ()
+    return (ascending, np.stack(poses)[first]), notes
 
 
 def posed_pairs(

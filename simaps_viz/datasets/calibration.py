@@ -49,8 +49,12 @@ def read_intrinsics(path: Path, *, width: int, height: int) -> Intrinsics:
     return pinhole(str(path), width, height, K[0, 0], K[1, 1], K[0, 2], K[1, 2])
 
 
-def pose_rows(path: Path) -> dict[str, tuple[str, NDArray]]:
+def pose_rows(path: Path, *, finite: bool = True) -> dict[str, tuple[str, NDArray]]:
     """Read the frames' names and poses as written; blank lines and lines that start with # are skipped.
+
+    Args:
+        path: the file.
+        finite: refuse NaN and infinity.
 
     Returns:
         {frame: (where it stands, float64 [4, 4])}, in the order of the file.
@@ -70,7 +74,7 @@ def pose_rows(path: Path) -> dict[str, tuple[str, NDArray]]:
         if name in rows:
             first = rows[name][0].rpartition("line ")[2]
             raise InputError(f"{where}: expected each frame once, found {name} again (first in line {first})")
-        rows[name] = (where, numbers(where, columns, finite=True).reshape(4, 4))
+        rows[name] = (where, numbers(where, columns, finite=finite).reshape(4, 4))
     if not rows:
         raise InputError(f"{path}: expected a pose per frame, found none")
     return rows
@@ -83,15 +87,19 @@ def read_poses(path: Path) -> tuple[tuple[str, ...], NDArray]:
         InputError: As for `pose_rows`, or a matrix is no rigid transform, or a camera is far away.
     """
     rows = pose_rows(path)
-    for name, (where, T) in rows.items():
-        if not np.allclose(T[3], (0, 0, 0, 1), atol=1e-6):
-            hint = "; is the matrix written column by column?" if np.allclose(T[:, 3], (0, 0, 0, 1)) else ""
-            found = " ".join(f"{x:g}" for x in T[3])
-            raise InputError(f"{where}, frame {name}: expected 0 0 0 1 as the last row, found {found}{hint}")
-        check_rotation(T[:3, :3], f"{where}, frame {name}")
-    T_world_camera = np.stack([T for _, T in rows.values()])
+    T_world_camera = np.stack([stated_pose(f"{where}, frame {name}", T) for name, (where, T) in rows.items()])
     check_reach([f"{where}, frame {name}" for name, (where, _) in rows.items()], T_world_camera)
     return tuple(rows), T_world_camera
+
+
+def stated_pose(where: str, T: NDArray) -> NDArray:
+    """Return a pose [4, 4] as it is; raises InputError unless it is a rigid transform."""
+    if not np.allclose(T[3], (0, 0, 0, 1), atol=1e-6):
+        hint = "; is the matrix written column by column?" if np.allclose(T[:, 3], (0, 0, 0, 1)) else ""
+        found = " ".join(f"{x:g}" for x in T[3])
+        raise InputError(f"{where}: expected 0 0 0 1 as the last row, found {found}{hint}")
+    check_rotation(T[:3, :3], where)
+    return T
 
 
 def check_reach(wheres: Sequence[str], poses: NDArray) -> None:
@@ -109,8 +117,12 @@ OPENCV_FROM_OPENGL = np.diag([1.0, -1.0, -1.0, 1.0])
 """Half a turn about x: points with OpenGL camera axes (y up, z backward) to OpenCV's, and back."""
 
 
-def words(path: Path) -> list[tuple[int, list[str]]]:
+def words(path: Path, *, commas: bool = False) -> list[tuple[int, list[str]]]:
     """Return (line number, words) of the lines that say something; # starts a comment line.
+
+    Args:
+        path: the file.
+        commas: they may stand between words, too.
 
     Raises:
         InputError: The file is missing, too large or not text.
@@ -119,8 +131,13 @@ def words(path: Path) -> list[tuple[int, list[str]]]:
         text = read_bytes(path, MAX_TEXT_BYTES, "a text file").decode("utf-8-sig")
     except UnicodeDecodeError as error:
         raise InputError(f"{path}: expected a text file, found bytes that are not UTF-8") from error
+    text = text.replace(",", " ") if commas else text
     numbered = enumerate(re.split("\r\n|\r|\n", text), start=1)
     return [(i, line.split()) for i, line in numbered if line.strip() and not line.lstrip().startswith("#")]
+
+
+_WINDOWS = re.compile(r"([+-]?)(?:1\.#)?(INF|IND|QNAN|SNAN|NAN)\d*(?:\(ind\)|\(snan\))?", re.IGNORECASE)
+"""How programs that Visual C++ compiled print infinity and NaN: -1.#INF, 1.#QNAN0, -nan(ind)."""
 
 
 def numbers(where: str, found: list[str], *, finite: bool = False) -> NDArray:
@@ -128,7 +145,8 @@ def numbers(where: str, found: list[str], *, finite: bool = False) -> NDArray:
     values = []
     for word in found:
         try:
-            values.append(float(word))
+            odd = _WINDOWS.fullmatch(word)
+            values.append(float(f"{odd[1]}inf" if odd[2].upper() == "INF" else "nan") if odd else float(word))
         except ValueError:
             values.append(None)
         if values[-1] is None or (finite and not math.isfinite(values[-1])):
@@ -139,7 +157,7 @@ def numbers(where: str, found: list[str], *, finite: bool = False) -> NDArray:
 def number_rows(path: Path, columns: int) -> list[tuple[str, NDArray]]:
     """Return (where, float64 [columns]) of each line; raises InputError when one has another number of columns."""
     rows = []
-    for line, found in words(path):
+    for line, found in words(path, commas=True):
         where = f"{path}, line {line}"
         if len(found) != columns:
             raise InputError(f"{where}: expected {columns} numbers, found {len(found)}")
@@ -151,7 +169,7 @@ def number_rows(path: Path, columns: int) -> list[tuple[str, NDArray]]:
 
 def matrix4(path: Path) -> NDArray:
     """Read a 4x4 matrix, which may hold infinities; raises InputError for any other number of numbers."""
-    found = [word for _, line in words(path) for word in line]
+    found = [word for _, line in words(path, commas=True) for word in line]
     if len(found) != 16:
         raise InputError(f"{path}: expected a 4x4 matrix, found {len(found)} numbers")
     return numbers(str(path), found).reshape(4, 4)

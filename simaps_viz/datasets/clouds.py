@@ -5,15 +5,15 @@ take its class, so a point is left out where nearer ones surround it. What is le
 counts for the cell it falls in.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from simaps_viz.datasets.gravity import estimate_gravity
-from simaps_viz.errors import InputError
-from simaps_viz.geometry import transform_points
+from simaps_viz.datasets.calibration import Lens, see_through
+from simaps_viz.datasets.gravity import Gravity, find_gravity
+from simaps_viz.geometry import back_project, transform_points
 from simaps_viz.structures import Frame, Intrinsics
 
 NEAREST_M = 0.05
@@ -56,6 +56,27 @@ def depth_of_cloud(points_camera: NDArray, k: Intrinsics, settings: CloudSetting
     return _fill(depth_m, settings.fill_pixels) if settings.fill_pixels > 0 else depth_m
 
 
+def register_depth(depth_m: NDArray, lens: Lens, T_camera_depth: NDArray, target: Intrinsics) -> NDArray:
+    """Return the depth image that another camera beside the one that took it would have taken.
+
+    Args:
+        depth_m: float32 [H, W], metres, 0 = invalid.
+        lens: the camera that took it.
+        T_camera_depth: [4, 4], takes its points to the other camera's frame.
+        target: the other camera, no finer than the first, or there are gaps wider than a pixel.
+
+    Returns:
+        float32 [H, W] of ``target``, metres, 0 = invalid.
+    """
+    k = lens.intrinsics
+    straight = see_through(depth_m, lens, k, exact=True)
+    points = back_project(straight, k.fx, k.fy, k.cx, k.cy)[straight > 0]
+    share = max(k.fx / target.fx, 1.0)  # where several points fall in a pixel, its centre's counts, not the nearest
+    fine = Lens(target).scaled(round(target.width * share), round(target.height * share)).intrinsics
+    seen = depth_of_cloud(camera_points(points, T_camera_depth), fine, CloudSettings(fill_pixels=1))
+    return see_through(seen, Lens(fine), target, exact=True)
+
+
 def gap_pixels(depth_m: NDArray) -> int:
     """Return half the usual distance of a sparse depth image's readings, whole pixels; 0 for a full one."""
     share = _share(depth_m)
@@ -70,18 +91,14 @@ def _share(depth_m: NDArray) -> float | None:
 
 
 def gravity_of_clouds(
-    where: object, clouds: list[tuple[NDArray, NDArray]], k: Intrinsics, up: tuple[float, float, float] | None
-) -> tuple[tuple[float, float, float], float]:
+    clouds: list[tuple[NDArray, NDArray]], k: Intrinsics, up: tuple[float, float, float] | None
+) -> Gravity:
     """Estimate up and the floor's height from clouds, seen by a camera coarse enough to have no gaps.
 
     Args:
-        where: names the recording in an error.
         clouds: (points in camera axes [n, 3], T_world_camera [4, 4]) of some forty frames.
         k: the camera.
         up: known already; only the floor is looked for.
-
-    Raises:
-        InputError: There are no such surfaces.
     """
     divide = 1
     while divide < COARSEST and _fullness(clouds, _coarse(k, divide)) < _DENSE:
@@ -93,12 +110,10 @@ def gravity_of_clouds(
         )
         for i, (points, T_world_camera) in enumerate(clouds)
     ]
-    try:
-        found, floor_height_m = estimate_gravity(frames, up=None if up is None else np.array(up))
-    except InputError as error:
-        raise InputError(f"{where}: {error}") from error
-    x, y, z = (float(value) for value in found)
-    return (x, y, z), floor_height_m if divide == 1 else _sharper(clouds, found, floor_height_m)
+    found = find_gravity(frames, up=None if up is None else np.array(up))
+    if divide == 1 or found.floor_note:
+        return found
+    return replace(found, floor_height_m=_sharper(clouds, found.up, found.floor_height_m))
 
 
 def camera_points(points: NDArray, T_camera_points: NDArray) -> NDArray:

@@ -16,6 +16,7 @@ from simaps_viz.datasets.file_frames import MAX_STEP
 from simaps_viz.datasets.images import MAX_ID, encode_ids
 from simaps_viz.datasets.manifest import CAMERA_AXES, FORMAT, POSE
 from simaps_viz.datasets.sequence import PosedFrames
+from simaps_viz.datasets.source import Unreadable
 from simaps_viz.errors import InputError
 from simaps_viz.structures import Segmentation
 
@@ -29,6 +30,7 @@ def write_posed_frames(
     *,
     every: int = 1,
     progress: Callable[[int, int], None] = lambda done, total: None,
+    unreadable: Callable[[Unreadable], None] | None = None,
 ) -> Path:
     """Write a sequence as a posed-frames/1 folder and return the path of its manifest.
 
@@ -38,11 +40,12 @@ def write_posed_frames(
         sequence: any that was opened.
         folder: made; must not be there yet, or be empty.
         every: take the first of every so many frames.
-        progress: called with (frames written, number of frames).
+        progress: called with (frames done, number of frames).
+        unreadable: called with each frame that cannot be read and is left out; None = it is an error.
 
     Raises:
-        InputError: The folder cannot be written, ``every`` is under 1, or a frame is not what it has to be; then
-            nothing is left behind.
+        InputError: The folder cannot be written, ``every`` is under 1, or a frame, or more than half of them where they
+            may be left out, is not what it has to be; then nothing is left behind.
     """
     if every < 1:
         raise InputError(f"--every: expected a whole number from 1, found {every}")
@@ -56,7 +59,7 @@ def write_posed_frames(
     except OSError as error:
         raise InputError(f"{folder}: expected a folder that can be written, found {error.strerror or error}") from error
     try:
-        _Writer(sequence, partial).write(range(0, len(sequence), every), progress)
+        _Writer(sequence, partial).write(range(0, len(sequence), every), progress, unreadable)
         os.replace(partial, folder)
     except OSError as error:
         raise InputError(f"{folder}: expected a folder that can be written, found {error.strerror or error}") from error
@@ -75,17 +78,28 @@ class _Writer:
         self.has_segments = len(sequence.labels) > 1
         self.table: dict[str, list[dict[str, Any]]] = {}
 
-    def write(self, indices: range, progress: Callable[[int, int], None]) -> None:
+    def write(
+        self,
+        indices: range,
+        progress: Callable[[int, int], None],
+        unreadable: Callable[[Unreadable], None] | None,
+    ) -> None:
         for name in ("color", "depth", *(("ids",) if self.has_segments else ())):
             (self.folder / name).mkdir()
-        lines = []
+        lines, lost = [], []
         for done, index in enumerate(indices, start=1):
             name = self.sequence.frame_names[index]
-            self._write_color(index, name)
-            self._write_image(f"depth/{name}.png", self._steps(index))
-            if self.has_segments:
-                self._write_segments(index, name)
-            lines.append(f"{name} " + " ".join(repr(float(x)) for x in self.sequence.poses[index].ravel()))
+            try:
+                self._write_frame(index, name)
+            except InputError as error:
+                for written in (f"color/{name}{self.color_suffix}", f"depth/{name}.png", f"ids/{name}.png"):
+                    (self.folder / written).unlink(missing_ok=True)
+                lost.append(Unreadable(index, error))
+                if unreadable is None or 2 * len(lost) > len(indices):
+                    raise lost[0].error from None
+                unreadable(lost[-1])
+            else:
+                lines.append(f"{name} " + " ".join(repr(float(x)) for x in self.sequence.poses[index].ravel()))
             progress(done, len(indices))
         k = self.sequence.intrinsics
         rows = ((k.fx, 0.0, k.cx), (0.0, k.fy, k.cy), (0.0, 0.0, 1.0))
@@ -118,6 +132,13 @@ class _Writer:
             keys["segmentation"] = {"ids": "ids/{frame}.png", **table, "source": s.segmentation_source,
                                     "ground_truth": s.ground_truth}  # fmt: skip
         return keys
+
+    def _write_frame(self, index: int, name: str) -> None:
+        steps = self._steps(index)
+        if self.has_segments:
+            self._write_segments(index, name)
+        self._write_color(index, name)
+        self._write_image(f"depth/{name}.png", steps)
 
     def _write_color(self, index: int, name: str) -> None:
         file = self.sequence.color_file(index)

@@ -2,10 +2,10 @@
 
 import os
 import re
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Hashable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,11 +14,12 @@ from simaps_viz.datasets.calibration import Lens, see_through
 from simaps_viz.datasets.images import read_color, read_depth
 from simaps_viz.datasets.manifest import is_finite_number, shown
 from simaps_viz.datasets.recording import FormatFacts, Recording
-from simaps_viz.datasets.segment_tables import few
 from simaps_viz.errors import InputError
 from simaps_viz.io.arrays import read_npy
 from simaps_viz.io.limits import MAX_ARRAY_BYTES, check_file, check_picture
 from simaps_viz.structures import Intrinsics
+
+K = TypeVar("K", bound=Hashable)
 
 MAX_STEP = 65535
 """The largest value of a 16-bit depth image."""
@@ -36,14 +37,6 @@ class FileFrames:
     """Camera of the images that `depth` and `color` return."""
     read_depth_m: Callable[[Path], NDArray]
     """Returns float32 [H, W], metres, 0 = invalid."""
-
-    looked_up: bool = False
-    """The caller has looked up that the files are there, or they may be missing."""
-
-    def __post_init__(self) -> None:
-        if not self.looked_up:
-            expect_files(self.color_paths, "colour file")
-            expect_files(self.depth_paths, "depth file")
 
     def depth(self, index: int) -> NDArray:
         """Read a frame's depth, metres; raises InputError when it is damaged or of another size."""
@@ -76,14 +69,24 @@ class FileFrames:
         return self.color_paths[index], self.depth_paths[index]
 
 
-def expect_files(paths: Sequence[Path], kind: str = "file") -> None:
-    """Raise InputError, naming the first, unless all these files are there."""
-    missing = [path for path in paths if not os.path.isfile(path)]  # False also for names that are too long
-    if missing:
-        raise InputError(
-            f"{missing[0]}: expected a {kind} for each of {len(paths)} frames, found none for "
-            f"{len(missing)}: {few([path.stem for path in missing])}"
-        )
+def present(files: Mapping[K, Path]) -> dict[K, Path]:
+    """Return those of the files that are there."""
+    return {frame: file for frame, file in files.items() if os.path.isfile(file)}  # False also for too long a name
+
+
+def by_line(files: Sequence[Path], lines: int) -> dict[int, Path]:
+    """Return the files by the number of the line, or list entry, that belongs to each, from 0.
+
+    That is its place where there are as many of both, else the number in its name.
+    """
+    if len(files) == lines:
+        return dict(enumerate(files))
+    return {int(number_of(file)): file for file in files}
+
+
+def by_stem(files: Sequence[Path]) -> dict[str, Path]:
+    """Return the files by their names without the suffix, in their order."""
+    return {file.stem: file for file in files}
 
 
 def depth_png(unit_m: float, *, invalid: int | None = None) -> Callable[[Path], NDArray]:
@@ -156,12 +159,6 @@ def number_of(path: Path) -> float:
     """Return the last number in a file's name without its last suffix; -1 when there is none."""
     found = re.findall(r"\d+(?:\.\d+)?", path.stem)
     return float(found[-1]) if found else -1.0
-
-
-def expect_as_many(where: Path, what: str, expected: int, found: int) -> None:
-    """Raise InputError unless two counts agree."""
-    if expected != found:
-        raise InputError(f"{where}: expected {expected} {what}, found {found}")
 
 
 def json_number(where: str, values: object, key: str) -> float:

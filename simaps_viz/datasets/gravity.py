@@ -25,6 +25,8 @@ PRIOR_CONE_DEG = 45.0
 """How far true up may lie from the mean of the cameras' up axes."""
 PRIOR_SHARE = 0.2
 """Votes that the best direction in the cone needs, as a share of the best one anywhere; else the prior is dropped."""
+NO_PRIOR = 0.2
+"""Cameras whose sides' mean is shorter than this disagree about it altogether."""
 ON_SIDE = 0.8
 """Cameras whose upper sides' mean is shorter than so much of the right sides' mean are held on their side."""
 BIN_M = 0.02
@@ -49,6 +51,87 @@ class _Surface:
 
 FEWEST_FLOOR_POINTS = 3
 """A plane needs so many."""
+FEWEST_POINTS = 100
+WALL_CONE_DEG = 15.0
+"""Walls face within this of the horizontal."""
+WALL_SHARE = 0.3
+"""Share of all points that walls have, or nothing is taken from them."""
+SECOND_WALL = 0.15
+"""Walls that face one way only do not tell up; those of a second one have this share of the first ones' spread."""
+LOWEST_SHARE = 0.01
+"""Share of the points that may lie below a floor that nobody sees."""
+UNSEEN_FLOOR_M = 1.5
+"""How far the floor is taken to lie below the cameras where nothing at all is seen."""
+
+
+@dataclass(frozen=True, eq=False)
+class Gravity:
+    """Which way is up and where the floor is."""
+
+    up: NDArray
+    """float64 [3], world frame, unit length."""
+    floor_height_m: float
+    """Along ``up``."""
+    up_note: str = ""
+    """In words, where no floor was seen and up comes from something else."""
+    floor_note: str = ""
+    """In words, where no floor was seen, what is taken as the floor."""
+
+
+def find_gravity(frames: Iterable[Frame], *, up: NDArray | None = None) -> Gravity:
+    """Estimate gravity as `estimate_gravity` does; where no floor is in view, take what else can be had.
+
+    Then up is the one stated, else the direction that the walls stand along, else the mean of the cameras' upper sides,
+    and the floor is the lowest surface seen. There has to be a frame.
+    """
+    frames = list(frames)
+    try:
+        return Gravity(*estimate_gravity(frames, up=up))
+    except InputError:
+        poses, surface = np.stack([frame.T_world_camera for frame in frames]), _sample_surface(frames)
+    if up is None:
+        unit_up, source = _up_without_floor(surface, poses)
+        up_note = f"no floor is in view: up is {source} (--up X,Y,Z states it)"
+    else:
+        unit_up, up_note = np.asarray(up, dtype=np.float64) / np.linalg.norm(up), ""
+    floor_height_m, floor = _floor_or_lowest(surface, poses, unit_up)
+    floor_note = f"no floor is in view: {floor} is taken as its height (--floor-height states it)" if floor else ""
+    return Gravity(unit_up, floor_height_m, up_note, floor_note)
+
+
+def _floor_or_lowest(surface: _Surface, poses: NDArray, up: NDArray) -> tuple[float, str]:
+    """Return the floor's height, or that of what is taken for it, and what that is: "" for the floor itself."""
+    try:
+        return _floor_height(surface, poses, up), ""
+    except InputError:
+        heights = surface.points @ up
+    if len(heights) >= FEWEST_POINTS:
+        return float(np.quantile(heights, LOWEST_SHARE)), "the lowest surface seen"
+    return float(np.median(poses[:, :3, 3] @ up)) - UNSEEN_FLOOR_M, f"{UNSEEN_FLOOR_M:g} m below the cameras"
+
+
+def _up_without_floor(surface: _Surface, poses: NDArray) -> tuple[NDArray, str]:
+    """Return the direction that all walls stand along, or else the cameras' upper sides' mean, and what it is."""
+    held = _priors(poses)[0]
+    held = held if np.linalg.norm(held) > NO_PRIOR else -poses[0, :3, 1]
+    found = _walls_up(surface.normals, held)
+    if found is None:
+        return held / np.linalg.norm(held), "the mean of the cameras' upper sides"
+    return found, "the direction that the walls stand along"
+
+
+def _walls_up(normals: NDArray, prior: NDArray) -> NDArray | None:
+    """Return the direction near a prior that most surfaces stand along; None unless they face two ways or more."""
+    found = prior / np.linalg.norm(prior)
+    for cone_deg in (2 * WALL_CONE_DEG, WALL_CONE_DEG, WALL_CONE_DEG):
+        walls = normals[np.abs(normals @ found) < np.sin(np.deg2rad(cone_deg))]
+        if len(walls) < max(FEWEST_POINTS, WALL_SHARE * len(normals)):
+            return None
+        spread, directions = np.linalg.eigh(walls.T @ walls)
+        if spread[1] < SECOND_WALL * spread[2]:
+            return None
+        found = directions[:, 0] if directions[:, 0] @ prior > 0 else -directions[:, 0]
+    return found
 
 
 def estimate_gravity(frames: Iterable[Frame], *, up: NDArray | None = None) -> tuple[NDArray, float]:
@@ -68,11 +151,8 @@ def estimate_gravity(frames: Iterable[Frame], *, up: NDArray | None = None) -> t
     """
     frames = list(frames)
     surface = _sample_surface(frames)
-    if len(surface.points) < 100:
-        raise InputError(
-            f"up and floor_height_m: expected surfaces to estimate them from, found {len(surface.points)} points; "
-            "give both in the manifest"
-        )
+    if len(surface.points) < FEWEST_POINTS:
+        raise InputError(f"expected surfaces to estimate up and the floor from, found {len(surface.points)} points")
     poses = np.stack([frame.T_world_camera for frame in frames])
     if up is not None:
         unit_up = np.asarray(up, dtype=np.float64) / np.linalg.norm(up)
@@ -112,21 +192,31 @@ def _priors(poses: NDArray) -> list[NDArray]:
     A camera that is turned about keeps the side up that it is held by; the other sides' means shorten.
     """
     upper, right = -poses[:, :3, 1].mean(axis=0), poses[:, :3, 0].mean(axis=0)
+    if np.linalg.norm(right) < ON_SIDE * np.linalg.norm(upper):
+        return [upper]
     on_side = np.linalg.norm(upper) < ON_SIDE * np.linalg.norm(right)
     return [right, -right, upper] if on_side else [upper, right, -right]
 
 
 def _vote(normals: NDArray, priors: list[NDArray]) -> NDArray:
-    """Return the direction of a lattice that most normals are within 10 degrees of, near a prior if one is there."""
+    """Return the direction of a lattice that most normals are within 10 degrees of, near a prior if one is there.
+
+    A camera that looks straight down sees nothing that faces the way its upper side does.
+
+    Raises:
+        InputError: It is held upright and all that it sees are walls.
+    """
     lattice = _fibonacci_sphere(800)
     every = max(1, len(normals) // 20000)
     votes = (normals[::every] @ lattice.T > np.cos(np.deg2rad(10.0))).sum(axis=0)
     for prior in priors:
-        if np.linalg.norm(prior) < 0.2:  # the cameras disagree about it altogether
+        if np.linalg.norm(prior) < NO_PRIOR:
             continue
         in_cone = lattice @ prior / np.linalg.norm(prior) > np.cos(np.deg2rad(PRIOR_CONE_DEG))
         if votes[in_cone].max() >= PRIOR_SHARE * votes.max():
             return lattice[int(np.argmax(np.where(in_cone, votes, 0)))]
+    if len(priors) == 1 and _walls_up(normals, priors[0]) is not None:
+        raise InputError("expected a floor, found walls only")
     return lattice[int(np.argmax(votes))]
 
 
@@ -146,10 +236,7 @@ def _floor_height(surface: _Surface, poses: NDArray, up: NDArray) -> float:
     chosen = _faces_up(surface, up) & (below_m > BELOW_CAMERA_M[0]) & (below_m < BELOW_CAMERA_M[1])
     heights = camera_height_m - below_m[chosen]
     if len(heights) < 50:
-        raise InputError(
-            f"floor_height_m: expected surfaces below the cameras to estimate it from, found {len(heights)} points "
-            "that face up; give up and floor_height_m in the manifest"
-        )
+        raise InputError(f"expected a floor below the cameras, found {len(heights)} points that face up")
     low = heights.min()
     areas_m2 = np.bincount(((heights - low) / BIN_M).astype(np.int64), weights=surface.areas_m2[chosen])
     band = np.convolve(areas_m2, np.ones(3), mode="same")
@@ -170,10 +257,7 @@ def _fit_plane(surface: _Surface, up: NDArray, height_m: float) -> NDArray:
     points = surface.points[near]
     spread = _spread(points) if len(points) >= FEWEST_FLOOR_POINTS else None
     if spread is None or not np.isfinite(spread).all():
-        raise InputError(
-            f"up: expected a floor to estimate it from, found {len(points)} points of one; give up and floor_height_m "
-            "in the manifest"
-        )
+        raise InputError(f"expected a floor to estimate up from, found {len(points)} points of one")
     normal = np.linalg.eigh(spread)[1][:, 0]
     return normal if normal @ up > 0 else -normal
 

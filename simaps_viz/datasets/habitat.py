@@ -13,17 +13,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from simaps_viz.colors.classes import is_thing
+from simaps_viz.datasets.association import match_frames
 from simaps_viz.datasets.calibration import OPENCV_FROM_OPENGL, Lens, from_quaternion, number_rows, pinhole
 from simaps_viz.datasets.file_frames import (
     FileFrames,
+    by_line,
     check_size,
     depth_npy,
-    expect_as_many,
     numbered,
     read_array,
 )
 from simaps_viz.datasets.images import image_size
-from simaps_viz.datasets.recording import FormatFacts, Reader, Recording, Segments
+from simaps_viz.datasets.recording import FormatFacts, Reader, Recording, Segments, first_readable
 from simaps_viz.datasets.segment_tables import WorldSegments
 from simaps_viz.errors import InputError
 from simaps_viz.io.limits import MAX_TEXT_BYTES, read_bytes
@@ -66,12 +67,13 @@ class HabitatReader(Reader):
         """Open a folder; raises InputError for anything that is not as the format wants it."""
         depth_files, color_files = numbered(path / "depth", "*.npy"), numbered(path / "rgb", "*.png")
         color_files = color_files or numbered(path / "rgb", "*.jpg")
-        expect_as_many(
-            path / "rgb", "colour images (*.png, *.jpg), one a depth array", len(depth_files), len(color_files)
-        )
-        rows = number_rows(path / "poses.txt", 7)
-        expect_as_many(path / "poses.txt", "poses, one a depth array", len(depth_files), len(rows))
-        width, height = image_size(color_files[0])
+        rows = dict(enumerate(number_rows(path / "poses.txt", 7)))
+        images = {"depth array": by_line(depth_files, len(rows)), "colour image": by_line(color_files, len(rows))}
+        if (path / "semantic").is_dir():
+            images["semantic array"] = by_line(numbered(path / "semantic", "*.npy"), len(rows))
+        matched = match_frames(path, images, rows, lambda row: _camera_pose(*row), place=lambda row: row[0])
+        depth_files, color_files, *semantic = ([files[i] for i in matched.frames] for files in images.values())
+        width, height = first_readable(lambda i: image_size(color_files[i]), len(color_files))
         lens = Lens(pinhole(str(path), width, height, width / 2, width / 2, (width - 1) / 2, (height - 1) / 2))
         files = FileFrames(color_files, depth_files, [lens], [lens], lens.intrinsics, depth_npy(FACTS.depth_unit_m))
         return files.recording(
@@ -79,25 +81,25 @@ class HabitatReader(Reader):
             path,
             name=path.resolve().name,
             frame_names=tuple(file.stem.replace(" ", "_") for file in depth_files),
-            poses=np.stack([_camera_pose(where, row) for where, row in rows]),
-            segments=_segments(path, len(depth_files), lens.intrinsics),
+            poses=matched.poses,
+            segments=_segments(path, semantic[0], lens.intrinsics) if semantic else None,
+            notes=matched.notes,
+            faults=matched.faults,
             depth_unit_m=WRITTEN_UNIT_M,
             simulated=True,
         )
 
 
 def _camera_pose(where: str, row: NDArray) -> NDArray:
+    if not np.isfinite(row).all():
+        return np.full((4, 4), row.sum())  # infinite or NaN, as the row is
     T_world_base = from_quaternion(where, row[:3], row[3:])
     T_base_camera = OPENCV_FROM_OPENGL.copy()
     T_base_camera[1, 3] = CAMERA_HEIGHT_M
     return T_world_base @ T_base_camera
 
 
-def _segments(path: Path, frames: int, camera: Intrinsics) -> Segments | None:
-    if not (path / "semantic").is_dir():
-        return None
-    files = numbered(path / "semantic", "*.npy")
-    expect_as_many(path / "semantic", "semantic arrays (*.npy), one a depth array", frames, len(files))
+def _segments(path: Path, files: list[Path], camera: Intrinsics) -> Segments:
     table = path / "obj2cls_dict.txt"
     if table.is_file():
         world = WorldSegments(table, _objects(table))

@@ -1,5 +1,6 @@
 """Read image files, and refuse damaged ones: a decoder left alone turns half a file into a grey or black rest."""
 
+import re
 import zlib
 from collections.abc import Sequence
 from io import BytesIO
@@ -10,24 +11,27 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL.JpegImagePlugin import JpegImageFile
 from PIL.PngImagePlugin import PngImageFile
+from PIL.PpmImagePlugin import PpmImageFile
 
 from simaps_viz.errors import InputError
 from simaps_viz.io.limits import MAX_IMAGE_BYTES, check_picture, read_bytes
 
 PNG_START = b"\x89PNG\r\n\x1a\n"
+PGM_START = b"P5"
 JPEG_START = b"\xff\xd8"
 MAX_ID = 65535
 """Id images have 16 bits at most."""
 
 
 def check_header(where: object, data: bytes) -> tuple[int, int]:
-    """Return width and height; raise InputError unless the bytes start as a PNG or JPEG of a size cameras may have.
+    """Return width and height; raise InputError unless they start as a PNG, PGM or JPEG of a size cameras may have.
 
     Pillow reads the header alone; of images this large OpenCV would allocate all before it finds them damaged.
     """
-    kind = PngImageFile if data.startswith(PNG_START) else JpegImageFile if data.startswith(JPEG_START) else None
+    kinds = {PNG_START: PngImageFile, JPEG_START: JpegImageFile, PGM_START: PpmImageFile}
+    kind = next((kind for start, kind in kinds.items() if data.startswith(start)), None)
     if kind is None:
-        raise InputError(f"{where}: expected an image, found one that cannot be decoded (only PNG and JPEG are)")
+        raise InputError(f"{where}: expected an image, found one that cannot be decoded (only PNG, PGM and JPEG are)")
     try:
         with kind(BytesIO(data)) as image:  # not Image.open, which judges the size by its own limits
             found = image.size
@@ -125,6 +129,8 @@ def _check_complete(where: Path | str, data: bytes) -> None:
         fault = _png_fault(data)
     elif data.startswith(JPEG_START):
         fault = _jpeg_fault(data)
+    elif data.startswith(PGM_START):
+        fault = _pgm_fault(data)
     if fault:
         raise InputError(f"{where}: expected a whole image, found {fault}")
 
@@ -143,6 +149,17 @@ def _png_fault(data: bytes) -> str | None:
             return None
         start = end + 4
     return f"a truncated PNG ({len(data)} bytes, its end is missing)"
+
+
+def _pgm_fault(data: bytes) -> str | None:
+    """Compare the length with the header's width, height and largest value (binary PGM: one byte or two a pixel)."""
+    found = re.match(rb"P5" + 2 * rb"(?:\s|#[^\n]*\n)+(\d{1,6})" + rb"(?:\s|#[^\n]*\n)+(\d{1,5})\s", data)
+    if found is None:
+        return "a damaged PGM (its header has no size)"
+    width, height, highest = (int(number) for number in found.groups())
+    expected = width * height * (2 if highest > 255 else 1)
+    have = len(data) - found.end()
+    return f"a truncated PGM ({have} of {expected} bytes of pixels)" if have < expected else None
 
 
 def _jpeg_fault(data: bytes) -> str | None:

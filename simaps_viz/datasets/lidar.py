@@ -13,14 +13,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from simaps_viz.datasets.calibration import read_intrinsics, read_poses, rigid
+from simaps_viz.datasets.association import match_posed_files
+from simaps_viz.datasets.calibration import read_intrinsics, rigid
 from simaps_viz.datasets.cloud_files import read_pcd, read_ply
 from simaps_viz.datasets.clouds import CloudSettings, camera_points, depth_of_cloud, gravity_of_clouds
-from simaps_viz.datasets.file_frames import expect_files
 from simaps_viz.datasets.images import image_size, read_color
 from simaps_viz.datasets.manifest import KeyTable, read_json, segmentation_files, shown
 from simaps_viz.datasets.posed_frames import read_segments
-from simaps_viz.datasets.recording import FormatFacts, Reader, Recording
+from simaps_viz.datasets.recording import FormatFacts, Reader, Recording, first_readable
 from simaps_viz.errors import InputError
 from simaps_viz.geometry import invert_pose, spread
 
@@ -65,12 +65,15 @@ class LidarReader(Reader):
             raise InputError(f'{file}: format: expected "{FORMAT}", found {shown(keys.values["format"])}')
         keys.check_known()
         pose, points = _choice(keys, "pose", _POSES), _choice(keys, "points", _FRAMES)
-        names, poses = read_poses(file.parent / keys.file("poses"))
+        matched, (color_files, cloud_files) = match_posed_files(
+            file.parent / keys.file("poses"),
+            {"picture": _of_frame(file, keys.pattern("color")), "cloud": _clouds(file, keys)},
+        )
+        names, poses = tuple(matched.frames), matched.poses
         T_lidar_camera = _mounting(file, keys, needed=pose == _POSES[0] or points == _FRAMES[0])
         T_world_camera = poses @ T_lidar_camera if pose == _POSES[0] else poses
         T_camera_lidar = invert_pose(T_lidar_camera)
-        color_files, cloud_files = _files(file, keys, names)
-        width, height = image_size(color_files[0])
+        width, height = first_readable(lambda i: image_size(color_files[i]), len(names))
         camera = read_intrinsics(file.parent / keys.file("intrinsics"), width=width, height=height)
         files = segmentation_files(file, keys.values["segmentation"]) if "segmentation" in keys.values else None
         settings = CloudSettings(_pixels(keys, "hidden_pixels"), _pixels(keys, "fill_pixels") or 0)
@@ -80,12 +83,15 @@ class LidarReader(Reader):
             T_camera_points = T_camera_lidar if points == _FRAMES[0] else invert_pose(T_world_camera[index])
             return camera_points(read_cloud(cloud_files[index]), T_camera_points)
 
-        facts = replace(FACTS, up=keys.direction("up"))
+        facts, notes = replace(FACTS, up=keys.direction("up")), []
         floor_height_m = keys.number("floor_height_m") if "floor_height_m" in keys.values else None
         if facts.up is None or floor_height_m is None:
             clouds = [(cloud(i), T_world_camera[i]) for i in spread(len(names), _SAMPLED_FOR_GRAVITY)]
-            up, found_m = gravity_of_clouds(file, clouds, camera, facts.up)
-            facts, floor_height_m = replace(FACTS, up=up), found_m if floor_height_m is None else floor_height_m
+            found = gravity_of_clouds(clouds, camera, facts.up)
+            x, y, z = map(float, found.up)
+            facts, notes = replace(FACTS, up=(x, y, z)), [found.up_note]
+            if floor_height_m is None:
+                floor_height_m, notes = found.floor_height_m, [found.up_note, found.floor_note]
         return Recording(
             facts=facts,
             path=path,
@@ -99,6 +105,8 @@ class LidarReader(Reader):
             stored=lambda i: (color_files[i], cloud_files[i]),
             segments=read_segments(file.parent, files, names, camera) if files else None,
             depth_unit_m=0.001,
+            notes=(*matched.notes, *filter(None, notes)),
+            faults=matched.faults,
             floor_height_m=floor_height_m,
             simulated=keys.flag("simulated", False) or bool(files and files.source.lower().startswith("simulated")),
         )
@@ -145,17 +153,15 @@ def _mounting(file: Path, keys: KeyTable, *, needed: bool) -> NDArray:
     return rigid(f"{file}: T_lidar_camera", matrix)
 
 
-def _files(file: Path, keys: KeyTable, names: tuple[str, ...]) -> tuple[list[Path], list[Path]]:
-    """Return the files of colour and of the clouds, frame by frame."""
+def _of_frame(file: Path, pattern: str) -> Callable[[str], Path]:
+    return lambda name: file.parent / pattern.replace("{frame}", name)
+
+
+def _clouds(file: Path, keys: KeyTable) -> Callable[[str], Path]:
+    """Return where the cloud of a frame is."""
     clouds = keys.file("clouds")
     if Path(clouds).suffix.lower() not in CLOUD_READERS:
         raise InputError(f"{file}: clouds: expected files ending in {', '.join(CLOUD_READERS)}, found {shown(clouds)}")
     if "{frame}" not in clouds and keys.values.get("points") != _FRAMES[1]:
         raise InputError(f'{file}: clouds: expected {{frame}} in it, or "points": "world", found {shown(clouds)}')
-    color_files, cloud_files = (
-        [file.parent / pattern.replace("{frame}", name) for name in names]
-        for pattern in (keys.pattern("color"), clouds)
-    )
-    expect_files(color_files)
-    expect_files(cloud_files)
-    return color_files, cloud_files
+    return _of_frame(file, clouds)

@@ -4,6 +4,7 @@ instant-ngp calls depth ``depth_path`` and its unit ``integer_depth_scale``, lea
 give a camera by ``camera_angle_x`` alone. NeRFCapture writes that.
 """
 
+from functools import partial
 from io import BytesIO
 from pathlib import Path
 from typing import Any
@@ -13,12 +14,13 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL.TiffImagePlugin import TiffImageFile
 
-from simaps_viz.datasets.calibration import OPENCV_FROM_OPENGL, Lens, pinhole, rigid
-from simaps_viz.datasets.file_frames import FileFrames, clean_depth, depth_npy, depth_png, json_number
+from simaps_viz.datasets.association import match_frames
+from simaps_viz.datasets.calibration import OPENCV_FROM_OPENGL, Lens, pinhole
+from simaps_viz.datasets.file_frames import FileFrames, clean_depth, depth_npy, depth_png, json_number, present
 from simaps_viz.datasets.images import image_size
 from simaps_viz.datasets.manifest import read_json, shown
 from simaps_viz.datasets.record3d import read_exr
-from simaps_viz.datasets.recording import FormatFacts, Reader, Recording, left_out
+from simaps_viz.datasets.recording import FormatFacts, Reader, Recording, first_readable, left_out
 from simaps_viz.errors import InputError
 from simaps_viz.io.limits import MAX_IMAGE_BYTES, check_picture, read_bytes
 from simaps_viz.structures import Intrinsics
@@ -74,14 +76,18 @@ class NerfstudioReader(Reader):
             raise InputError(
                 f"{file}: expected depth_file_path in its frames, found none in {stated}; a map needs depth"
             )
-        color_files, depth_files = _files(file, frames, "file_path"), _files(file, frames, "depth_file_path")
+        poses = {frame["file_path"]: frame for frame in frames}
+        images = {kind: present({name: file.parent / frame[key] for name, frame in poses.items()})
+                  for kind, key in (("picture", "file_path"), ("depth image", "depth_file_path"))}  # fmt: skip
+        matched = match_frames(
+            file, images, poses, lambda frame: _pose(_place(file, frame), frame), place=partial(_place, file)
+        )
+        color_files, depth_files = ([files[name] for name in matched.frames] for files in images.values())
+        with_depth, frames = len(frames), [poses[name] for name in matched.frames]
         unit = next((key for key in UNITS if content.get(key) is not None), UNITS[0])
         unit_m = json_number(str(file), {unit: FACTS.depth_unit_m} | content, unit)
-        lenses = [
-            _lens(f"{file}: frame {frame['file_path']}", frame, color_files[i], fisheye=fisheye)
-            for i, frame in enumerate(frames)
-        ]
-        height, width = _read_depth(depth_files[0], unit_m).shape
+        lenses = [_lens(_place(file, frame), frame, color_files[i], fisheye=fisheye) for i, frame in enumerate(frames)]
+        height, width = first_readable(lambda i: _read_depth(depth_files[i], unit_m), len(frames)).shape
         depth_lenses = [lens.scaled(width, height) for lens in lenses]
         target = Intrinsics(**vars(depth_lenses[0].intrinsics))
         images = FileFrames(color_files, depth_files, lenses, depth_lenses, target, lambda p: _read_depth(p, unit_m))
@@ -90,9 +96,10 @@ class NerfstudioReader(Reader):
             path,
             name=file.resolve().parent.name,
             frame_names=_names(frames),
-            poses=np.stack([_pose(f"{file}: frame {frame['file_path']}", frame) for frame in frames]),
+            poses=matched.poses,
             depth_unit_m=unit_m if depth_files[0].suffix != ".npy" else None,
-            notes=left_out(stated - len(frames), stated, "frames have no depth"),
+            notes=(*left_out(stated - with_depth, stated, "frames have no depth"), *matched.notes),
+            faults=matched.faults,
         )
 
 
@@ -115,8 +122,8 @@ def _merged(file: Path, index: int, content: dict[str, Any], frame: Any) -> dict
     return shared | frame | {"file_path": picture, "depth_file_path": depth}
 
 
-def _files(file: Path, frames: list[dict[str, Any]], key: str) -> list[Path]:
-    return [file.parent / frame[key] for frame in frames]
+def _place(file: Path, frame: dict[str, Any]) -> str:
+    return f"{file}: frame {frame['file_path']}"
 
 
 def _names(frames: list[dict[str, Any]]) -> tuple[str, ...]:
@@ -145,7 +152,9 @@ def _pose(where: str, frame: dict[str, Any]) -> NDArray:
     except (TypeError, ValueError) as error:
         found = shown(frame.get("transform_matrix"))
         raise InputError(f"{where}: transform_matrix: expected 4x4 numbers, found {found}") from error
-    return rigid(f"{where}: transform_matrix", matrix) @ OPENCV_FROM_OPENGL
+    if matrix.shape != (4, 4):
+        raise InputError(f"{where}: transform_matrix: expected 4x4 numbers, found {shown(frame['transform_matrix'])}")
+    return matrix @ OPENCV_FROM_OPENGL
 
 
 def _read_depth(path: Path, unit_m: float) -> NDArray:

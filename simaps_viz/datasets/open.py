@@ -1,6 +1,8 @@
 """Open any recording: the registry of readers, and which of them knows a folder or file."""
 
-from collections.abc import Iterator
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
 from functools import cache
 from importlib import import_module
 from pathlib import Path
@@ -8,6 +10,8 @@ from pathlib import Path
 from simaps_viz.datasets.posed_frames import PosedFramesReader
 from simaps_viz.datasets.recording import Reader
 from simaps_viz.datasets.sequence import PosedFrames
+from simaps_viz.datasets.unknown import unknown_folder
+from simaps_viz.errors import InputError
 
 READERS: list[str | Reader] = [
     PosedFramesReader(),
@@ -33,26 +37,50 @@ READERS: list[str | Reader] = [
 """Readers in the order they are tried: objects, or "module:class", which is imported when its turn comes."""
 
 
-def open_sequence(path: Path, *, whole: bool = True) -> PosedFrames:
+def open_sequence(
+    path: Path, *, strict: bool = False, up: Sequence[float] | None = None, floor_height_m: float | None = None
+) -> PosedFrames:
     """Open a sequence and check it; its format (docs/FORMATS.md) is recognised by its files.
 
     Read are the manifest, the calibration, the segment table, the first frame's images and a few depth images; that
-    the images of all frames exist is looked up. Where the recording does not state up or the height of the floor,
-    gravity is estimated from some forty frames, which takes up to a second.
+    the images of all frames exist is looked up. A frame that lacks something is left out; `PosedFrames.notes` say how
+    many and which. Where the recording does not state up or the height of the floor,
+    gravity is estimated from some forty frames, which takes up to a second; the notes say where it came from when no
+    floor is in view.
 
     Args:
         path: The folder, or a manifest (.json) in it; for other formats than posed-frames/1 their folder or file.
-        whole: Every frame has to have its files. False: a build may skip frames, so that only the first frame has to be
-            there; of other formats than posed-frames/1 all files still have to.
+        strict: A frame that lacks something, or a damaged first one, is an error.
+        up: The world's up direction [3], any length, in place of the recording's; the floor is looked for anew.
+        floor_height_m: Height of the floor along up, in place of the recording's.
 
     Raises:
         InputError: Anything is not as the format wants it; the message names the file, what was expected and found.
     """
     path = Path(path)
+    recording = reader_of(path).open(path)
+    if up is not None:
+        x, y, z = map(float, up)
+        if not 1e-6 < math.hypot(x, y, z) < 1e6:
+            raise InputError(f"up: expected a direction of three finite numbers, found {x:g}, {y:g}, {z:g}")
+        recording = replace(recording, facts=replace(recording.facts, up=(x, y, z)), floor_height_m=None)
+    if floor_height_m is not None:
+        if not math.isfinite(floor_height_m):
+            raise InputError(f"floor height: expected metres, found {floor_height_m:g}")
+        recording = replace(recording, floor_height_m=floor_height_m)
+    return PosedFrames(recording, strict=strict)
+
+
+def reader_of(path: Path) -> Reader:
+    """Return the reader of a folder or file.
+
+    Raises:
+        InputError: It is of no format that is read; what was looked for is in the error's notes.
+    """
     reader = recognise(path)
-    if reader is None or isinstance(reader, PosedFramesReader):
-        reader = PosedFramesReader(complete=whole)  # its errors describe best what an unknown folder or file lacks
-    return PosedFrames(reader.open(path))
+    if reader is None and path.is_dir():
+        raise unknown_folder(path, tuple(readers()))
+    return reader or PosedFramesReader()  # a manifest of any name, or its error says best what is there
 
 
 def is_sequence(path: Path) -> bool:

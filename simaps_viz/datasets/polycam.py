@@ -5,10 +5,11 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from simaps_viz.datasets.calibration import OPENCV_FROM_OPENGL, Lens, pinhole, rigid
-from simaps_viz.datasets.file_frames import FileFrames, depth_png, json_number, numbered
+from simaps_viz.datasets.association import match_frames
+from simaps_viz.datasets.calibration import OPENCV_FROM_OPENGL, Lens, pinhole
+from simaps_viz.datasets.file_frames import FileFrames, by_stem, depth_png, json_number, numbered
 from simaps_viz.datasets.manifest import read_json
-from simaps_viz.datasets.recording import FormatFacts, Reader, Recording, left_out
+from simaps_viz.datasets.recording import FormatFacts, Reader, Recording, first_readable, left_out
 from simaps_viz.errors import InputError
 
 FACTS = FormatFacts(
@@ -40,25 +41,37 @@ class PolycamReader(Reader):
         camera_files = numbered(cameras, "*.json")
         if not camera_files:
             raise InputError(f"{cameras}: expected *.json, found none")
-        with_depth = [file for file in camera_files if (folder / "depth" / f"{file.stem}.png").is_file()]
+        depth = by_stem(numbered(folder / "depth", "*.png"))
+        with_depth = {file.stem: file for file in camera_files if file.stem in depth}
+        color = {stem: file for stem, file in by_stem(numbered(images, "*.jpg")).items() if stem in with_depth}
         if not with_depth:
             raise InputError(f"{folder / 'depth'}: expected *.png named as the cameras, found none; was LiDAR mode on?")
-        contents = [read_json(file) for file in with_depth]
-        lenses = [_lens(str(file), content) for file, content in zip(with_depth, contents, strict=True)]
-        depth_files = [folder / "depth" / f"{file.stem}.png" for file in with_depth]
+        cameras_of: dict[str, Lens] = {}
+
+        def read_camera(file: Path) -> NDArray:
+            content = read_json(file)
+            cameras_of[file.stem] = _lens(str(file), content)
+            return _pose(str(file), content)
+
+        matched = match_frames(folder, {"picture": color}, with_depth, read_camera)
+        lenses = [cameras_of[stem] for stem in matched.frames]
+        depth_files, color_files = [depth[stem] for stem in matched.frames], [color[stem] for stem in matched.frames]
         read = depth_png(FACTS.depth_unit_m)
-        height, width = read(depth_files[0]).shape
+        height, width = first_readable(lambda i: read(depth_files[i]), len(depth_files)).shape
         depth_lenses = [lens.scaled(width, height) for lens in lenses]
         target = depth_lenses[0].intrinsics
-        color_files = [images / f"{file.stem}.jpg" for file in with_depth]
         files = FileFrames(color_files, depth_files, lenses, depth_lenses, target, read)
         return files.recording(
             FACTS,
             path,
             name=folder.resolve().parent.name,
-            frame_names=tuple(file.stem for file in with_depth),
-            poses=np.stack([_pose(str(file), content) for file, content in zip(with_depth, contents, strict=True)]),
-            notes=left_out(len(camera_files) - len(with_depth), len(camera_files), "pictures have no depth"),
+            frame_names=tuple(matched.frames),
+            poses=matched.poses,
+            notes=(
+                *left_out(len(camera_files) - len(with_depth), len(camera_files), "pictures have no depth"),
+                *matched.notes,
+            ),
+            faults=matched.faults,
         )
 
 
@@ -78,4 +91,4 @@ def _pose(where: str, content: object) -> NDArray:
     for row in range(3):
         for column in range(4):
             T[row, column] = json_number(where, content, f"t_{row}{column}")
-    return rigid(where, T) @ OPENCV_FROM_OPENGL
+    return T @ OPENCV_FROM_OPENGL

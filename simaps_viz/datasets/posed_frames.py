@@ -1,13 +1,15 @@
 """Read recordings in the folder format ``posed-frames/1``. Everything that can be checked cheaply is, on opening."""
 
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
-from simaps_viz.datasets.calibration import Lens, read_intrinsics, read_poses
-from simaps_viz.datasets.file_frames import FileFrames, check_size, expect_files
+from simaps_viz.datasets.association import match_posed_files
+from simaps_viz.datasets.calibration import Lens, read_intrinsics
+from simaps_viz.datasets.file_frames import FileFrames, check_size
 from simaps_viz.datasets.images import image_size, read_depth, read_ids
 from simaps_viz.datasets.manifest import SegmentationFiles, read_manifest
-from simaps_viz.datasets.recording import FormatFacts, Reader, Recording, Segments
+from simaps_viz.datasets.recording import FormatFacts, Reader, Recording, Segments, first_readable
 from simaps_viz.datasets.segment_tables import WorldSegments, read_frame_segments, read_world_segments
 from simaps_viz.structures import Intrinsics, Segmentation
 
@@ -20,13 +22,9 @@ FACTS = FormatFacts(
 
 
 class PosedFramesReader(Reader):
-    """The reader of posed-frames/1 folders; the only one whose recordings may lack frames."""
+    """The reader of posed-frames/1 folders."""
 
     facts = FACTS
-
-    def __init__(self, *, complete: bool = True) -> None:
-        self.complete = complete
-        """Every frame has to have its files; False: only the first."""
 
     def recognise(self, path: Path) -> bool:
         """Return whether a path is a manifest of the usual name, or a folder with one."""
@@ -35,30 +33,30 @@ class PosedFramesReader(Reader):
     def open(self, path: Path) -> Recording:
         """Open a folder or its manifest; raises InputError for anything that is not as the format wants it."""
         manifest = read_manifest(path)
-        names, poses = read_poses(manifest.file(manifest.poses))
-        files = manifest.segmentation
-        color, depth = (
-            [manifest.file(pattern, name) for name in names] for pattern in (manifest.color, manifest.depth)
+        patterns = {"colour file": manifest.color, "depth file": manifest.depth}
+        if manifest.segmentation:
+            patterns["id image"] = manifest.segmentation.ids
+        matched, (color, depth, *_) = match_posed_files(
+            manifest.file(manifest.poses), {kind: partial(manifest.file, pattern) for kind, pattern in patterns.items()}
         )
-        ids = [manifest.file(files.ids, name) for name in names] if files else []
-        for paths in (color, depth, ids):
-            expect_files(paths if self.complete else paths[:1])
-        width, height = image_size(color[0])
+        names = tuple(matched.frames)
+        width, height = first_readable(lambda i: image_size(color[i]), len(color))
         camera = read_intrinsics(manifest.file(manifest.intrinsics), width=width, height=height)
-        lenses, unit_m = [Lens(camera)], manifest.depth_unit_m
-        frames = FileFrames(color, depth, lenses, lenses, camera, lambda file: read_depth(file, unit_m), looked_up=True)
+        lenses, unit_m, files = [Lens(camera)], manifest.depth_unit_m, manifest.segmentation
+        frames = FileFrames(color, depth, lenses, lenses, camera, lambda file: read_depth(file, unit_m))
         return frames.recording(
             replace(FACTS, up=manifest.up),
             manifest.path,
             name=manifest.name,
             frame_names=names,
-            poses=poses,
+            poses=matched.poses,
             segments=read_segments(manifest.path.parent, files, names, camera) if files else None,
             depth_unit_m=unit_m,
+            notes=matched.notes,
+            faults=matched.faults,
             simulated=manifest.simulated,
             floor_height_m=manifest.floor_height_m,
             description=manifest.description,
-            complete=self.complete,
         )
 
 

@@ -1,5 +1,6 @@
 """Read Record3D recordings: a ``.r3d`` file, the same unpacked, or the "EXR + JPG sequence" export."""
 
+import re
 import struct
 import zipfile
 from collections.abc import Callable
@@ -11,18 +12,18 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from simaps_viz.datasets.association import match_frames
 from simaps_viz.datasets.calibration import OPENCV_FROM_OPENGL, Lens, from_quaternion, pinhole, see_through
 from simaps_viz.datasets.file_frames import (
     check_size,
     clean_depth,
-    expect_as_many,
     json_number,
     number_of,
     numbered,
 )
 from simaps_viz.datasets.images import decode_color, read_color
 from simaps_viz.datasets.manifest import is_finite_number, parse_json, read_json, shown
-from simaps_viz.datasets.recording import FormatFacts, Reader, Recording
+from simaps_viz.datasets.recording import FormatFacts, Reader, Recording, first_readable
 from simaps_viz.errors import InputError, needs_extra, one_line
 from simaps_viz.io import limits
 from simaps_viz.io.arrays import ARCHIVE_FAULTS
@@ -161,11 +162,13 @@ class _Parts:
 
     metadata: Any
     metadata_path: str
-    names: list[str]
-    color: Callable[[int], NDArray]
-    raw_depth: Callable[[int], NDArray]
+    pictures: dict[int, str]
+    """Names by number."""
+    depths: dict[int, str]
+    color: Callable[[str], NDArray]
+    raw_depth: Callable[[str], NDArray]
     """float32 [H, W] or [H * W], metres."""
-    depth_where: Callable[[int], str]
+    depth_where: Callable[[str], str]
 
 
 class Record3DReader(Reader):
@@ -188,34 +191,43 @@ class Record3DReader(Reader):
         where, metadata = parts.metadata_path, parts.metadata
         if not isinstance(metadata, dict) or not isinstance(metadata.get("poses"), list):
             raise InputError(f'{where}: expected an object with a list "poses", found {shown(metadata)}')
-        expect_as_many(Path(where), "poses, one a picture", len(parts.names), len(metadata["poses"]))
-        first = parts.color(0)
-        lenses = _lenses(where, metadata, len(parts.names), (first.shape[1], first.shape[0]))
-        width, height = _depth_size(metadata, parts)
+        # Pictures go by their number: the app leaves some out, but not their poses.
+        images = {"picture": parts.pictures, "depth image": parts.depths}
+        poses = {i: (f"{where}: poses[{i}]", row) for i, row in enumerate(metadata["poses"])}
+        matched = match_frames(where, images, poses, lambda pose: _pose(*pose), place=lambda pose: pose[0])
+        names, depths = ([part[i] for i in matched.frames] for part in images.values())
+        first = first_readable(lambda i: parts.color(names[i]), len(names))
+        lenses = _lenses(where, metadata, matched.frames, (first.shape[1], first.shape[0]))
+        raw = first_readable(lambda i: parts.raw_depth(depths[i]), len(depths))
+        width, height = _depth_size(metadata, raw, parts.depth_where(depths[0]), where)
         depth_lenses = [lens.scaled(width, height) for lens in lenses]
         target = depth_lenses[0].intrinsics
 
         def depth(index: int) -> NDArray:
-            raw = parts.raw_depth(index)
+            raw = parts.raw_depth(depths[index])
             if raw.size != width * height:
-                raise InputError(f"{parts.depth_where(index)}: expected {width}x{height} depths, found {raw.size}")
+                raise InputError(
+                    f"{parts.depth_where(depths[index])}: expected {width}x{height} depths, found {raw.size}"
+                )
             return see_through(clean_depth(raw.reshape(height, width)), depth_lenses[index], target, exact=True)
 
         def color(index: int) -> NDArray:
-            rgb = parts.color(index)
-            check_size(f"{path}: picture {parts.names[index]}", rgb, lenses[index].intrinsics)
+            rgb = parts.color(names[index])
+            check_size(f"{path}: picture {names[index]}", rgb, lenses[index].intrinsics)
             return see_through(rgb, lenses[index], target, exact=False)
 
         return Recording(
             facts=FACTS,
             path=path,
             name=path.resolve().parent.name if path.name == "EXR_RGBD" else path.resolve().stem,
-            frame_names=tuple(parts.names),
-            poses=np.stack([_pose(f"{where}: poses[{i}]", pose) for i, pose in enumerate(metadata["poses"])]),
+            frame_names=tuple(Path(name).stem for name in names),
+            poses=matched.poses,
             intrinsics=target,
             depth=depth,
             color=color,
             depth_unit_m=WRITTEN_UNIT_M,
+            notes=matched.notes,
+            faults=matched.faults,
         )
 
 
@@ -238,8 +250,8 @@ def _pose(where: str, row: Any) -> NDArray:
     return from_quaternion(where, row[4:], row[:4]) @ OPENCV_FROM_OPENGL
 
 
-def _lenses(where: str, metadata: dict[str, Any], frames: int, size: tuple[int, int]) -> list[Lens]:
-    """Read the camera of each frame, or the one for all (K, column by column); both for pictures of w x h pixels."""
+def _lenses(where: str, metadata: dict[str, Any], frames: list[int], size: tuple[int, int]) -> list[Lens]:
+    """Read the camera of each of these frames, or the one for all (K, column by column); both for pictures of w x h."""
     told = {"w": size[0], "h": size[1]} | metadata
     width, height = (int(json_number(where, told, key)) for key in ("w", "h"))
     rows = metadata.get("perFrameIntrinsicCoeffs")
@@ -247,59 +259,56 @@ def _lenses(where: str, metadata: dict[str, Any], frames: int, size: tuple[int, 
         K = metadata.get("K")
         if not isinstance(K, list) or len(K) != 9:
             raise InputError(f"{where}: K: expected nine numbers, found {shown(K)}")
-        rows = [[K[0], K[4], K[6], K[7]]] * frames
-    expect_as_many(Path(where), "perFrameIntrinsicCoeffs, one a picture", frames, len(rows))
+        rows = [[K[0], K[4], K[6], K[7]]] * (max(frames) + 1)
     lenses = []
-    for i, row in enumerate(rows):
+    for i in frames:
+        row = rows[i] if i < len(rows) else None
         if not isinstance(row, list) or len(row) < 4 or not all(map(is_finite_number, row)):
             raise InputError(f"{where}: perFrameIntrinsicCoeffs[{i}]: expected four numbers, found {shown(row)}")
         lenses.append(Lens(pinhole(where, width, height, row[0], row[1], row[2], row[3])).scaled(*size))
     return lenses
 
 
-def _depth_size(metadata: dict[str, Any], parts: _Parts) -> tuple[int, int]:
-    first = parts.raw_depth(0)
+def _depth_size(metadata: dict[str, Any], first: NDArray, depth_where: str, where: str) -> tuple[int, int]:
     if first.ndim == 2:
         return first.shape[1], first.shape[0]
     if type(metadata.get("dw")) is int and type(metadata.get("dh")) is int:
-        check_picture(parts.metadata_path, metadata["dw"], metadata["dh"])
+        check_picture(where, metadata["dw"], metadata["dh"])
         return metadata["dw"], metadata["dh"]
     if first.size not in SENSORS:
         known = " or ".join(map(str, SENSORS))
-        raise InputError(f"{parts.depth_where(0)}: expected {known} depths or dw and dh in the metadata, "
-                         f"found {first.size}")  # fmt: skip
+        raise InputError(f"{depth_where}: expected {known} depths or dw and dh in the metadata, found {first.size}")
     return SENSORS[first.size]
 
 
 def _zip_parts(path: Path) -> _Parts:
     names = members(path, "a Record3D archive")
     metadata = parse_json(f"{path}: metadata", member(path, "metadata"))
-    stems = [n[5:-4] for n in names if n.startswith("rgbd/") and n.endswith(".jpg")]
-    wrong = [stem for stem in stems if not (stem.isascii() and stem.isdigit() and len(stem) < 10)]
-    if wrong:
-        raise InputError(f"{path}: expected pictures rgbd/0.jpg and so on, found {shown(wrong[0])}")
-    return _lzfse_parts(path, metadata, f"{path}: metadata", sorted(stems, key=int), lambda name: member(path, name))
+    return _lzfse_parts(path, metadata, f"{path}: metadata", names, lambda name: member(path, name))
 
 
 def _folder_parts(path: Path) -> _Parts:
-    stems = [file.stem for file in numbered(path / "rgbd", "*.jpg")]
+    names = [f"rgbd/{file.name}" for file in (path / "rgbd").iterdir()]
     metadata = path / "metadata"
-    return _lzfse_parts(path, read_json(metadata), str(metadata), stems,
+    return _lzfse_parts(path, read_json(metadata), str(metadata), names,
                         lambda name: limits.read_bytes(path / name, MAX_MEMBER_BYTES, "a file a frame"))  # fmt: skip
 
 
-def _lzfse_parts(path: Path, metadata: Any, where: str, stems: list[str], read: Callable[[str], bytes]) -> _Parts:
-    if not stems:
+def _lzfse_parts(path: Path, metadata: Any, where: str, files: list[str], read: Callable[[str], bytes]) -> _Parts:
+    pictures, depths = (
+        {int(found[1]): found[1] for name in files if (found := re.fullmatch(rf"rgbd/([0-9]{{1,9}})\.{kind}", name))}
+        for kind in ("jpg", "depth")
+    )
+    if not pictures:
         raise InputError(f"{path}: expected pictures rgbd/0.jpg and so on, found none")
 
-    def color(index: int) -> NDArray:
-        name = f"rgbd/{stems[index]}.jpg"
+    def color(stem: str) -> NDArray:
+        name = f"rgbd/{stem}.jpg"
         return decode_color(f"{path}: {name}", read(name))
 
-    def raw_depth(index: int) -> NDArray:
+    def raw_depth(stem: str) -> NDArray:
         liblzfse = _library("liblzfse", path)
-
-        name = f"rgbd/{stems[index]}.depth"
+        name = f"rgbd/{stem}.depth"
         packed = read(name)
         try:
             if lzfse_size(packed) > 4 * MAX_IMAGE_PIXELS:
@@ -308,21 +317,22 @@ def _lzfse_parts(path: Path, metadata: Any, where: str, stems: list[str], read: 
         except (liblzfse.error, ValueError) as error:
             raise InputError(f"{path}: {name}: expected LZFSE floats, found a damaged or truncated file") from error
 
-    return _Parts(metadata, where, stems, color, raw_depth, lambda i: f"{path}: rgbd/{stems[i]}.depth")
+    in_order = dict(sorted(pictures.items()))
+    return _Parts(metadata, where, in_order, depths, color, raw_depth, lambda stem: f"{path}: rgbd/{stem}.depth")
 
 
 def _exr_parts(folder: Path) -> _Parts:
-    depth_files = numbered(folder / "depth", "*.exr")
-    color_files = [f for f in numbered(folder / "rgb", "*.*") if f.suffix in (".jpg", ".png") and number_of(f) >= 0]
-    expect_as_many(folder / "rgb", "pictures, one a depth image", len(depth_files), len(color_files))
+    depth_files = {int(number_of(file)): file for file in numbered(folder / "depth", "*.exr")}
+    color_files = {int(number_of(f)): f for f in numbered(folder / "rgb", "*.*") if f.suffix in (".jpg", ".png")}
     metadata = folder / "metadata.json"
     return _Parts(
         metadata=read_json(metadata),
         metadata_path=str(metadata),
-        names=[file.stem for file in depth_files],
-        color=lambda i: read_color(color_files[i]),
-        raw_depth=lambda i: read_exr(depth_files[i]),
-        depth_where=lambda i: str(depth_files[i]),
+        pictures={number: file.name for number, file in color_files.items()},
+        depths={number: file.name for number, file in depth_files.items()},
+        color=lambda name: read_color(folder / "rgb" / name),
+        raw_depth=lambda name: read_exr(folder / "depth" / name),
+        depth_where=lambda name: str(folder / "depth" / name),
     )
 
 

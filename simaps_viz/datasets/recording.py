@@ -5,12 +5,14 @@ from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Protocol
+from typing import Protocol, TypeVar
 
 from numpy.typing import NDArray
 
 from simaps_viz.errors import InputError
 from simaps_viz.structures import Intrinsics, Segment, Segmentation
+
+T = TypeVar("T")
 
 
 @dataclass(frozen=True)
@@ -80,14 +82,14 @@ class Recording:
     depth_unit_m: float | None = None
     """Unit for 16-bit depth images written from it; None = the format's."""
     notes: tuple[str, ...] = ()
-    """Notes on the parts left out, in words."""
+    """What was left out, as the format has it, in words: frames without depth, or where tracking was lost."""
+    faults: tuple[str, ...] = ()
+    """What was left out because something of it is missing or damaged, in words."""
     simulated: bool = False
     floor_height_m: float | None = None
     """Height of the floor along the format's up; None = estimated from the depth images."""
     description: str | None = None
     """In words; None = the format's title."""
-    complete: bool = True
-    """Every frame can be read; False: all but the first may be missing."""
 
 
 class Reader(Protocol):
@@ -107,6 +109,25 @@ class Reader(Protocol):
 def left_out(count: int, total: int, which: str) -> tuple[str, ...]:
     """Return the note on what was left out of a recording; none when nothing was."""
     return (f"{count} of {total} {which}: left out",) if count else ()
+
+
+FIRST_FRAMES = 20
+"""When none of so many first frames can be read, the recording is at fault, not a frame."""
+
+
+def first_readable(read: Callable[[int], T], count: int, *, strict: bool = False) -> T:
+    """Return what reading the first of so many frames gives, or else the next that can be read.
+
+    Raises:
+        InputError: The first cannot be read, nor any of `FIRST_FRAMES`; with ``strict``, the first cannot.
+    """
+    error = None
+    for index in range(1 if strict else min(count, FIRST_FRAMES)):
+        try:
+            return read(index)
+        except InputError as found:
+            error = error or found
+    raise error or InputError("expected a frame, found none")
 
 
 @contextmanager

@@ -2,10 +2,9 @@
 
 from pathlib import Path
 
-import numpy as np
-
-from simaps_viz.datasets.calibration import Lens, number_rows, pinhole, rigid
-from simaps_viz.datasets.file_frames import FileFrames, depth_png, expect_as_many, json_number, numbered
+from simaps_viz.datasets.association import match_frames
+from simaps_viz.datasets.calibration import Lens, number_rows, pinhole
+from simaps_viz.datasets.file_frames import FileFrames, by_line, depth_png, json_number, numbered
 from simaps_viz.datasets.manifest import read_json
 from simaps_viz.datasets.recording import FormatFacts, Reader, Recording
 from simaps_viz.errors import InputError
@@ -37,10 +36,16 @@ class ReplicaReader(Reader):
         color_files = numbered(path / "results", "frame*.jpg") or numbered(path / "results", "frame*.png")
         if not depth_files:
             raise InputError(f"{path / 'results'}: expected depth*.png, found none")
-        rows = number_rows(path / "traj.txt", 16)
-        expect_as_many(path / "results", "colour images (frame*.jpg), one a depth image", len(depth_files),
-                       len(color_files))  # fmt: skip
-        expect_as_many(path / "traj.txt", "poses, one a depth image", len(depth_files), len(rows))
+        rows = dict(enumerate(number_rows(path / "traj.txt", 16)))
+        depth, color = by_line(depth_files, len(rows)), by_line(color_files, len(rows))
+        matched = match_frames(
+            path,
+            {"depth image": depth, "colour image": color},
+            rows,
+            lambda r: r[1].reshape(4, 4),
+            place=lambda r: r[0],
+        )
+        depth_files, color_files = [depth[i] for i in matched.frames], [color[i] for i in matched.frames]
         lens, unit_m = _camera(path)
         files = FileFrames(color_files, depth_files, [lens], [lens], lens.intrinsics, depth_png(unit_m))
         return files.recording(
@@ -48,7 +53,9 @@ class ReplicaReader(Reader):
             path,
             name=path.resolve().name,
             frame_names=tuple(file.stem.removeprefix("depth") for file in depth_files),
-            poses=np.stack([rigid(where, row.reshape(4, 4)) for where, row in rows]),
+            poses=matched.poses,
+            notes=matched.notes,
+            faults=matched.faults,
             depth_unit_m=unit_m,
             simulated=True,
         )

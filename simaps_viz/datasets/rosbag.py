@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from simaps_viz.datasets.association import associate, nearest
 from simaps_viz.datasets.calibration import Lens, see_through
-from simaps_viz.datasets.clouds import CloudSettings, camera_points, depth_of_cloud, gravity_of_clouds
+from simaps_viz.datasets.clouds import CloudSettings, camera_points, depth_of_cloud, gravity_of_clouds, register_depth
 from simaps_viz.datasets.file_frames import check_size
 from simaps_viz.datasets.gravity import estimate_gravity
 from simaps_viz.datasets.recording import FormatFacts, Reader, Recording, complete, left_out
@@ -44,7 +44,7 @@ from simaps_viz.datasets.ros_messages import (
     stamp_ns,
 )
 from simaps_viz.errors import InputError, one_line
-from simaps_viz.geometry import back_project, invert_pose, spread
+from simaps_viz.geometry import invert_pose, spread
 from simaps_viz.io.limits import LFS_POINTER, is_lfs_pointer
 from simaps_viz.structures import Frame, Intrinsics
 
@@ -179,7 +179,8 @@ def _open(path: Path, bag: "Bag") -> Recording:
     floor_height_m = None
     if of_clouds:
         sampled = [(read_cloud(i), T_world_camera[i]) for i in spread(len(pairs), _SAMPLED_FOR_FLOOR)]
-        _, floor_height_m = gravity_of_clouds(path, sampled, target, FACTS.up)
+        found = gravity_of_clouds(sampled, target, FACTS.up)
+        floor_height_m, notes = found.floor_height_m, (*notes, *filter(None, [found.floor_note]))
     elif level and has_body_axes(use.camera, T_world_camera, target, read_depth):
         T_world_camera = T_world_camera @ T_BODY_OPTICAL
         notes = (*notes, f"frame {use.camera!r} has a body's axes (x forward, z up), not a camera's: turned")
@@ -219,27 +220,6 @@ def _image_source(bag: "Bag", depth: str, color: str, transforms: Transforms) ->
     apart = f"no transforms between {frame!r} ({depth}) and {camera!r} ({color}): taken as one camera's"
     notes = () if registered or T is not None else (apart,)
     return _Source(depth, color, False, frame, frame, lens, color_lens, lens.intrinsics, None, notes)
-
-
-def register_depth(depth_m: NDArray, lens: Lens, T_camera_depth: NDArray, target: Intrinsics) -> NDArray:
-    """Show a depth image of one camera as another one beside it would have taken it.
-
-    Args:
-        depth_m: float32 [H, W], metres, 0 = invalid.
-        lens: the camera that took it.
-        T_camera_depth: takes its points to the other camera's frame.
-        target: the other camera. A finer one than the first would have gaps wider than a pixel.
-
-    Returns:
-        float32 [H, W] of ``target``, metres, 0 = invalid.
-    """
-    k = lens.intrinsics
-    straight = see_through(depth_m, lens, k, exact=True)
-    points = back_project(straight, k.fx, k.fy, k.cx, k.cy)[straight > 0]
-    share = max(k.fx / target.fx, 1.0)  # several points a pixel: the one at its centre is its depth, not the nearest
-    fine = Lens(target).scaled(round(target.width * share), round(target.height * share)).intrinsics
-    seen = depth_of_cloud(camera_points(points, T_camera_depth), fine, CloudSettings(fill_pixels=1))
-    return see_through(seen, Lens(fine), target, exact=True)
 
 
 def has_body_axes(frame: str, T_world_camera: NDArray, k: Intrinsics, read_depth: Callable[[int], NDArray]) -> bool:

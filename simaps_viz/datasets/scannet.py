@@ -15,11 +15,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from simaps_viz.colors.classes import is_thing
-from simaps_viz.datasets.calibration import Lens, matrix4, matrix_lens, rigid, see_through
-from simaps_viz.datasets.file_frames import FileFrames, check_size, depth_png, numbered
+from simaps_viz.datasets.association import match_frames
+from simaps_viz.datasets.calibration import Lens, matrix4, matrix_lens, see_through
+from simaps_viz.datasets.file_frames import FileFrames, by_stem, check_size, depth_png, numbered
 from simaps_viz.datasets.images import decode_color, image_size, read_ids
 from simaps_viz.datasets.manifest import read_json, shown
-from simaps_viz.datasets.recording import FormatFacts, Reader, Recording, Segments, left_out
+from simaps_viz.datasets.recording import FormatFacts, Reader, Recording, Segments, first_readable
 from simaps_viz.datasets.segment_tables import WorldSegments
 from simaps_viz.errors import InputError
 from simaps_viz.io.limits import MAX_FRAMES, MAX_MEMBER_BYTES
@@ -50,42 +51,27 @@ class ScanNetReader(Reader):
         depth_files = numbered(folder / "depth", "*.png")
         if not depth_files:
             raise InputError(f"{folder / 'depth'}: expected *.png, found none")
-        matrices = [matrix4(folder / "pose" / f"{file.stem}.txt") for file in depth_files]
-        kept, poses, notes = tracked_poses([str(folder / "pose" / f"{f.stem}.txt") for f in depth_files], matrices)
-        depth_files = [depth_files[i] for i in kept]
-        color_files = [_color_file(folder / "color", file.stem) for file in depth_files]
+        depth, pose_files = by_stem(depth_files), by_stem(numbered(folder / "pose", "*.txt"))
+        color = by_stem(numbered(folder / "color", "*.jpg")) | by_stem(numbered(folder / "color", "*.png"))
+        matched = match_frames(folder, {"depth image": depth, "colour image": color}, pose_files, matrix4)
+        names = tuple(matched.frames)
+        depth_files, color_files = [depth[name] for name in names], [color[name] for name in names]
         read = depth_png(EXTRACTED.depth_unit_m)
-        height, width = read(depth_files[0]).shape
+        height, width = first_readable(lambda i: read(depth_files[i]), len(names)).shape
         depth_lens = _lens(_camera_file(folder, "depth"), width, height)
-        color_lens = _lens(_camera_file(folder, "color"), *image_size(color_files[0]))
+        color_size = first_readable(lambda i: image_size(color_files[i]), len(names))
+        color_lens = _lens(_camera_file(folder, "color"), *color_size)
         files = FileFrames(color_files, depth_files, [color_lens], [depth_lens], depth_lens.intrinsics, read)
-        names = tuple(file.stem for file in depth_files)
         return files.recording(
             EXTRACTED,
             path,
             name=path.resolve().name,
             frame_names=names,
-            poses=poses,
+            poses=matched.poses,
             segments=_segments(path, folder, names, color_lens, depth_lens.intrinsics),
-            notes=notes,
+            notes=matched.notes,
+            faults=matched.faults,
         )
-
-
-def tracked_poses(where: list[str], matrices: list[NDArray]) -> tuple[list[int], NDArray, tuple[str, ...]]:
-    """Drop the frames whose pose is infinite: there tracking was lost.
-
-    Args:
-        where: of each pose, for messages.
-        matrices: [4, 4] each.
-
-    Returns:
-        Indices of the frames that are left, their poses [n, 4, 4], and a note on the others.
-    """
-    kept = [i for i, matrix in enumerate(matrices) if np.isfinite(matrix).all()]
-    if not kept:
-        raise InputError(f"{where[0]}: expected a finite pose in one of {len(matrices)} frames, found none")
-    notes = left_out(len(matrices) - len(kept), len(matrices), "frames have no pose, tracking was lost")
-    return kept, np.stack([rigid(where[i], matrices[i]) for i in kept]), notes
 
 
 def _frames_folder(path: Path) -> Path:
@@ -96,11 +82,6 @@ def _camera_file(folder: Path, which: str) -> Path:
     """Name a camera's file; the smaller copy of the dataset (scannet_frames_25k) has no folder for it."""
     alone = folder / f"intrinsics_{which}.txt"
     return alone if alone.is_file() else folder / "intrinsic" / f"intrinsic_{which}.txt"
-
-
-def _color_file(folder: Path, stem: str) -> Path:
-    png = folder / f"{stem}.png"
-    return png if png.is_file() else folder / f"{stem}.jpg"
 
 
 def _lens(path: Path, width: int, height: int) -> Lens:
@@ -205,7 +186,10 @@ class SensReader(Reader):
         if not entries:
             raise InputError(f"{path}: expected frames, found none")
         wheres = [f"{path}: frame {i}" for i in range(len(entries))]
-        kept, poses, notes = tracked_poses(wheres, [entry.T_world_camera for entry in entries])
+        matched = match_frames(
+            path, {}, dict(enumerate(entries)), lambda entry: entry.T_world_camera, place=lambda _: str(path)
+        )
+        kept = matched.frames
         target = header.depth.intrinsics
 
         def depth(index: int) -> NDArray:
@@ -231,12 +215,13 @@ class SensReader(Reader):
             path=path,
             name=path.stem,
             frame_names=tuple(str(i) for i in kept),
-            poses=poses,
+            poses=matched.poses,
             intrinsics=target,
             depth=depth,
             color=color,
             depth_unit_m=header.depth_unit_m,
-            notes=notes,
+            notes=matched.notes,
+            faults=matched.faults,
         )
 
 

@@ -7,8 +7,8 @@ from numpy.typing import NDArray
 
 from simaps_viz.datasets.calibration import check_reach
 from simaps_viz.datasets.file_frames import check_size
-from simaps_viz.datasets.gravity import estimate_gravity
-from simaps_viz.datasets.recording import Recording
+from simaps_viz.datasets.gravity import find_gravity
+from simaps_viz.datasets.recording import Recording, Segments, first_readable
 from simaps_viz.errors import InputError
 from simaps_viz.geometry import map_from_world, spread
 from simaps_viz.io.limits import MAX_FRAMES, check_frame_name
@@ -29,19 +29,27 @@ class PosedFrames:
     at once.
     """
 
-    def __init__(self, recording: Recording) -> None:
+    def __init__(self, recording: Recording, *, strict: bool = False) -> None:
         """Check poses, the first colour image and a few depth images, and find up and the floor.
 
+        Args:
+            recording: as a reader returns it.
+            strict: the first frame and those that are looked at have to be readable, and none may have been left out
+                because something of it is missing or damaged. Otherwise so many are as can be.
+
         Raises:
-            InputError: A camera is far from the others, an image is not as the format wants it, the depth unit cannot
-                be right, or there is no floor to be found.
+            InputError: A camera is far from the others, an image is not as the format wants it, or the depth unit
+                cannot be right.
         """
+        if strict and recording.faults:
+            raise InputError(f"{recording.path}: expected all of every frame, found {'; '.join(recording.faults)}")
         self.recording = recording
+        self.strict = strict
         self.name: str = recording.name
         self.path: Path = recording.path
         self.simulated: bool = recording.simulated
-        self.notes: tuple[str, ...] = recording.notes
-        """What of the recording was left out, in words."""
+        self.notes: tuple[str, ...] = (*recording.notes, *recording.faults)
+        """What of the recording was left out, and what of up and the floor had to be taken from elsewhere, in words."""
         self.frame_names: tuple[str, ...] = recording.frame_names
         self.poses: NDArray = recording.poses
         """float64 [n, 4, 4], ``T_world_camera``, metres."""
@@ -58,10 +66,10 @@ class PosedFrames:
         for name in self.frame_names:
             check_frame_name(self.path, name)
         check_reach([f"{self.path}: frame {name}" for name in self.frame_names], self.poses)
-        self.color(0)
+        first_readable(self.color, len(self), strict=strict)
         self._check_depth_unit()
         if recording.segments:
-            self.segmentation(0)
+            first_readable(self.segmentation, len(self), strict=strict)
         self.gravity_estimated: bool = recording.facts.up is None or recording.floor_height_m is None
         """The recording does not state up or the floor's height, so they were found in the depth images."""
         self.T_map_world: NDArray = self._find_map_frame()
@@ -144,12 +152,16 @@ class PosedFrames:
             InputError: There is none, its image is damaged or of another size, or it holds an id without an entry.
         """
         self._name(index)
+        return self.segments().read(index)
+
+    def segments(self) -> Segments:
+        """Return the segmentation that the recording brings along; raises InputError where it brings none."""
         if self.recording.segments is None:
             raise InputError(
                 f"{self.path}: expected a segmentation, found none in this {self.recording.facts.title} recording: a "
                 "network has to segment these frames (--segmentation MODEL.onnx)"
             )
-        return self.recording.segments.read(index)
+        return self.recording.segments
 
     def _name(self, index: int) -> str:
         if not 0 <= index < len(self):
@@ -157,14 +169,21 @@ class PosedFrames:
         return self.frame_names[index]
 
     def _read_sample(self, count: int) -> list[Frame]:
-        """Read frames spread evenly over the sequence; leaves out those that cannot be read, where that is allowed."""
-        frames = []
+        """Read frames spread evenly over the sequence; leave out those that cannot be read, where that is allowed.
+
+        Raises:
+            InputError: None of them can be read, or one cannot and ``strict``.
+        """
+        frames, error = [], None
         for index in spread(len(self), count):
             try:
                 frames.append(self.read(index))
-            except InputError:
-                if self.recording.complete or index == 0:
+            except InputError as found:
+                if self.strict:
                     raise
+                error = error or found
+        if error is not None and not frames:
+            raise error
         return frames
 
     def _check_depth_unit(self) -> None:
@@ -179,18 +198,19 @@ class PosedFrames:
         if not low <= median <= high:
             better = [u for u in _USUAL_UNITS_M if 2 * low <= median / unit * u <= high / 3]
             hint = f"; depth_unit_m {better[0]:g} would make it {median / unit * better[0]:.2f} m" if better else ""
+            own = self.path.suffix == ".json"  # a manifest, which people write
             raise InputError(
-                f"{self.path}: depth_unit_m: expected a median depth of {low:g} to {high:g} m, found {median:.4g} m "
-                f"with {unit:g}{hint}"
+                f"{self.path}: {'depth_unit_m: ' * own}expected a median depth of {low:g} to {high:g} m, found "
+                f"{median:.4g} m with {unit:g}{hint * own}"
             )
 
     def _find_map_frame(self) -> NDArray:
         up, floor_height_m = self.recording.facts.up, self.recording.floor_height_m
         if up is not None and floor_height_m is not None:
             return map_from_world(up, floor_height_m)
-        frames = self._read_sample(_SAMPLED_FOR_GRAVITY)
-        try:
-            found_up, found_floor_height_m = estimate_gravity(frames, up=None if up is None else np.array(up))
-        except InputError as error:
-            raise InputError(f"{self.path}: {error}") from error
-        return map_from_world(found_up, found_floor_height_m if floor_height_m is None else floor_height_m)
+        found = find_gravity(
+            self._read_sample(_SAMPLED_FOR_GRAVITY), up=None if up is None else np.array(up, dtype=np.float64)
+        )
+        notes = [found.up_note, found.floor_note if floor_height_m is None else ""]
+        self.notes = (*self.notes, *filter(None, notes))
+        return map_from_world(found.up, found.floor_height_m if floor_height_m is None else floor_height_m)

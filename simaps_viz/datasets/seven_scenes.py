@@ -1,58 +1,163 @@
-"""Read 7-Scenes recordings (Microsoft Research): three files a frame, from a handheld Kinect.
+"""Read 7-Scenes recordings (Microsoft Research) and those written in their way: three files a frame.
 
-Depth and colour are the raw pictures, not registered to each other. The dataset gives the depth camera that its poses
-were made with; colour is brought to it by the focal length that is usual for that sensor, which leaves a few pixels.
+3DMatch, BundleFusion, 12-Scenes, 3RScan and many tools write ``frame-000000.color.jpg``, ``.depth.png`` and
+``.pose.txt`` too, with depth in the camera of the colour pictures or of one that stands at the same place, and say
+which camera it was. 7-Scenes itself, and 3DMatch's copies of it, have the raw pictures of a Kinect: its two cameras
+stand 25 mm apart, so depth is carried over to the colour camera.
 """
 
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
-from simaps_viz.datasets.calibration import Lens, matrix4, pinhole, rigid
-from simaps_viz.datasets.file_frames import FileFrames, depth_png, numbered
-from simaps_viz.datasets.images import image_size
-from simaps_viz.datasets.recording import FormatFacts, Reader, Recording
+from simaps_viz.datasets.association import match_frames
+from simaps_viz.datasets.calibration import Lens, camera_matrix, matrix4, matrix_lens, numbers, pinhole, words
+from simaps_viz.datasets.clouds import register_depth
+from simaps_viz.datasets.file_frames import FileFrames, depth_png, number_of
+from simaps_viz.datasets.images import image_size, read_depth
+from simaps_viz.datasets.recording import FormatFacts, Reader, Recording, first_readable
+from simaps_viz.errors import InputError
+from simaps_viz.geometry import invert_pose
+from simaps_viz.structures import Intrinsics
 
 FACTS = FormatFacts(
     title="7-Scenes",
-    recognised_by="`frame-*.depth.png`, `.color.png`, `.pose.txt`",
+    recognised_by="`frame-*.depth.png` or `frame-*.depth.pgm`, `frame-*.color.png` or `frame-*.color.jpg`, "
+    "`frame-*.pose.txt` (the camera in `camera-intrinsics.txt` or `info.txt`, there or above)",
+    depth="16-bit PNG or PGM",
     invalid="0, 65535",
-    pose="camera to world: 4x4",
+    pose="camera to world: 4x4; infinite where tracking was lost, left out",
 )
 
 INVALID = 65535
-DEPTH_CAMERA = (640, 480, 585.0, 320.0, 240.0)
-"""Width, height, focal length, principal point (x, y), pixels."""
-COLOR_FOCAL = 525.0
+KINECT_DEPTH = (640, 480, 585.0, 585.0, 320.0, 240.0)
+"""Width, height, fx, fy, cx, cy of the depth camera that 7-Scenes' poses were made with, as its page has them."""
+KINECT_COLOR_FOCAL = 525.0
+KINECT_BASELINE_M = 0.025
+"""The colour camera stands so far to the right of the depth camera."""
+KINECT_NOTE = "depth and colour are of a Kinect's two cameras: depth is registered to colour, 25 mm beside it"
+CAMERA_FILES = ("camera-intrinsics.txt", "info.txt", "_info.txt", "intrinsics.txt", "camera-intrinsics.color.txt")
 
 
 class SevenScenesReader(Reader):
-    """The reader of 7-Scenes recordings."""
+    """The reader of 7-Scenes recordings and the like."""
 
     facts = FACTS
 
     def recognise(self, path: Path) -> bool:
         """Return whether a folder is in this format, from names alone."""
-        return path.is_dir() and next(path.glob("frame-*.depth.png"), None) is not None
+        return path.is_dir() and next(path.glob("frame-*.depth.p[ng][gm]*"), None) is not None
 
     def open(self, path: Path) -> Recording:
         """Open a recording; raises InputError for anything that is not as the format wants it."""
-        depth_files = numbered(path, "frame-*.depth.png")
-        names = tuple(file.name.removesuffix(".depth.png") for file in depth_files)
-        color_files = [path / f"{name}.color.png" for name in names]
-        width, height, focal, cx, cy = DEPTH_CAMERA
-        depth_lens = Lens(pinhole(str(path), width, height, focal, focal, cx, cy))
-        color_lens = Lens(pinhole(str(path), width, height, COLOR_FOCAL, COLOR_FOCAL, cx, cy))
-        actual = image_size(color_files[0])
-        color_lens, depth_lens = color_lens.scaled(*actual), depth_lens.scaled(*actual)
-        poses = np.stack([rigid(str(file), matrix4(file)) for file in (path / f"{name}.pose.txt" for name in names)])
-        read = depth_png(FACTS.depth_unit_m, invalid=INVALID)
-        files = FileFrames(color_files, depth_files, [color_lens], [depth_lens], depth_lens.intrinsics, read)
+        depth, color, poses = (_files(path, kind) for kind in ("depth", "color", "pose"))
+        images = {"depth image": depth, "colour image": color}
+        matched = match_frames(path, images, poses, matrix4)
+        names = tuple(matched.frames)
+        depth_files, color_files = [depth[name] for name in names], [color[name] for name in names]
+        width, height = first_readable(lambda i: image_size(color_files[i]), len(names))
+        camera = _camera(path, width, height)
+        unit_m = camera.unit_m or FACTS.depth_unit_m
+        raw = depth_png(unit_m, invalid=INVALID)
+        sample = first_readable(lambda i: raw(depth_files[i]), len(names))
+        depth_lens = camera.depth.scaled(sample.shape[1], sample.shape[0])
+        T_world_camera, registered = matched.poses, raw
+        if camera.T_color_depth is not None:
+            registered = partial(_registered, raw, depth_lens, camera.T_color_depth, camera.color.intrinsics)
+            T_world_camera, depth_lens = T_world_camera @ invert_pose(camera.T_color_depth), camera.color
+        files = FileFrames(color_files, depth_files, [camera.color], [depth_lens], depth_lens.intrinsics, registered)
         resolved = path.resolve()
         return files.recording(
             FACTS,
             path,
             name=f"{resolved.parent.name} {resolved.name}" if resolved.name.startswith("seq-") else resolved.name,
             frame_names=names,
-            poses=poses,
+            poses=T_world_camera,
+            depth_unit_m=unit_m,
+            notes=(*matched.notes, *camera.notes),
+            faults=matched.faults,
         )
+
+
+@dataclass(frozen=True)
+class _Camera:
+    """The cameras of a recording."""
+
+    color: Lens
+    depth: Lens
+    T_color_depth: NDArray | None = None
+    """Where depth is not seen through the colour camera's place: takes its points there, [4, 4]."""
+    unit_m: float | None = None
+    """Metres a step of depth, where the recording says so."""
+    notes: tuple[str, ...] = ()
+
+
+def _registered(
+    raw: Callable[[Path], NDArray], lens: Lens, T_color_depth: NDArray, target: Intrinsics, file: Path
+) -> NDArray:
+    return register_depth(raw(file), lens, T_color_depth, target)
+
+
+def _files(path: Path, kind: str) -> dict[str, Path]:
+    """Return {frame: file} of one kind, in the order of the frames' numbers."""
+    found = {file.name.partition(".")[0]: file for file in sorted(path.glob(f"frame-*.{kind}.*"))}
+    return dict(sorted(found.items(), key=lambda item: (number_of(Path(item[0])), item[0])))
+
+
+def _camera(path: Path, width: int, height: int) -> _Camera:
+    """Find the cameras: as a file in the folder or above it says, else those of 7-Scenes.
+
+    Raises:
+        InputError: No file says it, and the pictures are not as 7-Scenes has them; or a file makes no sense.
+    """
+    places = [folder / name for folder in (path, path.resolve().parent) for name in CAMERA_FILES]
+    file = next((file for file in places if file.is_file()), None)
+    kinect = Lens(pinhole(str(path), *KINECT_DEPTH))
+    if file is not None and file.name.endswith("info.txt"):
+        return _from_info(file, width, height)
+    if file is not None:
+        lens = matrix_lens(str(file), width, height, camera_matrix(file))
+        if lens != kinect:
+            return _Camera(lens, lens)
+    elif not (path.resolve().name.startswith("seq-") or _is_raw(path)):
+        raise InputError(
+            f"{path}: expected a camera in {CAMERA_FILES[0]} (3x3, pixels) or {CAMERA_FILES[1]}, there or in "
+            "the folder above, found none; only 7-Scenes' own (seq-01, or depth of 65535 for no reading) go without"
+        )
+    if (width, height) != KINECT_DEPTH[:2]:
+        raise InputError(f"{path}: expected a Kinect's pictures of 640x480 pixels, found {width}x{height}")
+    color = Lens(pinhole(str(path), width, height, KINECT_COLOR_FOCAL, KINECT_COLOR_FOCAL, *KINECT_DEPTH[4:]))
+    T_color_depth = np.eye(4)
+    T_color_depth[0, 3] = -KINECT_BASELINE_M
+    return _Camera(color, kinect, T_color_depth, notes=(KINECT_NOTE,))
+
+
+def _is_raw(path: Path) -> bool:
+    """Return whether depth is as 7-Scenes has it, 65535 where there is none, in its first picture."""
+    depth_m = read_depth(next(iter(_files(path, "depth").values())), 1.0)
+    return bool((depth_m == INVALID).any())
+
+
+def _from_info(file: Path, width: int, height: int) -> _Camera:
+    """Read the cameras of BundleFusion, 12-Scenes and 3RScan: lines of "key = numbers"."""
+    values: dict[str, NDArray] = {}
+    for _, line in words(file):
+        key, _, rest = " ".join(line).partition("=")
+        if key.strip().startswith("m_") and key.strip() != "m_sensorName":
+            values[key.strip()] = numbers(f"{file}: {key.strip()}", rest.split())
+    found = []
+    for which, size in (("Color", (width, height)), ("Depth", None)):
+        K = values.get(f"m_calibration{which}Intrinsic", np.zeros(0))
+        stated = [values.get(f"m_{which.lower()}{side}", np.zeros(0)) for side in ("Width", "Height")]
+        if K.size != 16 or any(side.size != 1 or not 0 < side[0] < 1e5 for side in stated):
+            raise InputError(f"{file}: m_calibration{which}Intrinsic: expected 16 numbers and the size, found {K.size}")
+        lens = matrix_lens(f"{file}: {which.lower()}", int(stated[0][0]), int(stated[1][0]), K.reshape(4, 4))
+        found.append(lens.scaled(*size) if size else lens)
+    shift = values.get("m_depthShift", np.array([1000.0]))
+    if shift.size != 1 or not 0 < shift[0] < 1e6:
+        raise InputError(f"{file}: m_depthShift: expected steps a metre, more than 0, found {shift[:1]}")
+    return _Camera(found[0], found[1], unit_m=1.0 / float(shift[0]))

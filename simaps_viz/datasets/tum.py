@@ -10,10 +10,12 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from simaps_viz.datasets.association import posed_pairs
-from simaps_viz.datasets.calibration import Lens, from_quaternion, number_rows, numbers, words
-from simaps_viz.datasets.file_frames import FileFrames, depth_png
-from simaps_viz.datasets.recording import FormatFacts, Reader, Recording, left_out
+from simaps_viz.datasets.association import posed_pairs, read_trajectory
+from simaps_viz.datasets.calibration import Lens, from_quaternion, numbers, words
+from simaps_viz.datasets.file_frames import FileFrames, depth_png, present
+from simaps_viz.datasets.images import image_size
+from simaps_viz.datasets.recording import FormatFacts, Reader, Recording, first_readable, left_out
+from simaps_viz.datasets.segment_tables import few
 from simaps_viz.datasets.slam_cameras import camera_of
 from simaps_viz.errors import InputError
 
@@ -41,15 +43,17 @@ class TumReader(Reader):
 
     def open(self, path: Path) -> Recording:
         """Open a recording; raises InputError for anything that is not as the format wants it."""
-        color_times, color_paths = _image_list(path / "rgb.txt")
-        depth_times, depth_paths = _image_list(path / "depth.txt")
-        trajectory = _trajectory(path / "groundtruth.txt")
+        color_times, color_paths, no_color = _image_list(path / "rgb.txt")
+        depth_times, depth_paths, no_depth = _image_list(path / "depth.txt")
+        trajectory, no_pose = read_trajectory(
+            path / "groundtruth.txt", 8, lambda where, row: from_quaternion(where, row[1:4], row[4:])
+        )
         pairs, poses = posed_pairs(
             path, depth_times, color_times, trajectory, tolerance_s=COLOR_TOLERANCE_S, max_gap_s=MAX_POSE_GAP_S
         )
         depth_files = [depth_paths[i] for i in pairs[:, 0]]
         color_files = [color_paths[i] for i in pairs[:, 1]]
-        lens = _lens(path, color_files[0])
+        lens = _lens(path, first_readable(lambda i: image_size(color_files[i]) and color_files[i], len(color_files)))
         files = FileFrames(color_files, depth_files, [lens], [lens], lens.intrinsics, depth_png(FACTS.depth_unit_m))
         return files.recording(
             FACTS,
@@ -60,28 +64,27 @@ class TumReader(Reader):
             notes=left_out(
                 len(depth_times) - len(pairs), len(depth_times), "depth images have no colour or pose of their time"
             ),
+            faults=(*no_color, *no_depth, *no_pose),
         )
 
 
-def _image_list(path: Path) -> tuple[NDArray, list[Path]]:
-    times, files = [], []
-    for line, found in words(path):
+def _image_list(path: Path) -> tuple[NDArray, list[Path], tuple[str, ...]]:
+    """Read the times and files of a list, by time, and a note on the files that are not there."""
+    times: dict[Path, float] = {}
+    for place, (line, found) in enumerate(words(path)):
+        if place == 0 and found[:1] == ["timestamp"]:  # the names of the columns, which others write without #
+            continue
         if len(found) != 2:
             raise InputError(f"{path}, line {line}: expected a time and a file, found {len(found)} words")
-        times.append(numbers(f"{path}, line {line}", found[:1])[0])
-        files.append(path.parent / found[1])
-    if not files:
-        raise InputError(f"{path}: expected lines of a time and a file, found none")
-    order = np.argsort(times, kind="stable")
-    return np.array(times)[order], [files[i] for i in order]
-
-
-def _trajectory(path: Path) -> tuple[NDArray, NDArray]:
-    rows = number_rows(path, 8)
-    times = np.array([row[0] for _, row in rows])
-    poses = np.stack([from_quaternion(where, row[1:4], row[4:]) for where, row in rows])
-    times, first = np.unique(times, return_index=True)
-    return times, poses[first]
+        times[path.parent / found[1]] = numbers(f"{path}, line {line}", found[:1], finite=True)[0]
+    there = present({file: file for file in times})
+    if not there:
+        found = f"{len(times)} of which none is there" if times else "none"
+        raise InputError(f"{path}: expected lines of a time and a file, found {found}")
+    files = sorted(there, key=times.__getitem__)
+    lost = [file.name for file in times if file not in there]
+    notes = left_out(len(lost), len(times), f"files of {path.name} are not there ({few(lost)})")
+    return np.array([times[file] for file in files]), files, notes
 
 
 def _lens(path: Path, color_file: Path) -> Lens:

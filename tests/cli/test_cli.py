@@ -79,7 +79,7 @@ def damage(folder: Path, what: str) -> tuple[str, str]:
     depth = folder / "depth" / f"{frame_name(1)}.png"
     if what == "missing file":
         depth.unlink()
-        return depth.name, "expected"
+        return f"no depth file ({frame_name(1)})", "expected"
     if what == "truncated PNG":
         depth.write_bytes(depth.read_bytes()[:60])
         return depth.name, "expected a whole image"

@@ -13,9 +13,10 @@ from numpy.typing import NDArray
 from sequences import write_tiny_sequence
 
 from simaps_viz.datasets import gravity
-from simaps_viz.datasets.gravity import estimate_gravity
+from simaps_viz.datasets.gravity import estimate_gravity, find_gravity
 from simaps_viz.datasets.open import open_sequence
 from simaps_viz.errors import InputError
+from simaps_viz.geometry import back_project
 from simaps_viz.structures import Frame, Intrinsics
 
 pytestmark = pytest.mark.slow
@@ -144,14 +145,57 @@ def test_same_frames_same_answer() -> None:
 
 def test_nothing_to_see() -> None:
     blind = Frame(0, "dark", np.zeros((96, 128), np.float32), np.eye(4), CAMERA)
-    with pytest.raises(InputError, match="expected surfaces to estimate them from, found 0 points; give both"):
+    with pytest.raises(InputError, match="expected surfaces to estimate up and the floor from, found 0 points"):
         estimate_gravity([blind])
 
 
-def test_no_floor_below_the_cameras(tmp_path: Path) -> None:
-    path = write_tiny_sequence(tmp_path, manifest={"up": [0, 0, -1], "floor_height_m": None})
-    with pytest.raises(InputError, match=r"sequence\.json: floor_height_m: expected surfaces below the cameras"):
-        open_sequence(path)
+def walls(yaws: tuple[float, ...], world: NDArray) -> list[Frame]:
+    """Look level into a room whose floor, ceiling and table are out of view."""
+    frames = [room_frame(look(yaw, 0.0), world) for yaw in yaws]
+    band = slice(CAMERA.height // 2 - 18, CAMERA.height // 2 + 6)
+    for frame in frames:
+        kept = frame.depth_m[band].copy()
+        frame.depth_m[:] = 0
+        frame.depth_m[band] = kept
+    return frames
+
+
+def test_walls_alone_tell_up_and_the_floor_is_the_lowest_surface_seen() -> None:
+    """A wall must not be taken for the floor, though most of what is seen faces its way."""
+    world = rigid((0.3, -0.5, 0.2, 0.8), (1.0, 2.0, -3.0))
+    frames = walls((20, 70, 110, 160, 250, 300), world)
+    with pytest.raises(InputError, match="expected a floor"):
+        estimate_gravity(frames)
+    found = find_gravity(frames)
+    assert angle_deg(found.up, world[:3, 2]) < 0.5
+    points = np.concatenate([_points(frame) for frame in frames]) @ world[:3, 2]
+    assert points.min() - 0.01 <= found.floor_height_m <= np.quantile(points, 0.05)
+    assert "the direction that the walls stand along" in found.up_note and "--up" in found.up_note
+    assert "the lowest surface seen" in found.floor_note and "--floor-height" in found.floor_note
+
+
+def _points(frame: Frame) -> NDArray:
+    k, T = frame.intrinsics, frame.T_world_camera
+    seen = back_project(frame.depth_m, k.fx, k.fy, k.cx, k.cy)[frame.depth_m > 0]
+    return seen @ T[:3, :3].T + T[:3, 3]
+
+
+def test_stated_up_and_nothing_below_the_cameras(tmp_path: Path) -> None:
+    """Up is the manifest's, and nothing is below it: the lowest surface is taken, and said."""
+    sequence = open_sequence(write_tiny_sequence(tmp_path, manifest={"up": [0, 0, -1], "floor_height_m": None}))
+    np.testing.assert_allclose(sequence.T_map_world[2, :3], [0, 0, -1], atol=1e-12)
+    assert [note.partition(":")[0] for note in sequence.notes] == ["no floor is in view"]
+    stated = open_sequence(sequence.path, up=[0, 0, 2], floor_height_m=0.25)
+    np.testing.assert_allclose(stated.T_map_world[2], [0, 0, 1, -0.25], atol=1e-12)
+    assert stated.notes == ()
+    np.testing.assert_allclose(open_sequence(sequence.path, up=[0, 0, 1]).T_map_world[2, 3], 0.0, atol=1e-3)
+
+
+def test_nothing_at_all_to_see_still_has_an_up() -> None:
+    blind = Frame(0, "dark", np.zeros((96, 128), np.float32), look(30, 0), CAMERA)
+    found = find_gravity([blind])
+    assert angle_deg(found.up, np.array([0.0, 0.0, 1.0])) < 0.1
+    assert found.floor_height_m == pytest.approx(0.0) and "1.5 m below the cameras" in found.floor_note
 
 
 @pytest.mark.skipif(not SHARED.is_dir(), reason="the sequences in ../shared/data are not here")
@@ -176,7 +220,7 @@ def test_points_far_beyond_any_room_are_no_floor():
     points = np.array([[1e200, 0.0, 0.0], [0.0, 1e200, 0.0], [-1e200, 0.0, 0.0]])
     up = np.array([0.0, 0.0, 1.0])
     far = gravity._Surface(points, np.tile(up, (3, 1)), np.ones(3))
-    with pytest.raises(InputError, match="expected a floor to estimate it from, found 3 points"):
+    with pytest.raises(InputError, match="expected a floor to estimate up from, found 3 points"):
         gravity._fit_plane(far, up, 0.0)
     with pytest.raises(InputError, match="found 0 points"):
         gravity._fit_plane(far, up, 5.0)

@@ -93,7 +93,7 @@ def test_a_worker_opens_them_again(halves, tmp_path, parts):
 
 def test_the_command_takes_several(halves, tmp_path, capsys):
     output = tmp_path / "m.npz"
-    (tmp_path / "b" / "depth" / f"{frame_name(6)}.png").unlink()
+    (tmp_path / "b" / "depth" / f"{frame_name(6)}.png").write_bytes(b"")
     build = ["build", *map(str, halves), "-o", str(output)]
     assert main([*build, "--strict"]) == 2
     assert main(build) == 0

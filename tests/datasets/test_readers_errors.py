@@ -1,6 +1,7 @@
 """Faulty recordings: one line that names the file, what was expected and what was found."""
 
 import json
+import zipfile
 from collections.abc import Callable
 from pathlib import Path
 
@@ -10,10 +11,12 @@ from rosbags.typesys import Stores
 from scans import FRAMES, Sample
 from scans_apps import record3d_folder, record3d_zip
 from scans_bags import COLOR, DEPTH, Messages, entries, ros1_bag, ros2_mcap, ros2_sqlite, write_bag1
+from scans_clouds import lidar
 from scans_folders import arkit, habitat, nerfstudio, polycam, replica, scannet, sens, seven_scenes, tum
 from scans_rerun import rerun_rrd
 
 from simaps_viz import open_sequence
+from simaps_viz.cli.main import main
 from simaps_viz.errors import InputError
 
 Change = Callable[[Path], object]
@@ -32,6 +35,23 @@ def cut(name: str = "", share: float = 0.5) -> Change:
         path = folder / name if name else folder
         data = path.read_bytes()
         path.write_bytes(data[: int(len(data) * share)])
+
+    return change
+
+
+def each(pattern: str, edit: Callable[[Path], object]) -> Change:
+    return lambda folder: [edit(file) for file in sorted(folder.glob(pattern))]
+
+
+def without(member: str) -> Change:
+    """Leave a file out of an archive."""
+
+    def change(path: Path) -> None:
+        with zipfile.ZipFile(path) as archive:
+            kept = {name: archive.read(name) for name in archive.namelist() if name != member}
+        with zipfile.ZipFile(path, "w") as archive:
+            for name, data in kept.items():
+                archive.writestr(name, data)
 
     return change
 
@@ -55,24 +75,20 @@ def panorama(content: dict) -> None:
 
 ARKIT = "41069021_frames"
 FAULTS: list[tuple[Callable[[Path], Sample], Change, str, str, str]] = [
-    (tum, remove("rgb/100.096000.png"), "100.096000.png", "a colour file for each of 4 frames", "none for 1"),
     (tum, lines("groundtruth.txt", lambda x: x[:2]), "groundtruth.txt", "lines of 8 numbers", "none"),
     (tum, lines("groundtruth.txt", lambda x: [*x, "1 2 3"]), "groundtruth.txt, line 29", "8 numbers", "3"),
-    (tum, lines("groundtruth.txt", lambda x: [*x, "200 0 0 0 0 0 0 3"]), "line 29", "quaternion of length 1", "3"),
+    (tum, lines("groundtruth.txt", lambda x: [y.replace(" 0", " 3") for y in x]), "line 3", "of length 1", ""),
     (tum, lines("depth.txt", lambda x: [*x, "100"]), "depth.txt, line 7", "a time and a file", "1 words"),
     (tum, lines("rgb.txt", lambda x: ["5000 " + x[1].split()[1]]), "seats", "of about the same time", "5 depth images"),
-    (seven_scenes, remove("frame-000002.pose.txt"), "frame-000002.pose.txt", "a text file", "No such file"),
-    (seven_scenes, remove("frame-000002.color.png"), "frame-000002.color.png", "a colour file", "none for 1"),
-    (seven_scenes, text("frame-000002.pose.txt", "1 0 0"), "frame-000002.pose.txt", "a 4x4 matrix", "3 numbers"),
-    (seven_scenes, text("frame-000001.pose.txt", "2 " * 16), "frame-000001.pose.txt", "0 0 0 1", "2 2 2 2"),
-    (seven_scenes, text("frame-000001.pose.txt", "x " * 16), "frame-000001.pose.txt", "numbers", "'x'"),
-    (seven_scenes, cut("frame-000000.depth.png"), "frame-000000.depth.png", "a whole image", "truncated PNG"),
+    (tum, lines("rgb.txt", lambda x: [y + "s" for y in x]), "rgb.txt", "a time and a file", "4 of which none is there"),
+    (seven_scenes, each("*.pose.txt", lambda file: file.unlink()), "seq-01", "with depth image, colour", "0 poses"),
+    (seven_scenes, each("*.pose.txt", lambda file: file.write_text("2 " * 16)), "pose.txt", "0 0 0 1", "2 2 2 2"),
+    (seven_scenes, each("*.pose.txt", lambda file: file.write_text("-inf " * 16)), "seq-01", "a finite pose", "none"),
+    (seven_scenes, lambda f: (f / "../info.txt").write_text("m_depthShift = 0"), "info.txt", "16 numbers and the", "0"),
+    (seven_scenes, lambda f: (f / "../camera-intrinsics.txt").write_text("1 2"), "intrinsics.txt", "3x3", "1 line"),
     (scannet, remove("intrinsic/intrinsic_color.txt"), "intrinsic_color.txt", "a text file", "No such file"),
-    (scannet, remove("pose/2.txt"), "pose/2.txt", "a text file", "No such file"),
     (scannet, text("scene0000_00.aggregation.json", "{}"), "aggregation.json", '"segGroups"', "{}"),
     (scannet, values("scene0000_00.aggregation.json", lambda c: c["segGroups"].pop()), "0.png", "only ids", "1"),
-    (replica, remove("results/frame000003.jpg"), "results", "4 colour images", "3"),
-    (replica, lines("traj.txt", lambda x: x[:-1]), "traj.txt", "4 poses", "3"),
     (replica, values("../cam_params.json", lambda c: c["camera"].pop("fx")),
      "cam_params.json: camera: fx", "a number", "none"),
     (replica, values("../cam_params.json", lambda c: c["camera"].update(scale=0)), "scale", "more than 0", "0"),
@@ -83,25 +99,14 @@ FAULTS: list[tuple[Callable[[Path], Sample], Change, str, str, str]] = [
     (nerfstudio, values("transforms.json", lambda c: c["frames"][2].update(depth_file_path=3)),
      "transforms.json: frame 2", "depth_file_path", "3"),
     (nerfstudio, values("transforms.json", panorama), "camera_model", "OPENCV_FISHEYE", "EQUIRECT"),
-    (nerfstudio, values("transforms.json", lambda c: c["frames"][0].update(transform_matrix=[1])),
-     "frame_00003", "4x4", "1 numbers"),
+    (nerfstudio, values("transforms.json", lambda c: [f.update(transform_matrix=[1]) for f in c["frames"]]),
+     "frame_00000", "4x4", "[1]"),
     (nerfstudio, values("transforms.json", lambda c: c.pop("fl_x")), "fl_x", "a number", "none"),
     (nerfstudio, text("transforms.json", "{"), "transforms.json", "JSON", "line 1"),
-    (habitat, remove("rgb/000001.png"), "rgb", "4 colour images", "3"),
-    (habitat, remove("semantic/000001.npy"), "semantic", "4 semantic arrays", "3"),
-    (habitat, cut("depth/000000.npy"), "depth/000000.npy", "a complete NumPy array", "truncated"),
     (habitat, text("obj2cls_dict.txt", "chair 5"), "obj2cls_dict.txt, line 1", "object:class,name", "chair 5"),
-    (habitat, lambda f: np.save(f / "semantic/000000.npy", np.full((48, 64), -1)), "000000.npy", "0 to 65535", "int64"),
-    (habitat, lambda f: np.save(f / "semantic/000000.npy", np.zeros((4, 64), int)), "000000.npy", "64x48", "64x4"),
     (arkit, lines(f"{ARKIT}/lowres_wide.traj", lambda x: [*x, "1 2"]), "lowres_wide.traj, line 9", "7 numbers", "2"),
     (arkit, text(f"{ARKIT}/lowres_wide_intrinsics/41069021_99.999.pincam", "1 2"), "pincam, line 1", "6 numbers", "2"),
-    (polycam, values("keyframes/corrected_cameras/12345678902.json", lambda c: c.pop("t_12")),
-     "12345678902.json: t_12", "a number", "none"),
-    (polycam, remove("keyframes/corrected_images/12345678902.jpg"), "12345678902.jpg", "a colour file", "none for 1"),
     (record3d_zip, cut(), "seats.r3d", "a Record3D archive", "not a zip"),
-    (record3d_folder, values("metadata", lambda c: c["poses"].pop()), "metadata", "4 poses", "3"),
-    (record3d_folder, cut("rgbd/0.depth"), "rgbd/0.depth", "LZFSE floats", "truncated"),
-    (record3d_folder, remove("rgbd/0.depth"), "rgbd/0.depth", "a file a frame", "No such file"),
     (record3d_folder, values("metadata", lambda c: c.update(dw=47)), "rgbd/0.depth", "47x64 depths", "3072"),
     (sens, cut(), "scene0001_00.sens", "5 frames", "cut short in frame"),
     (sens, cut(share=0.001), "scene0001_00.sens", "a whole .sens file", "ends after"),
@@ -120,8 +125,95 @@ def test_faults(tmp_path: Path, writer, change: Change, names: str, expected: st
     assert "\n" not in message and len(message) < 400 + len(str(sample.path))
     assert names in message
     before, word, after = message.partition("found")
-    assert word and "expected" in before and expected in message and found in after
+    assert word and "expected" in before and expected in before and found in after
     assert capfd.readouterr() == ("", ""), "decoders say nothing of their own"
+
+
+ONE_BAD: list[tuple[Callable[[Path], Sample], Change, int, str]] = [
+    (tum, remove("depth/100.100000.png"), 1, "1 of 5 files of depth.txt are not there (100.100000.png): left out"),
+    (seven_scenes, remove("frame-000002.pose.txt"), 2, "1 of 4 frames have no pose (frame-000002): left out"),
+    (seven_scenes, remove("frame-000002.color.png"), 2, "1 of 4 frames have no colour image (frame-000002): left out"),
+    (seven_scenes, text("frame-000002.pose.txt", "1 0 0"), 2, "expected a 4x4 matrix, found 3 numbers"),
+    (seven_scenes, text("frame-000001.pose.txt", "nan " * 16), 1, "pose.txt: expected finite numbers, found NaN"),
+    (seven_scenes, text("frame-000001.pose.txt", "-1.#IND " * 16), 1, "pose.txt: expected finite numbers, found NaN"),
+    (seven_scenes, text("frame-000001.pose.txt", "x " * 16), 1, "expected numbers, found 'x'"),
+    (scannet, remove("pose/2.txt"), 1, "1 of 5 frames have no pose (2): left out"),
+    (scannet, remove("color/10.jpg"), 3, "1 of 5 frames have no colour image (10): left out"),
+    (replica, remove("results/frame000003.jpg"), 3, "1 of 4 frames have no colour image (3): left out"),
+    (replica, lines("traj.txt", lambda x: x[:-1]), 3, "1 of 4 frames have no pose (3): left out"),
+    (replica, lines("traj.txt", lambda x: [x[0], "nan " * 16, *x[2:]]), 1, "traj.txt, line 2: expected finite numbers"),
+    (habitat, remove("rgb/000001.png"), 1, "1 of 4 frames have no colour image (1): left out"),
+    (habitat, remove("semantic/000001.npy"), 1, "1 of 4 frames have no semantic array (1): left out"),
+    (habitat, lines("poses.txt", lambda x: x[:-1]), 3, "1 of 4 frames have no pose (3): left out"),
+    (nerfstudio, remove("depths/frame_00002.png"), 2, "1 of 4 frames have no depth image (images/frame_00002.png)"),
+    (nerfstudio, values("transforms.json", lambda c: c["frames"][0].update(transform_matrix=[1])), 3, "expected 4x4"),
+    (polycam, values("keyframes/corrected_cameras/12345678902.json", lambda c: c.pop("t_12")), 1, "t_12: expected"),
+    (polycam, remove("keyframes/corrected_images/12345678902.jpg"), 1, "have no picture (12345678902): left out"),
+    (record3d_folder, values("metadata", lambda c: c["poses"].pop()), 3, "1 of 4 frames have no pose (3): left out"),
+    (record3d_folder, remove("rgbd/2.depth"), 2, "1 of 4 frames have no depth image (2): left out"),
+    (record3d_zip, without("rgbd/2.jpg"), 2, "1 of 4 frames have no picture (2): left out"),
+    (record3d_folder, values("metadata", lambda c: c["poses"].__setitem__(1, [0] * 7)), 1, "poses[1]: expected finite"),
+    (lidar, remove("clouds/2.ply"), 2, "1 of 4 frames have no cloud (2): left out"),
+    (arkit, lines(f"{ARKIT}/lowres_wide.traj", lambda x: ["nan " * 7, *x]), -1, "1 of 9 poses are damaged"),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize(("writer", "change", "lost", "words"), ONE_BAD)
+def test_one_bad_item_costs_one_frame(tmp_path: Path, writer, change: Change, lost: int, words: str) -> None:
+    """The other frames keep their own pose and pictures; the note says what was left out, and --strict refuses."""
+    usual, other = writer(tmp_path / "usual"), writer(tmp_path / "other")
+    change(other.path)
+    expected, found = open_sequence(usual.path), open_sequence(other.path)
+    kept = [index for index in range(len(expected)) if index != lost]
+    assert found.frame_names == tuple(expected.frame_names[index] for index in kept)
+    np.testing.assert_allclose(found.poses, expected.poses[kept], atol=1e-12)
+    for index, same in enumerate(kept):
+        np.testing.assert_array_equal(found.read(index).depth_m, expected.read(same).depth_m)
+        np.testing.assert_array_equal(found.color(index), expected.color(same))
+        if len(expected.labels) > 1:
+            np.testing.assert_array_equal(found.segmentation(index).ids, expected.segmentation(same).ids)
+    assert any(words in note and "left out" in note for note in found.notes), found.notes
+    with pytest.raises(InputError, match="expected all of every frame") as caught:
+        open_sequence(other.path, strict=True)
+    assert words in str(caught.value)
+
+
+UNREADABLE: list[tuple[Callable[[Path], Sample], Change]] = [
+    (seven_scenes, cut("frame-000000.depth.png")),
+    (habitat, cut("depth/000000.npy")),
+    (habitat, lambda f: np.save(f / "semantic/000000.npy", np.full((48, 64), -1))),
+    (record3d_folder, cut("rgbd/0.depth")),
+    (scannet, cut("color/0.jpg")),
+]
+
+
+@pytest.mark.parametrize(("writer", "change"), UNREADABLE)
+def test_a_damaged_first_frame_is_left_out_by_convert(tmp_path: Path, writer, change: Change, capsys) -> None:
+    path = writer(tmp_path).path
+    whole = open_sequence(path)
+    change(path)
+    with pytest.raises(InputError):
+        open_sequence(path, strict=True)
+    out = tmp_path / "out"
+    assert main(["convert", str(path), "-o", str(out)]) == 0
+    assert "1 of 4 frames cannot be read" in capsys.readouterr().err
+    converted = open_sequence(out, strict=True)
+    assert converted.frame_names == whole.frame_names[1:]
+    np.testing.assert_allclose(converted.poses, whole.poses[1:], atol=1e-12)
+    assert not list(out.rglob(f"{whole.frame_names[0]}.*")), "nothing of it is left"
+    assert main(["convert", str(path), "-o", str(tmp_path / "strict"), "--strict"]) == 2
+
+
+def test_four_pictures_of_a_long_replica_path(tmp_path: Path) -> None:
+    """What people cut out to try: a few pictures, and the path of all. The numbers in their names say which pose."""
+    usual, other = replica(tmp_path / "usual").path, replica(tmp_path / "other").path
+    rows = (other / "traj.txt").read_text().splitlines()
+    (other / "traj.txt").write_text("\n".join([*rows, *rows * 499]))
+    for kind in ("results/frame{}.jpg", "results/depth{}.png"):
+        (other / kind.format("000002")).rename(other / kind.format("001002"))
+    found, expected = open_sequence(other), open_sequence(usual)
+    np.testing.assert_allclose(found.poses, expected.poses[[0, 1, 3, 2]], atol=1e-12)
+    assert found.notes[0] == "1996 of 2000 frames have no depth image (2, 4, 5, ...): left out"
 
 
 def changed(found: list, *, without: str = "", replace: Callable | None = None) -> list:

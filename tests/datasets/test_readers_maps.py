@@ -13,6 +13,7 @@ from scans_bags import ros1_bag, ros2_mcap, ros2_sqlite
 from scans_clouds import cloud_bag, lidar
 from scans_folders import (
     arkit,
+    bundle_fusion,
     habitat,
     habitat_classes,
     nerfstudio,
@@ -20,7 +21,6 @@ from scans_folders import (
     replica,
     scannet,
     sens,
-    seven_scenes,
     tum,
 )
 from scans_mcap import foxglove_mcap, ros1_mcap
@@ -36,7 +36,7 @@ from simaps_viz.structures import SIMap
 
 pytestmark = pytest.mark.slow
 
-WRITERS = [tum, seven_scenes, scannet, replica, nerfstudio, habitat, habitat_classes, arkit, polycam, record3d_zip,
+WRITERS = [tum, bundle_fusion, scannet, replica, nerfstudio, habitat, habitat_classes, arkit, polycam, record3d_zip,
            record3d_folder, record3d_exr, ros1_bag, ros2_sqlite, ros2_mcap, rerun_rrd, sens, lidar,
            cloud_bag, instant_ngp, redwood, rtabmap, slam_folder, stray_scanner, foxglove_mcap,
            ros1_mcap, colmap]  # fmt: skip

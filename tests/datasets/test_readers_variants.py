@@ -9,12 +9,15 @@ import cv2
 import numpy as np
 import pytest
 from rosbags.typesys import Stores
+from scans import write_image
 from scans_bags import DEPTH, Messages, entries, write_bag1
-from scans_folders import arkit, habitat, nerfstudio, polycam, replica, scannet, sens, tum
+from scans_folders import arkit, bundle_fusion, habitat, nerfstudio, polycam, replica, scannet, sens, seven_scenes, tum
 from sequences import write_tiny_sequence
 
 from simaps_viz import open_sequence
 from simaps_viz.checking.recording import open_recording
+from simaps_viz.datasets.calibration import numbers
+from simaps_viz.datasets.images import read_color
 from simaps_viz.datasets.ros_messages import decode_depth
 from simaps_viz.datasets.sequence import PosedFrames
 from simaps_viz.errors import InputError
@@ -138,3 +141,81 @@ def test_compressed_depth_that_is_not_read() -> None:
         packed("8UC1; compressedDepth png", STEPS, bytes(12))
     with pytest.raises(InputError, match="one channel of 16 bits, found uint8"):
         packed("16UC1; compressedDepth", STEPS.astype(np.uint8), bytes(12))
+
+
+def test_a_kinects_two_cameras_are_brought_together(tmp_path: Path) -> None:
+    """7-Scenes has raw pictures: depth is carried over to the colour camera, 25 mm beside, and takes its pixels."""
+    sample = seven_scenes(tmp_path)
+    found, expected = open_sequence(sample.path), open_sequence(sample.reference)
+    assert found.intrinsics == expected.intrinsics
+    np.testing.assert_allclose(found.poses, expected.poses, atol=1e-12)
+    assert "registered to colour" in found.notes[0] and found.name == "chess seq-01"
+    for index in range(len(expected)):
+        a, b = found.read(index), expected.read(index)
+        seen = (a.depth_m > 0) & (b.depth_m > 0)
+        inner = np.s_[40:-40, 50:-50]  # colour sees more to all sides
+        assert seen[inner].sum() > 0.97 * (b.depth_m[inner] > 0).sum()
+        assert (np.abs(a.depth_m - b.depth_m)[seen] < 0.02).mean() > 0.98
+        np.testing.assert_array_equal(found.color(index), expected.color(index))
+        assert found.color_file(index) == sample.path / f"frame-{index:06d}.color.png"
+
+
+def test_3dmatchs_copies_of_7_scenes_are_a_kinects_too(tmp_path: Path) -> None:
+    """They name its depth camera, 585 pixels, and have JPEG and 0 for no reading, but the pictures are as raw."""
+    usual, other = seven_scenes(tmp_path / "usual").path, seven_scenes(tmp_path / "other").path
+    for file in other.glob("*.depth.png"):
+        raw = cv2.imread(str(file), cv2.IMREAD_UNCHANGED)
+        assert raw is not None
+        cv2.imwrite(str(file), np.where(raw == 65535, 0, raw))
+    for file in other.glob("*.color.png"):
+        write_image(file.with_suffix(".jpg"), read_color(file))
+        file.unlink()
+    other = other.rename(other.parent / "rgbd-frames")
+    with pytest.raises(InputError, match=r"a camera in camera-intrinsics\.txt \(3x3, pixels\) or info\.txt"):
+        open_sequence(other)
+    (other.parent / "camera-intrinsics.txt").write_text("585 0 320\r\n0 585 240\r\n0 0 1\r\n")
+    same_frames(open_sequence(other), open_sequence(usual))
+
+
+def test_a_camera_that_is_named_is_colours_and_depths(tmp_path: Path) -> None:
+    """SUN3D and most of 3DMatch: depth is registered to colour already, and is not again."""
+    path = seven_scenes(tmp_path).path
+    (path / "camera-intrinsics.txt").write_text("570.3 0 320\n0 570.3 240\n0 0 1\n")
+    found = open_sequence(path)
+    assert (found.intrinsics.fx, found.notes) == (570.3, ())
+    raw = cv2.imread(str(path / "frame-000000.depth.png"), cv2.IMREAD_UNCHANGED)
+    assert raw is not None
+    np.testing.assert_allclose(found.read(0).depth_m, np.where(raw == 65535, 0, raw) * 0.001, atol=1e-6)
+
+
+def test_depth_as_3rscan_writes_it(tmp_path: Path) -> None:
+    usual, other = bundle_fusion(tmp_path / "usual").path, bundle_fusion(tmp_path / "other").path
+    for file in other.glob("*.depth.png"):
+        raw = cv2.imread(str(file), cv2.IMREAD_UNCHANGED)
+        assert raw is not None
+        cv2.imwrite(str(file.with_suffix(".pgm")), raw)
+        file.unlink()
+    (other.parent / "info.txt").rename(other / "_info.txt")
+    found = open_sequence(other)
+    same_frames(found, open_sequence(usual))
+    assert found.notes == ("1 of 5 frames have no pose, tracking was lost: left out",)
+    cut = other / "frame-000001.depth.pgm"
+    cut.write_bytes(cut.read_bytes()[:-1])
+    with pytest.raises(InputError, match=r"a truncated PGM \(6143 of 6144 bytes of pixels\)"):
+        found.read(1)
+
+
+def test_numbers_as_windows_programs_print_them(tmp_path: Path) -> None:
+    words = ["1.#INF", "-1.#INF", "1.#IND", "-1.#IND", "1.#QNAN0", "-nan(ind)", "inf", "-inf", "nan", "1e3"]
+    found = numbers("here", words)
+    np.testing.assert_array_equal(found, [np.inf, -np.inf, *[np.nan] * 4, np.inf, -np.inf, np.nan, 1000.0])
+    for word in ("1.#", "infx", "1,5"):
+        with pytest.raises(InputError, match="expected numbers"):
+            numbers("here", [word])
+
+
+def test_columns_named_without_a_comment_mark(tmp_path: Path) -> None:
+    """As pandas and some people's scripts write TUM's lists."""
+    usual, other = tum(tmp_path / "usual").path, tum(tmp_path / "other").path
+    (other / "rgb.txt").write_text("timestamp filename\n" + (other / "rgb.txt").read_text())
+    same_frames(open_sequence(other), open_sequence(usual))

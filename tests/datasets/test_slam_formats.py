@@ -313,8 +313,8 @@ def test_colmap_s_depth_of_other_pictures_is_refused(tmp_path):
 def test_a_pointer_of_git_lfs_is_called_so(tmp_path, name):
     """Most recordings in public repositories are such pointers until they are fetched."""
     path = instant_ngp(tmp_path).path if name.endswith("png") else tmp_path / name
-    file = path / name if name.endswith("png") else path
-    file.write_text("version https://git-lfs.github.com/spec/v1\noid sha256:4d7a214614ab2935\nsize 12345\n")
+    for file in (path / "images").glob("?.png") if name.endswith("png") else [path]:
+        file.write_text("version https://git-lfs.github.com/spec/v1\noid sha256:4d7a214614ab2935\nsize 12345\n")
     with pytest.raises(InputError, match=f"{name}: expected an? .*, found a pointer of Git LFS to it; .* git lfs pull"):
         open_sequence(path)
 

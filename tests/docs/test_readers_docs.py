@@ -55,7 +55,7 @@ def test_a_damaged_frame_leaves_nothing_behind(tmp_path, capsys):
     file = sample.path / "results" / "frame000003.jpg"
     file.write_bytes(file.read_bytes()[:500])
     before = sorted(tmp_path.iterdir())
-    assert main.main(["convert", str(sample.path), "-o", str(tmp_path / "out")]) == main.BAD_INPUT
+    assert main.main(["convert", str(sample.path), "-o", str(tmp_path / "out"), "--strict"]) == main.BAD_INPUT
     assert "frame000003.jpg: expected a whole image, found a truncated JPEG" in capsys.readouterr().err.replace(
         "\n", ""
     )

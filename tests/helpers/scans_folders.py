@@ -58,17 +58,47 @@ def tum(folder: Path) -> Sample:
     return Sample(path, write_reference(folder / "reference", k, Z_UP))
 
 
+def bundle_fusion(folder: Path) -> Sample:
+    """As BundleFusion, 12-Scenes and 3RScan have it: JPEG, larger than depth, cameras in info.txt; one pose lost."""
+    k = camera()
+    large = Intrinsics(128, 96, k.fx * 2, k.fy * 2, k.cx * 2 + 0.5, k.cy * 2 + 0.5)
+    path = folder / "office" / "data"
+    for i in range(FRAMES + 1):
+        index = min(i, FRAMES - 1)
+        depth_m, small = look(k, map_pose(index))
+        write_depth(path / f"frame-{i:06d}.depth.png", steps(depth_m))
+        write_image(path / f"frame-{i:06d}.color.jpg", COLORS[small.repeat(2, axis=0).repeat(2, axis=1)])
+        lost = "-1.#INF -1.#INF -1.#INF -1.#INF\r\n" * 4
+        (path / f"frame-{i:06d}.pose.txt").write_text(lost if i == FRAMES else rows(LEANING.pose(i)).replace(" ", ","))
+    lines = [
+        "m_versionNumber = 4",
+        "m_sensorName = StructureSensor",
+        "m_depthShift = 1000",
+        f"m_frames.size = {FRAMES}",
+    ]
+    for which, c in (("Color", large), ("Depth", k)):
+        K, name = np.eye(4), which.lower()
+        K[:3, :3] = c.matrix()
+        lines += [f"m_{name}Width = {c.width}", f"m_{name}Height = {c.height}",
+                  f"m_calibration{which}Intrinsic = {row(K)} "]  # fmt: skip
+    (folder / "office" / "info.txt").write_text("\r\n".join(lines))
+    return Sample(path, write_reference(folder / "reference", k, LEANING), exact_color=False, lossless=False)
+
+
 def seven_scenes(folder: Path) -> Sample:
+    """A Kinect's two cameras 25 mm apart; poses are the depth camera's. The reference is seen by the colour camera."""
     depth_camera = Intrinsics(640, 480, 585.0, 585.0, 320.0, 240.0)
     color_camera = Intrinsics(640, 480, 525.0, 525.0, 320.0, 240.0)
+    T_color_depth = np.eye(4)
+    T_color_depth[0, 3] = -0.025
     path = folder / "chess" / "seq-01"
     for i in range(FRAMES):
-        raw = steps(look(depth_camera, map_pose(i))[0])
+        raw = steps(look(depth_camera, map_pose(i) @ T_color_depth)[0])
         raw[raw == 0] = 65535
         write_depth(path / f"frame-{i:06d}.depth.png", raw)
         write_image(path / f"frame-{i:06d}.color.png", COLORS[look(color_camera, map_pose(i))[1]])
-        (path / f"frame-{i:06d}.pose.txt").write_text(rows(LEANING.pose(i)))
-    return Sample(path, write_reference(folder / "reference", depth_camera, LEANING), exact_color=False)
+        (path / f"frame-{i:06d}.pose.txt").write_text(rows(LEANING.pose(i) @ T_color_depth))
+    return Sample(path, write_reference(folder / "reference", color_camera, LEANING), exact_color=False)
 
 
 def scannet(folder: Path) -> Sample:
