@@ -35,8 +35,9 @@ class Cells:
     def __init__(self, simap: SIMap) -> None:
         self.spec, self._instance = simap.spec, simap.instance
         numbers = simap.instance
-        self.row_of = {one.id: k for k, one in enumerate(simap.instances)}
-        self.centroids = np.array([i.centroid_m[:2] for i in simap.instances], np.float64).reshape(-1, 2)
+        things = (*simap.instances, *simap.hidden)
+        self.row_of = {one.id: k for k, one in enumerate(things)}
+        self.centroids = np.array([i.centroid_m[:2] for i in things], np.float64).reshape(-1, 2)
         self.boxes: dict[int, tuple[float, float, float, float]] = {}
         self._all = self._by_instance(numbers > 0)
         # Only cells with a neighbour of another instance can be the nearest to something outside.
@@ -44,9 +45,12 @@ class Cells:
         rows, cols = self.spec.shape
         same = [padded[r : r + rows, c : c + cols] == numbers for r, c in ((0, 1), (2, 1), (1, 0), (1, 2))]
         self._edge = self._by_instance((numbers > 0) & ~(same[0] & same[1] & same[2] & same[3]))
-        everything = self.pack(simap.instances)
+        footprints = self._footprints(simap) if simap.hidden else {}
+        self._all |= footprints
+        self._edge |= footprints
+        everything = self.pack(things)
         self._points, self._starts = self.centres(everything.cells), everything.starts[:-1]
-        bounds = [self._edge[i.id] for i in simap.instances]
+        bounds = [self._edge[i.id] for i in things]
         half = self.spec.cell_size_m / 2.0
         self.low = self.centres(np.array([b.min(axis=0) for b in bounds]).reshape(-1, 2)) - half
         self.high = self.centres(np.array([b.max(axis=0) for b in bounds]).reshape(-1, 2)) + half
@@ -59,6 +63,17 @@ class Cells:
         ids, starts = np.unique(flat[order], return_index=True)
         pairs = np.column_stack(np.divmod(order, self.spec.cols))
         return dict(zip(ids.tolist(), np.split(pairs, starts[1:]), strict=False))
+
+    def _footprints(self, simap: SIMap) -> dict[int, NDArray]:
+        """Return {id of a thing that no cell shows: row and column of the cells below its surface, int64 [n, 2]}."""
+        points = simap.points()
+        found = {}
+        for thing in simap.hidden:
+            at = points.positions[points.instances == thing.id, :2].astype(np.float64)
+            cells = np.floor((at - (self.spec.x0_m, self.spec.y0_m)) / self.spec.cell_size_m + 1e-6).astype(np.int64)
+            limits = np.array(self.spec.shape) - 1
+            found[thing.id] = np.unique(np.clip(cells[:, ::-1], 0, limits), axis=0)
+        return found
 
     def centres(self, cells: NDArray) -> NDArray:
         """Return the centres of cells, float64 [n, 2], x and y, map frame, given their rows and columns [n, 2]."""

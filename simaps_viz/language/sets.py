@@ -43,6 +43,8 @@ _IN_CORNER_M: Final = 0.6
 _SPECK_M2: Final = 0.05
 _NOBODY_M: Final = 0.5
 _WITHIN: Final = 0.5
+_SURE, _OFTEN = 0.5, 5
+"""Score and number of frames that a hidden thing needs to be spoken of."""
 _ROUND, _LONG, _SQUARE = 0.82, 1.6, 1.25
 _ROUGHLY_ROUND, _BOXY = 0.7, 0.89
 """The share that a square fills of its circle is .64; of its box a circle fills .79, a square all."""
@@ -366,16 +368,36 @@ class Sets(Grounding):
     def _on(self, S: Named, T: Named) -> Things:
         if self.room_of(T) is not None:
             return self._inside(S, T)
-        return self._relate(
-            S, T, {a for a, _ in self._standing(self.things_of(S), self.things_of(T))}, f"on {self.set_of(T).the}"
-        )
+        standing = {a for a, _ in self._standing(self.things_of(S), self.things_of(T))}
+        hidden = self._hidden(S, T, ("on", "inside"))
+        return self._relate(self._joined(S, hidden), T, standing | {*hidden}, f"on {self.set_of(T).the}")
 
     def _under(self, S: Named, T: Named) -> Things:
         things, others = self.things_of(S), self.things_of(T)
         kept = {b for _, b in self._standing(others, things)} | {
             a for a, _ in self._standing(things, others, lower=True)
         }
-        return self._relate(S, T, kept, f"under {self.set_of(T).the}")
+        hidden = self._hidden(S, T, ("under",))
+        return self._relate(self._joined(S, hidden), T, kept | {*hidden}, f"under {self.set_of(T).the}")
+
+    def _hidden(self, S: Named, T: Named, relations: Sequence[str]) -> dict[int, Instance]:
+        """Return {id: thing} of those that no cell shows, are of a class of S, and stand so to one of T.
+
+        What a network saw a few times only, or was not sure of, is left out.
+        """
+        self.look(len(self.simap.hidden))
+        labels, others = {i.label for i in self.things_of(S)}, {i.id for i in self.things_of(T)}
+
+        def stands_so(thing: Instance) -> bool:
+            pairs = [pair for name in relations for pair in getattr(thing, name).items()]
+            return any(number in others and share >= _WITHIN for number, share in pairs)
+
+        sure = [i for i in self.simap.hidden if i.label in labels and i.score >= _SURE and i.frames >= _OFTEN]
+        return {thing.id: thing for thing in sure if stands_so(thing)}
+
+    def _joined(self, S: Named, more: Mapping[int, Instance]) -> Things:
+        found = self.set_of(S)
+        return found.of(self.ranked([*found.items, *more.values()])) if more else found
 
     def _standing(
         self, things: Sequence[Instance], others: Sequence[Instance], lower: bool = False

@@ -9,12 +9,13 @@ import numpy as np
 import pytest
 from toy_maps import TOY_POSE, Box, map_of_boxes, toy_map
 
+from simaps_viz import structures
 from simaps_viz.errors import CommandError, PlanningError, SIMapsError
 from simaps_viz.language.interpreter import interpret
 from simaps_viz.language.primitives import FUNCTIONS
 from simaps_viz.language.program import parse_program
 from simaps_viz.language.sets import Sets
-from simaps_viz.structures import GridSpec, Instance, Pose2, SIMap
+from simaps_viz.structures import GridSpec, InSpace, Instance, Points, Pose2, SIMap
 
 CLASSES = ("chair", "couch", "dining table", "potted plant")
 SEEDS = range(12)
@@ -406,3 +407,29 @@ def test_every_function_exists_and_says_what_it_means() -> None:
         assert list(taken) == [parameter.name for parameter in function.parameters]
     with pytest.raises(SIMapsError):
         parse_program("robot.face(nowhere('chair'))")
+
+
+def test_what_no_cell_shows_is_spoken_of_where_it_stands_on_or_under_something() -> None:
+    simap = toy_map()
+    table = simap.of_class("dining table")[0]
+    rows, cols = (np.flatnonzero((simap.instance == table.id).any(axis=axis)) for axis in (1, 0))
+    x, y = simap.spec.centre_of(int(rows[len(rows) // 2]), int(cols[len(cols) // 2]))
+    spot = np.array([[x, y, 0.3], [x + simap.spec.cell_size_m, y, 0.3]], np.float32)
+
+    def below(number: int, **others: Any) -> Instance:
+        facts = {"frames": 9, "score": 0.9} | others
+        return Instance(number, "chair", 2, (x, y, 0.3), ((x, y, 0.0), (x, y, 0.3)), **facts)
+
+    chairs = (below(901), below(902, frames=2), below(903, score=0.3))
+    with_hidden = dataclasses.replace(simap, hidden=chairs)
+    numbers = np.repeat(np.array([901, 902, 903], np.int32), 2)
+    points = Points(np.tile(spot, (3, 1)), np.zeros((6, 3), np.uint8), np.ones(6, np.int16), numbers)
+    vars(with_hidden)["_points"] = points
+    box = structures.Box((x, y, 0.15), (0.1, 0.1, 0.3), 0.0)
+    vars(with_hidden)["in_space"] = {one.id: InSpace(box, {}, {table.id: 1.0}, {}, 2, (0, 0, 0)) for one in chairs}
+
+    assert ids(evaluate(simap, TOY_POSE, "under('chair', 'dining table')")) == []
+    found = evaluate(with_hidden, TOY_POSE, "under('chair', 'dining table')")
+    assert ids(found) == [901]  # not what a network saw twice, nor what it was not sure of
+    assert Sets(with_hidden, TOY_POSE).distance_between(found.items[0], [x, y]) == pytest.approx(0.0, abs=0.04)
+    assert ids(evaluate(with_hidden, TOY_POSE, "things('chair')")) == ids(evaluate(simap, TOY_POSE, "things('chair')"))

@@ -105,13 +105,13 @@ def goal_labels(simap: SIMap, goals: Sequence[Goal]) -> list[Label]:
         for one in (goal.instance, goal.other_instance):
             if one:
                 numbers.setdefault(one, []).append(str(number))
-    known = {instance.id: instance for instance in simap.instances}
+    known = {instance.id: instance for instance in (*simap.instances, *simap.hidden)}
     return [label_of(", ".join(texts), known[i]) for i, texts in numbers.items() if i in known]
 
 
 def answer_labels(simap: SIMap, ids: Sequence[int], most: int = 12) -> list[Label]:
     """Name the objects that an answer speaks of, as far as they are on the map; at most so many."""
-    known = {instance.id: instance for instance in simap.instances}
+    known = {instance.id: instance for instance in (*simap.instances, *simap.hidden)}
     return [label_of(known[i].label, known[i]) for i in ids if i in known][:most]
 
 
