@@ -15,6 +15,7 @@ from simaps_viz.errors import InputError
 from simaps_viz.evaluation.quality import score
 from simaps_viz.evaluation.truth import find_truth, truth_of
 from simaps_viz.live.foxglove import FoxgloveLink
+from simaps_viz.live.out import MapPublisher
 from simaps_viz.live.robot import RobotSource
 from simaps_viz.live.run import LiveRequest, LiveRun
 from simaps_viz.live.source import Shot, Traffic
@@ -59,7 +60,11 @@ def live_map(
     source = RobotSource(FoxgloveLink(server.address), TopicNames(), color=False, traffic=traffic)
     found: list[SIMap] = []
     with tempfile.TemporaryDirectory() as folder:
-        run = LiveRun(LiveRequest(source, BuildConfig(), Path(folder) / "m.npz", SILENT_S, traffic=traffic))
+        observers = (MapPublisher(source),)
+        request = LiveRequest(
+            source, BuildConfig(), Path(folder) / "m.npz", SILENT_S, observers=observers, traffic=traffic
+        )
+        run = LiveRun(request)
         thread = threading.Thread(target=lambda: found.append(run.run((), threading.Event())))
         thread.start()
         end_s = time.monotonic() + PATIENCE_S

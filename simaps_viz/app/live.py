@@ -339,7 +339,7 @@ class _LivePage:
     def audience(self, stream: LiveStream, stopped: str) -> Audience:
         """Return the page as the audience of its build; ``stopped``: words for a build that was stopped."""
         return Audience(
-            show=lambda simap: self._opened.publish(simap, growing=True),
+            show=self._show,
             watches=lambda: bool(self._opened.sessions),
             done=lambda simap: self._done(simap, stream),
             stream=stream,
@@ -377,6 +377,10 @@ class _LivePage:
         simap = lambda: self.waiting if self._page is None else self._page.simap  # noqa: E731
         watched = lambda: self._page is not None and bool(self._page.sessions)  # noqa: E731
         return Driver(source, simap, watched, allowed=allowed)
+
+    def _show(self, simap: SIMap) -> None:
+        if simap is not self._opened.simap:
+            self._opened.publish(simap, growing=True)
 
     @property
     def _opened(self) -> Workbench:

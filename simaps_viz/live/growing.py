@@ -9,6 +9,7 @@ blurs every border by half a cell: on a rendered house panoptic quality fell fro
 import os
 import tempfile
 import threading
+import time
 import weakref
 import zlib
 from collections.abc import Sequence
@@ -26,6 +27,7 @@ from simaps_viz.events import BuildFinished, CommunitiesFound, FrameProjected, M
 from simaps_viz.geometry import map_from_world
 from simaps_viz.live.source import Correction, Shot, Source
 from simaps_viz.mapping import finalize
+from simaps_viz.mapping.accumulator import MapAccumulator
 from simaps_viz.mapping.finalize import SequenceFacts
 from simaps_viz.mapping.partition import applied_steps
 from simaps_viz.mapping.simap import joining_threshold
@@ -34,6 +36,8 @@ from simaps_viz.structures import Frame, Intrinsics, Segmentation, SIMap
 
 PLACES = (0.5, np.deg2rad(30.0))
 """Frames are taken from the same place when their cameras share a cube of so many metres, and a sector of headings."""
+SHARE = 0.25
+"""Of the time, on another processor than frames, may be spent on making maps to be looked at."""
 BEHIND = 60
 """Frames that may wait to be put aside."""
 FRAMES_A_PLACE = 60
@@ -95,6 +99,10 @@ class GrowingMap:
         self._one = finalize.empty_accumulator(source, config, steps=True)
         self._kept: list[_Kept] = []
         self._scratch, self._storing = _Scratch(), ThreadPoolExecutor(1, "live-frames")
+        self._maker = ThreadPoolExecutor(1, "live-map")
+        self._making: Future[tuple[SIMap, float]] | None = None
+        self._newest: SIMap | None = None
+        self._make_s = 0.0
         self._far_m = config.projection.far_m
         self._depth_unit_m = self._far_m / 65535
         self._places: dict[tuple[float, ...], int] = {}
@@ -157,7 +165,7 @@ class GrowingMap:
                 frame=frame, segmentation=masks, T_map_camera=T_map_camera,
                 cells=(seen - np.array(self._map.origin_cell, np.int32)).astype(np.int32),
                 new_edges=nothing, new_edge_labels=np.zeros(0, np.int16),
-                snapshot=self._map.snapshot, map_so_far=self.map_so_far,
+                snapshot=self._map.snapshot, map_so_far=self.newest_map,
             )
         ]  # fmt: skip
 
@@ -231,9 +239,26 @@ class GrowingMap:
         """Return the map of all frames so far."""
         return finalize.map_so_far(self._map, self.facts(), self.config)
 
+    def newest_map(self) -> SIMap:
+        """Return the newest map that is made, and have the next one made by another thread: frames do not wait for it.
+
+        Only the first map of all, which is small, is waited for. Making maps takes at most `SHARE` of the time.
+        """
+        making, now_s = self._making, time.monotonic()
+        if making is not None and making.done():
+            (self._newest, took_s), self._making = making.result(), None
+            self._make_s = now_s + took_s * (1.0 / SHARE - 1.0)
+        if self._making is None and now_s >= self._make_s:
+            self._making = self._maker.submit(_made, self._map.copy(), self.facts(), self.config)
+        if self._newest is None:
+            assert self._making is not None
+            self._newest = self._making.result()[0]
+        return self._newest
+
     def finished(self, observers: Sequence[Observer]) -> SIMap:
         """Return the finished map, and notify observers of how it comes about; nothing is placed afterwards."""
         self._storing.shutdown(wait=False)
+        self._maker.shutdown()
         found = finalize.apply_method(finalize.gathered(self._map), self.config)
         threshold = joining_threshold(self.config.method, self.config.parameters())
         applied = applied_steps(found.log, threshold)
@@ -246,3 +271,9 @@ class GrowingMap:
             for observer in observers:
                 observer.on_event(event)
         return simap
+
+
+def _made(accumulator: MapAccumulator, facts: SequenceFacts, config: BuildConfig) -> tuple[SIMap, float]:
+    """Return a map, and how long it took to make, seconds."""
+    began_s = time.monotonic()
+    return finalize.map_so_far(accumulator, facts, config), time.monotonic() - began_s

@@ -27,8 +27,8 @@ OUT = {
 GOAL, GOAL_TYPE = "/goal_pose", "geometry_msgs/msg/PoseStamped"
 EVERY_S = 2.0
 """The map is sent at most so often,"""
-SHARE = 0.1
-"""and takes at most this share of the time."""
+SHARE = 0.05
+"""and takes at most this share of the time of the thread that maps."""
 FREE, OCCUPIED, UNKNOWN = 0, 100, -1
 CUBE, TEXT, ADD, DELETE_ALL = 1, 9, 0, 3
 

@@ -137,7 +137,9 @@ class LiveTransforms:
             link = self._links.get(name)
             if _is_odom(name):
                 below = T
-                T_world_odom = link.held(stamp_ns) if link is not None else T_world_odom
+                if link is not None:
+                    known = bool(self._steps) and stamp_ns < self._steps[-1][0]
+                    T_world_odom = _between(self._steps, np.array([stamp_ns]))[0] if known else link.held(stamp_ns)
                 self._assumed |= link is None
             if link is None:
                 break
@@ -167,13 +169,8 @@ class LiveTransforms:
         since_ns, self._since_ns = self._since_ns, None
         if since_ns is None:
             return None
-        times, poses = (np.array([step[i] for step in self._steps]) for i in (0, 1))
-
-        def then(stamps: NDArray) -> NDArray:
-            """Drift grows from step to step; before the first step and after the last one it is theirs."""
-            return interpolate_poses((times - times[0]) / 1e9, poses, (stamps - times[0]) / 1e9, max_gap_s=np.inf)[0]
-
-        return Correction(since_ns, self.epoch, then)
+        steps = list(self._steps)
+        return Correction(since_ns, self.epoch, lambda stamps: _between(steps, stamps))
 
     def _step(self, stamp_ns: int, T: NDArray) -> None:
         """Take note of map to odom, where it has changed by a step."""
@@ -203,6 +200,15 @@ class LiveTransforms:
 
 def _is_odom(frame: str) -> bool:
     return frame.rpartition("/")[2].startswith(ODOM)
+
+
+def _between(steps: list[tuple[int, NDArray]], stamps: NDArray) -> NDArray:
+    """Return T_world_odom, float64 [n, 4, 4], at times in ns: drift grows evenly from step to step.
+
+    Before the first step and after the last one it is theirs.
+    """
+    times, poses = (np.array([step[i] for step in steps]) for i in (0, 1))
+    return interpolate_poses((times - times[0]) / 1e9, poses, (stamps - times[0]) / 1e9, max_gap_s=np.inf)[0]
 
 
 def _far(one: NDArray, other: NDArray) -> bool:

@@ -111,6 +111,18 @@ def test_only_frames_since_the_correction_move(tiny):
     assert np.array_equal(after[:6], before[:6]) and np.allclose(after[6:], TURNED @ before[6:])
 
 
+def test_maps_to_look_at_are_made_beside_the_frames_and_become_newer(tiny, monkeypatch):
+    monkeypatch.setattr(growing, "SHARE", 1.0)
+    one = GrowingMap(PlayedSequence(tiny), BuildConfig())
+    events = [event for shot in shots(tiny) for event in one.add(shot)]
+    newest = events[-1].map_so_far
+    assert newest is not None
+    first = newest()
+    assert len(first.frame_names) == FRAMES
+    until(lambda: newest() is not first)
+    same(newest(), build_map(tiny))
+
+
 class Silent(PlayedSequence):
     """A source that never sends anything more after its first frames."""
 
