@@ -19,7 +19,7 @@ RECORDING_MS, SETTLED_MS = 20_000, 3_000
 RIDE_MS = 6_000
 PAUSE_MS = 150
 """viser's page sends only the last of all changes within 50 ms."""
-COMPARED_MS = 120_000
+COMPARED_MS, SURFACE_MS = 120_000, 8_000
 
 Scene = Callable[["Page", "Session"], None]
 
@@ -79,7 +79,16 @@ def time(page: "Page", session: "Session") -> None:
     session.show_frame(len(session.simap.frame_names) // 3)
 
 
+def room(page: "Page", session: "Session") -> None:
+    """Look at the room in 3-D, as it looked."""
+    session.select(None)
+    _tab(page, "Map")
+    page.get_by_role("button", name="3-D view").click()
+    page.wait_for_timeout(SURFACE_MS)
+
+
 PICTURES = (
+    Picture("room", room),
     Picture("workbench", an_object),
     Picture("why", why),
     Picture("command", command),

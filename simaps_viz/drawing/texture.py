@@ -18,7 +18,7 @@ from simaps_viz.colors.instances import class_colors, instance_colors
 from simaps_viz.colors.palette import PALETTE, Color
 from simaps_viz.drawing.theme import LIGHT, Theme
 from simaps_viz.geometry import STANDS_FROM_M
-from simaps_viz.mapping.in_space import has_voxels, space_points
+from simaps_viz.mapping.in_space import space_points
 from simaps_viz.structures import Grid, GridSpec, SIMap
 
 ColorMode = Literal["instance", "class", "height", "observations", "photo"]
@@ -32,6 +32,8 @@ BORDER = 0.55
 """Factor that darkens the rim of an object."""
 FADED = 0.22
 """How much of its colour is left to what is not emphasised."""
+TINT = 0.25
+"""Share of its object's colour in a cell of the photo."""
 HEIGHT_TOP_M = 2.0
 
 MAX_TEXTURE_PIXELS = 1600
@@ -155,20 +157,25 @@ def map_image(
         uint8 [rows * scale, cols * scale, 3], RGB, row 0 at the south.
     """
     colors = cell_colors(simap, mode, lit=lit, hidden=hidden, theme=theme)
-    if scale == 1:
+    if scale == 1 and mode != "photo":
         return colors
     image = cv2.resize(colors, None, fx=scale, fy=scale, interpolation=cv2.INTER_NEAREST)
     if scale >= 3 and mode in ("instance", "class"):
         _draw_rims(image, (colors * BORDER).astype(np.uint8), simap.instance, scale)
-    elif mode == "photo" and scale > 1:
-        rims = cell_colors(simap, "instance", lit=lit, hidden=hidden, theme=theme)
-        _draw_rims(image, rims, simap.instance, scale)
+    elif mode == "photo":
+        # Objects are tinted and outlined in their colours, as a photo alone does not tell them apart.
+        own = cell_colors(simap, "instance", lit=lit, hidden=hidden, theme=theme)
+        tinted = (colors * (1.0 - TINT) + own * TINT).astype(np.uint8)
+        tinted = np.where((simap.instance > 0)[..., None], tinted, colors)
+        image = cv2.resize(tinted, None, fx=scale, fy=scale, interpolation=cv2.INTER_NEAREST)
+        _draw_rims(image, own, simap.instance, scale, width=max(1, scale // 3))
     return image
 
 
 def color_modes(simap: SIMap) -> tuple[ColorMode, ...]:
     """Return the colour modes of a map: "photo" only where it knows the colours of its surface."""
-    return COLOR_MODES if has_voxels(simap) else tuple(mode for mode in COLOR_MODES if mode != "photo")
+    seen = simap.surface is not None and simap.surface.color.size > 0
+    return COLOR_MODES if seen else tuple(mode for mode in COLOR_MODES if mode != "photo")
 
 
 def photo(simap: SIMap, theme: Theme = LIGHT) -> NDArray:
@@ -238,24 +245,25 @@ def _ramp(values: NDArray, unseen: NDArray, theme: Theme) -> NDArray:
     return colors
 
 
-def _draw_rims(image: NDArray, colors: NDArray, instance: NDArray, scale: int) -> None:
+def _draw_rims(image: NDArray, colors: NDArray, instance: NDArray, scale: int, width: int = 1) -> None:
     """Give, in place, the pixels of an instance that touch another or none the colour of their cell in ``colors``.
 
-    Works on cells and writes only their outermost pixel rows and columns: a fraction of the picture.
+    Works on cells and writes only their outermost pixel rows and columns, ``width`` of them: a fraction of the picture.
     """
     rows, cols = instance.shape
     pixels = image.reshape(rows, scale, cols, scale, 3)
     rims = colors[:, :, None, :]
     padded = np.pad(instance, 1)
-    sides = (
-        (pixels[:, 0], padded[:-2, 1:-1]),
-        (pixels[:, -1], padded[2:, 1:-1]),
-        (pixels[:, :, :, 0].swapaxes(1, 2), padded[1:-1, :-2]),
-        (pixels[:, :, :, -1].swapaxes(1, 2), padded[1:-1, 2:]),
-    )
-    for side, neighbour in sides:
-        edge = (instance > 0) & (instance != neighbour)
-        np.copyto(side, rims, where=edge[:, :, None, None])
+    for at in range(width):
+        sides = (
+            (pixels[:, at], padded[:-2, 1:-1]),
+            (pixels[:, -1 - at], padded[2:, 1:-1]),
+            (pixels[:, :, :, at].swapaxes(1, 2), padded[1:-1, :-2]),
+            (pixels[:, :, :, -1 - at].swapaxes(1, 2), padded[1:-1, 2:]),
+        )
+        for side, neighbour in sides:
+            edge = (instance > 0) & (instance != neighbour)
+            np.copyto(side, rims, where=edge[:, :, None, None])
 
 
 def sketch_png(grid: Grid, camera_m: NDArray, theme: Theme = LIGHT) -> bytes:

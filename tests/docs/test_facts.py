@@ -50,7 +50,10 @@ def test_every_array_of_a_map_file_is_on_its_page():
     page = (ROOT / "docs" / "CONVENTIONS.md").read_text().partition("## A map file")[2]
     rows = re.findall(r"^\| `(\w+)` \| (\w+) \[(.*?)\] \|", page, re.M)
     stated = {name: (dtype, len(shape.split(",")) if shape else 0) for name, dtype, shape in rows}
-    arrays = {name: (np.dtype(dtype).name, axes) for name, (dtype, axes) in {**file._ARRAYS, **file._SEEN}.items()}
+    arrays = {
+        name: (np.dtype(dtype).name, axes)
+        for name, (dtype, axes) in {**file._ARRAYS, **file._SEEN, **file._SURFACE}.items()
+    }
     assert stated == {"metadata": ("str", 0), **arrays}
 
 

@@ -72,7 +72,7 @@ class MapPanel(Panel):
             by_person(slider, self._cut)
         self._reset = button(gui, "Reset", self.reset, icon=viser.Icon.ARROW_BACK_UP, color="gray")
         # What is painted.
-        self._mode = gui.add_dropdown("Colours", color_modes(simap), initial_value="instance", hint=MODE_HINT)
+        self._mode = gui.add_dropdown("Colours", color_modes(simap), initial_value=_first_mode(simap), hint=MODE_HINT)
         self._class = gui.add_dropdown(
             "Show", (EVERY_CLASS, *simap.counts()), initial_value=EVERY_CLASS, hint="Emphasise one class."
         )
@@ -118,7 +118,8 @@ class MapPanel(Panel):
         self._cut_m.visible = self._walls.visible = surface
         if surface != self._in_space:
             before, now = self.mode, self._other_mode
-            self._in_space, self._other_mode, self._mode.value = surface, before, now
+            self._in_space, self._other_mode = surface, before
+            self._mode.value = now if now in self._mode.options else "instance"
 
     def map_changed(self, simap: SIMap) -> None:
         """Offer the colours that the map has."""
@@ -201,6 +202,11 @@ class MapPanel(Panel):
             self._busy, self._counts_before = True, str(self._counts.content)
             self._counts.content = _line("Cutting the map anew …")
         self._page.cut_map(self.percent, self.resolution)
+
+
+def _first_mode(simap: SIMap) -> ColorMode:
+    """Return what a page shows at first: a real place as it looked, where that is known, else its objects."""
+    return "photo" if "photo" in color_modes(simap) and not simap.provenance.get("simulated") else "instance"
 
 
 def origin_html(simap: SIMap) -> str:
