@@ -48,7 +48,13 @@ class Agreement:
 
 
 def residuals(
-    views: Views, pairs: NDArray, T_target_source: NDArray, camera: NDArray, unit_m: float, every: int = 1
+    views: Views,
+    pairs: NDArray,
+    T_target_source: NDArray,
+    camera: NDArray,
+    unit_m: float,
+    every: int = 1,
+    near_m: float = 0.0,
 ) -> NDArray:
     """Compare sampled points of source views with the depth of target views.
 
@@ -59,6 +65,7 @@ def residuals(
         camera: float64 [4], fx, fy, cx, cy of the full image, pixels.
         unit_m: Metres a step of depth.
         every: Take only every so-manieth sample.
+        near_m: Least depth that residuals are shares of.
 
     Returns:
         float32 [p, s], (expected - measured) / measured depth; NaN = no sample, infinite = fell on nothing measured,
@@ -68,7 +75,7 @@ def residuals(
     out = np.full((len(pairs), pixels.shape[1]), np.nan, np.float32)
     if len(pairs):
         transforms = np.ascontiguousarray(T_target_source, np.float64)
-        _residuals(views.steps, pixels, pairs, transforms, views.camera(camera), float(unit_m), out)
+        _residuals(views.steps, pixels, pairs, transforms, views.camera(camera), float(unit_m), near_m, out)
     return out
 
 
@@ -102,7 +109,7 @@ def relative_poses(poses: NDArray, frames: NDArray, pairs: NDArray) -> NDArray:
 
 
 @njit(cache=True)
-def _residuals(steps, pixels, pairs, transforms, camera, unit_m, out):
+def _residuals(steps, pixels, pairs, transforms, camera, unit_m, near_m, out):
     fx, fy, cx, cy = camera
     height, width = steps.shape[1:]
     for p in range(len(pairs)):
@@ -125,7 +132,7 @@ def _residuals(steps, pixels, pairs, transforms, camera, unit_m, out):
                 continue
             measured = _interpolated(steps[target], column, row) * unit_m
             if measured > 0:
-                out[p, s] = (depth - measured) / measured
+                out[p, s] = (depth - measured) / max(measured, near_m)
 
 
 @njit(cache=True)

@@ -22,7 +22,7 @@ from simaps_viz.checking.search import (
     search,
     snapped_unit,
 )
-from simaps_viz.checking.timing import best_jump, best_shift, duplicates, locate, measure
+from simaps_viz.checking.timing import best_jump, best_offset, best_shift, duplicates, locate, measure, quality_by_pair
 from simaps_viz.checking.views import in_views, load_views, neighbour_pairs, revisit_pairs
 from simaps_viz.events import Progress
 
@@ -32,6 +32,12 @@ ROUNDS = 3
 """Rounds of looking for a shift and for a camera in turn; each may hide the other."""
 CREDIBLE = 0.4
 """Agreement below which a reading explains nothing, however much better it is than the files' own word."""
+CALIBRATED = 1.3
+"""Depth scales further off are no matter of calibration."""
+MINOR_GAIN = 0.03
+"""Agreement that a small change of camera and depth scale has to gain: one of no more is what noise and time make."""
+UNTIMED_GAIN = 0.1
+"""The same where poses were interpolated, which leaves frames disagreeing a little."""
 FEWEST_PAIRS = 10
 """For fitting, each counted in both directions; fewer fit too much."""
 MAX_PAIRS = 120
@@ -100,13 +106,15 @@ def diagnose(recording: Recording, progress: Progress = lambda *_: None) -> Diag
     progress("looking for the floor", 0, 1)
     level, reading = _level(recording, views, reading)
     progress("looking for the floor", 1, 1)
-    if still is not None and still.severity == "error":
-        level = None
     after = score(recording, views, pairs, reading)
-    findings = [still] if still else []
-    findings += faults.of_reading(recording, views, pairs, reading)
-    findings += faults.of_level(recording, level) if still is None or still.severity != "error" else []
-    findings += faults.of_what_is_left(recording, views, pairs, reading, after) if still is None else []
+    findings = [still] if still else faults.of_what_is_left(recording, views, pairs, reading, after)
+    lost = any(finding.kind == "disagreement" and finding.severity == "error" for finding in findings)
+    level = None if lost else level  # surfaces put together wrongly show neither up nor the floor
+    findings = [
+        *faults.of_reading(recording, views, pairs, reading),
+        *([] if lost else faults.of_level(recording, level)),
+        *findings,
+    ]
     findings += [unregistered] if unregistered else []
     return Diagnosis(
         recording=recording,
@@ -129,9 +137,24 @@ def _moving(recording: Recording, views: Views, pairs: NDArray, progress: Progre
     progress("trying conventions", 1, 1)
     reading = _unit_without_motion(recording, views, _units(recording, views, scored[0].reading))
     reading = _calibrate(recording, views, pairs, reading, progress)
+    reading = _without_idle_changes(recording, views, pairs, reading)
     if not mirrored(recording) and score(recording, views, pairs, reading).share < CREDIBLE:
         return Reading(), scored  # where frames hardly overlap, chance finds something among thousands
     return reading, scored
+
+
+def _without_idle_changes(recording: Recording, views: Views, pairs: NDArray, reading: Reading) -> Reading:
+    """Take back changes without which neighbouring frames agree as well."""
+    timing = {"shift": 0, "shift_later": None, "shift_from": 0}
+    for changes in ({"camera": None}, {"depth_factor": 1.0}, {"position_factor": 1.0}, timing):
+        without = replace(reading, **changes)
+        before, after = (score(recording, views, pairs, one) for one in (without, reading))
+        least = faults.GAIN
+        if changes is not timing:
+            least = UNTIMED_GAIN if reading.shift % 1 else MINOR_GAIN if faults.minor(recording, reading) else least
+        if not (faults.gains(before, after, least) or (changes is timing and faults.comes_closer(before, after))):
+            reading = without
+    return reading
 
 
 def _registration(
@@ -182,11 +205,14 @@ def _shift(recording: Recording, views: Views, pairs: NDArray, reading: Reading,
     shifts = measure(recording, views, everything, reading)
     if reading.shift_later is not None:
         return reading
-    shift = best_shift(shifts, reading.shift)
-    jump = best_jump(measure(recording, views, pairs, reading), shift)
+    moved = replace(reading, shift=best_shift(shifts, round(reading.shift)))
+    moved = replace(moved, shift=best_offset(recording, views, everything, moved))
+    posed, now = moved.posed_pairs(recording, views, pairs), np.full(len(pairs), np.nan)
+    now[posed] = quality_by_pair(moved.residuals(recording, views, pairs[posed]))
+    jump = best_jump(measure(recording, views, pairs, reading), now, round(moved.shift))
     if jump is not None:
         return locate(recording, replace(reading, shift=jump[0], shift_later=jump[1], shift_from=jump[2]), progress)
-    return reading if shift == reading.shift else replace(reading, shift=shift)
+    return reading if moved.shift == reading.shift else moved
 
 
 def _camera(recording: Recording, views: Views, pairs: NDArray, reading: Reading) -> Reading:
@@ -203,6 +229,8 @@ def _camera(recording: Recording, views: Views, pairs: NDArray, reading: Reading
     if found is None:
         return reading
     name, fit = found
+    if abs(np.log(fit.scale)) > np.log(CALIBRATED):
+        return reading  # a camera that hardly moves shows no scale; mistaken units were tried before
     if name != "scale":
         reading = replace(reading, camera=fit.camera)
     if name in ("scale", "all"):

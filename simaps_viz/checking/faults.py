@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from simaps_viz.checking.agreement import AGREES, Agreement, Views, summarise
+from simaps_viz.checking.drift import find_drift
 from simaps_viz.checking.level import Level
 from simaps_viz.checking.recording import Convention, Reading, Recording
 from simaps_viz.checking.registration import Offset
@@ -77,17 +78,25 @@ FEW = 5
 """Frames named in a message."""
 DISAGREE, DOUBTFUL = 0.4, 0.6
 """Shares of agreement below which something is wrong, or may be."""
-DRIFTED = 0.06
-"""Share of the surfaces of places seen again that are seen through, from which on poses drift; in sound sequences,
-real ones too, it is below 0.01."""
 ODD, SEEN = 0.3, 0.15
 """A pair is odd when less than the first share agrees of what has to, if that is more than the second share of all."""
-MISREGISTERED, SURE = 0.014, 1.8
-"""Offset as a share of the width, and how far its peak has to stand out, before depth is called unregistered."""
-WORTH_SAYING = 0.001
-"""A smaller gain of agreement is not one."""
+MISREGISTERED, SURE, STRONGER = 0.014, 1.7, 1.5
+"""Offset as a share of the width; how many times as high as other peaks its peak is, and as strong as colour's edges
+are without it; each has to be more before depth is called unregistered."""
+GAIN = 0.01
+"""A smaller gain of agreement, as a share of what both frames see or of all, is none."""
+LATE = 0.85
+"""Frames; a shift by no more is a matter of time stamps, and by more, one of frames."""
+CLOSER = 0.9
+"""Share of the median residual that a change has to leave, where it does not gain as much."""
+STEP_S = (0.001, 10.0)
+"""Between frames, if their names are times."""
+MINOR = 0.06
+"""Camera and depth scale that are off by no more (as a share, of the focal length) bend a map less than it is fine."""
 DRIFT_GAP = 0.25
 """Share of the sequence between two visits that drift is judged by."""
+MAX_NEIGHBOURS = 40
+"""Pairs of neighbouring views that places seen again are compared with."""
 FEWEST_REVISITS = 6
 """Pairs of views, each in both directions, that drift is judged by."""
 _PLAIN = Convention()
@@ -118,6 +127,28 @@ def unjudged(recording: Recording, frames: NDArray, stated: Agreement) -> Findin
     return Finding("unjudged", "note", "The camera does not move, so poses and camera cannot be judged from frames.")
 
 
+def gains(before: Agreement, after: Agreement, least: float = GAIN) -> bool:
+    """Whether frames agree better by as much as is worth saying."""
+    return after.share >= before.share + least or after.kept >= before.kept + least
+
+
+def comes_closer(before: Agreement, after: Agreement) -> bool:
+    """Whether the surfaces that frames share come closer together by as much as is worth saying."""
+    return after.median < CLOSER * before.median
+
+
+def minor(recording: Recording, reading: Reading) -> bool:
+    """Whether camera and depth scale differ little from the stated ones."""
+    return max(map(abs, _off(recording, reading))) <= MINOR
+
+
+def _off(recording: Recording, reading: Reading) -> tuple[float, ...]:
+    """Return by how much camera and depth scale differ, shares of the stated ones; the centre's of the focal length."""
+    stated, found = recording.camera, reading.camera_of(recording)
+    camera = (*(found[:2] / stated[:2] - 1), *((found[2:] - stated[2:]) / stated[:2]))
+    return (*map(float, camera), reading.depth_factor - 1, reading.position_factor - 1)
+
+
 def of_reading(recording: Recording, views: Views, pairs: NDArray, reading: Reading) -> list[Finding]:
     """Describe every change of a reading, each with the agreement of frames without and with it."""
     after = score(recording, views, pairs, reading)
@@ -125,8 +156,11 @@ def of_reading(recording: Recording, views: Views, pairs: NDArray, reading: Read
     def gain(without: Reading) -> tuple[str, dict[str, Any]]:
         before = score(recording, views, pairs, without)
         words = f"raises agreement of neighbouring frames from {before.percent()} % to {after.percent()} %"
-        if after.share - before.share < WORTH_SAYING:
+        if after.percent() <= before.percent():
             words = "fits a room, though these frames alone do not show it"
+            if comes_closer(before, after):
+                apart = f"{100 * before.median:.2f} to {100 * after.median:.2f} % of the depth"
+                words = f"brings the same surfaces in neighbouring frames from {apart} apart"
         return words, {"agreement_before": round(before.share, 4), "agreement_after": round(after.share, 4)}
 
     found = []
@@ -173,15 +207,20 @@ def _units(recording: Recording, reading: Reading, gain: Any, views: Views) -> l
             f"{reading.depth_factor:.4g}) makes the median depth {median_depth_m(views, unit_m):.2f} m and {words}."
         )
         measure = {"stated_m": recording.unit_m, "found_m": unit_m, "factor": reading.depth_factor, **measure}
-        found.append(Finding("depth_unit", "error", text, measure))
+        found.append(Finding("depth_unit", _severity(reading.depth_factor - 1), text, measure))
     if reading.position_factor != 1:
         words, measure = gain(replace(reading, position_factor=1.0))
         text = (
             f"Camera positions look written in another unit than metres: multiplying them by "
             f"{reading.position_factor:.4g} {words}."
         )
-        found.append(Finding("position_unit", "error", text, {"factor": reading.position_factor, **measure}))
+        severity = _severity(reading.position_factor - 1)
+        found.append(Finding("position_unit", severity, text, {"factor": reading.position_factor, **measure}))
     return found
+
+
+def _severity(*off: float) -> Severity:
+    return "warning" if max(map(abs, off)) <= MINOR else "error"
 
 
 def _shifts(recording: Recording, reading: Reading, gain: Any, views: Views) -> list[Finding]:
@@ -198,8 +237,18 @@ def _shifts(recording: Recording, reading: Reading, gain: Any, views: Views) -> 
         found.append(Finding("dropped_frame", "error", text, measure))
     elif reading.shift:
         words, measure = gain(replace(reading, shift=0))
-        text = f"Poses and images are shifted against one another: taking {_shift_words(reading.shift)} {words}."
-        found.append(Finding("frame_shift", "error", text, {"shift": reading.shift, **measure}))
+        step_s = frame_step_s(recording)
+        if step_s is not None:
+            measure["shift_ms"] = round(1000 * step_s * reading.shift, 1)
+        if abs(reading.shift) <= LATE:
+            amount = f"{abs(reading.shift):.2f} of the time between frames"
+            amount = amount if step_s is None else f"{abs(1000 * step_s * reading.shift):.0f} ms"
+            side = "late" if reading.shift > 0 else "early"
+            text = f"Poses come {amount} too {side} for their images: interpolating them {words}."
+            found.append(Finding("time_offset", "warning", text, {"shift": reading.shift, **measure}))
+        else:
+            text = f"Poses and images are shifted against one another: taking {_shift_words(reading.shift)} {words}."
+            found.append(Finding("frame_shift", "error", text, {"shift": reading.shift, **measure}))
     if reading.left_out:
         listed = [names[i] for i in reading.left_out]
         text = (
@@ -231,7 +280,8 @@ def _intrinsics(recording: Recording, reading: Reading, gain: Any, views: Views)
         "found": dict(zip(names, map(float, np.round(found, 3)), strict=True)),
         **measure,
     }
-    return [Finding("intrinsics", "error", text, measure)]
+    off = _off(recording, Reading(camera=reading.camera))
+    return [Finding("intrinsics", _severity(*off), text, measure)]
 
 
 def of_level(recording: Recording, level: Level | None) -> list[Finding]:
@@ -277,7 +327,7 @@ def of_what_is_left(
         )
         return [Finding("disagreement", severity, text, {"agreement": round(after.share, 4)})]
     found += _odd_frames(recording, views, pairs, residual)
-    found += _drift(recording, views, reading, residual)
+    found += _drift(recording, views, pairs, reading, residual)
     return found
 
 
@@ -296,35 +346,27 @@ def _odd_frames(recording: Recording, views: Views, pairs: NDArray, residual: ND
     return [Finding("odd_frames", "warning", text, {"pairs": [list(pair) for pair in names]})]
 
 
-def _drift(recording: Recording, views: Views, reading: Reading, residual: NDArray) -> list[Finding]:
-    """Compare places seen again with neighbours: surfaces that are seen through are not where they were."""
+def _drift(recording: Recording, views: Views, pairs: NDArray, reading: Reading, residual: NDArray) -> list[Finding]:
+    """Compare places seen again, the later the better."""
     poses = reading.poses(recording)
     revisits = revisit_pairs(views, poses, round(DRIFT_GAP * len(recording)))
     if len(revisits) < FEWEST_REVISITS:
         revisits = revisit_pairs(views, poses)
     if len(revisits) < FEWEST_REVISITS:
         return []
-    again = reading.residuals(recording, views, revisits)
-    through, through_neighbours = _seen_through(again), _seen_through(residual)
-    if through < DRIFTED or through < 3 * through_neighbours:
+    few = pairs[:: max(1, len(pairs) // MAX_NEIGHBOURS)]
+    drift = find_drift(views, revisits, few, poses, reading.camera_of(recording), reading.unit_m(recording))
+    if drift is None:
         return []
-    share, neighbours = summarise(again).share, summarise(residual).share
-    missed = np.abs(again[np.isfinite(again) & (np.abs(again) > AGREES)])
-    off_m = float(np.median(missed)) * median_depth_m(views, reading.unit_m(recording))
+    neighbours = summarise(residual).share
     text = (
         f"Poses drift: neighbouring frames agree on {100 * neighbours:.0f} % of what both see, frames of a place "
-        f"visited again on {100 * share:.0f} %; there {100 * through:.0f} % of the surfaces are seen through (about "
-        f"{off_m:.2f} m off). Objects will appear twice. Close the loops in the tracking that made the poses."
+        f"visited again on {100 * drift.agreement:.0f} %, but on {100 * drift.mended:.0f} % once moved by about "
+        f"{drift.off_m:.2f} m. Objects will appear twice. Close the loops in the tracking that made the poses."
     )
-    measure = {"agreement": round(neighbours, 4), "agreement_revisits": round(share, 4),
-               "seen_through": round(through, 4), "off_m": round(off_m, 3)}  # fmt: skip
+    measure = {"agreement": round(neighbours, 4), "agreement_revisits": round(drift.agreement, 4),
+               "agreement_moved": round(drift.mended, 4), "off_m": round(drift.off_m, 3)}  # fmt: skip
     return [Finding("drift", "error", text, measure)]
-
-
-def _seen_through(residual: NDArray) -> float:
-    """Return the share of points, among those not hidden, that should be in front of what was measured (0-1)."""
-    through, agree = (residual < -AGREES).sum(), (np.abs(residual) <= AGREES).sum()
-    return float(through / max(through + agree, 1))
 
 
 def unregistered(recording: Recording, offset: Offset | None) -> Finding | None:
@@ -336,7 +378,9 @@ def unregistered(recording: Recording, offset: Offset | None) -> Finding | None:
             "it aligned to the colour camera."
         )
         return Finding("unregistered_depth", "error", text, {"depth": sizes[0], "color": sizes[1]})
-    if offset is None or max(abs(offset.right), abs(offset.down)) < MISREGISTERED or offset.sure < SURE:
+    if offset is None or max(abs(offset.right), abs(offset.down)) < MISREGISTERED:
+        return None
+    if offset.sure < SURE or offset.gain < STRONGER:
         return None
     width = recording.color_size[0]
     sides = ((offset.right * width, "right", "left"), (offset.down * width, "down", "up"))
@@ -381,9 +425,20 @@ def plain_words(recording: Recording, reading: Reading) -> str | None:
     return "; ".join(words) or None
 
 
-def _shift_words(shift: int) -> str:
+def _shift_words(shift: float) -> str:
     if shift == 0:
         return "each frame's own pose"
     where = "after" if shift > 0 else "before"
-    count = abs(shift)
-    return f"the pose written {count} frame{'s' if count > 1 else ''} {where}"
+    return f"the pose written {abs(shift):.3g} frame{'s' if abs(shift) != 1 else ''} {where}"
+
+
+def frame_step_s(recording: Recording) -> float | None:
+    """Return the usual time between frames, seconds; None where frames are not named by their time."""
+    try:
+        times = np.array([float(name) for name in recording.names])
+    except ValueError:
+        return None
+    steps = np.diff(times)
+    step = float(np.median(steps)) if len(steps) else 0.0
+    timed = all("." in name for name in recording.names) and bool((steps > 0).all())
+    return step if timed and STEP_S[0] < step < STEP_S[1] else None

@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from simaps_viz.checking.agreement import Views, relative_poses, residuals
+from simaps_viz.datasets.association import interpolate_poses
 from simaps_viz.datasets.calibration import camera_matrix, pose_rows
 from simaps_viz.datasets.file_frames import MAX_STEP, check_size
 from simaps_viz.datasets.images import read_color, read_depth
@@ -286,8 +287,8 @@ class Reading:
     """On the depth unit."""
     position_factor: float = 1.0
     """On the written positions."""
-    shift: int = 0
-    """Frame i has the pose written for frame i + shift ..."""
+    shift: float = 0
+    """Frame i has the pose written for frame i + shift, interpolated where that is no whole number ..."""
     shift_later: int | None = None
     """... or, from ``shift_from`` on, that written for frame i + shift_later."""
     shift_from: int = 0
@@ -297,8 +298,8 @@ class Reading:
     """float64 [4], fx, fy, cx, cy in place of those stated."""
 
     def shifts(self, count: int) -> NDArray:
-        """Return for each frame how far away its pose is written, int64 [n]."""
-        shifts = np.full(count, self.shift, np.int64)
+        """Return for each frame how far away its pose is written, float64 [n]."""
+        shifts = np.full(count, self.shift, np.float64)
         if self.shift_later is not None:
             shifts[self.shift_from :] = self.shift_later
         return shifts
@@ -306,15 +307,19 @@ class Reading:
     def posed(self, count: int) -> NDArray:
         """Return which frames have a pose, bool [n]: a shift leaves some at an end without."""
         row = np.arange(count) + self.shifts(count)
-        posed = (row >= 0) & (row < count)
+        posed = (row >= 0) & (row <= count - 1)
         posed[list(self.left_out)] = False
         return posed
 
     def poses(self, recording: Recording) -> NDArray:
         """Return T_world_camera, float64 [n, 4, 4]; NaN for frames that have none."""
         count = len(recording)
-        row = np.arange(count) + self.shifts(count)
-        poses = self.convention.apply(recording.matrices)[np.clip(row, 0, count - 1)]
+        row = np.clip(np.arange(count) + self.shifts(count), 0, count - 1)
+        poses = self.convention.apply(recording.matrices)
+        if (row % 1).any() and (np.linalg.det(poses[:, :3, :3]) > 0).all():
+            poses, _ = interpolate_poses(np.arange(count, dtype=float), poses, row, max_gap_s=2.0)
+        else:
+            poses = poses[np.rint(row).astype(np.int64)]
         poses[:, :3, 3] *= self.position_factor
         poses[~self.posed(count)] = np.nan
         return poses

@@ -9,13 +9,15 @@ from numpy.typing import NDArray
 from simaps_viz.checking.agreement import Views
 from simaps_viz.checking.recording import Recording
 
-FRAMES = 14
+FRAMES = 24
 FEWEST = 8
 """Frames with edges; in fewer, chance decides."""
 WIDTH = 256
 """Both images are brought to about this width, pixels."""
 REACH = 0.08
 """Offsets up to this share of the width are tried."""
+NARROW_PX, BROAD_PX, PEAK_PX = 0.8, 4.0, 4
+"""Widths (standard deviations) between which a peak lies, and what belongs to it all around, pixels of `WIDTH`."""
 JUMP = 0.1
 """Share of the depth that makes an edge."""
 
@@ -31,7 +33,7 @@ class Offset:
     gain: float
     """Mean colour edge strength under depth edges there, over that without moving."""
     sure: float
-    """How far the peak stands out of the rest, standard deviations of the table of offsets."""
+    """How many times as high as the second highest peak the highest one is."""
 
 
 def find_offset(recording: Recording, views: Views) -> Offset | None:
@@ -55,15 +57,18 @@ def find_offset(recording: Recording, views: Views) -> Offset | None:
         table = scores if table is None else table + scores
     if table is None or used < FEWEST or not table.any():
         return None
-    table = cv2.GaussianBlur(table, (0, 0), 0.7)
+    strength = cv2.GaussianBlur(table, (0, 0), NARROW_PX)
+    # Edges that are the same give a narrow peak; that some parts of the picture have more edges gives broad ones.
+    table = strength - cv2.GaussianBlur(table, (0, 0), BROAD_PX)
     reach = table.shape[0] // 2
-    row, column = np.unravel_index(int(table.argmax()), table.shape)
-    spread = float(table.std()) + 1e-9
+    row, column = (int(at) for at in np.unravel_index(int(table.argmax()), table.shape))
+    rest = table.copy()
+    rest[max(row - PEAK_PX, 0) : row + PEAK_PX + 1, max(column - PEAK_PX, 0) : column + PEAK_PX + 1] = 0
     return Offset(
-        right=(int(column) - reach) / WIDTH,
-        down=(int(row) - reach) / WIDTH,
-        gain=float(table[row, column] / max(table[reach, reach], 1e-9)),
-        sure=float((table[row, column] - table[reach, reach]) / spread),
+        right=(column - reach) / WIDTH,
+        down=(row - reach) / WIDTH,
+        gain=float(strength[row, column] / max(float(strength[reach, reach]), 1e-9)),
+        sure=float(table[row, column] / max(float(rest.max()), 1e-9)),
     )
 
 

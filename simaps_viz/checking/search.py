@@ -342,5 +342,5 @@ def _worth_showing(chosen: Reading, proper: bool) -> Sequence[Reading]:
     return [r for r in found if not (_key(r) in keys or keys.add(_key(r)))]
 
 
-def _key(reading: Reading) -> tuple[Convention, float, int]:
+def _key(reading: Reading) -> tuple[Convention, float, float]:
     return reading.convention, reading.depth_factor, reading.shift

@@ -13,6 +13,11 @@ from simaps_viz.events import Progress
 SHIFTS = (0, -1, 1, -2, 2, -3, 3)
 GAIN = 0.05
 """Relative gain of quality that a shift has to bring ..."""
+FRACTIONS = tuple(i / 4 for i in range(-3, 4))
+LEAST_FRACTION = 0.1
+"""Of a frame; less does not matter."""
+OFFSET_GAIN = 0.01
+"""Relative gain of quality that a fraction of a frame has to bring."""
 SURE = 3.0
 """... and how many standard errors of its mean over the pairs that has to be."""
 FEWEST = 4
@@ -57,8 +62,46 @@ def best_shift(shifts: Shifts, current: int = 0) -> int:
     return SHIFTS[column] if _clear(table[:, column] - before, before.mean()) else current
 
 
-def best_jump(shifts: Shifts, current: int = 0) -> tuple[int, int, int] | None:
+def best_offset(recording: Recording, views: Views, pairs: NDArray, reading: Reading) -> float:
+    """Return the shift of poses, to fractions of a frame, that fits better than the reading's whole number of frames.
+
+    Interpolated poses are smoother than written ones, which alone makes frames agree better; so a shift also has to fit
+    better than the same one the other way.
+    """
+
+    def quality(shift: float) -> NDArray:
+        moved = replace(reading, shift=shift)
+        posed, found = moved.posed_pairs(recording, views, pairs), np.full(len(pairs), np.nan)
+        found[posed] = quality_by_pair(moved.residuals(recording, views, pairs[posed]))
+        return found
+
+    tried = np.stack([quality(reading.shift + fraction) for fraction in FRACTIONS])
+    tried = tried[:, np.isfinite(tried).all(axis=0)]
+    if tried.shape[1] < FEWEST:
+        return reading.shift
+    mean = tried.mean(axis=1)
+    at = int(np.clip(np.argmax(mean), 1, len(mean) - 2))
+    before, top, after = mean[at - 1 : at + 2]  # the top of the parabola through these is where it fits best
+    bend = before - 2 * top + after
+    step = FRACTIONS[1] - FRACTIONS[0]
+    fraction = FRACTIONS[at] + float(np.clip(step * (before - after) / (2 * bend), -step, step)) if bend < 0 else 0.0
+    if abs(fraction) < LEAST_FRACTION:
+        return reading.shift
+    stated, moved, other = (quality(reading.shift + by) for by in (0.0, fraction, -fraction))
+    known = np.isfinite(stated + moved + other)
+    level = float(stated[known].mean())
+    if not all(_clear((moved - one)[known], level, OFFSET_GAIN) for one in (stated, other)):
+        return reading.shift
+    return round(reading.shift + fraction, 3)
+
+
+def best_jump(shifts: Shifts, now: NDArray, current: int = 0) -> tuple[int, int, int] | None:
     """Find a frame from which on poses are shifted otherwise.
+
+    Args:
+        shifts: Scores of whole shifts.
+        now: float64 [p], quality of each pair with the best one shift for all, NaN where a pose is missing.
+        current: That shift, in whole frames.
 
     Returns:
         Shift before, shift after, and the first frame after; None when one shift for all is as good.
@@ -66,29 +109,30 @@ def best_jump(shifts: Shifts, current: int = 0) -> tuple[int, int, int] | None:
     ends = np.unique(shifts.later)
     found = None
     table = np.where(np.isfinite(shifts.quality), shifts.quality, np.nanmean(shifts.quality, axis=1, keepdims=True))
-    best = table[:, SHIFTS.index(current)].sum() * (1 + GAIN)
+    now = np.where(np.isfinite(now), now, np.nanmean(shifts.quality, axis=1))
+    best = now.sum() * (1 + GAIN)
     for at in ends[1:]:
         before, after = shifts.later < at, shifts.earlier >= at
         if min(before.sum(), after.sum()) < FEWEST:
             continue
         one, two = table[before].sum(axis=0), table[after].sum(axis=0)
         i, j = int(one.argmax()), int(two.argmax())
-        total = one[i] + two[j] + table[~before & ~after, SHIFTS.index(current)].sum()
+        total = one[i] + two[j] + now[~before & ~after].sum()
         if i != j and total > best:
             found, best = (SHIFTS[i], SHIFTS[j], int(at)), total
     if found is None:
         return None
     sides = ((shifts.later < found[2], found[0]), (shifts.earlier >= found[2], found[1]))
     for side, shift in sides:
-        now = table[side][:, SHIFTS.index(current)]
-        if shift != current and not _clear(table[side][:, SHIFTS.index(shift)] - now, now.mean()):
+        gain = table[side][:, SHIFTS.index(shift)] - now[side]
+        if shift != current and not _clear(gain, float(now[side].mean())):
             return None
     return found
 
 
-def _clear(gain: NDArray, level: float) -> bool:
+def _clear(gain: NDArray, level: float, least: float = GAIN) -> bool:
     error = gain.std(ddof=1) / np.sqrt(len(gain)) if len(gain) > 1 else np.inf
-    return bool(gain.mean() > GAIN * level and gain.mean() > SURE * error)
+    return bool(gain.mean() > least * level and gain.mean() > SURE * error)
 
 
 MAX_FRAMES = 160

@@ -13,7 +13,7 @@ TURN_DEG = (8.0, 40.0)
 """A partner is the first frame that has turned by more than the first, as long as it has by less than the second."""
 GAP = 6
 """Partners are no further apart than this many frames."""
-SAMPLES = 1200
+SAMPLES = 800
 """Points a frame, at most."""
 WIDEST = 640
 """Pixels; wider depth images are thinned out by whole steps."""

@@ -7,7 +7,17 @@ from typing import Any
 import cv2
 import numpy as np
 import pytest
-from checked_sequences import SHARED, Spoiling, drawn_room, read_poses, spoiled_copy, standing, tilted, turn
+from checked_sequences import (
+    SHARED,
+    Spoiling,
+    _walk,
+    drawn_room,
+    read_poses,
+    spoiled_copy,
+    standing,
+    tilted,
+    turn,
+)
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
@@ -422,3 +432,41 @@ def test_other_formats_are_read_and_repaired_as_they_are(
     np.testing.assert_allclose(fixed.poses, poses, atol=1e-6)
     np.testing.assert_allclose(fixed.read(7).depth_m, open_sequence(room).read(7).depth_m, rtol=1e-6)
     np.testing.assert_allclose(fixed.T_map_world, open_sequence(room).T_map_world, atol=0.03)
+
+
+def test_poses_that_come_a_fraction_of_a_frame_early_are_interpolated(tmp_path: Path) -> None:
+    frames, early = 120, 0.4
+    room = drawn_room(tmp_path / "room", frames=frames)
+    right = read_poses(room / "poses.txt")[1]
+    folder = as_tum(room, tmp_path / "early", np.stack(_walk(frames, later=early)))
+    diagnosis = diagnose(open_recording(folder))
+    assert diagnosis.ok and diagnosis.correction is not None
+    (finding,) = diagnosis.findings
+    assert (finding.kind, finding.severity) == ("time_offset", "warning")
+    assert finding.measure["shift_ms"] == pytest.approx(-1000 * early / 30, abs=3)
+    assert f"Poses come {-finding.measure['shift_ms']:.0f} ms too early for their images" in finding.message
+    fixed = open_sequence(write_fixed(diagnosis))
+    index = [round((float(name) - 100) * 30) for name in fixed.frame_names]
+    off_m, was_off_m = (
+        np.linalg.norm(poses[:, :3, 3] - right[index][:, :3, 3], axis=1).mean()
+        for poses in (fixed.poses, np.stack(_walk(frames, later=early))[index])
+    )
+    assert len(fixed) >= frames - 2 and off_m < 0.25 * was_off_m
+
+
+def test_no_alarm_for_people_who_walk_through_the_picture(room: Path, tmp_path: Path) -> None:
+    shown = iter(range(1000))
+
+    def with_person(steps: NDArray) -> NDArray:
+        left = 20 * next(shown) % 130
+        steps = steps.copy()
+        steps[20:, left : left + 30] = np.minimum(steps[20:, left : left + 30], 900)
+        return steps
+
+    diagnosis = diagnose(open_recording(spoiled_copy(room, tmp_path / "people", Spoiling(depth=with_person))))
+    assert kinds(diagnosis) == [] and diagnosis.correction is None
+
+
+def test_no_alarm_for_a_camera_matrix_that_is_nearly_right(room: Path, tmp_path: Path) -> None:
+    diagnosis = diagnose(open_recording(spoiled_copy(room, tmp_path / "nearly", scaled(1.015, 1.015))))
+    assert diagnosis.ok and diagnosis.correction is None

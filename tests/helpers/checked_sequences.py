@@ -117,10 +117,13 @@ def tilted(up: Any, degrees: float) -> list[float]:
     return list(unit * np.cos(np.deg2rad(degrees)) + side * np.sin(np.deg2rad(degrees)))
 
 
-def _walk(frames: int) -> list[NDArray]:
-    """Return poses of a camera that wanders and looks about, up and down too; never at constant speed."""
+def _walk(frames: int, later: float = 0.0) -> list[NDArray]:
+    """Return poses of a camera that wanders and looks about, up and down too; never at constant speed.
+
+    ``later`` is how much later than each frame its pose is taken, in frames.
+    """
     poses = []
-    for t in np.linspace(0, 1, frames):
+    for t in np.linspace(0, 1, frames) + later / (frames - 1):
         yaw = 2 * np.pi * (1.2 * t + 0.05 * np.sin(9 * t))
         pitch = np.deg2rad(18 + 14 * np.sin(11 * t))
         eye = np.array([0.9 * np.cos(5 * t), 0.7 * np.sin(7 * t), 1.45 + 0.12 * np.sin(13 * t)])
