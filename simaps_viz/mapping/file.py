@@ -53,17 +53,17 @@ _SEEN: dict[str, tuple[type, int]] = {
 _ROOMS: dict[str, tuple[type, int]] = {"rooms": (np.int32, 2), "room_names": (np.str_, 0)}
 """`SIMap.room`, and `SIMap.room_names` as JSON; maps of earlier versions have neither."""
 _SURFACE: dict[str, tuple[type, int]] = {
-    "surface_cell": (np.int32, 1), "surface_low": (np.int8, 1), "surface_high": (np.int8, 1),
+    "surface_cell": (np.int32, 1), "surface_low": (np.int8, 1), "surface_more": (np.int8, 1),
     "surface_owner": (np.int32, 1), "surface_color": (np.int8, 2), "hidden": (np.str_, 0),
 }  # fmt: skip
-"""The arrays of `Surface`, ``surface_cell`` from cell to cell, and `SIMap.hidden` as JSON: all of them or none, but
-``surface_color`` only where the pictures have colour."""
+"""The arrays of `Surface`, ``surface_cell`` from cell to cell, ``surface_more`` = high - low, and `SIMap.hidden` as
+JSON: all of them or none, but ``surface_color`` only where the pictures have colour."""
 LAYERS = ("height", "lowest", "observations", "community")
 """The arrays with a number for each cell that few uses of a map need."""
 EDGES = ("edge_first", "edge_step", "edge_count", "edge_different")
 """The arrays with an entry for each edge, class by class: flat cell, how many cells further the other end is, and
 `CellGraph.counts` and `CellGraph.different`."""
-RUNS = ("surface_cell", "surface_low", "surface_high", "surface_owner", "surface_color")
+RUNS = ("surface_cell", "surface_low", "surface_more", "surface_owner", "surface_color")
 """The arrays of `Surface`."""
 PACKED = (*LAYERS, *EDGES, *RUNS)
 """The arrays that stay packed until somebody asks for them."""
@@ -181,7 +181,7 @@ def _surface_arrays(simap: SIMap) -> dict[str, NDArray]:
         return {}
     found = {
         "surface_cell": np.diff(surface.cell, prepend=np.int32(0)), "surface_low": surface.low,
-        "surface_high": surface.high, "surface_owner": surface.owner,
+        "surface_more": surface.high - surface.low, "surface_owner": surface.owner,
         "hidden": np.array(json.dumps([asdict(one) for one in simap.hidden])),
     }  # fmt: skip
     return found | {"surface_color": surface.color} if surface.color.size else found
@@ -321,8 +321,9 @@ def _surface(spec: GridSpec, rows: Mapping[str, Rows]) -> Surface | None:
     if RUNS[0] not in rows:
         return None
     cell = np.cumsum(rows["surface_cell"][:], dtype=np.int32)
+    low, more, owner = (rows[name][:] for name in RUNS[1:4])
     color = rows.get("surface_color", np.zeros((3, 0), np.int8))
-    return Surface(spec, cell, *(rows[name][:] for name in RUNS[1:4]), color=color[:])
+    return Surface(spec, cell, low, low + more, owner, color[:])
 
 
 def _hidden(
@@ -348,12 +349,12 @@ def _hidden(
     for one in entries:
         _check(0 < one["id"] < 1 << 31 and one["label"] in grid.labels, "hidden")
         _check_numbers(one)
-    step, low, high, owner = (rows[name] for name in RUNS[:4])
-    _check(len(step) == len(low) == len(high) == len(owner), "surface arrays of different lengths")
+    step, low, more, owner = (rows[name] for name in RUNS[:4])
+    _check(len(step) == len(low) == len(more) == len(owner), "surface arrays of different lengths")
     last = voxels = 0
     for block in _blocks(slice(0, len(step))):
-        steps, size = step[block], high[block].astype(np.int64) - low[block] + 1
-        _check(_within(steps, 0, None) and _within(size, 1, None), "surface")
+        steps, size = step[block], more[block].astype(np.int64) + 1
+        _check(_within(steps, 0, None) and _within(size, 1, None) and _within(size + low[block], -127, 128), "surface")
         _check(_within(owner[block], -len(grid.labels), grid.label.size + _SPARE_IDS), "surface_owner out of range")
         last, voxels = last + int(steps.sum(dtype=np.int64)), voxels + int(size.sum())
     _check(last < grid.label.size and voxels <= 256 * grid.label.size, "surface_cell out of range")

@@ -62,22 +62,22 @@ def surface_points(simap: SIMap) -> Points:
 
 
 def coded_colors(rgb: NDArray) -> NDArray:
-    """Return colours as brightness and two differences, in coarse steps: they take half the bytes in a map file.
+    """Return colours as brightness and two differences, in coarse steps: they take a third of the bytes in a map file.
 
     Args:
         rgb: uint8 [n, 3].
 
     Returns:
-        int8 [3, n]: (R + 2 G + B) / 4 in steps of 8, R - B in steps of 16, 2 G - R - B in steps of 32.
+        int8 [3, n]: (R + 2 G + B) / 4 in steps of 12, R - B in steps of 32, 2 G - R - B in steps of 64, all rounded.
     """
     red, green, blue = rgb.T.astype(np.int16)
-    coded = (red + 2 * green + blue) >> 5, (red - blue + 8) >> 4, (2 * green - red - blue + 16) >> 5  # grey stays grey
+    coded = (red + 2 * green + blue + 24) // 48, (red - blue + 16) >> 5, (2 * green - red - blue + 32) >> 6
     return np.stack(coded).astype(np.int8)
 
 
 def decoded_colors(coded: NDArray) -> NDArray:
-    """Return colours as uint8 [n, 3], from what `coded_colors` returned; each is right to about 12 of 255."""
-    bright, warm, green = coded.astype(np.int16) * np.array([[8], [16], [32]], np.int16) + [[4], [0], [0]]
+    """Return colours as uint8 [n, 3], from what `coded_colors` returned; each is right to about 24 of 255."""
+    bright, warm, green = coded.astype(np.int16) * np.array([[12], [32], [64]], np.int16)
     rest = bright - green // 4  # (R + B) / 2
     return np.clip(np.stack([rest + warm // 2, bright + green // 4, rest - warm // 2], axis=1), 0, 255).astype(np.uint8)
 
