@@ -10,12 +10,12 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from simaps_viz.datasets.association import interpolate_poses, posed_pairs
-from simaps_viz.datasets.calibration import from_quaternion, number_rows, numbers, words
+from simaps_viz.datasets.association import interpolate_poses, posed_pairs, read_trajectory
+from simaps_viz.datasets.calibration import from_quaternion, numbers, words
 from simaps_viz.datasets.file_frames import FileFrames, depth_png
 from simaps_viz.datasets.recording import FormatFacts, Reader, Recording, left_out
 from simaps_viz.datasets.slam_cameras import camera_of
-from simaps_viz.datasets.tum import COLOR_TOLERANCE_S, MAX_POSE_GAP_S, TumReader
+from simaps_viz.datasets.tum import COLOR_TOLERANCE_S, MAX_POSE_GAP_S, TumReader, image_list
 from simaps_viz.errors import InputError
 
 FACTS = FormatFacts(
@@ -44,7 +44,7 @@ class SlamFolderReader(Reader):
         poses_file, both = _first(path, TRAJECTORIES), _first(path, LISTS)
         if poses_file is None:
             raise InputError(f"{path}: expected a trajectory ({', '.join(TRAJECTORIES)}), found none")
-        stamped, lost = _stamped_poses(poses_file)
+        stamped, lost = read_trajectory(poses_file, 8, lambda where, row: from_quaternion(where, row[1:4], row[4:]))
         if both is not None:
             stamps, color_files, depth_files, missing = _pairs(both)
             # Whoever tracked them stamps poses with either time; a pose at exactly one of them is it.
@@ -64,8 +64,8 @@ class SlamFolderReader(Reader):
             poses = poses[kept]
             color_files, depth_files = ([files[i] for i in kept] for files in (color_files, depth_files))
         else:
-            color_times, colors, no_color = _list(path / "rgb.txt")
-            depth_times, depths, no_depth = _list(path / "depth.txt")
+            color_times, colors, no_color = image_list(path / "rgb.txt")
+            depth_times, depths, no_depth = image_list(path / "depth.txt")
             missing = (*no_color, *no_depth)
             pairs, poses = posed_pairs(
                 path, depth_times, color_times, stamped, tolerance_s=COLOR_TOLERANCE_S, max_gap_s=MAX_POSE_GAP_S
@@ -75,9 +75,7 @@ class SlamFolderReader(Reader):
         lens, unit_m, source = camera_of(path, color_files[0])
         notes = (
             f"camera: {source}; depth: {unit_m:g} m a step",
-            *missing,
             *left_out(total - len(poses), total, f"pictures have no pose of their time in {poses_file.name}"),
-            *left_out(lost, lost + len(stamped[0]), f"lines of {poses_file.name} are no pose"),
         )
         files = FileFrames(color_files, depth_files, [lens], [lens], lens.intrinsics, depth_png(unit_m))
         stems = [file.stem for file in depth_files]
@@ -89,37 +87,13 @@ class SlamFolderReader(Reader):
             poses=poses,
             depth_unit_m=unit_m,
             notes=notes,
+            faults=(*missing, *lost),
         )
 
 
 def _first(path: Path, names: tuple[str, ...]) -> Path | None:
     found = (file for name in names for file in sorted(path.glob(name)))
     return next((file for file in found if file.is_file()), None)
-
-
-def _stamped_poses(path: Path) -> tuple[tuple[NDArray, NDArray], int]:
-    """Return times, ascending, and poses [n, 4, 4]; and how many lines hold no pose, where tracking was lost."""
-    rows = number_rows(path, 8)
-    whole = [(where, row) for where, row in rows if np.isfinite(row).all()]
-    if not whole:
-        raise InputError(f"{path}: expected poses, found none of finite numbers in {len(rows)} lines")
-    poses = np.stack([from_quaternion(where, row[1:4], row[4:]) for where, row in whole])
-    times, first = np.unique([row[0] for _, row in whole], return_index=True)
-    return (times, poses[first]), len(rows) - len(whole)
-
-
-def _list(path: Path) -> tuple[NDArray, list[Path], tuple[str, ...]]:
-    """Return the times and files of a list, by time, and a note on those that are not there."""
-    rows = []
-    for line, found in words(path):
-        if len(found) != 2:
-            raise InputError(f"{path}, line {line}: expected a time and a file, found {len(found)} words")
-        rows.append((float(numbers(f"{path}, line {line}", found[:1], finite=True)[0]), path.parent / found[1]))
-    there = sorted(row for row in rows if os.path.isfile(row[1]))
-    if not there:
-        raise InputError(f"{path}: expected lines of a time and a file that is there, found none")
-    missing = left_out(len(rows) - len(there), len(rows), f"files of {path.name} are not there")
-    return np.array([time for time, _ in there]), [file for _, file in there], missing
 
 
 def _pairs(path: Path) -> tuple[tuple[NDArray, NDArray], list[Path], list[Path], tuple[str, ...]]:

@@ -81,7 +81,7 @@ class StrayScannerReader(Reader):
             depth=depth,
             color=color,
             stored=lambda i: (video.path, files[kept[i]]),
-            notes=left_out(len(rows) - len(kept), len(rows), "poses have no picture in rgb.mp4, or no depth image"),
+            faults=left_out(len(rows) - len(kept), len(rows), "poses have no picture in rgb.mp4, or no depth image"),
         )
 
 

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from simaps_viz.datasets.association import posed_pairs, read_trajectory
-from simaps_viz.datasets.calibration import Lens, from_quaternion, numbers, words
+from simaps_viz.datasets.calibration import from_quaternion, numbers, words
 from simaps_viz.datasets.file_frames import FileFrames, depth_png, present
 from simaps_viz.datasets.images import image_size
 from simaps_viz.datasets.recording import FormatFacts, Reader, Recording, first_readable, left_out
@@ -43,8 +43,8 @@ class TumReader(Reader):
 
     def open(self, path: Path) -> Recording:
         """Open a recording; raises InputError for anything that is not as the format wants it."""
-        color_times, color_paths, no_color = _image_list(path / "rgb.txt")
-        depth_times, depth_paths, no_depth = _image_list(path / "depth.txt")
+        color_times, color_paths, no_color = image_list(path / "rgb.txt")
+        depth_times, depth_paths, no_depth = image_list(path / "depth.txt")
         trajectory, no_pose = read_trajectory(
             path / "groundtruth.txt", 8, lambda where, row: from_quaternion(where, row[1:4], row[4:])
         )
@@ -53,14 +53,16 @@ class TumReader(Reader):
         )
         depth_files = [depth_paths[i] for i in pairs[:, 0]]
         color_files = [color_paths[i] for i in pairs[:, 1]]
-        lens = _lens(path, first_readable(lambda i: image_size(color_files[i]) and color_files[i], len(color_files)))
-        files = FileFrames(color_files, depth_files, [lens], [lens], lens.intrinsics, depth_png(FACTS.depth_unit_m))
+        readable = first_readable(lambda i: image_size(color_files[i]) and color_files[i], len(color_files))
+        lens, unit_m, _ = camera_of(path, readable, by_folder=True)
+        files = FileFrames(color_files, depth_files, [lens], [lens], lens.intrinsics, depth_png(unit_m))
         return files.recording(
             FACTS,
             path,
             name=path.resolve().name,
             frame_names=tuple(file.stem for file in depth_files),
             poses=poses,
+            depth_unit_m=unit_m,
             notes=left_out(
                 len(depth_times) - len(pairs), len(depth_times), "depth images have no colour or pose of their time"
             ),
@@ -68,7 +70,7 @@ class TumReader(Reader):
         )
 
 
-def _image_list(path: Path) -> tuple[NDArray, list[Path], tuple[str, ...]]:
+def image_list(path: Path) -> tuple[NDArray, list[Path], tuple[str, ...]]:
     """Read the times and files of a list, by time, and a note on the files that are not there."""
     times: dict[Path, float] = {}
     for place, (line, found) in enumerate(words(path)):
@@ -85,7 +87,3 @@ def _image_list(path: Path) -> tuple[NDArray, list[Path], tuple[str, ...]]:
     lost = [file.name for file in times if file not in there]
     notes = left_out(len(lost), len(times), f"files of {path.name} are not there ({few(lost)})")
     return np.array([times[file] for file in files]), files, notes
-
-
-def _lens(path: Path, color_file: Path) -> Lens:
-    return camera_of(path, color_file, by_folder=True)[0]
