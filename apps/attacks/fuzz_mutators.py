@@ -230,7 +230,9 @@ def mutate_zip(r: Random, data: bytes, member: Callable[[str], Bytes]) -> bytes:
 
 
 def mutate_array(r: Random, array: np.ndarray) -> np.ndarray:
-    """Change some numbers, the shape or the type of an array."""
+    """Change some numbers, the shape or the type of an array, or the JSON in one of text."""
+    if array.dtype.kind == "U":
+        return np.array(mutate_json(r, str(array).encode()).decode("utf-8", "replace"))
     kind = r.randrange(6)
     if kind <= 2 and array.size:
         array = array.copy()

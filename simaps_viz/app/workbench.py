@@ -113,7 +113,8 @@ def tell_where(page: "Workbench | FrontDoor", what: str = "Workbench", *, browse
     if page.access.owner_token:
         note(f"Only from this address can anything be changed: {page.owner_entrance}")
     if page.access.is_open:
-        note("Open to the network, not encrypted; whoever has this address has the map.")
+        all_edit = ", and may change it" * (not page.access.owner_token and not page.access.read_only)
+        note(f"Open to the network, not encrypted; whoever has an address has the map{all_edit}.")
     if browser:
         webbrowser.open(page.owner_entrance)
 

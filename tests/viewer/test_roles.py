@@ -113,6 +113,7 @@ def test_the_terminal_has_an_address_for_each_role(options):
         assert f"Workbench: {bench.url}/?token={TOKEN} " in told
         assert bool(access.owner_token) == (not options)
         assert (f"can anything be changed: {bench.url}/?token={access.owner_token}\n" in told) == (not options)
+        assert ("has the map, and may change it." in told) == ("allow_edit" in options)
         with page(bench) as (_, session):
             assert session.may("edit") == session.may("drive") == ("allow_edit" in options)
 
@@ -125,7 +126,7 @@ def test_a_page_has_what_its_person_may(tmp_path):
             with page(bench, owner=owner) as (_, session):
                 assert session.wait_idle() and session.role == ("owner" if owner else "visitor")
                 assert session.may("edit") == session.may("drive") == (MendPanel in session.panels) == owner
-                for label in ("Delete …", "Rename …", "Restore …", "Stop …", "Resume"):
+                for label in ("Delete …", "Rename …", "Restore …", "Stop …", "Resume", "Drive the real robot"):
                     assert bool(named(session, label)) == owner
                 assert all(named(session, label) for label in ("Recording", "Command", "Colours"))
                 if not owner:
@@ -154,14 +155,14 @@ def test_what_an_owner_does_is_done_and_can_be_undone(tmp_path):
             assert wait(lambda: len(session.simap.instances) == there)
 
             choose_own(mine, session)
-            settle(session)
+            settle(mine, session)
             before = own.read_bytes()
             press(mine, session, "Delete …")
             assert wait(lambda: named(session, "Move to the trash")) and own.is_file()
             press(mine, session, "Move to the trash")
             press(mine, session, "Move to the trash")  # once is enough, and twice does no more
             assert wait(trashed.is_file) and not own.exists()
-            settle(session)
+            settle(mine, session)
             press(mine, session, "Restore …")
             label = f"{OWN} · {trashed.stat().st_size / 1e6:.1f} MB"
             assert wait(lambda: named(session, label)) and press(mine, session, label)
@@ -186,7 +187,7 @@ def test_an_answer_counts_for_the_file_as_it_was_and_for_a_while(tmp_path, monke
         monkeypatch.setattr(session, "_notify", lambda title, text, *_: told.append(text))
         told: list[str] = []
         choose_own(mine, session)
-        settle(session)
+        settle(mine, session)
         for change, words in (
             (lambda: os.utime(own, (1, 1)), "expected the file as it was when you were asked"),
             (lambda: monkeypatch.setattr(question, "ANSWER_S", 0.0), "nothing was done"),
