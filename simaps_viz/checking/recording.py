@@ -21,7 +21,7 @@ from simaps_viz.datasets.calibration import camera_matrix, pose_rows
 from simaps_viz.datasets.file_frames import MAX_STEP, check_size
 from simaps_viz.datasets.images import read_color, read_depth
 from simaps_viz.datasets.manifest import Manifest, read_manifest
-from simaps_viz.datasets.open import recognise
+from simaps_viz.datasets.open import reader_of
 from simaps_viz.datasets.posed_frames import PosedFramesReader
 from simaps_viz.datasets.recording import Recording as SourceRecording
 from simaps_viz.errors import InputError
@@ -193,8 +193,8 @@ def open_recording(path: Path) -> Recording:
         InputError: Something cannot be read, or has not the numbers it needs to have.
     """
     path = Path(path)
-    reader = recognise(path)
-    if reader is None or isinstance(reader, PosedFramesReader):
+    reader = reader_of(path)
+    if isinstance(reader, PosedFramesReader):
         return _posed_frames(read_manifest(path))
     return as_recording(reader.open(path))
 

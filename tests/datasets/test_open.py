@@ -6,11 +6,14 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from scans_folders import replica
 from sequences import write_tiny_sequence
 
 import simaps_viz
+from simaps_viz.cli.main import main
 from simaps_viz.datasets import open as opening
 from simaps_viz.datasets.recording import FormatFacts, Reader, Recording
+from simaps_viz.errors import InputError
 from simaps_viz.structures import Intrinsics
 
 
@@ -85,3 +88,33 @@ print(loaded(), "rosbags" in sys.modules, "rerun" in sys.modules)
 """
     done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
     assert done.stdout.strip() == "['tum'] False False"
+
+
+def test_an_unknown_folder_gets_a_manifest_that_makes_it_readable(
+    tmp_path: Path, capsys: pytest.CaptureFixture
+) -> None:
+    """The error names the nearest format and what it lacks; the manifest it prints opens the very frames."""
+    path = write_tiny_sequence(tmp_path / "tiny").parent
+    expected = simaps_viz.open_sequence(path)
+    (path / "sequence.json").unlink()
+    with pytest.raises(InputError, match=r"found color/, depth/, ids/, intrinsics\.txt, .*; nearest is ") as caught:
+        simaps_viz.open_sequence(path)
+    notes = caught.value.__notes__
+    assert all(any(note.startswith(f"  {r.facts.title}: ") for note in notes) for r in opening.readers())
+    (manifest,) = (note for note in notes if note.startswith("{"))
+    assert main(["convert", str(path), "-o", str(tmp_path / "out")]) == 2
+    assert all(line in capsys.readouterr().err for line in [manifest.splitlines()[1]])
+
+    (path / "sequence.json").write_text(manifest)
+    found = simaps_viz.open_sequence(path)
+    np.testing.assert_array_equal(found.poses, expected.poses)
+    np.testing.assert_allclose(found.read(1).depth_m, expected.read(1).depth_m, atol=1e-6)
+    with pytest.raises(InputError, match=f"found tiny/; {path} is one"):
+        simaps_viz.open_sequence(tmp_path)
+
+
+def test_what_is_nearest_and_what_it_lacks(tmp_path: Path) -> None:
+    path = replica(tmp_path).path
+    (path / "traj.txt").unlink()
+    with pytest.raises(InputError, match=r"nearest is Replica \(NICE-SLAM\), which also has traj\.txt"):
+        simaps_viz.open_sequence(path)
