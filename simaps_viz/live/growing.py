@@ -32,7 +32,7 @@ from simaps_viz.mapping.finalize import SequenceFacts
 from simaps_viz.mapping.partition import applied_steps
 from simaps_viz.mapping.simap import joining_threshold
 from simaps_viz.mapping.steps import FrameStep, pack_step, unpack_step
-from simaps_viz.structures import Frame, Intrinsics, Segmentation, SIMap
+from simaps_viz.structures import Frame, Intrinsics, Segment, Segmentation, SIMap
 
 PLACES = (0.5, np.deg2rad(30.0))
 """Frames are taken from the same place when their cameras share a cube of so many metres, and a sector of headings."""
@@ -277,3 +277,20 @@ def _made(accumulator: MapAccumulator, facts: SequenceFacts, config: BuildConfig
     """Return a map, and how long it took to make, seconds."""
     began_s = time.monotonic()
     return finalize.map_so_far(accumulator, facts, config), time.monotonic() - began_s
+
+
+def warm_up(config: BuildConfig) -> None:
+    """Map one small picture, so that all is compiled before the first frame comes; slow once after an installation."""
+    labels, is_thing = ("none", "chair"), (False, True)
+    k = Intrinsics(32, 24, 40.0, 40.0, 15.5, 11.5)
+    T_map_camera = np.diag([1.0, -1.0, -1.0, 1.0])
+    T_map_camera[2, 3] = 2.0
+    ids = np.zeros((k.height, k.width), np.int32)
+    ids[8:16, 8:16] = 1
+    depth_m = np.where(ids > 0, 1.0, 2.0).astype(np.float32)
+    facts = SequenceFacts("", "", labels, is_thing, "", True, np.eye(4))
+    one, again = (finalize.empty_accumulator(facts, config, steps=True) for _ in range(2))
+    one.add_frame(Frame(0, "", depth_m, T_map_camera, k), Segmentation(ids, (Segment(1, "chair"),)), T_map_camera)
+    assert one.step is not None
+    again.replay(one.step)
+    finalize.map_so_far(again, facts, config)

@@ -304,7 +304,9 @@ class RobotSource:
 
     def _segmentation(self, ids: NDArray) -> Segmentation:
         """Return the masks whose ids have a label; the others count as nothing."""
-        labels, numbers = self._labels, np.unique(ids)
+        labels, highest = self._labels, int(ids.max(initial=0))
+        # Counting is faster than sorting, where there are not too many ids.
+        numbers = np.flatnonzero(np.bincount(ids.reshape(-1))) if highest < ids.size else np.unique(ids)
         segments = tuple(labels[n] for n in numbers.tolist() if n in labels)
         unknown = [n for n in numbers.tolist() if n and n not in labels]
         if unknown:

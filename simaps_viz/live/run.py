@@ -13,7 +13,7 @@ from simaps_viz.build.pipeline import BuildConfig
 from simaps_viz.build.seen_colors import with_colors
 from simaps_viz.errors import InputError
 from simaps_viz.events import BuildStarted, Event, Observer
-from simaps_viz.live.growing import GrowingMap
+from simaps_viz.live.growing import GrowingMap, warm_up
 from simaps_viz.live.source import Shot, Source, Traffic
 from simaps_viz.mapping.file import check_writable, save_map
 from simaps_viz.mapping.floor_plan import with_rooms
@@ -78,6 +78,7 @@ class LiveRun:
         check_writable(request.output)
         source = request.source
         _notify(observers, self.started())
+        warm_up(request.config)
         self._last_s = time.monotonic()
         with ThreadPoolExecutor(1, "live-masks") as pool:
             masks = _Masks(request.network, pool) if request.network is not None else None
