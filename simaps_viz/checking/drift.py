@@ -27,8 +27,8 @@ DERIVATIVE_STEP = 2e-3
 STEEPEST = 8.0
 MENDED, FITS = 0.12, 0.5
 """A pair has drifted if moving it raises agreement by more than the first, to more than the second ..."""
-OFF_M = 0.05
-"""... and moves its surfaces by more than this: a map's cell."""
+OFF_M = 0.1
+"""... and moves its surfaces by more than this: two of a map's cells."""
 FEWEST, SHARE = 3, 0.3
 """So many pairs, and this share of those that disagree, have to have drifted."""
 JITTER = 3.0
