@@ -11,7 +11,7 @@ from toy_surfaces import PLANT, toy_with_surface
 
 from simaps_viz.drawing.solids import WALL_CUT_M
 from simaps_viz.drawing.texture import MapPicture
-from simaps_viz.viewer.panels.instance import InstancePanel
+from simaps_viz.viewer.panels.instance import InstancePanel, find
 from simaps_viz.viewer.panels.map import MapPanel
 from simaps_viz.viewer.scene.camera import SLANT, TOP
 from simaps_viz.viewer.workbench import Workbench
@@ -108,6 +108,12 @@ def test_a_click_from_above_lists_what_lies_there(session):
     assert tuple(panel._here.options) == ("dining table 1", "potted plant 2")  # and up again
     session.select(1)
     assert session.wait_idle() and not panel._here.visible
+
+
+def test_a_hidden_object_is_found_as_it_is_called():
+    simap = toy_with_surface()
+    assert find(simap, "potted plant 2").id == find(simap, str(PLANT)).id == PLANT
+    assert find(simap, "plants", after=find(simap, "potted plant 1").id).id == PLANT
 
 
 def test_a_hidden_object_is_selected_by_name_with_its_box_round_it(session):

@@ -15,6 +15,7 @@ from simaps_viz.drawing.legend import facts_html, object_name, object_names, sho
 from simaps_viz.drawing.surface import stack_at
 from simaps_viz.drawing.theme import BOX_STYLE, DIM_STYLE, small_html
 from simaps_viz.errors import CommandError, InputError
+from simaps_viz.mapping.in_space import all_instances
 from simaps_viz.structures import Instance, SIMap
 from simaps_viz.viewer.page.page import Page
 from simaps_viz.viewer.page.panel import Panel
@@ -64,15 +65,16 @@ def find(simap: SIMap, typed: str, *, after: int | None = None) -> Instance:
         return _of_class(simap, _class_of(simap, name), number, after)
     if number is None:
         raise NotFound("Type a class or a number, such as: chair 7.")
-    one = next((one for one in simap.instances if one.id == number), None)
+    everything = all_instances(simap)
+    one = next((one for one in everything if one.id == number), None)
     if one is None:
-        raise NotFound(f"No object has number {number}. This map has {plural(len(simap.instances), 'object')}.")
+        raise NotFound(f"No object has number {number}. This map has {plural(len(everything), 'object')}.")
     return one
 
 
 def _of_class(simap: SIMap, label: str, number: int | None, after: int | None) -> Instance:
     """Return an object of a class by its number in the class; without a number the next one after ``after``."""
-    ones = simap.of_class(label)
+    ones = tuple(one for one in all_instances(simap) if one.label == label)
     if number is None:
         return next((one for one in ones if after is not None and one.id > after), ones[0])
     if not 1 <= number <= len(ones):
@@ -82,7 +84,7 @@ def _of_class(simap: SIMap, label: str, number: int | None, after: int | None) -
 
 def _class_of(simap: SIMap, name: str) -> str:
     """Return the class of a name: the class itself, its plural, or a part that only one class has."""
-    known = {label.lower(): label for label in simap.counts()}
+    known = {label.lower(): label for label in dict.fromkeys(one.label for one in all_instances(simap))}
     known |= {plural(2, label).removeprefix("2 ").lower(): label for label in known.values()}
     if name in known:
         return known[name]
