@@ -7,7 +7,7 @@ DEV_READY := $(VENV)/.ready-dev
 # Two workers: the machines this runs on have two cores; tests of one file share their fixtures.
 WORKERS ?= 2
 
-.PHONY: demo demo-live test test-fast check format bench recordings screenshots docs dist test-pythons clean chromium
+.PHONY: demo demo-live test test-fast check format bench paper recordings screenshots docs dist test-pythons clean chromium
 
 demo: $(READY)
 	@$(BIN)/simaps demo
@@ -36,6 +36,10 @@ format: $(DEV_READY)
 
 bench: $(DEV_READY)
 	@$(BIN)/python apps/bench.py
+
+# The paper's experiment on all embedded places: renders them once, builds, drives, and renews docs/PAPER.md.
+paper: $(READY)
+	@$(BIN)/python apps/paper.py --write
 
 recordings: $(READY)
 	@$(BIN)/python apps/record_build.py --output recordings/cafe-evidence.rrd
