@@ -153,7 +153,9 @@ def _pose(where: str, frame: dict[str, Any]) -> NDArray:
         found = shown(frame.get("transform_matrix"))
         raise InputError(f"{where}: transform_matrix: expected 4x4 numbers, found {found}") from error
     if matrix.shape != (4, 4):
-        raise InputError(f"{where}: transform_matrix: expected 4x4 numbers, found {shown(frame['transform_matrix'])}")
+        raise InputError(
+            f"{where}: transform_matrix: expected 4x4 numbers, found {shown(frame.get('transform_matrix'))}"
+        )
     return matrix @ OPENCV_FROM_OPENGL
 
 

@@ -147,6 +147,7 @@ ONE_BAD: list[tuple[Callable[[Path], Sample], Change, int, str]] = [
     (habitat, lines("poses.txt", lambda x: x[:-1]), 3, "1 of 4 frames have no pose (3): left out"),
     (nerfstudio, remove("depths/frame_00002.png"), 2, "1 of 4 frames have no depth image (images/frame_00002.png)"),
     (nerfstudio, values("transforms.json", lambda c: c["frames"][0].update(transform_matrix=[1])), 3, "expected 4x4"),
+    (nerfstudio, values("transforms.json", lambda c: c["frames"][3].pop("transform_matrix")), 0, "expected 4x4"),
     (polycam, values("keyframes/corrected_cameras/12345678902.json", lambda c: c.pop("t_12")), 1, "t_12: expected"),
     (polycam, remove("keyframes/corrected_images/12345678902.jpg"), 1, "have no picture (12345678902): left out"),
     (record3d_folder, values("metadata", lambda c: c["poses"].pop()), 3, "1 of 4 frames have no pose (3): left out"),
