@@ -73,20 +73,32 @@ class Timeline:
         ids = look_up(self._names(position - levels), self.simap.community)
         return replace(self.simap, instance=ids, instances=())
 
+    def name(self, position: int) -> str:
+        """Return what a position is called, wherever the page speaks of it: steps are counted without the levels."""
+        if position <= CLASSES:
+            return "classes only"
+        if position < self.levels:
+            return f"Louvain, level {position} of {self.levels}"
+        if position == self.levels:
+            return "Louvain's communities"
+        return f"step {position - self.levels} of {len(self._order)}"
+
     def words(self, position: int) -> str:
         """Describe what a position shows, for the page."""
-        levels, done = self.levels, position - self.levels
+        name = self.name(position)
+        name = name[0].upper() + name[1:]
+        done = position - self.levels
         if position <= CLASSES:
-            return "Classes only: each cell has a class, but no cells are grouped into objects yet."
+            return f"{name}: each cell has a class, but no cells are grouped into objects yet."
         if done < 0:
             count = _count(self._levels()[position - 1].community)
-            return f"Louvain, level {position} of {levels}: {count} communities."
+            return f"{name}: {count} communities."
         if done == 0:
-            return f"Louvain's communities: {_count(self.simap.community)} parts, before any is joined."
+            return f"{name}: {_count(self.simap.community)} parts, before any is joined."
         at = int(self._order[done - 1])
         taken = "" if done <= self.taken else ", which the map does not apply"
         end = f" This is the map: {self.taken} steps applied." if done == self.taken else ""
-        return f"Step {done} of {len(self._order)}{taken}: {self._joined(at, done)}.{end}"
+        return f"{name}{taken}: {self._joined(at, done)}.{end}"
 
     def recorded(self, position: int) -> tuple[str, int]:
         """Return the timeline of a recorded build ("louvain" or "merge") that shows a position, and the time on it."""

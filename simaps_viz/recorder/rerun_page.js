@@ -11,10 +11,15 @@
 // rerun tells its debugging 18,000 times while it opens a recording, which takes longer than opening it.
 console.debug = () => {};
 
-// rerun asks for recordings without a cookie, and where tokens are asked for the server answers only who has one.
+// rerun asks for recordings without a cookie, and where tokens are asked for the server answers only who has one. It
+// also sends usage data, which cannot be switched off in a browser: answered here, they are not even tried, and the
+// console does not fill with what the policy of this page refuses.
+const USAGE = "tel.rerun.io";
 const fetchWithout = window.fetch.bind(window);
 window.fetch = (asked, options) => {
-  const own = asked instanceof Request && new URL(asked.url).origin === location.origin;
+  const address = new URL(asked instanceof Request ? asked.url : asked, location.href);
+  if (address.hostname === USAGE) return Promise.resolve(new Response(null, { status: 204 }));
+  const own = asked instanceof Request && address.origin === location.origin;
   return fetchWithout(own ? new Request(asked, { credentials: "same-origin" }) : asked, options);
 };
 

@@ -93,10 +93,14 @@ def shown(browser, tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[P
     door = FrontDoor().start([host])
     try:
         with watched_page(browser, 640, 700) as page:
+            errors: list[str] = []
+            page.on("console", lambda message: errors.append(message.text) if message.type == "error" else None)
             page.goto(door.url)
             until(page, lambda: page.evaluate("window.simapsReady"))
             until(page, lambda: any(e["type"] == "timeline_change" for e in told))
             yield page, host, told
+            refused = [one for one in errors if "Content Security Policy" in one]
+            assert refused == [], "usage data are not even tried"
     finally:
         door.close()
 

@@ -77,6 +77,9 @@ def test_each_step_is_said_in_words():
     assert first.startswith(f"Step 1 of {len(simap.merges)}: {name}, parts ") and "% of the cells" in first
     assert f"{timeline.taken} steps applied" in timeline.words(timeline.finished)
     assert "which the map does not apply" in timeline.words(timeline.last)
+    everywhere = range(timeline.last + 1)  # what the page's badge says is what the words beside the slider begin with
+    assert all(timeline.words(p).lower().startswith(timeline.name(p).lower()) for p in everywhere)
+    assert timeline.name(timeline.last) == f"step {len(simap.merges)} of {len(simap.merges)}"
 
 
 def test_positions_and_times_of_a_recording_are_one_another():

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from browser import mine, toy_answer, toy_services, toy_workbench
 from chat_server import hangs, serving, writes
-from fake_page import fake_page
+from fake_page import FakePage, fake_page, gone
 from hypothesis import given
 from hypothesis import strategies as st
 from services import real_services
@@ -303,3 +303,57 @@ def test_the_plain_service_still_works_without_steps():
         mine(bench).panels[CommandPanel].ask("go to the chair")
         until(lambda: "Done" in shown(bench))
         assert mine(bench).pose.x_m == pytest.approx(1.5)
+
+
+def statuses(bench):
+    return {past.command: past.status for past in mine(bench).panels[CommandPanel]._past}
+
+
+def test_the_history_ticks_only_rides_that_arrived():
+    with toy_workbench(real_services()) as bench, fake_page(bench):
+        panel = mine(bench).panels[CommandPanel]
+        panel._drive.speed = 0.02
+        panel.ask("go to the couch")
+        until(lambda: "On the way" in shown(bench))
+        assert statuses(bench) == {"go to the couch": ""}
+        panel.pause()
+        assert "Paused" in shown(bench) and "On the way" not in shown(bench)
+        panel.pause()
+        assert "On the way" in shown(bench)
+        panel.stop()
+        assert statuses(bench) == {"go to the couch": "stopped"}
+        panel.ask("turn left")
+        until(lambda: panel.driving)
+        panel.ask("go to the couch", paused=True)  # which ends the one before
+        until(lambda: "Paused" in shown(bench))
+        assert statuses(bench) == {"go to the couch": "", "turn left": "stopped"}
+        panel._drive.speed = 8.0
+        panel.pause()
+        until(lambda: "Done" in shown(bench))
+        assert statuses(bench) == {"go to the couch": "ok", "turn left": "stopped"}
+
+
+def drawn(session):
+    scene = session.scene
+    return session.client.scene.get_handle_by_name("/path") is not None, [one.text for one in scene._candidates._labels]
+
+
+def test_path_and_labels_outlive_a_reload_and_leave_maps_of_the_past():
+    with toy_workbench(real_services()) as bench:
+        page = FakePage(bench)
+        session, panel = page.session, page.session.panels[CommandPanel]
+        panel._drive.speed = 8.0
+        panel.ask("go to the couch")
+        until(lambda: "Done" in shown(bench))
+        there = drawn(session)
+        assert there[0] and there[1][0].startswith("▶ 1")
+        session.show_frame(0)
+        until(lambda: drawn(session) == (False, []))
+        session.show_frame(session.last_frame)
+        until(lambda: drawn(session) == there)
+        page.close()
+        gone(bench, session)
+        with fake_page(bench, tab=page.tab) as again:
+            until(lambda: drawn(again.session) == there)
+            again.session.panels[CommandPanel].reset()
+            assert drawn(again.session) == (False, [])

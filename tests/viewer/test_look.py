@@ -233,7 +233,11 @@ class _Gui:
 
 
 class _Panels(dict):
-    specs = (PanelSpec("Masks", viser.Icon.PHOTO, lambda page: Panel(), about="try a <network>"),)
+    specs = (
+        PanelSpec("Masks", viser.Icon.PHOTO, lambda page: Panel(), about="try a <network>"),
+        PanelSpec("Mend", viser.Icon.TOOL, lambda page: Panel(), about="could not be made"),
+    )
+    titles = ("Map", "Command", "Build", "Instance", "Masks")
 
 
 def test_keys_do_what_the_help_says():
@@ -257,7 +261,9 @@ def test_keys_do_what_the_help_says():
     html = gui.htmls[-1]
     assert "You are visiting" in gui.htmls[-2]
     assert all(f">{key}<" in html and text in html for key, text in panel.keys)
-    assert "try a &lt;network&gt;" in html and all(word in html for word, _ in (*help.WORDS, *help.TABS))
+    assert "try a &lt;network&gt;" in html and all(word in html for word, _ in help.WORDS)
+    assert [tab for tab, _ in panel.tabs] == [*_Panels.titles] and all(text in html for _, text in panel.tabs[:-1])
+    assert "judge recorded runs" not in html and "could not be made" not in html and "undo the last edit" not in html
     gui.commands["escape"](None)
     assert gui.open == 0 and done[-1] == "light"  # the help was closed, nothing else
     assert PAGE_SCRIPT in gui.htmls and '"' not in PAGE_SCRIPT.partition('onload="')[2].rstrip('">')

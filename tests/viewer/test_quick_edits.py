@@ -165,3 +165,24 @@ def test_a_click_is_the_edits_before_it_is_the_comparisons_and_one_at_the_sky_is
     assert person.edits == ["Split"]
     person.clicks(x, y, at_the_sky=True)  # nobody waits: as a click beside the map, it selects nothing
     assert person.session.selected is None and len(heard) == 1
+
+
+def offered(panel: MendPanel) -> list[str]:
+    rows = (panel._change, panel._remove, panel._last)
+    return [name for row in rows if row.visible for name in row.options]
+
+
+def test_only_what_can_be_done_is_offered(person):
+    assert offered(person.panel) == [] and person.panel._other.disabled
+    person.selects(PLANT_9)
+    assert offered(person.panel) == ["Rename", "Join", "Cut in two", "Delete"] and not person.panel._other.disabled
+    person.panel.delete()
+    person.waits()
+    assert offered(person.panel) == ["Undo"]
+    person.panel.undo()
+    person.waits()
+    assert offered(person.panel)[-1] == "Redo" and "Undo" not in offered(person.panel)
+    person.selects(CHAIR_3)
+    person.panel.delete()
+    person.waits()
+    assert offered(person.panel) == ["Undo"]

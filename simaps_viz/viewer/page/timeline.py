@@ -62,7 +62,7 @@ def snapshot_at(shared: Shared, simap: SIMap, *, frame: int | None, step: int | 
     then = timeline.map_at(step)
     if then is not simap and then.community is not simap.community:
         take_over(then, simap)
-    badge = "" if then is simap else f"at step {step} of {timeline.last}"
+    badge = "" if then is simap else timeline.name(step)
     return Snapshot(then, classes_only=step == CLASSES, badge=badge)
 
 

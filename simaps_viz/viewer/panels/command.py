@@ -4,16 +4,17 @@ import functools
 import re
 import threading
 from collections.abc import Collection, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from html import escape
 from typing import Literal
 
 import cv2
 import numpy as np
 import viser
+from numpy.typing import NDArray
 
 from simaps_viz.colors.classes import plural
-from simaps_viz.drawing.label_layout import Label, boxes_near
+from simaps_viz.drawing.label_layout import Box, Label, boxes_near
 from simaps_viz.drawing.theme import (
     BAD_PAPER_STYLE,
     DIM_STYLE,
@@ -41,6 +42,7 @@ from simaps_viz.navigation.trajectory import (
 from simaps_viz.structures import Instance, Pose2, SIMap
 from simaps_viz.viewer.page.page import Page
 from simaps_viz.viewer.page.panel import Panel
+from simaps_viz.viewer.page.timeline import Snapshot
 from simaps_viz.viewer.page.widgets import button, button_row, by_person
 from simaps_viz.viewer.scene.camera import SLANT, Follower
 from simaps_viz.viewer.scene.map_scene import Style
@@ -223,7 +225,13 @@ _BUTTONS: dict[Phase, tuple[str, str, str]] = {
     "driving": ("Pause", "Step", "Stop"),
     "paused": ("Play", "Step", "Stop"),
 }
-_ICONS = {"ok": viser.Icon.CHECK, "refused": viser.Icon.X, "failed": viser.Icon.ALERT_TRIANGLE}
+_TITLES: dict[Phase, str] = {"driving": "On the way", "paused": "Paused"}
+_ICONS = {
+    "ok": viser.Icon.CHECK,
+    "refused": viser.Icon.X,
+    "failed": viser.Icon.ALERT_TRIANGLE,
+    "stopped": viser.Icon.PLAYER_STOP,
+}
 
 
 @dataclass(frozen=True)
@@ -232,7 +240,7 @@ class Past:
 
     command: str
     status: str
-    """One of ok, refused and failed; empty while unknown."""
+    """One of ok, refused, failed and stopped; empty until it has ended."""
 
 
 def entered(text: str) -> str | None:
@@ -280,6 +288,17 @@ GOAL_M = 0.25
 """Half the side of the square around the robot's final position that is kept free of labels."""
 
 
+@dataclass(frozen=True, eq=False)
+class Marks:
+    """What a command draws on the map."""
+
+    path_m: NDArray = field(default_factory=lambda: np.zeros((0, 2)))
+    """float [n, 2], map frame, metres; n < 2 draws none."""
+    labels: Sequence[Label] = ()
+    blocked: Sequence[Box] = ()
+    """What the labels should not cover."""
+
+
 @dataclass(frozen=True)
 class RobotState:
     """The state of the robot that a page keeps when it is loaded again."""
@@ -290,6 +309,7 @@ class RobotState:
     texts: tuple[str, str, str]
     """As `CommandPanel.texts`."""
     speed: float
+    marks: Marks
 
 
 class CommandPanel(Panel):
@@ -312,6 +332,10 @@ class CommandPanel(Panel):
         self._line = 0
         self._lit: frozenset[int] = frozenset()
         self._past: list[Past] = []
+        self._running = ""
+        """The command of the history that has not ended yet."""
+        self._marks, self._hidden = Marks(), False
+        self._drawing = threading.Lock()
         self._waiting: threading.Event | None = None
         self._drive = TrajectoryPlayer(self._moved, self._arrived, lambda: self._show_phase("paused"), self._broke_down)
         self._phase: Phase = "idle"
@@ -339,10 +363,16 @@ class CommandPanel(Panel):
         """Emphasise what the last answer speaks of."""
         return replace(style, lit=(style.lit or frozenset()) | self._lit) if self._lit else style
 
+    def painted(self, simap: SIMap, snapshot: Snapshot) -> None:
+        """Hide path and labels while an earlier map is shown: they belong to the finished one."""
+        hidden = bool(snapshot.badge)
+        if hidden != self._hidden:
+            self._hidden = hidden
+            self._draw(None)
+
     def ask(self, command: str, paused: bool = False) -> None:
         """Carry out a command from the robot's pose; ``paused`` waits before its first line."""
         model = self._services.model if self.uses_model else None
-        self._remember(command, "")
         self._submit(command, paused=paused, reader=model.name if model else "")
 
     def pause(self) -> None:
@@ -354,11 +384,12 @@ class CommandPanel(Panel):
     def step(self) -> None:
         """Run one statement of the program, then pause."""
         if self._drive.active:
-            self._drive.step()
             self._show_phase("driving")
+            self._drive.step()
 
     def stop(self) -> None:
         """Stop the robot where it is, or the wait for an answer."""
+        self._ended("stopped")
         waiting, self._waiting = self._waiting, None
         if waiting is not None:
             waiting.set()
@@ -382,7 +413,8 @@ class CommandPanel(Panel):
         """Stop the robot, or the wait for an answer, and return the state of the panel."""
         if self.driving or self._waiting is not None:
             self.stop()
-        return RobotState(self._page.pose, self._start, tuple(self._past), self.texts, float(self._speed.value))
+        speed = float(self._speed.value)
+        return RobotState(self._page.pose, self._start, tuple(self._past), self.texts, speed, self._marks)
 
     def restore(self, state: RobotState) -> None:
         """Restore the robot's state."""
@@ -392,6 +424,7 @@ class CommandPanel(Panel):
         self._speed.value = self._drive.speed = state.speed
         self._show_past()
         self._put_robot(state.pose)
+        self._draw(state.marks)
 
     def leave_robot(self) -> None:
         """Stop the robot and clear its drawings, as another panel moves it now."""
@@ -444,6 +477,7 @@ class CommandPanel(Panel):
 
     def _end(self) -> None:
         """End the drive or the wait for an answer without a message."""
+        self._ended("stopped")
         waiting, self._waiting = self._waiting, None
         if waiting is not None:
             waiting.set()
@@ -463,6 +497,8 @@ class CommandPanel(Panel):
         """Queue a command; ``at`` puts the robot there first, ``readings`` are the other meanings of the command."""
         self._use()
         self._end()
+        if at is None:
+            self._remember(command)
         self._waiting = cancel = threading.Event()
         more = (f"Asking {reader}. Stop ends the wait.",) if reader else ()
         self._show_result("Working on it …", command, more=more)
@@ -490,9 +526,10 @@ class CommandPanel(Panel):
         except SIMapsError as error:
             if not cancel.is_set():
                 self._waiting = None
-                self._refuse(command, str(error))
+                self._refuse(str(error))
             return
         except Exception:
+            self._ended("failed")
             self._show_phase("idle")
             self._show_result("Failed", "The command met an unexpected error; the robot stays.", "bad")
             raise
@@ -500,8 +537,6 @@ class CommandPanel(Panel):
             return
         self._answer, self._readings = answer, (*answer.alternatives, *readings)
         self._begin(simap, answer, cancel, paused)
-        if at is None:
-            self._remember(command, answer.status)
 
     def _answer_to(self, simap: SIMap, command: str, cancel: threading.Event, by_model: bool) -> Answer:
         services = self._services
@@ -531,7 +566,7 @@ class CommandPanel(Panel):
             return
         end = answer.final_pose
         goal = (end.x_m - GOAL_M, end.y_m - GOAL_M, end.x_m + GOAL_M, end.y_m + GOAL_M)
-        self._scene.show_candidates(labels, blocked=(goal, *boxes_near(simap, labels)))
+        self._draw(Marks(labels=labels, blocked=(goal, *boxes_near(simap, labels))))
         if answer.answer is not None:
             self._lit = frozenset(answer.answer["instances"])
             self._page.repaint()
@@ -539,8 +574,7 @@ class CommandPanel(Panel):
                 self._conclude(answer)
                 return
         self._trajectory = planned
-        self._show_result("On the way", outcome_text(answer), more=(*self._why, *answer.notes))
-        self._scene.show_path(answer.path_m)
+        self._draw(replace(self._marks, path_m=answer.path_m))
         self._show_progress(0.0)
         self._show_phase("paused" if paused else "driving")
         self._drive.start(planned, paused=paused)
@@ -588,6 +622,7 @@ class CommandPanel(Panel):
         """Report an error that ended the drive; the robot stays where it is."""
 
         def report() -> None:
+            self._ended("failed")
             self._show_phase("idle")
             self._show_progress(None)
             self._show_result("Failed", "The drive met an unexpected error; the robot stays where it is.", "bad")
@@ -598,20 +633,29 @@ class CommandPanel(Panel):
     def _conclude(self, answer: Answer) -> None:
         self._show_program(answer.program or "", answer.line, stuck=answer.line is not None)
         self._show_progress(None)
+        self._ended(answer.status)
         self._show_phase("idle")
         done = "Done" if answer.answer is None else "Answer"
         title, tone = {"ok": (done, "good"), "refused": ("Refused", "bad")}.get(answer.status, ("Failed", "bad"))
         self._show_result(title, outcome_text(answer), tone, (*self._why, *answer.notes))
 
-    def _refuse(self, command: str, reason: str) -> None:
+    def _refuse(self, reason: str) -> None:
+        self._ended("refused")
         self._show_phase("idle")
         self._show_result("Refused", reason, "bad")
-        self._remember(command, "refused")
 
-    def _remember(self, command: str, status: str) -> None:
-        """Put a command first in the history."""
-        self._past = [Past(command, status), *(past for past in self._past if past.command != command)][:MAX_REMEMBERED]
+    def _remember(self, command: str) -> None:
+        """Put a command that runs from now on first in the history."""
+        self._running = command
+        self._past = [Past(command, ""), *(past for past in self._past if past.command != command)][:MAX_REMEMBERED]
         self._show_past()
+
+    def _ended(self, status: str) -> None:
+        """Note in the history how the command that runs, if one does, has ended."""
+        command, self._running = self._running, ""
+        if command:
+            self._past = [replace(past, status=status) if past.command == command else past for past in self._past]
+            self._show_past()
 
     def _put_robot(self, pose: Pose2) -> None:
         self._page.pose = pose
@@ -624,16 +668,25 @@ class CommandPanel(Panel):
         if self._lit:
             self._lit = frozenset()
             self._page.repaint()
-        self._scene.show_path(np.zeros((0, 2)))
-        self._scene.show_candidates(())
+        self._draw(Marks())
         self._show_program("")
         self._show_other_reading(None)
         self._show_exchanges(())
         self._show_progress(None)
 
+    def _draw(self, marks: Marks | None) -> None:
+        """Draw other marks, or anew those there are (None)."""
+        with self._page.client.atomic(), self._drawing:
+            self._marks = self._marks if marks is None else marks
+            shown = Marks() if self._hidden else self._marks
+            self._scene.show_path(shown.path_m)
+            self._scene.show_candidates(shown.labels, blocked=shown.blocked)
+
     def _show_phase(self, phase: Phase) -> None:
-        """Show the buttons that fit what the robot is doing."""
+        """Show the words and buttons that fit what the robot is doing."""
         self._phase = phase
+        if phase in _TITLES and self._answer is not None:
+            self._show_result(_TITLES[phase], outcome_text(self._answer), more=(*self._why, *self._answer.notes))
         if tuple(self._run.options) != _BUTTONS[phase]:
             self._run.options = _BUTTONS[phase]
 

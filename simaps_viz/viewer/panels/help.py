@@ -23,19 +23,19 @@ BOX_KEYS, MEND_KEYS, MOUSE, TABS, WORDS = (
 )
 """(key, mouse action, tab or word; what it does or means).
 
-MEND_KEYS are for pages where the map can be mended, TABS what most pages have; other panels bring their own words.
+MEND_KEYS are for pages where the map can be mended, TABS those that our own panels have; others bring their words.
 """
 GRID_STYLE = "display:grid;grid-template-columns:max-content 1fr;gap:.1em 1em;font-size:.95em;line-height:1.45"
 
 
-def help_html(keys: Sequence[tuple[str, str]], *, others: Sequence[tuple[str, str]] = ()) -> str:
+def help_html(keys: Sequence[tuple[str, str]], tabs: Sequence[tuple[str, str]] = TABS) -> str:
     """Write the help.
 
     Args:
         keys: (key, what it does).
-        others: (tab, what it is for) of tabs that are not on every page.
+        tabs: (tab, what it is for).
     """
-    parts = (("Keys", keys), ("Mouse, on the map", MOUSE), ("Tabs", (*TABS, *others)), ("Words", WORDS))
+    parts = (("Keys", keys), ("Mouse, on the map", MOUSE), ("Tabs", tabs), ("Words", WORDS))
     return "".join(
         f'<div style="font-weight:650;margin:.6em 0 .2em">{escape(title)}</div>'
         f'<div style="{GRID_STYLE}">'
@@ -64,7 +64,6 @@ class HelpPanel(Panel):
         """Fill the open container, and listen to keys."""
         self._page = page
         self._gui = gui = page.gui
-        self._other_tabs = [(spec.title, spec.about) for spec in page.panels.specs if spec.about]
         self.theme: Theme = LIGHT
         """The theme of the page, light or dark."""
         self._modal: GuiModalHandle | None = None
@@ -81,7 +80,14 @@ class HelpPanel(Panel):
     def keys(self) -> Sequence[tuple[str, str]]:
         """The (key, what it does) pairs that the help lists."""
         own = [(shown, text) for _, shown, text, _ in self._keys]
-        return (*own, *BOX_KEYS, *(MEND_KEYS if MEND in dict(self._other_tabs) else ()))
+        return (*own, *BOX_KEYS, *(MEND_KEYS if MEND in self._page.panels.titles else ()))
+
+    @property
+    def tabs(self) -> Sequence[tuple[str, str]]:
+        """The (tab, what it is for) pairs of the tabs that the page has."""
+        panels = self._page.panels
+        about = (*TABS, *((spec.title, spec.about) for spec in panels.specs if spec.about))
+        return tuple((title, text) for title, text in about if title in panels.titles)
 
     def switch(self) -> None:
         """Go from light to dark, or back."""
@@ -100,7 +106,7 @@ class HelpPanel(Panel):
         with modal:
             if not self._page.may("edit"):
                 self._gui.add_html(note_html(VISITING))
-            self._gui.add_html(help_html(self.keys, others=self._other_tabs))
+            self._gui.add_html(help_html(self.keys, self.tabs))
             button(self._gui, "Close", self.hide, color="gray")
 
     def hide(self) -> None:

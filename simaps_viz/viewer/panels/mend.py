@@ -47,6 +47,13 @@ def _by_id(simap: SIMap, instance_id: int | None) -> Instance | None:
     return next((one for one in simap.instances if one.id == instance_id), None)
 
 
+def _offer_buttons(row: viser.GuiButtonGroupHandle, names: Sequence[str]) -> None:
+    """Show those buttons of a row that can do something now; viser cannot disable single ones."""
+    if names and tuple(row.options) != tuple(names):
+        row.options = tuple(names)
+    row.visible = bool(names)
+
+
 NEAREST = 15
 """Objects in the list to join with."""
 LISTED = 40
@@ -185,11 +192,11 @@ class MendPanel(Panel):
         self._shown = None if one is None else one.id
         known = self._mending.covers(simap)
         self._show_status()
-        for widget in self._tools:
-            if isinstance(widget, viser.GuiButtonGroupHandle):
-                widget.visible = known  # viser cannot disable these
-            else:
-                widget.disabled = not known
+        for widget in (self._class, self._new, self._other, self._how):
+            widget.disabled = one is None or not known
+        possible = () if one is None or not known else ("Rename", "Join") if len(simap.instances) > 1 else ("Rename",)
+        _offer_buttons(self._change, possible)
+        _offer_buttons(self._remove, ("Cut in two", "Delete") if possible else ())
         if one is not None:
             self._offer(simap, one)
 
@@ -236,11 +243,11 @@ class MendPanel(Panel):
     def _fill(self, gui: viser.GuiApi) -> None:
         self._status = gui.add_html("")
         self._cancel = button(gui, "Cancel", self.stop_waiting, icon=viser.Icon.X, color="gray", visible=False)
-        change = button_row(gui, "Change", {"Rename": self.rename, "Join": self.join}, hint="Join: key J.")
+        self._change = button_row(gui, "Change", {"Rename": self.rename, "Join": self.join}, hint="Join: key J.")
         hint = "Cut in two: key X. Delete: key Delete."
-        remove = button_row(gui, "Divide, remove", {"Cut in two": self.cut, "Delete": self.delete}, hint=hint)
+        self._remove = button_row(gui, "Divide, remove", {"Cut in two": self.cut, "Delete": self.delete}, hint=hint)
         undo = {"Undo": self.undo, "Redo": self.redo}
-        button_row(gui, "Last edit", undo, hint="Keys Ctrl Z and Ctrl Shift Z.")
+        self._last = button_row(gui, "Last edit", undo, hint="Keys Ctrl Z and Ctrl Shift Z.")
         self._class = gui.add_dropdown(
             "Class", ONLY_NEW, initial_value=NEW_CLASS, hint="The class that Rename gives the object."
         )
@@ -248,7 +255,6 @@ class MendPanel(Panel):
         self._new = gui.add_text("New class", "", visible=False, hint="A class that is not on the map yet.")
         self._other = gui.add_dropdown("Join with", ONLY_ON_MAP, initial_value=ON_MAP, hint="The other half, for Join.")
         self._how = gui.add_dropdown("Cut along", (CLICKS, NORTH, EAST), initial_value=CLICKS, hint="For Cut in two.")
-        self._tools: tuple[Any, ...] = (self._class, self._new, self._other, self._how, change, remove)
         self._who = gui.add_text("Your name", self._default_who, hint="Edits are signed with it.")
         self._saved = gui.add_html("")
         self._edits = gui.add_html("")
@@ -396,7 +402,10 @@ class MendPanel(Panel):
         self._other.value = ON_MAP
 
     def _list(self) -> None:
-        mending = self._mending
-        entries = list(zip(mending.descriptions(), mending.log.entries, strict=False))
-        self._edits.content = edits_html(entries, len(mending.log.undone), mending.refused())
+        mending, log = self._mending, self._mending.log
+        known = mending.covers(self._page.simap)
+        last = (("Undo", log.entries), ("Redo", log.undone))
+        _offer_buttons(self._last, tuple(name for name, edits in last if edits and known))
+        entries = list(zip(mending.descriptions(), log.entries, strict=False))
+        self._edits.content = edits_html(entries, len(log.undone), mending.refused())
         self._saved.content = saved_html(str(mending.path), mending.saved)
