@@ -5,6 +5,7 @@ Foxglove's bridge cannot latch what its clients publish, so everything is sent a
 
 import time
 from collections.abc import Sequence
+from concurrent.futures import Future, ThreadPoolExecutor
 from typing import Any
 
 import numpy as np
@@ -26,9 +27,7 @@ OUT = {
 """All that is published without --drive, {topic: type}."""
 GOAL, GOAL_TYPE = "/goal_pose", "geometry_msgs/msg/PoseStamped"
 EVERY_S = 2.0
-"""The map is sent at most so often,"""
-SHARE = 0.05
-"""and takes at most this share of the time of the thread that maps."""
+"""The map is sent at most so often."""
 FREE, OCCUPIED, UNKNOWN = 0, 100, -1
 CUBE, TEXT, ADD, DELETE_ALL = 1, 9, 0, 3
 
@@ -133,19 +132,20 @@ class MapPublisher:
 
     def __init__(self, source: RobotSource) -> None:
         self._source, self._next_s = source, 0.0
+        self._worker = ThreadPoolExecutor(1, "live-publish")
+        self._busy: Future[None] | None = None
         for topic, kind in OUT.items():
             source.link.advertise(topic, kind)
 
     def on_event(self, event: Event) -> None:
-        """Publish the map where it is due, and the finished one."""
+        """Publish the map where it is due, while frames go on, and the finished one."""
         if isinstance(event, BuildFinished):
-            self._publish(event.simap)
+            self._worker.submit(self._publish, event.simap).result()
         elif isinstance(event, FrameProjected) and event.map_so_far is not None:
-            began_s = time.monotonic()
-            if began_s >= self._next_s:
-                self._publish(event.map_so_far())
-                now_s = time.monotonic()
-                self._next_s = now_s + max(EVERY_S, (now_s - began_s) / SHARE)
+            free = self._busy is None or self._busy.done()
+            if free and (now_s := time.monotonic()) >= self._next_s:
+                self._busy = self._worker.submit(self._publish, event.map_so_far())
+                self._next_s = now_s + EVERY_S
 
     def _publish(self, simap: SIMap) -> None:
         make = messages_for(self._source, simap.T_map_world)
