@@ -155,7 +155,8 @@ _words("_go", "_goer _prep* | APPROACH _prep* | _prep+")
 @_rule(
     "order",
     "_goer EITHER? _prep+ (_place _prep*)? WHERE? targets IS? | APPROACH _prep* targets | BACK _prep+ targets | "
-    "APPROACH STOP targets | targets (COMMA | STOP)+ GO | NEED TO? targets | _prep+ targets | (GO | TAKE) "
+    "_goer WHERE targets IS | APPROACH STOP targets | targets (COMMA | STOP)+ GO | NEED TO? targets | _prep+ targets "
+    "| (GO | TAKE) "
     "targets:there | "
     "targets IS WHERE GO",
 )
@@ -175,6 +176,14 @@ def _go_tersely(verb: str, noun: Noun) -> Steps:
     if verb.split(maxsplit=1)[0] in ("move", "shift", "run", "get", "steer", "roll", "swing") or not noun.known:
         raise CommandError("")
     return _go_to((select(noun, ()),))
+
+
+@_rule("order", "verb:GO pre+ noun", cost=0.3)
+def _go_to_nearest(verb: str, noun: Noun, pre: Sequence[Parts]) -> Steps:
+    """Read "go nearest oven"."""
+    if not noun.known or not any(part.kind in ("order", "rank") for parts in pre for part in parts):
+        raise CommandError("")
+    return _go_to((select(noun, [part for parts in pre for part in parts]),))
 
 
 @_rule("order", "_goer place:PLACE")
@@ -321,7 +330,7 @@ def _go_off(distance: Measure, np: Phrase, beside: str = "front", back: str = ""
     return (Do((f'robot.move_to(spot({{0.argument}}, "{side}", {distance.text}))',), (np,), note),)
 
 
-@_rule("order", "(_goer | KEEP) distance SHORT", cost=-0.3)
+@_rule("order", "(STAND | KEEP) distance SHORT", cost=-0.1)
 def _stop_short(distance: Measure) -> Steps:
     """Read "go to the fridge. Stop 1 m short."."""
     return _go_off(distance, Phrase(IT, ONE, "thing"), back="", off="away")
@@ -700,6 +709,7 @@ def _how_many_rooms() -> Steps:
 _words("_in_map", "(IN | ON) DET* MAP")
 
 
+@_rule("question", "(HOWMANY | COUNT) n:np WITH of:np", cost=-0.2)
 @_rule("question", "(HOWMANY | COUNT) n:np DOES of:np WITH", "(HOWMANY | COUNT) n:np (DOES | WITH) of:np WITH?")
 def _how_many_at(n: Phrase, of: Phrase) -> Steps:
     return _told(_changed(n, text=f"near({n.text}, {of.argument})", notes=n.notes + of.notes), "count")
@@ -848,7 +858,7 @@ _rule("compared", "NEAREST HERE?")(lambda: "near")
 _rule("compared", "FARTHEST AWAY?")(lambda: "far")
 
 
-@_rule("question", "IS a:np compared HERE? THAN b:np", cost=-0.3)
+@_rule("question", "IS a:np compared (FROM? HERE)? THAN b:np", cost=-0.3)
 def _compare(a: Phrase, compared: str, b: Phrase) -> Steps:
     line = f'tell({{0.text}}, "compare", {{1.argument}}, "{compared}")'
     return (Do((line,), (replace(a, many=False), replace(b, many=False))),)
@@ -862,6 +872,7 @@ def _which_of_two_named(noun: Noun, compared: str, a: Phrase, b: Phrase) -> Step
     return _which_of_two(compared, a, b)
 
 
+@_rule("question", "(WHICH | WHAT) ROOM IS DET? compared COMMA? a:room COMMA? OR b:room", cost=-0.6)
 @_rule("question", "(WHICH | WHAT) (IS | OF)* DET? compared HERE? (TO HERE)? COMMA? (a:np) COMMA? OR b:np", cost=-0.4)
 def _which_of_two(compared: str, a: Phrase, b: Phrase) -> Steps:
     both = united((a, b))
@@ -1106,9 +1117,9 @@ _words(
 )
 
 
-@_rule("done", "order (COMMA? times)?", "times COMMA? order", "order n:ORD")
-def _times(order: Steps, times: int = 1, n: int = 1) -> Steps:
-    if n != 1:  # "look at the sofa first"
+@_rule("done", "order (COMMA? times)?", "times COMMA? order", "order n:ORD", "order COMMA? said:NOWAIT")
+def _times(order: Steps, times: int = 1, n: int = 1, said: str = "instead") -> Steps:
+    if n != 1 or said not in ("instead", "i meant", "i mean", "rather"):  # "look at the sofa first"
         raise CommandError("")
     if not 1 <= times <= _MAX_TIMES:
         raise CommandError(f"an order can be repeated from 1 to {_MAX_TIMES} times, found {times}")
@@ -1263,6 +1274,9 @@ def _begun(items: Steps, b: Steps) -> Steps:
 def _instead(b: Steps, items: Steps = ()) -> Steps:
     """Read "go to the sofa, no wait, the table": what follows replaces the order before it."""
     last, first = items[-1] if items else None, b[0]
+    if isinstance(last, Do) and last.phrases and isinstance(first, Do) and first.phrases:
+        # "the glass on the counter, no wait, the one on the table"
+        first = replace(first, phrases=tuple(lent((phrase, last.phrases[0]))[0] for phrase in first.phrases))
     if isinstance(last, Do) and last.phrases and isinstance(first, Do) and not first.verb:
         first = replace(last, phrases=(*first.phrases, *last.phrases[1:]))
     return (*items[:-1], first, *b[1:])

@@ -23,7 +23,7 @@ _WISH: Final = re.compile(
     r"\s+if\s+you\s+(?:would|could|can|might|were to|went ahead and)\b"
 )
 """Openings such as "I would be most grateful if you could"."""
-_OPENING: Final = re.compile(r"^\W*(?:(?:so|and|um+|uh+|okay|ok|yeah|well|hmm+|er+|uhm)\b[\s,]*)+")
+_OPENING: Final = re.compile(r"^\W*(?:(?:right so|so|and|um+|uh+|okay|ok|yeah|well|hmm+|er+|uhm)\b[\s,]*)+")
 _IS: Final = re.compile(r"\b(that|it|there|what|where|here|which|who|how)['’]s\b")
 _MOST: Final = re.compile(r"(left|right|north|south|east|west)(?:ern|er)?most")
 _SIDE: Final = re.compile(r"(left|right|north|south|east|west)(?:ern|erly|ward)?$")
@@ -72,7 +72,7 @@ def read_words(text: str, vocabulary: Vocabulary, *, correcting: bool = False) -
     """
     plainly = _WISH.sub(" ", _IS.sub(r"\1 is", re.sub(r"\blet['’]s\b", "let us", text.lower())))
     plainly = re.sub(r",\s*so\s+(?!that\b)", ", ", plainly)
-    plainly = re.sub(r"\b[xy]\s*=\s*(?=[-.\d])", "", _OPENING.sub("", plainly))
+    plainly = re.sub(r"\b[xy]\s*=?\s*(?=[-.\d])", "", _OPENING.sub("", plainly))
     plainly = re.sub(r"[a-z]+", lambda found: _SPOKEN.get(found[0], found[0]), plainly)
     plainly = _ON_PAPER.sub(lambda found: f"{_PAPER[found[1]]} {_PAPER[found[2]]}", plainly)
     pieces = [(str(m.lastgroup), m[m.lastgroup or 0]) for m in _PIECE.finditer(plainly)]

@@ -9,7 +9,7 @@ VERDICTS = ("right", "refused", "wrong", "traceback")
 CORRIDOR = [5.0, 4.5, 90.0]
 
 
-REACHED = {"round1": (115, 3), "round2": (75, 3), "round3": (70, 3), "round4": (95, 5)}
+REACHED = {"round1": (115, 3), "round2": (75, 3), "round3": (70, 3), "round4": (98, 4), "round5": (69, 4)}
 """Of the commands on the maps that are shipped: at least so many right, and at most so many wrong but confident."""
 
 
