@@ -1,7 +1,7 @@
 """Several sequences of one building on one map: joining the halves of a sequence is the whole, up to names."""
 
 import json
-from dataclasses import replace
+from dataclasses import fields, replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -47,7 +47,7 @@ def same(one, other):
 def assert_same(one, other):
     """Compare dataclasses of arrays, whatever is in them."""
     if hasattr(one, "__dataclass_fields__"):
-        for name in one.__dataclass_fields__:
+        for name in (field.name for field in fields(one)):
             assert_same(getattr(one, name), getattr(other, name))
     elif isinstance(one, tuple | list):
         assert len(one) == len(other)
