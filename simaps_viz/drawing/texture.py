@@ -246,7 +246,7 @@ def _ramp(values: NDArray, unseen: NDArray, theme: Theme) -> NDArray:
 
 
 def _draw_rims(image: NDArray, colors: NDArray, instance: NDArray, scale: int, width: int = 1) -> None:
-    """Give, in place, the pixels of an instance that touch another or none the colour of their cell in ``colors``.
+    """Set, in place, the pixels of an instance that touch another or none to the colour of their cell in ``colors``.
 
     Works on cells and writes only their outermost pixel rows and columns, ``width`` of them: a fraction of the picture.
     """

@@ -59,7 +59,7 @@ class FoxgloveLink:
 
     @property
     def state(self) -> str:
-        """Say why there is no connection; "" where there is one."""
+        """Return why there is no connection; "" where there is one."""
         return self._state
 
     def open(self, on_topics: Callable[[dict[str, str]], None], on_message: OnMessage) -> None:

@@ -70,7 +70,7 @@ class RobotLink(Protocol):
 
     @property
     def state(self) -> str:
-        """Say what is wrong with the connection, in words; "" = nothing."""
+        """Return what is wrong with the connection, in words; "" = nothing."""
         ...
 
     def close(self) -> None:

@@ -36,7 +36,7 @@ class Place:
         They are those that its own file, the renderer and the simulated errors import; so another place, or furniture
         that only another place has, leaves its frames as they are.
         """
-        here = _FOLDER / "places" / f"{self.name}.py"
+        here = _FOLDER / f"{self.name}.py"
         return sorted(_imported({here, *(_FOLDER / f"{name}.py" for name in ("render", "simulated_errors"))}))
 
 

@@ -170,13 +170,13 @@ def test_frames_depend_on_the_files_of_their_place_alone(tmp_path, monkeypatch):
     assert {"home.py", "household.py"} <= names["home"] and "cafe.py" not in names["home"]
     assert settings_of(PLACES["cafe"]) == DemoSettings()
     folder = tmp_path / "scenes"
-    (folder / "places").mkdir(parents=True)
-    for path in place_file._FOLDER.rglob("*.py"):
-        (folder / path.relative_to(place_file._FOLDER)).write_bytes(path.read_bytes())
+    folder.mkdir()
+    for path in place_file._FOLDER.glob("*.py"):
+        (folder / path.name).write_bytes(path.read_bytes())
     monkeypatch.setattr(place_file, "_FOLDER", folder)
     before = {name: DemoSettings().key(place) for name, place in PLACES.items()}
-    (folder / "places" / "home.py").write_text("# another flat\n")
-    (folder / "places" / "moon.py").write_text("# another place\n")
+    (folder / "home.py").write_text("# another flat\n")
+    (folder / "moon.py").write_text("# another place\n")
     after = {name: DemoSettings().key(place) for name, place in PLACES.items()}
     assert {name for name in PLACES if before[name] != after[name]} == {"home"}
 

@@ -11,7 +11,7 @@ from scipy.spatial import KDTree
 from simaps_viz.colors.classes import COCO_THINGS, is_thing
 from simaps_viz.scenes import materials as m
 from simaps_viz.scenes import props, seating
-from simaps_viz.scenes.places.cafe import DEPTH_M, PLACE, WIDTH_M, cafe_scene
+from simaps_viz.scenes.cafe import DEPTH_M, PLACE, WIDTH_M, cafe_scene
 from simaps_viz.scenes.render import DepthSensor, Renderer, embree_scene, sense
 from simaps_viz.scenes.scene import Scene, SceneObject, assemble, place
 from simaps_viz.scenes.shapes import box, corner_normals, disc

@@ -437,7 +437,7 @@ class _Cloud:
         return simap.surface is not None and simap.surface.cell is self._cells
 
     def recolor(self, points: Points, colors: NDArray) -> None:
-        """Give the points other colours, and what they belong to; both of the same surface."""
+        """Set the colours of the points, and what they belong to; both of the same surface."""
         self.points = points
         for node, (_, _, part) in zip(self._nodes, self._layers, strict=True):
             if not np.array_equal(colors[part], self._colors[part]):

@@ -1,8 +1,8 @@
 """The embedded places by name; a new one is a file here and a line below."""
 
 from simaps_viz.errors import InputError
+from simaps_viz.scenes import cafe, canteen, home, office, shop
 from simaps_viz.scenes.place import Place
-from simaps_viz.scenes.places import cafe, canteen, home, office, shop
 
 PLACES: dict[str, Place] = {one.PLACE.name: one.PLACE for one in (cafe, home, office, canteen, shop)}
 
