@@ -65,6 +65,43 @@ def test_keys_select_nothing_stand_up_and_step(bench, page):
     page.wait_for_function("() => window.__viserMutable.nodeRefFromName['/blocks/0'] == null")
 
 
+@pytest.mark.parametrize("focused", ["button", "box to tick"])
+def test_escape_selects_nothing_wherever_the_focus_is(bench, page, focused):
+    """Also on a button whose hint is open, which keeps the key from viser's commands, and on a box to tick."""
+    session = mine(bench)
+    if focused == "button":
+        page.get_by_role("button", name="Top view", exact=True).click()
+        expect(page.get_by_role("tooltip")).to_be_visible()
+    else:
+        open_tab(page, "Command", "Follow robot")
+        page.get_by_label("Follow robot").first.click()
+    session.select(CHAIR_1)
+    until(page, lambda: session.selected == CHAIR_1)
+    assert page.evaluate("document.activeElement.matches('button, input')")
+    press(page, "Escape")
+    until(page, lambda: session.selected is None)
+
+
+FIRST_VIEWS = """() => {
+  window.firstViews = [];
+  const look = () => {
+    const { camera, nodeRefFromName } = window.__viserMutable || {};
+    if (camera && nodeRefFromName && nodeRefFromName['/map']) window.firstViews.push(camera.position.length());
+    requestAnimationFrame(look);
+  };
+  look();
+}"""
+
+
+def test_the_map_does_not_jump_on_the_first_load(bench, browser):
+    with watched_page(browser) as found:
+        found.add_init_script(f"({FIRST_VIEWS})()")
+        open_workbench(found, bench)
+        found.wait_for_timeout(1000)
+        seen = found.evaluate("window.firstViews")
+        assert len(seen) > 1 and max(seen) < 1.01 * min(seen)
+
+
 def test_keys_typed_into_a_box_are_letters(bench, page):
     press(page, "/")
     box = page.get_by_label("Command", exact=True).and_(page.locator("textarea"))

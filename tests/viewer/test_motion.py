@@ -10,6 +10,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from toy_maps import TOY_POSE, TOY_SPEC, toy_map
+from viser import _messages
 from waiting import until
 
 from simaps_viz.language.grounding import Grounding
@@ -219,7 +220,10 @@ class ForgetfulCamera:
 
 def test_a_page_that_forgot_how_wide_its_camera_opens_is_told_again():
     camera = ForgetfulCamera()
-    client = SimpleNamespace(camera=camera, atomic=nullcontext)
+    sent = []
+    client = SimpleNamespace(
+        camera=camera, atomic=nullcontext, _websock_connection=SimpleNamespace(queue_message=sent.append)
+    )
     extent = (0.0, 0.0, 450.0, 25.0)  # the camera stands as far away as it may: only its angle tells views apart
     Viewpoints(client, extent)  # type: ignore[arg-type]
     wide = camera.fov
@@ -227,6 +231,8 @@ def test_a_page_that_forgot_how_wide_its_camera_opens_is_told_again():
     camera.told(None)
     wider = camera.fov
     assert wider > wide * 1.2
+    assert all(message.initial for message in sent), "a page begins there, too, when it is set up anew"
+    assert [m.fov for m in sent if isinstance(m, _messages.SetCameraFovMessage)] == [wide, wider]
     camera.fov = wide
     camera.told(None)
     assert camera.fov == wider

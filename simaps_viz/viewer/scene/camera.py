@@ -11,6 +11,7 @@ import viser
 
 from simaps_viz.geometry import wrap_angle
 from simaps_viz.structures import Pose2
+from simaps_viz.viewer.server.viser_hooks import initial_camera
 
 Extent = tuple[float, float, float, float]
 """(xmin, ymin, xmax, ymax), map frame, metres."""
@@ -97,11 +98,12 @@ class CameraState:
 
 def set_first_view(server: viser.ViserServer, extent: Extent, aspect: float = FIRST_ASPECT) -> None:
     """Set the first view of pages that are opened from now on: the top view of an extent."""
-    first = top_view(extent, aspect)
-    server.initial_camera.position = first.position
-    server.initial_camera.look_at = first.look_at
-    server.initial_camera.fov = first.fov_rad
-    server.initial_camera.far = first.far_m
+    _set_camera(server.initial_camera, top_view(extent, aspect))
+
+
+def _set_camera(camera: viser.InitialCameraConfig, view: View) -> None:
+    camera.position, camera.look_at = view.position, view.look_at
+    camera.fov, camera.far = view.fov_rad, view.far_m
 
 
 class Viewpoints:
@@ -196,6 +198,7 @@ class Viewpoints:
         self._aspect, self._left_by_user = self._client.camera.aspect, False
         view = self._view(self._extent, self._aspect)
         self._put_there.append(view)
+        _set_camera(initial_camera(self._client), view)  # which it returns to while it is being set up
         self._put(view, UP)
 
     def _view(self, extent: Extent, aspect: float) -> View:

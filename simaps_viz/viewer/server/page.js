@@ -102,10 +102,23 @@
     if (event.key === 'f') { event.preventDefault(); toBox('Find', 'Instance', 3); }
     if (event.key === '?') { event.preventDefault(); const help = withText('Help'); if (help) help.click(); }
   });
+  // viser's keys miss Escape on a button whose hint is open, which keeps it, and on a box to tick; the page gets it then.
+  const WRITING = 'textarea, select, input:not([type=checkbox]), [contenteditable], [role=dialog]';
+  let taken = null;
+  document.documentElement.addEventListener('keydown', (event) => { taken = event; });
+  const passEscape = (event) => {
+    if (!event.isTrusted || !event.target.closest || event.target.closest(WRITING)) return;
+    const missed = event.target.matches('input');
+    setTimeout(() => {
+      if (missed || taken !== event) document.body.dispatchEvent(
+        new KeyboardEvent('keydown', { key: 'Escape', code: 'Escape', bubbles: true, cancelable: true }));
+    }, 50);
+  };
   window.addEventListener('keydown', (event) => {
     const open = [...document.querySelectorAll('.mantine-Modal-content')].pop();
     const close = open && [...open.querySelectorAll('button')].find((one) => one.textContent.trim() === 'Close');
-    if (event.key !== 'Escape' || !close) return;
+    if (event.key !== 'Escape') return;
+    if (!close) { passEscape(event); return; }
     event.stopImmediatePropagation();
     close.click();
   }, true);

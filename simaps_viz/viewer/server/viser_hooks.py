@@ -9,6 +9,8 @@
    ``scene``.
 4. `check_values`, on a page: a widget takes only values that fit it. It needs ``_websock_connection`` with
    ``_incoming_handlers``, and ``gui._gui_input_handle_from_uuid``.
+5. `initial_camera`, of a page: the public ``ViserServer.initial_camera`` for one page. It needs ``_websock_connection``
+   with ``queue_message``.
 
 ``tests/viewer/test_viser_hooks.py`` checks each of them by what it does.
 """
@@ -95,6 +97,11 @@ def role_of(server: viser.ViserServer, client: viser.ClientHandle) -> Role:
     connection = server._websock_server._live_connections.get(client.client_id)
     request = None if connection is None else connection.request
     return "owner" if request is not None and request.headers.get(ROLE_HEADER) == "owner" else "visitor"
+
+
+def initial_camera(client: viser.ClientHandle) -> viser.InitialCameraConfig:
+    """Return where one page's camera begins, and returns to whenever the page is set up anew; what is set is sent."""
+    return viser.InitialCameraConfig(client._websock_connection.queue_message)
 
 
 def _log_failure(loop: asyncio.AbstractEventLoop, context: dict[str, Any]) -> None:

@@ -1,10 +1,11 @@
 """What is added to viser's page: a script and a style sheet for what viser leaves out, a cover, and a policy.
 
 ``page.js``: viser gives its text boxes and sliders no accessible name, knows neither "/" nor "?" as a key, closes no
-window by Escape, forgets which tabs were open, and does not talk to the pages in its frames. They ask whether this page
-is light or dark, and are notified when that changes; they hand on the keys that they do not use themselves, and Tab,
-which leaves them. ``page.css``: darker labels (viser's have a contrast of 3.3), no text too small to read, windows as
-wide as the picture in them, a legend that scrolls by itself.
+window by Escape and misses that key on buttons with hints, forgets which tabs were open, and does not talk to the pages
+in its frames. They ask whether this page is light or dark, and are notified when that changes; they hand on the keys
+that they do not use themselves, and Tab, which leaves them. ``page.css``: darker labels (viser's
+have a contrast of 3.3), no text too small to read, windows as wide as the picture in them, a legend that scrolls by
+itself.
 
 viser shows our HTML but runs no script elements in it, so an image of one transparent pixel starts the script.
 """
