@@ -16,11 +16,12 @@ from simaps_viz.colors.palette import PALETTE, Color, as_color, color_of_number
 from simaps_viz.geometry import moved
 from simaps_viz.structures import GridSpec, MergeLog, SIMap
 
-NEAR_CELLS = 3
-"""Objects with fewer cells than this between them, along a row, a column or a diagonal, are near one another."""
-TOUCHES = 1000
-"""Weight of a pair of ids that touch; one that is only near has 1. So a touching pair of one colour is avoided even
-at the cost of many near ones."""
+STEPS = {1: 1000, 2: 30, 3: 30, 5: 1, 8: 1}
+"""Objects are near one another if some of their cells are so many cells apart, along a row, a column or a diagonal; and
+how much it matters then that their colours differ. So a pair that touches is told apart even at the cost of many close
+ones, and a close one at that of many farther ones. The steps left out would find slivers only."""
+TOUCHES = STEPS[1]
+"""Weight of a pair of ids that touch."""
 
 _instance_colors, _class_colors = ArrayCache(), ArrayCache()
 
@@ -177,12 +178,13 @@ def near_pairs(ids: NDArray) -> tuple[NDArray, NDArray]:
         ids: int [rows, cols].
 
     Returns:
-        int64 [n, 2], pairs, lower id first, ascending; and int64 [n], TOUCHES where cells of the two touch, else 1.
+        int64 [n, 2], pairs, lower id first, ascending; and int64 [n], the weight of the smallest step between them.
     """
     size = int(ids.max(initial=0)) + 1
-    found = [_pairs_apart(ids, step, size) for step in range(1, NEAR_CELLS + 1)]
-    keys = np.unique(np.concatenate(found))
-    return np.stack(np.divmod(keys, size), axis=1), np.where(np.isin(keys, found[0]), TOUCHES, 1)
+    found = [_pairs_apart(ids, step, size) for step in STEPS]
+    keys, first = np.unique(np.concatenate(found), return_index=True)
+    weight = np.repeat(list(STEPS.values()), [len(one) for one in found])
+    return np.stack(np.divmod(keys, size), axis=1), weight[first]
 
 
 def _pairs_apart(ids: NDArray, step: int, size: int) -> NDArray:

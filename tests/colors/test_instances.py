@@ -4,6 +4,7 @@ from dataclasses import replace
 from itertools import combinations
 from pathlib import Path
 
+import cv2
 import numpy as np
 import pytest
 from benchmarks.large_maps import large_map
@@ -111,6 +112,21 @@ def test_objects_that_touch_are_told_apart_at_any_threshold(name, request):
         cut = repartition(simap, affinity=affinity)
         assert instance_colors(cut) is colors  # nothing is recoloured while the slider moves
         check_neighbours(cut)
+
+
+@pytest.mark.parametrize("name", ["cafe", "house"])
+def test_objects_a_hand_apart_differ(name, request):
+    """Colours repeat only beyond 0.3 m, measured from edge to edge in all directions."""
+    simap, alike, near = request.getfixturevalue(name), [], 0
+    colors = instance_colors(simap)
+    ids = [one.id for one in simap.instances if (simap.instance == one.id).any()]
+    for place, one in enumerate(ids):
+        away = cv2.distanceTransform((simap.instance != one).astype(np.uint8), cv2.DIST_L2, cv2.DIST_MASK_PRECISE)
+        for other in ids[place + 1 :]:
+            if (away[simap.instance == other].min() - 1.0) * simap.spec.cell_size_m <= 0.3:
+                near += 1
+                alike += [(one, other)] if (colors[one] == colors[other]).all() else []
+    assert near > len(PALETTE) and alike == []
 
 
 @pytest.mark.parametrize("name", ["cafe", "house"])
