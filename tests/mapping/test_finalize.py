@@ -21,7 +21,7 @@ def test_an_obstacle_that_nearly_all_frames_saw_through_goes_and_a_dark_thing_st
     nothing = np.zeros(len(cell), np.int32)
     readings = Readings(cell, nothing, nothing, nothing.astype(np.int16), nothing.astype(np.float32), height)
 
-    cleared = without_passers_by(grid, readings, np.float32(0.1))
+    cleared = without_passers_by(grid, readings, 0.1)
 
     np.testing.assert_array_equal(cleared.lowest_m, np.array([[0.1, np.nan, 0.4, np.nan, np.nan]], np.float32))
     np.testing.assert_array_equal(grid.lowest_m, lowest)

@@ -26,6 +26,7 @@ def steps_of(seed: int, frames: int = 3):
     accumulator = MapAccumulator(LABELS, IS_THING, ProjectionSettings(), steps=True)
     for part in random_frames(seed, frames):
         accumulator.add_frame(*part)
+        assert accumulator.step is not None
         yield accumulator.step
 
 
@@ -168,6 +169,8 @@ def test_masks_that_err_make_no_objects_of_one_glance_or_of_the_floor():
 
 def test_numbering_segments_otherwise_changes_nothing():
     one, other = (map_of_columns(steps) for steps in (table_over_chairs(), turned(table_over_chairs())))
+    assert one.surface is not None
+    assert other.surface is not None
     assert np.array_equal(one.surface.owner, other.surface.owner) and one.hidden == other.hidden
 
 
@@ -202,6 +205,7 @@ def test_two_books_of_a_shelf_are_two():
 
 def test_a_map_keeps_its_surface_in_its_file(tmp_path):
     simap = map_of_columns(table_over_chairs())
+    assert simap.surface is not None
     color = np.random.default_rng(0).integers(0, 256, (simap.surface.voxels, 3)).astype(np.uint8)
     simap = replace(simap, surface=replace(simap.surface, color=coded_colors(color)))
     save_map(simap, tmp_path / "a.npz")
