@@ -8,15 +8,15 @@ docs/RELIABILITY.md.
     python apps/checks/false_alarms.py [--quick] [--only NAME] [RECORDING ...]
 """
 
-import argparse
 import sys
 import time
-from collections.abc import Callable, Iterator
-from dataclasses import replace
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, replace
 from functools import lru_cache
 from pathlib import Path
 
 import numpy as np
+import tyro
 from numpy.typing import ArrayLike, NDArray
 from scipy.spatial.transform import Rotation
 
@@ -152,7 +152,7 @@ def errors(diagnosis: Diagnosis) -> set[str]:
     return {finding.kind for finding in diagnosis.findings if finding.severity == "error"}
 
 
-def sources(more: list[Path], only: str) -> Iterator[tuple[str, Recording]]:
+def sources(more: Sequence[Path], only: str) -> Iterator[tuple[str, Recording]]:
     """Yield the recordings and their names."""
     paths = [("break room", SHARED / "hololens-breakroom"), ("house (rendered)", SHARED / "aws-small-house" / "rgbd")]
     paths = [(name, path) for name, path in paths if path.is_dir() and only in name]
@@ -166,13 +166,21 @@ def sources(more: list[Path], only: str) -> Iterator[tuple[str, Recording]]:
             yield f"{hand.name} (simulated)", recorded(hand, CACHE)
 
 
-def main() -> None:
-    parser = argparse.ArgumentParser(description=str(__doc__).split("\n", maxsplit=1)[0])
-    parser.add_argument("recordings", nargs="*", type=Path, help="further recordings that are clean")
-    parser.add_argument("--quick", action="store_true", help="one window a stride")
-    parser.add_argument("--only", default="", help="recordings whose name holds this")
-    parser.add_argument("--no-faults", action="store_true", help="clean recordings only")
-    args = parser.parse_args()
+@dataclass(frozen=True)
+class Checked:
+    """How often `simaps check` is wrong."""
+
+    recordings: tyro.conf.Positional[tuple[Path, ...]] = ()
+    """Further recordings that are clean."""
+    quick: bool = False
+    """One window a stride."""
+    only: str = ""
+    """Recordings whose name holds this."""
+    faults: bool = True
+    """Copies with known faults too."""
+
+
+def main(args: Checked) -> None:
     clean_rows, fault_rows, started = [], {name: [0, 0] for name in FAULTS}, time.monotonic()
     for name, recording in sources(args.recordings, args.only):
         tried = alarms = warned = 0
@@ -186,7 +194,7 @@ def main() -> None:
         clean_rows.append((name, tried, alarms, warned))
         print(f"{clean_rows[-1]} {time.monotonic() - started:.0f} s", file=sys.stderr, flush=True)
         copy = part(recording, np.arange(0, len(recording), max(1, len(recording) // FAULTY_FRAMES)))
-        for fault, (spoil, expected) in {} if args.no_faults else FAULTS.items():
+        for fault, (spoil, expected) in (FAULTS if args.faults else {}).items():
             if expected & {"gravity", "floor_height"} and (copy.up is None or copy.floor_height_m is None):
                 continue
             found = errors(diagnose(spoil(copy)))
@@ -198,7 +206,7 @@ def main() -> None:
     print("| clean recording | checks | false alarms | with a warning |\n| --- | --- | --- | --- |")
     for row in (*clean_rows, ("all", *total)):
         print("| " + " | ".join(map(str, row)) + " |")
-    if not args.no_faults:
+    if args.faults:
         rights = [sum(row[i] for row in fault_rows.values()) for i in (0, 1)]
         print("\n| fault | copies | diagnosed right |\n| --- | --- | --- |")
         for fault, (tried, right) in (*fault_rows.items(), ("all", rights)):
@@ -206,4 +214,4 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    main()
+    main(tyro.cli(Checked))
