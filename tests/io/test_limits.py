@@ -79,7 +79,7 @@ def test_pictures_of_no_camera(tmp_path, size):
 def test_only_pictures_whose_size_is_known_are_decoded(tmp_path):
     path = tmp_path / "a.png"
     path.write_bytes(cv2.imencode(".bmp", np.zeros((8, 8, 3), np.uint8))[1].tobytes())
-    refused(read_color, path, match="only PNG and JPEG are")
+    refused(read_color, path, match="only PNG, PGM and JPEG are")
 
 
 def npy(shape: str, kind: str = "'<f4'", data: bytes = b"") -> bytes:

@@ -24,7 +24,9 @@ CHAIR_1, TABLE = 1, 6
 PATIENCE_S = 60.0
 LOOKS_S = 0.2
 """So long a thread that may go on is given to do so, where it is not to."""
-OWN = ("/robot", "/path", "/selection", "/candidates/0", "/why/cut", "/why/links", "/why/number/0", "/camera")
+OWN = ("/robot", "/selection", "/why/cut", "/why/links", "/why/number/0", "/camera")
+"""Marks on a map of any time; those of a command are on the finished map alone."""
+OF_A_COMMAND = ("/path", "/candidates/0")
 
 
 def shown(session, name: str) -> bool:
@@ -92,10 +94,16 @@ def test_blocks_that_a_picture_overtakes_are_not_built(session, monkeypatch):
 
 def test_all_marks_are_hidden_whatever_draws_them_anew_and_come_back(session):
     scene = session.scene
-    session.select(CHAIR_1)
-    session.show_frame(1)
     scene.show_path(np.array([[0.0, 0.0], [1.0, 0.5]]))
     scene.show_candidates([Label("chair", 1.0, 1.0)])
+    assert session.wait_idle() and all(shown(session, name) for name in OF_A_COMMAND)
+    cover(session, True)
+    scene.show_path(np.array([[0.0, 0.0], [2.0, 0.5]]))
+    assert not any(shown(session, name) for name in OF_A_COMMAND)
+    cover(session, False)
+    assert all(shown(session, name) for name in OF_A_COMMAND)
+    session.select(CHAIR_1)
+    session.show_frame(1)
     assert session.wait_idle() and all(shown(session, name) for name in OWN)
     cover(session, True)
     assert not any(shown(session, name) for name in OWN)
