@@ -217,7 +217,7 @@ PAPER_SUCCESS: Final = {
 _SHARES: Final = "; ".join(f"{name} {rule:.2f} / {people:.2f}" for name, (rule, people) in PAPER_SUCCESS.items())
 PAPER: Final = (
     "Beside the paper (Nanwani et al., Instance-Level Semantic Maps for Vision Language Navigation, 2023,\n"
-    f"arXiv:2305.12363), by rule / by people: {_SHARES}.\n"
+    f"arXiv:2305.12363), by rule / by people:\n{_SHARES}.\n"
     'Its abstract says that its map improves navigation "by two-fold (233%)" over its baseline, on commands with\n'
     "instance-specific descriptions. That is another experiment: other scenes, another simulator, other commands.\n"
     "Here commands are made from the truth in fixed families and read by one grammar for all methods, masks are\n"

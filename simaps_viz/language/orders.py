@@ -164,7 +164,8 @@ def _go_to(targets: tuple[Phrase, ...]) -> Steps:
     return _each("robot.move_to_{0.goal}", targets)
 
 
-@_rule("order", "AT targets", "TO targets", "TOWARD targets", cost=-0.02)
+@_rule("order", "TO targets", cost=-0.001)
+@_rule("order", "AT targets", "TOWARD targets", cost=-0.02)
 def _likewise(targets: tuple[Phrase, ...]) -> Steps:
     """Read "look at the sofa and then at the table", "turn to the sofa, then to the table": the verb of the first."""
     return _each("", targets, "")

@@ -34,6 +34,7 @@ KILLED = {
     "bench_page": [],
     "fake_robot": [SEQUENCE, "--port", PORT],
     "method_figures": [],
+    "paper": [],
     "record_build": [],
     "screenshots": [],
     "workbench": [MAP, "--no-browser", "--port", PORT],
