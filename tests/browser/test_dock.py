@@ -191,7 +191,7 @@ def test_the_timelines_of_rerun_and_the_steps_of_the_page_move_each_other(browse
         dock.shows("louvain", 1)
         dock.fill(step, 0)
         dock.shows("louvain", 0)
-        expect(page.get_by_text("Classes only")).to_be_visible()
+        expect(page.get_by_text("Classes only: each cell has a class")).to_be_visible()
         # From rerun to the page: a person drags the time cursor, and chooses another timeline.
         dock.scrub(1.0)
         dock.shows("louvain", communities)
