@@ -1,5 +1,7 @@
 """Time, in Debian's Chromium: a map that grows while it is built, and one that is shown as it was."""
 
+from dataclasses import replace
+
 import cv2
 import numpy as np
 from browser import PATIENCE_S, free_port, mine, open_workbench, until, wait_for_color, watched_page
@@ -60,6 +62,7 @@ def test_a_map_grows_stops_goes_on_and_becomes_the_workbench(browser, tmp_path, 
 def test_a_map_is_shown_as_it_was_and_as_it_came_about(browser, tmp_path):
     sequence = open_sequence(write_tiny_sequence(tmp_path / "tiny", frames=FRAMES))
     simap = built(sequence, tmp_path / "m.npz")
+    simap = replace(simap, provenance={**simap.provenance, "simulated": True})  # its objects' colours are shown first
     with workbench.open_workbench(simap, recording=None, port=free_port(), map_path=tmp_path / "m.npz") as bench:
         first = bench.shared.look_back(simap, 0)
         assert first is not None
@@ -79,7 +82,7 @@ def test_a_map_is_shown_as_it_was_and_as_it_came_about(browser, tmp_path):
             thing, at = inside(simap, simap.instance > 0)
             parts = bench.shared.timeline(simap)
             fill(page, "Position", "0")
-            expect(page.get_by_text("Classes only")).to_be_visible()
+            expect(page.get_by_text("Classes only: each cell has a class")).to_be_visible()
             wait_for_color(bench, page, thing, map_image(parts.map_at(0), "class")[at])
             page.get_by_role("button", name="Back to the map").click()
             wait_for_color(bench, page, thing, map_image(simap)[at])
