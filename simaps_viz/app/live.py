@@ -480,8 +480,8 @@ def watch_source(request: LiveRequest, *, port: int, browser: bool, drive: bool 
         page.wait()
 
 
-def run_source(request: LiveRequest) -> tuple[SIMap, LiveRun]:
-    """Let a map grow until its source ends or Ctrl-C, and save it.
+def run_source(request: LiveRequest, *, tell: Callable[[str], None] = note) -> tuple[SIMap, LiveRun]:
+    """Let a map grow until its source ends or Ctrl-C, and save it; ``tell`` gets a line on its state now and then.
 
     Raises:
         InputError: nothing came, or the map cannot be written.
@@ -491,13 +491,13 @@ def run_source(request: LiveRequest) -> tuple[SIMap, LiveRun]:
     build = LiveBuild(lambda observers, cancel, resume: run.run(observers, cancel), 0, audience)
     build.start()
     try:
-        _until_saved(build, run)
+        _until_saved(build, run, tell)
     finally:
         request.source.close()
     return found[0], run
 
 
-def _until_saved(build: LiveBuild, run: LiveRun) -> None:
+def _until_saved(build: LiveBuild, run: LiveRun, tell: Callable[[str], None] = note) -> None:
     """Report on a live run until its map is saved; Ctrl-C ends it early, a second one gives the map up.
 
     Raises:
@@ -508,12 +508,12 @@ def _until_saved(build: LiveBuild, run: LiveRun) -> None:
         try:
             if (now_s := time.monotonic()) >= next_s and (words := run.words()) != said:
                 next_s, said = now_s + REPORT_S, words
-                note(words)
+                tell(words)
             pause.wait(0.1)
         except KeyboardInterrupt:
             if state.status == "stopping":
                 raise
-            note("Saving the map …")
+            tell("Saving the map …")
             build.stop()
     build.wait()
     if state.status == "failed":

@@ -82,7 +82,7 @@ class Live:
         """Let the map grow, and print what is on it."""
         from simaps_viz.app.live import run_source, watch_source
         from simaps_viz.app.workbench import counts_in_words
-        from simaps_viz.console.terminal import console, report
+        from simaps_viz.console.terminal import note, report
         from simaps_viz.io.files import check_ending
         from simaps_viz.live.out import MapPublisher
         from simaps_viz.live.robot import RobotSource
@@ -112,7 +112,6 @@ class Live:
             source, config, self.output, idle_stop_s=self.idle_stop, network=network,
             every_frame=self.pace == "fast" and "://" not in self.source, traffic=traffic,
         )  # fmt: skip
-        console.quiet = console.quiet or self.json
         with self._recorder() as recorder:
             observers = () if recorder is None else (recorder,)
             if self.publish and isinstance(source, RobotSource):
@@ -121,7 +120,7 @@ class Live:
             if self.view:
                 watch_source(request, port=self.port, browser=self.browser, drive=self.drive)
                 return OK
-            simap, live = run_source(request)
+            simap, live = run_source(request, tell=(lambda line: None) if self.json else note)
         record = {"event": "done", "map": str(self.output), "record": str(self.record) if self.record else None,
                   "counts": simap.counts(), "instances": len(simap.instances), "shots": live.traffic.placed,
                   "with_masks": live.traffic.named, "dropped": live.traffic.dropped, "moved": live.moved,
@@ -158,12 +157,15 @@ class Live:
 
     def _link(self) -> "RobotLink":
         from simaps_viz.live.foxglove import FoxgloveLink
+        from simaps_viz.live.zenoh import ZenohLink
 
-        if self.source.startswith("foxglove://"):
-            return FoxgloveLink(self.source)
-        raise InputError(
-            f"{self.source}: expected a sequence or foxglove://HOST:PORT, found an address of no known kind"
-        )
+        kind = {"foxglove": FoxgloveLink, "zenoh": ZenohLink}.get(self.source.partition("://")[0])
+        if kind is None:
+            raise InputError(
+                f"{self.source}: expected a sequence, foxglove://HOST:PORT or zenoh://HOST:PORT, "
+                "found an address of another kind"
+            )
+        return kind(self.source)
 
     def _named(self) -> "TopicNames":
         from simaps_viz.live.topics import TopicNames

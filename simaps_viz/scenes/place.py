@@ -1,6 +1,6 @@
 """An embedded place: what is in it, where the camera walks, and the source files that say so."""
 
-import ast
+import re
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -9,7 +9,7 @@ from simaps_viz.scenes.scene import Scene
 from simaps_viz.scenes.walk import Station, Walk, sample_walk
 
 _FOLDER = Path(__file__).parent
-_PACKAGE = "simaps_viz.scenes"
+_IMPORT = re.compile(r"^\s*from simaps_viz\.scenes(\S*) import (\([^)]*\)|.*)", re.MULTILINE)
 
 
 @dataclass(frozen=True)
@@ -44,11 +44,11 @@ def _imported(files: set[Path]) -> set[Path]:
     """Return these files and all of this folder that they import, directly or not."""
     found, left = set(files), list(files)
     while left:
-        for node in ast.walk(ast.parse(left.pop().read_text(encoding="utf-8"))):
-            if isinstance(node, ast.ImportFrom) and (node.module or "").startswith(_PACKAGE):
-                base = _FOLDER.joinpath(*(node.module or "").removeprefix(_PACKAGE).split(".")[1:])
-                named = {base.with_suffix(".py"), *(base / f"{alias.name}.py" for alias in node.names)}
-                new = {path for path in named if path.is_file()} - found
-                found |= new
-                left += new
+        # not ast: Python 3.11 cannot parse in several threads at once
+        for module, names in _IMPORT.findall(left.pop().read_text(encoding="utf-8")):
+            base = _FOLDER.joinpath(*module.split(".")[1:])
+            named = {base.with_suffix(".py"), *(base / f"{name}.py" for name in re.findall(r"\w+", names))}
+            new = {path for path in named if path.is_file()} - found
+            found |= new
+            left += new
     return found

@@ -327,8 +327,11 @@ def test_publishers_of_zenoh_are_told_by_their_tokens():
 
 
 @pytest.mark.slow
-def test_the_list_of_what_a_robot_offers(capsys):
-    server = FoxgloveServer()
+@pytest.mark.parametrize("kind", [FoxgloveServer, ZenohServer])
+def test_the_list_of_what_a_robot_offers(capsys, kind):
+    if kind is ZenohServer:
+        pytest.importorskip("zenoh")
+    server = kind()
     assert main(["live", server.address, "--list", "--json"]) == 0
     found = json.loads(capsys.readouterr().out)
     assert found["topics"] == TOPICS and found["used"][DEPTH] == "depth" and found["used"][MASKS] == "masks"

@@ -164,7 +164,9 @@ def test_the_page_grows_and_ending_it_there_saves_the_map(tiny, tmp_path):
 def test_the_command(tiny, tmp_path, capsys):
     output = tmp_path / "m.npz"
     assert main(["live", str(tiny.path), "-o", str(output), "--pace", "fast", "--json"]) == 0
-    record = json.loads(capsys.readouterr().out)
+    printed = capsys.readouterr()
+    record = json.loads(printed.out)
+    assert not printed.err
     assert record["shots"] == record["with_masks"] == FRAMES and record["counts"] == {"chair": 2}
     assert load_map(output).appearance is not None
     assert main(["live", str(tiny.path)]) == 2
