@@ -94,7 +94,7 @@ def facts_html(simap: SIMap, instance: Instance) -> str:
         ("Number", f"{instance.id} on this map"),
         ("Position", f"x {x:.2f} m, y {y:.2f} m (map frame)"),
         ("Size", _size(instance) if has_voxels(simap) else f"{x1 - x0:.2f} × {y1 - y0:.2f} m, top at {top:.2f} m"),
-        *[(kind, ", ".join(short_name(simap, simap.by_id(i)) for i in found)) for kind, found in _related(instance)],
+        *[(kind, ", ".join(short_name(simap, simap.by_id(i)) for i in found)) for kind, found in _related(simap, instance)],
         ("Score", f"{instance.score:.2f} mean confidence"),
         *([("Colour", f"about {color_name(seen)}, as the cameras saw it")] if seen is not None else []),
     )
@@ -118,8 +118,10 @@ def _size(instance: Instance) -> str:
     return f"{sides} m, from {box.center_m[2] - box.size_m[2] / 2:.2f} m up"
 
 
-def _related(instance: Instance) -> list[tuple[str, Iterable[int]]]:
-    """Return what an instance stands on, in and under, each said once."""
+def _related(simap: SIMap, instance: Instance) -> list[tuple[str, Iterable[int]]]:
+    """Return what an instance stands on, in and under, each said once; columns say nothing of it."""
+    if not has_voxels(simap):
+        return []
     under = [other for other in instance.under if other not in instance.inside and other not in instance.on]
     related = (("On", list(instance.on)[:1]), ("In", instance.inside), ("Under", under))
     return [(kind, found) for kind, found in related if found]
