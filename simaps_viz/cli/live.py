@@ -10,32 +10,16 @@ import tyro
 from simaps_viz.cli import NO, OK
 from simaps_viz.cli.options import MappingOptions, Networks
 from simaps_viz.errors import InputError
+from simaps_viz.live.topics import TopicNames
 
 if TYPE_CHECKING:
     from simaps_viz.live.robot import RobotLink
     from simaps_viz.live.source import Source, Traffic
-    from simaps_viz.live.topics import TopicNames
     from simaps_viz.recorder.recorder import RerunRecorder
     from simaps_viz.segmentation.protocol import Network
 
 LIVE_METHODS = ("evidence", "components")
 """Those whose frames can be placed again."""
-
-
-@dataclass(frozen=True)
-class RobotTopics:
-    """The topics of a robot; those that are not named are found by type and name."""
-
-    color_topic: str = ""
-    """Colour images; only a network looks at them."""
-    depth_topic: str = ""
-    """Depth images, 16UC1 millimetres or 32FC1 metres, also compressed."""
-    info_topic: str = ""
-    """CameraInfo of the depth images."""
-    masks_topic: str = ""
-    """Images of instance ids, mono16 or 32SC1, with the stamps of the depth images; "-" = none."""
-    labels_topic: str = ""
-    """std_msgs/String with JSON: {"<id>": {"label": "chair", "score": 0.9}}; "-" = none."""
 
 
 @dataclass(frozen=True)
@@ -55,7 +39,7 @@ class Live:
     """Where segments come from: "precomputed" (the source has them) or a network (.onnx), which looks at the newest
     picture whenever it is free; the others show what is free and what is not."""
     network: Annotated[Networks, tyro.conf.arg(name="")] = field(default_factory=Networks)
-    topics: Annotated[RobotTopics, tyro.conf.arg(name="")] = field(default_factory=RobotTopics)
+    topics: Annotated[TopicNames, tyro.conf.arg(name="")] = field(default_factory=TopicNames)
     list: bool = False
     """Only list what the robot offers, and what would be used of it."""
     publish: bool = True
@@ -149,7 +133,7 @@ class Live:
         from simaps_viz.live.robot import RobotSource
 
         if "://" in self.source:
-            return RobotSource(self._link(), self._named(), color=network is not None, traffic=traffic)
+            return RobotSource(self._link(), self.topics, color=network is not None, traffic=traffic)
         sequence = open_sequence(Path(self.source))
         if network is None:
             sequence.segmentation(0)  # raises InputError where there are no masks
@@ -167,12 +151,6 @@ class Live:
             )
         return kind(self.source)
 
-    def _named(self) -> "TopicNames":
-        from simaps_viz.live.topics import TopicNames
-
-        one = self.topics
-        return TopicNames(one.color_topic, one.depth_topic, one.info_topic, one.masks_topic, one.labels_topic)
-
     def _list(self) -> int:
         """List a robot's topics and which would be used."""
         from simaps_viz.console.terminal import emit, say
@@ -183,7 +161,7 @@ class Live:
             raise InputError(f"{self.source}: expected the address of a robot with --list, found a sequence")
         offered = topics_of(self._link())
         try:
-            chosen = choose_topics(offered, self._named(), color=self.segmentation != "precomputed")
+            chosen = choose_topics(offered, self.topics, color=self.segmentation != "precomputed")
         except InputError as error:
             chosen, unclear = None, str(error)
         else:

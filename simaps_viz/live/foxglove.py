@@ -6,8 +6,6 @@ subscription's number (u32), the time it was sent (u64, ns), then the message as
 
 import json
 import struct
-import threading
-from collections.abc import Callable
 from typing import Any
 from urllib.parse import urlsplit
 
@@ -17,7 +15,7 @@ from websockets.sync.connection import Connection
 from websockets.typing import Subprotocol
 
 from simaps_viz.errors import InputError, one_line
-from simaps_viz.live.robot import OnMessage
+from simaps_viz.live.robot import RobotLink
 
 PROTOCOLS = (Subprotocol("foxglove.sdk.v1"), Subprotocol("foxglove.websocket.v1"))
 """Of newer and older bridges; each refuses the other's alone."""
@@ -31,7 +29,7 @@ RETRY_S = (0.3, 4.0)
 _DATA, _PUBLISH = struct.Struct("<BIQ"), struct.Struct("<BI")
 
 
-class FoxgloveLink:
+class FoxgloveLink(RobotLink):
     """A connection to a Foxglove WebSocket server."""
 
     def __init__(self, address: str) -> None:
@@ -40,7 +38,7 @@ class FoxgloveLink:
         Raises:
             InputError: it is none.
         """
-        self.address = address
+        super().__init__(address)
         try:
             parts = urlsplit(address)
             host, port = parts.hostname, parts.port or PORT
@@ -49,30 +47,10 @@ class FoxgloveLink:
         if not host or parts.path not in ("", "/"):
             raise InputError(f"{address}: expected foxglove://HOST:PORT")
         self._url = f"ws://{f'[{host}]' if ':' in host else host}:{port}"
-        self._state = "connecting"
         self._socket: Connection | None = None
-        self._wanted: tuple[str, ...] = ()
         self._published: dict[str, tuple[int, str]] = {}
-        self._lock = threading.RLock()
-        self._closed = threading.Event()
-        self._thread: threading.Thread | None = None
-
-    @property
-    def state(self) -> str:
-        """Return why there is no connection; "" where there is one."""
-        return self._state
-
-    def open(self, on_topics: Callable[[dict[str, str]], None], on_message: OnMessage) -> None:
-        """Connect in a thread of its own, again and again until ``close``."""
-        self._on_topics, self._on_message = on_topics, on_message
-        self._thread = threading.Thread(target=self._run, name="foxglove", daemon=True)
-        self._thread.start()
-
-    def subscribe(self, topics: tuple[str, ...]) -> None:
-        """Receive these topics from now on, also after connecting again."""
-        with self._lock:
-            self._wanted = topics
-            self._subscribe()
+        self._channels: dict[int, tuple[str, str]] = {}
+        self._topic_of: dict[int, str] = {}
 
     def advertise(self, topic: str, kind: str) -> None:
         """Announce that a topic will be published, now and after connecting again."""
@@ -85,15 +63,11 @@ class FoxgloveLink:
         with self._lock:
             return self._send(_PUBLISH.pack(1, self._published[topic][0]) + data)
 
-    def close(self) -> None:
-        """Disconnect."""
-        self._closed.set()
+    def _hang_up(self) -> None:
         with self._lock:
             socket = self._socket
         if socket is not None:
             socket.close()
-        if self._thread is not None and self._thread is not threading.current_thread():
-            self._thread.join(5.0)
 
     def _run(self) -> None:
         wait_s, seen = RETRY_S[0], False
@@ -153,7 +127,7 @@ class FoxgloveLink:
 
     def _subscribe(self) -> None:
         """Subscribe to the wanted channels that are not subscribed to; their numbers are those of the channels."""
-        new = {number: topic for number, (topic, _) in getattr(self, "_channels", {}).items()
+        new = {number: topic for number, (topic, _) in self._channels.items()
                if topic in self._wanted and number not in self._topic_of}  # fmt: skip
         if new:
             self._topic_of |= new

@@ -5,7 +5,8 @@ import struct
 import threading
 import time
 from collections.abc import Callable
-from typing import Any, Protocol
+from dataclasses import replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -43,39 +44,66 @@ MAX_LABELS, MAX_LABEL = 10_000, 100
 MAX_FRAME = 200
 """Characters of the name of a frame."""
 
+JOIN_S = 6.0
+"""A link's thread is waited for so long."""
+
 OnMessage = Callable[[str, bytes, int], None]
 """(topic, CDR bytes, when it was sent in ns or 0)"""
 
 
-class RobotLink(Protocol):
+class RobotLink:
     """A connection to a robot, whatever the protocol; it connects again by itself."""
 
-    address: str
-
-    def open(self, on_topics: Callable[[dict[str, str]], None], on_message: OnMessage) -> None:
-        """Connect, and keep calling back from one thread: with {topic: type} when it changes, and messages."""
-        ...
-
-    def subscribe(self, topics: tuple[str, ...]) -> None:
-        """Receive these topics from now on, also after connecting again."""
-        ...
-
-    def advertise(self, topic: str, kind: str) -> None:
-        """Announce that a topic will be published."""
-        ...
-
-    def publish(self, topic: str, data: bytes) -> bool:
-        """Publish CDR bytes on an announced topic; False when there is no connection."""
-        ...
+    def __init__(self, address: str) -> None:
+        """Take an address; ``open`` connects."""
+        self.address, self._state = address, "connecting"
+        self._wanted: tuple[str, ...] = ()
+        self._lock = threading.RLock()
+        self._closed = threading.Event()
+        self._thread: threading.Thread | None = None
 
     @property
     def state(self) -> str:
         """Return what is wrong with the connection, in words; "" = nothing."""
-        ...
+        return self._state
+
+    def open(self, on_topics: Callable[[dict[str, str]], None], on_message: OnMessage) -> None:
+        """Connect, and keep calling back from one thread: with {topic: type} when it changes, and messages."""
+        self._on_topics, self._on_message = on_topics, on_message
+        self._thread = threading.Thread(target=self._run, name="robot-link", daemon=True)
+        self._thread.start()
+
+    def subscribe(self, topics: tuple[str, ...]) -> None:
+        """Receive these topics from now on, also after connecting again."""
+        with self._lock:
+            self._wanted = topics
+            self._subscribe()
+
+    def advertise(self, topic: str, kind: str) -> None:
+        """Announce that a topic will be published, now and after connecting again."""
+        raise NotImplementedError
+
+    def publish(self, topic: str, data: bytes) -> bool:
+        """Publish CDR bytes on an announced topic; False when there is no connection."""
+        raise NotImplementedError
 
     def close(self) -> None:
         """Disconnect."""
-        ...
+        self._closed.set()
+        self._hang_up()
+        if self._thread is not None and self._thread is not threading.current_thread():
+            self._thread.join(JOIN_S)
+
+    def _run(self) -> None:
+        """Connect again and again until ``_closed``, calling back; then end the connection."""
+        raise NotImplementedError
+
+    def _subscribe(self) -> None:
+        """Subscribe to what is wanted and not subscribed to, where there is a connection; under the lock."""
+        raise NotImplementedError
+
+    def _hang_up(self) -> None:
+        """End the connection, where its thread does not look at ``_closed`` by itself."""
 
 
 def raw_frame(data: bytes) -> str:
@@ -128,7 +156,7 @@ class RobotSource:
         """
         self.name, self.link, self._named, self._color, self._traffic = link.address, link, named, color, traffic
         if color:
-            self._named = TopicNames(named.color, named.depth, named.info, "-", "-")
+            self._named = replace(named, masks_topic="-", labels_topic="-")
         self.labels, self.is_thing = ("none",), (False,)
         self.chosen: Chosen | None = None
         self.offered: dict[str, str] = {}

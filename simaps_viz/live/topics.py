@@ -4,7 +4,6 @@ from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, fields
 from typing import Any
 
-from simaps_viz.datasets.ros_messages import CAMERA_INFO, COMPRESSED, IMAGE, TF_TYPES
 from simaps_viz.errors import InputError
 
 ODOMETRY, STRING = "nav_msgs/msg/Odometry", "std_msgs/msg/String"
@@ -14,13 +13,18 @@ NO_COLOR = ("depth", "infra", "confidence", "disparity", *MASK_WORDS)
 
 @dataclass(frozen=True)
 class TopicNames:
-    """The topics that a person names; "" = to be found, and for masks and labels: "-" = none."""
+    """The topics of a robot; those that are not named are found by type and name. Options of a command, too."""
 
-    color: str = ""
-    depth: str = ""
-    info: str = ""
-    masks: str = ""
-    labels: str = ""
+    color_topic: str = ""
+    """Colour images; only a network looks at them."""
+    depth_topic: str = ""
+    """Depth images, 16UC1 millimetres or 32FC1 metres, also compressed."""
+    info_topic: str = ""
+    """CameraInfo of the depth images."""
+    masks_topic: str = ""
+    """Images of instance ids, mono16 or 32SC1, with the stamps of the depth images; "-" = none."""
+    labels_topic: str = ""
+    """std_msgs/String with JSON: {"<id>": {"label": "chair", "score": 0.9}}; "-" = none."""
 
 
 @dataclass(frozen=True)
@@ -57,31 +61,37 @@ def choose_topics(offered: Mapping[str, str], named: TopicNames, *, color: bool)
     Raises:
         InputError: something is missing or unclear; the message names the option that decides.
     """
+    # Imported here, as the command line reads its options before numpy is there.
+    from simaps_viz.datasets.ros_messages import CAMERA_INFO, COMPRESSED, IMAGE, TF_TYPES  # noqa: PLC0415
+
     for field in fields(named):
         topic = getattr(named, field.name)
         if topic not in ("", "-") and topic not in offered:
-            raise InputError(f"--{field.name}-topic {topic}: expected a topic of the robot, found {_list(offered)}")
+            option = field.name.replace("_", "-")
+            raise InputError(f"--{option} {topic}: expected a topic of the robot, found {_list(offered)}")
     pictures = [t for t, kind in offered.items() if kind in (IMAGE, COMPRESSED)]
     depths = [t for t in pictures if _has(t, "depth") and not _has(t, *MASK_WORDS, "confidence")]
-    depth = named.depth or _one("depth", depths, lambda t: (not _has(t, "aligned", "registered"), _packed(t, offered)))
+    depth = named.depth_topic or _one(
+        "depth", depths, lambda t: (not _has(t, "aligned", "registered"), offered[t] == COMPRESSED)
+    )
     if not depth:
         raise InputError(f"--depth-topic: expected a topic with depth images, found none among {_list(offered)}")
     colors = [t for t in pictures if not _has(t, *NO_COLOR)]
-    near = lambda t: (not _has(t, "color", "rgb"), -len(_shared(t, depth)), not _packed(t, offered))  # noqa: E731
-    chosen_color = named.color or (_one("color", colors, near) if color else "")
+    near = lambda t: (not _has(t, "color", "rgb"), -len(_shared(t, depth)), offered[t] != COMPRESSED)  # noqa: E731
+    chosen_color = named.color_topic or (_one("color", colors, near) if color else "")
     if color and not chosen_color:
         raise InputError(f"--color-topic: expected a topic with colour images, found none among {_list(offered)}")
     infos = [t for t, kind in offered.items() if kind == CAMERA_INFO]
-    info = named.info or _one("info", infos, lambda t: -len(_shared(t, depth)))
+    info = named.info_topic or _one("info", infos, lambda t: -len(_shared(t, depth)))
     if not info:
         raise InputError(f"--info-topic: expected the depth camera's CameraInfo, found none among {_list(offered)}")
     masks = [t for t in pictures if _has(t, *MASK_WORDS) and offered[t] == IMAGE]
     labels = [t for t, kind in offered.items() if kind == STRING and _has(t, "label")]
-    masks_topic = "" if named.masks == "-" else named.masks or _one("masks", masks, lambda t: 0)
-    labels_topic = "" if named.labels == "-" else named.labels or _one("labels", labels, lambda t: 0)
+    masks_topic = "" if named.masks_topic == "-" else named.masks_topic or _one("masks", masks, lambda t: 0)
+    labels_topic = "" if named.labels_topic == "-" else named.labels_topic or _one("labels", labels, lambda t: 0)
     if bool(masks_topic) != bool(labels_topic):
         missing = "labels" if masks_topic else "masks"
-        if named.masks or named.labels:
+        if named.masks_topic or named.labels_topic:
             raise InputError(
                 f"--{missing}-topic: expected one that goes with {masks_topic or labels_topic}, found none"
             )
@@ -107,10 +117,6 @@ def _one(what: str, topics: list[str], rank: Callable[[str], Any]) -> str:
     if len(found) > 1:
         raise InputError(f"--{what}-topic: expected one topic, found {', '.join(found)}: name the one that is meant")
     return found[0]
-
-
-def _packed(topic: str, offered: Mapping[str, str]) -> bool:
-    return offered[topic] == COMPRESSED
 
 
 def _has(topic: str, *parts: str) -> bool:

@@ -8,14 +8,12 @@ for "/". Every message carries an attachment: its number, the time it was sent (
 import json
 import os
 import struct
-import threading
 import time
-from collections.abc import Callable
 from typing import Any
 from urllib.parse import urlsplit
 
 from simaps_viz.errors import InputError, needs_extra, one_line
-from simaps_viz.live.robot import OnMessage, message_types
+from simaps_viz.live.robot import RobotLink, message_types
 
 PORT = 7447
 """Of the router."""
@@ -26,7 +24,7 @@ _ATTACHMENT = struct.Struct("<qqB")
 MAX_TOPICS = 5000
 
 
-class ZenohLink:
+class ZenohLink(RobotLink):
     """A connection to the Zenoh router of a robot; Zenoh connects again by itself."""
 
     def __init__(self, address: str) -> None:
@@ -35,7 +33,7 @@ class ZenohLink:
         Raises:
             InputError: it is none, or the extra is missing.
         """
-        self.address = address
+        super().__init__(address)
         with needs_extra("ros2", "zenoh://"):
             import zenoh  # noqa: PLC0415 - only robots without a bridge need it
             import zenoh.ext  # noqa: PLC0415 - as above
@@ -48,35 +46,13 @@ class ZenohLink:
             raise InputError(f"{address}: expected zenoh://HOST:PORT or zenoh://HOST:PORT/DOMAIN")
         self._zenoh, self._domain = zenoh, domain
         self._endpoint = f"tcp/{f'[{host}]' if ':' in host else host}:{port}"
-        self._state = "connecting"
         self._session: Any = None
         self._declared: list[Any] = []
         self._topics: dict[str, str] = {}
-        self._wanted: tuple[str, ...] = ()
         self._subscribed: set[str] = set()
         self._kinds: dict[str, str] = {}
         self._publishers: dict[str, Any] = {}
         self._sent, self._gid = 0, os.urandom(16)
-        self._lock = threading.RLock()
-        self._closed = threading.Event()
-        self._thread: threading.Thread | None = None
-
-    @property
-    def state(self) -> str:
-        """Return why there is no connection; "" where there is one."""
-        return self._state
-
-    def open(self, on_topics: Callable[[dict[str, str]], None], on_message: OnMessage) -> None:
-        """Connect in a thread of its own, again and again until it succeeds or ``close``."""
-        self._on_topics, self._on_message = on_topics, on_message
-        self._thread = threading.Thread(target=self._run, name="zenoh", daemon=True)
-        self._thread.start()
-
-    def subscribe(self, topics: tuple[str, ...]) -> None:
-        """Receive these topics from now on."""
-        with self._lock:
-            self._wanted = topics
-            self._subscribe()
 
     def advertise(self, topic: str, kind: str) -> None:
         """Announce that a topic will be published; late subscribers get its last message."""
@@ -97,16 +73,6 @@ class ZenohLink:
             except self._zenoh.ZError:
                 return False
             return True
-
-    def close(self) -> None:
-        """Disconnect."""
-        self._closed.set()
-        if self._thread is not None:
-            self._thread.join(2 * RETRY_S)
-        with self._lock:
-            session, self._session = self._session, None
-        if session is not None:
-            session.close()
 
     def _run(self) -> None:
         config = self._zenoh.Config()
@@ -133,6 +99,10 @@ class ZenohLink:
         while session is not None and not self._closed.wait(0.2):
             there = bool(list(session.info.routers_zid()))
             self._state = "" if there else "connection lost, trying again"
+        with self._lock:
+            self._session = None
+        if session is not None:
+            session.close()
 
     def _token(self, sample: Any) -> None:
         """Take the token of a publisher that comes or goes."""

@@ -14,6 +14,7 @@ from fake_robot import DEPTH, LABELS, MASKS, TOPICS, Faults, FoxgloveServer, Pla
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from sequences import write_tiny_sequence
+from waiting import until
 
 from simaps_viz import open_sequence
 from simaps_viz.app.live import source_workbench
@@ -86,9 +87,7 @@ def grow(sequence, server, tmp_path, faults=None, *, rate_hz=30.0, settle_s=1.0)
     found = []
     thread = threading.Thread(target=lambda: found.append(live.run((), threading.Event())))
     thread.start()
-    until = time.monotonic() + 20.0
-    while source.chosen is None and time.monotonic() < until:
-        time.sleep(0.05)
+    until(lambda: source.chosen is not None)  # after everything is compiled
     time.sleep(settle_s)
     play(Played(sequence, faults or Faults(), rate_hz=rate_hz), server)
     thread.join(60.0)
@@ -307,9 +306,12 @@ def test_topics_are_found_by_type_and_name_and_what_is_unclear_is_asked():
     second = OFFER | {"/rear/aligned_depth_to_color/image_raw": "sensor_msgs/msg/Image"}
     with pytest.raises(InputError, match=r"--depth-topic: expected one topic, found /cam.*, /rear"):
         choose_topics(second, TopicNames(), color=False)
-    assert choose_topics(second, TopicNames(depth="/cam/depth/image_raw"), color=False).depth == "/cam/depth/image_raw"
+    assert (
+        choose_topics(second, TopicNames(depth_topic="/cam/depth/image_raw"), color=False).depth
+        == "/cam/depth/image_raw"
+    )
     with pytest.raises(InputError, match="--masks-topic /m: expected a topic of the robot"):
-        choose_topics(OFFER, TopicNames(masks="/m"), color=False)
+        choose_topics(OFFER, TopicNames(masks_topic="/m"), color=False)
     no_tf = {t: kind for t, kind in OFFER.items() if not t.startswith("/tf")}
     assert choose_topics(no_tf, TopicNames(), color=False).poses == ("/odom",)
 
