@@ -18,7 +18,7 @@ from simaps_viz.io.limits import MAX_CELL_INDEX, MAX_LINKED_CELL, MAX_SEGMENT_ID
 from simaps_viz.mapping.frame_list import FrameList
 from simaps_viz.mapping.links import LinkTable
 from simaps_viz.mapping.observations import AllReadings, FrameReadings, FrameRuns, StreamedReadings, gather_readings
-from simaps_viz.mapping.projection import first_step, project_pixels, runs_of_columns, see_cells, see_columns
+from simaps_viz.mapping.projection import first_step, project_pixels, runs_of_columns, see_cells
 from simaps_viz.mapping.steps import FrameSeen, FrameStep, step_upon
 from simaps_viz.mapping.tiles import SIDE, TileStore, raise_tiles
 from simaps_viz.structures import Frame, Grid, GridSpec, Intrinsics, Segment, Segmentation
@@ -110,22 +110,21 @@ class MapAccumulator:
             s.near_m, s.far_m, -s.below_floor_m, s.cut_height_m, s.cell_size_m,
             window.row0, window.col0, window.side, window.side, cells, heights,
         )  # fmt: skip
-        # 2. Of every cell, the highest pixel and the lowest obstacle go on the map.
+        # 2. Of every cell, the highest pixel and the lowest obstacle go on the map; at which heights each segment has
+        # surface is kept.
         label_of_id, graph_label_of_id = self._tables(segmentation.segments)
-        readings, lowered = self._raise(window, cells, heights, segmentation.ids, label_of_id)
-        # 3. Of every cell, the heights at which each segment has surface.
-        runs = self._runs(window, cells, heights, segmentation.ids, len(readings.rows))
-        # 4. Neighbouring pixels of one segment link their cells.
+        readings, lowered, runs = self._raise(window, cells, heights, segmentation.ids, label_of_id)
+        # 3. Neighbouring pixels of one segment link their cells.
         if self._links_wanted:
             self.links.add_frame(
                 cells, segmentation.ids, graph_label_of_id,
                 row0=window.row0, col0=window.col0, cols=window.side, reach=self.reach_cells,
             )  # fmt: skip
-        # 5. What the frame saw is kept for votes, evidence and views, and what it changed for the log.
+        # 4. What the frame saw is kept for votes, evidence and views, and what it changed for the log.
         seen = FrameSeen(frame.index, frame.name, T_map_camera, readings, segmentation.segments, runs=runs)
         if self._steps_wanted:
             links = self.links.last_frame() if self._links_wanted else None
-            self.step = FrameStep(seen, lowered, window.lowest[window.touched[: len(lowered)][lowered]], links)
+            self.step = FrameStep(seen, lowered, window.lowest[: len(lowered)][lowered], links)
         self.frames.append(seen)
         return np.stack([readings.rows, readings.cols], axis=1)
 
@@ -291,36 +290,30 @@ class MapAccumulator:
 
     def _raise(
         self, window: "_Window", cells: NDArray, heights: NDArray, ids: NDArray, label_of_id: NDArray
-    ) -> tuple[FrameReadings, NDArray]:
-        """Put the pixels in the window on the map; return their readings, and which cells were lowered, bool [n]."""
+    ) -> tuple[FrameReadings, NDArray, FrameRuns]:
+        """Put pixels on the map; return their readings, which cells were lowered, bool [n], and the runs of heights."""
         tiles, first, across = self.tiles, (window.row0 // SIDE, window.col0 // SIDE), window.side // SIDE
-        window.frames += 1
         window.wanted.fill(False)
+        lowest_step, columns = first_step(self.settings.below_floor_m), window.columns(cells.size)
         n, *extent = see_cells(
-            cells, heights, ids, window.side, self.settings.obstacle_height_m, tiles.known(first, across), tiles.lowest,
-            window.top, window.lowest, window.segment, window.stamp, window.frames,
-            window.touched, window.rows, window.cols, window.wanted,
+            cells, heights, ids, window.side, self.settings.obstacle_height_m, lowest_step,
+            tiles.known(first, across), tiles.lowest, window.wanted, window.place,
+            window.seen, window.rows, window.cols, window.top, window.lowest, window.segment, window.head, *columns,
         )  # fmt: skip
-        rows, cols, segments = window.rows[:n], window.cols[:n], np.zeros(n, dtype=np.int32)
-        top_m, lowered = np.zeros(n, dtype=np.float32), np.zeros(n, dtype=np.bool_)
+        rows, cols, top_m, segments = (of[:n].copy() for of in (window.rows, window.cols, window.top, window.segment))
+        lowered = np.zeros(n, dtype=np.bool_)
         if n:
             low_row, low_col, high_row, high_col = extent
             row0, col0 = window.row0, window.col0
             self._extend((low_row + row0, low_col + col0, high_row + row0, high_col + col0))
             raise_tiles(
-                window.touched[:n], rows, cols, tiles.slots(first, window.wanted),
-                window.top, window.lowest, window.segment, label_of_id,
-                tiles.label, tiles.top, tiles.lowest, tiles.observations, segments, top_m, lowered,
+                rows, cols, tiles.slots(first, window.wanted), top_m, window.lowest, segments, label_of_id,
+                tiles.label, tiles.top, tiles.lowest, tiles.observations, lowered,
             )  # fmt: skip
-        rows, cols = rows + np.int32(window.row0), cols + np.int32(window.col0)
-        return FrameReadings(rows, cols, segments, top_m), lowered
-
-    def _runs(self, window: "_Window", cells: NDArray, heights: NDArray, ids: NDArray, readings: int) -> FrameRuns:
-        """Return the runs of heights of a frame whose cells are the first ``readings`` that the window touched."""
-        touched, lowest = window.touched[:readings], first_step(self.settings.below_floor_m)
-        head, *columns = window.columns(cells.size)
-        see_columns(cells, heights, ids, touched, lowest, head, *columns)
-        return FrameRuns(*runs_of_columns(touched, lowest, head, *columns))
+        rows += np.int32(window.row0)
+        cols += np.int32(window.col0)
+        runs = FrameRuns(*runs_of_columns(lowest_step, window.head[:n], *columns))
+        return FrameReadings(rows, cols, segments, top_m), lowered, runs
 
     def _extend(self, extent: Extent) -> None:
         """Extend the map to these cells; raises InputError, and changes nothing, if it would be too large."""
@@ -351,19 +344,18 @@ class _Window:
     """Buffers for what one frame saw around its camera; the window's corners are corners of tiles."""
 
     def __init__(self, side: int) -> None:
-        self.side, self.row0, self.col0, self.frames = side, 0, 0, 0
-        self.top, self.lowest = np.zeros(side * side, np.float32), np.zeros(side * side, np.float32)
-        self.segment, self.stamp = np.zeros(side * side, np.int32), np.zeros(side * side, np.int32)
-        self.touched, self.rows, self.cols = (np.zeros(side * side, np.int32) for _ in range(3))
+        self.side, self.row0, self.col0 = side, 0, 0
         self.wanted = np.zeros((side // SIDE, side // SIDE), np.bool_)
-        self._head = np.zeros(side * side, np.int32)
+        self.place = np.full(side * side, -1, np.int32)
+        self.seen, self.rows, self.cols, self.segment, self.head = (np.zeros(side * side, np.int32) for _ in range(5))
+        self.top, self.lowest = np.zeros(side * side, np.float32), np.zeros(side * side, np.float32)
         self._columns = np.zeros(0, np.int32), np.zeros(0, np.uint64), np.zeros(0, np.int32)
 
-    def columns(self, pixels: int) -> tuple[NDArray, NDArray, NDArray, NDArray]:
-        """Return the buffers of `see_columns`: head, segment, steps and following, with room for so many columns."""
+    def columns(self, pixels: int) -> tuple[NDArray, NDArray, NDArray]:
+        """Return buffers for `see_cells`: segment, steps and following, with room for so many columns."""
         if len(self._columns[0]) < pixels:
             self._columns = np.zeros(pixels, np.int32), np.zeros(pixels, np.uint64), np.zeros(pixels, np.int32)
-        return self._head, *self._columns
+        return self._columns
 
 
 def _ray_length(k: Intrinsics) -> float:

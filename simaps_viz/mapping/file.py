@@ -105,7 +105,7 @@ def save_map(simap: SIMap, path: Path) -> None:
 
 
 def _write(simap: SIMap, file: IO[bytes]) -> None:
-    """Write the same bytes as `numpy.savez_compressed`, array by array and edges in parts, to save memory."""
+    """Write what `numpy.savez_compressed` does, array by array and edges in parts, to save memory."""
     arrays, edges = _arrays(simap), sum(len(graph.edges) for graph in simap.graphs)
     with zipfile.ZipFile(file, "w", compression=zipfile.ZIP_DEFLATED) as archive:
         for name in ("metadata", *_ARRAYS):
@@ -117,6 +117,7 @@ def _write(simap: SIMap, file: IO[bytes]) -> None:
                 else:
                     array = np.asarray(arrays[name], dtype=_ARRAYS[name][0])
                     np.lib.format.write_array(member, array, allow_pickle=False)
+        archive.compresslevel = 9  # a twentieth smaller; these are small, so it takes little time
         for name, array in {**_seen_arrays(simap), **_room_arrays(simap), **_surface_arrays(simap)}.items():
             with archive.open(f"{name}.npy", "w", force_zip64=True) as member:
                 np.lib.format.write_array(member, array, allow_pickle=False)

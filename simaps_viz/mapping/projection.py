@@ -81,105 +81,89 @@ def project_pixels(
 
 
 @njit(cache=True, nogil=True)
-def see_cells(
+def see_cells(  # noqa: C901 - one loop over shared arrays
     cells: NDArray,  # int32 [H, W]
     heights: NDArray,  # float32 [H, W]
     ids: NDArray,  # int32 [H, W]
     cols: int,
     obstacle_m: float,
+    lowest_step: int,
     slots: NDArray,  # int32 [tile rows, tile columns] of the window, -1 = no tile
     lowest: NDArray,  # float32, of the map's tiles
-    frame_top: NDArray,  # out float32 [n], valid for the touched cells
-    frame_lowest: NDArray,  # out float32 [n], the map's or this frame's, whichever is lower
-    frame_segment: NDArray,  # out int32 [n]
-    stamp: NDArray,  # in/out int32 [n], last frame that touched the cell
-    number: int,
-    touched: NDArray,  # out int32 [>= n]
-    rows: NDArray,  # out int32 [>= n], of the touched cells
+    wanted: NDArray,  # in/out bool [tile rows, tile columns]: those with a cell that is seen become True
+    place: NDArray,  # int32 [window], scratch: all -1, and so again in the end
+    seen: NDArray,  # out int32 [>= n], the cells that the frame saw, in the order met; the next six are aligned
+    rows: NDArray,  # out int32 [>= n]
     columns: NDArray,  # out int32 [>= n]
-    wanted: NDArray,  # in/out bool [tile rows, tile columns]: those with a touched cell become True
+    frame_top: NDArray,  # out float32 [>= n]
+    frame_lowest: NDArray,  # out float32 [>= n], the map's or this frame's, whichever is lower
+    frame_segment: NDArray,  # out int32 [>= n], of the highest pixel
+    head: NDArray,  # out int32 [>= n], first column, -1 = none
+    segment: NDArray,  # out int32 [>= H W], of each column
+    steps: NDArray,  # out uint64 [>= H W], bit k: a pixel at step ``lowest_step`` + k
+    following: NDArray,  # out int32 [>= H W], next column of the same cell, -1 = none
 ) -> tuple[int, int, int, int, int]:
-    """Find what one frame saw of every cell: its highest pixel (ties: the earlier), and its lowest obstacle.
+    """Find what one frame saw of every cell: its highest pixel (ties: the earlier), its lowest obstacle, its columns.
 
-    The lowest obstacle starts from the map's, which spares most pixels the writing. ``number`` must differ from frame
-    to frame.
+    The lowest obstacle starts from the map's, which spares most cells the writing. A column is a cell and a segment:
+    at which heights the frame saw its surface there.
 
-    Returns the number of cells this frame saw (they are the first of ``touched``, in the order met), and their first
-    row, first column, last row + 1 and last column + 1.
+    Returns the number n of cells this frame saw, and their first row, first column, last row + 1 and last column + 1.
     """
-    n_touched = 0
-    low_row, low_col, high_row, high_col = stamp.shape[0], stamp.shape[0], 0, 0
+    n = n_columns = 0
+    low_row, low_col, high_row, high_col = len(place), len(place), 0, 0
     height, width = cells.shape
+    top, low, at_steps = -np.float32(np.inf), np.float32(np.inf), np.uint64(0)
     for v in range(height):
         for u in range(width):
-            c = cells[v, u]
+            c, one = cells[v, u], ids[v, u]
             if c < 0:
                 continue
+            # Pixels side by side mostly share cell and segment: they are summed up before the cell is looked at.
             h = heights[v, u]
-            # The first pixel of this frame in the cell opens it; a later one counts if it is higher.
-            if stamp[c] != number:
-                stamp[c] = number
+            top = max(top, h)
+            if h >= obstacle_m and h < low:
+                low = h
+            k = math.floor(h * STEPS_PER_M + ON_A_STEP) - lowest_step
+            if 0 <= k < STEPS:
+                at_steps |= np.uint64(1) << np.uint64(k)
+            if u + 1 < width and cells[v, u + 1] == c and ids[v, u + 1] == one:
+                continue
+            # The first pixels of this frame in the cell open it; later ones count if they are higher.
+            at = place[c]
+            if at < 0:
+                at = place[c] = n
+                n += 1
                 row = c // cols
                 col = c - row * cols
-                touched[n_touched], rows[n_touched], columns[n_touched] = c, row, col
-                n_touched += 1
+                seen[at], rows[at], columns[at] = c, row, col
                 low_row, high_row = min(low_row, row), max(high_row, row + 1)
                 low_col, high_col = min(low_col, col), max(high_col, col + 1)
-                frame_top[c] = h
-                frame_segment[c] = ids[v, u]
-                frame_lowest[c] = lowest_so_far(row, col, slots, lowest, wanted)
-            elif h > frame_top[c]:
-                frame_top[c] = h
-                frame_segment[c] = ids[v, u]
-            if h >= obstacle_m and h < frame_lowest[c]:
-                frame_lowest[c] = h
-    return n_touched, low_row, low_col, high_row, high_col
-
-
-@njit(cache=True, nogil=True)
-def see_columns(
-    cells: NDArray,  # int32 [H, W]
-    heights: NDArray,  # float32 [H, W]
-    ids: NDArray,  # int32 [H, W]
-    touched: NDArray,  # int32 [n], the cells that occur in ``cells``
-    lowest_step: int,
-    head: NDArray,  # out int32 [window], first column of the touched cells
-    segment: NDArray,  # out int32 [>= columns], of each column
-    steps: NDArray,  # out uint64 [>= columns], bit k: a pixel at step ``lowest_step`` + k
-    following: NDArray,  # out int32 [>= columns], next column of the same cell, -1 = none
-) -> None:
-    """Find at which heights one frame saw surface: a column for each cell and segment, at most H W of them."""
-    for i in range(len(touched)):
-        head[touched[i]] = -1
-    size = 0
-    height, width = cells.shape
-    last_cell, last_id, column = -1, -1, -1
-    for v in range(height):
-        for u in range(width):
-            c = cells[v, u]
-            if c < 0:
-                continue
-            k = math.floor(heights[v, u] * STEPS_PER_M + ON_A_STEP) - lowest_step
-            if k < 0 or k >= STEPS:
-                continue
-            # Pixels side by side mostly share a column; others follow their cell's list.
-            one = ids[v, u]
-            if c != last_cell or one != last_id:
-                last_cell, last_id, column = c, one, head[c]
-                while column >= 0 and segment[column] != one:
-                    column = following[column]
-                if column < 0:
-                    column, size = size, size + 1
-                    segment[column], steps[column], following[column] = one, np.uint64(0), head[c]
-                    head[c] = column
-            steps[column] |= np.uint64(1) << np.uint64(k)
+                frame_top[at], frame_segment[at], head[at] = top, one, -1
+                frame_lowest[at] = lowest_so_far(row, col, slots, lowest, wanted)
+            elif top > frame_top[at]:
+                frame_top[at], frame_segment[at] = top, one
+            frame_lowest[at] = min(frame_lowest[at], low)
+            # The cell's list is followed to the segment's column; a new one becomes its first.
+            column = head[at]
+            while column >= 0 and segment[column] != one:
+                column = following[column]
+            if column >= 0:
+                steps[column] |= at_steps
+            elif at_steps != 0:
+                segment[n_columns], steps[n_columns], following[n_columns] = one, at_steps, head[at]
+                head[at] = n_columns
+                n_columns += 1
+            top, low, at_steps = -np.float32(np.inf), np.float32(np.inf), np.uint64(0)
+    for i in range(n):
+        place[seen[i]] = -1
+    return n, low_row, low_col, high_row, high_col
 
 
 @njit(cache=True, nogil=True)
 def runs_of_columns(
-    touched: NDArray,  # int32 [n]
     lowest_step: int,
-    head: NDArray,  # int32 [window], as `see_columns` leaves it, with the three that follow
+    head: NDArray,  # int32 [n], as `see_cells` leaves it, with the three that follow
     segment: NDArray,
     steps: NDArray,
     following: NDArray,
@@ -187,12 +171,12 @@ def runs_of_columns(
     """Cut columns into runs of steps without a gap.
 
     Returns:
-        place in ``touched`` int32, ascending; segment int32; first and last step int8.
+        place in ``head`` int32, ascending; segment int32; first and last step int8.
     """
     one = np.uint64(1)
     size = 0
-    for i in range(len(touched)):
-        column = head[touched[i]]
+    for i in range(len(head)):
+        column = head[i]
         while column >= 0:
             starts = steps[column] & ~(steps[column] << one)
             while starts:
@@ -202,8 +186,8 @@ def runs_of_columns(
     place, of_segment = np.zeros(size, np.int32), np.zeros(size, np.int32)
     low, high = np.zeros(size, np.int8), np.zeros(size, np.int8)
     n = 0
-    for i in range(len(touched)):
-        column = head[touched[i]]
+    for i in range(len(head)):
+        column = head[i]
         while column >= 0:
             left, k = steps[column], lowest_step
             while left:

@@ -167,32 +167,27 @@ def _places(rows: NDArray, cols: NDArray, row0: int, col0: int, slots: NDArray) 
 
 @njit(cache=True, nogil=True)
 def raise_tiles(
-    touched: NDArray,  # int32 [n], cells of a window whose corner is a tile's corner
-    rows: NDArray,  # int32 [n], of the window
+    rows: NDArray,  # int32 [n], of cells of a window whose corner is a tile's corner
     cols: NDArray,  # int32 [n]
     slots: NDArray,  # int32 [tile rows, tile columns] of the window
-    frame_top: NDArray,  # float32 [window]
-    frame_lowest: NDArray,  # float32 [window], as low as the map or lower
-    frame_segment: NDArray,  # int32 [window]
+    frame_top: NDArray,  # float32 [n]
+    frame_lowest: NDArray,  # float32 [n], as low as the map or lower
+    frame_segment: NDArray,  # int32 [n]
     label_of_id: NDArray,  # int16 [max id + 1]
     label: NDArray,  # in/out int16 [tiles * AREA], as all four layers of a `TileStore`
     top: NDArray,  # in/out float32, metres over the floor
     lowest: NDArray,  # in/out float32, metres over the floor, of its lowest obstacle
     observations: NDArray,  # in/out int32
-    seen_segment: NDArray,  # out int32 [n]
-    seen_top: NDArray,  # out float32 [n]
     lowered: NDArray,  # out bool [n], this frame's lowest pixel is the lowest so far
 ) -> None:
     """Put what one frame saw of its cells on the map; ties go to the earlier frame."""
-    for i in range(len(touched)):
-        c = touched[i]
+    for i in range(len(rows)):
         slot = np.int64(slots[rows[i] >> _BITS, cols[i] >> _BITS])
         at = slot * AREA + (rows[i] & (SIDE - 1)) * SIDE + (cols[i] & (SIDE - 1))
         observations[at] += 1
-        if frame_top[c] > top[at]:
-            top[at] = frame_top[c]
-            label[at] = label_of_id[frame_segment[c]]
-        lowered[i] = frame_lowest[c] < lowest[at]
+        if frame_top[i] > top[at]:
+            top[at] = frame_top[i]
+            label[at] = label_of_id[frame_segment[i]]
+        lowered[i] = frame_lowest[i] < lowest[at]
         if lowered[i]:
-            lowest[at] = frame_lowest[c]
-        seen_segment[i], seen_top[i] = frame_segment[c], frame_top[c]
+            lowest[at] = frame_lowest[i]
