@@ -105,11 +105,14 @@ class McapReader:
         self._stores: dict[tuple[str, str], Any] = {}
         self._file: BinaryIO = path.open("rb")
         self._size = path.stat().st_size
-        if self._file.read(len(MAGIC)) != MAGIC:
-            self._file.close()
-            raise ValueError("a file that does not start as MCAP does")
         self._chunk: Callable[[int], bytes] = lru_cache(maxsize=_CHUNKS_KEPT)(self._unpacked)
-        self._scan(self._file, -1, self._size)
+        try:
+            if self._file.read(len(MAGIC)) != MAGIC:
+                raise ValueError("a file that does not start as MCAP does")
+            self._scan(self._file, -1, self._size)
+        except BaseException:
+            self._file.close()
+            raise
         for topic in self.topics.values():
             topic.entries.sort()
 

@@ -94,7 +94,10 @@ def facts_html(simap: SIMap, instance: Instance) -> str:
         ("Number", f"{instance.id} on this map"),
         ("Position", f"x {x:.2f} m, y {y:.2f} m (map frame)"),
         ("Size", _size(instance) if has_voxels(simap) else f"{x1 - x0:.2f} × {y1 - y0:.2f} m, top at {top:.2f} m"),
-        *[(kind, ", ".join(short_name(simap, simap.by_id(i)) for i in found)) for kind, found in _related(simap, instance)],
+        *[
+            (kind, ", ".join(short_name(simap, simap.by_id(i)) for i in found))
+            for kind, found in _related(simap, instance)
+        ],
         ("Score", f"{instance.score:.2f} mean confidence"),
         *([("Colour", f"about {color_name(seen)}, as the cameras saw it")] if seen is not None else []),
     )

@@ -1,5 +1,6 @@
 """MCAP as others write it: ROS 1's messages, Foxglove's in protobuf and JSON, packed or not, and files cut short."""
 
+import os
 from pathlib import Path
 
 import numpy as np
@@ -9,6 +10,7 @@ from scans_bags import ros1_bag
 from scans_mcap import foxglove, mcap, of_ros1
 
 from simaps_viz import open_sequence
+from simaps_viz.datasets.mcap import McapReader
 from simaps_viz.datasets.sequence import PosedFrames
 from simaps_viz.errors import InputError
 
@@ -62,3 +64,14 @@ def test_files_that_hold_nothing(tmp_path: Path, data: bytes) -> None:
     (tmp_path / "drive.mcap").write_bytes(data)
     with pytest.raises(InputError, match=r"drive\.mcap: expected a ROS bag, found"):
         open_sequence(tmp_path / "drive.mcap")
+
+
+def test_a_damaged_file_does_not_stay_open(tmp_path: Path) -> None:
+    path = tmp_path / "drive.mcap"
+    data = bytearray(mcap(of_ros1(), "zstd"))
+    data[len(data) // 3 : len(data) // 3 + 30] = bytes(30)
+    path.write_bytes(data)
+    with pytest.raises(Exception) as told:
+        McapReader(path)
+    assert told.value.__traceback__ is not None  # which keeps the reader
+    assert path not in {Path(f"/proc/self/fd/{n}").resolve() for n in os.listdir("/proc/self/fd")}
