@@ -71,6 +71,16 @@ def object_names(simap: SIMap, most: int | None = None) -> dict[str, int]:
     return names
 
 
+def short_names(simap: SIMap) -> dict[int, str]:
+    """Return {id: name} of all instances, named as `short_name` does."""
+    number: Counter[str] = Counter()
+    names: dict[int, str] = {}
+    for one in all_instances(simap):
+        number[one.label] += 1
+        names[one.id] = f"{one.label} {number[one.label]}"
+    return names
+
+
 def short_name(simap: SIMap, instance: Instance) -> str:
     """Name an instance without saying how many its class has: "chair 7"."""
     siblings = [other.id for other in all_instances(simap) if other.label == instance.label]
@@ -130,8 +140,8 @@ def _related(simap: SIMap, instance: Instance) -> list[tuple[str, Iterable[int]]
     return [(kind, found) for kind, found in related if found]
 
 
-def legend_html(simap: SIMap, mode: ColorMode, theme: Theme = LIGHT) -> str:
-    """Explain every colour of a mode."""
+def legend_html(simap: SIMap, mode: ColorMode, theme: Theme = LIGHT, *, buttons: bool = False) -> str:
+    """Explain every colour of a mode; with ``buttons``, classes can be pressed where the page's script hears it."""
     if mode == "height":
         bar = _bar("0 m", f"{HEIGHT_TOP_M:g} m and more", "height of the highest point over the floor")
         return _box(f"{bar}{_unseen(theme)}")
@@ -140,7 +150,7 @@ def legend_html(simap: SIMap, mode: ColorMode, theme: Theme = LIGHT) -> str:
     if mode == "observations":
         most = int(simap.grid.observations.max(initial=0))
         return _box(f"{_bar('0', plural(most, 'frame'), 'frames that saw the cell, logarithmic')}{_unseen(theme)}")
-    rows = [CHIP_STYLE, *(_class_rows(simap) if mode == "class" else _instance_rows(simap))]
+    rows = [CHIP_STYLE, *(_class_rows(simap, buttons) if mode == "class" else _instance_rows(simap, buttons))]
     ground = (("wall", theme.wall), ("not named", theme.clutter), ("floor", theme.floor), ("never seen", theme.unseen))
     names = "".join(f'<span class="simaps-entry">{chip(color)}{name}</span>' for name, color in ground)
     rows.append(f'<div style="margin-top:.5em">{names}</div>')
@@ -151,11 +161,11 @@ def _unseen(theme: Theme) -> str:
     return f'<div>{CHIP_STYLE}<span class="simaps-entry">{chip(theme.unseen)}never seen</span></div>'
 
 
-def _class_rows(simap: SIMap) -> list[str]:
+def _class_rows(simap: SIMap, buttons: bool) -> list[str]:
     colors = class_colors(simap)
     counts = simap.counts()
     rows = [
-        f'<div class="simaps-entry">{chip(colors[label])}{short_html(label)} <b>{count}</b></div>'
+        f'<div class="simaps-entry">{chip(colors[label])}{_class_entry(label, count, buttons)}</div>'
         for label, count in counts.items()
     ]
     if len(counts) > len(PALETTE):
@@ -163,7 +173,21 @@ def _class_rows(simap: SIMap) -> list[str]:
     return rows
 
 
-def _instance_rows(simap: SIMap) -> list[str]:
+def _class_entry(label: str, count: int, buttons: bool) -> str:
+    """Return a class and its number of objects, as a button that shows it alone and one that fades it."""
+    text = f"{short_html(label)} <b>{count}</b>"
+    if not buttons:
+        return text
+    name = escape(label)
+    return (
+        f'<button type="button" class="simaps-class" data-class="{name}" data-do="only" aria-pressed="false" '
+        f'title="Show only this class; again: all">{text}</button>'
+        f'<button type="button" class="simaps-fade" data-class="{name}" data-do="fade" aria-pressed="false" '
+        f'aria-label="Fade {name}" title="Fade this class; again: show it">fade</button>'
+    )
+
+
+def _instance_rows(simap: SIMap, buttons: bool) -> list[str]:
     colors = instance_colors(simap)
     ids: dict[str, list[int]] = {}
     for one in simap.instances:
@@ -172,7 +196,8 @@ def _instance_rows(simap: SIMap) -> list[str]:
     for label, count in simap.counts().items():
         chips = "".join(chip(as_color(colors[i])) for i in ids[label][:MAX_CHIPS])
         rest = f" +{count - MAX_CHIPS}" if count > MAX_CHIPS else ""
-        rows.append(f'<div><span class="simaps-entry">{short_html(label)} <b>{count}</b></span>{chips}{rest}</div>')
+        entry = _class_entry(label, count, buttons)
+        rows.append(f'<div><span class="simaps-entry">{entry}</span>{chips}{rest}</div>')
     if len(simap.instances) > len(PALETTE):
         rows.append(_note("Objects near one another have different colours; farther off, colours repeat."))
     return rows

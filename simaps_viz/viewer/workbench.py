@@ -243,6 +243,9 @@ class Workbench:
         session = self._session_named(token)
         if session is None:
             return None
+        if event.get("type") != "tab":
+            session.panels.each(lambda panel: panel.told(event))
+            return None
         name, state = self.tabs.claim(event.get("tab"), token)
         session.begin(state)
         session.settle(event.get("width"))

@@ -62,6 +62,9 @@ class Panel:
     def painted(self, simap: SIMap, snapshot: "Snapshot") -> None:
         """Called after a map was painted, as it was at a time step."""
 
+    def told(self, event: dict[str, Any]) -> None:
+        """Called when the page's own script reports what a person did: any JSON, to be checked."""
+
     def failed(self) -> None:
         """Called when a job of this page failed; the page itself shows the error."""
 

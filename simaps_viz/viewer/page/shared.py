@@ -93,6 +93,7 @@ class Shared:
         self.looks: Once[SIMap | None] = Once(MAX_LOOKS)
         self.timelines: Once[Timeline] = Once(MAX_TIMELINES)
         self._timeline: Timeline | None = None
+        self._names: Once[str] = Once(MAX_PARTITIONS)
         self.pictures: Once[bytes] = Once(MAX_PICTURES, size=len, most_size=MAX_PICTURE_BYTES)
 
     def cut_map(self, base: SIMap, percent: float, resolution: float) -> SIMap:
@@ -139,10 +140,14 @@ class Shared:
         key = (simap, mode, lit, until, theme)
         return self.pictures.get(key, lambda: self._in_turn(lambda: png(paint(simap, mode, lit, until, theme))))
 
+    def names(self, simap: SIMap, write: Callable[[SIMap], str]) -> str:
+        """Return what pages need to name the objects of a map, as ``write`` writes it."""
+        return self._names.get((simap,), lambda: self._in_turn(lambda: write(simap)))
+
     def forget_maps(self, kept: Callable[[SIMap], bool]) -> None:
         """Drop what was computed from maps other than the kept ones."""
         self._timeline = None
-        for store in (self.partitions, self.looks, self.timelines, self.pictures):
+        for store in (self.partitions, self.looks, self.timelines, self._names, self.pictures):
             store.forget(lambda key: isinstance(key, tuple) and kept(key[0]))
 
     def _in_turn(self, compute: Callable[[], V]) -> V:

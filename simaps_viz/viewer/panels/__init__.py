@@ -9,10 +9,12 @@ from simaps_viz.viewer.panels.help import HelpPanel
 from simaps_viz.viewer.panels.instance import FindBox, InstancePanel
 from simaps_viz.viewer.panels.judge import JudgePanel
 from simaps_viz.viewer.panels.map import MapPanel
+from simaps_viz.viewer.panels.names import NamesPanel
 from simaps_viz.viewer.panels.why import WhyPanel
 
 PANELS: tuple[PanelSpec, ...] = (
     PanelSpec("Page", viser.Icon.HELP, HelpPanel, "head"),
+    PanelSpec("Page", viser.Icon.HELP, NamesPanel, "head"),
     PanelSpec("Judge", viser.Icon.GAVEL, JudgePanel, wanted=lambda has: has.judging is not None, right="edit"),
     PanelSpec("Map", viser.Icon.MAP, MapPanel),
     PanelSpec("Command", viser.Icon.ROBOT, CommandPanel),

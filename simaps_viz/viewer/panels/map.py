@@ -3,7 +3,7 @@
 import functools
 from dataclasses import replace
 from html import escape
-from typing import cast
+from typing import Any, cast
 
 import viser
 
@@ -38,6 +38,8 @@ class MapPanel(Panel):
         self._page = page
         self._rooms_shown: tuple[Room, ...] = ()
         self._in_space = False
+        self.faded: frozenset[str] = frozenset()
+        """Classes that are dimmed."""
         self._other_mode: ColorMode = "photo"
         gui, simap, services = page.gui, page.base, page.services
         self._with_k, self._with_resolution = services.repartition is not None, services.recommunity is not None
@@ -142,10 +144,22 @@ class MapPanel(Panel):
 
     def style(self, simap: SIMap, style: Style) -> Style:
         """Paint in the chosen colours, and emphasise the chosen class unless an instance is selected."""
-        shown = self.shown_class
-        if style.lit is None and shown is not None:
-            style = replace(style, lit=frozenset(one.id for one in simap.of_class(shown)))
+        shown, faded = self.shown_class, self.faded
+        if style.lit is None and (shown is not None or faded):
+            lit = simap.of_class(shown) if shown is not None else simap.instances
+            style = replace(style, lit=frozenset(one.id for one in lit if one.label == shown or one.label not in faded))
         return replace(style, mode=self.mode)
+
+    def told(self, event: dict[str, Any]) -> None:
+        """Show a class of the legend alone, or all again; or fade it, or show it again."""
+        name = event.get("name")
+        if event.get("type") != "class" or name not in self._class.options:
+            return
+        if event.get("do") == "fade":
+            self.faded ^= {name}
+            self._page.repaint()
+        else:
+            self._class.value = EVERY_CLASS if name == self._class.value else name
 
     def painted(self, simap: SIMap, snapshot: Snapshot) -> None:
         """Describe the painted map, with a badge unless it is the finished one."""
@@ -154,8 +168,10 @@ class MapPanel(Panel):
         self._show_rooms(simap)
         for widget in (self._k, self._resolution, self._reset):
             widget.disabled = not simap.instances and not simap.graphs
-        legend = legend_html(simap, self.mode, self._page.theme)
-        self._legend.content = f'<div class="simaps-legend" style="{LEGEND_STYLE}">{legend}</div>'
+        legend = legend_html(simap, self.mode, self._page.theme, buttons=True)
+        legend = f'<div class="simaps-legend" style="{LEGEND_STYLE}">{legend}</div>'
+        if self._legend.content != legend:  # sent again, it would lose the focus of its buttons
+            self._legend.content = legend
         options = (EVERY_CLASS, *simap.counts())
         if options != tuple(self._class.options):
             self._class.options = options  # viser keeps the chosen class if it is still there

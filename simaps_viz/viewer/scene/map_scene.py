@@ -370,6 +370,9 @@ class MapScene:
         self._scene.add_label("/scale_bar/text", f"{length:g} m", position=(b + 2 * tick, y, 0.0), anchor="center-left")
 
     def _add_compass(self) -> None:
+        """Draw an arrow to the north; a page has a button for it, a scene that is exported has nothing else."""
+        if isinstance(self._page, viser.ClientHandle):
+            return
         _, ymin, xmax, ymax = self._framed
         size = 0.045 * (ymax - ymin)
         x, y = xmax - 0.6 * size, ymin - 0.075 * (ymax - ymin)

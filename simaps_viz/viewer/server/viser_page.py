@@ -3,7 +3,8 @@
 ``page.js``: viser gives its text boxes and sliders no accessible name, knows neither "/" nor "?" as a key, closes no
 window by Escape and misses that key on buttons with hints, forgets which tabs were open, and does not talk to the pages
 in its frames. They ask whether this page is light or dark, and are notified when that changes; they hand on the keys
-that they do not use themselves, and Tab, which leaves them. ``page.css``: darker labels (viser's
+that they do not use themselves, and Tab, which leaves them. ``map.js``: names and outlines of objects under the
+pointer, and the map is moved as maps are. ``page.css``: darker labels (viser's
 have a contrast of 3.3), no text too small to read, windows as wide as the picture in them, a legend that scrolls by
 itself.
 
@@ -35,7 +36,7 @@ OPENED = "simaps-opened"
 
 _PIXEL = "data:image/gif;base64,R0lGODlhAQABAAAAACH5BAEKAAEALAAAAAABAAEAAAICTAEAOw=="
 _FILES = resources.files("simaps_viz.viewer.server")
-_SCRIPT = _FILES.joinpath("page.js").read_text(encoding="utf-8")
+_SCRIPT = "".join(_FILES.joinpath(name).read_text(encoding="utf-8") for name in ("page.js", "map.js"))
 _STYLE = Template(_FILES.joinpath("page.css").read_text(encoding="utf-8")).substitute(
     light_dim=css(LIGHT.dim),
     light_link=css(LIGHT.link),

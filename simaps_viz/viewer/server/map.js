@@ -1,0 +1,298 @@
+(() => {  // the map itself: names and outlines under the pointer, and hands as on every map
+  if (window.simapsMap) return;
+  window.simapsMap = {};
+  const SVG = 'http://www.w3.org/2000/svg';
+  const TOP = 'Top view';
+  const make = (tag, name, parent) => {
+    const one = document.createElement(tag);
+    one.className = name;
+    return parent ? parent.appendChild(one) : one;
+  };
+  const over = make('div', 'simaps-over');
+  const drawing = make('canvas', 'simaps-drawing', over);
+  const names = make('div', 'simaps-names', over);
+  const hint = make('div', 'simaps-hint', over);
+  hint.setAttribute('role', 'status');
+  const north = make('button', 'simaps-north', over);
+  north.type = 'button';
+  north.title = 'North up, and the whole map';
+  north.setAttribute('aria-label', 'North up');
+  const compass = north.appendChild(document.createElementNS(SVG, 'svg'));
+  compass.setAttribute('viewBox', '-12 -12 24 24');
+  for (const [d, name] of [['M0 -10 L4.5 2 L0 0 Z M0 -10 L-4.5 2 L0 0 Z', 'simaps-needle'], ['M-2.6 10 V4 L2.6 10 V4', 'simaps-n']]) {
+    const path = compass.appendChild(document.createElementNS(SVG, 'path'));
+    path.setAttribute('d', d);
+    path.setAttribute('class', name);
+  }
+  for (const kind of ['pointerdown', 'pointerup', 'pointermove', 'wheel'])
+    north.addEventListener(kind, (event) => event.stopPropagation());
+
+  // What a person does here is told to the page's session, one message after the other.
+  let telling = Promise.resolve();
+  const tell = (event) => {
+    const frame = document.querySelector('iframe[title=Tab]');
+    if (!frame) return;
+    const address = '/tab/event' + new window.URL(frame.src).search;
+    const sent = { method: 'POST', headers: { 'Content-Type': 'application/json' }, body: JSON.stringify(event) };
+    telling = telling.then(() => window.fetch(address, sent)).catch(() => {});
+  };
+  north.addEventListener('click', () => tell({ type: 'north' }));
+
+  // The objects of the map, as the page was sent them.
+  let sent = null, map = null, stateSent = null, state = { view: TOP, selected: null };
+  const readState = () => {
+    const one = document.querySelector('.simaps-state');
+    if (one === stateSent) return false;
+    stateSent = one;
+    if (one) state = JSON.parse(one.dataset.state);
+    return true;
+  };
+  const readObjects = () => {
+    const one = document.querySelector('.simaps-objects');
+    if (one === sent) return;
+    sent = one;
+    if (!one) { map = null; changed = true; return; }
+    const told = JSON.parse(one.dataset.objects), picture = one.querySelector('img');
+    picture.decode().then(() => {
+      if (one === sent) { map = read(told, picture); changed = true; }
+    }).catch(() => {});
+  };
+  const read = (told, picture) => {
+    const cols = picture.naturalWidth, rows = picture.naturalHeight;
+    const plane = make('canvas', '');
+    plane.width = cols;
+    plane.height = rows;
+    const context = plane.getContext('2d', { willReadFrequently: true });
+    context.drawImage(picture, 0, 0);
+    const pixels = context.getImageData(0, 0, cols, rows).data, ids = new Uint32Array(rows * cols);
+    const objects = new Map(told.objects.map(([id, name, label, facts]) => [id, {
+      id, name, label, facts, west: cols, east: -1, south: rows, north: -1, cells: 0, x: 0, y: 0 }]));
+    for (let i = 0; i < ids.length; i++) {
+      const id = ids[i] = pixels[4 * i] + 256 * pixels[4 * i + 1] + 65536 * pixels[4 * i + 2];
+      const one = id && objects.get(id);
+      if (!one) continue;
+      const row = Math.floor(i / cols), col = i % cols;
+      one.west = Math.min(one.west, col); one.east = Math.max(one.east, col + 1);
+      one.south = Math.min(one.south, row); one.north = Math.max(one.north, row + 1);
+      one.cells += 1; one.x += col + 0.5; one.y += row + 0.5;
+    }
+    const [xmin, ymin, xmax, ymax] = told.extent;
+    const shown = [...objects.values()].filter((one) => one.cells);
+    for (const one of shown) { one.x /= one.cells; one.y /= one.cells; settle(one, ids, cols); }
+    return { ids, rows, cols, cell: told.cell, xmin, ymin, x: (xmin + xmax) / 2, y: (ymin + ymax) / 2, objects, shown };
+  };
+  const settle = (one, ids, cols) => {  // a name stands on its object: at the cell nearest to the middle
+    if (ids[Math.floor(one.y) * cols + Math.floor(one.x)] === one.id) return;
+    let best = Infinity, at = [one.x, one.y];
+    for (let row = one.south; row < one.north; row++) for (let col = one.west; col < one.east; col++) {
+      if (ids[row * cols + col] !== one.id) continue;
+      const away = (col + 0.5 - one.x) ** 2 + (row + 0.5 - one.y) ** 2;
+      if (away < best) { best = away; at = [col + 0.5, row + 0.5]; }
+    }
+    [one.x, one.y] = at;
+  };
+  const outlineOf = (one) => {  // along the edges of its cells
+    if (one.outline) return one.outline;
+    const path = one.outline = new window.Path2D(), { ids, rows, cols } = map;
+    const is = (row, col) => row >= 0 && col >= 0 && row < rows && col < cols && ids[row * cols + col] === one.id;
+    for (let row = one.south; row < one.north; row++) for (let col = one.west; col < one.east; col++) {
+      if (!is(row, col)) continue;
+      if (!is(row - 1, col)) { path.moveTo(col, row); path.lineTo(col + 1, row); }
+      if (!is(row + 1, col)) { path.moveTo(col, row + 1); path.lineTo(col + 1, row + 1); }
+      if (!is(row, col - 1)) { path.moveTo(col, row); path.lineTo(col, row + 1); }
+      if (!is(row, col + 1)) { path.moveTo(col + 1, row); path.lineTo(col + 1, row + 1); }
+    }
+    return path;
+  };
+
+  // Where a point of the floor appears on the canvas, and back.
+  let toScreen = null, width = 0, height = 0;
+  const look = (viser, canvas) => {
+    const node = viser.nodeRefFromName['/map'], camera = viser.camera;
+    if (!map || !node || !camera) return null;
+    const all = camera.projectionMatrix.clone().multiply(camera.matrixWorldInverse).multiply(node.matrixWorld).elements;
+    const row = (i) => [all[i], all[4 + i], all[12 + i]];
+    const [u, v, w] = [row(0), row(1), row(3)];
+    width = canvas.clientWidth; height = canvas.clientHeight;
+    return [u.map((one, i) => (one + w[i]) * width / 2), v.map((one, i) => (w[i] - one) * height / 2), w];
+  };
+  const at = ([u, v, w], x, y) => {
+    const far = w[0] * x + w[1] * y + w[2];
+    return [(u[0] * x + u[1] * y + u[2]) / far, (v[0] * x + v[1] * y + v[2]) / far];
+  };
+  const cellToMap = (col, row) => [map.xmin + col * map.cell - map.x, map.ymin + row * map.cell - map.y];
+  const cellAt = ([[a, b, c], [d, e, f], [g, h, i]], px, py) => {  // two lines of the floor meet under the pixel
+    const [p, q, r] = [a - px * g, b - px * h, c - px * i], [s, t, m] = [d - py * g, e - py * h, f - py * i];
+    const det = p * t - q * s;
+    const x = (q * m - r * t) / det + map.x, y = (r * s - p * m) / det + map.y;
+    return [Math.floor((x - map.xmin) / map.cell), Math.floor((y - map.ymin) / map.cell)];
+  };
+
+  const GAP = 3, LINE = 16;
+  const measure = make('canvas', '').getContext('2d');
+  const widths = new Map();
+  const widthOf = (text) => {
+    if (!widths.has(text)) {
+      measure.font = '600 12px system-ui, sans-serif';
+      widths.set(text, measure.measureText(text).width + 2);
+    }
+    return widths.get(text);
+  };
+  const spans = [];
+  const place = (number, text, x, y, chosen) => {
+    const span = spans[number] || (spans[number] = make('span', '', names));
+    if (span.textContent !== text) span.textContent = text;
+    span.className = chosen ? 'simaps-name simaps-chosen' : 'simaps-name';
+    span.style.transform = `translate(${x.toFixed(1)}px, ${y.toFixed(1)}px) translate(-50%, -50%)`;
+    span.hidden = false;
+  };
+  // Large objects first; a name is left out where it would cover another, or be far larger than its object.
+  const writeNames = (plain) => {
+    const taken = [];
+    let count = 0;
+    const write = (one, text, chosen) => {
+      const half = widthOf(text) / 2 + GAP;
+      let [x, y] = at(toScreen, ...cellToMap(one.x, one.y));
+      if (chosen) {  // above its object, which it would hide
+        const rim = at(toScreen, ...cellToMap(one.x, one.north))[1] - LINE;
+        y = rim > LINE ? rim : at(toScreen, ...cellToMap(one.x, one.south))[1] + LINE;
+      }
+      const box = [x - half, y - LINE / 2, x + half, y + LINE / 2];
+      if (box[0] < 0 || box[1] < 0 || box[2] > width || box[3] > height) return;
+      if (taken.some((other) => box[0] < other[2] && other[0] < box[2] && box[1] < other[3] && other[1] < box[3])) return;
+      taken.push(box);
+      place(count++, text, x, y, chosen);
+    };
+    const chosen = map.objects.get(state.selected);
+    if (chosen && chosen.cells) write(chosen, chosen.name, true);
+    const [left, top] = at(toScreen, 0, 0), [right, bottom] = at(toScreen, map.cell, map.cell);
+    const px = Math.hypot(right - left, bottom - top) / Math.SQRT2;
+    for (const one of plain ? map.shown : []) {
+      if (one === chosen || !shows(one.label)) continue;
+      const wide = (one.east - one.west) * px, high = (one.north - one.south) * px;
+      if (high < 13 || wide < 13) continue;
+      const text = [one.name, one.label].find((words) => widthOf(words) <= 1.25 * wide);
+      if (text) write(one, text, false);
+    }
+    for (; count < spans.length; count++) spans[count].hidden = true;
+  };
+
+  // The object under the pointer, and the class that the legend points to.
+  let pointer = null, pressed = false, pointed = null;
+  const inCanvas = (event) => event.target.closest && event.target.closest('.simaps-over') === null
+    && over.parentElement && over.parentElement.contains(event.target);
+  window.addEventListener('pointermove', (event) => {
+    pointer = event.pointerType !== 'touch' && inCanvas(event) ? [event.clientX, event.clientY] : null;
+    pressed = event.buttons !== 0;
+    changed = true;
+  }, true);
+  document.documentElement.addEventListener('pointerleave', () => { pointer = null; changed = true; });
+  const draw = (context, one, thin) => {
+    const path = outlineOf(one), dark = document.documentElement.dataset.mantineColorScheme === 'dark';
+    const corner = at(toScreen, ...cellToMap(0, 0)), east = at(toScreen, ...cellToMap(1, 0)), up = at(toScreen, ...cellToMap(0, 1));
+    const scale = window.devicePixelRatio || 1, px = Math.hypot(east[0] - corner[0], east[1] - corner[1]);
+    context.save();
+    context.scale(scale, scale);
+    context.transform(east[0] - corner[0], east[1] - corner[1], up[0] - corner[0], up[1] - corner[1], ...corner);
+    context.lineCap = 'square';
+    for (const [line, color] of [[thin ? 3 : 4.5, dark ? '#101114' : '#fff'], [thin ? 1.5 : 2, dark ? '#fff' : '#0f121a']]) {
+      context.lineWidth = line / px;
+      context.strokeStyle = color;
+      context.stroke(path);
+    }
+    context.restore();
+  };
+  const drawOver = (canvas) => {
+    const scale = window.devicePixelRatio || 1, context = drawing.getContext('2d');
+    const [w, h] = [Math.round(width * scale), Math.round(height * scale)];
+    if (drawing.width !== w || drawing.height !== h) { drawing.width = w; drawing.height = h; }
+    else context.clearRect(0, 0, w, h);
+    let under = null;
+    if (pointer && !pressed) {
+      const box = canvas.getBoundingClientRect(), [x, y] = [pointer[0] - box.left, pointer[1] - box.top];
+      const [col, row] = cellAt(toScreen, x, y);
+      if (col >= 0 && row >= 0 && col < map.cols && row < map.rows) under = map.objects.get(map.ids[row * map.cols + col]);
+      if (under) {
+        const text = under.facts, wide = widthOf(text) + 14;
+        if (hint.textContent !== text) hint.textContent = text;
+        hint.style.transform = `translate(${Math.min(x + 14, width - wide - 4)}px, ${y > 44 ? y - 34 : y + 22}px)`;
+      }
+    }
+    hint.hidden = !under;
+    if (pointed) for (const one of map.shown) if (one.label === pointed) draw(context, one, true);
+    if (under) draw(context, under, false);
+  };
+
+  // The legend: what is pointed to is outlined, a press shows a class alone or fades it.
+  const entryOf = (event) => event.target.closest && event.target.closest('[data-class]');
+  const point = (event) => {
+    const entry = entryOf(event), label = entry ? entry.dataset.class : null;
+    if (label !== pointed) { pointed = label; changed = true; }
+  };
+  window.addEventListener('pointerover', point, true);
+  window.addEventListener('focusin', point, true);
+  window.addEventListener('click', (event) => {
+    const entry = entryOf(event);
+    if (entry) tell({ type: 'class', name: entry.dataset.class, do: entry.dataset.do });
+  }, true);
+  const shows = (label) => (state.only ? label === state.only : !(state.faded || []).includes(label));
+  const pressEntries = () => {
+    for (const entry of document.querySelectorAll('.simaps-legend [data-class]')) {
+      const { class: label, do: action } = entry.dataset;
+      const on = String(action === 'only' ? label === state.only : (state.faded || []).includes(label));
+      if (entry.getAttribute('aria-pressed') !== on) entry.setAttribute('aria-pressed', on);
+    }
+  };
+
+  // In the top view a drag moves the map and north stays up; the wheel comes closer to what is under the pointer.
+  const give = (owner, name, value) => { if (owner[name] !== value) owner[name] = value; };
+  const hands = (controls) => {
+    const can = controls.constructor.ACTION, top = state.view === TOP;
+    give(controls.mouseButtons, 'left', top ? can.TRUCK : can.ROTATE);
+    give(controls.touches, 'one', top ? can.TOUCH_TRUCK : can.TOUCH_ROTATE);
+    give(controls.touches, 'two', can.TOUCH_DOLLY_TRUCK);
+    give(controls, 'dollyToCursor', true);
+  };
+  const ARROWS = { ArrowLeft: [-1, 0], ArrowRight: [1, 0], ArrowUp: [0, -1], ArrowDown: [0, 1] };
+  window.addEventListener('keydown', (event) => {
+    const step = ARROWS[event.key], viser = window.__viserMutable;
+    if (!step || state.view !== TOP || !viser || !viser.cameraControl || !toScreen) return;
+    if (event.ctrlKey || event.metaKey || event.altKey || !event.target.closest) return;
+    if (event.target.closest('input, textarea, select, [contenteditable], [role=slider], [role=tab], [role=option], [role=dialog]')) return;
+    event.stopPropagation();
+    const [a, b] = [at(toScreen, 0, 0), at(toScreen, 1, 0)], metre = Math.hypot(b[0] - a[0], b[1] - a[1]);
+    viser.cameraControl.truck(step[0] * 60 / metre, step[1] * 60 / metre, true);
+  }, true);
+
+  const covered = (viser) => Object.keys(viser.nodeRefFromName).some((name) => name === '/picture' && viser.nodeRefFromName[name]);
+  const marked = (viser) => Object.keys(viser.nodeRefFromName)
+    .some((name) => /^\/(candidates|why)\/./.test(name) && viser.nodeRefFromName[name]);
+  let changed = true, before = '', legend = null;
+  const tick = () => {
+    window.requestAnimationFrame(tick);
+    const viser = window.__viserMutable, canvas = viser && viser.canvas;
+    if (!canvas || !viser.nodeRefFromName) return;
+    if (over.parentElement !== canvas.parentElement) canvas.parentElement.appendChild(over);
+    readObjects();
+    const entry = document.querySelector('.simaps-legend [data-class]');
+    if (entry !== legend) { legend = entry; changed = true; }
+    if (readState()) changed = true;
+    if (viser.cameraControl) hands(viser.cameraControl);
+    toScreen = look(viser, canvas);
+    const plain = !marked(viser), bare = !toScreen || covered(viser), top = state.view === TOP;
+    const now = `${toScreen}|${width}|${height}|${plain}|${bare}|${top}`;
+    if (now === before && !changed) return;
+    before = now;
+    changed = false;
+    pressEntries();
+    if (toScreen) {
+      const right = viser.nodeRefFromName['/map'].matrixWorld.clone().invert().multiply(viser.camera.matrixWorld).elements;
+      compass.style.transform = `rotate(${Math.atan2(right[1], right[0]).toFixed(4)}rad)`;
+    }
+    for (const one of [drawing, names]) one.hidden = bare || !top;
+    if (bare || !top) { hint.hidden = true; return; }
+    writeNames(plain);
+    drawOver(canvas);
+  };
+  window.requestAnimationFrame(tick);
+})();

@@ -1,0 +1,176 @@
+"""The map under a person's hands: names, the object under the pointer, the legend, dragging, the wheel, north."""
+
+import re
+from dataclasses import replace
+from itertools import combinations
+
+import numpy as np
+import pytest
+from browser import (
+    chromium,
+    free_port,
+    mine,
+    on_canvas,
+    open_workbench,
+    page_is_there,
+    place_on,
+    toy_services,
+    until,
+    watched_page,
+)
+from playwright.sync_api import expect
+from toy_maps import TOY_POSE, toy_map
+
+from simaps_viz.viewer.panels.map import MapPanel
+from simaps_viz.viewer.scene.camera import SLANT
+from simaps_viz.viewer.workbench import Workbench
+
+pytestmark = pytest.mark.browser
+
+HOSTILE = "<img src=x onerror=alert(1)>"
+CHAIR, FLOOR = (1.25, 1.9), (0.3, -0.4)
+"""The middle of chair 1, and open floor, metres."""
+
+
+@pytest.fixture(scope="module")
+def bench():
+    simap = toy_map()
+    plant = simap.of_class("potted plant")[0]
+    others = tuple(replace(one, label=HOSTILE) if one is plant else one for one in simap.instances)
+    simap = replace(simap, instances=others)
+    with Workbench(simap, services=toy_services(), port=free_port(), start=TOY_POSE) as workbench:
+        assert workbench.wait_idle()
+        yield workbench
+
+
+@pytest.fixture
+def page(bench):
+    with chromium() as browser, watched_page(browser) as page:
+        open_workbench(page, bench)
+        expect(page.locator(".simaps-name:visible").first).to_be_visible()
+        yield page
+
+
+def names(page):
+    return page.locator(".simaps-name:visible").all_inner_texts()
+
+
+def drawn(page, place):
+    """Whether the overlay has a line within 3 px of a place of the page."""
+    return page.evaluate(
+        """([x, y]) => {
+          const canvas = document.querySelector('.simaps-drawing'), box = canvas.getBoundingClientRect();
+          const pixels = canvas.getContext('2d').getImageData(x - box.x - 3, y - box.y - 3, 7, 7).data;
+          return pixels.some((value, i) => i % 4 === 3 && value > 100);
+        }""",
+        list(place),
+    )
+
+
+def test_what_is_under_the_pointer_is_outlined_and_said_as_text(bench, page):
+    simap, hint = bench.simap, page.locator(".simaps-hint")
+    for one in simap.instances:
+        page.mouse.move(*on_canvas(bench, page, *one.centroid_m[:2]))
+        area = one.cells * simap.spec.cell_size_m**2
+        name = {"chair": r"chair \d", "dining table": r"dining table \d"}.get(one.label, re.escape(f"{one.label} 1"))
+        score = f"{one.score:.2f}".removeprefix("0")
+        expect(hint).to_have_text(re.compile(rf"^{name} · {area:.2f} m² · {re.escape(score)}$"))
+        (x0, y0, _), (x1, y1, _) = one.aabb_m
+        for corner in ((x0, (y0 + y1) / 2), (x1, (y0 + y1) / 2), ((x0 + x1) / 2, y0), ((x0 + x1) / 2, y1)):
+            assert drawn(page, on_canvas(bench, page, *corner)), one
+    assert page.locator(".simaps-over img").count() == 0  # a class is a text, whatever it is
+    page.mouse.move(*on_canvas(bench, page, *FLOOR))
+    expect(hint).to_be_hidden()
+    assert not drawn(page, on_canvas(bench, page, *simap.instances[0].aabb_m[0][:2]))
+
+
+def test_names_come_with_the_zoom_large_objects_first_and_never_cover_one_another(bench, page):
+    session, before = mine(bench), names(page)
+    assert {"couch 1", "dining table 1"} <= set(before)
+    for _ in range(3):
+        boxes = [one.bounding_box() for one in page.locator(".simaps-name:visible").all()]
+        for a, b in combinations(boxes, 2):
+            beside = a["x"] + a["width"] <= b["x"] + 0.5 or b["x"] + b["width"] <= a["x"] + 0.5
+            assert beside or a["y"] + a["height"] <= b["y"] + 0.5 or b["y"] + b["height"] <= a["y"] + 0.5
+        page.mouse.move(*on_canvas(bench, page, *CHAIR))
+        page.mouse.wheel(0, -240)
+        page.wait_for_timeout(300)
+    assert "chair 1" in names(page)
+    session.select(bench.simap.instances[0].id)
+    expect(page.locator(".simaps-chosen")).to_have_text("chair 1")
+    session.select(None)
+    expect(page.locator(".simaps-chosen:visible")).to_have_count(0)
+
+
+def settled(bench, page, changed):
+    until(page, lambda: changed(mine(bench).client.camera) and page_is_there(bench, page, bench.simap))
+
+
+def upright(camera):
+    forward = np.subtract(camera.look_at, camera.position)
+    return abs(forward[0]) < 0.01 * abs(forward[2]) and abs(forward[1]) < 0.01 * abs(forward[2])
+
+
+def test_a_drag_moves_the_map_the_wheel_comes_closer_and_north_stays_up(bench, page):
+    simap, camera = bench.simap, mine(bench).client.camera
+    first = np.array(camera.position)
+    start = on_canvas(bench, page, *CHAIR)
+    page.mouse.move(*start)
+    page.mouse.down()
+    page.mouse.move(start[0] + 60, start[1] - 40, steps=4)
+    page.mouse.move(start[0] + 120, start[1] - 80, steps=4)
+    page.mouse.up()
+    settled(bench, page, lambda camera: np.abs(np.array(camera.position) - first)[:2].max() > 0.1)
+    assert place_on(page, simap, *CHAIR) == pytest.approx((start[0] + 120, start[1] - 80), abs=4)
+    assert mine(bench).selected is None  # a drag is no click
+    assert upright(camera) and camera.up_direction == pytest.approx((0, 0, 1), abs=1e-6)
+    # The wheel: what is under the pointer stays there.
+    far = camera.position[2]
+    here = (start[0] + 120, start[1] - 80)
+    page.mouse.wheel(0, -300)
+    settled(bench, page, lambda camera: camera.position[2] < 0.9 * far)
+    page.wait_for_timeout(300)
+    assert place_on(page, simap, *CHAIR) == pytest.approx(here, abs=6)
+    # Arrow keys move the map too.
+    before = place_on(page, simap, *CHAIR)
+    page.keyboard.press("ArrowLeft")
+    until(page, lambda: place_on(page, simap, *CHAIR)[0] > before[0] + 30)
+    assert upright(camera)
+    # The arrow of the north leads back to the whole map.
+    page.get_by_role("button", name="North up").click()
+    settled(bench, page, lambda camera: np.allclose(camera.position, first, atol=0.05))
+
+
+def test_the_north_arrow_turns_with_the_3d_view_and_turns_it_back(bench, page):
+    needle = page.locator(".simaps-north svg")
+    mine(bench).look(SLANT)
+    settled(bench, page, lambda camera: not upright(camera))
+    before = np.array(mine(bench).client.camera.position)
+    x, y = on_canvas(bench, page, 2.0, 0.5)
+    page.mouse.move(x, y)
+    page.mouse.down()
+    page.mouse.move(x + 150, y, steps=5)
+    page.mouse.up()
+    until(page, lambda: abs(float(re.findall(r"-?[\d.]+", needle.get_attribute("style"))[0])) > 0.2)
+    page.get_by_role("button", name="North up").click()
+    settled(bench, page, lambda camera: np.allclose(camera.position, before, atol=0.05))
+    until(page, lambda: abs(float(re.findall(r"-?[\d.]+", needle.get_attribute("style"))[0])) < 0.02)
+
+
+def test_the_legend_points_shows_alone_and_fades(bench, page):
+    simap, session = bench.simap, mine(bench)
+    chairs = simap.of_class("chair")
+    row = page.locator(".simaps-class[data-class=chair]")
+    row.hover()
+    until(page, lambda: all(drawn(page, on_canvas(bench, page, *one.aabb_m[0][:2])) for one in chairs))
+    row.click()
+    expect(row).to_have_attribute("aria-pressed", "true")
+    page.mouse.move(5, 5)
+    assert set(names(page)) <= {"chair", "chair 1", "chair 2", "chair 3"}
+    row.click()
+    expect(row).to_have_attribute("aria-pressed", "false")
+    expect(page.locator(".simaps-name", has_text="couch").first).to_be_visible()
+    page.locator(".simaps-class[data-class=couch]").hover()
+    page.get_by_role("button", name="Fade couch").click()
+    expect(page.locator(".simaps-name", has_text="couch").first).to_be_hidden()
+    assert session.panels[MapPanel].faded == {"couch"}
