@@ -46,6 +46,7 @@ def summary(simap: "SIMap") -> dict[str, Any]:
     import numpy as np
 
     from simaps_viz.exports.records import space_record
+    from simaps_viz.mapping.changes import as_json, changes_in
     from simaps_viz.mapping.in_space import all_instances, has_voxels
 
     spec = simap.spec
@@ -65,6 +66,7 @@ def summary(simap: "SIMap") -> dict[str, Any]:
         "described": simap.described,
         "boxes_from": "surface voxels" if has_voxels(simap) else "columns",
         "instances": [{**asdict(one), **space_record(one)} for one in all_instances(simap)],
+        "changes": as_json(changes_in(simap)),
         "rooms": [
             {name: getattr(room, name) for name in ("id", "name", "polygon_m", "area_m2", "objects")}
             for room in simap.rooms
@@ -92,6 +94,8 @@ def map_tables(facts: dict[str, Any]) -> "list[Table]":
         rows["rooms"] = ", ".join(f"{room['name']} ({room['area_m2']:.1f} m²)" for room in facts["rooms"])
     if edits := people_in_words(facts["provenance"].get("edits", [])):
         rows["mended"] = edits
+    if facts["changes"]:
+        rows["changed"] = ", ".join(f"{one['label']} {one['kind']}" for one in facts["changes"])
     for key, value in rows.items():
         head.add_row(key, value)
     body = Table("id", "class", "cells", "area m²", "x m", "y m", "frames", "score", title_justify="left")

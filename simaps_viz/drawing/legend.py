@@ -14,6 +14,7 @@ from simaps_viz.colors.naming import color_name
 from simaps_viz.colors.palette import PALETTE, Color, as_color
 from simaps_viz.drawing.texture import HEIGHT_TOP_M, ColorMode
 from simaps_viz.drawing.theme import BOX_STYLE, DIM_STYLE, LIGHT, NESTED_EM, Theme, short, short_html
+from simaps_viz.mapping.changes import changes_in
 from simaps_viz.mapping.in_space import all_instances, has_voxels
 from simaps_viz.structures import Instance, SIMap
 
@@ -109,6 +110,7 @@ def facts_html(simap: SIMap, instance: Instance) -> str:
             for kind, found in _related(simap, instance)
         ],
         ("Score", f"{instance.score:.2f} mean confidence"),
+        *[("History", one.words()) for one in changes_in(simap) if one.id == instance.id],
         *([("Colour", f"about {color_name(seen)}, as the cameras saw it")] if seen is not None else []),
     )
     table = "".join(

@@ -25,9 +25,11 @@ from simaps_viz.datasets.gravity import estimate_gravity
 from simaps_viz.errors import InputError
 from simaps_viz.events import BuildFinished, CommunitiesFound, FrameProjected, MergesFound, Observer
 from simaps_viz.geometry import map_from_world
+from simaps_viz.live.forgetting import Forgetting
 from simaps_viz.live.source import Correction, Shot, Source
 from simaps_viz.mapping import finalize
 from simaps_viz.mapping.accumulator import MapAccumulator
+from simaps_viz.mapping.changes import Change, as_json, cells_of, changes_in, find_changes, leftovers
 from simaps_viz.mapping.finalize import SequenceFacts
 from simaps_viz.mapping.partition import applied_steps
 from simaps_viz.mapping.simap import joining_threshold
@@ -43,6 +45,10 @@ BEHIND = 60
 FRAMES_A_PLACE = 60
 """Frames with masks that are kept of one place: what comes later adds geometry only. So the map of a robot that drives
 in circles, or stands, grows with the area and not with time."""
+MOST_PASSES = 3
+"""A map is made again at most so often without what was left of objects that have gone."""
+MOST_ANEW = 5
+"""How often places take frames anew, because something was forgotten: what was moved has to be named elsewhere."""
 FLOOR_M = 0.05
 """A floor found so close to the world's height 0 is at 0, where robots' maps have it."""
 FLOOR_FRAMES = (15, 30, 60)
@@ -106,6 +112,7 @@ class GrowingMap:
         self._far_m = config.projection.far_m
         self._depth_unit_m = self._far_m / 65535
         self._places: dict[tuple[float, ...], int] = {}
+        self._forgetting, self._anew = Forgetting(), 0
 
     @property
     def frames(self) -> int:
@@ -139,6 +146,8 @@ class GrowingMap:
     def _place(self, shot: Shot) -> list[FrameProjected]:
         T_map_camera = np.asarray(self.T_map_world @ shot.frame.T_world_camera)
         masks = shot.segmentation
+        if self._forgetting.look(self._map, shot.frame, T_map_camera, self.frames) and self._anew < MOST_ANEW:
+            self._places, self._anew = {}, self._anew + 1
         kept = masks is not None and self._keeps(T_map_camera)
         if masks is None or not kept:
             masks = Segmentation(np.zeros(shot.frame.depth_m.shape, np.int32), ())
@@ -205,7 +214,7 @@ class GrowingMap:
             if i in poses:
                 step = self._project_again(step, one, stored, poses[i] @ one.T_odom_camera)
             fresh.replay(step)
-        self._map = fresh
+        self._map, self._forgetting = fresh, Forgetting()
         return len(at)
 
     def _project_again(
@@ -225,6 +234,10 @@ class GrowingMap:
         one.stored.set_result((self._scratch.add(pack_step(moved)), *stored[1:]))
         return moved
 
+    def changes(self) -> tuple[Change, ...]:
+        """Return what has moved, gone or come on the newest map that is made."""
+        return () if self._newest is None else changes_in(self._newest)
+
     def facts(self) -> SequenceFacts:
         """Return what the map keeps of its source."""
         source, T = self.source, self.T_map_world
@@ -237,7 +250,7 @@ class GrowingMap:
 
     def map_so_far(self) -> SIMap:
         """Return the map of all frames so far."""
-        return finalize.map_so_far(self._map, self.facts(), self.config)
+        return _made(self._map.copy(), self._forgetting, self.facts(), self.config)[0]
 
     def newest_map(self) -> SIMap:
         """Return the newest map that is made, and have the next one made by another thread: frames do not wait for it.
@@ -249,7 +262,9 @@ class GrowingMap:
             (self._newest, took_s), self._making = making.result(), None
             self._make_s = now_s + took_s * (1.0 / SHARE - 1.0)
         if self._making is None and now_s >= self._make_s:
-            self._making = self._maker.submit(_made, self._map.copy(), self.facts(), self.config)
+            self._making = self._maker.submit(
+                _made, self._map.copy(), self._forgetting.copy(), self.facts(), self.config
+            )
         if self._newest is None:
             assert self._making is not None
             self._newest = self._making.result()[0]
@@ -259,10 +274,9 @@ class GrowingMap:
         """Return the finished map, and notify observers of how it comes about; nothing is placed afterwards."""
         self._storing.shutdown(wait=False)
         self._maker.shutdown()
-        found = finalize.apply_method(finalize.gathered(self._map), self.config)
+        found, simap = _believed(self._map, self._forgetting, self.facts(), self.config)
         threshold = joining_threshold(self.config.method, self.config.parameters())
         applied = applied_steps(found.log, threshold)
-        simap = finalize.map_of(found, self._map.frames, self.facts(), self.config)
         for event in (
             CommunitiesFound(found.grid, found.community, self.frames - 1, final=True),
             MergesFound(found.grid, found.community, found.log, applied),
@@ -270,13 +284,44 @@ class GrowingMap:
         ):
             for observer in observers:
                 observer.on_event(event)
+        self._newest = simap
         return simap
 
 
-def _made(accumulator: MapAccumulator, facts: SequenceFacts, config: BuildConfig) -> tuple[SIMap, float]:
+def _made(
+    accumulator: MapAccumulator, forgetting: Forgetting, facts: SequenceFacts, config: BuildConfig
+) -> tuple[SIMap, float]:
     """Return a map, and how long it took to make, seconds."""
     began_s = time.monotonic()
-    return finalize.map_so_far(accumulator, facts, config), time.monotonic() - began_s
+    return _believed(accumulator, forgetting, facts, config)[1], time.monotonic() - began_s
+
+
+def _believed(
+    accumulator: MapAccumulator, forgetting: Forgetting, facts: SequenceFacts, config: BuildConfig
+) -> tuple[finalize.Found, SIMap]:
+    """Return what is found in what is believed, and its map, which knows what has changed; the accumulator forgets."""
+    whole = accumulator.frames
+    for _ in range(MOST_PASSES):
+        gone = None
+        if forgetting:
+            accumulator.frames, gone = forgetting.split(whole)
+        found = finalize.apply_method(finalize.gathered(accumulator), config)
+        simap = finalize.map_of(found, accumulator.frames, facts, config)
+        if gone is None:
+            return found, simap
+        past = finalize.empty_accumulator(accumulator, config)
+        for seen in gone:
+            past.replay(FrameStep(seen, np.zeros(len(seen.readings.rows), np.bool_), np.zeros(0, np.float32)))
+        ghosts = finalize.map_so_far(past, facts, config)
+        changes = find_changes(simap, ghosts, gone, accumulator.frames)
+        simap = replace(simap, provenance={**simap.provenance, "changes": as_json(changes)})
+        # What was left of an object that has gone goes, too: its edges were hidden, or next to something else.
+        rest = leftovers(simap, ghosts)
+        for one, ghost in rest:
+            forgetting.forget_with(accumulator, cells_of(simap, one), cells_of(ghosts, ghost))
+        if not rest:
+            break
+    return found, simap
 
 
 def warm_up(config: BuildConfig) -> None:

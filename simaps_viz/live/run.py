@@ -2,6 +2,7 @@
 
 import threading
 import time
+from collections import Counter
 from collections.abc import Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass, field, replace
@@ -59,8 +60,10 @@ class LiveRun:
 
     def words(self) -> str:
         """Describe the connection and what comes, in one line."""
-        moved = f"{self.moved} placed again" if self.moved else ""
-        return " · ".join(filter(None, (self.request.source.words(), self.traffic.words(), moved)))
+        again = f"{self.moved} placed again" if self.moved else ""
+        kinds = Counter(one.kind for one in self.growing.changes())
+        changes = ", ".join(f"{count} {kind}" for kind, count in kinds.items())
+        return " · ".join(filter(None, (self.request.source.words(), self.traffic.words(), again, changes)))
 
     def started(self) -> BuildStarted:
         """Return the event that the run begins with; it names no frames, as none is known."""

@@ -107,6 +107,11 @@ class TileStore:
         place = slot * AREA + (rows & (SIDE - 1)) * SIDE + (cols & (SIDE - 1))
         return np.where(slot < 0, -1, place)
 
+    def empty(self, at: NDArray) -> None:
+        """Forget what was seen of some cells, int64 [n], places in the flat layers."""
+        for name, (_, nothing) in _LAYERS.items():
+            getattr(self, name)[at] = nothing
+
     def cut(self, name: str, row0: int, col0: int, shape: tuple[int, int], empty: float) -> NDArray:
         """Copy a layer of a rectangle of the grid: ``shape``, the layer's dtype; ``empty`` where there is no tile."""
         result = np.full(shape, empty, dtype=_LAYERS[name][0])

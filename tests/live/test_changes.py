@@ -1,0 +1,171 @@
+"""Maps that stay true: what was moved disappears from where it was, is reported as moved, and nothing else is."""
+
+import json
+import threading
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from sequences import SEATS_M, write_tiny_sequence
+from two_drives import Drives, cafe_chair, drive
+
+from simaps_viz import open_sequence
+from simaps_viz.build.pipeline import BuildConfig, build_map
+from simaps_viz.cli.main import main
+from simaps_viz.drawing.legend import facts_html
+from simaps_viz.live import forgetting
+from simaps_viz.live.forgetting import CLEAR, FRAMES, THERE, UNKNOWN, see_through
+from simaps_viz.live.growing import GrowingMap
+from simaps_viz.live.played import PlayedSequence
+from simaps_viz.live.run import LiveRequest, LiveRun
+from simaps_viz.live.source import Shot
+from simaps_viz.mapping.changes import Change, as_json, changes_in
+from simaps_viz.mapping.file import load_map, save_map
+from simaps_viz.mapping.tiles import AREA, SIDE
+
+FRAMES_OF_A_DRIVE = 120
+CHAIR, BY_M = "west chair 1", (1.7, -1.1)
+
+
+def run_of(tmp_path, *drives):
+    run = LiveRun(LiveRequest(Drives(*drives), BuildConfig(), tmp_path / "m.npz"))
+    return run.run((), threading.Event()), run
+
+
+@pytest.mark.slow
+def test_a_chair_moved_between_two_drives_is_reported_as_moved_and_nothing_else(tmp_path, capsys):
+    before, after = drive(FRAMES_OF_A_DRIVE), drive(FRAMES_OF_A_DRIVE, moves=((CHAIR, BY_M),))
+    simap, run = run_of(tmp_path, before, after)
+    (change,) = changes_in(simap)
+    here = cafe_chair(CHAIR).bounds_m.mean(axis=0)[:2]
+    assert (change.kind, change.label) == ("moved", "chair")
+    assert change.at_m is not None and change.from_m is not None and change.id is not None
+    assert np.linalg.norm(np.subtract(change.from_m, here)) < 0.15
+    assert np.linalg.norm(np.subtract(change.at_m, here + BY_M)) < 0.15
+    # It stands there and nowhere else, and the map is one of what is there now.
+    assert simap.counts()["chair"] == run_of(tmp_path, after)[0].counts()["chair"]
+    assert simap.by_id(change.id).label == "chair" and simap.at(*here) is None
+    assert f"moved by {np.hypot(*BY_M):.1f} m" in facts_html(simap, simap.by_id(change.id))
+    assert "1 moved" in run.words()
+    save_map(simap, tmp_path / "m.npz")
+    assert changes_in(load_map(tmp_path / "m.npz")) == (change,)
+    assert main(["info", str(tmp_path / "m.npz"), "--json"]) == 0
+    assert json.loads(capsys.readouterr().out)["changes"] == as_json((change,))
+
+
+@pytest.mark.slow
+def test_a_place_in_which_nothing_moves_forgets_nothing(tmp_path):
+    shots = drive(FRAMES_OF_A_DRIVE)
+    simap, run = run_of(tmp_path, shots, shots)
+    assert not run.growing._forgetting and changes_in(simap) == () and "changes" not in simap.provenance
+
+
+def tiny_shots(tiny, *, without=()):
+    """The tiny frames, without some of the seats: the camera sees the floor there."""
+    for i in range(len(tiny)):
+        frame, masks = tiny.read(i), tiny.segmentation(i)
+        gone = np.zeros(masks.ids.shape, bool)
+        for seat in without:
+            x0, _, x1, _ = SEATS_M[seat]
+            middle = frame.T_world_camera[0, 3] + (np.arange(frame.depth_m.shape[1]) - 15.5) / 40.0
+            gone |= (frame.depth_m == 1.0) & (middle > x0)[None] & (middle < x1)[None]
+        floor = next(one.id for one in masks.segments if one.label == "floor")
+        depth_m = np.where(gone, np.float32(2.0), frame.depth_m)
+        yield Shot(replace(frame, depth_m=depth_m), replace(masks, ids=np.where(gone, floor, masks.ids)), i)
+
+
+def test_a_seat_that_is_taken_away_disappears_and_the_other_one_stays_as_it_was(tmp_path):
+    write_tiny_sequence(tmp_path / "tiny", frames=30)
+    tiny = open_sequence(tmp_path / "tiny")
+    one = GrowingMap(PlayedSequence(tiny), BuildConfig())
+    for shot in tiny_shots(tiny):
+        one.add(shot)
+    whole = one.map_so_far()
+    assert whole.counts() == {"chair": 2} and changes_in(whole) == ()
+    for shot in tiny_shots(tiny, without=(1,)):
+        one.add(shot)
+    simap = one.map_so_far()
+    (change,) = changes_in(simap)
+    assert (change.kind, change.label, change.id) == ("gone", "chair", None)
+    assert change.from_m == pytest.approx((-0.2, 0.0), abs=0.01) and change.frame in whole.frame_names[-2:]
+    left = (whole.instance > 0) & (whole.instance == whole.instance[simap.spec.cell_of(0.2, 0.0)])
+    assert simap.counts() == {"chair": 1} and np.array_equal(simap.instance > 0, left)
+    seat = (whole.instance > 0) & ~left
+    assert np.isnan(simap.grid.lowest_m[seat]).all() and (simap.grid.height_m[seat] == 0.0).all()
+    # It comes back, and is no news for a map that knows no earlier one.
+    for shot in tiny_shots(tiny):
+        one.add(shot)
+    assert one.map_so_far().counts() == {"chair": 2}
+
+
+def test_changes_that_make_no_sense_are_left_out(tmp_path):
+    write_tiny_sequence(tmp_path / "tiny", frames=3)
+    simap = build_map(open_sequence(tmp_path / "tiny"))
+    chair = simap.instances[0]
+    fine = Change("moved", "chair", "0010", (0.0, 1.0), (2.0, 1.0), chair.id)
+    amiss = [
+        None, 7, {}, {"kind": "moved"}, {"kind": "stolen", "label": "chair", "frame": "a"},
+        {"kind": "gone", "label": 3, "frame": "a"}, {"kind": "gone", "label": "chair", "frame": "a", "from_m": [1]},
+        {"kind": "gone", "label": "chair", "frame": "a", "from_m": [1, "nan"]},
+        {"kind": "gone", "label": "chair", "frame": "a", "from_m": [10**400, 1]},
+        {"kind": "new", "label": "cat", "frame": "a", "id": chair.id},
+    ]  # fmt: skip
+    for entries in (amiss + as_json((fine,)), as_json((fine,))):
+        assert changes_in(replace(simap, provenance={"changes": entries})) == (fine,)
+    assert changes_in(replace(simap, provenance={"changes": "all"})) == ()
+
+
+def looked_at(depth, fx, fy, cx, cy, T, near, far, size, x, y, h):
+    """Plain twin of the kernel's look at one place."""
+    p = T[:3, :3] @ (x, y, h) + T[:3, 3]
+    if not near < p[2] < forgetting.REACH_M:
+        return UNKNOWN
+    u, v = fx * p[0] / p[2] + cx, fy * p[1] / p[2] + cy
+    rows, cols = depth.shape
+    if not (0 <= u < cols - 0.5 and 0 <= v < rows - 0.5):
+        return UNKNOWN
+    slack = max(forgetting.SLACK_M, forgetting.SLACK_SHARE * p[2])
+    middle = depth[round(np.floor(v + 0.5)), round(np.floor(u + 0.5))]
+    if not near < middle < far or middle < p[2] - slack:
+        return UNKNOWN
+    if middle <= p[2] + slack:
+        return THERE
+    tilt = abs(T[2, 0]) + abs(T[2, 1])
+    du = size / 2 / p[2] * (fx * (abs(T[0, 0]) + abs(T[0, 1])) + abs(u - cx) * tilt) + 1
+    dv = size / 2 / p[2] * (fy * (abs(T[1, 0]) + abs(T[1, 1])) + abs(v - cy) * tilt) + 1
+    if u - du < 0 or v - dv < 0 or u + du + 1 >= cols or v + dv + 1 >= rows:
+        return UNKNOWN
+    u0, u1, v0, v1 = int(u - du), int(u + du + 1), int(v - dv), int(v + dv + 1)
+    around = depth[v0 : v1 + 1 : max((v1 - v0) // 6, 1), u0 : u1 + 1 : max((u1 - u0) // 6, 1)]
+    known = (around > near) & (around < far)
+    if (around[known] <= p[2] + slack).any() or 2 * known.sum() < known.size:
+        return UNKNOWN
+    return CLEAR
+
+
+def test_the_kernel_sees_through_what_its_plain_twin_does():
+    rng = np.random.default_rng(5)
+    found = []
+    for _ in range(6):
+        T_map_camera = np.eye(4)
+        turn = np.linalg.qr(rng.normal(size=(3, 3)) * 0.3 + np.diag([1.0, -1.0, -1.0]))[0]
+        T_map_camera[:3, :3] = turn * np.sign(np.linalg.det(turn))
+        T_map_camera[:3, 3] = 1.6, 1.6, 2.2
+        if T_map_camera[2, 2] > 0:
+            T_map_camera[:3, 1:3] *= -1
+        T = np.linalg.inv(T_map_camera)
+        depth = rng.choice(np.array([0.0, 1.2, 1.9, 3.0, 3.0, 3.0, 7.0], np.float32), (12, 16))
+        depth = np.repeat(np.repeat(depth, 8, axis=0), 8, axis=1)
+        top = rng.choice(np.array([-np.inf, 0.05, 0.3, 0.9, 1.2], np.float32), AREA)
+        count = rng.integers(0, FRAMES + 2, AREA).astype(np.uint8)
+        expected = count.copy()
+        how = (depth, 100.0, 100.0, 63.5, 47.5, T, 0.1, 6.0, 0.05)
+        for at in np.flatnonzero(top >= 0.1).tolist():
+            x, y, h = (at % SIDE + 0.5) * 0.05, (at // SIDE + 0.5) * 0.05, float(top[at])
+            one = looked_at(*how, x, y, h)
+            one = looked_at(*how, x, y, max(h - 0.15, 0.1)) if one == CLEAR else one
+            expected[at] = {UNKNOWN: expected[at], THERE: 0, CLEAR: expected[at] + 1}[one]
+            found.append(one)
+        see_through(*how, 0.1, 0, 0, np.zeros((1, 1), np.int32), top, count)
+        assert np.array_equal(count, expected)
+    assert min(np.bincount(found, minlength=3)) > 50
