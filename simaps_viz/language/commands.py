@@ -1,14 +1,14 @@
 """Spoken English to a robot program, offline: by a grammar, without a network."""
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
-from itertools import pairwise
 from typing import Final
 
 from simaps_viz.errors import CommandError
+from simaps_viz.language.asides import clauses, is_reason, is_statement, plainly
 from simaps_viz.language.grammar import Chart
-from simaps_viz.language.nouns import quoted
+from simaps_viz.language.nouns import ONE, Phrase, quoted
 from simaps_viz.language.orders import GRAMMAR
 from simaps_viz.language.program import ProgramError, parse_program
 from simaps_viz.language.tokenizer import Sentence, read_words
@@ -34,6 +34,8 @@ _MEANT: Final = frozenset({
 })  # fmt: skip
 """Tokens of what is done, with what, and on what condition: a clause that has one of them is never only talk."""
 _OPENS: Final = frozenset(["AT", "IN", "ON", "BY", "FOR", "FROM", "AND", "THEN"])
+_DETERMINERS: Final = frozenset(["DET", "INDEF", "EVERY"])
+_NAMES: Final = frozenset(["NOUN", "NOUNS", "ROOMKIND", "ROOM", "ROOMS", "PLACE", "SPOT"])
 
 
 @dataclass(frozen=True)
@@ -63,57 +65,68 @@ def read_command(text: str, labels: Sequence[str] | Mapping[str, int]) -> Readin
     if len(text) > MAX_LENGTH:
         raise CommandError(too_long(text))
     vocabulary = Vocabulary(labels)
-    sentence = read_words(text, vocabulary)
-    if not sentence.words:
-        raise CommandError(f"nothing to do was said. {examples(labels)}")
-    # Where words are unknown, spelling is corrected, if the command can be read then.
-    if sentence.unknown:
-        try:
-            better = read_words(text, vocabulary, correcting=True)
-            if better.words != sentence.words:
-                return _read(better, vocabulary)
-        except CommandError:
-            pass
     try:
-        return _read(sentence, vocabulary)
+        return _understood(text, vocabulary)
     except CommandError:
-        shorter = _without_talk(sentence)
-        if shorter is None:
-            raise
-        with suppress(CommandError):
-            return _read(shorter, vocabulary)
+        for shorter, notes, named in _without_asides(text, vocabulary):
+            with suppress(CommandError):
+                reading = _understood(shorter, vocabulary, named)
+                return replace(reading, notes=(*notes, *reading.notes))
         raise
 
 
-def _without_talk(sentence: Sentence) -> Sentence | None:
-    """Return a sentence without the clauses around it that are only talk, with a note on each; None if it has none.
+def _understood(text: str, vocabulary: Vocabulary, named: Phrase | None = None) -> Reading:
+    """Read a command to the last word; ``named`` is what was spoken of before it."""
+    sentence = read_words(text, vocabulary)
+    if not sentence.words:
+        raise CommandError(f"nothing to do was said. {examples(vocabulary.labels)}")
+    # Where words are unknown, spelling is corrected, if the command can be read then.
+    if sentence.unknown:
+        with suppress(CommandError):
+            better = read_words(text, vocabulary, correcting=True)
+            if better.words != sentence.words:
+                return _read(better, vocabulary, named)
+    return _read(sentence, vocabulary, named)
 
-    "Netflix and chill: go to the sofa": a clause is talk if it holds a word that is not known, and nothing that is
-    done, where, with what, or on what condition.
+
+def _without_asides(text: str, vocabulary: Vocabulary) -> Iterator[tuple[str, list[str], Phrase | None]]:
+    """Return a text without clauses that say nothing about what is to be done, notes on them, and what they name.
+
+    "Netflix and chill: go to the sofa", "my feet hurt, so take me to the sofa", "I lost my handbag. Where is it?"
+    First without reasons and talk in which no word counts, then also without what is only said to be so.
     """
-    words, edges = sentence.words, sentence.edges
-    ends = [at for at in range(len(words)) if any(edge.kind in ("COMMA", "STOP") for edge in edges[at])]
-    clauses = [range(a + 1, b) for a, b in pairwise([-1, *ends, len(words)])]
-    unknown = set(sentence.unknown)
-    talk = [
-        any(words[at] in unknown for at in clause)
-        and not any(edge.kind in _MEANT for at in clause for edge in edges[at])
-        and not any(edge.kind in _OPENS for edge in edges[clause.start])
-        for clause in clauses
+    said = list(clauses(plainly(text)))
+    sentences = [read_words(clause, vocabulary) for clause in said]
+    talk = [is_reason(clause) or _is_talk(sentence) for clause, sentence in zip(said, sentences, strict=True)]
+    stated = [
+        is_statement(clause, names_things=any(e.kind in _NAMES for here in sentence.edges for e in here))
+        for clause, sentence in zip(said, sentences, strict=True)
     ]
-    kept = [at for at, (clause, is_talk) in enumerate(zip(clauses, talk, strict=True)) if clause and not is_talk]
-    if not kept or not any(talk[: kept[0]] + talk[kept[-1] + 1 :]):
-        return None
-    start, end = clauses[kept[0]].start, clauses[kept[-1]].stop
-    end += end < len(words)  # a question mark says what is wanted
-    left_out = [
-        " ".join(words[clause.start : clause.stop])
-        for at, clause in enumerate(clauses)
-        if talk[at] and not kept[0] < at < kept[-1]
-    ]
-    notes = tuple(f'"{_in_brief(said)}" is left out: it names nothing to do' for said in left_out)
-    within = [tuple(replace(e, end=e.end - start) for e in here if e.end <= end) for here in edges[start:end]]
-    return Sentence(words[start:end], (*within, ()), (*sentence.notes, *notes))
+    for dropped in (talk, [a or b for a, b in zip(talk, stated, strict=True)]):
+        kept = [clause for clause, out in zip(said, dropped, strict=True) if not out]
+        if any(dropped) and any(clause.strip() for clause in kept):
+            left_out = [at for at, out in enumerate(dropped) if out and sentences[at].words]
+            notes = [f'"{_in_brief(said[at].strip(" ,.;:!"))}" is left out: it names nothing to do' for at in left_out]
+            named = next((found for at in left_out if (found := _first_named(sentences[at]))), None)
+            yield "".join(kept), notes, named
+
+
+def _is_talk(sentence: Sentence) -> bool:
+    """Whether a clause has a word that is not known, and nothing to do, no thing, no place and no condition."""
+    kinds = {edge.kind for here in sentence.edges for edge in here}
+    opens = {edge.kind for edge in sentence.edges[0]} if sentence.words else set()
+    listed = not opens.isdisjoint(_DETERMINERS) and "IS" not in kinds  # "the sofa, the zorgon"
+    return bool(sentence.unknown) and kinds.isdisjoint(_MEANT) and opens.isdisjoint(_OPENS) and not listed
+
+
+def _first_named(sentence: Sentence) -> Phrase | None:
+    """Return the first thing that a clause names: with all that is said of it where it is the subject."""
+    chart = Chart(GRAMMAR, sentence.edges)
+    for at in range(len(sentence.words)):
+        found = [one.value for one in chart.parse("thing", at) if not one.value.free and ONE not in one.value.text]
+        if found:
+            return found[0 if at == 0 else -1]
+    return None
 
 
 def too_long(text: str) -> str:
@@ -134,7 +147,7 @@ def examples(labels: Iterable[str]) -> str:
     )
 
 
-def _read(sentence: Sentence, vocabulary: Vocabulary) -> Reading:
+def _read(sentence: Sentence, vocabulary: Vocabulary, named: Phrase | None) -> Reading:
     chart = Chart(GRAMMAR, sentence.edges)
     readings = [found for found in chart.parse("start") if found.end == len(sentence.words)]
     if not readings:
@@ -145,7 +158,7 @@ def _read(sentence: Sentence, vocabulary: Vocabulary) -> Reading:
     for reading in sorted(readings, key=lambda r: r.cost):
         if programs and reading.cost > readings[0].cost + _MARGIN:
             break
-        writer = Writer()
+        writer = Writer(named)
         try:
             program = writer.write(reading.value)
             parse_program(program)

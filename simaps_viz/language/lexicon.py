@@ -9,7 +9,8 @@
 """
 
 import json
-from collections.abc import Iterable
+import re
+from collections.abc import Iterable, Iterator
 from importlib.resources import files
 from typing import Any, Final
 
@@ -30,8 +31,28 @@ def load(name: str) -> Any:
     return json.loads(load_text(name))
 
 
+_SHORT: Final = re.compile(r"\b(i|you|we|they|he|she|it|that|there|who|what|where|this) (m|d|re|ve|ll)\b")
+_LONG: Final = {"m": "am", "d": "would", "re": "are", "ve": "have", "ll": "will"}
+_CHOICE: Final = re.compile(r"\(([^()]*)\)")
+
+
+def written_out(said: str) -> str:
+    """Return words with "i m" and "you re" as "i am" and "you are"."""
+    return _SHORT.sub(lambda found: f"{found[1]} {_LONG[found[2]]}", said)
+
+
+def _spoken(phrase: str) -> Iterator[str]:
+    """Return all that a phrase with choices stands for: "go (over|) there" is "go over there" and "go there"."""
+    choice = _CHOICE.search(phrase)
+    if choice is None:
+        yield written_out(phrase)
+        return
+    for one in choice[1].split("|"):
+        yield from _spoken(f"{phrase[: choice.start()]}{one}{phrase[choice.end() :]}")
+
+
 def _split(phrases: Iterable[str]) -> tuple[Words, ...]:
-    return tuple(tuple(phrase.split()) for phrase in phrases)
+    return tuple(dict.fromkeys(tuple(spoken.split()) for phrase in phrases for spoken in _spoken(phrase)))
 
 
 def _synonyms(things: dict[str, Any]) -> dict[str, tuple[str, ...]]:
@@ -115,5 +136,7 @@ COMPASS_POINTS: Final[dict[str, float]] = _WORDS["compass"]
 """Degrees clockwise from north."""
 SINGULAR: Final[dict[str, str]] = _WORDS["singular"]
 """Irregular plurals, and words that only look like plurals."""
+SPELLED: Final[dict[str, str]] = _WORDS["spelled"]
+"""How words are written that are spelled as they are spoken or typed in haste."""
 EVERYDAY: Final = frozenset(_WORDS["everyday"])
 """Everyday words, never taken for a misspelling of another."""

@@ -16,8 +16,12 @@ from simaps_viz.language.words import Noun, plural, singular
 GRAMMAR: Final = Grammar()
 IT: Final = "‹it›"
 ONE: Final = "‹one›"
+SAME: Final = "‹same›"
 LAST: Final = "‹last›"
-"""Stand in an expression for what was named before: that thing, all things of its name, or (of the same name) it."""
+"""Stand in an expression for what was named before: that thing, all things of its name, all that were meant, or (of the
+same name) it."""
+CORNERS: Final = {45.0: "north east", 135.0: "south east", 225.0: "south west", 315.0: "north west"}
+AHEAD: Final = 'side({}, "front")'
 NEAR_M: Final = 3.0
 """How far from it "the chair near the table" may stand, edge to edge; of those in reach the nearest to it is meant."""
 MAX_RANK: Final = 10_000
@@ -167,6 +171,10 @@ def select(noun: Noun | None, parts: Iterable[Part], *, every: bool = False, som
     elif any(part.kind == "other" for part in parts):
         text = f"minus({text}, {LAST})"
     chosen = any(part.kind in ("order", "rank", "count", "other", "from") for part in parts)
+    if len({part.text for part in parts if part.kind == "order"}) > 1:  # "the big plant in the north-east"
+        for part in parts:
+            text = f'sized({text}, "{part.text}")' if part.kind == "order" and part.number else text
+        parts = tuple(part for part in parts if part.kind != "order" or not part.number)
     for part in parts:
         whole = f"near({whole}, {part.definite or part.text})" if part.kind == "near" else whole
     text, many = _chosen(text, word, parts, rank, count, many, several=many or some)
@@ -265,6 +273,9 @@ def _order(parts: Sequence[Part], many: bool) -> tuple[str, str]:
         raise CommandError("two ways of counting were said for one thing")
     if orders:
         return orders[0]
+    few = [part.text for part in parts if part.kind == "fewest"]
+    if few and not many:
+        return "few", few[0]
     # Of several things beside another one, that nearest to it is meant first.
     beside = [part.text if part.kind == "near" else part.of for part in parts if part.kind in ("near", "filter")]
     beside = [of for of in beside if 0 < len(of) <= _MAX_REPEATED]
@@ -421,9 +432,14 @@ def _negated(part: Part) -> Part:
     return replace(part, kind="filter", text=f"minus({{}}, {left_out})", definite="")
 
 
-@_rule("size", "key:SIZE", "key:SUPER", "key:MORE")
+@_rule("size", "key:SUPER", "key:MORE")
 def _size(key: str) -> Parts:
     return (Part("order", key),)
+
+
+@_rule("size", "key:SIZE")
+def _rather(key: str) -> Parts:
+    return (Part("order", key, number=1),)
 
 
 @_rule("pre", "n:ORD")
@@ -506,9 +522,9 @@ def _swept_by(key: str) -> Parts:
     return (Part("then", key),)
 
 
-@_rule("relation", "COMMA? SORTEDBY np COMMA? (ASCENDING | last:DESCENDING)?", cost=-0.4)
-def _sorted_from(np: Phrase, last: str = "") -> Parts:
-    return (Part("then", "far" if last else "near", np.measure, phrase=np),)
+@_rule("relation", "COMMA? key:SORTEDBY np COMMA? (ASCENDING | last:DESCENDING)?", cost=-0.4)
+def _sorted_from(np: Phrase, key: str, last: str = "") -> Parts:
+    return (Part("then", "far" if last else key, np.measure, phrase=np),)
 
 
 @_rule(
@@ -543,6 +559,14 @@ def _at_end(side: str, n: int = 0) -> Parts:
     return (*(_ranked(n) if n else ()), Part("order", side))
 
 
+@_rule("relation", "_at? _dets corner:INTER (SIDE | SPOT)? (OF DET* MAP)?", cost=-0.2)
+def _towards_corner(corner: float) -> Parts:
+    """Read "the plant in the north-east": the one farthest that way."""
+    if corner not in CORNERS:
+        raise CommandError("")
+    return (Part("order", CORNERS[corner]),)
+
+
 @_rule("relation", "_at? _dets side (SIDE | END)? (OF | FROM) (np | room)", "_at? _dets SIDE (OF | FROM) np _to_side")
 def _side_of(side: str, np: Phrase | None = None, room: Phrase | None = None) -> Parts:
     other = np or room
@@ -560,7 +584,7 @@ def _side_of_map(side: str) -> Parts:
 
 @_rule("relation", "FRONT HERE", "(IN | AT | TO) DET? FORWARD (OF HERE)?")
 def _ahead() -> Parts:
-    return _filter('side({}, "front")')
+    return _filter(AHEAD)
 
 
 @_rule("relation", "BEHIND HERE")
@@ -628,6 +652,16 @@ def _farthest_here(n: int = 0) -> Parts:
     return (*(_ranked(n) if n else ()), Part("order", "far"))
 
 
+@_rule("relation", "NEARBY")
+def _nearby() -> Parts:
+    return _filter('near({}, "robot", 3)')
+
+
+@_rule("relation", "IN? ELSEWHERE")
+def _elsewhere() -> Parts:
+    return _filter("minus({}, inside({}, room()))")
+
+
 @_rule("relation", "FROM HERE", "AT HERE", "IN DET* MAP", "ON DET* MAP", "HERE", "OF DET* MAP", "TO HERE", "IN HERE")
 def _anywhere() -> Parts:
     return ()
@@ -638,10 +672,10 @@ def _inside(room: Phrase) -> Parts:
     return _filter(f"inside({{}}, {room.text})", room)
 
 
-@_rule("post", "COMMA? DET adjective:size ONE? (OF (DET | BOTH | EVERY)* (_number | IT)?)?", cost=0.1)
-def _the_larger(adjective: Parts) -> Parts:
+@_rule("post", "COMMA? DET (adjective:size | key) ONE? (OF (DET | BOTH | EVERY)* (_number | IT)?)?", cost=0.1)
+def _the_larger(adjective: Parts = (), key: str = "") -> Parts:
     """Read "the suitcase on the sofa, the larger of the two"."""
-    return adjective
+    return adjective or (Part("order", key),)
 
 
 @_rule("post", "COMMA? DET ONE post", cost=0.3)
@@ -650,9 +684,10 @@ def _the_one(post: Parts) -> Parts:
     return post
 
 
-@_rule("relation", "IN DET* SAME ROOM AS np")
-def _same_room(np: Phrase) -> Parts:
-    return _filter(f"inside({{}}, room({np.argument}))", np)
+@_rule("relation", "IN DET* SAME ROOM (AS np)?", cost=-0.1)
+def _same_room(np: Phrase | None = None) -> Parts:
+    other = np or Phrase(IT, ONE, "thing")
+    return _filter(f"inside({{}}, room({other.argument}))", other)
 
 
 @_rule("relation", "(IN | AT | BY | NEAR | ON | OF) DET* spot:SPOT ((OF | IN) (room | DET* MAP))?", cost=0.1)
@@ -684,9 +719,11 @@ def _farther_than(distance: Any, np: Phrase | None = None, less: str = "") -> Pa
     return _filter(near if less else f"minus({{}}, {near})", *([np] if np else []))
 
 
-@_rule("relation", "WITH (ATLEAST | more:MORETHAN)? n:whole np _on_it?", cost=-0.6)
-def _having_some(n: int, np: Phrase, more: str = "") -> Parts:
-    return _filter(f"having({{}}, {np.argument}, {n + bool(more)})", np)
+@_rule("relation", "(WITH | WHERE IS+) (least:ATLEAST | more:MORETHAN)? n:whole np _on_it?", cost=-0.6)
+def _having_some(n: int, np: Phrase, more: str = "", least: str = "") -> Parts:
+    """Read "the table with four chairs": of those with more, that with the fewest."""
+    fewest = () if more or least else (Part("fewest", np.argument),)
+    return (*fewest, *_filter(f"having({{}}, {np.argument}, {n + bool(more)})", np))
 
 
 @_rule(
@@ -760,7 +797,7 @@ def _laden() -> Parts:
 
 
 GRAMMAR.words("_on_it", "(ON | NEAR | AT | AROUND | BY | IN | UNDER) (IT | DET? FRONT)?", "HERE")
-GRAMMAR.words("_is", "(THAT | IS | EXIST)+")
+GRAMMAR.words("_is", "(THAT | IS | EXIST | HANG)+")
 
 
 @_rule("post", "(_is DET?)? relation")
@@ -791,12 +828,24 @@ def _and_is_not(relation: Parts = (), adjective: Parts = ()) -> Parts:
     return tuple(_negated(part) for part in (*relation, *adjective))
 
 
+@_rule("post", "_is NOT np", cost=0.1)
+def _is_no(np: Phrase) -> Parts:
+    """Read "things that are not chairs"."""
+    return _filter(f"minus({{}}, {np.whole or np.text})", np)
+
+
+@_rule("post", "COMMA? BUT? NOTHING _is (relation | adjective)", cost=0.1)
+def _but_none(relation: Parts = (), adjective: Parts = ()) -> Parts:
+    """Read "a chair, but none that stands at a table"."""
+    return tuple(_negated(part) for part in (*relation, *adjective))
+
+
 @_rule("post", "_is? NEITHER (a:adjective | a:relation) NOR (b:adjective | b:relation)")
 def _neither(a: Parts, b: Parts) -> Parts:
     return tuple(_negated(part) for part in (*a, *b))
 
 
-@_rule("post", "COMMA? EXCEPT TO? AT? targets")
+@_rule("post", "COMMA? EXCEPT TO? AT? targets", cost=-0.05)
 def _except(targets: tuple[Phrase, ...]) -> Parts:
     text = "{}"
     for phrase in targets:
@@ -918,6 +967,18 @@ def _its(noun: Noun, pre: Sequence[Parts] = (), post: Sequence[Parts] = ()) -> P
 def _that(noun: Noun) -> Phrase:
     """Read "that desk", which was named before."""
     return replace(select(replace(noun, is_plural=False), ()), again=True)
+
+
+@_rule("thing", "THAT pre+ noun post*", cost=0.2)
+def _that_one(noun: Noun, pre: Sequence[Parts], post: Sequence[Parts] = ()) -> Phrase:
+    """Read "that huge teddy"."""
+    return _one(noun, pre, (), post)
+
+
+@_rule("thing", "_dets pre* noun room", cost=0.4)
+def _of_room(noun: Noun, room: Phrase, pre: Sequence[Parts] = ()) -> Phrase:
+    """Read "windows living room"."""
+    return select(noun, (*_flat(pre), *_inside(room)))
 
 
 @_rule("thing", "IT", "DET IT", "EVERY IT")

@@ -5,7 +5,22 @@ from dataclasses import dataclass, replace
 from typing import Any, Final
 
 from simaps_viz.errors import CommandError
-from simaps_viz.language.nouns import GRAMMAR, IT, LAST, ONE, Part, Parts, Phrase, lent, refine, select, united
+from simaps_viz.language.nouns import (
+    AHEAD,
+    CORNERS,
+    GRAMMAR,
+    IT,
+    LAST,
+    ONE,
+    SAME,
+    Part,
+    Parts,
+    Phrase,
+    lent,
+    refine,
+    select,
+    united,
+)
 from simaps_viz.language.words import Noun
 
 _METRES: Final = {
@@ -17,7 +32,6 @@ _A_LITTLE_DEG: Final = 30.0
 _MAX_TIMES: Final = 100
 _MAX_LAPS: Final = 20
 _COMPASS: Final = {"north": 0.0, "east": 90.0, "south": 180.0, "west": 270.0}
-_CORNERS: Final = {45.0: "north east", 135.0: "south east", 225.0: "south west", 315.0: "north west"}
 EVERYTHING: Final = Phrase('things("anything")', 'things("anything")', "thing", True)
 
 
@@ -147,7 +161,7 @@ _words("_revolution", "DET? (TURN | CIRCLE)")
 # ---- going to things and rooms
 
 _words("_prep", "TO | TOWARD | NEAR | AT | BY | ON | FOR | FORWARD | BACK | IN | UNTIL")
-_words("_goer", "GO | STAND | TAKE | RETURN")
+_words("_goer", "GO (AND? STAND)? | STAND | TAKE | RETURN")
 _words("_place", "DET* POINT")
 _words("_go", "_goer _prep* | APPROACH _prep* | _prep+")
 
@@ -320,7 +334,8 @@ def _go_behind(targets: tuple[Phrase, ...]) -> Steps:
 
 @_rule(
     "order",
-    "(_go | KEEP)? distance (TO | AT | ON | BY)* (beside | FRONT | BEFORE | back:BEHIND | off:away) np",
+    "(_go | KEEP)? distance (TO | AT | ON | BY)* (beside | FRONT | BEFORE | back:BEHIND | off:away) np | _go? np COMMA "
+    "distance (off:SHORT | off:AWAY)",
     cost=-0.3,
 )
 def _go_off(distance: Measure, np: Phrase, beside: str = "front", back: str = "", off: str = "") -> Steps:
@@ -342,7 +357,7 @@ _rule("away", "AWAY? FROM", "AWAY FROM?", "OF")(lambda: "from")
 
 @_rule("order", "_go? _dets corner:INTER (SIDE | END | SPOT)? (OF | IN) (np | room | DET* MAP)", cost=-0.2)
 def _go_corner(corner: float, np: Phrase | None = None, room: Phrase | None = None) -> Steps:
-    which = _CORNERS.get(corner)
+    which = CORNERS.get(corner)
     if which is None:
         raise CommandError("a corner lies north-east, south-east, south-west or north-west")
     thing = np or room or Phrase("room()", "", "room")
@@ -552,8 +567,8 @@ def _turn_around() -> Steps:
 
 @_rule(
     "order",
-    "SPIN AROUND? way? | LOOK AROUND HERE? | (TURN | SPIN | MAKE | GO | LOOK) AROUND? (AT | BY | IN)? DET? _whole "
-    "way? | _whole | TURN FULL AROUND | TURN AROUND FULL",
+    "MAKE DET? (SLIGHTLY | SIZE) SPIN | SPIN AROUND? way? | LOOK AROUND HERE? | (TURN | SPIN | MAKE | GO | LOOK) "
+    "AROUND? (AT | BY | IN)? DET? _whole way? | _whole | TURN FULL AROUND | TURN AROUND FULL",
     cost=0.1,
 )
 def _turn_fully(way: str = "") -> Steps:
@@ -575,7 +590,7 @@ _words("_lateral", "LEFT | RIGHT")
 
 # ---- driving without a goal
 
-_words("_step", "GO | STEPS")
+_words("_step", "GO | STEPS | TAKE")
 
 
 @_rule(
@@ -659,15 +674,14 @@ def _told(phrase: Phrase, kind: str, *more: str) -> Steps:
 
 @_rule(
     "question",
-    "(HOWMANY | COUNT) STOP? DET* np (IS | EXIST | DOES)* post* (HERE | SEE)? | (HOWMANY | COUNT) np WITH DET* MAP | "
-    "(HOWMANY | COUNT) np (DOES | IS)* DET* "
-    "MAP WITH? | (HOWMANY | COUNT) np DOES HERE (WITH | SEE)",
+    "EXIST? (HOWMANY | COUNT) STOP? DET* np (IS | EXIST | DOES | IT WITH)* post* (HERE | SEE)? | (HOWMANY | COUNT) "
+    "np WITH DET* MAP | (HOWMANY | COUNT) np (DOES | IS)* DET* MAP WITH? | (HOWMANY | COUNT) np DOES HERE (WITH | SEE)",
 )
 def _how_many(np: Phrase, post: Sequence[Parts] = ()) -> Steps:
     return _told(refine(np, [part for parts in post for part in parts]), "count")
 
 
-_OF_THAT_NAME: Final = Phrase(ONE, ONE, "thing")
+_OF_THAT_NAME: Final = Phrase(SAME, SAME, "thing")
 _NUMBERED: Final = (
     "EXIST n:whole np HERE? | EXIST n:whole OF (IT | ONES)",
     "EXIST (ATLEAST | more:MORETHAN | few:LESSTHAN | only:EXACTLY | most:ATMOST) n:whole np HERE?",
@@ -699,7 +713,7 @@ def _are_there_more(a: Phrase, b: Phrase, counted: str = "", how: str = "") -> S
 
 @_rule(
     "question",
-    "(HOWMANY | COUNT) ROOMS (IS | EXIST)* HERE? _in_map?",
+    "(HOWMANY | COUNT) ROOMS (IS | EXIST | APPROACH)* HERE? _in_map?",
     "(HOWMANY | COUNT) ROOMS (_is | DOES)* DET* MAP WITH?",
     "(HOWMANY | COUNT) ROOMS WITH DET* MAP",
 )
@@ -716,12 +730,23 @@ def _how_many_at(n: Phrase, of: Phrase) -> Steps:
     return _told(_changed(n, text=f"near({n.text}, {of.argument})", notes=n.notes + of.notes), "count")
 
 
+@_rule("question", "(HOWMANY | COUNT) noun WITH of:np", cost=-0.4)
+def _how_many_has(noun: Noun, of: Phrase) -> Steps:
+    """Read "how many chairs has the table with the laptop?"."""
+    return _how_many_at(select(noun, ()), of)
+
+
 @_rule("question", "HOWMANY np (IS | EXIST)+ BETWEEN pair")
 def _how_many_between(np: Phrase, pair: tuple[Phrase, Phrase]) -> Steps:
     return _told(_changed(np, text=f"between({np.text}, {pair[0].argument}, {pair[1].argument})"), "count")
 
 
-@_rule("question", "WHERE (IS | EXIST | DOES | GO)* np (IS | GO | AT)*", "LIST WHERE np IS", "LOOK? WHERE np")
+_words("_ask", "(LIST | LOOK | SEEQ | SEE)+")
+
+
+@_rule(
+    "question", "_ask? WHERE (IS | EXIST | DOES | GO | APPROACH | TURN | LOOK | FACE | TO | HERE)* np (IS | GO | AT)*"
+)
 def _where(np: Phrase) -> Steps:
     return _told(np, "where")
 
@@ -833,6 +858,33 @@ def _on_which_side_of(np: Phrase, b: Phrase, side: str) -> Steps:
     )
 
 
+@_rule("question", "IS (EVERY | BOTH) (OF | DET)* pre* noun NOT? (relation | adjective)", cost=-0.2)
+def _are_all(noun: Noun, pre: Sequence[Parts] = (), relation: Parts = (), adjective: Parts = ()) -> Steps:
+    """Read "are all the chairs in the kitchen?": no other one is."""
+    every = select(noun, [part for parts in pre for part in parts], every=True)
+    other = _changed(every, f"minus({every.text}, {refine(every, (*relation, *adjective)).text})")
+    return (Do(('tell(count({0.text}) == 0, "whether")',), (replace(other, many=False),)),)
+
+
+@_rule("question", "EXIST COUNTED a:np OR COUNTED? b:np", "WHAT EXIST COUNTED OF? COMMA? a:np OR b:np", cost=-0.3)
+def _which_are_more(a: Phrase, b: Phrase) -> Steps:
+    """Read "are there more tables or more chairs?"."""
+    test, phrases = _counts("more", a, b)
+    return (Choose(test, phrases, _told(a, "count"), _told(b, "count")),)
+
+
+@_rule(
+    "question",
+    "where:WHERE (IS | IT | HERE)* | far:HOWFAR AWAY? (IS IT)? | big:HOWBIG (IS IT)? | color:WHATCOLOR (IS IT)? | "
+    "(IN | TO)? WHICH room:ROOM (IS IT)? IN?",
+    cost=0.4,
+)
+def _and_what(where: str = "", far: str = "", big: str | None = None, color: str = "", room: str = "") -> Steps:
+    """Read "and where?", "how far?" after what was asked or done before."""
+    kind = "where" if where else "distance" if far else "color" if color else "room" if room else "size"
+    return (Do((f'tell({{0.text}}, "{kind}")',), (Phrase(IT, ONE, "thing"),)),)
+
+
 @_rule("question", "IS np (relation | NOT? adjective)", "IF np IS (relation | NOT? adjective)", cost=0.1)
 def _is_it(np: Phrase, relation: Parts = (), adjective: Parts = ()) -> Steps:
     return _told(refine(np, (*relation, *adjective)), "whether")
@@ -905,6 +957,12 @@ def _which_are(np: Phrase, relation: Parts = (), adjective: Parts = ()) -> Steps
     return _told(refine(np, parts), "list")
 
 
+@_rule("question", "WHICH np (IS | HERE)* DET? (NEAREST | far:FARTHEST) (TO | FROM)? of:np", cost=-0.1)
+def _which_is_nearer(np: Phrase, of: Phrase, far: str = "") -> Steps:
+    name = "farthest" if far else "nearest"
+    return _told(_changed(np, f"{name}({np.whole or np.text}, 1, {of.measure})", np.notes + of.notes), "which")
+
+
 @_rule("question", "WHICH np WITH MOSTLY of:np", "WHICH np WITH FEWEST few:np", cost=-0.3)
 def _which_most(np: Phrase, of: Phrase | None = None, few: Phrase | None = None) -> Steps:
     key, other = ("many", of) if of else ("few", few)
@@ -924,6 +982,8 @@ def _what_is(post: Sequence[Parts]) -> Steps:
         raise CommandError("")
     if any(part.kind == "order" for part in parts):
         return _told(select(Noun("thing", "anything"), parts), "which")
+    if any(part.text == AHEAD for part in parts):  # not what is there beyond the next wall
+        parts.append(Part("filter", "visible({})"))
     return _told(refine(EVERYTHING, parts), "what")
 
 
@@ -1034,6 +1094,17 @@ def _is_seen(np: Phrase) -> Condition:
 def _is_near(np: Phrase, negation: str = "") -> Condition:
     """Read "unless you are already near it"."""
     return f"distance({{0.argument}}) {'>' if negation else '<='} 1", (replace(np, many=False),)
+
+
+@_rule("condition", "DET? DISTANCE (TO | FROM) np IS? (less:LESSTHAN | MORETHAN) distance", cost=-0.3)
+def _is_so_far(np: Phrase, distance: Measure, less: str = "") -> Condition:
+    return f"distance({{0.argument}}) {'<' if less else '>'} {distance.text}", (replace(np, many=False),)
+
+
+@_rule("condition", "a:room WITH counted:COUNTED np THAN b:room", cost=-0.4)
+def _room_has_more(a: Phrase, counted: str, np: Phrase, b: Phrase) -> Condition:
+    inside = tuple(_changed(np, f"inside({np.text}, {room.text})", many=False) for room in (a, b))
+    return f"count({{1.text}}) {'>' if counted == 'more' else '<'} count({{2.text}})", (a, *inside)
 
 
 @_rule("condition", "EXIST np EITHER?", "EXIST DET* np HERE?", "np EXIST", "IS np")
@@ -1206,7 +1277,7 @@ def _not_before(b: Steps, targets: tuple[Phrase, ...]) -> Steps:
 @_rule("logical", "AMONG np COMMA b:done", cost=0.2)
 def _among(b: Steps, np: Phrase) -> Steps:
     """Read "among the tables, find the one with the fewest chairs"."""
-    return _put(b, np)
+    return _put(b, np, among=True)
 
 
 @_rule("logical", "NEVER not_:done (COMMA | AND | STOP | EXCEPT | THEN)+ b:done", cost=0.3)
@@ -1226,22 +1297,25 @@ def _neither_but(b: Steps) -> Steps:
     return b
 
 
-@_rule("logical", "a:np MEANT meant:np (COMMA | AND | STOP | THEN)+ b:done", cost=0.1)
-def _the_meant(a: Phrase, meant: Phrase, b: Steps) -> Steps:
-    """Read "the chair I mean is the one by the desk: go there"."""
-    meant = lent((meant, a))[0]
+@_rule("item", "topic:np (COMMA | STOP) (b:done | b:question)", cost=0.2)
+@_rule("logical", "named:np MEANT topic:np (COMMA | AND | STOP | THEN)+ b:done", cost=0.1)
+def _topic(topic: Phrase, b: Steps, named: Phrase | None = None) -> Steps:
+    """Read "the lamp by the bed, go to it", "the chair I mean is the one by the desk: go there"."""
+    topic = lent((topic, named))[0] if named else topic
     first, *more = b
-    if not isinstance(first, Do) or all(phrase.text != IT for phrase in first.phrases):
+    if topic.free or not isinstance(first, Do) or all(IT not in phrase.text for phrase in first.phrases):
         raise CommandError("")
-    return (replace(first, phrases=tuple(meant if p.text == IT else p for p in first.phrases)), *more)
+    phrases = [topic if p.text == IT else replace(p, text=p.text.replace(IT, topic.single)) for p in first.phrases]
+    return (replace(first, phrases=tuple(phrases)), *more)
 
 
-def _put(steps: Steps, named: Phrase) -> Steps:
+def _put(steps: Steps, named: Phrase, *, among: bool = False) -> Steps:
     """Return the steps with "one" and "the other" of their first phrase taken from a phrase before it."""
     first, *more = steps
     if not isinstance(first, Do) or not first.phrases or named.base == ONE:
         raise CommandError("")
-    phrase = lent((first.phrases[0], named))[0]
+    group = replace(named, base=named.whole or named.text) if among else named
+    phrase = lent((first.phrases[0], group))[0]
     phrase = replace(phrase, text=phrase.text.replace(LAST, named.single))
     return (replace(first, phrases=(phrase, *first.phrases[1:])), *more)
 
@@ -1255,7 +1329,10 @@ def _either_order(a: Steps, b: Steps) -> Steps:
     return (replace(chosen[0], phrases=(both,)),)
 
 
-@_rule("items", "item (_sep more:item | &_verb more:item)*")
+_words("_forth", "FORWARD distance")
+
+
+@_rule("items", "item (_sep more:item | &(_verb | _forth) more:item)*")
 def _items(item: Steps, more: Sequence[Steps] = ()) -> Steps:
     return (*item, *(step for steps in more for step in steps))
 
@@ -1265,13 +1342,33 @@ def _start(items: Steps) -> Steps:
     return items
 
 
+_words("_struck", "(NOWAIT COMMA?)+ items")
+_words("_items", "items")
+
+
+@_rule("start", "_mayhap _items _mayhap (NOWAIT COMMA?)+ _np b:question _mayhap", cost=0.3)
+def _asked_instead(b: Steps) -> Steps:
+    """Read "how many cups, no, bottles, how many bottles are there?"."""
+    return b
+
+
+@_rule("start", "_mayhap np COMMA room _mayhap", cost=0.3)
+def _in_room(np: Phrase, room: Phrase) -> Steps:
+    """Read "tv, bedroom"."""
+    if np.many or np.free:
+        raise CommandError("")
+    return _go_to((replace(np, text=f"inside({np.text}, {room.text})"),))
+
+
 @_rule("start", "_mayhap items _sep GO COMMA? NOWAIT COMMA? b:items _mayhap")
 def _begun(items: Steps, b: Steps) -> Steps:
     """Read "go to the kitchen and sit, I mean, stop at the sofa": only the order that was begun is replaced."""
     return (*items, *b)
 
 
-@_rule("start", "_mayhap (items _mayhap)? (NOWAIT COMMA?)+ (NOT _np COMMA?)? b:items _mayhap")
+@_rule(
+    "start", "_mayhap (items _mayhap)? (_struck _mayhap)* (NOWAIT COMMA?)+ (NOT _np COMMA?)? b:items _mayhap", cost=0.05
+)
 def _instead(b: Steps, items: Steps = ()) -> Steps:
     """Read "go to the sofa, no wait, the table": what follows replaces the order before it."""
     last, first = items[-1] if items else None, b[0]

@@ -27,15 +27,20 @@ from simaps_viz.colors.naming import has_color
 from simaps_viz.errors import CommandError, InputError, PlanningError
 from simaps_viz.language.cells import Packed
 from simaps_viz.language.grounding import MAX_LOOKED, Grounding, Named, Things, one_thing, with_article
+from simaps_viz.language.lexicon import KINDS
 from simaps_viz.language.primitives import SAID, SELF, Primitive
 from simaps_viz.language.sight import wall_cells
 from simaps_viz.language.telling import told
-from simaps_viz.language.words import plural
+from simaps_viz.language.words import plain, plural
 from simaps_viz.structures import Instance, Pose2, Room, SIMap
 
 NEXT_TO_M: Final = 1.0
 BESIDE_M: Final = 3.0
 """How far from a thing what is on its left, right, front or back may be, edge to edge, where something is that near."""
+_CLEARLY_M: Final = 0.3
+"""How much nearer to another table a seat stands that is not at this one."""
+_SEATS: Final = frozenset(("chair", "stool", "bar stool", "office chair"))
+_TABLES: Final = frozenset((*KINDS["table"], "desk", "counter", "kitchen counter", "bar"))
 CLEARANCE_M: Final = 0.3
 """Gap between the robot's hull and the thing that it stops beside."""
 _AT_WALL_M: Final = 0.35
@@ -102,7 +107,8 @@ class Sets(Grounding):
         super().__init__(simap, viewer, max_looked=max_looked, **options)
         self.start = start or viewer
         self.answer: dict[str, Any] | None = None
-        """What ``tell`` answered so far: text, value, instances."""
+        """What ``tell`` answered so far: text, value (of several questions a list), instances."""
+        self._values: list[Any] = []
         self._make_lap, self._radius_m = lap, radius_m
 
     def call(self, function: Primitive, arguments: Mapping[str, Any]) -> Any:
@@ -362,14 +368,36 @@ class Sets(Grounding):
         if room is not None or self._point_of(T) is not None:
             what = "you" if isinstance(T, str) else "that place" if room is None else _the(room)
             return self._keep(S, self._far(things, T) <= most + 1e-9, after=f"{within} {what}")
-        kept = {things[i].id for i, _, _ in self.neighbours(things, self.things_of(T), most)}
-        return self._relate(S, T, kept, f"{within} {self.set_of(T).the}")
+        others = self.things_of(T)
+        pairs = self.neighbours(things, others, most)
+        pairs = self._at_their_own(things, others, pairs) if metres is None else pairs
+        return self._relate(S, T, {things[i].id for i, _, _ in pairs}, f"{within} {self.set_of(T).the}")
+
+    def _at_their_own(
+        self, things: Sequence[Instance], others: Sequence[Instance], pairs: list[tuple[int, int, float]]
+    ) -> list[tuple[int, int, float]]:
+        """Leave out the pairs of a seat and a table, desk or counter where the seat clearly stands at another one."""
+        taken = {other.id for other in others}
+        rivals = [i for i in self.simap.instances if plain(i.label) in _TABLES and i.id not in taken]
+        tables = {j for j, other in enumerate(others) if plain(other.label) in _TABLES}
+        seats = sorted({i for i, j, _ in pairs if j in tables and plain(things[i].label) in _SEATS})
+        if not seats or not rivals:
+            return pairs
+        nearest: dict[int, float] = {}
+        for k, _, far in self.neighbours([things[i] for i in seats], rivals, NEXT_TO_M):
+            nearest[seats[k]] = min(nearest.get(seats[k], np.inf), far)
+        return [one for one in pairs if one[1] not in tables or one[2] <= nearest.get(one[0], np.inf) + _CLEARLY_M]
 
     def _on(self, S: Named, T: Named) -> Things:
         if self.room_of(T) is not None:
             return self._inside(S, T)
-        standing = {a for a, _ in self._standing(self.things_of(S), self.things_of(T))}
-        hidden = self._hidden(S, T, ("on", "inside"))
+        things, others = self.things_of(S), self.things_of(T)
+        standing = {a for a, _ in self._standing(things, others)}
+        # What stands within a shelf does so by its surface in space rather than by its cells.
+        standing |= {i.id for i in things if self._stands_so(i, others, ("on",))}
+        hidden = {
+            k: i for k, i in self._hidden(S, T, ("on", "inside")).items() if not self._stands_so(i, others, ("under",))
+        }
         return self._relate(self._joined(S, hidden), T, standing | {*hidden}, f"on {self.set_of(T).the}")
 
     def _under(self, S: Named, T: Named) -> Things:
@@ -380,20 +408,23 @@ class Sets(Grounding):
         hidden = self._hidden(S, T, ("under",))
         return self._relate(self._joined(S, hidden), T, kept | {*hidden}, f"under {self.set_of(T).the}")
 
+    @staticmethod
+    def _stands_so(thing: Instance, others: Sequence[Instance], relations: Sequence[str]) -> bool:
+        """Whether a thing has one of these relations in space to one of the others."""
+        pairs = {number: share for name in relations for number, share in getattr(thing, name).items()}
+        return any(pairs.get(other.id, 0.0) >= _WITHIN for other in others)
+
     def _hidden(self, S: Named, T: Named, relations: Sequence[str]) -> dict[int, Instance]:
         """Return {id: thing} of those that no cell shows, are of a class of S, and stand so to one of T.
 
-        What a network saw a few times only, or was not sure of, is left out.
+        What a network saw a few times only, or was not sure of, is left out, and what meets a thing of its class that
+        cells show: it is that thing, seen again.
         """
         self.look(len(self.simap.hidden))
-        labels, others = {i.label for i in self.things_of(S)}, {i.id for i in self.things_of(T)}
-
-        def stands_so(thing: Instance) -> bool:
-            pairs = [pair for name in relations for pair in getattr(thing, name).items()]
-            return any(number in others and share >= _WITHIN for number, share in pairs)
-
+        labels, others = {i.label for i in self.things_of(S)}, self.things_of(T)
         sure = [i for i in self.simap.hidden if i.label in labels and i.score >= _SURE and i.frames >= _OFTEN]
-        return {thing.id: thing for thing in sure if stands_so(thing)}
+        so = [i for i in sure if self._stands_so(i, others, relations)]
+        return {i.id: i for i in so if not any(_meet(i, other) for other in self.simap.of_class(i.label))}
 
     def _joined(self, S: Named, more: Mapping[int, Instance]) -> Things:
         found = self.set_of(S)
@@ -880,12 +911,23 @@ class Sets(Grounding):
         text, said, things = told(self, value, kind, other, key)
         before = self.answer or {"text": "", "instances": []}
         ids = [*before["instances"], *(i.id for i in things)]
-        self.answer = {"text": f"{before['text']} {text}".strip(), "value": said, "instances": list(dict.fromkeys(ids))}
+        self._values.append(said)
+        value = said if len(self._values) == 1 else list(self._values)
+        self.answer = {
+            "text": f"{before['text']} {text}".strip(),
+            "value": value,
+            "instances": list(dict.fromkeys(ids)),
+        }
 
 
 def _the(room: Room) -> str:
     """Return "the kitchen", but "room 3"."""
     return room.name if room.name[-1:].isdigit() else f"the {room.name}"
+
+
+def _meet(a: Instance, b: Instance) -> bool:
+    """Whether the boxes of two things have a part in common."""
+    return all(a.aabb_m[0][k] <= b.aabb_m[1][k] and b.aabb_m[0][k] <= a.aabb_m[1][k] for k in range(3))
 
 
 def _side_words(side: str, the: str) -> str:

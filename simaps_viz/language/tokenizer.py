@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from typing import Final
 
 from simaps_viz.errors import CommandError
+from simaps_viz.language.asides import plainly
 from simaps_viz.language.grammar import Edge
 from simaps_viz.language.lexicon import ACTIVITIES, COMPASS_POINTS, MAX_PHRASE, NEEDS, PHRASES, WISHES
 from simaps_viz.language.program import MAX_NUMBER
@@ -17,14 +18,6 @@ _PIECE: Final = re.compile(
     r"|(?P<number>(?<![\w.])-?\d+(?:\.\d+)?|\d+(?:\.\d+)?|(?<![\w.])\.\d+)|(?P<poss>['’]s\b)"
     r"|(?P<word>[^\W\d_]+)|(?P<mark>[,.;:!?#°&])|(?P<other>[^\s\-_()\"'’\[\]]+)"
 )
-_SPOKEN: Final = {"wanna": "want to", "gonna": "will", "gotta": "must", "lemme": "let me", "gimme": "give me"}
-_WISH: Final = re.compile(
-    r"\b(?:i|we|it)(?:\s+would|['’]d)\s+(?:(?:really|truly|greatly)\s+)?(?:be|appreciate|love|like)\b(?:\s+\w+){0,5}?"
-    r"\s+if\s+you\s+(?:would|could|can|might|were to|went ahead and)\b"
-)
-"""Openings such as "I would be most grateful if you could"."""
-_OPENING: Final = re.compile(r"^\W*(?:(?:right so|so|and|um+|uh+|okay|ok|yeah|well|hmm+|er+|uhm)\b[\s,]*)+")
-_IS: Final = re.compile(r"\b(that|it|there|what|where|here|which|who|how)['’]s\b")
 _MOST: Final = re.compile(r"(left|right|north|south|east|west)(?:ern|er)?most")
 _SIDE: Final = re.compile(r"(left|right|north|south|east|west)(?:ern|erly|ward)?$")
 _ON_PAPER: Final = re.compile(r"\b(top|upper|bottom|lower)[\s-]+(left|right)\b")
@@ -70,12 +63,8 @@ def read_words(text: str, vocabulary: Vocabulary, *, correcting: bool = False) -
     Raises:
         CommandError: a number larger than a program may hold.
     """
-    plainly = _WISH.sub(" ", _IS.sub(r"\1 is", re.sub(r"\blet['’]s\b", "let us", text.lower())))
-    plainly = re.sub(r",\s*so\s+(?!that\b)", ", ", plainly)
-    plainly = re.sub(r"\b[xy]\s*=?\s*(?=[-.\d])", "", _OPENING.sub("", plainly))
-    plainly = re.sub(r"[a-z]+", lambda found: _SPOKEN.get(found[0], found[0]), plainly)
-    plainly = _ON_PAPER.sub(lambda found: f"{_PAPER[found[1]]} {_PAPER[found[2]]}", plainly)
-    pieces = [(str(m.lastgroup), m[m.lastgroup or 0]) for m in _PIECE.finditer(plainly)]
+    said = _ON_PAPER.sub(lambda found: f"{_PAPER[found[1]]} {_PAPER[found[2]]}", plainly(text))
+    pieces = [(str(m.lastgroup), m[m.lastgroup or 0]) for m in _PIECE.finditer(said)]
     notes: list[str] = []
     if correcting:
         pieces = _corrected(pieces, vocabulary, notes)

@@ -29,6 +29,8 @@ ANY: Final = "any "
 _NO_KIND: Final = ("hot dog", "teddy bear")
 """Names whose last word is not their kind: a hot dog is not a dog."""
 _MAX_NAME: Final = max(len(name.split()) for name in KNOWN_THINGS)
+_STRANDED: Final = (("with",), ("on",), ("in",), ("at",), ("from",), ("into",))
+"""What may end "something to heat a meal with"."""
 _MIN_LETTERS: Final = 4
 """Shorter words are too close to one another to be corrected."""
 _TWO_SLIPS_LETTERS: Final = 8
@@ -157,6 +159,8 @@ def _singular_word(word: str) -> str:
 def plural(phrase: str) -> str:
     """Return a phrase with its last word in the plural: "couch" -> "couches"."""
     *first, last = phrase.split() or [""]
+    if first[:1] == ["place"]:
+        return " ".join(["places", *first[1:], last])
     for many, one in SINGULAR.items():
         if one == last and many not in ("persons", "tv's"):
             return " ".join([*first, many])
@@ -289,7 +293,9 @@ class Vocabulary:
                 for length in range(min(4, len(words) - end), 0, -1):
                     kind = ACTIVITIES.get(tuple(words[end : end + length]))
                     if kind:
-                        return kind, end + length
+                        end += length
+                        ends = not "".join(words[end + 1 : end + 2]).isalpha()
+                        return kind, end + (ends and tuple(words[end : end + 1]) in _STRANDED)
         return "", 0
 
     def correct(self, words: Sequence[str]) -> tuple[str, int]:

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field, replace
 from typing import Final
 
 from simaps_viz.errors import CommandError
-from simaps_viz.language.nouns import IT, LAST, ONE, Phrase
+from simaps_viz.language.nouns import IT, LAST, ONE, SAME, Phrase
 from simaps_viz.language.orders import Choose, Do, Repeat, Steps
 from simaps_viz.language.primitives import FUNCTIONS, SELF
 
@@ -49,12 +49,16 @@ class _Line:
 
 
 class Writer:
-    """Writes one program, step by step."""
+    """Writes one program, step by step.
 
-    def __init__(self) -> None:
+    Args:
+        named: what was spoken of before.
+    """
+
+    def __init__(self, named: Phrase | None = None) -> None:
         self._lines: list[_Line] = []
         self._names: dict[str, int] = {"robot": 1}
-        self._last: _Mention | None = None
+        self._last: _Mention | None = _Mention(named) if named else None
         self._line: _Line | None = None
         self._block: list[_Line] | None = None
         """The last line of the program, and the lines it stands among."""
@@ -152,7 +156,10 @@ class Writer:
         text, base, word = phrase.text, phrase.base, phrase.word
         if IT in text:
             text = text.replace(IT, self._named("it").name)
-        if base == ONE:
+        if base == SAME:  # "if there are two backpacks in the office ...; if there is only one"
+            before = self._named("one", name=False).phrase
+            text, base, word = before.whole or before.text, before.base, before.word
+        elif base == ONE:
             before = self._named("one", name=False).phrase
             base, word = before.base, before.word
         text = text.replace(ONE, base)

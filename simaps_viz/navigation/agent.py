@@ -62,8 +62,8 @@ class Answer:
     alternatives: tuple[str, ...] = ()
     """Other programs the command could mean."""
     answer: Mapping[str, Any] | None = None
-    """The answer to a question: ``text``, a sentence; ``value``, a number, truth value, name or None; ``instances``,
-    the ids of what it speaks of. None for a command that asks nothing."""
+    """The answer to a question: ``text``, a sentence; ``value``, a number, truth value, name or None, of several
+    questions a list; ``instances``, the ids of what it speaks of. None for a command that asks nothing."""
     steps: tuple[StepEvent, ...] = ()
     """The statements that were run, in order; empty unless ok."""
     line: int | None = None

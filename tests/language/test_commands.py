@@ -279,11 +279,19 @@ def test_synonyms_are_noted() -> None:
     assert "no distance was said: 1 m" in read_command("go forward", LABELS).notes
 
 
+def test_what_is_told_before_an_order_is_what_it_speaks_of() -> None:
+    assert read_command("I lost my chair. Where is it?", LABELS).program.endswith(', "where")')
+    assert "chair" in read_command("I lost my chair. Where is it?", LABELS).program
+    assert read_command("I hate that couch, look at it", LABELS).program.endswith("robot.face(couch)")
+
+
 @pytest.mark.parametrize(
     ("said", "left_out"),
     [
         ("Netflix and chill: go to the couch", "netflix and chill"),
         ("Whoop whoop! Go to the sofa.", "whoop whoop"),
+        ("My feet ache, so take me to the sofa.", "my feet ache"),
+        ("Go to the couch so I can read the paper", "so i can read the paper"),
     ],
 )
 def test_talk_around_an_order_is_left_out_with_a_note(said: str, left_out: str) -> None:
@@ -301,6 +309,9 @@ def test_talk_around_an_order_is_left_out_with_a_note(said: str, left_out: str) 
         "go gallivanting, then go to the couch",  # what else is done
         "go to the couch, unless hungover",  # on what condition
         "stay away from the plants and go to the couch",  # by what way
+        "the chair is not where you should go, go to the couch",
+        "she told me not to go to the chair, go to the couch",
+        "I am standing at the chair, come to me",  # where
     ],
 )
 def test_words_that_may_matter_are_never_left_out(said: str) -> None:

@@ -9,7 +9,9 @@ VERDICTS = ("right", "refused", "wrong", "traceback")
 CORRIDOR = [5.0, 4.5, 90.0]
 
 
-REACHED = {"round1": (115, 3), "round2": (75, 3), "round3": (70, 3), "round4": (98, 4), "round5": (69, 4)}
+REACHED = {
+    "round1": (116, 2), "round2": (75, 3), "round3": (72, 3), "round4": (106, 2), "round5": (76, 2), "round6": (37, 2),
+}  # fmt: skip
 """Of the commands on the maps that are shipped: at least so many right, and at most so many wrong but confident."""
 
 

@@ -1,0 +1,109 @@
+"""What is said around orders and questions: how speech is spelled, politeness, reasons, and small talk."""
+
+import re
+from collections.abc import Iterator
+from typing import Final
+
+from simaps_viz.language.lexicon import SPELLED, written_out
+
+_WHO: Final = r"(?:you|u|ya|we|i|somebody|someone|anybody|anyone|the robot)"
+_SOFTLY: Final = r"(?:(?:please|kindly|possibly|perhaps|maybe|just|really|simply|also|by any chance|even|\w+ly)\s+)*"
+_ASKS: Final = r" (?:how|where|what|which|whether|if|who)\b"
+_POLITE: Final = re.compile(
+    r"\b(?:"
+    # "I would be most grateful if you could", "I was just wondering whether you might perhaps"
+    rf"(?:i|we|it) would (?:{_SOFTLY})(?:be|appreciate|love|like)\b(?:\s+\w+){{0,5}}? if {_WHO} "
+    r"(?:would|could|can|might|were to|went ahead and)|"
+    rf"(?:i|we) (?:was |am |were |are )?{_SOFTLY}(?:wonder|wondered|wondering|asking|hope|hoping|curious) "
+    rf"(?:if|whether|that)(?: {_WHO} (?:would|could|can|might|may))?|"
+    # "what I need you to do is", "here is the plan:"
+    rf"(?:here is )?what (?:i|we|you) (?:would |have |should |could )?{_SOFTLY}(?:like|need|want|do|have)"
+    r"(?: you)?(?: to)?(?: do)?(?: with)?(?: now)?(?: is|\s*:)(?: to)?|"
+    r"be (?:an?|my|so|very) (?:\w+ )?\w+ (?:and|enough to|as to)|do (?:me|us) an? (?:\w+ )?favou?r and|"
+    rf"(?:why (?:do not|don['’]?t|not)|how about)(?: {_WHO}\b)?(?! (?:is|are)\b)|"
+    r"(?:is there )?any chance (?:that )?you (?:can|could|might)|before (?:we|you|i) do anything else|"
+    # "I can't for the life of me remember how many ..."
+    r"(?:i|we) (?:\w+ )?(?:can(?:['’]?t|\s?not)|(?:could|do|did)(?:n['’]?t| not))(?: \w+){0,6}? "
+    rf"(?:remember|recall|know|tell|see|think|figure out|work out|make out)(?: of)?(?={_ASKS})|"
+    rf"(?:i|we) (?:have |am |are )?(?:\w+ly )?(?:forgot|forgotten|not sure|unsure)(?={_ASKS})"
+    rf")\b ?{_SOFTLY}"
+)
+"""Openings that only ask for what comes after them."""
+_KINDLY: Final = re.compile(
+    r"[,\s]*\bif (?:that|it|this)(?: is|['’]s| would be| were)(?:n['’]?t| not)? (?:not |no |too much |any |all )?"
+    r"(?:\w+ )?(?:alright|right|ok|okay|fine|trouble|bother|possible|convenient|good|asking)\b"
+    r"(?: (?:with|for|to) you| to ask)?"
+)
+_TAG: Final = re.compile(
+    r",\s*(?:(?:is|are|do|does|have|has|can|could|will|would|did|was|were|should)(?:n['’]?t)? "
+    r"(?:it|you|they|we|i|there|he|she)|(?:\w+ )?(?:is|was) it|alright|all right|ok|okay|right|yes|no|eh|hm+|please)"
+    r"\s*(?=\?\s*$|,)"
+)
+"""Small questions at the end: "..., would you?"."""
+_OPENING: Final = re.compile(r"^\W*(?:(?:right so|so|and|um+|uh+|okay|ok|yeah|well|hmm+|er+|uhm)\b[\s,]*)+")
+_IS: Final = re.compile(r"\b(that|it|there|what|where|here|which|who|how)['’]s\b")
+_SHORT: Final = re.compile(r"\b(i|you|we|they|he|she|it|that|there|who|what|where|this)['’](m|d|re|ve|ll)\b")
+_LEFT: Final = re.compile(r"\b((?:is|are) there (?:\w+ ){1,3})left\b(?! of| side| hand)")
+"""What is there still, as in "is there any cake left on the counter?"."""
+_WORD: Final = re.compile(r"[a-z]+(?:['’][a-z]+)?")
+
+_ENDS: Final = re.compile(
+    r"(?:(?<!\d)[.,]|[.,](?!\d)|[;:!?]|\s-+\s)+"
+    r"|\s(?=(?:because|cause|cos|so(?! (?:that (?:it|the|you)|far|much|many)))\b)"
+)
+"""Where a clause ends; the second kind of end takes no letter."""
+_SUBJECT: Final = (
+    r"he|she|they|it|this|that|there|here|some(?:body|one)|every(?:body|one)|people|my|our|his|her|their|the|an?|some|"
+    r"these|those|all|your eyes|you (?:are|were|have been|look|seem)"
+)
+_STATEMENT: Final = re.compile(
+    r"^\W*(?:(?:and|but|so|well|oh|now|then|look|see|right|as|since|honestly|you know)\s+)*(?:"
+    r"(?:i|we)\s+(?:\w+ly\s+|just\s+|also\s+)*"
+    r"(?!want|need|would|like|wish|should|must|mean|meant|can\b|could|go\b|visit|see\b|"
+    r"(?:am|are) (?:looking|searching|after))\w+"
+    rf"|(?:{_SUBJECT})\b.*\b(?:is|are|was|were|am|has|have|had|been|wants?|said|says|told|hurts?|aches?|feels?|asked|will|"
+    r"can|could|did|does|left|lost|came|went|\w+n['’]?t|\w{2,}ed)\b"
+    r"|(?:here is|there is) .*)"
+)
+"""A clause that says how things are."""
+_REASON: Final = re.compile(
+    r"^\W*(?:so(?: that)?|because|cause|cos|as|since)\s+(?:i|we|he|she|they|my|our|his|her|people|somebody|someone)\b"
+    r"(?!\s+(?:want|need|would like)\b)"
+)
+_LIMITS: Final = re.compile(
+    r"\b(?:not|no|never|none|nothing|without|only|except|but|avoid|unless|if|when|rather|instead|until|before|after|must|"
+    r"should|ought|(?:has|have|had|needs?|wants?|supposed|got) to|other|cannot|keep|stay|\w+n['’]?t|how|whether)\b|\?|"
+    r"\b(?:i am|we are) (?:\w+ing )?(?:right |just |over )?(?:at|in|on|by|near|next|under|behind|beside)\b"
+)
+"""Words that say what is to be done, or not to be, also in a statement."""
+
+
+def plainly(text: str) -> str:
+    """Return what was said in lower case and spelled out, without the politeness around it."""
+    said = _IS.sub(r"\1 is", re.sub(r"\blet['’]s\b", "let us", text.lower()))
+    said = written_out(_SHORT.sub(r"\1 \2", said))
+    said = _WORD.sub(lambda found: SPELLED.get(found[0].replace("’", "'"), found[0]), said)
+    said = _LEFT.sub(r"\1", re.sub(r"\bam i\b", "are you", said))
+    said = _TAG.sub("", _KINDLY.sub(" ", said))
+    said = _POLITE.sub(" ", said)
+    said = re.sub(r",\s*so\s+(?!that\b|i\b|we\b)", ", ", said)
+    return re.sub(r"\b[xy]\s*=?\s*(?=[-.\d])", "", _OPENING.sub("", said))
+
+
+def clauses(text: str) -> Iterator[str]:
+    """Return the clauses of a text, each with the mark that ends it."""
+    at = 0
+    for end in _ENDS.finditer(text):
+        yield text[at : end.end()]
+        at = end.end()
+    yield text[at:]
+
+
+def is_reason(clause: str) -> bool:
+    """Whether a clause only says why."""
+    return _REASON.match(clause) is not None
+
+
+def is_statement(clause: str, *, names_things: bool) -> bool:
+    """Whether a clause says how things are, and nothing about what is to be done."""
+    return _STATEMENT.match(clause) is not None and not (names_things and _LIMITS.search(clause))
