@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     from simaps_viz.live.source import Source, Traffic
     from simaps_viz.recorder.recorder import RerunRecorder
     from simaps_viz.segmentation.protocol import Network
+    from simaps_viz.structures import SIMap
 
 LIVE_METHODS = ("evidence", "components")
 """Those whose frames can be placed again."""
@@ -34,6 +35,9 @@ class Live:
     on rmw_zenoh (extra "ros2"); or a sequence that simaps build reads, played at its own pace. See docs/ROBOT.md."""
     output: Annotated[Path | None, tyro.conf.arg(aliases=["-o"])] = None
     """Map file to write (.npz)."""
+    map: Path | None = None
+    """Go on with an earlier map of the same place (.npz): the new one takes its frame once it is known where on it the
+    frames are, and says what has moved, gone or come since. Without a sure place it stays a map of its own."""
     mapping: Annotated[MappingOptions, tyro.conf.arg(name="")] = field(default_factory=MappingOptions)
     segmentation: str = "precomputed"
     """Where segments come from: "precomputed" (the source has them) or a network (.onnx), which looks at the newest
@@ -72,6 +76,7 @@ class Live:
         from simaps_viz.live.robot import RobotSource
         from simaps_viz.live.run import LiveRequest
         from simaps_viz.live.source import Traffic
+        from simaps_viz.mapping.changes import as_json
 
         if self.list:
             return self._list()
@@ -89,12 +94,13 @@ class Live:
         if self.mapping.method not in LIVE_METHODS:
             raise InputError(f"--method: expected {' or '.join(LIVE_METHODS)}, found {self.mapping.method}")
         config = replace(self.mapping.config(), method=self.mapping.method)
+        earlier = self._earlier(config.projection.cell_size_m)
         network = self._network()
         traffic = Traffic()
         source = self._source(network, traffic)
         request = LiveRequest(
             source, config, self.output, idle_stop_s=self.idle_stop, network=network,
-            every_frame=self.pace == "fast" and "://" not in self.source, traffic=traffic,
+            every_frame=self.pace == "fast" and "://" not in self.source, earlier=earlier, traffic=traffic,
         )  # fmt: skip
         with self._recorder() as recorder:
             observers = () if recorder is None else (recorder,)
@@ -108,10 +114,27 @@ class Live:
         record = {"event": "done", "map": str(self.output), "record": str(self.record) if self.record else None,
                   "counts": simap.counts(), "instances": len(simap.instances), "shots": live.traffic.placed,
                   "with_masks": live.traffic.named, "dropped": live.traffic.dropped, "moved": live.moved,
-                  "notes": live.growing.notes}  # fmt: skip
-        lines = [*live.growing.notes, f"{self.output}: {counts_in_words(simap.counts())}"]
+                  "notes": live.growing.notes, "earlier": simap.provenance["live"].get("earlier"),
+                  "changes": as_json(live.growing.changes())}  # fmt: skip
+        lines = [*live.growing.notes, *filter(None, [live.place_words()])]
+        lines += [f"{one.label}: {one.words()}" for one in live.growing.changes()]
+        lines += [f"{self.output}: {counts_in_words(simap.counts())}"]
         report(record, *lines, f"Look at it: simaps view {self.output}", json=self.json)
         return OK
+
+    def _earlier(self, cell_size_m: float) -> "SIMap | None":
+        """Open the map to go on with."""
+        from simaps_viz.mapping.mending import load_mended
+
+        if self.map is None:
+            return None
+        earlier = load_mended(self.map)
+        if earlier.spec.cell_size_m != cell_size_m:
+            raise InputError(
+                f"{self.map}: expected cells of {cell_size_m:g} m, as the new map has, found "
+                f"{earlier.spec.cell_size_m:g} m"
+            )
+        return earlier
 
     def _network(self) -> "Network | None":
         from simaps_viz.console.terminal import note

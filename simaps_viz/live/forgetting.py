@@ -129,11 +129,11 @@ class Forgetting:
     def split(self, frames: FrameList) -> tuple[FrameList, FrameList]:
         """Return what frames saw that is believed, and what is forgotten: each with all frames."""
         kept, gone = FrameList(), FrameList()
-        codes = np.array(sorted(self._since), np.int64)
-        since = np.array([self._since[code] for code in codes.tolist()], np.int64)
+        codes = np.array([*sorted(self._since), np.iinfo(np.int64).max], np.int64)
+        since = np.array([self._since.get(code, 0) for code in codes.tolist()], np.int64)
         for frame in frames:
             found = _code(frame.readings.rows, frame.readings.cols)
-            place = np.minimum(np.searchsorted(codes, found), len(codes) - 1)
+            place = np.searchsorted(codes, found)
             old = (codes[place] == found) & (frame.index < since[place])
             kept.append(_part(frame, ~old) if old.any() else frame)
             gone.append(_part(frame, old))

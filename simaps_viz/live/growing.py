@@ -24,8 +24,9 @@ from simaps_viz.build.pipeline import BuildConfig
 from simaps_viz.datasets.gravity import estimate_gravity
 from simaps_viz.errors import InputError
 from simaps_viz.events import BuildFinished, CommunitiesFound, FrameProjected, MergesFound, Observer
-from simaps_viz.geometry import map_from_world
+from simaps_viz.geometry import invert_pose, map_from_world
 from simaps_viz.live.forgetting import Forgetting
+from simaps_viz.live.relocalise import Placement, as_steps, find_placement
 from simaps_viz.live.source import Correction, Shot, Source
 from simaps_viz.mapping import finalize
 from simaps_viz.mapping.accumulator import MapAccumulator
@@ -45,6 +46,8 @@ BEHIND = 60
 FRAMES_A_PLACE = 60
 """Frames with masks that are kept of one place: what comes later adds geometry only. So the map of a robot that drives
 in circles, or stands, grows with the area and not with time."""
+LOOK_AT = 30
+"""Frames from which the place on an earlier map is looked for; without success again at twice as many."""
 MOST_PASSES = 3
 """A map is made again at most so often without what was left of objects that have gone."""
 MOST_ANEW = 5
@@ -61,7 +64,7 @@ class _Kept:
 
     shot: tuple[int, int]
     """Epoch, and time in ns."""
-    T_odom_camera: NDArray
+    T_odom_camera: NDArray | None
     intrinsics: Intrinsics
     stored: "Future[tuple[_Place, _Place, _Place]]"
     """Where its step, its depth and its ids lie in the scratch file."""
@@ -94,9 +97,21 @@ class _Scratch:
 class GrowingMap:
     """Puts shots on the map, one by one, from one thread."""
 
-    def __init__(self, source: Source, config: BuildConfig) -> None:
-        """Begin with nothing; the method must not count links, which could not be placed again."""
-        self.source, self.config = source, config
+    def __init__(self, source: Source, config: BuildConfig, earlier: SIMap | None = None) -> None:
+        """Begin with nothing; the method must not count links, which could not be placed again.
+
+        Args:
+            source: of shots.
+            config: how the map is made.
+            earlier: a map of the same place to go on with, once it is known where on it the shots are; from then on
+                its frame is this map's.
+        """
+        self.source, self.config, self.earlier = source, config, earlier
+        self.placement: Placement | None = None
+        """The best one so far on the earlier map."""
+        self._earlier: list[FrameStep] = []
+        self._finding: Future[Placement | None] | None = None
+        self._look_at = LOOK_AT
         self.T_map_world = source.T_map_world
         """None until the floor is found."""
         self.notes: list[str] = []
@@ -122,13 +137,17 @@ class GrowingMap:
     def add(self, shot: Shot) -> list[FrameProjected]:
         """Put a shot on the map; return the events of the frames that the map has taken, while it is so."""
         if self.T_map_world is not None:
-            return self._place(shot)
+            events = self._place(shot)
+            self._look_for_place()
+            return events
         self._waiting.append(shot)
         return self._find_floor() if len(self._waiting) in FLOOR_FRAMES else []
 
     def finish_waiting(self) -> list[FrameProjected]:
         """Place the shots that still wait for a floor, when no more will come."""
-        return self._find_floor(last=True) if self._waiting else []
+        events = self._find_floor(last=True) if self._waiting else []
+        self._look_for_place(wait=True)
+        return events
 
     def _find_floor(self, *, last: bool = False) -> list[FrameProjected]:
         up, height_m = np.array([0.0, 0.0, 1.0]), 0.0
@@ -142,6 +161,51 @@ class GrowingMap:
         self.T_map_world = map_from_world((0.0, 0.0, 1.0), height_m)
         waiting, self._waiting = self._waiting, []
         return [event for shot in waiting for event in self._place(shot)]
+
+    @property
+    def is_placed(self) -> bool:
+        """Whether it goes on with an earlier map."""
+        return bool(self._earlier)
+
+    def _look_for_place(self, *, wait: bool = False) -> None:
+        """Look for the place on the earlier map now and then, in another thread; ``wait``: for what is found."""
+        if self.earlier is None or self._earlier or not self._kept:
+            return
+        if self._finding is None and (wait or self.frames >= self._look_at):
+            self._finding = self._maker.submit(find_placement, self.earlier.grid, self._map.snapshot())
+            self._look_at = 2 * self.frames
+        if self._finding is not None and (wait or self._finding.done()):
+            found, self._finding = self._finding.result(), None
+            self.placement = found or self.placement
+            if found is not None and found.is_sure:
+                self._go_on_with(self.earlier, found.T_old_new)
+
+    def _go_on_with(self, earlier: SIMap, T_earlier_map: NDArray) -> None:
+        """Make the earlier map the beginning of this one, and place all frames on it."""
+        T_map_world, poses = np.asarray(self.T_map_world), self._map.frames.poses
+        self.T_map_world = T_earlier_map @ T_map_world
+        name = str(earlier.provenance.get("name") or "earlier map")
+        self._earlier = as_steps(earlier, name, T_earlier_map @ poses[0])
+        for label, is_thing in zip(earlier.grid.labels, earlier.grid.is_thing, strict=True):
+            for accumulator in (self._one, self._map):
+                accumulator.learn(label, is_thing=is_thing)
+        fresh, self._forgetting = self._begun(), Forgetting()
+        for i, one in enumerate(self._kept):
+            stored = one.stored.result()
+            step = unpack_step(self._scratch.read(stored[0]))
+            frame, moved = self._project_again(
+                step, one, stored, invert_pose(T_map_world) @ poses[i], index=i + len(self._earlier)
+            )
+            self._forgetting.look(fresh, frame, moved.seen.T_map_camera, frame.index)
+            fresh.replay(moved)
+        self._map = fresh
+
+    def _begun(self) -> MapAccumulator:
+        """Return an accumulator with the earlier map, if there is one, and nothing else."""
+        fresh = finalize.empty_accumulator(self._map, self.config)
+        for step in self._earlier:
+            fresh.replay(step)
+        return fresh
 
     def _place(self, shot: Shot) -> list[FrameProjected]:
         T_map_camera = np.asarray(self.T_map_world @ shot.frame.T_world_camera)
@@ -163,7 +227,7 @@ class GrowingMap:
         self._map.replay(step, geometry_only=not kept)
         if not kept:
             return []
-        if shot.T_odom_camera is not None:
+        if shot.T_odom_camera is not None or self.earlier is not None:
             if self._kept and len(self._kept) >= BEHIND:
                 self._kept[-BEHIND].stored.result()  # the disk is slower than the camera
             stored = self._storing.submit(self._store, step, frame, masks)
@@ -202,37 +266,38 @@ class GrowingMap:
         What frames without masks saw is not kept, and comes again when they do.
         """
         since, kept = (correction.epoch, correction.since_ns), self._kept
-        at = [i for i, one in enumerate(kept) if one.shot >= since and one.shot[0] == correction.epoch]
-        if not at or self.T_map_world is None or len(kept) != self.frames:
+        moving = [one.T_odom_camera if one.shot >= since and one.shot[0] == correction.epoch else None for one in kept]
+        at = [i for i, one in enumerate(moving) if one is not None]
+        if not at or self.T_map_world is None or len(kept) + len(self._earlier) != self.frames:
             return 0
         T_world_odom = correction.T_world_odom(np.array([kept[i].shot[1] for i in at], np.int64))
         poses = dict(zip(at, T_world_odom, strict=True))
-        fresh = finalize.empty_accumulator(self._map, self.config)
-        for i, one in enumerate(kept):
+        fresh = self._begun()
+        for i, (one, T_odom_camera) in enumerate(zip(kept, moving, strict=True)):
             stored = one.stored.result()
             step = unpack_step(self._scratch.read(stored[0]))
-            if i in poses:
-                step = self._project_again(step, one, stored, poses[i] @ one.T_odom_camera)
+            if T_odom_camera is not None:
+                step = self._project_again(step, one, stored, poses[i] @ T_odom_camera, index=step.seen.index)[1]
             fresh.replay(step)
         self._map, self._forgetting = fresh, Forgetting()
         return len(at)
 
     def _project_again(
-        self, step: FrameStep, one: _Kept, stored: tuple[_Place, _Place, _Place], T_world_camera: NDArray
-    ) -> FrameStep:
-        """Return the step of a frame from another pose, and keep it in place of the old one."""
+        self, step: FrameStep, one: _Kept, stored: tuple[_Place, _Place, _Place], T_world_camera: NDArray, *, index: int
+    ) -> tuple[Frame, FrameStep]:
+        """Return a frame from another pose, and its step, which is kept in place of the old one."""
         k, read = one.intrinsics, self._scratch.read
         png = cv2.imdecode(np.frombuffer(read(stored[1]), np.uint8), cv2.IMREAD_UNCHANGED)
         ids = np.frombuffer(zlib.decompress(read(stored[2])), np.int32).reshape(k.height, k.width)
         depth_m = np.asarray(png).astype(np.float32) * np.float32(self._depth_unit_m)
-        frame = Frame(step.seen.index, step.seen.name, depth_m, T_world_camera, k)
+        frame = Frame(index, step.seen.name, depth_m, T_world_camera, k)
         self._one.clear()
         self._one.add_frame(frame, Segmentation(ids, step.seen.segments), np.asarray(self.T_map_world) @ T_world_camera)
         moved = self._one.step
         assert moved is not None
         one.stored = Future()
         one.stored.set_result((self._scratch.add(pack_step(moved)), *stored[1:]))
-        return moved
+        return frame, moved
 
     def changes(self) -> tuple[Change, ...]:
         """Return what has moved, gone or come on the newest map that is made."""
@@ -250,7 +315,7 @@ class GrowingMap:
 
     def map_so_far(self) -> SIMap:
         """Return the map of all frames so far."""
-        return _made(self._map.copy(), self._forgetting, self.facts(), self.config)[0]
+        return _made(self._map.copy(), self._forgetting, self.facts(), self.config, len(self._earlier))[0]
 
     def newest_map(self) -> SIMap:
         """Return the newest map that is made, and have the next one made by another thread: frames do not wait for it.
@@ -263,7 +328,7 @@ class GrowingMap:
             self._make_s = now_s + took_s * (1.0 / SHARE - 1.0)
         if self._making is None and now_s >= self._make_s:
             self._making = self._maker.submit(
-                _made, self._map.copy(), self._forgetting.copy(), self.facts(), self.config
+                _made, self._map.copy(), self._forgetting.copy(), self.facts(), self.config, len(self._earlier)
             )
         if self._newest is None:
             assert self._making is not None
@@ -274,7 +339,7 @@ class GrowingMap:
         """Return the finished map, and notify observers of how it comes about; nothing is placed afterwards."""
         self._storing.shutdown(wait=False)
         self._maker.shutdown()
-        found, simap = _believed(self._map, self._forgetting, self.facts(), self.config)
+        found, simap = _believed(self._map, self._forgetting, self.facts(), self.config, len(self._earlier))
         threshold = joining_threshold(self.config.method, self.config.parameters())
         applied = applied_steps(found.log, threshold)
         for event in (
@@ -289,21 +354,24 @@ class GrowingMap:
 
 
 def _made(
-    accumulator: MapAccumulator, forgetting: Forgetting, facts: SequenceFacts, config: BuildConfig
+    accumulator: MapAccumulator, forgetting: Forgetting, facts: SequenceFacts, config: BuildConfig, old: int
 ) -> tuple[SIMap, float]:
     """Return a map, and how long it took to make, seconds."""
     began_s = time.monotonic()
-    return _believed(accumulator, forgetting, facts, config)[1], time.monotonic() - began_s
+    return _believed(accumulator, forgetting, facts, config, old)[1], time.monotonic() - began_s
 
 
 def _believed(
-    accumulator: MapAccumulator, forgetting: Forgetting, facts: SequenceFacts, config: BuildConfig
+    accumulator: MapAccumulator, forgetting: Forgetting, facts: SequenceFacts, config: BuildConfig, old: int
 ) -> tuple[finalize.Found, SIMap]:
-    """Return what is found in what is believed, and its map, which knows what has changed; the accumulator forgets."""
+    """Return what is found in what is believed, and its map, which knows what has changed; the accumulator forgets.
+
+    The first ``old`` frames are an earlier map.
+    """
     whole = accumulator.frames
     for _ in range(MOST_PASSES):
         gone = None
-        if forgetting:
+        if forgetting or old:
             accumulator.frames, gone = forgetting.split(whole)
         found = finalize.apply_method(finalize.gathered(accumulator), config)
         simap = finalize.map_of(found, accumulator.frames, facts, config)
@@ -313,7 +381,7 @@ def _believed(
         for seen in gone:
             past.replay(FrameStep(seen, np.zeros(len(seen.readings.rows), np.bool_), np.zeros(0, np.float32)))
         ghosts = finalize.map_so_far(past, facts, config)
-        changes = find_changes(simap, ghosts, gone, accumulator.frames)
+        changes = find_changes(simap, ghosts, gone, accumulator.frames, old=old)
         simap = replace(simap, provenance={**simap.provenance, "changes": as_json(changes)})
         # What was left of an object that has gone goes, too: its edges were hidden, or next to something else.
         rest = leftovers(simap, ghosts)

@@ -44,6 +44,8 @@ class LiveRequest:
     """Wait for the network at each frame, for sources that can wait."""
     observers: tuple[Observer, ...] = ()
     """Notified of every event, in addition to those of the run."""
+    earlier: SIMap | None = None
+    """A map of the same place, to go on with."""
     traffic: Traffic = field(default_factory=Traffic)
     """Counts what comes and what is left out."""
 
@@ -55,7 +57,7 @@ class LiveRun:
         self.request, self.traffic = request, request.traffic
         self.moved = 0
         """Frames that were placed again."""
-        self.growing = GrowingMap(request.source, request.config)
+        self.growing = GrowingMap(request.source, request.config, request.earlier)
         self._last_s = self._corrected_s = time.monotonic()
 
     def words(self) -> str:
@@ -63,7 +65,16 @@ class LiveRun:
         again = f"{self.moved} placed again" if self.moved else ""
         kinds = Counter(one.kind for one in self.growing.changes())
         changes = ", ".join(f"{count} {kind}" for kind, count in kinds.items())
-        return " · ".join(filter(None, (self.request.source.words(), self.traffic.words(), again, changes)))
+        parts = self.request.source.words(), self.traffic.words(), again, self.place_words(), changes
+        return " · ".join(filter(None, parts))
+
+    def place_words(self) -> str:
+        """Describe whether the map goes on with the earlier one; "" where there is none."""
+        best, growing = self.growing.placement, self.growing
+        if growing.earlier is None:
+            return ""
+        score = "" if best is None else f" (agreement {best.score:.2f}, elsewhere {best.second:.2f})"
+        return f"on the earlier map{score}" if growing.is_placed else f"not found on the earlier map{score}"
 
     def started(self) -> BuildStarted:
         """Return the event that the run begins with; it names no frames, as none is known."""
@@ -127,6 +138,11 @@ class LiveRun:
             raise InputError(f"{request.source.name}: expected frames, found none{f' ({found})' if found else ''}")
         simap = growing.finished(observers)
         live = {"shots": self.traffic.placed, "dropped": dict(self.traffic.dropped), "moved": self.moved}
+        if growing.earlier is not None:
+            live["earlier"] = {
+                "name": growing.earlier.provenance.get("name"), "found": growing.is_placed,
+                "agreement": None if growing.placement is None else round(growing.placement.score, 3),
+            }  # fmt: skip
         simap = replace(simap, provenance={**simap.provenance, "live": live})
         sequence = getattr(request.source, "sequence", None)
         simap = with_rooms(simap if sequence is None else with_colors(simap, sequence))

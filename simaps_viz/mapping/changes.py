@@ -63,7 +63,7 @@ def find_changes(simap: SIMap, ghosts: SIMap, gone: FrameList, kept: FrameList, 
     ]  # fmt: skip
     after = [one for one in simap.instances if one.cells >= MIN_CELLS and one.id in present]
     last = {one.id: past[one.id].until(1.0 - TAIL) for one in before}
-    first = {one.id: present[one.id].until(TAIL) for one in after}
+    first = {one.id: present[one.id].since(old, MOST * one.cells) for one in after}
     seen = _first_seen(simap, gone, kept)
     # An object has moved where one of its class and size came after it was last seen, to a place known before.
     cost = np.full((len(before), len(after)), np.inf)
@@ -161,6 +161,11 @@ class _Sightings:
         """Return the frame until which this share of the cells was seen."""
         seen = np.bincount(self.frame, self.cells, minlength=1)
         return int(np.searchsorted(np.cumsum(seen), share * seen.sum()))
+
+    def since(self, old: int, cells: float) -> int:
+        """Return the frame since which it is seen; 0 where one of the ``old`` frames saw so many cells of it."""
+        known = np.bincount(self.frame[self.frame < old], self.cells[self.frame < old], minlength=1)
+        return 0 if known.max() >= cells else self.until(TAIL)
 
 
 def _sightings(simap: SIMap) -> dict[int, _Sightings]:

@@ -56,7 +56,7 @@ def surface_points(simap: SIMap) -> Points:
     positions = np.zeros((len(run), 3), np.float32)
     for axis, values in enumerate((spec.x0_m + (col + 0.5) * s, spec.y0_m + (row + 0.5) * s, (step + 0.5) * STEP_M)):
         positions[:, axis] = values
-    classes, instances = (of_run[run] for of_run in _owned(simap, surface))
+    classes, instances = (of_run[run] for of_run in owned_runs(simap, surface))
     rgb = decoded_colors(surface.color) if surface.color.size else np.full((len(run), 3), UNSEEN, np.uint8)
     return Points(positions, rgb, classes, instances)
 
@@ -82,7 +82,7 @@ def decoded_colors(coded: NDArray) -> NDArray:
     return np.clip(np.stack([rest + warm // 2, bright + green // 4, rest - warm // 2], axis=1), 0, 255).astype(np.uint8)
 
 
-def _owned(simap: SIMap, surface: Surface) -> tuple[NDArray, NDArray]:
+def owned_runs(simap: SIMap, surface: Surface) -> tuple[NDArray, NDArray]:
     """Return the class int16 (-1 = none) and the instance int32 (0 = none) of each run."""
     owner, cell = surface.owner, surface.cell
     classes = np.where(owner == 0, simap.grid.label.reshape(-1)[cell], 0).astype(np.int32)

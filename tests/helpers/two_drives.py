@@ -51,7 +51,8 @@ def drive(frames: int, *, moves: tuple[tuple[str, Move], ...] = (), without: tup
         without: names of objects that are not there.
     """
     elsewhere = dict(moves)
-    objects = [moved(one, elsewhere[one.name]) if one.name in elsewhere else one for one in cafe_scene().objects]
+    near = [one for one in cafe_scene().objects if not one.is_thing or (one.bounds_m[0, :2] < (7.0, 6.0)).all()]
+    objects = [moved(one, elsewhere[one.name]) if one.name in elsewhere else one for one in near]
     scene = assemble([one for one in objects if one.name not in without])
     k = Intrinsics(WIDTH, HEIGHT, FOCAL, FOCAL, (WIDTH - 1) / 2, (HEIGHT - 1) / 2)
     renderer, poses = Renderer(scene, k), sample_walk(STATIONS, frames).T_world_camera

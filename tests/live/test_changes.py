@@ -53,6 +53,57 @@ def test_a_chair_moved_between_two_drives_is_reported_as_moved_and_nothing_else(
     assert json.loads(capsys.readouterr().out)["changes"] == as_json((change,))
 
 
+ELSEWHERE = np.array([[-0.8, -0.6, 0, 9.0], [0.6, -0.8, 0, 4.0], [0, 0, 1, 0], [0, 0, 0, 1.0]])
+"""Where the robot's world lies when it is started the next day."""
+
+
+def on_another_day(tmp_path, shots, earlier):
+    """Let a map grow in another world, with an earlier map at hand."""
+    source = Drives(shots, T_map_world=ELSEWHERE)
+    run = LiveRun(LiveRequest(source, BuildConfig(), tmp_path / "next.npz", earlier=earlier))
+    return run.run((), threading.Event()), run
+
+
+@pytest.mark.slow
+def test_an_earlier_map_is_gone_on_with_in_its_own_frame_and_the_changes_are_named(tmp_path):
+    earlier, _ = run_of(tmp_path, drive(FRAMES_OF_A_DRIVE))
+    after = drive(FRAMES_OF_A_DRIVE, moves=((CHAIR, BY_M),))
+    simap, run = on_another_day(tmp_path, after, earlier)
+    assert run.growing.is_placed and run.words().count("on the earlier map") == 1
+    off = simap.T_map_world  # both drives have one world, which is the earlier map's frame
+    assert np.linalg.norm(off[:2, 3]) < 0.05 and abs(off[1, 0]) < np.deg2rad(0.5)
+    (change,) = changes_in(simap)
+    here = cafe_chair(CHAIR).bounds_m.mean(axis=0)[:2]
+    assert (change.kind, change.label) == ("moved", "chair") and change.at_m is not None
+    assert np.linalg.norm(np.subtract(change.at_m, here + BY_M)) < 0.15
+    assert simap.counts()["chair"] == earlier.counts()["chair"] and simap.at(*here) is None
+
+
+@pytest.mark.slow
+def test_a_chair_that_was_brought_is_new_and_one_that_was_taken_away_is_gone(tmp_path):
+    without, full = drive(FRAMES_OF_A_DRIVE, without=(CHAIR,)), drive(FRAMES_OF_A_DRIVE)
+    here = cafe_chair(CHAIR).bounds_m.mean(axis=0)[:2]
+    for before, after, kind in ((without, full, "new"), (full, without, "gone")):
+        earlier, _ = run_of(tmp_path, before)
+        (change,) = changes_in(on_another_day(tmp_path, after, earlier)[0])
+        assert (change.kind, change.label) == (kind, "chair")
+        assert np.linalg.norm(np.subtract(change.at_m or change.from_m or (0.0, 0.0), here)) < 0.15
+
+
+@pytest.mark.slow
+def test_a_map_of_another_place_is_not_gone_on_with(tmp_path):
+    shots = drive(FRAMES_OF_A_DRIVE)
+    own, _ = run_of(tmp_path, shots)
+    flipped = {
+        name: np.ascontiguousarray(getattr(own.grid, name)[:, ::-1]) for name in ("label", "height_m", "lowest_m")
+    }
+    mirror = replace(own, grid=replace(own.grid, **flipped, observations=own.grid.observations[:, ::-1].copy()))
+    simap, run = on_another_day(tmp_path, shots, mirror)
+    assert not run.growing.is_placed and "not found on the earlier map" in run.words()
+    assert simap.provenance["live"]["earlier"]["found"] is False and simap.frame_names == own.frame_names
+    assert np.array_equal(simap.T_map_world, ELSEWHERE) and changes_in(simap) == ()
+
+
 @pytest.mark.slow
 def test_a_place_in_which_nothing_moves_forgets_nothing(tmp_path):
     shots = drive(FRAMES_OF_A_DRIVE)
@@ -96,6 +147,18 @@ def test_a_seat_that_is_taken_away_disappears_and_the_other_one_stays_as_it_was(
     for shot in tiny_shots(tiny):
         one.add(shot)
     assert one.map_so_far().counts() == {"chair": 2}
+
+
+def test_the_command_refuses_maps_it_cannot_go_on_with_and_says_when_the_place_is_not_found(tmp_path, capsys):
+    write_tiny_sequence(tmp_path / "tiny", frames=4)
+    old, output = tmp_path / "old.npz", tmp_path / "m.npz"
+    save_map(build_map(open_sequence(tmp_path / "tiny")), old)
+    command = ["live", str(tmp_path / "tiny"), "-o", str(output), "--map", str(old), "--pace", "fast", "--json"]
+    assert main(command) == 0  # two square metres of floor are no place
+    record = json.loads(capsys.readouterr().out)
+    assert record["earlier"] == {"name": "tiny", "found": False, "agreement": None} and record["changes"] == []
+    assert main([*command, "--cell-size", "0.1"]) == 2
+    assert "old.npz: expected cells of 0.1 m, as the new map has, found 0.05 m" in capsys.readouterr().err
 
 
 def test_changes_that_make_no_sense_are_left_out(tmp_path):
