@@ -5,9 +5,10 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import tyro
-from benchmarks.networks import bench_agreement, bench_network
+from benchmarks.networks import bench_agreement, bench_chosen, bench_network
 
 from simaps_viz import open_sequence
+from simaps_viz.evaluation.run import open_for_evaluation
 
 DATA = Path(__file__).parents[1].parent / "shared" / "data"
 
@@ -27,10 +28,22 @@ class BenchNetworks:
     """Of each sequence, evenly spread."""
     runs: int = 5
     """Measured runs of each piece of work, in turn, after one to warm up."""
+    chosen: bool = False
+    """Only compare the PQ of maps of all masks with that of the frames that --segment-every chooses: the shared house,
+    exact, with simulated errors and with the detector's masks, and the embedded café."""
 
 
 def main(config: BenchNetworks) -> None:
     """Measure, and print each line as soon as it is known."""
+    if config.chosen:
+        house = DATA / "aws-small-house" / "rgbd"
+        cases = [(open_sequence(house), errors) for errors in ("none", "light", "medium")]
+        cases.append((open_sequence(house / "sequence-pred.json"), "precomputed"))
+        cases += [(open_for_evaluation("demo", None), errors) for errors in ("none", "light", "medium")]
+        for sequence, errors in cases:
+            sys.stdout.write(bench_chosen(sequence, errors) + "\n")
+            sys.stdout.flush()
+        return
     for path in config.sequences:
         sequence = open_sequence(path)
         for line in bench_network(sequence, config.network, frames=config.frames, runs=config.runs):

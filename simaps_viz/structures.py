@@ -111,13 +111,15 @@ class Segmentation:
     ids: NDArray
     """int32 [H, W], 0 = nothing; every other value is the id of one of ``segments``."""
     segments: tuple[Segment, ...]
+    looked: bool = True
+    """False: nobody looked for objects in this frame, which adds geometry only; all ids are 0."""
 
     def __post_init__(self) -> None:
         _expect("segmentation: ids", self.ids, self.ids.shape[:2], np.int32)
 
     def turned(self, turns: int) -> "Segmentation":
         """Return the segmentation of the frame after quarter turns counter-clockwise."""
-        return Segmentation(turned(self.ids, turns), self.segments) if turns % 4 else self
+        return replace(self, ids=turned(self.ids, turns)) if turns % 4 else self
 
 
 @dataclass(frozen=True)

@@ -6,12 +6,18 @@ import tempfile
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
+import numpy as np
 from benchmarks.masks import agreement, map_agreement
 from benchmarks.timing import Cost, measure
 from numpy.typing import NDArray
 
 from simaps_viz.build.pipeline import build_map
 from simaps_viz.datasets.sequence import PosedFrames
+from simaps_viz.datasets.source import FrameSource, OtherMasks
+from simaps_viz.evaluation.evaluate import masks_source
+from simaps_viz.evaluation.quality import score
+from simaps_viz.evaluation.truth import find_truth, truth_of
+from simaps_viz.segmentation.chosen_frames import AUTO, choose_frames
 from simaps_viz.segmentation.protocol import Network
 from simaps_viz.segmentation.recognise import NetworkSettings, open_network
 from simaps_viz.segmentation.sequences import WithMasks, segment_sequence
@@ -119,6 +125,41 @@ def bench_agreement(sequence: PosedFrames, network_file: Path, *, frames: int = 
         seen = agreement((ours.segmentation(i), some.segmentation(i)) for i in range(len(some)))
         mapped = map_agreement(build_map(ours), build_map(some))
     return f"  against {sequence.segmentation_source}: segments: {seen}; instances of 20 cells and more: {mapped}"
+
+
+class Chosen(OtherMasks):
+    """A sequence whose masks are there for some frames only, as if a network had looked at no others."""
+
+    def __init__(self, sequence: FrameSource, frames: Sequence[int]) -> None:
+        super().__init__(sequence)
+        self._frames, self.segmentation_source = frozenset(frames), sequence.segmentation_source
+
+    def segmentation(self, index: int) -> Segmentation:
+        """Return a frame's masks; of the others, that nobody looked."""
+        if index in self._frames:
+            return self._sequence.segmentation(index)
+        k = self.read(index).intrinsics
+        return Segmentation(np.zeros((k.height, k.width), np.int32), (), looked=False)
+
+
+def bench_chosen(sequence: PosedFrames, errors: str) -> str:
+    """Compare the PQ of a map of all masks with that of the frames that ``--segment-every auto`` and every N choose.
+
+    Args:
+        sequence: posed frames with exact ids, or with the exact ids beside its masks.
+        errors: which masks, see `evaluation.evaluate.ERRORS`.
+    """
+    exact = find_truth(sequence)
+    masks = masks_source(sequence, exact, errors, 0, None)
+    chosen = choose_frames(masks, AUTO) or []
+    every = max(1, round(len(masks) / len(chosen)))
+    kept = {"all": range(len(masks)), "chosen": chosen, f"every {every}": range(0, len(masks), every)}
+    pq = {}
+    for words, frames in kept.items():
+        simap = build_map(Chosen(masks, frames))
+        pq[f"{words} {len(frames)}"] = score(simap, truth_of(simap, exact)).overall.pq
+    words = ", ".join(f"{name}: {value:.3f}" for name, value in pq.items())
+    return f"  {sequence.name}, masks {errors}: PQ of frames looked at: {words}"
 
 
 def _against(run: Cost, costs: Sequence[Cost], words: str) -> str:

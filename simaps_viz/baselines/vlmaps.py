@@ -398,12 +398,13 @@ class VLMapsAccumulator:
         Returns:
             int32 [n, 2]: (row, col), counted from the map's origin, of the cells it saw.
         """
-        embeddings = self.embedder.pixels(frame, segmentation)
-        points = cell_points(
-            frame, embeddings, T_map_camera, self.config.projection,
-            stride=self.config.stride, weighting=self.config.weighting,
-        )  # fmt: skip
-        self.store.add(points, embeddings.table)
+        if segmentation.looked:
+            embeddings = self.embedder.pixels(frame, segmentation)
+            points = cell_points(
+                frame, embeddings, T_map_camera, self.config.projection,
+                stride=self.config.stride, weighting=self.config.weighting,
+            )  # fmt: skip
+            self.store.add(points, embeddings.table)
         self._segments.append(segmentation.segments)
         return self._heights.add_frame(frame, segmentation, T_map_camera)
 

@@ -35,6 +35,7 @@ COMMANDS = {
     "judge": "simaps_viz.cli.judge:Judge",
     "segment": "simaps_viz.cli.segment:Segment",
     "export-network": "simaps_viz.cli.export_network:ExportNetwork",
+    "bench-network": "simaps_viz.cli.bench_network:BenchNetwork",
     "recordings": "simaps_viz.cli.recordings:Recordings",
     "doctor": "simaps_viz.cli.doctor:Doctor",
 }

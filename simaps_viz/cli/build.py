@@ -34,6 +34,9 @@ class Build:
     segmentation: str = "precomputed"
     """Where segments come from: "precomputed" (the ones the sequence has), a network (.onnx: YOLO-seg, Mask2Former,
     MaskFormer, OneFormer, EoMT) or a COCO panoptic table (.json)."""
+    segment_every: str = "1"
+    """Which frames a network looks at: auto chooses those that show something from a new side, at most 30 %; N every
+    N-th. The others add free space, obstacles and heights."""
     network: Annotated[Networks, tyro.conf.arg(name="")] = field(default_factory=Networks)
     world: Annotated[WorldFrame, tyro.conf.arg(name="")] = field(default_factory=WorldFrame)
     record: Path | None = None
@@ -126,7 +129,7 @@ class Build:
         opened = [
             open_segmented(
                 path, self.segmentation, self.network, cache_folder(), progress,
-                quiet=self.json, strict=self.strict, world=self.world,
+                quiet=self.json, strict=self.strict, world=self.world, every=self.segment_every,
             )
             for path in self.sequence
         ]  # fmt: skip

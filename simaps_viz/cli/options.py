@@ -93,8 +93,9 @@ class Networks:
     labels: Path | None = None
     """Class names, one a line or JSON; by default from the network's metadata or a file beside it."""
     providers: str = ""
-    """What to run it on, separated by commas, best first: cuda, cpu and what else onnxruntime has. By default the
-    fastest there is."""
+    """What to run it on, separated by commas, best first: cuda, tensorrt, openvino, coreml, directml, cpu, as far as
+    the installed onnxruntime has them. By default the fastest there is; tensorrt, which compiles for minutes, only
+    when it is named."""
     threads: int = 0
     """On the CPU; 0: one for each core."""
     input_size: tuple[int, int] | None = None

@@ -84,6 +84,7 @@ def open_segmented(
     quiet: bool = False,
     strict: bool = False,
     world: WorldFrame | None = None,
+    every: str = "1",
 ) -> "FrameSource":
     """Open a sequence with the requested masks; a network is first run over it unless its masks are cached.
 
@@ -96,19 +97,24 @@ def open_segmented(
         quiet: do not print which device the network runs on.
         strict: a frame that lacks something is an error, see `open_sequence`.
         world: up and the floor, where they are stated.
+        every: which frames a network looks at, see `choose_frames`.
 
     Raises:
         InputError: the sequence, its masks or the network cannot be read, or it brings no masks and none are named.
     """
     from simaps_viz.datasets.open import open_sequence
+    from simaps_viz.segmentation.chosen_frames import check_every
 
+    check_every(every)
+    given = Path(segmentation)
+    if every != "1" and given.suffix.lower() != ".onnx":
+        raise InputError(f"--segment-every: expected --segmentation NETWORK.onnx with it, found {segmentation}")
     sequence = open_sequence(path, strict=strict, **(world or WorldFrame()).stated())
     if segmentation == PRECOMPUTED:
         sequence.segments()  # at once, not after some frames
         return sequence
-    given = Path(segmentation)
     if given.suffix.lower() == ".onnx":
-        return _by_network(sequence, given, options, cache, progress, quiet=quiet)
+        return _by_network(sequence, given, options, cache, progress, quiet=quiet, every=every)
     if given.suffix.lower() == ".json":
         from simaps_viz.segmentation.coco_panoptic import read_coco_panoptic
         from simaps_viz.segmentation.sequences import WithMasks
@@ -128,8 +134,10 @@ def _by_network(
     progress: "StageProgress",
     *,
     quiet: bool,
+    every: str,
 ) -> "FrameSource":
     from simaps_viz.console.terminal import note
+    from simaps_viz.segmentation.chosen_frames import choose_frames
     from simaps_viz.segmentation.recognise import open_network, origin
     from simaps_viz.segmentation.sequences import segment_sequence
 
@@ -139,4 +147,7 @@ def _by_network(
         note(f"{network.name}: {things} things, {stuff} stuff, on {device}")
     by_geometry = {"auto": None, "geometry": True, "none": False}[options.stuff]
     opened = origin(network, network_file, options.settings())
-    return segment_sequence(sequence, network, cache, stuff=by_geometry, progress=progress, origin=opened)
+    return segment_sequence(
+        sequence, network, cache, stuff=by_geometry, frames=choose_frames(sequence, every, progress),
+        progress=progress, origin=opened,
+    )  # fmt: skip

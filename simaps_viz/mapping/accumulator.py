@@ -17,13 +17,23 @@ from simaps_viz.errors import InputError
 from simaps_viz.io.limits import MAX_CELL_INDEX, MAX_LINKED_CELL, MAX_SEGMENT_ID, check_cells
 from simaps_viz.mapping.frame_list import FrameList
 from simaps_viz.mapping.links import LinkTable
-from simaps_viz.mapping.observations import AllReadings, FrameReadings, FrameRuns, StreamedReadings, gather_readings
+from simaps_viz.mapping.observations import (
+    AllReadings,
+    FrameReadings,
+    FrameRuns,
+    StreamedReadings,
+    gather_readings,
+    no_readings,
+)
 from simaps_viz.mapping.projection import first_step, project_pixels, runs_of_columns, see_cells
 from simaps_viz.mapping.steps import FrameSeen, FrameStep, step_upon
 from simaps_viz.mapping.tiles import SIDE, TileStore, raise_tiles
 from simaps_viz.structures import Frame, Grid, GridSpec, Intrinsics, Segment, Segmentation
 
 _MAX_RAY = 4.0  # a pixel's ray is taken to be at most so many times as long as its depth: 150 degrees of view
+
+BARE_ABOVE_M = 0.06
+"""What is this much higher than all that frames saw in which somebody looked for objects is another surface."""
 
 Extent = tuple[int, int, int, int]
 """A rectangle of cells, counted from the map's origin: first row, first column, last row + 1, last column + 1."""
@@ -78,6 +88,9 @@ class MapAccumulator:
         self.step: FrameStep | None = None
         """What the last frame has added, where steps are wanted."""
         self.tiles = TileStore()
+        """What frames saw in which somebody looked for objects."""
+        self._bare = TileStore()
+        """What the others saw."""
         self._index_of = {name: i for i, name in enumerate(labels)}
         self._seen: Extent | None = None
         self._window: _Window | None = None
@@ -97,6 +110,8 @@ class MapAccumulator:
     def add_frame(self, frame: Frame, segmentation: Segmentation, T_map_camera: NDArray) -> NDArray:
         """Put a frame on the grid and count its links; frames come in the order of their indices.
 
+        A frame in which nobody looked for objects adds free space, obstacles and heights, and votes for nothing.
+
         Returns:
             int32 [n, 2]: (row, col), counted from the map's origin, of the cells it saw.
         """
@@ -113,7 +128,8 @@ class MapAccumulator:
         # 2. Of every cell, the highest pixel and the lowest obstacle go on the map; at which heights each segment has
         # surface is kept.
         label_of_id, graph_label_of_id = self._tables(segmentation.segments)
-        readings, lowered, runs = self._raise(window, cells, heights, segmentation.ids, label_of_id)
+        tiles = self.tiles if segmentation.looked else self._bare
+        readings, lowered, runs = self._raise(tiles, window, cells, heights, segmentation.ids, label_of_id)
         # 3. Neighbouring pixels of one segment link their cells.
         if self._links_wanted:
             self.links.add_frame(
@@ -121,18 +137,19 @@ class MapAccumulator:
                 row0=window.row0, col0=window.col0, cols=window.side, reach=self.reach_cells,
             )  # fmt: skip
         # 4. What the frame saw is kept for votes, evidence and views, and what it changed for the log.
-        seen = FrameSeen(frame.index, frame.name, T_map_camera, readings, segmentation.segments, runs=runs)
+        seen = FrameSeen(
+            frame.index, frame.name, T_map_camera, readings, segmentation.segments, runs=runs,
+            looked=segmentation.looked,
+        )  # fmt: skip
         if self._steps_wanted:
             links = self.links.last_frame() if self._links_wanted else None
             self.step = FrameStep(seen, lowered, window.lowest[: len(lowered)][lowered], links)
-        self.frames.append(seen)
+        self.frames.append(seen.witness)
         return np.stack([readings.rows, readings.cols], axis=1)
 
     def skip_frame(self, index: int, name: str, T_map_camera: NDArray, reason: str) -> None:
         """Add a frame that could not be read; it keeps its index and pose (float64 [4, 4]) but saw nothing."""
-        nothing = np.zeros(0, np.int32)
-        readings = FrameReadings(nothing, nothing, nothing, np.zeros(0, np.float32))
-        seen = FrameSeen(index, name, T_map_camera, readings, (), reason)
+        seen = FrameSeen(index, name, T_map_camera, no_readings(), (), reason)
         self.step = FrameStep(seen, np.zeros(0, bool), np.zeros(0, np.float32))
         self.frames.append(seen)
 
@@ -144,7 +161,7 @@ class MapAccumulator:
 
     def clear(self) -> None:
         """Forget all frames; classes and buffers stay."""
-        self.frames, self.tiles, self._seen = FrameList(), TileStore(), None
+        self.frames, self.tiles, self._bare, self._seen = FrameList(), TileStore(), TileStore(), None
 
     def replay(self, step: FrameStep, *, geometry_only: bool = False) -> None:
         """Add what a frame added to another accumulator or a log, without its pixels; frames come in order.
@@ -167,7 +184,8 @@ class MapAccumulator:
                 raise ValueError("a run of an unknown segment")
             rows, cols = readings.rows, readings.cols
             self._extend((int(rows.min()), int(cols.min()), int(rows.max()) + 1, int(cols.max()) + 1))
-        tiles, at = self.tiles, self.tiles.locate(readings.rows, readings.cols)
+        tiles = self._bare if geometry_only or not seen.looked else self.tiles
+        at = tiles.locate(readings.rows, readings.cols)
         tiles.observations[at] += 1
         higher = readings.height_m > tiles.top[at]
         tiles.top[at[higher]] = readings.height_m[higher]
@@ -180,7 +198,7 @@ class MapAccumulator:
         tiles.label[at[higher]] = label_of_id[readings.segments[higher]]
         if step.links is not None and self._links_wanted:
             self.links.add(step.links)
-        self.frames.append(seen)
+        self.frames.append(seen.witness)
 
     def merge(self, other: "MapAccumulator") -> None:
         """Add what was gathered of other frames of the same sequence, with the same settings, in any order.
@@ -195,7 +213,9 @@ class MapAccumulator:
             slots = [int(self.tiles.slots(place, one)[0, 0]) for place in other.tiles.slot_of]  # ours of their tiles
             firsts = self._first_at_ties(other, slots)
             for theirs, mine in enumerate(slots):
-                self._merge_tile(other.tiles, theirs, mine, firsts)
+                _merge_tile(self.tiles, mine, other.tiles, theirs, firsts)
+            for theirs, place in enumerate(other._bare.slot_of):
+                _merge_tile(self._bare, int(self._bare.slots(place, one)[0, 0]), other._bare, theirs, None)
         self.links.merge(other.links)
         self.frames.merge(other.frames)
 
@@ -222,47 +242,59 @@ class MapAccumulator:
             return None
         return _first_at(self.frames, other.tiles, tied), _first_at(other.frames, other.tiles, tied)
 
-    def _merge_tile(self, tiles: TileStore, theirs: int, mine: int, firsts: tuple[NDArray, NDArray] | None) -> None:
-        top, other_top = self.tiles.tile("top", mine), tiles.tile("top", theirs)
-        taken = other_top > top
-        if firsts is not None:
-            of_tile = slice(theirs * SIDE * SIDE, (theirs + 1) * SIDE * SIDE)
-            ours, others = (first[of_tile].reshape(SIDE, SIDE) for first in firsts)
-            taken |= others < ours
-        top[taken] = other_top[taken]
-        self.tiles.tile("label", mine)[taken] = tiles.tile("label", theirs)[taken]
-        lowest = self.tiles.tile("lowest", mine)
-        np.minimum(lowest, tiles.tile("lowest", theirs), out=lowest)
-        self.tiles.tile("observations", mine)[:] += tiles.tile("observations", theirs)
-
     def snapshot(self) -> Grid:
         """Copy the map as it is now, cut to what has been seen."""
         row0, col0, row1, col1 = self._seen or (0, 0, 1, 1)
         shape, size = (row1 - row0, col1 - col0), self.settings.cell_size_m
-        top, lowest = (self.tiles.cut(name, row0, col0, shape, np.nan) for name in ("top", "lowest"))
-        for layer in (top, lowest):
-            layer[np.isinf(layer)] = np.nan
+        top, lowest, observations = self._layers(self.tiles, row0, col0, shape)
+        label = self.tiles.cut("label", row0, col0, shape, 0)
+        if len(self._bare):
+            bare_top, bare_lowest, bare_observations = self._layers(self._bare, row0, col0, shape)
+            lowest, bare = np.fmin(lowest, bare_lowest), self._higher(top, bare_top)
+            top, label = np.where(bare, bare_top, top), np.where(bare, np.int16(0), label)
+            observations = observations + bare_observations
         return Grid(
             spec=GridSpec(*shape, cell_size_m=size, x0_m=round(col0 * size, 9), y0_m=round(row0 * size, 9)),
             labels=self.labels,
             is_thing=self.is_thing,
-            label=self.tiles.cut("label", row0, col0, shape, 0),
+            label=label,
             height_m=top,
             lowest_m=lowest,
-            observations=self.tiles.cut("observations", row0, col0, shape, 0),
+            observations=observations,
         )
+
+    def bare_cells(self) -> NDArray | None:
+        """Return the cells of `snapshot` on whose top nobody looked for objects, bool [rows, cols]; None: no frame."""
+        if not len(self._bare):
+            return None
+        row0, col0, row1, col1 = self._seen or (0, 0, 1, 1)
+        tops = (self._layers(tiles, row0, col0, (row1 - row0, col1 - col0))[0] for tiles in (self.tiles, self._bare))
+        return self._higher(*tops)
+
+    @staticmethod
+    def _higher(top: NDArray, bare_top: NDArray) -> NDArray:
+        """Return where only frames nobody looked at saw the surface on top."""
+        return ~np.isnan(bare_top) & ~(bare_top <= top + BARE_ABOVE_M)
+
+    @staticmethod
+    def _layers(tiles: TileStore, row0: int, col0: int, shape: tuple[int, int]) -> tuple[NDArray, NDArray, NDArray]:
+        """Return top, lowest (NaN = never seen) and observations of a rectangle of cells."""
+        top, lowest = (tiles.cut(name, row0, col0, shape, np.nan) for name in ("top", "lowest"))
+        for layer in (top, lowest):
+            layer[np.isinf(layer)] = np.nan
+        return top, lowest, tiles.cut("observations", row0, col0, shape, 0)
 
     def copy(self) -> "MapAccumulator":
         """Return a deep copy; it shares what the frames saw, which never changes."""
         twin = copy(self)
-        twin.tiles, twin.frames, twin.links = self.tiles.copy(), self.frames.copy(), deepcopy(self.links)
-        twin._window = None
+        twin.tiles, twin._bare, twin._window = self.tiles.copy(), self._bare.copy(), None
+        twin.frames, twin.links = self.frames.copy(), deepcopy(self.links)
         return twin
 
     @property
     def nbytes(self) -> int:
         """Bytes of memory that a copy costs, about; it shares what the frames saw (`frames.held_bytes`)."""
-        return self.tiles.nbytes + self.links.nbytes + self.frames.nbytes
+        return self.tiles.nbytes + self._bare.nbytes + self.links.nbytes + self.frames.nbytes
 
     @property
     def is_empty(self) -> bool:
@@ -289,10 +321,16 @@ class MapAccumulator:
         return label_of_id, graph_label_of_id
 
     def _raise(
-        self, window: "_Window", cells: NDArray, heights: NDArray, ids: NDArray, label_of_id: NDArray
+        self,
+        tiles: TileStore,
+        window: "_Window",
+        cells: NDArray,
+        heights: NDArray,
+        ids: NDArray,
+        label_of_id: NDArray,
     ) -> tuple[FrameReadings, NDArray, FrameRuns]:
-        """Put pixels on the map; return their readings, which cells were lowered, bool [n], and the runs of heights."""
-        tiles, first, across = self.tiles, (window.row0 // SIDE, window.col0 // SIDE), window.side // SIDE
+        """Put pixels on tiles; return their readings, which cells were lowered, bool [n], and the runs of heights."""
+        first, across = (window.row0 // SIDE, window.col0 // SIDE), window.side // SIDE
         window.wanted.fill(False)
         lowest_step, columns = first_step(self.settings.below_floor_m), window.columns(cells.size)
         n, *extent = see_cells(
@@ -356,6 +394,23 @@ class _Window:
         if len(self._columns[0]) < pixels:
             self._columns = np.zeros(pixels, np.int32), np.zeros(pixels, np.uint64), np.zeros(pixels, np.int32)
         return self._columns
+
+
+def _merge_tile(
+    ours: TileStore, mine: int, others: TileStore, theirs: int, firsts: tuple[NDArray, NDArray] | None
+) -> None:
+    """Put another part's tile on ours; ``firsts``: the frames that saw cells first which are as high in both."""
+    top, other_top = ours.tile("top", mine), others.tile("top", theirs)
+    taken = other_top > top
+    if firsts is not None:
+        of_tile = slice(theirs * SIDE * SIDE, (theirs + 1) * SIDE * SIDE)
+        first, other_first = (first[of_tile].reshape(SIDE, SIDE) for first in firsts)
+        taken |= other_first < first
+    top[taken] = other_top[taken]
+    ours.tile("label", mine)[taken] = others.tile("label", theirs)[taken]
+    lowest = ours.tile("lowest", mine)
+    np.minimum(lowest, others.tile("lowest", theirs), out=lowest)
+    ours.tile("observations", mine)[:] += others.tile("observations", theirs)
 
 
 def _ray_length(k: Intrinsics) -> float:

@@ -78,7 +78,10 @@ _OBSTACLE_SHARE, _THING_SHARE = 0.2, 0.05
 def gathered(accumulator: MapAccumulator) -> Gathered:
     """Return what was gathered so far, for `apply_method`."""
     grid = accumulator.snapshot()
-    return Gathered(grid, accumulator.readings_on(grid), accumulator.frames, accumulator.links, accumulator.origin_cell)
+    return Gathered(
+        grid, accumulator.readings_on(grid), accumulator.frames, accumulator.links, accumulator.origin_cell,
+        accumulator.bare_cells(),
+    )  # fmt: skip
 
 
 @dataclass(frozen=True, eq=False)
@@ -131,7 +134,7 @@ def empty_accumulator(
 def apply_method(seen: Gathered, config: BuildConfig) -> Found:
     """Name the cells of what was gathered, and find its communities and how they merge."""
     method = method_of(config.method)
-    grid, notes = method.label_cells(seen.grid, seen.readings, config)
+    grid, notes = method.label_cells(seen.grid, seen.readings, config, seen.bare)
     grid = without_passers_by(grid, seen.readings, config.projection.obstacle_height_m)
     graphs = method.graphs(grid, seen, config)
     community, log = method.communities(grid, graphs, config.parameters())

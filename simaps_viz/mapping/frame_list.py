@@ -75,7 +75,7 @@ class FrameList(LazySequence[FrameSeen]):
             return self._held[self.indices[at]]
         data = self._files[self._file[at]].read(self._offset[at], self._length[at])
         try:
-            seen = unpack_step(data).seen
+            seen = unpack_step(data).seen.witness
             if seen.index != self.indices[at]:
                 raise ValueError("another frame")
         except (ValueError, KeyError, TypeError, struct.error) as error:

@@ -23,7 +23,7 @@ from simaps_viz.mapping.observations import AllReadings, Readings, StreamedReadi
 from simaps_viz.mapping.partition import empty_log, empty_views
 from simaps_viz.mapping.simap import assemble, origin_of
 from simaps_viz.mapping.steps import FrameSeen, FrameStep, StepReader, decode_step
-from simaps_viz.mapping.votes import vote_labels
+from simaps_viz.mapping.votes import spread_labels, vote_labels
 from simaps_viz.structures import Grid, SIMap
 
 HELD_BYTES = 128 << 20
@@ -55,7 +55,7 @@ class KeptSteps(LazySequence[FrameStep]):
         self.names: list[str] = []
         """Names of the frames."""
         self.readings = array("q")
-        """Number of readings of each frame."""
+        """Number of readings of each frame that vote."""
         self._poses, self._held = array("d"), list[FrameStep]()
         self._check_steps()
 
@@ -78,7 +78,7 @@ class KeptSteps(LazySequence[FrameStep]):
 
     def _check_steps(self) -> None:
         """Check every step: this bounds the memory that a damaged or hostile file can take."""
-        size, held = 0, True
+        size, cells_seen, held = 0, 0, True
         extent = np.array([[1 << 62, -(1 << 62)]] * 2, dtype=np.int64)  # lowest and highest row, and column
         for number in range(len(self._reader)):
             step = decode_step(self._reader.read(number))
@@ -96,13 +96,13 @@ class KeptSteps(LazySequence[FrameStep]):
                     low_high[:] = min(low_high[0], cells.min()), max(low_high[1], cells.max())
             self.names.append(seen.name)
             self._poses.extend(seen.T_map_camera.reshape(-1).tolist())
-            self.readings.append(len(seen.readings.rows))
+            cells_seen += len(seen.readings.rows)
+            self.readings.append(len(seen.witness.readings.rows))
         if not self.names:
             raise ValueError("frames are missing")
-        self._check_extent(extent)
+        self._check_extent(extent, cells_seen)
 
-    def _check_extent(self, extent: NDArray) -> None:
-        readings = sum(self.readings)
+    def _check_extent(self, extent: NDArray, readings: int) -> None:
         rows, cols = (extent[:, 1] - extent[:, 0] + 1).tolist() if readings else (1, 1)
         check_cells("history", rows, cols)
         if rows * cols > max(_ALWAYS_CELLS, _CELLS_A_READING * readings):
@@ -119,7 +119,7 @@ class KeptFrames(FrameList):
 
     def at(self, at: int) -> FrameSeen:
         """Return a frame, by its position in the list."""
-        return self._steps.at(at).seen
+        return self._steps.at(at).seen.witness
 
     @property
     def all_held(self) -> bool:
@@ -221,6 +221,9 @@ class MapHistory:
             grid = _on(finished.grid, state)
             if method_of(self.config.method).votes:
                 label, _ = vote_labels(grid, self._readings_until(frame, state, finished.grid), self.config.votes)
+                bare = state.bare_cells()
+                if bare is not None:
+                    label = spread_labels(label, grid.height_m, _laid_on(finished.grid, state, bare, False))
                 grid = replace(grid, label=label)
         # instances of the finished map where the cell already has its final class
         thing = np.array(grid.is_thing)[grid.label] & (grid.label == finished.grid.label)
@@ -274,7 +277,7 @@ class MapHistory:
         if not self._steps.all_held:
             return StreamedReadings(state.frames, self._origin(grid), grid)
         if self._all is None:
-            seen = [step.seen for step in self._steps]
+            seen = [step.seen.witness for step in self._steps]
             parts = [one.readings for one in seen], [one.segments for one in seen]
             self._all = gather_readings(*parts, self._origin(grid), grid)
         return _first(self._all, sum(self._steps.readings[: frame + 1]))
@@ -294,18 +297,24 @@ def _first(readings: Readings, count: int) -> Readings:
 
 def _on(finished: Grid, state: MapAccumulator) -> Grid:
     """Return a state of the grid at the size of the finished one."""
-    part, spec = state.snapshot(), finished.spec
-    row = round((part.spec.y0_m - spec.y0_m) / spec.cell_size_m)
-    col = round((part.spec.x0_m - spec.x0_m) / spec.cell_size_m)
-    if not len(state.frames) or state.is_empty:
-        row = col = 0
-    shape = (min(part.spec.rows, spec.rows), min(part.spec.cols, spec.cols))
-    layers: dict[str, Any] = {}
-    for name, empty in (("label", 0), ("height_m", np.nan), ("lowest_m", np.nan), ("observations", 0)):
-        layer = getattr(part, name)
-        layers[name] = np.full(spec.shape, empty, dtype=layer.dtype)
-        layers[name][row : row + shape[0], col : col + shape[1]] = layer[: shape[0], : shape[1]]
-    return Grid(spec=spec, labels=finished.labels, is_thing=finished.is_thing, **layers)
+    part = state.snapshot()
+    layers = {
+        name: _laid_on(finished, state, getattr(part, name), empty)
+        for name, empty in (("label", 0), ("height_m", np.nan), ("lowest_m", np.nan), ("observations", 0))
+    }
+    return Grid(spec=finished.spec, labels=finished.labels, is_thing=finished.is_thing, **layers)
+
+
+def _laid_on(finished: Grid, state: MapAccumulator, layer: NDArray, empty: float) -> NDArray:
+    """Return a layer of a state of the grid at the size of the finished one."""
+    whole, spec = np.full(finished.spec.shape, empty, dtype=layer.dtype), finished.spec
+    row0, col0 = state.origin_cell
+    row = col = 0
+    if len(state.frames) and not state.is_empty:
+        row, col = row0 - round(spec.y0_m / spec.cell_size_m), col0 - round(spec.x0_m / spec.cell_size_m)
+    shape = (min(layer.shape[0], spec.rows), min(layer.shape[1], spec.cols))
+    whole[row : row + shape[0], col : col + shape[1]] = layer[: shape[0], : shape[1]]
+    return whole
 
 
 def cut_as(look: SIMap, simap: SIMap) -> SIMap:

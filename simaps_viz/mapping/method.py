@@ -15,7 +15,7 @@ from simaps_viz.errors import InputError
 from simaps_viz.mapping.frame_list import FrameList
 from simaps_viz.mapping.links import LinkTable
 from simaps_viz.mapping.observations import AllReadings
-from simaps_viz.mapping.votes import vote_labels
+from simaps_viz.mapping.votes import spread_labels, vote_labels
 from simaps_viz.structures import CellGraph, Grid, GridSpec, MergeLog
 
 if TYPE_CHECKING:
@@ -76,6 +76,8 @@ class Gathered:
     links: LinkTable
     origin_cell: tuple[int, int]
     """(row, col), counted from the map's origin, of the grid's cell (0, 0)."""
+    bare: NDArray | None = None
+    """bool [rows, cols], cells on whose top nobody looked for objects; None: there are no frames without masks."""
 
 
 class Method:
@@ -111,8 +113,10 @@ class Method:
             kept["votes"] = asdict(config.votes)
         return kept
 
-    def label_cells(self, grid: Grid, readings: AllReadings, config: "BuildConfig") -> tuple[Grid, dict[str, Any]]:
-        """Name the class of every cell.
+    def label_cells(
+        self, grid: Grid, readings: AllReadings, config: "BuildConfig", bare: NDArray | None = None
+    ) -> tuple[Grid, dict[str, Any]]:
+        """Name the class of every cell; ``bare``: see `Gathered`.
 
         Returns:
             The grid with its final labels, and notes for the map's provenance.
@@ -120,6 +124,8 @@ class Method:
         if not self.votes:
             return grid, {}
         label, disagreement = vote_labels(grid, readings, config.votes)
+        if bare is not None:
+            label = spread_labels(label, grid.height_m, bare)
         return replace(grid, label=label), {"disagreement": round(disagreement, 6)}
 
     def graphs(self, grid: Grid, seen: Gathered, config: "BuildConfig") -> tuple[CellGraph, ...]:

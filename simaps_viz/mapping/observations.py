@@ -27,6 +27,12 @@ class FrameReadings:
     """float32 [n], of that pixel over the floor."""
 
 
+def no_readings() -> FrameReadings:
+    """Return the readings of a frame that saw nothing."""
+    nothing = np.zeros(0, np.int32)
+    return FrameReadings(nothing, nothing, nothing, np.zeros(0, np.float32))
+
+
 @dataclass(frozen=True, eq=False)
 class FrameRuns:
     """At which heights one frame saw surface in its cells: runs of steps (`projection.STEPS_PER_M`). Arrays aligned."""

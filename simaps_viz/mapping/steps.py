@@ -34,7 +34,7 @@ from numpy.typing import NDArray
 from simaps_viz.errors import InputError
 from simaps_viz.io.limits import MAX_CELL_INDEX, MAX_LINKED_CELL, MAX_SEGMENT_ID, MAX_STEP_BYTES
 from simaps_viz.mapping.links import Links
-from simaps_viz.mapping.observations import FrameReadings, FrameRuns, no_runs
+from simaps_viz.mapping.observations import FrameReadings, FrameRuns, no_readings, no_runs
 from simaps_viz.structures import Segment
 
 _TYPES = tuple(np.dtype(t) for t in ("i1", "<i2", "<i4", "<i8", "u1", "<f4", "<f8"))
@@ -57,6 +57,13 @@ class FrameSeen:
     """Why the frame could not be read, as a sentence; it saw nothing then. Empty for a frame that was read."""
     runs: FrameRuns = field(default_factory=no_runs)
     """At which heights it saw surface; none in logs of earlier versions."""
+    looked: bool = True
+    """False: nobody looked for objects in it, so that what it saw names nothing."""
+
+    @property
+    def witness(self) -> "FrameSeen":
+        """What the frame can say of objects: itself, or nothing when nobody looked for any."""
+        return self if self.looked else replace(self, readings=no_readings(), runs=no_runs())
 
 
 @dataclass(frozen=True, eq=False)
@@ -101,6 +108,8 @@ def pack_step(step: FrameStep) -> bytes:
         "links": step.links is not None,
         "runs": True,
     }
+    if not seen.looked:
+        about["looked"] = False
     arrays = [
         seen.T_map_camera.reshape(-1),
         _differences(readings.rows),
@@ -161,6 +170,7 @@ def _step_in(data: bytes) -> FrameStep:
         segments=tuple(_segment(*one) for one in about["segments"]),
         skipped=about["skipped"],
         runs=runs,
+        looked=about.get("looked", True) is not False,
     )
     if not isinstance(seen.name, str) or not isinstance(seen.skipped, str):
         raise ValueError("names that are no text")

@@ -19,6 +19,11 @@ from simaps_viz.structures import Grid
 
 _CANDIDATES = 32  # classes that can compete for one cell; more are left out
 
+STEP_M = 0.03
+"""A surface that frames without masks have seen goes on while its cells differ by less than this in height."""
+RINGS = 8
+"""For at most so many cells."""
+
 
 @dataclass(frozen=True)
 class VoteSettings:
@@ -74,6 +79,52 @@ def vote_labels(grid: Grid, readings: AllReadings, settings: VoteSettings) -> tu
             settings.neighbours, settings.height_scale_m, standing, settings.floor_m,
         )  # fmt: skip
     return named.reshape(grid.spec.shape), disagreement
+
+
+def spread_labels(label: NDArray, height_m: NDArray, bare: NDArray) -> NDArray:
+    """Name the cells on whose top nobody looked for objects like the surface that they continue.
+
+    Ring by ring, at most `RINGS`, each takes the class of the named one of its 8 neighbours that is nearest in height,
+    the first of equal ones, if it is less than `STEP_M` higher or lower.
+
+    Args:
+        label: int16 [rows, cols], 0 = none.
+        height_m: float32 [rows, cols], NaN = never seen.
+        bare: bool [rows, cols].
+
+    Returns:
+        int16 [rows, cols].
+    """
+    named = np.where(bare, 0, label).astype(np.int16)
+    for _ in range(RINGS):
+        further = _next_ring(named, height_m, bare)
+        if np.array_equal(further, named):
+            break
+        named = further
+    return named
+
+
+@njit(cache=True, nogil=True)
+def _next_ring(
+    named: NDArray,  # int16 [rows, cols]
+    height_m: NDArray,  # float32 [rows, cols], NaN = never seen
+    bare: NDArray,  # bool [rows, cols]
+) -> NDArray:
+    """Return the labels after one more ring of cells was named."""
+    rows, cols = named.shape
+    further = named.copy()
+    for row in range(rows):
+        for col in range(cols):
+            if not bare[row, col] or named[row, col] > 0:
+                continue
+            nearest = np.float32(STEP_M)
+            for r in range(max(row - 1, 0), min(row + 2, rows)):
+                for c in range(max(col - 1, 0), min(col + 2, cols)):
+                    apart = abs(height_m[r, c] - height_m[row, col])
+                    if named[r, c] > 0 and apart < nearest:  # NaN is not less
+                        nearest = apart
+                        further[row, col] = named[r, c]
+    return further
 
 
 def _standing(label: NDArray, top: NDArray, grid: Grid, floor_m: float) -> NDArray:

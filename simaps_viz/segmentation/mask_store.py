@@ -115,6 +115,8 @@ class About:
     """All that the masks depend on but the frames' files: network, settings, where the map frame lies."""
     origin: Mapping[str, Any] = field(default_factory=dict)
     """Where the network's file is and how it was opened, JSON-able, to open it again; names no folder."""
+    frames: Sequence[int] | None = None
+    """Those that the network was to look at; None: all."""
 
     def folder(self, root: Path) -> Path:
         """Return the folder that belongs to this below ``root``."""
@@ -164,8 +166,14 @@ class MaskStore:
             raise InputError(f"{self.folder}: expected to keep masks there, found {error.strerror or error}") from error
         self._rows[index] = row
 
-    def get(self, index: int) -> Segmentation:
-        """Read a frame's masks; raises InputError when they are damaged or not there."""
+    def get(self, index: int) -> Segmentation | None:
+        """Read a frame's masks; None when nobody was to look at it.
+
+        Raises:
+            InputError: they are damaged or not there.
+        """
+        if self.about.frames is not None and index not in self.about.frames:
+            return None
         if index not in self._rows:
             raise InputError(f"{self.folder}: expected masks of frame {index}, found none; segment the sequence again")
         segments = tuple(Segment(**row) for row in self._rows[index]["segments"])

@@ -12,6 +12,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any, NamedTuple, Protocol
 
+import numpy as np
 from numpy.typing import NDArray
 
 from simaps_viz.datasets.sequence import PosedFrames
@@ -124,8 +125,8 @@ class Masks(Protocol):
         """Return {class name: is it a thing}."""
         ...
 
-    def get(self, index: int) -> Segmentation:
-        """Read a frame's masks."""
+    def get(self, index: int) -> Segmentation | None:
+        """Read a frame's masks; None when nobody was to look for any."""
         ...
 
 
@@ -146,8 +147,9 @@ class WithMasks(OtherMasks):
         Raises:
             InputError: they are damaged or of another size than the pictures.
         """
-        found = self._masks.get(index)
-        k = self._intrinsics
+        found, k = self._masks.get(index), self._intrinsics
+        if found is None:
+            return Segmentation(np.zeros((k.height, k.width), np.int32), (), looked=False)
         if found.ids.shape != (k.height, k.width):
             raise InputError(
                 f"{self.segmentation_source}: frame {self.frame_names[index]}: expected masks of {k.width}x{k.height} "
@@ -162,6 +164,7 @@ def segment_sequence(
     root: Path,
     *,
     stuff: bool | None = None,
+    frames: Sequence[int] | None = None,
     progress: Progress | None = None,
     origin: Mapping[str, Any] | None = None,
 ) -> WithMasks:
@@ -175,6 +178,7 @@ def segment_sequence(
         network: what looks at the pictures.
         root: folder for the masks.
         stuff: name floor and walls by geometry; None: where the network knows neither.
+        frames: look only at these, ascending (see `choose_frames`); the others add geometry to a map. None: at all.
         progress: told how far it is.
         origin: how to open the network again, kept with the masks; see `About`.
 
@@ -182,18 +186,19 @@ def segment_sequence(
         InputError: a picture is damaged, the network does not run, or the folder cannot be written.
     """
     by_geometry = needs_stuff(network) if stuff is None else stuff
-    store = MaskStore(root, replace(about(sequence, network, by_geometry), origin=origin or {}))
-    stamps = [_stamp(sequence, index, by_geometry) for index in range(len(sequence))]
-    missing = [i for i in range(len(sequence)) if not store.holds(i, stamps[i])]
-    done = len(sequence) - len(missing)
+    store = MaskStore(root, replace(about(sequence, network, by_geometry, frames), origin=origin or {}))
+    wanted = range(len(sequence)) if frames is None else frames
+    stamps = {index: _stamp(sequence, index, by_geometry) for index in wanted}
+    missing = [index for index in wanted if not store.holds(index, stamps[index])]
+    done = len(wanted) - len(missing)
     stage = f"segmenting, {network.name}"
     if progress and missing:
-        progress(stage, done, len(sequence))
+        progress(stage, done, len(wanted))
     for index, found in segmented(sequence, network, missing, by_geometry=by_geometry):
         store.put(index, stamps[index], found)
         done += 1
         if progress:
-            progress(stage, done, len(sequence))
+            progress(stage, done, len(wanted))
     return WithMasks(sequence, store, store.about.source)
 
 
@@ -220,14 +225,18 @@ def needs_stuff(network: Network) -> bool:
     return all(network.is_thing)
 
 
-def about(sequence: PosedFrames, network: Network, by_geometry: bool) -> About:
+def about(sequence: PosedFrames, network: Network, by_geometry: bool, frames: Sequence[int] | None = None) -> About:
     """Describe what the masks depend on."""
     source = f"{network.name}, {FLOOR} and {WALL} by geometry" if by_geometry else network.name
     key = f"{network.key} {sequence.T_map_world.round(9).tolist() if by_geometry else ''}"
     turns = [quarter_turns(sequence, index) for index in range(len(sequence))]
     if any(turns):
         key += f" turned {turns}"
-    return About(str(sequence.path.resolve()), f"{source} [{_short(key)}]", key)
+    if frames is not None:
+        key += f" frames {list(frames)}"
+        source += f", {len(frames)} of {len(sequence)} frames"
+    chosen = None if frames is None else list(frames)
+    return About(str(sequence.path.resolve()), f"{source} [{_short(key)}]", key, frames=chosen)
 
 
 def quarter_turns(sequence: PosedFrames, index: int) -> int:

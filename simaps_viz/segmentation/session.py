@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from simaps_viz.errors import InputError
 
-_PREFERRED = ("CUDA", "ROCM", "MIGraphX", "CoreML", "DML", "OpenVINO")
+_PREFERRED = ("CUDA", "ROCM", "MIGraphX", "CoreML", "Dml", "OpenVINO")
 """Tried in this order when nobody chose; TensorRT is left out, as it compiles for minutes."""
 _ELEMENTS = {
     "tensor(float)": np.float32, "tensor(float16)": np.float16, "tensor(uint8)": np.uint8, "tensor(int32)": np.int32,
@@ -118,9 +118,11 @@ def choose_providers(wanted: Sequence[str], available: Sequence[str]) -> list[st
         found = [f"{name}ExecutionProvider" for name in _PREFERRED if f"{name}ExecutionProvider" in available]
         return [*found, "CPUExecutionProvider"]
     by_short = {_short(name): name for name in available}
+    called = {"directml": "dml", "trt": "tensorrt"}
     chosen = []
     for name in wanted:
         short = _short(name.strip())
+        short = called.get(short, short)
         if short not in by_short:
             raise InputError(
                 f"--providers {','.join(wanted)}: expected some of {', '.join(by_short)}, the ones this onnxruntime "

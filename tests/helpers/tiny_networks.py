@@ -1,15 +1,17 @@
 """Small networks of both kinds, as ONNX files with constant answers, whose masks can be told beforehand."""
 
+import threading
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from sequences import HEIGHT, WIDTH
 from tiny_onnx import write_onnx
 
 from simaps_viz.segmentation.protocol import Network
-from simaps_viz.structures import Segmentation
+from simaps_viz.structures import Segment, Segmentation
 
 NAMES = ("chair", "dining table", "tv")
 PROTOTYPES = 2
@@ -50,3 +52,33 @@ def write_classifier(path: Path, *, family: str = "maskformer", labels: Sequence
 def segment_image(network: Network, color: NDArray) -> Segmentation:
     """Segment one image, uint8 [H, W, 3], RGB: the three steps one after another."""
     return network.decode(network.infer(network.prepare(color)), color.shape[0], color.shape[1])
+
+
+CHAIR = np.zeros((HEIGHT, WIDTH), bool)
+CHAIR[2:14, 2:12] = True
+
+
+class OwnNetwork:
+    """A network of one's own: a chair always in the same place. Counts how often it ran."""
+
+    name, labels, is_thing = "own", ("chair", "lamp"), (True, True)
+
+    def __init__(self, key: str = "1", stop_after: int = 1000) -> None:
+        self.key, self.runs, self.stop_after = key, 0, stop_after
+        self.threads: dict[str, set[int]] = {"prepare": set(), "infer": set(), "decode": set()}
+
+    def prepare(self, color):
+        self.threads["prepare"].add(threading.get_ident())
+        return color.shape
+
+    def infer(self, prepared):
+        self.threads["infer"].add(threading.get_ident())
+        if self.runs >= self.stop_after:
+            raise KeyboardInterrupt
+        self.runs += 1
+        return prepared
+
+    def decode(self, outputs, height, width):
+        self.threads["decode"].add(threading.get_ident())
+        assert outputs == (height, width, 3) == (HEIGHT, WIDTH, 3)
+        return Segmentation(CHAIR.astype(np.int32), (Segment(1, "chair", 0.75),))

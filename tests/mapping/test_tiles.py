@@ -21,6 +21,7 @@ from simaps_viz.mapping.evidence import EvidenceSettings, pair_graphs
 from simaps_viz.mapping.finalize import map_so_far
 from simaps_viz.mapping.observations import StreamedReadings
 from simaps_viz.mapping.simap import count_views
+from simaps_viz.mapping.steps import pack_step, unpack_step
 from simaps_viz.mapping.tiles import AREA, CELL_BYTES, SIDE, TileStore
 from simaps_viz.mapping.votes import VoteSettings, vote_labels
 from simaps_viz.structures import Segmentation
@@ -117,6 +118,43 @@ def test_a_map_that_would_be_too_large_is_refused_and_stays_as_it_was():
     with pytest.raises(InputError, match="map: expected a map of at most"):
         whole.merge(other)
     same(whole, alone)
+
+
+def test_frames_nobody_looked_at_raise_cells_of_their_own_in_any_order():
+    parts = [
+        (frame, replace(masks, looked=frame.index % 3 == 0), T_map_camera)
+        for frame, masks, T_map_camera in random_frames(5, frames=6)
+    ]
+    whole, halves = accumulator(steps=True), (accumulator(), accumulator())
+    replayed = accumulator()
+    for number, part in enumerate(parts):
+        whole.add_frame(*part)
+        halves[number % 2].add_frame(*part)
+        assert whole.step is not None
+        replayed.replay(unpack_step(pack_step(whole.step)))
+    halves[1].merge(halves[0])
+    bare = whole.bare_cells()
+    assert bare is not None and 0 < bare.sum() < bare.size
+    grid = whole.snapshot()
+    for other in (halves[1], replayed, whole.copy(), pickle.loads(pickle.dumps(whole))):
+        for layer in ("label", "height_m", "lowest_m", "observations"):
+            np.testing.assert_array_equal(getattr(other.snapshot(), layer), getattr(grid, layer))
+        np.testing.assert_array_equal(other.bare_cells(), bare)
+        assert [len(one.rows) > 0 for one in other.readings] == [frame.index % 3 == 0 for frame, _, _ in parts]
+    # As high as all frames together saw, wherever somebody looked and the others saw nothing much higher.
+    everything, looked = accumulator(), accumulator()
+    for frame, masks, T_map_camera in parts:
+        everything.add_frame(frame, replace(masks, looked=True), T_map_camera)
+        if masks.looked:
+            looked.add_frame(frame, masks, T_map_camera)
+    np.testing.assert_array_equal(np.isnan(grid.height_m), np.isnan(everything.snapshot().height_m))
+    np.testing.assert_array_equal(grid.height_m[bare], everything.snapshot().height_m[bare])
+    np.testing.assert_array_equal(grid.lowest_m, everything.snapshot().lowest_m)
+    assert not grid.label[bare].any()
+    row, col = np.subtract(looked.origin_cell, whole.origin_cell)
+    part = looked.snapshot()
+    here = np.s_[row : row + part.spec.rows, col : col + part.spec.cols]
+    np.testing.assert_array_equal(grid.label[here][~bare[here]], part.label[~bare[here]])
 
 
 @pytest.mark.parametrize("method", METHODS)

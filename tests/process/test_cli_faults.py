@@ -37,7 +37,7 @@ def test_every_help_has_an_example_that_the_command_line_understands(command, ca
 
 
 def test_commands_are_all_there():
-    assert {"build", "describe", "export-network", "live", "doctor"} <= set(COMMANDS) and len(COMMANDS) == 18
+    assert {"build", "describe", "export-network", "live", "doctor"} <= set(COMMANDS) and len(COMMANDS) == 19
 
 
 @pytest.mark.parametrize(

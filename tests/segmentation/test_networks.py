@@ -210,6 +210,9 @@ def test_providers_that_are_not_there_are_named():
     assert choose_providers((), ["AzureExecutionProvider", "CPUExecutionProvider"]) == ["CPUExecutionProvider"]
     assert choose_providers(("cpu",), available) == ["CPUExecutionProvider"]
     assert choose_providers(("CUDAExecutionProvider",), available) == available
+    many = ["TensorrtExecutionProvider", "DmlExecutionProvider", "OpenVINOExecutionProvider", "CPUExecutionProvider"]
+    assert choose_providers((), many) == [many[1], many[2], many[3]]  # TensorRT compiles for minutes
+    assert choose_providers(("tensorrt", "directml"), many) == [many[0], many[1], many[3]]
     with pytest.raises(InputError, match=r"--providers rocm: expected some of cuda, cpu, .*found 'rocm'"):
         choose_providers(("rocm",), available)
 

@@ -1,7 +1,6 @@
 """Networks over sequences: kept and resumed, mapped, written as files and read back; floor and walls by geometry."""
 
 import json
-import threading
 from pathlib import Path
 
 import cv2
@@ -9,7 +8,7 @@ import numpy as np
 import pytest
 from checked_sequences import SHARED, drawn_room
 from sequences import HEIGHT, WIDTH, lying, write_tiny_sequence
-from tiny_networks import write_classifier, write_yolo
+from tiny_networks import CHAIR, OwnNetwork, write_classifier, write_yolo
 from tiny_onnx import write_onnx
 
 from simaps_viz import BuildConfig, build_map, open_sequence
@@ -24,35 +23,6 @@ from simaps_viz.segmentation.mask_store import About, MaskStore, find_store, wri
 from simaps_viz.segmentation.recognise import open_network
 from simaps_viz.segmentation.sequences import WithMasks, needs_stuff, segment_sequence, segmented
 from simaps_viz.structures import Frame, Intrinsics, Segment, Segmentation
-
-CHAIR = np.zeros((HEIGHT, WIDTH), bool)
-CHAIR[2:14, 2:12] = True
-
-
-class OwnNetwork:
-    """A network of one's own: a chair always in the same place. Counts how often it ran."""
-
-    name, labels, is_thing = "own", ("chair", "lamp"), (True, True)
-
-    def __init__(self, key: str = "1", stop_after: int = 1000) -> None:
-        self.key, self.runs, self.stop_after = key, 0, stop_after
-        self.threads: dict[str, set[int]] = {"prepare": set(), "infer": set(), "decode": set()}
-
-    def prepare(self, color):
-        self.threads["prepare"].add(threading.get_ident())
-        return color.shape
-
-    def infer(self, prepared):
-        self.threads["infer"].add(threading.get_ident())
-        if self.runs >= self.stop_after:
-            raise KeyboardInterrupt
-        self.runs += 1
-        return prepared
-
-    def decode(self, outputs, height, width):
-        self.threads["decode"].add(threading.get_ident())
-        assert outputs == (height, width, 3) == (HEIGHT, WIDTH, 3)
-        return Segmentation(CHAIR.astype(np.int32), (Segment(1, "chair", 0.75),))
 
 
 @pytest.fixture
@@ -139,6 +109,24 @@ def test_a_map_is_built_of_a_networks_masks_from_the_command_line(tmp_path, monk
     said = capsys.readouterr().err
     assert "none.onnx: expected a network (.onnx), found nothing" in said.replace("\n", "")
     assert "expected some of" in said
+
+
+def test_a_network_is_timed_on_a_recording(tmp_path, capsys):
+    write_tiny_sequence(tmp_path / "tiny", frames=5)
+    net = write_yolo(tmp_path / "n.onnx", [(2.0, 6.0, 12.0, 18.0, 0, 0.9)])
+    command = ["bench-network", str(net), str(tmp_path / "tiny"), "--providers", "cpu"]
+    assert main([*command, "--frames", "3", "--json"]) == 0
+    found = json.loads(capsys.readouterr().out)
+    assert (found["network"], found["device"], found["frames"], found["sequence"]) == ("n.onnx", "cpu", 3, "tiny")
+    parts = found["ms_a_frame"]
+    assert set(parts) == {"preparing", "running", "reading_its_output", "reading", "mapping"}
+    assert min(parts.values()) >= 0.0
+    assert found["frames_per_s"] == pytest.approx(3 / found["seconds"], rel=0.01, abs=0.5)
+    # no part that this thread does takes longer than the whole
+    assert (parts["running"] + parts["reading"] + parts["mapping"]) * 3 / 1000 < found["seconds"] + 0.01
+    assert main([*command, "--frames", "100"]) == 0
+    assert "n.onnx on cpu, 5 frames of tiny: " in " ".join(capsys.readouterr().err.split())
+    assert main([*command, "--frames", "0"]) == 2
 
 
 def test_what_cannot_be_used_is_one_line_on_the_command_line(tmp_path, monkeypatch, capsys):
@@ -308,7 +296,9 @@ def test_a_store_is_found_by_what_a_map_says(tmp_path):
     about = About("/scans/a.json", "net [1]", "key")
     MaskStore(tmp_path, about).put(3, [1, 2], Segmentation(CHAIR.astype(np.int32), (Segment(1, "chair"),)))
     found = find_store(tmp_path, sequence="/scans/a.json", source="net [1]")
-    assert found is not None and found.get(3).segments == (Segment(1, "chair"),)
+    assert found is not None
+    masks = found.get(3)
+    assert masks is not None and masks.segments == (Segment(1, "chair"),)
     assert found.holds(3, [1, 2]) and not found.holds(3, [1, 3]) and not found.holds(2, [1, 2])
     assert find_store(tmp_path, sequence="/scans/b.json", source="net [1]") is None
     with pytest.raises(InputError, match="expected masks of frame 2, found none"):
