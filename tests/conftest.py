@@ -33,6 +33,14 @@ def pytest_runtest_makereport(item: pytest.Item):
         report.longrepr = _sendable(str(report.longrepr))
 
 
+def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> None:
+    """Report in one line how many tests had no real recordings to run on."""
+    skipped = [report.longrepr for report in terminalreporter.stats.get("skipped", [])]
+    lacking = sum(isinstance(why, tuple) and "shared" in why[2] for why in skipped)
+    if lacking:
+        terminalreporter.write_line(f"{lacking} tests on real recordings were left out: ../shared/data is not here")
+
+
 def _sendable(text: str) -> str:
     return text.encode("utf-8", "backslashreplace").decode("utf-8")
 

@@ -32,7 +32,7 @@ SHORTER = (
 )
 """What is the same, only more of it: (as printed, as typed here)."""
 
-OTHER_PROGRAMS = ("make", "pip", "git", "python", "jupyter", "source")
+OTHER_PROGRAMS = ("make", "pip", "git", "python", "jupyter", "source", "curl", "tar", "unzip")
 """May stand in a block of commands; make's targets are looked up."""
 
 WITH_A_PAGE = ("demo", "view", "judge")
