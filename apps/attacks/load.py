@@ -28,7 +28,7 @@ from simaps_viz.language.commands import read_command
 from simaps_viz.mapping.simap import joining_at, joining_percent, repartition, slider_of
 from simaps_viz.structures import SIMap
 from simaps_viz.viewer.panels.command import program_html
-from simaps_viz.viewer.panels.map import counts_html
+from simaps_viz.viewer.panels.map import counts_html, least_frames, specks_of
 
 PATIENCE_S = 30.0
 """An answer that takes longer is lost."""
@@ -79,7 +79,7 @@ def expected_of(simap: SIMap) -> Expected:
     return Expected(
         slider_of(simap).title,
         joining_percent(simap),
-        {p: plain(counts_html(m)) for p, m in maps.items()},
+        {p: plain(counts_html(m, specks_of(m, least_frames(m)))) for p, m in maps.items()},
         facts,
         places,
         commands,

@@ -20,6 +20,8 @@ if TYPE_CHECKING:
     from simaps_viz.viewer.workbench import Workbench
 
 WIDTH, HEIGHT = 1280, 800
+DOCKED_WIDTH = 1600
+"""A page on which the recorded build is not folded."""
 PATIENCE_MS = 60_000
 SETTLED_MS = 1500
 CHROMIUM = Path("/usr/bin/chromium")
@@ -141,8 +143,8 @@ def click(browser: "Browser", simap: SIMap, recording: Path | None, *, runs: int
     from simaps_viz.drawing.legend import object_name  # noqa: PLC0415 - viser is slow to import
 
     seconds = []
-    chosen = _near_the_middle(simap)
-    with opened(browser, simap, recording) as (page, workbench):
+    chosen, width = _near_the_middle(simap), DOCKED_WIDTH if recording is not None else WIDTH
+    with opened(browser, simap, recording, width=width) as (page, workbench):
         if recording is not None:
             _recording_frame(page)
         page.wait_for_timeout(SETTLED_MS)
@@ -160,7 +162,7 @@ def click(browser: "Browser", simap: SIMap, recording: Path | None, *, runs: int
 def frames_in_step(browser: "Browser", simap: SIMap, recording: Path, *, runs: int) -> tuple[Timing, Timing]:
     """From a frame chosen on the page to the recording showing it, and the other way."""
     there, back = [], []
-    with opened(browser, simap, recording) as (page, _workbench):
+    with opened(browser, simap, recording, width=DOCKED_WIDTH) as (page, _workbench):
         _recording_frame(page)
         page.get_by_role("tab", name="Build", exact=True).click()
         box = _box(page, "Frame")

@@ -29,6 +29,7 @@ from simaps_viz.mapping.history import MapHistory, cut_as
 from simaps_viz.mapping.mending import Mending
 from simaps_viz.mapping.simap import joining_at, recommunity, repartition
 from simaps_viz.navigation.agent import Agent, Answer, CommandReader, answer, start_pose
+from simaps_viz.navigation.planner import RobotShape
 from simaps_viz.segmentation.sequences import WithMasks
 from simaps_viz.structures import Pose2, SIMap
 
@@ -194,7 +195,7 @@ def panels_of(simap: SIMap, mending: Mending | None, *, frames: bool = True) -> 
     from simaps_viz.app.masks import segmentation_services  # noqa: PLC0415 - viser is slow to import
     from simaps_viz.evaluation.other_maps import MapMaker  # noqa: PLC0415 - only needed by the page
     from simaps_viz.recorder.library import RecordingLibrary  # noqa: PLC0415 - rerun is slow to import
-    from simaps_viz.viewer.panels.compare import compare_panel  # noqa: PLC0415 - as above
+    from simaps_viz.viewer.panels.compare import compare_panel, method_panel  # noqa: PLC0415 - as above
     from simaps_viz.viewer.panels.masks import masks_panel  # noqa: PLC0415 - as above
     from simaps_viz.viewer.panels.recordings import recordings_panel  # noqa: PLC0415 - as above
     from simaps_viz.viewer.panels.share import SHARE  # noqa: PLC0415 - as above
@@ -202,7 +203,7 @@ def panels_of(simap: SIMap, mending: Mending | None, *, frames: bool = True) -> 
     of_frames = ()
     if frames:
         maker = MapMaker(sequence_of(simap), cache_folder())
-        of_frames = compare_panel(maker), masks_panel(segmentation_services(simap, cache_folder()))
+        of_frames = method_panel(maker), compare_panel(maker), masks_panel(segmentation_services(simap, cache_folder()))
     return *of_frames, *mending_panels(mending), SHARE, recordings_panel(RecordingLibrary())
 
 
@@ -236,6 +237,7 @@ def _reading(
     simap: SIMap,
     pose: Pose2,
     *,
+    robot: RobotShape | None = None,
     cancel: threading.Event | None = None,
     tell: Callable[[Sequence[Exchange]], None] = lambda exchanges: None,
 ) -> CommandReader:
@@ -243,7 +245,7 @@ def _reading(
 
     def check(program: str) -> None:
         with contextlib.suppress(PlanningError):  # no fault of what the model wrote
-            Agent(simap, pose).rehearse(program)
+            Agent(simap, pose, robot).rehearse(program)
 
     def read(text: str, counts: Mapping[str, int]) -> Reading:
         try:
@@ -275,8 +277,10 @@ def language_model(llm: str | None) -> "LanguageModel | None":
         pose: Pose2,
         cancel: threading.Event,
         tell: Callable[[Sequence[Exchange]], None],
+        robot: RobotShape | None = None,
     ) -> Answer:
-        return answer(simap, command, pose, reader=_reading(model, simap, pose, cancel=cancel, tell=tell))
+        read = _reading(model, simap, pose, robot=robot, cancel=cancel, tell=tell)
+        return answer(simap, command, pose, robot=robot, reader=read)
 
     return LanguageModel(str(model.settings), ask)
 

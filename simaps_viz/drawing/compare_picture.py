@@ -26,6 +26,8 @@ KINDS: Mapping[str, tuple[Color, str]] = {
     "extra": ((235, 125, 0), "lies on no object of its class"),
     "label": ((175, 60, 200), "the same object, another class"),
     "outline": ((105, 112, 124), "there, but less than half agrees"),
+    "edge": ((0, 135, 75), "the same object, its outline is not quite the same"),
+    "small": ((90, 15, 105), "too small to be compared, and on no object of its class"),
 }
 """Colour and meaning of every kind of difference; distinguishable with any kind of colour vision (see the tests)."""
 LIGHT_MISSED: Color = (238, 240, 244)
@@ -67,14 +69,6 @@ class TwoPictures:
         if mode == "side by side":
             return (self._cols + self._gap) * self._cell_m, 0.0
         return 0.0, -(self._rows + self._head + self._gap) * self._cell_m if mode == "stacked" else 0.0
-
-    def both(self, aspect: float) -> Mode:
-        """Return the arrangement in which both maps are shown largest on a canvas, by its width over height."""
-        sizes = {}
-        for mode in ("side by side", "stacked"):
-            spec = self._spec(mode)
-            sizes[mode] = min(aspect / spec.cols, 1.0 / spec.rows)
-        return "stacked" if sizes["stacked"] > 1.02 * sizes["side by side"] else "side by side"
 
     def extent_m(self, mode: Mode) -> tuple[float, float, float, float]:
         """(xmin, ymin, xmax, ymax) of the picture, titles included."""

@@ -199,9 +199,9 @@ def photo(simap: SIMap, theme: Theme = LIGHT) -> NDArray:
     return np.where(image[..., 3:] > 0, image[..., :3], np.array(theme.unseen, np.uint8))
 
 
-def outline_segments(simap: SIMap, instance_id: int, z_m: float = 0.0) -> NDArray:
-    """Return the cell edges around an instance, float32 [n, 2, 3], map frame, metres; n = 0 when it has no cells."""
-    inside = np.pad(simap.instance == instance_id, 1)
+def outline_segments(simap: SIMap, *ids: int, z_m: float = 0.0) -> NDArray:
+    """Return the cell edges around each of the instances, float32 [n, 2, 3], map frame, metres; n = 0 without cells."""
+    inside = np.pad(np.where(np.isin(simap.instance, ids), simap.instance, 0), 1)
     s, x0, y0 = simap.spec.cell_size_m, simap.spec.x0_m, simap.spec.y0_m
     row, col = np.nonzero(inside[1:, :] != inside[:-1, :])
     level = np.stack([np.stack([col - 1, row], -1), np.stack([col, row], -1)], 1)

@@ -40,6 +40,14 @@ class Kind(Enum):
     """The same object has another class."""
     OUTLINE = "outline"
     """The object is there, but less than half of what the two say of it agrees."""
+    EDGE = "edge"
+    """The same object, no difference as such, but its outline is not quite the same."""
+    SMALL = "small"
+    """Too small to be compared, and on no object of its class."""
+
+
+NO_DIFFERENCE = (Kind.EDGE, Kind.SMALL)
+"""Kinds that are listed, and do not count as differences."""
 
 
 @dataclass(frozen=True)
@@ -57,6 +65,8 @@ class Difference:
     """Class on the other map; empty for a missed object."""
     cells: int
     """Cells of all objects that take part, on both maps together."""
+    iou: float = 0.0
+    """The largest intersection over union of one object with one of the other map, of those that take part."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -64,11 +74,13 @@ class Differences:
     """All differences, and the number of objects that agree."""
 
     items: tuple[Difference, ...]
-    """By kind, the largest first."""
+    """By kind, the worst outline first, then the largest."""
     same: int
     """Pairs that take part in none: same class, intersection over union above 0.5."""
     ignored: tuple[int, int]
     """Objects of (reference, other) too small to be compared."""
+    same_iou: float | None = None
+    """Mean intersection over union of the pairs that agree; None without any."""
 
     def counts(self) -> dict[Kind, int]:
         """Return the number of each kind, in the kinds' order; all kinds."""
@@ -92,10 +104,12 @@ def find_differences(overlaps: Overlaps) -> Differences:
     finder.find_groups()
     finder.find_labels()
     finder.find_leftovers()
+    finder.find_small()
     order = list(Kind)
-    items = sorted(finder.items, key=lambda d: (order.index(d.kind), -d.cells, d.reference, d.other))
+    items = sorted(finder.items, key=lambda d: (order.index(d.kind), d.iou, -d.cells, d.reference, d.other))
     ignored = (int((~overlaps.true.counts).sum()), int((~overlaps.found.counts).sum()))
-    return Differences(tuple(items), finder.same, ignored)
+    same_iou = float(np.mean(finder.same_iou)) if finder.same_iou else None
+    return Differences(tuple(items), len(finder.same_iou), ignored, same_iou)
 
 
 class _Finder:
@@ -106,7 +120,7 @@ class _Finder:
         self.items: list[Difference] = []
         self._known = np.zeros(len(overlaps.true.ids), bool)
         self._known_found = np.zeros(len(overlaps.found.ids), bool)
-        self.same = 0
+        self.same_iou: list[float] = []
 
     def find_groups(self) -> None:
         """Merged, split and matching ones."""
@@ -116,8 +130,12 @@ class _Finder:
             self._add(Kind.MERGED, true[found == at].tolist(), [at])
         for at in np.flatnonzero(o.split).tolist():
             self._add(Kind.SPLIT, [at], found[true == at].tolist())
-        for t, f, _ in o.pairs[o.matched].tolist():
-            self.same += not (self._known[t] or self._known_found[f])
+        for at in np.flatnonzero(o.matched).tolist():
+            t, f, _ = o.pairs[at].tolist()
+            if not (self._known[t] or self._known_found[f]):
+                self.same_iou.append(float(o.iou[at]))
+                if o.iou[at] < 1.0:
+                    self._add(Kind.EDGE, [t], [f])
             self._known[t] = self._known_found[f] = True
 
     def find_labels(self) -> None:
@@ -147,12 +165,23 @@ class _Finder:
             else:
                 self._add(Kind.EXTRA, [], [at])
 
+    def find_small(self) -> None:
+        """Those that are too small to be compared, and are not the same small object on the other map."""
+        o = self._o
+        t, f = o.pairs[:, 0], o.pairs[:, 1]
+        same = (o.true.label[t] == o.found.label[f]) & (o.iou > 0.5)
+        for side, counts, met in ((0, o.true.counts, t), (1, o.found.counts, f)):
+            for at in np.setdiff1d(np.flatnonzero(~counts), met[same]).tolist():
+                self._add(Kind.SMALL, [] if side else [at], [at] if side else [])
+
     def _add(self, kind: Kind, true: Sequence[int], found: Sequence[int]) -> None:
         o = self._o
+        between = np.isin(o.pairs[:, 0], list(true)) & np.isin(o.pairs[:, 1], list(found))
+        iou = float(o.iou[between].max(initial=0.0))
         label, cells = _label_of(o.labels, o.true, true), int(o.true.cells[list(true)].sum())
         other, more = _label_of(o.labels, o.found, found), int(o.found.cells[list(found)].sum())
         ids = (tuple(sorted(o.true.ids[list(true)].tolist())), tuple(sorted(o.found.ids[list(found)].tolist())))
-        self.items.append(Difference(kind, *ids, label or other, other, cells + more))
+        self.items.append(Difference(kind, *ids, label or other, other, cells + more, iou))
         self._known[list(true)] = True
         self._known_found[list(found)] = True
 
@@ -217,6 +246,8 @@ class Item:
     """Class on the other map; empty for a missed object."""
     extent_m: tuple[float, float, float, float]
     """(xmin, ymin, xmax, ymax) of all who take part, map frame, metres."""
+    iou: float
+    """The largest intersection over union of two of those who take part."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -233,8 +264,15 @@ class TwoMaps:
     """{kind: how many}, all kinds, the gravest first."""
     same: int
     """Objects that agree."""
+    same_iou: float | None
+    """Mean intersection over union of those, None without any."""
     score: Score | None
     """The scores of the other map, when the reference is the truth."""
+
+    @property
+    def differences(self) -> tuple[Item, ...]:
+        """The items that are differences: not what is the same object, or too small to be compared."""
+        return tuple(item for item in self.items if Kind(item.kind) not in NO_DIFFERENCE)
 
 
 def compare_two(
@@ -276,6 +314,7 @@ def compare_two(
         items=items,
         counts={kind.value: count for kind, count in differences.counts().items()},
         same=differences.same,
+        same_iou=differences.same_iou,
         score=scores_of(overlaps, other).overall if truth else None,
     )
 
@@ -304,4 +343,4 @@ def _item(d: Difference, on_left: NDArray, on_right: NDArray, window: GridSpec, 
     box = extent_of({"left": (on_left, left), "right": (on_right, right)}) or (0, 0, window.rows, window.cols)
     s, x0, y0 = window.cell_size_m, window.x0_m, window.y0_m
     extent = (x0 + box[1] * s, y0 + box[0] * s, x0 + box[3] * s, y0 + box[2] * s)
-    return Item(d.kind.value, left, right, d.label, d.other_label, extent)
+    return Item(d.kind.value, left, right, d.label, d.other_label, extent, d.iou)

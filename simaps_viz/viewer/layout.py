@@ -1,4 +1,4 @@
-"""Where the panels of a page are: docked on the right, the selected instance below them, the recording on the left."""
+"""Where the panels of a page are: in one row of tabs on the right; the recorded build on the left, folded at first."""
 
 from collections.abc import Sequence
 
@@ -9,9 +9,9 @@ from simaps_viz.viewer.page.panel import PanelSpec
 from simaps_viz.viewer.panels import PANELS
 
 RECORDING_WIDTH_PX = 400
-ROOMY_PX, NARROW_PX, MAX_PX = 1280, 1150, 20_000
-"""Pages narrower than the first have the recorded build docked narrower, than the second folded up to a strip."""
-PANEL_WIDTH_PX = 340
+ROOMY_PX, MAX_PX = 1600, 20_000
+"""Pages narrower than the first have the recorded build folded up to a strip: the room is for the map."""
+PANEL_WIDTH_PX = 400
 
 
 def prepare(server: viser.ViserServer) -> None:
@@ -44,34 +44,23 @@ class Layout:
         tabs = gui.add_tab_group()
         page.panels.place("front", tabs, specs)
         page.panels.place("tab", tabs, specs)
-        # The panel about the selected instance, below it. viser 1.1.1 halves the space on docking and has no heights
-        # for docked panels: another one, docked between the two and removed by ``settle``, leaves them two thirds and
-        # one.
-        objects = gui.add_panel()
-        page.panels.place("instance", objects, specs)
-        self._spacer: list[viser.PanelHandle] = [gui.add_panel()]
-        self._spacer[0].add_tab("Between")
-        self._spacer[0].dock_below(gui.main_panel)
-        objects.dock_below(self._spacer[0])
+        # viser cannot open a tab: the page's script does, when this names one anew.
+        self._open, self._turn = gui.add_html(""), 0
 
     def settle(self, page_px: object) -> None:
-        """Make room for the main panel, and for the map on a narrow page, once the browser has docked the panels.
+        """Show the recorded build beside the map where there is room for both, once the browser has docked it folded.
 
         Args:
             page_px: width of the page, as it reported it.
         """
-        while self._spacer:
-            self._spacer.pop().remove()
-        if self._recording is not None and isinstance(page_px, int | float) and 0 < page_px < MAX_PX:
-            if page_px < NARROW_PX:
-                self._recording.minimize()
-            else:
-                self._recording.set_width(recording_width(page_px))
+        if self._recording is not None and isinstance(page_px, int | float) and ROOMY_PX <= page_px < MAX_PX:
+            self._recording.expand()
 
-
-def recording_width(page_px: float) -> float:
-    """Return the width of the docked recording on a page of some width, px: a quarter, or 400 where there is room."""
-    return max(0.25 * page_px, RECORDING_WIDTH_PX if page_px >= ROOMY_PX else 0.0)
+    def open_tab(self, title: str, only_from: str) -> None:
+        """Open a tab in the browser; if ``only_from`` names another one, only where that one is open."""
+        self._turn += 1
+        what = f'data-simaps-tab="{title}" data-from="{only_from}" data-turn="{self._turn}"'
+        self._open.content = f"<i hidden {what}></i>"
 
 
 def _dock_recording(page: Page) -> viser.PanelHandle | None:
@@ -88,4 +77,5 @@ def _dock_recording(page: Page) -> viser.PanelHandle | None:
         )
     panel.dock_left()
     panel.set_width(RECORDING_WIDTH_PX)
+    panel.minimize()
     return panel

@@ -149,7 +149,7 @@ def two_readings(text, counts):
 
 
 def test_the_other_reading_starts_where_the_command_was_given(browser):
-    def ask(simap, command, pose):
+    def ask(simap, command, pose, robot):
         return answer(simap, command, pose, reader=two_readings)
 
     services = real_services()

@@ -149,7 +149,7 @@ def docked(browser: Browser, built: tuple[SIMap, Path]) -> Iterator[Dock]:
     simap, recording = built
     with (
         workbench.open_workbench(simap, recording=recording, port=free_port()) as bench,
-        watched_page(browser) as page,
+        watched_page(browser, 1600) as page,
     ):
         page.goto(f"{bench.url}/?fixedDpr=1")
         page.wait_for_function(MAP_SHOWN)

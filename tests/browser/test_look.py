@@ -69,14 +69,12 @@ def test_keys_select_nothing_stand_up_and_step(bench, page):
 def test_escape_selects_nothing_wherever_the_focus_is(bench, page, focused):
     """Also on a button whose hint is open, which keeps the key from viser's commands, and on a box to tick."""
     session = mine(bench)
+    select_chair_1(page, bench)
     if focused == "button":
-        page.get_by_role("button", name="Top view", exact=True).click()
+        page.get_by_role("button", name="Light / dark", exact=True).click()
         expect(page.get_by_role("tooltip")).to_be_visible()
     else:
-        open_tab(page, "Command", "Follow robot")
-        page.get_by_label("Follow robot").first.click()
-    session.select(CHAIR_1)
-    until(page, lambda: session.selected == CHAIR_1)
+        page.get_by_label("Draw joints").first.click()
     assert page.evaluate("document.activeElement.matches('button, input')")
     press(page, "Escape")
     until(page, lambda: session.selected is None)
@@ -99,7 +97,7 @@ def test_the_map_does_not_jump_on_the_first_load(bench, browser):
         open_workbench(found, bench)
         found.wait_for_timeout(1000)
         seen = found.evaluate("window.firstViews")
-        assert len(seen) > 1 and max(seen) < 1.01 * min(seen)
+        assert len(seen) > 1 and max(seen) < 1.04 * min(seen)  # it is fitted while the panel slides to its width
 
 
 def test_keys_typed_into_a_box_are_letters(bench, page):

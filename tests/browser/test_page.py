@@ -168,7 +168,6 @@ def test_an_object_is_found_by_its_name_and_number(bench, page):
 
 def test_a_reload_keeps_the_open_tabs_and_the_comparison(bench, page):
     tab(page, "Compare")
-    tab(page, "Mend")
     field_of(page, RIGHT).click()
     page.get_by_role("option", name="Method components").click()
     until(page, lambda: kept_of_comparison(mine(bench))[0] == "Method components")
@@ -179,7 +178,6 @@ def test_a_reload_keeps_the_open_tabs_and_the_comparison(bench, page):
     said = page.get_by_text("objects agree").inner_text()
     page.reload()
     expect(page.get_by_role("tab", name="Compare", exact=True)).to_have_attribute("aria-selected", "true")
-    expect(page.get_by_role("tab", name="Mend", exact=True)).to_have_attribute("aria-selected", "true")
     expect(page.get_by_text("objects agree")).to_have_text(said)
     expect(field_of(page, RIGHT)).to_have_value("Method components")
     expect(field_of(page, "Divide (%)")).to_have_value("30")
@@ -192,7 +190,7 @@ def test_a_reload_keeps_the_open_tabs_and_the_comparison(bench, page):
 
 def test_escape_closes_the_enlarged_picture_and_nothing_else(bench, page):
     session = mine(bench)
-    session.select(CHAIR_1)
+    select_chair_1(page, bench)
     session.show_frame(0)
     tab(page, "Masks")
     expect(page.get_by_text("Frame 0010, 1 of 3.")).to_be_visible()

@@ -101,7 +101,9 @@ def test_a_click_selects_and_a_click_on_the_floor_deselects(bench, page):
 def test_a_selection_outlives_a_new_partition(bench, page):
     click_map(bench, page, EAST_HALF_OF_CHAIR_1)
     expect(object_title(page, "chair 1 of 3")).to_be_visible()
+    tab(page, "Map")
     fill(page, "K (%)", "30")
+    tab(page, "Instance")
     expect(object_title(page, "chair 2 of 4")).to_be_visible()
     assert mine(bench).selected == 2
 
@@ -159,6 +161,8 @@ def test_the_slanted_view_shows_blocks_that_can_be_clicked(bench, page):
     shadow = origin + (lid - origin) * origin[2] / (origin[2] - lid[2])  # where the floor behind the lid would be
     click_map(bench, page, shadow[:2])
     until(page, lambda: mine(bench).selected == CHAIR_3)
+    expect(object_title(page, "chair 2 of 3")).to_be_visible()
+    tab(page, "Map")
     page.get_by_role("button", name="Top view").click()
     until(page, lambda: camera.position[2] > 20.0)
 
@@ -199,7 +203,7 @@ def brightness(page) -> int:
 def test_the_recording_and_the_page_show_the_same_frame(browser, tmp_path):
     record(tmp_path / "toy.rrd")
     services = toy_services(recordings=(tmp_path / "toy.rrd",))
-    with toy_workbench(services) as bench, watched_page(browser) as page:
+    with toy_workbench(services) as bench, watched_page(browser, 1600) as page:
         open_workbench(page, bench)
         rerun_frame(page).wait_for_function("() => window.simapsReady")
         until(page, lambda: abs(brightness(page) - 200) <= 4)  # the page's own frame: the last

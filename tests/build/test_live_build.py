@@ -15,7 +15,7 @@ from simaps_viz.recorder.web_viewer import CONTENT_SECURITY_POLICY
 from simaps_viz.viewer.panels.build import BuildPanel
 from simaps_viz.viewer.panels.live import HEADS, WAITING, LiveState, duration, head_html, text_html
 
-ALWAYS = ("Map", "Command", "Build", "Instance")
+ALWAYS = ("Map", "Instance", "Command", "Build")
 
 
 def plain(sequence, output):

@@ -12,7 +12,7 @@ from toy_maps import toy_map
 from simaps_viz.errors import InputError
 from simaps_viz.evaluation.coloring import NO_PARTNER
 from simaps_viz.evaluation.quality import ScoringRules, find_overlaps
-from simaps_viz.evaluation.two_maps import Kind, as_reference, compare_two, find_differences
+from simaps_viz.evaluation.two_maps import NO_DIFFERENCE, Kind, as_reference, compare_two, find_differences
 from simaps_viz.mapping.simap import repartition
 
 PEERS = ScoringRules(min_true_cells=8, min_found_cells=8)
@@ -74,7 +74,7 @@ def test_every_kind_by_hand():
     assert found.same == 1  # chair 3
     label = next(d for d in found.items if d.kind is Kind.LABEL)
     assert (label.label, label.other_label) == ("chair", "table")
-    assert found.counts() == dict.fromkeys(Kind, 1)
+    assert found.counts() == {kind: int(kind not in NO_DIFFERENCE) for kind in Kind}
     assert list(found.counts()) == list(Kind)
 
 
@@ -101,6 +101,29 @@ def test_small_objects_are_ignored_on_both():
     assert (found.items, found.same, found.ignored) == ((), 0, (2, 2))
 
 
+def test_what_agrees_is_ranked_by_its_outline_and_small_things_are_listed():
+    left, right = maps(
+        """
+        1111.2222.3333.4..
+        1111.2222.3333....
+        """,
+        """
+        1111.222..33.....5
+        1111.2222.3333...5
+        """,
+    )
+    tiny = replace(PEERS, min_true_cells=20, min_found_cells=20)  # a letter has sixteen cells
+    found = find_differences(find_overlaps(right, as_reference(left), tiny))
+    assert listed(found) == [
+        (Kind.EXTRA, (), (5,)),
+        (Kind.EDGE, (3,), (3,)),
+        (Kind.EDGE, (2,), (2,)),
+        (Kind.SMALL, (4,), ()),
+    ]
+    assert [d.iou for d in found.items[1:3]] == [6 / 8, 7 / 8]
+    assert found.same == 3 and found.same_iou == pytest.approx((1 + 6 / 8 + 7 / 8) / 3)
+
+
 @st.composite
 def random_ids(draw):
     rows, cols = draw(st.integers(2, 5)), draw(st.integers(2, 6))
@@ -123,7 +146,17 @@ def test_every_object_agrees_or_takes_part_in_a_difference(left, data):
         in_items = {i for d in found.items for i in getattr(d, key)}
         agreeing = set(side.ids[matched[:, position]].tolist())
         assert set(side.ids[side.counts].tolist()) <= in_items | agreeing
-        assert in_items <= set(side.ids[side.counts].tolist())
+        small = {i for d in found.items if d.kind is Kind.SMALL for i in getattr(d, key)}
+        assert in_items - small <= set(side.ids[side.counts].tolist())
+        assert small <= set(side.ids[~side.counts].tolist())
+    # What is listed agrees with what is scored: every match that is no part of another difference, and how well.
+    edges = {(d.reference[0], d.other[0]): d.iou for d in found.items if d.kind is Kind.EDGE}
+    ids = zip(overlaps.true.ids[matched[:, 0]].tolist(), overlaps.found.ids[matched[:, 1]].tolist(), strict=True)
+    scored = dict(zip(ids, overlaps.iou[overlaps.matched].tolist(), strict=True))
+    assert all(scored[pair] == iou < 1.0 for pair, iou in edges.items())
+    assert len(edges) + sum(iou == 1.0 for iou in scored.values()) >= found.same >= len(edges)
+    ranked = [d.iou for d in found.items if d.kind is Kind.EDGE]
+    assert ranked == sorted(ranked)
     assert len([d for d in found.items if d.kind is Kind.MERGED]) == overlaps.merged.sum()
     assert len([d for d in found.items if d.kind is Kind.SPLIT]) == overlaps.split.sum()
     assert len(set(listed(found))) == len(found.items)

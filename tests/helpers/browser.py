@@ -21,6 +21,7 @@ from toy_maps import TOY_POSE, toy_map
 from simaps_viz.errors import CommandError
 from simaps_viz.mapping.simap import recommunity, repartition
 from simaps_viz.navigation.agent import Answer
+from simaps_viz.navigation.planner import RobotShape
 from simaps_viz.navigation.robot import Goal
 from simaps_viz.structures import Pose2, SIMap
 from simaps_viz.viewer.page.services import Services
@@ -53,7 +54,7 @@ def toy_answer(**others: Any) -> Answer:
     return replace(plain, **others)
 
 
-def toy_ask(simap: SIMap, command: str, pose: Pose2) -> Answer:
+def toy_ask(simap: SIMap, command: str, pose: Pose2, robot: RobotShape | None = None) -> Answer:
     """Drive to x = 1.5 m, or refuse a piano."""
     if "piano" in command:
         raise CommandError("There is no piano on this map. It has: chair (3), dining table (2).")

@@ -66,7 +66,7 @@ def tabs(page, says):
     """Return the tabs there are, once those that must be there are."""
     for name in says:
         expect(page.get_by_role("tab", name=name, exact=True)).to_be_visible()
-    return [one.inner_text() for one in page.get_by_role("tab").all() if one.is_visible()]
+    return [one.get_attribute("title") or one.inner_text() for one in page.get_by_role("tab").all() if one.is_visible()]
 
 
 def open_tab(page, name, text):

@@ -62,10 +62,6 @@ class StubPage(page.Page):
     def theme(self) -> Theme:
         return LIGHT
 
-    @property
-    def aspect(self) -> float:
-        return 2.0
-
     def select(self, instance_id: int | None) -> None:
         raise AssertionError("nobody selects here")
 

@@ -3,11 +3,12 @@
 import threading
 import time
 from contextlib import nullcontext
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from browser import mine, toy_answer, toy_services, toy_workbench
+from browser import free_port, mine, toy_answer, toy_services, toy_workbench
 from chat_server import hangs, serving, writes
 from fake_page import FakePage, fake_page, gone
 from hypothesis import given
@@ -34,6 +35,7 @@ from simaps_viz.structures import Pose2
 from simaps_viz.viewer.panels.command import CommandPanel, entered, exchanges_html, program_html, why_text
 from simaps_viz.viewer.scene.camera import AHEAD_M, BEHIND_M, Follower, above, behind
 from simaps_viz.viewer.scene.map_scene import Style
+from simaps_viz.viewer.workbench import Workbench
 
 # --- words
 
@@ -314,7 +316,7 @@ def test_the_history_ticks_only_rides_that_arrived():
         panel = mine(bench).panels[CommandPanel]
         panel._drive.speed = 0.02
         panel.ask("go to the couch")
-        until(lambda: "On the way" in shown(bench))
+        until(lambda: panel.driving and "On the way" in shown(bench))
         assert statuses(bench) == {"go to the couch": ""}
         panel.pause()
         assert "Paused" in shown(bench) and "On the way" not in shown(bench)
@@ -357,3 +359,34 @@ def test_path_and_labels_outlive_a_reload_and_leave_maps_of_the_past():
             until(lambda: drawn(again.session) == there)
             again.session.panels[CommandPanel].reset()
             assert drawn(again.session) == (False, [])
+
+
+def test_a_low_robot_drives_under_tables_and_a_tall_one_does_not():
+    simap = toy_map()
+    table = simap.by_id(6)
+    lowest = np.where(simap.instance == table.id, np.float32(0.7), simap.grid.lowest_m)
+    simap = replace(simap, grid=replace(simap.grid, lowest_m=lowest))
+    x, y = (float(round(value, 3)) for value in table.centroid_m[:2])
+    with (
+        Workbench(simap, services=real_services(), port=free_port(), start=TOY_POSE) as bench,
+        fake_page(bench) as page,
+    ):
+        session, panel = page.session, page.session.panels[CommandPanel]
+        panel._drive.speed = 8.0
+
+        def drives(height_m):
+            panel._height.value = height_m
+            panel.reset()
+            panel.ask(f"robot.move_to(({x}, {y}))\n")
+            assert session.wait_idle()
+            until(lambda: not panel.driving)
+            assert panel._answer is not None
+            return panel._answer.status, float(np.hypot(session.pose.x_m - x, session.pose.y_m - y)) < 0.1
+
+        assert drives(0.3) == ("ok", True)
+        assert drives(1.2) != ("ok", True)
+        panel._height.value = 0.3
+        state = panel.state()
+        panel._height.value = 1.5
+        panel.restore(state)
+        assert session.robot.height_m == 0.3

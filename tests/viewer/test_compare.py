@@ -50,6 +50,20 @@ def test_the_kinds_are_told_apart_with_any_colour_vision(blindness):
     assert min(apart) > 15.0
 
 
+def test_no_differences_are_said_only_where_nothing_differs():
+    left, right = drawn("1111.2222"), drawn("1111.222.")
+    chairs = {1: "chair", 2: "chair"}
+    one, other = (map_of_ids(ids, chairs) for ids in (left, right))
+    maps = compare_two(("a", one), ("b", other))
+    said = headline_html(maps)
+    assert "The same objects, other outlines" in said and "No differences" not in said and "2 objects agree" in said
+    assert "1 of them with another outline; 88% alike on average (IoU)" in said  # 1 and 3/4
+    assert kind_options(maps) == ("edge (1)",) and [item_text(item, maps) for item in of_kind(maps, "edge (1)")] == [
+        "edge · chair 2 → 2 · 75% alike"
+    ]
+    assert "No differences" in headline_html(compare_two(("a", one), ("b", one)))
+
+
 def test_swiping_shows_left_then_line_then_right(merged):
     pictures = TwoPictures(merged)
     whole_left, whole_right = (pictures.picture("swipe", share).pixels for share in (1.0, 0.0))
@@ -124,7 +138,7 @@ def test_objects_are_named_by_their_numbers_on_their_own_maps():
     one = ("a", map_of_ids(left, {**chairs, 6: "table"}))
     maps = compare_two(one, ("b", map_of_ids(right, {1: "chair", 2: "chair", 3: "table", 4: "chair"})))
     texts = [item_text(item, maps) for item in maps.items]
-    assert texts == ["missed · chair 5", "missed · table 1", "label · chair 3 → table 1"]
+    assert texts == ["missed · chair 5", "missed · table 1", "label · chair 3 → table 1 · 100% alike"]
     truth = compare_two(one, ("b", map_of_ids(drawn("11.22.33.44.55..."), chairs)), truth="right")
     assert [item_text(item, truth) for item in truth.items] == ["extra · table 1"]
     many = compare_two(("a", map_of_ids(drawn("1234567"), dict.fromkeys(range(1, 8), "chair"))),
@@ -166,9 +180,8 @@ def test_on_a_dark_page_the_picture_is_dark_and_what_is_missed_light(merged):
     assert (shown == LIGHT_MISSED).all(axis=-1).any() and not (shown == KINDS["missed"][0]).all(axis=-1).any()
 
 
-def test_two_maps_are_stacked_where_they_are_larger_so(merged):
+def test_two_maps_are_stacked_at_one_scale(merged):
     pictures = TwoPictures(merged)
-    assert [pictures.both(aspect) for aspect in (0.6, 0.8, 3.0)] == ["stacked", "stacked", "side by side"]
     both, spec = pictures.picture("stacked"), merged.spec
     n = both.pixels.shape[1] // both.spec.cols
     east, north = pictures.shift_m("stacked")

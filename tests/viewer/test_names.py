@@ -1,5 +1,6 @@
 """Objects named shortly, "chair 7", whatever their class is called."""
 
+import re
 from dataclasses import replace
 from types import SimpleNamespace
 from typing import cast
@@ -12,7 +13,7 @@ from simaps_viz.drawing.legend import object_name, short_name
 from simaps_viz.mapping.explain import explain
 from simaps_viz.structures import SIMap
 from simaps_viz.viewer.page.page import Page
-from simaps_viz.viewer.panels.why import WhyPanel
+from simaps_viz.viewer.panels.why import WhyPanel, joint_name, lines_legend
 from simaps_viz.viewer.scene.why_marks import Marks, link_label
 
 CHAIR_1 = 1
@@ -38,6 +39,17 @@ def test_a_link_names_the_neighbour_whole():
     simap = of_drawers()
     why = explain(simap, CHAIR_1)
     assert link_label(Marks(simap, why), why.neighbours[0]).text == f"{CLASS} 2 · 1.6 %"
+
+
+def test_scores_are_bars_against_the_threshold_and_steps_are_told_in_words():
+    simap = toy_map()
+    why = explain(simap, CHAIR_1)
+    html = lines_legend(simap, why)
+    # The weakest joint, 25 %, is the longest; K = 5 % is a fifth of it, and chair 2, which is apart, 1.5625 %.
+    assert re.findall(r"width:([\d.]+)%", html) == ["100.0", "6.2"]
+    assert re.findall(r"auto -.2em ([\d.]+)%", html) == ["20.0", "20.0"]
+    assert html.index("One object above K = 5 %") < html.index("weakest joint") < html.index("chair 2")
+    assert joint_name(why, 1) == "Step 1: 32 and 32 cells, 25.0 %, weakest"
 
 
 def test_every_neighbour_has_a_button():

@@ -10,11 +10,13 @@ import viser
 from browser import free_port, toy_services
 from fake_page import fake_page
 from toy_maps import TOY_POSE, toy_map
+from toy_surfaces import PLANT as HIDDEN_PLANT
+from toy_surfaces import toy_with_surface
 
 from simaps_viz.app.workbench import mending_panels
 from simaps_viz.mapping.file import save_map
 from simaps_viz.mapping.mending import Mending, open_mending
-from simaps_viz.viewer.panels.mend import CLICKS, NEW_CLASS, MendPanel
+from simaps_viz.viewer.panels.mend import CLICKS, NEW_CLASS, UNDER, MendPanel
 from simaps_viz.viewer.panels.why import WhyPanel
 from simaps_viz.viewer.session import Session
 from simaps_viz.viewer.workbench import Workbench
@@ -87,6 +89,26 @@ def person(tmp_path):
     ):
         panel = page.session.panels[MendPanel]
         yield Person(bench, page.session, panel, mending)
+
+
+def test_what_lies_under_other_things_is_named_and_cannot_be_mended(tmp_path):
+    save_map(toy_with_surface(), tmp_path / "toy.npz")
+    mending = open_mending(tmp_path / "toy.npz")
+    services = toy_services(panels=mending_panels(mending))
+    with (
+        Workbench(mending.simap(), services=services, port=free_port(), start=TOY_POSE) as bench,
+        fake_page(bench) as page,
+    ):
+        person = Person(bench, page.session, page.session.panels[MendPanel], mending)
+        person.selects(HIDDEN_PLANT)
+        assert f"potted plant 2 of 2 is selected. {UNDER}" in person.told and not person.panel._change.visible
+        for key in (person.panel.delete, person.panel.cut, person.panel.join, person.panel.rename):
+            key()
+            person.waits()
+            assert person.told.count(UNDER) == 2 and person.panel.waiting is None
+        assert person.edits == []
+        person.selects(CHAIR_3)
+        assert person.panel._change.visible and UNDER not in person.told
 
 
 @pytest.mark.slow

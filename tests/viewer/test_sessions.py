@@ -302,7 +302,7 @@ def test_panels_are_made_for_each_page_told_asked_restored_and_closed(caplog):
     panels = (
         PanelSpec("Bad", viser.Icon.BUG, failing),
         PanelSpec("Tale", viser.Icon.BOOK, make),
-        PanelSpec("Beside", viser.Icon.BOOK, make, place="instance"),
+        PanelSpec("Beside", viser.Icon.BOOK, make),
     )
     with toy_workbench(toy_services(panels=panels)) as bench:
         page = FakePage(bench)

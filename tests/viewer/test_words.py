@@ -10,7 +10,6 @@ from simaps_viz.drawing.theme import MAX_NAME_LENGTH, short, short_html
 from simaps_viz.errors import CommandError
 from simaps_viz.language.commands import examples as spoken_examples
 from simaps_viz.language.commands import read_command
-from simaps_viz.viewer.layout import NARROW_PX, recording_width
 from simaps_viz.viewer.panels.command import examples
 from simaps_viz.viewer.server.viser_page import COVERED_S, OPENED, PAGE_SCRIPT, covered
 
@@ -49,10 +48,6 @@ def test_a_refusal_repeats_little_of_what_was_said():
     assert "x" * 60 not in str(refused.value)
     with pytest.raises(CommandError, match="501 characters, and at most 500 can be read"):
         read_command("g" * 501, ["chair"])
-
-
-def test_the_recording_takes_a_share_of_the_page():
-    assert [recording_width(px) for px in (NARROW_PX, 1279, 1280, 1920)] == [287.5, 319.75, 400.0, 480.0]
 
 
 def test_the_page_of_the_server_is_covered_until_ours_is_there():

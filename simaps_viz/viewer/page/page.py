@@ -21,12 +21,13 @@ from simaps_viz.mapping.in_space import has_voxels
 from simaps_viz.mapping.methods import method_of
 from simaps_viz.mapping.simap import joining_percent
 from simaps_viz.mapping.timeline import Timeline
+from simaps_viz.navigation.planner import RobotShape
 from simaps_viz.structures import Instance, Pose2, SIMap
 from simaps_viz.viewer.page.panel import Panel, Panels
 from simaps_viz.viewer.page.player import Player
 from simaps_viz.viewer.page.services import Services
 from simaps_viz.viewer.page.shared import paint, png
-from simaps_viz.viewer.page.timeline import Snapshot, TimeStep, snapshot_at
+from simaps_viz.viewer.page.timeline import Snapshot, TimeStep, ids_then, snapshot_at
 from simaps_viz.viewer.page.worker import Worker
 from simaps_viz.viewer.recording.link import RecordingLink, position_inside
 from simaps_viz.viewer.scene.camera import SLANT, Extent, Viewpoints, with_margin
@@ -44,6 +45,8 @@ DEFAULT_RESOLUTION = 1.0
 MIN_RESOLUTION, MAX_RESOLUTION = 0.05, 5.0
 """Range of the slider for the Louvain resolution."""
 BESIDE_FLOOR = ("Nothing was clicked", "That was beside the floor. Click a point on the map.")
+MAP_TAB, SELECTED_TAB = "Map", "Instance"
+"""The tabs about the map and about the selected object; the second opens in place of the first when one is selected."""
 ERROR_S = 12.0
 """How long an error stays on the page."""
 
@@ -71,6 +74,9 @@ class Page:
     a later job replaces a waiting one of the same name.
     """
 
+    robot = RobotShape()
+    """The shape of the robot; what is higher than it does not hinder it."""
+
     def __init__(self, client: viser.ClientHandle, workbench: "Workbench") -> None:
         """Show the published map, without any panel."""
         self.client, self.gui = client, client.gui
@@ -92,6 +98,7 @@ class Page:
         """The position that was selected, map frame, metres."""
         self.picked_z_m: float | None = None
         """Its height where it was selected in space; None selects what is on top there."""
+        self._outlined_past = False
         self._picture: MapPicture | None = None
         self.cut = self._own_cut = cut_of(self.base)
         """How the sliders cut `base`."""
@@ -129,11 +136,6 @@ class Page:
         return self.scene.theme
 
     @property
-    def aspect(self) -> float:
-        """Width over height of the 3-D canvas."""
-        return float(self.client.camera.aspect)
-
-    @property
     def frame(self) -> int:
         """The frame of the build that is shown."""
         return self.time.frame
@@ -152,6 +154,9 @@ class Page:
         """Return a frame's RGB picture and segment ids; None when the sequence is not at hand."""
         return None if self.services.view is None else self.services.view(frame)
 
+    def reveal(self, title: str, *, only_from: str = "") -> None:
+        """Open a tab; a page without a layout has none to open."""
+
     # --- selection
 
     def select(self, instance_id: int | None) -> None:
@@ -168,6 +173,8 @@ class Page:
             self.picked = None if found is None else position
             self.picked_z_m = None
             self._show_selected(found)
+        if found is not None:
+            self.reveal(SELECTED_TAB, only_from=MAP_TAB)
 
     def pick_in_space(self, place: tuple[float, float, float] | None) -> None:
         """Select what is at a place in space, map frame, metres, also below other things."""
@@ -176,6 +183,8 @@ class Page:
             self.picked = None if found is None or place is None else place[:2]
             self.picked_z_m = None if found is None or place is None else place[2]
             self._show_selected(found)
+        if found is not None:
+            self.reveal(SELECTED_TAB, only_from=MAP_TAB)
 
     def _instance_near(self, place: tuple[float, float, float]) -> Instance | None:
         number = instance_near(self.simap, place) if has_voxels(self.simap) else None
@@ -186,8 +195,9 @@ class Page:
         self.picked, self.picked_z_m = position, None
 
     def go_to(self, instance: Instance) -> None:
-        """Select an instance, and look at it and what is around it."""
+        """Select an instance, open the tab about it, and look at it and what is around it."""
         self.select(instance.id)
+        self.reveal(SELECTED_TAB)
         (xmin, ymin, _), (xmax, ymax, _) = instance.aabb_m
         self.viewpoints.look_at(with_margin((xmin, ymin, xmax, ymax), share=1.0, least_m=1.5))
 
@@ -393,6 +403,15 @@ class Page:
         then = self.snapshot()
         lit = None if self.selected is None else frozenset({self.selected})
         style = self.panels.style(shown, Style("instance", lit, then.until, None, self.scene.theme))
+        past = then.simap.instance is not shown.instance
+        if past:  # an earlier map has ids, and evidence, of its own
+            lit = style.lit and (ids_then(then.simap, shown, style.lit) or None)
+            style = replace(style, lit=lit, paint=None)
+        if past or self._outlined_past:
+            mine = frozenset() if self.selected is None else frozenset({self.selected})
+            at = (then.simap, ids_then(then.simap, shown, mine)) if past else None
+            self.scene.outline(shown, self.selected, at)
+            self._outlined_past = past
         if then.classes_only:
             style = replace(style, mode="class")
         # Pictures without marks of this page alone are shared by all pages.

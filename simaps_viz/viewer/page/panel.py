@@ -17,8 +17,8 @@ if TYPE_CHECKING:
     from simaps_viz.viewer.page.timeline import Snapshot
 
 P = TypeVar("P", bound="Panel")
-Place = Literal["head", "front", "tab", "instance"]
-"""Above all tabs, the first tab, among the tabs, or in the panel below, about the selected instance."""
+Place = Literal["head", "front", "tab"]
+"""Above all tabs, the first tab, or among the tabs."""
 
 
 class Panel:

@@ -1,6 +1,5 @@
 """What the page can ask for. The app hands these in; no computing lives in the page's callbacks."""
 
-import threading
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -10,7 +9,6 @@ from numpy.typing import NDArray
 
 from simaps_viz.evaluation.judging import JudgingSession
 from simaps_viz.language.grounding import Candidate
-from simaps_viz.language.llm_settings import Exchange
 from simaps_viz.navigation.agent import Answer
 from simaps_viz.recorder.web_viewer import rerun_page
 from simaps_viz.structures import Pose2, SIMap
@@ -25,8 +23,9 @@ class LanguageModel:
 
     name: str
     """Name of the model, and where it runs."""
-    ask: Callable[[SIMap, str, Pose2, threading.Event, Callable[[Sequence[Exchange]], None]], Answer]
-    """(map, command, pose of the robot, event that ends the wait, called with what was sent and received) -> answer."""
+    ask: Callable[..., Answer]
+    """(map, command, pose of the robot, event that ends the wait, called with what was sent and received,
+    robot=RobotShape) -> answer."""
 
 
 @dataclass(frozen=True)
@@ -37,8 +36,8 @@ class Services:
     """(map, percent) -> the map with another K (method paper) or affinity (method evidence); fast."""
     recommunity: Callable[[SIMap, float, float], SIMap] | None = None
     """(map, resolution, percent) -> the map with communities found anew."""
-    ask: Callable[[SIMap, str, Pose2], Answer] | None = None
-    """(map, command, pose of the robot) -> answer. May raise SIMapsError."""
+    ask: Callable[..., Answer] | None = None
+    """(map, command, pose of the robot, robot=RobotShape) -> answer. May raise SIMapsError."""
     candidates: Callable[[SIMap, str, Pose2], Sequence[Candidate]] | None = None
     """(map, class, pose where the command is given) -> all objects of the class, the closest first, to number them."""
     model: LanguageModel | None = None

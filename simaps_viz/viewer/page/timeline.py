@@ -66,6 +66,16 @@ def snapshot_at(shared: Shared, simap: SIMap, *, frame: int | None, step: int | 
     return Snapshot(then, classes_only=step == CLASSES, badge=badge)
 
 
+def ids_then(then: SIMap, now: SIMap, ids: frozenset[int]) -> frozenset[int]:
+    """Return the instances of an earlier map that lie for the most part on given instances of the map of now."""
+    if then.instance is now.instance or not ids:
+        return ids if then.instance is now.instance else frozenset()
+    size = np.bincount(then.instance.ravel())
+    on_them = np.bincount(then.instance[np.isin(now.instance, sorted(ids))], minlength=len(size))
+    size[0] = 0
+    return frozenset(np.flatnonzero((2 * on_them > size) & (size > 0)).tolist())
+
+
 def then_text(look: SIMap) -> str:
     """Describe an earlier map: its objects, and the area that was seen."""
     seen = float((~np.isnan(look.grid.height_m)).sum()) * look.spec.cell_size_m**2

@@ -15,13 +15,13 @@ from simaps_viz.viewer.panels.why import WhyPanel
 PANELS: tuple[PanelSpec, ...] = (
     PanelSpec("Page", viser.Icon.HELP, HelpPanel, "head"),
     PanelSpec("Page", viser.Icon.HELP, NamesPanel, "head"),
+    PanelSpec("Find", viser.Icon.SEARCH, FindBox, "head"),
     PanelSpec("Judge", viser.Icon.GAVEL, JudgePanel, wanted=lambda has: has.judging is not None, right="edit"),
     PanelSpec("Map", viser.Icon.MAP, MapPanel),
+    PanelSpec("Instance", viser.Icon.CUBE, InstancePanel),
+    PanelSpec("Instance", viser.Icon.CUBE, WhyPanel),
     PanelSpec("Command", viser.Icon.ROBOT, CommandPanel),
     PanelSpec("Build", viser.Icon.TIMELINE, BuildPanel),
     PanelSpec("Build", viser.Icon.TIMELINE, StepsPanel),
-    PanelSpec("Instance", viser.Icon.CUBE, FindBox, "instance"),
-    PanelSpec("Instance", viser.Icon.CUBE, InstancePanel, "instance"),
-    PanelSpec("Instance", viser.Icon.CUBE, WhyPanel, "instance"),
 )
 """The panels of every page, in their order. Those of `Services.panels`, which need more than a map, follow them."""

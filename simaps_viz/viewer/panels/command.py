@@ -211,6 +211,10 @@ def _box(title: str, text: str, paper: str) -> str:
 
 
 PLACE_HINT = "Set position and heading by two clicks on the map, or put the robot back where it started."
+LEAST_HEIGHT_M = 0.1
+HEIGHT_HINT = (
+    "The robot's: a robot of 0.3 m drives under tables, one of 1.2 m does not. Counts from the next command on."
+)
 EXAMPLES = 3
 FEW = 2
 """Classes with at most this many objects are named in the examples without a number."""
@@ -310,6 +314,7 @@ class RobotState:
     """As `CommandPanel.texts`."""
     speed: float
     marks: Marks
+    height_m: float
 
 
 class CommandPanel(Panel):
@@ -414,7 +419,9 @@ class CommandPanel(Panel):
         if self.driving or self._waiting is not None:
             self.stop()
         speed = float(self._speed.value)
-        return RobotState(self._page.pose, self._start, tuple(self._past), self.texts, speed, self._marks)
+        return RobotState(
+            self._page.pose, self._start, tuple(self._past), self.texts, speed, self._marks, self._page.robot.height_m
+        )
 
     def restore(self, state: RobotState) -> None:
         """Restore the robot's state."""
@@ -422,6 +429,8 @@ class CommandPanel(Panel):
         self._text.value, self._result.content, self._program.content = state.texts
         self._program.visible = bool(state.texts[2])
         self._speed.value = self._drive.speed = state.speed
+        self._height.value = state.height_m
+        self._set_height()
         self._show_past()
         self._put_robot(state.pose)
         self._draw(state.marks)
@@ -546,10 +555,10 @@ class CommandPanel(Panel):
                 if self._waiting in (cancel, None):  # not once another command has taken over
                     self._show_exchanges(exchanges)
 
-            return services.model.ask(simap, command, self._page.pose, cancel, show)
+            return services.model.ask(simap, command, self._page.pose, cancel, show, robot=self._page.robot)
         if services.ask is None:
             raise SIMapsError("commands: expected a service that carries them out, found none")
-        return services.ask(simap, command, self._page.pose)
+        return services.ask(simap, command, self._page.pose, robot=self._page.robot)
 
     def _begin(self, simap: SIMap, answer: Answer, cancel: threading.Event, paused: bool) -> None:
         """Show an answer, and start the drive if there is one."""
@@ -768,6 +777,10 @@ class CommandPanel(Panel):
         # How it drives.
         self._speed = gui.add_slider("Speed (×)", 0.25, 8.0, 0.25, 1.0, hint=SPEED_HINT)
         self._speed.on_update(lambda _: setattr(self._drive, "speed", float(self._speed.value)))
+        self._height = gui.add_slider(
+            "Height (m)", LEAST_HEIGHT_M, 2.0, 0.1, self._page.robot.height_m, hint=HEIGHT_HINT
+        )
+        self._height.on_update(lambda _: self._set_height())
         self._follow = gui.add_checkbox(
             "Follow robot", False, hint="The camera goes along: from above in the top view, behind it in the 3-D view."
         )
@@ -784,6 +797,9 @@ class CommandPanel(Panel):
         with gui.add_folder("Start pose"):
             self._pose = gui.add_html("")
             button_row(gui, "Robot", {"Set on map": self.place, "Reset": self.reset}, hint=PLACE_HINT)
+
+    def _set_height(self) -> None:
+        self._page.robot = replace(self._page.robot, height_m=float(self._height.value))
 
     def _try(self, command: str) -> None:
         self._text.value = command

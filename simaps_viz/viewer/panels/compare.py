@@ -1,9 +1,10 @@
 """The panel that compares two maps: of other methods or settings, from a file, or the ground truth."""
 
+import contextlib
 import functools
 import tempfile
 import threading
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from html import escape
 from pathlib import Path
 from typing import Any, cast
@@ -27,6 +28,7 @@ from simaps_viz.viewer.page.page import MAX_RESOLUTION, MIN_RESOLUTION, Page, cu
 from simaps_viz.viewer.page.panel import Panel, PanelSpec
 from simaps_viz.viewer.page.widgets import button, button_row, by_person
 from simaps_viz.viewer.page.worker import Worker
+from simaps_viz.viewer.panels.map import MapPanel
 from simaps_viz.viewer.scene.camera import Extent
 from simaps_viz.viewer.scene.map_scene import frame_extent
 
@@ -55,8 +57,8 @@ def item_text(item: Item, maps: TwoMaps) -> str:
         here, there = there, here
     if item.kind in ("merged", "split"):
         return f"{item.kind} · {_together(here)} → {_together(there, known=item.label)}"
-    if item.kind in ("label", "outline"):
-        return f"{item.kind} · {_together(here)} → {_together(there, known=item.label)}"
+    if item.kind in ("label", "outline", "edge"):
+        return f"{item.kind} · {_together(here)} → {_together(there, known=item.label)} · {item.iou:.0%} alike"
     return f"{item.kind} · {_together(here or there)}"
 
 
@@ -81,13 +83,14 @@ def _together(names: Sequence[str], *, known: str = "") -> str:
 def kind_options(maps: TwoMaps) -> tuple[str, ...]:
     """Return the filters of the list: "all (9)", "merged (2)", ...; only kinds that occur."""
     found = [f"{kind} ({count})" for kind, count in maps.counts.items() if count]
-    return (f"{ALL} ({len(maps.items)})", *found)
+    differences = len(maps.differences)
+    return (f"{ALL} ({differences})", *found) if differences or not found else tuple(found)
 
 
 def of_kind(maps: TwoMaps, option: str) -> list[Item]:
     """Return the differences that pass a filter of ``kind_options``."""
     kind = option.partition(" (")[0]
-    return [item for item in maps.items if kind in (ALL, item.kind)]
+    return list(maps.differences) if kind == ALL else [item for item in maps.items if item.kind == kind]
 
 
 def headline_html(maps: TwoMaps) -> str:
@@ -95,10 +98,15 @@ def headline_html(maps: TwoMaps) -> str:
     empty = [escape(side.title) for side in (maps.left, maps.right) if not side.count]
     if len(empty) == 2:
         return note("<b>Neither map has an object:</b> there is nothing to compare.")
-    total = len(maps.items)
-    found = f"<b>{plural(total, 'difference')}</b>" if total else "<b>No differences</b>"
+    total, edges = len(maps.differences), maps.counts["edge"]
+    found = f"<b>{plural(total, 'difference')}</b>"
+    if not total:
+        some = "other outlines" if edges else "but for small ones"
+        found = f"<b>The same objects, {some}</b>" if maps.items else "<b>No differences</b>"
     compared = " of those that are large enough" if maps.left.ignored + maps.right.ignored else ""
     lines = [f"{found} · {plural(maps.same, 'object')}{compared} {'agrees' if maps.same == 1 else 'agree'}"]
+    if edges and maps.same_iou is not None:
+        lines.append(f"{edges} of them with another outline; {maps.same_iou:.0%} alike on average (IoU)")
     lines += [f"<b>{title} has no object.</b>" for title in empty]
     if maps.score is not None:
         pq = "none" if maps.score.pq is None else f"{maps.score.pq:.2f}"
@@ -285,9 +293,10 @@ class SideChooser:
 ABOUT = "compare this map with another: of another method, other parameters, or the truth"
 LISTED = 5
 """Differences on a page of the list."""
-SWIPE, SIDE_BY_SIDE = "Swipe", "Side by side"
+HOW: Mapping[str, Mode] = {"Swipe": "swipe", "Side by side": "side by side", "One above the other": "stacked"}
+SWIPE = "Swipe"
 HOW_HINT = "One map left of a line and the other right of it, or both complete."
-PAGES_HINT = f"{LISTED} at a time, the gravest first."
+PAGES_HINT = f"{LISTED} at a time, the gravest first, of each kind the worst outline first."
 DARK_BUTTON: Color = (74, 80, 92)
 """The button of a missed object on a dark page: its mark is too light for white letters."""
 EMPTY: tuple[str, ...] = ("all (0)",)
@@ -298,6 +307,72 @@ def compare_panel(maker: MapMaker) -> PanelSpec:
     return PanelSpec("Compare", viser.Icon.ARROWS_DIFF, lambda page: ComparePanel(page, maker), about=ABOUT)
 
 
+METHOD_HINT = "How the map is made of the frames; that of another method is built once, and then kept."
+
+
+def method_panel(maker: MapMaker) -> PanelSpec:
+    """Return the choice of the method, which stands on the tab of the map beside its sliders."""
+    return PanelSpec("Map", viser.Icon.MAP, lambda page: MethodPanel(page, maker))
+
+
+class MethodPanel(Panel):
+    """Shows this page the map of another method; what is published, and all other pages, stay as they are."""
+
+    def __init__(self, page: Page, maker: MapMaker) -> None:
+        """Fill the open container."""
+        self._page, self._maker, gui = page, maker, page.gui
+        self._own = page.simap
+        keys = (page.simap.method, *(one.key for one in maker.sources(page.simap) if one.key != TRUTH))
+        order = page.panels[MapPanel].order_of_method
+        self._which = by_person(
+            gui.add_dropdown("Method", keys, initial_value=keys[0], hint=METHOD_HINT, order=order), self._chose
+        )
+        self._which.visible = len(keys) > 1
+        self._status = gui.add_html("", order=order)
+        self._cancel = threading.Event()
+        self._worker = Worker(self._failed)  # of its own: building a map may take long
+
+    def base_changed(self, base: SIMap) -> None:
+        """Name the method of the map that is shown."""
+        self._cancel.set()
+        self._status.content = ""
+        if base.method in self._which.options:
+            self._which.value = base.method
+        if base.method == self._which.options[0]:
+            self._own = base
+
+    def close(self) -> None:
+        """Stop building."""
+        self._cancel.set()
+        self._worker.stop()
+
+    def _chose(self) -> None:
+        self._cancel.set()
+        key, cancel = str(self._which.value), threading.Event()
+        self._cancel = cancel
+        if key == self._own.method:
+            self._page.take_map(self._own)
+            return
+
+        def report(what: str, done: int, total: int) -> None:
+            if cancel.is_set():
+                raise Cancelled
+            self._status.content = note(f"{what.capitalize()}: {done} of {total}")
+
+        def make() -> None:
+            with contextlib.suppress(Cancelled):
+                made = self._maker.make(key, self._own, report)
+                if not cancel.is_set():
+                    self._page.take_map(made)
+
+        self._worker.submit("method", make)
+
+    def _failed(self, error: Exception) -> None:
+        self._which.value = self._page.base.method
+        self._status.content = note("Not built: see the message.", tone="bad")
+        self._page.report(error)
+
+
 class ComparePanel(Panel):
     """Two chosen maps, their picture in place of the page's map, and the list of their differences."""
 
@@ -306,7 +381,6 @@ class ComparePanel(Panel):
         self._page = page
         self.maps: TwoMaps | None = None
         """The comparison that is shown."""
-        self._side_by_side: Mode = "side by side"
         self._pictures: TwoPictures | None = None
         self._items: list[Item] = []
         self._chosen: Item | None = None
@@ -414,7 +488,7 @@ class ComparePanel(Panel):
 
     @property
     def _mode(self) -> Mode:
-        return self._side_by_side if self._how.value == SIDE_BY_SIDE else "swipe"
+        return HOW[str(self._how.value)]
 
     def _add_choice(self, gui: viser.GuiApi, maker: MapMaker) -> None:
         self._sides = tuple(SideChooser(name, maker, self._page, self._changed) for name in (LEFT, RIGHT))
@@ -424,7 +498,7 @@ class ComparePanel(Panel):
         self._stop = button(gui, "End comparison", self.stop, color="gray", visible=False)
 
     def _add_view(self, gui: viser.GuiApi) -> None:
-        self._how = gui.add_dropdown("Show as", (SWIPE, SIDE_BY_SIDE), initial_value=SWIPE, hint=HOW_HINT)
+        self._how = gui.add_dropdown("Show as", tuple(HOW), initial_value=SWIPE, hint=HOW_HINT)
         by_person(self._how, self._moved_mode)
         self._line = gui.add_slider(
             "Divide (%)", 0, 100, 1, 50, hint="How much of the map, from the west, shows the left one."
@@ -492,7 +566,6 @@ class ComparePanel(Panel):
 
     def _show(self, maps: TwoMaps, pictures: TwoPictures) -> None:
         begins = self.maps is None
-        self._side_by_side = pictures.both(self._page.aspect)
         self.maps, self._pictures, self._chosen, self._first = maps, pictures, None, 0
         self._progress.visible = False
         self._status.content = ""
@@ -560,8 +633,6 @@ class ComparePanel(Panel):
 
     def _moved_mode(self) -> None:
         self._line.visible = self.active and self._mode == "swipe"
-        if self._pictures is not None:
-            self._side_by_side = self._pictures.both(self._page.aspect)
         self._page.submit("compare picture", self._draw)
         if self._pictures is not None:
             self._look_at_all(self._pictures)

@@ -1,14 +1,18 @@
 """The panel about the map: its origin, how it is cut into instances, and what its colours mean."""
 
 import functools
+import threading
+from collections.abc import Collection, Sequence
 from dataclasses import replace
 from html import escape
 from typing import Any, cast
 
+import numpy as np
 import viser
 
+from simaps_viz.colors.classes import plural
 from simaps_viz.drawing.legend import counts_text, legend_html, title_of
-from simaps_viz.drawing.texture import ColorMode, color_modes
+from simaps_viz.drawing.texture import ColorMode, cell_colors, color_modes
 from simaps_viz.drawing.theme import BADGE_STYLE
 from simaps_viz.mapping.in_space import has_voxels
 from simaps_viz.mapping.methods import method_of
@@ -23,9 +27,17 @@ from simaps_viz.viewer.scene.map_scene import FULL_HEIGHT_M, Style
 
 EVERY_CLASS = "all classes"
 FINISH = "Show the finished map"
+BEFORE = "Before and after"
+BEFORE_HINT = "The map as it was before the slider was moved, and as it is; holding key B shows it before."
+MAX_MOVED, OUTLINED_S = 3, 4.0
+"""Classes whose new counts are named beside a moved slider, and for how long what changed is outlined."""
 MODE_HINT = "What a colour on the map means; the legend follows."
 CUT_HINT = "Leave out everything above, as if the roof and then the tables were lifted off."
 WALLS_HINT = "Show walls in full height; otherwise they end low, so that one can look in."
+SPECK_FRAMES, FRAMES_PER_GLANCE, FAINT = 3, 50, 0.25
+"""What a glance or two made is a speck, where there are many frames; it keeps this share of its colour."""
+SPECKS_HINT = "What has less is faint and not counted; commands and exports have it all the same."
+MapState = tuple[ColorMode, str | None, bool, tuple[int, float, int], Cut | None]
 LEGEND_STYLE = "border-block:1px solid rgba(128,128,128,.25);margin-bottom:.4em"
 """Inline style of the legend; the page's script sets its height to fit the page."""
 
@@ -62,6 +74,8 @@ class MapPanel(Panel):
             by_person(widget, self._cut_surface)
         # The sliders that cut it into instances.
         self._k = gui.add_slider(joining.title, 0.0, 100.0, 0.5, own.percent, hint=joining.hint)
+        self.order_of_method = (self._cut_m.order + self._k.order) / 2.0
+        """Where the choice of the method goes, above the sliders; see `MethodPanel`."""
         self._resolution = gui.add_slider(
             "Resolution",
             MIN_RESOLUTION,
@@ -72,14 +86,25 @@ class MapPanel(Panel):
         )
         for slider in (self._k, self._resolution):
             by_person(slider, self._cut)
+        self._change = gui.add_html("", visible=False)
+        self._peek = button(gui, BEFORE, self.peek, color="gray", visible=False, hint=BEFORE_HINT)
         self._reset = button(gui, "Reset", self.reset, icon=viser.Icon.ARROW_BACK_UP, color="gray")
+        self._was: tuple[SIMap, Cut] | None = None
+        """The map before the sliders were moved, and how it was cut."""
+        self._shown, self._shown_cut = simap, own
+        self._clearing: threading.Timer | None = None
         # What is painted.
         self._mode = gui.add_dropdown("Colours", color_modes(simap), initial_value=_first_mode(simap), hint=MODE_HINT)
         self._class = gui.add_dropdown(
             "Show", (EVERY_CLASS, *simap.counts()), initial_value=EVERY_CLASS, hint="Emphasise one class."
         )
         self._rooms = gui.add_checkbox("Rooms", False, hint="Outline the rooms, with their names.")
-        for widget in (self._mode, self._class, self._rooms):
+        with gui.add_folder("Specks", expand_by_default=False):
+            self._least_frames = gui.add_slider("Frames at least", 0, 20, 1, least_frames(simap), hint=SPECKS_HINT)
+            self._least_score = gui.add_slider("Score at least", 0.0, 1.0, 0.05, 0.0, hint=SPECKS_HINT)
+            self._least_cells = gui.add_slider("Cells at least", 0, 100, 1, 0, hint=SPECKS_HINT)
+        of_specks = self._least_frames, self._least_score, self._least_cells
+        for widget in (self._mode, self._class, self._rooms, *of_specks):
             widget.on_update(lambda _: page.repaint())
         self.base_changed(simap)
 
@@ -105,6 +130,7 @@ class MapPanel(Panel):
 
     def base_changed(self, base: SIMap) -> None:
         """Set the sliders to the cut of the page."""
+        self._was, self._shown_cut = None, self._page.cut
         joining = slider_of(base)
         self._origin.content = origin_html(base)
         self._k.label, self._k.hint = joining.title, joining.hint
@@ -124,9 +150,48 @@ class MapPanel(Panel):
             self._mode.value = now if now in self._mode.options else "instance"
 
     def map_changed(self, simap: SIMap) -> None:
-        """Offer the colours that the map has."""
+        """Offer the colours that the map has, and describe what a moved slider changed."""
+        before, cut = (self._shown, self._shown_cut), self._page.cut
+        self._shown, self._shown_cut = simap, cut
+        if cut != before[1] and simap is not before[0]:
+            self._was = before
+        self._describe_change()
         if color_modes(simap) != tuple(self._mode.options):
             self._mode.options = color_modes(simap)
+
+    def peek(self) -> None:
+        """Show the map as it was before the sliders were moved; called again, as it is after."""
+        if self._was is not None:
+            cut = self._was[1]
+            self.set_sliders(cut.percent, cut.resolution)
+            self._cut()
+
+    def _describe_change(self) -> None:
+        was, now = self._was, self._shown
+        self._change.visible = self._peek.visible = was is not None
+        if was is None:
+            self._outline(now, ())
+            return
+        ids = changed_instances(was[0], now)
+        at = f"{slider_of(now).word} {self._shown_cut.percent:g} %"
+        self._change.content = _line(f"{at}: {change_text(self._counted(was[0]), self._counted(now), len(ids))}")
+        self._outline(now, ids)
+
+    def _outline(self, simap: SIMap, ids: Sequence[int]) -> None:
+        """Outline what changed, for a moment."""
+        if self._clearing is not None:
+            self._clearing.cancel()
+            self._clearing = None
+        self._page.scene.show_changed(simap, ids)
+        if ids:
+            self._clearing = threading.Timer(OUTLINED_S, lambda: self._page.scene.show_changed(simap, ()))
+            self._clearing.daemon = True
+            self._clearing.start()
+
+    def close(self) -> None:
+        """End the outlines of what changed."""
+        if self._clearing is not None:
+            self._clearing.cancel()
 
     def _cut_surface(self) -> None:
         self._page.scene.cut_at(float(self._cut_m.value), whole_walls=bool(self._walls.value))
@@ -148,7 +213,22 @@ class MapPanel(Panel):
         if style.lit is None and (shown is not None or faded):
             lit = simap.of_class(shown) if shown is not None else simap.instances
             style = replace(style, lit=frozenset(one.id for one in lit if one.label == shown or one.label not in faded))
-        return replace(style, mode=self.mode)
+        style = replace(style, mode=self.mode)
+        faint = self.specks(simap) - (style.lit or frozenset())
+        if not faint or self.mode not in ("instance", "class"):
+            return style
+        colors = cell_colors(simap, self.mode, lit=style.lit, theme=style.theme).reshape(-1, 3)
+        cells = np.flatnonzero(np.isin(simap.instance, sorted(faint)))
+        floor = np.array(style.theme.floor)
+        return replace(style, paint=(cells, (colors[cells] * FAINT + floor * (1.0 - FAINT)).astype(np.uint8)))
+
+    def specks(self, simap: SIMap) -> frozenset[int]:
+        """Return the ids of the instances that were seen too little, by the thresholds that the person has set."""
+        return specks_of(simap, self._least_frames.value, self._least_score.value, self._least_cells.value)
+
+    def _counted(self, simap: SIMap) -> SIMap:
+        """Return a map without its specks, to count what it has."""
+        return without(simap, self.specks(simap))
 
     def told(self, event: dict[str, Any]) -> None:
         """Show a class of the legend alone, or all again; or fade it, or show it again."""
@@ -164,15 +244,17 @@ class MapPanel(Panel):
     def painted(self, simap: SIMap, snapshot: Snapshot) -> None:
         """Describe the painted map, with a badge unless it is the finished one."""
         self._busy = False
-        self._counts.content = counts_html(simap)
+        specks = frozenset() if snapshot.badge else self.specks(simap)
+        counted = without(simap, specks)
+        self._counts.content = counts_html(simap, specks)
         self._show_rooms(simap)
         for widget in (self._k, self._resolution, self._reset):
             widget.disabled = not simap.instances and not simap.graphs
-        legend = legend_html(simap, self.mode, self._page.theme, buttons=True)
+        legend = legend_html(counted, self.mode, self._page.theme, buttons=True)
         legend = f'<div class="simaps-legend" style="{LEGEND_STYLE}">{legend}</div>'
         if self._legend.content != legend:  # sent again, it would lose the focus of its buttons
             self._legend.content = legend
-        options = (EVERY_CLASS, *simap.counts())
+        options = (EVERY_CLASS, *counted.counts())
         if options != tuple(self._class.options):
             self._class.options = options  # viser keeps the chosen class if it is still there
         words = f'<span style="{BADGE_STYLE}">{escape(snapshot.badge)}</span>'
@@ -195,13 +277,16 @@ class MapPanel(Panel):
             self._busy = False
             self._counts.content = self._counts_before
 
-    def state(self) -> tuple[ColorMode, str | None, bool, Cut | None]:
-        """Return the colours, the class to emphasise, whether rooms are shown, and the cut if not the map's own."""
-        return self.mode, self.shown_class, bool(self._rooms.value), self._page.cut if self._page.cut_here else None
+    def state(self) -> MapState:
+        """Return the colours, the class to emphasise, whether rooms are shown, the specks, and the cut if set here."""
+        least = self._least_frames.value, self._least_score.value, self._least_cells.value
+        cut = self._page.cut if self._page.cut_here else None
+        return self.mode, self.shown_class, bool(self._rooms.value), least, cut
 
-    def restore(self, state: tuple[ColorMode, str | None, bool, Cut | None]) -> None:
-        """Restore the colours, the rooms and the cut."""
-        mode, shown_class, self._rooms.value, cut = state
+    def restore(self, state: MapState) -> None:
+        """Restore the colours, the rooms, the specks and the cut."""
+        mode, shown_class, self._rooms.value, least, cut = state
+        self._least_frames.value, self._least_score.value, self._least_cells.value = least
         self.set_look(mode, shown_class)
         if cut is not None:
             self.set_sliders(cut.percent, cut.resolution)
@@ -218,6 +303,52 @@ class MapPanel(Panel):
             self._busy, self._counts_before = True, str(self._counts.content)
             self._counts.content = _line("Cutting the map anew …")
         self._page.cut_map(self.percent, self.resolution)
+
+
+def least_frames(simap: SIMap) -> int:
+    """Return in how many frames an instance has to be seen at first, to be no speck."""
+    return min(SPECK_FRAMES, len(simap.frame_names) // FRAMES_PER_GLANCE)
+
+
+def specks_of(simap: SIMap, frames: int, score: float = 0.0, cells: int = 0) -> frozenset[int]:
+    """Return the ids of the instances of which there is less than any of these."""
+    few = (one for one in simap.instances if one.frames < frames or one.score < score or one.cells < cells)
+    return frozenset(one.id for one in few)
+
+
+def without(simap: SIMap, ids: Collection[int]) -> SIMap:
+    """Return a map without some instances, to count the others."""
+    return replace(simap, instances=tuple(one for one in simap.instances if one.id not in ids)) if ids else simap
+
+
+def counts_html(simap: SIMap, specks: Collection[int]) -> str:
+    """Set the number of objects of each class in a line; specks are counted apart."""
+    faint = f" · {plural(len(specks), 'speck')} faint" if specks else ""
+    return _line(counts_text(without(simap, specks)) + faint)
+
+
+def changed_instances(before: SIMap, after: SIMap) -> tuple[int, ...]:
+    """Return the ids of the instances of a map whose cells, together, are no instance of another map of that grid."""
+    some = (before.instance > 0) | (after.instance > 0)
+    then, now = before.instance[some].astype(np.int64), after.instance[some].astype(np.int64)
+    many = int(then.max(initial=0)) + 1
+    now, then = np.divmod(np.unique(now * many + then), many)  # the pairs that share a cell
+    alone = (np.bincount(now)[now] == 1) & (np.bincount(then)[then] == 1) & (then > 0)
+    return tuple(np.setdiff1d(now[now > 0], now[alone]).tolist())
+
+
+def change_text(before: SIMap, after: SIMap, changed: int) -> str:
+    """Describe how many objects of which classes there are instead: "54 chairs (31 before), 23 objects changed"."""
+    old, new = before.counts(), after.counts()
+    moved = sorted(
+        (name for name in {**old, **new} if old.get(name, 0) != new.get(name, 0)),
+        key=lambda name: (-abs(new.get(name, 0) - old.get(name, 0)), name),
+    )
+    parts = [f"{plural(new.get(name, 0), name)} ({old.get(name, 0)} before)" for name in moved[:MAX_MOVED]]
+    rest = [f"{plural(len(moved) - MAX_MOVED, 'more class')}"] if len(moved) > MAX_MOVED else []
+    if not changed and not parts:
+        return "nothing changed"
+    return ", ".join((*parts, *rest, f"{plural(changed, 'object')} changed"))
 
 
 def _first_mode(simap: SIMap) -> ColorMode:
@@ -238,11 +369,6 @@ def origin_html(simap: SIMap) -> str:
         f"<div>method <b>{escape(simap.method)}</b> · {len(simap.frame_names)} frames · "
         f"{simap.spec.cell_size_m * 100:g} cm cells</div><div>{badge}segmentation: {escape(source)}</div></div>"
     )
-
-
-def counts_html(simap: SIMap) -> str:
-    """Set the number of objects of each class in a line."""
-    return _line(counts_text(simap))
 
 
 def _line(text: str) -> str:

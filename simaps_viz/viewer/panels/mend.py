@@ -16,6 +16,7 @@ from simaps_viz.drawing.theme import BAD_STYLE, BOX_STYLE, DIM_STYLE, STICKY, TE
 from simaps_viz.errors import InputError, SIMapsError
 from simaps_viz.mapping.edit_log import Entry
 from simaps_viz.mapping.edits import EditRefused
+from simaps_viz.mapping.in_space import all_instances
 from simaps_viz.mapping.mending import Mending
 from simaps_viz.structures import Instance, SIMap
 from simaps_viz.viewer.page.page import Page
@@ -26,6 +27,7 @@ from simaps_viz.viewer.scene.annotations import draw_lines
 
 Point = tuple[float, float]
 """x and y in metres, map frame."""
+UNDER = "It lies under, on or in something else: only what the map shows from above can be changed by hand."
 ABOUT = "correct the map by hand: join, cut in two, rename, delete, undo"
 CUT = (214, 39, 40)
 FLOOR_M = 0.03
@@ -44,7 +46,7 @@ def draw_cut(scene: viser.SceneApi, points_m: Sequence[Point], reach_m: float = 
 
 
 def _by_id(simap: SIMap, instance_id: int | None) -> Instance | None:
-    return next((one for one in simap.instances if one.id == instance_id), None)
+    return next((one for one in all_instances(simap) if one.id == instance_id), None)
 
 
 def _offer_buttons(row: viser.GuiButtonGroupHandle, names: Sequence[str]) -> None:
@@ -79,6 +81,8 @@ def status_html(simap: SIMap, one: Instance | None, words: str, tone: str, *, kn
     """Describe the selected object and the outcome of the last edit; it stays in sight while the panel scrolls."""
     if not known:
         head = note_html("This is another map than the one that the edits belong to.")
+    elif one in simap.hidden:
+        head = note_html(escape(f"{object_name(simap, one)} is selected. {UNDER}"))
     elif one is None:
         head = note_html("Select an object on the map, or in the list under Instance, to mend it.")
     else:
@@ -146,7 +150,7 @@ Waiting = Literal["join", "cut"] | None
 def mend_panel(mending: Mending, who: str) -> PanelSpec:
     """Return the spec of the panel; ``who`` is the default signature of edits."""
     make = lambda page: MendPanel(page, mending, who)  # noqa: E731
-    return PanelSpec("Mend", viser.Icon.TOOL, make, "instance", ABOUT, right="edit")
+    return PanelSpec("Mend", viser.Icon.TOOL, make, about=ABOUT, right="edit")
 
 
 class MendPanel(Panel):
@@ -191,6 +195,8 @@ class MendPanel(Panel):
                 self._say("")  # the message was about the other object
         self._shown = None if one is None else one.id
         known = self._mending.covers(simap)
+        if one in simap.hidden:
+            one = None  # nothing that could be changed
         self._show_status()
         for widget in (self._class, self._new, self._other, self._how):
             widget.disabled = one is None or not known
@@ -345,6 +351,9 @@ class MendPanel(Panel):
             self.selection_changed(selected)
             name = object_name(self._page.simap, self._page.simap.by_id(selected))
             self._say(f"{name} is selected now. Do it again to change this one.", "bad")
+            return None
+        elif self._page.simap.by_id(selected) in self._page.simap.hidden:
+            self._say(UNDER, "bad")
             return None
         return selected
 

@@ -85,7 +85,7 @@ class SharePanel(Panel):
         command, services = str(self._command.value).strip(), self._page.services
         if not command or services.ask is None:
             return None
-        return drive_of(simap, command, self._page.pose, ask=services.ask)
+        return drive_of(simap, command, self._page.pose, ask=functools.partial(services.ask, robot=self._page.robot))
 
     def _done(self) -> None:
         self._progress.visible = False

@@ -1,5 +1,7 @@
 """The section "Why is this one object?", which also explains what keeps an object apart from others."""
 
+import re
+from collections.abc import Sequence
 from dataclasses import replace
 from html import escape
 
@@ -71,19 +73,35 @@ def sureness_legend(why: Why) -> str:
     return f'<div style="{SMALL_STYLE}">{gradient_html(meaning, RAMP, ends)}{rest}</div>'
 
 
-def lines_legend(why: Why) -> str:
-    """Explain the lines on the map and the unit of their numbers."""
-    parts = []
-    if why.weakest is not None:
-        score = score_text(why.method, why.weakest.score)
-        parts.append(
-            f"<div>{_stroke(CUT)}weakest joint: {score}, needed: above {needed_text(why.method, why.threshold)}</div>"
-        )
-    if drawn_links(why):
-        slider = method_of(why.method).slider
-        number = slider.number if slider is not None else "their distance"
-        parts.append(f"<div>{_stroke(LINK)}neighbours, with {number}</div>")
-    return f'<div style="{SMALL_STYLE}">{"".join(parts)}</div>' if parts else ""
+def lines_legend(simap: SIMap, why: Why) -> str:
+    """Explain the lines on the map: how strong the weakest joint and the neighbours' links are, and what is needed."""
+    bars = [] if why.weakest is None else [("weakest joint", why.weakest.score, CUT)]
+    drawn = drawn_links(why)
+    if method_of(why.method).slider is None:
+        return f'<div style="{SMALL_STYLE}">{_stroke(LINK)}neighbours, with their distance</div>' if drawn else ""
+    bars += [(short_name(simap, link.other), link.score, LINK) for link in drawn]
+    return bars_html(why, bars)
+
+
+def bars_html(why: Why, bars: Sequence[tuple[str, float, Color]]) -> str:
+    """Draw scores (name, score, colour) as bars, with a mark at the threshold above which parts are one object."""
+    if not bars:
+        return ""
+    most = max(1.0 if why.threshold > 0.25 else 0.0, 2.0 * why.threshold, *(score for _, score, _ in bars), 1e-9)
+    at = 100.0 * why.threshold / most
+    rows = "".join(
+        f'<div style="overflow:hidden;text-overflow:ellipsis;white-space:nowrap">{escape(name)}</div>'
+        '<div style="position:relative;height:.75em;align-self:center;background:rgba(128,128,128,.2)">'
+        f'<div style="height:100%;width:{100.0 * min(score / most, 1.0):.1f}%;background:rgb{color}"></div>'
+        f'<div style="position:absolute;inset:-.2em auto -.2em {at:.1f}%;border-left:2px solid currentColor"></div>'
+        f"</div><div>{score_text(why.method, score)}</div>"
+        for name, score, color in bars
+    )
+    needed = f"one object above {needed_text(why.method, why.threshold)} (the upright mark):"
+    return (
+        f'<div style="{SMALL_STYLE}">{escape(needed[0].upper() + needed[1:])}<div style="display:grid;'
+        f'grid-template-columns:minmax(0,8.5em) 1fr max-content;gap:.1em .6em">{rows}</div></div>'
+    )
 
 
 def joint_html(why: Why, joint: Joint, position: int, recorded: bool | None) -> str:
@@ -97,10 +115,11 @@ def joint_html(why: Why, joint: Joint, position: int, recorded: bool | None) -> 
 
 
 def joint_name(why: Why, position: int) -> str:
-    """Name a step on a button: "12 · 0.83 · 30 + 14"; ``position`` counts from 1."""
+    """Name a step on a button: "Step 12: 30 and 14 cells, 0.83"; ``position`` counts from 1."""
     joint = why.joints[position - 1]
-    weakest = " ◂ weakest" if joint is why.weakest else ""
-    return f"{position} · {score_text(why.method, joint.score)} · {joint.target_cells} + {joint.source_cells}{weakest}"
+    weakest = ", weakest" if joint is why.weakest else ""
+    parts = f"{joint.target_cells} and {plural(joint.source_cells, 'cell')}"
+    return f"Step {position}: {parts}, {score_text(why.method, joint.score)}{weakest}"
 
 
 def _stroke(color: Color) -> str:
@@ -114,7 +133,8 @@ ROWS = 6
 """Rows of the table of merge steps."""
 MAX_NEIGHBOURS = 8
 APART_HINT = "What keeps this object apart from another: a neighbour, with the number on its line, or one you click."
-ROWS_HINT = "Each row: step · score · cells of the two parts."
+ROWS_HINT = "Each step: the two parts that became one, and the score that joined them."
+_ROW = re.compile(r"Step (\d{1,8}):")
 ASK = "Click another object …"
 STOP_ASKING = "Cancel"
 
@@ -230,7 +250,7 @@ class WhyPanel(Panel):
         self._step_text = gui.add_html("")
 
     def _fill(self, simap: SIMap, why: Why) -> None:
-        self._lines_legend.content = lines_legend(why)
+        self._lines_legend.content = lines_legend(simap, why)
         self._color_legend.content = sureness_legend(why)
         self._color_legend.visible = bool(self._color.value)
         names = {
@@ -253,9 +273,9 @@ class WhyPanel(Panel):
 
     def _choose_row(self, row: str) -> None:
         """Choose the step named at the beginning of a row; a browser may send rows that do not exist."""
-        number = row.partition(" ")[0]
-        if number.isdecimal() and len(number) < 9:
-            self._choose_step(int(number))
+        found = _ROW.match(row)
+        if found is not None:
+            self._choose_step(int(found[1]))
 
     def _choose_step(self, position: int) -> None:
         self._page.worker.submit("why step", lambda: self._show_step(position))

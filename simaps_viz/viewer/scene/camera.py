@@ -76,8 +76,8 @@ def slanted_view(extent: Extent, aspect: float) -> View:
 
 TOP, SLANT = "Top view", "3-D view"
 """The two views of a map, as the page names them."""
-FIRST_ASPECT = 0.75
-"""Width over height of the canvas assumed until a page has reported its own."""
+FIRST_ASPECT = 1.1
+"""Width over height of the canvas, assumed until a page has reported its own: that of a page of 1280 x 800 px."""
 UP = (0.0, 0.0, 1.0)
 INSIST_S = 3.0
 """For how long after a camera was put somewhere it is put there again when its page is still where it was before: a

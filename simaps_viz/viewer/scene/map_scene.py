@@ -27,13 +27,14 @@ from simaps_viz.viewer.scene.why_marks import paint_cells
 ROBOT = (10, 84, 200)
 PATH = (22, 110, 235)
 ROOM = (120, 70, 190)
+CHANGED = (230, 20, 150)
 OUTLINE_PX = 3.0
 ROBOT_RADIUS_M, ROBOT_HEIGHT_M = RobotShape().radius_m, 0.35
 PICTURE_M = 0.004
 """Height over the map of a picture that is shown instead of it."""
 PARENTS = ("/candidates", "/why")
 """Nodes whose children come and go; hiding one hides its children."""
-LINES = ("/path", "/selection", "/cut", "/rooms")
+LINES = ("/path", "/selection", "/changed", "/cut", "/rooms")
 CAMERA = (220, 60, 40)
 CAMERA_FOV_RAD, CAMERA_ASPECT, CAMERA_SIZE_M = 0.9, 4 / 3, 0.45
 """The mark of a camera shows where a frame was taken from, not how much was on it."""
@@ -197,15 +198,23 @@ class MapScene:
         hit = ray_on_points(cloud.points.positions[shown], origin, direction)
         return None if hit is None else cloud.points.positions[shown[hit]]
 
-    def outline(self, simap: SIMap, instance_id: int | None) -> None:
-        """Draw a line around an instance, in the 3-D view its box, or none."""
+    def outline(self, simap: SIMap, instance_id: int | None, then: tuple[SIMap, frozenset[int]] | None = None) -> None:
+        """Draw a line around an instance, in the 3-D view its box, or none; else around what it was ``then``."""
         segments, box, name = np.zeros((0, 2, 3)), None, ""
-        if instance_id is not None:
-            segments = outline_segments(simap, instance_id, 0.012)
+        if then is not None:
+            segments = outline_segments(then[0], *then[1], z_m=0.012)
+        elif instance_id is not None:
+            segments = outline_segments(simap, instance_id, z_m=0.012)
             box, name = box_in(simap, instance_id), short_name(simap, simap.by_id(instance_id))
         with self._lock:
             self._outlined, self._boxed = segments, None if box is None else (box, name)
             self._draw_outline(self._candidates.metres_per_px)
+
+    def show_changed(self, simap: SIMap, ids: Sequence[int]) -> None:
+        """Outline instances in another colour than the selected one's, instead of those shown before."""
+        with self._lock:
+            lines = outline_segments(simap, *ids, z_m=0.016)
+            draw_lines(self._scene, "/changed", lines, CHANGED, OUTLINE_PX, visible=self._pictured is None)
 
     def show_rooms(self, rooms: Sequence[Room]) -> None:
         """Outline rooms and write their names, instead of those shown before."""

@@ -75,7 +75,7 @@ def cell_outline(simap: SIMap, cells: NDArray, z_m: float = FLOOR_M) -> NDArray:
     """Return the cell edges around some cells (flat), float32 [n, 2, 3], map frame, metres."""
     mask = np.zeros(simap.spec.shape, np.int32)
     mask.reshape(-1)[cells] = 1
-    return outline_segments(replace(simap, instance=mask), 1, z_m)
+    return outline_segments(replace(simap, instance=mask), 1, z_m=z_m)
 
 
 def joint_line(simap: SIMap, why: Why, joint: Joint, z_m: float = FLOOR_M) -> NDArray:
@@ -197,7 +197,7 @@ def _lines_of(marks: Marks, links: Sequence[Link], z_m: float) -> dict[str, NDAr
         lines["source"] = cell_outline(simap, why.cells_of(joint.source), z_m)
         lines["target"] = cell_outline(simap, why.cells_of(joint.target), z_m)
     elif marks.beside is not None:
-        lines["other"] = outline_segments(simap, marks.beside, z_m)
+        lines["other"] = outline_segments(simap, marks.beside, z_m=z_m)
     if links:
         lines["links"] = link_lines(links, z_m)
     return lines

@@ -44,9 +44,23 @@
       setTimeout(() => { const close = one.querySelector('button'); if (close) close.click(); }, 6000);
     }
   };
+  let turned = '';
+  const turnTo = () => {  // the tab that the page was told to open
+    const told = document.querySelector('[data-simaps-tab]');
+    const titled = (title) => tabs().find((one) => titleOf(one) === title);
+    const tab = told && told.dataset.turn !== turned && titled(told.dataset.simapsTab);
+    if (!tab) return;
+    turned = told.dataset.turn;
+    const from = told.dataset.from && titled(told.dataset.from);
+    if (!isOpen(tab) && (!from || isOpen(from))) press(tab);
+  };
+  const sheet = () => {  // on a phone the map ends where the panels begin
+    const panels = document.querySelector('[style*="max-height: 60%"]');
+    document.documentElement.style.setProperty('--simaps-sheet', `${panels ? panels.offsetHeight : 0}px`);
+  };
   let waiting = 0;
   const soon = () => {
-    if (!waiting) waiting = setTimeout(() => { waiting = 0; nameControls(); reopen(); hush(); }, 100);
+    if (!waiting) waiting = setTimeout(() => { waiting = 0; nameControls(); reopen(); turnTo(); hush(); sheet(); }, 100);
   };
   new MutationObserver(soon).observe(document.body, { childList: true, subtree: true, characterData: true });
   nameControls();
@@ -102,6 +116,18 @@
     if (event.key === 'f') { event.preventDefault(); toBox('Find', 'Instance', 3); }
     if (event.key === '?') { event.preventDefault(); const help = withText('Help'); if (help) help.click(); }
   });
+  // Key B, as long as it is held, shows the map before the slider was moved.
+  let peeking = false;
+  const peek = (event) => {
+    const down = event.type === 'keydown';
+    if (event.key !== 'b' || event.repeat || down === peeking || event.ctrlKey || event.metaKey || event.altKey) return;
+    if (down && event.target.closest && event.target.closest('input, textarea, [contenteditable]')) return;
+    const both = withText('Before and after');
+    if (!both) return;
+    peeking = down;
+    both.click();
+  };
+  for (const kind of ['keydown', 'keyup']) document.addEventListener(kind, peek);
   // viser's keys miss Escape on a button whose hint is open, which keeps it, and on a box to tick; the page gets it then.
   const WRITING = 'textarea, select, input:not([type=checkbox]), [contenteditable], [role=dialog]';
   let taken = null;

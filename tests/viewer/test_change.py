@@ -1,0 +1,127 @@
+"""What a moved slider changed: in words beside it, outlined for a moment, and undone and redone by one button."""
+
+from contextlib import contextmanager
+from dataclasses import replace
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+from browser import free_port, toy_services
+from fake_page import fake_page
+from toy_maps import TOY_POSE, toy_map
+
+from simaps_viz.drawing.texture import cell_colors, outline_segments
+from simaps_viz.drawing.theme import LIGHT
+from simaps_viz.errors import InputError
+from simaps_viz.evaluation.other_maps import TRUTH, Source
+from simaps_viz.mapping.simap import repartition
+from simaps_viz.viewer.panels.compare import MethodPanel, method_panel
+from simaps_viz.viewer.panels.map import FAINT, MapPanel, change_text, changed_instances
+from simaps_viz.viewer.workbench import Workbench
+
+
+@contextmanager
+def opened(**services):
+    """A page of a workbench on the toy map."""
+    made = toy_services(**services)
+    with Workbench(toy_map(), services=made, port=free_port(), start=TOY_POSE) as bench, fake_page(bench) as page:
+        yield bench, page
+
+
+def plainly_changed(before, after):
+    """The instances of a map of which the other has none with the same cells: sets of cells, compared one by one."""
+    cells = {one.id: frozenset(map(tuple, np.argwhere(before.instance == one.id))) for one in before.instances}
+    return tuple(
+        one.id
+        for one in sorted(after.instances, key=lambda one: one.id)
+        if frozenset(map(tuple, np.argwhere(after.instance == one.id))) not in cells.values()
+    )
+
+
+@pytest.mark.parametrize("k", [0.0, 3.0, 5.0, 12.0, 30.0, 60.0, 100.0])
+def test_what_changed_is_what_has_other_cells(k):
+    whole, cut = toy_map(), repartition(toy_map(), k_percent=k)
+    assert changed_instances(whole, cut) == plainly_changed(whole, cut)
+    assert changed_instances(cut, whole) == plainly_changed(cut, whole)
+    assert changed_instances(whole, whole) == ()
+
+
+def test_the_words_name_the_classes_that_have_other_counts():
+    whole, cut = toy_map(), repartition(toy_map(), k_percent=30.0)
+    assert change_text(whole, cut, 4) == "4 chairs (3 before), 3 dining tables (2 before), 4 objects changed"
+    assert change_text(whole, whole, 0) == "nothing changed"
+
+
+def test_a_moved_slider_says_what_it_changed_and_one_button_shows_before(monkeypatch):
+    with opened() as (_, page):
+        session, panel = page.session, page.session.panels[MapPanel]
+        whole, drawn = session.simap, []
+        monkeypatch.setattr(session.scene, "show_changed", lambda simap, ids: drawn.append((simap, tuple(ids))))
+        assert not panel._change.visible and not panel._peek.visible
+        session.cut_map(30.0, 1.0)
+        assert session.wait_idle() and panel._change.visible
+        cut = session.simap
+        assert "K 30 %: 4 chairs (3 before), 3 dining tables (2 before), 4 objects changed" in panel._change.content
+        assert drawn[-1] == (cut, changed_instances(whole, cut))
+        panel.peek()
+        assert session.wait_idle() and np.array_equal(session.simap.instance, whole.instance) and panel.percent == 5.0
+        assert "K 5 %: 3 chairs (4 before)" in panel._change.content
+        panel.peek()
+        assert session.wait_idle() and np.array_equal(session.simap.instance, cut.instance) and panel.percent == 30.0
+        session.take_map(toy_map())  # another map: nothing was changed by hand
+        assert session.wait_idle() and not panel._change.visible and drawn[-1][1] == ()
+
+
+def test_neighbours_are_outlined_each_for_itself():
+    simap = repartition(toy_map(), k_percent=30.0)
+    ids = changed_instances(toy_map(), simap)
+    alone = {tuple(map(tuple, np.round(line, 4))) for one in ids for line in outline_segments(simap, one)}
+    assert {tuple(map(tuple, np.round(line, 4))) for line in outline_segments(simap, *ids)} == alone
+
+
+def test_another_method_is_shown_on_this_page_alone_and_goes_again():
+    made = replace(toy_map(), method="components")
+
+    def make(key, simap, tell):
+        if key == "evidence":
+            raise InputError("no masks")
+        tell("mapping", 1, 2)
+        return made
+
+    sources = tuple(Source(key, key) for key in (TRUTH, "components", "evidence"))
+    maker: Any = SimpleNamespace(sources=lambda simap: sources, make=make)
+    with opened(panels=(method_panel(maker),)) as (bench, page), fake_page(bench) as other:
+        session, panel = page.session, page.session.panels[MethodPanel]
+        assert panel._which.options == ("paper", "components", "evidence")
+        for key, method in (("components", "components"), ("paper", "paper"), ("evidence", "paper")):
+            panel._which.value = key
+            panel._chose()
+            assert panel._worker.wait_idle() and session.wait_idle()
+            assert session.simap.method == panel._which.value == method and other.session.simap.method == "paper"
+        assert "Not built" in panel._status.content
+
+
+def test_specks_are_faint_and_not_counted_by_thresholds_that_a_person_moves(monkeypatch):
+    with opened() as (_, page):
+        session, panel, drawn = page.session, page.session.panels[MapPanel], []
+        monkeypatch.setattr(session.scene, "show_map", lambda simap, picture, style: drawn.append(style))
+        cells = sorted({one.cells for one in session.simap.instances})
+        few = {one.id for one in session.simap.instances if one.cells < cells[2]}
+        assert panel.specks(session.simap) == frozenset() and "7 instances" in panel._counts.content
+        panel._least_cells.value = cells[2]
+        session.repaint()
+        assert session.wait_idle() and panel.specks(session.simap) == few
+        assert f"{7 - len(few)} instances · {len(few)} speck" in panel._counts.content
+        painted, colors = drawn[-1].paint
+        assert np.array_equal(painted, np.flatnonzero(np.isin(session.simap.instance, list(few))))
+        own = cell_colors(session.simap, "instance").reshape(-1, 3)[painted].astype(float)
+        floor = np.array(LIGHT.floor)
+        assert np.allclose(colors - floor, FAINT * (own - floor), atol=1.0)  # a quarter of the way from the floor
+        session.select(min(few))  # what is selected is seen
+        assert session.wait_idle() and not np.isin(drawn[-1].paint[0], np.flatnonzero(
+            session.simap.instance == min(few))).any()  # fmt: skip
+        state = panel.state()
+        panel._least_cells.value = 0
+        panel.restore(state)
+        assert panel.specks(session.simap) == few
