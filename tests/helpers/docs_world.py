@@ -55,7 +55,7 @@ def write_tum(sequence: PosedFrames, folder: Path) -> None:
 
 
 def write_seven_scenes(sequence: PosedFrames, folder: Path) -> None:
-    """Write a sequence as a folder of 7-Scenes, with the camera beside it, as its pictures are smaller than a Kinect's."""
+    """Write a sequence as a folder of 7-Scenes, with its camera beside it: its pictures are smaller than a Kinect's."""
     for frame in map(sequence.read, range(len(sequence))):
         stem = folder / f"frame-{frame.index:06d}"
         depth = np.round(frame.depth_m * 1000)

@@ -3,6 +3,7 @@
 import re
 from pathlib import Path
 
+import measure_masks
 import numpy as np
 import pytest
 from benchmarks import growth, mapping, objects, points, report
@@ -17,7 +18,7 @@ from simaps_viz.build.pipeline import BuildConfig, build_map
 from simaps_viz.datasets.open import open_sequence
 from simaps_viz.datasets.sequence import PosedFrames
 from simaps_viz.mapping.accumulator import ProjectionSettings
-from simaps_viz.structures import Pose2, SIMap
+from simaps_viz.structures import Pose2, Segment, Segmentation, SIMap
 
 RATIO = re.compile(r"^ +([\d,.]+) x ")
 
@@ -223,3 +224,27 @@ def test_the_whole_bench_has_its_seven_sections(tiny, tmp_path, monkeypatch):
 def test_commands_name_what_there_is_most_of(maps):
     commands = report.commands_for(maps["evidence"])
     assert len(commands) == len(report.COMMANDS) and commands[0] == "go to the chair"
+
+
+def test_errors_of_masks_are_counted_one_by_one():
+    """Five chairs and a lamp: found, misnamed, split in halves too small to count, two merged, missed."""
+    exact, found = np.zeros((40, 200), np.int32), np.zeros((40, 200), np.int32)
+    for number, left in enumerate((0, 40, 80, 120, 131, 170), 1):
+        exact[10:20, left : left + 10] = number
+    found[10:20, 1:11] = 1  # one pixel to the right
+    found[10:20, 40:50] = 2
+    found[10:20, 80:85], found[10:20, 85:90] = 3, 4
+    found[10:20, 120:141] = 5
+    found[30:38, 100:110] = 6
+    labels = {1: "chair", 2: "couch", 3: "chair", 4: "chair", 5: "chair", 6: "chair"}
+    truth = Segmentation(exact, tuple(Segment(i, "lamp" if i == 6 else "chair") for i in range(1, 7)))
+    errors = measure_masks.MaskErrors(frozenset({"chair", "couch", "lamp"}))
+    for distance_m in (1.0, 4.0):
+        depth_m = np.full(exact.shape, distance_m, np.float32)
+        errors.add(truth, Segmentation(found, tuple(Segment(i, label) for i, label in labels.items())), depth_m)
+    assert errors.by_class == {"chair": [10, 0], "lamp": [2, 2]}
+    assert errors.by_band == {0: [6, 1], 2: [6, 1]} and errors.by_size == {0: [12, 2]}
+    assert errors.after == {"found": [5, 0], "missed": [1, 1]}
+    assert (errors.renamed, errors.split, errors.merged, errors.invented) == ([10, 2], [10, 2], [2, 2], [8, 2])
+    assert len(errors.border_px) == 2 and 0.0 < errors.border_px[0] < 1.0
+    assert "renamed: 0.200 of 10" in list(errors.lines())

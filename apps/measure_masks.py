@@ -1,0 +1,165 @@
+"""Print how a network's masks err where the truth is known: missed, misnamed, split, merged, borders, invented.
+
+Missed things are counted by class, by distance, by size in the picture, and by whether they were missed in the frame
+before: a network that misses a thing misses it again, which simulated errors drawn anew for every frame do not.
+"""
+
+import sys
+from collections import Counter
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import cv2
+import numpy as np
+import tyro
+from numpy.typing import NDArray
+
+from simaps_viz import open_sequence
+from simaps_viz.evaluation.truth import find_truth
+from simaps_viz.structures import Segmentation
+
+SMALLEST_PX = 60
+"""Things and segments of fewer pixels are not counted."""
+PART = 0.25
+"""A segment that covers this share of a thing shows it."""
+BAND_M = 1.5
+GAP = 0.03
+"""Two things can be merged when the boxes round them are at most this share of the picture's width apart."""
+
+
+@dataclass
+class MaskErrors:
+    """Errors of all frames so far; each counter holds [cases, errors]."""
+
+    known: frozenset[str]
+    """Classes that the network could name: others are not its errors."""
+    by_class: dict[str, list[int]] = field(default_factory=dict)
+    by_band: dict[int, list[int]] = field(default_factory=dict)
+    by_size: dict[int, list[int]] = field(default_factory=dict)
+    after: dict[str, list[int]] = field(default_factory=dict)
+    """Missed after a frame in which it was "found" or "missed"."""
+    renamed: list[int] = field(default_factory=lambda: [0, 0])
+    split: list[int] = field(default_factory=lambda: [0, 0])
+    merged: list[int] = field(default_factory=lambda: [0, 0])
+    """Of pairs of neighbours of one class that were both found."""
+    invented: list[int] = field(default_factory=lambda: [0, 0])
+    """Of all segments of known classes, those that lie on no known thing."""
+    border_px: list[float] = field(default_factory=list)
+    """Of each segment that fits a thing (IoU above 0.5): mean distance of its border from the thing's."""
+    _before: dict[int, bool] = field(default_factory=dict)
+
+    def add(self, exact: Segmentation, found: Segmentation, depth_m: NDArray) -> None:
+        """Compare the masks of a frame with the exact ones; frames come in order."""
+        names = {s.id: s.label for s in found.segments}
+        segments = max(names, default=0) + 1
+        cells = exact.ids.astype(np.int64) * segments + found.ids
+        true_px = Counter(dict(zip(*(a.tolist() for a in np.unique(exact.ids, return_counts=True)), strict=True)))
+        found_px = Counter(dict(zip(*(a.tolist() for a in np.unique(found.ids, return_counts=True)), strict=True)))
+        both = {divmod(int(c), segments): int(n) for c, n in zip(*np.unique(cells, return_counts=True), strict=True)}
+        things = {
+            s.id: s.label for s in exact.segments
+            if s.is_thing and s.label in self.known and true_px[s.id] >= SMALLEST_PX
+        }  # fmt: skip
+        shows = {i: [k for k in names if both.get((i, k), 0) > PART * true_px[i]] for i in things}
+        for i, label in things.items():
+            missed = not shows[i]
+            near_m = float(np.median(depth_m[exact.ids == i]))
+            count(self.by_class, label, missed)
+            count(self.by_band, int(near_m // BAND_M), missed)
+            count(self.by_size, int(np.log2(true_px[i] / SMALLEST_PX)), missed)
+            if i in self._before:
+                count(self.after, "found" if self._before[i] else "missed", missed)
+            if missed:
+                continue
+            best = max(shows[i], key=lambda k: both[i, k])
+            note(self.renamed, names[best] != label)
+            own = [k for k in shows[i] if names[k] == label and both[i, k] > found_px[k] / 2]
+            note(self.split, len(own) > 1)
+            shared = both[i, best]
+            if names[best] == label and 2 * shared > true_px[i] + found_px[best] - shared:
+                self.border_px.append(border_distance(exact.ids == i, found.ids == best))
+        for one, other in neighbours(exact.ids, things):
+            if shows[one] and shows[other]:
+                note(self.merged, bool(set(shows[one]) & set(shows[other])))
+        for k, label in names.items():
+            if label in self.known and found_px[k] >= SMALLEST_PX:
+                note(self.invented, not any(both.get((i, k), 0) > PART * found_px[k] for i in things))
+        self._before = {i: bool(shows[i]) for i in things}
+
+    def lines(self) -> Iterator[str]:
+        """Return what a person reads."""
+        for words, table in (
+            ("missed by class", self.by_class),
+            (f"missed by distance, bands of {BAND_M} m", self.by_band),
+            (f"missed by size, doubling from {SMALLEST_PX} pixels", self.by_size),
+            ("missed after a frame in which it was", self.after),
+        ):
+            rates = (f"{key}: {rate(table[key])} of {table[key][0]}" for key in sorted(table))  # pyright: ignore[reportArgumentType]
+            yield f"{words}: {', '.join(rates)}"
+        for words in ("renamed", "split", "merged", "invented"):
+            counts = getattr(self, words)
+            yield f"{words}: {rate(counts)} of {counts[0]}"
+        if self.border_px:
+            low, middle, high = np.percentile(self.border_px, (25, 50, 75))
+            yield f"borders, pixels off: median {middle:.1f}, quartiles {low:.1f} and {high:.1f}"
+
+
+def count(table: dict, key: str | int, error: bool) -> None:
+    """Note a case under its key."""
+    note(table.setdefault(key, [0, 0]), error)
+
+
+def note(counts: list[int], error: bool) -> None:
+    """Note a case."""
+    counts[0] += 1
+    counts[1] += error
+
+
+def rate(counts: list[int]) -> str:
+    """Return the share of errors in words."""
+    return f"{counts[1] / counts[0]:.3f}" if counts[0] else "none"
+
+
+def neighbours(ids: NDArray, things: Mapping[int, str]) -> Iterator[tuple[int, int]]:
+    """Return the pairs of things of one class whose boxes are close to each other."""
+    boxes = {i: cv2.boundingRect((ids == i).astype(np.uint8)) for i in things}
+    for one in things:
+        for other in things:
+            if one < other and things[one] == things[other]:
+                (xa, ya, wa, ha), (xb, yb, wb, hb) = boxes[one], boxes[other]
+                gap = max(xb - (xa + wa), xa - (xb + wb), yb - (ya + ha), ya - (yb + hb), 0)
+                if gap <= GAP * ids.shape[1]:
+                    yield one, other
+
+
+def border_distance(true: NDArray, found: NDArray) -> float:
+    """Return the mean distance of a mask's border from that of the true one, pixels."""
+    edges = [cv2.morphologyEx(m.astype(np.uint8), cv2.MORPH_GRADIENT, np.ones((3, 3), np.uint8)) for m in (true, found)]
+    away = cv2.distanceTransform(1 - edges[0], cv2.DIST_L2, cv2.DIST_MASK_PRECISE)
+    return float(away[edges[1] > 0].mean())
+
+
+@dataclass(frozen=True)
+class MeasureMasks:
+    """Which masks; the exact ids lie beside them."""
+
+    sequence: tyro.conf.Positional[Path]
+    """Manifest of a sequence with a network's masks."""
+    labels: Path | None = None
+    """The network's class names, one a line. By default those that its masks name."""
+
+
+def main(config: MeasureMasks) -> None:
+    """Compare all frames, and print the rates."""
+    sequence = open_sequence(config.sequence)
+    exact = find_truth(sequence)
+    named = sequence.labels if config.labels is None else config.labels.read_text(encoding="utf-8").splitlines()
+    errors = MaskErrors(frozenset(named) & frozenset(exact.labels[1:]))
+    for index in range(len(sequence)):
+        errors.add(exact.segmentation(index), sequence.segmentation(index), exact.read(index).depth_m)
+    sys.stdout.writelines(line + "\n" for line in errors.lines())
+
+
+if __name__ == "__main__":
+    main(tyro.cli(MeasureMasks))
