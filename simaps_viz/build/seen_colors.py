@@ -6,13 +6,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
-from scipy.spatial import KDTree
 
 from simaps_viz.appearance import Appearance
 from simaps_viz.datasets.source import FrameSource, Unreadable, read_each
 from simaps_viz.mapping.accumulator import ProjectionSettings
 from simaps_viz.mapping.projection import ON_A_STEP, STEPS_PER_M, project_pixels
-from simaps_viz.mapping.surface import Surface, coded_colors, surface_points
+from simaps_viz.mapping.space import first_of_cells
+from simaps_viz.mapping.surface import UNSEEN, Surface, coded_colors, owned_runs
 from simaps_viz.structures import Frame, Segmentation, SIMap
 
 FRAMES_SHARE = 0.07
@@ -38,10 +38,13 @@ def with_colors(simap: SIMap, sequence: FrameSource) -> SIMap:
     coloring = SurfaceColors(simap) if simap.surface is not None else None
     indices = [at[simap.frame_names[frame]] for frame in chosen]
     for frame, read in zip(chosen, read_each(sequence, indices, color=True), strict=True):
-        if not isinstance(read, Unreadable):
-            looking.look(*read, simap.T_map_camera[frame])
-            if coloring is not None:
-                coloring.look(read[0], simap.T_map_camera[frame])
+        if isinstance(read, Unreadable) or read[0].color is None:
+            continue
+        cells, heights = project_every_second(read[0], simap, simap.T_map_camera[frame])
+        color = np.ascontiguousarray(read[0].color[::_EVERY, ::_EVERY])
+        looking.look(cells, color, read[1])
+        if coloring is not None:
+            coloring.look(cells, heights, color)
     if coloring is not None and coloring.total.any():
         simap = replace(simap, surface=coloring.surface())
     if not looking.pixels:
@@ -129,28 +132,30 @@ class SurfaceColors:
         size = found.high.astype(np.int64) - found.low + 1
         self.first = np.r_[0, np.cumsum(size)]
         """int64 [runs + 1], the first voxel of each run."""
+        self.runs_of = first_of_cells(found.cell, self.simap.grid.label.size)
+        """int32 [cells + 1], the first run of each cell."""
         self.total = np.zeros((int(self.first[-1]), 4), np.int32)
         """int32 [voxels, 4], sums of red, green and blue, and pixels."""
 
-    def look(self, frame: Frame, T_map_camera: NDArray) -> None:
-        """Take the pixels of a frame that fall in a voxel."""
-        if frame.color is None:
-            return
-        cells, heights = project_every_second(frame, self.simap, T_map_camera)
-        color = np.ascontiguousarray(frame.color[::_EVERY, ::_EVERY])
-        _add_colors(cells, heights, color, self.of.cell, self.of.low, self.of.high, self.first, self.total)
+    def look(self, cells: NDArray, heights: NDArray, color: NDArray) -> None:
+        """Take the pixels of a frame that fall in a voxel: what `project_every_second` returns, and uint8 [H, W, 3]."""
+        _add_colors(cells, heights, color, self.runs_of, self.of.low, self.of.high, self.first, self.total)
 
     def surface(self) -> Surface:
-        """Return the surface with its colours; a voxel that was missed has that of the nearest one of its class."""
-        known = self.total[:, 3] > 0
+        """Return the surface with its colours; a voxel that was missed has that of one of its class near by.
+
+        What touches nothing of its class that was seen has the mean colour of the class.
+        """
+        of, spec, known = self.of, self.of.spec, self.total[:, 3] > 0
         rgb = (self.total[:, :3] // np.maximum(self.total[:, 3:], 1)).astype(np.uint8)
         if not known.all():
-            points = surface_points(self.simap)
-            # A class is as far from another as ten metres: only where all of it was missed is another one nearer.
-            place = np.concatenate([points.positions, 10.0 * points.classes[:, None].astype(np.float32)], axis=1)
-            tree = KDTree(place[known], leafsize=32, balanced_tree=False, compact_nodes=False)  # asked only once
-            _, nearest = tree.query(place[~known])
-            rgb[~known] = rgb[known][nearest]
+            classes = owned_runs(self.simap, of)[0]
+            of_class = np.repeat(classes, np.diff(self.first)) + 1
+            seen = [np.bincount(of_class, self.total[:, k]) for k in range(4)]
+            mean = np.stack(seen[:3], axis=1) / np.maximum(seen[3], 1.0)[:, None]
+            mean[seen[3] == 0] = UNSEEN
+            _spread(spec.rows, spec.cols, of.cell, of.low, of.high, classes, self.runs_of, self.first, known, rgb)
+            rgb[~known] = mean[of_class[~known]].astype(np.uint8)
         return replace(self.of, color=coded_colors(rgb))
 
 
@@ -159,7 +164,7 @@ def _add_colors(
     cells: NDArray,  # int32 [H, W], -1 = none
     heights: NDArray,  # float32 [H, W]
     color: NDArray,  # uint8 [H, W, 3]
-    cell: NDArray,  # int32 [runs], ascending
+    runs_of: NDArray,  # int32 [cells + 1], first run of each cell
     low: NDArray,  # int8 [runs]
     high: NDArray,  # int8 [runs]
     first: NDArray,  # int64 [runs + 1]
@@ -171,15 +176,54 @@ def _add_colors(
             if c < 0:
                 continue
             step = math.floor(heights[v, u] * STEPS_PER_M + ON_A_STEP)
-            run = np.searchsorted(cell, c)
-            while run < len(cell) and cell[run] == c:
+            for run in range(runs_of[c], runs_of[c + 1]):
                 if low[run] <= step <= high[run]:
                     voxel = first[run] + step - low[run]
                     for channel in range(3):
                         total[voxel, channel] += color[v, u, channel]
                     total[voxel, 3] += 1
                     break
-                run += 1
+
+
+@njit(cache=True, nogil=True)
+def _spread(
+    rows: int,
+    cols: int,
+    cell: NDArray,  # int32 [runs], ascending
+    low: NDArray,  # int8 [runs]
+    high: NDArray,  # int8 [runs]
+    label: NDArray,  # int16 [runs]
+    runs_of: NDArray,  # int32 [cells + 1], first run of each cell
+    first: NDArray,  # int64 [runs + 1], first voxel of each run
+    known: NDArray,  # in/out bool [voxels]
+    rgb: NDArray,  # in/out uint8 [voxels, 3]
+) -> None:
+    """Let colours spread to voxels of their class that touch, over a corner too, for as long as there are any."""
+    run_of, step_of = np.zeros(len(known), np.int32), np.zeros(len(known), np.int8)
+    n = 0
+    for run in range(len(cell)):
+        for k in range(first[run], first[run + 1]):
+            if known[k]:
+                run_of[n], step_of[n] = run, low[run] + (k - first[run])
+                n += 1
+    done = 0
+    while done < n:
+        run, step = run_of[done], step_of[done]
+        done += 1
+        voxel = first[run] + step - low[run]
+        row, col = cell[run] // cols, cell[run] % cols
+        for r in range(max(row - 1, 0), min(row + 2, rows)):
+            for c in range(max(col - 1, 0), min(col + 2, cols)):
+                for other in range(runs_of[r * cols + c], runs_of[r * cols + c + 1]):
+                    if label[other] != label[run]:
+                        continue
+                    for near in range(max(step - 1, low[other]), min(step + 1, high[other]) + 1):
+                        k = first[other] + near - low[other]
+                        if not known[k]:
+                            known[k] = True
+                            rgb[k] = rgb[voxel]
+                            run_of[n], step_of[n] = other, near
+                            n += 1
 
 
 @dataclass
@@ -196,11 +240,8 @@ class _Looking:
         self.patches = len(numbers)
         self.pixels: list[NDArray] = []
 
-    def look(self, frame: Frame, segmentation: Segmentation, T_map_camera: NDArray) -> None:
+    def look(self, cells: NDArray, color: NDArray, segmentation: Segmentation) -> None:
         """Take the pixels of a frame that fall on an object's cell, and whose segment has the cell's class."""
-        if frame.color is None:
-            return
-        cells, _ = project_every_second(frame, self.simap, T_map_camera)
         index_of = {name: i for i, name in enumerate(self.simap.grid.labels)}
         label_of = np.full(max((one.id for one in segmentation.segments), default=0) + 1, -1, np.int32)
         for one in segmentation.segments:
@@ -208,7 +249,7 @@ class _Looking:
         # The segment at a pixel has to be of the class of the pixel's cell, which has to be in a patch.
         label = label_of[segmentation.ids[::_EVERY, ::_EVERY]]
         seen = (cells >= 0) & (self.simap.grid.label.reshape(-1)[cells] == label)
-        cell, rgb = cells[seen], frame.color[::_EVERY, ::_EVERY][seen].astype(np.int64)
+        cell, rgb = cells[seen], color[seen].astype(np.int64)
         at = np.minimum(np.searchsorted(self.cell, cell), max(len(self.cell) - 1, 0))
         inside = self.cell[at] == cell if len(self.cell) else np.zeros(len(cell), bool)
         # One number holds the patch and its colour, so that a pixel takes 8 bytes.

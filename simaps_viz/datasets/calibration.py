@@ -80,18 +80,6 @@ def pose_rows(path: Path, *, finite: bool = True) -> dict[str, tuple[str, NDArra
     return rows
 
 
-def read_poses(path: Path) -> tuple[tuple[str, ...], NDArray]:
-    """Read the frames' names, in the order of the file, and float64 [n, 4, 4] ``T_world_camera``, metres.
-
-    Raises:
-        InputError: As for `pose_rows`, or a matrix is no rigid transform, or a camera is far away.
-    """
-    rows = pose_rows(path)
-    T_world_camera = np.stack([stated_pose(f"{where}, frame {name}", T) for name, (where, T) in rows.items()])
-    check_reach([f"{where}, frame {name}" for name, (where, _) in rows.items()], T_world_camera)
-    return tuple(rows), T_world_camera
-
-
 def stated_pose(where: str, T: NDArray) -> NDArray:
     """Return a pose [4, 4] as it is; raises InputError unless it is a rigid transform."""
     if not np.allclose(T[3], (0, 0, 0, 1), atol=1e-6):

@@ -1,7 +1,7 @@
 """The third dimension: which surface lies at which height, and whose it is; things under, in and on other things.
 
 The map from above stays what it is. Below its tops, the surface that frames saw is cut into *nodes*: in one cell, the
-steps of height of one class, without a gap of 10 cm. The node at a cell's top is the map's; all others are *lower*
+steps of height of one class, without a gap. The node at a cell's top is the map's; all others are *lower*
 nodes, and are partitioned by the same evidence: frames saw two nodes in one segment or in two. What the evidence ties
 to an object of the map becomes part of it; the rest becomes objects of their own, which no cell of the map shows.
 
@@ -24,10 +24,10 @@ from simaps_viz.mapping.projection import ON_A_STEP, STEPS_PER_M, first_step
 from simaps_viz.mapping.surface import STEP_M, Surface
 from simaps_viz.structures import Grid, GridSpec, Instance, SIMap
 
-_PLANES = 10
-"""Bits of a vote: no voxel counts more than 1023 frames of a class."""
+_MOST_VOTES = 1023
+"""No voxel counts more frames of a class."""
 _GAP = 2
-"""So many free steps (10 cm) end a node, and nodes of neighbouring cells touch across fewer."""
+"""Nodes of neighbouring cells are near across fewer free steps (10 cm)."""
 _TOP_STEPS = 3
 """The node that the map shows reaches at least so close to the cell's top."""
 _MIN_FRAMES = 2
@@ -187,13 +187,14 @@ def _elected_nodes(grid: Grid, seen: _Seen, lowest: int, weight_of_label: NDArra
             following, label, steps = (np.resize(one, len(one) * 5 // 4) for one in (following, label, steps))
             following[size:], steps[size:] = 0, 0
     # Where two classes were seen at one place, count how often each was.
-    slot, contested = _contested(following, steps, grid.label.size, size)
-    if contested:
-        planes = np.zeros((contested, _PLANES), np.uint64)
+    contested = _contested(following, steps, grid.label.size, size)
+    start = contested[2]
+    if start[-1]:
+        votes = np.zeros(start[-1], np.uint16)
         for cell, of_label, _, low, high, _ in seen:
-            _count(cell, of_label, low, high, lowest, following, label, slot, planes)
-        _elect(following, label, steps, slot, planes, grid.label.size, weight_of_label)
-    del slot
+            _count(cell, of_label, low, high, lowest, following, label, *contested, votes)
+        _elect(following, label, steps, *contested, votes, grid.label.size, weight_of_label)
+    del contested, start
     thing = np.array(grid.is_thing) & (np.arange(len(grid.labels)) > 0)
     return _Nodes(*_cut(following, label, steps, grid.label.size, thing))
 
@@ -238,40 +239,57 @@ def _gather(
     return size, len(cell)
 
 
+@njit(cache=True, nogil=True, inline="always")
+def _count_bits(steps):  # uint64 -> int
+    """Return how many bits are set: sums of neighbouring bits, then of pairs, then of fours, then of all bytes."""
+    steps = steps - ((steps >> np.uint64(1)) & np.uint64(0x5555555555555555))
+    steps = (steps & np.uint64(0x3333333333333333)) + ((steps >> np.uint64(2)) & np.uint64(0x3333333333333333))
+    steps = (steps + (steps >> np.uint64(4))) & np.uint64(0x0F0F0F0F0F0F0F0F)
+    return np.int64((steps * np.uint64(0x0101010101010101)) >> np.uint64(56))
+
+
 @njit(cache=True, nogil=True)
 def _contested(
     following: NDArray,  # int32 [entries]
     steps: NDArray,  # uint64 [entries]
     cells: int,
     size: int,
-) -> tuple[NDArray, int]:
+) -> tuple[NDArray, NDArray, NDArray]:
     """Number the entries of the cells in which two classes share a step.
 
     Returns:
-        int32 [entries], -1 = not such an entry; and how many there are.
+        int32 [entries], -1 = not such an entry; uint64 [n], the steps of each that others share; and int64 [n + 1],
+        where its votes start, one number for each of these steps, ascending.
     """
     slot = np.full(size, -1, np.int32)
     n = 0
-    for c in range(cells):
-        if following[c] == 0:
-            continue
-        known, shared, at = np.uint64(0), np.uint64(0), c
-        while True:
-            shared |= known & steps[at]
-            known |= steps[at]
-            at = following[at]
-            if at == 0:
-                break
-        if shared == 0:
-            continue
-        at = c
-        while True:
-            slot[at] = n
-            n += 1
-            at = following[at]
-            if at == 0:
-                break
-    return slot, n
+    for fill in range(2):
+        if fill:
+            shared_of, start = np.zeros(n, np.uint64), np.zeros(n + 1, np.int64)
+        n = 0
+        for c in range(cells):
+            if following[c] == 0:
+                continue
+            known, shared, at = np.uint64(0), np.uint64(0), c
+            while True:
+                shared |= known & steps[at]
+                known |= steps[at]
+                at = following[at]
+                if at == 0:
+                    break
+            if shared == 0:
+                continue
+            at = c
+            while True:
+                slot[at] = n
+                if fill:
+                    shared_of[n] = shared & steps[at]
+                    start[n + 1] = start[n] + _count_bits(shared_of[n])
+                n += 1
+                at = following[at]
+                if at == 0:
+                    break
+    return slot, shared_of, start
 
 
 @njit(cache=True, nogil=True)
@@ -283,25 +301,27 @@ def _count(
     lowest: int,
     following: NDArray,  # int32 [entries]
     label: NDArray,  # int16 [entries]
-    slot: NDArray,  # int32 [entries]
-    planes: NDArray,  # in/out uint64 [contested, planes], bit k of plane p: bit p of the votes of step k
+    slot: NDArray,  # int32 [entries], as `_contested` returns it, with the two that follow
+    shared_of: NDArray,  # uint64 [contested]
+    start: NDArray,  # int64 [contested + 1]
+    votes: NDArray,  # in/out uint16 [shared steps]
 ) -> None:
-    """Count the votes of one frame: all 64 steps of a column are one addition of binary numbers, digit by digit."""
+    """Count the votes of one frame."""
+    one = np.uint64(1)
     for i in range(len(cell)):
         at = cell[i]
         if slot[at] < 0:
             continue
         while label[at] != label_of[i]:
             at = following[at]
-        row, carry = slot[at], _mask(low[i], high[i], lowest)
-        for p in range(planes.shape[1]):
-            after = planes[row, p] & carry
-            planes[row, p] ^= carry
-            carry = after
-            if carry == 0:
-                break
-        for p in range(planes.shape[1]):  # more than can be counted stays at the most
-            planes[row, p] |= carry
+        shared = shared_of[slot[at]]
+        left = shared & _mask(low[i], high[i], lowest)
+        while left:
+            below = (left & (~left + one)) - one
+            k = start[slot[at]] + _count_bits(shared & below)
+            if votes[k] < _MOST_VOTES:
+                votes[k] += 1
+            left &= left - one
 
 
 @njit(cache=True, nogil=True)
@@ -309,8 +329,10 @@ def _elect(  # noqa: C901 - one loop over shared arrays
     following: NDArray,  # int32 [entries]
     label: NDArray,  # int16 [entries]
     steps: NDArray,  # in/out uint64 [entries]
-    slot: NDArray,  # int32 [entries]
-    planes: NDArray,  # uint64 [contested, planes]
+    slot: NDArray,  # int32 [entries], as `_contested` returns it, with the two that follow
+    shared_of: NDArray,  # uint64 [contested]
+    start: NDArray,  # int64 [contested + 1]
+    votes: NDArray,  # uint16 [shared steps]
     cells: int,
     weight: NDArray,  # float64 [labels]
 ) -> None:
@@ -319,22 +341,27 @@ def _elect(  # noqa: C901 - one loop over shared arrays
     for c in range(cells):
         if slot[c] < 0:
             continue
-        for k in range(64):
-            bit = one << np.uint64(k)
+        left, at = np.uint64(0), c
+        while True:
+            left |= shared_of[slot[at]]
+            at = following[at]
+            if at == 0:
+                break
+        while left:
+            bit = left & (~left + one)
+            left &= ~bit
             best, heaviest, at = -1, 0.0, c
             while True:
-                if steps[at] & bit:
-                    votes = 0
-                    for p in range(planes.shape[1]):
-                        if planes[slot[at], p] & bit:
-                            votes += 1 << p
-                    if best < 0 or votes * weight[label[at]] > heaviest:
-                        best, heaviest = at, votes * weight[label[at]]
+                row = slot[at]
+                if shared_of[row] & bit:
+                    votes_here = votes[start[row] + _count_bits(shared_of[row] & (bit - one))] * weight[label[at]]
+                    if best < 0 or votes_here > heaviest:
+                        best, heaviest = at, votes_here
                 at = following[at]
                 if at == 0:
                     break
             at = c
-            while best >= 0:
+            while True:
                 if at != best:
                     steps[at] &= ~bit
                 at = following[at]
@@ -363,14 +390,8 @@ def _cut(
                 left = steps[at]
                 while left:
                     part = left
-                    if thing[label[at]]:
-                        # Grow from the lowest step for as long as the next one is near.
-                        part = left & (~left + one)
-                        while True:
-                            grown = part | ((part << one | part << np.uint64(2)) & left)
-                            if grown == part:
-                                break
-                            part = grown
+                    if thing[label[at]]:  # the lowest steps without a gap: adding one to them clears them all
+                        part = left & ~(left + (left & (~left + one)))
                     left &= ~part
                     if fill:
                         of_cell[n], of_label[n], of_steps[n] = c, label[at], part
@@ -382,7 +403,7 @@ def _cut(
 
 
 @njit(cache=True, nogil=True)
-def _first_of_cells(
+def first_of_cells(
     cell: NDArray,  # int32 [n], ascending
     cells: int,
 ) -> NDArray:
@@ -527,7 +548,7 @@ class _Partition:
         nodes, settings, spec = self.nodes, self.settings, self.grid.spec
         number = np.full(len(nodes.cell), -1, np.int32)
         number[self.lower] = np.arange(len(self.lower))
-        starts = _first_of_cells(nodes.cell, spec.rows * spec.cols)
+        starts = first_of_cells(nodes.cell, spec.rows * spec.cols)
         start, other, touches = _neighbours(
             nodes.cell, nodes.label, nodes.steps, starts, number, self.top, self.lower, spec.rows, spec.cols
         )
@@ -639,10 +660,7 @@ def _look(
             both = steps[node] & mask
             if label[node] != label_of[i] or both == 0:
                 continue
-            count = 0
-            while both:
-                both &= both - np.uint64(1)
-                count += 1
+            count = _count_bits(both)
             if frame[node] != number:
                 frame[node] = number
                 if n == len(found):
@@ -803,7 +821,11 @@ def _pairs(
 def _summed(sums: NDArray, waiting: list[NDArray]) -> NDArray:
     """Add up rows (part, part, same, different) of the same two parts."""
     rows = np.concatenate([sums, *waiting])
-    keys, at = np.unique(_pair_keys(rows), return_inverse=True)
+    keys = _pair_keys(rows)
+    order = np.argsort(keys, kind="stable")  # the rows of each frame ascend, which it makes use of
+    first = np.diff(keys[order], prepend=-1) != 0
+    at = np.zeros(len(keys), np.int64)
+    at[order], keys = np.cumsum(first) - 1, keys[order[first]]
     columns = [np.bincount(at, rows[:, k], len(keys)) for k in (2, 3)]
     return np.stack([(keys >> 32).astype(np.float64), (keys & 0xFFFFFFFF).astype(np.float64), *columns], axis=1)
 

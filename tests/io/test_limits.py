@@ -18,7 +18,7 @@ from toy_maps import toy_map
 
 from simaps_viz import open_sequence
 from simaps_viz.datasets import rerun_rrd
-from simaps_viz.datasets.calibration import read_poses
+from simaps_viz.datasets.calibration import pose_rows
 from simaps_viz.datasets.cloud_files import read_pcd
 from simaps_viz.datasets.file_frames import read_array
 from simaps_viz.datasets.images import read_color
@@ -138,7 +138,7 @@ def test_json(tmp_path):
 def test_frame_names_stay_in_their_folder(tmp_path, name):
     path = write_tiny_sequence(tmp_path).with_name("poses.txt")
     path.write_text(path.read_text().replace("0010", name))
-    refused(read_poses, path, match="a frame name")
+    refused(pose_rows, path, match="a frame name")
 
 
 @pytest.mark.parametrize("port", [-1, 65_536])

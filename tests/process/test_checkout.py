@@ -34,6 +34,7 @@ KILLED = {
     "bench_live": ["--sequence", SEQUENCE],
     "bench_networks": [],
     "bench_page": [],
+    "bench_space": [],
     "fake_robot": [SEQUENCE, "--port", PORT],
     "method_figures": [],
     "paper": [],

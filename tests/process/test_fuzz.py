@@ -19,7 +19,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from simaps_viz import open_sequence
-from simaps_viz.datasets.calibration import read_poses
+from simaps_viz.datasets.calibration import pose_rows
 from simaps_viz.datasets.cloud_files import read_pcd, read_ply
 from simaps_viz.datasets.file_frames import read_array
 from simaps_viz.datasets.images import read_color
@@ -132,7 +132,7 @@ def test_bytes_make_choices():
 
 
 READ = {
-    "a.json": read_json, "a.npy": read_array, "a.txt": read_poses, "a.ply": read_ply, "a.pcd": read_pcd,
+    "a.json": read_json, "a.npy": read_array, "a.txt": pose_rows, "a.ply": read_ply, "a.pcd": read_pcd,
     "a.png": read_color, "a.npz": load_map, "a.edits.json": read_edits, "a.steps": MapHistory.open,
     "a.sens": open_sequence, "a.labels.json": read_class_names,
 }  # fmt: skip
