@@ -43,15 +43,17 @@ _TAG: Final = re.compile(
 _OPENING: Final = re.compile(r"^\W*(?:(?:right so|so|and|um+|uh+|okay|ok|yeah|well|hmm+|er+|uhm)\b[\s,]*)+")
 _IS: Final = re.compile(r"\b(that|it|there|what|where|here|which|who|how)['’]s\b")
 _SHORT: Final = re.compile(r"\b(i|you|we|they|he|she|it|that|there|who|what|where|this)['’](m|d|re|ve|ll)\b")
-_LEFT: Final = re.compile(r"\b((?:is|are) there (?:\w+ ){1,3})left\b(?! of| side| hand)")
+_LEFT: Final = re.compile(r"\b((?:(?:is|are) there|there (?:is|are)) (?:\w+ ){1,3})left\b(?! of| side| hand)")
 """What is there still, as in "is there any cake left on the counter?"."""
 _WORD: Final = re.compile(r"[a-z]+(?:['’][a-z]+)?")
 
 _ENDS: Final = re.compile(
-    r"(?:(?<!\d)[.,]|[.,](?!\d)|[;:!?]|\s-+\s)+"
+    r"(?:(?<!\d)[.,]|[.,](?!\d)|[;:!?])+"
     r"|\s(?=(?:because|cause|cos|so(?! (?:that (?:it|the|you)|far|much|many)))\b)"
 )
 """Where a clause ends; the second kind of end takes no letter."""
+_PURPOSE: Final = re.compile(rf"{_ENDS.pattern}|\s(?=to (?!the\b|an?\b|my\b|our\b|your\b|this\b|that\b)\w+ \w+)")
+"""Where a clause or "to get rid of this cup" begins."""
 _SUBJECT: Final = (
     r"he|she|they|it|this|that|there|here|some(?:body|one)|every(?:body|one)|people|my|our|his|her|their|the|an?|some|"
     r"these|those|all|your eyes|you (?:are|were|have been|look|seem)"
@@ -81,6 +83,7 @@ _LIMITS: Final = re.compile(
 def plainly(text: str) -> str:
     """Return what was said in lower case and spelled out, without the politeness around it."""
     said = _IS.sub(r"\1 is", re.sub(r"\blet['’]s\b", "let us", text.lower()))
+    said = re.sub(r"\s[-–—]+\s", ", ", said)
     said = written_out(_SHORT.sub(r"\1 \2", said))
     said = _WORD.sub(lambda found: SPELLED.get(found[0].replace("’", "'"), found[0]), said)
     said = _LEFT.sub(r"\1", re.sub(r"\bam i\b", "are you", said))
@@ -90,10 +93,10 @@ def plainly(text: str) -> str:
     return re.sub(r"\b[xy]\s*=?\s*(?=[-.\d])", "", _OPENING.sub("", said))
 
 
-def clauses(text: str) -> Iterator[str]:
-    """Return the clauses of a text, each with the mark that ends it."""
+def clauses(text: str, *, purposes: bool = False) -> Iterator[str]:
+    """Return the clauses of a text, each with the mark that ends it; ``purposes`` begin clauses of their own."""
     at = 0
-    for end in _ENDS.finditer(text):
+    for end in (_PURPOSE if purposes else _ENDS).finditer(text):
         yield text[at : end.end()]
         at = end.end()
     yield text[at:]

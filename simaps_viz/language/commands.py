@@ -1,5 +1,6 @@
 """Spoken English to a robot program, offline: by a grammar, without a network."""
 
+import re
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
@@ -33,8 +34,9 @@ _MEANT: Final = frozenset({
     "STEPS", "UTURN", "HOWMANY", "WHERE", "WHICH", "WHAT", "HOWFAR", "HOWBIG",
 })  # fmt: skip
 """Tokens of what is done, with what, and on what condition: a clause that has one of them is never only talk."""
-_OPENS: Final = frozenset(["AT", "IN", "ON", "BY", "FOR", "FROM", "AND", "THEN"])
+_OPENS: Final = frozenset(["TO", "TOWARD", "NEAR", "AT", "IN", "ON", "BY", "FOR", "FROM", "AND", "THEN"])
 _DETERMINERS: Final = frozenset(["DET", "INDEF", "EVERY"])
+_LOST: Final = frozenset(["left", "lost", "put", "forgot", "forgotten", "dropped", "misplaced"])
 _NAMES: Final = frozenset(["NOUN", "NOUNS", "ROOMKIND", "ROOM", "ROOMS", "PLACE", "SPOT"])
 
 
@@ -93,22 +95,26 @@ def _without_asides(text: str, vocabulary: Vocabulary) -> Iterator[tuple[str, li
     """Return a text without clauses that say nothing about what is to be done, notes on them, and what they name.
 
     "Netflix and chill: go to the sofa", "my feet hurt, so take me to the sofa", "I lost my handbag. Where is it?"
-    First without reasons and talk in which no word counts, then also without what is only said to be so.
+    First without reasons and talk in which no word counts, then also without what is only said to be so, and at last
+    without what a person wants to do there.
     """
-    said = list(clauses(plainly(text)))
-    sentences = [read_words(clause, vocabulary) for clause in said]
-    talk = [is_reason(clause) or _is_talk(sentence) for clause, sentence in zip(said, sentences, strict=True)]
-    stated = [
-        is_statement(clause, names_things=any(e.kind in _NAMES for here in sentence.edges for e in here))
-        for clause, sentence in zip(said, sentences, strict=True)
-    ]
-    for dropped in (talk, [a or b for a, b in zip(talk, stated, strict=True)]):
-        kept = [clause for clause, out in zip(said, dropped, strict=True) if not out]
-        if any(dropped) and any(clause.strip() for clause in kept):
-            left_out = [at for at, out in enumerate(dropped) if out and sentences[at].words]
-            notes = [f'"{_in_brief(said[at].strip(" ,.;:!"))}" is left out: it names nothing to do' for at in left_out]
-            named = next((found for at in left_out if (found := _first_named(sentences[at]))), None)
-            yield "".join(kept), notes, named
+    plain = plainly(text)
+    for purposes in (False, re.search(r"\b(?:i|me|we|us)\b", plain) is not None):
+        said = list(clauses(plain, purposes=purposes))
+        sentences = [read_words(clause, vocabulary) for clause in said]
+        talk, stated = [], []
+        for clause, sentence in zip(said, sentences, strict=True):
+            names_things = any(edge.kind in _NAMES for here in sentence.edges for edge in here)
+            talk.append(is_reason(clause) or _is_talk(sentence) or (purposes and _is_purpose(sentence)))
+            stated.append(talk[-1] or is_statement(clause, names_things=names_things))
+        for dropped in (talk, stated):
+            kept = [clause for clause, out in zip(said, dropped, strict=True) if not out]
+            if any(dropped) and any(clause.strip() for clause in kept):
+                left_out = [at for at, out in enumerate(dropped) if out and sentences[at].words]
+                brief = [_in_brief(said[at].strip(" ,.;:!")) for at in left_out]
+                notes = [f'"{one}" is left out: it names nothing to do' for one in brief]
+                named = next((found for at in left_out if (found := _first_named(sentences[at]))), None)
+                yield "".join(kept), notes, named
 
 
 def _is_talk(sentence: Sentence) -> bool:
@@ -119,13 +125,19 @@ def _is_talk(sentence: Sentence) -> bool:
     return bool(sentence.unknown) and kinds.isdisjoint(_MEANT) and opens.isdisjoint(_OPENS) and not listed
 
 
+def _is_purpose(sentence: Sentence) -> bool:
+    """Whether a clause says what a person will do there, as "to get rid of this cup"."""
+    return len(sentence.words) > 2 and sentence.words[0] == "to" and any(e.kind == "HANDS" for e in sentence.edges[1])
+
+
 def _first_named(sentence: Sentence) -> Phrase | None:
-    """Return the first thing that a clause names: with all that is said of it where it is the subject."""
+    """Return the first thing that a clause names, with all that is said of it unless it is no longer there."""
     chart = Chart(GRAMMAR, sentence.edges)
+    lost = not _LOST.isdisjoint(sentence.words)
     for at in range(len(sentence.words)):
         found = [one.value for one in chart.parse("thing", at) if not one.value.free and ONE not in one.value.text]
         if found:
-            return found[0 if at == 0 else -1]
+            return found[-1 if lost else 0]
     return None
 
 

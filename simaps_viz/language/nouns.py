@@ -181,9 +181,8 @@ def select(noun: Noun | None, parts: Iterable[Part], *, every: bool = False, som
     text = _sorted_by(text, tuple(part for part in parts if part.kind == "then"), many)
     text = text.replace(ONE, base)
     whole = text if chosen else whole
-    if _depth(text) > _MAX_DEPTH:
-        raise CommandError("too many things are tied to one another in one phrase; say it in several steps")
     inner = [part.phrase for part in parts if part.phrase]
+    _check(text, word, inner, many)
     notes += tuple(part.note for part in parts if part.note) + tuple(note for p in inner for note in p.notes)
     others += tuple(pair for p in inner for pair in p.others)
     free = noun is not None and noun.count == 0 and not noun.known
@@ -204,6 +203,13 @@ def select(noun: Noun | None, parts: Iterable[Part], *, every: bool = False, som
         lone=lone,
         inner=tuple(inner),
     )
+
+
+def _check(text: str, word: str, inner: Sequence[Phrase], many: bool) -> None:
+    if _depth(text) > _MAX_DEPTH:
+        raise CommandError("too many things are tied to one another in one phrase; say it in several steps")
+    if not many and any(phrase.many and phrase.base == "rooms()" for phrase in inner):
+        raise CommandError(f"which {word} of each room is meant was not said; name the rooms one by one")
 
 
 def _sorted_by(text: str, orders: Parts, many: bool) -> str:
@@ -240,7 +246,8 @@ def _chosen(
     """
     near = [part.definite if several and part.definite else part.text for part in parts if part.kind == "near"]
     for of in near:
-        text = f"near({text}, {of})" if several and count is None else f"near({text}, {of}, {NEAR_M:g})"
+        alike = several or rank is not None  # "the third chair at the counter" is one of those next to it
+        text = f"near({text}, {of})" if alike and count is None else f"near({text}, {of}, {NEAR_M:g})"
     key, of = _order(parts, many and count is None)
     if key in ("", "near") and not of and not many and rank == -1 and count is None:
         rank, key = None, "far"
@@ -500,12 +507,6 @@ def _from_side(side: str, n: int = 0) -> Parts:
     return (*(_ranked(n) if n else ()), Part("order", side))
 
 
-@_rule("relation", "n:ORD? FROM DET? side SIDE? OF np", cost=-0.1)
-def _from_side_of(side: str, np: Phrase, n: int = 0) -> Parts:
-    """Read "second from the left of the table": of those next to it."""
-    return (*(_ranked(n) if n else ()), Part("order", side), *_filter(f"near({{}}, {np.argument})", np))
-
-
 GRAMMAR.words("_side", "side")
 GRAMMAR.words("_key", "key")
 GRAMMAR.words("_number", "whole")
@@ -635,11 +636,6 @@ def _between(pair: tuple[Phrase, Phrase]) -> Parts:
 @_rule("relation", "n:ORD? NEAREST (TO | AT | FROM | OF | BY)? np")
 def _nearest_to(np: Phrase, n: int = 0) -> Parts:
     return (*(_ranked(n) if n else ()), Part("order", "near", np.measure, phrase=np))
-
-
-@_rule("relation", "n:ORD? FARTHEST AWAY? (FROM | OF | TO) np", "n:ORD? FARTHEST np")
-def _farthest_from(np: Phrase, n: int = 0) -> Parts:
-    return (*(_ranked(n) if n else ()), Part("order", "far", np.measure, phrase=np))
 
 
 @_rule("relation", "n:ORD? DET? NEAREST (_here | ONE)?", "NEAR HERE")
@@ -817,12 +813,6 @@ def _that_is(adjective: Parts) -> Parts:
     return adjective
 
 
-@_rule("post", "_is? (AND | COMMA) _is (relation | adjective)", cost=0.1)
-@_rule("post", "_is (first:adjective | first:relation) AND (relation | adjective)", cost=0.1)
-def _and_is(relation: Parts = (), adjective: Parts = (), first: Parts = ()) -> Parts:
-    return (*first, *relation, *adjective)
-
-
 @_rule("post", "_is? AND (THAT | IS)* NOT (relation | adjective)", "_is? COMMA (THAT | IS)* NOT (relation | adjective)")
 def _and_is_not(relation: Parts = (), adjective: Parts = ()) -> Parts:
     return tuple(_negated(part) for part in (*relation, *adjective))
@@ -894,11 +884,6 @@ def _behind_its_noun(noun: Noun, adjective: Parts, pre: Sequence[Parts] = (), po
     return select(noun, (*_flat(pre), *adjective, *_flat(post)))
 
 
-@_rule("thing", "pre+ _dets pre+ noun post*", cost=0.2)
-def _mixed(noun: Noun, pre: Sequence[Parts], post: Sequence[Parts] = ()) -> Phrase:
-    return select(noun, (*_flat(pre), *_flat(post)))
-
-
 @_rule("thing", "EVERY (OF | DET)* pre* noun post*")
 def _every(noun: Noun, pre: Sequence[Parts] = (), post: Sequence[Parts] = ()) -> Phrase:
     return select(noun, (*_flat(pre), *_flat(post)), every=True)
@@ -919,18 +904,6 @@ def _part_of(noun: Noun, outer: Sequence[Parts], pre: Sequence[Parts] = (), post
     several = any(part.kind == "count" and part.number > 1 for part in parts)
     phrase = select(replace(noun, is_plural=several), parts, some=not several)
     return phrase
-
-
-@_rule("thing", "ONEOF DET? pre* noun post*")
-def _one_of(noun: Noun, pre: Sequence[Parts] = (), post: Sequence[Parts] = ()) -> Phrase:
-    """Read "one of the two chairs": the nearest of them."""
-    parts = tuple(part for part in (*_flat(pre), *_flat(post)) if part.kind != "count")
-    return select(replace(noun, is_plural=False), parts, some=True)
-
-
-@_rule("thing", "_dets HALFOF noun post*", "_dets HALF OF DET? noun post*")
-def _half(noun: Noun, post: Sequence[Parts] = ()) -> Phrase:
-    raise CommandError(f"how many half of the {plural(noun.spoken)} are is not said; name a number")
 
 
 @_rule("thing", "_dets pre* ONE post*", "_dets pre* ones:ONES post*", cost=0.3)

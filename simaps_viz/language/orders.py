@@ -602,11 +602,6 @@ def _forward(distance: Measure = _ONE_METRE) -> Steps:
     return (Do((f"robot.move_forward({distance.text})",), (), distance.note),)
 
 
-@_rule("order", "STEPS FORWARD*")
-def _step_forward() -> Steps:
-    return _forward(Measure(tidy(_METRES["STEPS"]), (f"a step is read as {_METRES['STEPS']:g} m",)))
-
-
 @_rule(
     "order",
     "BACKUP ((BY | FOR)? distance)? | BACK distance | _step _backward ((BY | FOR)? distance)? | RETURN (BY | FOR)? "
@@ -641,11 +636,6 @@ _rule("sideway", "(_prep | DET)* lateral SIDE?")(lambda lateral: lateral)
 def _sideways(sideway: str, distance: Measure = _ONE_METRE) -> Steps:
     angle = 90 if sideway == "right" else -90
     return (Do((f"robot.turn({angle})", f"robot.move_forward({distance.text})"), (), distance.note),)
-
-
-@_rule("order", "STEPS sideway")
-def _step_aside(sideway: str) -> Steps:
-    return _sideways(sideway, Measure(tidy(_METRES["STEPS"]), (f"a step is read as {_METRES['STEPS']:g} m",)))
 
 
 @_rule("order", "STRAFE sideway ((BY | FOR)? distance)?", "STRAFE distance sideway")
@@ -734,11 +724,6 @@ def _how_many_at(n: Phrase, of: Phrase) -> Steps:
 def _how_many_has(noun: Noun, of: Phrase) -> Steps:
     """Read "how many chairs has the table with the laptop?"."""
     return _how_many_at(select(noun, ()), of)
-
-
-@_rule("question", "HOWMANY np (IS | EXIST)+ BETWEEN pair")
-def _how_many_between(np: Phrase, pair: tuple[Phrase, Phrase]) -> Steps:
-    return _told(_changed(np, text=f"between({np.text}, {pair[0].argument}, {pair[1].argument})"), "count")
 
 
 _words("_ask", "(LIST | LOOK | SEEQ | SEE)+")
@@ -873,30 +858,23 @@ def _which_are_more(a: Phrase, b: Phrase) -> Steps:
     return (Choose(test, phrases, _told(a, "count"), _told(b, "count")),)
 
 
-@_rule(
-    "question",
-    "where:WHERE (IS | IT | HERE)* | far:HOWFAR AWAY? (IS IT)? | big:HOWBIG (IS IT)? | color:WHATCOLOR (IS IT)? | "
-    "(IN | TO)? WHICH room:ROOM (IS IT)? IN?",
-    cost=0.4,
-)
-def _and_what(where: str = "", far: str = "", big: str | None = None, color: str = "", room: str = "") -> Steps:
+_rule("asked", "WHERE (IS | IT | HERE)*")(lambda: "where")
+_rule("asked", "HOWFAR AWAY? (IS IT)?")(lambda: "distance")
+_rule("asked", "HOWBIG (IS IT)?")(lambda: "size")
+_rule("asked", "WHATCOLOR (IS IT)?")(lambda: "color")
+_rule("asked", "(IN | TO)? WHICH ROOM (IS IT)? IN?")(lambda: "room")
+_rule("asked", "WHAT IS IT")(lambda: "which")
+
+
+@_rule("question", "asked", cost=0.4)
+def _and_what(asked: str) -> Steps:
     """Read "and where?", "how far?" after what was asked or done before."""
-    kind = "where" if where else "distance" if far else "color" if color else "room" if room else "size"
-    return (Do((f'tell({{0.text}}, "{kind}")',), (Phrase(IT, ONE, "thing"),)),)
+    return (Do((f'tell({{0.text}}, "{asked}")',), (Phrase(IT, ONE, "thing"),)),)
 
 
 @_rule("question", "IS np (relation | NOT? adjective)", "IF np IS (relation | NOT? adjective)", cost=0.1)
 def _is_it(np: Phrase, relation: Parts = (), adjective: Parts = ()) -> Steps:
     return _told(refine(np, (*relation, *adjective)), "whether")
-
-
-@_rule("question", "IS np", "IF np", cost=0.3)
-def _is_it_so(np: Phrase) -> Steps:
-    if not np.text.startswith(
-        ("inside", "near", "on(", "under", "side", "visible", "colored", "empty", "between", "minus", "at(")
-    ):
-        raise CommandError("what is asked about it was not said")
-    return _told(np, "whether")
 
 
 @_rule("question", "DOES np (WITH | WITHOUT) of:np", "DOES np WITH ANYTHING _on_it", "DOES np WITH of:np _on_it")
@@ -934,40 +912,26 @@ def _which_of_two(compared: str, a: Phrase, b: Phrase) -> Steps:
 
 @_rule(
     "question",
-    "WHICH np | WHICH np (IS DET? compared | SEE) | WHAT IS np | (WHICH | WHAT) IS np | WHICH IS np | WHICH OF "
+    "WHICH np | WHICH np SEE | WHAT IS np | (WHICH | WHAT) IS np | WHICH IS np | WHICH OF "
     "DET* np | WHICH ONE IS np | WHICH ONE OF np",
 )
-def _which(np: Phrase, compared: str = "") -> Steps:
+def _which(np: Phrase) -> Steps:
     if np.free:
         raise CommandError("")
-    if compared:
-        ordered = (np.whole or np.text) if compared == "near" else f'order({np.whole or np.text}, "{compared}")'
-        return _told(_changed(np, text=f"first({ordered})"), "which")
     chosen = np.text.startswith(("first(", "nth(", "nearest(", "farthest(", "last("))
     return _told(np, "which" if chosen else "list")
 
 
-@_rule("question", "WHICH np (IS | WITH)* (relation | adjective | DET? adjective:size)", cost=0.2)
-def _which_are(np: Phrase, relation: Parts = (), adjective: Parts = ()) -> Steps:
-    parts = (*relation, *adjective)
-    order = next((part for part in parts if part.kind == "order"), None)
-    if order:
-        of = f", {order.of}" if order.of else ""
-        return _told(_changed(np, text=f'first(order({np.whole or np.text}, "{order.text}"{of}))'), "which")
-    return _told(refine(np, parts), "list")
+@_rule("question", "WHICH np IS DET? compared", cost=-0.1)
+def _which_is_more(np: Phrase, compared: str) -> Steps:
+    ordered = (np.whole or np.text) if compared == "near" else f'order({np.whole or np.text}, "{compared}")'
+    return _told(_changed(np, text=f"first({ordered})"), "which")
 
 
 @_rule("question", "WHICH np (IS | HERE)* DET? (NEAREST | far:FARTHEST) (TO | FROM)? of:np", cost=-0.1)
 def _which_is_nearer(np: Phrase, of: Phrase, far: str = "") -> Steps:
     name = "farthest" if far else "nearest"
     return _told(_changed(np, f"{name}({np.whole or np.text}, 1, {of.measure})", np.notes + of.notes), "which")
-
-
-@_rule("question", "WHICH np WITH MOSTLY of:np", "WHICH np WITH FEWEST few:np", cost=-0.3)
-def _which_most(np: Phrase, of: Phrase | None = None, few: Phrase | None = None) -> Steps:
-    key, other = ("many", of) if of else ("few", few)
-    assert other is not None
-    return _told(_changed(np, text=f'first(order({np.whole or np.text}, "{key}", {other.argument}))'), "which")
 
 
 @_rule("question", "(WHICH | WHAT) np DOES HERE SEE", "(WHICH | WHAT) np SEE")
@@ -985,11 +949,6 @@ def _what_is(post: Sequence[Parts]) -> Steps:
     if any(part.text == AHEAD for part in parts):  # not what is there beyond the next wall
         parts.append(Part("filter", "visible({})"))
     return _told(refine(EVERYTHING, parts), "what")
-
-
-@_rule("question", "WHAT IS DET? (compared | size)", cost=0.2)
-def _what_is_most(compared: str = "", size: Parts = ()) -> Steps:
-    return _told(select(Noun("thing", "anything"), size or (Part("order", compared),)), "which")
 
 
 @_rule("question", "(WHICH | WHAT) np? (IS | EXIST)* (AT | NEAR | ON | TO)+ DET* POINT? x:NUM COMMA? y:NUM", cost=-0.8)
@@ -1011,11 +970,6 @@ def _what_do_you_see() -> Steps:
 @_rule("question", "WHATALL", "WHAT np (IS | EXIST)+ (HERE | IN DET* MAP)?", "LIST DET* np", "LIST EVERY ONE? ANYTHING")
 def _list(np: Phrase = EVERYTHING) -> Steps:
     return _told(np, "list")
-
-
-@_rule("question", "(LIST | WHICH | WHAT) EVERY? DET* ROOMS (IS | EXIST)* _in_map?", "LIST room")
-def _list_rooms(room: Phrase | None = None) -> Steps:
-    return (Do(('tell(rooms(), "list")',)),)
 
 
 @_rule(
@@ -1075,11 +1029,6 @@ def _how_big(key: str, np: Phrase) -> Steps:
     return (Do((f'tell({{0.text}}, "size", "", "{of}")',), (replace(np, many=False),)),)
 
 
-@_rule("question", "key:HOWBIG IS room")
-def _how_big_room(key: str, room: Phrase) -> Steps:
-    return (Do(('tell({0.text}, "size", "", "area")',), (room,)),)
-
-
 # ---- conditions
 
 Condition = tuple[str, tuple[Phrase, ...]]
@@ -1132,18 +1081,6 @@ def _exists_not(np: Phrase) -> Condition:
 def _holds(np: Phrase, relation: Parts = (), adjective: Parts = (), negation: str = "") -> Condition:
     phrase = refine(np, (*relation, *adjective))
     return f"count({{0.text}}) {'==' if negation else '>'} 0", (replace(phrase, many=False),)
-
-
-@_rule("condition", "np WITH of:np _on_it?", "np (WITH) ANYTHING _on_it")
-def _holds_having(np: Phrase, of: Phrase | None = None) -> Condition:
-    return _exists(
-        _changed(np, text=f"having({np.text}, {of.argument})" if of else f"minus({np.text}, empty({np.text}))")
-    )
-
-
-@_rule("condition", "np WITHOUT of:np _on_it?")
-def _holds_without(np: Phrase, of: Phrase) -> Condition:
-    return _exists(_changed(np, text=f"without({np.text}, {of.argument})"))
 
 
 @_rule("condition", *_NUMBERED, cost=-0.3)
@@ -1358,12 +1295,6 @@ def _in_room(np: Phrase, room: Phrase) -> Steps:
     if np.many or np.free:
         raise CommandError("")
     return _go_to((replace(np, text=f"inside({np.text}, {room.text})"),))
-
-
-@_rule("start", "_mayhap items _sep GO COMMA? NOWAIT COMMA? b:items _mayhap")
-def _begun(items: Steps, b: Steps) -> Steps:
-    """Read "go to the kitchen and sit, I mean, stop at the sofa": only the order that was begun is replaced."""
-    return (*items, *b)
 
 
 @_rule(

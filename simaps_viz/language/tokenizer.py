@@ -8,7 +8,16 @@ from typing import Final
 from simaps_viz.errors import CommandError
 from simaps_viz.language.asides import plainly
 from simaps_viz.language.grammar import Edge
-from simaps_viz.language.lexicon import ACTIVITIES, COMPASS_POINTS, MAX_PHRASE, NEEDS, PHRASES, WISHES
+from simaps_viz.language.lexicon import (
+    ACTIVITIES,
+    COMPASS_POINTS,
+    MAX_PHRASE,
+    NEEDS,
+    NUMBERS,
+    ORDINALS,
+    PHRASES,
+    WISHES,
+)
 from simaps_viz.language.program import MAX_NUMBER
 from simaps_viz.language.words import Vocabulary, correct, read_number, read_rank
 
@@ -27,7 +36,7 @@ _POINT: Final = re.compile(r"(north|south)(east|west)(?:ern|erly|wards?|bound)?$
 _POINTS: Final = {tuple(name.split()): degrees for name, degrees in COMPASS_POINTS.items() if " " in name}
 _KEYWORDS: Final = tuple(
     sorted(w[0] for w, found in PHRASES.items() if len(w) == 1 and len(w[0]) >= 4 and any(k for k, _ in found))
-)
+) + tuple(word for word in (*ORDINALS, *NUMBERS) if len(word) >= 4)
 _COST_OF_WORD: Final = 0.3
 """Of a token, for each word by which another one that begins there is longer."""
 _COST_OF_HOMONYM: Final = 0.05

@@ -72,7 +72,10 @@ class Writer:
         Raises:
             CommandError: "it" or "one" was said, and nothing before.
         """
+        before = self._last
         self._add(steps, self._lines)
+        if before is not None:
+            self._lines[0].before += (before,)
         return "\n".join(_text(self._lines, ""))
 
     def _add(self, steps: Steps, lines: list[_Line]) -> None:
