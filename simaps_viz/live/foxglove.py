@@ -121,7 +121,7 @@ class FoxgloveLink(RobotLink):
                 for number in said["channelIds"]:
                     self._channels.pop(int(number), None)
                     self._topic_of.pop(int(number), None)
-        except (ValueError, KeyError, TypeError, AttributeError, RecursionError):
+        except (ValueError, KeyError, TypeError, AttributeError, OverflowError, RecursionError):
             return  # what cannot be read is not meant for us
         if changed:
             self._on_topics({topic: _full(kind) for topic, kind in self._channels.values()})

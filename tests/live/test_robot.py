@@ -248,6 +248,8 @@ def test_tables_of_labels_that_make_no_sense_are_refused(text):
 SAID_AMISS = (
     "{", "[]", '{"op": 3}', '{"op": "advertise"}', '{"op": "advertise", "channels": [{"id": "a"}]}',
     '{"op": "unadvertise", "channelIds": 5}', "[" * 9000,
+    '{"op": "unadvertise", "channelIds": [1e999]}',
+    '{"op": "advertise", "channels": [{"id": 1e999, "topic": "/a", "schemaName": "b", "encoding": "cdr"}]}',
 )  # fmt: skip
 
 
