@@ -369,6 +369,11 @@ class Instance:
         """{id of what is both above and below it: share of its cells}, the largest share first."""
         return {} if self.in_space is None else self.in_space.inside
 
+    @property
+    def name(self) -> str:
+        """Its name, "chair 18": class and id, which no other object of its map has, and which it keeps."""
+        return f"{self.label} {self.id}"
+
     def area_m2(self, cell_size_m: float) -> float:
         """Return the area its cells cover, square metres."""
         return self.cells * cell_size_m**2

@@ -46,9 +46,9 @@ NO_NOTES = """() => {
 }"""
 """viser's word about software WebGL lies over the map. Hidden, not removed: the page's own code will remove it."""
 CHANGED = f"([place, before]) => ({PIXEL})(place) !== before"
-PANEL_FULL = """(name) => {
+PANEL_FULL = """(facts) => {
   const text = document.body.innerText;
-  return text.includes(name) && /Its best views|not at hand|No frame named/.test(text) && !text.includes('Fetching');
+  return text.includes(facts) && /Its best views|not at hand|No frame named/.test(text) && !text.includes('Fetching');
 }"""
 
 
@@ -140,7 +140,7 @@ def slider(browser: "Browser", simap: SIMap, *, runs: int, target_s: float = 0.5
 
 def click(browser: "Browser", simap: SIMap, recording: Path | None, *, runs: int) -> Timing:
     """From a click on an object to its name, facts and best views in the panel, the recording docked."""
-    from simaps_viz.drawing.legend import object_name  # noqa: PLC0415 - viser is slow to import
+    from simaps_viz.drawing.legend import facts_text  # noqa: PLC0415 - viser is slow to import
 
     seconds = []
     chosen, width = _near_the_middle(simap), DOCKED_WIDTH if recording is not None else WIDTH
@@ -152,7 +152,7 @@ def click(browser: "Browser", simap: SIMap, recording: Path | None, *, runs: int
             x, y = _on_canvas(page, workbench, *one.centroid_m[:2])
             start = time.perf_counter()
             page.mouse.click(x, y)
-            page.wait_for_function(PANEL_FULL, arg=object_name(simap, one), polling="raf")
+            page.wait_for_function(PANEL_FULL, arg=facts_text(simap, one), polling="raf")
             seconds.append(time.perf_counter() - start)
             page.wait_for_timeout(SETTLED_MS)
     docked = ", recording docked" if recording else ""

@@ -1,6 +1,5 @@
 """Legends of the colours, and descriptions of a map and its objects, as text and as small pieces of HTML."""
 
-from collections import Counter
 from collections.abc import Iterable, Sequence
 from html import escape
 from pathlib import PurePath
@@ -51,41 +50,14 @@ def why_empty(simap: SIMap) -> str:
     return f"things were named, but none reaches the least size ({simap.parameters.get('min_cells', 1)} cells)."
 
 
-def object_name(simap: SIMap, instance: Instance) -> str:
-    """Name an instance among its class: "chair 7 of 17"."""
-    return f"{short_name(simap, instance)} of {sum(other.label == instance.label for other in all_instances(simap))}"
-
-
 def object_names(simap: SIMap, most: int | None = None) -> dict[str, int]:
-    """Return {name: id} of the instances, named as `object_name` does; ``most`` keeps only the largest."""
+    """Return {name: id} of the instances; ``most`` keeps only the largest."""
     instances = all_instances(simap)
-    total = Counter(instance.label for instance in instances)
-    number: Counter[str] = Counter()
-    floor = 0
     if most is not None and len(instances) > most:
-        floor = sorted((instance.cells for instance in instances), reverse=True)[most - 1]
-    names: dict[str, int] = {}
-    for instance in instances:
-        number[instance.label] += 1
-        if instance.cells >= floor and (most is None or len(names) < most):
-            names[f"{instance.label} {number[instance.label]} of {total[instance.label]}"] = instance.id
-    return names
-
-
-def short_names(simap: SIMap) -> dict[int, str]:
-    """Return {id: name} of all instances, named as `short_name` does."""
-    number: Counter[str] = Counter()
-    names: dict[int, str] = {}
-    for one in all_instances(simap):
-        number[one.label] += 1
-        names[one.id] = f"{one.label} {number[one.label]}"
-    return names
-
-
-def short_name(simap: SIMap, instance: Instance) -> str:
-    """Name an instance without saying how many its class has: "chair 7"."""
-    siblings = [other.id for other in all_instances(simap) if other.label == instance.label]
-    return f"{instance.label} {siblings.index(instance.id) + 1}"
+        largest = sorted(instances, key=lambda one: -one.cells)[:most]
+        kept = {one.id for one in largest}
+        instances = tuple(one for one in instances if one.id in kept)
+    return {one.name: one.id for one in instances}
 
 
 def facts_text(simap: SIMap, instance: Instance) -> str:
@@ -102,13 +74,10 @@ def facts_html(simap: SIMap, instance: Instance) -> str:
     color = color_of_instance(simap, instance.id)
     seen = simap.color_of(instance)
     rows = (
-        ("Number", f"{instance.id} on this map"),
+        ("Class", f"{short(instance.label)}, {_one_of(simap, instance.label)}"),
         ("Position", f"x {x:.2f} m, y {y:.2f} m (map frame)"),
         ("Size", _size(instance) if has_voxels(simap) else f"{x1 - x0:.2f} × {y1 - y0:.2f} m, top at {top:.2f} m"),
-        *[
-            (kind, ", ".join(short_name(simap, simap.by_id(i)) for i in found))
-            for kind, found in _related(simap, instance)
-        ],
+        *[(kind, ", ".join(simap.by_id(i).name for i in found)) for kind, found in _related(simap, instance)],
         ("Score", f"{instance.score:.2f} mean confidence"),
         *[("History", one.words()) for one in changes_in(simap) if one.id == instance.id],
         *([("Colour", f"about {color_name(seen)}, as the cameras saw it")] if seen is not None else []),
@@ -119,10 +88,15 @@ def facts_html(simap: SIMap, instance: Instance) -> str:
     return (
         f'<div style="{BOX_STYLE}">'
         '<div style="font-size:1.15em;font-weight:600;overflow-wrap:anywhere">'
-        f"{CHIP_STYLE}{chip(color)}{short_html(object_name(simap, instance))}</div>"
+        f"{CHIP_STYLE}{chip(color)}{short_html(instance.name)}</div>"
         f"<div>{escape(facts_text(simap, instance))}</div>"
         f'<table style="border-spacing:0;margin-top:.3em">{table}</table></div>'
     )
+
+
+def _one_of(simap: SIMap, label: str) -> str:
+    count = sum(one.label == label for one in all_instances(simap))
+    return f"one of {count}" if count > 1 else "the only one"
 
 
 def _size(instance: Instance) -> str:

@@ -220,7 +220,7 @@ class MapSide:
     ground: NDArray
     """uint8 [rows, cols], what lies where no instance does: 0 unseen, 1 floor, 2 clutter, 3 wall."""
     names: dict[int, str]
-    """{id: class and number among its class on this map, such as "chair 4"}."""
+    """{id: name on this map, such as "chair 4"}."""
     ignored: int
     """Objects too small to be compared."""
     least_cells: int
@@ -326,16 +326,14 @@ def _on(simap: SIMap, window: GridSpec) -> NDArray:
 def _side(named: tuple[str, SIMap], window: GridSpec, cells: NDArray, colors: dict, small: tuple[int, int]) -> MapSide:
     title, simap = named
     grid = moved_grid(simap.grid, window)
-    return MapSide(title, paint(grid, cells, colors), cells, ground_kinds(grid), _names(simap), *small)
-
-
-def _names(simap: SIMap) -> dict[int, str]:
-    number: Counter[str] = Counter()
-    names = {}
-    for one in simap.instances:
-        number[one.label] += 1
-        names[one.id] = f"{one.label} {number[one.label]}"
-    return names
+    return MapSide(
+        title,
+        paint(grid, cells, colors),
+        cells,
+        ground_kinds(grid),
+        {one.id: one.name for one in simap.instances},
+        *small,
+    )
 
 
 def _item(d: Difference, on_left: NDArray, on_right: NDArray, window: GridSpec, swapped: bool) -> Item:

@@ -25,6 +25,7 @@ AHEAD: Final = 'side({}, "front")'
 NEAR_M: Final = 3.0
 """How far from it "the chair near the table" may stand, edge to edge; of those in reach the nearest to it is meant."""
 MAX_RANK: Final = 10_000
+MAX_NUMBER: Final = 2**31
 MAX_COUNT: Final = 100
 _MAX_DEPTH: Final = 18
 _MAX_REPEATED: Final = 120
@@ -845,9 +846,10 @@ def _except(targets: tuple[Phrase, ...]) -> Parts:
 
 @_rule("numbered", "NUMBER? n:amount")
 def _numbered(n: float) -> Parts:
-    if n != int(n) or not 1 <= n <= MAX_RANK:
+    """Read "chair 18": a name, no rank."""
+    if n != int(n) or not 1 <= n <= MAX_NUMBER:
         raise CommandError(f"the number of a thing is a whole number from 1, found {n:g}")
-    return (Part("rank", number=int(n), note=f"number {int(n)} is counted from the closest"),)
+    return _filter(f"called({{}}, {int(n)})")
 
 
 # ---- nouns and whole phrases

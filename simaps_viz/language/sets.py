@@ -26,7 +26,7 @@ from scipy.spatial import KDTree
 from simaps_viz.colors.naming import has_color
 from simaps_viz.errors import CommandError, InputError, PlanningError
 from simaps_viz.language.cells import Packed
-from simaps_viz.language.grounding import MAX_LOOKED, Grounding, Named, Things, one_thing, with_article
+from simaps_viz.language.grounding import MAX_LOOKED, Grounding, Named, Things, one_thing, ordinal, with_article
 from simaps_viz.language.lexicon import KINDS
 from simaps_viz.language.primitives import SAID, SELF, Primitive
 from simaps_viz.language.sight import wall_cells
@@ -109,6 +109,8 @@ class Sets(Grounding):
         self.answer: dict[str, Any] | None = None
         """What ``tell`` answered so far: text, value (of several questions a list), instances."""
         self._values: list[Any] = []
+        self.among: tuple[int, ...] = ()
+        """Ids of the things that the last choice was made of, in the order of that choice."""
         self._make_lap, self._radius_m = lap, radius_m
 
     def call(self, function: Primitive, arguments: Mapping[str, Any]) -> Any:
@@ -648,6 +650,15 @@ class Sets(Grounding):
         apart = np.minimum(apart, 24 - apart)
         return bool(((apart >= 5) & (apart <= 7)).any())
 
+    def _called(self, S: Named, n: int) -> Things:
+        found = self.set_of(S)
+        kept = [isinstance(i, Instance) and i.id == n for i in found.items]
+        if found.items and not any(kept):
+            near = ", ".join(i.name for i in found.items[:3] if isinstance(i, Instance))
+            rank = f"; the {ordinal(n)} closest is the {ordinal(n)} {found.one}" if n <= len(found) else ""
+            raise CommandError(f"There is no {found.one} {n} on this map. Near you: {near}{rank}.")
+        return self._keep(found, kept, after=f"called {n}")
+
     def _minus(self, A: Named, B: Named) -> Things:
         first, second = self.set_of(A), self.set_of(B)
         out = {_key(i) for i in second.items}
@@ -747,18 +758,23 @@ class Sets(Grounding):
             raise CommandError(
                 f"There {'is' if left == 1 else 'are'} {found.number(left)} besides that one; {n} were asked for."
             )
-        return ranked.first(n)
+        return self._choice_of(ranked).first(n)
 
     def _first(self, S: Named, n: int) -> Things:
-        return self.set_of(S).first(n)
+        return self._choice_of(self.set_of(S)).first(n)
 
     def _last(self, S: Named, n: int) -> Things:
-        found = self.set_of(S)
+        found = self._choice_of(self.set_of(S))
         found.expect(n)
         return replace(found, items=found.items[-n:], most="")
 
     def _nth(self, S: Named, k: int) -> Any:
-        return self.set_of(S).nth(k)
+        return self._choice_of(self.set_of(S)).nth(k)
+
+    def _choice_of(self, found: Things) -> Things:
+        """Remember what is chosen from, in its order, for whoever is shown the choice."""
+        self.among = tuple(i.id for i in found.items if isinstance(i, Instance))
+        return found
 
     # ---- numbers
 

@@ -170,7 +170,7 @@ def describe_by_number(edit: Edit, simap: SIMap) -> str:
     """Describe an edit of the map it was made on as the page numbers objects: "joined chair 2 and chair 3"."""
     if isinstance(edit, RoomEdit):
         return describe_by_id(edit)
-    return _describe(edit, [numbered(simap, simap.by_id(i)) for i in _ids(edit)])
+    return _describe(edit, [simap.by_id(i).name for i in _ids(edit)])
 
 
 def describe_by_class(edit: Edit) -> str:
@@ -203,11 +203,6 @@ def _describe(edit: Edit, names: Sequence[str]) -> str:
 
 def _ids(edit: Merge | Split | Relabel | Delete) -> tuple[int, ...]:
     return edit.objects if isinstance(edit, Merge) else (edit.object,)
-
-
-def numbered(simap: SIMap, one: Instance) -> str:
-    """Name an object by its number among its class on this map, as the page does: "chair 7"."""
-    return f"{one.label} {1 + [other.id for other in simap.of_class(one.label)].index(one.id)}"
 
 
 def _shown(simap: SIMap, instance_id: int) -> Instance:
@@ -248,10 +243,10 @@ def split(simap: SIMap, instance_id: int, start_m: Point, end_m: Point) -> Split
     if np.hypot(line[1][0] - line[0][0], line[1][1] - line[0][1]) < 1e-6:
         raise EditRefused(
             "cut: expected a line between two different points, found the same point twice",
-            f"Both clicks are at the same place. Click on both sides of {numbered(simap, one)}.",
+            f"Both clicks are at the same place. Click on both sides of {one.name}.",
         )
     cells = _cells(simap, one.id)
-    check_sides(sides(simap.spec, cells, line), f"{one.label} #{one.id}", min_cells(simap), numbered(simap, one))
+    check_sides(sides(simap.spec, cells, line), f"{one.label} #{one.id}", min_cells(simap), one.name)
     return Split(one.id, one.label, Region.of(cells), line)
 
 

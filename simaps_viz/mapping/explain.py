@@ -534,7 +534,7 @@ def between_words(found: Between, first: str, second: str) -> str:
 
     Args:
         found: the evidence.
-        first: name of the first instance, such as "chair 2 of 5".
+        first: name of the first instance, such as "chair 18".
         second: name of the second instance.
     """
     link = found.link

@@ -110,6 +110,9 @@ class Goal:
     other_instance: int | None = None
     words: str = ""
     """What the set was that the object is the first of, such as "leftmost chair"; empty for a name and a rank."""
+    among: tuple[int, ...] = ()
+    """Ids of the objects that it was chosen of, in the order that was asked for, such as from the left; empty for a
+    name and a rank, which counts from the closest."""
 
     def to_json(self) -> dict[str, Any]:
         """Return primitive, label, instance and point; for move_in_between other_label and other_instance as well."""
@@ -152,7 +155,7 @@ class Robot:
         self._motion = motion or Motion()
         self._max_path_m, self._max_planned_cells = max_path_m, max_planned_cells
         self._planned_cells = 0
-        self._words = ""
+        self._words, self._among = "", ((), ())
         self._poses: list[NDArray] = []
 
     @property
@@ -174,10 +177,10 @@ class Robot:
         """
         if primitive.kind == "function":
             return self.grounding.call(primitive, arguments)
-        chosen = (
-            value.one for value in arguments.values() if isinstance(value, Things) and (value.before or value.after)
-        )
-        self._words = next(chosen, "")
+        sets = [value for value in arguments.values() if isinstance(value, Things)]
+        self._words = next((value.one for value in sets if value.before or value.after), "")
+        among = tuple(i.id for value in sets[:1] for i in value.items if isinstance(i, Instance))
+        self._among, self.grounding.among = (self.grounding.among, among), ()
         return getattr(self, f"_{primitive.name}")(**arguments)
 
     def take_poses(self) -> NDArray:
@@ -416,7 +419,8 @@ class Robot:
         room = self.grounding.room_of(name)
         if room is None:
             thing = self.grounding.pick(name, instance)
-            goal = Goal(primitive, thing.label, thing.id, thing.centroid_m[:2], words=self._words)
+            about = (thing.label, thing.id)
+            goal = Goal(primitive, *about, thing.centroid_m[:2], words=self._words, among=self._chosen_of(thing.id))
         else:
             goal = Goal(primitive, room.name, None, room.centre_m)
         x, y = goal.point_m
@@ -450,7 +454,10 @@ class Robot:
         self.grounding.viewer = Pose2(*end, float(poses[-1, 2]))
         self._poses.append(poses)
         beyond = (other.label, other.id) if other else (None, None)
-        self.goals.append(Goal(primitive, *about, end, *beyond, self._words))
+        self.goals.append(Goal(primitive, *about, end, *beyond, self._words, self._chosen_of(about[1])))
+
+    def _chosen_of(self, number: int | None) -> tuple[int, ...]:
+        return next((ids for ids in self._among if number in ids), ())
 
 
 def _cell_centres(simap: SIMap) -> tuple[NDArray, NDArray]:

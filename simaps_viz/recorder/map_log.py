@@ -200,7 +200,7 @@ class MapLog:
         self.log_objects(simap.grid, simap.instance)
         if not simap.instances:
             return
-        names = short_names(simap)[: len(simap.instances)]
+        names = [one.name for one in simap.instances]
         colors = instance_colors(simap)[[instance.id for instance in simap.instances]]
         corners = np.array([instance.aabb_m for instance in simap.instances])
         low, high = on_picture(corners[:, 0]), on_picture(corners[:, 1])
@@ -231,7 +231,7 @@ class MapLog:
                 sizes=[box.size_m for box in boxes],
                 quaternions=np.stack([nothing, nothing, np.sin(half_turns), np.cos(half_turns)], axis=1),
                 colors=[color_of_instance(simap, one.id) for one in ones],
-                labels=short_names(simap),
+                labels=[one.name for one in all_instances(simap)],
                 radii=0.01,
                 show_labels=len(ones) <= MAX_LABELS,
             ),
@@ -274,16 +274,3 @@ def _upright(instance: Instance) -> Box:
     x, y, z = ((low + high) / 2.0).tolist()
     length, width, height = (high - low).tolist()
     return Box((x, y, z), (length, width, height), 0.0)
-
-
-def short_names(simap: SIMap) -> list[str]:
-    """Name the instances, in their order: "chair 7" is the seventh of its class by id, as in the workbench.
-
-    Those that no cell shows come last.
-    """
-    seen: dict[str, int] = {}
-    names = []
-    for instance in all_instances(simap):
-        seen[instance.label] = seen.get(instance.label, 0) + 1
-        names.append(f"{instance.label} {seen[instance.label]}")
-    return names

@@ -75,7 +75,7 @@ def test_a_command_is_explained_numbered_marked_and_driven(bench, page):
     )
     assert set(numbers) == {"1", "2", "▶ 3"} and mine(bench).panels[CommandPanel].driving
     assert chosen is not None and numbers["▶ 3"].x == pytest.approx(mine(bench).simap.by_id(chosen).centroid_m[0])
-    expect(page.get_by_text("Chair 3 is the farthest of 3 from where the command was given")).to_be_visible()
+    expect(page.get_by_text("Chair 4 is the farthest of 3 from where the command was given")).to_be_visible()
     hurry(mine(bench), page)
     expect(page.get_by_text("Done")).to_be_visible()
     said = answer(mine(bench).simap, "go to the third chair from here", mine(bench).panels[CommandPanel]._asked_at)

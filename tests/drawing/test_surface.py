@@ -6,7 +6,7 @@ from toy_maps import toy_map
 from toy_surfaces import BROWN, GREEN, GREY, PLANT, RED, toy_with_surface
 
 from simaps_viz.colors.instances import instance_colors
-from simaps_viz.drawing.legend import facts_html, object_name, object_names
+from simaps_viz.drawing.legend import facts_html, object_names
 from simaps_viz.drawing.solids import WALL_CUT_M
 from simaps_viz.drawing.surface import (
     DIMMED,
@@ -38,9 +38,9 @@ def test_the_plant_under_the_table_is_an_object_of_its_own(simap):
     assert plant.under == {table.id: 1.0} and plant.on == {} and table.on == {}
     assert plant.box.size_m == pytest.approx((0.15, 0.15, 0.35), abs=0.02)
     assert box_in(simap, PLANT) == plant.box and box_in(toy_map(), 1) is None
-    assert object_name(simap, plant) == "potted plant 2 of 2" and object_names(simap)["potted plant 2 of 2"] == PLANT
+    assert plant.name == f"potted plant {PLANT}" and object_names(simap)[plant.name] == PLANT
     words = facts_html(simap, plant)
-    assert "dining table 1" in words and "Under" in words and "from 0.0" in words
+    assert "dining table 6" in words and "one of 2" in words and "Under" in words and "from 0.0" in words
 
 
 def test_points_have_the_colours_they_were_seen_in(simap):

@@ -97,7 +97,7 @@ AFRESH: Final[list[tuple[str, Expected, str]]] = [
     ("house", lambda w: End(goals=[w.nth("tv"), w.nth("bed")], position=(w.pose.x_m, w.pose.y_m)),
         "First, go to the tv; second, go to the bed; finally, return to your starting position."),
     ("toy", lambda w: End(goals=[5, 6]), "Head to the couch, pause, then go to the second table."),
-    ("toy", goes(1, 4), "go to the second and the third chair / go to chair 2 and then chair 3"),
+    ("toy", goes(1, 4), "go to the second and the third chair / go to chair 1 and then chair 4"),
     ("toy", goes(3, 4), "go to a chair and then to the one nearest the plant"),
     ("house", lambda w: End(goals=[w.ranked("chair", "couch")[0]]), "Look for a place where I can sit"),
     ("house", nth("trash can"), "find somewhere to throw this away"),

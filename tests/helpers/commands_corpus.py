@@ -92,15 +92,15 @@ CORPUS: Final[list[tuple[str, Expected, str]]] = [
         "over to the nearest chair / I'd like you to approach a chair / walk up to the first chair / the chair "
         "closest to you / move to the chair that is nearest to you / get next to the closest chair"),
     ("toy", nth("chair", 2),
-        "go to the second chair / go to the 2nd chair / navigate to the second-closest chair / go to chair two / "
-        "go to chair number 2 / head to chair #2 / please visit the second nearest chair / drive to the chair "
+        "go to the second chair / go to the 2nd chair / navigate to the second-closest chair / "
+        "please visit the second nearest chair / drive to the chair "
         "second closest to you / proceed to the second to last chair"),
     ("toy", nth("chair", 3),
-        "go to the third chair / I want you to go to the 3rd chair from here / chair 3 / take me to the third "
+        "go to the third chair / I want you to go to the 3rd chair from here / take me to the third "
         "nearest chair / go to the last chair / go to the farthest chair / go to the chair furthest from you / "
         "run to the most distant chair / the chair that is the farthest away / find the chair which is farthest "
-        "from here / make your way to chair number three / third closest chair"),
-    ("house", nth("chair", 4), "go to the fourth chair / kindly drive to the 4th nearest chair / chair four please"),
+        "from here / third closest chair"),
+    ("house", nth("chair", 4), "go to the fourth chair / kindly drive to the 4th nearest chair"),
     ("house", nth("chair", -2),
         "go to the second farthest chair / go to the penultimate chair / go to the second last chair"),
     ("bedroom", nth("nightstand", 2),
@@ -260,7 +260,7 @@ CORPUS: Final[list[tuple[str, Expected, str]]] = [
     # ranks count from where the robot is by then: at the couch, the other table is the second
     ("toy", goes(5, 6),
         "go to the couch, then to the second table / first visit the sofa and then the second table / go to the "
-        "couch. After that, go to the second table. / head to the couch and, when you get there, go to table 2 / "
+        "couch. After that, go to the second table. / head to the couch and, when you get there, go to table 6 / "
         "after visiting the couch go to the second table"),
     ("toy", goes(6, 5, 9),
         "go to the table, the couch and the plant / visit the table, then the couch, finally the plant / go to "
@@ -270,7 +270,7 @@ CORPUS: Final[list[tuple[str, Expected, str]]] = [
         "it"),
     ("toy", goes(3, 1),
         "go to a chair, then the other chair / go to the nearest chair and then to the second one / go to the "
-        "first and the second chair / visit chair 1 and chair 2"),
+        "first and the second chair / visit chair 3 and chair 1"),
     ("toy", goes(6, 1), "go to the table and then to the chair nearest it"),
     ("toy", lambda w: End(goals=[5], position=(0.5, 0.5)),
         "go to the couch and come back / go to the sofa, then return to the start / visit the couch and go back "
@@ -319,10 +319,12 @@ CORPUS: Final[list[tuple[str, Expected, str]]] = [
     ("house", nth("trash can"), "go to somewhere to throw away trash / take me to the dustbin"),
     ("toy", nth("chair", 2), "go to the second chiar / go to teh second chair"),
     ("toy", turned(-90.0), "trun left"),
+    ("toy", goes(4), "chair 4 / go to chair number four / head to chair #4 / go to the chair numbered 4"),
     # ---- refusals
+    ("toy", refused("There is no chair 2"), "go to chair 2 / chair number two / chair 6"),
     ("toy", refused("no piano"), "go to the piano / drive to the second piano"),
     ("toy", refused("no fridge"), "go to the fridge"),
-    ("toy", refused("only 3 chairs"), "go to the fourth chair / go to the seventh chair from the left / chair 12"),
+    ("toy", refused("only 3 chairs"), "go to the fourth chair / go to the seventh chair from the left"),
     ("toy", refused("only 1 couch"), "go to the second couch / visit the two couches / go between the couches"),
     ("toy", refused("no kitchen"), "go to the kitchen / enter the kitchen"),
     ("toy", refused("Not understood", "Try"),

@@ -29,7 +29,6 @@ from toy_surfaces import toy_with_surface
 from simaps_viz.colors.classes import class_color, instance_color
 from simaps_viz.events import BuildFinished, CommunitiesFound, FrameProjected, MergesFound
 from simaps_viz.geometry import turned_pose
-from simaps_viz.recorder.map_log import short_names
 from simaps_viz.recorder.map_pictures import CLASS_BASE, FLOOR, UNPARTED, UNSEEN
 from simaps_viz.recorder.recorder import RerunRecorder
 from simaps_viz.recorder.settings import RecorderSettings
@@ -213,7 +212,7 @@ def test_merge_timeline_ends_at_the_finished_map(recording: Any) -> None:
 
 def test_boxes_and_counts_of_the_finished_map(recording: Any) -> None:
     found = rows(recording, "/world/objects")
-    assert found["frame"] == [FRAMES - 1] and found["labels"] == [["chair 1"]]
+    assert found["frame"] == [FRAMES - 1] and found["labels"] == [["chair 4"]]
     assert found["colors"] == [[rgba(instance_color(4))]]
     assert np.allclose(found["centers"][0], [[0.3, 1.25, 0.5]]) and np.allclose(
         found["half_sizes"][0], [[0.1, 0.05, 0]]
@@ -269,7 +268,7 @@ def test_objects_of_a_map_with_voxels_have_turned_boxes_in_the_room_as_it_looked
     found = rc.RrdReader(tmp_path / "map.rrd").stream().collect()
     boxes = rows(found, "/world/objects")
     ones = (*simap.instances, *simap.hidden)
-    assert boxes["labels"][0] == [*short_names(simap)] and boxes["labels"][0][-1] == "potted plant 2"
+    assert boxes["labels"][0] == [one.name for one in ones] and boxes["labels"][0][0] == "chair 1"
     for number, one in enumerate(ones):
         assert one.box is not None
         assert np.allclose(boxes["centers"][0][number], one.box.center_m, atol=1e-5)

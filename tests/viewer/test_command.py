@@ -32,7 +32,14 @@ from simaps_viz.navigation.trajectory import (
     trajectory_of_steps,
 )
 from simaps_viz.structures import Pose2
-from simaps_viz.viewer.panels.command import CommandPanel, entered, exchanges_html, program_html, why_text
+from simaps_viz.viewer.panels.command import (
+    CommandPanel,
+    entered,
+    exchanges_html,
+    in_asked_order,
+    program_html,
+    why_text,
+)
 from simaps_viz.viewer.scene.camera import AHEAD_M, BEHIND_M, Follower, above, behind
 from simaps_viz.viewer.scene.map_scene import Style
 from simaps_viz.viewer.workbench import Workbench
@@ -44,7 +51,7 @@ def why(command):
     simap = toy_map()
     said = answer(simap, command, TOY_POSE)
     assert said.status == "ok"
-    return why_text(said, Grounding(simap, TOY_POSE).candidates(str(said.goals[0].label)))
+    return why_text(said, in_asked_order(said, Grounding(simap, TOY_POSE).candidates(str(said.goals[0].label))))
 
 
 def test_why_this_one_is_said_with_the_distances_of_the_others():
@@ -52,23 +59,27 @@ def test_why_this_one_is_said_with_the_distances_of_the_others():
     # chair 4 at (3.625, -0.425).
     one, two, three = np.hypot(0.575, 1.225), np.hypot(0.525, 1.125), np.hypot(3.125, 0.925)
     assert why("go to the third chair") == (
-        f"Chair 3 is the farthest of 3 from where the command was given: {three:.2f} m; "
-        f"chairs 1 and 2 are at {min(one, two):.2f} and {max(one, two):.2f} m."
+        f"Chair 4 is the farthest of 3 from where the command was given: {three:.2f} m; "
+        f"chairs 3 and 1 are at {min(one, two):.2f} and {max(one, two):.2f} m."
     )
     assert why("go to the second chair") == (
-        f"Chair 2 is the second closest to where the command was given: {max(one, two):.2f} m; "
-        f"chair 1 is at {min(one, two):.2f} m."
+        f"Chair 1 is the second closest to where the command was given: {max(one, two):.2f} m; "
+        f"chair 3 is at {min(one, two):.2f} m."
     )
     assert why("go to the chair") == (
-        f"Chair 1 is the closest to where the command was given: {min(one, two):.2f} m; "
-        f"the next chair is at {max(one, two):.2f} m."
+        f"Chair 3 is the closest to where the command was given: {min(one, two):.2f} m; "
+        f"the next, chair 1, is at {max(one, two):.2f} m."
     )
-    assert why("go to the couch").startswith("It is the only couch on this map, ")
+    assert why("go to the couch").startswith("Couch 5 is the only couch on this map, ")
     assert why("robot.move_to_object(first(order(things('chair'), 'left')))").endswith(
         "It was chosen as the leftmost chair."
     )
-    assert why("robot.face(nearest(side(things('chair'), 'left')))").endswith(
-        "It was chosen as the chair on your left."
+    assert why("robot.face(nearest(side(things('chair'), 'left')))") == (
+        f"Chair 1 is the only chair on your left, {max(one, two):.2f} m from where the command was given."
+    )
+    assert why("go to the second chair from the south") == (
+        f"Chair 4 is the second of 3 in the order that was asked for, {three:.2f} m from where the command was given. "
+        "The program says how it was chosen."
     )
     assert why("visit all chairs") == "All 3 chairs on this map are meant."
 

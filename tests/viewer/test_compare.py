@@ -124,9 +124,9 @@ def test_a_very_large_map_is_shown_coarser():
 def test_words(merged):
     assert kind_options(merged) == ("all (1)", "merged (1)")
     assert of_kind(merged, "merged (1)") == list(merged.items) and of_kind(merged, "split (0)") == []
-    assert item_text(merged.items[0], merged) == "merged · chairs 1 + 2 → 1"
+    assert item_text(merged.items[0], merged) == "merged · chairs 1 + 3 → 1"
     back = compare_two(("<b>", repartition(toy_map(), k_percent=0.0)), ("K", toy_map()))
-    assert item_text(back.items[0], back) == "split · chair 1 → 1 + 2"
+    assert item_text(back.items[0], back) == "split · chair 1 → 1 + 3"
     html = summary_html(back)
     assert "&lt;b&gt;" in html and "<b>: " not in html
     assert "one object is several" in html and "several objects are one" not in html
@@ -138,9 +138,9 @@ def test_objects_are_named_by_their_numbers_on_their_own_maps():
     one = ("a", map_of_ids(left, {**chairs, 6: "table"}))
     maps = compare_two(one, ("b", map_of_ids(right, {1: "chair", 2: "chair", 3: "table", 4: "chair"})))
     texts = [item_text(item, maps) for item in maps.items]
-    assert texts == ["missed · chair 5", "missed · table 1", "label · chair 3 → table 1 · 100% alike"]
+    assert texts == ["missed · chair 5", "missed · table 6", "label · chair 3 → table 3 · 100% alike"]
     truth = compare_two(one, ("b", map_of_ids(drawn("11.22.33.44.55..."), chairs)), truth="right")
-    assert [item_text(item, truth) for item in truth.items] == ["extra · table 1"]
+    assert [item_text(item, truth) for item in truth.items] == ["extra · table 6"]
     many = compare_two(("a", map_of_ids(drawn("1234567"), dict.fromkeys(range(1, 8), "chair"))),
                        ("b", map_of_ids(drawn("1111111"), {1: "chair"})))  # fmt: skip
     assert item_text(many.items[0], many) == "merged · chairs 1 + 2 + 3 + 4 + 5 + 2 more → 1"

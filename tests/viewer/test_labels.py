@@ -1,6 +1,7 @@
 """Texts and marks on the map: they cover neither one another nor what they name, and follow the zoom."""
 
 import threading
+from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any, cast
 
@@ -199,9 +200,9 @@ def test_the_strongest_links_are_named_at_the_neighbour(server):
     marks = Marks(simap, why)
     named = link_label(marks, why.neighbours[0])
     other = why.neighbours[0].other
-    assert named.text == "chair 2 · 1.6 %"
+    assert named.text == "chair 3 · 1.6 %"
     assert named.box == pytest.approx((*other.aabb_m[0][:2], *other.aabb_m[1][:2]))
-    large = SimpleNamespace(**{**vars(other), "aabb_m": ((1.0, 0.0, 0.0), (9.0, 1.0, 1.0))})
+    large = replace(other, aabb_m=((1.0, 0.0, 0.0), (9.0, 1.0, 1.0)))
     long = SimpleNamespace(other=large, ends_m=((0.0, 0.5), (1.0, 0.5)), score=0.1)
     at_end = link_label(marks, cast(Any, long))
     assert (at_end.x, at_end.y, at_end.reach_x, at_end.away_x > 0) == (1.0, 0.5, 0.0, True)

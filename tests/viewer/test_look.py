@@ -175,7 +175,7 @@ def test_a_map_of_one_cell_is_painted_and_explained(mode):
 def test_a_map_with_one_object():
     simap = map_from_drawing("...\n.A.\n...", {"A": "couch"})
     assert legend.counts_text(simap) == "1 couch · 1 instance" and legend.plural(3, "shelf") == "3 shelves"
-    assert legend.object_name(simap, simap.instances[0]) == "couch 1 of 1"
+    assert "the only one" in legend.facts_html(simap, simap.instances[0])
 
 
 def test_the_legend_has_the_colours_of_the_map(simap):

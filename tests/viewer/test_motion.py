@@ -184,7 +184,8 @@ def test_candidates_are_numbered_with_the_chosen_one_marked():
     assert numbers({4}, most=1) == ["▶ 3", "1"]
     assert numbers({candidates[0].instance.id}) == ["▶ 1"], "those farther than the goal are of no use"
     assert numbers(set()) == ["1", "2", "3"]
-    chosen = candidate_labels(candidates, {4})[0]
+    chosen, first, _ = candidate_labels(candidates, {4})
+    assert chosen.text == "▶ 3 · chair 4 · 3.3 m" and first.text == "1 · chair 3"
     box = simap.by_id(4).aabb_m
     assert chosen.box == pytest.approx((*box[0][:2], *box[1][:2]))
 

@@ -9,7 +9,7 @@ import viser
 from browser import free_port
 from toy_maps import toy_map
 
-from simaps_viz.drawing.legend import object_name, short_name
+from simaps_viz.drawing.legend import object_names
 from simaps_viz.mapping.explain import explain
 from simaps_viz.structures import SIMap
 from simaps_viz.viewer.page.page import Page
@@ -30,25 +30,25 @@ def of_drawers() -> SIMap:
 
 def test_a_short_name_keeps_all_of_the_class():
     simap = of_drawers()
-    names = [short_name(simap, one) for one in simap.of_class(CLASS)]
-    assert names == [f"{CLASS} {n}" for n in (1, 2, 3)]
-    assert [object_name(simap, one) for one in simap.of_class(CLASS)] == [f"{name} of 3" for name in names]
+    names = [one.name for one in simap.of_class(CLASS)]
+    assert names == [f"{CLASS} {n}" for n in (1, 3, 4)]
+    assert {*names} < {*object_names(simap)} and [*object_names(simap, 2)] == ["couch 5", "dining table 6"]
 
 
 def test_a_link_names_the_neighbour_whole():
     simap = of_drawers()
     why = explain(simap, CHAIR_1)
-    assert link_label(Marks(simap, why), why.neighbours[0]).text == f"{CLASS} 2 · 1.6 %"
+    assert link_label(Marks(simap, why), why.neighbours[0]).text == f"{CLASS} 3 · 1.6 %"
 
 
 def test_scores_are_bars_against_the_threshold_and_steps_are_told_in_words():
     simap = toy_map()
     why = explain(simap, CHAIR_1)
     html = lines_legend(simap, why)
-    # The weakest joint, 25 %, is the longest; K = 5 % is a fifth of it, and chair 2, which is apart, 1.5625 %.
+    # The weakest joint, 25 %, is the longest; K = 5 % is a fifth of it, and chair 3, which is apart, 1.5625 %.
     assert re.findall(r"width:([\d.]+)%", html) == ["100.0", "6.2"]
     assert re.findall(r"auto -.2em ([\d.]+)%", html) == ["20.0", "20.0"]
-    assert html.index("One object above K = 5 %") < html.index("weakest joint") < html.index("chair 2")
+    assert html.index("One object above K = 5 %") < html.index("weakest joint") < html.index("chair 3")
     assert joint_name(why, 1) == "Step 1: 32 and 32 cells, 25.0 %, weakest"
 
 
@@ -61,7 +61,7 @@ def test_every_neighbour_has_a_button():
         page = SimpleNamespace(gui=server.gui, client=server)
         panel = WhyPanel(cast(Page, page))
         panel._fill(simap, replace(why, neighbours=(why.neighbours[0], twice)))
-        assert [*panel._near.options][:2] == [f"{CLASS} 2 · 1.6 %", f"{CLASS} 3 · 1.6 %"]
+        assert [*panel._near.options][:2] == [f"{CLASS} 3 · 1.6 %", f"{CLASS} 4 · 1.6 %"]
         assert list(panel._apart_of.values()) == [one.id for one in simap.of_class(CLASS)[1:]]
     finally:
         server.stop()

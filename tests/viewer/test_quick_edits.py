@@ -101,7 +101,7 @@ def test_what_lies_under_other_things_is_named_and_cannot_be_mended(tmp_path):
     ):
         person = Person(bench, page.session, page.session.panels[MendPanel], mending)
         person.selects(HIDDEN_PLANT)
-        assert f"potted plant 2 of 2 is selected. {UNDER}" in person.told and not person.panel._change.visible
+        assert f"potted plant {HIDDEN_PLANT} is selected. {UNDER}" in person.told and not person.panel._change.visible
         for key in (person.panel.delete, person.panel.cut, person.panel.join, person.panel.rename):
             key()
             person.waits()

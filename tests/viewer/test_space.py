@@ -102,24 +102,24 @@ def test_a_click_from_above_lists_what_lies_there(session):
     x, y, _ = session.simap.by_id(PLANT).box.center_m
     click(session, (x, y, 3.0), (0.0, 0.0, -1.0))
     assert session.selected == TABLE and panel._here.visible
-    assert tuple(panel._here.options) == ("dining table 1", "potted plant 2")
-    panel._go_down("potted plant 2")
+    assert tuple(panel._here.options) == (f"dining table {TABLE}", f"potted plant {PLANT}")
+    panel._go_down(f"potted plant {PLANT}")
     assert session.wait_idle() and session.selected == PLANT
-    assert tuple(panel._here.options) == ("dining table 1", "potted plant 2")  # and up again
+    assert tuple(panel._here.options) == (f"dining table {TABLE}", f"potted plant {PLANT}")  # and up again
     session.select(1)
     assert session.wait_idle() and not panel._here.visible
 
 
 def test_a_hidden_object_is_found_as_it_is_called():
     simap = toy_with_surface()
-    assert find(simap, "potted plant 2").id == find(simap, str(PLANT)).id == PLANT
-    assert find(simap, "plants", after=find(simap, "potted plant 1").id).id == PLANT
+    assert find(simap, f"potted plant {PLANT}").id == find(simap, str(PLANT)).id == PLANT
+    assert find(simap, "plants", after=find(simap, "potted plant 9").id).id == PLANT
 
 
 def test_a_hidden_object_is_selected_by_name_with_its_box_round_it(session):
     session.select(PLANT)
     assert session.wait_idle() and session.selected == PLANT
-    assert session.panels[InstancePanel]._list.value == "potted plant 2 of 2"
+    assert session.panels[InstancePanel]._list.value == f"potted plant {PLANT}"
     box = session.scene._boxed[0]
     assert box == session.simap.by_id(PLANT).box
     lines = session.client.scene.get_handle_by_name("/selection")

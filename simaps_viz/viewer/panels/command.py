@@ -71,24 +71,30 @@ def why_text(answer: Answer, candidates: Sequence[Candidate]) -> str:
             return f"All {plural(len(mine), label)} on this map are meant."
         several = _listed(mine, label)
         return f"{several[0].upper()}{several[1:]} are meant, of {len(candidates)} on this map."
-    one = mine[0]
+    one, name = mine[0], mine[0].instance.name
     if len(candidates) == 1:
-        return f"It is the only {label} on this map, {one.distance_m:.2f} m from where the command was given."
+        words = next((goal.words for goal in answer.goals if goal.words), "")
+        only = words or f"{label} on this map"
+        return f"{_cap(name)} is the only {only}, {one.distance_m:.2f} m from where the command was given."
+    if _asked_order(answer, candidates):
+        nth = _NTH[one.rank].strip() or "first" if one.rank < len(_NTH) else f"{one.rank}th"
+        order = f"{_cap(name)} is the {nth} of {len(candidates)} in the order that was asked for"
+        return " ".join([f"{order}, {one.distance_m:.2f} m from where the command was given.", *_choice(answer)])
     nth = _NTH[one.rank] if one.rank < len(_NTH) else f"{one.rank}th "
     closest = f"the {nth}closest to"
     if one.rank == len(candidates) > 2:
         closest = f"the farthest of {len(candidates)} from"
-    text = f"{label} {one.rank} is {closest} where the command was given: {one.distance_m:.2f} m;"
-    return " ".join([text[0].upper() + text[1:], _others(one, candidates), *_choice(answer)])
+    text = f"{name} is {closest} where the command was given: {one.distance_m:.2f} m;"
+    return " ".join([_cap(text), _others(one, candidates), *_choice(answer)])
 
 
 def candidate_labels(candidates: Sequence[Candidate], chosen: Collection[int], most: int = 5) -> list[Label]:
-    """Number the objects that a command could mean: "▶ 3 · 2.6 m" is the chosen one, "1 · 1.2 m" a closer one.
+    """Number the objects that a command could mean: "▶ 3 · chair 18 · 2.6 m" is the chosen one, "1 · chair 7" another.
 
     Args:
-        candidates: the closest first.
+        candidates: in the order that was asked for.
         chosen: ids of the chosen ones.
-        most: how many others to number; none of them is farther than the farthest chosen one.
+        most: how many others to number; none of them comes after the last chosen one.
 
     Returns:
         the chosen ones first.
@@ -96,8 +102,32 @@ def candidate_labels(candidates: Sequence[Candidate], chosen: Collection[int], m
     mine = [c for c in candidates if c.instance.id in chosen]
     last = max((c.rank for c in mine), default=len(candidates))
     others = [c for c in candidates if c.instance.id not in chosen and c.rank <= last][:most]
-    texts = [(f"{'▶ ' if c in mine else ''}{c.rank} · {c.distance_m:.1f} m", c.instance) for c in (*mine, *others)]
+    texts = [(f"▶ {c.rank} · {c.instance.name} · {c.distance_m:.1f} m", c.instance) for c in mine]
+    texts += [(f"{c.rank} · {c.instance.name}", c.instance) for c in others]
     return [label_of(text, one) for text, one in texts]
+
+
+def in_asked_order(answer: Answer, candidates: Sequence[Candidate]) -> Sequence[Candidate]:
+    """Return the candidates that the first goal was chosen of, ranked in the order that was asked for.
+
+    Args:
+        answer: with the goals.
+        candidates: the closest first, which is the order where no other was asked for.
+    """
+    by_id = {one.instance.id: one for one in candidates}
+    among = [by_id[i] for i in answer.goals[0].among if i in by_id]
+    ranked = [replace(one, rank=rank) for rank, one in enumerate(among, start=1)]
+    return ranked or candidates
+
+
+def _asked_order(answer: Answer, candidates: Sequence[Candidate]) -> bool:
+    """Whether the candidates are in another order than by distance."""
+    distances = [one.distance_m for one in candidates]
+    return bool(answer.goals and answer.goals[0].among) and distances != sorted(distances)
+
+
+def _cap(text: str) -> str:
+    return text[:1].upper() + text[1:]
 
 
 def goal_labels(simap: SIMap, goals: Sequence[Goal]) -> list[Label]:
@@ -175,23 +205,22 @@ def _others(one: Candidate, candidates: Sequence[Candidate]) -> str:
     """Describe how far the closer ones are, or the next one if none is closer."""
     label = one.instance.label
     if one.rank == 1:
-        return f"the next {label} is at {candidates[1].distance_m:.2f} m."
+        return f"the next, {candidates[1].instance.name}, is at {candidates[1].distance_m:.2f} m."
     closer = candidates[: one.rank - 1]
     distances = [f"{c.distance_m:.2f}" for c in closer]
     if len(closer) == 1:
-        return f"{label} 1 is at {distances[0]} m."
+        return f"{closer[0].instance.name} is at {distances[0]} m."
     if len(closer) > _MAX_LISTED:
-        return f"{_listed(closer, label)} are at {distances[0]} to {distances[-1]} m."
+        return f"{plural(len(closer), label)} are closer, at {distances[0]} to {distances[-1]} m."
     return f"{_listed(closer, label)} are at {', '.join(distances[:-1])} and {distances[-1]} m."
 
 
 def _listed(candidates: Sequence[Candidate], label: str) -> str:
-    """Name several by their numbers: "chairs 1, 2 and 5"; a long row without gaps as "chairs 1 to 9"."""
-    ranks = sorted(c.rank for c in candidates)
-    name = plural(2, label).removeprefix("2 ")
-    if len(ranks) > _MAX_LISTED and ranks == list(range(ranks[0], ranks[-1] + 1)):
-        return f"{name} {ranks[0]} to {ranks[-1]}"
-    return f"{name} {', '.join(map(str, ranks[:-1]))} and {ranks[-1]}"
+    """Name several by their numbers: "chairs 1, 2 and 5"; many are counted."""
+    numbers = [str(c.instance.id) for c in candidates]
+    if len(numbers) > 2 * _MAX_LISTED:
+        return plural(len(numbers), label)
+    return f"{plural(2, label).removeprefix('2 ')} {', '.join(numbers[:-1])} and {numbers[-1]}"
 
 
 def _choice(answer: Answer) -> list[str]:
@@ -605,7 +634,7 @@ class CommandPanel(Panel):
         mixed = any(goal.other_label or not goal.label for goal in answer.goals)
         if self._services.candidates is None or mixed or len(labels) != 1:
             return goal_labels(simap, answer.goals), ()
-        candidates: Sequence[Candidate] = self._services.candidates(simap, labels.pop(), self._page.pose)
+        candidates = in_asked_order(answer, self._services.candidates(simap, labels.pop(), self._page.pose))
         chosen = {goal.instance or 0 for goal in answer.goals}
         return candidate_labels(candidates, chosen), (why_text(answer, candidates),)
 

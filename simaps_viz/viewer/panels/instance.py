@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from simaps_viz.colors.classes import plural
 from simaps_viz.drawing.frame_pictures import best_views, gallery, named, outlined
-from simaps_viz.drawing.legend import facts_html, object_name, object_names, short_name
+from simaps_viz.drawing.legend import facts_html, object_names
 from simaps_viz.drawing.surface import stack_at
 from simaps_viz.drawing.theme import BOX_STYLE, DIM_STYLE, small_html
 from simaps_viz.errors import CommandError, InputError
@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 
 FIND = "Find"
 FIND_HINT = (
-    "A class, a class and a number, or the number of an object, such as: chair, chair 7, 214; or what it is for or "
+    "A class, a name, or the number of an object, such as: chair, chair 18, 18; or what it is for or "
     "looks like, such as: somewhere to sit. Enter goes there, Enter again to the next."
 )
 MAX_RANKS = 5
@@ -37,7 +37,7 @@ NOTHING: str = "(none)"
 MAX_LISTED = 1000
 """The list offers this many instances, the largest; all can be clicked on the map or found by name."""
 _ID = re.compile(r"#(\d+)")
-"""Edit logs name objects by their ids on the map before the edit, which the page does not show."""
+"""Edit logs write "chair #18"."""
 LIST_HINT = f"Select an object. Of more than {MAX_LISTED} only the largest are listed; Find finds them all."
 HELP = f'<div style="{BOX_STYLE}">Click an object on the map, choose it from the list, or type its name.</div>'
 
@@ -51,7 +51,7 @@ def find(simap: SIMap, typed: str, *, after: int | None = None) -> Instance:
 
     Args:
         simap: the map.
-        typed: a class, a class and a number among its objects, or the number of an object on the map.
+        typed: a class, a name ("chair 18"), or the number alone, which no other object has.
         after: id of the selected object; a class alone finds the next object of that class after it.
 
     Raises:
@@ -64,7 +64,7 @@ def find(simap: SIMap, typed: str, *, after: int | None = None) -> Instance:
     if name:
         return _of_class(simap, _class_of(simap, name), number, after)
     if number is None:
-        raise NotFound("Type a class or a number, such as: chair 7.")
+        raise NotFound("Type a class or a number, such as: chair 18.")
     everything = all_instances(simap)
     one = next((one for one in everything if one.id == number), None)
     if one is None:
@@ -73,13 +73,14 @@ def find(simap: SIMap, typed: str, *, after: int | None = None) -> Instance:
 
 
 def _of_class(simap: SIMap, label: str, number: int | None, after: int | None) -> Instance:
-    """Return an object of a class by its number in the class; without a number the next one after ``after``."""
+    """Return an object of a class by its number; without a number the next one after ``after``."""
     ones = tuple(one for one in all_instances(simap) if one.label == label)
     if number is None:
         return next((one for one in ones if after is not None and one.id > after), ones[0])
-    if not 1 <= number <= len(ones):
+    found = next((one for one in ones if one.id == number), None)
+    if found is None:
         raise NotFound(f"There is no {label} {number}. This map has {plural(len(ones), label)}.")
-    return ones[number - 1]
+    return found
 
 
 def _class_of(simap: SIMap, name: str) -> str:
@@ -133,7 +134,7 @@ class FindBox(Panel):
             self._page.go_to(one)
             self._report("Key T shows the whole map again.")
         else:
-            self._report(f"Enter: {object_name(simap, one)}")
+            self._report(f"Enter: {one.name}")
 
     def _search(self, simap: SIMap, text: str, why: str) -> None:
         """Go to the object that fits the words best, or on to the next one when they are entered again; list them."""
@@ -149,7 +150,7 @@ class FindBox(Panel):
             self._rank = (self._rank + 1) % len(self._ranked[2])
         found = self._ranked[2]
         self._page.go_to(found[self._rank].instance)
-        names = [f"{n}. {object_name(simap, one.instance)} ({one.score:.0%})" for n, one in enumerate(found, start=1)]
+        names = [f"{n}. {one.instance.name} ({one.score:.0%})" for n, one in enumerate(found, start=1)]
         names[self._rank] += ", shown"
         more = " Enter goes to the next." if len(found) > 1 else ""
         self._report(f"{'; '.join(names)}.{more}")
@@ -229,7 +230,7 @@ class InstancePanel(Panel):
         self._note.content = small_html("Loading its best views …")
         self._why.visible = False
         self._text.content = HELP if instance is None else facts_html(simap, instance)
-        name = NOTHING if instance is None else object_name(simap, instance)
+        name = NOTHING if instance is None else instance.name
         if name not in self._list.options:
             self._ids = {name: instance.id, **self._ids} if instance is not None else self._ids
             self._list.options = (NOTHING, *self._ids)
@@ -242,7 +243,7 @@ class InstancePanel(Panel):
         """List what lies at the selected position, where it is more than one thing."""
         simap, at = self._page.simap, self._page.picked
         stack = stack_at(simap, *at) if at is not None else {}
-        names = {short_name(simap, simap.by_id(number)): z for number, z in stack.items()}
+        names = {simap.by_id(number).name: z for number, z in stack.items()}
         self._stack = {name: (*at, z) for name, z in names.items()} if at is not None else {}
         self._here.visible = len(names) > 1
         if len(names) > 1 and tuple(names) != tuple(self._here.options):
@@ -271,7 +272,7 @@ def edits_html(edits: Sequence[Mapping[str, Any]]) -> str:
         return ""
     lines = ""
     for edit in reversed(edits):
-        what = _ID.sub(r"(number \1)", str(edit.get("what")))
+        what = _ID.sub(r"\1", str(edit.get("what")))
         when = str(edit.get("when"))[:16].replace("T", " ")
         lines += f"<div>{escape(what)}, by {escape(str(edit.get('who')))}, {escape(when)} UTC</div>"
     return f'<div style="{BOX_STYLE}"><b>Edited by hand</b>{lines}</div>'

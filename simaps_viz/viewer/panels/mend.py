@@ -11,7 +11,7 @@ import numpy as np
 import viser
 
 from simaps_viz.colors.instances import take_over
-from simaps_viz.drawing.legend import facts_text, object_name
+from simaps_viz.drawing.legend import facts_text
 from simaps_viz.drawing.theme import BAD_STYLE, BOX_STYLE, DIM_STYLE, STICKY, TEXT_STYLE, note_html, short_html
 from simaps_viz.errors import InputError, SIMapsError
 from simaps_viz.mapping.edit_log import Entry
@@ -68,7 +68,7 @@ def nearest(simap: SIMap, one: Instance) -> dict[str, int]:
     others = [other for other in simap.instances if other.id != one.id]
     far = {other.id: float(np.hypot(*(np.asarray(other.centroid_m[:2]) - here))) for other in others}
     others.sort(key=lambda other: (other.label != one.label, far[other.id], other.id))
-    return {f"{object_name(simap, other)}, {far[other.id]:.1f} m": other.id for other in others[:NEAREST]}
+    return {f"{other.name}, {far[other.id]:.1f} m": other.id for other in others[:NEAREST]}
 
 
 def classes(simap: SIMap) -> list[str]:
@@ -82,13 +82,13 @@ def status_html(simap: SIMap, one: Instance | None, words: str, tone: str, *, kn
     if not known:
         head = note_html("This is another map than the one that the edits belong to.")
     elif one in simap.hidden:
-        head = note_html(escape(f"{object_name(simap, one)} is selected. {UNDER}"))
+        head = note_html(escape(f"{one.name} is selected. {UNDER}"))
     elif one is None:
         head = note_html("Select an object on the map, or in the list under Instance, to mend it.")
     else:
         facts = escape(facts_text(simap, one))
         head = (
-            f'<div style="{BOX_STYLE};{TEXT_STYLE};overflow-wrap:anywhere"><b>{short_html(object_name(simap, one))}</b>'
+            f'<div style="{BOX_STYLE};{TEXT_STYLE};overflow-wrap:anywhere"><b>{short_html(one.name)}</b>'
             f'<br><span style="{DIM_STYLE}">{facts}</span></div>'
         )
     outcome = f'<div role="status">{message_html("", words, tone)}</div>' if words else ""
@@ -349,7 +349,7 @@ class MendPanel(Panel):
             self._say("Select an object first.", "bad")
         elif selected != self._shown:
             self.selection_changed(selected)
-            name = object_name(self._page.simap, self._page.simap.by_id(selected))
+            name = self._page.simap.by_id(selected).name
             self._say(f"{name} is selected now. Do it again to change this one.", "bad")
             return None
         elif self._page.simap.by_id(selected) in self._page.simap.hidden:

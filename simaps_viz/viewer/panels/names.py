@@ -8,7 +8,6 @@ from typing import Any
 import cv2
 import numpy as np
 
-from simaps_viz.drawing.legend import short_names
 from simaps_viz.structures import Instance, SIMap
 from simaps_viz.viewer.page.page import Page
 from simaps_viz.viewer.page.panel import Panel
@@ -67,10 +66,10 @@ class NamesPanel(Panel):
             self._state.content = content
 
 
-def hint_text(name: str, one: Instance, cell_m: float) -> str:
+def hint_text(one: Instance, cell_m: float) -> str:
     """Return what is said of the object under the pointer: "chair 18 · 0.22 m² · .86"."""
     area, score = one.area_m2(cell_m), f"{one.score:.2f}".removeprefix("0")
-    return f"{name} · {area:.{2 if area >= 0.01 else 4}f} m² · {score}"
+    return f"{one.name} · {area:.{2 if area >= 0.01 else 4}f} m² · {score}"
 
 
 def names_html(simap: SIMap) -> str:
@@ -84,9 +83,9 @@ def names_html(simap: SIMap) -> str:
     ids = simap.instance[::step, ::step]
     picture = np.stack([ids >> 16, ids >> 8 & 255, ids & 255], axis=2).astype(np.uint8)  # OpenCV's order: blue first
     png = base64.b64encode(cv2.imencode(".png", picture)[1].tobytes()).decode()
-    names, cell_m = short_names(simap), simap.spec.cell_size_m
+    cell_m = simap.spec.cell_size_m
     largest = sorted(simap.instances, key=lambda one: (-one.cells, one.id))[:MAX_NAMED]
-    rows = [(one.id, names[one.id], one.label, hint_text(names[one.id], one, cell_m)) for one in largest]
+    rows = [(one.id, one.name, one.label, hint_text(one, cell_m)) for one in largest]
     (xmin, ymin, xmax, ymax), size_m = simap.spec.extent_m, step * cell_m
     told = json.dumps({"extent": (xmin, ymin, xmax, ymax), "cell": size_m, "objects": rows})
     return (

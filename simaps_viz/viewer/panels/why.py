@@ -11,7 +11,7 @@ import viser
 from simaps_viz.colors.classes import plural
 from simaps_viz.colors.palette import Color
 from simaps_viz.drawing.frame_pictures import named, outlined
-from simaps_viz.drawing.legend import CHIP_STYLE, chip, gradient_html, object_name, short_name
+from simaps_viz.drawing.legend import CHIP_STYLE, chip, gradient_html
 from simaps_viz.drawing.theme import SMALL_STYLE, remark_html, small_html, working_html
 from simaps_viz.mapping.edit_log import edits_of
 from simaps_viz.mapping.explain import (
@@ -79,7 +79,7 @@ def lines_legend(simap: SIMap, why: Why) -> str:
     drawn = drawn_links(why)
     if method_of(why.method).slider is None:
         return f'<div style="{SMALL_STYLE}">{_stroke(LINK)}neighbours, with their distance</div>' if drawn else ""
-    bars += [(short_name(simap, link.other), link.score, LINK) for link in drawn]
+    bars += [(link.other.name, link.score, LINK) for link in drawn]
     return bars_html(why, bars)
 
 
@@ -254,7 +254,7 @@ class WhyPanel(Panel):
         self._color_legend.content = sureness_legend(why)
         self._color_legend.visible = bool(self._color.value)
         names = {
-            f"{short_name(simap, link.other)} · {link_text(why.method, link)}": link.other.id
+            f"{link.other.name} · {link_text(why.method, link)}": link.other.id
             for link in why.neighbours[:MAX_NEIGHBOURS]
         }
         self._apart_of = names
@@ -324,7 +324,7 @@ class WhyPanel(Panel):
             return
         self._show_step(0)
         self._between = found = between(simap, why.instance.id, other_id)
-        first, second = object_name(simap, found.first), object_name(simap, found.second)
+        first, second = found.first.name, found.second.name
         self._apart.content = small_html(between_words(found, first, second))
         self._draw()
         self._page.repaint()

@@ -11,7 +11,6 @@ from numpy.typing import ArrayLike, NDArray
 
 from simaps_viz.drawing.label_layout import Box as LabelBox
 from simaps_viz.drawing.label_layout import Label
-from simaps_viz.drawing.legend import short_name
 from simaps_viz.drawing.solids import solids
 from simaps_viz.drawing.surface import is_shown, layers, point_colors, ray_on_points
 from simaps_viz.drawing.texture import ColorMode, cell_colors, outline_segments
@@ -205,7 +204,7 @@ class MapScene:
             segments = outline_segments(then[0], *then[1], z_m=0.012)
         elif instance_id is not None:
             segments = outline_segments(simap, instance_id, z_m=0.012)
-            box, name = box_in(simap, instance_id), short_name(simap, simap.by_id(instance_id))
+            box, name = box_in(simap, instance_id), simap.by_id(instance_id).name
         with self._lock:
             self._outlined, self._boxed = segments, None if box is None else (box, name)
             self._draw_outline(self._candidates.metres_per_px)

@@ -9,7 +9,6 @@ from numpy.typing import NDArray
 
 from simaps_viz.colors.palette import Color
 from simaps_viz.drawing.label_layout import Label, boxes_near
-from simaps_viz.drawing.legend import short_name
 from simaps_viz.drawing.texture import outline_segments
 from simaps_viz.mapping.explain import Joint, Link, Why, score_text
 from simaps_viz.mapping.methods import method_of
@@ -168,7 +167,7 @@ class WhyMarks:
 
 def link_label(marks: Marks, link: Link) -> Label:
     """Name a neighbour and its link's number, at the neighbour: "chair 6 · 0.04"."""
-    text = f"{short_name(marks.simap, link.other)} · {link_text(marks.why.method, link)}"
+    text = f"{link.other.name} · {link_text(marks.why.method, link)}"
     (x0, y0), (x1, y1) = link.ends_m
     away = (x1 - x0, y1 - y0)
     (xmin, ymin, _), (xmax, ymax, _) = link.other.aabb_m
