@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from benchmarks.page import NO_NOTES, opened
+from benchmarks.page import DOCKED_WIDTH, NO_NOTES, opened
 
 from simaps_viz.structures import Instance, SIMap
 
@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 
     from simaps_viz.viewer.session import Session
 
-RECORDING_MS, SETTLED_MS = 20_000, 3_000
+RECORDING_MS, SETTLED_MS = 40_000, 3_000
 """What the recorded build and the page take to come to rest in software WebGL."""
 RIDE_MS = 6_000
 PAUSE_MS = 150
@@ -32,6 +32,8 @@ class Picture:
     """Of its file, without the ending."""
     pose: Scene
     """What is done on the page before."""
+    docked: bool = False
+    """Taken on a page that is wide enough for the recorded build beside the map."""
 
 
 def an_object(page: "Page", session: "Session") -> None:
@@ -89,12 +91,12 @@ def room(page: "Page", session: "Session") -> None:
 
 PICTURES = (
     Picture("room", room),
-    Picture("workbench", an_object),
+    Picture("workbench", an_object, docked=True),
     Picture("why", why),
     Picture("command", command),
     Picture("compare", compare),
     Picture("masks", masks),
-    Picture("time", time),
+    Picture("time", time, docked=True),
 )
 
 
@@ -114,10 +116,12 @@ def take(
     """
     for picture in PICTURES:
         if only in ("", picture.name):
-            with opened(browser, simap, recording, width=width, height=height) as (page, workbench):
-                page.wait_for_timeout(RECORDING_MS)
+            wide = max(width, DOCKED_WIDTH) if picture.docked else width
+            with opened(browser, simap, recording, width=wide, height=height) as (page, workbench):
+                page.wait_for_timeout(RECORDING_MS if picture.docked else SETTLED_MS)
                 page.evaluate(NO_NOTES)
                 picture.pose(page, workbench.sessions[-1])
+                page.mouse.move(1, 1)  # away from what shows a hint
                 workbench.wait_idle()
                 page.wait_for_timeout(SETTLED_MS)
                 page.evaluate(NO_NOTES)

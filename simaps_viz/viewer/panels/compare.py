@@ -124,7 +124,7 @@ def summary_html(maps: TwoMaps, theme: Theme = LIGHT) -> str:
         lines.append(f"What became of the objects of <b>{escape(reference.title)}</b> on {escape(other.title)}:")
     rows = "".join(
         f'<tr><td style="padding-right:.5em">{_ring(mark_color(kind, theme))}</td>'
-        f'<td style="text-align:right;padding-right:.6em"><b>{count}</b></td>'
+        f'<td style="text-align:right;padding-right:.6em;white-space:nowrap"><b>{count}</b></td>'
         f"<td><b>{kind}</b> · {KINDS[kind][1]}</td></tr>"
         for kind, count in maps.counts.items()
         if count
