@@ -36,6 +36,7 @@ KILLED = {
     "bench_page": [],
     "bench_space": [],
     "fake_robot": [SEQUENCE, "--port", PORT],
+    "measure_masks": [SEQUENCE],
     "method_figures": [],
     "paper": [],
     "record_build": [],
