@@ -30,7 +30,7 @@ def has_come(page, words):
     page.wait_for_function("(words) => document.body.innerText.includes(words)", arg=words)
 
 
-def refuse(simap, command, pose):
+def refuse(simap, command, pose, robot):
     raise CommandError(f"There is no {command}{IMAGE}{SCRIPT}")
 
 
@@ -44,7 +44,8 @@ def test_no_name_runs_a_script_on_the_page(browser):
         for instance in simap.instances:
             session.select(instance.id)
             session.wait_idle()
-            has_come(page, f"Number\t{instance.id} on this map")
+            x, y, _ = instance.centroid_m
+            has_come(page, f"x {x:.2f} m, y {y:.2f} m (map frame)")
             page.wait_for_timeout(150)
             assert not page.evaluate(PWNED)
         session.say(IMAGE, SCRIPT)

@@ -107,8 +107,8 @@ def test_a_merger_is_listed_drawn_and_clicked(bench):
     expect(page.get_by_text("5 objects agree")).to_be_visible()
     west = (-0.4, CHAIR_3[1])
     until(page, lambda: line_near(desk, page, west, KINDS["merged"][0]))
-    page.get_by_role("button", name="merged · chairs 1 + 2 → 1").click()
-    expect(page.get_by_text("chairs 1 + 2 ·")).to_be_visible()
+    page.get_by_role("button", name="merged · chairs 1 + 3 → 1").click()
+    expect(page.get_by_text("chairs 1 + 3 ·")).to_be_visible()
     expect(row_of(page, "Divide").last).to_have_value("25")  # through the middle of the two
     around = pytest.approx((-0.4 - 2.48, -1.0 - 2.48, 1.45 + 2.48, 2.1 + 2.48))
     until(page, lambda: desk.looked[-1] == around)
@@ -153,9 +153,9 @@ def test_side_by_side_lies_to_the_right_at_the_same_scale(bench):
     for x in (COUCH[0], COUCH[0] + seam):
         until(page, lambda x=x: near(color_at(desk, page, x, COUCH[1]), color))
     assert panel.take_click(CHAIR_3[0] + seam, CHAIR_3[1])
-    expect(page.get_by_text("chairs 1 + 2 ·")).to_be_visible()
+    expect(page.get_by_text("chairs 1 + 3 ·")).to_be_visible()
     assert panel.take_click(2.0 + seam, -0.5)
-    expect(page.get_by_text("chairs 1 + 2 ·")).to_have_count(0)
+    expect(page.get_by_text("chairs 1 + 3 ·")).to_have_count(0)
     choose(panel, page, "Show as", "Swipe")
 
 

@@ -50,7 +50,7 @@ _TONES = {"plain": "", "bad": BAD_STYLE}
 def item_text(item: Item, maps: TwoMaps) -> str:
     """Describe a difference: "merged · chairs 4 + 5 → 1", "missed · chair 2", "label · chair 1 → couch 2".
 
-    Objects are numbered within their class, each on its own map.
+    Each object has its name on its own map.
     """
     here, there = _names(item.left, maps.left), _names(item.right, maps.right)
     if maps.reference == "right":
