@@ -111,8 +111,8 @@ class Segmentation:
     ids: NDArray
     """int32 [H, W], 0 = nothing; every other value is the id of one of ``segments``."""
     segments: tuple[Segment, ...]
-    looked: bool = True
-    """False: nobody looked for objects in this frame, which adds geometry only; all ids are 0."""
+    segmented: bool = True
+    """False: no objects were looked for in this frame, which adds geometry only; all ids are 0."""
 
     def __post_init__(self) -> None:
         _expect("segmentation: ids", self.ids, self.ids.shape[:2], np.int32)
@@ -151,6 +151,11 @@ class GridSpec:
     def shape(self) -> tuple[int, int]:
         """(rows, cols)."""
         return (self.rows, self.cols)
+
+    @property
+    def origin_cell(self) -> tuple[int, int]:
+        """(row, col) of the grid's cell (0, 0), counted from the map's origin."""
+        return round(self.y0_m / self.cell_size_m), round(self.x0_m / self.cell_size_m)
 
     @property
     def extent_m(self) -> tuple[float, float, float, float]:

@@ -139,7 +139,7 @@ class Chosen(OtherMasks):
         if index in self._frames:
             return self._sequence.segmentation(index)
         k = self.read(index).intrinsics
-        return Segmentation(np.zeros((k.height, k.width), np.int32), (), looked=False)
+        return Segmentation(np.zeros((k.height, k.width), np.int32), (), segmented=False)
 
 
 def bench_chosen(sequence: PosedFrames, errors: str) -> str:

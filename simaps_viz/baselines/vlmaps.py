@@ -398,7 +398,7 @@ class VLMapsAccumulator:
         Returns:
             int32 [n, 2]: (row, col), counted from the map's origin, of the cells it saw.
         """
-        if segmentation.looked:
+        if segmentation.segmented:
             embeddings = self.embedder.pixels(frame, segmentation)
             points = cell_points(
                 frame, embeddings, T_map_camera, self.config.projection,

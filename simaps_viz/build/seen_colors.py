@@ -113,7 +113,7 @@ def project_every_second(frame: Frame, simap: SIMap, T_map_camera: NDArray) -> t
     project_pixels(
         depth, k.fx / _EVERY, k.fy / _EVERY, k.cx / _EVERY, k.cy / _EVERY,
         np.ascontiguousarray(T_map_camera, np.float64), s.near_m, s.far_m, -s.below_floor_m, s.cut_height_m,
-        spec.cell_size_m, round(spec.y0_m / spec.cell_size_m), round(spec.x0_m / spec.cell_size_m),
+        spec.cell_size_m, *spec.origin_cell,
         spec.rows, spec.cols, cells, heights,
     )  # fmt: skip
     return cells, heights

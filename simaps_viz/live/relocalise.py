@@ -14,6 +14,7 @@ from scipy import fft
 from scipy.ndimage import distance_transform_edt, map_coordinates
 from scipy.optimize import minimize
 
+from simaps_viz.geometry import wrap_angle
 from simaps_viz.mapping.observations import FrameReadings, FrameRuns, no_runs
 from simaps_viz.mapping.steps import FrameSeen, FrameStep
 from simaps_viz.mapping.surface import owned_runs
@@ -104,7 +105,7 @@ def as_steps(old: SIMap, name: str, T_map_camera: NDArray) -> list[FrameStep]:
         name: of the frames.
         T_map_camera: float64 [4, 4], where they are drawn.
     """
-    grid, size = old.grid, old.spec.cell_size_m
+    grid, (row0, col0) = old.grid, old.spec.origin_cell
     cell = np.flatnonzero(~np.isnan(grid.height_m))
     # Objects, hidden ones too, are segments, and what is no thing is one of its class.
     objects = (*old.instances, *old.hidden)
@@ -121,7 +122,7 @@ def as_steps(old: SIMap, name: str, T_map_camera: NDArray) -> list[FrameStep]:
 
     rows, cols = np.divmod(cell, old.spec.cols)
     readings = FrameReadings(
-        (rows + round(old.spec.y0_m / size)).astype(np.int32), (cols + round(old.spec.x0_m / size)).astype(np.int32),
+        (rows + row0).astype(np.int32), (cols + col0).astype(np.int32),
         segment(old.instance.reshape(-1)[cell], grid.label.reshape(-1)[cell]), grid.height_m.reshape(-1)[cell],
     )  # fmt: skip
     runs, surface = no_runs(), old.surface
@@ -233,5 +234,5 @@ def _turn(yaw_rad: float) -> NDArray:
 
 
 def _apart(one: NDArray, other: NDArray) -> bool:
-    turned = abs((one[2] - other[2] + np.pi) % (2 * np.pi) - np.pi)
+    turned = abs(wrap_angle(one[2] - other[2]))
     return bool(np.hypot(*(one - other)[:2]) > ELSEWHERE[0] or turned > ELSEWHERE[1])

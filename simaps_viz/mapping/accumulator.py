@@ -32,8 +32,8 @@ from simaps_viz.structures import Frame, Grid, GridSpec, Intrinsics, Segment, Se
 
 _MAX_RAY = 4.0  # a pixel's ray is taken to be at most so many times as long as its depth: 150 degrees of view
 
-BARE_ABOVE_M = 0.06
-"""What is this much higher than all that frames saw in which somebody looked for objects is another surface."""
+UNSEGMENTED_ABOVE_M = 0.06
+"""What is this much higher than all that segmented frames saw is another surface."""
 
 Extent = tuple[int, int, int, int]
 """A rectangle of cells, counted from the map's origin: first row, first column, last row + 1, last column + 1."""
@@ -88,8 +88,8 @@ class MapAccumulator:
         self.step: FrameStep | None = None
         """What the last frame has added, where steps are wanted."""
         self.tiles = TileStore()
-        """What frames saw in which somebody looked for objects."""
-        self._bare = TileStore()
+        """What frames saw that were segmented."""
+        self._unsegmented = TileStore()
         """What the others saw."""
         self._index_of = {name: i for i, name in enumerate(labels)}
         self._seen: Extent | None = None
@@ -110,7 +110,7 @@ class MapAccumulator:
     def add_frame(self, frame: Frame, segmentation: Segmentation, T_map_camera: NDArray) -> NDArray:
         """Put a frame on the grid and count its links; frames come in the order of their indices.
 
-        A frame in which nobody looked for objects adds free space, obstacles and heights, and votes for nothing.
+        A frame that was not segmented adds free space, obstacles and heights, and votes for nothing.
 
         Returns:
             int32 [n, 2]: (row, col), counted from the map's origin, of the cells it saw.
@@ -128,7 +128,7 @@ class MapAccumulator:
         # 2. Of every cell, the highest pixel and the lowest obstacle go on the map; at which heights each segment has
         # surface is kept.
         label_of_id, graph_label_of_id = self._tables(segmentation.segments)
-        tiles = self.tiles if segmentation.looked else self._bare
+        tiles = self.tiles if segmentation.segmented else self._unsegmented
         readings, lowered, runs = self._raise(tiles, window, cells, heights, segmentation.ids, label_of_id)
         # 3. Neighbouring pixels of one segment link their cells.
         if self._links_wanted:
@@ -139,7 +139,7 @@ class MapAccumulator:
         # 4. What the frame saw is kept for votes, evidence and views, and what it changed for the log.
         seen = FrameSeen(
             frame.index, frame.name, T_map_camera, readings, segmentation.segments, runs=runs,
-            looked=segmentation.looked,
+            segmented=segmentation.segmented,
         )  # fmt: skip
         if self._steps_wanted:
             links = self.links.last_frame() if self._links_wanted else None
@@ -161,7 +161,7 @@ class MapAccumulator:
 
     def clear(self) -> None:
         """Forget all frames; classes and buffers stay."""
-        self.frames, self.tiles, self._bare, self._seen = FrameList(), TileStore(), TileStore(), None
+        self.frames, self.tiles, self._unsegmented, self._seen = FrameList(), TileStore(), TileStore(), None
 
     def replay(self, step: FrameStep, *, geometry_only: bool = False) -> None:
         """Add what a frame added to another accumulator or a log, without its pixels; frames come in order.
@@ -184,7 +184,7 @@ class MapAccumulator:
                 raise ValueError("a run of an unknown segment")
             rows, cols = readings.rows, readings.cols
             self._extend((int(rows.min()), int(cols.min()), int(rows.max()) + 1, int(cols.max()) + 1))
-        tiles = self._bare if geometry_only or not seen.looked else self.tiles
+        tiles = self._unsegmented if geometry_only or not seen.segmented else self.tiles
         at = tiles.locate(readings.rows, readings.cols)
         tiles.observations[at] += 1
         higher = readings.height_m > tiles.top[at]
@@ -214,8 +214,9 @@ class MapAccumulator:
             firsts = self._first_at_ties(other, slots)
             for theirs, mine in enumerate(slots):
                 _merge_tile(self.tiles, mine, other.tiles, theirs, firsts)
-            for theirs, place in enumerate(other._bare.slot_of):
-                _merge_tile(self._bare, int(self._bare.slots(place, one)[0, 0]), other._bare, theirs, None)
+            for theirs, place in enumerate(other._unsegmented.slot_of):
+                mine = int(self._unsegmented.slots(place, one)[0, 0])
+                _merge_tile(self._unsegmented, mine, other._unsegmented, theirs, None)
         self.links.merge(other.links)
         self.frames.merge(other.frames)
 
@@ -248,11 +249,11 @@ class MapAccumulator:
         shape, size = (row1 - row0, col1 - col0), self.settings.cell_size_m
         top, lowest, observations = self._layers(self.tiles, row0, col0, shape)
         label = self.tiles.cut("label", row0, col0, shape, 0)
-        if len(self._bare):
-            bare_top, bare_lowest, bare_observations = self._layers(self._bare, row0, col0, shape)
-            lowest, bare = np.fmin(lowest, bare_lowest), self._higher(top, bare_top)
-            top, label = np.where(bare, bare_top, top), np.where(bare, np.int16(0), label)
-            observations = observations + bare_observations
+        if len(self._unsegmented):
+            their_top, their_lowest, their_observations = self._layers(self._unsegmented, row0, col0, shape)
+            lowest, unsegmented = np.fmin(lowest, their_lowest), self._higher(top, their_top)
+            top, label = np.where(unsegmented, their_top, top), np.where(unsegmented, np.int16(0), label)
+            observations = observations + their_observations
         return Grid(
             spec=GridSpec(*shape, cell_size_m=size, x0_m=round(col0 * size, 9), y0_m=round(row0 * size, 9)),
             labels=self.labels,
@@ -263,18 +264,18 @@ class MapAccumulator:
             observations=observations,
         )
 
-    def bare_cells(self) -> NDArray | None:
-        """Return the cells of `snapshot` on whose top nobody looked for objects, bool [rows, cols]; None: no frame."""
-        if not len(self._bare):
+    def unsegmented_cells(self) -> NDArray | None:
+        """Return the cells of `snapshot` whose top only unsegmented frames saw, bool [rows, cols]; None: none."""
+        if not len(self._unsegmented):
             return None
         row0, col0, row1, col1 = self._seen or (0, 0, 1, 1)
-        tops = (self._layers(tiles, row0, col0, (row1 - row0, col1 - col0))[0] for tiles in (self.tiles, self._bare))
-        return self._higher(*tops)
+        both = self.tiles, self._unsegmented
+        return self._higher(*(self._layers(one, row0, col0, (row1 - row0, col1 - col0))[0] for one in both))
 
     @staticmethod
-    def _higher(top: NDArray, bare_top: NDArray) -> NDArray:
-        """Return where only frames nobody looked at saw the surface on top."""
-        return ~np.isnan(bare_top) & ~(bare_top <= top + BARE_ABOVE_M)
+    def _higher(top: NDArray, their_top: NDArray) -> NDArray:
+        """Return where only frames that were not segmented saw the surface on top."""
+        return ~np.isnan(their_top) & ~(their_top <= top + UNSEGMENTED_ABOVE_M)
 
     @staticmethod
     def _layers(tiles: TileStore, row0: int, col0: int, shape: tuple[int, int]) -> tuple[NDArray, NDArray, NDArray]:
@@ -287,14 +288,14 @@ class MapAccumulator:
     def copy(self) -> "MapAccumulator":
         """Return a deep copy; it shares what the frames saw, which never changes."""
         twin = copy(self)
-        twin.tiles, twin._bare, twin._window = self.tiles.copy(), self._bare.copy(), None
+        twin.tiles, twin._unsegmented, twin._window = self.tiles.copy(), self._unsegmented.copy(), None
         twin.frames, twin.links = self.frames.copy(), deepcopy(self.links)
         return twin
 
     @property
     def nbytes(self) -> int:
         """Bytes of memory that a copy costs, about; it shares what the frames saw (`frames.held_bytes`)."""
-        return self.tiles.nbytes + self._bare.nbytes + self.links.nbytes + self.frames.nbytes
+        return self.tiles.nbytes + self._unsegmented.nbytes + self.links.nbytes + self.frames.nbytes
 
     @property
     def is_empty(self) -> bool:

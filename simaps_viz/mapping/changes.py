@@ -112,7 +112,7 @@ def leftovers(simap: SIMap, ghosts: SIMap) -> list[tuple[Instance, Instance]]:
 def cells_of(simap: SIMap, one: Instance) -> tuple[NDArray, NDArray]:
     """Return the rows and columns of an object's cells, counted from the map's origin, int32 [n] each."""
     rows, cols = np.nonzero(simap.instance == one.id)
-    row0, col0 = (round(low / simap.spec.cell_size_m) for low in (simap.spec.y0_m, simap.spec.x0_m))
+    row0, col0 = simap.spec.origin_cell
     return (rows + row0).astype(np.int32), (cols + col0).astype(np.int32)
 
 
@@ -210,8 +210,8 @@ def _free_before(simap: SIMap, gone: FrameList, kept: FrameList, old: int) -> ND
 
 def _on(simap: SIMap, rows: NDArray, cols: NDArray) -> tuple[NDArray, NDArray]:
     """Return cells counted from the map's origin as rows and columns of its grid."""
-    size = simap.spec.cell_size_m
-    return rows - round(simap.spec.y0_m / size), cols - round(simap.spec.x0_m / size)
+    row0, col0 = simap.spec.origin_cell
+    return rows - row0, cols - col0
 
 
 def _place(one: Instance) -> Point:

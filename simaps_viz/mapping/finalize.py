@@ -80,7 +80,7 @@ def gathered(accumulator: MapAccumulator) -> Gathered:
     grid = accumulator.snapshot()
     return Gathered(
         grid, accumulator.readings_on(grid), accumulator.frames, accumulator.links, accumulator.origin_cell,
-        accumulator.bare_cells(),
+        accumulator.unsegmented_cells(),
     )  # fmt: skip
 
 
@@ -134,7 +134,7 @@ def empty_accumulator(
 def apply_method(seen: Gathered, config: BuildConfig) -> Found:
     """Name the cells of what was gathered, and find its communities and how they merge."""
     method = method_of(config.method)
-    grid, notes = method.label_cells(seen.grid, seen.readings, config, seen.bare)
+    grid, notes = method.label_cells(seen.grid, seen.readings, config, seen.unsegmented)
     grid = without_passers_by(grid, seen.readings, config.projection.obstacle_height_m)
     graphs = method.graphs(grid, seen, config)
     community, log = method.communities(grid, graphs, config.parameters())

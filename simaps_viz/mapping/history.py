@@ -221,9 +221,9 @@ class MapHistory:
             grid = _on(finished.grid, state)
             if method_of(self.config.method).votes:
                 label, _ = vote_labels(grid, self._readings_until(frame, state, finished.grid), self.config.votes)
-                bare = state.bare_cells()
-                if bare is not None:
-                    label = spread_labels(label, grid.height_m, _laid_on(finished.grid, state, bare, False))
+                unsegmented = state.unsegmented_cells()
+                if unsegmented is not None:
+                    label = spread_labels(label, grid.height_m, _laid_on(finished.grid, state, unsegmented, False))
                 grid = replace(grid, label=label)
         # instances of the finished map where the cell already has its final class
         thing = np.array(grid.is_thing)[grid.label] & (grid.label == finished.grid.label)
@@ -275,17 +275,12 @@ class MapHistory:
     def _readings_until(self, frame: int, state: MapAccumulator, grid: Grid) -> AllReadings:
         """Return the readings of the frames up to one, whose state is given, on the finished grid."""
         if not self._steps.all_held:
-            return StreamedReadings(state.frames, self._origin(grid), grid)
+            return StreamedReadings(state.frames, grid.spec.origin_cell, grid)
         if self._all is None:
             seen = [step.seen.witness for step in self._steps]
             parts = [one.readings for one in seen], [one.segments for one in seen]
-            self._all = gather_readings(*parts, self._origin(grid), grid)
+            self._all = gather_readings(*parts, grid.spec.origin_cell, grid)
         return _first(self._all, sum(self._steps.readings[: frame + 1]))
-
-    def _origin(self, grid: Grid) -> tuple[int, int]:
-        """Return (row, col), counted from the map's origin, of the finished grid's cell (0, 0)."""
-        spec = grid.spec
-        return round(spec.y0_m / spec.cell_size_m), round(spec.x0_m / spec.cell_size_m)
 
 
 def _first(readings: Readings, count: int) -> Readings:
@@ -311,7 +306,7 @@ def _laid_on(finished: Grid, state: MapAccumulator, layer: NDArray, empty: float
     row0, col0 = state.origin_cell
     row = col = 0
     if len(state.frames) and not state.is_empty:
-        row, col = row0 - round(spec.y0_m / spec.cell_size_m), col0 - round(spec.x0_m / spec.cell_size_m)
+        row, col = row0 - spec.origin_cell[0], col0 - spec.origin_cell[1]
     shape = (min(layer.shape[0], spec.rows), min(layer.shape[1], spec.cols))
     whole[row : row + shape[0], col : col + shape[1]] = layer[: shape[0], : shape[1]]
     return whole

@@ -76,8 +76,8 @@ class Gathered:
     links: LinkTable
     origin_cell: tuple[int, int]
     """(row, col), counted from the map's origin, of the grid's cell (0, 0)."""
-    bare: NDArray | None = None
-    """bool [rows, cols], cells on whose top nobody looked for objects; None: there are no frames without masks."""
+    unsegmented: NDArray | None = None
+    """bool [rows, cols], cells whose top only frames saw that were not segmented; None: all frames were."""
 
 
 class Method:
@@ -114,9 +114,9 @@ class Method:
         return kept
 
     def label_cells(
-        self, grid: Grid, readings: AllReadings, config: "BuildConfig", bare: NDArray | None = None
+        self, grid: Grid, readings: AllReadings, config: "BuildConfig", unsegmented: NDArray | None = None
     ) -> tuple[Grid, dict[str, Any]]:
-        """Name the class of every cell; ``bare``: see `Gathered`.
+        """Name the class of every cell; ``unsegmented``: see `Gathered`.
 
         Returns:
             The grid with its final labels, and notes for the map's provenance.
@@ -124,8 +124,8 @@ class Method:
         if not self.votes:
             return grid, {}
         label, disagreement = vote_labels(grid, readings, config.votes)
-        if bare is not None:
-            label = spread_labels(label, grid.height_m, bare)
+        if unsegmented is not None:
+            label = spread_labels(label, grid.height_m, unsegmented)
         return replace(grid, label=label), {"disagreement": round(disagreement, 6)}
 
     def graphs(self, grid: Grid, seen: Gathered, config: "BuildConfig") -> tuple[CellGraph, ...]:

@@ -57,13 +57,13 @@ class FrameSeen:
     """Why the frame could not be read, as a sentence; it saw nothing then. Empty for a frame that was read."""
     runs: FrameRuns = field(default_factory=no_runs)
     """At which heights it saw surface; none in logs of earlier versions."""
-    looked: bool = True
-    """False: nobody looked for objects in it, so that what it saw names nothing."""
+    segmented: bool = True
+    """False: no objects were looked for in it, so that what it saw names nothing."""
 
     @property
     def witness(self) -> "FrameSeen":
-        """What the frame can say of objects: itself, or nothing when nobody looked for any."""
-        return self if self.looked else replace(self, readings=no_readings(), runs=no_runs())
+        """What the frame can say of objects: itself, or nothing when it was not segmented."""
+        return self if self.segmented else replace(self, readings=no_readings(), runs=no_runs())
 
 
 @dataclass(frozen=True, eq=False)
@@ -108,8 +108,8 @@ def pack_step(step: FrameStep) -> bytes:
         "links": step.links is not None,
         "runs": True,
     }
-    if not seen.looked:
-        about["looked"] = False
+    if not seen.segmented:
+        about["segmented"] = False
     arrays = [
         seen.T_map_camera.reshape(-1),
         _differences(readings.rows),
@@ -170,7 +170,7 @@ def _step_in(data: bytes) -> FrameStep:
         segments=tuple(_segment(*one) for one in about["segments"]),
         skipped=about["skipped"],
         runs=runs,
-        looked=about.get("looked", True) is not False,
+        segmented=about.get("segmented", True) is not False,
     )
     if not isinstance(seen.name, str) or not isinstance(seen.skipped, str):
         raise ValueError("names that are no text")

@@ -81,8 +81,8 @@ def vote_labels(grid: Grid, readings: AllReadings, settings: VoteSettings) -> tu
     return named.reshape(grid.spec.shape), disagreement
 
 
-def spread_labels(label: NDArray, height_m: NDArray, bare: NDArray) -> NDArray:
-    """Name the cells on whose top nobody looked for objects like the surface that they continue.
+def spread_labels(label: NDArray, height_m: NDArray, unsegmented: NDArray) -> NDArray:
+    """Name the cells whose top only frames saw that were not segmented, like the surface that they continue.
 
     Ring by ring, at most `RINGS`, each takes the class of the named one of its 8 neighbours that is nearest in height,
     the first of equal ones, if it is less than `STEP_M` higher or lower.
@@ -90,14 +90,14 @@ def spread_labels(label: NDArray, height_m: NDArray, bare: NDArray) -> NDArray:
     Args:
         label: int16 [rows, cols], 0 = none.
         height_m: float32 [rows, cols], NaN = never seen.
-        bare: bool [rows, cols].
+        unsegmented: bool [rows, cols].
 
     Returns:
         int16 [rows, cols].
     """
-    named = np.where(bare, 0, label).astype(np.int16)
+    named = np.where(unsegmented, 0, label).astype(np.int16)
     for _ in range(RINGS):
-        further = _next_ring(named, height_m, bare)
+        further = _next_ring(named, height_m, unsegmented)
         if np.array_equal(further, named):
             break
         named = further
@@ -108,14 +108,14 @@ def spread_labels(label: NDArray, height_m: NDArray, bare: NDArray) -> NDArray:
 def _next_ring(
     named: NDArray,  # int16 [rows, cols]
     height_m: NDArray,  # float32 [rows, cols], NaN = never seen
-    bare: NDArray,  # bool [rows, cols]
+    unsegmented: NDArray,  # bool [rows, cols]
 ) -> NDArray:
     """Return the labels after one more ring of cells was named."""
     rows, cols = named.shape
     further = named.copy()
     for row in range(rows):
         for col in range(cols):
-            if not bare[row, col] or named[row, col] > 0:
+            if not unsegmented[row, col] or named[row, col] > 0:
                 continue
             nearest = np.float32(STEP_M)
             for r in range(max(row - 1, 0), min(row + 2, rows)):

@@ -149,7 +149,7 @@ class WithMasks(OtherMasks):
         """
         found, k = self._masks.get(index), self._intrinsics
         if found is None:
-            return Segmentation(np.zeros((k.height, k.width), np.int32), (), looked=False)
+            return Segmentation(np.zeros((k.height, k.width), np.int32), (), segmented=False)
         if found.ids.shape != (k.height, k.width):
             raise InputError(
                 f"{self.segmentation_source}: frame {self.frame_names[index]}: expected masks of {k.width}x{k.height} "

@@ -7,11 +7,11 @@ import viser
 from simaps_viz.viewer.page.page import Page
 from simaps_viz.viewer.page.panel import PanelSpec
 from simaps_viz.viewer.panels import PANELS
+from simaps_viz.viewer.scene.camera import PANEL_WIDTH_PX
 
 RECORDING_WIDTH_PX = 400
 ROOMY_PX, MAX_PX = 1600, 20_000
 """Pages narrower than the first have the recorded build folded up to a strip: the room is for the map."""
-PANEL_WIDTH_PX = 400
 
 
 def prepare(server: viser.ViserServer) -> None:

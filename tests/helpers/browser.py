@@ -170,7 +170,7 @@ def open_workbench(page: Page, workbench: Any) -> None:
         width = page.locator("canvas").first.bounding_box() or {"width": 0, "height": 1}
         last.append((*camera.position, camera.aspect))
         same = len(last) > 8 and np.allclose(last[-1], last[-8], rtol=1e-6)
-        fits = same and abs(camera.aspect - width["width"] / width["height"]) < 0.01
+        fits = same and abs(camera.aspect - width["width"] / width["height"]) < 0.001
         return fits and page_is_there(workbench, page, mine(workbench).simap)
 
     until(page, settled)

@@ -122,7 +122,7 @@ def test_a_map_that_would_be_too_large_is_refused_and_stays_as_it_was():
 
 def test_frames_nobody_looked_at_raise_cells_of_their_own_in_any_order():
     parts = [
-        (frame, replace(masks, looked=frame.index % 3 == 0), T_map_camera)
+        (frame, replace(masks, segmented=frame.index % 3 == 0), T_map_camera)
         for frame, masks, T_map_camera in random_frames(5, frames=6)
     ]
     whole, halves = accumulator(steps=True), (accumulator(), accumulator())
@@ -133,28 +133,28 @@ def test_frames_nobody_looked_at_raise_cells_of_their_own_in_any_order():
         assert whole.step is not None
         replayed.replay(unpack_step(pack_step(whole.step)))
     halves[1].merge(halves[0])
-    bare = whole.bare_cells()
-    assert bare is not None and 0 < bare.sum() < bare.size
+    unsegmented = whole.unsegmented_cells()
+    assert unsegmented is not None and 0 < unsegmented.sum() < unsegmented.size
     grid = whole.snapshot()
     for other in (halves[1], replayed, whole.copy(), pickle.loads(pickle.dumps(whole))):
         for layer in ("label", "height_m", "lowest_m", "observations"):
             np.testing.assert_array_equal(getattr(other.snapshot(), layer), getattr(grid, layer))
-        np.testing.assert_array_equal(other.bare_cells(), bare)
+        np.testing.assert_array_equal(other.unsegmented_cells(), unsegmented)
         assert [len(one.rows) > 0 for one in other.readings] == [frame.index % 3 == 0 for frame, _, _ in parts]
     # As high as all frames together saw, wherever somebody looked and the others saw nothing much higher.
     everything, looked = accumulator(), accumulator()
     for frame, masks, T_map_camera in parts:
-        everything.add_frame(frame, replace(masks, looked=True), T_map_camera)
-        if masks.looked:
+        everything.add_frame(frame, replace(masks, segmented=True), T_map_camera)
+        if masks.segmented:
             looked.add_frame(frame, masks, T_map_camera)
     np.testing.assert_array_equal(np.isnan(grid.height_m), np.isnan(everything.snapshot().height_m))
-    np.testing.assert_array_equal(grid.height_m[bare], everything.snapshot().height_m[bare])
+    np.testing.assert_array_equal(grid.height_m[unsegmented], everything.snapshot().height_m[unsegmented])
     np.testing.assert_array_equal(grid.lowest_m, everything.snapshot().lowest_m)
-    assert not grid.label[bare].any()
+    assert not grid.label[unsegmented].any()
     row, col = np.subtract(looked.origin_cell, whole.origin_cell)
     part = looked.snapshot()
     here = np.s_[row : row + part.spec.rows, col : col + part.spec.cols]
-    np.testing.assert_array_equal(grid.label[here][~bare[here]], part.label[~bare[here]])
+    np.testing.assert_array_equal(grid.label[here][~unsegmented[here]], part.label[~unsegmented[here]])
 
 
 @pytest.mark.parametrize("method", METHODS)

@@ -227,12 +227,12 @@ def test_numbers_of_segments_and_the_order_within_a_frame_change_nothing(seed):
     assert np.array_equal(vote_labels(grid, other, BINARY)[0], vote_labels(grid, readings, BINARY)[0])
 
 
-def plain_spread(label, height_m, bare):
+def plain_spread(label, height_m, unsegmented):
     """What `spread_labels` does, cell by cell."""
-    named = np.where(bare, 0, label)
+    named = np.where(unsegmented, 0, label)
     for _ in range(RINGS):
         before = named.copy()
-        for row, col in np.argwhere(bare & (before == 0)):
+        for row, col in np.argwhere(unsegmented & (before == 0)):
             around = [
                 (abs(height_m[r, c] - height_m[row, col]), i, before[r, c])
                 for i, (r, c) in enumerate((row + dr, col + dc) for dr in (-1, 0, 1) for dc in (-1, 0, 1))
@@ -251,17 +251,17 @@ def test_a_surface_keeps_its_name_where_nobody_looked(seed):
     height_m = (rng.integers(0, 6, shape) * 0.02).astype(np.float32)
     height_m[rng.random(shape) < 0.1] = np.nan
     label = rng.integers(0, 4, shape).astype(np.int16)
-    bare = rng.random(shape) < 0.7
-    found = spread_labels(label, height_m, bare)
-    np.testing.assert_array_equal(found, plain_spread(label, height_m, bare))
-    np.testing.assert_array_equal(found[~bare], label[~bare])
-    assert not found[bare & np.isnan(height_m)].any() and (found[bare] > 0).any()
+    unsegmented = rng.random(shape) < 0.7
+    found = spread_labels(label, height_m, unsegmented)
+    np.testing.assert_array_equal(found, plain_spread(label, height_m, unsegmented))
+    np.testing.assert_array_equal(found[~unsegmented], label[~unsegmented])
+    assert not found[unsegmented & np.isnan(height_m)].any() and (found[unsegmented] > 0).any()
 
 
 def test_a_surface_ends_at_a_step_and_after_so_many_cells():
     height_m = np.full((1, 2 * RINGS), 0.7, np.float32)
-    label, bare = np.zeros_like(height_m, np.int16), np.ones_like(height_m, bool)
-    label[0, 0], bare[0, 0] = 2, False
-    assert (spread_labels(label, height_m, bare) > 0).sum() == RINGS + 1
+    label, unsegmented = np.zeros_like(height_m, np.int16), np.ones_like(height_m, bool)
+    label[0, 0], unsegmented[0, 0] = 2, False
+    assert (spread_labels(label, height_m, unsegmented) > 0).sum() == RINGS + 1
     height_m[0, 3:] += 1.2 * STEP_M
-    assert (spread_labels(label, height_m, bare) > 0).sum() == 3
+    assert (spread_labels(label, height_m, unsegmented) > 0).sum() == 3

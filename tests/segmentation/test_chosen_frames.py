@@ -37,7 +37,7 @@ class Partly(OtherMasks):
 
     def segmentation(self, index):
         masks = self._sequence.segmentation(index)
-        return masks if index in self.frames else replace(masks, ids=masks.ids * 0, segments=(), looked=False)
+        return masks if index in self.frames else replace(masks, ids=masks.ids * 0, segments=(), segmented=False)
 
 
 def slowly(views, most):
@@ -112,9 +112,9 @@ def test_the_network_looks_at_the_chosen_frames_only(sequence, tmp_path):
     )
     assert network.runs == 2 and steps[-1] == ("segmenting, own", 2, 2)
     np.testing.assert_array_equal(masks.segmentation(4).ids, CHAIR)
-    assert masks.segmentation(4).looked
-    bare = masks.segmentation(0)
-    assert not bare.looked and not bare.segments and not bare.ids.any() and bare.ids.shape == CHAIR.shape
+    assert masks.segmentation(4).segmented
+    other = masks.segmentation(0)
+    assert not other.segmented and not other.segments and not other.ids.any() and other.ids.shape == CHAIR.shape
     assert masks.segmentation_source.startswith(f"own, 2 of {FRAMES} frames [")
     # other frames are other masks, and all of them others again
     assert len({segment_sequence(sequence, network, tmp_path, stuff=False, frames=f).segmentation_source
@@ -190,10 +190,10 @@ def test_the_command_line_builds_of_chosen_frames_and_opens_their_masks_again(tm
     simap = load_map(tmp_path / "auto.npz")
     assert f", 1 of {FRAMES} frames [" in simap.provenance["segmentation"] and "chair" in simap.counts()
     masks = sequence_of(simap)
-    assert masks is not None and sum(masks.segmentation(i).looked for i in range(FRAMES)) == 1
+    assert masks is not None and sum(masks.segmentation(i).segmented for i in range(FRAMES)) == 1
     again = reopening(masks, cache)()
-    assert [again.segmentation(i).looked for i in range(FRAMES)] == [
-        masks.segmentation(i).looked for i in range(FRAMES)
+    assert [again.segmentation(i).segmented for i in range(FRAMES)] == [
+        masks.segmentation(i).segmented for i in range(FRAMES)
     ]
     assert main([*command, "--segment-every", "3", "-o", str(tmp_path / "third.npz"), "--method", "vlmaps"]) == 0
     capsys.readouterr()

@@ -27,7 +27,7 @@ from simaps_viz.viewer.panels.command import (
     program_html,
 )
 from simaps_viz.viewer.recording.link import ECHO_S, SETTLE_S, FrameLink
-from simaps_viz.viewer.scene.camera import SEES_M, Viewpoints, slanted_view, top_view
+from simaps_viz.viewer.scene.camera import PANEL_WIDTH_PX, RIM_PX, SEES_M, Viewpoints, slanted_view, top_view
 
 coordinate = st.floats(-20.0, 20.0)
 pose_rows = st.lists(st.tuples(coordinate, coordinate, st.floats(-3.1, 3.1)), min_size=1, max_size=12)
@@ -213,6 +213,7 @@ class ForgetfulCamera:
             (1.0, 0, 0, 0),
         )
         self.fov, self.far, self.aspect = 0.5, 1000.0, 1.6
+        self.image_width, self.image_height = 1600 + PANEL_WIDTH_PX + RIM_PX, 1000  # of the page, before it is laid out
         self.told = lambda _: None
 
     def on_update(self, told):

@@ -76,14 +76,27 @@ def slanted_view(extent: Extent, aspect: float) -> View:
 
 TOP, SLANT = "Top view", "3-D view"
 """The two views of a map, as the page names them."""
-FIRST_ASPECT = 1.1
-"""Width over height of the canvas, assumed until a page has reported its own: that of a page of 1280 x 800 px."""
+PANEL_WIDTH_PX, RIM_PX = 400, 4
+"""Of the docked panels, and of what viser draws beside them."""
+PHONE_PX, SHEET_SHARE = 576, 0.45
+"""On narrower pages the panels are a sheet at the bottom, of so much of the height (see ``page.css``)."""
 UP = (0.0, 0.0, 1.0)
 INSIST_S = 3.0
 """For how long after a camera was put somewhere it is put there again when its page is still where it was before: a
 page that is being set up forgets what it is sent."""
 
 Triple = tuple[float, float, float]
+
+
+def docked_aspect(width_px: float, height_px: float) -> float:
+    """Return width over height of the canvas of a page of some size, once its panels are docked."""
+    if width_px < PHONE_PX:
+        return width_px / max((1.0 - SHEET_SHARE) * height_px, 1.0)
+    return max(width_px - PANEL_WIDTH_PX - RIM_PX, 1.0) / max(height_px, 1.0)
+
+
+FIRST_ASPECT = docked_aspect(1280, 800)
+"""Assumed until a page has reported its size."""
 
 
 @dataclass(frozen=True)
@@ -116,15 +129,18 @@ class Viewpoints:
         """TOP or SLANT: the view that was chosen last."""
         self._aspect = 0.0
         # Several, for a page may still report where it was before it got what it was sent last.
-        self._put_at_s = 0.0
+        self._put_at_s, self._begun_s = 0.0, time.monotonic()
         self._target: tuple[View, Triple] | None = None
         self._left_by_user = False
         self._first = top_view(extent, FIRST_ASPECT)
         """Where a page begins; one that takes long to be set up is there again long after it was sent elsewhere."""
         self._put_there: deque[View] = deque([self._first], maxlen=8)
         self._lock = threading.RLock()
+        # A page begins with a canvas of its own size, and reports it again while the panels are being docked.
+        size_px = client.camera.image_width, client.camera.image_height
+        self._whole = size_px[0] / max(size_px[1], 1)
         client.camera.on_update(lambda _: self._updated())
-        self._fit()
+        self._fit(docked_aspect(*size_px))
 
     def look(self, name: str) -> None:
         """Go to the top view or the slanted one."""
@@ -188,14 +204,17 @@ class Viewpoints:
         with self._lock:
             if self._moved():
                 return
-            lately = time.monotonic() - self._put_at_s < INSIST_S
-            if abs(self._client.camera.aspect - self._aspect) >= 0.005 and not (lately and self._left_by_user):
+            now_s, aspect = time.monotonic(), self._client.camera.aspect
+            lately = now_s - self._put_at_s < INSIST_S
+            undocked = now_s - self._begun_s < INSIST_S and aspect == self._whole
+            kept = undocked or (lately and self._left_by_user)
+            if abs(aspect - self._aspect) >= 0.005 and not kept:
                 self._fit()
             elif (lately or self._is_at(self._first)) and self._target is not None and not self._is_at(self._target[0]):
                 _send(self._client, *self._target)
 
-    def _fit(self) -> None:
-        self._aspect, self._left_by_user = self._client.camera.aspect, False
+    def _fit(self, aspect: float | None = None) -> None:
+        self._aspect, self._left_by_user = self._client.camera.aspect if aspect is None else aspect, False
         view = self._view(self._extent, self._aspect)
         self._put_there.append(view)
         _set_camera(initial_camera(self._client), view)  # which it returns to while it is being set up
