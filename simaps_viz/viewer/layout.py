@@ -1,6 +1,7 @@
 """Where the panels of a page are: in one row of tabs on the right; the recorded build on the left, folded at first."""
 
 from collections.abc import Sequence
+from html import escape
 
 import viser
 
@@ -56,10 +57,11 @@ class Layout:
         if self._recording is not None and isinstance(page_px, int | float) and ROOMY_PX <= page_px < MAX_PX:
             self._recording.expand()
 
-    def open_tab(self, title: str, only_from: str) -> None:
-        """Open a tab in the browser; if ``only_from`` names another one, only where that one is open."""
+    def open_tab(self, title: str, only_from: str, focus: str) -> None:
+        """Open a tab in the browser, and focus the control labelled ``focus``; arguments as of `Page.reveal`."""
         self._turn += 1
-        what = f'data-simaps-tab="{title}" data-from="{only_from}" data-turn="{self._turn}"'
+        what = f'data-simaps-tab="{title}" data-from="{only_from}" data-focus="{escape(focus)}"'
+        what += f' data-turn="{self._turn}"'
         self._open.content = f"<i hidden {what}></i>"
 
 

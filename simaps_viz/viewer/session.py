@@ -56,9 +56,9 @@ class Session(Page):
         """Lay the panels out anew, now that the browser shows them on a page of that width."""
         self.worker.submit("settle", lambda: self._layout.settle(width_px))
 
-    def reveal(self, title: str, *, only_from: str = "") -> None:
-        """Open a tab of this page; where ``only_from`` is given, only from that tab."""
-        self._layout.open_tab(title, only_from)
+    def reveal(self, title: str, *, only_from: str = "", focus: str = "") -> None:
+        """Open a tab of this page; arguments as of `Page.reveal`."""
+        self._layout.open_tab(title, only_from, focus)
 
     def catch_up(self) -> None:
         """Have the panels that only a finished map has, soon, if the map that was being built is done."""

@@ -23,7 +23,7 @@ from simaps_viz.viewer.panels.masks import masks_panel
 from simaps_viz.viewer.panels.recordings import recordings_panel
 from simaps_viz.viewer.panels.share import SHARE
 
-CHAIR_1 = 1
+CHAIR_1, COUCH = 1, 5
 RIGHT = re.compile("^Right$")
 """The label of the choice itself, and not of the sliders below it."""
 LEAST_PX = 12.0
@@ -164,6 +164,22 @@ def test_an_object_is_found_by_its_name_and_number(bench, page):
     other = next(one for one in bench.simap.instances if one.label != "chair")
     box.fill(f"{other.id}\n")
     until(page, lambda: session.selected == other.id)
+
+
+def test_ctrl_k_goes_to_an_object_and_to_a_setting_in_a_folder_that_is_closed(bench, page):
+    box = page.get_by_placeholder("Search commands...")
+
+    def look_for(words):
+        page.keyboard.press("Control+k")
+        box.fill(words)
+        page.get_by_role("button", name=re.compile(f"^{words}", re.IGNORECASE)).click()
+
+    look_for("couch 5")
+    until(page, lambda: mine(bench).selected == COUCH)
+    look_for("frames at least")
+    focused = page.get_by_role("slider", name="Frames at least")
+    expect(focused).to_be_focused()
+    expect(focused).to_be_in_viewport()
 
 
 def test_a_reload_keeps_the_open_tabs_and_the_comparison(bench, page):

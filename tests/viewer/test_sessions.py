@@ -375,6 +375,25 @@ def test_a_new_panel_is_one_class_and_one_line_in_the_registry(monkeypatch):
             until(lambda: again.session.panels[DiaryPanel].note.value == "a chair")
 
 
+def test_ctrl_k_lists_the_objects_of_the_map_shown_and_the_settings_of_the_tabs_there_are(monkeypatch):
+    def listed(kind):
+        handles = session.client.gui._command_handle_from_uuid.values()
+        return {one.label: one for one in handles if (one.description or "").startswith(kind)}
+
+    line = PanelSpec("Diary", viser.Icon.BOOK, DiaryPanel)
+    monkeypatch.setattr(layout, "PANELS", (*layout.PANELS, line))
+    with toy_workbench() as bench, fake_page(bench) as page:
+        session = page.session
+        assert listed("Object").keys() == {one.name for one in session.simap.instances}
+        assert {"Find", "K (%)", "Frames at least", "Speed (×)", "Frame", "Note"} <= listed("Setting").keys()
+        kept = listed("Object")["chair 3"]
+        cut(session, APART)
+        names = {one.name for one in session.simap.instances}
+        assert len(names) == 9 and listed("Object").keys() == names and listed("Object")["chair 3"] is kept
+        session.panels.have([spec for spec in session.panels.specs if spec is not line])
+        assert "Note" not in listed("Setting") and "Speed (×)" in listed("Setting")
+
+
 def test_a_picture_lies_in_the_place_of_the_map_until_it_is_taken_away():
     with toy_workbench() as bench, fake_page(bench) as page:
         scene = page.session.client.scene

@@ -154,8 +154,14 @@ class Page:
         """Return a frame's RGB picture and segment ids; None when the sequence is not at hand."""
         return None if self.services.view is None else self.services.view(frame)
 
-    def reveal(self, title: str, *, only_from: str = "") -> None:
-        """Open a tab; a page without a layout has none to open."""
+    def reveal(self, title: str, *, only_from: str = "", focus: str = "") -> None:
+        """Open a tab; a page without a layout has none to open.
+
+        Args:
+            title: of the tab.
+            only_from: another tab's title: open it only where that one is open.
+            focus: label of a control in it that gets the focus.
+        """
 
     # --- selection
 

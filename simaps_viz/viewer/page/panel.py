@@ -10,6 +10,7 @@ import viser
 from simaps_viz.structures import SIMap
 from simaps_viz.viewer.scene.map_scene import Style
 from simaps_viz.viewer.server.access import Right
+from simaps_viz.viewer.server.viser_hooks import inputs_of
 
 if TYPE_CHECKING:
     from simaps_viz.viewer.page.page import Page
@@ -30,9 +31,14 @@ class Panel:
 
     spec: "PanelSpec"
     """The line that registered it; set when it is made."""
+    inputs: Sequence[viser.GuiInputHandle] = ()
+    """The widgets that it made and that hold a value; set when it is made."""
 
     def built(self) -> None:
         """Called once all panels of the page exist and their state is restored."""
+
+    def panels_changed(self) -> None:
+        """Called when the page has other panels than before."""
 
     def base_changed(self, base: SIMap) -> None:
         """Called when the sliders get another map to cut; ``map_changed`` follows when it is cut."""
@@ -161,6 +167,7 @@ class Panels:
             self._tabs.pop(key).remove()
         there = [panel.spec for panel in self._panels]
         self._add([spec for spec in specs if spec not in there])
+        self.each(lambda panel: panel.panels_changed())
 
     def built(self) -> None:
         """Call ``built`` of all panels; a panel that is added later gets the call at once."""
@@ -204,6 +211,7 @@ class Panels:
             if spec.tab not in self._tabs:
                 group = self._groups[spec.place]
                 self._tabs[spec.tab] = group if spec.place == "head" else group.add_tab(spec.title, spec.icon)
+            known = inputs_of(self._page.gui)
             try:
                 with contextlib.nullcontext() if spec.place == "head" else self._tabs[spec.tab]:
                     panel = spec.make(self._page)
@@ -211,6 +219,7 @@ class Panels:
                 self._page.report(error)
                 continue
             panel.spec = spec
+            panel.inputs = inputs_of(self._page.gui)[len(known) :]
             self._panels = (*self._panels, panel)
             if self._built:
                 self._guarded(panel.built)

@@ -1,13 +1,17 @@
 """Keys of the page, its help, and the switch between light and dark."""
 
+import functools
 import json
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from html import escape
 from importlib.resources import files
 
-from viser._gui_handles import GuiModalHandle
+from viser._gui_handles import CommandHandle, GuiModalHandle
 
+from simaps_viz.drawing.legend import object_names
 from simaps_viz.drawing.theme import BRAND, DARK, DIM_STYLE, LIGHT, Theme, note_html
+from simaps_viz.mapping.in_space import all_instances
+from simaps_viz.structures import SIMap
 from simaps_viz.viewer.page.page import Page
 from simaps_viz.viewer.page.panel import Panel
 from simaps_viz.viewer.page.widgets import button, button_row
@@ -55,6 +59,8 @@ def _row(left: str, right: str, *, key: bool) -> str:
 
 VISITING = "You are visiting: look, ask and simulate as you like. Nothing can be changed from this page."
 HELP, LIGHT_DARK = "Help", "Light / dark"
+MAX_OBJECTS = 300
+"""Objects that Ctrl-K lists, the largest; the box Find finds them all."""
 
 
 class HelpPanel(Panel):
@@ -75,6 +81,42 @@ class HelpPanel(Panel):
             # viser's type knows fewer keys than the page does: the brackets pass all the same.
             command = gui.add_command(text[0].upper() + text[1:], hotkey=code)  # pyright: ignore[reportArgumentType]
             command.on_trigger(lambda _, do=do: do())
+        self._found: dict[str, dict[tuple[str, str], CommandHandle]] = {}
+
+    def map_changed(self, simap: SIMap) -> None:
+        """Have Ctrl-K find the map's objects."""
+        names = object_names(simap, MAX_OBJECTS)
+        self._offer("object", {(name, "Object"): functools.partial(self._go_to, one) for name, one in names.items()})
+
+    def panels_changed(self) -> None:
+        """Have Ctrl-K find the settings of all tabs."""
+        found: dict[tuple[str, str], Callable[[], None]] = {}
+
+        def add(panel: Panel) -> None:
+            title = panel.spec.title
+            for one in panel.inputs:
+                where = f"Setting of the tab {title}" if panel.spec.place != "head" else "Setting"
+                found[one.label, where] = functools.partial(self._page.reveal, title, focus=one.label)
+
+        self._page.panels.each(add)
+        self._offer("setting", found)
+
+    built = panels_changed
+
+    def _offer(self, kind: str, found: Mapping[tuple[str, str], Callable[[], None]]) -> None:
+        """List commands of a kind, {(label, description): what it does}, instead of those listed before."""
+        offered = self._found.setdefault(kind, {})
+        with self._page.client.atomic():
+            for gone in offered.keys() - found.keys():
+                offered.pop(gone).remove()
+            for new in [one for one in found if one not in offered]:
+                command = offered[new] = self._gui.add_command(new[0], description=new[1])
+                command.on_trigger(lambda _, do=found[new]: do())
+
+    def _go_to(self, number: int) -> None:
+        found = [one for one in all_instances(self._page.simap) if one.id == number]
+        if found:
+            self._page.go_to(found[0])
 
     @property
     def keys(self) -> Sequence[tuple[str, str]]:

@@ -12,6 +12,7 @@
   const OPEN = 'simaps-open-tabs';
   const tabs = () => [...document.querySelectorAll('[role=tab]')];
   const titleOf = (tab) => tab.textContent.trim();
+  const titled = (title) => tabs().find((one) => titleOf(one) === title);
   const isOpen = (tab) => tab.getAttribute('aria-selected') === 'true';
   let wanted = [];
   try { wanted = JSON.parse(sessionStorage.getItem(OPEN)) || []; } catch { /* then the first tabs are open */ }
@@ -47,10 +48,10 @@
   let turned = '';
   const turnTo = () => {  // the tab that the page was told to open
     const told = document.querySelector('[data-simaps-tab]');
-    const titled = (title) => tabs().find((one) => titleOf(one) === title);
-    const tab = told && told.dataset.turn !== turned && titled(told.dataset.simapsTab);
-    if (!tab) return;
-    turned = told.dataset.turn;
+    const anew = told && told.dataset.turn !== turned, tab = anew && titled(told.dataset.simapsTab);
+    if (anew && told.dataset.focus) toBox(told.dataset.focus, told.dataset.simapsTab, 30);
+    if (anew && (tab || told.dataset.focus)) turned = told.dataset.turn;
+    if (!tab || told.dataset.focus) return;
     const from = told.dataset.from && titled(told.dataset.from);
     if (!isOpen(tab) && (!from || isOpen(from))) press(tab);
   };
@@ -101,13 +102,18 @@
       if (node.data.trim() === text && node.parentElement.offsetParent) return node.parentElement;
     return null;
   };
-  const toBox = (label, tabName, tries) => {
+  const toBox = (label, tabName, tries, opened = new Set()) => {
     const box = document.querySelector(`[aria-label="${label}"]`);
     if (box && box.offsetParent) { box.focus(); return; }
     if (tries === 0) return;
-    const tab = withText(tabName);
-    if (tab) press(tab);
-    setTimeout(() => { nameControls(); toBox(label, tabName, tries - 1); }, 120);
+    const tab = titled(tabName);
+    if (tab && !isOpen(tab)) press(tab);
+    else for (let one = box; one; one = one.parentElement) {  // it may be in a folder that is closed
+      const title = getComputedStyle(one).display === 'none' && one.previousElementSibling;
+      if (title && !opened.has(title)) title.click();
+      opened.add(title);
+    }
+    setTimeout(() => { nameControls(); toBox(label, tabName, tries - 1, opened); }, 120);
   };
   document.addEventListener('keydown', (event) => {
     const busy = event.target.closest && event.target.closest('input, textarea, [contenteditable]');

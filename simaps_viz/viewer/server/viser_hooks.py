@@ -9,7 +9,8 @@
    ``scene``.
 4. `check_values`, on a page: a widget takes only values that fit it. It needs ``_websock_connection`` with
    ``_incoming_handlers``, and ``gui._gui_input_handle_from_uuid``.
-5. `initial_camera`, of a page: the public ``ViserServer.initial_camera`` for one page. It needs ``_websock_connection``
+5. `inputs_of`, of a page: its widgets with a value. It needs ``gui._gui_input_handle_from_uuid``.
+6. `initial_camera`, of a page: the public ``ViserServer.initial_camera`` for one page. It needs ``_websock_connection``
    with ``queue_message``.
 
 ``tests/viewer/test_viser_hooks.py`` checks each of them by what it does.
@@ -151,6 +152,11 @@ def check_values(client: viser.ClientHandle, note: Callable[[str], None]) -> Non
             await handler(client_id, message)  # pyright: ignore[reportGeneralTypeIssues]
 
     handlers[:] = [checked]
+
+
+def inputs_of(gui: viser.GuiApi) -> list[viser.GuiInputHandle]:
+    """Return the widgets of a page that hold a value of a person: all but buttons."""
+    return [one for one in gui._gui_input_handle_from_uuid.values() if isinstance(one, viser.GuiInputHandle)]
 
 
 def fits(widget: Any, value: Any) -> bool:
