@@ -23,7 +23,16 @@ class InputError(SIMapsError):
 
 
 class CommandError(SIMapsError):
-    """A spoken command or a program cannot be carried out on this map: a refusal, in words."""
+    """A spoken command or a program cannot be carried out on this map: a refusal, in words.
+
+    Args:
+        message: why not.
+        suggestions: commands that can be read instead, the likeliest first.
+    """
+
+    def __init__(self, message: object = "", *more: object, suggestions: tuple[str, ...] = ()) -> None:
+        super().__init__(message, *more)
+        self.suggestions = suggestions
 
 
 class PlanningError(SIMapsError):

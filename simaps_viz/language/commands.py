@@ -4,6 +4,7 @@ import re
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
+from itertools import islice
 from typing import Final
 
 from simaps_viz.errors import CommandError
@@ -13,7 +14,7 @@ from simaps_viz.language.nouns import ONE, Phrase, quoted
 from simaps_viz.language.orders import GRAMMAR
 from simaps_viz.language.program import ProgramError, parse_program
 from simaps_viz.language.tokenizer import Sentence, read_words
-from simaps_viz.language.words import Vocabulary
+from simaps_viz.language.words import Vocabulary, plain, plural, singular
 from simaps_viz.language.writer import Writer
 
 MAX_LENGTH: Final = 500
@@ -23,8 +24,10 @@ _MAX_QUOTED: Final = 60
 """Length to which an error message shortens the command that it quotes, characters."""
 _MAX_NAME: Final = 40
 """Characters of a class that a refusal takes for an example."""
+_MAX_SUGGESTIONS: Final = 3
 _MARGIN: Final = 0.28
 """How much less likely than the program another reading may be."""
+_END: Final = re.compile(r"(?:\W|\b(?:and|then|but|next)\b)+$")
 _ENDS: Final = ("COMMA", "AND", "THEN", "STOP")
 _MEANT: Final = frozenset({
     "NOUN", "NOUNS", "ROOMKIND", "ROOM", "ROOMS", "PLACE", "SPOT", "NUM", "IF", "IFSEE", "UNLESS", "NEVER",
@@ -69,19 +72,64 @@ def read_command(text: str, labels: Sequence[str] | Mapping[str, int]) -> Readin
     vocabulary = Vocabulary(labels)
     try:
         return _understood(text, vocabulary)
-    except CommandError:
+    except CommandError as error:
         for shorter, notes, named in _without_asides(text, vocabulary):
             with suppress(CommandError):
                 reading = _understood(shorter, vocabulary, named)
                 return replace(reading, notes=(*notes, *reading.notes))
-        raise
+        suggested = instead(text, labels) or examples(labels)
+        said = str(error) if str(error).endswith(("?", ".")) else f"{error}."
+        raise CommandError(f"{said} Try: {', '.join(map(quoted, suggested))}.", suggestions=suggested) from None
+
+
+def instead(text: str, labels: Sequence[str] | Mapping[str, int]) -> tuple[str, ...]:
+    """Return up to three commands that can be read, like one that was refused; none where every word is known.
+
+    A word that is not known, or a thing that the map lacks, gives way to what is spelled like it or of its kind, or is
+    left out; or only what comes before it is kept; or the most frequent things take its place.
+    """
+    vocabulary = Vocabulary(labels)
+    try:
+        sentence = read_words(text[:MAX_LENGTH], vocabulary)
+    except CommandError:
+        return ()
+    words, (at, end) = sentence.words, _strange(sentence)
+    if end - at in (0, len(words)):
+        return ()
+
+    def readable(commands: Iterable[Sequence[str]]) -> Iterator[str]:
+        for said in (_END.sub("", " ".join(command)) for command in commands):
+            with suppress(CommandError):
+                if "search(" not in _understood(said, vocabulary).program:
+                    yield said
+
+    name = " ".join(words[at:end])
+    near = [vocabulary.suggest(name) or "", ""] if name in sentence.unknown else []
+    frequent = sorted(vocabulary.labels, key=lambda label: -(vocabulary.count(label) or 0))[:_MAX_SUGGESTIONS]
+    number = str if singular(name) == name else plural
+    likely, often = (
+        [(*words[:at], *(number(plain(other)).split() if other else ()), *words[end:]) for other in others]
+        for others in ([*near, *vocabulary.kin(name)], frequent)
+    )
+    before = readable(words[:n] for n in range(at, 1, -1))
+    found = [*readable(likely)] or [*islice(before, 1)] or [*readable(often)]
+    return tuple(dict.fromkeys(found))[:_MAX_SUGGESTIONS]
+
+
+def _strange(sentence: Sentence) -> tuple[int, int]:
+    """Return where the first words are that are unknown or name what the map lacks, and where they end, else (0, 0)."""
+    for at, edges in enumerate(sentence.edges[:-1]):
+        named = [edge for edge in edges if edge.kind in ("NOUN", "NOUNS")]
+        if sentence.words[at] in sentence.unknown or (named and not any(edge.value.known for edge in named)):
+            return at, max([at + 1, *(edge.end for edge in named)])
+    return 0, 0
 
 
 def _understood(text: str, vocabulary: Vocabulary, named: Phrase | None = None) -> Reading:
     """Read a command to the last word; ``named`` is what was spoken of before it."""
     sentence = read_words(text, vocabulary)
     if not sentence.words:
-        raise CommandError(f"nothing to do was said. {examples(vocabulary.labels)}")
+        raise CommandError("nothing to do was said")
     # Where words are unknown, spelling is corrected, if the command can be read then.
     if sentence.unknown:
         with suppress(CommandError):
@@ -149,14 +197,11 @@ def too_long(text: str) -> str:
     )
 
 
-def examples(labels: Iterable[str]) -> str:
-    """Return commands that work on a map with these classes, in one sentence."""
-    names = [label for label in labels if len(label) <= _MAX_NAME] or ["chair"]
+def examples(labels: Iterable[str]) -> tuple[str, ...]:
+    """Return commands that work on a map with these classes."""
+    names = [plain(label) for label in labels if len(label) <= _MAX_NAME] or ["chair"]
     first, other = names[0], names[min(1, len(names) - 1)]
-    return (
-        f'Try: "go to the second {first}", "go to the {first} nearest the {other}", '
-        f'"go to the left of the {other}", "turn right, then go forward 1 m".'
-    )
+    return f"go to the {first}", f"go to the {first} nearest the {other}", "turn right, then go forward 1 m"
 
 
 def _read(sentence: Sentence, vocabulary: Vocabulary, named: Phrase | None) -> Reading:
@@ -176,9 +221,8 @@ def _read(sentence: Sentence, vocabulary: Vocabulary, named: Phrase | None) -> R
             parse_program(program)
             programs.setdefault(program, writer)
         except ProgramError:
-            refusal = refusal or CommandError(
-                f'Not understood: "{_in_brief(" ".join(sentence.words))}". Say it in other words, or in several steps.'
-            )
+            said = _in_brief(" ".join(sentence.words))
+            refusal = refusal or CommandError(f'Not understood: "{said}". Say it in other words, or in several steps')
         except CommandError as error:
             refusal = refusal or error
     if not programs:
@@ -193,26 +237,25 @@ def _read(sentence: Sentence, vocabulary: Vocabulary, named: Phrase | None) -> R
 def _refusal(sentence: Sentence, chart: Chart, vocabulary: Vocabulary) -> str:
     """Name the one word that was not understood, or what the order lacks."""
     words, edges, at = sentence.words, sentence.edges, min(chart.furthest, len(sentence.words))
-    try_this = examples(vocabulary.labels)
     if chart.refusal is not None and chart.refusal[0] >= at:
-        return f"Not understood: {chart.refusal[1]}. {try_this}"
+        return f"Not understood: {chart.refusal[1]}."
     starts = [i for i in range(len(words)) if i == 0 or any(e.kind in _ENDS for e in edges[i - 1])]
     begins = max((i for i in starts if i <= at), default=0)
     kinds = {edge.kind for edge in edges[begins]}
     clause = _in_brief(" ".join(words[begins:]))
     if any(edge.kind in ("AVOID", "NEVER") for here in edges[begins : at + 1] for edge in here):
-        return f'Not understood: "{clause}". A command says what to do, not what to leave out. {try_this}'
+        return f'Not understood: "{clause}". A command says what to do, not what to leave out.'
     if kinds & {"HANDS", "TAKE"}:
         can = "The robot has no hands and carries nothing: it can drive, turn, look, and answer questions."
-        return f'Not understood: "{clause}". {can} {try_this}'
+        return f'Not understood: "{clause}". {can}'
     if sentence.unknown:
         unknown = next((word for word in (words[begins], *words[at:]) if word in sentence.unknown), sentence.unknown[0])
         near = vocabulary.suggest(unknown)
         hint = f" Did you mean {near}?" if near else ""
-        return f'Not understood: "{_in_brief(unknown)}".{hint} {try_this}'
+        return f'Not understood: "{_in_brief(unknown)}".{hint}'
     if at >= len(words):
-        return f'Not understood: "{clause}" seems to be cut short. {try_this}'
-    return f'Not understood: "{_in_brief(words[at])}" in "{clause}". {try_this}'
+        return f'Not understood: "{clause}" seems to be cut short.'
+    return f'Not understood: "{_in_brief(words[at])}" in "{clause}".'
 
 
 def _in_brief(said: str) -> str:

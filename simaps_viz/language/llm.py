@@ -90,7 +90,7 @@ class LLMReader:
         if len(text) > MAX_LENGTH:
             raise CommandError(too_long(text))
         if not text.strip():
-            raise CommandError(f"nothing to do was said. {examples(tuple(counts))}")
+            raise CommandError("nothing to do was said", suggestions=examples(counts))
         record: list[Exchange] = []
         try:
             program, repairs = self._program(text.strip(), counts, rooms, check, record, cancel)

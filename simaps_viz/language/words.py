@@ -314,6 +314,11 @@ class Vocabulary:
         near = correct(singular(plain(phrase)), [plain(label) for label in self.labels])
         return next((label for label in self.labels if near and plain(label) == near), None)
 
+    def kin(self, phrase: str) -> tuple[str, ...]:
+        """Return the classes of the map that are of a kind with a thing."""
+        name = singular(plain(phrase))
+        return self._called(one for members in KINDS.values() if name in members for one in members)
+
     def _called(self, names: Iterable[str]) -> tuple[str, ...]:
         return tuple(dict.fromkeys(label for name in names for label in self.labels if plain(label) == name))
 

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from simaps_viz.errors import CommandError, InputError, PlanningError
-from simaps_viz.language.commands import Reading, read_command
+from simaps_viz.language.commands import Reading, instead, read_command
 from simaps_viz.language.interpreter import Budget, BudgetError, interpret
 from simaps_viz.language.primitives import FUNCTIONS
 from simaps_viz.language.program import ProgramError, ProgramStuckError, parse_program
@@ -68,6 +68,8 @@ class Answer:
     """The statements that were run, in order; empty unless ok."""
     line: int | None = None
     """The line of the program, counted from 1, that cannot be carried out; None when ok or when no line is to blame."""
+    suggestions: tuple[str, ...] = ()
+    """Commands that can be given instead of one that was refused, the likeliest first, at most three."""
 
     def to_json(self) -> dict[str, Any]:
         """Return the line ``simaps query`` prints, as a dict; angles in degrees clockwise from north."""
@@ -83,6 +85,8 @@ class Answer:
             "notes": list(self.notes),
             "alternatives": list(self.alternatives),
         }
+        if self.suggestions:
+            line["suggestions"] = list(self.suggestions)
         return line if self.answer is None else {**line, "answer": dict(self.answer)}
 
 
@@ -233,9 +237,11 @@ def answer(
         failed = isinstance(error, PlanningError | BudgetError)
         located = error if isinstance(error, ProgramError | ProgramStuckError) else None
         reason = located.message if located and written is None else str(error)
+        suggested = instead(command, simap.counts()) if written is None else ()
         return Answer(
             "failed" if failed else "refused", reason, reading.program, (), np.array([[pose.x_m, pose.y_m]]), pose, 0.0,
             reading.notes, reading.alternatives, line=located.line if located else None,
+            suggestions=getattr(error, "suggestions", ()) or suggested,
         )  # fmt: skip
     end = run.robot
     return Answer(

@@ -229,6 +229,28 @@ def test_words_not_understood_are_named_with_examples_that_work(simap, said: str
 
 
 @pytest.mark.parametrize(
+    ("said", "suggested"),
+    [
+        ("go to the shiny chair", ("go to the chair",)),  # without the word
+        ("go to the couch and then fly to the moon", ("go to the couch",)),  # as far as it was understood
+        ("go to the chair by the bathtub", ("go to the chair",)),  # which the map has not
+        ("face the bench", ("face the chair", "face the couch", "face the dining table")),  # of its kind
+        ("visit all benches", ("visit all chairs", "visit all couches", "visit all dining tables")),
+        (
+            "open the couch",
+            ("go to the chair", "go to the chair nearest the dining table", "turn right, then go forward 1 m"),
+        ),
+        ("go to the 9th chair", ()),  # is said otherwise
+    ],
+)
+def test_a_refusal_offers_commands_that_can_be_given_instead(simap, said: str, suggested: tuple[str, ...]) -> None:
+    refused = answer(simap, said, TOY_POSE)
+    assert refused.status == "refused" and refused.suggestions == suggested
+    assert refused.to_json().get("suggestions", []) == list(suggested)
+    assert all(answer(simap, one, TOY_POSE).status == "ok" for one in suggested)
+
+
+@pytest.mark.parametrize(
     ("said", "message"),
     [
         ("", "nothing to do was said"),
