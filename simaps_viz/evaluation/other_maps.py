@@ -12,6 +12,7 @@ from simaps_viz.build.pipeline import BuildConfig
 from simaps_viz.datasets.sequence import PosedFrames
 from simaps_viz.datasets.source import FrameSource
 from simaps_viz.errors import InputError, SIMapsError
+from simaps_viz.evaluation.space import SpaceTruth, origin_of_voxels, space_truth
 from simaps_viz.evaluation.truth import find_truth, settings_of, truth_as_map, truth_of
 from simaps_viz.events import BuildStarted, Event, FrameProjected, Progress
 from simaps_viz.mapping.file import load_map, save_map
@@ -43,6 +44,7 @@ class MapMaker:
         """Take the sequence, and the folder in which maps are kept."""
         self._sequence, self._folder = sequence, folder
         self._made: dict[Path, SIMap] = {}
+        self._in_space: dict[Path, SpaceTruth] = {}
 
     def sources(self, simap: SIMap) -> tuple[Source, ...]:
         """Return the maps that ``make`` can make for a map; none without a sequence."""
@@ -70,6 +72,19 @@ class MapMaker:
         if kept not in self._made:
             self._made[kept] = load_map(kept) if kept.is_file() else self._build(key, simap, sequence, tell, kept)
         return self._made[kept]
+
+    def truth_in_space(self, simap: SIMap, tell: Progress) -> SpaceTruth:
+        """Return the true objects in space for a map; arguments and errors as of `make`."""
+        exact = None if self._sequence is None else _exact(self._sequence)
+        if exact is None:
+            raise InputError("comparison: expected the sequence the map was built from, with exact ids, found none")
+        kept = self._kept(TRUTH, simap, exact)
+        if kept not in self._in_space:
+            self._in_space[kept] = space_truth(
+                exact, simap.T_map_world, origin_of_voxels(simap), settings_of(simap),
+                frame_names=simap.frame_names, progress=tell,
+            )  # fmt: skip
+        return self._in_space[kept]
 
     def _build(self, key: str, simap: SIMap, sequence: FrameSource, tell: Progress, kept: Path) -> SIMap:
         if key == TRUTH:

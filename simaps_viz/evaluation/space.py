@@ -34,6 +34,7 @@ from simaps_viz.mapping.in_space import (
     X_BITS,
     Z_BITS,
     Relations,
+    all_instances,
     among,
     box_of,
     column_points,
@@ -46,7 +47,7 @@ from simaps_viz.mapping.in_space import (
     voxels_by_instance,
     without_strays,
 )
-from simaps_viz.structures import Box, Points, Segment
+from simaps_viz.structures import Box, Points, Segment, SIMap
 
 TRUE_PIXELS, MIN_TRUE, MIN_FOUND = 3, 15, 6
 """Pixels from which a voxel is true; voxels from which a thing counts, and from which an instance does."""
@@ -101,7 +102,13 @@ class SpaceTruth:
 
 
 def space_truth(
-    exact: FrameSource, T_map_world: NDArray, origin_m: tuple[float, float], settings: ProjectionSettings
+    exact: FrameSource,
+    T_map_world: NDArray,
+    origin_m: tuple[float, float],
+    settings: ProjectionSettings,
+    *,
+    frame_names: Sequence[str] | None = None,
+    progress: Progress | None = None,
 ) -> SpaceTruth:
     """Find the true objects in space.
 
@@ -110,13 +117,20 @@ def space_truth(
         T_map_world: map frame of the map to be judged.
         origin_m: a corner of that map's grid.
         settings: depth range and heights of that map.
+        frame_names: use only these frames; by default all.
+        progress: notified of every frame.
 
     Raises:
         InputError: the masks are not the truth, or a frame is missing or damaged.
     """
     check_exact(exact)
     parts, known = [np.zeros((0, 4), np.int64)], dict[int, Segment]()
-    for frame, segmentation in read_ahead(exact, color=False):
+    wanted = None if frame_names is None else set(frame_names)
+    for done, (frame, segmentation) in enumerate(read_ahead(exact, color=False)):
+        if progress:
+            progress("looking at the exact ids in space", done, len(exact))
+        if wanted is not None and frame.name not in wanted:
+            continue
         known.update({segment.id: segment for segment in segmentation.segments})
         K, depth = frame.intrinsics, frame.depth_m
         near = (depth > settings.near_m) & (depth < settings.far_m)
@@ -139,17 +153,52 @@ def space_truth(
     key, owner, total = majority(*rows.T[:3])
     sure = total >= TRUE_PIXELS
     void, key, owner = key[~sure], key[sure], owner[sure]
-    voxels, below, shown = {}, {}, {}
     labels = {number: segment.label for number, segment in sorted(known.items()) if segment.is_thing}
+    classes = dict(zip(exact.labels[1:], exact.is_thing[1:], strict=True))
+    return _truth_of(origin_m, settings, labels, classes, void, (key, owner), (column, top))
+
+
+def truth_of_map(simap: SIMap) -> SpaceTruth:
+    """Take the objects of a map with a surface for the true ones, so that another map can be scored by it.
+
+    Small patches apart from an object are neither asked for nor held against the other map.
+    """
+    origin_m, points = origin_of_voxels(simap), space_points(simap)
+    key, owner, _ = majority(voxel_keys(points.positions, origin_m), points.instances.astype(np.int64))
+    tops = np.flatnonzero(np.diff(key >> Z_BITS, append=-1))  # keys ascend by height within a column
+    topped = key[tops] >> Z_BITS, owner[tops]
+    labels = {one.id: one.label for one in all_instances(simap)}
+    kept = [without_strays(key[owner == number]) for number in labels]
+    void = (owner > 0) & ~among(key, _joined(kept))
+    classes = dict(zip(simap.grid.labels[1:], simap.grid.is_thing[1:], strict=True))
+    owned = key[~void], owner[~void]
+    return _truth_of(origin_m, settings_of(simap), labels, classes, key[void], owned, topped)
+
+
+def origin_of_voxels(simap: SIMap) -> tuple[float, float]:
+    """Return a corner of the voxels that a map is scored in, which coincide with its cells of 5 cm."""
+    return simap.spec.x0_m % VOXEL_M, simap.spec.y0_m % VOXEL_M
+
+
+def _truth_of(
+    origin_m: tuple[float, float],
+    settings: ProjectionSettings,
+    labels: Mapping[int, str],
+    classes: Mapping[str, bool],
+    void: NDArray,
+    owned: tuple[NDArray, NDArray],
+    topped: tuple[NDArray, NDArray],
+) -> SpaceTruth:
+    """Describe the things of ``labels`` by who owns each voxel, and who tops each column; keys ascend."""
+    (key, owner), (column, top) = owned, topped
+    voxels, below, shown = {}, {}, {}
     for number in labels:
         mine = key[owner == number]
         if len(mine):
             voxels[number] = mine
-            topped = top[np.searchsorted(column, mine >> Z_BITS)] != number
-            below[number] = mine[topped]
             columns = np.unique(mine >> Z_BITS)
+            below[number] = mine[top[np.searchsorted(column, mine >> Z_BITS)] != number]
             shown[number] = float((top[np.searchsorted(column, columns)] == number).mean())
-    classes = dict(zip(exact.labels[1:], exact.is_thing[1:], strict=True))
     return SpaceTruth(
         origin_m, settings.cut_height_m, settings.below_floor_m, labels, classes, void, voxels, below, shown
     )
@@ -400,8 +449,9 @@ def _lies_on_hidden(keys: NDArray, near_true: Mapping[int, NDArray], hidden: set
 
 
 def _grown(keys: NDArray) -> NDArray:
-    """Return the voxels and all that touch them, sorted."""
-    return np.unique(keys[:, None] + _AROUND_3D)
+    """Return the voxels and all that touch them, sorted; `numpy.unique` would hash them, which takes twice as long."""
+    keys = np.sort((keys[:, None] + _AROUND_3D).reshape(-1))
+    return keys[np.diff(keys, prepend=-1) != 0]
 
 
 def _joined(parts: Iterable[NDArray]) -> NDArray:
@@ -497,7 +547,8 @@ def box_iou(one: Box, other: Box) -> float:
     """Return the intersection over union of two upright boxes."""
     high = min(one.center_m[2] + one.size_m[2] / 2, other.center_m[2] + other.size_m[2] / 2)
     low = max(one.center_m[2] - one.size_m[2] / 2, other.center_m[2] - other.size_m[2] / 2)
-    if high <= low:
+    apart = np.hypot(one.center_m[0] - other.center_m[0], one.center_m[1] - other.center_m[1])
+    if high <= low or 2.0 * apart >= np.hypot(*one.size_m[:2]) + np.hypot(*other.size_m[:2]):
         return 0.0
     both = _area(_clipped(one.corners_m[:4, :2], other.corners_m[:4, :2])) * (high - low)
     return both / (float(np.prod(one.size_m)) + float(np.prod(other.size_m)) - both)
@@ -629,7 +680,7 @@ def evaluate_space(
             if progress:
                 progress("building and scoring maps", done * len(methods) + at, len(plan) * len(methods))
             simap = build(source, method)
-            origin_m = simap.spec.x0_m % VOXEL_M, simap.spec.y0_m % VOXEL_M
+            origin_m = origin_of_voxels(simap)
             key = settings_of(simap), np.asarray(simap.T_map_world).tobytes(), *np.round(origin_m, 6)
             if key not in truths:
                 truths[key] = space_truth(exact, simap.T_map_world, origin_m, settings_of(simap))

@@ -17,8 +17,10 @@ from simaps_viz.colors.instances import instance_colors
 from simaps_viz.colors.palette import Color
 from simaps_viz.evaluation.coloring import paint, partners
 from simaps_viz.evaluation.quality import Objects, Overlaps, Score, ScoringRules, find_overlaps, scores_of
+from simaps_viz.evaluation.space import SpaceScores, SpaceTruth, score_space, truth_of_map
 from simaps_viz.evaluation.truth import Truth, joint_window, moved_grid, whole_cells
 from simaps_viz.geometry import moved
+from simaps_viz.mapping.in_space import has_voxels, space_points
 from simaps_viz.structures import GridSpec, SIMap
 
 _INSIDE = 0.5
@@ -268,6 +270,8 @@ class TwoMaps:
     """Mean intersection over union of those, None without any."""
     score: Score | None
     """The scores of the other map, when the reference is the truth."""
+    space: SpaceScores | None = None
+    """The scores of the other map in space; None where one of the two does not know the surface of things."""
 
     @property
     def differences(self) -> tuple[Item, ...]:
@@ -276,7 +280,11 @@ class TwoMaps:
 
 
 def compare_two(
-    left: tuple[str, SIMap], right: tuple[str, SIMap], *, truth: Literal["left", "right"] | None = None
+    left: tuple[str, SIMap],
+    right: tuple[str, SIMap],
+    *,
+    truth: Literal["left", "right"] | None = None,
+    in_space: SpaceTruth | None = None,
 ) -> TwoMaps:
     """Lay two maps of one place over one another.
 
@@ -284,6 +292,7 @@ def compare_two(
         left: title and map; its colours are what the right one's follow.
         right: the same.
         truth: which of them is the truth, if one is; the other is then scored by it.
+        in_space: the true objects in space, if they are known; two maps with a surface need none.
 
     Raises:
         InputError: they lie in different map frames, or their cells do not coincide.
@@ -316,7 +325,16 @@ def compare_two(
         same=differences.same,
         same_iou=differences.same_iou,
         score=scores_of(overlaps, other).overall if truth else None,
+        space=_in_space(reference, other, in_space),
     )
+
+
+def _in_space(reference: SIMap, other: SIMap, truth: SpaceTruth | None) -> SpaceScores | None:
+    if truth is None and has_voxels(reference):
+        truth = truth_of_map(reference)
+    if truth is None or not has_voxels(other):
+        return None
+    return score_space(space_points(other), other.grid.labels, truth)
 
 
 def _on(simap: SIMap, window: GridSpec) -> NDArray:

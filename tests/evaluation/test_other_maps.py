@@ -13,10 +13,13 @@ from simaps_viz.build.pipeline import BuildConfig
 from simaps_viz.console.progress import stage_progress
 from simaps_viz.datasets.open import open_sequence
 from simaps_viz.errors import InputError
+from simaps_viz.evaluation.evaluate import PRECOMPUTED
 from simaps_viz.evaluation.other_maps import TRUTH, MapMaker, config_like
+from simaps_viz.evaluation.space import evaluate_space
 from simaps_viz.evaluation.two_maps import compare_two
+from simaps_viz.mapping.edits import apply, delete
 from simaps_viz.viewer.page.shared import Shared
-from simaps_viz.viewer.panels.compare import Cancelled
+from simaps_viz.viewer.panels.compare import Cancelled, headline_html
 
 
 @pytest.fixture
@@ -69,8 +72,33 @@ def test_the_truth_is_offered_where_ids_are_exact_and_agrees_with_a_perfect_map(
     assert compared.left.ignored + compared.right.ignored == 4  # 16 cells each: by the rules of a score too few
     peers = compare_two(("Truth", truth), ("Map", simap))
     assert peers.same == len(simap.instances) == 2 and not peers.items
+    assert compared.space is None and peers.space is None  # the true map knows no surface
     assert MapMaker(None, folder).sources(simap) == ()
     assert all("simulated" in s.title for s in maker.sources(simap) if s.key.startswith("vlmaps"))
+
+
+def test_in_space_the_truth_is_that_of_the_scores_and_two_maps_agree_with_each_other(tiny):
+    sequence, simap, folder = tiny
+    told, maker = [], MapMaker(sequence, folder)
+    exact = maker.truth_in_space(simap, lambda *what: told.append(what))
+    assert len(told) == len(sequence) and maker.truth_in_space(simap, lambda *what: told.append(what)) is exact
+    assert len(told) == len(sequence)
+    truth = maker.make(TRUTH, simap, lambda *what: None)
+    judged = compare_two(("Map", simap), ("Truth", truth), truth="right", in_space=exact).space
+    (row,) = [
+        one for one in evaluate_space(sequence, ("evidence",), errors=(PRECOMPUTED,), build=lambda *_: simap).runs
+        if one.method == "evidence"
+    ]  # fmt: skip
+    assert judged == row.scores and judged.overall.true == 2
+
+    # A map is all that it is itself; another that lacks an object has half of the pairs.
+    lesser = apply(simap, delete(simap, simap.instances[0].id))
+    same, lacks = (compare_two(("a", simap), ("b", other)).space for other in (simap, lesser))
+    assert same.overall.pq == same.strict.pq == same.boxes.f1_50 == same.volume_ratio == 1.0
+    assert (lacks.overall.true, lacks.overall.found, lacks.overall.matched) == (2, 1, 1)
+    assert "In space: PQ 0.67" in headline_html(compare_two(("a", simap), ("b", lesser)))
+    surface = replace(simap, surface=None, hidden=())
+    assert compare_two(("a", simap), ("b", surface)).space is compare_two(("a", surface), ("b", simap)).space is None
 
 
 def test_giving_up_leaves_nothing_behind(tiny):
@@ -83,6 +111,8 @@ def test_giving_up_leaves_nothing_behind(tiny):
     for key in ("components", TRUTH):
         with pytest.raises(Cancelled):
             maker.make(key, simap, stop)
+    with pytest.raises(Cancelled):
+        maker.truth_in_space(simap, stop)
     assert not list(folder.rglob("*.npz"))
     assert maker.make("components", simap, lambda *what: None).method == "components"
 
@@ -90,6 +120,8 @@ def test_giving_up_leaves_nothing_behind(tiny):
 def test_without_a_sequence_one_line_says_so(tmp_path):
     with pytest.raises(InputError, match="expected the sequence the map was built from, found none"):
         MapMaker(None, tmp_path).make("paper", toy_map(), lambda *what: None)
+    with pytest.raises(InputError, match="with exact ids, found none"):
+        MapMaker(None, tmp_path).truth_in_space(toy_map(), lambda *what: None)
     assert workbench.look_back(lambda: tmp_path / "no.npz")(toy_map(), 0) is None
 
 

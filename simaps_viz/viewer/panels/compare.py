@@ -17,10 +17,12 @@ from simaps_viz.drawing.compare_picture import KINDS, Mode, TwoPictures, mark_co
 from simaps_viz.drawing.theme import BAD_STYLE, DIM_STYLE, LIGHT, Theme, short
 from simaps_viz.errors import InputError, SIMapsError
 from simaps_viz.evaluation.other_maps import TRUTH, MapMaker
+from simaps_viz.evaluation.space import SpaceScores
 from simaps_viz.evaluation.two_maps import Item, MapSide, TwoMaps, compare_two
 from simaps_viz.events import Progress
 from simaps_viz.io.files import write_whole
 from simaps_viz.mapping.file import load_map
+from simaps_viz.mapping.in_space import has_voxels
 from simaps_viz.mapping.methods import method_of
 from simaps_viz.mapping.simap import slider_of
 from simaps_viz.structures import SIMap
@@ -111,8 +113,19 @@ def headline_html(maps: TwoMaps) -> str:
     if maps.score is not None:
         pq = "none" if maps.score.pq is None else f"{maps.score.pq:.2f}"
         lines.append(f"<b>PQ {pq}</b> · {maps.score.matched} of {maps.score.true} true objects found")
+    if maps.space is not None:
+        lines.append(space_line(maps.space, known=maps.score is not None))
+    if maps.score is not None or maps.space is not None:
         lines.append(f'<span style="{DIM_STYLE}">{PQ_MEANS}</span>')
     return note(*lines)
+
+
+def space_line(scores: SpaceScores, *, known: bool) -> str:
+    """Describe the scores in space against the truth, or, if it is not ``known``, how far two maps agree."""
+    pq = "none" if scores.overall.pq is None else f"{scores.overall.pq:.2f}"
+    hidden, found = scores.hidden, "found" if known else "on both"
+    below = f" · {hidden.matched} of {plural(hidden.true, 'hidden object')} {found}" if hidden.true else ""
+    return f"<b>In space: PQ {pq}</b> · boxes F1 {scores.boxes.f1_25:.2f}{below}"
 
 
 def summary_html(maps: TwoMaps, theme: Theme = LIGHT) -> str:
@@ -378,7 +391,7 @@ class ComparePanel(Panel):
 
     def __init__(self, page: Page, maker: MapMaker) -> None:
         """Fill the open container."""
-        self._page = page
+        self._page, self._maker = page, maker
         self.maps: TwoMaps | None = None
         """The comparison that is shown."""
         self._pictures: TwoPictures | None = None
@@ -541,7 +554,7 @@ class ComparePanel(Panel):
 
         try:
             left, right = (side.map(simap, report) for side in self._sides)
-            maps = self._compared(left, right)
+            maps = self._compared(left, right, report)
             theme = self._page.theme
             pictures = TwoPictures(maps, theme)
         except Cancelled:
@@ -557,12 +570,14 @@ class ComparePanel(Panel):
         if theme is not self._page.theme:  # switched while these were painted
             self.theme_changed()
 
-    def _compared(self, left: Named, right: Named) -> TwoMaps:
+    def _compared(self, left: Named, right: Named, report: Progress) -> TwoMaps:
         keys = [side.key for side in self._sides]
         if keys[0] == keys[1] == TRUTH or left[1] is right[1]:
             raise InputError(f"comparison: expected two different maps, found {left[0]} twice")
         truth = {(True, False): "left", (False, True): "right"}.get((keys[0] == TRUTH, keys[1] == TRUTH))
-        return compare_two(left, right, truth=truth)  # pyright: ignore[reportArgumentType]
+        judged = {"left": right[1], "right": left[1]}.get(truth or "")
+        exact = self._maker.truth_in_space(judged, report) if judged is not None and has_voxels(judged) else None
+        return compare_two(left, right, truth=truth, in_space=exact)  # pyright: ignore[reportArgumentType]
 
     def _show(self, maps: TwoMaps, pictures: TwoPictures) -> None:
         begins = self.maps is None
