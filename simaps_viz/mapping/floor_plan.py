@@ -214,30 +214,43 @@ def kind_of(simap: SIMap, objects: tuple[int, ...]) -> str:
 
 def objects_by_room(simap: SIMap, cells: NDArray) -> dict[int, tuple[int, ...]]:
     """Return the ids of the objects in each room: where most of their cells are, else the nearest room within 0.5 m."""
-    inside = cells[simap.instance > 0].astype(np.int64)
-    ids = simap.instance[simap.instance > 0].astype(np.int64)
+    at, ids = _cells_of_objects(simap)
     room_of: dict[int, int] = {}
-    pairs, counts = np.unique(ids << 32 | inside, return_counts=True)
+    pairs, counts = np.unique(ids << 32 | cells.reshape(-1)[at], return_counts=True)
     for pair, _ in sorted(zip(pairs.tolist(), counts.tolist(), strict=True), key=lambda one: one[1]):
         if pair & 0xFFFFFFFF:
             room_of[pair >> 32] = pair & 0xFFFFFFFF  # the last, the most cells, stays
+    reach = int(np.ceil(REACH_M / simap.spec.cell_size_m))
     found: dict[int, list[int]] = {}
-    for one in simap.instances:
-        room = room_of.get(one.id) or _room_beside(simap, cells, one.id, one.aabb_m)
+    for one in (*simap.instances, *simap.hidden):
+        room = room_of.get(one.id) or _room_beside(cells, at[ids == one.id], reach)
         if room:
             found.setdefault(room, []).append(one.id)
     return {room: tuple(sorted(ids)) for room, ids in found.items()}
 
 
-def _room_beside(simap: SIMap, cells: NDArray, instance_id: int, box: tuple[tuple[float, ...], ...]) -> int:
-    """Return the room nearest to an object that hangs on a wall or stands in one, 0 = none within reach."""
-    spec, reach = simap.spec, int(np.ceil(REACH_M / simap.spec.cell_size_m))
-    (row, col), (row_end, col_end) = spec.cell_of(*box[0][:2]), spec.cell_of(*box[1][:2])
-    part = np.s_[max(row - reach, 0) : row_end + reach + 1, max(col - reach, 0) : col_end + reach + 1]
-    here = (simap.instance[part] == instance_id).astype(np.uint8)
+def _cells_of_objects(simap: SIMap) -> tuple[NDArray, NDArray]:
+    """Return the flat numbers of cells of objects, and the ids of these, int64 [n] each; of hidden ones below others."""
+    at = np.flatnonzero(simap.instance)
+    ids = simap.instance.reshape(-1)[at].astype(np.int64)
+    if simap.surface is None or not simap.hidden:
+        return at, ids
+    below = np.isin(simap.surface.owner, [one.id for one in simap.hidden])
+    return np.append(at, simap.surface.cell[below]), np.append(ids, simap.surface.owner[below])
+
+
+def _room_beside(cells: NDArray, at: NDArray, reach: int) -> int:
+    """Return the room nearest to cells of an object that hangs on a wall or stands in one, 0 = none within reach."""
+    if not len(at):
+        return 0
+    rows, cols = np.unravel_index(at, cells.shape)
+    row, col = max(int(rows.min()) - reach, 0), max(int(cols.min()) - reach, 0)
+    part = cells[row : int(rows.max()) + reach + 1, col : int(cols.max()) + reach + 1]
+    here = np.zeros(part.shape, np.uint8)
+    here[rows - row, cols - col] = 1
     for _ in range(reach):
         here = cv2.dilate(here, np.ones((3, 3), np.uint8))
-        near = np.bincount(cells[part][here > 0])
+        near = np.bincount(part[here > 0])
         if near[1:].any():
             return 1 + int(near[1:].argmax())
     return 0

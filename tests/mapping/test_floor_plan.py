@@ -4,6 +4,7 @@ import io
 import json
 import zipfile
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -14,6 +15,7 @@ from simaps_viz.mapping.file import load_map, save_map
 from simaps_viz.mapping.floor_plan import find_rooms, floor_plan, likely_kind, with_rooms
 from simaps_viz.mapping.simap import repartition
 
+ROOT = Path(__file__).parents[2]
 OUTER = [[0, 0, 9.2, 0.1], [0, 5.1, 9.2, 5.2], [0, 0, 0.1, 5.2], [9.1, 0, 9.2, 5.2]]
 KITCHEN = [["stove", 0.2, 0.2, 0.8, 0.8, 0.9], ["refrigerator", 1.0, 0.2, 1.7, 0.9, 1.8]]
 BEDROOM = [["bed", 6.0, 3.0, 8.0, 4.8, 0.6], ["nightstand", 8.2, 4.4, 8.6, 4.8, 0.5]]
@@ -43,6 +45,14 @@ def test_rooms_are_named_by_what_stands_there_and_know_their_doors_and_objects()
     assert (x.min(), x.max(), y.min(), y.max()) == pytest.approx((0.1, 4.55, 0.1, 5.1), abs=0.1)
     assert np.dot(x, np.roll(y, -1)) > np.dot(y, np.roll(x, -1))  # counter-clockwise
     assert simap.room_at(*kitchen.centre_m) is kitchen and kitchen.centre_m == pytest.approx((2.3, 2.6), abs=0.6)
+
+
+def test_what_no_cell_shows_is_in_the_room_that_it_stands_in():
+    simap = load_map(ROOT / "recordings/cafe-evidence.npz")
+    assert len(simap.hidden) > 10
+    for one in simap.hidden:
+        assert one.box is not None and not (simap.instance == one.id).any()
+        assert simap.room_of(one.id) is simap.room_at(*one.box.center_m[:2]), one.name
 
 
 def test_rooms_are_asked_for_by_place_name_kind_and_synonym():
