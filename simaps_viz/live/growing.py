@@ -52,6 +52,8 @@ MOST_PASSES = 3
 """A map is made again at most so often without what was left of objects that have gone."""
 MOST_ANEW = 5
 """How often places take frames anew, because something was forgotten: what was moved has to be named elsewhere."""
+PATIENCE = 15
+"""So many frames in a row that contradict the map are left out; then they are right, and the map was not."""
 FLOOR_M = 0.05
 """A floor found so close to the world's height 0 is at 0, where robots' maps have it."""
 FLOOR_FRAMES = (15, 30, 60)
@@ -127,7 +129,9 @@ class GrowingMap:
         self._far_m = config.projection.far_m
         self._depth_unit_m = self._far_m / 65535
         self._places: dict[tuple[float, ...], int] = {}
-        self._forgetting, self._anew = Forgetting(), 0
+        self._forgetting, self._anew, self._astray = Forgetting(), 0, 0
+        self.contradicting = 0
+        """Frames that were left out, for the map says otherwise."""
 
     @property
     def frames(self) -> int:
@@ -196,7 +200,8 @@ class GrowingMap:
             frame, moved = self._project_again(
                 step, one, stored, invert_pose(T_map_world) @ poses[i], index=i + len(self._earlier)
             )
-            self._forgetting.look(fresh, frame, moved.seen.T_map_camera, frame.index)
+            sight = self._forgetting.see(fresh, frame, moved.seen.T_map_camera)
+            self._forgetting.take(fresh, sight, frame.index)
             fresh.replay(moved)
         self._map = fresh
 
@@ -210,7 +215,12 @@ class GrowingMap:
     def _place(self, shot: Shot) -> list[FrameProjected]:
         T_map_camera = np.asarray(self.T_map_world @ shot.frame.T_world_camera)
         masks = shot.segmentation
-        if self._forgetting.look(self._map, shot.frame, T_map_camera, self.frames) and self._anew < MOST_ANEW:
+        sight = self._forgetting.see(self._map, shot.frame, T_map_camera)
+        self._astray = self._astray + 1 if self._forgetting.contradicts(sight) else 0
+        if 0 < self._astray <= PATIENCE:
+            self.contradicting += 1
+            return []
+        if self._forgetting.take(self._map, sight, self.frames) and self._anew < MOST_ANEW:
             self._places, self._anew = {}, self._anew + 1
         kept = masks is not None and self._keeps(T_map_camera)
         if masks is None or not kept:

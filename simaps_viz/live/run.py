@@ -112,10 +112,14 @@ class LiveRun:
     def _put(self, shot: Shot | None, observers: Sequence[Observer]) -> None:
         if shot is None:
             return
+        left_out = self.growing.contradicting
         try:
             events = self.growing.add(shot)
         except InputError:  # it would become larger than a map may be
             self.traffic.drop("too far away")
+            return
+        if self.growing.contradicting > left_out:
+            self.traffic.drop("contradicts the map")
             return
         self.traffic.place(shot)
         for event in events:

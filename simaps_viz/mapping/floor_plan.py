@@ -230,7 +230,7 @@ def objects_by_room(simap: SIMap, cells: NDArray) -> dict[int, tuple[int, ...]]:
 
 
 def _cells_of_objects(simap: SIMap) -> tuple[NDArray, NDArray]:
-    """Return the flat numbers of cells of objects, and the ids of these, int64 [n] each; of hidden ones below others."""
+    """Return the flat numbers of cells of objects, and the ids of these, int64 [n]; of hidden ones, too."""
     at = np.flatnonzero(simap.instance)
     ids = simap.instance.reshape(-1)[at].astype(np.int64)
     if simap.surface is None or not simap.hidden:

@@ -13,8 +13,8 @@ from simaps_viz import open_sequence
 from simaps_viz.build.pipeline import BuildConfig, build_map
 from simaps_viz.cli.main import main
 from simaps_viz.drawing.legend import facts_html
-from simaps_viz.live import forgetting
-from simaps_viz.live.forgetting import CLEAR, FRAMES, THERE, UNKNOWN, see_through
+from simaps_viz.live import forgetting, growing
+from simaps_viz.live.forgetting import CLEAR, FRAMES, THERE, UNKNOWN, count_clear, see_through
 from simaps_viz.live.growing import GrowingMap
 from simaps_viz.live.played import PlayedSequence
 from simaps_viz.live.run import LiveRequest, LiveRun
@@ -51,6 +51,35 @@ def test_a_chair_moved_between_two_drives_is_reported_as_moved_and_nothing_else(
     assert changes_in(load_map(tmp_path / "m.npz")) == (change,)
     assert main(["info", str(tmp_path / "m.npz"), "--json"]) == 0
     assert json.loads(capsys.readouterr().out)["changes"] == as_json((change,))
+
+
+@pytest.mark.slow
+def test_frames_whose_pose_is_wrong_for_a_moment_are_left_out_and_counted(tmp_path, monkeypatch):
+    """A metre off for 4 frames of 30, as after a relocalisation that is taken back."""
+    right = drive(FRAMES_OF_A_DRIVE)
+    away = np.eye(4)
+    away[:2, 3] = 0.8, -0.6
+    off = [i for i in range(40, len(right)) if i % 30 < 4]
+    wrong = [replace(one, frame=replace(one.frame, T_world_camera=away @ one.frame.T_world_camera)) for one in right]
+    glitchy = tuple(wrong[i] if i in off else one for i, one in enumerate(right))
+    clean, run = run_of(tmp_path, right)
+    assert not run.traffic.dropped
+    simap, run = run_of(tmp_path, glitchy)
+    assert run.traffic.dropped == {"contradicts the map": len(off)}
+    assert simap.counts() == clean.counts() and "dropped (contradicts the map)" in run.words()
+    monkeypatch.setattr(growing, "PATIENCE", 0)
+    simap, run = run_of(tmp_path, glitchy)
+    assert not run.traffic.dropped and simap.counts() != clean.counts()
+
+
+@pytest.mark.slow
+def test_frames_that_contradict_the_map_for_long_are_believed(tmp_path, monkeypatch):
+    monkeypatch.setattr(growing, "PATIENCE", 3)
+    here, away = drive(FRAMES_OF_A_DRIVE), np.eye(4)
+    away[:2, 3] = 0.8, -0.6
+    there = [replace(one, frame=replace(one.frame, T_world_camera=away @ one.frame.T_world_camera)) for one in here]
+    run = run_of(tmp_path, here[:40], there[20:60])[1]
+    assert 3 <= run.growing.contradicting < 15 and run.traffic.placed == 80 - run.growing.contradicting
 
 
 ELSEWHERE = np.array([[-0.8, -0.6, 0, 9.0], [0.6, -0.8, 0, 4.0], [0, 0, 1, 0], [0, 0, 0, 1.0]])
@@ -221,7 +250,8 @@ def test_the_kernel_sees_through_what_its_plain_twin_does():
         depth = np.repeat(np.repeat(depth, 8, axis=0), 8, axis=1)
         top = rng.choice(np.array([-np.inf, 0.05, 0.3, 0.9, 1.2], np.float32), AREA)
         count = rng.integers(0, FRAMES + 2, AREA).astype(np.uint8)
-        expected = count.copy()
+        expected, seen = count.copy(), np.zeros((1, AREA), np.uint8)
+        slots = np.zeros((1, 1), np.int32)
         how = (depth, 100.0, 100.0, 63.5, 47.5, T, 0.1, 6.0, 0.05)
         for at in np.flatnonzero(top >= 0.1).tolist():
             x, y, h = (at % SIDE + 0.5) * 0.05, (at // SIDE + 0.5) * 0.05, float(top[at])
@@ -229,6 +259,10 @@ def test_the_kernel_sees_through_what_its_plain_twin_does():
             one = looked_at(*how, x, y, max(h - 0.15, 0.1)) if one == CLEAR else one
             expected[at] = {UNKNOWN: expected[at], THERE: 0, CLEAR: expected[at] + 1}[one]
             found.append(one)
-        see_through(*how, 0.1, 0, 0, np.zeros((1, 1), np.int32), top, count)
+            seen[0, at] = one
+        looked = np.zeros((1, AREA), np.uint8)
+        assert see_through(*how, 0.1, 0, 0, slots, top, looked) == ((seen == THERE).sum(), (seen == CLEAR).sum())
+        assert np.array_equal(looked, seen)
+        assert count_clear(slots, looked, count) == (expected[seen[0] == CLEAR] >= FRAMES).any()
         assert np.array_equal(count, expected)
     assert min(np.bincount(found, minlength=3)) > 50
