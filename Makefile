@@ -4,8 +4,10 @@ VENV := .venv
 BIN := $(VENV)/bin
 READY := $(VENV)/.ready
 DEV_READY := $(VENV)/.ready-dev
-# Two workers: the machines this runs on have two cores; tests of one file share their fixtures.
+# Two workers: the machines this runs on have two cores; tests of one file share their fixtures, and run in the order
+# of tests/conftest.py.
 WORKERS ?= 2
+IN_WORKERS := -n $(WORKERS) --dist loadfile --no-loadscope-reorder
 
 .PHONY: demo demo-live test test-fast check format bench paper recordings screenshots docs dist test-pythons clean chromium
 
@@ -18,11 +20,11 @@ demo-live: $(READY)
 		$(BIN)/simaps live foxglove://127.0.0.1:8765 -o demo-live.npz --view
 
 test: $(DEV_READY) chromium
-	@$(BIN)/python -m pytest -n $(WORKERS) --dist loadfile
+	@$(BIN)/python -m pytest $(IN_WORKERS)
 
 # For every few minutes: no browser, no processes.
 test-fast: $(DEV_READY)
-	@$(BIN)/python -m pytest -n $(WORKERS) --dist loadfile -m "not browser and not slow"
+	@$(BIN)/python -m pytest $(IN_WORKERS) -m "not browser and not slow"
 
 check: $(DEV_READY)
 	@$(BIN)/ruff check --no-cache .
@@ -64,7 +66,7 @@ test-pythons: dist
 	@for python in $(PYTHONS); do \
 		env=build/env-$$($$python -c 'import sys; print("%d.%d" % sys.version_info[:2])') && echo "$$env" && \
 		$$python -m venv $$env && $$env/bin/python -m pip install --quiet --disable-pip-version-check \
-			"$$(ls dist/*.whl)[dev]" && $$env/bin/pytest -m "not browser" -n $(WORKERS) --dist loadfile $(TESTS) || exit 1; \
+			"$$(ls dist/*.whl)[dev]" && $$env/bin/pytest -m "not browser" $(IN_WORKERS) $(TESTS) || exit 1; \
 	done
 
 clean:

@@ -1,5 +1,7 @@
 """Settings and fixtures of all tests."""
 
+from contextlib import ExitStack
+
 import pytest
 from hypothesis import settings
 
@@ -11,11 +13,19 @@ settings.load_profile("same examples")
 
 
 SLOW_FOLDERS = {"docs", "process"}
+BEGUN_FIRST = ("browser", "process", "docs", "live", "viewer")
+"""The folders whose files take long: begun last, one of them would keep one worker busy and leave the others idle."""
 
 
 @pytest.hookimpl(tryfirst=True)  # before `-m` chooses
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Mark the tests that are given the browser, by whatever fixture, and those of the folders that start processes."""
+    """Mark the tests that are given the browser, by whatever fixture, and those of the folders that start processes.
+
+    What takes long is put first; the files of one folder, and the tests of one file, keep their order.
+    """
+    items.sort(
+        key=lambda item: BEGUN_FIRST.index(item.path.parent.name) if item.path.parent.name in BEGUN_FIRST else 99
+    )
     for item in items:
         if "browser" in getattr(item, "fixturenames", ()):
             item.add_marker("browser")
@@ -45,10 +55,26 @@ def _sendable(text: str) -> str:
     return text.encode("utf-8", "backslashreplace").decode("utf-8")
 
 
+_chromium: ExitStack = ExitStack()
+_started: list = []
+
+
 @pytest.fixture(scope="module")
 def browser():
-    """Debian's Chromium, for the tests of one file only: it keeps an event loop running in their thread."""
+    """Debian's Chromium: the same for all files in a row that need it."""
     from browser import chromium  # noqa: PLC0415 - tests without a page do not need it
 
-    with chromium() as found:
-        yield found
+    if not _started:
+        _started.append(_chromium.enter_context(chromium()))
+    return _started[0]
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_runtest_teardown(item: pytest.Item, nextitem: pytest.Item | None):
+    """Close the browser before a file that does not need it: it keeps an event loop running in their thread."""
+    try:
+        return (yield)
+    finally:
+        if nextitem is None or (nextitem.path != item.path and nextitem.get_closest_marker("browser") is None):
+            _started.clear()
+            _chromium.close()

@@ -1,7 +1,7 @@
 """The Command tab as a person meets it: Debian's Chromium on a workbench with a real robot on the toy map."""
 
 import pytest
-from browser import PATIENCE_S, field_of, mine, open_workbench, toy_workbench, until, watched_page
+from browser import PATIENCE_S, borrowed, field_of, mine, open_workbench, toy_workbench, until, watched_page
 from chat_server import hangs, serving, writes
 from playwright.sync_api import expect
 from services import real_services
@@ -14,16 +14,21 @@ from simaps_viz.viewer.panels.command import CommandPanel
 MARKED = "[aria-current=step]"
 
 
-@pytest.fixture
-def bench():
-    with toy_workbench(real_services()) as workbench:
-        yield workbench
+@pytest.fixture(scope="module")
+def opened(browser):
+    with toy_workbench(real_services()) as bench, watched_page(browser) as page:
+        open_workbench(page, bench)
+        yield bench, page
 
 
 @pytest.fixture
-def page(browser, bench):
-    with watched_page(browser) as found:
-        open_workbench(found, bench)
+def bench(opened):
+    return opened[0]
+
+
+@pytest.fixture
+def page(opened):
+    with borrowed(*opened) as found:
         open_tab(found)
         yield found
 
@@ -189,7 +194,7 @@ def test_a_language_model_is_asked_shown_and_stopped(browser):
             press(page, "Stop")
             expect(page.get_by_text("The wait for an answer has ended")).to_be_visible()
             assert server.left.wait(PATIENCE_S)
-            field_of(page, "Language model").uncheck(force=True)
+            field_of(page, "Language model").uncheck()
             until(page, lambda: not mine(bench).panels[CommandPanel].uses_model)
             say(mine(bench), page, "turn left")
             expect(page.get_by_text("Done")).to_be_visible()
@@ -199,7 +204,7 @@ def test_a_language_model_is_asked_shown_and_stopped(browser):
 def test_the_camera_follows_from_above_and_from_behind_and_comes_back(bench, page):
     camera = mine(bench).client.camera
     overview = tuple(camera.position)
-    field_of(page, "Follow robot").check(force=True)
+    field_of(page, "Follow robot").check()
     until(page, lambda: camera.position[:2] == pytest.approx((mine(bench).pose.x_m, mine(bench).pose.y_m), abs=0.1))
     hurry(mine(bench), page)
     say(mine(bench), page, "go to the couch")
@@ -209,8 +214,7 @@ def test_the_camera_follows_from_above_and_from_behind_and_comes_back(bench, pag
     say(mine(bench), page, "turn right")
     until(page, lambda: camera.position[2] < 5.0)
     mine(bench).look("Top view")
-    field_of(page, "Follow robot").uncheck(force=True)
-
+    field_of(page, "Follow robot").uncheck()
     until(page, lambda: tuple(camera.position) == pytest.approx(overview, rel=1e-3))
 
 

@@ -3,7 +3,6 @@
 import re
 import time
 from collections.abc import Iterator
-from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -44,7 +43,11 @@ class Dock:
 
     bench: Any
     page: Page
-    rerun: Frame
+
+    @property
+    def rerun(self) -> Frame:
+        """The frame of the recording, which is another one after a reload."""
+        return rerun_frame(self.page)
 
     def at(self, dx: float, dy: float) -> tuple[float, float]:
         """A place in the dock, from its lower left corner."""
@@ -88,8 +91,8 @@ class Dock:
         pytest.fail(f"rerun's timeline: expected {timeline}, found {self.time()}")
 
     def scrub(self, share: float) -> None:
-        """Put the time cursor at a share of the time line that is shown."""
-        self.page.wait_for_timeout(ECHO_MS)
+        """Put the time cursor at a share of the time line that is shown; what was set before is no echo any more."""
+        self.rerun.evaluate("() => commanded.clear()")
         first, last = RULER_PX
         self.page.mouse.click(*self.at(first + share * (last - first), self.buttons() + RULER))
 
@@ -144,137 +147,84 @@ def built(tmp_path_factory: pytest.TempPathFactory) -> tuple[SIMap, Path]:
     return simap, folder / "m.rrd"
 
 
-@contextmanager
-def docked(browser: Browser, built: tuple[SIMap, Path]) -> Iterator[Dock]:
+@pytest.fixture(scope="module")
+def opened(browser: Browser, built: tuple[SIMap, Path], tmp_path_factory: pytest.TempPathFactory) -> Iterator[Dock]:
+    """One for all tests: opening a recording takes longer than they do. Another one lies where recordings are kept."""
     simap, recording = built
-    with (
-        workbench.open_workbench(simap, recording=recording, port=free_port()) as bench,
-        watched_page(browser, 1600) as page,
-    ):
-        page.goto(f"{bench.url}/?fixedDpr=1")
-        page.wait_for_function(MAP_SHOWN)
-        frame = rerun_frame(page)
-        frame.wait_for_function("() => window.simapsReady")
-        dock = Dock(bench, page, frame)
-        dock.shows("frame", FRAMES - 1)
-        yield dock
+    kept = tmp_path_factory.mktemp("kept")
+    record(kept / "other.rrd", "the other")
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("SIMAPS_RECORDINGS", str(kept))
+        with (
+            workbench.open_workbench(simap, recording=recording, port=free_port()) as bench,
+            watched_page(browser, 1600) as page,
+        ):
+            page.goto(f"{bench.url}/?fixedDpr=1")
+            page.wait_for_function(MAP_SHOWN)
+            rerun_frame(page).wait_for_function("() => window.simapsReady")
+            yield Dock(bench, page)
 
 
-def test_it_is_dark_when_the_page_is(browser, built):
-    with docked(browser, built) as dock:
-        page, tools = dock.page, TOOLS
-        until(page, lambda: min(dock.color(*tools)) > 240)
-        page.get_by_role("button", name="Light / dark").click()
-        until(page, lambda: max(dock.color(*tools)) < 40)
-        page.reload()
-        page.locator("iframe[title='Recorded build']").wait_for()
-        until(page, lambda: max(dock.color(*tools)) < 40)
-        rerun_frame(page).wait_for_function(OPENED)
-        page.wait_for_timeout(1500)
-        assert max(dock.color(*tools)) < 40
-        page.get_by_role("button", name="Light / dark").click()
-        until(page, lambda: min(dock.color(*tools)) > 240)
+@pytest.fixture
+def dock(opened: Dock) -> Dock:
+    """The dock as it opens: at the last frame, nothing selected."""
+    session = mine(opened.bench)
+    session.select(None)
+    session.show_frame(FRAMES - 1)
+    opened.shows("frame", FRAMES - 1)
+    opened.tab("Map")
+    return opened
 
 
-def test_the_timelines_of_rerun_and_the_steps_of_the_page_move_each_other(browser, built):
+def test_the_timelines_of_rerun_and_the_steps_of_the_page_move_each_other(dock, built):
     parts = Timeline(built[0])
     communities, finished = parts.levels, parts.finished
     assert (parts.taken, parts.last) == (2, communities + 2)
-    with docked(browser, built) as dock:
-        page, step = dock.page, dock.step
-        dock.tab("Build")
-        expect(step).to_have_value(str(finished))
-        # From the page to rerun.
-        dock.fill(step, communities + 1)
-        dock.shows("merge", 1)
-        dock.fill(step, 1)
-        dock.shows("louvain", 1)
-        dock.fill(step, 0)
-        dock.shows("louvain", 0)
-        expect(page.get_by_text("Classes only: each cell has a class")).to_be_visible()
-        # From rerun to the page: a person drags the time cursor, and chooses another timeline.
-        dock.scrub(1.0)
-        dock.shows("louvain", communities)
-        expect(step).to_have_value(str(communities))
-        expect(page.get_by_text("before any is joined")).to_be_visible()
-        dock.choose("merge")
-        for share, merge in ((0.0, 0), (0.5, 1), (1.0, 2)):
-            dock.scrub(share)
-            dock.shows("merge", merge)
-            expect(step).to_have_value(str(communities + merge))
-        expect(page.get_by_text(f"This is the map: {parts.taken} steps applied.")).to_be_visible()
-        # Back on the frames, it shows the page's.
-        dock.choose("frame")
-        dock.shows("frame", FRAMES - 1)
+    page, step = dock.page, dock.step
+    dock.tab("Build")
+    expect(step).to_have_value(str(finished))
+    # From the page to rerun.
+    dock.fill(step, communities + 1)
+    dock.shows("merge", 1)
+    dock.fill(step, 1)
+    dock.shows("louvain", 1)
+    dock.fill(step, 0)
+    dock.shows("louvain", 0)
+    expect(page.get_by_text("Classes only: each cell has a class")).to_be_visible()
+    # From rerun to the page: a person drags the time cursor, and chooses another timeline.
+    dock.scrub(1.0)
+    dock.shows("louvain", communities)
+    expect(step).to_have_value(str(communities))
+    expect(page.get_by_text("before any is joined")).to_be_visible()
+    dock.choose("merge")
+    for share, merge in ((0.0, 0), (0.5, 1), (1.0, 2)):
+        dock.scrub(share)
+        dock.shows("merge", merge)
+        expect(step).to_have_value(str(communities + merge))
+    expect(page.get_by_text(f"This is the map: {parts.taken} steps applied.")).to_be_visible()
+    # Back on the frames, it shows the page's.
+    dock.choose("frame")
+    dock.shows("frame", FRAMES - 1)
 
 
-FOCUSED = """() => {
-  const one = document.activeElement;
-  return one.matches('iframe') ? 'IFRAME' : one.getAttribute('aria-label') || one.textContent.trim();
-}"""
+def test_a_click_on_nothing_in_the_recording_is_answered_and_one_on_a_name_is_not(dock):
+    page = dock.page
+    session, said = mine(dock.bench), page.get_by_text("There is no object of the map where you clicked.")
 
+    def tell(item: dict[str, Any]) -> None:
+        dock.rerun.evaluate("item => post({ type: 'selection_change', items: [item] })", item)
 
-def test_keys_lead_out_of_the_recording_and_reach_the_page_from_it(browser, built):
-    with docked(browser, built) as dock:
-        page = dock.page
-
-        def go_through(key: str) -> list[str]:
-            page.locator("iframe[title='Recorded build']").focus()
-            names = []
-            for n in range(40):
-                page.keyboard.press(key)
-                if n == 0:  # the recording asks the page to take the focus
-                    until(page, lambda: page.evaluate(FOCUSED) != "IFRAME")
-                page.wait_for_timeout(60)
-                names.append(page.evaluate(FOCUSED))
-                if names[-1] == "IFRAME":
-                    break
-            return names
-
-        for key in ("Tab", "Shift+Tab"):
-            names = go_through(key)
-            assert names[-1] == "IFRAME" and {"Help", "Map", "Instance", "Find"} <= set(names), (key, names)
-
-        session = mine(dock.bench)
-        session.select(session.simap.instances[0].id)
-        until(page, lambda: session.selected is not None)
-        page.mouse.click(*dock.at(100, -400))  # in the picture of the map
-        until(page, lambda: page.evaluate(FOCUSED) == "IFRAME")
-        page.wait_for_timeout(500)
-        assert session.selected is not None
-        page.keyboard.press("Escape")
-        until(page, lambda: session.selected is None)
-        page.keyboard.press("[")
-        until(page, lambda: session.frame == FRAMES - 2)
-        page.keyboard.press("?")
-        expect(page.get_by_text("How to use this page")).to_be_visible()
-        page.keyboard.press("Escape")
-        expect(page.get_by_text("How to use this page")).to_have_count(0)
-        dock.shows("frame", FRAMES - 2)
-        page.mouse.click(*dock.at(100, -400))
-        page.keyboard.press(" ")  # is rerun's own: it plays
-        until(page, lambda: any(event["type"] == "play" for event in dock.events()))
-
-
-def test_a_click_on_nothing_in_the_recording_is_answered_and_one_on_a_name_is_not(browser, built):
-    with docked(browser, built) as dock:
-        page = dock.page
-        session, said = mine(dock.bench), page.get_by_text("There is no object of the map where you clicked.")
-
-        def tell(item: dict[str, Any]) -> None:
-            dock.rerun.evaluate("item => post({ type: 'selection_change', items: [item] })", item)
-
-        (west, south, _), (east, north, _) = session.simap.instances[0].aabb_m
-        middle = [(west + east) / 2, -(south + north) / 2, None]
-        tell({"type": "view", "view_name": "Objects", "by_name": True})
-        tell({"type": "entity", "entity_path": "/map/objects", "position": middle})
-        until(page, lambda: session.selected == session.simap.instances[0].id)
-        session.say("Later", "what is said after it")
-        expect(page.get_by_text("what is said after it")).to_be_visible()
-        assert said.count() == 0
-        tell({"type": "entity", "entity_path": "/map/ground", "position": [99.0, 99.0, None]})
-        expect(said).to_be_visible()
-        assert session.selected == session.simap.instances[0].id
+    (west, south, _), (east, north, _) = session.simap.instances[0].aabb_m
+    middle = [(west + east) / 2, -(south + north) / 2, None]
+    tell({"type": "view", "view_name": "Objects", "by_name": True})
+    tell({"type": "entity", "entity_path": "/map/objects", "position": middle})
+    until(page, lambda: session.selected == session.simap.instances[0].id)
+    session.say("Later", "what is said after it")
+    expect(page.get_by_text("what is said after it")).to_be_visible()
+    assert said.count() == 0
+    tell({"type": "entity", "entity_path": "/map/ground", "position": [99.0, 99.0, None]})
+    expect(said).to_be_visible()
+    assert session.selected == session.simap.instances[0].id
 
 
 def record(path: Path, name: str) -> None:
@@ -292,38 +242,95 @@ def record(path: Path, name: str) -> None:
     stream.disconnect()
 
 
-def test_another_recording_in_the_dock_is_not_tied_to_the_page_and_the_own_one_is_again(
-    browser, built, tmp_path, monkeypatch
-):
-    record(tmp_path / "other.rrd", "the other")
-    monkeypatch.setenv("SIMAPS_RECORDINGS", str(tmp_path))
-    with docked(browser, built) as dock:
-        page, middle = dock.page, (200, -450)
-        own = dock.time()[0]
-        dock.tab("Recordings")
-        expect(field_of(page, "Recording")).to_have_value(re.compile("^other"))
-        page.get_by_role("button", name="Show it beside the map").click()
-        expect(page.get_by_text("other is shown beside the map.")).to_be_visible()
-        dock.shows("frame", 0, "the other")
-        until(page, lambda: np.ptp([*dock.color(*middle), 60]) <= 3)
-        back = page.get_by_role("button", name="Back to this map's build")
-        expect(back).to_be_visible()
-        # Neither moves the other.
-        dock.tab("Build")
-        dock.fill(field_of(page, "Frame"), 2)
-        until(page, lambda: mine(dock.bench).frame == 2)
-        page.wait_for_timeout(ECHO_MS)
-        assert dock.time() == ("the other", "frame", 0) and np.ptp([*dock.color(*middle), 60]) <= 3
-        dock.scrub(1.0)
-        until(page, lambda: np.ptp([*dock.color(*middle), 140]) <= 3)
-        page.wait_for_timeout(500)
-        assert mine(dock.bench).frame == 2 and field_of(page, "Frame").input_value() == "2"
-        # Tied again.
-        back.click()
-        dock.shows("frame", 2, own)
-        expect(back).to_be_hidden()
-        dock.fill(field_of(page, "Frame"), 1)
-        dock.shows("frame", 1, own)
-        dock.scrub(1.0)
-        until(page, lambda: mine(dock.bench).frame == FRAMES - 1)
-        expect(field_of(page, "Frame")).to_have_value(str(FRAMES - 1))
+def test_another_recording_in_the_dock_is_not_tied_to_the_page_and_the_own_one_is_again(dock):
+    page, middle = dock.page, (200, -450)
+    own = dock.time()[0]
+    dock.tab("Recordings")
+    expect(field_of(page, "Recording")).to_have_value(re.compile("^other"))
+    page.get_by_role("button", name="Show it beside the map").click()
+    expect(page.get_by_text("other is shown beside the map.")).to_be_visible()
+    dock.shows("frame", 0, "the other")
+    until(page, lambda: np.ptp([*dock.color(*middle), 60]) <= 3)
+    back = page.get_by_role("button", name="Back to this map's build")
+    expect(back).to_be_visible()
+    # Neither moves the other.
+    dock.tab("Build")
+    dock.fill(field_of(page, "Frame"), 2)
+    until(page, lambda: mine(dock.bench).frame == 2)
+    page.wait_for_timeout(ECHO_MS)
+    assert dock.time() == ("the other", "frame", 0) and np.ptp([*dock.color(*middle), 60]) <= 3
+    dock.scrub(1.0)
+    until(page, lambda: np.ptp([*dock.color(*middle), 140]) <= 3)
+    page.wait_for_timeout(500)
+    assert mine(dock.bench).frame == 2 and field_of(page, "Frame").input_value() == "2"
+    # Tied again.
+    back.click()
+    dock.shows("frame", 2, own)
+    expect(back).to_be_hidden()
+    dock.fill(field_of(page, "Frame"), 1)
+    dock.shows("frame", 1, own)
+    dock.scrub(1.0)
+    until(page, lambda: mine(dock.bench).frame == FRAMES - 1)
+    expect(field_of(page, "Frame")).to_have_value(str(FRAMES - 1))
+
+
+FOCUSED = """() => {
+  const one = document.activeElement;
+  return one.matches('iframe') ? 'IFRAME' : one.getAttribute('aria-label') || one.textContent.trim();
+}"""
+
+
+def test_keys_lead_out_of_the_recording_and_reach_the_page_from_it(dock):
+    page = dock.page
+
+    def go_through(key: str) -> list[str]:
+        page.locator("iframe[title='Recorded build']").focus()
+        names = []
+        for n in range(40):
+            page.keyboard.press(key)
+            if n == 0:  # the recording asks the page to take the focus
+                until(page, lambda: page.evaluate(FOCUSED) != "IFRAME")
+            page.wait_for_timeout(60)
+            names.append(page.evaluate(FOCUSED))
+            if names[-1] == "IFRAME":
+                break
+        return names
+
+    for key in ("Tab", "Shift+Tab"):
+        names = go_through(key)
+        assert names[-1] == "IFRAME" and {"Help", "Map", "Instance", "Find"} <= set(names), (key, names)
+
+    session = mine(dock.bench)
+    session.select(session.simap.instances[0].id)
+    until(page, lambda: session.selected is not None)
+    page.mouse.click(*dock.at(100, -400))  # in the picture of the map
+    until(page, lambda: page.evaluate(FOCUSED) == "IFRAME")
+    page.wait_for_timeout(500)
+    assert session.selected is not None
+    page.keyboard.press("Escape")
+    until(page, lambda: session.selected is None)
+    page.keyboard.press("[")
+    until(page, lambda: session.frame == FRAMES - 2)
+    page.keyboard.press("?")
+    expect(page.get_by_text("How to use this page")).to_be_visible()
+    page.keyboard.press("Escape")
+    expect(page.get_by_text("How to use this page")).to_have_count(0)
+    dock.shows("frame", FRAMES - 2)
+    page.mouse.click(*dock.at(100, -400))
+    page.keyboard.press(" ")  # is rerun's own: it plays
+    until(page, lambda: any(event["type"] == "play" for event in dock.events()))
+
+
+def test_it_is_dark_when_the_page_is(dock):
+    page, tools = dock.page, TOOLS
+    until(page, lambda: min(dock.color(*tools)) > 240)
+    page.get_by_role("button", name="Light / dark").click()
+    until(page, lambda: max(dock.color(*tools)) < 40)
+    page.reload()
+    page.locator("iframe[title='Recorded build']").wait_for()
+    until(page, lambda: max(dock.color(*tools)) < 40)
+    rerun_frame(page).wait_for_function(OPENED)
+    page.wait_for_timeout(1500)
+    assert max(dock.color(*tools)) < 40
+    page.get_by_role("button", name="Light / dark").click()
+    until(page, lambda: min(dock.color(*tools)) > 240)

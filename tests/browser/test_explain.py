@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from browser import (
+    borrowed,
     field_of,
     mine,
     on_canvas,
@@ -28,16 +29,21 @@ BORDER = (1.25, 1.925)
 FLOOR_PLACE = (3.0, -0.9)
 
 
-@pytest.fixture
-def bench(browser):
-    with toy_workbench() as workbench:
-        yield workbench
+@pytest.fixture(scope="module")
+def opened(browser):
+    with toy_workbench() as bench, watched_page(browser, 1280, 1200) as page:
+        open_workbench(page, bench)
+        yield bench, page
 
 
 @pytest.fixture
-def page(browser, bench):
-    with watched_page(browser, 1280, 1200) as found:
-        open_workbench(found, bench)
+def bench(opened):
+    return opened[0]
+
+
+@pytest.fixture
+def page(opened):
+    with borrowed(*opened) as found:
         yield found
 
 
@@ -68,6 +74,8 @@ def test_a_click_tells_why_and_draws_the_weakest_joint(bench, page):
     until(page, lambda: shows(bench, page, BORDER, CUT))
     page.get_by_text("Draw joints").click()  # its label belongs to the box
     until(page, lambda: not shows(bench, page, BORDER, CUT))
+    page.get_by_text("Draw joints").click()
+    until(page, lambda: shows(bench, page, BORDER, CUT))
     click_map(bench, page, FLOOR_PLACE)
     expect(page.get_by_text("One object although")).not_to_be_visible()
 

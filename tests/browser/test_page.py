@@ -6,7 +6,7 @@ from types import SimpleNamespace
 from typing import Any
 
 import pytest
-from browser import field_of, mine, open_workbench, toy_services, toy_workbench, until, watched_page
+from browser import borrowed, field_of, mine, open_workbench, toy_services, toy_workbench, until, watched_page
 from page_looks import SAYS, STILL, faults, go_dark, open_tab, select_chair_1, tabs
 from playwright.sync_api import expect
 from toy_maps import toy_map
@@ -69,7 +69,7 @@ SPILT = """() => {
 
 
 @pytest.fixture(scope="module")
-def bench(tmp_path_factory):
+def opened(browser, tmp_path_factory):
     path = tmp_path_factory.mktemp("page") / "toy.npz"
     save_map(toy_map(), path)
     maker: Any = SimpleNamespace(
@@ -83,15 +83,19 @@ def bench(tmp_path_factory):
         SHARE,
         recordings_panel(RecordingLibrary([path.parent])),
     )
-    with toy_workbench(toy_services(panels=panels)) as workbench:
-        yield workbench
+    with toy_workbench(toy_services(panels=panels)) as bench, watched_page(browser) as page:
+        open_workbench(page, bench)
+        yield bench, page
 
 
 @pytest.fixture
-def page(browser, bench):
-    with watched_page(browser) as found:
-        open_workbench(found, bench)
-        found.evaluate("() => document.querySelectorAll('.mantine-Notification-root').forEach((note) => note.remove())")
+def bench(opened):
+    return opened[0]
+
+
+@pytest.fixture
+def page(opened):
+    with borrowed(*opened) as found:
         yield found
 
 
@@ -106,16 +110,17 @@ def kept_of_comparison(session):
 
 
 def seen_in_all_tabs(page, bench, look):
-    """Return what a look at each tab finds, with an object selected and with the answer to a command."""
+    """Return what a look at each tab finds, with an object selected, and at the answer to a command."""
     select_chair_1(page, bench)
     found = {}
     for name in tabs(page, ALL_SAY):
         tab(page, name)
+        found[name] = look()
         if name == "Command":
             field_of(page, "Command").fill("go to the piano")
             field_of(page, "Command").press("Enter")
             expect(page.get_by_text("There is no piano on this map")).to_be_visible()
-        found[name] = look()
+            found["an answer"] = look()
     assert set(ALL_SAY) <= set(found)
     page.keyboard.press("h")
     expect(page.get_by_text("How to use this page")).to_be_visible()
@@ -123,20 +128,27 @@ def seen_in_all_tabs(page, bench, look):
     return {**found, "help": look()}
 
 
-@pytest.mark.parametrize("size", [(1280, 800), (1920, 1080)], ids=["1280", "1920"])
-def test_letters_are_large_enough_and_nothing_is_wider_than_its_panel(browser, bench, size):
-    with watched_page(browser, *size) as page:
-        open_workbench(page, bench)
-        found = seen_in_all_tabs(page, bench, lambda: page.evaluate(SMALL, LEAST_PX) + page.evaluate(SPILT))
-        assert not any(found.values()), found
+def small_or_spilt(page):
+    """Return what is too small to be read, and what is wider than its panel."""
+    return page.evaluate(SMALL, LEAST_PX) + page.evaluate(SPILT)
 
 
-@pytest.mark.parametrize("dark", [False, True], ids=["light", "dark"])
-def test_every_tab_can_be_read_and_every_control_has_a_name(bench, page, dark):
-    if dark:
-        go_dark(page, mine(bench))
+def test_every_tab_can_be_read_nothing_is_cut_off_and_every_control_has_a_name(bench, page):
+    found = seen_in_all_tabs(page, bench, lambda: faults(page) + small_or_spilt(page))
+    assert not any(found.values()), found
+
+
+def test_the_dark_page_can_be_read_as_well(bench, page):
+    go_dark(page, mine(bench))
     found = seen_in_all_tabs(page, bench, lambda: faults(page))
     assert not any(found.values()), found
+
+
+def test_on_a_larger_page_too_nothing_is_small_or_wider_than_its_panel(browser, bench):
+    with watched_page(browser, 1920, 1080) as page:
+        open_workbench(page, bench)
+        found = seen_in_all_tabs(page, bench, lambda: small_or_spilt(page))
+        assert not any(found.values()), found
 
 
 def test_an_object_is_found_by_its_name_and_number(bench, page):

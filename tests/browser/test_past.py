@@ -4,7 +4,17 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from browser import field_of, free_port, mine, open_workbench, toy_services, toy_workbench, until, watched_page
+from browser import (
+    borrowed,
+    field_of,
+    free_port,
+    mine,
+    open_workbench,
+    toy_services,
+    toy_workbench,
+    until,
+    watched_page,
+)
 from built_maps import FRAMES, built, fill
 from playwright.sync_api import expect
 from sequences import write_tiny_sequence
@@ -33,17 +43,25 @@ def made(tmp_path_factory):
     return simap, folder / "m.npz"
 
 
-@pytest.fixture
-def bench(made):
+@pytest.fixture(scope="module")
+def opened(browser, made):
     simap, path = made
-    with app.open_workbench(simap, recording=None, port=free_port(), map_path=path) as workbench:
-        yield workbench
+    with (
+        app.open_workbench(simap, recording=None, port=free_port(), map_path=path) as bench,
+        watched_page(browser) as page,
+    ):
+        open_workbench(page, bench)
+        yield bench, page
 
 
 @pytest.fixture
-def page(browser, bench):
-    with watched_page(browser) as found:
-        open_workbench(found, bench)
+def bench(opened):
+    return opened[0]
+
+
+@pytest.fixture
+def page(opened):
+    with borrowed(*opened) as found:
         found.get_by_role("tab", name="Build", exact=True).click()
         yield found
 

@@ -79,18 +79,22 @@ def humble_server():
 
 
 def grow(sequence, server, tmp_path, faults=None, *, rate_hz=30.0, settle_s=1.0):
-    """Let a map grow from a fake robot until it is silent; return it and its run."""
+    """Let a map grow from a fake robot until all has come, or it is silent; return it and its run."""
     link = ZenohLink(server.address) if server.address.startswith("zenoh") else FoxgloveLink(server.address)
     source = RobotSource(link, TopicNames(), color=False, traffic=(traffic := Traffic()))
     request = LiveRequest(source, BuildConfig(), tmp_path / "r.npz", idle_stop_s=4.0, traffic=traffic)
     live = LiveRun(replace(request, observers=(MapPublisher(source),)))
-    found = []
-    thread = threading.Thread(target=lambda: found.append(live.run((), threading.Event())))
+    found, enough = [], threading.Event()
+    thread = threading.Thread(target=lambda: found.append(live.run((), enough)))
     thread.start()
     until(lambda: source.chosen is not None)  # after everything is compiled
     time.sleep(settle_s)
     play(Played(sequence, faults or Faults(), rate_hz=rate_hz), server)
-    thread.join(60.0)
+    if faults is None:
+        came = lambda: traffic.placed + sum(traffic.dropped.values()) >= FRAMES  # noqa: E731
+        until(lambda: came() or not thread.is_alive())
+        enough.set()
+    thread.join(300.0)  # kernels may be compiled first
     source.close()
     server.close()
     return found[0], live

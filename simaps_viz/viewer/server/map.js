@@ -265,8 +265,10 @@
   }, true);
 
   const covered = (viser) => Object.keys(viser.nodeRefFromName).some((name) => name === '/picture' && viser.nodeRefFromName[name]);
-  const marked = (viser) => Object.keys(viser.nodeRefFromName)
-    .some((name) => /^\/(candidates|why)\/./.test(name) && viser.nodeRefFromName[name]);
+  const marked = ({ nodeRefFromName: nodes }) => {
+    const marks = Object.keys(nodes).filter((name) => /^\/(candidates|why)\/./.test(name));
+    return marks.some((name) => nodes[name] && !marks.some((other) => other.startsWith(`${name}/`))); // a parent stays
+  };
   let changed = true, before = '', legend = null;
   const tick = () => {
     window.requestAnimationFrame(tick);
