@@ -19,7 +19,7 @@ from simaps_viz import open_sequence
 from simaps_viz.app import workbench
 from simaps_viz.console.progress import stage_progress
 from simaps_viz.console.terminal import console
-from simaps_viz.datasets.joined import JoinedFrames
+from simaps_viz.datasets.source import JoinedFrames
 from simaps_viz.scenes.demo import ensure_demo
 
 TARGET = 1.30

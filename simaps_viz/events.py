@@ -124,6 +124,12 @@ class Observer(Protocol):
         ...
 
 
+def notify(observers: Iterable[Observer], event: Event) -> None:
+    """Notify observers of an event, in order."""
+    for observer in observers:
+        observer.on_event(event)
+
+
 def wants_color(observers: Iterable[Observer]) -> bool:
     """Whether one of the observers wants the frames' colours, see `Observer.wants_color`."""
     return any(getattr(observer, "wants_color", True) for observer in observers)

@@ -13,10 +13,10 @@ from sequences import write_tiny_sequence
 
 from simaps_viz import open_sequence
 from simaps_viz.datasets.calibration import pose_rows, read_intrinsics
-from simaps_viz.datasets.cloud_files import read_pcd, read_ply
+from simaps_viz.datasets.clouds import read_pcd, read_ply
 from simaps_viz.datasets.images import read_color, read_depth, read_ids
 from simaps_viz.datasets.manifest import read_manifest
-from simaps_viz.datasets.segment_tables import read_frame_segments, read_world_segments
+from simaps_viz.datasets.posed_frames import read_frame_segments, read_world_segments
 
 Writer = Callable[[Path], Sample]
 _SKIPPED = (".conf",)

@@ -12,8 +12,8 @@ from benchmarks.timing import best_of, measure, timed, times
 
 from simaps_viz.build.pipeline import BuildConfig, facts_of, gather_frames
 from simaps_viz.build.workers import SHARD_FRAMES, gather_shard, job_of, open_workers, reopening, steps_in
-from simaps_viz.datasets.joined import JoinedFrames
 from simaps_viz.datasets.sequence import PosedFrames
+from simaps_viz.datasets.source import JoinedFrames
 from simaps_viz.mapping.file import save_map
 from simaps_viz.mapping.finalize import empty_accumulator, map_so_far
 from simaps_viz.mapping.steps import pack_step

@@ -5,7 +5,6 @@ import threading
 from collections.abc import Callable, Generator, Sequence
 from contextlib import closing
 from dataclasses import dataclass, replace
-from functools import partial
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
@@ -20,12 +19,12 @@ from simaps_viz.events import (
     BuildFinished,
     BuildStarted,
     CommunitiesFound,
-    Event,
     FrameGathered,
     FrameProjected,
     FrameSkipped,
     MergesFound,
     Observer,
+    notify,
     wants_color,
 )  # fmt: skip
 from simaps_viz.mapping import finalize
@@ -123,8 +122,7 @@ def run_build(
     sequence: FrameSource, config: BuildConfig, observers: Sequence[Observer], control: BuildControl
 ) -> SIMap:
     """Build a map; see `build_map`. All stages of a build are here, in order."""
-    notify = partial(_notify, observers)
-    notify(started(sequence))
+    notify(observers, started(sequence))
 
     # 1. Every frame is projected into cells (projection.py), which raise the map's tiles, or is replayed from the log.
     building = _Building(sequence, config, len(sequence), observers, control)
@@ -140,13 +138,13 @@ def run_build(
 
     # 2. The method names the cells, makes their graphs, and finds communities and how they merge.
     found = finalize.apply_method(seen, config)
-    notify(CommunitiesFound(found.grid, found.community, len(sequence) - 1, final=True))
+    notify(observers, CommunitiesFound(found.grid, found.community, len(sequence) - 1, final=True))
     threshold = joining_threshold(config.method, config.parameters())
-    notify(MergesFound(found.grid, found.community, found.log, applied_steps(found.log, threshold)))
+    notify(observers, MergesFound(found.grid, found.community, found.log, applied_steps(found.log, threshold)))
 
     # 3. Merged communities are instances; the frames that saw them are counted.
     simap = finalize.map_of(found, seen.frames, facts, config)
-    notify(BuildFinished(simap))
+    notify(observers, BuildFinished(simap))
     return simap
 
 
@@ -233,7 +231,7 @@ class _Building:
                 else:
                     self.accumulator.replay(step)
                     self._log(log)
-                    _notify(self.observers, FrameGathered(seen.index, seen.name))
+                    notify(self.observers, FrameGathered(seen.index, seen.name))
 
     def _log(self, log: BuildLog | None) -> None:
         step = self.accumulator.step
@@ -250,13 +248,13 @@ class _Building:
         seen = self.accumulator.add_frame(frame, segmentation, T_map_camera)
         if not self.observers:
             return
-        _notify(self.observers, self._projected(frame, segmentation, seen))
+        notify(self.observers, self._projected(frame, segmentation, seen))
         self.links_reported = self.accumulator.links.size
         every = self.control.communities_every
         if every and (frame.index + 1) % every == 0:
             found = finalize.apply_method(finalize.gathered(self.accumulator), self.config)
             objects = finalize.objects_of(found, self.config)
-            _notify(
+            notify(
                 self.observers,
                 CommunitiesFound(found.grid, found.community, frame.index, final=False, instance=objects),
             )
@@ -270,7 +268,7 @@ class _Building:
         if none_yet or 2 * len(skipped) > self.wanted:
             more = f", and {len(skipped) - 1} more of {self.wanted} frames" if len(skipped) > 1 else ""
             raise InputError(f"{next(iter(skipped.values()))}{more}")
-        _notify(self.observers, FrameSkipped(read.index, name, str(read.error)))
+        notify(self.observers, FrameSkipped(read.index, name, str(read.error)))
 
     def _check_skipped(self, reason: str) -> None:
         if reason and self.control.strict:
@@ -290,11 +288,6 @@ class _Building:
             snapshot=accumulator.snapshot,
             map_so_far=lambda: finalize.map_so_far(accumulator, self.facts, self.config),
         )
-
-
-def _notify(observers: Sequence[Observer], event: Event) -> None:
-    for observer in observers:
-        observer.on_event(event)
 
 
 def facts_of(sequence: FrameSource) -> SequenceFacts:

@@ -30,9 +30,8 @@ from numpy.typing import NDArray
 
 from simaps_viz.build.pipeline import content_of
 from simaps_viz.console.logs import logger
-from simaps_viz.datasets.joined import JoinedFrames
 from simaps_viz.datasets.open import open_sequence
-from simaps_viz.datasets.source import FrameSource
+from simaps_viz.datasets.source import FrameSource, JoinedFrames
 from simaps_viz.errors import InputError, needs_extra
 from simaps_viz.mapping import finalize
 from simaps_viz.mapping.config import BuildConfig

@@ -9,21 +9,34 @@ from simaps_viz.checking import faults
 from simaps_viz.checking.agreement import Agreement, Views, relative_poses
 from simaps_viz.checking.faults import Bar, Correction, Finding
 from simaps_viz.checking.level import Level, find_level
-from simaps_viz.checking.recording import MIRRORS, Reading, Recording
+from simaps_viz.checking.recording import (
+    MIRRORS,
+    Reading,
+    Recording,
+    in_views,
+    load_views,
+    neighbour_pairs,
+    revisit_pairs,
+)
 from simaps_viz.checking.registration import find_offset
 from simaps_viz.checking.search import (
     Scored,
     Sight,
     best_fit,
+    best_jump,
+    best_offset,
+    best_shift,
+    duplicates,
     likely_unit,
+    locate,
+    measure,
     mirrored,
     positions_are_wrong,
+    quality_by_pair,
     score,
     search,
     snapped_unit,
 )
-from simaps_viz.checking.timing import best_jump, best_offset, best_shift, duplicates, locate, measure, quality_by_pair
-from simaps_viz.checking.views import in_views, load_views, neighbour_pairs, revisit_pairs
 from simaps_viz.events import Progress
 
 FIT_WORTH = 0.06

@@ -6,13 +6,12 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from simaps_viz.checking.agreement import AGREES, Agreement, Views, summarise
-from simaps_viz.checking.drift import find_drift
+from simaps_viz.checking.agreement import AGREES, Agreement, Views, find_drift, summarise
 from simaps_viz.checking.level import Level
-from simaps_viz.checking.recording import Convention, Reading, Recording
+from simaps_viz.checking.recording import Convention, Reading, Recording, revisit_pairs, turned_deg
 from simaps_viz.checking.registration import Offset
 from simaps_viz.checking.search import median_depth_m, score
-from simaps_viz.checking.views import revisit_pairs, turned_deg
+from simaps_viz.datasets.source import named_times
 from simaps_viz.errors import InputError
 
 Severity = Literal["error", "warning", "note"]
@@ -89,8 +88,6 @@ LATE = 0.85
 """Frames; a shift by no more is a matter of time stamps, and by more, one of frames."""
 CLOSER = 0.9
 """Share of the median residual that a change has to leave, where it does not gain as much."""
-STEP_S = (0.001, 10.0)
-"""Between frames, if their names are times."""
 MINOR = 0.06
 """Camera and depth scale that are off by no more (as a share, of the focal length) bend a map less than it is fine."""
 DRIFT_GAP = 0.25
@@ -237,7 +234,8 @@ def _shifts(recording: Recording, reading: Reading, gain: Any, views: Views) -> 
         found.append(Finding("dropped_frame", "error", text, measure))
     elif reading.shift:
         words, measure = gain(replace(reading, shift=0))
-        step_s = frame_step_s(recording)
+        times = named_times(recording.names)
+        step_s = None if times is None else float(np.median(np.diff(times)))
         if step_s is not None:
             measure["shift_ms"] = round(1000 * step_s * reading.shift, 1)
         if abs(reading.shift) <= LATE:
@@ -430,15 +428,3 @@ def _shift_words(shift: float) -> str:
         return "each frame's own pose"
     where = "after" if shift > 0 else "before"
     return f"the pose written {abs(shift):.3g} frame{'s' if abs(shift) != 1 else ''} {where}"
-
-
-def frame_step_s(recording: Recording) -> float | None:
-    """Return the usual time between frames, seconds; None where frames are not named by their time."""
-    try:
-        times = np.array([float(name) for name in recording.names])
-    except ValueError:
-        return None
-    steps = np.diff(times)
-    step = float(np.median(steps)) if len(steps) else 0.0
-    timed = all("." in name for name in recording.names) and bool((steps > 0).all())
-    return step if timed and STEP_S[0] < step < STEP_S[1] else None

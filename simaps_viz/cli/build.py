@@ -122,7 +122,7 @@ class Build:
         """Open the sequences, joined where there are several."""
         from simaps_viz.build.cache import cache_folder
         from simaps_viz.cli.segment import open_segmented
-        from simaps_viz.datasets.joined import JoinedFrames
+        from simaps_viz.datasets.source import JoinedFrames
 
         if not self.sequence:
             raise InputError("build: expected at least one sequence, found none")

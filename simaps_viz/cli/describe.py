@@ -41,7 +41,7 @@ class Describe:
         from simaps_viz.build.seen_colors import with_colors
         from simaps_viz.cli.segment import open_segmented
         from simaps_viz.console.progress import stage_progress
-        from simaps_viz.console.terminal import console, emit
+        from simaps_viz.console.terminal import report
         from simaps_viz.embedding.describe import describe_to_file
         from simaps_viz.embedding.towers import open_embedding
         from simaps_viz.io.files import check_ending
@@ -68,12 +68,8 @@ class Describe:
         notes = [] if embedding is None else list(embedding.notes)
         colored = sum(simap.color_of(one) is not None for one in simap.instances)
         vectors = 0 if simap.appearance is None else len(simap.appearance.vectors)
-        if self.json:
-            emit({"event": "done", "map": str(output), "instances": len(simap.instances), "colored": colored,
-                  "described": vectors, "notes": notes})  # fmt: skip
-        else:
-            for note in notes:
-                console.print(note, markup=False, soft_wrap=True)
-            text = f"{output}: {colored} of {len(simap.instances)} objects have a colour, {vectors} are described"
-            console.print(text, markup=False, soft_wrap=True)
+        record = {"event": "done", "map": str(output), "instances": len(simap.instances), "colored": colored,
+                  "described": vectors, "notes": notes}  # fmt: skip
+        text = f"{output}: {colored} of {len(simap.instances)} objects have a colour, {vectors} are described"
+        report(record, *notes, text, json=self.json)
         return OK

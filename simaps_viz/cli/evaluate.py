@@ -13,6 +13,7 @@ from simaps_viz.errors import InputError
 if TYPE_CHECKING:
     from simaps_viz.build.pipeline import BuildConfig
     from simaps_viz.console.progress import StageProgress
+    from simaps_viz.datasets.sequence import PosedFrames
     from simaps_viz.evaluation.evaluate import Footprint
     from simaps_viz.structures import SIMap
 
@@ -141,47 +142,28 @@ def _store(method: str, simap: "SIMap") -> "Footprint":
 
 def _space(settings: Evaluate, progress: "StageProgress") -> tuple[str, dict[str, Any]]:
     from simaps_viz.build.methods import build
-    from simaps_viz.evaluation.run import open_for_evaluation, split_names, write_json
+    from simaps_viz.evaluation.run import split_names
     from simaps_viz.evaluation.space import evaluate_space
 
-    sequence = open_for_evaluation(settings.sequence, progress)
-    report = evaluate_space(
-        sequence,
-        split_names("methods", settings.methods),
-        build=build,
-        errors=split_names("errors", settings.errors) or ("light" if sequence.ground_truth else "precomputed",),
-        seeds=range(settings.seeds),
-        truth=settings.truth,
-        progress=progress,
-    )
-    if settings.output is not None:
-        write_json(report.to_json(), settings.output)
-    return report.table().text(), report.to_json()
+    sequence, asked = _opened(settings, progress)
+    report = evaluate_space(sequence, split_names("methods", settings.methods), build=build, **asked)
+    return report.table().text(), _written(settings, report.to_json())
 
 
 def _navigation(settings: Evaluate, progress: "StageProgress") -> tuple[str, dict[str, Any]]:
     from simaps_viz.build.methods import build
     from simaps_viz.evaluation.judging import start_session
     from simaps_viz.evaluation.navigation import TRUE_MAP, evaluate_navigation, navigation_json, navigation_text
-    from simaps_viz.evaluation.run import open_for_evaluation, split_names, write_json
+    from simaps_viz.evaluation.run import split_names
 
     if settings.judge is not None and settings.judge.exists():
         raise InputError(f"{settings.judge}: expected a new session file, found one; it would lose what was judged")
-    sequence = open_for_evaluation(settings.sequence, progress)
+    sequence, asked = _opened(settings, progress)
     report = evaluate_navigation(
-        sequence,
-        (TRUE_MAP, *split_names("methods", settings.methods)),
-        build=build,
-        errors=split_names("errors", settings.errors) or ("light" if sequence.ground_truth else "precomputed",),
-        seeds=range(settings.seeds),
-        commands=settings.commands,
-        truth=settings.truth,
-        actions="discrete" if settings.discrete else "continuous",
-        progress=progress,
-    )
-    record = navigation_json(report)
-    if settings.output is not None:
-        write_json(record, settings.output)
+        sequence, (TRUE_MAP, *split_names("methods", settings.methods)), build=build, commands=settings.commands,
+        actions="discrete" if settings.discrete else "continuous", **asked,
+    )  # fmt: skip
+    record = _written(settings, navigation_json(report))
     if settings.judge is not None:
         start_session(settings.judge, [run.to_json() for run in report.runs if run.method != TRUE_MAP])
     return navigation_text(report), record
@@ -191,19 +173,28 @@ def _ablation(settings: Evaluate, progress: "StageProgress") -> tuple[str, dict[
     from simaps_viz.build.pipeline import build_map
     from simaps_viz.evaluation.evaluate import evaluate_variants
     from simaps_viz.evaluation.report import ablation_table, report_json
-    from simaps_viz.evaluation.run import open_for_evaluation, split_names, write_json
+
+    sequence, asked = _opened(settings, progress, "none", "light", "medium", "heavy")
+    report = evaluate_variants(sequence, ablations(), build=build_map, **asked)
+    return ablation_table(report).text(), _written(settings, report_json(report))
+
+
+def _opened(settings: Evaluate, progress: "StageProgress", *errors: str) -> "tuple[PosedFrames, dict[str, Any]]":
+    """Open the sequence, and return what every task but "instances" is asked; ``errors`` are the default ones."""
+    from simaps_viz.evaluation.run import open_for_evaluation, split_names
 
     sequence = open_for_evaluation(settings.sequence, progress)
-    report = evaluate_variants(
-        sequence,
-        ablations(),
-        build=build_map,
-        errors=split_names("errors", settings.errors) or ("none", "light", "medium", "heavy"),
-        seeds=range(settings.seeds),
-        truth=settings.truth,
-        progress=progress,
-    )
-    record = report_json(report)
+    errors = errors or ("light" if sequence.ground_truth else "precomputed",)
+    return sequence, {
+        "errors": split_names("errors", settings.errors) or errors, "seeds": range(settings.seeds),
+        "truth": settings.truth, "progress": progress,
+    }  # fmt: skip
+
+
+def _written(settings: Evaluate, record: dict[str, Any]) -> dict[str, Any]:
+    """Return what was measured, written to the output where there is one."""
+    from simaps_viz.evaluation.run import write_json
+
     if settings.output is not None:
         write_json(record, settings.output)
-    return ablation_table(report).text(), record
+    return record

@@ -152,8 +152,8 @@ class Live:
     def _source(self, network: "Network | None", traffic: "Traffic") -> "Source":
         """Open the source; nothing has come yet."""
         from simaps_viz.datasets.open import open_sequence
-        from simaps_viz.live.played import PlayedSequence
         from simaps_viz.live.robot import RobotSource
+        from simaps_viz.live.source import PlayedSequence
 
         if "://" in self.source:
             return RobotSource(self._link(), self.topics, color=network is not None, traffic=traffic)

@@ -3,8 +3,8 @@
 import sys
 from collections.abc import Sequence
 from functools import reduce
-from importlib import import_module
 from operator import or_
+from pkgutil import resolve_name
 from typing import Annotated, Any
 
 from simaps_viz import __version__
@@ -35,8 +35,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 def load(name: str) -> type[Command]:
     """Import the class of a command."""
-    module, _, member = COMMANDS[name].partition(":")
-    return getattr(import_module(module), member)
+    return resolve_name(COMMANDS[name])
 
 
 def parse(words: Sequence[str]) -> Command:

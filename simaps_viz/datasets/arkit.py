@@ -52,13 +52,11 @@ class ArkitReader(Reader):
         of_frame = nearest(_times(cameras), depth_times[pairs[:, 0]])
         lenses = [_lens(cameras[i]) for i in of_frame]
         depth_files, color_files = [depth_all[i] for i in pairs[:, 0]], [color_all[i] for i in pairs[:, 1]]
-        target = lenses[0].intrinsics
-        files = FileFrames(color_files, depth_files, lenses, lenses, target, depth_png(FACTS.depth_unit_m))
+        files = FileFrames(color_files, depth_files, lenses, lenses, depth_png(FACTS.depth_unit_m))
         return files.recording(
             FACTS,
             path,
             name=depth_files[0].stem.rpartition("_")[0] or path.resolve().name,
-            frame_names=tuple(file.stem for file in depth_files),
             poses=poses,
             notes=left_out(
                 len(depth_all) - len(pairs), len(depth_all), "depth images have no colour or pose of their time"

@@ -11,8 +11,8 @@ from scipy.spatial.transform import Rotation, Slerp
 
 from simaps_viz.datasets.calibration import check_reach, number_rows, pose_rows, rigid, stated_pose
 from simaps_viz.datasets.file_frames import present
+from simaps_viz.datasets.manifest import few
 from simaps_viz.datasets.recording import left_out
-from simaps_viz.datasets.segment_tables import few
 from simaps_viz.errors import InputError
 
 K = TypeVar("K", bound=Hashable)

@@ -26,9 +26,12 @@ REACH_M = 1000.0
 """Largest distance of a camera from the median one, metres; beyond it the grid would not fit in memory."""
 
 
-def camera_matrix(path: Path) -> NDArray:
-    """Read a file of three lines of three finite numbers, float64 [3, 3]; raises InputError for anything else."""
-    rows = [numbers(f"{path}, line {line}", found, finite=True) for line, found in words(path)]
+def camera_matrix(path: Path, *, commas: bool = False) -> NDArray:
+    """Read a file of three lines of three finite numbers, float64 [3, 3]; raises InputError for anything else.
+
+    With ``commas``, they may stand between numbers, too.
+    """
+    rows = [numbers(f"{path}, line {line}", found, finite=True) for line, found in words(path, commas=commas)]
     if len(rows) != 3 or any(len(row) != 3 for row in rows):
         found = f"{len(rows)} lines of {', '.join(sorted({str(len(row)) for row in rows})) or 'no'} numbers"
         raise InputError(f"{path}: expected a 3x3 camera matrix, found {found}")
@@ -173,7 +176,8 @@ def rigid(where: str, matrix: ArrayLike) -> NDArray:
     """
     T = np.array(matrix, dtype=np.float64)
     if T.shape != (4, 4) or not np.isfinite(T).all():
-        raise InputError(f"{where}: expected a 4x4 matrix of finite numbers, found {_kind(T)}")
+        found = "NaN or infinity" if T.shape == (4, 4) else "x".join(map(str, T.shape)) + " numbers"
+        raise InputError(f"{where}: expected a 4x4 matrix of finite numbers, found {found}")
     if not np.allclose(T[3], (0, 0, 0, 1), atol=1e-4):
         found = " ".join(f"{x:g}" for x in T[3])
         raise InputError(f"{where}: expected 0 0 0 1 as the last row, found {found}")
@@ -204,10 +208,6 @@ def from_quaternion(where: str, position: ArrayLike, xyzw: ArrayLike) -> NDArray
     ]
     T[:3, 3] = t
     return T
-
-
-def _kind(T: NDArray) -> str:
-    return "NaN or infinity" if T.shape == (4, 4) else "x".join(map(str, T.shape)) + " numbers"
 
 
 @dataclass(frozen=True)

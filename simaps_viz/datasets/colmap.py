@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from simaps_viz.datasets.calibration import Lens, from_quaternion, numbers, pinhole
-from simaps_viz.datasets.file_frames import FileFrames, depth_npy, depth_png
+from simaps_viz.datasets.file_frames import FileFrames, depth_npy, depth_png, names_of
 from simaps_viz.datasets.images import image_size
 from simaps_viz.datasets.recording import FormatFacts, Reader, Recording, complete, left_out
 from simaps_viz.errors import InputError
@@ -85,13 +85,11 @@ class ColmapReader(Reader):
         scale, note = _scale(path, [p for p, _, _ in kept], depth_files, lenses, points)
         poses = np.stack([invert_pose(p.T_camera_world) for p, _, _ in kept])
         poses[:, :3, 3] *= scale
-        files = FileFrames(color_files, depth_files, lenses, depth_lenses, depth_lenses[0].intrinsics, _read_depth)
-        stems = [Path(p.name).stem.replace(" ", "_") for p, _, _ in kept]
+        files = FileFrames(color_files, depth_files, lenses, depth_lenses, _read_depth)
         return files.recording(
             FACTS,
             path,
-            name=path.resolve().name,
-            frame_names=tuple(stems) if len(set(stems)) == len(stems) else tuple(f"{i:06d}" for i in range(len(stems))),
+            frame_names=names_of([Path(p.name) for p, _, _ in kept]),
             poses=poses,
             notes=(note, *left_out(len(pictures) - len(kept), len(pictures), "pictures have no depth or are missing")),
         )

@@ -52,13 +52,9 @@ def write_posed_frames(
     folder = Path(folder)
     if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
         raise InputError(f"{folder}: expected a new or empty folder to write to, found something there")
+    partial = folder.parent / f".{folder.name}-{secrets.token_urlsafe(6)}"
     try:
-        folder.parent.mkdir(parents=True, exist_ok=True)
-        partial = folder.parent / f".{folder.name}-{secrets.token_urlsafe(6)}"
-        partial.mkdir()  # with the rights any new folder gets
-    except OSError as error:
-        raise InputError(f"{folder}: expected a folder that can be written, found {error.strerror or error}") from error
-    try:
+        partial.mkdir(parents=True)  # with the rights any new folder gets
         _Writer(sequence, partial).write(range(0, len(sequence), every), progress, unreadable)
         os.replace(partial, folder)
     except OSError as error:

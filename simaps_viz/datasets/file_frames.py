@@ -33,10 +33,13 @@ class FileFrames:
     depth_paths: Sequence[Path]
     color_lenses: Sequence[Lens]
     depth_lenses: Sequence[Lens]
-    intrinsics: Intrinsics
-    """Camera of the images that `depth` and `color` return."""
     read_depth_m: Callable[[Path], NDArray]
     """Returns float32 [H, W], metres, 0 = invalid."""
+
+    @property
+    def intrinsics(self) -> Intrinsics:
+        """Camera of the images that `depth` and `color` return: that of the first depth image."""
+        return self.depth_lenses[0].intrinsics
 
     def depth(self, index: int) -> NDArray:
         """Read a frame's depth, metres; raises InputError when it is damaged or of another size."""
@@ -58,15 +61,38 @@ class FileFrames:
         return self.color_paths[index] if lens == Lens(self.intrinsics) else None
 
     def recording(
-        self, facts: FormatFacts, path: Path, *, name: str, frame_names: tuple[str, ...], poses: NDArray, **more: Any
+        self,
+        facts: FormatFacts,
+        path: Path,
+        *,
+        poses: NDArray,
+        name: str | None = None,
+        frame_names: tuple[str, ...] | None = None,
+        **more: Any,
     ) -> Recording:
-        """Return the recording of these frames; ``more`` are other members of `Recording`."""
+        """Return the recording of these frames.
+
+        Args:
+            facts: of its format.
+            path: of it.
+            poses: float64 [n, 4, 4], T_world_camera.
+            name: by default its folder's.
+            frame_names: by default those of the depth files, or numbers where these are not all different.
+            more: other members of `Recording`.
+        """
         images = (self.depth, self.color, self.color_file, self.stored)
-        return Recording(facts, path, name, frame_names, poses, self.intrinsics, *images, **more)
+        frame_names = names_of(self.depth_paths) if frame_names is None else frame_names
+        return Recording(facts, path, name or path.resolve().name, frame_names, poses, self.intrinsics, *images, **more)
 
     def stored(self, index: int) -> tuple[Path, Path]:
         """Return the files of a frame's colour and depth."""
         return self.color_paths[index], self.depth_paths[index]
+
+
+def names_of(files: Sequence[Path]) -> tuple[str, ...]:
+    """Return the frames' names: those of their files without suffix and blanks, or numbers where two are the same."""
+    names = tuple(file.stem.replace(" ", "_") for file in files)
+    return names if len(set(names)) == len(names) else tuple(f"{i:06d}" for i in range(len(names)))
 
 
 def present(files: Mapping[K, Path]) -> dict[K, Path]:

@@ -24,8 +24,8 @@ from simaps_viz.datasets.file_frames import (
     read_array,
 )
 from simaps_viz.datasets.images import image_size
+from simaps_viz.datasets.posed_frames import WorldSegments
 from simaps_viz.datasets.recording import FormatFacts, Reader, Recording, Segments, first_readable
-from simaps_viz.datasets.segment_tables import WorldSegments
 from simaps_viz.errors import InputError
 from simaps_viz.io.limits import MAX_TEXT_BYTES, read_bytes
 from simaps_viz.structures import Intrinsics, Segment, Segmentation
@@ -75,12 +75,10 @@ class HabitatReader(Reader):
         depth_files, color_files, *semantic = ([files[i] for i in matched.frames] for files in images.values())
         width, height = first_readable(lambda i: image_size(color_files[i]), len(color_files))
         lens = Lens(pinhole(str(path), width, height, width / 2, width / 2, (width - 1) / 2, (height - 1) / 2))
-        files = FileFrames(color_files, depth_files, [lens], [lens], lens.intrinsics, depth_npy(FACTS.depth_unit_m))
+        files = FileFrames(color_files, depth_files, [lens], [lens], depth_npy(FACTS.depth_unit_m))
         return files.recording(
             FACTS,
             path,
-            name=path.resolve().name,
-            frame_names=tuple(file.stem.replace(" ", "_") for file in depth_files),
             poses=matched.poses,
             segments=_segments(path, semantic[0], lens.intrinsics) if semantic else None,
             notes=matched.notes,

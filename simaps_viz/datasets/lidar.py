@@ -15,8 +15,14 @@ from numpy.typing import NDArray
 
 from simaps_viz.datasets.association import match_posed_files
 from simaps_viz.datasets.calibration import read_intrinsics, rigid
-from simaps_viz.datasets.cloud_files import read_pcd, read_ply
-from simaps_viz.datasets.clouds import CloudSettings, camera_points, depth_of_cloud, gravity_of_clouds
+from simaps_viz.datasets.clouds import (
+    CloudSettings,
+    camera_points,
+    depth_of_cloud,
+    gravity_of_clouds,
+    read_pcd,
+    read_ply,
+)
 from simaps_viz.datasets.images import image_size, read_color
 from simaps_viz.datasets.manifest import KeyTable, read_json, segmentation_files, shown
 from simaps_viz.datasets.posed_frames import read_segments

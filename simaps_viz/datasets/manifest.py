@@ -3,7 +3,7 @@
 import difflib
 import json
 import math
-from collections.abc import Collection
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -122,6 +122,11 @@ def shown(value: Any) -> str:
         text = f"{type(value).__name__} that is too long to show"
     text = "".join(c if c.isprintable() else ascii(c)[1:-1] for c in text[:61])
     return text if len(text) <= 60 else text[:57] + "..."
+
+
+def few(names: Sequence[object]) -> str:
+    """List the first three of many."""
+    return ", ".join(map(str, names[:3])) + (", ..." if len(names) > 3 else "")
 
 
 def _once(pairs: list[tuple[str, Any]]) -> dict[str, Any]:

@@ -16,14 +16,21 @@ from PIL.TiffImagePlugin import TiffImageFile
 
 from simaps_viz.datasets.association import match_frames
 from simaps_viz.datasets.calibration import OPENCV_FROM_OPENGL, Lens, pinhole
-from simaps_viz.datasets.file_frames import FileFrames, clean_depth, depth_npy, depth_png, json_number, present
+from simaps_viz.datasets.file_frames import (
+    FileFrames,
+    clean_depth,
+    depth_npy,
+    depth_png,
+    json_number,
+    names_of,
+    present,
+)
 from simaps_viz.datasets.images import image_size
 from simaps_viz.datasets.manifest import read_json, shown
 from simaps_viz.datasets.record3d import read_exr
 from simaps_viz.datasets.recording import FormatFacts, Reader, Recording, first_readable, left_out
 from simaps_viz.errors import InputError
 from simaps_viz.io.limits import MAX_IMAGE_BYTES, check_picture, read_bytes
-from simaps_viz.structures import Intrinsics
 
 FACTS = FormatFacts(
     title="nerfstudio, instant-ngp",
@@ -89,13 +96,12 @@ class NerfstudioReader(Reader):
         lenses = [_lens(_place(file, frame), frame, color_files[i], fisheye=fisheye) for i, frame in enumerate(frames)]
         height, width = first_readable(lambda i: _read_depth(depth_files[i], unit_m), len(frames)).shape
         depth_lenses = [lens.scaled(width, height) for lens in lenses]
-        target = Intrinsics(**vars(depth_lenses[0].intrinsics))
-        images = FileFrames(color_files, depth_files, lenses, depth_lenses, target, lambda p: _read_depth(p, unit_m))
+        images = FileFrames(color_files, depth_files, lenses, depth_lenses, lambda p: _read_depth(p, unit_m))
         return images.recording(
             FACTS,
             path,
             name=file.resolve().parent.name,
-            frame_names=_names(frames),
+            frame_names=names_of([Path(frame["file_path"]) for frame in frames]),
             poses=matched.poses,
             depth_unit_m=unit_m if depth_files[0].suffix != ".npy" else None,
             notes=(*left_out(stated - with_depth, stated, "frames have no depth"), *matched.notes),
@@ -124,11 +130,6 @@ def _merged(file: Path, index: int, content: dict[str, Any], frame: Any) -> dict
 
 def _place(file: Path, frame: dict[str, Any]) -> str:
     return f"{file}: frame {frame['file_path']}"
-
-
-def _names(frames: list[dict[str, Any]]) -> tuple[str, ...]:
-    stems = [Path(frame["file_path"]).stem.replace(" ", "_") for frame in frames]
-    return tuple(stems) if len(set(stems)) == len(stems) else tuple(f"{i:06d}" for i in range(len(stems)))
 
 
 def _lens(where: str, frame: dict[str, Any], color_file: Path, *, fisheye: bool) -> Lens:

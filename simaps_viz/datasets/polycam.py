@@ -59,13 +59,11 @@ class PolycamReader(Reader):
         read = depth_png(FACTS.depth_unit_m)
         height, width = first_readable(lambda i: read(depth_files[i]), len(depth_files)).shape
         depth_lenses = [lens.scaled(width, height) for lens in lenses]
-        target = depth_lenses[0].intrinsics
-        files = FileFrames(color_files, depth_files, lenses, depth_lenses, target, read)
+        files = FileFrames(color_files, depth_files, lenses, depth_lenses, read)
         return files.recording(
             FACTS,
             path,
             name=folder.resolve().parent.name,
-            frame_names=tuple(matched.frames),
             poses=matched.poses,
             notes=(
                 *left_out(len(camera_files) - len(with_depth), len(camera_files), "pictures have no depth"),

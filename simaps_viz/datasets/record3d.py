@@ -90,7 +90,9 @@ def _attributes(data: bytes) -> list[tuple[str, bytes]]:
     if data[:4] != _MAGIC:
         raise ValueError("no EXR file")
     at, found = 8, []
-    while data[at] != 0 if at < len(data) else _cut():
+    while data[at : at + 1] != b"\0":
+        if at >= len(data):
+            raise ValueError("a header that does not end")
         end = data.index(b"\0", at, at + _MAX_WORD_BYTES)
         end_of_type = data.index(b"\0", end + 1, end + 1 + _MAX_WORD_BYTES)
         (size,) = struct.unpack_from("<i", data, end_of_type + 1)
@@ -100,10 +102,6 @@ def _attributes(data: bytes) -> list[tuple[str, bytes]]:
         found.append((data[at:end].decode("latin-1"), data[start : start + size]))
         at = start + size
     return found
-
-
-def _cut() -> bool:
-    raise ValueError("a header that does not end")
 
 
 _END, _RAW, _LZVN, _V1, _V2 = b"bvx$", b"bvx-", b"bvxn", b"bvx1", b"bvx2"

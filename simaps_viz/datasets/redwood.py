@@ -51,12 +51,10 @@ class RedwoodReader(Reader):
         width, height = image_size(depth_files[0])
         lens, unit_m, notes = _camera(path, (width, height))
         color_lens = lens.scaled(*image_size(color_files[0]))
-        files = FileFrames(color_files, depth_files, [color_lens], [lens], lens.intrinsics, depth_png(unit_m))
+        files = FileFrames(color_files, depth_files, [color_lens], [lens], depth_png(unit_m))
         return files.recording(
             FACTS,
             path,
-            name=path.resolve().name,
-            frame_names=tuple(file.stem.replace(" ", "_") for file in depth_files),
             poses=np.stack([rigid(f"{log}: pose {number}", T) for number, T in posed.items()]),
             depth_unit_m=unit_m,
             notes=(*notes, *left_out(len(pairs) - len(posed), len(pairs), f"pictures have no pose in {log.name}")),

@@ -47,11 +47,10 @@ class ReplicaReader(Reader):
         )
         depth_files, color_files = [depth[i] for i in matched.frames], [color[i] for i in matched.frames]
         lens, unit_m = _camera(path)
-        files = FileFrames(color_files, depth_files, [lens], [lens], lens.intrinsics, depth_png(unit_m))
+        files = FileFrames(color_files, depth_files, [lens], [lens], depth_png(unit_m))
         return files.recording(
             FACTS,
             path,
-            name=path.resolve().name,
             frame_names=tuple(file.stem.removeprefix("depth") for file in depth_files),
             poses=matched.poses,
             notes=matched.notes,

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from simaps_viz.datasets import images
 from simaps_viz.datasets.association import interpolate_poses
 from simaps_viz.datasets.calibration import Lens, from_quaternion, pinhole
-from simaps_viz.datasets.cloud_files import finite_points
+from simaps_viz.datasets.clouds import finite_points
 from simaps_viz.datasets.file_frames import clean_depth
 from simaps_viz.errors import InputError
 from simaps_viz.io.limits import check_picture

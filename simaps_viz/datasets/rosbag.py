@@ -10,7 +10,7 @@ import re
 import threading
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from itertools import product
+from itertools import product, takewhile
 from pathlib import Path
 from typing import Any
 
@@ -516,9 +516,5 @@ def _has(topic: str, *parts: str) -> bool:
 
 def _shared(a: str, b: str) -> list[str]:
     """Return the leading parts that two topics' names share."""
-    parts = []
-    for one, other in zip(a.strip("/").split("/"), b.strip("/").split("/"), strict=False):
-        if one != other:
-            break
-        parts.append(one)
-    return parts
+    pairs = zip(a.strip("/").split("/"), b.strip("/").split("/"), strict=False)
+    return [part for part, _ in takewhile(lambda pair: pair[0] == pair[1], pairs)]

@@ -20,8 +20,8 @@ from simaps_viz.datasets.calibration import Lens, matrix4, matrix_lens, see_thro
 from simaps_viz.datasets.file_frames import FileFrames, by_stem, check_size, depth_png, numbered
 from simaps_viz.datasets.images import decode_color, image_size, read_ids
 from simaps_viz.datasets.manifest import read_json, shown
+from simaps_viz.datasets.posed_frames import WorldSegments
 from simaps_viz.datasets.recording import FormatFacts, Reader, Recording, Segments, first_readable
-from simaps_viz.datasets.segment_tables import WorldSegments
 from simaps_viz.errors import InputError
 from simaps_viz.io.limits import MAX_FRAMES, MAX_MEMBER_BYTES
 from simaps_viz.structures import Intrinsics, Segment
@@ -61,11 +61,10 @@ class ScanNetReader(Reader):
         depth_lens = _lens(_camera_file(folder, "depth"), width, height)
         color_size = first_readable(lambda i: image_size(color_files[i]), len(names))
         color_lens = _lens(_camera_file(folder, "color"), *color_size)
-        files = FileFrames(color_files, depth_files, [color_lens], [depth_lens], depth_lens.intrinsics, read)
+        files = FileFrames(color_files, depth_files, [color_lens], [depth_lens], read)
         return files.recording(
             EXTRACTED,
             path,
-            name=path.resolve().name,
             frame_names=names,
             poses=matched.poses,
             segments=_segments(path, folder, names, color_lens, depth_lens.intrinsics),

@@ -6,9 +6,7 @@ which camera it was. 7-Scenes itself, and 3DMatch's copies of it, have the raw p
 stand 25 mm apart, so depth is carried over to the colour camera.
 """
 
-from collections.abc import Callable
 from dataclasses import dataclass
-from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -22,7 +20,6 @@ from simaps_viz.datasets.images import image_size, read_depth
 from simaps_viz.datasets.recording import FormatFacts, Reader, Recording, first_readable
 from simaps_viz.errors import InputError
 from simaps_viz.geometry import invert_pose
-from simaps_viz.structures import Intrinsics
 
 FACTS = FormatFacts(
     title="7-Scenes",
@@ -67,9 +64,10 @@ class SevenScenesReader(Reader):
         depth_lens = camera.depth.scaled(sample.shape[1], sample.shape[0])
         T_world_camera, registered = matched.poses, raw
         if camera.T_color_depth is not None:
-            registered = partial(_registered, raw, depth_lens, camera.T_color_depth, camera.color.intrinsics)
+            place = depth_lens, camera.T_color_depth, camera.color.intrinsics
+            registered = lambda file: register_depth(raw(file), *place)  # noqa: E731
             T_world_camera, depth_lens = T_world_camera @ invert_pose(camera.T_color_depth), camera.color
-        files = FileFrames(color_files, depth_files, [camera.color], [depth_lens], depth_lens.intrinsics, registered)
+        files = FileFrames(color_files, depth_files, [camera.color], [depth_lens], registered)
         resolved = path.resolve()
         return files.recording(
             FACTS,
@@ -94,12 +92,6 @@ class _Camera:
     unit_m: float | None = None
     """Metres a step of depth, where the recording says so."""
     notes: tuple[str, ...] = ()
-
-
-def _registered(
-    raw: Callable[[Path], NDArray], lens: Lens, T_color_depth: NDArray, target: Intrinsics, file: Path
-) -> NDArray:
-    return register_depth(raw(file), lens, T_color_depth, target)
 
 
 def _files(path: Path, kind: str) -> dict[str, Path]:

@@ -12,7 +12,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from simaps_viz.datasets.calibration import Lens, from_quaternion, pinhole, see_through
+from simaps_viz.datasets.calibration import Lens, camera_matrix, from_quaternion, numbers, pinhole, see_through
 from simaps_viz.datasets.file_frames import check_size, depth_png
 from simaps_viz.datasets.recording import FormatFacts, Reader, Recording, left_out
 from simaps_viz.errors import InputError
@@ -57,7 +57,7 @@ class StrayScannerReader(Reader):
                 f"{table}: expected poses with a picture in rgb.mp4 and a depth image, found none among {len(rows)} "
                 f"poses and {video.frames} pictures"
             )
-        default = _matrix(path / "camera_matrix.csv")
+        default = camera_matrix(path / "camera_matrix.csv", commas=True)
         lenses = [_lens(rows[i][0], rows[i][1], default, video) for i in kept]
         height, width = read(files[kept[0]]).shape
         depth_lenses = [lens.scaled(width, height) for lens in lenses]
@@ -96,7 +96,8 @@ def _rows(path: Path) -> list[tuple[str, dict[str, float]]]:
         if len(found) != len(names):
             raise InputError(f"{where}: expected {len(names)} numbers, found {len(found)}")
         known = {name: word for name, word in zip(names, found, strict=True) if name in _COLUMNS + _CAMERA}
-        row = {name: _number(where, word or ("nan" if name in _CAMERA else "")) for name, word in known.items()}
+        stated = [word or ("nan" if name in _CAMERA else "") for name, word in known.items()]
+        row = dict(zip(known, numbers(where, stated).tolist(), strict=True))
         if not 0 <= row["frame"] < MAX_FRAMES:
             raise InputError(f"{where}: frame: expected a whole number below {MAX_FRAMES}, found {row['frame']:g}")
         rows.append((where, row))
@@ -107,20 +108,6 @@ def _lines(path: Path) -> list[tuple[str, list[str]]]:
     text = read_bytes(path, MAX_TEXT_BYTES, "a table (CSV)").decode("utf-8-sig", errors="replace")
     found = [(f"{path}, line {i}", line.split(",")) for i, line in enumerate(text.splitlines(), 1) if line.strip()]
     return [(where, [word.strip() for word in words]) for where, words in found]
-
-
-def _number(where: str, word: str) -> float:
-    try:
-        return float(word)
-    except ValueError:
-        raise InputError(f"{where}: expected numbers, found {word[:30]!r}") from None
-
-
-def _matrix(path: Path) -> NDArray:
-    rows = [[_number(where, word) for word in words] for where, words in _lines(path)]
-    if len(rows) != 3 or any(len(row) != 3 for row in rows):
-        raise InputError(f"{path}: expected a 3x3 camera matrix, found {sum(map(len, rows))} numbers")
-    return np.array(rows)
 
 
 def _lens(where: str, row: dict[str, float], K: NDArray, video: "Video") -> Lens:

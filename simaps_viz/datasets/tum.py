@@ -1,32 +1,47 @@
-"""Read TUM RGB-D recordings (https://cvg.cit.tum.de/data/datasets/rgbd-dataset): Kinect and motion capture.
+"""Read TUM RGB-D recordings (https://cvg.cit.tum.de/data/datasets/rgbd-dataset) and folders in their layout.
 
 Colour and depth come at their own times and poses at a hundred a second: each depth image takes the nearest colour
 image and the pose interpolated to its own time. Depth is registered to colour already, lens distortion included, so
 both are undistorted alike.
+
+People who record for RGB-D SLAM have the same lists, but a trajectory of their own, such as ORB-SLAM saves. Colour and
+depth are paired by a list of both (``associations.txt``, as TUM's associate.py prints it), else by the two lists. The
+world is the first camera's, so up is estimated. Folders of neither kind have to hold their camera.
 """
 
+import os
+import re
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
-from simaps_viz.datasets.association import posed_pairs, read_trajectory
-from simaps_viz.datasets.calibration import from_quaternion, numbers, words
+from simaps_viz.datasets.association import interpolate_poses, posed_pairs, read_trajectory
+from simaps_viz.datasets.calibration import Lens, from_quaternion, numbers, pinhole, read_intrinsics, words
 from simaps_viz.datasets.file_frames import FileFrames, depth_png, present
 from simaps_viz.datasets.images import image_size
+from simaps_viz.datasets.manifest import few
 from simaps_viz.datasets.recording import FormatFacts, Reader, Recording, first_readable, left_out
-from simaps_viz.datasets.segment_tables import few
-from simaps_viz.datasets.slam_cameras import camera_of
 from simaps_viz.errors import InputError
+from simaps_viz.io.limits import MAX_TEXT_BYTES, read_bytes
 
-FACTS = FormatFacts(
+DEPTH_UNIT_M = 1 / 5000
+TUM = FormatFacts(
     title="TUM RGB-D",
     recognised_by="`rgb.txt`, `depth.txt`, `groundtruth.txt`",
-    depth_unit_m=1 / 5000,
+    depth_unit_m=DEPTH_UNIT_M,
     pose="camera to world: time, position, quaternion x y z w",
     up=(0.0, 0.0, 1.0),
 )
-
+SLAM = FormatFacts(
+    title="RGB-D SLAM folder",
+    recognised_by="`associations.txt`, or `rgb.txt`, `depth.txt`; with `CameraTrajectory.txt` or another trajectory",
+    depth_unit_m=DEPTH_UNIT_M,
+    pose=TUM.pose,
+)
+LISTS = ("associations.txt", "*assoc*.txt", "rgb-depth*.txt")
+"""Names that people give what associate.py prints; the first that is there counts."""
+TRAJECTORIES = ("groundtruth.txt", "CameraTrajectory.txt", "KeyFrameTrajectory.txt", "trajectory.txt")
 COLOR_TOLERANCE_S = 0.02
 """Colour farther than this from a depth image is not its colour."""
 MAX_POSE_GAP_S = 0.2
@@ -35,7 +50,7 @@ MAX_POSE_GAP_S = 0.2
 class TumReader(Reader):
     """The reader of TUM RGB-D recordings."""
 
-    facts = FACTS
+    facts = TUM
 
     def recognise(self, path: Path) -> bool:
         """Return whether a folder is in this format, from names alone."""
@@ -43,34 +58,89 @@ class TumReader(Reader):
 
     def open(self, path: Path) -> Recording:
         """Open a recording; raises InputError for anything that is not as the format wants it."""
-        color_times, color_paths, no_color = image_list(path / "rgb.txt")
-        depth_times, depth_paths, no_depth = image_list(path / "depth.txt")
-        trajectory, no_pose = read_trajectory(
-            path / "groundtruth.txt", 8, lambda where, row: from_quaternion(where, row[1:4], row[4:])
-        )
-        pairs, poses = posed_pairs(
-            path, depth_times, color_times, trajectory, tolerance_s=COLOR_TOLERANCE_S, max_gap_s=MAX_POSE_GAP_S
-        )
-        depth_files = [depth_paths[i] for i in pairs[:, 0]]
-        color_files = [color_paths[i] for i in pairs[:, 1]]
+        trajectory, lost = _trajectory(path / "groundtruth.txt")
+        color_files, depth_files, poses, total, missing = _by_two_lists(path, trajectory)
         readable = first_readable(lambda i: image_size(color_files[i]) and color_files[i], len(color_files))
         lens, unit_m, _ = camera_of(path, readable, by_folder=True)
-        files = FileFrames(color_files, depth_files, [lens], [lens], lens.intrinsics, depth_png(unit_m))
-        return files.recording(
-            FACTS,
+        return FileFrames(color_files, depth_files, [lens], [lens], depth_png(unit_m)).recording(
+            TUM,
             path,
-            name=path.resolve().name,
-            frame_names=tuple(file.stem for file in depth_files),
             poses=poses,
             depth_unit_m=unit_m,
-            notes=left_out(
-                len(depth_times) - len(pairs), len(depth_times), "depth images have no colour or pose of their time"
-            ),
-            faults=(*no_color, *no_depth, *no_pose),
+            notes=left_out(total - len(poses), total, "depth images have no colour or pose of their time"),
+            faults=(*missing, *lost),
         )
 
 
-def image_list(path: Path) -> tuple[NDArray, list[Path], tuple[str, ...]]:
+class SlamFolderReader(Reader):
+    """The reader of folders recorded for RGB-D SLAM."""
+
+    facts = SLAM
+
+    def recognise(self, path: Path) -> bool:
+        """Return whether a folder is in this format, from names alone."""
+        lists = _first(path, LISTS) is not None or all((path / name).is_file() for name in ("rgb.txt", "depth.txt"))
+        return path.is_dir() and lists and not TumReader().recognise(path)
+
+    def open(self, path: Path) -> Recording:
+        """Open a folder; raises InputError for anything that is not as the format wants it."""
+        poses_file, both = _first(path, TRAJECTORIES), _first(path, LISTS)
+        if poses_file is None:
+            raise InputError(f"{path}: expected a trajectory ({', '.join(TRAJECTORIES)}), found none")
+        trajectory, lost = _trajectory(poses_file)
+        if both is None:
+            color_files, depth_files, poses, total, missing = _by_two_lists(path, trajectory)
+        else:
+            stamps, color_files, depth_files, missing = _pairs(both)
+            # Whoever tracked them stamps poses with either time; a pose at exactly one of them is it.
+            found = [
+                interpolate_poses(*trajectory, times, max_gap_s=MAX_POSE_GAP_S, beyond_s=COLOR_TOLERANCE_S)
+                for times in stamps
+            ]
+            exact = [np.isin(np.round(times, 6), np.round(trajectory[0], 6)).sum() for times in stamps]
+            poses, known = found[int(exact[1] > exact[0])]
+            total = len(color_files)
+            if not known.any():
+                raise InputError(
+                    f"{path}: expected poses at the times of {both.name}, found none within {MAX_POSE_GAP_S:g} s among "
+                    f"{len(trajectory[0])} poses ({poses_file.name})"
+                )
+            poses = poses[known]
+            color_files, depth_files = (
+                [file for file, kept in zip(files, known, strict=True) if kept] for files in (color_files, depth_files)
+            )
+        lens, unit_m, source = camera_of(path, color_files[0])
+        return FileFrames(color_files, depth_files, [lens], [lens], depth_png(unit_m)).recording(
+            SLAM,
+            path,
+            poses=poses,
+            depth_unit_m=unit_m,
+            notes=(
+                f"camera: {source}; depth: {unit_m:g} m a step",
+                *left_out(total - len(poses), total, f"pictures have no pose of their time in {poses_file.name}"),
+            ),
+            faults=(*missing, *lost),
+        )
+
+
+def _trajectory(path: Path) -> tuple[tuple[NDArray, NDArray], tuple[str, ...]]:
+    return read_trajectory(path, 8, lambda where, row: from_quaternion(where, row[1:4], row[4:]))
+
+
+def _by_two_lists(
+    path: Path, trajectory: tuple[NDArray, NDArray]
+) -> tuple[list[Path], list[Path], NDArray, int, tuple[str, ...]]:
+    """Return files of colour and depth, poses, the number of depth images listed, and notes on files not there."""
+    color_times, colors, no_color = _image_list(path / "rgb.txt")
+    depth_times, depths, no_depth = _image_list(path / "depth.txt")
+    pairs, poses = posed_pairs(
+        path, depth_times, color_times, trajectory, tolerance_s=COLOR_TOLERANCE_S, max_gap_s=MAX_POSE_GAP_S
+    )
+    color_files, depth_files = [colors[i] for i in pairs[:, 1]], [depths[i] for i in pairs[:, 0]]
+    return color_files, depth_files, poses, len(depths), (*no_color, *no_depth)
+
+
+def _image_list(path: Path) -> tuple[NDArray, list[Path], tuple[str, ...]]:
     """Read the times and files of a list, by time, and a note on the files that are not there."""
     times: dict[Path, float] = {}
     for place, (line, found) in enumerate(words(path)):
@@ -87,3 +157,117 @@ def image_list(path: Path) -> tuple[NDArray, list[Path], tuple[str, ...]]:
     lost = [file.name for file in times if file not in there]
     notes = left_out(len(lost), len(times), f"files of {path.name} are not there ({few(lost)})")
     return np.array([times[file] for file in files]), files, notes
+
+
+def _first(path: Path, names: tuple[str, ...]) -> Path | None:
+    found = (file for name in names for file in sorted(path.glob(name)))
+    return next((file for file in found if file.is_file()), None)
+
+
+def _pairs(path: Path) -> tuple[tuple[NDArray, NDArray], list[Path], list[Path], tuple[str, ...]]:
+    """Return times (of depth, of colour), the files of colour and depth, and a note on those that are not there.
+
+    Either may come first in a line.
+    """
+    rows = []
+    for line, found in words(path):
+        where = f"{path}, line {line}"
+        if len(found) != 4:
+            raise InputError(f"{where}: expected time, file, time, file, found {len(found)} words")
+        both = numbers(where, [found[0], found[2]], finite=True), (found[1], found[3])
+        first, second = ("depth" in name.lower() for name in both[1])
+        rows.append((both[0][::-1], both[1][::-1]) if first and not second else both)  # colour, then depth
+    named = [(stamps, path.parent / color, path.parent / depth) for stamps, (color, depth) in rows]
+    there = [row for row in named if os.path.isfile(row[1]) and os.path.isfile(row[2])]
+    if not there:
+        raise InputError(f"{path}: expected lines of time, file, time, file with files that are there, found none")
+    stamps = np.array([stamps for stamps, _, _ in there])
+    missing = left_out(len(rows) - len(there), len(rows), f"pairs of {path.name} lack a file")
+    return (stamps[:, 1], stamps[:, 0]), [color for _, color, _ in there], [depth for _, _, depth in there], missing
+
+
+CAMERAS: dict[str, tuple[float, ...]] = {
+    "freiburg1": (517.3, 516.5, 318.6, 255.3, 0.2624, -0.9531, -0.0054, 0.0026, 1.1633),
+    "freiburg2": (520.9, 521.0, 325.1, 249.7, 0.2312, -0.7849, -0.0033, -0.0001, 0.9172),
+    "freiburg3": (535.4, 539.2, 320.1, 247.6),
+    "rgbd_bonn": (542.822841, 542.576870, 315.593520, 237.756098, 0.039903, -0.099343, -0.000730, -0.000144, 0.0),
+}
+"""fx, fy, cx, cy, then k1, k2, p1, p2, k3, as the pages of TUM's and Bonn's datasets give them."""
+CALIBRATED_SIZE = (640, 480)
+
+
+def camera_of(path: Path, color_file: Path, *, by_folder: bool = False) -> tuple[Lens, float, str]:
+    """Return the camera of a folder's pictures, the unit of its depth in metres, and who says so.
+
+    Looked at in this order: ``intrinsics.txt`` (3x3), ``calibration.txt`` (fx fy cx cy, as ETH3D writes it), settings
+    of ORB-SLAM (``*.yaml``), and the recording that the head of ``rgb.txt`` names, or the folder's name. No camera is
+    made up: a wrong one gives a map that looks right.
+
+    Args:
+        path: the folder.
+        color_file: a picture in it.
+        by_folder: the folder's name counts; people call theirs as TUM's, too, so that programs take them.
+
+    Raises:
+        InputError: None of them says it, or one is not as it should be.
+    """
+    width, height = image_size(color_file)
+    unit_m = DEPTH_UNIT_M
+    if (file := path / "intrinsics.txt").is_file():
+        return Lens(read_intrinsics(file, width=width, height=height)), unit_m, file.name
+    if (file := path / "calibration.txt").is_file():
+        found = [word for _, line in words(file) for word in line]
+        if len(found) not in (4, 8, 9):
+            raise InputError(f"{file}: expected fx fy cx cy, and k1 k2 p1 p2 (k3) or not, found {len(found)} numbers")
+        return _lens(str(file), (width, height), numbers(str(file), found, finite=True)), unit_m, file.name
+    for file in sorted([*path.glob("*.yaml"), *path.glob("*.yml")]):
+        if (settings := _orb_slam(file, (width, height))) is not None:
+            return *settings, file.name
+    for text, source in ((_head(path / "rgb.txt"), "rgb.txt"), (path.resolve().name.lower(), "the folder's name")):
+        key = next((k for k in CAMERAS if k in text or k.replace("freiburg", "fr") + "_" in text), None)
+        if key is None or (source != "rgb.txt" and not by_folder):
+            continue
+        if (width, height) != CALIBRATED_SIZE:
+            expected = "x".join(map(str, CALIBRATED_SIZE))
+            raise InputError(
+                f"{color_file}: expected {expected} pixels, as {key} has ({source}), found {width}x{height}; for "
+                "another camera put its 3x3 matrix in intrinsics.txt beside rgb.txt"
+            )
+        return _lens(str(path), CALIBRATED_SIZE, np.array(CAMERAS[key])), unit_m, source
+    raise InputError(
+        f"{path}: expected something that says which camera it was, found none of intrinsics.txt (3x3 matrix), "
+        "calibration.txt (fx fy cx cy), ORB-SLAM's settings (*.yaml) or a TUM recording's name in rgb.txt"
+    )
+
+
+def _lens(where: str, size: tuple[int, int], values: NDArray) -> Lens:
+    """Return the camera of fx, fy, cx, cy and what distortion follows them."""
+    fx, fy, cx, cy, *distortion = map(float, values)
+    return Lens(pinhole(where, *size, fx, fy, cx, cy), tuple(distortion) if any(distortion) else ())
+
+
+def _head(path: Path) -> str:
+    """Return the comments of a list, which name the recording it was made of."""
+    if not path.is_file():
+        return ""
+    lines = read_bytes(path, MAX_TEXT_BYTES, "a text file")[:1000].decode("utf-8", errors="replace").splitlines()
+    return " ".join(line for line in lines if line.startswith("#")).lower()
+
+
+def _orb_slam(path: Path, size: tuple[int, int]) -> tuple[Lens, float] | None:
+    """Read camera and depth unit of ORB-SLAM's settings (2: ``Camera.fx``; 3: ``Camera1.fx``); None for other YAML."""
+    text = read_bytes(path, MAX_TEXT_BYTES, "settings").decode("utf-8", errors="replace")
+    found = dict(re.findall(r"^\s*(?:Camera1?|RGBD)\.(\w+)\s*:\s*\"?([^\s\"#]+)", text, re.MULTILINE))
+    found |= dict(re.findall(r"^\s*(DepthMapFactor)\s*:\s*([^\s#]+)", text, re.MULTILINE))
+    if not {"fx", "fy", "cx", "cy"} <= set(found):
+        return None
+    if found.get("type", "PinHole").lower() not in ("pinhole", "rectified"):
+        raise InputError(f"{path}: Camera.type: expected PinHole or Rectified, found {found['type'][:30]!r}")
+    keys = ("fx", "fy", "cx", "cy", "k1", "k2", "p1", "p2", "k3")
+    values = numbers(str(path), [found.get(key, "0") for key in keys], finite=True)
+    stated = [found.get(key, str(own)) for key, own in zip(("width", "height"), size, strict=True)]
+    width, height = (int(x) for x in numbers(str(path), stated, finite=True))
+    factor = float(numbers(str(path), [found.get("DepthMapFactor", f"{1 / DEPTH_UNIT_M:g}")], finite=True)[0])
+    if factor <= 0:
+        raise InputError(f"{path}: DepthMapFactor: expected a number over 0, found {factor:g}")
+    return _lens(str(path), (width, height), values).scaled(*size), 1 / factor

@@ -184,17 +184,13 @@ class Embedding:
     """What a person should know of it, in words."""
 
 
-def open_embedding(*paths: Path, providers: Sequence[str] = ()) -> Embedding:
-    """Open both towers of an embedding.
-
-    Args:
-        paths: a folder, or the two files.
-        providers: what to run it on; see `Session`.
+def open_embedding(*paths: Path) -> Embedding:
+    """Open both towers of an embedding, from a folder or the two files.
 
     Raises:
         InputError: there are no two networks that fit together, or what they need is not beside them.
     """
-    text, vision = open_text(*paths, providers=providers), open_vision(*paths, providers=providers)
+    text, vision = open_text(*paths), open_vision(*paths)
     sizes = text.embed(["a"]).shape[1], vision.embed([np.zeros((8, 8, 3), np.uint8)]).shape[1]
     if sizes[0] != sizes[1]:
         raise InputError(
@@ -209,21 +205,20 @@ def open_embedding(*paths: Path, providers: Sequence[str] = ()) -> Embedding:
     return Embedding(text, vision, sizes[0], tuple(notes))
 
 
-def open_text(*paths: Path, providers: Sequence[str] = ()) -> TextTower:
+def open_text(*paths: Path) -> TextTower:
     """Open the tower of words in a folder, or among some files; see `open_embedding`.
 
     A file of 16 bits that onnxruntime cannot open is tried again without its optimisations, which trip over some.
     """
-    session = _find(paths, "text", providers)
-    return TextTower(session, _root(paths))
+    return TextTower(_find(paths, "text"), _root(paths))
 
 
-def open_vision(*paths: Path, providers: Sequence[str] = ()) -> VisionTower:
+def open_vision(*paths: Path) -> VisionTower:
     """Open the tower of pictures in a folder, or among some files; see `open_embedding`."""
-    return VisionTower(_find(paths, "vision", providers), _root(paths))
+    return VisionTower(_find(paths, "vision"), _root(paths))
 
 
-def _find(paths: Sequence[Path], wanted: str, providers: Sequence[str]) -> Session:
+def _find(paths: Sequence[Path], wanted: str) -> Session:
     """Open the best file that is the wanted tower; names decide only the order, inputs what it is."""
     other = "vision" if wanted == "text" else "text"
     files = [file for file in _files(paths) if _hint(file) != other]
@@ -232,7 +227,7 @@ def _find(paths: Sequence[Path], wanted: str, providers: Sequence[str]) -> Sessi
     for file in sorted(files, key=lambda file: (_hint(file) != wanted, _VARIANTS.index(_variant(file)), str(file))):
         for optimize in (True, False) if wanted == "text" else (True,):
             try:
-                session = Session(file, providers=providers, optimize=optimize)
+                session = Session(file, optimize=optimize)
             except InputError as error:
                 faults.append(error)
                 continue
@@ -495,9 +490,7 @@ def remember(tower: TextTower) -> None:
     write_whole(file, json.dumps(known, indent=1).encode(), "where embeddings lie", durable=False)
 
 
-@lru_cache(maxsize=2)
-def _opened(path: Path) -> TextTower:
-    return open_text(path)
+_opened = lru_cache(maxsize=2)(open_text)
 
 
 def _remembered() -> dict[str, Path]:

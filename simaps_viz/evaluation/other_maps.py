@@ -9,11 +9,10 @@ from simaps_viz.build import METHOD_NAMES
 from simaps_viz.build.cache import cache_key, made_folder, map_in_cache
 from simaps_viz.build.methods import build
 from simaps_viz.build.pipeline import BuildConfig
-from simaps_viz.datasets.sequence import PosedFrames
 from simaps_viz.datasets.source import FrameSource
-from simaps_viz.errors import InputError, SIMapsError
+from simaps_viz.errors import InputError
 from simaps_viz.evaluation.space import SpaceTruth, origin_of_voxels, space_truth
-from simaps_viz.evaluation.truth import find_truth, settings_of, truth_as_map, truth_of
+from simaps_viz.evaluation.truth import exact_of, settings_of, truth_as_map, truth_of
 from simaps_viz.events import BuildStarted, Event, FrameProjected, Progress
 from simaps_viz.mapping.file import load_map, save_map
 from simaps_viz.structures import SIMap
@@ -50,7 +49,7 @@ class MapMaker:
         """Return the maps that ``make`` can make for a map; none without a sequence."""
         if self._sequence is None:
             return ()
-        truth = () if _exact(self._sequence) is None else (Source(TRUTH, "Ground truth"),)
+        truth = () if exact_of(self._sequence) is None else (Source(TRUTH, "Ground truth"),)
         others = (name for name in METHOD_NAMES if name != simap.method)
         return *truth, *(Source(name, _BASELINES.get(name, f"Method {name}")) for name in others)
 
@@ -75,7 +74,7 @@ class MapMaker:
 
     def truth_in_space(self, simap: SIMap, tell: Progress) -> SpaceTruth:
         """Return the true objects in space for a map; arguments and errors as of `make`."""
-        exact = None if self._sequence is None else _exact(self._sequence)
+        exact = None if self._sequence is None else exact_of(self._sequence)
         if exact is None:
             raise InputError("comparison: expected the sequence the map was built from, with exact ids, found none")
         kept = self._kept(TRUTH, simap, exact)
@@ -88,7 +87,7 @@ class MapMaker:
 
     def _build(self, key: str, simap: SIMap, sequence: FrameSource, tell: Progress, kept: Path) -> SIMap:
         if key == TRUTH:
-            exact = _exact(sequence)
+            exact = exact_of(sequence)
             if exact is None:
                 raise InputError(f"{sequence.path}: expected exact ids, here or beside it, found none")
             tell("looking at the exact ids", 0, 1)
@@ -128,13 +127,3 @@ class _Told:
             self._total = len(event.frame_names)
         elif isinstance(event, FrameProjected):
             self._tell(self._what, event.frame.index + 1, self._total)
-
-
-def _exact(sequence: FrameSource) -> PosedFrames | None:
-    """Find the same frames with exact ids; None when there are none."""
-    if not isinstance(sequence, PosedFrames):
-        return None
-    try:
-        return find_truth(sequence)
-    except SIMapsError:
-        return None

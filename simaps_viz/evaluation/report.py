@@ -111,9 +111,9 @@ def overall_table(report: Report, *, first: str = "method", versus: str | None =
     return TextTable(_title(report), columns, tuple(rows), words=2, note=LEGEND)
 
 
-def cost_table(report: Report, *, first: str = "method") -> TextTable:
+def cost_table(report: Report) -> TextTable:
     """Lay out what the maps cost: one row for each errors and method."""
-    columns = ("errors", first, "MiB in memory", "MiB on disk", "build s", "x fastest")
+    columns = ("errors", "method", "MiB in memory", "MiB on disk", "build s", "x fastest")
     rows = []
     for errors in report.errors:
         for method in report.methods:
@@ -129,12 +129,13 @@ def ablation_table(report: Report) -> TextTable:
     return overall_table(report, first="variant", versus=report.methods[0])
 
 
-def class_table(report: Report, *, first: str = "method") -> TextTable:
+def class_table(report: Report) -> TextTable:
     """Lay out one row for each errors, class and method; below them what was found of classes that are not there."""
-    columns = ("errors", "class", first, *(name for name, _, _ in _SCORES))
+    columns = ("errors", "class", "method", *(name for name, _, _ in _SCORES))
     rows = []
     for errors in report.errors:
-        for label in _classes(report, errors):
+        runs = [run for method in report.methods for run in report.of(errors, method)]
+        for label in sorted({label for run in runs for label in run.scores.by_class}):
             for method in report.methods:
                 runs = report.of(errors, method)
                 found = [run.scores.by_class[label] for run in runs if label in run.scores.by_class]
@@ -239,10 +240,6 @@ def _times_fastest(report: Report, errors: str, method: str) -> float | None:
     means = {m: _seconds(report.of(errors, m)).mean or 0.0 for m in report.methods}
     quickest = min(means.values())
     return means[method] / quickest if quickest else None
-
-
-def _classes(report: Report, errors: str) -> list[str]:
-    return sorted({label for m in report.methods for run in report.of(errors, m) for label in run.scores.by_class})
 
 
 def _invented(report: Report, errors: str) -> list[tuple[str, str, Measured]]:

@@ -8,10 +8,10 @@ from typing import Any
 
 from simaps_viz.datasets.open import open_sequence
 from simaps_viz.datasets.sequence import PosedFrames
+from simaps_viz.drawing.sheet import save_png
 from simaps_viz.errors import InputError
-from simaps_viz.evaluation.compare import Comparison, compare_maps, compare_report
+from simaps_viz.evaluation.compare import Comparison, compare_maps, compare_report, render
 from simaps_viz.evaluation.evaluate import ERRORS, PRECOMPUTED, Build, Report, Store, evaluate
-from simaps_viz.evaluation.picture import save_picture
 from simaps_viz.evaluation.quality import (
     MIN_CELLS,
     CountScore,
@@ -30,7 +30,7 @@ from simaps_viz.evaluation.report import (
     overall_table,
     report_json,
 )
-from simaps_viz.evaluation.truth import find_truth
+from simaps_viz.evaluation.truth import exact_of
 from simaps_viz.events import Progress
 from simaps_viz.io.files import check_output, write_whole
 from simaps_viz.structures import SIMap
@@ -121,7 +121,7 @@ def run_evaluation(
     sequence = open_for_evaluation(config.sequence, progress)
     meant = resolve_classes(things_of(sequence), expected)
     report, maps, counts = None, [], {}
-    if errors or config.truth is not None or not expected or _has_truth(sequence):
+    if errors or config.truth is not None or not expected or exact_of(sequence) is not None:
         default = ("light",) if sequence.ground_truth else (PRECOMPUTED,)
         report = evaluate(
             sequence, methods, errors=errors or default, seeds=range(config.seeds), build=build,
@@ -140,7 +140,7 @@ def run_evaluation(
     if config.output is not None:
         write_json(result.to_json(), config.output)
     if config.picture is not None:
-        save_picture(comparison, config.picture)
+        save_png(render(comparison), config.picture)
     return result
 
 
@@ -174,14 +174,6 @@ def open_for_evaluation(sequence: str, progress: Progress | None) -> PosedFrames
 def is_demo(sequence: str) -> bool:
     """Return whether this names an embedded place instead of a path."""
     return sequence == DEMO or sequence.startswith(f"{DEMO}:")
-
-
-def _has_truth(sequence: PosedFrames) -> bool:
-    try:
-        find_truth(sequence)
-    except InputError:
-        return False
-    return True
 
 
 def _count(

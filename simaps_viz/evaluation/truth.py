@@ -10,8 +10,8 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from simaps_viz.datasets.manifest import few
 from simaps_viz.datasets.open import open_sequence
-from simaps_viz.datasets.segment_tables import few
 from simaps_viz.datasets.sequence import PosedFrames
 from simaps_viz.datasets.source import FrameSource, read_ahead
 from simaps_viz.errors import InputError
@@ -172,6 +172,16 @@ def find_truth(sequence: PosedFrames, given: Path | None = None) -> PosedFrames:
     if missing:
         raise InputError(f"{found.path}: expected the frames of {sequence.path}, found none of {few(missing)}")
     return found
+
+
+def exact_of(sequence: FrameSource) -> PosedFrames | None:
+    """Return the sequence with exact ids of the same frames, as `find_truth` does; None when there is none."""
+    if not isinstance(sequence, PosedFrames):
+        return None
+    try:
+        return find_truth(sequence)
+    except InputError:
+        return None
 
 
 def settings_of(simap: SIMap) -> ProjectionSettings:

@@ -1,6 +1,7 @@
 """Two maps of one place laid over one another: common window, matched colours, scores, and what differs.
 
-Objects differ by being merged, split, missed, invented or named otherwise.
+Objects differ by being merged, split, missed, invented or named otherwise. Many of them share few colours, so that near
+ones differ as far as the palette permits.
 """
 
 from collections import Counter
@@ -12,16 +13,77 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from simaps_viz.colors import palette
 from simaps_viz.colors.classes import ground_kinds
 from simaps_viz.colors.instances import instance_colors
 from simaps_viz.colors.palette import Color
-from simaps_viz.evaluation.coloring import paint, partners
+from simaps_viz.drawing.theme import LIGHT
 from simaps_viz.evaluation.quality import Objects, Overlaps, Score, ScoringRules, find_overlaps, scores_of
 from simaps_viz.evaluation.space import SpaceScores, SpaceTruth, score_space, truth_of_map
 from simaps_viz.evaluation.truth import Truth, joint_window, moved_grid, whole_cells
 from simaps_viz.geometry import moved
 from simaps_viz.mapping.in_space import has_voxels, space_points
-from simaps_viz.structures import GridSpec, SIMap
+from simaps_viz.structures import Grid, GridSpec, SIMap
+
+NO_PARTNER: Color = (150, 153, 158)
+"""An instance that overlaps no true one."""
+PALETTE: tuple[Color, ...] = tuple(c for c in palette.PALETTE if c[0] <= 1.5 * max(c[1:]))
+"""The page's colours without the reds, which are left to what marks an error (`compare.WRONG_RED`)."""
+
+
+def distinct_colors(instance: NDArray) -> dict[int, Color]:
+    """Choose a colour for every instance, the largest first: the one whose nearest user is farthest away.
+
+    Args:
+        instance: int [rows, cols], 0 = none.
+    """
+    flat = instance.reshape(-1)
+    where = np.flatnonzero(flat)
+    size = np.bincount(flat[where])
+    ids = np.flatnonzero(size)
+    row, col = np.divmod(where, instance.shape[1])
+    middle = np.stack([np.bincount(flat[where], weights=axis)[ids] / size[ids] for axis in (row, col)], axis=1)
+    order = np.lexsort((ids, -size[ids]))
+    nearest = np.full((len(ids), len(PALETTE)), np.inf)
+    chosen: dict[int, Color] = {}
+    for at in order.tolist():
+        # An unused colour is infinitely far; among those the first, so that the choice is always the same.
+        color = int(np.argmax(nearest[at]))
+        chosen[int(ids[at])] = PALETTE[color]
+        apart = np.hypot(*(middle - middle[at]).T)
+        nearest[:, color] = np.minimum(nearest[:, color], apart)
+    return chosen
+
+
+def partners(cells: NDArray, reference: NDArray) -> dict[int, int]:
+    """Return {id: the id of the reference with which it shares most cells}, the lower of equals; none without any.
+
+    Args:
+        cells: int [rows, cols], 0 = none.
+        reference: the same window.
+    """
+    both = (cells > 0) & (reference > 0)
+    pairs, shared = np.unique(np.stack([cells[both], reference[both]], axis=1), axis=0, return_counts=True)
+    best: dict[int, int] = {}
+    for at in np.argsort(-shared, kind="stable").tolist():
+        best.setdefault(int(pairs[at, 0]), int(pairs[at, 1]))
+    return best
+
+
+def paint(grid: Grid, instance: NDArray, colors: Mapping[int, Color]) -> NDArray:
+    """Colour every cell: instances in their colours (or grey), the ground below them pale.
+
+    Returns:
+        uint8 [rows, cols, 3], RGB, row 0 at the south.
+    """
+    picture = np.array(LIGHT.grounds, np.uint8)[ground_kinds(grid)]
+    palette = np.full((int(instance.max(initial=0)) + 1, 3), NO_PARTNER, np.uint8)
+    for number, color in colors.items():
+        if number < len(palette):
+            palette[number] = color
+    picture[instance > 0] = palette[instance[instance > 0]]
+    return picture
+
 
 _INSIDE = 0.5
 """Share of an object's cells from which it is said to lie on another."""
@@ -192,20 +254,6 @@ def _label_of(labels: tuple[str, ...], objects: Objects, positions: Sequence[int
     return labels[objects.label[positions[0]]] if positions else ""
 
 
-def extent_of(cells: Mapping[str, tuple[NDArray, Sequence[int]]]) -> tuple[int, int, int, int] | None:
-    """Return the (lowest row, lowest column, highest row + 1, highest column + 1) that some objects cover.
-
-    Args:
-        cells: {side: (ids int [rows, cols], which of them)}; all of one window. None when they have no cells.
-    """
-    where = [np.argwhere(np.isin(ids, list(wanted))) for ids, wanted in cells.values() if len(wanted)]
-    points = np.concatenate(where) if where else np.zeros((0, 2), np.int64)
-    if not len(points):
-        return None
-    low, high = points.min(axis=0), points.max(axis=0) + 1
-    return int(low[0]), int(low[1]), int(high[0]), int(high[1])
-
-
 BETWEEN_MAPS = ScoringRules(min_true_cells=8, min_found_cells=8)
 """Two maps are peers: what is too small to compare is so on both."""
 
@@ -356,7 +404,9 @@ def _side(named: tuple[str, SIMap], window: GridSpec, cells: NDArray, colors: di
 
 def _item(d: Difference, on_left: NDArray, on_right: NDArray, window: GridSpec, swapped: bool) -> Item:
     left, right = (d.other, d.reference) if swapped else (d.reference, d.other)
-    box = extent_of({"left": (on_left, left), "right": (on_right, right)}) or (0, 0, window.rows, window.cols)
+    # Whoever takes part has cells on at least one of the maps.
+    points = np.argwhere(np.isin(on_left, left) | np.isin(on_right, right))
+    low, high = points.min(axis=0).tolist(), (points.max(axis=0) + 1).tolist()
     s, x0, y0 = window.cell_size_m, window.x0_m, window.y0_m
-    extent = (x0 + box[1] * s, y0 + box[0] * s, x0 + box[3] * s, y0 + box[2] * s)
+    extent = (x0 + low[1] * s, y0 + low[0] * s, x0 + high[1] * s, y0 + high[0] * s)
     return Item(d.kind.value, left, right, d.label, d.other_label, extent, d.iou)

@@ -25,6 +25,8 @@ TOLERANCE_M: Final = 0.025
 """The disc may overlap what is occupied by this much: half a map cell, as a map's edges are rounded to whole cells."""
 ELBOW_ROOM_M: Final = 0.1
 """Runs start at least this much further from everything than the radius."""
+CELL_M: Final = 0.05
+"""Of the cells objects are made of; obstacles are kept on cells half as wide."""
 SPECK_CELLS: Final = 4
 """As ``BuildConfig.min_cells``: what covers less is not called an instance."""
 OPAQUE_HEIGHT_M: Final = 1.5
@@ -185,7 +187,6 @@ def observe_world(
     sequence: FrameSource,
     *,
     robot: RobotShape | None = None,
-    cell_size_m: float = 0.05,
     surface_m: NDArray | None = None,
 ) -> World:
     """Find out what is true from frames whose ids are exact and world-wide.
@@ -196,14 +197,13 @@ def observe_world(
     Args:
         sequence: with ``instances`` as its segmentation, that is, ground truth.
         robot: who will drive.
-        cell_size_m: of the cells objects are made of; obstacles are kept on cells half as wide.
         surface_m: float64 [n, 3], points on every surface, dense enough for these cells, map frame.
 
     Raises:
         InputError: the masks are not exact, or a frame is missing or damaged.
     """
     robot = robot or RobotShape()
-    tops, low = (truth_map(sequence, ProjectionSettings(cell_size_m=size)) for size in (cell_size_m, cell_size_m / 2.0))
+    tops, low = (truth_map(sequence, ProjectionSettings(cell_size_m=size)) for size in (CELL_M, CELL_M / 2.0))
     tops = replace(tops, instance=without_specks(tops.instance))
     cells = {number: np.nonzero(tops.instance == number) for number in sorted(tops.names)}
     objects = tuple(
@@ -219,21 +219,20 @@ def observe_world(
     return World(sequence.name, tops, objects, low.spec, occupied, seen, robot)
 
 
-def without_specks(ids: NDArray, smallest_cells: int = SPECK_CELLS) -> NDArray:
-    """Take from every object the patches that are smaller than so many cells, if it has a larger one.
+def without_specks(ids: NDArray) -> NDArray:
+    """Take from every object the patches of fewer than `SPECK_CELLS` cells, if it has a larger one.
 
     Sensor noise throws single pixels of an object's outline on the floor, metres behind it.
 
     Args:
         ids: int32 [rows, cols], 0 = none; patches are connected by edges or corners.
-        smallest_cells: patches of fewer cells are specks.
     """
     cleaned = ids.copy()
     for number, window in enumerate(ndimage.find_objects(ids), start=1):
         if window is not None:
             patches, _ = ndimage.label(ids[window] == number, np.ones((3, 3)))  # pyright: ignore[reportGeneralTypeIssues]
             sizes = np.bincount(patches.ravel())
-            specks = (sizes < smallest_cells) & (sizes[1:].max() >= smallest_cells)
+            specks = (sizes < SPECK_CELLS) & (sizes[1:].max() >= SPECK_CELLS)
             specks[0] = False
             cleaned[window][specks[patches]] = 0
     return cleaned

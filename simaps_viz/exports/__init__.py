@@ -6,20 +6,20 @@ This registry names the formats without loading their code, for the command line
 from typing import TYPE_CHECKING, Final, Literal
 
 REGISTRY: Final = {
-    "ros": "ros.ROSMap",
-    "nav2": "ros.Nav2Maps",
-    "geojson": "geojson.GeoJSON",
-    "csv": "records.CSV",
-    "glb": "glb.GLB",
-    "ply": "ply.PLY",
-    "coco": "panoptic.COCOPanoptic",
-    "graphml": "graphml.GraphML",
-    "spark-dsg": "scene_graph.SparkDSG",
-    "instances": "space.Instances",
-    "objects": "space.Objects",
-    "tum": "trajectory.TUMTrajectory",
+    "ros": "simaps_viz.exports.ros:ROSMap",
+    "nav2": "simaps_viz.exports.ros:Nav2Maps",
+    "geojson": "simaps_viz.exports.records:GeoJSON",
+    "csv": "simaps_viz.exports.records:CSV",
+    "glb": "simaps_viz.exports.glb:GLB",
+    "ply": "simaps_viz.exports.ply:PLY",
+    "coco": "simaps_viz.exports.panoptic:COCOPanoptic",
+    "graphml": "simaps_viz.exports.graphml:GraphML",
+    "spark-dsg": "simaps_viz.exports.scene_graph:SparkDSG",
+    "instances": "simaps_viz.exports.ply:Instances",
+    "objects": "simaps_viz.exports.records:Objects",
+    "tum": "simaps_viz.exports.trajectory:TUMTrajectory",
 }
-"""{name of a format: module of this folder and class of its `exporter.Exporter`}."""
+"""{name of a format: "module:class" of its `exporter.Exporter`}."""
 
 if TYPE_CHECKING:
     FormatName = str

@@ -1,7 +1,7 @@
 """All export formats by name, and the one function that writes them."""
 
-from importlib import import_module
 from pathlib import Path
+from pkgutil import resolve_name
 from typing import Final
 
 from simaps_viz.errors import InputError
@@ -10,13 +10,7 @@ from simaps_viz.exports.exporter import Exporter, ExportOptions
 from simaps_viz.io.files import write_all
 from simaps_viz.structures import SIMap
 
-
-def _load(where: str) -> Exporter:
-    module, name = where.split(".")
-    return getattr(import_module(f"simaps_viz.exports.{module}"), name)()
-
-
-EXPORTERS: Final[dict[str, Exporter]] = {name: _load(where) for name, where in REGISTRY.items()}
+EXPORTERS: Final[dict[str, Exporter]] = {name: resolve_name(where)() for name, where in REGISTRY.items()}
 """All formats by name, in the order in which they are listed."""
 
 

@@ -47,7 +47,10 @@ class GraphML(Exporter):
             raise InputError(f"class {label!r}: expected one with a graph on this map ({known})")
         lines = ['<?xml version="1.0" encoding="UTF-8"?>', '<graphml xmlns="http://graphml.graphdrawing.org/xmlns">']
         for owner, keys in _KEYS.items():
-            lines += [_key(owner, name, kind) for name, kind in keys.items()]
+            lines += [
+                f'<key id="{owner}.{name}" for="{owner}" attr.name="{name}" attr.type="{kind}"/>'
+                for name, kind in keys.items()
+            ]
         spec = simap.spec
         about = {
             "name": str(simap.provenance.get("name") or ""), "method": simap.method, "cell_size_m": spec.cell_size_m,
@@ -82,10 +85,6 @@ def _edges(simap: SIMap, graph: CellGraph) -> Iterator[str]:
 
 def _cells(simap: SIMap, graph: CellGraph) -> list[tuple[int, int]]:
     return [divmod(cell, simap.spec.cols) for cell in graph.cells.tolist()]
-
-
-def _key(owner: str, name: str, kind: str) -> str:
-    return f'<key id="{owner}.{name}" for="{owner}" attr.name="{name}" attr.type="{kind}"/>'
 
 
 def _data(owner: str, known: dict[str, Any]) -> str:

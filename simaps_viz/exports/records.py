@@ -1,7 +1,12 @@
-"""The instances as records: names, colours, columns of numbers, exact outlines; and the table of them as CSV."""
+"""The instances as records: names, colours, numbers, exact outlines; and the files made of them: CSV, GeoJSON, JSON.
+
+GeoJSON is in local metres: x (east) and y (north) of the map frame. RFC 7946 knows longitude and latitude only, so a
+reader that does not know better takes them for degrees; the foreign member ``coordinates_are`` says what they are.
+"""
 
 import csv
 import io
+import json
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -14,7 +19,8 @@ from simaps_viz.colors.classes import class_color
 from simaps_viz.colors.instances import class_colors, color_of_instance
 from simaps_viz.colors.palette import Color
 from simaps_viz.exports.exporter import Exporter, ExportOptions
-from simaps_viz.structures import GridSpec, Instance, SIMap
+from simaps_viz.mapping.in_space import all_instances, has_voxels
+from simaps_viz.structures import GridSpec, Instance, Room, SIMap
 
 COLUMNS: tuple[str, ...] = (
     "id", "name", "label", "cells", "area_m2", "x_m", "y_m", "z_m", "x_min_m", "y_min_m", "z_min_m",
@@ -44,25 +50,76 @@ class CSV(Exporter):
         return {path: text.getvalue().encode()}
 
 
+class GeoJSON(Exporter):
+    """The instances and the rooms as polygons."""
+
+    endings = (".geojson", ".json")
+    own_endings = (".geojson",)
+
+    def files(self, simap: SIMap, path: Path, options: ExportOptions) -> dict[Path, bytes]:
+        """Return a FeatureCollection of the instances, then the rooms: their outlines with holes, and facts."""
+        collection = {
+            "type": "FeatureCollection",
+            "coordinates_are": {
+                "frame": "map: x east, y north, floor at z = 0; no geographic reference system",
+                "unit": "metre",
+                "T_map_world": [list(map(float, row)) for row in simap.T_map_world],
+            },
+            "map": origin(simap),
+            "bbox": [round(v, 9) for v in simap.spec.extent_m],
+            "features": [
+                *(_feature(simap, instance) for instance in simap.instances),
+                *(_room_feature(simap, room) for room in simap.rooms),
+            ],
+        }
+        return {path: json.dumps(collection, ensure_ascii=False, indent=1).encode()}
+
+
+def _feature(simap: SIMap, instance: Instance) -> dict[str, Any]:
+    geometry = _geometry(polygons_m(simap, instance))
+    return {"type": "Feature", "id": instance.id, "geometry": geometry, "properties": record(simap, instance)}
+
+
+def _room_feature(simap: SIMap, room: Room) -> dict[str, Any]:
+    facts = {"name": room.name, "label": "room", "kind": room.kind, "area_m2": room.area_m2, "objects": room.objects}
+    geometry = _geometry(mask_polygons_m(simap.spec, simap.room_cells == room.id))
+    return {"type": "Feature", "id": f"room-{room.id}", "geometry": geometry, "properties": facts}
+
+
+def _geometry(polygons: list[list[list[tuple[float, float]]]]) -> dict[str, Any]:
+    one = len(polygons) == 1
+    return {"type": "Polygon" if one else "MultiPolygon", "coordinates": polygons[0] if one else polygons}
+
+
+class Objects(Exporter):
+    """The objects with their boxes, and what they stand on, under and in, as JSON."""
+
+    endings = (".json",)
+
+    def files(self, simap: SIMap, path: Path, options: ExportOptions) -> dict[Path, bytes]:
+        """Return {"objects": [...]}; lengths in metres of the map frame, see `space_record`."""
+        room_of = {number: room.id for room in simap.rooms for number in room.objects}
+        objects: list[dict[str, Any]] = []
+        for one in all_instances(simap):
+            if one.box is not None:
+                facts = space_record(one)
+                objects.append({"id": one.id, "label": one.label, **facts, "room": room_of.get(one.id)})
+        about = {
+            "frame": "map: x east, y north, z up, floor at z = 0", "unit": "metre", "map": origin(simap),
+            "boxes_from": "surface voxels" if has_voxels(simap) else "columns",
+        }  # fmt: skip
+        return {path: json.dumps({**about, "objects": objects}, ensure_ascii=False, indent=1).encode()}
+
+
 def node_name(instance: Instance) -> str:
     """Name an instance as it is called in every export, e.g. "chair-7": its class and id."""
     return f"{instance.label}-{instance.id}"
-
-
-def color_of(simap: SIMap, instance: Instance) -> Color:
-    """Return the instance's colour on the page, RGB, 0-255."""
-    return color_of_instance(simap, instance.id)
 
 
 def label_colors(simap: SIMap) -> list[Color]:
     """Return the colour on the page of every class of ``simap.grid.labels``, RGB, 0-255."""
     things = class_colors(simap)
     return [things.get(name, class_color(name)) for name in simap.grid.labels]
-
-
-def hex_color(simap: SIMap, instance: Instance) -> str:
-    """Return the instance's colour on the page, "#rrggbb"."""
-    return "#{:02x}{:02x}{:02x}".format(*color_of(simap, instance))
 
 
 def record(simap: SIMap, instance: Instance) -> dict[str, Any]:
@@ -82,7 +139,7 @@ def record(simap: SIMap, instance: Instance) -> dict[str, Any]:
         **{key: round(value, 6) for key, value in metres.items()},
         "frames": instance.frames,
         "score": round(instance.score, 6),
-        "color": hex_color(simap, instance),
+        "color": "#{:02x}{:02x}{:02x}".format(*color_of_instance(simap, instance.id)),
     }
 
 

@@ -11,11 +11,12 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
+from simaps_viz.colors.instances import color_of_instance
 from simaps_viz.colors.palette import Color
 from simaps_viz.datasets.source import FrameSource
 from simaps_viz.events import Progress
 from simaps_viz.exports.exporter import ExportOptions
-from simaps_viz.exports.records import color_of, label_colors, node_name
+from simaps_viz.exports.records import label_colors, node_name
 from simaps_viz.geometry import back_project, spread, transform_points
 from simaps_viz.mapping.in_space import VOXEL_M as VOXEL_EDGE_M
 from simaps_viz.mapping.in_space import all_instances, space_points
@@ -64,7 +65,7 @@ def parts(simap: SIMap) -> Iterator[Part]:
     """
     for one in simap.instances:
         vertices, faces = _columns(simap, simap.instance == one.id, closed=True)
-        yield Part(node_name(one), one.label, one.id, color_of(simap, one), vertices, faces)
+        yield Part(node_name(one), one.label, one.id, color_of_instance(simap, one.id), vertices, faces)
     colors = label_colors(simap)
     rest = (simap.instance == 0) & ~np.isnan(simap.grid.height_m)
     for index in np.unique(simap.grid.label[rest]).tolist():

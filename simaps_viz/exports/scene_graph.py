@@ -11,9 +11,10 @@ from typing import Any, Final
 
 import numpy as np
 
+from simaps_viz.colors.instances import color_of_instance
 from simaps_viz.colors.palette import Color, color_of_number
 from simaps_viz.exports.exporter import Exporter, ExportOptions
-from simaps_viz.exports.records import color_of, node_name, record, space_record
+from simaps_viz.exports.records import node_name, record, space_record
 from simaps_viz.mapping.in_space import all_instances, has_voxels
 from simaps_viz.structures import Box, Instance, Room, SIMap
 
@@ -63,7 +64,7 @@ class SparkDSG(Exporter):
 
 def _object(simap: SIMap, instance: Instance) -> dict[str, Any]:
     low, high = instance.aabb_m
-    color = color_of(simap, instance)
+    color = color_of_instance(simap, instance.id)
     box = instance.box if has_voxels(simap) else None
     attributes = {
         **_attributes("ObjectNodeAttributes", node_name(instance), instance.centroid_m, color),

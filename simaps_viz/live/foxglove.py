@@ -124,7 +124,11 @@ class FoxgloveLink(RobotLink):
         except (ValueError, KeyError, TypeError, AttributeError, OverflowError, RecursionError):
             return  # what cannot be read is not meant for us
         if changed:
-            self._on_topics({topic: _full(kind) for topic, kind in self._channels.values()})
+            # Types as ROS 2 names them: pkg/msg/Type.
+            self._on_topics({
+                topic: kind if "/msg/" in kind else kind.replace("/", "/msg/", 1)
+                for topic, kind in self._channels.values()
+            })  # fmt: skip
             with self._lock:
                 self._subscribe()
 
@@ -149,8 +153,3 @@ class FoxgloveLink(RobotLink):
         except (OSError, WebSocketException):
             return False
         return True
-
-
-def _full(kind: str) -> str:
-    """Return a type as ROS 2 names it: "pkg/msg/Type"."""
-    return kind if "/msg/" in kind else kind.replace("/", "/msg/", 1)

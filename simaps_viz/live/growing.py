@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 from simaps_viz.build.pipeline import BuildConfig
 from simaps_viz.datasets.gravity import estimate_gravity
 from simaps_viz.errors import InputError
-from simaps_viz.events import BuildFinished, CommunitiesFound, FrameProjected, MergesFound, Observer
+from simaps_viz.events import BuildFinished, CommunitiesFound, FrameProjected, MergesFound, Observer, notify
 from simaps_viz.geometry import invert_pose, map_from_world
 from simaps_viz.live.forgetting import Forgetting
 from simaps_viz.live.relocalise import Placement, as_steps, find_placement
@@ -357,8 +357,7 @@ class GrowingMap:
             MergesFound(found.grid, found.community, found.log, applied),
             BuildFinished(simap),
         ):
-            for observer in observers:
-                observer.on_event(event)
+            notify(observers, event)
         self._newest = simap
         return simap
 

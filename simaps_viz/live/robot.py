@@ -26,10 +26,9 @@ from simaps_viz.datasets.ros_messages import (
 from simaps_viz.datasets.rosbag import time_name
 from simaps_viz.errors import InputError, one_line
 from simaps_viz.io.limits import MAX_SEGMENT_ID
-from simaps_viz.live.assembly import Assembler, Bundle, Message
 from simaps_viz.live.source import Correction, Shot, Traffic
 from simaps_viz.live.topics import ODOMETRY, STRING, Chosen, TopicNames, choose_topics
-from simaps_viz.live.transforms import LiveTransforms
+from simaps_viz.live.transforms import Assembler, Bundle, LiveTransforms, Message
 from simaps_viz.structures import Frame, Segment, Segmentation
 
 OFFER_S = 10.0

@@ -13,7 +13,7 @@ import numpy as np
 from simaps_viz.build.pipeline import BuildConfig
 from simaps_viz.build.seen_colors import with_colors
 from simaps_viz.errors import InputError
-from simaps_viz.events import BuildStarted, Event, Observer
+from simaps_viz.events import BuildStarted, Observer, notify
 from simaps_viz.live.growing import GrowingMap, warm_up
 from simaps_viz.live.source import Shot, Source, Traffic
 from simaps_viz.mapping.file import check_writable, save_map
@@ -91,7 +91,7 @@ class LiveRun:
         observers = (*observers, *request.observers)
         check_writable(request.output)
         source = request.source
-        _notify(observers, self.started())
+        notify(observers, self.started())
         warm_up(request.config)
         self._last_s = time.monotonic()
         with ThreadPoolExecutor(1, "live-masks") as pool:
@@ -106,7 +106,7 @@ class LiveRun:
             for one in masks.rest(growing) if masks is not None else ():
                 self._put(one, observers)
         for event in growing.finish_waiting():
-            _notify(observers, event)
+            notify(observers, event)
         return self._save(observers)
 
     def _put(self, shot: Shot | None, observers: Sequence[Observer]) -> None:
@@ -123,7 +123,7 @@ class LiveRun:
             return
         self.traffic.place(shot)
         for event in events:
-            _notify(observers, event)
+            notify(observers, event)
 
     def _silent(self) -> bool:
         limit_s = self.request.idle_stop_s
@@ -184,8 +184,3 @@ class _Masks:
         if self._by_geometry and growing.T_map_world is not None:
             found = add_stuff(shot.frame, found, growing.T_map_world @ shot.frame.T_world_camera)
         return replace(shot, segmentation=found)
-
-
-def _notify(observers: Sequence[Observer], event: Event) -> None:
-    for observer in observers:
-        observer.on_event(event)

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, fields
+from itertools import takewhile
 from typing import Any
 
 from simaps_viz.errors import InputError
@@ -125,12 +126,8 @@ def _has(topic: str, *parts: str) -> bool:
 
 def _shared(one: str, other: str) -> list[str]:
     """Return the leading parts that two names share."""
-    parts = []
-    for a, b in zip(one.strip("/").split("/"), other.strip("/").split("/"), strict=False):
-        if a != b:
-            break
-        parts.append(a)
-    return parts
+    pairs = zip(one.strip("/").split("/"), other.strip("/").split("/"), strict=False)
+    return [part for part, _ in takewhile(lambda pair: pair[0] == pair[1], pairs)]
 
 
 def _list(offered: Iterable[str]) -> str:

@@ -12,9 +12,8 @@ from sequences import write_tiny_sequence
 from simaps_viz import open_sequence
 from simaps_viz.app.live import source_workbench
 from simaps_viz.build.pipeline import BuildConfig
-from simaps_viz.live.played import PlayedSequence
 from simaps_viz.live.run import LiveRequest
-from simaps_viz.live.source import Traffic
+from simaps_viz.live.source import PlayedSequence, Traffic
 from simaps_viz.mapping.file import load_map
 
 FIRST, LAST = 8, 20

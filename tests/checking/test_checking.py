@@ -23,11 +23,11 @@ from scipy.spatial.transform import Rotation
 
 from simaps_viz.checking.agreement import Views, relative_poses, residuals
 from simaps_viz.checking.diagnose import Diagnosis, diagnose
-from simaps_viz.checking.picture import save_picture
 from simaps_viz.checking.recording import OPENGL, ROS, Convention, conventions, open_recording, signed_permutations
-from simaps_viz.checking.run import write_fixed
+from simaps_viz.checking.run import draw, write_fixed
 from simaps_viz.cli.main import main
 from simaps_viz.datasets.open import open_sequence
+from simaps_viz.drawing.sheet import save_png
 from simaps_viz.errors import InputError
 from simaps_viz.geometry import back_project, invert_pose, project, transform_points
 
@@ -392,7 +392,7 @@ def test_nothing_half_written(room: Path, tmp_path: Path, monkeypatch: pytest.Mo
     with pytest.raises(InputError, match="could not write the correction: No space left"):
         write_fixed(diagnosis)
     with pytest.raises(InputError, match="could not write the picture"):
-        save_picture(diagnosis, folder / "evidence.png")
+        save_png(draw(diagnosis), folder / "evidence.png")
     assert sorted(path.name for path in folder.iterdir()) == before
 
 

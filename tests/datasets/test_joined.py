@@ -12,7 +12,7 @@ from simaps_viz import load_map, open_sequence
 from simaps_viz.build.pipeline import BuildConfig, build_map
 from simaps_viz.build.workers import reopening
 from simaps_viz.cli.main import main
-from simaps_viz.datasets.joined import JoinedFrames
+from simaps_viz.datasets.source import JoinedFrames
 from simaps_viz.errors import InputError
 
 FRAMES = 9

@@ -27,8 +27,7 @@ from scans_clouds import (
 )
 
 from simaps_viz import BuildConfig, build_map, open_sequence
-from simaps_viz.datasets.cloud_files import lzf_unpack, read_pcd, read_ply
-from simaps_viz.datasets.clouds import CloudSettings, depth_of_cloud, gap_pixels
+from simaps_viz.datasets.clouds import CloudSettings, depth_of_cloud, gap_pixels, lzf_unpack, read_pcd, read_ply
 from simaps_viz.datasets.convert import write_posed_frames
 from simaps_viz.errors import InputError
 from simaps_viz.geometry import back_project, transform_points

@@ -10,9 +10,8 @@ from judged_maps import drawn, map_of_ids
 from toy_maps import toy_map
 
 from simaps_viz.errors import InputError
-from simaps_viz.evaluation.coloring import NO_PARTNER
 from simaps_viz.evaluation.quality import ScoringRules, find_overlaps
-from simaps_viz.evaluation.two_maps import NO_DIFFERENCE, Kind, as_reference, compare_two, find_differences
+from simaps_viz.evaluation.two_maps import NO_DIFFERENCE, NO_PARTNER, Kind, as_reference, compare_two, find_differences
 from simaps_viz.mapping.simap import repartition
 
 PEERS = ScoringRules(min_true_cells=8, min_found_cells=8)

@@ -15,17 +15,18 @@ from simaps_viz.datasets.open import open_sequence
 from simaps_viz.errors import InputError
 from simaps_viz.evaluation.navigation import (
     TRUE_MAP,
+    Drive,
     automatic_share,
     carry_out,
     evaluate_navigation,
     gains_over,
+    judge,
     navigation_json,
     navigation_text,
     strict_share,
+    true_objects_of,
 )
-from simaps_viz.evaluation.referents import TrueGoal
-from simaps_viz.evaluation.scoring import Drive, judge, true_objects_of
-from simaps_viz.evaluation.tasks import AWAY_M, FAMILIES, PHRASINGS, Task, is_ambiguous, make_tasks
+from simaps_viz.evaluation.tasks import AWAY_M, FAMILIES, PHRASINGS, Task, TrueGoal, is_ambiguous, make_tasks
 from simaps_viz.language.commands import read_command
 from simaps_viz.navigation.agent import answer
 from simaps_viz.structures import Pose2

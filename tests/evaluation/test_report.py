@@ -15,16 +15,24 @@ from toy_maps import toy_map
 
 from simaps_viz.build.pipeline import BuildConfig, build_map
 from simaps_viz.datasets.open import open_sequence
-from simaps_viz.drawing.sheet import INK
+from simaps_viz.drawing.sheet import INK, save_png
 from simaps_viz.errors import InputError
-from simaps_viz.evaluation.coloring import NO_PARTNER, PALETTE, distinct_colors
-from simaps_viz.evaluation.compare import Verdict, compare_maps, compare_report, missed_ids, verdicts
+from simaps_viz.evaluation.compare import (
+    WRONG_RED,
+    Verdict,
+    compare_maps,
+    compare_report,
+    missed_ids,
+    panel_image,
+    render,
+    verdicts,
+)
 from simaps_viz.evaluation.evaluate import Footprint, Report, Run, WithSimulatedErrors, evaluate, evaluate_variants
-from simaps_viz.evaluation.picture import WRONG_RED, panel_image, save_picture
 from simaps_viz.evaluation.quality import ScoringRules, find_overlaps, parse_counts, score, score_counts, scores_of
 from simaps_viz.evaluation.report import Measured, ablation_table, class_table, cost_table, overall_table, report_json
 from simaps_viz.evaluation.run import EvaluationConfig, run_evaluation
 from simaps_viz.evaluation.truth import truth_map
+from simaps_viz.evaluation.two_maps import NO_PARTNER, PALETTE, distinct_colors
 from simaps_viz.mapping.file import save_map
 from simaps_viz.scenes.demo import DemoSettings, ensure_demo
 
@@ -215,7 +223,7 @@ def test_maps_without_truth_take_their_colours_from_the_first():
 
 def test_the_picture_is_a_whole_png_north_up(tmp_path):
     comparison = compare_report(drawn_report(drawn("1.\n.."), drawn("1.\n..")))
-    save_picture(comparison, tmp_path / "maps.png")
+    save_png(render(comparison), tmp_path / "maps.png")
     image = cv2.imread(str(tmp_path / "maps.png"))
     assert image is not None and [p.name for p in tmp_path.iterdir()] == ["maps.png"]
     rows, cols = np.nonzero((image[..., ::-1] == PALETTE[0]).all(-1))
@@ -224,7 +232,7 @@ def test_the_picture_is_a_whole_png_north_up(tmp_path):
     assert (shown[:8, :8] == PALETTE[0]).all(-1).any() and not (shown[8:] == PALETTE[0]).all(-1).any()
     for bad in (tmp_path / "maps.jpg", tmp_path / "no" / "maps.png", tmp_path):
         with pytest.raises(InputError):
-            save_picture(comparison, bad)
+            save_png(render(comparison), bad)
 
 
 def test_an_evaluation_writes_what_was_asked_for(cafe, tmp_path):

@@ -10,9 +10,9 @@ from worlds import PLATES, ROOM_M, world_of, write_room
 
 from simaps_viz.datasets.open import open_sequence
 from simaps_viz.errors import InputError
-from simaps_viz.evaluation import referents
-from simaps_viz.evaluation.referents import ranked
-from simaps_viz.evaluation.scoring import FORWARD_M, TURN_RAD, drive_through, legs_of
+from simaps_viz.evaluation import tasks
+from simaps_viz.evaluation.navigation import FORWARD_M, TURN_RAD, drive_through, legs_of
+from simaps_viz.evaluation.tasks import ranked
 from simaps_viz.evaluation.world import ELBOW_ROOM_M, observe_world, without_specks
 from simaps_viz.navigation.planner import RobotShape
 from simaps_viz.navigation.robot import Goal
@@ -167,7 +167,7 @@ def test_ranks_are_clear_or_not_given(values, n, others, meant):
 
 def test_closest_things_of_the_toy_map():
     chairs = TOY.of_class("chair")
-    found = [referents.nth_closest(chairs, HERE, n) for n in (1, 2, 3)]
+    found = [tasks.nth_closest(chairs, HERE, n) for n in (1, 2, 3)]
     # chairs 1 and 3 are 1.33 m and 1.22 m off: too close to call; chair 4 is clearly the third
     assert [f.id if f else None for f in found] == [None, None, 4]
 
@@ -176,43 +176,43 @@ def test_closest_things_of_the_toy_map():
     ("side", "n", "meant"), [("north", 1, 1), ("south", 1, None), ("west", 1, 3), ("east", 1, 4), ("east", 3, 3)]
 )
 def test_counting_from_a_compass_side(side, n, meant):
-    found = referents.nth_from(TOY.of_class("chair"), side, n, TOY_POSE)
+    found = tasks.nth_from(TOY.of_class("chair"), side, n, TOY_POSE)
     assert (found.id if found else None) == meant
 
 
 def test_left_and_right_need_all_of_them_ahead():
     tables = TOY.of_class("dining table")
     looking_east = Pose2.from_heading(-0.5, 0.0, 90.0)
-    assert getattr(referents.nth_from(tables, "left", 1, looking_east), "id", None) == 6
-    assert getattr(referents.nth_from(tables, "right", 1, looking_east), "id", None) == 8
-    assert referents.nth_from(tables, "left", 1, TOY_POSE) is None  # one table is partly behind
+    assert getattr(tasks.nth_from(tables, "left", 1, looking_east), "id", None) == 6
+    assert getattr(tasks.nth_from(tables, "right", 1, looking_east), "id", None) == 8
+    assert tasks.nth_from(tables, "left", 1, TOY_POSE) is None  # one table is partly behind
 
 
 def test_nearest_to_another():
     chairs, couch, plant = TOY.of_class("chair"), TOY.of_class("couch"), TOY.of_class("potted plant")
-    assert getattr(referents.nearest_to(chairs, plant, HERE), "id", None) == 4
-    assert getattr(referents.nearest_to(chairs, couch, HERE), "id", None) == 1
+    assert getattr(tasks.nearest_to(chairs, plant, HERE), "id", None) == 4
+    assert getattr(tasks.nearest_to(chairs, couch, HERE), "id", None) == 1
 
 
 def test_what_is_in_view_is_clear_of_walls_and_edges():
     north = Pose2.from_heading(0.5, -0.5, 0.0)
-    assert [o.id for o in referents.in_view(TOY, TOY.of_class("dining table"), north) or ()] == [6]
-    assert referents.in_view(TOY, TOY.of_class("potted plant"), TOY_POSE) == []  # behind the wall
+    assert [o.id for o in tasks.in_view(TOY, TOY.of_class("dining table"), north) or ()] == [6]
+    assert tasks.in_view(TOY, TOY.of_class("potted plant"), TOY_POSE) == []  # behind the wall
 
 
 def test_between_lies_in_the_gap_and_beside_on_the_side():
     a, b = TOY.by_id(3), TOY.by_id(1)
-    goal = referents.between(TOY, a, b)
+    goal = tasks.between(TOY, a, b)
     assert goal is not None
     assert goal.point_m is not None
     point = np.array(goal.point_m)
     assert a.distance_m(point) == pytest.approx(b.distance_m(point), abs=0.1)
-    assert referents.beside(TOY, b, "west") is None and referents.beside(TOY, b, "east") is None  # table, wall
-    south = referents.beside(TOY, b, "south")
+    assert tasks.beside(TOY, b, "west") is None and tasks.beside(TOY, b, "east") is None  # table, wall
+    south = tasks.beside(TOY, b, "south")
     assert south is not None
     assert south.point_m == pytest.approx((1.25, 1.7 - 0.5))
-    assert referents.side_error_m(TOY, south, south.point_m or ()) == 0.0
-    assert referents.side_error_m(TOY, south, (1.25, 2.6)) == pytest.approx(0.2 + 0.7)
+    assert tasks.side_error_m(TOY, south, south.point_m or ()) == 0.0
+    assert tasks.side_error_m(TOY, south, (1.25, 2.6)) == pytest.approx(0.2 + 0.7)
 
 
 def test_a_thing_that_no_robot_can_reach_is_not_asked_for():
@@ -230,5 +230,5 @@ def test_a_thing_that_no_robot_can_reach_is_not_asked_for():
         cells=8,
     )
     world = world_of(walled)
-    assert not referents.is_approachable(world, world.by_id(1))
-    assert all(referents.is_approachable(TOY, o) for o in TOY.objects)
+    assert not tasks.is_approachable(world, world.by_id(1))
+    assert all(tasks.is_approachable(TOY, o) for o in TOY.objects)

@@ -16,9 +16,8 @@ from simaps_viz.drawing.legend import facts_html
 from simaps_viz.live import forgetting, growing
 from simaps_viz.live.forgetting import CLEAR, FRAMES, THERE, UNKNOWN, count_clear, see_through
 from simaps_viz.live.growing import GrowingMap
-from simaps_viz.live.played import PlayedSequence
 from simaps_viz.live.run import LiveRequest, LiveRun
-from simaps_viz.live.source import Shot
+from simaps_viz.live.source import PlayedSequence, Shot
 from simaps_viz.mapping.changes import Change, as_json, changes_in
 from simaps_viz.mapping.file import load_map, save_map
 from simaps_viz.mapping.tiles import AREA, SIDE

@@ -21,7 +21,7 @@ from simaps_viz.app.live import source_workbench
 from simaps_viz.build.pipeline import BuildConfig, build_map
 from simaps_viz.cli.main import main
 from simaps_viz.errors import InputError
-from simaps_viz.live import assembly, robot, run
+from simaps_viz.live import robot, run, transforms
 from simaps_viz.live.foxglove import FoxgloveLink
 from simaps_viz.live.out import MAP, OBJECTS, OUT, MapPublisher
 from simaps_viz.live.robot import RobotSource
@@ -276,20 +276,20 @@ def test_pictures_pair_by_their_stamps_and_not_by_their_order():
             pass
 
     poses: Any = Poses()
-    one: Any = assembly.Assembler(("masks",), poses, Traffic())
+    one: Any = transforms.Assembler(("masks",), poses, Traffic())
     ms = 10**6
     for stamp in (0, 33, 66, 100):
-        one.add("depth", assembly.Message(stamp * ms, None, 0))
-    one.add("masks", assembly.Message(33 * ms, None, 0))
+        one.add("depth", transforms.Message(stamp * ms, None, 0))
+    one.add("masks", transforms.Message(33 * ms, None, 0))
     first, second = one.take(), one.take()
     assert first.masks is None and second.depth.stamp_ns == second.masks.stamp_ns == 33 * ms
     assert one.take() is None  # may still come
-    one.add("masks", assembly.Message(105 * ms, None, 0))
+    one.add("masks", transforms.Message(105 * ms, None, 0))
     assert one.take().masks is None and one.take().masks.stamp_ns == 105 * ms
-    one.add("depth", assembly.Message(200 * ms, None, 0))
-    one.add("masks", assembly.Message(185 * ms, None, 0))
+    one.add("depth", transforms.Message(200 * ms, None, 0))
+    one.add("masks", transforms.Message(185 * ms, None, 0))
     assert one.take() is None  # near, but a nearer one may come
-    one.add("masks", assembly.Message(200 * ms, None, 0))
+    one.add("masks", transforms.Message(200 * ms, None, 0))
     assert one.take().masks.stamp_ns == 200 * ms
 
 

@@ -14,11 +14,10 @@ from simaps_viz.app.live import run_source, source_workbench
 from simaps_viz.build.pipeline import BuildConfig, build_map
 from simaps_viz.cli.main import main
 from simaps_viz.errors import InputError
-from simaps_viz.live import growing, played
+from simaps_viz.live import growing
 from simaps_viz.live.growing import GrowingMap
-from simaps_viz.live.played import PlayedSequence, times_of
 from simaps_viz.live.run import LiveRequest, LiveRun
-from simaps_viz.live.source import Correction, Shot
+from simaps_viz.live.source import Correction, PlayedSequence, Shot, times_of
 from simaps_viz.mapping.file import load_map
 
 FRAMES = 9
@@ -55,7 +54,7 @@ def test_a_sequence_played_to_its_end_makes_the_map_of_its_build(tiny, tmp_path,
 
 
 def test_frames_that_are_late_show_what_is_free_and_name_nothing(tiny, tmp_path, monkeypatch):
-    monkeypatch.setattr(played, "LATE_S", -1.0)
+    monkeypatch.setattr("simaps_viz.live.source.LATE_S", -1.0)
     simap, run = live(PlayedSequence(tiny), tmp_path)
     built = build_map(tiny)
     same(simap, built, but=(1, 3, 5, 6))

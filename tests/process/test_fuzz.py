@@ -20,7 +20,7 @@ from hypothesis import strategies as st
 
 from simaps_viz import open_sequence
 from simaps_viz.datasets.calibration import pose_rows
-from simaps_viz.datasets.cloud_files import read_pcd, read_ply
+from simaps_viz.datasets.clouds import read_pcd, read_ply
 from simaps_viz.datasets.file_frames import read_array
 from simaps_viz.datasets.images import read_color
 from simaps_viz.datasets.manifest import read_json
