@@ -418,7 +418,7 @@ class VLMapsAccumulator:
 
     def seen(self, grid: Grid) -> Readings:
         """Return which segments saw the cells of the finished map."""
-        return gather_readings(self._heights.readings, self._segments, self.origin_cell, grid)
+        return gather_readings(self._heights.readings, self._segments, self.origin_cell, grid.labels, grid.spec.cols)
 
     @property
     def origin_cell(self) -> tuple[int, int]:

@@ -137,13 +137,14 @@ def run_build(
     del building  # with its tiles, whose memory the graphs can use
 
     # 2. The method names the cells, makes their graphs, and finds communities and how they merge.
-    found = finalize.apply_method(seen, config)
+    found, frames = finalize.apply_method(seen, config), seen.frames
+    del seen  # with the layers that the method has replaced
     notify(observers, CommunitiesFound(found.grid, found.community, len(sequence) - 1, final=True))
     threshold = joining_threshold(config.method, config.parameters())
     notify(observers, MergesFound(found.grid, found.community, found.log, applied_steps(found.log, threshold)))
 
     # 3. Merged communities are instances; the frames that saw them are counted.
-    simap = finalize.map_of(found, seen.frames, facts, config)
+    simap = finalize.map_of(found, frames, facts, config)
     notify(observers, BuildFinished(simap))
     return simap
 

@@ -103,9 +103,10 @@ class MapAccumulator:
     def readings_on(self, grid: Grid) -> AllReadings:
         """Return the readings of all frames on the map as it is now; those on disk are read as they are used."""
         if not self.frames.all_held:
-            return StreamedReadings(self.frames, self.origin_cell, grid)
+            return StreamedReadings(self.frames, self.origin_cell, grid.labels, grid.spec.cols)
         frames = list(self.frames)
-        return gather_readings([f.readings for f in frames], [f.segments for f in frames], self.origin_cell, grid)
+        readings, segments = [f.readings for f in frames], [f.segments for f in frames]
+        return gather_readings(readings, segments, self.origin_cell, grid.labels, grid.spec.cols)
 
     def add_frame(self, frame: Frame, segmentation: Segmentation, T_map_camera: NDArray) -> NDArray:
         """Put a frame on the grid and count its links; frames come in the order of their indices.

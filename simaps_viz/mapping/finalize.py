@@ -7,6 +7,7 @@ from importlib.metadata import version
 from typing import Any, Protocol
 
 import numpy as np
+from numba import njit
 from numpy.typing import NDArray
 
 from simaps_viz.mapping.accumulator import MapAccumulator
@@ -71,8 +72,8 @@ def facts_from_json(values: Mapping[str, Any]) -> SequenceFacts:
     )
 
 
-_OBSTACLE_SHARE, _THING_SHARE = 0.2, 0.05
-"""Shares of the frames that saw a cell in which an obstacle, or a thing, that stands there is seen at least."""
+_OBSTACLE_IN, _THING_IN = 5, 20
+"""An obstacle, or a thing, that stands in a cell is seen there in one of so many frames at least."""
 
 
 def gathered(accumulator: MapAccumulator) -> Gathered:
@@ -148,13 +149,28 @@ def without_passers_by(grid: Grid, readings: AllReadings, obstacle_m: float) -> 
     there; where the cell's class is a thing, fewer than one in twenty, as dark chairs return little depth. Frames of a
     live map that came without masks are not asked: they have no readings.
     """
-    hits, asked = np.zeros(grid.label.size, np.int64), np.zeros(grid.label.size, np.int64)
+    # A frame counts one, one that hit something takes off as many as a hit outweighs: above 0, too few have hit.
+    take_off = np.where(grid.is_thing, _THING_IN, _OBSTACLE_IN).astype(np.int32)
+    balance = np.zeros(grid.label.size, np.int32)
     for part in readings.batches():
-        asked += np.bincount(part.cell, minlength=len(asked))
-        hits += np.bincount(part.cell[part.height_m >= obstacle_m], minlength=len(hits))
-    share = np.where(np.asarray(grid.is_thing)[grid.label], _THING_SHARE, _OBSTACLE_SHARE)
-    passing = hits.reshape(grid.label.shape) < share * asked.reshape(grid.label.shape)
-    return replace(grid, lowest_m=np.where(passing, np.float32(np.nan), grid.lowest_m))
+        _ask(part.cell, part.height_m >= obstacle_m, take_off, grid.label.reshape(-1), balance)
+    lowest = grid.lowest_m.copy()
+    lowest[balance.reshape(lowest.shape) > 0] = np.nan
+    return replace(grid, lowest_m=lowest)
+
+
+@njit(cache=True, nogil=True)
+def _ask(
+    cell: NDArray,  # int32 [v], of each reading
+    hit: NDArray,  # bool [v]
+    take_off: NDArray,  # int32 [labels]
+    label: NDArray,  # int16 [cells]
+    balance: NDArray,  # in/out int32 [cells]
+) -> None:
+    for i in range(len(cell)):
+        balance[cell[i]] += 1
+        if hit[i]:
+            balance[cell[i]] -= take_off[label[cell[i]]]
 
 
 def objects_of(found: Found, config: BuildConfig) -> NDArray:

@@ -275,11 +275,11 @@ class MapHistory:
     def _readings_until(self, frame: int, state: MapAccumulator, grid: Grid) -> AllReadings:
         """Return the readings of the frames up to one, whose state is given, on the finished grid."""
         if not self._steps.all_held:
-            return StreamedReadings(state.frames, grid.spec.origin_cell, grid)
+            return StreamedReadings(state.frames, grid.spec.origin_cell, grid.labels, grid.spec.cols)
         if self._all is None:
             seen = [step.seen.witness for step in self._steps]
             parts = [one.readings for one in seen], [one.segments for one in seen]
-            self._all = gather_readings(*parts, grid.spec.origin_cell, grid)
+            self._all = gather_readings(*parts, grid.spec.origin_cell, grid.labels, grid.spec.cols)
         return _first(self._all, sum(self._steps.readings[: frame + 1]))
 
 

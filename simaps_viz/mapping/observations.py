@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from simaps_viz.structures import Grid, Segment
+from simaps_viz.structures import Segment
 
 if TYPE_CHECKING:
     from simaps_viz.mapping.steps import FrameSeen
@@ -100,7 +100,8 @@ def gather_readings(
     frames: Sequence[FrameReadings],
     segments: Sequence[tuple[Segment, ...]],
     origin_cell: tuple[int, int],
-    grid: Grid,
+    labels: Sequence[str],
+    cols: int,
     *,
     first: int = 0,
 ) -> Readings:
@@ -110,18 +111,19 @@ def gather_readings(
         frames: one for each frame, in order.
         segments: the segments of each frame.
         origin_cell: (row, col), counted from the map's origin, of the grid's cell (0, 0).
-        grid: the finished grid; must hold all cells.
+        labels: of the grid, index 0 is "none".
+        cols: of the finished grid, which must hold all cells.
         first: number of the first of these frames.
     """
     row0, col0 = origin_cell
-    index_of = {name: i for i, name in enumerate(grid.labels)}
+    index_of = {name: i for i, name in enumerate(labels)}
     joined: dict[str, list[NDArray]] = {"cell": [], "frame": [], "segment": [], "label": [], "score": [], "height": []}
     for i, (seen, known) in enumerate(zip(frames, segments, strict=True)):
         highest = max((s.id for s in known), default=0)
         label_of, score_of = np.zeros(highest + 1, np.int16), np.zeros(highest + 1, np.float32)
         for s in known:
             label_of[s.id], score_of[s.id] = index_of[s.label], s.score
-        joined["cell"].append((seen.rows - row0) * grid.spec.cols + (seen.cols - col0))
+        joined["cell"].append((seen.rows - row0) * cols + (seen.cols - col0))
         joined["frame"].append(np.full(len(seen.rows), first + i, dtype=np.int32))
         joined["segment"].append(seen.segments)
         joined["label"].append(label_of[seen.segments])
@@ -147,8 +149,10 @@ class StreamedReadings:
     """In order."""
     origin_cell: tuple[int, int]
     """(row, col), counted from the map's origin, of the grid's cell (0, 0)."""
-    grid: Grid
-    """The finished grid."""
+    labels: Sequence[str]
+    """Of the grid. Not the grid itself: its layers would stay in memory."""
+    cols: int
+    """Of the finished grid."""
 
     def batches(self) -> Iterator[Readings]:
         """Return them some frames at a time."""
@@ -165,4 +169,4 @@ class StreamedReadings:
 
     def _joined(self, frames: list["FrameSeen"], first: int) -> Readings:
         readings, segments = [frame.readings for frame in frames], [frame.segments for frame in frames]
-        return gather_readings(readings, segments, self.origin_cell, self.grid, first=first)
+        return gather_readings(readings, segments, self.origin_cell, self.labels, self.cols, first=first)

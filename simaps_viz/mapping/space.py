@@ -102,6 +102,7 @@ def find_surface(
     # Owners: 0 is what the map shows in the cell, below 0 a class without an object.
     owner = -1 - nodes.label.astype(np.int32)
     owner[top | (shown & ~is_thing[nodes.label])] = 0
+    del shown
     # Only classes of which something lies below need evidence: few of the nodes of a building.
     matters = np.zeros(len(grid.labels), np.bool_)
     matters[nodes.label[is_thing[nodes.label] & ~top]] = True
@@ -116,9 +117,11 @@ def find_surface(
         groups = partition.groups(seen, lowest, matters)
         hidden = _hidden(grid, part, groups, first_id, settings, lowest)
         lower = of_matter[groups.lower]
+        del partition, part, shown_in
         owner[lower] = np.where(groups.instance > 0, groups.instance, owner[lower])
         for one, group in hidden:
             owner[lower[groups.group == group]] = one.id
+    del top, of_matter  # what is large is let go before runs are made beside the nodes
     cell, low, high, owned = _as_runs(nodes.cell, nodes.steps, owner, lowest)
     _ascend(cell, low, high, owned)
     return Surface(grid.spec, cell, low, high, owned), tuple(one for one, _ in hidden)

@@ -18,7 +18,7 @@ def gathered(parts, labels=LABELS, things=IS_THING) -> tuple[Grid, Readings, tup
         accumulator.add_frame(frame, segmentation, T_map_camera)
     grid, origin = accumulator.snapshot(), accumulator.origin_cell
     segments = [segmentation.segments for _, segmentation, _ in parts]
-    return grid, gather_readings(accumulator.readings, segments, origin, grid), origin
+    return grid, gather_readings(accumulator.readings, segments, origin, grid.labels, grid.spec.cols), origin
 
 
 def walked(parts):
@@ -86,4 +86,4 @@ def test_a_frame_without_its_segments_is_never_passed_over():
     nothing = FrameReadings(none, none, none, none.astype(np.float32))
     grid, _, _ = gathered([])
     with pytest.raises(ValueError, match="zip"):
-        gather_readings([nothing, nothing], [()], (0, 0), grid)
+        gather_readings([nothing, nothing], [()], (0, 0), grid.labels, grid.spec.cols)

@@ -186,7 +186,7 @@ def test_votes_pairs_and_views_do_not_depend_on_the_batches(seed, monkeypatch):
     community = np.where(np.array(IS_THING)[label], label, 0).astype(np.int32)
     for batch in (1, 500, 10_000):
         monkeypatch.setattr(observations, "BATCH", batch)
-        streamed = StreamedReadings(whole.frames, whole.origin_cell, grid)
+        streamed = StreamedReadings(whole.frames, whole.origin_cell, grid.labels, grid.spec.cols)
         assert len(list(streamed.batches())) == {1: 8, 10_000: 1}.get(batch, len(list(streamed.batches())))
         found, share = vote_labels(grid, streamed, VoteSettings())
         assert found.tobytes() == label.tobytes() and share == disagreement
