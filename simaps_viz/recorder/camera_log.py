@@ -115,9 +115,15 @@ def cloud(event: FrameProjected, *, most: int, cut_height_m: float) -> tuple[NDA
         float32 [n, 3], map frame, metres, and uint8 [n, 3], RGB: the picture's colours, or those of the classes when
         the picture was not decoded.
     """
+    points, v, u = sampled(event, most=most, cut_height_m=cut_height_m)
+    return points, _colors(event, v, u)
+
+
+def sampled(event: FrameProjected, *, most: int, cut_height_m: float) -> tuple[NDArray, NDArray, NDArray]:
+    """Return the points of `cloud`, float32 [n, 3], and the row and column of the pixel of each, int [n]."""
     frame, k = event.frame, event.frame.intrinsics
     if most == 0:
-        return np.zeros((0, 3), np.float32), np.zeros((0, 3), np.uint8)
+        return np.zeros((0, 3), np.float32), np.zeros(0, int), np.zeros(0, int)
     step = max(1, int(np.ceil(np.sqrt(frame.depth_m.size / most))))
     v, u = (axis.reshape(-1) for axis in np.mgrid[step // 2 : k.height : step, step // 2 : k.width : step])
     z = frame.depth_m[v, u].astype(np.float64)
@@ -126,7 +132,7 @@ def cloud(event: FrameProjected, *, most: int, cut_height_m: float) -> tuple[NDA
     in_camera = np.stack([(u - k.cx) / k.fx * z, (v - k.cy) / k.fy * z, z], axis=-1)
     points = transform_points(event.T_map_camera, in_camera)
     kept = np.flatnonzero((points[:, 2] <= cut_height_m) & (points[:, 2] >= -BELOW_FLOOR_M))[:most]
-    return points[kept].astype(np.float32), _colors(event, v[kept], u[kept])
+    return points[kept].astype(np.float32), v[kept], u[kept]
 
 
 def _colors(event: FrameProjected, v: NDArray, u: NDArray) -> NDArray:

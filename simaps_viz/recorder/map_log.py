@@ -1,7 +1,7 @@
 """The map as it grows: pictures of the grid, new edges, where the camera went, and counts."""
 
 import zlib
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -11,7 +11,8 @@ from numpy.typing import NDArray
 from simaps_viz.colors.classes import class_color
 from simaps_viz.colors.instances import Colored, color_of_instance, colors_like, instance_colors
 from simaps_viz.events import CommunitiesFound, FrameProjected
-from simaps_viz.mapping.in_space import all_instances, has_voxels
+from simaps_viz.mapping.in_space import VOXEL_M, all_instances, among, has_voxels, voxel_centres, voxel_keys
+from simaps_viz.recorder.camera_log import sampled
 from simaps_viz.recorder.map_pictures import (
     GROUND,
     Entry,
@@ -81,6 +82,11 @@ class ObjectColors:
         self._shown = []
 
 
+SURFACE = "/world/surface"
+COARSE = 2
+"""Voxels of the recorded surface are so many times as wide as the map's; each is there from its first frame on."""
+SURFACE_PIXELS = 20_000
+"""Greatest number of pixels of a frame that are looked at for it."""
 CAMERA_COLOR = (22, 110, 235)
 TRAIL_POINTS = 200
 """The camera's trajectory is thinned out to this many points."""
@@ -109,6 +115,7 @@ class MapLog:
         self._trail: list[NDArray] = []
         self._on_the_way = ObjectColors()
         self._colors: NDArray | None = None
+        self._voxels = np.zeros(0, np.int64)
 
     def log_start(self) -> None:
         """Log the static data: the meaning of pixel values and the names of the curves."""
@@ -127,6 +134,7 @@ class MapLog:
         grid = event.snapshot()
         self.log_grid(grid)
         self._log_edges(grid, event.new_edges, event.new_edge_labels)
+        self._log_surface(event, grid.labels)
         self._stream.log("/counts/cells/seen", rr.Scalars(float((grid.observations > 0).sum())))
         self._stream.log("/counts/cells/named", rr.Scalars(float((grid.label > 0).sum())))
         self._stream.log("/counts/few/classes", rr.Scalars(float(len(np.unique(grid.label[grid.label > 0])))))
@@ -136,7 +144,8 @@ class MapLog:
         """Log ground, classes and heights at the present time."""
         if grid.labels != self._classes:
             self._classes = grid.labels
-            log_entries(self._stream, "/map/classes", class_entries(grid.labels))
+            for path in ("/map/classes", SURFACE):
+                log_entries(self._stream, path, class_entries(grid.labels))
         log_map_picture(self._stream, "/map/ground", ground_picture(grid), grid.spec, draw_order=BOTTOM)
         log_map_picture(self._stream, "/map/classes", class_picture(grid), grid.spec, draw_order=BOTTOM)
         log_map_picture(self._stream, "/map/heights", height_picture(grid), grid.spec, draw_order=BOTTOM)
@@ -248,6 +257,24 @@ class MapLog:
             "/map/edges",
             rr.LineStrips2D(on_picture(ends), colors=palette[labels], radii=0.012, draw_order=10.0),
         )
+
+    def _log_surface(self, event: FrameProjected, labels: Sequence[str]) -> None:
+        """Log the voxels that no frame logged before has shown, in the classes that this one shows there."""
+        points, v, u = sampled(event, most=SURFACE_PIXELS, cut_height_m=self._settings.cut_height_m)
+        keys, first = np.unique(voxel_keys(points / COARSE, (0.0, 0.0)), return_index=True)
+        new = ~among(keys, self._voxels)
+        self._voxels = np.sort(np.concatenate([self._voxels, keys[new]]))
+        of_segment = np.zeros(max((s.id for s in event.segmentation.segments), default=0) + 1, np.uint16)
+        for segment in event.segmentation.segments:
+            of_segment[segment.id] = labels.index(segment.label)
+        ids = event.segmentation.ids[v, u][first[new]]
+        self._stream.log(
+            SURFACE,
+            rr.Points3D(
+                COARSE * voxel_centres(keys[new], (0.0, 0.0)), class_ids=of_segment[ids] + 1,
+                radii=COARSE * VOXEL_M / 2, show_labels=False,
+            ),
+        )  # fmt: skip
 
     def _log_camera(self, T_map_camera: NDArray) -> None:
         """Draw the camera's trajectory and its viewing direction."""

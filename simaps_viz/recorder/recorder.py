@@ -21,7 +21,7 @@ from simaps_viz.events import BuildFinished, BuildStarted, CommunitiesFound, Eve
 from simaps_viz.geometry import turned_pose, upright_turns
 from simaps_viz.recorder.camera_log import CameraLog
 from simaps_viz.recorder.facts import LEVELS, finished_facts, read_facts, send_facts, started_facts
-from simaps_viz.recorder.map_log import MapLog
+from simaps_viz.recorder.map_log import SURFACE, MapLog
 from simaps_viz.recorder.map_pictures import GROUND, UNSEEN, markdown, markdown_table
 from simaps_viz.recorder.merge_log import log_louvain, log_merges
 from simaps_viz.recorder.settings import SMALL, RecorderSettings
@@ -75,11 +75,23 @@ def _room_and_counts() -> rrb.Tabs:
             end=rrb.TimeRangeBoundary.cursor_relative(),
         )
     )
+    so_far = rrb.VisibleTimeRanges(
+        rrb.VisibleTimeRange(
+            "frame", start=rrb.TimeRangeBoundary.infinite(), end=rrb.TimeRangeBoundary.cursor_relative()
+        )
+    )
+    unseen = ["- /world/camera/depth", "- /world/camera/segmentation"]
     room = rrb.Spatial3DView(
         origin="/world",
         name="3-D",
-        contents=["+ /world/**", "- /world/camera/depth", "- /world/camera/segmentation"],
+        contents=["+ /world/**", f"- {SURFACE}", *unseen],
         overrides={"/world/points": [recent]},
+    )
+    surface = rrb.Spatial3DView(
+        origin="/world",
+        name="Surface",
+        contents=["+ /world/**", "- /world/points", "- /world/cells", *unseen],
+        overrides={SURFACE: [so_far]},
     )
     counts = rrb.Vertical(
         rrb.TimeSeriesView(origin="/counts", name="Cells and edges", contents=["/counts/cells/**", "/counts/edges"]),
@@ -88,7 +100,7 @@ def _room_and_counts() -> rrb.Tabs:
     )
     about = rrb.TextDocumentView(origin="/about", name="About")
     log = rrb.TextLogView(origin="/log", name="Log")
-    return rrb.Tabs(room, counts, about, log, active_tab=0)
+    return rrb.Tabs(room, surface, counts, about, log, active_tab=0)
 
 
 def map_views(extent_m: Extent | None, shown: Mapping[str, Sequence[str]]) -> rrb.Tabs:

@@ -116,6 +116,26 @@ def test_points_are_what_the_depth_says(recording: Any) -> None:
     assert set(found["colors"][3]) == {rgba((200, 100, 50))}
 
 
+def test_the_surface_grows_by_voxels_of_10_cm_each_once_in_the_class_seen_there(recording: Any) -> None:
+    found = rows(recording, "/world/surface")
+    assert found["frame"] == list(range(FRAMES))
+    points = [np.array(part or np.zeros((0, 3))).round(4) for part in found["positions"]]
+    seen: set[tuple[float, ...]] = set()
+    for step in range(FRAMES):
+        pixels = np.array(rows(recording, "/world/points")["positions"][step])
+        every = {tuple(one) for one in ((np.floor(pixels * 10 + 1e-4) + 0.5) / 10).round(4).tolist()}
+        new = [tuple(one) for one in points[step].tolist()]
+        assert set(new) == every - seen and len(set(new)) == len(new)
+        seen |= every
+    assert len(points[0]) > 50 and 0 < len(points[-1]) < len(points[0])
+    # The left half of the picture is the chair, the right one has no name.
+    left = np.array(points[0])[:, 0] < 0.0
+    classes = np.array(found["class_ids"][0])
+    assert (classes[left] == 2).all() and (classes[~left] == 1).all()
+    names = rows(recording, "/world/surface", timeline=None)
+    assert palette(names, 0)[2] == ("chair", rgba(class_color("chair")))
+
+
 def test_points_above_the_cut_are_left_out(tmp_path: Path) -> None:
     settings = RecorderSettings(points=4000, cut_height_m=1.0)
     found = rows(rc.RrdReader(record(tmp_path / "low.rrd", settings)).stream().collect(), "/world/points")

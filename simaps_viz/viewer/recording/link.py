@@ -35,7 +35,7 @@ PICTURES = {
 OBJECTS = ("/world/objects", "/map/names")
 """Entities whose instances are those of the finished map, in its order."""
 ON_MAP = "/map/"
-IN_ROOM = ("/world/cells", "/world/points")
+IN_ROOM = ("/world/cells", "/world/points", "/world/surface")
 
 
 def position_inside(simap: SIMap, instance_id: int) -> tuple[float, float]:
