@@ -89,11 +89,12 @@ def test_in_space_the_truth_is_that_of_the_scores_and_two_maps_agree_with_each_o
         one for one in evaluate_space(sequence, ("evidence",), errors=(PRECOMPUTED,), build=lambda *_: simap).runs
         if one.method == "evidence"
     ]  # fmt: skip
-    assert judged == row.scores and judged.overall.true == 2
+    assert judged is not None and judged == row.scores and judged.overall.true == 2
 
     # A map is all that it is itself; another that lacks an object has half of the pairs.
     lesser = apply(simap, delete(simap, simap.instances[0].id))
     same, lacks = (compare_two(("a", simap), ("b", other)).space for other in (simap, lesser))
+    assert same is not None and lacks is not None
     assert same.overall.pq == same.strict.pq == same.boxes.f1_50 == same.volume_ratio == 1.0
     assert (lacks.overall.true, lacks.overall.found, lacks.overall.matched) == (2, 1, 1)
     assert "In space: PQ 0.67" in headline_html(compare_two(("a", simap), ("b", lesser)))
