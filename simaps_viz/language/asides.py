@@ -21,6 +21,7 @@ _POLITE: Final = re.compile(
     r"(?: you)?(?: to)?(?: do)?(?: with)?(?: now)?(?: is|\s*:)(?: to)?|"
     r"be (?:an?|my|so|very) (?:\w+ )?\w+ (?:and|enough to|as to)|do (?:me|us) an? (?:\w+ )?favou?r and|"
     rf"(?:why (?:do not|don['’]?t|not)|how about)(?: {_WHO}\b)?(?! (?:is|are)\b)|"
+    r"would it be (?:\w+ ){1,3}?(?:to ask you to|for you to|if you (?:would|could))|"
     r"(?:is there )?any chance (?:that )?you (?:can|could|might)|before (?:we|you|i) do anything else|"
     # "I can't for the life of me remember how many ..."
     r"(?:i|we) (?:\w+ )?(?:can(?:['’]?t|\s?not)|(?:could|do|did)(?:n['’]?t| not))(?: \w+){0,6}? "
@@ -34,6 +35,13 @@ _KINDLY: Final = re.compile(
     r"(?:\w+ )?(?:alright|right|ok|okay|fine|trouble|bother|possible|convenient|good|asking)\b"
     r"(?: (?:with|for|to) you| to ask)?"
 )
+_INDIFFERENT: Final = re.compile(
+    r"[,.;]?\s*\b(?:(?:i|we) (?:really |honestly )?(?:do(?:n['’]?t| not)) (?:really )?(?:care|mind)|"
+    r"(?:the |its |their )?(?:order|sequence|rest|reason|way|how|which(?: one)?|it|that) (?:really )?"
+    r"(?:is(?:n['’]?t| not)|do(?:es)?(?:n['’]?t| not)) (?:really )?(?:important|relevant|matter|of importance)|"
+    r"no matter|regardless of)\b[^,.;!?]*"
+)
+"""What leaves something open: "I don't care about the order"."""
 _TAG: Final = re.compile(
     r",\s*(?:(?:is|are|do|does|have|has|can|could|will|would|did|was|were|should)(?:n['’]?t)? "
     r"(?:it|you|they|we|i|there|he|she)|(?:\w+ )?(?:is|was) it|alright|all right|ok|okay|right|yes|no|eh|hm+|please)"
@@ -63,7 +71,7 @@ _STATEMENT: Final = re.compile(
     r"(?:i|we)\s+(?:\w+ly\s+|just\s+|also\s+)*"
     r"(?!want|need|would|like|wish|should|must|mean|meant|can\b|could|go\b|visit|see\b|"
     r"(?:am|are) (?:looking|searching|after))\w+"
-    rf"|(?:{_SUBJECT})\b.*\b(?:is|are|was|were|am|has|have|had|been|wants?|said|says|told|hurts?|aches?|feels?|asked|will|"
+    rf"|(?:{_SUBJECT})\b.*\b(?:is|are|was|were|am|has|have|had|been|wants?|needs?|looks?|seems?|smells?|said|says|told|hurts?|aches?|feels?|asked|will|"
     r"can|could|did|does|left|lost|came|went|\w+n['’]?t|\w{2,}ed)\b"
     r"|(?:here is|there is) .*)"
 )
@@ -87,7 +95,7 @@ def plainly(text: str) -> str:
     said = written_out(_SHORT.sub(r"\1 \2", said))
     said = _WORD.sub(lambda found: SPELLED.get(found[0].replace("’", "'"), found[0]), said)
     said = _LEFT.sub(r"\1", re.sub(r"\bam i\b", "are you", said))
-    said = _TAG.sub("", _KINDLY.sub(" ", said))
+    said = _TAG.sub("", _KINDLY.sub(" ", _INDIFFERENT.sub("", said)))
     said = _POLITE.sub(" ", said)
     said = re.sub(r",\s*so\s+(?!that\b|i\b|we\b)", ", ", said)
     return re.sub(r"\b[xy]\s*=?\s*(?=[-.\d])", "", _OPENING.sub("", said))

@@ -30,7 +30,7 @@ _MARGIN: Final = 0.28
 _END: Final = re.compile(r"(?:\W|\b(?:and|then|but|next)\b)+$")
 _ENDS: Final = ("COMMA", "AND", "THEN", "STOP")
 _MEANT: Final = frozenset({
-    "NOUN", "NOUNS", "ROOMKIND", "ROOM", "ROOMS", "PLACE", "SPOT", "NUM", "IF", "IFSEE", "UNLESS", "NEVER",
+    "NOUN", "NOUNS", "ROOMKIND", "ROOM", "ROOMS", "PLACE", "SPOT", "NUM", "IF", "IFSEE", "IFKNOWN", "UNLESS", "NEVER",
     "NOT", "WITHOUT", "EXCEPT", "OTHERWISE", "UNTIL", "NOWAIT", "BEFORE", "AFTER", "HANDS", "NOTHING",
     "BUTFIRST", "BUTNO", "NOTBEFORE", "VIA", "WHENEVER", "AVOID", "GO", "APPROACH", "TURN", "FACE", "LOOK",
     "CIRCLE", "PASS", "SPIN", "STAND", "HALT", "RETURN", "BACKUP", "LEAVE", "STRAFE", "MAKE", "KEEP", "TAKE",

@@ -5,7 +5,7 @@
 - ``things.json``: other names of classes (``names``, ``narrower``), generic words that take several classes together
   (``kinds``, ``like``), classes to try in turn (``first_fit``), what one does somewhere (``activities``, ``places``,
   ``links``), and further things people speak of (``others``).
-- ``words.json``: numbers, ordinals, amounts, compass points, irregular plurals and everyday words.
+- ``words.json``: numbers, ordinals, amounts, compass points, irregular plurals, everyday words, words not of names.
 """
 
 import json
@@ -138,5 +138,7 @@ SINGULAR: Final[dict[str, str]] = _WORDS["singular"]
 """Irregular plurals, and words that only look like plurals."""
 SPELLED: Final[dict[str, str]] = _WORDS["spelled"]
 """How words are written that are spelled as they are spoken or typed in haste."""
+NO_NAMES: Final = frozenset(_WORDS["no_names"])
+"""Words that no thing is called."""
 EVERYDAY: Final = frozenset(_WORDS["everyday"])
 """Everyday words, never taken for a misspelling of another."""

@@ -11,7 +11,8 @@ from typing import Any, Final
 
 from simaps_viz.errors import CommandError
 from simaps_viz.language.grammar import Grammar
-from simaps_viz.language.words import Noun, plural, singular
+from simaps_viz.language.lexicon import NO_NAMES
+from simaps_viz.language.words import ANY, Noun, plural, singular
 
 GRAMMAR: Final = Grammar()
 IT: Final = "‹it›"
@@ -30,6 +31,7 @@ MAX_COUNT: Final = 100
 _MAX_DEPTH: Final = 18
 _MAX_REPEATED: Final = 120
 """Characters of what things are near, up to which the nearest to it is taken rather than the first near it."""
+_SIDES: Final = ("left", "right", "north", "south", "east", "west", "middle")
 _ALL: Final = re.compile(r'things\(("[^"]*")\)')
 _IN_ROOM: Final = re.compile(r'inside\(things\("[^"]*"\), (room\("[^"]*"\))\)')
 _RANKED: Final = re.compile(r'nth\(things\(("[^"]*")\), (\d+)\)')
@@ -174,7 +176,8 @@ def select(noun: Noun | None, parts: Iterable[Part], *, every: bool = False, som
     chosen = any(part.kind in ("order", "rank", "count", "other", "from") for part in parts)
     if len({part.text for part in parts if part.kind == "order"}) > 1:  # "the big plant in the north-east"
         for part in parts:
-            text = f'sized({text}, "{part.text}")' if part.kind == "order" and part.number else text
+            if part.kind == "order" and part.number:
+                text = f'sized({text}, "{part.text}")' if part.number == 1 else f'side({text}, "{part.text}", "map")'
         parts = tuple(part for part in parts if part.kind != "order" or not part.number)
     for part in parts:
         whole = f"near({whole}, {part.definite or part.text})" if part.kind == "near" else whole
@@ -245,11 +248,11 @@ def _chosen(
 
     ``several`` says that it is at least chosen among several.
     """
-    near = [part.definite if several and part.definite else part.text for part in parts if part.kind == "near"]
-    for of in near:
-        alike = several or rank is not None  # "the third chair at the counter" is one of those next to it
-        text = f"near({text}, {of})" if alike and count is None else f"near({text}, {of}, {NEAR_M:g})"
     key, of = _order(parts, many and count is None)
+    near = [part.definite if several and part.definite else part.text for part in parts if part.kind == "near"]
+    for beside in near:
+        alike = several or rank is not None or key in _SIDES  # "the third chair at the counter" is next to it
+        text = f"near({text}, {beside})" if alike and count is None else f"near({text}, {beside}, {NEAR_M:g})"
     if key in ("", "near") and not of and not many and rank == -1 and count is None:
         rank, key = None, "far"
     ordered = text if (key or "near", of) == ("near", "") else f'order({text}, "{key or "near"}"{_of(of)})'
@@ -334,7 +337,7 @@ def refine(phrase: Phrase, parts: Iterable[Part]) -> Phrase:
         text = (part.definite or part.text).replace("{}", text) if part.kind == "filter" else text
         text = f"near({text}, {part.definite or part.text})" if part.kind == "near" else text
         if part.kind not in ("filter", "near"):
-            raise CommandError("what is asked about a thing is whether it is so, not which one it is")
+            raise CommandError("")  # whether it is so is asked, not which one it is
         found += [part.phrase] if part.phrase else []
     pairs = tuple(pair for p in found for pair in p.others)
     return replace(phrase, text=text, whole="", notes=tuple(n for p in found for n in p.notes), others=pairs)
@@ -369,7 +372,7 @@ _rule = GRAMMAR.rule
 
 # ---- sides, numbers
 
-for _side in ("left", "right", "north", "south", "east", "west"):
+for _side in _SIDES[:-1]:
     _rule("side", _side.upper())(lambda side=_side: side)
 
 
@@ -431,6 +434,9 @@ def _negated(part: Part) -> Part:
             left_out = part.text
         case "near":
             left_out = f"near({{}}, {part.text})"
+            for name, wide in part.phrase.others if part.phrase else ():
+                if wide.startswith(ANY):  # "not at a table": at none of any kind
+                    left_out = left_out.replace(quoted(name), quoted(wide))
         case "order":
             left_out = f'first(order({{}}, "{part.text}"{_of(part.of)}))'
         case "rank":
@@ -493,7 +499,7 @@ def _before(adjective: Parts) -> Parts:
 # ---- relations: parts that stand after the noun
 
 GRAMMAR.words("_at", "ON", "TO", "AT", "IN", "BY")
-GRAMMAR.words("_near", "NEAR", "BY", "AT", "AROUND", "OVER", "TO", "OF", "FOR")
+GRAMMAR.words("_near", "NEAR", "BY", "AT", "AROUND", "OVER", "OF", "FOR")
 GRAMMAR.words("_here", "(FROM | TO | AT | OF | AWAY)* HERE")
 GRAMMAR.words("_dets", "DET*")
 
@@ -579,6 +585,29 @@ def _side_of(side: str, np: Phrase | None = None, room: Phrase | None = None) ->
 GRAMMAR.words("_to_side", "side")
 
 
+@_rule("relation", "_at? _dets FAREND OF np", cost=0.1)
+def _at_far_end(np: Phrase) -> Parts:
+    return (*_filter(f"near({{}}, {np.measure})", np), Part("order", "far"))
+
+
+@_rule("relation", "(IN | OF | FROM) (DET | THAT)* ROW (OF whole)?")
+def _in_row(whole: int = 0) -> Parts:
+    """Read "the second seat from the left in that row of five": what stands in a row is counted from its side."""
+    return ()
+
+
+@_rule("relation", "BETWEEN DET* ROW (OF whole)?", cost=-0.2)
+def _amid_row(whole: int = 0) -> Parts:
+    return (Part("order", "middle"),)
+
+
+@_rule("relation", "(ON | IN | AT | UNDER | NEAR) SAME noun AS np", cost=-0.3)
+def _on_the_same(noun: Noun, np: Phrase) -> Parts:
+    """Read "the cup on the same table as the laptop"."""
+    shared = f"having({select(replace(noun, is_plural=True), ()).text}, {np.argument})"
+    return _filter(f"on({{}}, {shared})", np)
+
+
 @_rule("relation", "_at? _dets side (SIDE | END)? (OF | IN) DET* MAP", "_at? _dets side OF DET* MAP")
 def _side_of_map(side: str) -> Parts:
     return _filter(f'side({{}}, "{side}", "map")')
@@ -659,7 +688,18 @@ def _elsewhere() -> Parts:
     return _filter("minus({}, inside({}, room()))")
 
 
-@_rule("relation", "FROM HERE", "AT HERE", "IN DET* MAP", "ON DET* MAP", "HERE", "OF DET* MAP", "TO HERE", "IN HERE")
+@_rule(
+    "relation",
+    "FROM HERE",
+    "AT HERE",
+    "EXIST HERE?",
+    "IN DET* MAP",
+    "ON DET* MAP",
+    "HERE",
+    "OF DET* MAP",
+    "TO HERE",
+    "IN HERE",
+)
 def _anywhere() -> Parts:
     return ()
 
@@ -673,6 +713,12 @@ def _inside(room: Phrase) -> Parts:
 def _the_larger(adjective: Parts = (), key: str = "") -> Parts:
     """Read "the suitcase on the sofa, the larger of the two"."""
     return adjective or (Part("order", key),)
+
+
+@_rule("post", "COMMA &(BEHIND | FRONT | NEAR | BY | UNDER | ON | BETWEEN) relation", cost=-0.25)
+def _added(relation: Parts) -> Parts:
+    """Read "the window on the wall, behind the bench"."""
+    return relation
 
 
 @_rule("post", "COMMA? DET ONE post", cost=0.3)
@@ -693,10 +739,15 @@ def _spot(spot: str, room: Phrase | None = None) -> Parts:
     return (*inside, *_filter(f'at({{}}, "{spot}")'))
 
 
-@_rule("relation", "(AT | BY | NEAR | ON | TO | OF | IN) DET* side spot:SPOT ((OF | IN) (room | DET* MAP))?", cost=-0.1)
+@_rule(
+    "relation",
+    "(AT | BY | NEAR | ON | TO | OF | IN) DET* (side spot:SPOT | spot:SPOT (TO | IN)? DET? side) ((OF | IN) (room | "
+    "DET* MAP))?",
+    cost=-0.1,
+)
 def _spot_of_side(side: str, spot: str, room: Phrase | None = None) -> Parts:
     """Read "the sofa by the east wall": of those at a wall the easternmost."""
-    return (*_spot(spot, room), Part("order", side))
+    return (*_spot(spot, room), Part("order", side, number=2))
 
 
 @_rule("relation", "IS? DET? key:MORE THAN distance", cost=-0.2)
@@ -707,6 +758,13 @@ def _more_than(key: str, distance: Any) -> Parts:
         return _filter(near if key == "near" else f"minus({{}}, {near})")
     key = {"large": "long", "small": "short"}.get(key, key)
     return _filter(f'sized({{}}, "{key}", {distance.text})')
+
+
+@_rule("relation", "IS? DET? key:MORE THAN n:amount SQUAREMETRES", cost=-0.3)
+def _larger_than(key: str, n: float) -> Parts:
+    if key not in ("large", "small"):
+        raise CommandError("")
+    return _filter(f'sized({{}}, "{key}", {n:g})')
 
 
 @_rule("relation", "(MORETHAN | less:LESSTHAN) distance AWAY? (FROM (np | HERE))?", cost=-0.2)
@@ -745,7 +803,7 @@ def _having_its(noun: Noun, pre: Sequence[Parts] = ()) -> Parts:
     return _filter(f"having({{}}, {np.argument})", np)
 
 
-@_rule("relation", "WITH np _on_it?")
+@_rule("relation", "WITH np _on_it?", "WHERE IS+ np", "WHERE np IS+ (AT | ON)?")
 def _having(np: Phrase) -> Parts:
     if np.text == IT:
         raise CommandError("what the thing has was not said")
@@ -844,7 +902,8 @@ def _except(targets: tuple[Phrase, ...]) -> Parts:
     return _filter(text, *targets, outer=True)
 
 
-@_rule("numbered", "NUMBER? n:amount")
+@_rule("numbered", "n:ONE", cost=0.5)  # "somewhere to sit: one of the chairs"
+@_rule("numbered", "n:NUM", "NUMBER n:amount")
 def _numbered(n: float) -> Parts:
     """Read "chair 18": a name, no rank."""
     if n != int(n) or not 1 <= n <= MAX_NUMBER:
@@ -863,6 +922,8 @@ def _noun(name: Noun) -> Noun:
 @_rule("noun", "word:WORD+", "word:WORD+ name:NOUN", cost=1.0)
 def _unknown(word: Sequence[str], name: Noun | None = None) -> Noun:
     said = " ".join(word)
+    if not NO_NAMES.isdisjoint(word):
+        raise CommandError(f'"{said}"')
     if name is not None:
         if name.count != 1 or name.is_plural or name.wide:
             raise CommandError(f'"{said}"')
@@ -925,7 +986,9 @@ def _every_one(pre: Sequence[Parts] = (), post: Sequence[Parts] = ()) -> Phrase:
 
 @_rule("thing", "_dets pre* of:NOUN (noun:NOUN | noun:NOUNS) post*", cost=0.6)
 def _compound(of: Noun, noun: Noun, pre: Sequence[Parts] = (), post: Sequence[Parts] = ()) -> Phrase:
-    """Read "the desk chair": the chair nearest the desk."""
+    """Read "the desk chair": the chair nearest the desk; "the bar counter" is one thing by two names."""
+    if of.label == noun.label:
+        return select(noun, (*_flat(pre), *_flat(post)))
     note = f'"{of.spoken} {noun.spoken}" is read as the {noun.spoken} nearest the {of.spoken}'
     place = select(of, ())
     parts = (*_flat(pre), Part("order", "near", place.measure, phrase=place, note=note), *_flat(post))
@@ -1053,7 +1116,7 @@ def lent(phrases: Sequence[Phrase]) -> tuple[Phrase, ...]:
 # ---- rooms
 
 
-@_rule("room", "_dets name:ROOMKIND")
+@_rule("room", "_dets name:ROOMKIND MAP?")
 def _named_room(name: str) -> Phrase:
     rooms = f"rooms({quoted(name)})"
     return Phrase(f"room({quoted(name)})", rooms, name, whole=rooms)

@@ -169,10 +169,8 @@ _words("_go", "_goer _prep* | APPROACH _prep* | _prep+")
 @_rule(
     "order",
     "_goer EITHER? _prep+ (_place _prep*)? WHERE? targets IS? | APPROACH _prep* targets | BACK _prep+ targets | "
-    "_goer WHERE targets IS | APPROACH STOP targets | targets (COMMA | STOP)+ GO | NEED TO? targets | _prep+ targets "
-    "| (GO | TAKE) "
-    "targets:there | "
-    "targets IS WHERE GO",
+    "(_goer | APPROACH) WHERE targets IS | APPROACH STOP targets | targets (COMMA | STOP)+ GO | NEED TO? "
+    "targets | _prep+ targets | (GO | TAKE) targets:there | targets IS WHERE GO",
 )
 def _go_to(targets: tuple[Phrase, ...]) -> Steps:
     return _each("robot.move_to_{0.goal}", targets)
@@ -201,7 +199,38 @@ def _go_to_nearest(verb: str, noun: Noun, pre: Sequence[Parts]) -> Steps:
     return _go_to((select(noun, [part for parts in pre for part in parts]),))
 
 
-@_rule("order", "_goer place:PLACE")
+@_rule("order", "PLACE (AT | ON | IN | BY | TO)* targets", cost=0.1)
+def _want_to_use(targets: tuple[Phrase, ...]) -> Steps:
+    """Read "I'd love to sit on one of the chairs": where it is done was said."""
+    return _go_to(targets)
+
+
+@_rule(
+    "order", "(PASS | _go) via:targets COMMA? ONWAY targets", "ONWAY targets COMMA? (PASS | _go) via:targets", cost=-0.6
+)
+def _on_the_way(via: tuple[Phrase, ...], targets: tuple[Phrase, ...]) -> Steps:
+    """Read "pass by the coat rack on your way to the suitcase"."""
+    return (*_go_to(via), *_go_to(targets))
+
+
+@_rule("order", "APPROACH", cost=0.6)
+def _go_check() -> Steps:
+    """Read "I left my laptop on the table, go check"."""
+    return _go_to(_there())
+
+
+@_rule("order", "_go _dets spot:SPOT WITH np", cost=-0.1)
+def _go_spot_with(spot: str, np: Phrase) -> Steps:
+    """Read "go to the corner with the plant"."""
+    return _go_to((replace(np, text=f'at({np.whole or np.text}, "{spot}")', whole=""),))
+
+
+@_rule("order", "_go DET* (END | FAREND) OF np", cost=0.1)
+def _go_to_an_end(np: Phrase) -> Steps:
+    return tuple(replace(one, notes=(f"any end of the {np.word} is gone to",)) for one in _go_to((np,)))
+
+
+@_rule("order", "(_goer | APPROACH WHERE?) place:PLACE")
 def _go_somewhere(place: Noun) -> Steps:
     return _go_to((select(place, ()),))
 
@@ -438,7 +467,15 @@ def _via_go(via: tuple[Phrase, ...], targets: tuple[Phrase, ...] = (), room: Phr
 
 @_rule("order", "_goer? SHUTTLE BETWEEN pair times?", "_goer times? SHUTTLE BETWEEN pair", cost=-0.6)
 def _shuttle(pair: tuple[Phrase, Phrase], times: int = 1) -> Steps:
-    return (Repeat(times, (*_go_to(pair[:1]), *_go_to(pair[1:]))),)
+    return (Repeat(times, (*_go_to(_apart(pair)[:1]), *_go_to(_apart(pair)[1:]))),)
+
+
+def _apart(pair: tuple[Phrase, Phrase]) -> tuple[Phrase, ...]:
+    """Return two things that were named by one plural, "the two backpacks", each by itself."""
+    a, b = pair
+    if a.text != b.text or a.text == IT:
+        return pair
+    return tuple(replace(a, text=f"nth({a.text}, {n})") for n in (1, 2))
 
 
 @_rule("order", "_go targets times? COMMA? BACKTOO", "_go room COMMA? BACKTOO", cost=-0.6)
@@ -665,7 +702,8 @@ def _told(phrase: Phrase, kind: str, *more: str) -> Steps:
 @_rule(
     "question",
     "EXIST? (HOWMANY | COUNT) STOP? DET* np (IS | EXIST | DOES | IT WITH)* post* (HERE | SEE)? | (HOWMANY | COUNT) "
-    "np WITH DET* MAP | (HOWMANY | COUNT) np (DOES | IS)* DET* MAP WITH? | (HOWMANY | COUNT) np DOES HERE (WITH | SEE)",
+    "np WITH DET* MAP WITH? | (HOWMANY | COUNT) np (DOES | IS)* DET* MAP WITH? | (HOWMANY | COUNT) np DOES HERE "
+    "(WITH | SEE)",
 )
 def _how_many(np: Phrase, post: Sequence[Parts] = ()) -> Steps:
     return _told(refine(np, [part for parts in post for part in parts]), "count")
@@ -677,6 +715,23 @@ _NUMBERED: Final = (
     "EXIST (ATLEAST | more:MORETHAN | few:LESSTHAN | only:EXACTLY | most:ATMOST) n:whole np HERE?",
     "only:EXISTONLY n:whole np? HERE?",
 )
+
+
+@_rule("question", "HOWMANY a:np AND b:np (IS | EXIST)* (HERE | _in_map)?", cost=-0.1)
+def _how_many_together(a: Phrase, b: Phrase) -> Steps:
+    """Read "how many cups and bottles are there?"."""
+    return _told(replace(united((a, b)), many=False), "count")
+
+
+@_rule("question", "COUNT a:np AND b:np", cost=-0.1)
+def _count_each(a: Phrase, b: Phrase) -> Steps:
+    return (*_told(a, "count"), *_told(b, "count"))
+
+
+@_rule("question", "IS HERE? (NEAR | AT | BY) np", cost=0.3)
+def _are_you_near(np: Phrase) -> Steps:
+    test, phrases = _is_near(np)
+    return (Do((f'tell({test}, "whether")',), phrases),)
 
 
 @_rule("question", "HOWMANY DET* np (IS | EXIST)* IN EVERY (OF | DET)* (ROOM | ROOMS)", cost=-0.4)
@@ -748,7 +803,7 @@ def _which_room(np: Phrase) -> Steps:
 
 @_rule(
     "question",
-    "WHEREAMI HERE? IN?",
+    "WHEREAMI HERE? IN? HERE?",
     "WHERE (IS | EXIST)* HERE",
     "WHERE HERE IS?",
     "IN? WHICH ROOM IS? HERE IS? IN?",
@@ -760,7 +815,7 @@ def _where_am_i() -> Steps:
 
 @_rule(
     "question",
-    "EXIST np ANYWHERE? _in_map?",
+    "EXIST np (ANYWHERE | HERE)* _in_map?",
     "EXIST DET* np HERE?",
     "IS np HERE",
     "IF EXIST np",
@@ -866,6 +921,12 @@ _rule("asked", "(IN | TO)? WHICH ROOM (IS IT)? IN?")(lambda: "room")
 _rule("asked", "WHAT IS IT")(lambda: "which")
 
 
+@_rule("question", "BY question")
+def _roughly(question: Steps) -> Steps:
+    """Read "about how far is it to the table?"."""
+    return question
+
+
 @_rule("question", "asked", cost=0.4)
 def _and_what(asked: str) -> Steps:
     """Read "and where?", "how far?" after what was asked or done before."""
@@ -957,9 +1018,10 @@ def _what_is_there(x: float, y: float, np: Phrase = EVERYTHING) -> Steps:
     return _told(_changed(np, f"nearest({np.whole or np.text}, 1, [{tidy(x)}, {tidy(y)}])", many=False), "which")
 
 
-@_rule("question", "WHAT IS np IS? ON", cost=-0.2)
-def _what_is_it_on(np: Phrase) -> Steps:
-    return _told(_changed(EVERYTHING, f"under({EVERYTHING.text}, {np.measure})", np.notes), "what")
+@_rule("question", "WHAT IS np IS? (ON | near:NEAR)", cost=-0.2)
+def _what_is_it_on(np: Phrase, near: str = "") -> Steps:
+    relation = "near" if near else "under"
+    return _told(_changed(EVERYTHING, f"{relation}({EVERYTHING.text}, {np.measure})", np.notes), "what")
 
 
 @_rule("question", "SEEWHAT HERE?", "LOOK AROUND AND LIST SEEWHAT")
@@ -1012,10 +1074,7 @@ def _how_far_to_drive(b: Phrase, a: Phrase | None = None) -> Steps:
     cost=-0.1,
 )
 def _how_far_between(pair: tuple[Phrase, Phrase]) -> Steps:
-    a, b = pair
-    if a.text == b.text:
-        a, b = (replace(one, text=f"nth({one.text}, {n})") for n, one in ((1, a), (2, b)))
-    return _how_far_apart(a, b)
+    return _how_far_apart(*_apart(pair))
 
 
 @_rule("question", "WHATCOLOR (IS | DOES)* np IS? WITH?", "WHATCOLOR OF? np IS?")
@@ -1023,7 +1082,7 @@ def _what_color(np: Phrase) -> Steps:
     return _told(np, "color")
 
 
-@_rule("question", "key:HOWBIG (IS | OF)? np IS?")
+@_rule("question", "key:HOWBIG (IS | OF)? np IS?", "np POSS? key:EXTENT", "(WHAT IS)? DET? key:EXTENT OF np")
 def _how_big(key: str, np: Phrase) -> Steps:
     of = key if key in ("length", "height", "width") else ""
     return (Do((f'tell({{0.text}}, "size", "", "{of}")',), (replace(np, many=False),)),)
@@ -1156,6 +1215,7 @@ def _whether(condition: Condition) -> Condition:
 
 
 _rule("if", "IFSEE np")(_is_seen)
+_rule("if", "IFKNOWN DET? OF? np")(_exists)
 
 
 @_rule("body", "done ((COMMA | AND | THEN | BUT)+ more:done)*", "question")
@@ -1209,6 +1269,22 @@ def _in_order(a: Steps, b: Steps) -> Steps:
 def _not_before(b: Steps, targets: tuple[Phrase, ...]) -> Steps:
     """Read "go to the sink, but not before you have been to the table"."""
     return (*_go_to(targets), *b)
+
+
+@_rule(
+    "logical", "condition (COMMA | AND | STOP | THEN)* IFSO COMMA? a:body (_mayhap OTHERWISE COMMA? b:body)?", cost=-0.2
+)
+def _if_so(condition: Condition, a: Steps, b: Steps = ()) -> Steps:
+    """Read "is there a free seat at the table? If so, go there"."""
+    return (Choose(*condition, a, b),)
+
+
+@_rule("logical", "PLACE (COMMA | STOP)+ b:done", cost=-0.3)
+def _so(b: Steps) -> Steps:
+    """Read "I want to wash my hands, so bring me to a sink": the wish says why."""
+    if any(IT in phrase.text for step in b if isinstance(step, Do) for phrase in step.phrases):
+        raise CommandError("")
+    return b
 
 
 @_rule("logical", "AMONG np COMMA b:done", cost=0.2)

@@ -153,6 +153,9 @@ def _readings(kind: str, words: Sequence[str], at: int, vocabulary: Vocabulary) 
 def _activity(words: Sequence[str], at: int, vocabulary: Vocabulary) -> tuple[str, int]:
     """Read "somewhere to sit", "i want to lie down", "i m thirsty", and an activity that is all that was said."""
     rest = words[at : at + 12]
+    for end in range(min(len(rest), 4), 2, -1):
+        if tuple(rest[:end]) in NEEDS:  # "something to eat" is no place
+            return NEEDS[tuple(rest[:end])], end
     generic, length = vocabulary.activity(rest)
     if generic:
         return generic, length

@@ -110,6 +110,8 @@ class Writer:
 
     def _do(self, step: Do, lines: list[_Line]) -> None:
         if not step.verb:
+            if self._line and self._line.text.startswith("tell("):
+                raise CommandError("what is to be told or done with the last things was not said")
             call = "robot.face({0})" if self._verb == "face" else "robot.move_to_{0.goal}"
             step = Do((call,), step.phrases, step.notes, self._verb)
         self._verb = step.verb
@@ -148,7 +150,7 @@ class Writer:
         last = self._last
         if phrase.text == IT:
             return self._named("it")
-        if phrase.again:
+        if phrase.again and not (phrase.lone and (last is None or last.phrase.base != phrase.base)):
             if last is not None and any(inner.base == phrase.base for inner in last.phrase.inner):
                 # "if there is a laptop on the desk, go to that desk"
                 self._last = _Mention(replace(phrase, text=f"having({phrase.base}, {self._named('it').name})"))

@@ -128,6 +128,11 @@ class _Outcome:
         named = {number for ids, _ in self.stops for number in ids if self.scene.label[number] in classes}
         return named <= set(wanted) and len(named) == (len(wanted) if count is None else count)
 
+    def stops_at(self, wanted: Sequence[int]) -> bool:
+        """Whether the path ends where it was sent to one of these, as near as the robot can get to it."""
+        at_last = bool(self.stops) and self.stops[-1][0] & set(wanted) and math.dist(self.stops[-1][1], self.end) < 0.05
+        return bool(at_last) and bool(self.scene.off(wanted, self.end)[0] <= _CROWDED_M)
+
     def faces(self, ids: Iterable[int]) -> bool:
         """Whether the robot ends looking at a cell of one of the instances, within 15 degrees."""
         to = np.concatenate([self.scene.tree(number).data for number in ids]) - self.end
@@ -137,7 +142,7 @@ class _Outcome:
     def laps(self, number: int) -> float:
         """Return how many times the path winds round an instance's middle."""
         to = self.path - np.array(self.scene.simap.by_id(number).centroid_m[:2])
-        return abs(float(np.diff(np.unwrap(np.arctan2(to[:, 1], to[:, 0]))[[0, -1]])[0])) / math.tau
+        return float(np.ptp(np.unwrap(np.arctan2(to[:, 1], to[:, 0])))) / math.tau
 
     def passes(self, wanted: Sequence[Sequence[int]]) -> bool:
         """Whether the path comes near one object of each group, group after group."""
@@ -173,7 +178,7 @@ def _unmet(o: _Outcome, start: Pose2, expect: Mapping[str, Any]) -> str | None:
         "visits": lambda v: o.visits(v) and ("ends" in str([*expect]) or scene.off(v[-1], o.end)[0] <= _CROWDED_M),
         "visits_all": o.visits_all,
         "visits_count": lambda v: o.visits_all(*v),
-        "ends_near": lambda v: scene.at(v, o.end),
+        "ends_near": lambda v: scene.at(v, o.end) or o.stops_at(v),
         "ends_off": lambda v: v[1] <= scene.off(v[0], o.end)[0] <= v[2],
         "ends_at": lambda v: math.dist(v[:2], o.end) <= v[2],
         "ends_in_polygon": lambda v: cv2.pointPolygonTest(np.float32(v), o.end, True) >= -0.1,  # pyright: ignore

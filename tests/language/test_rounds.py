@@ -10,8 +10,8 @@ CORRIDOR = [5.0, 4.5, 90.0]
 
 
 REACHED = {
-    "round1": (116, 2), "round2": (75, 3), "round3": (72, 3), "round4": (106, 1), "round5": (76, 2), "round6": (37, 1),
-    "round7": (25, 1),
+    "round1": (117, 2), "round2": (75, 3), "round3": (72, 3), "round4": (107, 1), "round5": (76, 2), "round6": (38, 0),
+    "round7": (26, 0), "round8": (32, 0), "round9": (29, 0),
 }  # fmt: skip
 """Of the commands on the maps that are shipped: at least so many right, and at most so many wrong but confident."""
 
@@ -20,7 +20,8 @@ REACHED = {
 @pytest.mark.parametrize("path", sorted(ROUNDS.glob("round*.json")), ids=lambda path: path.stem)
 def test_what_was_understood_stays_so_and_nobody_sees_a_traceback(path):
     verdicts = judge_round(path)
-    assert len(verdicts) >= len(json.loads(path.read_text())) / 2
+    shipped = [one for one in json.loads(path.read_text()) if one["map"] in ("cafe", "toy", "toymap")]
+    assert len(verdicts) == len(shipped) >= 30
     found = {kind: [one.command["say"] for one in verdicts if one.verdict == kind] for kind in VERDICTS}
     right, wrong = REACHED[path.stem]
     assert found["traceback"] == []
