@@ -99,10 +99,10 @@ class LiveRun:
             while not (cancel.is_set() or source.ended or self._silent()):
                 shot = source.take(TAKE_S)
                 self._correct()
-                if shot is not None:
-                    self._last_s = time.monotonic()
                 for one in [shot] if masks is None else masks.through(shot, growing, wait=request.every_frame):
                     self._put(one, observers)
+                if shot is not None:
+                    self._last_s = time.monotonic()  # what comes while a shot takes long is no silence
             for one in masks.rest(growing) if masks is not None else ():
                 self._put(one, observers)
         for event in growing.finish_waiting():

@@ -190,7 +190,8 @@ function encodeSetTime({ recording, timeline, time, play }) {
   return new Uint8Array(field(6, message));
 }
 
-// Times set from outside, so that their echo can be told from a person's scrubbing. {"timeline time": milliseconds}
+// Times set from outside, so that their echo can be told from a person's scrubbing: when rerun had taken each, Infinity
+// until then, however long it is at it. {"timeline time": milliseconds}
 const ECHO_MS = 1500;
 const commanded = new Map();
 
@@ -226,13 +227,15 @@ async function setTime(command) {
     const next = waiting;
     waiting = null;
     following = next.play === "following";
-    commanded.set(`${next.timeline} ${next.time}`, performance.now());
+    const key = `${next.timeline} ${next.time}`;
+    commanded.set(key, Infinity);
     if (commanded.size > 500) commanded.delete(commanded.keys().next().value);
     try {
       await viewer.viewer_control(encodeSetTime({ recording: ids.get(asked), play: "paused", ...next }));
     } catch (error) {
       console.error("set_time", error.code, error.message);
     }
+    commanded.set(key, performance.now());
   }
   busy = false;
 }

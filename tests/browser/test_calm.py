@@ -124,3 +124,19 @@ def test_a_recording_is_sent_once(page):
     page.wait_for_timeout(700)
     assert page.evaluate("() => window.sent.length") == 1
     assert page.evaluate(POSTED) == [["time_update", 29, False]]
+
+
+def test_an_echo_is_known_however_late_it_comes_and_a_person_who_goes_there_later_is_heard(page):
+    show(page, "http://127.0.0.1:1/recordings/cafe.rrd")
+    told_to(page)
+    later = "() => { const now = performance.now.bind(performance); performance.now = () => now() + 60000; }"
+    page.evaluate("() => { viewer.viewer_control = () => new Promise((taken) => { window.taken = taken; }); }")
+    page.evaluate("() => { setTime({ timeline: 'frame', time: 39 }); }")
+    page.evaluate(later)
+    tells(page, 39)  # rerun is slow
+    page.evaluate("async () => { window.taken(); await new Promise((done) => setTimeout(done)); }")
+    tells(page, 39)
+    assert page.evaluate(POSTED) == []
+    page.evaluate(later)
+    tells(page, 39)
+    assert page.evaluate(POSTED) == [["time_update", 39, False]]

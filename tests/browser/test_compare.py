@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from browser import toy_services, until, watched_page
 from playwright.sync_api import expect
-from stub_page import color_at, open_desk, settle, stub_page
+from stub_page import color_at, colors_around, open_desk, settle, stub_page
 from toy_maps import toy_map
 
 from simaps_viz.drawing.compare_picture import KINDS, TwoPictures
@@ -87,8 +87,7 @@ def near(color, wanted, tolerance=6):
 
 
 def line_near(desk, page, place, color, reach_m=0.15):
-    around = [color_at(desk, page, place[0] + d, place[1]) for d in np.linspace(-reach_m, reach_m, 41)]
-    return any(near(c, color, 24) for c in around)
+    return any(near(c, color, 24) for c in colors_around(desk, page, place, reach_m, 41))
 
 
 def begin(desk, panel, page, right="Method components"):

@@ -8,7 +8,7 @@ from browser import (
     mine,
     on_canvas,
     open_workbench,
-    pixel,
+    pixels_around,
     rerun_frame,
     toy_services,
     toy_workbench,
@@ -56,13 +56,8 @@ def choose_chair_1(bench, page):
     expect(page.get_by_text("One object although only 2 of the 5 frames that saw it")).to_be_visible()
 
 
-def colors_around(bench, page, place, reach_m=0.05):
-    """Colours the canvas shows along a short line through a place, west to east."""
-    return [pixel(bench, page, place[0] + d, place[1]) for d in np.linspace(-reach_m, reach_m, 21)]
-
-
 def shows(bench, page, place, color, reach_m=0.05) -> bool:
-    return any(np.abs(np.subtract(c, color)).max() <= 36 for c in colors_around(bench, page, place, reach_m))
+    return any(np.abs(np.subtract(c, color)).max() <= 36 for c in pixels_around(bench, page, place, reach_m, 21))
 
 
 def test_a_click_tells_why_and_draws_the_weakest_joint(bench, page):

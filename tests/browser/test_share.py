@@ -4,7 +4,7 @@ import io
 
 import numpy as np
 import pytest
-from browser import PATIENCE_S, PIXEL, place_on, until, watched_page
+from browser import PATIENCE_S, PIXELS, place_on, until, watched_page
 from PIL import Image
 from playwright.sync_api import expect
 from shared_rides import COMMAND, couch_of, late_map, toy_drive
@@ -20,7 +20,7 @@ from simaps_viz.viewer.share.page import HOLD_S, page_html
 
 
 def color_at(page, simap, place):
-    return page.evaluate(PIXEL, list(place_on(page, simap, *place)))
+    return page.evaluate(PIXELS, [place_on(page, simap, *place)])[0]
 
 
 def near(color, wanted, tolerance=8):

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from browser import PIXEL, free_port, mine, on_canvas, open_workbench, toy_services, until, watched_page
+from browser import PIXELS, free_port, mine, on_canvas, open_workbench, toy_services, until, watched_page
 from toy_maps import TOY_POSE
 from toy_surfaces import BROWN, PLANT, toy_with_surface
 
@@ -30,7 +30,7 @@ def test_the_room_is_seen_as_it_looked_and_its_tables_can_be_lifted_off(browser,
 
         def color(z_m):
             spot = on_canvas(bench, page, x, y, session, z_m)
-            return np.array(page.evaluate(PIXEL, list(spot)))
+            return np.array(page.evaluate(PIXELS, [spot])[0])
 
         until(page, lambda: np.abs(color(z) - BROWN).max() <= 16)
         page.mouse.click(*on_canvas(bench, page, x, y, session, z))

@@ -44,7 +44,6 @@ ARGUMENTS = [
     "--disable-sync",
     "--use-angle=swiftshader",
     "--enable-unsafe-swiftshader",
-    "--disable-gpu-compositing",  # the map is drawn as ever; only what lies around it is not drawn by SwiftShader
 ]
 FIRST_PORT, PORTS_EACH = 20_000, 2_000
 """Below those the system gives to connections; of up to six processes that run tests at once, each has its own."""
@@ -259,20 +258,31 @@ def page_is_there(workbench: Any, page: Page, simap: Any, session: Any = None) -
     )
 
 
-PIXEL = """([x, y]) => {
+PIXELS = """(places) => {
   const canvas = [...document.querySelectorAll('canvas')].sort((a, b) => b.width * b.height - a.width * a.height)[0];
   const box = canvas.getBoundingClientRect();
-  const one = document.createElement('canvas'); one.width = one.height = 1;
-  const context = one.getContext('2d');
-  const u = (x - box.x) / box.width * canvas.width, v = (y - box.y) / box.height * canvas.height;
-  context.drawImage(canvas, u, v, 1, 1, 0, 0, 1, 1);
-  return Array.from(context.getImageData(0, 0, 1, 1).data.slice(0, 3));
+  const copy = document.createElement('canvas'); copy.width = canvas.width; copy.height = canvas.height;
+  const context = copy.getContext('2d', { willReadFrequently: true });
+  context.drawImage(canvas, 0, 0);
+  return places.map(([x, y]) => {
+    const u = (x - box.x) / box.width * canvas.width, v = (y - box.y) / box.height * canvas.height;
+    return Array.from(context.getImageData(Math.floor(u), Math.floor(v), 1, 1).data.slice(0, 3));
+  });
 }"""
+"""The colours that the canvas shows at places of the page: one copy of it for all of them."""
 
 
 def pixel(workbench: Any, page: Page, x_m: float, y_m: float, session: Any = None) -> tuple[int, ...]:
     """The colour the canvas shows at a point of the floor."""
-    return tuple(page.evaluate(PIXEL, list(on_canvas(workbench, page, x_m, y_m, session))))
+    return tuple(page.evaluate(PIXELS, [on_canvas(workbench, page, x_m, y_m, session)])[0])
+
+
+def pixels_around(
+    workbench: Any, page: Page, place: tuple[float, float], reach_m: float, count: int, session: Any = None
+) -> list[list[int]]:
+    """The colours along a short line through a point of the floor, west to east."""
+    west, east = (on_canvas(workbench, page, place[0] + d, place[1], session) for d in (-reach_m, reach_m))
+    return page.evaluate(PIXELS, np.linspace(west, east, count).tolist())
 
 
 def wait_for_color(

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 import viser
-from browser import PATIENCE_S, PIXEL, free_port, on_canvas, page_is_there, until
+from browser import PATIENCE_S, free_port, page_is_there, pixel, pixels_around, until
 from playwright.sync_api import Page
 from toy_maps import TOY_POSE
 
@@ -151,8 +151,17 @@ def settle(desk: StubPage, page: Page) -> None:
     until(page, rests)
 
 
+def _viewer(desk: StubPage) -> SimpleNamespace:
+    return SimpleNamespace(client=next(iter(desk.server.get_clients().values())))
+
+
 def color_at(desk: StubPage, page: Page, x_m: float, y_m: float) -> tuple[int, ...]:
     """The colour the canvas shows at a point of the floor."""
-    client = next(iter(desk.server.get_clients().values()))
-    place = on_canvas(desk, page, x_m, y_m, SimpleNamespace(client=client))
-    return tuple(page.evaluate(PIXEL, list(place)))
+    return pixel(desk, page, x_m, y_m, _viewer(desk))
+
+
+def colors_around(
+    desk: StubPage, page: Page, place: tuple[float, float], reach_m: float, count: int
+) -> list[list[int]]:
+    """The colours along a short line through a point of the floor, west to east."""
+    return pixels_around(desk, page, place, reach_m, count, _viewer(desk))

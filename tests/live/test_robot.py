@@ -213,6 +213,7 @@ def test_what_is_not_malformed_is_all_taken(recorded):
     assert len(feed(source, recorded)) >= 3 and not source._traffic.dropped
 
 
+@pytest.mark.slow
 @settings(max_examples=150, deadline=None)
 @given(st.data())
 def test_malformed_messages_are_counted_and_nothing_else_happens(recorded, data):

@@ -2,6 +2,7 @@
 
 import json
 import threading
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -136,6 +137,19 @@ class Silent(PlayedSequence):
     @property
     def ended(self):
         return False
+
+
+def test_a_frame_that_takes_longer_than_silence_may_last_ends_nothing(tiny, tmp_path, monkeypatch):
+    put, clock = LiveRun._put, [0.0]
+
+    def slow(run, *shot):
+        clock[0] += 10.0
+        put(run, *shot)
+
+    monkeypatch.setattr(LiveRun, "_put", slow)
+    monkeypatch.setattr("simaps_viz.live.run.time", SimpleNamespace(monotonic=lambda: clock[0]))
+    simap, _ = live(Silent(tiny, 4), tmp_path, idle_stop_s=5.0)
+    assert len(simap.frame_names) == 4
 
 
 def test_a_silent_source_ends_after_the_time_asked_for_and_one_without_frames_makes_no_map(tiny, tmp_path):

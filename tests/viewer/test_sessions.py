@@ -431,11 +431,11 @@ def failing_job():
 # --- what is left behind
 
 
-def test_nothing_is_left_of_thirty_pages():
+def test_nothing_is_left_of_a_dozen_pages():
     with toy_workbench(all_services()) as bench:
         before = threading.active_count()
         left = []
-        for n in range(30):
+        for n in range(12):
             page = FakePage(bench, tells=n % 3 > 0)
             page.session.select(CHAIR_3)
             if n % 5 == 0:
@@ -448,7 +448,7 @@ def test_nothing_is_left_of_thirty_pages():
         until(lambda: not any(t.name in ("workbench-worker", "workbench-drive") for t in threading.enumerate()))
         until(lambda: not any(isinstance(t, threading.Timer) for t in threading.enumerate()))
         until(lambda: gc.collect() >= 0 and sum(ref() is not None for ref in left) <= 1)
-        assert len(bench.sessions) == 0 and len(bench.tabs) == 20
+        assert len(bench.sessions) == 0 and len(bench.tabs) == 8
         with fake_page(bench) as page:
             assert page.session.wait_idle()
 
