@@ -53,6 +53,8 @@ class BuildConfig:
         ranges = self.evidence.ranges
         if len(set(ranges)) != len(ranges) or not all(type(r) is int and 1 <= r <= 1000 for r in ranges):
             raise InputError(f"ranges of evidence: expected different numbers of cells from 1, found {ranges}")
+        if not 0 <= self.votes.rounds <= 100:
+            raise InputError(f"rounds of learning: expected 0 to 100, found {self.votes.rounds}")
         if self.min_cells < 1:
             raise InputError(f"smallest instance: expected at least 1 cell, found {self.min_cells}")
         if not 0.005 <= self.projection.cell_size_m <= 1.0:

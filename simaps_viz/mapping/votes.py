@@ -4,6 +4,9 @@ One frame is one vote of a cell: the segment of its highest pixel there. It coun
 top, with the segment's confidence as weight; a frame that saw nothing there is a weak vote, because detectors miss more
 than they invent. Cells lend their votes to neighbours of about the same height, because mask borders wander.
 
+Constants do not suit every network, though. With ``rounds``, what the masks of a map get wrong is learned from its own
+readings, and the votes are only where that begins; see `mask_errors`.
+
 Exact masks need none of this, and there the highest pixel knows thin things best. The votes themselves show it: where
 readings of one cell hardly ever disagree, masks are exact.
 """
@@ -14,6 +17,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from simaps_viz.mapping.mask_errors import DEPTHS, depth_of, learn_classes
 from simaps_viz.mapping.observations import AllReadings
 from simaps_viz.structures import Grid
 
@@ -46,6 +50,8 @@ class VoteSettings:
     floor_m: float = 0.04
     """Things that stand on the floor do not lie on it: a class most of whose cells are higher than this gets no cell
     that is lower. Masks of chairs cover the floor seen between their legs. 0 = off."""
+    rounds: int = 0
+    """How often the errors of the masks are learned, and the classes named anew by them: 6 is enough. 0 = never."""
     exact_below: float = 0.01
     """Masks count as exact, and the highest pixel decides, when less than this share of readings disagrees."""
 
@@ -62,15 +68,16 @@ def vote_labels(grid: Grid, readings: AllReadings, settings: VoteSettings) -> tu
         int16 [rows, cols], index into ``grid.labels``, 0 = none; and the share of readings that disagree with the most
         frequent one of their cell (cells with at least three).
     """
-    following, label, votes, counts = _gather_votes(grid, readings, settings)
+    following, label, votes, by_depth = _gather_votes(grid, readings, settings)
+    counts = by_depth.sum(axis=1, dtype=np.int32)
     disagreement = _disagreement(following, counts, grid.label.size)
     if not settings.enabled or disagreement < settings.exact_below:
         return grid.label, disagreement
     heights = np.nan_to_num(grid.height_m.reshape(-1), nan=-np.inf)
-    free = np.zeros(len(grid.labels), dtype=np.bool_)
+    standing = np.zeros(len(grid.labels), dtype=np.bool_)
     named = _elect(
         following, label, votes, counts, heights, grid.spec.rows, grid.spec.cols,
-        settings.neighbours, settings.height_scale_m, free, settings.floor_m,
+        settings.neighbours, settings.height_scale_m, standing, settings.floor_m,
     )  # fmt: skip
     if settings.floor_m > 0.0:
         standing = _standing(named, heights, grid, settings.floor_m)
@@ -78,7 +85,11 @@ def vote_labels(grid: Grid, readings: AllReadings, settings: VoteSettings) -> tu
             following, label, votes, counts, heights, grid.spec.rows, grid.spec.cols,
             settings.neighbours, settings.height_scale_m, standing, settings.floor_m,
         )  # fmt: skip
-    return named.reshape(grid.spec.shape), disagreement
+    named, top = named.reshape(grid.spec.shape), heights.reshape(grid.spec.shape)
+    if settings.rounds > 0:
+        entries = following, label, by_depth
+        named = learn_classes(named, entries, top, standing, settings.floor_m, settings.rounds)
+    return named, disagreement
 
 
 def spread_labels(label: NDArray, height_m: NDArray, unsegmented: NDArray) -> NDArray:
@@ -145,8 +156,8 @@ def _gather_votes(
 
     Returns:
         Entries, those of one cell and one class each: the next entry of the same cell int32 (0 = none), class int16,
-        votes float32, readings int32. Entry c is the first of cell c, in the order in which the classes were met; it
-        has no readings when the cell has none.
+        votes float32, readings int32 [`DEPTHS`] by depth below the top. Entry c is the first of cell c, in the order in
+        which the classes were met; it has no readings when the cell has none.
     """
     top = grid.height_m.reshape(-1)
     named = np.where(np.array(grid.is_thing), 1.0, settings.stuff)
@@ -167,13 +178,14 @@ def _gather_votes(
             for old, new in zip(entries, larger, strict=True):
                 new[:size] = old[:size]
             entries = larger
-    following, label, votes, counts = entries
-    return following, label, votes, counts
+    following, label, votes, by_depth = entries
+    return following, label, votes, by_depth
 
 
 def _room_for(entries: int) -> tuple[NDArray, ...]:
     """Return room for entries; what is not used yet takes no memory."""
-    return tuple(np.zeros(entries, dtype) for dtype in (np.int32, np.int16, np.float32, np.int32))
+    by_depth = np.zeros((entries, DEPTHS), np.int32)
+    return *(np.zeros(entries, dtype) for dtype in (np.int32, np.int16, np.float32)), by_depth
 
 
 @njit(cache=True, nogil=True)
@@ -187,7 +199,7 @@ def _tally(
     following: NDArray,  # in/out int32 [room], next entry of the same cell, 0 = none
     label: NDArray,  # in/out int16 [room]
     votes: NDArray,  # in/out float32 [room]
-    counts: NDArray,  # in/out int32 [room]
+    by_depth: NDArray,  # in/out int32 [room, depths], how many
     size: int,
     done: int,
 ) -> tuple[int, int]:
@@ -201,7 +213,7 @@ def _tally(
         if not height_m[i] > top[at] - window_m:
             continue
         # Follow the cell's list to the entry of this class; the first entry of a cell has the cell's own number.
-        if counts[at] == 0:
+        if not by_depth[at].any():
             label[at] = label_of[i]
         while label[at] != label_of[i] and following[at] > 0:
             at = following[at]
@@ -214,7 +226,7 @@ def _tally(
             label[at] = label_of[i]
             size += 1
         votes[at] += weight_of[i]
-        counts[at] += 1
+        by_depth[at, depth_of(top[cell[i]] - height_m[i])] += 1
     return size, len(cell)
 
 

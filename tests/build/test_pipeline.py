@@ -10,6 +10,7 @@ from simaps_viz.errors import InputError
 from simaps_viz.events import BuildFinished, BuildStarted, CommunitiesFound, FrameProjected, MergesFound
 from simaps_viz.mapping.accumulator import ProjectionSettings
 from simaps_viz.mapping.evidence import EvidenceSettings
+from simaps_viz.mapping.votes import VoteSettings
 
 
 class Listener:
@@ -130,6 +131,7 @@ def test_what_covers_too_few_cells_is_no_instance_but_keeps_its_class(tiny):
         (lambda: BuildConfig(evidence=EvidenceSettings(ranges=(1, 1))), "ranges of evidence: expected different"),
         (lambda: BuildConfig(evidence=EvidenceSettings(ranges=(0, 2))), "ranges of evidence: expected different"),
         (lambda: BuildConfig(resolution=0), "resolution: expected"),
+        (lambda: BuildConfig(votes=VoteSettings(rounds=-1)), "rounds of learning: expected"),
         (lambda: BuildConfig(projection=ProjectionSettings(cell_size_m=0)), "cell size: expected"),
     ],
 )

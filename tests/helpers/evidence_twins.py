@@ -3,7 +3,7 @@
 from collections import defaultdict
 from collections.abc import Sequence
 from itertools import combinations
-from math import exp
+from math import exp, floor, log
 
 import numpy as np
 from numpy.typing import NDArray
@@ -79,15 +79,96 @@ def plain_vote_labels(grid: Grid, readings: Readings, settings: VoteSettings) ->
             named[cell] = max(sums, key=lambda label: sums[label]) if sums else 0  # the first of equals
         return named
 
-    named = elect(set())
-    if settings.floor_m <= 0.0:
-        return named, disagreement
-    standing = set()
-    for label, is_thing in enumerate(grid.is_thing):
+    named, standing = elect(set()), set()
+    for label, is_thing in enumerate(grid.is_thing if settings.floor_m > 0.0 else ()):
         tops = [top[cell] for cell in np.ndindex(rows, cols) if named[cell] == label and not np.isnan(top[cell])]
         if is_thing and 2 * sum(t < settings.floor_m for t in tops) < len(tops):
             standing.add(label)
-    return elect(standing), disagreement
+    named = elect(standing) if settings.floor_m > 0.0 else named
+    return plain_learned_labels(named, grid, readings, settings, standing) if settings.rounds else named, disagreement
+
+
+STEPS_M = np.array([0.003, 0.006, 0.01, 0.015, 0.02, 0.03, 0.05, 0.1, 0.3], dtype=np.float32)
+
+
+def plain_learned_labels(
+    named: NDArray, grid: Grid, readings: Readings, settings: VoteSettings, standing: set[int]
+) -> NDArray:
+    """Learn what masks get wrong, in dictionaries; from the classes that votes gave, and those that stand."""
+    rows, cols = grid.spec.shape
+    top = {cell: grid.height_m[cell] for cell in np.ndindex(rows, cols) if not np.isnan(grid.height_m[cell])}
+    read: dict[tuple[int, int], dict[tuple[int, int], int]] = defaultdict(lambda: defaultdict(int))
+    for flat, label, height in zip(readings.cell.tolist(), readings.label.tolist(), readings.height_m, strict=True):
+        cell = divmod(flat, cols)
+        below = float(top[cell] - height)
+        if height > top[cell] - np.float32(settings.window_m):
+            read[cell][sum(below >= edge for edge in (0.005, 0.015, 0.03)), label] += 1
+    around = {
+        cell: [
+            (other, abs(dr * dc), sum(abs(top[cell] - top[other]) >= e for e in STEPS_M))
+            for dr in (-1, 0, 1) for dc in (-1, 0, 1)
+            if (dr or dc) and (other := (cell[0] + dr, cell[1] + dc)) in read
+        ]
+        for cell in read
+    }  # fmt: skip
+    classes = sorted({label for looks in read.values() for _, label in looks} | set(named.reshape(-1).tolist()))
+    level = {cell: floor(float(top[cell]) / 0.05) for cell in read}
+    reached = [floor(float(h) / 0.05) for h in top.values()]
+    levels = range(min(0, *reached), max(reached) + 1)
+    candidates = {
+        cell: [int(named[cell])] + [
+            label for label in dict.fromkeys([*(k for _, k in looks), *(int(named[o]) for o, *_ in around[cell])])
+            if label != named[cell] and not (label in standing and top[cell] < settings.floor_m)
+        ]
+        for cell, looks in read.items()
+    }  # fmt: skip
+    share = {cell: {label: float(label == named[cell]) for label in candidates[cell]} for cell in read}
+    for done in range(settings.rounds):
+        field = 0.3 if done else 0.0
+        size = {k: sum(s.get(k, 0.0) for s in share.values()) for k in classes}
+        often = {k: (size[k] + 0.5) / (sum(size.values()) + 0.5 * len(classes)) for k in classes}
+        seen = {
+            (d, as_, k): sum(s.get(k, 0.0) * read[c].get((d, as_), 0) for c, s in share.items())
+            for d in range(4) for as_ in classes for k in classes
+        }  # fmt: skip
+        log_read = {}
+        for d in range(4):
+            all_ = sum(seen[d, a, k] for a in classes for k in classes)
+            agree = (sum(seen[d, k, k] for k in classes) + 1) / (all_ + 2)
+            for a in classes:
+                usual = (sum(seen[d, a, k] for k in classes) + 0.5) / (all_ + 0.5 * len(classes)) * (1 - agree)
+                for k in classes:
+                    of_k = sum(seen[d, b, k] for b in classes)
+                    log_read[d, a, k] = log((seen[d, a, k] + 10 * (usual + agree * (a == k))) / (of_k + 10))
+        log_level = {}
+        for at in levels:
+            at_level = {k: sum(s.get(k, 0.0) for c, s in share.items() if level[c] == at) for k in classes}
+            usual = (sum(at_level.values()) + 0.5) / (len(read) + 0.5 * len(levels))
+            for k in classes:
+                log_level[at, k] = log(often[k] * (at_level[k] + 10 * usual) / (size[k] + 10))
+        chance, odds = sum(p * p for p in often.values()), {}
+        for kind in ((across, step) for across in (0, 1) for step in range(len(STEPS_M) + 1)):
+            pairs = [(c, o) for c in read for o, *k in around[c] if tuple(k) == kind]
+            alike = sum(s * share[o].get(k, 0.0) for c, o in pairs for k, s in share[c].items())
+            same = min(max(((alike / 2 + 1) / (len(pairs) / 2 + 2) - chance) / (1 - chance + 1e-12), 0.0), 0.999)
+            odds[kind] = same / (1 - same)
+        weighed = {}
+        for c, looks in read.items():
+            sums = {
+                k: log_level[level[c], k] + sum(n * log_read[d, a, k] for (d, a), n in looks.items())
+                + field * sum(
+                    log(1 + odds[across, step] * share[o][k] / often[k])
+                    for o, across, step in around[c] if share[o].get(k, 0.0) >= 1e-3
+                )
+                for k in candidates[c]
+            }  # fmt: skip
+            shares = {k: exp(s - max(sums.values())) for k, s in sums.items()}
+            weighed[c] = {k: s / sum(shares.values()) for k, s in shares.items()}
+        share = weighed
+    found = named.copy()
+    for c, s in share.items():
+        found[c] = max(s, key=lambda k: s[k])
+    return found
 
 
 Evidence = dict[tuple[int, int, int], tuple[int, int]]
