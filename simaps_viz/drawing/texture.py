@@ -33,7 +33,7 @@ BORDER = 0.55
 FADED = 0.22
 """How much of its colour is left to what is not emphasised."""
 TINT = 0.25
-"""Share of its object's colour in a cell of the photo."""
+"""Share of its object's colour in a cell of the photo, at first."""
 HEIGHT_TOP_M = 2.0
 
 MAX_TEXTURE_PIXELS = 1600
@@ -150,8 +150,11 @@ def map_image(
     hidden: Collection[int] = (),
     scale: int = 1,
     theme: Theme = LIGHT,
+    tint: float = TINT,
 ) -> NDArray:
     """Paint the map, coloured as by `cell_colors`; ``scale``: pixels along a cell's edge, a darker rim from 3 on.
+
+    On a photo ``tint`` is the share of its object's colour in a cell, 0 to 1.
 
     Returns:
         uint8 [rows * scale, cols * scale, 3], RGB, row 0 at the south.
@@ -165,7 +168,7 @@ def map_image(
     elif mode == "photo":
         # Objects are tinted and outlined in their colours, as a photo alone does not tell them apart.
         own = cell_colors(simap, "instance", lit=lit, hidden=hidden, theme=theme)
-        tinted = (colors * (1.0 - TINT) + own * TINT).astype(np.uint8)
+        tinted = (colors * (1.0 - tint) + own * tint).astype(np.uint8)
         tinted = np.where((simap.instance > 0)[..., None], tinted, colors)
         image = cv2.resize(tinted, None, fx=scale, fy=scale, interpolation=cv2.INTER_NEAREST)
         _draw_rims(image, own, simap.instance, scale, width=max(1, scale // 3))

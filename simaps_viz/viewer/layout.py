@@ -8,10 +8,12 @@ import viser
 from simaps_viz.viewer.page.page import Page
 from simaps_viz.viewer.page.panel import PanelSpec
 from simaps_viz.viewer.panels import PANELS
-from simaps_viz.viewer.scene.camera import PANEL_WIDTH_PX
+from simaps_viz.viewer.scene.camera import PANEL_WIDTH_PX, RIM_PX
 
 RECORDING_WIDTH_PX = 400
-ROOMY_PX, MAX_PX = 1600, 20_000
+MAP_SHARE = 0.6
+"""The share of the page's width that the map keeps while the recorded build is docked beside it."""
+ROOMY_PX, MAX_PX = 1900, 20_000
 """Pages narrower than the first have the recorded build folded up to a strip: the room is for the map."""
 
 
@@ -55,6 +57,8 @@ class Layout:
             page_px: width of the page, as it reported it.
         """
         if self._recording is not None and isinstance(page_px, int | float) and ROOMY_PX <= page_px < MAX_PX:
+            beside = int((1.0 - MAP_SHARE) * page_px) - PANEL_WIDTH_PX - 2 * RIM_PX
+            self._recording.set_width(min(RECORDING_WIDTH_PX, beside))
             self._recording.expand()
 
     def open_tab(self, title: str, only_from: str, focus: str) -> None:

@@ -125,6 +125,16 @@ def test_a_refusal_names_what_the_map_lacks(bench, page):
     expect(page.get_by_text("There is no piano on this map.")).to_be_visible()
     say(mine(bench), page, "sing me a song")
     expect(page.get_by_text("Not understood").first).to_be_visible()
+    offered = page.get_by_role("button", name="go to the chair nearest", exact=False)
+    expect(offered.first).to_be_visible()
+    assert not page.get_by_text("Try: ").all()  # what a button has is not said once more
+    command = offered.first.inner_text()
+    offered.first.click()
+    expect(page.get_by_text("Done")).to_be_visible()
+    assert (
+        mine(bench).panels[CommandPanel]._past[0].command == command
+        and field_of(page, "Command").input_value() == command
+    )
     say(mine(bench), page, "go to the ninth chair")
     expect(page.get_by_text("There are only 3 chairs on this map; the 9th was asked for.")).to_be_visible()
 

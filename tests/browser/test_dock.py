@@ -157,7 +157,7 @@ def opened(browser: Browser, built: tuple[SIMap, Path], tmp_path_factory: pytest
         patch.setenv("SIMAPS_RECORDINGS", str(kept))
         with (
             workbench.open_workbench(simap, recording=recording, port=free_port()) as bench,
-            watched_page(browser, 1600) as page,
+            watched_page(browser, 2040) as page,
         ):
             page.goto(f"{bench.url}/?fixedDpr=1")
             page.wait_for_function(MAP_SHOWN)

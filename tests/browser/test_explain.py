@@ -131,7 +131,7 @@ def test_the_recording_is_sent_to_the_step_and_a_click_in_it_selects(browser, tm
     recording = tmp_path / "toy.rrd"
     recording.write_bytes(b"")
     services = toy_services(rerun_page=lambda urls: "<p>no viewer</p>", recordings=(recording,))
-    with toy_workbench(services) as bench, watched_page(browser, 1600, 1200) as page:
+    with toy_workbench(services) as bench, watched_page(browser, 2040, 1200) as page:
         open_workbench(page, bench)
         assert bench.recording_host is not None
         pushed = bench.recording_host.listen(mine(bench).token)

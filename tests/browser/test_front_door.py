@@ -64,7 +64,7 @@ def forwarded(port: int) -> Iterator[int]:
 @contextmanager
 def watched_through(browser, bench: Workbench):
     """Open a page through one forwarded port; fails where it asks for any other."""
-    with forwarded(bench.port) as near, watched_page(browser, 1600) as page:
+    with forwarded(bench.port) as near, watched_page(browser, 2040) as page:
         asked: list[str] = []
         page.on("request", lambda request: asked.append(request.url))
         page.on("websocket", lambda one: asked.append(one.url))

@@ -43,7 +43,7 @@ def test_the_docked_recording_follows_the_stream_while_the_build_goes_on(browser
     with (
         stage_progress(quiet=True) as progress,
         live_workbench(held, settings(tmp_path / "m.npz"), progress) as (bench, build),
-        watched_page(browser, 1600) as page,
+        watched_page(browser, 2040) as page,
     ):
         open_workbench(page, bench)
         recording = rerun_frame(page)

@@ -214,9 +214,11 @@ def brightness(page) -> int:
 def test_the_recording_and_the_page_show_the_same_frame(browser, tmp_path):
     record(tmp_path / "toy.rrd")
     services = toy_services(recordings=(tmp_path / "toy.rrd",))
-    with toy_workbench(services) as bench, watched_page(browser, 1600) as page:
+    with toy_workbench(services) as bench, watched_page(browser, 2040) as page:
         open_workbench(page, bench)
         rerun_frame(page).wait_for_function("() => window.simapsReady")
+        canvas = page.locator("canvas").first.bounding_box()
+        assert canvas is not None and canvas["width"] >= 0.6 * 2040  # the room is for the map
         until(page, lambda: abs(brightness(page) - 200) <= 4)  # the page's own frame: the last
         tab(page, "Build")
         fill(page, "Frame", "1")

@@ -283,6 +283,21 @@ def test_the_grammar_reads_when_the_server_is_gone():
     assert said.status == "ok" and said.notes[0].startswith("read offline: ") and told[0][0].error
 
 
+def test_what_can_be_said_instead_of_a_refused_command_is_offered_until_the_next_one():
+    with toy_workbench(real_services()) as bench, fake_page(bench):
+        panel = mine(bench).panels[CommandPanel]
+        offered = lambda: [one.label for one in panel._suggested if one.visible]  # noqa: E731
+        for command in ("sing me a song", "go to the piano"):
+            panel.ask(command)
+            until(lambda: "Refused" in shown(bench))
+            assert mine(bench).wait_idle() and 0 < len(offered()) <= 3 and "Try:" not in shown(bench)
+            assert [answer(bench.simap, one, TOY_POSE).status for one in panel._instead] == ["ok"] * len(offered())
+        panel._drive.speed = 8.0
+        panel._try_instead(0)
+        until(lambda: "Done" in shown(bench))
+        assert panel._past[0].status == "ok" and offered() == []
+
+
 def test_commands_on_top_of_each_other_leave_the_last_one():
     with toy_workbench(real_services()) as bench, fake_page(bench):
         mine(bench).panels[CommandPanel]._drive.speed = 8.0

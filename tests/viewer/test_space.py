@@ -10,7 +10,8 @@ from toy_maps import TOY_POSE
 from toy_surfaces import PLANT, toy_with_surface
 
 from simaps_viz.drawing.solids import WALL_CUT_M
-from simaps_viz.drawing.texture import MapPicture
+from simaps_viz.drawing.texture import MapPicture, cell_colors, map_image, pixels_per_cell
+from simaps_viz.viewer.page.shared import png
 from simaps_viz.viewer.panels.instance import InstancePanel, find
 from simaps_viz.viewer.panels.map import MapPanel
 from simaps_viz.viewer.scene.camera import SLANT, TOP
@@ -51,6 +52,22 @@ def test_the_view_in_space_shows_the_surface_as_it_looked_and_each_view_keeps_it
     assert session.wait_idle() and panel.mode == "instance" and not nodes(session) and not panel._cut_m.visible
     session.look(SLANT)
     assert session.wait_idle() and panel.mode == "height"
+
+
+def test_a_person_sets_how_much_of_the_objects_colours_lies_over_the_photo(session):
+    panel, simap = session.panels[MapPanel], session.simap
+    assert not panel._tint.visible
+    panel._mode.value = "photo"
+    assert session.wait_idle() and panel._tint.visible
+    for percent in (0, 100):
+        panel._tint.value = percent
+        assert session.wait_idle()
+        expected = map_image(simap, "photo", scale=pixels_per_cell(simap), tint=percent / 100)
+        assert session.scene._images["/map"][1]._data == png(expected)
+    whole, own = map_image(simap, "photo", tint=1.0), cell_colors(simap, "instance")
+    assert (whole == own)[simap.instance > 0].all()
+    session.look(SLANT)
+    assert session.wait_idle() and not panel._tint.visible  # the surface has one colour at a time
 
 
 def test_the_cut_hides_nodes_and_sends_none_anew(session):

@@ -422,9 +422,9 @@ class Page:
             style = replace(style, mode="class")
         # Pictures without marks of this page alone are shared by all pages.
         if style.paint is None:
-            picture = self.shared.picture(then.simap, style.mode, style.lit, style.until, style.theme)
+            picture = self.shared.picture(then.simap, style.mode, style.lit, style.until, style.theme, style.tint)
         else:
-            image = paint(then.simap, style.mode, style.lit, style.until, style.theme)
+            image = paint(then.simap, style.mode, style.lit, style.until, style.theme, style.tint)
             paint_cells(image, *style.paint, then.simap.spec.cols)
             picture = png(image)
         self.scene.show_map(then.simap, picture, style)

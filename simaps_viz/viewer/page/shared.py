@@ -9,7 +9,7 @@ import cv2
 from numpy.typing import NDArray
 
 from simaps_viz.drawing.frame_pictures import communities_unseen_until
-from simaps_viz.drawing.texture import ColorMode, map_image, pixels_per_cell
+from simaps_viz.drawing.texture import TINT, ColorMode, map_image, pixels_per_cell
 from simaps_viz.drawing.theme import LIGHT, Theme
 from simaps_viz.mapping.timeline import Timeline
 from simaps_viz.structures import SIMap
@@ -135,10 +135,20 @@ class Shared:
         lit: frozenset[int] | None,
         until: int | None,
         theme: Theme = LIGHT,
+        tint: float = TINT,
     ) -> bytes:
-        """Return a map's picture as PNG; ``until`` hides what no frame up to that one had named (None = all)."""
-        key = (simap, mode, lit, until, theme)
-        return self.pictures.get(key, lambda: self._in_turn(lambda: png(paint(simap, mode, lit, until, theme))))
+        """Return a map's picture as PNG.
+
+        Args:
+            simap: the map.
+            mode: what its colours mean.
+            lit: the instances that are not dimmed; None = all.
+            until: hide what no frame up to that one had named; None = nothing.
+            theme: of the page.
+            tint: share of its object's colour in a cell of a photo, 0 to 1.
+        """
+        key = (simap, mode, lit, until, theme, tint)
+        return self.pictures.get(key, lambda: self._in_turn(lambda: png(paint(*key))))
 
     def names(self, simap: SIMap, write: Callable[[SIMap], str]) -> str:
         """Return what pages need to name the objects of a map, as ``write`` writes it."""
@@ -156,14 +166,19 @@ class Shared:
 
 
 def paint(
-    simap: SIMap, mode: ColorMode, lit: frozenset[int] | None, until: int | None, theme: Theme = LIGHT
+    simap: SIMap,
+    mode: ColorMode,
+    lit: frozenset[int] | None,
+    until: int | None,
+    theme: Theme = LIGHT,
+    tint: float = TINT,
 ) -> NDArray:
     """Paint a map, uint8 [rows * scale, cols * scale, 3], RGB, row 0 at the south; arguments as in `Shared.picture`.
 
     A map with more than `MAX_SIDE` cells a side is scaled down to that.
     """
     hidden = () if until is None else tuple(communities_unseen_until(simap, until).tolist())
-    image = map_image(simap, mode, lit=lit, hidden=hidden, scale=pixels_per_cell(simap), theme=theme)
+    image = map_image(simap, mode, lit=lit, hidden=hidden, scale=pixels_per_cell(simap), theme=theme, tint=tint)
     shrink = MAX_SIDE / max(image.shape[:2])
     if shrink >= 1.0:
         return image

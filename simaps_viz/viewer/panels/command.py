@@ -6,6 +6,7 @@ import threading
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass, field, replace
 from html import escape
+from itertools import zip_longest
 from typing import Literal
 
 import cv2
@@ -249,8 +250,10 @@ FEW = 2
 """Classes with at most this many objects are named in the examples without a number."""
 MAX_PAST = 8
 """Commands shown in the history."""
+MAX_SUGGESTED = 3
+"""Commands that are offered instead of one that was refused."""
 _MAX_BUTTON_LENGTH = 34
-"""Characters of a command on a button of the history."""
+"""Characters of a command on a button."""
 Phase = Literal["idle", "asking", "driving", "paused"]
 _BUTTONS: dict[Phase, tuple[str, str, str]] = {
     "idle": ("Go", "Step", "Stop"),
@@ -302,6 +305,11 @@ def examples(simap: SIMap, most: int = EXAMPLES) -> list[str]:
         texts.append(f"move in between the {few[0]} and the {(few[1:] or others)[0]}")
     texts.append(f"face the {few[-1]}")
     return list(dict.fromkeys(texts))[:most]
+
+
+def _in_short(command: str) -> str:
+    """Return a command as a button has it."""
+    return command if len(command) <= _MAX_BUTTON_LENGTH else f"{command[: _MAX_BUTTON_LENGTH - 1]}…"
 
 
 def open_floor(simap: SIMap) -> Pose2:
@@ -564,7 +572,7 @@ class CommandPanel(Panel):
         except SIMapsError as error:
             if not cancel.is_set():
                 self._waiting = None
-                self._refuse(str(error))
+                self._refuse(str(error), getattr(error, "suggestions", ()))
             return
         except Exception:
             self._ended("failed")
@@ -675,12 +683,12 @@ class CommandPanel(Panel):
         self._show_phase("idle")
         done = "Done" if answer.answer is None else "Answer"
         title, tone = {"ok": (done, "good"), "refused": ("Refused", "bad")}.get(answer.status, ("Failed", "bad"))
-        self._show_result(title, outcome_text(answer), tone, (*self._why, *answer.notes))
+        self._show_result(title, outcome_text(answer), tone, (*self._why, *answer.notes), answer.suggestions)
 
-    def _refuse(self, reason: str) -> None:
+    def _refuse(self, reason: str, instead: Sequence[str]) -> None:
         self._ended("refused")
         self._show_phase("idle")
-        self._show_result("Refused", reason, "bad")
+        self._show_result("Refused", reason, "bad", (), instead)
 
     def _remember(self, command: str) -> None:
         """Put a command that runs from now on first in the history."""
@@ -728,9 +736,19 @@ class CommandPanel(Panel):
         if tuple(self._run.options) != _BUTTONS[phase]:
             self._run.options = _BUTTONS[phase]
 
-    def _show_result(self, title: str, text: str, tone: str = "plain", more: Sequence[str] = ()) -> None:
-        """Show the outcome of a command, with further lines; tone is one of plain, good, bad."""
+    def _show_result(
+        self, title: str, text: str, tone: str = "plain", more: Sequence[str] = (), instead: Sequence[str] = ()
+    ) -> None:
+        """Show the outcome of a command, with further lines, and buttons with commands to give instead.
+
+        The tone is one of plain, good, bad. What the buttons have is not said once more in the text.
+        """
+        text = text.partition(" Try: ")[0] if instead else text
+        self._instead = tuple(instead)
         self._result.content = message_html(title, text, tone, more)
+        for one, command in zip_longest(self._suggested, self._instead[:MAX_SUGGESTED]):
+            if command is not None or one.visible:
+                one.label, one.visible = _in_short(command or ""), command is not None
 
     def _show_program(self, program: str, line: int | None = None, *, stuck: bool = False) -> None:
         """Show the program; the given line (from 1) is marked as the current one, or as where it got stuck."""
@@ -760,8 +778,7 @@ class CommandPanel(Panel):
         for i, one in enumerate(self._buttons):
             one.visible = i < len(self._past)
             if one.visible:
-                text = self._past[i].command
-                one.label = text if len(text) <= _MAX_BUTTON_LENGTH else f"{text[: _MAX_BUTTON_LENGTH - 1]}…"
+                one.label = _in_short(self._past[i].command)
                 one.icon = _ICONS.get(self._past[i].status, viser.Icon.CLOCK)
 
     def _show_pose(self) -> None:
@@ -792,6 +809,9 @@ class CommandPanel(Panel):
     def _add_outcome(self, gui: viser.GuiApi) -> None:
         self._progress = gui.add_progress_bar(0.0, visible=False)
         self._result = gui.add_html(message_html("", "Try an example, or type what the robot shall do.", "plain"))
+        self._instead: tuple[str, ...] = ()
+        tries = [functools.partial(self._try_instead, i) for i in range(MAX_SUGGESTED)]
+        self._suggested = [button(gui, "", do, icon=viser.Icon.ARROW_RIGHT, visible=False) for do in tries]
         self._program = gui.add_html("", visible=False)
         self._other = gui.add_folder("The command could also mean", visible=False)
         with self._other:
@@ -837,6 +857,10 @@ class CommandPanel(Panel):
     def _try_again(self, number: int) -> None:
         if number < len(self._past):
             self._try(self._past[number].command)
+
+    def _try_instead(self, number: int) -> None:
+        if number < len(self._instead):
+            self._try(self._instead[number])
 
     def _typed(self) -> None:
         command = entered(str(self._text.value))

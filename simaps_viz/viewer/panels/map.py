@@ -12,7 +12,7 @@ import viser
 
 from simaps_viz.colors.classes import plural
 from simaps_viz.drawing.legend import counts_text, legend_html, title_of
-from simaps_viz.drawing.texture import ColorMode, cell_colors, color_modes
+from simaps_viz.drawing.texture import TINT, ColorMode, cell_colors, color_modes
 from simaps_viz.drawing.theme import BADGE_STYLE
 from simaps_viz.mapping.in_space import has_voxels
 from simaps_viz.mapping.methods import method_of
@@ -32,12 +32,13 @@ BEFORE_HINT = "The map as it was before the slider was moved, and as it is; hold
 MAX_MOVED, OUTLINED_S = 3, 4.0
 """Classes whose new counts are named beside a moved slider, and for how long what changed is outlined."""
 MODE_HINT = "What a colour on the map means; the legend follows."
+TINT_HINT = "How much of the objects' colours lies over the photo."
 CUT_HINT = "Leave out everything above, as if the roof and then the tables were lifted off."
 WALLS_HINT = "Show walls in full height; otherwise they end low, so that one can look in."
 SPECK_FRAMES, FRAMES_PER_GLANCE, FAINT = 3, 50, 0.25
 """What a glance or two made is a speck, where there are many frames; it keeps this share of its colour."""
 SPECKS_HINT = "What has less is faint and not counted; commands and exports have it all the same."
-MapState = tuple[ColorMode, str | None, bool, tuple[int, float, int], Cut | None]
+MapState = tuple[ColorMode, int, str | None, bool, tuple[int, float, int], Cut | None]
 LEGEND_STYLE = "border-block:1px solid rgba(128,128,128,.25);margin-bottom:.4em"
 """Inline style of the legend; the page's script sets its height to fit the page."""
 
@@ -95,6 +96,7 @@ class MapPanel(Panel):
         self._clearing: threading.Timer | None = None
         # What is painted.
         self._mode = gui.add_dropdown("Colours", color_modes(simap), initial_value=_first_mode(simap), hint=MODE_HINT)
+        self._tint = gui.add_slider("Objects (%)", 0, 100, 5, round(100 * TINT), hint=TINT_HINT, visible=False)
         self._class = gui.add_dropdown(
             "Show", (EVERY_CLASS, *simap.counts()), initial_value=EVERY_CLASS, hint="Emphasise one class."
         )
@@ -104,7 +106,7 @@ class MapPanel(Panel):
             self._least_score = gui.add_slider("Score at least", 0.0, 1.0, 0.05, 0.0, hint=SPECKS_HINT)
             self._least_cells = gui.add_slider("Cells at least", 0, 100, 1, 0, hint=SPECKS_HINT)
         of_specks = self._least_frames, self._least_score, self._least_cells
-        for widget in (self._mode, self._class, self._rooms, *of_specks):
+        for widget in (self._mode, self._tint, self._class, self._rooms, *of_specks):
             widget.on_update(lambda _: page.repaint())
         self.base_changed(simap)
 
@@ -148,6 +150,12 @@ class MapPanel(Panel):
             before, now = self.mode, self._other_mode
             self._in_space, self._other_mode = surface, before
             self._mode.value = now if now in self._mode.options else "instance"
+            self._offer_tint()
+
+    def _offer_tint(self) -> None:
+        on_photo = self.mode == "photo" and not self._in_space
+        if self._tint.visible != on_photo:
+            self._tint.visible = on_photo
 
     def map_changed(self, simap: SIMap) -> None:
         """Offer the colours that the map has, and describe what a moved slider changed."""
@@ -213,7 +221,7 @@ class MapPanel(Panel):
         if style.lit is None and (shown is not None or faded):
             lit = simap.of_class(shown) if shown is not None else simap.instances
             style = replace(style, lit=frozenset(one.id for one in lit if one.label == shown or one.label not in faded))
-        style = replace(style, mode=self.mode)
+        style = replace(style, mode=self.mode, tint=self._tint.value / 100.0)
         faint = self.specks(simap) - (style.lit or frozenset())
         if not faint or self.mode not in ("instance", "class"):
             return style
@@ -248,6 +256,7 @@ class MapPanel(Panel):
         counted = without(simap, specks)
         self._counts.content = counts_html(simap, specks)
         self._show_rooms(simap)
+        self._offer_tint()
         for widget in (self._k, self._resolution, self._reset):
             widget.disabled = not simap.instances and not simap.graphs
         legend = legend_html(counted, self.mode, self._page.theme, buttons=True)
@@ -278,14 +287,14 @@ class MapPanel(Panel):
             self._counts.content = self._counts_before
 
     def state(self) -> MapState:
-        """Return the colours, the class to emphasise, whether rooms are shown, the specks, and the cut if set here."""
+        """Return colours, their share over a photo, the class to emphasise, rooms, specks, and the cut if set here."""
         least = self._least_frames.value, self._least_score.value, self._least_cells.value
         cut = self._page.cut if self._page.cut_here else None
-        return self.mode, self.shown_class, bool(self._rooms.value), least, cut
+        return self.mode, int(self._tint.value), self.shown_class, bool(self._rooms.value), least, cut
 
     def restore(self, state: MapState) -> None:
         """Restore the colours, the rooms, the specks and the cut."""
-        mode, shown_class, self._rooms.value, least, cut = state
+        mode, self._tint.value, shown_class, self._rooms.value, least, cut = state
         self._least_frames.value, self._least_score.value, self._least_cells.value = least
         self.set_look(mode, shown_class)
         if cut is not None:

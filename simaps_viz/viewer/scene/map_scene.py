@@ -13,7 +13,7 @@ from simaps_viz.drawing.label_layout import Box as LabelBox
 from simaps_viz.drawing.label_layout import Label
 from simaps_viz.drawing.solids import solids
 from simaps_viz.drawing.surface import is_shown, layers, point_colors, ray_on_points
-from simaps_viz.drawing.texture import ColorMode, cell_colors, outline_segments
+from simaps_viz.drawing.texture import TINT, ColorMode, cell_colors, outline_segments
 from simaps_viz.drawing.theme import LIGHT, Theme
 from simaps_viz.geometry import turned_pose, upright_turns
 from simaps_viz.mapping.in_space import VOXEL_M, box_in, has_voxels, space_points
@@ -61,6 +61,8 @@ class Style:
     """Cells (flat) that get colours of their own, uint8 [n, 3]."""
     theme: Theme = LIGHT
     """Theme of the page."""
+    tint: float = TINT
+    """Share of its object's colour in a cell of a photo, 0 to 1."""
 
 
 class MapScene:
