@@ -16,8 +16,9 @@ from simaps_viz.structures import GridSpec
 if TYPE_CHECKING:
     from simaps_viz.evaluation.two_maps import Item, MapSide, TwoMaps
 
-Mode = Literal["swipe", "side by side", "stacked"]
-"""One map up to a line and the other beyond it; the right one to the east of the left one; to the south of it."""
+Mode = Literal["swipe", "side by side", "stacked", "errors"]
+"""One map up to a line and the other beyond it; the right one to the east of the left one; to the south of it; one
+picture of how little of each object agrees."""
 
 KINDS: Mapping[str, tuple[Color, str]] = {
     "merged": ((196, 0, 40), "several objects are one"),
@@ -32,6 +33,8 @@ KINDS: Mapping[str, tuple[Color, str]] = {
 """Colour and meaning of every kind of difference; distinguishable with any kind of colour vision (see the tests)."""
 LIGHT_MISSED: Color = (238, 240, 244)
 """Colour of missed objects on a dark page."""
+HEAT = np.array([(255, 244, 190), (238, 112, 22), (96, 0, 24)], np.float64)
+"""Colours of an error of 0, 0.5 and 1, ever darker."""
 RIM = 0.55
 MAX_PIXELS = 1100
 MAX_PIXELS_PER_CELL = 6
@@ -44,6 +47,28 @@ HEAD = 0.055
 def mark_color(kind: str, theme: Theme = LIGHT) -> Color:
     """Return the colour in which a kind of difference is marked."""
     return LIGHT_MISSED if theme.dark and kind == "missed" else KINDS[kind][0]
+
+
+def errors_of(maps: "TwoMaps") -> NDArray:
+    """Return how little of the object of each cell agrees with the other map.
+
+    Returns:
+        float [rows, cols]: 1 - the intersection over union with the object of the other map that shares most with it;
+        1 where that has another class; of the objects of both maps, the larger error; NaN on no object of either.
+    """
+    left, right = maps.left.instance.astype(np.int64), maps.right.instance.astype(np.int64)
+    areas = [np.bincount(ids.reshape(-1)) for ids in (left, right)]
+    both = (left > 0) & (right > 0)
+    keys, shared = np.unique(left[both] * len(areas[1]) + right[both], return_counts=True)
+    pairs = np.divmod(keys, len(areas[1]))
+    iou = shared / (areas[0][pairs[0]] + areas[1][pairs[1]] - shared)
+    worst = np.full(left.shape, np.nan)
+    for side, ids in enumerate((left, right)):
+        best = np.zeros(len(areas[side]))
+        np.maximum.at(best, pairs[side], iou)
+        best[[one for item in maps.items if item.kind == "label" for one in (item.left, item.right)[side]]] = 0.0
+        worst = np.fmax(worst, np.where(ids > 0, 1.0 - best[ids], np.nan))
+    return worst
 
 
 class TwoPictures:
@@ -63,6 +88,7 @@ class TwoPictures:
         self._ids = (self._coarse(maps.left.instance), self._coarse(maps.right.instance))
         self._plain = tuple(self._painted(side) for side in (maps.left, maps.right))
         self._halves = self._mark((), None)
+        self._errors, self._chosen = self._heated(), None
 
     def shift_m(self, mode: Mode) -> tuple[float, float]:
         """How far east and north of the left map the right one lies, metres."""
@@ -76,7 +102,7 @@ class TwoPictures:
 
     def mark(self, items: "Sequence[Item]", chosen: "Item | None") -> None:
         """Outline differences on both maps, and one of them boldly."""
-        self._halves = self._mark(items, chosen)
+        self._halves, self._chosen = self._mark(items, chosen), chosen
 
     def picture(self, mode: Mode, share: float = 0.5) -> MapPicture:
         """Put the two together.
@@ -94,6 +120,11 @@ class TwoPictures:
             gap = np.full((left.shape[0], self._gap * self._scale, 3), self._theme.unseen, np.uint8)
             body = np.concatenate([left, gap, right], axis=1)
             parts = [self._titles(mode, body.shape[1]), body]
+        elif mode == "errors":
+            body, chosen = self._errors.copy(), self._chosen
+            for at, ids in enumerate((chosen.left, chosen.right) if chosen is not None else ()):
+                self._outline(body, at, ids, mark_color("label"), max(1, self._scale // 2), halo=True)
+            parts = [self._titles(mode, body.shape[1]), body]
         else:
             colors = (self._ink, self._theme.page)
             parts = [self._titles(mode, left.shape[1]), _swiped(left, right, share, self._scale, colors)]
@@ -109,6 +140,12 @@ class TwoPictures:
     def _coarse(self, cells: NDArray) -> NDArray:
         n = self._every
         return np.ascontiguousarray(cells[: self._rows * n : n, : self._cols * n : n][::-1])
+
+    def _heated(self) -> NDArray:
+        errors, ground = self._coarse(errors_of(self._maps)), self._coarse(self._maps.left.ground)
+        heat = np.stack([np.interp(errors, (0.0, 0.5, 1.0), channel) for channel in HEAT.T], axis=2)
+        cells = np.where(np.isnan(errors)[..., None], np.array(self._theme.grounds)[ground], heat).astype(np.uint8)
+        return cells.repeat(self._scale, axis=0).repeat(self._scale, axis=1)
 
     def _painted(self, side: "MapSide") -> NDArray:
         n = self._scale
@@ -162,7 +199,10 @@ class TwoPictures:
             write(head, fitting(only.title, size, width - size, bold=True), (pad, y), size, self._ink, bold=True)
             return head
         room = (width - 4 * pad) // 2
-        left, right = (fitting(side.title, size, room, bold=True) for side in (self._maps.left, self._maps.right))
+        titles = [self._maps.left.title, self._maps.right.title]
+        if mode == "errors":
+            titles = [" / ".join(titles), "pale: alike, dark: nothing agrees"]
+        left, right = (fitting(title, size, room, bold=True) for title in titles)
         write(head, left, (pad, y), size, self._ink, bold=True)
         if mode == "side by side":
             write(head, right, ((self._cols + self._gap) * n + pad, y), size, self._ink, bold=True)

@@ -143,6 +143,14 @@ def test_a_drag_moves_the_map_the_wheel_comes_closer_and_north_stays_up(bench, p
     # The arrow of the north leads back to the whole map.
     page.get_by_role("button", name="North up").click()
     settled(bench, page, lambda camera: np.allclose(camera.position, first, atol=0.05))
+    # On a slider the same keys move the slider, and leave the map where it is.
+    before, percent = place_on(page, simap, *CHAIR), mine(bench).cut.percent
+    page.get_by_role("slider", name="K (%)").first.focus()
+    page.keyboard.down("ArrowRight")
+    until(page, lambda: mine(bench).cut.percent > percent)
+    page.wait_for_timeout(500)
+    page.keyboard.up("ArrowRight")
+    assert place_on(page, simap, *CHAIR) == pytest.approx(before, abs=1)
 
 
 def test_the_north_arrow_turns_with_the_3d_view_and_turns_it_back(bench, page):

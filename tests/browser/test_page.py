@@ -5,8 +5,20 @@ import re
 from types import SimpleNamespace
 from typing import Any
 
+import numpy as np
 import pytest
-from browser import borrowed, field_of, mine, open_workbench, toy_services, toy_workbench, until, watched_page
+from browser import (
+    borrowed,
+    field_of,
+    mine,
+    open_workbench,
+    page_is_there,
+    place_on,
+    toy_services,
+    toy_workbench,
+    until,
+    watched_page,
+)
 from page_looks import SAYS, STILL, faults, go_dark, open_tab, select_chair_1, tabs
 from playwright.sync_api import expect
 from toy_maps import toy_map
@@ -18,7 +30,7 @@ from simaps_viz.mapping.file import save_map
 from simaps_viz.mapping.mending import open_mending
 from simaps_viz.mapping.simap import repartition
 from simaps_viz.recorder.library import RecordingLibrary
-from simaps_viz.viewer.panels.compare import compare_panel
+from simaps_viz.viewer.panels.compare import ComparePanel, compare_panel
 from simaps_viz.viewer.panels.masks import masks_panel
 from simaps_viz.viewer.panels.recordings import recordings_panel
 from simaps_viz.viewer.panels.share import SHARE
@@ -185,6 +197,7 @@ def test_ctrl_k_goes_to_an_object_and_to_a_setting_in_a_folder_that_is_closed(be
         page.keyboard.press("Control+k")
         box.fill(words)
         page.get_by_role("button", name=re.compile(f"^{words}", re.IGNORECASE)).click()
+        expect(box).to_be_hidden()
 
     look_for("couch 5")
     until(page, lambda: mine(bench).selected == COUCH)
@@ -214,6 +227,41 @@ def test_a_reload_keeps_the_open_tabs_and_the_comparison(bench, page):
     tab(page, "Build")
     page.reload()
     expect(page.get_by_role("tab", name="Build", exact=True)).to_have_attribute("aria-selected", "true")
+
+
+def test_the_line_between_two_maps_is_dragged_by_its_handle(bench, page):
+    handle = page.locator(".simaps-divider")
+    expect(handle).to_be_hidden()
+    tab(page, "Compare")
+    field_of(page, RIGHT).click()
+    page.get_by_role("option", name="Method components").click()
+    until(page, lambda: kept_of_comparison(mine(bench))[0] == "Method components")
+    page.get_by_role("button", name="Compare", exact=True).click()
+    expect(handle).to_be_visible()
+    until(page, lambda: page_is_there(bench, page, mine(bench).simap))
+    maps = mine(bench).panels[ComparePanel].maps
+    assert maps is not None
+    xmin, ymin, xmax, ymax = maps.spec.extent_m
+
+    def at(share):
+        return place_on(page, mine(bench).simap, xmin + share * (xmax - xmin), (ymin + ymax) / 2.0)
+
+    def middle():
+        box = handle.bounding_box()
+        return box["x"] + box["width"] / 2, box["y"] + box["height"] / 2
+
+    until(page, lambda: abs(middle()[0] - at(0.5)[0]) < 3.0)
+    before = mine(bench).client.camera.position
+    page.mouse.move(*middle())
+    page.mouse.down()
+    page.mouse.move(at(0.6)[0], middle()[1])
+    page.mouse.move(at(0.8)[0], middle()[1])
+    page.mouse.up()
+    until(page, lambda: kept_of_comparison(mine(bench))[1] == 80)
+    until(page, lambda: abs(middle()[0] - at(0.8)[0]) < 3.0)
+    assert np.allclose(mine(bench).client.camera.position, before)  # the map was not dragged
+    page.get_by_role("button", name="End comparison").click()
+    expect(handle).to_be_hidden()
 
 
 def test_escape_closes_the_enlarged_picture_and_nothing_else(bench, page):

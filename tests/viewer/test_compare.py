@@ -5,7 +5,7 @@ import pytest
 from judged_maps import drawn, map_of_ids
 from toy_maps import toy_map
 
-from simaps_viz.drawing.compare_picture import KINDS, LIGHT_MISSED, TwoPictures, mark_color
+from simaps_viz.drawing.compare_picture import HEAT, KINDS, LIGHT_MISSED, TwoPictures, errors_of, mark_color
 from simaps_viz.drawing.sheet import INK
 from simaps_viz.drawing.theme import DARK, LIGHT
 from simaps_viz.evaluation.two_maps import Kind, compare_two
@@ -109,6 +109,30 @@ def test_marks_are_drawn_on_both_and_where_one_has_nothing(merged):
     shown = pictures.picture("side by side").pixels
     found = (shown == KINDS["missed"][0]).all(axis=-1).any(axis=0)
     assert found[: shown.shape[1] // 2].any() and found[shown.shape[1] // 2 :].any()
+
+
+def test_the_errors_say_how_little_of_each_object_agrees():
+    left, right = drawn("11.2222.33.44"), drawn("11.222..33...")
+    labels = {1: "chair", 2: "chair", 3: "chair", 4: "chair"}
+    maps = compare_two(("a", map_of_ids(left, labels)), ("b", map_of_ids(right, {**labels, 3: "table"})))
+    errors = errors_of(maps)
+    on = lambda number: errors[maps.left.instance == number]  # noqa: E731
+    assert (on(1) == 0.0).all() and on(2) == pytest.approx(0.25) and (on(3) == 1.0).all() and (on(4) == 1.0).all()
+    assert np.isnan(errors[(maps.left.instance == 0) & (maps.right.instance == 0)]).all()
+    pictures = TwoPictures(maps)
+    shown = pictures.picture("errors")
+    n = shown.pixels.shape[1] // shown.spec.cols
+    cells = shown.pixels[n // 2 : maps.spec.rows * n : n, n // 2 :: n]
+    assert (cells[maps.left.instance == 1] == HEAT[0]).all() and (cells[maps.left.instance == 4] == HEAT[2]).all()
+    (missed,) = (item for item in maps.items if item.kind == "missed")
+    pictures.mark([], missed)
+    assert (pictures.picture("errors").pixels == mark_color("label")).all(axis=-1).sum() > 50
+
+
+@pytest.mark.parametrize("blindness", BLINDNESS)
+def test_a_larger_error_is_darker_with_any_colour_vision(blindness):
+    light = [lab(color, blindness)[0] for color in HEAT]
+    assert (np.diff(light) < -15.0).all()
 
 
 def test_a_very_large_map_is_shown_coarser():

@@ -2,6 +2,7 @@
 
 import contextlib
 import functools
+import json
 import tempfile
 import threading
 from collections.abc import Callable, Mapping, Sequence
@@ -306,9 +307,11 @@ class SideChooser:
 ABOUT = "compare this map with another: of another method, other parameters, or the truth"
 LISTED = 5
 """Differences on a page of the list."""
-HOW: Mapping[str, Mode] = {"Swipe": "swipe", "Side by side": "side by side", "One above the other": "stacked"}
+HOW: Mapping[str, Mode] = {
+    "Swipe": "swipe", "Side by side": "side by side", "One above the other": "stacked", "Errors": "errors"
+}  # fmt: skip
 SWIPE = "Swipe"
-HOW_HINT = "One map left of a line and the other right of it, or both complete."
+HOW_HINT = "One map left of a line and the other right of it; both complete; or how little of each object agrees (IoU)."
 PAGES_HINT = f"{LISTED} at a time, the gravest first, of each kind the worst outline first."
 DARK_BUTTON: Color = (74, 80, 92)
 """The button of a missed object on a dark page: its mark is too light for white letters."""
@@ -438,6 +441,12 @@ class ComparePanel(Panel):
             self.choose(hit[0] if hit else None)
         return True
 
+    def told(self, event: dict[str, Any]) -> None:
+        """Move the line between both maps to where its handle was dragged."""
+        share = event.get("share")
+        if event.get("type") == "divide" and isinstance(share, int | float) and 0 <= share <= 100:
+            self._line.value = round(share)
+
     def state(self) -> dict[str, Any]:
         """Return the choices, for a page that is loaded again."""
         return {
@@ -517,6 +526,7 @@ class ComparePanel(Panel):
             "Divide (%)", 0, 100, 1, 50, hint="How much of the map, from the west, shows the left one."
         )
         self._line.on_update(lambda _: self._page.submit("compare picture", self._draw))
+        self._handle = gui.add_html("")
         self._headline = gui.add_html("")
 
     def _add_list(self, gui: viser.GuiApi) -> None:
@@ -674,10 +684,18 @@ class ComparePanel(Panel):
     def _draw(self) -> None:
         pictures, share = self._pictures, float(self._line.value) / 100.0
         self._page.show_picture(None if pictures is None else pictures.picture(self._mode, share))
+        maps, content = self.maps, ""
+        if pictures is not None and maps is not None and self._mode == "swipe":  # the page's script draws the handle
+            told = json.dumps({"extent": maps.spec.extent_m, "share": self._line.value})
+            content = f'<i class="simaps-divide" hidden data-divide="{escape(told)}"></i>'
+        if self._handle.content != content:
+            self._handle.content = content
 
     def _sides_under(self, moved: bool, x_m: float) -> tuple[int, ...]:
         """Return the indices of the maps under the pointer: 0 = left, 1 = right."""
         maps = cast(TwoMaps, self.maps)
+        if self._mode == "errors":
+            return (0, 1)
         if self._mode != "swipe":
             return (1,) if moved else (0,)
         xmin, _, xmax, _ = maps.spec.extent_m

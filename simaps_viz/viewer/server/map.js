@@ -121,10 +121,13 @@
     return [(u[0] * x + u[1] * y + u[2]) / far, (v[0] * x + v[1] * y + v[2]) / far];
   };
   const cellToMap = (col, row) => [map.xmin + col * map.cell - map.x, map.ymin + row * map.cell - map.y];
-  const cellAt = ([[a, b, c], [d, e, f], [g, h, i]], px, py) => {  // two lines of the floor meet under the pixel
+  const floorAt = ([[a, b, c], [d, e, f], [g, h, i]], px, py) => {  // two lines of the floor meet under the pixel
     const [p, q, r] = [a - px * g, b - px * h, c - px * i], [s, t, m] = [d - py * g, e - py * h, f - py * i];
     const det = p * t - q * s;
-    const x = (q * m - r * t) / det + map.x, y = (r * s - p * m) / det + map.y;
+    return [(q * m - r * t) / det + map.x, (r * s - p * m) / det + map.y];
+  };
+  const cellAt = (...pixel) => {
+    const [x, y] = floorAt(...pixel);
     return [Math.floor((x - map.xmin) / map.cell), Math.floor((y - map.ymin) / map.cell)];
   };
 
@@ -176,6 +179,39 @@
     }
     for (; count < spans.length; count++) spans[count].hidden = true;
   };
+
+  // The line between two maps that are compared is dragged by its handle.
+  const handle = make('div', 'simaps-divider', over);
+  handle.title = 'Drag: how much of the floor shows the left map';
+  let divide = null, divideSent = null, dragged = null, held = false, sending = 0;
+  const readDivide = () => {
+    const one = document.querySelector('.simaps-divide');
+    if (one === divideSent) return false;
+    divideSent = one;
+    divide = one && JSON.parse(one.dataset.divide);
+    if (!held) dragged = null;
+    return true;
+  };
+  const placeHandle = () => {
+    handle.hidden = !divide || !toScreen;
+    if (handle.hidden) return;
+    const [west, south, east, north] = divide.extent, x = west + (dragged ?? divide.share) / 100 * (east - west);
+    const [[left, low], [, high]] = [south, north].map((y) => at(toScreen, x - map.x, y - map.y));
+    const middle = (Math.max(high, 60) + Math.min(low, height - 60)) / 2;
+    handle.style.transform = `translate(${left.toFixed(1)}px, ${middle.toFixed(1)}px) translate(-50%, -50%)`;
+  };
+  for (const kind of ['pointerdown', 'pointerup', 'pointermove', 'pointercancel', 'wheel'])
+    handle.addEventListener(kind, (event) => {
+      event.stopPropagation();
+      if (kind === 'pointerdown') { held = true; handle.setPointerCapture(event.pointerId); }
+      if (kind === 'pointerup' || kind === 'pointercancel') held = false;
+      if (kind !== 'pointermove' || !held || !divide || !toScreen) return;
+      const box = over.getBoundingClientRect(), [west, , east] = divide.extent;
+      const [x] = floorAt(toScreen, event.clientX - box.left, event.clientY - box.top);
+      dragged = Math.min(Math.max(100 * (x - west) / (east - west), 0), 100);
+      changed = true;
+      if (!sending) sending = setTimeout(() => { sending = 0; tell({ type: 'divide', share: dragged }); }, 60);
+    });
 
   // The object under the pointer, and the class that the legend points to.
   let pointer = null, pressed = false, pointed = null;
@@ -254,11 +290,15 @@
     give(controls, 'dollyToCursor', true);
   };
   const ARROWS = { ArrowLeft: [-1, 0], ArrowRight: [1, 0], ArrowUp: [0, -1], ArrowDown: [0, 1] };
+  const TAKES_ARROWS = 'input, textarea, select, [contenteditable], [role=slider], [role=tab], [role=option], [role=dialog]';
+  document.body.addEventListener('keydown', (event) => {  // viser would turn the map, too, while a slider is moved
+    if (ARROWS[event.key] && event.target.closest && event.target.closest(TAKES_ARROWS)) event.stopPropagation();
+  });
   window.addEventListener('keydown', (event) => {
     const step = ARROWS[event.key], viser = window.__viserMutable;
     if (!step || state.view !== TOP || !viser || !viser.cameraControl || !toScreen) return;
     if (event.ctrlKey || event.metaKey || event.altKey || !event.target.closest) return;
-    if (event.target.closest('input, textarea, select, [contenteditable], [role=slider], [role=tab], [role=option], [role=dialog]')) return;
+    if (event.target.closest(TAKES_ARROWS)) return;
     event.stopPropagation();
     const [a, b] = [at(toScreen, 0, 0), at(toScreen, 1, 0)], metre = Math.hypot(b[0] - a[0], b[1] - a[1]);
     viser.cameraControl.truck(step[0] * 60 / metre, step[1] * 60 / metre, true);
@@ -279,6 +319,7 @@
     const entry = document.querySelector('.simaps-legend [data-class]');
     if (entry !== legend) { legend = entry; changed = true; }
     if (readState()) changed = true;
+    if (readDivide()) changed = true;
     if (viser.cameraControl) hands(viser.cameraControl);
     toScreen = look(viser, canvas);
     const plain = !marked(viser), bare = !toScreen || covered(viser), top = state.view === TOP;
@@ -291,6 +332,7 @@
       const right = viser.nodeRefFromName['/map'].matrixWorld.clone().invert().multiply(viser.camera.matrixWorld).elements;
       compass.style.transform = `rotate(${Math.atan2(right[1], right[0]).toFixed(4)}rad)`;
     }
+    placeHandle();
     for (const one of [drawing, names]) one.hidden = bare || !top;
     if (bare || !top) { hint.hidden = true; return; }
     writeNames(plain);
