@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from simaps_viz.viewer.workbench import Workbench
 
 WIDTH, HEIGHT = 1280, 800
-DOCKED_WIDTH = 1600
+DOCKED_WIDTH = 1920
 """A page on which the recorded build is not folded."""
 PATIENCE_MS = 60_000
 SETTLED_MS = 1500
