@@ -33,7 +33,7 @@ def test_it_is_counted_as_shares_of_frames_would_count() -> None:
     label = rng.integers(0, 3, (40, 50)).astype(np.int16)
     lowest = np.where(rng.random(label.shape) < 0.8, np.float32(0.5), np.float32(np.nan))
     is_thing = (False, False, True)
-    spec = GridSpec(*label.shape, 0.05, 0.0, 0.0)
+    spec = GridSpec(rows=40, cols=50, cell_size_m=0.05, x0_m=0.0, y0_m=0.0)
     grid = Grid(spec, ("none", "wall", "chair"), is_thing, label, lowest, lowest, np.ones(label.shape, np.int32))
     cell = rng.integers(0, label.size, 60_000).astype(np.int32)
     nothing, height = (
