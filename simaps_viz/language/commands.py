@@ -24,7 +24,8 @@ _MAX_QUOTED: Final = 60
 """Length to which an error message shortens the command that it quotes, characters."""
 _MAX_NAME: Final = 40
 """Characters of a class that a refusal takes for an example."""
-_MAX_SUGGESTIONS: Final = 3
+MAX_SUGGESTIONS: Final = 3
+"""Commands that are offered instead of one that was refused."""
 _MARGIN: Final = 0.28
 """How much less likely than the program another reading may be."""
 _END: Final = re.compile(r"(?:\W|\b(?:and|then|but|next)\b)+$")
@@ -105,7 +106,7 @@ def instead(text: str, labels: Sequence[str] | Mapping[str, int]) -> tuple[str, 
 
     name = " ".join(words[at:end])
     near = [vocabulary.suggest(name) or "", ""] if name in sentence.unknown else []
-    frequent = sorted(vocabulary.labels, key=lambda label: -(vocabulary.count(label) or 0))[:_MAX_SUGGESTIONS]
+    frequent = sorted(vocabulary.labels, key=lambda label: -(vocabulary.count(label) or 0))[:MAX_SUGGESTIONS]
     number = str if singular(name) == name else plural
     likely, often = (
         [(*words[:at], *(number(plain(other)).split() if other else ()), *words[end:]) for other in others]
@@ -113,7 +114,7 @@ def instead(text: str, labels: Sequence[str] | Mapping[str, int]) -> tuple[str, 
     )
     before = readable(words[:n] for n in range(at, 1, -1))
     found = [*readable(likely)] or [*islice(before, 1)] or [*readable(often)]
-    return tuple(dict.fromkeys(found))[:_MAX_SUGGESTIONS]
+    return tuple(dict.fromkeys(found))[:MAX_SUGGESTIONS]
 
 
 def _strange(sentence: Sentence) -> tuple[int, int]:

@@ -5,8 +5,7 @@ did, with none between that saw the top, and over a patch of three by three cell
 single cells are seen through wherever depth is noisy, or a pose is off by a cell.
 
 A frame that sees through much of what stands before it contradicts the map: more likely than a room that is emptied
-between two frames is a pose that is wrong for a moment. On a rendered house whose poses were off by a metre for 4
-frames of 50, 93 objects were found for 68; without the frames that contradict, 68.
+between two frames is a pose that is wrong for a moment.
 """
 
 from collections import deque

@@ -167,6 +167,7 @@ def _ask(
     label: NDArray,  # int16 [cells]
     balance: NDArray,  # in/out int32 [cells]
 ) -> None:
+    """Add 1 to a cell for each of its readings, and take off what the cell's class has for each that is a hit."""
     for i in range(len(cell)):
         balance[cell[i]] += 1
         if hit[i]:

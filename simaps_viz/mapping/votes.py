@@ -156,13 +156,13 @@ def _gather_votes(
 
     Returns:
         Entries, those of one cell and one class each: the next entry of the same cell int32 (0 = none), class int16,
-        votes float32, readings int32 [`DEPTHS`] by depth below the top. Entry c is the first of cell c, in the order in
-        which the classes were met; it has no readings when the cell has none.
+        votes float32, readings int32 [`DEPTHS`] by depth below the top, [1] where no errors are learned. Entry c is the
+        first of cell c, in the order in which the classes were met; it has no readings when the cell has none.
     """
     top = grid.height_m.reshape(-1)
     named = np.where(np.array(grid.is_thing), 1.0, settings.stuff)
-    size = top.size
-    entries = _room_for(size + max(size // 4, 1024))
+    size, depths = top.size, DEPTHS if settings.rounds > 0 else 1  # nothing else asks how deep readings lie
+    entries = _room_for(size + max(size // 4, 1024), depths)
     for part in readings.batches():
         weight = part.score if settings.scores else (part.label > 0).astype(np.float32)
         weight = np.where(part.label > 0, weight * named[part.label], settings.nothing).astype(np.float32)
@@ -174,7 +174,7 @@ def _gather_votes(
             )  # fmt: skip
             if done == len(part):
                 break
-            larger = _room_for(size * 3 // 2)
+            larger = _room_for(size * 3 // 2, depths)
             for old, new in zip(entries, larger, strict=True):
                 new[:size] = old[:size]
             entries = larger
@@ -182,9 +182,9 @@ def _gather_votes(
     return following, label, votes, by_depth
 
 
-def _room_for(entries: int) -> tuple[NDArray, ...]:
+def _room_for(entries: int, depths: int) -> tuple[NDArray, ...]:
     """Return room for entries; what is not used yet takes no memory."""
-    by_depth = np.zeros((entries, DEPTHS), np.int32)
+    by_depth = np.zeros((entries, depths), np.int32)
     return *(np.zeros(entries, dtype) for dtype in (np.int32, np.int16, np.float32)), by_depth
 
 
@@ -226,7 +226,8 @@ def _tally(
             label[at] = label_of[i]
             size += 1
         votes[at] += weight_of[i]
-        by_depth[at, depth_of(top[cell[i]] - height_m[i])] += 1
+        depth = depth_of(top[cell[i]] - height_m[i]) if by_depth.shape[1] > 1 else 0
+        by_depth[at, depth] += 1
     return size, len(cell)
 
 

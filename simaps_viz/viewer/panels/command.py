@@ -27,6 +27,7 @@ from simaps_viz.drawing.theme import (
 )
 from simaps_viz.errors import SIMapsError
 from simaps_viz.geometry import STANDS_FROM_M
+from simaps_viz.language.commands import MAX_SUGGESTIONS
 from simaps_viz.language.grounding import Candidate
 from simaps_viz.language.llm_settings import Exchange
 from simaps_viz.language.primitives import FUNCTIONS, PRIMITIVES
@@ -250,8 +251,6 @@ FEW = 2
 """Classes with at most this many objects are named in the examples without a number."""
 MAX_PAST = 8
 """Commands shown in the history."""
-MAX_SUGGESTED = 3
-"""Commands that are offered instead of one that was refused."""
 _MAX_BUTTON_LENGTH = 34
 """Characters of a command on a button."""
 Phase = Literal["idle", "asking", "driving", "paused"]
@@ -746,7 +745,7 @@ class CommandPanel(Panel):
         text = text.partition(" Try: ")[0] if instead else text
         self._instead = tuple(instead)
         self._result.content = message_html(title, text, tone, more)
-        for one, command in zip_longest(self._suggested, self._instead[:MAX_SUGGESTED]):
+        for one, command in zip_longest(self._suggested, self._instead[:MAX_SUGGESTIONS]):
             if command is not None or one.visible:
                 one.label, one.visible = _in_short(command or ""), command is not None
 
@@ -810,7 +809,7 @@ class CommandPanel(Panel):
         self._progress = gui.add_progress_bar(0.0, visible=False)
         self._result = gui.add_html(message_html("", "Try an example, or type what the robot shall do.", "plain"))
         self._instead: tuple[str, ...] = ()
-        tries = [functools.partial(self._try_instead, i) for i in range(MAX_SUGGESTED)]
+        tries = [functools.partial(self._try_instead, i) for i in range(MAX_SUGGESTIONS)]
         self._suggested = [button(gui, "", do, icon=viser.Icon.ARROW_RIGHT, visible=False) for do in tries]
         self._program = gui.add_html("", visible=False)
         self._other = gui.add_folder("The command could also mean", visible=False)
