@@ -6,16 +6,22 @@ from browser import watched_page
 from simaps_viz.recorder.web_viewer import rerun_page
 
 DRAWS_MS = 60
-LASTS = """([n, ms]) => new Promise((done) => {
-  const began = performance.now();
-  const draw = () => {
-    const until = performance.now() + ms;
-    while (performance.now() < until);
-    if (--n) window.requestAnimationFrame(draw);
-    else done(performance.now() - began);
-  };
-  window.requestAnimationFrame(draw);
-})"""
+# A clock that only drawing and waiting move, so that what lasts how long does not depend on the machine.
+CLOCK = """() => {
+  let now = performance.now();
+  window.performance.now = () => now;
+  window.setTimeout = (call, ms) => drawSoon(() => drawSoon(() => { now += ms; call(); }));
+  window.lasts = (n, ms) => new Promise((done) => {
+    const began = now;
+    const draw = () => {
+      now += ms;
+      if (--n) window.requestAnimationFrame(draw);
+      else done(now - began);
+    };
+    window.requestAnimationFrame(draw);
+  });
+}"""
+LASTS = "([n, ms]) => window.lasts(n, ms)"
 
 
 @pytest.fixture
@@ -33,29 +39,33 @@ def show(page, recording):
 
 def test_a_stream_is_drawn_with_rests_unless_somebody_is_at_it(page):
     show(page, "rerun+http://127.0.0.1:1/proxy")
+    page.evaluate(CLOCK)
     rest = page.evaluate("() => RESTS") * DRAWS_MS
-    opening = page.evaluate(LASTS, [4, DRAWS_MS])
-    page.evaluate("() => ids.set('the stream', 'is open')")
-    page.evaluate("() => { atItAt = -1e9; }")
+    assert page.evaluate(LASTS, [4, DRAWS_MS]) == pytest.approx(4 * DRAWS_MS)  # it is being opened
+    page.evaluate("() => { ids.set('the stream', 'is open'); atItAt = -1e9; }")
     watched = page.evaluate(LASTS, [4, DRAWS_MS])
-    assert watched > 3 * rest > 3 * DRAWS_MS
+    assert 4 * DRAWS_MS + 2 * rest <= watched <= 4 * (DRAWS_MS + rest)
     for one in ("pointermove", "wheel", "keydown"):
         page.evaluate("() => { atItAt = -1e9; }")
         page.evaluate("(one) => window.dispatchEvent(new Event(one))", one)
-        assert page.evaluate(LASTS, [2, DRAWS_MS]) < watched
-    assert opening < watched
+        assert page.evaluate(LASTS, [4, DRAWS_MS]) == pytest.approx(4 * DRAWS_MS)
 
 
 def test_what_is_asked_for_while_it_rests_can_be_taken_back(page):
     show(page, "rerun+http://127.0.0.1:1/proxy")
-    page.evaluate("() => { ids.set('the stream', 'is open'); atItAt = -1e9; }")
-    page.evaluate(LASTS, [2, DRAWS_MS])
+    page.evaluate("""() => {
+      ids.set('the stream', 'is open');
+      atItAt = -1e9;
+      drawingMs = 100;
+      drawnAt = performance.now();
+    }""")
     drawn = page.evaluate("""async () => {
       const drawn = [];
       const one = window.requestAnimationFrame(() => drawn.push("taken back"));
-      window.requestAnimationFrame(() => drawn.push("drawn"));
-      window.cancelAnimationFrame(one);
-      await new Promise((done) => setTimeout(done, 2 * RESTS * drawingMs + 300));
+      await new Promise((done) => {
+        window.requestAnimationFrame(() => done(drawn.push("drawn")));
+        window.cancelAnimationFrame(one);
+      });
       return [...drawn, resting.size];
     }""")
     assert drawn == ["drawn", 0]
