@@ -3,12 +3,14 @@
 from contextlib import ExitStack
 
 import pytest
-from hypothesis import settings
+from hypothesis import HealthCheck, settings
 
 # How long an example takes says how busy the machine is, not whether the program is right; and a change is judged by
 # the same examples everywhere. Others are drawn by `pytest --hypothesis-profile=others`, and by `apps/fuzz.py`.
-settings.register_profile("same examples", deadline=None, derandomize=True)
-settings.register_profile("others", deadline=None, max_examples=1000)
+settings.register_profile(
+    "same examples", deadline=None, derandomize=True, suppress_health_check=[HealthCheck.too_slow]
+)
+settings.register_profile("others", settings.get_profile("same examples"), derandomize=False, max_examples=1000)
 settings.load_profile("same examples")
 
 

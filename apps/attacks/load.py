@@ -30,7 +30,7 @@ from simaps_viz.structures import SIMap
 from simaps_viz.viewer.panels.command import program_html
 from simaps_viz.viewer.panels.map import counts_html, least_frames, specks_of
 
-PATIENCE_S = 30.0
+PATIENCE_S = 60.0
 """An answer that takes longer is lost."""
 THINKING_S = (0.3, 1.2)
 """Between an answer and what is asked next."""

@@ -19,7 +19,8 @@ from simaps_viz.viewer.workbench import Workbench
 
 Tries = Iterator[str | None]
 """For each try: None when it was withstood, else what it brought about."""
-PATIENCE_S = 10.0
+PATIENCE_S = 30.0
+"""Shorter than a page is kept that says nothing."""
 PAGES = ("/", "/tab/", "/rerun/")
 CAMERA = {
     "type": "ViewerCameraMessage", "wxyz": (1.0, 0.0, 0.0, 0.0), "position": (3.0, 3.0, 3.0), "fov": 0.5, "near": 0.1,

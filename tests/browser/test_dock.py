@@ -77,7 +77,7 @@ class Dock:
 
     def choose(self, timeline: str) -> None:
         """Choose a timeline in rerun; its menu may take a while to open."""
-        for patience_ms in (1500, 4000, 8000, 16000):
+        for patience_ms in (1500, 4000, 16000, 60000):
             self.page.keyboard.press("Escape")
             name = (TIMELINE[0], self.buttons() + TIMELINE[1])
             self.page.mouse.click(*self.at(*name))

@@ -7,6 +7,7 @@ from itertools import combinations
 import numpy as np
 import pytest
 from browser import (
+    at_rest,
     borrowed,
     free_port,
     mine,
@@ -59,6 +60,11 @@ def names(page):
     return page.locator(".simaps-name:visible").all_inner_texts()
 
 
+BOXES = """() => [...document.querySelectorAll('.simaps-name')].filter((one) => one.checkVisibility())
+  .map((one) => one.getBoundingClientRect())"""
+"""Of all names at once: they may be moving."""
+
+
 def drawn(page, place):
     """Whether the overlay has a line within 3 px of a place of the page."""
     return page.evaluate(
@@ -80,25 +86,27 @@ def test_what_is_under_the_pointer_is_outlined_and_said_as_text(bench, page):
         expect(hint).to_have_text(f"{one.name} · {area:.2f} m² · {score}")
         (x0, y0, _), (x1, y1, _) = one.aabb_m
         for corner in ((x0, (y0 + y1) / 2), (x1, (y0 + y1) / 2), ((x0 + x1) / 2, y0), ((x0 + x1) / 2, y1)):
-            assert drawn(page, on_canvas(bench, page, *corner)), one
+            until(page, lambda corner=corner: drawn(page, on_canvas(bench, page, *corner)))
     assert page.locator(".simaps-over img").count() == 0  # a class is a text, whatever it is
     page.mouse.move(*on_canvas(bench, page, *FLOOR))
     expect(hint).to_be_hidden()
-    assert not drawn(page, on_canvas(bench, page, *simap.instances[0].aabb_m[0][:2]))
+    until(page, lambda: not drawn(page, on_canvas(bench, page, *simap.instances[0].aabb_m[0][:2])))
 
 
 def test_names_come_with_the_zoom_large_objects_first_and_never_cover_one_another(bench, page):
     session, before = mine(bench), names(page)
     assert {"couch 5", "dining table 6"} <= set(before)
     for _ in range(3):
-        boxes = [one.bounding_box() for one in page.locator(".simaps-name:visible").all()]
+        boxes = page.evaluate(BOXES)
+        assert len(boxes) > 1
         for a, b in combinations(boxes, 2):
-            beside = a["x"] + a["width"] <= b["x"] + 0.5 or b["x"] + b["width"] <= a["x"] + 0.5
-            assert beside or a["y"] + a["height"] <= b["y"] + 0.5 or b["y"] + b["height"] <= a["y"] + 0.5
+            beside = a["right"] <= b["x"] + 0.5 or b["right"] <= a["x"] + 0.5
+            assert beside or a["bottom"] <= b["y"] + 0.5 or b["bottom"] <= a["y"] + 0.5
+        far = mine(bench).client.camera.position[2]
         page.mouse.move(*on_canvas(bench, page, *CHAIR))
         page.mouse.wheel(0, -240)
-        page.wait_for_timeout(300)
-    assert "chair 1" in names(page)
+        settled(bench, page, lambda camera, far=far: camera.position[2] < 0.95 * far)
+    until(page, lambda: "chair 1" in names(page))
     session.select(bench.simap.instances[0].id)
     expect(page.locator(".simaps-chosen")).to_have_text("chair 1")
     session.select(None)
@@ -107,6 +115,8 @@ def test_names_come_with_the_zoom_large_objects_first_and_never_cover_one_anothe
 
 
 def settled(bench, page, changed):
+    until(page, lambda: changed(mine(bench).client.camera))
+    at_rest(page)
     until(page, lambda: changed(mine(bench).client.camera) and page_is_there(bench, page, bench.simap))
 
 
@@ -133,12 +143,12 @@ def test_a_drag_moves_the_map_the_wheel_comes_closer_and_north_stays_up(bench, p
     here = (start[0] + 120, start[1] - 80)
     page.mouse.wheel(0, -300)
     settled(bench, page, lambda camera: camera.position[2] < 0.9 * far)
-    page.wait_for_timeout(300)
     assert place_on(page, simap, *CHAIR) == pytest.approx(here, abs=6)
     # Arrow keys move the map too.
     before = place_on(page, simap, *CHAIR)
     page.keyboard.press("ArrowLeft")
     until(page, lambda: place_on(page, simap, *CHAIR)[0] > before[0] + 30)
+    at_rest(page)
     assert upright(camera)
     # The arrow of the north leads back to the whole map.
     page.get_by_role("button", name="North up").click()
@@ -178,7 +188,7 @@ def test_the_legend_points_shows_alone_and_fades(bench, page):
     row.click()
     expect(row).to_have_attribute("aria-pressed", "true")
     page.mouse.move(5, 5)
-    assert set(names(page)) <= {"chair", "chair 1", "chair 3", "chair 4"}
+    until(page, lambda: set(names(page)) <= {"chair", "chair 1", "chair 3", "chair 4"})
     row.click()
     expect(row).to_have_attribute("aria-pressed", "false")
     expect(page.locator(".simaps-name", has_text="couch").first).to_be_visible()

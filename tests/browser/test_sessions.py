@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 import viser
 from browser import (
+    at_rest,
     field_of,
     mine,
     on_canvas,
@@ -94,14 +95,9 @@ def hurry(page, session):
 
 def camera_at_rest(bench, page, session):
     """Where the camera stands when the page has stopped to glide there."""
-    seen = []
-
-    def rests():
-        seen.append(tuple(session.client.camera.position))
-        return len(seen) > 20 and seen[-1] == seen[-21] and page_is_there(bench, page, session.simap, session)
-
-    until(page, rests)
-    return seen[-1]
+    at_rest(page)
+    until(page, lambda: page_is_there(bench, page, session.simap, session))
+    return tuple(session.client.camera.position)
 
 
 def test_two_people_select_cut_and_command_at_once(browser, bench):
@@ -172,7 +168,7 @@ def test_a_reload_loses_nothing(browser, bench):
         tab(page, "Map")
         expect(field_of(page, "K (%)")).to_have_value("30")
         until(page, lambda: np.allclose(new.client.camera.position, camera, atol=0.05))
-        page.wait_for_timeout(1500)
+        camera_at_rest(bench, page, new)
         assert np.allclose(new.client.camera.position, camera, atol=0.05)
         wait_for_color(bench, page, EAST_HALF_OF_CHAIR_1, color_of(new.simap, EAST_HALF_OF_CHAIR_1, "class", {2}))
         tab(page, "Command")

@@ -142,7 +142,9 @@ def records(path):
         return build_log.scan(file).records
 
 
-@settings(max_examples=40, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@settings(
+    max_examples=40, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture, HealthCheck.too_slow]
+)
 @given(data=st.data())
 def test_a_log_of_any_bytes_is_read_or_ends_early(tiny, tmp_path, data):
     path = tmp_path / "any"

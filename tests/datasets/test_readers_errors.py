@@ -12,7 +12,7 @@ from scans import FRAMES, Sample
 from scans_apps import record3d_folder, record3d_zip
 from scans_bags import COLOR, DEPTH, Messages, entries, ros1_bag, ros2_mcap, ros2_sqlite, write_bag1
 from scans_clouds import lidar
-from scans_folders import arkit, habitat, nerfstudio, polycam, replica, scannet, sens, seven_scenes, tum
+from scans_folders import arkit, bundle_fusion, habitat, nerfstudio, polycam, replica, scannet, sens, seven_scenes, tum
 from scans_rerun import rerun_rrd
 
 from simaps_viz import open_sequence
@@ -81,9 +81,9 @@ FAULTS: list[tuple[Callable[[Path], Sample], Change, str, str, str]] = [
     (tum, lines("depth.txt", lambda x: [*x, "100"]), "depth.txt, line 7", "a time and a file", "1 words"),
     (tum, lines("rgb.txt", lambda x: ["5000 " + x[1].split()[1]]), "seats", "of about the same time", "5 depth images"),
     (tum, lines("rgb.txt", lambda x: [y + "s" for y in x]), "rgb.txt", "a time and a file", "4 of which none is there"),
-    (seven_scenes, each("*.pose.txt", lambda file: file.unlink()), "seq-01", "with depth image, colour", "0 poses"),
-    (seven_scenes, each("*.pose.txt", lambda file: file.write_text("2 " * 16)), "pose.txt", "0 0 0 1", "2 2 2 2"),
-    (seven_scenes, each("*.pose.txt", lambda file: file.write_text("-inf " * 16)), "seq-01", "a finite pose", "none"),
+    (bundle_fusion, each("*.pose.txt", lambda file: file.unlink()), "data", "with depth image, colour", "0 poses"),
+    (bundle_fusion, each("*.pose.txt", lambda file: file.write_text("2 " * 16)), "pose.txt", "0 0 0 1", "2 2 2 2"),
+    (bundle_fusion, each("*.pose.txt", lambda file: file.write_text("-inf " * 16)), "data", "a finite pose", "none"),
     (seven_scenes, lambda f: (f / "../info.txt").write_text("m_depthShift = 0"), "info.txt", "16 numbers and the", "0"),
     (seven_scenes, lambda f: (f / "../camera-intrinsics.txt").write_text("1 2"), "intrinsics.txt", "3x3", "1 line"),
     (scannet, remove("intrinsic/intrinsic_color.txt"), "intrinsic_color.txt", "a text file", "No such file"),
@@ -116,8 +116,7 @@ FAULTS: list[tuple[Callable[[Path], Sample], Change, str, str, str]] = [
 
 @pytest.mark.parametrize(("writer", "change", "names", "expected", "found"), FAULTS)
 def test_faults(tmp_path: Path, writer, change: Change, names: str, expected: str, found: str, capfd) -> None:
-    sample = writer(tmp_path)
-    open_sequence(sample.path)
+    sample = writer(tmp_path)  # is read as it is by test_readers_maps.py
     change(sample.path)
     with pytest.raises(InputError) as caught:
         open_sequence(sample.path)
@@ -132,11 +131,11 @@ def test_faults(tmp_path: Path, writer, change: Change, names: str, expected: st
 ONE_BAD: list[tuple[Callable[[Path], Sample], Change, int, str]] = [
     (tum, remove("depth/100.100000.png"), 1, "1 of 5 files of depth.txt are not there (100.100000.png): left out"),
     (seven_scenes, remove("frame-000002.pose.txt"), 2, "1 of 4 frames have no pose (frame-000002): left out"),
-    (seven_scenes, remove("frame-000002.color.png"), 2, "1 of 4 frames have no colour image (frame-000002): left out"),
-    (seven_scenes, text("frame-000002.pose.txt", "1 0 0"), 2, "expected a 4x4 matrix, found 3 numbers"),
-    (seven_scenes, text("frame-000001.pose.txt", "nan " * 16), 1, "pose.txt: expected finite numbers, found NaN"),
-    (seven_scenes, text("frame-000001.pose.txt", "-1.#IND " * 16), 1, "pose.txt: expected finite numbers, found NaN"),
-    (seven_scenes, text("frame-000001.pose.txt", "x " * 16), 1, "expected numbers, found 'x'"),
+    (bundle_fusion, remove("frame-000002.color.jpg"), 2, "1 of 5 frames have no colour image (frame-000002): left out"),
+    (bundle_fusion, text("frame-000002.pose.txt", "1 0 0"), 2, "expected a 4x4 matrix, found 3 numbers"),
+    (bundle_fusion, text("frame-000001.pose.txt", "nan " * 16), 1, "pose.txt: expected finite numbers, found NaN"),
+    (bundle_fusion, text("frame-000001.pose.txt", "-1.#IND " * 16), 1, "pose.txt: expected finite numbers, found NaN"),
+    (bundle_fusion, text("frame-000001.pose.txt", "x " * 16), 1, "expected numbers, found 'x'"),
     (scannet, remove("pose/2.txt"), 1, "1 of 5 frames have no pose (2): left out"),
     (scannet, remove("color/10.jpg"), 3, "1 of 5 frames have no colour image (10): left out"),
     (replica, remove("results/frame000003.jpg"), 3, "1 of 4 frames have no colour image (3): left out"),
@@ -180,7 +179,7 @@ def test_one_bad_item_costs_one_frame(tmp_path: Path, writer, change: Change, lo
 
 
 UNREADABLE: list[tuple[Callable[[Path], Sample], Change]] = [
-    (seven_scenes, cut("frame-000000.depth.png")),
+    (bundle_fusion, cut("frame-000000.depth.png")),
     (habitat, cut("depth/000000.npy")),
     (habitat, lambda f: np.save(f / "semantic/000000.npy", np.full((48, 64), -1))),
     (record3d_folder, cut("rgbd/0.depth")),

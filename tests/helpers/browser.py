@@ -179,6 +179,24 @@ def open_workbench(page: Page, workbench: Any) -> None:
     until(page, settled)
 
 
+STILL = """() => new Promise((done) => {
+  const numbers = () => JSON.stringify(window.__viserMutable.camera.matrixWorldInverse.elements);
+  let last = numbers(), left = 12;
+  const draw = () => {
+    const now = numbers();
+    left = now === last ? left - 1 : 12;
+    last = now;
+    if (left) requestAnimationFrame(draw); else done();
+  };
+  draw();
+})"""
+
+
+def at_rest(page: Page) -> None:
+    """Wait until the page has drawn a dozen pictures in a row from the same place, however long each may take."""
+    page.evaluate(STILL)
+
+
 CLOSE_ALL = "() => document.querySelectorAll('.mantine-Notification-closeButton').forEach((one) => one.click())"
 
 

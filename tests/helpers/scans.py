@@ -8,6 +8,7 @@ unit. Each writer puts the world, the camera axes, the units and the file names 
 import json
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import lru_cache
 from pathlib import Path
 
 import cv2
@@ -48,7 +49,13 @@ def map_pose(index: float) -> NDArray:
 
 
 def look(k: Intrinsics, T_map_camera: NDArray) -> tuple[NDArray, NDArray]:
-    """Return depth float64 [H, W] in metres, 0 = nothing near, and world-wide ids int32 [H, W]."""
+    """Return depth float64 [H, W] in metres, 0 = nothing near, and world-wide ids int32 [H, W]; not to be changed."""
+    return _look(k, T_map_camera.tobytes())
+
+
+@lru_cache(64)
+def _look(k: Intrinsics, pose: bytes) -> tuple[NDArray, NDArray]:
+    T_map_camera = np.frombuffer(pose).reshape(4, 4)
     v, u = np.mgrid[: k.height, : k.width]
     rays = np.stack([(u - k.cx) / k.fx, (v - k.cy) / k.fy, np.ones(u.shape)], axis=-1) @ T_map_camera[:3, :3].T
     with np.errstate(divide="ignore"):
@@ -62,6 +69,7 @@ def look(k: Intrinsics, T_map_camera: NDArray) -> tuple[NDArray, NDArray]:
             np.isfinite(seat_m) & (at[..., 0] > xmin) & (at[..., 0] < xmax) & (at[..., 1] > ymin) & (at[..., 1] < ymax)
         )
         ids[seat], depth_m[seat] = number, seat_m[seat]
+    depth_m.flags.writeable = ids.flags.writeable = False
     return depth_m, ids
 
 

@@ -4,7 +4,7 @@ import importlib
 import json
 import threading
 import time
-from dataclasses import replace
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -41,9 +41,33 @@ def tiny(tmp_path):
 
 
 @pytest.fixture(autouse=True)
-def quick(monkeypatch):
-    monkeypatch.setattr(robot, "LISTEN_S", 0.2)
+def patient(monkeypatch):
+    """Whatever comes is waited for: how fast the machine is decides nothing."""
+    monkeypatch.setattr(robot, "LISTEN_S", 0.0)
     monkeypatch.setattr(run, "CORRECT_S", 0.1)
+    monkeypatch.setattr(transforms, "WAIT_S", dict.fromkeys(transforms.WAIT_S, 60.0))
+    monkeypatch.setattr(transforms, "BUSY", 1000)
+    monkeypatch.setattr(transforms, "HELD", 1000)
+
+
+PROBE = b"?"
+
+
+class Listener(RobotSource):
+    """A source that chooses its topics when all are announced, and knows of which of them it hears."""
+
+    def __init__(self, link, traffic):
+        self.heard = set()
+        super().__init__(link, TopicNames(), color=False, traffic=traffic)
+
+    def _find_topics(self):
+        if set(TOPICS) <= set(self.offered):
+            super()._find_topics()
+
+    def _on_message(self, topic, data, sent_ns):
+        self.heard.add(topic)
+        if data != PROBE:
+            super()._on_message(topic, data, sent_ns)
 
 
 class SDKServer:
@@ -78,23 +102,35 @@ def humble_server():
     return ZenohServer(humble=True)
 
 
-def grow(sequence, server, tmp_path, faults=None, *, rate_hz=30.0, settle_s=1.0):
-    """Let a map grow from a fake robot until all has come, or it is silent; return it and its run."""
+def grow(sequence, server, tmp_path, faults=None, *, rate_hz=30.0):
+    """Let a map grow from a fake robot until all has come; return it and its run."""
     link = ZenohLink(server.address) if server.address.startswith("zenoh") else FoxgloveLink(server.address)
-    source = RobotSource(link, TopicNames(), color=False, traffic=(traffic := Traffic()))
-    request = LiveRequest(source, BuildConfig(), tmp_path / "r.npz", idle_stop_s=4.0, traffic=traffic)
-    live = LiveRun(replace(request, observers=(MapPublisher(source),)))
+    source = Listener(link, traffic := Traffic())
+    live = LiveRun(
+        LiveRequest(source, BuildConfig(), tmp_path / "r.npz", observers=(MapPublisher(source),), traffic=traffic)
+    )
     found, enough = [], threading.Event()
     thread = threading.Thread(target=lambda: found.append(live.run((), enough)))
     thread.start()
+
+    def hears(topic):
+        server.publish(topic, PROBE)
+        return topic in source.heard
+
     until(lambda: source.chosen is not None)  # after everything is compiled
-    time.sleep(settle_s)
+    assert source.chosen is not None
+    for topic in source.chosen.all:
+        until(lambda topic=topic: hears(topic))
     play(Played(sequence, faults or Faults(), rate_hz=rate_hz), server)
     if faults is None:
-        came = lambda: traffic.placed + sum(traffic.dropped.values()) >= FRAMES  # noqa: E731
-        until(lambda: came() or not thread.is_alive())
-        enough.set()
-    thread.join(300.0)  # kernels may be compiled first
+        until(lambda: traffic.placed + sum(traffic.dropped.values()) >= FRAMES or not thread.is_alive())
+    else:
+        source.heard.clear()
+        until(lambda: hears(DEPTH))  # comes after all that was sent before it
+        held: Any = source._assembler and source._assembler._held["depth"]
+        until(lambda: not held and source._transforms._since_ns is None)
+    enough.set()
+    thread.join(300.0)
     source.close()
     server.close()
     return found[0], live
@@ -145,7 +181,8 @@ def test_the_page_has_the_switch_that_is_off_and_works_only_with_the_option(tmp_
 
 
 @pytest.mark.slow
-def test_drops_restarts_and_late_transforms_cost_frames_and_no_objects(tiny, tmp_path):
+def test_drops_restarts_and_late_transforms_cost_frames_and_no_objects(tiny, tmp_path, monkeypatch):
+    monkeypatch.setattr(transforms, "WAIT_S", dict.fromkeys(transforms.WAIT_S, 2.0))  # some of it never comes
     faults = Faults(drop=0.1, restart_s=2.0, tf_late_s=0.2)
     simap, live = grow(tiny, FoxgloveServer(), tmp_path, faults, rate_hz=12.0)
     assert simap.counts() == {"chair": 2} and 10 < live.traffic.placed < FRAMES
@@ -337,9 +374,26 @@ def test_publishers_of_zenoh_are_told_by_their_tokens():
 
 @pytest.mark.slow
 @pytest.mark.parametrize("kind", [FoxgloveServer, ZenohServer])
-def test_the_list_of_what_a_robot_offers(capsys, kind):
+def test_the_list_of_what_a_robot_offers(capsys, kind, monkeypatch):
     if kind is ZenohServer:
         pytest.importorskip("zenoh")
+    opens, now, announced = robot.RobotLink.open, [0.0], threading.Event()
+
+    def open_and_watch(link, on_topics, on_message):
+        def told(offered):
+            on_topics(offered)
+            if set(TOPICS) <= set(offered):
+                announced.set()
+
+        opens(link, told, on_message)
+
+    def clock():
+        now[0] += 0.1 * announced.is_set()  # stands still until all are announced, however long that takes
+        return now[0]
+
+    monkeypatch.setattr(robot.RobotLink, "open", open_and_watch)
+    monkeypatch.setattr(robot, "time", SimpleNamespace(monotonic=clock, sleep=time.sleep))
+    monkeypatch.setattr(robot, "LISTEN_S", 0.5)
     server = kind()
     assert main(["live", server.address, "--list", "--json"]) == 0
     found = json.loads(capsys.readouterr().out)

@@ -142,7 +142,9 @@ STARTS = st.sampled_from(
 
 
 @pytest.mark.parametrize("name", READ)
-@settings(max_examples=60, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@settings(
+    max_examples=60, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture, HealthCheck.too_slow]
+)
 @given(start=STARTS, rest=st.binary(max_size=200))
 def test_any_bytes_are_taken_or_refused(tmp_path, name, start, rest):
     path = tmp_path / name

@@ -16,7 +16,7 @@ def test_six_pages_get_their_own_answers(tmp_path):
     server, states = page_load.Server(path, free_port()), []
     try:
         tally = asyncio.run(
-            page_load.load(server.url, simap, clients=6, seconds=10.0, tell=lambda when: states.append(server.state()))
+            page_load.load(server.url, simap, clients=6, seconds=4.0, tell=lambda when: states.append(server.state()))
         )
     finally:
         server.close()

@@ -59,16 +59,17 @@ def test_a_path_is_driven_forwards_and_ends_as_it_should():
 def test_drive_plays_pauses_and_arrives():
     seen, arrived = [], threading.Event()
     drive = TrajectoryPlayer(lambda pose, share, leg: seen.append(pose.x_m), arrived.set)
-    drive.speed = 8.0
-    drive.start(trajectory([[0, 0, 0], [2.0, 0, 0]]))
+    drive.start(trajectory([[0, 0, 0], [600.0 * MOTION.speed_mps, 0, 0]]))
     drive.pause(True)
     until(lambda: seen)
     held = len(seen)
     time.sleep(0.15)
     assert drive.paused and len(seen) == held
     drive.pause(False)
+    until(lambda: len(seen) > held)
+    drive.speed = 1e6
     assert arrived.wait(60.0) and not drive.active
-    assert seen[-1] == 2.0 and seen == sorted(seen)
+    assert seen[-1] == pytest.approx(600.0 * MOTION.speed_mps) and seen == sorted(seen)
 
 
 def test_a_stopped_drive_does_not_arrive():

@@ -76,11 +76,12 @@ def told(loop, *, bell: bool, timeout_s: float) -> list[str]:
     drained = Drained(buffer)
     drained.buffer.push(message("first"))
     assert until(lambda: drained.got == ["first"])
-    time.sleep(0.1)  # it waits again
+    waiters: Any = vars(buffer.message_event)["_waiters"]
+    assert until(lambda: waiters)  # it waits again
     drained.late = ["late"]
     drained.buffer.push(message("next"))
-    assert until(lambda: drained.buffer.message_counter == 3)
-    time.sleep(0.05)
+    assert until(lambda: drained.buffer.message_counter == 3 and not drained.late)
+    assert until(lambda: waiters or "late" in drained.got)
     drained.buffer.push(message("last"))
     until(lambda: "last" in drained.got, timeout_s)
     drained.end()
