@@ -12,16 +12,34 @@ from numpy.typing import NDArray
 
 from simaps_viz.colors.array_cache import ArrayCache
 from simaps_viz.colors.classes import COMMON, class_color
-from simaps_viz.colors.palette import PALETTE, Color, as_color, color_of_number
+from simaps_viz.colors.palette import ALIKE, PALETTE, Color, as_color, color_of_number
 from simaps_viz.geometry import moved
 from simaps_viz.structures import GridSpec, MergeLog, SIMap
 
-STEPS = {1: 1000, 2: 30, 3: 30, 5: 1, 8: 1}
-"""Objects are near one another if some of their cells are so many cells apart, along a row, a column or a diagonal; and
-how much it matters then that their colours differ. So a pair that touches is told apart even at the cost of many close
-ones, and a close one at that of many farther ones. The steps left out would find slivers only."""
-TOUCHES = STEPS[1]
-"""Weight of a pair of ids that touch."""
+TOUCHES, CLOSE, NEAR = 100, 10, 1
+"""How much it matters that the colours of two ids differ that touch, have one or two cells between them, or some more.
+So a pair that touches is told apart even at the cost of many close ones, and a close one of many farther ones."""
+_DIRECTIONS = ((0, 1), (1, 0), (1, 1), (1, -1))
+STEPS = {
+    (s * down, s * right): weight
+    for s, weight in {1: TOUCHES, 2: CLOSE, 3: CLOSE, 5: NEAR, 8: NEAR}.items()
+    for down, right in _DIRECTIONS
+} | dict.fromkeys([(5, 2), (2, 5), (5, -2), (2, -5), (7, 3), (3, 7), (7, -3), (3, -7)], NEAR)
+"""{(rows, columns): weight}: ids are near one another if some of their cells are such a step apart; weights fall."""
+SAME = 1000
+"""How much worse the same colour is than two that some people confuse (``ALIKE``)."""
+KEEPING = 150
+"""What it costs that an object loses the colour it had: as much as to touch one or two of a colour like its own."""
+WISHING = 5
+"""What it costs that an object without an earlier colour does not have that of its number."""
+LASTING = 0.15
+"""The share of merges, those of the laxest thresholds, after which the ids left are the objects that people see; only
+their colours are improved, as communities are too many."""
+MAX_ROUNDS = 10
+
+_CLOSENESS = SAME * np.eye(len(PALETTE), dtype=np.int64)
+for _one, _other in ALIKE:
+    _CLOSENESS[_one, _other] = _CLOSENESS[_other, _one] = 1
 
 _instance_colors, _class_colors = ArrayCache(), ArrayCache()
 
@@ -84,9 +102,10 @@ def colors_like(spec: GridSpec, ids: NDArray, before: Colored | None) -> NDArray
     if before is not None and old is not None:
         earlier = _places_by_overlap(ids, old, _places_of(before.colors), size)
     pairs, weight = near_pairs(ids)
-    wish = np.where(earlier >= 0, earlier, (np.arange(size) - 1) % len(PALETTE))
     had_one = (earlier >= 0).astype(int)  # who had a colour chooses first
-    return _choose(_cell_counts(ids, size), had_one, _neighbours(pairs, weight, size), wish)
+    coloring = _Coloring(_neighbours(pairs, weight, size), earlier, earlier >= 0)
+    coloring.add(_by_rank(_cell_counts(ids, size), had_one))
+    return coloring.colors()
 
 
 def keep_classes(simap: SIMap, other: SIMap) -> None:
@@ -116,7 +135,8 @@ def _choose_class_colors(simap: SIMap) -> NDArray:
     used = np.zeros(len(PALETTE))
     things = np.array(simap.grid.is_thing, dtype=bool)[simap.grid.label]
     present = np.flatnonzero(np.bincount(simap.grid.label[things], minlength=len(labels)))
-    keys = _pairs_apart(np.where(things, simap.grid.label, 0), 1, len(labels))
+    found = [_pairs_apart(np.where(things, simap.grid.label, 0), *step, len(labels)) for step in _DIRECTIONS]
+    keys = np.unique(np.concatenate(found))
     touching = np.stack(np.divmod(keys, len(labels)), axis=1)
     chosen = np.full(len(labels), -1)
     colors = np.array([class_color(name) for name in labels], np.uint8).reshape(-1, 3)
@@ -158,10 +178,17 @@ def _chosen_colors(simap: SIMap, earlier: NDArray | None) -> NDArray:
         pairs, weight = np.concatenate([pairs, others]), np.concatenate([weight, their_weight])
         cells = np.where(cells > 0, cells, _cell_counts(instance, size))
     conflicts, lasts = _ever_neighbours(_neighbours(pairs, weight, size), simap.merges)
-    wish = (np.arange(size) - 1) % len(PALETTE)
+    places = np.full(size, -1)
     if earlier is not None:
-        wish[: len(earlier)] = np.where(earlier >= 0, earlier, wish[: len(earlier)])
-    return _choose(cells, lasts, conflicts, wish)
+        places[: len(earlier)] = earlier
+    # Those that number an object longest choose first, and their colours are improved before others look for theirs.
+    shown = np.isin(np.arange(size), instance)  # the others are parts, which only wish to look like what they were in
+    coloring, order = _Coloring(conflicts, places, (places >= 0) & shown), _by_rank(cells, lasts)
+    lasting = lasts[order] >= (1.0 - LASTING) * len(simap.merges)
+    coloring.add(order[lasting])
+    coloring.improve(order[lasting])
+    coloring.add(order[~lasting])
+    return coloring.colors()
 
 
 def _cell_counts(ids: NDArray, size: int) -> NDArray:
@@ -181,26 +208,20 @@ def near_pairs(ids: NDArray) -> tuple[NDArray, NDArray]:
         int64 [n, 2], pairs, lower id first, ascending; and int64 [n], the weight of the smallest step between them.
     """
     size = int(ids.max(initial=0)) + 1
-    found = [_pairs_apart(ids, step, size) for step in STEPS]
+    found = [_pairs_apart(ids, *step, size) for step in STEPS]
     keys, first = np.unique(np.concatenate(found), return_index=True)
     weight = np.repeat(list(STEPS.values()), [len(one) for one in found])
     return np.stack(np.divmod(keys, size), axis=1), weight[first]
 
 
-def _pairs_apart(ids: NDArray, step: int, size: int) -> NDArray:
-    """Return the keys (lower id * size + higher id) of ids with cells exactly ``step`` apart, ascending."""
-    found = []
-    for a, b in (
-        (ids[:, :-step], ids[:, step:]),
-        (ids[:-step], ids[step:]),
-        (ids[:-step, :-step], ids[step:, step:]),
-        (ids[:-step, step:], ids[step:, :-step]),
-    ):
-        edge = np.nonzero(a != b)  # few, so what follows costs little
-        one, other = a[edge], b[edge]
-        low, high = np.minimum(one, other).astype(np.int64), np.maximum(one, other)
-        found.append(np.unique((low * size + high)[low > 0]))
-    return np.unique(np.concatenate(found))
+def _pairs_apart(ids: NDArray, down: int, right: int, size: int) -> NDArray:
+    """Return the keys (lower id * size + higher id) of ids with cells exactly that step apart, ascending."""
+    west, east = (ids[:, :-right], ids[:, right:]) if right > 0 else (ids[:, -right:], ids[:, : right or None])
+    a, b = west[: max(len(ids) - down, 0)], east[down:]
+    edge = np.nonzero(a != b)  # few, so what follows costs little
+    one, other = a[edge], b[edge]
+    low, high = np.minimum(one, other).astype(np.int64), np.maximum(one, other)
+    return np.unique((low * size + high)[low > 0])
 
 
 Neighbours = list[dict[int, int]]
@@ -266,25 +287,89 @@ def _strictest_first(merges: MergeLog) -> NDArray:
     return np.argsort(-score, kind="stable")
 
 
-def _choose(cells: NDArray, lasts: NDArray, conflicts: Neighbours, wish: NDArray) -> NDArray:
-    """Colour ids in the order of how long they number an instance, and among equals of how many cells they have.
+def _by_rank(cells: NDArray, rank: NDArray) -> NDArray:
+    """Return the ids that have cells, the highest rank first, and among equals those of most cells."""
+    order = np.lexsort((np.arange(len(cells)), -cells, -rank))
+    return order[cells[order] > 0]
 
-    Each gets its wish, or the next colour that no neighbour has, or the one whose neighbours matter least.
 
-    Returns:
-        uint8 [n, 3], RGB, indexed by id; row 0 is black.
-    """
-    chosen = np.full(len(cells), -1)
-    order = np.lexsort((np.arange(len(cells)), -cells, -lasts))
-    for one in order[cells[order] > 0].tolist():
-        taken = np.zeros(len(PALETTE))
-        for other, weight in conflicts[one].items():
-            if chosen[other] >= 0:
-                taken[chosen[other]] += weight
-        chosen[one] = _first_cheapest(taken, int(wish[one]))
-    colors = np.array(PALETTE, np.uint8)[np.where(chosen < 0, wish, chosen)]
-    colors[0] = 0
-    return colors
+class _Coloring:
+    """Ids and the colours chosen for them so far, as places in the palette."""
+
+    def __init__(self, conflicts: Neighbours, earlier: NDArray, keep: NDArray) -> None:
+        """Colour nobody yet.
+
+        Args:
+            conflicts: the neighbours of each id.
+            earlier: int [n], the places that ids had before, -1 = none.
+            keep: bool [n], the ids that should keep them; the others only begin with them.
+        """
+        self._others = [np.fromiter(one, np.int64, len(one)) for one in conflicts]
+        self._weights = [np.fromiter(one.values(), np.int64, len(one)) for one in conflicts]
+        self._wish = np.where(earlier >= 0, earlier, (np.arange(len(earlier)) - 1) % len(PALETTE))
+        self._chosen = np.full(len(earlier), -1)
+        # What each colour would cost each id: its closeness to those of neighbours, by how much these matter.
+        other = np.arange(len(PALETTE)) != self._wish[:, None]
+        self._cost = np.where(keep, KEEPING, WISHING)[:, None] * other
+
+    def add(self, ids: NDArray) -> None:
+        """Colour ids one after the other, each in the colour that costs least, beginning with the one it wishes."""
+        for one in ids.tolist():
+            self._put(one, _first_cheapest(self._cost[one], int(self._wish[one])))
+
+    def improve(self, ids: NDArray) -> None:
+        """Recolour ids as long as that makes neighbours more different, also where a neighbour has to give way."""
+        for _ in range(MAX_ROUNDS):
+            if not sum([self._improve(one) for one in ids.tolist()]):
+                return
+
+    def colors(self) -> NDArray:
+        """Return the colours, uint8 [n, 3], RGB, indexed by id; row 0 is black."""
+        colors = np.array(PALETTE, np.uint8)[np.where(self._chosen < 0, self._wish, self._chosen)]
+        colors[0] = 0
+        return colors
+
+    def _put(self, one: int, place: int) -> None:
+        before = self._chosen[one]
+        change = _CLOSENESS[place] - (_CLOSENESS[before] if before >= 0 else 0)
+        self._cost[self._others[one]] += self._weights[one][:, None] * change  # no id is twice among the others
+        self._chosen[one] = place
+
+    def _improve(self, one: int) -> bool:
+        """Recolour an id, and those of its neighbours that would then look like it; whether that was for the better."""
+        own = int(self._chosen[one])
+        if self._cost[one, own] < CLOSE:
+            return False  # farther neighbours alone are not worth a change
+        colored = self._chosen[self._others[one]] >= 0
+        others, weights = self._others[one][colored], self._weights[one][colored]
+        theirs = self._chosen[others]
+        # The gain of each colour: its own, and that of each neighbour that can then give way, as if it were alone.
+        then = self._cost[others] + weights[:, None] * (_CLOSENESS - _CLOSENESS[own])[:, None]
+        given = then[:, np.arange(len(others)), theirs] - then.min(axis=2)
+        gain = self._cost[one, own] - self._cost[one] + given.sum(axis=1)
+        for place in np.argsort(-gain, kind="stable").tolist():
+            if gain[place] <= 0 or place == own:
+                return False
+            giving_way = np.argsort(-given[place], kind="stable")[: np.count_nonzero(given[place])]
+            if self._try(one, place, others[giving_way]):
+                return True
+        return False
+
+    def _try(self, one: int, place: int, giving_way: NDArray) -> bool:
+        """Recolour an id and have neighbours give way, in this order; undo all of it unless something is gained."""
+        undo = [(one, int(self._chosen[one]))]
+        gained = int(self._cost[one, self._chosen[one]] - self._cost[one, place])
+        self._put(one, place)
+        for other in giving_way.tolist():
+            was = int(self._chosen[other])
+            best = _first_cheapest(self._cost[other], was)
+            gained += int(self._cost[other, was] - self._cost[other, best])
+            undo.append((other, was))
+            self._put(other, best)
+        if gained <= 0:
+            for other, was in reversed(undo):
+                self._put(other, was)
+        return gained > 0
 
 
 def _first_cheapest(cost: NDArray, start: int) -> int:

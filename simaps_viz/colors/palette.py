@@ -15,6 +15,13 @@ Neighbours in this list differ most."""
 LEAST_APART = 11.0
 """CIEDE2000 between any two colours of PALETTE, seen with normal vision and without the red, green or blue cones
 (Machado, Oliveira and Fernandes 2009)."""
+ALIKE_BELOW = 18.0
+"""CIEDE2000 below which colours of objects that touch are easily confused."""
+ALIKE = (
+    (0, 2), (0, 4), (0, 5), (1, 3), (1, 4), (1, 8), (2, 9), (3, 7), (4, 5), (4, 7), (4, 10), (5, 9), (6, 9), (6, 10),
+    (7, 11), (8, 10), (9, 10),
+)  # fmt: skip
+"""Places of the colours of PALETTE that are closer than that for some kind of vision."""
 
 
 def color_of_number(number: int) -> Color:
