@@ -88,7 +88,7 @@ class Evaluate:
 
 
 def ablations() -> "list[tuple[str, BuildConfig]]":
-    """Return complete method evidence, then the same with errors learned, and with one piece removed at a time."""
+    """Return complete method evidence, then the same with one piece removed at a time."""
     from simaps_viz.build.pipeline import BuildConfig
 
     whole = BuildConfig()
@@ -96,7 +96,7 @@ def ablations() -> "list[tuple[str, BuildConfig]]":
     return [
         ("evidence", whole),
         ("no votes", replace(whole, votes=replace(votes, enabled=False))),
-        ("errors learned", replace(whole, votes=replace(votes, rounds=6))),
+        ("no errors learned", replace(whole, votes=replace(votes, rounds=0))),
         ("no exact masks rule", replace(whole, votes=replace(votes, exact_below=0.0))),
         ("no lent votes", replace(whole, votes=replace(votes, neighbours=0.0))),
         ("stuff votes fully", replace(whole, votes=replace(votes, stuff=1.0))),

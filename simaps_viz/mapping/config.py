@@ -97,7 +97,7 @@ def config_from_json(values: Mapping[str, Any]) -> BuildConfig:
     evidence["ranges"] = tuple(evidence["ranges"])
     parts = {
         "projection": ProjectionSettings(**values["projection"]),
-        "votes": VoteSettings(**values["votes"]),
+        "votes": VoteSettings(**{"rounds": 0, **values["votes"]}),  # maps of before nothing was learned
         "evidence": EvidenceSettings(**evidence),
         "pooling": PoolSettings(**values["pooling"]),
     }

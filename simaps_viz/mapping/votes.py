@@ -4,8 +4,8 @@ One frame is one vote of a cell: the segment of its highest pixel there. It coun
 top, with the segment's confidence as weight; a frame that saw nothing there is a weak vote, because detectors miss more
 than they invent. Cells lend their votes to neighbours of about the same height, because mask borders wander.
 
-Constants do not suit every network, though. With ``rounds``, what the masks of a map get wrong is learned from its own
-readings, and the votes are only where that begins; see `mask_errors`.
+Constants do not suit every network, though. What the masks of a map get wrong is learned from its own readings, and the
+votes are only where that begins; see `mask_errors`.
 
 Exact masks need none of this, and there the highest pixel knows thin things best. The votes themselves show it: where
 readings of one cell hardly ever disagree, masks are exact.
@@ -50,8 +50,9 @@ class VoteSettings:
     floor_m: float = 0.04
     """Things that stand on the floor do not lie on it: a class most of whose cells are higher than this gets no cell
     that is lower. Masks of chairs cover the floor seen between their legs. 0 = off."""
-    rounds: int = 0
-    """How often the errors of the masks are learned, and the classes named anew by them: 6 is enough. 0 = never."""
+    rounds: int = 6
+    """How often the errors of the masks are learned, and the classes named anew by them; more than 6 change little.
+    0 = never."""
     exact_below: float = 0.01
     """Masks count as exact, and the highest pixel decides, when less than this share of readings disagrees."""
 

@@ -191,6 +191,21 @@ def test_what_lies_below_keeps_two_objects_of_the_map_apart():
     assert set(below.tolist()) == {one.id for one in simap.of_class("chair")}
 
 
+def test_what_lies_below_belongs_to_the_object_of_the_map_that_most_evidence_ties_it_to():
+    """A table under books. Four cells that broke off are seen with it without an error, its edge with two."""
+    edge, books = block(range(10), range(4), 1, 30, 30), block(range(10), range(4, 10), 2, 34, 34)
+    below, broken_off = block(range(10), range(4, 10), 1, 10, 28), block(range(2), range(14, 16), 1, 26, 26)
+    apart = [(row, col, 3, low, high) for row, col, _, low, high in below]
+    labels = {1: "table", 2: "book", 3: "table"}
+    steps = [
+        frame(k, broken_off + below if k % 2 else edge + books + (apart if k in (4, 8) else below), labels)
+        for k in range(40)
+    ]
+    simap = map_of_columns(steps)
+    assert boxes(simap, "book") == [(0, 9, 4, 9, 34, 34)] and not simap.hidden
+    assert boxes(simap, "table") == [(0, 1, 14, 15, 26, 26), (0, 9, 0, 9, 10, 30)]
+
+
 @pytest.mark.parametrize("upper", [12, 10])
 def test_two_books_of_a_shelf_are_two(upper):
     # Boards at steps 4 and 12 (or so close that a single step is between the books), a book on each, one above the

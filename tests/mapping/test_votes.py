@@ -11,9 +11,9 @@ from simaps_viz.mapping.observations import Readings
 from simaps_viz.mapping.votes import RINGS, STEP_M, VoteSettings, spread_labels, vote_labels
 from simaps_viz.structures import Grid
 
-BINARY = VoteSettings(stuff=0.625, nothing=0.5, exact_below=0.0)
+BINARY = VoteSettings(stuff=0.625, nothing=0.5, exact_below=0.0, rounds=0)
 """Weights with short binary fractions, so that sums do not depend on rounding."""
-ALONE = VoteSettings(exact_below=0.0, neighbours=0.0, floor_m=0.0, nothing=0.5, stuff=0.6, window_m=0.06)
+ALONE = VoteSettings(exact_below=0.0, neighbours=0.0, floor_m=0.0, nothing=0.5, stuff=0.6, window_m=0.06, rounds=0)
 """No neighbours, no floor: what the readings of a cell say by themselves."""
 CLASSES = {"1": "chair", "2": "table", "3": "rug", "_": "floor"}
 
