@@ -1,9 +1,11 @@
 """Print how a network's masks err where the truth is known: missed, misnamed, split, merged, borders, invented.
 
 Missed things are counted by class, by distance, by size in the picture, and by whether they were missed in the frame
-before: a network that misses a thing misses it again, which simulated errors drawn anew for every frame do not.
+before: a network that misses a thing misses it again, which simulated errors drawn anew for every frame do not. Level
+"detector" of the simulated errors was set from what this prints.
 """
 
+import math
 import sys
 from collections import Counter
 from collections.abc import Iterator, Mapping
@@ -20,10 +22,11 @@ from simaps_viz.evaluation.truth import find_truth
 from simaps_viz.structures import Segmentation
 
 SMALLEST_PX = 60
-"""Things and segments of fewer pixels are not counted."""
+"""Things and segments of fewer pixels (at 512 pixels width) are not counted."""
 PART = 0.25
 """A segment that covers this share of a thing shows it."""
 BAND_M = 1.5
+LATER = 20
 GAP = 0.03
 """Two things can be merged when the boxes round them are at most this share of the picture's width apart."""
 
@@ -39,6 +42,10 @@ class MaskErrors:
     by_size: dict[int, list[int]] = field(default_factory=dict)
     after: dict[str, list[int]] = field(default_factory=dict)
     """Missed after a frame in which it was "found" or "missed"."""
+    later: list[list[int]] = field(default_factory=lambda: [[0, 0], [0, 0]])
+    """Found or missed (0, 1), then the same `LATER` frames on."""
+    unnamed: list[int] = field(default_factory=lambda: [0, 0])
+    """Things of other classes, and those that a segment of a known class shows."""
     renamed: list[int] = field(default_factory=lambda: [0, 0])
     split: list[int] = field(default_factory=lambda: [0, 0])
     merged: list[int] = field(default_factory=lambda: [0, 0])
@@ -47,10 +54,12 @@ class MaskErrors:
     """Of all segments of known classes, those that lie on no known thing."""
     border_px: list[float] = field(default_factory=list)
     """Of each segment that fits a thing (IoU above 0.5): mean distance of its border from the thing's."""
-    _before: dict[int, bool] = field(default_factory=dict)
+    _found: list[dict[int, bool]] = field(default_factory=list)
+    """Of each frame so far: whether each thing was."""
 
     def add(self, exact: Segmentation, found: Segmentation, depth_m: NDArray) -> None:
         """Compare the masks of a frame with the exact ones; frames come in order."""
+        smallest = SMALLEST_PX * (exact.ids.shape[1] / 512) ** 2
         names = {s.id: s.label for s in found.segments}
         segments = max(names, default=0) + 1
         cells = exact.ids.astype(np.int64) * segments + found.ids
@@ -59,7 +68,7 @@ class MaskErrors:
         both = {divmod(int(c), segments): int(n) for c, n in zip(*np.unique(cells, return_counts=True), strict=True)}
         things = {
             s.id: s.label for s in exact.segments
-            if s.is_thing and s.label in self.known and true_px[s.id] >= SMALLEST_PX
+            if s.is_thing and s.label in self.known and true_px[s.id] >= smallest
         }  # fmt: skip
         shows = {i: [k for k in names if both.get((i, k), 0) > PART * true_px[i]] for i in things}
         for i, label in things.items():
@@ -67,9 +76,11 @@ class MaskErrors:
             near_m = float(np.median(depth_m[exact.ids == i]))
             count(self.by_class, label, missed)
             count(self.by_band, int(near_m // BAND_M), missed)
-            count(self.by_size, int(np.log2(true_px[i] / SMALLEST_PX)), missed)
-            if i in self._before:
-                count(self.after, "found" if self._before[i] else "missed", missed)
+            count(self.by_size, int(np.log2(true_px[i] / smallest)), missed)
+            if self._found and i in self._found[-1]:
+                count(self.after, "found" if self._found[-1][i] else "missed", missed)
+            if len(self._found) >= LATER and i in self._found[-LATER]:
+                self.later[not self._found[-LATER][i]][missed] += 1
             if missed:
                 continue
             best = max(shows[i], key=lambda k: both[i, k])
@@ -83,21 +94,31 @@ class MaskErrors:
             if shows[one] and shows[other]:
                 note(self.merged, bool(set(shows[one]) & set(shows[other])))
         for k, label in names.items():
-            if label in self.known and found_px[k] >= SMALLEST_PX:
+            if label in self.known and found_px[k] >= smallest:
                 note(self.invented, not any(both.get((i, k), 0) > PART * found_px[k] for i in things))
-        self._before = {i: bool(shows[i]) for i in things}
+        for s in exact.segments:
+            if s.is_thing and s.label not in self.known and true_px[s.id] >= smallest:
+                note(self.unnamed, any(both.get((s.id, k), 0) > PART * true_px[s.id] for k in names))
+        self._found.append({i: bool(shows[i]) for i in things})
+
+    def lasting(self) -> float:
+        """Return the correlation of a thing being missed in two frames `LATER` apart (Pearson's, of odds)."""
+        (stays_found, lost), (comes, stays_missed) = self.later
+        odds = stays_found * stays_missed / max(lost * comes, 1)
+        return math.cos(math.pi / (1.0 + math.sqrt(odds)))
 
     def lines(self) -> Iterator[str]:
         """Return what a person reads."""
         for words, table in (
             ("missed by class", self.by_class),
             (f"missed by distance, bands of {BAND_M} m", self.by_band),
-            (f"missed by size, doubling from {SMALLEST_PX} pixels", self.by_size),
+            (f"missed by size, doubling from {SMALLEST_PX} pixels at 512 pixels width", self.by_size),
             ("missed after a frame in which it was", self.after),
         ):
             rates = (f"{key}: {rate(table[key])} of {table[key][0]}" for key in sorted(table))  # pyright: ignore[reportArgumentType]
             yield f"{words}: {', '.join(rates)}"
-        for words in ("renamed", "split", "merged", "invented"):
+        yield f"correlation of missing a thing in two frames {LATER} apart: {self.lasting():.2f}"
+        for words in ("renamed", "split", "merged", "invented", "unnamed"):
             counts = getattr(self, words)
             yield f"{words}: {rate(counts)} of {counts[0]}"
         if self.border_px:

@@ -10,7 +10,7 @@ from simaps_viz.cli.options import MappingOptions, Serving
 
 PlaceName = Literal["cafe", "home", "office", "canteen", "shop"]
 """The embedded places."""
-Level = Literal["none", "light", "medium", "heavy"]
+Level = Literal["none", "light", "medium", "heavy", "detector"]
 """How strong the simulated errors of the segmentation network are."""
 
 

@@ -41,8 +41,9 @@ class Evaluate:
     methods: str = ",".join(METHOD_NAMES)
     """Separated by commas; also components-highest, paper-k9 and paper-literal."""
     errors: str = ""
-    """Masks, separated by commas: none (exact), light, medium, heavy (simulated network errors), precomputed (the
-    sequence's own). By default light where the sequence's masks are exact."""
+    """Masks, separated by commas: none (exact), light, medium, heavy (simulated network errors), detector (simulated,
+    as often as a small one was measured to err), precomputed (the sequence's own). By default light where the
+    sequence's masks are exact."""
     seeds: int = 1
     """Seeds of the simulated errors; more than one gives mean ± spread."""
     counts: str = ""

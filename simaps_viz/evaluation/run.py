@@ -48,7 +48,7 @@ class EvaluationConfig:
     methods: str = "paper"
     """Methods, separated by commas."""
     errors: str = ""
-    """Masks to build from, separated by commas: none (exact), light, medium, heavy (simulated network errors),
+    """Masks to build from, separated by commas: none (exact), light, medium, heavy, detector (simulated errors),
     precomputed (the sequence's). By default precomputed if the sequence's masks are not exact, else light."""
     seeds: int = 1
     """How many seeds of the simulated errors."""

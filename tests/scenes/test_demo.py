@@ -170,7 +170,7 @@ def test_other_settings_have_another_key():
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        ({"level": "hard"}, "error level: expected one of none, light, medium, heavy, found 'hard'"),
+        ({"level": "hard"}, "error level: expected one of none, light, medium, heavy, detector, found 'hard'"),
         ({"seed": -1}, "seed: expected 0 or more, found -1"),
     ],
 )

@@ -1,5 +1,7 @@
 """Simulated network errors: what may go wrong does, and nothing else."""
 
+from typing import Any
+
 import numpy as np
 import pytest
 
@@ -23,9 +25,9 @@ def picture() -> np.ndarray:
     return ids
 
 
-def only(monkeypatch: pytest.MonkeyPatch, **chances: float) -> str:
+def only(monkeypatch: pytest.MonkeyPatch, **chances: Any) -> str:
     """Make a level where only the given things go wrong."""
-    values = {"border_px": 0.0, "miss": 0.0, "flip": 0.0, "split": 0.0, "merge": 0.0} | chances
+    values: dict[str, Any] = {"border_px": 0.0, "miss": 0.0, "flip": 0.0, "split": 0.0, "merge": 0.0} | chances
     monkeypatch.setitem(LEVELS, "custom", ErrorLevel(**values))
     return "custom"
 
@@ -135,6 +137,45 @@ def test_heavier_levels_do_more_damage(seed):
     assert means[0] < means[1] < means[2] < means[3]
 
 
+def found_in(level: str, frames: int = 200, seed: int = 0) -> np.ndarray:
+    """Whether each of the six things was found: bool [frames, 6]."""
+    exact, frames_found = picture(), []
+    for frame in range(frames):
+        ids, _ = spoil(level, seed=seed, frame=f"{frame:06d}")
+        frames_found.append([(ids[exact == i] > 0).any() for i in range(3, 9)])
+    return np.array(frames_found)
+
+
+def test_what_lasts_goes_wrong_with_one_object_again_and_as_often_in_all(monkeypatch):
+    now_and_then = found_in(only(monkeypatch, miss=0.3))
+    assert (now_and_then.mean(axis=0) > 0.6).all() and (now_and_then.mean(axis=0) < 0.8).all()
+    always = np.concatenate([found_in(only(monkeypatch, miss=0.3, lasting=0.999), 20, seed) for seed in range(100)])
+    by_seed = always.reshape(100, 20, 6)
+    assert (by_seed == by_seed[:, :1]).mean() > 0.97
+    assert always.mean() == pytest.approx(0.7, abs=0.06)
+
+
+def test_misses_by_size(monkeypatch):
+    strip_px = 20 * 80 / (WIDTH / 512) ** 2  # at 512 pixels width
+    band = int(np.log2(strip_px / 60))
+    misses = [0.0] * 12
+    misses[band] = 1.0
+    assert not found_in(only(monkeypatch, miss_by_size=tuple(misses)), 2).any()
+    misses = [1.0] * 12
+    misses[band] = 0.0
+    assert found_in(only(monkeypatch, miss_by_size=tuple(misses)), 2).all()
+    assert not found_in(only(monkeypatch, miss_by_size=(1.0,)), 2).any()  # the last band goes on
+
+
+def test_a_network_names_what_it_knows_and_takes_other_things_for_that(monkeypatch):
+    names = frozenset({"chair", "cup", "dog"})
+    _, rows = spoil(only(monkeypatch, known=names))
+    assert sorted(row["label"] for row in rows) == ["chair", "chair", "chair", "cup"]
+    ids, rows = spoil(only(monkeypatch, known=names, invent=1.0))
+    assert sorted({row["label"] for row in rows}) == ["chair", "cup"] and len(rows) == 6
+    assert (ids[picture() <= 2] == 0).all()  # stuff
+
+
 def test_shares_of_misses_are_those_of_the_level():
     for name in ("light", "heavy"):
         missed = [6 - len(set(np.unique(_kept(name, i)))) for i in range(300)]
@@ -166,7 +207,7 @@ def test_unknown_ids_count_as_nothing():
 
 
 def test_an_unknown_level_is_refused_by_name():
-    with pytest.raises(InputError, match="expected one of none, light, medium, heavy, found 'extreme'"):
+    with pytest.raises(InputError, match="expected one of none, light, medium, heavy, detector, found 'extreme'"):
         spoil("extreme")
 
 
