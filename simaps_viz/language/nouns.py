@@ -65,8 +65,15 @@ class Phrase:
     """Whether the map has only one thing of that name."""
     inner: tuple["Phrase", ...] = ()
     """Phrases within it."""
+    together: bool = False
+    """Whether all of it is spoken of at once, as in a question."""
     any: bool = False
     """Whether any thing of the name will do, as after "a"."""
+
+    @property
+    def is_room(self) -> bool:
+        """Whether it is a room, or several."""
+        return self.base.startswith("rooms(")
 
     @property
     def argument(self) -> str:
@@ -94,8 +101,10 @@ class Phrase:
     @property
     def single(self) -> str:
         """Return the thing itself rather than the set whose first it is."""
-        if self.many or self.text.startswith(
-            ("nth(", "first(", "nearest(", "farthest(", "last(", "room(", "union(", IT)
+        if (
+            self.many
+            or self.together
+            or self.text.startswith(("nth(", "first(", "nearest(", "farthest(", "last(", "room(", "union(", IT))
         ):
             return self.text
         if self.lone and _ALL.fullmatch(self.text):
@@ -417,7 +426,7 @@ def _taken() -> Parts:
     return _filter("minus({}, empty({}))")
 
 
-@_rule("adjective", "SEEN", "VIEW", "SEE")
+@_rule("adjective", "SEEN")
 def _seen() -> Parts:
     return _filter("visible({})")
 
@@ -553,16 +562,12 @@ for _token, _key in (("NEAREST", "near"), ("FARTHEST", "far")):
 _rule("key", "name:SUPER", "name:MORE", "name:MOST")(lambda name: name)
 
 
-@_rule("relation", "_at? _dets side SIDE?", "_at? _dets side SIDE? OF HERE", "_at? _dets SIDE side")
+@_rule("relation", "_at? _dets side SIDE? (OF HERE)?")
 def _on_side(side: str) -> Parts:
     return _filter(f'side({{}}, "{side}")')
 
 
-@_rule(
-    "relation",
-    "(ON | AT | TO) _dets side END | _at? _dets side:MOST (SIDE | END)? | n:ORD side:MOST | (n:ORD? FARTHEST) "
-    "(_at? DET?) side SIDE?",
-)
+@_rule("relation", "(AT | ON) _dets side END | _at? _dets side:MOST (SIDE | END)? | n:ORD? FARTHEST _at? DET? side")
 def _at_end(side: str, n: int = 0) -> Parts:
     return (*(_ranked(n) if n else ()), Part("order", side))
 
@@ -575,14 +580,9 @@ def _towards_corner(corner: float) -> Parts:
     return (Part("order", CORNERS[corner]),)
 
 
-@_rule("relation", "_at? _dets side (SIDE | END)? (OF | FROM) (np | room)", "_at? _dets SIDE (OF | FROM) np _to_side")
-def _side_of(side: str, np: Phrase | None = None, room: Phrase | None = None) -> Parts:
-    other = np or room
-    assert other is not None
-    return _filter(f'side({{}}, "{side}", {other.argument})', other, of="" if room else other.argument)
-
-
-GRAMMAR.words("_to_side", "side")
+@_rule("relation", "_at? _dets side (SIDE | END)? (OF | FROM) np")
+def _side_of(side: str, np: Phrase) -> Parts:
+    return _filter(f'side({{}}, "{side}", {np.argument})', np, of="" if np.is_room else np.argument)
 
 
 @_rule("relation", "_at? _dets FAREND OF np", cost=0.1)
@@ -590,7 +590,7 @@ def _at_far_end(np: Phrase) -> Parts:
     return (*_filter(f"near({{}}, {np.measure})", np), Part("order", "far"))
 
 
-@_rule("relation", "(IN | OF | FROM) (DET | THAT)* ROW (OF whole)?")
+@_rule("relation", "IN (DET | THAT)* ROW (OF whole)?")
 def _in_row(whole: int = 0) -> Parts:
     """Read "the second seat from the left in that row of five": what stands in a row is counted from its side."""
     return ()
@@ -601,19 +601,19 @@ def _amid_row(whole: int = 0) -> Parts:
     return (Part("order", "middle"),)
 
 
-@_rule("relation", "(ON | IN | AT | UNDER | NEAR) SAME noun AS np", cost=-0.3)
+@_rule("relation", "ON SAME noun AS np", cost=-0.3)
 def _on_the_same(noun: Noun, np: Phrase) -> Parts:
     """Read "the cup on the same table as the laptop"."""
     shared = f"having({select(replace(noun, is_plural=True), ()).text}, {np.argument})"
     return _filter(f"on({{}}, {shared})", np)
 
 
-@_rule("relation", "_at? _dets side (SIDE | END)? (OF | IN) DET* MAP", "_at? _dets side OF DET* MAP")
+@_rule("relation", "_at? _dets side (SIDE | END)? (OF | IN) DET* MAP")
 def _side_of_map(side: str) -> Parts:
     return _filter(f'side({{}}, "{side}", "map")')
 
 
-@_rule("relation", "FRONT HERE", "(IN | AT | TO) DET? FORWARD (OF HERE)?")
+@_rule("relation", "FRONT HERE", "FORWARD (OF HERE)?")
 def _ahead() -> Parts:
     return _filter(AHEAD)
 
@@ -643,7 +643,7 @@ def _measured(np: Phrase) -> Parts:
     return (Part("from", np.measure, phrase=np),)
 
 
-@_rule("relation", "IN distance (OF | TO | FROM | NEAR | AROUND) np")
+@_rule("relation", "IN distance (OF | FROM) np")
 def _within(distance: Any, np: Phrase) -> Parts:
     return _filter(f"near({{}}, {np.measure}, {distance.text})", np)
 
@@ -658,12 +658,23 @@ def _under(np: Phrase) -> Parts:
     return _filter(f"under({{}}, {np.argument})", np, definite=f"under({{}}, {np.measure})")
 
 
+@_rule("relation", "OPPOSITE np", cost=-0.1)
+def _across(np: Phrase) -> Parts:
+    return _filter(f"opposite({{}}, {np.measure})", np, of=np.measure)
+
+
+@_rule("relation", "key:PAIRED", cost=-0.3)
+def _paired(key: str) -> Parts:
+    """Read "the two chairs that are farthest apart"."""
+    return (Part("order", key), Part("count", number=2))
+
+
 @_rule("relation", "BETWEEN pair")
 def _between(pair: tuple[Phrase, Phrase]) -> Parts:
     return _filter(f"between({{}}, {pair[0].argument}, {pair[1].argument})", *pair)
 
 
-@_rule("relation", "n:ORD? NEAREST (TO | AT | FROM | OF | BY)? np")
+@_rule("relation", "n:ORD? NEAREST (TO | OF)? np")
 def _nearest_to(np: Phrase, n: int = 0) -> Parts:
     return (*(_ranked(n) if n else ()), Part("order", "near", np.measure, phrase=np))
 
@@ -688,18 +699,7 @@ def _elsewhere() -> Parts:
     return _filter("minus({}, inside({}, room()))")
 
 
-@_rule(
-    "relation",
-    "FROM HERE",
-    "AT HERE",
-    "EXIST HERE?",
-    "IN DET* MAP",
-    "ON DET* MAP",
-    "HERE",
-    "OF DET* MAP",
-    "TO HERE",
-    "IN HERE",
-)
+@_rule("relation", "(FROM | TO)? HERE | EXIST HERE? | (IN | ON | OF) DET* MAP")
 def _anywhere() -> Parts:
     return ()
 
@@ -715,7 +715,7 @@ def _the_larger(adjective: Parts = (), key: str = "") -> Parts:
     return adjective or (Part("order", key),)
 
 
-@_rule("post", "COMMA &(BEHIND | FRONT | NEAR | BY | UNDER | ON | BETWEEN) relation", cost=-0.25)
+@_rule("post", "COMMA &(BEHIND | FRONT | NEAR | BY | UNDER | BETWEEN) relation", cost=-0.25)
 def _added(relation: Parts) -> Parts:
     """Read "the window on the wall, behind the bench"."""
     return relation
@@ -733,7 +733,7 @@ def _same_room(np: Phrase | None = None) -> Parts:
     return _filter(f"inside({{}}, room({other.argument}))", other)
 
 
-@_rule("relation", "(IN | AT | BY | NEAR | ON | OF) DET* spot:SPOT ((OF | IN) (room | DET* MAP))?", cost=0.1)
+@_rule("relation", "(IN | AT | BY | NEAR | ON) DET* spot:SPOT ((OF | IN) room)?", cost=0.1)
 def _spot(spot: str, room: Phrase | None = None) -> Parts:
     inside = _inside(room) if room else ()
     return (*inside, *_filter(f'at({{}}, "{spot}")'))
@@ -741,8 +741,7 @@ def _spot(spot: str, room: Phrase | None = None) -> Parts:
 
 @_rule(
     "relation",
-    "(AT | BY | NEAR | ON | TO | OF | IN) DET* (side spot:SPOT | spot:SPOT (TO | IN)? DET? side) ((OF | IN) (room | "
-    "DET* MAP))?",
+    "(AT | BY | NEAR | ON | IN) DET* (side spot:SPOT | spot:SPOT TO? DET? side) ((OF | IN) room)?",
     cost=-0.1,
 )
 def _spot_of_side(side: str, spot: str, room: Phrase | None = None) -> Parts:
@@ -810,27 +809,17 @@ def _having(np: Phrase) -> Parts:
     return _filter(f"having({{}}, {np.argument})", np)
 
 
-@_rule("relation", "WITH MOSTLY np _on_it?", cost=-0.3)
-def _most(np: Phrase) -> Parts:
-    return (Part("order", "many", np.argument, phrase=np),)
+@_rule("relation", "WITH key:numerous np _on_it?", cost=-0.3)
+def _most(key: str, np: Phrase) -> Parts:
+    return (Part("order", key, np.argument, phrase=np),)
 
 
-@_rule("relation", "WITH FEWEST np _on_it?", cost=-0.3)
-def _fewest(np: Phrase) -> Parts:
-    return (Part("order", "few", np.argument, phrase=np),)
-
-
-@_rule("relation", "WITHOUT np _on_it?", "WITH NOT np _on_it?")
+@_rule("relation", "WITHOUT np _on_it?")
 def _without(np: Phrase) -> Parts:
     return _filter(f"without({{}}, {np.argument})", np)
 
 
-@_rule(
-    "relation",
-    "WITHOUT ANYTHING _on_it? | WITH NOTHING _on_it? | WHERE? NOTHING IS | NOTHING IS? (ON | AT | IN) | THAT "
-    "NOTHING IS? (ON | AT | IN)?",
-    cost=-0.3,
-)
+@_rule("relation", "(WITHOUT ANYTHING | WITH NOTHING) _on_it? | (WHERE | THAT)? NOTHING IS? (ON | AT | IN)?", cost=-0.3)
 def _bare() -> Parts:
     return _filter("empty({})")
 
@@ -851,7 +840,7 @@ def _laden() -> Parts:
     return _filter("minus({}, empty({}))")
 
 
-GRAMMAR.words("_on_it", "(ON | NEAR | AT | AROUND | BY | IN | UNDER) (IT | DET? FRONT)?", "HERE")
+GRAMMAR.words("_on_it", "(ON | NEAR | AT | AROUND | BY | IN | UNDER) IT?")
 GRAMMAR.words("_is", "(THAT | IS | EXIST | HANG)+")
 
 
@@ -860,19 +849,17 @@ def _related(relation: Parts) -> Parts:
     return relation
 
 
-@_rule("post", "_is? NOT DET? relation", "_is NOT DET? relation:size ONE?")
+@_rule("post", "_is? NOT DET? relation")
 def _not_related(relation: Parts) -> Parts:
     return tuple(_negated(part) for part in relation)
 
 
-@_rule(
-    "post", "_is adjective", "_is DET? adjective:size ONE?", "_is DET? adjective:size OF EVERY?", "COMMA? _is adjective"
-)
+@_rule("post", "_is adjective", "_is DET? adjective:size (ONE | OF EVERY)?")
 def _that_is(adjective: Parts) -> Parts:
     return adjective
 
 
-@_rule("post", "_is? AND (THAT | IS)* NOT (relation | adjective)", "_is? COMMA (THAT | IS)* NOT (relation | adjective)")
+@_rule("post", "(AND | COMMA) (THAT | IS)* NOT (relation | adjective)")
 def _and_is_not(relation: Parts = (), adjective: Parts = ()) -> Parts:
     return tuple(_negated(part) for part in (*relation, *adjective))
 
@@ -894,8 +881,10 @@ def _neither(a: Parts, b: Parts) -> Parts:
     return tuple(_negated(part) for part in (*a, *b))
 
 
-@_rule("post", "COMMA? EXCEPT TO? AT? targets", cost=-0.05)
+@_rule("post", "COMMA? EXCEPT TO? targets", cost=-0.05)
 def _except(targets: tuple[Phrase, ...]) -> Parts:
+    if any(phrase.is_room for phrase in targets):
+        raise CommandError("")
     text = "{}"
     for phrase in targets:
         text = f"minus({text}, {phrase.argument})"
@@ -974,6 +963,13 @@ def _same_name(pre: Sequence[Parts] = (), post: Sequence[Parts] = (), ones: str 
     return select(None, (*_flat(pre), *_flat(post)), every=bool(ones))
 
 
+@_rule("thing", "_dets ONE _at DET* side SIDE?", cost=0.2)
+def _of_them_on(side: str) -> Phrase:
+    """Read "the one on the left" after "there are two chairs at the desk": the leftmost of these."""
+    found = select(None, [Part("order", side)])
+    return replace(found, text=found.text.replace(ONE, SAME), base=SAME, whole="")
+
+
 @_rule("thing", "(DET+ | &ORD) pre+ post*", cost=0.9)
 def _elided(pre: Sequence[Parts], post: Sequence[Parts] = ()) -> Phrase:
     return select(None, (*_flat(pre), *_flat(post)))
@@ -1019,7 +1015,7 @@ def _of_room(noun: Noun, room: Phrase, pre: Sequence[Parts] = ()) -> Phrase:
     return select(noun, (*_flat(pre), *_inside(room)))
 
 
-@_rule("thing", "IT", "DET IT", "EVERY IT")
+@_rule("thing", "EVERY? IT")
 def _it() -> Phrase:
     return Phrase(IT, ONE, "thing")
 
@@ -1045,6 +1041,7 @@ def _either(thing: Phrase, last: Phrase, more: Sequence[Phrase] = ()) -> Phrase:
 
 
 @_rule("np", "EITHER? a:thing (AND | OR) TO? b:thing COMMA? key:WHICHEVER", cost=-0.2)
+@_rule("np", "key:WHICHEVER COMMA? OF? a:thing (AND | OR) TO? b:thing", cost=-0.2)
 def _whichever(a: Phrase, b: Phrase, key: str) -> Phrase:
     """Read "the laptop or the keyboard, whichever is closer"."""
     both = united((a, b))
@@ -1068,7 +1065,7 @@ def _them() -> tuple[Phrase, Phrase]:
     return both, both
 
 
-@_rule("pair", "n:thing", "_dets n:thing")
+@_rule("pair", "n:thing")
 def _two(n: Phrase) -> tuple[Phrase, Phrase]:
     if not n.many:
         raise CommandError(f"between takes two things, and only the {n.word} was named")
@@ -1155,11 +1152,13 @@ def _room_of_both(a: Phrase, b: Phrase) -> Phrase:
     return Phrase(text, "rooms()", "room", False, a.notes + b.notes, a.others + b.others)
 
 
-@_rule("room", "_dets ROOM WITH (MOSTLY np | FEWEST few:np)", cost=-0.2)
-def _room_of_most(np: Phrase | None = None, few: Phrase | None = None) -> Phrase:
-    key, other = ("many", np) if np else ("few", few)
-    assert other is not None
-    return Phrase(f'first(order(rooms(), "{key}", {other.argument}))', "rooms()", "room", False, other.notes)
+_rule("numerous", "MOSTLY")(lambda: "many")
+_rule("numerous", "FEWEST")(lambda: "few")
+
+
+@_rule("room", "_dets ROOM WITH key:numerous np", cost=-0.2)
+def _room_of_most(key: str, np: Phrase) -> Phrase:
+    return Phrase(f'first(order(rooms(), "{key}", {np.argument}))', "rooms()", "room", False, np.notes)
 
 
 @_rule("room", "_dets (NEAREST | key:SIZE | key:SUPER | key:MORE | FARTHEST) ROOM", cost=0.1)

@@ -21,6 +21,7 @@ from simaps_viz.language.nouns import (
     select,
     united,
 )
+from simaps_viz.language.primitives import SAID
 from simaps_viz.language.words import Noun
 
 _METRES: Final = {
@@ -107,9 +108,8 @@ for _name, _size in _METRES.items():
 
 @_rule(
     "distance",
-    "n:amount? unit | n:amount | half:HALF OF? DET? unit | DET half:HALF unit | DET unit | (n:amount | DET)? "
-    "quarter:QUARTER (OF DET)? unit | few:SLIGHTLY | n:amount unit AND DET? half:HALF | DET unit AND DET? "
-    "half:HALF",
+    "n:amount? unit | n:NUM | DET? half:HALF OF? DET? unit | DET unit | (n:amount | DET)? quarter:QUARTER (OF DET)? "
+    "unit | few:SLIGHTLY | n:amount unit AND DET? half:HALF",
 )
 def _distance(n: float | None = None, unit: str = "", half: str = "", quarter: str = "", few: str = "") -> Measure:
     if few:
@@ -168,16 +168,16 @@ _words("_go", "_goer _prep* | APPROACH _prep* | _prep+")
 
 @_rule(
     "order",
-    "_goer EITHER? _prep+ (_place _prep*)? WHERE? targets IS? | APPROACH _prep* targets | BACK _prep+ targets | "
-    "(_goer | APPROACH) WHERE targets IS | APPROACH STOP targets | targets (COMMA | STOP)+ GO | NEED TO? "
-    "targets | _prep+ targets | (GO | TAKE) targets:there | targets IS WHERE GO",
+    "_goer EITHER? _prep+ (_place _prep*)? WHERE? targets IS? | APPROACH (_prep | STOP)* targets | (_goer | APPROACH) "
+    "WHERE targets IS | targets (COMMA | STOP)+ GO | NEED TO? targets | _prep+ targets | (GO | TAKE) targets:there | "
+    "targets IS WHERE GO",
 )
 def _go_to(targets: tuple[Phrase, ...]) -> Steps:
     return _each("robot.move_to_{0.goal}", targets)
 
 
 @_rule("order", "TO targets", cost=-0.001)
-@_rule("order", "AT targets", "TOWARD targets", cost=-0.02)
+@_rule("order", "AT targets", cost=-0.02)
 def _likewise(targets: tuple[Phrase, ...]) -> Steps:
     """Read "look at the sofa and then at the table", "turn to the sofa, then to the table": the verb of the first."""
     return _each("", targets, "")
@@ -205,9 +205,7 @@ def _want_to_use(targets: tuple[Phrase, ...]) -> Steps:
     return _go_to(targets)
 
 
-@_rule(
-    "order", "(PASS | _go) via:targets COMMA? ONWAY targets", "ONWAY targets COMMA? (PASS | _go) via:targets", cost=-0.6
-)
+@_rule("order", "(PASS | _go) via:targets COMMA? ONWAY targets", cost=-0.6)
 def _on_the_way(via: tuple[Phrase, ...], targets: tuple[Phrase, ...]) -> Steps:
     """Read "pass by the coat rack on your way to the suitcase"."""
     return (*_go_to(via), *_go_to(targets))
@@ -223,11 +221,6 @@ def _go_check() -> Steps:
 def _go_spot_with(spot: str, np: Phrase) -> Steps:
     """Read "go to the corner with the plant"."""
     return _go_to((replace(np, text=f'at({np.whole or np.text}, "{spot}")', whole=""),))
-
-
-@_rule("order", "_go DET* (END | FAREND) OF np", cost=0.1)
-def _go_to_an_end(np: Phrase) -> Steps:
-    return tuple(replace(one, notes=(f"any end of the {np.word} is gone to",)) for one in _go_to((np,)))
 
 
 @_rule("order", "(_goer | APPROACH WHERE?) place:PLACE")
@@ -270,25 +263,22 @@ def _bare(targets: tuple[Phrase, ...]) -> Steps:
     return _each("", targets, "")
 
 
-@_rule("order", "_go room", "APPROACH room", "_goer _prep* room", "room")
+@_rule("order", "_go room", "room")
 def _go_room(room: Phrase) -> Steps:
     return _each("robot.move_to_{0.goal}", [room])
 
 
-@_rule("order", "LEAVE (DET* ROOM | room | DET* MAP | HERE | IT)?")
+@_rule("order", "LEAVE (room | HERE)?")
 def _leave(room: Phrase | None = None) -> Steps:
     return (Do(('robot.move_to_object(room("other"))',)),)
 
 
-@_rule(
-    "order",
-    "_go? DET? (MIDDLE | BETWEEN) OF? (room | DET* MAP) | _go? BETWEEN room | _go? DET? MIDDLE OF room",
-)
+@_rule("order", "_go? DET? (MIDDLE OF? | BETWEEN) (room | DET* MAP)")
 def _go_middle_of_room(room: Phrase | None = None) -> Steps:
-    return (Do(("robot.move_to(centre({0.text}))",), (room,)) if room else Do(("robot.move_to(centre(room()))",)),)
+    return _go_spot("middle", room)
 
 
-@_rule("order", "_go _dets spot:SPOT ((OF | IN) (room | DET* MAP) | BETWEEN _dets _number? ROOMS)?", cost=0.2)
+@_rule("order", "_go _dets NEAREST? spot:SPOT ((OF | IN) (room | DET* MAP) | BETWEEN _dets _number? ROOMS)?", cost=0.2)
 def _go_spot(spot: str, room: Phrase | None = None) -> Steps:
     where = "{0.text}" if room else "room()"
     calls = {"corner": f'corner({where}, "")', "middle": f"centre({where})", "door": f"entrance({where})"}
@@ -297,9 +287,13 @@ def _go_spot(spot: str, room: Phrase | None = None) -> Steps:
     return (Do((f"robot.move_to({calls[spot]})",), (room,) if room else ()),)
 
 
-@_rule("order", "_go (_dets nearest:NEAREST)? _dets spot:SPOT (OF | IN)? (room)?", cost=0.3)
-def _go_nearest_spot(spot: str, nearest: str = "", room: Phrase | None = None) -> Steps:
-    return _go_spot(spot, room)
+@_rule("order", "_go _dets spot:SPOT ((OF | IN) room)? (NEAR | BY | AT | BEHIND | (_is? NEAREST TO?)) np", cost=-0.3)
+def _go_spot_near(spot: str, np: Phrase, room: Phrase | None = None) -> Steps:
+    """Read "go to the corner by the window": of the corners, the one nearest to it."""
+    if spot != "corner":
+        raise CommandError("")
+    where = room or Phrase("room()", "", "room")
+    return (Do(('robot.move_to(corner({0.text}, "", {1.argument}))',), (where, replace(np, many=False))),)
 
 
 @_rule("order", "_go? _dets side (SIDE | END | SPOT) (OF | IN) (room | DET* MAP)", cost=-0.1)
@@ -319,7 +313,7 @@ def _go_through(room: Phrase, targets: tuple[Phrase, ...]) -> Steps:
     return (*_go_room(room), *_go_to(targets))
 
 
-@_rule("order", "_go? BETWEEN pair", "PASS BETWEEN pair", "_go? DET BETWEEN pair", "PASS pair", cost=-0.5)
+@_rule("order", "(_go | PASS)? DET? BETWEEN pair", cost=-0.5)
 def _go_between(pair: tuple[Phrase, Phrase]) -> Steps:
     return (Do(("robot.move_in_between({0.argument}, {1.argument})",), pair),)
 
@@ -345,9 +339,9 @@ def _go_beside(beside: str, targets: tuple[Phrase, ...]) -> Steps:
     return _each(f'robot.move_to(spot({{0.argument}}, "{beside}"))', targets)
 
 
-@_rule("order", "_go? np POSS (side | FRONT | back:BEHIND) (SIDE | END)?", cost=-0.2)
-def _go_possessed(np: Phrase, side: str = "front", back: str = "") -> Steps:
-    return _go_beside("behind" if back else side, (np,))
+@_rule("order", "_go? np POSS side SIDE?", cost=-0.2)
+def _go_possessed(np: Phrase, side: str) -> Steps:
+    return _go_beside(side, (np,))
 
 
 @_rule("order", "_go? FRONT targets", cost=-0.2)
@@ -363,8 +357,8 @@ def _go_behind(targets: tuple[Phrase, ...]) -> Steps:
 
 @_rule(
     "order",
-    "(_go | KEEP)? distance (TO | AT | ON | BY)* (beside | FRONT | BEFORE | back:BEHIND | off:away) np | _go? np COMMA "
-    "distance (off:SHORT | off:AWAY)",
+    "(_go | KEEP)? _place? distance (TO | ON)* (beside | FRONT | BEFORE | back:BEHIND | off:away) np | _go? np COMMA "
+    "distance off:SHORT",
     cost=-0.3,
 )
 def _go_off(distance: Measure, np: Phrase, beside: str = "front", back: str = "", off: str = "") -> Steps:
@@ -384,12 +378,12 @@ def _stop_short(distance: Measure) -> Steps:
 _rule("away", "AWAY? FROM", "AWAY FROM?", "OF")(lambda: "from")
 
 
-@_rule("order", "_go? _dets corner:INTER (SIDE | END | SPOT)? (OF | IN) (np | room | DET* MAP)", cost=-0.2)
-def _go_corner(corner: float, np: Phrase | None = None, room: Phrase | None = None) -> Steps:
+@_rule("order", "_go? _dets corner:INTER (SPOT | (SIDE | END | SPOT)? (OF | IN) (np | DET* MAP))", cost=-0.2)
+def _go_corner(corner: float, np: Phrase | None = None) -> Steps:
     which = CORNERS.get(corner)
     if which is None:
         raise CommandError("a corner lies north-east, south-east, south-west or north-west")
-    thing = np or room or Phrase("room()", "", "room")
+    thing = np or Phrase("room()", "", "room")
     return (Do((f'robot.move_to(corner({{0.argument}}, "{which}"))',), (thing,)),)
 
 
@@ -404,11 +398,9 @@ _rule("round", "way")(lambda way: -1.0 if way == "left" else 1.0)
 
 @_rule(
     "order",
-    "(CIRCLE | GO AROUND | PASS AROUND) (AROUND | NEAR | OF)? targets round? times? round? | (CIRCLE | GO AROUND) "
-    "times AROUND? targets | times (CIRCLE | AROUND) targets | (GO | TAKE) times AROUND targets | (MAKE | GO)? "
-    "(n:amount | "
-    "DET | FULL | half:HALF)* LAP round? (AROUND | OF | NEAR) targets times? | GO HALFWAY? half:HALF AROUND "
-    "targets | CIRCLE (n:amount | DET)? LAP? (AROUND | OF) targets",
+    "CIRCLE (AROUND | OF)? targets round? times? round? | (GO | TAKE | CIRCLE | MAKE)? times (CIRCLE | AROUND) targets "
+    "| (MAKE | GO)? (n:amount | DET | FULL | half:HALF)* LAP round? (AROUND | OF) targets times? | GO half:HALF AROUND "
+    "targets | CIRCLE targets (COMMA | AND)* UNTIL? (MAKE | EXIST)? n:amount LAP",
     cost=-0.4,
 )
 def _circle(targets: tuple[Phrase, ...], times: int = 1, n: Any = 1, half: Any = (), round: float = 1.0) -> Steps:
@@ -420,52 +412,39 @@ def _circle(targets: tuple[Phrase, ...], times: int = 1, n: Any = 1, half: Any =
     return tuple(Do(lines, (phrase,)) for phrase in targets)
 
 
-@_rule(
-    "order",
-    "_goer ((BY | FOR)? distance)? TOWARD np | _goer TOWARD np ((BY | FOR)? distance)? | _goer FORWARD ((BY | "
-    "FOR)? distance)? TOWARD np | _goer FORWARD? distance (TOWARD | NEAR) np | _goer distance FORWARD TOWARD np | "
-    "_goer (TOWARD | MORE TO) np distance",
-    cost=0.05,
-)
+@_rule("order", "_goer FORWARD? ((BY | FOR)? distance)? FORWARD? TOWARD np", "_goer distance NEAR np", cost=0.05)
+@_rule("order", "_goer (TOWARD | MORE TO) np ((BY | FOR)? distance)?", cost=0.05)
 def _go_toward(np: Phrase, distance: Measure | None = None) -> Steps:
     if distance is None:
         return _go_to((np,))
     return (Do(("robot.face({0})", f"robot.move_forward({distance.text})"), (np,), distance.note),)
 
 
-@_rule("order", "(BACKUP | GO AWAY) FROM np ((BY | FOR)? distance)?", "(BACKUP | GO AWAY) (BY | FOR)? distance FROM np")
+@_rule("order", "(BACKUP | GO AWAY) (BY? distance)? FROM np (BY? distance)?")
 def _go_away(np: Phrase, distance: Measure = _ONE_METRE) -> Steps:
     return (Do(("robot.face({0})", f"robot.move_forward({distance.negated})"), (np,), distance.note),)
 
 
-@_rule("order", "_goer? HALFWAY np", "_goer? HALF OF? DET? (TO | TOWARD) np")
+@_rule("order", "_goer? HALFWAY np")
 def _go_halfway(np: Phrase) -> Steps:
     return (Do(("robot.move_to(way({0.argument}))",), (np,)),)
 
 
 @_rule(
     "order",
-    "(_goer? FROM (START | HERE | a:np) TO | FROM (START | HERE | a:np) COMMA? _goer _prep+) (np | room) (COMMA? "
-    "back:BACKTOO (TO _np)?)?",
+    "(_goer? FROM (HERE | a:np) TO | FROM (HERE | a:np) COMMA? _goer _prep+) np (COMMA? back:BACKTOO (TO _np)?)?",
     cost=-0.5,
 )
-def _from_to(np: Phrase | None = None, room: Phrase | None = None, a: Phrase | None = None, back: str = "") -> Steps:
-    goal = np or room
-    assert goal is not None
-    return (*(_go_to((a,)) if a else ()), *_go_to((goal,)), *((_go_to((a,)) if a else _home()) if back else ()))
+def _from_to(np: Phrase, a: Phrase | None = None, back: str = "") -> Steps:
+    return (*(_go_to((a,)) if a else ()), *_go_to((np,)), *((_go_to((a,)) if a else _home()) if back else ()))
 
 
-@_rule("order", "_go targets COMMA? VIA via:targets", "_go room COMMA? VIA via:targets", cost=-0.6)
-def _go_via(via: tuple[Phrase, ...], targets: tuple[Phrase, ...] = (), room: Phrase | None = None) -> Steps:
-    return (*_go_to(via), *(_go_room(room) if room else _go_to(targets)))
+@_rule("order", "_go targets COMMA? VIA via:targets", "_go VIA via:targets TO targets", cost=-0.6)
+def _go_via(via: tuple[Phrase, ...], targets: tuple[Phrase, ...]) -> Steps:
+    return (*_go_to(via), *_go_to(targets))
 
 
-@_rule("order", "_go VIA via:targets TO (targets | room)", cost=-0.6)
-def _via_go(via: tuple[Phrase, ...], targets: tuple[Phrase, ...] = (), room: Phrase | None = None) -> Steps:
-    return _go_via(via, targets, room)
-
-
-@_rule("order", "_goer? SHUTTLE BETWEEN pair times?", "_goer times? SHUTTLE BETWEEN pair", cost=-0.6)
+@_rule("order", "_goer? times? SHUTTLE BETWEEN pair times?", cost=-0.6)
 def _shuttle(pair: tuple[Phrase, Phrase], times: int = 1) -> Steps:
     return (Repeat(times, (*_go_to(_apart(pair)[:1]), *_go_to(_apart(pair)[1:]))),)
 
@@ -478,9 +457,9 @@ def _apart(pair: tuple[Phrase, Phrase]) -> tuple[Phrase, ...]:
     return tuple(replace(a, text=f"nth({a.text}, {n})") for n in (1, 2))
 
 
-@_rule("order", "_go targets times? COMMA? BACKTOO", "_go room COMMA? BACKTOO", cost=-0.6)
-def _there_and_back(targets: tuple[Phrase, ...] = (), room: Phrase | None = None, times: int = 1) -> Steps:
-    return (*(_go_room(room) if room else _go_to(targets)), *_home())
+@_rule("order", "_go targets COMMA? BACKTOO", cost=-0.6)
+def _there_and_back(targets: tuple[Phrase, ...]) -> Steps:
+    return (*_go_to(targets), *_home())
 
 
 _words("_beginning", "DET? START | _prep+ DET? START | HERE | TO HERE")
@@ -488,20 +467,19 @@ _words("_beginning", "DET? START | _prep+ DET? START | HERE | TO HERE")
 
 @_rule(
     "order",
-    "RETURN (_beginning | TO DET* MAP)? | (_goer | BACK) DET? START | (GO | TAKE | BACK) _prep+ DET? START | "
-    "GO BACK HERE | GO BACK TO HERE | _prep+ DET? START | GO BACK | BACK _beginning | BACK",
+    "RETURN _beginning? | (_goer | BACK) _prep* DET? START | _prep+ DET? START | GO? BACK _beginning?",
     cost=-0.3,
 )
 def _home() -> Steps:
     return (Do(('robot.move_to(pose("start"))',)),)
 
 
-@_rule("order", "_goer _prep* (DET? POINT)? x:NUM COMMA? y:NUM", "_goer (DET? POINT) x:NUM COMMA? y:NUM", cost=-1.0)
+@_rule("order", "_goer _prep* (DET? POINT)? x:NUM COMMA? y:NUM", cost=-1.0)
 def _go_position(x: float, y: float) -> Steps:
     return (Do((f"robot.move_to([{tidy(x)}, {tidy(y)}])",)),)
 
 
-@_rule("order", "HALT", "STAND", "STAND AT? HERE", "GO TO? HERE")
+@_rule("order", "HALT", "STAND (AT? HERE)?")
 def _halt() -> Steps:
     return (Do(("robot.turn(0)",), notes=("the robot stays where it is",)),)
 
@@ -514,9 +492,8 @@ _words("_looking", "FACE | LOOK | LOOK _prep+ | FACE _prep+ | TURN _prep* (LOOK 
 
 @_rule(
     "order",
-    "_looking targets STILL? | _turning AROUND? (TO | TOWARD | AT)+ _looking? targets | UNTIL SEE targets | _turning "
-    "way? AROUND? UNTIL (SEE | LOOK | FACE) targets | _turning UNTIL targets IS (FRONT HERE | VIEW | SEEN) | "
-    "_turning AROUND _looking targets",
+    "_looking targets STILL? | _turning AROUND? (TO | TOWARD)+ _looking? targets | _turning way? AROUND? UNTIL (SEE | "
+    "LOOK | FACE) targets | _turning UNTIL targets IS (FRONT HERE | VIEW | SEEN) | _turning AROUND _looking targets",
 )
 def _face(targets: tuple[Phrase, ...], way: str = "") -> Steps:
     return _each("robot.face({0})", targets, "face")
@@ -547,16 +524,14 @@ def _heading(compass: float) -> float:
     return compass
 
 
-@_rule("order", "(_looking | _turning _prep*) heading", "_turning _prep* _looking heading", cost=-0.1)
+@_rule("order", "(_looking | _turning _prep* _looking?) heading", cost=-0.1)
 def _face_compass(heading: float) -> Steps:
     return (Do((f"robot.turn_absolute({tidy(heading)})",)),)
 
 
 @_rule(
     "order",
-    "_looking _course? angle | FINAL? _course angle | _turning TO _course? angle | GO _prep* _course angle | "
-    "_turning _course angle | "
-    "_turning TO DET? angle _course?",
+    "_looking _course? angle | FINAL? _course angle | _turning TO (_course | DET)? angle _course?",
 )
 def _face_heading(angle: Measure) -> Steps:
     return (Do((f"robot.turn_absolute({angle.text})",)),)
@@ -597,7 +572,7 @@ def _turn(angle: Measure | None = None, way: str = "") -> Steps:
     return (Do((f"robot.turn({by.negated if way == 'left' else by.text})",), (), notes),)
 
 
-@_rule("order", "TURN BY", "TURN AROUND", "TURN BACK", "UTURN", "MAKE DET? UTURN", cost=-0.1)
+@_rule("order", "TURN (AROUND | BACK | BY)", "(MAKE DET?)? UTURN", cost=-0.1)
 def _turn_around() -> Steps:
     return (Do(("robot.turn(180)",)),)
 
@@ -612,7 +587,7 @@ def _turn_fully(way: str = "") -> Steps:
     return (Do((f"robot.turn({'-' if way == 'left' else ''}360)",), (), ("a full turn is 360 degrees",)),)
 
 
-@_rule("order", "_goer (FOR | NEAR)? whole SECONDS", "HALT (FOR)? whole SECONDS")
+@_rule("order", "(_goer | HALT) FOR? whole SECONDS")
 def _wait(whole: int) -> Steps:
     return (Do(("robot.turn(0)",), notes=("the robot stops there; how long it waits is not simulated",)),)
 
@@ -661,31 +636,24 @@ def _compass_move(compass: float, distance: Measure = _ONE_METRE) -> Steps:
     return (Do((f"robot.turn_absolute({tidy(compass)})", f"robot.move_forward({distance.text})"), (), distance.note),)
 
 
-_rule("sideway", "(_prep | DET)* lateral SIDE?")(lambda lateral: lateral)
-
-
 @_rule(
     "order",
-    "GO sideway ((BY | FOR)? distance)? | _step (BY | FOR)? distance sideway | MAKE distance sideway | distance "
-    "sideway",
+    "GO way (BY? distance)? | (_step | MAKE)? (BY | FOR)? distance way",
     cost=-0.2,
 )
-def _sideways(sideway: str, distance: Measure = _ONE_METRE) -> Steps:
-    angle = 90 if sideway == "right" else -90
+def _sideways(way: str, distance: Measure = _ONE_METRE) -> Steps:
+    angle = 90 if way == "right" else -90
     return (Do((f"robot.turn({angle})", f"robot.move_forward({distance.text})"), (), distance.note),)
 
 
-@_rule("order", "STRAFE sideway ((BY | FOR)? distance)?", "STRAFE distance sideway")
-def _strafe(sideway: str, distance: Measure = _ONE_METRE) -> Steps:
-    angle = 90 if sideway == "right" else -90
+@_rule("order", "STRAFE distance? way (BY? distance)?")
+def _strafe(way: str, distance: Measure = _ONE_METRE) -> Steps:
+    angle = 90 if way == "right" else -90
     note = ("the robot cannot drive sideways: it turns, drives, and turns back", *distance.note)
     return (Do((f"robot.turn({angle})", f"robot.move_forward({distance.text})", f"robot.turn({-angle})"), (), note),)
 
 
 # ---- questions
-
-_words("_mark", "STOP?")
-_words("_away", "AWAY | FROM HERE | HERE")
 
 
 def _changed(phrase: Phrase, text: str, notes: tuple[str, ...] | None = None, many: bool | None = None) -> Phrase:
@@ -696,24 +664,33 @@ def _changed(phrase: Phrase, text: str, notes: tuple[str, ...] | None = None, ma
 def _told(phrase: Phrase, kind: str, *more: str) -> Steps:
     rest = "".join(f", {one}" for one in more)
     text = phrase.whole if kind in ("count", "whether", "list", "what") and phrase.whole else phrase.text
-    return (Do((f'tell({{0.text}}, "{kind}"{rest})',), (replace(phrase, text=text, many=False),)),)
+    return (
+        Do((f'tell({{0.text}}, "{kind}"{rest})',), (replace(phrase, text=text, many=False, together=phrase.many),)),
+    )
+
+
+_words("_count", "HOWMANY | COUNT")
 
 
 @_rule(
     "question",
-    "EXIST? (HOWMANY | COUNT) STOP? DET* np (IS | EXIST | DOES | IT WITH)* post* (HERE | SEE)? | (HOWMANY | COUNT) "
-    "np WITH DET* MAP WITH? | (HOWMANY | COUNT) np (DOES | IS)* DET* MAP WITH? | (HOWMANY | COUNT) np DOES HERE "
-    "(WITH | SEE)",
+    "EXIST? _count STOP? DET* np (IS | EXIST | DOES | IT WITH)* post* (HERE | SEE)? | _count np (DOES | IS | WITH)* "
+    "DET* (MAP | HERE) (WITH | SEE)?",
 )
 def _how_many(np: Phrase, post: Sequence[Parts] = ()) -> Steps:
     return _told(refine(np, [part for parts in post for part in parts]), "count")
 
 
+@_rule("question", "HOWMANY (IS | EXIST)* ONES? post+", cost=0.3)
+def _how_many_more(post: Sequence[Parts]) -> Steps:
+    """Read "... and how many in the kitchen?" after "how many lamps are in the bedroom"."""
+    return _told(select(None, [part for parts in post for part in parts], every=True), "count")
+
+
 _OF_THAT_NAME: Final = Phrase(SAME, SAME, "thing")
 _NUMBERED: Final = (
     "EXIST n:whole np HERE? | EXIST n:whole OF (IT | ONES)",
-    "EXIST (ATLEAST | more:MORETHAN | few:LESSTHAN | only:EXACTLY | most:ATMOST) n:whole np HERE?",
-    "only:EXISTONLY n:whole np? HERE?",
+    "(EXIST (ATLEAST | more:MORETHAN | few:LESSTHAN | only:EXACTLY | most:ATMOST) | only:EXISTONLY) n:whole np? HERE?",
 )
 
 
@@ -758,24 +735,23 @@ def _are_there_more(a: Phrase, b: Phrase, counted: str = "", how: str = "") -> S
 
 @_rule(
     "question",
-    "(HOWMANY | COUNT) ROOMS (IS | EXIST | APPROACH)* HERE? _in_map?",
-    "(HOWMANY | COUNT) ROOMS (_is | DOES)* DET* MAP WITH?",
-    "(HOWMANY | COUNT) ROOMS WITH DET* MAP",
+    "_count ROOMS (IS | EXIST | APPROACH)* HERE? _in_map?",
+    "_count ROOMS (_is | DOES | WITH)* DET* MAP WITH?",
 )
 def _how_many_rooms() -> Steps:
-    return (Do(('tell(rooms(), "count")',)),)
+    return _told(Phrase("rooms()", "rooms()", "room", True), "count")
 
 
 _words("_in_map", "(IN | ON) DET* MAP")
 
 
-@_rule("question", "(HOWMANY | COUNT) n:np WITH of:np", cost=-0.2)
-@_rule("question", "(HOWMANY | COUNT) n:np DOES of:np WITH", "(HOWMANY | COUNT) n:np (DOES | WITH) of:np WITH?")
+@_rule("question", "_count n:np WITH of:np", "_count n:np (DOES | WITH | IS) of:np WITH", cost=-0.2)
 def _how_many_at(n: Phrase, of: Phrase) -> Steps:
-    return _told(_changed(n, text=f"near({n.text}, {of.argument})", notes=n.notes + of.notes), "count")
+    beside = "inside" if of.is_room else "near"
+    return _told(_changed(n, text=f"{beside}({n.text}, {of.argument})", notes=n.notes + of.notes), "count")
 
 
-@_rule("question", "(HOWMANY | COUNT) noun WITH of:np", cost=-0.4)
+@_rule("question", "_count noun WITH of:np", cost=-0.4)
 def _how_many_has(noun: Noun, of: Phrase) -> Steps:
     """Read "how many chairs has the table with the laptop?"."""
     return _how_many_at(select(noun, ()), of)
@@ -791,45 +767,28 @@ def _where(np: Phrase) -> Steps:
     return _told(np, "where")
 
 
-@_rule(
-    "question",
-    "(IN | TO)? WHICH (ROOM | ROOMS) (IS | HERE | WITH | DOES)* np IS? IN? | WHICH (ROOM | ROOMS) HERE* WITH np | "
-    "WHERE ROOM IS np (IN)?",
-    cost=-0.2,
-)
-def _which_room(np: Phrase) -> Steps:
+@_rule("question", "IN? WHICH (ROOM | ROOMS) (IS | HERE | WITH | DOES)* np IS? IN?", cost=-0.2)
+@_rule("question", "IS np IN room OR IN? _room_too", cost=-0.3)
+def _which_room(np: Phrase, room: Phrase | None = None) -> Steps:
     return _told(np, "room")
 
 
-@_rule(
-    "question",
-    "WHEREAMI HERE? IN? HERE?",
-    "WHERE (IS | EXIST)* HERE",
-    "WHERE HERE IS?",
-    "IN? WHICH ROOM IS? HERE IS? IN?",
-    cost=-0.3,
-)
+_words("_room_too", "room")
+
+
+@_rule("question", "WHEREAMI HERE? IN? HERE?", "WHERE IS? HERE IS?", "IN? WHICH ROOM IS? HERE IS? IN?", cost=-0.3)
 def _where_am_i() -> Steps:
     return (Do(('tell(room(), "which")',)),)
 
 
-@_rule(
-    "question",
-    "EXIST np (ANYWHERE | HERE)* _in_map?",
-    "EXIST DET* np HERE?",
-    "IS np HERE",
-    "IF EXIST np",
-    "IS HERE np",
-    "DOES DET* MAP WITH np",
-)
+@_rule("question", "EXIST np (ANYWHERE | HERE)* _in_map?", "IS np HERE", "DOES DET* MAP WITH np")
 def _is_there(np: Phrase) -> Steps:
     return _told(np, "whether")
 
 
-@_rule("question", "EXIST DET* room", "EXIST DET? OTHER? ROOMS")
-def _is_there_room(room: Phrase | None = None) -> Steps:
-    said = (room.whole or room.text) if room else "rooms()"
-    return (Do((f'tell({said}, "whether")',), notes=room.notes if room else ()),)
+@_rule("question", "EXIST DET* room")
+def _is_there_room(room: Phrase) -> Steps:
+    return (Do((f'tell({room.whole or room.text}, "whether")',), notes=room.notes),)
 
 
 @_rule("question", "np &ASKED", cost=0.4)
@@ -846,15 +805,15 @@ def _any_here(np: Phrase) -> Steps:
     return _told(np, "whether")
 
 
-@_rule("question", "SEEQ np HERE?", "DOES HERE SEE np")
+@_rule("question", "SEEQ np HERE?")
 def _do_you_see(np: Phrase) -> Steps:
     return _told(_changed(np, text=f"visible({np.text})"), "whether")
 
 
 @_rule(
     "question",
-    "IS np (ON | TO | AT)* DET* side OR (ON | TO | AT)* DET* _side (SIDE | OF | HERE)* | IS np FRONT HERE? OR "
-    "BEHIND HERE | IS np (BEHIND | FRONT) HERE? OR (FRONT | BEHIND) HERE",
+    "IS np (ON | TO | AT)* DET* side OR (ON | TO | AT)* DET* _side (SIDE | OF | HERE)* | IS np (BEHIND | FRONT) HERE? "
+    "OR (FRONT | BEHIND) HERE",
     cost=-0.5,
 )
 def _on_which_side(np: Phrase, side: str = "") -> Steps:
@@ -863,11 +822,11 @@ def _on_which_side(np: Phrase, side: str = "") -> Steps:
 
 @_rule(
     "question",
-    "IS a:np compared (TO | HERE)* b:np OR TO? c:np | IS a:np near:NEAR b:np OR NEAR? TO? c:np | (WHICH | WHAT) "
-    "IS NEAREST TO? a:np COMMA? b:np COMMA? OR c:np",
+    "IS a:np (compared | NEAR) (TO | HERE)* b:np OR NEAR? TO? c:np | (WHICH | WHAT) IS NEAREST TO? a:np COMMA? b:np "
+    "COMMA? OR c:np",
     cost=-0.6,
 )
-def _nearer_of_two(a: Phrase, b: Phrase, c: Phrase, compared: str = "near", near: str = "") -> Steps:
+def _nearer_of_two(a: Phrase, b: Phrase, c: Phrase, compared: str = "near") -> Steps:
     """Read "is the fridge closer to the stove or to the sofa?"."""
     name = {"near": "nearest", "far": "farthest"}.get(compared)
     if name is None:
@@ -875,11 +834,7 @@ def _nearer_of_two(a: Phrase, b: Phrase, c: Phrase, compared: str = "near", near
     return _told(_changed(a, f"{name}({united((b, c)).text}, 1, {a.measure})"), "which")
 
 
-@_rule(
-    "question",
-    "IS HERE compared (TO | AT)? b:np OR (TO | AT)? c:np | IS HERE NEAR b:np OR NEAR? c:np",
-    cost=-0.6,
-)
+@_rule("question", "IS HERE (compared TO? | NEAR) b:np OR (TO | NEAR)? c:np", cost=-0.6)
 def _nearer_to_you(b: Phrase, c: Phrase, compared: str = "near") -> Steps:
     """Read "are you closer to the sink or to the table?"."""
     return _which_of_two(compared, b, c)
@@ -887,7 +842,7 @@ def _nearer_to_you(b: Phrase, c: Phrase, compared: str = "near") -> Steps:
 
 @_rule(
     "question",
-    "IS np (ON | TO | AT)* DET* side (SIDE | OF)* OR (ON | TO | AT)* DET* _side (SIDE | OF)* OF? b:np",
+    "IS np (ON | TO)* DET* side (SIDE | OF)* OR (ON | TO)* DET* _side SIDE? OF b:np",
     cost=-0.6,
 )
 def _on_which_side_of(np: Phrase, b: Phrase, side: str) -> Steps:
@@ -906,7 +861,7 @@ def _are_all(noun: Noun, pre: Sequence[Parts] = (), relation: Parts = (), adject
     return (Do(('tell(count({0.text}) == 0, "whether")',), (replace(other, many=False),)),)
 
 
-@_rule("question", "EXIST COUNTED a:np OR COUNTED? b:np", "WHAT EXIST COUNTED OF? COMMA? a:np OR b:np", cost=-0.3)
+@_rule("question", "EXIST COUNTED a:np OR COUNTED? b:np", cost=-0.3)
 def _which_are_more(a: Phrase, b: Phrase) -> Steps:
     """Read "are there more tables or more chairs?"."""
     test, phrases = _counts("more", a, b)
@@ -933,12 +888,12 @@ def _and_what(asked: str) -> Steps:
     return (Do((f'tell({{0.text}}, "{asked}")',), (Phrase(IT, ONE, "thing"),)),)
 
 
-@_rule("question", "IS np (relation | NOT? adjective)", "IF np IS (relation | NOT? adjective)", cost=0.1)
+@_rule("question", "IS (DET* OF)? np (relation | NOT? adjective)", "IF np IS (relation | NOT? adjective)", cost=0.1)
 def _is_it(np: Phrase, relation: Parts = (), adjective: Parts = ()) -> Steps:
     return _told(refine(np, (*relation, *adjective)), "whether")
 
 
-@_rule("question", "DOES np (WITH | WITHOUT) of:np", "DOES np WITH ANYTHING _on_it", "DOES np WITH of:np _on_it")
+@_rule("question", "DOES np (WITH | WITHOUT) of:np _on_it?", "DOES np WITH ANYTHING _on_it")
 def _does_it(np: Phrase, of: Phrase | None = None) -> Steps:
     text = f"having({np.text}, {of.argument})" if of else f"minus({np.text}, empty({np.text}))"
     return _told(_changed(np, text=text, notes=np.notes + (of.notes if of else ())), "whether")
@@ -973,8 +928,7 @@ def _which_of_two(compared: str, a: Phrase, b: Phrase) -> Steps:
 
 @_rule(
     "question",
-    "WHICH np | WHICH np SEE | WHAT IS np | (WHICH | WHAT) IS np | WHICH IS np | WHICH OF "
-    "DET* np | WHICH ONE IS np | WHICH ONE OF np",
+    "WHICH (ONE? OF DET*)? np | (WHICH ONE? | WHAT) IS np",
 )
 def _which(np: Phrase) -> Steps:
     if np.free:
@@ -983,7 +937,7 @@ def _which(np: Phrase) -> Steps:
     return _told(np, "which" if chosen else "list")
 
 
-@_rule("question", "WHICH np IS DET? compared", cost=-0.1)
+@_rule("question", "WHICH (OF DET*)? np IS DET? compared ONE?", cost=-0.1)
 def _which_is_more(np: Phrase, compared: str) -> Steps:
     ordered = (np.whole or np.text) if compared == "near" else f'order({np.whole or np.text}, "{compared}")'
     return _told(_changed(np, text=f"first({ordered})"), "which")
@@ -995,12 +949,12 @@ def _which_is_nearer(np: Phrase, of: Phrase, far: str = "") -> Steps:
     return _told(_changed(np, f"{name}({np.whole or np.text}, 1, {of.measure})", np.notes + of.notes), "which")
 
 
-@_rule("question", "(WHICH | WHAT) np DOES HERE SEE", "(WHICH | WHAT) np SEE")
+@_rule("question", "(WHICH | WHAT) np (DOES HERE)? SEE")
 def _which_seen(np: Phrase) -> Steps:
     return _told(_changed(np, text=f"visible({np.text})"), "list")
 
 
-@_rule("question", "WHAT (IS | EXIST)* post+", "WHAT (IS | EXIST)+ HERE? post+", "LIST WHAT IS post+")
+@_rule("question", "LIST? WHAT (IS | EXIST)* post+")
 def _what_is(post: Sequence[Parts]) -> Steps:
     parts = [part for parts in post for part in parts]
     if not parts:
@@ -1024,21 +978,20 @@ def _what_is_it_on(np: Phrase, near: str = "") -> Steps:
     return _told(_changed(EVERYTHING, f"{relation}({EVERYTHING.text}, {np.measure})", np.notes), "what")
 
 
-@_rule("question", "SEEWHAT HERE?", "LOOK AROUND AND LIST SEEWHAT")
+@_rule("question", "(LOOK AROUND AND LIST)? SEEWHAT HERE?")
 def _what_do_you_see() -> Steps:
     return _told(_changed(EVERYTHING, text='visible(things("anything"))'), "list")
 
 
-@_rule("question", "WHATALL", "WHAT np (IS | EXIST)+ (HERE | IN DET* MAP)?", "LIST DET* np", "LIST EVERY ONE? ANYTHING")
+@_rule("question", "WHATALL", "WHAT np (IS | EXIST)+ (HERE | IN DET* MAP)?", "LIST DET* np")
 def _list(np: Phrase = EVERYTHING) -> Steps:
     return _told(np, "list")
 
 
 @_rule(
     "question",
-    "HOWFAR AWAY? (FROM HERE)? IS np AWAY? (FROM HERE)? | HOWFAR AWAY? IS IT? (TO | FROM) np | HOWFAR (TO | FROM)? "
-    "np IS? "
-    "AWAY? | (WHAT IS)? DET? DISTANCE (TO | FROM | OF) np | HOWFAR HERE IS? FROM np | HOWFAR IS HERE FROM np",
+    "HOWFAR AWAY? (FROM HERE)? IS np AWAY? (FROM HERE)? | HOWFAR AWAY? (IS (IT | HERE)?)? (FROM HERE)? (TO | FROM) np "
+    "| HOWFAR np IS? AWAY? | (WHAT IS)? DET? DISTANCE (FROM HERE)? (TO | FROM | OF) np",
 )
 def _how_far(np: Phrase) -> Steps:
     return (Do(('tell({0.text}, "distance")',), (replace(np, many=False),)),)
@@ -1046,38 +999,36 @@ def _how_far(np: Phrase) -> Steps:
 
 @_rule(
     "question",
-    "HOWFAR AWAY? (IS IT?)? FROM? a:np AWAY? (TO | FROM | AND) b:np | (WHAT IS)? DET? DISTANCE (BETWEEN | FROM | OF)? "
-    "a:np (AND | TO) b:np | HOWFAR AWAY? APART? IS a:np AND b:np APART? | HOWFAR IS IT? (FROM | BETWEEN) a:np (TO "
-    "| AND) b:np | HOWFAR IS a:np (FROM | TO) b:np",
+    "HOWFAR AWAY? APART? (IS IT?)? (FROM | BETWEEN)? a:np AWAY? (TO | FROM | AND) b:np APART? | (WHAT IS)? DET? "
+    "DISTANCE (BETWEEN | FROM)? a:np (AND | TO) b:np",
     cost=-0.1,
 )
 def _how_far_apart(a: Phrase, b: Phrase) -> Steps:
     return (Do(('tell({0.text}, "distance", {1.argument})',), (replace(a, many=False), replace(b, many=False))),)
 
 
-@_rule("question", "(HOWFAR | (WHAT IS)? DET? DISTANCE) (IS IT?)? FROM HERE TO np", cost=-0.2)
-def _how_far_from_here(np: Phrase) -> Steps:
-    return _how_far(np)
-
-
-@_rule("question", "HOWFARTODRIVE FROM a:np TO b:np", "HOWFARTODRIVE (TO | FROM) b:np", cost=-0.2)
-def _how_far_to_drive(b: Phrase, a: Phrase | None = None) -> Steps:
-    said = _how_far_apart(a, b) if a else _how_far(b)
-    return tuple(replace(one, notes=("how far is measured in a straight line",)) for one in said if isinstance(one, Do))
-
-
 @_rule(
     "question",
-    "HOWFAR APART? IS pair APART?",
-    "HOWFAR BETWEEN pair",
-    "(WHAT IS)? DET? DISTANCE (BETWEEN | OF) pair",
-    cost=-0.1,
+    "_route (FROM (HERE | a:np))? _towards b:np (FROM HERE)? | _route _towards b:np FROM a:np | _route BETWEEN a:np "
+    "AND b:np | HOWFARTODRIVE b:np",
+    cost=-0.3,
 )
+def _how_to_get(b: Phrase, a: Phrase | None = None) -> Steps:
+    """Read "how do I get from the couch to the bed?"."""
+    phrases = tuple(replace(one, text=one.single, many=False) for one in (b, a) if one)
+    return (Do((f'tell({{0.text}}, "way"{", {1.argument}" if a else ""})',), phrases),)
+
+
+_words("_route", "HOWTOGET | HOWFARTODRIVE")
+_words("_towards", "TO | TOWARD | NEAR | AT | IN | NEAREST")
+
+
+@_rule("question", "HOWFAR APART? IS pair APART?", "(HOWFAR | (WHAT IS)? DET? DISTANCE) BETWEEN pair", cost=-0.1)
 def _how_far_between(pair: tuple[Phrase, Phrase]) -> Steps:
     return _how_far_apart(*_apart(pair))
 
 
-@_rule("question", "WHATCOLOR (IS | DOES)* np IS? WITH?", "WHATCOLOR OF? np IS?")
+@_rule("question", "WHATCOLOR (IS | DOES | OF)* np IS? WITH?")
 def _what_color(np: Phrase) -> Steps:
     return _told(np, "color")
 
@@ -1115,28 +1066,18 @@ def _room_has_more(a: Phrase, counted: str, np: Phrase, b: Phrase) -> Condition:
     return f"count({{1.text}}) {'>' if counted == 'more' else '<'} count({{2.text}})", (a, *inside)
 
 
-@_rule("condition", "EXIST np EITHER?", "EXIST DET* np HERE?", "np EXIST", "IS np")
+@_rule("condition", "EXIST np EITHER?", "np EXIST")
 def _exists(np: Phrase) -> Condition:
     np = _changed(np, np.whole or np.text)
     return "count({0.text}) > 0", (replace(np, many=False),)
 
 
-@_rule(
-    "condition",
-    "EXIST NOT np EITHER?",
-    "EXIST WITHOUT np EITHER?",
-    "EXIST NUMBER np EITHER?",
-    "EXIST NOT DET* np",
-    "HERE NEVER SEE np",
-    cost=-0.2,
-)
+@_rule("condition", "EXIST (NOT | WITHOUT | NUMBER) np EITHER?", "HERE NEVER SEE np", cost=-0.2)
 def _exists_not(np: Phrase) -> Condition:
     return "count({0.text}) == 0", (replace(np, many=False),)
 
 
-@_rule(
-    "condition", "np IS? negation:NOT? (relation | adjective)", "IS np negation:NOT? (relation | adjective)", cost=0.1
-)
+@_rule("condition", "IS? np IS? negation:NOT? (relation | adjective)", cost=0.1)
 def _holds(np: Phrase, relation: Parts = (), adjective: Parts = (), negation: str = "") -> Condition:
     phrase = refine(np, (*relation, *adjective))
     return f"count({{0.text}}) {'==' if negation else '>'} 0", (replace(phrase, many=False),)
@@ -1147,10 +1088,10 @@ def _at_least(
     n: int, np: Phrase = _OF_THAT_NAME, more: str = "", few: str = "", only: str = "", most: str = ""
 ) -> Condition:
     sign = ">" if more else "<" if few else "==" if only else "<=" if most else ">="
-    return f"count({{0.text}}) {sign} {n}", (_changed(np, np.whole or np.text, many=False),)
+    return f"count({{0.text}}) {sign} {n}", (replace(_changed(np, np.whole or np.text, many=False), together=n > 1),)
 
 
-@_rule("condition", "EXIST counted:COUNTED a:np THAN b:np", "counted:COUNTED a:np THAN b:np", cost=-0.3)
+@_rule("condition", "EXIST counted:COUNTED a:np THAN b:np", cost=-0.3)
 def _counts(counted: str, a: Phrase, b: Phrase) -> Condition:
     phrases = tuple(_changed(one, one.whole or one.text, many=False) for one in (a, b))
     return f"count({{0.text}}) {'>' if counted == 'more' else '<'} count({{1.text}})", phrases
@@ -1161,8 +1102,8 @@ def _is_more(a: Phrase, compared: str, b: Phrase) -> Condition:
     phrases = (replace(a, many=False), replace(b, many=False))
     if compared in ("near", "far"):
         return f"distance({{0.argument}}) {'<' if compared == 'near' else '>'} distance({{1.argument}})", phrases
-    key = {"large": "area", "small": "area", "long": "length", "short": "length"}.get(compared, "height")
-    sign = "<" if compared in ("small", "short", "low") else ">"
+    key, most = SAID["by_size"][compared]
+    sign = "<" if most < 0 else ">"
     return f'size({{0.argument}}, "{key}") {sign} size({{1.argument}}, "{key}")', phrases
 
 
@@ -1173,6 +1114,27 @@ def _is_nearer(np: Phrase, compared: str) -> Condition:
         raise CommandError("")
     sign = "<" if compared == "near" else ">"
     return f"distance({{1.argument}}) {sign} distance({{0.argument}})", (Phrase(IT, "", "thing"), np)
+
+
+# ---- what to keep away from
+
+
+@_rule("avoided", "AVOID targets", "GIVE targets BERTH")
+@_rule(
+    "avoided",
+    "(KEEP | STAND | GO)? ATLEAST? (distance | DET? DISTANCE OF? distance) (away | AWAY | SHORT FROM? | EMPTY OF | TO "
+    "| FROM) targets",
+    "NEVER (GO | APPROACH) compared THAN distance (TO | FROM | NEAR)* targets",
+    "NEVER (GO | APPROACH) IN distance (TO | FROM | NEAR | OF)* targets",
+    cost=-0.2,
+)
+def _avoided(targets: tuple[Phrase, ...], distance: Measure | None = None, **_: str) -> Steps:
+    if any(phrase.text == IT for phrase in targets) or (distance and not distance.has_unit):
+        raise CommandError("")
+    more = f", {distance.text}" if distance else ""
+    notes = distance.note if distance else ()
+    whole = [_changed(one, one.text if one.is_room else one.whole or one.text, many=False) for one in targets]
+    return tuple(Do((f"avoid({{0.argument}}{more})",), (phrase,), notes) for phrase in whole)
 
 
 # ---- what joins orders
@@ -1355,6 +1317,15 @@ def _start(items: Steps) -> Steps:
     return items
 
 
+@_rule("start", "_around (a:items _around)? avoided (_around b:items)? _around", cost=0.1)
+def _keeping_away(avoided: Steps, a: Steps = (), b: Steps = ()) -> Steps:
+    """Read "go to the couch, but keep away from the table"."""
+    if not a and not b:
+        raise CommandError("")
+    return (*avoided, *a, *b)
+
+
+_words("_around", "(COMMA | AND | THEN | STOP | BUT)*")
 _words("_struck", "(NOWAIT COMMA?)+ items")
 _words("_items", "items")
 

@@ -23,7 +23,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import KDTree
 
-from simaps_viz.colors.naming import has_color
+from simaps_viz.colors.naming import has_color, lab
 from simaps_viz.errors import CommandError, InputError, PlanningError
 from simaps_viz.language.cells import Packed
 from simaps_viz.language.grounding import MAX_LOOKED, Grounding, Named, Things, one_thing, ordinal, with_article
@@ -32,7 +32,7 @@ from simaps_viz.language.primitives import SAID, SELF, Primitive
 from simaps_viz.language.sight import wall_cells
 from simaps_viz.language.telling import told
 from simaps_viz.language.words import plain, plural
-from simaps_viz.structures import Instance, Pose2, Room, SIMap
+from simaps_viz.structures import Instance, Path, Pose2, Room, SIMap
 
 NEXT_TO_M: Final = 1.0
 BESIDE_M: Final = 3.0
@@ -48,6 +48,9 @@ _IN_CORNER_M: Final = 0.6
 _SPECK_M2: Final = 0.05
 _NOBODY_M: Final = 0.5
 _WITHIN: Final = 0.5
+_NO_COLORS: Final = "The colours of things are not known on this map."
+_ACROSS_M: Final = 0.6
+"""What is opposite a thing is at least this far from it: the table in front of a couch is not."""
 _SURE, _OFTEN = 0.5, 5
 """Score and number of frames that a hidden thing needs to be spoken of."""
 _ROUND, _LONG, _SQUARE = 0.82, 1.6, 1.25
@@ -65,6 +68,10 @@ _BY_SIZE: Final[dict[str, tuple[str, int]]] = SAID["by_size"]
 
 Lap = Callable[[Sequence[Instance], float], list[list[float]]]
 """(things that stand together, turns) -> the positions of a loop all around them; raises PlanningError."""
+Route = Callable[[Sequence[Any]], Path]
+"""(things or rooms, one or two) -> the way from where the robot is, or from the first, to the last."""
+KeepOff = Callable[[NDArray, Sequence[Instance], str, float | None], None]
+"""(cells, the things on them, what they are in words, metres) -> None: later drives keep that far from them."""
 
 
 class Position(list[float]):
@@ -89,6 +96,8 @@ class Sets(Grounding):
         viewer: where the robot is; set it anew whenever the robot has moved.
         start: where the command was given; by default the viewer.
         lap: makes the positions of a loop around things.
+        route: plans a way that is only told.
+        keep_off: keeps later drives away from things.
         radius_m: of the robot.
         options: as for `Grounding`.
     """
@@ -100,6 +109,8 @@ class Sets(Grounding):
         start: Pose2 | None = None,
         *,
         lap: Lap | None = None,
+        route: Route | None = None,
+        keep_off: KeepOff | None = None,
         radius_m: float = 0.2,
         max_looked: float = MAX_LOOKED,
         **options: Any,
@@ -111,7 +122,8 @@ class Sets(Grounding):
         self._values: list[Any] = []
         self.among: tuple[int, ...] = ()
         """Ids of the things that the last choice was made of, in the order of that choice."""
-        self._make_lap, self._radius_m = lap, radius_m
+        self._make_lap, self._keep_off, self._radius_m = lap, keep_off, radius_m
+        self.route = route
 
     def call(self, function: Primitive, arguments: Mapping[str, Any]) -> Any:
         """Carry out a function with all its arguments by name, checked.
@@ -494,6 +506,61 @@ class Sets(Grounding):
         order = sorted(range(len(things)), key=lambda i: (off[i], things[i].id))
         return [things[i] for i in order if inside[i] and things[i].id not in (a.id, b.id)]
 
+    def _opposite(self, S: Named, T: Named) -> Things:
+        things, other = self.things_of(S), self.thing_of(T)
+        middle, way = np.array(other.centroid_m[:2]), self._outlook(other)
+        offset = self.centroids(things) - middle
+        across = np.abs(offset @ (-way[1], way[0]))
+        far = self._far(things, other)
+        kept = (across <= np.sqrt(1.0 / 3.0) * (offset @ way)) & (far >= _ACROSS_M) & np.isfinite(far)
+        shown = [ok and not self._walled(middle, middle + to) for ok, to in zip(kept.tolist(), offset, strict=True)]
+        return self._relate(
+            S,
+            one_thing(other),
+            {i.id for i, ok in zip(things, shown, strict=True) if ok},
+            f"opposite {one_thing(other).the}",
+        )
+
+    def _outlook(self, thing: Instance) -> NDArray:
+        """Return the direction that a thing looks in: a seat to its table, others away from the wall behind them."""
+        middle = np.array(thing.centroid_m[:2])
+        tables = [i for i in self.simap.instances if plain(i.label) in _TABLES and i.id != thing.id]
+        if plain(thing.label) in _SEATS and tables:
+            far, which = self.nearest_of(self.cells.pack([thing]), self.cells.pack(tables))
+            if far[0] <= NEXT_TO_M:
+                cells = self.cells_of(tables[which[0]])
+                to = cells[np.hypot(*(cells - middle).T).argmin()] - middle
+                return to / max(float(np.hypot(*to)), 1e-9)
+        hull, (length, width, *_) = self._hull(thing), self._box(thing)
+        (_, (one, two), angle) = cv2.minAreaRect((hull - middle).astype(np.float32))
+        along = np.deg2rad(angle) + (0.0 if one >= two else 0.5 * np.pi)
+        turns = (1, 3) if length > _SQUARE * width else (0, 1, 2, 3)
+        backs = []
+        for turn in turns:
+            way = np.array([np.cos(along + turn * 0.5 * np.pi), np.sin(along + turn * 0.5 * np.pi)])
+            edge = middle + way * float(((hull - middle) @ way).max())
+            if self._walled(edge, edge + _IN_CORNER_M * way, unseen=True):
+                backs.append(-way)
+        if len(backs) != 1:
+            raise CommandError(f"Which way the {thing.label} looks is not known on this map.")
+        return backs[0]
+
+    def _walled(self, start: NDArray, end: NDArray, *, unseen: bool = False) -> bool:
+        """Whether a wall, or also what was never seen, stands on the straight line between two points."""
+        self.look(self.simap.instance.size / 100.0)
+        spec = self.simap.spec
+        steps = 2 + int(np.hypot(*(end - start)) / (0.5 * spec.cell_size_m))
+        points = start + np.linspace(0.0, 1.0, steps)[:, None] * (end - start)
+        cols, rows = np.floor((points - (spec.x0_m, spec.y0_m)) / spec.cell_size_m).astype(np.int64).T
+        on_map = (rows >= 0) & (rows < spec.rows) & (cols >= 0) & (cols < spec.cols)
+        stops = self._solid | (self.simap.grid.observations == 0) if unseen else self._solid
+        return bool(stops[rows[on_map], cols[on_map]].any() or (unseen and not on_map.all()))
+
+    @cached_property
+    def _solid(self) -> NDArray:
+        """The cells of walls, bool [rows, cols], but for those on which things such as windows were seen."""
+        return wall_cells(self.simap) & (self.simap.instance == 0)
+
     def _inside(self, S: Named, R: Any) -> Things:
         rooms = self._rooms(R).items if isinstance(R, str) and R else self.set_of(R).items if R else (self._here(),)
         if any(isinstance(room, Instance) for room in rooms):
@@ -550,7 +617,7 @@ class Sets(Grounding):
         things = self.things_of(S)
         seen = [self.simap.color_of(i) for i in things]
         if things and not any(seen):
-            raise CommandError("The colours of things are not known on this map.")
+            raise CommandError(_NO_COLORS)
         try:
             kept = [rgb is not None and has_color(rgb, color) for rgb in seen]
         except InputError as error:
@@ -701,6 +768,8 @@ class Sets(Grounding):
             ranked = self._by_gap(found, of, -1.0 if key == "far" else 1.0)
             return replace(found, items=tuple(ranked), most=SAID["most"][key])
         items = list(found.items)
+        if key in ("apart", "together"):
+            return replace(found, items=tuple(self._paired(items, key)), most=SAID["most"][key])
         if key in ("many", "few"):
             if isinstance(of, str) and not of:
                 raise CommandError(f"order by {key}: expected what to count, found nothing")
@@ -710,11 +779,25 @@ class Sets(Grounding):
             return found.of(self._sorted(items, score), after=after)
         return replace(found, items=tuple(self._sorted(items, self._scores(items, key, of))), most=SAID["most"][key])
 
+    def _paired(self, items: list[Any], key: str) -> list[Any]:
+        """Return things, or rooms, of which the two that are farthest apart, or closest together, come first."""
+        self.look(len(items) ** 2)
+        at = np.array([self._middle_of(i)[0] for i in items]).reshape(-1, 2)
+        apart = np.hypot(*(at[:, None] - at[None]).transpose(2, 0, 1)).round(9)
+        if len(items) < 2:
+            return items
+        np.fill_diagonal(apart, -np.inf if key == "apart" else np.inf)
+        pair = np.unravel_index(apart.argmax() if key == "apart" else apart.argmin(), apart.shape)
+        return [items[k] for k in sorted(map(int, pair))] + [item for k, item in enumerate(items) if k not in pair]
+
     def _scores(self, items: Sequence[Any], key: str, of: Any) -> NDArray:
         """Return by what things, or rooms, are sorted, the smallest first, float64 [n]."""
         if key in _BY_SIZE:
             measure, sign = _BY_SIZE[key]
-            return np.array([-sign * self.size_of(i, measure) for i in items])
+            sizes = np.array([self.size_of(i, measure) for i in items])
+            if len(sizes) and np.isnan(sizes).all():
+                raise CommandError(_NO_COLORS)
+            return np.where(np.isnan(sizes), np.inf, -sign * sizes)
         at = np.array([self._middle_of(i)[0] for i in items]).reshape(-1, 2)
         if key == "middle":
             return np.hypot(*(at - at.mean(axis=0)).T) if len(at) else np.zeros(0)
@@ -801,22 +884,43 @@ class Sets(Grounding):
         return self.size_of(T, key)
 
     def size_of(self, T: Any, key: str) -> float:
-        """Return the area, length, width or height of a thing or room, square metres or metres."""
+        """Return the area, length, width or height of a thing or room, square metres or metres, or lightness."""
         room = self.room_of(T)
         if room is None:
             return self.measure(self.thing_of(T), key)
-        if key == "height":
-            raise CommandError("The height of a room is not on this map.")
+        if key in ("height", "lightness"):
+            raise CommandError(f"The {'height' if key == 'height' else 'colour'} of a room is not on this map.")
         sides = sorted(cv2.minAreaRect(np.array(room.polygon_m, np.float32))[1])
         return {"area": room.area_m2, "length": round(sides[1], 4), "width": round(sides[0], 4)}[key]
 
     def measure(self, thing: Instance, key: str) -> float:
-        """Return the area, length, width or height of a thing, square metres or metres."""
+        """Return the area, length, width or height of a thing, square metres or metres, or its lightness, 0 to 100.
+
+        NaN where its colour is not known.
+        """
+        if key == "lightness":
+            rgb = self.simap.color_of(thing)
+            return float("nan") if rgb is None else float(lab(rgb)[0])
         if key == "area":
             return thing.area_m2(self.simap.spec.cell_size_m)
         if key == "height":
             return float(thing.aabb_m[1][2])
         return self._box(thing)[0 if key == "length" else 1]
+
+    # ---- the way
+
+    def _avoid(self, S: Any, metres: float | None) -> None:
+        if metres is not None and metres < 0:
+            raise CommandError(f"metres: expected 0 or more, found {metres:g}")
+        room = self.room_of(S)
+        things = [] if room is not None else self.things_of(self._some(S))
+        if self._keep_off is None:
+            raise PlanningError("nothing is driven here, so nothing can be avoided")
+        if room is not None:
+            self._keep_off(self.simap.room_cells == room.id, (), _the(room), 0.0 if metres is None else metres)
+        else:
+            cells = np.isin(self.simap.instance, [thing.id for thing in things])
+            self._keep_off(cells, things, self.set_of(S).the, metres)
 
     # ---- positions
 
@@ -864,7 +968,7 @@ class Sets(Grounding):
             return Position(self.centroids(things).mean(axis=0), things[0] if len(things) == 1 else None)
         return Position(*self._middle_of(T))
 
-    def _corner(self, T: Any, which: str) -> Position:
+    def _corner(self, T: Any, which: str, of: Any) -> Position:
         room = self.room_of(T)
         thing = self.thing_of(T) if room is None else None
         cells = self._cells_of_room(room) if room is not None else self.cells.edge(self.thing_of(T).id)
@@ -876,8 +980,13 @@ class Sets(Grounding):
                 corners[name] = np.where(way > 0, high, low) + way * CLEARANCE_M
             else:  # of a room, which is no rectangle: its farthest cell that way
                 corners[name] = cells[(cells @ way).argmax()]
-        here = (self.viewer.x_m, self.viewer.y_m)
-        name = which or min(corners, key=lambda name: float(np.hypot(*(corners[name] - here))))
+        from_here = isinstance(of, str) and of in ("", SELF)
+        near = (
+            np.array([[self.viewer.x_m, self.viewer.y_m]])
+            if from_here
+            else np.concatenate([self.cells_of(one) for one in self.things_of(self._some(of))])
+        )
+        name = which or min(corners, key=lambda name: float(np.hypot(*(near - corners[name]).T).min()))
         return Position(corners[name], thing, "at a corner of" if thing else "")
 
     def _entrance(self, R: Any) -> Position:

@@ -1,11 +1,15 @@
 """What is told in answer to a question: a sentence, a value, and the things it speaks of."""
 
 from collections.abc import Sequence
+from itertools import pairwise
 from typing import TYPE_CHECKING, Any, Final
 
+import cv2
 import numpy as np
+from numpy.typing import NDArray
 
 from simaps_viz.colors.naming import color_name
+from simaps_viz.errors import CommandError
 from simaps_viz.language.grounding import Things, one_thing, with_article
 from simaps_viz.language.primitives import SAID, SELF
 from simaps_viz.language.words import plural
@@ -17,6 +21,12 @@ if TYPE_CHECKING:
 Told = tuple[str, Any, Sequence[Instance]]
 """The sentence, its value (number, truth, name or None), and the things it speaks of."""
 _MOST_LISTED: Final = 12
+_BEND_M: Final = 0.35
+"""How far a way may leave the straight line before that is a turn."""
+_LANDMARK_M: Final = 1.0
+_BENDS: Final = ((25.0, "straight on"), (60.0, "bear {}"), (130.0, "turn {}"), (180.1, "turn around"))
+"""(degrees up to which, what a turn is called)."""
+_COMPASS: Final = ("east", "north-east", "north", "north-west", "west", "south-west", "south", "south-east")
 
 
 def told(sets: "Sets", value: Any, kind: str, other: Any, key: str) -> Told:
@@ -28,7 +38,7 @@ def told(sets: "Sets", value: Any, kind: str, other: Any, key: str) -> Told:
     if isinstance(value, int | float | list):
         return _plain(value, kind)
     found = sets.set_of(_room_or(sets, value))
-    if kind in ("compare", "distance", "side"):
+    if kind in ("compare", "distance", "side", "way"):
         return _of_two(sets, found, other, kind, key)
     if not found.items:
         return _nothing(found, kind)
@@ -56,14 +66,16 @@ def _room_or(sets: "Sets", value: Any) -> Any:
 
 def place_of(sets: "Sets", thing: Instance) -> str:
     """Describe where a thing is: "2.4 m away, on your left, in the kitchen"."""
-    offset = np.array(thing.centroid_m[:2]) - (sets.viewer.x_m, sets.viewer.y_m)
-    far = sets.distance_m(thing)
-    turn = np.rad2deg(np.arctan2(offset[1], offset[0]) - sets.viewer.yaw_rad)
-    words = [f"{far:.1f} m away"]
-    if np.hypot(*offset) > 1e-6:
-        words.append(SAID["bearings"][int(np.floor((turn + 22.5) % 360.0 / 45.0))])
+    words = [f"{sets.distance_m(thing):.1f} m away", _bearing(sets, np.array(thing.centroid_m[:2]))]
     room = _room_name(sets, thing)
-    return ", ".join([*words, f"in {room}"] if room else words)
+    return ", ".join([word for word in words if word] + ([f"in {room}"] if room else []))
+
+
+def _bearing(sets: "Sets", point: NDArray) -> str:
+    """Return "on your left" of a place, nothing where the robot stands there."""
+    offset = point - (sets.viewer.x_m, sets.viewer.y_m)
+    turn = np.rad2deg(np.arctan2(offset[1], offset[0]) - sets.viewer.yaw_rad)
+    return SAID["bearings"][int(np.floor((turn + 22.5) % 360.0 / 45.0))] if np.hypot(*offset) > 1e-6 else ""
 
 
 def _room_name(sets: "Sets", thing: Instance) -> str:
@@ -165,6 +177,8 @@ def _of_two(sets: "Sets", found: Things, other: Any, kind: str, key: str) -> Tol
         return _compare(sets, found, other, key or "large")
     if kind == "side":
         return _side(sets, found, other, key)
+    if kind == "way":
+        return _way(sets, found, other)
     return _distance(sets, found, other)
 
 
@@ -178,6 +192,48 @@ def _distance(sets: "Sets", found: Things, other: Any) -> Told:
     things = [i for i in (first, *(end.items[:1] if end else ())) if isinstance(i, Instance)]
     away = "away" if end is None else f"from {_name_of(end)}"
     return f"{subject} is {far:.1f} m {away}.", round(far, 3), things
+
+
+def _way(sets: "Sets", found: Things, other: Any) -> Told:
+    """Describe the way to a thing or room, from the robot or from another one, turn by turn, its value the length."""
+    begin = None if other in ("", SELF) else sets.set_of(_room_or(sets, other))
+    if begin is not None and not begin.items:
+        return _nothing(begin, "way")
+    if sets.route is None:
+        raise CommandError("no way can be told where nothing is driven")
+    goal = found.items[0]
+    path = sets.route([*(begin.items[:1] if begin else ()), goal])
+    start = path.points_m[0]
+    corners = cv2.approxPolyDP((path.points_m - start).astype(np.float32)[:, None], _BEND_M, False)[:, 0] + start
+    parts, before = [], None if begin else sets.viewer.yaw_rad
+    for a, b in pairwise(corners):
+        yaw = float(np.arctan2(*(b - a)[::-1]))
+        if before is None:
+            turn = f"go {_COMPASS[round(yaw / (0.25 * np.pi)) % 8]}"
+        else:
+            off = float(np.rad2deg((yaw - before + np.pi) % (2.0 * np.pi) - np.pi))
+            side = "left" if off > 0 else "right"
+            turn = next(said for most, said in _BENDS if abs(off) <= most).format(side)
+            turn += _landmark(sets, a, goal) if parts else ""
+        parts.append(f"{turn}, {float(np.hypot(*(b - a))):.1f} m")
+        before = yaw
+    at = [sets.simap.room_at(*point) for point in path.points_m] if sets.simap.rooms else []
+    rooms = list(dict.fromkeys(_the_room(room.name) for room in at if room is not None))
+    through = f" through {_and(rooms)}" if len(rooms) > 1 else ""
+    where = f"from {_name_of(begin)} to {_name_of(found)}" if begin else f"to {_name_of(found)}"
+    text = f"The way {where} is {path.length_m:.1f} m long{through}{': ' if parts else ''}{'; '.join(parts)}."
+    return text, round(path.length_m, 3), [goal] if isinstance(goal, Instance) else []
+
+
+def _landmark(sets: "Sets", point: NDArray, goal: Any) -> str:
+    """Return " at the chair" where one thing stands nearest to a turn, else nothing."""
+    far = sets.cells.from_point(float(point[0]), float(point[1]))
+    near = min(
+        (i for i in sets.simap.instances if i != goal), key=lambda i: float(far[sets.cells.row_of[i.id]]), default=None
+    )
+    if near is None or far[sets.cells.row_of[near.id]] > _LANDMARK_M:
+        return ""
+    return f" at {one_thing(near).the}"
 
 
 def _side(sets: "Sets", found: Things, other: Any, key: str) -> Told:
@@ -202,10 +258,14 @@ def _compare(sets: "Sets", found: Things, other: Any, key: str) -> Told:
     measure, sign = SAID["by_size"].get(key, ("", 1 if key == "far" else -1))
     pair = (found.items[0], end.items[0])
     both = [sets.size_of(one, measure) if measure else sets.distance_between(one, SELF) for one in pair]
+    if np.isnan(both).any():
+        raise CommandError("The colours of these things are not known on this map.")
     truth = bool(sign * both[0] > sign * both[1])
     the = [_name_of(found), _name_of(end)]
     equal = round(both[0], 2) == round(both[1], 2)
-    than = f"as {key} as" if equal else f"{'' if truth else 'not '}{more} than"
+    than = (
+        f"as {'light' if key in ('dark', 'bright') else key} as" if equal else f"{'' if truth else 'not '}{more} than"
+    )
     things = [i for i in pair if isinstance(i, Instance)]
     return (
         f"{'Yes' if truth else 'No'}, {the[0]} is {than} {the[1]}: {both[0]:.2f} {unit} against {both[1]:.2f}.",
@@ -224,7 +284,8 @@ def _rooms(sets: "Sets", found: Things, kind: str) -> Told:
         case "size":
             return f"{_cap(names[0])} covers {first.area_m2:.1f} m².", round(first.area_m2, 3), []
         case "where" | "whether":
-            place = "where you are" if here else f"{sets.distance_between(first, SELF):.1f} m away"
+            away = f"{sets.distance_between(first, SELF):.1f} m away, {_bearing(sets, np.array(first.centre_m))}"
+            place = "where you are" if here else away
             yes, value = ("Yes, ", True) if kind == "whether" else ("", first.name)
             return _cap(f"{yes}{names[0]} is {place}."), value, []
         case "what":

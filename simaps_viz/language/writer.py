@@ -161,12 +161,13 @@ class Writer:
         text, base, word = phrase.text, phrase.base, phrase.word
         if IT in text:
             text = text.replace(IT, self._named("it").name)
-        if base == SAME:  # "if there are two backpacks in the office ...; if there is only one"
+        if base in (SAME, ONE):
             before = self._named("one", name=False).phrase
-            text, base, word = before.whole or before.text, before.base, before.word
-        elif base == ONE:
-            before = self._named("one", name=False).phrase
-            base, word = before.base, before.word
+            # "if there are two chairs at the desk ...; if there is only one", "... go to the one on the left"
+            meant = before.base if base == ONE else before.whole or before.text
+            if base == SAME != text and not (before.many or before.together):
+                raise CommandError(f"which {before.word} is meant was not said")
+            text, base, word = text.replace(base, meant), before.base, before.word
         text = text.replace(ONE, base)
         if LAST in text:
             same = last is not None and last.phrase.base == base and last.body is None

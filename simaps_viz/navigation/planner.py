@@ -53,6 +53,15 @@ class Planner:
         self.grid = grid
         self.robot = robot or RobotShape()
         self.spec = grid.spec
+        self.kept_off: NDArray | None = None
+        """Cells that were taken from the free ones, bool [rows, cols]; None where there are none."""
+
+    def keeping_off(self, cells: NDArray) -> "Planner":
+        """Return a planner for the same robot that stays off these cells too, bool [rows, cols]."""
+        other = Planner(self.grid, self.robot)
+        other.kept_off = cells if self.kept_off is None else cells | self.kept_off
+        other.blocked, other.free = self.blocked, self.free & ~cells
+        return other
 
     @cached_property
     def blocked(self) -> NDArray:
@@ -223,6 +232,8 @@ class Planner:
         row, col = self.spec.cell_of(*point_m)
         if not self.spec.contains(row, col):
             return "the edge of the map"
+        if self.kept_off is not None and self.kept_off[row, col]:
+            return "what is to be kept away from"
         rows, cols = self._window(self.blocked, np.array([point_m]), self.robot.radius_m + 2.0 * self.spec.cell_size_m)
         if len(rows) == 0:
             return "floor that was never seen"

@@ -1,6 +1,7 @@
 """The simulated robot: carries out one primitive at a time on a map, and keeps its pose, goals and path."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from typing import Any, Final
 
@@ -91,6 +92,9 @@ CLEARANCE_M: Final = 0.3
 """Gap between the robot's hull and the object that it stops beside, metres."""
 INSIDE_M: Final = 1.0
 """How far from its edge the robot stops in a room: where rooms meet in an open doorway, their border is not sharp."""
+AVOID_M: Final = (1.0, 0.5)
+"""How far the robot keeps from what it is to avoid, where no distance was said; the second where the first leaves no
+way."""
 _MAX_TURN_DEG = 3600.0
 _MAX_CONTOUR = 400
 
@@ -148,13 +152,17 @@ class Robot:
         if not np.isfinite([pose.x_m, pose.y_m, pose.yaw_rad]).all():
             raise InputError(f"pose: expected three finite numbers, found {pose.x_m}, {pose.y_m}, {pose.yaw_rad}")
         self.simap, self.planner = simap, planner
-        self.grounding = Sets(simap, pose, lap=self._lap, radius_m=planner.robot.radius_m)
+        self.grounding = Sets(
+            simap, pose, lap=self._lap, route=self._route, keep_off=self._keep_off, radius_m=planner.robot.radius_m
+        )
         self.goals: list[Goal] = []
         self.path_m: list[tuple[float, float]] = [(pose.x_m, pose.y_m)]
         self.path_length_m = 0.0
         self._motion = motion or Motion()
         self._max_path_m, self._max_planned_cells = max_path_m, max_planned_cells
         self._planned_cells = 0
+        self._planners = (planner,)
+        self._avoided: dict[int, str] = {}
         self._words, self._among = "", ((), ())
         self._poses: list[NDArray] = []
 
@@ -215,7 +223,8 @@ class Robot:
         if meters == 0.0:
             return
         end = straight(self.pose, meters, self._motion)[-1]
-        clear_m = self.planner.clear_ahead_m(self._here, (end[0], end[1]))
+        planner = self._planners[-1]
+        clear_m = planner.clear_ahead_m(self._here, (end[0], end[1]))
         if clear_m < abs(meters) - 1e-6:
             way = "ahead" if meters > 0 else "behind"
             toward = np.sign(meters) * (clear_m + 0.5 * self.simap.spec.cell_size_m)
@@ -223,7 +232,7 @@ class Robot:
                 self.pose.x_m + toward * float(np.cos(self.pose.yaw_rad)),
                 self.pose.y_m + toward * float(np.sin(self.pose.yaw_rad)),
             )
-            what = self.planner.obstacle_near(stop)
+            what = planner.obstacle_near(stop)
             raise PlanningError(
                 f"the way {way} is free for {clear_m:.2f} m, then {what}; {abs(meters):g} m were asked for"
             )
@@ -323,11 +332,38 @@ class Robot:
 
     def _lap(self, things: Sequence[Instance], turns: float) -> list[list[float]]:
         """Return the positions of a loop around things, see `simaps_viz.navigation.lap.lap`."""
-        self._count_planning()
         what = f"the {things[0].label}" if len(things) == 1 else f"these {len(things)} things"
         one = things[0] if len(things) == 1 else None
         cells = [self.grounding.cells_of(thing) for thing in things]
-        return [Position(point, one) for point in lap(self.planner, self._here, cells, what, turns)]
+        points = self._plan(lambda planner: lap(planner, self._here, cells, what, turns))
+        return [Position(point, one) for point in points]
+
+    def _route(self, stops: Sequence[Any]) -> Path:
+        """Return the way from the first of some things or rooms to the last, or from here to the only one."""
+        scout = Robot(self.simap, self.planner, self.pose, max_planned_cells=self._max_planned_cells)
+        scout._planned_cells, scout._planners, scout._avoided = self._planned_cells, self._planners, self._avoided
+        begin = 0
+        for stop in stops:
+            begin = len(scout.path_m) - 1
+            scout._move_to_object(stop, 1)
+        self._planned_cells = scout._planned_cells
+        return Path(np.array(scout.path_m[begin if len(stops) > 1 else 0 :]))
+
+    def _keep_off(self, cells: NDArray, things: Sequence[Instance], the: str, metres: float | None) -> None:
+        """Keep what is driven from now on that far from cells, bool [rows, cols], or as far as leaves a way."""
+        self._count_planning()
+        spec = self.simap.spec
+        off_m = np.asarray(ndimage.distance_transform_edt(~cells)) * spec.cell_size_m
+        here_m = float(off_m[self.planner.start_cell(*self._here)])
+        if here_m == 0.0 or here_m < (metres or 0.0):
+            at = f"{here_m:.1f} m from" if here_m else "in" if metres == 0.0 else "at"
+            raise CommandError(f"The robot already stands {at} {the}, which it is to keep away from.")
+        wanted = AVOID_M if metres is None else (metres, metres)
+        pairs = zip((self._planners[0], self._planners[-1]), wanted, strict=True)
+        # Half a cell more: what is pulled straight cuts corners within its cells.
+        found = [one.keeping_off(off_m < min(most + 0.5 * spec.cell_size_m, here_m)) for one, most in pairs]
+        self._planners = tuple(found) if metres is None or len(self._planners) > 1 else (found[0],)
+        self._avoided |= {thing.id: the for thing in things}
 
     @property
     def _here(self) -> tuple[float, float]:
@@ -340,33 +376,48 @@ class Robot:
     def _enter(self, primitive: str, room: Room) -> None:
         """Drive into a room, ``INSIDE_M`` past its edge where it is wide enough; a robot half as far inside stays."""
         cells = self.simap.room_cells == room.id
-        self._count_planning()
         window = ndimage.find_objects(cells.astype(np.int8))[0]
         depth_m = np.zeros(cells.shape)
         depth_m[window] = np.asarray(ndimage.distance_transform_edt(np.pad(cells[window], 1)))[1:-1, 1:-1]
         depth_m *= self.simap.spec.cell_size_m
-        usable = np.where(self.planner.reachable(*self._here), depth_m, 0.0)
         words = f"into {room.name}" if room.name[-1:].isdigit() else f"into the {room.name}"
-        inside = (depth_m > 0.0) & (depth_m >= min(INSIDE_M, 0.8 * float(usable.max())))
-        here = self.planner.start_cell(*self._here)
-        inside[here] |= depth_m[here] >= INSIDE_M / 2.0
-        path = self.planner.plan_into(self._here, inside, words)
+
+        def enter(planner: Planner) -> Path:
+            usable = np.where(planner.reachable(*self._here), depth_m, 0.0)
+            inside = (depth_m > 0.0) & (depth_m >= min(INSIDE_M, 0.8 * float(usable.max())))
+            here = planner.start_cell(*self._here)
+            inside[here] |= depth_m[here] >= INSIDE_M / 2.0
+            return planner.plan_into(self._here, inside, words)
+
+        path = self._plan(enter)
         self._add_path(path.points_m, drive(path, self.pose.yaw_rad, self._motion), primitive, (room.name, None))
 
     def _approach(self, primitive: str, target: Instance) -> None:
+        if target.id in self._avoided:
+            raise CommandError(f"The robot is to keep away from {self._avoided[target.id]}, and cannot go there too.")
         cells = self.grounding.cells_of(target)
         path = self._plan_near(cells, f"to the {target.label}", see_through=self._see_through(target))
         self._go(primitive, path, target)
 
     def _plan_near(self, targets_m: NDArray, what: str, **wishes: Any) -> Path:
-        """Plan from the robot's position, see `Planner.plan_near`.
+        """Plan from the robot's position, see `Planner.plan_near`."""
+        return self._plan(lambda planner: planner.plan_near(self._here, targets_m, what, **wishes))
 
-        The work of planning is counted in cells of the map, so that its limit is the same on every machine.
-        """
+    def _plan(self, plan: Callable[[Planner], Any]) -> Any:
+        """Plan on cells that are far from what is to be avoided, or nearer to it where there is no other way."""
         self._count_planning()
-        return self.planner.plan_near(self._here, targets_m, what, **wishes)
+        for planner in self._planners[:-1]:
+            with suppress(PlanningError):
+                return plan(planner)
+        try:
+            return plan(self._planners[-1])
+        except PlanningError as error:
+            if self._planners[-1].kept_off is None:
+                raise
+            raise PlanningError(f"{error}, if it keeps away from what it is to avoid") from None
 
     def _count_planning(self) -> None:
+        """Count the work of planning, in cells of the map, so that its limit is the same on every machine."""
         self._planned_cells += self.simap.instance.size
         if self._planned_cells > self._max_planned_cells:
             raise PlanningError(f"stopped: the program would plan over more than {self._max_planned_cells:g} cells")

@@ -263,7 +263,7 @@ def test_a_refusal_offers_commands_that_can_be_given_instead(simap, said: str, s
         ("turn on the tv", "The robot has no hands"),
         ("move the chair to the table", "The robot has no hands"),
         ("go to the shiny chair", 'Not understood: "shiny"'),
-        ("go to the chair opposite the couch", 'Not understood: "opposite"'),
+        ("avoid the couch", "A command says what to do, not what to leave out"),
         ("go to the couch quietly singing", 'Not understood: "singing"'),
         ("go to the couch that", "seems to be cut short"),
         ("visit the leftmost chairs", "how many of the chairs are meant was not said"),
@@ -330,7 +330,7 @@ def test_talk_around_an_order_is_left_out_with_a_note(said: str, left_out: str) 
         "pirouetting madly past the chair, go to the couch",  # with what
         "go gallivanting, then go to the couch",  # what else is done
         "go to the couch, unless hungover",  # on what condition
-        "stay away from the plants and go to the couch",  # by what way
+        "tiptoe past the plants and go to the couch",  # by what way
         "the chair is not where you should go, go to the couch",
         "she told me not to go to the chair, go to the couch",
         "I am standing at the chair, come to me",  # where

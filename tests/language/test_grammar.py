@@ -106,6 +106,29 @@ def test_a_chart_keeps_the_likeliest_readings_of_a_pattern() -> None:
          'couch = things("couch")\nif not distance("potted plant") < distance(couch):\n'
          "    robot.move_to_object(couch)"),
         ("I want to sit down", 'robot.move_to_object("place to sit")'),
+        ("go to the couch but keep away from the plant", 'avoid("potted plant")\nrobot.move_to_object("couch")'),
+        ("without entering the kitchen go to the plant, then face the couch",
+         'avoid(room("kitchen"))\nrobot.move_to_object("potted plant")\nrobot.face("couch")'),
+        ("go to the couch, staying at least half a metre away from the tables",
+         'avoid("dining table", 0.5)\nrobot.move_to_object("couch")'),
+        ("how do I get from the couch to the plant?", 'tell(things("potted plant"), "way", "couch")'),
+        ("which way should I take to the kitchen?", 'tell(room("kitchen"), "way")'),
+        ("go to the chair across from the couch",
+         'robot.move_to_object(nearest(opposite(things("chair"), "couch"), 1, "couch"))'),
+        ("which of the tables is darker?", 'tell(first(order(things("dining table"), "dark")), "which")'),
+        ("which two chairs are farthest apart?", 'tell(first(order(things("chair"), "apart"), 2), "which")'),
+        ("there are two chairs at the couch: go to the one on the right",
+         'chair = first(order(near(things("chair"), "couch"), "right"))\n'
+         'tell(count(near(things("chair"), "couch")) >= 2, "whether")\nrobot.move_to_object(chair)'),
+        ("how many rooms are there and what are they?",
+         'thing = rooms()\ntell(thing, "count")\ntell(thing, "list")'),
+        ("how many chairs are in the kitchen and how many in the office?",
+         'tell(inside(things("chair"), room("kitchen")), "count")\n'
+         'tell(inside(things("chair"), room("office")), "count")'),
+        ("how many chairs does the kitchen have?", 'tell(inside(things("chair"), room("kitchen")), "count")'),
+        ("go to the corner by the couch", 'robot.move_to(corner(room(), "", "couch"))'),
+        ("go to whichever is closer, the couch or the plant",
+         'robot.move_to_object(first(order(union("couch", "potted plant"), "near")))'),
     ],
 )  # fmt: skip
 def test_questions_logic_and_relations(said: str, program: str) -> None:

@@ -3,11 +3,12 @@
 import dataclasses
 from collections.abc import Callable
 from functools import cache
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 import pytest
-from toy_maps import TOY_POSE, Box, map_of_boxes, toy_map
+from toy_maps import TOY_POSE, Box, map_from_drawing, map_of_boxes, toy_map
 
 from simaps_viz import structures
 from simaps_viz.errors import CommandError, PlanningError, SIMapsError
@@ -397,6 +398,58 @@ def test_work_is_limited_by_count() -> None:
     )
     with pytest.raises(PlanningError, match="stopped: the program would look at more than 2000 cells"):
         list(interpret(program, sets.call))
+
+
+@pytest.mark.parametrize("seed", SEEDS)
+def test_the_two_that_are_farthest_apart_or_closest_together_come_first(seed: int) -> None:
+    simap, pose = random_map(seed), random_pose(seed)
+    plain = Plain(simap, pose)
+    things = plain.of("anything")
+    pairs = {(a.id, b.id): np.hypot(*(plain.middle(a) - plain.middle(b))) for a in things for b in things if a != b}
+    for key, best in (("apart", max), ("together", min)):
+        found = ids(evaluate(simap, pose, f"order('anything', '{key}')"))
+        assert pairs[found[0], found[1]] == pytest.approx(best(pairs.values()), abs=1e-6)
+        assert sorted(found) == sorted(ids(things)) and found[2:] == [n for n in ids(things) if n in found[2:]]
+
+
+def test_opposite_is_where_a_thing_looks() -> None:
+    """A couch at a wall, a table before it, a chair on the other side of that and one in the next room."""
+    drawing = """
+        ############
+        #...PP.....#
+        #..........#
+        #########.##
+        #..........#
+        #...HH.....#
+        #..........#
+        #..TTTT.KK.#
+        #..........#
+        #.CCCCCC..D#
+        ############
+    """
+    names = {"C": "couch", "T": "dining table", "H": "chair", "K": "chair", "P": "potted plant", "D": "tv"}
+    simap = map_from_drawing(drawing, names, cells=8)
+    pose = Pose2(2.0, 1.4, 0.0)
+    of = {mark: next(i.id for i in simap.instances if i.label == name) for mark, name in names.items() if mark != "H"}
+    assert [i.label for i in evaluate(simap, pose, "opposite('anything', 'couch')")] == ["chair"]
+    # A seat at a table looks over it.
+    seat = max(simap.of_class("chair"), key=lambda i: i.centroid_m[1])
+    assert ids(evaluate(simap, pose, f"opposite('couch', called('chair', {seat.id}))")) == [of["C"]]
+    with pytest.raises(CommandError, match="Which way the dining table looks is not known on this map"):
+        evaluate(simap, pose, "first(opposite('chair', 'dining table'))")
+
+
+def test_lightness_is_that_of_the_colour_seen() -> None:
+    simap = toy_map()
+    seen = np.array([[1, 200, 190, 180], [3, 90, 20, 20], [4, 20, 20, 60], [5, 119, 119, 119]], np.int32)
+    seen_map = dataclasses.replace(simap, appearance=SimpleNamespace(colors=lambda _: seen))
+    for key, order in (("dark", [4, 3, 5, 1, 8, 6, 9]), ("bright", [1, 5, 3, 4, 8, 6, 9])):
+        found = ids(evaluate(seen_map, TOY_POSE, f"order('anything', '{key}')"))
+        assert found[:4] == order[:4] and set(found[4:]) == set(order[4:])  # what has no colour comes last
+    grey = Sets(seen_map, TOY_POSE).size_of(simap.by_id(5), "lightness")
+    assert grey == pytest.approx(50.03, abs=0.05)  # sRGB 119 is the middle grey of CIELAB
+    with pytest.raises(CommandError, match="The colours of things are not known on this map"):
+        evaluate(simap, TOY_POSE, "first(order('chair', 'dark'))")
 
 
 def test_every_function_exists_and_says_what_it_means() -> None:

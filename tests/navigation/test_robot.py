@@ -1,5 +1,6 @@
 """Where each primitive takes the robot, by the geometry that ``primitives`` documents; open floor, no detours."""
 
+from itertools import pairwise
 from types import SimpleNamespace
 from typing import Any
 
@@ -231,3 +232,75 @@ def test_the_next_room_is_not_behind_the_couch_and_its_front_is_not_either() -> 
     far = Robot(thin, planner_of(thin, SHAPE), Pose2(0.0, -2.5, 0.0))
     with pytest.raises(PlanningError, match="what lies north of the couch is not on the map"):
         far.call(PRIMITIVES["move_to"], {"pos": spot(far, "north", 9.0)})
+
+
+def keep_off(robot: Robot, what: object, metres: float | None = None) -> None:
+    robot.call(FUNCTIONS["avoid"], {"S": what, "metres": metres})
+
+
+def off_m(simap: SIMap, ids: list[int], path: list[tuple[float, float]]) -> float:
+    """Return how near a path comes to the cells of some things, from point to point every centimetre."""
+    rows, cols = np.nonzero(np.isin(simap.instance, ids))
+    x0, y0, size = simap.spec.x0_m, simap.spec.y0_m, simap.spec.cell_size_m
+    cells = np.stack([x0 + (cols + 0.5) * size, y0 + (rows + 0.5) * size], axis=1)
+    legs = [np.linspace(a, b, 2 + int(np.linalg.norm(np.subtract(b, a)) / 0.01)) for a, b in pairwise(path)]
+    return float(min(np.linalg.norm(cells - point, axis=1).min() for point in np.concatenate(legs)))
+
+
+@pytest.mark.parametrize("metres", [None, 0.6, 1.2])
+@pytest.mark.parametrize(("start", "chair"), [((0.0, -2.5), 2), ((2.5, 0.0), 2), ((-3.0, -1.0), 3)])
+def test_drives_keep_as_far_away_as_they_were_told(
+    simap, start: tuple[float, float], chair: int, metres: float | None
+) -> None:
+    straight = run(simap, Pose2(*start, 0.7), "move_to_object", simap.by_id(chair))
+    robot = Robot(simap, planner_of(simap, SHAPE), Pose2(*start, 0.7))
+    keep_off(robot, "couch", metres)
+    robot.call(PRIMITIVES["move_to_object"], {"name": simap.by_id(chair), "instance": 1})
+    assert off_m(simap, [1], robot.path_m) >= (metres or 1.0)
+    assert robot.path_length_m >= straight.path_length_m - 1e-9
+    assert (robot.pose.x_m, robot.pose.y_m) == pytest.approx((straight.pose.x_m, straight.pose.y_m), abs=0.3)
+
+
+def test_without_a_distance_a_drive_keeps_half_a_metre_away_where_there_is_no_other_way() -> None:
+    walls = [Box("wall", 70, 0, 20, 50, 2.0), Box("wall", 70, 108, 20, 52, 2.0)]  # 0.9 m east of the couch a gap
+    narrow = map_of_boxes(SPEC, THINGS, walls)
+    robot = Robot(narrow, planner_of(narrow, SHAPE), Pose2(0.0, -2.5, 0.0))
+    keep_off(robot, "couch")
+    robot.call(PRIMITIVES["move_to_object"], {"name": narrow.by_id(3), "instance": 1})
+    assert 0.5 <= off_m(narrow, [1], robot.path_m) < 1.0
+    strict = Robot(narrow, planner_of(narrow, SHAPE), Pose2(0.0, -2.5, 0.0))
+    keep_off(strict, "couch", 0.9)
+    with pytest.raises(PlanningError, match="if it keeps away from what it is to avoid"):
+        strict.call(PRIMITIVES["move_to_object"], {"name": narrow.by_id(3), "instance": 1})
+    with pytest.raises(PlanningError, match="then what is to be kept away from; 3 m were asked for"):
+        strict.call(PRIMITIVES["turn_absolute"], {"angle_deg": 0.0})
+        strict.call(PRIMITIVES["move_forward"], {"meters": 3.0})
+    assert strict.path_length_m == 0.0
+
+
+def test_what_is_to_be_avoided_is_not_gone_to_and_not_stood_at(two_rooms) -> None:
+    robot = Robot(two_rooms, planner_of(two_rooms, SHAPE), TOY_POSE)
+    with pytest.raises(CommandError, match=r"already stands in the kitchen, which it is to keep away from"):
+        keep_off(robot, robot.call(FUNCTIONS["room"], {"name": ""}))
+    keep_off(robot, "couch")
+    with pytest.raises(CommandError, match="is to keep away from the couch, and cannot go there too"):
+        robot.call(PRIMITIVES["move_to_object"], {"name": "couch", "instance": 1})
+    with pytest.raises(CommandError, match=r"already stands 1.3 m from the chair"):
+        keep_off(Robot(two_rooms, planner_of(two_rooms, SHAPE), TOY_POSE), two_rooms.by_id(1), 2.0)
+
+
+def test_a_way_that_is_told_is_the_way_that_is_driven(two_rooms) -> None:
+    def tell(goal: object, begin: object = "") -> dict[str, Any]:
+        robot = Robot(two_rooms, planner_of(two_rooms, SHAPE), TOY_POSE)
+        robot.call(FUNCTIONS["tell"], {"value": goal, "kind": "way", "other": begin, "key": ""})
+        assert robot.path_length_m == 0.0 and robot.pose == TOY_POSE and robot.answer is not None
+        return dict(robot.answer)
+
+    driven = run(two_rooms, TOY_POSE, "move_to_object", "couch")
+    told = tell("couch")
+    assert told["value"] == pytest.approx(driven.path_length_m, abs=1e-3) and told["instances"] == [5]
+    said = f"The way to the couch is {driven.path_length_m:.1f} m long through the kitchen and room 2: straight on, "
+    assert told["text"].startswith(said)
+    length_m = driven.path_length_m
+    driven.call(PRIMITIVES["move_to_object"], {"name": "potted plant", "instance": 1})
+    assert tell("potted plant", "couch")["value"] == pytest.approx(driven.path_length_m - length_m, abs=1e-3)
