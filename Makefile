@@ -8,6 +8,8 @@ DEV_READY := $(VENV)/.ready-dev
 # of tests/conftest.py.
 WORKERS ?= 2
 IN_WORKERS := -n $(WORKERS) --dist loadfile --no-loadscope-reorder
+# What is imported, and rewritten by pytest, is kept from run to run, also where the environment forbids it.
+test test-fast: export PYTHONDONTWRITEBYTECODE :=
 
 .PHONY: demo demo-live test test-fast check format bench paper recordings screenshots docs dist test-pythons clean chromium
 

@@ -87,6 +87,18 @@ def spoiled_copy(source: Path, folder: Path, spoiling: Spoiling, *, every: int =
     return folder
 
 
+def thinned(source: Path, folder: Path, every: int) -> Path:
+    """Write a sequence of every so many frames of a folder's, its files by reference; returns its folder."""
+    where = folder / source.name
+    where.mkdir(parents=True)
+    for beside in (*source.iterdir(), *source.parent.glob("*.json")):
+        if beside.name != "poses.txt":
+            (where / os.path.relpath(beside, source)).symlink_to(beside)
+    lines = (source / "poses.txt").read_text().splitlines(keepends=True)
+    (where / "poses.txt").write_text("".join(lines[::every]))
+    return where
+
+
 def read_poses(path: Path) -> tuple[list[str], NDArray]:
     """Return names and matrices [n, 4, 4] of a pose file."""
     rows = [line.split() for line in path.read_text().splitlines()]

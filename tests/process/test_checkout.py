@@ -5,7 +5,6 @@ import shutil
 import signal
 import subprocess
 import sys
-import time
 from contextlib import suppress
 from pathlib import Path
 
@@ -14,6 +13,7 @@ from attacks.files import CHECKOUT, user_folders
 from browser import free_port
 from sequences import write_tiny_sequence
 from toy_maps import toy_map
+from waiting import until
 
 from simaps_viz.mapping.file import save_map
 
@@ -25,7 +25,7 @@ PROGRAMS = {
     "bench_cluster": [SEQUENCE, "--workers", "1", "--copies", "1"],
     "fuzz": ["--cases", "30", "--targets", "posed frames"],
     "kill_builds": ["--sequence", SEQUENCE, "--every", "1", "--kills", "1"],
-    "load": ["--map", MAP, "--clients", "1", "--minutes", "0.1", "--port", PORT],
+    "load": ["--map", MAP, "--clients", "1", "--minutes", "0.01", "--port", PORT],
     "reference": [],
 }
 """Programs of apps/ that are run to their end."""
@@ -88,16 +88,34 @@ def test_programs_leave_a_checkout_as_it_was(given, name):
     assert checkout() == before
 
 
+WORKED_S = 3.0
+"""Of a processor for each program: it has imported all that it needs then, and is at what it does."""
+
+
+def worked_s(process):
+    """Return how long a program that has not ended has had a processor."""
+    if process.poll() is not None:
+        return WORKED_S
+    numbers = Path(f"/proc/{process.pid}/stat").read_text().rpartition(")")[2].split()
+    return (int(numbers[11]) + int(numbers[12])) / os.sysconf("SC_CLK_TCK")
+
+
+def kill(process):
+    with suppress(ProcessLookupError):
+        os.killpg(process.pid, signal.SIGKILL)
+    process.communicate()
+
+
 def test_killed_programs_leave_a_checkout_as_it_was(given):
-    """All at once, each on a port of its own, killed when all are at work on a machine that does nothing else."""
+    """All at once, each on a port of its own, killed when all are at work."""
     before = checkout()
     with user_folders():
         processes = [start(name, KILLED[name], {**given, PORT: str(free_port())}) for name in KILLED]
-        time.sleep(30.0)
-        for process in processes:
-            with suppress(ProcessLookupError):
-                os.killpg(process.pid, signal.SIGKILL)
-            process.communicate()
+        try:
+            until(lambda: sum(map(worked_s, processes)) > WORKED_S * len(processes), 600.0)
+        finally:
+            for process in processes:
+                kill(process)
     assert checkout() == before
 
 
