@@ -67,6 +67,8 @@ class Phrase:
     """Phrases within it."""
     together: bool = False
     """Whether all of it is spoken of at once, as in a question."""
+    among: bool = False
+    """Whether it is one of those that were spoken of at once, as in "count the chairs, go to the one by the door"."""
     any: bool = False
     """Whether any thing of the name will do, as after "a"."""
 
@@ -960,7 +962,7 @@ def _part_of(noun: Noun, outer: Sequence[Parts], pre: Sequence[Parts] = (), post
 
 @_rule("thing", "_dets pre* ONE post*", "_dets pre* ones:ONES post*", cost=0.3)
 def _same_name(pre: Sequence[Parts] = (), post: Sequence[Parts] = (), ones: str = "") -> Phrase:
-    return select(None, (*_flat(pre), *_flat(post)), every=bool(ones))
+    return replace(select(None, (*_flat(pre), *_flat(post)), every=bool(ones)), among=True)
 
 
 @_rule("thing", "_dets ONE _at DET* side SIDE?", cost=0.2)

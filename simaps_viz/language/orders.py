@@ -168,9 +168,9 @@ _words("_go", "_goer _prep* | APPROACH _prep* | _prep+")
 
 @_rule(
     "order",
-    "_goer EITHER? _prep+ (_place _prep*)? WHERE? targets IS? | APPROACH (_prep | STOP)* targets | (_goer | APPROACH) "
-    "WHERE targets IS | targets (COMMA | STOP)+ GO | NEED TO? targets | _prep+ targets | (GO | TAKE) targets:there | "
-    "targets IS WHERE GO",
+    "_goer EITHER? _prep+ (_place _prep*)? WHERE? targets IS? | BACK _prep+ targets | APPROACH (_prep | STOP)* targets "
+    "| (_goer | APPROACH) WHERE targets IS | targets (COMMA | STOP)+ GO | NEED TO? targets | _prep+ targets | (GO | "
+    "TAKE) targets:there | targets IS WHERE GO",
 )
 def _go_to(targets: tuple[Phrase, ...]) -> Steps:
     return _each("robot.move_to_{0.goal}", targets)
@@ -920,7 +920,11 @@ def _which_of_two_named(noun: Noun, compared: str, a: Phrase, b: Phrase) -> Step
 
 
 @_rule("question", "(WHICH | WHAT) ROOM IS DET? compared COMMA? a:room COMMA? OR b:room", cost=-0.6)
-@_rule("question", "(WHICH | WHAT) (IS | OF)* DET? compared HERE? (TO HERE)? COMMA? (a:np) COMMA? OR b:np", cost=-0.4)
+@_rule(
+    "question",
+    "(WHICH | WHAT) (IS | OF)* DET? compared HERE? (TO HERE)? (COMMA | STOP)? a:np COMMA? OR b:np",
+    cost=-0.4,
+)
 def _which_of_two(compared: str, a: Phrase, b: Phrase) -> Steps:
     both = united((a, b))
     return _told(_changed(both, text=f'first(order({both.text}, "{compared}"))'), "which")
@@ -972,7 +976,7 @@ def _what_is_there(x: float, y: float, np: Phrase = EVERYTHING) -> Steps:
     return _told(_changed(np, f"nearest({np.whole or np.text}, 1, [{tidy(x)}, {tidy(y)}])", many=False), "which")
 
 
-@_rule("question", "WHAT IS np IS? (ON | near:NEAR)", cost=-0.2)
+@_rule("question", "WHAT (IS | DOES) np IS? (ON | near:NEAR)", cost=-0.2)
 def _what_is_it_on(np: Phrase, near: str = "") -> Steps:
     relation = "near" if near else "under"
     return _told(_changed(EVERYTHING, f"{relation}({EVERYTHING.text}, {np.measure})", np.notes), "what")
@@ -1119,7 +1123,7 @@ def _is_nearer(np: Phrase, compared: str) -> Condition:
 # ---- what to keep away from
 
 
-@_rule("avoided", "AVOID targets", "GIVE targets BERTH")
+@_rule("avoided", "AVOID targets", "GIVE targets BERTH", "GIVE BERTH (TO | FROM | AROUND | FOR) targets")
 @_rule(
     "avoided",
     "(KEEP | STAND | GO)? ATLEAST? (distance | DET? DISTANCE OF? distance) (away | AWAY | SHORT FROM? | EMPTY OF | TO "
@@ -1203,7 +1207,7 @@ def _unless(condition: Condition, a: Steps, b: Steps = ()) -> Steps:
     return (Choose(inverse, phrases, a, b, after=any(IT in phrase.text for phrase in phrases)),)
 
 
-@_rule("logical", "a:done COMMA? OR? COMMA? OTHERWISE COMMA? b:done", cost=0.2)
+@_rule("logical", "a:done COMMA? (OR | AND)? COMMA? OTHERWISE COMMA? b:done", cost=0.2)
 def _or_else(a: Steps, b: Steps) -> Steps:
     """Read "go to the sofa or, if there is none, to the chair"."""
     if len(a) != 1 or not isinstance(a[0], Do) or not a[0].phrases:

@@ -164,7 +164,8 @@ class Writer:
         if base in (SAME, ONE):
             before = self._named("one", name=False).phrase
             # "if there are two chairs at the desk ...; if there is only one", "... go to the one on the left"
-            meant = before.base if base == ONE else before.whole or before.text
+            alone = base == ONE and not (phrase.among and before.together)
+            meant = before.base if alone else before.whole or before.text
             if base == SAME != text and not (before.many or before.together):
                 raise CommandError(f"which {before.word} is meant was not said")
             text, base, word = text.replace(base, meant), before.base, before.word

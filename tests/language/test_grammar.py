@@ -126,6 +126,15 @@ def test_a_chart_keeps_the_likeliest_readings_of_a_pattern() -> None:
          'tell(inside(things("chair"), room("kitchen")), "count")\n'
          'tell(inside(things("chair"), room("office")), "count")'),
         ("how many chairs does the kitchen have?", 'tell(inside(things("chair"), room("kitchen")), "count")'),
+        ("count the chairs at the couch, then go to the one nearest the plant",
+         'tell(near(things("chair"), "couch"), "count")\n'
+         'robot.move_to_object(nearest(near(things("chair"), "couch"), 1, "potted plant"))'),
+        ("go to the couch, then back to the plant",
+         'robot.move_to_object("couch")\nrobot.move_to_object("potted plant")'),
+        ("go to the plant in the hall, and if there is none, to the couch",
+         'if count(inside(things("potted plant"), room("hall"))) > 0:\n'
+         '    robot.move_to_object(inside(things("potted plant"), room("hall")))\n'
+         'else:\n    robot.move_to_object("couch")'),
         ("go to the corner by the couch", 'robot.move_to(corner(room(), "", "couch"))'),
         ("go to whichever is closer, the couch or the plant",
          'robot.move_to_object(first(order(union("couch", "potted plant"), "near")))'),
