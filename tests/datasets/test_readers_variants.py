@@ -143,6 +143,7 @@ def test_compressed_depth_that_is_not_read() -> None:
         packed("16UC1; compressedDepth", STEPS.astype(np.uint8), bytes(12))
 
 
+@pytest.mark.slow
 def test_a_kinects_two_cameras_are_brought_together(tmp_path: Path) -> None:
     """7-Scenes has raw pictures: depth is carried over to the colour camera, 25 mm beside, and takes its pixels."""
     sample = seven_scenes(tmp_path)
@@ -160,6 +161,7 @@ def test_a_kinects_two_cameras_are_brought_together(tmp_path: Path) -> None:
         assert found.color_file(index) == sample.path / f"frame-{index:06d}.color.png"
 
 
+@pytest.mark.slow
 def test_3dmatchs_copies_of_7_scenes_are_a_kinects_too(tmp_path: Path) -> None:
     """They name its depth camera, 585 pixels, and have JPEG and 0 for no reading, but the pictures are as raw."""
     usual, other = seven_scenes(tmp_path / "usual").path, seven_scenes(tmp_path / "other").path

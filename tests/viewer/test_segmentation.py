@@ -157,6 +157,7 @@ def test_reading_an_output_anew_gives_what_a_network_opened_with_these_threshold
         tuner.segmentation(0, {"colour": 0.5})
 
 
+@pytest.mark.slow
 def test_a_maps_network_is_found_and_run_again(tmp_path, monkeypatch):
     simap = built(tmp_path, monkeypatch, write_yolo(tmp_path / "n.onnx", BOXES), "--score-threshold", "0.4")
     services = segmentation_services(simap, tmp_path / "cache")
