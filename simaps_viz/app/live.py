@@ -37,6 +37,7 @@ from simaps_viz.mapping.simap import Origin, assemble
 from simaps_viz.navigation.agent import start_pose
 from simaps_viz.recorder.live import LiveStream
 from simaps_viz.structures import Grid, GridSpec, Pose2, SIMap
+from simaps_viz.viewer.page.panel import PanelSpec
 from simaps_viz.viewer.panels.live import LiveState, live_panel
 from simaps_viz.viewer.workbench import Workbench
 
@@ -334,6 +335,7 @@ class _LivePage:
         self.faults: list[str] = []
         self._ended = False
         self._page: Workbench | None = None
+        self._progress: PanelSpec | None = None
         self.mending: Mending | None = None
 
     def audience(self, stream: LiveStream, stopped: str) -> Audience:
@@ -358,9 +360,10 @@ class _LivePage:
             driving = "" if driver is None else driver.words()
             return build.state() if words is None else replace(build.state(), words=words(), driving=driving)
 
+        self._progress = live_panel(state, build.stop, build.go_on, driver)
         services = replace(
             workbench.services_of(self.waiting, mending=lambda: self.mending),
-            panels=(live_panel(state, build.stop, build.go_on, driver),),
+            panels=(self._progress,),
             stream=stream.url,
             building=True,
             look_back=workbench.look_back(lambda: None if self.mending is None else self._output),
@@ -394,7 +397,7 @@ class _LivePage:
         except InputError as fault:  # edits of an earlier build: this one is there nevertheless
             self.faults.append(str(fault))
         recorded = self._record if self._record is not None and self._record.is_file() else None
-        panels = workbench.panels_of(simap, self.mending)
+        panels = [*filter(None, [self._progress]), *workbench.panels_of(simap, self.mending)]
         self._opened.finish(simap if self.mending is None else self.mending.simap(), panels, recorded)
         if not self._ended:
             stream.finish()

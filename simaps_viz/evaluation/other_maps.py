@@ -90,8 +90,7 @@ class MapMaker:
             exact = exact_of(sequence)
             if exact is None:
                 raise InputError(f"{sequence.path}: expected exact ids, here or beside it, found none")
-            tell("looking at the exact ids", 0, 1)
-            made = truth_as_map(truth_of(simap, exact))
+            made = truth_as_map(truth_of(simap, exact, tell))
         else:
             made = build(sequence, key, config_like(simap), [_Told(tell, key)])
         save_map(made, kept)

@@ -126,9 +126,9 @@ def space_truth(
     check_exact(exact)
     parts, known = [np.zeros((0, 4), np.int64)], dict[int, Segment]()
     wanted = None if frame_names is None else set(frame_names)
-    for done, (frame, segmentation) in enumerate(read_ahead(exact, color=False)):
+    for done, (frame, segmentation) in enumerate(read_ahead(exact, color=False), 1):
         if progress:
-            progress("looking at the exact ids in space", done, len(exact))
+            progress("finding the true objects in space", done, len(exact))
         if wanted is not None and frame.name not in wanted:
             continue
         known.update({segment.id: segment for segment in segmentation.segments})

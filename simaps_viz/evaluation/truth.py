@@ -15,6 +15,7 @@ from simaps_viz.datasets.open import open_sequence
 from simaps_viz.datasets.sequence import PosedFrames
 from simaps_viz.datasets.source import FrameSource, read_ahead
 from simaps_viz.errors import InputError
+from simaps_viz.events import Progress
 from simaps_viz.geometry import moved
 from simaps_viz.mapping.accumulator import MapAccumulator, ProjectionSettings
 from simaps_viz.mapping.partition import empty_log, empty_views
@@ -115,6 +116,7 @@ def truth_map(
     *,
     T_map_world: NDArray | None = None,
     frame_names: Sequence[str] | None = None,
+    progress: Progress | None = None,
 ) -> Truth:
     """Make the true map of a sequence with exact ids.
 
@@ -126,6 +128,7 @@ def truth_map(
         settings: those of the map to be judged.
         T_map_world: map frame of the map to be judged; by default the sequence's.
         frame_names: use only these frames; by default all.
+        progress: notified of every frame.
 
     Raises:
         InputError: the masks are not the truth, an id has two classes, or a frame is missing or damaged.
@@ -136,7 +139,9 @@ def truth_map(
     known: dict[int, Segment] = {}
     slot_of: dict[int, int] = {}
     wanted = None if frame_names is None else set(frame_names)
-    for frame, segmentation in read_ahead(sequence, color=False):
+    for done, (frame, segmentation) in enumerate(read_ahead(sequence, color=False), 1):
+        if progress:
+            progress("making the true map of the exact ids", done, len(sequence))
         if wanted is None or frame.name in wanted:
             _note(sequence, segmentation, known, slot_of)
             slots = tuple(Segment(s.id, _SLOTS[slot_of[s.id]]) for s in segmentation.segments)
@@ -190,9 +195,10 @@ def settings_of(simap: SIMap) -> ProjectionSettings:
     return ProjectionSettings(**{**known, "cell_size_m": simap.spec.cell_size_m})
 
 
-def truth_of(simap: SIMap, exact: FrameSource) -> Truth:
+def truth_of(simap: SIMap, exact: FrameSource, progress: Progress | None = None) -> Truth:
     """Make the truth for a finished map: its settings, its map frame, its frames."""
-    return truth_map(exact, settings_of(simap), T_map_world=simap.T_map_world, frame_names=simap.frame_names)
+    names = simap.frame_names
+    return truth_map(exact, settings_of(simap), T_map_world=simap.T_map_world, frame_names=names, progress=progress)
 
 
 def check_same_frame(simap: SIMap, truth: Truth) -> None:

@@ -7,6 +7,7 @@ from itertools import combinations
 import numpy as np
 import pytest
 from browser import (
+    CLOSE_ALL,
     at_rest,
     borrowed,
     free_port,
@@ -82,8 +83,7 @@ def test_what_is_under_the_pointer_is_outlined_and_said_as_text(bench, page):
     for one in simap.instances:
         page.mouse.move(*on_canvas(bench, page, *one.centroid_m[:2]))
         area = one.cells * simap.spec.cell_size_m**2
-        score = f"{one.score:.2f}".removeprefix("0")
-        expect(hint).to_have_text(f"{one.name} · {area:.2f} m² · {score}")
+        expect(hint).to_have_text(f"{one.name} · {area:.2f} m² · score {one.score:.2f}")
         (x0, y0, _), (x1, y1, _) = one.aabb_m
         for corner in ((x0, (y0 + y1) / 2), (x1, (y0 + y1) / 2), ((x0 + x1) / 2, y0), ((x0 + x1) / 2, y1)):
             until(page, lambda corner=corner: drawn(page, on_canvas(bench, page, *corner)))
@@ -163,6 +163,32 @@ def test_a_drag_moves_the_map_the_wheel_comes_closer_and_north_stays_up(bench, p
     assert place_on(page, simap, *CHAIR) == pytest.approx(before, abs=1)
 
 
+def test_the_scale_bar_is_as_long_as_it_says_and_follows_the_zoom(bench, page):
+    bar = page.get_by_role("img", name="Scale")
+
+    def length_m():
+        number, unit = bar.inner_text().split()
+        return float(number) * {"m": 1.0, "cm": 0.01}[unit]
+
+    def fits():
+        """Whether it is as long as that length on the floor, in pixels, a round one, and neither long nor short."""
+        west, east = (place_on(page, bench.simap, x, CHAIR[1])[0] for x in (CHAIR[0], CHAIR[0] + length_m()))
+        width = bar.bounding_box()["width"]
+        return abs(width - (east - west)) < 1.0 and 40 <= width <= 111 and f"{length_m():.0e}"[0] in "125"
+
+    until(page, fits)
+    before = length_m()
+    page.mouse.move(*on_canvas(bench, page, *CHAIR))
+    for _ in range(4):
+        far = mine(bench).client.camera.position[2]
+        page.mouse.wheel(0, -300)
+        settled(bench, page, lambda camera, far=far: camera.position[2] < 0.9 * far)
+        until(page, fits)
+    assert length_m() < before
+    mine(bench).look(SLANT)
+    expect(bar).to_be_hidden()  # a length is no longer the same everywhere
+
+
 def test_the_north_arrow_turns_with_the_3d_view_and_turns_it_back(bench, page):
     needle = page.locator(".simaps-north svg")
     mine(bench).look(SLANT)
@@ -196,3 +222,45 @@ def test_the_legend_points_shows_alone_and_fades(bench, page):
     page.get_by_role("button", name="Fade couch").click()
     expect(page.locator(".simaps-name", has_text="couch").first).to_be_hidden()
     assert session.panels[MapPanel].faded == {"couch"}
+
+
+@pytest.fixture
+def touched(browser, bench, opened):
+    """A page of its own, on a touch screen of the width of a phone, and what puts fingers on it."""
+    with watched_page(browser, 420, 860, has_touch=True) as page:
+        open_workbench(page, bench)
+        page.evaluate(CLOSE_ALL)  # what lies over the map
+        expect(page.locator(".mantine-Notification-root")).to_have_count(0)
+        cdp = page.context.new_cdp_session(page)
+
+        def fingers(kind, *places):
+            points = [{"x": x, "y": y, "id": i} for i, (x, y) in enumerate(places)]
+            cdp.send("Input.dispatchTouchEvent", {"type": kind, "touchPoints": points})
+
+        yield page, fingers
+    until(opened[1], lambda: len(bench.sessions) == 1)
+
+
+def test_one_finger_moves_the_map_two_come_closer_and_a_tap_selects(bench, touched):
+    page, fingers = touched
+    simap, camera = bench.simap, mine(bench).client.camera
+    start, far = np.array(on_canvas(bench, page, *CHAIR)), camera.position[2]
+    fingers("touchStart", start)
+    for step in (10, 20, 30, 40):
+        fingers("touchMove", np.add(start, (step, step / 2)))
+    fingers("touchEnd")
+    until(page, lambda: place_on(page, simap, *CHAIR) == pytest.approx(np.add(start, (40, 20)), abs=4))
+    settled(bench, page, lambda camera: camera.position[2] == pytest.approx(far, rel=0.01))
+    assert mine(bench).selected is None and upright(camera)
+    # Two fingers: what is between them stays there, and is twice as large when they are twice as far apart.
+    middle, (west, east) = np.array(place_on(page, simap, *CHAIR)), (np.array((-30.0, 0.0)), np.array((30.0, 0.0)))
+    fingers("touchStart", middle + west, middle + east)
+    for more in (1.25, 1.5, 1.75, 2.0):
+        fingers("touchMove", middle + more * west, middle + more * east)
+    fingers("touchEnd")
+    settled(bench, page, lambda camera: camera.position[2] == pytest.approx(far / 2, rel=0.02))
+    assert place_on(page, simap, *CHAIR) == pytest.approx(tuple(middle), abs=4)
+    assert mine(bench).selected is None and upright(camera)
+    fingers("touchStart", place_on(page, simap, *CHAIR))
+    fingers("touchEnd")
+    until(page, lambda: mine(bench).selected == simap.at(*CHAIR).id)

@@ -66,7 +66,10 @@ def test_the_truth_is_offered_where_ids_are_exact_and_agrees_with_a_perfect_map(
     sequence, simap, folder = tiny
     maker = MapMaker(sequence, folder)
     assert [s.key for s in maker.sources(simap)] == [TRUTH, "components", "paper", "vlmaps", "vlmaps+components"]
-    truth = maker.make(TRUTH, simap, lambda *what: None)
+    told = []
+    truth = maker.make(TRUTH, simap, lambda *what: told.append(what))
+    assert [done for _, done, _ in told] == [*range(1, len(sequence) + 1)]
+    assert {total for _, _, total in told} == {len(sequence)}
     compared = compare_two(("Truth", truth), ("Map", simap), truth="left")
     assert compared.score is not None and compared.score.true == 0
     assert compared.left.ignored + compared.right.ignored == 4  # 16 cells each: by the rules of a score too few

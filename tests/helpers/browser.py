@@ -137,15 +137,15 @@ def chromium() -> Iterator[Browser]:
 
 
 @contextmanager
-def watched_page(browser: Browser, width: int = 1280, height: int = 800) -> Iterator[Page]:
+def watched_page(browser: Browser, width: int = 1280, height: int = 800, **context: Any) -> Iterator[Page]:
     """A fresh page; fails at the end when it, or a frame in it, asked for anything outside this machine."""
-    context = browser.new_context(viewport={"width": width, "height": height})
-    context.set_default_timeout(1000 * PATIENCE_S)
-    page = context.new_page()
+    opened = browser.new_context(viewport={"width": width, "height": height}, **context)
+    opened.set_default_timeout(1000 * PATIENCE_S)
+    page = opened.new_page()
     asked = []
     page.on("request", lambda request: asked.append(request.url))
     yield page
-    context.close()
+    opened.close()
     assert [url for url in asked if not url.startswith(LOCAL)] == []
 
 

@@ -291,11 +291,12 @@ def test_what_can_be_said_instead_of_a_refused_command_is_offered_until_the_next
             panel.ask(command)
             until(lambda: "Refused" in shown(bench))
             assert mine(bench).wait_idle() and 0 < len(offered()) <= 3 and "Try:" not in shown(bench)
+            assert not panel._examples.visible  # what fits better is offered
             assert [answer(bench.simap, one, TOY_POSE).status for one in panel._instead] == ["ok"] * len(offered())
         panel._drive.speed = 8.0
         panel._try_instead(0)
         until(lambda: "Done" in shown(bench))
-        assert panel._past[0].status == "ok" and offered() == []
+        assert panel._past[0].status == "ok" and offered() == [] and panel._examples.visible
 
 
 def test_commands_on_top_of_each_other_leave_the_last_one():

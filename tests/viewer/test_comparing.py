@@ -74,6 +74,24 @@ def compares(panel, desk) -> None:
     assert panel._worker.wait_idle() and desk.wait_idle()
 
 
+def test_a_comparison_says_how_far_the_maps_are_that_have_to_be_made_for_it(desk, painter):
+    said = []
+
+    def made(key, simap, tell):
+        for frame in (1, 2):
+            tell("making the true map of the exact ids", frame, 2)
+            said.append((panel._status.content, panel._progress.value, panel._progress.visible))
+        return repartition(simap, k_percent=0.0)
+
+    maker: Any = SimpleNamespace(sources=lambda simap: (Source("joined", "All joined"),), make=made)
+    panel = ComparePanel(desk, maker)
+    compares(panel, desk)
+    assert [(share, shown) for _, share, shown in said] == [(50.0, True), (100.0, True)]
+    assert "Making the true map of the exact ids: frame 1 of 2." in said[0][0]
+    assert panel._status.content == "" and not panel._progress.visible
+    panel.close()
+
+
 def test_a_comparison_that_ends_while_it_is_painted_anew_is_over(panel, desk, painter):
     compares(panel, desk)
     assert panel.active and desk.pictures[-1] is not None

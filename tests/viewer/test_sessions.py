@@ -20,6 +20,7 @@ from simaps_viz.drawing.texture import MapPicture
 from simaps_viz.errors import InputError
 from simaps_viz.mapping.simap import repartition
 from simaps_viz.viewer import layout
+from simaps_viz.viewer.page.page import AIM_M, aimed_at
 from simaps_viz.viewer.page.panel import Panel, PanelSpec
 from simaps_viz.viewer.panels.build import BuildPanel
 from simaps_viz.viewer.panels.command import CommandPanel
@@ -475,3 +476,25 @@ def test_messages_reach_the_recording_of_one_page_only(tmp_path):
         assert (a.session.frame, b.session.frame) == (2, 1)
         bench._recording_told({"type": "time_update", "timeline": "frame", "time": 3}, "nobody")
         assert heard[b.session].empty() and heard[a.session].empty()
+
+
+def test_a_click_beside_an_object_or_in_a_hole_of_it_takes_the_nearest_one_a_hand_away():
+    simap = toy_map()
+    instance = simap.instance.copy()
+    row, col = (int(np.median(part)) for part in np.nonzero(instance == 5))
+    instance[row - 1 : row + 2, col - 1 : col + 2] = 0
+    simap = replace(simap, instance=instance)
+    hole = simap.spec.centre_of(row, col)
+    assert simap.at(*hole) is None
+    reach, rng = round(AIM_M / simap.spec.cell_size_m), np.random.default_rng(0)
+    (xmin, ymin, xmax, ymax), cells, taken = simap.spec.extent_m, np.argwhere(instance > 0), 0
+    for place in [hole, (xmin - 9.0, ymin), *rng.uniform((xmin - 0.2, ymin - 0.2), (xmax + 0.2, ymax + 0.2), (300, 2))]:
+        aimed, here = aimed_at(simap, place), np.array(simap.spec.cell_of(*place))
+        away = ((cells - here) ** 2).sum(axis=1)
+        if away.min() == 0 or away.min() > reach**2:
+            assert aimed is place
+            continue
+        found = np.array(simap.spec.cell_of(*aimed))
+        assert instance[tuple(found)] > 0 and ((found - here) ** 2).sum() == away.min()
+        taken += 1
+    assert taken > 10

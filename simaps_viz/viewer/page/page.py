@@ -7,6 +7,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
 import viser
 from numpy.typing import NDArray
 
@@ -45,6 +46,8 @@ DEFAULT_RESOLUTION = 1.0
 MIN_RESOLUTION, MAX_RESOLUTION = 0.05, 5.0
 """Range of the slider for the Louvain resolution."""
 BESIDE_FLOOR = ("Nothing was clicked", "That was beside the floor. Click a point on the map.")
+AIM_M = 0.1
+"""A click so near to an object selects it: objects have holes. The page's script outlines by the same distance."""
 MAP_TAB, SELECTED_TAB = "Map", "Instance"
 """The tabs about the map and about the selected object; the second opens in place of the first when one is selected."""
 ERROR_S = 12.0
@@ -65,6 +68,26 @@ def cut_of(simap: SIMap) -> Cut:
     """Return how a map is cut, within the range of the sliders."""
     resolution = float(simap.parameters.get("resolution", DEFAULT_RESOLUTION))
     return Cut(joining_percent(simap), min(max(resolution, MIN_RESOLUTION), MAX_RESOLUTION))
+
+
+def aimed_at(simap: SIMap, position: tuple[float, float]) -> tuple[float, float]:
+    """Return the middle of the object's cell that is nearest to a position, up to ``AIM_M``; else the position itself.
+
+    Args:
+        simap: the map.
+        position: map frame, metres.
+    """
+    row, col = simap.spec.cell_of(*position)
+    reach = int(AIM_M / simap.spec.cell_size_m + 1e-6)
+    rows, cols = np.mgrid[row - reach : row + reach + 1, col - reach : col + reach + 1].reshape(2, -1)
+    away = (rows - row) ** 2 + (cols - col) ** 2
+    inside = (away <= reach**2) & (rows >= 0) & (cols >= 0) & (rows < simap.spec.rows) & (cols < simap.spec.cols)
+    rows, cols, away = rows[inside], cols[inside], away[inside]
+    hit = simap.instance[rows, cols] > 0
+    if not hit.any() or (hit & (away == 0)).any():
+        return position
+    nearest = np.argmin(np.where(hit, away, reach**2 + 1))
+    return simap.spec.centre_of(float(rows[nearest]), float(cols[nearest]))
 
 
 class Page:
@@ -453,7 +476,7 @@ class Page:
         if position is None and self.panels.wait_for_click():
             self.say(*BESIDE_FLOOR)
         elif position is None or not self.panels.take_click(*position):
-            self.pick(position)
+            self.pick(position if position is None else aimed_at(self.simap, position))
 
     def _notify(self, title: str, text: str, color: Any, seconds: float) -> None:
         if not self._closed:

@@ -105,10 +105,8 @@ class BuildPanel(Panel):
     def _caption(self, frame: int) -> str:
         if not self._names:
             return f'<div style="{BOX_STYLE}">No frame is on the map yet.</div>'
-        return (
-            f'<div style="{BOX_STYLE}">Frame <b>{escape(self._names[min(frame, len(self._names) - 1)])}</b> '
-            f'<span style="{DIM_STYLE}">({frame + 1} of {len(self._names)})</span></div>'
-        )
+        name = escape(self._names[min(frame, len(self._names) - 1)])
+        return f'<div style="{BOX_STYLE}">Picture <b>{name}</b> <span style="{DIM_STYLE}">of the sequence</span></div>'
 
 
 class StepsPanel(Panel):

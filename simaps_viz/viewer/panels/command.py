@@ -744,10 +744,11 @@ class CommandPanel(Panel):
         """
         text = text.partition(" Try: ")[0] if instead else text
         self._instead = tuple(instead)
+        self._examples.visible = not instead  # these are examples, too, and nearer to what was meant
         self._result.content = message_html(title, text, tone, more)
         for one, command in zip_longest(self._suggested, self._instead[:MAX_SUGGESTIONS]):
             if command is not None or one.visible:
-                one.label, one.visible = _in_short(command or ""), command is not None
+                one.label, one.visible = command or "", command is not None  # whole, over two lines if need be
 
     def _show_program(self, program: str, line: int | None = None, *, stuck: bool = False) -> None:
         """Show the program; the given line (from 1) is marked as the current one, or as where it got stuck."""
@@ -826,7 +827,7 @@ class CommandPanel(Panel):
         self._speed = gui.add_slider("Speed (×)", 0.25, 8.0, 0.25, 1.0, hint=SPEED_HINT)
         self._speed.on_update(lambda _: setattr(self._drive, "speed", float(self._speed.value)))
         self._height = gui.add_slider(
-            "Height (m)", LEAST_HEIGHT_M, 2.0, 0.1, self._page.robot.height_m, hint=HEIGHT_HINT
+            "Robot height (m)", LEAST_HEIGHT_M, 2.0, 0.1, self._page.robot.height_m, hint=HEIGHT_HINT
         )
         self._height.on_update(lambda _: self._set_height())
         self._follow = gui.add_checkbox(
@@ -834,7 +835,8 @@ class CommandPanel(Panel):
         )
         self._follow.on_update(lambda _: self._follower.switch(bool(self._follow.value), self._page.pose))
         # What it may be asked, and was asked before.
-        with gui.add_folder("Examples"):
+        self._examples = gui.add_folder("Examples")
+        with self._examples:
             for text in examples(self._page.simap, EXAMPLES + 1):
                 enabled = self._services.ask is not None
                 button(gui, text, functools.partial(self._try, text), color="gray", disabled=not enabled)

@@ -177,6 +177,11 @@ def note(*lines: str, tone: str = "plain") -> str:
     return f'<div style="{style}">{body}</div>'
 
 
+def working_note(what: str, done: int, total: int) -> str:
+    """Describe how far a map is that has to be made of frames before it can be shown."""
+    return note(f"{what.capitalize()}: frame {done} of {total}.", "What is made is kept: the next time is quick.")
+
+
 def chosen_html(item: Item, maps: TwoMaps, position: int, total: int, theme: Theme = LIGHT) -> str:
     """Describe the difference that was clicked."""
     sides = [(maps.left, item.left), (maps.right, item.right)]
@@ -373,7 +378,7 @@ class MethodPanel(Panel):
         def report(what: str, done: int, total: int) -> None:
             if cancel.is_set():
                 raise Cancelled
-            self._status.content = note(f"{what.capitalize()}: {done} of {total}")
+            self._status.content = working_note(what, done, total)
 
         def make() -> None:
             with contextlib.suppress(Cancelled):
@@ -477,7 +482,7 @@ class ComparePanel(Panel):
         self._wanted = True
         self._progress.visible, self._progress.value = True, 0.0
         self._stop.visible = True
-        self._status.content = note("Comparing …")
+        self._status.content = note("Getting both maps …")
         self._worker.submit("compare", functools.partial(self._compare, self._page.simap, cancel))
 
     def stop(self) -> None:
@@ -560,7 +565,7 @@ class ComparePanel(Panel):
             if cancel.is_set():
                 raise Cancelled
             self._progress.value = 100.0 * done / max(total, 1)
-            self._status.content = note(f"{what.capitalize()}: {done} of {total}")
+            self._status.content = working_note(what, done, total)
 
         try:
             left, right = (side.map(simap, report) for side in self._sides)
@@ -587,6 +592,7 @@ class ComparePanel(Panel):
         truth = {(True, False): "left", (False, True): "right"}.get((keys[0] == TRUTH, keys[1] == TRUTH))
         judged = {"left": right[1], "right": left[1]}.get(truth or "")
         exact = self._maker.truth_in_space(judged, report) if judged is not None and has_voxels(judged) else None
+        self._status.content = note("Comparing the two maps, object by object …")
         return compare_two(left, right, truth=truth, in_space=exact)  # pyright: ignore[reportArgumentType]
 
     def _show(self, maps: TwoMaps, pictures: TwoPictures) -> None:

@@ -185,7 +185,7 @@ class LivePanel(ProgressPanel[LiveState]):
             self._driving.content = f'<div role="status" style="{BOX_STYLE}">{escape(state.driving)}</div>'
         heads = HEADS if state.total else HEADS | LIVE_HEADS
         self._head.content = head_html(heads[state.status], bad=state.status == "failed")
-        self._bar.visible = state.total > 0
+        self._bar.visible = state.total > 0 and state.status != "done"
         self._bar.value = 100.0 * state.done / max(state.total, 1)
         self._text.content = text_html(state)
         self._sketch.content = sketch_html(state)

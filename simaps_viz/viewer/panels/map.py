@@ -89,7 +89,8 @@ class MapPanel(Panel):
             by_person(slider, self._cut)
         self._change = gui.add_html("", visible=False)
         self._peek = button(gui, BEFORE, self.peek, color="gray", visible=False, hint=BEFORE_HINT)
-        self._reset = button(gui, "Reset", self.reset, icon=viser.Icon.ARROW_BACK_UP, color="gray")
+        icon = viser.Icon.ARROW_BACK_UP
+        self._reset = button(gui, "Reset", self.reset, icon=icon, color="gray", visible=False)
         self._was: tuple[SIMap, Cut] | None = None
         """The map before the sliders were moved, and how it was cut."""
         self._shown, self._shown_cut = simap, own
@@ -139,7 +140,6 @@ class MapPanel(Panel):
         self._k.visible = self._with_k and joins(base)
         self._resolution.visible = self._with_resolution and "resolution" in base.parameters
         self._reset.label = f"Reset {joining.word} and resolution"
-        self._reset.visible = self._k.visible or self._resolution.visible
         self.set_sliders(self._page.cut.percent, self._page.cut.resolution)
 
     def view_changed(self, name: str) -> None:
@@ -163,6 +163,7 @@ class MapPanel(Panel):
         self._shown, self._shown_cut = simap, cut
         if cut != before[1] and simap is not before[0]:
             self._was = before
+        self._reset.visible = self._page.cut_here
         self._describe_change()
         if color_modes(simap) != tuple(self._mode.options):
             self._mode.options = color_modes(simap)

@@ -67,9 +67,9 @@ class NamesPanel(Panel):
 
 
 def hint_text(one: Instance, cell_m: float) -> str:
-    """Return what is said of the object under the pointer: "chair 18 · 0.22 m² · .86"."""
-    area, score = one.area_m2(cell_m), f"{one.score:.2f}".removeprefix("0")
-    return f"{one.name} · {area:.{2 if area >= 0.01 else 4}f} m² · {score}"
+    """Return what is said of the object under the pointer: "chair 18 · 0.22 m² · score 0.86"."""
+    area = one.area_m2(cell_m)
+    return f"{one.name} · {area:.{2 if area >= 0.01 else 4}f} m² · score {one.score:.2f}"
 
 
 def names_html(simap: SIMap) -> str:

@@ -86,6 +86,8 @@ class RecordingsPanel(Panel):
     def _show(self) -> None:
         entry = self.chosen
         text = details_html(entry) if entry else _EMPTY.format(folder=escape(str(self._library.folders[0])))
+        if entry is not None and entry.fault is None and self._page.recording.url is None:
+            text += f"To watch it: <b>simaps view {escape(str(entry.path))}</b>"
         self._details.content = f'<div style="{_NOTE}">{text}</div>'
         self._open.visible = entry is not None and self._page.recording.url is not None
         self._open.disabled = entry is None or entry.fault is not None

@@ -371,6 +371,9 @@ class MapScene:
         self._blocks = []
 
     def _add_scale_bar(self) -> None:
+        """Draw a scale bar below the map; a page draws its own, which follows the zoom."""
+        if isinstance(self._page, viser.ClientHandle):
+            return
         xmin, ymin, xmax, ymax = self._framed
         length = max(n for n in (0.5, 1.0, 2.0, 5.0, 10.0, 20.0) if n == 0.5 or n <= 0.25 * (xmax - xmin))
         y, tick = ymin - 0.045 * (ymax - ymin), 0.012 * (ymax - ymin)

@@ -27,6 +27,9 @@
   for (const kind of ['pointerdown', 'pointerup', 'pointermove', 'wheel'])
     north.addEventListener(kind, (event) => event.stopPropagation());
 
+  const scale = make('div', 'simaps-scale', over);
+  scale.setAttribute('role', 'img');
+
   // What a person does here is told to the page's session, one message after the other.
   let telling = Promise.resolve();
   const tell = (event) => {
@@ -213,6 +216,16 @@
       if (!sending) sending = setTimeout(() => { sending = 0; tell({ type: 'divide', share: dragged }); }, 60);
     });
 
+  // The scale bar: the longest round length that is short enough, at the middle of the map's view.
+  const MOST_PX = 110;
+  const drawScale = () => {
+    const metre = Math.hypot(...[0, 1].map((i) => at(toScreen, 1, 0)[i] - at(toScreen, 0, 0)[i]));
+    const power = 10 ** Math.floor(Math.log10(MOST_PX / metre)), long = [5, 2, 1].find((one) => one * power * metre <= MOST_PX) * power;
+    const text = long < 1 ? `${Math.round(100 * long)} cm` : `${Math.round(long)} m`;
+    if (scale.textContent !== text) { scale.textContent = text; scale.setAttribute('aria-label', `Scale: ${text}`); }
+    scale.style.width = `${(long * metre).toFixed(1)}px`;
+  };
+
   // The object under the pointer, and the class that the legend points to.
   let pointer = null, pressed = false, pointed = null;
   const inCanvas = (event) => event.target.closest && event.target.closest('.simaps-over') === null
@@ -238,6 +251,17 @@
     }
     context.restore();
   };
+  const AIM_M = 0.1;  // as a click takes it, for objects have holes
+  const aimedAt = (col, row) => {
+    const reach = Math.floor(AIM_M / map.cell + 1e-6);
+    let found = 0, least = reach * reach + 1;
+    for (let y = row - reach; y <= row + reach; y++) for (let x = col - reach; x <= col + reach; x++) {
+      const away = (x - col) ** 2 + (y - row) ** 2;
+      if (away >= least || x < 0 || y < 0 || x >= map.cols || y >= map.rows || !map.ids[y * map.cols + x]) continue;
+      [found, least] = [map.ids[y * map.cols + x], away];
+    }
+    return found;
+  };
   const drawOver = (canvas) => {
     const scale = window.devicePixelRatio || 1, context = drawing.getContext('2d');
     const [w, h] = [Math.round(width * scale), Math.round(height * scale)];
@@ -247,7 +271,7 @@
     if (pointer && !pressed) {
       const box = canvas.getBoundingClientRect(), [x, y] = [pointer[0] - box.left, pointer[1] - box.top];
       const [col, row] = cellAt(toScreen, x, y);
-      if (col >= 0 && row >= 0 && col < map.cols && row < map.rows) under = map.objects.get(map.ids[row * map.cols + col]);
+      under = map.objects.get(aimedAt(col, row));
       if (under) {
         const text = under.facts, wide = widthOf(text) + 14;
         if (hint.textContent !== text) hint.textContent = text;
@@ -286,9 +310,36 @@
     const can = controls.constructor.ACTION, top = state.view === TOP;
     give(controls.mouseButtons, 'left', top ? can.TRUCK : can.ROTATE);
     give(controls.touches, 'one', top ? can.TOUCH_TRUCK : can.TOUCH_ROTATE);
-    give(controls.touches, 'two', can.TOUCH_DOLLY_TRUCK);
+    give(controls.touches, 'two', top ? can.NONE : can.TOUCH_DOLLY_TRUCK);
     give(controls, 'dollyToCursor', true);
   };
+  // Two fingers in the top view: what is under each of them stays there. (The library's own pinch hardly comes closer.)
+  const fingers = new Map();
+  const spread = () => {
+    const [[a, b], [c, d]] = [...fingers.values()];
+    return [(a + c) / 2, (b + d) / 2, Math.max(Math.hypot(a - c, b - d), 1)];
+  };
+  const touch = (event) => {
+    if (event.pointerType !== 'touch') return;
+    const known = fingers.has(event.pointerId), place = [event.clientX, event.clientY];
+    if (event.type === 'pointerdown' && inCanvas(event)) {
+      fingers.set(event.pointerId, place);
+      // A browser captures every touch by itself; viser takes that for a drag of a handle, and would miss the tap.
+      if (event.target.hasPointerCapture(event.pointerId)) event.target.releasePointerCapture(event.pointerId);
+    }
+    if (event.type === 'pointerup' || event.type === 'pointercancel') fingers.delete(event.pointerId);
+    if (event.type !== 'pointermove' || !known) return;
+    const viser = window.__viserMutable, controls = viser.cameraControl;
+    if (fingers.size !== 2 || state.view !== TOP || !controls) { fingers.set(event.pointerId, place); return; }
+    const [x, y, wide] = spread();
+    fingers.set(event.pointerId, place);
+    const [nowX, nowY, now] = spread(), closer = now / wide, box = viser.canvas.getBoundingClientRect();
+    const [east, south] = [box.left + box.width / 2, box.top + box.height / 2];
+    const metres = 2 * controls.distance * Math.tan(viser.camera.fov * Math.PI / 360) / box.height;  // of a pixel
+    controls.truck((x - east - (nowX - east) / closer) * metres, (y - south - (nowY - south) / closer) * metres, false);
+    controls.dollyTo(controls.distance / closer, false);
+  };
+  for (const kind of ['pointerdown', 'pointermove', 'pointerup', 'pointercancel']) window.addEventListener(kind, touch, true);
   const ARROWS = { ArrowLeft: [-1, 0], ArrowRight: [1, 0], ArrowUp: [0, -1], ArrowDown: [0, 1] };
   const TAKES_ARROWS = 'input, textarea, select, [contenteditable], [role=slider], [role=tab], [role=option], [role=dialog]';
   document.body.addEventListener('keydown', (event) => {  // viser would turn the map, too, while a slider is moved
@@ -333,6 +384,8 @@
       compass.style.transform = `rotate(${Math.atan2(right[1], right[0]).toFixed(4)}rad)`;
     }
     placeHandle();
+    scale.hidden = !toScreen || !top;
+    if (!scale.hidden) drawScale();
     for (const one of [drawing, names]) one.hidden = bare || !top;
     if (bare || !top) { hint.hidden = true; return; }
     writeNames(plain);
