@@ -44,6 +44,7 @@ ARGUMENTS = [
     "--disable-sync",
     "--use-angle=swiftshader",
     "--enable-unsafe-swiftshader",
+    "--disable-gpu-compositing",  # without a graphics card, putting pages together takes more than drawing the map
 ]
 FIRST_PORT, PORTS_EACH = 20_000, 2_000
 """Below those the system gives to connections; of up to six processes that run tests at once, each has its own."""
