@@ -39,7 +39,8 @@ _INDIFFERENT: Final = re.compile(
     r"[,.;]?\s*\b(?:(?:i|we) (?:really |honestly )?(?:do(?:n['’]?t| not)) (?:really )?(?:care|mind)|"
     r"(?:the |its |their )?(?:order|sequence|rest|reason|way|how|which(?: one)?|it|that) (?:really )?"
     r"(?:is(?:n['’]?t| not)|do(?:es)?(?:n['’]?t| not)) (?:really )?(?:important|relevant|matter|of importance)|"
-    r"no matter|regardless of)\b[^,.;!?]*"
+    r"no matter|regardless of|in (?:whatever|whichever) order)\b[^,.;!?]*"
+    r"|[,.;]?\s*\b(?:you (?:may |can )?(?:choose|pick|decide)(?: which(?: ones?)?)?|up to you)(?=\s*(?:[,.;!?]|$))"
 )
 """What leaves something open: "I don't care about the order"."""
 _TAG: Final = re.compile(
@@ -97,6 +98,7 @@ def plainly(text: str) -> str:
     said = _LEFT.sub(r"\1", re.sub(r"\bam i\b", "are you", said))
     said = _TAG.sub("", _KINDLY.sub(" ", _INDIFFERENT.sub("", said)))
     said = _POLITE.sub(" ", said)
+    said = re.sub(r"\b2(?= (?:the|my|your|our|this|that)\b)", "to", said)
     said = re.sub(r",\s*so\s+(?!that\b|i\b|we\b)", ", ", said)
     return re.sub(r"\b[xy]\s*=?\s*(?=[-.\d])", "", _OPENING.sub("", said))
 

@@ -497,6 +497,7 @@ def _other() -> Parts:
     return (Part("other"),)
 
 
+@_rule("pre", "n:whole DIFFERENT", cost=-0.1)
 @_rule("pre", "n:whole")
 def _counted(n: int) -> Parts:
     return (Part("count", number=n),)
@@ -615,7 +616,7 @@ def _side_of_map(side: str) -> Parts:
     return _filter(f'side({{}}, "{side}", "map")')
 
 
-@_rule("relation", "FRONT HERE", "FORWARD (OF HERE)?")
+@_rule("relation", "(FRONT | BEFORE) HERE", "FORWARD (OF HERE)?")
 def _ahead() -> Parts:
     return _filter(AHEAD)
 
@@ -643,6 +644,33 @@ def _close(np: Phrase) -> Parts:
 @_rule("relation", "(TO | AWAY? FROM | OF) np", cost=-0.05)
 def _measured(np: Phrase) -> Parts:
     return (Part("from", np.measure, phrase=np),)
+
+
+@_rule("relation", "(AT | ON | BY | IN) _dets side END OF np", cost=-0.4)
+def _at_end_of(side: str, np: Phrase) -> Parts:
+    """Read "the chair at the north end of the table": of those next to it the northernmost."""
+    return (*_filter(f"near({{}}, {np.measure})", np), Part("order", side))
+
+
+@_rule("relation", "AT _dets FOOT OF np", cost=-0.2)
+def _at_foot_of(np: Phrase) -> Parts:
+    """Read "the bench at the foot of the bed": which end of anything else is its head is not known."""
+    if np.word not in ("bed", "couch"):
+        raise CommandError("")
+    return _close(np)
+
+
+@_rule("relation", "THAT DISTANCE (TO | FROM) np IS key:SUPER", cost=-0.2)
+def _whose_distance(np: Phrase, key: str) -> Parts:
+    """Read "the chair whose distance to the door is smallest"."""
+    if key not in ("small", "short", "large", "long"):
+        raise CommandError("")
+    return (Part("order", "near" if key in ("small", "short") else "far", np.measure, phrase=np),)
+
+
+@_rule("relation", "_at? ITS side (SIDE | END)?", cost=-0.1)
+def _on_its_side(side: str) -> Parts:
+    return _side_of(side, Phrase(IT, ONE, "thing"))
 
 
 @_rule("relation", "IN distance (OF | FROM) np")
@@ -804,11 +832,23 @@ def _having_its(noun: Noun, pre: Sequence[Parts] = ()) -> Parts:
     return _filter(f"having({{}}, {np.argument})", np)
 
 
-@_rule("relation", "WITH np _on_it?", "WHERE IS+ np", "WHERE np IS+ (AT | ON)?")
+@_rule("relation", "WITH np _on_it?", "WHERE IS+ np", "WHERE np IS+ (AT | ON)?", "(ON | IN | AT) THAT np IS+")
 def _having(np: Phrase) -> Parts:
     if np.text == IT:
         raise CommandError("what the thing has was not said")
     return _filter(f"having({{}}, {np.argument})", np)
+
+
+@_rule("relation", "(WITH | WHERE IS+) n:whole a:np _on_it? AND b:np _on_it?", cost=-1.0)
+def _having_some_and(n: int, a: Phrase, b: Phrase) -> Parts:
+    """Read "with five chairs around it and a vase on it"."""
+    return (*_having_some(n, a), *_having(b))
+
+
+@_rule("relation", "WITH np UNDER IT?", cost=-0.1)
+def _having_under(np: Phrase) -> Parts:
+    """Read "the desk with a backpack under it"."""
+    return _filter(f"having({{}}, under({np.argument}, {{}}))", np)
 
 
 @_rule("relation", "WITH key:numerous np _on_it?", cost=-0.3)
@@ -832,6 +872,12 @@ def _but_without(np: Phrase) -> Parts:
     return _filter(f"without({{}}, {np.argument})", np, outer=True)
 
 
+@_rule("post", "COMMA? DET OTHER ONE", cost=0.3)
+def _and_the_other() -> Parts:
+    """Read "the bed, not the big one, the other one"."""
+    return (Part("other", number=1),)
+
+
 @_rule("relation", "EXCEPT DET OTHER ONE", cost=-0.6)
 def _but_the_other() -> Parts:
     return (Part("other"),)
@@ -842,7 +888,7 @@ def _laden() -> Parts:
     return _filter("minus({}, empty({}))")
 
 
-GRAMMAR.words("_on_it", "(ON | NEAR | AT | AROUND | BY | IN | UNDER) IT?")
+GRAMMAR.words("_on_it", "(ON | NEAR | AT | AROUND | BY | IN) IT?")
 GRAMMAR.words("_is", "(THAT | IS | EXIST | HANG)+")
 
 
@@ -885,7 +931,8 @@ def _neither(a: Parts, b: Parts) -> Parts:
 
 @_rule("post", "COMMA? EXCEPT TO? targets", cost=-0.05)
 def _except(targets: tuple[Phrase, ...]) -> Parts:
-    if any(phrase.is_room for phrase in targets):
+    corrected = len(targets) > 1 and LAST in targets[-1].text  # "not the big one, the other one"
+    if corrected or any(phrase.is_room or phrase.text == ONE for phrase in targets):
         raise CommandError("")
     text = "{}"
     for phrase in targets:
@@ -962,6 +1009,8 @@ def _part_of(noun: Noun, outer: Sequence[Parts], pre: Sequence[Parts] = (), post
 
 @_rule("thing", "_dets pre* ONE post*", "_dets pre* ones:ONES post*", cost=0.3)
 def _same_name(pre: Sequence[Parts] = (), post: Sequence[Parts] = (), ones: str = "") -> Phrase:
+    if any(part.kind == "other" and part.number for part in _flat(post)):  # "not the big one, the other one"
+        raise CommandError("")
     return replace(select(None, (*_flat(pre), *_flat(post)), every=bool(ones)), among=True)
 
 
@@ -1017,7 +1066,7 @@ def _of_room(noun: Noun, room: Phrase, pre: Sequence[Parts] = ()) -> Phrase:
     return select(noun, (*_flat(pre), *_inside(room)))
 
 
-@_rule("thing", "EVERY? IT")
+@_rule("thing", "EVERY? IT", cost=0.02)
 def _it() -> Phrase:
     return Phrase(IT, ONE, "thing")
 
@@ -1115,10 +1164,14 @@ def lent(phrases: Sequence[Phrase]) -> tuple[Phrase, ...]:
 # ---- rooms
 
 
-@_rule("room", "_dets name:ROOMKIND MAP?")
-def _named_room(name: str) -> Phrase:
-    rooms = f"rooms({quoted(name)})"
-    return Phrase(f"room({quoted(name)})", rooms, name, whole=rooms)
+@_rule("room", "_dets name:ROOMKIND MAP?", "_dets name:ROOMKIND (n:NUM | NUMBER n:amount)")
+@_rule("room", "name:ROOMKIND n:ONE", cost=0.5)  # but not "the bedroom one"
+def _named_room(name: str, n: float | None = None) -> Phrase:
+    """Read "the kitchen", "office 2"."""
+    if n is not None and n != int(n):
+        raise CommandError("")
+    called = quoted(name if n is None else f"{name} {int(n)}")
+    return Phrase(f"room({called})", f"rooms({called})", name, whole=f"rooms({called})")
 
 
 @_rule("room", "ROOM NUMBER? n:whole")
@@ -1131,9 +1184,18 @@ def _this_room() -> Phrase:
     return Phrase("room()", "rooms()", "room", whole="rooms()")
 
 
-@_rule("room", "_dets OTHER (ROOM | ROOMKIND)")
-def _other_room() -> Phrase:
+@_rule("room", "_dets OTHER (ROOM | name:ROOMKIND)")
+def _other_room(name: str = "") -> Phrase:
+    if name:
+        return Phrase(f"first(minus(rooms({quoted(name)}), room()))", f"rooms({quoted(name)})", name)
     return Phrase('room("other")', "rooms()", "room")
+
+
+@_rule("room", "_dets name:ROOMKIND (THAT | IS | WHERE)* WITH np", cost=0.3)
+def _kind_of_room_of(name: str, np: Phrase) -> Phrase:
+    """Read "the bedroom with the desk"."""
+    rooms = f"having(rooms({quoted(name)}), {np.argument})"
+    return Phrase(f"first({rooms})", rooms, name, False, np.notes, np.others, whole=rooms)
 
 
 @_rule("room", "_dets ROOM WITH np", "_dets ROOM (THAT | IS | WHERE)* IN? np IS? IN?", cost=0.2)
@@ -1163,9 +1225,17 @@ def _room_of_most(key: str, np: Phrase) -> Phrase:
     return Phrase(f'first(order(rooms(), "{key}", {np.argument}))', "rooms()", "room", False, np.notes)
 
 
-@_rule("room", "_dets (NEAREST | key:SIZE | key:SUPER | key:MORE | FARTHEST) ROOM", cost=0.1)
-def _sized_room(key: str = "") -> Phrase:
-    return Phrase(f'first(order(rooms(), "{key}"))' if key else 'room("other")', "rooms()", "room")
+@_rule("room", "_dets (NEAREST | key:SIZE | key:SUPER | key:MORE | far:FARTHEST) (ROOM | name:ROOMKIND)", cost=0.1)
+def _sized_room(key: str = "", far: str = "", name: str = "") -> Phrase:
+    rooms = f"rooms({quoted(name)})" if name else "rooms()"
+    key = "far" if far else key
+    nearest = f"room({quoted(name or 'other')})"
+    return Phrase(f'first(order({rooms}, "{key}"))' if key else nearest, rooms, name or "room")
+
+
+@_rule("room", "(EVERY | BOTH) (OF | DET)* name:ROOMKIND", cost=0.1)
+def _every_such_room(name: str) -> Phrase:
+    return Phrase(f"rooms({quoted(name)})", f"rooms({quoted(name)})", name, True)
 
 
 @_rule("room", "(EVERY (OF | DET)* OTHER? (ROOMS? | ROOM) | DET? ROOMS) ((IN | OF) DET* MAP)?")

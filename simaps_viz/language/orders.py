@@ -126,6 +126,11 @@ def _distance(n: float | None = None, unit: str = "", half: str = "", quarter: s
     return Measure(tidy(amount * _METRES[unit or "METRES"]), (note,) if note else (), bool(unit))
 
 
+@_rule("distance", "(EXACTLY | BY) distance")
+def _just(distance: Measure) -> Measure:
+    return distance
+
+
 @_rule("distance", "DET unit AND DET? HALF", cost=-0.1)
 def _one_and_a_half(unit: str) -> Measure:
     return Measure(tidy(1.5 * _METRES[unit]))
@@ -161,7 +166,7 @@ _words("_revolution", "DET? (TURN | CIRCLE)")
 # ---- going to things and rooms
 
 _words("_prep", "TO | TOWARD | NEAR | AT | BY | ON | FOR | FORWARD | BACK | IN | UNTIL")
-_words("_goer", "GO (AND? STAND)? | STAND | TAKE | RETURN")
+_words("_goer", "GO (AND? STAND)? | STAND (FOR HERE)? | TAKE | RETURN")
 _words("_place", "DET* POINT")
 _words("_go", "_goer _prep* | APPROACH _prep* | _prep+")
 
@@ -197,6 +202,20 @@ def _go_to_nearest(verb: str, noun: Noun, pre: Sequence[Parts]) -> Steps:
     if not noun.known or not any(part.kind in ("order", "rank") for parts in pre for part in parts):
         raise CommandError("")
     return _go_to((select(noun, [part for parts in pre for part in parts]),))
+
+
+@_rule("order", "one:np first:ORD (COMMA? AND? np n:ORD)+", cost=-0.2)
+def _go_as_numbered(one: Phrase, first: int, np: tuple[Phrase, ...], n: tuple[int, ...]) -> Steps:
+    """Read "toilet first, suitcase second, refrigerator last"."""
+    if [first, *n] not in ([*range(1, len(n) + 2)], [*range(1, len(n) + 1), -1]):
+        raise CommandError("")
+    return _go_to((one, *np))
+
+
+@_rule("order", "_goer (BY | NEAR | AT)+ IT", cost=-0.05)
+def _go_by() -> Steps:
+    """Read "there are boxes under the bench. Stand by them": one place will do."""
+    return _go_to((Phrase(IT, "", "thing", any=True),))
 
 
 @_rule("order", "PLACE (AT | ON | IN | BY | TO)* targets", cost=0.1)
@@ -399,7 +418,8 @@ _rule("round", "way")(lambda way: -1.0 if way == "left" else 1.0)
 @_rule(
     "order",
     "CIRCLE (AROUND | OF)? targets round? times? round? | (GO | TAKE | CIRCLE | MAKE)? times (CIRCLE | AROUND) targets "
-    "| (MAKE | GO)? (n:amount | DET | FULL | half:HALF)* LAP round? (AROUND | OF) targets times? | GO half:HALF AROUND "
+    "| (MAKE | GO)? EXACTLY? times? (n:amount | DET | FULL | half:HALF)* LAP round? (AROUND | OF | BY) targets times? "
+    "(COMMA _np AND EVERY)? | GO half:HALF AROUND "
     "targets | CIRCLE targets (COMMA | AND)* UNTIL? (MAKE | EXIST)? n:amount LAP",
     cost=-0.4,
 )
@@ -462,7 +482,7 @@ def _there_and_back(targets: tuple[Phrase, ...]) -> Steps:
     return (*_go_to(targets), *_home())
 
 
-_words("_beginning", "DET? START | _prep+ DET? START | HERE | TO HERE")
+_words("_beginning", "DET? START | _prep+ DET? START | (TO? HERE)+")
 
 
 @_rule(
@@ -493,7 +513,8 @@ _words("_looking", "FACE | LOOK | LOOK _prep+ | FACE _prep+ | TURN _prep* (LOOK 
 @_rule(
     "order",
     "_looking targets STILL? | _turning AROUND? (TO | TOWARD)+ _looking? targets | _turning way? AROUND? UNTIL (SEE | "
-    "LOOK | FACE) targets | _turning UNTIL targets IS (FRONT HERE | VIEW | SEEN) | _turning AROUND _looking targets",
+    "LOOK | FACE) targets | _turning UNTIL targets IS (FRONT HERE | VIEW | SEEN) | _turning AROUND _looking targets | "
+    "(KEEP | WITH) targets IS? (FRONT HERE | VIEW)",
 )
 def _face(targets: tuple[Phrase, ...], way: str = "") -> Steps:
     return _each("robot.face({0})", targets, "face")
@@ -531,9 +552,11 @@ def _face_compass(heading: float) -> Steps:
 
 @_rule(
     "order",
-    "_looking _course? angle | FINAL? _course angle | _turning TO (_course | DET)? angle _course?",
+    "(_looking _course? angle | FINAL? _course angle | _turning TO (_course | DET)? angle _course?) (COMMA? compass)?",
 )
-def _face_heading(angle: Measure) -> Steps:
+def _face_heading(angle: Measure, compass: float | None = None) -> Steps:
+    if compass is not None and float(angle.text) % 360.0 != compass:
+        raise CommandError("")
     return (Do((f"robot.turn_absolute({angle.text})",)),)
 
 
@@ -868,6 +891,14 @@ def _which_are_more(a: Phrase, b: Phrase) -> Steps:
     return (Choose(test, phrases, _told(a, "count"), _told(b, "count")),)
 
 
+@_rule("question", "EXIST counted:COUNTED np IN? a:room OR IN? b:room", cost=-0.5)
+def _where_are_more(counted: str, np: Phrase, a: Phrase, b: Phrase) -> Steps:
+    """Read "are there more chairs in the kitchen or in the living room?"."""
+    key = "many" if counted == "more" else "few"
+    ordered = f'first(order(union({a.argument}, {b.argument}), "{key}", {np.argument}))'
+    return _told(_changed(a, ordered, a.notes + b.notes + np.notes, many=False), "which")
+
+
 _rule("asked", "WHERE (IS | IT | HERE)*")(lambda: "where")
 _rule("asked", "HOWFAR AWAY? (IS IT)?")(lambda: "distance")
 _rule("asked", "HOWBIG (IS IT)?")(lambda: "size")
@@ -891,6 +922,12 @@ def _and_what(asked: str) -> Steps:
 @_rule("question", "IS (DET* OF)? np (relation | NOT? adjective)", "IF np IS (relation | NOT? adjective)", cost=0.1)
 def _is_it(np: Phrase, relation: Parts = (), adjective: Parts = ()) -> Steps:
     return _told(refine(np, (*relation, *adjective)), "whether")
+
+
+@_rule("question", "IS relation COMMA? np HERE?", cost=0.1)
+def _is_there_in(np: Phrase, relation: Parts) -> Steps:
+    """Read "is in the kitchen a fridge?"."""
+    return _is_it(np, relation)
 
 
 @_rule("question", "DOES np (WITH | WITHOUT) of:np _on_it?", "DOES np WITH ANYTHING _on_it")
@@ -1074,6 +1111,12 @@ def _room_has_more(a: Phrase, counted: str, np: Phrase, b: Phrase) -> Condition:
 def _exists(np: Phrase) -> Condition:
     np = _changed(np, np.whole or np.text)
     return "count({0.text}) > 0", (replace(np, many=False),)
+
+
+@_rule("condition", "relation COMMA? EXIST negation:NOT? np", cost=-0.2)
+def _exists_there(np: Phrase, relation: Parts, negation: str = "") -> Condition:
+    """Read "if in the kitchen there is a toaster"."""
+    return _holds(np, relation, negation=negation)
 
 
 @_rule("condition", "EXIST (NOT | WITHOUT | NUMBER) np EITHER?", "HERE NEVER SEE np", cost=-0.2)
@@ -1288,6 +1331,41 @@ def _topic(topic: Phrase, b: Steps, named: Phrase | None = None) -> Steps:
     return (replace(first, phrases=tuple(phrases)), *more)
 
 
+@_rule("introduced", "(relation COMMA?)* EXIST HERE? _dets pre* noun (post | _abreast)*", cost=-0.25)
+@_rule("introduced", "(SEE | SEEQ) _dets (row:ROW OF _dets)? pre* noun (post | _abreast)*")
+def _introduced(
+    noun: Noun, pre: Sequence[Parts] = (), relation: Sequence[Parts] = (), post: Sequence[Parts] = (), row: str = ""
+) -> Phrase:
+    """Read "at the long table there are two chairs side by side", "the row of chairs in front of the counter"."""
+    parts = [part for parts in (*pre, *relation, *post) for part in parts]
+    if row:  # what stands in a row along something is next to it
+        parts += [Part("filter", f"near({{}}, {part.of})") for part in parts if part.kind == "filter" and part.of]
+    return select(noun, parts)
+
+
+_words("_abreast", "ABREAST | HERE | IT")
+_words("_not_that", "(NOT IT | NOT THAT | NOWAIT) (COMMA | STOP)+")
+
+
+@_rule("logical", "topic:introduced (COMMA | STOP)+ _not_that? (b:done | verb:TAKE np)", cost=-0.1)
+@_rule("logical", "topic:np (COMMA | STOP)+ _not_that b:done", cost=-0.1)
+def _of_introduced(topic: Phrase, b: Steps = (), verb: str = "take", np: Phrase | None = None) -> Steps:
+    """Read "there are two chairs at the table. Go to the left one": the second sentence takes from the first."""
+    if verb != "take":
+        raise CommandError("")
+    steps = _go_to((np,)) if np else b
+    first, *more = steps
+    if topic.free or not isinstance(first, Do) or len(first.phrases) != 1:
+        raise CommandError("")
+    (named,) = first.phrases
+    if named.text == IT:
+        phrase = replace(topic, text=topic.single, many=False) if named.any or not topic.many else topic
+        return (replace(first, phrases=(phrase,)), *more)
+    if (named.base != ONE and LAST not in named.text) or IT in named.text:
+        raise CommandError("")
+    return _put(steps, topic, among=LAST not in named.text)
+
+
 def _put(steps: Steps, named: Phrase, *, among: bool = False) -> Steps:
     """Return the steps with "one" and "the other" of their first phrase taken from a phrase before it."""
     first, *more = steps
@@ -1349,7 +1427,9 @@ def _in_room(np: Phrase, room: Phrase) -> Steps:
 
 
 @_rule(
-    "start", "_mayhap (items _mayhap)? (_struck _mayhap)* (NOWAIT COMMA?)+ (NOT _np COMMA?)? b:items _mayhap", cost=0.05
+    "start",
+    "_mayhap (items _mayhap)? (_struck _mayhap)* (NOWAIT COMMA?)+ (NOT _np (COMMA | STOP)*)? b:items _mayhap",
+    cost=0.05,
 )
 def _instead(b: Steps, items: Steps = ()) -> Steps:
     """Read "go to the sofa, no wait, the table": what follows replaces the order before it."""

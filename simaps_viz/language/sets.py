@@ -586,9 +586,17 @@ class Sets(Grounding):
             return {room.id: len(wanted.intersection(room.objects)) for room in rooms}
         things, others = self.things_of(S), self.things_of(T)
         rivals = [i for label in dict.fromkeys(i.label for i in things) for i in self.simap.of_class(label)]
+        # What no cell shows is counted for the thing that it is most of all on, in or under.
+        unseen = [i for i in others if i.id not in self.cells.row_of]
+        others = [i for i in others if i.id in self.cells.row_of]
         owner: dict[int, tuple[float, int]] = {}
         for i, j, far in self.neighbours(others, rivals, NEXT_TO_M):
-            owner[i] = min(owner.get(i, (np.inf, 0)), (far, rivals[j].id))
+            owner[others[i].id] = min(owner.get(others[i].id, (np.inf, 0)), (far, rivals[j].id))
+        for one in unseen:
+            shares = {i.id: max(of.get(i.id, 0.0) for of in (one.on, one.inside, one.under)) for i in rivals}
+            number = max(shares, key=lambda at: (shares[at], -at), default=0)
+            if shares.get(number, 0.0) >= _WITHIN:
+                owner[one.id] = (0.0, number)
         counts = dict.fromkeys([i.id for i in things], 0)
         for _, number in owner.values():
             if number in counts:

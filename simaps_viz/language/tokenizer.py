@@ -3,6 +3,7 @@
 import re
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from itertools import zip_longest
 from typing import Final
 
 from simaps_viz.errors import CommandError
@@ -27,6 +28,7 @@ _PIECE: Final = re.compile(
     r"|(?P<number>(?<![\w.])-?\d+(?:\.\d+)?|\d+(?:\.\d+)?|(?<![\w.])\.\d+)|(?P<poss>['’]s\b)"
     r"|(?P<word>[^\W\d_]+)|(?P<mark>[,.;:!?#°&])|(?P<other>[^\s\-_()\"'’\[\]]+)"
 )
+_STOPS: Final = (",", ".", ";", ":", "!", "?")
 _MOST: Final = re.compile(r"(left|right|north|south|east|west)(?:ern|er)?most")
 _SIDE: Final = re.compile(r"(left|right|north|south|east|west)(?:ern|erly|ward)?$")
 _ON_PAPER: Final = re.compile(r"\b(top|upper|bottom|lower)[\s-]+(left|right)\b")
@@ -78,6 +80,9 @@ def read_words(text: str, vocabulary: Vocabulary, *, correcting: bool = False) -
     if correcting:
         pieces = _corrected(pieces, vocabulary, notes)
     pieces = list(_without_fillers(pieces, vocabulary, notes))
+    pieces = [
+        one for one, after in zip_longest(pieces, pieces[1:]) if one[1] != "," or not after or after[1] not in _STOPS
+    ]
     words = tuple(piece for _, piece in pieces)
     edges = [tuple(_edges(pieces[at][0], words, at, vocabulary)) for at in range(len(words))]
     return Sentence(words, (*edges, ()), tuple(notes))

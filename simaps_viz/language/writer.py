@@ -151,11 +151,13 @@ class Writer:
         if phrase.text == IT:
             return self._named("it")
         if phrase.again and not (phrase.lone and (last is None or last.phrase.base != phrase.base)):
-            if last is not None and any(inner.base == phrase.base for inner in last.phrase.inner):
+            within = [one for one in last.phrase.inner if _is_called(one, phrase)] if last else []
+            if within:
                 # "if there is a laptop on the desk, go to that desk"
-                self._last = _Mention(replace(phrase, text=f"having({phrase.base}, {self._named('it').name})"))
+                base = within[0].whole or within[0].text
+                self._last = _Mention(replace(phrase, base=base, text=f"having({base}, {self._named('it').name})"))
                 return self._last
-            if last is None or last.phrase.base != phrase.base:
+            if last is None or not _is_called(last.phrase, phrase):
                 raise CommandError(f"which {phrase.word} is meant was not said")
             return self._named("it")
         text, base, word = phrase.text, phrase.base, phrase.word
@@ -194,6 +196,11 @@ class Writer:
 
     def _note(self, notes: Sequence[str]) -> None:
         self.notes += [note for note in notes if note not in self.notes]
+
+
+def _is_called(thing: Phrase, phrase: Phrase) -> bool:
+    """Whether a phrase names what a thing is, as "that table" does a coffee table."""
+    return thing.base == phrase.base or thing.word.endswith(f" {phrase.word}")
 
 
 def _contrasts(before: Phrase, mentions: Sequence[_Mention]) -> bool:

@@ -15,7 +15,8 @@ expectation, or a list of which any will do; all keys of an expectation have to 
 
 Run it: ``python tests/helpers/spoken.py ROUND.json... [--wrong] [--maps FOLDER]``; FOLDER holds house.npz and
 breakroom.npz, built of the shared sequences (the break room with ``VoteSettings(rounds=0)``, as it was when the rounds
-were written); without it their commands are left out.
+were written); without it their commands are left out. home.npz and office.npz are the embedded places with light
+errors.
 """
 
 import argparse
@@ -69,14 +70,16 @@ class Scene:
 
     def __init__(self, simap: SIMap) -> None:
         self.simap = simap
-        self.label = {one.id: one.label for one in simap.instances}
+        self.label = {one.id: one.label for one in (*simap.instances, *simap.hidden)}
         self._trees: dict[int, KDTree] = {}
 
     def tree(self, number: int) -> KDTree:
         """Return the centres of an instance's cells, as a tree."""
         if number not in self._trees:
             cells, spec = np.argwhere(self.simap.instance == number)[:, ::-1], self.simap.spec
-            self._trees[number] = KDTree((cells + 0.5) * spec.cell_size_m + [spec.x0_m, spec.y0_m])
+            centres = (cells + 0.5) * spec.cell_size_m + [spec.x0_m, spec.y0_m]
+            # Of what lies below something else no cell shows anything.
+            self._trees[number] = KDTree(centres if len(centres) else [self.simap.by_id(number).centroid_m[:2]])
         return self._trees[number]
 
     def off(self, ids: Iterable[int], points: Any) -> NDArray:

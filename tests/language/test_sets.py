@@ -485,4 +485,7 @@ def test_what_no_cell_shows_is_spoken_of_where_it_stands_on_or_under_something()
     found = evaluate(with_hidden, TOY_POSE, "under('chair', 'dining table')")
     assert ids(found) == [901]  # not what a network saw twice, nor what it was not sure of
     assert Sets(with_hidden, TOY_POSE).distance_between(found.items[0], [x, y]) == pytest.approx(0.0, abs=0.04)
+    having = "having('dining table', under('chair', 'dining table'))"
+    assert ids(evaluate(with_hidden, TOY_POSE, having)) == [table.id]
+    assert ids(evaluate(simap, TOY_POSE, having)) == []
     assert ids(evaluate(with_hidden, TOY_POSE, "things('chair')")) == ids(evaluate(simap, TOY_POSE, "things('chair')"))
