@@ -1,5 +1,6 @@
 """The bench runs on a tiny sequence and says what it should: its counts are checked, its clocks are not."""
 
+import math
 import re
 from pathlib import Path
 
@@ -228,7 +229,7 @@ def test_commands_name_what_there_is_most_of(maps):
 
 def test_errors_of_masks_are_counted_one_by_one():
     """Five chairs and a lamp: found, misnamed, split in halves too small to count, two merged, missed."""
-    exact, found = np.zeros((40, 200), np.int32), np.zeros((40, 200), np.int32)
+    exact, found = np.zeros((40, 512), np.int32), np.zeros((40, 512), np.int32)
     for number, left in enumerate((0, 40, 80, 120, 131, 170), 1):
         exact[10:20, left : left + 10] = number
     found[10:20, 1:11] = 1  # one pixel to the right
@@ -248,3 +249,18 @@ def test_errors_of_masks_are_counted_one_by_one():
     assert (errors.renamed, errors.split, errors.merged, errors.invented) == ([10, 2], [10, 2], [2, 2], [8, 2])
     assert len(errors.border_px) == 2 and 0.0 < errors.border_px[0] < 1.0
     assert "renamed: 0.200 of 10" in list(errors.lines())
+    assert errors.unnamed == [0, 0]
+    errors.later = [[8, 2], [1, 9]]  # odds of 36
+    assert errors.lasting() == pytest.approx(math.cos(math.pi / 7))
+
+
+def test_things_that_a_network_has_no_name_for_are_counted_apart():
+    exact, found = np.zeros((40, 512), np.int32), np.zeros((40, 512), np.int32)
+    exact[10:20, :10], exact[10:20, 40:50], exact[10:20, 80:90] = 1, 2, 3
+    found[10:20, :10], found[10:20, 80:82] = 1, 2
+    errors = measure_masks.MaskErrors(frozenset({"chair"}))
+    things = Segmentation(exact, (Segment(1, "lamp"), Segment(2, "lamp"), Segment(3, "lamp")))
+    errors.add(
+        things, Segmentation(found, (Segment(1, "chair"), Segment(2, "chair"))), np.ones(exact.shape, np.float32)
+    )
+    assert errors.unnamed == [3, 1] and errors.by_class == {}
