@@ -108,12 +108,16 @@ def instead(text: str, labels: Sequence[str] | Mapping[str, int]) -> tuple[str, 
     near = [vocabulary.suggest(name) or "", ""] if name in sentence.unknown else []
     frequent = sorted(vocabulary.labels, key=lambda label: -(vocabulary.count(label) or 0))[:MAX_SUGGESTIONS]
     number = str if singular(name) == name else plural
+    # Another thing is offered only where a thing was named: "sing me a song" is not "chair me a song".
+    is_thing = name not in sentence.unknown or (
+        at and not _DETERMINERS.isdisjoint(edge.kind for edge in sentence.edges[at - 1])
+    )
     likely, often = (
         [(*words[:at], *(number(plain(other)).split() if other else ()), *words[end:]) for other in others]
         for others in ([*near, *vocabulary.kin(name)], frequent)
     )
     before = readable(words[:n] for n in range(at, 1, -1))
-    found = [*readable(likely)] or [*islice(before, 1)] or [*readable(often)]
+    found = [*readable(likely)] or [*islice(before, 1)] or [*readable(often if is_thing else ())]
     return tuple(dict.fromkeys(found))[:MAX_SUGGESTIONS]
 
 

@@ -240,6 +240,10 @@ def test_words_not_understood_are_named_with_examples_that_work(simap, said: str
             "open the couch",
             ("go to the chair", "go to the chair nearest the dining table", "turn right, then go forward 1 m"),
         ),
+        (
+            "sing me a song",  # no thing is named: not "chair me a song"
+            ("go to the chair", "go to the chair nearest the dining table", "turn right, then go forward 1 m"),
+        ),
         ("go to the 9th chair", ()),  # is said otherwise
     ],
 )
