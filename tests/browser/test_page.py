@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 from browser import (
+    at_rest,
     borrowed,
     field_of,
     mine,
@@ -250,6 +251,7 @@ def test_the_line_between_two_maps_is_dragged_by_its_handle(bench, page):
         box = handle.bounding_box()
         return box["x"] + box["width"] / 2, box["y"] + box["height"] / 2
 
+    at_rest(page)
     divided = kept_of_comparison(mine(bench))[1] / 100.0
     until(page, lambda: abs(middle()[0] - at(divided)[0]) < 3.0)
     before = mine(bench).client.camera.position
