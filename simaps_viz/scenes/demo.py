@@ -79,7 +79,7 @@ def ensure_demo(
 
     Args:
         place: One of ``places.PLACES``.
-        level: Simulated network errors: none (the exact masks), light, medium or heavy.
+        level: Simulated network errors: none (the exact masks), light, medium, heavy or detector.
         seed: Of the errors; not negative.
         cache_dir: Where to keep it; else the variable SIMAPS_CACHE, else the user's cache folder.
         progress: Told how far it is.

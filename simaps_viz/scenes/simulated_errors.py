@@ -189,10 +189,13 @@ def _is_found(
     known: KnownInstance, area_px: float, smallest_px: float, chance: ErrorLevel, miss: float, flip: float
 ) -> bool:
     """Whether an object becomes a segment; ``miss`` and ``flip`` are what was drawn for it."""
-    if chance.known is not None and (not known.is_thing or known.label not in chance.known):
-        return known.is_thing and area_px >= smallest_px and flip < chance.invent
-    if not known.is_thing or area_px < smallest_px:
-        return not known.is_thing
+    # A network of things alone knows nothing of stuff; one of everything never misses it.
+    if not known.is_thing:
+        return chance.known is None
+    if area_px < smallest_px:
+        return False
+    if chance.known is not None and known.label not in chance.known:
+        return flip < chance.invent
     sizes = chance.miss_by_size or (chance.miss,)
     size = int(math.log2(area_px / smallest_px)) if smallest_px else 0
     return miss >= sizes[min(size, len(sizes) - 1)]

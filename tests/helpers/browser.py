@@ -1,7 +1,6 @@
 """What the browser tests share: Debian's Chromium, a watched page, a workbench on the toy map, a small recording."""
 
 import itertools
-import math
 import os
 import re
 import socket
@@ -222,11 +221,12 @@ def borrowed(bench: Any, page: Page) -> Iterator[Page]:
     session.panels[MapPanel].restore(look)
     session.select(None)
     session.finish()
+    session.look(TOP)
     page.evaluate(CLOSE_ALL)
     page.mouse.move(1, 1)
     page.get_by_role("tab", name="Map", exact=True).click()
     assert session.wait_idle(PATIENCE_S)
-    look_from_above(bench, page, session)
+    until(page, lambda: page_is_there(bench, page, session.simap, session))
 
 
 def on_canvas(
@@ -275,22 +275,6 @@ def page_is_there(workbench: Any, page: Page, simap: Any, session: Any = None) -
         np.allclose(place_on(page, simap, *corner), on_canvas(workbench, page, *corner, session), atol=1.5, rtol=0.0)
         for corner in ((xmin, ymin), (xmax, ymax))
     )
-
-
-def look_from_above(workbench: Any, page: Page, session: Any) -> None:
-    """Look from above, and again where the page was gliding: what it says of that may come after it was sent here."""
-    asked_at = -math.inf
-
-    def is_there() -> bool:
-        nonlocal asked_at
-        if asked_at > 0.0 and page_is_there(workbench, page, session.simap, session):
-            return True
-        if time.monotonic() > asked_at + 5.0:
-            session.look(TOP)
-            asked_at = time.monotonic()
-        return False
-
-    until(page, is_there)
 
 
 PIXELS = """(places) => {

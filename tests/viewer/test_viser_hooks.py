@@ -5,17 +5,18 @@ import threading
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
 from attacks.target import CAMERA, open_socket, say
 from viser import ClientHandle, ViserServer
-from viser._messages import RunJavascriptMessage
+from viser._messages import RunJavascriptMessage, SetCameraPositionMessage
 from viser.infra._async_message_buffer import AsyncMessageBuffer
 from websockets.sync.connection import Connection
 
 from simaps_viz.viewer.server.page_socket import KEY_HEADER
-from simaps_viz.viewer.server.viser_hooks import Bell, admit_only, check_values, guard, hang_bell
+from simaps_viz.viewer.server.viser_hooks import Bell, admit_only, check_values, guard, hang_bell, initial_camera
 
 
 @pytest.fixture
@@ -189,3 +190,16 @@ def test_a_closed_loop_is_no_error() -> None:
     loop.close()
     bell.set()
     assert not bell.is_set()
+
+
+def test_where_a_camera_begins_takes_no_message_from_where_it_is_put(loop):
+    """Of two of one kind that wait, viser sends the last: a page in the other view stayed there, though told to leave."""
+    buffer = AsyncMessageBuffer(loop, persistent_messages=False)
+    client: Any = SimpleNamespace(_websock_connection=SimpleNamespace(queue_message=buffer.push))
+    first = initial_camera(client)
+    for height_m in (5.0, 6.0):
+        buffer.push(SetCameraPositionMessage((0.0, 0.0, height_m)))
+        first.position = (1.0, 0.0, height_m)
+    waiting = [one for one in buffer.message_from_id.values() if isinstance(one, SetCameraPositionMessage)]
+    assert [(one.position, one.initial) for one in waiting] == [((0.0, 0.0, 6.0), False), ((1.0, 0.0, 6.0), True)]
+    assert waiting[1].as_serializable_dict() == SetCameraPositionMessage((1.0, 0.0, 6.0), True).as_serializable_dict()

@@ -179,7 +179,8 @@ def note(*lines: str, tone: str = "plain") -> str:
 
 def working_note(what: str, done: int, total: int) -> str:
     """Describe how far a map is that has to be made of frames before it can be shown."""
-    return note(f"{what.capitalize()}: frame {done} of {total}.", "What is made is kept: the next time is quick.")
+    so_far = f": frame {done} of {total}" if total > 1 else ""
+    return note(f"{what.capitalize()}{so_far}.", "What is made is kept: the next time is quick.")
 
 
 def chosen_html(item: Item, maps: TwoMaps, position: int, total: int, theme: Theme = LIGHT) -> str:

@@ -11,7 +11,7 @@
    ``_incoming_handlers``, and ``gui._gui_input_handle_from_uuid``.
 5. `inputs_of`, of a page: its widgets with a value. It needs ``gui._gui_input_handle_from_uuid``.
 6. `initial_camera`, of a page: the public ``ViserServer.initial_camera`` for one page. It needs ``_websock_connection``
-   with ``queue_message``.
+   with ``queue_message``, and messages with a ``redundancy_key``.
 
 ``tests/viewer/test_viser_hooks.py`` checks each of them by what it does.
 """
@@ -102,7 +102,15 @@ def role_of(server: viser.ViserServer, client: viser.ClientHandle) -> Role:
 
 def initial_camera(client: viser.ClientHandle) -> viser.InitialCameraConfig:
     """Return where one page's camera begins, and returns to whenever the page is set up anew; what is set is sent."""
-    return viser.InitialCameraConfig(client._websock_connection.queue_message)
+    queue = client._websock_connection.queue_message
+
+    def queue_apart(message: Any) -> None:
+        # Of the messages of one kind that wait, viser sends the last only: this one must not replace the camera's own.
+        key = f"initial {message.redundancy_key()}"
+        message.redundancy_key = lambda: key
+        queue(message)
+
+    return viser.InitialCameraConfig(queue_apart)
 
 
 def _log_failure(loop: asyncio.AbstractEventLoop, context: dict[str, Any]) -> None:
