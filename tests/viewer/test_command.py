@@ -354,7 +354,7 @@ def test_the_history_ticks_only_rides_that_arrived():
         panel.ask("turn left")
         until(lambda: panel.driving)
         panel.ask("go to the couch", paused=True)  # which ends the one before
-        until(lambda: "Paused" in shown(bench))
+        until(lambda: panel.driving and "Paused" in shown(bench))
         assert statuses(bench) == {"go to the couch": "", "turn left": "stopped"}
         panel._drive.speed = 8.0
         panel.pause()

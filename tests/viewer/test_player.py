@@ -51,7 +51,7 @@ def test_who_stops_it_has_the_last_word(gui):
         assert gate.wait(PATIENCE_S)
         happened.append(f"shown {position}")
 
-    player = Player(gui, "Play", Played(lambda: 0, lambda: 9, show, lambda: 1000.0))
+    player = Player(gui, "Play", Played(lambda: 0, lambda: 9, show, lambda: 0.1))
 
     def stop() -> None:
         player.stop()

@@ -193,7 +193,7 @@ def test_a_closed_loop_is_no_error() -> None:
 
 
 def test_where_a_camera_begins_takes_no_message_from_where_it_is_put(loop):
-    """Of two of one kind that wait, viser sends the last: a page in the other view stayed there, though told to leave."""
+    """Of two of one kind that wait, viser sends the last only: a page stayed in the other view, told to leave it."""
     buffer = AsyncMessageBuffer(loop, persistent_messages=False)
     client: Any = SimpleNamespace(_websock_connection=SimpleNamespace(queue_message=buffer.push))
     first = initial_camera(client)
