@@ -7,14 +7,17 @@ from typing import Any
 
 from attacks.fuzz_cases import Case, Target
 from attacks.fuzz_mutators import mutate_bytes, mutate_json
+from fake_phone import color_network, phone_message
 from fake_robot import TOPICS, Faults, Played
 from sequences import write_tiny_sequence
 
 from simaps_viz import open_sequence
+from simaps_viz.app.webxr import read_frame
 from simaps_viz.build.pipeline import BuildConfig
 from simaps_viz.errors import InputError
 from simaps_viz.live.foxglove import FoxgloveLink
 from simaps_viz.live.growing import GrowingMap
+from simaps_viz.live.phone import PhoneFrame, PhoneSource
 from simaps_viz.live.robot import RobotLink, RobotSource
 from simaps_viz.live.source import Traffic
 from simaps_viz.live.topics import TopicNames
@@ -92,4 +95,40 @@ def _server(folder: Path) -> Case:
     return case
 
 
-LIVE_TARGETS = (Target("robot messages", _messages, 6), Target("robot server", _server, 30))
+class _Phone(PhoneSource):
+    """A phone whose messages are handed over by the target."""
+
+    def decode(self, frame: bytes) -> PhoneFrame:
+        return read_frame(self.name, frame, color=True)
+
+    def state(self) -> str:
+        return "connected"
+
+
+def _phone(folder: Path) -> Case:
+    """Send damaged frames as a phone's page, and let a map grow from those that are taken."""
+    write_tiny_sequence(folder / "tiny", frames=FRAMES)
+    sequence = open_sequence(folder / "tiny")
+    good = [phone_message(sequence.read(i, color=True), picture=i % 2 == 0) for i in range(FRAMES)]
+
+    def case(r: Random) -> None:
+        traffic = Traffic()
+        source = _Phone("phone", network=color_network(), traffic=traffic)
+        growing = GrowingMap(source, BuildConfig())
+        for one in good:
+            # Most damage is a wrong length, so numbers of the head are also changed in place.
+            at = r.randrange(68)
+            head = one[:at] + r.randbytes(1) + one[at + 1 :]
+            source.feed(r.choice((one, mutate_bytes(r, one), head)))
+            if (shot := source.take(0.0)) is not None:
+                growing.add(shot)
+        if traffic.dropped:
+            raise InputError(source.words())
+        growing.finish_waiting()
+
+    return case
+
+
+LIVE_TARGETS = (
+    Target("robot messages", _messages, 6), Target("robot server", _server, 30), Target("phone frames", _phone, 6),
+)  # fmt: skip

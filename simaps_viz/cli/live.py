@@ -21,6 +21,7 @@ if TYPE_CHECKING:
 
 LIVE_METHODS = ("evidence", "components")
 """Those whose frames can be placed again."""
+PHONES = ("webxr",)
 
 
 @dataclass(frozen=True)
@@ -32,7 +33,8 @@ class Live:
 
     source: tyro.conf.Positional[str]
     """Where frames come from: foxglove://HOST:PORT, a robot that runs foxglove_bridge; zenoh://HOST:PORT[/DOMAIN], one
-    on rmw_zenoh (extra "ros2"); or a sequence that simaps build reads, played at its own pace. See docs/ROBOT.md."""
+    on rmw_zenoh (extra "ros2"); webxr://PORT, an Android phone's browser; or a sequence that simaps build reads, played
+    at its own pace. See docs/ROBOT.md."""
     output: Annotated[Path | None, tyro.conf.arg(aliases=["-o"])] = None
     """Map file to write (.npz)."""
     map: Path | None = None
@@ -87,7 +89,7 @@ class Live:
             raise InputError(f"--idle-stop: expected seconds, more than 0, found {self.idle_stop:g}")
         if self.view and self.json:
             raise InputError("--view: expected a page for people, found --json")
-        if self.drive and not (self.view and "://" in self.source):
+        if self.drive and not (self.view and self._kind and self._kind not in PHONES):
             raise InputError(
                 "--drive: expected a robot and --view, where a switch allows it, found one of them missing"
             )
@@ -100,7 +102,7 @@ class Live:
         source = self._source(network, traffic)
         request = LiveRequest(
             source, config, self.output, idle_stop_s=self.idle_stop, network=network,
-            every_frame=self.pace == "fast" and "://" not in self.source, earlier=earlier, traffic=traffic,
+            every_frame=self.pace == "fast" and not self._kind, earlier=earlier, traffic=traffic,
         )  # fmt: skip
         with self._recorder() as recorder:
             observers = () if recorder is None else (recorder,)
@@ -151,25 +153,39 @@ class Live:
 
     def _source(self, network: "Network | None", traffic: "Traffic") -> "Source":
         """Open the source; nothing has come yet."""
+        from simaps_viz.app.webxr import WebXRSource
+        from simaps_viz.console.terminal import note
         from simaps_viz.datasets.open import open_sequence
         from simaps_viz.live.robot import RobotSource
         from simaps_viz.live.source import PlayedSequence
+        from simaps_viz.viewer.server.access import Access
 
-        if "://" in self.source:
+        if self._kind == "webxr":
+            phone = WebXRSource(self.source, Access(), network=network, traffic=traffic)
+            if not self.json:
+                note(f"On the phone: {phone.entrance}")
+            return phone
+        if self._kind:
             return RobotSource(self._link(), self.topics, color=network is not None, traffic=traffic)
         sequence = open_sequence(Path(self.source))
         if network is None:
             sequence.segmentation(0)  # raises InputError where there are no masks
         return PlayedSequence(sequence, at_pace=self.pace == "real", network=network)
 
+    @property
+    def _kind(self) -> str:
+        """The kind of the address; "" for a sequence."""
+        kind, found, _ = self.source.partition("://")
+        return kind if found else ""
+
     def _link(self) -> "RobotLink":
         from simaps_viz.live.foxglove import FoxgloveLink
         from simaps_viz.live.zenoh import ZenohLink
 
-        kind = {"foxglove": FoxgloveLink, "zenoh": ZenohLink}.get(self.source.partition("://")[0])
+        kind = {"foxglove": FoxgloveLink, "zenoh": ZenohLink}.get(self._kind)
         if kind is None:
             raise InputError(
-                f"{self.source}: expected a sequence, foxglove://HOST:PORT or zenoh://HOST:PORT, "
+                f"{self.source}: expected a sequence, foxglove://HOST:PORT, zenoh://HOST:PORT or webxr://PORT, "
                 "found an address of another kind"
             )
         return kind(self.source)
@@ -180,8 +196,9 @@ class Live:
         from simaps_viz.live.robot import topics_of
         from simaps_viz.live.topics import choose_topics
 
-        if "://" not in self.source:
-            raise InputError(f"{self.source}: expected the address of a robot with --list, found a sequence")
+        if not self._kind or self._kind in PHONES:
+            found = "a phone" if self._kind else "a sequence"
+            raise InputError(f"{self.source}: expected the address of a robot with --list, found {found}")
         offered = topics_of(self._link())
         try:
             chosen = choose_topics(offered, self.topics, color=self.segmentation != "precomputed")
