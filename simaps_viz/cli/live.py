@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
 LIVE_METHODS = ("evidence", "components")
 """Those whose frames can be placed again."""
-PHONES = ("webxr",)
+PHONES = ("webxr", "record3d")
 
 
 @dataclass(frozen=True)
@@ -33,8 +33,8 @@ class Live:
 
     source: tyro.conf.Positional[str]
     """Where frames come from: foxglove://HOST:PORT, a robot that runs foxglove_bridge; zenoh://HOST:PORT[/DOMAIN], one
-    on rmw_zenoh (extra "ros2"); webxr://PORT, an Android phone's browser; or a sequence that simaps build reads, played
-    at its own pace. See docs/ROBOT.md."""
+    on rmw_zenoh (extra "ros2"); webxr://PORT, an Android phone's browser; record3d://, an iPhone by USB (extra
+    "record3d"); or a sequence that simaps build reads, played at its own pace. See docs/ROBOT.md."""
     output: Annotated[Path | None, tyro.conf.arg(aliases=["-o"])] = None
     """Map file to write (.npz)."""
     map: Path | None = None
@@ -156,6 +156,7 @@ class Live:
         from simaps_viz.app.webxr import WebXRSource
         from simaps_viz.console.terminal import note
         from simaps_viz.datasets.open import open_sequence
+        from simaps_viz.live.record3d import Record3DSource
         from simaps_viz.live.robot import RobotSource
         from simaps_viz.live.source import PlayedSequence
         from simaps_viz.viewer.server.access import Access
@@ -165,6 +166,8 @@ class Live:
             if not self.json:
                 note(f"On the phone: {phone.entrance}")
             return phone
+        if self._kind == "record3d":
+            return Record3DSource(self.source, network=network, traffic=traffic)
         if self._kind:
             return RobotSource(self._link(), self.topics, color=network is not None, traffic=traffic)
         sequence = open_sequence(Path(self.source))
@@ -185,8 +188,8 @@ class Live:
         kind = {"foxglove": FoxgloveLink, "zenoh": ZenohLink}.get(self._kind)
         if kind is None:
             raise InputError(
-                f"{self.source}: expected a sequence, foxglove://HOST:PORT, zenoh://HOST:PORT or webxr://PORT, "
-                "found an address of another kind"
+                f"{self.source}: expected a sequence, foxglove://HOST:PORT, zenoh://HOST:PORT, webxr://PORT or "
+                "record3d://, found an address of another kind"
             )
         return kind(self.source)
 
