@@ -184,5 +184,6 @@ READER_TARGETS = (
     *(Target(name, recording(_named("scans_mcap", name)), weight=2) for name in ("ros1_mcap", "foxglove_mcap")),
     Target("ros clouds", recording(_named("scans_clouds", "cloud_bag")), weight=2),
     Target("lidar", recording(lidar), weight=3),
+    Target("kitti360", recording(_named("scans_clouds", "kitti360")), weight=3),
     Target("rerun_rrd", recording(_named("scans_rerun", "rerun_rrd")), weight=2),
 )  # fmt: skip

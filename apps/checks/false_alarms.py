@@ -27,6 +27,7 @@ from checks.walks import HANDS, recorded
 from simaps_viz.checking.diagnose import Diagnosis, diagnose
 from simaps_viz.checking.recording import OPENGL, ROS, Recording, open_recording
 from simaps_viz.scenes.demo import ensure_demo
+from simaps_viz.scenes.places import PLACES
 
 SHARED = Path(__file__).parents[2].parent / "shared" / "data"
 CACHE = Path.home() / ".cache" / "simaps-checks"
@@ -156,7 +157,9 @@ def sources(more: Sequence[Path], only: str) -> Iterator[tuple[str, Recording]]:
     """Yield the recordings and their names."""
     paths = [("break room", SHARED / "hololens-breakroom"), ("house (rendered)", SHARED / "aws-small-house" / "rgbd")]
     paths = [(name, path) for name, path in paths if path.is_dir() and only in name]
-    paths += [("café (simulated)", ensure_demo())] if only in "café (simulated)" else []
+    for place in PLACES:
+        name = f"{PLACES[place].name} (simulated)"
+        paths += [(name, ensure_demo(place, level="none"))] if only in name else []
     paths += [(path.name, path) for path in more]
     for name, path in paths:
         recording = open_recording(path)
@@ -176,15 +179,17 @@ class Checked:
     """One window a stride."""
     only: str = ""
     """Recordings whose name holds this."""
+    clean: bool = True
+    """Sound windows and wholes."""
     faults: bool = True
-    """Copies with known faults too."""
+    """Copies with known faults."""
 
 
 def main(args: Checked) -> None:
     clean_rows, fault_rows, started = [], {name: [0, 0] for name in FAULTS}, time.monotonic()
     for name, recording in sources(args.recordings, args.only):
         tried = alarms = warned = 0
-        for what, piece in clean_parts(recording, 1 if args.quick else STARTS):
+        for what, piece in clean_parts(recording, 1 if args.quick else STARTS) if args.clean else ():
             found = diagnose(piece)
             tried, alarms = tried + 1, alarms + (not found.ok)
             warned += found.ok and any(finding.severity == "warning" for finding in found.findings)

@@ -273,7 +273,8 @@ def check(path: Path, *, fix: bool, picture: Path | None, progress: Progress) ->
 
 def _text(diagnosis: Diagnosis, written: Path | None, fix: bool) -> str:
     recording = diagnosis.recording
-    lines = [f"{recording.path}: {len(recording)} frames, neighbours agree on {diagnosis.before.percent()} %"]
+    agree = f"s, neighbours agree on {diagnosis.before.percent()} %" if len(recording) > 1 else ""
+    lines = [f"{recording.path}: {len(recording)} frame{agree}"]
     lines += [f"{finding.severity}: {finding.message}" for finding in diagnosis.findings]
     if diagnosis.ok:
         lines.append("usable" + (", with the remarks above" if diagnosis.findings else ""))

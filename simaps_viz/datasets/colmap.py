@@ -22,7 +22,7 @@ from simaps_viz.io.limits import MAX_CLOUD_BYTES, MAX_FRAMES, read_bytes
 
 FACTS = FormatFacts(
     title="COLMAP with depth",
-    recognised_by="`sparse/0/` or `sparse/` with `images`, `cameras` (`.bin`, `.txt`); `images/`, `depth/`",
+    recognised_by="`sparse/0/` or `sparse/` (`images`, `cameras`; `.bin` or `.txt`), `images/`, `depth/`",
     depth="16-bit PNG or `.npy` (metres)",
     pose="world to camera: quaternion w x y z, position; scaled to metres by the points",
 )

@@ -36,6 +36,7 @@ READERS: list[str | Reader] = [
     "simaps_viz.datasets.rtabmap:RtabmapReader",
     "simaps_viz.datasets.rerun_rrd:RerunReader",
     "simaps_viz.datasets.lidar:LidarReader",
+    "simaps_viz.datasets.kitti360:Kitti360Reader",
 ]
 """Readers in the order they are tried: objects, or "module:class", which is imported when its turn comes."""
 
@@ -125,7 +126,7 @@ MOST_SEARCHED = 20_000
 """Files of a folder whose names are looked at."""
 DEEPEST, MOST_FOLDERS = 4, 200
 """Levels of folders, and folders in all, that a recording is looked for in."""
-_IMAGES = (".png", ".jpg", ".jpeg")
+_IMAGES = (".png", ".pgm", ".jpg", ".jpeg")
 
 
 def unknown_folder(path: Path, readers: Sequence[Reader]) -> InputError:
@@ -148,7 +149,8 @@ def manifest_for(path: Path) -> str:
     for _, file in zip(range(MOST_SEARCHED), path.rglob("*"), strict=False):
         if file.suffix.lower() in _IMAGES:
             folders[file.parent.relative_to(path).as_posix(), file.suffix] += 1
-    depth = next((key for key, _ in folders.most_common() if "depth" in key[0].lower() and key[1] == ".png"), None)
+    lossless = (key for key, _ in folders.most_common() if key[1] in _IMAGES[:2])
+    depth = next((key for key in lossless if "depth" in key[0].lower()), None)
     color = next((key for key, _ in folders.most_common() if "depth" not in key[0].lower()), None)
     color, depth = (color, depth) if color and depth else (("color", ".jpg"), ("depth", ".png"))
     patterns = [f"{folder}/{{frame}}{suffix}" for folder, suffix in (color, depth)]

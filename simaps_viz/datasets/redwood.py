@@ -15,7 +15,8 @@ from simaps_viz.errors import InputError
 
 FACTS = FormatFacts(
     title="Redwood, Open3D",
-    recognised_by="`trajectory.log`, `scene/trajectory.log` or another `*.log`, `depth/*.png`, `color/` or `image/`",
+    recognised_by="`trajectory.log` or `scene/trajectory.log` or another `*.log`, `depth/*.png`, "
+    "`color/` or `image/` or `rgb/`",
     pose="camera to world: three numbers, then 4x4",
 )
 COLORS = ("color", "image", "rgb")

@@ -42,6 +42,8 @@ SLAM = FormatFacts(
 LISTS = ("associations.txt", "*assoc*.txt", "rgb-depth*.txt")
 """Names that people give what associate.py prints; the first that is there counts."""
 TRAJECTORIES = ("groundtruth.txt", "CameraTrajectory.txt", "KeyFrameTrajectory.txt", "trajectory.txt")
+FEW_LINES = 20
+"""Lines by which a trajectory of another name is known."""
 COLOR_TOLERANCE_S = 0.02
 """Colour farther than this from a depth image is not its colour."""
 MAX_POSE_GAP_S = 0.2
@@ -59,7 +61,7 @@ class TumReader(Reader):
     def open(self, path: Path) -> Recording:
         """Open a recording; raises InputError for anything that is not as the format wants it."""
         trajectory, lost = _trajectory(path / "groundtruth.txt")
-        color_files, depth_files, poses, total, missing = _by_two_lists(path, trajectory)
+        color_files, depth_files, poses, notes, missing = _by_two_lists(path, trajectory)
         readable = first_readable(lambda i: image_size(color_files[i]) and color_files[i], len(color_files))
         lens, unit_m, _ = camera_of(path, readable, by_folder=True)
         return FileFrames(color_files, depth_files, [lens], [lens], depth_png(unit_m)).recording(
@@ -67,7 +69,7 @@ class TumReader(Reader):
             path,
             poses=poses,
             depth_unit_m=unit_m,
-            notes=left_out(total - len(poses), total, "depth images have no colour or pose of their time"),
+            notes=notes,
             faults=(*missing, *lost),
         )
 
@@ -84,12 +86,10 @@ class SlamFolderReader(Reader):
 
     def open(self, path: Path) -> Recording:
         """Open a folder; raises InputError for anything that is not as the format wants it."""
-        poses_file, both = _first(path, TRAJECTORIES), _first(path, LISTS)
-        if poses_file is None:
-            raise InputError(f"{path}: expected a trajectory ({', '.join(TRAJECTORIES)}), found none")
+        poses_file, both = _first(path, TRAJECTORIES) or _other_trajectory(path), _first(path, LISTS)
         trajectory, lost = _trajectory(poses_file)
         if both is None:
-            color_files, depth_files, poses, total, missing = _by_two_lists(path, trajectory)
+            color_files, depth_files, poses, notes, missing = _by_two_lists(path, trajectory)
         else:
             stamps, color_files, depth_files, missing = _pairs(both)
             # Whoever tracked them stamps poses with either time; a pose at exactly one of them is it.
@@ -99,13 +99,14 @@ class SlamFolderReader(Reader):
             ]
             exact = [np.isin(np.round(times, 6), np.round(trajectory[0], 6)).sum() for times in stamps]
             poses, known = found[int(exact[1] > exact[0])]
-            total = len(color_files)
             if not known.any():
                 raise InputError(
                     f"{path}: expected poses at the times of {both.name}, found none within {MAX_POSE_GAP_S:g} s among "
                     f"{len(trajectory[0])} poses ({poses_file.name})"
                 )
             poses = poses[known]
+            total = len(color_files)
+            notes = left_out(total - len(poses), total, f"pictures have no pose of their time in {poses_file.name}")
             color_files, depth_files = (
                 [file for file, kept in zip(files, known, strict=True) if kept] for files in (color_files, depth_files)
             )
@@ -115,10 +116,7 @@ class SlamFolderReader(Reader):
             path,
             poses=poses,
             depth_unit_m=unit_m,
-            notes=(
-                f"camera: {source}; depth: {unit_m:g} m a step",
-                *left_out(total - len(poses), total, f"pictures have no pose of their time in {poses_file.name}"),
-            ),
+            notes=(f"camera: {source}; depth: {unit_m:g} m a step", *notes),
             faults=(*missing, *lost),
         )
 
@@ -129,15 +127,39 @@ def _trajectory(path: Path) -> tuple[tuple[NDArray, NDArray], tuple[str, ...]]:
 
 def _by_two_lists(
     path: Path, trajectory: tuple[NDArray, NDArray]
-) -> tuple[list[Path], list[Path], NDArray, int, tuple[str, ...]]:
-    """Return files of colour and depth, poses, the number of depth images listed, and notes on files not there."""
+) -> tuple[list[Path], list[Path], NDArray, tuple[str, ...], tuple[str, ...]]:
+    """Return files of colour and depth, poses, notes on frames left out, and notes on files not there."""
     color_times, colors, no_color = _image_list(path / "rgb.txt")
     depth_times, depths, no_depth = _image_list(path / "depth.txt")
+    times, poses = trajectory
+    apart = depth_times[-1] < times[0] - COLOR_TOLERANCE_S or depth_times[0] > times[-1] + COLOR_TOLERANCE_S
+    if apart and len(times) == len(depths) == len(colors):  # lists that number the pictures, such as of key frames
+        return colors, depths, poses, ("pictures are listed at other times than poses: paired in their order",), ()
     pairs, poses = posed_pairs(
         path, depth_times, color_times, trajectory, tolerance_s=COLOR_TOLERANCE_S, max_gap_s=MAX_POSE_GAP_S
     )
     color_files, depth_files = [colors[i] for i in pairs[:, 1]], [depths[i] for i in pairs[:, 0]]
-    return color_files, depth_files, poses, len(depths), (*no_color, *no_depth)
+    notes = left_out(len(depths) - len(poses), len(depths), "depth images have no colour or pose of their time")
+    return color_files, depth_files, poses, notes, (*no_color, *no_depth)
+
+
+def _other_trajectory(path: Path) -> Path:
+    """Return the only text of eight numbers a line, whatever it is called; raises InputError when it is not one."""
+    found = [file for file in sorted(path.glob("*.txt")) if _is_trajectory(file)]
+    if len(found) != 1:
+        others = f"{few([file.name for file in found])}; call the one that is meant {TRAJECTORIES[1]}"
+        expected = f"{path}: expected a trajectory ({', '.join(TRAJECTORIES)})"
+        raise InputError(f"{expected}, found {others if found else 'none'}")
+    return found[0]
+
+
+def _is_trajectory(path: Path) -> bool:
+    try:
+        lines = [line for _, line in words(path)[:FEW_LINES]]
+    except InputError:  # a text of another kind
+        return False
+    number = re.compile(r"[-+.\de]+|[-+]?(nan|inf)", re.IGNORECASE)
+    return len(lines) > 1 and all(len(line) == 8 and all(map(number.fullmatch, line)) for line in lines)
 
 
 def _image_list(path: Path) -> tuple[NDArray, list[Path], tuple[str, ...]]:

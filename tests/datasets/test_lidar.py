@@ -11,13 +11,15 @@ from hypothesis import strategies as st
 from map_equality import same_maps
 from rosbags import rosbag2
 from rosbags.typesys import Stores
-from scans import FRAMES, Z_UP, camera, look, map_pose, write_reference
+from scans import FRAMES, Z_UP, camera, look, map_pose, write_depth, write_reference
 from scans_bags import Messages, write_bag2
 from scans_clouds import (
+    DRIVE,
     LIDAR,
     T_LIDAR_CAMERA,
     cloud_entries,
     cloud_of,
+    kitti360,
     lidar,
     lidar_poses,
     lzf_pack,
@@ -255,6 +257,65 @@ def test_bags_with_clouds(tmp_path, reference, way):
         a, b = sequence.read(i).depth_m, frames.read(i).depth_m
         both = (a > 0) & (b > 0)
         assert both.mean() > 0.9 * (b > 0).mean() and np.median(np.abs(a - b)[both]) < 0.01
+
+
+@pytest.mark.parametrize("of_imu", [False, True])
+def test_kitti360(tmp_path, of_imu):
+    """Poses of the camera, or of the IMU and through two calibrations; scans through a third."""
+    sample = kitti360(tmp_path, of_imu=of_imu)
+    sequence, reference = open_sequence(sample.path), open_sequence(sample.reference)
+    assert sequence.frame_names == tuple(f"{5 + i:010d}" for i in range(FRAMES))
+    assert any("1 of 5 frames have no pose (9)" in note for note in sequence.notes)
+    for i in range(FRAMES):
+        a, b = sequence.read(i), reference.read(i)
+        np.testing.assert_allclose(a.depth_m, b.depth_m, atol=2e-6)
+        np.testing.assert_allclose(a.T_world_camera, b.T_world_camera, atol=1e-8)
+        np.testing.assert_allclose(a.intrinsics.matrix(), b.intrinsics.matrix(), rtol=1e-8)
+        np.testing.assert_array_equal(sequence.color(i), reference.color(i))
+    found = sequence.segmentation(0)
+    assert {s.id: (s.label, s.is_thing) for s in found.segments} == {
+        26001: ("car", True), 26002: ("car", True), 7000: ("road", False),
+    }  # fmt: skip
+    expected = reference.segmentation(0).ids.copy()
+    expected[0, :2] = 0
+    np.testing.assert_array_equal(found.ids, np.array([0, 26001, 26002, 7000])[expected])
+    assert not sequence.segmentation(FRAMES - 1).segmented, "no mask of this frame"
+    assert abs(sequence.T_map_world[2, 3] + Z_UP.floor_height_m) < 0.01
+    assert build_map(sequence).counts() == {"car": 2}
+    drive = open_sequence(sample.path / "data_2d_raw" / DRIVE)
+    np.testing.assert_array_equal(drive.poses, sequence.poses)
+
+
+KITTI_FAULTS = [
+    ("calibration/perspective.txt", b"S_rect_00: 64 48\n", "a line P_rect_00:", "none"),
+    ("calibration/perspective.txt", b"P_rect_00: 1 2\n", "12 numbers", "found 2"),
+    ("calibration/calib_cam_to_velo.txt", b"2 0 0 0 0 2 0 0 0 0 2 0\n", "orthonormal", "off by 3"),
+    (f"data_poses/{DRIVE}/cam0_to_world.txt", b"5 1 0 0\n", "17 numbers", "found 4"),
+    (f"data_3d_raw/{DRIVE}/velodyne_points/data/0000000005.bin", b"12345", "points of 16 bytes", "5 bytes"),
+    ("data_2d_raw/another/x", b"", "expected one drive", "found 2; name one, such as"),
+]
+
+
+@pytest.mark.parametrize(("name", "content", "expected", "found"), KITTI_FAULTS)
+def test_faults_of_kitti360(tmp_path, name, content, expected, found):
+    root = kitti360(tmp_path).path
+    (root / name).parent.mkdir(exist_ok=True)
+    (root / name).write_bytes(content)
+    with pytest.raises(InputError) as caught:
+        open_sequence(root)
+    assert "\n" not in str(caught.value) and expected in str(caught.value) and found in str(caught.value)
+
+
+def test_kitti360_without_scans_has_no_depth(tmp_path):
+    root = kitti360(tmp_path).path
+    (root / "data_3d_raw").rename(tmp_path / "elsewhere")
+    with pytest.raises(InputError, match=r"expected laser scans \(\*\.bin\), as KITTI-360 has no depth images"):
+        open_sequence(root)
+    masks = root / f"data_2d_semantics/train/{DRIVE}/image_00/instance/0000000005.png"
+    (tmp_path / "elsewhere").rename(root / "data_3d_raw")
+    write_depth(masks, np.full((48, 64), 45000, np.uint16))
+    with pytest.raises(InputError, match="expected class numbers under 45, found 45"):
+        open_sequence(root).segmentation(0)
 
 
 def change(keys):

@@ -171,6 +171,39 @@ def test_a_slam_folder_s_name_does_not_count(tmp_path):
         open_sequence(path)
 
 
+def test_trajectories_of_another_name(tmp_path):
+    """CubeSLAM's sample has output_cam_poses.txt and truth_cam_poses.txt; notes and calibrations are no trajectory."""
+    path = slam_folder(tmp_path).path
+    usual = open_sequence(path)
+    (path / "CameraTrajectory.txt").rename(path / "truth_cam_poses.txt")
+    (path / "notes.txt").write_bytes(b"caf\xe9\n")
+    (path / "objects.txt").write_text("1 2 3 4 5 6 7 8 9\n" * 4)
+    np.testing.assert_array_equal(open_sequence(path).poses, usual.poses)
+    (path / "output_cam_poses.txt").write_text((path / "truth_cam_poses.txt").read_text())
+    with pytest.raises(InputError, match=r"expected a trajectory .* found output_cam_poses\.txt, truth_cam_poses\.txt; "
+                       r"call the one that is meant CameraTrajectory\.txt"):  # fmt: skip
+        open_sequence(path)
+
+
+def test_lists_that_number_the_pictures(tmp_path):
+    """Lists of key frames say 0, 1, 2 where the trajectory has times (CubeSLAM's sample of TUM's cabinet)."""
+    path, usual = slam_folder(tmp_path).path, open_sequence(slam_folder(tmp_path / "usual").path)
+    pairs = [line.split() for line in (path / "associations.txt").read_text().splitlines()]
+    pairs.pop(1)  # the one without a pose
+    (path / "associations.txt").unlink()
+    for name, column in (("rgb.txt", 1), ("depth.txt", 3)):
+        (path / name).write_text("".join(f"{i} {pair[column]}\n" for i, pair in enumerate(pairs)))
+    found = open_sequence(path)
+    assert "pictures are listed at other times than poses: paired in their order" in found.notes
+    np.testing.assert_array_equal(found.poses, usual.poses)
+    for i in range(len(usual)):
+        np.testing.assert_array_equal(found.read(i).depth_m, usual.read(i).depth_m)
+        np.testing.assert_array_equal(found.color(i), usual.color(i))
+    (path / "rgb.txt").write_text("".join(f"{i} {pair[1]}\n" for i, pair in enumerate(pairs[:-1])))
+    with pytest.raises(InputError, match="expected depth, colour and pose of about the same time, found none among"):
+        open_sequence(path)
+
+
 def test_lists_with_depth_first_and_missing_files(tmp_path):
     """TUM's associate.py prints whichever list it is called with first."""
     path = slam_folder(tmp_path).path

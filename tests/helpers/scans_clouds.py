@@ -9,8 +9,22 @@ import numpy as np
 from numpy.typing import NDArray
 from rosbags import rosbag2
 from rosbags.typesys import Stores
-from scans import COLORS, FRAMES, Z_UP, Sample, camera, look, map_pose, row, steps, write_image, write_reference
+from scans import (
+    COLORS,
+    FRAMES,
+    Z_UP,
+    Sample,
+    camera,
+    look,
+    map_pose,
+    row,
+    steps,
+    write_depth,
+    write_image,
+    write_reference,
+)
 from scans_bags import COLOR, DEPTH, Messages, entries, write_bag2
+from scipy.spatial.transform import Rotation
 
 from simaps_viz.geometry import back_project, invert_pose, transform_points
 
@@ -127,6 +141,51 @@ def lidar(folder: Path) -> Sample:
     reference = write_reference(folder / "reference", camera(), Z_UP)
     clouds = {f"clouds/{i}.ply": ply(transform_points(T_LIDAR_CAMERA, cloud_of(i))) for i in range(FRAMES)}
     return Sample(write_scan(folder / "scan", reference, clouds, lidar_poses()), reference)
+
+
+T_VELO_CAMERA = T_LIDAR_CAMERA
+DRIVE = "2013_05_28_drive_0000_sync"
+R_RECT = Rotation.from_rotvec([0.01, -0.02, 0.005]).as_matrix()
+T_IMU_CAMERA = np.array([[0, 0, 1, 1.6], [1, 0, 0, 0.0], [0, 1, 0, -0.7], [0, 0, 0, 1.0]])
+"""An IMU's axes are x forward, y right, z down."""
+
+
+def kitti360(folder: Path, *, of_imu: bool = False) -> Sample:
+    """A drive with frames 5, 6, 7, 8; a frame without pose; masks of all frames but the last."""
+    reference, root, k = write_reference(folder / "reference", camera(), Z_UP), folder / "KITTI-360", camera()
+    rectify = np.eye(4)
+    rectify[:3, :3] = R_RECT
+    lines = {
+        "S_rect_00": (k.width, k.height), "R_rect_00": R_RECT.ravel(), "K_00": np.zeros(9),
+        "P_rect_00": (k.fx, 0, k.cx, 0, 0, k.fy, k.cy, 0, 0, 0, 1, 0),
+    }  # fmt: skip
+    texts = {
+        "calibration/perspective.txt": "calib_time: 02-May-2013 16:00:00\n"
+        + "".join(f"{key}: {' '.join(f'{x:.9e}' for x in values)}\n" for key, values in lines.items()),
+        "calibration/calib_cam_to_velo.txt": " ".join(map(repr, (T_VELO_CAMERA @ rectify)[:3].ravel().tolist())),
+        "calibration/calib_cam_to_pose.txt": f"image_00: {' '.join(map(repr, T_IMU_CAMERA[:3].ravel().tolist()))}\n",
+    }
+    poses = [Z_UP.pose(i) @ (rectify @ invert_pose(T_IMU_CAMERA) if of_imu else np.eye(4)) for i in range(FRAMES)]
+    numbers = [" ".join(map(repr, T[: 3 if of_imu else 4].ravel().tolist())) for T in poses]
+    name = "poses.txt" if of_imu else "cam0_to_world.txt"
+    texts[f"data_poses/{DRIVE}/{name}"] = "".join(f"{5 + i} {line} \n" for i, line in enumerate(numbers))
+    for path, content in texts.items():
+        (root / path).parent.mkdir(parents=True, exist_ok=True)
+        (root / path).write_text(content)
+    scans = root / f"data_3d_raw/{DRIVE}/velodyne_points/data"
+    scans.mkdir(parents=True)
+    for i in range(FRAMES + 1):
+        drawn = min(i, FRAMES - 1)
+        ids = look(k, map_pose(drawn))[1]
+        write_image(root / f"data_2d_raw/{DRIVE}/image_00/data_rect/{5 + i:010d}.png", COLORS[ids])
+        if i < FRAMES - 1:
+            masks = np.array([0, 26001, 26002, 7000], np.uint16)[ids]
+            masks[0, :2] = 1000, 26000  # the car that drives; cars nobody told apart
+            write_depth(root / f"data_2d_semantics/train/{DRIVE}/image_00/instance/{5 + i:010d}.png", masks)
+        points = np.ones((len(cloud_of(drawn)), 4), "<f4")
+        points[:, :3] = transform_points(T_VELO_CAMERA, cloud_of(drawn))
+        (scans / f"{5 + i:010d}.bin").write_bytes(points.tobytes())
+    return Sample(root, reference)
 
 
 def cloud_message(make: Messages, time_s: float, points: NDArray) -> Any:
