@@ -15,6 +15,7 @@ from simaps_viz.datasets.posed_frames import PosedFramesReader
 from simaps_viz.datasets.recording import FormatFacts, Reader
 from simaps_viz.datasets.sequence import PosedFrames
 from simaps_viz.errors import InputError
+from simaps_viz.io.limits import LFS_POINTER, is_lfs_pointer
 
 READERS: list[str | Reader] = [
     PosedFramesReader(),
@@ -81,6 +82,8 @@ def reader_of(path: Path) -> Reader:
     Raises:
         InputError: It is of no format that is read; what was looked for is in the error's notes.
     """
+    if is_lfs_pointer(path):
+        raise InputError(f"{path}: expected a recording, found {LFS_POINTER}")
     reader = recognise(path)
     if reader is None and path.is_dir():
         raise unknown_folder(path, tuple(readers()))

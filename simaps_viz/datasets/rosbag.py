@@ -280,7 +280,7 @@ class Bag:
             self.topics: dict[str, Any] = self._reader.topics
         except self._errors as error:
             self._reader = None
-            found = LFS_POINTER if is_lfs_pointer(path) else one_line(error)
+            found = LFS_POINTER if any(map(is_lfs_pointer, path.glob("*"))) else one_line(error)
             if path.suffix == ".mcap":  # of ROS 1, of Foxglove's messages, or unfinished
                 found = self._open_mcap() or found
             if self._reader is None:

@@ -21,7 +21,7 @@ from simaps_viz.datasets.images import decode_color, decode_image
 from simaps_viz.datasets.recording import FormatFacts, Reader, Recording, complete, left_out
 from simaps_viz.datasets.ros_messages import unpack_rvl
 from simaps_viz.errors import InputError, one_line
-from simaps_viz.io.limits import LFS_POINTER, MAX_FRAMES, MAX_IMAGE_BYTES, MAX_TEXT_BYTES, is_lfs_pointer
+from simaps_viz.io.limits import MAX_FRAMES, MAX_IMAGE_BYTES, MAX_TEXT_BYTES
 
 FACTS = FormatFacts(
     title="RTAB-Map",
@@ -77,8 +77,7 @@ class Database:
             with self._lock:
                 return self._connection.execute(query, values).fetchmany(MAX_FRAMES + 1)
         except (sqlite3.Error, OverflowError, UnicodeDecodeError) as error:
-            found = LFS_POINTER if is_lfs_pointer(self.path) else one_line(error)
-            raise InputError(f"{self.path}: expected an RTAB-Map database, found {found}") from error
+            raise InputError(f"{self.path}: expected an RTAB-Map database, found {one_line(error)}") from error
 
     def picture(self, column: str, node: int) -> bytes:
         """Return the stored bytes of a node's image or depth."""

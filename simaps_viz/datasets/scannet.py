@@ -23,7 +23,7 @@ from simaps_viz.datasets.manifest import read_json, shown
 from simaps_viz.datasets.posed_frames import WorldSegments
 from simaps_viz.datasets.recording import FormatFacts, Reader, Recording, Segments, first_readable
 from simaps_viz.errors import InputError
-from simaps_viz.io.limits import MAX_FRAMES, MAX_MEMBER_BYTES
+from simaps_viz.io.limits import LFS_POINTER, MAX_FRAMES, MAX_MEMBER_BYTES, is_lfs_pointer
 from simaps_viz.structures import Intrinsics, Segment
 
 EXTRACTED = FormatFacts(
@@ -176,6 +176,8 @@ class SensReader(Reader):
                 program reads.
         """
         path = _sens_file(path)
+        if is_lfs_pointer(path):
+            raise InputError(f"{path}: expected a .sens file, found {LFS_POINTER}")
         try:
             with path.open("rb") as file:
                 header = _read_header(path, file)

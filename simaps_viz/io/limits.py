@@ -51,7 +51,8 @@ MAX_CLASSES = 30_000
 def check_file(path: Path, most: int, what: str) -> None:
     """Raise InputError for a file of more than ``most`` bytes; a missing file is the error of the reader.
 
-    Anything but a regular file is refused too: a pipe or a device has no size, and may never end.
+    Anything but a regular file is refused too: a pipe or a device has no size, and may never end. So is what Git leaves
+    in place of a file that was not fetched.
     """
     try:
         size = path.stat().st_size if path.is_file() or not path.exists() or path.is_dir() else None
@@ -61,19 +62,18 @@ def check_file(path: Path, most: int, what: str) -> None:
         raise InputError(f"{path}: expected {what}, found something that is no file")
     if size > most and not path.is_dir():
         raise InputError(f"{path}: expected {what} of at most {most} bytes, found {size}")
+    if is_lfs_pointer(path):
+        raise InputError(f"{path}: expected {what}, found {LFS_POINTER}")
 
 
 def read_bytes(path: Path, most: int, what: str) -> bytes:
     """Read a file of at most ``most`` bytes; raise InputError, which names ``what`` was expected, when it cannot be."""
     check_file(path, most, what)
     try:
-        data = path.read_bytes()
+        return path.read_bytes()
     except (OSError, ValueError) as error:  # ValueError: a name with a zero byte
         found = error.strerror if isinstance(error, OSError) else None
         raise InputError(f"{path}: expected {what}, found {found or error}") from error
-    if data.startswith(_LFS_START):
-        raise InputError(f"{path}: expected {what}, found {LFS_POINTER}")
-    return data
 
 
 _LFS_START = b"version https://git-lfs.github.com/spec/"

@@ -1,6 +1,7 @@
 """Quirks of what SLAM programs and phone apps write, as their sources and real files show them."""
 
 import json
+import re
 import sqlite3
 import struct
 from collections.abc import Callable
@@ -11,8 +12,9 @@ import numpy as np
 import OpenEXR
 import pytest
 from scans import FRAMES, LEANING, Sample, camera, look, map_pose, row, steps
-from scans_bags import rvl
-from scans_folders import tum
+from scans_apps import record3d_exr
+from scans_bags import ros2_sqlite, rvl
+from scans_folders import habitat, sens, tum
 from scans_slam import colmap, instant_ngp, redwood, rtabmap, rtabmap_calibration, slam_folder, stray_scanner
 
 from simaps_viz import open_sequence
@@ -20,6 +22,7 @@ from simaps_viz.datasets.calibration import Lens, see_through
 from simaps_viz.datasets.open import recognise
 from simaps_viz.errors import InputError
 
+POINTER = "version https://git-lfs.github.com/spec/v1\noid sha256:4d7a214614ab2935\nsize 12345\n"
 K = camera()
 
 
@@ -342,13 +345,25 @@ def test_colmap_s_depth_of_other_pictures_is_refused(tmp_path):
         open_sequence(path)
 
 
-@pytest.mark.parametrize("name", ["rtabmap.db", "drive.bag", "drive.mcap", "images/0.png"])
+@pytest.mark.parametrize("name", ["rtabmap.db", "drive.bag", "drive.mcap", "scan.r3d", "scan.rrd", "scan.sens"])
 def test_a_pointer_of_git_lfs_is_called_so(tmp_path, name):
-    """Most recordings in public repositories are such pointers until they are fetched."""
-    path = instant_ngp(tmp_path).path if name.endswith("png") else tmp_path / name
-    for file in (path / "images").glob("?.png") if name.endswith("png") else [path]:
-        file.write_text("version https://git-lfs.github.com/spec/v1\noid sha256:4d7a214614ab2935\nsize 12345\n")
-    with pytest.raises(InputError, match=f"{name}: expected an? .*, found a pointer of Git LFS to it; .* git lfs pull"):
+    """Most recordings in public repositories are such pointers until they are fetched, as rerun's own .rrd files."""
+    (tmp_path / name).write_text(POINTER)
+    with pytest.raises(InputError, match=f"{name}: expected a recording, found a pointer of Git LFS .* git lfs pull"):
+        open_sequence(tmp_path / name)
+
+
+@pytest.mark.parametrize(
+    ("writer", "name"),
+    [(instant_ngp, "images/0.png"), (stray_scanner, "rgb.mp4"), (habitat, "depth/000000.npy"), (sens, "*.sens"),
+     (record3d_exr, "EXR_RGBD/depth/0.exr"), (ros2_sqlite, "*.db3")],
+)  # fmt: skip
+def test_pointers_of_git_lfs_in_a_recording(tmp_path, writer, name):
+    path = writer(tmp_path).path
+    path = path if path.is_dir() else path.parent
+    for file in path.glob(re.sub("0+", "*", name)):
+        file.write_text(POINTER)
+    with pytest.raises(InputError, match=r": expected an? .*, found a pointer of Git LFS to it; .* git lfs pull"):
         open_sequence(path)
 
 
