@@ -11,6 +11,7 @@ from simaps_viz.checking.faults import Bar, Correction, Finding
 from simaps_viz.checking.level import Level, find_level
 from simaps_viz.checking.recording import (
     MIRRORS,
+    PLAIN,
     Reading,
     Recording,
     in_views,
@@ -27,7 +28,7 @@ from simaps_viz.checking.search import (
     best_offset,
     best_shift,
     duplicates,
-    likely_unit,
+    likely_units,
     locate,
     measure,
     mirrored,
@@ -45,6 +46,8 @@ ROUNDS = 3
 """Rounds of looking for a shift and for a camera in turn; each may hide the other."""
 CREDIBLE = 0.4
 """Agreement below which a reading explains nothing, however much better it is than the files' own word."""
+ON_ITS_HEAD, HEAD_DEG = 0.8, 135.0
+"""Agreement below which other camera axes explain nothing if they turn the stated up by more than so many degrees."""
 CALIBRATED = 1.3
 """Depth scales further off are no matter of calibration."""
 MINOR_GAIN = 0.03
@@ -111,15 +114,18 @@ def diagnose(recording: Recording, progress: Progress = lambda *_: None) -> Diag
     reading, scored = Reading(), []
     if still is None:
         reading, scored = _moving(recording, views, pairs, progress)
-    copies = duplicates(recording)
+    copies = duplicates(recording, reading.poses(recording))
     if len(copies):
         reading = replace(reading, left_out=tuple(int(i) for i in copies))
-    reading = _unit_without_motion(recording, views, reading)
+    reading = _unit_without_motion(recording, views, pairs, reading)
     unregistered, reading = _registration(recording, views, reading, progress)
     progress("looking for the floor", 0, 1)
     level, reading = _level(recording, views, reading)
     progress("looking for the floor", 1, 1)
     after = score(recording, views, pairs, reading)
+    if after.share < ON_ITS_HEAD and reading.convention.axes != PLAIN and level and (level.tilt_deg or 0) > HEAD_DEG:
+        reading = Reading(left_out=reading.left_out)  # poses in reverse look like those of a camera on its head
+        after = score(recording, views, pairs, reading)
     findings = [still] if still else faults.of_what_is_left(recording, views, pairs, reading, after)
     lost = any(finding.kind == "disagreement" and finding.severity == "error" for finding in findings)
     level = None if lost else level  # surfaces put together wrongly show neither up nor the floor
@@ -128,7 +134,8 @@ def diagnose(recording: Recording, progress: Progress = lambda *_: None) -> Diag
         *([] if lost else faults.of_level(recording, level)),
         *findings,
     ]
-    findings += [unregistered] if unregistered else []
+    if unregistered:  # depth that lies elsewhere bends places that are seen again, as drift does
+        findings = [*(finding for finding in findings if finding.kind != "drift"), unregistered]
     return Diagnosis(
         recording=recording,
         findings=tuple(findings),
@@ -148,7 +155,7 @@ def _moving(recording: Recording, views: Views, pairs: NDArray, progress: Progre
     progress("trying conventions", 0, 1)
     scored = search(recording, views, pairs)
     progress("trying conventions", 1, 1)
-    reading = _unit_without_motion(recording, views, _units(recording, views, scored[0].reading))
+    reading = _unit_without_motion(recording, views, pairs, _units(recording, views, scored[0].reading))
     reading = _calibrate(recording, views, pairs, reading, progress)
     reading = _without_idle_changes(recording, views, pairs, reading)
     if not mirrored(recording) and score(recording, views, pairs, reading).share < CREDIBLE:
@@ -191,10 +198,11 @@ def _units(recording: Recording, views: Views, reading: Reading) -> Reading:
     return reading
 
 
-def _unit_without_motion(recording: Recording, views: Views, reading: Reading) -> Reading:
-    """Repair a depth unit that no room can have, where frames do not show which it is."""
-    unit_m = likely_unit(views, reading.unit_m(recording))
-    return reading if unit_m is None else replace(reading, depth_factor=unit_m / recording.unit_m)
+def _unit_without_motion(recording: Recording, views: Views, pairs: NDArray, reading: Reading) -> Reading:
+    """Repair a depth unit that no room can have, where frames hardly show which it is: the one they agree best with."""
+    units = likely_units(views, reading.unit_m(recording))
+    tried = [replace(reading, depth_factor=unit_m / recording.unit_m) for unit_m in units]
+    return max(tried, key=lambda one: score(recording, views, pairs, one).share, default=reading)
 
 
 def _calibrate(recording: Recording, views: Views, pairs: NDArray, reading: Reading, progress: Progress) -> Reading:

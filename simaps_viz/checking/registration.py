@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from simaps_viz.checking.agreement import Views
 from simaps_viz.checking.recording import Recording
 
-FRAMES = 24
+FRAMES = 64
 FEWEST = 8
 """Frames with edges; in fewer, chance decides."""
 WIDTH = 256

@@ -240,13 +240,12 @@ def snapped_unit(unit_m: float) -> float:
     return near[0] if near else unit_m
 
 
-def likely_unit(views: Views, unit_m: float) -> float | None:
-    """A usual unit that makes a room of an impossible depth; None when the depth is possible or nothing helps."""
+def likely_units(views: Views, unit_m: float) -> list[float]:
+    """Usual units that make a room of an impossible depth; none when the depth is possible or nothing helps."""
     median = median_depth_m(views, unit_m)
     if DEPTH_RANGE_M[0] <= median <= DEPTH_RANGE_M[1]:
-        return None
-    good = [usual for usual in USUAL_M if ROOM_M[0] <= median / unit_m * usual <= ROOM_M[1]]
-    return good[0] if good else None
+        return []
+    return [usual for usual in USUAL_M if ROOM_M[0] <= median / unit_m * usual <= ROOM_M[1]]
 
 
 FACTORS = (1.0, 1e-3, 1e3, 0.1, 10.0, 0.2, 5.0, 0.25, 4.0, 0.01, 100.0, 0.5, 2.0, 1e-6, 1e6, 256 / 1000, 1000 / 256)
@@ -509,7 +508,7 @@ def locate(recording: Recording, reading: Reading, progress: Progress) -> Readin
     return best
 
 
-def duplicates(recording: Recording) -> NDArray:
+def duplicates(recording: Recording, poses: NDArray) -> NDArray:
     """Find frames whose depth file is that of the frame before, though the camera moved; int64 [k], frame indices."""
     paths = [path for index in range(len(recording)) if (path := recording.depth_file(index)) is not None]
     if len(paths) < len(recording) or len(set(paths)) < len(paths):
@@ -517,7 +516,7 @@ def duplicates(recording: Recording) -> NDArray:
     sizes = [path.stat().st_size for path in paths]
     found = []
     for index in range(1, len(paths)):
-        if sizes[index] != sizes[index - 1] or not _moved(recording.matrices[index - 1], recording.matrices[index]):
+        if sizes[index] != sizes[index - 1] or not _moved(poses[index - 1], poses[index]):
             continue
         if paths[index].read_bytes() == paths[index - 1].read_bytes() and recording.depth_steps(index).any():
             found.append(index)

@@ -22,9 +22,21 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from simaps_viz.checking.agreement import Views, relative_poses, residuals
-from simaps_viz.checking.diagnose import Diagnosis, diagnose
-from simaps_viz.checking.recording import OPENGL, ROS, Convention, conventions, open_recording, signed_permutations
+from simaps_viz.checking.diagnose import Diagnosis, _unit_without_motion, diagnose
+from simaps_viz.checking.recording import (
+    OPENGL,
+    ROS,
+    Convention,
+    Reading,
+    conventions,
+    in_views,
+    load_views,
+    neighbour_pairs,
+    open_recording,
+    signed_permutations,
+)
 from simaps_viz.checking.run import draw, write_fixed
+from simaps_viz.checking.search import likely_units
 from simaps_viz.cli.main import main
 from simaps_viz.datasets.open import open_sequence
 from simaps_viz.drawing.sheet import save_png
@@ -282,6 +294,25 @@ def test_a_camera_that_only_turns_or_stands_still(tmp_path: Path, monkeypatch: p
     monkeypatch.setattr(checked_sequences, "_walk", lambda frames: walk(frames)[:1] * frames)
     diagnosis = diagnose(open_recording(drawn_room(tmp_path / "still", frames=4)))
     assert diagnosis.ok and [f.kind for f in diagnosis.findings] == ["unjudged"]
+
+
+def test_of_the_units_that_make_a_room_the_one_that_frames_agree_with_is_taken(room, tmp_path) -> None:
+    """TUM's fr1/rpy hardly moves: the first that makes a room of it, 1 mm, agrees nearly as well as its own 0.2 mm."""
+    spoiling = Spoiling(depth=lambda steps: steps * 2, keys={"depth_unit_m": 0.5})
+    recording = open_recording(spoiled_copy(room, tmp_path / "spoiled", spoiling))
+    frames = neighbour_pairs(recording.matrices)
+    views = load_views(recording, np.unique(frames), lambda *_: None)
+    assert likely_units(views, 0.5)[0] == 0.001
+    found = _unit_without_motion(recording, views, in_views(views, frames), Reading())
+    assert found.unit_m(recording) == pytest.approx(0.0005)
+
+
+@pytest.mark.parametrize(("least", "found"), [(0.8, ["camera_axes", "gravity"]), (1.01, ["disagreement"])])
+def test_other_axes_that_put_the_stated_up_on_its_head_have_to_agree(room, tmp_path, monkeypatch, least, found) -> None:
+    """Poses in reverse look like those of a camera upside down, as far as neighbouring frames can tell (64 %)."""
+    monkeypatch.setattr("simaps_viz.checking.diagnose.ON_ITS_HEAD", least)
+    spoiling = Spoiling(poses=moved(turn(OPENGL)).poses, keys={"up": [0, 0, -1], "floor_height_m": None})
+    assert kinds(diagnose(open_recording(spoiled_copy(room, tmp_path / "spoiled", spoiling)))) == found
 
 
 def test_residuals_are_those_of_plain_geometry() -> None:
