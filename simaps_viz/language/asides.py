@@ -4,21 +4,23 @@ import re
 from collections.abc import Iterator
 from typing import Final
 
-from simaps_viz.language.lexicon import SPELLED, written_out
+from simaps_viz.language.lexicon import PHRASES, SPELLED, written_out
 
 _WHO: Final = r"(?:you|u|ya|we|i|somebody|someone|anybody|anyone|the robot)"
 _SOFTLY: Final = r"(?:(?:please|kindly|possibly|perhaps|maybe|just|really|simply|also|by any chance|even|\w+ly)\s+)*"
-_ASKS: Final = r" (?:how|where|what|which|whether|if|who)\b"
+_ASKS: Final = r",? (?:(?:on|in|at|to|from|under) )?(?:how|where|what|which|whether|if|who)\b"
 _POLITE: Final = re.compile(
     r"\b(?:"
     # "I would be most grateful if you could", "I was just wondering whether you might perhaps"
     rf"(?:i|we|it) would (?:{_SOFTLY})(?:be|appreciate|love|like)\b(?:\s+\w+){{0,5}}? if {_WHO} "
     r"(?:would|could|can|might|were to|went ahead and)|"
-    rf"(?:i|we) (?:was |am |were |are )?{_SOFTLY}(?:wonder|wondered|wondering|asking|hope|hoping|curious) "
-    rf"(?:if|whether|that)(?: {_WHO} (?:would|could|can|might|may))?|"
+    rf"(?:i|we) (?:was |am |were |are )?{_SOFTLY}(?:wonder|wondered|wondering|asking|hope|hoping|curious)"
+    rf"(?: (?:if|whether|that)(?: {_WHO} (?:would|could|can|might|may))?|(?={_ASKS}))|"
+    # "my boss wants to know", "the manager is asking"
+    rf"(?:(?:my|the|our) )?\w+ (?:(?:wants|needs|would like) to know|asks|wonders|is (?:asking|wondering))(?={_ASKS})|"
     # "what I need you to do is", "here is the plan:"
     rf"(?:here is )?what (?:i|we|you) (?:would |have |should |could )?{_SOFTLY}(?:like|need|want|do|have)"
-    r"(?: you)?(?: to)?(?: do)?(?: with)?(?: now)?(?: is|\s*:)(?: to)?|"
+    r"(?: you)?(?: to)?(?: do)?(?: with)?(?: now)?(?: is|\s*:\s*)(?: to)?|"
     r"be (?:an?|my|so|very) (?:\w+ )?\w+ (?:and|enough to|as to)|do (?:me|us) an? (?:\w+ )?favou?r and|"
     rf"(?:why (?:do not|don['’]?t|not)|how about)(?: {_WHO}\b)?(?! (?:is|are)\b)|"
     r"would it be (?:\w+ ){1,3}?(?:to ask you to|for you to|if you (?:would|could))|"
@@ -39,21 +41,41 @@ _INDIFFERENT: Final = re.compile(
     r"[,.;]?\s*\b(?:(?:i|we) (?:really |honestly )?(?:do(?:n['’]?t| not)) (?:really )?(?:care|mind)|"
     r"(?:the |its |their )?(?:order|sequence|rest|reason|way|how|which(?: one)?|it|that) (?:really )?"
     r"(?:is(?:n['’]?t| not)|do(?:es)?(?:n['’]?t| not)) (?:really )?(?:important|relevant|matter|of importance)|"
-    r"no matter|regardless of|in (?:whatever|whichever) order)\b[^,.;!?]*"
-    r"|[,.;]?\s*\b(?:you (?:may |can )?(?:choose|pick|decide)(?: which(?: ones?)?)?|up to you)(?=\s*(?:[,.;!?]|$))"
+    r"(?:no matter|never mind|regardless of)(?= the\b)|in (?:whatever|whichever|any) order)\b[^,.;!?]*"
+    r"|[,.;]?\s*\b(?:you (?:may |can )?(?:choose|pick|decide)(?: which(?: ones?)?| the order)?|"
+    r"(?:which (?:\w+ )?|the order )?(?:is )?(?:entirely )?up to you)(?=\s*(?:[,.;!?]|$))"
 )
 """What leaves something open: "I don't care about the order"."""
 _TAG: Final = re.compile(
     r",\s*(?:(?:is|are|do|does|have|has|can|could|will|would|did|was|were|should)(?:n['’]?t)? "
-    r"(?:it|you|they|we|i|there|he|she)|(?:\w+ )?(?:is|was) it|alright|all right|ok|okay|right|yes|no|eh|hm+|please)"
-    r"\s*(?=\?\s*$|,)"
+    r"(?:it|you|they|we|i|there|he|she)|(?:\w+ )?(?:is|was) it|alright|all right|ok|okay|right|yes|"
+    r"no(?=\s*\?)|eh|hm+|please)"
+    r"\s*(?=\?|,)"
 )
 """Small questions at the end: "..., would you?"."""
+_HEADING: Final = re.compile(
+    r"^\W*(?:[\w'’]+ ){0,3}(?:tour|tour time|round|plan|route|mission|task|errand|job|trip|schedule)\s*[:!]"
+    r"|^\W*before (?:we|you|i) (?:leave|go|start|begin)\s*[:,]"
+)
+"""What only names what follows: "evening tour:"."""
 _OPENING: Final = re.compile(r"^\W*(?:(?:right so|so|and|um+|uh+|okay|ok|yeah|well|hmm+|er+|uhm)\b[\s,]*)+")
 _IS: Final = re.compile(r"\b(that|it|there|what|where|here|which|who|how)['’]s\b")
 _SHORT: Final = re.compile(r"\b(i|you|we|they|he|she|it|that|there|who|what|where|this)['’](m|d|re|ve|ll)\b")
 _LEFT: Final = re.compile(r"\b((?:(?:is|are) there|there (?:is|are)) (?:\w+ ){1,3})left\b(?! of| side| hand)")
 """What is there still, as in "is there any cake left on the counter?"."""
+_PUT: Final = re.compile(
+    r"\bwhat (?:do|does|did|has|have) (?:they|people|somebody|someone|anybody|anyone|he|she) \w+(?: down| away)? "
+    r"(?=under|on\b|in\b|inside|into|onto|below|beneath|behind|between|beside|next|near)"
+)
+"""Who put what is asked for where it is: "what did they put under the bench?"."""
+_YOURSELF: Final = re.compile(
+    r"(?:^|(?<=[,.;!] )|(?<=then ))(\w+) yourself(?= (?:right |directly |down |just )?"
+    r"(?:in|into|between|beside|next|near|by|at|under|behind|on|to|over|along|across)\b)"
+)
+_KNOWN: Final = frozenset(
+    words for words, found in PHRASES.items() if len(words) == 1 and any(kind for kind, _ in found)
+)
+"""Words that say something of their own, as "turn" and "clean" do; "plonk yourself" only says where to go."""
 _WORD: Final = re.compile(r"[a-z]+(?:['’][a-z]+)?")
 
 _ENDS: Final = re.compile(
@@ -74,6 +96,7 @@ _STATEMENT: Final = re.compile(
     r"(?:am|are) (?:looking|searching|after))\w+"
     rf"|(?:{_SUBJECT})\b.*\b(?:is|are|was|were|am|has|have|had|been|wants?|needs?|looks?|seems?|smells?|said|says|told|hurts?|aches?|feels?|asked|will|"
     r"can|could|did|does|left|lost|came|went|\w+n['’]?t|\w{2,}ed)\b"
+    r"|(?:my|our|his|her) \w+ \w+s\b|(?:he|she) \w+s\b|\w+s (?:are|were|have)\b|.*\bwrong (?:way|direction|side)\b"
     r"|(?:here is|there is) .*)"
 )
 """A clause that says how things are."""
@@ -97,10 +120,13 @@ def plainly(text: str) -> str:
     said = _WORD.sub(lambda found: SPELLED.get(found[0].replace("’", "'"), found[0]), said)
     said = _LEFT.sub(r"\1", re.sub(r"\bam i\b", "are you", said))
     said = _TAG.sub("", _KINDLY.sub(" ", _INDIFFERENT.sub("", said)))
-    said = _POLITE.sub(" ", said)
+    said = _YOURSELF.sub(lambda found: found[0] if (found[1],) in _KNOWN else "go", said)
+    said = re.sub(r"\bis that (?=in\b|on\b|at\b|under\b)", "is it ", _PUT.sub("what is ", said))
+    said = re.sub(r"\bsomewhere (?=in\b)", "", re.sub(r"^(\W*\w+) first(?:ly)?(?= (?:to|the|into)\b)", r"\1", said))
+    said = re.sub(r"\b(is|are|does|do|you|we|i|to|they|it) actually\b", r"\1", _POLITE.sub(" ", said))
     said = re.sub(r"\b2(?= (?:the|my|your|our|this|that)\b)", "to", said)
     said = re.sub(r",\s*so\s+(?!that\b|i\b|we\b)", ", ", said)
-    return re.sub(r"\b[xy]\s*=?\s*(?=[-.\d])", "", _OPENING.sub("", said))
+    return re.sub(r"\b[xy]\s*=?\s*(?=[-.\d])", "", _HEADING.sub("", _OPENING.sub("", said)))
 
 
 def clauses(text: str, *, purposes: bool = False) -> Iterator[str]:
@@ -112,6 +138,14 @@ def clauses(text: str, *, purposes: bool = False) -> Iterator[str]:
     yield text[at:]
 
 
+_WANTED: Final = re.compile(
+    r"\b(?:want|need|would like|would love|wish|expect) you\b|\byou (?:should|must|shall|can "
+    r"go|will|(?:have|need|are) to)\b|"
+    r"\band you (?!are\b|know\b)\w+"
+)
+"""What is asked of the robot, in any clause."""
+
+
 def is_reason(clause: str) -> bool:
     """Whether a clause only says why."""
     return _REASON.match(clause) is not None
@@ -119,4 +153,5 @@ def is_reason(clause: str) -> bool:
 
 def is_statement(clause: str, *, names_things: bool) -> bool:
     """Whether a clause says how things are, and nothing about what is to be done."""
-    return _STATEMENT.match(clause) is not None and not (names_things and _LIMITS.search(clause))
+    limited = _WANTED.search(clause) or (names_things and _LIMITS.search(clause))
+    return _STATEMENT.match(clause) is not None and not limited

@@ -11,7 +11,7 @@ from simaps_viz.errors import CommandError
 from simaps_viz.language.asides import clauses, is_reason, is_statement, plainly
 from simaps_viz.language.grammar import Chart
 from simaps_viz.language.nouns import ONE, Phrase, quoted
-from simaps_viz.language.orders import GRAMMAR
+from simaps_viz.language.orders import EVERYTHING, GRAMMAR
 from simaps_viz.language.program import ProgramError, parse_program
 from simaps_viz.language.tokenizer import Sentence, read_words
 from simaps_viz.language.words import Vocabulary, plain, plural, singular
@@ -188,7 +188,8 @@ def _first_named(sentence: Sentence) -> Phrase | None:
     chart = Chart(GRAMMAR, sentence.edges)
     lost = not _LOST.isdisjoint(sentence.words)
     for at in range(len(sentence.words)):
-        found = [one.value for one in chart.parse("thing", at) if not one.value.free and ONE not in one.value.text]
+        found = [one.value for one in chart.parse("thing", at) if ONE not in one.value.text]
+        found = [one for one in found if "search(" not in one.text and one.base != EVERYTHING.base]
         if found:
             return found[-1 if lost else 0]
     return None

@@ -407,6 +407,12 @@ def _colored(color: str) -> Parts:
     return _filter(f'colored({{}}, "{color}")')
 
 
+@_rule("adjective", "one:COLOR other:COLOR", cost=-0.1)
+def _between_colors(one: str, other: str) -> Parts:
+    """Read "orange-red": what may be called either."""
+    return _filter(f'union(colored({{}}, "{one}"), colored({{}}, "{other}"))')
+
+
 @_rule("adjective", "shape:SHAPE")
 def _shaped(shape: str) -> Parts:
     return _filter(f'shaped({{}}, "{shape}")')
@@ -678,9 +684,11 @@ def _within(distance: Any, np: Phrase) -> Parts:
     return _filter(f"near({{}}, {np.measure}, {distance.text})", np)
 
 
-@_rule("relation", "ON np", "IN np")
-def _on(np: Phrase) -> Parts:
-    return _filter(f"on({{}}, {np.argument})", np, definite=f"on({{}}, {np.measure})")
+@_rule("relation", "ON np", "IN within:np")
+def _on(np: Phrase | None = None, within: Phrase | None = None) -> Parts:
+    name, of = ("inside", within) if within else ("on", np)
+    assert of is not None
+    return _filter(f"{name}({{}}, {of.argument})", of, definite=f"{name}({{}}, {of.measure})")
 
 
 @_rule("relation", "UNDER np")
@@ -729,11 +737,12 @@ def _elsewhere() -> Parts:
     return _filter("minus({}, inside({}, room()))")
 
 
-@_rule("relation", "(FROM | TO)? HERE | EXIST HERE? | (IN | ON | OF) DET* MAP")
+@_rule("relation", "(FROM | TO)? HERE | EXIST HERE? | (IN | ON | OF) DET* MAP | ABREAST")
 def _anywhere() -> Parts:
     return ()
 
 
+@_rule("pre", "room POSS", cost=0.1)
 @_rule("relation", "(IN | OF | AT | FROM) room")
 def _inside(room: Phrase) -> Parts:
     return _filter(f"inside({{}}, {room.text})", room)
@@ -763,7 +772,7 @@ def _same_room(np: Phrase | None = None) -> Parts:
     return _filter(f"inside({{}}, room({other.argument}))", other)
 
 
-@_rule("relation", "(IN | AT | BY | NEAR | ON) DET* spot:SPOT ((OF | IN) room)?", cost=0.1)
+@_rule("relation", "(IN | AT | BY | NEAR | ON) DET* spot:SPOT ((OF | IN) room)?", "ON room POSS? spot:SPOT", cost=0.1)
 def _spot(spot: str, room: Phrase | None = None) -> Parts:
     inside = _inside(room) if room else ()
     return (*inside, *_filter(f'at({{}}, "{spot}")'))
@@ -821,7 +830,7 @@ def _having_no_more(n: int, np: Phrase, only: str = "", most: str = "", few: str
     return _filter(f"minus({some}, having({{}}, {np.argument}, {n + (not few)}))", np)
 
 
-@_rule("relation", "WITH BOTH a:np AND b:np _on_it?", cost=-0.3)
+@_rule("relation", "WITH BOTH a:np AND b:np _on_it?", "WITH a:np AND b:np _on_it", cost=-0.3)
 def _having_both(a: Phrase, b: Phrase) -> Parts:
     return _filter(f"having(having({{}}, {a.argument}), {b.argument})", a, b)
 
@@ -897,9 +906,9 @@ def _related(relation: Parts) -> Parts:
     return relation
 
 
-@_rule("post", "_is? NOT DET? relation")
-def _not_related(relation: Parts) -> Parts:
-    return tuple(_negated(part) for part in relation)
+@_rule("post", "_is? NOT DET? relation (BUT so:relation)?")
+def _not_related(relation: Parts, so: Parts = ()) -> Parts:
+    return (*(_negated(part) for part in relation), *so)
 
 
 @_rule("post", "_is adjective", "_is DET? adjective:size (ONE | OF EVERY)?")
@@ -1014,14 +1023,14 @@ def _same_name(pre: Sequence[Parts] = (), post: Sequence[Parts] = (), ones: str 
     return replace(select(None, (*_flat(pre), *_flat(post)), every=bool(ones)), among=True)
 
 
-@_rule("thing", "_dets ONE _at DET* side SIDE?", cost=0.2)
-def _of_them_on(side: str) -> Phrase:
+@_rule("thing", "_dets ONE _at DET* (side SIDE? | MIDDLE)", cost=-0.1)
+def _of_them_on(side: str = "middle") -> Phrase:
     """Read "the one on the left" after "there are two chairs at the desk": the leftmost of these."""
     found = select(None, [Part("order", side)])
     return replace(found, text=found.text.replace(ONE, SAME), base=SAME, whole="")
 
 
-@_rule("thing", "(DET+ | &ORD) pre+ post*", cost=0.9)
+@_rule("thing", "(DET+ | &ORD | &_room_too) pre+ post*", cost=0.9)
 def _elided(pre: Sequence[Parts], post: Sequence[Parts] = ()) -> Phrase:
     return select(None, (*_flat(pre), *_flat(post)))
 
@@ -1060,9 +1069,10 @@ def _that_one(noun: Noun, pre: Sequence[Parts], post: Sequence[Parts] = ()) -> P
     return _one(noun, pre, (), post)
 
 
+@_rule("thing", "_dets pre* room noun", cost=0.7)
 @_rule("thing", "_dets pre* noun room", cost=0.4)
 def _of_room(noun: Noun, room: Phrase, pre: Sequence[Parts] = ()) -> Phrase:
-    """Read "windows living room"."""
+    """Read "windows living room", "the café counter"."""
     return select(noun, (*_flat(pre), *_inside(room)))
 
 

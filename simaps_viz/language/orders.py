@@ -33,6 +33,7 @@ _A_LITTLE_DEG: Final = 30.0
 _MAX_TIMES: Final = 100
 _MAX_LAPS: Final = 20
 _COMPASS: Final = {"north": 0.0, "east": 90.0, "south": 180.0, "west": 270.0}
+ALL_ROOMS: Final = Phrase("rooms()", "rooms()", "room", True)
 EVERYTHING: Final = Phrase('things("anything")', 'things("anything")', "thing", True)
 
 
@@ -169,13 +170,14 @@ _words("_prep", "TO | TOWARD | NEAR | AT | BY | ON | FOR | FORWARD | BACK | IN |
 _words("_goer", "GO (AND? STAND)? | STAND (FOR HERE)? | TAKE | RETURN")
 _words("_place", "DET* POINT")
 _words("_go", "_goer _prep* | APPROACH _prep* | _prep+")
+_words("_aim", "(WHERE | DET? ONE THAT?) HERE? (GO | NEED)+ (_prep | GO)* THEN? | DET* GOAL")
 
 
 @_rule(
     "order",
     "_goer EITHER? _prep+ (_place _prep*)? WHERE? targets IS? | BACK _prep+ targets | APPROACH (_prep | STOP)* targets "
     "| (_goer | APPROACH) WHERE targets IS | targets (COMMA | STOP)+ GO | NEED TO? targets | _prep+ targets | (GO | "
-    "TAKE) targets:there | targets IS WHERE GO",
+    "TAKE) targets:there | (targets | targets:there) COMMA? IS _aim | DET* GOAL (IS | COMMA | STOP)* targets",
 )
 def _go_to(targets: tuple[Phrase, ...]) -> Steps:
     return _each("robot.move_to_{0.goal}", targets)
@@ -270,7 +272,7 @@ def _go_in_turn(targets: tuple[Phrase, ...], key: str, n: int = 1) -> Steps:
     return _go_to((replace(each, text=f'order({each.text}, "{key}")', word="thing", many=True),))
 
 
-@_rule("there", "IT")
+@_rule("there", "IT | THAT")
 def _there() -> tuple[Phrase, ...]:
     return (Phrase(IT, "", "thing"),)
 
@@ -337,7 +339,7 @@ def _go_between(pair: tuple[Phrase, Phrase]) -> Steps:
     return (Do(("robot.move_in_between({0.argument}, {1.argument})",), pair),)
 
 
-@_rule("order", "_go? DET? BETWEEN np", cost=0.2)
+@_rule("order", "_go? DET? BETWEEN np", "_goer UNDER np", cost=0.2)
 def _go_middle(np: Phrase) -> Steps:
     if np.many or np.text == IT:
         raise CommandError("")
@@ -377,10 +379,12 @@ def _go_behind(targets: tuple[Phrase, ...]) -> Steps:
 @_rule(
     "order",
     "(_go | KEEP)? _place? distance (TO | ON)* (beside | FRONT | BEFORE | back:BEHIND | off:away) np | _go? np COMMA "
-    "distance off:SHORT",
+    "distance off:SHORT | _go (FORWARD | compass)* UNTIL np IS (_prep | SHORT | DET)* distance off:SHORT | "
+    "_go (FORWARD | compass)* "
+    "UNTIL (EXIST (_prep | SHORT)* distance BETWEEN (np AND HERE | HERE AND np) | HERE IS? distance off:away np)",
     cost=-0.3,
 )
-def _go_off(distance: Measure, np: Phrase, beside: str = "front", back: str = "", off: str = "") -> Steps:
+def _go_off(distance: Measure, np: Phrase, beside: str = "front", back: str = "", off: str = "", **_: Any) -> Steps:
     if not distance.has_unit:  # "visit two of the chairs"
         raise CommandError("")
     side = "behind" if back else "beside" if off else beside
@@ -392,6 +396,20 @@ def _go_off(distance: Measure, np: Phrase, beside: str = "front", back: str = ""
 def _stop_short(distance: Measure) -> Steps:
     """Read "go to the fridge. Stop 1 m short."."""
     return _go_off(distance, Phrase(IT, ONE, "thing"), back="", off="away")
+
+
+@_rule(
+    "order",
+    "_go* (FORWARD | compass)* UNTIL (HERE IS?)? (LEVEL (WITH | TO)? np | NEAR np)",
+    "_go* (FORWARD | compass)* UNTIL (WITH np IS? (ON | TO | AT)+ DET* _lateral SIDE? | np IS ((ON | TO | "
+    "AT)+ DET* _lateral SIDE? (OF HERE)? | "
+    "NEAR HERE | LEVEL))",
+    cost=-0.4,
+)
+def _go_until_level(np: Phrase, compass: Sequence[float] = ()) -> Steps:
+    """Read "straight on until you are level with the sofa", "until the sofa is on your left"."""
+    turns = tuple(f"robot.turn_absolute({tidy(degrees)})" for degrees in compass)
+    return (Do((*turns, 'robot.move_to(spot({0.argument}, "level"))'), (np,)),)
 
 
 _rule("away", "AWAY? FROM", "AWAY FROM?", "OF")(lambda: "from")
@@ -452,11 +470,16 @@ def _go_halfway(np: Phrase) -> Steps:
 
 @_rule(
     "order",
-    "(_goer? FROM (HERE | a:np) TO | FROM (HERE | a:np) COMMA? _goer _prep+) np (COMMA? back:BACKTOO (TO _np)?)?",
+    "(_along COMMA?)? (_goer? FROM (HERE | a:np) (TO | NEAR)+ | FROM (HERE | a:np) COMMA? _goer _prep+) np "
+    "(_along | COMMA? "
+    "back:BACKTOO (TO _np)?)?",
     cost=-0.5,
 )
 def _from_to(np: Phrase, a: Phrase | None = None, back: str = "") -> Steps:
     return (*(_go_to((a,)) if a else ()), *_go_to((np,)), *((_go_to((a,)) if a else _home()) if back else ()))
+
+
+_words("_along", "_goer? (THROUGHOUT | NEAR) _np | FOLLOW _np")
 
 
 @_rule("order", "_go targets COMMA? VIA via:targets", "_go VIA via:targets TO targets", cost=-0.6)
@@ -595,7 +618,13 @@ def _turn(angle: Measure | None = None, way: str = "") -> Steps:
     return (Do((f"robot.turn({by.negated if way == 'left' else by.text})",), (), notes),)
 
 
-@_rule("order", "TURN (AROUND | BACK | BY)", "(MAKE DET?)? UTURN", cost=-0.1)
+@_rule(
+    "order",
+    "TURN (RIGHT | BACK | HALF)? (AROUND | BACK | BY)",
+    "SPIN HALF DET? AROUND",
+    "(MAKE DET?)? UTURN",
+    cost=-0.1,
+)
 def _turn_around() -> Steps:
     return (Do(("robot.turn(180)",)),)
 
@@ -704,10 +733,17 @@ def _how_many(np: Phrase, post: Sequence[Parts] = ()) -> Steps:
     return _told(refine(np, [part for parts in post for part in parts]), "count")
 
 
-@_rule("question", "HOWMANY (IS | EXIST)* ONES? post+", cost=0.3)
-def _how_many_more(post: Sequence[Parts]) -> Steps:
-    """Read "... and how many in the kitchen?" after "how many lamps are in the bedroom"."""
-    return _told(select(None, [part for parts in post for part in parts], every=True), "count")
+@_rule("question", "HOWMANY (OF? IT | IS | EXIST)* ONES? post*", cost=0.3)
+def _how_many_more(post: Sequence[Parts] = ()) -> Steps:
+    """Read "... and how many in the kitchen?", "how many of them?" after "how many lamps are in the bedroom"."""
+    parts = [part for parts in post for part in parts]
+    return _told(select(None, parts, every=True) if parts else Phrase(IT, ONE, "thing"), "count")
+
+
+@_rule("question", "HOWMANY SEATED relation", cost=-0.5)
+def _how_many_fit(relation: Parts) -> Steps:
+    """Read "how many people can sit at the table?": as many as seats are there."""
+    return _told(refine(Phrase('things("seat")', 'things("seat")', "seat"), relation), "count")
 
 
 _OF_THAT_NAME: Final = Phrase(SAME, SAME, "thing")
@@ -734,9 +770,26 @@ def _are_you_near(np: Phrase) -> Steps:
     return (Do((f'tell({test}, "whether")',), phrases),)
 
 
+@_rule(
+    "question",
+    "(ON | IN | AT) HOWMANY (OF | DET)* (np | ROOMS) (EXIST | IS | APPROACH | SEE | HERE | DOES)+ of:np IS?",
+    cost=-0.1,
+)
+def _on_how_many(of: Phrase, np: Phrase = ALL_ROOMS) -> Steps:
+    """Read "on how many of the tables is there a tray?"."""
+    return _told(_changed(np, f"having({np.whole or np.text}, {of.argument})", np.notes + of.notes), "count")
+
+
 @_rule("question", "HOWMANY DET* np (IS | EXIST)* IN EVERY (OF | DET)* (ROOM | ROOMS)", cost=-0.4)
 def _how_many_in_each(np: Phrase) -> Steps:
     return _told(np, "room")
+
+
+@_rule("question", "EXIST _number ((COMMA | OR)+ EXIST? EXACTLY? _number)+ np HERE?", cost=-0.5)
+@_rule("question", "EXIST _number np (COMMA | OR)+ EXIST? EXACTLY? _number HERE?", cost=-0.5)
+def _is_it_so_many(np: Phrase) -> Steps:
+    """Read "are there two or three chairs?"."""
+    return _told(np, "count")
 
 
 @_rule("question", *_NUMBERED, cost=-0.3)
@@ -762,7 +815,7 @@ def _are_there_more(a: Phrase, b: Phrase, counted: str = "", how: str = "") -> S
     "_count ROOMS (_is | DOES | WITH)* DET* MAP WITH?",
 )
 def _how_many_rooms() -> Steps:
-    return _told(Phrase("rooms()", "rooms()", "room", True), "count")
+    return _told(ALL_ROOMS, "count")
 
 
 _words("_in_map", "(IN | ON) DET* MAP")
@@ -790,7 +843,7 @@ def _where(np: Phrase) -> Steps:
     return _told(np, "where")
 
 
-@_rule("question", "IN? WHICH (ROOM | ROOMS) (IS | HERE | WITH | DOES)* np IS? IN?", cost=-0.2)
+@_rule("question", "IN? WHICH (ROOM | ROOMS) (IS | HERE | WITH | DOES | APPROACH | SEE)* np IS? IN?", cost=-0.2)
 @_rule("question", "IS np IN room OR IN? _room_too", cost=-0.3)
 def _which_room(np: Phrase, room: Phrase | None = None) -> Steps:
     return _told(np, "room")
@@ -845,7 +898,8 @@ def _on_which_side(np: Phrase, side: str = "") -> Steps:
 
 @_rule(
     "question",
-    "IS a:np (compared | NEAR) (TO | HERE)* b:np OR NEAR? TO? c:np | (WHICH | WHAT) IS NEAREST TO? a:np COMMA? b:np "
+    "IS a:np (compared | NEAR) (TO | HERE)* b:np OR NEAR? TO? c:np | (WHICH | WHAT) (IS | ONE)+ NEAREST TO? "
+    "a:np (COMMA | STOP)? b:np "
     "COMMA? OR c:np",
     cost=-0.6,
 )
@@ -919,6 +973,12 @@ def _and_what(asked: str) -> Steps:
     return (Do((f'tell({{0.text}}, "{asked}")',), (Phrase(IT, ONE, "thing"),)),)
 
 
+@_rule("question", "(WHAT IS)? ITS key:EXTENT", cost=0.2)
+def _and_how_big(key: str) -> Steps:
+    """Read "what is its length?" of what was named before."""
+    return _how_big(key, Phrase(IT, ONE, "thing"))
+
+
 @_rule("question", "IS (DET* OF)? np (relation | NOT? adjective)", "IF np IS (relation | NOT? adjective)", cost=0.1)
 def _is_it(np: Phrase, relation: Parts = (), adjective: Parts = ()) -> Steps:
     return _told(refine(np, (*relation, *adjective)), "whether")
@@ -959,8 +1019,12 @@ def _which_of_two_named(noun: Noun, compared: str, a: Phrase, b: Phrase) -> Step
 @_rule("question", "(WHICH | WHAT) ROOM IS DET? compared COMMA? a:room COMMA? OR b:room", cost=-0.6)
 @_rule(
     "question",
-    "(WHICH | WHAT) (IS | OF)* DET? compared HERE? (TO HERE)? (COMMA | STOP)? a:np COMMA? OR b:np",
-    cost=-0.4,
+    "(WHICH | WHAT) (IS | OF | ONE)* DET? compared HERE? (TO HERE)? (COMMA | STOP)? a:np COMMA? OR b:np | "
+    "(COMPARE | BETWEEN | AMONG)? "
+    "a:np (AND | WITH | TO | COMPARE) b:np (COMMA | STOP | AND)+ (WHICH | WHAT) (IS | ONE | OF | IT)* DET? "
+    "compared ONE? | IS a:np OR b:np "
+    "DET? compared ONE?",
+    cost=-0.6,
 )
 def _which_of_two(compared: str, a: Phrase, b: Phrase) -> Steps:
     both = united((a, b))
@@ -995,11 +1059,14 @@ def _which_seen(np: Phrase) -> Steps:
     return _told(_changed(np, text=f"visible({np.text})"), "list")
 
 
-@_rule("question", "LIST? WHAT (IS | EXIST)* post+")
-def _what_is(post: Sequence[Parts]) -> Steps:
+@_rule("question", "LIST? what:WHAT (IS | EXIST)* post+")
+def _what_is(post: Sequence[Parts], what: str) -> Steps:
     parts = [part for parts in post for part in parts]
     if not parts:
         raise CommandError("")
+    if "else" in what.split():  # "what else is on the counter with the microwave?"
+        named = [inner for part in parts if part.phrase for inner in part.phrase.inner or (part.phrase,)]
+        parts += [Part("filter", f"minus({{}}, {one.measure})", phrase=one) for one in named if not one.is_room]
     if any(part.kind == "order" for part in parts):
         return _told(select(Noun("thing", "anything"), parts), "which")
     if any(part.text == AHEAD for part in parts):  # not what is there beyond the next wall
@@ -1013,7 +1080,7 @@ def _what_is_there(x: float, y: float, np: Phrase = EVERYTHING) -> Steps:
     return _told(_changed(np, f"nearest({np.whole or np.text}, 1, [{tidy(x)}, {tidy(y)}])", many=False), "which")
 
 
-@_rule("question", "WHAT (IS | DOES) np IS? (ON | near:NEAR)", cost=-0.2)
+@_rule("question", "WHAT (IS | DOES) np IS? (ON | near:NEAR)", "(ON | near:NEAR) WHAT (IS | DOES) np IS?", cost=-0.2)
 def _what_is_it_on(np: Phrase, near: str = "") -> Steps:
     relation = "near" if near else "under"
     return _told(_changed(EVERYTHING, f"{relation}({EVERYTHING.text}, {np.measure})", np.notes), "what")
@@ -1069,12 +1136,17 @@ def _how_far_between(pair: tuple[Phrase, Phrase]) -> Steps:
     return _how_far_apart(*_apart(pair))
 
 
-@_rule("question", "WHATCOLOR (IS | DOES | OF)* np IS? WITH?")
+@_rule("question", "WHATCOLOR (IS | DOES | OF | WITH)* np IS? WITH?")
 def _what_color(np: Phrase) -> Steps:
     return _told(np, "color")
 
 
-@_rule("question", "key:HOWBIG (IS | OF)? np IS?", "np POSS? key:EXTENT", "(WHAT IS)? DET? key:EXTENT OF np")
+@_rule(
+    "question",
+    "key:HOWBIG (IS | OF | DOES)? np (IS | APPROACH)?",
+    "np POSS? key:EXTENT",
+    "(WHAT IS)? DET? key:EXTENT OF np",
+)
 def _how_big(key: str, np: Phrase) -> Steps:
     of = key if key in ("length", "height", "width") else ""
     return (Do((f'tell({{0.text}}, "size", "", "{of}")',), (replace(np, many=False),)),)
@@ -1166,17 +1238,21 @@ def _is_nearer(np: Phrase, compared: str) -> Condition:
 # ---- what to keep away from
 
 
-@_rule("avoided", "AVOID targets", "GIVE targets BERTH", "GIVE BERTH (TO | FROM | AROUND | FOR) targets")
+@_rule(
+    "avoided", "AVOID (targets | targets:there)", "GIVE targets BERTH", "GIVE BERTH (TO | FROM | AROUND | FOR) targets"
+)
 @_rule(
     "avoided",
-    "(KEEP | STAND | GO)? ATLEAST? (distance | DET? DISTANCE OF? distance) (away | AWAY | SHORT FROM? | EMPTY OF | TO "
-    "| FROM) targets",
+    "(KEEP | STAND | GO | WITH)? ATLEAST? (distance | DET? DISTANCE OF? ATLEAST? distance) ATLEAST? (away | "
+    "AWAY | SHORT FROM? "
+    "| EMPTY OF | TO | FROM) targets",
+    "GIVE (targets | targets:there) ATLEAST? distance (OF (ROOM | BERTH | DISTANCE))?",
     "NEVER (GO | APPROACH) compared THAN distance (TO | FROM | NEAR)* targets",
     "NEVER (GO | APPROACH) IN distance (TO | FROM | NEAR | OF)* targets",
     cost=-0.2,
 )
 def _avoided(targets: tuple[Phrase, ...], distance: Measure | None = None, **_: str) -> Steps:
-    if any(phrase.text == IT for phrase in targets) or (distance and not distance.has_unit):
+    if distance and not distance.has_unit:
         raise CommandError("")
     more = f", {distance.text}" if distance else ""
     notes = distance.note if distance else ()
@@ -1194,9 +1270,9 @@ _words(
 )
 
 
-@_rule("done", "order (COMMA? times)?", "times COMMA? order", "order n:ORD", "order COMMA? said:NOWAIT")
+@_rule("done", "order ((COMMA | STOP)? times)?", "times COMMA? order", "order n:ORD", "order COMMA? said:NOWAIT")
 def _times(order: Steps, times: int = 1, n: int = 1, said: str = "instead") -> Steps:
-    if n != 1 or said not in ("instead", "i meant", "i mean", "rather"):  # "look at the sofa first"
+    if n != 1 or said not in ("instead", "rather"):  # "look at the sofa first"
         raise CommandError("")
     if not 1 <= times <= _MAX_TIMES:
         raise CommandError(f"an order can be repeated from 1 to {_MAX_TIMES} times, found {times}")
@@ -1296,10 +1372,24 @@ def _so(b: Steps) -> Steps:
     return b
 
 
-@_rule("logical", "AMONG np COMMA b:done", cost=0.2)
-def _among(b: Steps, np: Phrase) -> Steps:
-    """Read "among the tables, find the one with the fewest chairs"."""
-    return _put(b, np, among=True)
+@_rule("item", "EXCEPT targets COMMA b:items", cost=0.4)
+def _leaving_out(targets: tuple[Phrase, ...], b: Steps) -> Steps:
+    """Read "apart from the sofa, which seats are there?"."""
+    first, *more = b
+    if not isinstance(first, Do) or not first.phrases or any(one.base == ONE for one in (first.phrases[0], *targets)):
+        raise CommandError("")
+    parts = [Part("filter", f"minus({{}}, {one.argument})", phrase=one) for one in targets]
+    return (replace(first, phrases=(refine(first.phrases[0], parts), *first.phrases[1:])), *more)
+
+
+@_rule(
+    "logical", "b:done (COMMA | AND | STOP | BUT)* NEVER (not_:order | GO | APPROACH) ((COMMA | STOP)+ LOOK)?", cost=0.3
+)
+def _only(b: Steps, not_: Steps = ()) -> Steps:
+    """Read "look at the clock, but don't drive there": what is only looked at is not gone to."""
+    if any(not isinstance(step, Do) or any("move" in line for line in step.lines) for step in b):
+        raise CommandError("")
+    return b
 
 
 @_rule("logical", "NEVER not_:done (COMMA | AND | STOP | EXCEPT | THEN)+ b:done", cost=0.3)
@@ -1308,73 +1398,94 @@ def _but(b: Steps, not_: Steps) -> Steps:
     return b
 
 
-@_rule("logical", "NOT not_:np (COMMA | AND | STOP | EXCEPT | THEN)+ b:done", cost=0.3)
-def _not_but(b: Steps, not_: Phrase) -> Steps:
-    """Read "not the near chair, the other one"."""
-    return _put(b, not_)
-
-
 @_rule("logical", "NEITHER _np NOR _np (COMMA | AND | STOP | EXCEPT | THEN)+ b:done", cost=0.3)
 def _neither_but(b: Steps) -> Steps:
     return b
 
 
-@_rule("item", "topic:np (COMMA | STOP) (b:done | b:question)", cost=0.2)
-@_rule("logical", "named:np MEANT topic:np (COMMA | AND | STOP | THEN)+ b:done", cost=0.1)
-def _topic(topic: Phrase, b: Steps, named: Phrase | None = None) -> Steps:
-    """Read "the lamp by the bed, go to it", "the chair I mean is the one by the desk: go there"."""
-    topic = lent((topic, named))[0] if named else topic
-    first, *more = b
-    if topic.free or not isinstance(first, Do) or all(IT not in phrase.text for phrase in first.phrases):
-        raise CommandError("")
-    phrases = [topic if p.text == IT else replace(p, text=p.text.replace(IT, topic.single)) for p in first.phrases]
-    return (replace(first, phrases=tuple(phrases)), *more)
-
-
-@_rule("introduced", "(relation COMMA?)* EXIST HERE? _dets pre* noun (post | _abreast)*", cost=-0.25)
-@_rule("introduced", "(SEE | SEEQ) _dets (row:ROW OF _dets)? pre* noun (post | _abreast)*")
+@_rule("introduced", "(relation COMMA?)* exist:EXIST HERE? _dets (ROW OF _dets)? pre* noun (post | IT)*", cost=-0.25)
+@_rule("introduced", "(SEE | SEEQ) _dets (row:ROW OF _dets)? pre* noun (post | IT)*")
 def _introduced(
-    noun: Noun, pre: Sequence[Parts] = (), relation: Sequence[Parts] = (), post: Sequence[Parts] = (), row: str = ""
+    noun: Noun,
+    pre: Sequence[Parts] = (),
+    relation: Sequence[Parts] = (),
+    post: Sequence[Parts] = (),
+    row: str = "",
+    exist: str = "",
 ) -> Phrase:
     """Read "at the long table there are two chairs side by side", "the row of chairs in front of the counter"."""
     parts = [part for parts in (*pre, *relation, *post) for part in parts]
     if row:  # what stands in a row along something is next to it
         parts += [Part("filter", f"near({{}}, {part.of})") for part in parts if part.kind == "filter" and part.of]
-    return select(noun, parts)
+    return replace(select(noun, parts), penalty=-1.5 if exist.startswith(("there", "we", "you")) else 0.0)
 
 
-_words("_abreast", "ABREAST | HERE | IT")
 _words("_not_that", "(NOT IT | NOT THAT | NOWAIT) (COMMA | STOP)+")
 
 
-@_rule("logical", "topic:introduced (COMMA | STOP)+ _not_that? (b:done | verb:TAKE np)", cost=-0.1)
-@_rule("logical", "topic:np (COMMA | STOP)+ _not_that b:done", cost=-0.1)
-def _of_introduced(topic: Phrase, b: Steps = (), verb: str = "take", np: Phrase | None = None) -> Steps:
-    """Read "there are two chairs at the table. Go to the left one": the second sentence takes from the first."""
-    if verb != "take":
-        raise CommandError("")
-    steps = _go_to((np,)) if np else b
-    first, *more = steps
-    if topic.free or not isinstance(first, Do) or len(first.phrases) != 1:
-        raise CommandError("")
-    (named,) = first.phrases
-    if named.text == IT:
-        phrase = replace(topic, text=topic.single, many=False) if named.any or not topic.many else topic
-        return (replace(first, phrases=(phrase,)), *more)
-    if (named.base != ONE and LAST not in named.text) or IT in named.text:
-        raise CommandError("")
-    return _put(steps, topic, among=LAST not in named.text)
+@_rule("item", "topic:np (COMMA | STOP)+ b:items", cost=0.2)
+@_rule(
+    "logical",
+    "topic:introduced (COMMA | STOP)+ _not_that? b:items",
+    "topic:np (COMMA | STOP)+ _not_that b:items",
+    cost=-0.1,
+)
+@_rule("logical", "AMONG topic:np (COMMA | STOP)? b:items", cost=0.2)
+@_rule("logical", "named:np MEANT topic:np (COMMA | AND | STOP | THEN)+ b:items", cost=0.1)
+def _of_topic(topic: Phrase, b: Steps, named: Phrase | None = None) -> Steps:
+    """Read "the lamp by the bed, go to it", "there are two chairs at the table. Go to the left one, then the other"."""
+    topic = lent((topic, named))[0] if named else topic
+    return _taken_from(b, topic, replace(topic, base=topic.whole or topic.text))
 
 
-def _put(steps: Steps, named: Phrase, *, among: bool = False) -> Steps:
-    """Return the steps with "one" and "the other" of their first phrase taken from a phrase before it."""
-    first, *more = steps
-    if not isinstance(first, Do) or not first.phrases or named.base == ONE:
+@_rule("logical", "NOT topic:np (COMMA | AND | STOP | EXCEPT | THEN)+ b:done", cost=0.3)
+def _not_but(b: Steps, topic: Phrase) -> Steps:
+    """Read "not the near chair, the other one"."""
+    return _taken_from(b, topic, topic)
+
+
+def _taken_from(steps: Steps, topic: Phrase, group: Phrase) -> Steps:
+    """Return the steps with "it", "one" and "the other" of the first of them taken from what was named before them."""
+    if topic.free or topic.base == ONE:
         raise CommandError("")
-    group = replace(named, base=named.whole or named.text) if among else named
-    phrase = lent((first.phrases[0], group))[0]
-    phrase = replace(phrase, text=phrase.text.replace(LAST, named.single))
-    return (replace(first, phrases=(phrase, *first.phrases[1:])), *more)
+    found: list[Step] = []
+    for step in steps:
+        told = isinstance(step, Do) and step.lines[0].startswith("tell(")
+        phrases = () if isinstance(step, Repeat) else step.phrases
+        taken = tuple(_taken(one, topic, group, told=told, first=not found) for one in phrases)
+        if taken == phrases:
+            break
+        found.append(replace(step, phrases=taken))
+    if not found:
+        raise CommandError("")
+    return (*found, *steps[len(found) :])
+
+
+def _taken(phrase: Phrase, topic: Phrase, group: Phrase, *, told: bool, first: bool) -> Phrase:
+    if phrase.base in (ONE, SAME) and phrase.text != IT:
+        group = topic if LAST in phrase.text else group
+        text = phrase.text.replace(phrase.base, group.base).replace(LAST, topic.single)
+        return replace(
+            phrase, text=text, whole=phrase.whole.replace(phrase.base, group.base), base=group.base, word=topic.word
+        )
+    if not first or IT not in phrase.text:
+        return phrase
+    if phrase.text != IT:
+        return replace(phrase, text=phrase.text.replace(IT, topic.single))
+    if told:
+        return replace(
+            topic, text=topic.whole if topic.many and topic.whole else topic.text, many=False, together=topic.many
+        )
+    return replace(topic, text=topic.single, many=False) if phrase.any else topic
+
+
+@_rule("order", "(verb:TAKE | verb:MAKE | verb:HANDS) targets n:ORD?", cost=0.2)
+def _take_one(verb: str, targets: tuple[Phrase, ...], n: int = 0) -> Steps:
+    """Read "two fridges: take the left one", "do the table first"."""
+    chosen = all(one.base in (ONE, SAME) and one.text != IT for one in targets)
+    if verb not in ("take", "do", "pick", "get") or not (chosen or (verb == "do" and n == 1)):
+        raise CommandError("")
+    return _go_to(targets)
 
 
 @_rule("logical", "EITHER? a:done COMMA? OR b:done", cost=0.5)
@@ -1408,6 +1519,7 @@ def _keeping_away(avoided: Steps, a: Steps = (), b: Steps = ()) -> Steps:
 
 
 _words("_around", "(COMMA | AND | THEN | STOP | BUT)*")
+_rule("wanted", "targets")(_go_to)
 _words("_struck", "(NOWAIT COMMA?)+ items")
 _words("_items", "items")
 
@@ -1428,11 +1540,16 @@ def _in_room(np: Phrase, room: Phrase) -> Steps:
 
 @_rule(
     "start",
-    "_mayhap (items _mayhap)? (_struck _mayhap)* (NOWAIT COMMA?)+ (NOT _np (COMMA | STOP)*)? b:items _mayhap",
+    "_mayhap (items _mayhap)? (_struck _mayhap)* (NOWAIT COMMA?)+ (NOT _np (COMMA | STOP)*)? b:items "
+    "(_mayhap (IS WHAT)? "
+    "NOWAIT)? _mayhap",
+    "_mayhap (items _mayhap)? (b:done COMMA? (IS WHAT)? said:NOWAIT | (NOWAIT COMMA?)* IT IS b:wanted NEED) _mayhap",
     cost=0.05,
 )
-def _instead(b: Steps, items: Steps = ()) -> Steps:
-    """Read "go to the sofa, no wait, the table": what follows replaces the order before it."""
+def _instead(b: Steps, items: Steps = (), said: str = "") -> Steps:
+    """Read "go to the sofa, no wait, the table", "... the table I meant": what follows replaces the order before it."""
+    if said.startswith(("i ", "we ")) and not items:
+        raise CommandError("")
     last, first = items[-1] if items else None, b[0]
     if isinstance(last, Do) and last.phrases and isinstance(first, Do) and first.phrases:
         # "the glass on the counter, no wait, the one on the table"

@@ -402,7 +402,8 @@ class Sets(Grounding):
             nearest[seats[k]] = min(nearest.get(seats[k], np.inf), far)
         return [one for one in pairs if one[1] not in tables or one[2] <= nearest.get(one[0], np.inf) + _CLEARLY_M]
 
-    def _on(self, S: Named, T: Named) -> Things:
+    def _on(self, S: Named, T: Named, *, within: bool = False) -> Things:
+        """Keep what stands on a thing; with ``within`` also what lies under its top, as on the boards of a shelf."""
         if self.room_of(T) is not None:
             return self._inside(S, T)
         things, others = self.things_of(S), self.things_of(T)
@@ -410,9 +411,12 @@ class Sets(Grounding):
         # What stands within a shelf does so by its surface in space rather than by its cells.
         standing |= {i.id for i in things if self._stands_so(i, others, ("on",))}
         hidden = {
-            k: i for k, i in self._hidden(S, T, ("on", "inside")).items() if not self._stands_so(i, others, ("under",))
+            number: i
+            for number, i in self._hidden(S, T, ("on", "inside")).items()
+            if within or not self._stands_so(i, others, ("under",))
         }
-        return self._relate(self._joined(S, hidden), T, standing | {*hidden}, f"on {self.set_of(T).the}")
+        words = f"{'in' if within else 'on'} {self.set_of(T).the}"
+        return self._relate(self._joined(S, hidden), T, standing | {*hidden}, words)
 
     def _under(self, S: Named, T: Named) -> Things:
         things, others = self.things_of(S), self.things_of(T)
@@ -562,9 +566,11 @@ class Sets(Grounding):
         return wall_cells(self.simap) & (self.simap.instance == 0)
 
     def _inside(self, S: Named, R: Any) -> Things:
+        if isinstance(R, str) and R.strip() and self._vocabulary.resolve(R) and not self._rooms_called(R):
+            return self._on(S, R, within=True)
         rooms = self._rooms(R).items if isinstance(R, str) and R else self.set_of(R).items if R else (self._here(),)
         if any(isinstance(room, Instance) for room in rooms):
-            raise CommandError("inside: expected a room, found a thing")
+            return self._on(S, R, within=True)
         if not rooms:
             self.set_of(self._rooms(R) if isinstance(R, str) else R).expect(1)
         ids = {number for room in rooms for number in room.objects}
@@ -944,6 +950,10 @@ class Sets(Grounding):
             return self._end_of_room(room, side)
         thing = self.thing_of(T)
         centroid = np.array(thing.centroid_m[:2])
+        if side == "level":
+            here = np.array([self.viewer.x_m, self.viewer.y_m])
+            ahead = np.array([np.cos(self.viewer.yaw_rad), np.sin(self.viewer.yaw_rad)])
+            return Position(here + ahead * max(float((centroid - here) @ ahead), 0.0))
         way = self.way_of(side, centroid)
         extent = float(((self.cells.edge(thing.id) - centroid) @ way).max()) + self.simap.spec.cell_size_m / 2.0
         beyond = self._radius_m + CLEARANCE_M if metres is None else metres

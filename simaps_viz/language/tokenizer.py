@@ -39,6 +39,11 @@ _POINTS: Final = {tuple(name.split()): degrees for name, degrees in COMPASS_POIN
 _KEYWORDS: Final = tuple(
     sorted(w[0] for w, found in PHRASES.items() if len(w) == 1 and len(w[0]) >= 4 and any(k for k, _ in found))
 ) + tuple(word for word in (*ORDINALS, *NUMBERS) if len(word) >= 4)
+_BEFORE_ORDERS: Final = (*_STOPS, "then")
+_MOTION: Final = re.compile(
+    r"(?:(?:over|across|along|down|round|back|out|off|on|in) (?:to|into|towards|between|by)|into|between|in between)\b"
+)
+"""What only a verb of motion is followed by: "squeeze in between", "skedaddle over to"."""
 _COST_OF_WORD: Final = 0.3
 """Of a token, for each word by which another one that begins there is longer."""
 _COST_OF_HOMONYM: Final = 0.05
@@ -99,6 +104,8 @@ def _without_fillers(
         length = max([vocabulary.match(words[at : at + 6]), _activity(words, at, vocabulary)[1], 1])
         longest, found = phrases[-1] if phrases else (0, [])
         kinds = {kind for kind, _ in found}
+        if at and words[at - 1] in ("the", "a", "that") and words[at + longest - 1] == "one":  # "the little one"
+            kinds.add("ONE")
         if longest >= length and kinds <= {"", "MANNER"}:
             if "MANNER" in kinds:
                 said = " ".join(words[at : at + longest])
@@ -128,6 +135,8 @@ def _edges(kind: str, words: Sequence[str], at: int, vocabulary: Vocabulary) -> 
         yield Edge(name, value, at + length, _COST_OF_WORD * (longest - length) + homonym + room)
     if not found:
         yield Edge("WORD", words[at], at + 1)
+        if (at == 0 or words[at - 1] in _BEFORE_ORDERS) and _MOTION.match(" ".join(words[at + 1 : at + 4])):
+            yield Edge("GO", "go", at + 1, _COST_OF_HOMONYM)
 
 
 def _readings(kind: str, words: Sequence[str], at: int, vocabulary: Vocabulary) -> Iterator[tuple[int, str, object]]:

@@ -15,8 +15,8 @@ expectation, or a list of which any will do; all keys of an expectation have to 
 
 Run it: ``python tests/helpers/spoken.py ROUND.json... [--wrong] [--maps FOLDER]``; FOLDER holds house.npz and
 breakroom.npz, built of the shared sequences (the break room with ``VoteSettings(rounds=0)``, as it was when the rounds
-were written); without it their commands are left out. home.npz and office.npz are the embedded places with light
-errors.
+were written); without it their commands are left out. home.npz, office.npz, canteen.npz and shop.npz
+are the embedded places with light errors.
 """
 
 import argparse
@@ -194,7 +194,7 @@ def _unmet(o: _Outcome, start: Pose2, expect: Mapping[str, Any]) -> str | None:
         "passes": o.passes,
         "avoids": lambda v: scene.off(v[0], o.path).min() >= v[1],
         "answer_value": lambda v: any(_says(said, one) for one in (v if isinstance(v, list) else [v])),
-        "answer_number": lambda v: abs(float(said.get("value") or math.inf) - v[0]) <= v[1],
+        "answer_number": lambda v: isinstance(n := said.get("value"), int | float) and abs(n - v[0]) <= v[1],
         "answer_instances": lambda v: names == set(v),
         "answer_any": lambda v: bool(names) and names <= set(v),
         "stays": lambda v: (moved <= 0.05) == v,

@@ -14,11 +14,14 @@ REACHED = {
     "round7": (26, 0), "round8": (31, 1), "round9": (29, 0),
     "round10": (21, 0), "round11": (22, 1),
 }  # fmt: skip
-"""Of the commands on the maps that are shipped: at least so many right, and at most so many wrong but confident."""
+"""Of the commands on the maps that are shipped: at least so many right, and at most so many wrong but confident.
+
+Rounds 12 and 13 are on none of them.
+"""
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("path", sorted(ROUNDS.glob("round*.json")), ids=lambda path: path.stem)
+@pytest.mark.parametrize("path", [ROUNDS / f"{name}.json" for name in REACHED], ids=lambda path: path.stem)
 def test_what_was_understood_stays_so_and_nobody_sees_a_traceback(path):
     verdicts = judge_round(path)
     shipped = [one for one in json.loads(path.read_text()) if one["map"] in ("cafe", "toy", "toymap")]
