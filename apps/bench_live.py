@@ -1,30 +1,42 @@
 """Print what it costs to watch a map while it is built: `python apps/bench_live.py`. Needs Chromium.
 
-python apps/bench_live.py --robot     # how good and how fresh the map of a simulated robot is; needs no browser
+What follows needs no browser; its robot is simulated.
+
+    python apps/bench_live.py --robot         # how good and how fresh its map is, with faults
+    python apps/bench_live.py --goals         # how soon goals reach it, and whether it arrives
+    python apps/bench_live.py --minutes 5     # memory, while a sequence is played over and over
+    python apps/bench_live.py --changes 20    # what is reported when one chair was moved since an earlier map
 """
 
 import statistics
 import sys
 import tempfile
+from collections import Counter
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 import tyro
-from benchmarks import live_robot
+from benchmarks import live_changes, live_robot
 from benchmarks.live import plain_build, watched_build
-from fake_robot import Faults
+from fake_robot import Faults, FoxgloveServer, ZenohServer
 
 from simaps_viz import open_sequence
 from simaps_viz.app import workbench
+from simaps_viz.build.pipeline import build_map
 from simaps_viz.console.progress import stage_progress
 from simaps_viz.console.terminal import console
+from simaps_viz.datasets.sequence import PosedFrames
 from simaps_viz.datasets.source import JoinedFrames
 from simaps_viz.scenes.demo import ensure_demo
 
 TARGET = 1.30
 DELAY_MS = 100, 250
 """Median and 95th percentile."""
+GOAL_MS = 200
+GROWTH = 0.05
+"""Of memory in the second half, at most, beyond that of the map's area."""
+COMMANDS = ("go to the farthest chair",) * 6
 
 
 @dataclass(frozen=True)
@@ -41,13 +53,25 @@ class BenchLive:
     """Measure live maps of a simulated robot instead."""
     rate_hz: float = 30.0
     """Frames a second of that robot."""
+    goals: bool = False
+    """Measure goals on their way to a simulated robot, by both protocols."""
+    minutes: int = 0
+    """Measure the memory of a live map of so many minutes."""
+    changes: int = 0
+    """Count what is reported of a moved chair, in so many pairs of drives with unsteady poses."""
 
 
 def main(config: BenchLive) -> None:
     """Build by turns with nobody looking and with a page open; from the start to the saved map."""
     console.quiet = True
-    if config.robot:
-        robot(config)
+    for asked, measure in ((config.robot, robot), (config.goals, goals), (config.minutes, loop)):
+        if asked:
+            with stage_progress(quiet=True) as progress:
+                path = config.sequence or ensure_demo(cache_dir=workbench.cache_folder(), progress=progress)
+            measure(config, open_sequence(path))
+            return
+    if config.changes:
+        changes(config)
         return
     with stage_progress(quiet=True) as progress, tempfile.TemporaryDirectory() as name:
         path = config.sequence or ensure_demo(cache_dir=workbench.cache_folder(), progress=progress)
@@ -71,11 +95,11 @@ def main(config: BenchLive) -> None:
                      f"work, target {TARGET:.2f}  {verdict}\n")  # fmt: skip
 
 
-def robot(config: BenchLive) -> None:
-    """Let maps grow from a simulated robot, with faults, and compare them with the build of the same frames."""
-    with stage_progress(quiet=True) as progress:
-        path = config.sequence or ensure_demo(cache_dir=workbench.cache_folder(), progress=progress)
-    sequence = open_sequence(path)
+def robot(config: BenchLive, sequence: PosedFrames) -> None:
+    """Let maps grow from a simulated robot, with faults, and compare them with builds of all and of the same frames."""
+    along_m = float(np.linalg.norm(np.diff(sequence.poses[:, :3, 3], axis=0), axis=1).sum())
+    seconds = len(sequence) / config.rate_hz
+    sys.stdout.write(f"{len(sequence)} frames in {seconds:.0f} s, at {along_m / seconds:.1f} m/s on average\n")
     maps = {}
     for name, faults in live_robot.scenarios(len(sequence) / config.rate_hz).items():
         found = live_robot.live_map(sequence, faults, rate_hz=config.rate_hz)
@@ -83,18 +107,68 @@ def robot(config: BenchLive) -> None:
         counts = f"{found.shots} of {len(sequence)} frames, {found.named} with masks, {found.moved} placed again"
         sys.stdout.write(f"{name}: {counts}, dropped {found.dropped}\n")
         sys.stdout.flush()
-    quality = live_robot.qualities(sequence, maps)
-    for name, pq in quality.items():
+    quality = live_robot.qualities(sequence, maps, config.rate_hz)
+    whole, _ = quality.pop("")
+    sys.stdout.write(f"PQ {whole:.3f}  the build\n")
+    for name, (pq, same) in quality.items():
         target = 0.02 if name == "as it is" else 0.05
-        verdict = f"  {pq - quality['']:+.3f}, at worst -{target}  {'ok' if quality[''] - pq <= target else 'OVER'}"
-        sys.stdout.write(f"PQ {pq:.3f}  {name}{verdict}\n" if name else f"PQ {pq:.3f}  the build\n")
-    delays = live_robot.live_map(sequence, Faults(), rate_hz=config.rate_hz, size=(640, 480)).delays_ms
-    median, p95 = (float(np.percentile(delays, q)) for q in (50, 95))
+        verdict = f"{pq - whole:+.3f}, at worst -{target}  {'ok' if whole - pq <= target else 'OVER'}"
+        sys.stdout.write(f"PQ {pq:.3f}  {name}  {verdict}; the build of the same frames {same:.3f}\n")
+    large = live_robot.live_map(sequence, Faults(), rate_hz=config.rate_hz, size=(640, 480))
+    median, p95 = (float(np.percentile(large.delays_ms, q)) for q in (50, 95))
     verdict = "ok" if median <= DELAY_MS[0] and p95 <= DELAY_MS[1] else "OVER"
     sys.stdout.write(
         f"640x480: from publishing to the map {median:.0f} ms median, {p95:.0f} ms p95, of which "
         f"{Faults().masks_late_s * 1000:.0f} ms are the masks'; targets {DELAY_MS[0]} and {DELAY_MS[1]}  {verdict}\n"
+        f"  {large.busy_ms:.0f} ms of processor time a picture, with the simulated robot's\n"
     )
+
+
+def goals(config: BenchLive, sequence: PosedFrames) -> None:
+    """Let a simulated robot drive on the map of a build."""
+    del config
+    simap = build_map(sequence)
+    for server in (FoxgloveServer(), ZenohServer(nav2=True)):
+        found = live_robot.rides(sequence, simap, server, COMMANDS)
+        ok = max(found.goals_ms) <= GOAL_MS and found.arrived == len(COMMANDS)
+        sys.stdout.write(
+            f"{server.address.partition(':')[0]}: {len(found.goals_ms)} goals came to the robot in "
+            f"{_spread(found.goals_ms)}, target {GOAL_MS}; {found.arrived} of {len(COMMANDS)} drives arrived  "
+            f"{'ok' if ok else 'OVER'}\n"
+            f"  from the command to its first goal there, with the rehearsal: {_spread(found.first_ms)}\n"
+        )
+        sys.stdout.flush()
+
+
+def _spread(times_ms: list[float]) -> str:
+    return f"{statistics.median(times_ms):.0f} ms (median; {max(times_ms):.0f} at most)"
+
+
+def loop(config: BenchLive, sequence: PosedFrames) -> None:
+    """Play a sequence over and over, and look at memory."""
+    seen = []
+    for memory_mb, frames, area_m2 in live_robot.long_play(sequence, config.minutes):
+        seen.append((memory_mb, area_m2))
+        sys.stdout.write(f"minute {len(seen)}: {memory_mb:.0f} MB, {frames} frames kept, {area_m2:.1f} m2\n")
+        sys.stdout.flush()
+    (before_mb, before_m2), (after_mb, after_m2) = seen[len(seen) // 2 - (len(seen) > 1)], seen[-1]
+    growth = after_mb / before_mb - max(after_m2 / before_m2, 1.0)
+    sys.stdout.write(f"memory grew by {growth:+.3f} more than the area in the second half, target {GROWTH}  "
+                     f"{'ok' if growth <= GROWTH else 'OVER'}\n")  # fmt: skip
+
+
+def changes(config: BenchLive) -> None:
+    """Go on with an earlier map after a chair was moved, with steady poses once, and with unsteady ones."""
+    for off_m, off_deg, times in ((0.0, 0.0, 1), (0.02, 1.0, config.changes)):
+        right, wrong = 0, Counter[str]()
+        for seed in range(times):
+            found, others = live_changes.drives(off_m, off_deg, seed)
+            right, wrong = right + found, wrong + others
+        sys.stdout.write(
+            f"poses off by {off_m * 100:.0f} cm and {off_deg:.0f} deg: the chair is reported moved in {right} of "
+            f"{times} pairs of drives; reported and wrong: {dict(wrong) or 'nothing'}\n"
+        )
+        sys.stdout.flush()
 
 
 if __name__ == "__main__":

@@ -3,7 +3,8 @@
     python apps/fake_robot.py ../scans/breakroom --drop 0.1 --restart-s 10
     simaps live foxglove://127.0.0.1:8765 -o map.npz --view
 
-It listens on this machine only. Its pictures are simulated to be live; nothing else about them is.
+It listens on this machine only. Its pictures are simulated to be live; nothing else about them is. Sent a goal, it
+stops playing, and goes there in a straight line, through whatever stands there: also that is simulated.
 """
 
 import contextlib
@@ -31,7 +32,9 @@ from simaps_viz import open_sequence
 from simaps_viz.datasets.association import interpolate_poses
 from simaps_viz.datasets.source import FrameSource
 from simaps_viz.geometry import invert_pose
+from simaps_viz.live import nav2
 from simaps_viz.live.foxglove import PROTOCOLS
+from simaps_viz.live.out import GOAL, GOAL_TYPE
 from simaps_viz.live.robot import message_types
 from simaps_viz.live.zenoh import dds_name
 from simaps_viz.structures import Intrinsics
@@ -49,6 +52,8 @@ OPTICAL, BASE = "camera_optical", "base_link"
 T_BASE_OPTICAL = np.array([[0, 0, 1, 0.1], [-1, 0, 0, 0.0], [0, -1, 0, 0.9], [0, 0, 0, 1.0]])
 TF_HZ = 90.0
 """At times between those of pictures, which come at 30 Hz."""
+DRIVE_HZ, MPS = 30.0, 0.5
+"""Transforms a second of a robot that drives, and its speed, m/s."""
 A_CLASS = 100
 """Ids of masks: so many times the class, and a number of the segment in its frame, so that an id keeps its label."""
 
@@ -78,6 +83,13 @@ class Server(Protocol):
 
     received: list[tuple[str, bytes]]
     """(topic, CDR) of all that clients have published."""
+    on_receive: Callable[[str, bytes], None]
+    """Called with each of them."""
+
+    @property
+    def address(self) -> str:
+        """Where `simaps live` finds it."""
+        ...
 
     def publish(self, topic: str, data: bytes) -> None:
         """Send to all that have subscribed."""
@@ -191,11 +203,19 @@ class FoxgloveServer:
 class ZenohServer:
     """A robot on rmw_zenoh: a router, and a node behind it that publishes as rmw_zenoh does (extra "ros2")."""
 
-    def __init__(self, port: int = 0, *, humble: bool = False) -> None:
-        """Serve on this machine; port 0 = any free one. ``humble``: keys without hashes, as of that version."""
+    def __init__(self, port: int = 0, *, humble: bool = False, nav2: bool = False) -> None:
+        """Serve on this machine.
+
+        Args:
+            port: 0 = any free one.
+            humble: keys without hashes, as of that version.
+            nav2: it also serves the action NavigateToPose.
+        """
         self.received: list[tuple[str, bytes]] = []
+        self.on_receive: Callable[[str, bytes], None] = lambda topic, data: None
         self.port = port or _free_port()
         self._humble = humble
+        self.nav2 = FakeNav2() if nav2 else None
         self._start()
 
     @property
@@ -216,6 +236,8 @@ class ZenohServer:
 
     def close(self) -> None:
         """Stop serving."""
+        if self.nav2 is not None:
+            self.nav2.detach()
         self._node.close()
         self._router.close()
 
@@ -244,8 +266,11 @@ class ZenohServer:
         def take(sample: Any) -> None:
             topic = "/" + "/".join(str(sample.key_expr).split("/")[1:-2])
             self.received.append((topic, bytes(sample.payload)))
+            self.on_receive(topic, bytes(sample.payload))
 
         self._kept.append(self._node.declare_subscriber("0/**", take, allowed_origin=zenoh.Locality.REMOTE))
+        if self.nav2 is not None:
+            self.nav2.attach(zenoh, self._node, humble=self._humble)
 
     def _open(self, mode: str, how: str, endpoint: str) -> Any:
         zenoh: Any = importlib.import_module("zenoh")
@@ -254,6 +279,158 @@ class ZenohServer:
                            **({"listen/endpoints": []} if how == "connect" else {})}.items():  # fmt: skip
             config.insert_json5(key, json.dumps(value))
         return zenoh.open(config)
+
+
+HASHES = {
+    nav2.SEND: (nav2.SEND_TYPE, nav2.SEND_HASHES[0]),
+    nav2.CANCEL: ("action_msgs::srv::dds_::CancelGoal_",
+                  "RIHS01_573d8b0a534451d7bc2ac8c5ffde8ac14b8593b7001175d0cd6516dcbeb8689a"),
+    nav2.RESULT: ("nav2_msgs::action::dds_::NavigateToPose_GetResult_",
+                  "RIHS01_c407920357d566771e8882b4ef4d1f1a84ee922d609920ccd57faa6d6e391dc5"),
+    nav2.STATUS: ("action_msgs::msg::dds_::GoalStatusArray_",
+                  "RIHS01_6c1684b00f177d37438febe6e709fc4e2b0d4248dca4854946f9ed8b30cda83e"),
+    nav2.FEEDBACK: ("nav2_msgs::action::dds_::NavigateToPose_FeedbackMessage_",
+                    "RIHS01_9d1f6fa2eb975ce733b419ac2e97b134d8ff92b6478b6559feed9a50bdfd82b3"),
+}  # fmt: skip
+"""Types of the action's services and topics, and their hashes as of Jazzy."""
+
+
+class FakeNav2:
+    """Serves NavigateToPose as Nav2 does on rmw_zenoh: a new goal ends the one before as aborted."""
+
+    def __init__(self) -> None:
+        """Serve nothing yet."""
+        self.asked: list[bytes] = []
+        """Ids of the goals of all SendGoal requests, as they came,"""
+        self.cancels: list[bytes] = []
+        """and of all CancelGoal requests."""
+        self.states: dict[bytes, int] = {}
+        self.faults: list[str] = []
+        """What a server of ROS would not have understood."""
+        self.accepts, self.cancelable = True, True
+        self.answers = threading.Event()
+        """Goals are answered only while it is set."""
+        self.answers.set()
+        self.on_goal: Callable[[bytes], None] = lambda pose: None
+        """Called with the PoseStamped of each goal that is accepted,"""
+        self.came_ns = 0
+        """which came at this time."""
+        self._lock, self._numbers, self._sent = threading.RLock(), set(), 0
+        self._kept: list[Any] = []
+
+    def attach(self, zenoh: Any, node: Any, *, humble: bool) -> None:
+        """Announce the services and topics of the action."""
+        self._humble, self._types, self._zenoh = humble, message_types(), zenoh
+        answer = {nav2.SEND: self._send_goal, nav2.CANCEL: self._cancel_goal, nav2.RESULT: self._get_result}
+        self._publishers: dict[str, Any] = {}
+        for number, (name, (dds, hashed)) in enumerate(HASHES.items()):
+            end = f"{dds}/{'TypeHashNotSupported' if humble else hashed}"
+            kind = "SS" if name in answer else "MP"
+            entity = f"@ros2_lv/0/{node.info.zid()}/1/{number + 40}/{kind}/%/%/bt_navigator"
+            key = f"0{name}/{end}"
+            if name in answer:
+                served = lambda query, reply=answer[name]: self._serve(query, reply)  # noqa: E731
+                self._kept.append(node.declare_queryable(key, served, complete=True))
+            else:
+                self._publishers[name] = zenoh.ext.declare_advanced_publisher(
+                    node, key, cache=zenoh.ext.CacheConfig(1), publisher_detection=True,
+                    sample_miss_detection=zenoh.ext.MissDetectionConfig(sporadic_heartbeat=0.5),
+                )  # fmt: skip
+            token = f"{entity}/{name.replace('/', '%')}/{end}/{':1:' if name == nav2.STATUS else '::'},10:,:,:,,"
+            self._kept.append(node.liveliness().declare_token(token))
+
+    def detach(self) -> None:
+        """Let the session go."""
+        self.answers.set()
+        self._kept.clear()
+        self._publishers = {}
+
+    def end(self, state: int) -> None:
+        """End the goal that is on its way, if one is."""
+        with self._lock:
+            self.states |= {one: state for one in self.going}
+            self.tell()
+
+    @property
+    def going(self) -> list[bytes]:
+        """Return the ids of goals that are on their way; one at most."""
+        return [one for one, state in self.states.items() if state == nav2.EXECUTING]
+
+    def tell(self) -> None:
+        """Publish the status of all goals."""
+        make = self._types.types
+        never, goals = make["builtin_interfaces/msg/Time"](0, 0), []
+        for goal_id, state in self.states.items():
+            uuid = make["unique_identifier_msgs/msg/UUID"](np.frombuffer(goal_id, np.uint8))
+            goals.append(make["action_msgs/msg/GoalStatus"](make["action_msgs/msg/GoalInfo"](uuid, never), state))
+        self._publish(nav2.STATUS, bytes(self._types.serialize_cdr(make[nav2.STATUS_TYPE](goals), nav2.STATUS_TYPE)))
+
+    def feed_back(self, frame: str, recoveries: int) -> None:
+        """Publish feedback on the goal that is on its way."""
+        name = struct.pack("<iiI", 0, 0, len(frame) + 1) + frame.encode() + b"\0"
+        body = self.going[0] + name
+        body += bytes(-len(body) % 8) + bytes(56 + 16) + struct.pack("<hxxf", recoveries, 1.0)
+        self._publish(nav2.FEEDBACK, b"\0\1\0\0" + body)
+
+    def _publish(self, name: str, data: bytes) -> None:
+        if name in self._publishers:
+            self._publishers[name].put(data, attachment=self._attachment())
+
+    def _attachment(self, asked: bytes = b"") -> bytes:
+        """Return that of a message, or of an answer: its number and sender are those of the request."""
+        self._sent += 1
+        number = struct.unpack_from("<q", asked)[0] if asked else self._sent
+        return struct.pack("<qqB", number, time.time_ns(), 16) + (asked[17:33] or b"n" * 16)
+
+    def _serve(self, query: Any, reply: Callable[[bytes], bytes]) -> None:
+        """Answer a request, as rmw_zenoh takes it: with an attachment, whose number no other request has had."""
+        asked = bytes(query.attachment or b"")
+        if len(asked) != 33 or asked[16] != 16 or asked[17:] + asked[:8] in self._numbers:
+            self.faults.append(f"{query.key_expr}: attachment {asked.hex()}")
+            return
+        self._numbers.add(asked[17:] + asked[:8])
+        data = reply(bytes(query.payload))
+        query.reply(query.key_expr, data, attachment=self._attachment(asked))
+
+    def _send_goal(self, request: bytes) -> bytes:
+        came_ns = time.time_ns()
+        pose, ends = request[:4] + request[20:-5], request[-5:]
+        try:
+            self._types.deserialize_cdr(pose, GOAL_TYPE)
+        except Exception as error:  # what a server cannot read is a fault, whatever is wrong with it
+            self.faults.append(f"goal: {error}")
+        if ends != b"\1\0\0\0\0":
+            self.faults.append(f"behaviour tree: {ends.hex()}")
+        self.asked.append(request[4:20])
+        self.answers.wait()
+        with self._lock:
+            if self.accepts:
+                self.end(nav2.ABORTED)
+                self.states[request[4:20]], self.came_ns = nav2.EXECUTING, came_ns
+                self.on_goal(pose)
+                self.tell()
+        return struct.pack("<4s?xxxii", b"\0\1\0\0", self.accepts, 0, 0)
+
+    def _cancel_goal(self, request: bytes) -> bytes:
+        goal_id, stamp = request[4:20], request[20:]
+        if stamp != bytes(8):
+            self.faults.append(f"cancel: time {stamp.hex()}")
+        with self._lock:
+            self.cancels.append(goal_id)
+            state = self.states.get(goal_id)
+            if state != nav2.EXECUTING or not self.cancelable:
+                code = 1 if state == nav2.EXECUTING else 2 if state is None else 3
+                return struct.pack("<4sbxxxI", b"\0\1\0\0", code, 0)
+            self.end(nav2.CANCELED)
+        return struct.pack("<4sbxxxI16sii", b"\0\1\0\0", 0, 1, goal_id, 0, 0)
+
+    def _get_result(self, request: bytes) -> bytes:
+        state = self.states.get(request[4:20], 0)
+        failed = state == nav2.ABORTED
+        if self._humble:
+            return struct.pack("<4sbB", b"\0\1\0\0", state, 0)
+        text = b"no way there\0" if failed else b"\0"
+        return struct.pack("<4sbxHI", b"\0\1\0\0", state, 9000 if failed else 0, len(text)) + text
 
 
 def _free_port() -> int:
@@ -320,8 +497,7 @@ class Played:
 
     def _transforms(self, stamp_ns: int, at_s: float, *, last: bool) -> bytes:
         """Return the transforms of a time; the last ones of all are corrected."""
-        lap_s = self._times[-1] if last else min(at_s % self.seconds, self._times[-1])
-        pose = interpolate_poses(self._times, self._poses, np.array([lap_s]), max_gap_s=np.inf)[0][0]
+        pose = self._poses[-1] if last else self.camera(at_s)
         every_s = self.faults.correct_s
         corrected_s = at_s if last else at_s // every_s * every_s
         T_odom_base = invert_pose(self.drift(at_s)) @ pose @ invert_pose(T_BASE_OPTICAL)
@@ -345,6 +521,16 @@ class Played:
                 k = Intrinsics(*self.size, k.fx * sx, k.fy * sy, (k.cx + 0.5) * sx - 0.5, (k.cy + 0.5) * sy - 0.5)
             self._made[index] = k, (depth, "16UC1"), (ids, "mono16"), (rgb, "rgb8")
         return self._made[index]
+
+    def camera(self, at_s: float) -> NDArray:
+        """Return T_map_camera [4, 4] at a time."""
+        lap_s = min(at_s % self.seconds, self._times[-1])
+        return interpolate_poses(self._times, self._poses, np.array([lap_s]), max_gap_s=np.inf)[0][0]
+
+    def transforms_at(self, stamp_ns: int, T_map_camera: NDArray) -> bytes:
+        """Return the transforms of a robot elsewhere, whose odometry does not drift."""
+        T = T_map_camera @ invert_pose(T_BASE_OPTICAL)
+        return self._tf(stamp_ns, [("map", "odom", np.eye(4)), ("odom", BASE, T)])
 
     def prepare(self) -> None:
         """Read all frames now, so that playing them costs nothing but sending."""
@@ -399,6 +585,48 @@ class Played:
         return bytes(self.types.serialize_cdr(self.types.types[kind](**fields), kind))
 
 
+class Wheels:
+    """Takes the simulated robot to its goals, by both ways, from where the playing of its sequence has ended."""
+
+    def __init__(self, played: Played, server: Server) -> None:
+        """Listen to the server's goals."""
+        self.played, self.server = played, server
+        self.asked = threading.Event()
+        """A goal has come,"""
+        self.times_ns: list[tuple[int, int]] = []
+        """and when each was made, and has come, by the clock of `time.time_ns`."""
+        self.goal_m: NDArray | None = None
+        self._T = played.camera(0.0)
+        self._nav2 = server.nav2 if isinstance(server, ZenohServer) else None
+        server.on_receive = lambda topic, data: self._go(data) if topic == GOAL else None
+        if self._nav2 is not None:
+            self._nav2.on_goal = self._go
+
+    def drive(self, from_s: float, stop: threading.Event, mps: float = MPS) -> None:
+        """Send transforms of the robot, which stands as at a time of its sequence and goes to its goals."""
+        self._T = self.played.camera(from_s)
+        while not stop.wait(1.0 / DRIVE_HZ):
+            if self._nav2 is not None and self._nav2.states and not self._nav2.going:
+                self.goal_m = None  # it was cancelled
+            if self.goal_m is not None:
+                ahead = self.goal_m - (self._T @ invert_pose(T_BASE_OPTICAL))[:2, 3]
+                left_m = float(np.linalg.norm(ahead))
+                self._T[:2, 3] += ahead * min(mps / DRIVE_HZ / max(left_m, 1e-9), 1.0)
+                if left_m <= mps / DRIVE_HZ:
+                    self.goal_m = None
+                    if self._nav2 is not None:
+                        self._nav2.end(nav2.SUCCEEDED)
+            self.server.publish("/tf", self.played.transforms_at(time.time_ns(), self._T))
+
+    def _go(self, pose: bytes) -> None:
+        came_ns = time.time_ns() if self._nav2 is None else self._nav2.came_ns
+        goal = self.played.types.deserialize_cdr(pose, GOAL_TYPE)
+        at, stamp = goal.pose.position, goal.header.stamp
+        self.times_ns.append((stamp.sec * 10**9 + stamp.nanosec, came_ns))
+        self.goal_m = np.array([at.x, at.y])
+        self.asked.set()
+
+
 def play(played: Played, server: Server, *, laps: int = 1, stop: threading.Event | None = None) -> None:
     """Send the messages of a sequence at their times, and restart the server when it is due."""
     began_s, restarts = time.monotonic(), 0
@@ -445,10 +673,12 @@ class FakeRobot:
 def main(config: FakeRobot) -> None:
     """Play until Ctrl-C."""
     played = Played(open_sequence(config.path), config.faults, rate_hz=config.rate_hz, color=True)
-    server = ZenohServer(config.port) if config.zenoh else FoxgloveServer(config.port)
-    print(f"simaps live {server.address} -o map.npz --view")
+    server = ZenohServer(config.port, nav2=True) if config.zenoh else FoxgloveServer(config.port)
+    wheels, began_s = Wheels(played, server), time.monotonic()
+    print(f"simaps live {server.address} -o map.npz --view --drive")
     with contextlib.suppress(KeyboardInterrupt):
-        play(played, server, laps=config.laps)
+        play(played, server, laps=config.laps, stop=wheels.asked)
+        wheels.drive(time.monotonic() - began_s, threading.Event())
 
 
 if __name__ == "__main__":

@@ -19,6 +19,10 @@ from .events import Observer as Observer
 from .exports.exporter import ExportOptions as ExportOptions
 from .exports.formats import export_map as export_map
 from .mapping.accumulator import ProjectionSettings as ProjectionSettings
+from .mapping.building import Building as Building
+from .mapping.building import Floor as Floor
+from .mapping.building import Stairs as Stairs
+from .mapping.building import load_building as load_building
 from .mapping.evidence import EvidenceSettings as EvidenceSettings
 from .mapping.file import load_map as load_map
 from .mapping.file import save_map as save_map

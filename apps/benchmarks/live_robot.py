@@ -1,26 +1,32 @@
-"""How good and how fresh a live map is: a simulated robot plays a sequence, as it is and with faults."""
+"""How good and how fresh a live map is, and how soon goals come: a simulated robot plays a sequence, and drives."""
 
+import resource
 import tempfile
 import threading
 import time
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
-from fake_robot import Faults, FoxgloveServer, Played, play
+from fake_robot import Faults, FoxgloveServer, Played, Server, Wheels, ZenohServer, play
 
 from simaps_viz.build.pipeline import BuildConfig, build_map
 from simaps_viz.datasets.sequence import PosedFrames
 from simaps_viz.errors import InputError
 from simaps_viz.evaluation.quality import score
 from simaps_viz.evaluation.truth import find_truth, truth_of
+from simaps_viz.live.drive import Driver
 from simaps_viz.live.foxglove import FoxgloveLink
 from simaps_viz.live.out import MapPublisher
-from simaps_viz.live.robot import RobotSource
+from simaps_viz.live.robot import RobotLink, RobotSource
 from simaps_viz.live.run import LiveRequest, LiveRun
 from simaps_viz.live.source import Shot, Traffic
 from simaps_viz.live.topics import TopicNames
-from simaps_viz.structures import SIMap
+from simaps_viz.live.zenoh import ZenohLink
+from simaps_viz.structures import Frame, Segmentation, SIMap
 
 PATIENCE_S = 60.0
 SILENT_S = 4.0
@@ -38,6 +44,8 @@ class Outcome:
     dropped: dict[str, int]
     delays_ms: np.ndarray
     """From the depth picture's publishing to its cells on the map; it waits for its masks, which are late by some."""
+    busy_ms: float
+    """Processor time for each picture, with that of the simulated robot."""
 
 
 class _Timed(Traffic):
@@ -54,11 +62,20 @@ def live_map(
     sequence: PosedFrames, faults: Faults, *, rate_hz: float = 30.0, size: tuple[int, int] | None = None
 ) -> Outcome:
     """Let a map grow from a simulated robot; pictures are read beforehand, so that playing costs only sending."""
-    played = Played(sequence, faults, rate_hz=rate_hz, size=size)
+    played, traffic = Played(sequence, faults, rate_hz=rate_hz, size=size), _Timed()
     played.prepare()
-    server, traffic = FoxgloveServer(), _Timed()
-    source = RobotSource(FoxgloveLink(server.address), TopicNames(), color=False, traffic=traffic)
-    found: list[SIMap] = []
+    with _growing(FoxgloveServer(), traffic) as (run, server, found):
+        busy_s = time.process_time()
+        play(played, server)
+        busy_ms = (time.process_time() - busy_s) * 1000 / len(sequence)
+    delays_ms = np.array(traffic.delays_ms)
+    return Outcome(found[0], traffic.placed, traffic.named, run.moved, traffic.dropped, delays_ms, busy_ms)
+
+
+@contextmanager
+def _growing(server: Server, traffic: Traffic) -> Iterator[tuple[LiveRun, Server, list[SIMap]]]:
+    """Let a map grow from what a server sends until the block ends, and wait for the map."""
+    source, found = _source(server, traffic), []
     with tempfile.TemporaryDirectory() as folder:
         observers = (MapPublisher(source),)
         request = LiveRequest(
@@ -71,13 +88,87 @@ def live_map(
         while source.chosen is None and time.monotonic() < end_s:
             time.sleep(0.05)
         time.sleep(1.0)
-        play(played, server)
+        yield run, server, found
         thread.join(PATIENCE_S + SILENT_S)
         source.close()
         server.close()
     if not found:
         raise InputError("the live map: expected one, found that its run had failed")
-    return Outcome(found[0], traffic.placed, traffic.named, run.moved, traffic.dropped, np.array(traffic.delays_ms))
+
+
+def _source(server: Server, traffic: Traffic) -> RobotSource:
+    link: RobotLink = (ZenohLink if isinstance(server, ZenohServer) else FoxgloveLink)(server.address)
+    return RobotSource(link, TopicNames(), color=False, traffic=traffic)
+
+
+def long_play(sequence: PosedFrames, minutes: int) -> Iterator[tuple[float, int, float]]:
+    """Play a sequence over and over; return after each minute: memory in MB, frames kept, and the map's area in m2."""
+    played, stop = Played(sequence, Faults()), threading.Event()
+    played.prepare()
+    laps = int(60 * minutes / played.seconds) + 2
+    with _growing(FoxgloveServer(), Traffic()) as (run, server, _):
+        player = threading.Thread(target=play, args=(played, server), kwargs={"laps": laps, "stop": stop})
+        player.start()
+        for _ in range(minutes):
+            time.sleep(60.0)
+            grid = run.growing.map_so_far().grid
+            area_m2 = float(np.isfinite(grid.height_m).sum()) * grid.spec.cell_size_m**2
+            yield _memory_mb(), run.growing.frames, area_m2
+        stop.set()
+        player.join()
+
+
+def _memory_mb() -> float:
+    pages = int(Path("/proc/self/statm").read_text().split()[1])
+    return pages * resource.getpagesize() / 2**20
+
+
+@dataclass(frozen=True)
+class Rides:
+    """Times of rides by one protocol."""
+
+    arrived: int
+    first_ms: list[float]
+    """From the command to its first goal at the robot, with the rehearsal."""
+    goals_ms: list[float]
+    """From each goal's being made to the robot."""
+
+
+def rides(sequence: PosedFrames, simap: SIMap, server: Server, commands: Sequence[str]) -> Rides:
+    """Let a simulated robot drive where commands lead, one after the other, on the map of its sequence."""
+    played, stop, traffic = Played(sequence, Faults()), threading.Event(), Traffic()
+    wheels, source = Wheels(played, server), _source(server, traffic)
+    driver = Driver(source, lambda: simap, lambda: True, allowed=True)
+    mover = threading.Thread(target=wheels.drive, args=(0.0, stop), kwargs={"mps": 2.0})
+    mover.start()
+    arrived, first_ms = 0, []
+    try:
+        driver.switch(True)
+        _wait(lambda: (source.take(0.0), source.robot())[1] is not None)
+        for command in commands:
+            before, began_ns = len(wheels.times_ns), time.time_ns()
+            driver.go(command)
+            if not driver.words().startswith("Driving"):
+                raise InputError(f"{command}: expected a drive, found: {driver.words()}")
+            _wait(lambda before=before: len(wheels.times_ns) > before)
+            first_ms.append((wheels.times_ns[before][1] - began_ns) / 1e6)
+            _wait(lambda: not driver.words().startswith(("Driving", "Waiting")))
+            arrived += driver.words() == "Arrived."
+    finally:
+        driver.close()
+        stop.set()
+        mover.join()
+        source.close()
+        server.close()
+    return Rides(arrived, first_ms, [(came - made) / 1e6 for made, came in wheels.times_ns])
+
+
+def _wait(until: Callable[[], bool]) -> None:
+    end_s = time.monotonic() + PATIENCE_S
+    while not until():
+        if time.monotonic() > end_s:
+            raise InputError("the simulated robot: expected an answer, found none")
+        time.sleep(0.01)
 
 
 def scenarios(seconds: float) -> dict[str, Faults]:
@@ -92,12 +183,38 @@ def scenarios(seconds: float) -> dict[str, Faults]:
     }
 
 
-def qualities(sequence: PosedFrames, maps: dict[str, SIMap]) -> dict[str, float]:
-    """Return the panoptic quality of maps of a sequence, and under "" that of its build, all by the same truth.
+def qualities(sequence: PosedFrames, maps: dict[str, SIMap], rate_hz: float) -> dict[str, tuple[float, float]]:
+    """Return the panoptic quality of maps of a sequence, and that of builds of the frames that are on each.
 
-    A robot's map lies in the world of its poses, which is the sequence's map frame.
+    Under "" is the build of all frames, twice. All are judged by the same truth. A robot's map lies in the world of its
+    poses, which is the sequence's map frame.
     """
     built = build_map(sequence)
     truth = truth_of(built, find_truth(sequence))
-    placed = {name: replace(one, T_map_world=built.T_map_world) for name, one in maps.items()}
-    return {name: score(one, truth).overall.pq or 0.0 for name, one in {"": built, **placed}.items()}
+    quality = lambda one: score(replace(one, T_map_world=built.T_map_world), truth).overall.pq or 0.0  # noqa: E731
+    found = {"": (quality(built), quality(built))}
+    for name, one in maps.items():
+        times = np.array([float(at) for at in one.frame_names])
+        at = np.rint((times - times[-1]) * rate_hz).astype(int) + len(sequence) - 1  # the last frame is on each map
+        found[name] = quality(one), quality(build_map(_Some(sequence, at.clip(0))))  # type: ignore[arg-type]
+    return found
+
+
+class _Some:
+    """Some frames of a sequence."""
+
+    def __init__(self, whole: PosedFrames, at: np.ndarray) -> None:
+        self._whole, self._at, self.poses = whole, at.tolist(), whole.poses[at]
+        self.frame_names = tuple(whole.frame_names[i] for i in self._at)
+
+    def __len__(self) -> int:
+        return len(self._at)
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._whole, name)
+
+    def read(self, index: int, **how: Any) -> Frame:
+        return replace(self._whole.read(self._at[index], **how), index=index)
+
+    def segmentation(self, index: int) -> Segmentation:
+        return self._whole.segmentation(self._at[index])

@@ -5,10 +5,12 @@ Pictures and masks are shown upright, however the camera was held.
 
 import threading
 from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 
 from numpy.typing import NDArray
 
+from simaps_viz.datasets.floors import indices_of
 from simaps_viz.datasets.open import open_sequence
 from simaps_viz.datasets.sequence import PosedFrames
 from simaps_viz.errors import InputError
@@ -57,6 +59,24 @@ def segmentation_services(simap: SIMap, cache: Path) -> SegmentationServices:
         sequence, masks = open_frames(simap, cache)
     except InputError as error:
         return SegmentationServices(source=source, notes=(f"The frames of this map are not at hand: {error}.",))
+    services = _services(sequence, masks, source, cache)
+    at = indices_of(simap.frame_names, sequence)
+    if at is None or services.look is None or services.retry is None:
+        return services
+    # The map of a floor: its frames are some of the recording's.
+    look, retry = services.look, services.retry
+    return replace(
+        services,
+        frame_names=simap.frame_names,
+        look=lambda index: look(at[index]),
+        retry=lambda index, values: retry(at[index], values),
+    )
+
+
+def _services(
+    sequence: PosedFrames, masks: PosedFrames | WithMasks | None, source: str, cache: Path
+) -> SegmentationServices:
+    """Return what the panel of masks can do with the frames of a sequence."""
     simulated = (SIMULATED,) if sequence.simulated else ()
     if masks is None:
         note = "The masks this map was built from are no longer kept; build it again to see them."

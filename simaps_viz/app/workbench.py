@@ -16,6 +16,7 @@ from simaps_viz.build.pipeline import BuildConfig
 from simaps_viz.build.to_file import build_complete, is_complete, open_history
 from simaps_viz.console.progress import StageProgress
 from simaps_viz.console.terminal import note
+from simaps_viz.datasets.floors import SomeFrames, indices_of
 from simaps_viz.datasets.sequence import PosedFrames
 from simaps_viz.datasets.source import FrameSource
 from simaps_viz.errors import InputError, PlanningError
@@ -53,14 +54,19 @@ def cached_build(
     return build_complete(sequence, method, config, output, record, progress), record
 
 
-def sequence_of(simap: SIMap) -> PosedFrames | WithMasks | None:
-    """Open the sequence a map was built from, with the masks of that build; None if either no longer exists."""
+def sequence_of(simap: SIMap) -> PosedFrames | WithMasks | SomeFrames | None:
+    """Open the sequence a map was built from, with the masks of that build; None if either no longer exists.
+
+    Of the map of a floor, these are the frames of that floor.
+    """
     from simaps_viz.app.masks import open_frames  # noqa: PLC0415 - viser is slow to import
 
     try:
-        return open_frames(simap, cache_folder())[1]
+        found = open_frames(simap, cache_folder())[1]
     except InputError:
         return None
+    at = None if found is None else indices_of(simap.frame_names, found)
+    return found if found is None or at is None else SomeFrames(found, at, simap.T_map_world)
 
 
 def open_workbench(
@@ -158,7 +164,7 @@ def services_of(
     from simaps_viz.recorder.facts import read_levels  # noqa: PLC0415 - rerun is slow to import
     from simaps_viz.viewer.page.services import Services  # noqa: PLC0415 - viser is slow to import
 
-    opened: list[PosedFrames | WithMasks] = []
+    opened: list[PosedFrames | WithMasks | SomeFrames] = []
 
     def view(index: int) -> tuple[np.ndarray, np.ndarray] | None:
         if not opened:  # the frames may come while the page is open

@@ -16,6 +16,8 @@ if TYPE_CHECKING:
     from simaps_viz.build.to_file import BuildRequest
     from simaps_viz.console.progress import StageProgress
     from simaps_viz.datasets.source import FrameSource
+    from simaps_viz.embedding.towers import Embedding
+    from simaps_viz.structures import SIMap
 
 
 @dataclass(frozen=True)
@@ -29,7 +31,8 @@ class Build:
     """Folder in the posed-frames/1 format, or its manifest (.json); or a recording in another format (docs/FORMATS.md).
     Several are put on one map: their poses have to be in one world frame."""
     output: Annotated[Path, tyro.conf.arg(aliases=["-o"])]
-    """Map file to write (.npz)."""
+    """Map file to write (.npz). A name that ends in .json makes a building: a map for each floor that the recording
+    goes over, NAME-floor-1.npz and so on beside it, the lowest first, and the stairs between them."""
     mapping: Annotated[MappingOptions, tyro.conf.arg(name="")] = field(default_factory=MappingOptions)
     segmentation: str = "precomputed"
     """Where segments come from: "precomputed" (the ones the sequence has), a network (.onnx: YOLO-seg, Mask2Former,
@@ -70,13 +73,19 @@ class Build:
         from simaps_viz.build.to_file import BuildRequest, build_to_file, resume_hint
         from simaps_viz.console.progress import stage_progress
         from simaps_viz.console.terminal import report
+        from simaps_viz.datasets.floors import find_floors
         from simaps_viz.io.files import check_ending
 
         request = BuildRequest(
             self.mapping.method, self.mapping.config(), self.output, self.record,
             resume=self.resume, strict=self.strict, history=self.history,
         )  # fmt: skip
-        check_ending(self.output, ".npz", "a map's name")
+        building = self.output.suffix.lower() == ".json"
+        if not building:
+            check_ending(self.output, ".npz", "a map's name", "a building's in .json")
+        elif self.view or self.scheduler is not None:
+            option = "--view" if self.view else "--scheduler"
+            raise InputError(f"{option}: expected a map's name (.npz), found a building's, {self.output}")
         if self.view:
             self._watch(request)
             return OK
@@ -87,13 +96,17 @@ class Build:
 
             embedding = open_embedding(*self.embedding)
         with stage_progress(quiet=self.json) as progress:
-            sequence = self._opened(progress)
+            sequence = self._opened(progress, floors=building)
+            if building:
+                return self._build_floors(sequence, request, embedding, progress)
             with self._gatherer(sequence) as gatherer, resume_hint(self.output):
                 simap = build_to_file(sequence, request, progress, json_lines=self.json, gatherer=gatherer)
             if embedding is not None:
                 simap = describe_to_file(simap, sequence, embedding, self.output, progress)
         skipped: int = simap.provenance.get("skipped", {}).get("frames", 0)
         notes: list[str] = [*getattr(sequence, "notes", ()), *(embedding.notes if embedding else ())]
+        if (floors := len(find_floors(sequence))) > 1:
+            notes.append(f"it goes over {floors} floors, and a map holds one: -o NAME.json makes a map for each")
         record = {"event": "done", "map": str(self.output), "record": str(self.record) if self.record else None,
                   "counts": simap.counts(), "instances": len(simap.instances), "skipped": skipped,
                   "notes": notes, "seconds": progress.clock.seconds()}  # fmt: skip
@@ -107,6 +120,35 @@ class Build:
         )
         return OK
 
+    def _build_floors(
+        self, sequence: "FrameSource", request: "BuildRequest", embedding: "Embedding | None", progress: "StageProgress"
+    ) -> int:
+        """Build a building, and print what is on each floor."""
+        from simaps_viz.app.workbench import counts_in_words
+        from simaps_viz.build.building import build_building
+        from simaps_viz.console.terminal import report
+        from simaps_viz.embedding.describe import describe_to_file
+
+        def finish(simap: "SIMap", part: "FrameSource", path: Path) -> "SIMap":
+            return simap if embedding is None else describe_to_file(simap, part, embedding, path, progress)
+
+        building, counts = build_building(sequence, request, progress, json_lines=self.json, finish=finish)
+        notes: list[str] = [*getattr(sequence, "notes", ()), *(embedding.notes if embedding else ())]
+        found = list(zip(building.floors, counts, strict=True))
+        floors = [
+            {"number": one.number, "map": str(one.map), "height_m": one.height_m, "counts": count}
+            for one, count in found
+        ]
+        report(
+            {"event": "done", "building": str(self.output), "floors": floors, "stairs": len(building.stairs),
+             "notes": notes, "seconds": progress.clock.seconds()},
+            *(f"{sequence.path}: {text}" for text in notes),
+            *(f"{f.map}: floor {f.number}, {f.height_m:.2f} m: {counts_in_words(count)}" for f, count in found),
+            f"Look at it: simaps view {self.output} --floor {len(floors)}",
+            json=self.json,
+        )  # fmt: skip
+        return OK
+
     def _watch(self, request: "BuildRequest") -> None:
         from simaps_viz.app.live import watch_build
         from simaps_viz.console.progress import stage_progress
@@ -118,8 +160,8 @@ class Build:
             sequence = self._opened(progress)
         watch_build(sequence, request, port=self.port, browser=self.browser)
 
-    def _opened(self, progress: "StageProgress") -> "FrameSource":
-        """Open the sequences, joined where there are several."""
+    def _opened(self, progress: "StageProgress", *, floors: bool = False) -> "FrameSource":
+        """Open the sequences, joined where there are several; ``floors``: of one building, they may be on several."""
         from simaps_viz.build.cache import cache_folder
         from simaps_viz.cli.segment import open_segmented
         from simaps_viz.datasets.source import JoinedFrames
@@ -133,7 +175,7 @@ class Build:
             )
             for path in self.sequence
         ]  # fmt: skip
-        return opened[0] if len(opened) == 1 else JoinedFrames(opened)
+        return opened[0] if len(opened) == 1 else JoinedFrames(opened, floors=floors)
 
     def _gatherer(self, sequence: "FrameSource") -> "AbstractContextManager[RemoteGatherer | None]":
         """Return the workers that read the frames; None where this process does."""

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 _ONLY_WITH = {
     "counts": "instances", "picture": "instances", "record": "instances", "discrete": "navigation",
-    "judge": "navigation",
+    "judge": "navigation", "predictions": "ap",
 }  # fmt: skip
 """Options that the other tasks would ignore."""
 
@@ -33,11 +33,12 @@ class Evaluate:
 
     sequence: tyro.conf.Positional[str]
     """Sequence folder or manifest with exact ids, or "demo" for the embedded café, or
-    "demo:home", "demo:office", "demo:canteen" or "demo:shop"."""
-    task: Literal["instances", "3d", "navigation", "ablation"] = "instances"
+    "demo:home", "demo:office", "demo:canteen" or "demo:shop". With --task ap a map file (.npz)."""
+    task: Literal["instances", "3d", "navigation", "ablation", "ap"] = "instances"
     """instances: is every object one instance? 3d: the same in space, with boxes and what is on and under what.
     navigation: a simulated robot carries out generated commands. ablation: what each piece of method evidence is
-    worth."""
+    worth. ap: a map on the mesh of a ScanNet or Replica scan (--truth), by the average precision of ScanNet,
+    ScanNet200 or Replica."""
     methods: str = ",".join(METHOD_NAMES)
     """Separated by commas; also components-highest, paper-k9 and paper-literal."""
     errors: str = ""
@@ -49,13 +50,15 @@ class Evaluate:
     counts: str = ""
     """Numbers counted by eye on a real scan, such as chair=11,table=2."""
     truth: Path | None = None
-    """Manifest with exact ids, where it is not beside the sequence."""
+    """Manifest with exact ids, where it is not beside the sequence. ap: the scan's folder."""
     commands: int = 100
     """Navigation: how many commands a scene."""
     discrete: bool = False
     """Navigation: move in steps of 0.1 m and turns of 5°, as VLMaps does."""
     judge: Path | None = None
     """Navigation: also write the runs for people to judge in the workbench (simaps judge)."""
+    predictions: Path | None = None
+    """ap: write the instances here as files that the benchmark's own script scores."""
     picture: Path | None = None
     """Draw the maps side by side (.png)."""
     record: Path | None = None
@@ -77,7 +80,9 @@ class Evaluate:
                 raise InputError(f"--{option}: expected --task {task}, found --task {self.task}")
         for method in split_names("methods", self.methods):
             check_method(method)
-        tasks = {"instances": _instances, "3d": _space, "navigation": _navigation, "ablation": _ablation}
+        tasks = {
+            "instances": _instances, "3d": _space, "navigation": _navigation, "ablation": _ablation, "ap": _ap,
+        }  # fmt: skip
         task = tasks[self.task]
         with stage_progress(quiet=self.json) as progress:
             text, record = task(self, progress)
@@ -179,6 +184,21 @@ def _ablation(settings: Evaluate, progress: "StageProgress") -> tuple[str, dict[
     sequence, asked = _opened(settings, progress, "none", "light", "medium", "heavy")
     report = evaluate_variants(sequence, ablations(), build=build_map, **asked)
     return ablation_table(report).text(), _written(settings, report_json(report))
+
+
+def _ap(settings: Evaluate, progress: "StageProgress") -> tuple[str, dict[str, Any]]:
+    from simaps_viz.evaluation.average_precision import evaluate_mesh
+    from simaps_viz.mapping.file import load_map
+
+    asked = Evaluate(settings.sequence)
+    if any(getattr(settings, name) != getattr(asked, name) for name in ("methods", "errors", "seeds")):
+        raise InputError("--task ap: expected only a map, found --methods, --errors or --seeds of maps to build")
+    if settings.truth is None:
+        raise InputError("--task ap: expected the folder of a ScanNet or Replica scan with --truth, found none")
+    progress("scoring on the benchmark's mesh", 0, 1)
+    text, record = evaluate_mesh(load_map(Path(settings.sequence)), settings.truth, settings.predictions)
+    progress("scoring on the benchmark's mesh", 1, 1)
+    return text, _written(settings, {"map": settings.sequence, **record})
 
 
 def _opened(settings: Evaluate, progress: "StageProgress", *errors: str) -> "tuple[PosedFrames, dict[str, Any]]":

@@ -9,20 +9,23 @@ import tyro
 from simaps_viz.cli import OK
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from rich.table import Table
 
+    from simaps_viz.mapping.building import Building
     from simaps_viz.structures import SIMap
 
 
 @dataclass(frozen=True)
 class Info:
-    """Describe what is on a map.
+    """Describe what is on a map, or on all floors of a building.
 
     Example: simaps info cafe.npz
     """
 
     map: tyro.conf.Positional[Path]
-    """Map file (.npz)."""
+    """Map file (.npz), or building file (.json)."""
     edits: bool = True
     """Include the edits made by hand (MAP.edits.json)."""
     json: bool = False
@@ -31,14 +34,48 @@ class Info:
     def run(self) -> int:
         """Print the map's facts as tables, or as JSON."""
         from simaps_viz.console.terminal import emit, show
+        from simaps_viz.mapping.building import is_building, load_building
         from simaps_viz.mapping.mending import load_mended
 
-        facts = summary(load_mended(self.map, edits=self.edits))
+        if is_building(self.map):
+            building = load_building(self.map)
+            facts = building_summary(building, [load_mended(f.map, edits=self.edits) for f in building.floors])
+            tables = building_tables(facts)
+        else:
+            facts = summary(load_mended(self.map, edits=self.edits))
+            tables = map_tables(facts)
         if self.json:
             emit(facts)
         else:
-            show(*map_tables(facts))
+            show(*tables)
         return OK
+
+
+def building_summary(building: "Building", maps: "Sequence[SIMap]") -> dict[str, Any]:
+    """Return a building's facts, JSON-able; ``maps`` are those of its floors."""
+    floors = []
+    for floor, simap in zip(building.floors, maps, strict=True):
+        facts = summary(simap)
+        kept = {name: facts[name] for name in ("seen_m2", "frames", "counts", "rooms")}
+        floors.append({"number": floor.number, "map": str(floor.map), "height_m": floor.height_m, **kept})
+    return {"name": building.name, "floors": floors, "stairs": [asdict(one) for one in building.stairs]}
+
+
+def building_tables(facts: dict[str, Any]) -> "list[Table]":
+    """Lay out a building's facts, see `building_summary`: a table of its floors, then one of its stairs."""
+    from rich.table import Table
+
+    floors = Table("floor", "height m", "seen m²", "frames", "objects", "map", title=f"{facts['name']}",
+                   title_justify="left")  # fmt: skip
+    for one in facts["floors"]:
+        objects = ", ".join(f"{label} ({count})" for label, count in one["counts"].items())
+        floors.add_row(str(one["number"]), f"{one['height_m']:.2f}", f"{one['seen_m2']:.1f}", str(one["frames"]),
+                       objects, one["map"])  # fmt: skip
+    stairs = Table("stairs", "from x, y m", "to x, y m", title_justify="left")
+    for one in facts["stairs"]:
+        ends = (", ".join(f"{v:.2f}" for v in one[end]) for end in ("foot_m", "head_m"))
+        stairs.add_row(f"floor {one['lower']} to {one['lower'] + 1}", *ends)
+    return [floors, stairs]
 
 
 def summary(simap: "SIMap") -> dict[str, Any]:

@@ -49,9 +49,9 @@ class Live:
     list: bool = False
     """Only list what the robot offers, and what would be used of it."""
     publish: bool = True
-    """Send the robot the map (/si_map), its objects and planned paths; --no-publish sends nothing."""
+    """Send the robot the map (/si_map), its objects and planned paths; --no-publish sends drives' paths only."""
     drive: bool = False
-    """Let the page's switch "Drive the real robot" send goals (/goal_pose) to the robot; needs --view."""
+    """Let the page's switch "Drive the real robot" send goals to the robot's Nav2; needs --view."""
     pace: Literal["real", "fast"] = "real"
     """A sequence: its frames come at their own times, or as fast as they can be read, and then none goes without
     masks."""

@@ -19,7 +19,10 @@ class View:
     """
 
     path: tyro.conf.Positional[Path]
-    """Map file (.npz), sequence (folder, manifest or another format's file); or a recorded build (.rrd) alone."""
+    """Map file (.npz), building file (.json), sequence (folder, manifest or another format's file); or a recorded build
+    (.rrd) alone."""
+    floor: int | None = None
+    """Floor of a building, the lowest is 1."""
     segmentation: str = "precomputed"
     """Masks of a sequence: "precomputed", a network (.onnx) or a COCO panoptic table (.json), as for simaps build."""
     network: Annotated[Networks, tyro.conf.arg(name="")] = field(default_factory=Networks)
@@ -40,8 +43,11 @@ class View:
         from simaps_viz.cli.segment import PRECOMPUTED, open_segmented
         from simaps_viz.console.progress import stage_progress
         from simaps_viz.datasets.open import is_sequence
+        from simaps_viz.mapping.building import is_building, map_of
         from simaps_viz.mapping.mending import load_mended, open_mending
 
+        if self.floor is not None or is_building(self.path):
+            return replace(self, path=map_of(self.path, self.floor), floor=None).run()
         serving = self.serving.options()
         if is_recorded_build(self.path):
             view_alone(self.path, **replace(self.serving, allow_edit=False, read_only=True).options())

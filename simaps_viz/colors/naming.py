@@ -24,6 +24,8 @@ COLOR_WORDS = frozenset({*_OTHER_NAMES, *_VAGUE})
 
 _CLOSE = 4.0
 """Of two examples whose distances differ by less than this, a person might name either."""
+_NEARLY = 6.0
+"""The same for a vivid colour where nothing else in question has it."""
 _LIGHTNESS = 0.8
 """Share with which lightness counts: it depends on the light more than the hue does."""
 _VIVID = 30.0
@@ -60,12 +62,13 @@ def color_name(rgb: tuple[int, int, int]) -> str:
     return _NAMES[int(_NAME_OF[_distances(rgb).argmin()])]
 
 
-def has_color(rgb: tuple[int, int, int], word: str) -> bool:
+def has_color(rgb: tuple[int, int, int], word: str, *, nearly: bool = False) -> bool:
     """Whether a colour may be called by a word; at the edges of names, a colour has several.
 
     Args:
         rgb: the colour, 0 to 255.
         word: a word of `COLOR_WORDS`, in whatever case.
+        nearly: also a vivid colour that a person would call so where nothing else has it.
 
     Raises:
         InputError: the word is none of them.
@@ -81,7 +84,8 @@ def has_color(rgb: tuple[int, int, int], word: str) -> bool:
     if wanted in _VAGUE:
         return float(np.hypot(a, b)) > _COLORFUL
     distances = _distances(rgb)
-    near = {_NAMES[i] for i in _NAME_OF[distances <= distances.min() + _CLOSE]}
+    close = _NEARLY if nearly and float(np.hypot(a, b)) > _COLORFUL else _CLOSE
+    near = {_NAMES[i] for i in _NAME_OF[distances <= distances.min() + close]}
     return bool(near & set(_OTHER_NAMES[wanted]))
 
 

@@ -38,7 +38,7 @@ BELOW_CAMERA_M = (0.2, 10.0)
 
 
 @dataclass(frozen=True, eq=False)
-class _Surface:
+class Surface:
     """Sampled surface points of all frames."""
 
     points: NDArray
@@ -88,7 +88,7 @@ def find_gravity(frames: Iterable[Frame], *, up: NDArray | None = None) -> Gravi
     try:
         return Gravity(*estimate_gravity(frames, up=up))
     except InputError:
-        poses, surface = np.stack([frame.T_world_camera for frame in frames]), _sample_surface(frames)
+        poses, surface = np.stack([frame.T_world_camera for frame in frames]), sample_surface(frames)
     if up is None:
         unit_up, source = _up_without_floor(surface, poses)
         up_note = f"no floor is in view: up is {source} (--up X,Y,Z states it)"
@@ -99,7 +99,7 @@ def find_gravity(frames: Iterable[Frame], *, up: NDArray | None = None) -> Gravi
     return Gravity(unit_up, floor_height_m, up_note, floor_note)
 
 
-def _floor_or_lowest(surface: _Surface, poses: NDArray, up: NDArray) -> tuple[float, str]:
+def _floor_or_lowest(surface: Surface, poses: NDArray, up: NDArray) -> tuple[float, str]:
     """Return the floor's height, or that of what is taken for it, and what that is: "" for the floor itself."""
     try:
         return _floor_height(surface, poses, up), ""
@@ -110,7 +110,7 @@ def _floor_or_lowest(surface: _Surface, poses: NDArray, up: NDArray) -> tuple[fl
     return float(np.median(poses[:, :3, 3] @ up)) - UNSEEN_FLOOR_M, f"{UNSEEN_FLOOR_M:g} m below the cameras"
 
 
-def _up_without_floor(surface: _Surface, poses: NDArray) -> tuple[NDArray, str]:
+def _up_without_floor(surface: Surface, poses: NDArray) -> tuple[NDArray, str]:
     """Return the direction that all walls stand along, or else the cameras' upper sides' mean, and what it is."""
     held = _priors(poses)[0]
     held = held if np.linalg.norm(held) > NO_PRIOR else -poses[0, :3, 1]
@@ -150,7 +150,7 @@ def estimate_gravity(frames: Iterable[Frame], *, up: NDArray | None = None) -> t
         InputError: There are too few surface points, or no plane that faces up lies below the cameras.
     """
     frames = list(frames)
-    surface = _sample_surface(frames)
+    surface = sample_surface(frames)
     if len(surface.points) < FEWEST_POINTS:
         raise InputError(f"expected surfaces to estimate up and the floor from, found {len(surface.points)} points")
     poses = np.stack([frame.T_world_camera for frame in frames])
@@ -163,7 +163,8 @@ def estimate_gravity(frames: Iterable[Frame], *, up: NDArray | None = None) -> t
     return found_up, _floor_height(surface, poses, found_up)
 
 
-def _sample_surface(frames: list[Frame]) -> _Surface:
+def sample_surface(frames: list[Frame]) -> Surface:
+    """Return surface points of all frames, with their normals and areas; not where depth has edges."""
     points, normals, areas_m2 = [], [], []
     for frame in frames:
         k = frame.intrinsics
@@ -183,7 +184,7 @@ def _sample_surface(frames: list[Frame]) -> _Surface:
         points.append(corner[valid] @ rotation.T + frame.T_world_camera[:3, 3])
         normals.append(normal @ rotation.T)
         areas_m2.append(area_m2)
-    return _Surface(np.concatenate(points), np.concatenate(normals), np.concatenate(areas_m2))
+    return Surface(np.concatenate(points), np.concatenate(normals), np.concatenate(areas_m2))
 
 
 def _priors(poses: NDArray) -> list[NDArray]:
@@ -229,11 +230,11 @@ def _refine_direction(normals: NDArray, direction: NDArray) -> NDArray:
     return direction
 
 
-def _floor_height(surface: _Surface, poses: NDArray, up: NDArray) -> float:
+def _floor_height(surface: Surface, poses: NDArray, up: NDArray) -> float:
     """The height along ``up`` of the lowest plane of a good share of the upward-facing area below the cameras."""
     camera_height_m = float(np.median(poses[:, :3, 3] @ up))
     below_m = camera_height_m - surface.points @ up
-    chosen = _faces_up(surface, up) & (below_m > BELOW_CAMERA_M[0]) & (below_m < BELOW_CAMERA_M[1])
+    chosen = faces_up(surface, up) & (below_m > BELOW_CAMERA_M[0]) & (below_m < BELOW_CAMERA_M[1])
     heights = camera_height_m - below_m[chosen]
     if len(heights) < 50:
         raise InputError(f"expected a floor below the cameras, found {len(heights)} points that face up")
@@ -247,13 +248,13 @@ def _floor_height(surface: _Surface, poses: NDArray, up: NDArray) -> float:
     return float(np.median(heights[np.abs(heights - centre) < FLOOR_BAND_M]))
 
 
-def _fit_plane(surface: _Surface, up: NDArray, height_m: float) -> NDArray:
+def _fit_plane(surface: Surface, up: NDArray, height_m: float) -> NDArray:
     """Return the normal of the plane through the floor's points: their direction of least spread.
 
     Raises:
         InputError: too few points are there, or they lie too far away for numbers to tell.
     """
-    near = _faces_up(surface, up) & (np.abs(surface.points @ up - height_m) < FLOOR_BAND_M)
+    near = faces_up(surface, up) & (np.abs(surface.points @ up - height_m) < FLOOR_BAND_M)
     points = surface.points[near]
     spread = _spread(points) if len(points) >= FEWEST_FLOOR_POINTS else None
     if spread is None or not np.isfinite(spread).all():
@@ -269,7 +270,8 @@ def _spread(points: NDArray) -> NDArray:
         return centred.T @ centred
 
 
-def _faces_up(surface: _Surface, up: NDArray) -> NDArray:
+def faces_up(surface: Surface, up: NDArray) -> NDArray:
+    """Return which points [n] lie on surface that faces up ([3], unit length) within 20 degrees, bool."""
     return surface.normals @ up > np.cos(np.deg2rad(20.0))
 
 

@@ -6,6 +6,7 @@ which camera it was. 7-Scenes itself, and 3DMatch's copies of it, have the raw p
 stand 25 mm apart, so depth is carried over to the colour camera.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -37,7 +38,14 @@ KINECT_COLOR_FOCAL = 525.0
 KINECT_BASELINE_M = 0.025
 """The colour camera stands so far to the right of the depth camera."""
 KINECT_NOTE = "depth and colour are of a Kinect's two cameras: depth is registered to colour, 25 mm beside it"
-CAMERA_FILES = ("camera-intrinsics.txt", "info.txt", "_info.txt", "intrinsics.txt", "camera-intrinsics.color.txt")
+APC_CAMERA, APC_UNIT_M = "camera-intrinsics.color.txt", 0.0001
+"""The camera as MIT and Princeton's Amazon challenge recordings name it, and their metres a step of depth."""
+CAMERA_FILES = ("camera-intrinsics.txt", "info.txt", "_info.txt", "intrinsics.txt", APC_CAMERA, "intrinsics.K.txt")
+ROTATED_BITS = 3
+"""SUN3D's depth images, and those of its authors' later datasets, have their bits rotated left by so many."""
+ROTATED_NOTE = "depth has its bits rotated by three, as SUN3D stores it: they are rotated back"
+ROTATED_SHARE, ROTATED_DISTINCT = 0.9, 64
+"""Of a picture's distinct values, at least so many, this share has 0 or 1 in its lowest bits; of others a quarter."""
 
 
 class SevenScenesReader(Reader):
@@ -59,8 +67,11 @@ class SevenScenesReader(Reader):
         width, height = first_readable(lambda i: image_size(color_files[i]), len(names))
         camera = _camera(path, width, height)
         unit_m = camera.unit_m or FACTS.depth_unit_m
-        raw = depth_png(unit_m, invalid=INVALID)
+        raw, notes = depth_png(unit_m, invalid=INVALID), camera.notes
         sample = first_readable(lambda i: raw(depth_files[i]), len(names))
+        if camera.unit_m is None and _is_rotated(sample / np.float32(unit_m)):
+            unit_m = camera.rotated_unit_m
+            raw, notes = _rotated_back(unit_m), (*notes, ROTATED_NOTE)
         depth_lens = camera.depth.scaled(sample.shape[1], sample.shape[0])
         T_world_camera, registered = matched.poses, raw
         if camera.T_color_depth is not None:
@@ -76,7 +87,7 @@ class SevenScenesReader(Reader):
             frame_names=names,
             poses=T_world_camera,
             depth_unit_m=unit_m,
-            notes=(*matched.notes, *camera.notes),
+            notes=(*matched.notes, *notes),
             faults=matched.faults,
         )
 
@@ -91,6 +102,8 @@ class _Camera:
     """Where depth is not seen through the colour camera's place: takes its points there, [4, 4]."""
     unit_m: float | None = None
     """Metres a step of depth, where the recording says so."""
+    rotated_unit_m: float = FACTS.depth_unit_m
+    """The same, where depth's bits turn out to be rotated."""
     notes: tuple[str, ...] = ()
 
 
@@ -114,7 +127,7 @@ def _camera(path: Path, width: int, height: int) -> _Camera:
     if file is not None:
         lens = matrix_lens(str(file), width, height, camera_matrix(file))
         if lens != kinect:
-            return _Camera(lens, lens)
+            return _Camera(lens, lens, rotated_unit_m=APC_UNIT_M if file.name == APC_CAMERA else FACTS.depth_unit_m)
     elif not (path.resolve().name.startswith("seq-") or _is_raw(path)):
         raise InputError(
             f"{path}: expected a camera in {CAMERA_FILES[0]} (3x3, pixels) or {CAMERA_FILES[1]}, there or in "
@@ -132,6 +145,24 @@ def _is_raw(path: Path) -> bool:
     """Return whether depth is as 7-Scenes has it, 65535 where there is none, in its first picture."""
     depth_m = read_depth(next(iter(_files(path, "depth").values())), 1.0)
     return bool((depth_m == INVALID).any())
+
+
+def _is_rotated(steps: NDArray) -> bool:
+    """Whether the lowest bits of a depth image [H, W], in stored steps, are those that only far depth sets."""
+    distinct = np.unique(np.rint(steps[steps > 0]).astype(np.uint16))
+    far = distinct & (2**ROTATED_BITS - 1)
+    return len(distinct) >= ROTATED_DISTINCT and float(np.mean(far <= 1)) >= ROTATED_SHARE
+
+
+def _rotated_back(unit_m: float) -> Callable[[Path], NDArray]:
+    """Return a reader of 16-bit images whose bits are rotated left: metres, 0 = no reading."""
+
+    def read(path: Path) -> NDArray:
+        steps = read_depth(path, 1.0).astype(np.uint16)
+        steps[steps == INVALID] = 0
+        return (steps >> ROTATED_BITS | steps << (16 - ROTATED_BITS)) * np.float32(unit_m)
+
+    return read
 
 
 def _from_info(file: Path, width: int, height: int) -> _Camera:

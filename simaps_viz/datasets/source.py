@@ -188,8 +188,12 @@ class JoinedFrames:
     The map frame is that of the first; a frame is called by its sequence and its name there.
     """
 
-    def __init__(self, sequences: Sequence[FrameSource]) -> None:
+    def __init__(self, sequences: Sequence[FrameSource], *, floors: bool = False) -> None:
         """Join them.
+
+        Args:
+            sequences: of one world frame.
+            floors: they may be on different floors, for a building.
 
         Raises:
             InputError: they cannot be of one world frame, a class is a thing in one and none in another, or there are
@@ -200,7 +204,7 @@ class JoinedFrames:
         self.sequences = tuple(sequences)
         first = self.sequences[0]
         for other in self.sequences[1:]:
-            _check_same_world(first, other)
+            _check_same_world(first, other, floors=floors)
         called = _distinct([sequence.name for sequence in self.sequences])
         self.name: str = " + ".join(called) if len(called) <= 3 else f"{called[0]} and {len(called) - 1} more"
         self.path: Path = Path(BETWEEN.join(str(sequence.path) for sequence in self.sequences))
@@ -264,7 +268,7 @@ def _distinct(names: Sequence[str]) -> list[str]:
     return given
 
 
-def _check_same_world(first: FrameSource, other: FrameSource) -> None:
+def _check_same_world(first: FrameSource, other: FrameSource, *, floors: bool) -> None:
     """Sequences of one world frame agree on up and on the floor; whether x and y are shared, nobody can tell here."""
     ours, theirs = first.T_map_world, other.T_map_world
     tilt_deg = float(np.degrees(np.arccos(np.clip(ours[2, :3] @ theirs[2, :3], -1.0, 1.0))))
@@ -273,10 +277,10 @@ def _check_same_world(first: FrameSource, other: FrameSource) -> None:
             f"{other.path}: expected the world frame of {first.path}, found another up, {tilt_deg:.1f} degrees off"
         )
     step_m = abs(float(ours[2, 3] - theirs[2, 3]))
-    if step_m > MAX_STEP_M:
+    if step_m > MAX_STEP_M and not floors:
         raise InputError(
             f"{other.path}: expected the world frame and the floor of {first.path}, found a floor {step_m:.2f} m off; "
-            "a map has one floor"
+            "a map has one floor (-o NAME.json makes a building, with a map for each)"
         )
 
 

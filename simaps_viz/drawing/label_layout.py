@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from typing import NamedTuple
 
-from simaps_viz.structures import SIMap
+from simaps_viz.structures import Instance, SIMap
 
 LINE_PX = 18.0
 """Height of a text's plate."""
@@ -42,8 +42,19 @@ class Label(NamedTuple):
         return self.x - self.reach_x, self.y - self.reach_y, self.x + self.reach_x, self.y + self.reach_y
 
 
+def label_of(text: str, one: Instance) -> Label:
+    """Return a label next to an instance."""
+    (x0, y0, _), (x1, y1, _) = one.aabb_m
+    return Label(text, (x0 + x1) / 2, (y0 + y1) / 2, (x1 - x0) / 2, (y1 - y0) / 2)
+
+
 def spread(
-    labels: Sequence[Label], metres_per_px: float, blocked: Sequence[Box] = ()
+    labels: Sequence[Label],
+    metres_per_px: float,
+    blocked: Sequence[Box] = (),
+    *,
+    within: Box | None = None,
+    named: Label | None = None,
 ) -> list[tuple[float, float] | None]:
     """Choose the positions of texts, seen from above with north up, so that none covers another.
 
@@ -53,12 +64,14 @@ def spread(
         labels: the most important first.
         metres_per_px: on the floor; texts keep their size on the screen.
         blocked: what should not be covered.
+        within: where texts are seen whole.
+        named: a text that stands above its object already, and is not covered.
 
     Returns:
         the middle of each text, map frame; None where there is no room for it. The first always has a position.
     """
     things = [*blocked, *(label.box for label in labels if label.reach_x or label.reach_y)]
-    taken: list[Box] = []
+    taken = [] if named is None else [_above(named, metres_per_px)]
     middles: list[tuple[float, float] | None] = []
     for label in labels:
         width, height = text_size(label.text, metres_per_px)
@@ -66,7 +79,8 @@ def spread(
         boxes = [(x - width / 2, y - height / 2, x + width / 2, y + height / 2) for x, y in places]
         alone = [i for i, box in enumerate(boxes) if not any(_cover(box, other) for other in taken)]
         free = [i for i in alone if not any(_cover(boxes[i], thing) for thing in things)]
-        chosen = next(iter([*free, *alone]), None if taken else 0)
+        whole = [i for i in (*free, *alone) if within is None or _inside(boxes[i], within)]
+        chosen = next(iter([*whole, *free, *alone]), None if middles else 0)
         middles.append(None if chosen is None else places[chosen])
         if chosen is not None:
             taken.append(boxes[chosen])
@@ -108,6 +122,17 @@ def _candidates(label: Label, width: float, height: float, metres_per_px: float)
         for dx, dy in directions
         if dy or not ring
     ]
+
+
+def _above(label: Label, metres_per_px: float) -> Box:
+    """Return the plate of a text above its object, a line high and two letters wider on either side."""
+    width, height = text_size(f"{label.text}    ", metres_per_px)
+    low = label.y + label.reach_y
+    return label.x - width / 2, low, label.x + width / 2, low + 2 * height
+
+
+def _inside(a: Box, b: Box) -> bool:
+    return b[0] <= a[0] and b[1] <= a[1] and a[2] <= b[2] and a[3] <= b[3]
 
 
 def _cover(a: Box, b: Box) -> bool:

@@ -17,6 +17,8 @@ from simaps_viz.mapping.changes import changes_in
 from simaps_viz.mapping.in_space import all_instances, has_voxels
 from simaps_viz.structures import Instance, SIMap
 
+MAX_ROWS = 8
+"""Classes that a page's legend shows at once; the others are folded up."""
 MAX_CHIPS = 40
 """Instances of a class that get their own colour chip; more are summed up."""
 
@@ -95,8 +97,10 @@ def facts_html(simap: SIMap, instance: Instance) -> str:
 
 
 def _one_of(simap: SIMap, label: str) -> str:
+    seen = simap.counts().get(label, 0)
     count = sum(one.label == label for one in all_instances(simap))
-    return f"one of {count}" if count > 1 else "the only one"
+    below = f", {count - seen} of them below other things" if 0 < seen < count else ""
+    return f"one of {count}{below}" if count > 1 else "the only one"
 
 
 def _size(instance: Instance) -> str:
@@ -121,16 +125,30 @@ def legend_html(simap: SIMap, mode: ColorMode, theme: Theme = LIGHT, *, buttons:
     if mode == "height":
         bar = _bar("0 m", f"{HEIGHT_TOP_M:g} m and more", "height of the highest point over the floor")
         return _box(f"{bar}{_unseen(theme)}")
-    if mode == "photo":
-        return _box(f"<div>as the cameras saw it; from above, objects are outlined</div>{_unseen(theme)}")
     if mode == "observations":
         most = int(simap.grid.observations.max(initial=0))
         return _box(f"{_bar('0', plural(most, 'frame'), 'frames that saw the cell, logarithmic')}{_unseen(theme)}")
-    rows = [CHIP_STYLE, *(_class_rows(simap, buttons) if mode == "class" else _instance_rows(simap, buttons))]
+    rows = _class_rows(simap, buttons) if mode == "class" else _instance_rows(simap, buttons)
+    if buttons and len(rows) > MAX_ROWS + 1:
+        more = f"<summary>{len(rows) - MAX_ROWS} more classes</summary>{''.join(rows[MAX_ROWS:])}"
+        rows = [*rows[:MAX_ROWS], f'<details class="simaps-more">{more}</details>']
+    if mode == "photo":
+        return _box(
+            f"{CHIP_STYLE}<div>as the cameras saw it; objects are outlined</div>{''.join(rows)}{_unseen(theme)}"
+        )
+    rows += [_note(text) for text in _repeats(simap, mode)]
     ground = (("wall", theme.wall), ("not named", theme.clutter), ("floor", theme.floor), ("never seen", theme.unseen))
     names = "".join(f'<span class="simaps-entry">{chip(color)}{name}</span>' for name, color in ground)
-    rows.append(f'<div style="margin-top:.5em">{names}</div>')
-    return _box("".join(rows))
+    return _box(f'{CHIP_STYLE}{"".join(rows)}<div style="margin-top:.5em">{names}</div>')
+
+
+def _repeats(simap: SIMap, mode: ColorMode) -> list[str]:
+    """Return the note that colours repeat, where there are more classes or objects than colours."""
+    if mode == "class" and len(simap.counts()) > len(PALETTE):
+        return [f"{len(PALETTE)} colours for {len(simap.counts())} classes: those that touch differ, others repeat."]
+    if mode == "instance" and len(simap.instances) > len(PALETTE):
+        return ["Objects near one another have different colours; farther off, colours repeat."]
+    return []
 
 
 def _unseen(theme: Theme) -> str:
@@ -140,13 +158,10 @@ def _unseen(theme: Theme) -> str:
 def _class_rows(simap: SIMap, buttons: bool) -> list[str]:
     colors = class_colors(simap)
     counts = simap.counts()
-    rows = [
+    return [
         f'<div class="simaps-entry">{chip(colors[label])}{_class_entry(label, count, buttons)}</div>'
         for label, count in counts.items()
     ]
-    if len(counts) > len(PALETTE):
-        rows.append(_note(f"{len(PALETTE)} colours for {len(counts)} classes: those that touch differ, others repeat."))
-    return rows
 
 
 def _class_entry(label: str, count: int, buttons: bool) -> str:
@@ -174,8 +189,6 @@ def _instance_rows(simap: SIMap, buttons: bool) -> list[str]:
         rest = f" +{count - MAX_CHIPS}" if count > MAX_CHIPS else ""
         entry = _class_entry(label, count, buttons)
         rows.append(f'<div><span class="simaps-entry">{entry}</span>{chips}{rest}</div>')
-    if len(simap.instances) > len(PALETTE):
-        rows.append(_note("Objects near one another have different colours; farther off, colours repeat."))
     return rows
 
 

@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from simaps_viz.datasets.floors import SomeFrames
 from simaps_viz.datasets.manifest import few
 from simaps_viz.datasets.open import open_sequence
 from simaps_viz.datasets.sequence import PosedFrames
@@ -180,7 +181,12 @@ def find_truth(sequence: PosedFrames, given: Path | None = None) -> PosedFrames:
 
 
 def exact_of(sequence: FrameSource) -> PosedFrames | None:
-    """Return the sequence with exact ids of the same frames, as `find_truth` does; None when there is none."""
+    """Return the sequence with exact ids of the same frames, as `find_truth` does; None when there is none.
+
+    Of the frames of a floor, it is the complete sequence.
+    """
+    if isinstance(sequence, SomeFrames):
+        sequence = sequence.complete
     if not isinstance(sequence, PosedFrames):
         return None
     try:

@@ -13,10 +13,11 @@ from typing import IO
 from simaps_viz.errors import InputError
 
 
-def check_ending(path: Path, suffix: str, what: str) -> None:
+def check_ending(path: Path, suffix: str, what: str, other: str = "") -> None:
     """Raise InputError unless a path has an ending, by which programs that open the file recognise it."""
     if path.suffix.lower() != suffix:
-        raise InputError(f"{path}: expected {what} that ends in {suffix}, found {path.suffix or 'no ending'}")
+        ends = f"{suffix} ({other})" if other else suffix
+        raise InputError(f"{path}: expected {what} that ends in {ends}, found {path.suffix or 'no ending'}")
 
 
 def check_output(path: Path, suffix: str = "") -> None:

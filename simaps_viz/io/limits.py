@@ -34,6 +34,8 @@ MAX_LINKED_CELL = 1 << 15
 """The same where links of cells are counted (method paper): 1638 m; a link's key has 16 bits for each number."""
 MAX_EDITS_BYTES = 1 << 26
 """Bytes of an edits file."""
+MAX_BUILDING_BYTES = 1 << 22
+"""Bytes of a building file."""
 MAX_MEMBER_BYTES = 1 << 28
 """Bytes of a file inside an archive, unpacked."""
 MAX_NAME = 200

@@ -24,6 +24,8 @@ _POLITE: Final = re.compile(
     r"be (?:an?|my|so|very) (?:\w+ )?\w+ (?:and|enough to|as to)|do (?:me|us) an? (?:\w+ )?favou?r and|"
     rf"(?:why (?:do not|don['’]?t|not)|how about)(?: {_WHO}\b)?(?! (?:is|are)\b)|"
     r"would it be (?:\w+ ){1,3}?(?:to ask you to|for you to|if you (?:would|could))|"
+    r"(?:could|can|may|might) (?:i|we) (?:ask|trouble|bother|persuade|get|have|convince|request|invite|tempt) "
+    r"you (?:to|for)|"
     r"(?:is there )?any chance (?:that )?you (?:can|could|might)|before (?:we|you|i) do anything else|"
     # "I can't for the life of me remember how many ..."
     r"(?:i|we) (?:\w+ )?(?:can(?:['’]?t|\s?not)|(?:could|do|did)(?:n['’]?t| not))(?: \w+){0,6}? "
@@ -54,11 +56,54 @@ _TAG: Final = re.compile(
 )
 """Small questions at the end: "..., would you?"."""
 _HEADING: Final = re.compile(
-    r"^\W*(?:[\w'’]+ ){0,3}(?:tour|tour time|round|plan|route|mission|task|errand|job|trip|schedule)\s*[:!]"
+    r"^\W*(?:[\w'’]+ ){0,3}(?:tour|tour time|rounds?|plan|route|mission|task|errand|job|trip|schedule|lap|"
+    r"circuit|loop|zigzag|itinerary|things|stops|places|errands|stations)(?: for (?:me|us))?\s*[:!]"
     r"|^\W*before (?:we|you|i) (?:leave|go|start|begin)\s*[:,]"
 )
 """What only names what follows: "evening tour:"."""
-_OPENING: Final = re.compile(r"^\W*(?:(?:right so|so|and|um+|uh+|okay|ok|yeah|well|hmm+|er+|uhm)\b[\s,]*)+")
+_ATTRIBUTE: Final = re.compile(
+    r"\b(?:(?:please )?(?:give|tell|say|state|report|name|measure|determine|calculate|estimate|find out|work "
+    r"out|read|let me know|"
+    r"show|read out|(?:i|we) (?:need|want|would like)(?: to know| you to tell me)?|do you know)(?: me| us| to me)?)"
+    r"(?: (?:about|for|of))? (?:what )?(?:(?:the|its|their) (?:\w+ )?)?"
+    r"(?=(?:distance|colou?r|height|width|length of|size|area of|footprint|breadth|dimensions|number of|count "
+    r"of|position|location|whereabouts)\b)"
+)
+"""How an attribute is asked for: "tell me the colour of", "I need the distance to"."""
+_GOT: Final = re.compile(r"\b(?:has|have) ((?:the|my|our|your|this|that|any|an?) [\w ]{2,30}?) got\b")
+_PAST: Final = {
+    "went": "go", "came": "come", "drove": "drive", "took": "take", "brought": "bring", "told": "tell",
+    "stood": "stand",
+    "moved": "move", "rolled": "roll", "headed": "head", "stopped": "stop", "turned": "turn", "looked": "look",
+    "waited": "wait", "parked": "park", "showed": "show", "walked": "walk", "faced": "face", "visited": "visit",
+}  # fmt: skip
+_WISHED: Final = re.compile(rf"\bif you (?:{_SOFTLY})({'|'.join(_PAST)})\b")
+"""What is wished for in the past tense: "I would be glad if you went"."""
+_MODAL: Final = re.compile(
+    r"\b(?:would|could|might|can|will) (?=(?:the|my|our|your|there|an?|any|this|that|these|those)\b)"
+    r"([^,.;:!?]{2,60}?)\b(?:happen to |possibly |perhaps |by any chance )?be\b"
+)
+"""What is asked by way of a possibility: "might the bag be under the bench"."""
+_ALL_OF: Final = re.compile(
+    r",\s*(?:every (?:single )?one|all|each(?: and every)?(?: one)?|the lot) of (?:them|those)(?=\s*(?:[,.;!?]|$))"
+)
+"""What only repeats that all are meant: "the bins, every one of them"."""
+_WHO_PUT: Final = re.compile(
+    r"(?<=\w) (?:that |which )?(?:somebody|someone|people|they|we|i|you|he|she)(?: had| have)? (?:stuck|put|"
+    r"left|hid|set|laid|"
+    r"kept|placed|stored|stashed|shoved|tucked|dropped|parked|forgot|stuffed|chucked|dumped)(?: down| away| up)? "
+    r"(?=(?:in|on|under|underneath|beneath|below|at|by|near|next to|behind|between|beside|inside|against)\b)"
+)
+"""Who put there what is spoken of: "the bag I left under the bench"."""
+_NEGATIVE: Final = re.compile(
+    r"(?:(?<=^)|(?<=[,.;:!?] ))(is|are|does|do|has|have)n['’]t (?=(?:there|it|the|this|they|we|you)\b[^,.;:!?]*\?)()"
+)
+"""What is asked by way of its denial: "isn't there a lamp on the table?"."""
+_LARGEST: Final = re.compile(r"\btakes? up (?:the )?most (?:of the )?(?:floor|space|room|area)(?: space)?\b")
+_OPENING: Final = re.compile(
+    r"^\W*(?:(?:right so|right(?: then)?(?=\s*,\s*(?!left|right|then|forward|back|straight|and|turn|go)|\s*:)|"
+    r"so|and|um+|uh+|okay|ok|yeah|well|hmm+|er+|uhm)\b[\s,]*)+"
+)
 _IS: Final = re.compile(r"\b(that|it|there|what|where|here|which|who|how)['’]s\b")
 _SHORT: Final = re.compile(r"\b(i|you|we|they|he|she|it|that|there|who|what|where|this)['’](m|d|re|ve|ll)\b")
 _LEFT: Final = re.compile(r"\b((?:(?:is|are) there|there (?:is|are)) (?:\w+ ){1,3})left\b(?! of| side| hand)")
@@ -83,10 +128,12 @@ _ENDS: Final = re.compile(
     r"|\s(?=(?:because|cause|cos|so(?! (?:that (?:it|the|you)|far|much|many)))\b)"
 )
 """Where a clause ends; the second kind of end takes no letter."""
-_PURPOSE: Final = re.compile(rf"{_ENDS.pattern}|\s(?=to (?!the\b|an?\b|my\b|our\b|your\b|this\b|that\b)\w+ \w+)")
+_PURPOSE: Final = re.compile(
+    rf"{_ENDS.pattern}|\s(?=to (?!the\b|an?\b|my\b|our\b|your\b|this\b|that\b)\w+ \w+|where (?:i|we|one) can \w+)"
+)
 """Where a clause or "to get rid of this cup" begins."""
 _SUBJECT: Final = (
-    r"he|she|they|it|this|that|there|here|some(?:body|one)|every(?:body|one)|people|my|our|his|her|their|the|an?|some|"
+    r"he|she|they|it|this|that|there|here|some(?:body|one|thing)|every(?:body|one)|people|my|our|his|her|their|the|an?|some|"
     r"these|those|all|your eyes|you (?:are|were|have been|look|seem)"
 )
 _STATEMENT: Final = re.compile(
@@ -95,7 +142,8 @@ _STATEMENT: Final = re.compile(
     r"(?!want|need|would|like|wish|should|must|mean|meant|can\b|could|go\b|visit|see\b|"
     r"(?:am|are) (?:looking|searching|after))\w+"
     rf"|(?:{_SUBJECT})\b.*\b(?:is|are|was|were|am|has|have|had|been|wants?|needs?|looks?|seems?|smells?|said|says|told|hurts?|aches?|feels?|asked|will|"
-    r"can|could|did|does|left|lost|came|went|\w+n['’]?t|\w{2,}ed)\b"
+    r"can|could|did|does|left|lost|came|went|forgot|put|dropped|fell|hid|sat|slept|stood|took|threw|bought|brought|broke|thought|"
+    r"knew|met|made|saw|gave|got|found|kept|ate|drank|wrote|ran|hung|meant|sold|spilt|\w+n['’]?t|\w{2,}ed)\b"
     r"|(?:my|our|his|her) \w+ \w+s\b|(?:he|she) \w+s\b|\w+s (?:are|were|have)\b|.*\bwrong (?:way|direction|side)\b"
     r"|(?:here is|there is) .*)"
 )
@@ -119,12 +167,28 @@ def plainly(text: str) -> str:
     said = written_out(_SHORT.sub(r"\1 \2", said))
     said = _WORD.sub(lambda found: SPELLED.get(found[0].replace("’", "'"), found[0]), said)
     said = _LEFT.sub(r"\1", re.sub(r"\bam i\b", "are you", said))
+    said = _WISHED.sub(lambda found: f"if you would {_PAST[found[1]]}", said)
     said = _TAG.sub("", _KINDLY.sub(" ", _INDIFFERENT.sub("", said)))
     said = _YOURSELF.sub(lambda found: found[0] if (found[1],) in _KNOWN else "go", said)
-    said = re.sub(r"\bis that (?=in\b|on\b|at\b|under\b)", "is it ", _PUT.sub("what is ", said))
+    said = re.sub(r"(?<!what )\bis that (?=in\b|on\b|at\b|under\b)", "is it ", _PUT.sub("what is ", said))
     said = re.sub(r"\bsomewhere (?=in\b)", "", re.sub(r"^(\W*\w+) first(?:ly)?(?= (?:to|the|into)\b)", r"\1", said))
     said = re.sub(r"\b(is|are|does|do|you|we|i|to|they|it) actually\b", r"\1", _POLITE.sub(" ", said))
+    said = re.sub(r"(?<!have )\b(i|we) got (?=some\b|an?\b|my\b)", r"\1 have ", said)
+    said = re.sub(r"[,;]?\s*\bforget (?:about )?the [\w ]{2,25},\s*", ", no, ", said)
+    said = _GOT.sub(r"does \1 have", said)
+    said = _MODAL.sub(r"is \1", said)
+    said = _ATTRIBUTE.sub("what is the ", said)
+    said = _NEGATIVE.sub(r"\1 \2", _LARGEST.sub("is the largest", said))
+    said = re.sub(r"\b(is|are) (?:their|they re) (?=an?\b|any\b|no\b)", r"\1 there ", said)
+    said = re.sub(r"\b(is|are|do|does) not no\b", r"\1 no", said.replace("how is many", "how many"))
     said = re.sub(r"\b2(?= (?:the|my|your|our|this|that)\b)", "to", said)
+    said = re.sub(r"(^\W*|[,.;:!] *|then )off to\b", r"\1go to", said)
+    said = re.sub(r"\bw/\s*", "with ", _ALL_OF.sub("", _WHO_PUT.sub(" ", said)))
+    said = re.sub(r"\b(?:any|either|whichever)(?: one)? of (?=(?:the|my|our|your|these|those|them)\b)", "one of ", said)
+    said = re.sub(r"\bits (?=(?:the|an?|not|in|on|at|under|near|next|behind)\b)", "it is ", said)
+    said = re.sub(
+        r"[,\s]+(?:roughly|approximately|more or less|give or take|or so|or thereabouts)(?=\s*[?.!]*\s*$)", "", said
+    )
     said = re.sub(r",\s*so\s+(?!that\b|i\b|we\b)", ", ", said)
     return re.sub(r"\b[xy]\s*=?\s*(?=[-.\d])", "", _HEADING.sub("", _OPENING.sub("", said)))
 

@@ -35,12 +35,19 @@ _MEANT: Final = frozenset({
     "NOT", "WITHOUT", "EXCEPT", "OTHERWISE", "UNTIL", "NOWAIT", "BEFORE", "AFTER", "HANDS", "NOTHING",
     "BUTFIRST", "BUTNO", "NOTBEFORE", "VIA", "WHENEVER", "AVOID", "GO", "APPROACH", "TURN", "FACE", "LOOK",
     "CIRCLE", "PASS", "SPIN", "STAND", "HALT", "RETURN", "BACKUP", "LEAVE", "STRAFE", "MAKE", "KEEP", "TAKE",
-    "STEPS", "UTURN", "HOWMANY", "WHERE", "WHICH", "WHAT", "HOWFAR", "HOWBIG",
+    "STEPS", "UTURN", "HOWMANY", "EXIST", "SEEQ", "COUNT", "WHATCOLOR", "HOWTOGET", "WHERE", "WHICH",
+    "WHAT", "HOWFAR", "HOWBIG",
 })  # fmt: skip
 """Tokens of what is done, with what, and on what condition: a clause that has one of them is never only talk."""
+_DONE: Final = frozenset(
+    {"GO", "APPROACH", "TURN", "FACE", "LOOK", "CIRCLE", "PASS", "RETURN", "HANDS", "NEVER", "NOT", "TO"}
+)
+"""Tokens of what is done: a clause that has one of them is no heading."""
 _OPENS: Final = frozenset(["TO", "TOWARD", "NEAR", "AT", "IN", "ON", "BY", "FOR", "FROM", "AND", "THEN"])
 _DETERMINERS: Final = frozenset(["DET", "INDEF", "EVERY"])
 _LOST: Final = frozenset(["left", "lost", "put", "forgot", "forgotten", "dropped", "misplaced"])
+_FOUND: Final = frozenset(["somebody", "someone"])
+"""Who left a thing where it still is: "somebody left a cup on the table"."""
 _NAMES: Final = frozenset(["NOUN", "NOUNS", "ROOMKIND", "ROOM", "ROOMS", "PLACE", "SPOT"])
 
 
@@ -175,18 +182,23 @@ def _is_talk(sentence: Sentence) -> bool:
     kinds = {edge.kind for here in sentence.edges for edge in here}
     opens = {edge.kind for edge in sentence.edges[0]} if sentence.words else set()
     listed = not opens.isdisjoint(_DETERMINERS) and "IS" not in kinds  # "the sofa, the zorgon"
+    heads = sentence.words[-1:] in (("!",), (":",)) and len(sentence.words) <= 4 and kinds.isdisjoint(_DONE)
+    if heads and sentence.unknown:  # "plant party!"
+        return True
     return bool(sentence.unknown) and kinds.isdisjoint(_MEANT) and opens.isdisjoint(_OPENS) and not listed
 
 
 def _is_purpose(sentence: Sentence) -> bool:
-    """Whether a clause says what a person will do there, as "to get rid of this cup"."""
+    """Whether a clause says what a person will do there, as "to get rid of this cup", "where I can wash my hands"."""
+    if sentence.words[:1] == ("where",):
+        return not any(edge.kind in _NAMES for here in sentence.edges for edge in here)
     return len(sentence.words) > 2 and sentence.words[0] == "to" and any(e.kind == "HANDS" for e in sentence.edges[1])
 
 
 def _first_named(sentence: Sentence) -> Phrase | None:
     """Return the first thing that a clause names, with all that is said of it unless it is no longer there."""
     chart = Chart(GRAMMAR, sentence.edges)
-    lost = not _LOST.isdisjoint(sentence.words)
+    lost = not _LOST.isdisjoint(sentence.words) and _FOUND.isdisjoint(sentence.words)
     for at in range(len(sentence.words)):
         found = [one.value for one in chart.parse("thing", at) if ONE not in one.value.text]
         found = [one for one in found if "search(" not in one.text and one.base != EVERYTHING.base]

@@ -74,12 +74,32 @@ _THINGS: Final = load("things.json")
 _WORDS: Final = load("words.json")
 
 
+_VERBS: Final = ("APPROACH", "CIRCLE", "FACE", "GO", "LEAVE", "LIST", "LOOK", "PASS", "RETURN", "TAKE", "TURN")
+"""Kinds of verbs that are also said as gerunds."""
+_NO_GERUND: Final = (
+    "be", "start", "begin", "finish", "end", "stop", "continue", "conclude", "i", "we", "let", "show", "see", "is",
+    "are", "stand", "find",
+)  # fmt: skip
+"""Words that open phrases of these kinds and have no such form, or another meaning in it."""
+
+
+def _gerund(verb: str) -> str:
+    """Return the form in -ing of a verb: "drive" -> "driving", "swim" -> "swimming"."""
+    if verb.endswith("e") and not verb.endswith(("ee", "ye")):
+        verb = verb[:-1]
+    elif re.fullmatch(r"[^aeiou]*[aeiou][bdgmnprt]", verb):
+        verb += verb[-1]
+    return verb if verb.endswith("ing") else f"{verb}ing"
+
+
 def _tokens(phrases: dict[str, list[str]]) -> dict[Words, list[tuple[str, str]]]:
     found: dict[Words, list[tuple[str, str]]] = {}
     for token, spoken in phrases.items():
         kind, _, value = token.partition(" ")
         for words in _split(spoken):
             found.setdefault(words, []).append((kind, value))
+            if kind in _VERBS and words[0] not in _NO_GERUND:  # "would you mind going there"
+                found.setdefault((_gerund(words[0]), *words[1:]), []).append((kind, value))
     for color in COLOR_WORDS - {"light", "bright"}:  # a light is a lamp
         for shade in ("{}", "{} colored", "{} coloured", "bright {}", "deep {}", "pale {}"):
             found.setdefault(tuple(shade.format(color).split()), []).append(("COLOR", color))
@@ -109,7 +129,10 @@ KNOWN_THINGS: Final = frozenset(
 )
 """Names of things on any map: known words, refused by name where a map lacks them."""
 ACTIVITIES: Final[dict[Words, str]] = {
-    words: kind for kind, phrases in _THINGS["activities"].items() for words in _split(phrases)
+    doing: kind
+    for kind, phrases in _THINGS["activities"].items()
+    for words in _split(phrases)
+    for doing in (words, (_gerund(words[0]), *words[1:]))
 }
 """{("sit", "down"): generic word}, as in "somewhere to sit down"."""
 PLACES: Final = _split(_THINGS["places"])

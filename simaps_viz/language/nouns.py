@@ -169,6 +169,7 @@ def select(noun: Noun | None, parts: Iterable[Part], *, every: bool = False, som
         raise CommandError(f"ranks count from 1 to {MAX_RANK}, found {rank}")
     if count is not None and not 1 <= count <= MAX_COUNT:
         raise CommandError(f"from 1 to {MAX_COUNT} things can be visited, found {count}")
+    _check_added(parts)
     base, word, notes, others = _based(noun, max(abs(rank or 1), count or 1, 2 if is_plural or parts else 1))
     # "The cup on the table" may stand on any table; "the cups on the table", and a question, mean the nearest table.
     if some:
@@ -202,7 +203,7 @@ def select(noun: Noun | None, parts: Iterable[Part], *, every: bool = False, som
     others += tuple(pair for p in inner for pair in p.others)
     free = noun is not None and noun.count == 0 and not noun.known
     greedy = any(part.outer for part in parts)
-    penalty = 0.2 * sum(part.phrase.greedy for part in parts if part.phrase)
+    penalty = 0.2 * sum(part.phrase.greedy for part in parts if part.phrase) + _vacuous(base, parts)
     lone = noun is not None and noun.count == 1 and not noun.wide
     return Phrase(
         text,
@@ -218,6 +219,22 @@ def select(noun: Noun | None, parts: Iterable[Part], *, every: bool = False, som
         lone=lone,
         inner=tuple(inner),
     )
+
+
+def _vacuous(base: str, parts: Parts) -> float:
+    """Return how unlikely it is that things are told from others by being none of another class."""
+    others = [
+        f"minus({{}}, {part.phrase.base})" == part.text for part in parts if part.phrase and part.phrase.base != base
+    ]
+    return 0.05 * (any(others) and base.startswith("things(") and base != 'things("anything")')
+
+
+def _check_added(parts: Parts) -> None:
+    """Raise where a thing has two colours: "the red chair, the green one" are two things."""
+    filters = [part for part in parts if part.kind == "filter"]
+    added = [part.text.partition("(")[0] for part in filters if part.number]
+    if len(added) > 1 or any(part.text.startswith(name) and not part.number for part in filters for name in added):
+        raise CommandError("")
 
 
 def _check(text: str, word: str, inner: Sequence[Phrase], many: bool) -> None:
@@ -528,8 +545,11 @@ def _in_view() -> Parts:
 
 
 @_rule("relation", "n:ORD? FROM DET? side (SIDE | END)?")
-def _from_side(side: str, n: int = 0) -> Parts:
-    return (*(_ranked(n) if n else ()), Part("order", side))
+@_rule("relation", "NUMBER n:amount FROM DET? side (SIDE | END)?", cost=-0.2)
+def _from_side(side: str, n: float = 0) -> Parts:
+    if n != int(n):
+        raise CommandError("")
+    return (*(_ranked(int(n)) if n else ()), Part("order", side))
 
 
 GRAMMAR.words("_side", "side")
@@ -748,6 +768,12 @@ def _inside(room: Phrase) -> Parts:
     return _filter(f"inside({{}}, {room.text})", room)
 
 
+@_rule("post", "COMMA DET side SIDE? ONE", cost=0.1)
+def _the_left_one(side: str) -> Parts:
+    """Read "the chair at the table, the left one"."""
+    return (Part("order", side),)
+
+
 @_rule("post", "COMMA? DET (adjective:size | key) ONE? (OF (DET | BOTH | EVERY)* (_number | IT)?)?", cost=0.1)
 def _the_larger(adjective: Parts = (), key: str = "") -> Parts:
     """Read "the suitcase on the sofa, the larger of the two"."""
@@ -760,7 +786,20 @@ def _added(relation: Parts) -> Parts:
     return relation
 
 
-@_rule("post", "COMMA? DET ONE post", cost=0.3)
+@_rule("relation", "FOR n:whole", cost=0.2)
+def _for_so_many(n: int) -> Parts:
+    """Read "a table for four"."""
+    seats = 'things("seat")'
+    return (Part("fewest", seats), *_filter(f"having({{}}, {seats}, {n})"))
+
+
+@_rule("post", "COMMA (IT IS)? DET adjective ONE post*", cost=0.1)
+def _the_red_one(adjective: Parts, post: Sequence[Parts] = ()) -> Parts:
+    """Read "the box under the bench, the red one": a list where another colour was said before."""
+    return (*(replace(part, number=1, outer=part.text.startswith("colored(")) for part in adjective), *_flat(post))
+
+
+@_rule("post", "COMMA? (IT IS)? DET ONE post", cost=0.3)
 def _the_one(post: Parts) -> Parts:
     """Read "the table, the one in this room"."""
     return post
@@ -881,7 +920,7 @@ def _but_without(np: Phrase) -> Parts:
     return _filter(f"without({{}}, {np.argument})", np, outer=True)
 
 
-@_rule("post", "COMMA? DET OTHER ONE", cost=0.3)
+@_rule("post", "(COMMA | BUT)? DET OTHER ONE", "(COMMA | BUT)+ DET OTHER", cost=0.3)
 def _and_the_other() -> Parts:
     """Read "the bed, not the big one, the other one"."""
     return (Part("other", number=1),)
@@ -897,7 +936,7 @@ def _laden() -> Parts:
     return _filter("minus({}, empty({}))")
 
 
-GRAMMAR.words("_on_it", "(ON | NEAR | AT | AROUND | BY | IN) IT?")
+GRAMMAR.words("_on_it", "IS? (ON | NEAR | AT | AROUND | BY | IN) IT?")
 GRAMMAR.words("_is", "(THAT | IS | EXIST | HANG)+")
 
 
@@ -924,7 +963,7 @@ def _and_is_not(relation: Parts = (), adjective: Parts = ()) -> Parts:
 @_rule("post", "_is NOT np", cost=0.1)
 def _is_no(np: Phrase) -> Parts:
     """Read "things that are not chairs"."""
-    return _filter(f"minus({{}}, {np.whole or np.text})", np)
+    return _filter(f"minus({{}}, {np.whole or np.text})", np, outer=True)
 
 
 @_rule("post", "COMMA? BUT? NOTHING _is (relation | adjective)", cost=0.1)
@@ -940,13 +979,19 @@ def _neither(a: Parts, b: Parts) -> Parts:
 
 @_rule("post", "COMMA? EXCEPT TO? targets", cost=-0.05)
 def _except(targets: tuple[Phrase, ...]) -> Parts:
-    corrected = len(targets) > 1 and LAST in targets[-1].text  # "not the big one, the other one"
+    corrected = LAST in targets[-1].text  # "not the big one, the other one"
     if corrected or any(phrase.is_room or phrase.text == ONE for phrase in targets):
         raise CommandError("")
     text = "{}"
     for phrase in targets:
         text = f"minus({text}, {phrase.argument})"
     return _filter(text, *targets, outer=True)
+
+
+@_rule("post", "COMMA? EXCEPT DET* room ONE", cost=-0.1)
+def _except_of_room(room: Phrase) -> Parts:
+    """Read "but not the bedroom one"."""
+    return _filter(f"minus({{}}, inside({{}}, {room.text}))", room, outer=True)
 
 
 @_rule("numbered", "n:ONE", cost=0.5)  # "somewhere to sit: one of the chairs"
@@ -1013,7 +1058,8 @@ def _part_of(noun: Noun, outer: Sequence[Parts], pre: Sequence[Parts] = (), post
     parts = (*_flat(outer), *inner, *_flat(post))
     several = any(part.kind == "count" and part.number > 1 for part in parts)
     phrase = select(replace(noun, is_plural=several), parts, some=not several)
-    return phrase
+    # "on one of the tables": on any of them
+    return replace(phrase, any=not several and all(part.kind == "count" for part in _flat(outer)))
 
 
 @_rule("thing", "_dets pre* ONE post*", "_dets pre* ones:ONES post*", cost=0.3)
@@ -1098,7 +1144,8 @@ def _any(thing: Phrase) -> Phrase:
 
 @_rule("np", "EITHER? thing (COMMA more:thing)* COMMA? OR TO? AT? last:thing", cost=0.1)
 def _either(thing: Phrase, last: Phrase, more: Sequence[Phrase] = ()) -> Phrase:
-    return united((thing, *more, last))
+    found = united((thing, *more, last))
+    return replace(found, penalty=0.15 if "minus(" in thing.text else 0.0)  # "not at any table or desk"
 
 
 @_rule("np", "EITHER? a:thing (AND | OR) TO? b:thing COMMA? key:WHICHEVER", cost=-0.2)
@@ -1109,9 +1156,9 @@ def _whichever(a: Phrase, b: Phrase, key: str) -> Phrase:
     return replace(both, text=f'first(order({both.text}, "{key}"))', many=False)
 
 
-@_rule("np", "EITHER thing")
+@_rule("np", "EITHER OF? thing")
 def _either_one(thing: Phrase) -> Phrase:
-    return replace(thing, any=True)
+    return replace(thing, any=True, many=False)
 
 
 @_rule("pair", "a:thing AND b:thing")
@@ -1174,7 +1221,7 @@ def lent(phrases: Sequence[Phrase]) -> tuple[Phrase, ...]:
 # ---- rooms
 
 
-@_rule("room", "_dets name:ROOMKIND MAP?", "_dets name:ROOMKIND (n:NUM | NUMBER n:amount)")
+@_rule("room", "_dets name:ROOMKIND (MAP | AREA)?", "_dets name:ROOMKIND (n:NUM | NUMBER n:amount)")
 @_rule("room", "name:ROOMKIND n:ONE", cost=0.5)  # but not "the bedroom one"
 def _named_room(name: str, n: float | None = None) -> Phrase:
     """Read "the kitchen", "office 2"."""
@@ -1208,7 +1255,13 @@ def _kind_of_room_of(name: str, np: Phrase) -> Phrase:
     return Phrase(f"first({rooms})", rooms, name, False, np.notes, np.others, whole=rooms)
 
 
-@_rule("room", "_dets ROOM WITH np", "_dets ROOM (THAT | IS | WHERE)* IN? np IS? IN?", cost=0.2)
+@_rule("room", "_dets ROOM (THAT | IS)* WITHOUT np", cost=0.2)
+def _room_without(np: Phrase) -> Phrase:
+    whole = f"minus(rooms(), having(rooms(), {np.argument}))"
+    return Phrase(f"first({whole})", "rooms()", "room", False, np.notes, np.others, whole=whole)
+
+
+@_rule("room", "_dets ROOM WITH np _on_it?", "_dets ROOM (THAT | IS | WHERE)* IN? np IS? IN?", cost=0.2)
 def _room_of(np: Phrase) -> Phrase:
     whole = f"having(rooms(), {np.argument})"
     return Phrase(f"room({np.argument})", "rooms()", "room", False, np.notes, np.others, whole=whole)

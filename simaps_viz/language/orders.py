@@ -109,7 +109,8 @@ for _name, _size in _METRES.items():
 
 @_rule(
     "distance",
-    "n:amount? unit | n:NUM | DET? half:HALF OF? DET? unit | DET unit | (n:amount | DET)? quarter:QUARTER (OF DET)? "
+    "n:amount? unit | n:NUM | DET? half:HALF OF? DET? unit | (INDEF | OTHER) SIZE? unit | (n:amount | DET)? "
+    "quarter:QUARTER (OF DET)? "
     "unit | few:SLIGHTLY | n:amount unit AND DET? half:HALF",
 )
 def _distance(n: float | None = None, unit: str = "", half: str = "", quarter: str = "", few: str = "") -> Measure:
@@ -167,7 +168,7 @@ _words("_revolution", "DET? (TURN | CIRCLE)")
 # ---- going to things and rooms
 
 _words("_prep", "TO | TOWARD | NEAR | AT | BY | ON | FOR | FORWARD | BACK | IN | UNTIL")
-_words("_goer", "GO (AND? STAND)? | STAND (FOR HERE)? | TAKE | RETURN")
+_words("_goer", "GO OVER? (AND? STAND)? | STAND (FOR HERE)? | TAKE | RETURN")
 _words("_place", "DET* POINT")
 _words("_go", "_goer _prep* | APPROACH _prep* | _prep+")
 _words("_aim", "(WHERE | DET? ONE THAT?) HERE? (GO | NEED)+ (_prep | GO)* THEN? | DET* GOAL")
@@ -206,7 +207,7 @@ def _go_to_nearest(verb: str, noun: Noun, pre: Sequence[Parts]) -> Steps:
     return _go_to((select(noun, [part for parts in pre for part in parts]),))
 
 
-@_rule("order", "one:np first:ORD (COMMA? AND? np n:ORD)+", cost=-0.2)
+@_rule("order", "one:np first:ORD (COMMA? AND? THEN? np n:ORD)+", cost=-0.2)
 def _go_as_numbered(one: Phrase, first: int, np: tuple[Phrase, ...], n: tuple[int, ...]) -> Steps:
     """Read "toilet first, suitcase second, refrigerator last"."""
     if [first, *n] not in ([*range(1, len(n) + 2)], [*range(1, len(n) + 1), -1]):
@@ -236,6 +237,12 @@ def _on_the_way(via: tuple[Phrase, ...], targets: tuple[Phrase, ...]) -> Steps:
 def _go_check() -> Steps:
     """Read "I left my laptop on the table, go check"."""
     return _go_to(_there())
+
+
+@_rule("order", "PASS via:targets (COMMA | AND | THEN)+ &_verb order", cost=-0.2)
+def _past_and_on(via: tuple[Phrase, ...], order: Steps) -> Steps:
+    """Read "walk past the cake and then stop at the laptop"."""
+    return (*_go_to(via), *order)
 
 
 @_rule("order", "_go _dets spot:SPOT WITH np", cost=-0.1)
@@ -317,8 +324,10 @@ def _go_spot_near(spot: str, np: Phrase, room: Phrase | None = None) -> Steps:
     return (Do(('robot.move_to(corner({0.text}, "", {1.argument}))',), (where, replace(np, many=False))),)
 
 
-@_rule("order", "_go? _dets side (SIDE | END | SPOT) (OF | IN) (room | DET* MAP)", cost=-0.1)
-def _go_end_of_room(side: str, room: Phrase | None = None) -> Steps:
+@_rule("order", "_go? _dets side (SIDE | END | spot:SPOT) (OF | IN) (room | DET* MAP)", cost=-0.1)
+def _go_end_of_room(side: str, room: Phrase | None = None, spot: str = "wall") -> Steps:
+    if spot in ("window", "door"):
+        raise CommandError("")
     return (Do((f'robot.move_to(spot({{0.text}}, "{side}"))',), (room or Phrase("room()", "", "room"),)),)
 
 
@@ -326,6 +335,11 @@ def _go_end_of_room(side: str, room: Phrase | None = None) -> Steps:
 @_rule("order", "_goer THROUGHOUT room", cost=0.2)
 def _go_far_end(room: Phrase) -> Steps:
     return (Do(('robot.move_to(spot({0.text}, "end"))',), (room,)),)
+
+
+@_rule("order", "_go? _dets FAREND (OF | IN) np", cost=0.1)
+def _go_far_end_of(np: Phrase) -> Steps:
+    return _go_behind((np,))
 
 
 @_rule("order", "_goer THROUGHOUT room _prep+ targets", cost=-0.2)
@@ -392,7 +406,7 @@ def _go_off(distance: Measure, np: Phrase, beside: str = "front", back: str = ""
     return (Do((f'robot.move_to(spot({{0.argument}}, "{side}", {distance.text}))',), (np,), note),)
 
 
-@_rule("order", "(STAND | KEEP) distance SHORT", cost=-0.1)
+@_rule("order", "(STAND | KEEP) distance SHORT", "BUT? KEEP distance (OF (BERTH | DISTANCE))?", cost=-0.1)
 def _stop_short(distance: Measure) -> Steps:
     """Read "go to the fridge. Stop 1 m short."."""
     return _go_off(distance, Phrase(IT, ONE, "thing"), back="", off="away")
@@ -434,10 +448,10 @@ _rule("round", "way")(lambda way: -1.0 if way == "left" else 1.0)
 
 
 @_rule(
-    "order",
-    "CIRCLE (AROUND | OF)? targets round? times? round? | (GO | TAKE | CIRCLE | MAKE)? times (CIRCLE | AROUND) targets "
-    "| (MAKE | GO)? EXACTLY? times? (n:amount | DET | FULL | half:HALF)* LAP round? (AROUND | OF | BY) targets times? "
-    "(COMMA _np AND EVERY)? | GO half:HALF AROUND "
+    "lapped",
+    "CIRCLE (AROUND | OF)? targets round? times? (COMMA? round)? | (GO | TAKE | CIRCLE | MAKE)? times "
+    "(CIRCLE | AROUND) targets | (MAKE | GO)? EXACTLY? times? (n:amount | DET | FULL | half:HALF)* LAP round? "
+    "(AROUND | OF | BY) targets times? (COMMA _np AND EVERY)? | GO half:HALF AROUND "
     "targets | CIRCLE targets (COMMA | AND)* UNTIL? (MAKE | EXIST)? n:amount LAP",
     cost=-0.4,
 )
@@ -448,6 +462,14 @@ def _circle(targets: tuple[Phrase, ...], times: int = 1, n: Any = 1, half: Any =
         raise CommandError(f"up to {_MAX_LAPS} laps can be driven, found {number:g}")
     lines = (f"for point in lap({{0.measure}}{'' if turns == 1 else f', {tidy(turns)}'}):", "    robot.move_to(point)")
     return tuple(Do(lines, (phrase,)) for phrase in targets)
+
+
+_rule("order", "lapped")(lambda lapped: lapped)
+
+
+@_rule("order", "lapped COMMA? BACKTOO", cost=-0.7)
+def _lap_and_back(lapped: Steps) -> Steps:
+    return (*lapped, *_home())
 
 
 @_rule("order", "_goer FORWARD? ((BY | FOR)? distance)? FORWARD? TOWARD np", "_goer distance NEAR np", cost=0.05)
@@ -530,7 +552,7 @@ def _halt() -> Steps:
 # ---- turning
 
 _words("_turning", "TURN | SPIN | MAKE DET? TURN")
-_words("_looking", "FACE | LOOK | LOOK _prep+ | FACE _prep+ | TURN _prep* (LOOK | FACE) _prep*")
+_words("_looking", "(GO | STAND)? FACE | LOOK | LOOK _prep+ | FACE _prep+ | TURN _prep* (LOOK | FACE) _prep*")
 
 
 @_rule(
@@ -609,7 +631,8 @@ _rule("way", "_prep* COUNTERCLOCKWISE")(lambda: "left")
     "order",
     "_turning way ((BY | FOR)? angle)? | _turning (BY | FOR | DET | FULL)* angle TURN? way? TURN? | _looking way "
     "| MAKE (BY | DET)* angle? TURN? way (angle | TURN | angle TURN | TURN angle)? | MAKE DET? angle TURN? way? "
-    "TURN? | way (TURN? (BY | FOR)? angle)? | (BY | FOR)? angle TURN? way | _turning AROUND angle way? | way TURN "
+    "TURN? | way (TURN? (BY | FOR)? angle)? | (BY | FOR)? angle TURN? way | _turning AROUND (BY | FOR)? angle "
+    "way? | way TURN "
     "angle? | MAKE DET? TURN way angle?",
 )
 def _turn(angle: Measure | None = None, way: str = "") -> Steps:
@@ -642,6 +665,12 @@ def _turn_fully(way: str = "") -> Steps:
 @_rule("order", "(_goer | HALT) FOR? whole SECONDS")
 def _wait(whole: int) -> Steps:
     return (Do(("robot.turn(0)",), notes=("the robot stops there; how long it waits is not simulated",)),)
+
+
+@_rule("done", "order FOR? whole SECONDS", cost=0.1)
+def _waiting(order: Steps, whole: int) -> Steps:
+    """Read "wait by the lamp for 20 seconds"."""
+    return (*order, *_wait(whole))
 
 
 @_rule("order", "_turning times")
@@ -707,6 +736,8 @@ def _strafe(way: str, distance: Measure = _ONE_METRE) -> Steps:
 
 # ---- questions
 
+Condition = tuple[str, tuple[Phrase, ...]]
+
 
 def _changed(phrase: Phrase, text: str, notes: tuple[str, ...] | None = None, many: bool | None = None) -> Phrase:
     notes = phrase.notes if notes is None else notes
@@ -721,7 +752,7 @@ def _told(phrase: Phrase, kind: str, *more: str) -> Steps:
     )
 
 
-_words("_count", "HOWMANY | COUNT")
+_words("_count", "COUNT? HOWMANY | COUNT")
 
 
 @_rule(
@@ -823,7 +854,7 @@ _words("_in_map", "(IN | ON) DET* MAP")
 
 @_rule("question", "_count n:np WITH of:np", "_count n:np (DOES | WITH | IS) of:np WITH", cost=-0.2)
 def _how_many_at(n: Phrase, of: Phrase) -> Steps:
-    beside = "inside" if of.is_room else "near"
+    beside = "inside" if of.is_room else "having" if n.is_room else "near"
     return _told(_changed(n, text=f"{beside}({n.text}, {of.argument})", notes=n.notes + of.notes), "count")
 
 
@@ -843,7 +874,7 @@ def _where(np: Phrase) -> Steps:
     return _told(np, "where")
 
 
-@_rule("question", "IN? WHICH (ROOM | ROOMS) (IS | HERE | WITH | DOES | APPROACH | SEE)* np IS? IN?", cost=-0.2)
+@_rule("question", "IN? WHICH (ROOM | ROOMS) (IS | EXIST | HERE | WITH | DOES | APPROACH | SEE)* np IS? IN?", cost=-0.2)
 @_rule("question", "IS np IN room OR IN? _room_too", cost=-0.3)
 def _which_room(np: Phrase, room: Phrase | None = None) -> Steps:
     return _told(np, "room")
@@ -872,7 +903,17 @@ def _np_asked(np: Phrase) -> Steps:
     """Read "the chairs by the door?": a question moves nothing."""
     if np.free:
         raise CommandError("")
-    return _told(np, "where")
+    return _told(np, "which" if np.word in ("thing", "object", "item") else "where")
+
+
+@_rule("question", "EXIST np IN EVERY (OF | DET)* (ROOM | ROOMS | noun)", cost=-0.4)
+def _is_there_in_each(np: Phrase, noun: Noun | None = None) -> Steps:
+    """Read "is there a window in every room?": there is no room without one."""
+    where = select(replace(noun, is_plural=True), ()) if noun else ALL_ROOMS
+    without = _changed(
+        where, f"minus({where.text}, having({where.text}, {np.argument}))", where.notes + np.notes, many=False
+    )
+    return (Do(('tell(count({0.text}) == 0, "whether")',), (without,)),)
 
 
 @_rule("question", "INDEF np (HERE | ANYWHERE)? &ASKED", cost=0.2)
@@ -900,7 +941,10 @@ def _on_which_side(np: Phrase, side: str = "") -> Steps:
     "question",
     "IS a:np (compared | NEAR) (TO | HERE)* b:np OR NEAR? TO? c:np | (WHICH | WHAT) (IS | ONE)+ NEAREST TO? "
     "a:np (COMMA | STOP)? b:np "
-    "COMMA? OR c:np",
+    "COMMA? OR c:np | IS IT? b:np OR c:np (THAT | IS)* DET? (compared | NEAR) (TO | FROM)? a:np | (WHICH | WHAT) ONE? "
+    "(OF | DET | BETWEEN | AMONG)* b:np (AND | OR) c:np (COMMA | THAT | IS)+ DET? (compared | NEAR) (TO | "
+    "FROM)? a:np | "
+    "b:np (AND | OR) c:np COMMA (WHICH | WHAT) (IS | ONE | IT | OF)* DET? (compared | NEAR) (TO | FROM)? a:np",
     cost=-0.6,
 )
 def _nearer_of_two(a: Phrase, b: Phrase, c: Phrase, compared: str = "near") -> Steps:
@@ -911,7 +955,27 @@ def _nearer_of_two(a: Phrase, b: Phrase, c: Phrase, compared: str = "near") -> S
     return _told(_changed(a, f"{name}({united((b, c)).text}, 1, {a.measure})"), "which")
 
 
-@_rule("question", "IS HERE (compared TO? | NEAR) b:np OR (TO | NEAR)? c:np", cost=-0.6)
+@_rule("question", "(WHICH | WHAT) ONE? WITH counted:COUNTED np _on_it? COMMA? a:np COMMA? OR b:np", cost=-0.6)
+def _which_has_more(counted: str, np: Phrase, a: Phrase, b: Phrase) -> Steps:
+    """Read "which has more books on it, the shelf or the coffee table?"."""
+    both = united([replace(one, text=one.single) for one in (a, b)])
+    key = "many" if counted == "more" else "few"
+    return _told(_changed(both, f'first(order({both.text}, "{key}", {np.argument}))', both.notes + np.notes), "which")
+
+
+@_rule(
+    "question",
+    "(ON | IN | AT | NEAR | BY) WHICH (OF DET*)? noun (IS | EXIST | DOES | APPROACH | HERE)+ np IS?",
+    "WHICH (OF DET*)? noun (IS | EXIST | DOES)+ np IS? (ON | IN | AT | NEAR | BY)",
+    cost=-0.2,
+)
+def _on_which(noun: Noun, np: Phrase) -> Steps:
+    """Read "on which table is the cake?"."""
+    things = select(replace(noun, is_plural=True), ())
+    return _told(_changed(things, f"having({things.text}, {np.argument})", things.notes + np.notes), "list")
+
+
+@_rule("question", "IS (HERE | IT)? (compared TO? | NEAR) b:np OR (TO | NEAR)? c:np", cost=-0.6)
 def _nearer_to_you(b: Phrase, c: Phrase, compared: str = "near") -> Steps:
     """Read "are you closer to the sink or to the table?"."""
     return _which_of_two(compared, b, c)
@@ -943,6 +1007,12 @@ def _which_are_more(a: Phrase, b: Phrase) -> Steps:
     """Read "are there more tables or more chairs?"."""
     test, phrases = _counts("more", a, b)
     return (Choose(test, phrases, _told(a, "count"), _told(b, "count")),)
+
+
+@_rule("question", "EXIST AS MANY a:np AS b:np", cost=-0.3)
+def _are_as_many(a: Phrase, b: Phrase) -> Steps:
+    """Read "are there as many vases as clocks?"."""
+    return (Do(('tell(count({0.text}) == count({1.text}), "whether")',), _counts("more", a, b)[1]),)
 
 
 @_rule("question", "EXIST counted:COUNTED np IN? a:room OR IN? b:room", cost=-0.5)
@@ -979,7 +1049,28 @@ def _and_how_big(key: str) -> Steps:
     return _how_big(key, Phrase(IT, ONE, "thing"))
 
 
-@_rule("question", "IS (DET* OF)? np (relation | NOT? adjective)", "IF np IS (relation | NOT? adjective)", cost=0.1)
+_words("_whether", "(THEN | AND)* WHETHER")
+
+
+@_rule("question", "_whether question")
+def _asked_whether(question: Steps) -> Steps:
+    return question
+
+
+@_rule("question", "_whether condition", cost=0.1)
+def _does_it_hold(condition: Condition) -> Steps:
+    """Read "check whether the suitcase is under a table", "tell me if there are more chairs than stools"."""
+    test, phrases = condition
+    return (Do((f'tell({test}, "whether")',), phrases),)
+
+
+@_rule(
+    "question",
+    "IS (DET* OF)? np (relation | NOT? adjective)",
+    "IF np IS (relation | NOT? adjective)",
+    "_whether np IS (relation | NOT? adjective)",
+    cost=0.1,
+)
 def _is_it(np: Phrase, relation: Parts = (), adjective: Parts = ()) -> Steps:
     return _told(refine(np, (*relation, *adjective)), "whether")
 
@@ -990,8 +1081,10 @@ def _is_there_in(np: Phrase, relation: Parts) -> Steps:
     return _is_it(np, relation)
 
 
-@_rule("question", "DOES np (WITH | WITHOUT) of:np _on_it?", "DOES np WITH ANYTHING _on_it")
-def _does_it(np: Phrase, of: Phrase | None = None) -> Steps:
+@_rule("question", "DOES np (has:WITH | WITHOUT) of:np _on_it?", "DOES np WITH ANYTHING _on_it")
+def _does_it(np: Phrase, of: Phrase | None = None, has: str = "have") -> Steps:
+    if has == "with":
+        raise CommandError("")
     text = f"having({np.text}, {of.argument})" if of else f"minus({np.text}, empty({np.text}))"
     return _told(_changed(np, text=text, notes=np.notes + (of.notes if of else ())), "whether")
 
@@ -1002,13 +1095,17 @@ _rule("compared", "NEAREST HERE?")(lambda: "near")
 _rule("compared", "FARTHEST AWAY?")(lambda: "far")
 
 
-@_rule("question", "IS a:np compared (FROM? HERE)? THAN b:np", cost=-0.3)
+@_rule("question", "IS a:np compared (FROM? HERE)? THAN b:np IS?", cost=-0.3)
 def _compare(a: Phrase, compared: str, b: Phrase) -> Steps:
     line = f'tell({{0.text}}, "compare", {{1.argument}}, "{compared}")'
     return (Do((line,), (replace(a, many=False), replace(b, many=False))),)
 
 
-@_rule("question", "WHICH noun IS DET? compared COMMA? a:thing COMMA? OR b:thing", cost=-0.5)
+@_rule(
+    "question",
+    "WHICH (OF (DET | _number)*)? noun IS DET? compared ONE? (COMMA | STOP)? a:thing COMMA? OR b:thing",
+    cost=-0.5,
+)
 def _which_of_two_named(noun: Noun, compared: str, a: Phrase, b: Phrase) -> Steps:
     """Read "which table is larger, the one here or the one over there?"."""
     named = select(noun, ())
@@ -1016,14 +1113,25 @@ def _which_of_two_named(noun: Noun, compared: str, a: Phrase, b: Phrase) -> Step
     return _which_of_two(compared, a, b)
 
 
+@_rule("question", "(WHICH | WHAT) (IS | OF | ONE)* DET? compared ONE? (TO? HERE)? (COMMA | STOP)+ np", cost=-0.7)
+def _which_of_several(compared: str, np: Phrase) -> Steps:
+    """Read "what is nearest to you, the fridge, the oven or the toaster?"."""
+    if not np.text.startswith("union("):
+        raise CommandError("")
+    return _told(_changed(np, f'first(order({np.text}, "{compared}"))', many=False), "which")
+
+
 @_rule("question", "(WHICH | WHAT) ROOM IS DET? compared COMMA? a:room COMMA? OR b:room", cost=-0.6)
 @_rule(
     "question",
-    "(WHICH | WHAT) (IS | OF | ONE)* DET? compared HERE? (TO HERE)? (COMMA | STOP)? a:np COMMA? OR b:np | "
+    "(WHICH | WHAT) (IS | OF | ONE)* DET? compared ONE? HERE? (TO HERE)? (COMMA | STOP)? a:np COMMA? OR b:np | "
     "(COMPARE | BETWEEN | AMONG)? "
-    "a:np (AND | WITH | TO | COMPARE) b:np (COMMA | STOP | AND)+ (WHICH | WHAT) (IS | ONE | OF | IT)* DET? "
-    "compared ONE? | IS a:np OR b:np "
-    "DET? compared ONE?",
+    "a:np (AND | WITH | TO | COMPARE | OR) b:np (COMMA | STOP | AND)+ (WHICH | WHAT) (IS | ONE | OF | IT)* DET? "
+    "compared ONE? | IS IT? a:np OR b:np (THAT | IS)* DET? compared ONE? | (WHICH | WHAT) (IS | ONE | OF | "
+    "DET)* compared "
+    "(AMONG | OF | BETWEEN) a:np (AND | OR) b:np | (WHICH | WHAT) ONE? (OF | DET | BETWEEN | AMONG)* a:np (AND "
+    "| OR) b:np "
+    "(COMMA | THAT | IS)+ DET? compared ONE?",
     cost=-0.6,
 )
 def _which_of_two(compared: str, a: Phrase, b: Phrase) -> Steps:
@@ -1049,17 +1157,19 @@ def _which_is_more(np: Phrase, compared: str) -> Steps:
 
 
 @_rule("question", "WHICH np (IS | HERE)* DET? (NEAREST | far:FARTHEST) (TO | FROM)? of:np", cost=-0.1)
+@_rule("question", "WHICH np IS of:np DET? (NEAREST | far:FARTHEST) (TO | FROM)?", cost=-0.1)
 def _which_is_nearer(np: Phrase, of: Phrase, far: str = "") -> Steps:
     name = "farthest" if far else "nearest"
     return _told(_changed(np, f"{name}({np.whole or np.text}, 1, {of.measure})", np.notes + of.notes), "which")
 
 
-@_rule("question", "(WHICH | WHAT) np (DOES HERE)? SEE")
+@_rule("question", "(WHICH | WHAT) (OF DET*)? np ((DOES HERE)? SEE | SEEQ)")
 def _which_seen(np: Phrase) -> Steps:
     return _told(_changed(np, text=f"visible({np.text})"), "list")
 
 
-@_rule("question", "LIST? what:WHAT (IS | EXIST)* post+")
+@_rule("question", "what:LIST (THAT | IS)* post+", cost=0.1)
+@_rule("question", "LIST? what:WHAT (IS | EXIST | DOES | SEE | THAT)* post+")
 def _what_is(post: Sequence[Parts], what: str) -> Steps:
     parts = [part for parts in post for part in parts]
     if not parts:
@@ -1093,13 +1203,16 @@ def _what_do_you_see() -> Steps:
 
 @_rule("question", "WHATALL", "WHAT np (IS | EXIST)+ (HERE | IN DET* MAP)?", "LIST DET* np")
 def _list(np: Phrase = EVERYTHING) -> Steps:
+    if np.is_room and np.text.startswith("room("):  # "describe the kitchen"
+        return _told(_changed(EVERYTHING, f"inside({EVERYTHING.text}, {np.text})"), "list")
     return _told(np, "list")
 
 
 @_rule(
     "question",
     "HOWFAR AWAY? (FROM HERE)? IS np AWAY? (FROM HERE)? | HOWFAR AWAY? (IS (IT | HERE)?)? (FROM HERE)? (TO | FROM) np "
-    "| HOWFAR np IS? AWAY? | (WHAT IS)? DET? DISTANCE (FROM HERE)? (TO | FROM | OF) np",
+    "| HOWFAR np IS? AWAY? (FROM HERE)? | HOWFAR (IT | IS)* (FROM HERE)? (TO | FROM | UNTIL)+ np (FROM HERE)? |"
+    " (WHAT IS)? DET? DISTANCE (FROM HERE)? (TO | FROM | OF) np",
 )
 def _how_far(np: Phrase) -> Steps:
     return (Do(('tell({0.text}, "distance")',), (replace(np, many=False),)),)
@@ -1153,8 +1266,6 @@ def _how_big(key: str, np: Phrase) -> Steps:
 
 
 # ---- conditions
-
-Condition = tuple[str, tuple[Phrase, ...]]
 
 
 @_rule("condition", "(HERE | DOES)* (SEE | SEEQ) np", "np IS? (SEEN | VIEW)", cost=-0.1)
@@ -1226,7 +1337,7 @@ def _is_more(a: Phrase, compared: str, b: Phrase) -> Condition:
     return f'size({{0.argument}}, "{key}") {sign} size({{1.argument}}, "{key}")', phrases
 
 
-@_rule("condition", "EXIST np compared HERE?", cost=-0.3)
+@_rule("condition", "EXIST np compared HERE?", "np IS compared HERE?", cost=-0.3)
 def _is_nearer(np: Phrase, compared: str) -> Condition:
     """Read "unless there is a bed closer to you": than what is gone to."""
     if compared not in ("near", "far"):
@@ -1318,9 +1429,12 @@ def _if(condition: Condition, a: Steps, b: Steps = ()) -> Steps:
 @_rule(
     "logical",
     "UNLESS condition ((COMMA | THEN)+ | &_verb) a:items",
-    "a:done COMMA? UNLESS condition (_mayhap OTHERWISE COMMA? b:items)?",
+    "a:done COMMA? UNLESS condition (_mayhap OTHERWISE COMMA? b:items | _mayhap IFSO COMMA? b:body)?",
+    "a:done COMMA? UNLESS condition _mayhap b:order COMMA? said:NOWAIT",
 )
-def _unless(condition: Condition, a: Steps, b: Steps = ()) -> Steps:
+def _unless(condition: Condition, a: Steps, b: Steps = (), said: str = "instead") -> Steps:
+    if said not in ("instead", "rather"):
+        raise CommandError("")
     test, phrases = condition
     inverse = test.replace(" > 0", " == 0") if test.endswith(" > 0") else f"not {test}"
     return (Choose(inverse, phrases, a, b, after=any(IT in phrase.text for phrase in phrases)),)
@@ -1357,7 +1471,9 @@ def _not_before(b: Steps, targets: tuple[Phrase, ...]) -> Steps:
 
 
 @_rule(
-    "logical", "condition (COMMA | AND | STOP | THEN)* IFSO COMMA? a:body (_mayhap OTHERWISE COMMA? b:body)?", cost=-0.2
+    "logical",
+    "WHETHER? condition (COMMA | AND | STOP | THEN)* IFSO COMMA? a:body (_mayhap OTHERWISE COMMA? b:body)?",
+    cost=-0.2,
 )
 def _if_so(condition: Condition, a: Steps, b: Steps = ()) -> Steps:
     """Read "is there a free seat at the table? If so, go there"."""
@@ -1420,22 +1536,26 @@ def _introduced(
     return replace(select(noun, parts), penalty=-1.5 if exist.startswith(("there", "we", "you")) else 0.0)
 
 
-_words("_not_that", "(NOT IT | NOT THAT | NOWAIT) (COMMA | STOP)+")
+_rule("not_that", "(NOT IT | NOT THAT | NOWAIT) (COMMA | STOP)+")(lambda: "not that")
 
 
 @_rule("item", "topic:np (COMMA | STOP)+ b:items", cost=0.2)
 @_rule(
     "logical",
-    "topic:introduced (COMMA | STOP)+ _not_that? b:items",
-    "topic:np (COMMA | STOP)+ _not_that b:items",
+    "topic:introduced (COMMA | STOP)+ struck:not_that? b:items",
+    "topic:np (COMMA | STOP)+ struck:not_that b:items",
     cost=-0.1,
 )
+@_rule("logical", "NEED topic:np (COMMA | AND | STOP)+ b:question", cost=-0.3)
 @_rule("logical", "AMONG topic:np (COMMA | STOP)? b:items", cost=0.2)
 @_rule("logical", "named:np MEANT topic:np (COMMA | AND | STOP | THEN)+ b:items", cost=0.1)
-def _of_topic(topic: Phrase, b: Steps, named: Phrase | None = None) -> Steps:
+def _of_topic(topic: Phrase, b: Steps, named: Phrase | None = None, struck: str = "") -> Steps:
     """Read "the lamp by the bed, go to it", "there are two chairs at the table. Go to the left one, then the other"."""
     topic = lent((topic, named))[0] if named else topic
-    return _taken_from(b, topic, replace(topic, base=topic.whole or topic.text))
+    first = b[0]
+    if isinstance(first, Do) and not first.verb and not topic.many and IT in first.phrases[0].text:
+        raise CommandError("")  # "the table; the chair left of it": both are gone to
+    return _taken_from(b, topic, topic if struck else replace(topic, base=topic.whole or topic.text))
 
 
 @_rule("logical", "NOT topic:np (COMMA | AND | STOP | EXCEPT | THEN)+ b:done", cost=0.3)
@@ -1479,11 +1599,18 @@ def _taken(phrase: Phrase, topic: Phrase, group: Phrase, *, told: bool, first: b
     return replace(topic, text=topic.single, many=False) if phrase.any else topic
 
 
+_TAKEN: Final = frozenset(["chair", "couch", "sofa", "stool", "seat", "armchair", "bench", "table", "desk", "bed"])
+"""What a person takes by going there: "take the couch". Other things only by rank, "take the second"."""
+
+
 @_rule("order", "(verb:TAKE | verb:MAKE | verb:HANDS) targets n:ORD?", cost=0.2)
 def _take_one(verb: str, targets: tuple[Phrase, ...], n: int = 0) -> Steps:
     """Read "two fridges: take the left one", "do the table first"."""
     chosen = all(one.base in (ONE, SAME) and one.text != IT for one in targets)
-    if verb not in ("take", "do", "pick", "get") or not (chosen or (verb == "do" and n == 1)):
+    picked = all(one.word in _TAKEN or one.text.startswith(("nth(", "first(order(")) for one in targets)
+    if verb not in ("take", "do", "pick", "get") or not (
+        chosen or (verb == "do" and n == 1) or (verb in ("take", "pick") and picked)
+    ):
         raise CommandError("")
     return _go_to(targets)
 
@@ -1552,8 +1679,15 @@ def _instead(b: Steps, items: Steps = (), said: str = "") -> Steps:
         raise CommandError("")
     last, first = items[-1] if items else None, b[0]
     if isinstance(last, Do) and last.phrases and isinstance(first, Do) and first.phrases:
-        # "the glass on the counter, no wait, the one on the table"
-        first = replace(first, phrases=tuple(lent((phrase, last.phrases[0]))[0] for phrase in first.phrases))
+        # "the glass on the counter, no wait, the one on the table", "... the one left of it"
+        struck = last.phrases[0]
+        lent_to = [lent((phrase, struck))[0] for phrase in first.phrases]
+        told = first.lines[0].startswith("tell(")
+        taken = [one if told else _taken(one, struck, struck, told=False, first=True) for one in lent_to]
+        first = replace(first, phrases=tuple(taken))
+        in_room = not struck.is_room and "room" in struck.text and any(one.is_room for one in taken)
+        if in_room or any(one.text == struck.text for one in taken):
+            raise CommandError("")  # a correction says something else
     if isinstance(last, Do) and last.phrases and isinstance(first, Do) and not first.verb:
         first = replace(last, phrases=(*first.phrases, *last.phrases[1:]))
     return (*items[:-1], first, *b[1:])

@@ -634,6 +634,8 @@ class Sets(Grounding):
             raise CommandError(_NO_COLORS)
         try:
             kept = [rgb is not None and has_color(rgb, color) for rgb in seen]
+            if not any(kept):
+                kept = [rgb is not None and has_color(rgb, color, nearly=True) for rgb in seen]
         except InputError as error:
             raise CommandError(str(error)) from None
         return self._keep(S, kept, before=color.strip().lower())

@@ -41,9 +41,23 @@ _KEYWORDS: Final = tuple(
 ) + tuple(word for word in (*ORDINALS, *NUMBERS) if len(word) >= 4)
 _BEFORE_ORDERS: Final = (*_STOPS, "then")
 _MOTION: Final = re.compile(
-    r"(?:(?:over|across|along|down|round|back|out|off|on|in) (?:to|into|towards|between|by)|into|between|in between)\b"
+    r"(?:(?:yourself|yourselves|your \w+) )?(?:(?:right |straight )?"
+    r"(?:over|across|along|down|up|round|around|back|out|off|on|in|through) )*"
+    r"(?:to|onto|into|towards?|between|in between|up against)\b"
 )
-"""What only a verb of motion is followed by: "squeeze in between", "skedaddle over to"."""
+"""What mostly a verb of motion is followed by: "squeeze in between", "skedaddle over to", "plant yourself next to"."""
+_PUT: Final = re.compile(r"sat|stood|laid|set|hung|put|left|kept")
+_PLACED: Final = re.compile(rf"\w{{2,}}(?:ed|ing)|{_PUT.pattern}")
+_PLACE: Final = re.compile(
+    r"((?:(?:up|down|out|right|just|away|all|around|about|in|off) )*)(?:on|in|at|by|near|next to|close to|beside|under|"
+    r"underneath|beneath|behind|"
+    r"between|against|inside|above|below|over|opposite|alongside|atop|around|in front of)\b"
+)
+"""What follows a word that only says how a thing is there: "propped up against", "dangling over"."""
+_ADVERB: Final = re.compile(
+    r"(?!(?:fami|assemb|jel|but?ter|bel|pars|ho|li|bul|daff?odi|rely|ap|sup|mono|anoma)ly)\w{3,}ly"
+)
+"""How something is done or said: "gracefully"."""
 _COST_OF_WORD: Final = 0.3
 """Of a token, for each word by which another one that begins there is longer."""
 _COST_OF_HOMONYM: Final = 0.05
@@ -106,6 +120,13 @@ def _without_fillers(
         kinds = {kind for kind, _ in found}
         if at and words[at - 1] in ("the", "a", "that") and words[at + longest - 1] == "one":  # "the little one"
             kinds.add("ONE")
+        adverb = (
+            not longest
+            and length == 1
+            and _ADVERB.fullmatch(words[at]) is not None
+            and not vocabulary.match(words[at : at + 1])
+        )
+        longest = 1 if adverb else longest
         if longest >= length and kinds <= {"", "MANNER"}:
             if "MANNER" in kinds:
                 said = " ".join(words[at : at + longest])
@@ -133,9 +154,13 @@ def _edges(kind: str, words: Sequence[str], at: int, vocabulary: Vocabulary) -> 
         # A toilet is a thing where the map has one, and otherwise the room of that name.
         room = _COST_OF_ROOM * (name == "ROOMKIND" and any(other in ("NOUN", "NOUNS") for _, other, _ in found))
         yield Edge(name, value, at + length, _COST_OF_WORD * (longest - length) + homonym + room)
+    after = " ".join(words[at + 1 : at + 6])
+    placed = _PLACE.match(after) if at and (_PUT if found else _PLACED).fullmatch(words[at]) else None
+    for particles in {0, placed[1].count(" ")} if placed else ():
+        yield Edge("IS", words[at], at + 1 + particles, _COST_OF_HOMONYM)
     if not found:
         yield Edge("WORD", words[at], at + 1)
-        if (at == 0 or words[at - 1] in _BEFORE_ORDERS) and _MOTION.match(" ".join(words[at + 1 : at + 4])):
+        if (at == 0 or words[at - 1] in _BEFORE_ORDERS) and _MOTION.match(after):
             yield Edge("GO", "go", at + 1, _COST_OF_HOMONYM)
 
 
@@ -167,7 +192,7 @@ def _readings(kind: str, words: Sequence[str], at: int, vocabulary: Vocabulary) 
 def _activity(words: Sequence[str], at: int, vocabulary: Vocabulary) -> tuple[str, int]:
     """Read "somewhere to sit", "i want to lie down", "i m thirsty", and an activity that is all that was said."""
     rest = words[at : at + 12]
-    for end in range(min(len(rest), 4), 2, -1):
+    for end in range(min(len(rest), 6), 2, -1):
         if tuple(rest[:end]) in NEEDS:  # "something to eat" is no place
             return NEEDS[tuple(rest[:end])], end
     generic, length = vocabulary.activity(rest)

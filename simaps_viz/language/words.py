@@ -130,7 +130,7 @@ def correct(word: str, known: Iterable[str]) -> str | None:
     limit = 2 if len(word) >= _TWO_SLIPS_LETTERS else 1
     best, fewest = None, limit + 1
     for candidate in known:
-        if len(candidate) < _MIN_LETTERS or (candidate[0] != word[0] and candidate[-1] != word[-1]):
+        if len(candidate) < _MIN_LETTERS or word[0] not in candidate[:2]:
             continue
         found = slips(word, candidate, fewest - 1)
         if found < fewest:

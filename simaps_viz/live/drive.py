@@ -1,8 +1,9 @@
 """Lets the real robot drive where a command leads, if a person allows it twice: by --drive and by the page's switch.
 
 The command is rehearsed on the map first. The robot then gets goals that lie at most `LEASH_M` ahead of it on the
-rehearsed path, one after the other, as it comes closer: so a robot that loses us stops at the next of them. The robot's
-own navigation avoids obstacles and limits speed; velocities are never published.
+rehearsed path, one after the other, as it comes closer: so a robot that loses us stops at the next of them. They are
+goals of Nav2's action NavigateToPose where the robot announces it and the link can call it, and else on `GOAL`. The
+robot's own navigation avoids obstacles and limits speed; velocities are never published.
 """
 
 import threading
@@ -13,7 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from simaps_viz.errors import SIMapsError
-from simaps_viz.live.out import GOAL, GOAL_TYPE, PATH, Messages, messages_for
+from simaps_viz.live.nav2 import Nav2
+from simaps_viz.live.out import GOAL, GOAL_TYPE, OUT, PATH, Messages, messages_for
 from simaps_viz.live.robot import RobotSource
 from simaps_viz.navigation.agent import answer, outcome_text
 from simaps_viz.structures import Pose2, SIMap
@@ -30,6 +32,8 @@ STRAYED_M = 2.0
 TICK_S = 0.1
 LOST_S = 2.0
 """Without a page, a connection or a pose for so long the robot is stopped, and does not go on by itself."""
+SETTLE_S = 1.0
+"""A page that closes waits so long for the robot to hear of it."""
 SAMPLE_M = 0.1
 
 
@@ -65,13 +69,20 @@ class Driver:
         self._silent_s: float | None = None
         self._closed = threading.Event()
         self._make: Messages | None = None
+        self._nav2, self._by_action = Nav2(source.link), False
         if allowed:
-            source.link.advertise(GOAL, GOAL_TYPE)
+            for topic, kind in ((GOAL, GOAL_TYPE), (PATH, OUT[PATH])):  # with --no-publish nobody else announces paths
+                source.link.advertise(topic, kind)
             threading.Thread(target=self._run, name="drive", daemon=True).start()
 
     def words(self) -> str:
         """Describe what the robot does, or why it does not."""
-        return self._said
+        nav2 = self._nav2
+        if not self._by_action:
+            return self._said
+        freed = f"It has had to free itself {nav2.recoveries} times." if nav2.recoveries else ""
+        unsure = "" if nav2.settle(0.0) else "Nav2 has not confirmed it yet."
+        return " ".join(filter(None, (self._said, freed, unsure, nav2.trouble)))
 
     def switch(self, on: bool) -> None:
         """Allow driving, or stop."""
@@ -106,18 +117,24 @@ class Driver:
             assert self._make is not None
             self._path, self._end = resampled(np.asarray(found.path_m)), found.final_pose
             self._done_m, self._sent_m, self._silent_s = 0.0, 0.0, None
+            self._nav2.replace()
+            self._by_action = self._nav2.is_there
             self._source.link.publish(PATH, self._make.path(self._path))
             self._said = f"Driving: {outcome_text(found)}"
             self._advance()
 
     def stop(self) -> None:
-        """Stop: no goal follows, and the robot's own place becomes its goal, if it was ever sent one."""
+        """Stop: no goal follows, and those of the action are cancelled; without it its own place becomes its goal."""
         with self._lock:
             self._path = None
-            pose, make = self._pose(), self._make
+            pose, make, nav2 = self._pose(), self._make, self._nav2
             if make is None:
                 return
-            stopped = pose is not None and self._source.link.publish(GOAL, make.goal(pose))
+            nav2.stop()
+            if self._by_action:
+                stopped = not self._source.link.state
+            else:
+                stopped = pose is not None and self._source.link.publish(GOAL, make.goal(pose))
             self._said = "Stopped." if stopped else f"Stopped: it ends at the last goal it has, within {LEASH_M:g} m."
 
     def close(self) -> None:
@@ -125,10 +142,12 @@ class Driver:
         if self._path is not None:
             self.stop()
         self._closed.set()
+        self._nav2.settle(SETTLE_S)
 
     def _run(self) -> None:
         while not self._closed.wait(TICK_S):
             with self._lock:
+                self._nav2.catch_up()
                 if self._path is not None:
                     self._tick()
 
@@ -161,7 +180,13 @@ class Driver:
             return
         self._done_m = max(self._done_m, float(along[closest]))
         total_m = float(along[-1])
-        if self._sent_m >= total_m and np.linalg.norm(path[-1] - at) <= ARRIVED_M:
+        ended = self._nav2.ended() if self._by_action else None
+        if ended:
+            self.stop()
+            self._said = f"Stopped: {ended}"
+            return
+        arrived = ended == "" if self._by_action else np.linalg.norm(path[-1] - at) <= ARRIVED_M
+        if self._sent_m >= total_m and arrived:
             self._path, self._said = None, "Arrived."
             return
         next_m = min(self._done_m + LEASH_M, total_m)
@@ -170,8 +195,9 @@ class Driver:
             before = max(int(np.searchsorted(along, next_m)) - 1, 0)
             ahead = path[min(before + 1, len(path) - 1)] - path[before]
             goal = end if next_m >= total_m else Pose2(x, y, float(np.arctan2(ahead[1], ahead[0])))
-            if self._source.link.publish(GOAL, make.goal(goal)):
-                self._sent_m = next_m
+            data = make.goal(goal)
+            sent = self._nav2.send(data) if self._by_action else self._source.link.publish(GOAL, data)
+            self._sent_m = next_m if sent else self._sent_m
 
     def _refusal(self) -> str:
         """Return why nothing may be sent now; "" = it may."""

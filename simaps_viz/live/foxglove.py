@@ -58,8 +58,9 @@ class FoxgloveLink(RobotLink):
     def advertise(self, topic: str, kind: str) -> None:
         """Announce that a topic will be published, now and after connecting again."""
         with self._lock:
-            self._published.setdefault(topic, (len(self._published) + 1, kind))
-            self._advertise(topic)
+            if topic not in self._published:
+                self._published[topic] = len(self._published) + 1, kind
+                self._advertise(topic)
 
     def publish(self, topic: str, data: bytes) -> bool:
         """Publish CDR bytes; False when there is no connection."""

@@ -38,6 +38,7 @@ class Messages:
     def __init__(self, world: str, T_world_map: NDArray) -> None:
         """Take the name of the world, and float64 [4, 4], map frame to world."""
         self.world, self.T_world_map = world, T_world_map
+        self._turned = Rotation.from_matrix(T_world_map[:3, :3]).as_quat()
         self._types = message_types()
 
     def grid(self, simap: SIMap) -> bytes:
@@ -95,11 +96,12 @@ class Messages:
 
     def _pose(self, at_m: NDArray, yaw_rad: float) -> Any:
         """Return a Pose of the world from a place and a yaw of the map frame."""
-        turned = Rotation.from_matrix(self.T_world_map[:3, :3]) * Rotation.from_euler("z", yaw_rad)
+        (x, y, z, w), s, c = self._turned, np.sin(yaw_rad / 2), np.cos(yaw_rad / 2)
+        turned = map(float, (x * c + y * s, y * c - x * s, z * c + w * s, w * c - z * s))
         point = self._types.types["geometry_msgs/msg/Point"](*transform_points(self.T_world_map, at_m).tolist())
         return self._make(
             "geometry_msgs/msg/Pose", position=point,
-            orientation=self._types.types["geometry_msgs/msg/Quaternion"](*turned.as_quat().tolist()),
+            orientation=self._types.types["geometry_msgs/msg/Quaternion"](*turned),
         )  # fmt: skip
 
     def _stamped(self, at_m: NDArray, yaw_rad: float) -> Any:
@@ -136,6 +138,7 @@ class MapPublisher:
         self._busy: Future[None] | None = None
         for topic, kind in OUT.items():
             source.link.advertise(topic, kind)
+            message_types().get_msgdef(kind)  # compiled before frames come, whom it would hold up
 
     def on_event(self, event: Event) -> None:
         """Publish the map where it is due, while frames go on, and the finished one."""

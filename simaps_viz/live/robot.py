@@ -6,6 +6,7 @@ import threading
 import time
 from collections.abc import Callable
 from dataclasses import replace
+from functools import cache
 from typing import Any
 
 import numpy as np
@@ -48,6 +49,8 @@ JOIN_S = 6.0
 
 OnMessage = Callable[[str, bytes, int], None]
 """(topic, CDR bytes, when it was sent in ns or 0)"""
+OnReply = Callable[[bytes | None], None]
+"""(CDR bytes of an answer; None = no more comes)"""
 
 
 class RobotLink:
@@ -57,6 +60,7 @@ class RobotLink:
         """Take an address; ``open`` connects."""
         self.address, self._state = address, "connecting"
         self._wanted: tuple[str, ...] = ()
+        self._listeners: dict[str, Callable[[bytes], None]] = {}
         self._lock = threading.RLock()
         self._closed = threading.Event()
         self._thread: threading.Thread | None = None
@@ -86,6 +90,21 @@ class RobotLink:
         """Publish CDR bytes on an announced topic; False when there is no connection."""
         raise NotImplementedError
 
+    @property
+    def services(self) -> dict[str, tuple[str, str]]:
+        """Return {service: (type, its hash)} of what can be called, as Zenoh's keys have them."""
+        return {}
+
+    def call(self, service: str, request: bytes, take: OnReply, timeout_s: float) -> bool:
+        """Call a service with CDR bytes, and ``take`` its answer, then None; False where it cannot be called."""
+        return False
+
+    def listen(self, topic: str, take: Callable[[bytes], None]) -> None:
+        """Also receive a topic that no frame needs, where services can be called; before ``open`` or later."""
+        with self._lock:
+            self._listeners[topic] = take
+            self._subscribe()
+
     def close(self) -> None:
         """Disconnect."""
         self._closed.set()
@@ -111,8 +130,12 @@ def raw_frame(data: bytes) -> str:
     return data[16 : 16 + min(length - 1, MAX_FRAME)].decode()
 
 
+@cache
 def message_types() -> Any:
-    """Return rosbags' types of messages, which have not changed since Foxy, so a robot's own are not needed."""
+    """Return rosbags' types of messages, which have not changed since Foxy, so a robot's own are not needed.
+
+    They are one object for all: it compiles each type when it is first used, which takes a tenth of a second.
+    """
     from rosbags.typesys import Stores, get_typestore  # noqa: PLC0415 - only robots need it
 
     return get_typestore(Stores.ROS2_JAZZY)

@@ -1,8 +1,9 @@
 """A robot whose ROS 2 runs on rmw_zenoh: its topics without a bridge. Extra "ros2".
 
 A topic's messages have the key DOMAIN/TOPIC/TYPE/HASH, with the type as "pkg::msg::dds_::Type_" and its RIHS01 hash
-("TypeHashNotSupported" in Humble). Publishers are found by their liveliness tokens, "@ros2_lv/…", in which "%" stands
-for "/". Every message carries an attachment: its number, the time it was sent (ns), and the sender's id of 16 bytes.
+("TypeHashNotSupported" in Humble); so have queries, which are calls of services. Publishers and services are found by
+their liveliness tokens, "@ros2_lv/…", in which "%" stands for "/". Every message carries an attachment: its number, the
+time it was sent (ns), and the sender's id of 16 bytes.
 """
 
 import json
@@ -13,7 +14,7 @@ from typing import Any
 from urllib.parse import urlsplit
 
 from simaps_viz.errors import InputError, needs_extra, one_line
-from simaps_viz.live.robot import RobotLink, message_types
+from simaps_viz.live.robot import OnReply, RobotLink, message_types
 
 PORT = 7447
 """Of the router."""
@@ -49,6 +50,7 @@ class ZenohLink(RobotLink):
         self._session: Any = None
         self._declared: list[Any] = []
         self._topics: dict[str, str] = {}
+        self._services: dict[str, tuple[str, str]] = {}
         self._subscribed: set[str] = set()
         self._kinds: dict[str, str] = {}
         self._publishers: dict[str, Any] = {}
@@ -66,13 +68,39 @@ class ZenohLink(RobotLink):
         with self._lock:
             if self._session is None or self._state:
                 return False
-            self._sent += 1
-            attachment = _ATTACHMENT.pack(self._sent, time.time_ns(), len(self._gid)) + self._gid
             try:
-                self._publisher(topic).put(data, attachment=attachment)
+                self._publisher(topic).put(data, attachment=self._attachment())
             except self._zenoh.ZError:
                 return False
             return True
+
+    @property
+    def services(self) -> dict[str, tuple[str, str]]:
+        """Return {service: (type, its hash)} of what is announced."""
+        return dict(self._services)
+
+    def call(self, service: str, request: bytes, take: OnReply, timeout_s: float) -> bool:
+        """Call a service with CDR bytes, and ``take`` its answer, then None; False when it is not there."""
+        zenoh = self._zenoh
+        with self._lock:
+            if self._session is None or self._state or service not in self._services:
+                return False
+            key = "/".join((str(self._domain), service.strip("/"), *self._services[service]))
+            heard = lambda reply: take(bytes(reply.ok.payload)) if reply.ok is not None else None  # noqa: E731
+            try:
+                self._session.get(
+                    key, zenoh.handlers.Callback(heard, lambda: take(None)), payload=request,
+                    attachment=self._attachment(), target=zenoh.QueryTarget.ALL_COMPLETE,
+                    consolidation=zenoh.ConsolidationMode.NONE, timeout=timeout_s,
+                )  # fmt: skip
+            except zenoh.ZError:
+                return False
+            return True
+
+    def _attachment(self) -> bytes:
+        """Return that of the next message; servers tell requests apart by its number."""
+        self._sent += 1
+        return _ATTACHMENT.pack(self._sent, time.time_ns(), len(self._gid)) + self._gid
 
     def _run(self) -> None:
         config = self._zenoh.Config()
@@ -90,12 +118,13 @@ class ZenohLink(RobotLink):
                 self._closed.wait(RETRY_S)
                 continue
             with self._lock:
-                self._session = session
+                self._session, self._state = session, ""  # a client's session opens when its router has answered
                 tokens = f"@ros2_lv/{self._domain}/**"
                 watch = session.liveliness().declare_subscriber(tokens, self._token, history=True)
                 self._declared.append(watch)
                 for topic in self._kinds:
                     self._publisher(topic)
+                self._subscribe()
         while session is not None and not self._closed.wait(0.2):
             there = bool(list(session.info.routers_zid()))
             self._state = "" if there else "connection lost, trying again"
@@ -105,14 +134,21 @@ class ZenohLink(RobotLink):
             session.close()
 
     def _token(self, sample: Any) -> None:
-        """Take the token of a publisher that comes or goes."""
+        """Take the token of a publisher or a service that comes or goes."""
+        key, comes = str(sample.key_expr), sample.kind == self._zenoh.SampleKind.PUT
         try:
-            found = publisher_of(str(sample.key_expr))
+            if (found := service_of(key)) is not None:
+                with self._lock:
+                    if not comes:
+                        self._services.pop(found[0], None)
+                    elif len(self._services) < MAX_TOPICS:
+                        self._services[found[0]] = found[1:]
+                return
+            topic, kind = publisher_of(key)
         except ValueError:
-            return  # no publisher, or none of ROS
+            return  # something else, or none of ROS
         with self._lock:
-            topic, kind = found
-            new = sample.kind == self._zenoh.SampleKind.PUT and topic not in self._topics
+            new = comes and topic not in self._topics
             if new and len(self._topics) < MAX_TOPICS:
                 self._topics = self._topics | {topic: kind}
                 self._subscribe()
@@ -124,12 +160,15 @@ class ZenohLink(RobotLink):
         if self._session is None:
             return
         ext = self._zenoh.ext
-        for topic in self._wanted:
+        for topic in (*self._wanted, *self._listeners):
             if topic in self._subscribed:
                 continue
             self._subscribed.add(topic)
 
             def take(sample: Any, topic: str = topic) -> None:
+                if topic in self._listeners:
+                    self._listeners[topic](bytes(sample.payload))
+                    return
                 attachment = bytes(sample.attachment) if sample.attachment is not None else b""
                 sent_ns = _ATTACHMENT.unpack_from(attachment)[1] if len(attachment) >= _ATTACHMENT.size else 0
                 self._on_message(topic, bytes(sample.payload), sent_ns)
@@ -168,10 +207,22 @@ def dds_name(kind: str) -> str:
 
 def publisher_of(token: str) -> tuple[str, str]:
     """Return topic and type of a publisher's token; raises ValueError for other tokens."""
-    parts = token.split("/")
-    if len(parts) != 13 or parts[0] != "@ros2_lv" or parts[5] != "MP":
+    parts = _parts(token, "MP")
+    if not parts:
         raise ValueError("no token of a publisher")
     names = parts[10].split("::")
     if len(names) != 4 or names[2] != "dds_" or not names[3].endswith("_"):
         raise ValueError("no type of ROS")
     return parts[9].replace("%", "/"), f"{names[0]}/{names[1]}/{names[3][:-1]}"
+
+
+def service_of(token: str) -> tuple[str, str, str] | None:
+    """Return name, type and hash of a service's token, the type as its keys have it; None for other tokens."""
+    parts = _parts(token, "SS")
+    return (parts[9].replace("%", "/"), parts[10], parts[11]) if parts else None
+
+
+def _parts(token: str, kind: str) -> list[str]:
+    """Return the 13 parts of a token of a kind; none where it is another one."""
+    parts = token.split("/")
+    return parts if len(parts) == 13 and parts[0] == "@ros2_lv" and parts[5] == kind else []

@@ -471,12 +471,12 @@ def _score(simap: SIMap, same: int, different: int, *, touching: bool, share: fl
 
 
 def score_text(method: str, score: float) -> str:
-    """Return a score of the merge log as its method reads it: "19.6 %" of cells (paper), "0.87" (evidence)."""
+    """Return a score of the merge log as its method reads it: "19.6 %" of cells (paper), "87 %" of evidence."""
     return method_of(method).score_text(score)
 
 
 def needed_text(method: str, threshold: float) -> str:
-    """Return the threshold that a score must exceed: "K = 5 %", "0.60"."""
+    """Return the threshold that a score must exceed: "K = 5 %", "60 %"."""
     return method_of(method).needed_text(threshold)
 
 
@@ -512,7 +512,7 @@ def together_words(together: Together) -> str:
 
 
 def link_words(method: str, threshold: float, link: Link) -> str:
-    """Describe what keeps two instances of a class apart: "seen together in ... → 0.11, below the 0.60 needed"."""
+    """Describe what keeps two instances of a class apart: "seen together in ... → 11 %, below the 60 % needed"."""
     seen = together_words(link.together)
     if method_of(method).slider is None:
         touch = "their cells touch" if link.touching else "their cells do not touch"

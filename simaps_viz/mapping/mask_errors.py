@@ -4,7 +4,8 @@ No constant says how often a network misses a plant or takes a cup for the table
 Dawid and Skene (1979) did for patients seen by several doctors, two steps take turns: the classes of the cells say how
 often each class was read as which other, and how often that happens says how likely each class of a cell is. A cell's
 height speaks for its class, too (floors are low), and so do its neighbours, as much as neighbours with such a step
-between them were found to agree. All of these tables are counted on the map itself.
+between them were found to agree. All of these tables are counted on the map itself. Where a network has no class for
+floor, walls and half of the things, all of them are *nothing*; so that is three classes, by the height of the cell.
 """
 
 import math
@@ -16,6 +17,12 @@ from numpy.typing import NDArray
 DEPTH_EDGES_M = (0.005, 0.015, 0.03)
 """Readings so far below the top of their cell are counted apart: the nearer, the surer they show what lies on top."""
 DEPTHS = len(DEPTH_EDGES_M) + 1
+_TRUST = np.array([1.0, 1.0, 0.7, 0.1])
+"""How much a reading of each depth counts: well below the top it may be of another surface."""
+_NOTHING_EDGES_M = (0.1, 1.0)
+"""*Nothing* is a class of its own below, between and above these heights of a cell: floor is taken for other things
+than walls are, and than things that the network has no word for."""
+_KINDS = len(_NOTHING_EDGES_M) + 1
 _STEP_EDGES_M = np.array([0.003, 0.006, 0.01, 0.015, 0.02, 0.03, 0.05, 0.1, 0.3], dtype=np.float32)
 """Steps between neighbours are counted apart at these."""
 _HEIGHT_M = 0.05
@@ -53,10 +60,12 @@ def learn_classes(
     used = np.zeros(len(standing), dtype=np.bool_)
     used[label[counts.any(axis=1)]] = True
     used[named] = True
+    used[0] = True
     index = (np.cumsum(used) - 1).astype(np.int16)  # of the classes of this map: tables grow with their square
     classes = np.flatnonzero(used).astype(np.int16)
-    label, belief = index[label], index[named]
-    first, candidate = _candidates(belief, following, label, read, top < floor_m, standing[classes])
+    label = index[label]
+    kind = np.digitize(top, _NOTHING_EDGES_M).astype(np.int16)
+    first, candidate = _candidates(index[named], following, label, read, kind, top < floor_m, standing[classes])
     share = np.zeros(len(candidate))
     share[first[:-1][first[1:] > first[:-1]]] = 1.0  # the class to begin with comes first
     seen = top > -np.inf
@@ -67,7 +76,7 @@ def learn_classes(
         field = _FIELD if done >= _ALONE else 0.0
         tables = _tables(*_count(first, candidate, share, following, label, counts, top, level, levels, len(classes)))
         share = _weigh(first, candidate, share, following, label, counts, top, level, *tables, field)
-    return _likeliest(named, first, classes[candidate], share)
+    return _likeliest(named, first, classes[np.maximum(candidate - _KINDS + 1, 0)], share)
 
 
 @njit(cache=True, nogil=True)
@@ -77,6 +86,12 @@ def depth_of(below_m: float) -> int:
     while at < DEPTHS - 1 and below_m >= DEPTH_EDGES_M[at]:
         at += 1
     return at
+
+
+@njit(cache=True, nogil=True)
+def _shown_as(one: int) -> int:
+    """Return the class as which right masks show a candidate; see `_candidates`."""
+    return max(one - _KINDS + 1, 0)
 
 
 @njit(cache=True, nogil=True)
@@ -95,6 +110,7 @@ def _candidates(
     following: NDArray,  # int32 [entries]
     label: NDArray,  # int16 [entries]
     read: NDArray,  # bool [rows, cols], there are readings
+    kind: NDArray,  # int16 [rows, cols], of nothing there
     low: NDArray,  # bool [rows, cols]
     standing: NDArray,  # bool [classes], those that no low cell may have
 ) -> tuple[NDArray, NDArray]:
@@ -102,6 +118,7 @@ def _candidates(
 
     Returns:
         int64 [cells + 1], where the list of each cell begins, and the lists int16; empty where there are no readings.
+        In these the kinds of *nothing* come first, and all other classes `_KINDS` - 1 later than in ``label``.
     """
     rows, cols = named.shape
     first = np.zeros(rows * cols + 1, dtype=np.int64)
@@ -117,23 +134,25 @@ def _candidates(
                 longer = np.zeros(2 * len(listed) + 8 + len(standing) + 1, dtype=np.int16)
                 longer[:size] = listed[:size]
                 listed = longer
-            listed[size] = named[row, col]
+            of_nothing = kind[row, col]
+            listed[size] = named[row, col] + _KINDS - 1 if named[row, col] > 0 else of_nothing
             size += 1
             after = c
             while after >= 0:
-                size = _add(label[after], listed, begin, size, standing, low[row, col])
+                size = _add(label[after], of_nothing, listed, begin, size, standing, low[row, col])
                 after = following[after] if following[after] > 0 else -1
             for r in range(max(row - 1, 0), min(row + 2, rows)):
                 for k in range(max(col - 1, 0), min(col + 2, cols)):
                     if read[r, k]:
-                        size = _add(named[r, k], listed, begin, size, standing, low[row, col])
+                        size = _add(named[r, k], of_nothing, listed, begin, size, standing, low[row, col])
     first[rows * cols] = size
     return first, listed[:size].copy()
 
 
 @njit(cache=True, nogil=True)
 def _add(
-    one: int,
+    label: int,
+    of_nothing: int,
     listed: NDArray,  # in/out int16
     begin: int,
     size: int,
@@ -141,8 +160,9 @@ def _add(
     low: bool,
 ) -> int:
     """Add a class to the list that begins there, once, unless it stands and the cell is low; return the new size."""
-    if low and standing[one]:
+    if low and standing[label]:
         return size
+    one = label + _KINDS - 1 if label > 0 else of_nothing
     for k in range(begin, size):
         if listed[k] == one:
             return size
@@ -170,8 +190,8 @@ def _count(  # noqa: C901, PLR0912 - one loop over shared arrays
         float64 [2, steps], those of one class and all.
     """
     rows, cols = top.shape
-    read = np.zeros((DEPTHS, classes, classes))
-    heights = np.zeros((levels, classes))
+    read = np.zeros((DEPTHS, classes, classes + _KINDS - 1))
+    heights = np.zeros((levels, classes + _KINDS - 1))
     alike, pairs = np.zeros((2, len(_STEP_EDGES_M) + 1)), np.zeros((2, len(_STEP_EDGES_M) + 1))
     for row in range(rows):
         for col in range(cols):
@@ -216,22 +236,22 @@ def _tables(  # noqa: C901 - four tables, each of a few sums
         float64 [depths, read as, class], log of P(read as | class); float64 [levels, class], log of P(class, level);
         float64 [class], P(class); float64 [2, steps], odds that neighbours are of one class for that reason.
     """
-    depths, classes, _ = read.shape
+    depths, labels, classes = read.shape
     log_read = np.zeros_like(read)
     for depth in range(depths):
         total = right = 0.0
-        of_class, as_class = np.zeros(classes), np.zeros(classes)
-        for one in range(classes):
-            right += read[depth, one, one]
+        of_class, as_label = np.zeros(classes), np.zeros(labels)
+        for one in range(labels):
             for other in range(classes):
                 total += read[depth, one, other]
-                as_class[one] += read[depth, one, other]
+                right += read[depth, one, other] if one == _shown_as(other) else 0.0
+                as_label[one] += read[depth, one, other]
                 of_class[other] += read[depth, one, other]
         agree = (right + 1.0) / (total + 2.0)
-        for one in range(classes):
-            often = (as_class[one] + 0.5) / (total + 0.5 * classes)
+        for one in range(labels):
+            often = (as_label[one] + 0.5) / (total + 0.5 * labels)
             for other in range(classes):
-                usual = (1.0 - agree) * often + (agree if one == other else 0.0)
+                usual = (1.0 - agree) * often + (agree if one == _shown_as(other) else 0.0)
                 log_read[depth, one, other] = math.log(
                     (read[depth, one, other] + _IMAGINED * usual) / (of_class[other] + _IMAGINED)
                 )
@@ -293,7 +313,7 @@ def _weigh(  # noqa: C901, PLR0912 - one loop over shared arrays
                 while after >= 0:
                     for depth in range(DEPTHS):
                         if counts[after, depth] > 0:
-                            found[k] += counts[after, depth] * log_read[depth, label[after], one]
+                            found[k] += _TRUST[depth] * counts[after, depth] * log_read[depth, label[after], one]
                     after = following[after] if following[after] > 0 else -1
             # Each neighbour is of the same class for a reason, or of any.
             for dr in range(-1, 2):

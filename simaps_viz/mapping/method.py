@@ -169,8 +169,8 @@ class Method:
 
     def score_text(self, score: float) -> str:
         """Write a score of the merge log."""
-        return f"{score:.2f}"
+        return f"{100.0 * score:.0f} %"
 
     def needed_text(self, threshold: float) -> str:
         """Describe what a score must exceed."""
-        return f"{threshold:.2f}"
+        return f"{100.0 * threshold:g} %"

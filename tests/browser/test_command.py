@@ -1,12 +1,24 @@
 """The Command tab as a person meets it: Debian's Chromium on a workbench with a real robot on the toy map."""
 
 import pytest
-from browser import PATIENCE_S, borrowed, field_of, mine, open_workbench, toy_workbench, until, watched_page
+from browser import (
+    PATIENCE_S,
+    borrowed,
+    field_of,
+    mine,
+    open_workbench,
+    toy_workbench,
+    until,
+    wait_for_color,
+    watched_page,
+)
 from chat_server import hangs, serving, writes
 from playwright.sync_api import expect
 from services import real_services
 
 from simaps_viz.app import workbench
+from simaps_viz.colors.classes import instance_color
+from simaps_viz.drawing.texture import cell_colors
 from simaps_viz.language.commands import Reading, read_command
 from simaps_viz.navigation.agent import answer
 from simaps_viz.viewer.panels.command import CommandPanel
@@ -81,11 +93,17 @@ def test_a_command_is_explained_numbered_marked_and_driven(bench, page):
     assert set(numbers) == {"1", "2", "▶ 3"} and mine(bench).panels[CommandPanel].driving
     assert chosen is not None and numbers["▶ 3"].x == pytest.approx(mine(bench).simap.by_id(chosen).centroid_m[0])
     expect(page.get_by_text("Chair 4 is the farthest of 3 from where the command was given")).to_be_visible()
+    simap, rest = mine(bench).simap, next(one.id for one in mine(bench).simap.of_class("chair") if one.id != chosen)
+    place, colors = simap.by_id(rest).centroid_m[:2], cell_colors(simap, "instance", lit=frozenset({chosen}))
+    wait_for_color(bench, page, place, colors[simap.instance == rest][0])  # all but the target is pale
+    page.wait_for_function("() => window.__viserMutable.nodeRefFromName['/target']")  # which is outlined
     hurry(mine(bench), page)
     expect(page.get_by_text("Done")).to_be_visible()
     said = answer(mine(bench).simap, "go to the third chair from here", mine(bench).panels[CommandPanel]._asked_at)
     assert (mine(bench).pose.x_m, mine(bench).pose.y_m) == pytest.approx((said.final_pose.x_m, said.final_pose.y_m))
     expect(page.locator(MARKED)).to_have_count(0)
+    wait_for_color(bench, page, place, instance_color(rest))
+    page.wait_for_function("() => !window.__viserMutable.nodeRefFromName['/target']")
 
 
 def test_step_by_step_then_play_then_pause_then_stop(bench, page):

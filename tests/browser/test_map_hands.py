@@ -108,6 +108,9 @@ def test_names_come_with_the_zoom_large_objects_first_and_never_cover_one_anothe
         settled(bench, page, lambda camera, far=far: camera.position[2] < 0.95 * far)
     until(page, lambda: "chair 1" in names(page))
     session.select(bench.simap.instances[0].id)
+    expect(page.locator(".simaps-hint")).to_contain_text("chair 1")  # it is under the pointer, and said once
+    expect(page.locator(".simaps-chosen:visible")).to_have_count(0)
+    page.mouse.move(1200, 300)
     expect(page.locator(".simaps-chosen")).to_have_text("chair 1")
     session.select(None)
     expect(page.locator(".simaps-chosen:visible")).to_have_count(0)

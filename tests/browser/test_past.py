@@ -103,7 +103,8 @@ def test_steps_and_frames_never_mix(bench, page):
     session = mine(bench)
     fill(page, "Frame", "5")
     until(page, lambda: not session.panels[StepsPanel]._slider.disabled)
-    fill(page, "Position", "0")
+    first = str(-bench.shared.timeline(session.simap).levels)
+    fill(page, "Joining step", first)
     until(page, lambda: session.time.step == 0 and session.frame == FRAMES - 1)
     until(page, lambda: page.evaluate(POSE) is None)
     page.get_by_role("tab", name="Map", exact=True).click()
@@ -111,8 +112,8 @@ def test_steps_and_frames_never_mix(bench, page):
     page.get_by_role("tab", name="Build", exact=True).click()
     page.get_by_role("button", name="Back to the map").click()
     until(page, lambda: at_end(session))
-    expect(field_of(page, "Position")).not_to_have_value("0")  # else there is nothing to choose
-    fill(page, "Position", "0")
+    expect(field_of(page, "Joining step")).not_to_have_value(first)  # else there is nothing to choose
+    fill(page, "Joining step", first)
     until(page, lambda: session.time.step == 0)
     fill(page, "Frame", "7")
     until(page, lambda: session.time.step is None and session.frame == 7)

@@ -41,6 +41,9 @@ def test_words_mean_what_they_say():
         and has_color((150, 150, 150), "silver")
     )
     assert has_color((232, 80, 30), "red") and has_color((232, 80, 30), "orange"), "at the edge of both"
+    reddish, greenish_grey = (151, 76, 48), (115, 140, 120)
+    assert has_color(reddish, "red", nearly=True) and not has_color(reddish, "red")
+    assert not has_color(greenish_grey, "green", nearly=True), "only a vivid colour is nearly another"
     assert has_color((30, 200, 40), "colourful") and not has_color((120, 118, 119), "colourful")
     assert {"light brown", "dark gray", "teal", "bright"} <= COLOR_WORDS
     with pytest.raises(InputError, match=r"colour: expected a word such as red.*found 'chair'"):

@@ -219,7 +219,7 @@ def test_points_far_beyond_any_room_are_no_floor():
     """Fuzzing has met them: their squares are no numbers any more."""
     points = np.array([[1e200, 0.0, 0.0], [0.0, 1e200, 0.0], [-1e200, 0.0, 0.0]])
     up = np.array([0.0, 0.0, 1.0])
-    far = gravity._Surface(points, np.tile(up, (3, 1)), np.ones(3))
+    far = gravity.Surface(points, np.tile(up, (3, 1)), np.ones(3))
     with pytest.raises(InputError, match="expected a floor to estimate up from, found 3 points"):
         gravity._fit_plane(far, up, 0.0)
     with pytest.raises(InputError, match="found 0 points"):

@@ -190,6 +190,34 @@ def test_a_camera_that_is_named_is_colours_and_depths(tmp_path: Path) -> None:
     np.testing.assert_allclose(found.read(0).depth_m, np.where(raw == 65535, 0, raw) * 0.001, atol=1e-6)
 
 
+@pytest.mark.parametrize(
+    ("camera", "unit_m"), [("camera-intrinsics.txt", 0.001), ("camera-intrinsics.color.txt", 0.0001)]
+)
+def test_depth_whose_bits_are_rotated_is_rotated_back(tmp_path: Path, camera: str, unit_m: float) -> None:
+    """SUN3D, and MIT and Princeton's Amazon challenge: left by three; depth beyond 8191 steps sets the lowest."""
+    path = seven_scenes(tmp_path).path
+    (path / camera).write_text("570.3 0 320\n0 570.3 240\n0 0 1\n")
+    steps = np.linspace(400, 12_000, 640 * 480).reshape(480, 640).astype(np.uint16)
+    steps[:5] = 0
+    for file in path.glob("*.depth.png"):
+        cv2.imwrite(str(file), steps << 3 | steps >> 13)
+    found = open_sequence(path)
+    np.testing.assert_allclose(found.read(0).depth_m, steps * unit_m, rtol=1e-5)
+    assert any("rotated" in note for note in found.notes)
+    for file in path.glob("*.depth.png"):
+        cv2.imwrite(str(file), steps)
+    plain = open_sequence(path)
+    np.testing.assert_allclose(plain.read(0).depth_m, steps * 0.001, rtol=1e-5)
+    assert not any("rotated" in note for note in plain.notes)
+
+
+def test_the_camera_of_tsdf_fusions_older_sample_is_found(tmp_path: Path) -> None:
+    path = seven_scenes(tmp_path).path
+    (path / "intrinsics.K.txt").write_text("615.195 0 298.4427\n0 615.195 247.5192\n0 0 1\n")
+    found = open_sequence(path)
+    assert (found.intrinsics.fx, found.intrinsics.cx) == (615.195, 298.4427)
+
+
 def test_depth_as_3rscan_writes_it(tmp_path: Path) -> None:
     usual, other = bundle_fusion(tmp_path / "usual").path, bundle_fusion(tmp_path / "other").path
     for file in other.glob("*.depth.png"):

@@ -323,6 +323,7 @@ def rerun_frame(page: Page) -> Frame:
 
 
 def field_of(page: Page, label: str | re.Pattern[str]) -> Locator:
-    """The text or number box beside a label (viser gives its inputs no accessible name)."""
-    row = page.locator("label", has_text=label).locator("xpath=ancestor::div[contains(@class,'Flex-root')][1]")
+    """The text or number box beside the label that begins so (viser gives its inputs no accessible name)."""
+    begins = label if isinstance(label, re.Pattern) else re.compile(rf"^\s*{re.escape(label)}")
+    row = page.locator("label", has_text=begins).locator("xpath=ancestor::div[contains(@class,'Flex-root')][1]")
     return row.locator("input:not([type=hidden]), textarea:not([aria-hidden])").last

@@ -18,7 +18,8 @@ def built(sequence, output: Path):
 
 def fill(page, label, value):
     box = field_of(page, label)
-    box.fill(value)
+    box.press("Control+a")
+    box.press_sequentially(value)  # put there at once, viser's box may not notice it
     box.press("Enter")
     box.blur()
     page.wait_for_timeout(200)

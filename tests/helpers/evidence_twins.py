@@ -88,6 +88,7 @@ def plain_vote_labels(grid: Grid, readings: Readings, settings: VoteSettings) ->
     return plain_learned_labels(named, grid, readings, settings, standing) if settings.rounds else named, disagreement
 
 
+TRUST = (1.0, 1.0, 0.7, 0.1)
 STEPS_M = np.array([0.003, 0.006, 0.01, 0.015, 0.02, 0.03, 0.05, 0.1, 0.3], dtype=np.float32)
 
 
@@ -111,35 +112,38 @@ def plain_learned_labels(
         ]
         for cell in read
     }  # fmt: skip
-    classes = sorted({label for looks in read.values() for _, label in looks} | set(named.reshape(-1).tolist()))
+    labels = sorted({label for looks in read.values() for _, label in looks} | set(named.reshape(-1).tolist()) | {0})
+    classes = [-2, -1, *labels]  # 0, -1 and -2 are nothing, by the height of the cell
     level = {cell: floor(float(top[cell]) / 0.05) for cell in read}
     reached = [floor(float(h) / 0.05) for h in top.values()]
     levels = range(min(0, *reached), max(reached) + 1)
+    nothing = {cell: -sum(float(top[cell]) >= edge for edge in (0.1, 1.0)) for cell in read}
     candidates = {
-        cell: [int(named[cell])] + [
-            label for label in dict.fromkeys([*(k for _, k in looks), *(int(named[o]) for o, *_ in around[cell])])
+        cell: [int(named[cell]) or nothing[cell]] + [
+            label or nothing[cell]
+            for label in dict.fromkeys([*(k for _, k in looks), *(int(named[o]) for o, *_ in around[cell])])
             if label != named[cell] and not (label in standing and top[cell] < settings.floor_m)
         ]
         for cell, looks in read.items()
     }  # fmt: skip
-    share = {cell: {label: float(label == named[cell]) for label in candidates[cell]} for cell in read}
+    share = {cell: {label: float(max(label, 0) == named[cell]) for label in candidates[cell]} for cell in read}
     for done in range(settings.rounds):
         field = 0.3 if done else 0.0
         size = {k: sum(s.get(k, 0.0) for s in share.values()) for k in classes}
         often = {k: (size[k] + 0.5) / (sum(size.values()) + 0.5 * len(classes)) for k in classes}
         seen = {
             (d, as_, k): sum(s.get(k, 0.0) * read[c].get((d, as_), 0) for c, s in share.items())
-            for d in range(4) for as_ in classes for k in classes
+            for d in range(4) for as_ in labels for k in classes
         }  # fmt: skip
         log_read = {}
         for d in range(4):
-            all_ = sum(seen[d, a, k] for a in classes for k in classes)
-            agree = (sum(seen[d, k, k] for k in classes) + 1) / (all_ + 2)
-            for a in classes:
-                usual = (sum(seen[d, a, k] for k in classes) + 0.5) / (all_ + 0.5 * len(classes)) * (1 - agree)
+            all_ = sum(seen[d, a, k] for a in labels for k in classes)
+            agree = (sum(seen[d, max(k, 0), k] for k in classes) + 1) / (all_ + 2)
+            for a in labels:
+                usual = (sum(seen[d, a, k] for k in classes) + 0.5) / (all_ + 0.5 * len(labels)) * (1 - agree)
                 for k in classes:
-                    of_k = sum(seen[d, b, k] for b in classes)
-                    log_read[d, a, k] = log((seen[d, a, k] + 10 * (usual + agree * (a == k))) / (of_k + 10))
+                    of_k = sum(seen[d, b, k] for b in labels)
+                    log_read[d, a, k] = log((seen[d, a, k] + 10 * (usual + agree * (a == max(k, 0)))) / (of_k + 10))
         log_level = {}
         for at in levels:
             at_level = {k: sum(s.get(k, 0.0) for c, s in share.items() if level[c] == at) for k in classes}
@@ -155,7 +159,7 @@ def plain_learned_labels(
         weighed = {}
         for c, looks in read.items():
             sums = {
-                k: log_level[level[c], k] + sum(n * log_read[d, a, k] for (d, a), n in looks.items())
+                k: log_level[level[c], k] + sum(TRUST[d] * n * log_read[d, a, k] for (d, a), n in looks.items())
                 + field * sum(
                     log(1 + odds[across, step] * share[o][k] / often[k])
                     for o, across, step in around[c] if share[o].get(k, 0.0) >= 1e-3
@@ -167,7 +171,7 @@ def plain_learned_labels(
         share = weighed
     found = named.copy()
     for c, s in share.items():
-        found[c] = max(s, key=lambda k: s[k])
+        found[c] = max(max(s, key=lambda k: s[k]), 0)
     return found
 
 

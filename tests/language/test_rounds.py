@@ -11,12 +11,12 @@ CORRIDOR = [5.0, 4.5, 90.0]
 
 REACHED = {
     "round1": (117, 2), "round2": (75, 3), "round3": (72, 3), "round4": (107, 2), "round5": (76, 2), "round6": (38, 0),
-    "round7": (26, 0), "round8": (31, 1), "round9": (29, 0),
-    "round10": (21, 0), "round11": (22, 1),
+    "round7": (26, 0), "round8": (33, 1), "round9": (29, 0),
+    "round10": (22, 0), "round11": (22, 1), "round14": (45, 0), "round16": (43, 1),
 }  # fmt: skip
 """Of the commands on the maps that are shipped: at least so many right, and at most so many wrong but confident.
 
-Rounds 12 and 13 are on none of them.
+Rounds 12, 13 and 15 are on none of them.
 """
 
 

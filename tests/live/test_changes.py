@@ -6,8 +6,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from benchmarks.two_drives import Drives, cafe_chair, drive
 from sequences import SEATS_M, write_tiny_sequence
-from two_drives import Drives, cafe_chair, drive
 
 from simaps_viz import open_sequence
 from simaps_viz.build.pipeline import BuildConfig, build_map

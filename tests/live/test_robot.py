@@ -9,19 +9,34 @@ from typing import Any
 
 import numpy as np
 import pytest
+from driving import COMMAND, SIMAP, START
 from fake_page import fake_page
-from fake_robot import DEPTH, LABELS, MASKS, TOPICS, Faults, FoxgloveServer, Played, ZenohServer, play
+from fake_robot import (
+    DEPTH,
+    LABELS,
+    MASKS,
+    T_BASE_OPTICAL,
+    TOPICS,
+    Faults,
+    FoxgloveServer,
+    Played,
+    Wheels,
+    ZenohServer,
+    play,
+)
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from sequences import write_tiny_sequence
 from waiting import until
 
 from simaps_viz import open_sequence
+from simaps_viz.app import live as app_live
 from simaps_viz.app.live import source_workbench
 from simaps_viz.build.pipeline import BuildConfig, build_map
 from simaps_viz.cli.main import main
 from simaps_viz.errors import InputError
-from simaps_viz.live import robot, run, transforms
+from simaps_viz.live import drive, robot, run, transforms
+from simaps_viz.live.drive import Driver
 from simaps_viz.live.foxglove import FoxgloveLink
 from simaps_viz.live.out import MAP, OBJECTS, OUT, MapPublisher
 from simaps_viz.live.robot import RobotSource
@@ -96,6 +111,10 @@ class SDKServer:
         for channel in self.channels.values():
             channel.close()
         self.server.stop()
+
+
+def zenoh_with_nav2():
+    return ZenohServer(nav2=True)
 
 
 def humble_server():
@@ -181,6 +200,45 @@ def test_the_page_has_the_switch_that_is_off_and_works_only_with_the_option(tmp_
 
 
 @pytest.mark.slow
+@pytest.mark.parametrize("kind", [FoxgloveServer, zenoh_with_nav2])
+def test_the_simulated_robot_drives_and_the_page_shows_its_arrival(tiny, tmp_path, kind, monkeypatch):
+    if kind is zenoh_with_nav2:
+        pytest.importorskip("zenoh")
+    drivers: list[Any] = []
+    monkeypatch.setattr(app_live, "Driver", lambda *args, **how: drivers.append(Driver(*args, **how)) or drivers[-1])
+    server, played, stop = kind(), Played(tiny, Faults()), threading.Event()
+    wheels, base = Wheels(played, server), np.eye(4)
+    base[:2, 3] = START[:2]
+    played.camera = lambda at_s: base @ T_BASE_OPTICAL  # type: ignore[method-assign]
+    link = ZenohLink(server.address) if isinstance(server, ZenohServer) else FoxgloveLink(server.address)
+    source = Listener(link, traffic := Traffic())
+    mover = threading.Thread(target=wheels.drive, args=(0.0, stop), kwargs={"mps": 10.0})
+    mover.start()
+    request = LiveRequest(source, BuildConfig(), tmp_path / "r.npz", traffic=traffic)
+    with source_workbench(request, drive=True) as (bench, build, _), fake_page(bench) as page:
+        build.start()
+        bench.publish(SIMAP)
+        (driver,) = drivers
+        until(lambda: (robot := source.robot()) is not None and robot[2] < drive.FRESH_S)
+        if isinstance(server, ZenohServer):
+            until(lambda: driver._nav2.is_there)
+        driver.switch(True)
+        driver.go(COMMAND)
+        shown: Any = page.session.panels[LivePanel]._driving
+        until(lambda: "Arrived." in shown.content)
+    stop.set()
+    mover.join()
+    server.close()
+    end = START[2].final_pose
+    assert len(wheels.times_ns) > 1 and wheels.goal_m is None
+    at = source.robot()
+    assert at is not None and np.linalg.norm(at[1][:2, 3] - (end.x_m, end.y_m)) < drive.ARRIVED_M
+    if isinstance(server, ZenohServer):
+        assert server.nav2 is not None and server.nav2.faults == server.nav2.cancels == []
+        assert len(server.nav2.asked) == len(set(server.nav2.asked)) == len(wheels.times_ns)
+
+
+@pytest.mark.slow
 def test_drops_restarts_and_late_transforms_cost_frames_and_no_objects(tiny, tmp_path, monkeypatch):
     monkeypatch.setattr(transforms, "WAIT_S", dict.fromkeys(transforms.WAIT_S, 2.0))  # some of it never comes
     faults = Faults(drop=0.1, restart_s=2.0, tf_late_s=0.2)
@@ -210,6 +268,9 @@ def source_of_nothing():
             pass
 
         def subscribe(self, topics):
+            pass
+
+        def listen(self, topic, take):
             pass
 
         def advertise(self, topic, kind):

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from drawn_readings import LABELS, drawn_grid, drawn_readings, random_readings
+from drawn_readings import LABELS, drawn_grid, drawn_readings, grid_of, random_readings
 from evidence_twins import plain_vote_labels
 
 from simaps_viz.mapping.votes import VoteSettings, vote_labels
@@ -91,6 +91,34 @@ def test_a_height_where_no_floor_is_speaks_against_floor():
         looks.append("\n".join("".join(row) for row in look))
     readings = drawn_readings(grid, looks, CLASSES)
     assert vote_labels(grid, readings, VOTED)[0][11, 11] == LABELS.index("floor")
+    np.testing.assert_array_equal(vote_labels(grid, readings, LEARNED)[0], grid.label)
+
+
+@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize(("often_m", "never_m"), [(0.0, 0.5), (0.5, 1.5)])
+def test_nothing_that_is_taken_for_chairs_at_one_height_is_not_so_at_another(often_m, never_m, seed):
+    drawing = np.full((24, 24), "?")
+    drawing[:, 12:] = "."
+    for row in range(2, 22, 5):
+        drawing[row : row + 2, 14:16] = drawing[row : row + 2, 19:21] = "c"
+    chairs, invented = drawing == "c", drawing == "?"
+    grid = grid_of(chairs.astype(np.int16), np.where(invented, often_m, never_m).astype(np.float32))
+    looks, rng = [], np.random.default_rng(seed)
+    for number in range(10):
+        look = np.where(chairs & (number < 3) | invented & (rng.random(chairs.shape) < 0.2), "1", ".")
+        looks.append("\n".join("".join(row) for row in look))
+    found, _ = vote_labels(grid, drawn_readings(grid, looks, CLASSES), LEARNED)
+    assert found[chairs].all()
+    assert found[~chairs].mean() < 0.02
+
+
+@pytest.mark.parametrize(("on_top", "below"), [(2, 6), (3, 4)])
+def test_what_lies_well_below_the_top_does_not_outweigh_what_is_on_it(on_top, below):
+    drawing = np.array([list(row) for row in ["tttttttt", "tccttcct", "tccttcct"] * 3])
+    grid = drawn_grid("\n".join("".join(row) for row in drawing))
+    looks = [np.where(drawing == "c", seen, "2") for seen in "1" * on_top + "3" * below]
+    looks = ["\n".join("".join(row) for row in look) for look in looks]
+    readings = drawn_readings(grid, looks, {**CLASSES, "3": "table"}, below_m={"3": 0.04})
     np.testing.assert_array_equal(vote_labels(grid, readings, LEARNED)[0], grid.label)
 
 

@@ -73,6 +73,25 @@ def test_a_moved_slider_says_what_it_changed_and_one_button_shows_before(monkeyp
         assert session.wait_idle() and not panel._change.visible and drawn[-1][1] == ()
 
 
+def test_a_drag_that_stops_on_the_way_is_compared_with_the_map_where_it_began():
+    with opened() as (_, page):
+        session, panel = page.session, page.session.panels[MapPanel]
+        whole = session.simap
+        for k in (12.0, 30.0):  # as a slider reports a drag
+            panel.set_sliders(k, 1.0)
+            panel._cut()
+            assert session.wait_idle()
+        assert "K 30 %: 4 chairs (3 before)" in panel._change.content and panel._was is not None
+        assert panel._was[0] is whole and panel._was[1].percent == 5.0
+        panel._moved_s -= 10.0  # a pause: what is moved now is compared with what is shown
+        panel.set_sliders(60.0, 1.0)
+        panel._cut()
+        assert session.wait_idle() and panel._was[1].percent == 30.0
+        panel.set_sliders(30.0, 1.0)  # back where that drag began: nothing has changed
+        panel._cut()
+        assert session.wait_idle() and not panel._change.visible and not panel._peek.visible
+
+
 def test_neighbours_are_outlined_each_for_itself():
     simap = repartition(toy_map(), k_percent=30.0)
     ids = changed_instances(toy_map(), simap)

@@ -68,6 +68,14 @@ def test_a_text_stands_beside_its_thing_on_the_side_it_should():
     assert place == (1.0, 1.0)
 
 
+def test_a_text_is_on_the_map_and_beside_the_name_that_stands_above_its_thing():
+    thing = Label("chair 6", 2.0, 3.0, 0.25, 0.25)
+    (place,) = spread([thing], METRES_PER_PX, within=(1.5, 2.0, 9.0, 3.26))
+    assert place is not None and place[1] == 3.0 and place[0] > 2.25, "nothing is seen above: to the east"
+    (place,) = spread([thing], METRES_PER_PX, named=thing)
+    assert place is not None and place[1] == 3.0
+
+
 def test_closer_up_the_same_texts_have_room():
     labels = [Label("12 · 10.5 m", 0.1 * i, 0.0, 0.04, 0.04) for i in range(30)]
     far, near = (sum(p is not None for p in spread(labels, m)) for m in (0.02, 0.0005))

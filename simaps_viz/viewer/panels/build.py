@@ -21,7 +21,7 @@ NOTE = (
 )
 NO_FRAMES = "This map keeps no frames. Build it again with --history (or --record MAP.rrd) to go back in time."
 FRAME_HINT = "Counted from 0. Keys [ and ]: one frame back or forward."
-STEP_HINT = "0 = classes; then the levels of Louvain; then one step for each merge, those that the map takes first."
+STEP_HINT = "How many parts were joined, those that the map takes first; below 0: Louvain's levels, then classes only."
 
 
 class BuildPanel(Panel):
@@ -117,11 +117,11 @@ class StepsPanel(Panel):
         self._page, gui = page, page.gui
         self._timeline: Timeline | None = None
         with gui.add_folder("How objects were joined"):
-            self._slider = by_person(gui.add_slider("Position", 0, 1, 1, 1, disabled=True, hint=STEP_HINT), self._moved)
-            self._words = gui.add_html("")
-            played = Played(
-                lambda: int(self._slider.value), lambda: self._finished, self.choose, lambda: float(self._rate.value)
+            self._slider = by_person(
+                gui.add_slider("Joining step", 0, 1, 1, 1, disabled=True, hint=STEP_HINT), self._moved
             )
+            self._words = gui.add_html("")
+            played = Played(lambda: self._chosen, lambda: self._finished, self.choose, lambda: float(self._rate.value))
             self._player = page.players["steps"] = Player(gui, "Play the steps", played)
             self._player.button.disabled = True
             self._rate = gui.add_slider("Pace (per s)", 1, 60, 1, 12, hint="Positions a second, while it plays.")
@@ -151,10 +151,10 @@ class StepsPanel(Panel):
         if timeline is None:
             return
         position = timeline.finished if step is None else step
-        if step is None and self._slider.value == position and not self._back.visible:
+        if step is None and self._chosen == position and not self._back.visible:
             return  # as most often, while the frames are scrubbed
-        if self._slider.value != position:
-            self._slider.value = position
+        if self._chosen != position:
+            self._slider.value = position - timeline.levels
         self._say(timeline.words(position) + ("" if step is None else self._page.recording.words(position)))
         self._back.visible = step is not None
 
@@ -166,11 +166,16 @@ class StepsPanel(Panel):
         self._player.stop()
         self._timeline = timeline
         some = timeline.last > 1
-        self._slider.max = max(timeline.last, 1)
+        self._slider.min, self._slider.max = -timeline.levels, max(timeline.last - timeline.levels, 1)
         self._slider.disabled = self._player.button.disabled = not some
-        self._slider.value = timeline.finished
+        self._slider.value = timeline.finished - timeline.levels
         self._say(timeline.words(timeline.finished) if some else "This map keeps no steps.")
         self.time_changed(self._page.frame, self._page.time.step)
+
+    @property
+    def _chosen(self) -> int:
+        """The position of the slider, which counts from the first merge, as the words beside it do."""
+        return int(self._slider.value) + (0 if self._timeline is None else self._timeline.levels)
 
     @property
     def _finished(self) -> int:
@@ -183,7 +188,7 @@ class StepsPanel(Panel):
 
     def _moved(self) -> None:
         self._player.stop()
-        self.choose(int(self._slider.value))
+        self.choose(self._chosen)
 
     def _say(self, words: str) -> None:
         self._words.content = f'<div role="status" style="{BOX_STYLE};{DIM_STYLE}">{escape(words)}</div>'

@@ -15,7 +15,8 @@ import viser
 from numpy.typing import NDArray
 
 from simaps_viz.colors.classes import plural
-from simaps_viz.drawing.label_layout import Box, Label, boxes_near
+from simaps_viz.drawing.label_layout import Box, Label, boxes_near, label_of
+from simaps_viz.drawing.texture import outline_segments
 from simaps_viz.drawing.theme import (
     BAD_PAPER_STYLE,
     DIM_STYLE,
@@ -41,7 +42,7 @@ from simaps_viz.navigation.trajectory import (
     trajectory,
     trajectory_of_steps,
 )
-from simaps_viz.structures import Instance, Pose2, SIMap
+from simaps_viz.structures import Pose2, SIMap
 from simaps_viz.viewer.page.page import Page
 from simaps_viz.viewer.page.panel import Panel
 from simaps_viz.viewer.page.timeline import Snapshot
@@ -147,12 +148,6 @@ def answer_labels(simap: SIMap, ids: Sequence[int], most: int = 12) -> list[Labe
     """Name the objects that an answer speaks of, as far as they are on the map; at most so many."""
     known = {instance.id: instance for instance in (*simap.instances, *simap.hidden)}
     return [label_of(known[i].label, known[i]) for i in ids if i in known][:most]
-
-
-def label_of(text: str, one: Instance) -> Label:
-    """Return a label next to an instance."""
-    (x0, y0, _), (x1, y1, _) = one.aabb_m
-    return Label(text, (x0 + x1) / 2, (y0 + y1) / 2, (x1 - x0) / 2, (y1 - y0) / 2)
 
 
 def message_html(title: str, text: str, tone: str, more: Sequence[str] = ()) -> str:
@@ -324,6 +319,8 @@ def open_floor(simap: SIMap) -> Pose2:
 
 
 MAX_REMEMBERED = 50
+OUTLINE_M = 0.014
+"""Height of the lines around what the robot goes to, or an answer speaks of."""
 GOAL_M = 0.25
 """Half the side of the square around the robot's final position that is kept free of labels."""
 
@@ -611,10 +608,12 @@ class CommandPanel(Panel):
             return
         end = answer.final_pose
         goal = (end.x_m - GOAL_M, end.y_m - GOAL_M, end.x_m + GOAL_M, end.y_m + GOAL_M)
+        goals = {number for one in answer.goals for number in (one.instance, one.other_instance) if number}
         self._draw(Marks(labels=labels, blocked=(goal, *boxes_near(simap, labels))))
+        if answer.answer is None and goals:  # all else is dimmed until the robot has arrived
+            self._light(frozenset(goals))
         if answer.answer is not None:
-            self._lit = frozenset(answer.answer["instances"])
-            self._page.repaint()
+            self._light(frozenset(answer.answer["instances"]))
             if not answer.goals and answer.path_length_m == 0.0:  # nothing but a question
                 self._conclude(answer)
                 return
@@ -695,8 +694,22 @@ class CommandPanel(Panel):
         self._past = [Past(command, ""), *(past for past in self._past if past.command != command)][:MAX_REMEMBERED]
         self._show_past()
 
+    def _light(self, ids: frozenset[int]) -> None:
+        """Outline some objects, and dim all else; none: dim nothing."""
+        if ids != self._lit:
+            self._lit = ids
+            self._draw(None)
+            self._page.repaint()
+
+    def selection_changed(self, instance_id: int | None) -> None:
+        """Dim nothing any longer for an answer, once nothing is selected."""
+        if instance_id is None and not self.driving:
+            self._light(frozenset())
+
     def _ended(self, status: str) -> None:
         """Note in the history how the command that runs, if one does, has ended."""
+        if self._answer is None or self._answer.answer is None:
+            self._light(frozenset())
         command, self._running = self._running, ""
         if command:
             self._past = [replace(past, status=status) if past.command == command else past for past in self._past]
@@ -710,9 +723,7 @@ class CommandPanel(Panel):
 
     def _clear(self) -> None:
         self._answer, self._line, self._trajectory, self._why, self._readings = None, 0, None, (), ()
-        if self._lit:
-            self._lit = frozenset()
-            self._page.repaint()
+        self._light(frozenset())
         self._draw(Marks())
         self._show_program("")
         self._show_other_reading(None)
@@ -725,6 +736,8 @@ class CommandPanel(Panel):
             self._marks = self._marks if marks is None else marks
             shown = Marks() if self._hidden else self._marks
             self._scene.show_path(shown.path_m)
+            lit = () if self._hidden else self._lit
+            self._scene.show_target(outline_segments(self._page.simap, *lit, z_m=OUTLINE_M))
             self._scene.show_candidates(shown.labels, blocked=shown.blocked)
 
     def _show_phase(self, phase: Phase) -> None:

@@ -2,6 +2,7 @@
 
 import functools
 import threading
+import time
 from collections.abc import Collection, Sequence
 from dataclasses import replace
 from html import escape
@@ -31,6 +32,8 @@ BEFORE = "Before and after"
 BEFORE_HINT = "The map as it was before the slider was moved, and as it is; holding key B shows it before."
 MAX_MOVED, OUTLINED_S = 3, 4.0
 """Classes whose new counts are named beside a moved slider, and for how long what changed is outlined."""
+DRAG_S = 1.0
+"""A slider that was at rest for so long is moved anew."""
 MODE_HINT = "What a colour on the map means; the legend follows."
 TINT_HINT = "How much of the objects' colours lies over the photo."
 CUT_HINT = "Leave out everything above, as if the roof and then the tables were lifted off."
@@ -40,7 +43,7 @@ SPECK_FRAMES, FRAMES_PER_GLANCE, FAINT = 3, 50, 0.25
 SPECKS_HINT = "What has less is faint and not counted; commands and exports have it all the same."
 MapState = tuple[ColorMode, int, str | None, bool, tuple[int, float, int], Cut | None]
 LEGEND_STYLE = "border-block:1px solid rgba(128,128,128,.25);margin-bottom:.4em"
-"""Inline style of the legend; the page's script sets its height to fit the page."""
+"""Inline style of the legend."""
 
 
 class MapPanel(Panel):
@@ -93,6 +96,8 @@ class MapPanel(Panel):
         self._reset = button(gui, "Reset", self.reset, icon=icon, color="gray", visible=False)
         self._was: tuple[SIMap, Cut] | None = None
         """The map before the sliders were moved, and how it was cut."""
+        self._from, self._moved_s = (simap, own), -DRAG_S
+        """The same where the drag of a slider began that goes on, and when it was last moved."""
         self._shown, self._shown_cut = simap, own
         self._clearing: threading.Timer | None = None
         # What is painted.
@@ -162,7 +167,7 @@ class MapPanel(Panel):
         before, cut = (self._shown, self._shown_cut), self._page.cut
         self._shown, self._shown_cut = simap, cut
         if cut != before[1] and simap is not before[0]:
-            self._was = before
+            self._was = self._from if self._from[1] != cut else None
         self._reset.visible = self._page.cut_here
         self._describe_change()
         if color_modes(simap) != tuple(self._mode.options):
@@ -173,7 +178,7 @@ class MapPanel(Panel):
         if self._was is not None:
             cut = self._was[1]
             self.set_sliders(cut.percent, cut.resolution)
-            self._cut()
+            self._cut(drag=False)
 
     def _describe_change(self) -> None:
         was, now = self._was, self._shown
@@ -306,9 +311,14 @@ class MapPanel(Panel):
         """Go back to the K and resolution the map came with."""
         own = cut_of(self._page.base)
         self.set_sliders(own.percent, own.resolution)
-        self._cut()
+        self._cut(drag=False)
 
-    def _cut(self) -> None:
+    def _cut(self, *, drag: bool = True) -> None:
+        """Cut the map anew; ``drag`` counts moves that follow at once as one."""
+        now = time.monotonic()
+        if not drag or now - self._moved_s > DRAG_S:
+            self._from = self._shown, self._shown_cut
+        self._moved_s = now if drag else -DRAG_S
         if not self._busy:
             self._busy, self._counts_before = True, str(self._counts.content)
             self._counts.content = _line("Cutting the map anew …")

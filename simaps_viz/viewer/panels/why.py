@@ -1,9 +1,10 @@
 """The section "Why is this one object?", which also explains what keeps an object apart from others."""
 
 import re
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from html import escape
+from typing import Any
 
 import numpy as np
 import viser
@@ -133,7 +134,6 @@ ROWS = 6
 """Rows of the table of merge steps."""
 MAX_NEIGHBOURS = 8
 APART_HINT = "What keeps this object apart from another: a neighbour, with the number on its line, or one you click."
-ROWS_HINT = "Each step: the two parts that became one, and the score that joined them."
 _ROW = re.compile(r"Step (\d{1,8}):")
 ASK = "Click another object …"
 STOP_ASKING = "Cancel"
@@ -150,6 +150,8 @@ class WhyPanel(Panel):
         self.why: Why | None = None
         """The explanation that is shown."""
         self._joint: Joint | None = None
+        self._pointed: Joint | None = None
+        """The step that the pointer is on."""
         self._between: Between | None = None
         self._asking = False
         gui = page.gui
@@ -198,6 +200,12 @@ class WhyPanel(Panel):
             self.compare(instance.id)
         return True
 
+    def told(self, event: Mapping[str, Any]) -> None:
+        """Outline both parts of the step that the pointer is on, by its number; 0: of the chosen one again."""
+        number = event.get("number")
+        if event.get("type") == "step" and isinstance(number, int):
+            self._page.worker.submit("why pointed", lambda: self._point_to(number))
+
     def compare(self, other_id: int) -> None:
         """Describe what keeps the explained instance and another apart."""
         self._apart.content = working_html("Comparing")
@@ -206,7 +214,7 @@ class WhyPanel(Panel):
     def _explain(self, simap: SIMap, instance_id: int | None) -> None:
         """Show why an instance is one object, here and in short on the panel about the instance."""
         try:
-            self._asking, self._between, self._joint = False, None, None
+            self._asking, self._between, self._joint, self._pointed = False, None, None, None
             # What no cell shows has no communities that were joined.
             on_top = any(one.id == instance_id for one in simap.instances)
             self._simap, self.why = simap, explain(simap, instance_id) if instance_id is not None and on_top else None
@@ -245,7 +253,7 @@ class WhyPanel(Panel):
             "Merge step", 0, 1, 1, 0, hint="The merge steps that made the object, in order; 0 shows none."
         )
         by_person(self._step, lambda: self._choose_step(int(self._step.value)))
-        self._rows = gui.add_button_group("Steps", ("-",), hint=ROWS_HINT)
+        self._rows = gui.add_button_group("Steps", ("-",))
         self._rows.on_click(lambda event: self._choose_row(str(event.target.value)))
         self._step_text = gui.add_html("")
 
@@ -279,6 +287,11 @@ class WhyPanel(Panel):
 
     def _choose_step(self, position: int) -> None:
         self._page.worker.submit("why step", lambda: self._show_step(position))
+
+    def _point_to(self, number: int) -> None:
+        joints = () if self.why is None else self.why.joints
+        self._pointed = joints[number - 1] if 1 <= number <= len(joints) else None
+        self._draw()
 
     def _show_step(self, position: int) -> None:
         """Show step ``position`` (from 1); 0 shows none."""
@@ -357,11 +370,12 @@ class WhyPanel(Panel):
         other = None if found is None else found.second.id
         link = None if found is None else found.link
         z_m = why.instance.aabb_m[1][2] + FLOOR_M if self._page.viewpoints.name == SLANT else FLOOR_M
-        self._marks.draw(Marks(simap, why, bool(self._lines.value), self._joint, other, link), z_m)
+        self._marks.draw(Marks(simap, why, bool(self._lines.value), self._pointed or self._joint, other, link), z_m)
 
 
 def _steps_words(why: Why) -> str:
-    return f"Made in {plural(len(why.joints), 'merge step')}. {ROWS_HINT} Choose one to see them."
+    steps = plural(len(why.joints), "merge step")
+    return f"Made in {steps}. Each: the two parts that became one, and how sure that was. Point to one to see them."
 
 
 def _window(why: Why, position: int) -> tuple[str, ...]:

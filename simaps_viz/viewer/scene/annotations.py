@@ -98,6 +98,8 @@ class LabelLayer:
         draws more than these texts takes it too."""
         self._labels: tuple[Label, ...] = ()
         self._blocked: tuple[Box, ...] = ()
+        self._within: Box | None = None
+        self._named: Label | None = None
         self._z_m = 0.0
         self._handles: list[viser.LabelHandle] = []
         self._zoom = Zoom(page, self.place, assumed_m=assumed_m)
@@ -107,12 +109,21 @@ class LabelLayer:
         """How much of the floor a pixel shows."""
         return self._zoom.metres_per_px()
 
-    def show(self, labels: Sequence[Label], *, blocked: Sequence[Box] = (), z_m: float = 0.05) -> None:
-        """Show other texts, the most important first; ``blocked`` is what they should not cover."""
+    def show(
+        self,
+        labels: Sequence[Label],
+        *,
+        blocked: Sequence[Box] = (),
+        within: Box | None = None,
+        named: Label | None = None,
+        z_m: float = 0.05,
+    ) -> None:
+        """Show other texts, the most important first, at a height; other arguments as of `spread`."""
         with self._page.atomic(), self.lock:
             for handle in self._handles:
                 handle.remove()
             self._labels, self._blocked, self._z_m = tuple(labels), tuple(blocked), z_m
+            self._within, self._named = within, named
             self._handles = [
                 self._page.scene.add_label(
                     f"{self._name}/{i}", label.text, position=(label.x, label.y, z_m), anchor="center-center"
@@ -128,7 +139,7 @@ class LabelLayer:
 
     def _lay(self) -> float:
         metres_per_px = self._zoom.metres_per_px()
-        places = spread(self._labels, metres_per_px, self._blocked)
+        places = spread(self._labels, metres_per_px, self._blocked, within=self._within, named=self._named)
         for handle, place in zip(self._handles, places, strict=True):
             if place is not None:
                 handle.position = (*place, self._z_m)

@@ -76,7 +76,7 @@ def slanted_view(extent: Extent, aspect: float) -> View:
 
 TOP, SLANT = "Top view", "3-D view"
 """The two views of a map, as the page names them."""
-PANEL_WIDTH_PX, RIM_PX = 400, 4
+PANEL_WIDTH_PX, RIM_PX = 440, 4
 """Of the docked panels, and of what viser draws beside them."""
 PHONE_PX, SHEET_SHARE = 576, 0.45
 """On narrower pages the panels are a sheet at the bottom, of so much of the height (see ``page.css``)."""

@@ -33,7 +33,7 @@ PICTURE_M = 0.004
 """Height over the map of a picture that is shown instead of it."""
 PARENTS = ("/candidates", "/why")
 """Nodes whose children come and go; hiding one hides its children."""
-LINES = ("/path", "/selection", "/changed", "/cut", "/rooms")
+LINES = ("/path", "/target", "/selection", "/changed", "/cut", "/rooms")
 CAMERA = (220, 60, 40)
 CAMERA_FOV_RAD, CAMERA_ASPECT, CAMERA_SIZE_M = 0.9, 4 / 3, 0.45
 """The mark of a camera shows where a frame was taken from, not how much was on it."""
@@ -246,11 +246,16 @@ class MapScene:
         with self._lock:
             draw_lines(self._scene, "/path", segments, PATH, 4.0, visible=self._pictured is None)
 
+    def show_target(self, lines: NDArray) -> None:
+        """Draw lines around what a command means, float [n, 2, 3]; n = 0 draws none."""
+        with self._lock:
+            draw_lines(self._scene, "/target", lines, PATH, OUTLINE_PX, visible=self._pictured is None)
+
     def show_candidates(self, labels: Sequence[Label], *, blocked: Sequence[LabelBox] = ()) -> None:
         """Write texts on the map, the most important first; they leave the robot, what they name and others free."""
         x, y, _ = (float(value) for value in self._robot.position)
         r = ROBOT_RADIUS_M
-        self._candidates.show(labels, blocked=(*blocked, (x - r, y - r, x + r, y + r)))
+        self._candidates.show(labels, blocked=(*blocked, (x - r, y - r, x + r, y + r)), within=self.extent)
 
     def show_badge(self, text: str) -> None:
         """Write a warning next to the map, such as that it is simulated; none when the text is empty."""

@@ -8,7 +8,7 @@ import viser
 from numpy.typing import NDArray
 
 from simaps_viz.colors.palette import Color
-from simaps_viz.drawing.label_layout import Label, boxes_near
+from simaps_viz.drawing.label_layout import Label, boxes_near, label_of
 from simaps_viz.drawing.texture import outline_segments
 from simaps_viz.mapping.explain import Joint, Link, Why, score_text
 from simaps_viz.mapping.methods import method_of
@@ -155,8 +155,11 @@ class WhyMarks:
                 self._around = outline_segments(marks.simap, marks.why.instance.id)
             self._draw_lines(self._labels.metres_per_px)
             labels = [] if marks is None else [link_label(marks, link) for link in links[:MAX_NUMBERS]]
-            blocked = () if marks is None else boxes_near(marks.simap, labels)
-            self._labels.show(labels, blocked=blocked, z_m=z_m)
+            if marks is None:
+                self._labels.show(())
+                return
+            one, blocked, within = marks.why.instance, boxes_near(marks.simap, labels), marks.simap.spec.extent_m
+            self._labels.show(labels, blocked=blocked, within=within, named=label_of(one.name, one), z_m=z_m)
 
     def _draw_lines(self, metres_per_px: float) -> None:
         share = line_share(self._around, metres_per_px)

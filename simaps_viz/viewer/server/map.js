@@ -153,7 +153,7 @@
     span.hidden = false;
   };
   // Large objects first; a name is left out where it would cover another, or be far larger than its object.
-  const writeNames = (plain) => {
+  const writeNames = (plain, under) => {
     const taken = [];
     let count = 0;
     const write = (one, text, chosen) => {
@@ -170,7 +170,7 @@
       place(count++, text, x, y, chosen);
     };
     const chosen = map.objects.get(state.selected);
-    if (chosen && chosen.cells) write(chosen, chosen.name, true);
+    if (chosen && chosen.cells && chosen !== under) write(chosen, chosen.name, true);
     const [left, top] = at(toScreen, 0, 0), [right, bottom] = at(toScreen, map.cell, map.cell);
     const px = Math.hypot(right - left, bottom - top) / Math.SQRT2;
     for (const one of plain ? map.shown : []) {
@@ -192,7 +192,7 @@
     if (one === divideSent) return false;
     divideSent = one;
     divide = one && JSON.parse(one.dataset.divide);
-    if (!held) dragged = null;
+    if (!held && !sending) dragged = null;  // what was dragged last is still to be sent
     return true;
   };
   const placeHandle = () => {
@@ -262,7 +262,7 @@
     }
     return found;
   };
-  const drawOver = (canvas) => {
+  const drawOver = (canvas, plain) => {
     const scale = window.devicePixelRatio || 1, context = drawing.getContext('2d');
     const [w, h] = [Math.round(width * scale), Math.round(height * scale)];
     if (drawing.width !== w || drawing.height !== h) { drawing.width = w; drawing.height = h; }
@@ -279,13 +279,18 @@
       }
     }
     hint.hidden = !under;
+    writeNames(plain, under);
     if (pointed) for (const one of map.shown) if (one.label === pointed) draw(context, one, true);
     if (under) draw(context, under, false);
   };
 
   // The legend: what is pointed to is outlined, a press shows a class alone or fades it.
   const entryOf = (event) => event.target.closest && event.target.closest('[data-class]');
+  let step = 0;  // of merging, whose button the pointer is on
   const point = (event) => {
+    const button = event.target.closest && event.target.closest('button');
+    const on = Number(((button && button.textContent.match(/^Step (\d{1,8}):/)) || [0, 0])[1]);
+    if (on !== step) tell({ type: 'step', number: step = on });
     const entry = entryOf(event), label = entry ? entry.dataset.class : null;
     if (label !== pointed) { pointed = label; changed = true; }
   };
@@ -295,8 +300,14 @@
     const entry = entryOf(event);
     if (entry) tell({ type: 'class', name: entry.dataset.class, do: entry.dataset.do });
   }, true);
+  let more = window.innerHeight >= 1000;  // whether all classes are listed; a new legend is folded up
+  window.addEventListener('toggle', (event) => {
+    if (event.target.className === 'simaps-more') more = event.target.open;
+  }, true);
   const shows = (label) => (state.only ? label === state.only : !(state.faded || []).includes(label));
   const pressEntries = () => {
+    const folded = document.querySelector('.simaps-more');
+    if (folded && folded.open !== more) folded.open = more;
     for (const entry of document.querySelectorAll('.simaps-legend [data-class]')) {
       const { class: label, do: action } = entry.dataset;
       const on = String(action === 'only' ? label === state.only : (state.faded || []).includes(label));
@@ -357,7 +368,7 @@
 
   const covered = (viser) => Object.keys(viser.nodeRefFromName).some((name) => name === '/picture' && viser.nodeRefFromName[name]);
   const marked = ({ nodeRefFromName: nodes }) => {
-    const marks = Object.keys(nodes).filter((name) => /^\/(candidates|why)\/./.test(name));
+    const marks = Object.keys(nodes).filter((name) => /^\/(candidates|why)\/.|^\/target$/.test(name));
     return marks.some((name) => nodes[name] && !marks.some((other) => other.startsWith(`${name}/`))); // a parent stays
   };
   let changed = true, before = '', legend = null;
@@ -388,8 +399,7 @@
     if (!scale.hidden) drawScale();
     for (const one of [drawing, names]) one.hidden = bare || !top;
     if (bare || !top) { hint.hidden = true; return; }
-    writeNames(plain);
-    drawOver(canvas);
+    drawOver(canvas, plain);
   };
   window.requestAnimationFrame(tick);
 })();

@@ -59,10 +59,30 @@
     const panels = document.querySelector('[style*="max-height: 60%"]');
     document.documentElement.style.setProperty('--simaps-sheet', `${panels ? panels.offsetHeight : 0}px`);
   };
+  const fitTabs = () => {  // where the words of all tabs do not fit in one row, the last ones are icons with a tooltip
+    for (const row of document.querySelectorAll('[data-dock-strip], .mantine-Tabs-list')) {
+      const all = [...row.querySelectorAll(':scope > [role=tab]')], words = all.map(titleOf).join(), wide = row.clientWidth;
+      if (!wide || row.dataset.fits === `${words} ${wide}`) continue;
+      for (const one of all) { delete one.dataset.bare; one.title = titleOf(one); }
+      const ends = () => all[all.length - 1].getBoundingClientRect().right - row.getBoundingClientRect().left + row.scrollLeft;
+      for (let i = all.length - 1; i > 0 && ends() > wide + 1; i--) all[i].dataset.bare = '';
+      row.dataset.fits = `${words} ${wide}`;
+    }
+  };
+  const placeHints = () => {  // beside the panels: below its control a hint would cover the next one
+    const left = Math.max(...[...document.querySelectorAll('[data-dock-strip]')].map((one) => one.getBoundingClientRect().left));
+    const beside = left > innerWidth / 2 ? `${Math.round(innerWidth - left + 8)}px` : '';
+    document.documentElement.style.setProperty('--simaps-hints', beside);
+    document.documentElement.toggleAttribute('data-hints-beside', beside !== '');
+  };
   let waiting = 0;
   const soon = () => {
-    if (!waiting) waiting = setTimeout(() => { waiting = 0; nameControls(); reopen(); turnTo(); hush(); sheet(); }, 100);
+    if (!waiting) waiting = setTimeout(() => {
+      waiting = 0;
+      nameControls(); reopen(); turnTo(); hush(); sheet(); fitTabs(); placeHints();
+    }, 100);
   };
+  window.addEventListener('resize', soon);
   new MutationObserver(soon).observe(document.body, { childList: true, subtree: true, characterData: true });
   nameControls();
   reopen();

@@ -96,10 +96,13 @@ class Drives:
         return replace(shot, frame=replace(shot.frame, name=name, T_world_camera=pose), stamp_ns=self._next * 10**8)
 
     def correction(self) -> Correction | None:
+        """Return None: nothing is ever corrected."""
         return None
 
     def words(self) -> str:
+        """Return "": there is no connection."""
         return ""
 
     def close(self) -> None:
+        """End."""
         self.ended = True
