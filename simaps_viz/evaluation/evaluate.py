@@ -51,6 +51,9 @@ class WithSimulatedErrors(OtherMasks):
         super().__init__(sequence)
         self.level, self.seed, self.color = check_level(level), seed, sequence.color
         self._known = _known_instances(sequence)
+        named = {name for errors in (LEVELS[level].by_class or {}).values() for name in errors.names}
+        new = tuple(sorted(named.difference(self.labels)))
+        self.labels, self.is_thing = (*self.labels, *new), (*self.is_thing, *(True for _ in new))
         self._packed: dict[int, tuple[NDArray, tuple[Segment, ...]]] = {}
         self.name, self.simulated = f"{sequence.name}, {self.segmentation_source}", True
 
@@ -318,6 +321,7 @@ def check_lists(methods: Sequence[str], errors: Sequence[str], seeds: Sequence[i
         if not values or len(set(values)) != len(values):
             found = ", ".join(map(str, values)) or "none"
             raise InputError(f"{what}: expected at least one, each once, found {found}")
-    unknown = [e for e in errors if e not in ERRORS]
+    kinds = (*LEVELS, PRECOMPUTED)  # levels of the caller's own too
+    unknown = [e for e in errors if e not in kinds]
     if unknown:
-        raise InputError(f"errors: expected some of {', '.join(ERRORS)}, found {', '.join(unknown)}")
+        raise InputError(f"errors: expected some of {', '.join(kinds)}, found {', '.join(unknown)}")

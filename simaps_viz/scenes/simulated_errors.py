@@ -24,6 +24,16 @@ from simaps_viz.errors import InputError
 
 
 @dataclass(frozen=True)
+class ClassErrors:
+    """What goes wrong with things of one class, as measured."""
+
+    miss_by_size: tuple[float, ...]
+    """As ``ErrorLevel.miss_by_size``."""
+    names: Mapping[str, float]
+    """What those that are found are called: shares, 1 in all."""
+
+
+@dataclass(frozen=True)
 class ErrorLevel:
     """How often what goes wrong. Chances are per object and frame, or per pair of neighbours and frame."""
 
@@ -44,6 +54,9 @@ class ErrorLevel:
     """A thing that it has no name for gets that of another one."""
     lasting: float = 0.0
     """Correlation of what goes wrong with one object in two frames."""
+    by_class: Mapping[str, ClassErrors] | None = None
+    """Instead of ``miss``, ``flip``, ``known`` and ``invent``; objects of other classes are never found. A misnamed
+    thing is part of the nearest segment of that name, if there is one as near as those that merge."""
 
 
 LEVELS: dict[str, ErrorLevel] = {
@@ -189,14 +202,17 @@ def _is_found(
     known: KnownInstance, area_px: float, smallest_px: float, chance: ErrorLevel, miss: float, flip: float
 ) -> bool:
     """Whether an object becomes a segment; ``miss`` and ``flip`` are what was drawn for it."""
-    # A network of things alone knows nothing of stuff; one of everything never misses it.
-    if not known.is_thing:
+    if chance.by_class is not None:
+        sizes = chance.by_class[known.label].miss_by_size if known.label in chance.by_class else (math.inf,)
+    elif not known.is_thing:
+        # A network of things alone knows nothing of stuff; one of everything never misses it.
         return chance.known is None
+    elif chance.known is not None and known.label not in chance.known:
+        return area_px >= smallest_px and flip < chance.invent
+    else:
+        sizes = chance.miss_by_size or (chance.miss,)
     if area_px < smallest_px:
         return False
-    if chance.known is not None and known.label not in chance.known:
-        return flip < chance.invent
-    sizes = chance.miss_by_size or (chance.miss,)
     size = int(math.log2(area_px / smallest_px)) if smallest_px else 0
     return miss >= sizes[min(size, len(sizes) - 1)]
 
@@ -217,6 +233,8 @@ def _names(
     found: list[int], instances: Mapping[int, KnownInstance], chance: ErrorLevel, draws: _Draws
 ) -> dict[int, str]:
     """Name every found object, a few of them wrongly."""
+    if chance.by_class is not None:
+        return {i: _drawn(chance.by_class[instances[i].label].names, draws.flip[i]) for i in found}
     things = sorted({known.label for known in instances.values() if known.is_thing})
     if chance.known is not None:
         things = sorted(chance.known.intersection(things) or chance.known)
@@ -229,6 +247,12 @@ def _names(
             label = others[int(draws.other[i] * len(others))]
         names[i] = label
     return names
+
+
+def _drawn(shares: Mapping[str, float], at: float) -> str:
+    """Return the key at a number from 0 to 1 of the shares laid end to end."""
+    ends = np.cumsum(list(shares.values()))
+    return list(shares)[min(int(np.searchsorted(ends, at * ends[-1], side="right")), len(shares) - 1)]
 
 
 def _numbers(found: list[int], names: Mapping[int, str], instances: Mapping[int, KnownInstance]) -> dict[int, int]:
@@ -288,16 +312,26 @@ def _merge(
     """Join neighbours of one name, pair by pair; chains can join more than two."""
     now = {i: segment_of[i] for i in things}
     gap = MERGE_GAP * spoiled.shape[1]
+
+    def away_m(a: int, b: int) -> float:
+        return math.dist(instances[a].centre_m, instances[b].centre_m)
+
+    def join(a: int, b: int) -> bool:
+        if now[a] == now[b] or away_m(a, b) >= MERGE_DISTANCE_M or _box_gap(spoiled, now[a], now[b]) > gap:
+            return False
+        ended = now[b]
+        spoiled[spoiled == ended] = now[a]
+        now.update({i: now[a] for i in things if now[i] == ended})
+        return True
+
+    if chance.by_class is not None:
+        for a in (i for i in things if names[i] != instances[i].label):
+            rightly = (i for i in things if i != a and names[i] == names[a] == instances[i].label)
+            any(join(i, a) for i in sorted(rightly, key=lambda i: away_m(a, i)))
     for position, a in enumerate(things):
         for b in things[position + 1 :]:
-            if names[a] != names[b] or draws.merge[a, b] >= chance.merge or now[a] == now[b]:
-                continue
-            (xa, ya), (xb, yb) = instances[a].centre_m, instances[b].centre_m
-            if np.hypot(xa - xb, ya - yb) >= MERGE_DISTANCE_M or _box_gap(spoiled, now[a], now[b]) > gap:
-                continue
-            ended = now[b]
-            spoiled[spoiled == ended] = now[a]
-            now.update({i: now[a] for i in things if now[i] == ended})
+            if names[a] == names[b] and draws.merge[a, b] < chance.merge:
+                join(a, b)
 
 
 def _box_gap(spoiled: NDArray, a: int, b: int) -> float:

@@ -19,6 +19,7 @@ from simaps_viz.build.pipeline import BuildConfig, build_map
 from simaps_viz.datasets.open import open_sequence
 from simaps_viz.datasets.sequence import PosedFrames
 from simaps_viz.mapping.accumulator import ProjectionSettings
+from simaps_viz.scenes.simulated_errors import ClassErrors
 from simaps_viz.structures import Pose2, Segment, Segmentation, SIMap
 
 RATIO = re.compile(r"^ +([\d,.]+) x ")
@@ -250,6 +251,9 @@ def test_errors_of_masks_are_counted_one_by_one():
     assert len(errors.border_px) == 2 and 0.0 < errors.border_px[0] < 1.0
     assert "renamed: 0.200 of 10" in list(errors.lines())
     assert errors.unnamed == [0, 0]
+    level = errors.level()
+    assert level.by_class == {"chair": ClassErrors((0.0,), {"chair": 0.8, "couch": 0.2})}  # lamps were never found
+    assert (level.split, level.merge) == (0.2, 1.0)
     errors.later = [[8, 2], [1, 9]]  # odds of 36
     assert errors.lasting() == pytest.approx(math.cos(math.pi / 7))
 
@@ -264,3 +268,6 @@ def test_things_that_a_network_has_no_name_for_are_counted_apart():
         things, Segmentation(found, (Segment(1, "chair"), Segment(2, "chair"))), np.ones(exact.shape, np.float32)
     )
     assert errors.unnamed == [3, 1] and errors.by_class == {}
+    # A third of the lamps is shown; four cases of that rate are added to those of a size.
+    by_class = errors.level().by_class
+    assert by_class is not None and by_class["lamp"].miss_by_size == pytest.approx(((2 + 4 * 2 / 3) / (3 + 4),))

@@ -6,7 +6,14 @@ import numpy as np
 import pytest
 
 from simaps_viz.errors import InputError
-from simaps_viz.scenes.simulated_errors import LEVELS, ErrorLevel, KnownInstance, known_instances, simulate_errors
+from simaps_viz.scenes.simulated_errors import (
+    LEVELS,
+    ClassErrors,
+    ErrorLevel,
+    KnownInstance,
+    known_instances,
+    simulate_errors,
+)
 
 HEIGHT, WIDTH = 120, 160
 LABELS = {1: "floor", 2: "floor", 3: "chair", 4: "chair", 5: "chair", 6: "couch", 7: "couch", 8: "cup"}
@@ -174,6 +181,37 @@ def test_a_network_names_what_it_knows_and_takes_other_things_for_that(monkeypat
     ids, rows = spoil(only(monkeypatch, known=names, invent=1.0))
     assert sorted({row["label"] for row in rows}) == ["chair", "cup"] and len(rows) == 6
     assert (ids[picture() <= 2] == 0).all()  # stuff
+
+
+def test_each_class_errs_as_it_was_measured(monkeypatch):
+    found, lost = (0.0,), (1.0,)
+    classes = {
+        "chair": ClassErrors(lost, {"chair": 1.0}),
+        "couch": ClassErrors(found, {"bed": 1.0}),
+        "floor": ClassErrors(found, {"floor": 1.0}),
+    }
+    ids, rows = spoil(only(monkeypatch, by_class=classes))
+    exact = picture()
+    assert sorted(row["label"] for row in rows) == ["bed", "bed", "floor"]
+    assert not ids[np.isin(exact, [3, 4, 5, 8])].any()  # chairs are missed, and of cups nothing was measured
+    shares = {"chair": ClassErrors(found, {"chair": 0.7, "dog": 0.2, "cat": 0.1})}
+    level = only(monkeypatch, by_class=shares)
+    names = [row["label"] for frame in range(300) for row in spoil(level, frame=str(frame))[1]]
+    assert len(names) == 900  # three chairs a frame
+    assert {name: names.count(name) / 900 for name in ("chair", "dog", "cat")} == pytest.approx(
+        {"chair": 0.7, "dog": 0.2, "cat": 0.1}, abs=0.04
+    )
+
+
+@pytest.mark.parametrize("distance_m", [0.5, 3.0])
+def test_a_thing_taken_for_its_neighbour_is_part_of_the_neighbours_segment(monkeypatch, distance_m):
+    """The cup, beside the last couch, is taken for one; three metres away it is a couch of its own."""
+    named = {"couch": "couch", "cup": "couch"}
+    classes = {label: ClassErrors((0.0,), {name: 1.0}) for label, name in named.items()}
+    ids, rows = spoil(only(monkeypatch, by_class=classes), distance_m=distance_m)
+    exact = picture()
+    assert len(rows) == (2 if distance_m < 1 else 3)
+    assert (ids[exact == 8][0] == ids[exact == 7][0]) == (distance_m < 1) and ids[exact == 6][0] != ids[exact == 7][0]
 
 
 def test_shares_of_misses_are_those_of_the_level():
