@@ -10,10 +10,10 @@ from simaps_viz.cli import NO, OK
 
 @dataclass(frozen=True)
 class Check:
-    """Return whether a sequence is usable and, if not, what is wrong with it and what would put it right.
+    """Check whether a recording is usable; if not, report what is wrong with it and how to correct it.
 
-    Neighbouring frames have to see the same surfaces in the same places: tried are inverted poses, other axes, depth
-    units, a wrong camera matrix, shifted and dropped frames, up and the floor. Exit status 1 means faults were found.
+    Neighbouring frames have to see the same surfaces in the same places. Inverted poses, other axes and depth units, a
+    wrong camera matrix, shifted and dropped frames, up and the floor are tried. Exit status 1 means faults were found.
 
     Example: simaps check ../scans/breakroom --fix --picture evidence.png
     """
@@ -21,8 +21,8 @@ class Check:
     sequence: tyro.conf.Positional[Path]
     """Folder or file of any format that is read (docs/FORMATS.md)."""
     fix: bool = False
-    """Write the correction beside the sequence, which stays: sequence-fixed.json with its own poses and intrinsics
-    where these change; of other formats than posed-frames/1 a complete folder, NAME-fixed."""
+    """Write the correction beside the sequence, which is not changed: sequence-fixed.json with its own poses and
+    intrinsics where these change; for formats other than posed-frames/1 a complete folder, NAME-fixed."""
     picture: Path | None = None
     """Draw the evidence (.png): how well each explanation fits, and two frames laid over one another."""
     json: bool = False

@@ -16,7 +16,7 @@ Level = Literal["none", "light", "medium", "heavy", "detector"]
 
 @dataclass(frozen=True)
 class Demo:
-    """Make an embedded place (rendered, with simulated network errors), map it, and open the workbench.
+    """Render an embedded place, map it with simulated network errors, and open the workbench.
 
     Example: simaps demo home --errors medium --port 9000
     """

@@ -13,9 +13,9 @@ from simaps_viz.errors import InputError
 
 @dataclass(frozen=True)
 class Describe:
-    """Let a map understand free words ("red mug", "something to read"), with your own CLIP, MobileCLIP or SigLIP.
+    """Describe the objects of a map, so that free words ("red mug") find them, with your own CLIP or SigLIP.
 
-    The network looks at up to 4 views of each object. Without --embedding, only their colours are looked at.
+    The network (also MobileCLIP) sees up to 4 views of each object. Without --embedding, only colours are added.
 
     Example: simaps describe cafe.npz --embedding ./siglip-base-patch16-224
     """

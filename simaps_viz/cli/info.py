@@ -123,8 +123,9 @@ def map_tables(facts: dict[str, Any]) -> "list[Table]":
         "grid": f"{facts['rows']} x {facts['cols']} cells of {facts['cell_size_m']:g} m",
         "seen": f"{facts['seen_m2']:.1f} m² in {facts['frames']} frames",
         "segmentation": str(facts["provenance"].get("segmentation")),
-        "from": str(facts["provenance"].get("sequence")),
     }
+    if sequence := facts["provenance"].get("sequence"):
+        rows["from"] = str(sequence)
     if facts["described"]:
         rows["described"] = "free words are understood, see simaps describe"
     if facts["rooms"]:

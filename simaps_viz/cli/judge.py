@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Judge:
-    """Judge runs of a robot by eye: did it do what was asked? They come blind and in random order.
+    """Judge by eye whether robots did what was asked, blind and in random order.
 
     Example: simaps evaluate demo --task navigation --judge runs.jsonl; simaps judge runs.jsonl demo
     """

@@ -26,7 +26,7 @@ PHONES = ("webxr", "record3d")
 
 @dataclass(frozen=True)
 class Live:
-    """Build a map while its frames come; Ctrl-C ends it with the map saved.
+    """Build a map while frames arrive from a robot, a phone or a recording; Ctrl-C ends it and saves the map.
 
     Example: simaps live ../scans/breakroom -o breakroom.npz --view
     """

@@ -1,4 +1,4 @@
-"""`simaps`: one command line for building, seeing, questioning and driving on Semantic Instance Maps."""
+"""`simaps`: build, view, query and export Semantic Instance Maps."""
 
 import sys
 from collections.abc import Sequence
@@ -52,9 +52,16 @@ def parse(words: Sequence[str]) -> Command:
     # The list of all commands, shell completion, or a typing error: only these need the options of all commands.
     from simaps_viz.console.logs import HELP
 
-    commands: Any = reduce(or_, (Annotated[load(name), tyro.conf.subcommand(name)] for name in COMMANDS))
-    about = f"{__doc__} {HELP} simaps --version says which program this is."
+    commands: Any = reduce(or_, (Annotated[load(name), _summarised(name)] for name in COMMANDS))
+    about = f"{__doc__} simaps COMMAND --help explains one. {HELP} simaps --version prints the version."
     return tyro.cli(tyro.conf.OmitSubcommandPrefixes[commands], prog="simaps", description=about, args=words)
+
+
+def _summarised(name: str) -> object:
+    """Return how a command is listed among all: by the first paragraph of its help."""
+    import tyro
+
+    return tyro.conf.subcommand(name, description=(load(name).__doc__ or "").partition("\n\n")[0])
 
 
 def run(command: Command) -> int:

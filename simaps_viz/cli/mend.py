@@ -22,7 +22,7 @@ FORMS = (
 
 @dataclass(frozen=True)
 class Mend:
-    """Put a map right by hand, list the edits, or save the mended map; edits are kept beside it, in MAP.edits.json.
+    """Edit a map by hand, list its edits, or save the edited map; edits are saved beside it, in MAP.edits.json.
 
     Edits: "merge 3 4" (of the class of 3), "split 8 3.6 0 3.6 1" (along the line through two points, metres),
     "relabel 5 sofa bed", "delete 9", "undo", "redo"; of rooms "rename-room 3 study", "join-rooms 1 2",

@@ -12,7 +12,7 @@ from simaps_viz.errors import InputError
 
 @dataclass(frozen=True)
 class Query:
-    """Ask a robot on a map something, or to do something, in English or as a program; its answer is printed.
+    """Give a simulated robot on a map commands or questions, in English or as programs; print its answers.
 
     Example: simaps query cafe.npz "go to the third chair" "how many tables are there?" --pose 1.5 2 90 --json
     """

@@ -32,7 +32,7 @@ NO_MAP = (
 
 @dataclass(frozen=True)
 class Recordings:
-    """List the recorded builds at hand, add one, give one another name, delete or restore one, or repair one.
+    """List, add, rename, delete, restore or repair recorded builds.
 
     delete moves a recording to the trash, which trash lists and empty-trash empties for good.
 

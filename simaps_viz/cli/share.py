@@ -18,7 +18,7 @@ ENDINGS = (".html", ".gif", ".png")
 
 @dataclass(frozen=True)
 class Share:
-    """Write a map as one file to send to somebody: a page that opens without a network, a film, or a picture.
+    """Write a map as one file to send: a page that opens offline, a film, or a picture.
 
     Example: simaps share cafe.npz -o cafe.html --command "go to the second chair"
     """

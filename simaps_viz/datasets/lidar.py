@@ -32,7 +32,7 @@ from simaps_viz.geometry import invert_pose, spread
 
 FACTS = FormatFacts(
     title="LiDAR and camera",
-    recognised_by="`lidar.json` (posed-clouds/1, below)",
+    recognised_by="`lidar.json` (posed-clouds/1)",
     depth="points of `.ply`, `.pcd`",
     depth_unit_m=1.0,
     invalid="NaN, infinity",

@@ -146,8 +146,9 @@ class _TwiceError(ValueError):
 def _manifest_path(path: Path) -> Path:
     if not path.is_dir():
         if path.suffix != ".json" or not path.exists():
-            found = "another kind of file" if path.exists() else "nothing"
-            raise InputError(f"{path}: expected a sequence folder or its manifest (.json), found {found}")
+            is_map = "a map, which simaps view, query and export open" if path.suffix == ".npz" else ""
+            found = (is_map or "another kind of file") if path.exists() else "nothing"
+            raise InputError(f"{path}: expected a recording of a format that is read, or a manifest, found {found}")
         return path
     manifest = path / "sequence.json"
     if not manifest.exists():

@@ -25,7 +25,7 @@ from simaps_viz.structures import Intrinsics, Segment, Segmentation
 
 FACTS = FormatFacts(
     title="posed-frames/1",
-    recognised_by="`sequence.json`, or a manifest of any name (README)",
+    recognised_by="`sequence.json`, or a manifest of any name",
     pose="camera to world: frame name, 4x4",
     segmentation="8- or 16-bit PNG of ids, named per frame (`segments`) or for the whole world (`instances`)",
 )

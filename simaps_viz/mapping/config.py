@@ -59,6 +59,11 @@ class BuildConfig:
             raise InputError(f"smallest instance: expected at least 1 cell, found {self.min_cells}")
         if not 0.005 <= self.projection.cell_size_m <= 1.0:
             raise InputError(f"cell size: expected 0.005 to 1 m, found {self.projection.cell_size_m:g} m")
+        near_m, far_m, cut_m = self.projection.near_m, self.projection.far_m, self.projection.cut_height_m
+        if not near_m < far_m:
+            raise InputError(f"largest depth: expected more than {near_m:g} m, the smallest, found {far_m:g} m")
+        if not cut_m > -self.projection.below_floor_m:
+            raise InputError(f"cut height: expected a height over the floor, metres, found {cut_m:g} m")
 
     def parameters(self) -> dict[str, Any]:
         """Return what a map keeps of the settings: those that its method uses."""

@@ -196,9 +196,10 @@ def load_map(path: Path) -> SIMap:
     """
     path = Path(path)
     if not path.is_file():
-        raise InputError(f"{path}: expected a map file ({FORMAT}), found {'a folder' if path.is_dir() else 'nothing'}")
+        found = "a folder; simaps build makes a map of a recording" if path.is_dir() else "nothing"
+        raise InputError(f"{path}: expected a map file ({FORMAT}), found {found}")
     checks = {name: _check_of(path, name) for name in ("metadata", *_ARRAYS, *_SEEN, *_ROOMS, *_SURFACE)}
-    return map_in(path, *read_npz(path, checks, what=f"{FORMAT} file", packed=PACKED))
+    return map_in(path, *read_npz(path, checks, what=f"map file ({FORMAT})", packed=PACKED))
 
 
 def map_in(path: Path, data: Mapping[str, NDArray], packed: Mapping[str, PackedArray] | None = None) -> SIMap:

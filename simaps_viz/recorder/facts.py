@@ -112,7 +112,8 @@ def _read(path: Path) -> tuple[str | None, dict[str, Any]]:
                     if not name.startswith("rerun.") and rows and rows[-1]:
                         values[name] = rows[-1][0]
     except (ValueError, RuntimeError, OSError, Warning) as error:
-        raise InputError(f"{path}: expected a finished rerun recording, found {one_line(error)}") from error
+        found = "another kind of file" if "Not an RRD file" in str(error) else one_line(error)
+        raise InputError(f"{path}: expected a finished rerun recording, found {found}") from error
     return entries[0].application_id if entries else None, values
 
 

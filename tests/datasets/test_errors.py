@@ -278,8 +278,8 @@ def test_faults_when_read(
 @pytest.mark.parametrize(
     ("name", "expected", "found"),
     [
-        ("nowhere", "a sequence folder or its manifest", "nothing"),
-        ("map.npz", "a sequence folder or its manifest", "another kind of file"),
+        ("nowhere", "a recording of a format that is read, or a manifest", "nothing"),
+        ("map.npz", "a recording of a format that is read, or a manifest", "a map"),
         ("empty", "a recording of a format that is read", "an empty folder"),
     ],
 )

@@ -31,7 +31,10 @@ def write_world(folder: Path, cache: Path) -> Path:
     write_tum(sequence, folder / "scans" / "rgbd_dataset_freiburg3_long_office_household")
     write_seven_scenes(sequence, folder / "scans" / "office" / "seq-01")
     write_arkit(sequence, folder / "scans" / "ARKitScenes" / "raw" / "Training" / "47333462")
-    save_map(build_map(sequence), here / "cafe.npz")
+    simap = build_map(sequence)
+    (here / "recordings").mkdir()
+    for name in ("cafe.npz", "recordings/cafe-evidence.npz"):
+        save_map(simap, here / name)
     write_yolo(here / "yolo11n-seg.onnx", [(4, 4, 28, 28, 0, 0.9)])
     write_transformers(here / "siglip-base-patch16-224", "siglip")
     return here

@@ -123,10 +123,10 @@ def test_missing_truncated_and_foreign_files_are_named(simap, tmp_path):
         load_map(tmp_path)
     save_map(simap, path)
     path.write_bytes(path.read_bytes()[:-200])
-    with pytest.raises(InputError, match=r"a\.npz: expected a complete simap/1 file"):
+    with pytest.raises(InputError, match=r"a\.npz: expected a complete map file"):
         load_map(path)
     path.write_text("hello")
-    with pytest.raises(InputError, match=r"a\.npz: expected a complete simap/1 file"):
+    with pytest.raises(InputError, match=r"a\.npz: expected a complete map file"):
         load_map(path)
     with zipfile.ZipFile(path, "w") as archive:
         archive.writestr("x", "y")
