@@ -32,7 +32,7 @@ from simaps_viz import open_sequence
 from simaps_viz.datasets.association import interpolate_poses
 from simaps_viz.datasets.source import FrameSource
 from simaps_viz.geometry import invert_pose
-from simaps_viz.live import nav2
+from simaps_viz.live import drive
 from simaps_viz.live.foxglove import PROTOCOLS
 from simaps_viz.live.out import GOAL, GOAL_TYPE
 from simaps_viz.live.robot import message_types
@@ -282,14 +282,14 @@ class ZenohServer:
 
 
 HASHES = {
-    nav2.SEND: (nav2.SEND_TYPE, nav2.SEND_HASHES[0]),
-    nav2.CANCEL: ("action_msgs::srv::dds_::CancelGoal_",
+    drive.SEND: (drive.SEND_TYPE, drive.SEND_HASHES[0]),
+    drive.CANCEL: ("action_msgs::srv::dds_::CancelGoal_",
                   "RIHS01_573d8b0a534451d7bc2ac8c5ffde8ac14b8593b7001175d0cd6516dcbeb8689a"),
-    nav2.RESULT: ("nav2_msgs::action::dds_::NavigateToPose_GetResult_",
+    drive.RESULT: ("nav2_msgs::action::dds_::NavigateToPose_GetResult_",
                   "RIHS01_c407920357d566771e8882b4ef4d1f1a84ee922d609920ccd57faa6d6e391dc5"),
-    nav2.STATUS: ("action_msgs::msg::dds_::GoalStatusArray_",
+    drive.STATUS: ("action_msgs::msg::dds_::GoalStatusArray_",
                   "RIHS01_6c1684b00f177d37438febe6e709fc4e2b0d4248dca4854946f9ed8b30cda83e"),
-    nav2.FEEDBACK: ("nav2_msgs::action::dds_::NavigateToPose_FeedbackMessage_",
+    drive.FEEDBACK: ("nav2_msgs::action::dds_::NavigateToPose_FeedbackMessage_",
                     "RIHS01_9d1f6fa2eb975ce733b419ac2e97b134d8ff92b6478b6559feed9a50bdfd82b3"),
 }  # fmt: skip
 """Types of the action's services and topics, and their hashes as of Jazzy."""
@@ -321,7 +321,7 @@ class FakeNav2:
     def attach(self, zenoh: Any, node: Any, *, humble: bool) -> None:
         """Announce the services and topics of the action."""
         self._humble, self._types, self._zenoh = humble, message_types(), zenoh
-        answer = {nav2.SEND: self._send_goal, nav2.CANCEL: self._cancel_goal, nav2.RESULT: self._get_result}
+        answer = {drive.SEND: self._send_goal, drive.CANCEL: self._cancel_goal, drive.RESULT: self._get_result}
         self._publishers: dict[str, Any] = {}
         for number, (name, (dds, hashed)) in enumerate(HASHES.items()):
             end = f"{dds}/{'TypeHashNotSupported' if humble else hashed}"
@@ -336,7 +336,7 @@ class FakeNav2:
                     node, key, cache=zenoh.ext.CacheConfig(1), publisher_detection=True,
                     sample_miss_detection=zenoh.ext.MissDetectionConfig(sporadic_heartbeat=0.5),
                 )  # fmt: skip
-            token = f"{entity}/{name.replace('/', '%')}/{end}/{':1:' if name == nav2.STATUS else '::'},10:,:,:,,"
+            token = f"{entity}/{name.replace('/', '%')}/{end}/{':1:' if name == drive.STATUS else '::'},10:,:,:,,"
             self._kept.append(node.liveliness().declare_token(token))
 
     def detach(self) -> None:
@@ -354,7 +354,7 @@ class FakeNav2:
     @property
     def going(self) -> list[bytes]:
         """Return the ids of goals that are on their way; one at most."""
-        return [one for one, state in self.states.items() if state == nav2.EXECUTING]
+        return [one for one, state in self.states.items() if state == drive.EXECUTING]
 
     def tell(self) -> None:
         """Publish the status of all goals."""
@@ -363,14 +363,14 @@ class FakeNav2:
         for goal_id, state in self.states.items():
             uuid = make["unique_identifier_msgs/msg/UUID"](np.frombuffer(goal_id, np.uint8))
             goals.append(make["action_msgs/msg/GoalStatus"](make["action_msgs/msg/GoalInfo"](uuid, never), state))
-        self._publish(nav2.STATUS, bytes(self._types.serialize_cdr(make[nav2.STATUS_TYPE](goals), nav2.STATUS_TYPE)))
+        self._publish(drive.STATUS, bytes(self._types.serialize_cdr(make[drive.STATUS_TYPE](goals), drive.STATUS_TYPE)))
 
     def feed_back(self, frame: str, recoveries: int) -> None:
         """Publish feedback on the goal that is on its way."""
         name = struct.pack("<iiI", 0, 0, len(frame) + 1) + frame.encode() + b"\0"
         body = self.going[0] + name
         body += bytes(-len(body) % 8) + bytes(56 + 16) + struct.pack("<hxxf", recoveries, 1.0)
-        self._publish(nav2.FEEDBACK, b"\0\1\0\0" + body)
+        self._publish(drive.FEEDBACK, b"\0\1\0\0" + body)
 
     def _publish(self, name: str, data: bytes) -> None:
         if name in self._publishers:
@@ -405,8 +405,8 @@ class FakeNav2:
         self.answers.wait()
         with self._lock:
             if self.accepts:
-                self.end(nav2.ABORTED)
-                self.states[request[4:20]], self.came_ns = nav2.EXECUTING, came_ns
+                self.end(drive.ABORTED)
+                self.states[request[4:20]], self.came_ns = drive.EXECUTING, came_ns
                 self.on_goal(pose)
                 self.tell()
         return struct.pack("<4s?xxxii", b"\0\1\0\0", self.accepts, 0, 0)
@@ -418,15 +418,15 @@ class FakeNav2:
         with self._lock:
             self.cancels.append(goal_id)
             state = self.states.get(goal_id)
-            if state != nav2.EXECUTING or not self.cancelable:
-                code = 1 if state == nav2.EXECUTING else 2 if state is None else 3
+            if state != drive.EXECUTING or not self.cancelable:
+                code = 1 if state == drive.EXECUTING else 2 if state is None else 3
                 return struct.pack("<4sbxxxI", b"\0\1\0\0", code, 0)
-            self.end(nav2.CANCELED)
+            self.end(drive.CANCELED)
         return struct.pack("<4sbxxxI16sii", b"\0\1\0\0", 0, 1, goal_id, 0, 0)
 
     def _get_result(self, request: bytes) -> bytes:
         state = self.states.get(request[4:20], 0)
-        failed = state == nav2.ABORTED
+        failed = state == drive.ABORTED
         if self._humble:
             return struct.pack("<4sbB", b"\0\1\0\0", state, 0)
         text = b"no way there\0" if failed else b"\0"
@@ -615,7 +615,7 @@ class Wheels:
                 if left_m <= mps / DRIVE_HZ:
                     self.goal_m = None
                     if self._nav2 is not None:
-                        self._nav2.end(nav2.SUCCEEDED)
+                        self._nav2.end(drive.SUCCEEDED)
             self.server.publish("/tf", self.played.transforms_at(time.time_ns(), self._T))
 
     def _go(self, pose: bytes) -> None:

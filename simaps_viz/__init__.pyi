@@ -28,10 +28,10 @@ from .mapping.file import load_map as load_map
 from .mapping.file import save_map as save_map
 from .mapping.floor_plan import FloorPlan as FloorPlan
 from .mapping.floor_plan import floor_plan as floor_plan
+from .mapping.floor_plan import segment_rooms as segment_rooms
 from .mapping.graph import to_networkx as to_networkx
 from .mapping.in_space import objects_in_space as objects_in_space
 from .mapping.pooling import PoolSettings as PoolSettings
-from .mapping.rooms import segment_rooms as segment_rooms
 from .mapping.simap import recommunity as recommunity
 from .mapping.simap import repartition as repartition
 from .mapping.surface import surface_points as surface_points

@@ -16,9 +16,9 @@ from simaps_viz.app.webxr import read_frame
 from simaps_viz.build.pipeline import BuildConfig
 from simaps_viz.errors import InputError
 from simaps_viz.live.foxglove import FoxgloveLink
-from simaps_viz.live.growing import GrowingMap
 from simaps_viz.live.phone import PhoneFrame, PhoneSource
 from simaps_viz.live.robot import RobotLink, RobotSource
+from simaps_viz.live.run import GrowingMap
 from simaps_viz.live.source import Traffic
 from simaps_viz.live.topics import TopicNames
 from simaps_viz.live.zenoh import publisher_of

@@ -12,8 +12,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from simaps_viz.baselines.embedder import PixelEmbeddings
-from simaps_viz.baselines.vlmaps import DISTANCE_VARIANCE_M2, Weighting
+from simaps_viz.baselines.vlmaps import DISTANCE_VARIANCE_M2, PixelEmbeddings, Weighting
 from simaps_viz.geometry import back_project, transform_points
 from simaps_viz.mapping.accumulator import ProjectionSettings
 from simaps_viz.structures import Frame

@@ -10,8 +10,7 @@ from benchmarks.point_loop import vlmaps_point_loop
 from benchmarks.timing import measure, times
 from numpy.typing import NDArray
 
-from simaps_viz.baselines.embedder import PixelEmbeddings, SimulatedLSeg
-from simaps_viz.baselines.vlmaps import EmbeddingStore, cell_points, dense_bytes
+from simaps_viz.baselines.vlmaps import EmbeddingStore, PixelEmbeddings, SimulatedLSeg, cell_points, dense_bytes
 from simaps_viz.build.pipeline import BuildConfig
 from simaps_viz.datasets.source import FrameSource
 from simaps_viz.mapping.accumulator import MapAccumulator, ProjectionSettings

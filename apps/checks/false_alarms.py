@@ -24,7 +24,6 @@ sys.path.insert(0, str(Path(__file__).parents[1]))
 
 from checks.walks import HANDS, recorded
 
-from simaps_viz.checking.diagnose import Diagnosis, diagnose
 from simaps_viz.checking.faults import DRIFT_GAP, FEWEST_REVISITS
 from simaps_viz.checking.recording import (
     OPENGL,
@@ -35,6 +34,7 @@ from simaps_viz.checking.recording import (
     open_recording,
     revisit_pairs,
 )
+from simaps_viz.checking.run import Diagnosis, diagnose
 from simaps_viz.scenes.demo import ensure_demo
 from simaps_viz.scenes.places import PLACES
 

@@ -7,9 +7,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from simaps_viz.checking.agreement import AGREES, Agreement, Views, find_drift, summarise
-from simaps_viz.checking.level import Level
+from simaps_viz.checking.level import Level, Offset
 from simaps_viz.checking.recording import Convention, Reading, Recording, revisit_pairs, turned_deg
-from simaps_viz.checking.registration import Offset
 from simaps_viz.checking.search import median_depth_m, score
 from simaps_viz.datasets.source import named_times
 from simaps_viz.errors import InputError

@@ -125,7 +125,7 @@ class Build:
     ) -> int:
         """Build a building, and print what is on each floor."""
         from simaps_viz.app.workbench import counts_in_words
-        from simaps_viz.build.building import build_building
+        from simaps_viz.build.to_file import build_building
         from simaps_viz.console.terminal import report
         from simaps_viz.embedding.describe import describe_to_file
 

@@ -6,7 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from random_frames import LABELS, random_frames
 
-from simaps_viz.baselines.embedder import EXACT, OTHER, LSegNoise, PixelEmbeddings, SimulatedLSeg
+from simaps_viz.baselines.vlmaps import EXACT, OTHER, LSegNoise, PixelEmbeddings, SimulatedLSeg
 from simaps_viz.errors import InputError
 from simaps_viz.structures import Frame, Intrinsics, Segment, Segmentation
 

@@ -7,8 +7,15 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from random_frames import LABELS, random_frames
 
-from simaps_viz.baselines.embedder import LSegNoise, PixelEmbeddings, SimulatedLSeg
-from simaps_viz.baselines.vlmaps import CellPoints, EmbeddingStore, cell_points, dense_bytes
+from simaps_viz.baselines.vlmaps import (
+    CellPoints,
+    EmbeddingStore,
+    LSegNoise,
+    PixelEmbeddings,
+    SimulatedLSeg,
+    cell_points,
+    dense_bytes,
+)
 from simaps_viz.errors import InputError
 from simaps_viz.mapping.accumulator import ProjectionSettings
 

@@ -10,9 +10,11 @@ from scipy.ndimage import binary_dilation
 from sequences import write_tiny_sequence
 
 from simaps_viz import build_map, load_map, open_sequence, save_map
-from simaps_viz.baselines.embedder import EXACT, PixelEmbeddings, SimulatedLSeg
 from simaps_viz.baselines.vlmaps import (
+    EXACT,
     ContourSettings,
+    PixelEmbeddings,
+    SimulatedLSeg,
     VLMapsAccumulator,
     VLMapsConfig,
     build_vlmaps,

@@ -45,7 +45,7 @@ class Robot(PlayedSequence):
 
 def test_the_page_says_what_comes_while_the_map_grows_and_ending_it_saves_the_map(browser, tmp_path, monkeypatch):
     at_once(monkeypatch)
-    monkeypatch.setattr("simaps_viz.live.growing.SHARE", 1.0)
+    monkeypatch.setattr("simaps_viz.live.run.SHARE", 1.0)
     write_tiny_sequence(tmp_path / "tiny", frames=LAST)
     traffic = Traffic()
     robot = Robot(open_sequence(tmp_path / "tiny"), traffic)

@@ -10,11 +10,9 @@ from two_storeys import BED, CHAIRS_ABOVE, CHAIRS_BELOW, STOREY_M, TABLE, turned
 from simaps_viz import Pose2, load_map, open_sequence
 from simaps_viz.app.masks import segmentation_services
 from simaps_viz.app.workbench import sequence_of, services_of
-from simaps_viz.build import building as building_module
-from simaps_viz.build.building import build_building
 from simaps_viz.build.cache import cache_folder
 from simaps_viz.build.pipeline import BuildConfig
-from simaps_viz.build.to_file import BuildRequest
+from simaps_viz.build.to_file import BuildRequest, build_building, build_to_file
 from simaps_viz.cli.main import main
 from simaps_viz.console.progress import stage_progress
 from simaps_viz.errors import InputError
@@ -133,16 +131,16 @@ def test_a_map_of_a_recording_of_two_floors_says_so(scanned, tmp_path, capsys):
 
 
 def test_a_killed_build_resumes_where_it_was(scanned, built, tmp_path, monkeypatch):
-    path, to_file, made = tmp_path / "house.json", building_module.build_to_file, []
+    path, made = tmp_path / "house.json", []
 
     def killed(part, request, progress, **options):
         if made:
             raise KeyboardInterrupt
         made.append(request.output.name)
-        return to_file(part, request, progress, **options)
+        return build_to_file(part, request, progress, **options)
 
     sequence = open_sequence(scanned)
-    monkeypatch.setattr(building_module, "build_to_file", killed)
+    monkeypatch.setattr("simaps_viz.build.to_file.build_to_file", killed)
     with pytest.raises(KeyboardInterrupt):
         build(sequence, path)
     # No building names a floor that is not there.
@@ -150,9 +148,9 @@ def test_a_killed_build_resumes_where_it_was(scanned, built, tmp_path, monkeypat
 
     def count(part, request, progress, **options):
         made.append(request.output.name)
-        return to_file(part, request, progress, **options)
+        return build_to_file(part, request, progress, **options)
 
-    monkeypatch.setattr(building_module, "build_to_file", count)
+    monkeypatch.setattr("simaps_viz.build.to_file.build_to_file", count)
     build(sequence, path, resume=True)
     assert made == ["house-floor-1.npz", "house-floor-2.npz"]  # each was built once
     for name in ("house.json", "house-floor-1.npz", "house-floor-2.npz"):

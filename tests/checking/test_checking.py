@@ -22,7 +22,6 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from simaps_viz.checking.agreement import Views, relative_poses, residuals
-from simaps_viz.checking.diagnose import Diagnosis, _unit_without_motion, diagnose
 from simaps_viz.checking.recording import (
     OPENGL,
     ROS,
@@ -35,7 +34,7 @@ from simaps_viz.checking.recording import (
     open_recording,
     signed_permutations,
 )
-from simaps_viz.checking.run import draw, write_fixed
+from simaps_viz.checking.run import Diagnosis, _unit_without_motion, diagnose, draw, write_fixed
 from simaps_viz.checking.search import likely_units
 from simaps_viz.cli.main import main
 from simaps_viz.datasets.open import open_sequence
@@ -310,7 +309,7 @@ def test_of_the_units_that_make_a_room_the_one_that_frames_agree_with_is_taken(r
 @pytest.mark.parametrize(("least", "found"), [(0.8, ["camera_axes", "gravity"]), (1.01, ["disagreement"])])
 def test_other_axes_that_put_the_stated_up_on_its_head_have_to_agree(room, tmp_path, monkeypatch, least, found) -> None:
     """Poses in reverse look like those of a camera upside down, as far as neighbouring frames can tell (64 %)."""
-    monkeypatch.setattr("simaps_viz.checking.diagnose.ON_ITS_HEAD", least)
+    monkeypatch.setattr("simaps_viz.checking.run.ON_ITS_HEAD", least)
     spoiling = Spoiling(poses=moved(turn(OPENGL)).poses, keys={"up": [0, 0, -1], "floor_height_m": None})
     assert kinds(diagnose(open_recording(spoiled_copy(room, tmp_path / "spoiled", spoiling)))) == found
 

@@ -17,20 +17,21 @@ from simaps_viz.build.pipeline import BuildConfig, build_map
 from simaps_viz.datasets.open import open_sequence
 from simaps_viz.drawing.sheet import INK, save_png
 from simaps_viz.errors import InputError
-from simaps_viz.evaluation.compare import (
+from simaps_viz.evaluation.evaluate import Footprint, Report, Run, WithSimulatedErrors, evaluate, evaluate_variants
+from simaps_viz.evaluation.quality import ScoringRules, find_overlaps, parse_counts, score, score_counts, scores_of
+from simaps_viz.evaluation.report import Measured, ablation_table, class_table, cost_table, overall_table, report_json
+from simaps_viz.evaluation.run import (
     WRONG_RED,
+    EvaluationConfig,
     Verdict,
     compare_maps,
     compare_report,
     missed_ids,
     panel_image,
     render,
+    run_evaluation,
     verdicts,
 )
-from simaps_viz.evaluation.evaluate import Footprint, Report, Run, WithSimulatedErrors, evaluate, evaluate_variants
-from simaps_viz.evaluation.quality import ScoringRules, find_overlaps, parse_counts, score, score_counts, scores_of
-from simaps_viz.evaluation.report import Measured, ablation_table, class_table, cost_table, overall_table, report_json
-from simaps_viz.evaluation.run import EvaluationConfig, run_evaluation
 from simaps_viz.evaluation.truth import truth_map
 from simaps_viz.evaluation.two_maps import NO_PARTNER, PALETTE, distinct_colors
 from simaps_viz.mapping.file import save_map

@@ -11,7 +11,7 @@ from toy_maps import map_from_drawing
 from simaps_viz.colors.classes import class_color, instance_color
 from simaps_viz.colors.instances import class_colors, instance_colors
 from simaps_viz.colors.palette import LEAST_APART, PALETTE
-from simaps_viz.evaluation.compare import WRONG_RED
+from simaps_viz.evaluation.run import WRONG_RED
 from simaps_viz.evaluation.two_maps import PALETTE as EVALUATION_PALETTE
 from simaps_viz.exports.exporter import ExportOptions
 from simaps_viz.exports.panoptic import top_view

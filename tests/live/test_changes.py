@@ -13,10 +13,9 @@ from simaps_viz import open_sequence
 from simaps_viz.build.pipeline import BuildConfig, build_map
 from simaps_viz.cli.main import main
 from simaps_viz.drawing.legend import facts_html
-from simaps_viz.live import forgetting, growing
+from simaps_viz.live import forgetting
 from simaps_viz.live.forgetting import CLEAR, FRAMES, THERE, UNKNOWN, count_clear, see_through
-from simaps_viz.live.growing import GrowingMap
-from simaps_viz.live.run import LiveRequest, LiveRun
+from simaps_viz.live.run import GrowingMap, LiveRequest, LiveRun
 from simaps_viz.live.source import PlayedSequence, Shot
 from simaps_viz.mapping.changes import Change, as_json, changes_in
 from simaps_viz.mapping.file import load_map, save_map
@@ -66,14 +65,14 @@ def test_frames_whose_pose_is_wrong_for_a_moment_are_left_out_and_counted(tmp_pa
     simap, run = run_of(tmp_path, glitchy)
     assert run.traffic.dropped == {"contradicts the map": len(off)}
     assert simap.counts() == clean.counts() and "dropped (contradicts the map)" in run.words()
-    monkeypatch.setattr(growing, "PATIENCE", 0)
+    monkeypatch.setattr("simaps_viz.live.run.PATIENCE", 0)
     simap, run = run_of(tmp_path, glitchy)
     assert not run.traffic.dropped and simap.counts() != clean.counts()
 
 
 @pytest.mark.slow
 def test_frames_that_contradict_the_map_for_long_are_believed(tmp_path, monkeypatch):
-    monkeypatch.setattr(growing, "PATIENCE", 3)
+    monkeypatch.setattr("simaps_viz.live.run.PATIENCE", 3)
     here, away = drive(FRAMES_OF_A_DRIVE), np.eye(4)
     away[:2, 3] = 0.8, -0.6
     there = [replace(one, frame=replace(one.frame, T_world_camera=away @ one.frame.T_world_camera)) for one in here]

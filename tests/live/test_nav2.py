@@ -11,9 +11,8 @@ from fake_robot import HASHES, FakeNav2, ZenohServer
 from rihs import Definitions
 from waiting import until
 
-from simaps_viz.live import drive, nav2
-from simaps_viz.live.drive import LEASH_M, Driver
-from simaps_viz.live.nav2 import Nav2, error_of
+from simaps_viz.live import drive
+from simaps_viz.live.drive import LEASH_M, Driver, Nav2, error_of
 from simaps_viz.live.out import GOAL, GOAL_TYPE
 from simaps_viz.live.robot import message_types
 from simaps_viz.live.zenoh import ZenohLink, service_of
@@ -34,7 +33,7 @@ class Robot:
             self.nav2.on_goal = self._take
         self.link.open(lambda topics: None, lambda topic, data, sent_ns: None)
         until(lambda: not self.link.state)
-        until(lambda: not action or {nav2.SEND, nav2.CANCEL, nav2.RESULT} <= set(self.link.services))
+        until(lambda: not action or {drive.SEND, drive.CANCEL, drive.RESULT} <= set(self.link.services))
         threading.Thread(target=self._move, daemon=True).start()
 
     @property
@@ -59,7 +58,7 @@ class Robot:
         while not self._over.wait(0.01):
             if self.obeys and self._goal is not None and self.nav2.going:
                 self.T[:2, 3] = self._goal.x, self._goal.y
-                self.nav2.end(nav2.SUCCEEDED)
+                self.nav2.end(drive.SUCCEEDED)
 
 
 @pytest.fixture
@@ -125,7 +124,7 @@ def test_stop_cancels_our_goal_once_by_its_id(made):
 
 def test_stop_leaves_the_goals_of_others_alone(made):
     robot, one = made(obeys=False)
-    robot.nav2.states[b"somebody elses g"] = nav2.EXECUTING
+    robot.nav2.states[b"somebody elses g"] = drive.EXECUTING
     robot.nav2.tell()
     one.stop()
     assert robot.nav2.cancels == [] and robot.nav2.going
@@ -190,7 +189,7 @@ def test_what_is_amiss_sends_no_goal_by_either_way(made, fault):
     one.switch(fault != "switch")
     one.go("go to the elephant" if fault == "command" else COMMAND)
     threading.Event().wait(3 * drive.TICK_S)
-    robot.nav2.end(nav2.ABORTED)  # comes back over the same connection, after what was sent before
+    robot.nav2.end(drive.ABORTED)  # comes back over the same connection, after what was sent before
     assert robot.nav2.asked == robot.nav2.cancels == [] and one.words()
     assert GOAL not in {topic for topic, _ in robot.server.received}
 
@@ -203,10 +202,10 @@ def test_refused_given_up_and_unanswered_goals_end_the_ride_in_words(made, monke
     robot.nav2.accepts = True
     one.go(COMMAND)
     until(lambda: robot.nav2.going)
-    robot.nav2.end(nav2.ABORTED)
+    robot.nav2.end(drive.ABORTED)
     until(lambda: one.words() == "Stopped: Nav2 has given up (error 9000: no way there).")
     assert robot.nav2.cancels == []
-    monkeypatch.setattr(nav2, "ANSWER_S", 0.1)
+    monkeypatch.setattr(drive, "ANSWER_S", 0.1)
     robot.nav2.answers.clear()
     one.go(COMMAND)
     until(lambda: one.words().startswith("Stopped: Nav2 does not answer."))
@@ -227,7 +226,7 @@ def test_a_robot_that_refuses_to_cancel_is_named(made):
 @pytest.mark.parametrize("form", ["none", "other"])
 def test_a_robot_without_the_action_as_it_is_known_gets_poses(made, form, monkeypatch):
     if form == "other":
-        monkeypatch.setitem(HASHES, nav2.SEND, (nav2.SEND_TYPE, "RIHS01_" + "0" * 64))
+        monkeypatch.setitem(HASHES, drive.SEND, (drive.SEND_TYPE, "RIHS01_" + "0" * 64))
     robot, one = made(action=form == "other")
     one.go(COMMAND)
     until(lambda: GOAL in {topic for topic, _ in robot.server.received})
@@ -259,10 +258,10 @@ def test_hashes_are_those_of_the_definitions():
     types, hashes = Definitions(), {name: hashed for name, (_, hashed) in HASHES.items()}
     assert types.service(*ADD).startswith("RIHS01_e118de6b")  # as ROS publishes them
     assert [one[7:15] for one in types.action(*FIBONACCI)] == ["d1a57fb2", "1b0de0d5", "c1de71af"]
-    assert types.service(*CANCEL) == hashes[nav2.CANCEL]
-    assert message_types().hash_rihs01(nav2.STATUS_TYPE) == hashes[nav2.STATUS]
+    assert types.service(*CANCEL) == hashes[drive.CANCEL]
+    assert message_types().hash_rihs01(drive.STATUS_TYPE) == hashes[drive.STATUS]
     found = types.action("nav2_msgs/action/NavigateToPose", GOAL_TEXT, RESULT_TEXT, FEEDBACK_TEXT)
-    assert found == tuple(hashes[one] for one in (nav2.SEND, nav2.RESULT, nav2.FEEDBACK))
+    assert found == tuple(hashes[one] for one in (drive.SEND, drive.RESULT, drive.FEEDBACK))
     older = types.action("nav2_msgs/action/NavigateToPose", GOAL_TEXT, "std_msgs/Empty result", FEEDBACK_TEXT)
     assert older[0] == found[0] and older[1] != found[1]
 
@@ -272,7 +271,7 @@ def test_services_are_told_by_their_tokens():
         "@ros2_lv/0/a1/1/40/SS/%/%/bt_navigator/%navigate_to_pose%_action%send_goal/"
         "nav2_msgs::action::dds_::NavigateToPose_SendGoal_/RIHS01_a4/::,10:,:,:,,"
     )
-    assert service_of(token) == (nav2.SEND, nav2.SEND_TYPE, "RIHS01_a4")
+    assert service_of(token) == (drive.SEND, drive.SEND_TYPE, "RIHS01_a4")
     assert service_of(token.replace("/SS/", "/SC/")) is None and service_of("@ros2_lv/0/a1/0/0/NN/%/%/x") is None
 
 

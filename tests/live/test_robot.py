@@ -35,7 +35,7 @@ from simaps_viz.app.live import source_workbench
 from simaps_viz.build.pipeline import BuildConfig, build_map
 from simaps_viz.cli.main import main
 from simaps_viz.errors import InputError
-from simaps_viz.live import drive, robot, run, transforms
+from simaps_viz.live import drive, robot, run
 from simaps_viz.live.drive import Driver
 from simaps_viz.live.foxglove import FoxgloveLink
 from simaps_viz.live.out import MAP, OBJECTS, OUT, MapPublisher
@@ -60,9 +60,9 @@ def patient(monkeypatch):
     """Whatever comes is waited for: how fast the machine is decides nothing."""
     monkeypatch.setattr(robot, "LISTEN_S", 0.0)
     monkeypatch.setattr(run, "CORRECT_S", 0.1)
-    monkeypatch.setattr(transforms, "WAIT_S", dict.fromkeys(transforms.WAIT_S, 60.0))
-    monkeypatch.setattr(transforms, "BUSY", 1000)
-    monkeypatch.setattr(transforms, "HELD", 1000)
+    monkeypatch.setattr(robot, "WAIT_S", dict.fromkeys(robot.WAIT_S, 60.0))
+    monkeypatch.setattr(robot, "BUSY", 1000)
+    monkeypatch.setattr(robot, "HELD", 1000)
 
 
 PROBE = b"?"
@@ -240,7 +240,7 @@ def test_the_simulated_robot_drives_and_the_page_shows_its_arrival(tiny, tmp_pat
 
 @pytest.mark.slow
 def test_drops_restarts_and_late_transforms_cost_frames_and_no_objects(tiny, tmp_path, monkeypatch):
-    monkeypatch.setattr(transforms, "WAIT_S", dict.fromkeys(transforms.WAIT_S, 2.0))  # some of it never comes
+    monkeypatch.setattr(robot, "WAIT_S", dict.fromkeys(robot.WAIT_S, 2.0))  # some of it never comes
     faults = Faults(drop=0.1, restart_s=2.0, tf_late_s=0.2)
     simap, live = grow(tiny, FoxgloveServer(), tmp_path, faults, rate_hz=12.0)
     assert simap.counts() == {"chair": 2} and 10 < live.traffic.placed < FRAMES
@@ -375,20 +375,20 @@ def test_pictures_pair_by_their_stamps_and_not_by_their_order():
             pass
 
     poses: Any = Poses()
-    one: Any = transforms.Assembler(("masks",), poses, Traffic())
+    one: Any = robot.Assembler(("masks",), poses, Traffic())
     ms = 10**6
     for stamp in (0, 33, 66, 100):
-        one.add("depth", transforms.Message(stamp * ms, None, 0))
-    one.add("masks", transforms.Message(33 * ms, None, 0))
+        one.add("depth", robot.Message(stamp * ms, None, 0))
+    one.add("masks", robot.Message(33 * ms, None, 0))
     first, second = one.take(), one.take()
     assert first.masks is None and second.depth.stamp_ns == second.masks.stamp_ns == 33 * ms
     assert one.take() is None  # may still come
-    one.add("masks", transforms.Message(105 * ms, None, 0))
+    one.add("masks", robot.Message(105 * ms, None, 0))
     assert one.take().masks is None and one.take().masks.stamp_ns == 105 * ms
-    one.add("depth", transforms.Message(200 * ms, None, 0))
-    one.add("masks", transforms.Message(185 * ms, None, 0))
+    one.add("depth", robot.Message(200 * ms, None, 0))
+    one.add("masks", robot.Message(185 * ms, None, 0))
     assert one.take() is None  # near, but a nearer one may come
-    one.add("masks", transforms.Message(200 * ms, None, 0))
+    one.add("masks", robot.Message(200 * ms, None, 0))
     assert one.take().masks.stamp_ns == 200 * ms
 
 

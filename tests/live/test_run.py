@@ -15,9 +15,7 @@ from simaps_viz.app.live import run_source, source_workbench
 from simaps_viz.build.pipeline import BuildConfig, build_map
 from simaps_viz.cli.main import main
 from simaps_viz.errors import InputError
-from simaps_viz.live import growing
-from simaps_viz.live.growing import GrowingMap
-from simaps_viz.live.run import LiveRequest, LiveRun
+from simaps_viz.live.run import GrowingMap, LiveRequest, LiveRun
 from simaps_viz.live.source import Correction, PlayedSequence, Shot, times_of
 from simaps_viz.mapping.file import load_map
 
@@ -65,7 +63,7 @@ def test_frames_that_are_late_show_what_is_free_and_name_nothing(tiny, tmp_path,
 
 
 def test_a_place_that_was_seen_often_takes_no_more_frames_but_their_geometry(tiny, tmp_path, monkeypatch):
-    monkeypatch.setattr(growing, "FRAMES_A_PLACE", 4)
+    monkeypatch.setattr("simaps_viz.live.run.FRAMES_A_PLACE", 4)
     simap, run = live(PlayedSequence(tiny, at_pace=False), tmp_path)
     assert len(simap.frame_names) == run.growing.frames == 4 < run.traffic.placed
     same(simap, build_map(tiny), but=(6,))
@@ -112,7 +110,7 @@ def test_only_frames_since_the_correction_move(tiny):
 
 
 def test_maps_to_look_at_are_made_beside_the_frames_and_become_newer(tiny, monkeypatch):
-    monkeypatch.setattr(growing, "SHARE", 1.0)
+    monkeypatch.setattr("simaps_viz.live.run.SHARE", 1.0)
     one = GrowingMap(PlayedSequence(tiny), BuildConfig())
     events = [event for shot in shots(tiny) for event in one.add(shot)]
     newest = events[-1].map_so_far

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from simaps_viz.live.transforms import LiveTransforms
+from simaps_viz.live.robot import LiveTransforms
 
 S = 10**9
 
@@ -94,5 +94,5 @@ def test_the_robot_is_what_odom_carries_and_its_pose_ages(monkeypatch):
     found = one.robot()
     assert found is not None and found[0] == "map" and found[1][0, 3] == pytest.approx(6.0) and found[2] < 60.0
     later_s = time.monotonic() + 9.0
-    monkeypatch.setattr("simaps_viz.live.transforms.time.monotonic", lambda: later_s)
+    monkeypatch.setattr("simaps_viz.live.robot.time.monotonic", lambda: later_s)
     assert (again := one.robot()) is not None and again[2] >= 9.0

@@ -6,7 +6,7 @@ import pytest
 from scipy import ndimage
 
 from simaps_viz.errors import InputError
-from simaps_viz.mapping.rooms import segment_rooms, without_clutter
+from simaps_viz.mapping.floor_plan import segment_rooms, without_clutter
 
 CELL_M = 0.05
 

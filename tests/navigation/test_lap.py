@@ -10,9 +10,8 @@ from toy_maps import Box, map_from_drawing, map_of_boxes
 
 from simaps_viz.errors import CommandError, PlanningError
 from simaps_viz.navigation.agent import planner_of
-from simaps_viz.navigation.astar import clear_length
-from simaps_viz.navigation.lap import MAX_OFF_M, lap
-from simaps_viz.navigation.planner import RobotShape
+from simaps_viz.navigation.planner import RobotShape, clear_length
+from simaps_viz.navigation.robot import MAX_OFF_M, lap
 from simaps_viz.structures import GridSpec, SIMap
 
 SHAPE = RobotShape()

@@ -13,8 +13,18 @@ from toy_maps import LABELS, TOY_POSE, Box, map_from_drawing, map_of_boxes, toy_
 
 from simaps_viz.errors import InputError, PlanningError
 from simaps_viz.navigation import planner as planners
-from simaps_viz.navigation.astar import EAST, NORTH, SOUTH, WEST, clear_length, pull_straight, search, straight_jumps
-from simaps_viz.navigation.planner import Planner, RobotShape
+from simaps_viz.navigation.planner import (
+    EAST,
+    NORTH,
+    SOUTH,
+    WEST,
+    Planner,
+    RobotShape,
+    clear_length,
+    pull_straight,
+    search,
+    straight_jumps,
+)
 from simaps_viz.structures import Grid, GridSpec
 
 POINT = RobotShape(radius_m=0.02)
