@@ -4,7 +4,8 @@ import re
 from collections.abc import Iterator
 from typing import Final
 
-from simaps_viz.language.lexicon import PHRASES, SPELLED, written_out
+from simaps_viz.colors.naming import COLOR_WORDS
+from simaps_viz.language.lexicon import KNOWN_THINGS, ORDINALS, PHRASES, SPELLED, written_out
 
 _WHO: Final = r"(?:you|u|ya|we|i|somebody|someone|anybody|anyone|the robot)"
 _SOFTLY: Final = r"(?:(?:please|kindly|possibly|perhaps|maybe|just|really|simply|also|by any chance|even|\w+ly)\s+)*"
@@ -160,6 +161,22 @@ _LIMITS: Final = re.compile(
 """Words that say what is to be done, or not to be, also in a statement."""
 
 
+_NAMED: Final = (KNOWN_THINGS | COLOR_WORDS | set(ORDINALS)) - {
+    "thing",
+    "person",
+    "boy",
+    "girl",
+    "man",
+    "room",
+    "place",
+}
+
+
+def _left_out(pattern: re.Pattern[str], said: str, instead: str = "") -> str:
+    """Return what was said without what matches a pattern, but for what names a thing, a colour or a rank."""
+    return pattern.sub(lambda found: instead if _NAMED.isdisjoint(_WORD.findall(found[0])) else found[0], said)
+
+
 def plainly(text: str) -> str:
     """Return what was said in lower case and spelled out, without the politeness around it."""
     said = _IS.sub(r"\1 is", re.sub(r"\blet['’]s\b", "let us", text.lower()))
@@ -168,11 +185,11 @@ def plainly(text: str) -> str:
     said = _WORD.sub(lambda found: SPELLED.get(found[0].replace("’", "'"), found[0]), said)
     said = _LEFT.sub(r"\1", re.sub(r"\bam i\b", "are you", said))
     said = _WISHED.sub(lambda found: f"if you would {_PAST[found[1]]}", said)
-    said = _TAG.sub("", _KINDLY.sub(" ", _INDIFFERENT.sub("", said)))
+    said = _TAG.sub("", _left_out(_KINDLY, _left_out(_INDIFFERENT, said), " "))
     said = _YOURSELF.sub(lambda found: found[0] if (found[1],) in _KNOWN else "go", said)
     said = re.sub(r"(?<!what )\bis that (?=in\b|on\b|at\b|under\b)", "is it ", _PUT.sub("what is ", said))
     said = re.sub(r"\bsomewhere (?=in\b)", "", re.sub(r"^(\W*\w+) first(?:ly)?(?= (?:to|the|into)\b)", r"\1", said))
-    said = re.sub(r"\b(is|are|does|do|you|we|i|to|they|it) actually\b", r"\1", _POLITE.sub(" ", said))
+    said = re.sub(r"\b(is|are|does|do|you|we|i|to|they|it) actually\b", r"\1", _left_out(_POLITE, said, " "))
     said = re.sub(r"(?<!have )\b(i|we) got (?=some\b|an?\b|my\b)", r"\1 have ", said)
     said = re.sub(r"[,;]?\s*\bforget (?:about )?the [\w ]{2,25},\s*", ", no, ", said)
     said = _GOT.sub(r"does \1 have", said)
@@ -190,7 +207,7 @@ def plainly(text: str) -> str:
         r"[,\s]+(?:roughly|approximately|more or less|give or take|or so|or thereabouts)(?=\s*[?.!]*\s*$)", "", said
     )
     said = re.sub(r",\s*so\s+(?!that\b|i\b|we\b)", ", ", said)
-    return re.sub(r"\b[xy]\s*=?\s*(?=[-.\d])", "", _HEADING.sub("", _OPENING.sub("", said)))
+    return re.sub(r"\b[xy]\s*=?\s*(?=[-.\d])", "", _left_out(_HEADING, _OPENING.sub("", said)))
 
 
 def clauses(text: str, *, purposes: bool = False) -> Iterator[str]:

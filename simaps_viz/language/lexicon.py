@@ -163,5 +163,5 @@ SPELLED: Final[dict[str, str]] = _WORDS["spelled"]
 """How words are written that are spelled as they are spoken or typed in haste."""
 NO_NAMES: Final = frozenset(_WORDS["no_names"])
 """Words that no thing is called."""
-EVERYDAY: Final = frozenset(_WORDS["everyday"])
-"""Everyday words, never taken for a misspelling of another."""
+EVERYDAY: Final = frozenset(_WORDS["everyday"]).union(*PHRASES)
+"""Everyday words, and all that occur in phrases: never taken for a misspelling of another."""

@@ -972,6 +972,12 @@ def _but_none(relation: Parts = (), adjective: Parts = ()) -> Parts:
     return tuple(_negated(part) for part in (*relation, *adjective))
 
 
+@_rule("post", "COMMA? (AND | BUT)? ONLY DET* (relation | adjective+ ONES? | ONES post+)", cost=-0.1)
+def _only(relation: Parts = (), adjective: Sequence[Parts] = (), post: Sequence[Parts] = ()) -> Parts:
+    """Read "every chair, but only the red ones"."""
+    return (*relation, *_flat((*adjective, *post)))
+
+
 @_rule("post", "_is? NEITHER (a:adjective | a:relation) NOR (b:adjective | b:relation)")
 def _neither(a: Parts, b: Parts) -> Parts:
     return tuple(_negated(part) for part in (*a, *b))
@@ -1198,9 +1204,15 @@ def _numbers(name: Noun, first: int, n: tuple[int, ...]) -> tuple[Phrase, ...]:
     return tuple(select(replace(name, is_plural=False), _numbered(one)) for one in (first, *n))
 
 
-@_rule("targets", "BOTH? one:np ((COMMA | AND)+ TO? FOR? AT? np)+")
-def _several(one: Phrase, np: tuple[Phrase, ...]) -> tuple[Phrase, ...]:
+_rule("joint", "COMMA")(lambda: False)
+_rule("joint", "COMMA? AND (COMMA | AND)*")(lambda: True)
+
+
+@_rule("targets", "BOTH? one:np (joint TO? FOR? AT? np)+")
+def _several(one: Phrase, np: tuple[Phrase, ...], joint: tuple[bool, ...]) -> tuple[Phrase, ...]:
     phrases = lent((one, *np))
+    if joint == (False,) and phrases[1].text.startswith(("nth(", "first(", "nearest(", "farthest(")):
+        raise CommandError("")  # "the chairs at the table, the left one" may be one thing
     room = _IN_ROOM.fullmatch(phrases[-1].text)
     if room and all(phrase.many and _ALL.fullmatch(phrase.text) for phrase in phrases[:-1]):
         # "each chair and each table in the living room": all of them are in it

@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from itertools import pairwise
 from typing import Any, Final
 
 from simaps_viz.errors import CommandError
@@ -167,7 +168,7 @@ _words("_revolution", "DET? (TURN | CIRCLE)")
 
 # ---- going to things and rooms
 
-_words("_prep", "TO | TOWARD | NEAR | AT | BY | ON | FOR | FORWARD | BACK | IN | UNTIL")
+_words("_prep", "TO | TOWARD | NEAR | AT | BY | ON | FOR | FORWARD | BACK | IN | UNTIL | ONLY")
 _words("_goer", "GO OVER? (AND? STAND)? | STAND (FOR HERE)? | TAKE | RETURN")
 _words("_place", "DET* POINT")
 _words("_go", "_goer _prep* | APPROACH _prep* | _prep+")
@@ -251,7 +252,7 @@ def _go_spot_with(spot: str, np: Phrase) -> Steps:
     return _go_to((replace(np, text=f'at({np.whole or np.text}, "{spot}")', whole=""),))
 
 
-@_rule("order", "(_goer | APPROACH WHERE?) place:PLACE")
+@_rule("order", "(_goer | APPROACH WHERE?)? place:PLACE")
 def _go_somewhere(place: Noun) -> Steps:
     return _go_to((select(place, ()),))
 
@@ -752,7 +753,7 @@ def _told(phrase: Phrase, kind: str, *more: str) -> Steps:
     )
 
 
-_words("_count", "COUNT? HOWMANY | COUNT")
+_words("_count", "COUNT? HOWMANY ONLY? | COUNT ONLY?")
 
 
 @_rule(
@@ -1381,7 +1382,14 @@ _words(
 )
 
 
-@_rule("done", "order ((COMMA | STOP)? times)?", "times COMMA? order", "order n:ORD", "order COMMA? said:NOWAIT")
+@_rule(
+    "done",
+    "order ((COMMA | STOP)? times)?",
+    "times COMMA? order",
+    "order n:ORD",
+    "ONLY &_verb order",
+    "order COMMA? said:NOWAIT",
+)
 def _times(order: Steps, times: int = 1, n: int = 1, said: str = "instead") -> Steps:
     if n != 1 or said not in ("instead", "rather"):  # "look at the sofa first"
         raise CommandError("")
@@ -1499,11 +1507,14 @@ def _leaving_out(targets: tuple[Phrase, ...], b: Steps) -> Steps:
 
 
 @_rule(
-    "logical", "b:done (COMMA | AND | STOP | BUT)* NEVER (not_:order | GO | APPROACH) ((COMMA | STOP)+ LOOK)?", cost=0.3
+    "logical",
+    "b:done (COMMA | AND | STOP | BUT)* NEVER (not_:order | GO | APPROACH) ((COMMA | STOP)+ ONLY? LOOK)?",
+    cost=0.3,
 )
 def _only(b: Steps, not_: Steps = ()) -> Steps:
     """Read "look at the clock, but don't drive there": what is only looked at is not gone to."""
-    if any(not isinstance(step, Do) or any("move" in line for line in step.lines) for step in b):
+    moves = any(not isinstance(step, Do) or not step.verb or "move" in " ".join(step.lines) for step in b)
+    if moves or any(phrase.text != IT for step in not_ if isinstance(step, Do) for phrase in step.phrases):
         raise CommandError("")
     return b
 
@@ -1627,12 +1638,22 @@ def _either_order(a: Steps, b: Steps) -> Steps:
 _words("_forth", "FORWARD distance")
 
 
-@_rule("items", "item (_sep more:item | &(_verb | _forth) more:item)*")
-def _items(item: Steps, more: Sequence[Steps] = ()) -> Steps:
-    return (*item, *(step for steps in more for step in steps))
+_rule("next", "(COMMA | AND | THEN | STOP | BUT)* (AND | THEN) (COMMA | AND | THEN | STOP | BUT)* item")(
+    lambda item: (True, item)
+)
+_rule("next", "(COMMA | STOP | BUT)+ item", "&(_verb | _forth) item")(lambda item: (False, item))
 
 
-@_rule("start", "_mayhap items _mayhap")
+@_rule("items", "item next*")
+def _items(item: Steps, next: Sequence[tuple[bool, Steps]] = ()) -> Steps:
+    named = [isinstance(step, Do) and not step.verb for step in (item[-1], *(steps[0] for _, steps in next))]
+    joined = any(joint for joint, _ in next)
+    if not joined and any(b and not a for a, b in pairwise(named)):
+        raise CommandError("")  # "the bar: second stool" is one thing, told twice
+    return (*item, *(step for _, steps in next for step in steps))
+
+
+@_rule("start", "_mayhap items (COMMA | STOP | THEN)*")
 def _start(items: Steps) -> Steps:
     return items
 
@@ -1645,7 +1666,7 @@ def _keeping_away(avoided: Steps, a: Steps = (), b: Steps = ()) -> Steps:
     return (*avoided, *a, *b)
 
 
-_words("_around", "(COMMA | AND | THEN | STOP | BUT)*")
+_words("_around", "(COMMA | AND | THEN | STOP | BUT | ONLY)*")
 _rule("wanted", "targets")(_go_to)
 _words("_struck", "(NOWAIT COMMA?)+ items")
 _words("_items", "items")
@@ -1675,8 +1696,8 @@ def _in_room(np: Phrase, room: Phrase) -> Steps:
 )
 def _instead(b: Steps, items: Steps = (), said: str = "") -> Steps:
     """Read "go to the sofa, no wait, the table", "... the table I meant": what follows replaces the order before it."""
-    if said.startswith(("i ", "we ")) and not items:
-        raise CommandError("")
+    if said and not (said in ("instead", "rather") or (items and said.startswith(("i ", "we ")))):
+        raise CommandError("")  # "go to the sofa, no": what else was not said
     last, first = items[-1] if items else None, b[0]
     if isinstance(last, Do) and last.phrases and isinstance(first, Do) and first.phrases:
         # "the glass on the counter, no wait, the one on the table", "... the one left of it"

@@ -63,6 +63,8 @@ class Writer:
         self._block: list[_Line] | None = None
         """The last line of the program, and the lines it stands among."""
         self._verb = "go"
+        self._bare = self._told = False
+        """Whether things were named without a verb, and whether anything was asked."""
         self.notes: list[str] = []
         self.others: dict[tuple[str, str], None] = {}
 
@@ -110,10 +112,12 @@ class Writer:
 
     def _do(self, step: Do, lines: list[_Line]) -> None:
         if not step.verb:
-            if self._line and self._line.text.startswith("tell("):
-                raise CommandError("what is to be told or done with the last things was not said")
+            self._bare = True
             call = "robot.face({0})" if self._verb == "face" else "robot.move_to_{0.goal}"
             step = Do((call,), step.phrases, step.notes, self._verb)
+        self._told |= step.lines[0].startswith("tell(")
+        if self._bare and self._told:  # a question moves nothing but what an order beside it moves
+            raise CommandError("what is to be told or done with the last things was not said")
         self._verb = step.verb
         self._note(step.notes)
         again = self._last if any(IT in phrase.text or phrase.again for phrase in step.phrases) else None

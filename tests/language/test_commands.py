@@ -1,5 +1,8 @@
 """Phrasings, the program each is read as, and where it ends on the toy map."""
 
+import re
+from contextlib import suppress
+
 import pytest
 from toy_maps import TOY_POSE, toy_map
 
@@ -381,6 +384,10 @@ def test_talk_around_an_order_is_left_out_with_a_note(said: str, left_out: str) 
         "the chair is not where you should go, go to the couch",
         "she told me not to go to the chair, go to the couch",
         "I am standing at the chair, come to me",  # where
+        "go to the couch partly",  # how much
+        "go to the couch and again",  # how often
+        "go to the couch, no",  # what else
+        "turn left but skip the first",  # which
     ],
 )
 def test_words_that_may_matter_are_never_left_out(said: str) -> None:
@@ -397,6 +404,18 @@ def test_an_unknown_adjective_is_left_out_only_where_one_thing_can_be_meant(coun
     else:
         with pytest.raises(CommandError, match="suspicious"):
             read_command("go to the suspicious suitcase", {"suitcase": count})
+
+
+def test_words_of_phrases_are_no_misspellings_of_things() -> None:
+    labels = {"couch": 1, "hallway": 1, "closet": 1}
+    for said in ("go to the couch but stop halfway", "go to the couch with your eyes closed"):
+        assert not {"hall", "hallway", "closet"} & set(re.findall(r"\w+", read_command(said, labels).program)), said
+
+
+def test_one_thing_told_twice_is_not_two_goals() -> None:
+    for said in ("go to the table: second chair from the left", "go to the chairs by the table, the left one"):
+        with suppress(CommandError):
+            assert read_command(said, LABELS).program.count("move_to") < 2, said
 
 
 def test_a_question_mark_moves_nothing() -> None:
@@ -499,6 +518,15 @@ def test_numbers_that_no_program_may_hold_are_refused_in_a_line(said: str, numbe
         ("who's taller, the couch or the chair?", 'tell(first(order(union("couch", "chair"), "tall")), "which")'),
         ("are there as many chairs as couches?", 'tell(count(things("chair")) == count(things("couch")), "whether")'),
         ("I fancy a couch. Where's it standing?", 'tell(things("couch"), "where")'),
+        # what alone is meant
+        (
+            "visit every chair but only the red ones",
+            'for chair in colored(things("chair"), "red"):\n    robot.move_to_object(chair)',
+        ),
+        (
+            "go to the chair, but only if it is red",
+            'chair = nearest(things("chair"))\nif count(colored(chair, "red")) > 0:\n    robot.move_to_object(chair)',
+        ),
         # what is no longer meant
         (
             "The big chair. No, the small one.",
