@@ -103,6 +103,9 @@ def test_a_command_is_explained_numbered_marked_and_driven(bench, page):
     assert (mine(bench).pose.x_m, mine(bench).pose.y_m) == pytest.approx((said.final_pose.x_m, said.final_pose.y_m))
     expect(page.locator(MARKED)).to_have_count(0)
     wait_for_color(bench, page, place, instance_color(rest))
+    assert mine(bench).scene._candidates._labels  # the target stays numbered, and outlined, until nothing is selected
+    page.wait_for_function("() => window.__viserMutable.nodeRefFromName['/target']")
+    page.keyboard.press("Escape")
     page.wait_for_function("() => !window.__viserMutable.nodeRefFromName['/target']")
 
 

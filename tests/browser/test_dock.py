@@ -245,7 +245,7 @@ def record(path: Path, name: str) -> None:
 def test_another_recording_in_the_dock_is_not_tied_to_the_page_and_the_own_one_is_again(dock):
     page, middle = dock.page, (200, -450)
     own = dock.time()[0]
-    dock.tab("Recordings")
+    dock.tab("Build")
     expect(field_of(page, "Recording")).to_have_value(re.compile("^other"))
     page.get_by_role("button", name="Show it beside the map").click()
     expect(page.get_by_text("other is shown beside the map.")).to_be_visible()
@@ -254,7 +254,6 @@ def test_another_recording_in_the_dock_is_not_tied_to_the_page_and_the_own_one_i
     back = page.get_by_role("button", name="Back to this map's build")
     expect(back).to_be_visible()
     # Neither moves the other.
-    dock.tab("Build")
     dock.fill(field_of(page, "Frame"), 2)
     until(page, lambda: mine(dock.bench).frame == 2)
     page.wait_for_timeout(ECHO_MS)

@@ -45,7 +45,6 @@ ALL_SAY = SAYS | {
     "Compare": "Right",
     "Masks": "Thresholds, on this frame only",
     "Share": "Save as picture (.png)",
-    "Recordings": "List again",
     "Mend": "Cut along",
 }
 """A text of each tab, with an object selected."""

@@ -102,7 +102,7 @@ def test_the_panel_hands_the_browser_each_file(browser):
     with stub_page(late_map(), Services(ask=answer)) as desk, watched_page(browser) as page:
         panel = SharePanel(desk)
         open_desk(page, desk)
-        row = page.locator("label", has_text="Final command").locator(
+        row = page.locator("label", has_text="Robot's drive").locator(
             "xpath=ancestor::div[contains(@class,'Flex-root')][1]"
         )
 

@@ -50,7 +50,7 @@ def test_a_map_grows_stops_goes_on_and_becomes_the_workbench(browser, tmp_path, 
         expect(page.get_by_text("Nothing is lost")).to_be_visible()
         assert not output.exists()
         page.get_by_role("button", name="Resume").click()
-        expect(page.get_by_role("tab", name="Recordings", exact=True)).to_be_visible()
+        expect(page.get_by_role("tab", name="Share", exact=True)).to_be_visible()
         page.get_by_role("tab", name="Progress", exact=True).click()
         expect(page.get_by_text("The map is done")).to_be_visible()
         expect(page.get_by_text(f"Saved as {output}")).to_be_visible()

@@ -79,7 +79,7 @@ def test_why_this_one_is_said_with_the_distances_of_the_others():
     )
     assert why("go to the second chair from the south") == (
         f"Chair 4 is the second of 3 in the order that was asked for, {three:.2f} m from where the command was given. "
-        "The program says how it was chosen."
+        'It was chosen by: robot.move_to_object(nth(order(things("chair"), "south"), 2))'
     )
     assert why("visit all chairs") == "All 3 chairs on this map are meant."
 
@@ -88,7 +88,7 @@ def test_what_another_class_was_looked_up_by_is_not_taken_for_the_reason():
     program = 'robot.move_to_object("chair", robot.closest_to("chair", robot.closest_to("tv", "couch")))'
     said = toy_answer(program=program, goals=(Goal("move_to_object", "chair", 1, (0.0, 0.0)),))
     text = why_text(said, Grounding(toy_map(), TOY_POSE).candidates("chair"))
-    assert "couch" not in text and text.endswith("The program says how it was chosen.")
+    assert "couch." not in text and text.endswith(f"It was chosen by: {program}")
 
 
 def test_outcome_text_names_both_things_it_goes_between():

@@ -3,11 +3,13 @@
 from types import SimpleNamespace
 
 import pytest
+from browser import toy_ask
 from hypothesis import example, given
 from hypothesis import strategies as st
 from toy_maps import toy_map
 
 from simaps_viz.drawing.legend import object_names
+from simaps_viz.viewer.panels.command import CommandPanel
 from simaps_viz.viewer.panels.instance import FindBox, NotFound, find
 
 SIMAP = toy_map()
@@ -79,7 +81,9 @@ class FakePage:
     """A page of which only the box is there; jobs run at once."""
 
     def __init__(self):
-        self.simap, self.selected, self.went = SIMAP, None, []
+        self.simap, self.selected, self.went, self.given = SIMAP, None, [], []
+        self.services, self.reveal = SimpleNamespace(ask=toy_ask), self.given.append
+        self.panels = {CommandPanel: SimpleNamespace(give=self.given.append)}
         self.typed = lambda event: None
         self.worker = SimpleNamespace(submit=lambda name, job: job())
         self.box = SimpleNamespace(value="", on_update=lambda then: setattr(self, "typed", then))
@@ -104,3 +108,14 @@ def test_free_words_go_from_rank_to_rank_on_enter_alone():
     assert len(seats) > 2 and page.went == [*seats, seats[0]] and "1. chair 1 (100%), shown" in shown
     assert "There is no flying carpet on this map." in page.type("flying carpet\n") and len(page.went) == len(seats) + 1
     assert page.type("chair 3\n") and page.went[-1] == SIMAP.of_class("chair")[1].id
+
+
+def test_a_command_goes_to_the_robot_and_a_name_does_not():
+    page = FakePage()
+    FindBox(page)  # pyright: ignore[reportArgumentType]
+    assert "Enter gives the robot this command" in page.type("go to the second chair") and page.given == []
+    assert page.type("go to the second chair\n") == page.status.content and not page.status.visible
+    assert page.given == ["Command", "go to the second chair"] and page.box.value == "" and page.went == []
+    for name in ("the couch by the table", "somewhere to sit", "flying carpet"):
+        page.type(f"{name}\n")
+    assert len(page.given) == 2

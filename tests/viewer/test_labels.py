@@ -202,14 +202,14 @@ def test_the_outline_is_thin_where_the_object_is_small(server, monkeypatch):
     assert thick > 2 * OUTLINE_PX * MIN_LINE_SHARE
 
 
-def test_the_strongest_links_are_named_at_the_neighbour(server):
+def test_the_strongest_links_are_named_on_the_neighbour(server):
     simap = toy_map()
     why = explain(simap, CHAIR_1)
     marks = Marks(simap, why)
     named = link_label(marks, why.neighbours[0])
     other = why.neighbours[0].other
     assert named.text == "chair 3 · 1.6 %"
-    assert named.box == pytest.approx((*other.aabb_m[0][:2], *other.aabb_m[1][:2]))
+    assert (named.x, named.y) == pytest.approx(other.centroid_m[:2]) and named.reach_x == named.reach_y == 0.0
     large = replace(other, aabb_m=((1.0, 0.0, 0.0), (9.0, 1.0, 1.0)))
     long = SimpleNamespace(other=large, ends_m=((0.0, 0.5), (1.0, 0.5)), score=0.1)
     at_end = link_label(marks, cast(Any, long))

@@ -225,7 +225,8 @@ def _choice(answer: Answer) -> list[str]:
     words = next((goal.words for goal in answer.goals if goal.words), "")
     if words:
         return [f"It was chosen as the {words}."]
-    return ["The program says how it was chosen."] if _CHOOSES.search(answer.program) else []
+    lines = [line.strip() for line in (answer.program or "").splitlines() if _CHOOSES.search(line)]
+    return [f"It was chosen by: {lines[-1]}"] if lines else []
 
 
 def _box(title: str, text: str, paper: str) -> str:
@@ -369,6 +370,9 @@ class CommandPanel(Panel):
         self._trajectory: Trajectory | None = None
         self._line = 0
         self._lit: frozenset[int] = frozenset()
+        """Objects that are outlined: what the robot goes to, or an answer speaks of."""
+        self._dims = False
+        """Whether all else is dimmed."""
         self._past: list[Past] = []
         self._running = ""
         """The command of the history that has not ended yet."""
@@ -399,7 +403,7 @@ class CommandPanel(Panel):
 
     def style(self, simap: SIMap, style: Style) -> Style:
         """Emphasise what the last answer speaks of."""
-        return replace(style, lit=(style.lit or frozenset()) | self._lit) if self._lit else style
+        return replace(style, lit=(style.lit or frozenset()) | self._lit) if self._lit and self._dims else style
 
     def painted(self, simap: SIMap, snapshot: Snapshot) -> None:
         """Hide path and labels while an earlier map is shown: they belong to the finished one."""
@@ -694,22 +698,23 @@ class CommandPanel(Panel):
         self._past = [Past(command, ""), *(past for past in self._past if past.command != command)][:MAX_REMEMBERED]
         self._show_past()
 
-    def _light(self, ids: frozenset[int]) -> None:
-        """Outline some objects, and dim all else; none: dim nothing."""
-        if ids != self._lit:
-            self._lit = ids
+    def _light(self, ids: frozenset[int], *, dims: bool = True) -> None:
+        """Outline some objects, and dim all else where that is wanted; none: dim nothing."""
+        if (ids, dims) != (self._lit, self._dims):
+            self._lit, self._dims = ids, dims
             self._draw(None)
             self._page.repaint()
 
     def selection_changed(self, instance_id: int | None) -> None:
-        """Dim nothing any longer for an answer, once nothing is selected."""
-        if instance_id is None and not self.driving:
+        """Name and outline nothing any longer for a command or an answer, once nothing is selected."""
+        if instance_id is None and not self.driving and self._lit:
+            self._marks = replace(self._marks, labels=())
             self._light(frozenset())
 
     def _ended(self, status: str) -> None:
         """Note in the history how the command that runs, if one does, has ended."""
         if self._answer is None or self._answer.answer is None:
-            self._light(frozenset())
+            self._light(self._lit, dims=False)  # its target stays outlined
         command, self._running = self._running, ""
         if command:
             self._past = [replace(past, status=status) if past.command == command else past for past in self._past]
@@ -723,8 +728,9 @@ class CommandPanel(Panel):
 
     def _clear(self) -> None:
         self._answer, self._line, self._trajectory, self._why, self._readings = None, 0, None, (), ()
+        self._marks = Marks()
         self._light(frozenset())
-        self._draw(Marks())
+        self._draw(None)
         self._show_program("")
         self._show_other_reading(None)
         self._show_exchanges(())
@@ -852,7 +858,7 @@ class CommandPanel(Panel):
         with self._examples:
             for text in examples(self._page.simap, EXAMPLES + 1):
                 enabled = self._services.ask is not None
-                button(gui, text, functools.partial(self._try, text), color="gray", disabled=not enabled)
+                button(gui, text, functools.partial(self.give, text), color="gray", disabled=not enabled)
         self._history = gui.add_folder("History", visible=False)
         with self._history:
             again = [functools.partial(self._try_again, i) for i in range(MAX_PAST)]
@@ -864,17 +870,18 @@ class CommandPanel(Panel):
     def _set_height(self) -> None:
         self._page.robot = replace(self._page.robot, height_m=float(self._height.value))
 
-    def _try(self, command: str) -> None:
+    def give(self, command: str) -> None:
+        """Write a command into the box, and carry it out."""
         self._text.value = command
         self.ask(command)
 
     def _try_again(self, number: int) -> None:
         if number < len(self._past):
-            self._try(self._past[number].command)
+            self.give(self._past[number].command)
 
     def _try_instead(self, number: int) -> None:
         if number < len(self._instead):
-            self._try(self._instead[number])
+            self.give(self._instead[number])
 
     def _typed(self) -> None:
         command = entered(str(self._text.value))

@@ -15,11 +15,13 @@ from simaps_viz.drawing.legend import facts_html, object_names
 from simaps_viz.drawing.surface import stack_at
 from simaps_viz.drawing.theme import BOX_STYLE, DIM_STYLE, small_html
 from simaps_viz.errors import CommandError, InputError
+from simaps_viz.language.commands import read_command
 from simaps_viz.mapping.in_space import all_instances
 from simaps_viz.structures import Instance, SIMap
 from simaps_viz.viewer.page.page import Page
 from simaps_viz.viewer.page.panel import Panel
 from simaps_viz.viewer.page.widgets import by_person
+from simaps_viz.viewer.panels.command import CommandPanel
 
 if TYPE_CHECKING:
     from simaps_viz.embedding.search import Found
@@ -27,7 +29,7 @@ if TYPE_CHECKING:
 FIND = "Find"
 FIND_HINT = (
     "A class, a name, or the number of an object, such as: chair, chair 18, 18; or what it is for or "
-    "looks like, such as: somewhere to sit. Enter goes there, Enter again to the next."
+    "looks like, such as: somewhere to sit. Enter goes there, Enter again to the next. A command goes to the robot."
 )
 MAX_RANKS = 5
 """Objects that free words find."""
@@ -99,6 +101,18 @@ def _class_of(simap: SIMap, name: str) -> str:
     raise NotFound(f"There is no {name} on this map.{more}")
 
 
+def is_command(simap: SIMap, text: str) -> bool:
+    """Whether words are a command or a question, as "turn left" is, and not what one could go to, as "red chair" is."""
+
+    def reads(text: str) -> bool:
+        try:
+            return bool(read_command(text, simap.counts()))
+        except CommandError:
+            return False
+
+    return reads(text) and not reads(f"go to {text}")
+
+
 class FindBox(Panel):
     """A box that finds an instance by name, and a line that describes what Enter would do."""
 
@@ -125,7 +139,13 @@ class FindBox(Panel):
             one = find(simap, text, after=self._page.selected)
         except NotFound as error:
             why = str(error)  # free words: they are looked for on Enter, as a network may have to read them
-            if entered:
+            if self._page.services.ask is not None and is_command(simap, text):
+                self._report("" if entered else "Enter gives the robot this command.")
+                if entered:
+                    self._box.value = ""
+                    self._page.reveal("Command")
+                    self._page.panels[CommandPanel].give(text)
+            elif entered:
                 self._page.worker.submit("find", lambda: self._search(simap, text, why))
             else:
                 self._report(f"{why} Enter searches for what fits.")

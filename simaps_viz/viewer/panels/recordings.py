@@ -15,7 +15,6 @@ from simaps_viz.viewer.page.widgets import button
 if TYPE_CHECKING:
     from simaps_viz.recorder.library import LibraryEntry, RecordingLibrary
 
-ABOUT = "all recorded builds: show one beside the map, rename, delete, restore"
 NONE = "no recordings yet"
 MAX_OFFERED = 12
 """Recordings of the trash that the page offers, the newest first."""
@@ -28,8 +27,8 @@ _EMPTY = (
 
 
 def recordings_panel(library: "RecordingLibrary") -> PanelSpec:
-    """Return the spec of the tab."""
-    return PanelSpec("Recordings", viser.Icon.MOVIE, lambda page: RecordingsPanel(page, library), about=ABOUT)
+    """Return the spec of the panel, which is the last of the tab Build."""
+    return PanelSpec("Build", viser.Icon.TIMELINE, lambda page: RecordingsPanel(page, library))
 
 
 class RecordingsPanel(Panel):
@@ -43,6 +42,12 @@ class RecordingsPanel(Panel):
         self._page, self._library = page, library
         self._entries: dict[str, LibraryEntry] = {}
         self._listed: Sequence[LibraryEntry] = ()
+        with page.gui.add_folder("Recorded builds"):
+            self._fill(page)
+        self._show()
+        self.refresh()
+
+    def _fill(self, page: Page) -> None:
         gui = page.gui
         self._choice = gui.add_dropdown("Recording", _NOTHING, hint="Recorded builds, the newest first")
         self._choice.on_update(lambda _: self._show())
@@ -59,8 +64,6 @@ class RecordingsPanel(Panel):
             self._delete = button(gui, "Delete …", delete, icon=icon.TRASH, color="gray")
             self._restore = button(gui, "Restore …", restore, icon=icon.ARROW_BACK_UP, color="gray", visible=False)
         button(gui, "List again", self.refresh, icon=icon.REFRESH, color="gray")
-        self._show()
-        self.refresh()
 
     def refresh(self, select: str | None = None) -> None:
         """Queue reading the list again; ``select`` names the recorded build to choose."""

@@ -38,8 +38,8 @@ class SharePanel(Panel):
         gui = page.gui
         gui.add_html(note("One file to send to somebody. It opens without a network and holds no frames."))
         self._command = gui.add_text(
-            "Final command", "", visible=page.services.ask is not None,
-            hint="A command, such as: go to the couch. The robot carries it out at the end of a page or a film.",
+            "Robot's drive", "", visible=page.services.ask is not None,
+            hint="A command, such as: go to the couch. A page or a film ends with the robot's drive; empty: without.",
         )  # fmt: skip
         self._buttons = [
             button(gui, label, functools.partial(self._clicked, ending), icon=icon, hint=hint)

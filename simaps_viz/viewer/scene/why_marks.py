@@ -8,7 +8,7 @@ import viser
 from numpy.typing import NDArray
 
 from simaps_viz.colors.palette import Color
-from simaps_viz.drawing.label_layout import Label, boxes_near, label_of
+from simaps_viz.drawing.label_layout import Label, label_of
 from simaps_viz.drawing.texture import outline_segments
 from simaps_viz.mapping.explain import Joint, Link, Why, score_text
 from simaps_viz.mapping.methods import method_of
@@ -158,8 +158,9 @@ class WhyMarks:
             if marks is None:
                 self._labels.show(())
                 return
-            one, blocked, within = marks.why.instance, boxes_near(marks.simap, labels), marks.simap.spec.extent_m
-            self._labels.show(labels, blocked=blocked, within=within, named=label_of(one.name, one), z_m=z_m)
+            named = label_of(marks.why.instance.name, marks.why.instance)
+            within = marks.simap.spec.extent_m
+            self._labels.show(labels, blocked=(named.box,), within=within, named=named, z_m=z_m)
 
     def _draw_lines(self, metres_per_px: float) -> None:
         share = line_share(self._around, metres_per_px)
@@ -169,14 +170,13 @@ class WhyMarks:
 
 
 def link_label(marks: Marks, link: Link) -> Label:
-    """Name a neighbour and its link's number, at the neighbour: "chair 6 · 0.04"."""
+    """Name a neighbour and its link's number, on the neighbour: "chair 6 · 0.04"."""
     text = f"{link.other.name} · {link_text(marks.why.method, link)}"
     (x0, y0), (x1, y1) = link.ends_m
-    away = (x1 - x0, y1 - y0)
     (xmin, ymin, _), (xmax, ymax, _) = link.other.aabb_m
     if max(xmax - xmin, ymax - ymin) > SMALL_M:
-        return Label(text, x1, y1, away_x=away[0], away_y=away[1])
-    return Label(text, (xmin + xmax) / 2, (ymin + ymax) / 2, (xmax - xmin) / 2, (ymax - ymin) / 2, *away)
+        return Label(text, x1, y1, away_x=x1 - x0, away_y=y1 - y0)
+    return Label(text, *link.other.centroid_m[:2])
 
 
 def _links_of(marks: Marks) -> tuple[Link, ...]:

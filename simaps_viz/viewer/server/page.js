@@ -2,6 +2,7 @@
   if (window.simapsPage) return;
   window.simapsPage = true;
   document.documentElement.lang = 'en';
+  document.title = 'SI Maps';
 
   const press = (element) => {
     for (const kind of ['pointerdown', 'mousedown', 'pointerup', 'mouseup', 'click'])
