@@ -180,7 +180,7 @@ def _left_out(pattern: re.Pattern[str], said: str, instead: str = "") -> str:
 def plainly(text: str) -> str:
     """Return what was said in lower case and spelled out, without the politeness around it."""
     said = _IS.sub(r"\1 is", re.sub(r"\blet['’]s\b", "let us", text.lower()))
-    said = re.sub(r"\s[-–—]+\s", ", ", said)
+    said = re.sub(r"\s[-–—]+\s", ", ", re.sub(r"\s*(?:[-=]*>|→)\s*", ", then ", said))
     said = written_out(_SHORT.sub(r"\1 \2", said))
     said = _WORD.sub(lambda found: SPELLED.get(found[0].replace("’", "'"), found[0]), said)
     said = _LEFT.sub(r"\1", re.sub(r"\bam i\b", "are you", said))

@@ -983,6 +983,7 @@ def _neither(a: Parts, b: Parts) -> Parts:
     return tuple(_negated(part) for part in (*a, *b))
 
 
+@_rule("post", "STOP EXCEPT &(DET ONE) targets", cost=0.2)
 @_rule("post", "COMMA? EXCEPT TO? targets", cost=-0.05)
 def _except(targets: tuple[Phrase, ...]) -> Parts:
     corrected = LAST in targets[-1].text  # "not the big one, the other one"
@@ -1150,6 +1151,8 @@ def _any(thing: Phrase) -> Phrase:
 
 @_rule("np", "EITHER? thing (COMMA more:thing)* COMMA? OR TO? AT? last:thing", cost=0.1)
 def _either(thing: Phrase, last: Phrase, more: Sequence[Phrase] = ()) -> Phrase:
+    if any(phrase.free for phrase in (thing, *more, last)):  # what is no known word is no choice
+        raise CommandError("")
     found = united((thing, *more, last))
     return replace(found, penalty=0.15 if "minus(" in thing.text else 0.0)  # "not at any table or desk"
 
@@ -1300,10 +1303,14 @@ def _room_of_most(key: str, np: Phrase) -> Phrase:
     return Phrase(f'first(order(rooms(), "{key}", {np.argument}))', "rooms()", "room", False, np.notes)
 
 
-@_rule("room", "_dets (NEAREST | key:SIZE | key:SUPER | key:MORE | far:FARTHEST) (ROOM | name:ROOMKIND)", cost=0.1)
-def _sized_room(key: str = "", far: str = "", name: str = "") -> Phrase:
+@_rule(
+    "room", "_dets n:ORD? (NEAREST | key:SIZE | key:SUPER | key:MORE | far:FARTHEST) (ROOM | name:ROOMKIND)", cost=0.1
+)
+def _sized_room(key: str = "", far: str = "", name: str = "", n: int = 0) -> Phrase:
     rooms = f"rooms({quoted(name)})" if name else "rooms()"
     key = "far" if far else key
+    if n:
+        return Phrase(f'nth(order({rooms}, "{key or "near"}"), {n})', rooms, name or "room")
     nearest = f"room({quoted(name or 'other')})"
     return Phrase(f'first(order({rooms}, "{key}"))' if key else nearest, rooms, name or "room")
 

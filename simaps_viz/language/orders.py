@@ -216,6 +216,12 @@ def _go_as_numbered(one: Phrase, first: int, np: tuple[Phrase, ...], n: tuple[in
     return _go_to((one, *np))
 
 
+@_rule("order", "_go DET? FOOT OF targets", cost=0.2)
+def _go_to_foot(targets: tuple[Phrase, ...]) -> Steps:
+    """Read "stand at the foot of the bed": which end that is is not known."""
+    return _each("robot.move_to_{0.goal}", targets, notes=("which end is its head is not known",))
+
+
 @_rule("order", "_goer (BY | NEAR | AT)+ IT", cost=-0.05)
 def _go_by() -> Steps:
     """Read "there are boxes under the bench. Stand by them": one place will do."""
@@ -1028,8 +1034,8 @@ _rule("asked", "WHERE (IS | IT | HERE)*")(lambda: "where")
 _rule("asked", "HOWFAR AWAY? (IS IT)?")(lambda: "distance")
 _rule("asked", "HOWBIG (IS IT)?")(lambda: "size")
 _rule("asked", "WHATCOLOR (IS IT)?")(lambda: "color")
-_rule("asked", "(IN | TO)? WHICH ROOM (IS IT)? IN?")(lambda: "room")
-_rule("asked", "WHAT IS IT")(lambda: "which")
+_rule("asked", "(IN | TO)? WHICH (ROOM | ROOMS) (IS IT)? IN?")(lambda: "room")
+_rule("asked", "WHAT (IS IT)?")(lambda: "which")
 
 
 @_rule("question", "BY question")
@@ -1173,7 +1179,8 @@ def _which_seen(np: Phrase) -> Steps:
 @_rule("question", "LIST? what:WHAT (IS | EXIST | DOES | SEE | THAT)* post+")
 def _what_is(post: Sequence[Parts], what: str) -> Steps:
     parts = [part for parts in post for part in parts]
-    if not parts:
+    # "what is on the table besides the book?" leaves out books, not a table
+    if not parts or any(part.phrase and part.phrase.greedy and not part.outer for part in parts):
         raise CommandError("")
     if "else" in what.split():  # "what else is on the counter with the microwave?"
         named = [inner for part in parts if part.phrase for inner in part.phrase.inner or (part.phrase,)]
@@ -1398,6 +1405,27 @@ def _times(order: Steps, times: int = 1, n: int = 1, said: str = "instead") -> S
     return (Repeat(times, order),) if times > 1 else order
 
 
+@_rule("done", "order COMMA? (AND | THEN)? verb:TAKE", cost=0.2)
+def _shown(order: Steps, verb: str) -> Steps:
+    """Read "I want to sit down, show me the way"."""
+    if not verb.endswith("way"):
+        raise CommandError("")
+    return order
+
+
+@_rule("done", "order COMMA? ENDLESS", "ENDLESS order", cost=0.1)
+def _endlessly(order: Steps) -> Steps:
+    """Read "circle the plant forever": once."""
+    first = order[0]
+    notes = ("what is to go on without an end is done once",)
+    head = (
+        replace(first, steps=(replace(first.steps[0], notes=notes), *first.steps[1:]))
+        if isinstance(first, Repeat)
+        else replace(first, notes=notes)
+    )
+    return (head, *order[1:])
+
+
 @_rule("item", "ORD COMMA? question", cost=0.2)
 def _numbered_question(question: Steps) -> Steps:
     return question
@@ -1569,10 +1597,18 @@ def _of_topic(topic: Phrase, b: Steps, named: Phrase | None = None, struck: str 
     return _taken_from(b, topic, topic if struck else replace(topic, base=topic.whole or topic.text))
 
 
-@_rule("logical", "NOT topic:np (COMMA | AND | STOP | EXCEPT | THEN)+ b:done", cost=0.3)
-def _not_but(b: Steps, topic: Phrase) -> Steps:
-    """Read "not the near chair, the other one"."""
-    return _taken_from(b, topic, topic)
+@_rule(
+    "logical",
+    "NOT topic:np ((COMMA | AND | STOP)+ NOT more:np)* (COMMA | AND | STOP | EXCEPT | THEN)+ b:done",
+    cost=0.3,
+)
+def _not_but(b: Steps, topic: Phrase, more: Sequence[Phrase] = ()) -> Steps:
+    """Read "not the near chair, the other one", "not the lamp on the desk, not the one by the bed. The last one."."""
+    if topic.greedy or any(one.base != ONE for one in more):
+        raise CommandError("")
+    for one in more:
+        topic = replace(topic, base=f"minus({topic.base}, {one.text.replace(ONE, topic.base)})")
+    return _taken_from(b, topic, replace(topic, base=f"minus({topic.base}, {topic.single})"))
 
 
 def _taken_from(steps: Steps, topic: Phrase, group: Phrase) -> Steps:
@@ -1650,7 +1686,12 @@ def _items(item: Steps, next: Sequence[tuple[bool, Steps]] = ()) -> Steps:
     joined = any(joint for joint, _ in next)
     if not joined and any(b and not a for a, b in pairwise(named)):
         raise CommandError("")  # "the bar: second stool" is one thing, told twice
-    return (*item, *(step for _, steps in next for step in steps))
+    steps = [*item, *(step for _, steps in next for step in steps)]
+    for at in range(len(steps) - 1, 0, -1):  # "if …; if …; otherwise …": the otherwise is that of all
+        first, second = steps[at - 1 : at + 1]
+        if isinstance(first, Choose) and isinstance(second, Choose) and second.otherwise and not first.otherwise:
+            steps[at - 1 : at + 1] = [replace(first, otherwise=(second,))]
+    return tuple(steps)
 
 
 @_rule("start", "_mayhap items (COMMA | STOP | THEN)*")

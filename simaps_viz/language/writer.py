@@ -104,10 +104,10 @@ class Writer:
                         first = (self._named("it"),)
                         then = (replace(head, phrases=(_IT, *head.phrases[1:])), *then[1:])
                     mentions = tuple(self._mention(phrase) for phrase in phrases)
-                    self._last = (*first, *mentions, self._last)[0]
                     for line, inner in ((f"if {test}:", then), ("else:", otherwise)):
                         if inner:
                             lines.append(_Line(line, mentions, before=first))
+                            self._last = (*first, *mentions, self._last)[0]
                             self._add(inner, lines[-1].body)
 
     def _do(self, step: Do, lines: list[_Line]) -> None:

@@ -527,6 +527,33 @@ def test_numbers_that_no_program_may_hold_are_refused_in_a_line(said: str, numbe
             "go to the chair, but only if it is red",
             'chair = nearest(things("chair"))\nif count(colored(chair, "red")) > 0:\n    robot.move_to_object(chair)',
         ),
+        # what is left out, also in a sentence of its own
+        (
+            "the chair. Not the one by the couch",
+            'robot.move_to_object(minus(things("chair"), nearest(near(things("chair"), "couch", 3), 1, "couch")))',
+        ),
+        (
+            "Not the chair at the table, not the one by the couch. The last one.",
+            'robot.move_to_object(farthest(minus(minus(things("chair"), nearest(near(things("chair"), "couch", 3), 1, '
+            '"couch")), nearest(near(things("chair"), "dining table", 3), 1, "dining table"))))',
+        ),
+        (
+            "what is on the table besides the chair?",
+            'tell(minus(on(things("anything"), nearest(things("dining table"))), "chair"), "what")',
+        ),
+        # conditions one after the other, and orders without an end
+        (
+            "if a chair is by the couch, face the couch; if there is one by the table, face the table; else turn left",
+            'if count(near(things("chair"), nearest(things("couch")))) > 0:\n    robot.face("couch")\nelse:\n'
+            '    if count(near(things("chair"), nearest(things("dining table")))) > 0:\n'
+            '        robot.face("dining table")\n'
+            "    else:\n        robot.turn(-90)",
+        ),
+        (
+            "couch -> chair -> back here",
+            'robot.move_to_object("couch")\nrobot.move_to_object("chair")\nrobot.move_to(pose("start"))',
+        ),
+        ("go to the third largest room", 'robot.move_to_object(nth(order(rooms(), "large"), 3))'),
         # what is no longer meant
         (
             "The big chair. No, the small one.",
