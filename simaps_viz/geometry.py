@@ -96,12 +96,12 @@ def turned_pose(T_a_camera: NDArray, turns: int) -> NDArray:
     return T_a_camera @ np.array([[c, -s, 0, 0], [s, c, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1.0]])
 
 
-def check_rotation(rotation: NDArray, where: str, tolerance: float = 1e-2) -> None:
+def check_rotation(rotation: NDArray, where: str) -> None:
     """Raise InputError, naming ``where``, unless the 3x3 matrix is finite, orthonormal and right-handed."""
     if not np.isfinite(rotation).all():
         raise InputError(f"{where}: expected a finite rotation, found NaN or infinity")
     error = float(np.abs(rotation @ rotation.T - np.eye(3)).max())
-    if error > tolerance:
+    if error > 1e-2:
         raise InputError(f"{where}: expected an orthonormal rotation, found one off by {error:.3g}")
     if np.linalg.det(rotation) < 0:
         raise InputError(f"{where}: expected a right-handed rotation (determinant 1), found a mirrored one")

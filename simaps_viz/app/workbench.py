@@ -199,7 +199,7 @@ def panels_of(simap: SIMap, mending: Mending | None, *, frames: bool = True) -> 
         frames: whether to have the panels that need the frames: comparison and masks.
     """
     from simaps_viz.app.masks import segmentation_services  # noqa: PLC0415 - viser is slow to import
-    from simaps_viz.evaluation.other_maps import MapMaker  # noqa: PLC0415 - only needed by the page
+    from simaps_viz.evaluation.two_maps import MapMaker  # noqa: PLC0415 - only needed by the page
     from simaps_viz.recorder.library import RecordingLibrary  # noqa: PLC0415 - rerun is slow to import
     from simaps_viz.viewer.panels.compare import compare_panel, method_panel  # noqa: PLC0415 - as above
     from simaps_viz.viewer.panels.masks import masks_panel  # noqa: PLC0415 - as above

@@ -156,7 +156,7 @@ class Live:
         from simaps_viz.app.webxr import WebXRSource
         from simaps_viz.console.terminal import note
         from simaps_viz.datasets.open import open_sequence
-        from simaps_viz.live.record3d import Record3DSource
+        from simaps_viz.live.phone import Record3DSource
         from simaps_viz.live.robot import RobotSource
         from simaps_viz.live.source import PlayedSequence
         from simaps_viz.viewer.server.access import Access

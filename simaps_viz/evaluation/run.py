@@ -76,8 +76,6 @@ class Panel:
     """int32 [rows, cols], ids of this map, 0 = none."""
     verdicts: Mapping[int, Verdict]
     """{id: verdict}."""
-    partner: Mapping[int, int]
-    """{id: id, on the reference panel, of what it overlaps most}; whom it overlaps not at all is missing."""
     missed: NDArray
     """bool [rows, cols]: cells of true instances that no found one covers."""
     score: Score | None = None
@@ -201,7 +199,7 @@ def _panel(
     own = {i: colors[partner[i]] for i in ids if i in partner}
     unjudged = dict.fromkeys(ids, Verdict.UNJUDGED)
     nothing = np.zeros(cells.shape, dtype=bool)
-    return Panel(title, subtitle, paint(grid, cells, own), cells, unjudged, partner, nothing)
+    return Panel(title, subtitle, paint(grid, cells, own), cells, unjudged, nothing)
 
 
 def _window(specs: Sequence[GridSpec]) -> GridSpec:
@@ -370,7 +368,7 @@ def _sample(color: Color, verdict: Verdict = Verdict.UNJUDGED, *, missed: bool =
     """Make a panel of one instance that fills it."""
     cells = np.full((11, 11), 0 if missed else 1, np.int32)
     colors = np.full((*cells.shape, 3), color, np.uint8)
-    return Panel("", "", colors, cells, {1: verdict}, {}, np.full(cells.shape, missed))
+    return Panel("", "", colors, cells, {1: verdict}, np.full(cells.shape, missed))
 
 
 DEMO = "demo"

@@ -2,26 +2,53 @@
 
 Objects differ by being merged, split, missed, invented or named otherwise. Many of them share few colours, so that near
 ones differ as far as the palette permits.
+
+A map is compared with one by another method, or with the ground truth; each of those is made once.
 """
 
 from collections import Counter
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass, fields, replace
 from enum import Enum
-from typing import Literal
+from pathlib import Path
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
+from simaps_viz.build import METHOD_NAMES
+from simaps_viz.build.cache import cache_key, made_folder, map_in_cache
+from simaps_viz.build.methods import build
+from simaps_viz.build.pipeline import BuildConfig
 from simaps_viz.colors import palette
 from simaps_viz.colors.classes import ground_kinds
 from simaps_viz.colors.instances import instance_colors
 from simaps_viz.colors.palette import Color
+from simaps_viz.datasets.source import FrameSource
 from simaps_viz.drawing.theme import LIGHT
+from simaps_viz.errors import InputError
 from simaps_viz.evaluation.quality import Objects, Overlaps, Score, ScoringRules, find_overlaps, scores_of
-from simaps_viz.evaluation.space import SpaceScores, SpaceTruth, score_space, truth_of_map
-from simaps_viz.evaluation.truth import Truth, joint_window, moved_grid, whole_cells
+from simaps_viz.evaluation.space import (
+    SpaceScores,
+    SpaceTruth,
+    origin_of_voxels,
+    score_space,
+    space_truth,
+    truth_of_map,
+)
+from simaps_viz.evaluation.truth import (
+    Truth,
+    exact_of,
+    joint_window,
+    moved_grid,
+    settings_of,
+    truth_as_map,
+    truth_of,
+    whole_cells,
+)
+from simaps_viz.events import BuildStarted, Event, FrameProjected, Progress
 from simaps_viz.geometry import moved
+from simaps_viz.mapping.file import load_map, save_map
 from simaps_viz.mapping.in_space import has_voxels, space_points
 from simaps_viz.structures import Grid, GridSpec, SIMap
 
@@ -410,3 +437,114 @@ def _item(d: Difference, on_left: NDArray, on_right: NDArray, window: GridSpec, 
     s, x0, y0 = window.cell_size_m, window.x0_m, window.y0_m
     extent = (x0 + low[1] * s, y0 + low[0] * s, x0 + high[1] * s, y0 + high[0] * s)
     return Item(d.kind.value, left, right, d.label, d.other_label, extent, d.iou)
+
+
+_BASELINES: Mapping[str, str] = {
+    "vlmaps": "VLMaps (simulated encoder)",
+    "vlmaps+components": "VLMaps + components (simulated encoder)",
+}
+
+
+TRUTH = "truth"
+"""Key of the source that is the ground truth."""
+
+
+@dataclass(frozen=True)
+class Source:
+    """A map that can be compared with another."""
+
+    key: str
+    title: str
+    """Such as "Method paper" or "Ground truth"."""
+
+
+class MapMaker:
+    """Makes maps of one sequence by name, in the grid of the map they are to be compared with; each only once."""
+
+    def __init__(self, sequence: FrameSource | None, folder: Path) -> None:
+        """Take the sequence, and the folder in which maps are kept."""
+        self._sequence, self._folder = sequence, folder
+        self._made: dict[Path, SIMap] = {}
+        self._in_space: dict[Path, SpaceTruth] = {}
+
+    def sources(self, simap: SIMap) -> tuple[Source, ...]:
+        """Return the maps that ``make`` can make for a map; none without a sequence."""
+        if self._sequence is None:
+            return ()
+        truth = () if exact_of(self._sequence) is None else (Source(TRUTH, "Ground truth"),)
+        others = (name for name in METHOD_NAMES if name != simap.method)
+        return *truth, *(Source(name, _BASELINES.get(name, f"Method {name}")) for name in others)
+
+    def make(self, key: str, simap: SIMap, tell: Progress) -> SIMap:
+        """Return a map by another method, or the true one.
+
+        Args:
+            key: of one of the ``sources``.
+            simap: the map whose grid, frames and settings the new one takes over.
+            tell: called with the progress, often enough that raising in it ends the work soon.
+
+        Raises:
+            InputError: there is no sequence, or no truth, or it cannot be read.
+        """
+        sequence = self._sequence
+        if sequence is None:
+            raise InputError("comparison: expected the sequence the map was built from, found none")
+        kept = self._kept(key, simap, sequence)
+        if kept not in self._made:
+            self._made[kept] = load_map(kept) if kept.is_file() else self._build(key, simap, sequence, tell, kept)
+        return self._made[kept]
+
+    def truth_in_space(self, simap: SIMap, tell: Progress) -> SpaceTruth:
+        """Return the true objects in space for a map; arguments and errors as of `make`."""
+        exact = None if self._sequence is None else exact_of(self._sequence)
+        if exact is None:
+            raise InputError("comparison: expected the sequence the map was built from, with exact ids, found none")
+        kept = self._kept(TRUTH, simap, exact)
+        if kept not in self._in_space:
+            self._in_space[kept] = space_truth(
+                exact, simap.T_map_world, origin_of_voxels(simap), settings_of(simap),
+                frame_names=simap.frame_names, progress=tell,
+            )  # fmt: skip
+        return self._in_space[kept]
+
+    def _build(self, key: str, simap: SIMap, sequence: FrameSource, tell: Progress, kept: Path) -> SIMap:
+        if key == TRUTH:
+            exact = exact_of(sequence)
+            if exact is None:
+                raise InputError(f"{sequence.path}: expected exact ids, here or beside it, found none")
+            made = truth_as_map(truth_of(simap, exact, tell))
+        else:
+            made = build(sequence, key, config_like(simap), [_Told(tell, key)])
+        save_map(made, kept)
+        return made
+
+    def _kept(self, key: str, simap: SIMap, sequence: FrameSource) -> Path:
+        """Return the path of the map; that of another method is where its own build would have written it."""
+        if key != TRUTH:
+            return map_in_cache(self._folder, sequence, key, config_like(simap))
+        what = asdict(settings_of(simap)), simap.T_map_world.tolist(), list(simap.frame_names)
+        return made_folder(self._folder / "compare") / f"{cache_key(sequence, key, *what)}.npz"
+
+
+def config_like(simap: SIMap) -> BuildConfig:
+    """Return the settings of another method that make its map comparable: the same grid, seed and smallest object."""
+    given: Mapping[str, Any] = simap.parameters
+    known = {f.name for f in fields(BuildConfig)}
+    same = {name: given[name] for name in ("seed", "min_cells") if name in given and name in known}
+    return replace(BuildConfig(), projection=settings_of(simap), **same)
+
+
+class _Told:
+    """Watches a build and tells how far it is."""
+
+    wants_color = False
+
+    def __init__(self, tell: Progress, method: str) -> None:
+        self._tell, self._what, self._total = tell, f"mapping frames by method {method}", 1
+
+    def on_event(self, event: Event) -> None:
+        """Take one event of the build."""
+        if isinstance(event, BuildStarted):
+            self._total = len(event.frame_names)
+        elif isinstance(event, FrameProjected):
+            self._tell(self._what, event.frame.index + 1, self._total)

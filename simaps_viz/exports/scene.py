@@ -1,12 +1,18 @@
-"""The scene in 3-D, as glb and ply write it: the map as solid columns, or the recording's points.
+"""The scene in 3-D, as binary glTF and as PLY: the map as solid columns or surface voxels, or the recording's points.
 
 As columns, every cell reaches from the floor to its height, one mesh for each instance or class. As points, the depth
 pixels of the recording are one coloured cloud, each point with the instance of its cell.
+
+glTF has a named node for every instance. It is y up; the map is z up. The geometry stays in the map frame (metres, z
+up), and the node ``map``, the parent of all others, rotates it: x stays, map z becomes glTF y, map y (north) becomes
+glTF -z. PLY, in the map frame, knows no objects, so every vertex carries the id of its instance, and the header names
+them in comments.
 """
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
-from typing import Final
+from pathlib import Path
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,11 +21,11 @@ from simaps_viz.colors.instances import color_of_instance
 from simaps_viz.colors.palette import Color
 from simaps_viz.datasets.source import FrameSource
 from simaps_viz.events import Progress
-from simaps_viz.exports.exporter import ExportOptions
-from simaps_viz.exports.records import label_colors, node_name
+from simaps_viz.exports.exporter import Exporter, ExportOptions
+from simaps_viz.exports.records import label_colors, node_name, record, space_record
 from simaps_viz.geometry import back_project, spread, transform_points
 from simaps_viz.mapping.in_space import VOXEL_M as VOXEL_EDGE_M
-from simaps_viz.mapping.in_space import all_instances, space_points
+from simaps_viz.mapping.in_space import all_instances, has_voxels, space_points
 from simaps_viz.structures import Frame, GridSpec, SIMap
 
 UNLABELLED: Final = "unlabelled"
@@ -246,3 +252,157 @@ def _instance_at(simap: SIMap, xyz_m: NDArray) -> NDArray:
     row, col = np.where(inside[:, None], cell, 0).T
     lies = (xyz_m[:, 2] <= ON_FLOOR_M) & (simap.grid.height_m[row, col] > 2 * ON_FLOOR_M)
     return np.where(inside & ~lies, simap.instance[row, col], 0).astype(np.int32)
+
+
+T_GLTF_MAP: Final = np.array([[1.0, 0, 0, 0], [0, 0, 1, 0], [0, -1, 0, 0], [0, 0, 0, 1]])
+ROOT: Final = "map"
+
+
+class GLB(Exporter):
+    """The scene as binary glTF."""
+
+    endings = own_endings = (".glb",)
+    options = ("points",)
+
+    def files(self, simap: SIMap, path: Path, options: ExportOptions) -> dict[Path, bytes]:
+        """Return the scene as points where a sequence is given, else as meshes."""
+        cloud = cloud_asked_for(simap, options)
+        return {path: glb_bytes(simap) if cloud is None else glb_points_bytes(simap, cloud)}
+
+
+def glb_bytes(simap: SIMap) -> bytes:
+    """Return the scene with a node for each instance ("chair-7") and each other class ("floor").
+
+    They are the faces of its voxels, coloured as seen, or on a map without voxels columns.
+    """
+    import trimesh  # noqa: PLC0415 - slow to import, and only two formats need it
+    from trimesh.visual import TextureVisuals  # noqa: PLC0415 - as above
+    from trimesh.visual.material import PBRMaterial  # noqa: PLC0415 - as above
+
+    scene = _scene()
+    extras = {one.id: {**record(simap, one), **space_record(one)} for one in all_instances(simap)}
+    if has_voxels(simap):
+        for part in surfaces(simap):
+            mesh = trimesh.Trimesh(part.vertices, part.faces, process=False, vertex_colors=_linear(part.rgb))
+            _add(scene, mesh, part.name, extras.get(part.instance, {"label": part.label}))
+        return _export(scene)
+    for part in parts(simap):
+        material = PBRMaterial(
+            name=part.name, baseColorFactor=_linear(part.color), metallicFactor=0.0, roughnessFactor=0.9
+        )
+        mesh = trimesh.Trimesh(part.vertices, part.faces, process=False, visual=TextureVisuals(material=material))
+        _add(scene, mesh, part.name, extras.get(part.instance, {"label": part.label}))
+    return _export(scene)
+
+
+def glb_points_bytes(simap: SIMap, cloud: Cloud) -> bytes:
+    """Return the recording's points in their own colours, a node for each instance and one for the rest."""
+    import trimesh  # noqa: PLC0415 - as above
+
+    scene = _scene()
+    for one in simap.instances:
+        mine = cloud.instance == one.id
+        if mine.any():
+            points = trimesh.PointCloud(cloud.xyz_m[mine], colors=cloud.rgb[mine])
+            _add(scene, points, node_name(one), record(simap, one))
+    rest = cloud.instance == 0
+    if rest.any():
+        _add(scene, trimesh.PointCloud(cloud.xyz_m[rest], colors=cloud.rgb[rest]), UNLABELLED, {})
+    return _export(scene)
+
+
+def _scene() -> Any:
+    import trimesh  # noqa: PLC0415 - as above
+
+    scene = trimesh.Scene()
+    scene.graph.update(frame_from=scene.graph.base_frame, frame_to=ROOT, matrix=T_GLTF_MAP)
+    return scene
+
+
+def _add(scene: Any, geometry: Any, name: str, extras: dict[str, Any]) -> None:
+    geometry.metadata.update(extras)
+    scene.add_geometry(geometry, node_name=name, geom_name=name, parent_node_name=ROOT)
+
+
+def _export(scene: Any) -> bytes:
+    return bytes(scene.export(file_type="glb"))
+
+
+def _linear(color: Color | NDArray) -> NDArray:
+    """Return RGB, [..., 3], as RGBA uint8 in linear light, which glTF factors and colours are in (IEC 61966-2-1)."""
+    c = np.asarray(color) / 255.0
+    linear = np.where(c <= 0.04045, c / 12.92, ((c + 0.055) / 1.055) ** 2.4)
+    opaque = np.ones((*c.shape[:-1], 1))
+    return np.round(np.concatenate([linear, opaque], axis=-1) * 255.0).astype(np.uint8)
+
+
+_COLORED = [("x", "<f4"), ("y", "<f4"), ("z", "<f4"), ("red", "u1"), ("green", "u1"), ("blue", "u1")]
+_VERTEX = np.dtype([*_COLORED, ("alpha", "u1"), ("instance", "<i4")])
+_VOXEL = np.dtype([*_COLORED, ("class", "<i4"), ("instance", "<i4")])
+_FACE = np.dtype([("corners", "u1"), ("vertices", "<i4", 3)])
+_TYPES = {"<f4": "float", "|u1": "uchar", "<i4": "int"}
+
+
+class PLY(Exporter):
+    """The scene as binary PLY."""
+
+    endings = own_endings = (".ply",)
+    options = ("points",)
+
+    def files(self, simap: SIMap, path: Path, options: ExportOptions) -> dict[Path, bytes]:
+        """Return the scene as points where a sequence is given, else as columns."""
+        cloud = cloud_asked_for(simap, options)
+        return {path: ply_bytes(simap) if cloud is None else ply_points_bytes(simap, cloud)}
+
+
+class Instances(Exporter):
+    """The surface voxels with class and instance, as binary PLY."""
+
+    endings = (".ply",)
+
+    def files(self, simap: SIMap, path: Path, options: ExportOptions) -> dict[Path, bytes]:
+        """Return one vertex for each surface voxel: x, y, z, red, green, blue, class (-1 none), instance (0 none)."""
+        points = space_points(simap)
+        made_of = "observed surface voxels" if has_voxels(simap) else "filled columns: the map has no voxels"
+        classes = (f"class {i} {' '.join(name.split())}" for i, name in enumerate(simap.grid.labels) if i)
+        columns = (*points.positions.T, *points.colors.T, points.classes, points.instances)
+        return {path: _ply([made_of, *classes], _table(_VOXEL, *columns))}
+
+
+def ply_bytes(simap: SIMap) -> bytes:
+    """Return the scene as a mesh; instance 0 is what belongs to no instance."""
+    meshes = list(parts(simap))
+    vertices = [_table(_VERTEX, *p.vertices.T, *p.color, 255, p.instance) for p in meshes]
+    starts = np.cumsum([0, *(len(v) for v in vertices[:-1])])
+    faces = np.concatenate([p.faces + start for p, start in zip(meshes, starts, strict=True)])
+    return _ply(_names(simap), np.concatenate(vertices), _table(_FACE, 3, faces))
+
+
+def ply_points_bytes(simap: SIMap, cloud: Cloud) -> bytes:
+    """Return the recording's points in their own colours."""
+    return _ply(_names(simap), _table(_VERTEX, *cloud.xyz_m.T, *cloud.rgb.T, 255, cloud.instance))
+
+
+def _names(simap: SIMap) -> list[str]:
+    return [f"instance {one.id} {' '.join(node_name(one).split())}" for one in simap.instances]  # a line each
+
+
+def _table(dtype: np.dtype, *columns: NDArray | int) -> NDArray:
+    """Return the rows of a dtype, of which each column is an array or one number for all."""
+    rows = np.zeros(max(np.shape(column)[0] for column in columns if np.ndim(column)), dtype)
+    for name, column in zip(dtype.names or (), columns, strict=True):
+        rows[name] = column
+    return rows
+
+
+def _ply(comments: Iterable[str], vertices: NDArray, faces: NDArray | None = None) -> bytes:
+    types = vertices.dtype
+    header = [
+        "ply", "format binary_little_endian 1.0", "comment map frame: metres, x east, y north, z up",
+        *(f"comment {comment}" for comment in comments), f"element vertex {len(vertices)}",
+        *(f"property {_TYPES[types[name].str]} {name}" for name in types.names or ()),
+    ]  # fmt: skip
+    if faces is not None:
+        header += [f"element face {len(faces)}", "property list uchar int vertex_indices"]
+    body = vertices.tobytes() + (faces.tobytes() if faces is not None else b"")
+    return ("\n".join([*header, "end_header"]) + "\n").encode() + body

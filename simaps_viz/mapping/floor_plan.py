@@ -59,8 +59,6 @@ class Basins:
     """int64 [meetings, 2], the two basins, the smaller number first; sorted by falling saddle."""
     saddle_m: NDArray
     """float64 [meetings], half the width of the widest passage between the two."""
-    saddle_cell: NDArray
-    """int64 [meetings, 2], row and column of the middle of that passage."""
     border_cells: NDArray
     """int64 [meetings], length of their common border in cells."""
 
@@ -142,7 +140,6 @@ def find_basins(
         area_m2=area,
         meeting=np.stack(np.divmod(code, len(peak)), axis=1),
         saddle_m=distance.reshape(-1)[cell[at]].astype(np.float64) * cell_size_m,
-        saddle_cell=np.stack(np.divmod(cell[at], cols + 2), axis=1) - 1,
         border_cells=border,
     )
 

@@ -6,6 +6,7 @@ from array import array
 from bisect import bisect_right
 from collections import OrderedDict
 from dataclasses import replace
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -142,25 +143,21 @@ def _bytes_of(step: FrameStep) -> int:
 class MapHistory:
     """The map after each frame of a finished build. Several threads may share it."""
 
-    def __init__(
-        self, facts: SequenceFacts, config: BuildConfig, steps: KeptSteps, finished: SIMap | None = None
-    ) -> None:
+    def __init__(self, facts: SequenceFacts, config: BuildConfig, steps: KeptSteps) -> None:
         """Prepare the history of a build from its steps; `open` reads them from a file."""
         self.facts, self.config = facts, config
         self._steps, self._lock = steps, threading.Lock()
         self._states: list[tuple[int, MapAccumulator]] = [(0, self._empty())]
         self._maps: OrderedDict[int, SIMap] = OrderedDict()
-        self._finished = finished
         self._keep_states()
         self._all: Readings | None = None
 
     @classmethod
-    def open(cls, path: Path, *, finished: SIMap | None = None) -> "MapHistory":
+    def open(cls, path: Path) -> "MapHistory":
         """Open the history of a map.
 
         Args:
             path: the ``.steps`` file.
-            finished: the map of all frames, if it is at hand; otherwise it is made when needed.
 
         Raises:
             InputError: the file is missing, damaged, or something else.
@@ -168,7 +165,7 @@ class MapHistory:
         try:
             steps = KeptSteps(Path(path))
             facts, config = facts_from_json(steps.facts["sequence"]), config_from_json(steps.facts["config"])
-            return cls(facts, config, steps, finished)
+            return cls(facts, config, steps)
         except (InputError, KeyError, TypeError, ValueError, IndexError, OverflowError, struct.error) as error:
             raise InputError(f"{path}: expected the steps of a build, found other contents ({error!r})") from error
 
@@ -215,7 +212,7 @@ class MapHistory:
             InputError: there is no such frame.
         """
         self._check(frame)
-        finished = self._finished_map()
+        finished = self._finished
         with self._lock:
             state = self._state_after(frame)
             grid = _on(finished.grid, state)
@@ -247,10 +244,9 @@ class MapHistory:
         empty.frames = KeptFrames(self._steps)
         return empty
 
-    def _finished_map(self) -> SIMap:
-        if self._finished is None:
-            self._finished = self.map_at(len(self._steps) - 1)
-        return self._finished
+    @cached_property
+    def _finished(self) -> SIMap:
+        return self.map_at(len(self._steps) - 1)
 
     def _keep_states(self) -> None:
         """Replay all frames and keep states at even distances, twice as far apart whenever memory runs out."""

@@ -405,19 +405,9 @@ def _cut(
     return of_cell, of_label, of_steps
 
 
-@njit(cache=True, nogil=True)
-def first_of_cells(
-    cell: NDArray,  # int32 [n], ascending
-    cells: int,
-) -> NDArray:
-    """Return the first node of each cell, int32 [cells + 1]."""
-    first = np.zeros(cells + 1, np.int32)
-    n = 0
-    for c in range(cells + 1):
-        while n < len(cell) and cell[n] < c:
-            n += 1
-        first[c] = n
-    return first
+def first_of_cells(cell: NDArray, cells: int) -> NDArray:
+    """Return the first node of each cell, int32 [cells + 1], of the cell of each node, int32 [n], ascending."""
+    return np.r_[0, np.bincount(cell, minlength=cells)].cumsum(dtype=np.int32)
 
 
 @njit(cache=True, nogil=True, inline="always")

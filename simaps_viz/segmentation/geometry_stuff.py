@@ -4,8 +4,6 @@ Only pixels that no segment has are named, and only where the depth says enough:
 furniture, so a picture of its foot alone leaves it unnamed.
 """
 
-from dataclasses import dataclass
-
 import cv2
 import numpy as np
 from numpy.typing import NDArray
@@ -15,40 +13,32 @@ from simaps_viz.structures import Frame, Segment, Segmentation
 FLOOR, WALL = "floor", "wall"
 
 
-@dataclass(frozen=True)
-class StuffSettings:
-    """What counts as floor and as wall."""
-
-    floor_m: float = 0.10
-    """The floor lies within this of height 0."""
-    flat: float = 0.85
-    """Least vertical share of a floor's normal (cosine of its tilt)."""
-    upright: float = 0.35
-    """Largest vertical share of a wall's normal."""
-    wall_top_m: float = 1.7
-    """A wall is seen to reach this high; most furniture does not."""
-    edge: float = 0.04
-    """A step in depth between samples of more than this share of the depth is an edge, where walls end."""
-    wall_area: float = 0.005
-    """Least share of the picture that one wall covers."""
-    columns: int = 180
-    """Normals are taken on about this many samples a row."""
-    far_m: float = 8.0
+FLOOR_M = 0.10
+"""The floor lies within this of height 0."""
+FLAT = 0.85
+"""Least vertical share of a floor's normal (cosine of its tilt)."""
+UPRIGHT = 0.35
+"""Largest vertical share of a wall's normal."""
+WALL_TOP_M = 1.7
+"""A wall is seen to reach this high; most furniture does not."""
+EDGE = 0.04
+"""A step in depth between samples of more than this share of the depth is an edge, where walls end."""
+WALL_AREA = 0.005
+"""Least share of the picture that one wall covers."""
+COLUMNS = 180
+"""Normals are taken on about this many samples a row."""
+FAR_M = 8.0
 
 
-def add_stuff(
-    frame: Frame, segmentation: Segmentation, T_map_camera: NDArray, settings: StuffSettings | None = None
-) -> Segmentation:
+def add_stuff(frame: Frame, segmentation: Segmentation, T_map_camera: NDArray) -> Segmentation:
     """Name unsegmented pixels floor or wall.
 
     Args:
         frame: its depth and camera are used.
         segmentation: of the same frame; its segments stay as they are.
         T_map_camera: float64 [4, 4], camera to map frame.
-        settings: what counts.
     """
-    settings = settings or StuffSettings()
-    floor, wall = stuff_masks(frame, T_map_camera, settings)
+    floor, wall = stuff_masks(frame, T_map_camera)
     free = segmentation.ids == 0
     ids, segments = segmentation.ids.copy(), list(segmentation.segments)
     number = max((s.id for s in segments), default=0)
@@ -61,21 +51,21 @@ def add_stuff(
     return Segmentation(ids, tuple(segments))
 
 
-def stuff_masks(frame: Frame, T_map_camera: NDArray, settings: StuffSettings) -> tuple[NDArray, NDArray]:
+def stuff_masks(frame: Frame, T_map_camera: NDArray) -> tuple[NDArray, NDArray]:
     """Find floor and walls in a depth image.
 
     Returns:
         bool [H, W] twice: floor, wall. A pixel without depth is neither.
     """
     height, width = frame.depth_m.shape
-    step = max(1, round(width / settings.columns))
+    step = max(1, round(width / COLUMNS))
     depth = np.ascontiguousarray(frame.depth_m[step // 2 :: step, step // 2 :: step])
     points = _map_points(depth, frame, T_map_camera, step)
-    normal_z, known = _vertical_share(points, depth, settings)
-    known &= depth < settings.far_m
+    normal_z, known = _vertical_share(points, depth)
+    known &= depth < FAR_M
     up = points[..., 2]
-    floor = known & (np.abs(up) < settings.floor_m) & (normal_z > settings.flat)
-    wall = _tall(known & (np.abs(normal_z) < settings.upright), up, depth, settings)
+    floor = known & (np.abs(up) < FLOOR_M) & (normal_z > FLAT)
+    wall = _tall(known & (np.abs(normal_z) < UPRIGHT), up, depth)
     valid = frame.depth_m > 0.0
     return tuple(_full_size(mask, height, width, step) & valid for mask in (floor, wall))  # pyright: ignore
 
@@ -90,7 +80,7 @@ def _map_points(depth: NDArray, frame: Frame, T_map_camera: NDArray, step: int) 
     return cv2.merge([(across * r[0] + (down * r[1] + r[2])) * depth + shift for r, shift in zip(R, t, strict=True)])
 
 
-def _vertical_share(points: NDArray, depth: NDArray, settings: StuffSettings) -> tuple[NDArray, NDArray]:
+def _vertical_share(points: NDArray, depth: NDArray) -> tuple[NDArray, NDArray]:
     """Return z of the surface's unit normal (float32 [h, w], towards the camera for floors: up) and where it is known.
 
     Points are averaged over 5 x 5 samples first, as depth cameras are noisy; differences reach two samples each way.
@@ -108,10 +98,10 @@ def _vertical_share(points: NDArray, depth: NDArray, settings: StuffSettings) ->
     return nz / np.maximum(length, 1e-9), known
 
 
-def _tall(upright: NDArray, up: NDArray, depth: NDArray, settings: StuffSettings) -> NDArray:
+def _tall(upright: NDArray, up: NDArray, depth: NDArray) -> NDArray:
     """Keep the connected upright surfaces that reach above the furniture."""
     jump = np.zeros_like(upright)
-    reach = settings.edge * depth
+    reach = EDGE * depth
     jump[:, 1:] |= np.abs(depth[:, 1:] - depth[:, :-1]) > reach[:, 1:]
     jump[1:] |= np.abs(depth[1:] - depth[:-1]) > reach[1:]
     apart = (upright & ~jump).astype(np.uint8)
@@ -119,7 +109,7 @@ def _tall(upright: NDArray, up: NDArray, depth: NDArray, settings: StuffSettings
     part = np.asarray(labelled, dtype=np.int64)
     top = np.full(count, -np.inf, dtype=np.float32)
     np.maximum.at(top, part.reshape(-1), up.reshape(-1))
-    good = (top >= settings.wall_top_m) & (stats[:, cv2.CC_STAT_AREA] >= settings.wall_area * upright.size)
+    good = (top >= WALL_TOP_M) & (stats[:, cv2.CC_STAT_AREA] >= WALL_AREA * upright.size)
     good[0] = False
     grown = cv2.dilate(good[part].astype(np.uint8), np.ones((3, 3), np.uint8)) > 0
     return grown & upright

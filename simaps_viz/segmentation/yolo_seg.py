@@ -10,9 +10,8 @@ from numpy.typing import NDArray
 
 from simaps_viz.errors import InputError
 from simaps_viz.segmentation.class_names import ClassNames
-from simaps_viz.segmentation.placement import Placement, channels_first, lay, letterbox
 from simaps_viz.segmentation.protocol import Threshold
-from simaps_viz.segmentation.session import Session
+from simaps_viz.segmentation.session import Placement, Session, channels_first, lay, letterbox
 from simaps_viz.structures import Segment, Segmentation
 
 GREY = 114

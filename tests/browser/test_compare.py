@@ -14,7 +14,7 @@ from toy_maps import toy_map
 
 from simaps_viz.drawing.compare_picture import KINDS, TwoPictures
 from simaps_viz.errors import InputError
-from simaps_viz.evaluation.other_maps import TRUTH, Source
+from simaps_viz.evaluation.two_maps import TRUTH, Source
 from simaps_viz.mapping.file import save_map
 from simaps_viz.mapping.simap import repartition
 from simaps_viz.viewer.panels.compare import ComparePanel, load_bytes

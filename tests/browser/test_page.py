@@ -26,7 +26,7 @@ from toy_maps import toy_map
 from toy_segmentations import toy_segmentation
 
 from simaps_viz.app.workbench import mending_panels
-from simaps_viz.evaluation.other_maps import Source
+from simaps_viz.evaluation.two_maps import Source
 from simaps_viz.mapping.file import save_map
 from simaps_viz.mapping.mending import open_mending
 from simaps_viz.mapping.simap import repartition

@@ -14,9 +14,8 @@ from simaps_viz.console.progress import stage_progress
 from simaps_viz.datasets.open import open_sequence
 from simaps_viz.errors import InputError
 from simaps_viz.evaluation.evaluate import PRECOMPUTED
-from simaps_viz.evaluation.other_maps import TRUTH, MapMaker, config_like
 from simaps_viz.evaluation.space import evaluate_space
-from simaps_viz.evaluation.two_maps import compare_two
+from simaps_viz.evaluation.two_maps import TRUTH, MapMaker, compare_two, config_like
 from simaps_viz.mapping.edits import apply, delete
 from simaps_viz.viewer.page.shared import Shared
 from simaps_viz.viewer.panels.compare import Cancelled, headline_html

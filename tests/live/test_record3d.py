@@ -17,8 +17,7 @@ from simaps_viz.build.pipeline import BuildConfig, build_map
 from simaps_viz.cli.main import main
 from simaps_viz.errors import InputError
 from simaps_viz.live import phone as phones
-from simaps_viz.live import record3d
-from simaps_viz.live.record3d import NO_PHONE, NO_STREAM, Record3DSource
+from simaps_viz.live.phone import NO_PHONE, NO_STREAM, Record3DSource
 from simaps_viz.live.run import LiveRequest, LiveRun
 from simaps_viz.live.source import Traffic
 
@@ -93,7 +92,7 @@ def tiny(tmp_path):
 @pytest.fixture
 def plugged(monkeypatch):
     """Plugs in an iPhone that streams; gives what opens sources."""
-    monkeypatch.setattr(record3d, "RETRY_S", 0.01)
+    monkeypatch.setattr(phones, "RETRY_S", 0.01)
     monkeypatch.setattr(phones, "BEHIND", 1000)
     FakeStream.devices, FakeStream.streams, FakeStream.streaming = [SimpleNamespace(product_id=1, udid="a")], [], True
     monkeypatch.setitem(sys.modules, "record3d", SimpleNamespace(Record3DStream=FakeStream))

@@ -13,9 +13,8 @@ from tiny_onnx import INT64, write_onnx
 
 from simaps_viz.errors import InputError
 from simaps_viz.segmentation.class_names import names_in, read_class_names, things_among
-from simaps_viz.segmentation.placement import letterbox, top_left
 from simaps_viz.segmentation.recognise import NetworkSettings, open_network
-from simaps_viz.segmentation.session import choose_providers
+from simaps_viz.segmentation.session import choose_providers, letterbox, top_left
 from simaps_viz.segmentation.yolo_seg import Detections, detection_masks, raw_detections, suppress
 
 ROOT = Path(__file__).parents[2]

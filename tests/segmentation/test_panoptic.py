@@ -21,7 +21,7 @@ from simaps_viz.segmentation.mask_classification import (
     panoptic_map,
     sigmoid,
 )
-from simaps_viz.segmentation.placement import resize_masks
+from simaps_viz.segmentation.session import resize_masks
 
 MADE = Path(__file__).with_name("panoptic_by_transformers.json")
 """Made by transformers 5.23 on torch 2.13: by_transformers(family, *drawn_logits(seed)) for each family and seed;

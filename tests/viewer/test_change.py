@@ -14,7 +14,7 @@ from toy_maps import TOY_POSE, toy_map
 from simaps_viz.drawing.texture import cell_colors, outline_segments
 from simaps_viz.drawing.theme import LIGHT
 from simaps_viz.errors import InputError
-from simaps_viz.evaluation.other_maps import TRUTH, Source
+from simaps_viz.evaluation.two_maps import TRUTH, Source
 from simaps_viz.mapping.simap import repartition
 from simaps_viz.viewer.panels.compare import MethodPanel, method_panel
 from simaps_viz.viewer.panels.map import FAINT, MapPanel, change_text, changed_instances

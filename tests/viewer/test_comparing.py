@@ -11,7 +11,7 @@ from toy_maps import toy_map
 
 from simaps_viz.drawing.compare_picture import TwoPictures
 from simaps_viz.drawing.theme import DARK, LIGHT, Theme
-from simaps_viz.evaluation.other_maps import Source
+from simaps_viz.evaluation.two_maps import Source
 from simaps_viz.mapping.simap import repartition
 from simaps_viz.viewer.panels import compare
 from simaps_viz.viewer.panels.compare import ComparePanel

@@ -17,9 +17,8 @@ from simaps_viz.colors.palette import Color
 from simaps_viz.drawing.compare_picture import KINDS, Mode, TwoPictures, mark_color
 from simaps_viz.drawing.theme import BAD_STYLE, DIM_STYLE, LIGHT, Theme, short
 from simaps_viz.errors import InputError, SIMapsError
-from simaps_viz.evaluation.other_maps import TRUTH, MapMaker
 from simaps_viz.evaluation.space import SpaceScores
-from simaps_viz.evaluation.two_maps import Item, MapSide, TwoMaps, compare_two
+from simaps_viz.evaluation.two_maps import TRUTH, Item, MapMaker, MapSide, TwoMaps, compare_two
 from simaps_viz.events import Progress
 from simaps_viz.io.files import write_whole
 from simaps_viz.mapping.file import load_map
