@@ -24,6 +24,7 @@ from simaps_viz.mapping.timeline import Timeline
 from simaps_viz.structures import SIMap
 
 FRAMES = 6
+WIDTH_PX = 2140
 MAP_SHOWN = "() => window.__viserMutable?.nodeRefFromName?.['/map'] != null"
 OPENED = "() => window.simapsReady && window.simapsEvents.some((one) => one.type === 'recording_open')"
 ECHO_MS = 1700
@@ -157,7 +158,7 @@ def opened(browser: Browser, built: tuple[SIMap, Path], tmp_path_factory: pytest
         patch.setenv("SIMAPS_RECORDINGS", str(kept))
         with (
             workbench.open_workbench(simap, recording=recording, port=free_port()) as bench,
-            watched_page(browser, 2140) as page,
+            watched_page(browser, WIDTH_PX) as page,
         ):
             page.goto(f"{bench.url}/?fixedDpr=1")
             page.wait_for_function(MAP_SHOWN)
@@ -181,6 +182,8 @@ def test_the_timelines_of_rerun_and_the_steps_of_the_page_move_each_other(dock, 
     communities = parts.levels
     assert (parts.taken, parts.last) == (2, communities + 2)
     page, step = dock.page, dock.step
+    canvas = page.locator("canvas").first.bounding_box()
+    assert canvas is not None and canvas["width"] >= 0.6 * WIDTH_PX  # the room is for the map
     dock.tab("Build")
     expect(step).to_have_value(str(parts.taken))  # counted as in the words beside it
     # From the page to rerun.
@@ -316,7 +319,11 @@ def test_keys_lead_out_of_the_recording_and_reach_the_page_from_it(dock):
     expect(page.get_by_text("How to use this page")).to_have_count(0)
     dock.shows("frame", FRAMES - 2)
     page.mouse.click(*dock.at(100, -400))
-    page.keyboard.press(" ")  # is rerun's own: it plays
+    pose = session.pose
+    page.keyboard.press("ArrowRight")  # is rerun's own: a frame on
+    until(page, lambda: session.frame == FRAMES - 1)
+    assert session.pose == pose  # frames move the camera, not the robot
+    page.keyboard.press(" ")  # likewise: it plays
     until(page, lambda: any(event["type"] == "play" for event in dock.events()))
 
 

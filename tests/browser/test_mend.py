@@ -137,60 +137,74 @@ def test_a_person_joins_cuts_renames_deletes_and_takes_it_back(browser, mending)
     ]  # fmt: skip
 
 
-def test_the_line_is_drawn_and_a_line_beside_the_object_is_refused(browser, mending):
+def refuses_a_line_beside_the_object(bench, page, mending):
+    click(bench, page, TABLE_8)
+    cut_by_clicks(bench.sessions[-1].panel, page)
+    click(bench, page, (2.6, -1.0))
+    page.wait_for_function("() => '/cut' in window.__viserMutable.nodeRefFromName")
+    red = lambda place: np.abs(np.subtract(pixel(bench, page, *place), (214, 39, 40))).max() < 40  # noqa: E731
+    until(page, lambda: red((2.6, -1.0)))
+    assert not red((2.6, 0.6))
+    bench.sessions[-1].panel._draw([(2.6, -1.0), (2.6, 0.5)])
+    until(page, lambda: red((2.6, 0.2)) and red((2.6, 1.0)))  # it goes on beyond the points
+    click(bench, page, (2.6, 0.5))
+    expect(page.get_by_text("The line does not cross dining table 8. Click on both sides of it.")).to_be_visible()
+    until(page, lambda: not red((2.6, 0.2)))
+    assert mending.log.entries == () and not mending.saved
+    press(page, "Cut in two")
+    expect(page.get_by_role("button", name="Cancel")).to_be_visible()
+    page.keyboard.press("Escape")
+    expect(page.get_by_role("button", name="Cancel")).not_to_be_visible()
+    click(bench, page, CHAIR_1)  # selects again, as nothing waits
+    expect(page.locator("b:text-is('chair 1')")).to_be_visible()
+
+
+def takes_keys(bench, page, mending):
+    desk = bench.sessions[-1]
+    desk.select(8)
+    expect(page.locator("b:text-is('dining table 8')")).to_be_visible()
+    choose(desk.panel, page, "Cut along", "north to south")
+    page.evaluate("document.activeElement.blur()")
+    page.keyboard.press("x")
+    expect(page.locator("ol").get_by_text("cut dining table 8 in two")).to_be_visible()
+    assert sorted(i.cells for i in mending.simap().of_class("dining table")) == [96, 96, 216]
+    page.wait_for_timeout(PAUSE_MS)
+    page.keyboard.press("Control+z")
+    expect(page.get_by_text("1 taken back.")).to_be_visible()
+    page.wait_for_timeout(PAUSE_MS)
+    page.keyboard.press("Control+Shift+z")
+    expect(page.locator("ol").get_by_text("cut dining table 8 in two")).to_be_visible()
+    page.wait_for_timeout(PAUSE_MS)
+    page.keyboard.press("Delete")
+    expect(page.locator("ol").get_by_text("took away dining table 8")).to_be_visible()
+    desk.select(3)
+    expect(page.locator("b:text-is('chair 3')")).to_be_visible()
+    field_of(page, "Your name").press_sequentially("xj")  # letters in a text are no edits
+    until(page, lambda: "xj" in desk.panel._who.value)
+    page.evaluate("document.activeElement.blur()")
+    page.keyboard.press("Delete")  # comes to the workbench after them
+    expect(page.locator("ol").get_by_text("took away chair 3")).to_be_visible()
+    assert [type(entry.edit) for entry in mending.log.entries] == [Split, Delete, Delete]
+
+
+def says_what_cannot_be_saved(bench, page, mending):
+    mending.path.write_text("another program was here")
+    click(bench, page, PLANT_9)
+    expect(page.locator("b:text-is('potted plant 9')")).to_be_visible()
+    press(page, "Delete")
+    expect(page.get_by_text("expected the edits as they were read, found others")).to_be_visible()
+    assert pixel(bench, page, *PLANT_9) == instance_color(9)
+    sign(bench.sessions[-1].panel, page, " ")
+    press(page, "Delete")
+    expect(page.get_by_text("Write your name below")).to_be_visible()
+
+
+def test_a_line_beside_the_object_is_refused_keys_do_it_and_what_cannot_be_saved_is_said(browser, mending):
     with MendPages(mending) as bench, watched_page(browser) as page:
         open_workbench(page, bench)
         expect(page.get_by_text("Select an object on the map")).to_be_visible()
-        click(bench, page, TABLE_8)
-        cut_by_clicks(bench.sessions[-1].panel, page)
-        click(bench, page, (2.6, -1.0))
-        page.wait_for_function("() => '/cut' in window.__viserMutable.nodeRefFromName")
-        red = lambda place: np.abs(np.subtract(pixel(bench, page, *place), (214, 39, 40))).max() < 40  # noqa: E731
-        until(page, lambda: red((2.6, -1.0)))
-        assert not red((2.6, 0.6))
-        bench.sessions[-1].panel._draw([(2.6, -1.0), (2.6, 0.5)])
-        until(page, lambda: red((2.6, 0.2)) and red((2.6, 1.0)))  # it goes on beyond the points
-        click(bench, page, (2.6, 0.5))
-        expect(page.get_by_text("The line does not cross dining table 8. Click on both sides of it.")).to_be_visible()
-        until(page, lambda: not red((2.6, 0.2)))
-        assert mending.log.entries == () and not mending.saved
-        press(page, "Cut in two")
-        expect(page.get_by_role("button", name="Cancel")).to_be_visible()
-        page.keyboard.press("Escape")
-        expect(page.get_by_role("button", name="Cancel")).not_to_be_visible()
-        click(bench, page, CHAIR_1)  # selects again, as nothing waits
-        expect(page.locator("b:text-is('chair 1')")).to_be_visible()
-
-
-def test_the_keyboard_alone_does_it(browser, mending):
-    with MendPages(mending) as bench, watched_page(browser) as page:
-        open_workbench(page, bench)
-        expect(page.get_by_text("Select an object on the map")).to_be_visible()
-        desk = bench.sessions[-1]
-        desk.select(8)
-        expect(page.locator("b:text-is('dining table 8')")).to_be_visible()
-        choose(desk.panel, page, "Cut along", "north to south")
-        page.evaluate("document.activeElement.blur()")
-        page.keyboard.press("x")
-        expect(page.locator("ol").get_by_text("cut dining table 8 in two")).to_be_visible()
-        assert sorted(i.cells for i in mending.simap().of_class("dining table")) == [96, 96, 216]
-        page.wait_for_timeout(PAUSE_MS)
-        page.keyboard.press("Control+z")
-        expect(page.get_by_text("1 taken back.")).to_be_visible()
-        page.wait_for_timeout(PAUSE_MS)
-        page.keyboard.press("Control+Shift+z")
-        expect(page.locator("ol").get_by_text("cut dining table 8 in two")).to_be_visible()
-        page.wait_for_timeout(PAUSE_MS)
-        page.keyboard.press("Delete")
-        expect(page.locator("ol").get_by_text("took away dining table 8")).to_be_visible()
-        desk.select(3)
-        expect(page.locator("b:text-is('chair 3')")).to_be_visible()
-        field_of(page, "Your name").press_sequentially("xj")  # letters in a text are no edits
-        until(page, lambda: "xj" in desk.panel._who.value)
-        page.evaluate("document.activeElement.blur()")
-        page.keyboard.press("Delete")  # comes to the workbench after them
-        expect(page.locator("ol").get_by_text("took away chair 3")).to_be_visible()
-        assert [type(entry.edit) for entry in mending.log.entries] == [Split, Delete, Delete]
+        for step in (refuses_a_line_beside_the_object, takes_keys, says_what_cannot_be_saved):
+            step(bench, page, mending)
 
 
 def test_two_pages_see_one_anothers_edits(browser, mending):
@@ -221,18 +235,3 @@ def test_two_pages_see_one_anothers_edits(browser, mending):
         press(ann, "Undo")
         expect(ann.get_by_text("No edits yet")).to_be_visible()
     assert mending.log.entries == ()
-
-
-def test_what_cannot_be_saved_is_said_and_not_shown(browser, mending):
-    with MendPages(mending) as bench, watched_page(browser) as page:
-        open_workbench(page, bench)
-        expect(page.get_by_text("Select an object on the map")).to_be_visible()
-        mending.path.write_text("another program was here")
-        click(bench, page, PLANT_9)
-        expect(page.locator("b:text-is('potted plant 9')")).to_be_visible()
-        press(page, "Delete")
-        expect(page.get_by_text("expected the edits as they were read, found others")).to_be_visible()
-        assert pixel(bench, page, *PLANT_9) == instance_color(9)
-        sign(bench.sessions[-1].panel, page, " ")
-        press(page, "Delete")
-        expect(page.get_by_text("Write your name below")).to_be_visible()

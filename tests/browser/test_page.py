@@ -2,6 +2,7 @@
 loses neither the open tabs nor a comparison. In Debian's Chromium on the toy map."""
 
 import re
+from contextlib import contextmanager
 from types import SimpleNamespace
 from typing import Any
 
@@ -167,31 +168,50 @@ def test_the_dark_page_can_be_read_as_well(bench, page):
     assert not any(found.values()), found
 
 
-def test_on_a_larger_page_too_nothing_is_small_or_wider_than_its_panel(browser, bench):
-    with watched_page(browser, 1920, 1080) as page:
-        open_workbench(page, bench)
+def test_on_a_larger_page_too_nothing_is_small_or_wider_than_its_panel(bench, page):
+    with resized(bench, page, 1920, 1080):
         found = seen_in_all_tabs(page, bench, lambda: small_or_spilt(page))
         assert not any(found.values()), found
 
 
-@pytest.mark.parametrize(("width", "height", "words"), [(1280, 720, 8), (420, 860, 6)])
-def test_the_tabs_are_one_row_one_thing_scrolls_and_the_map_keeps_its_room(browser, bench, width, height, words):
-    with watched_page(browser, width, height) as page:
+@contextmanager
+def resized(bench, page, width, height):
+    """Make the window another size, for a while."""
+    whole = page.viewport_size
+    page.set_viewport_size({"width": width, "height": height})
+    until(page, lambda: page_is_there(bench, page, mine(bench).simap))
+    yield
+    page.set_viewport_size(whole)
+
+
+def one_row_of_tabs(page, bench, words):
+    """Look at each tab: its tabs are one row, nothing scrolls within what scrolls, the map stays as large as it is."""
+    select_chair_1(page, bench)
+    width, height = page.viewport_size["width"], page.viewport_size["height"]
+    maps = []
+    for name in tabs(page, ALL_SAY):
+        page.get_by_role("tab", name=name, exact=True).click()
+        page.wait_for_timeout(PAUSE_MS)
+        assert page.evaluate(NESTED) == [], name
+        maps.append(page.locator("canvas").first.bounding_box())
+    assert all(one == maps[0] for one in maps)  # a tab with little in it leaves the map where it is
+    assert maps[0]["width"] * maps[0]["height"] >= (0.6 if width > height else 0.5) * width * height
+    row = [one for one in page.get_by_role("tab").all() if one.is_visible()]
+    boxes: list[Any] = [one.bounding_box() for one in row]
+    assert len({round(one["y"]) for one in boxes}) == 1 and boxes[-1]["x"] + boxes[-1]["width"] <= width + 1
+    named = [one for one in row if one.inner_text().strip()]
+    assert len(named) >= words and all(one.get_attribute("title") in ALL_SAY for one in row)
+
+
+def test_the_tabs_are_one_row_one_thing_scrolls_and_the_map_keeps_its_room(bench, page):
+    with resized(bench, page, 1280, 720):
+        one_row_of_tabs(page, bench, 8)
+
+
+def test_so_they_are_on_a_page_opened_on_a_phone(browser, bench):
+    with watched_page(browser, 420, 860) as page:
         open_workbench(page, bench)
-        select_chair_1(page, bench)
-        maps = []
-        for name in tabs(page, ALL_SAY):
-            page.get_by_role("tab", name=name, exact=True).click()
-            page.wait_for_timeout(PAUSE_MS)
-            assert page.evaluate(NESTED) == [], name
-            maps.append(page.locator("canvas").first.bounding_box())
-        assert all(one == maps[0] for one in maps)  # a tab with little in it leaves the map where it is
-        assert maps[0]["width"] * maps[0]["height"] >= (0.6 if width > height else 0.5) * width * height
-        row = [one for one in page.get_by_role("tab").all() if one.is_visible()]
-        boxes: list[Any] = [one.bounding_box() for one in row]
-        assert len({round(one["y"]) for one in boxes}) == 1 and boxes[-1]["x"] + boxes[-1]["width"] <= width + 1
-        named = [one for one in row if one.inner_text().strip()]
-        assert len(named) >= words and all(one.get_attribute("title") in ALL_SAY for one in row)
+        one_row_of_tabs(page, bench, 6)
 
 
 def test_a_hint_stands_beside_the_panels_and_covers_nothing_of_them(page):

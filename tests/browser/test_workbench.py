@@ -1,11 +1,7 @@
 """The page as a person meets it: Debian's Chromium on a workbench that shows the toy map."""
 
-from pathlib import Path
-
-import cv2
 import numpy as np
 import pytest
-import rerun
 from browser import (
     borrowed,
     field_of,
@@ -13,15 +9,12 @@ from browser import (
     on_canvas,
     open_workbench,
     page_is_there,
-    rerun_frame,
-    toy_services,
     toy_workbench,
     until,
     wait_for_color,
     watched_page,
 )
 from playwright.sync_api import expect
-from toy_maps import FRAMES, TOY_POSE
 
 from simaps_viz.colors.classes import instance_color
 from simaps_viz.drawing.texture import FLOOR, map_image
@@ -185,54 +178,3 @@ def test_frames_fill_the_map(bench, page):
     page.wait_for_function("() => window.__viserMutable.nodeRefFromName['/camera'] != null")
     fill(page, "Frame", "1")
     wait_for_color(bench, page, couch.centroid_m[:2], instance_color(couch.id))
-
-
-def record(path: Path) -> None:
-    """One brightness a frame, on timeline "frame"."""
-    recording = rerun.RecordingStream("toy", recording_id="toy")
-    view = rerun.blueprint.Spatial2DView(origin="/picture", background=[0, 0, 0])
-    time_panel = rerun.blueprint.TimePanel(timeline="frame", play_state="paused")
-    recording.save(path, default_blueprint=rerun.blueprint.Blueprint(view, time_panel, auto_views=False))
-    for i in range(len(FRAMES)):
-        recording.set_time("frame", sequence=i)
-        recording.log("/picture", rerun.Image(np.full((100, 100, 3), 40 + 40 * i, np.uint8)))
-    recording.flush()
-    recording.disconnect()
-
-
-def brightness(page) -> int:
-    """What the middle of the docked recording shows."""
-    box = page.locator("iframe[title='Recorded build']").bounding_box()
-    assert box is not None
-    middle = {"x": box["x"] + box["width"] // 2, "y": box["y"] + box["height"] * 2 // 5, "width": 1, "height": 1}
-    page.wait_for_timeout(200)  # pictures are dear where there is no graphics card
-    picture = cv2.imdecode(np.frombuffer(page.screenshot(clip=middle), np.uint8), cv2.IMREAD_GRAYSCALE)
-    assert picture is not None
-    return int(picture[0, 0])
-
-
-def test_the_recording_and_the_page_show_the_same_frame(browser, tmp_path):
-    record(tmp_path / "toy.rrd")
-    services = toy_services(recordings=(tmp_path / "toy.rrd",))
-    with toy_workbench(services) as bench, watched_page(browser, 2040) as page:
-        open_workbench(page, bench)
-        rerun_frame(page).wait_for_function("() => window.simapsReady")
-        canvas = page.locator("canvas").first.bounding_box()
-        assert canvas is not None and canvas["width"] >= 0.6 * 2040  # the room is for the map
-        until(page, lambda: abs(brightness(page) - 200) <= 4)  # the page's own frame: the last
-        tab(page, "Build")
-        fill(page, "Frame", "1")
-        until(page, lambda: abs(brightness(page) - 80) <= 4)
-        assert mine(bench).frame == 1
-        # A person scrubs inside rerun: the time panel's own keyboard shortcut steps one frame.
-        box = page.locator("iframe[title='Recorded build']").bounding_box()
-        assert box is not None
-        page.mouse.click(box["x"] + box["width"] / 2, box["y"] + box["height"] * 0.4)
-        page.keyboard.press("ArrowRight")
-        until(page, lambda: mine(bench).frame == 2)
-        expect(field_of(page, "Frame")).to_have_value("2")
-
-        # The mouse leaves the picture: what rerun shows where it rests would cover the pixel that is looked at.
-        page.mouse.move(box["x"] + box["width"] / 2, box["y"] + box["height"] * 0.1)
-        until(page, lambda: abs(brightness(page) - 120) <= 4)
-        assert mine(bench).pose == TOY_POSE  # frames move the camera, not the robot

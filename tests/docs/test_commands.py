@@ -29,6 +29,7 @@ SHORTER = (
     ("none,light,medium,heavy", "light"),
     ("--seeds 5", "--seeds 1"),
     ("--task navigation", "--task navigation --commands 4"),
+    ("--task ablation", "--task ablation --errors light"),
 )
 """What is the same, only more of it: (as printed, as typed here)."""
 

@@ -45,6 +45,9 @@ ARGUMENTS = [
     "--use-angle=swiftshader",
     "--enable-unsafe-swiftshader",
     "--disable-gpu-compositing",  # without a graphics card, putting pages together takes more than drawing the map
+    # The lists below the address bar, which nobody sees, are two more pages for each one opened. What stands before
+    # them is of Playwright's own list, which this one replaces.
+    "--disable-features=HttpsUpgrades,MediaRouter,OptimizationHints,PaintHolding,WebUIOmniboxPopup,WebUIOmniboxAimPopup",
 ]
 FIRST_PORT, PORTS_EACH = 20_000, 2_000
 """Below those the system gives to connections; of up to six processes that run tests at once, each has its own."""
@@ -204,29 +207,35 @@ CLOSE_ALL = "() => document.querySelectorAll('.mantine-Notification-closeButton'
 @contextmanager
 def borrowed(bench: Any, page: Page) -> Iterator[Page]:
     """A page that the tests of a file share, for opening one takes longer than they do; left as it was opened."""
-    until(page, lambda: len(bench.sessions) == 1)  # others were closed, which it may not know yet
-    panels = mine(bench).panels
-    robot, look = panels[CommandPanel].state(), panels[MapPanel].state()
-    yield page
-    until(page, lambda: len(bench.sessions) == 1)
-    session = mine(bench)
-    page.evaluate("() => document.activeElement.blur()")
-    page.keyboard.press("Escape")
-    if session.theme.dark:
-        page.keyboard.press("l")
-        until(page, lambda: not session.theme.dark)
-    session.panels[CommandPanel].reset()
-    session.panels[CommandPanel].restore(robot)
-    session.panels[MapPanel].reset()
-    session.panels[MapPanel].restore(look)
-    session.select(None)
-    session.finish()
-    session.look(TOP)
-    page.evaluate(CLOSE_ALL)
-    page.mouse.move(1, 1)
-    page.get_by_role("tab", name="Map", exact=True).click()
-    assert session.wait_idle(PATIENCE_S)
-    until(page, lambda: page_is_there(bench, page, session.simap, session))
+    with all_borrowed(bench, page):
+        yield page
+
+
+@contextmanager
+def all_borrowed(bench: Any, *pages: Page) -> Iterator[None]:
+    """All pages of a workbench, in the order in which they were opened, as `borrowed`."""
+    until(pages[0], lambda: len(bench.sessions) == len(pages))  # others were closed, which it may not know yet
+    kept = [(one.panels[CommandPanel].state(), one.panels[MapPanel].state()) for one in bench.sessions]
+    yield
+    until(pages[0], lambda: len(bench.sessions) == len(pages))
+    for page, session, (robot, look) in zip(pages, bench.sessions, kept, strict=True):
+        page.evaluate("() => document.activeElement.blur()")
+        page.keyboard.press("Escape")
+        if session.theme.dark:
+            page.keyboard.press("l")
+            until(page, lambda session=session: not session.theme.dark)
+        session.panels[CommandPanel].reset()
+        session.panels[CommandPanel].restore(robot)
+        session.panels[MapPanel].reset()
+        session.panels[MapPanel].restore(look)
+        session.select(None)
+        session.finish()
+        session.look(TOP)
+        page.evaluate(CLOSE_ALL)
+        page.mouse.move(1, 1)
+        page.get_by_role("tab", name="Map", exact=True).click()
+        assert session.wait_idle(PATIENCE_S)
+        until(page, lambda page=page, session=session: page_is_there(bench, page, session.simap, session))
 
 
 def on_canvas(

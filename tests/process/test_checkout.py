@@ -88,7 +88,7 @@ def test_programs_leave_a_checkout_as_it_was(given, name):
     assert checkout() == before
 
 
-WORKED_S = 3.0
+WORKED_S = 2.0
 """Of a processor for each program: it has imported all that it needs then, and is at what it does."""
 
 

@@ -33,7 +33,7 @@ from simaps_viz.segmentation.class_names import read_class_names
 
 SLOW = (
     "tum", "seven_scenes", "nerfstudio", "page messages", "recorded build", "rerun_rrd", "ros2_sqlite", "ros clouds",
-    "network file", "posed frames, no up",
+    "network file", "posed frames, no up", "check, no up",
 )  # fmt: skip
 QUICK = [name for name in TARGETS if name not in SLOW]
 

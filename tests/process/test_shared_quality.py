@@ -26,7 +26,7 @@ pytestmark = pytest.mark.skipif(not SHARED.is_dir(), reason=f"{SHARED} is not on
 
 METHODS = ("evidence", "components", "paper")
 """From the best to the worst."""
-ERRORS = (("light", 101, 0.88), ("medium", 101, 0.80), ("heavy", 101, 0.60), ("heavy", 102, 0.60))
+ERRORS = (("light", 101, 0.88), ("medium", 101, 0.80), ("heavy", 102, 0.60))
 """Simulated errors, their seed, and the least quality: seeds that the defaults were not chosen on."""
 TABLES = ("dining table", "table", "coffee table", "desk")
 
