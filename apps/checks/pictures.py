@@ -37,13 +37,13 @@ class Picture:
 
 
 def an_object(page: "Page", session: "Session") -> None:
-    """Select a chair that many frames saw."""
-    session.select(_well_seen(session.simap, "chair").id)
+    """Select a table that many frames saw."""
+    session.select(_well_seen(session.simap, "dining table").id)
 
 
 def why(page: "Page", session: "Session") -> None:
-    """Ask why a table is one object."""
-    session.select(_well_seen(session.simap, "dining table").id)
+    """Ask why a chair is one object, and its neighbours are others."""
+    session.select(_well_seen(session.simap, "chair").id)
     page.wait_for_timeout(SETTLED_MS)
     page.get_by_text("Why is this one object?").first.scroll_into_view_if_needed()
 

@@ -16,11 +16,9 @@ import viser
 
 from simaps_viz.recorder.web_viewer import CONTENT_SECURITY_POLICY, viewer_assets
 from simaps_viz.structures import Pose2, SIMap
-from simaps_viz.viewer.layout import prepare
 from simaps_viz.viewer.page.panel import PanelSpec
 from simaps_viz.viewer.page.services import Services
 from simaps_viz.viewer.page.shared import Shared
-from simaps_viz.viewer.page.tab_identity import TAB_CSP, TAB_PAGE, Tabs
 from simaps_viz.viewer.page.worker import Worker
 from simaps_viz.viewer.scene.camera import set_first_view
 from simaps_viz.viewer.scene.map_scene import frame_extent, light_up, seen_extent
@@ -28,7 +26,7 @@ from simaps_viz.viewer.server.access import Access
 from simaps_viz.viewer.server.front_door import FrontDoor, Viser
 from simaps_viz.viewer.server.host import Host
 from simaps_viz.viewer.server.viser_hooks import admit_only, check_values
-from simaps_viz.viewer.session import Session, TabState
+from simaps_viz.viewer.session import TAB_CSP, TAB_PAGE, Session, Tabs, TabState, prepare
 
 logger = logging.getLogger(__name__)
 

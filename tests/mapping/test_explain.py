@@ -29,7 +29,7 @@ from simaps_viz.mapping.simap import repartition
 from simaps_viz.recorder.map_pictures import merge_order
 from simaps_viz.recorder.settings import SMALL
 from simaps_viz.structures import SIMap
-from simaps_viz.viewer.recording.link import clicked_position, position_inside
+from simaps_viz.viewer.page.recording import clicked_position, position_inside
 from simaps_viz.viewer.scene.why_marks import (
     RAMP,
     UNKNOWN,

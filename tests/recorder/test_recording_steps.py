@@ -6,7 +6,7 @@ from toy_maps import toy_map
 
 from simaps_viz.mapping.simap import recommunity, repartition
 from simaps_viz.mapping.timeline import CLASSES, Timeline
-from simaps_viz.viewer.recording.link import RecordedSteps, in_a_view
+from simaps_viz.viewer.page.recording import RecordedSteps, in_a_view
 
 
 @pytest.fixture(scope="module")

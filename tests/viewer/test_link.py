@@ -2,7 +2,7 @@
 
 from types import SimpleNamespace
 
-from simaps_viz.viewer.recording.link import RecordingLink
+from simaps_viz.viewer.page.recording import RecordingLink
 
 
 class Host:

@@ -17,6 +17,7 @@ from simaps_viz.language.grounding import Grounding
 from simaps_viz.navigation.robot import Goal
 from simaps_viz.navigation.trajectory import MOTION, TrajectoryPlayer, poses_along, trajectory
 from simaps_viz.structures import Pose2
+from simaps_viz.viewer.page.recording import ECHO_S, SETTLE_S, FrameLink
 from simaps_viz.viewer.page.worker import Worker
 from simaps_viz.viewer.panels.command import (
     candidate_labels,
@@ -26,7 +27,6 @@ from simaps_viz.viewer.panels.command import (
     open_floor,
     program_html,
 )
-from simaps_viz.viewer.recording.link import ECHO_S, SETTLE_S, FrameLink
 from simaps_viz.viewer.scene.camera import PANEL_WIDTH_PX, RIM_PX, SEES_M, Viewpoints, slanted_view, top_view
 
 coordinate = st.floats(-20.0, 20.0)

@@ -19,7 +19,7 @@ from waiting import until
 from simaps_viz.drawing.texture import MapPicture
 from simaps_viz.errors import InputError
 from simaps_viz.mapping.simap import repartition
-from simaps_viz.viewer import layout
+from simaps_viz.viewer import session as viewer_session
 from simaps_viz.viewer.page.page import AIM_M, aimed_at
 from simaps_viz.viewer.page.panel import Panel, PanelSpec
 from simaps_viz.viewer.panels.build import BuildPanel
@@ -355,7 +355,7 @@ class DiaryPanel(Panel):
 
 def test_a_new_panel_is_one_class_and_one_line_in_the_registry(monkeypatch):
     line = PanelSpec("Diary", viser.Icon.BOOK, DiaryPanel)
-    monkeypatch.setattr(layout, "PANELS", (*layout.PANELS, line))
+    monkeypatch.setattr(viewer_session, "PANELS", (*viewer_session.PANELS, line))
     with toy_workbench() as bench:
         page = FakePage(bench)
         session, diary = page.session, page.session.panels[DiaryPanel]
@@ -382,7 +382,7 @@ def test_ctrl_k_lists_the_objects_of_the_map_shown_and_the_settings_of_the_tabs_
         return {one.label: one for one in handles if (one.description or "").startswith(kind)}
 
     line = PanelSpec("Diary", viser.Icon.BOOK, DiaryPanel)
-    monkeypatch.setattr(layout, "PANELS", (*layout.PANELS, line))
+    monkeypatch.setattr(viewer_session, "PANELS", (*viewer_session.PANELS, line))
     with toy_workbench() as bench, fake_page(bench) as page:
         session = page.session
         assert listed("Object").keys() == {one.name for one in session.simap.instances}

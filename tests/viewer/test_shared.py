@@ -7,8 +7,8 @@ from benchmarks.large_maps import large_map
 
 from simaps_viz.colors.instances import instance_colors
 from simaps_viz.viewer.page.shared import MAX_SIDE, Once, paint
-from simaps_viz.viewer.page.tab_identity import Tabs
 from simaps_viz.viewer.page.worker import Worker
+from simaps_viz.viewer.session import Tabs
 
 
 def test_tabs_are_few_and_forgotten_after_a_while():

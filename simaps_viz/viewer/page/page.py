@@ -26,11 +26,11 @@ from simaps_viz.navigation.planner import RobotShape
 from simaps_viz.structures import Instance, Pose2, SIMap
 from simaps_viz.viewer.page.panel import Panel, Panels
 from simaps_viz.viewer.page.player import Player
+from simaps_viz.viewer.page.recording import RecordingLink, position_inside
 from simaps_viz.viewer.page.services import Services
 from simaps_viz.viewer.page.shared import paint, png
 from simaps_viz.viewer.page.timeline import Snapshot, TimeStep, ids_then, snapshot_at
 from simaps_viz.viewer.page.worker import Worker
-from simaps_viz.viewer.recording.link import RecordingLink, position_inside
 from simaps_viz.viewer.scene.camera import SLANT, Extent, Viewpoints, with_margin
 from simaps_viz.viewer.scene.map_scene import MapScene, Style
 from simaps_viz.viewer.scene.why_marks import paint_cells

@@ -1,4 +1,4 @@
-"""The interface of a panel, how one is registered, and the panels of one page."""
+"""The interface of a panel, its widgets, how it is registered, and the panels of one page."""
 
 import contextlib
 from collections.abc import Callable, Mapping, Sequence
@@ -18,8 +18,31 @@ if TYPE_CHECKING:
     from simaps_viz.viewer.page.timeline import Snapshot
 
 P = TypeVar("P", bound="Panel")
+W = TypeVar("W", bound=Any)
 Place = Literal["head", "front", "tab"]
 """Above all tabs, the first tab, or among the tabs."""
+
+
+def by_person(widget: W, do: Callable[[], None]) -> W:
+    """Call a function when a person changes a widget; returns the widget."""
+    widget.on_update(lambda event: do() if event.client_id is not None else None)
+    return widget
+
+
+def button(gui: viser.GuiApi, label: str, do: Callable[[], None], **options: Any) -> viser.GuiButtonHandle:
+    """Add a button that calls a function; ``options`` are viser's."""
+    made = gui.add_button(label, **options)
+    made.on_click(lambda _: do())
+    return made
+
+
+def button_row(
+    gui: viser.GuiApi, label: str, actions: Mapping[str, Callable[[], None]], **options: Any
+) -> viser.GuiButtonGroupHandle:
+    """Add a row of buttons, each of which calls its function; ``options`` are viser's."""
+    made = gui.add_button_group(label, tuple(actions), **options)
+    made.on_click(lambda event: actions[str(event.target.value)]())
+    return made
 
 
 class Panel:

@@ -12,7 +12,7 @@ import viser
 
 from simaps_viz.drawing.theme import BOX_STYLE
 from simaps_viz.errors import InputError
-from simaps_viz.viewer.page.widgets import button
+from simaps_viz.viewer.page.panel import button
 
 if TYPE_CHECKING:
     from simaps_viz.viewer.page.page import Page

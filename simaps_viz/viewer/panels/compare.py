@@ -27,8 +27,7 @@ from simaps_viz.mapping.methods import method_of
 from simaps_viz.mapping.simap import slider_of
 from simaps_viz.structures import SIMap
 from simaps_viz.viewer.page.page import MAX_RESOLUTION, MIN_RESOLUTION, Page, cut_of
-from simaps_viz.viewer.page.panel import Panel, PanelSpec
-from simaps_viz.viewer.page.widgets import button, button_row, by_person
+from simaps_viz.viewer.page.panel import Panel, PanelSpec, button, button_row, by_person
 from simaps_viz.viewer.page.worker import Worker
 from simaps_viz.viewer.panels.map import MapPanel
 from simaps_viz.viewer.scene.camera import Extent

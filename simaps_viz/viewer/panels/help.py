@@ -13,8 +13,7 @@ from simaps_viz.drawing.theme import BRAND, DARK, DIM_STYLE, LIGHT, Theme, note_
 from simaps_viz.mapping.in_space import all_instances
 from simaps_viz.structures import SIMap
 from simaps_viz.viewer.page.page import Page
-from simaps_viz.viewer.page.panel import Panel
-from simaps_viz.viewer.page.widgets import button, button_row
+from simaps_viz.viewer.page.panel import Panel, button, button_row
 from simaps_viz.viewer.panels.build import BuildPanel
 from simaps_viz.viewer.scene.camera import SLANT, TOP
 from simaps_viz.viewer.server.viser_page import PAGE_SCRIPT

@@ -19,8 +19,7 @@ from simaps_viz.language.commands import read_command
 from simaps_viz.mapping.in_space import all_instances
 from simaps_viz.structures import Instance, SIMap
 from simaps_viz.viewer.page.page import Page
-from simaps_viz.viewer.page.panel import Panel
-from simaps_viz.viewer.page.widgets import by_person
+from simaps_viz.viewer.page.panel import Panel, by_person
 from simaps_viz.viewer.panels.command import CommandPanel
 
 if TYPE_CHECKING:

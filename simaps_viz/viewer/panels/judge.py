@@ -17,8 +17,7 @@ from simaps_viz.evaluation.judging import BlindRun, JudgingSession
 from simaps_viz.navigation.trajectory import SPEED_HINT, Trajectory, TrajectoryPlayer, poses_along, trajectory
 from simaps_viz.structures import Pose2
 from simaps_viz.viewer.page.page import Page
-from simaps_viz.viewer.page.panel import Panel
-from simaps_viz.viewer.page.widgets import button, button_row
+from simaps_viz.viewer.page.panel import Panel, button, button_row
 from simaps_viz.viewer.panels.command import message_html
 
 _CELL = "padding:.15em .5em;text-align:right"

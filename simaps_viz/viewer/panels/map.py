@@ -20,9 +20,8 @@ from simaps_viz.mapping.methods import method_of
 from simaps_viz.mapping.simap import slider_of
 from simaps_viz.structures import Room, SIMap
 from simaps_viz.viewer.page.page import MAX_RESOLUTION, MIN_RESOLUTION, Cut, Page, cut_of
-from simaps_viz.viewer.page.panel import Panel
+from simaps_viz.viewer.page.panel import Panel, button, button_row, by_person
 from simaps_viz.viewer.page.timeline import Snapshot
-from simaps_viz.viewer.page.widgets import button, button_row, by_person
 from simaps_viz.viewer.scene.camera import SLANT, TOP
 from simaps_viz.viewer.scene.map_scene import FULL_HEIGHT_M, Style
 

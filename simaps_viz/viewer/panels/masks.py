@@ -22,8 +22,7 @@ from simaps_viz.errors import SIMapsError
 from simaps_viz.segmentation.protocol import Threshold
 from simaps_viz.structures import Segmentation
 from simaps_viz.viewer.page.page import Page
-from simaps_viz.viewer.page.panel import Panel, PanelSpec
-from simaps_viz.viewer.page.widgets import button, button_row, by_person
+from simaps_viz.viewer.page.panel import Panel, PanelSpec, button, button_row, by_person
 
 ABOUT = "what the network saw on a frame, and how other thresholds would change it"
 MAX_ROWS = 40

@@ -20,8 +20,7 @@ from simaps_viz.mapping.in_space import all_instances
 from simaps_viz.mapping.mending import Mending
 from simaps_viz.structures import Instance, SIMap
 from simaps_viz.viewer.page.page import Page
-from simaps_viz.viewer.page.panel import Panel, PanelSpec
-from simaps_viz.viewer.page.widgets import button, button_row
+from simaps_viz.viewer.page.panel import Panel, PanelSpec, button, button_row
 from simaps_viz.viewer.panels.command import message_html
 from simaps_viz.viewer.scene.annotations import draw_lines
 

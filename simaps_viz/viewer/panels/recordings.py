@@ -8,9 +8,8 @@ from typing import TYPE_CHECKING
 import viser
 
 from simaps_viz.viewer.page.page import Page
-from simaps_viz.viewer.page.panel import Panel, PanelSpec
+from simaps_viz.viewer.page.panel import Panel, PanelSpec, button
 from simaps_viz.viewer.page.question import Question
-from simaps_viz.viewer.page.widgets import button
 
 if TYPE_CHECKING:
     from simaps_viz.recorder.library import LibraryEntry, RecordingLibrary

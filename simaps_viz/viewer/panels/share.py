@@ -9,8 +9,7 @@ import viser
 from simaps_viz.drawing.legend import title_of
 from simaps_viz.structures import SIMap
 from simaps_viz.viewer.page.page import Page
-from simaps_viz.viewer.page.panel import Panel, PanelSpec
-from simaps_viz.viewer.page.widgets import button
+from simaps_viz.viewer.page.panel import Panel, PanelSpec, button
 from simaps_viz.viewer.page.worker import Worker
 from simaps_viz.viewer.panels.compare import Cancelled, note
 from simaps_viz.viewer.share.files import share_bytes

@@ -30,8 +30,7 @@ from simaps_viz.mapping.explain import (
 from simaps_viz.mapping.methods import method_of
 from simaps_viz.structures import SIMap
 from simaps_viz.viewer.page.page import Page
-from simaps_viz.viewer.page.panel import Panel
-from simaps_viz.viewer.page.widgets import by_person
+from simaps_viz.viewer.page.panel import Panel, by_person
 from simaps_viz.viewer.panels.instance import FrameGallery, InstancePanel
 from simaps_viz.viewer.scene.camera import SLANT
 from simaps_viz.viewer.scene.map_scene import Style

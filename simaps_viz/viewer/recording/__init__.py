@@ -1,1 +1,0 @@
-"""The recorded build docked beside the map: the same frame in both, and clicks."""
