@@ -22,7 +22,7 @@ from simaps_viz.console.progress import StageProgress
 from simaps_viz.datasets.source import FrameSource
 from simaps_viz.errors import InputError
 from simaps_viz.events import Event, FrameProjected, Observer
-from simaps_viz.recorder.live import LiveStream
+from simaps_viz.recorder.recorder import LiveStream
 from simaps_viz.structures import SIMap
 from simaps_viz.viewer.workbench import Workbench
 

@@ -35,7 +35,7 @@ from simaps_viz.mapping.mending import Mending, open_mending
 from simaps_viz.mapping.partition import empty_log, empty_views
 from simaps_viz.mapping.simap import Origin, assemble
 from simaps_viz.navigation.agent import start_pose
-from simaps_viz.recorder.live import LiveStream
+from simaps_viz.recorder.recorder import LiveStream
 from simaps_viz.structures import Grid, GridSpec, Pose2, SIMap
 from simaps_viz.viewer.page.panel import PanelSpec
 from simaps_viz.viewer.panels.live import LiveState, live_panel
