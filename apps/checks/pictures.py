@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 
     from simaps_viz.viewer.session import Session
 
-RECORDING_MS, SETTLED_MS = 40_000, 3_000
+RECORDING_MS, SETTLED_MS = 75_000, 3_000
 """What the recorded build and the page take to come to rest in software WebGL."""
 RIDE_MS = 6_000
 PAUSE_MS = 150

@@ -181,6 +181,7 @@ def test_a_visitors_page_changes_nothing_until_the_owners_address_is_opened(brow
             page.goto(address)
             page.wait_for_function(MAP_SHOWN)
             page.get_by_role("tab", name="Build", exact=True).click()
+            page.get_by_text("Recorded builds", exact=True).click()
             page.get_by_role("button", name="List again").wait_for()
             assert "token" not in page.url
             expect(page.get_by_role("tab", name="Mend", exact=True)).to_have_count(int(owner))

@@ -249,6 +249,7 @@ def test_another_recording_in_the_dock_is_not_tied_to_the_page_and_the_own_one_i
     page, middle = dock.page, (200, -450)
     own = dock.time()[0]
     dock.tab("Build")
+    page.get_by_text("Recorded builds", exact=True).click()
     expect(field_of(page, "Recording")).to_have_value(re.compile("^other"))
     page.get_by_role("button", name="Show it beside the map").click()
     expect(page.get_by_text("other is shown beside the map.")).to_be_visible()

@@ -211,7 +211,12 @@ def test_the_tabs_are_one_row_one_thing_scrolls_and_the_map_keeps_its_room(bench
 def test_so_they_are_on_a_page_opened_on_a_phone(browser, bench):
     with watched_page(browser, 420, 860) as page:
         open_workbench(page, bench)
-        one_row_of_tabs(page, bench, 6)
+        one_row_of_tabs(page, bench, 8)
+        page.get_by_role("button", name="Help", exact=True).hover()
+        hint = page.get_by_role("tooltip")
+        expect(hint).to_contain_text("keys, mouse, tabs and words")
+        canvas, found = page.locator("canvas").first.bounding_box(), hint.bounding_box()
+        assert found["x"] >= 0 and found["y"] + found["height"] <= canvas["y"] + canvas["height"] + 1  # on the map
 
 
 def test_a_hint_stands_beside_the_panels_and_covers_nothing_of_them(page):

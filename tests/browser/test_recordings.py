@@ -41,6 +41,7 @@ def library(tmp_path) -> RecordingLibrary:
 def open_page(page: Page, desk: StubPage) -> None:
     assert desk.wait_idle()  # the list is made
     page.goto(desk.url)
+    page.get_by_text("Recorded builds", exact=True).click()
     page.get_by_role("button", name="List again").wait_for()
 
 

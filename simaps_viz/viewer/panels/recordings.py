@@ -41,7 +41,7 @@ class RecordingsPanel(Panel):
         self._page, self._library = page, library
         self._entries: dict[str, LibraryEntry] = {}
         self._listed: Sequence[LibraryEntry] = ()
-        with page.gui.add_folder("Recorded builds"):
+        with page.gui.add_folder("Recorded builds", expand_by_default=False):
             self._fill(page)
         self._show()
         self.refresh()
