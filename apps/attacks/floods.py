@@ -52,7 +52,7 @@ def dripping_requests(target: Target) -> Tries:
 
 
 def unused_connections(target: Target) -> Tries:
-    """Hundreds of connections on which nothing is said: so many are held, the rest hung up on, all freed in time."""
+    """Open hundreds of connections and send nothing: the limit is held, the rest are closed, all are freed in time."""
     port = target.port
     held = []
     for _ in range(280):
@@ -67,7 +67,7 @@ def unused_connections(target: Target) -> Tries:
 
 
 def streams_without_end(target: Target) -> Tries:
-    """Hundreds listen for what a recording is told, and never read it."""
+    """Open hundreds of event streams of a recording, and never read them."""
     before = memory()
     port = target.port
     held = []
@@ -86,7 +86,7 @@ def streams_without_end(target: Target) -> Tries:
 
 
 def more_pages_than_allowed(target: Target) -> Tries:
-    """A hundred pages at once: so many are let in, the rest turned away, and room is made when they go."""
+    """Open a hundred pages at once: the limit is let in, the rest are refused, and closed pages make room."""
     held = []
     for _ in range(100):
         with contextlib.suppress(Exception):
@@ -99,7 +99,7 @@ def more_pages_than_allowed(target: Target) -> Tries:
 
 
 def floods_of_messages(target: Target) -> Tries:
-    """One page says twenty thousand things as fast as it can; another is still answered."""
+    """Send twenty thousand messages from one page as fast as it can; another is still answered."""
     with page(target.bench) as (mine, _), page(target.bench) as (other, session):
         stop = threading.Event()
 

@@ -82,7 +82,7 @@ def try_case(target: Target, case: Case, number: int, source: Random) -> str | F
 
 
 def _judge_message(target: Target, number: int, error: SIMapsError) -> str | Finding:
-    """A refusal is one line that can be printed anywhere."""
+    """Check that a refusal is one line that can be printed anywhere."""
     text = str(error)
     fault = ""
     if len(text.splitlines()) != 1:

@@ -91,7 +91,7 @@ def _command(folder: Path) -> Case:
 
 
 def _llm(folder: Path) -> Case:
-    """The body that a server sends, down to the program in it."""
+    """Damage the body that a model's server sends, down to the program in it."""
     counts = toy_map().counts()
     settings = LLMSettings("http://127.0.0.1:1/v1", "model")
 
@@ -127,7 +127,7 @@ def _names(folder: Path) -> Case:
 
 
 def _session(folder: Path) -> Case:
-    """A session of blind judging, one JSON object a line."""
+    """Damage a session of blind judging, one JSON object a line."""
     path = folder / "session.jsonl"
     runs = [{"errors": "none", "method": method, "command": "go"} for method in ("evidence", "paper")]
     session = start_session(path, runs, seed=0)
@@ -149,7 +149,7 @@ def _session(folder: Path) -> Case:
 
 
 def _picture(folder: Path) -> Case:
-    """What transformers says of a network's pictures."""
+    """Damage the settings of a transformers image processor."""
     good = b'{"size": {"height": 32, "width": 32}, "image_mean": [0.4, 0.4, 0.4], "image_std": [0.2, 0.2, 0.2]}'
     path = folder / "preprocessor_config.json"
 

@@ -188,7 +188,7 @@ def _history(folder: Path) -> Case:
 
 
 def _resume(folder: Path) -> Case:
-    """Go on with a damaged log: a build either does, or says why not."""
+    """Resume from a damaged log: a build either succeeds, or is refused with a reason."""
     whole, known, records = _logs(folder)
     sequence = open_sequence(folder / "tiny")
     path = folder / "case"

@@ -18,7 +18,7 @@ _STREAM_S = 0.05
 
 
 def _network(folder: Path) -> Case:
-    """A network file: told what it is, and run once where it needs to be."""
+    """Damage a network file, which is recognised, and run once where it needs to be."""
     from tiny_networks import write_classifier, write_yolo  # noqa: PLC0415 - as below
 
     from simaps_viz.segmentation.recognise import NetworkSettings, open_network  # noqa: PLC0415 - slow to load
@@ -35,7 +35,7 @@ def _network(folder: Path) -> Case:
 
 
 def _recorded(folder: Path) -> Case:
-    """What a recorded build says of itself."""
+    """Damage a recorded build, whose facts are read."""
     import scans_rerun  # noqa: PLC0415 - rerun is slow to load
 
     from simaps_viz.recorder.facts import read_facts  # noqa: PLC0415 - as above

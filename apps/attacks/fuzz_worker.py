@@ -57,7 +57,7 @@ def main(name: str, seed: int, first: int, count: int, seconds: float, progress:
 
 
 def _limit_memory() -> None:
-    """A huge allocation fails instead of filling the machine."""
+    """Make a huge allocation fail instead of filling the machine."""
     status = Path("/proc/self/statm")
     if status.is_file():
         size = int(status.read_text().split()[0]) * resource.getpagesize()

@@ -48,7 +48,7 @@ def _settled(session: Session) -> dict[str, Any]:
 
 
 def memory() -> int:
-    """Bytes that this process has; 0 where that cannot be told."""
+    """Return the memory of this process, bytes; 0 where it is not known."""
     pages = int(Path("/proc/self/statm").read_text().split()[1]) if Path("/proc/self/statm").is_file() else 0
     return pages * 4096
 

@@ -248,6 +248,7 @@ def _tables(  # noqa: C901 - four tables, each of a few sums
         float64 [depths, read as, class], log of P(read as | class); float64 [levels, class], log of P(class, level);
         float64 [class], P(class); float64 [2, steps], odds that neighbours are of one class for that reason.
     """
+    # What each class is read as, at each depth. A class with few readings leans on how often all masks are right.
     depths, labels, classes = read.shape
     log_read = np.zeros_like(read)
     for depth in range(depths):
@@ -267,6 +268,7 @@ def _tables(  # noqa: C901 - four tables, each of a few sums
                 log_read[depth, one, other] = math.log(
                     (read[depth, one, other] + _IMAGINED * usual) / (of_class[other] + _IMAGINED)
                 )
+    # How frequent each class is, and at which heights it lies. A rare class leans on the heights of all cells.
     levels = len(heights)
     of_class, at_level, cells = np.zeros(classes), np.zeros(levels), 0.0
     for at in range(levels):
@@ -283,6 +285,7 @@ def _tables(  # noqa: C901 - four tables, each of a few sums
         for one in range(classes):
             likely = (heights[at, one] + _IMAGINED * usual) / (of_class[one] + _IMAGINED)
             log_level[at, one] = math.log(share[one] * likely)
+    # How often neighbours are of one class beyond chance, for each step in height between them.
     odds = np.zeros_like(alike)
     for across in range(2):
         for at in range(alike.shape[1]):
