@@ -216,6 +216,7 @@ def test_so_they_are_on_a_page_opened_on_a_phone(browser, bench):
         hint = page.get_by_role("tooltip")
         expect(hint).to_contain_text("keys, mouse, tabs and words")
         canvas, found = page.locator("canvas").first.bounding_box(), hint.bounding_box()
+        assert canvas and found
         assert found["x"] >= 0 and found["y"] + found["height"] <= canvas["y"] + canvas["height"] + 1  # on the map
 
 
