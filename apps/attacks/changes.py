@@ -59,7 +59,7 @@ def settle(connection: Connection, session: Session) -> None:
     find, word = next(reversed(named(session, "Find").values())), f"settled {time.monotonic()}"
     press(connection, session, "Find", word)
     wait(lambda: find.value == word, 60.0)
-    wait(lambda: False, 0.5)  # threads have taken up the rest by then
+    wait(lambda: False, 0.2)  # threads have taken up the rest by then
     session.wait_idle()
 
 

@@ -24,9 +24,7 @@ def folder(tmp_path_factory):
     return made
 
 
-@pytest.mark.parametrize(
-    "line", ["info m.npz", "info m.npz --json", "query m.npz stop", "mend m.npz", "recordings", "--help", "--version"]
-)
+@pytest.mark.parametrize("line", ["info m.npz", "info m.npz --json", "--help", "--version"])
 def test_an_answer_that_cannot_be_written_is_one_line(folder, line):
     with FULL.open("w") as full:
         done = subprocess.run(

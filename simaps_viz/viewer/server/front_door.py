@@ -98,7 +98,8 @@ class FrontDoor:
         self._lock = threading.Lock()
         self._server = self._listen(port, tried)
         self.port = self._server.server_port
-        self._thread = threading.Thread(target=self._server.serve_forever, name="front-door", daemon=True)
+        # How often it looks whether it is to end is how long ``close`` takes.
+        self._thread = threading.Thread(target=self._server.serve_forever, args=(0.05,), name="front-door", daemon=True)
 
     def start(
         self, hosts: Sequence[Host], *, viser: Viser | None = None, stream_port: int | None = None
