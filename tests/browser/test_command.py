@@ -251,24 +251,3 @@ def test_the_camera_follows_from_above_and_from_behind_and_comes_back(bench, pag
     mine(bench).look("Top view")
     field_of(page, "Follow robot").uncheck()
     until(page, lambda: tuple(camera.position) == pytest.approx(overview, rel=1e-3))
-
-
-def test_two_pages_give_orders_to_robots_of_their_own(browser, bench, page):
-    first = mine(bench)
-    with watched_page(browser) as other:
-        open_workbench(other, bench)
-        open_tab(other)
-        second = mine(bench)
-        assert second is not first
-        hurry(first, page)
-        say(first, page, "go to the couch")
-        hurry(second, other)
-        say(second, other, "turn left")
-        for one in (page, other):
-            expect(one.get_by_text("Done")).to_be_visible()
-        expect(field_of(page, "Command")).to_have_value("go to the couch")
-        expect(field_of(other, "Command")).to_have_value("turn left")
-        assert [past.command for past in first.panels[CommandPanel]._past] == ["go to the couch"]
-        assert [past.command for past in second.panels[CommandPanel]._past] == ["turn left"]
-        assert second.pose.heading_deg % 360 == pytest.approx(0.0) and second.pose.x_m == 0.5
-        assert first.pose.x_m > 1.0

@@ -20,6 +20,7 @@ from playwright.sync_api import expect
 from toy_maps import toy_map
 
 from simaps_viz.colors.classes import instance_color
+from simaps_viz.viewer.panels.why import WhyPanel
 from simaps_viz.viewer.scene.why_marks import CUT, OTHER, RAMP, SOURCE, TARGET
 
 CHAIR_1, CHAIR_3, CHAIR_4, TABLE = 1, 3, 4, 6
@@ -130,6 +131,21 @@ def test_two_clicks_compare_two_objects(bench, page):
     click_map(bench, page, FLOOR_PLACE)
     expect(page.get_by_text("Nothing compared.")).to_be_visible()
     assert mine(bench).selected == CHAIR_1
+
+
+def test_a_merge_step_shows_the_finished_map_and_no_other_comparison(bench, page):
+    session = mine(bench)
+    session.show_frame(1)
+    session.select(1)
+    until(page, lambda: session.panels[WhyPanel].why is not None and session.wait_idle())
+    session.panels[WhyPanel].compare(TABLE)
+    until(page, lambda: session.panels[WhyPanel].lit == {TABLE})
+    assert session.snapshot().badge == "as of frame 2 of 5"
+    session.panels[WhyPanel]._choose_step(1)
+    until(page, lambda: not session.panels[WhyPanel].lit and not session.snapshot().badge)
+    assert session.frame == 4
+    expect(page.get_by_text("are of different classes")).not_to_be_visible()
+    until(page, lambda: session.scene._scene.get_handle_by_name("/why/other") is None)
 
 
 def test_the_recording_is_sent_to_the_step_and_a_click_in_it_selects(browser, tmp_path):

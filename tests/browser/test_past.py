@@ -11,7 +11,6 @@ from browser import (
     mine,
     open_workbench,
     toy_services,
-    toy_workbench,
     until,
     watched_page,
 )
@@ -25,10 +24,8 @@ from simaps_viz.app import workbench as app
 from simaps_viz.viewer.page.timeline import TimeStep
 from simaps_viz.viewer.panels.build import BuildPanel, StepsPanel
 from simaps_viz.viewer.panels.command import CommandPanel
-from simaps_viz.viewer.panels.why import WhyPanel
 from simaps_viz.viewer.workbench import Workbench
 
-TABLE = 6
 POSE = """() => {
   const node = window.__viserMutable.nodeRefFromName['/camera'];
   return node && node.visible ? node.position.toArray() : null;
@@ -127,23 +124,6 @@ def test_a_command_is_given_on_the_finished_map(bench, page):
     session.panels[CommandPanel].ask("go to the chair")
     until(page, lambda: at_end(session))
     until(page, lambda: "Done" in session.panels[CommandPanel]._result.content)
-
-
-def test_a_merge_step_shows_the_finished_map_and_no_other_comparison(browser):
-    with toy_workbench() as bench, watched_page(browser) as page:
-        open_workbench(page, bench)
-        session = mine(bench)
-        session.show_frame(1)
-        session.select(1)
-        until(page, lambda: session.panels[WhyPanel].why is not None and session.wait_idle())
-        session.panels[WhyPanel].compare(TABLE)
-        until(page, lambda: session.panels[WhyPanel].lit == {TABLE})
-        assert session.snapshot().badge == "as of frame 2 of 5"
-        session.panels[WhyPanel]._choose_step(1)
-        until(page, lambda: not session.panels[WhyPanel].lit and not session.snapshot().badge)
-        assert session.frame == 4
-        expect(page.get_by_text("are of different classes")).not_to_be_visible()
-        until(page, lambda: session.scene._scene.get_handle_by_name("/why/other") is None)
 
 
 def test_a_map_without_frames_says_how_to_get_them(browser):

@@ -195,6 +195,8 @@ def test_two_people_select_cut_and_command_at_once(bench, pages):
         expect(one_page.get_by_text("Done", exact=True)).to_be_visible()
     expect(page.get_by_text("To the couch, ")).to_be_visible()
     expect(other.get_by_text("robot.turn(-90)")).to_be_visible()
+    expect(field_of(page, "Command")).to_have_value("go to the couch")
+    expect(field_of(other, "Command")).to_have_value("turn left")
     assert [p.command for p in one.panels[CommandPanel]._past] == ["go to the couch"]
     assert [p.command for p in two.panels[CommandPanel]._past] == ["turn left"]
     assert one.pose.x_m > 1.0 and two.pose.x_m == 0.5
