@@ -11,7 +11,8 @@ import cv2
 import numpy as np
 import pytest
 import rerun as rr
-from browser import PATIENCE_S, field_of, free_port, mine, rerun_frame, until, watched_page
+from browser import PATIENCE_S, field_of, free_port, mine, rerun_frame, until
+from forwarded import watched_through
 from playwright.sync_api import Browser, Frame, Locator, Page, expect
 from sequences import write_tiny_sequence
 
@@ -150,7 +151,10 @@ def built(tmp_path_factory: pytest.TempPathFactory) -> tuple[SIMap, Path]:
 
 @pytest.fixture(scope="module")
 def opened(browser: Browser, built: tuple[SIMap, Path], tmp_path_factory: pytest.TempPathFactory) -> Iterator[Dock]:
-    """One for all tests: opening a recording takes longer than they do. Another one lies where recordings are kept."""
+    """One for all tests, through one forwarded port: opening a recording takes longer than they do.
+
+    Another one lies where recordings are kept.
+    """
     simap, recording = built
     kept = tmp_path_factory.mktemp("kept")
     record(kept / "other.rrd", "the other")
@@ -158,9 +162,8 @@ def opened(browser: Browser, built: tuple[SIMap, Path], tmp_path_factory: pytest
         patch.setenv("SIMAPS_RECORDINGS", str(kept))
         with (
             workbench.open_workbench(simap, recording=recording, port=free_port()) as bench,
-            watched_page(browser, WIDTH_PX) as page,
+            watched_through(browser, bench, WIDTH_PX) as page,
         ):
-            page.goto(f"{bench.url}/?fixedDpr=1")
             page.wait_for_function(MAP_SHOWN)
             rerun_frame(page).wait_for_function("() => window.simapsReady")
             yield Dock(bench, page)
@@ -184,6 +187,7 @@ def test_the_timelines_of_rerun_and_the_steps_of_the_page_move_each_other(dock, 
     page, step = dock.page, dock.step
     canvas = page.locator("canvas").first.bounding_box()
     assert canvas is not None and canvas["width"] >= 0.6 * WIDTH_PX  # the room is for the map
+    assert dock.bench.tabs._session_of  # the hidden frame reported which tab it is in
     dock.tab("Build")
     expect(step).to_have_value(str(parts.taken))  # counted as in the words beside it
     # From the page to rerun.
