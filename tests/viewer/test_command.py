@@ -78,8 +78,7 @@ def test_why_this_one_is_said_with_the_distances_of_the_others():
         f"Chair 1 is the only chair on your left, {max(one, two):.2f} m from where the command was given."
     )
     assert why("go to the second chair from the south") == (
-        f"Chair 4 is the second of 3 in the order that was asked for, {three:.2f} m from where the command was given. "
-        'It was chosen by: robot.move_to_object(nth(order(things("chair"), "south"), 2))'
+        f"Chair 4 is the second of 3 from the south, {three:.2f} m from where the command was given."
     )
     assert why("visit all chairs") == "All 3 chairs on this map are meant."
 

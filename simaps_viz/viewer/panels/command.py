@@ -31,7 +31,7 @@ from simaps_viz.geometry import STANDS_FROM_M
 from simaps_viz.language.commands import MAX_SUGGESTIONS
 from simaps_viz.language.grounding import Candidate
 from simaps_viz.language.llm_settings import Exchange
-from simaps_viz.language.primitives import FUNCTIONS, PRIMITIVES
+from simaps_viz.language.primitives import FUNCTIONS, PRIMITIVES, SIDES
 from simaps_viz.navigation.agent import Answer, is_program, outcome_text
 from simaps_viz.navigation.robot import Goal
 from simaps_viz.navigation.trajectory import (
@@ -54,6 +54,8 @@ _MAX_LISTED = 4
 _CHOOSERS = [*FUNCTIONS, *(name for name, primitive in PRIMITIVES.items() if primitive.kind == "lookup")]
 _CHOOSES = re.compile(rf"\b(?:{'|'.join(_CHOOSERS)})\(")
 """Calls with which a program chooses otherwise than by name and rank."""
+_FROM_A_SIDE = re.compile(rf'robot\.\w+\(nth\(order\(things\("[^"]*"\), "({"|".join(SIDES)})"\), (\d+)\)')
+"""A call that names its object by a rank from a side."""
 
 
 def why_text(answer: Answer, candidates: Sequence[Candidate]) -> str:
@@ -78,10 +80,15 @@ def why_text(answer: Answer, candidates: Sequence[Candidate]) -> str:
         words = next((goal.words for goal in answer.goals if goal.words), "")
         only = words or f"{label} on this map"
         return f"{_cap(name)} is the only {only}, {one.distance_m:.2f} m from where the command was given."
-    if _asked_order(answer, candidates):
+    from_side = _FROM_A_SIDE.search(answer.program or "")
+    if from_side and int(from_side[2]) != one.rank:
+        from_side = None
+    if answer.goals[0].among and (from_side or _asked_order(answer, candidates)):
         nth = _NTH[one.rank].strip() or "first" if one.rank < len(_NTH) else f"{one.rank}th"
-        order = f"{_cap(name)} is the {nth} of {len(candidates)} in the order that was asked for"
-        return " ".join([f"{order}, {one.distance_m:.2f} m from where the command was given.", *_choice(answer)])
+        order = f"from the {from_side[1]}" if from_side else "in the order that was asked for"
+        counted = f"{_cap(name)} is the {nth} of {len(candidates)} {order}"
+        chosen_by = [] if from_side else _choice(answer)
+        return " ".join([f"{counted}, {one.distance_m:.2f} m from where the command was given.", *chosen_by])
     nth = _NTH[one.rank] if one.rank < len(_NTH) else f"{one.rank}th "
     closest = f"the {nth}closest to"
     if one.rank == len(candidates) > 2:
