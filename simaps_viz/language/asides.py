@@ -100,7 +100,6 @@ _NEGATIVE: Final = re.compile(
     r"(?:(?<=^)|(?<=[,.;:!?] ))(is|are|does|do|has|have)n['’]t (?=(?:there|it|the|this|they|we|you)\b[^,.;:!?]*\?)()"
 )
 """What is asked by way of its denial: "isn't there a lamp on the table?"."""
-_LARGEST: Final = re.compile(r"\btakes? up (?:the )?most (?:of the )?(?:floor|space|room|area)(?: space)?\b")
 _OPENING: Final = re.compile(
     r"^\W*(?:(?:right so|right(?: then)?(?=\s*,\s*(?!left|right|then|forward|back|straight|and|turn|go)|\s*:)|"
     r"so|and|um+|uh+|okay|ok|yeah|well|hmm+|er+|uhm)\b[\s,]*)+"
@@ -155,8 +154,8 @@ _REASON: Final = re.compile(
 )
 _LIMITS: Final = re.compile(
     r"\b(?:not|no|never|none|nothing|without|only|except|but|avoid|unless|if|when|rather|instead|until|before|after|must|"
-    r"should|ought|(?:has|have|had|needs?|wants?|supposed|got) to|other|cannot|keep|stay|\w+n['’]?t|how|whether)\b|\?|"
-    r"\b(?:i am|we are) (?:\w+ing )?(?:right |just |over )?(?:at|in|on|by|near|next|under|behind|beside)\b"
+    r"should|ought|(?:has|have|had|needs?|wants?|supposed|got) to|other|ones?|cannot|keep|stay|\w+n['’]?t|how|whether"
+    r")\b|\?|\b(?:i am|we are) (?:\w+ing )?(?:right |just |over )?(?:at|in|on|by|near|next|under|behind|beside)\b"
 )
 """Words that say what is to be done, or not to be, also in a statement."""
 
@@ -195,7 +194,7 @@ def plainly(text: str) -> str:
     said = _GOT.sub(r"does \1 have", said)
     said = _MODAL.sub(r"is \1", said)
     said = _ATTRIBUTE.sub("what is the ", said)
-    said = _NEGATIVE.sub(r"\1 \2", _LARGEST.sub("is the largest", said))
+    said = _NEGATIVE.sub(r"\1 \2", said)
     said = re.sub(r"\b(is|are) (?:their|they re) (?=an?\b|any\b|no\b)", r"\1 there ", said)
     said = re.sub(r"\b(is|are|do|does) not no\b", r"\1 no", said.replace("how is many", "how many"))
     said = re.sub(r"\b2(?= (?:the|my|your|our|this|that)\b)", "to", said)

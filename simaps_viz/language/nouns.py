@@ -520,7 +520,7 @@ def _other() -> Parts:
     return (Part("other"),)
 
 
-@_rule("pre", "n:whole DIFFERENT", cost=-0.1)
+@_rule("pre", "n:whole DIFFERENT", "EXACTLY n:whole", cost=-0.1)
 @_rule("pre", "n:whole")
 def _counted(n: int) -> Parts:
     return (Part("count", number=n),)
@@ -557,7 +557,7 @@ GRAMMAR.words("_key", "key")
 GRAMMAR.words("_number", "whole")
 
 
-@_rule("relation", "FROM DET? side SIDE? TO DET? _side SIDE?", cost=-0.1)
+@_rule("relation", "COMMA? FROM? DET? side SIDE? TO DET? _side SIDE?", cost=-0.1)
 def _swept(side: str) -> Parts:
     return (Part("then", side),)
 
@@ -737,6 +737,15 @@ def _nearest_to(np: Phrase, n: int = 0) -> Parts:
     return (*(_ranked(n) if n else ()), Part("order", "near", np.measure, phrase=np))
 
 
+@_rule("relation", "DET? (NEAREST TO? | far:FARTHEST AWAY? FROM?) DET? side spot:SPOT", cost=-0.2)
+def _nearest_wall(side: str, spot: str, far: str = "") -> Parts:
+    """Read "the chair farthest from the west wall": the easternmost."""
+    opposite = {"north": "south", "south": "north", "east": "west", "west": "east", "left": "right", "right": "left"}
+    if spot != "wall":
+        raise CommandError("")
+    return (Part("order", opposite[side] if far else side),)
+
+
 @_rule("relation", "n:ORD? DET? NEAREST (_here | ONE)?", "NEAR HERE")
 def _nearest_here(n: int = 0) -> Parts:
     return (*(_ranked(n) if n else ()), Part("order", "near"))
@@ -786,13 +795,6 @@ def _added(relation: Parts) -> Parts:
     return relation
 
 
-@_rule("relation", "FOR n:whole", cost=0.2)
-def _for_so_many(n: int) -> Parts:
-    """Read "a table for four"."""
-    seats = 'things("seat")'
-    return (Part("fewest", seats), *_filter(f"having({{}}, {seats}, {n})"))
-
-
 @_rule("post", "COMMA (IT IS)? DET adjective ONE post*", cost=0.1)
 def _the_red_one(adjective: Parts, post: Sequence[Parts] = ()) -> Parts:
     """Read "the box under the bench, the red one": a list where another colour was said before."""
@@ -819,7 +821,7 @@ def _spot(spot: str, room: Phrase | None = None) -> Parts:
 
 @_rule(
     "relation",
-    "(AT | BY | NEAR | ON | IN) DET* (side spot:SPOT | spot:SPOT TO? DET? side) ((OF | IN) room)?",
+    "(AT | BY | NEAR | ON | IN) DET* ((side | side:MOST) spot:SPOT | spot:SPOT TO? DET? side) ((OF | IN) room)?",
     cost=-0.1,
 )
 def _spot_of_side(side: str, spot: str, room: Phrase | None = None) -> Parts:
@@ -869,7 +871,7 @@ def _having_no_more(n: int, np: Phrase, only: str = "", most: str = "", few: str
     return _filter(f"minus({some}, having({{}}, {np.argument}, {n + (not few)}))", np)
 
 
-@_rule("relation", "WITH BOTH a:np AND b:np _on_it?", "WITH a:np AND b:np _on_it", cost=-0.3)
+@_rule("relation", "WITH BOTH a:np AND b:np _on_it?", "WITH a:np AND b:np _on_it", "WHERE a:np AND b:np IS+", cost=-0.3)
 def _having_both(a: Phrase, b: Phrase) -> Parts:
     return _filter(f"having(having({{}}, {a.argument}), {b.argument})", a, b)
 
@@ -936,7 +938,7 @@ def _laden() -> Parts:
     return _filter("minus({}, empty({}))")
 
 
-GRAMMAR.words("_on_it", "IS? (ON | NEAR | AT | AROUND | BY | IN) IT?")
+GRAMMAR.words("_on_it", "(IS | HANG)? (ON | NEAR | AT | AROUND | BY | IN | OVER) IT?")
 GRAMMAR.words("_is", "(THAT | IS | EXIST | HANG)+")
 
 
@@ -1069,7 +1071,8 @@ def _part_of(noun: Noun, outer: Sequence[Parts], pre: Sequence[Parts] = (), post
     return replace(phrase, any=not several and all(part.kind == "count" for part in _flat(outer)))
 
 
-@_rule("thing", "_dets pre* ONE post*", "_dets pre* ones:ONES post*", cost=0.3)
+@_rule("thing", "THAT &(WITH | WHERE | THAT | ON | IN | NEAR | BY | UNDER) post+", cost=0.5)
+@_rule("thing", "_dets pre* ONE (OF IT)? post*", "_dets pre* ones:ONES post*", cost=0.3)
 def _same_name(pre: Sequence[Parts] = (), post: Sequence[Parts] = (), ones: str = "") -> Phrase:
     if any(part.kind == "other" and part.number for part in _flat(post)):  # "not the big one, the other one"
         raise CommandError("")
@@ -1086,11 +1089,6 @@ def _of_them_on(side: str = "middle") -> Phrase:
 @_rule("thing", "(DET+ | &ORD | &_room_too) pre+ post*", cost=0.9)
 def _elided(pre: Sequence[Parts], post: Sequence[Parts] = ()) -> Phrase:
     return select(None, (*_flat(pre), *_flat(post)))
-
-
-@_rule("thing", "EVERY pre* ONES? post*", cost=0.9)
-def _every_one(pre: Sequence[Parts] = (), post: Sequence[Parts] = ()) -> Phrase:
-    return select(None, (*_flat(pre), *_flat(post)), every=True)
 
 
 @_rule("thing", "_dets pre* of:NOUN (noun:NOUN | noun:NOUNS) post*", cost=0.6)

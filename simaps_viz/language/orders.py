@@ -149,11 +149,6 @@ def _quarter(n: float = 1.0) -> Measure:
     return Measure(tidy(90.0 * n))
 
 
-@_rule("angle", "DET? n:ORD OF _revolution")
-def _share_of_turn(n: int) -> Measure:
-    return Measure(tidy(360.0 / max(n, 1)))
-
-
 @_rule("angle", "DET? HALF DET? _revolution")
 def _half_turn() -> Measure:
     return Measure("180")
@@ -192,20 +187,12 @@ def _likewise(targets: tuple[Phrase, ...]) -> Steps:
     return _each("", targets, "")
 
 
-@_rule("order", "verb:GO noun", cost=0.3)
+@_rule("order", "verb:GO DET? noun", cost=0.3)
 def _go_tersely(verb: str, noun: Noun) -> Steps:
     """Read "go sink", but not "move chair"."""
     if verb.split(maxsplit=1)[0] in ("move", "shift", "run", "get", "steer", "roll", "swing") or not noun.known:
         raise CommandError("")
     return _go_to((select(noun, ()),))
-
-
-@_rule("order", "verb:GO pre+ noun", cost=0.3)
-def _go_to_nearest(verb: str, noun: Noun, pre: Sequence[Parts]) -> Steps:
-    """Read "go nearest oven"."""
-    if not noun.known or not any(part.kind in ("order", "rank") for parts in pre for part in parts):
-        raise CommandError("")
-    return _go_to((select(noun, [part for parts in pre for part in parts]),))
 
 
 @_rule("order", "one:np first:ORD (COMMA? AND? THEN? np n:ORD)+", cost=-0.2)
@@ -269,14 +256,6 @@ def _go_past(targets: tuple[Phrase, ...]) -> Steps:
     return _go_to(targets)
 
 
-@_rule("order", "TAKE targets n:ORD", cost=0.3)
-def _take_first(targets: tuple[Phrase, ...], n: int) -> Steps:
-    """Read "take the long table first": of several, the one to go to."""
-    if n != 1:
-        raise CommandError("")
-    return _go_to(targets)
-
-
 @_rule("order", "(_go | APPROACH) targets COMMA? (STARTWITH FROM?)? DET? key (ONE | ONES)? (n:ORD)?", cost=-0.3)
 def _go_in_turn(targets: tuple[Phrase, ...], key: str, n: int = 1) -> Steps:
     """Read "visit the bed, the fridge and the sofa, the nearest first"."""
@@ -308,11 +287,6 @@ def _leave(room: Phrase | None = None) -> Steps:
     return (Do(('robot.move_to_object(room("other"))',)),)
 
 
-@_rule("order", "_go? DET? (MIDDLE OF? | BETWEEN) (room | DET* MAP)")
-def _go_middle_of_room(room: Phrase | None = None) -> Steps:
-    return _go_spot("middle", room)
-
-
 @_rule("order", "_go _dets NEAREST? spot:SPOT ((OF | IN) (room | DET* MAP) | BETWEEN _dets _number? ROOMS)?", cost=0.2)
 def _go_spot(spot: str, room: Phrase | None = None) -> Steps:
     where = "{0.text}" if room else "room()"
@@ -342,11 +316,6 @@ def _go_end_of_room(side: str, room: Phrase | None = None, spot: str = "wall") -
 @_rule("order", "_goer THROUGHOUT room", cost=0.2)
 def _go_far_end(room: Phrase) -> Steps:
     return (Do(('robot.move_to(spot({0.text}, "end"))',), (room,)),)
-
-
-@_rule("order", "_go? _dets FAREND (OF | IN) np", cost=0.1)
-def _go_far_end_of(np: Phrase) -> Steps:
-    return _go_behind((np,))
 
 
 @_rule("order", "_goer THROUGHOUT room _prep+ targets", cost=-0.2)
@@ -623,13 +592,8 @@ def _with_object(np: Phrase, lateral: str) -> Steps:
     return (Do((f"robot.with_object_on_{lateral}({{0}})",), (np,)),)
 
 
-@_rule("order", "_go _prep* FORWARD? _with np (ON | TO | AT) DET? lateral SIDE?", cost=-0.7)
-def _go_with_object(np: Phrase, lateral: str) -> Steps:
-    return (*_with_object(np, lateral), Do(("robot.move_forward(1)",), (), _ONE_METRE.note))
-
-
-_words("_with", "WITH | KEEP")
-_rule("way", "(_prep | DET)* lateral SIDE?")(lambda lateral: lateral)
+_rule("hand", "(_prep | DET)* lateral SIDE?")(lambda lateral: lateral)
+_rule("way", "hand")(lambda hand: hand)
 _rule("way", "_prep* CLOCKWISE")(lambda: "right")
 _rule("way", "_prep* COUNTERCLOCKWISE")(lambda: "left")
 
@@ -638,7 +602,7 @@ _rule("way", "_prep* COUNTERCLOCKWISE")(lambda: "left")
     "order",
     "_turning way ((BY | FOR)? angle)? | _turning (BY | FOR | DET | FULL)* angle TURN? way? TURN? | _looking way "
     "| MAKE (BY | DET)* angle? TURN? way (angle | TURN | angle TURN | TURN angle)? | MAKE DET? angle TURN? way? "
-    "TURN? | way (TURN? (BY | FOR)? angle)? | (BY | FOR)? angle TURN? way | _turning AROUND (BY | FOR)? angle "
+    "TURN? | way:hand | way TURN? (BY | FOR)? angle | (BY | FOR)? angle TURN? way | _turning AROUND (BY | FOR)? angle "
     "way? | way TURN "
     "angle? | MAKE DET? TURN way angle?",
 )
@@ -672,12 +636,6 @@ def _turn_fully(way: str = "") -> Steps:
 @_rule("order", "(_goer | HALT) FOR? whole SECONDS")
 def _wait(whole: int) -> Steps:
     return (Do(("robot.turn(0)",), notes=("the robot stops there; how long it waits is not simulated",)),)
-
-
-@_rule("done", "order FOR? whole SECONDS", cost=0.1)
-def _waiting(order: Steps, whole: int) -> Steps:
-    """Read "wait by the lamp for 20 seconds"."""
-    return (*order, *_wait(whole))
 
 
 @_rule("order", "_turning times")
@@ -802,12 +760,6 @@ def _count_each(a: Phrase, b: Phrase) -> Steps:
     return (*_told(a, "count"), *_told(b, "count"))
 
 
-@_rule("question", "IS HERE? (NEAR | AT | BY) np", cost=0.3)
-def _are_you_near(np: Phrase) -> Steps:
-    test, phrases = _is_near(np)
-    return (Do((f'tell({test}, "whether")',), phrases),)
-
-
 @_rule(
     "question",
     "(ON | IN | AT) HOWMANY (OF | DET)* (np | ROOMS) (EXIST | IS | APPROACH | SEE | HERE | DOES)+ of:np IS?",
@@ -816,11 +768,6 @@ def _are_you_near(np: Phrase) -> Steps:
 def _on_how_many(of: Phrase, np: Phrase = ALL_ROOMS) -> Steps:
     """Read "on how many of the tables is there a tray?"."""
     return _told(_changed(np, f"having({np.whole or np.text}, {of.argument})", np.notes + of.notes), "count")
-
-
-@_rule("question", "HOWMANY DET* np (IS | EXIST)* IN EVERY (OF | DET)* (ROOM | ROOMS)", cost=-0.4)
-def _how_many_in_each(np: Phrase) -> Steps:
-    return _told(np, "room")
 
 
 @_rule("question", "EXIST _number ((COMMA | OR)+ EXIST? EXACTLY? _number)+ np HERE?", cost=-0.5)
@@ -859,9 +806,9 @@ def _how_many_rooms() -> Steps:
 _words("_in_map", "(IN | ON) DET* MAP")
 
 
-@_rule("question", "_count n:np WITH of:np", "_count n:np (DOES | WITH | IS) of:np WITH", cost=-0.2)
-def _how_many_at(n: Phrase, of: Phrase) -> Steps:
-    beside = "inside" if of.is_room else "having" if n.is_room else "near"
+@_rule("question", "_count n:np WITH of:np", "_count n:np (DOES | WITH | IS) of:np WITH (on:ON IT)?", cost=-0.2)
+def _how_many_at(n: Phrase, of: Phrase, on: str = "") -> Steps:
+    beside = "inside" if of.is_room else "having" if n.is_room else "on" if on else "near"
     return _told(_changed(n, text=f"{beside}({n.text}, {of.argument})", notes=n.notes + of.notes), "count")
 
 
@@ -913,17 +860,7 @@ def _np_asked(np: Phrase) -> Steps:
     return _told(np, "which" if np.word in ("thing", "object", "item") else "where")
 
 
-@_rule("question", "EXIST np IN EVERY (OF | DET)* (ROOM | ROOMS | noun)", cost=-0.4)
-def _is_there_in_each(np: Phrase, noun: Noun | None = None) -> Steps:
-    """Read "is there a window in every room?": there is no room without one."""
-    where = select(replace(noun, is_plural=True), ()) if noun else ALL_ROOMS
-    without = _changed(
-        where, f"minus({where.text}, having({where.text}, {np.argument}))", where.notes + np.notes, many=False
-    )
-    return (Do(('tell(count({0.text}) == 0, "whether")',), (without,)),)
-
-
-@_rule("question", "INDEF np (HERE | ANYWHERE)? &ASKED", cost=0.2)
+@_rule("question", "INDEF np (HERE | ANYWHERE | BY)? &ASKED", cost=0.2)
 def _any_here(np: Phrase) -> Steps:
     """Read "any wine glasses here?"."""
     return _told(np, "whether")
@@ -960,14 +897,6 @@ def _nearer_of_two(a: Phrase, b: Phrase, c: Phrase, compared: str = "near") -> S
     if name is None:
         raise CommandError("")
     return _told(_changed(a, f"{name}({united((b, c)).text}, 1, {a.measure})"), "which")
-
-
-@_rule("question", "(WHICH | WHAT) ONE? WITH counted:COUNTED np _on_it? COMMA? a:np COMMA? OR b:np", cost=-0.6)
-def _which_has_more(counted: str, np: Phrase, a: Phrase, b: Phrase) -> Steps:
-    """Read "which has more books on it, the shelf or the coffee table?"."""
-    both = united([replace(one, text=one.single) for one in (a, b)])
-    key = "many" if counted == "more" else "few"
-    return _told(_changed(both, f'first(order({both.text}, "{key}", {np.argument}))', both.notes + np.notes), "which")
 
 
 @_rule(
@@ -1168,11 +1097,6 @@ def _which_is_more(np: Phrase, compared: str) -> Steps:
 def _which_is_nearer(np: Phrase, of: Phrase, far: str = "") -> Steps:
     name = "farthest" if far else "nearest"
     return _told(_changed(np, f"{name}({np.whole or np.text}, 1, {of.measure})", np.notes + of.notes), "which")
-
-
-@_rule("question", "(WHICH | WHAT) (OF DET*)? np ((DOES HERE)? SEE | SEEQ)")
-def _which_seen(np: Phrase) -> Steps:
-    return _told(_changed(np, text=f"visible({np.text})"), "list")
 
 
 @_rule("question", "what:LIST (THAT | IS)* post+", cost=0.1)
@@ -1381,7 +1305,6 @@ def _avoided(targets: tuple[Phrase, ...], distance: Measure | None = None, **_: 
 
 # ---- what joins orders
 
-_words("_sep", "(COMMA | AND | THEN | STOP | BUT)+")
 _words("_mayhap", "(COMMA | AND | THEN | STOP)*")
 _words(
     "_verb",
@@ -1509,10 +1432,13 @@ def _not_before(b: Steps, targets: tuple[Phrase, ...]) -> Steps:
 @_rule(
     "logical",
     "WHETHER? condition (COMMA | AND | STOP | THEN)* IFSO COMMA? a:body (_mayhap OTHERWISE COMMA? b:body)?",
+    "WHETHER? condition (COMMA | AND | STOP | THEN)* OTHERWISE COMMA? b:body",
     cost=-0.2,
 )
-def _if_so(condition: Condition, a: Steps, b: Steps = ()) -> Steps:
-    """Read "is there a free seat at the table? If so, go there"."""
+def _if_so(condition: Condition, a: Steps = (), b: Steps = ()) -> Steps:
+    """Read "is there a free seat at the table? If so, go there", "... If not, go to the sofa"."""
+    if not a:
+        return (Choose(f"not {condition[0]}", condition[1], b),)
     return (Choose(*condition, a, b),)
 
 
@@ -1522,16 +1448,6 @@ def _so(b: Steps) -> Steps:
     if any(IT in phrase.text for step in b if isinstance(step, Do) for phrase in step.phrases):
         raise CommandError("")
     return b
-
-
-@_rule("item", "EXCEPT targets COMMA b:items", cost=0.4)
-def _leaving_out(targets: tuple[Phrase, ...], b: Steps) -> Steps:
-    """Read "apart from the sofa, which seats are there?"."""
-    first, *more = b
-    if not isinstance(first, Do) or not first.phrases or any(one.base == ONE for one in (first.phrases[0], *targets)):
-        raise CommandError("")
-    parts = [Part("filter", f"minus({{}}, {one.argument})", phrase=one) for one in targets]
-    return (replace(first, phrases=(refine(first.phrases[0], parts), *first.phrases[1:])), *more)
 
 
 @_rule(
@@ -1547,14 +1463,9 @@ def _only(b: Steps, not_: Steps = ()) -> Steps:
     return b
 
 
-@_rule("logical", "NEVER not_:done (COMMA | AND | STOP | EXCEPT | THEN)+ b:done", cost=0.3)
-def _but(b: Steps, not_: Steps) -> Steps:
+@_rule("logical", "(NEVER not_:done | NEITHER _np NOR _np) (COMMA | AND | STOP | EXCEPT | THEN)+ b:done", cost=0.3)
+def _but(b: Steps, not_: Steps = ()) -> Steps:
     """Read "don't go to the sofa, go to the table"."""
-    return b
-
-
-@_rule("logical", "NEITHER _np NOR _np (COMMA | AND | STOP | EXCEPT | THEN)+ b:done", cost=0.3)
-def _neither_but(b: Steps) -> Steps:
     return b
 
 
@@ -1660,15 +1571,6 @@ def _take_one(verb: str, targets: tuple[Phrase, ...], n: int = 0) -> Steps:
     ):
         raise CommandError("")
     return _go_to(targets)
-
-
-@_rule("logical", "EITHER? a:done COMMA? OR b:done", cost=0.5)
-def _either_order(a: Steps, b: Steps) -> Steps:
-    chosen = [step for step in (*a, *b) if isinstance(step, Do)]
-    if len(chosen) != 2 or any(len(step.phrases) != 1 for step in chosen):
-        raise CommandError("which of the two orders is meant was not said")
-    both = united([step.phrases[0] for step in chosen])
-    return (replace(chosen[0], phrases=(both,)),)
 
 
 _words("_forth", "FORWARD distance")

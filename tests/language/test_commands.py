@@ -553,6 +553,19 @@ def test_numbers_that_no_program_may_hold_are_refused_in_a_line(said: str, numbe
             "couch -> chair -> back here",
             'robot.move_to_object("couch")\nrobot.move_to_object("chair")\nrobot.move_to(pose("start"))',
         ),
+        # walls, what is the case if not, and what is only meant by "that"
+        ("the chair farthest from the west wall", 'robot.move_to_object(first(order(things("chair"), "east")))'),
+        (
+            "Is there a piano here? If there isn't, go to the couch",
+            'if not count(search("piano")) > 0:\n    robot.move_to_object("couch")',
+        ),
+        (
+            "go to all the chairs apart from that near the couch",
+            (
+                'for chair in minus(things("chair"), nearest(near(things("chair"), "couch", 3), 1, "couch")):\n'
+                "    robot.move_to_object(chair)"
+            ),
+        ),
         ("go to the third largest room", 'robot.move_to_object(nth(order(rooms(), "large"), 3))'),
         # what is no longer meant
         (

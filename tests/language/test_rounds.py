@@ -10,9 +10,10 @@ CORRIDOR = [5.0, 4.5, 90.0]
 
 
 REACHED = {
-    "round1": (117, 2), "round2": (75, 3), "round3": (72, 3), "round4": (107, 2), "round5": (76, 2), "round6": (38, 0),
+    "round1": (117, 2), "round2": (75, 3), "round3": (72, 3), "round4": (107, 1), "round5": (76, 2), "round6": (38, 0),
     "round7": (26, 0), "round8": (33, 1), "round9": (29, 0),
-    "round10": (22, 0), "round11": (22, 1), "round14": (45, 0), "round16": (43, 1),
+    "round10": (22, 0), "round11": (22, 1), "round14": (45, 0), "round16": (43, 1), "round17": (11, 1),
+    "round18": (10, 1),
 }  # fmt: skip
 """Of the commands on the maps that are shipped: at least so many right, and at most so many wrong but confident.
 
@@ -25,7 +26,7 @@ Rounds 12, 13 and 15 are on none of them.
 def test_what_was_understood_stays_so_and_nobody_sees_a_traceback(path):
     verdicts = judge_round(path)
     shipped = [one for one in json.loads(path.read_text()) if one["map"] in ("cafe", "toy", "toymap")]
-    assert len(verdicts) == len(shipped) >= 20
+    assert len(verdicts) == len(shipped) >= 15
     found = {kind: [one.command["say"] for one in verdicts if one.verdict == kind] for kind in VERDICTS}
     right, wrong = REACHED[path.stem]
     assert found["traceback"] == []
