@@ -4,10 +4,10 @@ VENV := .venv
 BIN := $(VENV)/bin
 READY := $(VENV)/.ready
 DEV_READY := $(VENV)/.ready-dev
-# Two workers: the machines this runs on have two cores; tests of one file share their fixtures, and run in the order
-# of tests/conftest.py.
-WORKERS ?= 2
-IN_WORKERS := -n $(WORKERS) --dist loadfile --no-loadscope-reorder
+# Three workers for two cores, as tests of pages mostly wait; tests of one file share their fixtures, and run in the
+# order of tests/conftest.py.
+WORKERS ?= 3
+IN_WORKERS = -n $(WORKERS) --dist loadfile --no-loadscope-reorder
 # What is imported, and rewritten by pytest, is kept from run to run, also where the environment forbids it.
 test test-fast: export PYTHONDONTWRITEBYTECODE :=
 
@@ -25,8 +25,9 @@ test: $(DEV_READY) chromium
 	@$(BIN)/python -m pytest $(IN_WORKERS)
 
 # For every few minutes: no browser, no processes.
+test-fast: WORKERS := 2
 test-fast: $(DEV_READY)
-	@$(BIN)/python -m pytest $(IN_WORKERS) -m "not browser and not slow"
+	@$(BIN)/python -m pytest $(IN_WORKERS) -m "not browser and not slow" $(addprefix --ignore=tests/,browser docs process)
 
 check: $(DEV_READY)
 	@$(BIN)/ruff check --no-cache .

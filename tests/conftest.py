@@ -1,6 +1,9 @@
 """Settings and fixtures of all tests."""
 
+import gc
 from contextlib import ExitStack
+from itertools import chain, zip_longest
+from pathlib import Path
 
 import pytest
 from hypothesis import HealthCheck, settings
@@ -8,14 +11,14 @@ from hypothesis import HealthCheck, settings
 # How long an example takes says how busy the machine is, not whether the program is right; and a change is judged by
 # the same examples everywhere. Others are drawn by `pytest --hypothesis-profile=others`, and by `apps/fuzz.py`.
 settings.register_profile(
-    "same examples", deadline=None, derandomize=True, suppress_health_check=[HealthCheck.too_slow]
+    "same examples", max_examples=50, deadline=None, derandomize=True, suppress_health_check=[HealthCheck.too_slow]
 )
 settings.register_profile("others", settings.get_profile("same examples"), derandomize=False, max_examples=1000)
 settings.load_profile("same examples")
 
 
 SLOW_FOLDERS = {"docs", "process"}
-BEGUN_FIRST = ("browser", "process", "docs", "live", "viewer")
+BEGUN_FIRST = ("process", "docs", "live", "viewer")
 """The folders whose files take long: begun last, one of them would keep one worker busy and leave the others idle."""
 
 
@@ -23,16 +26,35 @@ BEGUN_FIRST = ("browser", "process", "docs", "live", "viewer")
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     """Mark the tests that are given the browser, by whatever fixture, and those of the folders that start processes.
 
-    What takes long is put first; the files of one folder, and the tests of one file, keep their order.
+    Files that take long come first, in turn one of the browser, which mostly waits, and one of another folder, which
+    computes meanwhile; the tests of one file keep their order.
     """
-    items.sort(
-        key=lambda item: BEGUN_FIRST.index(item.path.parent.name) if item.path.parent.name in BEGUN_FIRST else 99
-    )
+    files: dict[Path, list[pytest.Item]] = {}
+    for item in items:
+        files.setdefault(item.path, []).append(item)
+    drawn = [tests for path, tests in files.items() if path.parent.name == "browser"]
+    others = [tests for path, tests in files.items() if path.parent.name != "browser"]
+    others.sort(key=lambda tests: BEGUN_FIRST.index(name) if (name := tests[0].path.parent.name) in BEGUN_FIRST else 99)
+    items[:] = chain.from_iterable(chain.from_iterable(zip_longest(drawn, others, fillvalue=[])))
     for item in items:
         if "browser" in getattr(item, "fixturenames", ()):
             item.add_marker("browser")
         if item.path.parent.name in SLOW_FOLDERS:
             item.add_marker("slow")
+
+
+def _keep() -> None:
+    """Let garbage be looked for in what comes from now on only: what is imported stays, and is half a million objects.
+
+    A workbench looks for it whenever its last page has closed.
+    """
+    gc.collect()
+    gc.freeze()
+
+
+def pytest_collection_finish() -> None:
+    """See ``_keep``."""
+    _keep()
 
 
 @pytest.hookimpl(hookwrapper=True)
@@ -80,3 +102,5 @@ def pytest_runtest_teardown(item: pytest.Item, nextitem: pytest.Item | None):
         if nextitem is None or (nextitem.path != item.path and nextitem.get_closest_marker("browser") is None):
             _started.clear()
             _chromium.close()
+        if nextitem is not None and nextitem.path != item.path:
+            _keep()

@@ -35,6 +35,7 @@ PATIENCE_S = 60.0
 """How long anything may take to appear: a machine with other work draws pages slowly, and what hangs never appears."""
 expect.set_options(timeout=1000 * PATIENCE_S)
 CHROMIUM = Path("/usr/bin/chromium")
+FEW_PICTURES = Path(__file__).with_name("few_pictures.js")
 ARGUMENTS = [
     "--no-sandbox",
     "--disable-quic",
@@ -145,6 +146,7 @@ def watched_page(browser: Browser, width: int = 1280, height: int = 800, **conte
     """A fresh page; fails at the end when it, or a frame in it, asked for anything outside this machine."""
     opened = browser.new_context(viewport={"width": width, "height": height}, **context)
     opened.set_default_timeout(1000 * PATIENCE_S)
+    opened.add_init_script(path=FEW_PICTURES)
     page = opened.new_page()
     asked = []
     page.on("request", lambda request: asked.append(request.url))

@@ -11,32 +11,15 @@ from pathlib import Path
 import pytest
 from attacks.files import CHECKOUT, user_folders
 from browser import free_port
-from sequences import write_tiny_sequence
 from toy_maps import toy_map
 from waiting import until
 
 from simaps_viz.mapping.file import save_map
 
-MAP, SEQUENCE, PORT = "MAP", "SEQUENCE", "PORT"
-PROGRAMS = {
-    "attack": [MAP, "--only", "requests_that_are_none"],
-    "bench": [SEQUENCE, "--runs", "1"],
-    "bench_building": ["--side", "10", "--frames", "40"],
-    "bench_cluster": [SEQUENCE, "--workers", "1", "--copies", "1"],
-    "fuzz": ["--cases", "30", "--targets", "posed frames"],
-    "kill_builds": ["--sequence", SEQUENCE, "--every", "1", "--kills", "1"],
-    "load": ["--map", MAP, "--clients", "1", "--minutes", "0.01", "--port", PORT],
-    "reference": [],
-}
+MAP, PORT = "MAP", "PORT"
+PROGRAMS = {"attack": [MAP, "--only", "requests_that_are_none"], "reference": []}
 """Programs of apps/ that are run to their end."""
 KILLED = {
-    **{name: PROGRAMS[name] for name in ("attack", "kill_builds", "load")},
-    "bench_live": ["--sequence", SEQUENCE],
-    "bench_networks": [],
-    "bench_page": [],
-    "bench_space": [],
-    "fake_robot": [SEQUENCE, "--port", PORT],
-    "measure_masks": [SEQUENCE],
     "method_figures": [],
     "paper": [],
     "record_build": [],
@@ -44,15 +27,19 @@ KILLED = {
     "workbench": [MAP, "--no-browser", "--port", PORT],
     "demo": ["--no-browser", "--port", PORT],
 }
-"""Programs of apps/, and the demo, that are killed."""
+"""Programs of apps/, and the demo, that write files or serve pages and are killed at it."""
+PRINTING = {
+    "bench", "bench_building", "bench_cluster", "bench_live", "bench_networks", "bench_page", "bench_space",
+    "fake_robot", "fuzz", "kill_builds", "load", "measure_masks",
+}  # fmt: skip
+"""Programs that only print, their files below the system's folder for temporary ones; tests call what they run."""
 
 
 @pytest.fixture(scope="module")
 def given(tmp_path_factory):
     folder = tmp_path_factory.mktemp("given")
-    write_tiny_sequence(folder / "tiny", frames=6)
     save_map(toy_map(), folder / "toy.npz")
-    return {MAP: str(folder / "toy.npz"), SEQUENCE: str(folder / "tiny"), PORT: str(free_port())}
+    return {MAP: str(folder / "toy.npz"), PORT: str(free_port())}
 
 
 def checkout():
@@ -74,7 +61,7 @@ def start(name, options, given):
 
 
 def test_there_is_no_other_program():
-    named = {*PROGRAMS, *KILLED, "render_habitat"} - {"demo"}  # which runs where Habitat is, with tests of its own
+    named = {*PROGRAMS, *KILLED, *PRINTING, "render_habitat"} - {"demo"}  # it runs where Habitat is, with own tests
     assert named == {path.stem for path in (CHECKOUT / "apps").glob("*.py")}
 
 

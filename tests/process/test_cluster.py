@@ -112,7 +112,7 @@ def sharded(draw):
     return draw(st.integers(0, 50)), [[i for i in range(frames) if owner[i] == who] for who in order]
 
 
-@settings(max_examples=10, deadline=None)
+@settings(max_examples=5, deadline=None)
 @given(sharded(), st.sampled_from(METHODS))
 def test_any_sharding_in_any_order_makes_the_map_of_one_process(tmp_path_factory, dealt, method):
     (seed, shards), config = dealt, BuildConfig(method=method)

@@ -49,7 +49,7 @@ def own_clock():
 @pytest.mark.parametrize("name", QUICK)
 def test_damaged_and_hostile_input_is_taken_or_refused(tmp_path, name):
     target = TARGETS[name]
-    count = 60 if target.guided else 12
+    count = 30 if target.guided else 6
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         case = target.prepare(tmp_path)
@@ -143,7 +143,7 @@ STARTS = st.sampled_from(
 
 @pytest.mark.parametrize("name", READ)
 @settings(
-    max_examples=60, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture, HealthCheck.too_slow]
+    max_examples=30, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture, HealthCheck.too_slow]
 )
 @given(start=STARTS, rest=st.binary(max_size=200))
 def test_any_bytes_are_taken_or_refused(tmp_path, name, start, rest):
