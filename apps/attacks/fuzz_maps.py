@@ -17,7 +17,11 @@ from toy_maps import TOY_POSE, toy_map
 from simaps_viz import open_sequence
 from simaps_viz.build.build_log import BuildLog, history_path
 from simaps_viz.build.pipeline import BuildConfig, build_map
-from simaps_viz.mapping.edit_log import (
+from simaps_viz.mapping.edits import delete, merge, relabel
+from simaps_viz.mapping.explain import explain
+from simaps_viz.mapping.file import load_map, save_map
+from simaps_viz.mapping.history import MapHistory
+from simaps_viz.mapping.mending import (
     EditLog,
     EditsFile,
     apply_log,
@@ -28,10 +32,6 @@ from simaps_viz.mapping.edit_log import (
     save_edits,
     to_bytes,
 )
-from simaps_viz.mapping.edits import delete, merge, relabel
-from simaps_viz.mapping.explain import explain
-from simaps_viz.mapping.file import load_map, save_map
-from simaps_viz.mapping.history import MapHistory
 from simaps_viz.mapping.simap import repartition
 from simaps_viz.mapping.steps import MAGIC
 from simaps_viz.navigation.agent import answer

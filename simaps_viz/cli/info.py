@@ -115,7 +115,7 @@ def map_tables(facts: dict[str, Any]) -> "list[Table]":
     """Lay out a map's facts, see `summary`: a table of the map, then one of its instances."""
     from rich.table import Table
 
-    from simaps_viz.mapping.edit_log import people_in_words
+    from simaps_viz.mapping.mending import people_in_words
 
     head = Table(show_header=False, box=None, title=f"{facts['name']}", title_justify="left")
     rows = {

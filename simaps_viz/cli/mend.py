@@ -1,6 +1,5 @@
 """`simaps mend`: edit a map on the command line, list its edits, and save the edited map."""
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -86,23 +85,15 @@ def do(mending: "Mending", simap: "SIMap", text: str, who: str) -> "SIMap":
         InputError: it is not understood, or refused.
     """
     verb, *rest = text.split() or [""]
-    take: dict[str, tuple[str, Callable[..., SIMap]]] = {
-        "merge": ("ii", mending.merge),
-        "split": ("ipp", mending.split),
-        "relabel": ("iw", mending.relabel),
-        "delete": ("i", mending.delete),
-        "rename-room": ("iw", mending.rename_room),
-        "join-rooms": ("ii", mending.join_rooms),
-        "cut-room": ("ipp", mending.cut_room),
-        "undo": ("", mending.undo),
-        "redo": ("", mending.redo),
-    }
+    take = {"merge": "ii", "split": "ipp", "relabel": "iw", "delete": "i", "rename-room": "iw", "join-rooms": "ii",
+            "cut-room": "ipp", "undo": "", "redo": ""}  # fmt: skip
     try:
-        kinds, edit = take[verb.lower()]
-        arguments = _arguments(kinds, rest)
+        arguments = _arguments(take[verb.lower()], rest)
     except (KeyError, ValueError) as error:
         raise InputError(f"edit: expected {FORMS}; found {text!r}") from error
-    return edit(simap, *arguments, who=who) if arguments else edit(simap)
+    if arguments:
+        return mending.do(simap, verb.lower(), *arguments, who=who)
+    return mending.undo(simap) if verb.lower() == "undo" else mending.redo(simap)
 
 
 def _arguments(kinds: str, words: list[str]) -> list[Any]:

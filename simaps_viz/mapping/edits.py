@@ -5,10 +5,10 @@ resolution, while cells stay where they are. "These cells are one object" holds 
 edits can be applied again whatever K, affinity or resolution make of the rest.
 
 An edit is made on the map that a person looks at (`merge`, `split`, `relabel`, `delete`) and applied, with all edits
-before it, to the map as it was built (`apply_edits`). The edits of a map and their file are in `mapping.edit_log`.
+before it, to the map as it was built (`apply_edits`). The edits of a map and their file are in `mapping.mending`.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -66,143 +66,62 @@ class Region:
 
 
 @dataclass(frozen=True)
-class Merge:
-    """These cells are one object."""
+class Edit:
+    """What a person decided about some cells, as one of `MAKERS`."""
 
-    objects: tuple[int, int]
-    """The ids they had when the edit was made; only for descriptions."""
-    was: tuple[str, str]
-    """Their classes."""
-    label: str
-    """Class of the one object: that of the first."""
+    kind: str
+    """Merge: these cells are one object. Split: they are two, one on each side of a line. Relabel: they are one object
+    of another class, or none when that is uncountable (wall). Delete: they are no object and have no class, and still
+    block a robot. Of rooms, which are those that have most of these cells: rename-room, join-rooms, cut-room."""
+    ids: tuple[int, ...]
+    """The ids of the objects or rooms when the edit was made; only for descriptions."""
+    was: tuple[str, ...]
+    """Their classes, or the rooms' names."""
     region: Region
-
-
-@dataclass(frozen=True)
-class Split:
-    """These cells are two objects, one on each side of a line."""
-
-    object: int
-    """The id it had when the edit was made; only for descriptions."""
-    label: str
-    region: Region
-    line_m: tuple[Point, Point]
-    """Two points of the straight line, which extends beyond both. A cell whose centre is on it belongs to the right."""
+    label: str = ""
+    """The class or name that they have now; empty for those that name none."""
+    line_m: tuple[Point, Point] | None = None
+    """Two points of the straight line of a cut, which extends beyond both. A cell whose centre is on it belongs to the
+    right."""
 
     @property
-    def was(self) -> tuple[str]:
-        """Class of the cells."""
-        return (self.label,)
+    def of_room(self) -> bool:
+        """Whether it is about rooms, not objects."""
+        return self.kind.endswith(("-room", "-rooms"))
 
 
-@dataclass(frozen=True)
-class Relabel:
-    """These cells are one object, of another class; no object when the class is uncountable (wall)."""
-
-    object: int
-    """The id it had when the edit was made; only for descriptions."""
-    was: tuple[str]
-    """Class it had."""
-    label: str
-    region: Region
-
-
-@dataclass(frozen=True)
-class Delete:
-    """These cells are no object and have no class; they still block a robot."""
-
-    object: int
-    """The id it had when the edit was made; only for descriptions."""
-    was: tuple[str]
-    """Class it had."""
-    region: Region
-
-
-@dataclass(frozen=True)
-class RenameRoom:
-    """The room that has most of these cells is called so."""
-
-    room: int
-    """The id it had when the edit was made; only for descriptions."""
-    was: tuple[str]
-    """Its name until then."""
-    label: str
-    """Its new name."""
-    region: Region
-
-
-@dataclass(frozen=True)
-class JoinRooms:
-    """The rooms that have most of their cells here are one room."""
-
-    rooms: tuple[int, int]
-    """The ids they had when the edit was made; only for descriptions."""
-    was: tuple[str, str]
-    """Their names."""
-    region: Region
-
-
-@dataclass(frozen=True)
-class CutRoom:
-    """The room that has most of these cells is two rooms, one on each side of a line."""
-
-    room: int
-    """The id it had when the edit was made; only for descriptions."""
-    was: tuple[str]
-    """Its name."""
-    region: Region
-    line_m: tuple[Point, Point]
-    """Two points of the straight line, which extends beyond both."""
-
-
-RoomEdit = RenameRoom | JoinRooms | CutRoom
-Edit = Merge | Split | Relabel | Delete | RoomEdit
+TWO, CUTS, LABELLED = ("merge", "join-rooms"), ("split", "cut-room"), ("merge", "relabel", "rename-room")
+"""The kinds that join two objects or rooms, those that cut one, and those that name what comes of it."""
 
 
 def describe_by_id(edit: Edit) -> str:
     """Describe an edit by the ids that its objects had: "joined chair #3 and chair #4"."""
-    if isinstance(edit, RoomEdit):  # whose names are unlike
+    if edit.of_room:  # whose names are unlike
         return _describe(edit, [f"the {name.removeprefix('the ')}" for name in edit.was])
-    return _describe(edit, [f"{label} #{i}" for label, i in zip(edit.was, _ids(edit), strict=True)])
+    return _describe(edit, [f"{label} #{i}" for label, i in zip(edit.was, edit.ids, strict=True)])
 
 
 def describe_by_number(edit: Edit, simap: SIMap) -> str:
     """Describe an edit of the map it was made on as the page numbers objects: "joined chair 2 and chair 3"."""
-    if isinstance(edit, RoomEdit):
-        return describe_by_id(edit)
-    return _describe(edit, [simap.by_id(i).name for i in _ids(edit)])
+    return describe_by_id(edit) if edit.of_room else _describe(edit, [simap.by_id(i).name for i in edit.ids])
 
 
 def describe_by_class(edit: Edit) -> str:
     """Describe an edit where the map it was made on is not at hand, by classes alone: "took one away: chair"."""
     label = " and ".join(dict.fromkeys(edit.was))
-    match edit:
-        case Merge():
-            return f"joined two objects: {label}"
-        case Split():
-            return f"cut one in two: {label}"
-        case Relabel():
-            return f"{label} is called {edit.label}"
-        case Delete():
-            return f"took one away: {label}"
-        case _:
-            return describe_by_id(edit)
+    plain = {
+        "merge": f"joined two objects: {label}", "split": f"cut one in two: {label}",
+        "relabel": f"{label} is called {edit.label}", "delete": f"took one away: {label}",
+    }  # fmt: skip
+    return plain.get(edit.kind) or describe_by_id(edit)
 
 
 def _describe(edit: Edit, names: Sequence[str]) -> str:
-    match edit:
-        case Merge() | JoinRooms():
-            return f"joined {names[0]} and {names[1]}"
-        case Split() | CutRoom():
-            return f"cut {names[0]} in two"
-        case Relabel() | RenameRoom():
-            return f"{names[0]} is called {edit.label}"
-        case Delete():
-            return f"took away {names[0]}"
-
-
-def _ids(edit: Merge | Split | Relabel | Delete) -> tuple[int, ...]:
-    return edit.objects if isinstance(edit, Merge) else (edit.object,)
+    if edit.kind in TWO:
+        return f"joined {names[0]} and {names[1]}"
+    if edit.kind in CUTS:
+        return f"cut {names[0]} in two"
+    return f"{names[0]} is called {edit.label}" if edit.label else f"took away {names[0]}"
 
 
 def _shown(simap: SIMap, instance_id: int) -> Instance:
@@ -216,7 +135,7 @@ def _shown(simap: SIMap, instance_id: int) -> Instance:
     return one
 
 
-def merge(simap: SIMap, first_id: int, second_id: int) -> Merge:
+def merge(simap: SIMap, first_id: int, second_id: int) -> Edit:
     """Join two objects; the class is that of the first.
 
     Raises:
@@ -229,10 +148,10 @@ def merge(simap: SIMap, first_id: int, second_id: int) -> Merge:
             "That is the same object. Choose another one.",
         )
     both = np.flatnonzero(np.isin(simap.instance, (first.id, second.id)))
-    return Merge((first.id, second.id), (first.label, second.label), first.label, Region.of(both))
+    return Edit("merge", (first.id, second.id), (first.label, second.label), Region.of(both), first.label)
 
 
-def split(simap: SIMap, instance_id: int, start_m: Point, end_m: Point) -> Split:
+def split(simap: SIMap, instance_id: int, start_m: Point, end_m: Point) -> Edit:
     """Cut an object along the straight line through two points, map frame, metres.
 
     Raises:
@@ -247,10 +166,10 @@ def split(simap: SIMap, instance_id: int, start_m: Point, end_m: Point) -> Split
         )
     cells = _cells(simap, one.id)
     check_sides(sides(simap.spec, cells, line), f"{one.label} #{one.id}", min_cells(simap), one.name)
-    return Split(one.id, one.label, Region.of(cells), line)
+    return Edit("split", (one.id,), (one.label,), Region.of(cells), one.label, line)
 
 
-def relabel(simap: SIMap, instance_id: int, label: str) -> Relabel:
+def relabel(simap: SIMap, instance_id: int, label: str) -> Edit:
     """Change the class of an object to one of the map, in whatever case, or to a new one.
 
     Raises:
@@ -263,20 +182,20 @@ def relabel(simap: SIMap, instance_id: int, label: str) -> Relabel:
             f"class: expected another one than {name} for #{one.id}, which is called so already",
             f"It is called {name} already. Choose another class.",
         )
-    return Relabel(one.id, (one.label,), name, Region.of(_cells(simap, one.id)))
+    return Edit("relabel", (one.id,), (one.label,), Region.of(_cells(simap, one.id)), name)
 
 
-def delete(simap: SIMap, instance_id: int) -> Delete:
+def delete(simap: SIMap, instance_id: int) -> Edit:
     """Take an object away.
 
     Raises:
         InputError: it is not on the map.
     """
     one = _shown(simap, instance_id)
-    return Delete(one.id, (one.label,), Region.of(_cells(simap, one.id)))
+    return Edit("delete", (one.id,), (one.label,), Region.of(_cells(simap, one.id)))
 
 
-def rename_room(simap: SIMap, room_id: int, name: str) -> RenameRoom:
+def rename_room(simap: SIMap, room_id: int, name: str) -> Edit:
     """Name a room as a person does.
 
     Raises:
@@ -292,10 +211,10 @@ def rename_room(simap: SIMap, room_id: int, name: str) -> RenameRoom:
         raise EditRefused(
             f"room: expected a name that no room has, found {wanted!r}", f"There is a room called {wanted} already."
         )
-    return RenameRoom(room.id, (room.name,), wanted, _region_of(simap, room.id))
+    return Edit("rename-room", (room.id,), (room.name,), _region_of(simap, room.id), wanted)
 
 
-def join_rooms(simap: SIMap, first_id: int, second_id: int) -> JoinRooms:
+def join_rooms(simap: SIMap, first_id: int, second_id: int) -> Edit:
     """Join two rooms; the larger one keeps its id and its name.
 
     Raises:
@@ -306,10 +225,11 @@ def join_rooms(simap: SIMap, first_id: int, second_id: int) -> JoinRooms:
         raise EditRefused(
             f"rooms: expected two rooms, found room {first.id} twice", "That is the same room. Choose another one."
         )
-    return JoinRooms((first.id, second.id), (first.name, second.name), _region_of(simap, first.id, second.id))
+    region = _region_of(simap, first.id, second.id)
+    return Edit("join-rooms", (first.id, second.id), (first.name, second.name), region)
 
 
-def cut_room(simap: SIMap, room_id: int, start_m: Point, end_m: Point) -> CutRoom:
+def cut_room(simap: SIMap, room_id: int, start_m: Point, end_m: Point) -> Edit:
     """Cut a room along the straight line through two points, map frame, metres; the larger part keeps id and name.
 
     Raises:
@@ -323,7 +243,14 @@ def cut_room(simap: SIMap, room_id: int, start_m: Point, end_m: Point) -> CutRoo
         )
     region = _region_of(simap, room.id)
     check_sides(sides(simap.spec, region.cells(), line), f"room {room.id}", 1, f"the {room.name}")
-    return CutRoom(room.id, (room.name,), region, line)
+    return Edit("cut-room", (room.id,), (room.name,), region, line_m=line)
+
+
+MAKERS: dict[str, Callable[..., Edit]] = {
+    "merge": merge, "split": split, "relabel": relabel, "delete": delete,
+    "rename-room": rename_room, "join-rooms": join_rooms, "cut-room": cut_room,
+}  # fmt: skip
+"""What makes an edit of each kind, from the map that is shown and what the kind asks for."""
 
 
 def _room(simap: SIMap, room_id: int) -> Room:
@@ -437,7 +364,7 @@ def apply_edits(simap: SIMap, edits: Sequence[Edit]) -> Edited:
         except InputError as error:
             refused.append((i, str(error)))
     failed = {i for i, _ in refused}
-    of_rooms = {isinstance(edit, RoomEdit) for i, edit in enumerate(edits) if i not in failed}
+    of_rooms = {edit.of_room for i, edit in enumerate(edits) if i not in failed}
     finished = _finish(simap, base, draft) if False in of_rooms else simap
     if True in of_rooms:
         finished = replace(finished, room=draft.room.reshape(simap.spec.shape), room_names=draft.room_names)
@@ -563,28 +490,26 @@ class _Draft:
 
     def apply(self, edit: Edit) -> None:
         """Apply one edit, or raise InputError and change nothing."""
-        if isinstance(edit, RoomEdit):
+        if edit.of_room:
             self._apply_to_rooms(edit)
             return
         cells = self._cells_of(edit)
-        if isinstance(edit, Split):
+        if edit.line_m is not None:
             both = sides(self.spec, cells, edit.line_m)
-            check_sides(both, f"{edit.label} #{edit.object}", self.least)
+            check_sides(both, f"{edit.label} #{edit.ids[0]}", self.least)
             self.claim(both, edit.label)
-        elif isinstance(edit, Merge | Relabel):
-            self.claim([cells], edit.label)
-        elif isinstance(edit, Delete):
-            self.claim([cells], self.labels[0])
+        else:
+            self.claim([cells], edit.label or self.labels[0])
 
-    def _apply_to_rooms(self, edit: RoomEdit) -> None:
+    def _apply_to_rooms(self, edit: Edit) -> None:
         region = edit.region.cells()
         count = np.bincount(self.room[region], minlength=int(self.room.max(initial=0)) + 1)
         if not 2 * int(count[1:].sum()) >= max(len(region), 1):
             raise InputError(f"{describe_by_id(edit)}: no longer makes sense: most of its cells are in no room now")
         largest = 1 + int(count[1:].argmax())
-        if isinstance(edit, RenameRoom):
+        if edit.label:
             self.room_names[largest] = edit.label
-        elif isinstance(edit, JoinRooms):
+        elif edit.line_m is None:
             mostly = 2 * count >= np.maximum(np.bincount(self.room, minlength=len(count)), 1)
             joined = [i for i in np.flatnonzero(mostly).tolist() if i > 0]
             if len(joined) < 2:

@@ -1,39 +1,351 @@
-"""Editing a map that people look at: edits are made, undone, saved beside the map, and applied when it is opened."""
+"""Editing a map that people look at: edits are made, undone, saved beside the map, and applied when it is opened.
 
+Who made an edit and when is kept, and which were undone. An edits file is JSON of format ``simap-edits/1``, named
+MAP.edits.json. It names the map by a fingerprint of its grid, as its cells mean nothing on another one.
+"""
+
+import hashlib
+import json
 import threading
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from dataclasses import asdict, dataclass, replace
+from datetime import UTC, datetime
 from pathlib import Path
+from typing import Any
+
+import numpy as np
 
 from simaps_viz.errors import InputError
-from simaps_viz.mapping.edit_log import (
-    EditLog,
-    EditsFile,
-    Entry,
-    apply_log,
-    edits_path,
-    fingerprint,
-    moved_to,
-    read_edits,
-    save_edits,
-)
+from simaps_viz.io.files import write_whole
+from simaps_viz.io.limits import MAX_EDITS_BYTES, check_cells, read_bytes
 from simaps_viz.mapping.edits import (
+    CUTS,
+    LABELLED,
+    MAKERS,
+    MAX_LABEL_LENGTH,
+    TWO,
     Edit,
+    Edited,
+    EditRefused,
     Point,
-    cut_room,
-    delete,
+    Region,
+    apply_edits,
     describe_by_class,
+    describe_by_id,
     describe_by_number,
-    join_rooms,
-    merge,
-    relabel,
-    rename_room,
-    split,
-)  # fmt: skip
+)
 from simaps_viz.mapping.file import load_map
 from simaps_viz.mapping.methods import method_of
 from simaps_viz.mapping.simap import recommunity, repartition
-from simaps_viz.structures import SIMap
+from simaps_viz.structures import GridSpec, SIMap
+
+FORMAT = "simap-edits/1"
+MAX_NAME_LENGTH = 80
+"""Characters of a person's name."""
+
+
+@dataclass(frozen=True)
+class Entry:
+    """One edit, signed and dated."""
+
+    edit: Edit
+    who: str
+    when: str
+    """ISO 8601, UTC, whole seconds: 2026-11-21T19:30:00Z."""
+
+    def to_json(self) -> dict[str, str]:
+        """Return who did what, when."""
+        return {"who": self.who, "when": self.when, "what": describe_by_id(self.edit)}
+
+
+@dataclass(frozen=True)
+class EditLog:
+    """The edits of a map in the order they were made, whoever made them; every change returns a new log."""
+
+    entries: tuple[Entry, ...] = ()
+    undone: tuple[Entry, ...] = ()
+    """Those that `redo` makes again, the next one last."""
+
+    def add(self, edit: Edit, *, who: str, when: str | None = None) -> "EditLog":
+        """Return the log with one more edit; edits that were undone can no longer be redone.
+
+        Raises:
+            InputError: the name of the person is empty, too long or not printable.
+        """
+        return EditLog((*self.entries, Entry(edit, signature(who), when or now())))
+
+    def undo(self) -> "EditLog":
+        """Return the log without its last edit.
+
+        Raises:
+            InputError: it has none.
+        """
+        if not self.entries:
+            raise EditRefused("undo: expected an edit to take back, found none", "There is nothing to undo.")
+        return EditLog(self.entries[:-1], (*self.undone, self.entries[-1]))
+
+    def redo(self) -> "EditLog":
+        """Return the log with the edit that was undone last.
+
+        Raises:
+            InputError: there is none.
+        """
+        if not self.undone:
+            raise EditRefused("redo: expected an edit that was taken back, found none", "There is nothing to redo.")
+        return EditLog((*self.entries, self.undone[-1]), self.undone[:-1])
+
+
+def apply_log(simap: SIMap, log: EditLog) -> Edited:
+    """Apply the edits of a log to a map that has none yet.
+
+    The provenance of the edited map lists under ``edits`` who did what, when, and the ids of the resulting instances.
+    """
+    edited = apply_edits(simap, [entry.edit for entry in log.entries])
+    if edited.simap is simap:
+        return edited
+    refused = {i for i, _ in edited.refused}
+    instance = edited.simap.instance.reshape(-1)
+    applied = []
+    for i, entry in enumerate(log.entries):
+        if i not in refused:
+            ids = np.unique(instance[entry.edit.region.cells()]) if not entry.edit.of_room else np.zeros(0, np.int32)
+            applied.append({**entry.to_json(), "instances": ids[ids > 0].tolist()})
+    edits = [*simap.provenance.get("edits", []), *applied]
+    return replace(edited, simap=replace(edited.simap, provenance={**simap.provenance, "edits": edits}))
+
+
+def edits_of(simap: SIMap, instance_id: int) -> list[dict[str, Any]]:
+    """Return the edits that made an instance what it is, as in the provenance; none where nobody edited it."""
+    return [edit for edit in simap.provenance.get("edits", []) if instance_id in edit.get("instances", [])]
+
+
+def people_in_words(edits: Iterable[Mapping[str, Any]]) -> str:
+    """Return how many edits there are and by whom, "3 edits: 2 by Ann, 1 by Bo"; empty when there are none."""
+    names = [str(edit.get("who")) for edit in edits]
+    if not names:
+        return ""
+    each = sorted(set(names), key=lambda name: (-names.count(name), name))
+    count = f"{len(names)} edit{'s' if len(names) > 1 else ''}"
+    return f"{count}: {', '.join(f'{names.count(name)} by {name}' for name in each)}"
+
+
+def signature(who: str) -> str:
+    """Return a person's name with single spaces; raises InputError unless it is one."""
+    name = " ".join(who.split())
+    if not name or len(name) > MAX_NAME_LENGTH or not name.isprintable():
+        raise EditRefused(
+            f"name: expected who makes the edit, in 1 to {MAX_NAME_LENGTH} characters, found {who[:90]!r}",
+            f"Write your name below, in 1 to {MAX_NAME_LENGTH} characters: edits are signed with it.",
+        )
+    return name
+
+
+def now() -> str:
+    """Return the current time, ISO 8601, UTC, whole seconds."""
+    return datetime.now(UTC).strftime("%Y-%m-%dT%H:%M:%SZ")
+
+
+@dataclass(frozen=True)
+class EditsFile:
+    """The contents of an edits file."""
+
+    fingerprint: str
+    """Of the map whose cells the edits name, see `fingerprint`."""
+    spec: GridSpec
+    """The grid of that map."""
+    log: EditLog
+
+
+def edits_path(map_path: Path) -> Path:
+    """Return the path of the edits of a map file: cafe.npz -> cafe.edits.json."""
+    return Path(map_path).with_suffix(".edits.json")
+
+
+def fingerprint(simap: SIMap) -> str:
+    """Return a hash of the map's grid, classes and heights, 32 hexadecimal digits."""
+    grid = simap.grid
+    digest = hashlib.blake2b(json.dumps([asdict(grid.spec), grid.labels]).encode(), digest_size=16)
+    for array in (grid.label, grid.height_m):
+        digest.update(np.ascontiguousarray(array).data)
+    return digest.hexdigest()
+
+
+def to_bytes(contents: EditsFile, map_name: str) -> bytes:
+    """Return the contents of an edits file as bytes."""
+    record = {
+        "format": FORMAT,
+        "map": {"file": map_name, "fingerprint": contents.fingerprint, "grid": asdict(contents.spec)},
+        "edits": [_entry_json(entry) for entry in contents.log.entries],
+        "undone": [_entry_json(entry) for entry in contents.log.undone],
+    }
+    return (json.dumps(record, ensure_ascii=False, indent=1) + "\n").encode()
+
+
+def save_edits(path: Path, contents: EditsFile, map_name: str) -> bytes:
+    """Write an edits file and return its bytes; an earlier file is replaced once the new one is complete on disk.
+
+    Raises:
+        InputError: it cannot be written; an earlier one is left as it was.
+    """
+    data = to_bytes(contents, map_name)
+    write_whole(path, data, "the edits")
+    return data
+
+
+def read_edits(path: Path) -> tuple[EditsFile, bytes]:
+    """Return the contents of an edits file, and its bytes.
+
+    Raises:
+        InputError: it is missing, damaged, or no ``simap-edits/1`` file.
+    """
+    path = Path(path)
+    data = read_bytes(path, MAX_EDITS_BYTES, "a file of edits")
+    try:
+        record = json.loads(data.decode())
+    except (ValueError, RecursionError) as error:
+        raise InputError(f"{path}: expected a complete {FORMAT} file, found damaged JSON ({error})") from error
+    try:
+        return _contents(record), data
+    except InputError as error:
+        raise InputError(f"{path}: {error}") from error
+    except (KeyError, TypeError, ValueError, AttributeError, OverflowError) as error:
+        why = ascii(error)[:200]
+        raise InputError(f"{path}: expected a complete {FORMAT} file, found otherwise ({why})") from error
+
+
+def moved_to(contents: EditsFile, simap: SIMap) -> EditsFile:
+    """Move edits to another grid by position: a cell becomes the cell that holds its centre, if there is one.
+
+    Raises:
+        InputError: the cells of the other grid have another size.
+    """
+    old, new = contents.spec, simap.spec
+    if abs(old.cell_size_m - new.cell_size_m) > 1e-9:
+        raise InputError(
+            f"edits: expected a map with cells of {old.cell_size_m:g} m, found one with {new.cell_size_m:g} m"
+        )
+
+    def move(entry: Entry) -> Entry:
+        return replace(entry, edit=replace(entry.edit, region=_moved(entry.edit.region, old, new)))
+
+    log = EditLog(tuple(map(move, contents.log.entries)), tuple(map(move, contents.log.undone)))
+    return EditsFile(fingerprint(simap), new, log)
+
+
+def _moved(region: Region, old: GridSpec, new: GridSpec) -> Region:
+    row, col = np.divmod(region.cells(), old.cols)
+    s = new.cell_size_m
+    row = np.floor((old.y0_m - new.y0_m) / s + row + 0.5 + 1e-6).astype(np.int64)
+    col = np.floor((old.x0_m - new.x0_m) / s + col + 0.5 + 1e-6).astype(np.int64)
+    inside = (row >= 0) & (row < new.rows) & (col >= 0) & (col < new.cols)
+    return Region.of(np.unique(row[inside] * new.cols + col[inside]))
+
+
+def _entry_json(entry: Entry) -> dict[str, Any]:
+    edit = entry.edit
+    record = {"who": entry.who, "when": entry.when, "do": edit.kind}
+    record |= {_ids_name(edit.kind): edit.ids if edit.kind in TWO else edit.ids[0], "was": edit.was}
+    record |= {name: value for name in ("label", "line_m") if (value := getattr(edit, name))}
+    return record | {"cells": edit.region.runs}
+
+
+def _ids_name(kind: str) -> str:
+    """Return what an edit of a kind calls its ids in the file."""
+    return {"merge": "objects", "join-rooms": "rooms"}.get(kind, "room" if kind.endswith("-room") else "object")
+
+
+def _contents(record: Any) -> EditsFile:
+    if not isinstance(record, dict) or record.get("format") != FORMAT:
+        found = record.get("format") if isinstance(record, dict) else type(record).__name__
+        raise InputError(f"expected format {FORMAT}, found {found!r}")
+    where = record["map"]
+    grid = where["grid"]
+    spec = GridSpec(
+        _integer(grid["rows"]), _integer(grid["cols"]),
+        *(_number(grid[name]) for name in ("cell_size_m", "x0_m", "y0_m")),
+    )  # fmt: skip
+    check_cells("grid", spec.rows, spec.cols)
+    if spec.rows < 1 or spec.cols < 1 or not spec.cell_size_m > 0.0:
+        raise InputError(f"expected a grid with cells, found {spec.rows} x {spec.cols} of {spec.cell_size_m:g} m")
+    log = EditLog(*(_entries(record[name], name, spec) for name in ("edits", "undone")))
+    return EditsFile(_text(where["fingerprint"]), spec, log)
+
+
+def _entries(records: Any, name: str, spec: GridSpec) -> tuple[Entry, ...]:
+    if not isinstance(records, list):
+        raise InputError(f"{name}: expected a list, found {type(records).__name__}")
+    return tuple(_entry(record, f"{name}[{i}]", spec) for i, record in enumerate(records))
+
+
+def _entry(record: Any, name: str, spec: GridSpec) -> Entry:
+    try:
+        when = _text(record["when"])
+        datetime.strptime(when, "%Y-%m-%dT%H:%M:%SZ")
+        kind = _text(record["do"])
+        if kind not in MAKERS:
+            raise InputError(f"do: expected one of {', '.join(MAKERS)}, found {kind!r}")
+        return Entry(_edit(kind, record, _region(record["cells"], spec)), signature(_text(record["who"])), when)
+    except InputError as error:
+        raise InputError(f"{name}: {error}") from error
+    except (KeyError, TypeError, ValueError) as error:
+        raise InputError(f"{name}: expected a complete edit, found otherwise ({error!r})") from error
+
+
+def _region(records: Any, spec: GridSpec) -> Region:
+    runs = tuple((_integer(first), _integer(length)) for first, length in records)
+    end = -1
+    for first, length in runs:
+        if first <= end or length < 1 or first + length > spec.rows * spec.cols:
+            raise InputError(f"cells: expected ascending runs on the grid, found {[first, length]}")
+        end = first + length
+    return Region(runs)
+
+
+def _edit(kind: str, record: Mapping[str, Any], region: Region) -> Edit:
+    was = tuple(map(_class, record["was"] if "was" in record else [record["label"]]))
+    ids = record[_ids_name(kind)]
+    ids = tuple(map(_integer, ids if kind in TWO else [ids]))
+    if not len(ids) == len(was) == 1 + (kind in TWO):
+        raise InputError(f"expected {1 + (kind in TWO)} of ids and of classes, found {len(ids)} and {len(was)}")
+    label = was[0] if kind == "split" else _class(record["label"]) if kind in LABELLED else ""
+    line = None
+    if kind in CUTS:
+        start, end = (_point(point) for point in record["line_m"])
+        if start == end:
+            raise InputError("line_m: expected two different points, found the same twice")
+        line = (start, end)
+    return Edit(kind, ids, was, region, label, line)
+
+
+def _point(values: Sequence[Any]) -> Point:
+    x, y = values
+    return _number(x), _number(y)
+
+
+def _integer(value: Any) -> int:
+    if not isinstance(value, int) or isinstance(value, bool):
+        raise InputError(f"expected a whole number, found {value!r}")
+    return value
+
+
+def _number(value: Any) -> float:
+    if not isinstance(value, int | float) or isinstance(value, bool) or not np.isfinite(value):
+        raise InputError(f"expected a number, found {value!r}")
+    return float(value)
+
+
+def _text(value: Any) -> str:
+    if not isinstance(value, str) or not value.isprintable():
+        raise InputError(f"expected text, found {value!r:.90}")
+    return value
+
+
+def _class(value: Any) -> str:
+    text = _text(value)
+    if not text or len(text) > 2 * MAX_LABEL_LENGTH or text == "none" or not text.isprintable():
+        raise InputError(f"expected the name of a class, found {text[:90]!r}")
+    return text
 
 
 class Mending:
@@ -95,33 +407,19 @@ class Mending:
         """Return whether a map is this one, with whatever edits and parameters."""
         return simap.grid.height_m is self.original.grid.height_m and simap.spec == self.original.spec
 
-    def merge(self, simap: SIMap, first_id: int, second_id: int, *, who: str) -> SIMap:
-        """Join two objects of the map that is shown; see `edits.merge`."""
-        return self._do(simap, lambda: merge(simap, first_id, second_id), who)
+    def do(self, simap: SIMap, kind: str, *arguments: Any, who: str) -> SIMap:
+        """Make an edit of the map that is shown: `edits.MAKERS` names its kinds, and what each asks for.
 
-    def split(self, simap: SIMap, instance_id: int, start_m: Point, end_m: Point, *, who: str) -> SIMap:
-        """Cut an object of the map that is shown; see `edits.split`."""
-        return self._do(simap, lambda: split(simap, instance_id, start_m, end_m), who)
-
-    def relabel(self, simap: SIMap, instance_id: int, label: str, *, who: str) -> SIMap:
-        """Change the class of an object of the map that is shown; see `edits.relabel`."""
-        return self._do(simap, lambda: relabel(simap, instance_id, label), who)
-
-    def delete(self, simap: SIMap, instance_id: int, *, who: str) -> SIMap:
-        """Take away an object of the map that is shown; see `edits.delete`."""
-        return self._do(simap, lambda: delete(simap, instance_id), who)
-
-    def rename_room(self, simap: SIMap, room_id: int, name: str, *, who: str) -> SIMap:
-        """Name a room of the map that is shown; see `edits.rename_room`."""
-        return self._do(simap, lambda: rename_room(simap, room_id, name), who)
-
-    def join_rooms(self, simap: SIMap, first_id: int, second_id: int, *, who: str) -> SIMap:
-        """Join two rooms of the map that is shown; see `edits.join_rooms`."""
-        return self._do(simap, lambda: join_rooms(simap, first_id, second_id), who)
-
-    def cut_room(self, simap: SIMap, room_id: int, start_m: Point, end_m: Point, *, who: str) -> SIMap:
-        """Cut a room of the map that is shown; see `edits.cut_room`."""
-        return self._do(simap, lambda: cut_room(simap, room_id, start_m, end_m), who)
+        Raises:
+            InputError: the edit is refused, or cannot be saved; nothing is changed.
+        """
+        with self._lock:
+            self._check(simap)
+            edit = MAKERS[kind](simap, *arguments)
+            log = self._log.add(edit, who=who)
+            changed = self._change(simap, log)
+            self._descriptions[log.entries[-1]] = describe_by_number(edit, simap)
+            return changed
 
     def undo(self, simap: SIMap) -> SIMap:
         """Undo the last edit, whoever made it.
@@ -179,15 +477,6 @@ class Mending:
         value = {"k_percent": k_percent} if affinity is None else {"affinity": affinity}
         with self._lock:
             return apply_log(self._base_at(resolution, value), self._log).simap
-
-    def _do(self, simap: SIMap, make: Callable[[], Edit], who: str) -> SIMap:
-        with self._lock:
-            self._check(simap)
-            edit = make()
-            log = self._log.add(edit, who=who)
-            changed = self._change(simap, log)
-            self._descriptions[log.entries[-1]] = describe_by_number(edit, simap)
-            return changed
 
     def _change(self, simap: SIMap, log: EditLog) -> SIMap:
         """Save a log, and return the map that is shown with its edits."""

@@ -35,7 +35,7 @@ def test_edits_of_an_earlier_build_cost_no_map(tmp_path):
     output = tmp_path / "m.npz"
     save_map(toy_map(), output)
     mending = open_mending(output)
-    mending.delete(mending.simap(), 9, who="Ann")
+    mending.do(mending.simap(), "delete", 9, who="Ann")
     state, shown, panels = watched(held_sequence(tmp_path / "tiny", FRAMES, held_from=FRAMES), settings(output))
     assert state.status == "done" and state.error == ""
     assert "Saved as" in state.notice and "found edits of another build" in state.notice and "--adopt" in state.notice

@@ -10,9 +10,8 @@ from simaps_viz.app.workbench import login, mending_panels
 from simaps_viz.cli.main import main
 from simaps_viz.cli.mend import do
 from simaps_viz.errors import InputError
-from simaps_viz.mapping.edit_log import edits_path
 from simaps_viz.mapping.file import load_map, save_map
-from simaps_viz.mapping.mending import load_mended, open_mending
+from simaps_viz.mapping.mending import edits_path, load_mended, open_mending
 
 
 @pytest.fixture
@@ -135,8 +134,10 @@ def test_edits_of_another_build_are_adopted(toy_file, capsys):
 
 def test_the_page_gets_what_it_needs(toy_file):
     mending = open_mending(toy_file)
-    simap = mending.delete(mending.merge(mending.simap(), 3, 4, who="Ann"), 9, who="Bo")
-    simap = mending.relabel(mending.split(simap, 8, (3.6, 0.0), (3.6, 1.0), who="Ann"), 5, "piano", who="Bo")
+    simap = mending.do(mending.do(mending.simap(), "merge", 3, 4, who="Ann"), "delete", 9, who="Bo")
+    simap = mending.do(
+        mending.do(simap, "split", 8, (3.6, 0.0), (3.6, 1.0), who="Ann"), "relabel", 5, "piano", who="Bo"
+    )
     assert [entry.who for entry in mending.log.entries] == ["Ann", "Bo", "Ann", "Bo"]
     assert mending.log.undone == () and mending.saved and mending.covers(simap) and mending.refused() == ()
     assert mending.redo(mending.undo(simap)).instances == simap.instances

@@ -5,7 +5,7 @@ from dataclasses import replace
 from toy_maps import TOY_SPEC, TOY_THINGS, TOY_WALLS, map_of_boxes, toy_map
 
 from simaps_viz.mapping import edits
-from simaps_viz.mapping.edit_log import EditLog
+from simaps_viz.mapping.mending import EditLog
 
 TOY = toy_map()
 WHEN = "2026-11-21T19:30:00Z"

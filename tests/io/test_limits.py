@@ -29,8 +29,8 @@ from simaps_viz.io import limits
 from simaps_viz.io.arrays import read_npy
 from simaps_viz.mapping.accumulator import MapAccumulator, ProjectionSettings
 from simaps_viz.mapping.config import BuildConfig, config_from_json
-from simaps_viz.mapping.edit_log import read_edits
 from simaps_viz.mapping.file import load_map, save_map
+from simaps_viz.mapping.mending import read_edits
 from simaps_viz.segmentation.coco_panoptic import read_coco_panoptic
 from simaps_viz.segmentation.session import Session
 

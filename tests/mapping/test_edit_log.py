@@ -12,20 +12,21 @@ from toy_maps import toy_map
 
 from simaps_viz.errors import InputError
 from simaps_viz.mapping import edits
-from simaps_viz.mapping.edit_log import (
+from simaps_viz.mapping.file import save_map
+from simaps_viz.mapping.mending import (
     EditLog,
     EditsFile,
     apply_log,
     edits_of,
     edits_path,
     fingerprint,
+    load_mended,
     moved_to,
+    open_mending,
     people_in_words,
     read_edits,
     save_edits,
 )
-from simaps_viz.mapping.file import save_map
-from simaps_viz.mapping.mending import load_mended, open_mending
 
 QUICK = settings(
     max_examples=25,
@@ -119,7 +120,7 @@ def test_what_is_read_back_is_what_was_written(data, tmp_path_factory):
 
 def test_the_file_can_be_read_by_a_person(toy_file):
     mending = open_mending(toy_file)
-    mending.merge(mending.simap(), 3, 4, who="Ann")
+    mending.do(mending.simap(), "merge", 3, 4, who="Ann")
     record = json.loads(edits_path(toy_file).read_text())
     assert edits_path(toy_file).name == "toy.edits.json"
     assert record["format"] == "simap-edits/1" and record["map"]["file"] == "toy.npz"

@@ -9,7 +9,7 @@ from toy_maps import TOY_SPEC, Box, map_from_drawing, map_of_boxes, toy_map
 
 from simaps_viz.errors import InputError
 from simaps_viz.mapping import edits
-from simaps_viz.mapping.edits import Region, Split, apply, apply_edits, log_without
+from simaps_viz.mapping.edits import Edit, Region, apply, apply_edits, log_without
 from simaps_viz.mapping.explain import explain
 from simaps_viz.mapping.partition import applied_steps
 from simaps_viz.mapping.simap import recommunity, repartition
@@ -202,7 +202,7 @@ def test_edits_hold_after_louvain_with_another_resolution():
 def test_cells_left_over_from_a_cut_community_become_their_own_object():
     """An edit that speaks of three quarters of a table: the quarter left over is an object too."""
     cells = edits.delete(TOY, 8).region.cells()
-    part = edits.Relabel(8, ("dining table",), "desk", Region.of(cells[cells % 120 >= 92]))
+    part = Edit("relabel", (8,), ("dining table",), Region.of(cells[cells % 120 >= 92]), "desk")
     mended = apply(TOY, part)
     check_map(mended)
     assert mended.of_class("desk")[0].id == 8 and mended.of_class("desk")[0].cells == 144
@@ -217,7 +217,7 @@ def test_an_edit_that_no_longer_makes_sense_is_reported_and_the_others_are_done(
     ((at, why),) = done.refused
     assert at == 1 and "took away chair #3: no longer makes sense: 0 of its 64 cells are chair now" in why
     assert done.simap.by_id(9).label == "stool"
-    lost = Split(1, "chair", Region(()), ((0.0, 0.0), (1.0, 0.0)))
+    lost = Edit("split", (1,), ("chair",), Region(()), "chair", ((0.0, 0.0), (1.0, 0.0)))
     assert apply_edits(TOY, [lost]).simap is TOY and len(apply_edits(TOY, [lost]).refused) == 1
 
 

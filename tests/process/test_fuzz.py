@@ -25,9 +25,9 @@ from simaps_viz.datasets.file_frames import read_array
 from simaps_viz.datasets.images import read_color
 from simaps_viz.datasets.manifest import read_json
 from simaps_viz.errors import CommandError, InputError
-from simaps_viz.mapping.edit_log import read_edits
 from simaps_viz.mapping.file import load_map
 from simaps_viz.mapping.history import MapHistory
+from simaps_viz.mapping.mending import read_edits
 from simaps_viz.mapping.steps import MAGIC
 from simaps_viz.segmentation.class_names import read_class_names
 

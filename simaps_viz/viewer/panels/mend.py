@@ -14,10 +14,9 @@ from simaps_viz.colors.instances import take_over
 from simaps_viz.drawing.legend import facts_text
 from simaps_viz.drawing.theme import BAD_STYLE, BOX_STYLE, DIM_STYLE, STICKY, TEXT_STYLE, note_html, short_html
 from simaps_viz.errors import InputError, SIMapsError
-from simaps_viz.mapping.edit_log import Entry
 from simaps_viz.mapping.edits import EditRefused
 from simaps_viz.mapping.in_space import all_instances
-from simaps_viz.mapping.mending import Mending
+from simaps_viz.mapping.mending import Entry, Mending
 from simaps_viz.structures import Instance, SIMap
 from simaps_viz.viewer.page.page import Page
 from simaps_viz.viewer.page.panel import Panel, PanelSpec, button, button_row
@@ -283,7 +282,7 @@ class MendPanel(Panel):
         one, who = self._target(), str(self._who.value)
         label = str(self._new.value if self._class.value == NEW_CLASS else self._class.value)
         if one is not None:
-            self._do(lambda simap: self._mending.relabel(simap, one, label, who=who), "Renamed.")
+            self._do(lambda simap: self._mending.do(simap, "relabel", one, label, who=who), "Renamed.")
 
     def join(self) -> None:
         """Join the selected object with the chosen one, or with the one that is clicked next."""
@@ -312,7 +311,7 @@ class MendPanel(Panel):
         """Delete the selected object."""
         one, who = self._target(), str(self._who.value)
         if one is not None:
-            self._do(lambda simap: self._mending.delete(simap, one, who=who), "Deleted. Undo brings it back.")
+            self._do(lambda simap: self._mending.do(simap, "delete", one, who=who), "Deleted. Undo brings it back.")
 
     def undo(self) -> None:
         """Undo the last edit, whoever made it."""
@@ -329,7 +328,7 @@ class MendPanel(Panel):
         done = joined_text(self._page.simap, one, other)
 
         def merge(simap: SIMap) -> SIMap:
-            mended = self._mending.merge(simap, one, other, who=who)
+            mended = self._mending.do(simap, "merge", one, other, who=who)
             take_over(mended, simap, one)
             return mended
 
@@ -339,7 +338,7 @@ class MendPanel(Panel):
         one, who = self._target(), str(self._who.value)
         if one is not None:
             self._draw((start_m, end_m))
-            self._do(lambda simap: self._mending.split(simap, one, start_m, end_m, who=who), "Cut in two.")
+            self._do(lambda simap: self._mending.do(simap, "split", one, start_m, end_m, who=who), "Cut in two.")
 
     def _target(self) -> int | None:
         """Return the object that this panel describes; None if another one, or none, is selected."""

@@ -14,7 +14,6 @@ from simaps_viz.colors.palette import Color
 from simaps_viz.drawing.frame_pictures import named, outlined
 from simaps_viz.drawing.legend import CHIP_STYLE, chip, gradient_html
 from simaps_viz.drawing.theme import SMALL_STYLE, remark_html, small_html, working_html
-from simaps_viz.mapping.edit_log import edits_of
 from simaps_viz.mapping.explain import (
     Between,
     Joint,
@@ -27,6 +26,7 @@ from simaps_viz.mapping.explain import (
     score_text,
     summary,
 )
+from simaps_viz.mapping.mending import edits_of
 from simaps_viz.mapping.methods import method_of
 from simaps_viz.structures import SIMap
 from simaps_viz.viewer.page.page import Page
