@@ -3,6 +3,7 @@
 import http.server
 import threading
 
+import pytest
 from attack_target import toy_target
 from browser import PATIENCE_S, field_of, free_port, mine, open_workbench, toy_services, until, watched_page
 from hostile_maps import IMAGE, PWNED, SCRIPT, hostile_map
@@ -34,59 +35,64 @@ def refuse(simap, command, pose, robot):
     raise CommandError(f"There is no {command}{IMAGE}{SCRIPT}")
 
 
-def test_no_name_runs_a_script_on_the_page(browser):
+@pytest.fixture(scope="module")
+def opened(browser):
+    """A page on the hostile map, for both lines of defence in turn."""
     services = toy_services()
     object.__setattr__(services, "ask", refuse)
-    simap = hostile_map()
-    with Workbench(simap, services=services, port=free_port()) as bench, watched_page(browser) as page:
+    with Workbench(hostile_map(), services=services, port=free_port()) as bench, watched_page(browser) as page:
         open_workbench(page, bench)
-        session = mine(bench)
-        for instance in simap.instances:
-            session.select(instance.id)
-            session.wait_idle()
-            x, y, _ = instance.centroid_m
-            has_come(page, f"x {x:.2f} m, y {y:.2f} m (map frame)")
-            page.wait_for_timeout(150)
-            assert not page.evaluate(PWNED)
-        session.say(IMAGE, SCRIPT)
-        session.report(CommandError(IMAGE + SCRIPT))
-        session.report(ValueError(IMAGE + SCRIPT))
-        has_come(page, f"{IMAGE}\n{SCRIPT}\n")
-        has_come(page, f"Unexpected error (ValueError)\n{IMAGE}{SCRIPT}")
-        page.get_by_role("tab", name="Build").click()
-        has_come(page, f"Picture {simap.frame_names[-1]} of the sequence")
-        page.wait_for_timeout(200)
-        assert not page.evaluate(PWNED)
-        page.get_by_role("tab", name="Command").click()
-        field_of(page, "Command").wait_for()
-        page.wait_for_timeout(200)
-        assert not page.evaluate(PWNED)
-        field_of(page, "Command").fill(IMAGE + SCRIPT + "\n")
-        has_come(page, "There is no")
-        page.wait_for_timeout(300)
-        assert not page.evaluate(PWNED)
-        assert bench.door.refused.total() == 0  # nothing an honest page said was dropped
+        yield bench, page
 
 
-def test_even_html_that_got_in_runs_nothing(browser):
+def test_no_name_runs_a_script_on_the_page(opened):
+    bench, page = opened
+    session, simap = mine(bench), bench.simap
+    for instance in simap.instances:
+        session.select(instance.id)
+        session.wait_idle()
+        x, y, _ = instance.centroid_m
+        has_come(page, f"x {x:.2f} m, y {y:.2f} m (map frame)")
+        page.wait_for_timeout(150)
+        assert not page.evaluate(PWNED)
+    session.say(IMAGE, SCRIPT)
+    session.report(CommandError(IMAGE + SCRIPT))
+    session.report(ValueError(IMAGE + SCRIPT))
+    has_come(page, f"{IMAGE}\n{SCRIPT}\n")
+    has_come(page, f"Unexpected error (ValueError)\n{IMAGE}{SCRIPT}")
+    page.get_by_role("tab", name="Build").click()
+    has_come(page, f"Picture {simap.frame_names[-1]} of the sequence")
+    page.wait_for_timeout(200)
+    assert not page.evaluate(PWNED)
+    page.get_by_role("tab", name="Command").click()
+    field_of(page, "Command").wait_for()
+    page.wait_for_timeout(200)
+    assert not page.evaluate(PWNED)
+    field_of(page, "Command").fill(IMAGE + SCRIPT + "\n")
+    has_come(page, "There is no")
+    page.wait_for_timeout(300)
+    assert not page.evaluate(PWNED)
+    assert bench.door.refused.total() == 0  # nothing an honest page said was dropped
+
+
+def test_even_html_that_got_in_runs_nothing(opened):
     """The second line of defence: what a panel forgot to escape."""
-    with Workbench(hostile_map(), services=toy_services(), port=free_port()) as bench, watched_page(browser) as page:
-        open_workbench(page, bench)
-        mine(bench).gui.add_html(f'{IMAGE}{SCRIPT}<a id="go" href="javascript:window.pwned=1">go</a>')
-        mine(bench).gui.add_markdown(f"{IMAGE} [go](javascript:window.pwned=1) {{window.pwned=1}}")
-        page.wait_for_selector("#go", state="attached")
-        page.evaluate("() => document.querySelector('#go').click()")
-        page.wait_for_timeout(500)
-        assert page.evaluate("() => window.pwned") is None
-        for code in ("eval('1')", "new Function('return 1')()"):
-            later = f"setTimeout(() => {{ try {{ {code}; tell('ran'); }} catch {{ tell('refused'); }} }})"
-            assert page.evaluate(f"() => new Promise((tell) => {later})") == "refused"
-        away = "fetch('http://127.0.0.1:1/?secret').then(() => 'sent', () => 'refused')"
-        blocked = page.evaluate(
-            f"() => new Promise((tell) => {{ document.addEventListener('securitypolicyviolation', (e) => "
-            f"tell(e.effectiveDirective)); {away}; }})"
-        )
-        assert blocked == "connect-src"
+    bench, page = opened
+    mine(bench).gui.add_html(f'{IMAGE}{SCRIPT}<a id="go" href="javascript:window.pwned=1">go</a>')
+    mine(bench).gui.add_markdown(f"{IMAGE} [go](javascript:window.pwned=1) {{window.pwned=1}}")
+    page.wait_for_selector("#go", state="attached")
+    page.evaluate("() => document.querySelector('#go').click()")
+    page.wait_for_timeout(500)
+    assert page.evaluate("() => window.pwned") is None
+    for code in ("eval('1')", "new Function('return 1')()"):
+        later = f"setTimeout(() => {{ try {{ {code}; tell('ran'); }} catch {{ tell('refused'); }} }})"
+        assert page.evaluate(f"() => new Promise((tell) => {later})") == "refused"
+    away = "fetch('http://127.0.0.1:1/?secret').then(() => 'sent', () => 'refused')"
+    blocked = page.evaluate(
+        f"() => new Promise((tell) => {{ document.addEventListener('securitypolicyviolation', (e) => "
+        f"tell(e.effectiveDirective)); {away}; }})"
+    )
+    assert blocked == "connect-src"
 
 
 def test_no_name_runs_a_script_in_a_shared_file(browser, tmp_path):

@@ -188,27 +188,28 @@ def two_readings(text, counts):
     return Reading('robot.move_to_object("couch")', ("there is the couch",), ('robot.move_to_object("potted plant")',))
 
 
-def test_the_other_reading_starts_where_the_command_was_given(browser):
-    def ask(simap, command, pose, robot):
-        return answer(simap, command, pose, reader=two_readings)
+@pytest.fixture
+def read_in_two_ways(bench):
+    """Let the robot of the page take "there" for either of two things."""
+    before = bench.services.ask
+    object.__setattr__(bench.services, "ask", lambda *asked, robot: answer(*asked, reader=two_readings))
+    yield
+    object.__setattr__(bench.services, "ask", before)
 
-    services = real_services()
-    object.__setattr__(services, "ask", ask)
-    with toy_workbench(services) as bench, watched_page(browser) as page:
-        open_workbench(page, bench)
-        open_tab(page)
-        hurry(mine(bench), page)
-        say(mine(bench), page, "go there")
-        expect(page.get_by_text("there is the couch")).to_be_visible()
-        expect(page.get_by_text('robot.move_to_object("potted plant")')).to_be_visible()
-        expect(page.get_by_text("Done")).to_be_visible()
-        start, couch = mine(bench).panels[CommandPanel]._asked_at, mine(bench).pose
-        press(page, "Run the other reading")
-        plant = answer(mine(bench).simap, 'robot.move_to_object("potted plant")', start).final_pose
-        until(page, lambda: mine(bench).pose == plant)
-        expect(page.get_by_text('robot.move_to_object("couch")')).to_be_visible()
-        press(page, "Run the other reading")  # and back again
-        until(page, lambda: mine(bench).pose == couch)
+
+def test_the_other_reading_starts_where_the_command_was_given(bench, page, read_in_two_ways):
+    hurry(mine(bench), page)
+    say(mine(bench), page, "go there")
+    expect(page.get_by_text("there is the couch")).to_be_visible()
+    expect(page.get_by_text('robot.move_to_object("potted plant")')).to_be_visible()
+    expect(page.get_by_text("Done")).to_be_visible()
+    start, couch = mine(bench).panels[CommandPanel]._asked_at, mine(bench).pose
+    press(page, "Run the other reading")
+    plant = answer(mine(bench).simap, 'robot.move_to_object("potted plant")', start).final_pose
+    until(page, lambda: mine(bench).pose == plant)
+    expect(page.get_by_text('robot.move_to_object("couch")')).to_be_visible()
+    press(page, "Run the other reading")  # and back again
+    until(page, lambda: mine(bench).pose == couch)
 
 
 def test_a_language_model_is_asked_shown_and_stopped(browser):

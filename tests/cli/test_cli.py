@@ -153,7 +153,7 @@ def test_ctrl_c_leaves_the_earlier_map_and_nothing_else(tmp_path):
                 break
         time.sleep(0.3)
         process.send_signal(signal.SIGINT)
-        _, err = process.communicate(timeout=60)
+        _, err = process.communicate(timeout=600)
     assert process.returncode == 130 and "interrupted" in err and "Traceback" not in err and "--resume" in err
     assert output.read_bytes() == b"an earlier map"
     assert sorted(os.listdir(tmp_path)) == [".m.npz.building", "long", "m.npz"]  # the log, to resume from

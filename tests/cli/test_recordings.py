@@ -276,7 +276,7 @@ IMPORTER = "from simaps_viz.recorder.importer import main; import sys; sys.exit(
 
 
 def import_file(*arguments: str) -> subprocess.CompletedProcess[bytes]:
-    return subprocess.run([sys.executable, "-c", IMPORTER, *arguments], capture_output=True, check=False, timeout=60)
+    return subprocess.run([sys.executable, "-c", IMPORTER, *arguments], capture_output=True, check=False, timeout=600)
 
 
 @pytest.fixture(scope="module")
@@ -358,7 +358,7 @@ def open_with_rerun(map_file: Path, folder: Path, out: Path) -> str:
     rerun = Path(sys.executable).with_name("rerun")
     environment = os.environ | {"PATH": f"{folder}:/usr/bin:/bin", "HOME": str(out.parent)}
     command = [str(rerun), str(map_file), "--save", str(out), "--bind", "127.0.0.1", "--port", "0"]
-    done = subprocess.run(command, env=environment, capture_output=True, text=True, check=False, timeout=60)
+    done = subprocess.run(command, env=environment, capture_output=True, text=True, check=False, timeout=600)
     assert done.returncode == 0, done.stderr
     return done.stderr
 
@@ -412,7 +412,7 @@ import pathlib, sys
 from simaps_viz.recorder import importer
 importer._program_of = lambda process: pathlib.Path({str(old)!r})
 sys.exit(importer.loader())"""
-    done = subprocess.run([sys.executable, "-c", asked, str(map_file)], capture_output=True, check=False, timeout=60)
+    done = subprocess.run([sys.executable, "-c", asked, str(map_file)], capture_output=True, check=False, timeout=600)
     assert done.returncode == 0, done.stderr
     (tmp_path / "out.rrd").write_bytes(done.stdout)
     assert "/world/objects" in columns(tmp_path / "out.rrd")

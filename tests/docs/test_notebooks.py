@@ -30,7 +30,7 @@ def run(path, cache):
     notebook = nbformat.read(path, as_version=4)
     before = nbformat.v4.new_code_cell(SMALLER.replace("CACHE", repr(str(cache))))
     notebook.cells.insert(0, before)
-    NotebookClient(notebook, timeout=120, kernel_name="python3").execute(cwd=str(cache))
+    NotebookClient(notebook, timeout=600, kernel_name="python3").execute(cwd=str(cache))
     outputs = [output for cell in notebook.cells if cell.cell_type == "code" for output in cell.outputs]
     assert not [output for output in outputs if output.get("name") == "stderr"]
     pictures = [output for output in outputs if "image/png" in output.get("data", {})]

@@ -3,6 +3,9 @@
 import json
 import threading
 from dataclasses import replace
+from functools import cache
+from pathlib import Path
+from tempfile import TemporaryDirectory
 
 import numpy as np
 import pytest
@@ -28,6 +31,13 @@ CHAIR, BY_M = "west chair 1", (1.7, -1.1)
 def run_of(tmp_path, *drives):
     run = LiveRun(LiveRequest(Drives(*drives), BuildConfig(), tmp_path / "m.npz"))
     return run.run((), threading.Event()), run
+
+
+@cache
+def map_of_a_drive(without=()):
+    """The map of one drive and its run, which several tests begin with."""
+    with TemporaryDirectory() as folder:
+        return run_of(Path(folder), drive(FRAMES_OF_A_DRIVE, without=without))
 
 
 @pytest.mark.slow
@@ -60,7 +70,7 @@ def test_frames_whose_pose_is_wrong_for_a_moment_are_left_out_and_counted(tmp_pa
     off = [i for i in range(40, len(right)) if i % 30 < 4]
     wrong = [replace(one, frame=replace(one.frame, T_world_camera=away @ one.frame.T_world_camera)) for one in right]
     glitchy = tuple(wrong[i] if i in off else one for i, one in enumerate(right))
-    clean, run = run_of(tmp_path, right)
+    clean, run = map_of_a_drive()
     assert not run.traffic.dropped
     simap, run = run_of(tmp_path, glitchy)
     assert run.traffic.dropped == {"contradicts the map": len(off)}
@@ -93,7 +103,7 @@ def on_another_day(tmp_path, shots, earlier):
 
 @pytest.mark.slow
 def test_an_earlier_map_is_gone_on_with_in_its_own_frame_and_the_changes_are_named(tmp_path):
-    earlier, _ = run_of(tmp_path, drive(FRAMES_OF_A_DRIVE))
+    earlier, _ = map_of_a_drive()
     after = drive(FRAMES_OF_A_DRIVE, moves=((CHAIR, BY_M),))
     simap, run = on_another_day(tmp_path, after, earlier)
     assert run.growing.is_placed and run.words().count("on the earlier map") == 1
@@ -108,11 +118,10 @@ def test_an_earlier_map_is_gone_on_with_in_its_own_frame_and_the_changes_are_nam
 
 @pytest.mark.slow
 def test_a_chair_that_was_brought_is_new_and_one_that_was_taken_away_is_gone(tmp_path):
-    without, full = drive(FRAMES_OF_A_DRIVE, without=(CHAIR,)), drive(FRAMES_OF_A_DRIVE)
     here = cafe_chair(CHAIR).bounds_m.mean(axis=0)[:2]
-    for before, after, kind in ((without, full, "new"), (full, without, "gone")):
-        earlier, _ = run_of(tmp_path, before)
-        (change,) = changes_in(on_another_day(tmp_path, after, earlier)[0])
+    for before, after, kind in (((CHAIR,), (), "new"), ((), (CHAIR,), "gone")):
+        shots = drive(FRAMES_OF_A_DRIVE, without=after)
+        (change,) = changes_in(on_another_day(tmp_path, shots, map_of_a_drive(before)[0])[0])
         assert (change.kind, change.label) == (kind, "chair")
         assert np.linalg.norm(np.subtract(change.at_m or change.from_m or (0.0, 0.0), here)) < 0.15
 
@@ -120,7 +129,7 @@ def test_a_chair_that_was_brought_is_new_and_one_that_was_taken_away_is_gone(tmp
 @pytest.mark.slow
 def test_a_map_of_another_place_is_not_gone_on_with(tmp_path):
     shots = drive(FRAMES_OF_A_DRIVE)
-    own, _ = run_of(tmp_path, shots)
+    own, _ = map_of_a_drive()
     flipped = {
         name: np.ascontiguousarray(getattr(own.grid, name)[:, ::-1]) for name in ("label", "height_m", "lowest_m")
     }
