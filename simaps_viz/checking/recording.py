@@ -22,7 +22,7 @@ from simaps_viz.datasets.file_frames import MAX_STEP, check_size
 from simaps_viz.datasets.images import read_color, read_depth
 from simaps_viz.datasets.manifest import Manifest, read_manifest
 from simaps_viz.datasets.open import reader_of
-from simaps_viz.datasets.posed_frames import PosedFramesReader
+from simaps_viz.datasets.posed_frames import READER as POSED_FRAMES
 from simaps_viz.datasets.recording import Recording as SourceRecording
 from simaps_viz.errors import InputError
 from simaps_viz.events import Progress
@@ -195,7 +195,7 @@ def open_recording(path: Path) -> Recording:
     """
     path = Path(path)
     reader = reader_of(path)
-    if isinstance(reader, PosedFramesReader):
+    if reader is POSED_FRAMES:
         return _posed_frames(read_manifest(path))
     return as_recording(reader.open(path))
 

@@ -11,8 +11,7 @@ from numpy.typing import NDArray
 
 from simaps_viz.checking import faults
 from simaps_viz.checking.agreement import Agreement, Views, relative_poses
-from simaps_viz.checking.faults import Bar, Correction, Finding
-from simaps_viz.checking.level import Level, find_level, find_offset
+from simaps_viz.checking.faults import Bar, Correction, Finding, Level, find_level, find_offset
 from simaps_viz.checking.recording import (
     MIRRORS,
     PLAIN,

@@ -3,7 +3,7 @@
 from collections.abc import Callable, Collection, Hashable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Generic, TypeVar
+from typing import Any, Generic, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -31,6 +31,14 @@ class Matched(Generic[K]):
     """On the frames where tracking was lost (an infinite pose)."""
     faults: tuple[str, ...]
     """On the frames that lack an image or a pose, or whose pose is damaged."""
+
+    def members(self, *notes: str, first: tuple[str, ...] = ()) -> dict[str, Any]:
+        """Return the members of a `Recording` that are known: poses, notes (between these) and faults."""
+        return {"poses": self.poses, "notes": (*first, *self.notes, *notes), "faults": self.faults}
+
+    def of_each(self, *parts: Mapping[K, P]) -> list[list[P]]:
+        """Return what each part has of the frames, such as their files."""
+        return [[part[frame] for frame in self.frames] for part in parts]
 
 
 def match_frames(

@@ -54,45 +54,40 @@ class _Picture:
     """int64 [n], their ids; -1 = none."""
 
 
-class ColmapReader(Reader):
-    """The reader of COLMAP reconstructions with depth."""
+def _recognise(path: Path) -> bool:
+    return _model(path) is not None and _depths(path) is not None
 
-    facts = FACTS
 
-    def recognise(self, path: Path) -> bool:
-        """Return whether a folder is in this format, from names alone."""
-        return _model(path) is not None and _depths(path) is not None
+def _open(path: Path) -> Recording:
+    model, depths = _model(path), _depths(path)
+    assert model is not None and depths is not None
+    with complete(model, FACTS.title):
+        cameras, pictures, points = _read(model)
+    folder = path / "images" if (path / "images").is_dir() else path
+    found = [(picture, folder / picture.name, _depth_file(depths, picture.name)) for picture in pictures]
+    kept = [(p, color, depth) for p, color, depth in found if depth is not None and color.is_file()]
+    if not kept:
+        raise InputError(f"{depths}: expected depth named as the pictures, found none for {len(pictures)} pictures")
+    kept.sort(key=lambda item: item[0].name)
+    color_files, depth_files = [color for _, color, _ in kept], [depth for _, _, depth in kept if depth is not None]
+    missing = next((p for p, _, _ in kept if p.camera not in cameras), None)
+    if missing is not None:
+        raise InputError(f"{model}: expected camera {missing.camera} of {missing.name}, found none of that number")
+    lenses = [cameras[p.camera].scaled(*image_size(color)) for p, color, _ in kept]
+    scale, note = _scale(path, [p for p, _, _ in kept], depth_files, lenses, points)
+    poses = np.stack([invert_pose(p.T_camera_world) for p, _, _ in kept])
+    poses[:, :3, 3] *= scale
+    files = FileFrames.of_one_view(color_files, depth_files, lenses, _read_depth)
+    return files.recording(
+        FACTS,
+        path,
+        frame_names=names_of([Path(p.name) for p, _, _ in kept]),
+        poses=poses,
+        notes=(note, *left_out(len(pictures) - len(kept), len(pictures), "pictures have no depth or are missing")),
+    )
 
-    def open(self, path: Path) -> Recording:
-        """Open a reconstruction; raises InputError for anything that is not as the format wants it."""
-        model, depths = _model(path), _depths(path)
-        assert model is not None and depths is not None
-        with complete(model, FACTS.title):
-            cameras, pictures, points = _read(model)
-        folder = path / "images" if (path / "images").is_dir() else path
-        found = [(picture, folder / picture.name, _depth_file(depths, picture.name)) for picture in pictures]
-        kept = [(p, color, depth) for p, color, depth in found if depth is not None and color.is_file()]
-        if not kept:
-            raise InputError(f"{depths}: expected depth named as the pictures, found none for {len(pictures)} pictures")
-        kept.sort(key=lambda item: item[0].name)
-        color_files, depth_files = [color for _, color, _ in kept], [depth for _, _, depth in kept if depth is not None]
-        missing = next((p for p, _, _ in kept if p.camera not in cameras), None)
-        if missing is not None:
-            raise InputError(f"{model}: expected camera {missing.camera} of {missing.name}, found none of that number")
-        lenses = [cameras[p.camera].scaled(*image_size(color)) for p, color, _ in kept]
-        height, width = _read_depth(depth_files[0]).shape
-        depth_lenses = [lens.scaled(width, height) for lens in lenses]
-        scale, note = _scale(path, [p for p, _, _ in kept], depth_files, lenses, points)
-        poses = np.stack([invert_pose(p.T_camera_world) for p, _, _ in kept])
-        poses[:, :3, 3] *= scale
-        files = FileFrames(color_files, depth_files, lenses, depth_lenses, _read_depth)
-        return files.recording(
-            FACTS,
-            path,
-            frame_names=names_of([Path(p.name) for p, _, _ in kept]),
-            poses=poses,
-            notes=(note, *left_out(len(pictures) - len(kept), len(pictures), "pictures have no depth or are missing")),
-        )
+
+READER = Reader(FACTS, _recognise, _open)
 
 
 def _model(path: Path) -> Path | None:

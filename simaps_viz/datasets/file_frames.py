@@ -11,9 +11,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from simaps_viz.datasets.calibration import Lens, see_through
-from simaps_viz.datasets.images import read_color, read_depth
+from simaps_viz.datasets.images import image_size, read_color, read_depth
 from simaps_viz.datasets.manifest import is_finite_number, shown
-from simaps_viz.datasets.recording import FormatFacts, Recording
+from simaps_viz.datasets.recording import FormatFacts, Recording, first_readable
 from simaps_viz.errors import InputError
 from simaps_viz.io.arrays import read_npy
 from simaps_viz.io.limits import MAX_ARRAY_BYTES, check_file, check_picture
@@ -26,15 +26,43 @@ MAX_STEP = 65535
 
 
 @dataclass(frozen=True, eq=False)
-class FileFrames:
-    """Colour and depth files of a recording; cameras are one for all frames, or one a frame."""
+class Stored:
+    """A picture in a file that holds more than it: calling it reads it."""
 
-    color_paths: Sequence[Path]
-    depth_paths: Sequence[Path]
+    where: str
+    """Names it in an error."""
+    read: Callable[[], NDArray]
+    file: Path | None = None
+
+    def __call__(self) -> NDArray:
+        """Read it."""
+        return self.read()
+
+    def __str__(self) -> str:
+        return self.where
+
+
+@dataclass(frozen=True, eq=False)
+class FileFrames:
+    """Colour and depth of a recording, each in a file or `Stored`; cameras are one for all frames, or one a frame."""
+
+    color_paths: Sequence[Any]
+    """Files, or what else ``read_color`` takes; as text it names itself in an error."""
+    depth_paths: Sequence[Any]
     color_lenses: Sequence[Lens]
     depth_lenses: Sequence[Lens]
-    read_depth_m: Callable[[Path], NDArray]
+    read_depth_m: Callable[[Any], NDArray]
     """Returns float32 [H, W], metres, 0 = invalid."""
+    read_color: Callable[[Any], NDArray] = read_color
+    """Returns uint8 [H, W, 3], RGB."""
+
+    @classmethod
+    def of_one_view(
+        cls, color: Sequence[Any], depth: Sequence[Any], lenses: Sequence[Lens], read_depth_m: Callable, **more: Any
+    ) -> "FileFrames":
+        """Return the frames of a camera whose depth images are of another size than the pictures, but show the same."""
+        height, width = first_readable(lambda i: read_depth_m(depth[i]), len(depth)).shape
+        return cls(color, depth, lenses, [lens.scaled(width, height) for lens in lenses], read_depth_m, **more)
 
     @property
     def intrinsics(self) -> Intrinsics:
@@ -51,7 +79,7 @@ class FileFrames:
     def color(self, index: int) -> NDArray:
         """Read a frame's colour as the depth camera would see it; raises InputError like ``depth``."""
         path, lens = self.color_paths[index], _of(self.color_lenses, index)
-        rgb = read_color(path)
+        rgb = self.read_color(path)
         check_size(path, rgb, lens.intrinsics)
         return see_through(rgb, lens, self.intrinsics, exact=False)
 
@@ -80,13 +108,22 @@ class FileFrames:
             frame_names: by default those of the depth files, or numbers where these are not all different.
             more: other members of `Recording`.
         """
-        images = (self.depth, self.color, self.color_file, self.stored)
         frame_names = names_of(self.depth_paths) if frame_names is None else frame_names
-        return Recording(facts, path, name or path.resolve().name, frame_names, poses, self.intrinsics, *images, **more)
+        images: dict[str, Any] = {"depth": self.depth, "color": self.color}
+        if isinstance(self.color_paths[0], Path):  # else all is in one file, the recording's
+            images |= {"color_file": self.color_file, "stored": self.stored}
+        name = name or path.resolve().name
+        return Recording(facts, path, name, frame_names, poses, self.intrinsics, **images | more)
 
     def stored(self, index: int) -> tuple[Path, Path]:
         """Return the files of a frame's colour and depth."""
-        return self.color_paths[index], self.depth_paths[index]
+        depth = self.depth_paths[index]
+        return self.color_paths[index], getattr(depth, "file", depth)
+
+
+def first_size(files: Sequence[Path]) -> tuple[int, int]:
+    """Return width and height of the first picture that can be read; raises InputError when none of the first can."""
+    return first_readable(lambda i: image_size(files[i]), len(files))
 
 
 def names_of(files: Sequence[Path]) -> tuple[str, ...]:
@@ -100,14 +137,14 @@ def present(files: Mapping[K, Path]) -> dict[K, Path]:
     return {frame: file for frame, file in files.items() if os.path.isfile(file)}  # False also for too long a name
 
 
-def by_line(files: Sequence[Path], lines: int) -> dict[int, Path]:
+def by_line(files: Sequence[Path], lines: int, *, first: int = 0) -> dict[int, Path]:
     """Return the files by the number of the line, or list entry, that belongs to each, from 0.
 
-    That is its place where there are as many of both, else the number in its name.
+    That is its place where there are as many of both, else the number in its name, counted from ``first``.
     """
     if len(files) == lines:
         return dict(enumerate(files))
-    return {int(number_of(file)): file for file in files}
+    return {int(number_of(file)) - first: file for file in files}
 
 
 def by_stem(files: Sequence[Path]) -> dict[str, Path]:

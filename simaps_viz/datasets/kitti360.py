@@ -7,9 +7,10 @@ from numpy.typing import NDArray
 
 from simaps_viz.datasets.association import match_frames
 from simaps_viz.datasets.calibration import number_rows, numbers, pinhole, rigid, words
-from simaps_viz.datasets.clouds import CloudSettings, camera_points, depth_of_cloud, finite_points, gravity_of_clouds
+from simaps_viz.datasets.clouds import CloudSettings, camera_points, finite_points, gravity_of_clouds
 from simaps_viz.datasets.file_frames import check_size, numbered
-from simaps_viz.datasets.images import read_color, read_ids
+from simaps_viz.datasets.images import read_ids
+from simaps_viz.datasets.lidar import cloud_frames
 from simaps_viz.datasets.recording import FormatFacts, Reader, Recording, Segments
 from simaps_viz.errors import InputError
 from simaps_viz.geometry import invert_pose, spread
@@ -40,67 +41,52 @@ THINGS = frozenset((11, 17, 19, 20, *range(24, 35), *range(36, 42)))
 _SAMPLED_FOR_FLOOR = 40
 
 
-class Kitti360Reader(Reader):
-    """The reader of KITTI-360's folders: that of the dataset, with one drive in it, or one of ``data_2d_raw``."""
+def _recognise(path: Path) -> bool:
+    root = _root(path)
+    return (root / "calibration" / "perspective.txt").is_file() and (root / "data_2d_raw").is_dir()
 
-    facts = FACTS
 
-    def recognise(self, path: Path) -> bool:
-        """Return whether a folder is in this format, from names alone."""
-        root = _root(path)
-        return (root / "calibration" / "perspective.txt").is_file() and (root / "data_2d_raw").is_dir()
+def _open(path: Path) -> Recording:
+    root, drive = _root(path), _drive(path)
+    camera, R_rect = _camera(root / "calibration" / "perspective.txt")
+    scans = root / "data_3d_raw" / drive / "velodyne_points" / "data"
+    clouds = {int(file.stem): file for file in numbered(scans, "[0-9]*.bin") if file.stem.isdecimal()}
+    if not clouds:
+        raise InputError(f"{scans}: expected laser scans (*.bin), as KITTI-360 has no depth images, found none")
+    pictures = root / "data_2d_raw" / drive / "image_00" / "data_rect"
+    images = {int(file.stem): file for file in numbered(pictures, "[0-9]*.png") if file.stem.isdecimal()}
+    rows, T_pose_camera = _poses(root, drive, R_rect)
+    matched = match_frames(
+        root / "data_2d_raw" / drive,
+        {"picture": images, "laser scan": clouds},
+        {int(row[0]): (where, row[1:]) for where, row in rows if np.isfinite(row[0])},
+        lambda row: np.vstack([row[1][:12].reshape(3, 4), [0, 0, 0, 1]]),
+        place=lambda row: row[0],
+    )
+    color_files, cloud_files = matched.of_each(images, clouds)
+    T_world_camera = matched.poses @ T_pose_camera
+    T_camera_velo = R_rect @ invert_pose(_rigid_file(root / "calibration" / "calib_cam_to_velo.txt"))
 
-    def open(self, path: Path) -> Recording:
-        """Open a drive; raises InputError for anything that is not as the format wants it."""
-        root, drive = _root(path), _drive(path)
-        camera, R_rect = _camera(root / "calibration" / "perspective.txt")
-        scans = root / "data_3d_raw" / drive / "velodyne_points" / "data"
-        clouds = {int(file.stem): file for file in numbered(scans, "[0-9]*.bin") if file.stem.isdecimal()}
-        if not clouds:
-            raise InputError(f"{scans}: expected laser scans (*.bin), as KITTI-360 has no depth images, found none")
-        pictures = root / "data_2d_raw" / drive / "image_00" / "data_rect"
-        images = {int(file.stem): file for file in numbered(pictures, "[0-9]*.png") if file.stem.isdecimal()}
-        rows, T_pose_camera = _poses(root, drive, R_rect)
-        matched = match_frames(
-            root / "data_2d_raw" / drive,
-            {"picture": images, "laser scan": clouds},
-            {int(row[0]): (where, row[1:]) for where, row in rows if np.isfinite(row[0])},
-            lambda row: np.vstack([row[1][:12].reshape(3, 4), [0, 0, 0, 1]]),
-            place=lambda row: row[0],
-        )
-        color_files, cloud_files = ([files[i] for i in matched.frames] for files in (images, clouds))
-        T_world_camera = matched.poses @ T_pose_camera
-        T_camera_velo = R_rect @ invert_pose(_rigid_file(root / "calibration" / "calib_cam_to_velo.txt"))
+    def cloud(index: int) -> NDArray:
+        return camera_points(_scan(cloud_files[index]), T_camera_velo)
 
-        def cloud(index: int) -> NDArray:
-            return camera_points(_scan(cloud_files[index]), T_camera_velo)
+    floor = gravity_of_clouds(
+        [(cloud(i), T_world_camera[i]) for i in spread(len(color_files), _SAMPLED_FOR_FLOOR)], camera, FACTS.up
+    )
+    masks = root / "data_2d_semantics" / "train" / drive / "image_00" / "instance"
+    return cloud_frames(color_files, cloud_files, camera, cloud, CloudSettings()).recording(
+        FACTS,
+        path,
+        name=drive,
+        frame_names=tuple(file.stem for file in color_files),
+        segments=_segments([masks / file.name for file in color_files], camera) if masks.is_dir() else None,
+        depth_unit_m=0.002,  # of 16-bit images written from it: 131 m
+        **matched.members(*filter(None, [floor.floor_note])) | {"poses": T_world_camera},
+        floor_height_m=floor.floor_height_m,
+    )
 
-        def color(index: int) -> NDArray:
-            rgb = read_color(color_files[index])
-            check_size(color_files[index], rgb, camera)
-            return rgb
 
-        floor = gravity_of_clouds(
-            [(cloud(i), T_world_camera[i]) for i in spread(len(color_files), _SAMPLED_FOR_FLOOR)], camera, FACTS.up
-        )
-        masks = root / "data_2d_semantics" / "train" / drive / "image_00" / "instance"
-        return Recording(
-            facts=FACTS,
-            path=path,
-            name=drive,
-            frame_names=tuple(file.stem for file in color_files),
-            poses=T_world_camera,
-            intrinsics=camera,
-            depth=lambda i: depth_of_cloud(cloud(i), camera, CloudSettings()),
-            color=color,
-            color_file=lambda i: color_files[i],
-            stored=lambda i: (color_files[i], cloud_files[i]),
-            segments=_segments([masks / file.name for file in color_files], camera) if masks.is_dir() else None,
-            depth_unit_m=0.002,  # of 16-bit images written from it: 131 m
-            notes=(*matched.notes, *filter(None, [floor.floor_note])),
-            faults=matched.faults,
-            floor_height_m=floor.floor_height_m,
-        )
+READER = Reader(FACTS, _recognise, _open)
 
 
 def _root(path: Path) -> Path:

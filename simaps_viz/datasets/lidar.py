@@ -4,9 +4,10 @@ The folder has a ``lidar.json`` (format ``posed-clouds/1``, docs/FORMATS.md). Cl
 the camera, and from there on are frames like any other.
 """
 
+import operator
 from collections.abc import Callable
 from dataclasses import replace
-from functools import lru_cache
+from functools import lru_cache, partial
 from pathlib import Path
 from typing import Any
 
@@ -14,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from simaps_viz.datasets.association import match_posed_files
-from simaps_viz.datasets.calibration import read_intrinsics, rigid
+from simaps_viz.datasets.calibration import Lens, read_intrinsics, rigid
 from simaps_viz.datasets.clouds import (
     CloudSettings,
     camera_points,
@@ -23,12 +24,13 @@ from simaps_viz.datasets.clouds import (
     read_pcd,
     read_ply,
 )
-from simaps_viz.datasets.images import image_size, read_color
+from simaps_viz.datasets.file_frames import FileFrames, Stored, first_size
 from simaps_viz.datasets.manifest import KeyTable, read_json, segmentation_files, shown
 from simaps_viz.datasets.posed_frames import read_segments
-from simaps_viz.datasets.recording import FormatFacts, Reader, Recording, first_readable
+from simaps_viz.datasets.recording import FormatFacts, Reader, Recording
 from simaps_viz.errors import InputError
 from simaps_viz.geometry import invert_pose, spread
+from simaps_viz.structures import Intrinsics
 
 FACTS = FormatFacts(
     title="LiDAR and camera",
@@ -50,72 +52,75 @@ _FRAMES = ("lidar", "world")
 _SAMPLED_FOR_GRAVITY = 40
 
 
-class LidarReader(Reader):
-    """The reader of LiDAR and camera recordings."""
+def _recognise(path: Path) -> bool:
+    return _file(path).is_file()
 
-    facts = FACTS
 
-    def recognise(self, path: Path) -> bool:
-        """Return whether a folder or file is in this format, from names alone."""
-        return _file(path).is_file()
+def _open(path: Path) -> Recording:
+    """Open a folder or its lidar.json.
 
-    def open(self, path: Path) -> Recording:
-        """Open a folder or its lidar.json.
+    Raises:
+        InputError: Anything is not as the format wants it; the message names the file, what was expected and found.
+    """
+    file = _file(path)
+    keys = KeyTable(str(file), read_json(file), _REQUIRED + _OPTIONAL, first="format")
+    if keys.text("format") != FORMAT:
+        raise InputError(f'{file}: format: expected "{FORMAT}", found {shown(keys.values["format"])}')
+    keys.check_known()
+    pose, points = _choice(keys, "pose", _POSES), _choice(keys, "points", _FRAMES)
+    matched, (color_files, cloud_files) = match_posed_files(
+        file.parent / keys.file("poses"),
+        {"picture": _of_frame(file, keys.pattern("color")), "cloud": _clouds(file, keys)},
+    )
+    names, poses = tuple(matched.frames), matched.poses
+    T_lidar_camera = _mounting(file, keys, needed=pose == _POSES[0] or points == _FRAMES[0])
+    T_world_camera = poses @ T_lidar_camera if pose == _POSES[0] else poses
+    T_camera_lidar = invert_pose(T_lidar_camera)
+    width, height = first_size(color_files)
+    camera = read_intrinsics(file.parent / keys.file("intrinsics"), width=width, height=height)
+    files = segmentation_files(file, keys.values["segmentation"]) if "segmentation" in keys.values else None
+    settings = CloudSettings(_pixels(keys, "hidden_pixels"), _pixels(keys, "fill_pixels") or 0)
+    read_cloud = _kept if "{frame}" not in keys.file("clouds") else _read_cloud  # one that all frames share, once
 
-        Raises:
-            InputError: Anything is not as the format wants it; the message names the file, what was expected and found.
-        """
-        file = _file(path)
-        keys = KeyTable(str(file), read_json(file), _REQUIRED + _OPTIONAL, first="format")
-        if keys.text("format") != FORMAT:
-            raise InputError(f'{file}: format: expected "{FORMAT}", found {shown(keys.values["format"])}')
-        keys.check_known()
-        pose, points = _choice(keys, "pose", _POSES), _choice(keys, "points", _FRAMES)
-        matched, (color_files, cloud_files) = match_posed_files(
-            file.parent / keys.file("poses"),
-            {"picture": _of_frame(file, keys.pattern("color")), "cloud": _clouds(file, keys)},
-        )
-        names, poses = tuple(matched.frames), matched.poses
-        T_lidar_camera = _mounting(file, keys, needed=pose == _POSES[0] or points == _FRAMES[0])
-        T_world_camera = poses @ T_lidar_camera if pose == _POSES[0] else poses
-        T_camera_lidar = invert_pose(T_lidar_camera)
-        width, height = first_readable(lambda i: image_size(color_files[i]), len(names))
-        camera = read_intrinsics(file.parent / keys.file("intrinsics"), width=width, height=height)
-        files = segmentation_files(file, keys.values["segmentation"]) if "segmentation" in keys.values else None
-        settings = CloudSettings(_pixels(keys, "hidden_pixels"), _pixels(keys, "fill_pixels") or 0)
-        read_cloud = _kept if "{frame}" not in keys.file("clouds") else _read_cloud  # one that all frames share, once
+    def cloud(index: int) -> NDArray:
+        T_camera_points = T_camera_lidar if points == _FRAMES[0] else invert_pose(T_world_camera[index])
+        return camera_points(read_cloud(cloud_files[index]), T_camera_points)
 
-        def cloud(index: int) -> NDArray:
-            T_camera_points = T_camera_lidar if points == _FRAMES[0] else invert_pose(T_world_camera[index])
-            return camera_points(read_cloud(cloud_files[index]), T_camera_points)
+    facts, notes = replace(FACTS, up=keys.direction("up")), []
+    floor_height_m = keys.number("floor_height_m") if "floor_height_m" in keys.values else None
+    if facts.up is None or floor_height_m is None:
+        clouds = [(cloud(i), T_world_camera[i]) for i in spread(len(names), _SAMPLED_FOR_GRAVITY)]
+        found = gravity_of_clouds(clouds, camera, facts.up)
+        x, y, z = map(float, found.up)
+        facts, notes = replace(FACTS, up=(x, y, z)), [found.up_note]
+        if floor_height_m is None:
+            floor_height_m, notes = found.floor_height_m, [found.up_note, found.floor_note]
+    return cloud_frames(color_files, cloud_files, camera, cloud, settings).recording(
+        facts,
+        path,
+        name=keys.text("name", file.resolve().parent.name),
+        frame_names=names,
+        segments=read_segments(file.parent, files, names, camera) if files else None,
+        depth_unit_m=0.001,
+        **matched.members(*filter(None, notes)) | {"poses": T_world_camera},
+        floor_height_m=floor_height_m,
+        simulated=keys.flag("simulated", False) or bool(files and files.source.lower().startswith("simulated")),
+    )
 
-        facts, notes = replace(FACTS, up=keys.direction("up")), []
-        floor_height_m = keys.number("floor_height_m") if "floor_height_m" in keys.values else None
-        if facts.up is None or floor_height_m is None:
-            clouds = [(cloud(i), T_world_camera[i]) for i in spread(len(names), _SAMPLED_FOR_GRAVITY)]
-            found = gravity_of_clouds(clouds, camera, facts.up)
-            x, y, z = map(float, found.up)
-            facts, notes = replace(FACTS, up=(x, y, z)), [found.up_note]
-            if floor_height_m is None:
-                floor_height_m, notes = found.floor_height_m, [found.up_note, found.floor_note]
-        return Recording(
-            facts=facts,
-            path=path,
-            name=keys.text("name", file.resolve().parent.name),
-            frame_names=names,
-            poses=T_world_camera,
-            intrinsics=camera,
-            depth=lambda i: depth_of_cloud(cloud(i), camera, settings),
-            color=lambda i: read_color(color_files[i]),
-            color_file=lambda i: color_files[i],
-            stored=lambda i: (color_files[i], cloud_files[i]),
-            segments=read_segments(file.parent, files, names, camera) if files else None,
-            depth_unit_m=0.001,
-            notes=(*matched.notes, *filter(None, notes)),
-            faults=matched.faults,
-            floor_height_m=floor_height_m,
-            simulated=keys.flag("simulated", False) or bool(files and files.source.lower().startswith("simulated")),
-        )
+
+READER = Reader(FACTS, _recognise, _open)
+
+
+def cloud_frames(
+    color_files: list[Path], cloud_files: list[Path], camera: Intrinsics, cloud: Callable, settings: CloudSettings
+) -> FileFrames:
+    """Return frames whose depth is rendered from clouds: ``cloud(i)`` returns a frame's points [n, 3] in the camera."""
+
+    def depth(i: int) -> NDArray:
+        return depth_of_cloud(cloud(i), camera, settings)
+
+    stored = [Stored(str(file), partial(depth, i), file) for i, file in enumerate(cloud_files)]
+    return FileFrames(color_files, stored, [Lens(camera)], [Lens(camera)], operator.call)
 
 
 def _file(path: Path) -> Path:

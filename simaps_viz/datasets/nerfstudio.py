@@ -28,7 +28,7 @@ from simaps_viz.datasets.file_frames import (
 from simaps_viz.datasets.images import image_size
 from simaps_viz.datasets.manifest import read_json, shown
 from simaps_viz.datasets.record3d import read_exr
-from simaps_viz.datasets.recording import FormatFacts, Reader, Recording, first_readable, left_out
+from simaps_viz.datasets.recording import FormatFacts, Reader, Recording, left_out
 from simaps_viz.errors import InputError
 from simaps_viz.io.limits import MAX_IMAGE_BYTES, check_picture, read_bytes
 
@@ -49,64 +49,54 @@ FISHEYE = "OPENCV_FISHEYE"
 PINHOLES = ("OPENCV", "PINHOLE", "SIMPLE_PINHOLE", "SIMPLE_RADIAL", "RADIAL", "PERSPECTIVE")
 
 
-class NerfstudioReader(Reader):
-    """The reader of nerfstudio recordings."""
+def _recognise(path: Path) -> bool:
+    return _file(path).is_file()
 
-    facts = FACTS
 
-    def recognise(self, path: Path) -> bool:
-        """Return whether a folder or file is in this format, from names alone."""
-        return _file(path).is_file()
+def _open(path: Path) -> Recording:
+    """Open a folder or its transforms.json; raises InputError for anything that is not as the format wants it.
 
-    def open(self, path: Path) -> Recording:
-        """Open a folder or its transforms.json; raises InputError for anything that is not as the format wants it.
+    Poses may be off by any turn, as they come from a reconstruction, so up is estimated. They have to be in metres.
+    """
+    file = _file(path)
+    content = read_json(file)
+    frames = content.get("frames") if isinstance(content, dict) else None
+    if not isinstance(frames, list) or not frames:
+        raise InputError(f'{file}: expected an object with a list "frames", found {shown(content)}')
+    model = str(content.get("camera_model", "OPENCV")).upper()
+    fisheye = model == FISHEYE or content.get("is_fisheye") is True
+    k4 = json_number(str(file), {"k4": 0.0} | content, "k4")
+    if (model not in (*PINHOLES, FISHEYE)) or (k4 and not fisheye):
+        known = ", ".join((*PINHOLES, FISHEYE))
+        raise InputError(f"{file}: camera_model: expected one of {known}, pinholes without k4, found {shown(model)}")
+    frames = [_merged(file, i, content, frame) for i, frame in enumerate(frames)]
+    stated = len(frames)
+    frames = sorted((f for f in frames if f["depth_file_path"] is not None), key=lambda f: f["file_path"])
+    if not frames:
+        raise InputError(f"{file}: expected depth_file_path in its frames, found none in {stated}; a map needs depth")
+    poses = {frame["file_path"]: frame for frame in frames}
+    images = {kind: present({name: file.parent / frame[key] for name, frame in poses.items()})
+              for kind, key in (("picture", "file_path"), ("depth image", "depth_file_path"))}  # fmt: skip
+    matched = match_frames(
+        file, images, poses, lambda frame: _pose(_place(file, frame), frame), place=partial(_place, file)
+    )
+    color_files, depth_files = matched.of_each(*images.values())
+    with_depth, frames = len(frames), [poses[name] for name in matched.frames]
+    unit = next((key for key in UNITS if content.get(key) is not None), UNITS[0])
+    unit_m = json_number(str(file), {unit: FACTS.depth_unit_m} | content, unit)
+    lenses = [_lens(_place(file, frame), frame, color_files[i], fisheye=fisheye) for i, frame in enumerate(frames)]
+    files = FileFrames.of_one_view(color_files, depth_files, lenses, lambda p: _read_depth(p, unit_m))
+    return files.recording(
+        FACTS,
+        path,
+        name=file.resolve().parent.name,
+        frame_names=names_of([Path(frame["file_path"]) for frame in frames]),
+        depth_unit_m=unit_m if depth_files[0].suffix != ".npy" else None,
+        **matched.members(first=left_out(stated - with_depth, stated, "frames have no depth")),
+    )
 
-        Poses may be off by any turn, as they come from a reconstruction, so up is estimated. They have to be in metres.
-        """
-        file = _file(path)
-        content = read_json(file)
-        frames = content.get("frames") if isinstance(content, dict) else None
-        if not isinstance(frames, list) or not frames:
-            raise InputError(f'{file}: expected an object with a list "frames", found {shown(content)}')
-        model = str(content.get("camera_model", "OPENCV")).upper()
-        fisheye = model == FISHEYE or content.get("is_fisheye") is True
-        k4 = json_number(str(file), {"k4": 0.0} | content, "k4")
-        if (model not in (*PINHOLES, FISHEYE)) or (k4 and not fisheye):
-            known = ", ".join((*PINHOLES, FISHEYE))
-            raise InputError(
-                f"{file}: camera_model: expected one of {known}, pinholes without k4, found {shown(model)}"
-            )
-        frames = [_merged(file, i, content, frame) for i, frame in enumerate(frames)]
-        stated = len(frames)
-        frames = sorted((f for f in frames if f["depth_file_path"] is not None), key=lambda f: f["file_path"])
-        if not frames:
-            raise InputError(
-                f"{file}: expected depth_file_path in its frames, found none in {stated}; a map needs depth"
-            )
-        poses = {frame["file_path"]: frame for frame in frames}
-        images = {kind: present({name: file.parent / frame[key] for name, frame in poses.items()})
-                  for kind, key in (("picture", "file_path"), ("depth image", "depth_file_path"))}  # fmt: skip
-        matched = match_frames(
-            file, images, poses, lambda frame: _pose(_place(file, frame), frame), place=partial(_place, file)
-        )
-        color_files, depth_files = ([files[name] for name in matched.frames] for files in images.values())
-        with_depth, frames = len(frames), [poses[name] for name in matched.frames]
-        unit = next((key for key in UNITS if content.get(key) is not None), UNITS[0])
-        unit_m = json_number(str(file), {unit: FACTS.depth_unit_m} | content, unit)
-        lenses = [_lens(_place(file, frame), frame, color_files[i], fisheye=fisheye) for i, frame in enumerate(frames)]
-        height, width = first_readable(lambda i: _read_depth(depth_files[i], unit_m), len(frames)).shape
-        depth_lenses = [lens.scaled(width, height) for lens in lenses]
-        images = FileFrames(color_files, depth_files, lenses, depth_lenses, lambda p: _read_depth(p, unit_m))
-        return images.recording(
-            FACTS,
-            path,
-            name=file.resolve().parent.name,
-            frame_names=names_of([Path(frame["file_path"]) for frame in frames]),
-            poses=matched.poses,
-            depth_unit_m=unit_m if depth_files[0].suffix != ".npy" else None,
-            notes=(*left_out(stated - with_depth, stated, "frames have no depth"), *matched.notes),
-            faults=matched.faults,
-        )
+
+READER = Reader(FACTS, _recognise, _open)
 
 
 def _file(path: Path) -> Path:

@@ -11,35 +11,35 @@ from pathlib import Path
 from pkgutil import resolve_name
 
 from simaps_viz.datasets.manifest import FORMAT
-from simaps_viz.datasets.posed_frames import PosedFramesReader
+from simaps_viz.datasets.posed_frames import READER as POSED_FRAMES
 from simaps_viz.datasets.recording import FormatFacts, Reader
 from simaps_viz.datasets.sequence import PosedFrames
 from simaps_viz.errors import InputError
 from simaps_viz.io.limits import LFS_POINTER, is_lfs_pointer
 
 READERS: list[str | Reader] = [
-    PosedFramesReader(),
-    "simaps_viz.datasets.tum:TumReader",
-    "simaps_viz.datasets.tum:SlamFolderReader",
-    "simaps_viz.datasets.seven_scenes:SevenScenesReader",
-    "simaps_viz.datasets.redwood:RedwoodReader",
-    "simaps_viz.datasets.scannet:ScanNetReader",
-    "simaps_viz.datasets.scannet:SensReader",
-    "simaps_viz.datasets.replica:ReplicaReader",
-    "simaps_viz.datasets.habitat:HabitatReader",
-    "simaps_viz.datasets.nerfstudio:NerfstudioReader",
-    "simaps_viz.datasets.arkit:ArkitReader",
-    "simaps_viz.datasets.colmap:ColmapReader",
-    "simaps_viz.datasets.record3d:Record3DReader",
-    "simaps_viz.datasets.polycam:PolycamReader",
-    "simaps_viz.datasets.rosbag:RosbagReader",
-    "simaps_viz.datasets.stray_scanner:StrayScannerReader",
-    "simaps_viz.datasets.rtabmap:RtabmapReader",
-    "simaps_viz.datasets.rerun_rrd:RerunReader",
-    "simaps_viz.datasets.lidar:LidarReader",
-    "simaps_viz.datasets.kitti360:Kitti360Reader",
+    POSED_FRAMES,
+    "simaps_viz.datasets.tum:TUM_READER",
+    "simaps_viz.datasets.tum:SLAM_READER",
+    "simaps_viz.datasets.seven_scenes:READER",
+    "simaps_viz.datasets.redwood:READER",
+    "simaps_viz.datasets.scannet:SCANNET_READER",
+    "simaps_viz.datasets.scannet:SENS_READER",
+    "simaps_viz.datasets.rendered:REPLICA_READER",
+    "simaps_viz.datasets.rendered:HABITAT_READER",
+    "simaps_viz.datasets.nerfstudio:READER",
+    "simaps_viz.datasets.phones:ARKIT_READER",
+    "simaps_viz.datasets.colmap:READER",
+    "simaps_viz.datasets.record3d:READER",
+    "simaps_viz.datasets.phones:POLYCAM_READER",
+    "simaps_viz.datasets.rosbag:READER",
+    "simaps_viz.datasets.phones:STRAY_READER",
+    "simaps_viz.datasets.rtabmap:READER",
+    "simaps_viz.datasets.rerun_rrd:READER",
+    "simaps_viz.datasets.lidar:READER",
+    "simaps_viz.datasets.kitti360:READER",
 ]
-"""Readers in the order they are tried: objects, or "module:class", which is imported when its turn comes."""
+"""Readers in the order they are tried: objects, or "module:name", which is imported when its turn comes."""
 
 
 def open_sequence(
@@ -87,7 +87,7 @@ def reader_of(path: Path) -> Reader:
     reader = recognise(path)
     if reader is None and path.is_dir():
         raise unknown_folder(path, tuple(readers()))
-    return reader or PosedFramesReader()  # a manifest of any name, or its error says best what is there
+    return reader or POSED_FRAMES  # a manifest of any name, or its error says best what is there
 
 
 def is_sequence(path: Path) -> bool:
@@ -120,7 +120,7 @@ def format_table() -> str:
 
 @cache
 def _load(entry: str) -> Reader:
-    return resolve_name(entry)()
+    return resolve_name(entry)
 
 
 MOST_LISTED = 8

@@ -16,10 +16,10 @@ from numpy.typing import NDArray
 from simaps_viz.colors import classes
 from simaps_viz.datasets.association import match_posed_files
 from simaps_viz.datasets.calibration import Lens, read_intrinsics
-from simaps_viz.datasets.file_frames import FileFrames, check_size
-from simaps_viz.datasets.images import MAX_ID, image_size, read_depth, read_ids
+from simaps_viz.datasets.file_frames import FileFrames, check_size, first_size
+from simaps_viz.datasets.images import MAX_ID, read_depth, read_ids
 from simaps_viz.datasets.manifest import SegmentationFiles, few, read_json, read_manifest, shown
-from simaps_viz.datasets.recording import FormatFacts, Reader, Recording, Segments, first_readable
+from simaps_viz.datasets.recording import FormatFacts, Reader, Recording, Segments
 from simaps_viz.errors import InputError
 from simaps_viz.structures import Intrinsics, Segment, Segmentation
 
@@ -31,43 +31,38 @@ FACTS = FormatFacts(
 )
 
 
-class PosedFramesReader(Reader):
-    """The reader of posed-frames/1 folders."""
+def _recognise(path: Path) -> bool:
+    return path.name == "sequence.json" or (path / "sequence.json").is_file()
 
-    facts = FACTS
 
-    def recognise(self, path: Path) -> bool:
-        """Return whether a path is a manifest of the usual name, or a folder with one."""
-        return path.name == "sequence.json" or (path / "sequence.json").is_file()
+def _open(path: Path) -> Recording:
+    manifest = read_manifest(path)
+    patterns = {"colour file": manifest.color, "depth file": manifest.depth}
+    if manifest.segmentation:
+        patterns["id image"] = manifest.segmentation.ids
+    matched, (color, depth, *_) = match_posed_files(
+        manifest.file(manifest.poses), {kind: partial(manifest.file, pattern) for kind, pattern in patterns.items()}
+    )
+    names = tuple(matched.frames)
+    width, height = first_size(color)
+    camera = read_intrinsics(manifest.file(manifest.intrinsics), width=width, height=height)
+    lenses, unit_m, files = [Lens(camera)], manifest.depth_unit_m, manifest.segmentation
+    frames = FileFrames(color, depth, lenses, lenses, lambda file: read_depth(file, unit_m))
+    return frames.recording(
+        replace(FACTS, up=manifest.up),
+        manifest.path,
+        name=manifest.name,
+        frame_names=names,
+        segments=read_segments(manifest.path.parent, files, names, camera) if files else None,
+        depth_unit_m=unit_m,
+        **matched.members(),
+        simulated=manifest.simulated,
+        floor_height_m=manifest.floor_height_m,
+        description=manifest.description,
+    )
 
-    def open(self, path: Path) -> Recording:
-        """Open a folder or its manifest; raises InputError for anything that is not as the format wants it."""
-        manifest = read_manifest(path)
-        patterns = {"colour file": manifest.color, "depth file": manifest.depth}
-        if manifest.segmentation:
-            patterns["id image"] = manifest.segmentation.ids
-        matched, (color, depth, *_) = match_posed_files(
-            manifest.file(manifest.poses), {kind: partial(manifest.file, pattern) for kind, pattern in patterns.items()}
-        )
-        names = tuple(matched.frames)
-        width, height = first_readable(lambda i: image_size(color[i]), len(color))
-        camera = read_intrinsics(manifest.file(manifest.intrinsics), width=width, height=height)
-        lenses, unit_m, files = [Lens(camera)], manifest.depth_unit_m, manifest.segmentation
-        frames = FileFrames(color, depth, lenses, lenses, lambda file: read_depth(file, unit_m))
-        return frames.recording(
-            replace(FACTS, up=manifest.up),
-            manifest.path,
-            name=manifest.name,
-            frame_names=names,
-            poses=matched.poses,
-            segments=read_segments(manifest.path.parent, files, names, camera) if files else None,
-            depth_unit_m=unit_m,
-            notes=matched.notes,
-            faults=matched.faults,
-            simulated=manifest.simulated,
-            floor_height_m=manifest.floor_height_m,
-            description=manifest.description,
-        )
+
+READER = Reader(FACTS, _recognise, _open)
 
 
 def read_segments(folder: Path, files: SegmentationFiles, frames: tuple[str, ...], camera: Intrinsics) -> Segments:

@@ -1,10 +1,12 @@
 """Read Record3D recordings: a ``.r3d`` file, the same unpacked, or the "EXR + JPG sequence" export."""
 
+import operator
 import re
 import struct
 import zipfile
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from importlib import import_module
 from pathlib import Path
 from typing import Any
@@ -13,14 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from simaps_viz.datasets.association import match_frames
-from simaps_viz.datasets.calibration import OPENCV_FROM_OPENGL, Lens, from_quaternion, pinhole, see_through
-from simaps_viz.datasets.file_frames import (
-    check_size,
-    clean_depth,
-    json_number,
-    number_of,
-    numbered,
-)
+from simaps_viz.datasets.calibration import OPENCV_FROM_OPENGL, Lens, from_quaternion, pinhole
+from simaps_viz.datasets.file_frames import FileFrames, Stored, clean_depth, json_number, number_of, numbered
 from simaps_viz.datasets.images import decode_color, read_color
 from simaps_viz.datasets.manifest import is_finite_number, parse_json, read_json, shown
 from simaps_viz.datasets.recording import FormatFacts, Reader, Recording, first_readable
@@ -59,49 +55,6 @@ def member(path: Path, name: str) -> bytes:
     if len(data) > MAX_MEMBER_BYTES:
         raise InputError(f"{path}: {name}: expected at most {MAX_MEMBER_BYTES} bytes, found more")
     return data
-
-
-_MAGIC = b"\x76\x2f\x31\x01"
-_MAX_HEADER_BYTES = 1 << 16
-_MAX_WORD_BYTES = 256
-_WINDOWS = ("dataWindow", "displayWindow")
-
-
-def check_exr(path: Path) -> None:
-    """Raise InputError unless a file starts as an EXR picture of a size that a camera's picture may have."""
-    try:
-        with path.open("rb") as file:
-            data = file.read(_MAX_HEADER_BYTES)
-    except OSError as error:
-        raise InputError(f"{path}: expected an EXR image, found {error.strerror or error}") from error
-    try:
-        found = dict(_attributes(data))
-    except (ValueError, struct.error) as error:
-        raise InputError(f"{path}: expected an EXR image, found a damaged or truncated file") from error
-    for name in _WINDOWS:
-        if len(found.get(name, b"")) != 16:
-            raise InputError(f"{path}: expected an EXR image, found one without {name}")
-        left, top, right, bottom = struct.unpack("<iiii", found[name])
-        check_picture(path, right - left + 1, bottom - top + 1)
-
-
-def _attributes(data: bytes) -> list[tuple[str, bytes]]:
-    """Return the names and values of the header: each is name, type, size, value; an empty name ends it."""
-    if data[:4] != _MAGIC:
-        raise ValueError("no EXR file")
-    at, found = 8, []
-    while data[at : at + 1] != b"\0":
-        if at >= len(data):
-            raise ValueError("a header that does not end")
-        end = data.index(b"\0", at, at + _MAX_WORD_BYTES)
-        end_of_type = data.index(b"\0", end + 1, end + 1 + _MAX_WORD_BYTES)
-        (size,) = struct.unpack_from("<i", data, end_of_type + 1)
-        start = end_of_type + 5
-        if size < 0 or start + size > len(data):
-            raise ValueError("an attribute that is cut short")
-        found.append((data[at:end].decode("latin-1"), data[start : start + size]))
-        at = start + size
-    return found
 
 
 _END, _RAW, _LZVN, _V1, _V2 = b"bvx$", b"bvx-", b"bvxn", b"bvx1", b"bvx2"
@@ -160,73 +113,55 @@ class _Parts:
 
     metadata: Any
     metadata_path: str
-    pictures: dict[int, str]
-    """Names by number."""
-    depths: dict[int, str]
-    color: Callable[[str], NDArray]
-    raw_depth: Callable[[str], NDArray]
+    pictures: dict[int, Stored]
+    """By number."""
+    depths: dict[int, Stored]
     """float32 [H, W] or [H * W], metres."""
-    depth_where: Callable[[str], str]
+    names: dict[int, str]
+    """Of the frames."""
 
 
-class Record3DReader(Reader):
-    """The reader of Record3D recordings."""
+def _recognise(path: Path) -> bool:
+    if path.suffix == ".r3d":
+        return path.is_file()
+    return _is_unpacked(path) or _is_exr(_exr_folder(path))
 
-    facts = FACTS
 
-    def recognise(self, path: Path) -> bool:
-        """Return whether a folder or file is in this format, from names alone."""
-        if path.suffix == ".r3d":
-            return path.is_file()
-        return _is_unpacked(path) or _is_exr(_exr_folder(path))
+def _open(path: Path) -> Recording:
+    if path.suffix == ".r3d":
+        parts = _zip_parts(path)
+    else:
+        parts = _folder_parts(path) if _is_unpacked(path) else _exr_parts(_exr_folder(path))
+    where, metadata = parts.metadata_path, parts.metadata
+    if not isinstance(metadata, dict) or not isinstance(metadata.get("poses"), list):
+        raise InputError(f'{where}: expected an object with a list "poses", found {shown(metadata)}')
+    # Pictures go by their number: the app leaves some out, but not their poses.
+    images = {"picture": parts.pictures, "depth image": parts.depths}
+    poses = {i: (f"{where}: poses[{i}]", row) for i, row in enumerate(metadata["poses"])}
+    matched = match_frames(where, images, poses, lambda pose: _pose(*pose), place=lambda pose: pose[0])
+    pictures, depths = matched.of_each(*images.values())
+    first = first_readable(lambda i: pictures[i](), len(pictures))
+    lenses = _lenses(where, metadata, matched.frames, (first.shape[1], first.shape[0]))
+    width, height = _depth_size(metadata, first_readable(lambda i: depths[i](), len(depths)), depths[0], where)
 
-    def open(self, path: Path) -> Recording:
-        """Open a recording; raises InputError for anything that is not as the format wants it."""
-        if path.suffix == ".r3d":
-            parts = _zip_parts(path)
-        else:
-            parts = _folder_parts(path) if _is_unpacked(path) else _exr_parts(_exr_folder(path))
-        where, metadata = parts.metadata_path, parts.metadata
-        if not isinstance(metadata, dict) or not isinstance(metadata.get("poses"), list):
-            raise InputError(f'{where}: expected an object with a list "poses", found {shown(metadata)}')
-        # Pictures go by their number: the app leaves some out, but not their poses.
-        images = {"picture": parts.pictures, "depth image": parts.depths}
-        poses = {i: (f"{where}: poses[{i}]", row) for i, row in enumerate(metadata["poses"])}
-        matched = match_frames(where, images, poses, lambda pose: _pose(*pose), place=lambda pose: pose[0])
-        names, depths = ([part[i] for i in matched.frames] for part in images.values())
-        first = first_readable(lambda i: parts.color(names[i]), len(names))
-        lenses = _lenses(where, metadata, matched.frames, (first.shape[1], first.shape[0]))
-        raw = first_readable(lambda i: parts.raw_depth(depths[i]), len(depths))
-        width, height = _depth_size(metadata, raw, parts.depth_where(depths[0]), where)
-        depth_lenses = [lens.scaled(width, height) for lens in lenses]
-        target = depth_lenses[0].intrinsics
+    def depth(stored: Stored) -> NDArray:
+        raw = stored()
+        if raw.size != width * height:
+            raise InputError(f"{stored}: expected {width}x{height} depths, found {raw.size}")
+        return clean_depth(raw.reshape(height, width))
 
-        def depth(index: int) -> NDArray:
-            raw = parts.raw_depth(depths[index])
-            if raw.size != width * height:
-                raise InputError(
-                    f"{parts.depth_where(depths[index])}: expected {width}x{height} depths, found {raw.size}"
-                )
-            return see_through(clean_depth(raw.reshape(height, width)), depth_lenses[index], target, exact=True)
+    files = FileFrames.of_one_view(pictures, depths, lenses, depth, read_color=operator.call)
+    return files.recording(
+        FACTS,
+        path,
+        name=path.resolve().parent.name if path.name == "EXR_RGBD" else path.resolve().stem,
+        frame_names=tuple(parts.names[i] for i in matched.frames),
+        depth_unit_m=WRITTEN_UNIT_M,
+        **matched.members(),
+    )
 
-        def color(index: int) -> NDArray:
-            rgb = parts.color(names[index])
-            check_size(f"{path}: picture {names[index]}", rgb, lenses[index].intrinsics)
-            return see_through(rgb, lenses[index], target, exact=False)
 
-        return Recording(
-            facts=FACTS,
-            path=path,
-            name=path.resolve().parent.name if path.name == "EXR_RGBD" else path.resolve().stem,
-            frame_names=tuple(Path(name).stem for name in names),
-            poses=matched.poses,
-            intrinsics=target,
-            depth=depth,
-            color=color,
-            depth_unit_m=WRITTEN_UNIT_M,
-            notes=matched.notes,
-            faults=matched.faults,
-        )
+READER = Reader(FACTS, _recognise, _open)
 
 
 def _is_unpacked(path: Path) -> bool:
@@ -267,7 +202,7 @@ def _lenses(where: str, metadata: dict[str, Any], frames: list[int], size: tuple
     return lenses
 
 
-def _depth_size(metadata: dict[str, Any], first: NDArray, depth_where: str, where: str) -> tuple[int, int]:
+def _depth_size(metadata: dict[str, Any], first: NDArray, depth_where: object, where: str) -> tuple[int, int]:
     if first.ndim == 2:
         return first.shape[1], first.shape[0]
     if type(metadata.get("dw")) is int and type(metadata.get("dh")) is int:
@@ -293,44 +228,38 @@ def _folder_parts(path: Path) -> _Parts:
 
 
 def _lzfse_parts(path: Path, metadata: Any, where: str, files: list[str], read: Callable[[str], bytes]) -> _Parts:
-    pictures, depths = (
-        {int(found[1]): found[1] for name in files if (found := re.fullmatch(rf"rgbd/([0-9]{{1,9}})\.{kind}", name))}
-        for kind in ("jpg", "depth")
-    )
-    if not pictures:
-        raise InputError(f"{path}: expected pictures rgbd/0.jpg and so on, found none")
+    def stored(kind: str, decode: Callable[[str, bytes], NDArray]) -> dict[int, Stored]:
+        found = (re.fullmatch(rf"rgbd/([0-9]{{1,9}})\.{kind}", name) for name in files)
+        names = sorted((int(name[1]), name[0]) for name in found if name)
+        return {
+            n: Stored(f"{path}: {name}", partial(lambda k: decode(f"{path}: {k}", read(k)), name)) for n, name in names
+        }
 
-    def color(stem: str) -> NDArray:
-        name = f"rgbd/{stem}.jpg"
-        return decode_color(f"{path}: {name}", read(name))
-
-    def raw_depth(stem: str) -> NDArray:
+    def raw_depth(name: str, packed: bytes) -> NDArray:
         liblzfse = _library("liblzfse", path)
-        name = f"rgbd/{stem}.depth"
-        packed = read(name)
         try:
             if lzfse_size(packed) > 4 * MAX_IMAGE_PIXELS:
                 raise ValueError("larger than a picture")
             return np.frombuffer(liblzfse.decompress(packed), dtype=np.float32)
         except (liblzfse.error, ValueError) as error:
-            raise InputError(f"{path}: {name}: expected LZFSE floats, found a damaged or truncated file") from error
+            raise InputError(f"{name}: expected LZFSE floats, found a damaged or truncated file") from error
 
-    in_order = dict(sorted(pictures.items()))
-    return _Parts(metadata, where, in_order, depths, color, raw_depth, lambda stem: f"{path}: rgbd/{stem}.depth")
+    pictures = stored("jpg", decode_color)
+    if not pictures:
+        raise InputError(f"{path}: expected pictures rgbd/0.jpg and so on, found none")
+    return _Parts(metadata, where, pictures, stored("depth", raw_depth), {n: f"{n}" for n in pictures})
 
 
 def _exr_parts(folder: Path) -> _Parts:
-    depth_files = {int(number_of(file)): file for file in numbered(folder / "depth", "*.exr")}
-    color_files = {int(number_of(f)): f for f in numbered(folder / "rgb", "*.*") if f.suffix in (".jpg", ".png")}
+    depths = {int(number_of(file)): file for file in numbered(folder / "depth", "*.exr")}
+    pictures = {int(number_of(f)): f for f in numbered(folder / "rgb", "*.*") if f.suffix in (".jpg", ".png")}
     metadata = folder / "metadata.json"
     return _Parts(
         metadata=read_json(metadata),
         metadata_path=str(metadata),
-        pictures={number: file.name for number, file in color_files.items()},
-        depths={number: file.name for number, file in depth_files.items()},
-        color=lambda name: read_color(folder / "rgb" / name),
-        raw_depth=lambda name: read_exr(folder / "depth" / name),
-        depth_where=lambda name: str(folder / "depth" / name),
+        pictures={number: Stored(str(file), partial(read_color, file)) for number, file in pictures.items()},
+        depths={number: Stored(str(file), partial(read_exr, file)) for number, file in depths.items()},
+        names={number: file.stem for number, file in pictures.items()},
     )
 
 
@@ -342,13 +271,16 @@ def read_exr(path: Path) -> NDArray:
     """
     OpenEXR = _library("OpenEXR", path)
     check_file(path, MAX_IMAGE_BYTES, "an EXR image")
-    check_exr(path)
     try:
+        with OpenEXR.File(str(path), header_only=True) as file:
+            for name in ("dataWindow", "displayWindow"):  # before what they say is allocated
+                (left, top), (right, bottom) = ((int(x) for x in corner) for corner in file.header()[name])
+                check_picture(path, right - left + 1, bottom - top + 1)
         with OpenEXR.File(str(path), separate_channels=True) as file:
             channels = file.channels()
             name = next((n for n in ("Z", "R", "Y", "V") if n in channels), next(iter(channels)))
             return np.array(channels[name].pixels, dtype=np.float32)
-    except (RuntimeError, OSError, StopIteration, ValueError) as error:
+    except (RuntimeError, OSError, StopIteration, ValueError, KeyError) as error:
         raise InputError(f"{path}: expected an EXR image, found a damaged or truncated file") from error
 
 

@@ -5,7 +5,7 @@ from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Protocol, TypeVar
+from typing import TypeVar
 
 from numpy.typing import NDArray
 
@@ -92,18 +92,15 @@ class Recording:
     """In words; None = the format's title."""
 
 
-class Reader(Protocol):
+@dataclass(frozen=True)
+class Reader:
     """Recognises and opens the recordings of one format; registered by one line in ``datasets/open.py``."""
 
     facts: FormatFacts
-
-    def recognise(self, path: Path) -> bool:
-        """Return whether a folder or file is in this format, from names alone."""
-        ...
-
-    def open(self, path: Path) -> Recording:
-        """Open a recording; raises InputError for anything that is not as the format wants it."""
-        ...
+    recognise: Callable[[Path], bool]
+    """Returns whether a folder or file is in this format, from names alone."""
+    open: Callable[[Path], Recording]
+    """Opens a recording; raises InputError for anything that is not as the format wants it."""
 
 
 def left_out(count: int, total: int, which: str) -> tuple[str, ...]:

@@ -27,39 +27,36 @@ PRIMESENSE = (640, 480), np.array([[525.0, 0, 319.5], [0, 525.0, 239.5], [0, 0, 
 """Open3D's camera where none is given: that of Redwood's recordings."""
 
 
-class RedwoodReader(Reader):
-    """The reader of Redwood's and Open3D's recordings."""
+def _recognise(path: Path) -> bool:
+    return (path / "depth").is_dir() and _colors(path) is not None and _log(path) is not None
 
-    facts = FACTS
 
-    def recognise(self, path: Path) -> bool:
-        """Return whether a folder is in this format, from names alone."""
-        return (path / "depth").is_dir() and _colors(path) is not None and _log(path) is not None
+def _open(path: Path) -> Recording:
+    log, colors = _log(path), _colors(path)
+    assert log is not None and colors is not None
+    color_files = [f for f in numbered(colors, "*.*") if f.suffix.lower() in (".jpg", ".jpeg", ".png")]
+    pairs = _paired(path, color_files, numbered(path / "depth", "*.png"))
+    poses = _poses(log)
+    if max(poses) >= len(pairs):
+        raise InputError(f"{log}: expected a pose per picture, found one of number {max(poses)} for {len(pairs)}")
+    posed = {number: T for number, T in poses.items() if np.isfinite(T).all()}
+    if not posed:
+        raise InputError(f"{log}: expected poses of finite numbers, found none in {len(poses)}")
+    color_files, depth_files = ([pairs[number][i] for number in posed] for i in (0, 1))
+    width, height = image_size(depth_files[0])
+    lens, unit_m, notes = _camera(path, (width, height))
+    color_lens = lens.scaled(*image_size(color_files[0]))
+    files = FileFrames(color_files, depth_files, [color_lens], [lens], depth_png(unit_m))
+    return files.recording(
+        FACTS,
+        path,
+        poses=np.stack([rigid(f"{log}: pose {number}", T) for number, T in posed.items()]),
+        depth_unit_m=unit_m,
+        notes=(*notes, *left_out(len(pairs) - len(posed), len(pairs), f"pictures have no pose in {log.name}")),
+    )
 
-    def open(self, path: Path) -> Recording:
-        """Open a recording; raises InputError for anything that is not as the format wants it."""
-        log, colors = _log(path), _colors(path)
-        assert log is not None and colors is not None
-        color_files = [f for f in numbered(colors, "*.*") if f.suffix.lower() in (".jpg", ".jpeg", ".png")]
-        pairs = _paired(path, color_files, numbered(path / "depth", "*.png"))
-        poses = _poses(log)
-        if max(poses) >= len(pairs):
-            raise InputError(f"{log}: expected a pose per picture, found one of number {max(poses)} for {len(pairs)}")
-        posed = {number: T for number, T in poses.items() if np.isfinite(T).all()}
-        if not posed:
-            raise InputError(f"{log}: expected poses of finite numbers, found none in {len(poses)}")
-        color_files, depth_files = ([pairs[number][i] for number in posed] for i in (0, 1))
-        width, height = image_size(depth_files[0])
-        lens, unit_m, notes = _camera(path, (width, height))
-        color_lens = lens.scaled(*image_size(color_files[0]))
-        files = FileFrames(color_files, depth_files, [color_lens], [lens], depth_png(unit_m))
-        return files.recording(
-            FACTS,
-            path,
-            poses=np.stack([rigid(f"{log}: pose {number}", T) for number, T in posed.items()]),
-            depth_unit_m=unit_m,
-            notes=(*notes, *left_out(len(pairs) - len(posed), len(pairs), f"pictures have no pose in {log.name}")),
-        )
+
+READER = Reader(FACTS, _recognise, _open)
 
 
 def _colors(path: Path) -> Path | None:

@@ -121,25 +121,23 @@ _RVL = "application/rvl"
 _TIMELINES_LAST = ("log_time", "log_tick")
 
 
-class RerunReader(Reader):
-    """The reader of rerun recordings."""
+def _recognise(path: Path) -> bool:
+    return path.suffix == ".rrd" and path.is_file()
 
-    facts = FACTS
 
-    def recognise(self, path: Path) -> bool:
-        """Return whether a file is in this format, from names alone."""
-        return path.suffix == ".rrd" and path.is_file()
+def _open_path(path: Path) -> Recording:
+    """Open a recording.
 
-    def open(self, path: Path) -> Recording:
-        """Open a recording.
+    Raises:
+        InputError: It is damaged, or lacks depth, pictures, a camera or poses that belong together.
+    """
+    check_readable(path)
+    _check_finished(path)
+    with complete(path, FACTS.title):
+        return _open(path)
 
-        Raises:
-            InputError: It is damaged, or lacks depth, pictures, a camera or poses that belong together.
-        """
-        check_readable(path)
-        _check_finished(path)
-        with complete(path, FACTS.title):
-            return _open(path)
+
+READER = Reader(FACTS, _recognise, _open_path)
 
 
 def _open(path: Path) -> Recording:

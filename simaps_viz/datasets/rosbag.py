@@ -74,26 +74,24 @@ FACTS = FormatFacts(
 COLOR_TOLERANCE_S = 0.02
 
 
-class RosbagReader(Reader):
-    """The reader of ROS bag recordings."""
+def _recognise(path: Path) -> bool:
+    if path.is_dir():
+        return (path / "metadata.yaml").is_file()
+    return path.suffix in (".bag", ".mcap", ".db3") and path.is_file()
 
-    facts = FACTS
 
-    def recognise(self, path: Path) -> bool:
-        """Return whether a folder or file is in this format, from names alone."""
-        if path.is_dir():
-            return (path / "metadata.yaml").is_file()
-        return path.suffix in (".bag", ".mcap", ".db3") and path.is_file()
+def _open_path(path: Path) -> Recording:
+    """Open a recording: it is read through once for the times of its pictures and for all poses.
 
-    def open(self, path: Path) -> Recording:
-        """Open a recording: it is read through once for the times of its pictures and for all poses.
+    Raises:
+        InputError: It is damaged, or lacks depth, colour, a camera or poses that belong together.
+    """
+    bag = Bag(path)
+    with complete(path, FACTS.title):
+        return _open(path, bag)
 
-        Raises:
-            InputError: It is damaged, or lacks depth, colour, a camera or poses that belong together.
-        """
-        bag = Bag(path)
-        with complete(path, FACTS.title):
-            return _open(path, bag)
+
+READER = Reader(FACTS, _recognise, _open_path)
 
 
 @dataclass(frozen=True, eq=False)

@@ -4,10 +4,12 @@ A database is SQLite. Poses are the robot base's; each picture's calibration has
 rectified, so P is their camera and the distortion beside it is not applied.
 """
 
+import operator
 import sqlite3
 import struct
 import threading
 import zlib
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -15,8 +17,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from simaps_viz.datasets.calibration import Lens, pinhole, rigid, see_through
-from simaps_viz.datasets.file_frames import check_size, clean_depth
+from simaps_viz.datasets.calibration import Lens, pinhole, rigid
+from simaps_viz.datasets.file_frames import FileFrames, Stored, clean_depth
 from simaps_viz.datasets.images import decode_color, decode_image
 from simaps_viz.datasets.recording import FormatFacts, Reader, Recording, complete, left_out
 from simaps_viz.datasets.ros_messages import unpack_rvl
@@ -39,19 +41,16 @@ _MAT = struct.Struct("<3i")
 """Rows, columns and OpenCV's type, behind zipped numbers."""
 
 
-class RtabmapReader(Reader):
-    """The reader of RTAB-Map databases."""
+def _recognise(path: Path) -> bool:
+    return path.suffix == ".db" and path.is_file()
 
-    facts = FACTS
 
-    def recognise(self, path: Path) -> bool:
-        """Return whether a file is in this format, from names alone."""
-        return path.suffix == ".db" and path.is_file()
+def _open_path(path: Path) -> Recording:
+    with complete(path, FACTS.title):
+        return _open(path, Database(path))
 
-    def open(self, path: Path) -> Recording:
-        """Open a database; raises InputError for anything that is not as the format wants it."""
-        with complete(path, FACTS.title):
-            return _open(path, Database(path))
+
+READER = Reader(FACTS, _recognise, _open_path)
 
 
 class Database:
@@ -111,31 +110,24 @@ def _open(path: Path, database: Database) -> Recording:
     calibrations = {node: bytes(data or b"") for node, _, data in nodes if node in posed}
     size = decode_color(f"{path}: node {kept[0]}", database.picture("image", kept[0])).shape[:2]
     cameras = [_camera(f"{path}: node {node}: calibration", calibrations[node], size) for node in kept]
-    height, width = _depth(f"{path}: node {kept[0]}: depth", database.picture("depth", kept[0])).shape
-    depth_lenses = [lens.scaled(width, height) for lens, _ in cameras]
-    target = depth_lenses[0].intrinsics
 
-    def depth(i: int) -> NDArray:
-        where = f"{path}: node {kept[i]}: depth"
-        image = _depth(where, database.picture("depth", kept[i]))
-        check_size(where, image, depth_lenses[i].intrinsics)
-        return see_through(image, depth_lenses[i], target, exact=True)
+    def stored(column: str, decode: Callable[[str, bytes], NDArray]) -> list[Stored]:
+        def of(node: int) -> Stored:
+            where = f"{path}: node {node}: {column}"
+            return Stored(where, lambda: decode(where, database.picture(column, node)))
 
-    def color(i: int) -> NDArray:
-        where = f"{path}: node {kept[i]}: image"
-        rgb = decode_color(where, database.picture("image", kept[i]))
-        check_size(where, rgb, cameras[i][0].intrinsics)
-        return see_through(rgb, cameras[i][0], target, exact=False)
+        return [of(node) for node in kept]
 
-    return Recording(
-        facts=FACTS,
-        path=path,
+    files = FileFrames.of_one_view(
+        stored("image", decode_color), stored("depth", _depth), [lens for lens, _ in cameras], operator.call,
+        read_color=operator.call,
+    )  # fmt: skip
+    return files.recording(
+        FACTS,
+        path,
         name=path.resolve().stem,
         frame_names=tuple(f"{node:06d}" for node in kept),
         poses=np.stack([posed[node] @ T for node, (_, T) in zip(kept, cameras, strict=True)]),
-        intrinsics=target,
-        depth=depth,
-        color=color,
         notes=notes,
     )
 

@@ -5,9 +5,12 @@ matrices, compressions, sizes, steps a metre, number of frames), then for each f
 lengths and the compressed colour and depth.
 """
 
+import operator
 import struct
 import zlib
+from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import Any, BinaryIO
 
@@ -17,8 +20,8 @@ from numpy.typing import NDArray
 from simaps_viz.colors.classes import is_thing
 from simaps_viz.datasets.association import match_frames
 from simaps_viz.datasets.calibration import Lens, matrix4, matrix_lens, see_through
-from simaps_viz.datasets.file_frames import FileFrames, by_stem, check_size, depth_png, numbered
-from simaps_viz.datasets.images import decode_color, image_size, read_ids
+from simaps_viz.datasets.file_frames import FileFrames, Stored, by_stem, check_size, depth_png, first_size, numbered
+from simaps_viz.datasets.images import decode_color, read_ids
 from simaps_viz.datasets.manifest import read_json, shown
 from simaps_viz.datasets.posed_frames import WorldSegments
 from simaps_viz.datasets.recording import FormatFacts, Reader, Recording, Segments, first_readable
@@ -36,41 +39,34 @@ EXTRACTED = FormatFacts(
 )
 
 
-class ScanNetReader(Reader):
-    """The reader of scans whose .sens file has been extracted."""
+def _is_extracted(path: Path) -> bool:
+    return _camera_file(_frames_folder(path), "depth").is_file()
 
-    facts = EXTRACTED
 
-    def recognise(self, path: Path) -> bool:
-        """Return whether a folder is in this format, from names alone."""
-        return _camera_file(_frames_folder(path), "depth").is_file()
+def _open_extracted(path: Path) -> Recording:
+    folder = _frames_folder(path)
+    depth_files = numbered(folder / "depth", "*.png")
+    if not depth_files:
+        raise InputError(f"{folder / 'depth'}: expected *.png, found none")
+    depth, pose_files = by_stem(depth_files), by_stem(numbered(folder / "pose", "*.txt"))
+    color = by_stem(numbered(folder / "color", "*.jpg")) | by_stem(numbered(folder / "color", "*.png"))
+    matched = match_frames(folder, {"depth image": depth, "colour image": color}, pose_files, matrix4)
+    names, (depth_files, color_files) = tuple(matched.frames), matched.of_each(depth, color)
+    read = depth_png(EXTRACTED.depth_unit_m)
+    height, width = first_readable(lambda i: read(depth_files[i]), len(names)).shape
+    depth_lens = _lens(_camera_file(folder, "depth"), width, height)
+    color_lens = _lens(_camera_file(folder, "color"), *first_size(color_files))
+    files = FileFrames(color_files, depth_files, [color_lens], [depth_lens], read)
+    return files.recording(
+        EXTRACTED,
+        path,
+        frame_names=names,
+        segments=_segments(path, folder, names, color_lens, depth_lens.intrinsics),
+        **matched.members(),
+    )
 
-    def open(self, path: Path) -> Recording:
-        """Open a scan; raises InputError for anything that is not as the format wants it."""
-        folder = _frames_folder(path)
-        depth_files = numbered(folder / "depth", "*.png")
-        if not depth_files:
-            raise InputError(f"{folder / 'depth'}: expected *.png, found none")
-        depth, pose_files = by_stem(depth_files), by_stem(numbered(folder / "pose", "*.txt"))
-        color = by_stem(numbered(folder / "color", "*.jpg")) | by_stem(numbered(folder / "color", "*.png"))
-        matched = match_frames(folder, {"depth image": depth, "colour image": color}, pose_files, matrix4)
-        names = tuple(matched.frames)
-        depth_files, color_files = [depth[name] for name in names], [color[name] for name in names]
-        read = depth_png(EXTRACTED.depth_unit_m)
-        height, width = first_readable(lambda i: read(depth_files[i]), len(names)).shape
-        depth_lens = _lens(_camera_file(folder, "depth"), width, height)
-        color_size = first_readable(lambda i: image_size(color_files[i]), len(names))
-        color_lens = _lens(_camera_file(folder, "color"), *color_size)
-        files = FileFrames(color_files, depth_files, [color_lens], [depth_lens], read)
-        return files.recording(
-            EXTRACTED,
-            path,
-            frame_names=names,
-            poses=matched.poses,
-            segments=_segments(path, folder, names, color_lens, depth_lens.intrinsics),
-            notes=matched.notes,
-            faults=matched.faults,
-        )
+
+SCANNET_READER = Reader(EXTRACTED, _is_extracted, _open_extracted)
 
 
 def _frames_folder(path: Path) -> Path:
@@ -159,71 +155,62 @@ class _Entry:
     depth_bytes: int
 
 
-class SensReader(Reader):
-    """The reader of .sens files."""
+def _is_sens(path: Path) -> bool:
+    return _sens_file(path).suffix == ".sens" and _sens_file(path).is_file()
 
-    facts = SENS
 
-    def recognise(self, path: Path) -> bool:
-        """Return whether a file is in this format, or a folder has one such file, from names alone."""
-        return _sens_file(path).suffix == ".sens" and _sens_file(path).is_file()
+def _open_sens(path: Path) -> Recording:
+    """Open a file: its header and where each frame lies are read, its pictures when they are wanted.
 
-    def open(self, path: Path) -> Recording:
-        """Open a file: its header and where each frame lies are read, its pictures when they are wanted.
+    Raises:
+        InputError: It is no .sens file of version 4, is cut short, or has a compression that only ScanNet's own
+            program reads.
+    """
+    path = _sens_file(path)
+    if is_lfs_pointer(path):
+        raise InputError(f"{path}: expected a .sens file, found {LFS_POINTER}")
+    try:
+        with path.open("rb") as file:
+            header = _read_header(path, file)
+            entries = [_read_entry(path, file, i, header.frames) for i in range(header.frames)]
+    except OSError as error:
+        raise InputError(f"{path}: expected a .sens file, found {error.strerror or error}") from error
+    if not entries:
+        raise InputError(f"{path}: expected frames, found none")
+    matched = match_frames(
+        path, {}, dict(enumerate(entries)), lambda entry: entry.T_world_camera, place=lambda _: str(path)
+    )
 
-        Raises:
-            InputError: It is no .sens file of version 4, is cut short, or has a compression that only ScanNet's own
-                program reads.
-        """
-        path = _sens_file(path)
-        if is_lfs_pointer(path):
-            raise InputError(f"{path}: expected a .sens file, found {LFS_POINTER}")
-        try:
-            with path.open("rb") as file:
-                header = _read_header(path, file)
-                entries = [_read_entry(path, file, i, header.frames) for i in range(header.frames)]
-        except OSError as error:
-            raise InputError(f"{path}: expected a .sens file, found {error.strerror or error}") from error
-        if not entries:
-            raise InputError(f"{path}: expected frames, found none")
-        wheres = [f"{path}: frame {i}" for i in range(len(entries))]
-        matched = match_frames(
-            path, {}, dict(enumerate(entries)), lambda entry: entry.T_world_camera, place=lambda _: str(path)
-        )
-        kept = matched.frames
-        target = header.depth.intrinsics
+    def depth(where: str, entry: _Entry) -> NDArray:
+        raw = _depth_steps(where, _read_at(path, entry.depth_at, entry.depth_bytes), header)
+        return np.multiply(raw, np.float32(header.depth_unit_m), dtype=np.float32)
 
-        def depth(index: int) -> NDArray:
-            entry = entries[kept[index]]
-            data = _read_at(path, entry.depth_at, entry.depth_bytes)
-            raw = _depth_steps(wheres[kept[index]], data, header)
-            return np.multiply(raw, np.float32(header.depth_unit_m), dtype=np.float32)
+    def color(where: str, entry: _Entry) -> NDArray:
+        data, k = _read_at(path, entry.color_at, entry.color_bytes), header.color.intrinsics
+        coded = header.color_compression in COLOR_CODED
+        rgb = decode_color(where, data) if coded else np.frombuffer(data, np.uint8)
+        if rgb.size != k.width * k.height * 3:
+            raise InputError(f"{where}: expected {k.width}x{k.height} pixels, found {rgb.size // 3} pixels in all")
+        return rgb.reshape(k.height, k.width, 3)
 
-        def color(index: int) -> NDArray:
-            entry, where = entries[kept[index]], f"{wheres[kept[index]]}: colour"
-            data = _read_at(path, entry.color_at, entry.color_bytes)
-            k = header.color.intrinsics
-            if header.color_compression in COLOR_CODED:
-                rgb = decode_color(where, data)
-            else:
-                rgb = np.frombuffer(data, np.uint8)
-            if rgb.size != k.width * k.height * 3:
-                raise InputError(f"{where}: expected {k.width}x{k.height} pixels, found {rgb.size // 3} pixels in all")
-            return see_through(rgb.reshape(k.height, k.width, 3), header.color, target, exact=False)
+    def stored(what: str, decode: Callable[[str, _Entry], NDArray]) -> list[Stored]:
+        wheres = {i: f"{path}: frame {i}{what}" for i in matched.frames}
+        return [Stored(where, partial(decode, where, entries[i])) for i, where in wheres.items()]
 
-        return Recording(
-            facts=SENS,
-            path=path,
-            name=path.stem,
-            frame_names=tuple(str(i) for i in kept),
-            poses=matched.poses,
-            intrinsics=target,
-            depth=depth,
-            color=color,
-            depth_unit_m=header.depth_unit_m,
-            notes=matched.notes,
-            faults=matched.faults,
-        )
+    files = FileFrames(
+        stored(": colour", color), stored("", depth), [header.color], [header.depth], operator.call, operator.call
+    )
+    return files.recording(
+        SENS,
+        path,
+        name=path.stem,
+        frame_names=tuple(str(i) for i in matched.frames),
+        depth_unit_m=header.depth_unit_m,
+        **matched.members(),
+    )
+
+
+SENS_READER = Reader(SENS, _is_sens, _open_sens)
 
 
 def _sens_file(path: Path) -> Path:

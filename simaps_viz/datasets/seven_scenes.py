@@ -2,12 +2,13 @@
 
 3DMatch, BundleFusion, 12-Scenes, 3RScan and many tools write ``frame-000000.color.jpg``, ``.depth.png`` and
 ``.pose.txt`` too, with depth in the camera of the colour pictures or of one that stands at the same place, and say
-which camera it was. 7-Scenes itself, and 3DMatch's copies of it, have the raw pictures of a Kinect: its two cameras
-stand 25 mm apart, so depth is carried over to the colour camera.
+which camera it was; MIT and Princeton's Amazon challenge may have poses and camera in one ``cam.info.txt``. 7-Scenes
+itself, and 3DMatch's copies of it, have the raw pictures of a Kinect: its two cameras stand 25 mm apart, so depth is
+carried over to the colour camera.
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -16,16 +17,17 @@ from numpy.typing import NDArray
 from simaps_viz.datasets.association import match_frames
 from simaps_viz.datasets.calibration import Lens, camera_matrix, matrix4, matrix_lens, numbers, pinhole, words
 from simaps_viz.datasets.clouds import register_depth
-from simaps_viz.datasets.file_frames import FileFrames, depth_png, number_of
-from simaps_viz.datasets.images import image_size, read_depth
+from simaps_viz.datasets.file_frames import FileFrames, depth_png, first_size, number_of
+from simaps_viz.datasets.images import read_depth
 from simaps_viz.datasets.recording import FormatFacts, Reader, Recording, first_readable
 from simaps_viz.errors import InputError
 from simaps_viz.geometry import invert_pose
+from simaps_viz.io.limits import MAX_TEXT_BYTES, read_bytes
 
 FACTS = FormatFacts(
     title="7-Scenes",
     recognised_by="`frame-*.depth.png` or `frame-*.depth.pgm`, `frame-*.color.png` or `frame-*.color.jpg`, "
-    "`frame-*.pose.txt` (the camera in `camera-intrinsics.txt` or `info.txt`, there or above)",
+    "`frame-*.pose.txt` or `cam.info.txt` (the camera in `camera-intrinsics.txt` or `info.txt`, there or above)",
     depth="16-bit PNG or PGM",
     invalid="0, 65535",
     pose="camera to world: 4x4; infinite where tracking was lost, left out",
@@ -40,6 +42,10 @@ KINECT_BASELINE_M = 0.025
 KINECT_NOTE = "depth and colour are of a Kinect's two cameras: depth is registered to colour, 25 mm beside it"
 APC_CAMERA, APC_UNIT_M = "camera-intrinsics.color.txt", 0.0001
 """The camera as MIT and Princeton's Amazon challenge recordings name it, and their metres a step of depth."""
+APC_INFO, APC_INFO_CAMERA = "cam.info.txt", "Color camera intrinsic matrix"
+"""Where they have all matrices in one file, each below its title; depth is registered to colour."""
+APC_UP = (0.0, 0.0, 1.0)
+"""Of the robot's world, in which that file has its poses."""
 CAMERA_FILES = ("camera-intrinsics.txt", "info.txt", "_info.txt", "intrinsics.txt", APC_CAMERA, "intrinsics.K.txt")
 ROTATED_BITS = 3
 """SUN3D's depth images, and those of its authors' later datasets, have their bits rotated left by so many."""
@@ -48,48 +54,46 @@ ROTATED_SHARE, ROTATED_DISTINCT = 0.9, 64
 """Of a picture's distinct values, at least so many, this share has 0 or 1 in its lowest bits; of others a quarter."""
 
 
-class SevenScenesReader(Reader):
-    """The reader of 7-Scenes recordings and the like."""
+def _recognise(path: Path) -> bool:
+    return path.is_dir() and next(path.glob("frame-*.depth.p[ng][gm]*"), None) is not None
 
-    facts = FACTS
 
-    def recognise(self, path: Path) -> bool:
-        """Return whether a folder is in this format, from names alone."""
-        return path.is_dir() and next(path.glob("frame-*.depth.p[ng][gm]*"), None) is not None
-
-    def open(self, path: Path) -> Recording:
-        """Open a recording; raises InputError for anything that is not as the format wants it."""
-        depth, color, poses = (_files(path, kind) for kind in ("depth", "color", "pose"))
-        images = {"depth image": depth, "colour image": color}
+def _open(path: Path) -> Recording:
+    depth, color, poses = (_files(path, kind) for kind in ("depth", "color", "pose"))
+    images = {"depth image": depth, "colour image": color}
+    info = _titled(path / APC_INFO) if not poses and (path / APC_INFO).is_file() else {}
+    stated = {title.rpartition(" for ")[2]: T for title, T in info.items() if " for frame-" in title}
+    if stated:
+        matched = match_frames(path, images, stated, lambda T: T, place=lambda _: str(path / APC_INFO))
+    else:
         matched = match_frames(path, images, poses, matrix4)
-        names = tuple(matched.frames)
-        depth_files, color_files = [depth[name] for name in names], [color[name] for name in names]
-        width, height = first_readable(lambda i: image_size(color_files[i]), len(names))
-        camera = _camera(path, width, height)
-        unit_m = camera.unit_m or FACTS.depth_unit_m
-        raw, notes = depth_png(unit_m, invalid=INVALID), camera.notes
-        sample = first_readable(lambda i: raw(depth_files[i]), len(names))
-        if camera.unit_m is None and _is_rotated(sample / np.float32(unit_m)):
-            unit_m = camera.rotated_unit_m
-            raw, notes = _rotated_back(unit_m), (*notes, ROTATED_NOTE)
-        depth_lens = camera.depth.scaled(sample.shape[1], sample.shape[0])
-        T_world_camera, registered = matched.poses, raw
-        if camera.T_color_depth is not None:
-            place = depth_lens, camera.T_color_depth, camera.color.intrinsics
-            registered = lambda file: register_depth(raw(file), *place)  # noqa: E731
-            T_world_camera, depth_lens = T_world_camera @ invert_pose(camera.T_color_depth), camera.color
-        files = FileFrames(color_files, depth_files, [camera.color], [depth_lens], registered)
-        resolved = path.resolve()
-        return files.recording(
-            FACTS,
-            path,
-            name=f"{resolved.parent.name} {resolved.name}" if resolved.name.startswith("seq-") else resolved.name,
-            frame_names=names,
-            poses=T_world_camera,
-            depth_unit_m=unit_m,
-            notes=(*matched.notes, *notes),
-            faults=matched.faults,
-        )
+    names, (depth_files, color_files) = tuple(matched.frames), matched.of_each(depth, color)
+    camera = _camera(path, *first_size(color_files), info.get(APC_INFO_CAMERA))
+    unit_m = camera.unit_m or FACTS.depth_unit_m
+    raw, notes = depth_png(unit_m, invalid=INVALID), camera.notes
+    sample = first_readable(lambda i: raw(depth_files[i]), len(names))
+    if camera.unit_m is None and _is_rotated(sample / np.float32(unit_m)):
+        unit_m = camera.rotated_unit_m
+        raw, notes = _rotated_back(unit_m), (*notes, ROTATED_NOTE)
+    depth_lens = camera.depth.scaled(sample.shape[1], sample.shape[0])
+    T_world_camera, registered = matched.poses, raw
+    if camera.T_color_depth is not None:
+        place = depth_lens, camera.T_color_depth, camera.color.intrinsics
+        registered = lambda file: register_depth(raw(file), *place)  # noqa: E731
+        T_world_camera, depth_lens = T_world_camera @ invert_pose(camera.T_color_depth), camera.color
+    files = FileFrames(color_files, depth_files, [camera.color], [depth_lens], registered)
+    resolved = path.resolve()
+    return files.recording(
+        replace(FACTS, up=APC_UP) if stated else FACTS,
+        path,
+        name=f"{resolved.parent.name} {resolved.name}" if resolved.name.startswith("seq-") else resolved.name,
+        frame_names=names,
+        depth_unit_m=unit_m,
+        **matched.members(*notes) | {"poses": T_world_camera},
+    )
+
+
+READER = Reader(FACTS, _recognise, _open)
 
 
 @dataclass(frozen=True)
@@ -113,12 +117,34 @@ def _files(path: Path, kind: str) -> dict[str, Path]:
     return dict(sorted(found.items(), key=lambda item: (number_of(Path(item[0])), item[0])))
 
 
-def _camera(path: Path, width: int, height: int) -> _Camera:
-    """Find the cameras: as a file in the folder or above it says, else those of 7-Scenes.
+def _titled(file: Path) -> dict[str, NDArray]:
+    """Return the matrices of a text by the comment above each; raises InputError when one is none."""
+    found: dict[str, list[NDArray]] = {}
+    title = ""
+    for number, line in enumerate(
+        read_bytes(file, MAX_TEXT_BYTES, "a text file").decode("utf-8", "replace").split("\n"), 1
+    ):
+        if line.startswith("#"):
+            title = line.strip("# \t\r")
+        elif line.strip():
+            found.setdefault(title, []).append(numbers(f"{file}, line {number}", line.split()))
+    for name, rows in found.items():
+        if len({len(row) for row in rows}) > 1:
+            raise InputError(f"{file}: {name}: expected a matrix, found rows of different lengths")
+    return {name: np.stack(rows) for name, rows in found.items()}
+
+
+def _camera(path: Path, width: int, height: int, K: NDArray | None) -> _Camera:
+    """Find the cameras: the one stated, or as a file in the folder or above it says, else those of 7-Scenes.
 
     Raises:
         InputError: No file says it, and the pictures are not as 7-Scenes has them; or a file makes no sense.
     """
+    if K is not None:
+        if K.shape != (3, 3):
+            raise InputError(f"{path / APC_INFO}: {APC_INFO_CAMERA}: expected 3x3 numbers, found {list(K.shape)}")
+        lens = matrix_lens(str(path / APC_INFO), width, height, K)
+        return _Camera(lens, lens, rotated_unit_m=APC_UNIT_M)
     places = [folder / name for folder in (path, path.resolve().parent) for name in CAMERA_FILES]
     file = next((file for file in places if file.is_file()), None)
     kinect = Lens(pinhole(str(path), *KINECT_DEPTH))

@@ -6,7 +6,8 @@ both are undistorted alike.
 
 People who record for RGB-D SLAM have the same lists, but a trajectory of their own, such as ORB-SLAM saves. Colour and
 depth are paired by a list of both (``associations.txt``, as TUM's associate.py prints it), else by the two lists. The
-world is the first camera's, so up is estimated. Folders of neither kind have to hold their camera.
+world is the first camera's, so up is estimated. Where there is no list, a trajectory without times (``pose.txt``: seven
+numbers a line, as in slambook's examples) has a line for each picture. All these folders have to hold their camera.
 """
 
 import os
@@ -16,9 +17,9 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from simaps_viz.datasets.association import interpolate_poses, posed_pairs, read_trajectory
-from simaps_viz.datasets.calibration import Lens, from_quaternion, numbers, pinhole, read_intrinsics, words
-from simaps_viz.datasets.file_frames import FileFrames, depth_png, present
+from simaps_viz.datasets.association import interpolate_poses, match_frames, posed_pairs, read_trajectory
+from simaps_viz.datasets.calibration import Lens, from_quaternion, number_rows, numbers, pinhole, read_intrinsics, words
+from simaps_viz.datasets.file_frames import FileFrames, by_line, depth_png, number_of, numbered, present
 from simaps_viz.datasets.images import image_size
 from simaps_viz.datasets.manifest import few
 from simaps_viz.datasets.recording import FormatFacts, Reader, Recording, first_readable, left_out
@@ -35,10 +36,14 @@ TUM = FormatFacts(
 )
 SLAM = FormatFacts(
     title="RGB-D SLAM folder",
-    recognised_by="`associations.txt`, or `rgb.txt`, `depth.txt`; with `CameraTrajectory.txt` or another trajectory",
+    recognised_by="`associations.txt`, or `rgb.txt`, `depth.txt`; with `CameraTrajectory.txt` or another trajectory; "
+    "or `pose.txt`, `depth/`, `color/` or `rgb/`",
+    depth="16-bit PNG or PGM",
     depth_unit_m=DEPTH_UNIT_M,
     pose=TUM.pose,
 )
+NUMBERED, NUMBERED_UNIT_M = "pose.txt", 0.001
+"""The trajectory without times, a line for each picture, and the unit of depth that goes with it."""
 LISTS = ("associations.txt", "*assoc*.txt", "rgb-depth*.txt")
 """Names that people give what associate.py prints; the first that is there counts."""
 TRAJECTORIES = ("groundtruth.txt", "CameraTrajectory.txt", "KeyFrameTrajectory.txt", "trajectory.txt")
@@ -49,76 +54,108 @@ COLOR_TOLERANCE_S = 0.02
 MAX_POSE_GAP_S = 0.2
 
 
-class TumReader(Reader):
-    """The reader of TUM RGB-D recordings."""
+def _is_tum(path: Path) -> bool:
+    return all((path / name).is_file() for name in ("rgb.txt", "depth.txt", "groundtruth.txt"))
 
-    facts = TUM
 
-    def recognise(self, path: Path) -> bool:
-        """Return whether a folder is in this format, from names alone."""
-        return all((path / name).is_file() for name in ("rgb.txt", "depth.txt", "groundtruth.txt"))
+def _open_tum(path: Path) -> Recording:
+    trajectory, lost = _trajectory(path / "groundtruth.txt")
+    color_files, depth_files, poses, notes, missing = _by_two_lists(path, trajectory)
+    readable = first_readable(lambda i: image_size(color_files[i]) and color_files[i], len(color_files))
+    lens, unit_m, _ = camera_of(path, readable, by_folder=True)
+    return FileFrames(color_files, depth_files, [lens], [lens], depth_png(unit_m)).recording(
+        TUM,
+        path,
+        poses=poses,
+        depth_unit_m=unit_m,
+        notes=notes,
+        faults=(*missing, *lost),
+    )
 
-    def open(self, path: Path) -> Recording:
-        """Open a recording; raises InputError for anything that is not as the format wants it."""
-        trajectory, lost = _trajectory(path / "groundtruth.txt")
+
+TUM_READER = Reader(TUM, _is_tum, _open_tum)
+
+
+def _is_slam(path: Path) -> bool:
+    return path.is_dir() and (_has_lists(path) or _is_numbered(path)) and not _is_tum(path)
+
+
+def _has_lists(path: Path) -> bool:
+    return _first(path, LISTS) is not None or all((path / name).is_file() for name in ("rgb.txt", "depth.txt"))
+
+
+def _is_numbered(path: Path) -> bool:
+    return (path / NUMBERED).is_file() and (path / "depth").is_dir() and _pictures(path).is_dir()
+
+
+def _pictures(path: Path) -> Path:
+    return path / "color" if (path / "color").is_dir() else path / "rgb"
+
+
+def _open_slam(path: Path) -> Recording:
+    if not _has_lists(path):
+        return _open_numbered(path)
+    poses_file, both = _first(path, TRAJECTORIES) or _other_trajectory(path), _first(path, LISTS)
+    trajectory, lost = _trajectory(poses_file)
+    if both is None:
         color_files, depth_files, poses, notes, missing = _by_two_lists(path, trajectory)
-        readable = first_readable(lambda i: image_size(color_files[i]) and color_files[i], len(color_files))
-        lens, unit_m, _ = camera_of(path, readable, by_folder=True)
-        return FileFrames(color_files, depth_files, [lens], [lens], depth_png(unit_m)).recording(
-            TUM,
-            path,
-            poses=poses,
-            depth_unit_m=unit_m,
-            notes=notes,
-            faults=(*missing, *lost),
-        )
-
-
-class SlamFolderReader(Reader):
-    """The reader of folders recorded for RGB-D SLAM."""
-
-    facts = SLAM
-
-    def recognise(self, path: Path) -> bool:
-        """Return whether a folder is in this format, from names alone."""
-        lists = _first(path, LISTS) is not None or all((path / name).is_file() for name in ("rgb.txt", "depth.txt"))
-        return path.is_dir() and lists and not TumReader().recognise(path)
-
-    def open(self, path: Path) -> Recording:
-        """Open a folder; raises InputError for anything that is not as the format wants it."""
-        poses_file, both = _first(path, TRAJECTORIES) or _other_trajectory(path), _first(path, LISTS)
-        trajectory, lost = _trajectory(poses_file)
-        if both is None:
-            color_files, depth_files, poses, notes, missing = _by_two_lists(path, trajectory)
-        else:
-            stamps, color_files, depth_files, missing = _pairs(both)
-            # Whoever tracked them stamps poses with either time; a pose at exactly one of them is it.
-            found = [
-                interpolate_poses(*trajectory, times, max_gap_s=MAX_POSE_GAP_S, beyond_s=COLOR_TOLERANCE_S)
-                for times in stamps
-            ]
-            exact = [np.isin(np.round(times, 6), np.round(trajectory[0], 6)).sum() for times in stamps]
-            poses, known = found[int(exact[1] > exact[0])]
-            if not known.any():
-                raise InputError(
-                    f"{path}: expected poses at the times of {both.name}, found none within {MAX_POSE_GAP_S:g} s among "
-                    f"{len(trajectory[0])} poses ({poses_file.name})"
-                )
-            poses = poses[known]
-            total = len(color_files)
-            notes = left_out(total - len(poses), total, f"pictures have no pose of their time in {poses_file.name}")
-            color_files, depth_files = (
-                [file for file, kept in zip(files, known, strict=True) if kept] for files in (color_files, depth_files)
+    else:
+        stamps, color_files, depth_files, missing = _pairs(both)
+        # Whoever tracked them stamps poses with either time; a pose at exactly one of them is it.
+        found = [
+            interpolate_poses(*trajectory, times, max_gap_s=MAX_POSE_GAP_S, beyond_s=COLOR_TOLERANCE_S)
+            for times in stamps
+        ]
+        exact = [np.isin(np.round(times, 6), np.round(trajectory[0], 6)).sum() for times in stamps]
+        poses, known = found[int(exact[1] > exact[0])]
+        if not known.any():
+            raise InputError(
+                f"{path}: expected poses at the times of {both.name}, found none within {MAX_POSE_GAP_S:g} s among "
+                f"{len(trajectory[0])} poses ({poses_file.name})"
             )
-        lens, unit_m, source = camera_of(path, color_files[0])
-        return FileFrames(color_files, depth_files, [lens], [lens], depth_png(unit_m)).recording(
-            SLAM,
-            path,
-            poses=poses,
-            depth_unit_m=unit_m,
-            notes=(f"camera: {source}; depth: {unit_m:g} m a step", *notes),
-            faults=(*missing, *lost),
+        poses = poses[known]
+        total = len(color_files)
+        notes = left_out(total - len(poses), total, f"pictures have no pose of their time in {poses_file.name}")
+        color_files, depth_files = (
+            [file for file, kept in zip(files, known, strict=True) if kept] for files in (color_files, depth_files)
         )
+    lens, unit_m, source = camera_of(path, color_files[0])
+    return FileFrames(color_files, depth_files, [lens], [lens], depth_png(unit_m)).recording(
+        SLAM,
+        path,
+        poses=poses,
+        depth_unit_m=unit_m,
+        notes=(f"camera: {source}; depth: {unit_m:g} m a step", *notes),
+        faults=(*missing, *lost),
+    )
+
+
+SLAM_READER = Reader(SLAM, _is_slam, _open_slam)
+
+
+def _open_numbered(path: Path) -> Recording:
+    """Open pictures whose poses are in the order of their numbers, which start at 0 or 1."""
+    rows = number_rows(path / NUMBERED, 7)
+    files = [
+        numbered(folder, "*.p[ng][gm]") or numbered(folder, "*.jpg") for folder in (path / "depth", _pictures(path))
+    ]
+    first = min((int(number_of(file)) for file in files[0]), default=0)
+    depth, color = (by_line(kind, len(rows), first=min(first, 1)) for kind in files)
+    matched = match_frames(
+        path,
+        {"depth image": depth, "picture": color},
+        dict(enumerate(rows)),
+        lambda row: from_quaternion(row[0], row[1][:3], row[1][3:]),
+        place=lambda row: row[0],
+    )
+    depth_files, color_files = matched.of_each(depth, color)
+    lens, unit_m, source = camera_of(path, color_files[0], unit_m=NUMBERED_UNIT_M)
+    return FileFrames(color_files, depth_files, [lens], [lens], depth_png(unit_m)).recording(
+        SLAM,
+        path,
+        depth_unit_m=unit_m,
+        **matched.members(first=(f"camera: {source}; depth: {unit_m:g} m a step",)),
+    )
 
 
 def _trajectory(path: Path) -> tuple[tuple[NDArray, NDArray], tuple[str, ...]]:
@@ -218,7 +255,9 @@ CAMERAS: dict[str, tuple[float, ...]] = {
 CALIBRATED_SIZE = (640, 480)
 
 
-def camera_of(path: Path, color_file: Path, *, by_folder: bool = False) -> tuple[Lens, float, str]:
+def camera_of(
+    path: Path, color_file: Path, *, by_folder: bool = False, unit_m: float = DEPTH_UNIT_M
+) -> tuple[Lens, float, str]:
     """Return the camera of a folder's pictures, the unit of its depth in metres, and who says so.
 
     Looked at in this order: ``intrinsics.txt`` (3x3), ``calibration.txt`` (fx fy cx cy, as ETH3D writes it), settings
@@ -229,12 +268,12 @@ def camera_of(path: Path, color_file: Path, *, by_folder: bool = False) -> tuple
         path: the folder.
         color_file: a picture in it.
         by_folder: the folder's name counts; people call theirs as TUM's, too, so that programs take them.
+        unit_m: the unit where none is said.
 
     Raises:
         InputError: None of them says it, or one is not as it should be.
     """
     width, height = image_size(color_file)
-    unit_m = DEPTH_UNIT_M
     if (file := path / "intrinsics.txt").is_file():
         return Lens(read_intrinsics(file, width=width, height=height)), unit_m, file.name
     if (file := path / "calibration.txt").is_file():

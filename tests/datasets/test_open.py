@@ -15,45 +15,39 @@ from simaps_viz.datasets.recording import FormatFacts, Reader, Recording
 from simaps_viz.errors import InputError
 from simaps_viz.structures import Intrinsics
 
+ARCHIVE = FormatFacts(
+    title="NumPy archive",
+    recognised_by="`frames.npz`",
+    depth="float32 array",
+    depth_unit_m=1.0,
+    pose="camera to world: 4x4",
+    up=(0.0, 0.0, 1.0),
+)
+"""Colour, depth and poses in one NumPy file."""
 
-class ArchiveReader(Reader):
-    """Colour, depth and poses in one NumPy file."""
 
-    facts = FormatFacts(
-        title="NumPy archive",
-        recognised_by="`frames.npz`",
-        depth="float32 array",
-        depth_unit_m=1.0,
-        invalid="0",
-        pose="camera to world: 4x4",
-        camera_axes="OpenCV",
-        up=(0.0, 0.0, 1.0),
+def open_archive(path: Path) -> Recording:
+    with np.load(path / "frames.npz") as file:
+        color, depth_m, poses = file["color"], file["depth_m"], file["poses"]
+    return Recording(
+        facts=ARCHIVE,
+        path=path,
+        name=path.name,
+        frame_names=tuple(f"{i:03d}" for i in range(len(poses))),
+        poses=poses,
+        intrinsics=Intrinsics(16, 12, 14.0, 14.0, 7.5, 5.5),
+        depth=lambda i: depth_m[i],
+        color=lambda i: color[i],
+        floor_height_m=0.0,
     )
-
-    def recognise(self, path: Path) -> bool:
-        return (path / "frames.npz").is_file()
-
-    def open(self, path: Path) -> Recording:
-        with np.load(path / "frames.npz") as file:
-            color, depth_m, poses = file["color"], file["depth_m"], file["poses"]
-        return Recording(
-            facts=self.facts,
-            path=path,
-            name=path.name,
-            frame_names=tuple(f"{i:03d}" for i in range(len(poses))),
-            poses=poses,
-            intrinsics=Intrinsics(16, 12, 14.0, 14.0, 7.5, 5.5),
-            depth=lambda i: depth_m[i],
-            color=lambda i: color[i],
-            floor_height_m=0.0,
-        )
 
 
 def test_a_reader_is_one_object_and_one_registry_line(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     r = np.random.default_rng(15)
     color, depth_m = r.integers(0, 256, (3, 12, 16, 3), np.uint8), r.uniform(1, 3, (3, 12, 16)).astype(np.float32)
     np.savez(tmp_path / "frames.npz", color=color, depth_m=depth_m, poses=np.repeat(np.eye(4)[None], 3, axis=0))
-    monkeypatch.setattr(opening, "READERS", [*opening.READERS, ArchiveReader()])
+    reader = Reader(ARCHIVE, lambda path: (path / "frames.npz").is_file(), open_archive)
+    monkeypatch.setattr(opening, "READERS", [*opening.READERS, reader])
 
     sequence = simaps_viz.open_sequence(tmp_path)
 

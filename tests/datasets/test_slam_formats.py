@@ -11,7 +11,7 @@ import cv2
 import numpy as np
 import OpenEXR
 import pytest
-from scans import FRAMES, LEANING, Sample, camera, look, map_pose, row, steps
+from scans import FRAMES, LEANING, Sample, camera, look, map_pose, quaternion, row, steps
 from scans_apps import record3d_exr
 from scans_bags import ros2_sqlite, rvl
 from scans_folders import habitat, sens, tum
@@ -131,6 +131,36 @@ def test_who_says_which_camera_it_was(tmp_path, name, content, focal, unit_m):
     assert sequence.recording.facts.title == "RGB-D SLAM folder" and len(sequence) == FRAMES
     assert (sequence.intrinsics.fx, sequence.depth_unit_m) == (focal, pytest.approx(unit_m))
     assert sequence.notes[0].startswith(f"camera: {name}")
+
+
+@pytest.mark.parametrize("first", [0, 1])
+def test_a_trajectory_without_times_has_a_line_for_each_picture(tmp_path, first):
+    """slambook's examples: color/1.png, depth/1.pgm and pose.txt, in millimetres; only their program has the camera."""
+    sample = slam_folder(tmp_path)
+    known = open_sequence(sample.path)
+    path = tmp_path / "rgbd"
+    (path / "color").mkdir(parents=True)
+    (path / "depth").mkdir()
+    lines = []
+    for i, T in enumerate(known.poses):
+        color, depth = known.files(i)
+        (path / f"color/{first + i}.png").write_bytes(color.read_bytes())
+        image = cv2.imread(str(depth), cv2.IMREAD_UNCHANGED)
+        assert image is not None
+        cv2.imwrite(str(path / f"depth/{first + i}.pgm"), image)
+        lines.append(f"{row(T[:3, 3])} {row(np.array(quaternion(T)))}")
+    (path / "pose.txt").write_text("\n".join(lines))
+    with pytest.raises(
+        InputError, match=r"rgbd: expected something that says which camera it was, found none of intri"
+    ):
+        open_sequence(path)
+    (path / "intrinsics.txt").write_text("\n".join(row(line) for line in K.matrix()))
+    found = open_sequence(path)
+    assert found.notes[0] == "camera: intrinsics.txt; depth: 0.001 m a step"
+    np.testing.assert_allclose(found.poses, known.poses, atol=1e-6)
+    np.testing.assert_allclose(found.read(2).depth_m, known.read(2).depth_m, atol=1e-6)
+    (path / f"color/{first + 1}.png").unlink()
+    assert open_sequence(path).frame_names == tuple(str(first + i) for i in range(len(known)) if i != 1)
 
 
 def test_no_camera_is_made_up(tmp_path):

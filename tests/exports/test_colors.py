@@ -17,7 +17,7 @@ from simaps_viz.exports.exporter import ExportOptions
 from simaps_viz.exports.panoptic import top_view
 from simaps_viz.exports.records import label_colors, node_name, record
 from simaps_viz.exports.scene import parts
-from simaps_viz.exports.scene_graph import SparkDSG
+from simaps_viz.exports.graphs import SparkDSG
 
 
 def test_exports_and_evaluations_have_the_colours_of_the_page():

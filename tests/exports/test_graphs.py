@@ -9,7 +9,7 @@ import spark_dsg
 from toy_maps import map_from_drawing, toy_map
 
 from simaps_viz import ExportOptions, InputError, export_map, to_networkx
-from simaps_viz.exports.scene_graph import NO_LABEL, OBJECTS, ROOMS, node_number
+from simaps_viz.exports.graphs import NO_LABEL, OBJECTS, ROOMS, node_number
 
 
 @pytest.mark.parametrize("label", ["chair", "dining table", None])

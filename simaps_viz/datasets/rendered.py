@@ -1,8 +1,9 @@
-"""Read folders rendered by Habitat-Sim from Matterport3D as VLMaps keeps them.
+"""Read rooms that were rendered: Replica as NICE-SLAM has it, and Matterport3D as VLMaps rendered it with Habitat-Sim.
 
-``poses.txt`` says where the robot's base stood; the camera looks level from 1.5 m above it, with a field of view of 90
-degrees. Semantic arrays hold class numbers, so an object is a connected patch of a class in a picture; with an
-``obj2cls_dict.txt`` beside them they hold object numbers, which are the truth.
+Replica's have clean depth, a smooth camera path and no labels. In VLMaps' folders ``poses.txt`` says where the robot's
+base stood; the camera looks level from 1.5 m above it, with a field of view of 90 degrees. Semantic arrays hold class
+numbers, so an object is a connected patch of a class in a picture; with an ``obj2cls_dict.txt`` beside them they hold
+object numbers, which are the truth.
 """
 
 from importlib.resources import files as package_files
@@ -20,17 +21,82 @@ from simaps_viz.datasets.file_frames import (
     by_line,
     check_size,
     depth_npy,
+    depth_png,
+    first_size,
+    json_number,
     numbered,
     read_array,
 )
-from simaps_viz.datasets.images import image_size
+from simaps_viz.datasets.manifest import read_json
 from simaps_viz.datasets.posed_frames import WorldSegments
-from simaps_viz.datasets.recording import FormatFacts, Reader, Recording, Segments, first_readable
+from simaps_viz.datasets.recording import FormatFacts, Reader, Recording, Segments
 from simaps_viz.errors import InputError
 from simaps_viz.io.limits import MAX_TEXT_BYTES, read_bytes
 from simaps_viz.structures import Intrinsics, Segment, Segmentation
 
-FACTS = FormatFacts(
+REPLICA = FormatFacts(
+    title="Replica (NICE-SLAM)",
+    recognised_by="`results/depth*.png`, `results/frame*.jpg`, `traj.txt`",
+    depth_unit_m=1 / 6553.5,
+    pose="camera to world: 16 numbers a line",
+    up=(0.0, 0.0, 1.0),
+)
+
+REPLICA_CAMERA = (1200, 680, 600.0, 600.0, 599.5, 339.5)
+"""Width, height, fx, fy, cx, cy where ``cam_params.json`` is not there."""
+
+
+def _is_replica(path: Path) -> bool:
+    return (path / "traj.txt").is_file() and (path / "results").is_dir()
+
+
+def _open_replica(path: Path) -> Recording:
+    depth_files = numbered(path / "results", "depth*.png")
+    color_files = numbered(path / "results", "frame*.jpg") or numbered(path / "results", "frame*.png")
+    if not depth_files:
+        raise InputError(f"{path / 'results'}: expected depth*.png, found none")
+    rows = dict(enumerate(number_rows(path / "traj.txt", 16)))
+    depth, color = by_line(depth_files, len(rows)), by_line(color_files, len(rows))
+    matched = match_frames(
+        path,
+        {"depth image": depth, "colour image": color},
+        rows,
+        lambda r: r[1].reshape(4, 4),
+        place=lambda r: r[0],
+    )
+    depth_files, color_files = matched.of_each(depth, color)
+    lens, unit_m = _replica_camera(path)
+    files = FileFrames(color_files, depth_files, [lens], [lens], depth_png(unit_m))
+    return files.recording(
+        REPLICA,
+        path,
+        frame_names=tuple(file.stem.removeprefix("depth") for file in depth_files),
+        **matched.members(),
+        depth_unit_m=unit_m,
+        simulated=True,
+    )
+
+
+REPLICA_READER = Reader(REPLICA, _is_replica, _open_replica)
+
+
+def _replica_camera(path: Path) -> tuple[Lens, float]:
+    """Read ``cam_params.json``, which lies beside the rooms, or take the one that all of them have."""
+    file = next((f for f in (path / "cam_params.json", path.parent / "cam_params.json") if f.is_file()), None)
+    if file is None:
+        return Lens(pinhole(str(path), *REPLICA_CAMERA)), REPLICA.depth_unit_m
+    content = read_json(file)
+    values = content.get("camera") if isinstance(content, dict) else None
+    where = f"{file}: camera"
+    numbers = {key: json_number(where, values, key) for key in ("w", "h", "fx", "fy", "cx", "cy", "scale")}
+    scale = numbers.pop("scale")
+    if scale <= 0:
+        raise InputError(f"{where}: scale: expected steps a metre, more than 0, found {scale:g}")
+    width, height = int(numbers.pop("w")), int(numbers.pop("h"))
+    return Lens(pinhole(where, width, height, **numbers)), 1 / scale
+
+
+HABITAT = FormatFacts(
     title="VLMaps / Habitat-Matterport",
     recognised_by="`rgb/*.png` (or `.jpg`), `depth/*.npy`, `poses.txt`",
     depth="`.npy`, 32-bit float",
@@ -51,41 +117,34 @@ MIN_PATCH_PIXELS = 4
 """A smaller patch of a thing class is a seam of the rendering."""
 
 
-class HabitatReader(Reader):
-    """The reader of VLMaps / Habitat-Matterport recordings."""
+def _is_habitat(path: Path) -> bool:
+    depth = path / "depth"
+    return (path / "poses.txt").is_file() and (path / "rgb").is_dir() and next(depth.glob("*.npy"), None) is not None
 
-    facts = FACTS
 
-    def recognise(self, path: Path) -> bool:
-        """Return whether a folder is in this format, from names alone."""
-        depth = path / "depth"
-        return (
-            (path / "poses.txt").is_file() and (path / "rgb").is_dir() and next(depth.glob("*.npy"), None) is not None
-        )
+def _open_habitat(path: Path) -> Recording:
+    depth_files, color_files = numbered(path / "depth", "*.npy"), numbered(path / "rgb", "*.png")
+    color_files = color_files or numbered(path / "rgb", "*.jpg")
+    rows = dict(enumerate(number_rows(path / "poses.txt", 7)))
+    images = {"depth array": by_line(depth_files, len(rows)), "colour image": by_line(color_files, len(rows))}
+    if (path / "semantic").is_dir():
+        images["semantic array"] = by_line(numbered(path / "semantic", "*.npy"), len(rows))
+    matched = match_frames(path, images, rows, lambda row: _camera_pose(*row), place=lambda row: row[0])
+    depth_files, color_files, *semantic = matched.of_each(*images.values())
+    width, height = first_size(color_files)
+    lens = Lens(pinhole(str(path), width, height, width / 2, width / 2, (width - 1) / 2, (height - 1) / 2))
+    files = FileFrames(color_files, depth_files, [lens], [lens], depth_npy(HABITAT.depth_unit_m))
+    return files.recording(
+        HABITAT,
+        path,
+        segments=_segments(path, semantic[0], lens.intrinsics) if semantic else None,
+        **matched.members(),
+        depth_unit_m=WRITTEN_UNIT_M,
+        simulated=True,
+    )
 
-    def open(self, path: Path) -> Recording:
-        """Open a folder; raises InputError for anything that is not as the format wants it."""
-        depth_files, color_files = numbered(path / "depth", "*.npy"), numbered(path / "rgb", "*.png")
-        color_files = color_files or numbered(path / "rgb", "*.jpg")
-        rows = dict(enumerate(number_rows(path / "poses.txt", 7)))
-        images = {"depth array": by_line(depth_files, len(rows)), "colour image": by_line(color_files, len(rows))}
-        if (path / "semantic").is_dir():
-            images["semantic array"] = by_line(numbered(path / "semantic", "*.npy"), len(rows))
-        matched = match_frames(path, images, rows, lambda row: _camera_pose(*row), place=lambda row: row[0])
-        depth_files, color_files, *semantic = ([files[i] for i in matched.frames] for files in images.values())
-        width, height = first_readable(lambda i: image_size(color_files[i]), len(color_files))
-        lens = Lens(pinhole(str(path), width, height, width / 2, width / 2, (width - 1) / 2, (height - 1) / 2))
-        files = FileFrames(color_files, depth_files, [lens], [lens], depth_npy(FACTS.depth_unit_m))
-        return files.recording(
-            FACTS,
-            path,
-            poses=matched.poses,
-            segments=_segments(path, semantic[0], lens.intrinsics) if semantic else None,
-            notes=matched.notes,
-            faults=matched.faults,
-            depth_unit_m=WRITTEN_UNIT_M,
-            simulated=True,
-        )
+
+HABITAT_READER = Reader(HABITAT, _is_habitat, _open_habitat)
 
 
 def _camera_pose(where: str, row: NDArray) -> NDArray:
