@@ -14,10 +14,10 @@ from simaps_viz.colors.palette import LEAST_APART, PALETTE
 from simaps_viz.evaluation.run import WRONG_RED
 from simaps_viz.evaluation.two_maps import PALETTE as EVALUATION_PALETTE
 from simaps_viz.exports.exporter import ExportOptions
+from simaps_viz.exports.graphs import SparkDSG
 from simaps_viz.exports.panoptic import top_view
 from simaps_viz.exports.records import label_colors, node_name, record
 from simaps_viz.exports.scene import parts
-from simaps_viz.exports.graphs import SparkDSG
 
 
 def test_exports_and_evaluations_have_the_colours_of_the_page():
