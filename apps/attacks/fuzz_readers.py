@@ -152,11 +152,11 @@ def _pictures(folder: Path) -> Case:
 
 
 FOLDERS = ("tum", "seven_scenes", "scannet", "replica", "nerfstudio", "habitat", "habitat_classes", "arkit", "polycam",
-           "bundle_fusion", "sens")  # fmt: skip
+           "bundle_fusion", "sens", "amazon")  # fmt: skip
 LARGE = ("tum", "seven_scenes")
 """Their pictures have 640 x 480 pixels."""
 APPS = ("record3d_folder", "record3d_zip", "record3d_exr")
-SLAM = ("colmap", "instant_ngp", "redwood", "rtabmap", "slam_folder", "stray_scanner")
+SLAM = ("colmap", "instant_ngp", "redwood", "rtabmap", "slam_folder", "stray_scanner", "pose_lines")
 BAGS = ("ros1_bag", "ros2_sqlite", "ros2_mcap")
 
 READER_TARGETS = (

@@ -11,7 +11,19 @@ import pytest
 from rosbags.typesys import Stores
 from scans import write_image
 from scans_bags import DEPTH, Messages, entries, write_bag1
-from scans_folders import arkit, bundle_fusion, habitat, nerfstudio, polycam, replica, scannet, sens, seven_scenes, tum
+from scans_folders import (
+    amazon,
+    arkit,
+    bundle_fusion,
+    habitat,
+    nerfstudio,
+    polycam,
+    replica,
+    scannet,
+    sens,
+    seven_scenes,
+    tum,
+)
 from sequences import write_tiny_sequence
 
 from simaps_viz import open_sequence
@@ -212,27 +224,16 @@ def test_depth_whose_bits_are_rotated_is_rotated_back(tmp_path: Path, camera: st
 
 
 def test_poses_and_camera_of_the_amazon_challenge_in_one_file(tmp_path: Path) -> None:
-    """apc-vision-toolbox's cam.info.txt: matrices below titles, of which some are neither; the robot's z is up."""
-    path = seven_scenes(tmp_path).path
-    poses = {file.name[:12]: file.read_text() for file in sorted(path.glob("*.pose.txt"))[:3]}
-    for file in path.glob("*.pose.txt"):
-        file.unlink()
-    titled = {
-        "# Objects": "",
-        "# Color camera intrinsic matrix": "615.195 0 298.44\n0 615.195 247.52\n0 0 1\n",
-        "# Depth-to-color camera extrinsic matrix": "1 0 0 0.0257\n0 1 0 0\n0 0 1 0\n0 0 0 1\n",
-    } | {f"# Camera-to-world extrinsic matrix (camera pose) for {frame}": text for frame, text in poses.items()}
-    info = path / "cam.info.txt"
-    info.write_text("".join(f"{title}\n{text}\n" for title, text in titled.items()))
-    found = open_sequence(path)
-    assert found.frame_names == tuple(poses)
-    assert (found.intrinsics.fx, found.intrinsics.cx) == (615.195, 298.44)
-    for T, text in zip(found.poses, poses.values(), strict=True):
-        np.testing.assert_allclose(T, np.array(text.split(), dtype=float).reshape(4, 4), atol=1e-6)
+    """A frame that the file leaves out is; its world is the robot's, z up; a row that is cut short is told."""
+    info = amazon(tmp_path).path / "cam.info.txt"
+    found = open_sequence(info.parent)
     np.testing.assert_array_equal(found.T_map_world[2, :3], (0, 0, 1))
-    info.write_text(info.read_text().replace("0 615.195 247.52", "0 615.195"))
+    text = info.read_text()
+    info.write_text(text[: text.rindex("# Camera-to-world")])
+    assert open_sequence(info.parent).frame_names == found.frame_names[:-1]
+    info.write_text(text.replace("\n0.0 0.0 1.0\n", "\n0.0 0.0\n", 1))
     with pytest.raises(InputError, match=r"cam.info.txt: Color camera intrinsic matrix: expected a matrix, found rows"):
-        open_sequence(path)
+        open_sequence(info.parent)
 
 
 def test_the_camera_of_tsdf_fusions_older_sample_is_found(tmp_path: Path) -> None:

@@ -101,6 +101,20 @@ def seven_scenes(folder: Path) -> Sample:
     return Sample(path, write_reference(folder / "reference", color_camera, LEANING), exact_color=False)
 
 
+def amazon(folder: Path) -> Sample:
+    """As apc-vision-toolbox has it: camera and poses in one cam.info.txt, the matrices below their titles."""
+    k, path = camera(), folder / "scene-0000"
+    titled = ["# Objects: []", "# Color camera intrinsic matrix", rows(k.matrix()), "",
+              "# Depth-to-color camera extrinsic matrix", rows(np.eye(4)), ""]  # fmt: skip
+    for i in range(FRAMES):
+        depth_m, ids = look(k, map_pose(i))
+        write_depth(path / f"frame-{i:06d}.depth.png", steps(depth_m))
+        write_image(path / f"frame-{i:06d}.color.png", COLORS[ids])
+        titled += [f"# Camera-to-world extrinsic matrix (camera pose) for frame-{i:06d}", rows(Z_UP.pose(i)), ""]
+    (path / "cam.info.txt").write_text("\n".join(titled))
+    return Sample(path, write_reference(folder / "reference", k, Z_UP))
+
+
 def scannet(folder: Path) -> Sample:
     """Colour is twice as large; in the second frame tracking was lost."""
     k = camera()

@@ -160,6 +160,22 @@ DepthMapFactor: 1000.0 # RealSense
     return Sample(path, write_reference(folder / "reference", k, LEANING))
 
 
+def pose_lines(folder: Path) -> Sample:
+    """As slambook's examples: pictures from number 1, depth as PGM, a pose.txt without times; and their camera."""
+    k, path = camera(), folder / "joinMap"
+    (path / "depth").mkdir(parents=True)
+    lines = []
+    for i in range(FRAMES):
+        depth_m, ids = look(k, map_pose(i))
+        write_image(path / f"color/{i + 1}.png", COLORS[ids])
+        cv2.imwrite(str(path / f"depth/{i + 1}.pgm"), steps(depth_m))
+        T = LEANING.pose(i)
+        lines.append(f"{row(T[:3, 3])} {row(np.array(quaternion(T)))}")
+    (path / "pose.txt").write_text("\n".join(lines))
+    (path / "intrinsics.txt").write_text(rows(k.matrix()))
+    return Sample(path, write_reference(folder / "reference", k, LEANING))
+
+
 def redwood(folder: Path) -> Sample:
     """As Open3D's reconstruction system leaves it; the second pose was not found."""
     k, path = camera(), folder / "bedroom"
