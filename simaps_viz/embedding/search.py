@@ -16,8 +16,7 @@ from numpy.typing import NDArray
 
 from simaps_viz.appearance import Appearance, unit
 from simaps_viz.errors import CommandError, InputError
-from simaps_viz.language.lexicon import ACTIVITIES
-from simaps_viz.language.words import Vocabulary, plain
+from simaps_viz.language.words import ACTIVITIES, Vocabulary, plain
 from simaps_viz.structures import Instance, SIMap
 
 STOCK: Mapping[str, list[str]] = json.loads(

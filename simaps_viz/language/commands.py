@@ -1,21 +1,21 @@
-"""Spoken English to a robot program, offline: by a grammar, without a network."""
+"""Spoken English to the text of a robot program, offline: by a grammar, without a network."""
 
+import keyword
 import re
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from itertools import islice
 from typing import Final
 
 from simaps_viz.errors import CommandError
-from simaps_viz.language.asides import clauses, is_reason, is_statement, plainly
 from simaps_viz.language.grammar import Chart
-from simaps_viz.language.nouns import ONE, Phrase, quoted
-from simaps_viz.language.orders import EVERYTHING, GRAMMAR
+from simaps_viz.language.nouns import IT, LAST, ONE, SAME, THAT, Phrase, quoted
+from simaps_viz.language.orders import EVERYTHING, GRAMMAR, Choose, Do, Repeat, Steps
+from simaps_viz.language.primitives import FUNCTIONS, SELF
 from simaps_viz.language.program import ProgramError, parse_program
-from simaps_viz.language.tokenizer import Sentence, read_words
+from simaps_viz.language.tokenizer import Sentence, clauses, is_reason, is_statement, is_wish, plainly, read_words
 from simaps_viz.language.words import Vocabulary, plain, plural, singular
-from simaps_viz.language.writer import Writer
 
 MAX_LENGTH: Final = 500
 """Characters of a command."""
@@ -43,6 +43,8 @@ _DONE: Final = frozenset(
     {"GO", "APPROACH", "TURN", "FACE", "LOOK", "CIRCLE", "PASS", "RETURN", "HANDS", "NEVER", "NOT", "TO"}
 )
 """Tokens of what is done: a clause that has one of them is no heading."""
+_DRIVEN: Final = frozenset(["GO", "APPROACH", "TURN", "FACE", "CIRCLE", "PASS", "RETURN", "TAKE", "LEAVE"])
+"""Tokens of orders: a clause that has one of them is no mere wish."""
 _OPENS: Final = frozenset(["TO", "TOWARD", "NEAR", "AT", "IN", "ON", "BY", "FOR", "FROM", "AND", "THEN"])
 _DETERMINERS: Final = frozenset(["DET", "INDEF", "EVERY"])
 _LOST: Final = frozenset(["left", "lost", "put", "forgot", "forgotten", "dropped", "misplaced"])
@@ -79,7 +81,13 @@ def read_command(text: str, labels: Sequence[str] | Mapping[str, int]) -> Readin
         raise CommandError(too_long(text))
     vocabulary = Vocabulary(labels)
     try:
-        return _understood(text, vocabulary)
+        reading = _understood(text, vocabulary)
+        for shorter, notes, named in _without_asides(text, vocabulary) if "search(" in reading.program else ():
+            with suppress(CommandError):  # "I want toast, go to the toaster": the map has no toast
+                other = _understood(shorter, vocabulary, named)
+                if "search(" not in other.program:
+                    return replace(other, notes=(*notes, *other.notes))
+        return reading
     except CommandError as error:
         for shorter, notes, named in _without_asides(text, vocabulary):
             with suppress(CommandError):
@@ -167,7 +175,14 @@ def _without_asides(text: str, vocabulary: Vocabulary) -> Iterator[tuple[str, li
             names_things = any(edge.kind in _NAMES for here in sentence.edges for edge in here)
             talk.append(is_reason(clause) or _is_talk(sentence) or (purposes and _is_purpose(sentence)))
             stated.append(talk[-1] or is_statement(clause, names_things=names_things))
-        for dropped in (talk, stated):
+        # At last what somebody wants goes, where what is to be done for it follows.
+        wished = [
+            out
+            or (is_wish(clause) and not any(e.kind in _DRIVEN and e.value != "be" for here in sent.edges for e in here))
+            for out, clause, sent in zip(stated, said, sentences, strict=True)
+        ]
+        wished[-1] = stated[-1]
+        for dropped in (talk, stated, *(() if purposes else (wished,))):
             kept = [clause for clause, out in zip(said, dropped, strict=True) if not out]
             if any(dropped) and any(clause.strip() for clause in kept):
                 left_out = [at for at, out in enumerate(dropped) if out and sentences[at].words]
@@ -200,8 +215,10 @@ def _first_named(sentence: Sentence) -> Phrase | None:
     chart = Chart(GRAMMAR, sentence.edges)
     lost = not _LOST.isdisjoint(sentence.words) and _FOUND.isdisjoint(sentence.words)
     for at in range(len(sentence.words)):
-        found = [one.value for one in chart.parse("thing", at) if ONE not in one.value.text]
-        found = [one for one in found if "search(" not in one.text and one.base != EVERYTHING.base]
+        found = [one.value for one in chart.parse("thing", at) if "‹" not in one.value.text]
+        found = [
+            one for one in found if not re.search(r"\b(?:search|only)\(", one.text) and one.base != EVERYTHING.base
+        ]
         if found:
             return found[-1 if lost else 0]
     return None
@@ -278,3 +295,263 @@ def _refusal(sentence: Sentence, chart: Chart, vocabulary: Vocabulary) -> str:
 
 def _in_brief(said: str) -> str:
     return said if len(said) <= _MAX_QUOTED else f"{said[: _MAX_QUOTED - 1].rstrip()}…"
+
+
+# ---- steps to program text
+
+_INDENT: Final = "    "
+_IT: Final = Phrase(IT, ONE, "thing")
+
+
+@dataclass
+class _Mention:
+    """A thing, or several, named in a program."""
+
+    phrase: Phrase
+    name: str = ""
+    """Its variable: set where it is named again, and for each thing of a loop."""
+    body: "list[_Line] | None" = None
+    """The lines of its loop."""
+    assigned: bool = False
+    line: "_Line | None" = None
+    """The line that names it first."""
+    needs: "tuple[_Mention, ...]" = ()
+    """What its phrase refers to by a variable."""
+    first: "_Line | None" = None
+    """The line before which it gets its variable, where that is an earlier one."""
+
+    def __getattr__(self, attribute: str) -> str:
+        """Return ``text``, ``argument``, ``arguments`` or ``goal`` of its phrase, or the same of its variable."""
+        named = f"object({self.name})" if attribute == "goal" else self.name
+        return named if self.name else getattr(self.phrase, attribute)
+
+    def __str__(self) -> str:
+        return self.arguments
+
+
+@dataclass
+class _Line:
+    text: str
+    mentions: tuple[_Mention, ...] = ()
+    body: "list[_Line]" = field(default_factory=list)
+    before: tuple[_Mention, ...] = ()
+    """Things that need their variables before this line."""
+
+
+class Writer:
+    """Writes one program, step by step.
+
+    Args:
+        named: what was spoken of before.
+    """
+
+    def __init__(self, named: Phrase | None = None) -> None:
+        self._lines: list[_Line] = []
+        self._names: dict[str, int] = {"robot": 1}
+        self._last: _Mention | None = _Mention(named) if named else None
+        self._all: list[_Mention] = [self._last] if self._last else []
+        self._line: _Line | None = None
+        self._block: list[_Line] | None = None
+        """The last line of the program, and the lines it stands among."""
+        self._verb = "go"
+        self._bare = self._told = False
+        """Whether things were named without a verb, and whether anything was asked."""
+        self.notes: list[str] = []
+        self.others: dict[tuple[str, str], None] = {}
+
+    def write(self, steps: Steps) -> str:
+        """Return the program of some steps.
+
+        Raises:
+            CommandError: "it" or "one" was said, and nothing before.
+        """
+        before = self._last
+        self._add(steps, self._lines)
+        if before is not None:
+            self._lines[0].before += (before,)
+        return "\n".join(_text(self._lines, ""))
+
+    def _add(self, steps: Steps, lines: list[_Line]) -> None:
+        for step in steps:
+            match step:
+                case Do():
+                    self._do(step, lines)
+                case Repeat(times=times, steps=inner):
+                    numbers = ", ".join(str(n + 1) for n in range(times))
+                    loop = _Line(f"for {self._fresh('turn')} in [{numbers}]:")
+                    lines.append(loop)
+                    self._add(inner, loop.body)
+                case Choose(test=test, phrases=phrases, then=then, otherwise=otherwise):
+                    first: tuple[_Mention, ...] = ()
+                    head = then[0]
+                    if (
+                        step.after
+                        and isinstance(head, Do)
+                        and head.phrases
+                        and any(IT in phrase.text for phrase in phrases)
+                    ):
+                        # "go to the sofa if it is free": the sofa is named in what is done.
+                        self._mention(head.phrases[0])
+                        first = (self._named("it"),)
+                        then = (replace(head, phrases=(_IT, *head.phrases[1:])), *then[1:])
+                    mentions = tuple(self._mention(phrase) for phrase in phrases)
+                    for line, inner in ((f"if {test}:", then), ("else:", otherwise)):
+                        if inner:
+                            lines.append(_Line(line, mentions, before=first))
+                            self._last = (*first, *mentions, self._last)[0]
+                            self._add(inner, lines[-1].body)
+
+    def _do(self, step: Do, lines: list[_Line]) -> None:
+        if not step.lines:  # what is only spoken of
+            self._mention(step.phrases[0])
+            return
+        if not step.verb:
+            self._bare = True
+            call = "robot.face({0})" if self._verb == "face" else "robot.move_to_{0.goal}"
+            step = Do((call,), step.phrases, step.notes, self._verb)
+        self._told |= step.lines[0].startswith("tell(")
+        if self._bare and self._told:  # a question moves nothing but what an order beside it moves
+            raise CommandError("what is to be told or done with the last things was not said")
+        self._verb = step.verb
+        self._note(step.notes)
+        again = self._last if any(IT in p.text or THAT.search(p.text) for p in step.phrases) else None
+        if again is not None and again.body is not None:
+            lines = again.body
+        before = self._last
+        each = not step.lines[0].startswith("tell(")
+        mentions = tuple(self._mention(phrase, several=each and not phrase.any) for phrase in step.phrases)
+        at_once = before is not None and before.line is not None and before.line is self._line and lines is self._block
+        if before is not None and before.line and at_once and _contrasts(before.phrase, mentions):
+            # "the left chair and then the right one": both are meant from where the robot is before the first.
+            mentions[0].name = self._fresh(_identifier(mentions[0].phrase.word))
+            mentions[0].first = before.first or before.line
+            mentions[0].first.before += mentions
+        for mention in mentions[:1]:
+            if mention.phrase.many and not mention.name:
+                mention.name = self._fresh(_identifier(mention.phrase.word))
+                mention.assigned = True
+                loop = _Line(f"for {mention.name} in {mention.phrase.text}:", tuple(mentions[1:]), [])
+                lines.append(loop)
+                lines = mention.body = loop.body
+        # A line that ends in a colon takes the indented lines after it.
+        for line in step.lines:
+            inner = lines[-1].body if line.startswith(_INDENT) else lines
+            self._line = _Line(line.strip(), mentions)
+            inner.append(self._line)
+        self._block = lines
+        for mention in mentions:
+            mention.line = mention.line or self._line
+
+    def _mention(self, phrase: Phrase, *, several: bool = False) -> _Mention:
+        """Return what a phrase means after those before it; ``several``: each of them, where several were meant."""
+        self._note(phrase.notes)
+        self.others.update(dict.fromkeys(phrase.others))
+        last = self._last
+        if phrase.text == IT:
+            if several and self._last and self._last.phrase.many and not (self._last.line or self._last.name):
+                return self._new(self._last.phrase)  # "there are two beds: go to each of them"
+            return self._named("it")
+        that = THAT.fullmatch(phrase.text)
+        if that:
+            return self._called(that[1], that[2], lone=phrase.lone)
+        text, base, word = phrase.text, phrase.base, phrase.word
+        for that in THAT.finditer(text):
+            text = text.replace(that[0], self._name_of(self._called(that[1], that[2], lone=False)))
+        if IT in text:
+            text = text.replace(IT, self._named("it").name)
+        if base in (SAME, ONE):
+            before = self._named("one", name=False).phrase
+            # "if there are two chairs at the desk ...; if there is only one", "... go to the one on the left"
+            alone = base == ONE and not (phrase.among and before.together)
+            meant = before.base if alone else before.whole or before.text
+            if base == SAME != text and not (before.many or before.together):
+                raise CommandError(f"which {before.word} is meant was not said")
+            text, base, word = text.replace(base, meant), before.base, before.word
+        text = text.replace(ONE, base)
+        if LAST in text:
+            same = last is not None and last.phrase.base == base and last.body is None
+            if not same:
+                if phrase.many:  # "every other chair" may be the second, the fourth and so on
+                    raise CommandError(f"which {word} the other ones are not was not said")
+                self._note((f"the other {word} is read as all but the closest",))
+            text = text.replace(LAST, self._named("it").name if same else f"nearest({base})")
+        text = text.replace(ONE, before.base) if ONE in text and (before := last and last.phrase) else text
+        if ONE in text or LAST in text:
+            raise CommandError('"one" was not understood: which things are meant was not said before it')
+        return self._new(replace(phrase, text=text, base=base, word=word))
+
+    def _new(self, phrase: Phrase) -> _Mention:
+        """Return a new mention, which is what "it" means from now on."""
+        self._last = _Mention(phrase, needs=tuple(one for one in self._all if one.name and one.name in phrase.text))
+        self._all.append(self._last)
+        return self._last
+
+    def _called(self, word: str, base: str, *, lone: bool) -> _Mention:
+        """Return what was named last by a word, as "that desk" was, or the desk that what was named last is at."""
+        for one in reversed(self._all):
+            if one.phrase.base == base or f" {one.phrase.word}".endswith(f" {word}"):
+                self._name_of(one)
+                self._last = one
+                return one
+            for inner in one.phrase.inner:
+                if inner.base == base or f" {inner.word}".endswith(f" {word}"):
+                    things = inner.whole or inner.text
+                    within = f"having({things}, {self._name_of(one)})"
+                    return self._new(replace(inner, base=things, text=within, whole="", many=False))
+        if not lone:
+            raise CommandError(f"which {word} is meant was not said")
+        return self._new(Phrase(base, base, word, lone=True))
+
+    def _named(self, word: str, *, name: bool = True) -> _Mention:
+        if self._last is None:
+            raise CommandError(f'"{word}" was not understood: nothing was named before it')
+        if name:
+            self._name_of(self._last)
+        return self._last
+
+    def _name_of(self, mention: _Mention) -> str:
+        """Return the variable of a mention; it gets one where it has none."""
+        mention.name = mention.name or self._fresh(_identifier(mention.phrase.word))
+        return mention.name
+
+    def _fresh(self, name: str) -> str:
+        self._names[name] = self._names.get(name, 0) + 1
+        return name if self._names[name] == 1 else f"{name}_{self._names[name]}"
+
+    def _note(self, notes: Sequence[str]) -> None:
+        self.notes += [note for note in notes if note not in self.notes]
+
+
+def _contrasts(before: Phrase, mentions: Sequence[_Mention]) -> bool:
+    """Whether a thing is told from the one named before it by its place among the things of that name."""
+    if len(mentions) != 1 or mentions[0].name or mentions[0].phrase.base != before.base or before.many:
+        return False
+    return mentions[0].phrase.text.startswith(("nth(", "first(", "last(", "farthest("))
+
+
+def _text(lines: Sequence[_Line], indent: str) -> list[str]:
+    found: list[str] = []
+
+    def assign(mention: _Mention, line: _Line) -> None:
+        """Give what is named again its variable before the line that names it first."""
+        for other in mention.needs:
+            assign(other, line)
+        if mention.name and not mention.assigned:
+            mention.assigned = True
+            tested = line.text.startswith("if ") and mention not in line.before
+            found.append(f"{indent}{mention.name} = {mention.phrase.text if tested else mention.phrase.single}")
+
+    for line in lines:
+        for mention in (*line.before, *line.mentions):
+            assign(mention, line)
+        found.append(indent + (line.text.format(*line.mentions) if line.mentions else line.text))
+        found += _text(line.body, indent + _INDENT)
+    return found
+
+
+def _identifier(word: str) -> str:
+    """Return a name a program can use for a thing."""
+    name = re.sub(r"\W+", "_", word.lower()).strip("_")
+    if not (name.isidentifier() and name.isascii()) or keyword.iskeyword(name) or name in FUNCTIONS or name == SELF:
+        return "thing"
+    return name

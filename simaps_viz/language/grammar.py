@@ -3,8 +3,9 @@
 A pattern is a regular expression over tokens and other rules: ``"(GO | STAND) TO? goal:np"``. Names in capitals are
 kinds of tokens, the others rules. What a rule or a named token (``n:NUM``) gives is handed to the function under its
 name, or under the name before the colon; below ``*`` or ``+`` a tuple of them. Names that begin with "_" are not handed
-over; ``&`` before a part only looks whether it follows. Of the readings of a rule that end at the same token the
-likeliest few are kept, so that parsing takes polynomial time however many attachments a sentence has.
+over; ``&`` before a part only looks whether it follows, ``!`` whether it does not. Of the readings of a rule that end
+at the same token the likeliest few are kept, so that parsing takes polynomial time however many attachments a sentence
+has.
 """
 
 import re
@@ -16,7 +17,7 @@ from simaps_viz.errors import CommandError
 
 _KEPT: Final = 4
 """Readings kept of those that end at the same token."""
-_PIECE: Final = re.compile(r"[()|?*+&]|[\w:]+")
+_PIECE: Final = re.compile(r"[()|?*+&!]|[\w:]+")
 
 
 @dataclass(frozen=True)
@@ -66,6 +67,7 @@ class _Repeat:
 @dataclass(frozen=True)
 class _Ahead:
     part: Any
+    follows: bool
 
 
 @dataclass
@@ -143,8 +145,8 @@ def _choice(pieces: list[str], at: int, several: bool) -> tuple[Any, int]:
     while True:
         parts = []
         while at < len(pieces) and pieces[at] not in "|)":
-            ahead = pieces[at] == "&"
-            at += ahead
+            ahead = pieces[at] if pieces[at] in "&!" else ""
+            at += bool(ahead)
             after = _end_of(pieces, at)
             mark = pieces[after] if after < len(pieces) and pieces[after] in "?*+" else ""
             inside = several or mark in ("*", "+")
@@ -155,7 +157,7 @@ def _choice(pieces: list[str], at: int, several: bool) -> tuple[Any, int]:
                 key = key or ("" if name.isupper() or name.startswith("_") else name)
                 part = _Symbol(name, key, inside)
             if ahead:
-                part = _Ahead(part)
+                part = _Ahead(part, ahead == "&")
             elif mark:
                 part = _Repeat(part, int(mark == "+"), 1 if mark == "?" else 60)
             parts.append(part)
@@ -237,8 +239,8 @@ class Chart:
             case _Choice(parts=parts):
                 for one in parts:
                     yield from self._match(one, at, captures, cost)
-            case _Ahead(part=inner):
-                if any(True for _ in self._match(inner, at, (), 0.0)):
+            case _Ahead(part=inner, follows=follows):
+                if any(True for _ in self._match(inner, at, (), 0.0)) == follows:
                     yield at, captures, cost
             case _:
                 yield from self._repeat(part, at, captures, cost)

@@ -13,10 +13,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from simaps_viz.errors import CommandError, PlanningError
-from simaps_viz.language.cells import Packed, cells_of_map, nearest_others, pairs_within
-from simaps_viz.language.lexicon import KNOWN_THINGS
-from simaps_viz.language.sight import FIELD_OF_VIEW_RAD, Sight, wall_cells
-from simaps_viz.language.words import ANY, Vocabulary, plain, plural, singular
+from simaps_viz.language.cells import (
+    FIELD_OF_VIEW_RAD,
+    Packed,
+    Sight,
+    cells_of_map,
+    nearest_others,
+    pairs_within,
+    wall_cells,
+)
+from simaps_viz.language.words import ANY, KNOWN_THINGS, Vocabulary, plain, plural, singular
 from simaps_viz.structures import Instance, Pose2, SIMap
 
 OPAQUE_HEIGHT_M: Final = 1.5

@@ -18,7 +18,6 @@ from typing import Any, Final
 
 from simaps_viz.errors import CommandError
 from simaps_viz.language.commands import MAX_LENGTH, Reading, examples, too_long
-from simaps_viz.language.lexicon import load, load_text
 from simaps_viz.language.llm_chat import Chat
 from simaps_viz.language.llm_settings import (
     Exchange,
@@ -30,7 +29,7 @@ from simaps_viz.language.llm_settings import (
 )
 from simaps_viz.language.primitives import ARGUMENT_KINDS, FUNCTIONS, PRIMITIVES, SELF, Primitive
 from simaps_viz.language.program import MAX_TEXT, Program, ProgramError, parse_program
-from simaps_viz.language.words import Vocabulary
+from simaps_viz.language.words import Vocabulary, load, load_text
 
 REPAIRS: Final = 1
 """How often a model may correct a program that was refused."""

@@ -11,16 +11,16 @@ from typing import Any, Final
 
 from simaps_viz.errors import CommandError
 from simaps_viz.language.grammar import Grammar
-from simaps_viz.language.lexicon import NO_NAMES
-from simaps_viz.language.words import ANY, Noun, plural, singular
+from simaps_viz.language.words import ANY, NO_NAMES, Noun, plural, singular
 
 GRAMMAR: Final = Grammar()
 IT: Final = "‹it›"
 ONE: Final = "‹one›"
 SAME: Final = "‹same›"
+THAT: Final = re.compile(r"‹that ([^‹›|]*)\|([^‹›|]*)›")
 LAST: Final = "‹last›"
-"""Stand in an expression for what was named before: that thing, all things of its name, all that were meant, or (of the
-same name) it."""
+"""Stand in an expression for what was named before: that thing, all things of its name, all that were meant, the last
+of this name, or (of the same name) it."""
 CORNERS: Final = {45.0: "north east", 135.0: "south east", 225.0: "south west", 315.0: "north west"}
 AHEAD: Final = 'side({}, "front")'
 NEAR_M: Final = 3.0
@@ -34,6 +34,7 @@ _MAX_REPEATED: Final = 120
 _SIDES: Final = ("left", "right", "north", "south", "east", "west", "middle")
 _ALL: Final = re.compile(r'things\(("[^"]*")\)')
 _IN_ROOM: Final = re.compile(r'inside\(things\("[^"]*"\), (room\("[^"]*"\))\)')
+_VAGUE: Final = re.compile(r'only\((?:things\("[^"]*"\)|‹one›), "([^"]*)"\)')
 _RANKED: Final = re.compile(r'nth\(things\(("[^"]*")\), (\d+)\)')
 
 
@@ -59,8 +60,6 @@ class Phrase:
     greedy: bool = False
     """Whether it has a part that more likely belongs to a phrase around it, as "in view" and "except"."""
     penalty: float = 0.0
-    again: bool = False
-    """Whether it was named before."""
     lone: bool = False
     """Whether the map has only one thing of that name."""
     inner: tuple["Phrase", ...] = ()
@@ -106,7 +105,9 @@ class Phrase:
         if (
             self.many
             or self.together
-            or self.text.startswith(("nth(", "first(", "nearest(", "farthest(", "last(", "room(", "union(", IT))
+            or self.text.startswith(
+                ("nth(", "first(", "only(", "nearest(", "farthest(", "last(", "room(", "union(", IT, "‹that")
+            )
         ):
             return self.text
         if self.lone and _ALL.fullmatch(self.text):
@@ -125,7 +126,9 @@ class Part:
 
     ``kind`` is "filter" (``text`` is an expression with ``{}`` for the set, ``of`` what they are beside), "near"
     (``text`` is what they are near), "order" (``text`` is the key, ``of`` what it is measured from), "from" (what an
-    order is measured from), "then" (the order in which several are gone through), "rank", "count" or "other".
+    order is measured from), "then" (the order in which several are gone through), "rank", "count", "other" or "vague"
+    (``text`` is a word that is not known: only one thing may be left that it could tell from others), and "counted" or
+    "row" where there has to be a rank or number, or a side.
     """
 
     kind: str
@@ -162,13 +165,14 @@ def select(noun: Noun | None, parts: Iterable[Part], *, every: bool = False, som
     Raises:
         CommandError: the parts contradict each other.
     """
-    parts = tuple(parts)
+    parts = _clear(tuple(parts), noun)
     rank, count = _number(parts, "rank"), _number(parts, "count")
     is_plural = every or (noun is not None and noun.is_plural)
     if rank is not None and (rank == 0 or abs(rank) > MAX_RANK):
         raise CommandError(f"ranks count from 1 to {MAX_RANK}, found {rank}")
     if count is not None and not 1 <= count <= MAX_COUNT:
         raise CommandError(f"from 1 to {MAX_COUNT} things can be visited, found {count}")
+    _check_counted(parts, rank, count)
     _check_added(parts)
     base, word, notes, others = _based(noun, max(abs(rank or 1), count or 1, 2 if is_plural or parts else 1))
     # "The cup on the table" may stand on any table; "the cups on the table", and a question, mean the nearest table.
@@ -184,7 +188,7 @@ def select(noun: Noun | None, parts: Iterable[Part], *, every: bool = False, som
     if any(part.kind == "filter" and part.text.startswith("minus({}") for part in parts):
         parts = tuple(part for part in parts if part.kind != "other")
     elif any(part.kind == "other" for part in parts):
-        text = f"minus({text}, {LAST})"
+        text = f"minus({text}, {'room()' if noun and noun.base else LAST})"
     chosen = any(part.kind in ("order", "rank", "count", "other", "from") for part in parts)
     if len({part.text for part in parts if part.kind == "order"}) > 1:  # "the big plant in the north-east"
         for part in parts:
@@ -229,6 +233,26 @@ def _vacuous(base: str, parts: Parts) -> float:
     return 0.05 * (any(others) and base.startswith("things(") and base != 'things("anything")')
 
 
+def _clear(parts: Parts, noun: Noun | None) -> Parts:
+    """Return the parts of a phrase without words that are not known where the map has one thing of its name."""
+    if noun is None or noun.count != 1 or noun.is_plural or noun.wide:
+        return parts
+    left_out = f"is left out: the map has one {noun.spoken}"
+    return tuple(
+        replace(part, kind="", note=f'"{part.text}" {left_out}') if part.kind == "vague" else part for part in parts
+    )
+
+
+def _check_counted(parts: Parts, rank: int | None, count: int | None) -> None:
+    """Raise where it was said from where things are counted, and not which, or not from where they are."""
+    kinds = {part.kind for part in parts}
+    if rank is None and count is None and "counted" in kinds:
+        raise CommandError("")  # "approach the bench from the left"
+    sided = any(part.kind == "order" and part.text in (*_SIDES, *CORNERS.values()) for part in parts)
+    if rank is not None and not sided and "row" in kinds:
+        raise CommandError("from which end of the row is counted was not said")
+
+
 def _check_added(parts: Parts) -> None:
     """Raise where a thing has two colours: "the red chair, the green one" are two things."""
     filters = [part for part in parts if part.kind == "filter"]
@@ -238,6 +262,9 @@ def _check_added(parts: Parts) -> None:
 
 
 def _check(text: str, word: str, inner: Sequence[Phrase], many: bool) -> None:
+    vague = _VAGUE.search(text)
+    if vague:  # what it says of them is all that tells them apart
+        raise CommandError(f'"{vague[1]}"')
     if _depth(text) > _MAX_DEPTH:
         raise CommandError("too many things are tied to one another in one phrase; say it in several steps")
     if not many and any(phrase.many and phrase.base == "rooms()" for phrase in inner):
@@ -254,8 +281,8 @@ def _sorted_by(text: str, orders: Parts, many: bool) -> str:
 
 
 def _based(noun: Noun | None, needed: int) -> tuple[str, str, tuple[str, ...], tuple[tuple[str, str], ...]]:
-    if noun is None:
-        return ONE, "thing", (), ()
+    if noun is None or noun.base:
+        return (noun.base, noun.spoken, (), ()) if noun else (ONE, "thing", (), ())
     if not noun.known:
         return f"search({quoted(noun.label)})", noun.spoken, (), ()
     if noun.wide and (noun.count if noun.count is not None else 1) < needed:
@@ -276,11 +303,19 @@ def _chosen(
 
     ``several`` says that it is at least chosen among several.
     """
-    key, of = _order(parts, many and count is None)
-    near = [part.definite if several and part.definite else part.text for part in parts if part.kind == "near"]
-    for beside in near:
-        alike = several or rank is not None or key in _SIDES  # "the third chair at the counter" is next to it
+    key, of = _order(parts, many and count is None, rank is not None)
+    vague = [part.text for part in parts if part.kind == "vague"]
+    if vague and (many or several or rank is not None or text.startswith("search(")):
+        raise CommandError(f'"{vague[0]}"')
+    for part in parts:
+        if part.kind != "near":
+            continue
+        beside = part.definite if several and part.definite else part.text
+        # "The third chair at the counter" and "the large plant beside the couch" are next to it.
+        alike = several or rank is not None or key in _SIDES or (part.number and key not in ("", "near", "far"))
         text = f"near({text}, {beside})" if alike and count is None else f"near({text}, {beside}, {NEAR_M:g})"
+    for unknown in vague:
+        text = f"only({text}, {quoted(unknown)})"
     if key in ("", "near") and not of and not many and rank == -1 and count is None:
         rank, key = None, "far"
     ordered = text if (key or "near", of) == ("near", "") else f'order({text}, "{key or "near"}"{_of(of)})'
@@ -298,10 +333,12 @@ def _chosen(
     return (f"first({ordered})" if key else text), False
 
 
-def _order(parts: Sequence[Part], many: bool) -> tuple[str, str]:
+def _order(parts: Sequence[Part], many: bool, ranked: bool) -> tuple[str, str]:
     """Return the key things are ordered by and what it is measured from; "" for none."""
     orders = list(dict.fromkeys((part.text, part.of) for part in parts if part.kind == "order"))
     measured = [part.text for part in parts if part.kind == "from"]
+    if measured and ranked and not orders:  # "the third chair from the door"
+        return "near", measured[0]
     if measured:  # "the nearest chair to the desk"
         if len(orders) != 1 or orders[0] not in (("near", ""), ("far", "")):
             raise CommandError("")
@@ -510,6 +547,12 @@ def _outermost(side: str) -> Parts:
     return (Part("order", side),)
 
 
+@_rule("pre", "side spot:SPOT", cost=0.2)
+def _at_wall(side: str, spot: str) -> Parts:
+    """Read "the east wall picture"."""
+    return (*_spot(spot), Part("order", side, number=2))
+
+
 @_rule("pre", "MIDDLE")
 def _middle() -> Parts:
     return (Part("order", "middle"),)
@@ -534,7 +577,7 @@ def _before(adjective: Parts) -> Parts:
 # ---- relations: parts that stand after the noun
 
 GRAMMAR.words("_at", "ON", "TO", "AT", "IN", "BY")
-GRAMMAR.words("_near", "NEAR", "BY", "AT", "AROUND", "OVER", "OF", "FOR")
+GRAMMAR.words("_near", "BY", "AT", "AROUND", "OVER", "OF", "FOR")
 GRAMMAR.words("_here", "(FROM | TO | AT | OF | AWAY)* HERE")
 GRAMMAR.words("_dets", "DET*")
 
@@ -549,7 +592,7 @@ def _in_view() -> Parts:
 def _from_side(side: str, n: float = 0) -> Parts:
     if n != int(n):
         raise CommandError("")
-    return (*(_ranked(int(n)) if n else ()), Part("order", side))
+    return (*(_ranked(int(n)) if n else ()), Part("order", side), Part("counted"))
 
 
 GRAMMAR.words("_side", "side")
@@ -622,7 +665,7 @@ def _at_far_end(np: Phrase) -> Parts:
 @_rule("relation", "IN (DET | THAT)* ROW (OF whole)?")
 def _in_row(whole: int = 0) -> Parts:
     """Read "the second seat from the left in that row of five": what stands in a row is counted from its side."""
-    return ()
+    return (Part("row"),)
 
 
 @_rule("relation", "BETWEEN DET* ROW (OF whole)?", cost=-0.2)
@@ -662,9 +705,10 @@ def _behind(np: Phrase) -> Parts:
     return _filter(f'side({{}}, "behind", {np.argument})', np, of=np.argument)
 
 
-@_rule("relation", "_near np")
-def _close(np: Phrase) -> Parts:
-    return (Part("near", np.argument, phrase=np, definite=np.measure),)
+@_rule("relation", "near:NEAR np", "_near np")
+def _close(np: Phrase, near: str = "") -> Parts:
+    beside = re.search(r"next to|beside|against|alongside", near) is not None
+    return (Part("near", np.argument, number=int(beside), phrase=np, definite=np.measure),)
 
 
 @_rule("relation", "(TO | AWAY? FROM | OF) np", cost=-0.05)
@@ -714,6 +758,12 @@ def _on(np: Phrase | None = None, within: Phrase | None = None) -> Parts:
 @_rule("relation", "UNDER np")
 def _under(np: Phrase) -> Parts:
     return _filter(f"under({{}}, {np.argument})", np, definite=f"under({{}}, {np.measure})")
+
+
+@_rule("relation", "FACING np", cost=-0.1)
+def _facing(np: Phrase) -> Parts:
+    """Read "the couch that faces the tv", "the chair looking at the window"."""
+    return _filter(f"facing({{}}, {np.measure})", np)
 
 
 @_rule("relation", "OPPOSITE np", cost=-0.1)
@@ -813,10 +863,15 @@ def _same_room(np: Phrase | None = None) -> Parts:
     return _filter(f"inside({{}}, room({other.argument}))", other)
 
 
-@_rule("relation", "(IN | AT | BY | NEAR | ON) DET* spot:SPOT ((OF | IN) room)?", "ON room POSS? spot:SPOT", cost=0.1)
-def _spot(spot: str, room: Phrase | None = None) -> Parts:
+@_rule(
+    "relation",
+    "(IN | AT | BY | NEAR | ON) DET* far:FARTHEST? spot:SPOT ((OF | IN) room)?",
+    "ON room POSS? spot:SPOT",
+    cost=0.1,
+)
+def _spot(spot: str, room: Phrase | None = None, far: str = "") -> Parts:
     inside = _inside(room) if room else ()
-    return (*inside, *_filter(f'at({{}}, "{spot}")'))
+    return (*inside, *_filter(f'at({{}}, "{spot}")'), *((Part("order", "far"),) if far else ()))
 
 
 @_rule(
@@ -853,7 +908,7 @@ def _farther_than(distance: Any, np: Phrase | None = None, less: str = "") -> Pa
     return _filter(near if less else f"minus({{}}, {near})", *([np] if np else []))
 
 
-@_rule("relation", "(WITH | WHERE IS+) (least:ATLEAST | more:MORETHAN)? n:whole np _on_it?", cost=-0.6)
+@_rule("relation", "(WITH | WHERE IS+) DET* (least:ATLEAST | more:MORETHAN)? n:whole np _on_it?", cost=-0.6)
 def _having_some(n: int, np: Phrase, more: str = "", least: str = "") -> Parts:
     """Read "the table with four chairs": of those with more, that with the fewest."""
     fewest = () if more or least else (Part("fewest", np.argument),)
@@ -1020,16 +1075,23 @@ def _noun(name: Noun) -> Noun:
     return name
 
 
-@_rule("noun", "word:WORD+", "word:WORD+ name:NOUN", cost=1.0)
-def _unknown(word: Sequence[str], name: Noun | None = None) -> Noun:
+@_rule("noun", "word:WORD+", cost=1.0)
+def _unknown(word: Sequence[str]) -> Noun:
+    said = _named(word)
+    return Noun(singular(said), singular(said), False, count=0)
+
+
+@_rule("pre", "word:WORD", cost=1.0)
+def _vague(word: str) -> Parts:
+    """Read "the squeaky chair": whatever that means, it is no choice where one is left."""
+    return (Part("vague", _named([word])),)
+
+
+def _named(word: Sequence[str]) -> str:
     said = " ".join(word)
     if not NO_NAMES.isdisjoint(word):
         raise CommandError(f'"{said}"')
-    if name is not None:
-        if name.count != 1 or name.is_plural or name.wide:
-            raise CommandError(f'"{said}"')
-        return replace(name, note=f'"{said}" is left out: the map has one {name.spoken}')
-    return Noun(singular(said), singular(said), False, count=0)
+    return said
 
 
 @_rule("noun", "ANYTHING", cost=0.1)
@@ -1088,6 +1150,8 @@ def _of_them_on(side: str = "middle") -> Phrase:
 
 @_rule("thing", "(DET+ | &ORD | &_room_too) pre+ post*", cost=0.9)
 def _elided(pre: Sequence[Parts], post: Sequence[Parts] = ()) -> Phrase:
+    if any(part.kind == "vague" for part in _flat(pre)):
+        raise CommandError("")
     return select(None, (*_flat(pre), *_flat(post)))
 
 
@@ -1111,12 +1175,15 @@ def _its(noun: Noun, pre: Sequence[Parts] = (), post: Sequence[Parts] = ()) -> P
 @_rule("thing", "THAT noun", cost=0.1)
 def _that(noun: Noun) -> Phrase:
     """Read "that desk", which was named before."""
-    return replace(select(replace(noun, is_plural=False), ()), again=True)
+    found = select(replace(noun, is_plural=False), ())
+    return replace(found, text=f"‹that {found.word}|{found.base}›", whole="")
 
 
-@_rule("thing", "THAT pre+ noun post*", cost=0.2)
-def _that_one(noun: Noun, pre: Sequence[Parts], post: Sequence[Parts] = ()) -> Phrase:
+@_rule("thing", "that:THAT pre+ noun post*", "that:THAT noun post+", cost=0.2)
+def _that_one(that: str, noun: Noun, pre: Sequence[Parts] = (), post: Sequence[Parts] = ()) -> Phrase:
     """Read "that huge teddy"."""
+    if that != "that":  # "which couch is larger"
+        raise CommandError("")
     return _one(noun, pre, (), post)
 
 
@@ -1142,7 +1209,17 @@ def _np_room(room: Phrase) -> Phrase:
     return room
 
 
-@_rule("np", "INDEF thing", cost=-0.05)
+@_rule("np", "(INDEF | ONE) pre+ noun post*", cost=-0.1)
+def _any_such(noun: Noun, pre: Sequence[Parts], post: Sequence[Parts] = ()) -> Phrase:
+    """Read "a small table": any of the smaller ones, not the smallest."""
+    parts = [
+        Part("filter", f'sized({{}}, "{part.text}")') if part.kind == "order" and part.number == 1 else part
+        for part in (*_flat(pre), *_flat(post))
+    ]
+    return replace(select(noun, parts), any=True, penalty=0.0)
+
+
+@_rule("np", "(INDEF | ONE) thing", cost=-0.05)
 def _any(thing: Phrase) -> Phrase:
     return replace(thing, any=True, penalty=0.0)
 
@@ -1244,6 +1321,13 @@ def _named_room(name: str, n: float | None = None) -> Phrase:
     return Phrase(f"room({called})", f"rooms({called})", name, whole=f"rooms({called})")
 
 
+@_rule("room", "_dets word:WORD name:ROOMKIND", cost=1.0)
+def _vague_room(word: str, name: str) -> Phrase:
+    """Read "the noisy office": only where one is left."""
+    called = f"rooms({quoted(name)})"
+    return Phrase(f"only({called}, {quoted(_named([word]))})", called, name)
+
+
 @_rule("room", "ROOM NUMBER? n:whole")
 def _numbered_room(n: int) -> Phrase:
     return Phrase(f'room("room {n}")', "rooms()", "room")
@@ -1254,63 +1338,45 @@ def _this_room() -> Phrase:
     return Phrase("room()", "rooms()", "room", whole="rooms()")
 
 
-@_rule("room", "_dets OTHER (ROOM | name:ROOMKIND)")
+@_rule("room", "_dets OTHER (ROOM | name:ROOMKIND)", cost=-0.3)
 def _other_room(name: str = "") -> Phrase:
     if name:
         return Phrase(f"first(minus(rooms({quoted(name)}), room()))", f"rooms({quoted(name)})", name)
     return Phrase('room("other")', "rooms()", "room")
 
 
-@_rule("room", "_dets name:ROOMKIND (THAT | IS | WHERE)* WITH np", cost=0.3)
-def _kind_of_room_of(name: str, np: Phrase) -> Phrase:
-    """Read "the bedroom with the desk"."""
-    rooms = f"having(rooms({quoted(name)}), {np.argument})"
-    return Phrase(f"first({rooms})", rooms, name, False, np.notes, np.others, whole=rooms)
-
-
-@_rule("room", "_dets ROOM (THAT | IS)* WITHOUT np", cost=0.2)
-def _room_without(np: Phrase) -> Phrase:
-    whole = f"minus(rooms(), having(rooms(), {np.argument}))"
-    return Phrase(f"first({whole})", "rooms()", "room", False, np.notes, np.others, whole=whole)
-
-
-@_rule("room", "_dets ROOM WITH np _on_it?", "_dets ROOM (THAT | IS | WHERE)* IN? np IS? IN?", cost=0.2)
+@_rule("room", "_dets ROOM (THAT | IS | WHERE)* IN? np IS? IN?", cost=0.2)
 def _room_of(np: Phrase) -> Phrase:
+    """Read "the room the printer is in"."""
     whole = f"having(rooms(), {np.argument})"
     return Phrase(f"room({np.argument})", "rooms()", "room", False, np.notes, np.others, whole=whole)
 
 
-@_rule("room", "(EVERY (OF | DET)* | DET*) (ROOM | ROOMS) (THAT | IS | WHERE)* WITH np", cost=0.3)
-def _rooms_of(np: Phrase) -> Phrase:
-    """Read "the rooms that have a sink"."""
-    return Phrase(f"having(rooms(), {np.argument})", "rooms()", "room", True, np.notes, np.others)
-
-
-@_rule("room", "_dets ROOM WITH BOTH? a:np AND b:np", cost=0.2)
-def _room_of_both(a: Phrase, b: Phrase) -> Phrase:
-    text = f"having(having(rooms(), {a.argument}), {b.argument})"
-    return Phrase(text, "rooms()", "room", False, a.notes + b.notes, a.others + b.others)
-
-
 _rule("numerous", "MOSTLY")(lambda: "many")
 _rule("numerous", "FEWEST")(lambda: "few")
+_rule("room_name", "ROOM")(lambda: Noun("room", "", base="rooms()"))
+_rule("room_name", "ROOMS")(lambda: Noun("room", "", base="rooms()", is_plural=True))
+_rule("room_name", "name:ROOMKIND", cost=0.3)(lambda name: Noun(name, "", base=f"rooms({quoted(name)})"))
+GRAMMAR.words("_told_by", "THAT | IS | WITH | WITHOUT | NEAR | NEAREST | FARTHEST | BY | AT | WHERE | EXIST | BUTNO")
 
 
-@_rule("room", "_dets ROOM WITH key:numerous np", cost=-0.2)
-def _room_of_most(key: str, np: Phrase) -> Phrase:
-    return Phrase(f'first(order(rooms(), "{key}", {np.argument}))', "rooms()", "room", False, np.notes)
+@_rule("room", "_dets pre+ name:room_name (&_told_by post)*", "_dets name:room_name (&_told_by post)+", cost=-0.1)
+def _room_told(name: Noun, pre: Sequence[Parts] = (), post: Sequence[Parts] = ()) -> Phrase:
+    """Read "the second largest room", "the bedroom with the desk", "the room next to the kitchen"."""
+    parts = (*_flat(pre), *_flat(post))
+    if name.base == "rooms()" and any(part.kind == "order" and part.text in ("near", "far") for part in parts):
+        name = replace(name, base='rooms("other")')  # the nearest one is not the one that the robot is in
+    return select(name, parts)
 
 
-@_rule(
-    "room", "_dets n:ORD? (NEAREST | key:SIZE | key:SUPER | key:MORE | far:FARTHEST) (ROOM | name:ROOMKIND)", cost=0.1
-)
-def _sized_room(key: str = "", far: str = "", name: str = "", n: int = 0) -> Phrase:
-    rooms = f"rooms({quoted(name)})" if name else "rooms()"
-    key = "far" if far else key
-    if n:
-        return Phrase(f'nth(order({rooms}, "{key or "near"}"), {n})', rooms, name or "room")
-    nearest = f"room({quoted(name or 'other')})"
-    return Phrase(f'first(order({rooms}, "{key}"))' if key else nearest, rooms, name or "room")
+@_rule("room", "_dets pre* name:room_name (THAT | IS | WHERE)* WITH BOTH? a:np AND b:np", cost=-0.1)
+def _room_of_both(name: Noun, a: Phrase, b: Phrase, pre: Sequence[Parts] = ()) -> Phrase:
+    return select(name, (*_flat(pre), *_having_both(a, b)))
+
+
+@_rule("room", "EVERY (OF | DET)* pre* name:room_name (&_told_by post)+", cost=0.1)
+def _every_room(name: Noun, pre: Sequence[Parts] = (), post: Sequence[Parts] = ()) -> Phrase:
+    return select(name, (*_flat(pre), *_flat(post)), every=True)
 
 
 @_rule("room", "(EVERY | BOTH) (OF | DET)* name:ROOMKIND", cost=0.1)

@@ -265,12 +265,12 @@ def _go_in_turn(targets: tuple[Phrase, ...], key: str, n: int = 1) -> Steps:
     return _go_to((replace(each, text=f'order({each.text}, "{key}")', word="thing", many=True),))
 
 
-@_rule("there", "IT | THAT")
-def _there() -> tuple[Phrase, ...]:
-    return (Phrase(IT, "", "thing"),)
+@_rule("there", "it:IT | THAT")
+def _there(it: str = "") -> tuple[Phrase, ...]:
+    return (Phrase(IT, "", "thing", any=it == "there"),)
 
 
-@_rule("order", "targets", cost=0.7)
+@_rule("order", "!(_np FINITE !WHAT) targets", cost=0.7)
 def _bare(targets: tuple[Phrase, ...]) -> Steps:
     if any(phrase.free for phrase in targets):
         raise CommandError("")
@@ -329,6 +329,14 @@ def _go_between(pair: tuple[Phrase, Phrase]) -> Steps:
     return (Do(("robot.move_in_between({0.argument}, {1.argument})",), pair),)
 
 
+@_rule("order", "_go? DET? BETWEEN it:IT", cost=-0.8)
+def _go_middle_of_it(it: str) -> Steps:
+    """Read "go to the largest room and stand in the middle of it"."""
+    if it != "it":
+        raise CommandError("")
+    return (Do(("robot.move_to(centre({0.text}))",), (Phrase(IT, "", "thing"),)),)
+
+
 @_rule("order", "_go? DET? BETWEEN np", "_goer UNDER np", cost=0.2)
 def _go_middle(np: Phrase) -> Steps:
     if np.many or np.text == IT:
@@ -350,6 +358,7 @@ def _go_beside(beside: str, targets: tuple[Phrase, ...]) -> Steps:
     return _each(f'robot.move_to(spot({{0.argument}}, "{beside}"))', targets)
 
 
+@_rule("order", "(_go | APPROACH) np FROM DET? side (SIDE | END)?", cost=0.7)
 @_rule("order", "_go? np POSS side SIDE?", cost=-0.2)
 def _go_possessed(np: Phrase, side: str) -> Steps:
     return _go_beside(side, (np,))
@@ -368,9 +377,9 @@ def _go_behind(targets: tuple[Phrase, ...]) -> Steps:
 
 @_rule(
     "order",
-    "(_go | KEEP)? _place? distance (TO | ON)* (beside | FRONT | BEFORE | back:BEHIND | off:away) np | _go? np COMMA "
-    "distance off:SHORT | _go (FORWARD | compass)* UNTIL np IS (_prep | SHORT | DET)* distance off:SHORT | "
-    "_go (FORWARD | compass)* "
+    "(_go | KEEP)? _place? distance (TO | ON)* (beside | FRONT | BEFORE | back:BEHIND | back:PASS | off:away) np | "
+    "_go? np COMMA distance off:SHORT | _go (FORWARD | compass)* UNTIL np IS (_prep | SHORT | DET)* distance "
+    "off:SHORT | _go (FORWARD | compass)* "
     "UNTIL (EXIST (_prep | SHORT)* distance BETWEEN (np AND HERE | HERE AND np) | HERE IS? distance off:away np)",
     cost=-0.3,
 )
@@ -425,13 +434,17 @@ _rule("round", "way")(lambda way: -1.0 if way == "left" else 1.0)
 
 @_rule(
     "lapped",
-    "CIRCLE (AROUND | OF)? targets round? times? (COMMA? round)? | (GO | TAKE | CIRCLE | MAKE)? times "
-    "(CIRCLE | AROUND) targets | (MAKE | GO)? EXACTLY? times? (n:amount | DET | FULL | half:HALF)* LAP round? "
+    "lap:CIRCLE (AROUND | OF)? targets round? times? (COMMA? round)? | (GO | TAKE | CIRCLE | MAKE)? times "
+    "(CIRCLE | AROUND) targets | (MAKE | GO)? EXACTLY? times? (n:amount | DET | FULL | half:HALF)* lap:LAP round? "
     "(AROUND | OF | BY) targets times? (COMMA _np AND EVERY)? | GO half:HALF AROUND "
     "targets | CIRCLE targets (COMMA | AND)* UNTIL? (MAKE | EXIST)? n:amount LAP",
     cost=-0.4,
 )
-def _circle(targets: tuple[Phrase, ...], times: int = 1, n: Any = 1, half: Any = (), round: float = 1.0) -> Steps:
+def _circle(
+    targets: tuple[Phrase, ...], times: int = 1, n: Any = 1, half: Any = (), round: float = 1.0, lap: str = ""
+) -> Steps:
+    if "tour" in lap and any(phrase.many for phrase in targets):  # of all plants: each is visited
+        raise CommandError("")
     number = max(times, *n) if isinstance(n, tuple) else max(times, n)
     turns = round * (0.5 if half else number)
     if not 0 < number <= _MAX_LAPS:
@@ -702,6 +715,8 @@ def _strafe(way: str, distance: Measure = _ONE_METRE) -> Steps:
 # ---- questions
 
 Condition = tuple[str, tuple[Phrase, ...]]
+_ASKS: Final = frozenset(["is", "are", "do", "does", "have", "has", "can", "could", "would", "got", "isn", "aren"])
+"""What opens questions whether something is there."""
 
 
 def _changed(phrase: Phrase, text: str, notes: tuple[str, ...] | None = None, many: bool | None = None) -> Phrase:
@@ -722,7 +737,7 @@ _words("_count", "COUNT? HOWMANY ONLY? | COUNT ONLY?")
 
 @_rule(
     "question",
-    "EXIST? _count STOP? DET* np (IS | EXIST | DOES | IT WITH)* post* (HERE | SEE)? | _count np (DOES | IS | WITH)* "
+    "EXIST? _count STOP? DET* np (IS | EXIST | DOES)* post* (HERE | SEE)? | _count np (DOES | IS | WITH)* "
     "DET* (MAP | HERE) (WITH | SEE)?",
 )
 def _how_many(np: Phrase, post: Sequence[Parts] = ()) -> Steps:
@@ -739,6 +754,8 @@ def _how_many_more(post: Sequence[Parts] = ()) -> Steps:
 @_rule("question", "HOWMANY SEATED relation", cost=-0.5)
 def _how_many_fit(relation: Parts) -> Steps:
     """Read "how many people can sit at the table?": as many as seats are there."""
+    if relation[0].kind != "near":  # how many sit on a couch is not known
+        raise CommandError("")
     return _told(refine(Phrase('things("seat")', 'things("seat")', "seat"), relation), "count")
 
 
@@ -842,8 +859,11 @@ def _where_am_i() -> Steps:
     return (Do(('tell(room(), "which")',)),)
 
 
-@_rule("question", "EXIST np (ANYWHERE | HERE)* _in_map?", "IS np HERE", "DOES DET* MAP WITH np")
-def _is_there(np: Phrase) -> Steps:
+@_rule("question", "EXIST np (ANYWHERE | HERE)* _in_map? &ASKED", "IS np HERE", "DOES DET* MAP WITH np")
+@_rule("question", "exist:EXIST np (ANYWHERE | HERE)* _in_map?")
+def _is_there(np: Phrase, exist: str = "is") -> Steps:
+    if exist.split(maxsplit=1)[0] not in _ASKS or "count" in exist:  # "there is a chair on your left" asks nothing
+        raise CommandError("")
     return _told(np, "whether")
 
 
@@ -1008,6 +1028,8 @@ def _does_it_hold(condition: Condition) -> Steps:
     cost=0.1,
 )
 def _is_it(np: Phrase, relation: Parts = (), adjective: Parts = ()) -> Steps:
+    if not relation and not adjective:  # "are the stools in a row?"
+        raise CommandError("")
     return _told(refine(np, (*relation, *adjective)), "whether")
 
 
@@ -1328,6 +1350,15 @@ def _times(order: Steps, times: int = 1, n: int = 1, said: str = "instead") -> S
     return (Repeat(times, order),) if times > 1 else order
 
 
+@_rule("done", "order COMMA? VIA via:targets", cost=-0.2)
+def _passing(order: Steps, via: tuple[Phrase, ...]) -> Steps:
+    """Read "go from the bed to the kitchen passing the couch": it is passed before the last goal."""
+    last = order[-1]
+    if not isinstance(last, Do) or "move_to" not in last.lines[-1] or not last.phrases:
+        raise CommandError("")
+    return (*order[:-1], *_go_to(via), last)
+
+
 @_rule("done", "order COMMA? (AND | THEN)? verb:TAKE", cost=0.2)
 def _shown(order: Steps, verb: str) -> Steps:
     """Read "I want to sit down, show me the way"."""
@@ -1452,24 +1483,33 @@ def _so(b: Steps) -> Steps:
 
 @_rule(
     "logical",
-    "b:done (COMMA | AND | STOP | BUT)* NEVER (not_:order | GO | APPROACH) ((COMMA | STOP)+ ONLY? LOOK)?",
+    "b:done (COMMA | AND | STOP | BUT)* NEVER (not_:order | went:GO | went:APPROACH | TURN AROUND?) "
+    "((COMMA | STOP)+ ONLY? LOOK)?",
     cost=0.3,
 )
-def _only(b: Steps, not_: Steps = ()) -> Steps:
-    """Read "look at the clock, but don't drive there": what is only looked at is not gone to."""
-    moves = any(not isinstance(step, Do) or not step.verb or "move" in " ".join(step.lines) for step in b)
-    if moves or any(phrase.text != IT for step in not_ if isinstance(step, Do) for phrase in step.phrases):
+def _only(b: Steps, not_: Steps = (), went: str = "") -> Steps:
+    """Read "look at the clock, but don't drive there", "go back one metre, don't turn": what is not done anyway."""
+    done = {"move" if not step.verb else _kind(step) for step in b if isinstance(step, Do)}
+    never = {_kind(step) for step in not_ if isinstance(step, Do)} or {"move" if went else "turn"}
+    if not all(isinstance(step, Do) for step in (*b, *not_)) or done & never:
         raise CommandError("")
     return b
 
 
+def _kind(step: Do) -> str:
+    """Return whether a step moves, turns or tells."""
+    lines = " ".join(step.lines)
+    return "move" if "move" in lines else "tell" if "tell(" in lines else "turn"
+
+
 @_rule("logical", "(NEVER not_:done | NEITHER _np NOR _np) (COMMA | AND | STOP | EXCEPT | THEN)+ b:done", cost=0.3)
+@_rule("logical", "NOT not_:wanted (COMMA | STOP)+ &_verb b:done", cost=0.5)
 def _but(b: Steps, not_: Steps = ()) -> Steps:
-    """Read "don't go to the sofa, go to the table"."""
+    """Read "don't go to the sofa, go to the table", "not the sofa. Go to the table"."""
     return b
 
 
-@_rule("introduced", "(relation COMMA?)* exist:EXIST HERE? _dets (ROW OF _dets)? pre* noun (post | IT)*", cost=-0.25)
+@_rule("declared", "(relation COMMA?)* exist:EXIST HERE? _dets (ROW OF _dets)? pre* noun (post | IT)*", cost=-0.25)
 @_rule("introduced", "(SEE | SEEQ) _dets (row:ROW OF _dets)? pre* noun (post | IT)*")
 def _introduced(
     noun: Noun,
@@ -1477,13 +1517,39 @@ def _introduced(
     relation: Sequence[Parts] = (),
     post: Sequence[Parts] = (),
     row: str = "",
-    exist: str = "",
+    exist: str = "there",
 ) -> Phrase:
     """Read "at the long table there are two chairs side by side", "the row of chairs in front of the counter"."""
+    if exist.split(maxsplit=1)[0] in _ASKS:
+        raise CommandError("")
     parts = [part for parts in (*pre, *relation, *post) for part in parts]
     if row:  # what stands in a row along something is next to it
         parts += [Part("filter", f"near({{}}, {part.of})") for part in parts if part.kind == "filter" and part.of]
-    return replace(select(noun, parts), penalty=-1.5 if exist.startswith(("there", "we", "you")) else 0.0)
+    return select(noun, parts)
+
+
+@_rule("declared", "exist:EXIST a:thing AND b:thing", cost=-0.25)
+def _declared_both(exist: str, a: Phrase, b: Phrase) -> Phrase:
+    """Read "there is a chair on your left and a chair on your right"."""
+    if exist.split(maxsplit=1)[0] in _ASKS or a.base != b.base:
+        raise CommandError("")
+    return replace(united((a, b)), base=a.base, many=True)
+
+
+@_rule("declared", "&(_np FINITE !WHAT) thing", cost=-0.25)
+def _declared(thing: Phrase) -> Phrase:
+    """Read "one of the desks has a plant on it"."""
+    return thing
+
+
+@_rule("logical", "topic:declared (COMMA | AND | STOP | THEN | BUT)+ b:items", cost=-1.2)
+@_rule("logical", "topic:declared (COMMA | AND | STOP | THEN | BUT)+ aside:items", cost=0.3)
+def _of_declared(topic: Phrase, b: Steps = (), aside: Steps = ()) -> Steps:
+    """Read "there are two chairs at the table. Go to the left one", "the desk has a lamp on it. Go to that desk"."""
+    refers = isinstance(step := (b or aside)[0], Do | Choose) and any("‹" in one.text for one in step.phrases)
+    if refers != bool(b):
+        raise CommandError("")
+    return (Do((), (replace(topic, base=topic.whole or topic.text),)), *(b or aside))
 
 
 _rule("not_that", "(NOT IT | NOT THAT | NOWAIT) (COMMA | STOP)+")(lambda: "not that")
@@ -1528,7 +1594,7 @@ def _taken_from(steps: Steps, topic: Phrase, group: Phrase) -> Steps:
         raise CommandError("")
     found: list[Step] = []
     for step in steps:
-        told = isinstance(step, Do) and step.lines[0].startswith("tell(")
+        told = isinstance(step, Do) and "".join(step.lines).startswith("tell(")
         phrases = () if isinstance(step, Repeat) else step.phrases
         taken = tuple(_taken(one, topic, group, told=told, first=not found) for one in phrases)
         if taken == phrases:
@@ -1601,7 +1667,9 @@ def _start(items: Steps) -> Steps:
     return items
 
 
-@_rule("start", "_around (a:items _around)? avoided (_around b:items)? _around", cost=0.1)
+@_rule(
+    "start", "_around (a:items _around)? avoided (_around b:items)? _around", "avoided COMMA? ONWAY b:wanted", cost=0.1
+)
 def _keeping_away(avoided: Steps, a: Steps = (), b: Steps = ()) -> Steps:
     """Read "go to the couch, but keep away from the table"."""
     if not a and not b:
@@ -1646,7 +1714,7 @@ def _instead(b: Steps, items: Steps = (), said: str = "") -> Steps:
         # "the glass on the counter, no wait, the one on the table", "... the one left of it"
         struck = last.phrases[0]
         lent_to = [lent((phrase, struck))[0] for phrase in first.phrases]
-        told = first.lines[0].startswith("tell(")
+        told = "".join(first.lines).startswith("tell(")
         taken = [one if told else _taken(one, struck, struck, told=False, first=True) for one in lent_to]
         first = replace(first, phrases=tuple(taken))
         in_room = not struck.is_room and "room" in struck.text and any(one.is_room for one in taken)

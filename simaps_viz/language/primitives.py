@@ -8,7 +8,7 @@ where the robot is then.
 from dataclasses import dataclass
 from typing import Any, Final, Literal
 
-from simaps_viz.language.lexicon import load
+from simaps_viz.language.words import load
 
 Kind = Literal["motion", "goal", "lookup", "function"]
 Result = Literal["nothing", "instance", "instances", "position", "positions", "number"]

@@ -6,8 +6,8 @@ a phrase of the meaning comes to:
 - *Next to* is at most 1 m, edge to edge: a chair pulled back from its table is still that table's.
 - A *side* is a direction: north is +y, east is +x. Of the robot it is measured from its heading. Of a thing, *front*
   is towards the robot, *behind* away from it, and *left* a quarter turn counter-clockwise from robot -> thing.
-- *On* a thing is what has at least half of its cells within the convex outline of the thing's cells, a higher top, and
-  fewer cells; a map seen from above knows no more.
+- *On* a thing is what has at least half of its cells within the convex outline of the thing's cells, a higher top,
+  fewer cells, and does not begin more than 0.4 m above the thing's top, as a picture over a desk does.
 - *Length* and *width* are those of the smallest rectangle around the cells, of any direction; *height* is the highest
   cell's. *Round* fills at least 82 % of the smallest circle around it, *long* is at least 1.6 times as long as wide,
   *square* is at most 1.25 times as long as wide, and not round.
@@ -25,13 +25,11 @@ from scipy.spatial import KDTree
 
 from simaps_viz.colors.naming import has_color, lab
 from simaps_viz.errors import CommandError, InputError, PlanningError
-from simaps_viz.language.cells import Packed
+from simaps_viz.language.cells import Packed, wall_cells
 from simaps_viz.language.grounding import MAX_LOOKED, Grounding, Named, Things, one_thing, ordinal, with_article
-from simaps_viz.language.lexicon import KINDS
 from simaps_viz.language.primitives import SAID, SELF, Primitive
-from simaps_viz.language.sight import wall_cells
 from simaps_viz.language.telling import told
-from simaps_viz.language.words import plain, plural
+from simaps_viz.language.words import KINDS, plain, plural
 from simaps_viz.structures import Instance, Path, Pose2, Room, SIMap
 
 NEXT_TO_M: Final = 1.0
@@ -45,6 +43,8 @@ CLEARANCE_M: Final = 0.3
 """Gap between the robot's hull and the thing that it stops beside."""
 _AT_WALL_M: Final = 0.35
 _IN_CORNER_M: Final = 0.6
+_HANGING_M: Final = 0.4
+"""What begins that far above a top hangs over it: it does not stand on it."""
 _SPECK_M2: Final = 0.05
 _NOBODY_M: Final = 0.5
 _WITHIN: Final = 0.5
@@ -378,10 +378,13 @@ class Sets(Grounding):
             raise CommandError(f"metres: expected 0 or more, found {metres:g}")
         most = NEXT_TO_M if metres is None else float(metres)
         within = "next to" if metres is None else f"within {most:g} m of"
-        things, room = self.things_of(S), self.room_of(T)
-        if room is not None or self._point_of(T) is not None:
+        items, room = self.set_of(S).items, self.room_of(T)
+        in_rooms = bool(items) and not isinstance(items[0], Instance)
+        if room is not None or self._point_of(T) is not None or in_rooms:
             what = "you" if isinstance(T, str) else "that place" if room is None else _the(room)
-            return self._keep(S, self._far(things, T) <= most + 1e-9, after=f"{within} {what}")
+            kept = (self._far(items, T) <= most + 1e-9) & [item is not room for item in items]
+            return self._keep(S, kept, after=f"{within} {what}")
+        things = self.things_of(S)
         others = self.things_of(T)
         pairs = self.neighbours(things, others, most)
         pairs = self._at_their_own(things, others, pairs) if metres is None else pairs
@@ -407,7 +410,7 @@ class Sets(Grounding):
         if self.room_of(T) is not None:
             return self._inside(S, T)
         things, others = self.things_of(S), self.things_of(T)
-        standing = {a for a, _ in self._standing(things, others)}
+        standing = {a for a, _ in self._standing(things, others, hanging=False)}
         # What stands within a shelf does so by its surface in space rather than by its cells.
         standing |= {i.id for i in things if self._stands_so(i, others, ("on",))}
         hidden = {
@@ -423,6 +426,7 @@ class Sets(Grounding):
         kept = {b for _, b in self._standing(others, things)} | {
             a for a, _ in self._standing(things, others, lower=True)
         }
+        kept |= {i.id for i in things if self._stands_so(i, others, ("under",))}
         hidden = self._hidden(S, T, ("under",))
         return self._relate(self._joined(S, hidden), T, kept | {*hidden}, f"under {self.set_of(T).the}")
 
@@ -449,9 +453,9 @@ class Sets(Grounding):
         return found.of(self.ranked([*found.items, *more.values()])) if more else found
 
     def _standing(
-        self, things: Sequence[Instance], others: Sequence[Instance], lower: bool = False
+        self, things: Sequence[Instance], others: Sequence[Instance], *, lower: bool = False, hanging: bool = True
     ) -> list[tuple[int, int]]:
-        """Return the ids of all pairs of a thing and an other that it stands on, or that it lies lower within."""
+        """Return the ids of all pairs of a thing and an other that it stands on or hangs over, or lies lower within."""
         touching = self.neighbours(things, others, 2.0 * self.simap.spec.cell_size_m)
         found = []
         for i, j in sorted({*((i, j) for i, j, _ in touching), *self._inner_pairs(things, others)}):
@@ -460,6 +464,7 @@ class Sets(Grounding):
             if (
                 a.cells < b.cells
                 and (tops[0] < tops[1] if lower else tops[0] > tops[1])
+                and (hanging or a.aabb_m[0][2] - _HANGING_M < tops[1])
                 and self._share_within(a, b) >= _WITHIN
             ):
                 found.append((a.id, b.id))
@@ -524,6 +529,17 @@ class Sets(Grounding):
             {i.id for i, ok in zip(things, shown, strict=True) if ok},
             f"opposite {one_thing(other).the}",
         )
+
+    def _facing(self, S: Named, T: Named) -> Things:
+        kept, other = [], self.thing_of(T)
+        for thing in self.things_of(S):
+            try:
+                way = self._outlook(thing)
+            except CommandError:
+                way = np.zeros(2)
+            offset = np.array(other.centroid_m[:2]) - thing.centroid_m[:2]
+            kept.append(float(offset @ way) > _DIAGONAL * float(np.hypot(*offset)))
+        return self._keep(S, kept, after=f"facing {one_thing(other).the}")
 
     def _outlook(self, thing: Instance) -> NDArray:
         """Return the direction that a thing looks in: a seat to its table, others away from the wall behind them."""
@@ -622,7 +638,7 @@ class Sets(Grounding):
 
     def _empty(self, S: Named) -> Things:
         things, all_things = self.things_of(S), list(self.simap.instances)
-        taken = {b for _, b in self._standing(all_things, things)}
+        taken = {b for _, b in self._standing(all_things, things, hanging=False)}
         people = self.simap.of_class("person")
         taken |= {things[i].id for i, _, _ in self.neighbours(things, people, _NOBODY_M)}
         return self._keep(S, [i.id not in taken for i in things], before="empty")
@@ -839,7 +855,8 @@ class Sets(Grounding):
         """Return a set by distance from the robot or something else, which is left out itself."""
         items = found.items
         apart = self._far(items, of)
-        kept = [k for k in range(len(items)) if np.isfinite(apart[k])]
+        room = self.room_of(of)
+        kept = [k for k in range(len(items)) if np.isfinite(apart[k]) and (room is None or items[k] is not room)]
         return self._sorted([items[k] for k in kept], sign * apart[kept])
 
     def _nearest(self, S: Named, n: int, of: Any) -> Things:
@@ -866,6 +883,12 @@ class Sets(Grounding):
         found = self._choice_of(self.set_of(S))
         found.expect(n)
         return replace(found, items=found.items[-n:], most="")
+
+    def _only(self, S: Named, word: str) -> Things:
+        found = self.set_of(S)
+        if len(found) > 1:
+            raise CommandError(f'Which {found.one} is "{word}" is not known: there are {found.number()}.')
+        return found
 
     def _nth(self, S: Named, k: int) -> Any:
         return self._choice_of(self.set_of(S)).nth(k)

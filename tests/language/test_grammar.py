@@ -8,10 +8,10 @@ from simaps_viz.errors import CommandError
 from simaps_viz.language import grammar
 from simaps_viz.language.commands import read_command
 from simaps_viz.language.grammar import Chart, Edge, Grammar
-from simaps_viz.language.lexicon import PHRASES
 from simaps_viz.language.orders import GRAMMAR
+from simaps_viz.language.words import PHRASES
 
-MADE = {"INTER", "MOST", "NOUN", "NOUNS", "NUM", "ONE", "ORD", "PLACE", "WORD"}
+MADE = {"FINITE", "INTER", "MOST", "NOUN", "NOUNS", "NUM", "ONE", "ORD", "PLACE", "WORD"}
 """Tokens that are made of the map's names and of numbers."""
 
 
@@ -144,7 +144,7 @@ def test_a_chart_keeps_the_likeliest_readings_of_a_pattern() -> None:
         ("there are two chairs beside the couch. Go to the one that is farther from you",
          'robot.move_to_object(farthest(nearest(near(things("chair"), "couch", 3), 2, "couch")))'),
         ("at the couch there is one chair which is red. Go there.",
-         'robot.move_to_object(nearest(near(colored(things("chair"), "red"), "couch", 3), 1, "couch"))'),
+         'chair = nearest(near(colored(things("chair"), "red"), "couch", 3), 1, "couch")\nrobot.move_to_object(chair)'),
         ("you see the plant here in the kitchen? Not that. I want the other one.",
          'robot.move_to_object(minus(things("potted plant"), first(inside(things("potted plant"), room("kitchen")))))'),
         ("go to the chair, not the big one, the other one",
@@ -169,8 +169,8 @@ def test_a_chart_keeps_the_likeliest_readings_of_a_pattern() -> None:
         ("which chair is nearest the couch? That's where I'd like you.",
          'chair = nearest(things("chair"), 1, "couch")\ntell(chair, "which")\nrobot.move_to_object(chair)'),
         ("one of the chairs is not at the couch but at a table. That's the one I'd like you to drive to.",
-         'robot.move_to_object(nearest(near(minus(things("chair"), near(things("chair"), "couch")), '
-         '"dining table"), 1, "dining table"))'),
+         'chair = nearest(near(minus(things("chair"), near(things("chair"), "couch")), "dining table"), 1, '
+         '"dining table")\nrobot.move_to_object(chair)'),
         ("go to the couch, no, the plant I meant", 'robot.move_to_object("potted plant")'),
         ("go to the couch, oops, I meant to say the plant", 'robot.move_to_object("potted plant")'),
         ("the couch is your next stop", 'robot.move_to_object("couch")'),
