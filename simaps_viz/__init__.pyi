@@ -18,6 +18,7 @@ from .errors import SIMapsError as SIMapsError
 from .events import Observer as Observer
 from .exports.exporter import ExportOptions as ExportOptions
 from .exports.formats import export_map as export_map
+from .exports.graphs import to_networkx as to_networkx
 from .mapping.accumulator import ProjectionSettings as ProjectionSettings
 from .mapping.building import Building as Building
 from .mapping.building import Floor as Floor
@@ -29,7 +30,6 @@ from .mapping.file import save_map as save_map
 from .mapping.floor_plan import FloorPlan as FloorPlan
 from .mapping.floor_plan import floor_plan as floor_plan
 from .mapping.floor_plan import segment_rooms as segment_rooms
-from .mapping.graph import to_networkx as to_networkx
 from .mapping.in_space import objects_in_space as objects_in_space
 from .mapping.pooling import PoolSettings as PoolSettings
 from .mapping.simap import recommunity as recommunity

@@ -9,9 +9,8 @@ from benchmarks.timing import measure, times
 from numpy.typing import NDArray
 
 from simaps_viz.mapping.evidence import EvidenceSettings, pair_graphs
-from simaps_viz.mapping.graph import class_graphs
 from simaps_viz.mapping.observations import Readings
-from simaps_viz.mapping.paper import partition_grid
+from simaps_viz.mapping.paper import class_graphs, partition_grid
 from simaps_viz.mapping.partition import applied_steps, instance_of_community
 from simaps_viz.mapping.pooling import partition_evidence
 from simaps_viz.structures import CellGraph, Grid, GridSpec, MergeLog

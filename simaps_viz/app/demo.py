@@ -9,8 +9,7 @@ import viser
 from rich.progress import Progress as Bars
 
 from simaps_viz.app import workbench
-from simaps_viz.build.cache import cache_folder
-from simaps_viz.build.pipeline import BuildConfig
+from simaps_viz.build.pipeline import BuildConfig, cache_folder
 from simaps_viz.console.logs import logger
 from simaps_viz.console.progress import StageProgress
 from simaps_viz.datasets.open import open_sequence

@@ -11,8 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from simaps_viz.build.cache import cache_folder, map_in_cache
-from simaps_viz.build.pipeline import BuildConfig
+from simaps_viz.build.pipeline import BuildConfig, cache_folder, map_in_cache
 from simaps_viz.build.to_file import build_complete, is_complete, open_history
 from simaps_viz.console.progress import StageProgress
 from simaps_viz.console.terminal import note

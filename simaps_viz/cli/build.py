@@ -162,7 +162,7 @@ class Build:
 
     def _opened(self, progress: "StageProgress", *, floors: bool = False) -> "FrameSource":
         """Open the sequences, joined where there are several; ``floors``: of one building, they may be on several."""
-        from simaps_viz.build.cache import cache_folder
+        from simaps_viz.build.pipeline import cache_folder
         from simaps_viz.cli.segment import open_segmented
         from simaps_viz.datasets.source import JoinedFrames
 
@@ -181,7 +181,7 @@ class Build:
         """Return the workers that read the frames; None where this process does."""
         if self.scheduler is None:
             return nullcontext()
-        from simaps_viz.build.cache import cache_folder
+        from simaps_viz.build.pipeline import cache_folder
         from simaps_viz.build.workers import open_workers, reopening
 
         return open_workers(self.scheduler, reopening(sequence, cache_folder()))

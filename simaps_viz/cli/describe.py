@@ -37,7 +37,7 @@ class Describe:
 
     def run(self) -> int:
         """Describe the map and write it."""
-        from simaps_viz.build.cache import cache_folder
+        from simaps_viz.build.pipeline import cache_folder
         from simaps_viz.build.seen_colors import with_colors
         from simaps_viz.cli.segment import open_segmented
         from simaps_viz.console.progress import stage_progress

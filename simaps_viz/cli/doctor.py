@@ -59,7 +59,7 @@ class Doctor:
 
     def run(self) -> int:
         """Run all checks and print their findings; the answer is no when one failed."""
-        from simaps_viz.build.cache import cache_folder
+        from simaps_viz.build.pipeline import cache_folder
         from simaps_viz.console.terminal import console, emit, say
 
         found = [

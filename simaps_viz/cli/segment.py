@@ -41,7 +41,7 @@ class Segment:
 
     def run(self) -> int:
         """Write the masks and print where they are."""
-        from simaps_viz.build.cache import cache_folder
+        from simaps_viz.build.pipeline import cache_folder
         from simaps_viz.console.progress import stage_progress
         from simaps_viz.console.terminal import report
 

@@ -38,7 +38,7 @@ class View:
     def run(self) -> int:
         """Open the map, recording or sequence at the path and serve its page until Ctrl-C."""
         from simaps_viz.app import workbench
-        from simaps_viz.build.cache import cache_folder
+        from simaps_viz.build.pipeline import cache_folder
         from simaps_viz.cli.recordings import is_recorded_build, view_alone
         from simaps_viz.cli.segment import PRECOMPUTED, open_segmented
         from simaps_viz.console.progress import stage_progress

@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from simaps_viz.appearance import unit
-from simaps_viz.build.cache import cache_folder, made_folder
+from simaps_viz.build.pipeline import cache_folder, made_folder
 from simaps_viz.datasets.manifest import read_json
 from simaps_viz.errors import InputError, needs_extra
 from simaps_viz.io.files import write_whole

@@ -17,9 +17,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from simaps_viz.build import METHOD_NAMES
-from simaps_viz.build.cache import cache_key, made_folder, map_in_cache
 from simaps_viz.build.methods import build
-from simaps_viz.build.pipeline import BuildConfig
+from simaps_viz.build.pipeline import BuildConfig, cache_key, made_folder, map_in_cache
 from simaps_viz.colors import palette
 from simaps_viz.colors.classes import ground_kinds
 from simaps_viz.colors.instances import instance_colors

@@ -16,6 +16,7 @@ from pathlib import Path
 from typing import Any, Final
 from xml.sax.saxutils import escape
 
+import networkx as nx
 import numpy as np
 
 from simaps_viz.colors.instances import color_of_instance
@@ -218,3 +219,28 @@ def _turned(box: Box) -> dict[str, Any]:
 def _joined(source: int, target: int) -> dict[str, Any]:
     info = {"type": "EdgeAttributes", "weight": 1.0, "weighted": False, "metadata": {}}
     return {"source": source, "target": target, "info": info}
+
+
+def to_networkx(simap: SIMap, label: str) -> nx.Graph:
+    """Return the graph of a class to hold.
+
+    Nodes are (row, col) with ``height_m`` and ``instance``; edges have ``weight``, ``count`` and ``different``.
+
+    Raises:
+        InputError: the map has no cells of that class.
+    """
+    for graph in simap.graphs:
+        if simap.grid.labels[graph.label] == label:
+            break
+    else:
+        known = ", ".join(simap.grid.labels[g.label] for g in simap.graphs)
+        raise InputError(f"class {label!r}: expected one with a graph on this map ({known})")
+    cols = simap.spec.cols
+    result = nx.Graph()
+    nodes = [divmod(int(c), cols) for c in graph.cells]
+    for node in nodes:
+        result.add_node(node, height_m=float(simap.grid.height_m[node]), instance=int(simap.instance[node]))
+    evidence = zip(graph.edges, graph.counts, graph.different, graph.weights, strict=True)
+    for (a, b), count, different, weight in evidence:
+        result.add_edge(nodes[a], nodes[b], count=int(count), different=int(different), weight=float(weight))
+    return result

@@ -18,10 +18,9 @@ from numpy.typing import NDArray
 
 from simaps_viz.geometry import invert_pose
 from simaps_viz.mapping.accumulator import MapAccumulator
-from simaps_viz.mapping.frame_list import FrameList
 from simaps_viz.mapping.observations import FrameReadings, FrameRuns
 from simaps_viz.mapping.projection import STEPS_PER_M
-from simaps_viz.mapping.steps import FrameSeen
+from simaps_viz.mapping.steps import FrameList, FrameSeen
 from simaps_viz.mapping.tiles import AREA, SIDE
 from simaps_viz.structures import Frame
 

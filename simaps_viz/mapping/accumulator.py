@@ -15,7 +15,6 @@ from numpy.typing import NDArray
 
 from simaps_viz.errors import InputError
 from simaps_viz.io.limits import MAX_CELL_INDEX, MAX_LINKED_CELL, MAX_SEGMENT_ID, check_cells
-from simaps_viz.mapping.frame_list import FrameList
 from simaps_viz.mapping.links import LinkTable
 from simaps_viz.mapping.observations import (
     AllReadings,
@@ -26,7 +25,7 @@ from simaps_viz.mapping.observations import (
     no_readings,
 )
 from simaps_viz.mapping.projection import first_step, project_pixels, runs_of_columns, see_cells
-from simaps_viz.mapping.steps import FrameSeen, FrameStep, step_upon
+from simaps_viz.mapping.steps import FrameList, FrameSeen, FrameStep, step_upon
 from simaps_viz.mapping.tiles import SIDE, TileStore, raise_tiles
 from simaps_viz.structures import Frame, Grid, GridSpec, Intrinsics, Segment, Segmentation
 

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import linear_sum_assignment
 
-from simaps_viz.mapping.frame_list import FrameList
+from simaps_viz.mapping.steps import FrameList
 from simaps_viz.structures import Instance, Point, SIMap
 
 Kind = Literal["moved", "gone", "new"]

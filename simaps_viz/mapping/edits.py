@@ -19,10 +19,8 @@ from simaps_viz.colors.classes import is_thing
 from simaps_viz.errors import InputError
 from simaps_viz.io.limits import MAX_CLASSES
 from simaps_viz.mapping.floor_plan import room_layer
-from simaps_viz.mapping.graph import affine, weighted
 from simaps_viz.mapping.methods import method_of
-from simaps_viz.mapping.partition import applied_steps, empty_log, group_views, instance_of_community
-from simaps_viz.mapping.row_blocks import look_up
+from simaps_viz.mapping.partition import applied_steps, empty_log, group_views, instance_of_community, look_up
 from simaps_viz.mapping.simap import assemble, joining_threshold, origin_of
 from simaps_viz.structures import CellGraph, Grid, GridSpec, Instance, MergeLog, Room, SIMap, Views
 
@@ -632,10 +630,8 @@ def graphs_after(simap: SIMap, grid: Grid) -> tuple[CellGraph, ...]:
         mine = links[:, (after[links[0]] == index) & (after[links[1]] == index)]
         mine = mine[:, np.lexsort((mine[1], mine[0]))]
         edges = np.searchsorted(cells, mine[:2].T).astype(np.int32)
-        if method_of(simap.method).weighs_evidence:
-            graphs[index] = affine(index, cells, edges, mine[2], mine[3])
-        else:
-            graphs[index] = weighted(grid, index, cells, edges, mine[2])
+        seen = None if method_of(simap.method).weighs_evidence else grid.observations.reshape(-1)[cells]
+        graphs[index] = CellGraph(index, cells, edges, mine[2], mine[3], seen)
     return tuple(graphs[index] for index in sorted(graphs))
 
 

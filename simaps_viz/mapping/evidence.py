@@ -13,7 +13,6 @@ from numba import njit
 from numpy.typing import NDArray
 
 from simaps_viz.mapping.communities import find_communities_together
-from simaps_viz.mapping.graph import affine
 from simaps_viz.mapping.method import Gathered, Method, Slider
 from simaps_viz.mapping.observations import AllReadings
 from simaps_viz.mapping.pooling import PoolSettings, affinity, partition_evidence
@@ -190,7 +189,7 @@ def _graphs(
     for i, index in enumerate(found.tolist()):
         members = by_class[cuts[i] : cuts[i + 1]]
         edges, counts, against = _edges(members, thing_cells, number, position, order, ahead, same, different)
-        graphs.append(affine(index, thing_cells[members], edges, counts, against))
+        graphs.append(CellGraph(index, thing_cells[members], edges, counts, against, None))
     return tuple(graphs)
 
 

@@ -26,8 +26,8 @@ from simaps_viz.io.arrays import Check, PackedArray, Rows, check_ends, read_npz,
 from simaps_viz.io.files import write_whole
 from simaps_viz.io.limits import MAX_ARRAY_BYTES, MAX_CELL_INDEX, MAX_CLASSES, MAX_FRAMES, MAX_JSON_BYTES, check_cells
 from simaps_viz.mapping.methods import method_of
+from simaps_viz.mapping.partition import row_blocks
 from simaps_viz.mapping.pooling import PoolSettings
-from simaps_viz.mapping.row_blocks import row_blocks
 from simaps_viz.mapping.surface import Surface
 from simaps_viz.structures import CellGraph, Grid, GridSpec, Instance, MergeLog, SIMap, Views
 

@@ -12,14 +12,13 @@ from numpy.typing import NDArray
 
 from simaps_viz.mapping.accumulator import MapAccumulator
 from simaps_viz.mapping.config import BuildConfig
-from simaps_viz.mapping.frame_list import FrameList
 from simaps_viz.mapping.method import Gathered
 from simaps_viz.mapping.methods import method_of
 from simaps_viz.mapping.observations import AllReadings
-from simaps_viz.mapping.partition import applied_steps, instance_of_community
-from simaps_viz.mapping.row_blocks import look_up
+from simaps_viz.mapping.partition import applied_steps, instance_of_community, look_up
 from simaps_viz.mapping.simap import Origin, assemble, count_views, joining_threshold
 from simaps_viz.mapping.space import SpaceSettings, find_surface
+from simaps_viz.mapping.steps import FrameList
 from simaps_viz.structures import CellGraph, Grid, MergeLog, SIMap
 
 _MAX_NAMED = 20  # skipped frames that a map names; more are counted

@@ -18,12 +18,11 @@ from simaps_viz.io.limits import MAX_HISTORY_BYTES, check_cells
 from simaps_viz.mapping.accumulator import MapAccumulator
 from simaps_viz.mapping.config import BuildConfig, config_from_json
 from simaps_viz.mapping.finalize import SequenceFacts, empty_accumulator, facts_from_json, map_so_far
-from simaps_viz.mapping.frame_list import FrameList, LazySequence
 from simaps_viz.mapping.methods import method_of
 from simaps_viz.mapping.observations import AllReadings, Readings, StreamedReadings, gather_readings
 from simaps_viz.mapping.partition import empty_log, empty_views
 from simaps_viz.mapping.simap import assemble, origin_of
-from simaps_viz.mapping.steps import FrameSeen, FrameStep, StepReader, decode_step
+from simaps_viz.mapping.steps import FrameList, FrameSeen, FrameStep, LazySequence, StepReader, decode_step
 from simaps_viz.mapping.votes import spread_labels, vote_labels
 from simaps_viz.structures import Grid, SIMap
 

@@ -12,9 +12,9 @@ from typing import TYPE_CHECKING, Any
 from numpy.typing import NDArray
 
 from simaps_viz.errors import InputError
-from simaps_viz.mapping.frame_list import FrameList
 from simaps_viz.mapping.links import LinkTable
 from simaps_viz.mapping.observations import AllReadings
+from simaps_viz.mapping.steps import FrameList
 from simaps_viz.mapping.votes import spread_labels, vote_labels
 from simaps_viz.structures import CellGraph, Grid, GridSpec, MergeLog
 

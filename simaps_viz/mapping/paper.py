@@ -13,7 +13,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from simaps_viz.mapping.communities import find_communities
-from simaps_viz.mapping.graph import class_graphs
 from simaps_viz.mapping.method import Gathered, Method, Slider
 from simaps_viz.structures import CellGraph, Grid, GridSpec, MergeLog
 
@@ -204,3 +203,39 @@ class _Merger:
         if target in self.touches[cell]:
             self.touches[cell].discard(target)
             self.touched_by[target].discard(cell)
+
+
+def class_graphs(grid: Grid, links: NDArray, link_labels: NDArray, counts: NDArray) -> tuple[CellGraph, ...]:
+    """Make the graph of each thing class that has cells.
+
+    A link counts when both of its cells carry its class on the finished map. Weight = count / mean number of frames
+    that saw the two cells ("Instance-Level Semantic Maps for Vision Language Navigation", 2023).
+
+    Args:
+        grid: the finished map.
+        links: int [m, 4], (row_a, col_a, row_b, col_b) on ``grid``.
+        link_labels: int16 [m].
+        counts: int64 [m].
+    """
+    rows, cols = grid.spec.shape
+    inside = ((links >= 0) & (links < np.array([rows, cols, rows, cols]))).all(axis=1)
+    flat_a = links[:, 0].astype(np.int64) * cols + links[:, 1]
+    flat_b = links[:, 2].astype(np.int64) * cols + links[:, 3]
+    label = grid.label.reshape(-1)
+    kept = np.flatnonzero(inside)
+    kept = kept[(label[flat_a[kept]] == link_labels[kept]) & (label[flat_b[kept]] == link_labels[kept])]
+    flat_a, flat_b, link_labels, counts = flat_a[kept], flat_b[kept], link_labels[kept], counts[kept]
+    first, second = np.minimum(flat_a, flat_b), np.maximum(flat_a, flat_b)
+    order = np.lexsort((second, first, link_labels))
+    first, second, link_labels, counts = first[order], second[order], link_labels[order], counts[order]
+
+    graphs = []
+    for index in np.unique(label):
+        if index == 0 or not grid.is_thing[index]:
+            continue
+        span = slice(*np.searchsorted(link_labels, [index, index + 1]))
+        cells = np.flatnonzero(label == index)
+        edges = np.stack([np.searchsorted(cells, first[span]), np.searchsorted(cells, second[span])], axis=1)
+        found, seen = counts[span], grid.observations.reshape(-1)[cells]
+        graphs.append(CellGraph(int(index), cells, edges.astype(np.int32), found, np.zeros(len(found), np.int32), seen))
+    return tuple(graphs)

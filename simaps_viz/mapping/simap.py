@@ -14,8 +14,14 @@ from simaps_viz.mapping.method import Slider
 from simaps_viz.mapping.methods import method_of
 from simaps_viz.mapping.observations import AllReadings, Readings
 from simaps_viz.mapping.paper import K_PERCENT
-from simaps_viz.mapping.partition import applied_steps, describe_instances, group_views, instance_of_community
-from simaps_viz.mapping.row_blocks import count_ids, look_up
+from simaps_viz.mapping.partition import (
+    applied_steps,
+    count_ids,
+    describe_instances,
+    group_views,
+    instance_of_community,
+    look_up,
+)
 from simaps_viz.mapping.surface import Surface, surface_among
 from simaps_viz.structures import CellGraph, Grid, Instance, MergeLog, SIMap, Views
 

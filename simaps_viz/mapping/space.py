@@ -18,9 +18,9 @@ from numba import njit
 from numpy.typing import NDArray
 
 from simaps_viz.mapping.communities import MIN_PAIR_AFFINITY, communities_of_pairs
-from simaps_viz.mapping.frame_list import FrameList
 from simaps_viz.mapping.pooling import PoolSettings, join_parts
 from simaps_viz.mapping.projection import ON_A_STEP, STEPS_PER_M, first_step
+from simaps_viz.mapping.steps import FrameList
 from simaps_viz.mapping.surface import STEP_M, Surface
 from simaps_viz.structures import Grid, GridSpec, Instance, SIMap
 

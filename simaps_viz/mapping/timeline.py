@@ -12,8 +12,7 @@ from numpy.typing import NDArray
 
 from simaps_viz.mapping.explain import seen_together
 from simaps_viz.mapping.methods import method_of
-from simaps_viz.mapping.partition import applied_steps, empty_log, instance_of_community
-from simaps_viz.mapping.row_blocks import look_up
+from simaps_viz.mapping.partition import applied_steps, empty_log, instance_of_community, look_up
 from simaps_viz.mapping.simap import joining_threshold, slider_of
 from simaps_viz.structures import SIMap
 

@@ -28,10 +28,12 @@ from simaps_viz.geometry import turned_pose, upright_turns
 from simaps_viz.mapping.methods import method_of
 from simaps_viz.mapping.timeline import Timeline
 from simaps_viz.recorder.facts import LEVELS, finished_facts, read_facts, send_facts, started_facts
-from simaps_viz.recorder.map_log import SURFACE, CameraLog, MapLog
-from simaps_viz.recorder.map_pictures import (
+from simaps_viz.recorder.map_log import (
     GROUND,
+    SURFACE,
     UNSEEN,
+    CameraLog,
+    MapLog,
     Merging,
     cell_centres,
     markdown,

@@ -13,8 +13,7 @@ from simaps_viz.colors.classes import class_color
 from simaps_viz.io.files import check_output, replacing
 from simaps_viz.mapping.in_space import VOXEL_M, has_voxels
 from simaps_viz.recorder.facts import finished_facts, send_facts
-from simaps_viz.recorder.map_log import MapLog
-from simaps_viz.recorder.map_pictures import cell_centres, markdown_table, north_up, object_picture
+from simaps_viz.recorder.map_log import MapLog, cell_centres, markdown_table, north_up, object_picture
 from simaps_viz.recorder.recorder import extent_of, map_views
 from simaps_viz.recorder.settings import SMALL
 from simaps_viz.structures import SIMap

@@ -20,7 +20,7 @@ from recorded_story import record
 from simaps_viz.colors.classes import instance_color
 from simaps_viz.errors import InputError, SIMapsError
 from simaps_viz.recorder import web_viewer
-from simaps_viz.recorder.map_pictures import GROUND, UNPARTED
+from simaps_viz.recorder.map_log import GROUND, UNPARTED
 from simaps_viz.recorder.web_viewer import CONTENT_SECURITY_POLICY, check_version, rerun_page, viewer_assets
 from simaps_viz.viewer.server.front_door import FrontDoor
 from simaps_viz.viewer.server.host import Host

@@ -10,8 +10,7 @@ from two_storeys import BED, CHAIRS_ABOVE, CHAIRS_BELOW, STOREY_M, TABLE, turned
 from simaps_viz import Pose2, load_map, open_sequence
 from simaps_viz.app.masks import segmentation_services
 from simaps_viz.app.workbench import sequence_of, services_of
-from simaps_viz.build.cache import cache_folder
-from simaps_viz.build.pipeline import BuildConfig
+from simaps_viz.build.pipeline import BuildConfig, cache_folder
 from simaps_viz.build.to_file import BuildRequest, build_building, build_to_file
 from simaps_viz.cli.main import main
 from simaps_viz.console.progress import stage_progress

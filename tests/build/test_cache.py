@@ -7,8 +7,7 @@ from sequences import write_tiny_sequence
 
 from simaps_viz import load_map, open_sequence
 from simaps_viz.app import workbench
-from simaps_viz.build.cache import cache_key, map_in_cache
-from simaps_viz.build.pipeline import BuildConfig
+from simaps_viz.build.pipeline import BuildConfig, cache_key, map_in_cache
 from simaps_viz.cli.main import main
 from simaps_viz.console.progress import stage_progress
 from simaps_viz.errors import InputError

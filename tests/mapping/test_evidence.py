@@ -20,8 +20,7 @@ from random_frames import random_frames
 
 from simaps_viz.build.pipeline import BuildConfig, build_map
 from simaps_viz.mapping.evidence import EvidenceSettings, pair_graphs, pair_steps
-from simaps_viz.mapping.graph import affine
-from simaps_viz.structures import Segment, Segmentation, SIMap
+from simaps_viz.structures import CellGraph, Segment, Segmentation, SIMap
 
 CLASSES = {"1": "chair", "2": "chair", "3": "chair", "t": "table", "_": "floor"}
 ALL = EvidenceSettings(gap_cells=-1)
@@ -84,7 +83,7 @@ def test_one_frame_is_one_witness_whatever_it_calls_its_segments():
 
 
 def test_affinity_of_a_pair_is_same_of_all_and_one_more():
-    graph = affine(1, np.arange(3), np.array([[0, 1], [1, 2]], np.int32), np.array([3, 0]), np.array([4, 2]))
+    graph = CellGraph(1, np.arange(3), np.array([[0, 1], [1, 2]], np.int32), np.array([3, 0]), np.array([4, 2]), None)
     assert graph.weights.tolist() == [3 / 8, 0.0] and graph.different.tolist() == [4, 2]
 
 

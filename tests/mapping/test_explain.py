@@ -26,7 +26,7 @@ from simaps_viz.mapping.explain import (
 )
 from simaps_viz.mapping.partition import applied_steps
 from simaps_viz.mapping.simap import repartition
-from simaps_viz.recorder.map_pictures import merge_order
+from simaps_viz.recorder.map_log import merge_order
 from simaps_viz.recorder.settings import SMALL
 from simaps_viz.structures import SIMap
 from simaps_viz.viewer.page.recording import clicked_position, position_inside

@@ -17,7 +17,7 @@ from simaps_viz import build_map, load_map, open_sequence, save_map
 from simaps_viz.build.pipeline import BuildConfig
 from simaps_viz.errors import InputError
 from simaps_viz.io import arrays
-from simaps_viz.mapping import file, row_blocks
+from simaps_viz.mapping import file, partition
 from simaps_viz.mapping.file import PACKED
 from simaps_viz.mapping.simap import repartition
 from simaps_viz.mapping.surface import Surface
@@ -54,7 +54,7 @@ def toy_in_space() -> SIMap:
 @pytest.fixture(params=[1 << 20, 7])
 def _together(request, monkeypatch):
     """However many cells and edges are looked at together."""
-    monkeypatch.setattr(row_blocks, "BLOCK_CELLS", request.param)
+    monkeypatch.setattr(partition, "BLOCK_CELLS", request.param)
     monkeypatch.setattr(file, "_EDGES_AT_ONCE", request.param)
 
 
@@ -143,7 +143,7 @@ def test_opening_a_large_map_takes_less_than_its_layers(tmp_path):
         peak = tracemalloc.get_traced_memory()[1]
     finally:
         tracemalloc.stop()
-    assert peak < (2 + 4) * cells + packed + 24 * row_blocks.BLOCK_CELLS < 22 * cells + packed
+    assert peak < (2 + 4) * cells + packed + 24 * partition.BLOCK_CELLS < 22 * cells + packed
     assert np.array_equal(simap.grid.height_m, heights)
 
 

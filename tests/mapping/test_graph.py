@@ -8,8 +8,9 @@ from sequences import write_tiny_sequence
 from simaps_viz.build.pipeline import BuildConfig, build_map
 from simaps_viz.datasets.open import open_sequence
 from simaps_viz.errors import InputError
+from simaps_viz.exports.graphs import to_networkx
 from simaps_viz.mapping.accumulator import MapAccumulator, ProjectionSettings
-from simaps_viz.mapping.graph import class_graphs, to_networkx
+from simaps_viz.mapping.paper import class_graphs
 from simaps_viz.structures import Frame
 
 

@@ -13,12 +13,11 @@ from simaps_viz.datasets.open import open_sequence
 from simaps_viz.errors import InputError
 from simaps_viz.mapping.communities import find_communities_together
 from simaps_viz.mapping.evidence import EvidenceSettings, pair_graphs
-from simaps_viz.mapping.graph import affine
 from simaps_viz.mapping.methods import METHODS
 from simaps_viz.mapping.observations import Readings
 from simaps_viz.mapping.pooling import PoolSettings, partition_evidence, touching_pairs
 from simaps_viz.mapping.simap import joining_at, joining_percent, recommunity, repartition
-from simaps_viz.structures import Grid, GridSpec, SIMap
+from simaps_viz.structures import CellGraph, Grid, GridSpec, SIMap
 
 
 @pytest.fixture(scope="module", params=range(3))
@@ -245,7 +244,9 @@ def test_only_sure_neighbours_hold_a_finest_community_together(same, different, 
         ([1, 8], communities),
         ([0, 2], 2),
     ):
-        graph = affine(1, np.array(cells), np.array([[0, 1]], np.int32), np.array([same]), np.array([different]))
+        graph = CellGraph(
+            1, np.array(cells), np.array([[0, 1]], np.int32), np.array([same]), np.array([different]), None
+        )
         found = find_communities_together([graph], GridSpec(4, 8, 0.05, 0.0, 0.0))
         assert found[0].tolist() == ([0, 0] if sure == 1 else [0, 1])
 
@@ -253,6 +254,6 @@ def test_only_sure_neighbours_hold_a_finest_community_together(same, different, 
 def test_finest_communities_of_no_classes_and_of_classes_without_pairs():
     spec = GridSpec(4, 8, 0.05, 0.0, 0.0)
     none = np.zeros(0, np.int64)
-    bare = [affine(n, np.arange(n), none.reshape(-1, 2).astype(np.int32), none, none) for n in (1, 3)]
+    bare = [CellGraph(n, np.arange(n), none.reshape(-1, 2).astype(np.int32), none, none, None) for n in (1, 3)]
     assert find_communities_together([], spec) == []
     assert [own.tolist() for own in find_communities_together(bare, spec)] == [[0], [0, 1, 2]]

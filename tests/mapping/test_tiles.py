@@ -15,7 +15,7 @@ from stopped_builds import Stop, same, saved
 from simaps_viz import open_sequence
 from simaps_viz.build.pipeline import BuildConfig, build_map, facts_of, gather_frames
 from simaps_viz.errors import InputError
-from simaps_viz.mapping import frame_list, observations
+from simaps_viz.mapping import observations, steps
 from simaps_viz.mapping.accumulator import MapAccumulator, ProjectionSettings
 from simaps_viz.mapping.evidence import EvidenceSettings, pair_graphs
 from simaps_viz.mapping.finalize import map_so_far
@@ -50,7 +50,7 @@ def tiny(tmp_path_factory):
 @pytest.fixture
 def nothing_held(monkeypatch):
     """Every frame goes to disk at once, and comes back a few hundred readings at a time."""
-    monkeypatch.setattr(frame_list, "HELD_BYTES", 0)
+    monkeypatch.setattr(steps, "HELD_BYTES", 0)
     monkeypatch.setattr(observations, "BATCH", 300)
 
 
@@ -163,7 +163,7 @@ def test_a_build_whose_frames_lie_on_disk_is_the_build_in_memory(tiny, method, t
     wanted = saved(build_map(tiny, config), tmp_path)
     monkeypatch.setattr(observations, "BATCH", 300)
     for held in (0, 40_000):
-        monkeypatch.setattr(frame_list, "HELD_BYTES", held)
+        monkeypatch.setattr(steps, "HELD_BYTES", held)
         assert saved(build_map(tiny, config), tmp_path) == wanted
         assert saved(build_map(tiny, config, log=tmp_path / "log"), tmp_path) == wanted
         assert saved(build_map(tiny, config, log=tmp_path / "log", resume=True), tmp_path) == wanted
@@ -212,7 +212,7 @@ def test_frames_on_disk_come_back_exactly_in_any_order(monkeypatch):
     two.skip_frame(5, "5", np.eye(4), "torn")
     one.merge(two)
     assert not one.frames.all_held and one.frames.skipped == {5: "torn"}
-    monkeypatch.setattr(frame_list, "HELD_BYTES", 1 << 30)
+    monkeypatch.setattr(steps, "HELD_BYTES", 1 << 30)
     whole = accumulator()
     for part in parts[:5]:
         whole.add_frame(*part)
@@ -236,7 +236,7 @@ def test_a_log_that_was_changed_behind_our_back_is_named(tiny, tmp_path):
 
 def test_ten_times_the_frames_of_one_place_take_a_few_bytes_each(monkeypatch):
     held = 200_000
-    monkeypatch.setattr(frame_list, "HELD_BYTES", held)
+    monkeypatch.setattr(steps, "HELD_BYTES", held)
     parts = random_frames(5, frames=6)
     state, sizes = accumulator(), {}
     for index in range(600):

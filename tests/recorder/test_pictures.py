@@ -5,7 +5,7 @@ import pytest
 from hypothesis import example, given
 from hypothesis import strategies as st
 
-from simaps_viz.recorder.map_pictures import (
+from simaps_viz.recorder.map_log import (
     CLASS_BASE,
     Merging,
     cell_centres,

@@ -29,7 +29,7 @@ from toy_surfaces import toy_with_surface
 from simaps_viz.colors.classes import class_color, instance_color
 from simaps_viz.events import BuildFinished, CommunitiesFound, FrameProjected, MergesFound
 from simaps_viz.geometry import turned_pose
-from simaps_viz.recorder.map_pictures import CLASS_BASE, FLOOR, UNPARTED, UNSEEN
+from simaps_viz.recorder.map_log import CLASS_BASE, FLOOR, UNPARTED, UNSEEN
 from simaps_viz.recorder.recorder import RerunRecorder
 from simaps_viz.recorder.settings import RecorderSettings
 from simaps_viz.recorder.whole_map import log_whole_map
