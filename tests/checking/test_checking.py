@@ -138,7 +138,7 @@ def assert_repaired(fixed: Path, folder: Path, wanted: Diagnosis, unit_m: float)
 CASES = {
     "drawn room": tuple(case for case in SPOILED if case not in ("y and z flipped", "unit x1000")),  # part of others
     "hololens-breakroom": ("clean", "y and z flipped", "values x0.1", "focal x1.15", "shifted by one", "one dropped"),
-    "aws-small-house/rgbd": ("clean", "focal x1.15", "shifted by one"),
+    "aws-small-house/rgbd": ("clean", "focal x1.15"),
 }  # fmt: skip
 """What the sequences are spoiled by here: real depth is harder than what was rendered. All of it was tried on all."""
 
@@ -171,7 +171,7 @@ def test_diagnosed_and_repaired(name: str, case: str, room: Path, tmp_path: Path
 
 
 @pytest.mark.parametrize(
-    ("name", "degrees"), [*((SOURCES[0], angle) for angle in (5.0, 180.0)), *((name, 10.0) for name in SOURCES)]
+    ("name", "degrees"), [*((SOURCES[0], angle) for angle in (5.0, 180.0)), *((name, 10.0) for name in SOURCES[1:])]
 )
 def test_gravity_off_axis(name: str, degrees: float, room: Path, tmp_path: Path) -> None:
     keys = json.loads((source_of(name, room) / "sequence.json").read_text())

@@ -24,7 +24,7 @@ from simaps_viz.mapping.changes import Change, as_json, changes_in
 from simaps_viz.mapping.file import load_map, save_map
 from simaps_viz.mapping.tiles import AREA, SIDE
 
-FRAMES_OF_A_DRIVE = 120
+FRAMES_OF_A_DRIVE = 90
 CHAIR, BY_M = "west chair 1", (1.7, -1.1)
 
 

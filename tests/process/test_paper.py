@@ -49,9 +49,9 @@ def manifest(tmp_path_factory) -> Path:
 @pytest.mark.slow
 def test_one_reading_makes_the_same_maps_as_builds_do(manifest):
     sequence, one_pass = open_sequence(manifest), OnePass()
-    for seed in (0, 1):
+    for seed, methods in ((0, ("paper", "paper-k9", "components", "evidence")), (1, ("evidence",))):
         source = masks_source(sequence, sequence, "medium", seed, None)
-        for method in ("paper", "paper-k9", "components", "evidence", "vlmaps+components"):
+        for method in methods:
             mine, theirs = one_pass(source, method), build(source, method)
             np.testing.assert_array_equal(mine.instance, theirs.instance)
             np.testing.assert_array_equal(mine.grid.label, theirs.grid.label)
