@@ -14,14 +14,13 @@ from browser import (
     on_canvas,
     open_workbench,
     page_is_there,
-    toy_services,
     toy_workbench,
     until,
     wait_for_color,
     watched_page,
 )
 from playwright.sync_api import Error, expect
-from services import real_services
+from services import all_services
 from toy_maps import toy_map
 
 from simaps_viz.drawing.texture import ColorMode, MapPicture, map_image
@@ -51,12 +50,7 @@ class ButtonPanel(Panel):
 
 @pytest.fixture(scope="module")
 def bench():
-    services = replace(
-        real_services(),
-        repartition=toy_services().repartition,
-        recommunity=toy_services().recommunity,
-        panels=(PanelSpec("Mine", viser.Icon.STAR, ButtonPanel),),
-    )
+    services = all_services(panels=(PanelSpec("Mine", viser.Icon.STAR, ButtonPanel),))
     with toy_workbench(services) as workbench:
         yield workbench
 

@@ -103,3 +103,18 @@ class OpensRandom:
 
     def __call__(self) -> Any:
         return Random(self.seed, self.frames)
+
+
+class Held(Deadly):
+    """A sequence whose one frame is not read before there is a flag, a file."""
+
+    def read(self, index, *, color=False):
+        while index == self._frame and not self._flag.exists():
+            self._flag.with_suffix(".asked").touch()
+            time.sleep(0.02)
+        return self._sequence.read(index, color=color)
+
+
+class OpensHeld(KillsItsWorker):
+    def __call__(self) -> Any:
+        return Held(open_sequence(Path(self.path)), self.frame, Path(self.flag))

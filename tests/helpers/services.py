@@ -1,6 +1,8 @@
-"""Shared by the tests of viewer and others."""
+"""What a page can ask for: of the robot that is there, and of everything a toy map allows."""
 
-from browser import toy_view
+from dataclasses import replace
+
+from browser import toy_services, toy_view
 
 from simaps_viz.language.grounding import Grounding
 from simaps_viz.navigation.agent import answer
@@ -14,3 +16,8 @@ def real_services(**others) -> Services:
         view=toy_view,
         **others,
     )
+
+
+def all_services(**others) -> Services:
+    toy = toy_services()
+    return replace(real_services(**others), repartition=toy.repartition, recommunity=toy.recommunity)

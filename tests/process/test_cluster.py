@@ -18,9 +18,8 @@ import numpy as np
 import pytest
 from build_logs import read_log
 from dask import config as dask_config
-from deadly_sequences import KillsItsWorker, OpensRandom, OpensSlow
+from deadly_sequences import KillsItsWorker, OpensHeld, OpensRandom, OpensSlow
 from distributed import LocalCluster
-from held_sequences import OpensHeld
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from sequences import frame_name, write_tiny_sequence
@@ -361,7 +360,7 @@ def test_ctrl_c_ends_all_processes_and_the_build_goes_on(sequence, tmp_path):
     held = f"OpensHeld(str(s.path), {FRAMES - 1}, {str(tmp_path / 'never')!r})"  # the build cannot end by itself
     slow = f"from simaps_viz.build import workers as b; b.reopening = lambda s, masks: {held};"
     run = "from simaps_viz.cli.main import main; sys.exit(main())"
-    code = f"import sys; from held_sequences import OpensHeld; {slow} {run}"
+    code = f"import sys; from deadly_sequences import OpensHeld; {slow} {run}"
     build = ["build", str(sequence), "-o", str(output)]
     started = subprocess.Popen(
         [sys.executable, "-c", code, *build, "--scheduler", "local:2", "--json"],

@@ -11,8 +11,8 @@ import numpy as np
 import pytest
 import viser
 from browser import toy_services, toy_workbench
-from every_service import all_services
 from fake_page import FakePage, fake_page, gone
+from services import all_services
 from toy_maps import TOY_POSE, toy_map
 from waiting import until
 
